@@ -208,10 +208,10 @@ pub fn run(
         let points = deflections(&sweep.points(), &line);
         measured.push((path, sweep, points));
     }
-    if let (Some(recorded), Some((_, straight_mm))) = (&recorded, own) {
+    if let (Some(recorded), Some((_, zero_hold))) = (&recorded, own) {
         let mut points: Vec<Vec<Deflection>> =
             measured.iter_mut().map(|(_, _, points)| std::mem::take(points)).collect();
-        refer_to_zero(&mut points, &recorded.displacements_mm, *straight_mm);
+        refer_to_zero(&mut points, &recorded.displacements_mm, *zero_hold);
         measured.iter_mut().zip(points).for_each(|((_, _, of_sweep), points)| *of_sweep = points);
     }
     let columns: Vec<ShapeSeries> =
@@ -241,7 +241,7 @@ pub fn run(
     // A column of zeros would say nothing.
     shape.z_shared_sd_m = shape.z_shared_sd_m.filter(|sd_m| sd_m.iter().any(|sd_m| *sd_m > 0.0));
     let has_force = recorded.is_some() || shapes.force.is_some();
-    let straight_mm = own.map(|(_, displacement_mm)| *displacement_mm);
+    let straight_mm = own.map(|(_, zero_hold)| zero_hold.at_mm);
     let mut document = Imported::new(to, &id, depth_mm, times_s, has_force, &measured, straight.as_ref())?;
     document.straight_displacement_mm = straight_mm;
     let mut session = SessionWriter::open(to, setup)?;

@@ -3,15 +3,20 @@
 //! Needle, force and displacement are those of the generator that shares no code with the forward model (`worlds`); frames are those of
 //! the simulated scanner, with a lag, frames without contact or echo, and echoes elsewhere. Guide 2 rests some micrometres from zero.
 
+mod judged;
+mod table;
+
 use crate::images;
 use anyhow::{Context, Result, ensure};
 use formats::session::{ForceRow, FrameSweep, LateralRun, Session, SessionWriter, Setup, ShapeRow};
+use judged::judged;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 use simulation::rig::scanner::{Scan, ScannerConfig};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+use table::table;
 use worlds::{Design, LateralPlan, NoisePlan, Truth};
 
 const RUN: &str = "d-1";
@@ -21,8 +26,6 @@ const MARGIN_MM: f64 = 0.5;
 const STEP_MM: f64 = 0.25;
 /// The start of a sweep is stated wrong by this, to see what that does to K.
 const START_OFF_MM: f64 = 0.1;
-/// A used frame that is further off is one of something else.
-const WRONG_MM: f64 = 0.3;
 /// What the true shape is stated to be right to.
 const TRUE_SD_M: f64 = 1e-6;
 
@@ -38,6 +41,9 @@ pub struct Options {
     /// Print every run
     #[arg(long)]
     verbose: bool,
+    /// Keep frames and sessions of every run in this folder
+    #[arg(long, value_name = "DIR")]
+    keep: Option<PathBuf>,
 }
 
 /// K and its interval, kilopascals.
@@ -50,6 +56,12 @@ struct Modulus {
 impl Modulus {
     fn holds(&self, k_kpa: f64) -> bool {
         (self.interval_kpa[0]..=self.interval_kpa[1]).contains(&k_kpa)
+    }
+
+    /// Distance from this value in standard deviations of `ln K`.
+    fn off_sd(&self, k_kpa: f64) -> f64 {
+        let [low, high] = self.interval_kpa;
+        (self.k_kpa / k_kpa).ln() * 2.0 * formats::NORMAL_975 / (high / low).ln()
     }
 
     fn width_kpa(&self) -> f64 {
@@ -73,6 +85,8 @@ struct Imaged {
     /// Squared errors of used frames across and along the beam, square millimetres and in standard deviations; a constant is taken off.
     squares: [f64; 2],
     normalised: [f64; 2],
+    /// The same of the curve through them, square millimetres.
+    of_curve: [f64; 2],
     lag_error_s: f64,
 }
 
@@ -89,8 +103,13 @@ pub fn run(options: &Options) -> Result<()> {
     let guide = images::build_guide()?;
     let mut all = Vec::new();
     for number in 0..options.sessions {
-        let folder = tempfile::tempdir()?;
-        let one = imaged(&guide, folder.path(), options.seed, number)?;
+        let passing = tempfile::tempdir()?;
+        let folder = match &options.keep {
+            Some(kept) => kept.join(number.to_string()),
+            None => passing.path().to_owned(),
+        };
+        std::fs::create_dir_all(&folder).with_context(|| format!("{}: cannot make", folder.display()))?;
+        let one = imaged(&guide, &folder, options.seed, number)?;
         if options.verbose {
             println!("{}", line(number, &one));
         }
@@ -189,68 +208,9 @@ fn imaged(guide: &Path, folder: &Path, seed: u64, number: u64) -> Result<Imaged>
         wrong: judged.wrong,
         squares: judged.squares,
         normalised: judged.normalised,
+        of_curve: judged.of_curve,
         lag_error_s: sweep["lag_s"].as_f64().context("no lag")? - scanner.lag_s,
     })
-}
-
-/// What used frames show beside where the needle was.
-struct Judged {
-    wrong: usize,
-    squares: [f64; 2],
-    normalised: [f64; 2],
-}
-
-/// Frames of all sweeps, each beside the needle that its file shows.
-fn judged(imported: &Value, scans: &[(FrameSweep, Scan)]) -> Result<Judged> {
-    let mut off: Vec<[(f64, f64); 2]> = Vec::new();
-    let mut wrong = 0;
-    for sweep in imported["sweeps"].as_array().into_iter().flatten().chain([&imported["straight"]]) {
-        let path = sweep["path"].as_str().context("a sweep states no path")?;
-        let (_, scan) = scans
-            .iter()
-            .find(|(taken, _)| taken.frames == Path::new(path))
-            .with_context(|| format!("{path} is none of the scans"))?;
-        let (of_sweep, other) = off_mm(sweep, scan);
-        wrong += other;
-        // The same constant in all points of a sweep is one of the picture's corner, not of a frame.
-        let count = of_sweep.len().max(1) as f64;
-        let mean_mm = [0, 1].map(|axis: usize| of_sweep.iter().map(|both| both[axis].0).sum::<f64>() / count);
-        off.extend(of_sweep.into_iter().map(|[(x_mm, sd_x_mm), (y_mm, sd_y_mm)]| {
-            [(x_mm - mean_mm[0], sd_x_mm), (y_mm - mean_mm[1], sd_y_mm)]
-        }));
-    }
-    let count = off.len().max(1) as f64;
-    let mean_square = |axis: usize, scale: fn(f64) -> f64| {
-        off.iter().map(|both| (both[axis].0 / scale(both[axis].1)).powi(2)).sum::<f64>() / count
-    };
-    Ok(Judged {
-        wrong,
-        squares: [0, 1].map(|axis| mean_square(axis, |_| 1.0)),
-        normalised: [0, 1].map(|axis| mean_square(axis, |sd_mm| sd_mm)),
-    })
-}
-
-/// Errors of a sweep's used frames across and along the beam with their standard deviations, and how many show something else.
-fn off_mm(sweep: &Value, scan: &Scan) -> (Vec<[(f64, f64); 2]>, usize) {
-    let number = |frame: &Value, field: &str| frame[field].as_f64();
-    let mut off: Vec<[(f64, f64); 2]> = Vec::new();
-    let mut wrong = 0;
-    for frame in sweep["per_frame"].as_array().into_iter().flatten().filter(|frame| frame["state"] == "used")
-    {
-        let place = ["x_mm", "y_mm", "z_mm", "sd_x_mm", "sd_y_mm"].map(|field| number(frame, field));
-        let [Some(x_mm), Some(y_mm), Some(z_mm), Some(sd_x_mm), Some(sd_y_mm)] = place else { continue };
-        let [true_x_mm, true_y_mm] = between(&scan.axis_mm, z_mm);
-        // From the corner of the picture, and from the probe's face to the near wall.
-        let half_mm = 0.5 * scan.scanner.size_px[0] as f64 * scan.scanner.pixel_mm;
-        let off_x_mm = x_mm - half_mm - true_x_mm;
-        let off_y_mm = y_mm + scan.scanner.distance_mm - 0.5 * scan.needle_mm - true_y_mm;
-        if off_x_mm.hypot(off_y_mm) > WRONG_MM {
-            wrong += 1;
-        } else {
-            off.push([(off_x_mm, sd_x_mm), (off_y_mm, sd_y_mm)]);
-        }
-    }
-    (off, wrong)
 }
 
 /// The run of a session that has one.
@@ -364,147 +324,4 @@ fn json(guide: &Path, arguments: &[&str]) -> Result<Value> {
     let done = Command::new(guide).args(arguments).output().context("cannot run guide")?;
     ensure!(done.status.success(), "guide {arguments:?}: {}", String::from_utf8_lossy(&done.stderr));
     serde_json::from_slice(&done.stdout).context("guide printed no JSON")
-}
-
-fn table(all: &[Imaged]) -> String {
-    let count = all.len();
-    let of = |good: &dyn Fn(&Imaged) -> bool| all.iter().filter(|one| good(one)).count();
-    let mean = |value: &dyn Fn(&Imaged) -> f64| all.iter().map(value).sum::<f64>() / count.max(1) as f64;
-    let most = |value: &dyn Fn(&Imaged) -> f64| all.iter().map(value).fold(0.0, f64::max);
-    let error = |modulus: fn(&Imaged) -> &Modulus| {
-        100.0 * mean(&|one| (modulus(one).k_kpa / one.true_kpa - 1.0).powi(2)).sqrt()
-    };
-    let beside_truth = |one: &Imaged| one.of_images.width_kpa() / one.of_truth.width_kpa();
-    let beside_numbers = |one: &Imaged| one.of_images.width_kpa() / one.of_numbers.width_kpa();
-    let sum = |value: &dyn Fn(&Imaged) -> usize| all.iter().map(value).sum::<usize>();
-    let shifted = |one: &Imaged| 100.0 * (one.of_shifted.k_kpa / one.of_images.k_kpa - 1.0);
-    let root = |axis: usize| mean(&|one| one.squares[axis]).sqrt();
-    let rows = [
-        (
-            "true K in the interval of K from images",
-            format!("{} of {count}", of(&|one| one.of_images.holds(one.true_kpa))),
-        ),
-        (
-            "K from the true shape in the interval of K from images",
-            format!("{} of {count}", of(&|one| one.of_images.holds(one.of_truth.k_kpa))),
-        ),
-        (
-            "error of K, rms: images; true shape; shape as numbers, 0.025 mm a point",
-            format!(
-                "{:.2} %; {:.2} %; {:.2} %",
-                error(|one| &one.of_images),
-                error(|one| &one.of_truth),
-                error(|one| &one.of_numbers)
-            ),
-        ),
-        (
-            "interval beside that from the true shape, mean (largest)",
-            format!("{:.2} ({:.2})", mean(&beside_truth), most(&beside_truth)),
-        ),
-        (
-            "interval beside that from the shape as numbers, mean (largest)",
-            format!("{:.2} ({:.2})", mean(&beside_numbers), most(&beside_numbers)),
-        ),
-        (
-            "frames: used, rejected, used though they show something else",
-            format!("{}, {}, {}", sum(&|one| one.used), sum(&|one| one.rejected), sum(&|one| one.wrong)),
-        ),
-        (
-            "position in a used frame, rms across and along the beam, mm",
-            format!("{:.3}, {:.3}", root(0), root(1)),
-        ),
-        (
-            "its normalised squared error, across and along",
-            format!("{:.2}, {:.2}", mean(&|one| one.normalised[0]), mean(&|one| one.normalised[1])),
-        ),
-        ("lag, rms error, s", format!("{:.4}", mean(&|one| one.lag_error_s.powi(2)).sqrt())),
-        (
-            "K where the sweep's start is stated 0.1 mm too deep, mean (least to most)",
-            format!(
-                "{:+.2} % ({:+.2} to {:+.2})",
-                mean(&shifted),
-                all.iter().map(shifted).fold(f64::INFINITY, f64::min),
-                all.iter().map(shifted).fold(f64::NEG_INFINITY, f64::max)
-            ),
-        ),
-    ];
-    let rows: Vec<String> = rows.iter().map(|(what, value)| format!("| {what} | {value} |")).collect();
-    format!("| K from frames of the simulated scanner | {count} runs |\n|---|---|\n{}", rows.join("\n"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A scan of a needle with this slope, kept in a file, and frames of it that are off by so much.
-    fn scan(file: &str, slope: f64) -> (FrameSweep, Scan) {
-        let scan = Scan {
-            scanner: ScannerConfig::default(),
-            seed: 1,
-            needle_mm: NEEDLE_MM,
-            axis_mm: axis_mm(&[[70.0, 0.0, 0.0], [80.0, 0.0, 10.0 * slope]], [70.0, 80.0]),
-        };
-        (FrameSweep { time_s: 1.0, frames: file.into() }, scan)
-    }
-
-    fn frame(slope: f64, state: &str, off_mm: f64, z_mm: f64) -> Value {
-        let y_mm = slope * (z_mm - 70.0) + off_mm - 6.0 + 0.635;
-        serde_json::json!({"state": state, "x_mm": 6.0, "y_mm": y_mm, "z_mm": z_mm, "sd_x_mm": 0.02, "sd_y_mm": 0.01})
-    }
-
-    #[test]
-    fn frames_that_show_something_else_are_counted_and_not_averaged() {
-        let frames = [
-            frame(0.1, "used", 0.01, 71.0),
-            frame(0.1, "used", -0.01, 75.3),
-            frame(0.1, "used", 1.0, 76.0),
-            frame(0.1, "outlier", 2.0, 77.0),
-        ];
-        let (off, wrong) = off_mm(&serde_json::json!({ "per_frame": frames }), &scan("a", 0.1).1);
-        assert_eq!((off.len(), wrong), (2, 1));
-        assert!(
-            off.iter().all(|[(x_mm, _), (y_mm, _)]| x_mm.abs() < 1e-6 && (y_mm.abs() - 0.01).abs() < 1e-6)
-        );
-    }
-
-    #[test]
-    fn each_sweep_is_judged_by_the_needle_that_its_own_file_shows() {
-        // The straight needle was imaged after the displaced one.
-        let scans = [scan("displaced", 0.2), scan("straight", 0.0)];
-        let sweep = |file: &str, slope: f64| {
-            let frames = [frame(slope, "used", 0.01, 75.0), frame(slope, "used", -0.01, 78.0)];
-            serde_json::json!({"path": file, "per_frame": frames})
-        };
-        let imported =
-            serde_json::json!({"straight": sweep("straight", 0.0), "sweeps": [sweep("displaced", 0.2)]});
-        let found = judged(&imported, &scans).expect("all files are scans");
-        assert_eq!(found.wrong, 0);
-        assert!(found.squares[0] < 1e-12 && (found.squares[1] - 1e-4).abs() < 1e-9, "{:?}", found.squares);
-        assert!((found.normalised[1] - 1.0).abs() < 1e-6, "{:?}", found.normalised);
-        let foreign = serde_json::json!({"straight": sweep("another", 0.0), "sweeps": []});
-        assert!(judged(&foreign, &scans).is_err());
-    }
-
-    #[test]
-    fn the_table_counts_what_intervals_hold() {
-        let modulus = |k_kpa: f64, half: f64| Modulus { k_kpa, interval_kpa: [k_kpa - half, k_kpa + half] };
-        let one = |k_kpa: f64| Imaged {
-            true_kpa: 10.0,
-            of_images: modulus(k_kpa, 0.2),
-            of_truth: modulus(10.0, 0.16),
-            of_numbers: modulus(10.0, 0.4),
-            of_shifted: modulus(1.01 * k_kpa, 0.2),
-            used: 100,
-            rejected: 5,
-            wrong: 0,
-            squares: [1e-4, 4e-4],
-            normalised: [1.0, 0.9],
-            lag_error_s: 0.001,
-        };
-        let table = table(&[one(10.1), one(10.3)]);
-        for row in ["images | 1 of 2", "1.25 (1.25)", "0.50 (0.50)", "200, 10, 0", "0.010, 0.020", "+1.00 %"]
-        {
-            assert!(table.contains(row), "{row}\n{table}");
-        }
-    }
 }

@@ -11,7 +11,8 @@ mod unused;
 
 pub use detection::{HoldCriteria, HoldSpan, find_holds, find_marked_holds, trimmed_s};
 pub use motion::{reversal_m, reversal_of_means_m};
-pub use statistics::{Mean, mean, median};
+pub(crate) use statistics::split;
+pub use statistics::{Mean, mean, means, median};
 pub use unused::{BEYOND_TIP_M, UnusedPart, summary, unused, unused_of_session};
 
 use formats::session::LateralRun;
@@ -85,23 +86,31 @@ fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<Unassign
         Some(marks) => find_marked_holds(&force.time_s, &planes, marks, criteria),
         None => find_holds(&force.time_s, &planes, criteria),
     };
+    let of_holds = |values: &[f64]| {
+        let parts: Vec<&[f64]> =
+            holds.iter().map(|hold| values.get(hold.rows.clone()).unwrap_or_default()).collect();
+        means(&parts).into_iter()
+    };
+    let mut displacement_y_m = of_holds(&force.displacement_y_m);
+    let mut force_y_n = of_holds(&force.force_y_n);
+    let mut displacement_x_m = force.displacement_x_m.as_deref().map(of_holds);
+    let mut force_x_n = force.force_x_n.as_deref().map(of_holds);
     let mut levels: Vec<Hold> = holds
-        .into_iter()
-        .map(|hold| {
-            let part = |values: &[f64]| mean(values.get(hold.rows.clone()).unwrap_or_default());
+        .iter()
+        .filter_map(|hold| {
             // Rows lost before the first row of the hold were lost on the way to it.
             let inside = hold.rows.start + 1..hold.rows.end.max(hold.rows.start + 1);
             let lost = force.lost_before.as_deref().and_then(|lost| lost.get(inside)).unwrap_or_default();
-            Hold {
+            Some(Hold {
                 time_s: hold.time_s,
                 path: Path::Zero,
-                displacement_y_m: part(&force.displacement_y_m),
-                force_y_n: part(&force.force_y_n),
-                displacement_x_m: force.displacement_x_m.as_deref().map(part),
-                force_x_n: force.force_x_n.as_deref().map(part),
+                displacement_y_m: displacement_y_m.next()?,
+                force_y_n: force_y_n.next()?,
+                displacement_x_m: displacement_x_m.as_mut().and_then(Iterator::next),
+                force_x_n: force_x_n.as_mut().and_then(Iterator::next),
                 lost_samples: lost.iter().sum::<f64>() as u64,
                 shape: Vec::new(),
-            }
+            })
         })
         .collect();
     name_paths(&mut levels, criteria);

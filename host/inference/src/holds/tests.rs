@@ -106,6 +106,48 @@ fn standard_error_accounts_for_correlation() {
     assert_eq!(mean(&[2.0]).effective_samples, 1.0);
 }
 
+/// Readings of which half of the variance is correlated over three samples, in holds of 60 samples.
+#[test]
+fn means_of_short_holds_err_as_much_as_stated() {
+    let mut noise = Noise::new(5);
+    let neighbours = (-1.0f64 / 3.0).exp();
+    // With each hold's own correlation it is 1.4; three holds leave a part of it.
+    for (holds, most) in [(3, 1.25), (9, 1.15)] {
+        let (mut squares, mut count) = (0.0, 0.0);
+        for _ in 0..300 {
+            let stretches: Vec<Vec<f64>> = (0..holds)
+                .map(|_| {
+                    let mut slow = noise.normal();
+                    let reading = |_| {
+                        slow = neighbours * slow + (1.0 - neighbours * neighbours).sqrt() * noise.normal();
+                        0.5f64.sqrt() * (slow + noise.normal())
+                    };
+                    (0..60).map(reading).collect()
+                })
+                .collect();
+            let parts: Vec<&[f64]> = stretches.iter().map(Vec::as_slice).collect();
+            let found = means(&parts);
+            let freedom = found.len() as f64;
+            let scatter = (found.iter().map(|mean| mean.scatter.powi(2)).sum::<f64>() / freedom).sqrt();
+            squares += found.iter().map(|m| (m.value / m.standard_error(scatter)).powi(2)).sum::<f64>();
+            count += freedom;
+        }
+        let ratio = squares / count;
+        assert!((0.75..most).contains(&ratio), "{holds} holds: {ratio}");
+    }
+}
+
+#[test]
+fn a_hold_that_drifts_has_fewer_independent_samples_than_the_others() {
+    let mut noise = Noise::new(6);
+    let quiet: Vec<f64> = (0..400).map(|_| noise.normal()).collect();
+    let drifting: Vec<f64> = (0..400).map(|i| 0.02 * f64::from(i) + noise.normal()).collect();
+    let found = means(&[&quiet, &quiet, &quiet, &drifting]);
+    assert!(found[3].effective_samples < 0.2 * found[0].effective_samples, "{found:?}");
+    assert_eq!(found[3].value, mean(&drifting).value);
+    assert_eq!(means(&[&[2.0, 2.0], &[]])[0].effective_samples, 2.0);
+}
+
 #[test]
 fn shape_points_go_to_their_holds() {
     let mut run = staircase(&[0.0, 1.2, 0.0], 3.0, 2.0, 50.0, 0.01, 0.0);

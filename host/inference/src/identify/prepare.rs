@@ -3,7 +3,7 @@
 use super::belong::check_shape_sign;
 use super::{HoldResult, NoiseResult, Options, RunError};
 use crate::energy::{Balance, MIN_POINTS};
-use crate::holds::{BEYOND_TIP_M, Hold, HoldCriteria, Mean, Path, holds, reversal_m, summary, unused};
+use crate::holds::{BEYOND_TIP_M, Hold, HoldCriteria, Mean, Path, holds, reversal_m, split, summary, unused};
 use crate::{DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum};
 use formats::session::{LateralRun, Session};
 use mechanics::Support;
@@ -300,18 +300,6 @@ impl Deviations {
             force_n: force.iter().flatten().take(planes).map(|mean| self.force(mean)).collect(),
             shape,
         }
-    }
-}
-
-/// Standard deviation of a single reading, and the part of it that averaging over a hold does not reduce.
-///
-/// A stated noise that is twice the scatter within holds or more is not scatter: the rest of it stays the same over a
-/// hold. `least` is the least such rest where no noise is stated: rounding.
-fn split(scatter: f64, stated: Option<f64>, least: f64) -> (f64, f64) {
-    match stated {
-        Some(stated) if scatter < 0.5 * stated => (scatter, (stated * stated - scatter * scatter).sqrt()),
-        Some(stated) => (scatter.max(stated), 0.0),
-        None => (scatter, least),
     }
 }
 

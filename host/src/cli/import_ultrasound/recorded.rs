@@ -2,15 +2,24 @@
 
 use anyhow::{Context, ensure};
 use formats::session::{FrameSweep, LateralRun, Session};
-use inference::holds::{Hold, HoldCriteria, Path as LevelPath, holds};
+use inference::holds::{Hold, HoldCriteria, Mean, Path as LevelPath, holds};
 use std::path::{Path, PathBuf};
+
+/// Where guide 2 stood in a hold, `[x, y]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ZeroHold {
+    /// Displacement, millimetres.
+    pub at_mm: [f64; 2],
+    /// Its standard deviation; 0 where the displacement is not measured.
+    pub sd_mm: [f64; 2],
+}
 
 /// A run of the session whose frames were taken while it was recorded.
 pub struct RecordedRun {
     /// The run as it is.
     pub run: LateralRun,
     /// Frames of the undisplaced needle, of the first hold at zero displacement, and where guide 2 stood in it.
-    pub straight: Option<(PathBuf, [f64; 2])>,
+    pub straight: Option<(PathBuf, ZeroHold)>,
     /// All others.
     pub sweeps: Vec<FrameSweep>,
     /// Where guide 2 stood in each of these, `[x, y]`; nothing outside of every hold.
@@ -20,7 +29,9 @@ pub struct RecordedRun {
 impl RecordedRun {
     /// Finds the run and its frames.
     pub fn read(session: &Path, id: &str) -> anyhow::Result<Self> {
-        let known = Session::read(session)?.lateral;
+        let read = Session::read(session)?;
+        let stated_m = read.noise.displacement_m;
+        let known = read.lateral;
         let ids: Vec<String> = known.iter().map(|run| run.id.clone()).collect();
         let run = known.into_iter().find(|run| run.id == id);
         let run = run.with_context(|| {
@@ -44,10 +55,18 @@ impl RecordedRun {
             let [y_m, x_m] = level.displacement_m();
             [1e3 * x_m, 1e3 * y_m]
         };
+        let stated_m = run.force.typical_displacement_sd_m().or(stated_m);
+        let sd_mm = |level: &Hold| {
+            let sd_mm = |mean: Mean| 1e3 * mean.error(stated_m);
+            [level.displacement_x_m.map_or(0.0, sd_mm), sd_mm(level.displacement_y_m)]
+        };
         let zero = sweeps.iter().enumerate().find_map(|(at, sweep)| {
-            level(sweep).filter(|level| level.path == LevelPath::Zero).map(|level| (at, at_mm(level)))
+            level(sweep).filter(|level| level.path == LevelPath::Zero).map(|level| {
+                let zero_hold = ZeroHold { at_mm: at_mm(level), sd_mm: sd_mm(level) };
+                (at, zero_hold)
+            })
         });
-        let straight = zero.map(|(at, displacement_mm)| (sweeps.remove(at).frames, displacement_mm));
+        let straight = zero.map(|(at, zero_hold)| (sweeps.remove(at).frames, zero_hold));
         ensure!(
             !sweeps.is_empty(),
             "--run: {id} has frames of the undisplaced needle only, expected some of a displaced one"

@@ -4,25 +4,35 @@
 //! it is too small by that: 10 of 1200 micrometres are 0.8 % of the shape, and 2 % of K. The force series has the displacement, and the
 //! sweeps themselves have the shape per displacement.
 
+use super::recorded::ZeroHold;
 use imaging::curve::{Curve, Knot};
 use imaging::sweep::Deflection;
 
 /// A sweep gives the shape per displacement from this share of the largest displacement on.
 const LARGE_SHARE: f64 = 0.5;
 
-/// Refers deflections to the needle at zero displacement in place of that at `straight_mm`. `displacements_mm` are those of the sweeps, where
-/// they are known; all as `[x, y]`.
+/// Refers deflections to the needle at zero displacement in place of that where guide 2 stood while the straight needle was imaged.
+/// `displacements_mm` are those of the sweeps, where they are known; all as `[x, y]`.
+///
+/// The error of that displacement is in all points of a sweep together, as that of the straight needle is
+/// ([`deflections`](imaging::sweep::deflections)).
 pub fn refer_to_zero(
     sweeps: &mut [Vec<Deflection>],
     displacements_mm: &[Option<[f64; 2]>],
-    straight_mm: [f64; 2],
+    straight: ZeroHold,
 ) {
+    let straight_mm = straight.at_mm;
     let own = [0, 1].map(|axis: usize| per_largest(sweeps, displacements_mm, straight_mm, axis));
     for axis in [0, 1] {
         // A plane in which guide 2 was not moved bends like the other one.
         let Some((largest_mm, curve)) = own[axis].as_ref().or(own[1 - axis].as_ref()) else { continue };
-        for point in sweeps.iter_mut().flatten() {
-            point.across_mm[axis] += straight_mm[axis] / largest_mm * curve.at(point.z_mm);
+        for points in sweeps.iter_mut() {
+            let count = points.len() as f64;
+            for point in points {
+                let per_mm = curve.at(point.z_mm) / largest_mm;
+                point.across_mm[axis] += straight_mm[axis] * per_mm;
+                point.sd_mm[axis] = point.sd_mm[axis].hypot(count.sqrt() * straight.sd_mm[axis] * per_mm);
+            }
         }
     }
 }
@@ -80,12 +90,15 @@ mod tests {
         let straight_mm = [-0.008, 0.015];
         let at_mm = [[0.0, 1.2], [0.004, -0.003], [0.0, 0.5]];
         let mut sweeps = at_mm.map(|at_mm| sweep(at_mm, straight_mm));
-        refer_to_zero(&mut sweeps, &at_mm.map(Some), straight_mm);
+        refer_to_zero(&mut sweeps, &at_mm.map(Some), ZeroHold { at_mm: straight_mm, sd_mm: [0.0, 0.003] });
         for (points, at_mm) in sweeps.iter().zip(at_mm) {
             for point in points {
                 for axis in [0, 1] {
                     let off_mm = point.across_mm[axis] - at_mm[axis] * per_mm(point.z_mm);
                     assert!(off_mm.abs() < 1e-4, "{at_mm:?} {axis} {}: {off_mm}", point.z_mm);
+                    // A mean over the 30 points has the whole error of the displacement in it.
+                    let sd_mm = [0.0, 0.003 * per_mm(point.z_mm) * 30f64.sqrt()][axis].hypot(0.005);
+                    assert!((point.sd_mm[axis] - sd_mm).abs() < 2e-4, "{axis} {}: {point:?}", point.z_mm);
                 }
             }
         }
@@ -95,7 +108,7 @@ mod tests {
     fn without_a_displaced_sweep_nothing_is_changed() {
         let before = [sweep([0.0, 1.2], [0.0, 0.01])];
         let mut sweeps = before.clone();
-        refer_to_zero(&mut sweeps, &[None], [0.0, 0.01]);
+        refer_to_zero(&mut sweeps, &[None], ZeroHold { at_mm: [0.0, 0.01], sd_mm: [0.0, 0.003] });
         assert_eq!(sweeps, before);
     }
 }
