@@ -38,7 +38,7 @@ fn clutter_brighter_than_the_needle_is_not_followed() {
 }
 
 /// As in frames of tissue whose speckle is about as bright as the needle. With three echoes drawn, all of the needle in one of some thousands of
-/// draws, parts of a curve were taken for the needle in some sequences of a hundred, or a part and its rival.
+/// draws, parts of a curve were taken for the needle in some sequences of a hundred, or two of them for two needles.
 #[test]
 fn a_needle_among_twenty_echoes_of_each_frame_is_found_in_every_sequence() {
     for seed in 0..60 {
