@@ -5,6 +5,7 @@
 
 mod detection;
 mod motion;
+mod spikes;
 mod statistics;
 mod sweeps;
 mod unused;

@@ -1,5 +1,7 @@
 //! The mean of correlated samples, with the standard error it deserves.
 
+use super::spikes::without_spikes;
+
 /// The mean of a stretch of a time series.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mean {
@@ -11,6 +13,8 @@ pub struct Mean {
     pub samples: usize,
     /// Number of independent samples that would determine the mean as well.
     pub effective_samples: f64,
+    /// Further samples that are no part of the mean, since they are single ones far from their neighbours.
+    pub spikes: usize,
 }
 
 impl Mean {
@@ -51,7 +55,7 @@ pub fn mean(values: &[f64]) -> Mean {
         |lag: usize| centred.iter().zip(centred.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>() / n;
     let variance = covariance(0);
     if samples < 2 || variance <= 0.0 {
-        return Mean { value, scatter: 0.0, samples, effective_samples: n.max(1.0) };
+        return Mean { value, scatter: 0.0, samples, effective_samples: n.max(1.0), spikes: 0 };
     }
     let mut time = -1.0;
     for pair in 0..samples / 2 {
@@ -62,18 +66,21 @@ pub fn mean(values: &[f64]) -> Mean {
         time += 2.0 * sum;
     }
     let scatter = (variance * n / (n - 1.0)).sqrt();
-    Mean { value, scatter, samples, effective_samples: (n / time.max(1.0)).clamp(1.0, n) }
+    let effective_samples = (n / time.max(1.0)).clamp(1.0, n);
+    Mean { value, scatter, samples, effective_samples, spikes: 0 }
 }
 
-/// Means of stretches of one channel, whose noise is the same in all of them.
+/// Means of stretches of one channel, whose noise is the same in all of them; without spikes.
 ///
 /// A stretch of a few dozen samples shows less of its correlation than there is: the mean that is subtracted takes a part of it with it, and the sum
 /// ends early by chance. So the autocorrelation is the median of those of all stretches, with what their means take of it (the variance of a mean,
 /// found by iteration), and a stretch has as many independent samples as that leaves, or as it shows itself where that is fewer: it may drift.
 pub fn means(stretches: &[&[f64]]) -> Vec<Mean> {
-    let mut own: Vec<Mean> = stretches.iter().map(|values| mean(values)).collect();
-    let time = pooled_time(stretches);
-    for mean in &mut own {
+    let kept: Vec<Vec<f64>> = stretches.iter().map(|values| without_spikes(values)).collect();
+    let mut own: Vec<Mean> = kept.iter().map(|values| mean(values)).collect();
+    let time = pooled_time(&kept);
+    for (mean, values) in own.iter_mut().zip(stretches) {
+        mean.spikes = values.len() - mean.samples;
         mean.effective_samples = mean.effective_samples.min(mean.samples as f64 / time).max(1.0);
     }
     own
@@ -85,7 +92,7 @@ const ITERATIONS: usize = 20;
 const MOST_OF_MEAN: f64 = 0.5;
 
 /// How many samples of a stretch are worth one independent sample, 1 or more, from all stretches together.
-fn pooled_time(stretches: &[&[f64]]) -> f64 {
+fn pooled_time(stretches: &[Vec<f64>]) -> f64 {
     let scaled: Vec<Vec<f64>> = stretches.iter().filter_map(|values| scaled(values)).collect();
     let Some(shortest) = scaled.iter().map(Vec::len).min() else { return 1.0 };
     let samples = scaled.len() as f64 / scaled.iter().map(|values| 1.0 / values.len() as f64).sum::<f64>();

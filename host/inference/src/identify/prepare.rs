@@ -50,6 +50,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
     let used: Vec<&Hold> = found.iter().filter(|level| level.lost_samples == 0).collect();
     let displaced: Vec<&Hold> = used.iter().copied().filter(|level| level.path != Path::Zero).collect();
     check_levels(run, criteria, &found, &used, &displaced)?;
+    warnings.extend(spikes(&used));
 
     let planes = planes(run, &used, criteria, &mut warnings);
     let noise = Deviations::of(session, run, &used);
@@ -168,6 +169,21 @@ fn check_levels(
     } else {
         Ok(())
     }
+}
+
+/// What of the readings is no part of the holds' means.
+fn spikes(used: &[&Hold]) -> Option<String> {
+    let of = |means: &dyn Fn(&Hold) -> [Option<Mean>; 2]| -> usize {
+        used.iter().flat_map(|level| means(level)).flatten().map(|mean| mean.spikes).sum()
+    };
+    let force = of(&|level| [Some(level.force_y_n), level.force_x_n]);
+    let displacement = of(&|level| [Some(level.displacement_y_m), level.displacement_x_m]);
+    (force + displacement > 0).then(|| {
+        format!(
+            "{force} readings of the force and {displacement} of the displacement are spikes, single ones far from their neighbours: not in the \
+             means of holds"
+        )
+    })
 }
 
 /// The horizontal plane counts where it was moved in and its shape was measured.

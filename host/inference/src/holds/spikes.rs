@@ -1,0 +1,80 @@
+//! Single readings that are far from their neighbours: interference on a cable, a bit that is wrong.
+//!
+//! A reading is compared with the median of a window around it (Hampel), so that what changes slowly, as the force of tissue that relaxes
+//! after a ramp, has none. One reading of nine standard deviations among sixty moves their mean by more than its standard error.
+
+use super::median;
+
+/// Readings on either side of the window.
+const BESIDE: usize = 3;
+/// Distance from the window's median, in standard deviations of these distances, from which a reading is a spike: normal noise has one in
+/// millions.
+const SPIKE_SD: f64 = 6.0;
+/// Fewest readings whose distances have a standard deviation.
+const MIN_READINGS: usize = 20;
+/// Standard deviation of normal noise over its median absolute value.
+const SD_OF_MEDIAN: f64 = 1.4826;
+
+/// The readings without spikes, in order.
+pub fn without_spikes(values: &[f64]) -> Vec<f64> {
+    if values.len() < MIN_READINGS {
+        return values.to_vec();
+    }
+    // The first and last ones are kept: what drifts is far from the median of a window on one side.
+    let inside = values.windows(2 * BESIDE + 1).map(|window| window[BESIDE] - median(window.to_vec()));
+    let off: Vec<f64> = std::iter::repeat_n(0.0, BESIDE).chain(inside).chain([0.0; BESIDE]).collect();
+    let sd = SD_OF_MEDIAN * median(off.iter().map(|off| off.abs()).collect());
+    // Readings that are rounded to few values have none: nothing is known of their noise.
+    if sd <= 0.0 {
+        return values.to_vec();
+    }
+    let kept = values.iter().zip(off).filter(|(_, off)| off.abs() <= SPIKE_SD * sd);
+    kept.map(|(value, _)| *value).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use noise::Noise;
+
+    fn noisy(seed: u64, count: usize) -> Vec<f64> {
+        let mut noise = Noise::new(seed);
+        (0..count).map(|_| noise.normal()).collect()
+    }
+
+    #[test]
+    fn single_readings_far_off_are_spikes_and_normal_noise_has_none() {
+        let mut values = noisy(1, 60);
+        assert_eq!(without_spikes(&values), values);
+        let clean = values.clone();
+        values.insert(20, 9.0);
+        values.insert(41, -11.0);
+        assert_eq!(without_spikes(&values), clean);
+        let kept: usize = (2..200).map(|seed| without_spikes(&noisy(seed, 60)).len()).sum();
+        assert!(198 * 60 - kept <= 3, "{} of {}", 198 * 60 - kept, 198 * 60);
+    }
+
+    #[test]
+    fn what_relaxes_drifts_or_steps_has_no_spikes() {
+        let noise = noisy(3, 200);
+        let of = |shape: &dyn Fn(f64) -> f64| -> Vec<f64> {
+            noise.iter().enumerate().map(|(i, n)| shape(i as f64) + n).collect()
+        };
+        for values in [
+            of(&|i| 50.0 * (-i / 10.0).exp()),
+            of(&|i| 0.5 * i),
+            of(&|i| if i < 80.0 { 0.0 } else { 30.0 }),
+        ] {
+            assert_eq!(without_spikes(&values), values);
+        }
+    }
+
+    #[test]
+    fn readings_that_hardly_change_and_short_series_are_left_as_they_are() {
+        let mut rounded = vec![2.0; 50];
+        rounded[10] = 2.5;
+        assert_eq!(without_spikes(&rounded), rounded);
+        assert_eq!(without_spikes(&[0.0, 0.1, 90.0]), [0.0, 0.1, 90.0]);
+        assert!(without_spikes(&[]).is_empty());
+    }
+}
