@@ -75,22 +75,50 @@ fn timed(run: impl FnOnce() -> Result<CampaignCounts>) -> Result<(CampaignCounts
     Ok((run()?, began.elapsed()))
 }
 
-/// On all processors.
+/// On all processors, a sequence at a time.
 fn in_process(seed: u64, sequences: u64) -> Result<CampaignCounts> {
-    let (next, ends, found) = (AtomicU64::new(0), AtomicBool::new(false), Mutex::new(None));
+    on_all_processors(sequences, |index| {
+        run_in_process(seed.wrapping_add(index)).map_err(|violation| anyhow!("{violation}"))
+    })
+}
+
+/// On all processors, a device with its power-on at a time.
+fn in_qemu(seed: u64, sequences: u64) -> Result<CampaignCounts> {
+    let (done, reported) = (AtomicU64::new(0), Mutex::new(Instant::now()));
+    on_all_processors(sequences.div_ceil(SEQUENCES_PER_BOOT), |boot| {
+        let first = boot * SEQUENCES_PER_BOOT;
+        let count = SEQUENCES_PER_BOOT.min(sequences - first);
+        let tally = qemu::boot(seed.wrapping_add(first), count)?;
+        let done = done.fetch_add(count, Ordering::Relaxed) + count;
+        if let Ok(mut reported) = reported.lock()
+            && reported.elapsed() > REPORT_INTERVAL
+        {
+            *reported = Instant::now();
+            eprintln!("{done} of {sequences} sequences in QEMU");
+        }
+        Ok(tally)
+    })
+}
+
+/// Does so many parts, one after the other on each processor, up to the first that fails.
+fn on_all_processors(
+    parts: u64,
+    part: impl Fn(u64) -> Result<CampaignCounts> + Sync,
+) -> Result<CampaignCounts> {
+    let (next, ends, failed) = (AtomicU64::new(0), AtomicBool::new(false), Mutex::new(None));
     let worker = || {
         let mut tally = CampaignCounts::default();
         while !ends.load(Ordering::Relaxed) {
             let index = next.fetch_add(1, Ordering::Relaxed);
-            if index >= sequences {
+            if index >= parts {
                 break;
             }
-            match run_in_process(seed.wrapping_add(index)) {
+            match part(index) {
                 Ok(of_one) => tally.add(of_one),
-                Err(violation) => {
+                Err(error) => {
                     ends.store(true, Ordering::Relaxed);
-                    if let Ok(mut found) = found.lock() {
-                        found.get_or_insert(violation);
+                    if let Ok(mut failed) = failed.lock() {
+                        failed.get_or_insert(error);
                     }
                 }
             }
@@ -106,26 +134,11 @@ fn in_process(seed: u64, sequences: u64) -> Result<CampaignCounts> {
         }
         Ok(())
     })?;
-    match found.into_inner() {
+    match failed.into_inner() {
         Ok(None) => Ok(all),
-        Ok(Some(violation)) => bail!("{violation}"),
+        Ok(Some(error)) => Err(error),
         Err(_) => bail!("a sequence panicked"),
     }
-}
-
-fn in_qemu(seed: u64, sequences: u64) -> Result<CampaignCounts> {
-    let mut all = CampaignCounts::default();
-    let mut reported = Instant::now();
-    while all.sequences < sequences {
-        let first = seed.wrapping_add(all.sequences);
-        let count = SEQUENCES_PER_BOOT.min(sequences - all.sequences);
-        all.add(qemu::boot(first, count)?);
-        if reported.elapsed() > REPORT_INTERVAL {
-            reported = Instant::now();
-            eprintln!("{} of {sequences} sequences in QEMU", all.sequences);
-        }
-    }
-    Ok(all)
 }
 
 #[cfg(test)]
