@@ -1,13 +1,13 @@
 //! Single readings that are far from their neighbours: interference on a cable, a bit that is wrong.
 //!
-//! A reading is compared with the median of a window around it (Hampel), so that what changes slowly, as the force of tissue that relaxes
+//! A reading is compared with the median of its neighbours (as by Hampel), so that what changes slowly, as the force of tissue that relaxes
 //! after a ramp, has none. One reading of nine standard deviations among sixty moves their mean by more than its standard error.
 
 use super::median;
 
-/// Readings on either side of the window.
+/// Neighbours on either side.
 const BESIDE: usize = 3;
-/// Distance from the window's median, in standard deviations of these distances, from which a reading is a spike: normal noise has one in
+/// Distance from the neighbours' median, in standard deviations of these distances, from which a reading is a spike: normal noise has one in
 /// millions.
 const SPIKE_SD: f64 = 6.0;
 /// Fewest readings whose distances have a standard deviation.
@@ -20,16 +20,25 @@ pub fn without_spikes(values: &[f64]) -> Vec<f64> {
     if values.len() < MIN_READINGS {
         return values.to_vec();
     }
-    // The first and last ones are kept: what drifts is far from the median of a window on one side.
-    let inside = values.windows(2 * BESIDE + 1).map(|window| window[BESIDE] - median(window.to_vec()));
-    let off: Vec<f64> = std::iter::repeat_n(0.0, BESIDE).chain(inside).chain([0.0; BESIDE]).collect();
-    let sd = SD_OF_MEDIAN * median(off.iter().map(|off| off.abs()).collect());
+    // The first and last ones are kept: what drifts is far from the median of neighbours on one side.
+    let windows = || values.windows(2 * BESIDE + 1);
+    let beside = windows().map(|window| {
+        let (before, rest) = window.split_at(BESIDE);
+        let (own, after) = rest.split_at(1);
+        (own.iter().sum::<f64>() - median([before, after].concat())).abs()
+    });
+    let sd = SD_OF_MEDIAN * median(beside.collect());
     // Readings that are rounded to few values have none: nothing is known of their noise.
     if sd <= 0.0 {
         return values.to_vec();
     }
-    let kept = values.iter().zip(off).filter(|(_, off)| off.abs() <= SPIKE_SD * sd);
-    kept.map(|(value, _)| *value).collect()
+    // With the reading itself: where readings step, the ones beside the step are close to those on their side.
+    let middles: Vec<f64> = windows().map(|window| median(window.to_vec())).collect();
+    let is_kept = |(at, value): &(usize, &f64)| {
+        let middle = at.checked_sub(BESIDE).and_then(|place| middles.get(place));
+        middle.is_none_or(|middle| (*value - middle).abs() <= SPIKE_SD * sd)
+    };
+    values.iter().enumerate().filter(is_kept).map(|(_, value)| *value).collect()
 }
 
 #[cfg(test)]
@@ -60,11 +69,9 @@ mod tests {
         let of = |shape: &dyn Fn(f64) -> f64| -> Vec<f64> {
             noise.iter().enumerate().map(|(i, n)| shape(i as f64) + n).collect()
         };
-        for values in [
-            of(&|i| 50.0 * (-i / 10.0).exp()),
-            of(&|i| 0.5 * i),
-            of(&|i| if i < 80.0 { 0.0 } else { 30.0 }),
-        ] {
+        for values in
+            [of(&|i| 50.0 * (-i / 10.0).exp()), of(&|i| 0.5 * i), of(&|i| if i < 80.0 { 0.0 } else { 30.0 })]
+        {
             assert_eq!(without_spikes(&values), values);
         }
     }
