@@ -77,7 +77,7 @@ class Session:
     True
     >>> found = session.identify()
     >>> print(found.k_kpa)
-    17.11 kPa (14.75 to 19.86)
+    17.11 kPa (14.72 to 19.87)
     """
 
     def __init__(self, path: PathLike, *, keep: object = None) -> None:
