@@ -4,7 +4,6 @@
 //! installed in the system.
 
 use crate::images::root;
-use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -26,20 +25,31 @@ impl Drop for Running {
     }
 }
 
-/// Folder of a set-up, once it is complete; `make` makes it.
-fn folder(name: &str, make: impl FnOnce(&Path) -> Result<(), String>) -> Result<PathBuf, String> {
+/// Folder of a set-up, once it is complete; `make` makes it, and again where it was made of something else.
+fn folder(
+    name: &str,
+    made_of: &str,
+    make: impl FnOnce(&Path) -> Result<(), String>,
+) -> Result<PathBuf, String> {
+    made_in(&root().join("target/peers").join(name), made_of, make)
+}
+
+fn made_in(
+    folder: &Path,
+    made_of: &str,
+    make: impl FnOnce(&Path) -> Result<(), String>,
+) -> Result<PathBuf, String> {
     let _turn = SET_UP.lock();
-    let folder = root().join("target/peers").join(name);
     let complete = folder.join("complete");
-    if !complete.exists() {
+    if !fs::read_to_string(&complete).is_ok_and(|before| before == made_of) {
         let cannot = |error: std::io::Error| format!("{}: {error}", folder.display());
         // What an earlier attempt has left.
-        let _ = fs::remove_dir_all(&folder);
-        fs::create_dir_all(&folder).map_err(cannot)?;
-        make(&folder)?;
-        fs::write(&complete, "").map_err(cannot)?;
+        let _ = fs::remove_dir_all(folder);
+        fs::create_dir_all(folder).map_err(cannot)?;
+        make(folder)?;
+        fs::write(&complete, made_of).map_err(cannot)?;
     }
-    Ok(folder)
+    Ok(folder.to_owned())
 }
 
 fn run(command: &mut Command) -> Result<Output, String> {
@@ -58,15 +68,18 @@ fn run(command: &mut Command) -> Result<Output, String> {
 /// Why there is none.
 pub fn python() -> Result<PathBuf, String> {
     let requirements = scripts().join("requirements.txt");
-    environment("python", &["--requirement".as_ref(), requirements.as_os_str()])
+    let text =
+        fs::read_to_string(&requirements).map_err(|error| format!("{}: {error}", requirements.display()))?;
+    let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    environment("python", &lines.collect::<Vec<_>>())
 }
 
-/// A Python in an environment of its own with these packages of PyPI.
+/// A Python in an environment of its own with these packages of PyPI, made anew where the list has changed.
 ///
 /// # Errors
 /// Why there is none.
-pub fn environment(name: &str, packages: &[impl AsRef<OsStr>]) -> Result<PathBuf, String> {
-    let made = folder(name, |folder| {
+pub fn environment(name: &str, packages: &[&str]) -> Result<PathBuf, String> {
+    let made = folder(name, &packages.join("\n"), |folder| {
         run(Command::new("python3").args(["-m", "venv"]).arg(folder))?;
         let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
         run(Command::new(folder.join("bin/python")).args(pip).args(packages)).map(|_| ())
@@ -84,7 +97,7 @@ pub fn scripts() -> PathBuf {
 /// # Errors
 /// Why there is none.
 pub fn examples(names: &[&str]) -> Result<PathBuf, String> {
-    let folder = folder("openigtlink", |folder| {
+    let folder = folder("openigtlink", &PACKAGES.join("\n"), |folder| {
         run(Command::new("apt-get").args(["download", "--quiet"]).args(PACKAGES).current_dir(folder))?;
         for entry in fs::read_dir(folder).map_err(|error| error.to_string())?.flatten() {
             if entry.path().extension().is_some_and(|kind| kind == "deb") {
@@ -112,4 +125,28 @@ fn compiled(folder: &Path, name: &str) -> Result<(), String> {
     compiler.arg(folder.join("usr/include/openigtlink")).arg(folder.join("usr/lib/libOpenIGTLink.so.1.11"));
     run(compiler.arg(format!("-Wl,-rpath,{}", folder.join("usr/lib").display())))?;
     fs::rename(&unfinished, &program).map_err(|error| format!("{}: {error}", program.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_set_up_is_made_once_and_again_where_its_list_has_changed_or_it_was_not_completed() {
+        let base = tempfile::tempdir().expect("a folder");
+        let at = base.path().join("environment");
+        let set_up = |made_of: &str, succeeds: bool| {
+            let mut made = false;
+            let outcome = made_in(&at, made_of, |_| {
+                made = true;
+                if succeeds { Ok(()) } else { Err("no network".to_owned()) }
+            });
+            (made, outcome.is_ok())
+        };
+        assert_eq!(set_up("numpy", true), (true, true));
+        assert_eq!(set_up("numpy", true), (false, true));
+        assert_eq!(set_up("numpy\npandas", false), (true, false));
+        assert_eq!(set_up("numpy\npandas", true), (true, true));
+        assert_eq!(set_up("numpy\npandas", true), (false, true));
+    }
 }
