@@ -127,6 +127,7 @@ fn bar_chart(
             .label_style((FONT, 14))
             .axis_desc_style((FONT, 16))
             .x_desc(axis)
+            .x_label_formatter(&crate::tick)
             .y_labels(4 * bars.len().max(1))
             .y_label_formatter(&label)
             .draw()

@@ -231,9 +231,17 @@ fn axes<'a, 's>(
         .axis_desc_style((FONT, 16))
         .x_desc(x_name)
         .y_desc(y_name)
+        .x_label_formatter(&tick)
+        .y_label_formatter(&tick)
         .draw()
         .map_err(failed)?;
     Ok(chart)
+}
+
+/// A number beside an axis, without what rounding leaves of a zero.
+fn tick(at: &f64) -> String {
+    // Adding nothing makes a zero of a negative one.
+    format!("{}", (at * 1e9).round() / 1e9 + 0.0)
 }
 
 fn legend<'a, 's: 'a>(chart: &mut Chart<'a, 's>) -> Result<(), FigureError> {

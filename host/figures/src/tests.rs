@@ -58,3 +58,9 @@ fn a_plan_has_a_line_for_each_displacement() {
     let figure = plan(&inference::plan::plan(&question).expect("a plan")).expect("a figure");
     assert!(figure.contains("guide 2 at 60 mm, 0.6 mm") && figure.matches("<circle").count() == 6);
 }
+
+#[test]
+fn ticks_are_plain_numbers() {
+    let found: Vec<String> = [-2.8e-17, 70.0, -0.05, 0.1 + 0.2, 1e4].iter().map(tick).collect();
+    assert_eq!(found, ["0", "70", "-0.05", "0.3", "10000"]);
+}
