@@ -15,11 +15,13 @@
 mod ritz;
 mod stiffened;
 mod table;
+mod wall;
 
 pub(super) use ritz::{Load, Ritz, Shape, powers};
 pub(super) use stiffened::Stiffened;
 pub(super) use table::MODES;
 use table::Matrix;
+pub use wall::{RESOLVED_LENGTHS, tabulated};
 
 use super::{Foundation, ModelError, Support, check};
 use table::Varied;

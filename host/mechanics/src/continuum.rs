@@ -86,13 +86,13 @@ impl Continuum {
         Self::in_body(needle, depth_m, poisson, contact, resolution, false)
     }
 
-    fn in_body(
+    /// With the stiffness of the wall of a needle of a radius as `wall` has it.
+    pub(crate) fn with_wall(
         needle: &Needle,
         depth_m: f64,
         poisson: f64,
         contact: Contact,
-        resolution: Resolution,
-        full_space: bool,
+        wall: impl FnOnce(f64) -> Result<WallStiffness, ModelError>,
     ) -> Result<Self, ModelError> {
         let radius_m = 0.5 * needle.outer_diameter_m;
         check("poisson", poisson, "0 to 0.5", (0.0..=0.5).contains(&poisson))?;
@@ -104,8 +104,20 @@ impl Continuum {
             "10 to 600, for which K/E is computed",
             is_in_range,
         )?;
-        let mesh = Mesh::new(radius_m, depth_m, resolution, full_space);
-        Ok(Self { wall: solve::wall_stiffness(&mesh, poisson)?, depth_m, radius_m, poisson, contact })
+        Ok(Self { wall: wall(radius_m)?, depth_m, radius_m, poisson, contact })
+    }
+
+    fn in_body(
+        needle: &Needle,
+        depth_m: f64,
+        poisson: f64,
+        contact: Contact,
+        resolution: Resolution,
+        full_space: bool,
+    ) -> Result<Self, ModelError> {
+        Self::with_wall(needle, depth_m, poisson, contact, |radius_m| {
+            solve::wall_stiffness(&Mesh::new(radius_m, depth_m, resolution, full_space), poisson)
+        })
     }
 
     /// Ratio K/E of a rigid needle that moves sideways as a whole.

@@ -12,6 +12,7 @@ use crate::LateralData;
 use crate::modulus::Relation;
 use crate::relation::{RELATIVE_ERROR, Run, youngs_modulus_pa};
 use formats::session::Session;
+use mechanics::body::{RESOLVED_LENGTHS, tabulated};
 use mechanics::continuum::{Contact, Continuum, Resolution};
 use mechanics::{Rig, Support};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -90,7 +91,14 @@ impl<'s> Youngs<'s> {
             for (depth, run) in depths.iter_mut().zip(typical) {
                 let solve = |support: Support| {
                     let poisson = support.poisson().unwrap_or(tissue.poisson);
-                    Continuum::solve(&rig.needle, depth.depth_m, poisson, contact, Resolution::DEFAULT)
+                    let [k_pa, ..] = depth.k_pa;
+                    let length_m = (rig.needle.bending_stiffness_n_m2() / k_pa).powf(0.25);
+                    // Finite elements take a second; only a needle that bends more than the table resolves needs them.
+                    if depth.depth_m <= RESOLVED_LENGTHS * length_m {
+                        tabulated(&rig.needle, depth.depth_m, poisson, contact)
+                    } else {
+                        Continuum::solve(&rig.needle, depth.depth_m, poisson, contact, Resolution::DEFAULT)
+                    }
                 };
                 match (solve(tissue.body()), run) {
                     (Ok(body), Some(run)) => {

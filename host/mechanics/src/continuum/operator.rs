@@ -68,7 +68,7 @@ pub(crate) fn weights(range: [f64; 2], count: usize, at: f64) -> Vec<f64> {
 }
 
 /// Value and derivative of the Legendre polynomial of a degree.
-fn legendre(degree: usize, x: f64) -> [f64; 2] {
+pub(crate) fn legendre(degree: usize, x: f64) -> [f64; 2] {
     let (mut before, mut now) = ([0.0, 0.0], [1.0, 0.0]);
     for n in 0..degree {
         let n = n as f64;
