@@ -50,6 +50,7 @@ mod report;
 mod results;
 mod score;
 mod search;
+mod shapes;
 mod sizes;
 mod split;
 mod start;

@@ -5,10 +5,11 @@
 //! neighbours are skipped; whether they are is judged from the readings alone, never from a model.
 
 use super::cells::{Cells, cells, held, stood, stretches, travelled};
+use super::shapes::sweep;
 use crate::holds::{Hold, HoldCriteria, holds, median, reversal_m, reversal_of_means_m};
 use crate::insertion::{Bin, TipPath};
-use formats::session::{InsertionRun, LateralRun};
-use mechanics::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapeImage, ShapePoint};
+use formats::session::{InsertionRun, LateralRun, SHARED_ERRORS};
+use mechanics::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapeImage};
 
 /// A sensor in one plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -126,13 +127,15 @@ pub(super) struct Datum {
     pub place: Place,
     /// The hold, or stretch of depth, that it belongs to.
     pub part: usize,
+    /// How many points of a shape, all at its place, it is the mean of.
+    pub points: usize,
 }
 
 impl Datum {
     /// Of a bin of an insertion.
     fn of_bin(bin: &Bin, channel: Channel, measured: f64, source: Source) -> Self {
         let place = Place { depth_m: bin.depth_m, level_m: 0.0, direction: 0.0, hold_s: None, time_s: 0.0 };
-        Self { channel, measured, source, place, part: (bin.depth_m / PART_M) as usize }
+        Self { channel, measured, source, place, part: (bin.depth_m / PART_M) as usize, points: 1 }
     }
 }
 
@@ -156,6 +159,8 @@ pub(super) struct Run {
     pub cells: Cells,
     /// Standard deviation of an error of the position that all points of its shape share, at each of them.
     pub z_shared_sd_m: Vec<f64>,
+    /// What one standard deviation of each error of the deflections does that all points of its shape share, at each of them in each plane.
+    pub shared_m: Vec<[[f64; SHARED_ERRORS]; 2]>,
     /// Speed of an insertion; 0 where it is not recorded.
     pub speed_m_per_s: f64,
     /// Whether it is of the session that the one under diagnosis is compared with.
@@ -164,8 +169,6 @@ pub(super) struct Run {
 
 /// Guide 2 has not moved in a plane in which no hold is further from zero.
 const IDLE_M: f64 = 0.05e-3;
-/// Points this far beyond the tip are taken as on it.
-const BEYOND_M: f64 = 0.5e-3;
 /// Depth of a part of an insertion.
 const PART_M: f64 = 20e-3;
 /// A change of the rotation or of guide 2 within this length is a step, not a ramp; a rotation is one beyond this angle.
@@ -228,14 +231,16 @@ impl Run {
                     source: Source::Force(usable),
                     place,
                     part,
+                    points: 1,
                 });
             }
         }
         let mut points = Vec::new();
-        let mut z_shared_sd_m = Vec::new();
+        let (mut z_shared_sd_m, mut shared_m) = (Vec::new(), Vec::new());
         for (part, hold) in holds.iter().enumerate() {
             let indices = sweep(run, rig, hold, (part, places[part], start_s), &mut points, &mut data);
-            z_shared_sd_m.extend(indices.into_iter().map(|index| run.shape.shared_sd_m(index)));
+            z_shared_sd_m.extend(indices.iter().map(|index| run.shape.shared_sd_m(*index)));
+            shared_m.extend(indices.into_iter().map(|index| run.shape.shared_errors_m(index)));
         }
         // Both planes of a channel lie together.
         data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));
@@ -258,6 +263,7 @@ impl Run {
             data,
             cells,
             z_shared_sd_m,
+            shared_m,
             speed_m_per_s: 0.0,
             is_reference: false,
         })
@@ -304,6 +310,7 @@ impl Run {
             data,
             cells: Cells::default(),
             z_shared_sd_m: Vec::new(),
+            shared_m: Vec::new(),
             speed_m_per_s,
             is_reference: false,
         })
@@ -406,53 +413,6 @@ fn hold_places(holds: &[Hold], axis: usize, depth_m: f64) -> Vec<Place> {
         Place { depth_m, level_m, direction, hold_s: Some(0.0), time_s: 0.0 }
     };
     holds.iter().map(place).collect()
-}
-
-/// The shape points of one hold; their numbers in the file.
-fn sweep(
-    run: &LateralRun,
-    rig: &Rig,
-    hold: &Hold,
-    (part, place, start_s): (usize, Place, f64),
-    points: &mut Vec<ShapePoint>,
-    data: &mut Vec<Datum>,
-) -> Vec<usize> {
-    let tip_m = rig.entry_m + run.depth_m;
-    let middle_s = 0.5 * (hold.time_s[0] + hold.time_s[1]);
-    let mut indices: Vec<usize> =
-        hold.shape.iter().copied().filter(|i| run.shape.z_m[*i] <= tip_m + BEYOND_M).collect();
-    indices.sort_by(|a, b| run.shape.z_m[*a].total_cmp(&run.shape.z_m[*b]));
-    let z_m: Vec<f64> = indices.iter().map(|i| run.shape.z_m[*i].min(tip_m)).collect();
-    let first = points.len();
-    for (index, z_m) in indices.iter().zip(&z_m) {
-        let time_s = run.shape.time_s.as_ref().map_or(middle_s, |times_s| hold.observed_s(times_s[*index]));
-        points.push(ShapePoint { time_s, z_m: *z_m, image: run.shape.image(*index) });
-    }
-    let planes = [Some(&run.shape.y_m), run.shape.x_m.as_ref()];
-    for (plane, column) in planes.into_iter().enumerate() {
-        let Some(column) = column else { continue };
-        let values: Vec<f64> = indices.iter().map(|i| column[*i]).collect();
-        let kept = super::misread::without_misread(&z_m, &values);
-        for (number, (value, kept)) in values.iter().zip(kept).enumerate() {
-            if !kept {
-                continue;
-            }
-            let point = points[first + number];
-            data.push(Datum {
-                channel: [Channel::ShapeY, Channel::ShapeX][plane],
-                measured: *value,
-                source: Source::Shape(first + number),
-                place: Place {
-                    depth_m: point.z_m - rig.entry_m,
-                    time_s: point.time_s - start_s,
-                    hold_s: Some(point.time_s - hold.time_s[0]),
-                    ..place
-                },
-                part,
-            });
-        }
-    }
-    indices
 }
 
 #[cfg(test)]

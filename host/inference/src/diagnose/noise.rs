@@ -6,7 +6,7 @@
 //! every sweep of the same places is not noise, and taken off first. What a session states is never undercut: rounding and calibration
 //! do not scatter.
 
-use super::data::{Channel, Kind, Run};
+use super::data::{Channel, Kind, Run, Source};
 use super::misread::polynomials;
 use formats::session::Noise as Stated;
 use nalgebra::{DMatrix, DVector};
@@ -105,17 +105,27 @@ impl Noise {
     pub fn with_disagreements(runs: &[Run], stated: &Stated) -> (Self, Vec<String>) {
         let scatter = scatter(runs);
         let [force, displacement, shape, tip, direction] = scatter;
+        // Points at one place are one datum, their mean; what is stated is that of a point.
+        let points = points_of_a_datum(runs).sqrt();
         let noise = Self {
             force: combined(force, stated.force_n, TYPICAL[0], MIN_NOISE.force),
             displacement: combined(displacement, stated.displacement_m, TYPICAL[1], MIN_NOISE.displacement),
-            shape: combined(shape, stated.shape_m, TYPICAL[2], MIN_NOISE.shape),
+            shape: combined(
+                shape,
+                stated.shape_m.map(|sd_m| sd_m / points),
+                TYPICAL[2] / points,
+                MIN_NOISE.shape,
+            ),
             tip: combined(tip, stated.tip_m, TYPICAL[3], MIN_NOISE.tip),
             direction: combined(direction, stated.tip_direction_rad, TYPICAL[4], MIN_NOISE.direction),
         };
         let stated =
             [stated.force_n, stated.displacement_m, stated.shape_m, stated.tip_m, stated.tip_direction_rad];
-        let of = |((name, unit, per_si), scatter, stated): (_, Option<Sensor>, Option<f64>)| {
-            let (found, stated): (f64, f64) = (per_si * scatter?.sd(), per_si * stated?);
+        let scatter = scatter.map(|sensor: Option<Sensor>| sensor.map(|sensor| sensor.sd()));
+        let [force, displacement, shape, tip, direction] = scatter;
+        let scatter = [force, displacement, shape.map(|sd_m| sd_m * points), tip, direction];
+        let of = |((name, unit, per_si), scatter, stated): (_, Option<f64>, Option<f64>)| {
+            let (found, stated): (f64, f64) = (per_si * scatter?, per_si * stated?);
             let times = if found > stated { found / stated } else { stated / found };
             let what = format!(
                 "noise of {name}: {stated:.3} {unit} is stated, the readings scatter by {found:.3} {unit}"
@@ -131,6 +141,12 @@ impl Noise {
         let all = SENSORS.into_iter().zip(scatter).zip(stated);
         (noise, all.filter_map(|((sensor, scatter), stated)| of((sensor, scatter, stated))).collect())
     }
+}
+
+/// Points of a shape in a datum, on average.
+fn points_of_a_datum(runs: &[Run]) -> f64 {
+    let shapes = || runs.iter().flat_map(|run| &run.data).filter(|d| matches!(d.source, Source::Shape(_)));
+    shapes().map(|datum| datum.points).sum::<usize>().max(1) as f64 / shapes().count().max(1) as f64
 }
 
 /// Names of the sensors, their units and how many of them SI has.

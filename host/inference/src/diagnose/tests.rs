@@ -235,6 +235,36 @@ fn noise_is_estimated_from_the_scatter() {
     assert!((Noise::of(&runs, &stated).shape.sd() / 30e-6 - 1.0).abs() < 1e-6);
 }
 
+/// A tracker's points at one place are one datum, with the noise of a mean; a stated deviation is that of one of them.
+#[test]
+fn a_trackers_points_at_one_place_are_one_datum() {
+    const TIMES: usize = 40;
+    const SD_M: f64 = 0.1e-3;
+    let mut session = session(&truth(vec![]), &Design::nine_runs(), 11);
+    let plain = runs_of(&session).expect("runs").0;
+    let mut added = ::noise::Noise::new(1);
+    for run in &mut session.lateral {
+        let repeated = |values: &[f64]| values.repeat(TIMES);
+        let shape = &mut run.shape;
+        (shape.time_s, shape.z_m) = (shape.time_s.as_deref().map(repeated), repeated(&shape.z_m));
+        (shape.y_m, shape.x_m) = (repeated(&shape.y_m), shape.x_m.as_deref().map(repeated));
+        shape.y_m.iter_mut().chain(shape.x_m.iter_mut().flatten()).for_each(|u| *u += SD_M * added.normal());
+    }
+    let (runs, _) = runs_of(&session).expect("runs");
+    let count = |runs: &[Run]| runs.iter().map(|run| run.data.len()).sum::<usize>();
+    // More noise has fewer points that are taken as misread.
+    let ratio = count(&runs) as f64 / count(&plain) as f64;
+    assert!((0.95..1.05).contains(&ratio), "{ratio}");
+    session.noise.shape_m = None;
+    let noise = Noise::of(&runs, &session.noise);
+    // What each place had before it was repeated is in all of its points.
+    let expected_m = 24.7e-6_f64.hypot(SD_M / (TIMES as f64).sqrt());
+    assert!((noise.shape.sd() / expected_m - 1.0).abs() < 0.2, "{noise:?}, expected {expected_m}");
+    let stated = formats::session::Noise { shape_m: Some(0.3e-3), ..session.noise };
+    let of_mean_m = 0.3e-3 / (TIMES as f64).sqrt();
+    assert!((Noise::of(&runs, &stated).shape.sd() / of_mean_m - 1.0).abs() < 0.05);
+}
+
 /// What two sessions share, even if it has no name, is no effect of one of them; what they do not share is.
 #[test]
 fn beside_a_reference_only_what_differs_is_named() {
