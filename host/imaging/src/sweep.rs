@@ -2,9 +2,11 @@
 
 mod lag;
 mod points;
+mod shared;
 
 pub use lag::Lag;
 pub use points::{Deflection, Line, Point, deflections};
+pub use shared::share_noise;
 
 use crate::detect::{Candidate, Detector};
 use crate::error::ImagingError;

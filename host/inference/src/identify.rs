@@ -13,6 +13,7 @@ mod layers;
 mod model_error;
 mod options;
 mod others;
+mod outliers;
 mod pool;
 pub(crate) mod prepare;
 mod reference;

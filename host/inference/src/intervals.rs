@@ -128,7 +128,10 @@ impl LateralData {
         {
             zeros.iter_mut().take(self.planes).for_each(|zero| zero.value += change(zero.sd));
         }
-        drawn.z_shared += change(1.0);
+        for (plane, error) in self.shared_deflections() {
+            drawn.shared.deflection[plane][error] += change(1.0);
+        }
+        drawn.shared.z += change(1.0);
         drawn
     }
 }
@@ -136,7 +139,7 @@ impl LateralData {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{HoldData, ShapeDatum};
+    use crate::{HoldData, ShapeDatum, SharedErrors};
     use mechanics::{Beam, Foundation, Needle, Rig};
 
     const LN_K: Parameter = Parameter { start: 9.5, step: 1e-4, least: 2.0, most: 16.0, prior: None };
@@ -161,7 +164,7 @@ mod tests {
             levels: vec![level],
             shape_sd_m,
             force_zero: ForceZero::Exact,
-            z_shared: 0.0,
+            shared: SharedErrors::default(),
             uses_force: true,
             effects: Vec::new(),
             fixed: None,

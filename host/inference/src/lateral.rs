@@ -7,6 +7,7 @@
 
 use super::{Block, Fit, Parameter, Prior};
 use crate::holds::reversal_of_means_m;
+use formats::session::SHARED_ERRORS;
 use mechanics::effects::{Effect, ParameterInfo};
 use mechanics::{
     DriveSample, Model, ModelError, ObservationPlan, PreparedNeedle, Rig, Series, ShapeImage, ShapePoint,
@@ -16,8 +17,11 @@ use smallvec::SmallVec;
 use std::borrow::Cow;
 
 mod history;
+mod shared;
 
 pub use history::{DisplacementHistory, Fixed};
+use shared::NO_ERRORS;
+pub use shared::SharedErrors;
 
 /// A true displacement is not expected further beyond a measured one than this, standard deviations.
 const FAR_SD: f64 = 4.0;
@@ -46,12 +50,14 @@ pub struct ShapeDatum {
     pub image: Option<ShapeImage>,
     /// Standard deviation of an error of its position that all points of the run share; 0 for none.
     pub z_shared_sd_m: f64,
+    /// Errors of the deflections that all points of the run share, in each plane: what one standard deviation of each does here.
+    pub shared_m: [[f64; SHARED_ERRORS]; 2],
 }
 
 impl ShapeDatum {
     /// A point with the standard deviation of its run.
     pub fn new(z_m: f64, deflection_m: [f64; 2]) -> Self {
-        Self { z_m, deflection_m, sd_ratio: [1.0; 2], image: None, z_shared_sd_m: 0.0 }
+        Self { z_m, deflection_m, sd_ratio: [1.0; 2], image: None, z_shared_sd_m: 0.0, shared_m: NO_ERRORS }
     }
 }
 
@@ -109,8 +115,8 @@ pub struct LateralData {
     pub shape_sd_m: f64,
     /// What is known of the force sensor's zero.
     pub force_zero: ForceZero,
-    /// Where the error of the positions that its points share is expected, in its standard deviations ([`ShapeDatum::z_shared_sd_m`]).
-    pub z_shared: f64,
+    /// Errors that its points share.
+    pub shared: SharedErrors,
     /// Whether the force is used; displacement and shape alone determine K as well.
     pub uses_force: bool,
     /// Effects whose parameters are unknown too, shared by all runs: after `ln K`, in this order.
@@ -156,6 +162,7 @@ impl LateralData {
                         sd_ratio: [point.sd_ratio.get(plane).copied().unwrap_or(1.0), 1.0],
                         image: point.image,
                         z_shared_sd_m: point.z_shared_sd_m,
+                        shared_m: [point.shared_m.get(plane).copied().unwrap_or_default(), NO_ERRORS[1]],
                     })
                     .collect(),
             })
@@ -164,7 +171,9 @@ impl LateralData {
             levels.iter().flat_map(|level| &level.displacement_m).any(|u| u.value.abs() > least_m);
         let fixed = self.fixed.as_ref().map(|fixed| Fixed { first_plane: plane, ..fixed.clone() });
         let force_zero = self.force_zero.in_plane(plane);
-        displaced.then(|| Self { planes: 1, levels, fixed, force_zero, ..self.clone() })
+        let [y, x] = self.shared.deflection;
+        let shared = SharedErrors { deflection: [if plane == 0 { y } else { x }, y], ..self.shared };
+        displaced.then(|| Self { planes: 1, levels, fixed, force_zero, shared, ..self.clone() })
     }
 
     fn offsets(&self) -> usize {
@@ -209,11 +218,6 @@ impl LateralData {
             x_m: of_level.get(1).copied().unwrap_or_default(),
         };
         of_levels.map(sample).collect()
-    }
-
-    /// Whether its points share an error of their positions, which is a nuisance then.
-    fn shares_z(&self) -> bool {
-        self.levels.iter().flat_map(|level| &level.shape).any(|point| point.z_shared_sd_m > 0.0)
     }
 
     /// When and where the shape is predicted: at its points, and a little before each where the slope there is needed.
@@ -276,7 +280,8 @@ impl Block for LateralData {
     fn nuisances(&self) -> Vec<Parameter> {
         let offsets = (0..self.offsets()).map(|_| Parameter::free(0.0, 1e-3));
         let true_m = self.levels.iter().flat_map(|level| &level.displacement_m);
-        let shared = self.shares_z().then(|| Parameter::free(self.z_shared, 1e-3));
+        let shared = self.expected().chain(self.shares_z().then_some(self.shared.z));
+        let shared = shared.map(|expected| Parameter::free(expected, 1e-3));
         offsets.chain(true_m.map(|measured| Parameter::free(measured.value, 1e-6))).chain(shared).collect()
     }
 
@@ -292,11 +297,18 @@ impl Block for LateralData {
         PreparedNeedle::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
     }
 
-    /// Plane by plane: displacements, forces, shape points; then the assumed zeros of the force, and the shared error of the positions.
+    /// Plane by plane: displacements, forces, shape points; then the assumed zeros of the force, and the shared errors of the deflections
+    /// and of the positions.
     fn residuals(&self, ready: &PreparedNeedle<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
         let (nuisances, z_shared) = match nuisances.split_last() {
             Some((z_shared, others)) if self.shares_z() => (others, *z_shared),
             _ => (nuisances, 0.0),
+        };
+        let of_deflections = self.shared_deflections();
+        let (nuisances, errors) = nuisances.split_at(nuisances.len().saturating_sub(of_deflections.len()));
+        let shared_m = |plane: usize, point: &ShapeDatum| -> f64 {
+            let of_plane = of_deflections.iter().zip(errors).filter(|((of, _), _)| *of == plane);
+            of_plane.map(|((plane, error), by)| by * point.shared_m[*plane][*error]).sum()
         };
         let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
         let mut predicted = ready.moved(&self.drive(displacements_m))?;
@@ -322,8 +334,9 @@ impl Block for LateralData {
             residuals.extend(points.zip(shape_m).enumerate().map(|(i, (point, predicted_m))| {
                 let of_plane = |[y, x]: [f64; 2]| if plane == 0 { y } else { x };
                 let slope = before_m.get(i).map_or(0.0, |before_m| (predicted_m - before_m) / SLOPE_STEP_M);
-                let off_m =
-                    of_plane(point.deflection_m) - predicted_m - z_shared * point.z_shared_sd_m * slope;
+                let expected_m =
+                    predicted_m + z_shared * point.z_shared_sd_m * slope + shared_m(plane, point);
+                let off_m = of_plane(point.deflection_m) - expected_m;
                 off_m / (self.shape_sd_m * of_plane(point.sd_ratio))
             }));
         }
@@ -332,8 +345,9 @@ impl Block for LateralData {
                 zeros.iter().zip(offsets_n).map(|(zero, offset_n)| (zero.value - offset_n) / zero.sd),
             );
         }
+        residuals.extend(self.expected().zip(errors).map(|(expected, error)| expected - error));
         if self.shares_z() {
-            residuals.push(self.z_shared - z_shared);
+            residuals.push(self.shared.z - z_shared);
         }
         Ok(residuals)
     }

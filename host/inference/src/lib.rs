@@ -54,7 +54,7 @@ pub mod track;
 pub use fit::{Block, Fit, FitError, Parameter, Prior, fit};
 pub use lateral::{
     ChannelFit, DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum, ShapeFit,
-    channel_fits, effect_parameters, shape_fits,
+    SharedErrors, channel_fits, effect_parameters, shape_fits,
 };
 pub use learned::OtherModel;
 pub use summarize::{summarize, summarize_session};

@@ -2,7 +2,7 @@
 //! model under test.
 
 use super::energy::{Balance, energy_modulus};
-use super::{ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
+use super::{ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, SharedErrors, fit};
 use mechanics::{Needle, Rig};
 use noise::Noise;
 use worlds::finite_elements::unit_shape;
@@ -46,7 +46,7 @@ fn data(
         levels: vec![level],
         shape_sd_m,
         force_zero: ForceZero::Exact,
-        z_shared: 0.0,
+        shared: SharedErrors::default(),
         uses_force: true,
         effects: vec![],
         fixed: None,

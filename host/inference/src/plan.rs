@@ -10,7 +10,8 @@ use crate::holds::{HoldCriteria, trimmed_s};
 use crate::identify::prepare::TARED_ZERO_SD_N;
 use crate::prior::PriorResult;
 use crate::{
-    FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, effect_parameters, fit,
+    FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, SharedErrors,
+    effect_parameters, fit,
 };
 use formats::NORMAL_975;
 use formats::prior_file::ModulusPrior;
@@ -394,7 +395,7 @@ fn data(question: &PlanInput, rig: &Rig, beam: &Beam, depth_m: f64, displacement
         planes: 1,
         levels: question.levels.iter().map(level).collect(),
         shape_sd_m: question.shape_sd_m,
-        z_shared: 0.0,
+        shared: SharedErrors::default(),
         force_zero: if question.levels.contains(&0.0) {
             ForceZero::Measured
         } else {

@@ -4,7 +4,7 @@
 //! deeper than about 60 mm it is more than a little: there the shape requires softer springs than the force, and K is a number of
 //! the test as much as of the tissue. Young's modulus found through the relation for that very test is not affected.
 
-use crate::{FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
+use crate::{FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, SharedErrors, fit};
 use mechanics::continuum::{Continuum, check_youngs};
 use mechanics::{Rig, Support};
 
@@ -45,7 +45,7 @@ fn fitted_modulus_pa(body: &Continuum, rig: &Rig, youngs_pa: f64, run: &Run) -> 
         levels: vec![level],
         shape_sd_m: run.shape_sd_m,
         force_zero: ForceZero::Exact,
-        z_shared: 0.0,
+        shared: SharedErrors::default(),
         uses_force: true,
         effects: Vec::new(),
         fixed: None,

@@ -283,11 +283,17 @@ pub fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
         x_sd_m: both(shapes, |shape| &shape.x_sd_m),
         images: both(shapes, |shape| &shape.images),
         z_shared_sd_m: both(shapes, |shape| &shape.z_shared_sd_m),
+        shared_m: [0, 1].map(|plane: usize| {
+            [0, 1, 2].map(|error: usize| both(shapes, |shape| &shape.shared_m[plane][error]))
+        }),
     }
 }
 
 /// An optional column of all sweeps; nothing where one has none.
-fn both<T: Clone>(shapes: &[ShapeSeries], column: fn(&ShapeSeries) -> &Option<Vec<T>>) -> Option<Vec<T>> {
+fn both<T: Clone>(
+    shapes: &[ShapeSeries],
+    column: impl Fn(&ShapeSeries) -> &Option<Vec<T>>,
+) -> Option<Vec<T>> {
     let columns: Option<Vec<&[T]>> = shapes.iter().map(|shape| column(shape).as_deref()).collect();
     columns.filter(|columns| !columns.is_empty()).map(|columns| columns.concat())
 }

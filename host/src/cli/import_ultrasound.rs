@@ -16,7 +16,7 @@ use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup, ShapeSeries, import
 use imaging::frame::{Orientation, Region};
 use imaging::overlay::Picture;
 use imaging::pose::Place;
-use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, measure};
+use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, measure, share_noise};
 use mechanics::ShapeImage;
 use recorded::RecordedRun;
 use reference::refer_to_zero;
@@ -45,11 +45,11 @@ pub struct FrameArgs {
     /// Position of the first frame along the needle from guide 1 (default: entry_mm, the tissue's surface)
     #[arg(long, value_name = "MM")]
     sweep_start_mm: Option<f64>,
-    /// Distance from one frame to the next
-    #[arg(long, value_name = "MM", group = "place")]
+    /// Distance from one frame to the next, along the needle; negative for a sweep towards guide 1
+    #[arg(long, value_name = "MM", group = "place", value_parser = step, allow_negative_numbers = true)]
     step_mm: Option<f64>,
-    /// Speed of the probe, with the time stamps of the file
-    #[arg(long, value_name = "MM_PER_S", group = "place")]
+    /// Speed of the probe, with the time stamps of the file; negative for a sweep towards guide 1
+    #[arg(long, value_name = "MM_PER_S", group = "place", value_parser = speed, allow_negative_numbers = true)]
     speed_mm_per_s: Option<f64>,
     /// Field of the file that is the probe's position in millimetres, such as ProbePosition
     #[arg(long, value_name = "NAME", group = "place")]
@@ -191,11 +191,17 @@ pub fn run(
     // A straight needle that is given was imaged at another time: guide 2 is taken to have been at zero.
     let is_given = args.straight.is_some() || args.straight_px.is_some();
     let own = recorded.as_ref().filter(|_| !is_given).and_then(|recorded| recorded.straight.as_ref());
-    let straight = straight(args, own.map(|(path, _)| path), &settings, out)?;
+    let of_straight = args.straight.as_ref().or(own.map(|(path, _)| path));
+    let mut of_straight =
+        of_straight.map(|path| one(std::slice::from_ref(path), &settings, out)).transpose()?;
+    let mut of_sweeps: Vec<(PathBuf, Sweep)> =
+        sweeps.iter().map(|files| one(files, &settings, out)).collect::<anyhow::Result<_>>()?;
+    let all = of_straight.iter_mut().chain(&mut of_sweeps);
+    share_noise(&mut all.map(|(_, sweep)| sweep).collect::<Vec<_>>());
+    let straight = of_straight.map(straight).transpose()?;
     let mut sheets: Vec<Vec<u8>> = Vec::new();
     let mut measured: Vec<(PathBuf, Sweep, Vec<Deflection>)> = Vec::new();
-    for files in &sweeps {
-        let (path, sweep) = one(files, &settings, out)?;
+    for (files, (path, sweep)) in sweeps.iter().zip(of_sweeps) {
         sheets.extend(draw(pictures, files, &settings, &sweep, out)?);
         let line = match (&straight, args.straight_px) {
             (Some((_, _, line)), _) => *line,
@@ -239,7 +245,9 @@ pub fn run(
     };
     let mut shape = import_shapes::joined(&columns, times_s.as_deref());
     // A column of zeros would say nothing.
-    shape.z_shared_sd_m = shape.z_shared_sd_m.filter(|sd_m| sd_m.iter().any(|sd_m| *sd_m > 0.0));
+    for column in shape.shared_m.iter_mut().flatten().chain([&mut shape.z_shared_sd_m]) {
+        *column = column.take().filter(|of| of.iter().any(|value| *value != 0.0));
+    }
     let has_force = recorded.is_some() || shapes.force.is_some();
     let straight_mm = own.map(|(_, zero_hold)| zero_hold.at_mm);
     let mut document = Imported::new(to, &id, depth_mm, times_s, has_force, &measured, straight.as_ref())?;
@@ -276,19 +284,12 @@ fn one(files: &[PathBuf], settings: &Settings, out: &Output) -> anyhow::Result<(
     Ok((path, sweep))
 }
 
-/// The straight needle from a sweep of its own: the one that is given, or that of the run.
-fn straight(
-    args: &FrameArgs,
-    own: Option<&PathBuf>,
-    settings: &Settings,
-    out: &Output,
-) -> anyhow::Result<Option<Straight>> {
-    let Some(path) = args.straight.as_ref().or(own) else { return Ok(None) };
-    let (path, sweep) = one(std::slice::from_ref(path), settings, out)?;
+/// The straight needle from a sweep of its own.
+fn straight((path, sweep): (PathBuf, Sweep)) -> anyhow::Result<Straight> {
     let line = Line::through(&sweep.points()).with_context(|| {
         format!("{}: fewer than 3 points, expected a sweep along the needle", path.display())
     })?;
-    Ok(Some((path, sweep, line)))
+    Ok((path, sweep, line))
 }
 
 /// The straight needle at a pixel, parallel to the sweep.
@@ -343,6 +344,9 @@ fn series(points: &[Deflection], shared_sd_mm: f64) -> ShapeSeries {
         beam_rad: point.motion.beam_rad,
         probe_m_per_s: 1e-3 * point.motion.mm_per_s,
     };
+    let shared = |axis: usize, error: usize| -> Option<Vec<f64>> {
+        Some(points.iter().map(|point| 1e-3 * point.shared_mm[axis][error]).collect())
+    };
     ShapeSeries {
         time_s: None,
         z_m: column(|point| point.z_mm),
@@ -352,6 +356,8 @@ fn series(points: &[Deflection], shared_sd_mm: f64) -> ShapeSeries {
         x_sd_m: Some(column(|point| point.sd_mm[0])),
         images: Some(points.iter().map(image).collect()),
         z_shared_sd_m: Some(vec![1e-3 * shared_sd_mm; points.len()]),
+        // The vertical plane first.
+        shared_m: [1, 0].map(|axis: usize| [0, 1, 2].map(|error: usize| shared(axis, error))),
     }
 }
 
@@ -365,6 +371,21 @@ pub fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
     numbers(text).ok_or_else(|| "expected two numbers: X,Y".to_owned())
+}
+
+/// Distance between frames; none would put all of them at one place.
+fn step(text: &str) -> Result<f64, String> {
+    moving(text, 50.0).ok_or_else(|| "expected a distance up to 50 mm, not 0".to_owned())
+}
+
+/// Speed of a probe.
+fn speed(text: &str) -> Result<f64, String> {
+    moving(text, 1000.0).ok_or_else(|| "expected a speed up to 1000 mm/s, not 0".to_owned())
+}
+
+/// A number other than 0, of this size at most.
+fn moving(text: &str, most: f64) -> Option<f64> {
+    text.parse().ok().filter(|number: &f64| *number != 0.0 && number.abs() <= most)
 }
 
 /// Size of a pixel: X,Y.

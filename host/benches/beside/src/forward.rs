@@ -2,7 +2,9 @@
 
 use crate::clock::Clock;
 use anyhow::Result;
-use inference::{Block, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
+use inference::{
+    Block, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, SharedErrors, fit,
+};
 use mechanics::growth::{DEFAULT_STEP_M, GrowingBeam, Guide2Grip, NodeLoads};
 use mechanics::insertion::grid_m;
 use mechanics::{Beam, Foundation, Model, ModelError, Needle, Rig};
@@ -73,7 +75,7 @@ pub fn run(samples: usize) -> LateralData {
         levels: vec![level],
         shape_sd_m: SHAPE_SD_M,
         force_zero: ForceZero::Exact,
-        z_shared: 0.0,
+        shared: SharedErrors::default(),
         uses_force: true,
         effects: Vec::new(),
         fixed: None,

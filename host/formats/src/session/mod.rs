@@ -209,12 +209,25 @@ pub struct ShapeSeries {
     pub images: Option<Vec<ShapeImage>>,
     /// Standard deviation of an error of the positions that all points of the run share, at each point, where the file has it.
     pub z_shared_sd_m: Option<Vec<f64>>,
+    /// Errors that all points of the run share, independent of each other: what one standard deviation of each does to the deflection at
+    /// each point, vertical and horizontal, where the file has it. The straight needle, which is measured with an error itself, is in
+    /// every deflection.
+    pub shared_m: [[Option<Vec<f64>>; SHARED_ERRORS]; 2],
 }
+
+/// Errors in each plane that all points of a shape may share.
+pub const SHARED_ERRORS: usize = 3;
 
 impl ShapeSeries {
     /// Standard deviation of the shared error of the position of a point; 0 where none is stated.
     pub fn shared_sd_m(&self, index: usize) -> f64 {
         self.z_shared_sd_m.as_ref().and_then(|sd_m| sd_m.get(index)).copied().unwrap_or(0.0)
+    }
+
+    /// What one standard deviation of each shared error does to the deflection of a point, in each plane; 0 where none is stated.
+    pub fn shared_errors_m(&self, index: usize) -> [[f64; SHARED_ERRORS]; 2] {
+        let at = |column: &Option<Vec<f64>>| column.as_ref().and_then(|of| of.get(index)).copied();
+        self.shared_m.each_ref().map(|plane| plane.each_ref().map(|column| at(column).unwrap_or(0.0)))
     }
 
     /// How a point was imaged, where that is known.

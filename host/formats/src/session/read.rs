@@ -2,7 +2,7 @@
 
 use super::hardware::{fixture_mass_kg, noise, rig};
 use super::schema::{
-    FORCE_COLUMNS, INDENTATION_COLUMNS, INSERTION_COLUMNS, POISSON, RADIUS_MM, SHAPE_COLUMNS,
+    FORCE_COLUMNS, INDENTATION_COLUMNS, INSERTION_COLUMNS, POISSON, RADIUS_MM, SHAPE_COLUMNS, SHARED_COLUMNS,
     STEERING_COLUMNS, THICKNESS_MM,
 };
 use super::{
@@ -163,6 +163,7 @@ impl ShapeSeries {
             x_sd_m: shape.take("deflection_x_sd_mm"),
             images,
             z_shared_sd_m: shape.take("z_shared_sd_mm"),
+            shared_m: SHARED_COLUMNS.map(|of_plane| of_plane.map(|name| shape.take(name))),
         })
     }
 }

@@ -1,5 +1,6 @@
 //! What the format has: columns of its tables with the values that can be right, fields of its documents.
 
+use super::SHARED_ERRORS;
 use crate::document::table::Column;
 
 const MM: f64 = 1e-3;
@@ -27,7 +28,13 @@ pub(super) const FORCE_COLUMNS: [Column; 10] = [
     Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).whole().blank(),
     Column::optional("moving", 1.0, [0.0, 1.0]).whole().blank(),
 ];
-pub(super) const SHAPE_COLUMNS: [Column; 9] = [
+/// Columns of the errors that all points of a run share, of both planes.
+pub(super) const SHARED_COLUMNS: [[&str; SHARED_ERRORS]; 2] = [
+    ["deflection_y_shared_1_mm", "deflection_y_shared_2_mm", "deflection_y_shared_3_mm"],
+    ["deflection_x_shared_1_mm", "deflection_x_shared_2_mm", "deflection_x_shared_3_mm"],
+];
+const SHARED_MM: [f64; 2] = [-50.0, 50.0];
+pub(super) const SHAPE_COLUMNS: [Column; 15] = [
     Column::optional("time_s", 1.0, TIME_S),
     Column::required("z_mm", MM, [0.0, 2000.0]),
     Column::required("deflection_y_mm", MM, LATERAL_MM),
@@ -37,6 +44,12 @@ pub(super) const SHAPE_COLUMNS: [Column; 9] = [
     Column::optional("beam_deg", std::f64::consts::PI / 180.0, [-360.0, 360.0]),
     Column::optional("probe_mm_per_s", MM, [-1000.0, 1000.0]),
     Column::optional("z_shared_sd_mm", MM, [0.0, 50.0]),
+    Column::optional(SHARED_COLUMNS[0][0], MM, SHARED_MM),
+    Column::optional(SHARED_COLUMNS[0][1], MM, SHARED_MM),
+    Column::optional(SHARED_COLUMNS[0][2], MM, SHARED_MM),
+    Column::optional(SHARED_COLUMNS[1][0], MM, SHARED_MM),
+    Column::optional(SHARED_COLUMNS[1][1], MM, SHARED_MM),
+    Column::optional(SHARED_COLUMNS[1][2], MM, SHARED_MM),
 ];
 /// Slope of the needle at the tip: beyond one in one no insertion is straight ahead.
 const DIRECTION_MRAD: [f64; 2] = [-1000.0, 1000.0];

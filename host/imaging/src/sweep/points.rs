@@ -127,9 +127,9 @@ impl Line {
         [0, 1].map(|axis: usize| self.at_middle_mm[axis] + self.slope[axis] * (z_mm - self.middle_mm))
     }
 
-    /// Variance of its place.
-    pub fn variance(&self, z_mm: f64) -> [f64; 2] {
-        self.variance.map(|[middle, slope]| middle + slope * (z_mm - self.middle_mm).powi(2))
+    /// Errors of its place, independent of each other: one standard deviation of its offset, and what one of its slope does here.
+    pub fn errors(&self, z_mm: f64) -> [[f64; 2]; 2] {
+        self.variance.map(|[middle, slope]| [middle.sqrt(), slope.sqrt() * (z_mm - self.middle_mm)])
     }
 
     /// Its slope, `[x, y]`.
@@ -145,28 +145,28 @@ pub struct Deflection {
     pub z_mm: f64,
     /// Deflection, `[x, y]`.
     pub across_mm: [f64; 2],
-    /// Its standard deviation as that of independent points.
+    /// Its standard deviation, without what all points share.
     pub sd_mm: [f64; 2],
+    /// Errors that all points share, independent of each other, `[x, y]`: what one standard deviation of each does here. The offset of the
+    /// straight needle, its slope, and one that is free.
+    pub shared_mm: [[f64; 3]; 2],
     /// Frames in it.
     pub frames: usize,
     /// Direction of the beam and mean speed of the probe.
     pub motion: Motion,
 }
 
-/// Distances of points from the straight needle.
-///
-/// An error of the straight needle is in all points together. A fit that takes points as independent would average it down by their
-/// number, so it enters each point's variance that many times: the interval of anything that is fitted is then not too short.
+/// Distances of points from the straight needle, whose error they share.
 pub fn deflections(points: &[Point], straight: &Line) -> Vec<Deflection> {
-    let count = points.len() as f64;
     points
         .iter()
         .map(|point| {
-            let (at_mm, variance) = (straight.at(point.z_mm), straight.variance(point.z_mm));
+            let at_mm = straight.at(point.z_mm);
             Deflection {
                 z_mm: point.z_mm,
                 across_mm: [0, 1].map(|axis: usize| point.across_mm[axis] - at_mm[axis]),
-                sd_mm: [0, 1].map(|axis: usize| (point.sd_mm[axis].powi(2) + count * variance[axis]).sqrt()),
+                sd_mm: point.sd_mm,
+                shared_mm: straight.errors(point.z_mm).map(|[offset, slope]| [offset, slope, 0.0]),
                 frames: point.frames,
                 motion: point.motion,
             }

@@ -203,9 +203,18 @@ fn an_error_of_the_straight_needle_is_in_all_points() {
     let straight: Vec<Point> = (0..10).map(|i| point(f64::from(i), 0.03)).collect();
     let line = Line::through(&straight).expect("a line");
     assert!((line.slope()[0] - 0.1).abs() < 1e-12);
-    assert!((line.variance(4.5)[1] - 0.03f64.powi(2) / 10.0).abs() < 1e-12);
+    assert!((line.errors(4.5)[1][0] - 0.03 / 10f64.sqrt()).abs() < 1e-12);
     let bent: Vec<Point> = (0..10).map(|i| point(f64::from(i), 0.01)).collect();
     let found = deflections(&bent, &line);
     assert!(found.iter().all(|point| point.across_mm[0].abs() < 1e-9 && point.across_mm[1].abs() < 1e-9));
-    assert!(found.iter().all(|point| point.sd_mm[0] > 0.03));
+    // Their own error does not contain it.
+    for (i, point) in found.iter().enumerate() {
+        let [offset, slope, free] = point.shared_mm[0];
+        // The slope's variance is that of ten points, 82.5 mm2 of squares from the middle.
+        let slope_mm = 0.03 / 82.5f64.sqrt() * (i as f64 - 4.5);
+        assert!(
+            (offset - 0.03 / 10f64.sqrt()).abs() < 1e-12 && (slope - slope_mm).abs() < 1e-12 && free == 0.0
+        );
+        assert_eq!(point.sd_mm, [0.01; 2]);
+    }
 }

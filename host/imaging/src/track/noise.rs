@@ -29,22 +29,73 @@ pub struct Noise {
     pub correlated_frames: f64,
 }
 
-/// One assumption about the errors, and what follows from it.
+/// One assumption about the errors, and what follows from it for a sequence.
+#[derive(Default)]
 struct Assumed {
-    log_likelihood: f64,
-    variance: f64,
-    correlated_frames: f64,
+    /// Of the errors' correlation and of the curve.
+    log_determinant: f64,
+    /// What the curve leaves.
+    squares: f64,
+    freedom: usize,
+    /// Sum over the frames of how many share the error of each.
+    shared: f64,
+    frames: usize,
+}
+
+/// A sequence: its frames with what a curve can be at each, and the error last, in standard deviations.
+struct Sequence {
+    rows: DMatrix<f64>,
+    places_mm: Vec<f64>,
+    freedom: usize,
 }
 
 impl Noise {
     /// Of echoes in the order of their positions along the needle; nothing where they are too few.
     pub fn of(echoes: &[Echo], axis: usize) -> Option<Self> {
+        Self::of_all(&[echoes], axis)
+    }
+
+    /// The one noise of several sequences of one scanner; those with too few echoes add nothing. A single sequence shows the size of its errors
+    /// and how far they are shared so uncertainly that every fifth is half as large or twice as large.
+    pub fn of_all(sequences: &[&[Echo]], axis: usize) -> Option<Self> {
+        let sequences: Vec<Sequence> =
+            sequences.iter().filter_map(|echoes| Sequence::of(echoes, axis)).collect();
+        // As likely beforehand as that something is shared.
+        let ways = (WIDTHS_MM.len() * SHARES.len()) as f64;
+        let own = assumed(&sequences, WIDTHS_MM[0], 0.0).map(|own| (ways.ln(), own));
+        let shared = WIDTHS_MM.into_iter().flat_map(|width_mm| SHARES.map(|share| (width_mm, share)));
+        let shared = shared.filter_map(|(mm, share)| Some((0.0, assumed(&sequences, mm, share)?)));
+        let all: Vec<(f64, Assumed)> = own.into_iter().chain(shared).collect();
+        let log_likelihood = |(prior, one): &(f64, Assumed)| prior + one.log_likelihood();
+        let best = all.iter().map(log_likelihood).reduce(f64::max)?;
+        let [weights, variance, correlated] =
+            all.iter().fold([0.0; 3], |[sum, variance, correlated], one| {
+                let weight = (log_likelihood(one) - best).exp();
+                let (_, one) = one;
+                let weighted = weight * one.squares / one.freedom as f64;
+                [sum + weight, variance + weighted, correlated + weighted * one.shared / one.frames as f64]
+            });
+        let noise =
+            Self { scale: (variance / weights).sqrt(), correlated_frames: (correlated / variance).max(1.0) };
+        (noise.scale.is_finite() && noise.scale > 0.0 && noise.correlated_frames.is_finite()).then_some(noise)
+    }
+}
+
+impl Assumed {
+    /// With the variance integrated out under a prior that has no scale.
+    fn log_likelihood(&self) -> f64 {
+        -0.5 * (self.log_determinant + (self.freedom + 2) as f64 * self.squares.ln())
+    }
+}
+
+impl Sequence {
+    /// Nothing where the echoes are too few for a curve.
+    fn of(echoes: &[Echo], axis: usize) -> Option<Self> {
         let (first, last) = (echoes.first()?, echoes.last()?);
         let most = (echoes.len() / FRAMES_PER_INTERVAL).max(1);
         let splines = Splines::over(first.z_mm, last.z_mm, most)?;
         let columns = splines.count();
         let freedom = echoes.len().checked_sub(columns + 2).filter(|freedom| *freedom > 0)?;
-        // The position and what the curve can be there, in standard deviations; the position is the last column.
         let mut rows = DMatrix::<f64>::zeros(echoes.len(), columns + 1);
         for (number, echo) in echoes.iter().enumerate() {
             let (from, basis) = splines.at(echo.z_mm);
@@ -53,63 +104,53 @@ impl Noise {
             }
             rows[(number, columns)] = echo.across_mm[axis] / echo.sd_mm[axis];
         }
-        let places_mm: Vec<f64> = echoes.iter().map(|echo| echo.z_mm).collect();
-        // As likely beforehand as that something is shared.
-        let mut own = assumed(&rows, &places_mm, freedom, WIDTHS_MM[0], 0.0);
-        let ways = (WIDTHS_MM.len() * SHARES.len()) as f64;
-        own.iter_mut().for_each(|own| own.log_likelihood += ways.ln());
-        let shared = WIDTHS_MM.into_iter().flat_map(|width_mm| SHARES.map(|share| (width_mm, share)));
-        let all: Vec<Assumed> = own
-            .into_iter()
-            .chain(shared.filter_map(|(mm, share)| assumed(&rows, &places_mm, freedom, mm, share)))
-            .collect();
-        let best = all.iter().map(|one| one.log_likelihood).reduce(f64::max)?;
-        let [weights, variance, correlated] =
-            all.iter().fold([0.0; 3], |[sum, variance, correlated], one| {
-                let weight = (one.log_likelihood - best).exp();
-                let weighted = weight * one.variance;
-                [sum + weight, variance + weighted, correlated + weighted * one.correlated_frames]
-            });
-        let noise =
-            Self { scale: (variance / weights).sqrt(), correlated_frames: (correlated / variance).max(1.0) };
-        (noise.scale.is_finite() && noise.scale > 0.0 && noise.correlated_frames.is_finite()).then_some(noise)
+        Some(Self { rows, places_mm: echoes.iter().map(|echo| echo.z_mm).collect(), freedom })
+    }
+
+    /// Fits the last column by the others, with errors of which neighbours share a part.
+    fn fitted(&self, width_mm: f64, share: f64) -> Option<Assumed> {
+        let columns = self.rows.ncols() - 1;
+        let mut products = DMatrix::<f64>::zeros(columns + 1, columns + 1);
+        let (mut log_determinant, mut shared, mut from) = (0.0, 0.0, 0);
+        for places_mm in self.places_mm.chunks(BLOCK) {
+            let count = places_mm.len();
+            let alike = |i: usize, j: usize| {
+                share * (-0.5 * ((places_mm[i] - places_mm[j]) / width_mm).powi(2)).exp()
+            };
+            let covariance = DMatrix::from_fn(count, count, |i, j| if i == j { 1.0 } else { alike(i, j) });
+            shared += covariance.sum();
+            let factor = covariance.cholesky()?;
+            log_determinant += 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
+            let block = self.rows.rows(from, count).into_owned();
+            products += block.transpose() * factor.solve(&block);
+            from += count;
+        }
+        let normal = products.view((0, 0), (columns, columns)).into_owned().cholesky()?;
+        let right: DVector<f64> = products.view((0, columns), (columns, 1)).column(0).into_owned();
+        let squares = products[(columns, columns)] - right.dot(&normal.solve(&right));
+        let curve_determinant: f64 = 2.0 * normal.l_dirty().diagonal().map(f64::ln).sum();
+        Some(Assumed {
+            log_determinant: log_determinant + curve_determinant,
+            squares,
+            freedom: self.freedom,
+            shared,
+            frames: self.places_mm.len(),
+        })
     }
 }
 
-/// Fits the last column by the others, with errors of which neighbours share a part.
-fn assumed(
-    rows: &DMatrix<f64>,
-    places_mm: &[f64],
-    freedom: usize,
-    width_mm: f64,
-    share: f64,
-) -> Option<Assumed> {
-    let columns = rows.ncols() - 1;
-    let mut products = DMatrix::<f64>::zeros(columns + 1, columns + 1);
-    let (mut log_determinant, mut shared, mut from) = (0.0, 0.0, 0);
-    for places_mm in places_mm.chunks(BLOCK) {
-        let count = places_mm.len();
-        let alike =
-            |i: usize, j: usize| share * (-0.5 * ((places_mm[i] - places_mm[j]) / width_mm).powi(2)).exp();
-        let covariance = DMatrix::from_fn(count, count, |i, j| if i == j { 1.0 } else { alike(i, j) });
-        shared += covariance.sum();
-        let factor = covariance.cholesky()?;
-        log_determinant += 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
-        let block = rows.rows(from, count).into_owned();
-        products += block.transpose() * factor.solve(&block);
-        from += count;
+/// What follows for all sequences together, each with a curve of its own.
+fn assumed(sequences: &[Sequence], width_mm: f64, share: f64) -> Option<Assumed> {
+    let mut all = Assumed::default();
+    for sequence in sequences {
+        let one = sequence.fitted(width_mm, share)?;
+        all.log_determinant += one.log_determinant;
+        all.squares += one.squares;
+        all.freedom += one.freedom;
+        all.shared += one.shared;
+        all.frames += one.frames;
     }
-    let normal = products.view((0, 0), (columns, columns)).into_owned().cholesky()?;
-    let right: DVector<f64> = products.view((0, columns), (columns, 1)).column(0).into_owned();
-    let squares = products[(columns, columns)] - right.dot(&normal.solve(&right));
-    let curve_determinant: f64 = 2.0 * normal.l_dirty().diagonal().map(f64::ln).sum();
-    // With the variance integrated out under a prior that has no scale.
-    let log_likelihood = -0.5 * (log_determinant + curve_determinant + (freedom + 2) as f64 * squares.ln());
-    log_likelihood.is_finite().then(|| Assumed {
-        log_likelihood,
-        variance: squares / freedom as f64,
-        correlated_frames: shared / places_mm.len() as f64,
-    })
+    (all.frames > 0 && all.log_likelihood().is_finite()).then_some(all)
 }
 
 #[cfg(test)]
@@ -141,31 +182,37 @@ mod tests {
             .collect()
     }
 
-    /// Squared errors of a mean over the sequence with a smooth weight, beside the variance that is stated for it, and the variance of single
-    /// frames beside the stated one; means over sequences.
-    fn calibration(width_mm: f64, own: f64, count: usize, seed: u64) -> [f64; 2] {
+    /// Squared errors of a mean over a sequence with a smooth weight, beside the variance that so many of them state for it together, and the
+    /// variance of single frames beside the stated one; means over such groups.
+    fn calibration([width_mm, own]: [f64; 2], count: usize, together: usize, seed: u64) -> [f64; 2] {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let sequences = 300;
+        let groups = 300;
+        let scale = 1.3;
         let mut sums = [0.0; 2];
-        for _ in 0..sequences {
-            let shared = speckled(&mut random, count, width_mm);
-            let scale = 1.3;
-            let errors: Vec<f64> = shared
-                .into_iter()
-                .map(|shared| {
-                    scale * SD_MM * ((1.0 - own).sqrt() * shared + own.sqrt() * normal(&mut random))
-                })
-                .collect();
-            let echoes: Vec<Echo> = errors
-                .iter()
-                .enumerate()
-                .map(|(number, error)| {
-                    let z_mm = 30.0 + STEP_MM * number as f64;
-                    let across_mm = 5.0 + 1.2 * (-z_mm / 28.0).exp() * (z_mm / 28.0).cos() + error;
-                    Echo { across_mm: [across_mm, 0.0], z_mm, sd_mm: [SD_MM; 2], score: 3.0 }
-                })
-                .collect();
-            let noise = Noise::of(&echoes, 0).expect("enough frames");
+        for _ in 0..groups {
+            let mut sequence = || -> (Vec<f64>, Vec<Echo>) {
+                let shared = speckled(&mut random, count, width_mm);
+                let errors: Vec<f64> = shared
+                    .into_iter()
+                    .map(|shared| {
+                        scale * SD_MM * ((1.0 - own).sqrt() * shared + own.sqrt() * normal(&mut random))
+                    })
+                    .collect();
+                let echoes: Vec<Echo> = errors
+                    .iter()
+                    .enumerate()
+                    .map(|(number, error)| {
+                        let z_mm = 30.0 + STEP_MM * number as f64;
+                        let across_mm = 5.0 + 1.2 * (-z_mm / 28.0).exp() * (z_mm / 28.0).cos() + error;
+                        Echo { across_mm: [across_mm, 0.0], z_mm, sd_mm: [SD_MM; 2], score: 3.0 }
+                    })
+                    .collect();
+                (errors, echoes)
+            };
+            let all: Vec<_> = (0..together).map(|_| sequence()).collect();
+            let echoes: Vec<&[Echo]> = all.iter().map(|(_, echoes)| echoes.as_slice()).collect();
+            let noise = Noise::of_all(&echoes, 0).expect("enough frames");
+            let (errors, _) = &all[0];
             let weight = |number: usize| (number as f64 / count as f64 * std::f64::consts::PI).sin();
             let error: f64 = errors.iter().enumerate().map(|(number, error)| weight(number) * error).sum();
             let squares: f64 = (0..count).map(|number| weight(number).powi(2)).sum();
@@ -173,7 +220,7 @@ mod tests {
             sums[0] += error * error / (stated * noise.correlated_frames * squares);
             sums[1] += (scale * SD_MM).powi(2) / stated;
         }
-        sums.map(|sum| sum / f64::from(sequences))
+        sums.map(|sum| sum / f64::from(groups))
     }
 
     #[test]
@@ -181,7 +228,7 @@ mod tests {
         for (width_mm, own, count, seed) in
             [(0.6, 0.3, 100, 1), (0.7, 0.003, 100, 2), (1.2, 0.1, 100, 3), (0.05, 0.5, 100, 4)]
         {
-            let [mean, frame] = calibration(width_mm, own, count, seed);
+            let [mean, frame] = calibration([width_mm, own], count, 1, seed);
             println!("{width_mm} {own} {count}: mean {mean:.3} frame {frame:.3}");
             assert!(
                 (0.6..1.4).contains(&mean),
@@ -189,6 +236,24 @@ mod tests {
             );
             assert!((0.8..1.2).contains(&frame), "{width_mm} mm, {own}: {frame}");
         }
+    }
+
+    /// Several sequences together state it closer, and a short one beside them changes nothing.
+    #[test]
+    fn sequences_of_one_scanner_state_their_errors_together() {
+        for (width_mm, own, seed) in [(0.6, 0.3, 11), (0.7, 0.003, 12), (1.2, 0.1, 13)] {
+            let [mean, frame] = calibration([width_mm, own], 100, 3, seed);
+            println!("{width_mm} {own}: mean {mean:.3} frame {frame:.3}");
+            assert!((0.7..1.3).contains(&mean), "{width_mm} mm, {own}: {mean}");
+            assert!((0.85..1.15).contains(&frame), "{width_mm} mm, {own}: {frame}");
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(20);
+        let mut echo = |number: usize| {
+            let across_mm = [5.0 + SD_MM * normal(&mut random), 0.0];
+            Echo { across_mm, z_mm: 30.0 + STEP_MM * number as f64, sd_mm: [SD_MM; 2], score: 3.0 }
+        };
+        let long: Vec<Echo> = (0..60).map(&mut echo).collect();
+        assert_eq!(Noise::of_all(&[&long, &long[..3]], 0), Noise::of(&long, 0));
     }
 
     #[test]

@@ -8,6 +8,7 @@
 use super::data::{Channel, Run, Source};
 use super::noise::Noise;
 use super::predicted::predicted;
+use formats::session::SHARED_ERRORS;
 use mechanics::{Experiment, Model, ModelError, Plane, predict};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
@@ -64,6 +65,7 @@ impl Whitener {
             Self { blocks, patterns: DMatrix::zeros(run.data.len(), 0), shrink: DVector::zeros(0) };
         let mut columns = patterns(run, noise, &slopes);
         columns.extend(shared_positions(run, model)?);
+        columns.extend(shared_deflections(run));
         let columns: Vec<DVector<f64>> = columns
             .into_iter()
             .map(|mut column| {
@@ -281,6 +283,21 @@ fn shared_positions(run: &Run, model: &Model) -> Result<Option<Vec<f64>>, ModelE
         Source::Force(_) | Source::Tip(_) | Source::Direction(_) => 0.0,
     };
     Ok(Some(run.data.iter().zip(after.into_iter().zip(before)).map(moved).collect()))
+}
+
+/// What each error of the deflections that all points of a shape share does, one standard deviation of it; nothing where none is stated.
+fn shared_deflections(run: &Run) -> impl Iterator<Item = Vec<f64>> {
+    let planes = (0..2).flat_map(|plane| (0..SHARED_ERRORS).map(move |error| (plane, error)));
+    let pattern = |(plane, error): (usize, usize)| -> Vec<f64> {
+        let at = |datum: &super::data::Datum| match datum.source {
+            Source::Shape(point) if datum.channel.plane() == plane => {
+                run.shared_m.get(point).map_or(0.0, |of| of[plane][error])
+            }
+            _ => 0.0,
+        };
+        run.data.iter().map(at).collect()
+    };
+    planes.map(pattern).filter(|pattern| pattern.iter().any(|value| *value != 0.0))
 }
 
 /// Readings of a hold and its length.

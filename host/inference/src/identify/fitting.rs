@@ -1,5 +1,6 @@
 //! Fitting the beam to runs: unknowns, first guess, and what is known of ln K afterwards.
 
+use super::outliers::take_outliers;
 use super::prepare::{self, Prepared};
 use super::{Likelihood, NuisanceResult, RunError};
 use crate::{Block, Fit, FitError, LateralData, Parameter, channel_fits, effect_parameters, fit};
@@ -16,11 +17,28 @@ pub(super) const K_RANGE_PA: [f64; 2] = [10.0, 1e7];
 const IMPROBABLE: f64 = 1e-3;
 const LN_STEP: f64 = 1e-4;
 
+/// Fits without outliers are repeated so often: the first ones hide smaller ones.
+const OUTLIER_ROUNDS: usize = 3;
+
 /// Fits one run.
 pub(super) fn fit_run(prepared: &mut Prepared, run: &LateralRun) -> Result<Fit, RunError> {
     let path = || run.force_path.clone();
-    let best = fit_alone(&mut prepared.data, prepared.known_shape_noise)
-        .map_err(|cause| RunError::Fit { path: path(), cause })?;
+    let failed = |cause| RunError::Fit { path: path(), cause };
+    let points = prepared.data.shape_values() / prepared.data.planes.max(1);
+    let mut best = fit_alone(&mut prepared.data, prepared.known_shape_noise).map_err(failed)?;
+    let mut outliers = 0;
+    for _ in 0..OUTLIER_ROUNDS {
+        match take_outliers(&mut prepared.data, &best) {
+            0 => break,
+            more => outliers += more,
+        }
+        best = fit_alone(&mut prepared.data, prepared.known_shape_noise).map_err(failed)?;
+    }
+    if outliers > 0 {
+        prepared.warnings.push(format!(
+            "{outliers} of {points} points of the shape are outliers, single ones far from their neighbours: not in the fit"
+        ));
+    }
     if best.at_bound.first() == Some(&true) {
         let modulus_kpa = 1e-3 * best.shared.first().copied().unwrap_or(f64::NAN).exp();
         let bound_kpa = (1e3 * modulus_kpa).round() / 1e3;

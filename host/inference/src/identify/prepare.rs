@@ -4,7 +4,9 @@ use super::belong::check_shape_sign;
 use super::{HoldResult, NoiseResult, Options, RunError};
 use crate::energy::{Balance, MIN_POINTS};
 use crate::holds::{BEYOND_TIP_M, Hold, HoldCriteria, Mean, Path, holds, reversal_m, split, summary, unused};
-use crate::{DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum};
+use crate::{
+    DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum, SharedErrors,
+};
 use formats::session::{LateralRun, Session};
 use mechanics::Support;
 use mechanics::effects::{Effect, effect};
@@ -72,7 +74,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
         shape_sd_m,
         force_zero,
-        z_shared: 0.0,
+        shared: SharedErrors::default(),
         // A force determines the stiffness of needle and tissue together, and nothing where neither is known.
         uses_force: session.rig.needle.stiffness_known,
         effects: nuisances(session, options),
@@ -221,6 +223,7 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
         sd_ratio,
         image: run.shape.image(index),
         z_shared_sd_m: run.shape.shared_sd_m(index),
+        shared_m: run.shape.shared_errors_m(index),
     })
 }
 

@@ -104,7 +104,7 @@ fn mean(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Block, ForceZero, LateralData, Measured, ShapeDatum};
+    use crate::{Block, ForceZero, LateralData, Measured, ShapeDatum, SharedErrors};
     use mechanics::{Needle, Rig};
 
     /// A course that no effect uses changes nothing, whichever plane the data are of.
@@ -124,7 +124,7 @@ mod tests {
             levels: vec![level],
             shape_sd_m: 1.0,
             force_zero: ForceZero::Exact,
-            z_shared: 0.0,
+            shared: SharedErrors::default(),
             uses_force: true,
             effects: Vec::new(),
             fixed: None,

@@ -9,6 +9,11 @@ const K_PA: f64 = 24e3;
 const DEPTH_M: f64 = 0.04;
 const POINTS: usize = 79;
 
+/// The run of a shape that is as it is stated.
+fn exact() -> LateralData {
+    shifted(0.0, 0.0)
+}
+
 /// A run whose shape is really a little further along the needle than stated; the standard deviation of such a shift as stated.
 fn shifted(shift_m: f64, z_shared_sd_m: f64) -> LateralData {
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
@@ -32,7 +37,7 @@ fn shifted(shift_m: f64, z_shared_sd_m: f64) -> LateralData {
         levels: vec![level],
         shape_sd_m: 5e-6,
         force_zero: ForceZero::Exact,
-        z_shared: 0.0,
+        shared: SharedErrors::default(),
         uses_force: true,
         effects: Vec::new(),
         fixed: None,
@@ -73,4 +78,49 @@ fn a_right_shape_stays_right() {
     let found = shared.nuisances[0].last().copied().expect("the shift");
     assert!(found.abs() < 0.01, "{found}");
     assert_eq!(shape_fits(&shifted(0.0, 0.1e-3), &shared, 0).len(), POINTS);
+}
+
+/// An error of the straight needle is in all points; where it is stated, the interval has it, and the points keep their own noise.
+#[test]
+fn an_error_of_the_straight_needle_is_in_the_interval_where_it_is_stated() {
+    let tilted = |stated: bool| {
+        let mut data = exact();
+        for point in data.levels.iter_mut().flat_map(|level| &mut level.shape) {
+            // One standard deviation of its offset, and minus one of its slope.
+            let errors_m = [10e-6, 2e-4 * (point.z_m - 0.09), 0.0];
+            point.deflection_m[0] += errors_m[0] - errors_m[1];
+            if stated {
+                point.shared_m[0] = errors_m;
+            }
+        }
+        data
+    };
+    let [off_unstated, sd_unstated] = off(&tilted(false));
+    assert!(off_unstated.abs() > 4.0 * sd_unstated, "{off_unstated} (sd {sd_unstated})");
+    let [off_stated, sd_stated] = off(&tilted(true));
+    assert!(
+        off_stated.abs() < 2.0 * sd_stated && sd_stated > 2.0 * sd_unstated,
+        "{off_stated} (sd {sd_stated})"
+    );
+    let fit = fitted(&tilted(true));
+    assert_eq!(fit.degrees_of_freedom, fitted(&exact()).degrees_of_freedom);
+    let [.., offset, slope] = fit.nuisances[0][..] else { panic!("no unknowns") };
+    assert!(slope < 0.0, "{offset} {slope}");
+}
+
+/// The straight needle as points of its own, fitted together with the others, says the same of K as its stated error does.
+#[test]
+fn a_stated_error_is_that_of_a_joint_fit() {
+    let known = |sd_m: f64| {
+        let mut data = exact();
+        for point in data.levels.iter_mut().flat_map(|level| &mut level.shape) {
+            point.shared_m[0] = [sd_m, 0.0, 0.0];
+        }
+        fitted(&data).covariance[(0, 0)].sqrt()
+    };
+    // An offset that nothing is known of takes from the points what a mean takes; one that is known takes nothing.
+    let (exactly, little, nothing) = (known(1e-9), known(3e-6), known(1e-2));
+    assert!(exactly < little && little < nothing, "{exactly} {little} {nothing}");
+    assert!((exactly / fitted(&exact()).covariance[(0, 0)].sqrt() - 1.0).abs() < 1e-3);
+    assert!((known(1.0) / nothing - 1.0).abs() < 1e-3);
 }

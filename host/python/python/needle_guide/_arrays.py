@@ -26,6 +26,12 @@ _SHAPE = (
         "beam_deg",
         "probe_mm_per_s",
         "z_shared_sd_mm",
+        "deflection_y_shared_1_mm",
+        "deflection_y_shared_2_mm",
+        "deflection_y_shared_3_mm",
+        "deflection_x_shared_1_mm",
+        "deflection_x_shared_2_mm",
+        "deflection_x_shared_3_mm",
     ),
 )
 _PATH = (

@@ -10,12 +10,13 @@ use imaging::sweep::Deflection;
 
 /// A sweep gives the shape per displacement from this share of the largest displacement on.
 const LARGE_SHARE: f64 = 0.5;
+/// Its error among those that all points share ([`Deflection::shared_mm`]).
+const ZERO_DISPLACEMENT: usize = 2;
 
 /// Refers deflections to the needle at zero displacement in place of that where guide 2 stood while the straight needle was imaged.
 /// `displacements_mm` are those of the sweeps, where they are known; all as `[x, y]`.
 ///
-/// The error of that displacement is in all points of a sweep together, as that of the straight needle is
-/// ([`deflections`](imaging::sweep::deflections)).
+/// The error of that displacement is in all points together, as that of the straight needle is.
 pub fn refer_to_zero(
     sweeps: &mut [Vec<Deflection>],
     displacements_mm: &[Option<[f64; 2]>],
@@ -27,11 +28,10 @@ pub fn refer_to_zero(
         // A plane in which guide 2 was not moved bends like the other one.
         let Some((largest_mm, curve)) = own[axis].as_ref().or(own[1 - axis].as_ref()) else { continue };
         for points in sweeps.iter_mut() {
-            let count = points.len() as f64;
             for point in points {
                 let per_mm = curve.at(point.z_mm) / largest_mm;
                 point.across_mm[axis] += straight_mm[axis] * per_mm;
-                point.sd_mm[axis] = point.sd_mm[axis].hypot(count.sqrt() * straight.sd_mm[axis] * per_mm);
+                point.shared_mm[axis][ZERO_DISPLACEMENT] = straight.sd_mm[axis] * per_mm;
             }
         }
     }
@@ -80,7 +80,14 @@ mod tests {
         let point = |i: i32| {
             let z_mm = 70.0 + f64::from(i);
             let across_mm = [0, 1].map(|axis: usize| (at_mm[axis] - straight_mm[axis]) * per_mm(z_mm));
-            Deflection { z_mm, across_mm, sd_mm: [0.005; 2], frames: 1, motion: Motion::default() }
+            Deflection {
+                z_mm,
+                across_mm,
+                sd_mm: [0.005; 2],
+                shared_mm: [[0.0; 3]; 2],
+                frames: 1,
+                motion: Motion::default(),
+            }
         };
         (0..30).map(point).collect()
     }
@@ -96,9 +103,10 @@ mod tests {
                 for axis in [0, 1] {
                     let off_mm = point.across_mm[axis] - at_mm[axis] * per_mm(point.z_mm);
                     assert!(off_mm.abs() < 1e-4, "{at_mm:?} {axis} {}: {off_mm}", point.z_mm);
-                    // A mean over the 30 points has the whole error of the displacement in it.
-                    let sd_mm = [0.0, 0.003 * per_mm(point.z_mm) * 30f64.sqrt()][axis].hypot(0.005);
-                    assert!((point.sd_mm[axis] - sd_mm).abs() < 2e-4, "{axis} {}: {point:?}", point.z_mm);
+                    // All points share the error of that displacement, and have their own besides.
+                    let shared_mm = [0.0, 0.003 * per_mm(point.z_mm)][axis];
+                    assert!((point.shared_mm[axis][2] - shared_mm).abs() < 2e-5, "{axis}: {point:?}");
+                    assert_eq!(point.sd_mm, [0.005; 2]);
                 }
             }
         }

@@ -1,5 +1,6 @@
 //! Entering a lateral run that was recorded elsewhere: its force series as it is, its shape with the columns it has.
 
+use super::super::schema::SHARED_COLUMNS;
 use super::super::{ForceSeries, LateralRun, ShapeSeries};
 use super::{SessionWriter, enter};
 use crate::document::{SessionError, number, read_text, replace};
@@ -92,6 +93,8 @@ fn shape_columns(shape: &ShapeSeries) -> Vec<NamedColumn> {
     let named = |name: &'static str, values: Option<Vec<f64>>, factor: f64| {
         values.map(|values| (name, values, factor))
     };
+    let shared = SHARED_COLUMNS.iter().flatten().zip(shape.shared_m.iter().flatten());
+    let shared = shared.map(|(name, values)| named(name, values.clone(), 1e3));
     let columns = [
         named("time_s", shape.time_s.clone(), 1.0),
         named("z_mm", Some(shape.z_m.clone()), 1e3),
@@ -103,7 +106,7 @@ fn shape_columns(shape: &ShapeSeries) -> Vec<NamedColumn> {
         named("probe_mm_per_s", of_images(|image| image.probe_m_per_s), 1e3),
         named("z_shared_sd_mm", shape.z_shared_sd_m.clone(), 1e3),
     ];
-    columns.into_iter().flatten().collect()
+    columns.into_iter().chain(shared).flatten().collect()
 }
 
 /// Entry of a lateral run.
