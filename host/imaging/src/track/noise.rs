@@ -183,12 +183,12 @@ mod tests {
     }
 
     /// Squared errors of a mean over a sequence with a smooth weight, beside the variance that so many of them state for it together, and the
-    /// variance of single frames beside the stated one; means over such groups.
-    fn calibration([width_mm, own]: [f64; 2], count: usize, together: usize, seed: u64) -> [f64; 2] {
+    /// variance of single frames beside the stated one; means over such groups. Last the standard deviation of the logarithm of what is stated.
+    fn calibration([width_mm, own]: [f64; 2], count: usize, together: usize, seed: u64) -> [f64; 3] {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let groups = 300;
         let scale = 1.3;
-        let mut sums = [0.0; 2];
+        let mut sums = [0.0; 4];
         for _ in 0..groups {
             let mut sequence = || -> (Vec<f64>, Vec<Echo>) {
                 let shared = speckled(&mut random, count, width_mm);
@@ -219,8 +219,12 @@ mod tests {
             let stated = (noise.scale * SD_MM).powi(2);
             sums[0] += error * error / (stated * noise.correlated_frames * squares);
             sums[1] += (scale * SD_MM).powi(2) / stated;
+            let logarithm = (stated * noise.correlated_frames).ln();
+            sums[2] += logarithm;
+            sums[3] += logarithm * logarithm;
         }
-        sums.map(|sum| sum / f64::from(groups))
+        let [mean, frame, logarithm, square] = sums.map(|sum| sum / f64::from(groups));
+        [mean, frame, (square - logarithm * logarithm).sqrt()]
     }
 
     #[test]
@@ -228,7 +232,7 @@ mod tests {
         for (width_mm, own, count, seed) in
             [(0.6, 0.3, 100, 1), (0.7, 0.003, 100, 2), (1.2, 0.1, 100, 3), (0.05, 0.5, 100, 4)]
         {
-            let [mean, frame] = calibration([width_mm, own], count, 1, seed);
+            let [mean, frame, _] = calibration([width_mm, own], count, 1, seed);
             println!("{width_mm} {own} {count}: mean {mean:.3} frame {frame:.3}");
             assert!(
                 (0.6..1.4).contains(&mean),
@@ -242,10 +246,14 @@ mod tests {
     #[test]
     fn sequences_of_one_scanner_state_their_errors_together() {
         for (width_mm, own, seed) in [(0.6, 0.3, 11), (0.7, 0.003, 12), (1.2, 0.1, 13)] {
-            let [mean, frame] = calibration([width_mm, own], 100, 3, seed);
-            println!("{width_mm} {own}: mean {mean:.3} frame {frame:.3}");
-            assert!((0.7..1.3).contains(&mean), "{width_mm} mm, {own}: {mean}");
-            assert!((0.85..1.15).contains(&frame), "{width_mm} mm, {own}: {frame}");
+            let [_, _, alone] = calibration([width_mm, own], 100, 1, seed);
+            let [mean, frame, spread] = calibration([width_mm, own], 100, 3, seed);
+            println!(
+                "{width_mm} {own}: mean {mean:.3} frame {frame:.3} spread {spread:.3} beside {alone:.3}"
+            );
+            assert!((0.55..1.3).contains(&mean), "{width_mm} mm, {own}: {mean}");
+            assert!((0.75..1.2).contains(&frame), "{width_mm} mm, {own}: {frame}");
+            assert!(spread < 0.8 * alone, "{width_mm} mm, {own}: {spread} beside {alone}");
         }
         let mut random = ChaCha8Rng::seed_from_u64(20);
         let mut echo = |number: usize| {
