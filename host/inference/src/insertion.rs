@@ -14,6 +14,7 @@ mod basis;
 mod candidates;
 mod evidence;
 mod fold;
+mod inverse;
 mod lattice;
 mod layout;
 mod learn;

@@ -25,38 +25,30 @@ impl Banded {
         }
     }
 
-    /// `A = L L^T`; `None` where the matrix is not positive definite.
-    pub(super) fn factor(&mut self) -> Option<&Self> {
-        (0..self.0.len()).try_for_each(|row| self.factor_row(row))?;
-        Some(self)
+    /// Four rows from `row` on; the entry of the first row on the diagonal is the first of them.
+    pub(super) fn block_mut(&mut self, row: usize) -> Option<&mut [[f64; 4]; 4]> {
+        self.0.get_mut(row..)?.first_chunk_mut()
     }
 
-    /// Factors one row whose rows above are factored.
-    fn factor_row(&mut self, row: usize) -> Option<()> {
-        for back in (0..4.min(row + 1)).rev() {
-            let column = row - back;
-            let mut value = self.0[row][back];
-            for k in column.saturating_sub(3).max(row.saturating_sub(3))..column {
-                value -= self.0[row][row - k] * self.0[column][column - k];
-            }
-            self.0[row][back] = if back == 0 {
-                if value <= 0.0 || !value.is_finite() {
-                    return None;
-                }
-                value.sqrt()
-            } else {
-                value / self.0[column][0]
-            };
+    /// `A = L L^T`; `None` where the matrix is not positive definite.
+    pub(super) fn factor(&mut self) -> Option<&Self> {
+        let mut above = ABOVE;
+        for row in &mut self.0 {
+            *row = factored(*row, &above)?;
+            above = [*row, above[0], above[1]];
         }
-        Some(())
+        Some(self)
     }
 
     /// Factors the rows from `first` on of `matrix` into this one, which holds the factor of the rows above them.
     pub(super) fn factor_from(&mut self, matrix: &Self, first: usize) -> Option<()> {
         self.0.truncate(first);
-        for row in first..matrix.0.len() {
-            self.0.push(matrix.0[row]);
-            self.factor_row(row)?;
+        let mut above = ABOVE;
+        self.0.iter().rev().zip(&mut above).for_each(|(row, above)| *above = *row);
+        for row in matrix.0.iter().skip(first) {
+            let row = factored(*row, &above)?;
+            self.0.push(row);
+            above = [row, above[0], above[1]];
         }
         Some(())
     }
@@ -86,24 +78,46 @@ impl Banded {
         Some([[of_next[0], of_after[0]], [of_next[1], of_after[1]]])
     }
 
-    /// Solves with the factor, in place.
-    pub(super) fn solve(&self, right: &mut [f64]) {
-        for row in 0..right.len() {
-            for back in 1..4.min(row + 1) {
-                right[row] -= self.0[row][back] * right[row - back];
-            }
-            right[row] /= self.0[row][0];
+    /// Solves with the factor, in place, for several right-hand sides at once: the row before is waited for once for all of them.
+    pub(super) fn solve<const SIDES: usize>(&self, right: &mut [[f64; SIDES]]) {
+        let mut above = [[0.0; SIDES]; 3];
+        for ([diagonal, factors @ ..], right) in self.0.iter().zip(right.iter_mut()) {
+            *right = substituted(*right, *factors, &above, *diagonal);
+            above = [*right, above[0], above[1]];
         }
-        self.substitute_back(right);
+        let mut below = [[0.0; SIDES]; 3];
+        // The factors of an unknown stand in the rows after it.
+        let mut factors = [[0.0; 4]; 3];
+        for (row, right) in self.0.iter().zip(right).rev() {
+            let column = [factors[0][1], factors[1][2], factors[2][3]];
+            *right = substituted(*right, column, &below, row[0]);
+            below = [*right, below[0], below[1]];
+            factors = [*row, factors[0], factors[1]];
+        }
     }
+}
 
-    fn substitute_back(&self, right: &mut [f64]) {
-        for row in (0..right.len()).rev() {
-            let mut value = right[row];
-            for below in 1..4.min(right.len() - row) {
-                value -= self.0[row + below][below] * right[row + below];
-            }
-            right[row] = value / self.0[row][0];
-        }
+/// What stands above the first row, the nearest first: rows that have no part in those below.
+const ABOVE: [[f64; 4]; 3] = [[1.0, 0.0, 0.0, 0.0]; 3];
+
+/// A row of the factor from that of the matrix and the three rows of the factor above it, the nearest first.
+fn factored([square, a1, a2, a3]: [f64; 4], [first, second, third]: &[[f64; 4]; 3]) -> Option<[f64; 4]> {
+    let l3 = a3 / third[0];
+    let l2 = (a2 - l3 * second[1]) / second[0];
+    let l1 = (a1 - l3 * first[2] - l2 * first[1]) / first[0];
+    let square = square - l3 * l3 - l2 * l2 - l1 * l1;
+    (square > 0.0 && square.is_finite()).then(|| [square.sqrt(), l1, l2, l3])
+}
+
+/// Right-hand sides of a row less what its three neighbours, the nearest first, take of them, over the diagonal.
+fn substituted<const SIDES: usize>(
+    mut right: [f64; SIDES],
+    factors: [f64; 3],
+    neighbours: &[[f64; SIDES]; 3],
+    diagonal: f64,
+) -> [f64; SIDES] {
+    for (factor, neighbour) in factors.iter().zip(neighbours) {
+        right.iter_mut().zip(neighbour).for_each(|(right, neighbour)| *right -= factor * neighbour);
     }
+    right.map(|right| right / diagonal)
 }

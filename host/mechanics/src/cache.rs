@@ -1,9 +1,10 @@
 //! Needles that were solved recently: runs at one depth share their needle, and so do models that differ in what sensors do. Threads
 //! share them too; what is solved depends on nothing but the request, so that it does not matter which of them did it.
 
-use super::growth::{GrowingBeam, Guide2Grip};
+use super::growth::{GrowingBeam, Guide2Grip, NodeLoads};
 use super::lateral::Response;
-use super::{BeamProblem, ModelError};
+use super::yielding::{self, YieldingPath};
+use super::{BeamProblem, ModelError, TissueLaw};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -15,6 +16,7 @@ const KEPT: usize = 48;
 pub struct Cache {
     responses: Mutex<VecDeque<(BeamProblem, f64, Arc<Response>)>>,
     growths: Mutex<VecDeque<CachedBeam>>,
+    yielding: Mutex<VecDeque<CachedPath>>,
 }
 
 /// A needle that grew, by what was solved.
@@ -25,6 +27,17 @@ struct CachedBeam {
     grip: Guide2Grip,
     slopes: bool,
     growth: Arc<GrowingBeam>,
+}
+
+/// A path in tissue that yields, by what was solved: it is no multiple of anything, so that it is one of these loads alone.
+#[derive(Debug)]
+struct CachedPath {
+    problem: BeamProblem,
+    depths_m: Vec<f64>,
+    grip: Guide2Grip,
+    acting: Vec<NodeLoads>,
+    curvature_per_m: Vec<[f64; 2]>,
+    path: Arc<YieldingPath>,
 }
 
 impl Cache {
@@ -69,9 +82,80 @@ impl Cache {
         known.push_front(CachedBeam { problem: key, depths_m, grip, slopes, growth: growth.clone() });
         Ok(growth)
     }
+
+    /// Insertions at other speeds, or with other errors of their sensors, take the same path, and each takes as long as hundreds of
+    /// linear ones.
+    pub(super) fn yielding(
+        &self,
+        problem: &BeamProblem,
+        depths_m: &[f64],
+        grip: Guide2Grip,
+        acting: Vec<NodeLoads>,
+        curvature_per_m: Vec<[f64; 2]>,
+    ) -> Result<Arc<YieldingPath>, ModelError> {
+        let TissueLaw { inverse_yield_m_per_n, yield_depth_m, .. } = problem.law;
+        let mut key = problem.clone();
+        (key.depth_m, key.law) =
+            (0.0, TissueLaw { inverse_yield_m_per_n, yield_depth_m, ..Default::default() });
+        let is_it = |known: &&CachedPath| {
+            known.grip == grip
+                && known.acting == acting
+                && known.curvature_per_m == curvature_per_m
+                && known.depths_m == depths_m
+                && known.problem == key
+        };
+        if let Some(known) = locked(&self.yielding).iter().find(is_it) {
+            return Ok(known.path.clone());
+        }
+        let path = Arc::new(yielding::under_load(
+            problem,
+            depths_m,
+            grip,
+            |node| acting.get(node).copied().unwrap_or_default(),
+            |node| curvature_per_m.get(node).copied().unwrap_or_default(),
+        )?);
+        let mut known = locked(&self.yielding);
+        known.truncate(KEPT - 1);
+        let (depths_m, path_of) = (depths_m.to_vec(), path.clone());
+        known.push_front(CachedPath { problem: key, depths_m, grip, acting, curvature_per_m, path: path_of });
+        Ok(path)
+    }
 }
 
 /// Nothing is solved under a lock, so that nothing that panics leaves it half done.
 fn locked<T>(kept: &Mutex<T>) -> MutexGuard<'_, T> {
     kept.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Foundation, Needle, Rig};
+    use super::*;
+
+    /// What differs in nothing that the path depends on takes it from the cache; other loads and other tissue do not.
+    #[test]
+    fn a_path_in_yielding_tissue_is_solved_once() {
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
+        let yielding = |depth_m: f64, yield_n_per_m: f64| {
+            let mut problem = BeamProblem::new(&rig, Foundation::uniform(60e3).expect("a modulus"), depth_m);
+            problem.law.inverse_yield_m_per_n = 1.0 / yield_n_per_m;
+            problem.law.yield_depth_m = 0.01;
+            problem
+        };
+        let depths_m = [0.0, 1e-3, 2e-3];
+        let cache = Cache::default();
+        let path = |problem: &BeamProblem, load_n: f64| {
+            let acting = vec![NodeLoads { load_n: [load_n; 2], ..NodeLoads::default() }; depths_m.len()];
+            let bent = vec![[0.0; 2]; depths_m.len()];
+            cache.yielding(problem, &depths_m, Guide2Grip::Holding, acting, bent).expect("solves")
+        };
+        let first = path(&yielding(0.05, 60.0), 0.2);
+        let mut relaxing = yielding(0.06, 60.0);
+        relaxing.law.relaxing_share = 0.1;
+        assert!(Arc::ptr_eq(&first, &path(&relaxing, 0.2)));
+        let harder = path(&yielding(0.05, 60.0), 0.4);
+        assert!(harder.0[2].tip_m[0] > first.0[2].tip_m[0]);
+        let softer = path(&yielding(0.05, 30.0), 0.2);
+        assert!(softer.0[2].tip_m[0] != first.0[2].tip_m[0]);
+    }
 }

@@ -188,8 +188,11 @@ impl Drawn<'_> {
             };
             let loads = loads(&grid_m, load, law, insertion, plane);
             let acting = |node: usize| NodeLoads { load_n: loads(node), guide2_m: guide2(node) };
-            let (states, directions) = yielding::under_load(problem, &grid_m, grip, acting, bent)?;
-            (states.iter().map(|state| state.tip_m).collect::<Vec<_>>(), directions)
+            let nodes = || 0..grid_m.len();
+            let (acting, bent) = (nodes().map(acting).collect(), nodes().map(bent).collect());
+            let path = cache.yielding(problem, &grid_m, grip, acting, bent)?;
+            let (states, directions) = path.as_ref();
+            (states.iter().map(|state| state.tip_m).collect::<Vec<_>>(), directions.clone())
         } else {
             let growth = cache.growth(problem, &grid_m, grip, slopes)?;
             let states = match &law.cutting {

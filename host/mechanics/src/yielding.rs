@@ -54,6 +54,9 @@ impl Springs for Yielding<'_> {
     }
 }
 
+/// The tip's way, and the slope of the needle there on arriving and on leaving, per node.
+pub(super) type YieldingPath = (Vec<TipState>, Vec<[f64; 2]>);
+
 /// The tip's way under given loads, and the slope of the needle there, at every depth of `nodes_m`, on arriving and on leaving; the
 /// needle has a stress-free curvature (per node, on arriving and on leaving).
 ///
@@ -66,7 +69,7 @@ pub(super) fn under_load(
     grip: Guide2Grip,
     acting: impl Fn(usize) -> NodeLoads,
     curvature_per_m: impl Fn(usize) -> [f64; 2],
-) -> Result<(Vec<TipState>, Vec<[f64; 2]>), ModelError> {
+) -> Result<YieldingPath, ModelError> {
     check("shear_n", problem.shear_n, "0, where the tissue yields", problem.shear_n == 0.0)?;
     let (law, foundation) = (problem.law, &problem.foundation);
     // An insertion is the first loading of fresh tissue: what stiffens is not part of it, as for the linear needle.

@@ -206,9 +206,16 @@ impl Basis {
         let beside_m = |place: &Place| place.beside_m[plane];
         let (own, at_once) =
             (&self.own[measured as usize][plane], &self.own_at_once[measured as usize][plane]);
-        let differing = |of: fn(&Own) -> &Vec<f64>| {
-            let value = |place: &Place| place.of(of(own)) + beside_m(place) * place.of(of(at_once));
-            places.iter().map(value).collect::<Vec<f64>>()
+        let differing = |of: fn(&Own) -> &Vec<f64>| -> Vec<f64> {
+            if of(own).is_empty() {
+                return vec![0.0; places.len()];
+            }
+            let at_nodes = places.iter().map(|place| place.of(of(own)));
+            if of(at_once).is_empty() {
+                return at_nodes.collect();
+            }
+            let beside = places.iter().map(|place| beside_m(place) * place.of(of(at_once)));
+            at_nodes.zip(beside).map(|(at_nodes, beside)| at_nodes + beside).collect()
         };
         let rears = differing(|own| &own.rear);
         rows.column_mut(at + MODULUS).copy_from_slice(&differing(|own| &own.modulus));

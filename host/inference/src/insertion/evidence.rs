@@ -5,13 +5,14 @@
 //! out, which leaves a message about the shared part; messages add up, so that leaving one recording out costs nothing.
 
 use super::basis::{Basis, Measured};
+use super::inverse::Inverter;
 use super::layout::{GAP, Layout, MODULUS};
 use super::learned::Normal;
 use super::path::TipPath;
 use super::place::Place;
 use super::scales::{Map, Scales};
 use nalgebra::{DMatrix, DVector};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Measured values of one vector of unknowns as a linear function of them, summed up: rows with as many readings have the same variance,
 /// and only their sum of squares is used.
@@ -41,19 +42,53 @@ impl Group {
 
     /// Takes in rows with their measured values. Columns are long and few, so that products of pairs are the fastest.
     fn add(&mut self, rows: &DMatrix<f64>, values: &DVector<f64>) {
-        for (j, column) in rows.column_iter().enumerate() {
-            for (i, other) in rows.column_iter().enumerate().take(j + 1) {
-                let product = column.dot(&other);
-                self.squares[(i, j)] += product;
-                if i != j {
-                    self.squares[(j, i)] += product;
-                }
-            }
-            self.pull[j] += column.dot(values);
-        }
+        Arch::new().dispatch(Sums { group: self, rows: rows.as_slice(), values: values.as_slice() });
         self.count += values.len();
         self.total += values.norm_squared();
     }
+}
+
+/// Argument of [`Group::add`]: rows, column by column, and values.
+struct Sums<'a> {
+    group: &'a mut Group,
+    rows: &'a [f64],
+    values: &'a [f64],
+}
+
+impl WithSimd for Sums<'_> {
+    type Output = ();
+
+    // Into the function that is compiled for wide registers, as is everything that it calls.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { group, rows, values } = self;
+        let columns = || rows.chunks_exact(values.len().max(1));
+        for (j, column) in columns().enumerate() {
+            for (i, other) in columns().enumerate().take(j + 1) {
+                let product = dot(column, other);
+                group.squares[(i, j)] += product;
+                if i != j {
+                    group.squares[(j, i)] += product;
+                }
+            }
+            group.pull[j] += dot(column, values);
+        }
+    }
+}
+
+/// The scalar product, in sums of eight so that none waits for the one before.
+#[inline(always)]
+fn dot(left: &[f64], right: &[f64]) -> f64 {
+    let ((left, left_rest), (right, right_rest)) = (left.as_chunks::<8>(), right.as_chunks::<8>());
+    let mut sums = [0.0; 8];
+    for (left, right) in left.iter().zip(right) {
+        for lane in 0..8 {
+            sums[lane] += left[lane] * right[lane];
+        }
+    }
+    let [first, second] = [0, 4].map(|from| [sums[from], sums[from + 1], sums[from + 2], sums[from + 3]]);
+    let of_eight = first.iter().zip(second).fold(0.0, |sum, (first, second)| sum + (first + second));
+    left_rest.iter().zip(right_rest).fold(of_eight, |sum, (left, right)| sum + left * right)
 }
 
 impl System {
@@ -72,7 +107,13 @@ impl System {
                     for (plane, (rows, beside)) in &planes {
                         let value = |i: &usize| Some((*i, measured.of(&path.bins[*i], *plane)? - beside[*i]));
                         let (used, values): (Vec<usize>, Vec<f64>) = bins.iter().filter_map(value).unzip();
-                        group.add(&rows.select_rows(&used), &DVector::from_vec(values));
+                        let values = DVector::from_vec(values);
+                        // Bins of one kind, each with a value, are all rows as they are.
+                        if used.iter().copied().eq(0..rows.nrows()) {
+                            group.add(rows, &values);
+                        } else {
+                            group.add(&rows.select_rows(&used), &values);
+                        }
                     }
                     Some(group)
                 });
@@ -84,24 +125,35 @@ impl System {
     }
 
     /// With the own part integrated out; `None` where that fails in floating point.
-    fn message(&self, layout: &Layout, scales: &Scales, map: &Map) -> Option<Message> {
+    #[inline(always)]
+    fn message<S: Simd>(
+        &self,
+        simd: S,
+        layout: &Layout,
+        scales: &Scales,
+        map: &Map,
+        inverter: &mut Inverter,
+    ) -> Option<Message> {
         let unknowns = layout.unknowns();
         let mut squares = vec![0.0; unknowns * unknowns];
         let mut pull = vec![0.0; unknowns];
         let (mut measured, mut ln) = (0.0, 0.0);
         for group in &self.groups {
             let weight = 1.0 / scales.variance(group.measured, group.readings, group.moving);
-            squares.iter_mut().zip(&group.squares).for_each(|(sum, square)| *sum += weight * square);
-            pull.iter_mut().zip(&group.pull).for_each(|(sum, pull)| *sum += weight * pull);
+            let sums = squares.iter_mut().zip(group.squares.as_slice());
+            sums.for_each(|(sum, square)| *sum += weight * square);
+            pull.iter_mut().zip(group.pull.as_slice()).for_each(|(sum, pull)| *sum += weight * pull);
             measured += weight * group.total;
             ln += 0.5 * group.count as f64 * weight.ln();
         }
         // In standard normal numbers the own part has unit variance.
         let length = layout.of_plane();
-        pull_back_both(&mut squares, unknowns, map, length);
-        map.pull_back(&mut pull, length);
+        map.pull_back_rows(&mut squares, unknowns, length);
+        transpose(&mut squares, unknowns);
+        map.pull_back_rows(&mut squares, unknowns, length);
+        map.pull_back_rows(&mut pull, 1, length);
         squares.iter_mut().step_by(unknowns + 1).for_each(|diagonal| *diagonal += 1.0);
-        let ln_determinant = invert(&mut squares, unknowns)?;
+        let ln_determinant = inverter.invert(simd, &mut squares)?;
         let own: Vec<f64> = squares
             .chunks_exact(unknowns)
             .map(|row| row.iter().zip(&pull).map(|(a, b)| a * b).sum())
@@ -132,34 +184,7 @@ pub(super) struct Evidence {
 impl Evidence {
     /// Of the systems of several recordings; `None` where it is no number.
     pub fn new(layout: &Layout, recordings: &[&[System]], scales: &Scales, searching: bool) -> Option<Self> {
-        let map = scales.map(layout, searching);
-        let (unknowns, length) = (layout.unknowns(), layout.of_plane());
-        let mut evidence = Self { ln: 0.0, shared: Vec::new() };
-        let ratios: Vec<f64> = (0..unknowns).map(|i| map.ratio(i, length)).collect();
-        for number in 0..layout.systems() {
-            let mut information = vec![0.0; unknowns * unknowns];
-            let mut pull = vec![0.0; unknowns];
-            for system in recordings.iter().filter_map(|systems| systems.get(number)) {
-                let message = system.message(layout, scales, &map)?;
-                evidence.ln += message.ln;
-                information.iter_mut().zip(&message.information).for_each(|(sum, value)| *sum += value);
-                pull.iter_mut().zip(&message.pull).for_each(|(sum, value)| *sum += value);
-            }
-            for (row, ratio) in information.chunks_exact_mut(unknowns).zip(&ratios) {
-                row.iter_mut().zip(&ratios).for_each(|(value, other)| *value *= ratio * other);
-            }
-            pull.iter_mut().zip(&ratios).for_each(|(value, ratio)| *value *= ratio);
-            information.iter_mut().step_by(unknowns + 1).for_each(|diagonal| *diagonal += 1.0);
-            let ln_determinant = invert(&mut information, unknowns)?;
-            let mean: Vec<f64> = information
-                .chunks_exact(unknowns)
-                .map(|row| row.iter().zip(&pull).map(|(a, b)| a * b).sum())
-                .collect();
-            let explained: f64 = mean.iter().zip(&pull).map(|(a, b)| a * b).sum();
-            evidence.ln += 0.5 * (explained - ln_determinant);
-            evidence.shared.push((mean, information));
-        }
-        evidence.ln.is_finite().then_some(evidence)
+        Arch::new().dispatch(Recordings { layout, recordings, scales, searching })
     }
 
     /// Unknowns of the next insertion: shared part and an own one.
@@ -231,51 +256,60 @@ impl Evidence {
     }
 }
 
-/// `D^T S D`.
-fn pull_back_both(squares: &mut [f64], unknowns: usize, map: &Map, length: usize) {
-    for _ in 0..2 {
-        squares.chunks_exact_mut(unknowns).for_each(|row| map.pull_back(row, length));
-        transpose(squares, unknowns);
+/// Arguments of [`Evidence::new`].
+struct Recordings<'a> {
+    layout: &'a Layout,
+    recordings: &'a [&'a [System]],
+    scales: &'a Scales,
+    searching: bool,
+}
+
+impl WithSimd for Recordings<'_> {
+    type Output = Option<Evidence>;
+
+    // Into the function that is compiled for wide registers, as is everything that it calls.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Option<Evidence> {
+        let Self { layout, recordings, scales, searching } = self;
+        let map = scales.map(layout, searching);
+        let (unknowns, length) = (layout.unknowns(), layout.of_plane());
+        let mut evidence = Evidence { ln: 0.0, shared: Vec::new() };
+        let mut inverter = Inverter::new(simd, unknowns);
+        let ratios: Vec<f64> = (0..unknowns).map(|i| map.ratio(i, length)).collect();
+        for number in 0..layout.systems() {
+            let mut information = vec![0.0; unknowns * unknowns];
+            let mut pull = vec![0.0; unknowns];
+            for system in recordings.iter().filter_map(|systems| systems.get(number)) {
+                let message = system.message(simd, layout, scales, &map, &mut inverter)?;
+                evidence.ln += message.ln;
+                information.iter_mut().zip(&message.information).for_each(|(sum, value)| *sum += value);
+                pull.iter_mut().zip(&message.pull).for_each(|(sum, value)| *sum += value);
+            }
+            for (row, ratio) in information.chunks_exact_mut(unknowns).zip(&ratios) {
+                row.iter_mut().zip(&ratios).for_each(|(value, other)| *value *= ratio * other);
+            }
+            pull.iter_mut().zip(&ratios).for_each(|(value, ratio)| *value *= ratio);
+            information.iter_mut().step_by(unknowns + 1).for_each(|diagonal| *diagonal += 1.0);
+            let ln_determinant = inverter.invert(simd, &mut information)?;
+            let mean: Vec<f64> = information
+                .chunks_exact(unknowns)
+                .map(|row| row.iter().zip(&pull).map(|(a, b)| a * b).sum())
+                .collect();
+            let explained: f64 = mean.iter().zip(&pull).map(|(a, b)| a * b).sum();
+            evidence.ln += 0.5 * (explained - ln_determinant);
+            evidence.shared.push((mean, information));
+        }
+        evidence.ln.is_finite().then_some(evidence)
     }
 }
 
+#[inline(always)]
 fn transpose(square: &mut [f64], size: usize) {
     for i in 0..size {
         for j in 0..i {
             square.swap(i * size + j, j * size + i);
         }
     }
-}
-
-/// Replaces a symmetric, positive definite matrix by its inverse (Gauss and Jordan, without pivots) and returns the logarithm of its
-/// determinant; `None` where it is not positive definite in floating point.
-fn invert(square: &mut [f64], size: usize) -> Option<f64> {
-    Arch::new().dispatch(|| invert_here(square, size))
-}
-
-/// The same, compiled for the registers that the machine has.
-#[inline(always)]
-fn invert_here(square: &mut [f64], size: usize) -> Option<f64> {
-    let mut ln_determinant = 0.0;
-    let mut pivot_row = vec![0.0; size];
-    for k in 0..size {
-        let pivot = square[k * size + k];
-        if !(pivot > 0.0 && pivot.is_finite()) {
-            return None;
-        }
-        ln_determinant += pivot.ln();
-        let row = &mut square[k * size..(k + 1) * size];
-        row[k] = 1.0;
-        row.iter_mut().for_each(|value| *value /= pivot);
-        pivot_row.copy_from_slice(row);
-        for (i, row) in square.chunks_exact_mut(size).enumerate() {
-            if i != k {
-                let factor = std::mem::take(&mut row[k]);
-                row.iter_mut().zip(&pivot_row).for_each(|(value, pivot)| *value -= factor * pivot);
-            }
-        }
-    }
-    Some(ln_determinant)
 }
 
 #[cfg(test)]

@@ -85,7 +85,7 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
             for bin in &path.bins {
                 let (row, guide2_m) = bases[number].row(plane, Measured::Position, bin.depth_m, false);
                 let mut row: Vec<f64> = row.iter().copied().collect();
-                map.pull_back(&mut row, length);
+                map.pull_back_rows(&mut row, 1, length);
                 let variance = scales.variance(Measured::Position, bin.rows, bin.moving);
                 rows.push((number, row, variance, bin.tip_m[plane] - guide2_m));
             }
@@ -109,7 +109,7 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
         let (row, _) = bases[2].row(plane, Measured::Position, 0.06, false);
         let next = &found.next(layout, &scales)[plane];
         let mut target: Vec<f64> = row.iter().copied().collect();
-        map.pull_back(&mut target, length);
+        map.pull_back_rows(&mut target, 1, length);
         let target = (2, target);
         let across = DVector::from_fn(count, |i, _| covariance(&keys[i], &target));
         let solved = factor.solve(&across);
@@ -120,17 +120,4 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
         assert!((found_variance / variance - 1.0).abs() < 1e-4, "{found_variance} is not {variance}");
     }
     assert!((found.ln - expected_ln).abs() < 1e-4, "{} is not {expected_ln}", found.ln);
-}
-
-#[test]
-fn an_inverse_is_one() {
-    let mut noise = Noise::new(9);
-    let half = DMatrix::from_fn(7, 9, |_, _| noise.normal());
-    let matrix = &half * half.transpose() + DMatrix::identity(7, 7);
-    let mut found: Vec<f64> = matrix.iter().copied().collect();
-    let ln = invert(&mut found, 7).expect("positive");
-    assert!((ln - matrix.determinant().ln()).abs() < 1e-9);
-    let product = DMatrix::from_vec(7, 7, found) * &matrix;
-    assert!((product - DMatrix::identity(7, 7)).norm() < 1e-9);
-    assert_eq!(invert(&mut [1.0, 2.0, 2.0, 1.0], 2), None);
 }

@@ -217,17 +217,26 @@ impl Scales {
 }
 
 impl Map {
-    /// From a vector in the unknowns' units of `length` per plane to standard normal numbers, transposed: `D^T v`. The process noise is
-    /// stationary, with a memory that is exponential along the depth.
-    pub fn pull_back(&self, values: &mut [f64], length: usize) {
+    /// Rows of a matrix of so many columns, from the unknowns' units of `length` per plane to standard normal numbers, transposed: `D^T S`.
+    /// The process noise is stationary, with a memory that is exponential along the depth.
+    #[inline(always)]
+    pub fn pull_back_rows(&self, values: &mut [f64], columns: usize, length: usize) {
         let push = (1.0 - self.correlation * self.correlation).sqrt();
-        for plane in values.chunks_exact_mut(length) {
-            let mut sum = 0.0;
-            for (knot, value) in plane[self.process_noise.clone()].iter_mut().enumerate().rev() {
-                sum = *value + self.correlation * sum;
-                *value = self.process_noise_n * sum * if knot > 0 { push } else { 1.0 };
+        let mut sums = vec![0.0; columns];
+        for plane in values.chunks_exact_mut(length * columns) {
+            sums.fill(0.0);
+            let Range { start, end } = self.process_noise;
+            for (place, (row, sd)) in plane.chunks_exact_mut(columns).zip(&self.sds).enumerate().rev() {
+                if (start..end).contains(&place) {
+                    let fresh = if place > start { push } else { 1.0 };
+                    for (value, sum) in row.iter_mut().zip(&mut sums) {
+                        *sum = *value + self.correlation * *sum;
+                        *value = self.process_noise_n * *sum * fresh;
+                    }
+                } else {
+                    row.iter_mut().for_each(|value| *value *= sd);
+                }
             }
-            self.scale(plane);
         }
     }
 

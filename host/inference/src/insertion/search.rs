@@ -3,6 +3,7 @@
 use argmin::core::{CostFunction, Executor, Gradient, State};
 use argmin::solver::linesearch::MoreThuenteLineSearch;
 use argmin::solver::quasinewton::LBFGS;
+use std::cell::RefCell;
 
 /// Steps of the search.
 const MAX_STEPS: u64 = 30;
@@ -15,9 +16,24 @@ struct Along<'c> {
     cost: &'c dyn Fn(&[f64]) -> f64,
     point: &'c [f64],
     active: &'c [usize],
+    /// The last place with its value: the slope is wanted where the value was.
+    last: RefCell<Option<(Vec<f64>, f64)>>,
 }
 
-impl Along<'_> {
+impl<'c> Along<'c> {
+    fn new(cost: &'c dyn Fn(&[f64]) -> f64, point: &'c [f64], active: &'c [usize]) -> Self {
+        Self { cost, point, active, last: RefCell::default() }
+    }
+
+    fn value(&self, x: &[f64]) -> f64 {
+        if let Some((_, value)) = self.last.borrow().as_ref().filter(|(at, _)| at == x) {
+            return *value;
+        }
+        let value = (self.cost)(&self.at(x));
+        self.last.replace(Some((x.to_vec(), value)));
+        value
+    }
+
     fn at(&self, x: &[f64]) -> Vec<f64> {
         let mut point = self.point.to_vec();
         self.active.iter().zip(x).for_each(|(i, x)| point[*i] = *x);
@@ -30,7 +46,7 @@ impl CostFunction for Along<'_> {
     type Output = f64;
 
     fn cost(&self, x: &Vec<f64>) -> Result<f64, argmin::core::Error> {
-        Ok((self.cost)(&self.at(x)))
+        Ok(self.value(x))
     }
 }
 
@@ -39,7 +55,7 @@ impl Gradient for Along<'_> {
     type Gradient = Vec<f64>;
 
     fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, argmin::core::Error> {
-        let here = (self.cost)(&self.at(x));
+        let here = self.value(x);
         let slope = |i: usize| {
             let mut moved = x.clone();
             moved[i] += SLOPE_STEP;
@@ -51,12 +67,12 @@ impl Gradient for Along<'_> {
 
 /// The point of least cost near `start`, with only the `active` numbers free; `start` where the search fails.
 pub(super) fn likeliest(cost: &dyn Fn(&[f64]) -> f64, start: &[f64], active: &[usize]) -> Vec<f64> {
-    let along = Along { cost, point: start, active };
+    let along = Along::new(cost, start, active);
     let from: Vec<f64> = active.iter().map(|i| start[*i]).collect();
     let best = || {
         let line = MoreThuenteLineSearch::new().with_bounds(1e-3, 8.0).ok()?;
         let solver = LBFGS::new(line, 7).with_tolerance_cost(1e-2).ok()?.with_tolerance_grad(5e-2).ok()?;
-        let problem = Along { cost, point: start, active };
+        let problem = Along::new(cost, start, active);
         let run =
             Executor::new(problem, solver).configure(|state| state.param(from).max_iters(MAX_STEPS)).run();
         run.ok()?.state().get_best_param().cloned()

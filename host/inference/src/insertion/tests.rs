@@ -162,7 +162,7 @@ fn the_process_noise_is_stationary() {
     let load = |depth_m: f64| {
         let mut row: Vec<f64> = layout.load_row(0, depth_m).iter().copied().collect();
         row[LOAD] = 0.0;
-        map.pull_back(&mut row, layout.of_plane());
+        map.pull_back_rows(&mut row, 1, layout.of_plane());
         row
     };
     for [a_m, b_m] in [[0.0, 0.0], [0.0, 0.03], [0.015, 0.075], [0.075, 0.075]] {

@@ -18,10 +18,15 @@ const LAST_STEP: f64 = 1e-6;
 /// Steps are not shortened below this share.
 const MIN_SHARE: f64 = 1e-3;
 
+/// An element in the tissue.
+struct Embedded<P> {
+    /// Its first unknown.
+    at: usize,
+    points: [Point<P>; 4],
+}
+
 /// A Gauss point in the tissue.
 struct Point<P> {
-    /// First unknown of its element.
-    at: usize,
     /// Shape functions.
     shape: [f64; 4],
     /// Length that it stands for, m.
@@ -36,7 +41,7 @@ struct Point<P> {
 /// Everything about a solution that does not depend on the deflection.
 struct Problem<'a, S: Springs> {
     springs: &'a S,
-    points: Vec<Point<S::Place>>,
+    embedded: Vec<Embedded<S::Place>>,
     /// Stiffness of everything but the tissue, as the tangent has it.
     linear: Banded,
     /// That of every element by itself: differences of neighbours that are nearly the same lose fewer digits so.
@@ -143,7 +148,7 @@ impl Elements {
         }
         holders.iter().for_each(|(index, stiffness)| linear.add(*index, *index, *stiffness));
         let tip_z_m = self.nodes_m.last().copied().unwrap_or_default();
-        let mut points = Vec::new();
+        let mut embedded = Vec::new();
         let mut elements = Vec::with_capacity(self.nodes_m.len());
         for (element, ends) in self.nodes_m.windows(2).enumerate() {
             let (start_m, length_m) = (ends[0], ends[1] - ends[0]);
@@ -163,7 +168,7 @@ impl Elements {
             if !inside {
                 continue;
             }
-            points.extend(GAUSS.iter().map(|(x, weight)| {
+            let points = GAUSS.map(|(x, weight)| {
                 let z_m = start_m + x * length_m;
                 let (rest_m, by_tip) = match path.newest {
                     Some(Newest { from_z_m, from_m }) if z_m > from_z_m => {
@@ -173,17 +178,11 @@ impl Elements {
                     _ => ((path.path_m)(z_m), 0.0),
                 };
                 let place = springs.place(z_m - self.entry_m);
-                Point {
-                    at,
-                    shape: hermite(*x, length_m),
-                    measure_m: weight * length_m,
-                    place,
-                    rest_m,
-                    by_tip,
-                }
-            }));
+                Point { shape: hermite(x, length_m), measure_m: weight * length_m, place, rest_m, by_tip }
+            });
+            embedded.push(Embedded { at, points });
         }
-        Problem { springs, points, linear, elements, holders, load }
+        Problem { springs, embedded, linear, elements, holders, load }
     }
 }
 
@@ -195,28 +194,32 @@ impl<S: Springs> Problem<'_, S> {
         let mut rest = self.load.clone();
         self.holders.iter().for_each(|(index, stiffness)| rest[*index] -= stiffness * unknowns[*index]);
         for (element, stiffness) in self.elements.iter().enumerate() {
-            let local = &unknowns[2 * element..2 * element + 4];
-            for (rest, row) in rest[2 * element..].iter_mut().zip(stiffness) {
+            let Some((local, rest)) = of_element(unknowns, &mut rest, 2 * element) else { continue };
+            for (rest, row) in rest.iter_mut().zip(stiffness) {
                 *rest -= row.iter().zip(local).map(|(k, u)| k * u).sum::<f64>();
             }
         }
         let tip_m = unknowns[size - 2];
         let mut by_tip: Option<Vec<f64>> = None;
-        for Point { at, shape, measure_m, place, rest_m, by_tip: share } in &self.points {
-            let local = &unknowns[*at..at + 4];
-            let deflection_m: f64 = shape.iter().zip(local).map(|(n, u)| n * u).sum();
-            let stretch_m = deflection_m - rest_m - share * tip_m;
-            let Reaction { force_n_per_m, tangent_pa } = self.springs.reaction(place, stretch_m);
-            let stiffness = measure_m * tangent_pa;
-            for (i, own) in shape.iter().enumerate() {
-                for (j, other) in shape.iter().enumerate().take(i + 1) {
-                    tangent.add(at + i, at + j, stiffness * own * other);
+        for Embedded { at, points } in &self.embedded {
+            let Some((local, rest)) = of_element(unknowns, &mut rest, *at) else { continue };
+            let Some(block) = tangent.block_mut(*at) else { continue };
+            for Point { shape, measure_m, place, rest_m, by_tip: share } in points {
+                let deflection_m: f64 = shape.iter().zip(local).map(|(n, u)| n * u).sum();
+                let stretch_m = deflection_m - rest_m - share * tip_m;
+                let Reaction { force_n_per_m, tangent_pa } = self.springs.reaction(place, stretch_m);
+                let stiffness = measure_m * tangent_pa;
+                for i in 0..4 {
+                    for j in 0..=i {
+                        block[i][i - j] += stiffness * shape[i] * shape[j];
+                    }
+                    rest[i] -= measure_m * force_n_per_m * shape[i];
                 }
-                rest[at + i] -= measure_m * force_n_per_m * own;
-            }
-            if *share > 0.0 {
-                let column = by_tip.get_or_insert_with(|| vec![0.0; size]);
-                shape.iter().enumerate().for_each(|(i, n)| column[at + i] += share * stiffness * n);
+                if *share > 0.0 {
+                    let column = by_tip.get_or_insert_with(|| vec![0.0; size]);
+                    let column = column.iter_mut().skip(*at).zip(shape);
+                    column.for_each(|(column, n)| *column += share * stiffness * n);
+                }
             }
         }
         fixed.iter().for_each(|index| tangent.fix(*index));
@@ -227,19 +230,31 @@ impl<S: Springs> Problem<'_, S> {
 impl Balance {
     /// Newton's step; `None` where the tangent is singular.
     fn step(&mut self, fixed: &[usize]) -> Option<Vec<f64>> {
-        let mut step = self.rest.clone();
-        fixed.iter().for_each(|index| step[*index] = 0.0);
+        let is_fixed = |index: usize| fixed.contains(&index);
+        let free = |(index, value): (usize, &f64)| if is_fixed(index) { 0.0 } else { *value };
+        let rest = self.rest.iter().enumerate().map(free);
         let factor = self.tangent.factor()?;
-        factor.solve(&mut step);
-        if let Some(mut along) = self.by_tip.take() {
-            fixed.iter().for_each(|index| along[*index] = 0.0);
-            factor.solve(&mut along);
-            let tip = step.len() - 2;
-            let share = step[tip] / (1.0 - along[tip]);
-            step.iter_mut().zip(&along).for_each(|(step, along)| *step += share * along);
-        }
-        Some(step)
+        let Some(along) = self.by_tip.take() else {
+            let mut step: Vec<[f64; 1]> = rest.map(|rest| [rest]).collect();
+            factor.solve(&mut step);
+            return Some(step.into_flattened());
+        };
+        let along = along.iter().enumerate().map(free);
+        let mut both: Vec<[f64; 2]> = rest.zip(along).map(|(rest, along)| [rest, along]).collect();
+        factor.solve(&mut both);
+        let [of_rest, of_tip] = both[both.len() - 2];
+        let share = of_rest / (1.0 - of_tip);
+        Some(both.into_iter().map(|[step, along]| step + share * along).collect())
     }
+}
+
+/// The four unknowns of an element, and what is left of the balance at them.
+fn of_element<'a>(
+    unknowns: &'a [f64],
+    rest: &'a mut [f64],
+    at: usize,
+) -> Option<(&'a [f64; 4], &'a mut [f64; 4])> {
+    Some((unknowns.get(at..)?.first_chunk()?, rest.get_mut(at..)?.first_chunk_mut()?))
 }
 
 fn norm(rest: &[f64], fixed: &[usize]) -> f64 {
