@@ -74,7 +74,7 @@ pub fn python() -> Result<PathBuf, String> {
     environment("python", &lines.collect::<Vec<_>>())
 }
 
-/// A Python in an environment of its own with these packages of PyPI, made anew where the list has changed.
+/// A Python in an environment of its own with these packages of PyPI, made again where the list has changed.
 ///
 /// # Errors
 /// Why there is none.

@@ -5,7 +5,7 @@
 //! neighbours are skipped; whether they are is judged from the readings alone, never from a model.
 
 use super::cells::{Cells, cells, held, stood, stretches, travelled};
-use super::shapes::sweep;
+use super::shapes;
 use crate::holds::{Hold, HoldCriteria, holds, median, reversal_m, reversal_of_means_m};
 use crate::insertion::{Bin, TipPath};
 use formats::session::{InsertionRun, LateralRun, SHARED_ERRORS};
@@ -238,9 +238,27 @@ impl Run {
         let mut points = Vec::new();
         let (mut z_shared_sd_m, mut shared_m) = (Vec::new(), Vec::new());
         for (part, hold) in holds.iter().enumerate() {
-            let indices = sweep(run, rig, hold, (part, places[part], start_s), &mut points, &mut data);
-            z_shared_sd_m.extend(indices.iter().map(|index| run.shape.shared_sd_m(*index)));
-            shared_m.extend(indices.into_iter().map(|index| run.shape.shared_errors_m(index)));
+            let shape = shapes::of_hold(run, rig.entry_m + run.depth_m, hold);
+            let first = points.len();
+            for mean in shape.means {
+                let point = shape.places[mean.place];
+                data.push(Datum {
+                    channel: [Channel::ShapeY, Channel::ShapeX][mean.plane],
+                    measured: mean.deflection_m,
+                    source: Source::Shape(first + mean.place),
+                    place: Place {
+                        depth_m: point.z_m - rig.entry_m,
+                        time_s: point.time_s - start_s,
+                        hold_s: Some(point.time_s - hold.time_s[0]),
+                        ..places[part]
+                    },
+                    part,
+                    points: mean.points,
+                });
+            }
+            points.extend(shape.places);
+            z_shared_sd_m.extend(shape.indices.iter().map(|index| run.shape.shared_sd_m(*index)));
+            shared_m.extend(shape.indices.iter().map(|index| run.shape.shared_errors_m(*index)));
         }
         // Both planes of a channel lie together.
         data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));

@@ -4,10 +4,9 @@
 //! has all that is to be learnt from them: as data of their own they would be thousands whose covariance takes minutes to factor, and the
 //! first ones would all be at one place, where nothing shows how noise is correlated along the needle.
 
-use super::data::{Channel, Datum, Place, Source};
 use crate::holds::Hold;
 use formats::session::LateralRun;
-use mechanics::{Rig, ShapePoint};
+use mechanics::ShapePoint;
 use std::collections::BTreeMap;
 
 /// Points this far beyond the tip are taken as on it.
@@ -17,16 +16,30 @@ const SAME_PLACE_M: f64 = 0.01e-3;
 /// Places of a hold: more are joined with their neighbours, over a length on which a needle is straight.
 const MAX_PLACES: usize = 240;
 
-/// The shape points of one hold; their numbers in the file, of each place the first one.
-pub(super) fn sweep(
-    run: &LateralRun,
-    rig: &Rig,
-    hold: &Hold,
-    (part, place, start_s): (usize, Place, f64),
-    points: &mut Vec<ShapePoint>,
-    data: &mut Vec<Datum>,
-) -> Vec<usize> {
-    let tip_m = rig.entry_m + run.depth_m;
+/// The shape of a hold.
+pub(super) struct HoldShape {
+    /// Its places, along the needle.
+    pub places: Vec<ShapePoint>,
+    /// Number in the file of a point of each place, the first one.
+    pub indices: Vec<usize>,
+    /// What was measured at them, plane by plane.
+    pub means: Vec<PlaceMean>,
+}
+
+/// The mean of the points at a place in a plane.
+pub(super) struct PlaceMean {
+    /// 0 for the vertical plane, 1 for the horizontal one.
+    pub plane: usize,
+    /// Which place.
+    pub place: usize,
+    /// Deflection.
+    pub deflection_m: f64,
+    /// How many points.
+    pub points: usize,
+}
+
+/// The shape of one hold of a needle whose tip is at `tip_m`.
+pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
     let middle_s = 0.5 * (hold.time_s[0] + hold.time_s[1]);
     let mut indices: Vec<usize> =
         hold.shape.iter().copied().filter(|i| run.shape.z_m[*i] <= tip_m + BEYOND_M).collect();
@@ -37,45 +50,33 @@ pub(super) fn sweep(
     // Forth and back a lag of the images is the other way round.
     let way = |index: usize| run.shape.image(index).map(|image| image.probe_m_per_s.total_cmp(&0.0));
     let ways: Vec<_> = indices.iter().map(|index| way(*index)).collect();
-    let places = places(&z_m, &ways);
+    let groups = places(&z_m, &ways);
     let mean = |members: &[usize], of: &dyn Fn(usize) -> f64| {
         members.iter().map(|member| of(*member)).sum::<f64>() / members.len() as f64
     };
-    let first = points.len();
-    for members in &places {
-        points.push(ShapePoint {
-            time_s: mean(members, &|member| time_s(indices[member])),
-            z_m: mean(members, &|member| z_m[member]),
-            image: run.shape.image(indices[members[0]]),
-        });
-    }
-    let planes = [Some(&run.shape.y_m), run.shape.x_m.as_ref()];
-    for (plane, column) in planes.into_iter().enumerate() {
+    let place = |members: &Vec<usize>| ShapePoint {
+        time_s: mean(members, &|member| time_s(indices[member])),
+        z_m: mean(members, &|member| z_m[member]),
+        image: run.shape.image(indices[members[0]]),
+    };
+    let mut means = Vec::new();
+    for (plane, column) in [Some(&run.shape.y_m), run.shape.x_m.as_ref()].into_iter().enumerate() {
         let Some(column) = column else { continue };
         let values: Vec<f64> = indices.iter().map(|i| column[*i]).collect();
         let kept = super::misread::without_misread(&z_m, &values);
-        for (number, members) in places.iter().enumerate() {
+        for (place, members) in groups.iter().enumerate() {
             let members: Vec<usize> = members.iter().copied().filter(|member| kept[*member]).collect();
-            if members.is_empty() {
-                continue;
+            if !members.is_empty() {
+                let deflection_m = mean(&members, &|member| values[member]);
+                means.push(PlaceMean { plane, place, deflection_m, points: members.len() });
             }
-            let point = points[first + number];
-            data.push(Datum {
-                channel: [Channel::ShapeY, Channel::ShapeX][plane],
-                measured: mean(&members, &|member| values[member]),
-                source: Source::Shape(first + number),
-                place: Place {
-                    depth_m: point.z_m - rig.entry_m,
-                    time_s: point.time_s - start_s,
-                    hold_s: Some(point.time_s - hold.time_s[0]),
-                    ..place
-                },
-                part,
-                points: members.len(),
-            });
         }
     }
-    places.iter().map(|members| indices[members[0]]).collect()
+    HoldShape {
+        places: groups.iter().map(place).collect(),
+        indices: groups.iter().map(|members| indices[members[0]]).collect(),
+        means,
+    }
 }
 
 /// Points at the same place that were imaged on the same way, in the order of the first of each; `z_m` increases.

@@ -5,7 +5,7 @@
 //! ramp has). Where the recorder marked the steps of a motion program, each hold lies within one step, and steps that move have
 //! none. The tolerance follows the noise, which is taken from second differences: those vanish on ramps.
 
-use super::statistics::median;
+use super::median::median;
 use formats::session::Mark;
 use std::ops::Range;
 

@@ -4,6 +4,7 @@
 //! holds, gives each its mean displacement and force with standard errors from its own scatter, and assigns the shape sweeps to them.
 
 mod detection;
+mod median;
 mod motion;
 mod spikes;
 mod statistics;
@@ -11,9 +12,10 @@ mod sweeps;
 mod unused;
 
 pub use detection::{HoldCriteria, HoldSpan, find_holds, find_marked_holds, trimmed_s};
+pub use median::median;
 pub use motion::{reversal_m, reversal_of_means_m};
 pub(crate) use statistics::split;
-pub use statistics::{Mean, mean, means, median};
+pub use statistics::{Mean, mean, means};
 pub use unused::{BEYOND_TIP_M, UnusedPart, summary, unused, unused_of_session};
 
 use formats::session::LateralRun;

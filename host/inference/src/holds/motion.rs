@@ -1,7 +1,7 @@
 //! How far guide 2 has to come back before it has turned round, and not its sensor's noise.
 
 use super::detection::noise;
-use super::statistics::median;
+use super::median::median;
 use std::ops::Range;
 
 /// Displacements are never known better than this.

@@ -3,7 +3,7 @@
 //! A reading is compared with the median of its neighbours (as by Hampel), so that what changes slowly, as the force of tissue that relaxes
 //! after a ramp, has none. One reading of nine standard deviations among sixty moves their mean by more than its standard error.
 
-use super::median;
+use super::median::median;
 
 /// Neighbours on either side.
 const BESIDE: usize = 3;

@@ -1,5 +1,6 @@
 //! The mean of correlated samples, with the standard error it deserves.
 
+use super::median::median;
 use super::spikes::without_spikes;
 
 /// The mean of a stretch of a time series.
@@ -131,15 +132,4 @@ fn scaled(values: &[f64]) -> Option<Vec<f64>> {
     let variance = values.iter().map(|value| (value - middle).powi(2)).sum::<f64>() / n;
     let scatter = (variance > 0.0).then(|| variance.sqrt())?;
     Some(values.iter().map(|value| (value - middle) / scatter).collect())
-}
-
-/// Median of the values; NaN where there are none.
-pub fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let half = values.len() / 2;
-    match (values.get(half), values.len() % 2) {
-        (None, _) => f64::NAN,
-        (Some(middle), 1) => *middle,
-        (Some(upper), _) => 0.5 * (values[half - 1] + upper),
-    }
 }

@@ -152,5 +152,5 @@ fn sweeps(times_s: &[f64], z_m: &[f64]) -> Vec<Range<usize>> {
 fn median_step(times_s: &[f64]) -> f64 {
     let steps = times_s.iter().zip(times_s.iter().skip(1)).map(|(a, b)| (b - a).abs());
     // Nothing of fewer than two sweeps.
-    super::statistics::median(steps.filter(|step_s| *step_s > 0.0).collect()).max(0.0)
+    super::median::median(steps.filter(|step_s| *step_s > 0.0).collect()).max(0.0)
 }

@@ -7,7 +7,7 @@ use smallvec::SmallVec;
 /// None of the errors that points share.
 pub(super) const NO_ERRORS: [[f64; SHARED_ERRORS]; 2] = [[0.0; SHARED_ERRORS]; 2];
 
-/// Where errors that all points of a run share are expected, in their standard deviations: zero, but in data that are drawn anew around a fit.
+/// Where errors that all points of a run share are expected, in their standard deviations: zero, but in data that are drawn around a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SharedErrors {
     /// Of the positions ([`super::ShapeDatum::z_shared_sd_m`]).

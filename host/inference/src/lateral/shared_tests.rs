@@ -108,7 +108,7 @@ fn an_error_of_the_straight_needle_is_in_the_interval_where_it_is_stated() {
     assert!(slope < 0.0, "{offset} {slope}");
 }
 
-/// The straight needle as points of its own, fitted together with the others, says the same of K as its stated error does.
+/// The straight needle as points of its own, fitted together with the others, gives the same of K as its stated error.
 #[test]
 fn a_stated_error_is_that_of_a_joint_fit() {
     let known = |sd_m: f64| {

@@ -1,0 +1,12 @@
+//! Medians.
+
+/// Median of the values; NaN where there are none.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let half = values.len() / 2;
+    match (values.get(half), values.len() % 2) {
+        (None, _) => f64::NAN,
+        (Some(middle), 1) => *middle,
+        (Some(upper), _) => 0.5 * (values[half - 1] + upper),
+    }
+}
