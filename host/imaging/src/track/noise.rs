@@ -186,7 +186,7 @@ mod tests {
     /// variance of single frames beside the stated one; means over such groups. Last the standard deviation of the logarithm of what is stated.
     fn calibration([width_mm, own]: [f64; 2], count: usize, together: usize, seed: u64) -> [f64; 3] {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let groups = 300;
+        let groups = 300 / together;
         let scale = 1.3;
         let mut sums = [0.0; 4];
         for _ in 0..groups {
@@ -223,7 +223,7 @@ mod tests {
             sums[2] += logarithm;
             sums[3] += logarithm * logarithm;
         }
-        let [mean, frame, logarithm, square] = sums.map(|sum| sum / f64::from(groups));
+        let [mean, frame, logarithm, square] = sums.map(|sum| sum / groups as f64);
         [mean, frame, (square - logarithm * logarithm).sqrt()]
     }
 
@@ -251,8 +251,9 @@ mod tests {
             println!(
                 "{width_mm} {own}: mean {mean:.3} frame {frame:.3} spread {spread:.3} beside {alone:.3}"
             );
-            assert!((0.55..1.3).contains(&mean), "{width_mm} mm, {own}: {mean}");
-            assert!((0.75..1.2).contains(&frame), "{width_mm} mm, {own}: {frame}");
+            assert!((0.45..1.4).contains(&mean), "{width_mm} mm, {own}: {mean}");
+            // Never too small: a width and a share that fit nearly as well state more.
+            assert!((0.6..1.2).contains(&frame), "{width_mm} mm, {own}: {frame}");
             assert!(spread < 0.95 * alone, "{width_mm} mm, {own}: {spread} beside {alone}");
         }
         let mut random = ChaCha8Rng::seed_from_u64(20);
