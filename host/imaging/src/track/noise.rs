@@ -56,7 +56,7 @@ impl Noise {
     }
 
     /// The one noise of several sequences of one scanner; those with too few echoes add nothing. A single sequence shows the size of its errors
-    /// and how far they are shared so uncertainly that every fifth is half as large or twice as large.
+    /// and how far they are shared so uncertainly that every sixth states half or twice its variance, or less or more.
     pub fn of_all(sequences: &[&[Echo]], axis: usize) -> Option<Self> {
         let sequences: Vec<Sequence> =
             sequences.iter().filter_map(|echoes| Sequence::of(echoes, axis)).collect();

@@ -47,7 +47,7 @@ struct SweepResult {
     /// Frames in each state.
     states: BTreeMap<&'static str, usize>,
     points: usize,
-    /// Median standard deviation of a point, and of its distance from the straight needle.
+    /// Median standard deviation of a point, without what all points share with the straight needle.
     sd_x_mm: f64,
     sd_y_mm: f64,
     lag_s: f64,
