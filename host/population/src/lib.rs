@@ -60,7 +60,7 @@ pub use error::PopulationError;
 pub use nested::{Nested, Observations};
 pub use prior::prior_toml;
 pub use random_effects::{RandomEffects, random_effects};
-pub use read::{read_lines, read_summaries};
+pub use read::read_summaries;
 pub use records::Records;
 pub use residuals::{Residual, residuals};
 pub use results::*;

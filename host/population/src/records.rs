@@ -1,7 +1,7 @@
 //! Records as they are kept in memory: what describes a parameter once, and not in every record.
 
 use crate::sharing::{Likelihood, Likelihoods};
-use crate::summary::{Amplitude, Summary};
+use crate::summary::{Amplitude, SessionResult, Summary};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
@@ -35,32 +35,66 @@ struct Key {
     two_sided: bool,
 }
 
+/// A record, its parameters apart from it. `S` are the names of parameters.
+#[derive(Debug)]
+pub(crate) struct Parts<S> {
+    summary: Summary,
+    likelihood: Option<Likelihood>,
+    parameters: Vec<Amplitude<S>>,
+    discrepancy: BTreeMap<S, f64>,
+}
+
+impl<S> From<Summary<S>> for Parts<S> {
+    fn from(summary: Summary<S>) -> Self {
+        let Summary { session, name, date, site, subject, rig, needle, tissue, .. } = summary;
+        let Summary { covariates, error, mut result, .. } = summary;
+        let likelihood = result.as_mut().map(Likelihood::of);
+        let (result, parameters, discrepancy) = match result.map(SessionResult::apart) {
+            Some((result, parameters, discrepancy)) => (Some(result), parameters, discrepancy),
+            None => (None, Vec::new(), BTreeMap::new()),
+        };
+        // Alike in all records.
+        let (schema, program) = (String::new(), String::new());
+        let labels = Summary { schema, program, ..Summary::empty(session) };
+        let labels = Summary { name, date, site, subject, rig, needle, tissue, ..labels };
+        Self { summary: Summary { covariates, error, result, ..labels }, likelihood, parameters, discrepancy }
+    }
+}
+
+impl<S> Parts<S> {
+    /// Of which session.
+    pub fn session(&self) -> &str {
+        &self.summary.session
+    }
+}
+
 impl Records {
     /// Adds a record.
-    pub fn push(&mut self, mut summary: Summary) {
-        let (mut likelihood, mut kinds) = (None, Vec::new());
-        if let Some(result) = &mut summary.result {
-            let before = self.kept.last().map_or(&[][..], |kept| &kept.kinds);
-            let before: Vec<Option<usize>> = (0..result.amplitudes.len())
-                .map(|place| {
-                    // As in the record before it, mostly.
-                    let number = *before.get(place)?;
-                    let kind = self.kinds.get(number)?;
-                    is_alike(kind, result.amplitudes.get(place)?).then_some(number)
-                })
-                .collect();
-            likelihood = Some(Likelihood::of(result));
-            for (one, number) in std::mem::take(&mut result.amplitudes).into_iter().zip(before) {
-                kinds.push(number.unwrap_or_else(|| self.kind(one)));
-            }
-            for (name, multiple) in std::mem::take(&mut result.discrepancy) {
-                self.sizes.entry(name).or_default().push(multiple);
-            }
-            // Nothing here is computed from these.
-            result.log_evidence.clear();
-            result.noise.clear();
+    pub fn push(&mut self, summary: Summary) {
+        self.push_parts(summary.into());
+    }
+
+    /// Adds a record whose parameters are apart.
+    pub(crate) fn push_parts<S: AsRef<str>>(&mut self, parts: Parts<S>) {
+        let Parts { summary, likelihood, parameters, discrepancy } = parts;
+        let before = self.kept.last().map(|kept| kept.kinds.clone());
+        let before = before.as_deref().unwrap_or_default();
+        let mut kinds = Vec::with_capacity(parameters.len());
+        for (place, one) in parameters.iter().enumerate() {
+            // As in the record before it, mostly.
+            let number = before.get(place).copied();
+            let known =
+                number.filter(|number| self.kinds.get(*number).is_some_and(|kind| is_alike(kind, one)));
+            kinds.push(known.unwrap_or_else(|| self.kind(one)));
         }
-        (summary.schema, summary.program) = (String::new(), String::new());
+        for (name, multiple) in discrepancy {
+            match self.sizes.get_mut(name.as_ref()) {
+                Some(sizes) => sizes.push(multiple),
+                None => {
+                    self.sizes.insert(name.as_ref().to_owned(), vec![multiple]);
+                }
+            }
+        }
         let as_before = self.kept.last().filter(|kept| *kept.kinds == *kinds).map(|kept| kept.kinds.clone());
         let kinds = as_before.unwrap_or_else(|| kinds.into());
         self.kept.push(Kept { summary, likelihood, kinds });
@@ -94,25 +128,39 @@ impl Records {
     }
 
     /// Number of the kind of a parameter.
-    fn kind(&mut self, one: Amplitude) -> usize {
-        let key = Key {
-            names: [one.effect.clone(), one.parameter.clone(), one.scale.clone()],
-            at: one.at.as_ref().map(|(name, value)| (name.clone(), value.to_bits())),
-            numbers: [one.neutral.to_bits(), one.prior_sd.to_bits()],
+    fn kind<S: AsRef<str>>(&mut self, one: &Amplitude<S>) -> usize {
+        let text = |name: &S| name.as_ref().to_owned();
+        let kind = Amplitude {
+            effect: text(&one.effect),
+            parameter: text(&one.parameter),
+            at: one.at.as_ref().map(|(name, value)| (text(name), *value)),
+            scale: text(&one.scale),
+            neutral: one.neutral,
             two_sided: one.two_sided,
+            prior_sd: one.prior_sd,
+            score: 0.0,
+            information: 0.0,
+            ln_k_slope: 0.0,
+        };
+        let key = Key {
+            names: [kind.effect.clone(), kind.parameter.clone(), kind.scale.clone()],
+            at: kind.at.as_ref().map(|(name, value)| (name.clone(), value.to_bits())),
+            numbers: [kind.neutral.to_bits(), kind.prior_sd.to_bits()],
+            two_sided: kind.two_sided,
         };
         *self.known.entry(key).or_insert_with(|| {
-            self.kinds.push(Amplitude { score: 0.0, information: 0.0, ln_k_slope: 0.0, ..one });
+            self.kinds.push(kind);
             self.kinds.len() - 1
         })
     }
 }
 
-fn is_alike(one: &Amplitude, other: &Amplitude) -> bool {
-    one.effect == other.effect
-        && one.parameter == other.parameter
-        && one.at == other.at
-        && one.scale == other.scale
+fn is_alike<S: AsRef<str>>(one: &Amplitude, other: &Amplitude<S>) -> bool {
+    let at = other.at.as_ref().map(|(name, value)| (name.as_ref(), *value));
+    one.effect == other.effect.as_ref()
+        && one.parameter == other.parameter.as_ref()
+        && one.at.as_ref().map(|(name, value)| (name.as_str(), *value)) == at
+        && one.scale == other.scale.as_ref()
         && one.neutral == other.neutral
         && one.two_sided == other.two_sided
         && one.prior_sd == other.prior_sd

@@ -24,6 +24,8 @@ const MIN_INFORMATION: f64 = 1.0;
 /// Effects that are named at most, and rounds in which they are fitted beside each other.
 const MAX_FOUND: usize = 40;
 const SWEEPS: usize = 20;
+/// Hypotheses whose sums are made together.
+const AT_ONCE: usize = 16;
 /// A competing effect or group is within these odds.
 const COMPETING: f64 = 4.0;
 
@@ -73,7 +75,7 @@ pub(crate) fn search(data: &mut Likelihoods, places: &Places) -> (Vec<Found>, us
         let mut candidates: Vec<Candidate> = patterns
             .par_iter()
             .enumerate()
-            .flat_map_iter(|(number, pattern)| candidates(data, number, pattern))
+            .flat_map(|(number, pattern)| candidates(data, number, pattern))
             .collect();
         tests = tests.max(candidates.len());
         // What is left of an effect in the same sessions is no second one: its size shrinks towards the prior.
@@ -120,10 +122,14 @@ fn sum(data: &Likelihoods, hypothesis: &Hypothesis, members: impl Iterator<Item 
 /// Every effect in a pattern, at its best place and start.
 fn candidates(data: &Likelihoods, number: usize, pattern: &Pattern) -> Vec<Candidate> {
     let mut of_effects: BTreeMap<&str, Vec<Candidate>> = BTreeMap::new();
-    for (index, hypothesis) in data.hypotheses.iter().enumerate() {
-        if let Some(candidate) = candidate(data, number, pattern, index, hypothesis) {
-            of_effects.entry(&hypothesis.effect).or_default().push(candidate);
-        }
+    let all: Vec<Vec<Candidate>> = data
+        .hypotheses
+        .par_chunks(AT_ONCE)
+        .enumerate()
+        .map(|(part, hypotheses)| of_hypotheses(data, (number, pattern), (part * AT_ONCE, hypotheses)))
+        .collect();
+    for candidate in all.into_iter().flatten() {
+        of_effects.entry(&data.hypotheses[candidate.hypothesis].effect).or_default().push(candidate);
     }
     let best = |of_places: Vec<Candidate>| {
         let count = of_places.len() as f64;
@@ -135,51 +141,67 @@ fn candidates(data: &Likelihoods, number: usize, pattern: &Pattern) -> Vec<Candi
     of_effects.into_values().filter_map(best).collect()
 }
 
-fn candidate(
+/// Some hypotheses in a pattern, each at its best start. Sessions are gone through once for all of them: a hundred thousand are more than
+/// a processor's cache has, and the numbers of one are beside each other.
+fn of_hypotheses(
     data: &Likelihoods,
-    number: usize,
-    pattern: &Pattern,
-    index: usize,
-    hypothesis: &Hypothesis,
-) -> Option<Candidate> {
-    let one = |start: usize, of_starts: Vec<f64>, test: Test, log_evidence: f64, p: f64| Candidate {
-        pattern: number,
-        hypothesis: index,
-        start,
-        of_starts,
-        test,
-        log_evidence,
-        p,
+    (number, pattern): (usize, &Pattern),
+    (first, hypotheses): (usize, &[Hypothesis]),
+) -> Vec<Candidate> {
+    let mut all: Vec<Sum> = vec![Sum::default(); hypotheses.len()];
+    let mut tests: Vec<Vec<(usize, Test)>> = vec![Vec::new(); hypotheses.len()];
+    let add = |all: &mut [Sum], session: usize, x: f64| {
+        if let Some(Some(likelihood)) = data.sessions.get(session) {
+            let each = all.iter_mut().zip(hypotheses);
+            each.for_each(|(sum, hypothesis)| sum.add(&likelihood.block(hypothesis), x));
+        }
     };
     if pattern.starts.is_empty() {
-        let sum = sum(data, hypothesis, pattern.members.iter().copied());
-        if sum.sessions < MIN_SESSIONS || sum.information() < MIN_INFORMATION {
-            return None;
-        }
-        let test = sum.test(hypothesis);
-        return Some(one(0, Vec::new(), test, test.log_evidence, test.p));
+        pattern.members.iter().for_each(|(session, x)| add(&mut all, *session, *x));
+        let each = all.iter().zip(hypotheses).zip(first..);
+        return each.filter_map(|((sum, hypothesis), index)| whole(number, index, sum, hypothesis)).collect();
     }
     // From the last session backwards, so that every start's sum is one more addition.
-    let mut sum = Sum::default();
-    let mut tests: Vec<(usize, Test)> = Vec::new();
     for (place, (session, x)) in pattern.members.iter().enumerate().rev() {
-        if let Some(Some(likelihood)) = data.sessions.get(*session) {
-            sum.add(&likelihood.block(hypothesis), *x);
-        }
-        if pattern.starts.binary_search(&place).is_ok() && sum.information() >= MIN_INFORMATION {
-            tests.push((place, sum.test(hypothesis)));
+        add(&mut all, *session, *x);
+        if pattern.starts.binary_search(&place).is_ok() {
+            for ((sum, hypothesis), tests) in all.iter().zip(hypotheses).zip(&mut tests) {
+                if sum.information() >= MIN_INFORMATION {
+                    tests.push((place, sum.test(hypothesis)));
+                }
+            }
         }
     }
-    let (start, best) = tests.iter().max_by(|a, b| a.1.log_evidence.total_cmp(&b.1.log_evidence)).copied()?;
-    let of_starts = pattern.starts.iter().map(|start| {
-        // They are there from the last one backwards.
+    let each = tests.iter().zip(first..);
+    each.filter_map(|(tests, index)| from_a_start(number, index, &pattern.starts, tests)).collect()
+}
+
+/// A hypothesis in all sessions of a pattern.
+fn whole(pattern: usize, index: usize, sum: &Sum, hypothesis: &Hypothesis) -> Option<Candidate> {
+    if sum.sessions < MIN_SESSIONS || sum.information() < MIN_INFORMATION {
+        return None;
+    }
+    let test = sum.test(hypothesis);
+    let (log_evidence, p) = (test.log_evidence, test.p);
+    Some(Candidate { pattern, hypothesis: index, start: 0, of_starts: Vec::new(), test, log_evidence, p })
+}
+
+/// A hypothesis from its best start on; tests are from the last start backwards.
+fn from_a_start(
+    pattern: usize,
+    index: usize,
+    starts: &[usize],
+    tests: &[(usize, Test)],
+) -> Option<Candidate> {
+    let (start, test) = tests.iter().max_by(|a, b| a.1.log_evidence.total_cmp(&b.1.log_evidence)).copied()?;
+    let of_starts = starts.iter().map(|start| {
         let of = tests.binary_search_by(|(place, _)| start.cmp(place)).ok().and_then(|of| tests.get(of));
         of.map_or(f64::NEG_INFINITY, |(_, test)| test.log_evidence)
     });
     let of_starts: Vec<f64> = of_starts.collect();
     let log_evidence = ln_mean_exp(of_starts.iter().copied());
     let p = (tests.iter().map(|(_, test)| test.p).fold(1.0, f64::min) * tests.len() as f64).min(1.0);
-    Some(one(start, of_starts, best, log_evidence, p))
+    Some(Candidate { pattern, hypothesis: index, start, of_starts, test, log_evidence, p })
 }
 
 /// The held-out check of a candidate that may be named.

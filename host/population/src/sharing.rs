@@ -192,7 +192,7 @@ impl Likelihoods {
 
 impl Likelihood {
     /// Of a result, whose correlations it takes; without the columns of its parameters.
-    pub fn of(result: &mut SessionResult) -> Self {
+    pub fn of<S>(result: &mut SessionResult<S>) -> Self {
         let count = result.amplitudes.len();
         let mut correlation = std::mem::take(&mut result.correlation_per_mille);
         correlation.resize(count * count.saturating_sub(1) / 2, 0);
@@ -227,12 +227,14 @@ impl Likelihood {
     /// Score and information of a hypothesis.
     pub fn block(&self, hypothesis: &Hypothesis) -> (Vector, Matrix) {
         let (mut b, mut g) = (Vector::zeros(), Matrix::zeros());
-        let locals =
-            || hypothesis.columns.iter().take(MAX_PARAMETERS).map(|column| self.local(*column)).enumerate();
-        for (i, local) in locals().filter_map(|(i, local)| Some((i, local?))) {
+        // Once for each parameter: this is computed for every effect in every session and group.
+        let mut locals = [None; MAX_PARAMETERS];
+        locals.iter_mut().zip(&hypothesis.columns).for_each(|(local, column)| *local = self.local(*column));
+        for (i, local) in locals.iter().enumerate() {
+            let Some(local) = *local else { continue };
             b[i] = self.score[local];
-            for (j, other) in locals().filter_map(|(j, other)| Some((j, other?))) {
-                g[(i, j)] = self.information(local, other);
+            for (j, other) in locals.iter().enumerate() {
+                g[(i, j)] = other.map_or(0.0, |other| self.information(local, other));
             }
         }
         (b, g)

@@ -7,9 +7,11 @@ use time::Date;
 /// Name and version of this form.
 pub const SUMMARY_SCHEMA: &str = "needle.summary/1";
 
-/// What is kept of a session. Where `error` is there, nothing else of the measurement is.
+/// What is kept of a session. Where `error` is there, nothing else of the measurement is. `S` are the names that come back in every
+/// record: a reader of many of them leaves them in the text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Summary {
+#[serde(bound(deserialize = "S: Deserialize<'de> + Ord"))]
+pub struct Summary<S = String> {
     /// Name and version of this form.
     pub schema: String,
     /// Its folder, as it was given: each session once.
@@ -36,7 +38,7 @@ pub struct Summary {
     /// Why there is no result.
     pub error: Option<String>,
     /// What was found.
-    pub result: Option<SessionResult>,
+    pub result: Option<SessionResult<S>>,
 }
 
 /// A covariate's value.
@@ -65,7 +67,8 @@ impl TryFrom<serde_json::Value> for Value {
 
 /// What was found in a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SessionResult {
+#[serde(bound(deserialize = "S: Deserialize<'de> + Ord"))]
+pub struct SessionResult<S = String> {
     /// `adequate`, `named`, `ambiguous` or `unexplained`.
     pub verdict: String,
     /// `springs` or `body`: what the tissue was taken for.
@@ -87,15 +90,15 @@ pub struct SessionResult {
     /// Its 95 % interval.
     pub tip_load_ci95_n: Option<[f64; 2]>,
     /// Sizes of the discrepancy as multiples of those of an ordinary rig.
-    pub discrepancy: BTreeMap<String, f64>,
+    pub discrepancy: BTreeMap<S, f64>,
     /// Noise, one standard deviation of a reading, by channel and unit.
-    pub noise: BTreeMap<String, f64>,
+    pub noise: BTreeMap<S, f64>,
     /// Effects that the session names by itself.
     pub named: Vec<NamedEffect>,
     /// Log evidence of each effect over the model without it.
-    pub log_evidence: BTreeMap<String, f64>,
+    pub log_evidence: BTreeMap<S, f64>,
     /// Likelihood of the identifiable effects.
-    pub amplitudes: Vec<Amplitude>,
+    pub amplitudes: Vec<Amplitude<S>>,
     /// Correlations of the information, thousandths, row by row below the diagonal.
     pub correlation_per_mille: Vec<i16>,
 }
@@ -125,16 +128,17 @@ pub struct Interval {
 /// The Gaussian likelihood of one amplitude `t` of an effect, the modulus eliminated: `score t - information t^2 / 2`. `t` counts from
 /// the neutral value, by the logarithm where `scale` is `log`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Amplitude {
+#[serde(bound(deserialize = "S: Deserialize<'de>"))]
+pub struct Amplitude<S = String> {
     /// The effect's id.
-    pub effect: String,
+    pub effect: S,
     /// The parameter's name, with its unit.
-    pub parameter: String,
+    pub parameter: S,
     /// Name and value of the parameter that is a place or a time.
     #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub at: Option<(String, f64)>,
+    pub at: Option<(S, f64)>,
     /// `linear` or `log`.
-    pub scale: String,
+    pub scale: S,
     /// The neutral value.
     pub neutral: f64,
     /// Whether values below the neutral one are possible.
@@ -168,7 +172,9 @@ impl Summary {
             result: None,
         }
     }
+}
 
+impl<S> Summary<S> {
     /// A label by its name: `site`, `subject`, `rig`, `needle`, `tissue`, `day`, `month`, or a covariate.
     pub fn label(&self, name: &str) -> Option<String> {
         let own = |label: &Option<String>| label.clone();
@@ -198,6 +204,34 @@ impl Summary {
 /// The date of a number of days that [`Summary::day`] gave.
 pub fn date_of(day: f64) -> Option<String> {
     Date::from_julian_day(day.round() as i32).ok().map(|date| date.to_string())
+}
+
+impl<S> SessionResult<S> {
+    /// Without the likelihood of its parameters, the noise and the evidence; and the parameters, with the sizes of the discrepancy.
+    pub(crate) fn apart(self) -> (SessionResult, Vec<Amplitude<S>>, BTreeMap<S, f64>) {
+        let Self { verdict, foundation, k_kpa, k_ci95_kpa, ln_k_kpa, ln_k_sd, .. } = self;
+        let Self { ln_modulus_without_effects, youngs_modulus_kpa, tip_load_n, tip_load_ci95_n, .. } = self;
+        let Self { named, amplitudes, discrepancy, .. } = self;
+        let less = SessionResult {
+            verdict,
+            foundation,
+            k_kpa,
+            k_ci95_kpa,
+            ln_k_kpa,
+            ln_k_sd,
+            ln_modulus_without_effects,
+            youngs_modulus_kpa,
+            tip_load_n,
+            tip_load_ci95_n,
+            named,
+            discrepancy: BTreeMap::new(),
+            noise: BTreeMap::new(),
+            log_evidence: BTreeMap::new(),
+            amplitudes: Vec::new(),
+            correlation_per_mille: Vec::new(),
+        };
+        (less, amplitudes, discrepancy)
+    }
 }
 
 impl Amplitude {
