@@ -15,6 +15,7 @@
 //!   the body on a rigid needle per deflection.
 
 use super::body::Stiffened;
+use super::course::course_m;
 use super::elements::{Deformed, Elements, Guide2};
 use super::quadrature::integrate;
 use super::yielding::Yielding;
@@ -47,12 +48,17 @@ impl Drive {
     }
 
     /// Displacements that reach the needle, if the frame does not give, of those that are measured one after the other; the first
-    /// finds guide 2 in the middle of its play.
-    fn reaching_m(&self, measured_m: &[f64]) -> Samples {
-        let mut guide2_m = measured_m.first().copied().unwrap_or_default();
-        let followed = measured_m.iter().map(|m| {
-            guide2_m = self.beyond_play_m(guide2_m, *m);
-            self.beyond_clearance_m(guide2_m)
+    /// finds guide 2 in the middle of its play. Play follows the motion and not the noise of its sensor, of which it would take off so
+    /// much that a little play would be found in every recording.
+    fn reaching_m(&self, measured_m: &[f64], reversal_m: f64) -> Samples {
+        if self.play_m <= 0.0 {
+            return measured_m.iter().map(|m| self.beyond_clearance_m(*m)).collect();
+        }
+        let course_m = course_m(measured_m, reversal_m);
+        let mut guide2_m = course_m.first().copied().unwrap_or_default();
+        let followed = measured_m.iter().zip(&course_m).map(|(m, course_m)| {
+            guide2_m = self.beyond_play_m(guide2_m, *course_m);
+            self.beyond_clearance_m(m + (guide2_m - course_m))
         });
         followed.collect()
     }
@@ -107,9 +113,9 @@ impl Response {
         })
     }
 
-    /// Moves guide 2.
-    pub fn moved(&self, times_s: &[f64], commanded_m: &[f64], drive: Drive) -> Motion {
-        let pressed_m = drive.reaching_m(commanded_m);
+    /// Moves guide 2; where it comes back by less than `reversal_m`, that is noise of its sensor.
+    pub fn moved(&self, times_s: &[f64], commanded_m: &[f64], reversal_m: f64, drive: Drive) -> Motion {
+        let pressed_m = drive.reaching_m(commanded_m, reversal_m);
         let mut motion = match &self.relaxing {
             Some(relaxing) => relaxing.moved(times_s, &pressed_m, drive.frame_compliance_m_per_n),
             None => {

@@ -29,7 +29,7 @@ fn relaxation_goes_from_one_modulus_to_the_other() {
     for share in [0.1, 0.35, 0.8] {
         let problem = problem(relaxing(share, 0.7), uniform(16e3));
         let response = Response::new(&problem, 1e-3).expect("a response");
-        let motion = response.moved(&[0.0, 1e-9, 60.0], &[0.0, 1e-3, 1e-3], Drive::default());
+        let motion = response.moved(&[0.0, 1e-9, 60.0], &[0.0, 1e-3, 1e-3], 0.0, Drive::default());
         let relaxed = BeamProblem { foundation: uniform(16e3 * (1.0 - share)), ..problem.clone() };
         assert!((motion.force_n[1] / (1e-3 * force(&problem)) - 1.0).abs() < 1e-6);
         assert!((motion.force_n[2] / (1e-3 * force(&relaxed)) - 1.0).abs() < 1e-6);
@@ -77,7 +77,7 @@ fn relaxation_on_the_way_is_that_of_small_steps() {
     let times_s: Vec<f64> = (0..=40).map(|i| 0.05 * f64::from(i)).collect();
     let moved_m: Vec<f64> = times_s.iter().map(|t| 1e-3 * t.min(1.0)).collect();
     let motion =
-        Response::new(&problem, 1e-3).expect("a response").moved(&times_s, &moved_m, Drive::default());
+        Response::new(&problem, 1e-3).expect("a response").moved(&times_s, &moved_m, 0.0, Drive::default());
     let found = motion.force_n[40];
     assert!((found / expected - 1.0).abs() < 1e-4, "{found} {expected}");
 }
@@ -95,7 +95,7 @@ fn stiffening_is_interpolated() {
     };
     for at_m in [0.2e-3, 0.7e-3, -1.1e-3] {
         let expected = elements.solve(&springs, |_| 0.0, Guide2::Held(at_m), 0.0).expect("solves");
-        let motion = response.moved(&[0.0], &[at_m], Drive::default());
+        let motion = response.moved(&[0.0], &[at_m], 0.0, Drive::default());
         assert!(
             (motion.force_n[0] / expected.guide2_force_n - 1.0).abs() < 1e-4,
             "{at_m} {motion:?} {expected:?}"
@@ -105,7 +105,7 @@ fn stiffening_is_interpolated() {
         assert!((deflection_m - expected.deflection_m(0.1)).abs() < 1e-4 * at_m.abs(), "{at_m}");
         let drive = Drive { frame_compliance_m_per_n: 1e-4, ..Drive::default() };
         let commanded_m = at_m + 1e-4 * expected.guide2_force_n;
-        let framed = response.moved(&[0.0], &[commanded_m], drive);
+        let framed = response.moved(&[0.0], &[commanded_m], 0.0, drive);
         assert!((framed.force_n[0] / expected.guide2_force_n - 1.0).abs() < 1e-4, "{at_m}");
     }
 }
@@ -119,7 +119,7 @@ fn weak_stiffening_is_a_perturbation() {
     let beam = problem.solve().expect("solves");
     let density = |s: f64| 16e3 * 900.0 * beam.deflection_m(1e-3, 0.07 + s).powi(4);
     let expected = integrate(0.0, 0.04, 1e-2, density) / 1e-3;
-    let motion = response.moved(&[0.0], &[1e-3], Drive::default());
+    let motion = response.moved(&[0.0], &[1e-3], 0.0, Drive::default());
     let more = motion.force_n[0] - beam.force_n(1e-3);
     assert!((more / expected - 1.0).abs() < 5e-3, "{more} {expected}");
 }

@@ -30,6 +30,7 @@ mod beam;
 pub mod body;
 mod cache;
 pub mod continuum;
+mod course;
 pub mod effects;
 pub mod elements;
 mod foundation;

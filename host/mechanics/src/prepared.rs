@@ -125,7 +125,7 @@ impl<'a> PreparedNeedle<'a> {
         commanded_m: &[f64],
     ) -> Result<(Vec<f64>, Vec<f64>), ModelError> {
         let Needle { response, weights } = needles.of_plane(plane);
-        let mut motion = response.moved(times_s, commanded_m, self.drive);
+        let mut motion = response.moved(times_s, commanded_m, self.reversal_m[plane], self.drive);
         let Places { z_m, frames } = &self.places;
         let mut shape_m = Vec::with_capacity(frames.iter().map(|frame| frame.places.len()).sum());
         for ShapeFrame { time_s, places } in frames {

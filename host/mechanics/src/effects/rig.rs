@@ -1,14 +1,10 @@
 //! Effects of the rig: guides, frame, actuators.
 
 use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, RunKinds, first};
+use crate::course::directions;
 use crate::lateral::Drive;
 use crate::predict::Plane;
 use crate::{BeamProblem, Channels, ModelError, Rig};
-
-/// Motion that is rounding of the numbers.
-const MIN_REVERSAL_M: f64 = 1e-9;
-/// Share of a reversal from which on the way back is distinguished from noise.
-const NOTICED: f64 = 0.25;
 
 /// `rig.clamp_compliance`.
 #[derive(Debug)]
@@ -189,27 +185,4 @@ impl Effect for Friction {
             }
         }
     }
-}
-
-/// Sign of the last motion at every sample; 0 before the first. Guide 2 has turned round once it has come back by more than
-/// `reversal_m`, and it has done so when it came back by a quarter of that: two standard deviations of its noise.
-fn directions(commanded_m: &[f64], reversal_m: f64) -> Vec<f64> {
-    let reversal_m = reversal_m.max(MIN_REVERSAL_M);
-    let mut direction = 0.0;
-    let mut extreme_m = commanded_m.first().copied().unwrap_or_default();
-    let mut directions: Vec<f64> = Vec::with_capacity(commanded_m.len());
-    for at_m in commanded_m {
-        let moved_m = at_m - extreme_m;
-        if moved_m * direction > 0.0 {
-            extreme_m = *at_m;
-        } else if moved_m.abs() > reversal_m {
-            direction = moved_m.signum();
-            let on_the_way = |m: &&f64| (*m - extreme_m) * direction > NOTICED * reversal_m;
-            let since = commanded_m[..directions.len()].iter().rev().take_while(on_the_way).count();
-            directions.iter_mut().rev().take(since).for_each(|before| *before = direction);
-            extreme_m = *at_m;
-        }
-        directions.push(direction);
-    }
-    directions
 }

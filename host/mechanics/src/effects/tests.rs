@@ -270,6 +270,26 @@ fn friction_follows_the_motion_and_not_the_noise_of_its_sensor() {
     assert_eq!(dry.x, plain.x);
 }
 
+/// A little play, taken as it stands, would smooth the noise of the readings: a fit would find it in every recording.
+#[test]
+fn play_follows_the_motion_and_not_the_noise_of_its_sensor() {
+    let Experiment::Lateral(mut noisy) = lateral(0.03) else { panic!("lateral") };
+    let mut noise = noise::Noise::new(7);
+    for sample in &mut noisy.drive {
+        sample.y_m += 1e-5 * noise.normal();
+        sample.x_m = 1e-4 + 1e-5 * noise.normal();
+    }
+    noisy.reversal_m = [8e-5; 2];
+    let noisy = Experiment::Lateral(noisy);
+    let plain = channels(&plain(), &noisy).force_n;
+    let late = channels(&with("rig.play", &[0.005]), &noisy).force_n;
+    let stiffness = channels(&self::plain(), &lateral(0.03)).force_n.y[59] / 1.2e-3;
+    for (i, expected) in [(10, 0.0), (25, -1.0), (39, -1.0), (59, -1.0), (79, 1.0), (99, 1.0)] {
+        assert_close(late.y[i] - plain.y[i] + 1.0, expected * 5e-6 * stiffness + 1.0, 1e-9);
+    }
+    assert_eq!(late.x, plain.x);
+}
+
 /// A reversal is certain only some way back; friction has turned since that way began.
 #[test]
 fn friction_turns_where_the_way_back_begins() {

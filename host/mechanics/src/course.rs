@@ -1,0 +1,75 @@
+//! What of the readings of guide 2 is motion, and what is noise of its sensor.
+
+/// Motion that is rounding of the numbers.
+const MIN_REVERSAL_M: f64 = 1e-9;
+/// Share of a reversal from which on the way back is distinguished from noise.
+const NOTICED: f64 = 0.25;
+
+/// Where guide 2 has come to, of readings one after the other: it goes on where a reading is further in the direction of the last motion,
+/// and stays where one is further back by less than a reversal. It has turned round once it has come back by more than `reversal_m`, and
+/// it has done so when it came back by a quarter of that: two standard deviations of its noise.
+pub(crate) fn course_m(readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
+    let reversal_m = reversal_m.max(MIN_REVERSAL_M);
+    let mut direction = 0.0;
+    let mut extreme_m = readings_m.first().copied().unwrap_or_default();
+    let mut course: Vec<f64> = Vec::with_capacity(readings_m.len());
+    for at_m in readings_m {
+        let moved_m = at_m - extreme_m;
+        if moved_m * direction > 0.0 {
+            extreme_m = *at_m;
+        } else if moved_m.abs() > reversal_m {
+            direction = moved_m.signum();
+            let on_the_way = |m: &&f64| (*m - extreme_m) * direction > NOTICED * reversal_m;
+            let before = readings_m.get(..course.len()).unwrap_or_default();
+            let first = course.len() - before.iter().rev().take_while(on_the_way).count();
+            for (place, reading_m) in course.iter_mut().zip(before).skip(first) {
+                if (reading_m - extreme_m) * direction > 0.0 {
+                    extreme_m = *reading_m;
+                }
+                *place = extreme_m;
+            }
+            if (at_m - extreme_m) * direction > 0.0 {
+                extreme_m = *at_m;
+            }
+        }
+        course.push(extreme_m);
+    }
+    course
+}
+
+/// Sign of the last motion at every reading; 0 before the first.
+pub(crate) fn directions(readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
+    let course_m = course_m(readings_m, reversal_m);
+    let mut before_m = course_m.first().copied().unwrap_or_default();
+    let mut direction = 0.0;
+    let of = |at_m: &f64| {
+        if *at_m != before_m {
+            direction = (at_m - before_m).signum();
+        }
+        before_m = *at_m;
+        direction
+    };
+    course_m.iter().map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_no_motion_and_a_way_back_begins_where_it_began() {
+        let readings_m = [0.0, 0.02, -0.03, 0.5, 0.48, 1.0, 1.03, 0.97, 1.01, 0.95, 0.6, 0.62, 0.0];
+        let course = course_m(&readings_m, 0.1);
+        assert_eq!(course, [0.0, 0.0, 0.0, 0.5, 0.5, 1.0, 1.03, 1.03, 1.03, 0.95, 0.6, 0.6, 0.0]);
+        let directions = directions(&readings_m, 0.1);
+        assert_eq!(directions, [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0]);
+    }
+
+    #[test]
+    fn without_noise_every_reading_is_motion() {
+        let readings_m = [0.3, 0.3, 0.1, 0.2, 0.2, -0.1];
+        assert_eq!(course_m(&readings_m, 0.0), readings_m);
+        assert_eq!(directions(&readings_m, 0.0), [0.0, 0.0, -1.0, 1.0, 1.0, -1.0]);
+        assert!(course_m(&[], 0.1).is_empty());
+    }
+}
