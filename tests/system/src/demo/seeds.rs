@@ -5,7 +5,9 @@ use super::air;
 use super::hidden::{AFTER_AIR, AS_STATED, Found, diagnosis};
 use super::steered::{Steered, steered};
 use super::{Frames, Outcome, procedure, this_program};
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
+use std::fs;
+use std::path::PathBuf;
 
 /// The modulus is near the true one within this share.
 const NEAR: f64 = 0.03;
@@ -23,6 +25,9 @@ pub struct Seeds {
     /// characterises, K from ultrasound frames, or needles that are steered
     #[arg(long, default_value = "hidden", value_parser = ["hidden", "known", "air", "images", "steered"])]
     pub part: String,
+    /// Keep the sessions in this folder, those of each seed by its number
+    #[arg(long, value_name = "DIR")]
+    pub keep: Option<PathBuf>,
 }
 
 /// Runs the end of the demonstration for each seed; one line each and the counts.
@@ -31,11 +36,13 @@ pub struct Seeds {
 /// Where a command fails.
 pub fn run(options: &Seeds) -> Result<()> {
     ensure!((1..=1000).contains(&options.seeds), "--seeds is {}, expected 1 to 1000", options.seeds);
-    let (xtask, folder) = (this_program()?, tempfile::tempdir()?);
+    let (xtask, temporary) = (this_program()?, tempfile::tempdir()?);
+    let folder = options.keep.as_deref().unwrap_or_else(|| temporary.path());
+    fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     if options.part == "steered" {
         let mut all = Vec::new();
         for seed in options.from..options.from.saturating_add(options.seeds) {
-            let one = steered(&xtask, seed, &folder.path().join(seed.to_string()), &mut |_| {})?;
+            let one = steered(&xtask, seed, &folder.join(seed.to_string()), &mut |_| {})?;
             println!("{}", one.summary(seed));
             all.push(one);
         }
@@ -43,12 +50,12 @@ pub fn run(options: &Seeds) -> Result<()> {
         return Ok(());
     }
     if options.part == "air" {
-        return air::study(&xtask, options.from..options.from.saturating_add(options.seeds), folder.path());
+        return air::study(&xtask, options.from..options.from.saturating_add(options.seeds), folder);
     }
     if options.part == "images" {
         let mut all = Vec::new();
         for seed in options.from..options.from.saturating_add(options.seeds) {
-            let out = folder.path().join(seed.to_string());
+            let out = folder.join(seed.to_string());
             let one = Imaged::of(&procedure(&xtask, seed, &out, &mut |_| {})?)?;
             println!("{}", one.summary(seed));
             all.push(one);
@@ -59,7 +66,7 @@ pub fn run(options: &Seeds) -> Result<()> {
     let plan = if options.part == "known" { AFTER_AIR } else { AS_STATED };
     let mut all = Vec::new();
     for seed in options.from..options.from.saturating_add(options.seeds) {
-        let out = folder.path().join(seed.to_string());
+        let out = folder.join(seed.to_string());
         let found = diagnosis(&xtask, seed, &out, plan, &mut |_| {})?;
         let modulus = found.modulus_error().map_or("no modulus".to_owned(), |(error, holds)| {
             let interval = if holds { "in its interval" } else { "not in its interval" };
