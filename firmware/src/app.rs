@@ -130,7 +130,10 @@ pub fn idle() {
     // With interrupts masked the core wakes up for one but does not yet serve it, so that its time is not taken for idle.
     cortex_m::interrupt::free(|_| {
         let from = Instant::now();
+        #[cfg(not(feature = "qemu"))]
         cortex_m::asm::wfi();
+        #[cfg(feature = "qemu")]
+        crate::qemu::end_period();
         let slept_us = Instant::now().saturating_duration_since(from).as_micros() as u32;
         IDLE_US.fetch_add(slept_us, Ordering::Relaxed);
     });

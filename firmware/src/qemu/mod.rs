@@ -19,7 +19,7 @@ mod trap;
 pub use crate::exit::{ExitCode, exit};
 pub use link::Recording;
 pub use stopwatch::Stopwatch;
-pub use time::start_time;
+pub use time::{end_period, start_time};
 
 use crate::board::pins::emulated;
 use core::cell::UnsafeCell;

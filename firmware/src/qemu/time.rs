@@ -24,6 +24,9 @@ const CLOCKS_PER_US: u32 = CORE_CLOCK.0 / 1_000_000;
 /// SysTick counts from this down to zero.
 const RELOAD: u32 = PERIOD_US * CLOCKS_PER_US - 1;
 
+/// More instructions than a clock of the counter takes: 12.5 ns at 4 ns for each.
+const CLOCK_INSTRUCTIONS: u32 = 16;
+
 /// The time driver.
 struct SysTickTime {
     link: Mutex<RefCell<Option<Link>>>,
@@ -121,6 +124,26 @@ pub fn start_time() {
     systick.clear_current();
     systick.enable_interrupt();
     systick.enable_counter();
+}
+
+/// Ends the running period at once where nothing is left to do in it; with interrupts masked.
+///
+/// A core that sleeps costs QEMU far more than one that works: its main loop has to wake up, move the clock on, and wake up the core's
+/// thread, which on a virtual machine is most of a period's time. Nothing but the end of the period would wake it: converters and bus are
+/// modelled without interrupts, and bytes of the serial line come when the computer has them.
+pub fn end_period() {
+    /// Exceptions are pending, SysTick's among them: ICSR.ISRPENDING and PENDSTSET.
+    const PENDING: u32 = 1 << 22 | 1 << 26;
+    // SAFETY: a read of a status register.
+    let pending = unsafe { (*SCB::PTR).icsr.read() } & PENDING;
+    if pending != 0 {
+        return;
+    }
+    // SAFETY: SysTick belongs to this module, and no handler of it runs with interrupts masked.
+    unsafe { cortex_m::Peripherals::steal() }.SYST.clear_current();
+    SCB::set_pendst();
+    // The counter is at zero until its next clock, which would be the end of a period.
+    cortex_m::asm::delay(CLOCK_INSTRUCTIONS);
 }
 
 #[cortex_m_rt::exception]
