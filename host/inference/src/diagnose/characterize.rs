@@ -379,7 +379,9 @@ fn settled_by(effect: &str) -> &'static str {
         }
         "rig.frame_compliance" => "runs with sweeps of the shape near guide 2, at forces of 0.5 N or more",
         "rig.backlash" => "holds within 0.3 mm on both sides of zero",
-        "rig.play" | "rig.friction" => "holds at the same levels, reached from both sides",
+        "rig.play" | "rig.friction" => {
+            "holds at the same levels, reached from both sides, with sweeps of the shape: a play moves the needle, a friction does not"
+        }
         "sensor.force_drift" => "a run of a minute or more",
         "sensor.crosstalk" => "runs in both axes, with both forces recorded",
         "sensor.delay" => "a run with moves at 2 mm/s or faster between the holds",
