@@ -250,17 +250,22 @@ fn the_rig_comes_between_actuator_and_needle() {
     }
 }
 
-/// A displacement channel with noise turns round in every sample; guide 2 does not.
-#[test]
-fn friction_follows_the_motion_and_not_the_noise_of_its_sensor() {
+/// The staircase along y as a sensor with noise reads it, which turns round in every sample; along x guide 2 stays.
+fn noisy(seed: u64) -> Experiment {
     let Experiment::Lateral(mut noisy) = lateral(0.03) else { panic!("lateral") };
-    let mut noise = noise::Noise::new(5);
+    let mut noise = noise::Noise::new(seed);
     for sample in &mut noisy.drive {
         sample.y_m += 1e-5 * noise.normal();
         sample.x_m = 1e-4 + 1e-5 * noise.normal();
     }
     noisy.reversal_m = [8e-5; 2];
-    let noisy = Experiment::Lateral(noisy);
+    Experiment::Lateral(noisy)
+}
+
+/// Guide 2 does not turn round where its sensor's noise does.
+#[test]
+fn friction_follows_the_motion_and_not_the_noise_of_its_sensor() {
+    let noisy = noisy(5);
     let plain = channels(&plain(), &noisy).force_n;
     let dry = channels(&with("rig.friction", &[0.05]), &noisy).force_n;
     let added: Vec<f64> = dry.y.iter().zip(&plain.y).map(|(dry, plain)| dry - plain).collect();
@@ -273,14 +278,7 @@ fn friction_follows_the_motion_and_not_the_noise_of_its_sensor() {
 /// A little play, taken as it stands, would smooth the noise of the readings: a fit would find it in every recording.
 #[test]
 fn play_follows_the_motion_and_not_the_noise_of_its_sensor() {
-    let Experiment::Lateral(mut noisy) = lateral(0.03) else { panic!("lateral") };
-    let mut noise = noise::Noise::new(7);
-    for sample in &mut noisy.drive {
-        sample.y_m += 1e-5 * noise.normal();
-        sample.x_m = 1e-4 + 1e-5 * noise.normal();
-    }
-    noisy.reversal_m = [8e-5; 2];
-    let noisy = Experiment::Lateral(noisy);
+    let noisy = noisy(7);
     let plain = channels(&plain(), &noisy).force_n;
     let late = channels(&with("rig.play", &[0.005]), &noisy).force_n;
     let stiffness = channels(&self::plain(), &lateral(0.03)).force_n.y[59] / 1.2e-3;
