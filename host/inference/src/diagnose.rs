@@ -48,6 +48,7 @@ mod predicted;
 mod remaining;
 mod report;
 mod results;
+mod rounding;
 mod score;
 mod search;
 mod shapes;

@@ -6,6 +6,8 @@
 //! needle and its clamp, and known loads separate the force sensor's gain from the needle's stiffness. What the runs do not separate is
 //! reported as not identifiable, with the run that would settle it.
 
+mod play;
+
 use super::data::{Datum, Source};
 use super::evidence::{Group, Patterns, RunPatterns};
 use super::known::KnownParameter;
@@ -20,6 +22,7 @@ use formats::session::{LateralRun, Session};
 use mechanics::Model;
 use mechanics::effects::{Effect, effect};
 use nalgebra::{DMatrix, DVector};
+use play::over_plays;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -228,9 +231,12 @@ pub fn characterize(
         let everyday = patterns.everyday();
         let fit = Fitted::new(&layout, &prepared, &patterns, &values, &everyday, MAX_ROUNDS)?;
         values = fit.values().to_vec();
-        last = Some((fit, patterns));
+        last = Some((fit, prepared, patterns));
     }
-    let (fitted, patterns) = last.ok_or(crate::FitError::Undetermined)?;
+    let (mut fitted, prepared, patterns) = last.ok_or(crate::FitError::Undetermined)?;
+    if !has_shape {
+        fitted = over_plays(&layout, &prepared, &patterns, fitted)?;
+    }
     Ok(Characterisation {
         runs: runs.iter().map(|run| run.id.clone()).collect(),
         parameters: parameters(&layout, &fitted, options, row_s(session)),

@@ -5,8 +5,9 @@
 //! neighbours are skipped; whether they are is judged from the readings alone, never from a model.
 
 use super::cells::{Cells, cells, held, stood, stretches, travelled};
+use super::misread::step_m;
 use super::shapes;
-use crate::holds::{Hold, HoldCriteria, holds, median, reversal_m, reversal_of_means_m};
+use crate::holds::{Hold, HoldCriteria, holds, median, reading_sd_m, reversal_m, reversal_of_means_m};
 use crate::insertion::{Bin, TipPath};
 use formats::session::{InsertionRun, LateralRun, SHARED_ERRORS};
 use mechanics::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapeImage};
@@ -161,6 +162,8 @@ pub(super) struct Run {
     pub z_shared_sd_m: Vec<f64>,
     /// What one standard deviation of each error of the deflections does that all points of its shape share, at each of them in each plane.
     pub shared_m: Vec<[[f64; SHARED_ERRORS]; 2]>,
+    /// To which its shape is rounded, vertical and horizontal; next to nothing where it is not.
+    pub shape_step_m: [f64; 2],
     /// Speed of an insertion; 0 where it is not recorded.
     pub speed_m_per_s: f64,
     /// Whether it is of the session that the one under diagnosis is compared with.
@@ -262,8 +265,10 @@ impl Run {
         }
         // Both planes of a channel lie together.
         data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));
-        let reversal_m = cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &held(&cells)));
-        let travelled_m = travelled(&cells, &stood_m, reversal_m);
+        let held = held(&cells);
+        let reversal_m = cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &held));
+        let sd_m = cells.read_m.each_ref().map(|read_m| reading_sd_m(read_m, &held));
+        let travelled_m = travelled(&cells, &stood_m, sd_m);
         let drive = (0..cells.time_s.len()).map(|i| {
             // A plane in which guide 2 stays where it is has nothing but noise in its readings.
             let at =
@@ -282,6 +287,8 @@ impl Run {
             cells,
             z_shared_sd_m,
             shared_m,
+            shape_step_m: [Some(&run.shape.y_m), run.shape.x_m.as_ref()]
+                .map(|column| column.map_or(0.0, |values_m| step_m(values_m))),
             speed_m_per_s: 0.0,
             is_reference: false,
         })
@@ -329,6 +336,7 @@ impl Run {
             cells: Cells::default(),
             z_shared_sd_m: Vec::new(),
             shared_m: Vec::new(),
+            shape_step_m: [0.0; 2],
             speed_m_per_s,
             is_reference: false,
         })

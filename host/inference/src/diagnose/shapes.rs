@@ -63,7 +63,7 @@ pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
     for (plane, column) in [Some(&run.shape.y_m), run.shape.x_m.as_ref()].into_iter().enumerate() {
         let Some(column) = column else { continue };
         let values: Vec<f64> = indices.iter().map(|i| column[*i]).collect();
-        let kept = super::misread::without_misread(&z_m, &values);
+        let kept = super::misread::without_misread(&z_m, &values, super::misread::step_m(column));
         for (place, members) in groups.iter().enumerate() {
             let members: Vec<usize> = members.iter().copied().filter(|member| kept[*member]).collect();
             if !members.is_empty() {

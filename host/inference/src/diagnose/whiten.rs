@@ -2,12 +2,14 @@
 //!
 //! The covariance of a run's numbers has blocks (forces of a plane; one sweep; one path) from the sensors' noise, and a few patterns
 //! on top: where guide 2 stands in a hold is known only as well as the mean of its readings, and moves force and shape of that hold
-//! together; a tip sensor's zero, and the place of a whole shape along the needle where an image shows it, are not known exactly. With `C = L L^T + V V^T` and the
+//! together; a tip sensor's zero, and the place of a whole shape along the needle where an image shows it, are not known exactly; what
+//! rounds a shape leaves an error where the needle is straight ([`rounding`]). With `C = L L^T + V V^T` and the
 //! singular values s of `L^-1 V = U S W^T`, the residual r becomes `x - U (1 - 1/sqrt(1 + s^2)) U^T x`, `x = L^-1 r`.
 
 use super::data::{Channel, Run, Source};
 use super::noise::Noise;
 use super::predicted::predicted;
+use super::rounding;
 use formats::session::SHARED_ERRORS;
 use mechanics::{Experiment, Model, ModelError, Plane, predict};
 use nalgebra::{DMatrix, DVector};
@@ -66,6 +68,7 @@ impl Whitener {
         let mut columns = patterns(run, noise, &slopes);
         columns.extend(shared_positions(run, model)?);
         columns.extend(shared_deflections(run));
+        columns.extend(rounding::patterns(run, noise, model)?);
         let columns: Vec<DVector<f64>> = columns
             .into_iter()
             .map(|mut column| {

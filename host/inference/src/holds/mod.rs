@@ -13,7 +13,7 @@ mod unused;
 
 pub use detection::{HoldCriteria, HoldSpan, find_holds, find_marked_holds, trimmed_s};
 pub use median::median;
-pub use motion::{reversal_m, reversal_of_means_m};
+pub use motion::{reading_sd_m, reversal_m, reversal_of_means_m};
 pub(crate) use statistics::split;
 pub use statistics::{Mean, mean, means};
 pub use unused::{BEYOND_TIP_M, UnusedPart, summary, unused, unused_of_session};

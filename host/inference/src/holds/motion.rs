@@ -9,19 +9,22 @@ const MIN_M: f64 = 1e-6;
 /// Beyond the expected span of the noise, standard deviations.
 const BEYOND_SD: f64 = 1.0;
 
-/// Motion back by less than this is noise of the displacement, for a plane's readings with its holds.
-///
-/// The noise is that of second differences (which vanish on ramps) or the median scatter within holds (which has slow noise too),
-/// whichever is larger. The largest and the least of `n` normal readings lie `2 sqrt(2 ln n)` standard deviations apart.
-pub fn reversal_m(readings_m: &[f64], holds: &[Range<usize>]) -> f64 {
+/// Standard deviation of a plane's readings with its holds: that of second differences (which vanish on ramps) or the median scatter
+/// within holds (which has slow noise too), whichever is larger.
+pub fn reading_sd_m(readings_m: &[f64], holds: &[Range<usize>]) -> f64 {
     let scatter = |hold: &Range<usize>| {
         let rows = readings_m.get(hold.clone()).unwrap_or_default();
         let n = rows.len() as f64;
         let mean = rows.iter().sum::<f64>() / n;
         (n > 1.0).then(|| (rows.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt())
     };
-    let sd_m = noise(readings_m).max(median(holds.iter().filter_map(scatter).collect()));
-    span(sd_m, readings_m.len()).max(MIN_M)
+    noise(readings_m).max(median(holds.iter().filter_map(scatter).collect()))
+}
+
+/// Motion back by less than this is noise of the displacement, for a plane's readings with its holds: the largest and the least of `n`
+/// normal readings lie `2 sqrt(2 ln n)` standard deviations apart.
+pub fn reversal_m(readings_m: &[f64], holds: &[Range<usize>]) -> f64 {
+    span(reading_sd_m(readings_m, holds), readings_m.len()).max(MIN_M)
 }
 
 /// The span of `count` normal values, and a little more.
