@@ -10,6 +10,7 @@ mod normal;
 
 use mechanics::ModelError;
 use nalgebra::DMatrix;
+pub(crate) use normal::bounded_step;
 use normal::{Differences, NEAR, NEGLIGIBLE, Normal, Step};
 
 /// Where a parameter starts and may go.

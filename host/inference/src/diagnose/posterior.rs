@@ -8,6 +8,7 @@ use super::Multiples;
 use super::data::Kind;
 use super::evidence::{Evidence, Patterns, Products};
 use super::layout::{Layout, NORMAL_975, Prepared, Scale};
+use crate::fit::bounded_step;
 use crate::{FitError, Parameter};
 use nalgebra::{DMatrix, DVector};
 
@@ -102,7 +103,7 @@ impl Fitted {
                     layout, patterns, parameters, point, jacobian, sizes, &products, evidence, settled,
                 );
             }
-            let step = step(&parameters, &point.values, &evidence);
+            let step = step(&parameters, &point.values, &evidence).ok_or(FitError::Undetermined)?;
             let short = step.iter().zip(&parameters).enumerate().all(|(i, (step, p))| {
                 let sd = evidence.covariance[(i, i)].sqrt() * prior_sd(p);
                 step.abs() <= SETTLED_SD * sd
@@ -396,55 +397,20 @@ fn products(
     patterns.products(&columns)
 }
 
-/// Where a normal density is largest within ranges. A parameter that would go beyond its range stays on its end, and the others follow as they
-/// are correlated with it: without that, what a stiff frame cannot do would be done by the clearance.
-fn mode_within(mean: &DVector<f64>, covariance: &DMatrix<f64>, ranges: &[[f64; 2]]) -> DVector<f64> {
-    let mut held: Vec<(usize, f64)> = Vec::new();
-    let mut mode = mean.clone();
-    for _ in 0..2 * ranges.len() {
-        let ends = DVector::from_iterator(held.len(), held.iter().map(|(i, end)| end - mean[*i]));
-        let among = DMatrix::from_fn(held.len(), held.len(), |a, b| covariance[(held[a].0, held[b].0)]);
-        let Some(factor) = among.cholesky() else { return mode };
-        let forces = factor.solve(&ends);
-        mode = mean.clone();
-        for ((i, _), force) in held.iter().zip(forces.iter()) {
-            mode.axpy(*force, &covariance.column(*i), 1.0);
-        }
-        held.iter().for_each(|(i, end)| mode[*i] = *end);
-        // One that its end pulls instead of pushing is free again.
-        let pulled = held.iter().zip(forces.iter()).position(|((i, end), force)| {
-            let pushes_up = *end <= ranges[*i][0];
-            if pushes_up { *force < 0.0 } else { *force > 0.0 }
-        });
-        if let Some(pulled) = pulled {
-            held.remove(pulled);
-            continue;
-        }
-        let beyond = |i: usize| {
-            let end = mode[i].clamp(ranges[i][0], ranges[i][1]);
-            ((mode[i] - end).abs() / covariance[(i, i)].sqrt(), i, end)
-        };
-        let is_free = |i: &usize| held.iter().all(|(other, _)| other != i);
-        let furthest = (0..ranges.len()).filter(is_free).map(beyond).max_by(|a, b| a.0.total_cmp(&b.0));
-        match furthest {
-            Some((off, i, end)) if off > 1e-9 => held.push((i, end)),
-            _ => break,
-        }
-    }
-    mode
-}
-
-/// The step to the likeliest point of the linearised model within the ranges, shortened where it is long.
-fn step(parameters: &[Parameter], values: &[f64], evidence: &Evidence) -> Vec<f64> {
-    let ranges: Vec<[f64; 2]> =
-        parameters.iter().map(|p| [p.least, p.most].map(|end| from_prior(p, end))).collect();
-    let mode = mode_within(&evidence.mean, &evidence.covariance, &ranges);
-    let wanted: Vec<f64> = parameters
-        .iter()
-        .zip(values)
-        .zip(mode.iter())
-        .map(|((p, value), mean)| (mean - from_prior(p, *value)) * prior_sd(p))
-        .collect();
+/// The step to the likeliest point of the linearised model within the ranges, shortened where it is long; nothing where it makes no sense. A
+/// parameter that would leave its range stays on its end, and the others follow: what a rigid frame cannot do is not left to the clearance.
+fn step(parameters: &[Parameter], values: &[f64], evidence: &Evidence) -> Option<Vec<f64>> {
+    let count = parameters.len();
+    let precision = evidence.covariance.clone().cholesky()?.inverse();
+    let at: Vec<f64> = parameters.iter().zip(values).map(|(p, value)| from_prior(p, *value)).collect();
+    let towards = &precision * (&evidence.mean - DVector::from_column_slice(&at));
+    let mut equations = precision.resize(count + 1, count + 1, 0.0);
+    equations.view_mut((0, count), (count, 1)).copy_from(&towards);
+    let room = |i: usize| {
+        [parameters[i].least, parameters[i].most].map(|end| from_prior(&parameters[i], end) - at[i])
+    };
+    let bounded = bounded_step(equations, room)?;
+    let wanted: Vec<f64> = bounded.iter().zip(parameters).map(|(step, p)| step * prior_sd(p)).collect();
     let limit = |index: usize, p: &Parameter| {
         if index == 0 { MAX_LN_STEP } else { MAX_STEP_SD * prior_sd(p) }
     };
@@ -457,7 +423,7 @@ fn step(parameters: &[Parameter], values: &[f64], evidence: &Evidence) -> Vec<f6
     let within = |((step, p), value): ((&f64, &Parameter), &f64)| {
         (value + share * step).clamp(p.least, p.most) - value
     };
-    wanted.iter().zip(parameters).zip(values).map(within).collect()
+    Some(wanted.iter().zip(parameters).zip(values).map(within).collect())
 }
 
 /// Squares of whitened residuals in the metric of noise and discrepancy of these sizes.
@@ -534,36 +500,4 @@ fn finish(
         log_evidence,
         settled,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_cannot_be_stays_on_its_end_and_the_others_follow() {
-        let mean = DVector::from_vec(vec![1.0, -0.5, 0.2]);
-        let covariance = DMatrix::from_row_slice(3, 3, &[1.0, 0.8, 0.1, 0.8, 1.0, -0.2, 0.1, -0.2, 0.5]);
-        let ranges = [[-10.0, 10.0], [0.0, 10.0], [-10.0, 0.1]];
-        let mode = mode_within(&mean, &covariance, &ranges);
-        // Beside the best of a fine grid on the faces that the second and third parameter lie on.
-        let information = covariance.clone().try_inverse().expect("regular");
-        let misfit = |x: &DVector<f64>| (x - &mean).dot(&(&information * (x - &mean)));
-        let mut best = (f64::INFINITY, DVector::zeros(3));
-        for a in 0..400 {
-            for b in 0..40 {
-                for c in 0..40 {
-                    let [a, b, c] = [0.005 * f64::from(a), 0.02 * f64::from(b), 0.1 - 0.02 * f64::from(c)];
-                    let x = DVector::from_vec(vec![a, b, c]);
-                    if misfit(&x) < best.0 {
-                        best = (misfit(&x), x);
-                    }
-                }
-            }
-        }
-        assert!((&mode - &best.1).amax() < 6e-3, "{mode} {}", best.1);
-        assert!(misfit(&mode) <= best.0 + 1e-12);
-        // Within its ranges nothing is held.
-        assert_eq!(mode_within(&mean, &covariance, &[[-10.0, 10.0]; 3]), mean);
-    }
 }

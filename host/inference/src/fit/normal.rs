@@ -130,8 +130,12 @@ impl Normal {
     }
 }
 
-/// Solves equations whose last column is their right-hand side, keeping every step within its room.
-fn bounded_step(mut equations: DMatrix<f64>, room: impl Fn(usize) -> [f64; 2]) -> Option<DVector<f64>> {
+/// Solves symmetric equations whose last column is their right-hand side (their last row is not used), keeping every step within its room: one
+/// that would leave it goes to its end, and the others go where they are best with it there. Nothing where they are not positive definite.
+pub(crate) fn bounded_step(
+    mut equations: DMatrix<f64>,
+    room: impl Fn(usize) -> [f64; 2],
+) -> Option<DVector<f64>> {
     let last = equations.nrows().checked_sub(1)?;
     loop {
         let matrix = equations.view((0, 0), (last, last)).into_owned();
@@ -189,4 +193,36 @@ fn columns(
         shifted[column] = *value;
     }
     Ok(jacobian)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_beyond_its_room_ends_there_and_the_others_follow() {
+        let mean = DVector::from_vec(vec![1.0, -0.5, 0.2]);
+        let covariance = DMatrix::from_row_slice(3, 3, &[1.0, 0.8, 0.1, 0.8, 1.0, -0.2, 0.1, -0.2, 0.5]);
+        let information = covariance.try_inverse().expect("regular");
+        let within = |room: [[f64; 2]; 3]| {
+            let mut equations = information.clone().resize(4, 4, 0.0);
+            equations.view_mut((0, 3), (3, 1)).copy_from(&(&information * &mean));
+            bounded_step(equations, |i| room[i]).expect("positive definite")
+        };
+        let step = within([[-10.0, 10.0], [0.0, 10.0], [-10.0, 0.1]]);
+        // Beside the best of a fine grid.
+        let misfit = |x: &DVector<f64>| (x - &mean).dot(&(&information * (x - &mean)));
+        let mut best = (f64::INFINITY, DVector::zeros(3));
+        for (a, b, c) in (0..400).flat_map(|a| (0..40).flat_map(move |b| (0..40).map(move |c| (a, b, c)))) {
+            let [a, b, c] = [0.005 * f64::from(a), 0.02 * f64::from(b), 0.1 - 0.02 * f64::from(c)];
+            let x = DVector::from_vec(vec![a, b, c]);
+            if misfit(&x) < best.0 {
+                best = (misfit(&x), x);
+            }
+        }
+        assert!((&step - &best.1).amax() < 6e-3, "{step} {}", best.1);
+        assert!(misfit(&step) <= best.0 + 1e-9);
+        // With room enough nothing ends anywhere.
+        assert!((within([[-10.0, 10.0]; 3]) - mean).amax() < 1e-12);
+    }
 }
