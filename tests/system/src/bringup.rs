@@ -77,6 +77,8 @@ impl Trial {
 struct Player<'a> {
     rig: &'a Cosim,
     clock_ratio: f64,
+    /// What the clock returned last.
+    returned_ms: u64,
     /// Until the loop may move.
     reach: Option<Reach>,
 }
@@ -100,9 +102,12 @@ impl Operator for Player<'_> {
         false
     }
 
+    /// The time of the last answer, which is close, if it came after what was returned before; the time now, as long as the rig has not read that
+    /// the device has answered: the host may have the answer before.
     fn clock(&mut self) -> Option<Duration> {
-        let device_s = self.rig.answered_ms() as f64 * 1e-3;
-        Some(Duration::from_secs_f64(device_s / self.clock_ratio))
+        let answered_ms = self.rig.started() + self.rig.answered_ms();
+        self.returned_ms = if answered_ms > self.returned_ms { answered_ms } else { self.rig.steps() };
+        Some(Duration::from_secs_f64(self.returned_ms as f64 * 1e-3 / self.clock_ratio))
     }
 }
 
@@ -124,7 +129,12 @@ pub fn trial(faults: &[Fault], seed: u64) -> Result<Trial> {
         None => None,
     };
     let port = noisy.as_ref().map_or_else(|| bench.port(), NoisyWire::port);
-    let mut player = Player { rig: bench.rig(), clock_ratio: size(Kind::Clock).unwrap_or(1.0), reach: None };
+    let mut player = Player {
+        rig: bench.rig(),
+        clock_ratio: size(Kind::Clock).unwrap_or(1.0),
+        returned_ms: 0,
+        reach: None,
+    };
     bench.rig().watch();
     let report =
         bringup::run(&port, &Step::ALL, &[], None, &mut player).context("the bring-up has failed")?;
