@@ -101,6 +101,17 @@ fn play_and_friction_are_in_their_intervals_without_any_shape() {
     assert!(missed.len() <= 2, "{missed:?}");
 }
 
+#[test]
+fn a_play_beyond_all_likely_ones_is_found_without_any_shape() {
+    const WORN: [(&str, &[f64]); 1] = [("rig.play", &[0.6])];
+    let mut blind = session(&WORN, 1);
+    blind.lateral.iter_mut().for_each(|run| run.shape = Default::default());
+    let options = CharacterizeOptions { force_gain_sd: Some(0.005), ..Default::default() };
+    let found = characterize(&blind, &options).expect("characterised");
+    let play = of(&found, "rig.play");
+    assert!(play.sd < 0.05 && (play.value - 0.6).abs() < 3.0 * play.sd, "{play:?}");
+}
+
 /// Rounded to 0.05 mm with noise of 0.006 mm, a straight needle is off by up to 0.01 mm however many points it has.
 #[test]
 fn what_pixels_do_to_a_straight_needle_is_in_the_intervals() {

@@ -16,6 +16,9 @@ const EFFECT: &str = "rig.play";
 /// Half widths of the play at which the rest is fitted first, mm, and how well each is given.
 const FIRST_MM: [f64; 9] = [0.0, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.3, 0.45];
 const GIVEN_SD_MM: f64 = 1e-4;
+/// And in standard deviations of the free fit about it; plays closer than this are the same.
+const AROUND_SD: [f64; 3] = [-2.0, 0.0, 2.0];
+const SAME_MM: f64 = 1e-3;
 /// Between plays of which one is less than this less likely than the likeliest, in logarithms, the step is halved until it is below a
 /// share of the standard deviation and likelihoods differ by less than this.
 const LIKELY: f64 = 6.0;
@@ -61,7 +64,13 @@ pub(super) fn over_plays(
         let ln_density = fit.log_evidence - 0.5 * ((play_mm - before.mean) / before.sd).powi(2);
         Ok(Node { play_mm, ln_density, fit })
     };
-    let mut nodes = FIRST_MM.into_iter().map(&at).collect::<Result<Vec<_>, _>>()?;
+    // Those around the free fit, too, which may have found a larger one.
+    let (own_mm, sd_mm) = (fitted.values()[layout.first_of(index)], fitted.sd(layout.first_of(index)));
+    let around = AROUND_SD.map(|sds| (own_mm + sds * sd_mm).clamp(info.range[0], info.range[1]));
+    let mut first_mm: Vec<f64> = FIRST_MM.into_iter().chain(around).collect();
+    first_mm.sort_by(f64::total_cmp);
+    first_mm.dedup_by(|a, b| (*a - *b).abs() < SAME_MM);
+    let mut nodes = first_mm.into_iter().map(&at).collect::<Result<Vec<_>, _>>()?;
     loop {
         let between_mm = to_refine(&nodes);
         if between_mm.is_empty() || nodes.len() + between_mm.len() > MAX_PLAYS {
