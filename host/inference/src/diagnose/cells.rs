@@ -1,7 +1,7 @@
 //! A lateral recording in cells: means over a twentieth of a second, without what is misread, and stretches of cells over which forces
 //! are averaged.
 
-use crate::holds::Hold;
+use crate::holds::{Hold, SD_OF_MEDIAN};
 use formats::session::LateralRun;
 use std::ops::Range;
 
@@ -42,7 +42,7 @@ fn cleaned(values: &[f64]) -> Vec<f64> {
         .collect();
     let mut sizes: Vec<f64> = off.iter().map(|off| off.abs()).filter(|off| *off > 0.0).collect();
     sizes.sort_by(f64::total_cmp);
-    let usual = 1.4826 * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+    let usual = SD_OF_MEDIAN * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
     values.iter().zip(off).map(|(v, off)| if off.abs() > MISREAD * usual { f64::NAN } else { *v }).collect()
 }
 

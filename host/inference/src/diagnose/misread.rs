@@ -1,5 +1,6 @@
 //! Points of a sweep that were misread, and the step to which a sweep is rounded.
 
+use crate::holds::SD_OF_MEDIAN;
 use nalgebra::{DMatrix, DVector};
 
 /// Of the distances between neighbouring values so many are shorter than the step: values that were joined from several images.
@@ -29,7 +30,7 @@ pub(super) fn without_misread(z_m: &[f64], values_m: &[f64], step_m: f64) -> Vec
         let spread_m = |i: usize| step_m * ((i as f64 * GOLDEN).fract() - 0.5);
         let mut sizes: Vec<f64> = indices.iter().map(|i| (off[*i] + spread_m(*i)).abs()).collect();
         sizes.sort_by(f64::total_cmp);
-        let usual_m = 1.4826 * sizes[sizes.len() / 2];
+        let usual_m = SD_OF_MEDIAN * sizes[sizes.len() / 2];
         let next: Vec<bool> = off.iter().map(|off| off.abs() <= (TIMES * usual_m).max(1e-6)).collect();
         if next == kept {
             break;

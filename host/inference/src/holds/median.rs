@@ -1,5 +1,8 @@
 //! Medians.
 
+/// Standard deviation of normal noise over the median of its absolute values.
+pub const SD_OF_MEDIAN: f64 = 1.4826;
+
 /// Median of the values; NaN where there are none.
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);

@@ -12,7 +12,7 @@ mod sweeps;
 mod unused;
 
 pub use detection::{HoldCriteria, HoldSpan, find_holds, find_marked_holds, trimmed_s};
-pub use median::median;
+pub use median::{SD_OF_MEDIAN, median};
 pub use motion::{reading_sd_m, reversal_m, reversal_of_means_m};
 pub(crate) use statistics::split;
 pub use statistics::{Mean, mean, means};

@@ -3,7 +3,7 @@
 //! A reading is compared with the median of its neighbours (as by Hampel), so that what changes slowly, as the force of tissue that relaxes
 //! after a ramp, has none. One reading of nine standard deviations among sixty moves their mean by more than its standard error.
 
-use super::median::median;
+use super::median::{SD_OF_MEDIAN, median};
 
 /// Neighbours on either side.
 const BESIDE: usize = 3;
@@ -12,8 +12,6 @@ const BESIDE: usize = 3;
 const SPIKE_SD: f64 = 6.0;
 /// Fewest readings whose distances have a standard deviation.
 const MIN_READINGS: usize = 20;
-/// Standard deviation of normal noise over its median absolute value.
-const SD_OF_MEDIAN: f64 = 1.4826;
 
 /// The readings without spikes, in order.
 pub fn without_spikes(values: &[f64]) -> Vec<f64> {

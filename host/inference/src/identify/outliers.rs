@@ -3,7 +3,7 @@
 //! What the fit leaves of a point is compared with the median of what it leaves of those beside it, so that an error of the model, which is
 //! smooth along the needle, has none. One point of nine standard deviations among a hundred moves K by almost as much as all noise does.
 
-use crate::holds::median;
+use crate::holds::{SD_OF_MEDIAN, median};
 use crate::{Fit, LateralData};
 use std::ops::Range;
 
@@ -16,8 +16,6 @@ const FAR_SD: f64 = 5.0;
 const MIN_POINTS: usize = 20;
 /// More than this share are no single points.
 const MAX_SHARE: f64 = 0.05;
-/// Standard deviation of normal noise over its median absolute value.
-const SD_OF_MEDIAN: f64 = 1.4826;
 
 /// Takes single points that the fit leaves far from their neighbours out of the data; how many these are.
 pub(super) fn take_outliers(data: &mut LateralData, fit: &Fit) -> usize {

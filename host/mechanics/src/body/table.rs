@@ -3,7 +3,7 @@
 use super::ModelError;
 pub(crate) use crate::continuum::operator::MODES;
 pub(super) use crate::continuum::operator::SLICES as SLICE_ENDS;
-use crate::continuum::operator::{FIELDS, POISSON, RATIOS, UNIFORM, VARIED, nodes, weights};
+use crate::continuum::operator::{FIELDS, POISSON, RATIOS, UNIFORM, VARIED, from_planes, nodes, weights};
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock, PoisonError, RwLock};
@@ -136,8 +136,7 @@ type Scaled = ([f64; FIELDS], Vec<[f64; FIELD_ENTRIES]>);
 
 static VARIED_TABLE: LazyLock<Vec<Scaled>> = LazyLock::new(|| {
     let poissons = nodes(super::VARIED_POISSON, VARIED[1]);
-    let (numbers, _) = BYTES.as_chunks();
-    let values: Vec<f64> = numbers.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect();
+    let values = from_planes(BYTES);
     let nodes = values.chunks_exact(SLICES * FIELD_ENTRIES).zip(poissons.into_iter().cycle());
     nodes
         .map(|(of_node, poisson)| {

@@ -160,7 +160,7 @@ pub fn uniform_table(progress: impl Fn(f64, f64) + Sync) -> Result<String, Model
     Ok(text)
 }
 
-/// The table of bodies whose modulus varies with depth, little-endian `f32`: for every ratio and Poisson's ratio and every slice the
+/// The table of bodies whose modulus varies with depth, [`planes`] of `f32`: for every ratio and Poisson's ratio and every slice the
 /// mutual energies of the fields per unit of depth, entries on and below the diagonal row by row.
 ///
 /// # Errors
@@ -171,7 +171,20 @@ pub fn varied_table(progress: impl Fn(f64, f64) + Sync) -> Result<Vec<u8>, Model
         reduced(ratio, poisson)
     })?;
     let values = found.iter().flat_map(|(.., slices)| slices.iter().flat_map(lower));
-    Ok(values.flat_map(|value| (value as f32).to_le_bytes()).collect())
+    Ok(planes(&values.map(|value| value as f32).collect::<Vec<_>>()))
+}
+
+/// The lowest bytes of all numbers, then the next ones: signs and exponents side by side, which an eighth less is left of where the
+/// table is packed, as in the page for browsers.
+pub(super) fn planes(values: &[f32]) -> Vec<u8> {
+    (0..4).flat_map(|plane| values.iter().map(move |value| value.to_le_bytes()[plane])).collect()
+}
+
+/// The numbers in [`planes`].
+pub(crate) fn from_planes(bytes: &[u8]) -> Vec<f64> {
+    let count = bytes.len() / 4;
+    let number = |k: usize| f32::from_le_bytes(std::array::from_fn(|plane| bytes[plane * count + k]));
+    (0..count).map(|k| f64::from(number(k))).collect()
 }
 
 /// Mutual energies of the reduced body's fields in every slice, per unit of depth.

@@ -81,3 +81,11 @@ fn one_guide_in_front_of_a_hard_body_is_a_beam_by_hand() {
         assert_close(stiffness, factor * needle.bending_stiffness_n_m2() / gap_m.powi(3), 0.12);
     }
 }
+
+#[test]
+fn numbers_in_planes_of_their_bytes_are_the_same_numbers() {
+    let values = [0.0, -1.5, f32::MIN_POSITIVE, 3.25e-7, f32::MAX];
+    let planes = super::operator::planes(&values);
+    assert_eq!(planes.len(), 4 * values.len());
+    assert_eq!(super::operator::from_planes(&planes), values.map(f64::from));
+}
