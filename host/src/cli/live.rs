@@ -26,7 +26,7 @@ pub struct LiveArgs {
     /// Track live data: base and force from --port, depth and tip from --tip
     #[arg(long, requires = "port", requires = "tip")]
     pub live: bool,
-    /// Serial port of the device, as `guide ports` lists it
+    /// Port of the device, as `guide ports` lists it, a socket, or tcp:HOST:PORT
     #[arg(long, value_name = "PORT", requires = "live")]
     port: Option<String>,
     /// Where a tracker writes `depth_mm,tip_y_mm` line by line: a file, a pipe, or - for standard input; tracking

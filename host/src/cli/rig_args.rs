@@ -9,10 +9,10 @@ use protocol::{CalibrationSource, Event, EventKind, Fault, Refusal, Request, Ste
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The serial port of the device.
+/// The port of the device.
 #[derive(Args)]
 pub struct PortArgs {
-    /// Serial port of the device, as `guide ports` lists it
+    /// Port of the device, as `guide ports` lists it, a socket, or tcp:HOST:PORT
     #[arg(long, value_name = "PORT")]
     pub port: String,
 }

@@ -42,7 +42,7 @@ pub struct Args {
     /// (needle/1)
     #[arg(long, value_name = "COMMAND", conflicts_with = "replay", required_unless_present_any = ["replay", "port"])]
     plant: Option<String>,
-    /// Serial port of the device that moves guide 2, as `guide ports` lists it
+    /// Port of the device that moves guide 2, as `guide ports` lists it, a socket, or tcp:HOST:PORT
     #[arg(long, value_name = "PORT", conflicts_with_all = ["replay", "plant"], requires = "tip")]
     port: Option<String>,
     /// Program that pushes the needle and reads its tip, where guide 2 is moved by the device: needle/1 without the guide

@@ -2,7 +2,7 @@
 
 use crate::cosim::{Cosim, Fault};
 use crate::images::{self, Board, Image};
-use crate::qemu::{self, HANGS, Qemu};
+use crate::qemu::{self, HANGS, Line, Qemu};
 use crate::terminals::Terminals;
 use anyhow::{Result, ensure};
 use control::calibration::Calibration;
@@ -14,6 +14,19 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 use tempfile::TempDir;
+
+/// What is simulated, and how it is reached.
+struct Setup {
+    board: Board,
+    line: Line,
+    limit: Duration,
+}
+
+impl Setup {
+    fn new(limit: Duration) -> Self {
+        Self { board: Board::BL475eIot01a, line: Line::Socket, limit }
+    }
+}
 
 /// A running bench. Dropping it ends everything.
 #[derive(Debug)]
@@ -41,7 +54,18 @@ impl Bench {
     /// As [`Self::start`].
     pub fn on(board: Board, config: RigConfig, seed: u64, speed: f64) -> Result<Self> {
         let calibrated = to_stored(&Calibration::nominal_record(), 1);
-        Self::assemble(board, config, seed, speed, HANGS, &[&calibrated], Vec::new())
+        let setup = Setup { board, ..Setup::new(HANGS) };
+        Self::assemble(setup, config, seed, speed, &[&calibrated], Vec::new())
+    }
+
+    /// As [`Self::start`], at a pseudo terminal: for programs that expect a serial port, and for what only a port can do.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn at_terminal(config: RigConfig, seed: u64, speed: f64, limit: Duration) -> Result<Self> {
+        let calibrated = to_stored(&Calibration::nominal_record(), 1);
+        let setup = Setup { line: Line::Terminal, ..Setup::new(limit) };
+        Self::assemble(setup, config, seed, speed, &[&calibrated], Vec::new())
     }
 
     /// The same with these faults of wiring, mounting and sensors, and no stored calibration: a board fresh from the solder.
@@ -49,7 +73,7 @@ impl Bench {
     /// # Errors
     /// As [`Self::start`].
     pub fn wired(config: RigConfig, seed: u64, speed: f64, faults: Vec<Fault>) -> Result<Self> {
-        Self::assemble(Board::BL475eIot01a, config, seed, speed, HANGS, &[], faults)
+        Self::assemble(Setup::new(HANGS), config, seed, speed, &[], faults)
     }
 
     /// The same with this content of the flash's pages: what is missing is erased.
@@ -63,15 +87,14 @@ impl Bench {
         limit: Duration,
         pages: &[&[u8]],
     ) -> Result<Self> {
-        Self::assemble(Board::BL475eIot01a, config, seed, speed, limit, pages, Vec::new())
+        Self::assemble(Setup::new(limit), config, seed, speed, pages, Vec::new())
     }
 
     fn assemble(
-        board: Board,
+        Setup { board, line, limit }: Setup,
         config: RigConfig,
         seed: u64,
         speed: f64,
-        limit: Duration,
         pages: &[&[u8]],
         faults: Vec<Fault>,
     ) -> Result<Self> {
@@ -86,7 +109,7 @@ impl Bench {
         // The rig waits for QEMU to open its pipes, but not for long.
         let turn = qemu::turn();
         let cosim = Cosim::start_wired(config, seed, folder.path(), speed, faults)?;
-        let qemu = Qemu::start_for(board, turn, &elf, folder.path(), limit)?;
+        let qemu = Qemu::start_for(board, line, turn, &elf, folder.path(), limit)?;
         let terminals = Terminals::watch()?;
         let bench = Self { qemu: Some(qemu), cosim: Some(cosim), terminals, folder };
         bench.await_first_steps(limit)?;
@@ -104,7 +127,7 @@ impl Bench {
         Ok(())
     }
 
-    /// The serial port, as `guide` takes it.
+    /// The port, as `guide` takes it.
     pub fn port(&self) -> String {
         self.folder.path().join("serial").display().to_string()
     }

@@ -19,7 +19,7 @@ pub mod needle;
 mod numbers;
 pub mod panics;
 pub mod peers;
-mod pty;
+pub mod pty;
 pub mod qemu;
 pub mod readme;
 pub mod size;

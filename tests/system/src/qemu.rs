@@ -28,6 +28,16 @@ const POLL: Duration = Duration::from_millis(20);
 /// Lines of the firmware's log that are kept, so that a run of hours takes no more memory than one of minutes.
 const LOG_LINES: usize = 2_000;
 
+/// What the firmware's serial port leads to. Its path is `serial` in the working folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Line {
+    /// A socket.
+    Socket,
+    /// A pseudo terminal, for programs that expect a serial port. Kernels' workers carry its bytes, and there are kernels that let those wait
+    /// for seconds while all processors are busy.
+    Terminal,
+}
+
 /// A running QEMU. Dropping it ends it.
 #[derive(Debug)]
 pub struct Qemu {
@@ -72,22 +82,33 @@ impl Qemu {
     /// # Errors
     /// As [`Self::start_for`].
     pub fn start(turn: Turn, elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
-        Self::start_for(Board::BL475eIot01a, turn, elf, folder, limit)
+        Self::start_for(Board::BL475eIot01a, Line::Socket, turn, elf, folder, limit)
     }
 
-    /// Starts an image with its working folder, where the plant pipes are and the serial port's link appears. It is killed when
+    /// Starts an image with its working folder, where the plant pipes are and the serial port appears. It is killed when
     /// the time limit is over, even if it hangs.
     ///
     /// # Errors
     /// Where QEMU cannot be started or its serial port does not appear.
-    pub fn start_for(board: Board, turn: Turn, elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
+    pub fn start_for(
+        board: Board,
+        line: Line,
+        turn: Turn,
+        elf: &Path,
+        folder: &Path,
+        limit: Duration,
+    ) -> Result<Self> {
         let serial = folder.join("serial");
-        let mut port = format!("pty,id=usb,path={}", serial.display());
+        let mut port = match line {
+            // The name in the working folder: a socket's path may have 107 bytes.
+            Line::Socket => "socket,id=usb,path=serial,server=on,wait=off".to_owned(),
+            Line::Terminal => format!("pty,id=usb,path={}", serial.display()),
+        };
         if folder.join(OUTPUT_PIPE).exists() {
             // The device's output is read.
             port += &format!(",logfile={OUTPUT_PIPE}");
         }
-        let mut child = standing_back()
+        let mut child = session(line)
             .current_dir(folder)
             .args(["-machine", "b-l475e-iot01a", "-display", "none", "-monitor", "none", "-nodefaults"])
             .arg("-chardev")
@@ -194,19 +215,21 @@ impl Drop for Qemu {
     }
 }
 
-/// QEMU as a session of its own that leaves the processors to others. An emulator takes a whole one, and there are kernels (Linux 6.18)
-/// that then give none to their own workers, which carry the bytes of pseudo terminals: nothing arrives for seconds.
-fn standing_back() -> Command {
+/// QEMU as a session of its own where sessions share the processors: so it has its part of them beside a shell that keeps all of them
+/// busy, and the device answers in time. At a terminal it leaves them to others. An emulator takes a whole one, and there are kernels
+/// (Linux 6.18) that then give none to their own workers, which carry the bytes of pseudo terminals: nothing arrives for seconds.
+fn session(line: Line) -> Command {
     if !Path::new(AUTOGROUP).exists() {
         return Command::new(QEMU);
     }
     let mut command = Command::new("setsid");
-    command.args([
-        "sh",
-        "-c",
-        &format!("{{ echo 10 > {AUTOGROUP}; }} 2> /dev/null; exec \"$0\" \"$@\""),
-        QEMU,
-    ]);
+    match line {
+        Line::Socket => command.arg(QEMU),
+        Line::Terminal => {
+            let standing_back = format!("{{ echo 10 > {AUTOGROUP}; }} 2> /dev/null; exec \"$0\" \"$@\"");
+            command.args(["sh", "-c", &standing_back, QEMU])
+        }
+    };
     command
 }
 

@@ -10,7 +10,7 @@
 //! The last line is `N passed, N failed`.
 
 use crate::images::{self, Board, Image};
-use crate::qemu::{HANGS, Qemu, turn};
+use crate::qemu::{HANGS, Line, Qemu, turn};
 use crate::{module, size, timing, tracking};
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader};
@@ -134,7 +134,7 @@ fn result_line(line: &str) -> Option<Counts> {
 fn conformance(board: Board) -> Result<Counts> {
     let elf = images::build_for(board, Image::Conformance)?;
     let folder = tempfile::tempdir()?;
-    let qemu = Qemu::start_for(board, turn(), &elf, folder.path(), HANGS)?;
+    let qemu = Qemu::start_for(board, Line::Socket, turn(), &elf, folder.path(), HANGS)?;
     let (_, log) = qemu.wait(HANGS)?;
     for line in &log {
         println!("{}", line.split_once(' ').map_or(line.as_str(), |(_level, text)| text));

@@ -1,17 +1,15 @@
 //! A line with errors between the firmware's serial port and its host.
 //!
-//! [`NoisyWire`] opens the firmware's pseudo terminal and offers another one in its stead. Bytes go through unchanged and at
+//! [`NoisyWire`] opens the firmware's line and offers a pseudo terminal in its stead. Bytes go through unchanged and at
 //! once, unless set otherwise: bits flip at a given rate, the cable is cut and mended, a faulty host sends random bytes. What flips comes
 //! from a seed; where it falls depends on nothing but the number of bits that went before.
 
-use crate::pty::{Pty, make_raw, wait};
+use crate::pty::{self, Pty, wait};
 use anyhow::{Context, Result};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::event::{PollFlags, Timespec};
-use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
-use rustix::termios::{QueueSelector, tcflush};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -95,16 +93,12 @@ pub struct NoisyWire {
 }
 
 impl NoisyWire {
-    /// A perfect cable to the pseudo terminal at this path.
+    /// A perfect cable to the line at this path.
     ///
     /// # Errors
     /// Where it cannot be opened, or another one cannot be made.
     pub fn connect(device: &Path, seed: u64) -> Result<Self> {
-        let name = device.display();
-        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK;
-        let device = rustix::fs::open(device, flags, Mode::empty())
-            .with_context(|| format!("cannot open the serial port {name}"))?;
-        make_raw(device.as_fd()).with_context(|| format!("{name} is no terminal"))?;
+        let device = pty::open(device)?;
         let host = Pty::open().context("cannot make a pseudo terminal")?;
         let lane =
             |number| Mutex::new(Lane { errors: BitErrors::new(seed, number), counters: Counters::default() });
@@ -140,8 +134,7 @@ impl NoisyWire {
     pub fn cut(&self) {
         self.shared.cut.store(true, Ordering::Release);
         for end in [self.device.as_fd(), self.host.slave.as_fd()] {
-            // A port that has gone away has nothing left to lose.
-            let _ = tcflush(end, QueueSelector::IOFlush);
+            pty::discard(end);
         }
     }
 
@@ -293,8 +286,7 @@ mod tests {
     fn cable(seed: u64) -> (Pty, NoisyWire, OwnedFd) {
         let device = Pty::open().unwrap();
         let wire = NoisyWire::connect(Path::new(&device.name), seed).unwrap();
-        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK;
-        let host = rustix::fs::open(wire.port().as_str(), flags, Mode::empty()).unwrap();
+        let host = pty::open(Path::new(&wire.port())).unwrap();
         (device, wire, host)
     }
 

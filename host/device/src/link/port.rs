@@ -1,12 +1,15 @@
 //! Serial ports: which there are, and opening one with an explanation where it fails.
 
-use serialport::{ClearBuffer, ErrorKind, SerialPort, SerialPortType};
+mod socket;
+
+use serialport::{ClearBuffer, ErrorKind, SerialPortType};
+use std::io::{self, Read, Write};
 use std::time::Duration;
 
 /// Line rate of the firmware, bits per second. A virtual port (USB CDC, a pty) ignores it.
 pub const BAUD: u32 = 460_800;
-/// How long one read waits; short, so that a closing link is noticed soon.
-pub(super) const READ_TIMEOUT: Duration = Duration::from_millis(20);
+/// How long one read or write waits; short, so that a closing link is noticed soon.
+const READ_TIMEOUT: Duration = Duration::from_millis(20);
 
 /// Why a port cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -28,6 +31,16 @@ pub enum PortError {
     Permission {
         /// The port's name.
         port: String,
+    },
+    /// It names a server, and none answers there.
+    #[error(
+        "{port}: no server can be reached ({cause}); expected tcp:HOST:PORT, or a socket, of one that passes a device's bytes on"
+    )]
+    NoServer {
+        /// The port's name.
+        port: String,
+        /// The system's error.
+        cause: io::Error,
     },
     /// It exists but is no serial port, or the system reports another error.
     #[error("{port}: cannot be opened as a serial port: {cause}")]
@@ -74,9 +87,18 @@ fn describe(kind: &SerialPortType) -> String {
     }
 }
 
-/// Opens a port for this program alone and empties its buffers.
-pub(super) fn open(name: &str) -> Result<Box<dyn SerialPort>, PortError> {
+/// The two directions of an open port. Reads and writes return after [`READ_TIMEOUT`], with an error of this kind.
+pub(super) struct Ends {
+    pub reader: Box<dyn Read + Send>,
+    pub writer: Box<dyn Write + Send>,
+}
+
+/// Opens a port: a serial one for this program alone, its buffers emptied; or a socket.
+pub(super) fn open(name: &str) -> Result<Ends, PortError> {
     let port = || name.to_owned();
+    if let Some(connected) = socket::connect(name) {
+        return connected.map_err(|cause| PortError::NoServer { port: port(), cause });
+    }
     let serial = serialport::new(name, BAUD).timeout(READ_TIMEOUT).open();
     let serial = serial.map_err(|cause| match cause.kind() {
         // On Unix this kind means that the port is locked; a port that is not there is an I/O error.
@@ -90,6 +112,8 @@ pub(super) fn open(name: &str) -> Result<Box<dyn SerialPort>, PortError> {
         ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => PortError::Permission { port: port() },
         _ => PortError::Other { port: port(), cause },
     })?;
-    serial.clear(ClearBuffer::All).map_err(|cause| PortError::Other { port: port(), cause })?;
-    Ok(serial)
+    let other = |cause| PortError::Other { port: port(), cause };
+    serial.clear(ClearBuffer::All).map_err(other)?;
+    let reader = serial.try_clone().map_err(other)?;
+    Ok(Ends { reader: Box::new(reader), writer: Box::new(serial) })
 }

@@ -1,12 +1,11 @@
-//! The serial port as a stream of frames: a reader thread on one side, counted losses on the other.
+//! The port as a stream of frames: a reader thread on one side, counted losses on the other.
 
 use super::error::LinkError;
-use super::port;
+use super::port::{self, Ends};
 use protocol::{
     Command, Envelope, EnvelopeReceiver, MAX_FRAME_TO_DEVICE, Order, Received as Frame, SequenceTracker,
     encode_command,
 };
-use serialport::SerialPort;
 use std::io::{self, ErrorKind, Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -69,7 +68,7 @@ struct Counters {
 /// An open port.
 pub struct OpenPort {
     name: String,
-    writer: Box<dyn SerialPort>,
+    writer: Box<dyn Write + Send>,
     incoming: mpsc::Receiver<Incoming>,
     reader: Option<JoinHandle<()>>,
     counters: Arc<Counters>,
@@ -80,9 +79,8 @@ pub struct OpenPort {
 impl OpenPort {
     /// Opens a port and starts reading it.
     pub fn open(name: &str) -> Result<Self, LinkError> {
-        let writer = port::open(name)?;
+        let Ends { reader: reading, writer } = port::open(name)?;
         let gone = |cause: io::Error| LinkError::Gone { port: name.to_owned(), cause };
-        let reading = writer.try_clone().map_err(|error| gone(error.into()))?;
         let counters = Arc::new(Counters::default());
         let (sender, incoming) = mpsc::channel();
         let reader = std::thread::Builder::new()
@@ -182,7 +180,7 @@ impl Drop for OpenPort {
     }
 }
 
-fn read_frames(mut port: Box<dyn SerialPort>, sender: &mpsc::Sender<Incoming>, counters: &Counters) {
+fn read_frames(mut port: Box<dyn Read + Send>, sender: &mpsc::Sender<Incoming>, counters: &Counters) {
     let mut receiver = EnvelopeReceiver::new();
     let mut buffer = [0; 4096];
     while !counters.stop.load(Ordering::Acquire) {

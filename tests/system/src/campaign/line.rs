@@ -1,10 +1,9 @@
 //! Frames over a serial port, with ids, tokens and repeats as the caller sets them: what the host's client never does.
 
-use crate::pty::{make_raw, wait};
+use crate::pty::{self, wait};
 use anyhow::{Context, Result};
 use protocol::{Command, EnvelopeReceiver, MAX_FRAME_TO_DEVICE, Message, Received, encode_command};
 use rustix::event::{PollFlags, Timespec};
-use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use std::collections::VecDeque;
 use std::os::fd::{AsFd, OwnedFd};
@@ -28,11 +27,7 @@ impl Line {
     /// # Errors
     /// Where that is not possible.
     pub fn open(path: &Path) -> Result<Self> {
-        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK;
-        let port = rustix::fs::open(path, flags, Mode::empty())
-            .with_context(|| format!("cannot open the serial port {}", path.display()))?;
-        make_raw(port.as_fd())?;
-        Ok(Self { port, receiver: EnvelopeReceiver::new(), waiting: VecDeque::new() })
+        Ok(Self { port: pty::open(path)?, receiver: EnvelopeReceiver::new(), waiting: VecDeque::new() })
     }
 
     /// Sends a command as it is.

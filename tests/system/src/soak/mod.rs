@@ -153,7 +153,7 @@ impl Display for Survived {
 /// Where anything does not hold; the error names the seed and the device's time.
 pub fn run(args: Args) -> Result<Survived> {
     let limit = HANGS + Duration::from_secs_f64(args.minutes * 60.0 * SLOWEST);
-    let bench = Bench::start(RigConfig::default(), args.seed, SPEED, limit)?;
+    let bench = Bench::at_terminal(RigConfig::default(), args.seed, SPEED, limit)?;
     let began = Instant::now();
     bench.rig().keep_history();
     let wire = NoisyWire::connect(&bench.folder().join("serial"), args.seed)?;

@@ -108,7 +108,7 @@ impl Display for Served {
 /// Where anything does not hold.
 pub fn run(args: Args) -> Result<Served> {
     let limit = HANGS + Duration::from_secs_f64(args.minutes * 60.0 * super::SLOWEST);
-    let bench = Bench::start(RigConfig::default(), args.seed, super::SPEED, limit)?;
+    let bench = Bench::at_terminal(RigConfig::default(), args.seed, super::SPEED, limit)?;
     bench.rig().host_may_be_silent(true);
     let began = Instant::now();
     let guide = build_guide()?;

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use system::bench::Bench;
 use system::cosim::Injection;
 use system::images::{self, Board, Image, build_for};
-use system::qemu::{HANGS, Qemu, turn};
+use system::qemu::{HANGS, Line, Qemu, turn};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -51,7 +51,7 @@ fn the_test_program_for_boards_passes_in_qemu() {
     for board in Board::ALL {
         let elf = build_for(board, Image::BoardConformance).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let qemu = Qemu::start_for(board, turn(), &elf, folder.path(), HANGS).unwrap();
+        let qemu = Qemu::start_for(board, Line::Socket, turn(), &elf, folder.path(), HANGS).unwrap();
         let (code, log) = qemu.wait(HANGS).unwrap();
         assert_eq!(code, 0, "{}: {log:#?}", board.name());
     }

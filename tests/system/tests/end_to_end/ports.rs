@@ -106,7 +106,7 @@ fn a_device_with_other_message_types() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_port_in_use() {
-    let bench = Bench::start(RigConfig::default(), 31, 4.0, HANGS).unwrap();
+    let bench = Bench::at_terminal(RigConfig::default(), 31, 4.0, HANGS).unwrap();
     let port = bench.port();
     let held = device::link::Client::connect(&port).unwrap();
     let message = status_fails(&port);
