@@ -21,7 +21,7 @@ const VIEWS = [
   ['predict', 'Predict', () => state.session],
   ['plan', 'Plan', () => true],
   ['population', 'Population', () => true],
-  ['live', 'Live', () => live.isOffered],
+  ['live', 'Live', () => live.isOffered || canWatch()],
 ];
 const DRAW = { start: showStart, play: showPlay, session: showSession, identify: showIdentify, diagnose: showDiagnose, predict: showPredict, plan: showPlan, population: showPopulation, live: showLive };
 
@@ -51,7 +51,7 @@ function show(view, isUser = true) {
 }
 
 function showTabs() {
-  const offered = VIEWS.filter(([id]) => id !== 'live' || live.isOffered);
+  const offered = VIEWS.filter(([id]) => id !== 'live' || live.isOffered || canWatch());
   const tab = ([id, name, isThere]) => h('li', {}, h('button', {
     type: 'button',
     disabled: !isThere(),

@@ -80,6 +80,12 @@ class Engine {
     return this.request(FOLLOWED, { do: 'follow', file: 'frames', fresh });
   }
 
+  /** The frame that greets a device, or, with the token of its answer, has it send samples. */
+  async ask(id, connection) {
+    await this.ready;
+    return Uint8Array.from(await this.request(FOLLOWED, { do: 'ask', id, connection }));
+  }
+
   /** Ends what takes long; the next request finds a new worker. */
   cancel(name) {
     this.lanes.get(name)?.stop();

@@ -1,4 +1,4 @@
-// The device live, as `guide web --port` serves it. The page shows and requests; the program decides, and stops the device when the
+// The device live, as `guide web --port` serves it, or at a serial port of the browser (`serial.js`). The page shows and requests; the program decides, and stops the device when the
 // page in control does not answer its updates any more.
 
 const KEPT_S = 30;
@@ -117,6 +117,8 @@ function traceOf(channel, style, label) {
   });
 }
 
+const decodedText = (decoded) => `samples ${decoded.samples}, lost ${decoded.samples_missing}; frames ${decoded.frames}, lost ${decoded.frames_missing + decoded.frames_corrupt + decoded.frames_unreadable}`;
+
 function liveRows({ device }, decoded) {
   const pair = (x, y, unit, digits = 4) => `${number(x, digits)}, ${number(y, digits)} ${unit}`;
   const stiffness = (one) => (one ? `${number(one.n_per_mm)} (${interval(one.ci95_n_per_mm)}) N/mm` : '-');
@@ -131,7 +133,7 @@ function liveRows({ device }, decoded) {
     ['Position x, y', pair(device.position_x_mm, device.position_y_mm, 'mm')],
     ['Stiffness x', stiffness(device.stiffness_x)],
     ['Stiffness y', stiffness(device.stiffness_y)],
-    ['Decoded here', decoded ? `samples ${decoded.samples}, lost ${decoded.samples_missing}; frames ${decoded.frames}, lost ${decoded.frames_missing + decoded.frames_corrupt + decoded.frames_unreadable}` : 'nothing yet'],
+    ['Decoded here', decoded ? decodedText(decoded) : 'nothing yet'],
     ['Link', `${number(counted.samples_per_s, 4)} samples/s, ${number(counted.bytes_per_s / 1e3)} kB/s; samples lost ${counted.samples_missing}, frames lost ${lost}`],
   ];
 }
@@ -152,15 +154,31 @@ function showLive() {
     h('p', { class: 'bar' }, button('Home', { do: 'home' }), button('Tare', { do: 'tare' }), button('Clear the fault', { do: 'clear' }), button('Retreat from the load', { do: 'retreat' })),
     h('p', { class: 'bar' }, h('label', { for: 'live-step' }, 'Jog by '), step, jog('x \u2212', -1, 0), jog('x +', 1, 0), jog('y \u2212', 0, -1), jog('y +', 0, 1)),
     h('p', { class: 'bar' }, h('label', { for: 'live-program' }, 'Program '), program, button('Run', () => requestLive({ do: 'run', program: program.value }))));
+  const [watch, updateWatch] = live.isOffered ? [null, () => {}] : watchSection();
   main().append(
+    ...(watch ? [watch] : []),
     section('Device', h('table', {}, rows)),
-    section('Control', held, h('p', { class: 'bar' }, control), motions, progress, outcome),
+    ...(watch ? [] : [section('Control', held, h('p', { class: 'bar' }, control), motions, progress, outcome)]),
     h('div', { class: 'panels' }, h('div', { class: 'panel' }, h('h3', {}, 'Force'), force), h('div', { class: 'panel' }, h('h3', {}, 'Position of guide 2'), position)),
     saveBar('live', () => ({ ...live.last, decoded: live.counts, trace: live.points })));
   let count = 0;
   let listed = '';
   const setText = (element, text) => { if (element.textContent !== text) element.textContent = text; };
+  const setRows = (all) => rows.replaceChildren(...all.map(([name, text]) => h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, text))));
+  const drawTraces = () => {
+    count += 1;
+    if (count % PLOT_EVERY !== 1) return;
+    const draw = (into, title, unit, first) => plot(into, { title, x: 'time, s', y: unit, height: 220, xRange: [-KEPT_S, 0], series: [...traceOf(first, 'a', 'x'), ...traceOf(first + 1, 'b', 'y')] });
+    draw(force, 'Force over the last half minute', 'force, N', 0);
+    draw(position, 'Position of guide 2 over the last half minute', 'displacement, mm', 2);
+  };
   live.draw = () => {
+    if (watch) {
+      updateWatch();
+      setRows(watchedRows());
+      drawTraces();
+      return;
+    }
     const { last } = live;
     motions.disabled = !hasControl();
     if (last === null) {
@@ -171,7 +189,7 @@ function showLive() {
     control.disabled = last.control === 'other';
     setText(control, last.control === 'this' ? 'Give up control' : 'Take control');
     setText(held, { none: 'No page has control.', this: 'This page has control: the device stops when the page is hidden, closed or does not answer.', other: 'Another page has control; this one shows what happens.' }[last.control]);
-    rows.replaceChildren(...liveRows(last, live.counts).map(([name, text]) => h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, text))));
+    setRows(liveRows(last, live.counts));
     setText(outcome, last.notice || (last.outcome ? last.outcome.text : ''));
     if (listed !== last.programs.join()) {
       listed = last.programs.join();
@@ -179,12 +197,7 @@ function showLive() {
     }
     progress.hidden = !(last.program && isMoving() && last.device.step !== null);
     if (!progress.hidden) { progress.max = last.program.steps; progress.value = last.device.step + 1; }
-    count += 1;
-    if (count % PLOT_EVERY === 1) {
-      const draw = (into, title, unit, first) => plot(into, { title, x: 'time, s', y: unit, height: 220, xRange: [-KEPT_S, 0], series: [...traceOf(first, 'a', 'x'), ...traceOf(first + 1, 'b', 'y')] });
-      draw(force, 'Force over the last half minute', 'force, N', 0);
-      draw(position, 'Position of guide 2 over the last half minute', 'displacement, mm', 2);
-    }
+    drawTraces();
   };
   live.draw();
 }

@@ -24,6 +24,9 @@ function showStart() {
       h('section', { class: 'card' }, h('h2', {}, 'Many sessions'),
         h('p', {}, 'What subjects, rigs and needles have in common.'),
         h('button', { type: 'button', onclick: () => show('population') }, 'Compare sessions')),
+      canWatch() ? h('section', { class: 'card' }, h('h2', {}, 'Watch a device'),
+        h('p', {}, 'Force and position live, from a serial port of this computer.'),
+        h('button', { type: 'button', onclick: () => show('live') }, 'Watch a device')) : null,
       h('section', { class: 'card', id: 'drop' }, h('h2', {}, 'Your session'),
         h('p', {}, 'Drop a session folder or a zip of one anywhere on this page, or choose it. Nothing leaves this machine.'),
         h('p', { class: 'bar' }, choose({ webkitdirectory: true }, 'Choose a folder'), choose({ accept: '.zip' }, 'Choose a zip file')))));

@@ -78,6 +78,7 @@ impl Engine {
                 }
                 self.follower.take(file)
             }
+            Request::Ask { id, connection } => live::ask(*id, *connection),
             Request::Play(input) => play::play(input),
         }
     }

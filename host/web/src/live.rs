@@ -2,7 +2,10 @@
 //! counted as the program counts them.
 
 use crate::answer::AnswerError;
-use protocol::{EnvelopeReceiver, Hello, Message, Order, Received, Sample, SequenceTracker};
+use protocol::{
+    Command, EnvelopeReceiver, Fault, Hello, MAX_FRAME_TO_DEVICE, Message, Order, Received, Request, Sample,
+    SequenceTracker, State, encode_command,
+};
 use serde::Serialize;
 use std::fs;
 use std::path::Path;
@@ -13,12 +16,30 @@ const COLUMN_S: f64 = 0.05;
 const RESTART_GAP_S: f64 = 1.0;
 const CHANNELS: usize = 4;
 
+/// The frame that greets a device, or, with the token of its answer, has it send samples.
+pub(crate) fn ask(id: u16, connection: Option<u32>) -> Result<String, AnswerError> {
+    let request = if connection.is_some() { Request::Stream { enable: true } } else { Request::Hello };
+    let mut buffer = [0; MAX_FRAME_TO_DEVICE];
+    let command = Command { id, connection: connection.unwrap_or(0), request };
+    let frame = encode_command(&command, &mut buffer).map_err(|cause| AnswerError::Value {
+        name: "id",
+        value: id.to_string(),
+        expected: format!("one that a frame can hold ({cause})"),
+    })?;
+    Ok(serde_json::to_string(frame)?)
+}
+
 /// Follows the frames of one connection to the program. Its memory does not grow.
 #[derive(Debug, Default)]
 pub(crate) struct Follower {
     receiver: EnvelopeReceiver,
     tracker: SequenceTracker,
     hello: Option<Hello>,
+    /// Token of the newest connection.
+    connection: Option<u32>,
+    /// Protocol of a device that speaks another one.
+    other_version: Option<u16>,
+    condition: Option<(State, Option<Fault>)>,
     /// Added to the device's time.
     offset_s: f64,
     latest_s: Option<f64>,
@@ -37,8 +58,18 @@ struct Column {
 }
 
 #[derive(Serialize)]
+struct LatchedFault {
+    number: u8,
+    name: Fault,
+}
+
+#[derive(Serialize)]
 struct Followed {
     columns: Vec<Column>,
+    connection: Option<u32>,
+    other_version: Option<u16>,
+    state: Option<State>,
+    fault: Option<LatchedFault>,
     bytes: u64,
     frames: u64,
     frames_missing: u64,
@@ -61,6 +92,13 @@ impl Follower {
         let (totals, losses) = (self.tracker.totals(), self.receiver.losses());
         Ok(serde_json::to_string(&Followed {
             columns,
+            connection: self.connection,
+            other_version: self.other_version,
+            state: self.condition.map(|(state, _)| state),
+            fault: self
+                .condition
+                .and_then(|(_, fault)| fault)
+                .map(|name| LatchedFault { number: name as u8, name }),
             bytes: self.bytes,
             frames: totals.frames,
             frames_missing: totals.frames_missing,
@@ -77,9 +115,19 @@ impl Follower {
         let mut receiver = std::mem::take(&mut self.receiver);
         let mut changed = Vec::new();
         for received in receiver.feed(bytes) {
-            let Received::Frame(envelope) = received else { continue };
-            if let Message::Hello(hello) = &envelope.message {
-                self.greeted(hello);
+            let envelope = match received {
+                Received::Frame(envelope) => envelope,
+                Received::Unreadable(Some(version)) => {
+                    self.other_version = Some(version);
+                    continue;
+                }
+                _ => continue,
+            };
+            match &envelope.message {
+                Message::Hello(hello) => self.greeted(hello),
+                Message::Connected { connection } => self.connection = Some(*connection),
+                Message::Status(status) => self.condition = Some((status.state, status.fault)),
+                _ => {}
             }
             if matches!(self.tracker.observe(&envelope).order, Order::Duplicate | Order::Late) {
                 continue;

@@ -82,6 +82,15 @@ pub enum Request {
         #[serde(default)]
         fresh: bool,
     },
+    /// The frame for a device at a serial port of the browser: a greeting, or with the token of its answer the request for samples. There is
+    /// none for anything that moves.
+    Ask {
+        /// Number of the command.
+        id: u16,
+        /// Token of the connection.
+        #[serde(default)]
+        connection: Option<u32>,
+    },
     /// What a needle would do.
     Play(PlayInput),
 }

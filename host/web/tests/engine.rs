@@ -1,7 +1,10 @@
 //! Requests of the page, answered natively: documents of the program, trials, the needle to play with, and every kind of wrong request.
 
 use formats::session::{SessionWriter, Setup, template};
-use protocol::{Envelope, MAX_FRAME_TO_HOST, Message, Packer, Sample, State, encode_envelope};
+use protocol::{
+    CommandReceiver, Envelope, Fault, MAX_FRAME_TO_HOST, Message, Packer, Received, Request, Sample, State,
+    Status, encode_envelope,
+};
 use serde_json::{Value, json};
 use simulation::simulate::{Sensors, SimulationPlan};
 use std::fs;
@@ -204,6 +207,38 @@ fn frames_of_the_device_are_decoded_and_what_is_missing_is_counted() {
     assert_eq!((&found["frames_missing"], &found["samples_missing"]), (&json!(3), &json!(60)));
     assert_eq!(found["frames_corrupt"], 1);
     assert!(error(&json!({"do": "follow", "file": "gone"})).contains("file: gone"));
+}
+
+#[test]
+fn a_device_at_a_port_of_the_browser_is_requested_for_samples_and_nothing_else() {
+    let engine = &mut Engine::default();
+    let mut requested = |request: &Value| {
+        let frame: Vec<u8> = serde_json::from_value(ok(engine, request)).expect("bytes");
+        match CommandReceiver::new().feed(&frame).next() {
+            Some(Received::Frame(command)) => (command.id, command.connection, command.request),
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(requested(&json!({"do": "ask", "id": 3})), (3, 0, Request::Hello));
+    let wanted = json!({"do": "ask", "id": 4, "connection": 77});
+    assert_eq!(requested(&wanted), (4, 77, Request::Stream { enable: true }));
+    assert!(error(&json!({"do": "ask", "id": 1, "request": "Run"})).contains("unknown field"));
+
+    // What it answers.
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("frames");
+    let mut bytes = Vec::new();
+    let status = Status { state: State::Faulted, fault: Some(Fault::Stall), ..fake_device::status() };
+    for (sequence, message) in (0..).zip([Message::Connected { connection: 77 }, Message::Status(status)]) {
+        let mut buffer = [0; MAX_FRAME_TO_HOST];
+        let envelope = Envelope { boot_id: 7, sequence, message };
+        bytes.extend_from_slice(encode_envelope(&envelope, &mut buffer).expect("encoded"));
+    }
+    fs::write(&file, &bytes).expect("written");
+    let found = ok(engine, &json!({"do": "follow", "file": file, "fresh": true}));
+    assert_eq!((&found["connection"], &found["state"]), (&json!(77), &json!("Faulted")));
+    assert_eq!(found["fault"], json!({"number": Fault::Stall as u8, "name": "Stall"}));
+    assert!(found["other_version"].is_null());
 }
 
 #[test]

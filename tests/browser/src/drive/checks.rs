@@ -7,6 +7,7 @@ use crate::figures;
 use crate::live;
 use crate::program::document;
 use crate::results;
+use crate::serial;
 use crate::served;
 use crate::views;
 use anyhow::{Context, Result, ensure};
@@ -110,6 +111,9 @@ impl<'a> Checks<'a> {
         });
         self.check("live, with a device for tests", |checks| {
             live::check(checks.browser, &checks.page, &checks.folder, !checks.options.no_pictures)
+        });
+        self.check("live, at a serial port of the browser", |checks| {
+            serial::check(checks.browser, &checks.address)
         });
         if self.options.minutes > 0 {
             self.check("live for a long time at the full rate of a device", |checks| {

@@ -11,6 +11,7 @@ mod figures;
 mod live;
 mod program;
 mod results;
+mod serial;
 mod served;
 mod views;
 
