@@ -46,12 +46,11 @@ async function watchPort() {
         source.close();
       } else if (token !== null && token !== streams) {
         streams = token;
-        greetings = 0;
         await writer.write(await engine.ask(id, token));
         drawWatched('Watching.');
       } else if (token === null || isSilent) {
         if (greetings === MOST_GREETINGS) {
-          ended = 'No answer: it is another device, or has no firmware.';
+          ended = token === null ? 'No answer: it is another device, or has no firmware.' : 'The device does not answer any more.';
           source.close();
           return;
         }
@@ -74,6 +73,7 @@ async function watchPort() {
       const { value, done } = await reader.read();
       if (done) break;
       arrivedAt = performance.now();
+      greetings = 0;
       if (live.socket === source) followLive(value).then(() => drawWatched());
     }
   } catch (error) {

@@ -4,7 +4,7 @@
 use crate::answer::AnswerError;
 use protocol::{
     Command, EnvelopeReceiver, Fault, Hello, MAX_FRAME_TO_DEVICE, Message, Order, Received, Request, Sample,
-    SequenceTracker, State, encode_command,
+    SequenceTracker, State, VERSION, encode_command,
 };
 use serde::Serialize;
 use std::fs;
@@ -150,6 +150,9 @@ impl Follower {
     }
 
     fn greeted(&mut self, hello: &Hello) {
+        if hello.protocol_version != VERSION {
+            self.other_version = Some(hello.protocol_version);
+        }
         let now_s = hello.now_us as f64 * 1e-6;
         // The clock of a device that has restarted begins again.
         if let Some(latest_s) = self.latest_s

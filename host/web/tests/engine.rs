@@ -2,8 +2,8 @@
 
 use formats::session::{SessionWriter, Setup, template};
 use protocol::{
-    CommandReceiver, Envelope, Fault, MAX_FRAME_TO_HOST, Message, Packer, Received, Request, Sample, State,
-    Status, encode_envelope,
+    CommandReceiver, Envelope, Fault, Hello, MAX_FRAME_TO_HOST, Message, Packer, Received, Request, Sample,
+    State, Status, encode_envelope,
 };
 use serde_json::{Value, json};
 use simulation::simulate::{Sensors, SimulationPlan};
@@ -239,6 +239,12 @@ fn a_device_at_a_port_of_the_browser_is_requested_for_samples_and_nothing_else()
     assert_eq!((&found["connection"], &found["state"]), (&json!(77), &json!("Faulted")));
     assert_eq!(found["fault"], json!({"number": Fault::Stall as u8, "name": "Stall"}));
     assert!(found["other_version"].is_null());
+    let mut buffer = [0; MAX_FRAME_TO_HOST];
+    let hello = Hello { protocol_version: protocol::VERSION + 1, ..fake_device::hello() };
+    let envelope = Envelope { boot_id: 7, sequence: 2, message: Message::Hello(hello) };
+    fs::write(&file, encode_envelope(&envelope, &mut buffer).expect("encoded")).expect("written");
+    let found = ok(engine, &json!({"do": "follow", "file": file, "fresh": false}));
+    assert_eq!(found["other_version"], json!(protocol::VERSION + 1));
 }
 
 #[test]

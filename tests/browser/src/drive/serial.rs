@@ -13,14 +13,14 @@ const CONNECTION: u32 = 0x1234_5678;
 const BATCHES: u32 = 40;
 const BATCH: u32 = 20;
 
-/// A port that answers every frame with the next of these.
-const PORT: &str = "const answers = arguments[0].map((one) => Uint8Array.from(one)); \
+/// A port that answers every frame with the next of these, and then with the first again.
+const PORT: &str = "const answers = arguments[0].map((one) => Uint8Array.from(one)); const [again] = answers; \
     const of = window.port = { written: [], isOpen: false, options: null, give: true }; \
     const open = () => ({ \
         open: async (options) => { of.isOpen = true; of.options = options; }, \
         close: async () => { of.isOpen = false; }, \
         readable: new ReadableStream({ start: (device) => { of.device = device; } }), \
-        writable: new WritableStream({ write: (frame) => { of.written.push([...frame]); const answer = answers.shift(); if (answer) of.device.enqueue(answer); } }) }); \
+        writable: new WritableStream({ write: (frame) => { of.written.push([...frame]); of.device.enqueue(answers.shift() ?? again); } }) }); \
     Object.defineProperty(navigator, 'serial', { configurable: true, value: { requestPort: async () => { \
         if (!of.give) throw new DOMException('nothing was chosen', 'NotFoundError'); return open(); } } }); \
     showTabs(); show('live');";
@@ -66,7 +66,7 @@ pub fn check(browser: &Browser, address: &str) -> Result<String> {
     browser.run("port.give = true;", json!([]))?;
     browser.press("#watch", ENTER)?;
     browser.until(&format!("live.counts && live.counts.samples === {}", BATCH * BATCHES))?;
-    browser.until("document.querySelector('#main table').textContent.includes('1.000 N') && document.querySelector('#main .plot .line')")?;
+    browser.until("document.querySelector('#main table').textContent.includes('0, 1 N') && document.querySelector('#main .plot .line')")?;
     let found = browser.run(
         "return JSON.stringify([port.written, port.options.baudRate, live.counts, document.getElementById('watched').textContent, \
             document.querySelectorAll('fieldset, .motion').length, document.getElementById('fault').hidden]);",
@@ -80,8 +80,10 @@ pub fn check(browser: &Browser, address: &str) -> Result<String> {
         let Received::Frame(command) = received else { anyhow::bail!("a damaged frame: {written:?}") };
         requests.push((command.connection, command.request));
     }
+    // A page that is given no processor time for long takes the device for silent and greets it again.
+    let wanted = [(0, Request::Hello), (CONNECTION, Request::Stream { enable: true })];
     ensure!(
-        requests == [(0, Request::Hello), (CONNECTION, Request::Stream { enable: true })],
+        requests.starts_with(&wanted) && requests.iter().all(|request| wanted.contains(request)),
         "requested: {requests:?}"
     );
     ensure!(found[1] == json!(460_800), "rate {}", found[1]);
