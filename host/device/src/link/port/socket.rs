@@ -148,13 +148,18 @@ mod tests {
         matches!(client.peek(&mut [0]), Ok(0))
     }
 
-    #[test]
-    fn a_device_behind_a_server_is_like_one_at_a_port() {
-        let device = FakeDevice::start(Script::default());
+    /// A client of a device behind a server.
+    fn behind_a_server(device: &FakeDevice) -> (Client, JoinHandle<()>) {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let name = format!("tcp:{}", listener.local_addr().expect("bound"));
         let server = serve(listener, device.port.clone());
-        let mut client = Client::connect(&name).expect("connects");
+        (Client::connect(&name).expect("connects"), server)
+    }
+
+    #[test]
+    fn a_device_behind_a_server_is_like_one_at_a_port() {
+        let device = FakeDevice::start(Script::default());
+        let (mut client, server) = behind_a_server(&device);
         client.status().expect("answers");
         drop(client);
         server.join().expect("no panic");
@@ -163,10 +168,7 @@ mod tests {
     #[test]
     fn a_server_that_ends_is_a_port_that_is_gone() {
         let device = FakeDevice::start(Script::default());
-        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
-        let name = format!("tcp:{}", listener.local_addr().expect("bound"));
-        let server = serve(listener, device.port.clone());
-        let mut client = Client::connect(&name).expect("connects");
+        let (mut client, server) = behind_a_server(&device);
         drop(device);
         let error = (0..50).find_map(|_| client.status().err()).expect("it is gone");
         assert!(matches!(error, LinkError::Gone { .. }), "{error}");
