@@ -33,7 +33,7 @@ impl Setup {
 pub struct Bench {
     qemu: Option<Qemu>,
     cosim: Option<Cosim>,
-    terminals: Terminals,
+    terminals: Option<Terminals>,
     folder: TempDir,
 }
 
@@ -110,7 +110,7 @@ impl Bench {
         let turn = qemu::turn();
         let cosim = Cosim::start_wired(config, seed, folder.path(), speed, faults)?;
         let qemu = Qemu::start_for(board, line, turn, &elf, folder.path(), limit)?;
-        let terminals = Terminals::watch()?;
+        let terminals = if line == Line::Terminal { Some(Terminals::watch()?) } else { None };
         let bench = Self { qemu: Some(qemu), cosim: Some(cosim), terminals, folder };
         bench.await_first_steps(limit)?;
         Ok(bench)
@@ -145,9 +145,9 @@ impl Bench {
         self.cosim.as_ref().expect("the bench runs")
     }
 
-    /// Whether this computer's pseudo terminals, over which the link goes, keep up.
-    pub fn terminals(&self) -> &Terminals {
-        &self.terminals
+    /// Whether this computer's pseudo terminals keep up, where the link goes over one.
+    pub fn terminals(&self) -> Option<&Terminals> {
+        self.terminals.as_ref()
     }
 
     /// The firmware's log so far.
@@ -210,7 +210,7 @@ impl Drop for Bench {
         self.qemu = None;
         self.cosim = None;
         if thread::panicking()
-            && let Some(stall) = self.terminals.stall()
+            && let Some(stall) = self.terminals.as_ref().and_then(Terminals::stall)
         {
             eprintln!("{stall}");
         }

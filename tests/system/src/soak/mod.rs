@@ -30,6 +30,7 @@ use crate::bench::Bench;
 use crate::cosim::Injection;
 use crate::numbers::minutes;
 use crate::qemu::HANGS;
+use crate::terminals::Terminals;
 use crate::wire::NoisyWire;
 use anyhow::{Result, ensure};
 use device::Device;
@@ -169,7 +170,8 @@ pub fn run(args: Args) -> Result<Survived> {
         let log = bench.log();
         let last =
             log.iter().skip(log.len().saturating_sub(LOG_LINES)).cloned().collect::<Vec<_>>().join("\n  ");
-        let stall = bench.terminals().stall().map_or(String::new(), |stall| format!("\n{stall}"));
+        let stall =
+            bench.terminals().and_then(Terminals::stall).map_or(String::new(), |stall| format!("\n{stall}"));
         return Err(error.context(format!(
             "seed {}, device time {device_s:.3} s (rig {rig_s:.3} s); the firmware's last words:\n  {last}{stall}\n",
             args.seed
@@ -190,7 +192,7 @@ pub fn run(args: Args) -> Result<Survived> {
         stack_free_bytes: watch.stack_free_bytes,
         outbox_most: watch.outbox_most,
         reach: watch.reach,
-        terminals_s: bench.terminals().longest().as_secs_f64(),
+        terminals_s: bench.terminals().map_or(0.0, |terminals| terminals.longest().as_secs_f64()),
         memory_bytes: memory.first_bytes.zip(memory.last_bytes).map(|(first, last)| [first, last]),
     };
     drop(wire);

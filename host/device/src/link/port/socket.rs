@@ -136,7 +136,6 @@ mod tests {
                 Err(error) if error.kind() == ErrorKind::TimedOut => 0,
                 _ => return,
             };
-            client.set_nonblocking(false).expect("a stream");
             if client.write_all(&bytes[..count]).is_err() || is_closed(client) {
                 return;
             }
