@@ -36,8 +36,12 @@ pub(super) fn close() {
     cortex_m::asm::isb();
 }
 
+/// Whether an address is in the guard.
+pub(crate) fn contains(address: u32) -> bool {
+    (base()..base().saturating_add(GUARD_BYTES)).contains(&address)
+}
+
 /// Whether a fault is a stack that has reached the guard: by its status and address.
 pub(crate) fn is_hit(status: u32, address: u32) -> bool {
-    status & STACKING != 0
-        || status & STORE == STORE && (base()..base().saturating_add(GUARD_BYTES)).contains(&address)
+    status & STACKING != 0 || status & STORE == STORE && contains(address)
 }

@@ -7,12 +7,13 @@
 //! Accesses are costly (about 200 instructions), so regions are as tight as the hardware allows: of the serial port
 //! only the block with ICR, RDR and TDR, of GPIO only port B.
 
-use super::with_machine;
+use super::{Unmodelled, with_machine};
 use crate::board::fault::hard_fault;
 use crate::board::guard;
 use crate::board::pins::emulated::SERIAL_BASE;
 use crate::exit::{ExitCode, exit};
 use core::arch::naked_asm;
+use core::ops::Range;
 use core::sync::atomic::{AtomicU32, Ordering};
 use emulation::thumb::{self, Access, Direction};
 
@@ -45,6 +46,9 @@ const REGIONS: [Region; 7] = [
 const RASR_ATTRIBUTES: u32 = 1 << 28 | 1 << 16;
 /// MPU on, default map for privileged code elsewhere, off in the hard fault.
 const CTRL_ENABLE: u32 = 0b101;
+
+/// Where code is: the flash.
+const CODE: Range<u32> = 0x0800_0000..0x0810_0000;
 
 /// Accesses emulated since start-up.
 static TRAPS: AtomicU32 = AtomicU32::new(0);
@@ -108,31 +112,25 @@ unsafe extern "C" fn HardFault() {
 
 /// Performs the faulting access and steps past it.
 ///
+/// The access follows from the instruction and the registers. The fault status registers are read only where that is none that is
+/// emulated, so their bits stay set from the first access on: QEMU leaves its translated code for each register of the core.
+///
 /// # Safety
 /// `frame` and `saved` (r4 to r11) are the stacked registers of the interrupted code.
 unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return: u32) {
+    // A frame in the guard was not stacked, and only code can be decoded.
+    // SAFETY: the entry code passes the frame's address, which is in the stack's memory in any case.
+    if guard::contains(frame as u32) || !CODE.contains(unsafe { &(*frame).pc }) {
+        // SAFETY: as above.
+        refuse(unsafe { (*frame).pc }, None)
+    }
     // SAFETY: the entry code passes two disjoint blocks of the stack that nothing else refers to.
     let (frame, saved) = unsafe { (&mut *frame, &mut *saved) };
-    let fault_address = take_fault_address(frame);
     let registers = gather(frame, saved, exc_return);
     // SAFETY: the core has just executed this instruction, so its halfwords can be read; where it has 16 bits, what
     // follows it is still code or the flash behind it.
-    let (first, second) =
-        unsafe { ((frame.pc as *const u16).read(), (frame.pc as *const u16).add(1).read()) };
-    let access = match thumb::decode(first, second, &registers) {
-        Ok(access) => access,
-        Err(refused) => {
-            defmt::error!(
-                "access to {=u32:#010x} at {=u32:#010x} by an instruction that is not emulated ({}): {=u16:#06x} {=u16:#06x}",
-                fault_address,
-                frame.pc,
-                defmt::Debug2Format(&refused),
-                first,
-                second
-            );
-            exit(ExitCode::Fault)
-        }
-    };
+    let code = unsafe { [(frame.pc as *const u16).read(), (frame.pc as *const u16).add(1).read()] };
+    let Ok(access) = thumb::decode(code[0], code[1], &registers) else { refuse(frame.pc, Some(code)) };
     let pc = frame.pc;
     let mut set = |register: u8, value: u32| match register {
         0..=3 => frame.r0_to_r3[usize::from(register)] = value,
@@ -143,8 +141,19 @@ unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return
     };
     let mut transfer = |register: u8, word: u32| {
         let address = access.address.wrapping_add(4 * word);
-        if let Some(value) = perform(&access, address, registers[usize::from(register)], pc) {
-            set(register, value);
+        match perform(&access, address, registers[usize::from(register)]) {
+            Ok(Some(value)) => set(register, value),
+            Ok(None) => {}
+            Err(Unmodelled) => {
+                defmt::error!(
+                    "{} of {} at {=u32:#010x}, of {=u32:#010x}",
+                    defmt::Debug2Format(&access.direction),
+                    defmt::Debug2Format(&access.width),
+                    address,
+                    registers[usize::from(register)]
+                );
+                refuse(pc, Some(code))
+            }
         }
     };
     transfer(access.register, 0);
@@ -165,35 +174,25 @@ unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return
     TRAPS.store(TRAPS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
 }
 
-/// The address whose access faulted; ends the run if the fault is another one.
-fn take_fault_address(frame: &Frame) -> u32 {
-    // Memory fault: DACCVIOL and MMARVALID. Bus fault: PRECISERR and BFARVALID.
-    const MEMORY: u32 = 1 << 1 | 1 << 7;
-    const BUS: u32 = 1 << 9 | 1 << 15;
-    // SAFETY: fault status registers, used by the fault handler only. Each is accessed once: QEMU leaves its translated code for it.
-    let (scb, cfsr, mmfar) = unsafe {
+/// Ends the run at a fault that is no access to a modelled register: a stack that is used up restarts the program, anything else ends it.
+fn refuse(pc: u32, code: Option<[u16; 2]>) -> ! {
+    // SAFETY: fault status registers, used by the fault handler only.
+    let (cfsr, mmfar, bfar) = unsafe {
         let scb = &*cortex_m::peripheral::SCB::PTR;
-        (scb, scb.cfsr.read(), scb.mmfar.read())
+        (scb.cfsr.read(), scb.mmfar.read(), scb.bfar.read())
     };
     if guard::is_hit(cfsr, mmfar) {
-        hard_fault(cfsr, mmfar, frame.pc);
+        hard_fault(cfsr, mmfar, pc);
     }
-    let address = if cfsr & MEMORY == MEMORY {
-        mmfar
-    } else if cfsr & BUS == BUS {
-        scb.bfar.read()
-    } else {
-        defmt::error!(
-            "hard fault at {=u32:#010x}, CFSR {=u32:#010x}, LR {=u32:#010x}",
-            frame.pc,
-            cfsr,
-            frame.lr
-        );
-        exit(ExitCode::Fault)
-    };
-    // SAFETY: as above. Written ones clear.
-    unsafe { scb.cfsr.write(cfsr) };
-    address
+    defmt::error!(
+        "hard fault at {=u32:#010x}, where nothing is emulated (instruction {}): CFSR {=u32:#010x}, MMFAR {=u32:#010x}, BFAR {=u32:#010x}",
+        pc,
+        defmt::Debug2Format(&code),
+        cfsr,
+        mmfar,
+        bfar
+    );
+    exit(ExitCode::Fault)
 }
 
 /// The registers of the interrupted code.
@@ -212,28 +211,14 @@ fn gather(frame: &Frame, saved: &[u32; 8], exc_return: u32) -> [u32; 16] {
 }
 
 /// One transfer on the models; the loaded value if it is a load.
-fn perform(access: &Access, address: u32, stored: u32, pc: u32) -> Option<u32> {
+fn perform(access: &Access, address: u32, stored: u32) -> Result<Option<u32>, Unmodelled> {
     // SAFETY: this is the fault handler, and the MPU is off in it: the models trap nothing.
-    let result = unsafe {
+    unsafe {
         with_machine(|machine| match access.direction {
             Direction::Load => machine.read(address, access.width).map(|raw| Some(access.extend(raw))),
             Direction::Store => {
                 machine.write(address, access.width, stored & access.width.mask()).map(|()| None)
             }
         })
-    };
-    match result {
-        Ok(value) => value,
-        Err(super::Unmodelled) => {
-            defmt::error!(
-                "not modelled: {} of {} at register {=u32:#010x}, value {=u32:#010x}, by {=u32:#010x}",
-                defmt::Debug2Format(&access.direction),
-                defmt::Debug2Format(&access.width),
-                address,
-                stored,
-                pc
-            );
-            exit(ExitCode::Fault)
-        }
     }
 }
