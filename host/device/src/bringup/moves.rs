@@ -7,9 +7,10 @@ use super::findings::Finding;
 use super::report::StepReport;
 use super::session::Session;
 use crate::link::error::explain_fault;
-use crate::link::{LinkError, Point, Telemetry};
-use protocol::{EventKind, Outcome, Request, State, Step as DeviceStep, program_crc};
-use std::time::{Duration, Instant};
+use crate::link::program::PlannedStep;
+use crate::link::{Batch, LinkError, Point, Program, RunOptions, Telemetry, run as run_program};
+use protocol::Step as DeviceStep;
+use std::sync::atomic::AtomicBool;
 
 /// Amplitude of the moves, micrometres, and their speed, micrometres per second.
 const MOVE_UM: i32 = 800;
@@ -25,8 +26,6 @@ const LEAST_N_PER_M: f64 = 20.0;
 const TOLERANCE: f64 = 0.06;
 /// Share by which the gains of a cell's channels may differ.
 const GAIN_TOLERANCE: f64 = 0.15;
-/// How long a program is awaited, by the host's clock.
-const PROGRAM_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Force of x and y (rows) per motion along x and y (columns), newtons per metre.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,24 +81,15 @@ fn axis_moves(
         at_um
     };
     let targets_um = [target(MOVE_UM), target(-MOVE_UM), home_um];
-    let mut steps = Vec::new();
-    for [x_um, y_um] in targets_um {
-        steps.push(DeviceStep::Move { x_um, y_um, speed_um_s: SPEED_UM_S });
-        steps.push(DeviceStep::Hold { duration_ms: HOLD_MS });
-    }
-    for (index, step) in (0..).zip(&steps) {
-        session.client.request(Request::LoadStep { index, step: *step })?;
-    }
-    while session.client.waiting().is_some() {}
-    session.client.request(Request::Stream { enable: true })?;
-    session.client.request(Request::Run {
-        steps: steps.len() as u8,
-        crc: program_crc(&steps),
-        start_us: 0,
-    })?;
+    let name = ["x", "y"][axis];
+    let steps = targets_um.into_iter().flat_map(|[x_um, y_um]| {
+        [DeviceStep::Move { x_um, y_um, speed_um_s: SPEED_UM_S }, DeviceStep::Hold { duration_ms: HOLD_MS }]
+    });
+    let steps = steps.map(|step| PlannedStep { step, sweep: false }).collect();
+    let program = Program { name: format!("moves along {name}"), steps };
     let mut held = [Held::default(); 3];
     let mut furthest_m = [0.0_f64; 3];
-    let outcome = follow(session, |step, point| {
+    let mut observe = |step: u8, point: &Point| {
         let (turn, is_hold) = (usize::from(step) / 2, step % 2 == 1);
         let way = [1.0, -1.0, home_um[axis].signum().into()][turn.min(2)];
         let beyond_m = way * (point.displacement_m[axis] - 1e-6 * f64::from(targets_um[turn.min(2)][axis]));
@@ -109,14 +99,25 @@ fn axis_moves(
         if is_hold && turn < 3 {
             held[turn].add(point);
         }
-    })?;
-    session.client.request(Request::Stream { enable: false })?;
-    let name = ["x", "y"][axis];
-    if outcome != Some(Outcome::Completed) {
-        let fault = session.client.status()?.fault;
-        let measured = fault.map_or_else(|| "the program ended early".to_owned(), explain_fault);
-        report.find(Finding::new("loop.fault", Some(axis), measured));
-        return Ok(None);
+    };
+    while session.client.waiting().is_some() {}
+    let Session { client, operator, .. } = session;
+    // The operator has the interrupt, and is requested for it with everything that arrives.
+    let options = RunOptions { start_us: None, stream: true, interrupted: &AtomicBool::new(false) };
+    let outcome = run_program(client, &program, options, |_, telemetry| {
+        if let Telemetry::Samples(Batch { step: Some(step), points, .. }) = telemetry {
+            points.iter().for_each(|point| observe(*step, point));
+        }
+        if operator.is_interrupted() { Err(LinkError::Interrupted) } else { Ok(()) }
+    });
+    match outcome {
+        Ok(()) => {}
+        Err(LinkError::ProgramEnded { fault }) => {
+            let measured = fault.map_or_else(|| "the program ended early".to_owned(), explain_fault);
+            report.find(Finding::new("loop.fault", Some(axis), measured));
+            return Ok(None);
+        }
+        Err(error) => return Err(error),
     }
     let [up, down, back] = held;
     let error_m = [(up, targets_um[0]), (down, targets_um[1])]
@@ -151,35 +152,6 @@ fn stiffness([up, down, back]: &[Held; 3], axis: usize, force: usize) -> f64 {
     };
     let ((down_m, down_s, down_n), (back_m, back_s, back_n)) = (from_up(down), from_up(back));
     (down_n * back_s - back_n * down_s) / (down_m * back_s - back_m * down_s)
-}
-
-/// Follows a program to its end; `observe` receives the step and the readings of each sample. Nothing where its end was lost.
-fn follow(session: &mut Session, mut observe: impl FnMut(u8, &Point)) -> Result<Option<Outcome>, LinkError> {
-    let deadline = Instant::now() + PROGRAM_TIMEOUT;
-    let mut requested = Instant::now();
-    while Instant::now() < deadline && !session.operator.is_interrupted() {
-        if requested.elapsed() > Duration::from_millis(100) {
-            session.client.request_status()?;
-            requested = Instant::now();
-        }
-        match session.client.next(Duration::from_millis(50))? {
-            Some(Telemetry::Samples(batch)) => {
-                if let Some(step) = batch.step {
-                    batch.points.iter().for_each(|point| observe(step, point));
-                }
-            }
-            Some(Telemetry::Event(event)) => {
-                if let EventKind::ProgramEnded { outcome } = event.kind {
-                    return Ok(Some(outcome));
-                }
-            }
-            Some(Telemetry::Status(status)) if status.state == State::Faulted => {
-                return Ok(Some(Outcome::Faulted));
-            }
-            _ => {}
-        }
-    }
-    Ok(None)
 }
 
 pub(super) fn force(moves: &Moves, report: &mut StepReport) {

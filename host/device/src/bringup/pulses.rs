@@ -6,7 +6,8 @@
 
 use super::findings::{Finding, of_fault};
 use super::report::StepReport;
-use super::session::Session;
+use super::session::{POLL_INTERVAL, Session};
+use crate::link::silence::Silence;
 use crate::link::{LinkError, Telemetry};
 use protocol::{
     EventKind, PULSE_DUTY_LIMIT_PERMILLE, PULSE_LIMIT_MS, PulseOutcome, PulseReport, Refusal, Request,
@@ -118,11 +119,11 @@ fn one(session: &mut Session, axis: usize, sign: i16) -> Result<Option<PulseRepo
         }
         Err(error) => return Err(error),
     }
-    let deadline = Instant::now() + EVENT_TIMEOUT;
+    let (deadline, mut silence) = (Instant::now() + EVENT_TIMEOUT, Silence::default());
     while Instant::now() < deadline && !session.operator.is_interrupted() {
         // The device may have restarted and be silent: the question finds out.
         session.client.request_status()?;
-        if let Some(Telemetry::Event(event)) = session.client.next(Duration::from_millis(50))?
+        if let Some(Telemetry::Event(event)) = silence.next(&mut session.client, POLL_INTERVAL)?
             && let EventKind::PulseEnded(report) = event.kind
         {
             session.at_rest()?;

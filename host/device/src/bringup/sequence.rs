@@ -139,3 +139,40 @@ fn carry_out(step: Step, session: &mut Session, moved: &mut Option<Moves>) -> Re
     }
     Ok(report)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fake_device::{FakeDevice, Script};
+    use std::io;
+    use std::time::Duration;
+
+    /// Nobody: allows everything and never interrupts.
+    struct Nobody;
+
+    impl Operator for Nobody {
+        fn confirm(&mut self, _: Prompt) -> bool {
+            true
+        }
+
+        fn begins(&mut self, _: Step, _: &Report) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn is_interrupted(&self) -> bool {
+            false
+        }
+
+        fn clock(&mut self) -> Option<Duration> {
+            None
+        }
+    }
+
+    /// This one answers, and streams nothing outside programs.
+    #[test]
+    fn a_device_that_sends_nothing_is_not_awaited_for_minutes() {
+        let device = FakeDevice::start(Script::default());
+        let outcome = run(&device.port, &[Step::Link], &[], None, &mut Nobody);
+        assert!(matches!(outcome, Err(BringupError::Link(LinkError::Silent { .. }))), "{outcome:?}");
+    }
+}

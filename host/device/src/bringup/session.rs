@@ -1,6 +1,7 @@
 //! The device under bring-up and the person beside it: what every step does with them.
 
 use super::Operator;
+use crate::link::silence::Silence;
 use crate::link::{Client, LinkError, Point, Telemetry, named};
 use protocol::{CalibrationRecord, CalibrationSource, Fault, Request, State, Status};
 use std::thread::sleep;
@@ -8,6 +9,8 @@ use std::time::{Duration, Instant};
 
 /// How long the host waits for device time to pass, by its own clock: far more than any link needs.
 const TIMEOUT: Duration = Duration::from_secs(120);
+/// How long one poll for telemetry waits: short, so that an interrupt is handled soon.
+pub(super) const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// How often a clear is tried.
 const CLEAR_TRIES: u32 = 10;
 /// How long a device that restarts may take until it answers again.
@@ -88,19 +91,17 @@ impl<'a> Session<'a> {
         while self.client.waiting().is_some() {}
         self.client.request(Request::Stream { enable: true })?;
         let mut points: Vec<Point> = Vec::new();
+        let mut silence = Silence::default();
         let deadline = Instant::now() + TIMEOUT;
         let span_s = |points: &[Point]| match points {
             [first, .., last] => last.time_s - first.time_s,
             _ => 0.0,
         };
         while span_s(&points) < time_s {
-            match self.client.next(Duration::from_millis(200))? {
-                Some(Telemetry::Samples(batch)) => points.extend(batch.points),
-                Some(_) => {}
-                None if Instant::now() > deadline => return Err(self.silent()),
-                None => {}
+            if let Some(Telemetry::Samples(batch)) = silence.next(&mut self.client, POLL_INTERVAL)? {
+                points.extend(batch.points);
             }
-            if self.operator.is_interrupted() {
+            if Instant::now() > deadline || self.operator.is_interrupted() {
                 return Err(self.silent());
             }
         }

@@ -10,6 +10,7 @@ pub mod port;
 pub mod program;
 mod retreat;
 pub mod run;
+pub(crate) mod silence;
 mod timeouts;
 mod wire;
 

@@ -8,7 +8,7 @@ use super::client::{Client, Telemetry};
 use super::error::LinkError;
 use super::keepalive::Keepalive;
 use super::program::Program;
-use super::timeouts::SILENCE_LIMIT;
+use super::silence::Silence;
 use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, State, Status, TareProblem};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -40,9 +40,10 @@ pub fn run<E: From<LinkError>>(
     let outcome = start(client, program, options)
         .map_err(E::from)
         .and_then(|accepted| follow(client, &accepted, options, &mut observe));
+    let mut answers = true;
     if outcome.is_err() {
         // Where the link is gone the stop cannot arrive; the device ends the program by itself and holds.
-        let _ = client.request(Request::Stop);
+        answers = client.request(Request::Stop).is_ok();
         // What had arrived before the failure was noticed belongs to the run; the failure itself is reported already.
         while let Some(telemetry) = client.waiting() {
             if observe(client, &telemetry).is_err() {
@@ -50,7 +51,7 @@ pub fn run<E: From<LinkError>>(
             }
         }
     }
-    if options.stream {
+    if options.stream && answers {
         let stopped = client.request(Request::Stream { enable: false });
         outcome.and_then(|()| stopped.map_err(E::from))
     } else {
@@ -85,8 +86,7 @@ fn follow<E: From<LinkError>>(
     let mut end = EndWatch::new(accepted);
     let limit_ms = accepted.silence_limit_ms.max(SILENCE_LIMIT_MS[0]);
     let mut keepalive = Keepalive::new(Instant::now(), accepted.t_us, limit_ms);
-    // Time spent waiting for the device: a program that was suspended has not waited, and reads what came meanwhile first.
-    let mut silent = Duration::ZERO;
+    let mut silence = Silence::default();
     loop {
         if options.interrupted.load(Ordering::Acquire) {
             return Err(LinkError::Interrupted.into());
@@ -95,17 +95,10 @@ fn follow<E: From<LinkError>>(
             client.request_status()?;
             keepalive.sent(Instant::now());
         }
-        let polled = Instant::now();
-        if let Some(telemetry) = client.next(POLL_INTERVAL)? {
-            silent = Duration::ZERO;
+        if let Some(telemetry) = silence.next(client, POLL_INTERVAL)? {
             observe(client, &telemetry)?;
             keepalive.clock(telemetry.device_us().unwrap_or_default());
             end.observe(&telemetry);
-        } else {
-            silent += polled.elapsed().min(2 * POLL_INTERVAL);
-            if silent > SILENCE_LIMIT {
-                return Err(LinkError::Silent { port: client.port().to_owned() }.into());
-            }
         }
         match end.outcome {
             None => {}

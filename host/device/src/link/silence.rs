@@ -1,0 +1,34 @@
+//! A device that sends nothing although it should: it is gone, and nobody has to wait for it.
+
+use super::client::{Client, Telemetry};
+use super::error::LinkError;
+use super::timeouts::SILENCE_LIMIT;
+use std::time::{Duration, Instant};
+
+/// Time spent waiting for a device that sends nothing. A program that was suspended has not waited, and reads first what came meanwhile.
+#[derive(Debug, Default)]
+pub(crate) struct Silence(Duration);
+
+impl Silence {
+    /// What the device sends next; nothing where it sends nothing within `poll`.
+    ///
+    /// # Errors
+    /// Those of the link; [`LinkError::Silent`] where nothing has come for [`SILENCE_LIMIT`].
+    pub(crate) fn next(
+        &mut self,
+        client: &mut Client,
+        poll: Duration,
+    ) -> Result<Option<Telemetry>, LinkError> {
+        let polled = Instant::now();
+        let received = client.next(poll)?;
+        if received.is_some() {
+            self.0 = Duration::ZERO;
+        } else {
+            self.0 += polled.elapsed().min(2 * poll);
+            if self.0 > SILENCE_LIMIT {
+                return Err(LinkError::Silent { port: client.port().to_owned() });
+            }
+        }
+        Ok(received)
+    }
+}
