@@ -129,7 +129,6 @@ fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_ot
 
     let (code, text) = end(start(&["loop"]), "loop:", &|_| wire.cut());
     assert_eq!(code, Some(1), "{text}");
-    assert!(text.contains("the device has sent nothing for"), "not after minutes: {text}");
     assert!(std::fs::read_to_string(&out).unwrap().contains("interrupted_in = \"loop\""));
     bench.stop().unwrap();
 }
