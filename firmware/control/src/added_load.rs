@@ -55,12 +55,7 @@ impl AddedLoad {
         bounds: Bounds,
     ) -> bool {
         self.close();
-        let used_up =
-            |direction: usize| self.added.get(direction).is_none_or(|added| i32::from(*added) >= bounds.rise);
-        if directions(by_um).into_iter().flatten().any(used_up) && !Mutation::RetreatsClimb.is_out() {
-            return false;
-        }
-        if loads.is_none() && self.is_blind_used_up() {
+        if !self.allows(by_um, loads, bounds) {
             return false;
         }
         // Below the bound nothing is a load.
@@ -68,6 +63,16 @@ impl AddedLoad {
         let from = smoothed.map(|loads| loads.map(|load| load.max(bounds.unloaded as f32)));
         self.present = Some(Present { by_um, from_um, from, rise: [0; 2], outward_um: 0.0, left: None });
         true
+    }
+
+    /// None of its directions has been used up.
+    pub fn allows(&self, by_um: [i32; 2], loads: Option<Loads>, bounds: Bounds) -> bool {
+        let used_up =
+            |direction: usize| self.added.get(direction).is_none_or(|added| i32::from(*added) >= bounds.rise);
+        if directions(by_um).into_iter().flatten().any(used_up) && !Mutation::RetreatsClimb.is_out() {
+            return false;
+        }
+        loads.is_some() || !self.is_blind_used_up()
     }
 
     /// Without a force to follow nothing may lead further away from the straight needle.

@@ -76,7 +76,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis at rest.
+    /// An axis that may still roll on: what it did before the start is unknown.
     #[expect(clippy::new_without_default, reason = "`Axis::new()` is clearer at its only use")]
     pub fn new() -> Self {
         Self {
@@ -90,7 +90,7 @@ impl Axis {
             outlier_count: 0,
             speed_limit_um_s: PROVING_SPEED_UM_S,
             anchor_um: 0.0,
-            still_periods: STILL_PERIODS,
+            still_periods: 0,
         }
     }
 

@@ -139,6 +139,8 @@ pub struct Controller {
     /// The calibration was lost and that is not acknowledged.
     calibration_lost: bool,
     retreat: LoadWatch,
+    /// By how much the latest retreat moves, micrometres.
+    retreat_by_um: [i32; 2],
     added_load: AddedLoad,
     /// A calibration was accepted: the device is about to restart.
     restarting: bool,
@@ -192,6 +194,7 @@ impl Controller {
             },
             calibration_lost: lost,
             retreat: LoadWatch::new(true),
+            retreat_by_um: [0; 2],
             added_load,
             restarting: false,
             reported: None,
@@ -292,6 +295,9 @@ impl Controller {
     /// Runs the program for one period and the axes after it.
     fn advance(&mut self, now_us: u64, notes: &mut OutboundMessages) -> Drive {
         if self.interlock.latched().is_some() && self.executor.phase() != Phase::Retreating {
+            return Drive::Release;
+        }
+        if self.awaits_rest(now_us, notes) {
             return Drive::Release;
         }
         let was_taring = self.executor.phase() == Phase::Taring;

@@ -21,6 +21,7 @@
 //! | `BlindRetreat` | a converter that saturates in a retreat lets it go on into the load | `a_converter_that_saturates_in_a_retreat_ends_it` |
 //! | `BlindTurned` | short retreats by tables of the wrong sign, with a saturated converter, add up | `short_retreats_by_tables_of_the_wrong_sign_do_not_add_up` |
 //! | `ClearInMotion` | a fault is cleared while its motor still rolls on | `a_fault_is_cleared_only_at_rest` |
+//! | `HastyRetreat` | retreats along x and y in quick turn use up the way out of the load | `hasty_retreats_leave_the_way_out_open` |
 //! | `AnyPulse` | pulses of a motor move it as far as they like | `a_pulse_ends_within_its_bound_whatever_is_wired_wrong`, `pulses_do_not_add_up_and_are_refused_without_an_acknowledged_calibration_and_in_a_fault` |
 
 /// A safety measure that can be disabled.
@@ -56,6 +57,8 @@ pub enum Mutation {
     BlindTurned,
     /// A fault is cleared in motion.
     ClearInMotion,
+    /// A retreat starts while a motor rolls on.
+    HastyRetreat,
     /// A pulse has no bound of duration and duty, and many may follow in one direction.
     AnyPulse,
 }
@@ -76,7 +79,7 @@ std::thread_local! {
 #[cfg(not(target_os = "none"))]
 impl Mutation {
     /// Every one.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::AnyCalibration,
         Self::ForgetAtRestart,
         Self::LimitFromTare,
@@ -92,6 +95,7 @@ impl Mutation {
         Self::BlindRetreat,
         Self::BlindTurned,
         Self::ClearInMotion,
+        Self::HastyRetreat,
         Self::AnyPulse,
     ];
 

@@ -81,9 +81,18 @@ impl Path {
 #[derive(Debug, Clone, Copy)]
 enum Activity {
     Idle,
-    Pending { start_us: u64 },
-    Running { index: u8, step: Step, since_us: u64 },
-    Retreating { since_us: u64 },
+    Pending {
+        start_us: u64,
+    },
+    Running {
+        index: u8,
+        step: Step,
+        since_us: u64,
+    },
+    /// On its path, or before it has one.
+    Retreating {
+        since_us: u64,
+    },
 }
 
 /// Holds the loaded program and runs it.
@@ -188,6 +197,19 @@ impl Executor {
         self.count = count;
         self.activity = Activity::Pending { start_us };
         Ok(())
+    }
+
+    /// Nothing else may start: a retreat waits until the axes are at rest.
+    pub fn await_rest(&mut self, now_us: u64) {
+        self.activity = Activity::Retreating { since_us: now_us };
+    }
+
+    /// For how long a retreat has been waiting until the axes are at rest, microseconds.
+    pub fn awaits_rest_us(&self, now_us: u64) -> Option<u64> {
+        match self.activity {
+            Activity::Retreating { since_us } if self.path.is_none() => Some(now_us.saturating_sub(since_us)),
+            _ => None,
+        }
     }
 
     /// Starts a retreat from here to there.

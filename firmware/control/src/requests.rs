@@ -137,7 +137,7 @@ impl Controller {
     }
 
     /// No axis moves.
-    fn is_still(&self) -> bool {
+    pub(super) fn is_still(&self) -> bool {
         self.axes.iter().all(Axis::is_still)
     }
 

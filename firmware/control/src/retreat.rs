@@ -8,6 +8,10 @@
 //! Retreats must not add up to a way into the load: what they add in one direction is counted over the fault ([`AddedLoad`](super::added_load::AddedLoad)), and a
 //! direction that has added [`RISE_PERCENT`] is refused until the fault is cleared. What the motor rolls on is part of it.
 //!
+//! A retreat that is accepted while a motor still rolls on, from the motion that caused the fault or from the retreat before, sets out when
+//! both axes are at rest: what rolls on would be counted for its direction, and hasty retreats along x and y in turn would use up the
+//! way out.
+//!
 //! Both follow each of the four [`Loads`] by itself: a larger force along y must not hide one along x that rises up to it.
 
 use super::axis::Axis;
@@ -26,6 +30,8 @@ pub const RISE_PERCENT: u32 = 1;
 pub const PROGRESS_UM: f32 = 300.0;
 /// By how much, percent of the rated range.
 pub const PROGRESS_PERCENT: f32 = 0.4;
+/// A guide that is not at rest by then does not stop by itself, microseconds.
+const REST_LIMIT_US: u64 = 1_000_000;
 /// Share of the limit below which the guide counts as unloaded: soft tissue takes up a part of the load again once the guide rests.
 pub const UNLOADED: f32 = 0.85;
 
@@ -114,7 +120,7 @@ impl LoadWatch {
 }
 
 impl Controller {
-    /// Starts to unload the guide.
+    /// Starts to unload the guide, as soon as it is at rest.
     pub(super) fn begin_retreat(
         &mut self,
         by_um: [i32; 2],
@@ -132,12 +138,26 @@ impl Controller {
         if !under_load || Mutation::NoRetreat.is_out() {
             return Err(Refusal::NotUnderLoad);
         }
+        self.retreat_by_um = by_um;
+        if self.is_still() || Mutation::HastyRetreat.is_out() {
+            return self.set_out(now_us);
+        }
+        self.retreat_path()?;
+        if !self.added_load.allows(by_um, self.force.loads(), self.retreat_bounds()) {
+            return Err(Refusal::OutOfTravel);
+        }
+        self.executor.await_rest(now_us);
+        Ok(())
+    }
+
+    /// Where the retreat begins and ends, and whether it leads towards the straight needle on every axis that it moves.
+    fn retreat_path(&self) -> Result<([f32; 2], [f32; 2], bool), Refusal> {
         let from_um = self.axes.each_ref().map(Axis::position_um);
         let travel_um = self.calibration.travel_um() as f32;
         // Without a force to watch, only towards the straight needle.
         let blind = self.force.loads().is_none();
         let (mut to_um, mut leads_inward) = (from_um, true);
-        for (to_um, by_um) in to_um.iter_mut().zip(by_um) {
+        for (to_um, by_um) in to_um.iter_mut().zip(self.retreat_by_um) {
             let from_um = *to_um;
             *to_um += by_um as f32;
             let inward = to_um.abs() < from_um.abs() && *to_um * from_um >= 0.0;
@@ -147,12 +167,37 @@ impl Controller {
                 return Err(Refusal::OutOfTravel);
             }
         }
-        if !self.added_load.begin(by_um, from_um, self.force.loads(), self.retreat_bounds()) {
+        Ok((from_um, to_um, leads_inward))
+    }
+
+    /// Starts the motion of a retreat.
+    fn set_out(&mut self, now_us: u64) -> Result<(), Refusal> {
+        let (from_um, to_um, leads_inward) = self.retreat_path()?;
+        let (by_um, loads, bounds) = (self.retreat_by_um, self.force.loads(), self.retreat_bounds());
+        if !self.added_load.begin(by_um, from_um, loads, bounds) {
             return Err(Refusal::OutOfTravel);
         }
         self.retreat = LoadWatch::new(leads_inward);
         self.executor.retreat(from_um, to_um, now_us);
         Ok(())
+    }
+
+    /// A retreat that was accepted while a motor still rolled on: what that adds to the load is not the retreat's, and would close
+    /// the way out. True while it waits, or has just ended.
+    pub(super) fn awaits_rest(&mut self, now_us: u64, notes: &mut OutboundMessages) -> bool {
+        let Some(waited_us) = self.executor.awaits_rest_us(now_us) else { return false };
+        if !self.is_still() {
+            if waited_us >= REST_LIMIT_US {
+                self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
+            }
+            return true;
+        }
+        // What rolled on may have led out of the travel, or have used the direction up.
+        let stays = self.set_out(now_us).is_err();
+        if stays {
+            self.end_retreat(RetreatOutcome::ForceNotFalling, now_us, notes);
+        }
+        stays
     }
 
     /// Ends a retreat that has done its work, or does harm.
@@ -164,6 +209,9 @@ impl Controller {
         }
         if causes.other_than_load() {
             return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
+        }
+        if self.executor.awaits_rest_us(now_us).is_some() {
+            return;
         }
         // With a force to follow it decides, whatever went before.
         if self.force.loads().is_none() && self.added_load.is_blind_used_up() {

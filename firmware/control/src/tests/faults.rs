@@ -228,6 +228,9 @@ fn a_restart_is_acknowledged_before_anything_moves() {
     assert_eq!(bench.periods(1).state, State::Faulted);
     let run = Request::Run { steps: 1, crc: 0, start_us: 0 };
     assert_eq!(bench.command(run), Err(Refusal::Faulted { fault: Fault::Restarted }));
+    // The program that ran away may have been moving the guide.
+    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains), "it may still roll on");
+    bench.periods(u32::from(crate::axis::STILL_PERIODS));
     bench.command(Request::ClearFault).expect("acknowledged");
     bench.run(&[Step::Hold { duration_ms: 10 }]);
 }

@@ -23,6 +23,9 @@ fn force_n(bench: &Bench) -> f32 {
     bench.position_um[1] * 1e-3 + bench.push_n[1]
 }
 
+/// After so many periods without drive a guide counts as at rest.
+const AT_REST: u32 = crate::axis::STILL_PERIODS as u32 + 1;
+
 /// Sends a calibration in pieces and has it stored.
 fn store(bench: &mut Bench, record: &CalibrationRecord) -> Result<(), Refusal> {
     let mut buffer = [0; protocol::MAX_CALIBRATION];
@@ -90,6 +93,47 @@ fn a_load_beyond_the_range_is_removed_by_a_retreat_and_by_nothing_else() {
     bench.periods(60);
     bench.command(Request::ClearFault).expect("the cause is gone, and the axes are at rest");
     assert_eq!(ended(&mut bench, &[to_y(0)]), Outcome::Completed);
+}
+
+/// What a motor rolls on before a retreat is not what the retreat has added: counted for its direction, it would close the way out.
+#[test]
+fn a_retreat_sets_out_when_the_guide_is_at_rest() {
+    let mut bench = at_home();
+    assert_eq!(ended(&mut bench, &[to_y(6_000)]), Outcome::Faulted);
+    let before_n = force_n(&bench);
+    bench.runaway = Some(0.2);
+    bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }).expect("it is accepted");
+    let rolls = bench.periods(30);
+    assert_eq!((rolls.state, rolls.drive), (State::Retreating, Drive::Release));
+    assert!(force_n(&bench) > before_n + 0.1, "more than a direction may add: {}", force_n(&bench));
+    bench.runaway = None;
+    assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }), Err(Refusal::Busy));
+    assert_eq!(bench.periods(AT_REST - 10).drive, Drive::Release);
+    assert!(matches!(bench.periods(40).drive, Drive::Duty(_)));
+    bench.command(Request::Stop).expect("stops");
+    bench.periods(AT_REST);
+    assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::Unloaded), "the way out is open");
+}
+
+#[test]
+fn a_guide_that_does_not_come_to_rest_is_not_driven_by_a_retreat() {
+    let mut bench = at_home();
+    assert_eq!(ended(&mut bench, &[to_y(6_000)]), Outcome::Faulted);
+    // Back and forth by more than an axis at rest does.
+    bench.notes.clear();
+    bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }).expect("it is accepted");
+    let mut periods = 0;
+    while bench.controller.executor.phase() == Phase::Retreating {
+        bench.runaway = Some(if periods % 80 < 40 { -0.4 } else { 0.4 });
+        assert_eq!(bench.period(None).drive, Drive::Release);
+        periods += 1;
+    }
+    assert!((900..=1_001).contains(&periods), "{periods} periods");
+    let ended = bench.notes.iter().any(|note| {
+        let stopped = EventKind::RetreatEnded { outcome: RetreatOutcome::Stopped };
+        matches!(note, OutboundMessage::Event(Event { kind, .. }) if *kind == stopped)
+    });
+    assert!(ended, "{:?}", bench.notes);
 }
 
 #[test]
@@ -180,7 +224,7 @@ fn a_fault_that_a_calibration_may_have_caused_accepts_another_one_and_stays_latc
     record.potentiometers[1].track_codes = [40, 4_090];
     store(&mut bench, &record).expect("the recovery from a wrong track");
     restart(&mut bench, record);
-    bench.periods(3);
+    bench.periods(AT_REST);
     assert_eq!(bench.controller.interlock.latched(), Some(Fault::Potentiometer), "it survives");
     bench.command(Request::ClearFault).expect("the cause is gone");
 }
@@ -366,5 +410,6 @@ fn a_lost_calibration_is_a_fault_until_it_is_acknowledged_or_another_is_stored()
     assert_eq!(bench.controller.interlock.latched(), Some(Fault::Stall));
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
     bench.command(Request::AcknowledgeCalibration).expect("acknowledged");
+    bench.periods(AT_REST);
     bench.command(Request::ClearFault).expect("the cause is gone");
 }

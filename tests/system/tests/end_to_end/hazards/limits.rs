@@ -47,6 +47,59 @@ fn a_load_beyond_the_range_is_removed_by_a_retreat() {
     bench.stop().unwrap();
 }
 
+/// A retreat that is accepted while the guide still rolls on into the load, and is stopped again: what rolled on must not count for
+/// the way out.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn hasty_retreats_leave_the_way_out_open() {
+    // Slow enough that the stop arrives long before the retreat has ended, on a busy computer too.
+    let bench = Bench::start(RigConfig::default(), 41, 0.5, HANGS).unwrap();
+    let mut client = Client::connect(&bench.port()).unwrap();
+    client.request(Request::Limits { force_mn: 2_000, silence_ms: SILENCE_MS }).unwrap();
+    start(&mut client, &[move_y(9_000, 10_000)]);
+    let connection = client.connection();
+    drop(client);
+    let force_n = || bench.rig().rig(|rig| rig.force_n()[1].abs());
+    // No client is fast enough: frames are sent without waiting for their answers. All are refused until the fault is latched.
+    let port = system::pty::open(Path::new(&bench.port())).unwrap();
+    let mut ids = 10_000..;
+    let mut request_retreat = || {
+        let request = Request::Retreat { x_um: 0, y_um: -1_000 };
+        let command = Command { id: ids.next().unwrap(), connection, request };
+        let mut buffer = [0; protocol::MAX_FRAME_TO_DEVICE];
+        let frame = encode_command(&command, &mut buffer).unwrap();
+        assert_eq!(rustix::io::write(&port, frame), Ok(frame.len()));
+    };
+    let mut pass = |steps: u64| {
+        let since = bench.rig().steps();
+        while bench.rig().steps() < since + steps {
+            request_retreat();
+            let at = bench.rig().steps();
+            while bench.rig().steps() < at + 2 {
+                std::thread::sleep(Duration::from_micros(100));
+            }
+        }
+    };
+    while force_n() < 2.0 {
+        pass(1);
+    }
+    pass(20);
+    drop(port);
+    let mut client = Client::connect(&bench.port()).unwrap();
+    client.request(Request::Stop).unwrap();
+    assert!(force_n() > 2.0, "the retreat was stopped on its way");
+    client.request(Request::Retreat { x_um: 0, y_um: -1_000 }).unwrap();
+    // The end of the first one may arrive after the stop.
+    let mut outcome = retreat_ended(&mut client);
+    if outcome == RetreatOutcome::Stopped {
+        outcome = retreat_ended(&mut client);
+    }
+    assert_eq!(outcome, RetreatOutcome::Unloaded);
+    eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
+    drop(client);
+    bench.stop().unwrap();
+}
+
 /// A tare at the other side makes the load along y the largest of all, so that what x adds would not be noticed beside it.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
