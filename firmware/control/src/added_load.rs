@@ -10,7 +10,7 @@ const ROLLS_ON_PERIODS: u16 = 50;
 /// largest of hundreds by half of it, so that retreats out of a load would use up their own direction.
 const SMOOTHED_PERIODS: f32 = 16.0;
 /// Bytes of a kept [`AddedLoad`].
-pub const ADDED_LOAD_BYTES: usize = 10;
+pub const ADDED_LOAD_BYTES: usize = 22;
 /// How far retreats without a force to follow may lead away from the straight needle in all, micrometres: tables of the wrong sign
 /// do that, and each retreat may be too short for [`Fault::WrongWay`](protocol::Fault::WrongWay).
 const BLIND_UM: f32 = 100.0;
@@ -20,9 +20,16 @@ const BLIND_UM: f32 = 100.0;
 /// What rises along an axis that a retreat moves is counted for that direction; what rises along the other one, by the coupling of
 /// both, for the same. What counts is how much more presses once the retreat has ended: on its way a rise ends it
 /// ([`LoadWatch`](super::retreat::LoadWatch)).
+///
+/// No direction has added more to the load along an axis than all retreats together have added there and not taken off again: where
+/// axes are coupled, each way out adds a little to the load along the other axis, and both would be used up for ever. The load along an
+/// axis still is at most what it was and what the four directions have added to it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct AddedLoad {
-    added: [u16; 4],
+    /// Of each direction, to the loads along x and y.
+    added: [[u16; 2]; 4],
+    /// By how much all retreats have raised the loads along x and y above the least they have left there.
+    excess: [u16; 2],
     /// What retreats without a force to follow have led away from the straight needle, micrometres.
     blind_um: f32,
     /// Loads without most of their noise, force counts; nothing before the first reading.
@@ -38,7 +45,7 @@ struct Present {
     /// Nothing where there was no reading.
     from: Option<[f32; LOADS]>,
     /// By how much more each axis is loaded now.
-    rise: [u16; 2],
+    rise: [i32; 2],
     /// How far it has led away from the straight needle, micrometres; less than 0 where it has led to it.
     outward_um: f32,
     /// Periods for which it is still followed after its end.
@@ -67,8 +74,10 @@ impl AddedLoad {
 
     /// None of its directions has been used up.
     pub fn allows(&self, by_um: [i32; 2], loads: Option<Loads>, bounds: Bounds) -> bool {
-        let used_up =
-            |direction: usize| self.added.get(direction).is_none_or(|added| i32::from(*added) >= bounds.rise);
+        let used_up = |direction: usize| {
+            let mut added = self.added.get(direction).into_iter().flatten();
+            added.any(|added| i32::from(*added) >= bounds.rise)
+        };
         if directions(by_um).into_iter().flatten().any(used_up) && !Mutation::RetreatsClimb.is_out() {
             return false;
         }
@@ -83,21 +92,36 @@ impl AddedLoad {
     }
 
     /// Takes the loads of a period, and where the guide is.
-    pub fn follow(&mut self, loads: Option<Loads>, position_um: [f32; 2]) {
+    pub fn follow(&mut self, loads: Option<Loads>, position_um: [f32; 2], bounds: Bounds) {
         let smoothed = loads.map(|loads| self.smooth(loads.map(|load| load as f32)));
+        if let Some(loads) = smoothed {
+            self.forget_unloaded(loads, bounds.unloaded as f32);
+        }
         let Some(present) = &mut self.present else { return };
         let outward_um = position_um.iter().zip(present.from_um).map(|(um, from)| um.abs() - from.abs());
         present.outward_um = outward_um.reduce(f32::max).unwrap_or(0.0);
         if let (Some([x, y, tared_x, tared_y]), Some(from)) = (smoothed, present.from) {
             let [from_x, from_y, from_tared_x, from_tared_y] = from;
             let along = [(x - from_x).max(tared_x - from_tared_x), (y - from_y).max(tared_y - from_tared_y)];
-            // From a float it is cut off at both ends.
-            present.rise = along.map(|more| more as u16);
+            present.rise = along.map(|more| more as i32);
         }
         match &mut present.left {
             Some(0) => self.close(),
             Some(left) => *left -= 1,
             None => {}
+        }
+    }
+
+    /// An axis below its bound has no load that anything could have been added to: what presses there later is on its other side.
+    fn forget_unloaded(&mut self, [x, y, tared_x, tared_y]: [f32; LOADS], unloaded: f32) {
+        for (axis, load) in [x.max(tared_x), y.max(tared_y)].into_iter().enumerate() {
+            if load >= unloaded {
+                continue;
+            }
+            let all = self.added.iter_mut().filter_map(|added| added.get_mut(axis));
+            all.chain(self.excess.get_mut(axis)).for_each(|counts| *counts = 0);
+            let from = self.present.as_mut().and_then(|present| present.from.as_mut());
+            from.into_iter().flatten().skip(axis).step_by(2).for_each(|from| *from = unloaded);
         }
     }
 
@@ -124,9 +148,18 @@ impl AddedLoad {
             self.blind_um = (self.blind_um + present.outward_um).max(0.0);
         }
         let [along_x, along_y] = directions(present.by_um);
-        for (direction, rise) in [along_x.or(along_y), along_y.or(along_x)].into_iter().zip(present.rise) {
-            if let Some(added) = direction.and_then(|direction| self.added.get_mut(direction)) {
-                *added = added.saturating_add(rise);
+        let moved = [along_x.or(along_y), along_y.or(along_x)];
+        for (axis, ((direction, rise), excess)) in
+            moved.into_iter().zip(present.rise).zip(&mut self.excess).enumerate()
+        {
+            let raised = |by: u16| (i32::from(by) + rise).clamp(0, u16::MAX.into()) as u16;
+            *excess = raised(*excess);
+            for (number, added) in self.added.iter_mut().enumerate() {
+                let Some(added) = added.get_mut(axis) else { continue };
+                if Some(number) == direction && rise > 0 {
+                    *added = raised(*added);
+                }
+                *added = (*added).min(*excess);
             }
         }
     }
@@ -135,7 +168,7 @@ impl AddedLoad {
     pub fn to_bytes(mut self) -> [u8; ADDED_LOAD_BYTES] {
         self.close();
         let mut bytes = [0; ADDED_LOAD_BYTES];
-        let all = self.added.into_iter().chain([self.blind_um as u16]);
+        let all = self.added.into_iter().flatten().chain(self.excess).chain([self.blind_um as u16]);
         for (kept, added) in bytes.chunks_exact_mut(2).zip(all) {
             kept.copy_from_slice(&added.to_le_bytes());
         }
@@ -146,8 +179,9 @@ impl AddedLoad {
     pub fn from_bytes(bytes: [u8; ADDED_LOAD_BYTES]) -> Self {
         let mut added_load = Self::default();
         let mut kept = bytes.as_chunks::<2>().0.iter().map(|kept| u16::from_le_bytes(*kept));
-        for (added, kept) in added_load.added.iter_mut().zip(&mut kept) {
-            *added = kept;
+        let counts = added_load.added.iter_mut().flatten().chain(&mut added_load.excess);
+        for (counts, kept) in counts.zip(&mut kept) {
+            *counts = kept;
         }
         added_load.blind_um = kept.next().map_or(0.0, f32::from);
         added_load
@@ -169,7 +203,7 @@ mod tests {
 
     /// Long after a load is this one.
     fn settle(added_load: &mut AddedLoad, loads: Option<Loads>) {
-        (0..400).for_each(|_| added_load.follow(loads, [0.0; 2]));
+        (0..400).for_each(|_| added_load.follow(loads, [0.0; 2], BOUNDS()));
     }
 
     /// A retreat that goes from these loads to those.
@@ -198,8 +232,48 @@ mod tests {
             assert!(retreat(&mut added_load, by_um, along_y(101_200), Some(along_y(95_000))), "{by_um:?}");
             assert!(retreat(&mut added_load, by_um, along_y(95_000), None), "it fell");
         }
-        let oblique = added_load.begin([-300, 301], [0.0; 2], Some(along_y(95_000)), BOUNDS());
-        assert!(!oblique, "nothing that another direction does opens it");
+        let mut kept = AddedLoad::from_bytes(kept.to_bytes());
+        let oblique = kept.begin([-300, 301], [0.0; 2], Some(along_y(101_200)), BOUNDS());
+        assert!(!oblique, "what it has added is still there");
+        let open = added_load.begin([-300, 301], [0.0; 2], Some(along_y(95_000)), BOUNDS());
+        assert!(open, "what it had added has been taken off");
+    }
+
+    /// A load that falls by itself opens nothing: a guide must not follow soft tissue into it.
+    #[test]
+    fn a_load_that_relaxes_leaves_its_direction_used_up() {
+        let mut added_load = AddedLoad::default();
+        let along_y = |load: i32| [0, load, 0, load];
+        assert!(retreat(&mut added_load, [0, 300], along_y(100_000), Some(along_y(101_200))));
+        (0..=ROLLS_ON_PERIODS).for_each(|_| added_load.follow(Some(along_y(101_200)), [0.0; 2], BOUNDS()));
+        settle(&mut added_load, Some(along_y(90_000)));
+        assert!(!added_load.begin([0, 300], [0.0; 2], Some(along_y(90_000)), BOUNDS()));
+    }
+
+    /// Out of a load along both axes, each of which adds to the other one by a tenth of what it takes off.
+    #[test]
+    fn the_ways_out_of_coupled_axes_stay_open_and_no_load_grows() {
+        let mut added_load = AddedLoad::default();
+        let (mut x, mut y) = (100_000, 100_000);
+        let bounds = BOUNDS();
+        for turn in 0.. {
+            assert!(turn < 60, "{x}, {y}");
+            let (by_um, to) = if turn % 2 == 0 {
+                ([-500, 0], [x - 10_000, y + 1_000])
+            } else {
+                ([0, -500], [x + 1_000, y - 10_000])
+            };
+            let loads = |x, y| [x, y, x, y];
+            assert!(
+                retreat(&mut added_load, by_um, loads(x, y), Some(loads(to[0], to[1]))),
+                "turn {turn}: {x}, {y}"
+            );
+            [x, y] = to;
+            assert!(x <= 101_000 && y <= 101_000, "{x}, {y}");
+            if x.max(y) < bounds.unloaded {
+                break;
+            }
+        }
     }
 
     #[test]
@@ -212,7 +286,7 @@ mod tests {
         for turn in 0..24 {
             for by_um in [[-1_000, 0], [0, -1_000]] {
                 assert!(added_load.begin(by_um, [0.0; 2], loads(), BOUNDS()), "turn {turn}: {by_um:?}");
-                (0..500).for_each(|_| added_load.follow(loads(), [0.0; 2]));
+                (0..500).for_each(|_| added_load.follow(loads(), [0.0; 2], BOUNDS()));
                 added_load.end();
             }
         }
@@ -236,7 +310,7 @@ mod tests {
         assert!(!added_load.begin([10, 0], [0.0; 2], Some(load(101_500)), BOUNDS()));
         let mut added_load = AddedLoad::default();
         assert!(retreat(&mut added_load, [10, 0], load(100_000), Some(load(100_000))));
-        (0..=ROLLS_ON_PERIODS).for_each(|_| added_load.follow(Some(load(100_000)), [0.0; 2]));
+        (0..=ROLLS_ON_PERIODS).for_each(|_| added_load.follow(Some(load(100_000)), [0.0; 2], BOUNDS()));
         settle(&mut added_load, Some(load(101_500)));
         assert!(added_load.begin([10, 0], [0.0; 2], Some(load(101_500)), BOUNDS()));
     }
@@ -250,7 +324,7 @@ mod tests {
         while added_load.begin([300, 0], [0.0; 2], Some([counts, 0, counts, 0]), BOUNDS()) {
             for _ in 0..10 {
                 counts += 5;
-                added_load.follow(Some([counts, 0, counts, 0]), [0.0; 2]);
+                added_load.follow(Some([counts, 0, counts, 0]), [0.0; 2], BOUNDS());
             }
             added_load.end();
             turns += 1;
@@ -267,7 +341,7 @@ mod tests {
         let mut outward = |added_load: &mut AddedLoad, by_um: f32| {
             let begun = added_load.begin([0, 1_000], [0.0, at_um], None, BOUNDS());
             at_um -= by_um;
-            added_load.follow(None, [0.0, at_um]);
+            added_load.follow(None, [0.0, at_um], BOUNDS());
             added_load.end();
             begun
         };

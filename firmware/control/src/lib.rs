@@ -193,7 +193,7 @@ impl Controller {
                 Origin::Nominal | Origin::Lost => CalibrationSource::Nominal,
             },
             calibration_lost: lost,
-            retreat: LoadWatch::new(true),
+            retreat: LoadWatch::new([0; 2], true),
             retreat_by_um: [0; 2],
             added_load,
             restarting: false,

@@ -87,7 +87,7 @@ mod tests {
             (0..12_345).for_each(|period| budgets[1].step(period % 3 == 0));
             let mut added_load = AddedLoad::default();
             assert!(added_load.begin([0, -5], [0.0; 2], Some([200_000; 4]), Bounds::new(5_000, 5_000)));
-            added_load.follow(Some([200_022; 4]), [0.0; 2]);
+            added_load.follow(Some([200_022; 4]), [0.0; 2], Bounds::new(5_000, 5_000));
             added_load.end();
             let bytes = ControllerState { fault, budgets: budgets.clone(), added_load, pulsed: [-31, 500] }
                 .to_bytes();

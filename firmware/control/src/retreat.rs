@@ -12,6 +12,8 @@
 //! both axes are at rest: what rolls on would be counted for its direction, and hasty retreats along x and y in turn would use up the
 //! way out.
 //!
+//! A retreat ends where the axes that it moves are unloaded, though another one still is not: it would lead to their other side.
+//!
 //! Both follow each of the four [`Loads`] by itself: a larger force along y must not hide one along x that rises up to it.
 
 use super::axis::Axis;
@@ -74,14 +76,17 @@ pub struct LoadWatch {
     least: [i32; LOADS],
     /// It leads towards the straight needle on every axis that it moves.
     inward: bool,
+    /// Axes that it moves and that were loaded when it began: once they no longer are, it would only lead to their other side.
+    unloads: Option<[bool; 2]>,
+    by_um: [i32; 2],
     /// Periods in a row without a reading.
     unread: u16,
 }
 
 impl LoadWatch {
-    /// At the start of a retreat that leads towards the straight needle, or not.
-    pub const fn new(inward: bool) -> Self {
-        Self { mark: None, least: [i32::MAX; LOADS], inward, unread: 0 }
+    /// At the start of a retreat by a vector, micrometres, that leads towards the straight needle, or not.
+    pub const fn new(by_um: [i32; 2], inward: bool) -> Self {
+        Self { mark: None, least: [i32::MAX; LOADS], inward, unloads: None, by_um, unread: 0 }
     }
 
     /// Takes the loads of a period, in force counts (nothing where the converter gives none), and where the guide is.
@@ -108,6 +113,9 @@ impl LoadWatch {
             }
         }
         let (from_um, before) = *self.mark.get_or_insert((position_um, largest));
+        if self.has_unloaded_its_axes(loads, bounds) && before - largest < bounds.progress {
+            return Trend::NotFalling;
+        }
         let ([x, y], [from_x, from_y]) = (position_um, from_um);
         if libm::hypotf(x - from_x, y - from_y) >= PROGRESS_UM {
             if before - largest < bounds.progress {
@@ -116,6 +124,16 @@ impl LoadWatch {
             self.mark = Some((position_um, largest));
         }
         Trend::Falling
+    }
+}
+
+impl LoadWatch {
+    /// No axis is loaded any more that it moves and that was.
+    fn has_unloaded_its_axes(&mut self, [x, y, tared_x, tared_y]: Loads, bounds: Bounds) -> bool {
+        let [by_x, by_y] = self.by_um.map(|um| um != 0);
+        let loaded = [by_x && x.max(tared_x) >= bounds.unloaded, by_y && y.max(tared_y) >= bounds.unloaded];
+        let unloads = *self.unloads.get_or_insert(loaded);
+        unloads != [false; 2] && unloads.into_iter().zip(loaded).all(|(unloads, loaded)| !unloads || !loaded)
     }
 }
 
@@ -177,7 +195,7 @@ impl Controller {
         if !self.added_load.begin(by_um, from_um, loads, bounds) {
             return Err(Refusal::OutOfTravel);
         }
-        self.retreat = LoadWatch::new(leads_inward);
+        self.retreat = LoadWatch::new(by_um, leads_inward);
         self.executor.retreat(from_um, to_um, now_us);
         Ok(())
     }
@@ -203,7 +221,7 @@ impl Controller {
     /// Ends a retreat that has done its work, or does harm.
     pub(super) fn follow_load(&mut self, causes: StopCauses, now_us: u64, notes: &mut OutboundMessages) {
         let position_um = self.axes.each_ref().map(Axis::position_um);
-        self.added_load.follow(self.force.loads(), position_um);
+        self.added_load.follow(self.force.loads(), position_um, self.retreat_bounds());
         if self.executor.phase() != Phase::Retreating {
             return;
         }
@@ -245,7 +263,7 @@ mod tests {
 
     /// Moves by 1 um a step from 5.1 N on; the load changes by so many counts a micrometre (20 counts are 1 N/mm).
     fn way(counts_per_um: f32) -> (Trend, u32) {
-        let mut watch = LoadWatch::new(false);
+        let mut watch = LoadWatch::new([0, 1_000], false);
         for um in 0..1_000_u32 {
             let load = (102_000.0 + counts_per_um * um as f32) as i32;
             let trend = watch.step(Some([0, load, 0, load]), [0.0, um as f32], BOUNDS());
@@ -258,7 +276,7 @@ mod tests {
 
     #[test]
     fn a_larger_load_along_y_hides_nothing_that_rises_along_x() {
-        let mut watch = LoadWatch::new(false);
+        let mut watch = LoadWatch::new([0, 1_000], false);
         let trend = |watch: &mut LoadWatch, x, y, um| watch.step(Some([x, y, 0, 0]), [um, 0.0], BOUNDS());
         assert_eq!(trend(&mut watch, 95_000, 110_000, 0.0), Trend::Falling);
         assert_eq!(trend(&mut watch, 95_900, 109_000, 1.0), Trend::Falling);
@@ -278,7 +296,7 @@ mod tests {
     #[test]
     fn a_converter_that_saturates_on_the_way_ends_what_does_not_lead_to_the_straight_needle() {
         let after = |inward: bool, periods: u16| {
-            let mut watch = LoadWatch::new(inward);
+            let mut watch = LoadWatch::new([0, -1_000], inward);
             assert_eq!(watch.step(Some([102_000; LOADS]), [0.0; 2], BOUNDS()), Trend::Falling);
             (0..periods).map(|_| watch.step(None, [0.0; 2], BOUNDS())).last()
         };
@@ -289,7 +307,7 @@ mod tests {
 
     #[test]
     fn without_a_reading_nothing_is_compared() {
-        let mut watch = LoadWatch::new(false);
+        let mut watch = LoadWatch::new([0, 1_000], false);
         assert_eq!(watch.step(None, [0.0; 2], BOUNDS()), Trend::Falling);
         assert_eq!(watch.step(None, [0.0, 900.0], BOUNDS()), Trend::Falling);
         assert_eq!(watch.step(Some([102_000; LOADS]), [0.0, 900.0], BOUNDS()), Trend::Falling);

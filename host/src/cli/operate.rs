@@ -196,11 +196,12 @@ pub(super) fn retreat_from(
     /// Longest that a retreat takes on the slowest simulated rig.
     const LIMIT: Duration = Duration::from_secs(60);
     const POLL: Duration = Duration::from_millis(50);
-    let [x_um, y_um] = match by_um {
-        [None, None] => client.away_from_load()?,
-        [x_um, y_um] => [x_um.unwrap_or(0), y_um.unwrap_or(0)],
-    };
-    client.request(Request::Retreat { x_um, y_um })?;
+    match by_um {
+        [None, None] => drop(client.retreat_from_load()?),
+        [x_um, y_um] => {
+            client.request(Request::Retreat { x_um: x_um.unwrap_or(0), y_um: y_um.unwrap_or(0) })?
+        }
+    }
     let began = Instant::now();
     let mut outcome = None;
     // The event may be lost; the state is not.

@@ -1,5 +1,6 @@
 //! What a sequence consists of.
 
+use super::judge::is_turned;
 use super::{Checked, Converter, Disturbances, MAX_ACTS, Target, Violation};
 use crate::calibration::Calibration;
 use crate::commands::MAX_STORED_ANSWERS;
@@ -9,10 +10,12 @@ use protocol::{
 use std::format;
 use std::vec::Vec;
 
-/// Tries of the recovery from a fault.
+/// Tries of the recovery from a fault since the load has fallen last.
 const TRIES: u32 = 24;
 /// A load that has fallen by less has not, newtons: the noise of the rig in QEMU.
 const FALLEN_N: f32 = 0.03;
+/// Up to this [`Condition::zero_per_limit`](super::Condition) a limit is met somewhere with the margin of a retreat's end.
+const MET: f32 = 1.6;
 /// Most time in which a motor cools, seconds: the window of its duty cycle and a bin.
 const COOLING_LIMIT_S: u16 = 310;
 
@@ -72,7 +75,7 @@ impl<'a, T: Target> Sequence<'a, T> {
     /// # Errors
     /// What does not hold.
     pub fn act(&mut self) -> Checked<()> {
-        match self.random.below(31) {
+        match self.random.below(32) {
             0..10 => self.program(),
             10 | 11 => self.creep_by_tares(),
             12 => self.creep_by_retreats(),
@@ -113,6 +116,7 @@ impl<'a, T: Target> Sequence<'a, T> {
             26 => self.target.reset(),
             27 => self.request(Request::AcknowledgeCalibration),
             29 => self.pulses(),
+            30 => self.retreat_in_motion(),
             28 if self.target.is_patient() && self.random.one_in(40) => self.heat(),
             _ => self.leave(),
         }
@@ -230,6 +234,28 @@ impl<'a, T: Target> Sequence<'a, T> {
         Ok(())
     }
 
+    /// Fast into a load, and out of it before the motor is at rest; stopped on its way.
+    fn retreat_in_motion(&mut self) -> Checked<()> {
+        let y_um = if self.random.one_in(2) { 9_000 } else { -9_000 };
+        let x_um = [0, 0, y_um, -y_um][self.random.below(4) as usize];
+        let speed_um_s = 5_000 + self.random.below(5_000);
+        self.run(&[Step::Move { x_um, y_um, speed_um_s }])?;
+        let tries = if self.target.is_patient() { 2_000 } else { 20 };
+        let by_um = |um: i32| -um.signum() * 1_000;
+        let out = match x_um != 0 && self.random.one_in(2) {
+            true => Request::Retreat { x_um: by_um(x_um), y_um: 0 },
+            false => Request::Retreat { x_um: 0, y_um: by_um(y_um) },
+        };
+        for _ in 0..tries {
+            if self.target.request(out)?.is_ok() {
+                break;
+            }
+        }
+        let wait_ms = self.random.below(200);
+        self.target.pass(wait_ms)?;
+        self.request(Request::Stop)
+    }
+
     /// Pulses of one motor, some beyond what a pulse may be.
     fn pulses(&mut self) -> Checked<()> {
         let axis = self.random.below(2) as u8;
@@ -340,8 +366,9 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.target.set(Disturbances::default())?;
         self.request(Request::Stop)?;
         self.target.pass(30)?;
-        let (mut waited, mut towards) = (false, 1);
-        for turn in 0..TRIES {
+        let (mut waited, mut ways) = (false, Ways::default());
+        let (mut least_n, mut tries) = (f32::MAX, 0);
+        while tries < TRIES {
             let condition = self.target.condition()?;
             let Some(fault) = condition.fault else { return Ok(()) };
             if fault == Fault::CalibrationLost {
@@ -364,30 +391,69 @@ impl<'a, T: Target> Sequence<'a, T> {
             }
             // One that was lost before another fault was latched.
             self.request(Request::AcknowledgeCalibration)?;
-            towards = self.retreat(condition.force_n, towards)?;
-            if turn == TRIES / 2 {
-                // A limit below what was tared has no place where it is met: the other recovery from `ForceLimit`.
-                let force_mn = self.target.record().force_range_mn;
-                self.request(Request::Limits { force_mn, silence_ms: 2_000 })?;
+            self.retreat(condition.force_n, &mut ways)?;
+            let [x_n, y_n] = self.target.condition()?.force_n.map(f32::abs);
+            tries += 1;
+            if x_n + y_n < least_n - FALLEN_N {
+                (least_n, tries) = (x_n + y_n, 0);
+            }
+            if tries >= TRIES / 2 && tries.is_multiple_of(4) {
+                self.leave_otherwise(fault, condition.zero_per_limit, ways)?;
             }
         }
         let condition = self.target.condition()?;
         Err(Violation(format!("no recovery in {TRIES} tries: {condition:?}")))
     }
 
-    /// Out of the load along the axis that has more of it, against its force times this sign; the sign for the next try: where the
-    /// load has not fallen, the other way.
-    fn retreat(&mut self, force_n: [f32; 2], towards: i32) -> Checked<i32> {
-        let axis = usize::from(force_n[1].abs() > force_n[0].abs());
-        let mut by_um = [0; 2];
-        by_um[axis] = if force_n[axis] > 0.0 { -1_000 * towards } else { 1_000 * towards };
-        let [x_um, y_um] = by_um;
-        match self.target.request(Request::Retreat { x_um, y_um })? {
-            Err(Refusal::NotUnderLoad | Refusal::OutOfTravel | Refusal::Busy) | Ok(()) => {}
-            Err(refusal) => return Err(Violation(format!("a retreat is refused: {refusal:?}"))),
+    /// The other recoveries that are documented: another calibration, or a higher limit where this one is met nowhere, or where the
+    /// way out is one out of the travel by the tables that are stored.
+    fn leave_otherwise(&mut self, fault: Fault, zero_per_limit: f32, ways: Ways) -> Checked<()> {
+        let turned = is_turned(self.target.record());
+        if fault.may_come_of_calibration() && turned {
+            self.store(&Calibration::nominal_record())?;
+        } else if zero_per_limit > MET || turned || ways.gone == [[true; 2]; 2] {
+            let force_mn = self.target.record().force_range_mn;
+            self.request(Request::Limits { force_mn, silence_ms: 2_000 })?;
         }
-        self.target.pass(2_500)?;
-        let after_n = self.target.condition()?.force_n;
-        Ok(if after_n[axis].abs() < force_n[axis].abs() - FALLEN_N { towards } else { -towards })
+        Ok(())
     }
+
+    /// Out of the load: against the force along the axis that has more of it, then along the other one, then with the force (tables
+    /// of the wrong sign). Ways that are refused or lead nowhere come last, until another one has taken something off.
+    fn retreat(&mut self, force_n: [f32; 2], ways: &mut Ways) -> Checked<()> {
+        let larger = usize::from(force_n[1].abs() > force_n[0].abs());
+        for (axis, with) in [(larger, 0), (1 - larger, 0), (larger, 1), (1 - larger, 1)] {
+            if ways.in_vain[axis][with] {
+                continue;
+            }
+            ways.in_vain[axis][with] = true;
+            let mut by_um = [0; 2];
+            by_um[axis] = if (force_n[axis] > 0.0) == (with == 0) { -1_000 } else { 1_000 };
+            let [x_um, y_um] = by_um;
+            match self.target.request(Request::Retreat { x_um, y_um })? {
+                Ok(()) => ways.gone[axis][with] = true,
+                Err(Refusal::OutOfTravel) => continue,
+                // Nothing that a retreat leads out of, or one is under way.
+                Err(Refusal::NotUnderLoad | Refusal::Busy) => return self.target.pass(2_500),
+                Err(refusal) => return Err(Violation(format!("a retreat is refused: {refusal:?}"))),
+            }
+            self.target.pass(2_500)?;
+            let after_n = self.target.condition()?.force_n;
+            if after_n[axis].abs() < force_n[axis].abs() - FALLEN_N {
+                *ways = Ways::default();
+            }
+            return Ok(());
+        }
+        ways.in_vain = [[false; 2]; 2];
+        Ok(())
+    }
+}
+
+/// Ways out of a load since it has fallen last: along x and y, against the force and with it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Ways {
+    /// Refused, or gone, in this round.
+    in_vain: [[bool; 2]; 2],
+    /// Gone, and the load has not fallen.
+    gone: [[bool; 2]; 2],
 }

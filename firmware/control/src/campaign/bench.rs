@@ -1,7 +1,7 @@
 //! The controller with a small rig, in the same process: two actuators with a lag on springs, a cell with an offset.
 
 use super::judge::{LimitChecker, Observation, ROLLS_ON_UM};
-use super::{Checked, Condition, Converter, Disturbances, Target, Violation, acts};
+use super::{Checked, Condition, Converter, Disturbances, Target, Violation, acts, zero_per_limit};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
 use crate::hal::Readings;
@@ -29,6 +29,8 @@ struct Rig {
     position_um: [f32; 2],
     speed_um_s: [f32; 2],
     stiffness_n_per_um: f32,
+    /// Share of a displacement that loads the other axis.
+    coupling: f32,
     offset_n: [f32; 2],
     lag_periods: f32,
     full_speed_um_s: f32,
@@ -37,10 +39,11 @@ struct Rig {
 
 impl Rig {
     fn force_n(&self) -> [f32; 2] {
-        let springs = self.position_um.iter().zip(self.offset_n);
-        let mut force_n = [0.0; 2];
-        for (force_n, (um, offset_n)) in force_n.iter_mut().zip(springs) {
-            *force_n = um * self.stiffness_n_per_um + offset_n;
+        let [x_um, y_um] = self.position_um;
+        let along_um = [x_um + self.coupling * y_um, y_um + self.coupling * x_um];
+        let mut force_n = self.offset_n;
+        for (force_n, um) in force_n.iter_mut().zip(along_um) {
+            *force_n += um * self.stiffness_n_per_um;
         }
         force_n
     }
@@ -95,11 +98,13 @@ impl Bench {
             lag_periods: pick(&[5.0, 8.0, 12.0]),
             full_speed_um_s: pick(&[16_000.0, 20_000.0]),
             dead_band: pick(&[0.15, 0.18, 0.22]),
+            coupling: pick(&[0.0, 0.0, 0.02, -0.02, 0.1, -0.1]),
         };
         let origin = [Origin::Stored, Origin::Nominal, Origin::Lost]
             [pick(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0]) as usize];
         let record = Calibration::nominal_record();
-        let judge = LimitChecker::new(rig.stiffness_n_per_um * ROLLS_ON_UM + NOISE_N, &record);
+        let rolls_on_n = rig.stiffness_n_per_um * (1.0 + rig.coupling.abs()) * ROLLS_ON_UM;
+        let judge = LimitChecker::new(rolls_on_n + NOISE_N, &record);
         let start = Start { origin, ..Start::ordinary(BOOT) };
         let mut bench = Self {
             controller: Controller::new(Calibration::default(), start),
@@ -307,6 +312,9 @@ impl Target for Bench {
             position_um: self.rig.position_um,
             force_n: self.rig.force_n(),
             cools_in_s: self.safety.map_or([0; 2], |safety| safety.cools_in_s),
+            zero_per_limit: self.safety.map_or(0.0, |safety| {
+                zero_per_limit(safety.zero_counts, self.controller.interlock.limits().force_mn)
+            }),
         })
     }
 

@@ -257,7 +257,7 @@ fn farthest(at_um: [f32; 2], from_um: [f32; 2]) -> f32 {
 }
 
 /// The tables of a record fall where those of the rig as designed rise.
-fn is_turned(record: &CalibrationRecord) -> bool {
+pub fn is_turned(record: &CalibrationRecord) -> bool {
     let [x, _] = &record.potentiometers;
     let [first, .., last] = x.rising_um;
     last < first

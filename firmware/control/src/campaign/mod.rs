@@ -17,6 +17,7 @@ pub mod acts;
 pub mod bench;
 pub mod judge;
 
+use crate::calibration::counts_of_mn;
 use acts::Sequence;
 use protocol::{CalibrationRecord, Command, Refusal, Request};
 use std::fmt;
@@ -78,6 +79,14 @@ pub struct Condition {
     pub force_n: [f32; 2],
     /// Time until the motors have cooled, seconds.
     pub cools_in_s: [u16; 2],
+    /// Larger zero of the latest tare, from the calibration's, per force limit ([`zero_per_limit`]).
+    pub zero_per_limit: f32,
+}
+
+/// What was tared, as a share of the force limit: from 2 on no force is within the limit of both zeros.
+pub fn zero_per_limit(zero_counts: [i32; 2], limit_mn: u32) -> f32 {
+    let larger = zero_counts.into_iter().map(i32::unsigned_abs).fold(0, u32::max);
+    larger as f32 / counts_of_mn(limit_mn) as f32
 }
 
 /// A device with a rig, which sequences are carried out on. Each of its methods checks what must hold while time passes.

@@ -1,24 +1,34 @@
 //! Which way a retreat goes where none is given.
 
 use super::{Client, LinkError};
-use protocol::RETREAT_LIMIT_UM;
+use protocol::{RETREAT_LIMIT_UM, Refusal, Request};
 
 impl Client {
-    /// Displacement of a retreat along the axis with the larger force, against it, micrometres: the longest that the device takes. The
-    /// force counts from the calibration's zero, independent of the tare.
+    /// Requests a retreat along the axis with the larger force, against it; where that way is used up, along the other one: of a load
+    /// along both axes the other one may have to fall first. The force counts from the calibration's zero, independent of the tare.
+    /// Its displacement, micrometres: the longest that the device takes.
     ///
     /// # Errors
-    /// As [`Client::status`].
-    pub fn away_from_load(&mut self) -> Result<[i32; 2], LinkError> {
+    /// As [`Client::status`] and [`Client::request`].
+    pub fn retreat_from_load(&mut self) -> Result<[i32; 2], LinkError> {
         let force_counts = self.status()?.force_counts;
         let zero_counts = self.safety()?.zero_counts;
-        Ok(against([0, 1].map(|axis| i64::from(force_counts[axis]) + i64::from(zero_counts[axis]))))
+        let [first, second] =
+            against([0, 1].map(|axis| i64::from(force_counts[axis]) + i64::from(zero_counts[axis])));
+        let mut retreat =
+            |by_um @ [x_um, y_um]: [i32; 2]| self.request(Request::Retreat { x_um, y_um }).map(|()| by_um);
+        match retreat(first) {
+            Err(LinkError::Refused { refusal: Refusal::OutOfTravel, .. }) => retreat(second),
+            answered => answered,
+        }
     }
 }
 
-fn against([x, y]: [i64; 2]) -> [i32; 2] {
+/// Displacements against a force, along the axis with more of it and along the other one, micrometres.
+fn against([x, y]: [i64; 2]) -> [[i32; 2]; 2] {
     let um = |force: i64| if force > 0 { -RETREAT_LIMIT_UM } else { RETREAT_LIMIT_UM };
-    if x.abs() > y.abs() { [um(x), 0] } else { [0, um(y)] }
+    let (along_x, along_y) = ([um(x), 0], [0, um(y)]);
+    if x.abs() > y.abs() { [along_x, along_y] } else { [along_y, along_x] }
 }
 
 #[cfg(test)]
@@ -28,9 +38,9 @@ mod tests {
     #[test]
     fn a_retreat_goes_against_the_larger_force() {
         let limit = RETREAT_LIMIT_UM;
-        assert_eq!(against([10, -20]), [0, limit]);
-        assert_eq!(against([-10, 20]), [0, -limit]);
-        assert_eq!(against([30, 20]), [-limit, 0]);
-        assert_eq!(against([-30, 20]), [limit, 0]);
+        assert_eq!(against([10, -20]), [[0, limit], [-limit, 0]]);
+        assert_eq!(against([-10, 20]), [[0, -limit], [limit, 0]]);
+        assert_eq!(against([30, 20]), [[-limit, 0], [0, -limit]]);
+        assert_eq!(against([-30, 20]), [[limit, 0], [0, -limit]]);
     }
 }

@@ -99,10 +99,14 @@ impl<'a> Session<'a> {
             UserCommand::Run(program) => self.start(program.name.clone(), &program.device_steps(), false),
             UserCommand::Home => self.go("home".to_owned(), [0.0; 2], HOME_MM_S, false),
             UserCommand::Jog(by_m) if self.fault.is_some_and(Fault::allows_retreat) => {
-                self.retreat(micrometres(by_m))
+                let [x_um, y_um] = micrometres(by_m);
+                self.request(Request::Retreat { x_um, y_um }).map(|()| self.retreats([x_um, y_um]))
             }
             UserCommand::Jog(by_m) => self.jog(by_m),
-            UserCommand::Retreat => self.client.away_from_load().and_then(|by_um| self.retreat(by_um)),
+            UserCommand::Retreat => self.client.retreat_from_load().map(|by_um| {
+                self.keepalive.sent(Instant::now());
+                self.retreats(by_um);
+            }),
             UserCommand::Stop => self.stop(),
             UserCommand::Clear => self.request(Request::ClearFault).map(|()| self.report("cleared", true)),
         };
@@ -162,11 +166,9 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    fn retreat(&mut self, [x_um, y_um]: [i32; 2]) -> Result<(), LinkError> {
-        self.request(Request::Retreat { x_um, y_um })?;
-        let [x_mm, y_mm] = [x_um, y_um].map(|um| f64::from(um) * 1e-3);
+    fn retreats(&mut self, by_um: [i32; 2]) {
+        let [x_mm, y_mm] = by_um.map(|um| f64::from(um) * 1e-3);
         self.report(&format!("retreat by x {x_mm:+.3} mm, y {y_mm:+.3} mm ..."), true);
-        Ok(())
     }
 
     fn jog(&mut self, by_m: [f64; 2]) -> Result<(), LinkError> {
