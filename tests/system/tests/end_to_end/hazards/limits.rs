@@ -47,12 +47,11 @@ fn a_load_beyond_the_range_is_removed_by_a_retreat() {
     bench.stop().unwrap();
 }
 
-/// A retreat that is accepted while the guide still rolls on into the load, and is stopped again: what rolled on must not count for
-/// the way out.
+/// A short retreat that is accepted while the guide still rolls on into the load: what rolled on must not count for the way out.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn hasty_retreats_leave_the_way_out_open() {
-    // Slow enough that the stop arrives long before the retreat has ended, on a busy computer too.
+    // Slow enough that a request arrives in the few milliseconds after the fault.
     let bench = Bench::start(RigConfig::default(), 41, 0.5, HANGS).unwrap();
     let mut client = Client::connect(&bench.port()).unwrap();
     client.request(Request::Limits { force_mn: 2_000, silence_ms: SILENCE_MS }).unwrap();
@@ -64,7 +63,7 @@ fn hasty_retreats_leave_the_way_out_open() {
     let port = system::pty::open(Path::new(&bench.port())).unwrap();
     let mut ids = 10_000..;
     let mut request_retreat = || {
-        let request = Request::Retreat { x_um: 0, y_um: -1_000 };
+        let request = Request::Retreat { x_um: 0, y_um: -20 };
         let command = Command { id: ids.next().unwrap(), connection, request };
         let mut buffer = [0; protocol::MAX_FRAME_TO_DEVICE];
         let frame = encode_command(&command, &mut buffer).unwrap();
@@ -86,15 +85,12 @@ fn hasty_retreats_leave_the_way_out_open() {
     pass(20);
     drop(port);
     let mut client = Client::connect(&bench.port()).unwrap();
-    client.request(Request::Stop).unwrap();
-    assert!(force_n() > 2.0, "the retreat was stopped on its way");
-    client.request(Request::Retreat { x_um: 0, y_um: -1_000 }).unwrap();
-    // The end of the first one may arrive after the stop.
-    let mut outcome = retreat_ended(&mut client);
-    if outcome == RetreatOutcome::Stopped {
-        outcome = retreat_ended(&mut client);
+    eventually("the short one has ended", || client.status().unwrap().state == State::Faulted);
+    match client.request(Request::Retreat { x_um: 0, y_um: -1_000 }) {
+        // Where the computer is busy several short ones were accepted.
+        Err(LinkError::Refused { refusal: Refusal::NotUnderLoad, .. }) => {}
+        answered => answered.unwrap(),
     }
-    assert_eq!(outcome, RetreatOutcome::Unloaded);
     eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
     drop(client);
     bench.stop().unwrap();
