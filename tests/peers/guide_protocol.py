@@ -197,9 +197,9 @@ class Client:
         return self.repeat(command)
 
     def repeat(self, command):
+        messages = []
         for _ in range(20):
             self.send(command)
-            messages = []
             while (message := self.receive(0.6)) is not None:
                 messages.append(message)
                 for kind in ("Ack", "Refused"):
@@ -233,10 +233,10 @@ def drive(folder, port):
     began = time.monotonic()
     while ended is None and time.monotonic() < began + 60:
         message = client.receive(0.2)
-        if message and "Event" in message and isinstance(message["Event"]["kind"], dict):
-            ended = message["Event"]["kind"].get("ProgramEnded", {}).get("outcome")
-        if message is None:
-            client.request("Status")
+        # The event may arrive before the answer to a question.
+        for message in [message] if message else client.request("Status"):
+            if "Event" in message and isinstance(message["Event"]["kind"], dict):
+                ended = message["Event"]["kind"].get("ProgramEnded", {}).get("outcome", ended)
     assert ended == "Completed", ended
     for _ in range(description["answers_remembered"]):
         client.request("Status")

@@ -152,7 +152,7 @@ impl AddedLoad {
         for (axis, ((direction, rise), excess)) in
             moved.into_iter().zip(present.rise).zip(&mut self.excess).enumerate()
         {
-            let raised = |by: u16| (i32::from(by) + rise).clamp(0, u16::MAX.into()) as u16;
+            let raised = |by: u16| i32::from(by).saturating_add(rise).clamp(0, u16::MAX.into()) as u16;
             *excess = raised(*excess);
             for (number, added) in self.added.iter_mut().enumerate() {
                 let Some(added) = added.get_mut(axis) else { continue };
