@@ -125,9 +125,7 @@ impl LoadWatch {
         }
         Trend::Falling
     }
-}
 
-impl LoadWatch {
     /// No axis is loaded any more that it moves and that was.
     fn has_unloaded_its_axes(&mut self, [x, y, tared_x, tared_y]: Loads, bounds: Bounds) -> bool {
         let [by_x, by_y] = self.by_um.map(|um| um != 0);
