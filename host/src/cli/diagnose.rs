@@ -1,7 +1,7 @@
 //! `guide diagnose`: where model and measurement disagree, what is missing, and what adding it is worth.
 
 use super::characterized::CharacterizedArgs;
-use super::output::{Output, figures_file};
+use super::output::{Output, figures_file, write_json};
 use crate::figures;
 use anyhow::Context;
 use formats::model_file::ModelFile;
@@ -40,6 +40,9 @@ pub struct Args {
     /// Draw residuals before and after, the ranking and the misfit as SVG files into this folder
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
+    /// Write the result as JSON to this file: the document that --json prints, beside the text
+    #[arg(long, value_name = "FILE")]
+    json_out: Option<PathBuf>,
     /// Model the tissue as springs or as an elastic body (default: as the session states, or by evidence)
     #[arg(long, value_enum)]
     foundation: Option<Foundation>,
@@ -102,6 +105,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             figures_file(folder, "gap", &figures::gap(gap)?, out)?;
         }
         figures_file(folder, "ranking", &figures::ranking(&found)?, out)?;
+    }
+    if let Some(path) = &args.json_out {
+        write_json(path, &found)?;
     }
     out.result(&found, Text(&found))
 }

@@ -187,6 +187,13 @@ pub fn write_file(path: &Path, content: &str) -> anyhow::Result<()> {
     files::replace(path, content.as_bytes()).with_context(|| format!("{}: cannot write", path.display()))
 }
 
+/// Writes a result as the document that `--json` prints.
+pub fn write_json(path: &Path, result: &impl Serialize) -> anyhow::Result<()> {
+    let document =
+        serde_json::to_string_pretty(result).with_context(|| format!("{}: cannot write", path.display()))?;
+    write_file(path, &format!("{document}\n"))
+}
+
 /// A line on standard error that reports progress, on terminals only.
 fn spinner() -> ProgressBar {
     let bar = ProgressBar::new_spinner();

@@ -170,7 +170,8 @@ pub fn diagnosis(
         air::characterized(xtask, seed, config, files, show)?;
         fs::write(&rig_file, format!("{plain}characterized = \"{CHARACTERIZED}\"\n"))?;
     }
-    let (model_file, figures) = (out.join("model.toml"), out.join("figures"));
+    let (model_file, figures, result) =
+        (out.join("model.toml"), out.join("figures"), out.join("diagnosis.json"));
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let hidden = HiddenEffect::of_seed(seed);
     let mut guide = Typist { program: guide, show };
@@ -202,9 +203,9 @@ pub fn diagnosis(
         bench.stop()?;
     }
     (guide.show)("\n");
-    let diagnose = ["diagnose", session, "--out", path(&model_file)?, "--plots", path(&figures)?];
-    guide.shown(&diagnose)?;
-    let diagnosis = serde_json::from_str(&guide.output(&["diagnose", session, "--json"])?)
-        .context("guide diagnose --json printed no JSON")?;
+    let files = ["--out", path(&model_file)?, "--plots", path(&figures)?, "--json-out", path(&result)?];
+    guide.shown(&[&["diagnose", session], &files[..]].concat())?;
+    let diagnosis = fs::read(&result).with_context(|| format!("cannot read {}", result.display()))?;
+    let diagnosis = serde_json::from_slice(&diagnosis).context("guide diagnose --json-out wrote no JSON")?;
     Ok(Found { hidden, true_k_kpa: modulus_kpa / runs, diagnosis })
 }
