@@ -18,6 +18,8 @@ use std::time::{Duration, Instant};
 const PERIOD_US: u32 = 1_000;
 /// Token of its first connection; the next ones follow.
 const FIRST_CONNECTION: u32 = 0xC0FF_EE00;
+/// How many connections a device has at once, as the firmware.
+const CONNECTIONS: u32 = 4;
 /// The boot that a new fake claims.
 pub const BOOT_ID: u32 = 77;
 
@@ -57,6 +59,8 @@ pub struct Script {
     pub mute: bool,
     /// Number of answers (after the hello's) that get lost.
     pub lost_answers: usize,
+    /// Time before its first answer, milliseconds: as where a busy machine gives it no processor.
+    pub first_answer_after_ms: u64,
     /// Number of statuses that get lost, while their answers arrive, and an older one that was not requested.
     pub lost_statuses: usize,
     /// Reports late, when a program is loaded, that the one before was stopped.
@@ -87,6 +91,7 @@ impl Default for Script {
             schema_hash: protocol::schema_hash(),
             mute: false,
             lost_answers: 0,
+            first_answer_after_ms: 0,
             lost_statuses: 0,
             late_end: false,
             refusal: None,
@@ -226,6 +231,7 @@ impl Device {
 
     fn handle_command(&mut self, command: &Command, far: &mut TTYPort) {
         self.last_command_us = self.t_us;
+        std::thread::sleep(Duration::from_millis(std::mem::take(&mut self.script.first_answer_after_ms)));
         match command.request {
             Request::Hello => {
                 let hello = self.hello();
@@ -300,8 +306,15 @@ impl Device {
         }
     }
 
+    /// Whether a connection is among the last ones: a hello that is sent twice ends none.
+    fn is_open(&self, connection: u32) -> bool {
+        connection > FIRST_CONNECTION
+            && connection <= self.connection
+            && self.connection - connection < CONNECTIONS
+    }
+
     fn execute(&mut self, command: &Command) -> Message {
-        if command.connection != self.connection && command.request != Request::Stop {
+        if !self.is_open(command.connection) && command.request != Request::Stop {
             return Message::Refused { id: command.id, refusal: Refusal::OtherBoot };
         }
         if let Some(refusal) = self.script.refusal {

@@ -100,6 +100,15 @@ fn a_command_whose_answer_is_lost_is_repeated_and_carried_out_once() {
     assert_eq!(device.executed(), [Request::ClearFault]);
 }
 
+/// A hello that was sent again meanwhile begins another connection; that of the first answer stays.
+#[test]
+fn a_device_that_answers_late_is_connected_to_once() {
+    let device = FakeDevice::start(Script { first_answer_after_ms: 700, ..Script::default() });
+    let mut client = Client::connect(&device.port).expect("connects");
+    client.request(Request::ClearFault).expect("the first connection is open");
+    assert_eq!(device.executed(), [Request::ClearFault]);
+}
+
 #[test]
 fn a_device_that_never_answers_a_command_is_given_up() {
     let device = FakeDevice::start(Script { lost_answers: usize::MAX, ..Script::default() });
