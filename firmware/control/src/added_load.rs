@@ -1,6 +1,7 @@
 //! What retreats have added to a load since its fault, so that many small ones are no way into it.
 
 use super::force::{LOADS, Loads};
+use super::limits::STALE_LIMIT_PERIODS;
 use super::mutation::Mutation;
 use super::retreat::Bounds;
 
@@ -9,6 +10,8 @@ const ROLLS_ON_PERIODS: u16 = 50;
 /// Time constant of the loads that are compared, periods: single readings of a cell differ by a tenth of what a direction may add, and the
 /// largest of hundreds by half of it, so that retreats out of a load would use up their own direction.
 const SMOOTHED_PERIODS: f32 = 16.0;
+/// The loads from the calibration's zero, which come first: those from a tare end with it at a restart.
+const FROM_ZERO: usize = LOADS / 2;
 /// Bytes of a kept [`AddedLoad`].
 pub const ADDED_LOAD_BYTES: usize = 22;
 /// How far retreats without a force to follow may lead away from the straight needle in all, micrometres: tables of the wrong sign
@@ -21,19 +24,26 @@ const BLIND_UM: f32 = 100.0;
 /// both, for the same. What counts is how much more presses once the retreat has ended: on its way a rise ends it
 /// ([`LoadWatch`](super::retreat::LoadWatch)).
 ///
-/// No direction has added more to the load along an axis than all retreats together have added there and not taken off again: where
-/// axes are coupled, each way out adds a little to the load along the other axis, and both would be used up for ever. The load along an
-/// axis still is at most what it was and what the four directions have added to it.
+/// Each of the four [`Loads`] is counted by itself. After a tare far from the calibration's zero one falls where the other rises: a
+/// direction that has added to one of them is the way out once that one is no load any more, because of a higher limit, or because a
+/// restart has ended the tare.
+///
+/// No direction has added more to a load than all retreats together have added to it and not taken off again: where axes are coupled,
+/// each way out adds a little to the load along the other axis, and both would be used up for ever. A load still is at most what it was
+/// and what the four directions have added to it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct AddedLoad {
-    /// Of each direction, to the loads along x and y.
-    added: [[u16; 2]; 4],
-    /// By how much all retreats have raised the loads along x and y above the least they have left there.
-    excess: [u16; 2],
+    /// Of each direction, to each load.
+    added: [[u16; LOADS]; 4],
+    /// By how much all retreats have raised each load above the least they have left of it.
+    excess: [u16; LOADS],
     /// What retreats without a force to follow have led away from the straight needle, micrometres.
     blind_um: f32,
-    /// Loads without most of their noise, force counts; nothing before the first reading.
+    /// Loads without most of their noise, force counts; nothing before the first reading, and after a time without any: what it was then
+    /// would be compared with what it is now.
     smoothed: Option<[f32; LOADS]>,
+    /// Periods in a row without a reading.
+    unread: u16,
     present: Option<Present>,
 }
 
@@ -44,8 +54,8 @@ struct Present {
     from_um: [f32; 2],
     /// Nothing where there was no reading.
     from: Option<[f32; LOADS]>,
-    /// By how much more each axis is loaded now.
-    rise: [i32; 2],
+    /// By how much larger each load is now.
+    rise: [i32; LOADS],
     /// How far it has led away from the straight needle, micrometres; less than 0 where it has led to it.
     outward_um: f32,
     /// Periods for which it is still followed after its end.
@@ -68,7 +78,7 @@ impl AddedLoad {
         // Below the bound nothing is a load.
         let smoothed = self.smoothed.filter(|_| loads.is_some());
         let from = smoothed.map(|loads| loads.map(|load| load.max(bounds.unloaded as f32)));
-        self.present = Some(Present { by_um, from_um, from, rise: [0; 2], outward_um: 0.0, left: None });
+        self.present = Some(Present { by_um, from_um, from, rise: [0; LOADS], outward_um: 0.0, left: None });
         true
     }
 
@@ -94,16 +104,20 @@ impl AddedLoad {
     /// Takes the loads of a period, and where the guide is.
     pub fn follow(&mut self, loads: Option<Loads>, position_um: [f32; 2], bounds: Bounds) {
         let smoothed = loads.map(|loads| self.smooth(loads.map(|load| load as f32)));
+        self.unread = if loads.is_some() { 0 } else { self.unread.saturating_add(1) };
+        if self.unread > STALE_LIMIT_PERIODS {
+            self.smoothed = None;
+        }
         if let Some(loads) = smoothed {
             self.forget_unloaded(loads, bounds.unloaded as f32);
         }
         let Some(present) = &mut self.present else { return };
         let outward_um = position_um.iter().zip(present.from_um).map(|(um, from)| um.abs() - from.abs());
         present.outward_um = outward_um.reduce(f32::max).unwrap_or(0.0);
-        if let (Some([x, y, tared_x, tared_y]), Some(from)) = (smoothed, present.from) {
-            let [from_x, from_y, from_tared_x, from_tared_y] = from;
-            let along = [(x - from_x).max(tared_x - from_tared_x), (y - from_y).max(tared_y - from_tared_y)];
-            present.rise = along.map(|more| more as i32);
+        if let (Some(loads), Some(from)) = (smoothed, present.from) {
+            for (rise, (load, from)) in present.rise.iter_mut().zip(loads.into_iter().zip(from)) {
+                *rise = (load - from) as i32;
+            }
         }
         match &mut present.left {
             Some(0) => self.close(),
@@ -112,16 +126,18 @@ impl AddedLoad {
         }
     }
 
-    /// An axis below its bound has no load that anything could have been added to: what presses there later is on its other side.
-    fn forget_unloaded(&mut self, [x, y, tared_x, tared_y]: [f32; LOADS], unloaded: f32) {
-        for (axis, load) in [x.max(tared_x), y.max(tared_y)].into_iter().enumerate() {
+    /// Below the bound there is no load that anything could have been added to: what presses there later is on the other side.
+    fn forget_unloaded(&mut self, loads: [f32; LOADS], unloaded: f32) {
+        for (number, load) in loads.into_iter().enumerate() {
             if load >= unloaded {
                 continue;
             }
-            let all = self.added.iter_mut().filter_map(|added| added.get_mut(axis));
-            all.chain(self.excess.get_mut(axis)).for_each(|counts| *counts = 0);
+            let all = self.added.iter_mut().filter_map(|added| added.get_mut(number));
+            all.chain(self.excess.get_mut(number)).for_each(|counts| *counts = 0);
             let from = self.present.as_mut().and_then(|present| present.from.as_mut());
-            from.into_iter().flatten().skip(axis).step_by(2).for_each(|from| *from = unloaded);
+            if let Some(from) = from.and_then(|from| from.get_mut(number)) {
+                *from = unloaded;
+            }
         }
     }
 
@@ -149,13 +165,14 @@ impl AddedLoad {
         }
         let [along_x, along_y] = directions(present.by_um);
         let moved = [along_x.or(along_y), along_y.or(along_x)];
-        for (axis, ((direction, rise), excess)) in
-            moved.into_iter().zip(present.rise).zip(&mut self.excess).enumerate()
+        // The loads along x and y from the calibration's zero, then those from the tare.
+        for (load, ((direction, rise), excess)) in
+            moved.into_iter().cycle().zip(present.rise).zip(&mut self.excess).enumerate()
         {
             let raised = |by: u16| i32::from(by).saturating_add(rise).clamp(0, u16::MAX.into()) as u16;
             *excess = raised(*excess);
             for (number, added) in self.added.iter_mut().enumerate() {
-                let Some(added) = added.get_mut(axis) else { continue };
+                let Some(added) = added.get_mut(load) else { continue };
                 if Some(number) == direction && rise > 0 {
                     *added = raised(*added);
                 }
@@ -168,7 +185,8 @@ impl AddedLoad {
     pub fn to_bytes(mut self) -> [u8; ADDED_LOAD_BYTES] {
         self.close();
         let mut bytes = [0; ADDED_LOAD_BYTES];
-        let all = self.added.into_iter().flatten().chain(self.excess).chain([self.blind_um as u16]);
+        let counts = self.added.iter().chain([&self.excess]).flat_map(|counts| counts.iter().take(FROM_ZERO));
+        let all = counts.copied().chain([self.blind_um as u16]);
         for (kept, added) in bytes.chunks_exact_mut(2).zip(all) {
             kept.copy_from_slice(&added.to_le_bytes());
         }
@@ -179,8 +197,8 @@ impl AddedLoad {
     pub fn from_bytes(bytes: [u8; ADDED_LOAD_BYTES]) -> Self {
         let mut added_load = Self::default();
         let mut kept = bytes.as_chunks::<2>().0.iter().map(|kept| u16::from_le_bytes(*kept));
-        let counts = added_load.added.iter_mut().flatten().chain(&mut added_load.excess);
-        for (counts, kept) in counts.zip(&mut kept) {
+        let all = added_load.added.iter_mut().chain([&mut added_load.excess]);
+        for (counts, kept) in all.flat_map(|counts| counts.iter_mut().take(FROM_ZERO)).zip(&mut kept) {
             *counts = kept;
         }
         added_load.blind_um = kept.next().map_or(0.0, f32::from);
@@ -274,6 +292,47 @@ mod tests {
                 break;
             }
         }
+    }
+
+    /// Tared far from the calibration's zero, the way out of one load is the way into the other.
+    #[test]
+    fn a_direction_is_open_again_once_what_it_has_added_to_is_no_load() {
+        let mut added_load = AddedLoad::default();
+        let at = |y: i32| [0, y, 0, 130_000 - y];
+        assert!(retreat(&mut added_load, [0, -300], at(70_000), Some(at(68_800))));
+        let allows = |added_load: &AddedLoad| added_load.allows([0, -300], Some(at(68_800)), BOUNDS());
+        settle(&mut added_load, Some(at(68_800)));
+        added_load.close();
+        // 61,200 counts from the tare are below 85 % of 5 N, and never were a load.
+        assert!(allows(&added_load));
+        let narrow = Bounds::new(2_000, 5_000);
+        let mut added_load = AddedLoad::default();
+        let follow = |added_load: &mut AddedLoad, y: i32, bounds: Bounds| {
+            (0..400).for_each(|_| added_load.follow(Some(at(y)), [0.0; 2], bounds));
+        };
+        follow(&mut added_load, 70_000, narrow);
+        assert!(added_load.begin([0, -300], [0.0; 2], Some(at(70_000)), narrow));
+        follow(&mut added_load, 68_800, narrow);
+        added_load.close();
+        assert!(!added_load.allows([0, -300], Some(at(68_800)), narrow), "it adds to the load from the tare");
+        let restarted = AddedLoad::from_bytes(added_load.to_bytes());
+        assert!(restarted.allows([0, -300], Some(at(68_800)), narrow), "which a restart ends");
+        follow(&mut added_load, 68_800, BOUNDS());
+        assert!(added_load.allows([0, -300], Some(at(68_800)), BOUNDS()), "which is none at a higher limit");
+    }
+
+    #[test]
+    fn a_load_before_a_time_without_readings_is_compared_with_none_after_it() {
+        let mut added_load = AddedLoad::default();
+        let along_y = |load: i32| [0, load, 0, load];
+        settle(&mut added_load, Some(along_y(96_000)));
+        settle(&mut added_load, None);
+        // The first readings after it, and a retreat that takes off a part of them.
+        added_load.follow(Some(along_y(101_000)), [0.0; 2], BOUNDS());
+        assert!(added_load.begin([0, -300], [0.0; 2], Some(along_y(101_000)), BOUNDS()));
+        settle(&mut added_load, Some(along_y(99_000)));
+        added_load.close();
+        assert!(added_load.begin([0, -300], [0.0; 2], Some(along_y(99_000)), BOUNDS()));
     }
 
     #[test]

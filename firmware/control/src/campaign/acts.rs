@@ -391,14 +391,14 @@ impl<'a, T: Target> Sequence<'a, T> {
             }
             // One that was lost before another fault was latched.
             self.request(Request::AcknowledgeCalibration)?;
-            self.retreat(condition.force_n, &mut ways)?;
-            let [x_n, y_n] = self.target.condition()?.force_n.map(f32::abs);
+            self.retreat(condition.pressing_n(), &mut ways)?;
+            let [x_n, y_n] = self.target.condition()?.pressing_n().map(f32::abs);
             tries += 1;
             if x_n + y_n < least_n - FALLEN_N {
                 (least_n, tries) = (x_n + y_n, 0);
             }
             if tries >= TRIES / 2 && tries.is_multiple_of(4) {
-                self.leave_otherwise(fault, condition.zero_per_limit, ways)?;
+                self.leave_otherwise(fault, condition.zero_per_limit(), ways)?;
             }
         }
         let condition = self.target.condition()?;
@@ -420,15 +420,15 @@ impl<'a, T: Target> Sequence<'a, T> {
 
     /// Out of the load: against the force along the axis that has more of it, then along the other one, then with the force (tables
     /// of the wrong sign). Ways that are refused or lead nowhere come last, until another one has taken something off.
-    fn retreat(&mut self, force_n: [f32; 2], ways: &mut Ways) -> Checked<()> {
-        let larger = usize::from(force_n[1].abs() > force_n[0].abs());
+    fn retreat(&mut self, pressing_n: [f32; 2], ways: &mut Ways) -> Checked<()> {
+        let larger = usize::from(pressing_n[1].abs() > pressing_n[0].abs());
         for (axis, with) in [(larger, 0), (1 - larger, 0), (larger, 1), (1 - larger, 1)] {
             if ways.in_vain[axis][with] {
                 continue;
             }
             ways.in_vain[axis][with] = true;
             let mut by_um = [0; 2];
-            by_um[axis] = if (force_n[axis] > 0.0) == (with == 0) { -1_000 } else { 1_000 };
+            by_um[axis] = if (pressing_n[axis] > 0.0) == (with == 0) { -1_000 } else { 1_000 };
             let [x_um, y_um] = by_um;
             match self.target.request(Request::Retreat { x_um, y_um })? {
                 Ok(()) => ways.gone[axis][with] = true,
@@ -438,8 +438,8 @@ impl<'a, T: Target> Sequence<'a, T> {
                 Err(refusal) => return Err(Violation(format!("a retreat is refused: {refusal:?}"))),
             }
             self.target.pass(2_500)?;
-            let after_n = self.target.condition()?.force_n;
-            if after_n[axis].abs() < force_n[axis].abs() - FALLEN_N {
+            let after_n = self.target.condition()?.pressing_n();
+            if after_n[axis].abs() < pressing_n[axis].abs() - FALLEN_N {
                 *ways = Ways::default();
             }
             return Ok(());

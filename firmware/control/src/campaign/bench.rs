@@ -1,7 +1,7 @@
 //! The controller with a small rig, in the same process: two actuators with a lag on springs, a cell with an offset.
 
 use super::judge::{LimitChecker, Observation, ROLLS_ON_UM};
-use super::{Checked, Condition, Converter, Disturbances, Target, Violation, acts, zero_per_limit};
+use super::{Checked, Condition, Converter, Disturbances, Target, Violation, acts};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
 use crate::hal::Readings;
@@ -312,9 +312,8 @@ impl Target for Bench {
             position_um: self.rig.position_um,
             force_n: self.rig.force_n(),
             cools_in_s: self.safety.map_or([0; 2], |safety| safety.cools_in_s),
-            zero_per_limit: self.safety.map_or(0.0, |safety| {
-                zero_per_limit(safety.zero_counts, self.controller.interlock.limits().force_mn)
-            }),
+            zero_counts: self.safety.map_or([0; 2], |safety| safety.zero_counts),
+            limit_mn: self.controller.interlock.limits().force_mn,
         })
     }
 

@@ -17,7 +17,7 @@ pub mod acts;
 pub mod bench;
 pub mod judge;
 
-use crate::calibration::counts_of_mn;
+use crate::calibration::{FORCE_NN_PER_COUNT, counts_of_mn};
 use acts::Sequence;
 use protocol::{CalibrationRecord, Command, Refusal, Request};
 use std::fmt;
@@ -79,14 +79,28 @@ pub struct Condition {
     pub force_n: [f32; 2],
     /// Time until the motors have cooled, seconds.
     pub cools_in_s: [u16; 2],
-    /// Larger zero of the latest tare, from the calibration's, per force limit ([`zero_per_limit`]).
-    pub zero_per_limit: f32,
+    /// Zero of the latest tare, from the calibration's, force counts.
+    pub zero_counts: [i32; 2],
+    /// Force limit, millinewtons.
+    pub limit_mn: u32,
 }
 
-/// What was tared, as a share of the force limit: from 2 on no force is within the limit of both zeros.
-pub fn zero_per_limit(zero_counts: [i32; 2], limit_mn: u32) -> f32 {
-    let larger = zero_counts.into_iter().map(i32::unsigned_abs).fold(0, u32::max);
-    larger as f32 / counts_of_mn(limit_mn) as f32
+impl Condition {
+    /// The larger zero of the tare as a share of the force limit: from 2 on no force is within the limit of both zeros.
+    pub fn zero_per_limit(&self) -> f32 {
+        let larger = self.zero_counts.into_iter().map(i32::unsigned_abs).fold(0, u32::max);
+        larger as f32 / counts_of_mn(self.limit_mn) as f32
+    }
+
+    /// What presses along both axes: the force from the calibration's zero or from the tare, whichever is larger. The limit is about
+    /// both, newtons.
+    pub fn pressing_n(&self) -> [f32; 2] {
+        let tared = |(n, zero): (f32, i32)| {
+            let tared_n = n - zero as f32 * (1e-9 * FORCE_NN_PER_COUNT as f32);
+            if tared_n.abs() > n.abs() { tared_n } else { n }
+        };
+        [0, 1].map(|axis| tared((self.force_n[axis], self.zero_counts[axis])))
+    }
 }
 
 /// A device with a rig, which sequences are carried out on. Each of its methods checks what must hold while time passes.

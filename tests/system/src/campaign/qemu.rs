@@ -11,7 +11,7 @@ use anyhow::{Context, Result, anyhow};
 use control::calibration::Calibration;
 use control::campaign::judge::{LimitChecker, Observation, ROLLS_ON_UM};
 use control::campaign::{
-    self, CampaignCounts, Checked, Condition, Converter, Disturbances, Target, Violation, zero_per_limit,
+    self, CampaignCounts, Checked, Condition, Converter, Disturbances, Target, Violation,
 };
 use protocol::{CalibrationRecord, Command, EventKind, Message, Outcome, Refusal, Request, Safety, Status};
 use simulation::rig::config::{Range, RigConfig};
@@ -345,9 +345,8 @@ impl Target for Device<'_> {
             position_um: position_um(self.bench),
             force_n: self.force_n(),
             cools_in_s: self.safety.map_or([0; 2], |safety| safety.cools_in_s),
-            zero_per_limit: self
-                .safety
-                .map_or(0.0, |safety| zero_per_limit(safety.zero_counts, status.force_limit_mn)),
+            zero_counts: self.safety.map_or([0; 2], |safety| safety.zero_counts),
+            limit_mn: status.force_limit_mn,
         })
     }
 
