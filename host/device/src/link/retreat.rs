@@ -4,8 +4,9 @@ use super::{Client, LinkError};
 use protocol::{RETREAT_LIMIT_UM, Refusal, Request};
 
 impl Client {
-    /// Requests a retreat along the axis with the larger force, against it; where that way is used up, along the other one: of a load
-    /// along both axes the other one may have to fall first. The force counts from the calibration's zero, independent of the tare.
+    /// Requests a retreat along the axis with the larger load, against it; where that way is used up, along the other one: of a load
+    /// along both axes the other one may have to fall first. The limit is about the force from the calibration's zero and that from the
+    /// tare: the load of an axis is the larger of them.
     /// Its displacement, micrometres: the longest that the device takes.
     ///
     /// # Errors
@@ -14,7 +15,7 @@ impl Client {
         let force_counts = self.status()?.force_counts;
         let zero_counts = self.safety()?.zero_counts;
         let [first, second] =
-            against([0, 1].map(|axis| i64::from(force_counts[axis]) + i64::from(zero_counts[axis])));
+            against([0, 1].map(|axis| load(force_counts[axis].into(), zero_counts[axis].into())));
         let mut retreat =
             |by_um @ [x_um, y_um]: [i32; 2]| self.request(Request::Retreat { x_um, y_um }).map(|()| by_um);
         match retreat(first) {
@@ -24,7 +25,13 @@ impl Client {
     }
 }
 
-/// Displacements against a force, along the axis with more of it and along the other one, micrometres.
+/// The larger of the force from the tare and that from the calibration's zero, counts.
+fn load(tared: i64, zero: i64) -> i64 {
+    let from_zero = tared + zero;
+    if tared.abs() > from_zero.abs() { tared } else { from_zero }
+}
+
+/// Displacements against a load, along the axis with more of it and along the other one, micrometres.
 fn against([x, y]: [i64; 2]) -> [[i32; 2]; 2] {
     let um = |force: i64| if force > 0 { -RETREAT_LIMIT_UM } else { RETREAT_LIMIT_UM };
     let (along_x, along_y) = ([um(x), 0], [0, um(y)]);
@@ -34,6 +41,14 @@ fn against([x, y]: [i64; 2]) -> [[i32; 2]; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Tared at -0.44 N, a guide that is back at -0.13 N presses with 0.31 N in the other direction.
+    #[test]
+    fn the_load_is_the_one_that_is_further_from_its_zero() {
+        assert_eq!(load(6_200, -8_900), 6_200);
+        assert_eq!(load(1_000, -8_900), -7_900);
+        assert_eq!(load(-100, 0), -100);
+    }
 
     #[test]
     fn a_retreat_goes_against_the_larger_force() {
