@@ -112,10 +112,11 @@ impl LoadWatch {
                 return Trend::NotFalling;
             }
         }
-        let (from_um, before) = *self.mark.get_or_insert((position_um, largest));
-        if self.has_unloaded_its_axes(loads, bounds) && before - largest < bounds.progress {
+        // Whatever it still takes off another axis: after a tare far from zero its own load comes back on the other side soon.
+        if self.has_unloaded_its_axes(loads, bounds) {
             return Trend::NotFalling;
         }
+        let (from_um, before) = *self.mark.get_or_insert((position_um, largest));
         let ([x, y], [from_x, from_y]) = (position_um, from_um);
         if libm::hypotf(x - from_x, y - from_y) >= PROGRESS_UM {
             if before - largest < bounds.progress {
@@ -279,6 +280,19 @@ mod tests {
         assert_eq!(trend(&mut watch, 95_000, 110_000, 0.0), Trend::Falling);
         assert_eq!(trend(&mut watch, 95_900, 109_000, 1.0), Trend::Falling);
         assert_eq!(trend(&mut watch, 96_100, 108_000, 2.0), Trend::NotFalling);
+    }
+
+    /// Along y, from 0.37 N with a tare at 0.47 N and a limit of 0.3 N: between the two zeros both loads are below the bound for 45 um.
+    /// The load along x stays.
+    #[test]
+    fn a_retreat_ends_where_its_axis_is_unloaded_though_the_largest_load_has_fallen() {
+        let bounds = Bounds::new(300, 5_000);
+        let mut watch = LoadWatch::new([0, 1_000], true);
+        let mut trends = (0..1_000_u32).map(|um| {
+            let y = 7_400 - 20 * um as i32;
+            (watch.step(Some([6_300, y, 3_000, (9_303 - y).abs()]), [0.0, um as f32], bounds), um)
+        });
+        assert_eq!(trends.find(|(trend, _)| *trend != Trend::Falling), Some((Trend::NotFalling, 116)));
     }
 
     #[test]

@@ -418,11 +418,15 @@ impl<'a, T: Target> Sequence<'a, T> {
         Ok(())
     }
 
-    /// Out of the load: against the force along the axis that has more of it, then along the other one, then with the force (tables
-    /// of the wrong sign). Ways that are refused or lead nowhere come last, until another one has taken something off.
+    /// Out of the load: against the force along the axis that has more of it, then along the other one, then with the force (tables or
+    /// a force of the wrong sign): what has led out before comes first. Ways that are refused or lead nowhere come last, until another
+    /// one has taken something off.
     fn retreat(&mut self, pressing_n: [f32; 2], ways: &mut Ways) -> Checked<()> {
         let larger = usize::from(pressing_n[1].abs() > pressing_n[0].abs());
-        for (axis, with) in [(larger, 0), (1 - larger, 0), (larger, 1), (1 - larger, 1)] {
+        let first = ways.led_out;
+        for (axis, with) in
+            [(larger, first), (1 - larger, first), (larger, 1 - first), (1 - larger, 1 - first)]
+        {
             if ways.in_vain[axis][with] {
                 continue;
             }
@@ -440,7 +444,7 @@ impl<'a, T: Target> Sequence<'a, T> {
             self.target.pass(2_500)?;
             let after_n = self.target.condition()?.pressing_n();
             if after_n[axis].abs() < pressing_n[axis].abs() - FALLEN_N {
-                *ways = Ways::default();
+                *ways = Ways { led_out: with, ..Ways::default() };
             }
             return Ok(());
         }
@@ -456,4 +460,6 @@ struct Ways {
     in_vain: [[bool; 2]; 2],
     /// Gone, and the load has not fallen.
     gone: [[bool; 2]; 2],
+    /// The way that has led out last: against the force or with it.
+    led_out: usize,
 }

@@ -310,7 +310,7 @@ impl Target for Bench {
             now_us: self.now_us,
             fault: self.fault,
             position_um: self.rig.position_um,
-            force_n: self.rig.force_n(),
+            force_counts: self.controller.force.relative_counts(),
             cools_in_s: self.safety.map_or([0; 2], |safety| safety.cools_in_s),
             zero_counts: self.safety.map_or([0; 2], |safety| safety.zero_counts),
             limit_mn: self.controller.interlock.limits().force_mn,

@@ -75,8 +75,8 @@ pub struct Condition {
     pub fault: Option<protocol::Fault>,
     /// True position of both axes, micrometres.
     pub position_um: [f32; 2],
-    /// Force along both axes as the converter measures it, from the calibration's zero, newtons.
-    pub force_n: [f32; 2],
+    /// Force along both axes from the tare, as the device has it by its calibration, force counts.
+    pub force_counts: [i32; 2],
     /// Time until the motors have cooled, seconds.
     pub cools_in_s: [u16; 2],
     /// Zero of the latest tare, from the calibration's, force counts.
@@ -92,14 +92,15 @@ impl Condition {
         larger as f32 / counts_of_mn(self.limit_mn) as f32
     }
 
-    /// What presses along both axes: the force from the calibration's zero or from the tare, whichever is larger. The limit is about
-    /// both, newtons.
+    /// What presses along both axes by the calibration of the device, right or not, as `guide retreat` has it: the force from the
+    /// calibration's zero or from the tare, whichever is larger. The limit is about both, newtons.
     pub fn pressing_n(&self) -> [f32; 2] {
-        let tared = |(n, zero): (f32, i32)| {
-            let tared_n = n - zero as f32 * (1e-9 * FORCE_NN_PER_COUNT as f32);
-            if tared_n.abs() > n.abs() { tared_n } else { n }
+        let larger = |(tared, zero): (i32, i32)| {
+            let from_zero = tared + zero;
+            let counts = if tared.abs() > from_zero.abs() { tared } else { from_zero };
+            counts as f32 * (1e-9 * FORCE_NN_PER_COUNT as f32)
         };
-        [0, 1].map(|axis| tared((self.force_n[axis], self.zero_counts[axis])))
+        [0, 1].map(|axis| larger((self.force_counts[axis], self.zero_counts[axis])))
     }
 }
 

@@ -25,10 +25,11 @@ const FOUND_BY: [(Mutation, u64); Mutation::ALL.len()] = [
 ];
 /// Sequences that once found a gap, or what must hold stated too narrowly: of coupled axes, whose ways out closed each other; of axes
 /// that a retreat led to their other side; of ways out that stayed closed by a load that a tare or a low limit had made, or by one from
-/// before a converter was silent; of a load from the tare that the recovery took for one from the calibration's zero.
-const KEPT: [u64; 15] = [
+/// before a converter was silent; of a load from the tare that the recovery took for one from the calibration's zero; of a way out so
+/// short that a retreat passed it, and of one by a calibration of the wrong sign.
+const KEPT: [u64; 17] = [
     8_021, 14_697, 21_709, 34_436, 36_035, 38_091, 39_954, 44_880, 70_348, 229_987, 40_088_205, 40_272_395,
-    41_049_846, 45_011_577, 45_030_965,
+    41_049_846, 45_011_577, 45_030_965, 48_023_864, 49_016_517,
 ];
 
 /// `cargo xtask campaign` runs as many as are requested.
