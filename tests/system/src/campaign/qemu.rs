@@ -343,7 +343,7 @@ impl Target for Device<'_> {
             now_us: status.t_us,
             fault: status.fault,
             position_um: position_um(self.bench),
-            force_n: self.force_n(),
+            force_counts: status.force_counts,
             cools_in_s: self.safety.map_or([0; 2], |safety| safety.cools_in_s),
             zero_counts: self.safety.map_or([0; 2], |safety| safety.zero_counts),
             limit_mn: status.force_limit_mn,
