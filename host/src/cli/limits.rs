@@ -13,7 +13,7 @@ use serde::Serialize;
 pub struct Args {
     #[command(flatten)]
     port: PortArgs,
-    /// Largest force along either axis relative to the tare, newtons, at most the sensor's rated range
+    /// Largest force along either axis, from the tare and from the calibration's zero, newtons, at most the sensor's rated range
     #[arg(long, value_name = "N")]
     force_n: Option<f64>,
     /// Longest time without a command from the host while a program waits or runs, seconds of the device's clock,
@@ -35,7 +35,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let Limits { force_n, silence_s } = client.set_limits(args.force_n, args.silence_s)?;
     let report = Report { schema: "guide.limits/1", force_limit_n: force_n, silence_limit_s: silence_s };
     let text = format!(
-        "force      {force_n:.3} N along either axis, relative to the tare\n\
+        "force      {force_n:.3} N along either axis, from the tare and from the calibration's zero\n\
          silence    {silence_s:.3} s without a command from the host while a program waits or runs\n"
     );
     out.result(&report, text)
