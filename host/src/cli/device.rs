@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicBool;
 pub struct Motion<'a> {
     /// Move by the nominal calibration where the device has none stored.
     pub nominal: bool,
-    /// Largest force along either axis relative to the tare, newtons; stays set.
+    /// Largest force along either axis, from the tare and from the calibration's zero, newtons; stays set.
     pub force_limit_n: Option<f64>,
     /// Set by the caller to stop the guide.
     pub interrupted: &'a AtomicBool,

@@ -32,7 +32,7 @@ pub struct StartArgs {
 /// The force at which the device stops by itself.
 #[derive(Args, Clone, Copy, Default)]
 pub struct ForceLimitArgs {
-    /// Largest force along either axis relative to the tare, newtons: set before the motion, stays set (`guide limits`)
+    /// Largest force along either axis, newtons: set before the motion, stays set (`guide limits`)
     #[arg(long, value_name = "N")]
     force_limit_n: Option<f64>,
 }

@@ -20,7 +20,7 @@ pub struct Condition {
     pub motor_duty_used_x_percent: f64,
     /// The same of y.
     pub motor_duty_used_y_percent: f64,
-    /// Limit of the force along either axis relative to the tare, newtons.
+    /// Limit of the force along either axis, from the tare and from the calibration's zero, newtons.
     pub force_limit_n: f64,
     /// Longest silence of the host while a program waits or runs, seconds.
     pub silence_limit_s: f64,

@@ -13,7 +13,7 @@ const RETRY_PAUSE: Duration = Duration::from_millis(100);
 /// What the interlocks compare with, until the device starts again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Largest force along either axis relative to the tare, newtons.
+    /// Largest force along either axis, from the tare and from the calibration's zero, newtons.
     pub force_n: f64,
     /// Longest silence of the host while a program waits or runs, seconds.
     pub silence_s: f64,

@@ -117,7 +117,7 @@ class Device:
             x_mm: horizontal position, millimetres from where the needle is straight.
             y_mm: vertical position.
             speed_mm_s: speed along the path, millimetres per second.
-            force_limit_n: largest force along either axis relative to the tare, newtons; stays set.
+            force_limit_n: largest force along either axis, from the tare and from the calibration's zero, newtons; stays set.
             nominal: move by the nominal calibration where the device has none stored.
             progress: called with the samples (:data:`SAMPLE`) as they arrive.
 
@@ -144,7 +144,7 @@ class Device:
 
         Args:
             program: "displace", "staircase", "quick-staircase", or a file.
-            force_limit_n: largest force along either axis relative to the tare, newtons; stays set.
+            force_limit_n: largest force along either axis, from the tare and from the calibration's zero, newtons; stays set.
             nominal: move by the nominal calibration where the device has none stored.
             progress: called with the samples as they arrive.
 
