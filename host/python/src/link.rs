@@ -57,7 +57,7 @@ impl Link {
 
     /// Document of `guide retreat`.
     fn retreat(&self, py: Python<'_>) -> PyResult<String> {
-        self.with(py, |client, _, _| operate::retreat(client), None)
+        self.with(py, |client, flag, _| operate::retreat(client, flag.inner()), None)
     }
 
     /// Document of `guide tare`.

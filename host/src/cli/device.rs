@@ -113,12 +113,13 @@ pub fn clear(client: &mut Client) -> anyhow::Result<String> {
     document(|out| report_status("guide.clear/1", client, None, Detail::Brief, out))
 }
 
-/// Unloads the guide while the fault of the load is latched: what `guide retreat` prints.
+/// Unloads the guide while the fault of the load is latched: what `guide retreat` prints. It is stopped on its way once `interrupted` is
+/// set.
 ///
 /// # Errors
 /// Where no such fault is latched, and of the link.
-pub fn retreat(client: &mut Client) -> anyhow::Result<String> {
-    document(|out| retreat_from(client, [None; 2], out))
+pub fn retreat(client: &mut Client, interrupted: &AtomicBool) -> anyhow::Result<String> {
+    document(|out| retreat_from(client, [None; 2], interrupted, out))
 }
 
 fn document(report: impl FnOnce(&mut Output) -> anyhow::Result<()>) -> anyhow::Result<String> {

@@ -1,7 +1,7 @@
 //! `guide status`, `home`, `move`, `stop`, `clear`, `retreat`: operating the rig by hand. Each ends by reporting where the guide is.
 
 use super::output::Output;
-use super::rig_args::{ForceLimitArgs, PortArgs, Rest, StartArgs, run_step};
+use super::rig_args::{ForceLimitArgs, PortArgs, Rest, StartArgs, interrupted, run_step};
 use super::status::{Detail, report_status};
 use anyhow::{anyhow, bail};
 use device::link::error::{explain_fault, explain_retreat};
@@ -10,6 +10,7 @@ use device::link::{Client, LinkError, Telemetry};
 use protocol::{EventKind, Fault, RETREAT_LIMIT_UM, Refusal, Request, State};
 use serde::Serialize;
 use std::fmt::{self, Display};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Show state, position, force, faults and load of the device
@@ -184,13 +185,14 @@ impl Display for Retreated {
 /// Runs `guide retreat`.
 pub fn retreat(args: &RetreatArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
-    retreat_from(&mut client, [args.x_mm, args.y_mm], out)
+    retreat_from(&mut client, [args.x_mm, args.y_mm], interrupted()?, out)
 }
 
-/// Retreats by so many micrometres, or away from the load.
+/// Retreats by so many micrometres, or away from the load; where the user interrupts, it is stopped on its way.
 pub(super) fn retreat_from(
     client: &mut Client,
     by_um: [Option<i32>; 2],
+    interrupted: &AtomicBool,
     out: &mut Output,
 ) -> anyhow::Result<()> {
     /// Longest that a retreat takes on the slowest simulated rig.
@@ -203,7 +205,7 @@ pub(super) fn retreat_from(
         }
     }
     let began = Instant::now();
-    let mut outcome = None;
+    let (mut outcome, mut stopped) = (None, false);
     // The event may be lost; the state is not.
     loop {
         let is_over = client.status()?.state != State::Retreating;
@@ -216,6 +218,10 @@ pub(super) fn retreat_from(
         }
         if is_over {
             break;
+        }
+        if interrupted.load(Ordering::Acquire) && !stopped {
+            client.request(Request::Stop)?;
+            stopped = true;
         }
         if began.elapsed() > LIMIT {
             client.request(Request::Stop)?;

@@ -269,6 +269,35 @@ fn guide(bench: &Bench, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
+/// A retreat of 1 mm, most of which is still to come when the user interrupts: the guide stops there, and another one goes on.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_retreat_that_is_interrupted_stops_on_its_way() {
+    let bench = Bench::start(readme::rig::quiet(), 27, 0.3, HANGS).unwrap();
+    guide(&bench, &["home", "--nominal"]);
+    guide(&bench, &["move", "--y-mm", "2"]);
+    guide(&bench, &["limits", "--force-n", "0.3"]);
+    let mut command = Command::new(build_guide().unwrap());
+    command.args(["retreat", "--port", &bench.port(), "--json"]);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let began = Instant::now();
+    while !bench.rig().bridges_driven() {
+        assert!(began.elapsed() < HANGS, "it does not move");
+        thread::sleep(Duration::from_millis(5));
+    }
+    rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT)
+        .unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let stopped: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(stopped["outcome"], "stopped: see `guide status`");
+    let y_mm = stopped["position_y_mm"].as_f64().unwrap();
+    assert!((1.1..2.1).contains(&y_mm), "{y_mm} mm");
+    let further = guide(&bench, &["retreat"]);
+    assert!(further["position_y_mm"].as_f64().unwrap() < y_mm - 0.5, "{further} from {y_mm} mm");
+    bench.stop().unwrap();
+}
+
 /// A calibration is stored by the driver of the flash, outlives restarts, is worked with, and is named by what is recorded.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
