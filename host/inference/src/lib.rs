@@ -30,31 +30,18 @@
 #![deny(missing_docs)]
 
 pub mod check;
-pub mod diagnose;
-pub mod energy;
-mod fit;
-pub mod holds;
-pub mod identify;
-pub mod indentation;
-pub mod insertion;
-pub mod intervals;
-mod lateral;
-mod learned;
-pub mod modulus;
-#[cfg(test)]
-mod monte_carlo;
 pub mod plan;
 pub mod predict;
-pub mod prior;
-pub mod relation;
 mod summarize;
-mod suspicions;
-pub mod track;
 
-pub use fit::{Block, Fit, FitError, Parameter, Prior, fit};
-pub use lateral::{
-    ChannelFit, DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum, ShapeFit,
-    SharedErrors, channel_fits, effect_parameters, shape_fits,
+pub use diagnose::{self, models::OtherModel};
+pub use identify;
+pub use insertion;
+pub use modulus::{self, energy, indentation, prior, relation};
+pub use readings::{
+    Block, ChannelFit, DisplacementHistory, Fit, FitError, Fixed, ForceZero, HoldData, LateralData, Measured,
+    Parameter, Prior, ShapeDatum, ShapeFit, SharedErrors, channel_fits, effect_parameters, fit, holds,
+    intervals, shape_fits,
 };
-pub use learned::OtherModel;
 pub use summarize::{summarize, summarize_session};
+pub use track;

@@ -2,22 +2,22 @@
 //! depth, displacement and position of guide 2.
 //!
 //! The covariance at the truth is the Cramer-Rao bound, which the likelihood reaches; so the plan is what
-//! [`identify`](crate::identify) will report: noise is that of one reading and averages over the readings of a hold, true
+//! [`identify`] will report: noise is that of one reading and averages over the readings of a hold, true
 //! displacements and the force sensor's zero are unknown. The modulus is not known beforehand: every figure is the worst over a range.
 //! `cargo xtask study plan` compares the plan with the scatter of simulated sessions.
 
-use crate::holds::{HoldCriteria, trimmed_s};
-use crate::identify::prepare::TARED_ZERO_SD_N;
-use crate::prior::PriorResult;
-use crate::{
-    FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, SharedErrors,
-    effect_parameters, fit,
-};
 use formats::NORMAL_975;
 use formats::prior_file::ModulusPrior;
 use formats::session::DEPTH_RANGE_MM;
+use identify::TARED_ZERO_SD_N;
 use mechanics::effects::Effect;
 use mechanics::{Beam, Model, ModelError, Rig, Support};
+use modulus::prior::PriorResult;
+use readings::holds::{HoldCriteria, trimmed_s};
+use readings::{
+    FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, SharedErrors,
+    effect_parameters, fit,
+};
 use serde::Serialize;
 
 /// What is requested.
@@ -210,7 +210,7 @@ pub enum PlanError {
 }
 
 /// Fewest shape points that `identify` accepts.
-const MIN_POINTS: usize = crate::energy::MIN_POINTS;
+const MIN_POINTS: usize = modulus::energy::MIN_POINTS;
 /// Number of moduli of the range at which a choice is evaluated.
 const MODULI: u32 = 5;
 const LN_STEP: f64 = 1e-4;

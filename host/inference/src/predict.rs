@@ -17,14 +17,14 @@ pub use results::{
 };
 pub use tissue::tissue;
 
-use crate::insertion::baselines::Baseline;
-use crate::insertion::published::published;
-use crate::insertion::{
+use at_rest::AtRest;
+use formats::session::{InsertionRun, Session};
+use insertion::baselines::Baseline;
+use insertion::published::published;
+use insertion::{
     Candidates, Identifiability, PathError, Posterior, ReadingNoise, Start, TipPath, Tissue,
     direction_scatter_rad, learn_from, row_scatter_m, start,
 };
-use at_rest::AtRest;
-use formats::session::{InsertionRun, Session};
 use mechanics::ModelError;
 use results::Grid;
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! From a session to its record for statistics over many sessions, `needle.summary/1`.
 
-use crate::diagnose::{
+use diagnose::{
     Diagnosis, EffectAmplitude, INCOMPRESSIBLE, Linearisation, Options, ScaleKind, Verdict,
     diagnose_and_linearise,
 };

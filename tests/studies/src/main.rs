@@ -273,7 +273,7 @@ fn plan(args: &Args) -> Result<()> {
 
 /// Computes the table of K/E and puts it where `guide relation --table` has it from.
 fn modulus_relation() -> Result<()> {
-    let path = root().join("host/inference/src/relation.csv");
+    let path = root().join("host/modulus/src/relation.csv");
     let table = studies::relation::table(|gauge| eprintln!("needle of {gauge} gauge"))?;
     std::fs::write(&path, table)?;
     println!("{}", path.display());

@@ -21,7 +21,7 @@ const STANDING: [(&str, &str); 5] = [
     ("firmware: board: pins, registers", "each board lists the registers that are read back at its start"),
     ("firmware: qemu: peripherals, time", "the emulated time ends in resets, which peripherals carry out"),
     (
-        "host/inference: diagnose: adequacy, characterize, discrepancy, evidence, known, layout, posterior, results, score, search, sizes, \
+        "host/diagnose: adequacy, characterize, discrepancy, evidence, known, layout, posterior, results, score, search, sizes, \
          split, start",
         "a parameter that is known has a layout, and the layout of a fit has what is known",
     ),

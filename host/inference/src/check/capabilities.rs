@@ -1,11 +1,11 @@
 //! What each workflow could do with a session: its own first check of every run, without a fit.
 
 use super::{Capability, Skipped};
-use crate::diagnose::{DiagnoseError, data_split};
-use crate::identify::{self, examine};
-use crate::insertion::TipPath;
-use crate::track::{self, dynamics};
+use diagnose::{DiagnoseError, data_split};
 use formats::session::Session;
+use identify::examine;
+use insertion::TipPath;
+use track::dynamics;
 
 /// Least depth to which an insertion can be observed, millimetres, as `guide predict --until` accepts it.
 const MIN_UNTIL_MM: f64 = 5.0;

@@ -3,12 +3,12 @@
 
 mod capabilities;
 
-pub use crate::suspicions::{Finding, Severity};
+pub use suspicions::{Finding, Severity};
 
-use crate::suspicions;
 use formats::session::{Session, Survey};
 use serde::Serialize;
 use std::path::Path;
+use suspicions;
 
 /// Version of the result.
 const SCHEMA: &str = "guide.check/2";

@@ -5,7 +5,7 @@
 //! measurement. Modulus and gap are those assumed beforehand, and the load is that over the moduli assumed beforehand.
 
 use super::Options;
-use crate::insertion::{
+use insertion::{
     Candidates, Learned, Moments, PathError, Posterior, ReadingNoise, TipPath, Tissue, learn_from,
 };
 use mechanics::ModelError;

@@ -9,9 +9,8 @@ use super::{
     InsertionResult, LearnedResult, ModelResult, Options, PlaneResult, PredictError, Prediction, TIP, YIELD,
     predict_by_one,
 };
-use crate::OtherModel;
-use crate::diagnose::mixture_interval;
-use crate::learned::Effects;
+use diagnose::mixture_interval;
+use diagnose::models::{Effects, OtherModel};
 use formats::NORMAL_975;
 use formats::session::Session;
 use rayon::prelude::*;

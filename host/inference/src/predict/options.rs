@@ -1,8 +1,7 @@
 //! What the user may choose of a prediction.
 
-use crate::OtherModel;
-use crate::diagnose::{KnownParameter, Multiples};
-use crate::learned::models;
+use diagnose::models::{self, OtherModel};
+use diagnose::{KnownParameter, Multiples};
 use formats::model_file::ModelFile;
 use formats::prior_file::ModulusPrior;
 use mechanics::effects::Effect;
@@ -71,7 +70,7 @@ impl Options {
     pub fn with_model(mut self, model: &ModelFile, needs_modulus: bool) -> Self {
         let stated = self.modulus_pa;
         let modulus_pa = |of_model: Option<[f64; 2]>| stated.or(of_model.filter(|_| needs_modulus));
-        (self.effects, self.others) = models(&self.effects, model);
+        (self.effects, self.others) = models::of_file(&self.effects, model);
         for other in &mut self.others {
             other.modulus_pa = modulus_pa(other.modulus_pa);
         }

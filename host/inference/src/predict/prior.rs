@@ -2,10 +2,10 @@
 
 use super::tissue::stated_or_lateral;
 use super::{Options, PredictError, Prediction, PredictionPrior, WithoutPrior, predict_from};
-use crate::prior::PriorResult;
 use formats::NORMAL_975;
 use formats::prior_file::ModulusPrior;
 use formats::session::Session;
+use modulus::prior::PriorResult;
 
 /// Least standard deviation of ln K of a modulus that is stated without one.
 const MIN_SD_LN: f64 = 1e-3;

@@ -9,9 +9,9 @@ pub(super) use grid::Grid;
 pub use learned::{LearnedResult, RearResult};
 pub(super) use measured::Measured;
 
-use crate::prior::PriorResult;
 use formats::NORMAL_975;
 use formats::session::InsertionRun;
+use modulus::prior::PriorResult;
 use serde::Serialize;
 
 /// Name and version of this form.

@@ -18,7 +18,7 @@ const UNTIL_50: Options = Options {
     effects: Vec::new(),
     others: Vec::new(),
     known: Vec::new(),
-    discrepancy: crate::diagnose::Multiples::new(),
+    discrepancy: diagnose::Multiples::new(),
     prior: None,
     published_from_m: 0.03,
 };

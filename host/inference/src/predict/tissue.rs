@@ -1,9 +1,9 @@
 //! What is known of tissue, guides and the needle's rear before the first reading of an insertion.
 
 use super::{Options, PredictError};
-use crate::identify::{self, identify};
-use crate::insertion::{Rear, Tissue};
 use formats::session::Session;
+use identify::identify;
+use insertion::{Rear, Tissue};
 use mechanics::{Foundation, Guides, Layer, Model, Rig};
 
 /// Modulus of soft tissue where nothing is known of it, and the standard deviation of its logarithm.

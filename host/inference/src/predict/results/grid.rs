@@ -2,9 +2,9 @@
 
 use super::measured::Measured;
 use super::{InsertionResult, NORMAL_975, PlaneResult};
-use crate::holds::median;
-use crate::insertion::{Bin, Moments, Posterior, TipPath, of_median};
 use formats::session::InsertionRun;
+use insertion::{Bin, Moments, Posterior, TipPath, variance_of_median};
+use readings::holds::median;
 
 /// A measured value is the median of the rows this close to the depth.
 const NEAR_M: f64 = 1.3e-3;
@@ -89,7 +89,7 @@ impl Grid {
         // The band is that of the values measured: the noise of a median of so many readings is part of it.
         // So is, on average, what readings on the way are off.
         let moving_m = posterior.typical(|scales| scales.moving_m) * observed.moving_share().sqrt();
-        let noise_m = moving_m.hypot(reading_m * of_median(self.rows).sqrt());
+        let noise_m = moving_m.hypot(reading_m * variance_of_median(self.rows).sqrt());
         let two_planes = run.tip_x_m.is_some();
         let tips = posterior.tip_m(&self.depth_m);
         let of = |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {

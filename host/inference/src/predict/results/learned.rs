@@ -1,8 +1,8 @@
 //! Rig and tissue as a prediction has them.
 
 use super::{NORMAL_95, NORMAL_975};
-use crate::identify::KPerEi;
-use crate::insertion::{Identifiability, Moments, Posterior, Rear, TipPath, Tissue};
+use identify::KPerEi;
+use insertion::{Identifiability, Moments, Posterior, Rear, TipPath, Tissue};
 use serde::Serialize;
 
 /// Rig and tissue, learned from the other insertions and the observed part.

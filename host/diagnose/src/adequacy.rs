@@ -1,0 +1,427 @@
+//! Whether a model is adequate, and where it is not (theory, eq. 67).
+//!
+//! What a model lacks is smooth in the coordinates of the data: depth, displacement, direction of motion, time. Two questions are
+//! posed to the residuals of a fit, the parameters' part always taken off:
+//!
+//! * how much of them lies in smooth functions of the coordinates, channel by channel ([`Adequacy`]): a chi-square of as many degrees
+//!   of freedom as there are functions, for any missing effect;
+//! * which interval of which coordinate stands out most, in one channel, alike or opposite on both sides of zero ([`regions`]): a scan,
+//!   its significance corrected for the number of intervals tried.
+
+use super::data::{Channel, Datum, Kind};
+use super::evidence::Patterns;
+use super::layout::Prepared;
+use super::posterior::Fitted;
+use super::score::{NOISE_TOLERANCE, stacked};
+use nalgebra::{DMatrix, DVector};
+use readings::FitError;
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
+use std::cmp::Reverse;
+
+/// A model is inadequate where chance makes residuals as smooth as these in fewer sessions than this.
+const LEVEL: f64 = 1e-4;
+/// Directions smaller than this beside the largest are combinations of others.
+const MIN_DIRECTION: f64 = 1e-9;
+/// Bins of a coordinate, and intervals reported.
+const BINS: usize = 8;
+const MAX_REGIONS: usize = 5;
+
+/// Chi-square in smooth functions of the coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Structure {
+    pub chi_square: f64,
+    /// Number of the functions.
+    pub functions: usize,
+    /// Probability of more by chance.
+    pub p: f64,
+}
+
+/// How much smooth structure is left.
+#[derive(Debug, Clone)]
+pub(super) struct Adequacy {
+    /// Beside noise alone.
+    pub noise: Structure,
+    /// Beside noise and the discrepancy that every rig has.
+    pub everyday: Structure,
+    /// Reduced chi-square of every channel: sum of squares and number.
+    pub channels: Vec<(Channel, f64, usize)>,
+    /// Standard deviation of the smooth discrepancy per channel, SI.
+    pub discrepancy: Vec<(Channel, f64)>,
+}
+
+impl Adequacy {
+    /// Of a fit.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn of(fitted: &Fitted, runs: &[Prepared], patterns: &Patterns) -> Result<Self, FitError> {
+        let residuals = stacked(&fitted.residuals);
+        let plain = smooth_functions(runs);
+        let channels = channel_squares(runs, &residuals);
+        let nothing = Structure { chi_square: 0.0, functions: 0, p: 1.0 };
+        if plain.is_empty() {
+            return Ok(Self { noise: nothing, everyday: nothing, channels, discrepancy: Vec::new() });
+        }
+        let mut columns: Vec<DVector<f64>> = plain.iter().map(|column| whitened(runs, column)).collect();
+        // Functions of very different sizes: each of length one.
+        let scale: Vec<f64> =
+            columns.iter().map(|column| 1.0 / column.norm().max(f64::MIN_POSITIVE)).collect();
+        columns.iter_mut().zip(&scale).for_each(|(column, scale)| *column *= *scale);
+        columns.push(residuals);
+        let all = DMatrix::from_columns(&columns);
+        let mut start = 0;
+        let of_run = |run: &Prepared| {
+            let rows = run.run.data.len();
+            start += rows;
+            all.rows(start - rows, rows).into_owned()
+        };
+        let of_runs: Vec<DMatrix<f64>> = runs.iter().map(of_run).collect();
+        let products = fitted.products_beside_parameters(patterns, &of_runs);
+        let structure = |sizes: &[f64]| {
+            let left = fitted.eliminated(patterns, sizes, &products);
+            left.map(|(left, _)| structure(&left)).ok_or(FitError::Undetermined)
+        };
+        let (noise, coefficients) = structure(&vec![0.0; patterns.groups.len()])?;
+        let (everyday, _) = structure(&patterns.everyday())?;
+        // The parameters' part off, and back from independent residuals to what was measured.
+        let smooth: Vec<DVector<f64>> =
+            of_runs.iter().map(|columns| columns.columns(0, plain.len()) * &coefficients).collect();
+        let left = fitted.less_parameters(&smooth).ok_or(FitError::Undetermined)?;
+        let undone = runs.iter().zip(left).map(|(run, mut left)| {
+            run.whitener.undo(&mut left);
+            left
+        });
+        let discrepancy: Vec<f64> = undone.flatten().collect();
+        let discrepancy = Channel::ALL
+            .into_iter()
+            .filter_map(|channel| {
+                let of_channel = all_data(runs).zip(&discrepancy);
+                let of_channel = of_channel.filter(|((run, d), _)| d.channel == channel && is_tested(run));
+                let (sum, count) =
+                    of_channel.fold((0.0, 0), |(sum, n), (_, value)| (sum + value * value, n + 1));
+                (count > 0).then(|| (channel, (sum / f64::from(count)).sqrt()))
+            })
+            .collect();
+        Ok(Self { noise, everyday, channels, discrepancy })
+    }
+
+    /// Whether nothing is missing but what every rig has.
+    pub fn is_adequate(&self) -> bool {
+        self.everyday.p >= LEVEL
+    }
+
+    /// Whether what is left is noise.
+    pub fn is_within_noise(&self) -> bool {
+        self.noise.p >= LEVEL
+    }
+}
+
+/// Structure in residuals, the last of the columns whose scalar products these are, along all before it; and the coefficients of the
+/// functions, less what noise makes of them.
+fn structure(products: &DMatrix<f64>) -> (Structure, DVector<f64>) {
+    let count = products.ncols() - 1;
+    let eigen = products.view((0, 0), (count, count)).into_owned().symmetric_eigen();
+    let along = products.view((0, count), (count, 1)).column(0).into_owned();
+    let largest = eigen.eigenvalues.max();
+    let (mut chi_square, mut functions) = (0.0, 0);
+    let mut coefficients = DVector::zeros(count);
+    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        if *value > MIN_DIRECTION * largest {
+            let projected = vector.dot(&along);
+            chi_square += projected * projected / value;
+            functions += 1;
+            // Only what is more than noise belongs to the discrepancy.
+            let shrunk = (1.0 - value / (projected * projected)).max(0.0);
+            coefficients.axpy(shrunk * projected / value, &vector, 1.0);
+        }
+    }
+    let p = ChiSquared::new(functions as f64)
+        .map_or(1.0, |distribution| distribution.sf(chi_square / NOISE_TOLERANCE));
+    (Structure { chi_square, functions, p }, coefficients)
+}
+
+/// Data that can show that a model is not adequate: the reference is no part of the question.
+fn is_tested(run: &Prepared) -> bool {
+    !run.run.is_reference
+}
+
+/// Every datum with its run.
+fn all_data(runs: &[Prepared]) -> impl Iterator<Item = (&Prepared, &Datum)> {
+    runs.iter().flat_map(|run| run.run.data.iter().map(move |datum| (run, datum)))
+}
+
+fn channel_squares(runs: &[Prepared], residuals: &DVector<f64>) -> Vec<(Channel, f64, usize)> {
+    let of = |channel: Channel| {
+        let squares = all_data(runs).zip(residuals.iter());
+        let squares = squares.filter(|((run, d), _)| d.channel == channel && is_tested(run));
+        let (sum, count) = squares.fold((0.0, 0), |(sum, n), (_, r)| (sum + r * r, n + 1));
+        (channel, sum, count)
+    };
+    Channel::ALL.into_iter().map(of).filter(|(_, _, count)| *count > 0).collect()
+}
+
+/// A column in SI made independent.
+fn whitened(runs: &[Prepared], column: &[f64]) -> DVector<f64> {
+    let mut values = column.to_vec();
+    let mut start = 0;
+    for run in runs {
+        let end = start + run.run.data.len();
+        if values[start..end].iter().any(|v| *v != 0.0) {
+            run.whitener.apply(&mut values[start..end]);
+        }
+        start = end;
+    }
+    DVector::from_vec(values)
+}
+
+/// Smooth functions of the coordinates, one channel and kind of run each, in SI.
+fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
+    let lateral = || runs.iter().filter(|run| run.run.kind == Kind::Lateral);
+    let most = |of: &dyn Fn(&Datum) -> f64| all_data(runs).map(|(_, d)| of(d).abs()).fold(1e-9, f64::max);
+    let (most_level_m, most_depth_m) = (most(&|d| d.place.level_m), most(&|d| d.place.depth_m));
+    let depths =
+        lateral().map(|run| run.run.depth_m).fold((f64::MAX, f64::MIN), |(l, h), d| (l.min(d), h.max(d)));
+    let several_depths = depths.1 - depths.0 > 1e-3;
+    let depth = |run: &Prepared| (run.run.depth_m - depths.0) / (depths.1 - depths.0).max(1e-9) - 0.5;
+    let length_s = lateral().flat_map(|run| &run.run.data).map(|d| d.place.time_s).fold(1e-9, f64::max);
+
+    type Function<'a> = Box<dyn Fn(&Datum) -> f64 + 'a>;
+    let level = move |d: &Datum| d.place.level_m / most_level_m;
+    let along = move |d: &Datum| 2.0 * d.place.depth_m / most_depth_m - 1.0;
+    let legendre = |n: usize, x: f64| {
+        let (mut before, mut now) = (0.0, 1.0);
+        for k in 0..n {
+            (before, now) = (now, ((2 * k + 1) as f64 * x * now - k as f64 * before) / (k + 1) as f64);
+        }
+        now
+    };
+    let mut columns = Vec::new();
+    for channel in Channel::ALL {
+        for axis in 0..2 {
+            let of_force = matches!(channel, Channel::ForceY | Channel::ForceX);
+            let of_tip = channel.is_of_insertions();
+            let active = channel.plane() == axis;
+            let mut functions: Vec<Function<'_>> = Vec::new();
+            if of_tip {
+                if axis == 0 {
+                    functions
+                        .extend((0..8).map(|n| -> Function<'_> { Box::new(move |d| legendre(n, along(d))) }));
+                }
+            } else if of_force {
+                functions.extend(
+                    (0..if active { 5 } else { 3 })
+                        .map(|n| -> Function<'_> { Box::new(move |d| legendre(n, level(d))) }),
+                );
+                functions.push(Box::new(move |d| d.place.direction));
+                functions.push(Box::new(move |d| d.place.direction * level(d)));
+                functions.push(Box::new(move |d| level(d).abs()));
+                // What passes in holds, and what is there on the way only.
+                functions.push(Box::new(move |d| {
+                    d.place.hold_s.map_or(1.0, |s| (-s / 0.7).exp()) * d.place.direction
+                }));
+                functions
+                    .push(Box::new(move |d| if d.place.hold_s.is_none() { d.place.direction } else { 0.0 }));
+                let harmonics = if active { 4 } else { 2 };
+                for harmonic in 1..=harmonics {
+                    let turn = std::f64::consts::TAU * f64::from(harmonic) / length_s;
+                    functions.push(Box::new(move |d| (turn * d.place.time_s).sin()));
+                    functions.push(Box::new(move |d| (turn * d.place.time_s).cos()));
+                }
+                functions.push(Box::new(move |d| d.place.time_s / length_s - 0.5));
+            } else {
+                let powers = if active { 5 } else { 3 };
+                for n in 0..powers {
+                    functions.push(Box::new(move |d| legendre(n, along(d))));
+                    functions.push(Box::new(move |d| legendre(n, along(d)) * level(d)));
+                    if active {
+                        functions.push(Box::new(move |d| legendre(n, along(d)) * level(d).abs()));
+                    }
+                }
+                if active {
+                    functions.push(Box::new(move |d| d.place.direction));
+                    functions.push(Box::new(move |d| d.place.direction * along(d)));
+                }
+            }
+            let belongs = |run: &Prepared, d: &Datum| {
+                d.channel == channel
+                    && is_tested(run)
+                    && (of_tip || (run.run.kind == Kind::Lateral && run.run.axis == axis))
+            };
+            if !all_data(runs).any(|(run, d)| belongs(run, d)) {
+                continue;
+            }
+            for function in &functions {
+                let column = |factor: &dyn Fn(&Prepared) -> f64| -> Vec<f64> {
+                    let value = |(run, d): (&Prepared, &Datum)| {
+                        if belongs(run, d) { factor(run) * function(d) } else { 0.0 }
+                    };
+                    all_data(runs).map(value).collect()
+                };
+                columns.push(column(&|_| 1.0));
+                if !of_tip && active && several_depths {
+                    columns.push(column(&depth));
+                } else if of_tip {
+                    // Turned insertions differ from straight ones, fast from slow.
+                    columns.push(column(&|run| run.run.turned()));
+                }
+            }
+        }
+    }
+    columns
+}
+
+/// A region where measured and predicted differ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Region {
+    pub channel: Channel,
+    pub coordinate: &'static str,
+    pub from: f64,
+    pub to: f64,
+    /// Measured less predicted, SI; where the sides of zero differ, towards the side of guide 2.
+    pub mean: f64,
+    pub is_odd: bool,
+    pub sigma: f64,
+}
+
+/// A coordinate: its name, unit factor and value.
+type Coordinate = (&'static str, fn(&Prepared, &Datum) -> Option<f64>);
+
+const COORDINATES: [Coordinate; 5] = [
+    ("depth_below_entry_mm", |run, d| {
+        let along = matches!(d.channel, Channel::ShapeY | Channel::ShapeX);
+        (run.run.kind == Kind::Lateral && along).then_some(1e3 * d.place.depth_m)
+    }),
+    ("insertion_depth_mm", |run, d| {
+        let depth_m = if run.run.kind == Kind::Lateral { run.run.depth_m } else { d.place.depth_m };
+        Some(1e3 * depth_m)
+    }),
+    ("level_mm", |run, d| (run.run.kind == Kind::Lateral).then_some(1e3 * d.place.level_m)),
+    ("direction", |run, d| (run.run.kind == Kind::Lateral).then_some(d.place.direction)),
+    ("time_in_hold_s", |_, d| d.place.hold_s),
+];
+
+/// Where a fit and the data differ beyond chance, most significant first, one region per channel and coordinate.
+pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Vec<Region> {
+    let residuals = stacked(&fitted.residuals);
+    let basis = orthonormal(&fitted.jacobian);
+    let mut found: Vec<Region> = Vec::new();
+    let mut tried = 0;
+    for channel in Channel::ALL {
+        for (name, coordinate) in COORDINATES {
+            let values: Vec<Option<f64>> = all_data(runs)
+                .map(|(run, d)| {
+                    (d.channel == channel && is_tested(run)).then(|| coordinate(run, d)).flatten()
+                })
+                .collect();
+            let edges = edges(&values);
+            if edges.len() < 2 {
+                continue;
+            }
+            for is_odd in [false, true] {
+                let sign = |d: &Datum| match is_odd {
+                    true if d.place.level_m.abs() < 1e-5 => 0.0,
+                    true => d.place.level_m.signum(),
+                    false => 1.0,
+                };
+                let bins: Vec<DVector<f64>> = (0..edges.len())
+                    .map(|bin| {
+                        let member = |((_, d), value): ((&Prepared, &Datum), &Option<f64>)| match value {
+                            Some(value) if place(&edges, *value) == bin => sign(d),
+                            _ => 0.0,
+                        };
+                        let column: Vec<f64> = all_data(runs).zip(&values).map(member).collect();
+                        let mut projected = whitened(runs, &column);
+                        projected -= &basis * basis.tr_mul(&projected);
+                        projected
+                    })
+                    .collect();
+                let best = best_interval(&bins, &residuals);
+                tried += edges.len() * (edges.len() + 1) / 2;
+                if let Some((from, to, sigma, mean)) = best {
+                    let (from, to) = (edges[from][0], edges[to][1]);
+                    found.push(Region { channel, coordinate: name, from, to, mean, is_odd, sigma });
+                }
+            }
+        }
+    }
+    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / f64::from(tried.max(1) as u32));
+    found.retain(|region| region.sigma.abs() > threshold);
+    // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
+    found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
+    let mut kept: Vec<Region> = Vec::new();
+    for region in found {
+        let same = |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
+        if kept.iter().find(same).is_none() && kept.len() < MAX_REGIONS {
+            kept.push(region);
+        }
+    }
+    kept
+}
+
+/// Orthonormal columns that span what these do (one matrix per run), nearly dependent ones skipped.
+fn orthonormal(jacobian: &[DMatrix<f64>]) -> DMatrix<f64> {
+    let rows = jacobian.iter().map(DMatrix::nrows).sum();
+    let count = jacobian.first().map_or(0, DMatrix::ncols);
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    for j in 0..count {
+        let mut rest = DVector::from_iterator(
+            rows,
+            jacobian.iter().flat_map(|of_run| of_run.column(j).into_owned().data.as_vec().clone()),
+        );
+        let before = rest.norm();
+        for _ in 0..2 {
+            for known in &basis {
+                let along = known.dot(&rest);
+                rest.axpy(-along, known, 1.0);
+            }
+        }
+        if rest.norm() > 1e-6 * before && before > 0.0 {
+            basis.push(rest.normalize());
+        }
+    }
+    if basis.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&basis) }
+}
+
+/// Bins of a coordinate: its distinct values where these are few, else equal counts; least and greatest of each.
+fn edges(values: &[Option<f64>]) -> Vec<[f64; 2]> {
+    let mut sorted: Vec<f64> = values.iter().flatten().copied().collect();
+    sorted.sort_by(f64::total_cmp);
+    let (Some(first), Some(last)) = (sorted.first(), sorted.last()) else { return Vec::new() };
+    let close = 1e-3 * (last - first);
+    let mut distinct: Vec<[f64; 2]> = Vec::new();
+    for value in &sorted {
+        match distinct.last_mut() {
+            Some([_, end]) if value - *end <= close => *end = *value,
+            _ => distinct.push([*value, *value]),
+        }
+    }
+    if distinct.len() <= BINS {
+        return distinct;
+    }
+    let at = |i: usize| sorted[(i * sorted.len() / BINS).min(sorted.len() - 1)];
+    (0..BINS).map(|bin| [at(bin), at(bin + 1)]).collect()
+}
+
+fn place(edges: &[[f64; 2]], value: f64) -> usize {
+    edges.iter().rposition(|[from, _]| *from <= value).unwrap_or(0)
+}
+
+/// The interval of bins that stands out most: first and last bin, standard deviations, mean.
+fn best_interval(bins: &[DVector<f64>], residuals: &DVector<f64>) -> Option<(usize, usize, f64, f64)> {
+    let along: Vec<f64> = bins.iter().map(|bin| bin.dot(residuals)).collect();
+    let products = DMatrix::from_fn(bins.len(), bins.len(), |i, j| bins[i].dot(&bins[j]));
+    let mut best: Option<(usize, usize, f64, f64)> = None;
+    for from in 0..bins.len() {
+        for to in from..bins.len() {
+            let sum: f64 = along[from..=to].iter().sum();
+            let square: f64 = products.view((from, from), (to - from + 1, to - from + 1)).sum();
+            if square > 1e-9 {
+                let sigma = sum / square.sqrt();
+                if best.is_none_or(|(_, _, other, _)| sigma.abs() > other.abs()) {
+                    best = Some((from, to, sigma, sum / square));
+                }
+            }
+        }
+    }
+    best
+}

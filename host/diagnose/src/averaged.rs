@@ -1,0 +1,303 @@
+//! Intervals over all models that the data leave in question: members of a class, the model without an effect that was barely named,
+//! the model with one that barely was not (theory, eq. 66).
+//!
+//! Every such model has a fit; its posterior counts with its evidence and the odds that the search gives it beforehand: each effect costs
+//! the margin (Bayesian model averaging, Hoeting et al. 1999, Statistical Science 14:382). So no interval jumps where an effect passes the
+//! margin. The value that is reported is that of the first member, whose effects the model file has; the interval is that of the mixture,
+//! and holds that value.
+
+use super::choice::{Beside, limit_refused};
+use super::evidence::Patterns;
+use super::foundation::VARIED;
+use super::layout::NORMAL_975;
+use super::posterior::Fitted;
+use super::search::{Candidate, Found, one_sided};
+use formats::model_file::Alternative;
+use mechanics::effects::Effect;
+use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF, Normal};
+
+/// Evidence smaller than the largest by more than this has no weight that shows.
+const MIN_LN_WEIGHT: f64 = -12.0;
+/// The sizes of the discrepancy are integrated over in those that are not further behind than this.
+const MIN_LN_WEIGHT_OVER_SIZES: f64 = -5.0;
+/// Steps of the bisection: enough for rounding to be all that is left.
+const BISECTIONS: usize = 80;
+
+/// Models less likely than this are not in a model file, and no more than so many of the others are: each costs a prediction.
+const MIN_PROBABILITY: f64 = 0.02;
+const MAX_ALTERNATIVES: usize = 4;
+
+/// Fits that the data leave in question, with their weights.
+pub(super) struct Averaged {
+    fits: Vec<(f64, Fitted)>,
+    /// The final fit.
+    own: Fitted,
+    /// Depth of the tissue that the runs have touched, m.
+    touched_m: f64,
+}
+
+impl Averaged {
+    /// The final fit, which is that of what the search found where that has a name and `start` elsewhere, over the sizes of its discrepancy,
+    /// with all others that the search has left in question.
+    pub fn over<'a>(
+        own: &Fitted,
+        start: &'a Fitted,
+        found: &'a Found,
+        is_named: bool,
+        patterns: &Patterns,
+        touched_m: f64,
+    ) -> Self {
+        // Of every effect beyond those of the start: half the range of one that has one sign is as likely as the whole; the margin.
+        let given = start.layout.effects.len();
+        let ln_weight = |of: &Fitted| {
+            let added = of.layout.effects.iter().skip(given);
+            of.log_evidence + added.map(|effect| one_sided(*effect) - found.margin).sum::<f64>()
+        };
+        let most = ln_weight(own);
+        let mut all: Vec<(f64, &'a Fitted)> = Vec::new();
+        let members = if is_named { found.members.as_slice() } else { &[] };
+        let class = members.iter().flat_map(|member| {
+            let named = found.fitted.layout.effects.get(member.index).map(|effect| effect.id());
+            member.class.iter().filter(move |(effect, _)| Some(effect.id()) != named).map(|(_, fit)| fit)
+        });
+        all.extend(class.map(|fit| (ln_weight(fit), fit)));
+        all.extend(members.iter().map(|member| (ln_weight(&member.without), &member.without)));
+        let unused = |candidate: &'a Candidate| {
+            let (fit, _) = candidate.refit.as_ref()?;
+            let is_in_range = !fit.at_bound.contains(&true);
+            let known = all.iter().map(|(_, known)| *known).chain([own]);
+            let is_new = !known.into_iter().any(|known| known.layout.has_effects_of(&fit.layout));
+            (is_in_range && is_new).then(|| (ln_weight(fit), fit))
+        };
+        // Beside two effects or more, those that were tried alone are far behind.
+        let first = if members.len() > 1 { &[] } else { found.first.as_slice() };
+        let last = if is_named { found.last.as_slice() } else { &[] };
+        let mut unused: Vec<_> = first.iter().chain(last).filter_map(unused).collect();
+        limit_refused(unused.iter_mut().map(|(ln, _)| ln), most);
+        all.extend(unused);
+        let largest = all.iter().map(|(ln, _)| *ln).fold(most, f64::max);
+        all.retain(|(ln, _)| *ln > largest + MIN_LN_WEIGHT);
+        let integrated = |(ln, fit): (f64, &Fitted)| {
+            let is_heavy = ln > largest + MIN_LN_WEIGHT_OVER_SIZES;
+            let fit = if is_heavy { fit.clone().over_sizes(patterns) } else { fit.clone() };
+            ((ln - largest).exp(), fit)
+        };
+        let mut fits: Vec<_> = all.into_par_iter().map(integrated).collect();
+        if most > largest + MIN_LN_WEIGHT {
+            fits.insert(0, ((most - largest).exp(), own.clone()));
+        }
+        Self { fits, own: own.clone(), touched_m }
+    }
+
+    /// Depth of the tissue that the runs have touched, m.
+    pub fn touched_m(&self) -> f64 {
+        self.touched_m
+    }
+
+    /// The models other than the final one, each once, as a model file has them: the likeliest, with their probabilities.
+    pub fn alternatives(&self) -> Vec<Alternative> {
+        let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
+        let mut others: Vec<(f64, &Fitted)> = Vec::new();
+        for (weight, fit) in &self.fits {
+            let share = weight / total;
+            match others.iter_mut().find(|(_, known)| known.layout.has_effects_of(&fit.layout)) {
+                Some((known, _)) => *known += share,
+                None => others.push((share, fit)),
+            }
+        }
+        others
+            .retain(|(share, fit)| *share > MIN_PROBABILITY && !fit.layout.has_effects_of(&self.own.layout));
+        others.sort_by(|a, b| b.0.total_cmp(&a.0));
+        others.truncate(MAX_ALTERNATIVES);
+        others.into_iter().map(|(probability, fit)| Alternative { probability, model: fit.model() }).collect()
+    }
+
+    /// [`Self::interval`], with the value that the final fit gives.
+    fn holding_own(&self, of: impl Fn(&Fitted) -> Option<(f64, f64)>) -> Option<[f64; 2]> {
+        let value = of(&self.own).map(|(value, _)| value);
+        let ends = self.interval(of)?;
+        Some(value.map_or(ends, |value| holding(ends, value)))
+    }
+
+    /// Interval of 95 % of a quantity of which each fit gives value and standard deviation, or nothing.
+    fn interval(&self, of: impl Fn(&Fitted) -> Option<(f64, f64)>) -> Option<[f64; 2]> {
+        let parts: Vec<(f64, f64, f64)> = self
+            .fits
+            .iter()
+            .filter_map(|(weight, fit)| of(fit).map(|(value, sd)| (*weight, value, sd)))
+            .collect();
+        interval(&parts)
+    }
+
+    /// Of the modulus, Pa.
+    pub fn modulus_pa(&self) -> Option<[f64; 2]> {
+        let ends = self.interval(|fit| self.ln_modulus(fit))?;
+        Some(holding(ends.map(f64::exp), self.own.modulus_pa().0))
+    }
+
+    /// Logarithm of the modulus of a fit, Pa, and its standard deviation. Where the result has one modulus for all of the tissue, one that
+    /// varies with depth counts with its mean over the tissue that was touched: its value at the surface is another quantity.
+    fn ln_modulus(&self, fit: &Fitted) -> Option<(f64, f64)> {
+        if varies(fit) && !varies(&self.own) {
+            fit.ln_mean_modulus(self.touched_m)
+        } else {
+            Some((*fit.values().first()?, fit.sd(0)))
+        }
+    }
+
+    /// Of the modulus K of springs, Pa, with models on the other foundation: that of a body, with whatever effects, is `plain`, that of springs
+    /// without effects and its standard deviation, as logarithms.
+    pub fn k_pa(&self, plain: (f64, f64), beside: &[Beside]) -> Option<[f64; 2]> {
+        let is_body = |fit: &Fitted| fit.layout.support.is_body();
+        let k = |fit: &Fitted| if is_body(fit) { Some(plain) } else { self.ln_modulus(fit) };
+        let own = self.fits.iter().map(|(weight, fit)| (*weight, fit));
+        let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
+        let others = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
+        let parts: Vec<(f64, f64, f64)> =
+            own.chain(others).filter_map(|(weight, fit)| k(fit).map(|(ln, sd)| (weight, ln, sd))).collect();
+        let value_pa = if is_body(&self.own) { plain.0.exp() } else { self.own.modulus_pa().0 };
+        Some(holding(interval(&parts)?.map(f64::exp), value_pa))
+    }
+
+    /// Of the mean modulus down to the depth that was touched, Pa.
+    pub fn mean_modulus_pa(&self) -> Option<[f64; 2]> {
+        self.holding_own(|fit| fit.ln_mean_modulus(self.touched_m)).map(|ends| ends.map(f64::exp))
+    }
+
+    /// Of the tip load, N.
+    pub fn tip_load_n(&self) -> Option<[f64; 2]> {
+        self.holding_own(|fit| fit.layout.tip_load_n(fit.values(), &fit.covariance))
+    }
+
+    /// Of the ratio of the modulus to that of the reference.
+    pub fn ratio(&self) -> Option<[f64; 2]> {
+        let ends = self.holding_own(|fit| {
+            let at = fit.layout.ratio()?;
+            Some((*fit.values().get(at)?, fit.sd(at)))
+        });
+        ends.map(|ends| ends.map(f64::exp))
+    }
+
+    /// Of a parameter of an effect, in its own unit, over all fits that have the effect; nothing where only one has it.
+    pub fn parameter(&self, effect: &dyn Effect, number: usize) -> Option<[f64; 2]> {
+        let index = |fit: &Fitted| fit.layout.effects.iter().position(|own| own.id() == effect.id());
+        let mut having = self.fits.iter().filter_map(|(_, fit)| Some((fit, index(fit)?)));
+        let (first, at) = having.next()?;
+        if having.next().is_none() {
+            return Some(first.estimate(at, number).1);
+        }
+        let of = |fit: &Fitted| {
+            let (value, [low, high]) = fit.estimate(index(fit)?, number);
+            Some((value, (high - low) / (2.0 * NORMAL_975)))
+        };
+        self.holding_own(of)
+    }
+}
+
+/// Whether the modulus of a model varies with depth.
+fn varies(fit: &Fitted) -> bool {
+    fit.layout.effects.iter().any(|effect| VARIED.contains(&effect.id()))
+}
+
+/// An interval that holds the value beside it: the weight of several other models together can exceed that of the one that is reported,
+/// and an interval without its value contradicts it.
+fn holding([low, high]: [f64; 2], value: f64) -> [f64; 2] {
+    [low.min(value), high.max(value)]
+}
+
+/// Interval of 95 % of a mixture of normal distributions of weight, mean and standard deviation each; nothing where one of them makes
+/// no sense.
+pub fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
+    if let [(_, value, sd)] = parts {
+        return Some([value - NORMAL_975 * sd, value + NORMAL_975 * sd]);
+    }
+    let total: f64 = parts.iter().map(|(weight, ..)| weight).sum();
+    let normals: Option<Vec<(f64, Normal)>> = parts
+        .iter()
+        .map(|(weight, value, sd)| Some((weight / total, Normal::new(*value, *sd).ok()?)))
+        .collect();
+    let normals = normals.filter(|normals| !normals.is_empty())?;
+    let below = |x: f64| normals.iter().map(|(weight, normal)| weight * normal.cdf(x)).sum::<f64>();
+    // The quantile of a mixture lies between those of its parts.
+    let quantile = |p: f64| {
+        let ends = normals.iter().map(|(_, normal)| normal.inverse_cdf(p));
+        let (mut low, mut high) =
+            ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            if below(middle) < p { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    };
+    Some([quantile(0.025), quantile(0.975)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::{Found, Member};
+    use crate::{found_in, tests::truth};
+    use worlds::Design;
+
+    /// One and the same session, with a margin just above and just below the evidence of its best effect.
+    #[test]
+    fn no_interval_jumps_where_an_effect_passes_the_margin() {
+        let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
+        let (start, found) = found_in(&session);
+        let best = found.first.first().expect("a candidate");
+        let (fitted, gain) = best.refit.clone().expect("a refit");
+        let member = Member {
+            index: 0,
+            gain,
+            without: start.fitted.clone(),
+            class: vec![(best.score.effect, fitted.clone())],
+        };
+        let below = Found { margin: gain + 1e-6, members: Vec::new(), ..found.clone() };
+        let above =
+            Found { fitted: fitted.clone(), members: vec![member], margin: gain - 1e-6, ..below.clone() };
+        let [below, above] = [(below, false), (above, true)].map(|(found, is_named)| {
+            let own =
+                if is_named { &found.fitted } else { &start.fitted }.clone().over_sizes(&start.patterns);
+            let averaged = Averaged::over(&own, &start.fitted, &found, is_named, &start.patterns, 0.03);
+            // At the margin the models with and without the effect are equally likely, and the file has the other one.
+            let others = averaged.alternatives();
+            let other = others.iter().find(|other| other.model.effects.is_empty() == is_named);
+            let share = other.expect("the model on the other side of the margin").probability;
+            let own_share = 1.0 - others.iter().map(|other| other.probability).sum::<f64>();
+            assert!((share / own_share - 1.0).abs() < 0.2, "{share} beside {own_share}");
+            averaged.modulus_pa().expect("an interval")
+        });
+        for (below, above) in below.iter().zip(above) {
+            assert!((below / above - 1.0).abs() < 1e-3, "{below} {above}");
+        }
+        // Both models are in it.
+        for fit in [&start.fitted, &fitted] {
+            let (value_pa, _) = fit.modulus_pa();
+            assert!((below[0]..=below[1]).contains(&value_pa), "{value_pa} in {below:?}");
+        }
+        // Far from the margin one of them is left.
+        let alone = Found { margin: 60.0, members: Vec::new(), ..found };
+        let fitted = start.fitted.clone().over_sizes(&start.patterns);
+        let averaged = Averaged::over(&fitted, &start.fitted, &alone, false, &start.patterns, 0.03);
+        let [low, high] = averaged.modulus_pa().expect("an interval");
+        let (_, own) = fitted.modulus_pa();
+        assert!((low / own[0] - 1.0).abs() < 1e-6 && (high / own[1] - 1.0).abs() < 1e-6, "{low} {high}");
+    }
+
+    #[test]
+    fn the_interval_of_a_mixture_holds_as_much_as_it_states() {
+        let alone = interval(&[(0.3, 2.0, 0.5)]).expect("an interval");
+        assert_eq!(alone, [2.0 - 0.5 * NORMAL_975, 2.0 + 0.5 * NORMAL_975]);
+        // Two parts that agree are one.
+        let [low, high] = interval(&[(1.0, 2.0, 0.5), (3.0, 2.0, 0.5)]).expect("an interval");
+        assert!((low - alone[0]).abs() < 1e-9 && (high - alone[1]).abs() < 1e-9, "{low} {high}");
+        // Far apart and of equal weight, each end leaves 5 % of its own part outside.
+        let [low, high] = interval(&[(1.0, -10.0, 1.0), (1.0, 10.0, 1.0)]).expect("an interval");
+        let one_in_twenty = 1.644_853_626_951;
+        assert!((low + 10.0 + one_in_twenty).abs() < 1e-6 && (high - 10.0 - one_in_twenty).abs() < 1e-6);
+        // A part of next to no weight does nothing.
+        let [low, high] = interval(&[(1.0, 2.0, 0.5), (1e-9, 90.0, 0.5)]).expect("an interval");
+        assert!((low - alone[0]).abs() < 1e-6 && (high - alone[1]).abs() < 1e-6, "{low} {high}");
+    }
+}

@@ -1,0 +1,249 @@
+//! A lateral recording in cells: means over a twentieth of a second, without what is misread, and stretches of cells over which forces
+//! are averaged.
+
+use formats::session::LateralRun;
+use readings::holds::{Hold, SD_OF_MEDIAN};
+use std::ops::Range;
+
+/// At either end of a hold so much may still be motion.
+const EDGE_S: f64 = 0.1;
+/// Length of a cell, and of the last one before a hold or of one.
+const CELL_S: f64 = 0.05;
+const LONGEST_CELL_S: f64 = 1.5 * CELL_S;
+/// Ends of the stretches of a hold; beyond the last in steps of it.
+const HOLD_S: [f64; 8] = [0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0];
+/// Stretches of ramps, in cells.
+const RAMP_CELLS: usize = 2;
+/// Readings so many standard deviations off their neighbours are misread.
+const MISREAD: f64 = 5.0;
+
+/// Drive samples of a lateral run: means over stretches of at least a twentieth of a second.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Cells {
+    pub time_s: Vec<f64>,
+    /// Vertical and horizontal force; NaN where no reading is usable.
+    pub force_n: [Vec<f64>; 2],
+    /// Readings of the displacement, as read.
+    pub read_m: [Vec<f64>; 2],
+    /// The hold of every cell.
+    pub hold: Vec<Option<usize>>,
+}
+
+/// Readings, those that are far off their neighbours as NaN.
+fn cleaned(values: &[f64]) -> Vec<f64> {
+    const REACH: usize = 3;
+    let off: Vec<f64> = (0..values.len())
+        .map(|i| {
+            let around = &values[i.saturating_sub(REACH)..(i + REACH + 1).min(values.len())];
+            let mut sorted = around.to_vec();
+            sorted.sort_by(f64::total_cmp);
+            values[i] - sorted[sorted.len() / 2]
+        })
+        .collect();
+    let mut sizes: Vec<f64> = off.iter().map(|off| off.abs()).filter(|off| *off > 0.0).collect();
+    sizes.sort_by(f64::total_cmp);
+    let usual = SD_OF_MEDIAN * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+    values.iter().zip(off).map(|(v, off)| if off.abs() > MISREAD * usual { f64::NAN } else { *v }).collect()
+}
+
+/// Means over short stretches of a recording.
+pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
+    let force = &run.force;
+    let rows = force.time_s.len();
+    let zeros = || vec![0.0; rows];
+    let force_n = [cleaned(&force.force_y_n), force.force_x_n.as_deref().map_or_else(zeros, cleaned)];
+    let read_m = [force.displacement_y_m.clone(), force.displacement_x_m.clone().unwrap_or_else(zeros)];
+    let hold_of = |time_s: f64| {
+        let inside = |h: &Hold| (h.time_s[0] + EDGE_S..=h.time_s[1] - EDGE_S).contains(&time_s);
+        holds.iter().position(|h| inside(h) && h.lost_samples == 0)
+    };
+    let mut cells = Cells::default();
+    let mut row = 0;
+    while row < rows {
+        let hold = hold_of(force.time_s[row]);
+        // The last cell before a hold, or of one, is the longer one: a few readings of their own would be far noisier than others.
+        let end_of = |length_s: f64| {
+            let end_s = force.time_s[row] + length_s * (1.0 - 1e-9);
+            let inside = |i: &usize| force.time_s[*i] < end_s && hold_of(force.time_s[*i]) == hold;
+            (row + 1..rows).take_while(inside).last().unwrap_or(row) + 1
+        };
+        let (end, longest) = (end_of(CELL_S), end_of(LONGEST_CELL_S));
+        let is_last = longest < rows && hold_of(force.time_s[longest]) != hold || longest == rows;
+        let end = if is_last { longest } else { end };
+        let mean = |values: &[f64]| {
+            let usable = values[row..end].iter().filter(|v| v.is_finite());
+            usable.clone().sum::<f64>() / usable.count() as f64
+        };
+        cells.time_s.push(mean(&force.time_s));
+        for plane in 0..2 {
+            cells.force_n[plane].push(mean(&force_n[plane]));
+            cells.read_m[plane].push(mean(&read_m[plane]));
+        }
+        cells.hold.push(hold);
+        row = end;
+    }
+    cells
+}
+
+/// Where guide 2 stood in every hold: mean of the readings inside it.
+pub(super) fn stood(cells: &Cells, holds: usize) -> Vec<[f64; 2]> {
+    let mut sums = vec![[0.0; 3]; holds];
+    for (i, hold) in cells.hold.iter().enumerate() {
+        if let Some(sum) = hold.and_then(|hold| sums.get_mut(hold)) {
+            sum[0] += cells.read_m[0][i];
+            sum[1] += cells.read_m[1][i];
+            sum[2] += 1.0;
+        }
+    }
+    sums.into_iter().map(|[y, x, count]| [y / count, x / count]).collect()
+}
+
+/// Fewer cells in a row are beyond a hold by noise up to so many standard deviations of it.
+const FEW: usize = 3;
+const FEW_SD: f64 = 6.0;
+/// Mean and standard deviation of what normal noise reaches to one side, in its own standard deviations.
+const ONE_SIDE: [f64; 2] = [0.798, 0.603];
+/// So many standard deviations are no chance.
+const NO_CHANCE: f64 = 3.0;
+
+/// Where guide 2 was in every cell, vertical and horizontal: in a hold its mean, between holds as read, by a sensor of these standard
+/// deviations. Beside a hold it stands at the hold as long as the readings are there, and what single readings lie beyond the holds before
+/// and after is noise. Where guide 2 has gone beyond a hold and crept back, several in a row are.
+pub(super) fn travelled(cells: &Cells, stood_m: &[[f64; 2]], sd_m: [f64; 2]) -> [Vec<f64>; 2] {
+    [0, 1].map(|plane| {
+        let mut places_m = cells.read_m[plane].clone();
+        let held_m = |hold: Option<usize>| hold.and_then(|hold| stood_m.get(hold)).map(|m| m[plane]);
+        let mut before_m = None;
+        let mut start = 0;
+        for same in cells.hold.chunk_by(|a, b| a == b) {
+            let end = start + same.len();
+            let cells_m = &mut places_m[start..end];
+            match held_m(cells.hold[start]) {
+                Some(m) => {
+                    cells_m.fill(m);
+                    before_m = Some(m);
+                }
+                None => {
+                    let after_m = cells.hold.get(end).and_then(|hold| held_m(*hold));
+                    on_the_way(cells_m, before_m, after_m, sd_m[plane]);
+                }
+            }
+            start = end;
+        }
+        places_m
+    })
+}
+
+/// What of readings between two holds is motion.
+fn on_the_way(readings_m: &mut [f64], before_m: Option<f64>, after_m: Option<f64>, sd_m: f64) {
+    let left = before_m.map_or(0, |m| staying(readings_m.iter(), m, sd_m));
+    let come = after_m.map_or(0, |m| staying(readings_m.iter().rev(), m, sd_m)).min(readings_m.len() - left);
+    let (leaving, rest_m) = readings_m.split_at_mut(left);
+    let (rest_m, coming) = rest_m.split_at_mut(rest_m.len() - come);
+    before_m.into_iter().for_each(|m| leaving.fill(m));
+    after_m.into_iter().for_each(|m| coming.fill(m));
+
+    let ends_m = [before_m, after_m].into_iter().flatten();
+    let low_m = ends_m.clone().fold(f64::INFINITY, f64::min);
+    let high_m = ends_m.fold(f64::NEG_INFINITY, f64::max);
+    if low_m > high_m {
+        return;
+    }
+    let end_m = |m: f64| m.clamp(low_m, high_m);
+    for beyond in rest_m.chunk_by_mut(|a, b| (*a - end_m(*a)).signum() == (*b - end_m(*b)).signum()) {
+        let n = beyond.len() as f64;
+        let mean_m = beyond.iter().map(|m| (m - end_m(*m)).abs()).sum::<f64>() / n;
+        let by_chance_sd =
+            if beyond.len() < FEW { FEW_SD } else { ONE_SIDE[0] + NO_CHANCE * ONE_SIDE[1] / n.sqrt() };
+        if mean_m <= by_chance_sd * sd_m {
+            beyond.iter_mut().for_each(|m| *m = end_m(*m));
+        }
+    }
+}
+
+/// How many readings, from a hold on, are those of a guide that still stands there: each of them, and their mean.
+fn staying<'a>(readings_m: impl Iterator<Item = &'a f64>, held_m: f64, sd_m: f64) -> usize {
+    let mut sum_m = 0.0;
+    let off_m = readings_m.map(|m| m - held_m).take_while(|off_m| off_m.abs() <= NO_CHANCE * sd_m);
+    let stays = |(number, off_m): (usize, f64)| {
+        sum_m += off_m;
+        (sum_m.abs() <= NO_CHANCE * sd_m * (number as f64 + 1.0).sqrt()).then_some(number + 1)
+    };
+    off_m.enumerate().map_while(stays).last().unwrap_or(0)
+}
+
+/// Cells of every hold.
+pub(super) fn held(cells: &Cells) -> Vec<Range<usize>> {
+    let mut start = 0;
+    let mut found = Vec::new();
+    for same in cells.hold.chunk_by(|a, b| a == b) {
+        if same.first().is_some_and(Option::is_some) {
+            found.push(start..start + same.len());
+        }
+        start += same.len();
+    }
+    found
+}
+
+/// Stretches of cells over which forces are averaged.
+pub(super) fn stretches(cells: &Cells) -> Vec<Range<usize>> {
+    let mut stretches = Vec::new();
+    let mut start = 0;
+    while start < cells.hold.len() {
+        let hold = cells.hold[start];
+        let end = start + cells.hold[start..].iter().take_while(|other| **other == hold).count();
+        let mut from = start;
+        for i in start..end {
+            let since_s = |i: usize| cells.time_s[i] - cells.time_s[start];
+            let class = |i: usize| match hold {
+                None => (i - start) / RAMP_CELLS,
+                Some(_) => {
+                    let last_s = HOLD_S[HOLD_S.len() - 1];
+                    let beyond = (since_s(i) / last_s) as usize;
+                    if beyond > 0 {
+                        HOLD_S.len() + beyond
+                    } else {
+                        HOLD_S.partition_point(|s| *s <= since_s(i))
+                    }
+                }
+            };
+            if i + 1 == end || class(i + 1) != class(i) {
+                stretches.push(from..i + 1);
+                from = i + 1;
+            }
+        }
+        start = end;
+    }
+    stretches
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn single_readings_beyond_a_hold_are_noise_and_several_in_a_row_are_motion() {
+        let read_m = vec![0.0, 0.2, 0.5, 0.99, 1.02, 0.99, 1.01, 1.02, 0.98, 0.3, 0.01];
+        let hold = vec![Some(0), None, None, None, None, Some(1), Some(1), None, None, None, Some(2)];
+        let cells = Cells { read_m: [read_m, vec![0.0; 11]], hold, ..Cells::default() };
+        let stood_m = stood(&cells, 3);
+        let [y, x] = travelled(&cells, &stood_m, [0.01; 2]);
+        // Beside a hold guide 2 is where it stands.
+        assert_eq!(y, [0.0, 0.2, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3, 0.01]);
+        assert_eq!(x, [0.0; 11]);
+        // It has gone beyond the hold and come back.
+        let read_m = vec![0.0, 0.5, 1.05, 1.06, 1.05, 1.04, 1.0, 1.0, 0.5, -0.001];
+        let hold = vec![Some(0), None, None, None, None, None, Some(1), Some(1), None, None];
+        let cells = Cells { read_m: [read_m.clone(), vec![0.0; 10]], hold, ..Cells::default() };
+        assert_eq!(travelled(&cells, &stood(&cells, 2), [0.01; 2])[0], read_m);
+    }
+
+    #[test]
+    fn what_creeps_away_from_a_hold_stays_as_long_as_its_mean_does() {
+        let creeping: Vec<f64> = (0..20).map(|i| 0.002 * f64::from(i)).collect();
+        let stays = staying(creeping.iter(), 0.0, 0.01);
+        assert!((4..=14).contains(&stays), "{stays}");
+        assert_eq!(staying([0.01, -0.02, 0.02, 0.5].iter(), 0.0, 0.01), 3);
+        assert_eq!(staying([0.5].iter(), 0.0, 0.01), 0);
+    }
+}

@@ -1,0 +1,411 @@
+//! The rig's own mechanics from runs in air: the needle is a beam that is known, and what is left is the rig (theory, eq. 62 without
+//! tissue, with the patterns of the sensor alone).
+//!
+//! All effects of guides, frame, actuators and force sensor are fitted together, by the same forward model as everything else. In air force and
+//! displacement alone determine one compliance, the sum of all that gives way; the shape of the needle separates the frame from the
+//! needle and its clamp, and known loads separate the force sensor's gain from the needle's stiffness. What the runs do not separate is
+//! reported as not identifiable, with the run that would settle it.
+
+mod play;
+
+use super::data::{Datum, Source};
+use super::evidence::{Group, Patterns, RunPatterns};
+use super::known::KnownParameter;
+use super::layout::{Layout, Prepared, Scale, prior};
+use super::noise::Noise;
+use super::posterior::{Fitted, MAX_ROUNDS};
+use super::whiten::Whitener;
+use super::{DiagnoseError, runs_in};
+use formats::NORMAL_975;
+use formats::model_file::{LearnedEffect, ModelFile};
+use formats::session::{LateralRun, Session};
+use mechanics::Model;
+use mechanics::effects::{Effect, effect};
+use nalgebra::{DMatrix, DVector};
+use play::over_plays;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// What is fitted. Offsets are there so that they are no rig's compliance.
+const EFFECTS: [&str; 12] = [
+    "needle.stiffness",
+    "rig.clamp_compliance",
+    "rig.rear_rotation",
+    "rig.frame_compliance",
+    "rig.backlash",
+    "rig.play",
+    "rig.friction",
+    "sensor.force_gain",
+    "sensor.force_drift",
+    "sensor.crosstalk",
+    "sensor.delay",
+    "sensor.shape_offset",
+];
+/// What is new in every session.
+const OF_ONE_SESSION: [&str; 2] = ["sensor.force_drift", "sensor.shape_offset"];
+/// A parameter is identified whose standard deviation the runs reduce below this share of what was known of it before.
+const IDENTIFIED: f64 = 0.5;
+/// A delay beside friction larger than this many standard deviations is known no better than the rows' spacing allows: the force jumps where
+/// guide 2 turns, and the model interpolates between rows.
+const FRICTION_SDS: f64 = 2.0;
+/// How well a row states when force and position were sampled, seconds: they have converters of their own.
+const CLOCK_SD_S: f64 = 5e-4;
+/// Expected scatter of the zero from tare to tare, newtons.
+const ZERO_N: f64 = 0.01;
+/// Expected drift of the zero after a tare that does not go evenly, newtons, and the times in which it does, seconds.
+const SETTLING_N: f64 = 0.002;
+const SETTLING_S: [f64; 2] = [5.0, 20.0];
+/// Expected error of the force within a hold that is another one in the next, newtons: 0.02 % of a sensor of 5 N, or 4 um of guide 2.
+const HOLD_N: f64 = 0.001;
+/// How well the mean position in a hold is known beyond what scatters, metres: a tenth of a code of a potentiometer of 50 mm read in twelve
+/// bits, and about as far guide 2 creeps while it settles.
+const POSITION_M: f64 = 1e-6;
+
+/// What the user may choose.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CharacterizeOptions {
+    /// Standard deviation of the force sensor's gain, relative, as a calibration with known loads gives it.
+    pub force_gain_sd: Option<f64>,
+    /// Standard deviation of the stated bending stiffness, relative.
+    pub stiffness_sd: Option<f64>,
+}
+
+/// How well a parameter is determined, and by what.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Standing {
+    /// By the runs.
+    Identified,
+    /// By what was stated of it; the runs add little.
+    Stated,
+    /// By nothing.
+    NotIdentifiable,
+}
+
+/// A parameter of the rig.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CharacterizedParameter {
+    /// Id of the effect.
+    pub effect: &'static str,
+    /// Name of the parameter, with its unit.
+    pub parameter: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// 95 % interval, within what is possible.
+    pub ci95: [f64; 2],
+    /// How well it is determined.
+    pub standing: Standing,
+    /// The run that would settle it, where nothing determines it.
+    pub settled_by: Option<&'static str>,
+}
+
+impl CharacterizedParameter {
+    /// Whether the runs determine it.
+    pub fn is_identified(&self) -> bool {
+        self.standing == Standing::Identified
+    }
+}
+
+/// A rig as its runs in air show it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Characterisation {
+    /// The runs that were used.
+    pub runs: Vec<String>,
+    /// Its parameters.
+    pub parameters: Vec<CharacterizedParameter>,
+    /// Scatter of the force's zero from run to run, newtons; nothing with fewer than two runs.
+    pub tare_scatter_n: Option<f64>,
+    /// Chi-square over its degrees of freedom: above 2 something is in the runs that is none of this.
+    pub chi_square_per_reading: f64,
+    /// What was skipped, and what to be careful with.
+    pub warnings: Vec<String>,
+}
+
+impl Characterisation {
+    /// What is known of the rig from now on, as a file has it: what the runs have determined, or was stated, of everything that stays
+    /// the same from session to session.
+    pub fn model(&self, learned_from: Option<String>) -> ModelFile {
+        let of = |id: &&str| -> Option<LearnedEffect> {
+            let effect = effect(id)?;
+            let of_effect: Vec<_> = self.parameters.iter().filter(|one| one.effect == *id).collect();
+            let is_unknown = |one: &&CharacterizedParameter| one.standing == Standing::NotIdentifiable;
+            let is_characterized = !of_effect.is_empty() && !of_effect.iter().any(is_unknown);
+            // Not clipped to what is possible, so that the interval is that of a normal distribution.
+            let ends = |one: &&CharacterizedParameter| {
+                Some([one.value - NORMAL_975 * one.sd, one.value + NORMAL_975 * one.sd])
+            };
+            is_characterized.then(|| LearnedEffect {
+                effect,
+                values: of_effect.iter().map(|one| one.value).collect(),
+                ci95: of_effect.iter().map(ends).collect(),
+                log_evidence_gain: None,
+            })
+        };
+        let effects = EFFECTS.iter().filter(|id| !OF_ONE_SESSION.contains(id)).filter_map(of).collect();
+        ModelFile { learned_from, effects, ..ModelFile::default() }
+    }
+}
+
+/// Why a rig cannot be characterised.
+#[derive(Debug, thiserror::Error)]
+pub enum CharacterizeError {
+    /// No run is in air.
+    #[error(
+        "{}: lateral: no run in air, expected at least one [[lateral]] with depth_mm = 0: the needle in both guides and in nothing else",
+        path.display()
+    )]
+    NoAir {
+        /// The session file.
+        path: PathBuf,
+    },
+    /// The needle's stiffness is not stated.
+    #[error(
+        "{}: needle: no bending stiffness, expected its modulus and diameters: in air the needle is the reference spring of the rig",
+        path.display()
+    )]
+    NeedleUnknown {
+        /// The session file.
+        path: PathBuf,
+    },
+    /// The runs cannot be read or fitted.
+    #[error(transparent)]
+    Diagnose(#[from] DiagnoseError),
+}
+
+impl From<readings::FitError> for CharacterizeError {
+    fn from(error: readings::FitError) -> Self {
+        Self::Diagnose(error.into())
+    }
+}
+
+impl From<mechanics::ModelError> for CharacterizeError {
+    fn from(error: mechanics::ModelError) -> Self {
+        Self::Diagnose(error.into())
+    }
+}
+
+/// Characterises a rig from the runs in air of a session.
+///
+/// # Errors
+/// [`CharacterizeError`] where nothing can be characterised.
+pub fn characterize(
+    session: &Session,
+    options: &CharacterizeOptions,
+) -> Result<Characterisation, CharacterizeError> {
+    let path = || session.dir.join("session.toml");
+    if !session.rig.needle.stiffness_known {
+        return Err(CharacterizeError::NeedleUnknown { path: path() });
+    }
+    if !session.lateral.iter().any(LateralRun::is_in_air) {
+        return Err(CharacterizeError::NoAir { path: path() });
+    }
+    let (runs, mut warnings) = runs_in(session, true)?;
+    let (noise, disagreements) = Noise::with_disagreements(&runs, &session.stated_noise());
+    warnings.extend(disagreements);
+    let has_shape = session.lateral.iter().any(|run| run.is_in_air() && !run.shape.z_m.is_empty());
+    let is_fitted = |effect: &&'static dyn Effect| {
+        effect.applies_to(&session.rig) && (has_shape || effect.id() != "sensor.shape_offset")
+    };
+    let effects: Vec<_> = EFFECTS.iter().filter_map(|id| effect(id)).filter(is_fitted).collect();
+    let mut layout = Layout::new(&session.rig, &runs, effects);
+    layout.known = stated(options).into();
+
+    let prepared = |values: &[f64]| -> Result<Vec<Prepared>, CharacterizeError> {
+        let of_run = |run: &super::data::Run| {
+            let model = layout.model_of(values, run.kind, false)?;
+            Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, &noise, &model)? })
+        };
+        runs.iter().map(of_run).collect()
+    };
+    // Without tissue its modulus does not matter.
+    let beam = Model::uniform(session.rig.clone(), 1e3)?.beam(0.0)?;
+    let stiffness_n_per_m = beam.lateral_stiffness_n_per_m();
+    // What makes residuals independent depends on what to expect: the second fit is with what the first has found.
+    let mut values = layout.first_values();
+    let mut last = None;
+    for _ in 0..2 {
+        let prepared = prepared(&values)?;
+        let patterns = sensor_patterns(&prepared, stiffness_n_per_m);
+        let everyday = patterns.everyday();
+        let fit = Fitted::new(&layout, &prepared, &patterns, &values, &everyday, MAX_ROUNDS)?;
+        values = fit.values().to_vec();
+        last = Some((fit, prepared, patterns));
+    }
+    let (mut fitted, prepared, patterns) = last.ok_or(readings::FitError::Undetermined)?;
+    if !has_shape {
+        fitted = over_plays(&layout, &prepared, &patterns, fitted)?;
+    }
+    Ok(Characterisation {
+        runs: runs.iter().map(|run| run.id.clone()).collect(),
+        parameters: parameters(&layout, &fitted, options, row_s(session)),
+        tare_scatter_n: fitted.sizes.first().copied().filter(|_| runs.len() > 1),
+        chi_square_per_reading: chi_square_per_reading(&fitted, &patterns),
+        warnings,
+    })
+}
+
+/// Spacing of the rows of the runs in air, seconds: the median.
+fn row_s(session: &Session) -> f64 {
+    let times = session.lateral.iter().filter(|run| run.is_in_air()).map(|run| &run.force.time_s);
+    let steps = times.flat_map(|times_s| times_s.iter().zip(times_s.iter().skip(1)).map(|(a, b)| b - a));
+    let mut steps: Vec<f64> = steps.collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// What is stated beside the session.
+fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
+    let of = |effect: &str, parameter: &str, sd: Option<f64>| {
+        sd.map(|sd| KnownParameter {
+            effect: effect.to_owned(),
+            parameter: parameter.to_owned(),
+            value: 0.0,
+            sd,
+        })
+    };
+    let gain = of("sensor.force_gain", "gain", options.force_gain_sd);
+    gain.into_iter().chain(of("needle.stiffness", "relative", options.stiffness_sd)).collect()
+}
+
+/// What every force sensor and guide has beside the effects. Sizes are found of the zero of a run and plane, of how it settles after the
+/// tare, and of what is constant within a hold (an error of the displacement, times the needle's stiffness, is such a force too). No run
+/// shows how well the mean position of guide 2 in a hold is known, which differs with the direction that it came from: that is stated.
+fn sensor_patterns(prepared: &[Prepared], stiffness_n_per_m: f64) -> Patterns {
+    let found = |name, everyday| Group { name, everyday, tail: Some(1.0), multiple: 1.0 };
+    let known = Group { tail: None, ..found("position of guide 2", POSITION_M) };
+    let groups = vec![
+        found("force zero of one run", ZERO_N),
+        found("settling of the zero in one run", SETTLING_N),
+        found("force of one hold", HOLD_N),
+        known,
+    ];
+    let of_run = |prepared: &Prepared| {
+        let data = &prepared.run.data;
+        let (mut of_groups, mut columns) = (Vec::new(), Vec::new());
+        let mut add = |group: usize, of: &dyn Fn(&Datum) -> f64| {
+            let mut pattern: Vec<f64> = data.iter().map(of).collect();
+            if pattern.iter().any(|value| *value != 0.0) {
+                prepared.whitener.apply(&mut pattern);
+                of_groups.push(group);
+                columns.push(DVector::from_vec(pattern));
+            }
+        };
+        for plane in 0..2 {
+            let in_plane = |datum: &Datum| if is_force(datum, plane) { 1.0 } else { 0.0 };
+            add(0, &in_plane);
+            for time_s in SETTLING_S {
+                add(1, &|datum| in_plane(datum) * (-datum.place.time_s / time_s).exp());
+            }
+            for hold in 0..prepared.run.parts() {
+                add(2, &|datum| if datum.part == hold { in_plane(datum) } else { 0.0 });
+            }
+        }
+        let own = match columns.as_slice() {
+            [] => DMatrix::zeros(data.len(), 0),
+            columns => DMatrix::from_columns(columns),
+        };
+        // Alike in all runs: what depends on the direction of the last motion, and on the side of zero (half of a clearance).
+        let along = |datum: &Datum| {
+            if is_force(datum, prepared.run.axis) { stiffness_n_per_m } else { 0.0 }
+        };
+        let direction = data.iter().map(|datum| along(datum) * datum.place.direction).collect();
+        let side = data.iter().map(|datum| 0.5 * along(datum) * sign(datum.place.level_m)).collect();
+        let shared = [direction, side].map(|mut pattern: Vec<f64>| {
+            prepared.whitener.apply(&mut pattern);
+            DVector::from_vec(pattern)
+        });
+        RunPatterns::new(of_groups, own, DMatrix::from_columns(&shared))
+    };
+    Patterns::new(groups, vec![3; 2], prepared.iter().map(of_run).collect())
+}
+
+/// The sign of a level; zero belongs to no side.
+fn sign(level_m: f64) -> f64 {
+    if level_m == 0.0 { 0.0 } else { level_m.signum() }
+}
+
+fn is_force(datum: &Datum, plane: usize) -> bool {
+    matches!(datum.source, Source::Force(_)) && datum.channel.plane() == plane
+}
+
+fn parameters(
+    layout: &Layout,
+    fitted: &Fitted,
+    options: &CharacterizeOptions,
+    row_s: f64,
+) -> Vec<CharacterizedParameter> {
+    let stated = stated(options);
+    let mut found: Vec<CharacterizedParameter> = Vec::new();
+    for (number, effect) in layout.effects.iter().enumerate() {
+        for (index, info) in effect.parameters().iter().enumerate() {
+            let (value, mut ci95) = fitted.estimate(number, index);
+            let scale = Scale::of(info);
+            let stated = stated.iter().find(|known| known.is_of(effect.id(), info.name));
+            let before = stated.map_or_else(|| prior(info), |known| known.prior(scale)).sd;
+            let mut inside = fitted.sd(layout.first_of(number) + index);
+            let rubs = |one: &CharacterizedParameter| {
+                one.effect == "rig.friction" && one.value > FRICTION_SDS * one.sd
+            };
+            if effect.id() == "sensor.delay" {
+                let row_sd_s = if found.iter().any(rubs) { row_s / 12f64.sqrt() } else { 0.0 };
+                inside = inside.hypot(row_sd_s).hypot(CLOCK_SD_S);
+                let half = NORMAL_975 * inside;
+                ci95 = [value - half, value + half].map(|end| end.clamp(info.range[0], info.range[1]));
+            }
+            let standing = match (inside < IDENTIFIED * before, stated) {
+                (true, _) => Standing::Identified,
+                (false, Some(_)) => Standing::Stated,
+                (false, None) => Standing::NotIdentifiable,
+            };
+            found.push(CharacterizedParameter {
+                effect: effect.id(),
+                parameter: info.name,
+                value,
+                sd: if scale == Scale::Log { value * inside } else { inside },
+                ci95,
+                standing,
+                settled_by: (standing == Standing::NotIdentifiable).then(|| settled_by(effect.id())),
+            });
+        }
+    }
+    found
+}
+
+/// The run, or the statement, that determines an effect's parameters.
+fn settled_by(effect: &str) -> &'static str {
+    match effect {
+        "needle.stiffness" | "sensor.force_gain" => {
+            "known loads (guide calibrate force, then --force-gain-sd), or a measured stiffness of the needle (--stiffness-sd): in air a \
+             gain of the force and a stiffer needle are the same"
+        }
+        "rig.clamp_compliance" | "rig.rear_rotation" => {
+            "runs with sweeps of the shape, between the guides and beyond, at forces of 0.5 N or more"
+        }
+        "rig.frame_compliance" => "runs with sweeps of the shape near guide 2, at forces of 0.5 N or more",
+        "rig.backlash" => "holds within 0.3 mm on both sides of zero",
+        "rig.play" | "rig.friction" => {
+            "holds at the same levels, reached from both sides, with sweeps of the shape: a play moves the needle, a friction does not"
+        }
+        "sensor.force_drift" => "a run of a minute or more",
+        "sensor.crosstalk" => "runs in both axes, with both forces recorded",
+        "sensor.delay" => "a run with moves at 2 mm/s or faster between the holds",
+        _ => "runs with sweeps of the shape at zero displacement",
+    }
+}
+
+/// Chi-square beside the patterns of the sensor, per degree of freedom.
+fn chi_square_per_reading(fitted: &Fitted, patterns: &Patterns) -> f64 {
+    let count = fitted.residuals.iter().map(Vec::len).sum::<usize>().saturating_sub(fitted.values().len());
+    let beside = patterns.less_patterns(&fitted.sizes, &fitted.residuals).unwrap_or_default();
+    let products =
+        fitted.residuals.iter().zip(&beside).map(|(all, beside)| {
+            all.iter().zip(beside.iter()).map(|(all, beside)| all * beside).sum::<f64>()
+        });
+    products.sum::<f64>() / count.max(1) as f64
+}
+
+#[cfg(test)]
+#[path = "characterize_tests.rs"]
+mod tests;

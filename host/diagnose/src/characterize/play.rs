@@ -1,0 +1,164 @@
+//! Play and friction of a rig where no shape is measured.
+//!
+//! In the force a play and a friction of the other sign are the same but for what follows a reversal: a friction turns round at once, a
+//! play only once twice its width has been travelled. How far they are apart so grows with the play, and the likelihood is nothing like that of
+//! a linear model, is flat over many plays and may have more than one maximum. So everything else is fitted at every play, and intervals
+//! are those of the profile: all values that are not less likely than the likeliest by more than a normal distribution allows for 95 %.
+
+use crate::evidence::Patterns;
+use crate::known::KnownParameter;
+use crate::layout::{Layout, NORMAL_975, Prepared, prior};
+use crate::posterior::{Fitted, MAX_ROUNDS};
+use nalgebra::{DMatrix, DVector};
+use readings::FitError;
+
+const EFFECT: &str = "rig.play";
+/// Half widths of the play at which the rest is fitted first, mm, and how well each is given.
+const FIRST_MM: [f64; 9] = [0.0, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.3, 0.45];
+const GIVEN_SD_MM: f64 = 1e-4;
+/// And in standard deviations of the free fit about it; plays closer than this are the same.
+const AROUND_SD: [f64; 3] = [-2.0, 0.0, 2.0];
+const SAME_MM: f64 = 1e-3;
+/// Between plays of which one is less than this less likely than the likeliest, in logarithms, the step is halved until it is below a
+/// share of the standard deviation and likelihoods differ by less than this.
+const LIKELY: f64 = 6.0;
+const SHARE_OF_SD: f64 = 0.7;
+const DIFFERENT: f64 = 1.5;
+/// Largest number of plays.
+const MAX_PLAYS: usize = 48;
+
+/// A play, the logarithm of its posterior density, and the fit of everything else.
+struct Node {
+    play_mm: f64,
+    ln_density: f64,
+    fit: Fitted,
+}
+
+/// The fit with values and covariance of the posterior over all plays; the same where play is not among its effects.
+///
+/// # Errors
+/// [`FitError`] where there is no fit.
+pub(super) fn over_plays(
+    layout: &Layout,
+    runs: &[Prepared],
+    patterns: &Patterns,
+    fitted: Fitted,
+) -> Result<Fitted, FitError> {
+    let Some(index) = layout.effects.iter().position(|effect| effect.id() == EFFECT) else {
+        return Ok(fitted);
+    };
+    let Some(info) = layout.effects[index].parameters().first() else { return Ok(fitted) };
+    let before = prior(info);
+    let at = |play_mm: f64| -> Result<Node, FitError> {
+        let mut values = fitted.values().to_vec();
+        values[layout.first_of(index)] = play_mm;
+        let given = KnownParameter {
+            effect: EFFECT.to_owned(),
+            parameter: info.name.to_owned(),
+            value: play_mm,
+            sd: GIVEN_SD_MM,
+        };
+        let known = layout.known.iter().filter(|known| !known.is_of(EFFECT, info.name)).cloned();
+        let layout = Layout { known: known.chain([given]).collect(), ..layout.clone() };
+        let fit = Fitted::new(&layout, runs, patterns, &values, &fitted.sizes, MAX_ROUNDS)?;
+        let ln_density = fit.log_evidence - 0.5 * ((play_mm - before.mean) / before.sd).powi(2);
+        Ok(Node { play_mm, ln_density, fit })
+    };
+    // Those around the free fit, too, which may have found a larger one.
+    let (own_mm, sd_mm) = (fitted.values()[layout.first_of(index)], fitted.sd(layout.first_of(index)));
+    let around = AROUND_SD.map(|sds| (own_mm + sds * sd_mm).clamp(info.range[0], info.range[1]));
+    let mut first_mm: Vec<f64> = FIRST_MM.into_iter().chain(around).collect();
+    first_mm.sort_by(f64::total_cmp);
+    first_mm.dedup_by(|a, b| (*a - *b).abs() < SAME_MM);
+    let mut nodes = first_mm.into_iter().map(&at).collect::<Result<Vec<_>, _>>()?;
+    loop {
+        let between_mm = to_refine(&nodes);
+        if between_mm.is_empty() || nodes.len() + between_mm.len() > MAX_PLAYS {
+            break;
+        }
+        for play_mm in between_mm {
+            nodes.push(at(play_mm)?);
+        }
+        nodes.sort_by(|a, b| a.play_mm.total_cmp(&b.play_mm));
+    }
+    let (values, sds) = profile(&nodes, layout.first_of(index));
+    // Correlated as over all plays.
+    let covariance = moments(&nodes);
+    let sd = |i: usize| covariance[(i, i)].sqrt().max(f64::MIN_POSITIVE);
+    let scaled = DMatrix::from_fn(sds.len(), sds.len(), |i, j| {
+        covariance[(i, j)] * (sds[i] / sd(i)) * (sds[j] / sd(j))
+    });
+    Ok(fitted.with_moments(values, scaled))
+}
+
+/// Middle of every parameter's interval, and its standard deviation were it that of a normal distribution; `own` is the play itself.
+fn profile(nodes: &[Node], own: usize) -> (Vec<f64>, Vec<f64>) {
+    let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
+    // What is left of the square of 1.96 at a play.
+    let left = |ln_density: f64| NORMAL_975 * NORMAL_975 - 2.0 * (most - ln_density);
+    let of = |i: usize| {
+        let ends = nodes.iter().filter(|node| left(node.ln_density) >= 0.0).map(|node| {
+            let half = left(node.ln_density).sqrt() * node.fit.sd(i);
+            [node.fit.values()[i] - half, node.fit.values()[i] + half]
+        });
+        ends.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], [low, high]| [l.min(low), h.max(high)])
+    };
+    let count = nodes.first().map_or(0, |node| node.fit.values().len());
+    let mut intervals: Vec<[f64; 2]> = (0..count).map(of).collect();
+    // The ends of the play lie between two plays.
+    if let Some([low, high]) = intervals.get_mut(own) {
+        for (a, b) in nodes.iter().zip(nodes.iter().skip(1)) {
+            let (from, to) = (left(a.ln_density), left(b.ln_density));
+            if from * to < 0.0 {
+                let end_mm = a.play_mm + (b.play_mm - a.play_mm) * from / (from - to);
+                (*low, *high) = (low.min(end_mm), high.max(end_mm));
+            }
+        }
+    }
+    intervals.into_iter().map(|[low, high]| (0.5 * (low + high), 0.5 * (high - low) / NORMAL_975)).unzip()
+}
+
+/// Plays between which the posterior is not known well enough yet.
+fn to_refine(nodes: &[Node]) -> Vec<f64> {
+    let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
+    let weights = weights(nodes);
+    let mean_mm: f64 = nodes.iter().zip(&weights).map(|(node, weight)| weight * node.play_mm).sum();
+    let off = nodes.iter().zip(&weights).map(|(node, weight)| weight * (node.play_mm - mean_mm).powi(2));
+    let sd_mm = off.sum::<f64>().sqrt();
+    let pairs = nodes.iter().zip(nodes.iter().skip(1));
+    let coarse = pairs.filter(|(a, b)| {
+        let is_likely = a.ln_density.max(b.ln_density) > most - LIKELY;
+        let differs = (a.ln_density - b.ln_density).abs() > DIFFERENT;
+        is_likely && (differs || b.play_mm - a.play_mm > SHARE_OF_SD * sd_mm)
+    });
+    coarse.map(|(a, b)| 0.5 * (a.play_mm + b.play_mm)).collect()
+}
+
+/// Probability of every play: its density over the stretch that it stands for.
+fn weights(nodes: &[Node]) -> Vec<f64> {
+    let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
+    let of = |(i, node): (usize, &Node)| {
+        let before = i.checked_sub(1).and_then(|i| nodes.get(i)).unwrap_or(node);
+        let after = nodes.get(i + 1).unwrap_or(node);
+        (node.ln_density - most).exp() * (after.play_mm - before.play_mm)
+    };
+    let weights: Vec<f64> = nodes.iter().enumerate().map(of).collect();
+    let sum: f64 = weights.iter().sum();
+    weights.into_iter().map(|weight| weight / sum).collect()
+}
+
+/// Covariance of the parameters over all plays.
+fn moments(nodes: &[Node]) -> DMatrix<f64> {
+    let weights = weights(nodes);
+    let count = nodes.first().map_or(0, |node| node.fit.values().len());
+    let mut mean = DVector::zeros(count);
+    for (node, weight) in nodes.iter().zip(&weights) {
+        mean.axpy(*weight, &DVector::from_column_slice(node.fit.values()), 1.0);
+    }
+    let mut covariance = DMatrix::zeros(count, count);
+    for (node, weight) in nodes.iter().zip(&weights) {
+        let off = DVector::from_column_slice(node.fit.values()) - &mean;
+        covariance += *weight * (&node.fit.covariance + &off * off.transpose());
+    }
+    covariance
+}

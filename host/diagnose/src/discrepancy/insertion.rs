@@ -1,0 +1,217 @@
+//! Patterns in insertions: how pushes that are meant to be alike differ, and what tracker and guides are off by.
+
+use super::{Around, Cause, GroupPatterns, Made, Scope};
+use crate::data::{Datum, Kind, Source};
+use crate::evidence::Group;
+use mechanics::insertion::Cutting;
+use mechanics::{Experiment, Insertion, ModelError, Profile};
+use std::f64::consts::PI;
+use std::ops::Range;
+
+/// Smooth changes over depth have waves of twice this length over their number, numbers from 1 up to these.
+const SMOOTH_M: f64 = 100e-3;
+const LOAD_WAVES: usize = 4;
+const PATH_WAVES: usize = 3;
+const DIRECTION_WAVES: usize = 3;
+/// Knots of a smooth load.
+const KNOT_M: f64 = 4e-3;
+/// Steps of the differences.
+const LN_STEP: f64 = 1e-3;
+const SHIFT_STEP_M: f64 = 1e-4;
+const ROLL_STEP_RAD: f64 = 1e-3;
+/// Angles at which needles enter differ by this much where two guides hold them, and where one guide and a hand do; and how far the
+/// axis along which depth is measured may be from theirs.
+const ANGLE_RAD: f64 = 3e-3;
+const ANGLE_BY_HAND_RAD: f64 = 15e-3;
+const TILT_RAD: f64 = 4e-3;
+const TILT_BY_HAND_RAD: f64 = 30e-3;
+/// A sensor lies in the tip at an angle of this size.
+const COIL_RAD: f64 = 20e-3;
+
+/// All groups; lateral runs have none of their patterns.
+pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
+    let mut groups = Vec::new();
+    let mut add = |name: &'static str,
+                   (everyday, tail): (f64, Option<f64>),
+                   scope: Scope,
+                   cause: Cause,
+                   of: &dyn Fn(&Around<'_>) -> Made|
+     -> Result<(), ModelError> {
+        let of_run = |around: &Around<'_>| {
+            if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) }
+        };
+        let of_runs = all.iter().map(of_run).collect::<Result<_, _>>()?;
+        let group = Group { name, everyday, tail, multiple: 1.0 };
+        groups.push(GroupPatterns { group, scope, of_runs, cause });
+        Ok(())
+    };
+    let modulus = |around: &Around<'_>| {
+        let slope = around.slope(LN_STEP, |model, _| {
+            model.foundation = model.foundation.scaled(LN_STEP.exp())?;
+            Ok(())
+        });
+        Ok(vec![slope?])
+    };
+    let entry = |around: &Around<'_>| {
+        let slope = around.slope(SHIFT_STEP_M, |model, _| {
+            model.rig.entry_m += SHIFT_STEP_M;
+            Ok(())
+        });
+        Ok(vec![slope?])
+    };
+    let roll = |around: &Around<'_>| {
+        let slope = around.slope(ROLL_STEP_RAD, |model, _| {
+            model.tip.along_bevel.roll_rad += ROLL_STEP_RAD;
+            Ok(())
+        });
+        Ok(vec![slope?])
+    };
+    // The size of something that happens once cannot be found from it: it is known.
+    add("modulus from insertion to insertion", (0.03, Some(1.0)), Scope::Own, Cause::Run, &modulus)?;
+    add("tip load from insertion to insertion", (0.03, Some(1.5)), Scope::Own, Cause::Run, &|around| {
+        Ok(vec![under_load(around, &|_| 1.0)?])
+    })?;
+    let by_hand = all.iter().any(|around| around.model.rig.has_one_guide());
+    let [angle_rad, tilt_rad] =
+        if by_hand { [ANGLE_BY_HAND_RAD, TILT_BY_HAND_RAD] } else { [ANGLE_RAD, TILT_RAD] };
+    add(
+        "angle of entry from insertion to insertion",
+        (angle_rad, Some(1.0)),
+        Scope::Own,
+        Cause::INSTRUMENT,
+        &|around| Ok(linear(around)),
+    )?;
+    add("surface from insertion to insertion", (0.5e-3, Some(1.0)), Scope::Own, Cause::Run, &entry)?;
+    add("roll from insertion to insertion", (0.02, Some(1.0)), Scope::Own, Cause::Run, &roll)?;
+    let waves = |around: &Around<'_>| {
+        let wave = |k: usize| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos());
+        (1..=LOAD_WAVES).map(wave).collect::<Result<Vec<_>, _>>()
+    };
+    add("tip load over depth of one insertion", (0.02, Some(1.0)), Scope::Own, Cause::Physics, &waves)?;
+    add("tip load over depth", (0.02, Some(1.0)), Scope::Shared, Cause::Physics, &waves)?;
+    add("drift of the path of one insertion", (30e-6, Some(1.0)), Scope::Own, Cause::Physics, &|around| {
+        Ok(smooth(around))
+    })?;
+    add("smooth error of the path", (30e-6, Some(1.0)), Scope::Shared, Cause::Physics, &|around| {
+        Ok(smooth(around))
+    })?;
+    add(
+        "drift of the direction of one insertion",
+        (1.5e-3, Some(1.0)),
+        Scope::Own,
+        Cause::Physics,
+        &|around| Ok(smooth_direction(around)),
+    )?;
+    add("smooth error of the direction", (1.5e-3, Some(1.0)), Scope::Shared, Cause::Physics, &|around| {
+        Ok(smooth_direction(around))
+    })?;
+    // A sensor is some millimetres long, and behind the tip.
+    add("direction proportional to itself", (0.03, Some(1.0)), Scope::Shared, Cause::Physics, &|around| {
+        Ok(proportional_direction(around))
+    })?;
+    add(
+        "direction proportional to itself, of one insertion",
+        (0.02, Some(1.0)),
+        Scope::Own,
+        Cause::Physics,
+        &|around| Ok(proportional_direction(around)),
+    )?;
+    // A hand takes the needle again, along another line.
+    add(
+        "tilt of the tracker",
+        (tilt_rad, None),
+        Scope::Shared,
+        Cause::Instrument { mounted: by_hand },
+        &|around| Ok(linear(around)),
+    )?;
+    add("angle of the sensor in the tip", (COIL_RAD, None), Scope::Shared, Cause::INSTRUMENT, &|around| {
+        Ok(coil(around))
+    })?;
+    add("guide 2 off", (50e-6, None), Scope::Shared, Cause::Physics, &guide2)?;
+    add("place of the surface in insertions", (1e-3, None), Scope::Shared, Cause::Mounting, &entry)?;
+    add("roll of the bevel", (0.03, None), Scope::Shared, Cause::Mounting, &roll)?;
+    groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
+    Ok(groups)
+}
+
+/// Change of the path where the tip load is larger by a share that varies with depth.
+fn under_load(around: &Around<'_>, share: &dyn Fn(f64) -> f64) -> Result<Vec<f64>, ModelError> {
+    let last_m = around.run.depth_m;
+    let count = (last_m / KNOT_M).ceil().max(1.0) as usize;
+    around.slope(1.0, |model, _| {
+        if let Cutting::Load(planes) = &mut model.tip.cutting {
+            for profile in planes {
+                let at = |depth_m: f64| [depth_m, profile.before(depth_m) * (1.0 + share(depth_m))];
+                let knots = (0..=count).map(|i| at(last_m * i as f64 / count as f64));
+                *profile = Profile::new(knots.collect())?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// In each plane the path and the needle turned by an angle.
+fn linear(around: &Around<'_>) -> Vec<Vec<f64>> {
+    let of = |plane: usize| {
+        around.each(|_, datum| match datum.source {
+            _ if datum.channel.plane() != plane => 0.0,
+            Source::Direction(_) => 1.0,
+            _ => datum.place.depth_m,
+        })
+    };
+    [0, 1].into_iter().map(of).collect()
+}
+
+/// In each plane the measured direction turned by an angle.
+fn coil(around: &Around<'_>) -> Vec<Vec<f64>> {
+    waves(around, 0..1, |datum| matches!(datum.source, Source::Direction(_)))
+}
+
+/// In each plane something smooth in depth that the position of the tip has.
+fn smooth(around: &Around<'_>) -> Vec<Vec<f64>> {
+    waves(around, 1..PATH_WAVES + 1, |datum| matches!(datum.source, Source::Tip(_)))
+}
+
+/// In each plane something smooth in depth that the direction of the tip has.
+fn smooth_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
+    waves(around, 1..DIRECTION_WAVES + 1, |datum| matches!(datum.source, Source::Direction(_)))
+}
+
+/// In each plane the direction larger by a share that is smooth in depth.
+fn proportional_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
+    let of = |(plane, k): (usize, usize)| {
+        around.each(|i, datum| match datum.source {
+            Source::Direction(_) if datum.channel.plane() == plane => {
+                around.predicted[i] * (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos()
+            }
+            _ => 0.0,
+        })
+    };
+    [0, 1].into_iter().flat_map(|plane| (0..DIRECTION_WAVES).map(move |k| (plane, k))).map(of).collect()
+}
+
+/// Waves over depth of these numbers in each plane, in some of the data.
+fn waves(around: &Around<'_>, numbers: Range<usize>, shows: impl Fn(&Datum) -> bool) -> Vec<Vec<f64>> {
+    let of = |(plane, k): (usize, usize)| {
+        around.each(|_, datum| {
+            let wave = (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos();
+            if datum.channel.plane() == plane && shows(datum) { wave } else { 0.0 }
+        })
+    };
+    [0, 1].into_iter().flat_map(|plane| numbers.clone().map(move |k| (plane, k))).map(of).collect()
+}
+
+/// In each plane guide 2 is off by a constant.
+fn guide2(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
+    let of = |plane: usize| {
+        around.slope(SHIFT_STEP_M, |_, experiment| {
+            if let Experiment::Insertion(Insertion { guide2_m: Some(planes), .. }) = experiment
+                && let Some(profile) = planes.get_mut(plane)
+            {
+                *profile = profile.shifted(SHIFT_STEP_M);
+            }
+            Ok(())
+        })
+    };
+    [0, 1].into_iter().map(of).collect()
+}

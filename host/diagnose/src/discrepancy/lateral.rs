@@ -1,0 +1,355 @@
+//! Patterns in lateral runs: what a careful laboratory would not notice, in tissue, image, force sensor and guides.
+
+use super::{Around, Cause, GroupPatterns, Made, Scope};
+use crate::data::{Kind, Source};
+use crate::evidence::Group;
+use crate::predicted::predicted;
+use mechanics::effects::effect;
+use mechanics::{Experiment, Foundation, Layer, ModelError, predict_with};
+use nalgebra::DMatrix;
+use std::f64::consts::PI;
+
+/// Thickness of the slices in which the modulus may differ, and the length over which it does so alike.
+const SLICE_M: f64 = 3e-3;
+const ALIKE_M: f64 = 10e-3;
+/// Share of the variance of slices that neighbours have in common.
+const ALIKE: f64 = 0.7;
+/// Distance of the points of a pattern that repeats in every sweep.
+const REPEAT_M: f64 = 1e-3;
+const MAX_REPEATS: usize = 60;
+/// Smooth errors of the shape have waves of twice this length over their number, numbers below this.
+const SMOOTH_M: f64 = 40e-3;
+const SMOOTH: usize = 5;
+/// Smooth errors of a single run.
+const SMOOTH_OF_RUN: usize = 2;
+/// Times after which a force sensor has crept: those of holds, of steps between them, and of runs.
+const CREEP_S: [f64; 3] = [1.0, 4.0, 16.0];
+/// Steps of the differences: logarithm of the modulus, share of the stiffness, metres.
+const LN_STEP: f64 = 1e-3;
+const ENTRY_STEP_M: f64 = 1e-5;
+const CLEARANCE_STEP_M: f64 = 5e-6;
+const MM: f64 = 1e-3;
+
+/// A group whose size is found.
+fn found(name: &'static str, everyday: f64) -> Group {
+    Group { name, everyday, tail: Some(1.0), multiple: 1.0 }
+}
+
+/// A group of known size.
+fn known(name: &'static str, everyday: f64) -> Group {
+    Group { name, everyday, tail: None, multiple: 1.0 }
+}
+
+/// Whether a datum is of the force, and of the plane in which guide 2 moves.
+struct Part {
+    force: bool,
+    driven: bool,
+    plane: usize,
+}
+
+fn part(around: &Around<'_>, index: usize) -> Part {
+    let datum = &around.run.data[index];
+    let plane = datum.channel.plane();
+    Part { force: matches!(datum.source, Source::Force(_)), driven: plane == around.run.axis, plane }
+}
+
+/// All groups; runs of another kind have none of their patterns.
+pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
+    let lateral = |around: &Around<'_>| around.run.kind == Kind::Lateral;
+    let mut groups = Vec::new();
+    let mut add = |group: Group,
+                   scope: Scope,
+                   cause: Cause,
+                   of: &mut dyn FnMut(usize, &Around<'_>) -> Made|
+     -> Result<(), ModelError> {
+        let of_run = |(number, around): (usize, &Around<'_>)| {
+            if lateral(around) { of(number, around) } else { Ok(Vec::new()) }
+        };
+        let of_runs = all.iter().enumerate().map(of_run).collect::<Result<_, _>>()?;
+        groups.push(GroupPatterns { group, scope, of_runs, cause });
+        Ok(())
+    };
+    let deepest_m = all.iter().filter(|a| lateral(a)).map(|a| a.run.depth_m).fold(0.0, f64::max);
+
+    // Tissue.
+    let by_modulus: Vec<Vec<f64>> = all
+        .iter()
+        .map(|around| if lateral(around) { by_ln_modulus(around) } else { Ok(Vec::new()) })
+        .collect::<Result<_, _>>()?;
+    add(found("modulus from run to run", 0.01), Scope::Own, Cause::Physics, &mut |number, _| {
+        Ok(vec![by_modulus[number].clone()])
+    })?;
+    let mut number_of_run = 0.0;
+    add(
+        found("modulus changing from run to run", 0.003),
+        Scope::Shared,
+        Cause::Physics,
+        &mut |number, _| {
+            let trend = by_modulus[number].iter().map(|slope| number_of_run * slope).collect();
+            number_of_run += 1.0;
+            Ok(vec![trend])
+        },
+    )?;
+    let mix = slices_alike((deepest_m / SLICE_M).ceil().max(1.0) as usize);
+    let over_depth = Group { tail: Some(0.5), ..found("modulus over depth", 0.02) };
+    add(over_depth, Scope::Shared, Cause::Physics, &mut |_, around| by_slices(around, &mix))?;
+
+    // Image.
+    let repeats = ((deepest_m / REPEAT_M).ceil() as usize).clamp(2, MAX_REPEATS);
+    let spacing_m = deepest_m / repeats as f64;
+    add(found("repeating shape pattern", 6e-6), Scope::Shared, Cause::Physics, &mut |_, around| {
+        let hat = |node: usize| {
+            around.each(|i, datum| match part(around, i) {
+                Part { force: false, driven: true, .. } => {
+                    (1.0 - (datum.place.depth_m / spacing_m - node as f64).abs()).max(0.0)
+                }
+                _ => 0.0,
+            })
+        };
+        Ok((0..=repeats).map(hat).collect())
+    })?;
+    let wave = |k: usize, depth_m: f64| (k as f64 * PI * depth_m / SMOOTH_M).cos();
+    add(found("smooth shape error", 10e-6), Scope::Shared, Cause::Physics, &mut |_, around| {
+        let of = |(plane, k): (usize, usize)| {
+            around.each(|i, datum| {
+                let here = part(around, i);
+                if !here.force && here.plane == plane { wave(k, datum.place.depth_m) } else { 0.0 }
+            })
+        };
+        Ok([0, 1].into_iter().flat_map(|plane| (0..SMOOTH).map(move |k| (plane, k))).map(of).collect())
+    })?;
+    let proportional = |around: &Around<'_>, k: usize| {
+        around.each(|i, datum| {
+            if part(around, i).force { 0.0 } else { around.predicted[i] * wave(k, datum.place.depth_m) }
+        })
+    };
+    add(
+        found("shape error proportional to deflection", 0.01),
+        Scope::Shared,
+        Cause::Physics,
+        &mut |_, around| Ok((0..SMOOTH).map(|k| proportional(around, k)).collect()),
+    )?;
+    add(
+        found("shape error proportional to deflection, of one run", 0.005),
+        Scope::Own,
+        Cause::Physics,
+        &mut |_, around| Ok((0..SMOOTH_OF_RUN).map(|k| proportional(around, k)).collect()),
+    )?;
+    add(found("shape offset of one run", 5e-6), Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
+        let of = |(driven, k): (bool, usize)| {
+            around.each(|i, datum| {
+                let here = part(around, i);
+                if !here.force && here.driven == driven { wave(k, datum.place.depth_m) } else { 0.0 }
+            })
+        };
+        Ok([(true, 0), (true, 1), (false, 0)].into_iter().map(of).collect())
+    })?;
+
+    // Guides and sensors.
+    add(found("axes not square", 0.01), Scope::Shared, Cause::INSTRUMENT, &mut |_, around| axes(around))?;
+    add(found("force zero of one run", 0.01), Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
+        let of = |plane: usize| {
+            around.each(|i, _| {
+                let here = part(around, i);
+                if here.force && here.plane == plane { 1.0 } else { 0.0 }
+            })
+        };
+        Ok([0, 1].into_iter().map(of).collect())
+    })?;
+    let force = |around: &Around<'_>, of: &dyn Fn(f64) -> f64| {
+        around.each(|i, _| if part(around, i).force { of(around.predicted[i]) } else { 0.0 })
+    };
+    add(found("force gain of one run", 0.004), Scope::Own, Cause::Physics, &mut |_, around| {
+        Ok(vec![force(around, &|force_n| force_n)])
+    })?;
+    let largest_n = all.iter().filter(|a| lateral(a)).map(largest_force_n).fold(1e-9, f64::max);
+    add(found("nonlinear force sensor", 0.005), Scope::Shared, Cause::Physics, &mut |_, around| {
+        Ok(vec![
+            force(around, &|force_n| force_n * force_n / largest_n),
+            force(around, &|force_n| force_n.powi(3) / (largest_n * largest_n)),
+            force(around, &f64::abs),
+        ])
+    })?;
+    let mut depths_mm: Vec<i64> = all.iter().filter(|a| lateral(a)).map(depth_mm).collect();
+    depths_mm.sort_unstable();
+    depths_mm.dedup();
+    add(found("hysteresis of the force", 0.005), Scope::Shared, Cause::Physics, &mut |_, around| {
+        let most_n = largest_force_n(around);
+        let of = |depth: &i64| {
+            let here = depth_mm(around) == *depth;
+            around.each(|i, datum| match part(around, i) {
+                Part { force: true, driven: true, .. } if here => most_n * datum.place.direction,
+                _ => 0.0,
+            })
+        };
+        Ok(depths_mm.iter().map(of).collect())
+    })?;
+    add(found("creep of the force sensor", 0.005), Scope::Shared, Cause::Physics, &mut |_, around| {
+        Ok(CREEP_S.map(|time_s| lag_n(around, time_s)).to_vec())
+    })?;
+    add(found("force of one hold", 0.003), Scope::Own, Cause::Physics, &mut |_, around| {
+        let of = |hold: usize| {
+            around.each(|i, datum| match part(around, i) {
+                Part { force: true, driven: true, .. } if datum.part == hold => 1.0,
+                _ => 0.0,
+            })
+        };
+        Ok((0..around.run.parts()).map(of).collect())
+    })?;
+    add(found("force on the way", 0.003), Scope::Own, Cause::Physics, &mut |_, around| {
+        Ok(vec![around.each(|i, datum| match part(around, i) {
+            Part { force: true, driven: true, .. } if datum.place.hold_s.is_none() => datum.place.direction,
+            _ => 0.0,
+        })])
+    })?;
+    add(found("drift of the force in one run", 0.003), Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
+        let length_s = around.run.data.iter().map(|d| d.place.time_s).fold(1e-3, f64::max);
+        let of = |plane: usize| {
+            around.each(|i, datum| {
+                let here = part(around, i);
+                if here.force && here.plane == plane { datum.place.time_s / length_s - 0.5 } else { 0.0 }
+            })
+        };
+        Ok([0, 1].into_iter().map(of).collect())
+    })?;
+
+    // What is stated of the rig is not exact.
+    add(known("place of the surface", 0.3e-3), Scope::Shared, Cause::Mounting, &mut |_, around| {
+        Ok(vec![around.slope(ENTRY_STEP_M, |model, _| {
+            model.rig.entry_m += ENTRY_STEP_M;
+            Ok(())
+        })?])
+    })?;
+    add(known("stiffness of the needle", 0.02), Scope::Shared, Cause::Physics, &mut |_, around| {
+        Ok(vec![around.slope(LN_STEP, |model, _| {
+            model.rig.needle.youngs_modulus_pa *= 1.0 + LN_STEP;
+            Ok(())
+        })?])
+    })?;
+    add(known("force gain", 0.01), Scope::Shared, Cause::Physics, &mut |_, around| {
+        Ok(vec![force(around, &|force_n| force_n)])
+    })?;
+    // No bearing is without any clearance.
+    if let Some(clearance) = effect("rig.backlash") {
+        add(known("clearance of guide 2", 5e-6), Scope::Shared, Cause::Physics, &mut |_, around| {
+            Ok(vec![around.slope(CLEARANCE_STEP_M, |model, _| {
+                model.effects.push((clearance, vec![CLEARANCE_STEP_M / MM]));
+                Ok(())
+            })?])
+        })?;
+    }
+    groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
+    Ok(groups)
+}
+
+fn depth_mm(around: &Around<'_>) -> i64 {
+    (1e3 * around.run.depth_m).round() as i64
+}
+
+fn largest_force_n(around: &Around<'_>) -> f64 {
+    let forces = (0..around.predicted.len()).filter(|i| part(around, *i).force);
+    forces.map(|i| around.predicted[i].abs()).fold(0.0, f64::max)
+}
+
+/// The predicted force less its own past, smoothed with a time: zero before the first reading.
+fn lag_n(around: &Around<'_>, smoothed_s: f64) -> Vec<f64> {
+    let mut lag_n = vec![0.0; around.predicted.len()];
+    for plane in [0, 1] {
+        let is_here = |i: &usize| {
+            let here = part(around, *i);
+            here.force && here.plane == plane
+        };
+        let time_s = |i: usize| around.run.data[i].place.time_s;
+        let mut order: Vec<usize> = (0..around.predicted.len()).filter(is_here).collect();
+        order.sort_by(|a, b| time_s(*a).total_cmp(&time_s(*b)));
+        let mut last: Option<(f64, f64, f64)> = None;
+        for i in order {
+            let (now_s, force_n) = (time_s(i), around.predicted[i]);
+            // Between readings the force is taken as linear in time.
+            let smoothed_n = match last {
+                Some((before_s, before_n, smoothed_n)) if now_s > before_s => {
+                    let ramp_n = (force_n - before_n) * smoothed_s / (now_s - before_s);
+                    let left = (-(now_s - before_s) / smoothed_s).exp();
+                    force_n - ramp_n + (smoothed_n - before_n + ramp_n) * left
+                }
+                Some((.., smoothed_n)) => smoothed_n,
+                None => force_n,
+            };
+            lag_n[i] = force_n - smoothed_n;
+            last = Some((now_s, force_n, smoothed_n));
+        }
+    }
+    lag_n
+}
+
+fn by_ln_modulus(around: &Around<'_>) -> Result<Vec<f64>, ModelError> {
+    around.slope(LN_STEP, |model, _| {
+        model.foundation = model.foundation.scaled(LN_STEP.exp())?;
+        Ok(())
+    })
+}
+
+/// Slices of the modulus that are partly alike: amplitudes of unit variance times this have neighbours in common.
+fn slices_alike(count: usize) -> DMatrix<f64> {
+    let covariance = DMatrix::from_fn(count, count, |i, j| {
+        let apart_m = SLICE_M * (i as f64 - j as f64);
+        let alike = ALIKE * (-0.5 * (apart_m / ALIKE_M).powi(2)).exp();
+        if i == j { 1.0 } else { alike }
+    });
+    covariance.cholesky().map_or_else(|| DMatrix::identity(count, count), |factor| factor.unpack())
+}
+
+/// Change of the prediction by the logarithm of the modulus in every slice, as springs have it, and mixed.
+fn by_slices(around: &Around<'_>, mix: &DMatrix<f64>) -> Result<Vec<Vec<f64>>, ModelError> {
+    let modulus_pa = around.model.foundation.modulus_pa(0.5 * around.run.depth_m).max(1.0);
+    let of_slice = |slice: usize| {
+        let (top_m, bottom_m) = (SLICE_M * slice as f64, SLICE_M * (slice + 1) as f64);
+        if top_m >= around.run.depth_m {
+            return Ok(vec![0.0; around.predicted.len()]);
+        }
+        let mut layers = vec![Layer { bottom_m, modulus_pa: modulus_pa * LN_STEP.exp() }];
+        if slice > 0 {
+            layers.insert(0, Layer { bottom_m: top_m, modulus_pa });
+        }
+        let predict = |foundation: Foundation| {
+            let mut model = around.model.clone();
+            model.effects.clear();
+            model.foundation = foundation;
+            let channels = predict_with(&model, &around.run.experiment, around.cache)?;
+            Ok::<_, ModelError>(predicted(around.run, &channels))
+        };
+        let uniform = predict(Foundation::uniform(modulus_pa)?)?;
+        let (to, from) = (predict(Foundation::layered(layers, modulus_pa)?)?, uniform);
+        Ok(to.iter().zip(from).map(|(to, from)| (to - from) / LN_STEP).collect())
+    };
+    let slopes: Vec<Vec<f64>> = (0..mix.nrows()).map(of_slice).collect::<Result<_, ModelError>>()?;
+    let mixed = |column: usize| {
+        let mut sum = vec![0.0; around.predicted.len()];
+        for (row, slope) in slopes.iter().enumerate() {
+            sum.iter_mut().zip(slope).for_each(|(sum, value)| *sum += mix[(row, column)] * value);
+        }
+        sum
+    };
+    Ok((0..mix.ncols()).map(mixed).collect())
+}
+
+/// The plane that is not driven reads a share of the driven one: force and shape, alike and opposite in runs along both axes.
+fn axes(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
+    // What the driven plane does, as it would be read in the other one.
+    let turned = around.slope(1.0, |_, experiment| {
+        if let Experiment::Lateral(lateral) = experiment {
+            for sample in &mut lateral.drive {
+                (sample.y_m, sample.x_m) = (sample.y_m + sample.x_m, sample.x_m + sample.y_m);
+            }
+        }
+        Ok(())
+    })?;
+    let sign = if around.run.axis == 0 { 1.0 } else { -1.0 };
+    let of = |(force, factor): (bool, f64)| {
+        around.each(|i, _| {
+            let here = part(around, i);
+            if here.force == force && !here.driven { factor * turned[i] } else { 0.0 }
+        })
+    };
+    Ok([(true, 1.0), (true, sign), (false, 1.0), (false, sign)].into_iter().map(of).collect())
+}

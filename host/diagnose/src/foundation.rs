@@ -1,0 +1,132 @@
+//! What the discrepancy leaves of the modulus, and an elastic body against springs, without any search for effects.
+//!
+//! Noise, everyday discrepancy and evidence are those of a diagnosis, so that `guide identify` and `guide diagnose` agree on the same
+//! runs.
+
+use super::known::{self, KnownParameter, Moved, Released};
+use super::layout::Scale;
+use super::posterior::Fitted;
+use super::score::{Score, Scores};
+use super::{DiagnoseError, Effect, Layout, Multiples, Noise, Noises, Session, Start, fit_start, runs_of};
+use mechanics::Support;
+use mechanics::effects::effect;
+use readings::FitError;
+
+/// A modulus from a fit in which the model is off by what every rig leaves behind any model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DiscrepantModulus {
+    /// Logarithm of the modulus in Pa: K of springs, E of a body.
+    pub ln_pa: f64,
+    /// Its standard deviation, noise and discrepancy together.
+    pub sd_ln: f64,
+}
+
+impl DiscrepantModulus {
+    fn of(fitted: &Fitted) -> Self {
+        Self { ln_pa: fitted.modulus_pa().0.ln(), sd_ln: fitted.sd(0) }
+    }
+}
+
+/// The comparison of the two foundations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FoundationEvidence {
+    /// Logarithm of the evidence of the body less that of the springs.
+    pub gain: f64,
+    /// What it has to exceed for the body to be chosen: springs are the simpler model.
+    pub margin: f64,
+    /// Young's modulus of the body.
+    pub body: DiscrepantModulus,
+    /// Logarithm of the evidence of a modulus that varies with depth, on springs or in a body, less that of the better of the two with
+    /// one modulus; 0 where it promises less than [`VARIED_NATS`].
+    pub varied: f64,
+}
+
+/// Log evidence by which a body has to be ahead of springs.
+pub const FOUNDATION_MARGIN: f64 = 2.0;
+/// How the modulus may vary with depth.
+pub(super) const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
+/// Log evidence by which such a modulus makes the choice of one modulus void, as a diagnosis requires of an effect.
+pub const VARIED_NATS: f64 = 5.0;
+/// Rounds of its fit.
+const VARIED_ROUNDS: usize = 8;
+
+impl FoundationEvidence {
+    /// Whether the evidence chooses the body.
+    pub fn is_for_body(self) -> bool {
+        self.gain > self.margin
+    }
+}
+
+/// Input of [`fit_with_discrepancy`].
+pub struct DiscrepancyFitInput<'a> {
+    /// Effects with first values of their parameters.
+    pub given: &'a [(&'static dyn Effect, Vec<f64>)],
+    /// What is known of their parameters, in place of the catalogue's priors.
+    pub known: &'a [KnownParameter],
+    /// What of the discrepancy is larger than in an ordinary rig.
+    pub discrepancy: &'a Multiples,
+    /// Poisson's ratio of a body to be compared with springs.
+    pub body: Option<f64>,
+}
+
+/// What is found beside the discrepancy.
+pub struct DiscrepancyFit {
+    /// On springs.
+    pub springs: DiscrepantModulus,
+    /// In a body, where it was requested.
+    pub body: Option<Result<FoundationEvidence, DiagnoseError>>,
+    /// What of the known parameters is not what it was.
+    pub moved: Vec<Moved>,
+}
+
+/// Springs, and where it is requested a body, fitted to all runs of a session beside the discrepancy. What the runs contradict of what
+/// is known is released.
+///
+/// # Errors
+/// [`DiagnoseError`] where no run can be used or springs have no fit; beside the springs where the body has none.
+pub fn fit_with_discrepancy(
+    session: &Session,
+    input: &DiscrepancyFitInput<'_>,
+) -> Result<DiscrepancyFit, DiagnoseError> {
+    let (runs, _) = runs_of(session)?;
+    let noise = Noise::of(&runs, &session.stated_noise());
+    let effects = input.given.iter().map(|(effect, _)| *effect).collect();
+    let mut layout = Layout::new(&session.rig, &runs, effects);
+    layout.known = input.known.into();
+    let noises = Noises { session: noise, reference: noise };
+    let fit = |layout: &Layout| fit_start(layout, &runs, &noises, input.given, input.discrepancy);
+    let Released { start: springs, moved, .. } = known::released(&mut layout, fit)?;
+    let evidence = |poisson: f64| -> Result<_, DiagnoseError> {
+        let body = springs.on(Support::Body { poisson })?;
+        let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
+        let best = gain.max(0.0);
+        let of_springs = varied(&springs, VARIED_NATS + best)?;
+        let of_body = varied(&body, VARIED_NATS + best - gain)?;
+        let varied = of_springs.max(gain + of_body) - best;
+        let modulus = DiscrepantModulus::of(&body.fitted);
+        Ok(FoundationEvidence { gain, margin: FOUNDATION_MARGIN, body: modulus, varied })
+    };
+    let body = input.body.map(evidence);
+    Ok(DiscrepancyFit { springs: DiscrepantModulus::of(&springs.fitted), body, moved })
+}
+
+/// Log evidence of a modulus that varies with depth over that of one modulus, where its score is at least `needed`; else 0. A score is
+/// that of a small variation: where it promises enough, the variation is fitted.
+pub(super) fn varied(start: &Start, needed: f64) -> Result<f64, FitError> {
+    let Start { runs, patterns, fitted } = start;
+    let effects: Vec<&'static dyn Effect> = VARIED.into_iter().filter_map(effect).collect();
+    let scores = Scores::of(&effects, fitted, runs, patterns)?.ranked();
+    // From large sizes the fit would stay where the discrepancy explains everything.
+    let everyday = patterns.everyday();
+    let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+    let gain = |score: &Score| {
+        let mut values = fitted.values().to_vec();
+        let infos = score.effect.parameters().iter().zip(score.starts.first()?);
+        values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+        let layout = fitted.layout.with(score.effect);
+        let fit = Fitted::new(&layout, runs, patterns, &values, &sizes, VARIED_ROUNDS).ok()?;
+        Some(fit.log_evidence - fitted.log_evidence)
+    };
+    let promising = scores.iter().filter(|score| score.log_evidence >= needed);
+    Ok(promising.filter_map(gain).fold(0.0, f64::max))
+}

@@ -1,0 +1,231 @@
+//! What is known of a rig from elsewhere: values of parameters with their standard deviations, and whether they have moved since.
+
+use super::DiagnoseError;
+use super::characterize::Characterisation;
+use super::layout::{Layout, Scale};
+use super::posterior::Fitted;
+use super::start::Start;
+use formats::NORMAL_975;
+use formats::model_file::{LearnedEffect, ModelFile};
+use mechanics::effects::Effect;
+use readings::{FitError, Prior};
+use serde::Serialize;
+use std::fmt::{self, Display};
+use std::sync::Arc;
+
+/// Differences of more standard deviations than this are changes: over a dozen parameters one in four hundred is none.
+const MOVED_SD: f64 = 3.5;
+/// Share of the information on a parameter that has to come from the runs before they contradict anything.
+const MIN_SHARE: f64 = 0.05;
+/// A parameter is held by this share of its standard deviation.
+const HELD: f64 = 1e-3;
+
+/// A parameter of an effect that is known, in the unit of its name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KnownParameter {
+    /// Id of the effect.
+    pub effect: String,
+    /// Name of the parameter.
+    pub parameter: String,
+    /// Its value.
+    pub value: f64,
+    /// Standard deviation of it.
+    pub sd: f64,
+}
+
+impl KnownParameter {
+    /// All that a file states with an interval: that of a normal distribution.
+    pub fn of_model(model: &ModelFile) -> Vec<Self> {
+        let of_effect = |learned: &LearnedEffect| {
+            let parameters = learned.effect.parameters().iter().zip(&learned.values).zip(&learned.ci95);
+            let id = learned.effect.id().to_owned();
+            let known = parameters.filter_map(move |((info, value), ci95)| {
+                let [low, high] = (*ci95)?;
+                let sd = (high - low) / (2.0 * NORMAL_975);
+                let is_usable = sd > 0.0 && sd.is_finite();
+                is_usable.then(|| Self {
+                    effect: id.clone(),
+                    parameter: info.name.to_owned(),
+                    value: *value,
+                    sd,
+                })
+            });
+            known.collect::<Vec<_>>()
+        };
+        model.effects.iter().flat_map(of_effect).collect()
+    }
+
+    /// Takes what is known of a rig into the effects of a model; values that are there already stay.
+    pub fn take(effects: &mut Vec<(&'static dyn Effect, Vec<f64>)>, known: &mut Vec<Self>, rig: &ModelFile) {
+        for (effect, values) in rig.effects() {
+            if effects.iter().all(|(own, _)| own.id() != effect.id()) {
+                effects.push((effect, values));
+            }
+        }
+        *known = Self::of_model(rig);
+    }
+
+    /// Whether it is this one.
+    pub(super) fn is_of(&self, effect: &str, parameter: &str) -> bool {
+        self.effect == effect && self.parameter == parameter
+    }
+
+    /// The change to an independent estimate, where it is one.
+    fn moved_to(&self, now: f64, now_sd: f64) -> Option<Moved> {
+        let sd = self.sd.hypot(now_sd);
+        let change = now - self.value;
+        (change.abs() > MOVED_SD * sd).then(|| Moved {
+            effect: self.effect.clone(),
+            parameter: self.parameter.clone(),
+            before: self.value,
+            now,
+            change95: [change - NORMAL_975 * sd, change + NORMAL_975 * sd],
+            sds: change / sd,
+        })
+    }
+
+    /// As the prior inside a fit.
+    pub(super) fn prior(&self, scale: Scale) -> Prior {
+        let mean = scale.inside(self.value);
+        Prior { mean, sd: (scale.inside(self.value + self.sd) - mean).abs() }
+    }
+}
+
+/// A parameter that is not what it was.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Moved {
+    /// Id of the effect.
+    pub effect: String,
+    /// Name of the parameter.
+    pub parameter: String,
+    /// What it was.
+    pub before: f64,
+    /// What it is.
+    pub now: f64,
+    /// The 95 % interval of the difference.
+    pub change95: [f64; 2],
+    /// The difference in its standard deviations.
+    pub sds: f64,
+}
+
+impl Display for Moved {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { effect, parameter, before, now, change95: [low, high], .. } = self;
+        let change = now - before;
+        write!(
+            f,
+            "{effect} {parameter}: from {before:.4} to {now:.4}, a change of {change:+.4} ({low:+.4} to {high:+.4})"
+        )
+    }
+}
+
+/// Parameters that have changed from the known values to those of these runs, the clearest change first.
+pub fn moved_since(known: &[KnownParameter], found: &Characterisation) -> Vec<Moved> {
+    let of = |known: &KnownParameter| {
+        let now = found.parameters.iter().find(|one| known.is_of(one.effect, one.parameter))?;
+        // What the runs do not show is what the prior has of it.
+        if now.is_identified() { known.moved_to(now.value, now.sd) } else { None }
+    };
+    sorted(known.iter().filter_map(of).collect())
+}
+
+/// A start without what the runs contradict.
+pub(super) struct Released {
+    /// The fit.
+    pub start: Start,
+    /// The model before the change was known, where the runs contradict something.
+    pub as_known: Option<AsKnown>,
+    /// What has moved, the clearest change first.
+    pub moved: Vec<Moved>,
+}
+
+/// A start with everything that was known, held at its values: free within what is left of their intervals, parameters that have not
+/// changed would take on what the changed one does.
+pub(super) struct AsKnown {
+    start: Start,
+    known: Arc<[KnownParameter]>,
+}
+
+impl AsKnown {
+    /// On the foundation of another start. No misfit is explained by what the held parameters could be.
+    pub fn beside(self, other: &Start) -> Result<Start, FitError> {
+        let support = other.fitted.layout.support;
+        let is_there = self.start.fitted.layout.support == support;
+        let mut start = if is_there { self.start } else { self.start.on(support)? };
+        for known in self.known.iter() {
+            if let Some((at, _)) = place(known, &start.fitted) {
+                start.fitted.jacobian.iter_mut().for_each(|of_run| of_run.column_mut(at).fill(0.0));
+            }
+        }
+        Ok(start)
+    }
+}
+
+/// Fits, and where the runs contradict what is known, fits again without that.
+pub(super) fn released(
+    layout: &mut Layout,
+    fit: impl Fn(&Layout) -> Result<Start, DiagnoseError>,
+) -> Result<Released, DiagnoseError> {
+    let start = fit(layout)?;
+    let contradicted = contradicted(&start.fitted);
+    if contradicted.is_empty() {
+        return Ok(Released { start, as_known: None, moved: Vec::new() });
+    }
+    let known = layout.known.iter().map(|one| KnownParameter { sd: HELD * one.sd, ..one.clone() }).collect();
+    let held = Layout { known, ..layout.clone() };
+    let as_known = AsKnown { start: fit(&held)?, known: held.known };
+    layout.known = without(&layout.known, &contradicted);
+    let start = fit(layout)?;
+    let moved = moved(&contradicted, &start.fitted);
+    Ok(Released { start, as_known: Some(as_known), moved })
+}
+
+/// What of the known parameters the runs contradict: their own estimate, the prior taken off, is too far from it.
+fn contradicted(fitted: &Fitted) -> Vec<KnownParameter> {
+    let is_contradicted = |known: &&KnownParameter| {
+        let Some((at, scale)) = place(known, fitted) else { return false };
+        let Prior { mean, sd } = known.prior(scale);
+        let (value, precision) = (fitted.values().get(at).copied().unwrap_or(mean), fitted.sd(at).powi(-2));
+        let own = precision - sd.powi(-2);
+        // Nothing of their own where the prior is all there is.
+        own > MIN_SHARE * precision && {
+            let estimate = (value * precision - mean * sd.powi(-2)) / own;
+            (estimate - mean).abs() > MOVED_SD * sd.hypot(own.sqrt().recip())
+        }
+    };
+    fitted.layout.known.iter().filter(is_contradicted).cloned().collect()
+}
+
+/// What is known without some of it.
+fn without(known: &[KnownParameter], less: &[KnownParameter]) -> Arc<[KnownParameter]> {
+    known.iter().filter(|one| !less.contains(one)).cloned().collect()
+}
+
+/// Where parameters that were contradicted are in a fit without what was known of them.
+fn moved(contradicted: &[KnownParameter], fitted: &Fitted) -> Vec<Moved> {
+    let of = |known: &KnownParameter| {
+        let (at, scale) = place(known, fitted)?;
+        let inside = *fitted.values().get(at)?;
+        let now = scale.outside(inside);
+        let sd = (scale.outside(inside + fitted.sd(at)) - now).abs();
+        known.moved_to(now, sd)
+    };
+    sorted(contradicted.iter().filter_map(of).collect())
+}
+
+/// Where a known parameter is among those of a fit.
+fn place(known: &KnownParameter, fitted: &Fitted) -> Option<(usize, Scale)> {
+    let effects = fitted.layout.effects.iter().enumerate();
+    let mut of = effects.flat_map(|(number, effect)| {
+        let parameters = effect.parameters().iter().enumerate();
+        parameters.map(move |(index, info)| (number, index, effect.id(), info))
+    });
+    let (number, index, _, info) = of.find(|(_, _, id, info)| known.is_of(id, info.name))?;
+    Some((fitted.layout.first_of(number) + index, Scale::of(info)))
+}
+
+/// The clearest change first.
+fn sorted(mut moved: Vec<Moved>) -> Vec<Moved> {
+    moved.sort_by(|a, b| b.sds.abs().total_cmp(&a.sds.abs()));
+    moved
+}

@@ -1,0 +1,397 @@
+//! The state of the workflow: which parameters are unknown, and the model that their values make.
+//!
+//! Unknown in every session: the modulus; with insertions the tip load, and, where there are lateral runs too, how far the modulus
+//! of an insertion is from that of a lateral run; with one guide, where the needle is pushed by hand, the horizontal load and the gap to the surface
+//! too; where the needle turns in a way that is not known at its rear, how far; beside a reference, the ratio of the moduli. Then the parameters of the effects in the model. Inside the fits a ratio, a place or a time is
+//! its logarithm, everything else itself ([`Scale`]).
+
+use super::data::{Kind, Run};
+use super::known::KnownParameter;
+use super::predicted::differences;
+use super::whiten::Whitener;
+pub(super) use formats::NORMAL_975;
+use mechanics::effects::{Effect, ParameterInfo};
+use mechanics::{Cache, Guides, Model, ModelError, Rig, Support, TipLaw, predict_with};
+use nalgebra::DMatrix;
+use readings::{Parameter, Prior};
+use std::sync::Arc;
+
+/// Modulus of soft tissue, and the standard deviation of its logarithm.
+const TYPICAL_MODULUS_PA: f64 = 15e3;
+const MODULUS_SD_LN: f64 = 1.5;
+const MODULUS_PA: [f64; 2] = [50.0, 5e6];
+/// Prior mean of the tip load, and its standard deviation.
+const TYPICAL_LOAD_N: f64 = 0.1;
+const LOAD_SD_N: f64 = 1.0;
+/// How far the modulus of an insertion may be from that of a lateral run, logarithm.
+const INSERTION_SD_LN: f64 = 0.05;
+/// How far a needle turns at a rear that is not measured, held by a hand or a chuck: from stiff to soft.
+const REAR_RAD_PER_N_M: f64 = 0.5;
+const REAR_SD_LN: f64 = 2.0;
+const REAR_RANGE_RAD_PER_N_M: [f64; 2] = [1e-4, 1e3];
+/// Moduli from which fits of insertions by hand start.
+const BY_HAND_PA: [f64; 4] = [5e3, 25e3, 100e3, 400e3];
+/// How far the gap between a single guide and the surface may be from what is stated, logarithm.
+const GAP_SD_LN: f64 = 0.15;
+const GAP_LN: f64 = 1.0;
+/// How far the modulus of a session may be from that of its reference, logarithm.
+const REFERENCE_SD_LN: f64 = 0.3;
+
+/// How a parameter is counted inside the fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scale {
+    Linear,
+    Log,
+}
+
+impl Scale {
+    pub fn of(info: &ParameterInfo) -> Self {
+        if info.neutral == 1.0 || !info.nodes.is_empty() { Self::Log } else { Self::Linear }
+    }
+
+    pub fn inside(self, value: f64) -> f64 {
+        match self {
+            Self::Linear => value,
+            Self::Log => value.max(1e-9).ln(),
+        }
+    }
+
+    pub fn outside(self, inside: f64) -> f64 {
+        match self {
+            Self::Linear => inside,
+            Self::Log => inside.exp(),
+        }
+    }
+}
+
+/// Sizes that a careful laboratory would overlook reach so many times as far as those of an ordinary rig.
+const OVERLOOKED: f64 = 3.0;
+
+/// Prior of an effect's parameter inside the fits: mean and standard deviation of a uniform one over the likely values, or of sizes
+/// that may be overlooked, whichever is narrower.
+pub(super) fn prior(info: &ParameterInfo) -> Prior {
+    let scale = Scale::of(info);
+    let [low, high] = info.likely.map(|end| scale.inside(end));
+    let mean = if info.nodes.is_empty() { scale.inside(info.neutral) } else { 0.5 * (low + high) };
+    let likely = (high - low) / 12f64.sqrt();
+    let overlooked = scale.inside(info.neutral + info.prior_sd) - scale.inside(info.neutral);
+    let sd = if info.nodes.is_empty() { likely.min(OVERLOOKED * overlooked) } else { likely };
+    Prior { mean, sd }
+}
+
+/// Which parameters are unknown.
+#[derive(Debug, Clone)]
+pub(super) struct Layout {
+    pub rig: Rig,
+    /// The rig of the reference, where there is one. Its runs have the same needle, tissue but for the modulus, and tip.
+    pub reference: Option<Rig>,
+    /// Number of the effects, first in the list, that the reference has too.
+    pub given: usize,
+    /// What the tissue is made of; the modulus is K of springs, or E of a body.
+    pub support: Support,
+    /// Whether there are lateral runs and insertions.
+    pub kinds: [bool; 2],
+    pub effects: Vec<&'static dyn Effect>,
+    /// What is known of their parameters from elsewhere, in place of the catalogue's priors.
+    pub known: Arc<[KnownParameter]>,
+    /// Whether it is known of any shape how it was imaged.
+    pub has_images: bool,
+    /// Depths of the readings of every insertion, in order.
+    pub readings_m: Arc<Vec<Vec<f64>>>,
+    /// Needles that were solved recently.
+    pub cache: Arc<Cache>,
+}
+
+/// Where the parameters are that are no effect's, after the modulus.
+struct Places {
+    load: Option<usize>,
+    /// Horizontal load: a needle that is pushed by hand has its bevel where it happens to be.
+    across: Option<usize>,
+    apart: Option<usize>,
+    /// Logarithm of the compliance of a rear that is not known, per plane.
+    rear: [Option<usize>; 2],
+    /// Logarithm of the gap between the only guide and the surface over what is stated, of the session and of its reference: the guide
+    /// holds the needle somewhere along its own length.
+    gap: [Option<usize>; 2],
+    ratio: Option<usize>,
+}
+
+impl Layout {
+    /// On springs, without a reference, for runs of a rig.
+    pub fn new(rig: &Rig, runs: &[Run], effects: Vec<&'static dyn Effect>) -> Self {
+        Self {
+            rig: rig.clone(),
+            reference: None,
+            given: effects.len(),
+            support: Support::Springs,
+            kinds: kinds(runs),
+            effects,
+            known: Arc::default(),
+            has_images: runs.iter().any(|run| run.image().is_some()),
+            readings_m: Arc::new(
+                runs.iter().filter(|run| run.kind == Kind::Insertion).map(depths_m).collect(),
+            ),
+            cache: Arc::default(),
+        }
+    }
+
+    /// Distance of the readings around a depth of an insertion, where they are closest; nothing outside of all of them.
+    pub fn spacing_m(&self, depth_m: f64) -> Option<f64> {
+        let around = |readings_m: &Vec<f64>| {
+            let next = readings_m.partition_point(|reading_m| *reading_m <= depth_m);
+            Some(readings_m.get(next)? - readings_m.get(next.checked_sub(1)?)?)
+        };
+        self.readings_m.iter().filter_map(around).reduce(f64::min)
+    }
+
+    /// Whether the effects are the same, in whatever order.
+    pub fn has_effects_of(&self, other: &Self) -> bool {
+        let has = |effect: &&'static dyn Effect| self.effects.iter().any(|own| own.id() == effect.id());
+        self.effects.len() == other.effects.len() && other.effects.iter().all(has)
+    }
+
+    /// With one effect more.
+    pub fn with(&self, effect: &'static dyn Effect) -> Self {
+        let mut effects = self.effects.clone();
+        effects.push(effect);
+        Self { effects, ..self.clone() }
+    }
+
+    /// Whether an effect can be added to the model of this rig, with these data. An unknown rear and the direction of the bevel in a hand are parameters
+    /// of their own.
+    pub fn is_applicable(&self, effect: &dyn Effect) -> bool {
+        let is_parameter = match effect.id() {
+            "rig.rear_rotation" => self.rig.rear_is_unknown(),
+            "tip.bevel_roll" => self.rig.has_one_guide(),
+            _ => false,
+        };
+        let is_observable = self.has_images || !effect.needs_images();
+        effect.applies_to(&self.rig) && is_observable && !is_parameter
+    }
+
+    /// Tip load, N, and its standard deviation, of values with a covariance; nothing without insertions.
+    pub fn tip_load_n(&self, values: &[f64], covariance: &DMatrix<f64>) -> Option<(f64, f64)> {
+        let Places { load, across, .. } = self.places();
+        let load = load?;
+        let Some(across) = across else { return Some((values[load], covariance[(load, load)].sqrt())) };
+        let (load_n, across_n) = (values[load], values[across]);
+        let size_n = load_n.hypot(across_n);
+        let (cos, sin) = (load_n / size_n.max(f64::MIN_POSITIVE), across_n / size_n.max(f64::MIN_POSITIVE));
+        let variance = cos * cos * covariance[(load, load)]
+            + 2.0 * cos * sin * covariance[(load, across)]
+            + sin * sin * covariance[(across, across)];
+        Some((size_n, variance.max(0.0).sqrt()))
+    }
+
+    /// With one effect less.
+    pub fn without(&self, index: usize) -> Self {
+        let mut effects = self.effects.clone();
+        effects.remove(index);
+        Self { effects, ..self.clone() }
+    }
+
+    /// Number of parameters that are no effect's.
+    pub fn own(&self) -> usize {
+        let Places { load, across, apart, rear, gap, ratio } = self.places();
+        1 + [load, across, apart, rear[0], rear[1], gap[0], gap[1], ratio].iter().flatten().count()
+    }
+
+    /// Where the parameters are that are no effect's, after the modulus.
+    fn places(&self) -> Places {
+        let mut next = 0;
+        let mut place = |is_there: bool| {
+            next += usize::from(is_there);
+            is_there.then_some(next)
+        };
+        let [lateral, insertion] = self.kinds;
+        let rigs = || [Some(&self.rig), self.reference.as_ref()].into_iter().flatten();
+        let is_unknown = |plane: usize| rigs().any(|rig| rig.rear_is_unknown_in(plane));
+        Places {
+            load: place(insertion),
+            across: place(insertion && self.rig.has_one_guide()),
+            apart: place(insertion && lateral),
+            rear: [place(is_unknown(0)), place(is_unknown(1))],
+            gap: [Some(&self.rig), self.reference.as_ref()]
+                .map(|rig| place(insertion && rig.is_some_and(Rig::has_one_guide))),
+            ratio: place(self.reference.is_some()),
+        }
+    }
+
+    /// Ratio of the modulus to that of the reference, as parameter: its logarithm.
+    pub fn ratio(&self) -> Option<usize> {
+        self.places().ratio
+    }
+
+    /// Where the parameters of an effect start.
+    pub fn first_of(&self, index: usize) -> usize {
+        self.own() + self.effects[..index].iter().map(|effect| effect.parameters().len()).sum::<usize>()
+    }
+
+    /// Parameters of a fit that starts from these values.
+    pub fn parameters(&self, starts: &[f64]) -> Vec<Parameter> {
+        let bounded = |least: f64, most: f64, mean: f64, sd: f64, step: f64| Parameter {
+            start: 0.0,
+            step,
+            least,
+            most,
+            prior: Some(Prior { mean, sd }),
+        };
+        let [least, most] = MODULUS_PA.map(f64::ln);
+        let mut parameters = vec![bounded(least, most, TYPICAL_MODULUS_PA.ln(), MODULUS_SD_LN, 1e-4)];
+        let Places { load, across, apart, rear, gap, ratio } = self.places();
+        let loads = [load, across].into_iter().flatten();
+        parameters.extend(loads.map(|_| bounded(-50.0, 50.0, 0.0, LOAD_SD_N, 1e-4)));
+        if apart.is_some() {
+            parameters.push(bounded(-1.0, 1.0, 0.0, INSERTION_SD_LN, 1e-4));
+        }
+        let [stiff, soft] = REAR_RANGE_RAD_PER_N_M.map(f64::ln);
+        let rears = rear.iter().flatten();
+        parameters.extend(rears.map(|_| bounded(stiff, soft, REAR_RAD_PER_N_M.ln(), REAR_SD_LN, 0.01)));
+        let gaps = gap.iter().flatten();
+        parameters.extend(gaps.map(|_| bounded(-GAP_LN, GAP_LN, 0.0, GAP_SD_LN, 1e-3)));
+        if ratio.is_some() {
+            parameters.push(bounded(-5.0, 5.0, 0.0, REFERENCE_SD_LN, 1e-4));
+        }
+        let infos = |effect: &&'static dyn Effect| {
+            effect.parameters().iter().map(|info| (effect.id(), info)).collect::<Vec<_>>()
+        };
+        for (effect, info) in self.effects.iter().flat_map(infos) {
+            let scale = Scale::of(info);
+            let [least, most] = info.range.map(|end| scale.inside(end));
+            let known = self.known.iter().find(|known| known.is_of(effect, info.name));
+            let Prior { mean, sd } = known.map_or_else(|| prior(info), |known| known.prior(scale));
+            let step = match (scale, info.nodes.is_empty()) {
+                (Scale::Log, false) => 0.03,
+                (Scale::Log, true) => 1e-3,
+                (Scale::Linear, _) => 3e-3 * info.prior_sd,
+            };
+            parameters.push(bounded(least, most, mean, sd, step));
+        }
+        for (parameter, start) in parameters.iter_mut().zip(starts) {
+            // Off a bound, so that both differences of the derivative exist.
+            let room = parameter.step.min(0.25 * (parameter.most - parameter.least));
+            parameter.start = start.clamp(parameter.least + room, parameter.most - room);
+        }
+        parameters
+    }
+
+    /// Where a fit starts without a former one.
+    pub fn first_values(&self) -> Vec<f64> {
+        let mut values = vec![0.0; self.own()];
+        let Places { load, rear, .. } = self.places();
+        values[0] = TYPICAL_MODULUS_PA.ln();
+        load.into_iter().for_each(|place| values[place] = TYPICAL_LOAD_N);
+        rear.into_iter().flatten().for_each(|place| values[place] = REAR_RAD_PER_N_M.ln());
+        let infos = self.effects.iter().flat_map(|effect| effect.parameters());
+        values.extend(infos.map(|info| Scale::of(info).inside(info.neutral)));
+        values
+    }
+
+    /// Places from which the first fits start. The modulus from insertions by hand depends on how the rear is held and how far the
+    /// surface is, and has more than one end.
+    pub fn starts(&self, first: &[f64]) -> Vec<Vec<f64>> {
+        if !(self.kinds[1] && self.rig.has_one_guide()) {
+            return vec![first.to_vec()];
+        }
+        let from = |modulus_pa: &f64| {
+            let mut values = first.to_vec();
+            values[0] = modulus_pa.ln();
+            values
+        };
+        BY_HAND_PA.iter().map(from).collect()
+    }
+
+    /// Values of the effects' parameters in their own units.
+    pub fn effect_values(&self, values: &[f64]) -> Vec<(&'static dyn Effect, Vec<f64>)> {
+        let mut at = self.own();
+        let mut of_effect = |effect: &&'static dyn Effect| {
+            let infos = effect.parameters();
+            let own = infos.iter().zip(&values[at..]).map(|(info, v)| Scale::of(info).outside(*v)).collect();
+            at += infos.len();
+            (*effect, own)
+        };
+        self.effects.iter().map(&mut of_effect).collect()
+    }
+
+    /// The model of these values for a kind of run.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where a value is impossible.
+    pub fn model(&self, values: &[f64], kind: Kind) -> Result<Model, ModelError> {
+        self.model_of(values, kind, false)
+    }
+
+    /// The model of these values for a run, which may be one of the reference.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where a value is impossible.
+    pub fn model_of(&self, values: &[f64], kind: Kind, is_reference: bool) -> Result<Model, ModelError> {
+        let Places { load, across, apart, rear, gap, ratio } = self.places();
+        let at = |place: Option<usize>| place.and_then(|place| values.get(place)).copied();
+        let mut ln_modulus = values[0];
+        if kind == Kind::Insertion {
+            ln_modulus += at(apart).unwrap_or_default();
+        }
+        let mut rig = match &self.reference {
+            Some(rig) if is_reference => {
+                ln_modulus -= at(ratio).unwrap_or_default();
+                rig.clone()
+            }
+            _ => self.rig.clone(),
+        };
+        if let Some(ln_gap) = at(gap[usize::from(is_reference)]) {
+            rig.entry_m = rig.guide2_m + (rig.entry_m - rig.guide2_m) * ln_gap.exp();
+        }
+        if let Guides::One { rear_rotation_n_m_per_rad } = &mut rig.guides {
+            for (stiffness, place) in rear_rotation_n_m_per_rad.iter_mut().zip(rear) {
+                *stiffness = stiffness.or(at(place).map(|ln_compliance| (-ln_compliance).exp()));
+            }
+        }
+        let mut model = Model::on(rig, self.support, ln_modulus.exp())?;
+        if let Some(load_n) = at(load) {
+            model.tip = TipLaw::load([load_n, at(across).unwrap_or_default()]);
+        }
+        model.effects = self.effect_values(values);
+        if is_reference {
+            model.effects.truncate(self.given);
+        }
+        // The order of the catalogue is that of the physics: what the needle does comes before what sensors make of it.
+        let place = |id: &str| mechanics::effects::EFFECTS.iter().position(|effect| effect.id() == id);
+        model.effects.sort_by_key(|(effect, _)| place(effect.id()));
+        Ok(model)
+    }
+}
+
+/// Depths at which an insertion was measured, in order, each once.
+fn depths_m(run: &Run) -> Vec<f64> {
+    let mut depths_m: Vec<f64> = run.data.iter().map(|datum| datum.place.depth_m).collect();
+    depths_m.sort_by(f64::total_cmp);
+    depths_m.dedup();
+    depths_m
+}
+
+/// Whether there are lateral runs and insertions.
+pub(super) fn kinds(runs: &[Run]) -> [bool; 2] {
+    [Kind::Lateral, Kind::Insertion].map(|kind| runs.iter().any(|run| run.kind == kind))
+}
+
+/// A run with what makes its residuals independent.
+#[derive(Debug, Clone)]
+pub(super) struct Prepared {
+    pub run: Run,
+    pub whitener: Whitener,
+}
+
+impl Prepared {
+    /// Independent residuals of unit variance under a model.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn residuals(&self, layout: &Layout, values: &[f64]) -> Result<Vec<f64>, ModelError> {
+        let model = layout.model_of(values, self.run.kind, self.run.is_reference)?;
+        let predicted = predict_with(&model, &self.run.experiment, &layout.cache)?;
+        let mut residuals = differences(&self.run, &predicted);
+        self.whitener.apply(&mut residuals);
+        Ok(residuals)
+    }
+}

@@ -1,0 +1,429 @@
+//! The discrepancy workflow: where model and measurement disagree, which effect is missing, and what adding it is worth.
+//!
+//! | step | file |
+//! |---|---|
+//! | runs as numbers with their places | `data`, `cells` |
+//! | split: what is learned from, what judges | `split` |
+//! | noise, and residuals made independent | `noise`, `whiten` |
+//! | what is unknown | `layout` |
+//! | the starting model, fitted | `start` |
+//! | what every rig leaves behind any model | `discrepancy` |
+//! | evidence with that discrepancy, and fits | `evidence`, `posterior` |
+//! | where it disagrees, and whether at all | `adequacy` |
+//! | springs or an elastic body | `choice` |
+//! | score every effect, margin by bootstrap | `score` |
+//! | the same for statistics over many sessions | `linearise` |
+//! | the rig alone, from runs in air; parameters that have changed since | `characterize`, `known` |
+//! | refit, accept, add, repeat; competing effects | `search` |
+//! | what would distinguish competing effects | `next` |
+//! | before and after on what was held out | `split` |
+//! | what remains, and whether it matters | `remaining` |
+//! | intervals over all members of a class | `averaged` |
+//! | the result | `report`, `results` |
+//! | effects switched on and off by a person | `workbench` |
+//!
+//! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
+//! optimal discriminating designs. What is added is the loop, with names, abstention and a proof on runs that no fit has used.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+mod adequacy;
+mod averaged;
+mod cells;
+mod characterize;
+mod choice;
+mod data;
+mod discrepancy;
+pub mod display;
+mod evidence;
+mod expected;
+mod foundation;
+mod known;
+mod layout;
+mod learned;
+mod linearise;
+mod misread;
+pub mod models;
+mod next;
+mod noise;
+mod posterior;
+mod predicted;
+mod remaining;
+mod report;
+mod results;
+mod rounding;
+mod score;
+mod search;
+mod shapes;
+mod sizes;
+mod split;
+mod start;
+mod two_layers;
+mod whiten;
+mod workbench;
+
+pub use averaged::interval as mixture_interval;
+pub use characterize::{
+    Characterisation, CharacterizeError, CharacterizeOptions, CharacterizedParameter, Standing, characterize,
+};
+pub use data::Channel;
+pub use expected::{Expected, Truth, expected};
+pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
+pub use foundation::{
+    DiscrepancyFit, DiscrepancyFitInput, DiscrepantModulus, FOUNDATION_MARGIN, FoundationEvidence,
+    VARIED_NATS, fit_with_discrepancy,
+};
+pub use known::{KnownParameter, Moved, moved_since};
+pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
+pub use results::{
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus, Misfit,
+    ModulusStatus, NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize,
+    ResidualPoint, Verdict,
+};
+pub use two_layers::{Interval, TwoLayers, two_layers};
+pub use workbench::{Trial, TrialEffect, TrialPoint, Workbench};
+
+use adequacy::{Adequacy, regions};
+use averaged::Averaged;
+use choice::{Choice, choose};
+use data::{Kind, Run};
+use formats::model_file::ModelFile;
+use formats::session::{FoundationKind, LateralRun, Session};
+use known::Released;
+use layout::{Layout, kinds};
+use mechanics::effects::Effect;
+use mechanics::{Experiment, Insertion, ModelError};
+use noise::Noise;
+use posterior::MAX_ROUNDS;
+use readings::FitError;
+use remaining::Remaining;
+use report::DiagnosisReport;
+use search::Found;
+use split::{Training, split};
+use start::{Noises, Start, fit_start};
+use std::path::PathBuf;
+
+/// What the user may choose.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Effects of the model to start from, with first values of their parameters.
+    pub given: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// What is known of the parameters of these effects, in place of the catalogue's priors; what contradicts the runs is released.
+    pub known: Vec<KnownParameter>,
+    /// Seed of the bootstraps.
+    pub seed: u64,
+    /// What the tissue is taken for.
+    pub foundation: FoundationChoice,
+    /// Poisson's ratio of the tissue where it is a body, 0 to 0.5.
+    pub poisson: f64,
+    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that, by the names of a model file.
+    pub discrepancy: Multiples,
+    /// The session to compare with: what it determines is carried over, and what differs from it is searched for.
+    pub reference: Option<Session>,
+}
+
+/// What the tissue is taken for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FoundationChoice {
+    /// Springs or a body, as the evidence has it.
+    #[default]
+    Auto,
+    /// Springs (Winkler).
+    Springs,
+    /// An elastic body.
+    Body,
+}
+
+impl From<Option<FoundationKind>> for FoundationChoice {
+    fn from(stated: Option<FoundationKind>) -> Self {
+        match stated {
+            None => Self::Auto,
+            Some(FoundationKind::Springs) => Self::Springs,
+            Some(FoundationKind::Body) => Self::Body,
+        }
+    }
+}
+
+/// Poisson's ratio of soft tissue and gels.
+pub const INCOMPRESSIBLE: f64 = 0.5;
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            given: Vec::new(),
+            known: Vec::new(),
+            seed: 1,
+            foundation: FoundationChoice::Auto,
+            poisson: INCOMPRESSIBLE,
+            discrepancy: Multiples::new(),
+            reference: None,
+        }
+    }
+}
+
+impl Options {
+    /// With what is known of the rig (`guide characterize`): its effects with their intervals. Values that are there already stay.
+    #[must_use]
+    pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
+        if let Some(rig) = rig {
+            KnownParameter::take(&mut self.given, &mut self.known, rig);
+        }
+        self
+    }
+}
+
+/// Why a session cannot be diagnosed.
+#[derive(Debug, thiserror::Error)]
+pub enum DiagnoseError {
+    /// It has nothing to diagnose.
+    #[error("{}: lateral, insertion: missing, expected at least one [[lateral]] or [[insertion]]", path.display())]
+    NoRuns {
+        /// The session file.
+        path: PathBuf,
+    },
+    /// None of its runs can be used.
+    #[error("no run can be used: {}", reasons.join("; "))]
+    AllFailed {
+        /// Reason of each run.
+        reasons: Vec<String>,
+    },
+    /// The model cannot be evaluated.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The starting model does not fit in any way.
+    #[error("the model cannot be fitted: {0}")]
+    Fit(#[from] FitError),
+}
+
+/// Beside others an effect with more competitors than this is no name.
+const MAX_IN_CLASS: usize = 3;
+
+/// Diagnoses a session; `on_progress` receives a line for each step.
+///
+/// # Errors
+/// [`DiagnoseError`] where nothing can be diagnosed.
+pub fn diagnose(
+    session: &Session,
+    options: &Options,
+    on_progress: impl FnMut(&str),
+) -> Result<Diagnosis, DiagnoseError> {
+    workflow(session, options, on_progress, |_| Ok(())).map(|(found, ())| found)
+}
+
+/// Diagnoses a session, and linearises its likelihood in every effect of the catalogue around the model that it starts from: what
+/// statistics over many sessions need of each.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn diagnose_and_linearise(
+    session: &Session,
+    options: &Options,
+    on_progress: impl FnMut(&str),
+) -> Result<(Diagnosis, Linearisation), DiagnoseError> {
+    workflow(session, options, on_progress, Linearisation::of)
+}
+
+/// The whole workflow; `beside` computes something more from the starting model that was chosen.
+fn workflow<T>(
+    session: &Session,
+    options: &Options,
+    mut on_progress: impl FnMut(&str),
+    beside: impl FnOnce(&Start) -> Result<T, DiagnoseError>,
+) -> Result<(Diagnosis, T), DiagnoseError> {
+    let (runs, mut warnings) = runs_of(session)?;
+    let all: Vec<Run> = runs.clone();
+    let (Training { mut runs, rule }, held_out) = split(runs);
+    on_progress(&rule);
+    let (noise, disagreements) = Noise::with_disagreements(&runs, &session.stated_noise());
+    warnings.extend(disagreements);
+    let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
+    let mut layout = Layout::new(&session.rig, &runs, given);
+    layout.known = options.known.clone().into();
+    let mut noises = Noises { session: noise, reference: noise };
+    let mut multiples = options.discrepancy.clone();
+    if let Some(reference) = &options.reference {
+        on_progress("the reference is fitted");
+        let (mut of_reference, skipped) = runs_of(reference)?;
+        of_reference.iter_mut().for_each(|run| run.is_reference = true);
+        warnings.extend(skipped.into_iter().map(|what| format!("reference: {what}")));
+        noises.reference = Noise::of(&of_reference, &reference.noise);
+        let alone = Layout { rig: reference.rig.clone(), kinds: kinds(&of_reference), ..layout.clone() };
+        let fitted = fit_start(&alone, &of_reference, &noises, &options.given, &multiples)?;
+        multiples.extend(fitted.fitted.multiples(&fitted.patterns));
+        layout.reference = Some(reference.rig.clone());
+        runs.extend(of_reference);
+        layout.kinds = kinds(&runs);
+        share_nodes(&mut runs);
+    }
+    let fit = |layout: &Layout| fit_start(layout, &runs, &noises, &options.given, &multiples);
+    let Released { start, as_known, moved: moved_since } = known::released(&mut layout, fit)?;
+    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
+    on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
+    let Choice { foundation, start, found, beside: other_foundation } =
+        choose(start, &judge, options, &mut on_progress)?;
+    let more = beside(&start)?;
+    let found = found.around_itself(&start, &judge, &multiples);
+    // Where the rig is not what it was known to be, model and measurement disagree by that: it is part of the gap, and no name is
+    // needed for what is in the model already.
+    let as_known = as_known.map(|known| known.beside(&start)).transpose()?;
+    let disagreement = as_known.as_ref().map(Start::adequacy).transpose()?;
+    let before = start.adequacy()?;
+    let compared = as_known.as_ref().unwrap_or(&start);
+    let where_before = regions(&compared.fitted, &compared.runs);
+    let compared = compared.fitted.clone();
+    let Start { runs: prepared, patterns, fitted: start } = start;
+    let after = Adequacy::of(&found.fitted, &prepared, &patterns)?;
+
+    let verdict = verdict(&found, &before, judge.share(&start, &found.fitted));
+    let is_large = || Remaining::of(&before, &start, &patterns, None).size == RemainingSize::Large;
+    // What moves the modulus beyond its interval is no everyday matter, however smooth it is.
+    let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };
+    let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
+    let final_fit = if is_named { &found.fitted } else { &start };
+    on_progress("the runs that were held out are compared");
+    let gap = judge.gap(&compared, final_fit, options.seed)?;
+    let remaining =
+        Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
+    let multiples = final_fit.multiples(&patterns);
+    let final_fit = if is_named { final_fit.clone() } else { start.clone().over_sizes(&patterns) };
+    let report = DiagnosisReport {
+        session,
+        options,
+        all: &all,
+        start: &start,
+        found: &found,
+        final_fit: &final_fit,
+        averaged: Averaged::over(&final_fit, &start, &found, is_named, &patterns, touched_m(&all)),
+        other_foundation,
+        noise: &noise,
+        adequacy: [&before, &after],
+        disagreement: disagreement.as_ref(),
+        verdict,
+        foundation,
+        split: rule,
+        multiples,
+        held_out: judge.runs(),
+    };
+    let mut result =
+        report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
+    result.moved_since = moved_since;
+    Ok((result, more))
+}
+
+/// Depth of the tissue that the runs have touched: by guide 2 where there are lateral runs.
+fn touched_m(runs: &[Run]) -> f64 {
+    let [lateral, _] = kinds(runs);
+    let of_kind = |run: &&Run| (run.kind == Kind::Lateral) == lateral;
+    runs.iter().filter(of_kind).map(|run| run.depth_m).fold(0.0, f64::max)
+}
+
+/// Which runs of a session a diagnosis uses, skips and holds out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DataSplit {
+    /// Runs that can be used.
+    pub used: Vec<String>,
+    /// Why others cannot.
+    pub skipped: Vec<String>,
+    /// Runs of which something, or all, is held out; without any nothing is ever named.
+    pub held_out: Vec<String>,
+    /// The rule of the split.
+    pub rule: String,
+}
+
+/// How [`diagnose`] would divide a session into runs to learn from and runs to be judged by; nothing is fitted.
+///
+/// # Errors
+/// [`DiagnoseError`] where no run can be used.
+pub fn data_split(session: &Session) -> Result<DataSplit, DiagnoseError> {
+    let (runs, skipped) = runs_of(session)?;
+    let used = runs.iter().map(|run| run.id.clone()).collect();
+    let (Training { rule, .. }, held_out) = split(runs);
+    Ok(DataSplit { used, skipped, held_out: held_out.ids(), rule })
+}
+
+/// All runs in tissue that can be used, and why others cannot.
+fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> {
+    runs_in(session, false)
+}
+
+/// All runs in air, or in tissue, that can be used, and why others cannot.
+fn runs_in(session: &Session, air: bool) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> {
+    if session.lateral.is_empty() && session.insertion.is_empty() {
+        return Err(DiagnoseError::NoRuns { path: session.dir.join("session.toml") });
+    }
+    let is_used = |run: &&LateralRun| run.is_in_air() == air;
+    let lateral = session.lateral.iter().filter(is_used);
+    let lateral = lateral.map(|run| (&run.id, Run::lateral(run, &session.rig)));
+    let insertion = session.insertion.iter().filter(|_| !air).map(|run| (&run.id, Run::insertion(run)));
+    let (mut runs, mut warnings) = (Vec::new(), Vec::new());
+    let criteria = readings::holds::HoldCriteria::default();
+    if !air {
+        let others = session.lateral.iter().filter(|run| run.is_in_air());
+        warnings.extend(others.map(|run| format!("run {} is skipped: {IN_AIR}", run.id)));
+    }
+    for run in session.lateral.iter().filter(is_used) {
+        let unused = readings::holds::unused(run, &session.rig, &criteria);
+        warnings
+            .extend(readings::holds::summary(&unused).iter().map(|what| format!("run {}: {what}", run.id)));
+    }
+    for (id, run) in lateral.chain(insertion) {
+        match run {
+            Ok(run) => runs.push(run),
+            Err(why) => warnings.push(format!("run {id} is skipped: {why}")),
+        }
+    }
+    share_nodes(&mut runs);
+    if runs.is_empty() { Err(DiagnoseError::AllFailed { reasons: warnings }) } else { Ok((runs, warnings)) }
+}
+
+/// Why a run in air is not used where the tissue is identified.
+pub const IN_AIR: &str = "in air (depth_mm = 0), where there is no tissue; `guide characterize` uses it";
+
+/// Lets all insertions use the same solutions.
+fn share_nodes(runs: &mut [Run]) {
+    Insertion::share_nodes(runs.iter_mut().filter_map(|run| match &mut run.experiment {
+        Experiment::Insertion(done) => Some(done),
+        _ => None,
+    }));
+}
+
+/// Nothing is named that leaves the larger part of the gap.
+const NAMED_SHARE: f64 = 0.15;
+
+fn verdict(found: &Found, before: &Adequacy, share: f64) -> Verdict {
+    match found.members.is_empty() {
+        true if before.is_adequate() => Verdict::Adequate,
+        true => Verdict::Unexplained,
+        false if share < NAMED_SHARE || absorbs(found) => Verdict::Unexplained,
+        false if found.members.iter().all(|member| member.class.len() == 1) => Verdict::Named,
+        false => Verdict::Ambiguous,
+    }
+}
+
+/// Whether effects were added that could be any of many: they absorb what another effect has left, and are no names. A single effect
+/// of many possible ones is another matter: that is a weak one, as its class shows.
+fn absorbs(found: &Found) -> bool {
+    found.members.len() > 1 && found.members.iter().any(|member| member.class.len() > MAX_IN_CLASS)
+}
+
+/// What the search finds in a session on springs, and the model that it starts from.
+#[cfg(test)]
+fn found_in(session: &Session) -> (Start, Found) {
+    let (runs, _) = runs_of(session).expect("runs");
+    let (Training { runs, .. }, held_out) = split(runs);
+    let noise = Noise::of(&runs, &session.stated_noise());
+    let noises = Noises { session: noise, reference: noise };
+    let layout = Layout::new(&session.rig, &runs, Vec::new());
+    let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
+    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
+    let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
+    let Choice { start, found, .. } = choose(start, &judge, &options, |_| {}).expect("a search");
+    (start, found)
+}
+
+#[cfg(test)]
+mod moved_tests;
+#[cfg(test)]
+mod play_tests;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,168 @@
+//! A session's likelihood of every effect, linearised around its model without effects: what statistics over many sessions add up
+//! (theory, eq. 63).
+//!
+//! With `t` the parameters of effects inside the fits, counted from their neutral values, the session's likelihood is
+//! `ln p(data | t) - ln p(data | 0) = b^T t - t^T G t / 2`: noise and discrepancy are in the metric, the modulus and the other parameters
+//! of the model are eliminated. `b` and `G` of independent sessions add up. Their fitted logarithm of the modulus moves by `m^T t`.
+
+use super::layout::Scale;
+use super::posterior::Fitted;
+use super::score::{Amplitude, Scores};
+use super::{DiagnoseError, Start};
+use mechanics::effects::Effect;
+
+/// Information, in units of the prior, below which an amplitude is not kept: over a hundred sessions it is not identifiable either.
+const MIN_INFORMATION: f64 = 0.01;
+/// Correlations are kept as thousandths.
+const PER_MILLE: f64 = 1000.0;
+
+/// How a parameter is counted inside the fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ScaleKind {
+    /// As it is.
+    Linear,
+    /// By its logarithm.
+    Log,
+}
+
+/// One amplitude of an effect: a parameter, at a place or time where the effect has one.
+#[derive(Debug, Clone)]
+pub struct EffectAmplitude {
+    /// The effect.
+    pub effect: &'static dyn Effect,
+    /// Number of its parameter.
+    pub parameter: usize,
+    /// Number and value of the parameter that is a place or a time.
+    pub place: Option<(usize, f64)>,
+    /// How the parameter is counted.
+    pub scale: ScaleKind,
+    /// Standard deviation of its prior around the neutral value.
+    pub prior_sd: f64,
+    /// Derivative of the log likelihood at the neutral value: `b`.
+    pub score: f64,
+    /// Information, the modulus and the other parameters of the model eliminated: the diagonal of `G`.
+    pub information: f64,
+    /// Change of the fitted logarithm of the modulus per unit: `m`.
+    pub ln_modulus_slope: f64,
+}
+
+/// A session's likelihood of every identifiable effect.
+#[derive(Debug, Clone)]
+pub struct Linearisation {
+    /// Logarithm of the modulus, Pa, of the model without effects (K of springs, E of a body) and its standard deviation, noise and
+    /// discrepancy together.
+    pub ln_modulus_pa: (f64, f64),
+    /// The amplitudes that are identifiable from the session or from many like it.
+    pub amplitudes: Vec<EffectAmplitude>,
+    /// Correlations `G_ij / sqrt(G_ii G_jj)` in thousandths, row by row below the diagonal.
+    pub correlation_per_mille: Vec<i16>,
+    /// Log evidence of every effect over the model without it, by its score.
+    pub log_evidence: Vec<(&'static str, f64)>,
+    /// Size of the discrepancy's groups, as multiples of those of an ordinary rig.
+    pub discrepancy: Vec<(&'static str, f64)>,
+}
+
+impl Linearisation {
+    /// Of the starting model of a diagnosis.
+    pub(super) fn of(start: &Start) -> Result<Self, DiagnoseError> {
+        let Start { runs, patterns, fitted } = start;
+        let scores = Scores::new(fitted, runs, patterns)?;
+        let (gram, along, ln_modulus) = scores.products();
+        let all: Vec<(usize, EffectAmplitude)> = scores
+            .amplitudes()
+            .into_iter()
+            .filter_map(|one| {
+                let (at, step) = (one.column, one.step);
+                let information = gram.get((at, at))? / (step * step);
+                let kept = information * one.prior_sd * one.prior_sd > MIN_INFORMATION;
+                let score = along.get(at)? / step;
+                let slope = ln_modulus.get(at)? / step;
+                (kept && score.is_finite() && information.is_finite() && slope.is_finite())
+                    .then(|| (at, amplitude(&one, score, information, slope)))
+            })
+            .collect();
+        let correlation = |i: usize, j: usize| {
+            let sds = (gram[(i, i)] * gram[(j, j)]).sqrt();
+            (PER_MILLE * gram[(i, j)] / sds).round().clamp(-PER_MILLE, PER_MILLE) as i16
+        };
+        let below = |row: usize| {
+            let (all, i) = (&all, all[row].0);
+            all[..row].iter().map(move |(j, _)| correlation(i, *j))
+        };
+        Ok(Self {
+            ln_modulus_pa: ln_modulus_pa(fitted),
+            correlation_per_mille: (0..all.len()).flat_map(below).collect(),
+            amplitudes: all.iter().map(|(_, one)| one.clone()).collect(),
+            log_evidence: scores
+                .ranked()
+                .iter()
+                .map(|score| (score.effect.id(), score.log_evidence))
+                .filter(|(_, gain)| gain.is_finite())
+                .collect(),
+            discrepancy: patterns
+                .groups
+                .iter()
+                .zip(&fitted.sizes)
+                .filter(|(group, _)| group.everyday > 0.0)
+                .map(|(group, size)| (group.name, group.multiple * size / group.everyday))
+                .collect(),
+        })
+    }
+}
+
+fn ln_modulus_pa(fitted: &Fitted) -> (f64, f64) {
+    (fitted.modulus_pa().0.ln(), fitted.sd(0))
+}
+
+fn amplitude(one: &Amplitude, score: f64, information: f64, ln_modulus_slope: f64) -> EffectAmplitude {
+    let scale = one.effect.parameters().get(one.parameter).map_or(Scale::Linear, Scale::of);
+    EffectAmplitude {
+        effect: one.effect,
+        parameter: one.parameter,
+        place: one.place,
+        scale: if scale == Scale::Log { ScaleKind::Log } else { ScaleKind::Linear },
+        prior_sd: one.prior_sd,
+        score,
+        information,
+        ln_modulus_slope,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Layout, Multiples, Noise, Noises, fit_start, runs_of};
+    use worlds::{Design, Truth};
+
+    fn linearised(effects: Vec<(&'static str, Vec<f64>)>, seed: u64) -> Linearisation {
+        let truth = Truth { k_kpa: 12.0, tip_load_n: 0.2, effects, foreign: None };
+        let session = worlds::session(&truth, &Design::four_runs(), seed);
+        let (runs, _) = runs_of(&session).expect("runs");
+        let noise = Noise::of(&runs, &session.noise);
+        let layout = Layout::new(&session.rig, &runs, Vec::new());
+        let noises = Noises { session: noise, reference: noise };
+        let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("fitted");
+        Linearisation::of(&start).expect("linearised")
+    }
+
+    fn gain(linearisation: &Linearisation) -> &EffectAmplitude {
+        let is_gain = |one: &&EffectAmplitude| one.effect.id() == "sensor.force_gain";
+        linearisation.amplitudes.iter().find(is_gain).expect("identifiable")
+    }
+
+    #[test]
+    fn the_score_estimates_an_effect_of_an_independent_generator_and_its_bias_of_the_modulus() {
+        let (plain, biased) =
+            (linearised(Vec::new(), 5), linearised(vec![("sensor.force_gain", vec![0.03])], 5));
+        let one = gain(&biased);
+        let (value, sd) = (one.score / one.information, one.information.sqrt().recip());
+        assert!((value - 1.03f64.ln()).abs() < 3.0 * sd, "{value} +- {sd}");
+        assert!(sd < 0.03, "sd {sd}");
+        // The same noise: what the gain does to the fitted modulus is what the slope predicts.
+        let moved = biased.ln_modulus_pa.0 - plain.ln_modulus_pa.0;
+        let expected = one.ln_modulus_slope * 1.03f64.ln();
+        assert!((moved - expected).abs() < 0.3 * expected.abs(), "moved {moved}, expected {expected}");
+        let count = biased.amplitudes.len();
+        assert_eq!(biased.correlation_per_mille.len(), count * (count - 1) / 2);
+    }
+}

@@ -1,0 +1,423 @@
+//! A hypothesis fitted to runs: parameters, sizes of the discrepancy and evidence together (theory, eq. 62).
+//!
+//! Gauss and Newton's method in the metric of noise and discrepancy. Every round finds the likeliest sizes for the current
+//! linearisation, then takes a step that is halved until the objective at these sizes falls. The evidence is that of Laplace's
+//! method at the end, at the parameters themselves.
+
+mod quantities;
+
+use super::evidence::{Evidence, Patterns, Products};
+use super::layout::{Layout, Prepared};
+use nalgebra::{DMatrix, DVector};
+use readings::bounded_step;
+use readings::{FitError, Parameter};
+
+/// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
+const SETTLED_SD: f64 = 0.05;
+/// Two fits are the same whose values differ by less than this, in posterior standard deviations.
+const SAME_SD: f64 = 0.3;
+/// Longest step of the logarithm of the modulus, and of other parameters in standard deviations of their priors.
+const MAX_LN_STEP: f64 = 0.7;
+const MAX_STEP_SD: f64 = 1.2;
+/// How often a step is halved.
+const MAX_HALVINGS: usize = 5;
+/// Rounds of a fit that has to converge.
+pub(super) const MAX_ROUNDS: usize = 25;
+
+/// A fitted hypothesis.
+#[derive(Debug, Clone)]
+pub(super) struct Fitted {
+    pub layout: Layout,
+    values: Vec<f64>,
+    /// Of the parameters, as they are inside the fits.
+    pub covariance: DMatrix<f64>,
+    /// Whitened residuals of each run.
+    pub residuals: Vec<Vec<f64>>,
+    /// Sensitivities of the whitened predictions to the parameters, of each run.
+    pub jacobian: Vec<DMatrix<f64>>,
+    /// Whether a parameter lies on an end of its range.
+    pub at_bound: Vec<bool>,
+    /// Size of every group of the discrepancy.
+    pub sizes: Vec<f64>,
+    /// Logarithm of the evidence by Laplace's method, up to what all layouts share.
+    pub log_evidence: f64,
+    /// Whether the last step was a short one.
+    pub settled: bool,
+}
+
+/// Residuals and sensitivities at a point.
+struct Point {
+    values: Vec<f64>,
+    residuals: Vec<Vec<f64>>,
+}
+
+impl Fitted {
+    /// Fits a layout to runs in at most so many rounds.
+    ///
+    /// # Errors
+    /// [`FitError`] where there is no fit.
+    pub fn new(
+        layout: &Layout,
+        runs: &[Prepared],
+        patterns: &Patterns,
+        starts: &[f64],
+        sizes: &[f64],
+        rounds: usize,
+    ) -> Result<Self, FitError> {
+        Self::beside(layout, runs, patterns, starts, sizes, rounds, &[])
+    }
+
+    /// The same where the sensitivities to the first parameters are known well enough, run by run: those of a fit without what comes
+    /// after these parameters.
+    ///
+    /// # Errors
+    /// [`FitError`] where there is no fit.
+    pub fn beside(
+        layout: &Layout,
+        runs: &[Prepared],
+        patterns: &Patterns,
+        starts: &[f64],
+        sizes: &[f64],
+        rounds: usize,
+        known: &[DMatrix<f64>],
+    ) -> Result<Self, FitError> {
+        let parameters = layout.parameters(starts);
+        let start: Vec<f64> = parameters.iter().map(|p| p.start.clamp(p.least, p.most)).collect();
+        let mut point = Point { residuals: residuals(layout, runs, &start)?, values: start };
+        let mut sizes = sizes.to_vec();
+        let mut settled = false;
+        let mut round = 0;
+        loop {
+            let jacobian = jacobian(layout, runs, &point.values, &parameters, &point.residuals, known)?;
+            let products = products(patterns, &parameters, &point, &jacobian);
+            sizes = patterns.likeliest_sizes(&sizes, &products);
+            let evidence = patterns.evidence(&sizes, &products).ok_or(FitError::Undetermined)?;
+            round += 1;
+            if settled || round > rounds {
+                return finish(
+                    layout, patterns, parameters, point, jacobian, sizes, &products, evidence, settled,
+                );
+            }
+            let step = step(&parameters, &point.values, &evidence).ok_or(FitError::Undetermined)?;
+            let short = step.iter().zip(&parameters).enumerate().all(|(i, (step, p))| {
+                let sd = evidence.covariance[(i, i)].sqrt() * prior_sd(p);
+                step.abs() <= SETTLED_SD * sd
+            });
+            match descend(layout, runs, patterns, &parameters, &point, &sizes, &step)? {
+                Some(next) => {
+                    point = next;
+                    settled = short;
+                }
+                // No shorter step is better either: differences and noise of the solution are all that is left.
+                None => settled = true,
+            }
+        }
+    }
+
+    /// Values inside the fits.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Whether another fit of the same layout has come to the same place: within a small part of the standard deviations.
+    pub fn is_at(&self, other: &Self) -> bool {
+        let near =
+            |(i, (a, b)): (usize, (&f64, &f64))| (a - b).abs() <= SAME_SD * self.sd(i).min(other.sd(i));
+        self.values.iter().zip(&other.values).enumerate().all(near)
+    }
+
+    /// Standard deviation of a parameter inside the fits.
+    pub fn sd(&self, parameter: usize) -> f64 {
+        self.covariance[(parameter, parameter)].sqrt()
+    }
+
+    /// Scalar products of the parameters' sensitivities, in units of their priors, and of columns (one matrix per run) behind them.
+    pub fn products_beside_parameters(&self, patterns: &Patterns, columns: &[DMatrix<f64>]) -> Products {
+        let parameters = self.layout.parameters(&self.values);
+        let count = parameters.len();
+        let joined = |(jacobian, columns): (&DMatrix<f64>, &DMatrix<f64>)| {
+            let mut joined = jacobian.clone().resize_horizontally(count + columns.ncols(), 0.0);
+            for (j, parameter) in parameters.iter().enumerate() {
+                let mut column = joined.column_mut(j);
+                column *= prior_sd(parameter);
+            }
+            joined.columns_mut(count, columns.ncols()).copy_from(columns);
+            joined
+        };
+        let joined: Vec<DMatrix<f64>> = self.jacobian.iter().zip(columns).map(joined).collect();
+        patterns.products(&joined)
+    }
+
+    /// Of these products those of the columns in the metric of noise and discrepancy of these sizes, what the parameters could do about
+    /// them taken off, and by how much the fitted logarithm of the modulus would move for every column in the data; nothing where a size makes
+    /// no sense.
+    pub fn eliminated(
+        &self,
+        patterns: &Patterns,
+        sizes: &[f64],
+        products: &Products,
+    ) -> Option<(DMatrix<f64>, Vec<f64>)> {
+        let parameters = self.layout.parameters(&self.values);
+        let count = parameters.len();
+        let all = patterns.in_metric(sizes, products)?;
+        let rest = all.nrows() - count;
+        let mut own = all.view((0, 0), (count, count)).into_owned();
+        for i in 0..count {
+            own[(i, i)] += 1.0;
+        }
+        let across = all.view((0, count), (count, rest)).into_owned();
+        let follow = own.cholesky()?.solve(&across);
+        let mut left = all.view((count, count), (rest, rest)).into_owned();
+        left.gemm_tr(-1.0, &across, &follow, 1.0);
+        let modulus_sd = parameters.first().map_or(0.0, prior_sd);
+        Some((left, follow.row(0).iter().map(|step| modulus_sd * step).collect()))
+    }
+
+    /// A column (one part per run) less what the parameters could do about it beside noise alone.
+    pub fn less_parameters(&self, column: &[DVector<f64>]) -> Option<Vec<Vec<f64>>> {
+        let parameters = self.layout.parameters(&self.values);
+        let sds = DVector::from_iterator(parameters.len(), parameters.iter().map(prior_sd));
+        let count = sds.len();
+        let (mut normal, mut along) = (DMatrix::zeros(count, count), DVector::zeros(count));
+        for (jacobian, part) in self.jacobian.iter().zip(column) {
+            normal.gemm_tr(1.0, jacobian, jacobian, 1.0);
+            along.gemv_tr(1.0, jacobian, part, 1.0);
+        }
+        let scaled = DMatrix::from_fn(count, count, |i, j| sds[i] * normal[(i, j)] * sds[j]);
+        let factor = (scaled + DMatrix::identity(count, count)).cholesky()?;
+        let moved = factor.solve(&along.component_mul(&sds)).component_mul(&sds);
+        let rest = |(jacobian, part): (&DMatrix<f64>, &DVector<f64>)| {
+            let rest: DVector<f64> = part - jacobian * &moved;
+            rest.data.as_vec().clone()
+        };
+        Some(self.jacobian.iter().zip(column).map(rest).collect())
+    }
+
+    /// By how much the logarithm of the modulus would move were there noise alone, as far as the linearisation goes.
+    pub fn change_without_discrepancy(&self, patterns: &Patterns) -> Option<f64> {
+        let parameters = self.layout.parameters(&self.values);
+        let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
+        let products = products(patterns, &parameters, &point, &self.jacobian);
+        let evidence = patterns.evidence(&vec![0.0; patterns.groups.len()], &products)?;
+        let first = parameters.first()?;
+        Some((evidence.mean[0] - from_prior(first, self.values[0])) * prior_sd(first))
+    }
+
+    /// The same with intervals that hold what the sizes of the discrepancy may be, too.
+    pub fn over_sizes(mut self, patterns: &Patterns) -> Self {
+        let parameters = self.layout.parameters(&self.values);
+        let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
+        let products = products(patterns, &parameters, &point, &self.jacobian);
+        if let Some(covariance) = patterns.integrated_covariance(&self.sizes, &products) {
+            self.covariance = in_units(&covariance, &parameters);
+        }
+        self
+    }
+
+    /// The same with these values and their covariance.
+    pub fn with_moments(self, values: Vec<f64>, covariance: DMatrix<f64>) -> Self {
+        Self { values, covariance, ..self }
+    }
+
+    /// The same with sizes and evidence of another fit.
+    pub fn with_evidence_of(self, other: &Self) -> Self {
+        Self { log_evidence: other.log_evidence, sizes: other.sizes.clone(), ..self }
+    }
+}
+
+/// A covariance in units of the priors, as the parameters are inside the fits.
+fn in_units(covariance: &DMatrix<f64>, parameters: &[Parameter]) -> DMatrix<f64> {
+    let sds: Vec<f64> = parameters.iter().map(prior_sd).collect();
+    DMatrix::from_fn(sds.len(), sds.len(), |i, j| sds[i] * covariance[(i, j)] * sds[j])
+}
+
+/// Standard deviation of the prior; parameters without one have a wide one.
+fn prior_sd(parameter: &Parameter) -> f64 {
+    parameter.prior.map_or(1e3, |prior| prior.sd)
+}
+
+/// From the prior mean to a value, in prior standard deviations.
+fn from_prior(parameter: &Parameter, value: f64) -> f64 {
+    parameter.prior.map_or(0.0, |prior| (value - prior.mean) / prior.sd)
+}
+
+/// Whitened residuals of every run.
+pub(super) fn residuals(
+    layout: &Layout,
+    runs: &[Prepared],
+    values: &[f64],
+) -> Result<Vec<Vec<f64>>, FitError> {
+    let of_run = |run: &Prepared| {
+        let residuals = run.residuals(layout, values)?;
+        if residuals.iter().all(|r| r.is_finite()) { Ok(residuals) } else { Err(FitError::NotFinite) }
+    };
+    runs.iter().map(of_run).collect()
+}
+
+/// Derivative of the whitened predictions by the parameters: what is known of the first of them, then central differences, one-sided
+/// ones at the end of a range.
+fn jacobian(
+    layout: &Layout,
+    runs: &[Prepared],
+    values: &[f64],
+    parameters: &[Parameter],
+    here: &[Vec<f64>],
+    known: &[DMatrix<f64>],
+) -> Result<Vec<DMatrix<f64>>, FitError> {
+    let mut all: Vec<DMatrix<f64>> =
+        here.iter().map(|residuals| DMatrix::zeros(residuals.len(), parameters.len())).collect();
+    let first = known.first().map_or(0, DMatrix::ncols);
+    for (matrix, known) in all.iter_mut().zip(known) {
+        matrix.columns_mut(0, first).copy_from(known);
+    }
+    for (index, parameter) in parameters.iter().enumerate().skip(first) {
+        let (from, to) = (
+            (values[index] - parameter.step).max(parameter.least),
+            (values[index] + parameter.step).min(parameter.most),
+        );
+        let at = |value: f64| {
+            let mut values = values.to_vec();
+            values[index] = value;
+            residuals(layout, runs, &values)
+        };
+        let (below, above) = (at(from)?, at(to)?);
+        for ((matrix, below), above) in all.iter_mut().zip(&below).zip(&above) {
+            let mut column = matrix.column_mut(index);
+            for ((slope, below), above) in column.iter_mut().zip(below).zip(above) {
+                *slope = (below - above) / (to - from);
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// Scalar products of sensitivities in units of the priors and of the residuals from the prior means.
+fn products(
+    patterns: &Patterns,
+    parameters: &[Parameter],
+    point: &Point,
+    jacobian: &[DMatrix<f64>],
+) -> Products {
+    let count = parameters.len();
+    let sds: Vec<f64> = parameters.iter().map(prior_sd).collect();
+    let away: Vec<f64> = parameters.iter().zip(&point.values).map(|(p, v)| from_prior(p, *v)).collect();
+    let columns = |(jacobian, residuals): (&DMatrix<f64>, &Vec<f64>)| {
+        let mut columns = jacobian.clone().resize_horizontally(count + 1, 0.0);
+        let mut last = DVector::from_column_slice(residuals);
+        for (j, (sd, away)) in sds.iter().zip(&away).enumerate() {
+            let mut column = columns.column_mut(j);
+            column *= *sd;
+            // The residuals of the prior mean, as far as the linearisation goes.
+            last.axpy(*away, &column, 1.0);
+        }
+        columns.set_column(count, &last);
+        columns
+    };
+    let columns: Vec<DMatrix<f64>> = jacobian.iter().zip(&point.residuals).map(columns).collect();
+    patterns.products(&columns)
+}
+
+/// The step to the likeliest point of the linearised model within the ranges, shortened where it is long; nothing where it makes no sense. A
+/// parameter that would leave its range stays on its end, and the others follow: what a rigid frame cannot do is not left to the clearance.
+fn step(parameters: &[Parameter], values: &[f64], evidence: &Evidence) -> Option<Vec<f64>> {
+    let count = parameters.len();
+    let precision = evidence.covariance.clone().cholesky()?.inverse();
+    let at: Vec<f64> = parameters.iter().zip(values).map(|(p, value)| from_prior(p, *value)).collect();
+    let towards = &precision * (&evidence.mean - DVector::from_column_slice(&at));
+    let mut equations = precision.resize(count + 1, count + 1, 0.0);
+    equations.view_mut((0, count), (count, 1)).copy_from(&towards);
+    let room = |i: usize| {
+        [parameters[i].least, parameters[i].most].map(|end| from_prior(&parameters[i], end) - at[i])
+    };
+    let bounded = bounded_step(equations, room)?;
+    let wanted: Vec<f64> = bounded.iter().zip(parameters).map(|(step, p)| step * prior_sd(p)).collect();
+    let limit = |index: usize, p: &Parameter| {
+        if index == 0 { MAX_LN_STEP } else { MAX_STEP_SD * prior_sd(p) }
+    };
+    let share = wanted
+        .iter()
+        .zip(parameters)
+        .enumerate()
+        .map(|(index, (step, p))| limit(index, p) / step.abs().max(f64::MIN_POSITIVE))
+        .fold(1.0, f64::min);
+    let within = |((step, p), value): ((&f64, &Parameter), &f64)| {
+        (value + share * step).clamp(p.least, p.most) - value
+    };
+    Some(wanted.iter().zip(parameters).zip(values).map(within).collect())
+}
+
+/// Squares of whitened residuals in the metric of noise and discrepancy of these sizes.
+pub(super) fn misfit(patterns: &Patterns, sizes: &[f64], residuals: &[Vec<f64>]) -> Option<f64> {
+    let columns: Vec<DMatrix<f64>> =
+        residuals.iter().map(|r| DMatrix::from_column_slice(r.len(), 1, r)).collect();
+    Some(patterns.in_metric(sizes, &patterns.products(&columns))?[(0, 0)])
+}
+
+/// Twice the objective at fixed sizes: squares of the residuals in the metric and of the distances from the prior means.
+fn squares(patterns: &Patterns, sizes: &[f64], parameters: &[Parameter], point: &Point) -> Option<f64> {
+    let misfit = misfit(patterns, sizes, &point.residuals)?;
+    let priors: f64 = parameters.iter().zip(&point.values).map(|(p, v)| from_prior(p, *v).powi(2)).sum();
+    Some(misfit + priors)
+}
+
+/// The first of a step, its half, its quarter and so on that makes the objective smaller; nothing where none does.
+fn descend(
+    layout: &Layout,
+    runs: &[Prepared],
+    patterns: &Patterns,
+    parameters: &[Parameter],
+    from: &Point,
+    sizes: &[f64],
+    step: &[f64],
+) -> Result<Option<Point>, FitError> {
+    let before = squares(patterns, sizes, parameters, from).ok_or(FitError::Undetermined)?;
+    let mut share = 1.0;
+    for _ in 0..=MAX_HALVINGS {
+        let values: Vec<f64> =
+            from.values.iter().zip(step).map(|(value, step)| value + share * step).collect();
+        share *= 0.5;
+        // Where the model has no solution the step was too long.
+        let Ok(residuals) = residuals(layout, runs, &values) else { continue };
+        let point = Point { values, residuals };
+        if squares(patterns, sizes, parameters, &point).is_some_and(|after| after <= before) {
+            return Ok(Some(point));
+        }
+    }
+    Ok(None)
+}
+
+#[expect(clippy::too_many_arguments, reason = "the parts of one result")]
+fn finish(
+    layout: &Layout,
+    patterns: &Patterns,
+    parameters: Vec<Parameter>,
+    point: Point,
+    jacobian: Vec<DMatrix<f64>>,
+    sizes: Vec<f64>,
+    products: &Products,
+    evidence: Evidence,
+    settled: bool,
+) -> Result<Fitted, FitError> {
+    let squares = squares(patterns, &sizes, &parameters, &point).ok_or(FitError::Undetermined)?;
+    let volume = patterns.ln_volume_of_sizes(&sizes, products).ok_or(FitError::Undetermined)?;
+    let log_evidence = -0.5 * squares - evidence.half_ln_determinant - evidence.size_prior + volume;
+    if !log_evidence.is_finite() {
+        return Err(FitError::NotFinite);
+    }
+    let covariance = in_units(&evidence.covariance, &parameters);
+    let at_bound = point.values.iter().zip(&parameters).map(|(value, p)| {
+        let slack = 1e-9 * (p.most - p.least).min(1.0);
+        *value <= p.least + slack || *value >= p.most - slack
+    });
+    Ok(Fitted {
+        layout: layout.clone(),
+        at_bound: at_bound.collect(),
+        values: point.values,
+        residuals: point.residuals,
+        covariance,
+        jacobian,
+        sizes,
+        log_evidence,
+        settled,
+    })
+}

@@ -1,0 +1,91 @@
+//! What a fit states of quantities, in their own units and with their intervals.
+
+use super::Fitted;
+use crate::Multiples;
+use crate::data::Kind;
+use crate::evidence::Patterns;
+use crate::layout::{NORMAL_975, Scale};
+use nalgebra::DVector;
+
+const MM: f64 = 1e-3;
+/// Steps of differences along parameters, in posterior standard deviations: a boundary of layers moves a mean by steps of its own.
+const SLOPE_SD: f64 = 0.5;
+/// A discrepancy this many times the ordinary one is larger.
+const LARGER: f64 = 1.1;
+
+impl Fitted {
+    /// A parameter in its own unit with its interval of 95 %. A depth at which something happens in insertions is known no better than
+    /// the readings around it: these are means over cells of depth, and that of the event lies anywhere between two of them.
+    pub fn estimate(&self, effect: usize, parameter: usize) -> (f64, [f64; 2]) {
+        let effect_of = self.layout.effects.get(effect);
+        let Some((of, info)) = effect_of.and_then(|of| Some((of, of.parameters().get(parameter)?))) else {
+            return (f64::NAN, [f64::NAN; 2]);
+        };
+        let scale = Scale::of(info);
+        let at = self.layout.first_of(effect) + parameter;
+        let (value, sd) = (self.values[at], self.sd(at));
+        let [least, most] = info.range;
+        let at = scale.outside(value);
+        let is_depth = !info.nodes.is_empty() && info.name == "depth_mm" && !of.info().observable_in.lateral;
+        let spacing = if is_depth { self.layout.spacing_m(MM * at).unwrap_or(0.0) / MM } else { 0.0 };
+        let end = |sds: f64| {
+            let end = scale.outside(value + sds * sd);
+            let wider = || at + (end - at).hypot(spacing).copysign(sds);
+            if spacing > 0.0 { wider() } else { end }.clamp(least, most)
+        };
+        (at, [end(-NORMAL_975), end(NORMAL_975)])
+    }
+
+    /// Of the modulus, Pa.
+    pub fn modulus_pa(&self) -> (f64, [f64; 2]) {
+        let (value, sd) = (self.values[0], self.sd(0));
+        (value.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (value + sds * sd).exp()))
+    }
+
+    /// Logarithm of the mean modulus, Pa, over the tissue down to a depth, and its standard deviation; nothing where the model makes no
+    /// sense around the fit. With effects of the tissue the modulus itself is that of a place or a layer, the mean is what effects that
+    /// explain the data alike have in common.
+    pub fn ln_mean_modulus(&self, depth_m: f64) -> Option<(f64, f64)> {
+        let kind = if self.layout.kinds[0] { Kind::Lateral } else { Kind::Insertion };
+        let at = |values: &[f64]| {
+            let problem = self.layout.model(values, kind).and_then(|model| model.problem(depth_m)).ok()?;
+            Some(problem.foundation.mean_pa(depth_m).ln()).filter(|ln| ln.is_finite())
+        };
+        let slope = |i: usize| {
+            let step = SLOPE_SD * self.sd(i);
+            let moved = |by: f64| {
+                let mut values = self.values.clone();
+                values[i] += by;
+                at(&values)
+            };
+            Some((moved(step)? - moved(-step)?) / (2.0 * step))
+        };
+        let slopes: Option<Vec<f64>> = (0..self.values.len()).map(slope).collect();
+        let slopes = DVector::from_vec(slopes?);
+        Some((at(&self.values)?, slopes.dot(&(&self.covariance * &slopes)).max(0.0).sqrt()))
+    }
+
+    /// Of the tip load, N, where there are insertions.
+    pub fn tip_load_n(&self) -> Option<(f64, [f64; 2])> {
+        let (value, sd) = self.layout.tip_load_n(&self.values, &self.covariance)?;
+        Some((value, [-NORMAL_975, NORMAL_975].map(|sds| value + sds * sd)))
+    }
+
+    /// Groups of the discrepancy that are larger than in an ordinary rig, as multiples of that.
+    pub fn multiples(&self, patterns: &Patterns) -> Multiples {
+        let found = patterns.groups.iter().zip(&self.sizes).filter(|(group, _)| group.tail.is_some());
+        let multiples =
+            found.map(|(group, size)| (group.name.to_owned(), group.multiple * size / group.everyday));
+        multiples.filter(|(_, multiple)| *multiple > LARGER).collect()
+    }
+
+    /// Ratio of the modulus to that of the reference, and the reference's modulus, Pa; each with its interval of 95 %.
+    pub fn beside_reference(&self) -> Option<[(f64, [f64; 2]); 2]> {
+        let at = self.layout.ratio()?;
+        let ends = |ln: f64, sd: f64| (ln.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (ln + sds * sd).exp()));
+        let [of_modulus, of_ratio] = [0, at].map(|i| self.covariance[(i, i)]);
+        let variance = of_modulus + of_ratio - 2.0 * self.covariance[(0, at)];
+        let of_reference = ends(self.values[0] - self.values[at], variance.max(0.0).sqrt());
+        Some([ends(self.values[at], of_ratio.sqrt()), of_reference])
+    }
+}

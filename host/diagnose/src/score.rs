@@ -1,0 +1,419 @@
+//! Scoring every effect of the catalogue without refitting, and how large the best score of nothing is
+//! (theory, eq. 63 and 64).
+//!
+//! Around the current fit an effect of amplitude a (in steps of an ordinary size) changes the predictions by `a d`. What of d the
+//! parameters in the model could do too is taken off (`d` orthogonal to their sensitivities), and what is left is projected on the
+//! residuals: the efficient score. With a normal prior of the amplitude the evidence of each effect over the current model is a closed
+//! form, averaged over the places or times at which an effect may sit.
+//!
+//! Under the current model the residuals are independent normal numbers, so that all scores of a session that lacks nothing are
+//! drawn from the same projections: the parametric bootstrap of the whole search ([`Scores::margin`]).
+
+use super::data::Kind;
+use super::evidence::Patterns;
+use super::layout::{Prepared, Scale, prior};
+use super::posterior::Fitted;
+use mechanics::effects::{EFFECTS, Effect, ParameterInfo, neutral};
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use readings::FitError;
+use smallvec::SmallVec;
+
+/// One hypothesis in which an effect may act: a place or time, and the directions of its amplitudes.
+#[derive(Debug, Clone)]
+struct Hypothesis {
+    /// Values of the parameters at amplitudes of one, each alone.
+    probes: Vec<Vec<f64>>,
+    /// Precision of the prior of every amplitude.
+    precisions: Vec<f64>,
+    /// Whether an amplitude may be negative.
+    two_sided: Vec<bool>,
+    /// Columns of all directions.
+    columns: Vec<usize>,
+}
+
+/// An effect's score.
+#[derive(Debug, Clone)]
+pub(super) struct Score {
+    pub effect: &'static dyn Effect,
+    /// Gain of chi-square at the best hypothesis.
+    pub chi_square: f64,
+    /// Logarithm of the evidence over the current model.
+    pub log_evidence: f64,
+    /// Values at the best hypotheses and amplitudes: where a fit may start. Neighbours of the best place are among them, because far from
+    /// the neutral value the best place moves.
+    pub starts: Vec<Vec<f64>>,
+    /// Whether the session can identify this effect at all: a likely size would be significant.
+    pub is_identifiable: bool,
+}
+
+/// One amplitude of an effect at one place.
+#[derive(Debug, Clone)]
+pub(super) struct Amplitude {
+    pub effect: &'static dyn Effect,
+    /// Number of its parameter.
+    pub parameter: usize,
+    /// Number and value of the parameter that is a place or a time.
+    pub place: Option<(usize, f64)>,
+    /// Number of its direction.
+    pub column: usize,
+    /// Length of the direction in the parameter inside the fits.
+    pub step: f64,
+    /// Standard deviation of the prior inside the fits.
+    pub prior_sd: f64,
+}
+
+/// Scores of the whole catalogue around a fit.
+#[derive(Debug)]
+pub(super) struct Scores {
+    hypotheses: Vec<(&'static dyn Effect, Vec<Hypothesis>)>,
+    /// Scalar products of the directions, the parameters' part taken off.
+    gram: DMatrix<f64>,
+    /// Scalar products of directions and residuals.
+    along: DVector<f64>,
+    /// Change of the fitted logarithm of the modulus per amplitude in the data.
+    ln_modulus: Vec<f64>,
+}
+
+/// How far the variance of the noise may be from what was taken: it is estimated itself.
+pub(super) const NOISE_TOLERANCE: f64 = 1.1;
+/// A likely effect of fewer standard deviations than this is not identifiable.
+const MIN_SIGNIFICANCE: f64 = 2.0;
+
+/// Residuals of all runs in one column.
+pub(super) fn stacked(residuals: &[Vec<f64>]) -> DVector<f64> {
+    DVector::from_iterator(residuals.iter().map(Vec::len).sum(), residuals.iter().flatten().copied())
+}
+
+impl Scores {
+    /// Scores all effects that are not in the model, in the metric of the discrepancy that every rig has.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn new(fitted: &Fitted, runs: &[Prepared], patterns: &Patterns) -> Result<Self, FitError> {
+        Self::of(&EFFECTS, fitted, runs, patterns)
+    }
+
+    /// The same of some effects.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn of(
+        effects: &[&'static dyn Effect],
+        fitted: &Fitted,
+        runs: &[Prepared],
+        patterns: &Patterns,
+    ) -> Result<Self, FitError> {
+        let known = |effect: &dyn Effect| fitted.layout.effects.iter().any(|e| e.id() == effect.id());
+        let unknown: Vec<&'static dyn Effect> = effects
+            .iter()
+            .copied()
+            .filter(|effect| !known(*effect) && fitted.layout.is_applicable(*effect))
+            .collect();
+        let of_effect = |effect: &'static dyn Effect| {
+            let layout = fitted.layout.with(effect);
+            let direction = |probe: &Vec<f64>| -> Vec<DVector<f64>> {
+                let mut values = fitted.values().to_vec();
+                let infos = effect.parameters().iter().zip(probe);
+                values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+                let of_run = |(run, plain): (&Prepared, &Vec<f64>)| {
+                    let shows = effect.info().observable_in;
+                    let none = || DVector::zeros(plain.len());
+                    if !(if run.run.kind == Kind::Insertion { shows.insertion } else { shows.lateral }) {
+                        return none();
+                    }
+                    // An effect that is impossible at this size (a needle that buckles) has no direction.
+                    match run.residuals(&layout, &values) {
+                        Ok(changed) if changed.iter().all(|v| v.is_finite()) => {
+                            DVector::from_iterator(plain.len(), plain.iter().zip(changed).map(|(a, b)| a - b))
+                        }
+                        _ => none(),
+                    }
+                };
+                runs.iter().zip(&fitted.residuals).map(of_run).collect()
+            };
+            let with_directions = |hypothesis: Hypothesis| {
+                let directions: Vec<Vec<DVector<f64>>> = hypothesis.probes.iter().map(direction).collect();
+                (hypothesis, directions)
+            };
+            (effect, hypotheses_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
+        };
+        let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();
+        let (mut hypotheses, mut directions) = (Vec::new(), Vec::new());
+        for (effect, of_effect) in all {
+            let numbered = |(mut hypothesis, mut more): (Hypothesis, Vec<Vec<DVector<f64>>>)| {
+                hypothesis.columns.extend(directions.len()..directions.len() + more.len());
+                directions.append(&mut more);
+                hypothesis
+            };
+            hypotheses.push((effect, of_effect.into_iter().map(numbered).collect()));
+        }
+        let count = directions.len();
+        if count == 0 {
+            let (gram, along) = (DMatrix::zeros(0, 0), DVector::zeros(0));
+            return Ok(Self { hypotheses, gram, along, ln_modulus: Vec::new() });
+        }
+        let columns = |(number, residuals): (usize, &Vec<f64>)| {
+            let mut columns: Vec<DVector<f64>> =
+                directions.iter().map(|of_runs| of_runs[number].clone()).collect();
+            columns.push(DVector::from_column_slice(residuals));
+            DMatrix::from_columns(&columns)
+        };
+        let columns: Vec<DMatrix<f64>> = fitted.residuals.iter().enumerate().map(columns).collect();
+        let everyday = patterns.everyday();
+        let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+        let products = fitted.products_beside_parameters(patterns, &columns);
+        let (metric, ln_modulus) =
+            fitted.eliminated(patterns, &sizes, &products).ok_or(FitError::Undetermined)?;
+        let gram = metric.view((0, 0), (count, count)).into_owned();
+        let along = metric.view((0, count), (count, 1)).column(0).into_owned();
+        Ok(Self { hypotheses, gram, along, ln_modulus })
+    }
+
+    /// The scores of the session, best first.
+    pub fn ranked(&self) -> Vec<Score> {
+        let mut scores: Vec<Score> = self
+            .hypotheses
+            .iter()
+            .map(|(effect, hypotheses)| {
+                let of_ways: Vec<HypothesisScore> =
+                    hypotheses.iter().map(|hypothesis| self.score(hypothesis, &self.along)).collect();
+                let best = (0..hypotheses.len())
+                    .max_by(|a, b| of_ways[*a].log_evidence.total_cmp(&of_ways[*b].log_evidence));
+                let best = best.unwrap_or(0);
+                let is_identifiable = hypotheses.iter().any(|hypothesis| {
+                    hypothesis.columns.iter().zip(&hypothesis.precisions).any(|(column, precision)| {
+                        self.gram[(*column, *column)] > MIN_SIGNIFICANCE * MIN_SIGNIFICANCE * precision
+                    })
+                });
+                Score {
+                    effect: *effect,
+                    chi_square: of_ways.iter().map(|hypothesis| hypothesis.chi_square).fold(0.0, f64::max),
+                    log_evidence: mean_of_exponentials(
+                        of_ways.iter().map(|hypothesis| hypothesis.log_evidence),
+                    ),
+                    starts: [Some(best), best.checked_sub(1), Some(best + 1)]
+                        .into_iter()
+                        .flatten()
+                        .filter_map(|number| Some((hypotheses.get(number)?, of_ways.get(number)?)))
+                        .map(|(hypothesis, score)| start(*effect, hypothesis, &score.amplitudes))
+                        .collect(),
+                    is_identifiable,
+                }
+            })
+            .collect();
+        scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+        scores
+    }
+
+    /// Every amplitude of every hypothesis with its own part of the score; in the order of the catalogue.
+    pub fn amplitudes(&self) -> Vec<Amplitude> {
+        let of_hypothesis = |effect: &'static dyn Effect, hypothesis: &Hypothesis| {
+            let infos = effect.parameters();
+            let place = infos.iter().position(|info| !info.nodes.is_empty());
+            let free = infos.iter().enumerate().filter(|(_, info)| info.nodes.is_empty());
+            let columns = hypothesis.columns.iter().zip(&hypothesis.precisions);
+            let of = |(((index, info), probe), (column, precision)): (((usize, &ParameterInfo), _), _)| {
+                let probe: &Vec<f64> = probe;
+                let (column, precision): (&usize, &f64) = (column, precision);
+                let prior_sd = prior(info).sd;
+                Amplitude {
+                    effect,
+                    parameter: index,
+                    place: place.and_then(|place| Some((place, *probe.get(place)?))),
+                    column: *column,
+                    step: precision.sqrt() * prior_sd,
+                    prior_sd,
+                }
+            };
+            free.zip(&hypothesis.probes).zip(columns).map(of).collect::<Vec<_>>()
+        };
+        let all = self.hypotheses.iter();
+        all.flat_map(|(effect, more)| more.iter().flat_map(|one| of_hypothesis(*effect, one))).collect()
+    }
+
+    /// Scalar products of directions with each other, with the residuals, and their change of the logarithm of the modulus.
+    pub fn products(&self) -> (&DMatrix<f64>, &DVector<f64>, &[f64]) {
+        (&self.gram, &self.along, &self.ln_modulus)
+    }
+
+    /// Largest log evidence that at most `share` of sessions reach that lack nothing: quantile over `draws` parametric draws.
+    pub fn margin(&self, share: f64, draws: usize, seed: u64) -> f64 {
+        if self.gram.nrows() == 0 {
+            return 0.0;
+        }
+        let eigen = self.gram.clone().symmetric_eigen();
+        let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
+        let root = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * NOISE_TOLERANCE.sqrt();
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let prepare = |(_, hypotheses): &(&dyn Effect, Vec<Hypothesis>)| -> Vec<_> {
+            hypotheses.iter().map(|hypothesis| self.prepared(hypothesis)).collect()
+        };
+        let prepared: Vec<Vec<Option<PreparedHypothesis>>> = self.hypotheses.iter().map(prepare).collect();
+        let mut largest: Vec<f64> = (0..draws)
+            .map(|_| {
+                let drawn = DVector::from_fn(root.ncols(), |_, _| StandardNormal.sample(&mut random));
+                let along = &root * drawn;
+                let of_effect = |((_, hypotheses), prepared): (&(&dyn Effect, Vec<Hypothesis>), &Vec<_>)| {
+                    let all = hypotheses.iter().zip(prepared);
+                    let logs: SmallVec<[f64; 16]> = all
+                        .map(|(hypothesis, prepared): (_, &Option<_>)| {
+                            Self::log_evidence(hypothesis, prepared.as_ref(), &along)
+                        })
+                        .collect();
+                    mean_of_exponentials(logs.iter().copied())
+                };
+                self.hypotheses.iter().zip(&prepared).map(of_effect).fold(f64::NEG_INFINITY, f64::max)
+            })
+            .collect();
+        largest.sort_by(f64::total_cmp);
+        let at = ((1.0 - share) * draws as f64).ceil() as usize;
+        largest[at.min(draws) - 1]
+    }
+
+    /// What the score of a hypothesis needs of everything but the residuals.
+    fn prepared(&self, hypothesis: &Hypothesis) -> Option<PreparedHypothesis> {
+        let k = hypothesis.columns.len();
+        let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(hypothesis.columns[i], hypothesis.columns[j])]);
+        let prior = DMatrix::from_diagonal(&DVector::from_column_slice(&hypothesis.precisions));
+        let factor = (gram + prior).cholesky()?;
+        let log_determinant = 2.0 * factor.l().diagonal().map(f64::ln).sum();
+        let log_prior: f64 = hypothesis.precisions.iter().map(|p| p.ln()).sum();
+        // Half of the prior of a one-sided amplitude lies where it cannot be; the other half counts twice.
+        let sides = hypothesis.two_sided.iter().filter(|two| !**two).count() as f64 * std::f64::consts::LN_2;
+        Some(PreparedHypothesis {
+            covariance: factor.inverse(),
+            occam: 0.5 * (log_determinant - log_prior),
+            sides,
+        })
+    }
+
+    /// Log evidence of a hypothesis by the projections of the residuals on all directions.
+    fn log_evidence(
+        hypothesis: &Hypothesis,
+        prepared: Option<&PreparedHypothesis>,
+        along: &DVector<f64>,
+    ) -> f64 {
+        let Some(PreparedHypothesis { covariance, occam, sides }) = prepared else {
+            return f64::NEG_INFINITY;
+        };
+        let mut gain = 0.0;
+        for ((i, row), two_sided) in
+            hypothesis.columns.iter().zip(covariance.row_iter()).zip(&hypothesis.two_sided)
+        {
+            let amplitude: f64 =
+                row.iter().zip(&hypothesis.columns).map(|(value, j)| value * along[*j]).sum();
+            if amplitude <= 0.0 && !two_sided {
+                return -occam;
+            }
+            gain += along[*i] * amplitude;
+        }
+        0.5 * gain - occam + sides
+    }
+
+    fn score(&self, hypothesis: &Hypothesis, along: &DVector<f64>) -> HypothesisScore {
+        let k = hypothesis.columns.len();
+        let Some(prepared) = self.prepared(hypothesis) else { return HypothesisScore::none(k) };
+        let log_evidence = Self::log_evidence(hypothesis, Some(&prepared), along);
+        let b = DVector::from_fn(k, |i, _| along[hypothesis.columns[i]]);
+        let mut amplitudes = &prepared.covariance * &b;
+        let wrong_side = amplitudes.iter().zip(&hypothesis.two_sided).any(|(a, two)| *a <= 0.0 && !two);
+        if wrong_side {
+            amplitudes.fill(0.0);
+            return HypothesisScore { chi_square: 0.0, log_evidence, amplitudes };
+        }
+        let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(hypothesis.columns[i], hypothesis.columns[j])]);
+        let slack = 1e-9 * gram.trace().max(1e-300);
+        let free = (gram + DMatrix::identity(k, k) * slack).cholesky();
+        let chi_square = free.map_or(b.dot(&amplitudes), |free| b.dot(&free.solve(&b)));
+        HypothesisScore { chi_square, log_evidence, amplitudes }
+    }
+}
+
+/// A hypothesis before the residuals are known.
+struct PreparedHypothesis {
+    /// Posterior covariance of its amplitudes.
+    covariance: DMatrix<f64>,
+    /// What its volume costs.
+    occam: f64,
+    /// What amplitudes of one side are worth.
+    sides: f64,
+}
+
+struct HypothesisScore {
+    chi_square: f64,
+    log_evidence: f64,
+    amplitudes: DVector<f64>,
+}
+
+impl HypothesisScore {
+    fn none(k: usize) -> Self {
+        Self { chi_square: 0.0, log_evidence: f64::NEG_INFINITY, amplitudes: DVector::zeros(k) }
+    }
+}
+
+/// Every hypothesis in which an effect may act.
+fn hypotheses_of(effect: &'static dyn Effect) -> Vec<Hypothesis> {
+    let infos = effect.parameters();
+    let places: Vec<Option<f64>> = match infos.iter().find(|info| !info.nodes.is_empty()) {
+        Some(info) => info.nodes.iter().map(|node| Some(*node)).collect(),
+        None => vec![None],
+    };
+    let hypothesis = |place: Option<f64>| {
+        let mut hypothesis = Hypothesis {
+            probes: Vec::new(),
+            precisions: Vec::new(),
+            two_sided: Vec::new(),
+            columns: Vec::new(),
+        };
+        for (index, info) in infos.iter().enumerate().filter(|(_, info)| info.nodes.is_empty()) {
+            let mut values = neutral(effect);
+            values[index] += info.prior_sd;
+            for (value, info) in values.iter_mut().zip(infos) {
+                if !info.nodes.is_empty() {
+                    *value = place.unwrap_or(*value);
+                }
+            }
+            let scale = Scale::of(info);
+            let step = scale.inside(values[index]) - scale.inside(info.neutral);
+            hypothesis.probes.push(values);
+            hypothesis.precisions.push((step / prior(info).sd).powi(2));
+            hypothesis.two_sided.push(info.is_two_sided());
+        }
+        hypothesis
+    };
+    places.into_iter().map(hypothesis).collect()
+}
+
+/// Values at an amplitude, within what is likely.
+fn start(effect: &dyn Effect, hypothesis: &Hypothesis, amplitudes: &DVector<f64>) -> Vec<f64> {
+    let mut values = hypothesis.probes.first().cloned().unwrap_or_else(|| neutral(effect));
+    let mut amplitudes = amplitudes.iter();
+    for ((value, info), index) in values.iter_mut().zip(effect.parameters()).zip(0..) {
+        if !info.nodes.is_empty() {
+            continue;
+        }
+        let scale = Scale::of(info);
+        let probe =
+            hypothesis.probes.get(index).and_then(|probe| probe.get(index)).copied().unwrap_or(*value);
+        let step = scale.inside(probe) - scale.inside(info.neutral);
+        let amplitude = amplitudes.next().copied().unwrap_or(0.0);
+        let [low, high] = info.likely.map(|end| scale.inside(end));
+        let inside = (scale.inside(info.neutral) + amplitude * step).clamp(low, high);
+        *value = scale.outside(inside);
+    }
+    values
+}
+
+/// `ln mean exp`.
+fn mean_of_exponentials(logs: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = logs.clone().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
+        return largest;
+    }
+    let (sum, count) = logs.fold((0.0, 0.0), |(sum, count), log| (sum + (log - largest).exp(), count + 1.0));
+    largest + (sum / count).ln()
+}

@@ -1,0 +1,131 @@
+//! The shape that was measured in a hold, as data.
+//!
+//! A tracker measures the whole shape many times a second: a hold has hundreds of points at every place. They are one datum, their mean, which
+//! has all that is to be learnt from them: as data of their own they would be thousands whose covariance takes minutes to factor, and the
+//! first ones would all be at one place, where nothing shows how noise is correlated along the needle.
+
+use formats::session::LateralRun;
+use mechanics::ShapePoint;
+use readings::holds::Hold;
+use std::collections::BTreeMap;
+
+/// Points this far beyond the tip are taken as on it.
+const BEYOND_M: f64 = 0.5e-3;
+/// Points closer than this are at the same place.
+const SAME_PLACE_M: f64 = 0.01e-3;
+/// Places of a hold: more are joined with their neighbours, over a length on which a needle is straight.
+const MAX_PLACES: usize = 240;
+
+/// The shape of a hold.
+pub(super) struct HoldShape {
+    /// Its places, along the needle.
+    pub places: Vec<ShapePoint>,
+    /// Number in the file of a point of each place, the first one.
+    pub indices: Vec<usize>,
+    /// What was measured at them, plane by plane.
+    pub means: Vec<PlaceMean>,
+}
+
+/// The mean of the points at a place in a plane.
+pub(super) struct PlaceMean {
+    /// 0 for the vertical plane, 1 for the horizontal one.
+    pub plane: usize,
+    /// Which place.
+    pub place: usize,
+    /// Deflection.
+    pub deflection_m: f64,
+    /// How many points.
+    pub points: usize,
+}
+
+/// The shape of one hold of a needle whose tip is at `tip_m`.
+pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
+    let middle_s = 0.5 * (hold.time_s[0] + hold.time_s[1]);
+    let mut indices: Vec<usize> =
+        hold.shape.iter().copied().filter(|i| run.shape.z_m[*i] <= tip_m + BEYOND_M).collect();
+    indices.sort_by(|a, b| run.shape.z_m[*a].total_cmp(&run.shape.z_m[*b]));
+    let z_m: Vec<f64> = indices.iter().map(|i| run.shape.z_m[*i].min(tip_m)).collect();
+    let time_s =
+        |index: usize| run.shape.time_s.as_ref().map_or(middle_s, |times_s| hold.observed_s(times_s[index]));
+    // Forth and back a lag of the images is the other way round.
+    let way = |index: usize| run.shape.image(index).map(|image| image.probe_m_per_s.total_cmp(&0.0));
+    let ways: Vec<_> = indices.iter().map(|index| way(*index)).collect();
+    let groups = places(&z_m, &ways);
+    let mean = |members: &[usize], of: &dyn Fn(usize) -> f64| {
+        members.iter().map(|member| of(*member)).sum::<f64>() / members.len() as f64
+    };
+    let place = |members: &Vec<usize>| ShapePoint {
+        time_s: mean(members, &|member| time_s(indices[member])),
+        z_m: mean(members, &|member| z_m[member]),
+        image: run.shape.image(indices[members[0]]),
+    };
+    let mut means = Vec::new();
+    for (plane, column) in [Some(&run.shape.y_m), run.shape.x_m.as_ref()].into_iter().enumerate() {
+        let Some(column) = column else { continue };
+        let values: Vec<f64> = indices.iter().map(|i| column[*i]).collect();
+        let kept = super::misread::without_misread(&z_m, &values, super::misread::step_m(column));
+        for (place, members) in groups.iter().enumerate() {
+            let members: Vec<usize> = members.iter().copied().filter(|member| kept[*member]).collect();
+            if !members.is_empty() {
+                let deflection_m = mean(&members, &|member| values[member]);
+                means.push(PlaceMean { plane, place, deflection_m, points: members.len() });
+            }
+        }
+    }
+    HoldShape {
+        places: groups.iter().map(place).collect(),
+        indices: groups.iter().map(|members| indices[members[0]]).collect(),
+        means,
+    }
+}
+
+/// Points at the same place that were imaged on the same way, in the order of the first of each; `z_m` increases.
+fn places<W: Ord + Copy>(z_m: &[f64], ways: &[W]) -> Vec<Vec<usize>> {
+    let joined = |width_m: f64| {
+        let mut places: Vec<Vec<usize>> = Vec::new();
+        let mut last: BTreeMap<W, usize> = BTreeMap::new();
+        for (number, (at_m, way)) in z_m.iter().zip(ways).enumerate() {
+            let open = last.get(way).filter(|place| at_m - z_m[places[**place][0]] <= width_m);
+            match open {
+                Some(place) => places[*place].push(number),
+                None => {
+                    last.insert(*way, places.len());
+                    places.push(vec![number]);
+                }
+            }
+        }
+        places
+    };
+    let same = joined(SAME_PLACE_M);
+    if same.len() <= MAX_PLACES {
+        return same;
+    }
+    let length_m = z_m.last().zip(z_m.first()).map_or(0.0, |(last, first)| last - first);
+    let ways = ways.iter().collect::<std::collections::BTreeSet<_>>().len();
+    joined(length_m * ways as f64 / MAX_PLACES as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_at_one_place_are_one_and_others_stay_as_they_are() {
+        let z_m = [0.07, 0.07, 0.070_005, 0.071, 0.0712, 0.0712];
+        assert_eq!(places(&z_m, &[0; 6]), [vec![0, 1, 2], vec![3], vec![4, 5]]);
+        // Forth and back are apart.
+        assert_eq!(places(&z_m, &[1, -1, 1, 1, -1, -1]), [vec![0, 2], vec![1], vec![3], vec![4, 5]]);
+        assert!(places::<i8>(&[], &[]).is_empty());
+    }
+
+    #[test]
+    fn dense_points_are_joined_to_a_number_that_is_bounded() {
+        let z_m: Vec<f64> = (0..5000).map(|i| 0.07 + 6e-6 * f64::from(i)).collect();
+        for ways in [vec![0; 5000], (0..5000).map(|i| i % 2).collect()] {
+            let found = places(&z_m, &ways);
+            assert!((MAX_PLACES / 2..=MAX_PLACES + 2).contains(&found.len()), "{}", found.len());
+            assert_eq!(found.iter().map(Vec::len).sum::<usize>(), 5000);
+            assert!(found.iter().all(|place| z_m[place[place.len() - 1]] - z_m[place[0]] < 0.3e-3));
+        }
+    }
+}

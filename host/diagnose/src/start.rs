@@ -1,0 +1,134 @@
+//! The starting model: fitted before anything is searched for, on springs and from there on another foundation.
+
+use super::adequacy::Adequacy;
+use super::data::Run;
+use super::discrepancy::patterns;
+use super::evidence::Patterns;
+use super::layout::{Layout, Prepared, Scale};
+use super::noise::Noise;
+use super::posterior::{Fitted, MAX_ROUNDS};
+use super::search::Found;
+use super::whiten::Whitener;
+use super::{DiagnoseError, Multiples};
+use mechanics::effects::Effect;
+use mechanics::{ModelError, Support};
+use rayon::prelude::*;
+use readings::FitError;
+
+/// Rounds after which fits from several places are compared, and how far behind the best of them one is given up.
+const FIRST_ROUNDS: usize = 5;
+const FAR_BEHIND: f64 = 20.0;
+/// A foundation on which the effects that were found on the other are further behind than this has no weight in any interval.
+const NO_WEIGHT: f64 = 12.0;
+
+/// Noise of a session and of its reference.
+pub(super) struct Noises {
+    pub session: Noise,
+    pub reference: Noise,
+}
+
+impl Noises {
+    pub fn of(&self, run: &Run) -> &Noise {
+        if run.is_reference { &self.reference } else { &self.session }
+    }
+}
+
+/// The starting model, fitted, and what everything after it works on.
+#[derive(Debug)]
+pub(super) struct Start {
+    pub runs: Vec<Prepared>,
+    pub patterns: Patterns,
+    pub fitted: Fitted,
+}
+
+/// Fits the starting model: twice, because what makes residuals independent, and the form of the discrepancy, depend on what to
+/// expect. The first time there is noise alone. `multiples` state what of the discrepancy is larger than usual.
+pub(super) fn fit_start(
+    layout: &Layout,
+    runs: &[Run],
+    noises: &Noises,
+    given: &[(&'static dyn Effect, Vec<f64>)],
+    multiples: &Multiples,
+) -> Result<Start, DiagnoseError> {
+    let mut first_values = layout.first_values();
+    let infos = given.iter().flat_map(|(effect, values)| effect.parameters().iter().zip(values));
+    for (value, (info, given)) in first_values[layout.own()..].iter_mut().zip(infos) {
+        *value = Scale::of(info).inside(*given);
+    }
+    let prepared = |values: &[f64]| -> Result<Vec<Prepared>, ModelError> {
+        let of_run = |run: &Run| {
+            let model = layout.model_of(values, run.kind, run.is_reference)?;
+            Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, noises.of(run), &model)? })
+        };
+        runs.iter().map(of_run).collect()
+    };
+    let first = prepared(&first_values)?;
+    let none = Patterns::none(&first);
+    let ends = layout.starts(&first_values);
+    let mut ends: Vec<Fitted> = ends
+        .par_iter()
+        .map(|values| Fitted::new(layout, &first, &none, values, &[], MAX_ROUNDS))
+        .collect::<Result<_, _>>()?;
+    ends.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    // Places that lead to the same end are one.
+    ends.dedup_by(|a, b| a.is_at(b));
+    let best = ends.first().ok_or(FitError::Undetermined)?.values();
+    let runs = prepared(best)?;
+    let patterns = patterns(layout, best, &runs, multiples)?;
+    let everyday = patterns.everyday();
+    let from = |starts: &Fitted, sizes: &[f64], rounds: usize| {
+        Fitted::new(layout, &runs, &patterns, starts.values(), sizes, rounds)
+    };
+    // Most ends are far behind after a few rounds.
+    let rounds = if ends.len() == 1 { MAX_ROUNDS } else { FIRST_ROUNDS };
+    let fits: Vec<Fitted> =
+        ends.par_iter().map(|end| from(end, &everyday, rounds)).collect::<Result<_, _>>()?;
+    let best = fits.iter().map(|fit| fit.log_evidence).fold(f64::NEG_INFINITY, f64::max);
+    let mut near: Vec<Fitted> = fits.into_iter().filter(|fit| fit.log_evidence > best - FAR_BEHIND).collect();
+    near.dedup_by(|a, b| a.is_at(b));
+    let settled: Vec<Fitted> = near
+        .into_par_iter()
+        .map(|fit| if fit.settled { Ok(fit) } else { from(&fit, &fit.sizes, MAX_ROUNDS) })
+        .collect::<Result<_, _>>()?;
+    let best = settled.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
+    Ok(Start { runs, patterns, fitted: best.ok_or(FitError::Undetermined)? })
+}
+
+impl Start {
+    /// Whether this foundation is out of question beside what was found on the other: something was, and the same effects on this one
+    /// are far behind. What has no name on the other may have one on this, which is searched for.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn is_far_behind(&self, found: &Found) -> Result<bool, FitError> {
+        if found.members.is_empty() {
+            return Ok(false);
+        }
+        let layout = Layout { support: self.fitted.layout.support, ..found.fitted.layout.clone() };
+        let values = |fitted: &Fitted| fitted.values().to_vec();
+        // Moduli, and what else both have, from here; the effects from there.
+        let mut starts = values(&found.fitted);
+        starts.iter_mut().zip(values(&self.fitted)).for_each(|(start, own)| *start = own);
+        let same =
+            Fitted::new(&layout, &self.runs, &self.patterns, &starts, &found.fitted.sizes, FIRST_ROUNDS);
+        Ok(same.is_ok_and(|same| same.log_evidence < found.fitted.log_evidence - NO_WEIGHT))
+    }
+
+    /// How far model and measurement disagree.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn adequacy(&self) -> Result<Adequacy, FitError> {
+        Adequacy::of(&self.fitted, &self.runs, &self.patterns)
+    }
+
+    /// The same runs on another foundation.
+    pub fn on(&self, support: Support) -> Result<Self, FitError> {
+        let layout = Layout { support, ..self.fitted.layout.clone() };
+        let (values, sizes) = (self.fitted.values(), &self.fitted.sizes);
+        let everyday = self.patterns.everyday();
+        let sizes: Vec<f64> = sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+        let fitted = Fitted::new(&layout, &self.runs, &self.patterns, values, &sizes, MAX_ROUNDS)?;
+        Ok(Self { fitted, runs: self.runs.clone(), patterns: self.patterns.clone() })
+    }
+}

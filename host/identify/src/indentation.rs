@@ -1,0 +1,220 @@
+//! The comparison with indentations: each with its interval, the mean of all, and a table per depth of the runs.
+
+use super::reference::Youngs;
+use super::{DepthResult, Fitted, IndentationResult, Reference, RunResult, YoungsModulus};
+use formats::session::{IndentationRun, Session};
+use modulus::indentation::{Contact, IndentationFit, Indenter, indented};
+use modulus::{Sample, welch_p};
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use suspicions::MIN_MOTION_M;
+
+/// Depths closer than this are one depth, as in the table.
+const SAME_DEPTH_M: f64 = 0.5e-3;
+/// Bend of the curve that is reported: share of the slope, and standard errors.
+const BENT: f64 = 0.1;
+const BENT_SE: f64 = 3.0;
+/// A sphere pressed in by more than this share of its radius strains the tissue beyond Hertz.
+const DEEP_SPHERE: f64 = 0.2;
+/// Contact radius over thickness at which an incompressible layer is 6 % stiffer than a half space.
+const THIN: f64 = 0.05;
+/// Reference and runs differ by a factor of two this closely (in ln) where a diameter was taken for a radius.
+const TWOFOLD: f64 = 0.2;
+
+/// The comparison; nothing without a usable indentation.
+pub(super) fn reference(
+    session: &Session,
+    runs: &[RunResult],
+    fitted: &[Fitted],
+    relation: (&Youngs<'_>, &YoungsModulus),
+    warnings: &mut Vec<String>,
+) -> Option<Reference> {
+    let (youngs, pooled) = relation;
+    let mut indentations = Vec::new();
+    for run in &session.indentation {
+        match indentation(run) {
+            Ok(found) => {
+                warnings.extend(found.warnings.iter().map(|what| format!("indentation {}: {what}", run.id)));
+                indentations.push(found);
+            }
+            Err(why) => {
+                warnings.push(format!("indentation {} is skipped: {}: {why}", run.id, run.path.display()));
+            }
+        }
+    }
+    warnings.extend(half_space(session));
+    let moduli_pa: Vec<f64> = indentations.iter().map(|one| 1e3 * one.youngs_modulus_kpa).collect();
+    let mean_pa = (!moduli_pa.is_empty()).then(|| moduli_pa.iter().sum::<f64>() / moduli_pa.len() as f64)?;
+    let sample = Sample::of(&moduli_pa);
+    let against = |values: &[f64]| welch_p(Sample::of(values)?, sample?);
+    let k_pa: Vec<f64> = fitted.iter().map(|run| run.ln_k.exp()).collect();
+    // Where E is refused for the pooled K it is for every run.
+    let of_run =
+        |depth_m: f64, k_pa: f64| youngs.of_modulus(depth_m, k_pa).filter(|_| pooled.value.is_some());
+    let youngs_pa: Vec<f64> =
+        fitted.iter().filter_map(|run| of_run(run.data.depth_m, run.ln_k.exp())).collect();
+    warnings.extend(twofold(1e-3 * mean_pa, pooled));
+    let ci95_kpa = match (sample, indentations.as_slice()) {
+        (Some(Sample { mean, sd, count }), _) => {
+            let quantile =
+                StudentsT::new(0.0, 1.0, count as f64 - 1.0).map_or(1.96, |t| t.inverse_cdf(0.975));
+            let half = quantile * sd / (count as f64).sqrt();
+            Some([1e-3 * (mean - half), 1e-3 * (mean + half)])
+        }
+        (None, [one]) => one.ci95_kpa,
+        (None, _) => None,
+    };
+    Some(Reference {
+        k_kpa: 1e-3 * mean_pa,
+        sd_kpa: sample.map(|sample| 1e-3 * sample.sd),
+        ci95_kpa,
+        t_test_p: against(&k_pa),
+        t_test_p_youngs: against(&youngs_pa),
+        runs: indentations.len(),
+        depths: depths(runs, of_run, against),
+        indentations,
+    })
+}
+
+/// Mean and standard deviation of the runs of every depth, tested against the indentations: Paper A (Lehmann et al.), Table I.
+fn depths(
+    runs: &[RunResult],
+    of_run: impl Fn(f64, f64) -> Option<f64>,
+    against: impl Fn(&[f64]) -> Option<f64>,
+) -> Vec<DepthResult> {
+    let mut groups: Vec<(f64, Vec<f64>)> = Vec::new();
+    for run in runs {
+        let Some(k_kpa) = run.methods.likelihood.k_kpa.filter(|_| run.skipped.is_none()) else { continue };
+        match groups.iter_mut().find(|(depth_mm, _)| (depth_mm - run.depth_mm).abs() <= 1e3 * SAME_DEPTH_M) {
+            Some((_, values)) => values.push(1e3 * k_kpa),
+            None => groups.push((run.depth_mm, vec![1e3 * k_kpa])),
+        }
+    }
+    groups.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let result = |(depth_mm, k_pa): (f64, Vec<f64>)| {
+        let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| of_run(1e-3 * depth_mm, *k_pa)).collect();
+        let mean_kpa = |values: &[f64]| 1e-3 * values.iter().sum::<f64>() / values.len() as f64;
+        let sd_kpa = |values: &[f64]| Sample::of(values).map(|sample| 1e-3 * sample.sd);
+        DepthResult {
+            depth_mm,
+            runs: k_pa.len(),
+            k_kpa: mean_kpa(&k_pa),
+            k_sd_kpa: sd_kpa(&k_pa),
+            t_test_p: against(&k_pa),
+            youngs_modulus_kpa: (!youngs_pa.is_empty()).then(|| mean_kpa(&youngs_pa)),
+            youngs_modulus_sd_kpa: sd_kpa(&youngs_pa),
+            t_test_p_youngs: against(&youngs_pa),
+        }
+    };
+    groups.into_iter().map(result).collect()
+}
+
+/// One indentation, or why it gives nothing.
+fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
+    let deepest_m = run.depth_m.iter().copied().fold(0.0, f64::max);
+    if deepest_m < MIN_MOTION_M {
+        return Err(format!(
+            "depth_mm: {:.6} mm at most, expected millimetres: is this in metres?",
+            1e3 * deepest_m
+        ));
+    }
+    let contact = Contact {
+        indenter: run.indenter,
+        radius_m: run.indenter_radius_m,
+        poisson: run.poisson,
+        thickness_m: run.tissue_thickness_m,
+    };
+    let found = indented(&contact, &run.depth_m, &run.force_n).map_err(|why| why.to_string())?;
+    let kpa = |pa: f64| 1e-3 * pa;
+    Ok(IndentationResult {
+        id: run.id.clone(),
+        indenter: run.indenter.name(),
+        youngs_modulus_kpa: kpa(found.youngs_pa),
+        ci95_kpa: found.ci95_pa.map(|ends| ends.map(kpa)),
+        force_offset_n: found.offset_n,
+        contact_mm: found.contact_m.map(|m| 1e3 * m),
+        deepest_mm: 1e3 * found.deepest_m,
+        nonlinearity_percent: 100.0 * found.nonlinearity,
+        residual_n: found.residual_n,
+        thickness_factor: found.thickness_factor,
+        samples: found.rows,
+        warnings: remarks(run, &found),
+    })
+}
+
+/// Warnings about one indentation.
+fn remarks(run: &IndentationRun, found: &IndentationFit) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let bent = found.nonlinearity.abs() > BENT && found.nonlinearity.abs() > BENT_SE * found.nonlinearity_se;
+    if found.fits_other_form {
+        let (own, other) = match run.indenter {
+            Indenter::Flat => ("flat", "sphere"),
+            Indenter::Sphere => ("sphere", "flat"),
+        };
+        remarks.push(format!(
+            "force against depth is that of a {other} indenter, not of indenter = \"{own}\": the modulus is wrong if the form is"
+        ));
+    } else if bent {
+        let direction = if found.nonlinearity > 0.0 { "stiffer" } else { "softer" };
+        remarks.push(format!(
+            "not linear: {:.0} % {direction} in the deeper half than in the shallower one; thin tissue, large strain or a tilted \
+             indenter make the modulus depend on depth",
+            100.0 * found.nonlinearity.abs()
+        ));
+    }
+    let radius_m = run.indenter_radius_m;
+    if run.indenter == Indenter::Sphere && found.deepest_m > DEEP_SPHERE * radius_m {
+        remarks.push(format!(
+            "{:.2} mm deep with a radius of {:.2} mm: Hertz's law holds to about a fifth of the radius",
+            1e3 * found.deepest_m,
+            1e3 * radius_m
+        ));
+    }
+    match run.tissue_thickness_m {
+        Some(thickness_m) if found.deepest_m > 0.3 * thickness_m => remarks.push(format!(
+            "{:.0} % of the tissue's thickness deep: beyond small strain",
+            100.0 * found.deepest_m / thickness_m
+        )),
+        Some(_) | None => {}
+    }
+    remarks
+}
+
+/// That tissue is taken as a half space where its thickness is not stated, and from which thickness on that is right.
+fn half_space(session: &Session) -> Option<String> {
+    let unstated = || session.indentation.iter().filter(|run| run.tissue_thickness_m.is_none());
+    let contact_m = |run: &IndentationRun| match run.indenter {
+        Indenter::Flat => run.indenter_radius_m,
+        Indenter::Sphere => (run.indenter_radius_m * run.depth_m.iter().copied().fold(0.0, f64::max)).sqrt(),
+    };
+    let widest_m = unstated().map(contact_m).fold(0.0, f64::max);
+    (unstated().next().is_some()).then(|| {
+        format!(
+            "tissue_thickness_mm of indentations is not stated: the tissue is taken as a half space, which makes the reference 6 % too \
+             stiff where it is {:.0} mm thick, and more where it is thinner",
+            1e3 * widest_m / THIN
+        )
+    })
+}
+
+/// A factor of two between indentation and runs: a diameter was taken for a radius, or the other way round.
+fn twofold(mean_kpa: f64, youngs: &YoungsModulus) -> Option<String> {
+    let (value_kpa, [low_kpa, high_kpa]) = youngs.value.zip(youngs.ci95)?;
+    let apart = (mean_kpa / value_kpa).ln();
+    let two = std::f64::consts::LN_2;
+    let inside = |kpa: f64| (low_kpa / 1.1..=high_kpa * 1.1).contains(&kpa);
+    let near = |expected: f64, kpa: f64| (apart - expected).abs() < TWOFOLD && inside(kpa);
+    if near(-two, 2.0 * mean_kpa) {
+        Some(
+            "the indentations give half the modulus of the runs: is indenter_radius_mm the diameter?"
+                .to_owned(),
+        )
+    } else if near(two, 0.5 * mean_kpa) {
+        Some(
+            "the indentations give twice the modulus of the runs: is indenter_radius_mm half of the radius, or the needle's \
+             contact one-sided?"
+                .to_owned(),
+        )
+    } else {
+        None
+    }
+}

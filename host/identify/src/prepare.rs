@@ -1,0 +1,424 @@
+//! From a run's recording to data for the fit: levels, noise, checks.
+
+use super::belong::check_shape_sign;
+use super::{HoldResult, NoiseResult, Options, RunError};
+use formats::session::{LateralRun, Session};
+use mechanics::Support;
+use mechanics::effects::{Effect, effect};
+use modulus::energy::{Balance, MIN_POINTS};
+use readings::holds::{
+    BEYOND_TIP_M, Hold, HoldCriteria, Mean, Path, holds, reversal_m, scatter_and_systematic, summary, unused,
+};
+use readings::{
+    DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum, SharedErrors,
+};
+use std::ops::Range;
+
+/// Standard deviation of a deflection before its residuals determine it.
+const FIRST_SHAPE_SD_M: f64 = 25e-6;
+/// No shape is known better than this.
+pub(super) const MIN_SHAPE_SD_M: f64 = 1e-6;
+/// No displacement and no force is known better than this.
+const MIN_DISPLACEMENT_SD_M: f64 = 1e-6;
+const MIN_FORCE_SD_N: f64 = 1e-4;
+/// What the zero of a force drifts after a tare, N: as much as a diagnosis allows for.
+pub const TARED_ZERO_SD_N: f64 = 0.01;
+/// Zero of a force cell that was not tared, N: 2 % of a rated range of 5 N, as data sheets state it for the zero balance.
+const ZERO_SD_N: f64 = 0.1;
+/// How an only guide gives.
+const REAR_ROTATION: &str = "rig.rear_rotation";
+/// Least time between rows of a run's course.
+const COURSE_STEP_S: f64 = 0.05;
+
+/// A run ready for every method.
+pub(super) struct Prepared {
+    pub data: LateralData,
+    /// Displaced levels with shape, for the energy balance.
+    pub balances: Vec<Balance>,
+    pub holds: Vec<HoldResult>,
+    pub noise: NoiseResult,
+    /// Whether all standard deviations are stated.
+    pub known_noise: bool,
+    /// Whether that of the shape is.
+    pub known_shape_noise: bool,
+    pub warnings: Vec<String>,
+}
+
+pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) -> Result<Prepared, RunError> {
+    if run.is_in_air() {
+        return Err(RunError::InAir);
+    }
+    let criteria = &options.criteria;
+    let found = holds(run, criteria);
+    let mut warnings: Vec<String> = summary(&unused(run, &session.rig, criteria));
+    let used: Vec<&Hold> = found.iter().filter(|level| level.lost_samples == 0).collect();
+    let displaced: Vec<&Hold> = used.iter().copied().filter(|level| level.path != Path::Zero).collect();
+    check_levels(run, criteria, &found, &used, &displaced)?;
+    warnings.extend(spikes(&used));
+
+    let planes = planes(run, &used, criteria, &mut warnings);
+    let noise = Deviations::of(session, run, &used);
+    let shape_of = |level: &Hold| shape_points(session, run, level);
+    let inside =
+        displaced.iter().flat_map(|level| shape_of(level)).filter(|p| p.z_m >= session.rig.entry_m).count();
+    if inside < MIN_POINTS {
+        return Err(RunError::TooFewPoints { path: run.shape_path.clone(), found: inside });
+    }
+
+    let force_zero = force_zero(session, run, used.len() > displaced.len(), &mut warnings);
+    let stated_shape_m = run.shape.typical_sd_m().or(session.noise.shape_m);
+    let shape_sd_m = stated_shape_m.unwrap_or(FIRST_SHAPE_SD_M);
+    let data = LateralData {
+        rig: session.rig.clone(),
+        support: Support::Springs,
+        depth_m: run.depth_m,
+        planes,
+        levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
+        shape_sd_m,
+        force_zero,
+        shared: SharedErrors::default(),
+        // A force determines the stiffness of needle and tissue together, and nothing where neither is known.
+        uses_force: session.rig.needle.stiffness_known,
+        effects: nuisances(session, options),
+        fixed: (!options.fixed.is_empty()).then(|| Fixed {
+            effects: options.fixed.clone(),
+            course: course(session, run, &used),
+            first_plane: 0,
+        }),
+    };
+    let mut balances = balances(&used, &noise, planes, shape_of);
+    check_sign(run, &balances)?;
+    check_shape_sign(run, &data)?;
+    if !session.rig.needle.stiffness_known {
+        balances.clear();
+    }
+    let holds = found.iter().map(|level| hold_result(level, &noise)).collect();
+    let source = |stated: Option<f64>| if stated.is_some() { "stated" } else { "estimated" };
+    let stated = session.noise;
+    let stated_m = stated_displacement_m(session, run);
+    Ok(Prepared {
+        data,
+        balances,
+        holds,
+        noise: NoiseResult {
+            force_n: noise.force_n,
+            force_source: source(stated.force_n),
+            displacement_mm: 1e3 * noise.displacement_m,
+            displacement_source: source(stated_m),
+            shape_mm: 1e3 * shape_sd_m,
+            shape_source: source(stated_shape_m),
+        },
+        known_shape_noise: stated_shape_m.is_some(),
+        known_noise: stated.force_n.is_some() && stated_m.is_some() && stated_shape_m.is_some(),
+        warnings,
+    })
+}
+
+/// Stated standard deviation of a reading of the displacement: of the run's own rows, or of all runs.
+fn stated_displacement_m(session: &Session, run: &LateralRun) -> Option<f64> {
+    run.force.typical_displacement_sd_m().or(session.noise.displacement_m)
+}
+
+/// What is known of the force's zero: from a hold at zero displacement, or else assumed as well as the session states it, with a warning.
+fn force_zero(session: &Session, run: &LateralRun, measured: bool, warnings: &mut Vec<String>) -> ForceZero {
+    if measured {
+        return ForceZero::Measured;
+    }
+    let (sd_n, because) = match (session.noise.force_zero_n, run.provenance.tared) {
+        (Some(sd_n), _) => (sd_n, "as `force_zero_n` states"),
+        (None, Some(true)) => (TARED_ZERO_SD_N, "what drifts after a tare"),
+        (None, Some(false)) => (ZERO_SD_N, "as the force was not tared: record a hold at zero displacement"),
+        (None, None) => (
+            ZERO_SD_N,
+            "as the session does not state `tared = true` of the run, or `force_zero_n` of the rig",
+        ),
+    };
+    warnings.push(format!(
+        "no hold at zero displacement: the force's zero is assumed to within {sd_n} N, {because}"
+    ));
+    ForceZero::assumed(sd_n)
+}
+
+/// What was requested, and how the needle turns in an only guide of which that is not known.
+fn nuisances(session: &Session, options: &Options) -> Vec<&'static dyn Effect> {
+    let mut effects = options.nuisances.clone();
+    let unknown = session.rig.rear_is_unknown();
+    let is_there = effects
+        .iter()
+        .chain(options.fixed.iter().map(|(effect, _)| effect))
+        .any(|effect| effect.id() == REAR_ROTATION);
+    if unknown && !is_there {
+        effects.extend(effect(REAR_ROTATION));
+    }
+    effects
+}
+
+fn check_levels(
+    run: &LateralRun,
+    criteria: &HoldCriteria,
+    found: &[Hold],
+    used: &[&Hold],
+    displaced: &[&Hold],
+) -> Result<(), RunError> {
+    let path = run.force_path.clone();
+    if found.is_empty() {
+        let times_s = &run.force.time_s;
+        let duration_s = times_s.last().zip(times_s.first()).map_or(0.0, |(last, first)| last - first);
+        Err(RunError::NoHold { path, duration_s, least_s: criteria.min_duration_s })
+    } else if used.is_empty() {
+        Err(RunError::AllLost { path, holds: found.len() })
+    } else if displaced.is_empty() {
+        let largest_mm = 1e3 * used.iter().map(|level| level.distance_m()).fold(0.0, f64::max);
+        Err(RunError::NoDisplacement { path, largest_mm })
+    } else {
+        Ok(())
+    }
+}
+
+/// What of the readings is no part of the holds' means.
+fn spikes(used: &[&Hold]) -> Option<String> {
+    let of = |means: &dyn Fn(&Hold) -> [Option<Mean>; 2]| -> usize {
+        used.iter().flat_map(|level| means(level)).flatten().map(|mean| mean.spikes).sum()
+    };
+    let force = of(&|level| [Some(level.force_y_n), level.force_x_n]);
+    let displacement = of(&|level| [Some(level.displacement_y_m), level.displacement_x_m]);
+    (force + displacement > 0).then(|| {
+        format!(
+            "{force} readings of the force and {displacement} of the displacement are spikes, single ones far from their neighbours: not in the \
+             means of holds"
+        )
+    })
+}
+
+/// The horizontal plane counts where it was moved in and its shape was measured.
+fn planes(run: &LateralRun, used: &[&Hold], criteria: &HoldCriteria, warnings: &mut Vec<String>) -> usize {
+    let moved = used.iter().any(|level| level.displacement_m()[1].abs() > criteria.zero_m);
+    if moved && run.shape.x_m.is_none() {
+        warnings.push(
+            "guide 2 moved horizontally but the shape has no deflection_x_mm: vertical plane only".to_owned(),
+        );
+    }
+    if moved && run.shape.x_m.is_some() { 2 } else { 1 }
+}
+
+/// Shape points of a level that lie on the needle.
+fn shape_points(session: &Session, run: &LateralRun, level: &Hold) -> Vec<ShapeDatum> {
+    level.shape.iter().filter_map(|index| shape_point(session, run, *index)).collect()
+}
+
+/// A shape point, where it lies on the needle.
+fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<ShapeDatum> {
+    let tip_m = session.rig.entry_m + run.depth_m;
+    let at = |values: &[f64]| values.get(index).copied();
+    let (z_m, y_m) = (at(&run.shape.z_m)?, at(&run.shape.y_m)?);
+    let x_m = run.shape.x_m.as_deref().and_then(at).unwrap_or(0.0);
+    let on_needle = (0.0..=tip_m + BEYOND_TIP_M).contains(&z_m);
+    let typical_m = run.shape.typical_sd_m();
+    let ratio = |sd_m: &Option<Vec<f64>>| {
+        let own_m = sd_m.as_deref().and_then(at);
+        own_m.zip(typical_m).map_or(1.0, |(own_m, typical_m)| own_m / typical_m)
+    };
+    let sd_ratio = [ratio(&run.shape.y_sd_m), ratio(&run.shape.x_sd_m)];
+    on_needle.then_some(ShapeDatum {
+        z_m: z_m.min(tip_m),
+        deflection_m: [y_m, x_m],
+        sd_ratio,
+        image: run.shape.image(index),
+        z_shared_sd_m: run.shape.shared_sd_m(index),
+        shared_m: run.shape.shared_errors_m(index),
+    })
+}
+
+/// The run's course, for effects that depend on it: rows closer than [`COURSE_STEP_S`] are thinned, since nothing that is modelled
+/// is quicker. A shape without times was measured in the middle of its hold.
+fn course(session: &Session, run: &LateralRun, used: &[&Hold]) -> DisplacementHistory {
+    let mut last_s = f64::NEG_INFINITY;
+    let mut kept = Vec::new();
+    for (row, time_s) in run.force.time_s.iter().enumerate() {
+        if time_s - last_s >= COURSE_STEP_S * (1.0 - 1e-6) {
+            kept.push(row);
+            last_s = *time_s;
+        }
+    }
+    let thinned =
+        |column: &[f64]| -> Vec<f64> { kept.iter().filter_map(|row| column.get(*row)).copied().collect() };
+    let time_s = thinned(&run.force.time_s);
+    let rows = |level: &&Hold| {
+        let [from_s, to_s] = level.time_s;
+        time_s.partition_point(|at_s| *at_s < from_s)..time_s.partition_point(|at_s| *at_s <= to_s)
+    };
+    let measured_s = |level: &Hold, index: usize| {
+        let own_s = run.shape.time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
+        own_s.map_or(0.5 * (level.time_s[0] + level.time_s[1]), |stamp_s| level.observed_s(stamp_s))
+    };
+    let on_needle = |level: &&Hold| -> Vec<f64> {
+        let indices = level.shape.iter().filter(|index| shape_point(session, run, **index).is_some());
+        indices.map(|index| measured_s(level, *index)).collect()
+    };
+    let still = || vec![0.0; time_s.len()];
+    let displacement_x_m = run.force.displacement_x_m.as_deref().map_or_else(still, thinned);
+    let displacement_m = [thinned(&run.force.displacement_y_m), displacement_x_m];
+    let holds: Vec<Range<usize>> = used.iter().map(rows).collect();
+    DisplacementHistory {
+        reversal_m: displacement_m.each_ref().map(|readings_m| reversal_m(readings_m, &holds)),
+        displacement_m,
+        holds,
+        shape_time_s: used.iter().flat_map(on_needle).collect(),
+        time_s,
+    }
+}
+
+/// Standard deviations of single readings, and how they become those of a level's mean.
+struct Deviations {
+    force_n: f64,
+    displacement_m: f64,
+    force_systematic_n: f64,
+    displacement_systematic_m: f64,
+}
+
+impl Deviations {
+    fn of(session: &Session, run: &LateralRun, used: &[&Hold]) -> Self {
+        let pooled = |means: &dyn Fn(&Hold) -> [Option<Mean>; 2]| {
+            let scatter =
+                used.iter().flat_map(|level| means(level)).flatten().filter(|mean| mean.samples > 1);
+            let (sum, count) = scatter.fold((0.0, 0.0), |(sum, count), mean| {
+                let freedom = mean.samples as f64 - 1.0;
+                (sum + freedom * mean.scatter.powi(2), count + freedom)
+            });
+            if count > 0.0 { (sum / count).sqrt() } else { 0.0 }
+        };
+        let force = pooled(&|level| [Some(level.force_y_n), level.force_x_n]);
+        let displacement = pooled(&|level| [Some(level.displacement_y_m), level.displacement_x_m]);
+        let (force_n, force_systematic_n) = scatter_and_systematic(
+            force,
+            session.noise.force_n,
+            MIN_FORCE_SD_N.max(rounding_sd(&run.force.force_y_n)),
+        );
+        let (displacement_m, displacement_systematic_m) = scatter_and_systematic(
+            displacement,
+            stated_displacement_m(session, run),
+            MIN_DISPLACEMENT_SD_M.max(rounding_sd(&run.force.displacement_y_m)),
+        );
+        Self { force_n, displacement_m, force_systematic_n, displacement_systematic_m }
+    }
+
+    fn force(&self, mean: &Mean) -> Measured {
+        Measured { value: mean.value, sd: mean.standard_error(self.force_n).hypot(self.force_systematic_n) }
+    }
+
+    fn displacement(&self, mean: &Mean) -> Measured {
+        let error_m = mean.standard_error(self.displacement_m);
+        Measured { value: mean.value, sd: error_m.hypot(self.displacement_systematic_m) }
+    }
+
+    fn level(&self, level: &Hold, planes: usize, shape: Vec<ShapeDatum>) -> HoldData {
+        let displacement = [Some(level.displacement_y_m), level.displacement_x_m];
+        let force = [Some(level.force_y_n), level.force_x_n];
+        HoldData {
+            displacement_m: displacement
+                .iter()
+                .flatten()
+                .take(planes)
+                .map(|mean| self.displacement(mean))
+                .collect(),
+            force_n: force.iter().flatten().take(planes).map(|mean| self.force(mean)).collect(),
+            shape,
+        }
+    }
+}
+
+/// Standard deviation of rounding, where the values look rounded: few distinct ones. Rounded values that toggle average
+/// out, so this is for values that do not.
+fn rounding_sd(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    let step = sorted
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .filter(|step| *step > 1e-9)
+        .fold(f64::INFINITY, f64::min);
+    if sorted.len() * 4 < values.len() && step.is_finite() { step / 12f64.sqrt() } else { 0.0 }
+}
+
+/// The displaced levels in the plane of their displacement, relative to the mean of the zero levels.
+fn balances(
+    used: &[&Hold],
+    noise: &Deviations,
+    planes: usize,
+    shape_of: impl Fn(&Hold) -> Vec<ShapeDatum>,
+) -> Vec<Balance> {
+    let data = |level: &Hold| noise.level(level, planes, shape_of(level));
+    let (zeros, displaced): (Vec<&Hold>, Vec<&Hold>) =
+        used.iter().partition(|level| level.path == Path::Zero);
+    let zeros: Vec<HoldData> = zeros.into_iter().map(data).collect();
+    let zero = |plane: usize, of: fn(&HoldData) -> &Vec<Measured>| {
+        let values: Vec<Measured> = zeros.iter().filter_map(|level| of(level).get(plane).copied()).collect();
+        let n = values.len().max(1) as f64;
+        let variance = values.iter().map(|v| v.sd.powi(2)).sum::<f64>() / (n * n);
+        Measured { value: values.iter().map(|v| v.value).sum::<f64>() / n, sd: variance.sqrt() }
+    };
+    let relative = |level: &HoldData, of: fn(&HoldData) -> &Vec<Measured>| -> Vec<Measured> {
+        let planes = of(level).iter().enumerate();
+        planes
+            .map(|(plane, measured)| {
+                let zero = zero(plane, of);
+                Measured { value: measured.value - zero.value, sd: measured.sd.hypot(zero.sd) }
+            })
+            .collect()
+    };
+    let mut balances = Vec::new();
+    for level in displaced.into_iter().map(data) {
+        let displacement_m = relative(&level, |level| &level.displacement_m);
+        let force_n = relative(&level, |level| &level.force_n);
+        let distance_m = displacement_m.iter().map(|d| d.value.powi(2)).sum::<f64>().sqrt();
+        if distance_m > 0.0 {
+            let along: Vec<f64> = displacement_m.iter().map(|d| d.value / distance_m).collect();
+            let project = |measured: &[Measured]| Measured {
+                value: measured.iter().zip(&along).map(|(m, a)| m.value * a).sum(),
+                sd: measured.iter().zip(&along).map(|(m, a)| (m.sd * a).powi(2)).sum::<f64>().sqrt(),
+            };
+            let deflection = |p: &ShapeDatum| p.deflection_m.iter().zip(&along).map(|(u, a)| u * a).sum();
+            balances.push(Balance {
+                displacement_m: project(&displacement_m),
+                force_n: project(&force_n),
+                shape_m: level.shape.iter().map(|point| (point.z_m, deflection(point))).collect(),
+                shape_sd_m: FIRST_SHAPE_SD_M,
+            });
+        }
+    }
+    balances
+}
+
+/// At the largest displacement the guide must push, not be pulled.
+fn check_sign(run: &LateralRun, balances: &[Balance]) -> Result<(), RunError> {
+    let largest = balances.iter().max_by(|a, b| a.displacement_m.value.total_cmp(&b.displacement_m.value));
+    match largest {
+        Some(level) if level.force_n.value <= 0.0 => Err(RunError::ForceSign {
+            path: run.force_path.clone(),
+            force_n: level.force_n.value,
+            displacement_mm: 1e3 * level.displacement_m.value,
+        }),
+        _ => Ok(()),
+    }
+}
+
+fn hold_result(level: &Hold, noise: &Deviations) -> HoldResult {
+    HoldResult {
+        from_s: level.time_s[0],
+        to_s: level.time_s[1],
+        path: match level.path {
+            Path::Zero => "zero",
+            Path::Loading => "loading",
+            Path::Unloading => "unloading",
+        },
+        displacement_y_mm: 1e3 * level.displacement_y_m.value,
+        force_y_n: level.force_y_n.value,
+        displacement_x_mm: level.displacement_x_m.map(|mean| 1e3 * mean.value),
+        force_x_n: level.force_x_n.map(|mean| mean.value),
+        force_y_se_n: Some(noise.force(&level.force_y_n).sd),
+        samples: level.displacement_y_m.samples,
+        shape_points: level.shape.len(),
+        used: level.lost_samples == 0,
+    }
+}

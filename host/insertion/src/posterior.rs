@@ -1,0 +1,408 @@
+//! What is known of one insertion's unknowns: a normal distribution per candidate of modulus and gap and sizes, updated by each tip
+//! position (a Kalman filter over unknowns that do not change, which makes it a smoother of the tip load).
+
+use super::basis::Measured;
+use super::candidates::{Candidate, Candidates};
+use super::layout::{ANGLE, ENTRY, Layout, MODULUS};
+use super::learned::{Learned, Node, Normal, Part};
+use super::path::{Bin, TipPath};
+use super::rear::Rear;
+use super::scales::Scales;
+use super::weights::tempering;
+use nalgebra::{DMatrix, DVector};
+
+/// Parts below this share of the weight are omitted from a prediction.
+const MIN_WEIGHT: f64 = 1e-4;
+/// A mean so many standard deviations of the prior from its middle, or an interval that reaches further, is at an end of the range.
+const END: f64 = 2.5;
+const END_OF_INTERVAL: f64 = 3.2;
+/// A posterior at least this wide, against the prior, adds no information.
+const UNINFORMED: f64 = 0.8;
+
+/// Mean and standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Moments {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+}
+
+/// Whether the data determine a quantity.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Identifiability {
+    /// They do: the interval is theirs.
+    Identified,
+    /// It runs to the upper end of its range: the lower end of the interval is a lower bound.
+    LowerBound,
+    /// It runs to the lower end of its range: the upper end of the interval is an upper bound.
+    UpperBound,
+    /// The interval is that of what was assumed beforehand.
+    NotIdentified,
+}
+
+impl Identifiability {
+    /// As results have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Identified => "identified",
+            Self::LowerBound => "lower_bound",
+            Self::UpperBound => "upper_bound",
+            Self::NotIdentified => "not_identified",
+        }
+    }
+}
+
+/// What is known of one insertion.
+#[derive(Debug, Clone)]
+pub struct Posterior<'c> {
+    candidates: &'c Candidates,
+    /// Possible sizes of the unknowns.
+    scales: Vec<Scales>,
+    nodes: Vec<Node>,
+    parts: Vec<Part>,
+}
+
+impl<'c> Posterior<'c> {
+    /// Before the insertion that was learned for begins.
+    pub fn new(candidates: &'c Candidates, learned: &Learned) -> Self {
+        let Learned { scales, parts, nodes } = learned.clone();
+        Self { candidates, scales, nodes, parts }
+    }
+
+    /// Takes in the tip at one depth: where it is and, where that was measured, its direction.
+    pub fn update(&mut self, bin: &Bin) {
+        let layout = &self.candidates.layout;
+        for measured in [Measured::Position, Measured::Direction] {
+            for plane in 0..layout.planes {
+                let Some(value) = measured.of(bin, plane) else { continue };
+                let row = |node: &Node| node.basis.row(plane, measured, bin.depth_m, bin.leaving);
+                let rows: Vec<_> = self.nodes.iter().map(row).collect();
+                let (system, _) = layout.place(plane);
+                for Part { node, scales, ln_weight, normals } in &mut self.parts {
+                    let variance = self.scales[*scales].variance(measured, bin.rows, bin.moving);
+                    let (row, beside) = &rows[*node];
+                    *ln_weight += normals[system].update(row, value - beside, variance);
+                }
+            }
+        }
+    }
+
+    /// Takes in a whole recording. Where it is far from what any part explains, weights are tempered so that not a single part is left.
+    pub fn update_all(&mut self, path: &TipPath) {
+        path.bins.iter().for_each(|bin| self.update(bin));
+        let ln_weights: Vec<f64> = self.parts.iter().map(|part| part.ln_weight).collect();
+        let power = tempering(&ln_weights);
+        self.parts.iter_mut().for_each(|part| part.ln_weight *= power);
+    }
+
+    /// Copies the state of `other`, which began as this one did; nothing is allocated.
+    fn copy_from(&mut self, other: &Self) {
+        for (part, other) in self.parts.iter_mut().zip(&other.parts) {
+            part.ln_weight = other.ln_weight;
+            for (normal, other) in part.normals.iter_mut().zip(&other.normals) {
+                normal.mean.copy_from(&other.mean);
+                normal.covariance.copy_from(&other.covariance);
+            }
+        }
+    }
+
+    /// Whether any part explains what was taken in with a likelihood that is a number.
+    pub fn is_sound(&self) -> bool {
+        self.parts.iter().any(|part| part.ln_weight.is_finite())
+    }
+
+    /// Tip position at each depth, per plane; the scatter of single depths about a smooth path is part of it, the noise of a reading
+    /// is not. m.
+    pub fn tip_m(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
+        let depths = || depths_m.iter().map(|depth_m| (*depth_m, false));
+        self.moments(
+            depths_m.len(),
+            |node, plane| node.basis.rows(plane, Measured::Position, &node.basis.places(depths())),
+            |scales| scales.irregularity_m.powi(2),
+        )
+    }
+
+    /// How far the tip goes from one place of the path to another, per plane, m; a place is a depth, on arriving (`false`) or on leaving
+    /// (`true`), after what is done at rest there. The scatter of single depths is part of it where the depths differ.
+    pub fn tip_change_m(&self, from: (f64, bool), to: (f64, bool)) -> Vec<Moments> {
+        let scatter = if from.0 == to.0 { 0.0 } else { 2.0 };
+        self.change(Measured::Position, from, to, |scales| scatter * scales.irregularity_m.powi(2))
+    }
+
+    /// The same of the needle's slope at the tip, rad; nothing where no direction was measured.
+    pub fn direction_change_rad(&self, from: (f64, bool), to: (f64, bool)) -> Option<Vec<Moments>> {
+        self.candidates.layout.direction.then(|| self.change(Measured::Direction, from, to, |_| 0.0))
+    }
+
+    fn change(
+        &self,
+        measured: Measured,
+        from: (f64, bool),
+        to: (f64, bool),
+        variance: impl Fn(&Scales) -> f64,
+    ) -> Vec<Moments> {
+        let rows = |node: &Node, plane: usize| {
+            let (rows, beside) = node.basis.rows(plane, measured, &node.basis.places([from, to]));
+            let change = rows.row(1) - rows.row(0);
+            (DMatrix::from_rows(&[change]), vec![beside[1] - beside[0]])
+        };
+        self.moments(1, rows, variance).swap_remove(0)
+    }
+
+    /// Tip load at each depth in the needle's own frame, per plane, N.
+    pub fn load_n(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
+        let layout = &self.candidates.layout;
+        let rows = |plane: usize| {
+            let rows: Vec<_> =
+                depths_m.iter().map(|depth_m| layout.load_row(plane, *depth_m).transpose()).collect();
+            (DMatrix::from_rows(&rows), vec![0.0; depths_m.len()])
+        };
+        let of_plane: Vec<_> = (0..layout.planes).map(rows).collect();
+        self.moments(depths_m.len(), |_, plane| of_plane[plane].clone(), |_| 0.0)
+    }
+
+    /// Angle of entry per plane, rad; a tilt of the tracker against the rig is part of it.
+    pub fn entry_angle_rad(&self) -> Vec<Moments> {
+        let layout = &self.candidates.layout;
+        let row = |plane: usize| {
+            let mut row = DMatrix::zeros(1, layout.unknowns());
+            row[(0, layout.place(plane).1 + ANGLE)] = 1.0;
+            (row, vec![0.0])
+        };
+        self.moments(1, |_, plane| row(plane), |_| 0.0).swap_remove(0)
+    }
+
+    /// Factor on the modulus of this insertion, and its gap in m: means and standard deviations of their logarithms.
+    pub fn ln_modulus_factor_and_gap(&self) -> [Moments; 2] {
+        let layout = &self.candidates.layout;
+        let modulus = self.mixed(|part, node, scales| {
+            let own = own(part, layout, MODULUS, scales.modulus_ln);
+            Moments { mean: node.candidate.modulus_ln + own.mean, sd: own.sd }
+        });
+        let gap = self.mixed(|part, node, scales| {
+            let own = own(part, layout, ENTRY, scales.shared_and_own_entry_m());
+            // The surface lies before guide 2 nowhere.
+            let gap_m = (node.gap_m + own.mean).max(0.1 * node.gap_m);
+            Moments { mean: gap_m.ln(), sd: own.sd / gap_m }
+        });
+        [modulus, gap]
+    }
+
+    /// Share of this insertion's rear less the middle of what is known beforehand, per plane, and whether the data determine it; nothing
+    /// where it is stated.
+    pub fn rear_share(&self) -> Option<[Option<(Moments, Identifiability)>; 2]> {
+        let layout = &self.candidates.layout;
+        let (rear, place) = (self.candidates.rear()?, layout.rear()?);
+        let of_plane = |plane: usize| {
+            if !rear.unknown[plane] || plane >= layout.planes {
+                return None;
+            }
+            let (system, at) = layout.place(plane);
+            let moments = self.mixed(|part, _, _| {
+                let normal = &part.normals[system];
+                let variance = normal.covariance[(at + place, at + place)].max(0.0);
+                Moments { mean: normal.mean[at + place], sd: variance.sqrt() }
+            });
+            Some((moments, is_share_determined(moments, rear)))
+        };
+        Some([of_plane(0), of_plane(1)])
+    }
+
+    /// Whether the data determine modulus and gap.
+    pub fn determined(&self) -> [Identifiability; 2] {
+        let of = |value: &dyn Fn(&Node) -> f64, sd: f64| {
+            determined(self.mixed(|_, node, _| Moments { mean: value(node), sd: 0.0 }), sd)
+        };
+        let [modulus_sd, gap_sd] = self.candidates.prior_sds();
+        [of(&|node| node.candidate.modulus_ln, modulus_sd), of(&|node| node.candidate.gap_ln, gap_sd)]
+    }
+
+    /// Ends of the range of the modulus, as factors, and of the gap, m.
+    pub fn range(&self) -> [[f64; 2]; 2] {
+        let ends = |modulus_ln: f64, gap_ln: f64| {
+            self.candidates.clamped(Candidate { modulus_ln, gap_ln, ..Candidate::default() })
+        };
+        let low = ends(f64::NEG_INFINITY, f64::NEG_INFINITY);
+        let high = ends(f64::INFINITY, f64::INFINITY);
+        [[low, high].map(|end| end.modulus_ln.exp()), [low, high].map(|end| self.candidates.gap_m(end))]
+    }
+
+    /// Mean of the logarithm of a size.
+    pub fn typical(&self, size: impl Fn(&Scales) -> f64) -> f64 {
+        self.mixed(|_, _, scales| Moments { mean: size(scales).ln(), sd: 0.0 }).mean.exp()
+    }
+
+    /// Moments over the parts.
+    fn mixed(&self, of: impl Fn(&Part, &Node, &Scales) -> Moments) -> Moments {
+        let (mut mean, mut square) = (0.0, 0.0);
+        for (part, share) in self.shares() {
+            let part = &self.parts[part];
+            let value = of(part, &self.nodes[part.node], &self.scales[part.scales]);
+            mean += share * value.mean;
+            square += share * (value.mean * value.mean + value.sd * value.sd);
+        }
+        Moments { mean, sd: (square - mean * mean).max(0.0).sqrt() }
+    }
+
+    /// Number and weight of the parts that count; the weights sum to 1.
+    fn shares(&self) -> Vec<(usize, f64)> {
+        let finite = self.parts.iter().enumerate().filter(|(_, part)| part.ln_weight.is_finite());
+        let most = finite.clone().map(|(_, part)| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
+        let mut shares: Vec<_> = finite.map(|(i, part)| (i, (part.ln_weight - most).exp())).collect();
+        let total: f64 = shares.iter().map(|(_, share)| share).sum();
+        shares.retain(|(_, share)| *share > MIN_WEIGHT * total);
+        let total: f64 = shares.iter().map(|(_, share)| share).sum();
+        shares.iter_mut().for_each(|(_, share)| *share /= total);
+        shares
+    }
+
+    /// Linear functions of the unknowns over the parts that count: `count` of them per plane, as rows with what is added to each, and
+    /// the variance that is added to all. Moments per function and plane.
+    ///
+    /// Parts of one candidate have the same functions, so that the sum of their variances is the variance under the sum of their
+    /// covariances, each by its share: the costly product is done once for each candidate.
+    fn moments(
+        &self,
+        count: usize,
+        rows: impl Fn(&Node, usize) -> (DMatrix<f64>, Vec<f64>),
+        variance: impl Fn(&Scales) -> f64,
+    ) -> Vec<Vec<Moments>> {
+        let layout = &self.candidates.layout;
+        let mut shares = self.shares();
+        shares.sort_by_key(|(part, _)| self.parts[*part].node);
+        // Mean and mean square, per plane. Squares are taken about the first part's values: digits count.
+        let mut sums =
+            vec![[DVector::zeros(count), DVector::zeros(count), DVector::zeros(count)]; layout.planes];
+        let mut covariance = DMatrix::zeros(layout.unknowns(), layout.unknowns());
+        for (number, same) in
+            shares.chunk_by(|(a, _), (b, _)| self.parts[*a].node == self.parts[*b].node).enumerate()
+        {
+            let node = &self.nodes[same.first().map_or(0, |(part, _)| self.parts[*part].node)];
+            for (plane, [about, mean, square]) in sums.iter_mut().enumerate() {
+                let (rows, beside) = rows(node, plane);
+                let beside = DVector::from_vec(beside);
+                let (system, _) = layout.place(plane);
+                covariance.fill(0.0);
+                let mut own = 0.0;
+                for (i, (part, share)) in same.iter().enumerate() {
+                    let Part { scales, normals, .. } = &self.parts[*part];
+                    let Normal { mean: unknowns, covariance: part_covariance } = &normals[system];
+                    covariance.zip_apply(part_covariance, |sum, value| *sum += share * value);
+                    own += share * variance(&self.scales[*scales]);
+                    let value = &rows * unknowns + &beside;
+                    if number == 0 && i == 0 {
+                        about.copy_from(&value);
+                    }
+                    let value = value - &*about;
+                    mean.axpy(*share, &value, 1.0);
+                    square.zip_apply(&value, |square, value| *square += share * value * value);
+                }
+                let variances = (&rows * &covariance).component_mul(&rows).column_sum();
+                square.zip_apply(&variances, |square, variance| *square += variance + own);
+            }
+        }
+        let of = |i: usize, [about, mean, square]: &[DVector<f64>; 3]| {
+            let (mean, square) = (mean[i], square[i]);
+            Moments { mean: about[i] + mean, sd: (square - mean * mean).max(0.0).sqrt() }
+        };
+        (0..count).map(|i| sums.iter().map(|sums| of(i, sums)).collect()).collect()
+    }
+}
+
+/// Whether a posterior determines a logarithm better than its prior, of mean 0 and standard deviation `sd`.
+fn determined(Moments { mean, sd: found }: Moments, sd: f64) -> Identifiability {
+    // What is given beforehand to a few per cent is not required of the data.
+    let is_given = sd <= GIVEN_LN;
+    if is_given {
+        Identifiability::Identified
+    } else if mean > END * sd || mean + 2.0 * found > END_OF_INTERVAL * sd {
+        Identifiability::LowerBound
+    } else if mean < -END * sd || mean - 2.0 * found < -END_OF_INTERVAL * sd {
+        Identifiability::UpperBound
+    } else if found > UNINFORMED * sd {
+        Identifiability::NotIdentified
+    } else {
+        Identifiability::Identified
+    }
+}
+
+/// The same of a rear: its stiffness is a bound where the share may be that of a clamp or of a hinge.
+fn is_share_determined(Moments { mean, sd }: Moments, rear: &Rear) -> Identifiability {
+    let at = |sds: f64| rear.middle + mean + sds * sd;
+    if sd > UNINFORMED * rear.sd {
+        Identifiability::NotIdentified
+    } else if at(-2.0) < SHARE_OF_CLAMP {
+        Identifiability::LowerBound
+    } else if at(2.0) > 1.0 - SHARE_OF_CLAMP {
+        Identifiability::UpperBound
+    } else {
+        Identifiability::Identified
+    }
+}
+
+/// A smaller share of a rear is that of a clamp.
+const SHARE_OF_CLAMP: f64 = 0.02;
+/// A prior of the logarithm not wider than this was given.
+const GIVEN_LN: f64 = 0.3;
+
+/// An unknown that both planes have: the value of each, with the prior counted once.
+fn own(part: &Part, layout: &Layout, unknown: usize, prior_sd: f64) -> Moments {
+    let (mut precision, mut pull) = (0.0, 0.0);
+    for plane in 0..layout.planes {
+        let (system, at) = layout.place(plane);
+        let normal = &part.normals[system];
+        let variance = normal.covariance[(at + unknown, at + unknown)].max(1e-30);
+        pull += normal.mean[at + unknown] / variance;
+        precision += 1.0 / variance;
+    }
+    let prior = prior_sd.powi(-2);
+    precision = (precision - (layout.planes as f64 - 1.0) * prior).max(prior);
+    Moments { mean: pull / precision, sd: precision.sqrt().recip() }
+}
+
+/// Follows a needle while it moves: readings come one by one, predictions are available at any time.
+///
+/// Readings at one depth are gathered to one bin, as they are in a recording.
+#[derive(Debug, Clone)]
+pub struct OnlinePosterior<'c> {
+    /// Without the bin that readings still go to.
+    settled: Posterior<'c>,
+    /// With it.
+    now: Posterior<'c>,
+    /// Depth, vertical and horizontal tip position of each of its readings, m.
+    open: Vec<[f64; 3]>,
+}
+
+impl<'c> OnlinePosterior<'c> {
+    /// Follows an insertion.
+    pub fn new(posterior: Posterior<'c>) -> Self {
+        Self { settled: posterior.clone(), now: posterior, open: Vec::new() }
+    }
+
+    /// Takes in one reading: depth, vertical and horizontal tip position, m.
+    pub fn push(&mut self, depth_m: f64, tip_m: [f64; 2]) {
+        if self.open.first().is_some_and(|first| (first[0] - depth_m).abs() < 0.5e-3) {
+            self.now.copy_from(&self.settled);
+        } else {
+            self.settled.copy_from(&self.now);
+            self.open.clear();
+        }
+        self.open.push([depth_m, tip_m[0], tip_m[1]]);
+        let column = |i: usize| self.open.iter().map(|reading| reading[i]).collect::<Vec<_>>();
+        let mean_m = column(0).iter().sum::<f64>() / self.open.len() as f64;
+        self.now.update(&Bin {
+            depth_m: mean_m,
+            tip_m: [readings::holds::median(column(1)), readings::holds::median(column(2))],
+            direction_rad: [None; 2],
+            rows: self.open.len() as f64,
+            moving: false,
+            leaving: false,
+        });
+    }
+
+    /// What is known now.
+    pub fn posterior(&self) -> &Posterior<'c> {
+        &self.now
+    }
+}

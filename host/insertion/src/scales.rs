@@ -1,0 +1,277 @@
+//! How large the unknowns of an insertion are, and what that makes of standard normal numbers.
+
+use super::basis::Measured;
+use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};
+use std::f64::consts::FRAC_PI_2;
+use std::ops::Range;
+
+/// How large the unknowns are: standard deviations of what all insertions share, and of each insertion's own part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scales {
+    /// Own offset of the tip sensor, m.
+    pub offset_m: f64,
+    /// Own angle of entry, rad.
+    pub entry_angle_rad: f64,
+    /// Own tip load, N.
+    pub load_n: f64,
+    /// Shared tip load, N: wide, in proportion to what the paths require, so that its size weighs no modulus against another.
+    pub shared_load_n: f64,
+    /// Shared and own process noise of the tip load about its mean, N.
+    pub process_noise_n: [f64; 2],
+    /// Depth over which the process noise is correlated, m.
+    pub memory_m: f64,
+    /// Own difference of the logarithm of the modulus.
+    pub modulus_ln: f64,
+    /// Own place of the tissue surface, m.
+    pub entry_m: f64,
+    /// Own slow drift of the tracker, m.
+    pub drift_m: f64,
+    /// Of the tip about a smooth path at single depths, m.
+    pub irregularity_m: f64,
+    /// More of it while the needle is on its way, m.
+    pub moving_m: f64,
+    /// Own tilt of the direction sensor on the needle, rad.
+    pub tilt_rad: f64,
+    /// Its slow change with depth, rad.
+    pub bend_rad: f64,
+    /// Of the tip's direction about a smooth course at single depths, rad.
+    pub unsteady_rad: f64,
+    /// Of one reading of the tip sensor, m; known beforehand.
+    pub reading_m: f64,
+    /// Of one reading of the tip's direction, rad; known beforehand.
+    pub direction_rad: f64,
+    /// Standard deviation of the prior of the rear's share; 0 where it is known.
+    pub rear_share: f64,
+}
+
+/// Noise of one reading of the tip: standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ReadingNoise {
+    /// Of its position, m.
+    pub position_m: f64,
+    /// Of its direction, rad.
+    pub direction_rad: f64,
+}
+
+/// What is known before the sizes are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Known {
+    /// Noise of one reading of the tip.
+    pub noise: ReadingNoise,
+    /// Standard deviation of the prior of the rear's share.
+    pub rear_share: f64,
+    /// About how large the tip load is at a candidate, N.
+    pub load_n: f64,
+}
+
+/// Scales that are found.
+pub(super) const COUNT: usize = 14;
+/// Their middles and the standard deviations of their logarithms: weak, physical. Those of the tip load are shares of it.
+const TYPICAL: [(f64, f64); COUNT] = [
+    (0.3e-3, 1.5),
+    (0.005, 1.5),
+    (0.05, 1.0),
+    (0.02, 1.5),
+    (0.02, 1.5),
+    (0.1, 1.0),
+    (0.03, 1.0),
+    (0.2e-3, 1.0),
+    (0.01e-3, 1.5),
+    (0.03e-3, 1.0),
+    (0.1e-3, 1.0),
+    (2e-3, 1.5),
+    (2e-3, 1.5),
+    (1e-3, 1.0),
+];
+/// Number of the one that matters only where a needle that rests was read on its way.
+pub(super) const MOVING: usize = 10;
+/// Numbers of those that matter only where the tip's direction is measured.
+pub(super) const DIRECTION: Range<usize> = 11..14;
+/// Loads below this are as large, N: where a tip takes hardly any, nothing is known to a share of it.
+const MIN_LOAD_N: f64 = 0.02;
+/// No path is smoother than this, m: the model is solved in steps.
+const MIN_IRREGULARITY_M: f64 = 3e-6;
+const MIN_UNSTEADY_RAD: f64 = 3e-5;
+/// What all insertions of a session share has one value in each plane, which determines little of a size: these are wide. Offset (m), angle
+/// (rad), load (a multiple of its size).
+const SHARED_OFFSET_M: f64 = 0.1;
+const SHARED_ANGLE_RAD: f64 = 0.05;
+const SHARED_LOAD: f64 = 2.0;
+/// Guide 2 against its zero, shared and own, m: clearance and mounting. The place of the surface that all insertions share, m.
+const GUIDE2_M: [f64; 2] = [0.05e-3, 0.01e-3];
+const SHARED_ENTRY_M: f64 = 0.3e-3;
+/// Tilt that all insertions share, rad: how the sensor sits on the needle.
+const SHARED_TILT_RAD: f64 = 0.05;
+/// How far the share of the rear differs between insertions: the needle is gripped again for each.
+const OWN_REAR_SHARE: f64 = 0.03;
+/// Drift that repeats from insertion to insertion, against that of each: a field of the tracker that is bent a little.
+const SHARED_DRIFT: f64 = 0.5;
+/// Steps of the logarithms of modulus and gap that a search may take at once, and the part of it that stands for one insertion.
+const TRUST_LN: f64 = 0.3;
+const SEARCHED_OWN_LN: f64 = 1e-3;
+
+/// Standard deviations of one plane's unknowns before the process noise, and how those of their shared parts compare.
+pub(super) struct Map {
+    pub sds: Vec<f64>,
+    pub ratios: Vec<f64>,
+    /// Places of the process noise, whose own standard deviation is given by what follows.
+    pub process_noise: Range<usize>,
+    /// Stationary standard deviation of the process noise, and its correlation over a stretch between knots.
+    pub process_noise_n: f64,
+    pub correlation: f64,
+}
+
+impl Scales {
+    /// From distances to the typical ones, in standard deviations, for tip loads of about `load_n`.
+    pub(super) fn from_logarithms(x: &[f64], known: Known) -> Self {
+        let Known { noise, rear_share, load_n } = known;
+        let load_n = load_n.max(MIN_LOAD_N);
+        let at = |i: usize| TYPICAL[i].0 * (x[i] * TYPICAL[i].1).clamp(-9.0, 9.0).exp();
+        Self {
+            offset_m: at(0),
+            entry_angle_rad: at(1),
+            load_n: load_n * at(2),
+            shared_load_n: SHARED_LOAD * load_n,
+            process_noise_n: [load_n * at(3), load_n * at(4)],
+            memory_m: at(5),
+            modulus_ln: at(6),
+            entry_m: at(7),
+            drift_m: at(8),
+            irregularity_m: at(9).max(MIN_IRREGULARITY_M),
+            moving_m: at(MOVING),
+            tilt_rad: at(11),
+            bend_rad: at(12),
+            unsteady_rad: at(13).max(MIN_UNSTEADY_RAD),
+            reading_m: noise.position_m,
+            direction_rad: noise.direction_rad,
+            rear_share,
+        }
+    }
+
+    /// Variance of the median of so many readings at one depth, m^2 or rad^2.
+    pub(super) fn variance(&self, measured: Measured, rows: f64, moving: bool) -> f64 {
+        let [irregular, moving, reading] = match measured {
+            Measured::Position => {
+                [self.irregularity_m, if moving { self.moving_m } else { 0.0 }, self.reading_m]
+            }
+            Measured::Direction => [self.unsteady_rad, 0.0, self.direction_rad],
+        };
+        irregular.powi(2) + moving.powi(2) + reading.powi(2) * variance_of_median(rows)
+    }
+
+    /// Sizes of a plane's unknowns. `searching`: modulus and gap that all insertions share may step away from the candidate.
+    pub(super) fn map(&self, layout: &Layout, searching: bool) -> Map {
+        let length = layout.of_plane();
+        let (mut sds, mut ratios) = (vec![0.0; length], vec![0.0; length]);
+        ratios[layout.process_noise()].fill(self.process_noise_n[0] / self.process_noise_n[1]);
+        let mut set = |i: usize, [shared, own]: [f64; 2]| {
+            sds[i] = own;
+            ratios[i] = if own > 0.0 { shared / own } else { 0.0 };
+        };
+        set(OFFSET, [SHARED_OFFSET_M, self.offset_m]);
+        set(ANGLE, [SHARED_ANGLE_RAD, self.entry_angle_rad]);
+        set(GUIDE2, GUIDE2_M);
+        set(MODULUS, [if searching { TRUST_LN } else { 0.0 }, self.modulus_ln]);
+        set(ENTRY, [SHARED_ENTRY_M, self.entry_m]);
+        set(GAP, if searching { [TRUST_LN, SEARCHED_OWN_LN] } else { [0.0; 2] });
+        for number in 0..DRIFTS {
+            let own_m = self.drift_m / ((number + 1) as f64).sqrt();
+            set(DRIFT + number, [SHARED_DRIFT * own_m, own_m]);
+        }
+        set(LOAD, [self.shared_load_n, self.load_n]);
+        if let Some(rear) = layout.rear() {
+            set(rear, [self.rear_share, OWN_REAR_SHARE]);
+        }
+        if let Some(tilt) = layout.tilt() {
+            set(tilt, [SHARED_TILT_RAD, self.tilt_rad]);
+            for number in 0..BENDS {
+                let own_rad = self.bend_rad / ((number + 1) as f64).sqrt();
+                set(tilt + 1 + number, [own_rad, own_rad]);
+            }
+        }
+        let stretch_m = layout.knots_m.get(1).copied().unwrap_or(1.0);
+        Map {
+            sds,
+            ratios,
+            process_noise: layout.process_noise(),
+            process_noise_n: self.process_noise_n[1],
+            correlation: (-stretch_m / self.memory_m).exp(),
+        }
+    }
+
+    /// How far shared and own process noise move the load over a distance, N.
+    pub fn process_noise_over_n(&self, distance_m: f64) -> [f64; 2] {
+        let share = (2.0 * (1.0 - (-distance_m / self.memory_m).exp())).sqrt();
+        self.process_noise_n.map(|process_noise_n| share * process_noise_n)
+    }
+
+    /// Standard deviation of the place of an insertion's surface, m.
+    pub(super) fn shared_and_own_entry_m(&self) -> f64 {
+        SHARED_ENTRY_M.hypot(self.entry_m)
+    }
+
+    /// Variance of a step of the search, of the logarithm.
+    pub(super) fn trust_variance() -> f64 {
+        TRUST_LN * TRUST_LN
+    }
+}
+
+impl Map {
+    /// Rows of a matrix of so many columns, from the unknowns' units of `length` per plane to standard normal numbers, transposed: `D^T S`.
+    /// The process noise is stationary, with a memory that is exponential along the depth.
+    #[inline(always)]
+    pub fn pull_back_rows(&self, values: &mut [f64], columns: usize, length: usize) {
+        let push = (1.0 - self.correlation * self.correlation).sqrt();
+        let mut sums = vec![0.0; columns];
+        for plane in values.chunks_exact_mut(length * columns) {
+            sums.fill(0.0);
+            let Range { start, end } = self.process_noise;
+            for (place, (row, sd)) in plane.chunks_exact_mut(columns).zip(&self.sds).enumerate().rev() {
+                if (start..end).contains(&place) {
+                    let fresh = if place > start { push } else { 1.0 };
+                    for (value, sum) in row.iter_mut().zip(&mut sums) {
+                        *sum = *value + self.correlation * *sum;
+                        *value = self.process_noise_n * *sum * fresh;
+                    }
+                } else {
+                    row.iter_mut().for_each(|value| *value *= sd);
+                }
+            }
+        }
+    }
+
+    /// From standard normal numbers to the unknowns: `D v`.
+    pub fn push_forward(&self, values: &mut [f64], length: usize) {
+        let push = (1.0 - self.correlation * self.correlation).sqrt();
+        for plane in values.chunks_exact_mut(length) {
+            let mut load = 0.0;
+            for (knot, value) in plane[self.process_noise.clone()].iter_mut().enumerate() {
+                let fresh = if knot > 0 { push * *value } else { *value };
+                load = self.correlation * load + fresh;
+                *value = self.process_noise_n * load;
+            }
+            self.scale(plane);
+        }
+    }
+
+    /// The unknowns beside the process noise.
+    fn scale(&self, plane: &mut [f64]) {
+        let [before, after] = [0..self.process_noise.start, self.process_noise.end..plane.len()];
+        for (value, sd) in plane[before.clone()].iter_mut().zip(&self.sds[before]) {
+            *value *= sd;
+        }
+        for (value, sd) in plane[after.clone()].iter_mut().zip(&self.sds[after]) {
+            *value *= sd;
+        }
+    }
+
+    /// Shared over own standard deviation of the unknown at a place of a vector.
+    pub fn ratio(&self, place: usize, length: usize) -> f64 {
+        self.ratios.get(place % length).copied().unwrap_or_default()
+    }
+}
+
+/// Variance of the median of so many readings over that of one.
+pub fn variance_of_median(readings: f64) -> f64 {
+    if readings > 2.0 { FRAC_PI_2 / readings } else { 1.0 / readings }
+}

@@ -1,0 +1,23 @@
+//! Lateral runs as data: from the series of a run to the likelihood of what they say about the tissue.
+//!
+//! | item | does |
+//! |---|---|
+//! | [`holds`] | holds and sweeps in the series of a run, their means and noise |
+//! | [`LateralData`] | a lateral run as one block of a fit: shared modulus, own displacements, force zero and effects |
+//! | [`fit()`] | weighted least squares over parameters shared by all runs and nuisances of each run |
+//! | [`intervals`] | profile likelihood and bootstrap of such a fit |
+//!
+//! What is identified, diagnosed or planned with them is in the crates above.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+mod fit;
+pub mod holds;
+pub mod intervals;
+mod lateral;
+
+pub use fit::{Block, Fit, FitError, Parameter, Prior, bounded_step, fit};
+pub use lateral::{
+    ChannelFit, DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum, ShapeFit,
+    SharedErrors, channel_fits, effect_parameters, shape_fits,
+};
