@@ -19,6 +19,7 @@
 pub mod cli;
 pub mod igtl;
 pub mod report;
+#[cfg(feature = "screen")]
 pub mod screen;
 
 pub use figures;

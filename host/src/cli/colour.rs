@@ -1,6 +1,7 @@
 //! Whether to colour: as `--color` requests; else not where `NO_COLOR` is set, `TERM` is `dumb`, or it is no terminal.
 
 use clap::{ColorChoice, ValueEnum};
+#[cfg(feature = "screen")]
 use ratatui::crossterm::style::force_color_output;
 use std::ffi::OsString;
 use std::io::{self, IsTerminal};
@@ -26,6 +27,7 @@ pub fn requested(arguments: impl IntoIterator<Item = OsString>) -> ColorChoice {
 
 /// Whether standard error is coloured; sets the live screen too, which has a switch of its own.
 pub fn settle(choice: ColorChoice) -> bool {
+    #[cfg(feature = "screen")]
     match choice {
         ColorChoice::Always => force_color_output(true),
         ColorChoice::Never => force_color_output(false),

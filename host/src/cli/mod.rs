@@ -30,6 +30,7 @@ mod import_ultrasound;
 mod init;
 mod limits;
 mod live;
+#[cfg(feature = "screen")]
 mod monitor;
 mod operate;
 mod output;
@@ -51,6 +52,7 @@ mod steer;
 mod summarize;
 mod tare;
 mod track;
+#[cfg(feature = "web")]
 mod web;
 
 pub use call::{CallError, Called, FailedAt, Kind, call, readable};
@@ -83,6 +85,7 @@ enum Command {
     Ports(ports::Args),
     Bringup(bringup::Args),
     Status(operate::StatusArgs),
+    #[cfg(feature = "screen")]
     Monitor(monitor::Args),
     Home(operate::HomeArgs),
     Tare(tare::Args),
@@ -109,6 +112,7 @@ enum Command {
     Population(population::Args),
     Report(report::Args),
     Serve(serve::Args),
+    #[cfg(feature = "web")]
     Web(web::Args),
     Track(track::Args),
     PlanPath(plan_path::Args),
@@ -169,6 +173,7 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Ports(args) => ports::run(args, out),
         Command::Bringup(args) => bringup::run(args, out),
         Command::Status(args) => operate::status(args, out),
+        #[cfg(feature = "screen")]
         Command::Monitor(args) => monitor::run(args, out),
         Command::Home(args) => operate::home(args, out),
         Command::Tare(args) => tare::run(args, out),
@@ -196,6 +201,7 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Population(args) => population::run(args, out),
         Command::Report(args) => report::run(args, out),
         Command::Serve(args) => serve::run(args, out),
+        #[cfg(feature = "web")]
         Command::Web(args) => web::run(args, out),
         Command::Track(args) => track::run(args, out),
         Command::PlanPath(args) => plan_path::run(args, out),

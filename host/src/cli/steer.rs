@@ -1,6 +1,10 @@
 //! `guide steer`: brings a needle to a target, step by step, through a plant of someone else or the device.
 
 mod drawing;
+#[cfg(feature = "screen")]
+mod live;
+#[cfg(not(feature = "screen"))]
+#[path = "steer/without_screen.rs"]
 mod live;
 mod publish;
 

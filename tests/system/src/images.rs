@@ -4,6 +4,7 @@ use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::{Mutex, PoisonError};
 
 /// Target of the firmware.
 const TARGET: &str = "thumbv7em-none-eabihf";
@@ -78,10 +79,6 @@ pub enum Image {
 }
 
 impl Image {
-    /// All of them, those first that most tests need.
-    pub const ALL: [Self; 6] =
-        [Self::Qemu, Self::Conformance, Self::Tracking, Self::Timing, Self::Flash, Self::BoardConformance];
-
     const fn binary(self) -> &'static str {
         match self {
             Self::Flash | Self::Qemu => "firmware",
@@ -102,8 +99,8 @@ impl Image {
     const fn features(self) -> &'static str {
         match self {
             Self::Flash => "flash",
-            Self::Qemu | Self::Timing | Self::Tracking => "qemu",
-            Self::Conformance => "qemu,conformance",
+            // The same for all, so that what they depend on is built once.
+            Self::Qemu | Self::Timing | Self::Tracking | Self::Conformance => "qemu,conformance",
             Self::BoardConformance => "flash,conformance",
         }
     }
@@ -128,15 +125,27 @@ pub fn build(image: Image) -> Result<PathBuf> {
     build_for(Board::BL475eIot01a, image)
 }
 
-/// Builds an image for a board and returns its ELF file.
+/// Images that this process has built: cargo need not check them for every test that boots one.
+static BUILT: Mutex<Vec<(Board, Image, PathBuf)>> = Mutex::new(Vec::new());
+
+/// Builds an image for a board, once in a process, and returns its ELF file.
 ///
 /// # Errors
 /// Where the build fails or warns; its messages have gone to standard error.
 pub fn build_for(board: Board, image: Image) -> Result<PathBuf> {
+    let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, _, elf)) = built.iter().find(|(of, which, _)| (*of, *which) == (board, image)) {
+        return Ok(elf.clone());
+    }
+    let elf = build_anew(board, image)?;
+    built.push((board, image, elf.clone()));
+    Ok(elf)
+}
+
+fn build_anew(board: Board, image: Image) -> Result<PathBuf> {
     let folder = target_dir().join(board.folder(image.folder()));
     let mut child = cargo()
-        .args(["build", "--package", "firmware", "--bin", image.binary()])
-        .args(["--target", TARGET, "--profile", PROFILE])
+        .args(["image", "--bin", image.binary()])
         .args(["--features", &format!("{},{}", image.features(), board.name())])
         .arg("--target-dir")
         .arg(&folder)

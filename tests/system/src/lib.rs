@@ -4,31 +4,50 @@
 #![deny(missing_docs)]
 
 pub mod bench;
+#[cfg(feature = "checks")]
 pub mod beside;
+#[cfg(feature = "checks")]
 pub mod bringup;
+#[cfg(feature = "checks")]
 pub mod campaign;
 pub mod cosim;
 pub mod demo;
+#[cfg(feature = "checks")]
 pub mod fuzz;
+#[cfg(feature = "checks")]
 pub mod fuzzed;
+#[cfg(feature = "checks")]
 pub mod hil;
+#[cfg(feature = "checks")]
 pub mod imaged;
 pub mod images;
+#[cfg(feature = "checks")]
 pub mod module;
 pub mod needle;
+#[cfg(feature = "checks")]
 mod numbers;
+#[cfg(feature = "checks")]
+pub mod on_target;
+#[cfg(feature = "checks")]
 pub mod panics;
+#[cfg(feature = "checks")]
 pub mod peers;
 pub mod pty;
 pub mod qemu;
+#[cfg(feature = "checks")]
 pub mod readme;
+#[cfg(feature = "checks")]
 pub mod size;
+#[cfg(feature = "checks")]
 pub mod soak;
+#[cfg(feature = "checks")]
 pub mod stress;
-pub mod suite;
 pub mod terminals;
+#[cfg(feature = "checks")]
 pub mod timing;
+#[cfg(feature = "checks")]
 pub mod tracking;
+#[cfg(feature = "checks")]
 pub mod trial;
 pub mod wire;
 

@@ -5,10 +5,11 @@ use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
+#[cfg(feature = "checks")]
 use system::{
-    beside, bringup, campaign, cosim, demo, fuzz, hil, imaged, needle, readme, size, soak, stress, suite,
-    timing, tracking,
+    beside, bringup, campaign, fuzz, hil, imaged, on_target, readme, size, soak, stress, timing, tracking,
 };
+use system::{cosim, demo, needle};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -22,35 +23,49 @@ struct Cli {
 enum Task {
     /// Run the whole procedure on the firmware in QEMU with a simulated rig
     Demo(demo::Args),
-    /// Run every test: host, protocol on the host and in QEMU, firmware end to end
-    Test(suite::Args),
+    /// Run what `cargo xtask test` has beside cargo's tests: programs on the target, in QEMU
+    #[cfg(feature = "checks")]
+    OnTarget(on_target::Args),
     /// Measure run times, beside those of alternative libraries, and how they scale; write the page of them
+    #[cfg(feature = "checks")]
     Bench(beside::Args),
     /// Build the image of each board and compare its flash and RAM use with the committed figures
+    #[cfg(feature = "checks")]
     Size(size::Args),
     /// Run the protocol's tests on a board, flash its firmware, and run the automatic steps of `guide bringup`
+    #[cfg(feature = "checks")]
     Hil(hil::Args),
     /// Regenerate the outputs and pictures of README.md and the manual, or compare them
+    #[cfg(feature = "checks")]
     Readme(readme::Args),
     /// Run the end of the demonstration for many seeds
+    #[cfg(feature = "checks")]
     StudyDemo(demo::seeds::Seeds),
     /// K from simulated ultrasound frames beside K from the true shape, by the commands of `guide`
+    #[cfg(feature = "checks")]
     StudyImages(imaged::Options),
     /// Run `guide bringup` on rigs with every fault of wiring, mounting and sensors, and on sound ones
+    #[cfg(feature = "checks")]
     StudyBringup(bringup::Options),
     /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
+    #[cfg(feature = "checks")]
     Tracking,
     /// Run the firmware on a line with errors: flipped bits, cuts, programs; no wrong sample may arrive, and no loss be uncounted
+    #[cfg(feature = "checks")]
     Stress(stress::Args),
     /// Run the firmware for an hour of its time with random commands, faults, restarts, cuts and flipped bits; what must hold is
     /// checked throughout
+    #[cfg(feature = "checks")]
     Soak(soak::Args),
     /// Carry out random sequences of commands, faults and restarts, in this process and through the firmware in QEMU: none may
     /// circumvent a limit
+    #[cfg(feature = "checks")]
     Campaign(campaign::Args),
     /// Fuzz every parser with generated inputs, and report the input on which one fails
+    #[cfg(feature = "checks")]
     Fuzz(fuzz::Args),
     /// Run the control core on the target, in QEMU: instructions per control period
+    #[cfg(feature = "checks")]
     Timing,
     /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
     Rig(demo::RigArgs),
@@ -86,22 +101,33 @@ fn main() -> ExitCode {
 fn run(task: Task) -> Result<()> {
     match task {
         Task::Demo(args) => demo::run(&args),
-        Task::Test(args) => suite::run(args),
+        #[cfg(feature = "checks")]
+        Task::OnTarget(args) => on_target::run(args),
+        #[cfg(feature = "checks")]
         Task::Bench(args) => beside::run(&args),
+        #[cfg(feature = "checks")]
         Task::Size(args) => size::run(&args),
+        #[cfg(feature = "checks")]
         Task::Hil(args) => hil::run(&args),
+        #[cfg(feature = "checks")]
         Task::Readme(args) => readme::run(&args),
+        #[cfg(feature = "checks")]
         Task::StudyDemo(args) => demo::seeds::run(&args),
+        #[cfg(feature = "checks")]
         Task::StudyImages(args) => imaged::run(&args),
+        #[cfg(feature = "checks")]
         Task::StudyBringup(args) => bringup::run(&args),
+        #[cfg(feature = "checks")]
         Task::Tracking => {
             println!("{}", tracking::run()?);
             Ok(())
         }
+        #[cfg(feature = "checks")]
         Task::Stress(args) => {
             println!("{}", stress::run(args)?);
             Ok(())
         }
+        #[cfg(feature = "checks")]
         Task::Soak(args) => {
             if args.programs {
                 println!("{}", soak::programs::run(args)?);
@@ -110,11 +136,14 @@ fn run(task: Task) -> Result<()> {
             }
             Ok(())
         }
+        #[cfg(feature = "checks")]
         Task::Campaign(args) => {
             println!("{}", campaign::run(args)?);
             Ok(())
         }
+        #[cfg(feature = "checks")]
         Task::Fuzz(args) => fuzz::run(&args),
+        #[cfg(feature = "checks")]
         Task::Timing => {
             println!("{}", timing::run()?);
             Ok(())

@@ -2,6 +2,7 @@
 
 use crate::images::Board;
 use anyhow::{Context, Result, bail};
+#[cfg(feature = "firmware-log")]
 use defmt_decoder::{DecodeError, Table};
 use std::collections::VecDeque;
 use std::io::Read;
@@ -26,6 +27,7 @@ pub(crate) const OUTPUT_PIPE: &str = "serial.out";
 const POLL: Duration = Duration::from_millis(20);
 
 /// Lines of the firmware's log that are kept, so that a run of hours takes no more memory than one of minutes.
+#[cfg(feature = "firmware-log")]
 const LOG_LINES: usize = 2_000;
 
 /// What the firmware's serial port leads to. Its path is `serial` in the working folder.
@@ -254,6 +256,16 @@ fn kill_at(child: &Arc<Mutex<Child>>, deadline: Arc<Mutex<Option<Instant>>>) -> 
     Ok(())
 }
 
+/// Takes the log off, so that the firmware does not wait for a reader, and leaves one line of it.
+#[cfg(not(feature = "firmware-log"))]
+fn decode(_: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) {
+    let mut buffer = [0; 1024];
+    while let Ok(1..) = stdout.read(&mut buffer) {}
+    let line = "(this build does not decode the firmware's log: `cargo xtask rig` does)".to_owned();
+    log.lock().unwrap_or_else(PoisonError::into_inner).push_back(line);
+}
+
+#[cfg(feature = "firmware-log")]
 fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) {
     let push = |line: String| {
         let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,10 +1,12 @@
 //! Builds with cargo's progress on the screen, and runs what was built.
 
-use crate::setup;
-use anyhow::{Context, Result, ensure};
+use crate::progress::{Output, watched};
+use crate::{check, setup};
+use anyhow::{Context, Result, anyhow, ensure};
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
+use std::thread;
 
 /// What `cargo xtask demo` does, before it does it.
 pub fn announce_demo() {
@@ -23,6 +25,40 @@ pub fn announce_demo() {
 pub fn system(task: &str, arguments: &[OsString]) -> Result<ExitCode> {
     cargo(&["build", "--package", "host", "--package", "system", "--bin", "guide", "--bin", "system"])?;
     run_system(task, arguments)
+}
+
+/// Builds `guide`, the program `system` and the image of the firmware, and runs the demonstration.
+///
+/// # Errors
+/// As [`system`].
+pub fn demo(arguments: &[OsString]) -> Result<ExitCode> {
+    // What it does not show is left out: live screens, the page in the browser, DICOM, and everything of `system` that tests need.
+    let programs = ["build", "--package", "host", "--package", "system", "--bin", "guide", "--bin", "system"];
+    with_image(|| cargo(&[&programs[..], &["--no-default-features"]].concat()))?;
+    run_system("demo", arguments)
+}
+
+/// Builds the image that the demonstration and most tests boot beside another build: each has stretches that occupy one processor only.
+/// What boots it checks it again.
+///
+/// # Errors
+/// Where one of them fails.
+pub fn with_image(build: impl FnOnce() -> Result<()>) -> Result<()> {
+    let image = thread::spawn(|| {
+        let (folder, parts) = (target_dir().join("image-qemu"), image_parts());
+        let image = ["image", "--bin", "firmware", "--features", check::FIRST_IMAGE, "--target-dir"];
+        cargo_with(
+            &[&image[..], &[&*folder.to_string_lossy()]].concat(),
+            &[("CARGO_BUILD_BUILD_DIR", &parts.to_string_lossy())],
+        )
+    });
+    build()?;
+    image.join().map_err(|_| anyhow!("the build of the image has crashed"))?
+}
+
+/// Folder of what the firmware's images depend on.
+pub fn image_parts() -> PathBuf {
+    target_dir().join("image-parts")
 }
 
 /// Runs a task of the program `system`, which is built.
@@ -83,12 +119,9 @@ pub fn program() -> OsString {
 /// # Errors
 /// Where it fails.
 pub fn cargo_with(arguments: &[&str], environment: &[(&str, &str)]) -> Result<()> {
-    let status = Command::new(program())
-        .current_dir(root())
-        .args(arguments)
-        .envs(environment.iter().copied())
-        .status()
-        .context("cannot run cargo")?;
+    let mut command = Command::new(program());
+    command.current_dir(root()).args(arguments).envs(environment.iter().copied());
+    let status = watched(&mut command, Output::Messages, |_| {})?;
     ensure!(status.success(), "cargo {} failed", arguments.join(" "));
     Ok(())
 }
@@ -105,12 +138,19 @@ pub fn run<'a>(
     let status = Command::new(program)
         .args(first)
         .args(arguments)
-        // It need not be built once more.
-        .env("NEEDLE_GUIDE_PROGRAM", target_dir().join("debug").join("guide"))
+        .env(PROGRAM, guide())
         .status()
         .with_context(|| format!("cannot run {}", program.display()))?;
     let code = status.code().and_then(|code| u8::try_from(code).ok());
     Ok(code.map_or(ExitCode::FAILURE, ExitCode::from))
+}
+
+/// Environment variable that names the program `guide` to what tests it: so it is not built once more.
+pub const PROGRAM: &str = "NEEDLE_GUIDE_PROGRAM";
+
+/// The program `guide` as tests and demonstration build it.
+pub fn guide() -> PathBuf {
+    target_dir().join("debug").join("guide")
 }
 
 /// Root of the workspace.

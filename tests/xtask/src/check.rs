@@ -1,55 +1,73 @@
-//! `cargo xtask lint`: format, words, import circles, lints, documentation, manual and licences. `cargo xtask test` begins with them.
+//! `cargo xtask lint`: format, words, import circles, lints, documentation, manual and licences. The first tier of `cargo xtask test` begins with
+//! the first four, the second with the others.
 
-use crate::build::{cargo, cargo_with, root, target_dir};
+use crate::build::{cargo, cargo_with, image_parts, root, target_dir};
 use crate::setup::TARGET;
 use crate::{circles, words};
 use anyhow::{Context, Result, bail};
 use std::process::{Command, Stdio};
 
-/// Features of the firmware's images that are linted.
-const IMAGES: [&str; 4] = [
-    "flash,conformance,b-l475e-iot01a",
-    "flash,conformance,nucleo-l476rg",
-    "qemu,conformance,b-l475e-iot01a",
-    "qemu,conformance,nucleo-l476rg",
-];
-/// Folder in which the images are built, so that linting them builds nothing twice.
-const IMAGE_PARTS: &str = "image-parts";
-
-/// What `cargo xtask test` does, before it does it.
-pub fn announce() {
-    eprintln!(
-        "xtask: format, lints and documentation first, then every test; the first time this builds everything"
-    );
-}
+/// The image of the firmware that the first tier lints: what most tests and the demonstration boot.
+pub const FIRST_IMAGE: &str = "qemu,conformance,b-l475e-iot01a";
+/// The other images.
+const OTHER_IMAGES: [&str; 3] =
+    ["flash,conformance,b-l475e-iot01a", "flash,conformance,nucleo-l476rg", "qemu,conformance,nucleo-l476rg"];
 
 /// All checks that run nothing of the project.
 ///
 /// # Errors
 /// Where there is anything to complain about.
 pub fn all() -> Result<()> {
+    texts()?;
+    lints()?;
+    rest()
+}
+
+/// Format, words and import circles: seconds, without a build.
+///
+/// # Errors
+/// Where there is anything to complain about.
+pub fn texts() -> Result<()> {
     cargo(&["fmt", "--all", "--check"])?;
     words::check()?;
-    circles::check()?;
+    circles::check()
+}
+
+/// Lints of the host's code and of one image.
+///
+/// # Errors
+/// Where there is anything to complain about.
+pub fn lints() -> Result<()> {
     cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])?;
+    image(FIRST_IMAGE)
+}
+
+/// What the second tier checks: documentation, the other images, manual and licences.
+///
+/// # Errors
+/// Where there is anything to complain about.
+pub fn rest() -> Result<()> {
     cargo_with(&["doc", "--workspace", "--no-deps", "--lib"], &[("RUSTDOCFLAGS", "-D warnings")])?;
-    let parts = target_dir().join(IMAGE_PARTS).display().to_string();
-    for features in IMAGES {
-        let of_image = [
-            "clippy",
-            "--package",
-            "firmware",
-            "--target",
-            TARGET,
-            "--profile",
-            "firmware",
-            "--features",
-            features,
-        ];
-        cargo(&[&of_image[..], &["--target-dir", &parts, "--", "-D", "warnings"]].concat())?;
-    }
+    OTHER_IMAGES.into_iter().try_for_each(image)?;
     manual()?;
     licences()
+}
+
+/// Lints of an image, in the folder in which images are built, so that what runs while building is built once.
+fn image(features: &str) -> Result<()> {
+    let of_image = [
+        "clippy",
+        "--package",
+        "firmware",
+        "--target",
+        TARGET,
+        "--profile",
+        "firmware",
+        "--features",
+        features,
+    ];
+    let parts = image_parts().display().to_string();
+    cargo(&[&of_image[..], &["--target-dir", &parts, "--", "-D", "warnings"]].concat())
 }
 
 fn is_installed(program: &str) -> bool {

@@ -9,7 +9,9 @@ mod check;
 mod circles;
 mod cluster;
 mod licences;
+mod progress;
 mod setup;
+mod tiers;
 mod web;
 mod wheel;
 mod words;
@@ -37,7 +39,7 @@ const TASKS: [(&str, Needs, &str); 22] = [
     (
         "test",
         Needs::Here,
-        "Run every check and test: format, lints, documentation, host, protocol, firmware end to end",
+        "Run what decides whether a change is right: lints, host, protocol, firmware end to end (--all: what takes longer too)",
     ),
     (
         "lint",
@@ -168,7 +170,7 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
         "demo" => {
             build::announce_demo();
             setup::ensure_all()?;
-            build::system("demo", arguments)
+            build::demo(arguments)
         }
         "study" => build::study(arguments),
         "wheel" | "cluster" if arguments.iter().any(|argument| argument == "--help" || argument == "-h") => {
@@ -185,21 +187,15 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
             }
             setup::setup(only_name).map(|()| ExitCode::SUCCESS)
         }
+        "test" if arguments.iter().any(|argument| argument == "--help" || argument == "-h") => {
+            print!("{}", tiers::HELP);
+            Ok(ExitCode::SUCCESS)
+        }
+        "test" => tiers::run(arguments),
         _ if !arguments.is_empty() => bail!("{name} has no options"),
-        "lint" => {
+        _ => {
             setup::ensure_target()?;
             check::all().map(|()| ExitCode::SUCCESS)
-        }
-        _ => {
-            check::announce();
-            setup::ensure_all()?;
-            check::all()?;
-            // With the features of the tests, so that nothing is built twice; with the Python module where it can be tested.
-            let python = wheel::python().is_ok();
-            let features: &[&str] = if python { &["--features", "needle-guide/extension"] } else { &[] };
-            build::cargo(&[&["test", "--workspace", "--no-run"], features].concat())?;
-            let of_suite: Vec<OsString> = python.then(|| "--python".into()).into_iter().collect();
-            build::run_system("test", &of_suite)
         }
     }
 }

@@ -5,6 +5,7 @@
 
 mod avi;
 mod depth;
+#[cfg(feature = "dicom")]
 mod dicom;
 mod header;
 mod jpeg;
@@ -59,9 +60,16 @@ impl Sequence {
             match extension.as_deref() {
                 Some("mha" | "mhd") => twice(|| metaimage::open(path))?,
                 Some("nrrd") => twice(|| nrrd::open(path))?,
+                #[cfg(feature = "dicom")]
                 Some("dcm" | "dicom") => dicom::open(path)?,
+                #[cfg(not(feature = "dicom"))]
+                Some("dcm" | "dicom") => {
+                    let expected = "a sequence in another format: this program was built without DICOM (its feature `dicom`)";
+                    return Err(ImagingError::invalid(path, "name", "DICOM", expected));
+                }
                 Some("avi") => avi::open(path)?,
                 Some("png" | "tif" | "tiff" | "jpg" | "jpeg") => stack::open(path, vec![path.to_owned()])?,
+                #[cfg(feature = "dicom")]
                 None if dicom::is_dicom(path) => dicom::open(path)?,
                 _ => {
                     let problem = extension.map_or_else(|| "no extension".to_owned(), |e| format!(".{e}"));

@@ -56,6 +56,7 @@ fn pictures_of_imagemagick_show_the_frames_they_were_made_of() {
     }
 }
 
+#[cfg(feature = "dicom")]
 #[test]
 fn dicom_plain_packed_and_in_either_order_are_the_same() {
     let (header, plain) = frames("MR_small.dcm").expect("a DICOM file");
@@ -68,6 +69,7 @@ fn dicom_plain_packed_and_in_either_order_are_the_same() {
     }
 }
 
+#[cfg(feature = "dicom")]
 #[test]
 fn dicom_of_several_frames_in_colour_and_jpeg_is_read() {
     let found = frames("SC_rgb_rle_2frame.dcm").expect("a DICOM file").1;

@@ -21,7 +21,7 @@ fn listed() -> BTreeMap<String, Option<usize>> {
 }
 
 #[test]
-#[ignore = "needs the firmware's toolchain: cargo xtask test runs it"]
+#[ignore = "needs the firmware's toolchain: cargo xtask test --all runs it"]
 fn every_place_that_can_panic_is_listed_with_the_reason_why_it_is_not_reached() {
     let (found, listed) = (panics::sources(&image()).unwrap(), listed());
     assert!(found.values().sum::<usize>() > 50, "the search finds them: {found:?}");
@@ -36,7 +36,7 @@ fn every_place_that_can_panic_is_listed_with_the_reason_why_it_is_not_reached() 
 }
 
 #[test]
-#[ignore = "needs the firmware's toolchain: cargo xtask test runs it"]
+#[ignore = "needs the firmware's toolchain: cargo xtask test --all runs it"]
 fn nothing_calls_itself_but_a_panic_and_the_log() {
     let found = panics::recursive(&image()).unwrap();
     println!("{found:#?}");

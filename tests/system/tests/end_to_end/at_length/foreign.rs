@@ -36,7 +36,7 @@ fn a_client_made_of_the_schema_agrees_with_every_vector() {
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn a_client_made_of_the_schema_drives_the_rig() {
     let bench = Bench::at_terminal(RigConfig::default(), 51, 4.0, HANGS).unwrap();
     if let Some(output) = client(&["port", &bench.port()]) {

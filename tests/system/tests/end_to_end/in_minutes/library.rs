@@ -56,7 +56,7 @@ fn mean(batches: &[Batch], step: u8) -> ([f64; 2], [f64; 2], f64) {
     )
 }
 
-pub(super) fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
+pub fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let began = Instant::now();
     while !holds() {
         assert!(began.elapsed() < HANGS, "never: {what}");

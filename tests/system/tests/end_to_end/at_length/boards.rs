@@ -13,7 +13,7 @@ use system::qemu::{HANGS, Line, Qemu, turn};
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn the_nucleo_moves_where_it_is_sent_and_stops_when_it_has_to() {
     let bench = Bench::on(Board::NucleoL476rg, RigConfig::default(), 71, 4.0).unwrap();
     let mut client = Client::connect(&bench.port()).unwrap();
@@ -33,20 +33,22 @@ fn the_nucleo_moves_where_it_is_sent_and_stops_when_it_has_to() {
     let counters = client.status().unwrap().counters;
     assert_eq!(counters, Default::default(), "no loss, no bad reading, no late period");
     bench.rig().inject(Injection { emergency_stop: true, ..Injection::default() });
-    super::library::eventually("the emergency stop is a fault", || {
+    crate::in_minutes::library::eventually("the emergency stop is a fault", || {
         let status = client.status().unwrap();
         (status.state, status.fault) == (State::Faulted, Some(Fault::EmergencyStop))
     });
     assert!(!bench.rig().bridges_driven());
     bench.rig().inject(Injection::default());
-    super::library::eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
+    crate::in_minutes::library::eventually("the fault is cleared", || {
+        client.request(Request::ClearFault).is_ok()
+    });
     assert_eq!(bench.rig().resets(), 0, "a watchdog that is fed does not reset");
     drop(client);
     bench.stop().unwrap();
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn the_test_program_for_boards_passes_in_qemu() {
     for board in Board::ALL {
         let elf = build_for(board, Image::BoardConformance).unwrap();
@@ -59,7 +61,7 @@ fn the_test_program_for_boards_passes_in_qemu() {
 
 #[cfg(unix)]
 #[test]
-#[ignore = "needs the firmware's toolchain: cargo xtask test runs it"]
+#[ignore = "needs the firmware's toolchain: cargo xtask test --all runs it"]
 fn a_board_whose_tests_fail_gets_no_firmware() {
     use std::os::unix::fs::PermissionsExt;
     let folder = tempfile::tempdir().unwrap();

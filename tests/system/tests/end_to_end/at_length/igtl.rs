@@ -66,7 +66,7 @@ fn finished(child: Child) -> (bool, String) {
 
 /// One run in QEMU with a foreign tracker as the ultrasound and foreign viewers connected.
 #[test]
-#[ignore = "needs QEMU and programs of others: cargo xtask test runs it"]
+#[ignore = "needs QEMU and programs of others: cargo xtask test --all runs it"]
 fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_its_shapes() {
     let Some(python) = had(peers::python()) else { return };
     let receiver = had(peers::examples(&EXAMPLES));
@@ -278,7 +278,7 @@ fn captured(port: u16, out: &Path, more: &[&str]) -> Value {
 
 /// Frames of 625 x 750 pixels, 30 a second, of which some are never sent.
 #[test]
-#[ignore = "needs programs of others: cargo xtask test runs it"]
+#[ignore = "needs programs of others: cargo xtask test --all runs it"]
 fn frames_of_a_foreign_scanner_become_a_sequence_and_lost_ones_are_counted() {
     let Some(python) = had(peers::python()) else { return };
     let folder = tempfile::tempdir().unwrap();
@@ -303,7 +303,7 @@ fn frames_of_a_foreign_scanner_become_a_sequence_and_lost_ones_are_counted() {
 
 /// The C++ library's own server of images.
 #[test]
-#[ignore = "needs programs of others: cargo xtask test runs it"]
+#[ignore = "needs programs of others: cargo xtask test --all runs it"]
 fn frames_of_the_library_s_own_server_become_a_sequence() {
     let Some(examples) = had(peers::examples(&EXAMPLES)) else { return };
     let folder = tempfile::tempdir().unwrap();
@@ -326,7 +326,7 @@ fn frames_of_the_library_s_own_server_become_a_sequence() {
 
 /// Results of a session, as a viewer that comes later receives them.
 #[test]
-#[ignore = "needs programs of others: cargo xtask test runs it"]
+#[ignore = "needs programs of others: cargo xtask test --all runs it"]
 fn a_foreign_viewer_receives_the_results_that_the_commands_print() {
     let Some(python) = had(peers::python()) else { return };
     let guide = build_guide().unwrap();

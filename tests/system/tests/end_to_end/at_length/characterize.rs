@@ -36,7 +36,7 @@ fn parameter<'a>(document: &'a Value, effect: &str) -> &'a Value {
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn the_runs_that_the_device_makes_show_what_is_loose_in_the_rig() {
     let mut config = RigConfig::default();
     config.simulation.depth_mm = 0.0;

@@ -52,13 +52,14 @@ const NOTHING: Injection = Injection {
 };
 
 /// A rig whose needle is too soft to be felt, so that the guide can go as far as it can.
-fn unloaded() -> RigConfig {
+pub fn unloaded() -> RigConfig {
     let mut config = RigConfig::default();
     config.simulation.force.share_of_full_scale *= 0.01;
     config
 }
 
-fn bench(config: RigConfig) -> (Bench, Client) {
+/// A rig, and a client with limits that the tests want.
+pub fn bench(config: RigConfig) -> (Bench, Client) {
     let bench = Bench::start(config, 41, SPEED, HANGS).unwrap();
     let mut client = Client::connect(&bench.port()).unwrap();
     client.request(Request::Limits { force_mn: 4_000, silence_ms: SILENCE_MS }).unwrap();
@@ -73,7 +74,8 @@ fn load(client: &mut Client, steps: &[Step], start_us: u64) -> Request {
     Request::Run { steps: steps.len() as u8, crc: program_crc(steps), start_us }
 }
 
-fn start(client: &mut Client, steps: &[Step]) {
+/// Starts a program.
+pub fn start(client: &mut Client, steps: &[Step]) {
     let run = load(client, steps, 0);
     client.request(run).unwrap();
 }
@@ -113,7 +115,7 @@ fn move_y(y_um: i32, speed_um_s: u32) -> Step {
 }
 
 /// Waits for the fault; its device time by its event, seconds.
-fn await_fault(client: &mut Client, fault: Fault) -> f64 {
+pub fn await_fault(client: &mut Client, fault: Fault) -> f64 {
     let began = Instant::now();
     let mut fault_s = None;
     while client.status().unwrap().state != State::Faulted {
@@ -178,7 +180,8 @@ fn tests_of_hazards() -> String {
         include_str!("motion.rs"),
         include_str!("pulse.rs"),
         include_str!("time.rs"),
-        include_str!("../../../../../firmware/control/src/tests/findings.rs"),
+        include_str!("../../at_length/hazards.rs"),
+        include_str!("../../../../../../firmware/control/src/tests/findings.rs"),
     ]
     .concat()
 }
@@ -199,7 +202,7 @@ fn names_tests(cell: &str, row: &str) {
 /// The table of hazards names these tests and no others.
 #[test]
 fn every_row_of_the_table_of_hazards_has_its_tests() {
-    let table = include_str!("../../../../../firmware/control/src/interlock.rs");
+    let table = include_str!("../../../../../../firmware/control/src/interlock.rs");
     let rows: Vec<_> =
         table.lines().filter(|line| line.starts_with("//! | ") && line.contains("| `")).collect();
     assert_eq!(rows.len(), Fault::ALL.len());
@@ -213,7 +216,7 @@ fn every_row_of_the_table_of_hazards_has_its_tests() {
 /// The protocol's chapter has the recovery from every fault, with the cause that the program prints and the test that carries it out.
 #[test]
 fn every_fault_has_a_recovery_that_a_test_carries_out() {
-    let chapter = include_str!("../../../../../protocol/spec/protocol.md");
+    let chapter = include_str!("../../../../../../protocol/spec/protocol.md");
     for fault in Fault::ALL {
         let begins = format!("| {} | `{fault:?}` | ", fault as u8);
         let row = chapter.lines().find(|line| line.starts_with(&begins));
@@ -229,22 +232,11 @@ fn every_fault_has_a_recovery_that_a_test_carries_out() {
 /// Each safety measure that tests can disable names the tests through QEMU of what it prevents.
 #[test]
 fn every_safety_measure_has_a_test_through_qemu() {
-    let table = include_str!("../../../../../firmware/control/src/mutation.rs");
+    let table = include_str!("../../../../../../firmware/control/src/mutation.rs");
     for measure in Mutation::ALL {
         let begins = format!("//! | `{measure:?}` | ");
         let row = table.lines().find(|line| line.starts_with(&begins));
         let row = row.unwrap_or_else(|| panic!("no row of {measure:?}"));
         names_tests(cells(row)[2], row);
     }
-}
-
-/// Random sequences: see `cargo xtask campaign` for more.
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn sequences_of_commands_through_the_firmware_get_round_no_limit() {
-    let args = system::campaign::Args { sequences: 0, qemu: 10, seed: 1 };
-    let survived = system::campaign::run(args).unwrap();
-    println!("{survived}");
-    let (tally, _) = survived.in_qemu.unwrap();
-    assert!(tally.sequences == 10 && tally.commands > 300 && tally.faults > 3, "{tally}");
 }

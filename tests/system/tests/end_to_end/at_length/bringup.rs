@@ -1,7 +1,7 @@
 //! `guide bringup` on rigs that are wired wrong, and on a sound one. A fault of each kind is enough here: `cargo xtask study bringup` has
 //! all of them, and many sound rigs.
 
-use super::library::eventually;
+use crate::in_minutes::library::eventually;
 use device::link::Client;
 use protocol::{CalibrationRecord, Text};
 use simulation::rig::config::RigConfig;
@@ -27,25 +27,25 @@ fn named(faults: &[&str]) {
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn motors_and_potentiometers_that_are_wired_wrong_are_named() {
     named(&["leads-reversed:y", "motors-swapped", "potentiometer-reversed:x"]);
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn faults_of_the_force_channels_are_named() {
     named(&["hum50:0.02", "force-turned:25"]);
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn faults_of_stop_supply_and_link_are_named() {
     named(&["stop-not-wired", "brown-out:8", "clock:1.05"]);
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn a_sound_rig_passes() {
     let trial = trial(&[], 200).unwrap();
     // The time that it takes is reported by the study: device time goes on while a busy computer lets the host wait.
@@ -53,7 +53,7 @@ fn a_sound_rig_passes() {
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn the_page_shows_a_rig_without_a_fault() {
     let bench = Bench::start(RigConfig::default(), 22, 4.0, HANGS).unwrap();
     let shell = Shell::new(build_guide().unwrap(), bench.folder()).with_port(bench.port());
@@ -62,7 +62,7 @@ fn the_page_shows_a_rig_without_a_fault() {
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn the_command_writes_its_result_and_fails_where_something_is_found() {
     let run = |fault: &str| {
         let bench = Bench::wired(RigConfig::default(), 7, 8.0, vec![fault.parse().unwrap()]).unwrap();
@@ -89,7 +89,7 @@ fn the_command_writes_its_result_and_fails_where_something_is_found() {
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_others_from_running() {
     let bench = Bench::wired(RigConfig::default(), 9, 8.0, vec![]).unwrap();
     let wire = NoisyWire::connect(Path::new(&bench.port()), 9).unwrap();
@@ -134,7 +134,7 @@ fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_ot
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn the_last_step_stores_a_calibration_and_reads_it_back_and_one_that_is_cut_off_is_named_by_the_next_start() {
     let bench = Bench::wired(RigConfig::default(), 10, 8.0, vec![]).unwrap();
     let wire = NoisyWire::connect(Path::new(&bench.port()), 10).unwrap();

@@ -6,7 +6,7 @@ use system::bench::Bench;
 use system::images::Board;
 
 /// The registers that the firmware's log names.
-fn registers(board: Board) -> BTreeMap<String, u32> {
+pub fn registers(board: Board) -> BTreeMap<String, u32> {
     let bench = Bench::on(board, system::readme::rig::quiet(), 61, f64::INFINITY).unwrap();
     super::library::eventually("the registers are read back", || {
         bench.log().iter().any(|line| line.contains("register FLASH.OPTR"))
@@ -38,31 +38,8 @@ fn the_registers_mean_the_rates_and_modes_that_the_first_board_needs() {
     baud(bits("USART1.BRR", 0, 16));
 }
 
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn the_registers_mean_the_rates_and_modes_that_the_nucleo_needs() {
-    let registers = registers(Board::NucleoL476rg);
-    let bits = |name: &str, low: u32, count: u32| bits(&registers, name, low, count);
-    shared(&bits);
-    // The potentiometers: channels 5 and 6 of the converter, on PA0 and PA1.
-    sampling(bits("ADC1.SMPR1", 15, 3));
-    sampling(bits("ADC1.SMPR1", 18, 3));
-    assert_eq!(bits("GPIOA.ASCR", 0, 2), 0b11, "the analog switches of PA0 and PA1 are closed");
-    // Bridge Y: channels 3 and 4 of its timer.
-    assert_eq!((bits("TIM2.CCMR2", 4, 3), bits("TIM2.CCMR2", 12, 3)), (6, 6));
-    assert_eq!((bits("TIM2.CCER", 9, 1), bits("TIM2.CCER", 13, 1)), (0, 0), "Y is active high");
-    assert_eq!((bits("GPIOB.AFRL", 0, 4), bits("GPIOB.AFRL", 4, 4)), (2, 2), "PB0 and PB1 are TIM3's");
-    assert_eq!((bits("GPIOB.AFRH", 8, 4), bits("GPIOB.AFRH", 12, 4)), (1, 1), "PB10 and PB11 are TIM2's");
-    for pin in 3..6 {
-        assert_eq!(bits("GPIOB.AFRL", 4 * pin, 4), 5, "PB{pin} is SPI1's");
-    }
-    assert_eq!((bits("GPIOA.AFRL", 8, 4), bits("GPIOA.AFRL", 12, 4)), (7, 7), "PA2 and PA3 are USART2's");
-    assert_eq!(bits("RCC.CCIPR/USART2", 2, 2), 0, "the serial port runs from its bus");
-    baud(bits("USART2.BRR", 0, 16));
-}
-
 /// Bits of a register that the log names.
-fn bits(registers: &BTreeMap<String, u32>, name: &str, low: u32, count: u32) -> u32 {
+pub fn bits(registers: &BTreeMap<String, u32>, name: &str, low: u32, count: u32) -> u32 {
     let value = registers.get(name).unwrap_or_else(|| panic!("{name} is not in {registers:x?}"));
     value >> low & (u32::MAX >> (32 - count))
 }
@@ -73,7 +50,7 @@ const CORE_HZ: f64 = 80e6;
 /// The sampling time of a potentiometer's channel: the capacitor of 5 pF settles to a quarter of a code through 1 kOhm of its switch and
 /// 4 kOhm of a potentiometer of 16 kOhm in its middle: 14 bits, or 9.7 time constants; the data sheet allows 92.5 cycles at 80 MHz up to
 /// 15 kOhm and more.
-fn sampling(code: u32) {
+pub fn sampling(code: u32) {
     const CYCLES: [f64; 8] = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.5];
     let cycles = CYCLES[code as usize];
     let (settles_s, takes_s) = (14.0 * 2f64.ln() * 5e3 * 5e-12, cycles / CORE_HZ);
@@ -83,13 +60,13 @@ fn sampling(code: u32) {
 }
 
 /// The serial port's rate: a receiver takes 3.75 % together with the other end's error.
-fn baud(divider: u32) {
+pub fn baud(divider: u32) {
     let baud = CORE_HZ / f64::from(divider);
     assert!((baud / 460_800.0 - 1.0).abs() < 0.005, "{baud}");
 }
 
 /// What is the same on every board.
-fn shared(bits: &dyn Fn(&str, u32, u32) -> u32) {
+pub fn shared(bits: &dyn Fn(&str, u32, u32) -> u32) {
     // Clock tree: HSI16 / M * N / R; the system clock is the PLL's, undivided; range 1 and four wait states carry it.
     assert_eq!(bits("RCC.PLLCFGR", 0, 2), 0b10, "the PLL runs from the 16 MHz oscillator");
     let [m, n] = [bits("RCC.PLLCFGR", 4, 3) + 1, bits("RCC.PLLCFGR", 8, 7)];

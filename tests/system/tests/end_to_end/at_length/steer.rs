@@ -107,7 +107,7 @@ fn assert_held(bench: &Bench, (document, succeeded, stderr): (Value, bool, Strin
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn the_needle_arrives_through_the_firmware_within_limits_and_the_record_replays() {
     let unsteered_mm = needle::drawn(SEED).unwrap().unsteered_mm;
     let bench = bench(SEED);
@@ -130,7 +130,7 @@ fn the_needle_arrives_through_the_firmware_within_limits_and_the_record_replays(
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn whatever_fails_ends_in_a_hold_with_its_name() {
     let mut bench = bench(SEED);
     for (failure, name) in [

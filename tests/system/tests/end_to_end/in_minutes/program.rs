@@ -8,7 +8,6 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 use system::bench::Bench;
-use system::demo::hidden::{AFTER_AIR, AS_STATED, diagnosis};
 use system::demo::{Outcome, judgement, procedure};
 use system::images::build_guide;
 use system::qemu::HANGS;
@@ -95,38 +94,6 @@ fn the_procedure_finds_the_hidden_modulus_and_repeats_exactly() {
     let (other, _, _) = run_procedure(4);
     assert_ne!(other.truth, outcome.truth);
     assert_ne!(other.identified["pooled"], outcome.identified["pooled"]);
-}
-
-/// Seeds of rigs whose hidden effect has to be found, beside the one that the pages show: each of another effect.
-const HIDING_SEEDS: [u64; 3] = [53_003, 53_012, 53_019];
-
-/// The firmware runs the staircase on rigs that hide something behind small imperfections, and the workflow finds it.
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_hidden_effect_is_found_from_what_the_firmware_records() {
-    let folder = tempfile::tempdir().unwrap();
-    let (out, mut printed) = (readme::rig::out(folder.path()), String::new());
-    let seed = readme::rig::SEED;
-    let mut show = |text: &str| printed.push_str(text);
-    let found = diagnosis(Path::new(XTASK), seed, &out, AFTER_AIR, &mut show).unwrap();
-    printed.push_str(&found.summary(seed));
-    readme::check_part("hidden", &readme::rig::as_shown(&printed, folder.path(), Path::new(XTASK))).unwrap();
-    assert!(found.is_in_class(), "{found:#?}");
-    assert!(found.removed().unwrap() > 0.9, "{found:#?}");
-    assert!(out.join("model.toml").exists() && out.join("figures/residuals.svg").exists());
-}
-
-/// The same where nothing more is known of the rig than what is stated.
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn hidden_effects_are_found_from_what_is_stated_of_the_rig() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = readme::rig::out(folder.path());
-    for seed in HIDING_SEEDS {
-        let found = diagnosis(Path::new(XTASK), seed, &out, AS_STATED, &mut |_| {}).unwrap();
-        assert!(found.is_in_class(), "{}\n{found:#?}", found.summary(seed));
-        assert!(found.further().is_empty(), "{}\n{found:#?}", found.summary(seed));
-    }
 }
 
 /// Without a schedule, as by hand: what the pages type, then move there, and the status shows it.

@@ -69,36 +69,3 @@ fn a_babbling_host_is_no_host() {
     assert!(counters.frames_corrupt + counters.frames_overlong > 0, "{counters:?}");
     assert_eq!((counters.control_overruns, counters.faults), (0, 1));
 }
-
-/// Half a minute of flipped bits, cuts and programs: see `cargo xtask stress` for longer.
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_bad_cable_loses_samples_that_are_counted_and_nothing_else() {
-    let args = system::stress::Args { minutes: 0.4, bit_error_rate: 1e-4, seed: 3 };
-    let survived = system::stress::run(args).unwrap();
-    println!("{survived}");
-    assert!(survived.samples > 10_000 && survived.cuts > 0 && survived.programs > 0, "{survived}");
-    assert!(survived.losses.frames_corrupt > 10 && survived.flipped_bits[1] > 10, "{survived}");
-}
-
-/// Some seconds of everything at random: see `cargo xtask soak` for longer.
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn random_commands_faults_and_restarts_leave_nothing_that_must_hold_behind() {
-    let survived = system::soak::run(system::soak::Args { minutes: 0.3, seed: 1, programs: false }).unwrap();
-    println!("{survived}");
-    assert!(survived.samples > 8_000 && survived.tally.commands() > 50, "{survived}");
-    assert!(survived.tally.fault_kinds() > 1, "{survived}");
-}
-
-/// Some seconds of what a laboratory leaves running: see `cargo xtask soak --programs` for longer.
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn programs_that_are_left_running_come_back_to_their_device_and_are_not_disturbed() {
-    let args = system::soak::Args { minutes: 0.4, seed: 1, programs: true };
-    let served = system::soak::programs::run(args).unwrap();
-    println!("{served}");
-    // How much is done in the time depends on the computer; that everything is done does not.
-    assert!(served.updates >= 4 && served.replugged > 0 && served.refused > 0, "{served}");
-    assert!(served.strangers > 0 && served.keys > 0, "{served}");
-}

@@ -88,7 +88,7 @@ fn check_stopped(moving: &Value, update: &Value, notice: &str) {
 }
 
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn the_guide_stops_when_the_page_in_control_is_frozen_or_cut_off() {
     let bench = Bench::start(RigConfig::default(), 31, 1.0, HANGS).unwrap();
     let (page, program) = (bench.folder().join("guide.html"), bench.folder().join("slow.toml"));

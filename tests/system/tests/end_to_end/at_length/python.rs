@@ -1,6 +1,6 @@
 //! The Python module on the firmware: what a fake device cannot show.
 
-use super::library::eventually;
+use crate::in_minutes::library::eventually;
 use device::link::Client;
 use protocol::{Fault, State};
 use simulation::rig::config::RigConfig;
@@ -19,7 +19,7 @@ const MOVING: &str = "import sys\n\
 
 /// In mid-move, with every sample sent: the device stops by itself within its limit of a silent host and names the cause.
 #[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn a_guide_whose_interpreter_is_killed_stops_and_names_the_cause() {
     let python = match installed(&target_dir().join("debug")).unwrap() {
         Ok(installed) => installed.python,

@@ -1,0 +1,37 @@
+//! Rigs that hide an effect: the firmware records, and the workflow finds it.
+
+use std::path::Path;
+use system::demo::hidden::{AFTER_AIR, AS_STATED, diagnosis};
+use system::readme;
+
+const XTASK: &str = env!("CARGO_BIN_EXE_system");
+
+/// Seeds of rigs whose hidden effect has to be found, beside the one that the pages show: each of another effect.
+const HIDING_SEEDS: [u64; 3] = [53_003, 53_012, 53_019];
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
+fn a_hidden_effect_is_found_from_what_the_firmware_records() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, mut printed) = (readme::rig::out(folder.path()), String::new());
+    let seed = readme::rig::SEED;
+    let mut show = |text: &str| printed.push_str(text);
+    let found = diagnosis(Path::new(XTASK), seed, &out, AFTER_AIR, &mut show).unwrap();
+    printed.push_str(&found.summary(seed));
+    readme::check_part("hidden", &readme::rig::as_shown(&printed, folder.path(), Path::new(XTASK))).unwrap();
+    assert!(found.is_in_class(), "{found:#?}");
+    assert!(found.removed().unwrap() > 0.9, "{found:#?}");
+    assert!(out.join("model.toml").exists() && out.join("figures/residuals.svg").exists());
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
+fn hidden_effects_are_found_from_what_is_stated_of_the_rig() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = readme::rig::out(folder.path());
+    for seed in HIDING_SEEDS {
+        let found = diagnosis(Path::new(XTASK), seed, &out, AS_STATED, &mut |_| {}).unwrap();
+        assert!(found.is_in_class(), "{}\n{found:#?}", found.summary(seed));
+        assert!(found.further().is_empty(), "{}\n{found:#?}", found.summary(seed));
+    }
+}
