@@ -32,7 +32,7 @@ pub fn system(task: &str, arguments: &[OsString]) -> Result<ExitCode> {
 /// # Errors
 /// As [`system`].
 pub fn demo(arguments: &[OsString]) -> Result<ExitCode> {
-    // What it does not show is left out: live screens, the page in the browser, DICOM, and everything of `system` that tests need.
+    // What it does not show is omitted: live screens, the page in the browser, DICOM, and everything of `system` that tests need.
     let programs = ["build", "--package", "host", "--package", "system", "--bin", "guide", "--bin", "system"];
     with_image(|| cargo(&[&programs[..], &["--no-default-features"]].concat()))?;
     run_system("demo", arguments)
