@@ -137,12 +137,12 @@ pub fn build_for(board: Board, image: Image) -> Result<PathBuf> {
     if let Some((_, _, elf)) = built.iter().find(|(of, which, _)| (*of, *which) == (board, image)) {
         return Ok(elf.clone());
     }
-    let elf = build_anew(board, image)?;
+    let elf = run_build(board, image)?;
     built.push((board, image, elf.clone()));
     Ok(elf)
 }
 
-fn build_anew(board: Board, image: Image) -> Result<PathBuf> {
+fn run_build(board: Board, image: Image) -> Result<PathBuf> {
     let folder = target_dir().join(board.folder(image.folder()));
     let mut child = cargo()
         .args(["image", "--bin", image.binary()])
