@@ -1,12 +1,15 @@
 //! Builds with cargo's progress on the screen, and runs what was built.
 
 use crate::progress::{Output, watched};
-use crate::{check, setup};
+use crate::setup;
 use anyhow::{Context, Result, anyhow, ensure};
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::thread;
+
+/// Features of the firmware's image that most tests and the demonstration boot.
+pub const FIRST_IMAGE: &str = "qemu,conformance,b-l475e-iot01a";
 
 /// What `cargo xtask demo` does, before it does it.
 pub fn announce_demo() {
@@ -46,7 +49,7 @@ pub fn demo(arguments: &[OsString]) -> Result<ExitCode> {
 pub fn with_image(build: impl FnOnce() -> Result<()>) -> Result<()> {
     let image = thread::spawn(|| {
         let (folder, parts) = (target_dir().join("image-qemu"), image_parts());
-        let image = ["image", "--bin", "firmware", "--features", check::FIRST_IMAGE, "--target-dir"];
+        let image = ["image", "--bin", "firmware", "--features", FIRST_IMAGE, "--target-dir"];
         cargo_with(
             &[&image[..], &[&*folder.to_string_lossy()]].concat(),
             &[("CARGO_BUILD_BUILD_DIR", &parts.to_string_lossy())],

@@ -1,15 +1,13 @@
 //! `cargo xtask lint`: format, words, import circles, lints, documentation, manual and licences. The first tier of `cargo xtask test` begins with
 //! the first four, the second with the others.
 
-use crate::build::{cargo, cargo_with, image_parts, root, target_dir};
+use crate::build::{FIRST_IMAGE, cargo, cargo_with, image_parts, root, target_dir};
 use crate::setup::TARGET;
 use crate::{circles, words};
 use anyhow::{Context, Result, bail};
 use std::process::{Command, Stdio};
 
-/// The image of the firmware that the first tier lints: what most tests and the demonstration boot.
-pub const FIRST_IMAGE: &str = "qemu,conformance,b-l475e-iot01a";
-/// The other images.
+/// The images that the first tier does not lint: features of the firmware.
 const OTHER_IMAGES: [&str; 3] =
     ["flash,conformance,b-l475e-iot01a", "flash,conformance,nucleo-l476rg", "qemu,conformance,nucleo-l476rg"];
 
