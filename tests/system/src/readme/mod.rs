@@ -9,6 +9,9 @@
 //! * `<!-- readme: long COMMAND -->`: what takes minutes to hours, made only on request.
 //! * `<!-- readme: excerpt -->`, `<!-- readme: excerpt PART -->`: lines of an output that stands in full elsewhere, see [`excerpt`].
 //!
+//! `<!-- readme: numbers within 0.5 % -->` states how far the decimal numbers of the blocks below it may be from what the commands print,
+//! see [`tolerance`].
+//!
 //! With `fails` at its end (`<!-- readme: quick fails -->`) the commands have to fail, and the block shows what they print on standard
 //! error too.
 //!
@@ -28,6 +31,7 @@ pub mod same;
 pub mod shell;
 #[cfg(test)]
 mod sources;
+mod tolerance;
 
 use crate::images;
 use anyhow::{Context, Result, bail, ensure};

@@ -1,5 +1,6 @@
 //! A page as lines, and the blocks in it that are made.
 
+use super::tolerance::Tolerance;
 use anyhow::{Context, Result, bail, ensure};
 use std::fs;
 use std::ops::Range;
@@ -30,6 +31,8 @@ pub struct Block {
     pub made: Made,
     /// Its commands fail.
     pub fails: bool,
+    /// How far its numbers may be from those of the command.
+    pub tolerance: Tolerance,
     /// Its page, from the root.
     page: String,
     /// Its lines, without the fence, counted from 0.
@@ -111,13 +114,17 @@ impl Page {
     /// # Errors
     /// Where a mark is not understood, has no block after it, or a fence has no end.
     pub fn blocks(&self) -> Result<Vec<Block>> {
-        let mut blocks = Vec::new();
+        let (mut blocks, mut tolerance) = (Vec::new(), Tolerance::default());
         for (number, line) in self.lines.iter().enumerate() {
             let Some(mark) = line.strip_prefix("<!-- readme: ").and_then(|rest| rest.strip_suffix(" -->"))
             else {
                 continue;
             };
             let place = || format!("{}:{}: `{mark}`", self.name, number + 1);
+            if let Some(stated) = Tolerance::read(mark).with_context(place)? {
+                tolerance = stated;
+                continue;
+            }
             let (what, fails) = mark.strip_suffix(" fails").map_or((mark, false), |what| (what, true));
             let made = match what.split_once(' ') {
                 None if what == "quick" => Made::Quick,
@@ -127,7 +134,7 @@ impl Page {
                 Some(("rig", part)) => Made::Rig(part.to_owned()),
                 Some(("long", command)) => Made::Long(command.to_owned()),
                 _ => bail!(
-                    "{}: expected `quick`, `file NAME`, `rig PART`, `long COMMAND`, `excerpt` or `excerpt PART`; \
+                    "{}: expected `quick`, `file NAME`, `rig PART`, `long COMMAND`, `excerpt`, `excerpt PART` or `numbers within N %`; \
                      `fails` after it where the commands fail",
                     place()
                 ),
@@ -135,7 +142,7 @@ impl Page {
             let range = self.block_after(number).with_context(place)?;
             ensure!(!range.is_empty(), "{}: the block is empty", place());
             let lines = self.lines[range.clone()].to_vec();
-            blocks.push(Block { made, fails, page: self.name.clone(), range, lines });
+            blocks.push(Block { made, fails, tolerance, page: self.name.clone(), range, lines });
         }
         Ok(blocks)
     }

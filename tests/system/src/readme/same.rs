@@ -54,15 +54,23 @@ pub fn shown(text: &str) -> String {
 
 /// Whether the block shows this already.
 pub fn same(block: &Block, fresh: &str) -> bool {
-    normal(block, &block.text()) == normal(block, fresh)
+    let (shown, fresh) = compared(block, fresh);
+    shown == fresh
 }
 
 /// The difference, with its place.
 pub fn difference(block: &Block, fresh: &str) -> String {
-    let (shown, fresh) = (normal(block, &block.text()), normal(block, fresh));
+    let (shown, fresh) = compared(block, fresh);
     let diff = TextDiff::from_lines(&shown, &fresh);
     let diff = diff.unified_diff().context_radius(2).header(block.page(), "the command").to_string();
     format!("{}: the output is another one:\n{diff}", block.place())
+}
+
+/// Both texts without what differs by nature, and with the same numbers where they agree within the block's tolerance.
+fn compared(block: &Block, fresh: &str) -> (String, String) {
+    let (shown, fresh) = (normal(block, &block.text()), normal(block, fresh));
+    let fresh = block.tolerance.settle(&shown, &fresh);
+    (shown, fresh)
 }
 
 fn normal(block: &Block, text: &str) -> String {
