@@ -5,6 +5,9 @@ use crate::continuum::operator::direct;
 use crate::growth::{GrowingBeam, Guide2Grip, NodeLoads};
 use crate::{BeamProblem, Layer, Model, Needle, Rig};
 
+/// Fineness of direct solutions that are compared to a per cent: they are off by less than a tenth of one.
+const COARSE: f64 = 0.6;
+
 fn rig() -> Rig {
     Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
@@ -46,7 +49,7 @@ fn layers_agree_with_the_direct_solution() {
     let depth = 20.0;
     for (boundary, ratio) in [(0.45, 3.0), (0.7, 0.4)] {
         let modulus = |z: f64| if z < boundary * depth { 1.0 } else { ratio };
-        let expected = direct(depth, 0.5, modulus, &[boundary * depth], 1.0).expect("solves");
+        let expected = direct(depth, 0.5, modulus, &[boundary * depth], COARSE).expect("solves");
         let layer = Layer { bottom_m: boundary * depth * 0.635e-3, modulus_pa: 1.0 };
         let foundation = Foundation::layered(vec![layer], ratio).expect("layers");
         let found = tabulated(&foundation, 0.5, depth * 0.635e-3);
@@ -65,7 +68,7 @@ fn gradients_agree_with_the_direct_solution() {
         let slope = (at_tip - 1.0) / depth;
         let ends = 60.0 / 0.635;
         let modulus = |z: f64| (1.0 + slope * z.min(ends)).max(0.1);
-        let expected = direct(depth, 0.5, modulus, &[ends], 1.0).expect("solves");
+        let expected = direct(depth, 0.5, modulus, &[ends], COARSE).expect("solves");
         let foundation = Foundation::uniform(1.0).expect("a modulus").graded(slope / 0.635e-3);
         let found = tabulated(&foundation.expect("a gradient"), 0.5, depth * 0.635e-3);
         for i in 0..2 {

@@ -2,6 +2,9 @@
 
 use super::*;
 
+/// Elements of twice the length of the default ones, a tenth of the work: good to one per cent.
+const DOUBLE: Resolution = Resolution { first: 1.25, growth: 2.25, reach: 200.0 };
+
 fn solve(depth_m: f64, poisson: f64, resolution: Resolution, full_space: bool) -> Continuum {
     let needle = Needle::gauge_18();
     Continuum::in_body(&needle, depth_m, poisson, Contact::Bonded, resolution, full_space).expect("solves")
@@ -23,36 +26,46 @@ const RIGID: [(f64, f64, f64, f64); 4] = [
 #[test]
 fn rigid_needles_agree_with_point_force_solutions() {
     for (depth_m, poisson, full_space, half_space) in RIGID {
-        let full = solve(depth_m, poisson, Resolution::DEFAULT, true).rigid_ratio();
-        let half = solve(depth_m, poisson, Resolution::DEFAULT, false).rigid_ratio();
+        let full = solve(depth_m, poisson, DOUBLE, true).rigid_ratio();
+        let half = solve(depth_m, poisson, DOUBLE, false).rigid_ratio();
         println!("{depth_m} {poisson}: {full:.4} {full_space:.4} {half:.4} {half_space:.4}");
-        assert_close(full, full_space, 0.02);
-        assert_close(half, half_space, 0.02);
+        assert_close(full, full_space, 0.015);
+        assert_close(half, half_space, 0.015);
     }
 }
 
 /// `K = (4 pi / 3) E / (ln(L/D) + 0.839)` for a long cylinder in an incompressible full space, from the drag of one.
 #[test]
 fn long_rigid_cylinders_agree_with_the_drag_in_a_viscous_fluid() {
-    let ratio = solve(0.1, 0.5, Resolution::DEFAULT, true).rigid_ratio();
+    let ratio = solve(0.1, 0.5, DOUBLE, true).rigid_ratio();
     let expected = 4.0 / 3.0 * std::f64::consts::PI / ((0.1f64 / 1.27e-3).ln() + 0.839);
     assert_close(ratio, expected, 0.02);
 }
 
 #[test]
 fn halving_the_mesh_changes_less_than_a_percent_and_nothing_locks() {
-    let coarse = solve(0.03, 0.499, Resolution::DEFAULT, false).rigid_ratio();
-    let fine = solve(0.03, 0.499, Resolution::DEFAULT.halved(), false).rigid_ratio();
-    assert_close(coarse, fine, 0.01);
-    let incompressible = solve(0.03, 0.5, Resolution::DEFAULT, false).rigid_ratio();
-    assert_close(coarse, incompressible, 0.01);
-    let far = Resolution { reach: 600.0, ..Resolution::DEFAULT };
-    assert_close(coarse, solve(0.03, 0.499, far, false).rigid_ratio(), 0.01);
+    assert_eq!(DOUBLE.halved(), Resolution::DEFAULT);
+    let coarse = solve(0.03, 0.499, DOUBLE, false).rigid_ratio();
+    let fine = solve(0.03, 0.499, Resolution::DEFAULT, false).rigid_ratio();
+    // The error falls at least with the square of the length: the finer elements have at most a third of the difference.
+    assert_close(coarse, fine, 0.006);
+    let incompressible = solve(0.03, 0.5, DOUBLE, false).rigid_ratio();
+    assert_close(coarse, incompressible, 0.002);
+    let far = Resolution { reach: 600.0, ..DOUBLE };
+    assert_close(coarse, solve(0.03, 0.499, far, false).rigid_ratio(), 0.005);
+}
+
+/// The mesh that results are computed on, against elements of half their length.
+#[test]
+#[ignore = "study in small: cargo xtask test --all runs it"]
+fn halving_the_default_mesh_changes_less_than_half_a_percent() {
+    let solved = |resolution| solve(0.03, 0.499, resolution, false).rigid_ratio();
+    assert_close(solved(Resolution::DEFAULT), solved(Resolution::DEFAULT.halved()), 0.005);
 }
 
 #[test]
 fn the_stiffness_is_symmetric() {
-    let body = solve(0.03, 0.5, Resolution::DEFAULT, false);
+    let body = solve(0.03, 0.5, DOUBLE, false);
     let matrix = &body.wall.matrix_m;
     assert!((matrix - matrix.transpose()).amax() < 1e-6 * matrix.amax());
 }
@@ -71,7 +84,7 @@ fn depths_and_poissons_ratios_outside_its_range_are_refused() {
 #[test]
 fn one_guide_in_front_of_a_hard_body_is_a_beam_by_hand() {
     use crate::Guides;
-    let body = solve(0.02, 0.5, Resolution::DEFAULT, false);
+    let body = solve(0.02, 0.5, DOUBLE, false);
     let needle = Needle::gauge_18();
     let gap_m = 0.03;
     for (rear, factor) in [(None, 12.0), (Some(1e-4), 3.0)] {
