@@ -4,9 +4,11 @@ use super::*;
 use mechanics::continuum::{Contact, Resolution};
 use mechanics::{ModelError, Needle};
 
+/// Elements of twice the length of the default ones, a tenth of the work: good to one per cent.
+const DOUBLE: Resolution = Resolution { first: 1.25, growth: 2.25, ..Resolution::DEFAULT };
+
 fn solve(depth_m: f64, poisson: f64) -> Continuum {
-    Continuum::solve(&Needle::gauge_18(), depth_m, poisson, Contact::Bonded, Resolution::DEFAULT)
-        .expect("solves")
+    Continuum::solve(&Needle::gauge_18(), depth_m, poisson, Contact::Bonded, DOUBLE).expect("solves")
 }
 
 #[track_caller]
@@ -64,8 +66,7 @@ fn youngs_moduli_outside_its_range_are_refused() {
 
 /// A lateral test in the continuum, on a finer mesh, further and at other points than the relation is made for, gives back Young's
 /// modulus: at the ends of the table's range and within.
-#[test]
-fn a_test_in_the_continuum_gives_its_modulus_back() {
+fn gives_back(relation_of: Resolution, finer: Resolution) {
     let made_for = Run::default();
     for (outer_mm, inner_mm, depth_m, poisson, youngs_pa) in [
         (0.51, 0.26, 0.01, 0.45, 5e3),
@@ -80,9 +81,8 @@ fn a_test_in_the_continuum_gives_its_modulus_back() {
         };
         let rig = Rig::two_guides(needle.clone(), 0.06, 0.07);
         let solve = |resolution| Continuum::solve(&needle, depth_m, poisson, Contact::Bonded, resolution);
-        let finer = Resolution { first: 0.4, growth: 1.4, ..Resolution::DEFAULT };
         let body = solve(finer).expect("solves");
-        let relation = solve(Resolution::DEFAULT).expect("solves");
+        let relation = solve(relation_of).expect("solves");
         for run in [
             Run { force_sd_n: 0.1, ..made_for },
             Run { force_sd_n: 0.02, displacement_sd_m: 10e-6, shape_sd_m: 25e-6, ..made_for },
@@ -94,4 +94,15 @@ fn a_test_in_the_continuum_gives_its_modulus_back() {
             assert_close(found_pa, youngs_pa, 0.05);
         }
     }
+}
+
+#[test]
+fn a_test_in_the_continuum_gives_its_modulus_back() {
+    gives_back(DOUBLE, Resolution { first: 1.0, growth: 2.0, ..Resolution::DEFAULT });
+}
+
+#[test]
+#[ignore = "study in small: cargo xtask test --all runs it"]
+fn a_test_in_the_continuum_gives_its_modulus_back_on_the_mesh_of_the_table() {
+    gives_back(Resolution::DEFAULT, Resolution { first: 0.4, growth: 1.4, ..Resolution::DEFAULT });
 }
