@@ -144,8 +144,11 @@ pub const PULSE_LIMIT_MS: u8 = 50;
 pub const PULSE_DUTY_LIMIT_PERMILLE: u16 = 350;
 /// What one [`Request::Pulse`] moves at most, micrometres.
 pub const PULSE_BOUND_UM: i32 = 300;
-/// Change of force along either channel that ends a [`Request::Pulse`], millinewtons.
-pub const PULSE_FORCE_MN: u32 = 1_000;
+/// Change of force along either channel that ends the drive of a [`Request::Pulse`], millinewtons. The motor moves by 86 um after it at most,
+/// so that the change stays below 1 N on up to [`PULSE_STIFFNESS_N_PER_MM`].
+pub const PULSE_FORCE_MN: u32 = 300;
+/// Stiffness of tissue and needle up to which a [`Request::Pulse`] changes no force by more than 1 N, newtons per millimetre.
+pub const PULSE_STIFFNESS_N_PER_MM: u32 = 8;
 /// Most that the start of a program may lie ahead, microseconds.
 pub const START_LIMIT_US: u64 = 3_600_000_000;
 /// Fastest path that a step may request, micrometres per second.

@@ -130,7 +130,7 @@ pub enum Refusal {
     },
     /// A program is pending or running.
     Busy,
-    /// A step's target lies beyond the travel.
+    /// A step's target lies beyond the travel, or a retreat does not lead towards its middle.
     OutOfTravel,
     /// A speed or a duration is zero or beyond its limit, or a step index is.
     OutOfRange,
@@ -160,7 +160,7 @@ pub enum Refusal {
 pub enum Fault {
     /// 0: the emergency stop was pressed or its wire is open.
     EmergencyStop,
-    /// 1: the force converter gave no valid reading for too long.
+    /// 1: the force converter gave too few valid readings, or readings that no motion explains.
     ForceSensor,
     /// 2: a force channel is at the end of its range.
     ForceRange,
@@ -168,7 +168,7 @@ pub enum Fault {
     Potentiometer,
     /// 4: an axis did not reach its target in time.
     MoveTimeout,
-    /// 5: the force relative to the tare exceeds the limit that is set.
+    /// 5: the force from the tare, or that from the calibration's zero, exceeds the limit that is set.
     ForceLimit,
     /// 6: an axis is beyond its travel and was driven further out.
     Travel,
@@ -176,9 +176,9 @@ pub enum Fault {
     Stall,
     /// 8: an axis is further from its setpoint than it can be.
     FollowingError,
-    /// 9: the force converter's codes do not change at all, as no real reading does.
+    /// 9: the force converter's codes repeat each other, as no real readings do.
     ForceStuck,
-    /// 10: no intact command came from the host for too long while a program was pending or running.
+    /// 10: the host that started a program sent no accepted command for too long while it was pending or running.
     HostSilent,
     /// 11: the device restarted by itself: watchdog, supply, or a panic, which the hello reports.
     Restarted,

@@ -10,7 +10,7 @@
 //! from one to the other over [`PLAY_PERIODS`] of driving, so that the position never jumps.
 
 use super::PERIOD_S;
-use super::limits::{JUMP_UM, PERSISTENCE_PERIODS};
+use super::limits::{JUMP_UM, Outliers};
 
 /// No-load speed at full duty, micrometres per second (Actuonix L16, 63:1).
 pub const FULL_SPEED_UM_S: f32 = 20_000.0;
@@ -40,9 +40,6 @@ pub const PROVING_SPEED_UM_S: f32 = 4_400.0;
 /// Driving in one direction that takes up the play between screw and potentiometer, periods.
 pub const PLAY_PERIODS: u16 = 20;
 
-/// Readings beyond a jump that are rejected: the interlock acts before one is accepted.
-const MAX_OUTLIERS: u16 = PERSISTENCE_PERIODS;
-
 /// Motion within [`STILL_PERIODS`] below which an axis is at rest, micrometres: above the noise of a potentiometer, and 2 mm/s.
 const STILL_UM: f32 = 100.0;
 /// Periods for which an axis has not moved before it is at rest.
@@ -67,7 +64,8 @@ pub struct Axis {
     approaches: u8,
     rising: f32,
     duty: f32,
-    outlier_count: u16,
+    outliers: Outliers,
+    accepted_um: f32,
     speed_limit_um_s: f32,
     /// Where the axis was when it had last moved, micrometres.
     anchor_um: f32,
@@ -87,28 +85,29 @@ impl Axis {
             approaches: 0,
             rising: 0.5,
             duty: 0.0,
-            outlier_count: 0,
+            outliers: Outliers::default(),
+            accepted_um: 0.0,
             speed_limit_um_s: PROVING_SPEED_UM_S,
             anchor_um: 0.0,
             still_periods: 0,
         }
     }
 
-    /// Takes the position of this period, micrometres; returns where the filter expected it.
-    pub fn measure(&mut self, position_um: f32) -> f32 {
-        if self.filtered_um.is_none() {
-            self.anchor_um = position_um;
-        }
-        let filtered = self.filtered_um.get_or_insert(position_um);
+    /// Takes the position of this period, micrometres, and whether it lies on the track; returns where the filter expected it.
+    pub fn measure(&mut self, position_um: f32, on_track: bool) -> f32 {
+        let Some(filtered) = &mut self.filtered_um else {
+            if on_track {
+                (self.filtered_um, self.anchor_um, self.accepted_um) =
+                    (Some(position_um), position_um, position_um);
+            }
+            return position_um;
+        };
         let expected_um = *filtered;
-        if (position_um - expected_um).abs() <= JUMP_UM {
-            self.outlier_count = 0;
-            *filtered += FILTER_SHARE * (position_um - expected_um);
-        } else if self.outlier_count < MAX_OUTLIERS {
-            // One outlying reading is rejected; what lasts is accepted, and is a fault.
-            self.outlier_count += 1;
-        } else {
-            *filtered = position_um;
+        let is_jump = (position_um - expected_um).abs() > JUMP_UM;
+        if self.outliers.accepts(is_jump) && on_track {
+            self.accepted_um = position_um;
+            let share = if is_jump { 1.0 } else { FILTER_SHARE };
+            *filtered += share * (position_um - expected_um);
         }
         let at_um = *filtered;
         if (at_um - self.anchor_um).abs() <= STILL_UM {
@@ -127,6 +126,11 @@ impl Axis {
     /// The axis does not move: for [`STILL_PERIODS`] not by [`STILL_UM`], and not driven.
     pub fn is_still(&self) -> bool {
         self.still_periods >= STILL_PERIODS
+    }
+
+    /// The latest position that was not rejected, micrometres.
+    pub fn accepted_um(&self) -> f32 {
+        self.accepted_um
     }
 
     /// Filtered position, micrometres.
@@ -245,7 +249,7 @@ mod tests {
         let (mut periods, mut drives_after_settling) = (0, 0);
         for period in 0..5_000_u32 {
             let noise = noise_um * ((period.wrapping_mul(2_654_435_761) >> 16) as f32 / 32_768.0 - 1.0);
-            axis.measure(actuator.position_um + noise);
+            axis.measure(actuator.position_um + noise, true);
             let duty = axis.duty(Setpoint { position_um: target_um, speed_um_s: 0.0 });
             actuator.step(duty);
             if !axis.is_settled() {
@@ -278,7 +282,7 @@ mod tests {
         ) {
             let mut axis = Axis::new();
             for position_um in positions {
-                axis.measure(position_um);
+                axis.measure(position_um, true);
                 let duty = axis.duty(Setpoint { position_um: target_um, speed_um_s });
                 prop_assert!((-1.0..=1.0).contains(&duty));
             }

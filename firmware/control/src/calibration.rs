@@ -79,9 +79,10 @@ impl Calibration {
         [table_x.position_um(code_x, rising_x), table_y.position_um(code_y, rising_y)]
     }
 
-    /// A code that a sound potentiometer can give, for both axes.
-    pub fn on_track(&self, codes: [u16; 2]) -> bool {
-        codes.into_iter().zip(&self.record.potentiometers).all(|(code, table)| table.on_track(code))
+    /// Codes that a sound potentiometer can give, x and y.
+    pub fn on_track(&self, codes: [u16; 2]) -> [bool; 2] {
+        let ([code_x, code_y], [table_x, table_y]) = (codes, &self.record.potentiometers);
+        [table_x.on_track(code_x), table_y.on_track(code_y)]
     }
 
     /// Guide 2 may be sent this far from zero along each axis, micrometres.

@@ -1,26 +1,29 @@
 //! Force from converter codes: calibration, zero, and what to do with readings that are not there or cannot be.
 
+use super::limits::{JUMP_PERCENT, Outliers, REMEMBERED_CODES, REPEATED_CODES, Recent};
 use super::mutation::Mutation;
 use super::tare::{self, Taring};
 use crate::ads131m02::ForceFault;
-use crate::calibration::Calibration;
+use crate::calibration::{Calibration, counts_of_mn};
 use protocol::{Counters, Tare, TareProblem};
-
-/// Number of [`Loads`].
-pub const LOADS: usize = 4;
-/// What the limits are about, force counts: size of the force along x and y from the converter's own zero, and of both from the tare.
-pub type Loads = [i32; LOADS];
 
 /// Force of both axes, with its history.
 #[derive(Debug, Clone)]
 pub struct ForceChannel {
     zero_counts: [i32; 2],
     latest_counts: [i32; 2],
-    latest_codes: [i32; 2],
-    stale_periods: u16,
-    saturated_periods: u16,
-    /// Consecutive readings with the same code, per channel.
-    unchanged: [u16; 2],
+    /// The latest reading that was not rejected.
+    accepted_counts: [i32; 2],
+    /// Codes of the latest readings, the newest first.
+    codes: [[i32; 2]; REMEMBERED_CODES],
+    /// This period has a reading, and it continues those before it.
+    is_fresh: bool,
+    is_accepted: bool,
+    missing: Recent,
+    saturated: Recent,
+    /// Missing, or the same as one of the latest on either channel.
+    doubtful: Recent,
+    outliers: Outliers,
     counters: Counters,
     taring: Taring,
     tared: bool,
@@ -33,10 +36,14 @@ impl ForceChannel {
         Self {
             zero_counts: [0; 2],
             latest_counts: [0; 2],
-            latest_codes: [i32::MIN; 2],
-            stale_periods: 0,
-            saturated_periods: 0,
-            unchanged: [0; 2],
+            accepted_counts: [0; 2],
+            codes: [[i32::MIN; 2]; REMEMBERED_CODES],
+            is_fresh: false,
+            is_accepted: false,
+            missing: Recent::default(),
+            saturated: Recent::default(),
+            doubtful: Recent::default(),
+            outliers: Outliers::default(),
             counters: Counters::default(),
             taring: Taring::default(),
             tared: false,
@@ -44,31 +51,46 @@ impl ForceChannel {
     }
 
     /// Takes this period's reading; returns force relative to the tare, in force counts. A period without a valid reading
-    /// repeats the last one and is counted; [`Self::stale_periods`] bounds how long that may go on.
+    /// repeats the last one, is counted, and is no evidence of a load.
     pub fn update(&mut self, calibration: &Calibration, reading: &Result<[i32; 2], ForceFault>) -> [i32; 2] {
+        let is_saturated = matches!(reading, Err(ForceFault::Saturated { .. }));
+        // A saturated converter gives no valid reading either, and is a load.
+        let is_missing = reading.is_err() && !is_saturated;
+        let is_repeated = reading.as_ref().is_ok_and(|codes| self.repeats(*codes));
+        self.saturated.note(is_saturated);
+        self.missing.note(is_missing);
+        self.doubtful.note((is_missing || is_repeated) && !Mutation::FalseReadings.is_out());
+        self.is_fresh = reading.is_ok();
         match reading {
             Ok(codes) => {
-                for ((unchanged, before), code) in
-                    self.unchanged.iter_mut().zip(self.latest_codes).zip(*codes)
-                {
-                    *unchanged = if before == code { unchanged.saturating_add(1) } else { 0 };
-                }
-                self.latest_codes = *codes;
+                let [first, second, third, _] = self.codes;
+                self.codes = [*codes, first, second, third];
                 self.latest_counts = calibration.force_counts(*codes);
-                self.stale_periods = 0;
-                self.saturated_periods = 0;
+                let jump = counts_of_mn(calibration.force_range_mn() * JUMP_PERCENT / 100);
+                let jumps = self.latest_counts.iter().zip(self.accepted_counts);
+                let is_jump = jumps.into_iter().any(|(now, before)| now.saturating_sub(before).abs() > jump);
+                self.is_accepted = self.outliers.accepts(is_jump);
+                if self.is_accepted {
+                    self.accepted_counts = self.latest_counts;
+                }
             }
-            Err(fault) => self.miss(*fault),
+            Err(fault) => {
+                self.is_accepted = false;
+                self.count(*fault);
+            }
         }
         self.relative_counts()
     }
 
-    fn miss(&mut self, fault: ForceFault) {
-        self.stale_periods = self.stale_periods.saturating_add(1);
-        if !matches!(fault, ForceFault::Saturated { .. }) && !Mutation::SilentAfterSaturation.is_out() {
-            // A load that was there once must not pass for one that is there while nothing is measured.
-            self.saturated_periods = 0;
-        }
+    /// A channel reads what it has read before, to the last bit: of a converter with noise of many codes that is rare.
+    fn repeats(&self, codes: [i32; 2]) -> bool {
+        let same = |code: i32, before: i32| code.saturating_sub(before).saturating_abs() <= REPEATED_CODES;
+        self.codes
+            .iter()
+            .any(|before| codes.into_iter().zip(*before).any(|(code, before)| same(code, before)))
+    }
+
+    fn count(&mut self, fault: ForceFault) {
         let counters = &mut self.counters;
         counters.force_readings_bad = counters.force_readings_bad.saturating_add(1);
         let counter = match fault {
@@ -76,10 +98,7 @@ impl ForceChannel {
             ForceFault::Crc => &mut counters.force_corrupt,
             ForceFault::NotReady => &mut counters.force_missing,
             ForceFault::DeviceReset => &mut counters.force_resets,
-            ForceFault::Saturated { .. } => {
-                self.saturated_periods = self.saturated_periods.saturating_add(1);
-                &mut counters.force_saturated
-            }
+            ForceFault::Saturated { .. } => &mut counters.force_saturated,
         };
         *counter = counter.saturating_add(1);
     }
@@ -90,20 +109,35 @@ impl ForceChannel {
         [x.saturating_sub(zero_x), y.saturating_sub(zero_y)]
     }
 
-    /// Periods since the last valid reading.
-    pub fn stale_periods(&self) -> u16 {
-        self.stale_periods
+    /// The latest reading that was not rejected, relative to the tare, in force counts.
+    pub fn accepted_counts(&self) -> [i32; 2] {
+        let ([x, y], [zero_x, zero_y]) = (self.accepted_counts, self.zero_counts);
+        [x.saturating_sub(zero_x), y.saturating_sub(zero_y)]
     }
 
-    /// Consecutive periods in which the converter was saturated.
-    pub fn saturated_periods(&self) -> u16 {
-        self.saturated_periods
+    /// This period has a reading.
+    pub fn is_fresh(&self) -> bool {
+        self.is_fresh
     }
 
-    /// Consecutive readings in which the code of a channel has not changed; the larger of both.
-    pub fn unchanged_readings(&self) -> u16 {
-        let [x, y] = self.unchanged;
-        x.max(y)
+    /// It has one that continues those before it.
+    pub fn is_accepted(&self) -> bool {
+        self.is_accepted
+    }
+
+    /// Readings among the latest that were missing.
+    pub fn missing(&self) -> u32 {
+        self.missing.count()
+    }
+
+    /// Readings among the latest in which the converter was saturated.
+    pub fn saturated(&self) -> u32 {
+        self.saturated.count()
+    }
+
+    /// Readings among the latest that were missing or repeated.
+    pub fn doubtful(&self) -> u32 {
+        self.doubtful.count()
     }
 
     /// What went wrong with readings since start.
@@ -123,10 +157,10 @@ impl ForceChannel {
 
     /// Adds this period to the tare; a repeated reading is none.
     pub fn tare_on(&mut self) {
-        if self.stale_periods > 0 {
-            self.taring.miss();
+        if self.is_accepted {
+            self.taring.add(self.relative_counts(), self.codes[0]);
         } else {
-            self.taring.add(self.relative_counts(), self.latest_codes);
+            self.taring.miss();
         }
     }
 
@@ -154,17 +188,6 @@ impl ForceChannel {
     /// Zero of the force, in force counts from the converter's own.
     pub fn zero_counts(&self) -> [i32; 2] {
         self.zero_counts
-    }
-
-    /// Loads that the limits are about: size of the force along both axes, from the converter's own zero and from the tare, counts;
-    /// nothing where the last period had no reading.
-    pub fn loads(&self) -> Option<Loads> {
-        let ([x, y], [tared_x, tared_y]) = (self.absolute_counts(), self.relative_counts());
-        let mut loads = [x, y, tared_x, tared_y].map(i32::saturating_abs);
-        if Mutation::LargestLoadAlone.is_out() {
-            loads = [loads.into_iter().max().unwrap_or(0); LOADS];
-        }
-        (self.stale_periods == 0).then_some(loads)
     }
 }
 
@@ -230,19 +253,34 @@ mod tests {
             ..Counters::default()
         };
         assert_eq!(*force.counters(), expected);
-        assert_eq!((force.stale_periods(), force.saturated_periods()), (5, 0), "only the latest counts");
-        force.update(&calibration, &Ok([1, 2]));
-        assert_eq!((force.stale_periods(), force.saturated_periods()), (0, 0));
+        assert_eq!((force.missing(), force.saturated(), force.is_fresh()), (4, 1, false));
+        force.update(&calibration, &Ok([1_000, 2_000]));
+        assert!(force.is_fresh() && force.is_accepted());
     }
 
     #[test]
-    fn codes_that_stand_still_are_noticed_on_either_channel() {
+    fn codes_that_stand_still_but_for_their_last_bit_are_noticed_on_either_channel() {
         let (calibration, mut force) = (Calibration::default(), ForceChannel::new());
         for index in 0..10 {
-            force.update(&calibration, &Ok([index, 77]));
+            force.update(&calibration, &Ok([1_000 * index, 77 + index % 2]));
         }
-        assert_eq!(force.unchanged_readings(), 9);
-        force.update(&calibration, &Ok([10, 78]));
-        assert_eq!(force.unchanged_readings(), 0);
+        assert_eq!(force.doubtful(), 9);
+        force.update(&calibration, &Ok([20_000, 700]));
+        assert_eq!(force.doubtful(), 9, "a sound one is no doubt");
+    }
+
+    #[test]
+    fn a_reading_that_jumps_is_rejected_and_one_that_stays_is_accepted() {
+        let (calibration, mut force) = (counts_as_codes(), ForceChannel::new());
+        let mut read = |code: i32| {
+            force.update(&calibration, &Ok([code, 5]));
+            (force.is_accepted(), force.accepted_counts()[0])
+        };
+        // 10 % of 100 N are 200,000 counts.
+        assert_eq!(read(100_000), (true, 100_000));
+        assert_eq!(read(400_000), (false, 100_000));
+        assert_eq!(read(101_000), (true, 101_000));
+        assert_eq!((read(401_000).0, read(402_000).0), (false, false));
+        assert_eq!(read(403_000), (true, 403_000));
     }
 }

@@ -1,22 +1,22 @@
 //! When to stop, and why: every cause is latched and stays until it is gone *and* cleared by command.
 //!
 //! The safe state is bridges off: a lead screw is not driven back by its load, so the guide stays where it is. It is entered in
-//! the period in which a cause is detected. Detection takes as long as the table states, so that one outlying reading is not a fault;
-//! what has no time given is detected within 2 periods of 1 ms.
+//! the period in which a cause is detected. Detection takes as long as the table states, so that one outlying reading is not a fault.
+//! "2 readings" are two among the latest 32, whatever lies between them: [`super::limits`] derives these numbers.
 //!
 //! | no. | fault | hazard | detected by | within | test |
 //! |---|---|---|---|---|---|
 //! | 0 | `EmergencyStop` | someone needs it to stop; a cut wire | the line is high | 1 period | `the_emergency_stop_is_pressed` |
-//! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus) | 20 periods | `the_force_converter_falls_silent`, `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load`, `the_force_converters_frames_are_corrupt`, `one_reset_of_the_force_converter_is_counted_and_survived` |
-//! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 periods | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates`, `a_converter_that_saturates_in_a_retreat_ends_it`, `a_load_beyond_the_range_is_removed_by_a_retreat`, `a_calibration_that_no_rig_has_is_refused` |
-//! | 3 | `Potentiometer` | the guide is not where it seems to be | code beyond the track, or a jump that no motor makes | 2 periods | `a_potentiometers_wire_is_open`, `a_potentiometers_wire_is_shorted`, `a_potentiometer_jumps` |
+//! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus); while driven, a force that jumps as no motion makes it | 8 readings; 2 that jump | `the_force_converter_falls_silent`, `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load`, `the_force_converters_frames_are_corrupt`, `one_reset_of_the_force_converter_is_counted_and_survived`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
+//! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 readings | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates`, `a_converter_that_saturates_in_every_second_reading_is_a_load`, `a_converter_that_saturates_in_a_retreat_is_left_towards_the_middle`, `a_load_beyond_the_range_is_removed_by_a_retreat`, `hum_does_not_keep_a_load_beyond_the_range`, `a_calibration_that_no_rig_has_is_refused` |
+//! | 3 | `Potentiometer` | the guide is not where it seems to be | code beyond the track, or a jump that no motor makes; one that repeats itself is `Stall` or `FollowingError` | 2 readings | `a_potentiometers_wire_is_open`, `a_potentiometers_wire_is_shorted`, `a_potentiometer_jumps` |
 //! | 4 | `MoveTimeout` | creeping, or a load that the motor cannot move | not settled 3 s after one and a half times the move's time | that | `an_axis_too_weak_for_the_last_step_times_out` |
-//! | 5 | `ForceLimit` | tissue or needle is overloaded | force beyond the limit that is set, from the tare or from the calibration's zero | 2 periods | `a_force_spike_exceeds_the_limit`, `the_monitor_retreats_from_a_load`, `retreats_along_one_axis_do_not_hide_behind_the_load_of_the_other`, `tares_under_load_do_not_move_the_force_limit`, `a_tare_under_load_is_rejected` |
-//! | 6 | `Travel` | bridge shorted, wrong calibration | position beyond the travel and driven or going further out | 2 periods | `a_runaway_axis_leaves_its_travel`, `a_ramp_to_the_end_of_the_travel_rests_within_it` |
+//! | 5 | `ForceLimit` | tissue or needle is overloaded | force beyond the limit that is set, from the tare or from the calibration's zero | 2 readings; 10 where a sensor fails | `a_force_spike_exceeds_the_limit`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load`, `the_monitor_retreats_from_a_load`, `tares_under_load_do_not_move_the_force_limit`, `a_tare_under_load_is_rejected` |
+//! | 6 | `Travel` | bridge shorted, wrong calibration | position beyond the travel and driven or going further out | 2 readings | `a_runaway_axis_leaves_its_travel`, `a_ramp_to_the_end_of_the_travel_rests_within_it` |
 //! | 7 | `Stall` | jam: motor and needle are overloaded | no motion for 200 ms at a duty that moves every unit | 200 periods of pushing | `a_jammed_axis_stalls` |
 //! | 8 | `FollowingError` | weak supply, slipping screw | further than 1.5 mm from the setpoint | 2 periods of being that far | `a_weak_motor_falls_behind` |
-//! | 9 | `ForceStuck` | the converter repeats itself: force cannot be limited | the same code 50 times in a row | 50 periods | `the_force_converter_is_stuck` |
-//! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no intact command for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
+//! | 9 | `ForceStuck` | the converter repeats itself, or a channel is dead or drops to one value: force cannot be limited | one of the four codes before it, but for the last bit | 8 readings of 32 | `the_force_converter_is_stuck`, `the_force_converter_is_stuck_but_for_its_last_bit`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
+//! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no accepted command of the conversation that started the motion for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
 //! | 11 | `Restarted` | the program ran away; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_reported`, `a_stack_that_overflows_restarts_and_is_reported` |
 //! | 12 | `Overrun` | the control task is starved and the loop is no longer one | began more than half a period late, twice in 16 periods | 2 late periods | `a_slow_converter_makes_control_late` |
 //! | 13 | `MotorHot` | motor burns out | driven 20 % of 5 minutes | at once | `a_motor_that_never_rests_is_locked_out`, `storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors` |
@@ -26,14 +26,16 @@
 //! The recovery from each, and the test that carries it out, is in the protocol's chapter (`protocol/spec/protocol.md`). A fault survives every
 //! restart in which memory keeps its content. What was once a way round, and the test of each: [`super::mutation`].
 //!
-//! The force overshoots its limit by what the motor rolls on: 4 periods (reading, persistence, bridge) and the motor's lag, at most
-//! 0.32 mm at full speed.
+//! The force overshoots its limit by what the motor moves until it stands: at full speed 0.32 mm (4 periods of reading, evidence and
+//! bridge, and the motor's lag), and 0.48 mm where a force channel fails in some of its readings, whichever they are. One case is left that
+//! no reading shows: a channel that has only the noise of its converter, and had before it was loaded by a tenth of the range, reads what
+//! a needle in air does. `guide bringup` finds it by its noise.
 //!
 //! The tests are the end-to-end tests of these names: firmware in QEMU, each cause made in the simulated rig or on the link; each
 //! asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.
 
 use super::force::ForceChannel;
-use super::limits::{JUMP_UM, PERSISTENCE_PERIODS, STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
+use super::limits::{DOUBTFUL_READINGS, EVIDENCE_READINGS, JUMP_UM, Recent};
 use super::motor::{DriveWatch, DutyBudget};
 use super::mutation::Mutation;
 use crate::calibration::{Calibration, counts_of_mn};
@@ -52,7 +54,7 @@ const LATE_WINDOW_PERIODS: u8 = 16;
 pub struct Limits {
     /// Largest force along either axis, relative to the tare and from the calibration's zero, millinewtons.
     pub force_mn: u32,
-    /// Longest time without an intact command while a program is pending or running, milliseconds.
+    /// Longest time without an accepted command of the host that has started a program, milliseconds.
     pub silence_ms: u32,
 }
 
@@ -76,7 +78,7 @@ pub struct Observed<'a> {
     pub duty: [f32; 2],
     /// A program is pending or running.
     pub active: bool,
-    /// Microseconds since the last intact command.
+    /// Microseconds since the conversation that has started the motion was heard.
     pub silent_us: u64,
     /// This period began so much later than it was due that the one before is suspect.
     pub late: bool,
@@ -139,28 +141,24 @@ impl StopCauses {
     }
 }
 
-/// Counts consecutive periods.
-#[derive(Debug, Clone, Copy, Default)]
-struct Persistent(u16);
-
-impl Persistent {
-    fn step(&mut self, present: bool) -> bool {
-        self.0 = if present { self.0.saturating_add(1) } else { 0 };
-        self.0 >= PERSISTENCE_PERIODS
-    }
+/// Enough evidence for a fault, with this period's.
+fn shown(evidence: &mut Recent, present: bool) -> bool {
+    let shown = evidence.note(present) >= EVIDENCE_READINGS;
+    if Mutation::TwoInARow.is_out() { evidence.is_in_a_row() } else { shown }
 }
 
-/// The latch and the persistence counters before it.
+/// The latch and the evidence before it.
 #[derive(Debug)]
 pub struct Interlock {
     limits: Limits,
     latched: Option<Fault>,
     faults: u32,
-    over_range: Persistent,
-    over_limit: Persistent,
-    off_track: Persistent,
-    jumped: Persistent,
-    beyond_travel: Persistent,
+    over_range: Recent,
+    over_limit: Recent,
+    contradicted: Recent,
+    off_track: Recent,
+    jumped: Recent,
+    beyond_travel: Recent,
     late: u8,
     late_window: u8,
 }
@@ -172,11 +170,12 @@ impl Interlock {
             limits,
             latched: None,
             faults: 0,
-            over_range: Persistent::default(),
-            over_limit: Persistent::default(),
-            off_track: Persistent::default(),
-            jumped: Persistent::default(),
-            beyond_travel: Persistent::default(),
+            over_range: Recent::default(),
+            over_limit: Recent::default(),
+            contradicted: Recent::default(),
+            off_track: Recent::default(),
+            jumped: Recent::default(),
+            beyond_travel: Recent::default(),
             late: 0,
             late_window: 0,
         }
@@ -187,9 +186,10 @@ impl Interlock {
         self.limits
     }
 
-    /// Changes that.
+    /// Changes that. What was beyond the limit before is no evidence of this one.
     pub fn set_limits(&mut self, limits: Limits) {
         self.limits = limits;
+        self.over_limit = Recent::default();
     }
 
     /// The latched fault.
@@ -222,35 +222,42 @@ impl Interlock {
         force: &ForceChannel,
         observed: &Observed<'_>,
     ) -> StopCauses {
-        // Each counter counts every period, independent of the others.
+        // Each is noted in every period, independent of the others. A reading that is not there shows no load.
         let beyond = |counts: [i32; 2], limit_mn: u32| {
-            counts.iter().any(|counts| counts.unsigned_abs() > counts_of_mn(limit_mn).unsigned_abs())
+            force.is_fresh()
+                && counts.iter().any(|counts| counts.unsigned_abs() > counts_of_mn(limit_mn).unsigned_abs())
         };
-        let over_range = self.over_range.step(beyond(force.absolute_counts(), calibration.force_range_mn()));
+        let over_range =
+            shown(&mut self.over_range, beyond(force.absolute_counts(), calibration.force_range_mn()));
         // From the calibration's zero too: independent of the tare, no more than the limit acts on the cell.
-        let over_limit = self.over_limit.step(
+        let over_limit = shown(
+            &mut self.over_limit,
             beyond(force.relative_counts(), self.limits.force_mn)
                 || (beyond(force.absolute_counts(), self.limits.force_mn)
                     && !Mutation::LimitFromTare.is_out()),
         );
-        let off_track = self.off_track.step(!calibration.on_track(observed.readings.potentiometer_codes));
+        // At rest a hand may change the force as fast as it likes.
+        let driven = observed.duty.iter().any(|duty| *duty != 0.0);
+        let contradicted = shown(&mut self.contradicted, driven && force.is_fresh() && !force.is_accepted());
+        let on_track = calibration.on_track(observed.readings.potentiometer_codes);
+        let off_track = shown(&mut self.off_track, on_track.contains(&false));
         let axes = || {
             let places = observed.position_um.into_iter().zip(observed.expected_um);
             places.zip(observed.duty).map(|((at_um, expected_um), duty)| (at_um, expected_um, duty))
         };
-        let jumped =
-            self.jumped.step(axes().any(|(at_um, expected_um, _)| (at_um - expected_um).abs() > JUMP_UM));
+        let jumps = axes().any(|(at_um, expected_um, _)| (at_um - expected_um).abs() > JUMP_UM);
+        let jumped = shown(&mut self.jumped, jumps);
         let travel_um = calibration.travel_um() as f32 + TRAVEL_MARGIN_UM;
         let outward = |(at_um, expected_um, duty): (f32, f32, f32)| {
             let moved_um = (at_um - expected_um).copysign(at_um * (at_um - expected_um));
             at_um.abs() > travel_um && (at_um * duty > 0.0 || moved_um > OUTWARD_UM)
         };
-        let beyond_travel = self.beyond_travel.step(axes().any(outward));
+        let beyond_travel = shown(&mut self.beyond_travel, axes().any(outward));
         let overrun = self.overruns(observed.late) && observed.active;
         let silent = observed.active && observed.silent_us > u64::from(self.limits.silence_ms) * 1_000;
         let mut causes = StopCauses::default();
         causes.add(observed.readings.emergency_stop, Fault::EmergencyStop);
-        causes.add(over_range || force.saturated_periods() >= PERSISTENCE_PERIODS, Fault::ForceRange);
+        causes.add(over_range || force.saturated() >= EVIDENCE_READINGS, Fault::ForceRange);
         causes.add(over_limit, Fault::ForceLimit);
         causes.add(off_track || jumped, Fault::Potentiometer);
         causes.add(beyond_travel, Fault::Travel);
@@ -258,12 +265,12 @@ impl Interlock {
             observed.watches.iter().any(DriveWatch::wrong_way) && !Mutation::AnyDirection.is_out();
         causes.add(wrong_way, Fault::WrongWay);
         causes.add(observed.watches.iter().any(DriveWatch::stalled), Fault::Stall);
-        let far = |watch: &DriveWatch| watch.following_error_periods() >= PERSISTENCE_PERIODS;
+        let far = |watch: &DriveWatch| u32::from(watch.following_error_periods()) >= EVIDENCE_READINGS;
         causes.add(observed.watches.iter().any(far), Fault::FollowingError);
-        // A saturated converter gives no valid reading either, and is a load.
-        let stale = force.stale_periods() >= STALE_LIMIT_PERIODS && force.saturated_periods() == 0;
-        causes.add(stale, Fault::ForceSensor);
-        causes.add(force.unchanged_readings() >= STUCK_LIMIT_READINGS, Fault::ForceStuck);
+        let doubtful = force.doubtful() >= DOUBTFUL_READINGS;
+        let is_missing = force.missing() >= DOUBTFUL_READINGS / 2;
+        causes.add(doubtful && is_missing || contradicted, Fault::ForceSensor);
+        causes.add(doubtful && !is_missing, Fault::ForceStuck);
         causes.add(overrun, Fault::Overrun);
         causes.add(silent, Fault::HostSilent);
         causes.add(observed.budgets.iter().any(DutyBudget::is_locked), Fault::MotorHot);

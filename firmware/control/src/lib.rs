@@ -14,9 +14,9 @@
 //! | [`force`], [`tare`] | force from converter codes: calibration, zero, stale and saturated readings |
 //! | [`decimate`], [`stiffness`] | the lateral stiffness, estimated online |
 //! | [`interlock`] | when to stop, and why: the table of hazards |
-//! | [`limits`] | tolerances of readings: size and duration |
+//! | [`limits`] | how much evidence a fault takes |
 //! | [`pulse`] | a short pulse of one motor without a loop, and what ends it |
-//! | [`retreat`], [`added_load`] | motions that unload the guide while the fault of the load is latched |
+//! | [`retreat`] | motions that unload the guide while the fault of the load is latched |
 //! | [`retained`] | state that is retained over a restart |
 //! | [`store`] | a calibration while it is received |
 //! | [`telemetry`] | batches, answers and events, and what is dropped where the link is slow |
@@ -55,7 +55,6 @@
     deny(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)
 )]
 
-pub mod added_load;
 pub mod ads131m02;
 pub mod axis;
 pub mod calibration;
@@ -87,7 +86,6 @@ pub mod tare;
 pub mod telemetry;
 
 use crate::calibration::Calibration;
-use added_load::AddedLoad;
 use axis::Axis;
 use commands::CommandSession;
 use force::ForceChannel;
@@ -101,7 +99,7 @@ use protocol::{CalibrationSource, Event, EventKind, Fault, Outcome, RetreatOutco
 use pulse::{NetDrive, Pulser};
 use report::SAFETY_REPORTS;
 use retained::ControllerState;
-use retreat::LoadWatch;
+use retreat::{LoadMeter, LoadWatch};
 pub use start::{DESCRIPTION, Origin, Start};
 use stiffness::StiffnessFit;
 use store::Incoming;
@@ -130,7 +128,9 @@ pub struct Controller {
     conversation: CommandSession,
     indicator: Indicator,
     incoming: Incoming,
+    /// When the conversation that has started the motion was heard last, and its token.
     last_command_us: u64,
+    mover: u32,
     control_overruns: u32,
     report_due: u32,
     safety_due: u32,
@@ -138,10 +138,10 @@ pub struct Controller {
     source: CalibrationSource,
     /// The calibration was lost and that is not acknowledged.
     calibration_lost: bool,
-    retreat: LoadWatch,
+    load_meter: LoadMeter,
+    load_watch: LoadWatch,
     /// By how much the latest retreat moves, micrometres.
     retreat_by_um: [i32; 2],
-    added_load: AddedLoad,
     /// A calibration was accepted: the device is about to restart.
     restarting: bool,
     /// What was last reported of these, and kept of fault and pulses.
@@ -160,7 +160,7 @@ impl Controller {
     pub fn new(calibration: Calibration, start: Start) -> Self {
         let mut interlock = Interlock::new(Limits::of(&calibration));
         let Start { boot_id, restarted, origin, retained } = start;
-        let ControllerState { fault, budgets, added_load, pulsed } =
+        let ControllerState { fault, budgets, pulsed } =
             retained.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
         // What was latched before the restart comes first; the hello reports the restart itself.
         let lost = origin == Origin::Lost;
@@ -184,6 +184,7 @@ impl Controller {
             indicator: Indicator::new(),
             incoming: Incoming::new(),
             last_command_us: 0,
+            mover: 0,
             control_overruns: 0,
             report_due: REPORT_PERIODS,
             safety_due: SAFETY_REPORTS,
@@ -193,9 +194,9 @@ impl Controller {
                 Origin::Nominal | Origin::Lost => CalibrationSource::Nominal,
             },
             calibration_lost: lost,
-            retreat: LoadWatch::new([0; 2], true),
+            load_meter: LoadMeter::default(),
+            load_watch: LoadWatch::new(),
             retreat_by_um: [0; 2],
-            added_load,
             restarting: false,
             reported: None,
             kept: (None, pulsed),
@@ -208,7 +209,6 @@ impl Controller {
         ControllerState {
             fault: self.interlock.latched(),
             budgets: self.budgets.clone(),
-            added_load: self.added_load,
             pulsed: self.pulser.net(),
         }
     }
@@ -218,9 +218,6 @@ impl Controller {
         let mut notes = OutboundMessages::new();
         let late = inputs.late_us > LATE_US;
         self.control_overruns = self.control_overruns.saturating_add(late.into());
-        if inputs.command.is_some() {
-            self.last_command_us = inputs.now_us;
-        }
         let (sample, causes) = self.sense(inputs, late);
         if let Some(fault) = causes.first().filter(|_| self.interlock.latched().is_none()) {
             self.trip(fault, inputs.now_us, &mut notes);
@@ -228,7 +225,7 @@ impl Controller {
         self.follow_load(causes, inputs.now_us, &mut notes);
         let mut store = None;
         if let Some(command) = &inputs.command {
-            store = self.handle_command(command, inputs, sample, causes, &mut notes);
+            store = self.handle_command(command, inputs, causes, &mut notes);
         }
         let drive = match self.pulse(&sample, inputs.now_us, &mut notes) {
             Some(drive) => drive,
@@ -240,7 +237,7 @@ impl Controller {
         if self.report_due == 0 {
             self.report_due = REPORT_PERIODS;
             if self.streaming {
-                push(&mut notes, OutboundMessage::Report(self.status(inputs, sample)));
+                push(&mut notes, OutboundMessage::Report(self.status(inputs)));
             }
             self.safety_due = self.safety_due.saturating_sub(1);
         }
@@ -267,10 +264,11 @@ impl Controller {
         let rising = self.axes.each_ref().map(Axis::rising);
         let position_um = self.calibration.position_um(inputs.readings.potentiometer_codes, rising);
         let force_counts = self.force.update(&self.calibration, &inputs.readings.force_codes);
+        let on_track = self.calibration.on_track(inputs.readings.potentiometer_codes);
         let mut expected_um = position_um;
-        for ((axis, position_um), expected_um) in self.axes.iter_mut().zip(position_um).zip(&mut expected_um)
-        {
-            *expected_um = axis.measure(position_um);
+        let axes = self.axes.iter_mut().zip(position_um).zip(on_track);
+        for (((axis, position_um), on_track), expected_um) in axes.zip(&mut expected_um) {
+            *expected_um = axis.measure(position_um, on_track);
         }
         let observed = Observed {
             readings: &inputs.readings,
@@ -286,7 +284,7 @@ impl Controller {
         };
         let causes = self.interlock.check(&self.calibration, &self.force, &observed);
         let sample = Sample { position_counts: position_um.map(round), force_counts };
-        if self.force.stale_periods() == 0 {
+        if self.force.is_accepted() {
             self.stiffness.add(&sample);
         }
         (sample, causes)
@@ -297,7 +295,7 @@ impl Controller {
         if self.interlock.latched().is_some() && self.executor.phase() != Phase::Retreating {
             return Drive::Release;
         }
-        if self.awaits_rest(now_us, notes) {
+        if self.executor.awaits_rest_us(now_us).is_some() {
             return Drive::Release;
         }
         let was_taring = self.executor.phase() == Phase::Taring;
@@ -400,7 +398,7 @@ impl Controller {
     /// Latches a fault, ends the program and reports it.
     fn trip(&mut self, fault: Fault, now_us: u64, notes: &mut OutboundMessages) {
         self.interlock.latch(fault);
-        self.added_load = AddedLoad::default();
+        self.load_watch = LoadWatch::new();
         push(notes, OutboundMessage::Event(event(now_us, EventKind::Faulted { fault })));
         self.end_program(Outcome::Faulted, now_us, notes);
     }

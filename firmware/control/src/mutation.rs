@@ -15,13 +15,12 @@
 //! | `OldFramesAct` | a frame that is replayed moves the guide again | `a_frame_from_before_does_not_move_the_guide_again` |
 //! | `AnyStart` | a program waits for years and then starts | `a_start_years_ahead_is_refused` |
 //! | `CoolingTooShort` | a hot motor is not cool when it is reported to be | `a_motor_that_never_rests_is_locked_out` |
-//! | `SilentAfterSaturation` | one saturated reading hides that none follows: no force limit | `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load` |
-//! | `RetreatsClimb` | retreats in the wrong direction add up | `a_load_beyond_the_range_is_removed_by_a_retreat` |
-//! | `LargestLoadAlone` | a larger force along y hides what retreats add along x | `retreats_along_one_axis_do_not_hide_behind_the_load_of_the_other` |
-//! | `BlindRetreat` | a converter that saturates in a retreat lets it go on into the load | `a_converter_that_saturates_in_a_retreat_ends_it` |
+//! | `TwoInARow` | a sensor that fails in every second reading is never at its limit | `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load`, `a_converter_that_saturates_in_every_second_reading_is_a_load` |
+//! | `FalseReadings` | a sensor that mostly repeats itself hides the load | `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load`, `the_force_converter_is_stuck_but_for_its_last_bit` |
+//! | `RetreatsClimb` | retreats by tables of the wrong sign add up | `short_retreats_by_tables_of_the_wrong_sign_do_not_add_up` |
+//! | `BlindRetreat` | retreats lead away from the middle of the travel, without a force to follow too | `a_load_beyond_the_range_is_removed_by_a_retreat`, `a_converter_that_saturates_in_a_retreat_is_left_towards_the_middle` |
 //! | `BlindTurned` | short retreats by tables of the wrong sign, with a saturated converter, add up | `short_retreats_by_tables_of_the_wrong_sign_do_not_add_up` |
 //! | `ClearInMotion` | a fault is cleared while its motor still rolls on | `a_fault_is_cleared_only_at_rest` |
-//! | `HastyRetreat` | retreats along x and y in quick turn use up the way out of the load | `hasty_retreats_leave_the_way_out_open` |
 //! | `AnyPulse` | pulses of a motor move it as far as they like | `a_pulse_ends_within_its_bound_whatever_is_wired_wrong`, `pulses_do_not_add_up_and_are_refused_without_an_acknowledged_calibration_and_in_a_fault` |
 
 /// A safety measure that can be disabled.
@@ -45,20 +44,18 @@ pub enum Mutation {
     AnyStart,
     /// The time in which a motor cools is stated too short.
     CoolingTooShort,
-    /// A converter that was saturated once may be silent for ever.
-    SilentAfterSaturation,
+    /// Evidence of a fault counts in two readings in a row alone.
+    TwoInARow,
+    /// Missing and repeated readings are counted and no more.
+    FalseReadings,
     /// Retreats may follow each other into the load.
     RetreatsClimb,
-    /// A retreat follows the largest load alone.
-    LargestLoadAlone,
-    /// A retreat goes on without a force to follow.
+    /// A retreat may lead anywhere.
     BlindRetreat,
-    /// Retreats without a force to follow may lead away from the straight needle.
+    /// A retreat without a force to follow moves axes that have never moved the way they were driven.
     BlindTurned,
     /// A fault is cleared in motion.
     ClearInMotion,
-    /// A retreat starts while a motor rolls on.
-    HastyRetreat,
     /// A pulse has no bound of duration and duty, and many may follow in one direction.
     AnyPulse,
 }
@@ -79,7 +76,7 @@ std::thread_local! {
 #[cfg(not(target_os = "none"))]
 impl Mutation {
     /// Every one.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 16] = [
         Self::AnyCalibration,
         Self::ForgetAtRestart,
         Self::LimitFromTare,
@@ -89,13 +86,12 @@ impl Mutation {
         Self::OldFramesAct,
         Self::AnyStart,
         Self::CoolingTooShort,
-        Self::SilentAfterSaturation,
+        Self::TwoInARow,
+        Self::FalseReadings,
         Self::RetreatsClimb,
-        Self::LargestLoadAlone,
         Self::BlindRetreat,
         Self::BlindTurned,
         Self::ClearInMotion,
-        Self::HastyRetreat,
         Self::AnyPulse,
     ];
 

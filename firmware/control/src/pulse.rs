@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | [`REACHED_UM`] of the driven axis, either way | after 2 periods | its potentiometer works |
 //! | [`OTHER_UM`] of the other axis | after 2 periods | motors or potentiometers are swapped |
-//! | [`PULSE_FORCE_MN`] more or less than before, either channel | after 2 periods | the converter works |
+//! | [`PULSE_FORCE_MN`] more or less than before, either channel | after 2 periods; 1 N on up to 8 N/mm | the converter works |
 //! | duty [`PULSE_DUTY_LIMIT_PERMILLE`], [`PULSE_LIMIT_MS`] | always: at most 0.29 mm of any actuator of the series | always |
 //!
 //! "After 2 periods" is the second reading beyond the bound, as everywhere in [`super::interlock`], whose causes end a pulse too.
@@ -16,7 +16,7 @@
 //! than back is refused until the axis has moved the way it is driven, over restarts too.
 
 use super::axis::Axis;
-use super::limits::PERSISTENCE_PERIODS;
+use super::limits::{EVIDENCE_READINGS, Recent};
 use super::mutation::Mutation;
 use super::{Controller, Drive, OutboundMessage, OutboundMessages, event, push};
 use protocol::{
@@ -91,7 +91,7 @@ struct Running {
     from: Sample,
     most: Sample,
     after: Sums,
-    beyond: [u16; 3],
+    beyond: [Recent; 3],
     driven_periods: u8,
 }
 
@@ -176,7 +176,7 @@ impl Pulser {
             from: Sample::default(),
             most: Sample::default(),
             after: Sums::default(),
-            beyond: [0; 3],
+            beyond: [Recent::default(); 3],
             driven_periods: 0,
         });
         Ok(())
@@ -326,9 +326,8 @@ impl Running {
             (moved(axis) > REACHED_UM.unsigned_abs(), PulseOutcome::Reached),
         ];
         let mut first = None;
-        for (periods, (beyond, outcome)) in self.beyond.iter_mut().zip(exceeded) {
-            *periods = if beyond { periods.saturating_add(1) } else { 0 };
-            if *periods >= PERSISTENCE_PERIODS && first.is_none() {
+        for (evidence, (beyond, outcome)) in self.beyond.iter_mut().zip(exceeded) {
+            if evidence.note(beyond) >= EVIDENCE_READINGS && first.is_none() {
                 first = Some(outcome);
             }
         }
@@ -424,6 +423,20 @@ mod tests {
         let (report, furthest_um) = run(PULSE, unit, stiff);
         assert_eq!(report.outcome, PulseOutcome::Force);
         assert!(report.driven_ms < 30 && furthest_um < 200.0, "{report:?} {furthest_um}");
+    }
+
+    #[test]
+    fn changes_no_force_by_more_than_a_newton_up_to_the_stated_stiffness() {
+        for unit in [(0.12, 22_000.0), (0.18, 20_000.0)] {
+            for stiffness_n_per_mm in 1..=protocol::PULSE_STIFFNESS_N_PER_MM {
+                // 50 uN a count: 20 counts per micrometre are 1 N/mm.
+                let counts = |um: f32| (um * 20.0 * stiffness_n_per_mm as f32) as i32;
+                let tissue = |at: [f32; 2]| Sample { force_counts: at.map(counts), ..sound(at) };
+                let (report, furthest_um) = run(PULSE, unit, tissue);
+                let most_n = furthest_um * 1e-3 * stiffness_n_per_mm as f32;
+                assert!(most_n < 1.0, "{most_n} N on {stiffness_n_per_mm} N/mm: {report:?}");
+            }
+        }
     }
 
     #[test]

@@ -4,8 +4,8 @@ use super::interlock::Limits;
 use super::motor::DriveWatch;
 use super::mutation::Mutation;
 use super::program::Phase;
-use super::{Controller, Inputs, NO_STEP, OutboundMessage, OutboundMessages, push};
-use protocol::{Counters, Safety, Sample, State, Status};
+use super::{Axis, Controller, Inputs, NO_STEP, OutboundMessage, OutboundMessages, push, round};
+use protocol::{Counters, Safety, State, Status};
 
 /// Reports of the state between two unsolicited ones of safety.
 pub(super) const SAFETY_REPORTS: u32 = 10;
@@ -55,7 +55,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn status(&self, inputs: &Inputs, sample: Sample) -> Status {
+    pub(super) fn status(&self, inputs: &Inputs) -> Status {
         let Limits { force_mn, silence_ms } = self.interlock.limits();
         let Counters {
             force_readings_bad, force_corrupt, force_missing, force_resets, force_saturated, ..
@@ -65,8 +65,9 @@ impl Controller {
             state: self.state(),
             step: self.executor.index().unwrap_or(NO_STEP),
             fault: self.interlock.latched(),
-            position_counts: sample.position_counts,
-            force_counts: sample.force_counts,
+            // A sample is what was read; here is what was not rejected of it.
+            position_counts: self.axes.each_ref().map(|axis: &Axis| round(axis.accepted_um())),
+            force_counts: self.force.accepted_counts(),
             streaming: self.streaming,
             counters: Counters {
                 force_readings_bad,

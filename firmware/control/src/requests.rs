@@ -8,7 +8,7 @@ use super::program::Phase;
 use super::pulse::Pulse;
 use super::{Axis, Controller, Inputs, OutboundMessage, OutboundMessages, push};
 use protocol::{
-    CalibrationRecord, CalibrationSource, Command, Fault, Outcome, Refusal, Request, SILENCE_LIMIT_MS, Sample,
+    CalibrationRecord, CalibrationSource, Command, Fault, Outcome, Refusal, Request, SILENCE_LIMIT_MS,
 };
 
 impl Controller {
@@ -17,7 +17,6 @@ impl Controller {
         &mut self,
         command: &Command,
         inputs: &Inputs,
-        sample: Sample,
         causes: StopCauses,
         notes: &mut OutboundMessages,
     ) -> Option<CalibrationRecord> {
@@ -38,15 +37,16 @@ impl Controller {
             }
         };
         self.restarting |= store.is_some();
+        if answer.is_ok() {
+            self.heard(command, inputs.now_us);
+        }
         // Questions are answered afresh each time they arrive: the earlier answer may be what was lost.
         match command.request {
             Request::Hello => {
                 push(notes, OutboundMessage::Hello);
                 push(notes, OutboundMessage::Connected(self.conversation.begin()));
             }
-            Request::Status if answer.is_ok() => {
-                push(notes, OutboundMessage::Status(self.status(inputs, sample)))
-            }
+            Request::Status if answer.is_ok() => push(notes, OutboundMessage::Status(self.status(inputs))),
             Request::Calibration if answer.is_ok() => push(notes, OutboundMessage::Calibration),
             Request::Safety if answer.is_ok() => {
                 push(notes, OutboundMessage::Safety(self.safety(inputs.now_us)))
@@ -62,6 +62,17 @@ impl Controller {
             },
         );
         store
+    }
+
+    /// Keeps a motion alive: an accepted command of the conversation that has started it. What other programs send, and what is refused,
+    /// shows that somebody is there, and not that it is who watches the guide.
+    fn heard(&mut self, command: &Command, now_us: u64) {
+        if matches!(command.request, Request::Run { .. } | Request::Retreat { .. } | Request::Pulse { .. }) {
+            self.mover = command.connection;
+        }
+        if command.connection == self.mover {
+            self.last_command_us = now_us;
+        }
     }
 
     fn execute(

@@ -1,15 +1,13 @@
-//! What a restart must not forget: the latched fault, how the motors were driven, and what retreats have added to the load
-//! and pulses to the position.
+//! What a restart must not forget: the latched fault, how the motors were driven, and what pulses have added to the position.
 //!
 //! The board keeps it in memory that outlives a reset. After power-on there is nothing: whether the motors are hot is unknown then.
 
-use super::added_load::{ADDED_LOAD_BYTES, AddedLoad};
 use super::motor::{BUDGET_BYTES, DutyBudget};
 use super::pulse::NetDrive;
 use protocol::{Fault, calibration_crc};
 
 /// Bytes that are kept.
-pub const RETAINED_BYTES: usize = CRC_BYTES + 1 + 2 * BUDGET_BYTES + ADDED_LOAD_BYTES + PULSED_BYTES;
+pub const RETAINED_BYTES: usize = CRC_BYTES + 1 + 2 * BUDGET_BYTES + PULSED_BYTES;
 const CRC_BYTES: usize = 4;
 const PULSED_BYTES: usize = 4;
 /// Number that no fault has.
@@ -22,8 +20,6 @@ pub struct ControllerState {
     pub fault: Option<Fault>,
     /// How the motors x and y were driven.
     pub budgets: [DutyBudget; 2],
-    /// What retreats have added to the load since the fault.
-    pub added_load: AddedLoad,
     /// What pulses have driven of x and y.
     pub pulsed: NetDrive,
 }
@@ -32,7 +28,7 @@ impl Default for ControllerState {
     /// Nothing to keep.
     fn default() -> Self {
         let budgets = [const { DutyBudget::new() }; 2];
-        Self { fault: None, budgets, added_load: AddedLoad::default(), pulsed: [0; 2] }
+        Self { fault: None, budgets, pulsed: [0; 2] }
     }
 }
 
@@ -42,14 +38,12 @@ impl ControllerState {
         let mut bytes = [0; RETAINED_BYTES];
         let (crc, content) = bytes.split_at_mut(CRC_BYTES);
         if let Some((fault, rest)) = content.split_first_mut()
-            && let Some((rest, pulsed)) = rest.split_last_chunk_mut::<PULSED_BYTES>()
-            && let Some((budgets, added_load)) = rest.split_last_chunk_mut::<ADDED_LOAD_BYTES>()
+            && let Some((budgets, pulsed)) = rest.split_last_chunk_mut::<PULSED_BYTES>()
         {
             *fault = self.fault.map_or(NO_FAULT, |fault| fault as u8);
             for (kept, budget) in budgets.chunks_exact_mut(BUDGET_BYTES).zip(&self.budgets) {
                 kept.copy_from_slice(&budget.to_bytes());
             }
-            *added_load = self.added_load.to_bytes();
             let [[x0, x1], [y0, y1]] = self.pulsed.map(i16::to_le_bytes);
             *pulsed = [x0, x1, y0, y1];
         }
@@ -61,9 +55,8 @@ impl ControllerState {
     pub fn from_bytes(bytes: &[u8; RETAINED_BYTES]) -> Option<Self> {
         let (crc, content) = bytes.split_first_chunk::<CRC_BYTES>()?;
         let (fault, rest) = content.split_first()?;
-        let (rest, &[x0, x1, y0, y1]) = rest.split_last_chunk::<PULSED_BYTES>()?;
+        let (budgets, &[x0, x1, y0, y1]) = rest.split_last_chunk::<PULSED_BYTES>()?;
         let pulsed = [[x0, x1], [y0, y1]].map(i16::from_le_bytes);
-        let (budgets, added_load) = rest.split_last_chunk::<ADDED_LOAD_BYTES>()?;
         if calibration_crc(content) != u32::from_le_bytes(*crc) {
             return None;
         }
@@ -71,13 +64,12 @@ impl ControllerState {
         let mut budgets =
             budgets.chunks_exact(BUDGET_BYTES).map(|kept| DutyBudget::from_bytes(kept.try_into().ok()?));
         let (x, y) = (budgets.next()??, budgets.next()??);
-        Some(Self { fault, budgets: [x, y], added_load: AddedLoad::from_bytes(*added_load), pulsed })
+        Some(Self { fault, budgets: [x, y], pulsed })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::retreat::Bounds;
     use super::*;
 
     #[test]
@@ -85,15 +77,9 @@ mod tests {
         for fault in Fault::ALL.into_iter().map(Some).chain([None]) {
             let mut budgets = [DutyBudget::new(), DutyBudget::new()];
             (0..12_345).for_each(|period| budgets[1].step(period % 3 == 0));
-            let mut added_load = AddedLoad::default();
-            assert!(added_load.begin([0, -5], [0.0; 2], Some([200_000; 4]), Bounds::new(5_000, 5_000)));
-            added_load.follow(Some([200_022; 4]), [0.0; 2], Bounds::new(5_000, 5_000));
-            added_load.end();
-            let bytes = ControllerState { fault, budgets: budgets.clone(), added_load, pulsed: [-31, 500] }
-                .to_bytes();
+            let bytes = ControllerState { fault, budgets: budgets.clone(), pulsed: [-31, 500] }.to_bytes();
             let kept = ControllerState::from_bytes(&bytes).expect("sound");
-            assert_eq!((kept.fault, kept.added_load.to_bytes()), (fault, added_load.to_bytes()));
-            assert_eq!(kept.pulsed, [-31, 500]);
+            assert_eq!((kept.fault, kept.pulsed), (fault, [-31, 500]));
             assert_eq!(
                 kept.budgets.each_ref().map(DutyBudget::used),
                 budgets.each_ref().map(DutyBudget::used)

@@ -4,10 +4,10 @@ use super::output::Output;
 use super::rig_args::{ForceLimitArgs, PortArgs, Rest, StartArgs, interrupted, run_step};
 use super::status::{Detail, report_status};
 use anyhow::{anyhow, bail};
-use device::link::error::{explain_fault, explain_retreat};
+use device::link::error::{AT_THE_MIDDLE, explain_fault, explain_retreat};
 use device::link::program::move_to;
 use device::link::{Client, LinkError, Telemetry};
-use protocol::{EventKind, Fault, RETREAT_LIMIT_UM, Refusal, Request, State};
+use protocol::{EventKind, Fault, RETREAT_LIMIT_UM, Refusal, Request, RetreatOutcome, State};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -133,11 +133,11 @@ fn clear_at_rest(client: &mut Client) -> Result<(), LinkError> {
 
 /// Unload the guide while the fault caused by the load is latched
 ///
-/// Guide 2 moves slowly, by at most 1 mm along each axis, and stops as soon as the force no longer falls. Without a direction it moves
-/// along the axis with the larger force, against that force.
+/// Guide 2 moves slowly towards the middle of its travel, where the needle is straight, until the force is below the limit. It stops
+/// where the force does not fall.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide retreat --port /dev/ttyACM0\n  guide retreat --port /dev/ttyACM0 --y-mm -0.5"
+    after_help = "Example:\n  guide retreat --port /dev/ttyACM0\n  guide retreat --port /dev/ttyACM0 --y-mm -0.5\n\nIt fails where the load remains: open the needle's clamp."
 )]
 pub struct RetreatArgs {
     #[command(flatten)]
@@ -188,49 +188,36 @@ pub fn retreat(args: &RetreatArgs, out: &mut Output) -> anyhow::Result<()> {
     retreat_from(&mut client, [args.x_mm, args.y_mm], interrupted()?, out)
 }
 
-/// Retreats by so many micrometres, or away from the load; where the user interrupts, it is stopped on its way.
+/// Retreats by so many micrometres, or towards the middle of the travel until the load is gone; where the user interrupts, it is
+/// stopped on its way.
 pub(super) fn retreat_from(
     client: &mut Client,
     by_um: [Option<i32>; 2],
     interrupted: &AtomicBool,
     out: &mut Output,
 ) -> anyhow::Result<()> {
-    /// Longest that a retreat takes on the slowest simulated rig.
-    const LIMIT: Duration = Duration::from_secs(60);
-    const POLL: Duration = Duration::from_millis(50);
-    match by_um {
-        [None, None] => drop(client.retreat_from_load()?),
-        [x_um, y_um] => {
-            client.request(Request::Retreat { x_um: x_um.unwrap_or(0), y_um: y_um.unwrap_or(0) })?
-        }
-    }
-    let began = Instant::now();
-    let (mut outcome, mut stopped) = (None, false);
-    // The event may be lost; the state is not.
-    loop {
-        let is_over = client.status()?.state != State::Retreating;
-        while let Some(telemetry) = client.waiting() {
-            if let Telemetry::Event(event) = telemetry
-                && let EventKind::RetreatEnded { outcome: ended } = event.kind
-            {
-                outcome = Some(ended);
+    let mut outcome;
+    if by_um == [None; 2] {
+        client.retreat_to_middle()?.ok_or_else(|| anyhow!(AT_THE_MIDDLE))?;
+        loop {
+            outcome = retreat_ended(client, interrupted)?;
+            if outcome != Some(RetreatOutcome::Moved) {
+                break;
+            }
+            match client.retreat_to_middle() {
+                Ok(by_um) => drop(by_um.ok_or_else(|| anyhow!(AT_THE_MIDDLE))?),
+                // The force is below the limit, if not by the margin of a retreat's end.
+                Err(LinkError::Refused { refusal: Refusal::NotUnderLoad, .. }) => {
+                    outcome = Some(RetreatOutcome::Unloaded);
+                    break;
+                }
+                Err(error) => return Err(error.into()),
             }
         }
-        if is_over {
-            break;
-        }
-        if interrupted.load(Ordering::Acquire) && !stopped {
-            client.request(Request::Stop)?;
-            stopped = true;
-        }
-        if began.elapsed() > LIMIT {
-            client.request(Request::Stop)?;
-            bail!(
-                "the retreat did not end within {} s and was stopped: look at the guide, then `guide status`",
-                LIMIT.as_secs()
-            );
-        }
-        std::thread::sleep(POLL);
+    } else {
+        let [x_um, y_um] = by_um.map(|um| um.unwrap_or(0));
+        client.request(Request::Retreat { x_um, y_um })?;
+        outcome = retreat_ended(client, interrupted)?;
     }
     let status = client.status()?;
     let [position_x_mm, position_y_mm] =
@@ -245,5 +232,44 @@ pub(super) fn retreat_from(
         force_y_n,
         fault: status.fault.map(explain_fault),
     };
-    out.result(&retreated, &retreated)
+    out.result(&retreated, &retreated)?;
+    match outcome {
+        Some(failed @ RetreatOutcome::ForceNotFalling) => bail!(explain_retreat(failed)),
+        _ => Ok(()),
+    }
+}
+
+/// Waits for the end of a retreat; nothing where its event was lost.
+fn retreat_ended(client: &mut Client, interrupted: &AtomicBool) -> anyhow::Result<Option<RetreatOutcome>> {
+    /// Longest that a retreat takes on the slowest simulated rig.
+    const LIMIT: Duration = Duration::from_secs(60);
+    const POLL: Duration = Duration::from_millis(50);
+    let began = Instant::now();
+    let (mut outcome, mut stopped) = (None, false);
+    // The event may be lost; the state is not.
+    loop {
+        let is_over = client.status()?.state != State::Retreating;
+        while let Some(telemetry) = client.waiting() {
+            if let Telemetry::Event(event) = telemetry
+                && let EventKind::RetreatEnded { outcome: ended } = event.kind
+            {
+                outcome = Some(ended);
+            }
+        }
+        if is_over {
+            return Ok(outcome);
+        }
+        if interrupted.load(Ordering::Acquire) && !stopped {
+            client.request(Request::Stop)?;
+            stopped = true;
+        }
+        if began.elapsed() > LIMIT {
+            client.request(Request::Stop)?;
+            bail!(
+                "the retreat did not end within {} s and was stopped: look at the guide, then `guide status`",
+                LIMIT.as_secs()
+            );
+        }
+        std::thread::sleep(POLL);
+    }
 }

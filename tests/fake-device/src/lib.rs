@@ -242,11 +242,6 @@ impl Device {
             return Message::Refused { id: command.id, refusal };
         }
         match command.request {
-            Request::Retreat { x_um, y_um }
-                if self.script.used_up_axis.is_some_and(|axis| [x_um, y_um][axis] != 0) =>
-            {
-                return Message::Refused { id: command.id, refusal: Refusal::OutOfTravel };
-            }
             Request::Limits { force_mn, silence_ms } => self.limits = [force_mn, silence_ms],
             Request::LoadCalibration { piece, bytes } => {
                 let from = usize::from(piece) * PIECE_BYTES;

@@ -46,8 +46,6 @@ pub struct Script {
     pub late_end: bool,
     /// Refuses every command but the hello.
     pub refusal: Option<Refusal>,
-    /// Refuses retreats along this axis, as where they have added to the load.
-    pub used_up_axis: Option<usize>,
     /// Longest time of its own clock without a command while a program runs, milliseconds.
     pub silence_limit_ms: u32,
     /// States that limit, and never ends a program for it: what a test of the host's times counts then does not depend on how often a
@@ -74,7 +72,6 @@ impl Default for Script {
             lost_statuses: 0,
             late_end: false,
             refusal: None,
-            used_up_axis: None,
             silence_limit_ms: 2_000,
             is_patient: false,
             source: CalibrationSource::Stored,

@@ -1,21 +1,25 @@
 //! What a sequence consists of.
 
 use super::judge::is_turned;
-use super::{Checked, Converter, Disturbances, MAX_ACTS, Target, Violation};
+use super::sensors::Failing;
+use super::{Checked, Condition, Converter, Disturbances, MAX_ACTS, Target, Violation};
 use crate::calibration::Calibration;
 use crate::commands::MAX_STORED_ANSWERS;
+use crate::limits::WINDOW_READINGS;
 use protocol::{
     CalibrationRecord, Command, Fault, MAX_CALIBRATION, PIECE_BYTES, Refusal, Request, Step, program_crc,
 };
 use std::format;
 use std::vec::Vec;
 
-/// Tries of the recovery from a fault since the load has fallen last.
-const TRIES: u32 = 24;
-/// A load that has fallen by less has not, newtons: the noise of the rig in QEMU.
-const FALLEN_N: f32 = 0.03;
-/// Up to this [`Condition::zero_per_limit`](super::Condition) a limit is met somewhere with the margin of a retreat's end.
-const MET: f32 = 1.6;
+/// Tries of the recovery from a fault: a travel of 25 mm in retreats of 1 mm, and some.
+const TRIES: u32 = 40;
+/// Longest retreat, micrometres.
+const RETREAT_UM: f32 = protocol::RETREAT_LIMIT_UM as f32;
+/// What presses on a guide within this of the middle is the offset of the cell, or a tare, micrometres: 0.17 N of it are the needle.
+const MIDDLE_UM: f32 = 150.0;
+/// Up to this [`Condition::zero_per_limit`] a limit is met at the middle: a retreat ends with 0.85 of it left, and cells have offsets.
+const MET: f32 = 0.5;
 /// Most time in which a motor cools, seconds: the window of its duty cycle and a bin.
 const COOLING_LIMIT_S: u16 = 310;
 
@@ -38,7 +42,7 @@ impl Random {
         ((((mixed ^ (mixed >> 31)) >> 32) * u64::from(limit)) >> 32) as u32
     }
 
-    fn between(&mut self, least: i32, most: i32) -> i32 {
+    pub(crate) fn between(&mut self, least: i32, most: i32) -> i32 {
         least + self.below((most - least + 1) as u32) as i32
     }
 
@@ -117,6 +121,7 @@ impl<'a, T: Target> Sequence<'a, T> {
             27 => self.request(Request::AcknowledgeCalibration),
             29 => self.pulses(),
             30 => self.retreat_in_motion(),
+            31 => self.sensors_fail(),
             28 if self.target.is_patient() && self.random.one_in(40) => self.heat(),
             _ => self.leave(),
         }
@@ -358,6 +363,29 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.target.pass(5)
     }
 
+    /// Into the tissue, and on while a sensor fails in some of its readings, with hum beside it.
+    fn sensors_fail(&mut self) -> Checked<()> {
+        let failing = Failing::any(&mut self.random);
+        let (force, potentiometers) = match self.random.below(3) {
+            0 => (None, Some(failing)),
+            _ => (Some(failing), None),
+        };
+        let hum_n = [0.0, 0.0, 0.1][self.random.below(3) as usize];
+        let y_um = if self.random.one_in(2) { 9_000 } else { -9_000 };
+        let x_um = [0, 0, 9_000][self.random.below(3) as usize];
+        let speed_um_s = [1_000, 5_000, 10_000][self.random.below(3) as usize];
+        self.run(&[Step::Move { x_um, y_um, speed_um_s }])?;
+        let wait_ms = self.random.below(600);
+        self.target.pass(wait_ms)?;
+        self.target.set(Disturbances { force, potentiometers, hum_n, ..Disturbances::default() })?;
+        self.target.pass(3_000)?;
+        // A fault while it fails: nothing that can be requested may lead further into the load.
+        self.request(Request::ClearFault)?;
+        self.request(Request::Retreat { x_um: 0, y_um: -y_um.signum() * 500 })?;
+        self.target.pass(500)?;
+        if self.random.one_in(2) { self.target.set(Disturbances::default()) } else { Ok(()) }
+    }
+
     /// Any latched fault has a recovery, under the load that caused it, by commands alone.
     ///
     /// # Errors
@@ -365,10 +393,9 @@ impl<'a, T: Target> Sequence<'a, T> {
     pub fn leave(&mut self) -> Checked<()> {
         self.target.set(Disturbances::default())?;
         self.request(Request::Stop)?;
-        self.target.pass(30)?;
-        let (mut waited, mut ways) = (false, Ways::default());
-        let (mut least_n, mut tries) = (f32::MAX, 0);
-        while tries < TRIES {
+        self.target.pass(WINDOW_READINGS)?;
+        let mut waited = false;
+        for _ in 0..TRIES {
             let condition = self.target.condition()?;
             let Some(fault) = condition.fault else { return Ok(()) };
             if fault == Fault::CalibrationLost {
@@ -391,75 +418,35 @@ impl<'a, T: Target> Sequence<'a, T> {
             }
             // One that was lost before another fault was latched.
             self.request(Request::AcknowledgeCalibration)?;
-            self.retreat(condition.pressing_n(), &mut ways)?;
-            let [x_n, y_n] = self.target.condition()?.pressing_n().map(f32::abs);
-            tries += 1;
-            if x_n + y_n < least_n - FALLEN_N {
-                (least_n, tries) = (x_n + y_n, 0);
-            }
-            if tries >= TRIES / 2 && tries.is_multiple_of(4) {
-                self.leave_otherwise(fault, condition.zero_per_limit(), ways)?;
-            }
+            self.unload(fault, &condition)?;
         }
         let condition = self.target.condition()?;
         Err(Violation(format!("no recovery in {TRIES} tries: {condition:?}")))
     }
 
-    /// The other recoveries that are documented: another calibration, or a higher limit where this one is met nowhere, or where the
-    /// way out is one out of the travel by the tables that are stored.
-    fn leave_otherwise(&mut self, fault: Fault, zero_per_limit: f32, ways: Ways) -> Checked<()> {
+    /// Towards the middle of the travel. Where the limit is not met there, a higher one; where the tables have the wrong sign, and the
+    /// middle lies in the other direction, other ones, or a higher limit.
+    fn unload(&mut self, fault: Fault, condition: &Condition) -> Checked<()> {
         let turned = is_turned(self.target.record());
-        if fault.may_come_of_calibration() && turned {
-            self.store(&Calibration::nominal_record())?;
-        } else if zero_per_limit > MET || turned || ways.gone == [[true; 2]; 2] {
+        if turned && fault.may_come_of_calibration() {
+            return self.store(&Calibration::nominal_record());
+        }
+        let [x_um, y_um] = condition.position_um.map(|um| match um.abs() < MIDDLE_UM {
+            true => 0,
+            false => -um.clamp(-RETREAT_UM, RETREAT_UM) as i32,
+        });
+        // The middle is a load from the zero of a tare that is far from it.
+        if turned || [x_um, y_um] == [0; 2] || condition.zero_per_limit() > MET {
             let force_mn = self.target.record().force_range_mn;
-            self.request(Request::Limits { force_mn, silence_ms: 2_000 })?;
+            self.request(Request::Stop)?;
+            return self.request(Request::Limits { force_mn, silence_ms: 2_000 });
         }
-        Ok(())
-    }
-
-    /// Out of the load: against the force along the axis that has more of it, then along the other one, then with the force (tables or
-    /// a force of the wrong sign): what has led out before comes first. Ways that are refused or lead nowhere come last, until another
-    /// one has taken something off.
-    fn retreat(&mut self, pressing_n: [f32; 2], ways: &mut Ways) -> Checked<()> {
-        let larger = usize::from(pressing_n[1].abs() > pressing_n[0].abs());
-        let first = ways.led_out;
-        for (axis, with) in
-            [(larger, first), (1 - larger, first), (larger, 1 - first), (1 - larger, 1 - first)]
-        {
-            if ways.in_vain[axis][with] {
-                continue;
-            }
-            ways.in_vain[axis][with] = true;
-            let mut by_um = [0; 2];
-            by_um[axis] = if (pressing_n[axis] > 0.0) == (with == 0) { -1_000 } else { 1_000 };
-            let [x_um, y_um] = by_um;
-            match self.target.request(Request::Retreat { x_um, y_um })? {
-                Ok(()) => ways.gone[axis][with] = true,
-                Err(Refusal::OutOfTravel) => continue,
-                // Nothing that a retreat leads out of, or one is under way.
-                Err(Refusal::NotUnderLoad | Refusal::Busy) => return self.target.pass(2_500),
-                Err(refusal) => return Err(Violation(format!("a retreat is refused: {refusal:?}"))),
-            }
-            self.target.pass(2_500)?;
-            let after_n = self.target.condition()?.pressing_n();
-            if after_n[axis].abs() < pressing_n[axis].abs() - FALLEN_N {
-                *ways = Ways { led_out: with, ..Ways::default() };
-            }
-            return Ok(());
+        match self.target.request(Request::Retreat { x_um, y_um })? {
+            // A millimetre at a quarter of one a second, from rest to rest.
+            Ok(()) => self.target.pass(5_000),
+            // Another cause to stop is there as well, or was until now.
+            Err(Refusal::NotUnderLoad | Refusal::Busy) => self.target.pass(500),
+            Err(refusal) => Err(Violation(format!("a retreat is refused: {refusal:?}"))),
         }
-        ways.in_vain = [[false; 2]; 2];
-        Ok(())
     }
-}
-
-/// Ways out of a load since it has fallen last: along x and y, against the force and with it.
-#[derive(Debug, Clone, Copy, Default)]
-struct Ways {
-    /// Refused, or gone, in this round.
-    in_vain: [[bool; 2]; 2],
-    /// Gone, and the load has not fallen.
-    gone: [[bool; 2]; 2],
-    /// The way that has led out last: against the force or with it.
-    led_out: usize,
 }

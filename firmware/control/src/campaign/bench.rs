@@ -15,6 +15,8 @@ use std::format;
 use std::vec::Vec;
 
 const BOOT: u32 = 42;
+/// Greatest code of the force converter.
+const CODE_MAX: i32 = 0x7F_FFFF;
 const HELLO: Command = Command { id: 0, connection: 0, request: Request::Hello };
 /// Newtons of a code of the rig as designed.
 const N_PER_CODE: f32 = 931.323e-9;
@@ -69,6 +71,8 @@ pub struct Bench {
     controller: Controller,
     rig: Rig,
     causes: Disturbances,
+    /// Codes of both sensors when they began to fail.
+    kept: Option<[[i32; 2]; 2]>,
     saturated_once: bool,
     record: CalibrationRecord,
     origin: Origin,
@@ -110,6 +114,7 @@ impl Bench {
             controller: Controller::new(Calibration::default(), start),
             rig,
             causes: Disturbances::default(),
+            kept: None,
             saturated_once: false,
             record,
             origin,
@@ -144,25 +149,37 @@ impl Bench {
     }
 
     fn readings(&mut self) -> Readings {
-        let code = |um: f32| (um / 12.207_031 + 2_048.0).round().clamp(0.0, 4_095.0) as u16;
-        let mut potentiometer_codes = self.rig.position_um.map(code);
-        if let Some(code) = self.causes.potentiometer_open.and_then(|axis| potentiometer_codes.get_mut(axis))
-        {
+        let period = (self.before_us + self.now_us) / 1_000;
+        let code = |um: f32| (um / 12.207_031 + 2_048.0).round().clamp(0.0, 4_095.0) as i32;
+        let mut potentiometers = self.rig.position_um.map(code);
+        let hum_n = self.causes.hum_n * (std::f32::consts::TAU * 0.05 * (period % 20) as f32).sin();
+        // The converter's own noise.
+        let mut random = acts::Random::new(period);
+        let mut noise = || random.between(-700, 700);
+        let mut codes = self.rig.force_n().map(|n| ((n + hum_n) / N_PER_CODE) as i32 + noise());
+        let [kept_force, kept_potentiometers] = *self.kept.get_or_insert([codes, potentiometers]);
+        if let Some(failing) = self.causes.force {
+            codes = failing.codes(period, codes, kept_force, CODE_MAX);
+        }
+        if let Some(failing) = self.causes.potentiometers {
+            potentiometers = failing.codes(period, potentiometers, kept_potentiometers, 4_095);
+        }
+        if let Some(code) = self.causes.potentiometer_open.and_then(|axis| potentiometers.get_mut(axis)) {
             *code = 4_095;
         }
-        // A sound converter never gives the same code twice.
-        let dither = (self.now_us / 1_000 % 7) as i32;
-        let codes =
-            self.rig.force_n().map(|n| ((n / N_PER_CODE) as i32 + dither).clamp(-8_388_607, 8_388_607));
+        let codes = codes.map(|code| code.clamp(-CODE_MAX - 1, CODE_MAX));
+        let at_its_end = codes.iter().position(|code| code.abs() >= CODE_MAX);
+        let saturated = |channel: usize| Err(ForceFault::Saturated { channel: channel as u8 });
         let force_codes = match self.causes.converter {
-            Converter::Healthy => Ok(codes),
+            Converter::Healthy => at_its_end.map_or(Ok(codes), saturated),
             Converter::Silent => Err(ForceFault::NotReady),
             Converter::SaturatedOnce if self.saturated_once => Err(ForceFault::NotReady),
             Converter::Saturated | Converter::SaturatedOnce => {
                 self.saturated_once = true;
-                Err(ForceFault::Saturated { channel: 0 })
+                saturated(0)
             }
         };
+        let potentiometer_codes = potentiometers.map(|code| code as u16);
         Readings { potentiometer_codes, force_codes, emergency_stop: self.causes.emergency_stop }
     }
 
@@ -228,6 +245,7 @@ impl Bench {
             fault: self.fault,
             position_um: self.rig.position_um,
             force_n: self.most_n(),
+            fails: [self.causes.force.is_some(), self.causes.potentiometers.is_some()],
             cleared,
             started,
             ended,
@@ -296,7 +314,7 @@ impl Target for Bench {
     }
 
     fn set(&mut self, causes: Disturbances) -> Checked<()> {
-        (self.causes, self.saturated_once) = (causes, false);
+        (self.causes, self.saturated_once, self.kept) = (causes, false, None);
         Ok(())
     }
 
@@ -310,7 +328,6 @@ impl Target for Bench {
             now_us: self.now_us,
             fault: self.fault,
             position_um: self.rig.position_um,
-            force_counts: self.controller.force.relative_counts(),
             cools_in_s: self.safety.map_or([0; 2], |safety| safety.cools_in_s),
             zero_counts: self.safety.map_or([0; 2], |safety| safety.zero_counts),
             limit_mn: self.controller.interlock.limits().force_mn,

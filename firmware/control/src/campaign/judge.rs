@@ -21,8 +21,12 @@ const REST_MS: u64 = 100;
 /// What a motor rolls on between the first reading that exceeds a limit and its rest, micrometres: 2 periods until the fault, one
 /// until the bridge is off, one of sampling, and a lag of 12 periods, at full speed.
 pub const ROLLS_ON_UM: f32 = 320.0;
-/// What retreats in the wrong direction may add in all, newtons: twice 1 % of the rated range of 5 N, and what the motor rolls on.
-const RETREATS_N: f32 = 0.12;
+/// Share of that by which it may be more where a force channel fails: evidence takes up to 10 readings instead of 2
+/// (`crate::limits`), 160 um.
+const LATER: f32 = 0.5;
+/// What retreats may add in all where they lead into the load, newtons: twice 1 % of the rated range of 5 N, two means of 25 um on 1.1 N/mm,
+/// and what the motor rolls on.
+const RETREATS_N: f32 = 0.22;
 
 /// What was observed since the last check.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,6 +43,8 @@ pub struct Observation {
     pub position_um: [f32; 2],
     /// Largest force along either axis, as the cell has it from the calibration's zero, newtons.
     pub force_n: f32,
+    /// A force channel fails; a potentiometer does.
+    pub fails: [bool; 2],
     /// The fault was cleared by a command that was accepted.
     pub cleared: bool,
     /// Programs that started.
@@ -52,6 +58,10 @@ pub struct Observation {
 pub struct LimitChecker {
     /// What the force may exceed the limit by, newtons.
     overshoot_n: f32,
+    /// What it may more since a force channel has failed.
+    later_n: f32,
+    /// A potentiometer has failed: where the guide is cannot be known.
+    lost: bool,
     /// True force per measured one, by the calibration.
     gain: f32,
     limit_n: f32,
@@ -83,6 +93,8 @@ impl LimitChecker {
     pub fn new(overshoot_n: f32, record: &CalibrationRecord) -> Self {
         Self {
             overshoot_n,
+            later_n: 0.0,
+            lost: false,
             gain: 1.0,
             limit_n: 0.0,
             allowed_n: 0.0,
@@ -211,7 +223,12 @@ impl LimitChecker {
             return violated(format!("driven in {:?}", observed.fault));
         }
         self.allowed_n = self.allowed_n.min(observed.force_n.max(self.limit_n));
-        if observed.force_n > self.allowed_n + self.overshoot_n + RETREATS_N {
+        let [force_fails, potentiometer_fails] = observed.fails;
+        if force_fails {
+            self.later_n = LATER * self.overshoot_n;
+        }
+        self.lost |= potentiometer_fails;
+        if observed.force_n > self.allowed_n + self.overshoot_n + self.later_n + RETREATS_N {
             return violated(format!("{} N where {} N is the limit", observed.force_n, self.allowed_n));
         }
         self.starts += observed.started;
@@ -233,7 +250,7 @@ impl LimitChecker {
             self.driven_ms = observed.now_ms;
             return Ok(());
         }
-        if self.turned || observed.now_ms < self.driven_ms + REST_MS {
+        if self.turned || self.lost || observed.now_ms < self.driven_ms + REST_MS {
             return Ok(());
         }
         let at_um = observed.position_um.iter().map(|um| um.abs()).fold(0.0, f32::max);

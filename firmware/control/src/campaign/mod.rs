@@ -16,10 +16,12 @@
 pub mod acts;
 pub mod bench;
 pub mod judge;
+pub mod sensors;
 
-use crate::calibration::{FORCE_NN_PER_COUNT, counts_of_mn};
+use crate::calibration::counts_of_mn;
 use acts::Sequence;
 use protocol::{CalibrationRecord, Command, Refusal, Request};
+use sensors::Failing;
 use std::fmt;
 use std::string::String;
 
@@ -42,7 +44,7 @@ impl std::error::Error for Violation {}
 pub type Checked<T> = Result<T, Violation>;
 
 /// What acts on the rig beside the commands.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Disturbances {
     /// The emergency stop is pressed.
     pub emergency_stop: bool,
@@ -50,6 +52,12 @@ pub struct Disturbances {
     pub potentiometer_open: Option<usize>,
     /// What the force converter does.
     pub converter: Converter,
+    /// How the force channels fail.
+    pub force: Option<Failing>,
+    /// How the potentiometers fail.
+    pub potentiometers: Option<Failing>,
+    /// Hum of the mains on the force channels, newtons.
+    pub hum_n: f32,
 }
 
 /// What the force converter does.
@@ -75,8 +83,6 @@ pub struct Condition {
     pub fault: Option<protocol::Fault>,
     /// True position of both axes, micrometres.
     pub position_um: [f32; 2],
-    /// Force along both axes from the tare, as the device has it by its calibration, force counts.
-    pub force_counts: [i32; 2],
     /// Time until the motors have cooled, seconds.
     pub cools_in_s: [u16; 2],
     /// Zero of the latest tare, from the calibration's, force counts.
@@ -90,17 +96,6 @@ impl Condition {
     pub fn zero_per_limit(&self) -> f32 {
         let larger = self.zero_counts.into_iter().map(i32::unsigned_abs).fold(0, u32::max);
         larger as f32 / counts_of_mn(self.limit_mn) as f32
-    }
-
-    /// What presses along both axes by the calibration of the device, right or not, as `guide retreat` has it: the force from the
-    /// calibration's zero or from the tare, whichever is larger. The limit is about both, newtons.
-    pub fn pressing_n(&self) -> [f32; 2] {
-        let larger = |(tared, zero): (i32, i32)| {
-            let from_zero = tared + zero;
-            let counts = if tared.abs() > from_zero.abs() { tared } else { from_zero };
-            counts as f32 * (1e-9 * FORCE_NN_PER_COUNT as f32)
-        };
-        [0, 1].map(|axis| larger((self.force_counts[axis], self.zero_counts[axis])))
     }
 }
 

@@ -189,7 +189,11 @@ pub fn explain_refusal(refusal: Refusal) -> String {
         }
         Refusal::Faulted { fault } => explain_latched(fault),
         Refusal::Busy => "a motion program waits or runs; `guide stop` ends it".to_owned(),
-        Refusal::OutOfTravel => "the target lies beyond the travel of the guide".to_owned(),
+        Refusal::OutOfTravel => {
+            "the target lies beyond the travel of the guide; a retreat leads towards the middle of the travel, and without a force \
+             reading only where the axis has moved before"
+                .to_owned()
+        }
         Refusal::OutOfRange => "a speed, a duration, a distance or the number of steps is zero or too large, or the start is more \
                                 than an hour ahead"
             .to_owned(),
@@ -227,7 +231,10 @@ pub struct FaultText {
 pub fn fault_text(fault: Fault) -> FaultText {
     let (cause, remedy) = match fault {
         Fault::EmergencyStop => ("the emergency stop is pressed or its wire is open", "release it"),
-        Fault::ForceSensor => ("the force converter gives no valid readings", "check its cable and supply"),
+        Fault::ForceSensor => (
+            "the force converter gives no valid readings, or readings that no motion explains",
+            "check its cable and supply",
+        ),
         Fault::ForceRange => (
             "the force is beyond the sensor's range or its converter is saturated",
             "`guide retreat` unloads the guide; by hand: open the clamp of the needle",
@@ -252,9 +259,10 @@ pub fn fault_text(fault: Fault) -> FaultText {
         Fault::FollowingError => {
             ("an axis cannot follow its setpoint", "check the motor supply, or reduce the speed")
         }
-        Fault::ForceStuck => {
-            ("the force reading does not change at all", "check the converter and its clock")
-        }
+        Fault::ForceStuck => (
+            "the force converter repeats its readings",
+            "check the force sensor's cable, the converter and its clock",
+        ),
         Fault::HostSilent => {
             ("nothing was received from the host while a program ran", "check the cable and the host")
         }
@@ -307,13 +315,16 @@ fn explain_tare(problem: Option<TareProblem>, [x_n, y_n]: [f64; 2]) -> String {
     }
 }
 
+/// Why there is nowhere to retreat to.
+pub const AT_THE_MIDDLE: &str = "the guide is at the middle of its travel and the load remains: open the needle's clamp, or see `guide limits`";
+
 /// The end of a retreat in words.
 pub fn explain_retreat(outcome: RetreatOutcome) -> &'static str {
     match outcome {
         RetreatOutcome::Unloaded => "unloaded: `guide clear` clears the fault",
         RetreatOutcome::Moved => "moved; the load remains: retreat again",
         RetreatOutcome::ForceNotFalling => {
-            "the force does not fall this way: try another direction, or open the needle's clamp"
+            "the force does not fall towards the middle of the travel: open the needle's clamp, or see `guide limits`"
         }
         RetreatOutcome::Stopped => "stopped: see `guide status`",
     }

@@ -1,61 +1,43 @@
 //! Which way a retreat goes where none is given.
 
 use super::{Client, LinkError};
-use protocol::{RETREAT_LIMIT_UM, Refusal, Request};
+use protocol::{RETREAT_LIMIT_UM, Request};
+
+/// An axis within this of the middle stays there, micrometres: what the position loop leaves, and its noise.
+const MIDDLE_UM: f64 = 60.0;
 
 impl Client {
-    /// Requests a retreat along the axis with the larger load, against it; where that way is used up, along the other one: of a load
-    /// along both axes the other one may have to fall first. The limit is about the force from the calibration's zero and that from the
-    /// tare: the load of an axis is the larger of them.
-    /// Its displacement, micrometres: the longest that the device takes.
+    /// Requests a retreat straight towards the middle of the travel, as far as the device takes one; its displacement, micrometres, or
+    /// nothing where the guide is at the middle.
     ///
     /// # Errors
     /// As [`Client::status`] and [`Client::request`].
-    pub fn retreat_from_load(&mut self) -> Result<[i32; 2], LinkError> {
-        let force_counts = self.status()?.force_counts;
-        let zero_counts = self.safety()?.zero_counts;
-        let [first, second] =
-            against([0, 1].map(|axis| load(force_counts[axis].into(), zero_counts[axis].into())));
-        let mut retreat =
-            |by_um @ [x_um, y_um]: [i32; 2]| self.request(Request::Retreat { x_um, y_um }).map(|()| by_um);
-        match retreat(first) {
-            Err(LinkError::Refused { refusal: Refusal::OutOfTravel, .. }) => retreat(second),
-            answered => answered,
-        }
+    pub fn retreat_to_middle(&mut self) -> Result<Option<[i32; 2]>, LinkError> {
+        let position_counts = self.status()?.position_counts;
+        let position_um = self.displacement_m(position_counts).map(|metres| metres * 1e6);
+        let Some(by_um @ [x_um, y_um]) = to_middle(position_um) else { return Ok(None) };
+        self.request(Request::Retreat { x_um, y_um })?;
+        Ok(Some(by_um))
     }
 }
 
-/// The larger of the force from the tare and that from the calibration's zero, counts.
-fn load(tared: i64, zero: i64) -> i64 {
-    let from_zero = tared + zero;
-    if tared.abs() > from_zero.abs() { tared } else { from_zero }
-}
-
-/// Displacements against a load, along the axis with more of it and along the other one, micrometres.
-fn against([x, y]: [i64; 2]) -> [[i32; 2]; 2] {
-    let um = |force: i64| if force > 0 { -RETREAT_LIMIT_UM } else { RETREAT_LIMIT_UM };
-    let (along_x, along_y) = ([um(x), 0], [0, um(y)]);
-    if x.abs() > y.abs() { [along_x, along_y] } else { [along_y, along_x] }
+/// Displacement on the straight line to the middle, micrometres.
+fn to_middle(position_um: [f64; 2]) -> Option<[i32; 2]> {
+    let away_um = position_um.map(|um| if um.abs() < MIDDLE_UM { 0.0 } else { um });
+    let farther_um = away_um.into_iter().map(f64::abs).fold(0.0, f64::max);
+    let share = (f64::from(RETREAT_LIMIT_UM) / farther_um).min(1.0);
+    (farther_um > 0.0).then(|| away_um.map(|um| -(share * um).round() as i32))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Tared at -0.44 N, a guide that is back at -0.13 N presses with 0.31 N in the other direction.
     #[test]
-    fn the_load_is_the_one_that_is_further_from_its_zero() {
-        assert_eq!(load(6_200, -8_900), 6_200);
-        assert_eq!(load(1_000, -8_900), -7_900);
-        assert_eq!(load(-100, 0), -100);
-    }
-
-    #[test]
-    fn a_retreat_goes_against_the_larger_force() {
-        let limit = RETREAT_LIMIT_UM;
-        assert_eq!(against([10, -20]), [[0, limit], [-limit, 0]]);
-        assert_eq!(against([-10, 20]), [[0, -limit], [limit, 0]]);
-        assert_eq!(against([30, 20]), [[-limit, 0], [0, -limit]]);
-        assert_eq!(against([-30, 20]), [[limit, 0], [0, -limit]]);
+    fn a_retreat_goes_straight_to_the_middle_and_no_further() {
+        assert_eq!(to_middle([0.0, 300.0]), Some([0, -300]));
+        assert_eq!(to_middle([4_000.0, -2_000.0]), Some([-1_000, 500]));
+        assert_eq!(to_middle([-59.0, 5_000.0]), Some([0, -1_000]));
+        assert_eq!(to_middle([-59.0, 12.0]), None);
     }
 }

@@ -143,18 +143,6 @@ fn a_refusal_is_typed_and_explained() {
     assert!(error.to_string().contains("beyond the travel"), "{error}");
 }
 
-/// The fake device's force is larger along y.
-#[test]
-fn a_retreat_goes_along_the_other_axis_where_the_first_one_is_used_up() {
-    for (used_up_axis, expected) in [(None, [0, -1_000]), (Some(1), [-1_000, 0])] {
-        let device = FakeDevice::start(Script { used_up_axis, ..Script::default() });
-        let mut client = Client::connect(&device.port).expect("connects");
-        let by_um @ [x_um, y_um] = client.retreat_from_load().expect("a way is open");
-        assert_eq!(by_um, expected, "{used_up_axis:?}");
-        assert_eq!(device.executed(), [Request::Retreat { x_um, y_um }]);
-    }
-}
-
 #[test]
 fn no_answer_and_another_protocol_are_distinguished() {
     let mute = connect_error(Script { mute: true, ..Script::default() });

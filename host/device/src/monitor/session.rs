@@ -3,7 +3,7 @@
 use super::command::UserCommand;
 use super::health::LinkTotals;
 use super::state::{Event, Outcome};
-use crate::link::error::{explain_fault, explain_retreat};
+use crate::link::error::{AT_THE_MIDDLE, explain_fault, explain_retreat};
 use crate::link::keepalive::Keepalive;
 use crate::link::program::move_to;
 use crate::link::{Client, LinkError, Telemetry};
@@ -103,9 +103,12 @@ impl<'a> Session<'a> {
                 self.request(Request::Retreat { x_um, y_um }).map(|()| self.retreats([x_um, y_um]))
             }
             UserCommand::Jog(by_m) => self.jog(by_m),
-            UserCommand::Retreat => self.client.retreat_from_load().map(|by_um| {
+            UserCommand::Retreat => self.client.retreat_to_middle().map(|by_um| {
                 self.keepalive.sent(Instant::now());
-                self.retreats(by_um);
+                match by_um {
+                    Some(by_um) => self.retreats(by_um),
+                    None => self.report(AT_THE_MIDDLE, false),
+                }
             }),
             UserCommand::Stop => self.stop(),
             UserCommand::Clear => self.request(Request::ClearFault).map(|()| self.report("cleared", true)),

@@ -92,6 +92,8 @@ struct Device<'a> {
     started: u32,
     ended: Option<Outcome>,
     cleared: bool,
+    /// A force channel fails; a potentiometer does.
+    fails: [bool; 2],
     sent: Vec<Command>,
     tally: CampaignCounts,
 }
@@ -115,6 +117,7 @@ impl<'a> Device<'a> {
             started: 0,
             ended: None,
             cleared: false,
+            fails: [false; 2],
             sent: Vec::new(),
             tally: CampaignCounts::default(),
         };
@@ -203,6 +206,7 @@ impl<'a> Device<'a> {
             fault: status.fault,
             position_um: position_um(self.bench),
             force_n: self.measured_n(rig.take_reach().force_n),
+            fails: self.fails,
             cleared: std::mem::take(&mut self.cleared),
             started: std::mem::take(&mut self.started),
             ended: self.ended.take(),
@@ -318,8 +322,17 @@ impl Target for Device<'_> {
     }
 
     fn set(&mut self, causes: Disturbances) -> Checked<()> {
-        let Disturbances { emergency_stop, potentiometer_open, converter } = causes;
-        let injection = Injection { emergency_stop, potentiometer_open, ..Injection::default() };
+        let Disturbances { emergency_stop, potentiometer_open, converter, force, potentiometers, hum_n } =
+            causes;
+        self.fails = [force.is_some(), potentiometers.is_some()];
+        let injection = Injection {
+            emergency_stop,
+            potentiometer_open,
+            force_fails: force,
+            potentiometers_fail: potentiometers,
+            hum_n: hum_n.into(),
+            ..Injection::default()
+        };
         self.bench.rig().inject(match converter {
             Converter::Healthy => injection,
             Converter::Silent => Injection { force_silent: true, ..injection },
@@ -343,7 +356,6 @@ impl Target for Device<'_> {
             now_us: status.t_us,
             fault: status.fault,
             position_um: position_um(self.bench),
-            force_counts: status.force_counts,
             cools_in_s: self.safety.map_or([0; 2], |safety| safety.cools_in_s),
             zero_counts: self.safety.map_or([0; 2], |safety| safety.zero_counts),
             limit_mn: status.force_limit_mn,

@@ -3,6 +3,7 @@
 use super::PERIOD_S;
 use super::line::{LINE_BAUD, Line};
 use super::wiring::Wiring;
+use control::campaign::sensors::Failing;
 use emulation::plant::{FORCE_CODE_MAX, FULL_SCALE, POTENTIOMETER_CODE_MAX, PlantReply, PlantRequest};
 use simulation::rig::{BridgeInputs, Codes};
 
@@ -31,6 +32,12 @@ pub struct Injection {
     pub potentiometer_short: Option<usize>,
     /// Added to the potentiometers' codes.
     pub potentiometer_jump_codes: [i32; 2],
+    /// How the force channels fail.
+    pub force_fails: Option<Failing>,
+    /// How the potentiometers fail.
+    pub potentiometers_fail: Option<Failing>,
+    /// Hum of the mains on the force channels at 50 Hz, newtons.
+    pub hum_n: f64,
     /// This motor gets nothing, so its rod stands.
     pub jammed: Option<usize>,
     /// This motor gets that share of its voltage.
@@ -118,6 +125,8 @@ pub(super) struct Electronics {
     stack_overflow: bool,
     /// Force codes of the last reply.
     force_codes: [i32; 2],
+    /// Codes of force and potentiometers when they began to fail.
+    kept: Option<[[i32; 2]; 2]>,
     line: Line,
     wiring: Wiring,
     /// The emergency stop's switch.
@@ -145,6 +154,7 @@ impl Electronics {
             panic: false,
             stack_overflow: false,
             force_codes: [0; 2],
+            kept: None,
             line: Line::default(),
         }
     }
@@ -219,6 +229,7 @@ impl Electronics {
         self.panic = injection.panic;
         self.stack_overflow = injection.stack_overflow;
         self.injection = injection;
+        self.kept = None;
         self.over_at = injection.for_periods.map(|periods| period + periods);
         // The end of an injection is none: what it did can still be read.
         if injection != Injection::default() {
@@ -264,10 +275,23 @@ impl Electronics {
         let saturated =
             injection.force_saturated.or(injection.force_saturated_once.filter(|_| saturates_once));
         self.force_codes = self.force(codes.bridge, saturated);
+        let mut force_codes = self.force_codes;
+        let mut potentiometer_codes = potentiometers(&injection, codes.potentiometer);
+        let sound = [force_codes, potentiometer_codes.map(i32::from)];
+        let [kept_force, kept_potentiometers] = *self.kept.get_or_insert(sound);
+        if let Some(failing) = injection.force_fails {
+            force_codes = failing.codes(self.periods, force_codes, kept_force, FORCE_CODE_MAX);
+        }
+        if let Some(failing) = injection.potentiometers_fail {
+            let [_, codes] = sound;
+            let most = i32::from(POTENTIOMETER_CODE_MAX);
+            potentiometer_codes =
+                failing.codes(self.periods, codes, kept_potentiometers, most).map(|code| code as u16);
+        }
         PlantReply {
             step,
-            potentiometer_codes: potentiometers(&injection, codes.potentiometer),
-            force_codes: self.force_codes,
+            potentiometer_codes,
+            force_codes,
             potentiometer_conversion_us: injection.conversion_us,
             line_bytes: self.line.bytes(injection.line_baud.unwrap_or(LINE_BAUD)),
             emergency_stop: injection.emergency_stop || self.wiring.stop_line(self.pressed),
@@ -288,7 +312,9 @@ impl Electronics {
         if injection.force_stuck {
             return self.force_codes;
         }
-        let added_n = injection.force_spike_n.unwrap_or_default();
+        // Twenty periods of a millisecond are one of 50 Hz.
+        let hum_n = injection.hum_n * (std::f64::consts::TAU * 0.05 * (self.periods % 20) as f64).sin();
+        let added_n = injection.force_spike_n.unwrap_or_default().map(|n| n + hum_n);
         [0, 1].map(|axis| {
             let code = f64::from(codes[axis]) + added_n[axis] * self.codes_per_n;
             if saturated == Some(axis) {

@@ -1,7 +1,7 @@
 //! The faults that the soak makes: what is injected, what the device must report and how soon.
 
 use crate::cosim::Injection;
-use control::limits::{STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
+use control::limits::DOUBTFUL_READINGS;
 use control::motor::STALL_PERIODS;
 use emulation::plant::NEVER;
 use protocol::{Fault, ResetReason};
@@ -59,7 +59,7 @@ fn latched(
 
 /// Every cause.
 pub fn causes() -> Vec<Cause> {
-    let (stale, stuck) = (u64::from(STALE_LIMIT_PERIODS), u64::from(STUCK_LIMIT_READINGS) + 1);
+    let (stale, stuck) = (u64::from(DOUBTFUL_READINGS), u64::from(DOUBTFUL_READINGS) + 1);
     vec![
         latched("emergency stop", 1, &[Fault::EmergencyStop], |_, _| Injection {
             emergency_stop: true,

@@ -236,7 +236,7 @@ fn guide(bench: &Bench, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// A retreat of 1 mm, most of which is still to come when the user interrupts: the guide stops there, and another one goes on.
+/// A retreat most of which is still to come when the user interrupts: the guide stops there, and another one goes on until the load is gone.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_retreat_that_is_interrupted_stops_on_its_way() {
