@@ -132,7 +132,7 @@ fn at(path: &Path, field: Option<&str>) -> FailedAt {
 
 fn of_session(error: &SessionError) -> FailedAt {
     match error {
-        SessionError::Io { path, .. } => at(path, None),
+        SessionError::Io { path, .. } | SessionError::Locked { path, .. } => at(path, None),
         SessionError::Field { place, field, .. } => FailedAt {
             path: Some(place.path.clone()),
             line: Some(place.line),

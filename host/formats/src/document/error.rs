@@ -54,6 +54,14 @@ pub enum SessionError {
         /// Value of the new run.
         new: String,
     },
+    /// Another writer has the session.
+    #[error("{}: {holder} writes to this session: wait until it has ended, or use another folder", path.display())]
+    Locked {
+        /// The session's folder.
+        path: PathBuf,
+        /// Who it is.
+        holder: String,
+    },
     /// A run's id is taken, or cannot be part of a file name.
     #[error("{}: id: \"{id}\" {problem}, expected {expected}", path.display())]
     Id {

@@ -9,6 +9,7 @@ mod hardware;
 pub mod import;
 mod indenter;
 mod labels;
+mod lock;
 mod read;
 mod rig_model;
 mod schema;

@@ -9,6 +9,7 @@ mod lateral;
 
 pub use lateral::{ForceRow, LateralWriter, ShapeRow};
 
+use super::lock::SessionLock;
 use super::{Session, Setup, SteeringRun};
 use crate::document::{SessionError, io, number, replace};
 use crate::files;
@@ -16,10 +17,11 @@ use mechanics::{Guides, Rig};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A session folder that takes runs.
+/// A session folder that takes runs, from this writer alone until it is dropped: no other one has its ids.
 #[derive(Debug)]
 pub struct SessionWriter {
     dir: PathBuf,
+    lock: SessionLock,
     lateral_ids: Vec<String>,
     insertion_ids: Vec<String>,
     steering_ids: Vec<String>,
@@ -35,11 +37,16 @@ impl SessionWriter {
     /// Creates the session, or opens an existing one recorded with the same needle and rig.
     ///
     /// # Errors
-    /// [`SessionError::OtherRig`] where an existing session has another needle or rig, [`SessionError::OtherTissue`] where
-    /// it states another tissue; otherwise as
+    /// [`SessionError::Locked`] while another writer has it, [`SessionError::OtherRig`] where an existing session has another needle
+    /// or rig, [`SessionError::OtherTissue`] where it states another tissue; otherwise as
     /// [`Session::read`], or an error of the operating system.
     pub fn open(dir: &Path, setup: &Setup) -> Result<Self, SessionError> {
         let path = dir.join("session.toml");
+        let text = if path.exists() { None } else { Some(setup.to_toml(&path)?) };
+        let made_folder = !dir.exists();
+        fs::create_dir_all(dir).map_err(io(dir, "create"))?;
+        let lock = SessionLock::take(dir)?;
+        // Another writer may have made it meanwhile.
         if path.exists() {
             let session = Session::read(dir)?;
             same_rig(&path, &session.rig, &setup.rig)?;
@@ -53,6 +60,7 @@ impl SessionWriter {
             let dir = dir.to_owned();
             return Ok(Self {
                 dir,
+                lock,
                 lateral_ids,
                 insertion_ids,
                 steering_ids,
@@ -61,10 +69,9 @@ impl SessionWriter {
                 made_folder: false,
             });
         }
-        let text = setup.to_toml(&path)?;
-        let made_folder = !dir.exists();
-        fs::create_dir_all(dir).map_err(io(dir, "create"))?;
+        let text = text.map_or_else(|| setup.to_toml(&path), Ok)?;
         if let Err(error) = replace(&path, &text) {
+            drop(lock);
             if made_folder {
                 let _ = fs::remove_dir(dir);
             }
@@ -72,6 +79,7 @@ impl SessionWriter {
         }
         Ok(Self {
             dir: dir.to_owned(),
+            lock,
             lateral_ids: Vec::new(),
             insertion_ids: Vec::new(),
             steering_ids: Vec::new(),
@@ -190,6 +198,7 @@ impl SessionWriter {
                 let _ = fs::remove_file(path);
             }
         }
+        drop(self.lock);
         if self.made_folder {
             // Only where nothing else has come into it.
             let _ = fs::remove_dir(&self.dir);
