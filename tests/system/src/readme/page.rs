@@ -25,7 +25,7 @@ pub enum Made {
 }
 
 /// A marked block: what stands in a fence, or a table.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Block {
     /// What makes it.
     pub made: Made,
