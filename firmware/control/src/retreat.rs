@@ -238,7 +238,7 @@ impl Controller {
 
 #[cfg(test)]
 mod tests {
-    use super::super::campaign::acts::Random;
+    use super::super::campaign::random::Random;
     use super::*;
 
     const RANGE: f32 = 100_000.0;

@@ -3,7 +3,7 @@
 use super::axis::REENGAGE_ERROR_UM;
 use super::*;
 use crate::ads131m02::ForceFault;
-use crate::campaign::acts::Random;
+use crate::campaign::random::Random;
 use crate::campaign::sensors::Failing;
 use crate::hal::Readings;
 use proptest::prelude::*;

@@ -1,9 +1,9 @@
-//! `cargo xtask lint`: format, words, import circles, lints, documentation, manual and licences. The first tier of `cargo xtask test` begins with
+//! `cargo xtask lint`: format, import circles, lints, documentation, manual and licences. The first tier of `cargo xtask test` begins with
 //! the first four, the second with the others.
 
 use crate::build::{FIRST_IMAGE, cargo, cargo_with, image_parts, root, target_dir};
+use crate::circles;
 use crate::setup::TARGET;
-use crate::{circles, words};
 use anyhow::{Context, Result, bail};
 use std::process::{Command, Stdio};
 
@@ -21,13 +21,12 @@ pub fn all() -> Result<()> {
     rest()
 }
 
-/// Format, words and import circles: seconds, without a build.
+/// Format and import circles: seconds, without a build.
 ///
 /// # Errors
 /// Where there is anything to complain about.
 pub fn texts() -> Result<()> {
     cargo(&["fmt", "--all", "--check"])?;
-    words::check()?;
     circles::check()
 }
 

@@ -14,7 +14,6 @@ mod setup;
 mod tiers;
 mod web;
 mod wheel;
-mod words;
 
 use anyhow::{Result, bail};
 use std::ffi::OsString;

@@ -3,7 +3,7 @@
 //!
 //! | | first tier | second tier |
 //! |---|---|---|
-//! | checks | format, words, import circles, clippy of the host and of one image of the firmware | documentation with its examples, clippy of the other images, manual, licences |
+//! | checks | format, import circles, clippy of the host and of one image of the firmware | documentation with its examples, clippy of the other images, manual, licences |
 //! | host | every test but those of the second column | studies in small, what the pages show, Python |
 //! | firmware | protocol and control core in QEMU; every hazard, the procedure and the link end to end | the second board, the online estimator, peers, steering, bring-up, soak in short, sizes of the images |
 //!

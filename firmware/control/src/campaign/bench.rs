@@ -1,7 +1,8 @@
 //! The controller with a small rig, in the same process: two actuators with a lag on springs, a cell with an offset.
 
 use super::judge::{LimitChecker, Observation, ROLLS_ON_UM};
-use super::{Checked, Condition, Converter, Disturbances, Target, Violation, acts};
+use super::random::Random;
+use super::{Checked, Condition, Converter, Disturbances, Target, Violation};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
 use crate::hal::Readings;
@@ -92,7 +93,7 @@ pub struct Bench {
 impl Bench {
     /// The rig of a seed: stiffness, offset and motors are drawn, and where the calibration comes from.
     pub fn new(seed: u64) -> Self {
-        let mut random = acts::Random::new(seed ^ 0x5249_4700);
+        let mut random = Random::new(seed ^ 0x5249_4700);
         let mut pick = |choices: &[f32]| choices[random.below(choices.len() as u32) as usize];
         let rig = Rig {
             position_um: [0.0, pick(&[0.0, 0.0, -800.0, 2_000.0])],
@@ -154,7 +155,7 @@ impl Bench {
         let mut potentiometers = self.rig.position_um.map(code);
         let hum_n = self.causes.hum_n * (std::f32::consts::TAU * 0.05 * (period % 20) as f32).sin();
         // The converter's own noise.
-        let mut random = acts::Random::new(period);
+        let mut random = Random::new(period);
         let mut noise = || random.between(-700, 700);
         let mut codes = self.rig.force_n().map(|n| ((n + hum_n) / N_PER_CODE) as i32 + noise());
         let [kept_force, kept_potentiometers] = *self.kept.get_or_insert([codes, potentiometers]);

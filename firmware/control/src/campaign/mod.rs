@@ -16,6 +16,7 @@
 pub mod acts;
 pub mod bench;
 pub mod judge;
+pub mod random;
 pub mod sensors;
 
 use crate::calibration::counts_of_mn;

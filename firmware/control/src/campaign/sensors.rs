@@ -1,6 +1,6 @@
 //! Sensors that fail now and then: what they read, and in which readings.
 
-use super::acts::Random;
+use super::random::Random;
 
 /// What a channel reads when it fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
