@@ -46,6 +46,9 @@ pub fn lints() -> Result<()> {
 pub fn rest() -> Result<()> {
     cargo_with(&["doc", "--workspace", "--no-deps", "--lib"], &[("RUSTDOCFLAGS", "-D warnings")])?;
     OTHER_IMAGES.into_iter().try_for_each(image)?;
+    // The programs as the demonstration builds them.
+    let programs = ["clippy", "--package", "host", "--package", "system", "--no-default-features"];
+    cargo(&[&programs[..], &["--", "-D", "warnings"]].concat())?;
     manual()?;
     licences()
 }
