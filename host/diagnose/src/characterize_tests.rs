@@ -78,12 +78,12 @@ fn what_runs_in_air_cannot_separate_is_not_identifiable_with_what_would_settle_i
     assert!(blind_sd_mm > 4.0 * sd_mm, "{blind_sd_mm} {sd_mm}");
 }
 
-#[test]
-fn play_and_friction_are_in_their_intervals_without_any_shape() {
+/// Sessions of these seeds in air, each with play and friction and without: how many intervals, and which of them miss the truth.
+fn without_any_shape(seeds: std::ops::RangeInclusive<u64>) -> (usize, Vec<(u64, CharacterizedParameter)>) {
     const PLAY: [(&str, &[f64]); 2] = [("rig.play", &[0.06]), ("rig.friction", &[0.02])];
     let options = CharacterizeOptions { force_gain_sd: Some(0.005), ..Default::default() };
-    let mut missed = Vec::new();
-    for seed in 1..=4 {
+    let (mut all, mut missed) = (0, Vec::new());
+    for seed in seeds {
         for effects in [&PLAY[..], &[]] {
             let mut blind = session(effects, seed);
             blind.lateral.iter_mut().for_each(|run| run.shape = Default::default());
@@ -92,13 +92,29 @@ fn play_and_friction_are_in_their_intervals_without_any_shape() {
                 let one = of(&found, effect);
                 let off_sd = (one.value - truth(effects, effect, 0)) / one.sd;
                 assert!(off_sd.abs() < 3.5, "{seed}: {one:?}");
+                all += 1;
                 if off_sd.abs() > NORMAL_975 {
                     missed.push((seed, one.clone()));
                 }
             }
         }
     }
-    assert!(missed.len() <= 2, "{missed:?}");
+    (all, missed)
+}
+
+/// Of four intervals of 95 % more than one misses with a probability of 0.014.
+#[test]
+fn play_and_friction_are_in_their_intervals_without_any_shape() {
+    let (all, missed) = without_any_shape(1..=1);
+    assert!(all == 4 && missed.len() <= 1, "{missed:?}");
+}
+
+/// Of sixteen more than two do with a probability of 0.043.
+#[test]
+#[ignore = "study in small: cargo xtask test --all runs it"]
+fn play_and_friction_are_in_their_intervals_without_any_shape_in_many_sessions() {
+    let (all, missed) = without_any_shape(1..=4);
+    assert!(all == 16 && missed.len() <= 2, "{missed:?}");
 }
 
 #[test]
