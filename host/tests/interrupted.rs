@@ -292,7 +292,7 @@ fn every_command_that_writes_is_in_the_table() {
 }
 
 #[test]
-#[ignore = "takes half a minute: cargo xtask test runs it"]
+#[ignore = "takes half a minute: cargo xtask test --all runs it"]
 fn a_disk_that_is_full_at_any_byte_is_reported_in_one_line_and_leaves_no_part_of_a_file() {
     for_each_writer(|command, left| {
         let whole = undisturbed(command);
@@ -324,7 +324,7 @@ fn a_disk_that_is_full_at_any_byte_is_reported_in_one_line_and_leaves_no_part_of
 }
 
 #[test]
-#[ignore = "takes half a minute: cargo xtask test runs it"]
+#[ignore = "takes half a minute: cargo xtask test --all runs it"]
 fn a_name_that_cannot_be_written_is_reported_in_one_line_and_leaves_no_part_of_a_file() {
     for_each_writer(|command, left| {
         let whole = undisturbed(command);
@@ -352,7 +352,7 @@ fn a_name_that_cannot_be_written_is_reported_in_one_line_and_leaves_no_part_of_a
 /// A command that is killed has no time to clean up: hidden files may be left, and rows of a session's run. A kill within a write cuts the
 /// last one, which a reader skips with a warning.
 #[test]
-#[ignore = "takes half a minute: cargo xtask test runs it"]
+#[ignore = "takes half a minute: cargo xtask test --all runs it"]
 fn a_command_that_is_killed_at_any_moment_leaves_whole_files_and_readable_sessions() {
     const MOMENTS: u32 = 6;
     for_each_writer(|command, left| {

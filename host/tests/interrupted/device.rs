@@ -132,7 +132,7 @@ fn signalled(folder: &Path, command: &str, name: &str) -> (Output, Vec<Request>)
 }
 
 #[test]
-#[ignore = "takes half a minute: cargo xtask test runs it"]
+#[ignore = "takes half a minute: cargo xtask test --all runs it"]
 fn a_signal_in_mid_motion_stops_the_guide_and_is_reported_in_one_line() {
     for command in [
         "home",
