@@ -188,7 +188,7 @@ pub enum Fault {
     MotorHot,
     /// 14: an axis moves against the direction in which it is driven: a table's sign, swapped motor or potentiometer wires.
     WrongWay,
-    /// 15: the device had a calibration and has lost it; it works with the constants of the rig as designed.
+    /// 15: the device had a calibration and has lost it; it works with an earlier one, or with the constants of the rig as designed.
     CalibrationLost,
 }
 

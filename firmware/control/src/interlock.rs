@@ -21,7 +21,7 @@
 //! | 12 | `Overrun` | the control task is starved and the loop is no longer one | began more than half a period late, twice in 16 periods | 2 late periods | `a_slow_converter_makes_control_late` |
 //! | 13 | `MotorHot` | motor burns out | driven 20 % of 5 minutes | at once | `a_motor_that_never_rests_is_locked_out`, `storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors` |
 //! | 14 | `WrongWay` | a table's sign, swapped wires: the loop runs away | 0.06 mm against the driven direction, from 35 periods of driving that way on | 0.3 mm of motion | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
-//! | 15 | `CalibrationLost` | the limits are those of another rig | no slot of the flash is sound, and not all are erased | at start | `a_calibration_that_is_lost_is_a_fault`, `a_device_without_a_calibration_does_not_move_unasked`, `power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one` |
+//! | 15 | `CalibrationLost` | the limits are those of another rig | a slot of the flash is neither sound nor erased | at start | `a_calibration_that_is_lost_is_a_fault`, `a_newer_calibration_that_is_damaged_is_a_fault`, `a_device_without_a_calibration_does_not_move_unasked`, `power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one` |
 //!
 //! The recovery from each, and the test that carries it out, is in the protocol's chapter (`protocol/spec/protocol.md`). A fault survives every
 //! restart in which memory keeps its content. What was once a way round, and the test of each: [`super::mutation`].

@@ -163,7 +163,7 @@ impl Controller {
         let ControllerState { fault, budgets, pulsed } =
             retained.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
         // What was latched before the restart comes first; the hello reports the restart itself.
-        let lost = origin == Origin::Lost;
+        let lost = matches!(origin, Origin::Lost | Origin::Earlier);
         // That of a calibration which has been lost is latched again, or has been stored.
         let fault = fault.filter(|fault| *fault != Fault::CalibrationLost);
         let restarted = restarted.then_some(Fault::Restarted);
@@ -190,7 +190,7 @@ impl Controller {
             safety_due: SAFETY_REPORTS,
             streaming: false,
             source: match origin {
-                Origin::Stored => CalibrationSource::Stored,
+                Origin::Stored | Origin::Earlier => CalibrationSource::Stored,
                 Origin::Nominal | Origin::Lost => CalibrationSource::Nominal,
             },
             calibration_lost: lost,

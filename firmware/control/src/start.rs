@@ -44,6 +44,8 @@ impl Start {
 pub enum Origin {
     /// It is stored on the device.
     Stored,
+    /// It is stored on the device, and beside it what may have been a newer one and cannot be read any more.
+    Earlier,
     /// None was ever stored: it is the one of the rig as designed.
     Nominal,
     /// One was stored and cannot be read any more: it is the one of the rig as designed.

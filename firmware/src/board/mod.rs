@@ -133,6 +133,7 @@ fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibr
     }
     match choice.origin {
         Origin::Stored => {}
+        Origin::Earlier => defmt::error!("a calibration beside the one that is used cannot be read any more"),
         Origin::Nominal => defmt::warn!("no calibration is stored: that of the rig as designed is used"),
         Origin::Lost => {
             defmt::error!("the stored calibration cannot be used: that of the rig as designed is")

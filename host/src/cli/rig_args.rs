@@ -73,7 +73,7 @@ impl StartArgs {
     /// Has the device move by the constants of the rig as designed, where it has no calibration of its own: with `--nominal`, or when
     /// the user confirms it at a terminal.
     pub fn acknowledge(self, client: &mut Client) -> anyhow::Result<()> {
-        if client.safety()?.calibration != CalibrationSource::Nominal {
+        if client.safety()?.calibration != CalibrationSource::Nominal && !self.nominal {
             return Ok(());
         }
         if self.nominal || confirmed()? {

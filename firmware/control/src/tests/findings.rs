@@ -450,6 +450,13 @@ fn a_lost_calibration_is_a_fault_until_it_is_acknowledged_or_another_is_stored()
     store(&mut bench, &record).expect("the recovery");
     restart(&mut bench, record);
     assert_eq!(bench.periods(1).state, State::Idle);
+    // An earlier one takes its place, which is what it works with, and not in silence.
+    let start = Start { origin: Origin::Earlier, ..Start::ordinary(BOOT) };
+    (bench.controller, bench.connection) = connected(Calibration::default(), start);
+    assert_eq!(bench.periods(1).state, State::Faulted);
+    assert_eq!(bench.controller.safety(0).calibration, CalibrationSource::Stored);
+    bench.command(Request::AcknowledgeCalibration).expect("acknowledged");
+    assert_eq!(bench.periods(1).state, State::Idle);
     // Beside a fault that was latched before: that one is cleared first, and then this one shows.
     let hot = ControllerState { fault: Some(Fault::Stall), ..ControllerState::default() };
     let mut bench = lost(Some(hot));

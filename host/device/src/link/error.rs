@@ -278,9 +278,9 @@ pub fn fault_text(fault: Fault) -> FaultText {
             "check the sign of its position table in the calibration, and the wires of motor and potentiometer",
         ),
         Fault::CalibrationLost => (
-            "the stored calibration cannot be read any more",
-            "store it again with `guide calibration --store FILE`, or give `--nominal` to work with the constants of the rig as \
-             designed",
+            "the stored calibration, or a newer one than is used, cannot be read any more",
+            "store it again with `guide calibration --store FILE`, or give `--nominal` to work with the constants that `guide status` \
+             names",
         ),
     };
     FaultText { cause, remedy }
