@@ -1,6 +1,7 @@
 //! Where a sub-command's words go: results to standard output, remarks to standard error.
 
 use super::colour;
+use crate::foreign::{Form, printable};
 use anyhow::Context;
 use formats::files;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -93,28 +94,22 @@ impl Output {
 
     /// Prints the result in the form that was requested.
     pub fn result(&mut self, result: &impl Serialize, text: impl Display) -> anyhow::Result<()> {
-        let (json, stdout) = (self.json, self.stdout());
-        let written = if json {
-            serde_json::to_writer_pretty(&mut *stdout, result)
-                .map_err(io::Error::from)
-                .and_then(|()| writeln!(stdout))
-        } else {
-            write!(stdout, "{text}")
-        };
-        written.map_err(closed)
+        let document = self.json.then(|| serde_json::to_string_pretty(result));
+        self.print(document, text).map_err(closed)
     }
 
     /// Prints one of many results at once: a line of text, or a document on one line.
     pub fn line(&mut self, result: &impl Serialize, text: impl Display) -> anyhow::Result<()> {
-        let (json, stdout) = (self.json, self.stdout());
-        let written = if json {
-            serde_json::to_writer(&mut *stdout, result)
-                .map_err(io::Error::from)
-                .and_then(|()| writeln!(stdout))
-        } else {
-            write!(stdout, "{text}")
-        };
-        written.and_then(|()| stdout.flush()).map_err(closed)
+        let document = self.json.then(|| serde_json::to_string(result));
+        self.print(document, text).and_then(|()| self.stdout().flush()).map_err(closed)
+    }
+
+    /// The document where there is one, else the text; whatever names of others are in them.
+    fn print(&mut self, document: Option<serde_json::Result<String>>, text: impl Display) -> io::Result<()> {
+        match document.transpose()? {
+            Some(document) => writeln!(self.stdout(), "{}", printable(&document, Form::Json)),
+            None => write!(self.stdout(), "{}", printable(&text.to_string(), Form::Text)),
+        }
     }
 
     /// Prints a note beside the result; a closed standard error is ignored.
@@ -155,7 +150,7 @@ impl Progress<'_> {
     /// Reports what is under way now.
     pub fn set_message(&self, step: String) {
         match self {
-            Self::Bar(bar) => bar.set_message(step),
+            Self::Bar(bar) => bar.set_message(printable(&step, Form::Text).into_owned()),
             Self::Call(call) => call(&step),
         }
     }
@@ -191,7 +186,7 @@ pub fn write_file(path: &Path, content: &str) -> anyhow::Result<()> {
 pub fn write_json(path: &Path, result: &impl Serialize) -> anyhow::Result<()> {
     let document =
         serde_json::to_string_pretty(result).with_context(|| format!("{}: cannot write", path.display()))?;
-    write_file(path, &format!("{document}\n"))
+    write_file(path, &format!("{}\n", printable(&document, Form::Json)))
 }
 
 /// A line on standard error that reports progress, on terminals only.
@@ -212,6 +207,7 @@ pub fn report(error: &anyhow::Error, coloured: bool) {
 
 /// A line on standard error; where that is closed, none.
 fn remark(line: &str, coloured: bool) {
+    let line = &*printable(line, Form::Text);
     let _ = if coloured {
         writeln!(io::stderr(), "{}", colour::label(line))
     } else {

@@ -3,6 +3,7 @@
 use super::igtl::{PublishArgs, TrackerArgs};
 use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
+use crate::foreign::{Form, printable};
 use crate::igtl::Live;
 use anyhow::{Context, bail};
 use device::link::{Batch, Client, Program, RunOptions, Telemetry};
@@ -228,7 +229,7 @@ pub(super) fn record_program(
         ProgressStyle::with_template("{msg} {wide_bar} step {pos}/{len} {elapsed}")
             .context("the progress bar's template")?,
     );
-    bar.set_message(program.name.clone());
+    bar.set_message(printable(&program.name, Form::Text).into_owned());
     bar.enable_steady_tick(Duration::from_millis(200));
     let outcome = measure(&mut session, &id, args.depth_mm, made_with, |recorder| {
         let mut watch = Watch { bar: &bar, live, out };

@@ -1,6 +1,7 @@
 //! A report as one HTML file: no scripts, no network, no fonts of its own; for the screen in light and dark, and for paper.
 
 use super::page::{Block, Column, Figure, Outcome, Report, Section, Table};
+use crate::foreign::acts;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 /// Colours of the figures are mapped to those of the page by their attributes, so that figures follow light, dark and paper.
@@ -49,9 +50,7 @@ pub(super) fn page(report: &Report) -> String {
 
 /// Control characters that names may hold are in no HTML.
 fn printable(text: String) -> String {
-    let is_bad =
-        |c: char| c.is_control() && !matches!(c, '\n' | '\t') || matches!(c, '\u{fffe}' | '\u{ffff}');
-    if text.contains(is_bad) { text.replace(is_bad, "\u{fffd}") } else { text }
+    if text.contains(acts) { text.replace(acts, "\u{fffd}") } else { text }
 }
 
 fn section(section: &Section) -> Markup {
