@@ -51,6 +51,7 @@ mod status;
 mod steer;
 mod summarize;
 mod tare;
+mod terminal_end;
 mod track;
 #[cfg(feature = "web")]
 mod web;

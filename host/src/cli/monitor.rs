@@ -2,6 +2,7 @@
 
 use super::output::Output;
 use super::rig_args::{PortArgs, interrupted};
+use super::terminal_end::ends_with_its_terminal;
 use crate::screen::{Screen, Settings};
 use anyhow::{Context, bail};
 use device::link::Client;
@@ -50,7 +51,7 @@ fn duration_s(text: &str) -> Result<f64, String> {
 /// The device as it is watched: what is known, and the thread that learns it.
 struct Watch {
     state: Arc<Mutex<State>>,
-    worker: Worker,
+    worker: Arc<Worker>,
     began: Instant,
     interrupted: &'static AtomicBool,
     limit_s: f64,
@@ -67,6 +68,7 @@ impl Watch {
             move |event| lock(&state).take(event, began.elapsed().as_secs_f64())
         })
         .context("cannot start the link's thread")?;
+        let worker = Arc::new(worker);
         Ok(Self { state, worker, began, interrupted, limit_s: args.duration_s.unwrap_or(f64::INFINITY) })
     }
 
@@ -104,6 +106,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         bail!("needs a terminal; for machines use `guide status --json` or `guide record`");
     }
     let watch = Watch::begin(args)?;
+    let worker = Arc::downgrade(&watch.worker);
+    let stop = move || worker.upgrade().into_iter().for_each(|worker| worker.send(UserCommand::Stop));
+    ends_with_its_terminal(watch.interrupted, stop).context("cannot watch the terminal")?;
     // Has a panic restore the terminal too, before it prints its message.
     let mut terminal = ratatui::try_init().context("cannot use the terminal")?;
     let outcome = screen(&watch, &mut terminal);

@@ -1,0 +1,44 @@
+//! The end of a live screen whose terminal has gone.
+//!
+//! A program that reads keys from a terminal that was closed gets nothing but errors, and the library that reads them tries for ever: no flag
+//! that a signal sets is looked at any more, while the link's thread keeps the device alive. So another thread watches the terminal.
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+/// Time between two looks at the terminal.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+/// Time that the program has to end by itself then.
+const GRACE: Duration = Duration::from_millis(500);
+
+/// Once the terminal on standard output has gone: `stop` is called, the program is interrupted, and ended where it does not end.
+///
+/// # Errors
+/// Where the system gives no thread.
+pub fn ends_with_its_terminal(
+    interrupted: &'static AtomicBool,
+    stop: impl FnOnce() + Send + 'static,
+) -> io::Result<()> {
+    let watch = move || {
+        while !is_gone() {}
+        stop();
+        interrupted.store(true, Ordering::Release);
+        thread::sleep(GRACE);
+        std::process::exit(1);
+    };
+    thread::Builder::new().name("terminal".into()).spawn(watch).map(drop)
+}
+
+/// Looks for as long as [`LOOK`].
+fn is_gone() -> bool {
+    let stdout = io::stdout();
+    let mut terminal = [PollFd::new(&stdout, PollFlags::empty())];
+    match poll(&mut terminal, Some(&LOOK)) {
+        Ok(0) | Err(rustix::io::Errno::INTR) => false,
+        // Nothing was requested, so that only an end or an error is reported.
+        Ok(_) | Err(_) => true,
+    }
+}
