@@ -225,7 +225,11 @@ impl Controller {
         if !causes.load() && mean.into_iter().chain(tared).all(|force| force.abs() < unloaded) {
             return Trend::Unloaded;
         }
-        self.load_watch.step(mean, counts_of_mn(range_mn) as f32, moves)
+        match self.load_watch.step(mean, counts_of_mn(range_mn) as f32, moves) {
+            // Below the limit, if not by the margin: what is left is the offset of the cell, or a tare.
+            Trend::NotFalling if !causes.load() => Trend::Unloaded,
+            trend => trend,
+        }
     }
 
     /// Ends a retreat.
