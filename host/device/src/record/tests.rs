@@ -49,6 +49,8 @@ fn record_with(
     writer.made_with(provenance(client.hello(), Some(true)));
     let ended = acquire(&mut client, program, OPTIONS, ultrasound, &mut Recorder::new(&mut writer), &mut ());
     writer.finish().expect("finishes");
+    // Its lock is a file in the folder.
+    drop(session);
     (Session::read(folder.path()).expect("reads"), ended, files(folder.path()))
 }
 

@@ -64,7 +64,11 @@ impl SessionLock {
         let text = own_name();
         let written =
             file.set_len(0).and_then(|()| file.rewind()).and_then(|()| file.write_all(text.as_bytes()));
-        written.map_err(io(&path, "write"))?;
+        if let Err(cause) = written {
+            // A file without a name would stay behind where the disk is full.
+            let _ = fs::remove_file(&path);
+            return Err(io(&path, "write")(cause));
+        }
         match fs::read_to_string(&path) {
             Ok(there) if there == text => Ok(Ok(Self { path, _file: file })),
             _ => Ok(Err(holder(&path))),

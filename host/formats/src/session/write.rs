@@ -45,7 +45,13 @@ impl SessionWriter {
         let text = if path.exists() { None } else { Some(setup.to_toml(&path)?) };
         let made_folder = !dir.exists();
         fs::create_dir_all(dir).map_err(io(dir, "create"))?;
-        let lock = SessionLock::take(dir)?;
+        // A folder in which not even the lock can be written is not left behind.
+        let unmade = |_: &SessionError| {
+            if made_folder {
+                let _ = fs::remove_dir(dir);
+            }
+        };
+        let lock = SessionLock::take(dir).inspect_err(unmade)?;
         // Another writer may have made it meanwhile.
         if path.exists() {
             let session = Session::read(dir)?;
@@ -72,9 +78,7 @@ impl SessionWriter {
         let text = text.map_or_else(|| setup.to_toml(&path), Ok)?;
         if let Err(error) = replace(&path, &text) {
             drop(lock);
-            if made_folder {
-                let _ = fs::remove_dir(dir);
-            }
+            unmade(&error);
             return Err(error);
         }
         Ok(Self {

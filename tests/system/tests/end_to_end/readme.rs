@@ -65,7 +65,7 @@ impl Program {
     /// `cargo xtask`: its own tasks, with the options of the programs that it runs.
     fn xtask() -> Self {
         // Beside this test where the whole workspace is tested; else they are built.
-        let help_of = |package: &str| {
+        let help_of = |package: &str, task: &[&str]| {
             let built = target_dir().join("debug").join(package);
             let mut command = if built.exists() {
                 Command::new(built)
@@ -74,20 +74,21 @@ impl Program {
                 command.args(["run", "--quiet", "--package", package, "--"]);
                 command
             };
-            let output = command.arg("--help").env("COLUMNS", "100").output().unwrap();
+            let output = command.args(task).arg("--help").env("COLUMNS", "100").output().unwrap();
             assert!(output.status.success(), "{package}: {}", String::from_utf8_lossy(&output.stderr));
             String::from_utf8(output.stdout).unwrap()
         };
         let system = Self::of(Path::new(env!("CARGO_BIN_EXE_system"))).commands;
-        let tasks = sub_commands(&help_of("xtask")).into_iter();
+        let tasks = sub_commands(&help_of("xtask", &[])).into_iter();
         let mut commands: BTreeMap<String, BTreeSet<String>> =
             tasks.map(|name| (name.clone(), system.get(&name).cloned().unwrap_or_default())).collect();
-        let of_studies = options(&help_of("studies")).into_iter();
+        let of_studies = options(&help_of("studies", &[])).into_iter();
         let of_system =
             ["study-demo", "study-bringup"].into_iter().filter_map(|name| system.get(name)).flatten();
         let of_studies = of_studies.chain(of_system.cloned());
         commands.entry("study".to_owned()).or_default().extend(of_studies);
-        commands.entry("web".to_owned()).or_default().extend(options(&help_of("browser")));
+        commands.entry("test".to_owned()).or_default().extend(options(&help_of("xtask", &["test"])));
+        commands.entry("web".to_owned()).or_default().extend(options(&help_of("browser", &[])));
         Self { commands }
     }
 

@@ -58,6 +58,8 @@ const NOTHING: Injection = Injection {
 pub fn unloaded() -> RigConfig {
     let mut config = RigConfig::default();
     config.simulation.force.share_of_full_scale *= 0.01;
+    // The converter's own noise stays: without it the readings would repeat.
+    config.simulation.force.noise_n *= 100.0;
     config
 }
 

@@ -95,7 +95,7 @@ fn pulses_do_not_add_up_and_are_refused_without_an_acknowledged_calibration_and_
         drop(client);
         client = Client::connect(&bench.port()).unwrap();
         bench.rig().inject(NOTHING);
-        client.request(Request::ClearFault).unwrap();
+        eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
         client.request(Request::AcknowledgeCalibration).unwrap();
     }
     bench.rig().press_stop(true);
