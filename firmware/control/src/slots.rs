@@ -107,8 +107,11 @@ pub fn choose(slots: &[[u8; STORED_BYTES]; SLOTS]) -> SlotChoice {
         let origin = if explained { Origin::Stored } else { Origin::Earlier };
         return SlotChoice { calibration, origin, next };
     }
-    let origin = if slots.iter().all(erased) { Origin::Nominal } else { Origin::Lost };
-    SlotChoice { calibration: Calibration::default(), origin, next: NextSlot { slot: 0, sequence: 1 } }
+    let damaged = slots.iter().position(|stored| !erased(stored));
+    let origin = if damaged.is_none() { Origin::Nominal } else { Origin::Lost };
+    // The next record replaces what is damaged: beside it, it would be one that another may be newer than.
+    let next = NextSlot { slot: damaged.unwrap_or(0), sequence: 1 };
+    SlotChoice { calibration: Calibration::default(), origin, next }
 }
 
 #[cfg(test)]
@@ -124,6 +127,19 @@ mod tests {
     fn id(slots: &[[u8; STORED_BYTES]; SLOTS]) -> (std::string::String, Origin) {
         let choice = choose(slots);
         (choice.calibration.record().id.as_str().into(), choice.origin)
+    }
+
+    #[test]
+    fn a_record_stored_after_a_loss_replaces_what_was_lost() {
+        let mut lost = to_stored(&named("unit-7"), 3);
+        lost[60] ^= 4;
+        for slot in 0..SLOTS {
+            let mut slots = [[ERASED; STORED_BYTES]; SLOTS];
+            slots[slot] = lost;
+            let next = choose(&slots).next;
+            slots[next.slot] = to_stored(&named("unit-8"), next.sequence);
+            assert_eq!(id(&slots), ("unit-8".into(), Origin::Stored), "slot {slot}");
+        }
     }
 
     #[test]
