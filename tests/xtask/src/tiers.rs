@@ -3,8 +3,8 @@
 //!
 //! | | first tier | second tier |
 //! |---|---|---|
-//! | checks | format, import circles, clippy of the host and of one image of the firmware | documentation with its examples, clippy of the other images, manual, licences |
-//! | host | every test but those of the second column | studies in small, what the pages show, Python |
+//! | checks | format, import circles, clippy of the host; the image builds without warnings | documentation, clippy of the images, manual, licences |
+//! | host | every test but those of the second column | studies in small, examples in documentation, Python |
 //! | firmware | protocol and control core in QEMU; every hazard, the procedure and the link end to end | the second board, the online estimator, peers, steering, bring-up, soak in short, sizes of the images |
 //!
 //! A test of the second tier is marked `#[ignore]` with the reason; of the tests in `tests/system/tests/end_to_end`, which need QEMU and are all
@@ -23,7 +23,7 @@ use std::time::Instant;
 pub const HELP: &str = "Run the checks and tests that decide whether a change is right; ends with `N passed, N failed`\n\n\
     Usage: cargo xtask test [--all]\n\n\
     Options:\n  \
-      --all  Then also what takes longer: documentation, both boards, studies in small, the pages' outputs, peers, Python\n";
+      --all  Then also what takes longer: documentation, both boards, studies in small, bring-up, steering, peers, Python\n";
 /// The module of the end-to-end tests that the first tier runs.
 const IN_MINUTES: &str = "in_minutes::";
 /// Programs of tests without the examples in documentation. Always for the whole workspace: for a part of it cargo would build what it
