@@ -10,7 +10,7 @@ use std::ops::AddAssign;
 /// Options of the programs on the target.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Args {
-    /// Those of the second tier: the second board, the online estimator, the sizes of the images
+    /// Those of the second tier: the second board, control core and online estimator, the sizes of the images
     #[arg(long)]
     rest: bool,
     /// The Python module too (Python 3.10 or later with venv; NumPy, pandas and pytest from PyPI)
@@ -55,6 +55,9 @@ pub fn run(args: Args) -> Result<()> {
     let mut counts = Counts::default();
     if args.rest {
         counts += conformance(Board::NucleoL476rg);
+        println!("\n     Running the control core on the target, in QEMU");
+        let timed = timing::run().map(|timing| println!("{timing}"));
+        counts += Counts::of("the control core on the target", timed);
         println!("\n     Running the online estimator on the target, in QEMU");
         let tracked = tracking::run().map(|tracked| println!("{tracked}"));
         counts += Counts::of("the online estimator on the target", tracked);
@@ -62,9 +65,6 @@ pub fn run(args: Args) -> Result<()> {
         counts += Counts::of("the images have not grown", size::run(&size::Args::default()));
     } else {
         counts += conformance(Board::BL475eIot01a);
-        println!("\n     Running the control core on the target, in QEMU");
-        let timed = timing::run().map(|timing| println!("{timing}"));
-        counts += Counts::of("the control core on the target", timed);
     }
     if args.python {
         println!("\n     Running the tests of the Python module");

@@ -242,10 +242,9 @@ mod tests {
         }
     }
 
-    /// Several sequences together state it closer, and a short one beside them changes nothing.
-    #[test]
-    fn sequences_of_one_scanner_state_their_errors_together() {
-        for (width_mm, own, seed) in [(0.6, 0.3, 11), (0.7, 0.003, 12), (1.2, 0.1, 13)] {
+    /// Several sequences together state it closer.
+    fn state_their_errors_together(scanners: &[(f64, f64, u64)]) {
+        for &(width_mm, own, seed) in scanners {
             let [_, _, alone] = calibration([width_mm, own], 100, 1, seed);
             let [mean, frame, spread] = calibration([width_mm, own], 100, 3, seed);
             println!(
@@ -256,6 +255,21 @@ mod tests {
             assert!((0.6..1.2).contains(&frame), "{width_mm} mm, {own}: {frame}");
             assert!(spread < 0.95 * alone, "{width_mm} mm, {own}: {spread} beside {alone}");
         }
+    }
+
+    #[test]
+    fn sequences_of_one_scanner_state_their_errors_together() {
+        state_their_errors_together(&[(0.6, 0.3, 11)]);
+    }
+
+    #[test]
+    #[ignore = "study in small: cargo xtask test --all runs it"]
+    fn sequences_of_scanners_of_other_widths_state_their_errors_together() {
+        state_their_errors_together(&[(0.7, 0.003, 12), (1.2, 0.1, 13)]);
+    }
+
+    #[test]
+    fn a_short_sequence_beside_a_long_one_changes_nothing() {
         let mut random = ChaCha8Rng::seed_from_u64(20);
         let mut echo = |number: usize| {
             let across_mm = [5.0 + SD_MM * normal(&mut random), 0.0];

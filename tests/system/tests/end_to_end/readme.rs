@@ -9,7 +9,8 @@ use system::readme::check_quick;
 use system::readme::page::Page;
 
 /// Options of other programs that the pages name: cargo, cargo bench and cargo test, probe-rs, git, snakemake.
-const OF_OTHERS: [&str; 20] = [
+const OF_OTHERS: [&str; 21] = [
+    "--no-default-features",
     "--path",
     "--bench",
     "--all-targets",

@@ -93,14 +93,14 @@ fn every_field_of_a_json_message_is_in_its_schema() {
 }
 
 #[test]
-fn an_hour_takes_no_more_memory_than_a_minute() {
+fn ten_minutes_take_no_more_memory_than_one() {
     let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("hour.mcap");
+    let path = folder.path().join("long.mcap");
     let mut transcript = begun(&path);
     let mut held = [0; 2];
     let mut stream = Stream::new();
     let mut count = 0;
-    while stream.t_us < 3_600_000_000 {
+    while stream.t_us < 600_000_000 {
         transcript.envelope(&stream.next().expect("endless"), HOST_NS).expect("records");
         count += 1;
         if count % 8 == 0 {
@@ -114,9 +114,9 @@ fn an_hour_takes_no_more_memory_than_a_minute() {
     let bytes = transcript.finish().expect("finishes");
     assert_eq!(fs::metadata(&path).expect("there").len(), bytes);
     let contents = Contents::read(&path, &mut |_| {}).expect("reads");
-    assert!(contents.duration_s > 3_590.0 && contents.samples_missing == 0, "{contents:?}");
+    assert!(contents.duration_s > 595.0 && contents.samples_missing == 0, "{contents:?}");
     assert_eq!((contents.damage.count, contents.damage.unfinished), (0, false));
-    assert!(bytes < 320_000_000, "{bytes} bytes an hour");
+    assert!(6 * bytes < 320_000_000, "{} bytes an hour", 6 * bytes);
 }
 
 /// The host's clock counts once, at the hello: what is recorded keeps the distances that the device measured, whatever is done to it.

@@ -1,10 +1,24 @@
-//! Rigs that hide an effect: the firmware records, and the workflow finds it.
+//! Further rigs: what they are or hide is found from what the firmware records.
 
 use std::path::Path;
 use system::demo::hidden::{AFTER_AIR, AS_STATED, diagnosis};
+use system::demo::procedure;
 use system::readme;
 
 const XTASK: &str = env!("CARGO_BIN_EXE_system");
+
+/// Another seed is another rig, and its modulus is found too.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
+fn the_procedure_finds_the_modulus_of_another_rig() {
+    let [first, other] = [readme::rig::SEED, 4].map(|seed| {
+        let folder = tempfile::tempdir().unwrap();
+        procedure(Path::new(XTASK), seed, &folder.path().join("demo"), &mut |_| {}).unwrap()
+    });
+    assert_ne!(first.truth, other.truth);
+    assert_ne!(first.identified["pooled"], other.identified["pooled"]);
+    assert!(other.error().unwrap().abs() < 0.1, "{:?}", other.identified);
+}
 
 /// Seeds of rigs whose hidden effect has to be found, beside the one that the pages show: each of another effect.
 const HIDING_SEEDS: [u64; 3] = [53_003, 53_012, 53_019];

@@ -91,9 +91,6 @@ fn the_procedure_finds_the_hidden_modulus_and_repeats_exactly() {
     assert_eq!(outcome.identified["pooled"], again.identified["pooled"]);
     assert_eq!(outcome.identified["runs"], again.identified["runs"]);
     assert_eq!(outcome.predicted, again.predicted);
-    let (other, _, _) = run_procedure(4);
-    assert_ne!(other.truth, outcome.truth);
-    assert_ne!(other.identified["pooled"], outcome.identified["pooled"]);
 }
 
 /// Without a schedule, as by hand: what the pages type, then move there, and the status shows it.
