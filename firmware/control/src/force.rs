@@ -66,9 +66,10 @@ impl ForceChannel {
                 let [first, second, third, _] = self.codes;
                 self.codes = [*codes, first, second, third];
                 self.latest_counts = calibration.force_counts(*codes);
-                let jump = counts_of_mn(calibration.force_range_mn() * JUMP_PERCENT / 100);
+                let jump = counts_of_mn(calibration.force_range_mn().saturating_mul(JUMP_PERCENT) / 100);
                 let jumps = self.latest_counts.iter().zip(self.accepted_counts);
-                let is_jump = jumps.into_iter().any(|(now, before)| now.saturating_sub(before).abs() > jump);
+                let is_jump =
+                    jumps.into_iter().any(|(now, before)| now.saturating_sub(before).saturating_abs() > jump);
                 self.is_accepted = self.outliers.accepts(is_jump);
                 if self.is_accepted {
                     self.accepted_counts = self.latest_counts;
