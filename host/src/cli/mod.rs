@@ -51,6 +51,7 @@ mod status;
 mod steer;
 mod summarize;
 mod tare;
+#[cfg(feature = "screen")]
 mod terminal_end;
 mod track;
 #[cfg(feature = "web")]
