@@ -2,12 +2,15 @@
 
 use super::basis::{Basis, Measured};
 use super::candidates::{Candidate, Fineness};
+use super::evidence::Evidence;
 use super::layout::{ENTRY, LOAD, MODULUS, PROCESS_NOISE};
+use super::learned::{Node, Part};
 use super::scales::{COUNT, Known};
 use super::*;
 use formats::session::InsertionRun;
 use mechanics::{Cutting, Experiment, Guides, Insertion, Model, Needle, Profile, Rig, TipLaw, predict};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 fn rig() -> Rig {
     Rig::two_guides(Needle::gauge_18(), 0.06, 0.08)
@@ -169,6 +172,38 @@ fn the_process_noise_is_stationary() {
         let expected = scales.process_noise_n[1].powi(2) * (-f64::abs(a_m - b_m) / scales.memory_m).exp();
         let found: f64 = load(a_m).iter().zip(load(b_m)).map(|(a, b)| a * b).sum();
         assert!((found / expected - 1.0).abs() < 1e-9, "{found} is not {expected} between {a_m} and {b_m}");
+    }
+}
+
+/// Modulus and surface are one for both planes, each of which has their prior: two that tell nothing leave it as it is, and the precisions of
+/// two that tell something add up beside it.
+#[test]
+fn the_prior_of_what_both_planes_share_counts_once() {
+    let straight: Vec<[f64; 6]> = (0..=80).map(|mm| [f64::from(mm), 0.0, 0.0, 0.0, 0.0, 0.0]).collect();
+    let path = TipPath::new(&run(&straight)).expect("an insertion");
+    let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.08).expect("candidates");
+    assert_eq!(candidates.layout.systems(), 2);
+    let scales = Scales::from_logarithms(
+        &[0.0; COUNT],
+        Known { noise: ReadingNoise::default(), rear_share: 0.0, load_n: 0.2 },
+    );
+    let nothing = Evidence::new(&candidates.layout, &[], &scales, false).expect("a number");
+    let basis = Arc::new(basis(&candidates, Candidate::default(), [0.0; 2]));
+    let node = Node { candidate: Candidate::default(), gap_m: 0.02, basis };
+    // Both planes with the variances of their priors times a share.
+    let sds = |share: f64| {
+        let mut normals = nothing.next(&candidates.layout, &scales);
+        normals.iter_mut().for_each(|normal| normal.covariance *= share);
+        let part = Part { node: 0, scales: 0, ln_weight: 0.0, normals };
+        let learned = Learned { scales: vec![scales], parts: vec![part], nodes: vec![node.clone()] };
+        Posterior::new(&candidates, &learned).ln_modulus_factor_and_gap().map(|moments| moments.sd)
+    };
+    let priors = [scales.modulus_ln, scales.shared_and_own_entry_m() / 0.02];
+    for share in [1.0, 0.5, 0.1] {
+        for (found, prior) in sds(share).into_iter().zip(priors) {
+            let expected = prior / (2.0 / share - 1.0f64).sqrt();
+            assert!((found / expected - 1.0).abs() < 1e-6, "{found} is not {expected} at {share}");
+        }
     }
 }
 
