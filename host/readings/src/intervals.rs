@@ -188,6 +188,33 @@ mod tests {
         assert_ne!(drawn, bootstrap(&[LN_K], &blocks, &best, 400, 4));
     }
 
+    /// Readings that are drawn around a fit are off from it by the drawn numbers: in both planes, and with all that a run may state.
+    #[test]
+    fn redrawn_readings_are_off_from_the_fit_by_the_drawn_numbers() {
+        let mut run = data(25e-6).remove(0);
+        (run.planes, run.force_zero) = (2, ForceZero::assumed(0.02));
+        let level = &mut run.levels[0];
+        level.displacement_m.push(Measured { value: 0.7e-3, sd: 20e-6 });
+        level.force_n.push(Measured { value: 0.8, sd: 0.2 });
+        for point in &mut level.shape {
+            point.deflection_m[1] = 0.6 * point.deflection_m[0] + 10e-6;
+            (point.sd_ratio, point.z_shared_sd_m) = ([2.0, 0.5], 0.1e-3);
+            point.shared_m = [[10e-6, 0.0, 0.0], [0.0, 20e-6, 0.0]];
+        }
+        let best = fit(&[LN_K], std::slice::from_ref(&run)).expect("fits");
+        let mut drawn = Vec::new();
+        let again = run.redrawn(&best.residuals[0], || {
+            drawn.push((drawn.len() as f64).sin());
+            drawn[drawn.len() - 1]
+        });
+        let ready = again.prepare(&best.shared).expect("a needle");
+        let off = again.residuals(&ready, &best.nuisances[0]).expect("residuals");
+        assert_eq!(off.len(), drawn.len());
+        for (number, (off, drawn)) in off.iter().zip(&drawn).enumerate() {
+            assert!((off - drawn).abs() < 1e-6, "{number}: {off} is not {drawn}");
+        }
+    }
+
     #[test]
     fn draws_do_not_depend_on_the_number_of_threads() {
         let blocks = data(25e-6);
