@@ -8,6 +8,8 @@ use mechanics::{Beam, Foundation, Needle};
 const K_PA: f64 = 24e3;
 const DEPTH_M: f64 = 0.04;
 const POINTS: usize = 79;
+/// Assumed zeros of the force that differ from plane to plane.
+const ZEROS: [Measured; 2] = [Measured { value: 0.02, sd: 0.01 }, Measured { value: -0.05, sd: 0.03 }];
 
 /// The run of a shape that is as it is stated.
 fn exact() -> LateralData {
@@ -123,4 +125,35 @@ fn a_stated_error_is_that_of_a_joint_fit() {
     assert!(exactly < little && little < nothing, "{exactly} {little} {nothing}");
     assert!((exactly / fitted(&exact()).covariance[(0, 0)].sqrt() - 1.0).abs() < 1e-3);
     assert!((known(1.0) / nothing - 1.0).abs() < 1e-3);
+}
+
+/// The planes of a run, taken apart, are the run: each keeps its own readings, standard deviations and stated errors.
+#[test]
+fn planes_taken_apart_have_the_residuals_of_the_run() {
+    let mut both = LateralData { planes: 2, force_zero: ForceZero::Assumed(ZEROS), ..exact() };
+    both.shared.deflection = [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]];
+    let level = &mut both.levels[0];
+    level.displacement_m.push(Measured { value: 0.7e-3, sd: 2e-6 });
+    level.force_n.push(Measured { value: 0.5, sd: 0.2 });
+    for (i, point) in level.shape.iter_mut().enumerate() {
+        point.deflection_m[1] = 0.6 * point.deflection_m[0] + 1e-6 * i as f64;
+        point.sd_ratio = [1.0 + 0.01 * i as f64, 3.0];
+        point.shared_m = [[1e-6, 2e-6, 3e-6], [4e-6, 5e-6, 6e-6]];
+    }
+    let residuals = |data: &LateralData| {
+        let nuisances: Vec<f64> = data.nuisances().iter().map(|nuisance| nuisance.start).collect();
+        let ready = data.prepare(&[K_PA.ln()]).expect("a needle");
+        let mut found = data.residuals(&ready, &nuisances).expect("residuals");
+        // The order of a plane alone is another one.
+        found.sort_by(f64::total_cmp);
+        found
+    };
+    let mut apart: Vec<f64> =
+        (0..2).flat_map(|plane| residuals(&both.in_plane(plane, 0.0).expect("displaced"))).collect();
+    apart.sort_by(f64::total_cmp);
+    let together = residuals(&both);
+    assert_eq!(together.len(), apart.len());
+    for (together, apart) in together.iter().zip(&apart) {
+        assert!((together - apart).abs() < 1e-9 * together.abs().max(1.0), "{together} {apart}");
+    }
 }
