@@ -363,6 +363,27 @@ fn a_bent_needle_pushes_at_rest() {
     assert_eq!(measured.shape_m.y.len(), 12);
 }
 
+/// In a guide 1 that gives, the bent needle turns by its compliance times the moment there, and guide 2 still holds it at zero.
+#[test]
+fn a_bent_needle_is_held_at_zero_where_guide_1_gives() {
+    let (curvature_per_m, compliance_rad_per_n_m) = (0.2, 0.3);
+    let mut still = with("needle.prebend", &[curvature_per_m, 0.0]);
+    let clamp = effect("rig.clamp_compliance").expect("an effect");
+    still.effects.push((clamp, vec![compliance_rad_per_n_m]));
+    let measured = channels(&still, &lateral(0.03));
+    let (ei, force_n) = (Needle::gauge_18().bending_stiffness_n_m2(), measured.force_n.y[0]);
+    // What turns and bends the needle at guide 2: guide 1, its curvature, the force.
+    let turned = compliance_rad_per_n_m * force_n * GUIDE2_M;
+    let by_curvature_m = 0.5 * curvature_per_m * GUIDE2_M.powi(2);
+    let at_guide2_m = turned * GUIDE2_M + by_curvature_m + force_n * GUIDE2_M.powi(3) / (3.0 * ei);
+    assert!(at_guide2_m.abs() < 1e-12 * by_curvature_m, "{at_guide2_m} of {by_curvature_m}");
+    // At zero displacement (7 s).
+    let slope = turned + curvature_per_m * GUIDE2_M + 0.5 * force_n * GUIDE2_M.powi(2) / ei;
+    let beyond_m = 0.085 - GUIDE2_M;
+    let expected_m = slope * beyond_m + 0.5 * curvature_per_m * beyond_m * beyond_m;
+    assert_close(measured.shape_m.y[6], expected_m, 1e-9);
+}
+
 /// Without tissue the tip of a bent needle is where its rest shape has it, and turns with the needle; on springs and on a body.
 #[test]
 fn a_bent_needle_turns_with_its_bend() {
