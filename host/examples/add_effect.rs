@@ -46,8 +46,13 @@ fn main() -> anyhow::Result<()> {
     let drive: Vec<DriveSample> = (0..=4)
         .map(|step| DriveSample { time_s: f64::from(step), y_m: 0.4e-3 * f64::from(step), x_m: 0.0 })
         .collect();
-    let experiment =
-        Experiment::Lateral(Lateral { depth_m: 0.030, drive, shape: Vec::new(), reversal_m: [0.0; 2] });
+    let experiment = Experiment::Lateral(Lateral {
+        depth_m: 0.030,
+        drive,
+        shape: Vec::new(),
+        reversal_m: [0.0; 2],
+        order: 0.0,
+    });
     let linear = predict(&plain, &experiment)?;
     let nonlinear = predict(&with_effect, &experiment)?;
 

@@ -183,6 +183,16 @@ const ENOUGH_RESTS: usize = 12;
 const SPEED_CELL_M: f64 = 0.2e-3;
 
 impl Run {
+    /// The same as the run of this number in its session.
+    pub fn numbered(mut self, number: f64) -> Self {
+        match &mut self.experiment {
+            Experiment::Lateral(lateral) => lateral.order = number,
+            Experiment::Insertion(insertion) => insertion.order = number,
+            Experiment::LateralForce(_) | Experiment::Steering(_) => {}
+        }
+        self
+    }
+
     /// A lateral run; the reason where it has no hold.
     pub fn lateral(run: &LateralRun, rig: &Rig) -> Result<Self, String> {
         let holds = holds(run, &HoldCriteria::default());
@@ -276,7 +286,8 @@ impl Run {
             DriveSample { time_s: cells.time_s[i], y_m: at(0), x_m: at(1) }
         });
         let (id, depth_m, drive) = (run.id.clone(), run.depth_m, drive.collect());
-        let experiment = Experiment::Lateral(Lateral { depth_m, drive, shape: points, reversal_m });
+        let experiment =
+            Experiment::Lateral(Lateral { depth_m, drive, shape: points, reversal_m, order: 0.0 });
         Ok(Self {
             id,
             kind: Kind::Lateral,

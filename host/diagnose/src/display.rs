@@ -52,7 +52,11 @@ impl FoundEffect {
             let [low, high] = estimate.ci95;
             format!("{name} {:.4} ({low:.4} to {high:.4})", estimate.value)
         });
-        one.collect::<Vec<_>>().join(", ")
+        let values = one.collect::<Vec<_>>().join(", ");
+        match &self.formula {
+            Some(formula) => format!("{formula}; {values}"),
+            None => values,
+        }
     }
 
     /// Effects that explain the data as well, without itself.

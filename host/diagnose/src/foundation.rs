@@ -19,11 +19,16 @@ pub struct DiscrepantModulus {
     pub ln_pa: f64,
     /// Its standard deviation, noise and discrepancy together.
     pub sd_ln: f64,
+    /// What is stated of the rig on which it rests most, and the share of its variance that would go if that were exactly known.
+    pub rests_on: Option<(&'static str, f64)>,
 }
 
 impl DiscrepantModulus {
-    fn of(fitted: &Fitted) -> Self {
-        Self { ln_pa: fitted.modulus_pa().0.ln(), sd_ln: fitted.sd(0) }
+    /// As a diagnosis has it that names nothing: over the sizes of the discrepancy.
+    fn of(start: &Start) -> Self {
+        let fitted = start.fitted.clone().over_sizes(&start.patterns);
+        let rests_on = fitted.rests_on(&start.patterns).first().copied();
+        Self { ln_pa: fitted.modulus_pa().0.ln(), sd_ln: fitted.sd(0), rests_on }
     }
 }
 
@@ -103,11 +108,11 @@ pub fn fit_with_discrepancy(
         let of_springs = varied(&springs, VARIED_NATS + best)?;
         let of_body = varied(&body, VARIED_NATS + best - gain)?;
         let varied = of_springs.max(gain + of_body) - best;
-        let modulus = DiscrepantModulus::of(&body.fitted);
+        let modulus = DiscrepantModulus::of(&body);
         Ok(FoundationEvidence { gain, margin: FOUNDATION_MARGIN, body: modulus, varied })
     };
     let body = input.body.map(evidence);
-    Ok(DiscrepancyFit { springs: DiscrepantModulus::of(&springs.fitted), body, moved })
+    Ok(DiscrepancyFit { springs: DiscrepantModulus::of(&springs), body, moved })
 }
 
 /// Log evidence of a modulus that varies with depth over that of one modulus, where its score is at least `needed`; else 0. A score is

@@ -10,7 +10,7 @@ use super::known::KnownParameter;
 use super::predicted::differences;
 use super::whiten::Whitener;
 pub(super) use formats::NORMAL_975;
-use mechanics::effects::{Effect, ParameterInfo};
+use mechanics::effects::{Effect, ParameterInfo, place_of};
 use mechanics::{Cache, Guides, Model, ModelError, Rig, Support, TipLaw, predict_with};
 use nalgebra::DMatrix;
 use readings::{Parameter, Prior};
@@ -36,6 +36,9 @@ const GAP_SD_LN: f64 = 0.15;
 const GAP_LN: f64 = 1.0;
 /// How far the modulus of a session may be from that of its reference, logarithm.
 const REFERENCE_SD_LN: f64 = 0.3;
+/// How far guide 2 and the surface may at most be from where they are stated.
+const OFFSET_M: f64 = 10e-3;
+const OFFSET_STEP_M: f64 = 1e-5;
 
 /// How a parameter is counted inside the fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,6 +82,80 @@ pub(super) fn prior(info: &ParameterInfo) -> Prior {
     Prior { mean, sd }
 }
 
+/// Student's t with three degrees of freedom, the heaviest tail of whole degrees that still has a standard deviation: what is stated of a
+/// rig is mostly right within its tolerance, and now and then wrong by many of them, as where a guide was measured to its other face. In
+/// a fit a normal prior stands for it whose standard deviation follows the value (iteratively reweighted: every round minimises a bound of
+/// the true objective that touches it at the current value).
+pub(super) struct HeavyTailed {
+    scale: f64,
+}
+
+impl HeavyTailed {
+    const FREEDOM: f64 = 3.0;
+
+    /// Standard deviation of the normal prior that stands for it around a value.
+    fn sd_at(&self, value: f64) -> f64 {
+        ((Self::FREEDOM * self.scale * self.scale + value * value) / (Self::FREEDOM + 1.0)).sqrt()
+    }
+
+    /// Mean and variance under it of what a fit with the normal prior at its end gives as `value` and `variance`; nothing where the data
+    /// have nothing of their own, as then the fit is as good as the prior.
+    pub fn moments(&self, value: f64, variance: f64) -> Option<(f64, f64)> {
+        let of_prior = self.sd_at(value).powi(-2);
+        let of_data = variance.recip() - of_prior;
+        if of_data <= 0.0 {
+            return None;
+        }
+        let (mean, sd) = (value / (variance * of_data), of_data.sqrt().recip());
+        // Both the data and the core of the prior are within this, which is as fine as the narrower of them needs.
+        let reach = mean.abs() + 8.0 * sd.max(self.scale);
+        let step = (0.1 * sd.min(self.scale)).max(reach / 20_000.0);
+        let count = (reach / step).ceil() as i32;
+        let (mut weights, mut first, mut second) = (0.0, 0.0, 0.0);
+        for number in -count..=count {
+            let at = f64::from(number) * step;
+            let ln_tail = -0.5 * (Self::FREEDOM + 1.0) * ((at / self.scale).powi(2) / Self::FREEDOM).ln_1p();
+            let weight = (ln_tail - 0.5 * ((at - mean) / sd).powi(2)).exp();
+            weights += weight;
+            first += weight * at;
+            second += weight * at * at;
+        }
+        let mean = first / weights;
+        let variance = second / weights - mean * mean;
+        (weights > 0.0 && variance > 0.0).then_some((mean, variance))
+    }
+
+    fn ln_over_normal(&self, value: f64) -> f64 {
+        let sd = self.sd_at(value);
+        let at = value / self.scale;
+        // Of three degrees of freedom: 2 / (pi sqrt(3)).
+        let ln_peak = (2.0 / (std::f64::consts::PI * 3f64.sqrt() * self.scale)).ln();
+        let ln_tail = -0.5 * (Self::FREEDOM + 1.0) * (at * at / Self::FREEDOM).ln_1p();
+        let ln_normal = -0.5 * (value / sd).powi(2) - (sd * std::f64::consts::TAU.sqrt()).ln();
+        ln_peak + ln_tail - ln_normal
+    }
+}
+
+/// A place that is stated of the rig and unknown within a tolerance.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StatedPlace {
+    /// Which parameter: how much further from guide 1 it is than stated, m.
+    pub parameter: usize,
+    /// What it is.
+    pub name: &'static str,
+    /// The effect that it is by name.
+    pub effect: &'static str,
+    /// Its tolerance.
+    pub scale_m: f64,
+}
+
+impl StatedPlace {
+    /// Its prior.
+    pub fn prior(&self) -> HeavyTailed {
+        HeavyTailed { scale: self.scale_m }
+    }
+}
+
 /// Which parameters are unknown.
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
@@ -92,6 +169,8 @@ pub(super) struct Layout {
     /// Whether there are lateral runs and insertions.
     pub kinds: [bool; 2],
     pub effects: Vec<&'static dyn Effect>,
+    /// Whether guide 2 and the surface are exactly where they are stated to be.
+    pub stated_is_exact: bool,
     /// What is known of their parameters from elsewhere, in place of the catalogue's priors.
     pub known: Arc<[KnownParameter]>,
     /// Whether it is known of any shape how it was imaged.
@@ -114,6 +193,9 @@ struct Places {
     /// holds the needle somewhere along its own length.
     gap: [Option<usize>; 2],
     ratio: Option<usize>,
+    /// How much further than stated guide 2 and the surface are from guide 1, m: nobody measures them to a tenth of a millimetre.
+    guide2: Option<usize>,
+    entry: Option<usize>,
 }
 
 impl Layout {
@@ -126,6 +208,7 @@ impl Layout {
             support: Support::Springs,
             kinds: kinds(runs),
             effects,
+            stated_is_exact: false,
             known: Arc::default(),
             has_images: runs.iter().any(|run| run.image().is_some()),
             readings_m: Arc::new(
@@ -157,12 +240,13 @@ impl Layout {
         Self { effects, ..self.clone() }
     }
 
-    /// Whether an effect can be added to the model of this rig, with these data. An unknown rear and the direction of the bevel in a hand are parameters
-    /// of their own.
+    /// Whether an effect can be added to the model of this rig, with these data. An unknown rear, the direction of the bevel in a hand, and what is
+    /// stated of guide 2 and the surface are parameters of their own.
     pub fn is_applicable(&self, effect: &dyn Effect) -> bool {
         let is_parameter = match effect.id() {
             "rig.rear_rotation" => self.rig.rear_is_unknown(),
             "tip.bevel_roll" => self.rig.has_one_guide(),
+            "rig.guide2_position" | "rig.surface_position" => self.is_unknown(effect.id()),
             _ => false,
         };
         let is_observable = self.has_images || !effect.needs_images();
@@ -192,8 +276,17 @@ impl Layout {
 
     /// Number of parameters that are no effect's.
     pub fn own(&self) -> usize {
-        let Places { load, across, apart, rear, gap, ratio } = self.places();
-        1 + [load, across, apart, rear[0], rear[1], gap[0], gap[1], ratio].iter().flatten().count()
+        let Places { load, across, apart, rear, gap, ratio, guide2, entry } = self.places();
+        let all = [load, across, apart, rear[0], rear[1], gap[0], gap[1], ratio, guide2, entry];
+        1 + all.iter().flatten().count()
+    }
+
+    /// Whether a place that is stated of the rig is an unknown within its tolerance: lateral runs between two guides determine it, and no
+    /// effect of the model is that place already.
+    fn is_unknown(&self, effect: &str) -> bool {
+        let [lateral, _] = self.kinds;
+        let is_free = lateral && !self.stated_is_exact && !self.rig.has_one_guide();
+        is_free && self.effects.iter().all(|own| own.id() != effect)
     }
 
     /// Where the parameters are that are no effect's, after the modulus.
@@ -214,7 +307,33 @@ impl Layout {
             gap: [Some(&self.rig), self.reference.as_ref()]
                 .map(|rig| place(insertion && rig.is_some_and(Rig::has_one_guide))),
             ratio: place(self.reference.is_some()),
+            guide2: place(self.is_unknown("rig.guide2_position")),
+            entry: place(self.is_unknown("rig.surface_position")),
         }
+    }
+
+    /// Logarithm of the density of the heavy-tailed priors at these values over that of the normal ones which stand for them in a fit
+    /// that ends there.
+    pub fn ln_prior_over_normal(&self, values: &[f64]) -> f64 {
+        let of = |place: StatedPlace| {
+            let value_m = *values.get(place.parameter)?;
+            Some(place.prior().ln_over_normal(value_m))
+        };
+        self.stated().filter_map(of).sum()
+    }
+
+    /// What is stated of the rig and unknown within a tolerance.
+    pub fn stated(&self) -> impl Iterator<Item = StatedPlace> {
+        let Places { guide2, entry, .. } = self.places();
+        let tolerances = self.rig.tolerances;
+        let all = [
+            (guide2, "place of guide 2", "rig.guide2_position", tolerances.guide2_sd_m()),
+            (entry, "place of the surface", "rig.surface_position", tolerances.entry_sd_m()),
+        ];
+        let of = |(parameter, name, effect, scale_m): (Option<usize>, _, _, _)| {
+            Some(StatedPlace { parameter: parameter?, name, effect, scale_m })
+        };
+        all.into_iter().filter_map(of)
     }
 
     /// Ratio of the modulus to that of the reference, as parameter: its logarithm.
@@ -238,7 +357,7 @@ impl Layout {
         };
         let [least, most] = MODULUS_PA.map(f64::ln);
         let mut parameters = vec![bounded(least, most, TYPICAL_MODULUS_PA.ln(), MODULUS_SD_LN, 1e-4)];
-        let Places { load, across, apart, rear, gap, ratio } = self.places();
+        let Places { load, across, apart, rear, gap, ratio, .. } = self.places();
         let loads = [load, across].into_iter().flatten();
         parameters.extend(loads.map(|_| bounded(-50.0, 50.0, 0.0, LOAD_SD_N, 1e-4)));
         if apart.is_some() {
@@ -251,6 +370,11 @@ impl Layout {
         parameters.extend(gaps.map(|_| bounded(-GAP_LN, GAP_LN, 0.0, GAP_SD_LN, 1e-3)));
         if ratio.is_some() {
             parameters.push(bounded(-5.0, 5.0, 0.0, REFERENCE_SD_LN, 1e-4));
+        }
+        for place in self.stated() {
+            let at_m = starts.get(place.parameter).copied().unwrap_or_default();
+            let sd_m = place.prior().sd_at(at_m);
+            parameters.push(bounded(-OFFSET_M, OFFSET_M, 0.0, sd_m, OFFSET_STEP_M));
         }
         let infos = |effect: &&'static dyn Effect| {
             effect.parameters().iter().map(|info| (effect.id(), info)).collect::<Vec<_>>()
@@ -326,7 +450,7 @@ impl Layout {
     /// # Errors
     /// [`ModelError::OutOfRange`] where a value is impossible.
     pub fn model_of(&self, values: &[f64], kind: Kind, is_reference: bool) -> Result<Model, ModelError> {
-        let Places { load, across, apart, rear, gap, ratio } = self.places();
+        let Places { load, across, apart, rear, gap, ratio, guide2, entry } = self.places();
         let at = |place: Option<usize>| place.and_then(|place| values.get(place)).copied();
         let mut ln_modulus = values[0];
         if kind == Kind::Insertion {
@@ -342,6 +466,12 @@ impl Layout {
         if let Some(ln_gap) = at(gap[usize::from(is_reference)]) {
             rig.entry_m = rig.guide2_m + (rig.entry_m - rig.guide2_m) * ln_gap.exp();
         }
+        rig.guide2_m += at(guide2).unwrap_or_default();
+        // In insertions the surface has a place of its own.
+        if kind == Kind::Lateral {
+            rig.entry_m += at(entry).unwrap_or_default();
+        }
+        rig.entry_m = rig.entry_m.max(rig.guide2_m);
         if let Guides::One { rear_rotation_n_m_per_rad } = &mut rig.guides {
             for (stiffness, place) in rear_rotation_n_m_per_rad.iter_mut().zip(rear) {
                 *stiffness = stiffness.or(at(place).map(|ln_compliance| (-ln_compliance).exp()));
@@ -356,8 +486,7 @@ impl Layout {
             model.effects.truncate(self.given);
         }
         // The order of the catalogue is that of the physics: what the needle does comes before what sensors make of it.
-        let place = |id: &str| mechanics::effects::EFFECTS.iter().position(|effect| effect.id() == id);
-        model.effects.sort_by_key(|(effect, _)| place(effect.id()));
+        model.effects.sort_by_key(|(effect, _)| place_of(effect.id()));
         Ok(model)
     }
 }

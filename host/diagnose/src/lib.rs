@@ -13,8 +13,10 @@
 //! | springs or an elastic body | `choice` |
 //! | score every effect, margin by bootstrap | `score` |
 //! | the same for statistics over many sessions | `linearise` |
+//! | what is stated of the rig and is not so | `stated` |
 //! | the rig alone, from runs in air; parameters that have changed since | `characterize`, `known` |
 //! | refit, accept, add, repeat; competing effects | `search` |
+//! | laws that no effect of the catalogue is | `discover` |
 //! | what would distinguish competing effects | `next` |
 //! | before and after on what was held out | `split` |
 //! | what remains, and whether it matters | `remaining` |
@@ -33,6 +35,7 @@ mod cells;
 mod characterize;
 mod choice;
 mod data;
+mod discover;
 mod discrepancy;
 pub mod display;
 mod evidence;
@@ -58,6 +61,7 @@ mod shapes;
 mod sizes;
 mod split;
 mod start;
+mod stated;
 mod two_layers;
 mod whiten;
 mod workbench;
@@ -263,9 +267,14 @@ fn workflow<T>(
         choose(start, &judge, options, &mut on_progress)?;
     let more = beside(&start)?;
     let found = found.around_itself(&start, &judge, &multiples);
+    let (found, is_stated_wrong) = found.with_names_of_stated(&start, &judge)?;
     // Where the rig is not what it was known to be, model and measurement disagree by that: it is part of the gap, and no name is
     // needed for what is in the model already.
-    let as_known = as_known.map(|known| known.beside(&start)).transpose()?;
+    let as_known = match as_known {
+        Some(known) => Some(known.beside(&start)?),
+        None if is_stated_wrong => Some(start.as_stated()?),
+        None => None,
+    };
     let disagreement = as_known.as_ref().map(Start::adequacy).transpose()?;
     let before = start.adequacy()?;
     let compared = as_known.as_ref().unwrap_or(&start);
@@ -274,7 +283,7 @@ fn workflow<T>(
     let Start { runs: prepared, patterns, fitted: start } = start;
     let after = Adequacy::of(&found.fitted, &prepared, &patterns)?;
 
-    let verdict = verdict(&found, &before, judge.share(&start, &found.fitted));
+    let verdict = verdict(&found, &before, judge.share(&compared, &found.fitted));
     let is_large = || Remaining::of(&before, &start, &patterns, None).size == RemainingSize::Large;
     // What moves the modulus beyond its interval is no everyday matter, however smooth it is.
     let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };
@@ -368,7 +377,7 @@ fn runs_in(session: &Session, air: bool) -> Result<(Vec<Run>, Vec<String>), Diag
     }
     for (id, run) in lateral.chain(insertion) {
         match run {
-            Ok(run) => runs.push(run),
+            Ok(run) => runs.push(run.numbered(session.order_of(id))),
             Err(why) => warnings.push(format!("run {id} is skipped: {why}")),
         }
     }

@@ -157,7 +157,8 @@ mod tests {
         let one = gain(&biased);
         let (value, sd) = (one.score / one.information, one.information.sqrt().recip());
         assert!((value - 1.03f64.ln()).abs() < 3.0 * sd, "{value} +- {sd}");
-        assert!(sd < 0.03, "sd {sd}");
+        // The bending stiffness alone is known to 3 %, and scales forces alike.
+        assert!(sd < 0.035, "sd {sd}");
         // The same noise: what the gain does to the fitted modulus is what the slope predicts.
         let moved = biased.ln_modulus_pa.0 - plain.ln_modulus_pa.0;
         let expected = one.ln_modulus_slope * 1.03f64.ln();

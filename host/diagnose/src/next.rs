@@ -352,6 +352,6 @@ impl Staircase<'_> {
                 image: self.image,
             }));
         }
-        Experiment::Lateral(Lateral { depth_m: self.depth_m, drive, shape, reversal_m: [0.0; 2] })
+        Experiment::Lateral(Lateral { depth_m: self.depth_m, drive, shape, reversal_m: [0.0; 2], order: 0.0 })
     }
 }

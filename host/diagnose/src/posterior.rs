@@ -7,7 +7,7 @@
 mod quantities;
 
 use super::evidence::{Evidence, Patterns, Products};
-use super::layout::{Layout, Prepared};
+use super::layout::{Layout, Prepared, StatedPlace};
 use nalgebra::{DMatrix, DVector};
 use readings::bounded_step;
 use readings::{FitError, Parameter};
@@ -81,13 +81,15 @@ impl Fitted {
         rounds: usize,
         known: &[DMatrix<f64>],
     ) -> Result<Self, FitError> {
-        let parameters = layout.parameters(starts);
+        let mut parameters = layout.parameters(starts);
         let start: Vec<f64> = parameters.iter().map(|p| p.start.clamp(p.least, p.most)).collect();
         let mut point = Point { residuals: residuals(layout, runs, &start)?, values: start };
         let mut sizes = sizes.to_vec();
         let mut settled = false;
         let mut round = 0;
         loop {
+            // Priors with heavy tails follow the values.
+            parameters = layout.parameters(&point.values);
             let jacobian = jacobian(layout, runs, &point.values, &parameters, &point.residuals, known)?;
             let products = products(patterns, &parameters, &point, &jacobian);
             sizes = patterns.likeliest_sizes(&sizes, &products);
@@ -203,7 +205,7 @@ impl Fitted {
         Some((evidence.mean[0] - from_prior(first, self.values[0])) * prior_sd(first))
     }
 
-    /// The same with intervals that hold what the sizes of the discrepancy may be, too.
+    /// The same with intervals that hold what the sizes of the discrepancy may be, and the tails of what is stated of the rig, too.
     pub fn over_sizes(mut self, patterns: &Patterns) -> Self {
         let parameters = self.layout.parameters(&self.values);
         let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
@@ -211,7 +213,50 @@ impl Fitted {
         if let Some(covariance) = patterns.integrated_covariance(&self.sizes, &products) {
             self.covariance = in_units(&covariance, &parameters);
         }
+        self.over_tails()
+    }
+
+    /// The same integrated over the heavy tails of the priors of what is stated of the rig: in a fit normal ones stand for them. What the
+    /// data have of such a place is normal, its product with the tail is not; the other parameters follow its mean and variance.
+    fn over_tails(mut self) -> Self {
+        for place in self.layout.stated() {
+            let at = place.parameter;
+            let (value, variance) = (self.values[at], self.covariance[(at, at)]);
+            let Some((mean, of_place)) = place.prior().moments(value, variance) else { continue };
+            let along = self.covariance.column(at) / variance;
+            for (value_of, slope) in self.values.iter_mut().zip(along.iter()) {
+                *value_of += slope * (mean - value);
+            }
+            self.covariance += &along * along.transpose() * (of_place - variance);
+        }
         self
+    }
+
+    /// Share of the variance of the logarithm of the modulus that would go if one thing that is stated of the rig were exactly known, for
+    /// each of them, the largest first.
+    pub fn rests_on(&self, patterns: &Patterns) -> Vec<(&'static str, f64)> {
+        let variance = self.covariance[(0, 0)];
+        let of_parameter = |StatedPlace { parameter, name, .. }: StatedPlace| {
+            let common = self.covariance[(0, parameter)].powi(2);
+            (name, common / (variance * self.covariance[(parameter, parameter)]))
+        };
+        let mut shares: Vec<(&'static str, f64)> = self.layout.stated().map(of_parameter).collect();
+        let parameters = self.layout.parameters(&self.values);
+        let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
+        let products = products(patterns, &parameters, &point, &self.jacobian);
+        let ln_variance = |sizes: &[f64]| patterns.evidence(sizes, &products).map(|e| e.covariance[(0, 0)]);
+        let Some(with_all) = ln_variance(&self.sizes) else { return shares };
+        for (number, group) in patterns.groups.iter().enumerate().filter(|(_, group)| group.tail.is_none()) {
+            let mut sizes = self.sizes.clone();
+            if let Some(size) = sizes.get_mut(number) {
+                *size = 0.0;
+            }
+            if let Some(without) = ln_variance(&sizes) {
+                shares.push((group.name, 1.0 - without / with_all));
+            }
+        }
+        shares.sort_by(|a, b| b.1.total_cmp(&a.1));
+        shares
     }
 
     /// The same with these values and their covariance.
@@ -400,7 +445,8 @@ fn finish(
 ) -> Result<Fitted, FitError> {
     let squares = squares(patterns, &sizes, &parameters, &point).ok_or(FitError::Undetermined)?;
     let volume = patterns.ln_volume_of_sizes(&sizes, products).ok_or(FitError::Undetermined)?;
-    let log_evidence = -0.5 * squares - evidence.half_ln_determinant - evidence.size_prior + volume;
+    let tails = layout.ln_prior_over_normal(&point.values);
+    let log_evidence = -0.5 * squares - evidence.half_ln_determinant - evidence.size_prior + volume + tails;
     if !log_evidence.is_finite() {
         return Err(FitError::NotFinite);
     }

@@ -180,6 +180,11 @@ impl DiagnosisReport<'_> {
             parameters: parameters.collect(),
             log_evidence_gain: member.gain,
             class: member.class.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
+            formula: effect.as_law().map(|law| {
+                let values =
+                    (0..effect.parameters().len()).map(|number| fitted.estimate(member.index, number).0);
+                law.formula(&values.collect::<Vec<_>>())
+            }),
         }
     }
 
@@ -206,6 +211,7 @@ impl DiagnosisReport<'_> {
                 parameters: parameters.collect(),
                 log_evidence_gain: f64::NAN,
                 class: vec![effect.id().to_owned()],
+                formula: None,
             }
         };
         self.options.given.iter().enumerate().map(of).collect()

@@ -195,6 +195,9 @@ pub struct FoundEffect {
     pub log_evidence_gain: f64,
     /// Effects that explain the data as well; itself among them.
     pub class: Vec<String>,
+    /// Of a term: what it is as a formula, with its values.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub formula: Option<String>,
 }
 
 /// A parameter with its interval.

@@ -13,7 +13,7 @@ use super::data::Kind;
 use super::evidence::Patterns;
 use super::layout::{Prepared, Scale, prior};
 use super::posterior::Fitted;
-use mechanics::effects::{EFFECTS, Effect, ParameterInfo, neutral};
+use mechanics::effects::{Effect, ParameterInfo, all, neutral};
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -94,7 +94,7 @@ impl Scores {
     /// # Errors
     /// Where the model cannot be evaluated.
     pub fn new(fitted: &Fitted, runs: &[Prepared], patterns: &Patterns) -> Result<Self, FitError> {
-        Self::of(&EFFECTS, fitted, runs, patterns)
+        Self::of(&all(), fitted, runs, patterns)
     }
 
     /// The same of some effects.

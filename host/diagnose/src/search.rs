@@ -3,6 +3,7 @@
 
 use super::Multiples;
 use super::adequacy::Adequacy;
+use super::discover;
 use super::discrepancy::patterns;
 use super::evidence::Patterns;
 use super::layout::{Layout, NORMAL_975, Prepared, Scale};
@@ -144,7 +145,11 @@ pub(super) struct Search<'a> {
 impl Search<'_> {
     /// Tries all effects beside a fit, best first.
     pub fn weigh(&self, base: &Fitted, scores: &Scores, most: usize) -> Vec<Candidate> {
-        let ranked = scores.ranked();
+        self.weigh_ranked(base, scores.ranked(), most)
+    }
+
+    /// The same of effects that are scored already, best first.
+    pub fn weigh_ranked(&self, base: &Fitted, ranked: Vec<Score>, most: usize) -> Vec<Candidate> {
         let best = ranked.first().map_or(0.0, |score| score.log_evidence);
         let behind = BEHIND.max(BEHIND_SHARE * best);
         // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
@@ -245,44 +250,43 @@ impl Search<'_> {
     pub fn run(&self, mut report: impl FnMut(&str)) -> Result<Found, FitError> {
         let given = self.start.layout.effects.len();
         let mut current = self.start.clone();
-        let (mut first, mut last) = (Vec::new(), Vec::new());
+        let (mut first, mut last, mut terms_alone) = (Vec::new(), Vec::new(), Vec::new());
         let mut margin = 0.0;
         while current.layout.effects.len() < given + MAX_EFFECTS {
             let scores = Scores::new(&current, self.runs, self.patterns)?;
             // With every step the search is repeated; the margin is that of its own directions.
             let needed = scores.margin(FALSE_ALARMS, DRAWS, self.seed).max(MIN_GAIN);
             let candidates = self.weigh(&current, &scores, MAX_LEADERS);
-            let mut accepted = candidates.iter().filter(|candidate| {
-                self.is_accepted(candidate, &current, needed)
-                    && self.gain_over_best(candidate, &current) > needed
-            });
-            // Of those whose evidence is as good, the one whose physics leaves least to be explained.
-            let chosen = accepted.next().map(|first| {
-                let misfit = |candidate: &Candidate| {
-                    candidate.refit.as_ref().map_or(f64::INFINITY, |(fitted, _)| self.judge.misfit(fitted))
-                };
-                let as_good = accepted.filter(|other| first.gain() - other.gain() < CLASS);
-                let all = std::iter::once(first).chain(as_good);
-                all.min_by(|a, b| misfit(a).total_cmp(&misfit(b))).unwrap_or(first)
-            });
-            let chosen = chosen
-                .and_then(|candidate| candidate.refit.clone().map(|(fit, gain)| (candidate.id(), fit, gain)));
-            if first.is_empty() {
-                (first, margin) = (candidates.clone(), needed);
+            let is_noise = Adequacy::of(&current, self.runs, self.patterns)?.is_within_noise();
+            // Where nothing but noise is left there is nothing to be explained.
+            if is_noise && !first.is_empty() {
+                break;
             }
-            let Some((id, fitted, gain)) = chosen else {
+            // What two sessions share has no name beside a reference, and what differs is to have a plain one.
+            let searches_laws = !is_noise && current.layout.reference.is_none();
+            let (terms, needed_of_terms) =
+                if searches_laws { self.terms(&current)? } else { (Vec::new(), f64::INFINITY) };
+            // A name is as good as a law that needs as much more evidence as there are more laws.
+            let chosen =
+                [(&candidates, needed), (&terms, needed_of_terms)].into_iter().filter_map(|(of, needed)| {
+                    let chosen = self.chosen(of, &current, needed)?;
+                    let (fitted, gain) = chosen.refit.clone()?;
+                    Some((chosen.id(), fitted, gain, needed))
+                });
+            let chosen = chosen.max_by(|a, b| (a.2 - a.3).total_cmp(&(b.2 - b.3)));
+            if first.is_empty() {
+                (first, margin, terms_alone) = (candidates.clone(), needed, terms);
+            }
+            let Some((id, fitted, gain, needed)) = chosen else {
                 last = candidates;
                 break;
             };
             report(&format!("{id} is missing: log evidence + {gain:.1}, needed {needed:.1}"));
             current = self.without_needless(fitted, given, needed);
-            // Where nothing but noise is left there is nothing to be explained.
-            if Adequacy::of(&current, self.runs, self.patterns)?.is_within_noise() {
-                break;
-            }
         }
+        let first_and_terms: Vec<Candidate> = first.iter().cloned().chain(terms_alone).collect();
         // A better effect in the place of one that was taken early shows only once the others are there.
-        let mut members = self.members(&current, &first, given, margin)?;
+        let mut members = self.members(&current, &first_and_terms, given, margin)?;
         for _ in 0..2 {
             let better = members.iter().find_map(|member| {
                 let (best, fitted) = member.class.first()?;
@@ -293,15 +297,40 @@ impl Search<'_> {
             });
             let Some(better) = better else { break };
             current = better;
-            members = self.members(&current, &first, given, margin)?;
+            members = self.members(&current, &first_and_terms, given, margin)?;
         }
         // What another effect has made needless since is no longer a name.
         while let Some(index) = needless(&current, &members, margin) {
             let Some(less) = self.refitted_without(&current, index) else { break };
             current = less;
-            members = self.members(&current, &first, given, margin)?;
+            members = self.members(&current, &first_and_terms, given, margin)?;
         }
         Ok(Found { fitted: current, members, first, last, margin })
+    }
+
+    /// The effect to add of those that may be: of several whose evidence is as good, the one whose physics leaves least to be explained.
+    fn chosen<'c>(
+        &self,
+        candidates: &'c [Candidate],
+        current: &Fitted,
+        needed: f64,
+    ) -> Option<&'c Candidate> {
+        let mut accepted = candidates.iter().filter(|candidate| {
+            self.is_accepted(candidate, current, needed) && self.gain_over_best(candidate, current) > needed
+        });
+        let first = accepted.next()?;
+        let misfit = |candidate: &Candidate| {
+            candidate.refit.as_ref().map_or(f64::INFINITY, |(fitted, _)| self.judge.misfit(fitted))
+        };
+        let as_good = accepted.filter(|other| first.gain() - other.gain() < CLASS);
+        let all = std::iter::once(first).chain(as_good);
+        all.min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
+    }
+
+    /// Tries all terms of the grammar beside a fit, best first, and the evidence that a name among them needs.
+    fn terms(&self, base: &Fitted) -> Result<(Vec<Candidate>, f64), FitError> {
+        let (ranked, needed) = discover::ranked(base, self.runs, self.patterns)?;
+        Ok((self.weigh_ranked(base, ranked, MAX_LEADERS), needed))
     }
 
     /// Whether an effect may be added: its evidence, its share of what is left, its interval, its range, the held-out misfit.
@@ -364,10 +393,17 @@ impl Search<'_> {
             } else {
                 let Some(base) = self.refitted_without(fitted, index) else { continue };
                 let scores = Scores::new(&base, self.runs, self.patterns)?;
-                let candidates = self.weigh(&base, &scores, MAX_LEADERS);
+                let mut candidates = self.weigh(&base, &scores, MAX_LEADERS);
+                if effect.as_law().is_some() {
+                    candidates.extend(self.terms(&base)?.0);
+                }
                 (base, candidates)
             };
             let own = fitted.log_evidence - base.log_evidence + one_sided(effect);
+            // A law is one of so many more than there are names: it costs as much more beforehand.
+            let cost =
+                |of: &dyn Effect| if of.as_law().is_some() { discover::needed(&base) - margin } else { 0.0 };
+            let own_cost = cost(effect);
             // Where a name leaves nearly all of the held-out misfit the model is far from exact, and odds that assume it exact separate
             // nothing: whatever the evidence supports is in the class.
             let is_weak =
@@ -379,9 +415,17 @@ impl Search<'_> {
                 if candidate.id() == effect.id() || !competes {
                     continue;
                 }
-                let apart = (stacked(&other.residuals) - stacked(&fitted.residuals)).norm_squared();
-                let behind = own - gain;
-                let is_supported = is_weak && *gain > margin;
+                let from = |of: &Fitted| (stacked(&other.residuals) - stacked(&of.residuals)).norm_squared();
+                let apart = from(fitted);
+                // A law that predicts what a name does is that name.
+                let is_name = |(of, fit, _): &(&'static dyn Effect, Fitted, f64)| {
+                    of.as_law().is_none() && from(fit) < ALIKE
+                };
+                if candidate.score.effect.as_law().is_some() && class.iter().any(is_name) {
+                    continue;
+                }
+                let behind = own - own_cost - (gain - cost(candidate.score.effect));
+                let is_supported = is_weak && *gain > margin && candidate.score.effect.as_law().is_none();
                 if behind < CLASS || (behind < CLASS_ALIKE && apart < ALIKE) || is_supported {
                     class.push((candidate.score.effect, other.clone(), *gain));
                 }

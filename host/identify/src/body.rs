@@ -2,7 +2,7 @@
 //! (theory, eq. 30).
 
 use super::fitting::{Estimate, NORMAL_975, VARIED_ERROR, fit_alone};
-use super::model_error::{DiscrepancyFits, with_model_error};
+use super::model_error::{DiscrepancyFits, half_with_model_error};
 use super::options::TissueModel;
 use super::{
     BodyResult, Fitted, FoundationChoice, FoundationResult, Layers, Options, Pooled, YoungsModulus, pool,
@@ -146,13 +146,13 @@ pub(super) fn compare(
 impl BodyResult {
     /// With model error in its interval.
     fn with_model_error(mut self, discrepant: DiscrepantModulus) -> Self {
-        let value = self.youngs_modulus_kpa;
+        let (noise_kpa, value_kpa) = (self.youngs_modulus_kpa, 1e-3 * discrepant.ln_pa.exp());
         let end = |kpa: f64| {
-            let by_data = (kpa / value).ln();
-            let [half, _] = with_model_error((1e3 * value).ln(), [by_data.abs(), 0.0], discrepant);
-            value * half.copysign(by_data).exp()
+            let by_data = (kpa / noise_kpa).ln();
+            value_kpa * half_with_model_error(by_data.abs(), discrepant).copysign(by_data).exp()
         };
         self.ci95_kpa = self.ci95_kpa.map(end);
+        self.youngs_modulus_kpa = value_kpa;
         self
     }
 

@@ -30,7 +30,7 @@ pub use results::{
     BodyResult, Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, FoundationResult,
     Heterogeneity, HoldResult, Identification, IndentationResult, KPerEi, Layers, Likelihood, Methods,
     NoiseAlone, NoiseResult, NuisanceResult, OtherResult, Pooled, Profile, Reference, RelationResult,
-    RunResult, ShapeResult, YoungsModulus,
+    RestsOn, RunResult, ShapeResult, YoungsModulus,
 };
 
 use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};

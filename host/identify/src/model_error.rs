@@ -1,13 +1,12 @@
 //! Model error in the intervals: what every rig and tissue leaves behind any model, beside the noise of the readings
 //! (theory, eq. 29).
 //!
-//! The runs are fitted once more with the discrepancy of a diagnosis, the parameters of its effects free within their priors.
-//! The value stays that of the likelihood of the noise; the interval reaches as far as noise and discrepancy together, and as far as the
-//! two fits differ.
+//! The runs are fitted once more with the discrepancy of a diagnosis, the parameters of its effects and what is stated of the rig free
+//! within their priors. Value and interval are those of this posterior, as in a diagnosis.
 
 use super::fitting::NORMAL_975;
 use super::options::TissueModel;
-use super::{Fitted, FoundationChoice, NoiseAlone, Options, Pooled};
+use super::{Fitted, FoundationChoice, NoiseAlone, Options, Pooled, RestsOn};
 use diagnose::{DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, Moved, fit_with_discrepancy};
 use formats::session::Session;
 use mechanics::effects::Effect;
@@ -74,32 +73,42 @@ pub(super) fn for_diagnosis(
     Ok((used, given))
 }
 
-/// The half-width of a 95 % interval of the logarithm of a modulus and its standard deviation, with model error.
-pub(super) fn with_model_error(ln_pa: f64, noise: [f64; 2], discrepant: DiscrepantModulus) -> [f64; 2] {
-    let [half, sd] = noise;
-    let sd_ln = discrepant.sd_ln.hypot(discrepant.ln_pa - ln_pa);
-    [half.max(NORMAL_975 * sd_ln), sd.max(sd_ln)]
+/// Half-width of a 95 % interval of the logarithm of a modulus, model error in it. Noise alone has the longer one where the runs differ
+/// by more than their noise, or where noise is hardly known.
+pub(super) fn half_with_model_error(noise_half: f64, discrepant: DiscrepantModulus) -> f64 {
+    noise_half.max(NORMAL_975 * discrepant.sd_ln)
 }
 
 impl Pooled {
-    /// With model error in its interval.
+    /// With the value and the interval of the posterior that has model error, and what is not exactly known of the rig, in it.
     pub(super) fn with_model_error(mut self, discrepant: DiscrepantModulus) -> Self {
-        let noise = NoiseAlone { sd_kpa: self.sd_kpa, ci95_kpa: self.ci95_kpa };
-        let ends = self.ci95_kpa.map(|end| (end / self.k_kpa).ln().abs());
-        let half = ends.into_iter().fold(0.0, f64::max);
-        let [half, sd] =
-            with_model_error((1e3 * self.k_kpa).ln(), [half, self.sd_kpa / self.k_kpa], discrepant);
+        let noise = NoiseAlone { k_kpa: self.k_kpa, sd_kpa: self.sd_kpa, ci95_kpa: self.ci95_kpa };
+        let half = half_with_model_error(noise.half_ln(), discrepant);
+        self.k_kpa = 1e-3 * discrepant.ln_pa.exp();
         self.ci95_kpa = [self.k_kpa * (-half).exp(), self.k_kpa * half.exp()];
-        self.sd_kpa = self.k_kpa * sd;
+        self.sd_kpa = self.k_kpa * discrepant.sd_ln.max(noise.sd_kpa / noise.k_kpa);
         self.noise_alone = Some(noise);
+        self.rests_on = discrepant
+            .rests_on
+            .map(|(assumption, share_of_variance)| RestsOn { assumption, share_of_variance });
         self
     }
 
     /// Half-width of a 95 % interval of ln K that model error adds to that of the noise.
     pub(super) fn model_error_ln(&self) -> f64 {
-        let half =
-            |ends: [f64; 2]| ends.into_iter().map(|end| (end / self.k_kpa).ln().abs()).fold(0.0, f64::max);
-        let added = |noise: NoiseAlone| half(self.ci95_kpa).powi(2) - half(noise.ci95_kpa).powi(2);
-        self.noise_alone.map_or(0.0, |noise| added(noise).max(0.0).sqrt())
+        let half = self.ci95_kpa.into_iter().map(|end| (end / self.k_kpa).ln().abs()).fold(0.0, f64::max);
+        self.noise_alone.map_or(0.0, |noise| (half.powi(2) - noise.half_ln().powi(2)).max(0.0).sqrt())
+    }
+
+    /// K over what noise alone gives: what is not exactly known of the rig is the same at every depth.
+    pub(super) fn over_noise_alone(&self) -> f64 {
+        self.noise_alone.map_or(1.0, |noise| self.k_kpa / noise.k_kpa)
+    }
+}
+
+impl NoiseAlone {
+    /// Half-width of the 95 % interval of ln K.
+    fn half_ln(&self) -> f64 {
+        self.ci95_kpa.into_iter().map(|end| (end / self.k_kpa).ln().abs()).fold(0.0, f64::max)
     }
 }

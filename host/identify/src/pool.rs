@@ -55,6 +55,7 @@ pub(super) fn pool(runs: &[Fitted], options: &Options, warnings: &mut Vec<String
         sd_kpa: k_kpa * estimate.sd_ln,
         ci95_kpa: estimate.ci95_kpa(),
         noise_alone: None,
+        rests_on: None,
         profile: joint
             .as_ref()
             .filter(|_| options.profile)

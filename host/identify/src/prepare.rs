@@ -84,6 +84,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
             effects: options.fixed.clone(),
             course: course(session, run, &used),
             first_plane: 0,
+            order: session.order_of(&run.id),
         }),
     };
     let mut balances = balances(&used, &noise, planes, shape_of);

@@ -80,8 +80,9 @@ impl<'s> Youngs<'s> {
             let own = (!single).then(|| pool::pool(&group, &plain, &mut Vec::new()));
             let Pooled { k_kpa, ci95_kpa, noise_alone, .. } = own.as_ref().unwrap_or(pooled);
             // Model error is no matter of one depth: it comes in once all are combined.
-            let [low, high] = noise_alone.as_ref().map_or(ci95_kpa, |noise| &noise.ci95_kpa);
-            let k_pa = [*k_kpa, *low, *high].map(|kpa| 1e3 * kpa);
+            let (k_kpa, [low, high]) =
+                noise_alone.map_or((*k_kpa, *ci95_kpa), |noise| (noise.k_kpa, noise.ci95_kpa));
+            let k_pa = [k_kpa, low, high].map(|kpa| 1e3 * kpa * pooled.over_noise_alone());
             let typical = group.first().and_then(|run| typical(&run.data));
             (Depth { depth_m, k_pa, body: None, neighbour: None }, typical)
         };

@@ -74,6 +74,8 @@ pub struct Pooled {
     pub ci95_kpa: [f64; 2],
     /// What they are by noise alone; `None` where the two are the same, because model error could not be estimated.
     pub noise_alone: Option<NoiseAlone>,
+    /// What is stated of the rig on which the interval rests most; `None` where model error is not in it.
+    pub rests_on: Option<RestsOn>,
     /// Profile likelihood; `None` where it was not requested.
     pub profile: Option<Profile>,
     /// Parametric bootstrap; `None` where it was not requested.
@@ -86,9 +88,20 @@ pub struct Pooled {
     pub heterogeneity: Option<Heterogeneity>,
 }
 
-/// How well K would be known if the model were exact.
+/// An assumption on which an interval rests.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RestsOn {
+    /// What is assumed.
+    pub assumption: &'static str,
+    /// Share of the variance of ln K that would go if it were exactly known, 0 to 1.
+    pub share_of_variance: f64,
+}
+
+/// K, and how well it would be known, if the model and what is stated of the rig were exact.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NoiseAlone {
+    /// Foundation modulus.
+    pub k_kpa: f64,
     /// Standard deviation.
     pub sd_kpa: f64,
     /// 95 % interval, from ln K.

@@ -320,7 +320,13 @@ fn the_design_of_one_guide_is_the_forward_model() {
     run.tip_direction_y_rad = Some(vec![0.0; rows.len()]);
     let path = TipPath::new(&run).expect("an insertion");
     let guides = |stiffness: [Option<f64>; 2]| Guides::One { rear_rotation_n_m_per_rad: stiffness };
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.0, entry_m: 0.028, guides: guides([None; 2]) };
+    let rig = Rig {
+        needle: Needle::gauge_18(),
+        guide2_m: 0.0,
+        entry_m: 0.028,
+        guides: guides([None; 2]),
+        tolerances: mechanics::Tolerances::default(),
+    };
     let model = Model::uniform(rig.clone(), 12e3).expect("a model");
     let rear = Rear { needle_n_m_per_rad: 1.1, middle: 0.4, sd: 0.3, unknown: [true; 2] };
     let tissue = Tissue { model, modulus_sd_ln: 0.5, gap_m: 0.028, gap_sd_ln: 0.5, rear: Some(rear) };

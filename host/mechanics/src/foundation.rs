@@ -26,6 +26,8 @@ pub struct Foundation {
 /// Where the modulus grows with depth it is taken as constant over slices of this thickness: an error of the order of
 /// `gradient^2 SLICE^2 / 24`.
 const SLICE_M: f64 = 0.5e-3;
+/// Where it is any function of depth, over slices of this one.
+const SHAPED_SLICE_M: f64 = 1e-3;
 /// A modulus that decreases with depth goes no further down than to this share of that at the surface: a straight line reaches zero
 /// somewhere, tissue does not.
 const MIN_GROWTH: f64 = 0.1;
@@ -74,6 +76,32 @@ impl Foundation {
     pub fn graded(self, gradient_per_m: f64) -> Result<Self, ModelError> {
         check("gradient_per_m", gradient_per_m, "a finite number", true)?;
         Ok(Self { gradient_per_m, ..self })
+    }
+
+    /// The same tissue with every modulus down to a depth times a factor that varies with depth, slice by slice.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where a factor is negative or not finite.
+    pub fn shaped(&self, deepest_m: f64, factor: impl Fn(f64) -> f64) -> Result<Self, ModelError> {
+        let count = (deepest_m / SHAPED_SLICE_M).ceil().max(1.0) as usize;
+        let thickness_m = deepest_m.max(SHAPED_SLICE_M) / count as f64;
+        let slice = |number: usize| {
+            let (top_m, bottom_m) = (thickness_m * number as f64, thickness_m * (number + 1) as f64);
+            let mut from_m = top_m;
+            // The faces of what is there already stay where they are.
+            let faces_m = self.upper.iter().map(|layer| layer.bottom_m);
+            let inside = faces_m.filter(|face_m| *face_m > top_m && *face_m < bottom_m).chain([bottom_m]);
+            let parts = inside.map(|to_m| {
+                let middle_m = 0.5 * (from_m + to_m);
+                from_m = to_m;
+                Layer { bottom_m: to_m, modulus_pa: self.layer_pa(middle_m) * factor(middle_m) }
+            });
+            parts.collect::<Vec<_>>()
+        };
+        let upper = (0..count).flat_map(slice).collect();
+        let deepest_pa = self.layer_pa(deepest_m) * factor(deepest_m);
+        let Self { gradient_per_m, gap_m, .. } = *self;
+        Ok(Self { gradient_per_m, gap_m, ..Self::layered(upper, deepest_pa)? })
     }
 
     /// The same tissue that does not support the needle above a depth.

@@ -24,6 +24,8 @@ pub struct Insertion {
     /// Depths at which the solution has nodes besides those it needs, and to the largest of which it goes: insertions with the same ones
     /// share their solutions ([`Insertion::share_nodes`]).
     pub nodes_m: Vec<f64>,
+    /// Number of the insertion among those of its session, 0 for the first.
+    pub order: f64,
 }
 
 impl Insertion {
@@ -92,6 +94,8 @@ pub struct BevelLoad {
     pub rate_n_s_per_m: f64,
     /// How far the bevel is turned about the needle from what is stated, rad.
     pub roll_rad: f64,
+    /// What terms add, N against depth.
+    pub laws: Vec<Profile>,
 }
 
 impl Default for TipLaw {
@@ -287,13 +291,17 @@ fn loads<'a>(
     plane: usize,
 ) -> impl Fn(usize) -> [f64; 2] + 'a {
     let rotation = &insertion.rotation_rad;
-    let BevelLoad { slope_n_per_m, steps, rate_n_s_per_m, roll_rad } = &law.along_bevel;
+    let BevelLoad { slope_n_per_m, steps, rate_n_s_per_m, roll_rad, laws } = &law.along_bevel;
     let speed = &insertion.speed_m_per_s;
     // On arriving at a depth a jump there is not yet felt, on leaving it is.
     let more_n = move |z_m: f64, leaving: bool| {
         let stepped = steps.iter().filter(|[at_m, _]| *at_m < z_m || (leaving && *at_m == z_m));
         let speed_m_per_s = if leaving { speed.after(z_m) } else { speed.before(z_m) };
-        slope_n_per_m * z_m + stepped.map(|[_, n]| n).sum::<f64>() + rate_n_s_per_m * speed_m_per_s
+        let by_laws_n: f64 = laws.iter().map(|law| law.before(z_m)).sum();
+        slope_n_per_m * z_m
+            + stepped.map(|[_, n]| n).sum::<f64>()
+            + rate_n_s_per_m * speed_m_per_s
+            + by_laws_n
     };
     move |node| {
         let z_m = nodes_m[node];

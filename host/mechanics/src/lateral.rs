@@ -50,7 +50,7 @@ impl Drive {
     /// Displacements that reach the needle, if the frame does not give, of those that are measured one after the other; the first
     /// finds guide 2 in the middle of its play. Play follows the motion and not the noise of its sensor, of which it would take off so
     /// much that a little play would be found in every recording.
-    fn reaching_m(&self, measured_m: &[f64], reversal_m: f64) -> Samples {
+    pub(super) fn reaching_m(&self, measured_m: &[f64], reversal_m: f64) -> Samples {
         if self.play_m <= 0.0 {
             return measured_m.iter().map(|m| self.beyond_clearance_m(*m)).collect();
         }
@@ -93,7 +93,7 @@ pub(super) type Samples = SmallVec<[f64; 8]>;
 pub(super) struct Motion {
     pub force_n: Vec<f64>,
     /// Coefficient by coefficient.
-    coefficients: Samples,
+    pub coefficients: Samples,
 }
 
 impl Response {
@@ -111,6 +111,11 @@ impl Response {
             relaxing: if law.relaxing_share > 0.0 { Some(Relaxing::new(problem)?) } else { None },
             stiffening: if stretch > MIN_STIFFENING { Some(Stiffening::new(problem, most_m)?) } else { None },
         })
+    }
+
+    /// Force per displacement of guide 2 in linear tissue.
+    pub fn stiffness_n_per_m(&self) -> f64 {
+        self.beam.lateral_stiffness_n_per_m()
     }
 
     /// Moves guide 2; where it comes back by less than `reversal_m`, that is noise of its sensor.

@@ -48,6 +48,8 @@ mod rig;
 mod series;
 pub mod steering;
 mod support;
+pub mod terms;
+mod varied;
 mod yielding;
 
 pub use beam::{Beam, Response};
@@ -62,7 +64,7 @@ pub use predict::{
 pub use prepared::{ObservationPlan, PreparedNeedle};
 pub use problem::{BeamProblem, TissueLaw};
 pub use profile::Profile;
-pub use rig::{Guides, Needle, Rig};
+pub use rig::{Guides, Needle, Rig, Tolerances};
 pub use steering::{BaseDrive, Dynamics, Steering};
 pub use support::Support;
 

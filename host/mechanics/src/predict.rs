@@ -6,6 +6,7 @@ use super::insertion::{self, Insertion, TipLaw};
 use super::lateral::Drive;
 use super::prepared::{self, ObservationPlan, PreparedNeedle};
 use super::steering::{self, Dynamics, Steering};
+use super::terms::Conditions;
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig, Support};
 use std::borrow::Cow;
 
@@ -88,6 +89,15 @@ impl Model {
     /// # Errors
     /// [`ModelError::OutOfRange`] where an effect's values are impossible.
     pub fn problem_in(&self, plane: Plane, depth_m: f64) -> Result<BeamProblem, ModelError> {
+        self.problem_under(plane, &Conditions { depth_m, ..Conditions::default() })
+    }
+
+    /// The same under conditions of a run.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where an effect's values are impossible.
+    pub fn problem_under(&self, plane: Plane, conditions: &Conditions) -> Result<BeamProblem, ModelError> {
+        let depth_m = conditions.depth_m;
         let foundation = self.foundation.clone();
         let mut problem =
             BeamProblem { support: self.support, ..BeamProblem::new(&self.rig, foundation, depth_m) };
@@ -95,6 +105,7 @@ impl Model {
             self.rig.rear_compliance_rad_per_n_m(if plane == Plane::Y { 0 } else { 1 });
         for (effect, values) in &self.effects {
             effect.beam(values, plane, &mut problem)?;
+            effect.tissue(values, conditions, plane, &mut problem)?;
         }
         Ok(problem)
     }
@@ -153,6 +164,8 @@ pub struct Lateral {
     pub shape: Vec<ShapePoint>,
     /// Motion back by this or less is noise of `drive`, vertical and horizontal; 0 where `drive` is the commanded motion.
     pub reversal_m: [f64; 2],
+    /// Number of the run among the lateral ones of its session, 0 for the first.
+    pub order: f64,
 }
 
 /// A lateral run that is driven by force: a weight, or an actuator under force control.
@@ -304,8 +317,9 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
 }
 
 fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Channels, ModelError> {
-    let Lateral { depth_m, drive, shape, reversal_m } = lateral;
-    let plan = ObservationPlan { shape, most_m: prepared::most_m(drive), planes: 2, reversal_m: *reversal_m };
+    let Lateral { depth_m, drive, shape, reversal_m, order } = lateral;
+    let (most_m, reversal_m, order) = (prepared::most_m(drive), *reversal_m, *order);
+    let plan = ObservationPlan { shape, most_m, planes: 2, reversal_m, order };
     PreparedNeedle::new(Cow::Borrowed(model), *depth_m, plan, Some(cache))?.moved(drive)
 }
 
@@ -322,16 +336,23 @@ fn predict_forced(model: &Model, forced: &LateralForce, cache: &Cache) -> Result
         x_m: sample.x_n / stiffness_x,
     };
     let drive = forced.drive.iter().map(moved).collect();
-    let lateral =
-        Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone(), reversal_m: [0.0; 2] };
+    let lateral = Lateral {
+        depth_m: forced.depth_m,
+        drive,
+        shape: forced.shape.clone(),
+        reversal_m: [0.0; 2],
+        order: 0.0,
+    };
     predict_lateral(model, &lateral, cache)
 }
 
 fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Result<Channels, ModelError> {
     let deepest_m = inserted.depth_m.iter().copied().fold(0.0, f64::max);
-    let problems = [model.problem_in(Plane::Y, deepest_m)?, model.problem_in(Plane::X, deepest_m)?];
+    let conditions = Conditions { depth_m: deepest_m, order: inserted.order };
+    let in_plane = |plane: Plane| model.problem_under(plane, &conditions);
+    let problems = [in_plane(Plane::Y)?, in_plane(Plane::X)?];
     let mut law = model.tip.clone();
-    model.effects.iter().for_each(|(effect, values)| effect.tip(values, &mut law));
+    model.effects.iter().for_each(|(effect, values)| effect.tip(values, &conditions, &mut law));
     let curvature_per_m = model.curvature_per_m();
     // What the frame gives is part of the beam problem here.
     let inserted = inserted.through_clearance(model.clearance_m());
@@ -339,7 +360,10 @@ fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Resu
         insertion::tip(&problems, &law, curvature_per_m, &inserted, cache)?;
     let mut channels =
         Channels { tip_m: position_m, tip_direction_rad: direction_rad, ..Channels::two_planes() };
-    model.observe(&ObservationContext::default(), &mut channels);
+    let entry_m = model.rig.entry_m;
+    let tip_depth_m = inserted.depth_m.as_slice();
+    let context = ObservationContext { conditions, entry_m, tip_depth_m, ..ObservationContext::default() };
+    model.observe(&context, &mut channels);
     Ok(channels)
 }
 
@@ -363,7 +387,7 @@ mod tests {
     #[test]
     fn planes_are_multiples_of_one_response() {
         let shape = vec![ShapePoint::new(1.0, 0.09), ShapePoint::new(0.5, 0.09)];
-        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape, reversal_m: [0.0; 2] };
+        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape, reversal_m: [0.0; 2], order: 0.0 };
         let channels = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
         // 1.2 mm at 16 kPa and 30 mm takes 1.309563697895257 N.
         assert!((channels.force_n.y[1] / 1.309_563_697_895_257 - 1.0).abs() < 1e-10);
@@ -375,7 +399,8 @@ mod tests {
     #[test]
     fn force_and_displacement_drive_alike() {
         let shape = vec![ShapePoint::new(0.7, 0.09)];
-        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape: shape.clone(), reversal_m: [0.0; 2] };
+        let lateral =
+            Lateral { depth_m: 0.03, drive: drive(), shape: shape.clone(), reversal_m: [0.0; 2], order: 0.0 };
         let moved = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
         let force_x = moved.force_n.x.as_ref().expect("two planes");
         let forces = drive()
@@ -396,8 +421,13 @@ mod tests {
     #[test]
     fn shape_without_drive_is_an_error() {
         let shape = vec![ShapePoint::new(1.0, 0.09)];
-        let experiment =
-            Experiment::Lateral(Lateral { depth_m: 0.03, drive: vec![], shape, reversal_m: [0.0; 2] });
+        let experiment = Experiment::Lateral(Lateral {
+            depth_m: 0.03,
+            drive: vec![],
+            shape,
+            reversal_m: [0.0; 2],
+            order: 0.0,
+        });
         assert_eq!(predict(&model(), &experiment), Err(ModelError::NoDrive));
     }
 }

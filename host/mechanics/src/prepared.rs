@@ -3,10 +3,12 @@
 //! Identification needs many motions of one needle, as true displacements are unknowns; [`predict`](super::predict) needs one.
 
 use super::cache::Cache;
-use super::effects::ObservationContext;
+use super::effects::{MotionContext, ObservationContext};
 use super::lateral::{Drive, Response, Samples};
 use super::predict::Plane;
 use super::prestress::Prestress;
+use super::terms::Conditions;
+use super::varied::Varied;
 use super::{BeamProblem, Channels, DriveSample, Model, ModelError, Series, ShapeImage, ShapePoint};
 use std::borrow::Cow;
 use std::ops::Range;
@@ -16,7 +18,6 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub struct PreparedNeedle<'a> {
     model: Cow<'a, Model>,
-    depth_m: f64,
     drive: Drive,
     prestress: Prestress,
     places: Places,
@@ -27,6 +28,12 @@ pub struct PreparedNeedle<'a> {
     both: bool,
     /// Motion back by less is noise of the displacement.
     reversal_m: [f64; 2],
+    /// Depth of the needle and number of the run.
+    conditions: Conditions,
+    /// Every point of the shape; empty where no effect depends on its place.
+    shape: Vec<ShapePoint>,
+    /// Needles that were solved recently.
+    cache: Option<&'a Cache>,
 }
 
 /// What will be done with a prepared needle and measured of it.
@@ -40,6 +47,8 @@ pub struct ObservationPlan<'a> {
     pub planes: usize,
     /// Motion back by this or less is noise of the displacement in each plane; 0 where the motion is exact.
     pub reversal_m: [f64; 2],
+    /// Number of the run in its session, 0 for the first.
+    pub order: f64,
 }
 
 impl<'a> PreparedNeedle<'a> {
@@ -50,15 +59,18 @@ impl<'a> PreparedNeedle<'a> {
     pub fn new(
         model: Cow<'a, Model>,
         depth_m: f64,
-        ObservationPlan { shape, most_m, planes, reversal_m }: ObservationPlan<'_>,
-        cache: Option<&Cache>,
+        ObservationPlan { shape, most_m, planes, reversal_m, order }: ObservationPlan<'_>,
+        cache: Option<&'a Cache>,
     ) -> Result<Self, ModelError> {
         let mut drive = Drive::default();
         model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
-        let problems = Problems::of(&model, depth_m)?;
-        let places = Places::of(&model, shape);
+        let conditions = Conditions { depth_m, order };
+        let problems = Problems::of(&model, &conditions)?;
+        let places = Places::of(&model, &conditions, shape);
         let is_needed = model.effects.iter().any(|(effect, _)| effect.needs_images());
         let images = shape.iter().filter(|_| is_needed).map(|point| point.image).collect();
+        let has_places = model.effects.iter().any(|(effect, _)| effect.needs_places());
+        let shape = if has_places { shape.to_vec() } else { Vec::new() };
         let needles = Needles::new(&problems, most_m, &places.z_m, cache)?;
         // An effect may bring what happens in one plane into the other.
         let both = planes > 1 || !model.effects.is_empty();
@@ -66,7 +78,9 @@ impl<'a> PreparedNeedle<'a> {
             prestress: Prestress::of(&model, [&problems.y, problems.x()]),
             needles,
             drive,
-            depth_m,
+            conditions,
+            shape,
+            cache,
             places,
             images,
             both,
@@ -85,14 +99,27 @@ impl<'a> PreparedNeedle<'a> {
         let needles = if self.needles.reach(most_m(drive)) {
             &self.needles
         } else {
-            let problems = Problems::of(&self.model, self.depth_m)?;
+            let problems = Problems::of(&self.model, &self.conditions)?;
             further = Needles::new(&problems, most_m(drive), &self.places.z_m, None)?;
             &further
         };
         let times_s: Samples = drive.iter().map(|sample| sample.time_s).collect();
         let y_m: Samples = drive.iter().map(|sample| sample.y_m).collect();
         let x_m: Samples = drive.iter().map(|sample| sample.x_m).collect();
-        let (force_y_n, shape_y_m) = self.in_plane(0, needles, &times_s, &y_m)?;
+        let motion = MotionContext {
+            time_s: &times_s,
+            commanded_m: [&y_m, &x_m],
+            reversal_m: self.reversal_m,
+            conditions: self.conditions,
+        };
+        let reached_m = |plane: usize| {
+            let mut reached_m = Samples::from_slice(motion.commanded_m[plane]);
+            let effects = self.model.effects.iter();
+            effects.for_each(|(effect, values)| effect.guide2(values, &motion, plane, &mut reached_m));
+            reached_m
+        };
+        let in_plane = |plane: usize| self.in_plane(plane, needles, &motion, &reached_m(plane));
+        let (force_y_n, shape_y_m) = in_plane(0)?;
         let mut channels = Channels {
             displacement_m: Series { y: y_m.to_vec(), x: None },
             force_n: Series { y: force_y_n, x: None },
@@ -100,7 +127,7 @@ impl<'a> PreparedNeedle<'a> {
             ..Channels::default()
         };
         if self.both {
-            let (force_x_n, shape_x_m) = self.in_plane(1, needles, &times_s, &x_m)?;
+            let (force_x_n, shape_x_m) = in_plane(1)?;
             channels.displacement_m.x = Some(x_m.to_vec());
             channels.force_n.x = Some(force_x_n);
             channels.shape_m.x = Some(shape_x_m);
@@ -111,6 +138,10 @@ impl<'a> PreparedNeedle<'a> {
             commanded_m: [&y_m, &x_m],
             reversal_m: self.reversal_m,
             images: &self.images,
+            conditions: self.conditions,
+            entry_m: self.model.rig.entry_m,
+            shape: &self.shape,
+            tip_depth_m: &[],
         };
         self.model.observe(&context, &mut channels);
         Ok(channels)
@@ -121,11 +152,22 @@ impl<'a> PreparedNeedle<'a> {
         &self,
         plane: usize,
         needles: &Needles,
-        times_s: &[f64],
+        context: &MotionContext<'_>,
         commanded_m: &[f64],
     ) -> Result<(Vec<f64>, Vec<f64>), ModelError> {
-        let Needle { response, weights } = needles.of_plane(plane);
-        let mut motion = response.moved(times_s, commanded_m, self.reversal_m[plane], self.drive);
+        let (times_s, reversal_m) = (context.time_s, self.reversal_m[plane]);
+        let needle = needles.of_plane(plane);
+        let (mut motion, weights) = match self.varied(plane, context)? {
+            Some((varied, factors)) => {
+                let pressed_m = self.drive.reaching_m(commanded_m, reversal_m);
+                let motion = varied.moved(&pressed_m, &factors, self.drive.frame_compliance_m_per_n);
+                (motion, Cow::Owned(varied.shape_at(&self.places.z_m)))
+            }
+            None => {
+                let motion = needle.response.moved(times_s, commanded_m, reversal_m, self.drive);
+                (motion, Cow::Borrowed(needle.weights.as_slice()))
+            }
+        };
         let Places { z_m, frames } = &self.places;
         let mut shape_m = Vec::with_capacity(frames.iter().map(|frame| frame.places.len()).sum());
         for ShapeFrame { time_s, places } in frames {
@@ -144,6 +186,25 @@ impl<'a> PreparedNeedle<'a> {
     }
 }
 
+impl PreparedNeedle<'_> {
+    /// The needle in a plane where its modulus changes with the motion, and by which factors.
+    fn varied(
+        &self,
+        plane: usize,
+        context: &MotionContext<'_>,
+    ) -> Result<Option<(Varied, Vec<f64>)>, ModelError> {
+        let effects = || self.model.effects.iter().filter(|(effect, _)| effect.varies_modulus());
+        if effects().next().is_none() {
+            return Ok(None);
+        }
+        let mut factors = vec![1.0; context.time_s.len()];
+        effects().for_each(|(effect, values)| effect.modulus(values, context, plane, &mut factors));
+        let in_plane = if plane == 0 { Plane::Y } else { Plane::X };
+        let problem = self.model.problem_under(in_plane, &self.conditions)?;
+        Ok(Varied::new(&problem, &factors, self.cache)?.map(|varied| (varied, factors)))
+    }
+}
+
 /// The needle in each plane, as it is to be solved.
 struct Problems {
     y: BeamProblem,
@@ -152,10 +213,10 @@ struct Problems {
 }
 
 impl Problems {
-    fn of(model: &Model, depth_m: f64) -> Result<Self, ModelError> {
-        let y = model.problem_in(Plane::Y, depth_m)?;
+    fn of(model: &Model, conditions: &Conditions) -> Result<Self, ModelError> {
+        let y = model.problem_under(Plane::Y, conditions)?;
         let same = model.effects.is_empty() && !model.rig.has_one_guide();
-        let x = if same { None } else { Some(model.problem_in(Plane::X, depth_m)?) };
+        let x = if same { None } else { Some(model.problem_under(Plane::X, conditions)?) };
         Ok(Self { x: x.filter(|x| *x != y), y })
     }
 
@@ -186,7 +247,8 @@ struct ShapeFrame {
 }
 
 impl Places {
-    fn of(model: &Model, shape: &[ShapePoint]) -> Self {
+    fn of(model: &Model, conditions: &Conditions, shape: &[ShapePoint]) -> Self {
+        let entry_m = model.rig.entry_m;
         let mut all = Self { z_m: Vec::with_capacity(shape.len()), frames: Vec::new() };
         for frame in shape.chunk_by(|a, b| a.time_s == b.time_s) {
             let first = all.z_m.len();
@@ -194,10 +256,9 @@ impl Places {
             if !model.effects.is_empty() {
                 for (point, z_m) in frame.iter().zip(&mut all.z_m[first..]) {
                     let mut measured = *point;
-                    model
-                        .effects
-                        .iter()
-                        .for_each(|(effect, values)| effect.map_position(values, &mut measured));
+                    model.effects.iter().for_each(|(effect, values)| {
+                        effect.map_position(values, entry_m, conditions, &mut measured);
+                    });
                     *z_m = measured.z_m;
                 }
             }
@@ -299,7 +360,13 @@ mod tests {
     }
 
     fn prepared(model: &Model, most_m: f64, planes: usize) -> PreparedNeedle<'_> {
-        let plan = ObservationPlan { shape: &shape(), most_m: [most_m; 2], planes, reversal_m: [0.0; 2] };
+        let plan = ObservationPlan {
+            shape: &shape(),
+            most_m: [most_m; 2],
+            planes,
+            reversal_m: [0.0; 2],
+            order: 0.0,
+        };
         PreparedNeedle::new(Cow::Borrowed(model), 0.03, plan, None).expect("solves")
     }
 

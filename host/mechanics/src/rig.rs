@@ -67,6 +67,56 @@ pub struct Rig {
     pub entry_m: f64,
     /// What holds the needle.
     pub guides: Guides,
+    /// How well all this is known.
+    pub tolerances: Tolerances,
+}
+
+/// How well what is stated of a rig is known, as standard deviations; what is not stated has that of a rule or a caliper in the hands
+/// of a careful person.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Tolerances {
+    /// Of the position of guide 2 from guide 1.
+    pub guide2_m: Option<f64>,
+    /// Of the position of the tissue surface.
+    pub entry_m: Option<f64>,
+    /// Of the outer diameter of the needle.
+    pub outer_diameter_m: Option<f64>,
+    /// Of the inner diameter of the needle.
+    pub inner_diameter_m: Option<f64>,
+}
+
+impl Tolerances {
+    /// Where nothing is stated: a guide is some millimetres long, and its middle is measured to a third of one.
+    pub const GUIDE2_SD_M: f64 = 0.3e-3;
+    /// Where nothing is stated: a wet surface bulges around the needle.
+    pub const ENTRY_SD_M: f64 = 0.3e-3;
+    /// Where nothing is stated: a micrometer screw is read to this.
+    pub const DIAMETER_SD_M: f64 = 4e-6;
+    /// Young's modulus of a needle's steel by grade and temper, logarithm.
+    pub const YOUNGS_SD_LN: f64 = 0.015;
+
+    /// Standard deviation of the position of guide 2.
+    pub fn guide2_sd_m(&self) -> f64 {
+        self.guide2_m.unwrap_or(Self::GUIDE2_SD_M)
+    }
+
+    /// Standard deviation of the position of the surface.
+    pub fn entry_sd_m(&self) -> f64 {
+        self.entry_m.unwrap_or(Self::ENTRY_SD_M)
+    }
+
+    /// Standard deviation of the logarithm of the bending stiffness of a needle: of its diameters, which enter with their fourth powers,
+    /// and of Young's modulus.
+    pub fn stiffness_sd_ln(&self, needle: &Needle) -> f64 {
+        let Needle { outer_diameter_m: outer_m, inner_diameter_m: inner_m, .. } = *needle;
+        let section = outer_m.powi(4) - inner_m.powi(4);
+        let of = |diameter_m: f64, stated: Option<f64>| {
+            4.0 * diameter_m.powi(3) / section * stated.unwrap_or(Self::DIAMETER_SD_M)
+        };
+        let outer = of(outer_m, self.outer_diameter_m);
+        let inner = of(inner_m, self.inner_diameter_m);
+        outer.hypot(inner).hypot(Self::YOUNGS_SD_LN)
+    }
 }
 
 impl Rig {
@@ -93,7 +143,7 @@ impl Rig {
 
     /// Two guides, in the first of which the needle is clamped.
     pub fn two_guides(needle: Needle, guide2_m: f64, entry_m: f64) -> Self {
-        Self { needle, guide2_m, entry_m, guides: Guides::Two }
+        Self { needle, guide2_m, entry_m, guides: Guides::Two, tolerances: Tolerances::default() }
     }
 
     /// Whether the actuated guide is the only one.

@@ -13,7 +13,13 @@ const GAP_M: f64 = 0.028;
 
 fn rig(stiffness_n_m_per_rad: [Option<f64>; 2]) -> Rig {
     let guides = Guides::One { rear_rotation_n_m_per_rad: stiffness_n_m_per_rad };
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.0, entry_m: GAP_M, guides }
+    Rig {
+        needle: Needle::gauge_18(),
+        guide2_m: 0.0,
+        entry_m: GAP_M,
+        guides,
+        tolerances: crate::Tolerances::default(),
+    }
 }
 
 fn model(stiffness_n_m_per_rad: [Option<f64>; 2]) -> Model {
@@ -119,7 +125,8 @@ fn one_guide_goes_through_the_forward_model() {
     // Lateral runs: both planes by their own stiffness.
     let drive = vec![DriveSample { time_s: 0.0, y_m: 1e-3, x_m: 1e-3 }];
     let shape = vec![ShapePoint::new(0.0, GAP_M + 0.02)];
-    let pushed = Experiment::Lateral(Lateral { depth_m: 0.04, drive, shape, reversal_m: [0.0; 2] });
+    let pushed =
+        Experiment::Lateral(Lateral { depth_m: 0.04, drive, shape, reversal_m: [0.0; 2], order: 0.0 });
     let channels = predict(&model([Some(5.0), Some(0.2)]), &pushed).expect("predicts");
     let beam =
         model([Some(5.0), None]).problem_in(Plane::Y, 0.04).expect("a problem").solve().expect("solves");

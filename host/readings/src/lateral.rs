@@ -293,6 +293,7 @@ impl Block for LateralData {
             most_m: self.most_m(),
             planes,
             reversal_m: self.reversal_m(),
+            order: self.fixed.as_ref().map_or(0.0, |fixed| fixed.order),
         };
         PreparedNeedle::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
     }

@@ -85,7 +85,8 @@ impl SimulationPlan {
         let mut made = Simulated::default();
         for (number, plan) in (0..).zip(&self.lateral) {
             let noise = Random::numbered(seed, Stream::LateralPlans, number);
-            made.lateral.push(lateral(&model, plan, sensors, noise)?);
+            let order = made.lateral.len() as f64;
+            made.lateral.push(lateral(&model, (plan, order), sensors, noise)?);
         }
         for (number, plan) in (0..).zip(&self.insertion) {
             let noise = Random::numbered(seed, Stream::InsertionPlans, number);
@@ -139,7 +140,7 @@ impl Simulated {
 
 fn lateral(
     model: &Model,
-    plan: &LateralPlan,
+    (plan, order): (&LateralPlan, f64),
     sensors: Sensors,
     mut noise: Random,
 ) -> Result<LateralRun, ModelError> {
@@ -169,7 +170,7 @@ fn lateral(
         }));
     }
     let (depth_m, drive) = (plan.depth_m, drive.collect());
-    let done = Lateral { depth_m, drive, shape: shape.clone(), reversal_m: [0.0; 2] };
+    let done = Lateral { depth_m, drive, shape: shape.clone(), reversal_m: [0.0; 2], order };
     let Channels { displacement_m, force_n, shape_m, .. } = predict(model, &Experiment::Lateral(done))?;
     let mut measured = |values: Vec<f64>, sd: f64| -> Vec<f64> {
         values.into_iter().map(|value| value + sd * noise.draw()).collect()

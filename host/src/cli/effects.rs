@@ -3,7 +3,7 @@
 use super::output::Output;
 use anyhow::ensure;
 use formats::model_file::{expected_ids, has_neutral_value};
-use mechanics::effects::{EFFECTS, Effect};
+use mechanics::effects::{Effect, all};
 use serde::Serialize;
 use std::fmt::{self, Display};
 
@@ -50,7 +50,7 @@ struct Parameter {
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let requested = |effect: &&dyn Effect| args.id.as_deref().is_none_or(|id| effect.id() == id);
-    let effects: Vec<One> = EFFECTS.iter().copied().filter(requested).map(One::new).collect();
+    let effects: Vec<One> = all().into_iter().filter(requested).map(One::new).collect();
     if let Some(id) = &args.id {
         ensure!(!effects.is_empty(), "ID: \"{id}\" is not known, expected {}", expected_ids(id));
     }

@@ -12,11 +12,11 @@ use formats::session::{Labels, Session};
 use inference::holds::HoldCriteria;
 use inference::identify::{
     Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NoiseAlone, NuisanceResult,
-    Options, Reference, RunResult, YoungsMethod, identify,
+    Options, Reference, RestsOn, RunResult, YoungsMethod, identify,
 };
 use inference::prior::PriorResult;
 use mechanics::Support;
-use mechanics::effects::{EFFECTS, Effect, effect};
+use mechanics::effects::{EFFECTS, Effect, all, effect};
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
@@ -72,7 +72,7 @@ pub struct Args {
 
 /// An effect by its id.
 pub(super) fn nuisance() -> impl TypedValueParser<Value = &'static dyn Effect> {
-    PossibleValuesParser::new(EFFECTS.map(Effect::id)).map(|id| effect(&id).unwrap_or(EFFECTS[0]))
+    PossibleValuesParser::new(all().into_iter().map(Effect::id)).map(|id| effect(&id).unwrap_or(EFFECTS[0]))
 }
 
 fn relation() -> impl TypedValueParser<Value = YoungsMethod> {
@@ -225,8 +225,18 @@ impl Display for Text<'_> {
             "pooled       K {pooled_text} kPa, sd {:.2} kPa, {} {plural}",
             pooled.sd_kpa, pooled.runs
         )?;
-        if let Some(NoiseAlone { sd_kpa, ci95_kpa: [low, high] }) = pooled.noise_alone {
-            writeln!(f, "             by noise alone {low:.2} to {high:.2} kPa, sd {sd_kpa:.2} kPa")?;
+        if let Some(NoiseAlone { k_kpa, sd_kpa, ci95_kpa: [low, high] }) = pooled.noise_alone {
+            writeln!(
+                f,
+                "             by noise alone {k_kpa:.2} ({low:.2} to {high:.2}) kPa, sd {sd_kpa:.2} kPa"
+            )?;
+        }
+        if let Some(RestsOn { assumption, share_of_variance }) = pooled.rests_on {
+            writeln!(
+                f,
+                "             rests most on the {assumption} ({:.0} % of the variance)",
+                1e2 * share_of_variance
+            )?;
         }
         for (number, other) in others.iter().enumerate() {
             writeln!(f, "{:<13}{other}", if number == 0 { "or" } else { "" })?;

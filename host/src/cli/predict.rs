@@ -8,7 +8,7 @@ use anyhow::{Context, ensure};
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use inference::predict::{InsertionResult, ModelResult, Options, Prediction, PredictionPrior, predict};
-use mechanics::effects::{EFFECTS, Effect, effect};
+use mechanics::effects::{Effect, all, effect};
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
@@ -60,7 +60,7 @@ pub struct Args {
 /// `tissue.gradient=0.01`: as many values as the effect has parameters, each in its range.
 fn effect_values(text: &str) -> Result<(&'static dyn Effect, Vec<f64>), String> {
     let (id, values) = text.split_once('=').ok_or("expected EFFECT=VALUE[,VALUE]")?;
-    let ids = || EFFECTS.map(Effect::id).join(", ");
+    let ids = || all().into_iter().map(Effect::id).collect::<Vec<_>>().join(", ");
     let effect = effect(id).ok_or_else(|| format!("no such effect, expected one of {}", ids()))?;
     let values: Result<Vec<f64>, _> = values.split(',').map(|value| value.trim().parse()).collect();
     let values = values.map_err(|_| "expected numbers after =")?;

@@ -139,7 +139,7 @@ fn side(model: &Model, depth_m: f64, displacement_m: f64) -> Result<Side, ModelE
     let z_m: Vec<f64> = (0..=points).map(|point| end_m * point as f64 / points as f64).collect();
     let shape = z_m.iter().map(|z_m| ShapePoint::new(top_s, *z_m)).collect();
     let displacement_mm = drive.iter().map(|sample| 1e3 * sample.y_m).collect();
-    let lateral = Lateral { depth_m, drive, shape, reversal_m: [0.0; 2] };
+    let lateral = Lateral { depth_m, drive, shape, reversal_m: [0.0; 2], order: 0.0 };
     let read = predict(model, &Experiment::Lateral(lateral))?;
     let steps = (depth_m / STEP_M).ceil() as usize;
     let depths_m: Vec<f64> = (0..=steps).map(|step| depth_m * step as f64 / steps as f64).collect();

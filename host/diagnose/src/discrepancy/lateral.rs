@@ -214,18 +214,28 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
 
     // What is stated of the rig is not exact.
-    add(known("place of the surface", 0.3e-3), Scope::Shared, Cause::Mounting, &mut |_, around| {
-        Ok(vec![around.slope(ENTRY_STEP_M, |model, _| {
-            model.rig.entry_m += ENTRY_STEP_M;
-            Ok(())
-        })?])
-    })?;
-    add(known("stiffness of the needle", 0.02), Scope::Shared, Cause::Physics, &mut |_, around| {
-        Ok(vec![around.slope(LN_STEP, |model, _| {
-            model.rig.needle.youngs_modulus_pa *= 1.0 + LN_STEP;
-            Ok(())
-        })?])
-    })?;
+    if let Some(first) = all.iter().find(|a| lateral(a)) {
+        let rig = &first.model.rig;
+        // With two guides it is an unknown of the model; only what a remounted needle changes is left to a pattern.
+        let is_unknown = !rig.has_one_guide();
+        let is_remounted = all.iter().any(|around| around.run.is_reference);
+        if is_remounted || !is_unknown {
+            let surface = known("place of the surface", rig.tolerances.entry_sd_m());
+            add(surface, Scope::Shared, Cause::Mounting, &mut |_, around| {
+                Ok(vec![around.slope(ENTRY_STEP_M, |model, _| {
+                    model.rig.entry_m += ENTRY_STEP_M;
+                    Ok(())
+                })?])
+            })?;
+        }
+        let stiffness = known("stiffness of the needle", rig.tolerances.stiffness_sd_ln(&rig.needle));
+        add(stiffness, Scope::Shared, Cause::Physics, &mut |_, around| {
+            Ok(vec![around.slope(LN_STEP, |model, _| {
+                model.rig.needle.youngs_modulus_pa *= 1.0 + LN_STEP;
+                Ok(())
+            })?])
+        })?;
+    }
     add(known("force gain", 0.01), Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(vec![force(around, &|force_n| force_n)])
     })?;

@@ -3,7 +3,7 @@
 use super::Noise;
 use super::schema::SD_MM;
 use crate::document::{Fields, Problem, SessionError};
-use mechanics::{Guides, Needle, Rig};
+use mechanics::{Guides, Needle, Rig, Tolerances};
 
 const MM: f64 = 1e-3;
 const OUTER_MM: [f64; 2] = [0.05, 10.0];
@@ -11,13 +11,30 @@ const INNER_MM: [f64; 2] = [0.0, 10.0];
 const MODULUS_GPA: [f64; 2] = [0.1, 1000.0];
 /// Moment per slope of a needle's rear: from next to nothing to more than any needle takes.
 const ROTATION_N_M_PER_RAD: [f64; 2] = [1e-4, 1e4];
+/// A guide or a surface whose place is not known to a centimetre, and a diameter not to a millimetre, are not measured.
+const MOST_SD_MM: f64 = 10.0;
+const MOST_DIAMETER_SD_MM: f64 = 1.0;
 /// What is stated of something that is not known.
 const UNKNOWN: &str = "unknown";
 
 pub(super) fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
     let needle = needle(file)?;
     let [guide2_m, entry_m] = guides_m(file)?;
-    Ok(Rig { needle, guide2_m, entry_m, guides: guides(file)? })
+    Ok(Rig { needle, guide2_m, entry_m, guides: guides(file)?, tolerances: tolerances(file)? })
+}
+
+/// How well needle and guides are known, where that is stated.
+pub(super) fn tolerances(file: &Fields<'_>) -> Result<Tolerances, SessionError> {
+    let (needle, rig) = (file.table("needle")?, file.table("rig")?);
+    let sd_m = |table: &Fields<'_>, field, most_mm| {
+        Ok::<_, SessionError>(table.optional_number(field, [1e-4, most_mm])?.map(|sd_mm| MM * sd_mm))
+    };
+    Ok(Tolerances {
+        guide2_m: sd_m(&rig, "guide2_sd_mm", MOST_SD_MM)?,
+        entry_m: sd_m(&rig, "entry_sd_mm", MOST_SD_MM)?,
+        outer_diameter_m: sd_m(&needle, "outer_diameter_sd_mm", MOST_DIAMETER_SD_MM)?,
+        inner_diameter_m: sd_m(&needle, "inner_diameter_sd_mm", MOST_DIAMETER_SD_MM)?,
+    })
 }
 
 pub(super) fn needle(file: &Fields<'_>) -> Result<Needle, SessionError> {

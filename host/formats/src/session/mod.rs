@@ -131,6 +131,14 @@ impl Session {
         }
     }
 
+    /// Number of a lateral run among those of the session, or of an insertion among the insertions, in the order of the file: 0 for the
+    /// first, and for one that is not of this session.
+    pub fn order_of(&self, id: &str) -> f64 {
+        let lateral = self.lateral.iter().position(|run| run.id == id);
+        let insertion = || self.insertion.iter().position(|run| run.id == id);
+        lateral.or_else(insertion).unwrap_or_default() as f64
+    }
+
     /// The calibrations with which its lateral runs were recorded, each with its runs' ids, in order of appearance.
     pub fn calibrations(&self) -> Vec<(u32, Vec<&str>)> {
         let mut found: Vec<(u32, Vec<&str>)> = Vec::new();

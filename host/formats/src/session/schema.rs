@@ -76,21 +76,25 @@ pub(super) const STEERING_COLUMNS: [Column; 5] = [
 ];
 
 /// Fields of `[needle]`.
-pub(super) const NEEDLE: [&str; 7] = [
+pub(super) const NEEDLE: [&str; 9] = [
     "id",
     "youngs_modulus_gpa",
     "outer_diameter_mm",
     "inner_diameter_mm",
+    "outer_diameter_sd_mm",
+    "inner_diameter_sd_mm",
     "bevel_angle_deg",
     "length_mm",
     "bending_stiffness",
 ];
 /// Fields of `[rig]`.
-pub(super) const RIG: [&str; 8] = [
+pub(super) const RIG: [&str; 10] = [
     "id",
     "characterized",
     "guide2_mm",
     "entry_mm",
+    "guide2_sd_mm",
+    "entry_sd_mm",
     "fixture_mass_kg",
     "guides",
     "rear_rotation_y_n_m_per_rad",

@@ -129,7 +129,11 @@ impl Survey {
         let guides_m = self.keep(hardware::guides_m(file));
         // What is wrong with both is reported once.
         let guides = guides_m.and_then(|_| self.keep(hardware::guides(file)));
-        // Without a table [rig] that has been reported already.
+        // A table that is missing has been reported already.
+        let tolerances = match (&needle, &guides_m) {
+            (Some(_), Some(_)) => self.keep(hardware::tolerances(file)).unwrap_or_default(),
+            _ => Default::default(),
+        };
         let fixture_mass_kg = match file.table("rig") {
             Ok(_) => self.keep(hardware::fixture_mass_kg(file)).flatten(),
             Err(_) => None,
@@ -148,7 +152,7 @@ impl Survey {
         let indentation = self.runs(dir, file, &INDENTATION, |fields, id| read::indentation(dir, fields, id));
         let steering = self.runs(dir, file, &STEERING, |fields, id| read::steering(dir, fields, id));
         if let (Some(needle), Some([guide2_m, entry_m]), Some(guides)) = (needle, guides_m, guides) {
-            let rig = Rig { needle, guide2_m, entry_m, guides };
+            let rig = Rig { needle, guide2_m, entry_m, guides, tolerances };
             let dir = dir.to_owned();
             self.session = Some(Session {
                 dir,

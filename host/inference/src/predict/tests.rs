@@ -254,7 +254,13 @@ fn a_rear_that_is_not_stated_is_found_in_each_axis() {
     use mechanics::{Experiment, Guides, Insertion, Model, Needle, Profile, TipLaw, predict as forward};
     let rear = [6.0, 0.6];
     let guides = |stiffness: [Option<f64>; 2]| Guides::One { rear_rotation_n_m_per_rad: stiffness };
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.0, entry_m: 0.028, guides: guides([None; 2]) };
+    let rig = Rig {
+        needle: Needle::gauge_18(),
+        guide2_m: 0.0,
+        entry_m: 0.028,
+        guides: guides([None; 2]),
+        tolerances: mechanics::Tolerances::default(),
+    };
     let mut noise = Noise::new(11);
     let run = |number: usize| {
         let known = Rig { guides: guides(rear.map(Some)), ..rig.clone() };

@@ -89,7 +89,13 @@ fn one_guide_in_front_of_a_hard_body_is_a_beam_by_hand() {
     let gap_m = 0.03;
     for (rear, factor) in [(None, 12.0), (Some(1e-4), 3.0)] {
         let guides = Guides::One { rear_rotation_n_m_per_rad: [rear; 2] };
-        let rig = Rig { needle: needle.clone(), guide2_m: 0.0, entry_m: gap_m, guides };
+        let rig = Rig {
+            needle: needle.clone(),
+            guide2_m: 0.0,
+            entry_m: gap_m,
+            guides,
+            tolerances: crate::Tolerances::default(),
+        };
         let stiffness = body.lateral_stiffness_n_per_m(&rig, 1e12).expect("solves");
         assert_close(stiffness, factor * needle.bending_stiffness_n_m2() / gap_m.powi(3), 0.12);
     }

@@ -1,6 +1,7 @@
 //! Effects of the imaging of the shape (theory, eq. 82): they act along the beam, or along the way of the probe.
 
 use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, RunKinds, first};
+use crate::terms::Conditions;
 use crate::{Channels, ShapeImage, ShapePoint};
 
 /// Changes the deflection of every point whose image is known, vertical and horizontal.
@@ -76,7 +77,7 @@ impl Effect for Lag {
         true
     }
 
-    fn map_position(&self, values: &[f64], point: &mut ShapePoint) {
+    fn map_position(&self, values: &[f64], _entry_m: f64, _conditions: &Conditions, point: &mut ShapePoint) {
         let speed_m_per_s = point.image.map_or(0.0, |image| image.probe_m_per_s);
         point.z_m += first(values) * speed_m_per_s;
     }

@@ -15,9 +15,11 @@ mod sensor;
 mod tip;
 mod tissue;
 
+use super::course::directions;
 use super::insertion::TipLaw;
 use super::lateral::Drive;
 use super::predict::Plane;
+use super::terms::{Conditions, Law, term};
 use super::{BeamProblem, Channels, ModelError, Rig, ShapeImage, ShapePoint};
 use std::fmt::Debug;
 
@@ -116,6 +118,41 @@ pub struct ObservationContext<'a> {
     pub reversal_m: [f64; 2],
     /// How every point of the shape was imaged; empty where that is known of none.
     pub images: &'a [Option<ShapeImage>],
+    /// Depth of the needle and number of the run.
+    pub conditions: Conditions,
+    /// Position of the tissue surface.
+    pub entry_m: f64,
+    /// Every point of the shape; empty where no effect depends on it ([`Effect::needs_places`]).
+    pub shape: &'a [ShapePoint],
+    /// Depths of an insertion at which the tip is measured.
+    pub tip_depth_m: &'a [f64],
+}
+
+impl ObservationContext<'_> {
+    /// Sign of the last motion of guide 2 in a plane at every force sample.
+    pub(super) fn directions(&self, plane: usize) -> Vec<f64> {
+        directions(self.commanded_m[plane], self.reversal_m[plane])
+    }
+}
+
+/// A motion of guide 2 in a lateral run.
+#[derive(Debug, Clone, Copy)]
+pub struct MotionContext<'a> {
+    /// Times of its samples.
+    pub time_s: &'a [f64],
+    /// Commanded displacement, vertical and horizontal.
+    pub commanded_m: [&'a [f64]; 2],
+    /// Motion back by this or less is noise of the displacement, vertical and horizontal.
+    pub reversal_m: [f64; 2],
+    /// Depth of the needle and number of the run.
+    pub conditions: Conditions,
+}
+
+impl MotionContext<'_> {
+    /// Sign of the last motion in a plane at every sample.
+    pub(super) fn directions(&self, plane: usize) -> Vec<f64> {
+        directions(self.commanded_m[plane], self.reversal_m[plane])
+    }
 }
 
 /// A way in which rig, tissue or sensors differ from the plain model.
@@ -143,6 +180,41 @@ pub trait Effect: Debug + Sync {
         false
     }
 
+    /// Whether what it does to a shape depends on the places of its points.
+    fn needs_places(&self) -> bool {
+        false
+    }
+
+    /// The triple that it is, where it is a term and no effect of the catalogue.
+    fn as_law(&self) -> Option<&Law> {
+        None
+    }
+
+    /// Changes the tissue of a plane under conditions of the run.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the values are impossible.
+    fn tissue(
+        &self,
+        _values: &[f64],
+        _conditions: &Conditions,
+        _plane: Plane,
+        _problem: &mut BeamProblem,
+    ) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// Changes what reaches the needle of the displacement of guide 2 in a plane, sample by sample, in lateral runs.
+    fn guide2(&self, _values: &[f64], _context: &MotionContext<'_>, _plane: usize, _reached_m: &mut [f64]) {}
+
+    /// Whether the modulus changes while guide 2 moves.
+    fn varies_modulus(&self) -> bool {
+        false
+    }
+
+    /// Changes the factors of the modulus at every sample of a motion, in lateral runs.
+    fn modulus(&self, _values: &[f64], _context: &MotionContext<'_>, _plane: usize, _factors: &mut [f64]) {}
+
     /// Changes the beam problem of a plane.
     ///
     /// # Errors
@@ -158,18 +230,25 @@ pub trait Effect: Debug + Sync {
     /// Changes the stress-free curvature of the needle, vertical and horizontal before it is turned, 1/m.
     fn stress_free_curvature(&self, _values: &[f64], _curvature_per_m: &mut [f64; 2]) {}
 
-    /// Changes where the needle is really measured.
-    fn map_position(&self, _values: &[f64], _point: &mut ShapePoint) {}
+    /// Changes where the needle is really measured, in tissue that begins at `entry_m`.
+    fn map_position(
+        &self,
+        _values: &[f64],
+        _entry_m: f64,
+        _conditions: &Conditions,
+        _point: &mut ShapePoint,
+    ) {
+    }
 
     /// Changes what the sensors read.
     fn observe(&self, _values: &[f64], _context: &ObservationContext<'_>, _channels: &mut Channels) {}
 
     /// Changes what acts on the tip in an insertion.
-    fn tip(&self, _values: &[f64], _law: &mut TipLaw) {}
+    fn tip(&self, _values: &[f64], _conditions: &Conditions, _law: &mut TipLaw) {}
 }
 
 /// Every effect there is.
-pub static EFFECTS: [&dyn Effect; 35] = [
+pub static EFFECTS: [&dyn Effect; 37] = [
     &tissue::Layers,
     &tissue::Gradient,
     &tissue::Stiffening,
@@ -179,6 +258,8 @@ pub static EFFECTS: [&dyn Effect; 35] = [
     &tissue::Skin,
     &tissue::Anisotropy,
     &tissue::Yield,
+    &rig::Guide2Position,
+    &rig::SurfacePosition,
     &rig::ClampCompliance,
     &rig::FrameCompliance,
     &rig::Backlash,
@@ -207,9 +288,33 @@ pub static EFFECTS: [&dyn Effect; 35] = [
     &tip::CutAngle,
 ];
 
-/// The effect of an id.
+/// Place of an effect in the order in which effects act on the way from the rig to the readings: that of the catalogue, what is in none
+/// last.
+pub fn place_of(id: &str) -> usize {
+    EFFECTS.iter().position(|effect| effect.id() == id).unwrap_or(EFFECTS.len())
+}
+
+/// All effects by name: those of the catalogue, and those that persons have written.
+pub fn all() -> Vec<&'static dyn Effect> {
+    let own = super::terms::own().into_iter().map(|law| law as &'static dyn Effect);
+    EFFECTS.into_iter().chain(own).collect()
+}
+
+/// The effect of an id: of the catalogue, or a [term](super::terms).
 pub fn effect(id: &str) -> Option<&'static dyn Effect> {
-    EFFECTS.into_iter().find(|effect| effect.id() == id)
+    let named = EFFECTS.into_iter().find(|effect| effect.id() == id);
+    named.or_else(|| term(id).map(|law| law as &'static dyn Effect))
+}
+
+/// A series at a time: linear between its samples, constant beyond its ends.
+pub(super) fn series_at(times_s: &[f64], values: &[f64], time_s: f64) -> f64 {
+    let next = times_s.partition_point(|sample_s| *sample_s <= time_s);
+    let before = next.checked_sub(1).and_then(|i| Some((times_s.get(i)?, values.get(i)?)));
+    match (before, times_s.get(next).zip(values.get(next))) {
+        (Some((a_s, a)), Some((b_s, b))) => a + (b - a) * (time_s - a_s) / (b_s - a_s),
+        (Some((_, only)), None) | (None, Some((_, only))) => *only,
+        (None, None) => f64::NAN,
+    }
 }
 
 /// Values at which an effect does nothing.

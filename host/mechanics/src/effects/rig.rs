@@ -6,6 +6,58 @@ use crate::lateral::Drive;
 use crate::predict::Plane;
 use crate::{BeamProblem, Channels, ModelError, Rig};
 
+/// `rig.guide2_position`.
+#[derive(Debug)]
+pub(super) struct Guide2Position;
+
+impl Effect for Guide2Position {
+    fn info(&self) -> &'static EffectInfo {
+        const {
+            &EffectInfo {
+                id: "rig.guide2_position",
+                physics: "guide 2 is further from guide 1 than stated",
+                signature: "force per displacement, and the shape before and behind guide 2",
+                observable_in: RunKinds::BOTH,
+                is_costly: false,
+                parameters: &[ParameterInfo::amplitude("offset_mm", 0.0, [-20.0, 20.0], [-6.0, 6.0], 1.0)],
+            }
+        }
+    }
+
+    fn applies_to(&self, rig: &Rig) -> bool {
+        !rig.has_one_guide()
+    }
+
+    fn beam(&self, values: &[f64], _plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        problem.guide2_m = (problem.guide2_m + first(values) * MM).min(problem.entry_m);
+        Ok(())
+    }
+}
+
+/// `rig.surface_position`.
+#[derive(Debug)]
+pub(super) struct SurfacePosition;
+
+impl Effect for SurfacePosition {
+    fn info(&self) -> &'static EffectInfo {
+        const {
+            &EffectInfo {
+                id: "rig.surface_position",
+                physics: "the tissue begins further from guide 2 than stated, and the needle ends as much further",
+                signature: "shape and force as those of a longer gap, the same at every depth",
+                observable_in: RunKinds::LATERAL,
+                is_costly: false,
+                parameters: &[ParameterInfo::amplitude("offset_mm", 0.0, [-20.0, 20.0], [-6.0, 6.0], 1.0)],
+            }
+        }
+    }
+
+    fn beam(&self, values: &[f64], _plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        problem.entry_m = (problem.entry_m + first(values) * MM).max(problem.guide2_m);
+        Ok(())
+    }
+}
+
 /// `rig.clamp_compliance`.
 #[derive(Debug)]
 pub(super) struct ClampCompliance;

@@ -1,6 +1,7 @@
 //! Effects of the sensors.
 
-use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, RunKinds, first};
+use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, RunKinds, first, series_at};
+use crate::terms::Conditions;
 use crate::{Channels, Series, ShapePoint};
 
 /// Changes every value of a series by its plane (0: vertical) and index.
@@ -144,7 +145,8 @@ impl Effect for Delay {
         }
         let planes = [Some(&mut channels.force_n.y), channels.force_n.x.as_mut()];
         for force_n in planes.into_iter().flatten() {
-            let read_n = context.time_s.iter().map(|time_s| at(context.time_s, force_n, time_s - delay_s));
+            let read_n =
+                context.time_s.iter().map(|time_s| series_at(context.time_s, force_n, time_s - delay_s));
             *force_n = read_n.collect();
         }
     }
@@ -218,18 +220,7 @@ impl Effect for DepthShift {
         }
     }
 
-    fn map_position(&self, values: &[f64], point: &mut ShapePoint) {
+    fn map_position(&self, values: &[f64], _entry_m: f64, _conditions: &Conditions, point: &mut ShapePoint) {
         point.z_m += first(values) * MM;
-    }
-}
-
-/// A series at a time: linear between its samples, constant beyond its ends.
-fn at(times_s: &[f64], values: &[f64], time_s: f64) -> f64 {
-    let next = times_s.partition_point(|sample_s| *sample_s <= time_s);
-    let before = next.checked_sub(1).and_then(|i| Some((times_s.get(i)?, values.get(i)?)));
-    match (before, times_s.get(next).zip(values.get(next))) {
-        (Some((a_s, a)), Some((b_s, b))) => a + (b - a) * (time_s - a_s) / (b_s - a_s),
-        (Some((_, only)), None) | (None, Some((_, only))) => *only,
-        (None, None) => f64::NAN,
     }
 }

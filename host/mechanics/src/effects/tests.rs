@@ -33,7 +33,7 @@ fn lateral(depth_m: f64) -> Experiment {
             .filter(move |p| p.z_m <= ENTRY_M + depth_m)
     };
     let shape = at(5.5).chain(at(7.0)).chain(at(9.7)).collect();
-    Experiment::Lateral(Lateral { depth_m, drive, shape, reversal_m: [0.0; 2] })
+    Experiment::Lateral(Lateral { depth_m, drive, shape, reversal_m: [0.0; 2], order: 0.0 })
 }
 
 fn insertion() -> Experiment {
@@ -502,8 +502,13 @@ fn tissue_that_yields_gives_way() {
     let shape = vec![ShapePoint::new(0.0, 0.09)];
     for (held_m, least) in [(0.1e-3, 0.999), (1.5e-3, 0.9), (4e-3, 0.6)] {
         let drive = vec![DriveSample { time_s: 0.0, y_m: held_m, x_m: 0.0 }];
-        let pushed =
-            Experiment::Lateral(Lateral { depth_m: 0.03, drive, shape: shape.clone(), reversal_m: [0.0; 2] });
+        let pushed = Experiment::Lateral(Lateral {
+            depth_m: 0.03,
+            drive,
+            shape: shape.clone(),
+            reversal_m: [0.0; 2],
+            order: 0.0,
+        });
         let measured = channels(&model, &pushed);
         let held = crate::elements::Guide2::Held(held_m);
         let expected = elements.solve(&springs, |_| 0.0, held, 0.0).expect("solves");

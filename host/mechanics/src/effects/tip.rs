@@ -2,6 +2,7 @@
 
 use super::{Effect, EffectInfo, MM, ParameterInfo, RunKinds, first};
 use crate::insertion::TipLaw;
+use crate::terms::Conditions;
 
 /// `tip.load_slope`.
 #[derive(Debug)]
@@ -27,7 +28,7 @@ impl Effect for LoadSlope {
         }
     }
 
-    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+    fn tip(&self, values: &[f64], _conditions: &Conditions, law: &mut TipLaw) {
         law.along_bevel.slope_n_per_m += first(values) / MM;
     }
 }
@@ -60,7 +61,7 @@ impl Effect for LoadStep {
         }
     }
 
-    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+    fn tip(&self, values: &[f64], _conditions: &Conditions, law: &mut TipLaw) {
         let &[step_n, depth_mm] = values else { return };
         if step_n != 0.0 {
             law.along_bevel.steps.push([depth_mm * MM, step_n]);
@@ -89,7 +90,7 @@ impl Effect for EntryAngle {
         }
     }
 
-    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+    fn tip(&self, values: &[f64], _conditions: &Conditions, law: &mut TipLaw) {
         law.entry_angle_rad.iter_mut().zip(values).for_each(|(angle, more)| *angle += more);
     }
 }
@@ -112,7 +113,7 @@ impl Effect for BevelRoll {
         }
     }
 
-    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+    fn tip(&self, values: &[f64], _conditions: &Conditions, law: &mut TipLaw) {
         law.along_bevel.roll_rad += first(values);
     }
 }
@@ -135,7 +136,7 @@ impl Effect for Rate {
         }
     }
 
-    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+    fn tip(&self, values: &[f64], _conditions: &Conditions, law: &mut TipLaw) {
         law.along_bevel.rate_n_s_per_m += first(values) / MM;
     }
 }
@@ -161,7 +162,7 @@ impl Effect for CutAngle {
         }
     }
 
-    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+    fn tip(&self, values: &[f64], _conditions: &Conditions, law: &mut TipLaw) {
         let &[y_rad, x_rad] = values else { return };
         law.cut_angle_rad[0] += y_rad;
         law.cut_angle_rad[1] += x_rad;

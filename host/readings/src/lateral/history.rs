@@ -18,6 +18,8 @@ pub struct Fixed {
     pub course: DisplacementHistory,
     /// Plane that the first plane of the data is: 0 for y, and 1 where the data are those of x alone.
     pub first_plane: usize,
+    /// Number of the run among the lateral ones of its session, 0 for the first: an effect may depend on it.
+    pub order: f64,
 }
 
 /// What was done in a run, and which part of it is which level.
@@ -144,7 +146,7 @@ mod tests {
                 holds: std::iter::once(1..3).collect(),
                 shape_time_s: vec![1.5],
             };
-            let fixed = Some(Fixed { effects: Vec::new(), course, first_plane });
+            let fixed = Some(Fixed { effects: Vec::new(), course, first_plane, order: 0.0 });
             assert_eq!(residuals(&LateralData { fixed, ..holds.clone() }), plain, "{first_plane}");
         }
     }

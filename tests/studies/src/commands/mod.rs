@@ -4,8 +4,10 @@ pub mod bodies;
 pub mod characterize;
 pub mod diagnosis;
 pub mod imperfect;
+pub mod open;
 pub mod population;
 pub mod recorded;
+pub mod stated;
 pub mod tipload;
 
 use std::path::{Path, PathBuf};

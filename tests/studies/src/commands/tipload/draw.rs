@@ -154,7 +154,7 @@ pub fn world(seed: u64, number: usize, kind: Kind) -> World {
     let bending_n_m2 = needle.bending_stiffness_n_m2();
     let rig = if one_guide {
         let guides = Guides::One { rear_rotation_n_m_per_rad: [None; 2] };
-        Rig { needle, guide2_m: 0.0, entry_m: stated_m, guides }
+        Rig { needle, guide2_m: 0.0, entry_m: stated_m, guides, tolerances: mechanics::Tolerances::default() }
     } else {
         Rig::two_guides(needle, GUIDE2_M, GUIDE2_M + stated_m)
     };

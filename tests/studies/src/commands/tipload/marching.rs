@@ -274,7 +274,13 @@ mod tests {
         let needle = mechanics::Needle::gauge_18();
         let bending_n_m2 = needle.bending_stiffness_n_m2();
         let guides = Guides::One { rear_rotation_n_m_per_rad: [Some(0.8); 2] };
-        let rig = Rig { needle, guide2_m: 0.0, entry_m: 0.028, guides };
+        let rig = Rig {
+            needle,
+            guide2_m: 0.0,
+            entry_m: 0.028,
+            guides,
+            tolerances: mechanics::Tolerances::default(),
+        };
         let needle =
             Needle { bending_n_m2, held: Held::OneGuide(0.8), gap_m: 0.028, modulus_pa: 12e3, ..PLAIN };
         let acting: Vec<NodeLoads> = (0..=200)

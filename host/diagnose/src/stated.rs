@@ -1,0 +1,84 @@
+//! What is stated of the rig and is not so: guide 2 or the surface elsewhere, by more than anyone mismeasures them.
+//!
+//! Both are unknowns of every fit, so that no effect stands in for them and the modulus does not suffer (theory, eq. 84). Where the posterior excludes
+//! what was stated they get the name of an effect, and the gap is that to the model as it was stated.
+
+use super::layout::{NORMAL_975, Scale, StatedPlace};
+use super::posterior::{Fitted, MAX_ROUNDS};
+use super::search::{Found, Member};
+use super::split::Judge;
+use super::start::Start;
+use mechanics::effects::effect;
+use readings::FitError;
+
+const MM: f64 = 1e-3;
+/// The one-sided quantile of 95 %: what is stated is wrong where the place is beyond the 95 % interval of what was stated with this
+/// probability.
+const QUANTILE: f64 = 1.644_853_626_951;
+
+/// The clearest of what is stated and excluded by a fit.
+fn excluded(fitted: &Fitted) -> Option<(StatedPlace, f64)> {
+    let clearness = |place: StatedPlace| {
+        let value_m = *fitted.values().get(place.parameter)?;
+        let beyond = (value_m.abs() - NORMAL_975 * place.scale_m) / fitted.sd(place.parameter);
+        (beyond > QUANTILE).then_some((place, value_m, beyond))
+    };
+    let all = fitted.layout.stated().filter_map(clearness);
+    all.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(place, value_m, _)| (place, value_m))
+}
+
+impl Start {
+    /// The same with everything exactly as it is stated.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn as_stated(&self) -> Result<Self, FitError> {
+        Ok(Self {
+            fitted: self.exactly(&self.fitted)?,
+            runs: self.runs.clone(),
+            patterns: self.patterns.clone(),
+        })
+    }
+
+    /// A fit of the same effects with everything exactly as it is stated.
+    fn exactly(&self, fitted: &Fitted) -> Result<Fitted, FitError> {
+        let mut layout = fitted.layout.clone();
+        layout.stated_is_exact = true;
+        let places: Vec<usize> = fitted.layout.stated().map(|place| place.parameter).collect();
+        let values = fitted.values().iter().enumerate().filter(|(at, _)| !places.contains(at));
+        let values: Vec<f64> = values.map(|(_, value)| *value).collect();
+        Fitted::new(&layout, &self.runs, &self.patterns, &values, &fitted.sizes, MAX_ROUNDS)
+    }
+}
+
+impl Found {
+    /// With a name for everything that is stated of the rig and excluded by the runs, and whether there is any.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn with_names_of_stated(mut self, start: &Start, judge: &Judge) -> Result<(Self, bool), FitError> {
+        let mut is_named = false;
+        while let Some((place, value_m)) = excluded(&self.fitted) {
+            let Some(effect) = effect(place.effect) else { break };
+            let mut values = self.fitted.values().to_vec();
+            values.remove(place.parameter);
+            let inside = effect.parameters().iter().map(|info| Scale::of(info).inside(value_m / MM));
+            values.extend(inside);
+            let layout = self.fitted.layout.with(effect);
+            let Start { runs, patterns, .. } = start;
+            let fitted = Fitted::new(&layout, runs, patterns, &values, &self.fitted.sizes, MAX_ROUNDS)?;
+            let without = start.exactly(&self.fitted)?;
+            // As any name, only where it is confirmed by what no fit has used.
+            if !judge.held_out_shrinks(&without, &fitted) {
+                break;
+            }
+            let gain = fitted.log_evidence - without.log_evidence;
+            let fitted = fitted.over_sizes(patterns);
+            let index = layout.effects.len() - 1;
+            self.members.push(Member { index, gain, without, class: vec![(effect, fitted.clone())] });
+            self.fitted = fitted;
+            is_named = true;
+        }
+        Ok((self, is_named))
+    }
+}

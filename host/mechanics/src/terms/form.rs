@@ -1,0 +1,271 @@
+//! The function of a term.
+
+use super::{Regressor, Site};
+use crate::effects::ParameterInfo;
+
+/// A function of one number with one parameter or two. All but `constant` and `polynomial` vanish at 0, so that what they change is told from the rest of
+/// the model; what is a bump or a step elsewhere stays small there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Form {
+    /// `a`.
+    Constant,
+    /// `a x`.
+    Linear,
+    /// `a x^2`.
+    Quadratic,
+    /// `a x^3`.
+    Cubic,
+    /// `a |x|`.
+    Absolute,
+    /// `a sign(x)`.
+    Sign,
+    /// `a x / sqrt(x^2 + b^2)`: towards a limit.
+    Saturation,
+    /// `a (1 - exp(-x / b))`: towards a limit, from 0 on.
+    Exponential,
+    /// `a` beyond `b`.
+    Step,
+    /// `a exp(-(x - b)^2 / (2 w^2))` with a width of a tenth of the typical range.
+    Bump,
+    /// `a sin(2 pi x / b) + c (cos(2 pi x / b) - 1)`.
+    Sine,
+    /// What a person has written ([`define`](super::define)).
+    Own,
+    /// A cubic, by Legendre's polynomials over the typical range: so each of its parameters has the size of what it does.
+    Polynomial,
+}
+
+/// Start values of the search for a place, a length or a period, as shares of the typical size.
+const PLACES: [f64; 12] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.2, 1.4, 1.7, 2.0];
+const LENGTHS: [f64; 5] = [0.1, 0.25, 0.5, 1.0, 2.0];
+/// Periods, each an eighth longer than the one before: over as many periods as a session holds, a phase that stays within half a turn.
+const PERIODS: usize = 28;
+const SHORTEST: f64 = 0.1;
+const LONGER: f64 = 1.125;
+/// Width of a bump and of the slope of a step, as shares of the typical size.
+const WIDTH: f64 = 0.12;
+const EDGE: f64 = 0.01;
+
+impl Form {
+    /// Every one that the grammar has.
+    pub const ALL: [Self; 12] = [
+        Self::Constant,
+        Self::Linear,
+        Self::Quadratic,
+        Self::Cubic,
+        Self::Absolute,
+        Self::Sign,
+        Self::Saturation,
+        Self::Exponential,
+        Self::Step,
+        Self::Bump,
+        Self::Sine,
+        Self::Polynomial,
+    ];
+
+    /// Those that make sense of a regressor.
+    pub(super) fn of(regressor: Regressor) -> &'static [Self] {
+        match regressor {
+            Regressor::Constant => &[Self::Constant],
+            Regressor::Direction => &[Self::Linear],
+            Regressor::Run | Regressor::Depth | Regressor::Use => {
+                &[Self::Linear, Self::Quadratic, Self::Exponential, Self::Step]
+            }
+            Regressor::Displacement | Regressor::Force | Regressor::Deflection => &[
+                Self::Linear,
+                Self::Quadratic,
+                Self::Cubic,
+                Self::Absolute,
+                Self::Sign,
+                Self::Saturation,
+                Self::Sine,
+            ],
+            Regressor::Place | Regressor::Share => &[
+                Self::Linear,
+                Self::Quadratic,
+                Self::Exponential,
+                Self::Step,
+                Self::Bump,
+                Self::Sine,
+                Self::Polynomial,
+            ],
+            Regressor::Time => {
+                &[Self::Linear, Self::Quadratic, Self::Exponential, Self::Step, Self::Bump, Self::Sine]
+            }
+        }
+    }
+
+    /// Its name in ids.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Constant => "constant",
+            Self::Linear => "linear",
+            Self::Quadratic => "quadratic",
+            Self::Cubic => "cubic",
+            Self::Absolute => "absolute",
+            Self::Sign => "sign",
+            Self::Saturation => "saturation",
+            Self::Exponential => "exponential",
+            Self::Step => "step",
+            Self::Bump => "bump",
+            Self::Sine => "sine",
+            Self::Polynomial => "polynomial",
+            Self::Own => "own",
+        }
+    }
+
+    /// Its value at `x`, both in their own units.
+    pub fn value(self, parameters: &[f64], regressor: Regressor, x: f64) -> f64 {
+        let &[a, ref more @ ..] = parameters else { return 0.0 };
+        let typical = regressor.typical();
+        let last = more.last().copied().unwrap_or(typical).abs().max(1e-9);
+        match self {
+            Self::Constant => a,
+            Self::Linear => a * x,
+            Self::Quadratic => a * x * x,
+            Self::Cubic => a * x * x * x,
+            Self::Absolute => a * x.abs(),
+            // As steep as what is measured distinguishes: no jump that a difference could fall on.
+            Self::Sign => a * (x / (EDGE * typical)).tanh(),
+            Self::Saturation => a * x / x.hypot(last),
+            Self::Exponential => a * (1.0 - (-x / last).exp()),
+            Self::Step => 0.5 * a * (1.0 + ((x - last) / (EDGE * typical)).tanh()),
+            Self::Bump => a * (-0.5 * ((x - last) / (WIDTH * typical)).powi(2)).exp(),
+            Self::Sine => {
+                let cosine = more.first().copied().unwrap_or_default();
+                let (sin, cos) = (std::f64::consts::TAU * x / last).sin_cos();
+                a * sin + cosine * (cos - 1.0)
+            }
+            // Its value is that of its own function.
+            Self::Own => 0.0,
+            Self::Polynomial => {
+                let powers = powers(parameters, regressor);
+                powers.iter().rev().fold(0.0, |sum, factor| sum * x + factor)
+            }
+        }
+    }
+
+    /// Its parameters for a site and a regressor: amplitudes, then a place, a length or a period.
+    pub(super) fn parameters(self, site: Site, regressor: Regressor) -> Vec<ParameterInfo> {
+        let (unit, of) = (site.unit(), regressor.unit());
+        let typical = regressor.typical();
+        let overlooked = site.overlooked();
+        let with_unit = |name: &str, unit: &str| {
+            if unit.is_empty() { name.to_owned() } else { format!("{name}_{unit}") }
+        };
+        let amplitude = |name: &str, power: i32| {
+            let per = match (power, of) {
+                (0, _) => String::new(),
+                (1, "") => "_per_unit".to_owned(),
+                (_, "") => format!("_per_unit{power}"),
+                (1, of) => format!("_per_{of}"),
+                (power, of) => format!("_per_{of}{power}"),
+            };
+            // At the typical size of the regressor it does as much as is overlooked.
+            let sd = overlooked / typical.powi(power);
+            let name: &'static str = Box::leak(format!("{}{per}", with_unit(name, unit)).into_boxed_str());
+            ParameterInfo::amplitude(name, 0.0, [-300.0 * sd, 300.0 * sd], [-20.0 * sd, 20.0 * sd], sd)
+        };
+        let place = |name: &str, shares: &[f64]| {
+            let name: &'static str = Box::leak(with_unit(name, of).into_boxed_str());
+            let nodes: Vec<f64> = shares.iter().map(|share| share * typical).collect();
+            let (least, most) = (nodes[0], nodes[nodes.len() - 1]);
+            let nodes: &'static [f64] = Box::leak(nodes.into_boxed_slice());
+            let middle = (least * most).sqrt();
+            let (range, likely) = ([0.2 * least, 10.0 * most], [0.8 * least, 1.25 * most]);
+            ParameterInfo::location(name, middle, range, likely, 0.5 * middle, nodes)
+        };
+        match self {
+            Self::Constant => vec![amplitude("offset", 0)],
+            Self::Linear if regressor == Regressor::Direction => vec![amplitude("amplitude", 0)],
+            Self::Linear | Self::Absolute => vec![amplitude("slope", 1)],
+            Self::Quadratic => vec![amplitude("coefficient", 2)],
+            Self::Cubic => vec![amplitude("coefficient", 3)],
+            Self::Sign => vec![amplitude("amplitude", 0)],
+            Self::Saturation | Self::Exponential => vec![amplitude("limit", 0), place("scale", &LENGTHS)],
+            Self::Step => vec![amplitude("step", 0), place("at", &PLACES)],
+            Self::Bump => vec![amplitude("height", 0), place("at", &PLACES)],
+            Self::Sine => {
+                let periods: Vec<f64> =
+                    (0..PERIODS).map(|number| SHORTEST * LONGER.powi(number as i32)).collect();
+                vec![amplitude("sine", 0), amplitude("cosine", 0), place("period", &periods)]
+            }
+            Self::Own => Vec::new(),
+            Self::Polynomial => {
+                ["offset", "first", "second", "third"].into_iter().map(|name| amplitude(name, 0)).collect()
+            }
+        }
+    }
+
+    /// The function as a formula with its values.
+    pub fn formula(self, parameters: &[f64], site: Site, regressor: Regressor) -> String {
+        let (unit, of, x) = (text(site.unit()), text(regressor.unit()), regressor.symbol());
+        let number = |at: usize| parameters.get(at).copied().unwrap_or(f64::NAN);
+        let value = |at: usize, power: usize| {
+            let per = match (power, of) {
+                (0, _) | (_, "") => String::new(),
+                (1, of) => format!("/{of}"),
+                (power, of) => format!("/{of}^{power}"),
+            };
+            let unit = if unit.is_empty() && !per.is_empty() { "1" } else { unit };
+            format!("{:.4} {unit}{per}", number(at)).trim_end().to_owned()
+        };
+        let place = |at: usize| format!("{:.4} {of}", number(at)).trim_end().to_owned();
+        match self {
+            Self::Constant => value(0, 0),
+            Self::Linear if regressor == Regressor::Direction => format!("{} {x}", value(0, 0)),
+            Self::Linear => format!("{} {x}", value(0, 1)),
+            Self::Absolute => format!("{} |{x}|", value(0, 1)),
+            Self::Quadratic => format!("{} {x}^2", value(0, 2)),
+            Self::Cubic => format!("{} {x}^3", value(0, 3)),
+            Self::Sign => format!("{} sign({x})", value(0, 0)),
+            Self::Saturation => format!("{} {x} / sqrt({x}^2 + ({})^2)", value(0, 0), place(1)),
+            Self::Exponential => format!("{} (1 - exp(-{x} / {}))", value(0, 0), place(1)),
+            Self::Step => format!("{} where {x} > {}", value(0, 0), place(1)),
+            Self::Bump => {
+                let width = format!("{:.3} {of}", WIDTH * regressor.typical());
+                format!("{} exp(-({x} - {})^2 / (2 ({})^2))", value(0, 0), place(1), width.trim_end())
+            }
+            Self::Sine => {
+                let turn = format!("2 pi {x} / {}", place(2));
+                format!("{} sin({turn}) + {} (cos({turn}) - 1)", value(0, 0), value(1, 0))
+            }
+            Self::Own => String::new(),
+            Self::Polynomial => {
+                let [a, b, c, d] = powers(parameters, regressor);
+                let with_unit = |value: f64, power: usize| match (power, of) {
+                    (0, _) | (_, "") => format!("{value:.4} {unit}"),
+                    (1, of) => format!("{value:.4} {unit}/{of}"),
+                    (power, of) => format!("{value:.3e} {unit}/{of}^{power}"),
+                };
+                format!(
+                    "{} + {} {x} + {} {x}^2 + {} {x}^3",
+                    with_unit(a, 0),
+                    with_unit(b, 1),
+                    with_unit(c, 2),
+                    with_unit(d, 3)
+                )
+            }
+        }
+    }
+}
+
+/// Factors of the powers of `x` in a sum of Legendre's polynomials over the range of a regressor.
+fn powers(parameters: &[f64], regressor: Regressor) -> [f64; 4] {
+    let number = |at: usize| parameters.get(at).copied().unwrap_or_default();
+    let (a, b, c, d) = (number(0), number(1), number(2), number(3));
+    // The range ends at 1 for a share, and beyond the typical size elsewhere.
+    let range = if regressor == Regressor::Share { 1.0 } else { 1.5 * regressor.typical() };
+    // In y = x / range: P1 = 2 y - 1, P2 = 6 y^2 - 6 y + 1, P3 = 20 y^3 - 30 y^2 + 12 y - 1.
+    [
+        a - b + c - d,
+        (2.0 * b - 6.0 * c + 12.0 * d) / range,
+        (6.0 * c - 30.0 * d) / range.powi(2),
+        20.0 * d / range.powi(3),
+    ]
+}
+
+/// A unit as it is written.
+fn text(unit: &'static str) -> &'static str {
+    if unit == "n" { "N" } else { unit }
+}

@@ -1,0 +1,351 @@
+//! Where a term acts, and on what it depends.
+
+use crate::effects::RunKinds;
+
+/// Where a term acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Site {
+    /// The reading of the lateral force: `F + f`, newtons.
+    Force,
+    /// Its gain: `F (1 + f)`.
+    ForceGain,
+    /// The measured deflection: `u + f`, millimetres.
+    Shape,
+    /// Its gain: `u (1 + f)`.
+    ShapeGain,
+    /// Where along the needle it is measured: at `z + f`, millimetres.
+    ShapePosition,
+    /// What reaches the needle of the displacement of guide 2: `d + f`, millimetres.
+    Guide,
+    /// The modulus of the tissue: `K (1 + f)`.
+    Modulus,
+    /// The measured position of the tip: `y + f`, millimetres.
+    Tip,
+    /// Its gain: `y (1 + f)`.
+    TipGain,
+    /// The measured direction of the tip: `y' + f`, milliradians.
+    TipDirection,
+    /// Its gain: `y' (1 + f)`.
+    TipDirectionGain,
+    /// The load on the tip along its bevel: `w + f`, newtons.
+    TipLoad,
+}
+
+/// What a term depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Regressor {
+    /// Nothing.
+    Constant,
+    /// Depth below the surface of the place where it acts, millimetres.
+    Place,
+    /// The same as a share of the depth of the needle's tip.
+    Share,
+    /// Depth of the needle's tip below the surface, millimetres.
+    Depth,
+    /// Displacement of guide 2, millimetres.
+    Displacement,
+    /// Lateral force at guide 2, newtons.
+    Force,
+    /// Deflection of the needle, millimetres.
+    Deflection,
+    /// Time since the run began, seconds.
+    Time,
+    /// Sign of the last motion of guide 2.
+    Direction,
+    /// Number of the run in its session, 0 for the first.
+    Run,
+    /// Largest displacement of guide 2 so far in the run, millimetres.
+    Use,
+}
+
+/// The planes in which a term acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Scope {
+    /// In both alike.
+    Both,
+    /// In the vertical one.
+    Vertical,
+    /// In the horizontal one.
+    Horizontal,
+}
+
+impl Scope {
+    /// Every one there is.
+    pub const ALL: [Self; 3] = [Self::Both, Self::Vertical, Self::Horizontal];
+
+    /// Whether it acts in a plane, vertical (0) or horizontal (1).
+    pub fn has(self, plane: usize) -> bool {
+        match self {
+            Self::Both => true,
+            Self::Vertical => plane == 0,
+            Self::Horizontal => plane == 1,
+        }
+    }
+
+    /// What a site's name ends with.
+    pub fn suffix(self) -> &'static str {
+        match self {
+            Self::Both => "",
+            Self::Vertical => "_y",
+            Self::Horizontal => "_x",
+        }
+    }
+}
+
+impl Site {
+    /// Every one there is.
+    pub const ALL: [Self; 12] = [
+        Self::Force,
+        Self::ForceGain,
+        Self::Shape,
+        Self::ShapeGain,
+        Self::ShapePosition,
+        Self::Guide,
+        Self::Modulus,
+        Self::Tip,
+        Self::TipGain,
+        Self::TipDirection,
+        Self::TipDirectionGain,
+        Self::TipLoad,
+    ];
+
+    /// The site and the planes of a name like `shape_y`.
+    pub fn parse(name: &str) -> Option<(Self, Scope)> {
+        let of_site = |of: &Self| {
+            let scope = name.strip_prefix(of.name())?;
+            Scope::ALL.into_iter().find(|one| one.suffix() == scope).map(|scope| (*of, scope))
+        };
+        Self::ALL.iter().find_map(of_site)
+    }
+
+    /// Its name in ids.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Force => "force",
+            Self::ForceGain => "force_gain",
+            Self::Shape => "shape",
+            Self::ShapeGain => "shape_gain",
+            Self::ShapePosition => "shape_position",
+            Self::Guide => "guide",
+            Self::Modulus => "modulus",
+            Self::Tip => "tip",
+            Self::TipGain => "tip_gain",
+            Self::TipDirection => "tip_direction",
+            Self::TipDirectionGain => "tip_direction_gain",
+            Self::TipLoad => "tip_load",
+        }
+    }
+
+    /// What it changes, in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Force => "the force reads more",
+            Self::ForceGain => "the gain of the force is larger",
+            Self::Shape => "the shape reads more",
+            Self::ShapeGain => "the gain of the shape is larger",
+            Self::ShapePosition => "the shape is measured further along the needle",
+            Self::Guide => "guide 2 moves the needle further",
+            Self::Modulus => "the modulus is larger",
+            Self::Tip => "the tip reads more",
+            Self::TipGain => "the gain of the tip's position is larger",
+            Self::TipDirection => "the direction of the tip reads more",
+            Self::TipDirectionGain => "the gain of the tip's direction is larger",
+            Self::TipLoad => "the load on the tip is larger",
+        }
+    }
+
+    /// How it is written in formulas, and the function in it.
+    pub fn symbol(self) -> &'static str {
+        match self {
+            Self::Force => "F_read = F +",
+            Self::ForceGain => "F_read = F (1 +",
+            Self::Shape => "u_read = u +",
+            Self::ShapeGain => "u_read = u (1 +",
+            Self::ShapePosition => "z_read at z +",
+            Self::Guide => "d_needle = d +",
+            Self::Modulus => "K = K_0 (1 +",
+            Self::Tip => "y_read = y +",
+            Self::TipGain => "y_read = y (1 +",
+            Self::TipDirection => "y'_read = y' +",
+            Self::TipDirectionGain => "y'_read = y' (1 +",
+            Self::TipLoad => "w = w_0 +",
+        }
+    }
+
+    /// The unit of the function, in names and in text; nothing for a share.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Force | Self::TipLoad => "n",
+            Self::Shape | Self::ShapePosition | Self::Guide | Self::Tip => "mm",
+            Self::TipDirection => "mrad",
+            Self::ForceGain | Self::ShapeGain | Self::Modulus | Self::TipGain | Self::TipDirectionGain => "",
+        }
+    }
+
+    /// From that unit to SI.
+    pub(super) fn si(self) -> f64 {
+        match self.unit() {
+            "mm" | "mrad" => 1e-3,
+            _ => 1.0,
+        }
+    }
+
+    /// Size that a careful laboratory would overlook, in that unit: a third of the standard deviation of the prior.
+    pub(super) fn overlooked(self) -> f64 {
+        match self {
+            Self::Force => 0.08,
+            Self::Shape => 0.08,
+            Self::Guide => 0.06,
+            Self::ShapePosition => 1.0,
+            Self::Modulus => 0.3,
+            Self::ForceGain | Self::ShapeGain | Self::TipGain | Self::TipDirectionGain => 0.1,
+            Self::Tip => 0.3,
+            Self::TipDirection => 10.0,
+            Self::TipLoad => 0.03,
+        }
+    }
+
+    /// Kinds of runs in which it shows.
+    pub fn observable_in(self) -> RunKinds {
+        match self {
+            Self::Modulus => RunKinds::BOTH,
+            Self::Tip | Self::TipGain | Self::TipDirection | Self::TipDirectionGain | Self::TipLoad => {
+                RunKinds::INSERTION
+            }
+            _ => RunKinds::LATERAL,
+        }
+    }
+
+    /// What it may depend on, and in which planes.
+    pub(super) fn regressors(self) -> &'static [(Regressor, &'static [Scope])] {
+        use Regressor::{
+            Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share, Time, Use,
+        };
+        const BOTH: &[Scope] = &[Scope::Both];
+        const EACH: &[Scope] = &[Scope::Vertical, Scope::Horizontal];
+        const ALL: &[Scope] = &Scope::ALL;
+        match self {
+            Self::Force => &[
+                (Displacement, BOTH),
+                (Force, BOTH),
+                (Time, EACH),
+                (Direction, BOTH),
+                (Run, EACH),
+                (Depth, EACH),
+            ],
+            Self::ForceGain => &[(Constant, EACH), (Time, BOTH), (Run, BOTH), (Depth, BOTH)],
+            Self::Shape => &[
+                (Place, ALL),
+                (Share, BOTH),
+                (Deflection, BOTH),
+                (Displacement, BOTH),
+                (Force, BOTH),
+                (Time, EACH),
+                (Run, EACH),
+                (Depth, EACH),
+            ],
+            Self::ShapeGain => &[(Constant, EACH), (Place, BOTH), (Time, BOTH), (Run, BOTH), (Depth, BOTH)],
+            Self::ShapePosition => &[(Place, BOTH), (Run, BOTH), (Depth, BOTH)],
+            Self::Guide => &[
+                (Constant, EACH),
+                (Displacement, BOTH),
+                (Time, BOTH),
+                (Direction, BOTH),
+                (Run, BOTH),
+                (Depth, BOTH),
+            ],
+            Self::Modulus => &[
+                (Place, BOTH),
+                (Run, BOTH),
+                (Depth, BOTH),
+                (Time, BOTH),
+                (Displacement, BOTH),
+                (Direction, BOTH),
+                (Use, BOTH),
+            ],
+            Self::Tip => &[(Place, ALL), (Run, EACH)],
+            Self::TipGain | Self::TipDirectionGain => &[(Constant, ALL), (Run, BOTH)],
+            Self::TipDirection => &[(Constant, EACH), (Place, EACH), (Run, EACH)],
+            Self::TipLoad => &[(Place, BOTH), (Run, BOTH)],
+        }
+    }
+}
+
+impl Regressor {
+    /// Every one there is.
+    pub const ALL: [Self; 11] = [
+        Self::Constant,
+        Self::Place,
+        Self::Share,
+        Self::Depth,
+        Self::Displacement,
+        Self::Force,
+        Self::Deflection,
+        Self::Time,
+        Self::Direction,
+        Self::Run,
+        Self::Use,
+    ];
+
+    /// Its name in ids.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Constant => "constant",
+            Self::Place => "place",
+            Self::Share => "share",
+            Self::Depth => "depth",
+            Self::Displacement => "displacement",
+            Self::Force => "force",
+            Self::Deflection => "deflection",
+            Self::Time => "time",
+            Self::Direction => "direction",
+            Self::Run => "run",
+            Self::Use => "use",
+        }
+    }
+
+    /// How it is written in formulas.
+    pub fn symbol(self) -> &'static str {
+        match self {
+            Self::Constant => "",
+            Self::Place => "s",
+            Self::Share => "s/D",
+            Self::Depth => "D",
+            Self::Displacement => "d",
+            Self::Force => "F",
+            Self::Deflection => "u",
+            Self::Time => "t",
+            Self::Direction => "sign(d')",
+            Self::Run => "n",
+            Self::Use => "max |d|",
+        }
+    }
+
+    /// Its unit, in names and in text; nothing for a number.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Place | Self::Depth | Self::Displacement | Self::Deflection | Self::Use => "mm",
+            Self::Force => "n",
+            Self::Time => "s",
+            Self::Constant | Self::Share | Self::Direction | Self::Run => "",
+        }
+    }
+
+    /// From SI to that unit.
+    pub(super) fn per_si(self) -> f64 {
+        if self.unit() == "mm" { 1e3 } else { 1.0 }
+    }
+
+    /// Its typical size in a session, in that unit.
+    pub(super) fn typical(self) -> f64 {
+        match self {
+            Self::Place | Self::Depth => 20.0,
+            Self::Displacement | Self::Use => 1.0,
+            Self::Force => 1.0,
+            Self::Deflection => 0.5,
+            Self::Time => 20.0,
+            Self::Run => 3.0,
+            Self::Constant | Self::Share | Self::Direction => 1.0,
+        }
+    }
+}
