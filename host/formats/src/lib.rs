@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`session`] | a folder of `session.toml` and CSV tables: what was measured, and with what; imports from elsewhere |
 //! | [`model_file`] | `model.toml`: effects and sizes of discrepancy of a rig, from one diagnosis to the next |
+//! | [`effect_file`] | effects that a person has written, as formulas |
 //! | [`prior_file`] | `prior.toml`: what many sessions predict of the next one |
 //! | [`document`] | what they have in common: fields, tables, errors with places |
 //! | [`files`] | files that are written as a whole or not at all |
@@ -34,6 +35,7 @@ pub const NORMAL_975: f64 = 1.959_963_984_540_054;
 pub mod calibration_file;
 pub mod calibration_readings;
 pub mod document;
+pub mod effect_file;
 pub mod files;
 pub mod image_calibration;
 pub mod model_file;

@@ -22,6 +22,7 @@
 //! ci95 = [1.8, 2.4]                 # optional
 //! [effect.parameters.boundary_mm]
 //! value = 14.8
+//! # [effect.definition]: of an effect that a person has written, what its file has
 //! [[alternative]]                   # optional: another model that explains the same runs, with tables as above
 //! probability = 0.41
 //! [[alternative.effect]]
@@ -40,8 +41,9 @@ pub use discrepancy::{DISCREPANCY_NAMES, Multiples};
 
 use crate::NORMAL_975;
 use crate::document::{Fields, Problem, SessionError, read_text, replace};
+use crate::effect_file;
 use mechanics::Support;
-use mechanics::effects::{EFFECTS, Effect, ParameterInfo, effect};
+use mechanics::effects::{EFFECTS, Effect, ParameterInfo, effect, place_of};
 use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -238,15 +240,17 @@ impl ModelFile {
                 line(text, "value", &[*value], 0)?;
                 ci95.map_or(Ok(()), |ends| line(text, "ci95", &ends, 0))?;
             }
+            if let Some(law) = learned.effect.as_law() {
+                text.push_str(&effect_file::definition(law, &format!("{below}effect.definition")));
+            }
         }
         Ok(())
     }
 
     /// Its effects with their values, in the order of the catalogue.
     pub fn effects(&self) -> Vec<(&'static dyn Effect, Vec<f64>)> {
-        let place = |learned: &LearnedEffect| EFFECTS.iter().position(|of| of.id() == learned.effect.id());
         let mut sorted: Vec<&LearnedEffect> = self.effects.iter().collect();
-        sorted.sort_by_key(|learned| place(learned));
+        sorted.sort_by_key(|learned| place_of(learned.effect.id()));
         sorted.into_iter().map(|learned| (learned.effect, learned.values.clone())).collect()
     }
 
@@ -299,8 +303,11 @@ fn support(tissue: &Fields<'_>) -> Result<Option<Support>, SessionError> {
 
 impl LearnedEffect {
     fn read(fields: &Fields<'_>) -> Result<Self, SessionError> {
-        fields.only(&["id", "parameters", "log_evidence_gain"])?;
+        fields.only(&["id", "parameters", "log_evidence_gain", "definition"])?;
         let id = fields.text("id")?;
+        if let Some(definition) = fields.optional_table("definition")? {
+            effect_file::defined(&definition, Some(&id))?;
+        }
         let Some(effect) = effect(&id) else {
             let expected = expected_ids(&id);
             return Err(fields.field_fault("id", Problem::Unknown(id), expected));

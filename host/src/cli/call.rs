@@ -70,7 +70,10 @@ pub fn call(
     arguments: impl IntoIterator<Item = OsString>,
     on_step: impl Fn(&str) + 'static,
 ) -> Result<Called, CallError> {
-    let arguments = std::iter::once(OsString::from("guide")).chain(arguments);
+    let arguments: Vec<OsString> = std::iter::once(OsString::from("guide")).chain(arguments).collect();
+    if let Err(error) = super::own_effects::define(&arguments) {
+        return Err(failure(&error, Called::default()));
+    }
     let parsed = super::command().try_get_matches_from(arguments).and_then(|matches| {
         // Help and version are texts, which `Error` carries.
         Cli::from_arg_matches(&matches)

@@ -34,6 +34,7 @@ mod live;
 mod monitor;
 mod operate;
 mod output;
+mod own_effects;
 mod plan;
 mod plan_path;
 mod population;
@@ -75,6 +76,10 @@ struct Cli {
     /// Print one JSON document instead of text
     #[arg(long, global = true)]
     json: bool,
+
+    /// Effects of this file too, as formulas: known to every command from then on, and to model files that it writes
+    #[arg(long, global = true, value_name = "FILE")]
+    effects: Vec<std::path::PathBuf>,
 
     /// Colours in help, warnings, errors and on the live screen; auto: on terminals, unless NO_COLOR is set
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
@@ -137,6 +142,10 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 /// As [`main()`], for programs that end themselves: 0 done, 1 failed, 2 wrong use.
 pub fn exit_code(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
+    if let Err(error) = own_effects::define(&arguments) {
+        output::report(&error, false);
+        return 1;
+    }
     let command = command().color(colour::requested(arguments.iter().skip(1).cloned()));
     let parsed = command.try_get_matches_from(arguments).and_then(|matches| Cli::from_arg_matches(&matches));
     let cli = match parsed {

@@ -1,0 +1,52 @@
+//! Files of effects that a person has written (`--effects FILE`): read before any other option, whose values may name these effects.
+
+use formats::effect_file::define_effects;
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+const OPTION: &str = "--effects";
+
+/// Makes the effects of all files that are named known to the program.
+///
+/// # Errors
+/// The first fault of a file, with its place.
+pub fn define(arguments: &[OsString]) -> anyhow::Result<()> {
+    for path in files(arguments) {
+        define_effects(&path)?;
+    }
+    Ok(())
+}
+
+/// Files that arguments name; nothing after `--`.
+fn files(arguments: &[OsString]) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut rest = arguments.iter();
+    while let Some(argument) = rest.next() {
+        match argument.to_str() {
+            Some("--") => break,
+            Some(OPTION) => found.extend(rest.next().map(PathBuf::from)),
+            Some(text) => {
+                let path = text.strip_prefix(OPTION).and_then(|rest| rest.strip_prefix('='));
+                found.extend(path.map(PathBuf::from));
+            }
+            None => {}
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_found_wherever_they_are_named() {
+        let of = |text: &str| files(&text.split(' ').map(OsString::from).collect::<Vec<_>>());
+        assert_eq!(
+            of("guide --effects a.toml diagnose x --effects=b.toml"),
+            [PathBuf::from("a.toml"), "b.toml".into()]
+        );
+        assert!(of("guide diagnose x -- --effects a.toml").is_empty());
+        assert!(of("guide diagnose --effects").is_empty());
+    }
+}
