@@ -2,7 +2,8 @@
 //! are averaged.
 
 use formats::session::LateralRun;
-use readings::holds::{Hold, SD_OF_MEDIAN};
+use readings::holds::Hold;
+use readings::outliers::farthest;
 use std::ops::Range;
 
 /// At either end of a hold so much may still be motion.
@@ -14,8 +15,6 @@ const LONGEST_CELL_S: f64 = 1.5 * CELL_S;
 const HOLD_S: [f64; 8] = [0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0];
 /// Stretches of ramps, in cells.
 const RAMP_CELLS: usize = 2;
-/// Readings so many standard deviations off their neighbours are misread.
-const MISREAD: f64 = 5.0;
 
 /// Drive samples of a lateral run: means over stretches of at least a twentieth of a second.
 #[derive(Debug, Clone, Default)]
@@ -40,10 +39,9 @@ fn cleaned(values: &[f64]) -> Vec<f64> {
             values[i] - sorted[sorted.len() / 2]
         })
         .collect();
-    let mut sizes: Vec<f64> = off.iter().map(|off| off.abs()).filter(|off| *off > 0.0).collect();
-    sizes.sort_by(f64::total_cmp);
-    let usual = SD_OF_MEDIAN * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
-    values.iter().zip(off).map(|(v, off)| if off.abs() > MISREAD * usual { f64::NAN } else { *v }).collect()
+    // One in seven is its own neighbours' median.
+    let farthest = farthest(off.iter().copied().filter(|off| *off != 0.0));
+    values.iter().zip(off).map(|(v, off)| if off.abs() > farthest { f64::NAN } else { *v }).collect()
 }
 
 /// Means over short stretches of a recording.

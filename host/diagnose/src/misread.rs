@@ -1,7 +1,7 @@
 //! Points of a sweep that were misread, and the step to which a sweep is rounded.
 
 use nalgebra::{DMatrix, DVector};
-use readings::holds::SD_OF_MEDIAN;
+use readings::outliers::farthest;
 
 /// Of the distances between neighbouring values so many are shorter than the step: values that were joined from several images.
 const SHORTER: f64 = 0.05;
@@ -12,7 +12,6 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// Which points of a sweep are not misread: off a smooth curve by many times the usual distance, of values that are rounded to a step.
 pub(super) fn without_misread(z_m: &[f64], values_m: &[f64], step_m: f64) -> Vec<bool> {
-    const TIMES: f64 = 4.5;
     let mut kept = vec![true; z_m.len()];
     let degree = (z_m.len() / 4).min(4);
     for _ in 0..3 {
@@ -28,10 +27,8 @@ pub(super) fn without_misread(z_m: &[f64], values_m: &[f64], step_m: f64) -> Vec
         // Where most values are rounded to the same, half of them are next to the curve whatever the noise is: their median shows it once they
         // are spread over what they are rounded from.
         let spread_m = |i: usize| step_m * ((i as f64 * GOLDEN).fract() - 0.5);
-        let mut sizes: Vec<f64> = indices.iter().map(|i| (off[*i] + spread_m(*i)).abs()).collect();
-        sizes.sort_by(f64::total_cmp);
-        let usual_m = SD_OF_MEDIAN * sizes[sizes.len() / 2];
-        let next: Vec<bool> = off.iter().map(|off| off.abs() <= (TIMES * usual_m).max(1e-6)).collect();
+        let farthest_m = farthest(indices.iter().map(|i| off[*i] + spread_m(*i))).max(1e-6);
+        let next: Vec<bool> = off.iter().map(|off| off.abs() <= farthest_m).collect();
         if next == kept {
             break;
         }

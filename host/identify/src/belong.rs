@@ -4,6 +4,9 @@
 //! (root of chi-square per degree of freedom, where all noise is stated) are more than [`FAR`] and more than [`FAR`] times that median. A run
 //! without others of its depth is compared with all, by [`FAR_OF_ALL`]: layers make a deep run fit worse than a shallow one, and that is
 //! tissue and no fault.
+//!
+//! This is no rule for single values ([`readings::outliers`]): a wrong sign, unit or depth makes a misfit many times larger, and
+//! the few misfits of a session are no sample of a distribution.
 
 use super::{Fitted, RunError, RunResult};
 use formats::session::LateralRun;

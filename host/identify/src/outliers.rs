@@ -3,15 +3,13 @@
 //! What the fit leaves of a point is compared with the median of what it leaves of those beside it, so that an error of the model, which is
 //! smooth along the needle, has none. One point of nine standard deviations among a hundred moves K by almost as much as all noise does.
 
-use readings::holds::{SD_OF_MEDIAN, median};
+use readings::holds::median;
+use readings::outliers::farthest;
 use readings::{Fit, LateralData};
 use std::ops::Range;
 
 /// Neighbours on either side, along the needle.
 const BESIDE: usize = 2;
-/// Distance from the neighbours' median, in standard deviations of these distances, from which a point is an outlier: normal noise has one
-/// in a million.
-const FAR_SD: f64 = 5.0;
 /// Fewest points whose distances have a standard deviation.
 const MIN_POINTS: usize = 20;
 /// More than this share are no single points.
@@ -26,12 +24,12 @@ pub(super) fn take_outliers(data: &mut LateralData, fit: &Fit) -> usize {
     if distances.len() < MIN_POINTS {
         return 0;
     }
-    let sd = SD_OF_MEDIAN * median(distances.iter().map(|of| of.from_others.abs()).collect());
-    for of in distances.iter().filter(|of| of.from_all.abs() > FAR_SD * sd) {
+    let farthest = farthest(distances.iter().map(|of| of.from_others));
+    for of in distances.iter().filter(|of| of.from_all.abs() > farthest) {
         far[of.point] = true;
     }
     let count = far.iter().filter(|is_far| **is_far).count();
-    if sd <= 0.0 || count as f64 > MAX_SHARE * points as f64 {
+    if farthest <= 0.0 || count as f64 > MAX_SHARE * points as f64 {
         return 0;
     }
     let mut of_points = far.iter().copied();

@@ -7,6 +7,7 @@
 use formats::session::InsertionRun;
 use mechanics::{Insertion, ModelError, Profile};
 use readings::holds::median;
+use readings::outliers::farthest;
 
 /// Rows this far behind the deepest so far are a retraction (or a depth that was misread).
 const RETRACTED_M: f64 = 3e-3;
@@ -24,9 +25,8 @@ const REST_M: f64 = 0.1e-3;
 pub(super) const ROTATION_STILL_RAD: f64 = 0.02;
 /// A recording rests where at least this share of its rows is in bins of three or more.
 const RESTING: f64 = 0.4;
-/// A bin is an outlier where it is so many times as far from its neighbours' line as usual, and this much more.
-const OUTLIER_TIMES: f64 = 6.0;
-const OUTLIER_M: f64 = 0.1e-3;
+/// So far from its neighbours' line the bend of a path takes a bin that is no outlier.
+const BENT_M: f64 = 0.1e-3;
 /// A path without samples over such a length has a gap.
 const GAP_M: f64 = 15e-3;
 
@@ -359,8 +359,8 @@ fn without_outliers(bins: Vec<Bin>, done: &Insertion) -> Vec<Bin> {
         (pairs.len() >= 2).then(|| off(0).abs().max(off(1).abs()))
     };
     let offs: Vec<Option<f64>> = (0..bins.len()).map(off_m).collect();
-    let usual_m = median(offs.iter().flatten().copied().collect());
-    let is_outlier = |off: &Option<f64>| off.is_some_and(|off| off > OUTLIER_M + OUTLIER_TIMES * usual_m);
+    let farthest_m = BENT_M + farthest(offs.iter().flatten().copied());
+    let is_outlier = |off: &Option<f64>| off.is_some_and(|off| off > farthest_m);
     bins.iter().zip(&offs).filter(|(_, off)| !is_outlier(off)).map(|(bin, _)| *bin).collect()
 }
 

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`holds`] | holds and sweeps in the series of a run, their means and noise |
 //! | [`LateralData`] | a lateral run as one block of a fit: shared modulus, own displacements, force zero and effects |
+//! | [`outliers`] | the rule by which single values are left out |
 //! | [`fit()`] | weighted least squares over parameters shared by all runs and nuisances of each run |
 //! | [`intervals`] | profile likelihood and bootstrap of such a fit |
 //!
@@ -15,6 +16,7 @@ mod fit;
 pub mod holds;
 pub mod intervals;
 mod lateral;
+pub mod outliers;
 
 pub use fit::{Block, Fit, FitError, Parameter, Prior, bounded_step, fit};
 pub use lateral::{

@@ -3,13 +3,11 @@
 //! A reading is compared with the median of its neighbours (as by Hampel), so that what changes slowly, as the force of tissue that relaxes
 //! after a ramp, has none. One reading of nine standard deviations among sixty moves their mean by more than its standard error.
 
-use super::median::{SD_OF_MEDIAN, median};
+use super::median::median;
+use crate::outliers::farthest;
 
 /// Neighbours on either side.
 const BESIDE: usize = 3;
-/// Distance from the neighbours' median, in standard deviations of these distances, from which a reading is a spike: normal noise has one in
-/// millions.
-const SPIKE_SD: f64 = 6.0;
 /// Fewest readings whose distances have a standard deviation.
 const MIN_READINGS: usize = 20;
 
@@ -25,16 +23,16 @@ pub fn without_spikes(values: &[f64]) -> Vec<f64> {
         let (own, after) = rest.split_at(1);
         (own.iter().sum::<f64>() - median([before, after].concat())).abs()
     });
-    let sd = SD_OF_MEDIAN * median(beside.collect());
+    let farthest = farthest(beside);
     // Readings that are rounded to few values have none: nothing is known of their noise.
-    if sd <= 0.0 {
+    if farthest <= 0.0 {
         return values.to_vec();
     }
     // With the reading itself: where readings step, the ones beside the step are close to those on their side.
     let middles: Vec<f64> = windows().map(|window| median(window.to_vec())).collect();
     let is_kept = |(at, value): &(usize, &f64)| {
         let middle = at.checked_sub(BESIDE).and_then(|place| middles.get(place));
-        middle.is_none_or(|middle| (*value - middle).abs() <= SPIKE_SD * sd)
+        middle.is_none_or(|middle| (*value - middle).abs() <= farthest)
     };
     values.iter().enumerate().filter(is_kept).map(|(_, value)| *value).collect()
 }
