@@ -21,6 +21,7 @@ use formats::model_file::{LearnedEffect, ModelFile};
 use formats::session::{LateralRun, Session};
 use mechanics::Model;
 use mechanics::effects::{Effect, effect};
+use mechanics::unknowns::{rig, sensors};
 use nalgebra::{DMatrix, DVector};
 use play::over_plays;
 use serde::Serialize;
@@ -48,18 +49,8 @@ const IDENTIFIED: f64 = 0.5;
 /// A delay beside friction larger than this many standard deviations is known no better than the rows' spacing allows: the force jumps where
 /// guide 2 turns, and the model interpolates between rows.
 const FRICTION_SDS: f64 = 2.0;
-/// How well a row states when force and position were sampled, seconds: they have converters of their own.
-const CLOCK_SD_S: f64 = 5e-4;
-/// Expected scatter of the zero from tare to tare, newtons.
-const ZERO_N: f64 = 0.01;
-/// Expected drift of the zero after a tare that does not go evenly, newtons, and the times in which it does, seconds.
-const SETTLING_N: f64 = 0.002;
+/// Times in which the zero settles after a tare, seconds.
 const SETTLING_S: [f64; 2] = [5.0, 20.0];
-/// Expected error of the force within a hold that is another one in the next, newtons: 0.02 % of a sensor of 5 N, or 4 um of guide 2.
-const HOLD_N: f64 = 0.001;
-/// How well the mean position in a hold is known beyond what scatters, metres: a tenth of a code of a potentiometer of 50 mm read in twelve
-/// bits, and about as far guide 2 creeps while it settles.
-const POSITION_M: f64 = 1e-6;
 
 /// What the user may choose.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -273,13 +264,11 @@ fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
 /// tare, and of what is constant within a hold (an error of the displacement, times the needle's stiffness, is such a force too). No run
 /// shows how well the mean position of guide 2 in a hold is known, which differs with the direction that it came from: that is stated.
 fn sensor_patterns(prepared: &[Prepared], stiffness_n_per_m: f64) -> Patterns {
-    let found = |name, everyday| Group { name, everyday, tail: Some(1.0), multiple: 1.0 };
-    let known = Group { tail: None, ..found("position of guide 2", POSITION_M) };
     let groups = vec![
-        found("force zero of one run", ZERO_N),
-        found("settling of the zero in one run", SETTLING_N),
-        found("force of one hold", HOLD_N),
-        known,
+        Group::of(&sensors::FORCE_ZERO),
+        Group::of(&sensors::FORCE_ZERO_SETTLING),
+        Group::of(&sensors::FORCE_OF_ONE_HOLD_IN_AIR),
+        Group::of(&rig::GUIDE2_CREEP),
     ];
     let of_run = |prepared: &Prepared| {
         let data = &prepared.run.data;
@@ -350,7 +339,7 @@ fn parameters(
             };
             if effect.id() == "sensor.delay" {
                 let row_sd_s = if found.iter().any(rubs) { row_s / 12f64.sqrt() } else { 0.0 };
-                inside = inside.hypot(row_sd_s).hypot(CLOCK_SD_S);
+                inside = inside.hypot(row_sd_s).hypot(sensors::CLOCK.sd());
                 let half = NORMAL_975 * inside;
                 ci95 = [value - half, value + half].map(|end| end.clamp(info.range[0], info.range[1]));
             }

@@ -17,11 +17,9 @@ mod integrated;
 
 use super::layout::Prepared;
 use super::sizes;
+use mechanics::unknowns::{Family, SMALLER_SIZE_SD_LN, Unknown};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// Below its everyday size the logarithm of a size is normal with this standard deviation; above it the size itself is, in everyday
-/// sizes. A tail that is not Gaussian in the size would let the discrepancy explain what an effect does.
-const LN_SD_BELOW: f64 = 1.5;
 /// No size is smaller than this share of its everyday one: it has no influence there.
 const MIN_SHARE: f64 = 1e-4;
 /// Columns from which on a copy for products by blocks is worth its time.
@@ -40,6 +38,14 @@ pub(super) struct Group {
     pub tail: Option<f64>,
     /// How many times larger `everyday` is than in an ordinary rig.
     pub multiple: f64,
+}
+
+impl Group {
+    /// Of an entry of the table of unknowns: a size is found, an error's is known.
+    pub fn of(unknown: &Unknown) -> Self {
+        let tail = (unknown.prior.family == Family::Size).then_some(unknown.sd());
+        Self { name: unknown.name, everyday: unknown.typical_sd(), tail, multiple: 1.0 }
+    }
 }
 
 /// The patterns of all runs, whitened.
@@ -179,8 +185,8 @@ impl Patterns {
             let Some(tail) = group.tail else { return (0.0, 0.0) };
             let share = size / group.everyday;
             if share < 1.0 {
-                let ln = share.ln() / LN_SD_BELOW;
-                (0.5 * ln * ln, ln / LN_SD_BELOW)
+                let ln = share.ln() / SMALLER_SIZE_SD_LN;
+                (0.5 * ln * ln, ln / SMALLER_SIZE_SD_LN)
             } else {
                 let above = (share - 1.0) / tail;
                 (0.5 * above * above, above * share / tail)

@@ -11,31 +11,14 @@ use super::predicted::differences;
 use super::whiten::Whitener;
 pub(super) use formats::NORMAL_975;
 use mechanics::effects::{Effect, ParameterInfo, place_of};
+use mechanics::unknowns::{Family, Unknown, rig, tip, tissue};
 use mechanics::{Cache, Guides, Model, ModelError, Rig, Support, TipLaw, predict_with};
 use nalgebra::DMatrix;
 use readings::{Parameter, Prior};
 use std::sync::Arc;
 
-/// Modulus of soft tissue, and the standard deviation of its logarithm.
-const TYPICAL_MODULUS_PA: f64 = 15e3;
-const MODULUS_SD_LN: f64 = 1.5;
-const MODULUS_PA: [f64; 2] = [50.0, 5e6];
-/// Prior mean of the tip load, and its standard deviation.
-const TYPICAL_LOAD_N: f64 = 0.1;
-const LOAD_SD_N: f64 = 1.0;
-/// How far the modulus of an insertion may be from that of a lateral run, logarithm.
-const INSERTION_SD_LN: f64 = 0.05;
-/// How far a needle turns at a rear that is not measured, held by a hand or a chuck: from stiff to soft.
-const REAR_RAD_PER_N_M: f64 = 0.5;
-const REAR_SD_LN: f64 = 2.0;
-const REAR_RANGE_RAD_PER_N_M: [f64; 2] = [1e-4, 1e3];
 /// Moduli from which fits of insertions by hand start.
 const BY_HAND_PA: [f64; 4] = [5e3, 25e3, 100e3, 400e3];
-/// How far the gap between a single guide and the surface may be from what is stated, logarithm.
-const GAP_SD_LN: f64 = 0.15;
-const GAP_LN: f64 = 1.0;
-/// How far the modulus of a session may be from that of its reference, logarithm.
-const REFERENCE_SD_LN: f64 = 0.3;
 /// How far guide 2 and the surface may at most be from where they are stated.
 const OFFSET_M: f64 = 10e-3;
 const OFFSET_STEP_M: f64 = 1e-5;
@@ -355,21 +338,25 @@ impl Layout {
             most,
             prior: Some(Prior { mean, sd }),
         };
-        let [least, most] = MODULUS_PA.map(f64::ln);
-        let mut parameters = vec![bounded(least, most, TYPICAL_MODULUS_PA.ln(), MODULUS_SD_LN, 1e-4)];
+        let assumed = |unknown: &Unknown, step: f64| {
+            let inside =
+                |value: f64| if unknown.prior.family == Family::LogNormal { value.ln() } else { value };
+            let [least, most] = unknown.range.map(inside);
+            bounded(least, most, inside(unknown.mean()), unknown.sd(), step)
+        };
+        let mut parameters = vec![assumed(&tissue::MODULUS, 1e-4)];
         let Places { load, across, apart, rear, gap, ratio, .. } = self.places();
         let loads = [load, across].into_iter().flatten();
-        parameters.extend(loads.map(|_| bounded(-50.0, 50.0, 0.0, LOAD_SD_N, 1e-4)));
+        parameters.extend(loads.map(|_| assumed(&tip::LOAD, 1e-4)));
         if apart.is_some() {
-            parameters.push(bounded(-1.0, 1.0, 0.0, INSERTION_SD_LN, 1e-4));
+            parameters.push(assumed(&tissue::INSERTION_MODULUS, 1e-4));
         }
-        let [stiff, soft] = REAR_RANGE_RAD_PER_N_M.map(f64::ln);
         let rears = rear.iter().flatten();
-        parameters.extend(rears.map(|_| bounded(stiff, soft, REAR_RAD_PER_N_M.ln(), REAR_SD_LN, 0.01)));
+        parameters.extend(rears.map(|_| assumed(&rig::REAR_COMPLIANCE, 0.01)));
         let gaps = gap.iter().flatten();
-        parameters.extend(gaps.map(|_| bounded(-GAP_LN, GAP_LN, 0.0, GAP_SD_LN, 1e-3)));
+        parameters.extend(gaps.map(|_| assumed(&tissue::GAP, 1e-3)));
         if ratio.is_some() {
-            parameters.push(bounded(-5.0, 5.0, 0.0, REFERENCE_SD_LN, 1e-4));
+            parameters.push(assumed(&tissue::REFERENCE_RATIO, 1e-4));
         }
         for place in self.stated() {
             let at_m = starts.get(place.parameter).copied().unwrap_or_default();
@@ -403,9 +390,9 @@ impl Layout {
     pub fn first_values(&self) -> Vec<f64> {
         let mut values = vec![0.0; self.own()];
         let Places { load, rear, .. } = self.places();
-        values[0] = TYPICAL_MODULUS_PA.ln();
-        load.into_iter().for_each(|place| values[place] = TYPICAL_LOAD_N);
-        rear.into_iter().flatten().for_each(|place| values[place] = REAR_RAD_PER_N_M.ln());
+        values[0] = tissue::MODULUS.scale.ln();
+        load.into_iter().for_each(|place| values[place] = tip::LOAD.scale);
+        rear.into_iter().flatten().for_each(|place| values[place] = rig::REAR_COMPLIANCE.scale.ln());
         let infos = self.effects.iter().flat_map(|effect| effect.parameters());
         values.extend(infos.map(|info| Scale::of(info).inside(info.neutral)));
         values

@@ -9,6 +9,9 @@
 use super::data::{Channel, Kind, Run, Source};
 use super::misread::polynomials;
 use formats::session::Noise as Stated;
+use mechanics::unknowns::sensors::{
+    DIRECTION_NOISE, DISPLACEMENT_NOISE, FORCE_NOISE, SHAPE_NOISE, TIP_NOISE,
+};
 use nalgebra::{DMatrix, DVector};
 
 /// Noise of one sensor, SI.
@@ -60,15 +63,13 @@ const MIN_NOISE: Noise = {
         Sensor { white: sd * sd, correlated: 0.0, memory: 1.0, lasting: 0.0 }
     }
     Noise {
-        force: white(1e-3),
-        displacement: white(1e-6),
-        shape: white(2e-6),
-        tip: white(10e-6),
-        direction: white(0.1e-3),
+        force: white(FORCE_NOISE.least()),
+        displacement: white(DISPLACEMENT_NOISE.least()),
+        shape: white(SHAPE_NOISE.least()),
+        tip: white(TIP_NOISE.least()),
+        direction: white(DIRECTION_NOISE.least()),
     }
 };
-/// Where nothing is stated and nothing can be estimated.
-const TYPICAL: [f64; 5] = [0.05, 20e-6, 30e-6, 0.1e-3, 1e-3];
 /// Readings of a segment and groups of like segments that are used.
 const MAX_READINGS: usize = 40;
 const MAX_GROUPS: usize = 12;
@@ -108,16 +109,26 @@ impl Noise {
         // Points at one place are one datum, their mean; what is stated is that of a point.
         let points = points_of_a_datum(runs).sqrt();
         let noise = Self {
-            force: combined(force, stated.force_n, TYPICAL[0], MIN_NOISE.force),
-            displacement: combined(displacement, stated.displacement_m, TYPICAL[1], MIN_NOISE.displacement),
+            force: combined(force, stated.force_n, FORCE_NOISE.mean(), MIN_NOISE.force),
+            displacement: combined(
+                displacement,
+                stated.displacement_m,
+                DISPLACEMENT_NOISE.mean(),
+                MIN_NOISE.displacement,
+            ),
             shape: combined(
                 shape,
                 stated.shape_m.map(|sd_m| sd_m / points),
-                TYPICAL[2] / points,
+                SHAPE_NOISE.mean() / points,
                 MIN_NOISE.shape,
             ),
-            tip: combined(tip, stated.tip_m, TYPICAL[3], MIN_NOISE.tip),
-            direction: combined(direction, stated.tip_direction_rad, TYPICAL[4], MIN_NOISE.direction),
+            tip: combined(tip, stated.tip_m, TIP_NOISE.mean(), MIN_NOISE.tip),
+            direction: combined(
+                direction,
+                stated.tip_direction_rad,
+                DIRECTION_NOISE.mean(),
+                MIN_NOISE.direction,
+            ),
         };
         let stated =
             [stated.force_n, stated.displacement_m, stated.shape_m, stated.tip_m, stated.tip_direction_rad];

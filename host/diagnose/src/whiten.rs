@@ -11,14 +11,11 @@ use super::noise::Noise;
 use super::predicted::predicted;
 use super::rounding;
 use formats::session::SHARED_ERRORS;
+use mechanics::unknowns::{rig, sensors};
 use mechanics::{Experiment, Model, ModelError, Plane, predict};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
-/// Uncertainty of a tip sensor's zero.
-const TIP_ZERO_SD_M: f64 = 1e-3;
-/// No actuator's reading is right to better than this, however long it is averaged.
-const PLACE_SD_M: f64 = 3e-6;
 /// Step of the difference that gives the slope of the needle.
 const SLOPE_STEP_M: f64 = 1e-4;
 /// Correlations over more memories than this are none.
@@ -231,7 +228,8 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
             for plane in 0..2 {
                 for part in 0..run.parts() {
                     let (count, length_s) = hold_size(run, part);
-                    let sd_m = noise.displacement.of_mean(count, length_s).sqrt().hypot(PLACE_SD_M);
+                    let sd_m =
+                        noise.displacement.of_mean(count, length_s).sqrt().hypot(rig::GUIDE2_PLACE.sd());
                     let moved = |d: &super::data::Datum| {
                         let here = d.part == part && d.channel.plane() == plane && d.place.hold_s.is_some();
                         match &d.source {
@@ -258,7 +256,7 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
                     run.data.iter().map(one).collect()
                 };
                 if run.data.iter().any(|d| d.channel == channel) {
-                    patterns.push(of(&|_| TIP_ZERO_SD_M));
+                    patterns.push(of(&|_| sensors::TIP_ZERO.sd()));
                 }
             }
         }

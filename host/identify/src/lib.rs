@@ -24,7 +24,6 @@ mod results;
 
 pub use error::{IdentifyError, RunError};
 pub use options::{FoundationChoice, Options, YoungsMethod};
-pub use prepare::TARED_ZERO_SD_N;
 pub use residuals::ResidualResult;
 pub use results::{
     BodyResult, Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, FoundationResult,

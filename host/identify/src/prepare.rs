@@ -5,6 +5,9 @@ use super::{HoldResult, NoiseResult, Options, RunError};
 use formats::session::{LateralRun, Session};
 use mechanics::Support;
 use mechanics::effects::{Effect, effect};
+use mechanics::unknowns::sensors::{
+    DISPLACEMENT_NOISE, FIRST_SHAPE_NOISE, FORCE_NOISE_OF_HOLD, FORCE_ZERO, UNTARED_FORCE_ZERO,
+};
 use modulus::energy::{Balance, MIN_POINTS};
 use readings::holds::{
     BEYOND_TIP_M, Hold, HoldCriteria, Mean, Path, holds, reversal_m, scatter_and_systematic, summary, unused,
@@ -14,17 +17,6 @@ use readings::{
 };
 use std::ops::Range;
 
-/// Standard deviation of a deflection before its residuals determine it.
-const FIRST_SHAPE_SD_M: f64 = 25e-6;
-/// No shape is known better than this.
-pub(super) const MIN_SHAPE_SD_M: f64 = 1e-6;
-/// No displacement and no force is known better than this.
-const MIN_DISPLACEMENT_SD_M: f64 = 1e-6;
-const MIN_FORCE_SD_N: f64 = 1e-4;
-/// What the zero of a force drifts after a tare, N: as much as a diagnosis allows for.
-pub const TARED_ZERO_SD_N: f64 = 0.01;
-/// Zero of a force cell that was not tared, N: 2 % of a rated range of 5 N, as data sheets state it for the zero balance.
-const ZERO_SD_N: f64 = 0.1;
 /// How an only guide gives.
 const REAR_ROTATION: &str = "rig.rear_rotation";
 /// Least time between rows of a run's course.
@@ -67,7 +59,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
 
     let force_zero = force_zero(session, run, used.len() > displaced.len(), &mut warnings);
     let stated_shape_m = run.shape.typical_sd_m().or(session.noise.shape_m);
-    let shape_sd_m = stated_shape_m.unwrap_or(FIRST_SHAPE_SD_M);
+    let shape_sd_m = stated_shape_m.unwrap_or(FIRST_SHAPE_NOISE.mean());
     let data = LateralData {
         rig: session.rig.clone(),
         support: Support::Springs,
@@ -127,10 +119,12 @@ fn force_zero(session: &Session, run: &LateralRun, measured: bool, warnings: &mu
     }
     let (sd_n, because) = match (session.noise.force_zero_n, run.provenance.tared) {
         (Some(sd_n), _) => (sd_n, "as `force_zero_n` states"),
-        (None, Some(true)) => (TARED_ZERO_SD_N, "what drifts after a tare"),
-        (None, Some(false)) => (ZERO_SD_N, "as the force was not tared: record a hold at zero displacement"),
+        (None, Some(true)) => (FORCE_ZERO.typical_sd(), "what drifts after a tare"),
+        (None, Some(false)) => {
+            (UNTARED_FORCE_ZERO.sd(), "as the force was not tared: record a hold at zero displacement")
+        }
         (None, None) => (
-            ZERO_SD_N,
+            UNTARED_FORCE_ZERO.sd(),
             "as the session does not state `tared = true` of the run, or `force_zero_n` of the rig",
         ),
     };
@@ -293,12 +287,12 @@ impl Deviations {
         let (force_n, force_systematic_n) = scatter_and_systematic(
             force,
             session.noise.force_n,
-            MIN_FORCE_SD_N.max(rounding_sd(&run.force.force_y_n)),
+            FORCE_NOISE_OF_HOLD.least().max(rounding_sd(&run.force.force_y_n)),
         );
         let (displacement_m, displacement_systematic_m) = scatter_and_systematic(
             displacement,
             stated_displacement_m(session, run),
-            MIN_DISPLACEMENT_SD_M.max(rounding_sd(&run.force.displacement_y_m)),
+            DISPLACEMENT_NOISE.least().max(rounding_sd(&run.force.displacement_y_m)),
         );
         Self { force_n, displacement_m, force_systematic_n, displacement_systematic_m }
     }
@@ -384,7 +378,7 @@ fn balances(
                 displacement_m: project(&displacement_m),
                 force_n: project(&force_n),
                 shape_m: level.shape.iter().map(|point| (point.z_m, deflection(point))).collect(),
-                shape_sd_m: FIRST_SHAPE_SD_M,
+                shape_sd_m: FIRST_SHAPE_NOISE.mean(),
             });
         }
     }

@@ -9,8 +9,8 @@
 use formats::NORMAL_975;
 use formats::prior_file::ModulusPrior;
 use formats::session::DEPTH_RANGE_MM;
-use identify::TARED_ZERO_SD_N;
 use mechanics::effects::Effect;
+use mechanics::unknowns::sensors::FORCE_ZERO;
 use mechanics::{Beam, Model, ModelError, Rig, Support};
 use modulus::prior::PriorResult;
 use readings::holds::{HoldCriteria, trimmed_s};
@@ -400,7 +400,7 @@ fn data(question: &PlanInput, rig: &Rig, beam: &Beam, depth_m: f64, displacement
             ForceZero::Measured
         } else {
             // A rig is tared before it measures.
-            ForceZero::assumed(TARED_ZERO_SD_N)
+            ForceZero::assumed(FORCE_ZERO.typical_sd())
         },
         uses_force: true,
         effects: question.nuisances.clone(),

@@ -26,11 +26,9 @@ use insertion::{
     direction_scatter_rad, learn_from, row_scatter_m, start,
 };
 use mechanics::ModelError;
+use mechanics::unknowns::sensors::DIRECTION_NOISE;
 use results::Grid;
 use std::path::PathBuf;
-
-/// Noise of a reading of the tip's direction where neither the session nor its rows give it, rad.
-const DIRECTION_RAD: f64 = 1e-3;
 
 /// Why a session cannot be predicted.
 #[derive(Debug, thiserror::Error)]
@@ -174,7 +172,7 @@ fn begin(session: &Session, options: &Options, candidates: &Candidates, paths: &
 
 /// Noise of a reading of the tip's direction: as stated, or as rest rows show it.
 fn direction_rad(session: &Session, runs: &[(&InsertionRun, f64)]) -> f64 {
-    session.noise.tip_direction_rad.or_else(|| direction_scatter_rad(runs)).unwrap_or(DIRECTION_RAD)
+    session.noise.tip_direction_rad.or_else(|| direction_scatter_rad(runs)).unwrap_or(DIRECTION_NOISE.mean())
 }
 
 impl Workflow<'_> {

@@ -2,6 +2,7 @@
 
 use super::basis::Measured;
 use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};
+use mechanics::unknowns::{Unknown, discrepancy, rig, sensors, tip, tissue};
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 
@@ -66,22 +67,22 @@ pub(super) struct Known {
 
 /// Scales that are found.
 pub(super) const COUNT: usize = 14;
-/// Their middles and the standard deviations of their logarithms: weak, physical. Those of the tip load are shares of it.
-const TYPICAL: [(f64, f64); COUNT] = [
-    (0.3e-3, 1.5),
-    (0.005, 1.5),
-    (0.05, 1.0),
-    (0.02, 1.5),
-    (0.02, 1.5),
-    (0.1, 1.0),
-    (0.03, 1.0),
-    (0.2e-3, 1.0),
-    (0.01e-3, 1.5),
-    (0.03e-3, 1.0),
-    (0.1e-3, 1.0),
-    (2e-3, 1.5),
-    (2e-3, 1.5),
-    (1e-3, 1.0),
+/// What is assumed of them: weak, physical. Those of the tip load are shares of it.
+const ASSUMED: [Unknown; COUNT] = [
+    sensors::TIP_ZERO_OF_ONE,
+    tip::ENTRY_ANGLE,
+    tip::LOAD_OF_ONE,
+    tip::PROCESS_NOISE,
+    tip::PROCESS_NOISE,
+    tip::LOAD_MEMORY,
+    discrepancy::insertion::MODULUS_OF_ONE,
+    tip::SURFACE_OF_ONE,
+    tip::DRIFT,
+    tip::IRREGULARITY,
+    tip::MOVING_IRREGULARITY,
+    sensors::TILT_OF_ONE,
+    sensors::BEND,
+    tip::UNSTEADINESS,
 ];
 /// Number of the one that matters only where a needle that rests was read on its way.
 pub(super) const MOVING: usize = 10;
@@ -89,23 +90,6 @@ pub(super) const MOVING: usize = 10;
 pub(super) const DIRECTION: Range<usize> = 11..14;
 /// Loads below this are as large, N: where a tip takes hardly any, nothing is known to a share of it.
 const MIN_LOAD_N: f64 = 0.02;
-/// No path is smoother than this, m: the model is solved in steps.
-const MIN_IRREGULARITY_M: f64 = 3e-6;
-const MIN_UNSTEADY_RAD: f64 = 3e-5;
-/// What all insertions of a session share has one value in each plane, which determines little of a size: these are wide. Offset (m), angle
-/// (rad), load (a multiple of its size).
-const SHARED_OFFSET_M: f64 = 0.1;
-const SHARED_ANGLE_RAD: f64 = 0.05;
-const SHARED_LOAD: f64 = 2.0;
-/// Guide 2 against its zero, shared and own, m: clearance and mounting. The place of the surface that all insertions share, m.
-const GUIDE2_M: [f64; 2] = [0.05e-3, 0.01e-3];
-const SHARED_ENTRY_M: f64 = 0.3e-3;
-/// Tilt that all insertions share, rad: how the sensor sits on the needle.
-const SHARED_TILT_RAD: f64 = 0.05;
-/// How far the share of the rear differs between insertions: the needle is gripped again for each.
-const OWN_REAR_SHARE: f64 = 0.03;
-/// Drift that repeats from insertion to insertion, against that of each: a field of the tracker that is bent a little.
-const SHARED_DRIFT: f64 = 0.5;
 /// Steps of the logarithms of modulus and gap that a search may take at once, and the part of it that stands for one insertion.
 const TRUST_LN: f64 = 0.3;
 const SEARCHED_OWN_LN: f64 = 1e-3;
@@ -126,22 +110,22 @@ impl Scales {
     pub(super) fn from_logarithms(x: &[f64], known: Known) -> Self {
         let Known { noise, rear_share, load_n } = known;
         let load_n = load_n.max(MIN_LOAD_N);
-        let at = |i: usize| TYPICAL[i].0 * (x[i] * TYPICAL[i].1).clamp(-9.0, 9.0).exp();
+        let at = |i: usize| ASSUMED[i].mean() * (x[i] * ASSUMED[i].sd()).clamp(-9.0, 9.0).exp();
         Self {
             offset_m: at(0),
             entry_angle_rad: at(1),
             load_n: load_n * at(2),
-            shared_load_n: SHARED_LOAD * load_n,
+            shared_load_n: tip::SHARED_LOAD.sd() * load_n,
             process_noise_n: [load_n * at(3), load_n * at(4)],
             memory_m: at(5),
             modulus_ln: at(6),
             entry_m: at(7),
             drift_m: at(8),
-            irregularity_m: at(9).max(MIN_IRREGULARITY_M),
+            irregularity_m: at(9).max(tip::IRREGULARITY.least()),
             moving_m: at(MOVING),
             tilt_rad: at(11),
             bend_rad: at(12),
-            unsteady_rad: at(13).max(MIN_UNSTEADY_RAD),
+            unsteady_rad: at(13).max(tip::UNSTEADINESS.least()),
             reading_m: noise.position_m,
             direction_rad: noise.direction_rad,
             rear_share,
@@ -168,22 +152,22 @@ impl Scales {
             sds[i] = own;
             ratios[i] = if own > 0.0 { shared / own } else { 0.0 };
         };
-        set(OFFSET, [SHARED_OFFSET_M, self.offset_m]);
-        set(ANGLE, [SHARED_ANGLE_RAD, self.entry_angle_rad]);
-        set(GUIDE2, GUIDE2_M);
+        set(OFFSET, [sensors::SHARED_TIP_ZERO.sd(), self.offset_m]);
+        set(ANGLE, [tip::SHARED_ENTRY_ANGLE.sd(), self.entry_angle_rad]);
+        set(GUIDE2, [rig::GUIDE2_ZERO, rig::GUIDE2_ZERO_OF_ONE].map(|guide2| guide2.sd()));
         set(MODULUS, [if searching { TRUST_LN } else { 0.0 }, self.modulus_ln]);
-        set(ENTRY, [SHARED_ENTRY_M, self.entry_m]);
+        set(ENTRY, [tissue::SURFACE_OF_PATHS.sd(), self.entry_m]);
         set(GAP, if searching { [TRUST_LN, SEARCHED_OWN_LN] } else { [0.0; 2] });
         for number in 0..DRIFTS {
             let own_m = self.drift_m / ((number + 1) as f64).sqrt();
-            set(DRIFT + number, [SHARED_DRIFT * own_m, own_m]);
+            set(DRIFT + number, [tip::SHARED_DRIFT.sd() * own_m, own_m]);
         }
         set(LOAD, [self.shared_load_n, self.load_n]);
         if let Some(rear) = layout.rear() {
-            set(rear, [self.rear_share, OWN_REAR_SHARE]);
+            set(rear, [self.rear_share, rig::REAR_SHARE_OF_ONE.sd()]);
         }
         if let Some(tilt) = layout.tilt() {
-            set(tilt, [SHARED_TILT_RAD, self.tilt_rad]);
+            set(tilt, [sensors::SHARED_TILT.sd(), self.tilt_rad]);
             for number in 0..BENDS {
                 let own_rad = self.bend_rad / ((number + 1) as f64).sqrt();
                 set(tilt + 1 + number, [own_rad, own_rad]);
@@ -207,7 +191,7 @@ impl Scales {
 
     /// Standard deviation of the place of an insertion's surface, m.
     pub(super) fn shared_and_own_entry_m(&self) -> f64 {
-        SHARED_ENTRY_M.hypot(self.entry_m)
+        tissue::SURFACE_OF_PATHS.sd().hypot(self.entry_m)
     }
 
     /// Variance of a step of the search, of the logarithm.

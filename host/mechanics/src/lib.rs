@@ -49,6 +49,7 @@ mod series;
 pub mod steering;
 mod support;
 pub mod terms;
+pub mod unknowns;
 mod varied;
 mod yielding;
 

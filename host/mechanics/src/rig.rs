@@ -1,5 +1,6 @@
 //! What is known about the hardware: the needle and where the guides and the tissue are.
 
+use super::unknowns::{Unknown, rig, tissue};
 use super::{ModelError, check};
 use std::f64::consts::PI;
 
@@ -86,23 +87,14 @@ pub struct Tolerances {
 }
 
 impl Tolerances {
-    /// Where nothing is stated: a guide is some millimetres long, and its middle is measured to a third of one.
-    pub const GUIDE2_SD_M: f64 = 0.3e-3;
-    /// Where nothing is stated: a wet surface bulges around the needle.
-    pub const ENTRY_SD_M: f64 = 0.3e-3;
-    /// Where nothing is stated: a micrometer screw is read to this.
-    pub const DIAMETER_SD_M: f64 = 4e-6;
-    /// Young's modulus of a needle's steel by grade and temper, logarithm.
-    pub const YOUNGS_SD_LN: f64 = 0.015;
-
     /// Standard deviation of the position of guide 2.
     pub fn guide2_sd_m(&self) -> f64 {
-        self.guide2_m.unwrap_or(Self::GUIDE2_SD_M)
+        self.guide2_m.unwrap_or(rig::GUIDE2_POSITION.sd())
     }
 
     /// Standard deviation of the position of the surface.
     pub fn entry_sd_m(&self) -> f64 {
-        self.entry_m.unwrap_or(Self::ENTRY_SD_M)
+        self.entry_m.unwrap_or(tissue::SURFACE.sd())
     }
 
     /// Standard deviation of the logarithm of the bending stiffness of a needle: of its diameters, which enter with their fourth powers,
@@ -110,12 +102,12 @@ impl Tolerances {
     pub fn stiffness_sd_ln(&self, needle: &Needle) -> f64 {
         let Needle { outer_diameter_m: outer_m, inner_diameter_m: inner_m, .. } = *needle;
         let section = outer_m.powi(4) - inner_m.powi(4);
-        let of = |diameter_m: f64, stated: Option<f64>| {
-            4.0 * diameter_m.powi(3) / section * stated.unwrap_or(Self::DIAMETER_SD_M)
+        let of = |diameter_m: f64, stated: Option<f64>, unknown: Unknown| {
+            4.0 * diameter_m.powi(3) / section * stated.unwrap_or(unknown.sd())
         };
-        let outer = of(outer_m, self.outer_diameter_m);
-        let inner = of(inner_m, self.inner_diameter_m);
-        outer.hypot(inner).hypot(Self::YOUNGS_SD_LN)
+        let outer = of(outer_m, self.outer_diameter_m, rig::OUTER_DIAMETER);
+        let inner = of(inner_m, self.inner_diameter_m, rig::INNER_DIAMETER);
+        outer.hypot(inner).hypot(rig::YOUNGS_MODULUS.sd())
     }
 }
 

@@ -5,6 +5,7 @@
 //! the test as much as of the tissue. Young's modulus found through the relation for that very test is not affected.
 
 use mechanics::continuum::{Continuum, check_youngs};
+use mechanics::unknowns::sensors::{DISPLACEMENT_NOISE, FORCE_NOISE, SHAPE_NOISE};
 use mechanics::{Rig, Support};
 use readings::{
     FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, SharedErrors, fit,
@@ -94,9 +95,9 @@ impl Default for Run {
     fn default() -> Self {
         Self {
             displacement_m: 1.2e-3,
-            displacement_sd_m: 0.02e-3,
-            force_sd_n: 0.05,
-            shape_sd_m: 0.03e-3,
+            displacement_sd_m: DISPLACEMENT_NOISE.mean(),
+            force_sd_n: FORCE_NOISE.mean(),
+            shape_sd_m: SHAPE_NOISE.mean(),
             spacing_m: 1e-3,
         }
     }

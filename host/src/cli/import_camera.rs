@@ -14,6 +14,7 @@ use formats::session::{DEPTH_RANGE_MM, ForceSeries, SessionWriter, Setup, import
 use imaging::camera::{Clip, Directions, Settings, State, measure};
 use imaging::frame::Region;
 use imaging::overlay::Picture;
+use mechanics::unknowns::sensors;
 use series::{Axes, Series};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -59,8 +60,6 @@ struct Ruler {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Direction([f64; 2]);
 
-/// How well a point of a ruler is placed by hand, pixels: standard deviation along the ruler.
-const POINT_SD_PX: f64 = 0.5;
 /// Sine of the largest angle between up and an axis of the image at which a template with texture in one direction is enough.
 const MAX_SLANT: f64 = 0.05;
 
@@ -87,7 +86,10 @@ impl CameraArgs {
             (Some(mm_per_px), _) => Ok(Scale { mm_per_px, sd: None }),
             (None, Some(Ruler { length_px, mm })) => {
                 let mm_per_px = mm / length_px;
-                Ok(Scale { mm_per_px, sd: Some(mm_per_px * 2f64.sqrt() * POINT_SD_PX / length_px) })
+                Ok(Scale {
+                    mm_per_px,
+                    sd: Some(mm_per_px * 2f64.sqrt() * sensors::PLACED_POINT.sd() / length_px),
+                })
             }
             (None, None) => bail!(
                 "size of a pixel: missing, expected --mm-per-px, or two points of known distance (--ruler)"

@@ -11,6 +11,7 @@ use inference::plan::{Choice, Limits, Plan, PlanInput, plan};
 use inference::prior::PriorResult;
 use mechanics::Support;
 use mechanics::effects::Effect;
+use mechanics::unknowns::sensors;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
@@ -73,11 +74,6 @@ pub struct Args {
     plot: Option<PathBuf>,
 }
 
-/// Noise where the rig file does not state it.
-const FORCE_SD_N: f64 = 0.05;
-const DISPLACEMENT_SD_M: f64 = 0.02e-3;
-const SHAPE_SD_M: f64 = 0.03e-3;
-
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let positive = |name: &str, values: &[f64]| {
@@ -124,9 +120,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         support,
         poisson_sd: tissue.poisson_sd.unwrap_or(0.0),
         modulus_range_pa: range,
-        force_sd_n: noise.force_n.unwrap_or(FORCE_SD_N),
-        displacement_sd_m: noise.displacement_m.unwrap_or(DISPLACEMENT_SD_M),
-        shape_sd_m: noise.shape_m.unwrap_or(SHAPE_SD_M),
+        force_sd_n: noise.force_n.unwrap_or(sensors::FORCE_NOISE.mean()),
+        displacement_sd_m: noise.displacement_m.unwrap_or(sensors::DISPLACEMENT_NOISE.mean()),
+        shape_sd_m: noise.shape_m.unwrap_or(sensors::SHAPE_NOISE.mean()),
         shape_spacing_m: 1e-3 * args.spacing_mm,
         rate_hz: args.rate_hz,
         hold_s: args.hold_s,

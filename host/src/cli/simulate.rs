@@ -5,6 +5,7 @@ use anyhow::{Context, ensure};
 use formats::model_file::ModelFile;
 use formats::session::{InsertionRun, LateralRun, SessionWriter, Setup, SteeringRun};
 use mechanics::effects::Effect;
+use mechanics::unknowns::sensors;
 use serde::Serialize;
 use simulation::rig::steering::{self, Tissue};
 use simulation::simulate::{Sensors, SimulationPlan, SteeringPlan};
@@ -40,11 +41,6 @@ pub struct Args {
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
-
-/// Noise of steering runs where the file states none: a stage's motors, a force sensor, an electromagnetic tracker.
-const BASE_SD_M: f64 = 0.02e-3;
-const FORCE_SD_N: f64 = 0.05;
-const TIP_SD_M: f64 = 0.1e-3;
 
 /// What was simulated.
 #[derive(Serialize)]
@@ -157,9 +153,9 @@ fn steered(config: &Path, setup: &Setup, plan: &SteeringPlan, seed: u64) -> anyh
     }
     let name = config.display();
     let sensors = steering::Sensors {
-        base_m: setup.noise.displacement_m.unwrap_or(BASE_SD_M),
-        force_n: setup.noise.force_n.unwrap_or(FORCE_SD_N),
-        tip_m: setup.noise.tip_m.unwrap_or(TIP_SD_M),
+        base_m: setup.noise.displacement_m.unwrap_or(sensors::DISPLACEMENT_NOISE.mean()),
+        force_n: setup.noise.force_n.unwrap_or(sensors::FORCE_NOISE.mean()),
+        tip_m: setup.noise.tip_m.unwrap_or(sensors::TIP_NOISE.mean()),
     };
     let rig = plan.rig(&setup.rig).with_context(|| format!("{name}: cannot simulate"))?;
     let measured = |(number, run): (u64, &steering::Plan)| {

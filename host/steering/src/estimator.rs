@@ -8,11 +8,10 @@ use crate::readings::Bin;
 use crate::tables::{self, Columns, Tables};
 use crate::unknowns::{CuttingLaw, TISSUE, Unknowns};
 use mechanics::ModelError;
+use mechanics::unknowns::tip::ROUGHNESS;
 use nalgebra::{DMatrix, DVector};
 use std::sync::Arc;
 
-/// Error of the model from place to place, m: what no smooth irregularity has.
-const ROUGHNESS_M: f64 = 0.015e-3;
 /// Degrees of freedom of a bin's residual.
 const FREEDOM: f64 = 5.0;
 /// Step of finite differences, in standard deviations.
@@ -157,7 +156,7 @@ impl Hypothesis {
                 for (plane, path) in paths.iter().enumerate() {
                     let row = row(bin.place, bin.depth_m, plane);
                     let residual = bin.tip_m[plane] - tables::at(path, bin.place);
-                    let variance = bin.variance_m2 + ROUGHNESS_M * ROUGHNESS_M;
+                    let variance = bin.variance_m2 + ROUGHNESS.sd() * ROUGHNESS.sd();
                     let ratio = residual * residual / variance;
                     let weight = (FREEDOM + 1.0) / (FREEDOM + ratio);
                     ln_likelihood -= 0.5 * (FREEDOM + 1.0) * (ratio / FREEDOM).ln_1p() + 0.5 * variance.ln();

@@ -6,6 +6,7 @@
 
 use crate::known::{self, KnownEffect};
 use crate::protocol::Statement;
+use mechanics::unknowns::{rig, sensors, tip, tissue};
 use mechanics::{BeamProblem, Foundation, Layer, ModelError, Needle, Rig};
 use nalgebra::DMatrix;
 
@@ -21,29 +22,6 @@ pub(crate) const GAP: usize = LAYERS + 1;
 pub(crate) const TISSUE: usize = LAYERS + 2;
 /// Distance of knots of the tip's load and of the path's irregularity, m.
 pub(crate) const KNOT_M: f64 = 0.010;
-/// Spread of the layers' moduli (of logarithms) about the common one, and the depth over which they resemble each other.
-const LAYER_SD: f64 = 0.30;
-const LAYER_LENGTH_M: f64 = 0.030;
-/// Skin: median and spread (of the logarithm) of its stiffness, N/m.
-const SKIN_N_PER_M: f64 = 150.0;
-const SKIN_SD: f64 = 1.2;
-const GAP_SD_M: f64 = 0.5e-3;
-/// Where the tip is at the surface beside the axis.
-const OFFSET_SD_M: f64 = 0.15e-3;
-/// Load of the tip: what varies along the bevel as a share of the load, over which depth, and across.
-const PROCESS_NOISE_SD: f64 = 0.18;
-const CORRELATION_LENGTH_M: f64 = 0.030;
-const ACROSS_SD: f64 = 0.10;
-const ACROSS_NOISE_SD: f64 = 0.10;
-/// The angle at which a tip cuts, in all and what varies.
-const CUT_SD_RAD: f64 = 0.020;
-const CUT_ACROSS_SD_RAD: f64 = 0.010;
-const CUT_NOISE_SD_RAD: f64 = 0.002;
-/// A cut angle beside a load.
-const BESIDE_SD_RAD: f64 = 0.010;
-/// What the path does that no model has.
-const IRREGULARITY_SD_M: f64 = 0.06e-3;
-const IRREGULARITY_LENGTH_M: f64 = 0.020;
 
 /// How the tip cuts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,33 +66,40 @@ impl Unknowns {
         let stiffness = stated.needle.ei_n_m2.unwrap_or(reference * (diameter_m / 1.27e-3).powi(4));
         let guide2_m = 1e-3 * stated.rig.guide1_to_guide2_mm.unwrap_or(60.0);
         let entry_m = guide2_m + 1e-3 * stated.rig.guide2_to_surface_mm;
-        let rig = Rig::two_guides(Needle::gauge_18(), guide2_m, entry_m);
+        let stated_rig = Rig::two_guides(Needle::gauge_18(), guide2_m, entry_m);
         let range = |range: Option<[f64; 2]>, default: f64| match range {
             Some([low, high]) if low > 0.0 && high > low => {
                 ((low * high).sqrt(), (high / low).ln() / 12f64.sqrt())
             }
             _ => (1.0, default),
         };
-        let (factor, modulus_sd) = range(prior.and_then(|prior| prior.foundation_range), 0.5);
-        let modulus_pa =
-            1e3 * factor * prior.and_then(|prior| prior.foundation_kpa).filter(|k| *k > 0.0).unwrap_or(12.0);
-        let unknown_stiffness = if stated.needle.ei_n_m2.is_some() { 0.0 } else { 0.4 };
+        let (factor, modulus_sd) =
+            range(prior.and_then(|prior| prior.foundation_range), tissue::STATED_MODULUS.sd());
+        let modulus_pa = 1e3
+            * factor
+            * prior
+                .and_then(|prior| prior.foundation_kpa)
+                .filter(|k| *k > 0.0)
+                .unwrap_or(1e-3 * tissue::STATED_MODULUS.mean());
+        let unknown_stiffness =
+            if stated.needle.ei_n_m2.is_some() { 0.0 } else { rig::UNSTATED_STIFFNESS.sd() };
         let modulus_sd = f64::hypot(modulus_sd, unknown_stiffness);
         let mut problem = BeamProblem {
             bending_stiffness_n_m2: stiffness,
-            skin_n_per_m: SKIN_N_PER_M,
-            ..BeamProblem::new(&rig, Foundation::uniform(modulus_pa)?, target_m)
+            skin_n_per_m: tissue::SKIN.mean(),
+            ..BeamProblem::new(&stated_rig, Foundation::uniform(modulus_pa)?, target_m)
         };
         known::apply(known, stated.needle.ei_n_m2.is_some(), &mut problem)?;
         let load = prior.and_then(|prior| prior.tip_load_n);
         let (load_factor, load_sd) = match prior.and_then(|prior| prior.tip_load_range) {
             Some([low, high]) if high > low => (0.5 * (low + high), (high - low) / 12f64.sqrt()),
-            _ => (1.0, 0.5),
+            _ => (tip::STATED_LOAD.mean(), tip::STATED_LOAD.sd()),
         };
-        let load_n = load.unwrap_or(0.2);
-        let slope = prior.and_then(|prior| prior.slope_mrad).map_or(0.010, |mrad| 1e-3 * mrad);
+        let load_n = load.unwrap_or(tip::TYPICAL_LOAD.mean());
+        let slope =
+            prior.and_then(|prior| prior.slope_mrad).map_or(tip::STAGE_ANGLE.sd(), |mrad| 1e-3 * mrad);
         let error_m = 1e-3 * stated.guide_error_mm;
-        let [play_m, play_sd_m] = known::play_m(known).unwrap_or([0.25 * error_m; 2]);
+        let [play_m, play_sd_m] = known::play_m(known).unwrap_or([rig::STAGE_BACKLASH.sd() * error_m; 2]);
 
         let knots = (target_m / KNOT_M).ceil() as usize + 1;
         let mut this = Self {
@@ -135,20 +120,21 @@ impl Unknowns {
             let top_m = layer.checked_sub(1).map_or(0.0, |above| FACES_M[above]);
             0.5 * (top_m + FACES_M.get(layer).copied().unwrap_or(0.1))
         };
-        this.sd[..LAYERS].fill(modulus_sd.hypot(LAYER_SD));
-        (this.sd[SKIN], this.sd[GAP]) = (SKIN_SD, GAP_SD_M);
+        this.sd[..LAYERS].fill(modulus_sd.hypot(tissue::LAYER_MODULUS.sd()));
+        (this.sd[SKIN], this.sd[GAP]) = (tissue::SKIN.sd(), tissue::GAP_OF_STAGE.sd());
         for i in 0..LAYERS {
             for j in 0..LAYERS {
-                let alike = (-(middle_m(i) - middle_m(j)).abs() / LAYER_LENGTH_M).exp();
-                correlation[(i, j)] = (modulus_sd.powi(2) + LAYER_SD.powi(2) * alike) / this.sd[i].powi(2);
+                let alike = (-(middle_m(i) - middle_m(j)).abs() / tissue::LAYER_LENGTH.mean()).exp();
+                correlation[(i, j)] =
+                    (modulus_sd.powi(2) + tissue::LAYER_MODULUS.sd().powi(2) * alike) / this.sd[i].powi(2);
             }
         }
         for (start, sd, mean) in [
             (this.slope(), slope.max(1e-4), 0.0),
-            (this.offset(), OFFSET_SD_M, 0.0),
-            (this.guide_offset(), (0.4 * error_m).max(1e-6), 0.0),
+            (this.offset(), sensors::STEERED_TIP_ZERO.sd(), 0.0),
+            (this.guide_offset(), (rig::STAGE_ERROR.sd() * error_m).max(1e-6), 0.0),
             (this.backlash(), play_sd_m.max(1e-6), play_m),
-            (this.beside(), BESIDE_SD_RAD, 0.0),
+            (this.beside(), tip::CUT_ANGLE_BESIDE_LOAD.sd(), 0.0),
         ] {
             this.sd[start..start + 2].fill(sd);
             this.mean[start..start + 2].fill(mean);
@@ -156,24 +142,28 @@ impl Unknowns {
         // The common part of the load or angle and what varies about it.
         let [along, across] = match law {
             CuttingLaw::Load => [
-                [load_sd * load_factor.max(0.3) * load_n, PROCESS_NOISE_SD * load_n],
-                [ACROSS_SD * load_n, ACROSS_NOISE_SD * load_n],
+                [load_sd * load_factor.max(0.3) * load_n, tip::STEERED_PROCESS_NOISE.sd() * load_n],
+                [tip::LOAD_ACROSS.sd() * load_n, tip::PROCESS_NOISE_ACROSS.sd() * load_n],
             ],
-            CuttingLaw::Angle => [[CUT_SD_RAD, CUT_NOISE_SD_RAD], [CUT_ACROSS_SD_RAD, CUT_NOISE_SD_RAD]],
+            CuttingLaw::Angle => [
+                [tip::CUT_ANGLE.sd(), tip::CUT_ANGLE_NOISE.sd()],
+                [tip::CUT_ANGLE_ACROSS.sd(), tip::CUT_ANGLE_NOISE.sd()],
+            ],
         };
         for (direction, [common, varying]) in [along, across].into_iter().enumerate() {
             let start = this.tip(direction, 0);
             let sd = common.hypot(varying).max(1e-9);
             let mean = if law == CuttingLaw::Load && direction == 0 { load_factor * load_n } else { 0.0 };
             let correlated = |apart_m: f64| {
-                (common * common + varying * varying * (-apart_m / CORRELATION_LENGTH_M).exp()) / (sd * sd)
+                (common * common + varying * varying * (-apart_m / tip::STEERED_LOAD_MEMORY.mean()).exp())
+                    / (sd * sd)
             };
             this.fill_knots(&mut correlation, start, sd, mean, correlated);
         }
         for plane in 0..2 {
             let start = this.irregularity(plane, 0);
-            let correlated = |apart_m: f64| (-(apart_m / IRREGULARITY_LENGTH_M).powi(2)).exp();
-            this.fill_knots(&mut correlation, start, IRREGULARITY_SD_M, 0.0, correlated);
+            let correlated = |apart_m: f64| (-(apart_m / tip::IRREGULARITY_LENGTH.mean()).powi(2)).exp();
+            this.fill_knots(&mut correlation, start, tip::STEERED_IRREGULARITY.sd(), 0.0, correlated);
         }
         for i in 0..count {
             correlation[(i, i)] += 1e-6;
@@ -256,7 +246,7 @@ impl Unknowns {
         let foundation = Foundation::layered(layers, self.modulus_pa * ln(LAYERS - 1))?;
         let gap_m = self.problem.entry_m - self.problem.guide2_m;
         let entry_m = self.problem.guide2_m + (gap_m + self.value(unknowns, GAP)).max(0.2 * gap_m);
-        let skin_n_per_m = SKIN_N_PER_M * ln(SKIN);
+        let skin_n_per_m = tissue::SKIN.mean() * ln(SKIN);
         Ok(BeamProblem { foundation, skin_n_per_m, entry_m, ..self.problem.clone() })
     }
 }

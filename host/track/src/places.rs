@@ -9,13 +9,11 @@
 use super::mixture::{mixed, mixed_stiffness, weights};
 use super::online::{CELLS, OnlineTracker};
 use estimator::{Estimate, Evidence, Value};
+use mechanics::unknowns::tissue::FIELD_VARIATIONS;
 use rayon::prelude::*;
 
 /// Boundaries lie between these shares of the depth: beyond them one side is too short for two layers.
 const SEARCHED: [f64; 2] = [0.08, 0.92];
-/// Standard deviation of the first order of the logarithm of stiffness within a layer, and its probability before the run: uniform as
-/// layers that are cast are, nearly so, and as tissue with inclusions and cavities.
-const VARIATIONS: [(f64, f64); 3] = [(0.02, 0.6), (0.1, 0.3), (0.5, 0.1)];
 /// First places: so many cells apart.
 const COARSE_CELLS: f64 = 2.0;
 /// Places about the likely ones: so far apart.
@@ -81,7 +79,8 @@ pub(super) fn posterior(tracker: &OnlineTracker<f64>, reach_m: f64) -> Option<La
     let count = ((last_m - first_m) / (COARSE_CELLS * cell_m)).ceil().max(1.0) as usize;
     let coarse_m = (last_m - first_m) / count as f64;
     let places = (0..=count).map(|i| Some(first_m + coarse_m * i as f64)).chain([None]);
-    let all = |boundary_m| (0..VARIATIONS.len()).map(move |variation| Hypothesis { boundary_m, variation });
+    let all =
+        |boundary_m| (0..FIELD_VARIATIONS.len()).map(move |variation| Hypothesis { boundary_m, variation });
     let mut found = fit(places.flat_map(all).collect());
     let likely: Vec<Hypothesis> = found
         .iter()
@@ -123,7 +122,7 @@ fn fitted(tracker: &OnlineTracker<f64>, hypothesis: Hypothesis, reach_m: f64) ->
     let Hypothesis { boundary_m, variation } = hypothesis;
     let cell_m = boundary_m.map_or(own_m, |boundary_m| cell_length_m(own_m, boundary_m, reach_m));
     let segment_m = boundary_m.unwrap_or(2.0 * reach_m);
-    let mut tracker = tracker.resegmented(segment_m, cell_m, VARIATIONS.get(variation)?.0);
+    let mut tracker = tracker.resegmented(segment_m, cell_m, FIELD_VARIATIONS.get(variation)?.0.mean());
     let estimate = tracker.finish()?;
     let cells = ((reach_m / own_m).ceil() as usize).min(CELLS);
     let at = |depth_m: f64| tracker.stiffness_at(((depth_m / cell_m) as usize).min(CELLS - 1));
@@ -158,7 +157,7 @@ fn probabilities(found: &[Fitted], range_m: [f64; 2]) -> Vec<f64> {
         let Evidence { cost, occam, .. } = one.evidence;
         let share =
             part_m(found, index, range_m).map_or(1.0, |[low, high]| (high - low) / (range_m[1] - range_m[0]));
-        let odds = VARIATIONS.get(one.hypothesis.variation).map_or(0.0, |(_, odds)| *odds);
+        let odds = FIELD_VARIATIONS.get(one.hypothesis.variation).map_or(0.0, |(_, odds)| *odds);
         -0.5 * cost / wide - occam + (odds * share).ln()
     };
     weights(&found.iter().enumerate().map(log).collect::<Vec<_>>())

@@ -7,13 +7,10 @@ use formats::session::{FoundationKind, Setup, template};
 use inference::diagnose::INCOMPRESSIBLE;
 use inference::plan::{Limits, PlanInput, plan as planned};
 use mechanics::Support;
+use mechanics::unknowns::sensors;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Noise where the session does not state it, and the run: those of `guide plan`.
-const FORCE_SD_N: f64 = 0.05;
-const DISPLACEMENT_SD_M: f64 = 0.02e-3;
-const SHAPE_SD_M: f64 = 0.03e-3;
 const SPACING_M: f64 = 1e-3;
 const RATE_HZ: f64 = 20.0;
 const LEVELS: [f64; 2] = [0.0, 1.0];
@@ -82,9 +79,9 @@ impl PlanRequest {
             support,
             poisson_sd: tissue.poisson_sd.unwrap_or(0.0),
             modulus_range_pa: self.modulus_kpa.map(|kpa| 1e3 * kpa),
-            force_sd_n: noise.force_n.unwrap_or(FORCE_SD_N),
-            displacement_sd_m: noise.displacement_m.unwrap_or(DISPLACEMENT_SD_M),
-            shape_sd_m: noise.shape_m.unwrap_or(SHAPE_SD_M),
+            force_sd_n: noise.force_n.unwrap_or(sensors::FORCE_NOISE.mean()),
+            displacement_sd_m: noise.displacement_m.unwrap_or(sensors::DISPLACEMENT_NOISE.mean()),
+            shape_sd_m: noise.shape_m.unwrap_or(sensors::SHAPE_NOISE.mean()),
             shape_spacing_m: SPACING_M,
             rate_hz: RATE_HZ,
             hold_s: self.hold_s,

@@ -4,6 +4,8 @@ use super::{Around, Cause, GroupPatterns, Made, Scope};
 use crate::data::{Datum, Kind, Source};
 use crate::evidence::Group;
 use mechanics::insertion::Cutting;
+use mechanics::unknowns::discrepancy::insertion as size;
+use mechanics::unknowns::{Unknown, rig, sensors, tissue};
 use mechanics::{Experiment, Insertion, ModelError, Profile};
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -19,20 +21,11 @@ const KNOT_M: f64 = 4e-3;
 const LN_STEP: f64 = 1e-3;
 const SHIFT_STEP_M: f64 = 1e-4;
 const ROLL_STEP_RAD: f64 = 1e-3;
-/// Angles at which needles enter differ by this much where two guides hold them, and where one guide and a hand do; and how far the
-/// axis along which depth is measured may be from theirs.
-const ANGLE_RAD: f64 = 3e-3;
-const ANGLE_BY_HAND_RAD: f64 = 15e-3;
-const TILT_RAD: f64 = 4e-3;
-const TILT_BY_HAND_RAD: f64 = 30e-3;
-/// A sensor lies in the tip at an angle of this size.
-const COIL_RAD: f64 = 20e-3;
 
 /// All groups; lateral runs have none of their patterns.
 pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
     let mut groups = Vec::new();
-    let mut add = |name: &'static str,
-                   (everyday, tail): (f64, Option<f64>),
+    let mut add = |unknown: &Unknown,
                    scope: Scope,
                    cause: Cause,
                    of: &dyn Fn(&Around<'_>) -> Made|
@@ -41,8 +34,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) }
         };
         let of_runs = all.iter().map(of_run).collect::<Result<_, _>>()?;
-        let group = Group { name, everyday, tail, multiple: 1.0 };
-        groups.push(GroupPatterns { group, scope, of_runs, cause });
+        groups.push(GroupPatterns { group: Group::of(unknown), scope, of_runs, cause });
         Ok(())
     };
     let modulus = |around: &Around<'_>| {
@@ -67,69 +59,42 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         Ok(vec![slope?])
     };
     // The size of something that happens once cannot be found from it: it is known.
-    add("modulus from insertion to insertion", (0.03, Some(1.0)), Scope::Own, Cause::Run, &modulus)?;
-    add("tip load from insertion to insertion", (0.03, Some(1.5)), Scope::Own, Cause::Run, &|around| {
-        Ok(vec![under_load(around, &|_| 1.0)?])
-    })?;
+    add(&size::MODULUS_OF_ONE, Scope::Own, Cause::Run, &modulus)?;
+    add(&size::LOAD_OF_ONE, Scope::Own, Cause::Run, &|around| Ok(vec![under_load(around, &|_| 1.0)?]))?;
     let by_hand = all.iter().any(|around| around.model.rig.has_one_guide());
-    let [angle_rad, tilt_rad] =
-        if by_hand { [ANGLE_BY_HAND_RAD, TILT_BY_HAND_RAD] } else { [ANGLE_RAD, TILT_RAD] };
-    add(
-        "angle of entry from insertion to insertion",
-        (angle_rad, Some(1.0)),
-        Scope::Own,
-        Cause::INSTRUMENT,
-        &|around| Ok(linear(around)),
-    )?;
-    add("surface from insertion to insertion", (0.5e-3, Some(1.0)), Scope::Own, Cause::Run, &entry)?;
-    add("roll from insertion to insertion", (0.02, Some(1.0)), Scope::Own, Cause::Run, &roll)?;
+    // The same groups by name, so that what a model file states of them holds for both.
+    let [angle, tilt] = if by_hand {
+        let named = |of: Unknown, by: Unknown| Unknown { name: of.name, ..by };
+        [named(size::ENTRY_ANGLE, size::ENTRY_ANGLE_BY_HAND), named(size::TILT, size::TILT_BY_HAND)]
+    } else {
+        [size::ENTRY_ANGLE, size::TILT]
+    };
+    add(&angle, Scope::Own, Cause::INSTRUMENT, &|around| Ok(linear(around)))?;
+    add(&size::SURFACE_OF_ONE, Scope::Own, Cause::Run, &entry)?;
+    add(&size::ROLL_OF_ONE, Scope::Own, Cause::Run, &roll)?;
     let waves = |around: &Around<'_>| {
         let wave = |k: usize| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos());
         (1..=LOAD_WAVES).map(wave).collect::<Result<Vec<_>, _>>()
     };
-    add("tip load over depth of one insertion", (0.02, Some(1.0)), Scope::Own, Cause::Physics, &waves)?;
-    add("tip load over depth", (0.02, Some(1.0)), Scope::Shared, Cause::Physics, &waves)?;
-    add("drift of the path of one insertion", (30e-6, Some(1.0)), Scope::Own, Cause::Physics, &|around| {
-        Ok(smooth(around))
-    })?;
-    add("smooth error of the path", (30e-6, Some(1.0)), Scope::Shared, Cause::Physics, &|around| {
-        Ok(smooth(around))
-    })?;
-    add(
-        "drift of the direction of one insertion",
-        (1.5e-3, Some(1.0)),
-        Scope::Own,
-        Cause::Physics,
-        &|around| Ok(smooth_direction(around)),
-    )?;
-    add("smooth error of the direction", (1.5e-3, Some(1.0)), Scope::Shared, Cause::Physics, &|around| {
-        Ok(smooth_direction(around))
-    })?;
+    add(&size::LOAD_OVER_DEPTH_OF_ONE, Scope::Own, Cause::Physics, &waves)?;
+    add(&size::LOAD_OVER_DEPTH, Scope::Shared, Cause::Physics, &waves)?;
+    add(&size::DRIFT_OF_ONE, Scope::Own, Cause::Physics, &|around| Ok(smooth(around)))?;
+    add(&size::SMOOTH_PATH, Scope::Shared, Cause::Physics, &|around| Ok(smooth(around)))?;
+    add(&size::DIRECTION_DRIFT_OF_ONE, Scope::Own, Cause::Physics, &|around| Ok(smooth_direction(around)))?;
+    add(&size::SMOOTH_DIRECTION, Scope::Shared, Cause::Physics, &|around| Ok(smooth_direction(around)))?;
     // A sensor is some millimetres long, and behind the tip.
-    add("direction proportional to itself", (0.03, Some(1.0)), Scope::Shared, Cause::Physics, &|around| {
+    add(&size::DIRECTION_PROPORTIONAL, Scope::Shared, Cause::Physics, &|around| {
         Ok(proportional_direction(around))
     })?;
-    add(
-        "direction proportional to itself, of one insertion",
-        (0.02, Some(1.0)),
-        Scope::Own,
-        Cause::Physics,
-        &|around| Ok(proportional_direction(around)),
-    )?;
-    // A hand takes the needle again, along another line.
-    add(
-        "tilt of the tracker",
-        (tilt_rad, None),
-        Scope::Shared,
-        Cause::Instrument { mounted: by_hand },
-        &|around| Ok(linear(around)),
-    )?;
-    add("angle of the sensor in the tip", (COIL_RAD, None), Scope::Shared, Cause::INSTRUMENT, &|around| {
-        Ok(coil(around))
+    add(&size::DIRECTION_PROPORTIONAL_OF_ONE, Scope::Own, Cause::Physics, &|around| {
+        Ok(proportional_direction(around))
     })?;
-    add("guide 2 off", (50e-6, None), Scope::Shared, Cause::Physics, &guide2)?;
-    add("place of the surface in insertions", (1e-3, None), Scope::Shared, Cause::Mounting, &entry)?;
-    add("roll of the bevel", (0.03, None), Scope::Shared, Cause::Mounting, &roll)?;
+    // A hand takes the needle again, along another line.
+    add(&tilt, Scope::Shared, Cause::Instrument { mounted: by_hand }, &|around| Ok(linear(around)))?;
+    add(&sensors::COIL_ANGLE, Scope::Shared, Cause::INSTRUMENT, &|around| Ok(coil(around)))?;
+    add(&rig::GUIDE2_ZERO, Scope::Shared, Cause::Physics, &guide2)?;
+    add(&tissue::SURFACE_IN_INSERTIONS, Scope::Shared, Cause::Mounting, &entry)?;
+    add(&size::ROLL, Scope::Shared, Cause::Mounting, &roll)?;
     groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
     Ok(groups)
 }

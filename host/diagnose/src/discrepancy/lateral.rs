@@ -5,6 +5,8 @@ use crate::data::{Kind, Source};
 use crate::evidence::Group;
 use crate::predicted::predicted;
 use mechanics::effects::effect;
+use mechanics::unknowns::discrepancy::lateral as size;
+use mechanics::unknowns::{Unknown, rig as of_rig, sensors, tissue};
 use mechanics::{Experiment, Foundation, Layer, ModelError, predict_with};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
@@ -30,16 +32,6 @@ const ENTRY_STEP_M: f64 = 1e-5;
 const CLEARANCE_STEP_M: f64 = 5e-6;
 const MM: f64 = 1e-3;
 
-/// A group whose size is found.
-fn found(name: &'static str, everyday: f64) -> Group {
-    Group { name, everyday, tail: Some(1.0), multiple: 1.0 }
-}
-
-/// A group of known size.
-fn known(name: &'static str, everyday: f64) -> Group {
-    Group { name, everyday, tail: None, multiple: 1.0 }
-}
-
 /// Whether a datum is of the force, and of the plane in which guide 2 moves.
 struct Part {
     force: bool,
@@ -57,7 +49,7 @@ fn part(around: &Around<'_>, index: usize) -> Part {
 pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
     let lateral = |around: &Around<'_>| around.run.kind == Kind::Lateral;
     let mut groups = Vec::new();
-    let mut add = |group: Group,
+    let mut add = |unknown: &Unknown,
                    scope: Scope,
                    cause: Cause,
                    of: &mut dyn FnMut(usize, &Around<'_>) -> Made|
@@ -66,7 +58,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             if lateral(around) { of(number, around) } else { Ok(Vec::new()) }
         };
         let of_runs = all.iter().enumerate().map(of_run).collect::<Result<_, _>>()?;
-        groups.push(GroupPatterns { group, scope, of_runs, cause });
+        groups.push(GroupPatterns { group: Group::of(unknown), scope, of_runs, cause });
         Ok(())
     };
     let deepest_m = all.iter().filter(|a| lateral(a)).map(|a| a.run.depth_m).fold(0.0, f64::max);
@@ -76,28 +68,22 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         .iter()
         .map(|around| if lateral(around) { by_ln_modulus(around) } else { Ok(Vec::new()) })
         .collect::<Result<_, _>>()?;
-    add(found("modulus from run to run", 0.01), Scope::Own, Cause::Physics, &mut |number, _| {
+    add(&size::MODULUS_FROM_RUN_TO_RUN, Scope::Own, Cause::Physics, &mut |number, _| {
         Ok(vec![by_modulus[number].clone()])
     })?;
     let mut number_of_run = 0.0;
-    add(
-        found("modulus changing from run to run", 0.003),
-        Scope::Shared,
-        Cause::Physics,
-        &mut |number, _| {
-            let trend = by_modulus[number].iter().map(|slope| number_of_run * slope).collect();
-            number_of_run += 1.0;
-            Ok(vec![trend])
-        },
-    )?;
+    add(&size::MODULUS_CHANGING, Scope::Shared, Cause::Physics, &mut |number, _| {
+        let trend = by_modulus[number].iter().map(|slope| number_of_run * slope).collect();
+        number_of_run += 1.0;
+        Ok(vec![trend])
+    })?;
     let mix = slices_alike((deepest_m / SLICE_M).ceil().max(1.0) as usize);
-    let over_depth = Group { tail: Some(0.5), ..found("modulus over depth", 0.02) };
-    add(over_depth, Scope::Shared, Cause::Physics, &mut |_, around| by_slices(around, &mix))?;
+    add(&size::MODULUS_OVER_DEPTH, Scope::Shared, Cause::Physics, &mut |_, around| by_slices(around, &mix))?;
 
     // Image.
     let repeats = ((deepest_m / REPEAT_M).ceil() as usize).clamp(2, MAX_REPEATS);
     let spacing_m = deepest_m / repeats as f64;
-    add(found("repeating shape pattern", 6e-6), Scope::Shared, Cause::Physics, &mut |_, around| {
+    add(&size::REPEATING_SHAPE, Scope::Shared, Cause::Physics, &mut |_, around| {
         let hat = |node: usize| {
             around.each(|i, datum| match part(around, i) {
                 Part { force: false, driven: true, .. } => {
@@ -109,7 +95,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         Ok((0..=repeats).map(hat).collect())
     })?;
     let wave = |k: usize, depth_m: f64| (k as f64 * PI * depth_m / SMOOTH_M).cos();
-    add(found("smooth shape error", 10e-6), Scope::Shared, Cause::Physics, &mut |_, around| {
+    add(&size::SMOOTH_SHAPE, Scope::Shared, Cause::Physics, &mut |_, around| {
         let of = |(plane, k): (usize, usize)| {
             around.each(|i, datum| {
                 let here = part(around, i);
@@ -123,19 +109,13 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             if part(around, i).force { 0.0 } else { around.predicted[i] * wave(k, datum.place.depth_m) }
         })
     };
-    add(
-        found("shape error proportional to deflection", 0.01),
-        Scope::Shared,
-        Cause::Physics,
-        &mut |_, around| Ok((0..SMOOTH).map(|k| proportional(around, k)).collect()),
-    )?;
-    add(
-        found("shape error proportional to deflection, of one run", 0.005),
-        Scope::Own,
-        Cause::Physics,
-        &mut |_, around| Ok((0..SMOOTH_OF_RUN).map(|k| proportional(around, k)).collect()),
-    )?;
-    add(found("shape offset of one run", 5e-6), Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
+    add(&size::SHAPE_PROPORTIONAL, Scope::Shared, Cause::Physics, &mut |_, around| {
+        Ok((0..SMOOTH).map(|k| proportional(around, k)).collect())
+    })?;
+    add(&size::SHAPE_PROPORTIONAL_OF_RUN, Scope::Own, Cause::Physics, &mut |_, around| {
+        Ok((0..SMOOTH_OF_RUN).map(|k| proportional(around, k)).collect())
+    })?;
+    add(&size::SHAPE_OFFSET, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
         let of = |(driven, k): (bool, usize)| {
             around.each(|i, datum| {
                 let here = part(around, i);
@@ -146,8 +126,8 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
 
     // Guides and sensors.
-    add(found("axes not square", 0.01), Scope::Shared, Cause::INSTRUMENT, &mut |_, around| axes(around))?;
-    add(found("force zero of one run", 0.01), Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
+    add(&size::AXES, Scope::Shared, Cause::INSTRUMENT, &mut |_, around| axes(around))?;
+    add(&sensors::FORCE_ZERO, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
         let of = |plane: usize| {
             around.each(|i, _| {
                 let here = part(around, i);
@@ -159,11 +139,11 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     let force = |around: &Around<'_>, of: &dyn Fn(f64) -> f64| {
         around.each(|i, _| if part(around, i).force { of(around.predicted[i]) } else { 0.0 })
     };
-    add(found("force gain of one run", 0.004), Scope::Own, Cause::Physics, &mut |_, around| {
+    add(&size::FORCE_GAIN_OF_RUN, Scope::Own, Cause::Physics, &mut |_, around| {
         Ok(vec![force(around, &|force_n| force_n)])
     })?;
     let largest_n = all.iter().filter(|a| lateral(a)).map(largest_force_n).fold(1e-9, f64::max);
-    add(found("nonlinear force sensor", 0.005), Scope::Shared, Cause::Physics, &mut |_, around| {
+    add(&size::NONLINEAR_FORCE, Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(vec![
             force(around, &|force_n| force_n * force_n / largest_n),
             force(around, &|force_n| force_n.powi(3) / (largest_n * largest_n)),
@@ -173,7 +153,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     let mut depths_mm: Vec<i64> = all.iter().filter(|a| lateral(a)).map(depth_mm).collect();
     depths_mm.sort_unstable();
     depths_mm.dedup();
-    add(found("hysteresis of the force", 0.005), Scope::Shared, Cause::Physics, &mut |_, around| {
+    add(&size::FORCE_HYSTERESIS, Scope::Shared, Cause::Physics, &mut |_, around| {
         let most_n = largest_force_n(around);
         let of = |depth: &i64| {
             let here = depth_mm(around) == *depth;
@@ -184,10 +164,10 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         };
         Ok(depths_mm.iter().map(of).collect())
     })?;
-    add(found("creep of the force sensor", 0.005), Scope::Shared, Cause::Physics, &mut |_, around| {
+    add(&size::FORCE_CREEP, Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(CREEP_S.map(|time_s| lag_n(around, time_s)).to_vec())
     })?;
-    add(found("force of one hold", 0.003), Scope::Own, Cause::Physics, &mut |_, around| {
+    add(&size::FORCE_OF_HOLD, Scope::Own, Cause::Physics, &mut |_, around| {
         let of = |hold: usize| {
             around.each(|i, datum| match part(around, i) {
                 Part { force: true, driven: true, .. } if datum.part == hold => 1.0,
@@ -196,13 +176,13 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         };
         Ok((0..around.run.parts()).map(of).collect())
     })?;
-    add(found("force on the way", 0.003), Scope::Own, Cause::Physics, &mut |_, around| {
+    add(&size::FORCE_ON_THE_WAY, Scope::Own, Cause::Physics, &mut |_, around| {
         Ok(vec![around.each(|i, datum| match part(around, i) {
             Part { force: true, driven: true, .. } if datum.place.hold_s.is_none() => datum.place.direction,
             _ => 0.0,
         })])
     })?;
-    add(found("drift of the force in one run", 0.003), Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
+    add(&size::FORCE_DRIFT, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
         let length_s = around.run.data.iter().map(|d| d.place.time_s).fold(1e-3, f64::max);
         let of = |plane: usize| {
             around.each(|i, datum| {
@@ -220,28 +200,28 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         let is_unknown = !rig.has_one_guide();
         let is_remounted = all.iter().any(|around| around.run.is_reference);
         if is_remounted || !is_unknown {
-            let surface = known("place of the surface", rig.tolerances.entry_sd_m());
-            add(surface, Scope::Shared, Cause::Mounting, &mut |_, around| {
+            let surface = tissue::SURFACE.with_sd(rig.tolerances.entry_sd_m());
+            add(&surface, Scope::Shared, Cause::Mounting, &mut |_, around| {
                 Ok(vec![around.slope(ENTRY_STEP_M, |model, _| {
                     model.rig.entry_m += ENTRY_STEP_M;
                     Ok(())
                 })?])
             })?;
         }
-        let stiffness = known("stiffness of the needle", rig.tolerances.stiffness_sd_ln(&rig.needle));
-        add(stiffness, Scope::Shared, Cause::Physics, &mut |_, around| {
+        let stiffness = of_rig::NEEDLE_STIFFNESS.with_sd(rig.tolerances.stiffness_sd_ln(&rig.needle));
+        add(&stiffness, Scope::Shared, Cause::Physics, &mut |_, around| {
             Ok(vec![around.slope(LN_STEP, |model, _| {
                 model.rig.needle.youngs_modulus_pa *= 1.0 + LN_STEP;
                 Ok(())
             })?])
         })?;
     }
-    add(known("force gain", 0.01), Scope::Shared, Cause::Physics, &mut |_, around| {
+    add(&sensors::FORCE_GAIN, Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(vec![force(around, &|force_n| force_n)])
     })?;
     // No bearing is without any clearance.
     if let Some(clearance) = effect("rig.backlash") {
-        add(known("clearance of guide 2", 5e-6), Scope::Shared, Cause::Physics, &mut |_, around| {
+        add(&of_rig::CLEARANCE, Scope::Shared, Cause::Physics, &mut |_, around| {
             Ok(vec![around.slope(CLEARANCE_STEP_M, |model, _| {
                 model.effects.push((clearance, vec![CLEARANCE_STEP_M / MM]));
                 Ok(())

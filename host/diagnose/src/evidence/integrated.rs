@@ -10,11 +10,12 @@
 //! the second moments of all axes add up (Rue, Martino and Chopin, "Approximate Bayesian inference for latent Gaussian models by using
 //! integrated nested Laplace approximations", 2009).
 
-use super::{Evidence, LN_SD_BELOW, Patterns, Products, inverse_root};
+use super::{Evidence, Patterns, Products, inverse_root};
+use mechanics::unknowns::SMALLER_SIZE_SD_LN;
 use nalgebra::{DMatrix, DVector};
 
-/// Curvatures below this are taken for it: the prior alone has more below its everyday size, `1 / LN_SD_BELOW^2`.
-const MIN_CURVATURE: f64 = 0.5 / (LN_SD_BELOW * LN_SD_BELOW);
+/// Curvatures below this are taken for it: the prior alone has more below its everyday size, `1 / SMALLER_SIZE_SD_LN^2`.
+const MIN_CURVATURE: f64 = 0.5 / (SMALLER_SIZE_SD_LN * SMALLER_SIZE_SD_LN);
 /// Points on an axis, in standard deviations, and their weights for a normal density (Gauss and Hermite).
 const POINT_SD: f64 = 1.732_050_807_568_877_2;
 const POINT_WEIGHT: f64 = 1.0 / 6.0;
@@ -76,7 +77,7 @@ impl Patterns {
             let share = sizes[*g] / group.everyday;
             curvature[(i, i)] += match group.tail {
                 Some(tail) if share >= 1.0 => share * (2.0 * share - 1.0) / (tail * tail),
-                _ => 1.0 / (LN_SD_BELOW * LN_SD_BELOW),
+                _ => 1.0 / (SMALLER_SIZE_SD_LN * SMALLER_SIZE_SD_LN),
             };
         }
         Some((free, curvature))

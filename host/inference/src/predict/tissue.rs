@@ -4,27 +4,12 @@ use super::{Options, PredictError};
 use formats::session::Session;
 use identify::identify;
 use insertion::{Rear, Tissue};
-use mechanics::{Foundation, Guides, Layer, Model, Rig};
+use mechanics::{Foundation, Guides, Layer, Model, Rig, unknowns};
 
-/// Modulus of soft tissue where nothing is known of it, and the standard deviation of its logarithm.
-const TYPICAL_MODULUS_PA: f64 = 15e3;
-const TYPICAL_MODULUS_SD_LN: f64 = 1.0;
-/// The same where the needle's bending stiffness is not known either, for the reference needle's: two standard deviations reach from
-/// soft tissue about a stiff needle to stiff tissue about a thin one, 600 kPa.
-const REFERENCE_MODULUS_PA: f64 = 30e3;
-const REFERENCE_MODULUS_SD_LN: f64 = 1.5;
-/// How far the modulus of an insertion may be from that of a lateral run (standard deviation of the logarithm): faster
-/// motion, tissue that was cut.
-const INSERTION_SD_LN: f64 = 0.1;
-/// Least gap between guide 2 and tissue that is accepted, and the standard deviation of its logarithm: needles are loose in guides
-/// and surfaces give way.
+/// Least gap between guide 2 and tissue that is accepted.
 const MIN_GAP_M: f64 = 10e-3;
-const GAP_SD_LN: f64 = 0.7;
-/// Rotation stiffness of the needle beyond its only guide, in bending stiffnesses over the gap; the share of a rear of which nothing is
-/// stated, and its standard deviation: anything between a clamp and a hinge.
+/// Rotation stiffness of the needle beyond its only guide, in bending stiffnesses over the gap.
 const NEEDLE_PER_GAP: f64 = 2.0;
-const REAR_SHARE: f64 = 0.4;
-const REAR_SHARE_SD: f64 = 0.3;
 /// The effect by which a rear is given.
 const REAR_ROTATION: &str = "rig.rear_rotation";
 /// Foundation and its uncertainty: as requested, from the lateral runs, or of any soft tissue; what has to be warned of is added to
@@ -46,24 +31,24 @@ pub fn tissue(
             model,
             modulus_sd_ln: sd_ln,
             gap_m,
-            gap_sd_ln: GAP_SD_LN,
+            gap_sd_ln: unknowns::tissue::EFFECTIVE_GAP.sd(),
             rear: rear(&session.rig, options),
         })
     };
     if let Some((foundation, sd_ln)) = stated_or_lateral(session, options, warnings)? {
-        return with(foundation, sd_ln.hypot(INSERTION_SD_LN));
+        return with(foundation, sd_ln.hypot(unknowns::tissue::INSERTION_MODULUS_OF_PATHS.sd()));
     }
-    let (modulus_pa, sd_ln) = if session.rig.needle.stiffness_known {
-        (TYPICAL_MODULUS_PA, TYPICAL_MODULUS_SD_LN)
+    let modulus = if session.rig.needle.stiffness_known {
+        unknowns::tissue::MODULUS_OF_PATHS
     } else {
         warnings.push(
             "the needle's bending stiffness is not known: moduli and tip loads refer to that of the reference needle, only K/(E I) is \
              determined"
                 .to_owned(),
         );
-        (REFERENCE_MODULUS_PA, REFERENCE_MODULUS_SD_LN)
+        unknowns::tissue::MODULUS_OF_REFERENCE_NEEDLE
     };
-    with(Foundation::uniform(modulus_pa)?, sd_ln)
+    with(Foundation::uniform(modulus.mean())?, modulus.sd())
 }
 
 /// Foundation and standard deviation of its logarithm as requested, or from the lateral runs; nothing where there are none.
@@ -123,8 +108,8 @@ fn rear(rig: &Rig, options: &Options) -> Option<Rear> {
     let needle_n_m_per_rad = NEEDLE_PER_GAP * rig.needle.bending_stiffness_n_m2() / gap_m;
     unknown.contains(&true).then_some(Rear {
         needle_n_m_per_rad,
-        middle: REAR_SHARE,
-        sd: REAR_SHARE_SD,
+        middle: unknowns::rig::REAR_SHARE.mean(),
+        sd: unknowns::rig::REAR_SHARE.sd(),
         unknown,
     })
 }
