@@ -8,9 +8,46 @@ use super::layout::Scale;
 use super::posterior::Fitted;
 use super::score::{Score, Scores};
 use super::{DiagnoseError, Effect, Layout, Multiples, Noise, Noises, Session, Start, fit_start, runs_of};
+use formats::session::FoundationKind;
 use mechanics::Support;
 use mechanics::effects::effect;
 use readings::FitError;
+
+/// What the tissue is taken as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FoundationChoice {
+    /// Independent springs (Winkler).
+    Springs,
+    /// An elastic body.
+    Body,
+    /// Both are fitted, and the evidence decides.
+    #[default]
+    Auto,
+}
+
+impl FoundationChoice {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Springs, Self::Body, Self::Auto];
+
+    /// Its name in options.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Springs => "springs",
+            Self::Body => "body",
+            Self::Auto => "auto",
+        }
+    }
+}
+
+impl From<Option<FoundationKind>> for FoundationChoice {
+    fn from(stated: Option<FoundationKind>) -> Self {
+        match stated {
+            None => Self::Auto,
+            Some(FoundationKind::Springs) => Self::Springs,
+            Some(FoundationKind::Body) => Self::Body,
+        }
+    }
+}
 
 /// A modulus from a fit in which the model is off by what every rig leaves behind any model.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -74,8 +74,8 @@ pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
 pub use foundation::{
-    DiscrepancyFit, DiscrepancyFitInput, DiscrepantModulus, FOUNDATION_MARGIN, FoundationEvidence,
-    VARIED_NATS, fit_with_discrepancy,
+    DiscrepancyFit, DiscrepancyFitInput, DiscrepantModulus, FOUNDATION_MARGIN, FoundationChoice,
+    FoundationEvidence, VARIED_NATS, fit_with_discrepancy,
 };
 pub use known::{KnownParameter, Moved, moved_since};
 pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
@@ -92,7 +92,7 @@ use averaged::Averaged;
 use choice::{Choice, choose};
 use data::{Kind, Run};
 use formats::model_file::ModelFile;
-use formats::session::{FoundationKind, LateralRun, Session};
+use formats::session::{LateralRun, Session};
 use known::Released;
 use layout::{Layout, kinds};
 use mechanics::effects::Effect;
@@ -124,28 +124,6 @@ pub struct Options {
     pub discrepancy: Multiples,
     /// The session to compare with: what it determines is carried over, and what differs from it is searched for.
     pub reference: Option<Session>,
-}
-
-/// What the tissue is taken for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum FoundationChoice {
-    /// Springs or a body, as the evidence has it.
-    #[default]
-    Auto,
-    /// Springs (Winkler).
-    Springs,
-    /// An elastic body.
-    Body,
-}
-
-impl From<Option<FoundationKind>> for FoundationChoice {
-    fn from(stated: Option<FoundationKind>) -> Self {
-        match stated {
-            None => Self::Auto,
-            Some(FoundationKind::Springs) => Self::Springs,
-            Some(FoundationKind::Body) => Self::Body,
-        }
-    }
 }
 
 /// Poisson's ratio of soft tissue and gels.

@@ -22,8 +22,9 @@ mod reference;
 mod residuals;
 mod results;
 
+pub use diagnose::FoundationChoice;
 pub use error::{IdentifyError, RunError};
-pub use options::{FoundationChoice, Options, YoungsMethod};
+pub use options::{Options, YoungsMethod};
 pub use residuals::ResidualResult;
 pub use results::{
     BodyResult, Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, FoundationResult,

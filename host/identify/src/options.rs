@@ -1,10 +1,10 @@
 //! What the user may choose in an identification.
 
 use diagnose::models::{self, OtherModel};
-use diagnose::{INCOMPRESSIBLE, KnownParameter, Multiples};
+use diagnose::{FoundationChoice, INCOMPRESSIBLE, KnownParameter, Multiples};
 use formats::model_file::ModelFile;
 use formats::prior_file::ModulusPrior;
-use formats::session::{FoundationKind, Session};
+use formats::session::Session;
 use mechanics::Support;
 use mechanics::continuum::Contact;
 use mechanics::effects::Effect;
@@ -48,42 +48,6 @@ impl YoungsMethod {
             Self::Continuum(Contact::OneSided) => {
                 "this needle held on one side only, without friction, in a hole of its own diameter"
             }
-        }
-    }
-}
-
-/// What the tissue is taken as.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum FoundationChoice {
-    /// Independent springs.
-    Springs,
-    /// An elastic body.
-    Body,
-    /// Both are fitted, and the evidence decides.
-    #[default]
-    Auto,
-}
-
-impl FoundationChoice {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Springs, Self::Body, Self::Auto];
-
-    /// Its name in options.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Springs => "springs",
-            Self::Body => "body",
-            Self::Auto => "auto",
-        }
-    }
-}
-
-impl From<Option<FoundationKind>> for FoundationChoice {
-    fn from(stated: Option<FoundationKind>) -> Self {
-        match stated {
-            None => Self::Auto,
-            Some(FoundationKind::Springs) => Self::Springs,
-            Some(FoundationKind::Body) => Self::Body,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `guide diagnose`: where model and measurement disagree, what is missing, and what adding it is worth.
 
 use super::characterized::CharacterizedArgs;
+use super::foundation_args::FoundationArgs;
 use super::output::{Output, figures_file, write_json};
 use crate::figures;
 use anyhow::Context;
@@ -8,8 +9,8 @@ use formats::model_file::ModelFile;
 use formats::session::Session;
 use inference::diagnose::display::{channel, quantity, unit};
 use inference::diagnose::{
-    Diagnosis, Estimate, FoundEffect, FoundationChoice, HeldOutMisfit, INCOMPRESSIBLE, MeanModulus, Options,
-    RemainingSize, diagnose,
+    Diagnosis, Estimate, FoundEffect, HeldOutMisfit, INCOMPRESSIBLE, MeanModulus, Options, RemainingSize,
+    diagnose,
 };
 use mechanics::effects::effect;
 use std::fmt::{self, Display};
@@ -43,32 +44,11 @@ pub struct Args {
     /// Write the result as JSON to this file: the document that --json prints, beside the text
     #[arg(long, value_name = "FILE")]
     json_out: Option<PathBuf>,
-    /// Model the tissue as springs or as an elastic body (default: as the session states, or by evidence)
-    #[arg(long, value_enum)]
-    foundation: Option<Foundation>,
-    /// Poisson's ratio of the tissue where it is an elastic body (default: the session's, or 0.5)
-    #[arg(long, value_parser = poisson)]
-    poisson: Option<f64>,
+    #[command(flatten)]
+    tissue: FoundationArgs,
     /// Seed of the bootstraps
     #[arg(long, default_value_t = 1)]
     seed: u64,
-}
-
-/// What the tissue is taken for.
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum Foundation {
-    /// Selected by the evidence
-    Auto,
-    /// Independent springs (Winkler)
-    Springs,
-    /// An elastic body
-    Body,
-}
-
-/// Poisson's ratio of a tissue.
-fn poisson(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "expected a number, 0 to 0.5".to_owned())?;
-    if (0.0..=0.5).contains(&value) { Ok(value) } else { Err("expected 0 to 0.5".to_owned()) }
 }
 
 /// Runs the sub-command.
@@ -81,13 +61,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         known: Vec::new(),
         discrepancy: given.map(|file| file.discrepancy).unwrap_or_default(),
         seed: args.seed,
-        foundation: match args.foundation {
-            None => session.tissue.foundation.into(),
-            Some(Foundation::Auto) => FoundationChoice::Auto,
-            Some(Foundation::Springs) => FoundationChoice::Springs,
-            Some(Foundation::Body) => FoundationChoice::Body,
-        },
-        poisson: args.poisson.or(session.tissue.poisson).unwrap_or(INCOMPRESSIBLE),
+        foundation: args.tissue.foundation.unwrap_or_else(|| session.tissue.foundation.into()),
+        poisson: args.tissue.poisson.or(session.tissue.poisson).unwrap_or(INCOMPRESSIBLE),
         reference: args.reference.as_deref().map(Session::read).transpose()?,
     }
     .with_rig(rig.as_ref());

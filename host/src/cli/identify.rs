@@ -1,6 +1,7 @@
 //! `guide identify`: the tissue's modulus from the lateral runs of a session, every method side by side.
 
 use super::characterized::CharacterizedArgs;
+use super::foundation_args::{FoundationArgs, within};
 use super::output::{Output, figures_file};
 use crate::figures;
 use anyhow::{Context, ensure};
@@ -32,16 +33,11 @@ pub struct Args {
     /// Relation that converts the foundation modulus K to Young's modulus E
     #[arg(long, default_value = "continuum", value_parser = relation())]
     relation: YoungsMethod,
-    /// Poisson's ratio of the tissue, 0 to 0.5 (default: the session's, or 0.5)
-    #[arg(long, value_name = "RATIO", value_parser = poisson)]
-    poisson: Option<f64>,
+    #[command(flatten)]
+    tissue: FoundationArgs,
     /// Standard deviation of Poisson's ratio: it widens the interval of E (default: the session's, or 0)
     #[arg(long, value_name = "SD", value_parser = poisson_sd)]
     poisson_sd: Option<f64>,
-    /// Model of the tissue: independent springs, an elastic body, or the one that the evidence of the runs favours
-    /// (default: as the session states, or auto)
-    #[arg(long, value_parser = foundation())]
-    foundation: Option<FoundationChoice>,
     /// Take an effect's parameters as unknown, so that the interval of K includes them: may be given more than once
     #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
     nuisance: Vec<&'static dyn Effect>,
@@ -82,23 +78,8 @@ fn relation() -> impl TypedValueParser<Value = YoungsMethod> {
     })
 }
 
-fn foundation() -> impl TypedValueParser<Value = FoundationChoice> {
-    PossibleValuesParser::new(FoundationChoice::ALL.map(FoundationChoice::name)).map(|name| {
-        FoundationChoice::ALL.into_iter().find(|choice| choice.name() == name).unwrap_or_default()
-    })
-}
-
-fn poisson(text: &str) -> Result<f64, String> {
-    within(text, 0.5)
-}
-
 fn poisson_sd(text: &str) -> Result<f64, String> {
     within(text, 0.2)
-}
-
-fn within(text: &str, most: f64) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("expected a number from 0 to {most}"))?;
-    if (0.0..=most).contains(&value) { Ok(value) } else { Err(format!("expected 0 to {most}")) }
 }
 
 /// Runs the sub-command.
@@ -115,7 +96,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         Some(Support::Springs) => (Some(FoundationChoice::Springs), None),
         None => (None, None),
     };
-    let (foundation, poisson) = (args.foundation.or(learned.0), args.poisson.or(learned.1));
+    let (foundation, poisson) = (args.tissue.foundation.or(learned.0), args.tissue.poisson.or(learned.1));
     let options = Options::default().with_model(&model).with_rig(rig.as_ref());
     for nuisance in &nuisances {
         let id = nuisance.id();

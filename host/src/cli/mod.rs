@@ -20,6 +20,7 @@ mod colour;
 pub mod device;
 mod diagnose;
 mod effects;
+mod foundation_args;
 mod frame_pictures;
 mod identify;
 mod igtl;
