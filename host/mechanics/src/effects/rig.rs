@@ -45,7 +45,7 @@ impl Effect for SurfacePosition {
                 id: "rig.surface_position",
                 physics: "the tissue begins further from guide 2 than stated, and the needle ends as much further",
                 signature: "shape and force as those of a longer gap, the same at every depth",
-                observable_in: RunKinds::LATERAL,
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
                 parameters: &[ParameterInfo::amplitude("offset_mm", 0.0, [-20.0, 20.0], [-6.0, 6.0], 1.0)],
             }

@@ -5,6 +5,7 @@
 //!
 //! * `<!-- readme: quick -->`: a console block. Its `$ guide ...` lines are run in the order of the pages, all in one folder.
 //! * `<!-- readme: file NAME -->`: a file that this folder gets at that place.
+//! * `<!-- readme: assumptions SECTION -->`: a section of the table of unknowns.
 //! * `<!-- readme: rig PART -->`: what a rig in QEMU is needed for, see [`rig`].
 //! * `<!-- readme: long COMMAND -->`: what takes minutes to hours, made only on request.
 //! * `<!-- readme: excerpt -->`, `<!-- readme: excerpt PART -->`: lines of an output that stands in full elsewhere, see [`excerpt`].
@@ -20,12 +21,15 @@
 //! Not `trycmd`: it runs all blocks of a page inside `cargo test`, and has no groups, no files written on the page, no tables, no
 //! pictures, and no text that comes from a demonstration which a test runs anyway.
 
+mod assumptions;
 pub mod book;
 mod excerpt;
 #[cfg(test)]
 mod links;
 pub mod page;
 mod pictures;
+#[cfg(test)]
+mod priors;
 pub mod rig;
 pub mod same;
 pub mod shell;
@@ -165,6 +169,7 @@ fn quick<'a>(blocks: &'a [Block], shell: &Shell) -> Result<Vec<Fresh<'a>>> {
         match &block.made {
             Made::File(_) => write_files(std::slice::from_ref(block), shell)?,
             Made::Quick => fresh.push((block, shell.run(block)?)),
+            Made::Assumptions(section) => fresh.push((block, assumptions::table(section)?)),
             Made::Rig(_) | Made::Long(_) | Made::Excerpt(_) => {}
         }
     }

@@ -20,6 +20,8 @@ pub enum Made {
     Rig(String),
     /// Lines of other blocks: of this part of the rig, or of those with the same commands.
     Excerpt(Option<String>),
+    /// A section of the table of unknowns.
+    Assumptions(String),
     /// A command that takes long. Below the block a line states when it was.
     Long(String),
 }
@@ -131,10 +133,11 @@ impl Page {
                 None if what == "excerpt" => Made::Excerpt(None),
                 Some(("excerpt", part)) => Made::Excerpt(Some(part.to_owned())),
                 Some(("file", name)) => Made::File(name.to_owned()),
+                Some(("assumptions", section)) => Made::Assumptions(section.to_owned()),
                 Some(("rig", part)) => Made::Rig(part.to_owned()),
                 Some(("long", command)) => Made::Long(command.to_owned()),
                 _ => bail!(
-                    "{}: expected `quick`, `file NAME`, `rig PART`, `long COMMAND`, `excerpt`, `excerpt PART` or `numbers within N %`; \
+                    "{}: expected `quick`, `file NAME`, `assumptions SECTION`, `rig PART`, `long COMMAND`, `excerpt`, `excerpt PART` or `numbers within N %`; \
                      `fails` after it where the commands fail",
                     place()
                 ),

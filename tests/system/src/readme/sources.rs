@@ -24,7 +24,7 @@ fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
 }
 
 /// Name and text of every source file, with comments that go on over lines joined.
-fn sources() -> Vec<(String, String)> {
+pub(super) fn sources() -> Vec<(String, String)> {
     let root = images::root();
     let mut files = Vec::new();
     FOLDERS.iter().for_each(|folder| rust_files(&root.join(folder), &mut files));
