@@ -35,6 +35,7 @@ pub mod effects;
 pub mod elements;
 mod foundation;
 pub mod growth;
+pub mod inner;
 pub mod insertion;
 mod lateral;
 pub mod modes;
