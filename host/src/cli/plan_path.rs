@@ -188,6 +188,7 @@ fn of_session(session: &Session, args: &Args, warnings: &mut Vec<String>) -> any
             push_speed_mm_s: PUSH_SPEED_MM_S,
             rotation_speed_deg_s: if can_rotate { ROTATION_SPEED_DEG_S } else { 0.0 },
             needle_strain: None,
+            tissue_compression_mm: None,
         },
         max_depth_mm: DEEPEST_MM,
         depth_step_mm: 1.0,
@@ -241,13 +242,14 @@ impl Display for Text<'_> {
         match (self.0.nearest_mm, self.0.beyond_reach_mm) {
             (Some([x, y]), Some(mm)) => writeln!(
                 f,
-                "reach        the target is out of reach: `guide steer` refuses it; nearest point {x:.1},{y:.1} mm, {mm:.1} mm away"
+                "reach        the target is out of reach{}: `guide steer` refuses it; nearest point {x:.1},{y:.1} mm, {mm:.1} mm away",
+                self.0.limited_by.as_ref().map_or_else(String::new, |words| format!(" within {words}"))
             )?,
             _ => {
                 writeln!(f, "reach        the target can be reached, by what is known before the first push")?
             }
         }
-        super::steer::write_before(f, &self.0.within, &self.0.reachable_mm)?;
+        super::steer::write_before(f, &self.0.within, &self.0.limits, &self.0.reachable_mm)?;
         let spread = &self.0.spread_mm;
         let causes: Vec<String> =
             spread.causes().iter().map(|(name, mm)| format!("{name} {mm:.2}")).collect();

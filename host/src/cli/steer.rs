@@ -27,7 +27,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use steering::{
-    Cue, Event, KnownEffect, Options, Outcome, Plant, Probability, ProcessPlant, Record, Recorded,
+    Cue, Event, KnownEffect, LimitRisk, Options, Outcome, Plant, Probability, ProcessPlant, Record, Recorded,
     ReplayPlant, Run, SteerError, steer,
 };
 
@@ -185,8 +185,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     followed.live.begin()?;
     let mut on_cue = |cue: Cue| {
         if prints && closed.is_none() {
-            closed =
-                out.line(&CueDocument { schema: "guide.steer_cue/1", cue }, format_args!("{cue}\n")).err();
+            let words = format!("{cue}\n");
+            closed = out.line(&CueDocument { schema: "guide.steer_cue/1", cue }, words).err();
         }
     };
     let outcome = driver.carry_out(&options, &record, &mut followed, &mut on_cue);
@@ -322,6 +322,7 @@ fn carry_out(
                 turn_by_deg: None,
                 bevel_deg: stated.bevel_deg,
                 push_to_mm: options.rest_every_mm.min(target_depth_mm),
+                limits: None,
             }),
             Event::Decision(decision) => {
                 record.note("decision", decision);
@@ -362,9 +363,7 @@ fn report(
             match &run.outcome {
                 Outcome::Arrived => Ok(()),
                 Outcome::Stopped { name, cause } => Err(anyhow!("stopped ({name}): {cause}")),
-                Outcome::Refused { nearest_mm: [x, y], distance_mm } => Err(anyhow!(
-                    "refused: the target is out of reach; the nearest point that can be reached is {x:.1},{y:.1} mm, {distance_mm:.1} mm away"
-                )),
+                Outcome::Refused { cause, .. } => Err(anyhow!("refused: {cause}")),
             }
         }
         Err(error) => {
@@ -425,12 +424,17 @@ fn extent(corners: &[[f64; 2]]) -> Option<[[f64; 2]; 2]> {
 pub fn write_before(
     f: &mut fmt::Formatter<'_>,
     within: &[Probability],
+    limits: &[LimitRisk],
     reachable_mm: &[[f64; 2]],
 ) -> fmt::Result {
     let of = |one: &Probability| format!("{:.0} % within {} mm", 100.0 * one.probability, one.radius_mm);
     if !within.is_empty() {
         let list: Vec<String> = within.iter().take(4).map(of).collect();
         writeln!(f, "before       {}", list.join(", "))?;
+    }
+    for LimitRisk { words, probability, .. } in limits {
+        let percent = 100.0 * probability;
+        writeln!(f, "limits       with a probability of {percent:.0} % {words} leaves more than 0.25 mm")?;
     }
     if let Some([[x, y], [to_x, to_y]]) = extent(reachable_mm) {
         writeln!(f, "reachable    x {x:.1} to {to_x:.1}, y {y:.1} to {to_y:.1} mm")?;
@@ -449,7 +453,7 @@ impl Display for Text<'_> {
         let run = self.run;
         let [x, y, depth] = run.target_mm;
         writeln!(f, "target       {x:.2}, {y:.2} mm at {depth:.1} mm")?;
-        write_before(f, &run.within_before, &run.reachable_mm)?;
+        write_before(f, &run.within_before, &run.limits_before, &run.reachable_mm)?;
         if !run.decisions.is_empty() {
             writeln!(
                 f,
@@ -468,6 +472,14 @@ impl Display for Text<'_> {
                 one.expected_tip_mm[0],
                 one.expected_tip_mm[1],
                 moduli.join(" ")
+            )?;
+        }
+        let limited = || run.decisions.iter().filter_map(|one| Some((one.depth_mm, one.limits.as_ref()?)));
+        if let (Some((from_mm, _)), Some((to_mm, limits))) = (limited().next(), limited().last()) {
+            let (count, all) = (limited().count(), run.decisions.len());
+            writeln!(
+                f,
+                "limits       at {count} of {all} stops from {from_mm:.1} mm on; at {to_mm:.1} mm, {limits}"
             )?;
         }
         if let (Outcome::Arrived | Outcome::Stopped { .. }, Some(miss_mm)) = (&run.outcome, run.miss_mm) {

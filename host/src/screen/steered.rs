@@ -57,7 +57,7 @@ impl SteerView {
                 self.force_limit_n = stated.limits.guide_force_n;
                 self.next = "computing what can be reached".to_owned();
             }
-            Event::Forecast { reachable_mm, within } => {
+            Event::Forecast { reachable_mm, within, .. } => {
                 (self.reachable_mm, self.within) = (reachable_mm.clone(), within.clone());
                 self.next = "push to the first stop".to_owned();
             }

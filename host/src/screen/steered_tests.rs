@@ -27,6 +27,7 @@ fn decision(guide_to_mm: [f64; 2]) -> Decision {
         cut_angle_probability: 0.1,
         misfit: 1.0,
         limited_by: Some("force"),
+        limits: None,
         rotations: Vec::new(),
     }
 }
@@ -42,7 +43,7 @@ fn answer(seq: i64, depth_mm: f64, tip_x_mm: f64, valid: bool) -> Answer {
 fn running() -> SteerView {
     let mut view = SteerView::new([3.0, -2.0, 100.0]);
     let reachable_mm = vec![[-6.0, -5.0], [6.0, -5.0], [6.0, 5.0], [-6.0, 5.0]];
-    view.take(&Event::Forecast { reachable_mm, within: Vec::new() });
+    view.take(&Event::Forecast { reachable_mm, within: Vec::new(), limits: Vec::new() });
     for i in 0..20 {
         view.take(&Event::Answer(&answer(i, f64::from(i as u8), 0.02 * i as f64, true)));
     }

@@ -14,7 +14,7 @@ use crate::planner::{self, Weighted};
 use crate::plant::{Plant, PlantError};
 use crate::protocol::{Command, End, Statement};
 use crate::readings::Readings;
-use crate::results::{Decision, Event, Outcome, Probability, Run};
+use crate::results::{Decision, Event, LimitRisk, Outcome, Probability, Run};
 use crate::tables::Path;
 use crate::unknowns::{CuttingLaw, Unknowns};
 use mechanics::ModelError;
@@ -255,10 +255,13 @@ struct Controller<'a> {
     /// Force at guide 2 before anything was done, as the mean of so many readings, N.
     zero_force: ([f64; 2], f64),
     force_n: Option<[f64; 2]>,
+    /// The same since something last moved, as the mean of so many readings, N.
+    still_force: ([f64; 2], f64),
     peak_force_n: Option<f64>,
     decisions: Vec<Decision>,
     rests: Vec<usize>,
     within_before: Vec<Probability>,
+    limits_before: Vec<LimitRisk>,
     reachable_m: Vec<[f64; 2]>,
     replans_s: Vec<f64>,
     /// Time for which the needle was pushed since the last good reading of the tip, s.
@@ -310,10 +313,12 @@ impl<'a> Controller<'a> {
             last: Command { bevel_deg: stated.bevel_deg, ..Command::default() },
             zero_force: ([0.0; 2], 0.0),
             force_n: None,
+            still_force: ([0.0; 2], 0.0),
             peak_force_n: None,
             decisions: Vec::new(),
             rests,
             within_before: Vec::new(),
+            limits_before: Vec::new(),
             reachable_m: Vec::new(),
             replans_s: Vec::new(),
             pushed_blind_s: 0.0,
@@ -326,6 +331,7 @@ impl<'a> Controller<'a> {
         (self.on_event)(&Event::Forecast {
             reachable_mm: self.reachable_m.iter().map(|corner| corner.map(|m| 1e3 * m)).collect(),
             within: self.within_before.clone(),
+            limits: self.limits_before.clone(),
         });
         if let Some(refused) = refused {
             let end = self.plant.end()?;
@@ -398,6 +404,7 @@ impl<'a> Controller<'a> {
             covariance_mm2: covariance_m2.map(|m2| 1e6 * m2),
             reachable_mm: self.reachable_m.iter().map(|corner| corner.map(|m| 1e3 * m)).collect(),
             within_before: std::mem::take(&mut self.within_before),
+            limits_before: std::mem::take(&mut self.limits_before),
             within_after: self.within(tip_m, covariance_m2),
             unsteered_miss_mm: self.unsteered_miss_mm().unwrap_or(f64::NAN),
             readings: self.readings.counts[0],

@@ -1,7 +1,10 @@
-//! Posterior of all unknowns from the tip readings so far, by Gauss-Newton steps on the forward model, for each law of the tip (theory, eq. 77 and 78).
+//! Posterior of all unknowns from the tip readings so far, by Gauss-Newton steps on the forward model, for each law of the tip
+//! (theory, eq. 77 and 78).
 //!
-//! Readings are gathered into bins (one rest at a node, or the way between two nodes): ten readings a second at one place are not ten
-//! independent tests of the model. A bin's residual is weighted as Student's t, so that a jump that slipped through counts little.
+//! Readings are gathered into bins (one rest at a node, or the way between two nodes): ten readings a second at one place are not
+//! ten
+//! independent tests of the model. A bin's residual is weighted as Student's t, so that a jump that slipped through counts
+//! little.
 
 use crate::history::{History, Place};
 use crate::readings::Bin;
@@ -17,7 +20,8 @@ const FREEDOM: f64 = 5.0;
 /// Step of finite differences, in standard deviations.
 const DIFFERENCE: f64 = 0.1;
 const ROUNDS: usize = 2;
-/// Responses per unknown of the tissue are computed again where the tissue is this far from where they were, in standard deviations.
+/// Responses per unknown of the tissue are computed again where the tissue is this far from where they were, in standard
+/// deviations.
 const STALE: f64 = 0.3;
 
 /// The needle's responses at some values of the tissue's unknowns, and with each of them raised by a difference.
@@ -84,7 +88,7 @@ impl Hypothesis {
     }
 
     /// Responses at the likeliest values.
-    fn tables(&self, history: &History) -> Result<Arc<Tables>, ModelError> {
+    pub fn tables(&self, history: &History) -> Result<Arc<Tables>, ModelError> {
         match &self.current {
             Some((at, tables)) if *at == self.tissue() => Ok(tables.clone()),
             _ => Ok(Arc::new(Tables::new(&self.unknowns, &self.values, &history.depths_m)?)),
@@ -212,6 +216,38 @@ impl Hypothesis {
         }
     }
 
+    /// Derivatives of quantities with respect to all unknowns, one column for each: those of the tissue with the responses with
+    /// which the path is linearised.
+    pub fn derivatives(
+        &self,
+        history: &History,
+        quantities: impl Fn(&Tables, &[f64]) -> Result<Vec<f64>, ModelError>,
+    ) -> Result<DMatrix<f64>, ModelError> {
+        let tables = self.tables(history)?;
+        let here = quantities(&tables, &self.values)?;
+        let mut rows = DMatrix::zeros(self.values.len(), here.len());
+        let mut fill = |unknown: usize, raised: Vec<f64>, base: &[f64]| {
+            for (column, (raised, base)) in raised.iter().zip(base).enumerate() {
+                rows[(unknown, column)] = (raised - base) / DIFFERENCE;
+            }
+        };
+        if let Some(linearised) = &self.linearised {
+            let base = quantities(&linearised.base, &self.values)?;
+            for (unknown, raised) in linearised.raised.iter().enumerate() {
+                fill(unknown, quantities(raised, &self.values)?, &base);
+            }
+        }
+        // Slope and irregularity carry the needle and its path along and load neither.
+        let count = self.unknowns.irregularity(0, 0);
+        let mut values = self.values.clone();
+        for unknown in self.unknowns.guide_offset()..count {
+            values[unknown] += DIFFERENCE;
+            fill(unknown, quantities(&tables, &values)?, &here);
+            values[unknown] = self.values[unknown];
+        }
+        Ok(rows)
+    }
+
     /// The path as it is now expected, per plane, m.
     pub fn paths(&self, history: &History) -> Result<[tables::Path; 2], ModelError> {
         let tables = self.tables(history)?;
@@ -234,12 +270,7 @@ impl Hypothesis {
 }
 
 /// Tip at the target per motion of the guide at rest at a node, kept from there on.
-fn gain(tables: &Tables, node: usize, history: &History) -> f64 {
-    let guide_m = |at: usize| match at.cmp(&node) {
-        std::cmp::Ordering::Less => [0.0; 2],
-        std::cmp::Ordering::Equal => [0.0, 1.0],
-        std::cmp::Ordering::Greater => [1.0; 2],
-    };
-    let path = tables.path(tables::Input { guide_m: &guide_m, tip: &|_| [0.0; 2] });
-    tables::at(&path, Place::Rest(history.depths_m.len() - 1, 0))
+pub(crate) fn gain(tables: &Tables, node: usize, history: &History) -> f64 {
+    let last = history.depths_m.len() - 1;
+    tables.moved_at(node).get(last).map_or(f64::NAN, |state| state.tip_m[0])
 }

@@ -65,18 +65,19 @@
 #![deny(missing_docs)]
 
 mod controller;
+mod envelope;
 mod estimator;
 mod history;
 mod known;
 mod line;
 mod planner;
 mod plant;
+mod probability;
 mod process;
 mod protocol;
 mod readings;
 mod record;
 mod results;
-mod statics;
 mod tables;
 mod unknowns;
 
@@ -90,5 +91,5 @@ pub use protocol::{
 };
 pub use record::{Record, Recorded, ReplayPlant};
 pub use results::{
-    Cue, Decision, Event, Outcome, PathPlan, PathPoint, PlannedRotation, Probability, Run, Spread,
+    Cue, Decision, Event, LimitRisk, Outcome, PathPlan, PathPoint, PlannedRotation, Probability, Run, Spread,
 };

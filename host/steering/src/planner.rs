@@ -1,11 +1,18 @@
 //! Guide moves that minimise the expected squared miss at the target, under limits (theory, eq. 79).
 //!
-//! The tip at the target is `a + sum_j g_j (p_j - p_(j-1))` for positions `p_j` of the guide at the rests to come, linear in them, with
-//! `a` and `g` normally distributed by the posterior of each law. The expected squared miss is a quadratic function of the positions:
-//! its uncertain part grows with the moves, so that a large move whose gain is not known costs what it may miss. Travel bounds each
-//! position, the force of guide 2 and the largest move bound the length of a vector: a program with second-order cones, solved by the
-//! interior-point method of `clarabel`.
+//! The tip at the target is `a + sum_j g_j (p_j - p_(j-1))` for positions `p_j` of the guide at the rests to come, linear in
+//! them, with
+//! `a` and `g` normally distributed by the posterior of each law. The expected squared miss is a quadratic function of the
+//! positions:
+//! its uncertain part grows with the moves, so that a large move whose gain is not known costs what it may miss. Travel bounds
+//! each
+//! position; the largest move, and strain, force and compression at every stop to come ([`Cone`]), bound the length of a vector:
+//! a program with second-order cones, solved
+//! by the interior-point method of `clarabel`. Of the hundreds of cones few matter: those that a solution exceeds are added, and
+//! it is solved again.
+//! A cone may be exceeded at a price above any that a target has, where nothing within it can be reached any more.
 
+use crate::envelope::{Cone, Limit, SOLVED, moves};
 use crate::estimator::AtTarget;
 use crate::unknowns::TISSUE;
 use clarabel::algebra::CscMatrix;
@@ -14,6 +21,7 @@ use clarabel::solver::{
     SupportedConeT,
 };
 use nalgebra::DVector;
+use std::collections::BTreeMap;
 
 /// One law with its weight.
 pub(crate) struct Weighted<'a> {
@@ -32,23 +40,28 @@ pub(crate) struct Weights {
 
 /// Where the guide may be.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Bounds {
+pub(crate) struct Bounds<'a> {
     /// Largest displacement along either axis, m.
     pub travel_m: f64,
     /// Largest move at the first rest, m.
     pub largest_move_m: Option<f64>,
-    /// Per rest the circle within which the force stays below its limit.
-    pub circles: Vec<Option<Circle>>,
+    /// What is limited at the stops to come.
+    pub cones: &'a [Cone],
+    /// Deviation of the tip at the target that later moves shall be able to correct, m: as much of it as limits leave.
+    pub deviation_m: f64,
 }
 
-/// A circle of guide positions.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Circle {
-    /// Where the guide carries no force, m.
-    pub centre_m: [f64; 2],
-    /// How far from there it may be, m.
-    pub radius_m: f64,
-}
+/// Share of the deviations that point to where a limit keeps the needle from being corrected: two of the four points of a
+/// cubature of the plane.
+const OUTWARD: f64 = 0.5;
+
+/// Rounds in which exceeded cones are added.
+const ROUNDS: usize = 6;
+/// Price of a limit exceeded by its whole, as a half squared miss, mm^2: a hundredth more would have to bring a tip nearer by
+/// centimetres.
+const PRICE_MM2: f64 = 1e5;
+/// A limit is named where a tenth more of it would bring the squared miss down by more than this, mm^2.
+const MATTERS_MM2: f64 = 2.5e-3;
 
 /// A plan: what is to be moved at every rest, and what comes of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,6 +72,18 @@ pub(crate) struct Plan {
     pub tip_m: [f64; 2],
     /// Covariance of the tip there: xx, xy, yy, m^2.
     pub covariance_m2: [f64; 3],
+    /// What keeps the plan from coming nearer to the target, by how much a tenth more of it would bring the squared miss down,
+    /// mm^2; the largest first.
+    pub limited_by: Vec<(Limit, f64)>,
+}
+
+impl Plan {
+    /// A guide that stays where it is.
+    pub fn staying(laws: &[Weighted], now_m: [f64; 2], rests: usize) -> Self {
+        let guide_m = vec![now_m; rests];
+        let (tip_m, covariance_m2) = outcome(laws, now_m, &guide_m);
+        Self { guide_m, tip_m, covariance_m2, limited_by: Vec::new() }
+    }
 }
 
 /// The plan from where the guide is now, m. Where the program is not solved the guide stays.
@@ -93,10 +118,44 @@ pub(crate) fn plan(
         }
         Square { quadratic, linear }
     });
-    let guide_m = solve(&squares, now_m, bounds).unwrap_or_else(|| vec![now_m; holds]);
+    let (guide_m, limited_by) =
+        within(&squares, now_m, bounds).unwrap_or_else(|| (vec![now_m; holds], Vec::new()));
     let (tip_m, covariance_m2) = outcome(laws, now_m, &guide_m);
-    Plan { guide_m, tip_m, covariance_m2 }
+    Plan { guide_m, tip_m, covariance_m2, limited_by }
 }
+
+/// Positions within all cones, and what limits them.
+fn within(
+    squares: &[Square; 2],
+    now_m: [f64; 2],
+    bounds: &Bounds,
+) -> Option<(Vec<[f64; 2]>, Vec<(Limit, f64)>)> {
+    let mut active: Vec<&Cone> = Vec::new();
+    let mut solved = solve(squares, now_m, bounds, &active)?;
+    for _ in 0..ROUNDS {
+        let moves_m = moves(now_m, &solved.0);
+        // Of what is limited at a place, where it is exceeded most.
+        let mut worst: BTreeMap<(usize, usize, Limit), (f64, &Cone)> = BTreeMap::new();
+        for cone in bounds.cones {
+            let used = cone.excess(&moves_m, bounds.deviation_m - solved.2);
+            if used > SOLVED && !active.iter().any(|one| std::ptr::eq(*one, cone)) {
+                let entry = worst.entry(cone.group()).or_insert((used, cone));
+                if used > entry.0 {
+                    *entry = (used, cone);
+                }
+            }
+        }
+        if worst.is_empty() {
+            break;
+        }
+        active.extend(worst.into_values().map(|(_, cone)| cone));
+        solved = solve(squares, now_m, bounds, &active)?;
+    }
+    Some((solved.0, solved.1))
+}
+
+/// Positions, m, what limits them, and what of the deviation is left uncorrected, m.
+type Solved = (Vec<[f64; 2]>, Vec<(Limit, f64)>, f64);
 
 /// `1/2 m' Q m + q' m` of the moves of one plane, SI.
 struct Square {
@@ -116,59 +175,82 @@ impl Square {
     }
 }
 
-/// Positions that minimise the sum of both planes' squares within bounds, m. Solved in millimetres, in which all is of the size of one.
-fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds) -> Option<Vec<[f64; 2]>> {
+/// Positions that minimise the sum of both planes' squares within bounds, m. Solved in millimetres, in which all is of the size
+/// of one.
+fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Cone]) -> Option<Solved> {
     const MM: f64 = 1e3;
     let holds = squares[0].linear.len();
     if holds == 0 {
-        return Some(Vec::new());
+        return Some((Vec::new(), Vec::new(), 0.0));
     }
     let variable = |hold: usize, plane: usize| plane * holds + hold;
-    let count = 2 * holds;
-    let (mut rows, mut columns, mut values, mut cost) =
-        (Vec::new(), Vec::new(), Vec::new(), vec![0.0; count]);
+    // Behind the positions, what of the deviation is not corrected, mm, and by how much each cone is exceeded.
+    let uncorrected = 2 * holds;
+    let (slacks, count) = (uncorrected + 1, uncorrected + 1 + active.len());
+    let mut cost = vec![PRICE_MM2; count];
+    let mut quadratic = Entries::default();
+    cost[uncorrected] = 0.0;
+    quadratic.add(uncorrected, uncorrected, OUTWARD);
     for (plane, square) in squares.iter().enumerate() {
         for i in 0..holds {
             for j in i..holds {
-                rows.push(variable(i, plane));
-                columns.push(variable(j, plane));
-                values.push(square.of_positions(now_m[plane], i, j).0);
+                quadratic.add(
+                    variable(i, plane),
+                    variable(j, plane),
+                    square.of_positions(now_m[plane], i, j).0,
+                );
             }
             cost[variable(i, plane)] = MM * square.of_positions(now_m[plane], i, i).1;
         }
     }
-    let objective = CscMatrix::new_from_triplets(count, count, rows, columns, values);
     // Rows of A p + s = b with s in a cone.
-    let (mut rows, mut columns, mut values, mut right) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    let mut entry = |row: usize, column: usize, value: f64| {
-        rows.push(row);
-        columns.push(column);
-        values.push(value);
-    };
-    for column in 0..count {
+    let (mut rows, mut right) = (Entries::default(), Vec::new());
+    let mut limits: Vec<(Limit, usize, f64)> = Vec::new();
+    for column in 0..uncorrected {
         for sign in [1.0, -1.0] {
-            entry(right.len(), column, sign);
+            limits.push((Limit::Travel, right.len(), MM * bounds.travel_m));
+            rows.add(right.len(), column, sign);
             right.push(MM * bounds.travel_m);
         }
     }
+    for column in uncorrected..count {
+        rows.add(right.len(), column, -1.0);
+        right.push(0.0);
+    }
+    rows.add(right.len(), uncorrected, 1.0);
+    // The solver wants room inside of all bounds.
+    right.push((MM * bounds.deviation_m).max(1e-3));
     let mut cones: Vec<SupportedConeT<f64>> = vec![NonnegativeConeT(right.len())];
-    let mut within = |hold: usize, circle: Circle| {
-        right.push(MM * circle.radius_m);
+    if let Some(radius_m) = bounds.largest_move_m {
+        limits.push((Limit::LargestMove, right.len(), MM * radius_m));
+        right.push(MM * radius_m);
         for plane in 0..2 {
-            entry(right.len(), variable(hold, plane), -1.0);
-            right.push(-MM * circle.centre_m[plane]);
+            rows.add(right.len(), variable(0, plane), -1.0);
+            right.push(-MM * now_m[plane]);
         }
         cones.push(SecondOrderConeT(3));
-    };
-    if let Some(radius_m) = bounds.largest_move_m {
-        within(0, Circle { centre_m: now_m, radius_m });
     }
-    for (hold, circle) in bounds.circles.iter().enumerate().take(holds) {
-        if let Some(circle) = circle {
-            within(hold, *circle);
+    for (slack, cone) in active.iter().enumerate() {
+        limits.push((cone.limit, right.len(), cone.bound));
+        rows.add(right.len(), slacks + slack, -1.0);
+        rows.add(right.len(), uncorrected, -cone.per_correction / MM);
+        right.push(cone.bound - cone.per_correction * bounds.deviation_m);
+        for plane in 0..2 {
+            // A position raises its own move and lowers the next.
+            let mut stay = cone.stay[plane];
+            for (hold, per_move) in cone.per_move.iter().enumerate().take(holds) {
+                let next = cone.per_move.get(hold + 1).copied().unwrap_or(0.0);
+                rows.add(right.len(), variable(hold, plane), -(per_move - next) / MM);
+                if hold == 0 {
+                    stay -= per_move * now_m[plane];
+                }
+            }
+            right.push(stay);
         }
+        cones.push(SecondOrderConeT(3));
     }
-    let constraints = CscMatrix::new_from_triplets(right.len(), count, rows, columns, values);
+    let objective = quadratic.matrix(count, count);
+    let constraints = rows.matrix(right.len(), count);
     let settings = DefaultSettings { verbose: false, ..DefaultSettings::default() };
     let mut solver = DefaultSolver::new(&objective, &cost, &constraints, &right, &cones, settings).ok()?;
     solver.solve();
@@ -180,8 +262,39 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds) -> Option<Vec<
             (mm / MM).clamp(-bounds.travel_m, bounds.travel_m)
         })
     };
-    let positions: Vec<[f64; 2]> = (0..holds).map(at).collect();
-    (solved && positions.iter().flatten().all(|m| m.is_finite())).then_some(positions)
+    let guide_m: Vec<[f64; 2]> = (0..holds).map(at).collect();
+    // The multiplier of a bound is what half of the squared miss falls by per unit of it.
+    let mut limited: BTreeMap<Limit, f64> = BTreeMap::new();
+    for (limit, row, bound) in limits {
+        let per_unit = solution.z.get(row).copied().unwrap_or(0.0);
+        *limited.entry(limit).or_default() += 0.1 * bound * 2.0 * per_unit;
+    }
+    let mut limited: Vec<(Limit, f64)> = limited.into_iter().filter(|(_, mm2)| *mm2 > MATTERS_MM2).collect();
+    limited.sort_by(|a, b| b.1.total_cmp(&a.1));
+    (solved && guide_m.iter().flatten().all(|m| m.is_finite())).then(|| {
+        let left_mm = solution.x.get(uncorrected).copied().unwrap_or(0.0);
+        (guide_m, limited, left_mm / MM)
+    })
+}
+
+/// Entries of a sparse matrix.
+#[derive(Default)]
+struct Entries {
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+    values: Vec<f64>,
+}
+
+impl Entries {
+    fn add(&mut self, row: usize, column: usize, value: f64) {
+        self.rows.push(row);
+        self.columns.push(column);
+        self.values.push(value);
+    }
+
+    fn matrix(self, rows: usize, columns: usize) -> CscMatrix<f64> {
+        CscMatrix::new_from_triplets(rows, columns, self.rows, self.columns, self.values)
+    }
 }
 
 fn spread_of(at: &AtTarget, row: &[f64; TISSUE]) -> DVector<f64> {
@@ -217,109 +330,6 @@ pub(crate) fn outcome(laws: &[Weighted], now_m: [f64; 2], guide_m: &[[f64; 2]]) 
     (mean, covariance)
 }
 
-/// Probability that a normally distributed point lies within a radius of the target.
-pub(crate) fn probability_within(miss_m: [f64; 2], covariance_m2: [f64; 3], radius_m: f64) -> f64 {
-    let [xx, xy, yy] = covariance_m2;
-    // Along the axes of the ellipse.
-    let half = 0.5 * (xx - yy);
-    let root = half.hypot(xy);
-    let middle = 0.5 * (xx + yy);
-    let sds = [(middle + root).max(1e-16).sqrt(), (middle - root).max(1e-16).sqrt()];
-    let turn = 0.5 * xy.atan2(half);
-    let (sin, cos) = turn.sin_cos();
-    let at = [cos * miss_m[0] + sin * miss_m[1], -sin * miss_m[0] + cos * miss_m[1]];
-    // Midpoints over the first axis, exactly over the second.
-    let count = 400;
-    let [low, high] = [(-radius_m).max(at[0] - 8.0 * sds[0]), radius_m.min(at[0] + 8.0 * sds[0])];
-    if high <= low {
-        return 0.0;
-    }
-    let width = (high - low) / f64::from(count);
-    (0..count)
-        .map(|i| {
-            let x = low + width * (f64::from(i) + 0.5);
-            let half_chord = (radius_m * radius_m - x * x).max(0.0).sqrt();
-            let density =
-                (-0.5 * ((x - at[0]) / sds[0]).powi(2)).exp() / (sds[0] * std::f64::consts::TAU.sqrt());
-            let below = |y: f64| normal_cdf((y - at[1]) / sds[1]);
-            width * density * (below(half_chord) - below(-half_chord))
-        })
-        .sum::<f64>()
-        .clamp(0.0, 1.0)
-}
-
-fn normal_cdf(x: f64) -> f64 {
-    0.5 * statrs::function::erf::erfc(-x / std::f64::consts::SQRT_2)
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Two planes whose tips miss by so much, of gains as of a needle.
-    fn squares(error_mm: [f64; 2]) -> [Square; 2] {
-        let gains: Vec<f64> = (0..12).map(|i| -2.0 * (1.0 - f64::from(i) / 12.0) - 0.1).collect();
-        error_mm.map(|error_mm| {
-            let mut quadratic: Vec<Vec<f64>> =
-                gains.iter().map(|a| gains.iter().map(|b| a * b).collect()).collect();
-            quadratic.iter_mut().enumerate().for_each(|(i, row)| row[i] += 0.2);
-            Square { quadratic, linear: gains.iter().map(|gain| 1e-3 * gain * error_mm).collect() }
-        })
-    }
-
-    fn cost(squares: &[Square; 2], now_m: [f64; 2], at_m: &[[f64; 2]]) -> f64 {
-        let of = |plane: usize| {
-            let mut before = now_m[plane];
-            let moves: Vec<f64> =
-                at_m.iter().map(|at| at[plane] - std::mem::replace(&mut before, at[plane])).collect();
-            let Square { quadratic, linear } = &squares[plane];
-            let rows = quadratic.iter().zip(&moves).zip(linear);
-            rows.map(|((row, own), linear)| {
-                own * (linear + 0.5 * row.iter().zip(&moves).map(|(q, m)| q * m).sum::<f64>())
-            })
-            .sum::<f64>()
-        };
-        1e6 * (of(0) + of(1))
-    }
-
-    #[test]
-    fn the_plan_costs_least_among_neighbours_within_travel_and_circles() {
-        let circle = Circle { centre_m: [0.2e-3, -0.1e-3], radius_m: 0.9e-3 };
-        let now_m = [0.3e-3, 0.1e-3];
-        for (error_mm, circles, largest_move_m) in [
-            ([0.5, -0.3], vec![None; 12], None),
-            ([9.0, -7.0], vec![None; 12], Some(3e-3)),
-            ([6.0, 5.0], vec![Some(circle); 12], Some(0.4e-3)),
-        ] {
-            let bounds = Bounds { travel_m: 2e-3, largest_move_m, circles };
-            let squares = squares(error_mm);
-            let found = solve(&squares, now_m, &bounds).expect("solved");
-            let allowed = |at_m: &[[f64; 2]], slack_m: f64| {
-                let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-                at_m.iter().zip(&bounds.circles).all(|(at, circle)| {
-                    at.iter().all(|m| m.abs() <= bounds.travel_m + slack_m)
-                        && circle.is_none_or(|circle| far(*at, circle.centre_m) <= circle.radius_m + slack_m)
-                }) && bounds.largest_move_m.is_none_or(|most| far(at_m[0], now_m) <= most + slack_m)
-            };
-            assert!(allowed(&found, 1e-9), "{found:?}");
-            let best = cost(&squares, now_m, &found);
-            for hold in 0..12 {
-                for tail in [false, true] {
-                    for angle in 0..24 {
-                        let (sin, cos) = (0.2618 * f64::from(angle)).sin_cos();
-                        let mut other = found.clone();
-                        let moved = if tail { &mut other[hold..] } else { &mut other[hold..=hold] };
-                        moved.iter_mut().for_each(|at| *at = [at[0] + 0.02e-3 * cos, at[1] + 0.02e-3 * sin]);
-                        assert!(!allowed(&other, 0.0) || cost(&squares, now_m, &other) >= best - 1e-6);
-                    }
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn a_program_that_is_not_finite_is_not_solved() {
-        let bounds = Bounds { travel_m: 2e-3, largest_move_m: None, circles: vec![None; 12] };
-        assert_eq!(solve(&squares([f64::NAN, 0.0]), [0.0; 2], &bounds), None);
-    }
-}
+#[path = "planner_tests.rs"]
+mod tests;

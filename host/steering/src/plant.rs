@@ -197,6 +197,7 @@ impl Statement {
             positive("rotation_speed_deg_s", self.limits.rotation_speed_deg_s)?;
         }
         optional("needle_strain", self.limits.needle_strain)?;
+        optional("tissue_compression_mm", self.limits.tissue_compression_mm)?;
         positive("max_depth_mm", self.max_depth_mm)?;
         positive("depth_step_mm", self.depth_step_mm)?;
         not_negative("tip_noise_mm", self.tip_noise_mm)?;

@@ -90,6 +90,9 @@ pub struct Limits {
     /// Bending strain of the needle.
     #[serde(default)]
     pub needle_strain: Option<f64>,
+    /// How far the needle may press the tissue aside, from where the tip has cut it, mm.
+    #[serde(default)]
+    pub tissue_compression_mm: Option<f64>,
 }
 
 /// What is known beforehand: values, and ranges as factors of the value before them.

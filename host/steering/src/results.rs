@@ -12,6 +12,17 @@ pub struct Probability {
     pub probability: f64,
 }
 
+/// A limit that may keep the needle from its target.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LimitRisk {
+    /// As [`Decision::limited_by`].
+    pub limit: &'static str,
+    /// The same in words.
+    pub words: String,
+    /// Probability that the tip ends further than 0.25 mm from the target because of it, were everything else known.
+    pub probability: f64,
+}
+
 /// A point of the tip's expected way.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PathPoint {
@@ -71,8 +82,10 @@ pub struct Decision {
     pub cut_angle_probability: f64,
     /// Squared residuals of the tip readings over what noise and model error explain.
     pub misfit: f64,
-    /// What limits the move, where something does.
+    /// What limits the plan most, where something does: `strain`, `force`, `compression`, `travel` or `largest_move`.
     pub limited_by: Option<&'static str>,
+    /// All that limits the plan, in words, with the miss that is expected for it.
+    pub limits: Option<String>,
     /// Rotations from here on, as planned; the first is made now where its depth is this one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rotations: Vec<PlannedRotation>,
@@ -92,12 +105,13 @@ impl Decision {
             turn_by_deg: turn.map(|turn| turn.by_deg),
             bevel_deg: turn.map_or(self.bevel_deg, |turn| turn.bevel_deg),
             push_to_mm: self.plan_depth_mm.get(1).copied().unwrap_or(target_depth_mm),
+            limits: self.limits.clone(),
         }
     }
 }
 
 /// What an operator who holds the needle does next.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cue {
     /// Where the needle is, mm.
     pub depth_mm: f64,
@@ -107,6 +121,9 @@ pub struct Cue {
     pub bevel_deg: f64,
     /// Then push it to this depth, mm.
     pub push_to_mm: f64,
+    /// What keeps the needle from its target, in words: [`Decision::limits`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub limits: Option<String>,
 }
 
 impl std::fmt::Display for Cue {
@@ -115,7 +132,8 @@ impl std::fmt::Display for Cue {
         if let Some(by_deg) = self.turn_by_deg {
             write!(f, "turn by {by_deg:+.0} degrees (bevel at {:.0} degrees), then ", self.bevel_deg)?;
         }
-        write!(f, "push to {:.1} mm", self.push_to_mm)
+        write!(f, "push to {:.1} mm", self.push_to_mm)?;
+        self.limits.as_ref().map_or(Ok(()), |limits| write!(f, " ({limits})"))
     }
 }
 
@@ -135,6 +153,8 @@ pub enum Event<'a> {
         reachable_mm: Vec<[f64; 2]>,
         /// Probability of ending within some radii; empty where none is stated.
         within: Vec<Probability>,
+        /// What may keep the needle from its target.
+        limits: Vec<LimitRisk>,
     },
     /// A decision.
     Decision(&'a Decision),
@@ -168,6 +188,10 @@ pub enum Outcome {
         nearest_mm: [f64; 2],
         /// How far from the target that is, mm.
         distance_mm: f64,
+        /// What limits the guide, in words.
+        limited_by: Option<String>,
+        /// The cause in words.
+        cause: String,
     },
 }
 
@@ -216,8 +240,12 @@ pub struct PathPlan {
     pub beyond_reach_mm: Option<f64>,
     /// Corners of what can be reached at the target's depth, x and y, mm; empty where guide 2 is not moved.
     pub reachable_mm: Vec<[f64; 2]>,
+    /// What limits the guide there, in words.
+    pub limited_by: Option<String>,
     /// Probability of ending within some radii, with readings on the way; empty where none is stated.
     pub within: Vec<Probability>,
+    /// What may keep the needle from its target.
+    pub limits: Vec<LimitRisk>,
     /// Tip at the target's depth if nothing is moved, mm.
     pub unsteered_tip_mm: [f64; 2],
     /// By what that is uncertain.
@@ -243,14 +271,18 @@ pub struct Run {
     pub estimated_tip_mm: [f64; 2],
     /// Covariance of that: xx, xy, yy, mm^2.
     pub covariance_mm2: [f64; 3],
-    /// Corners of what could be reached at the target's depth, x and y, mm, by the prior's means, before the first push; empty where
+    /// Corners of what could be reached at the target's depth, x and y, mm, by the prior's means, before the first push; empty
+    /// where
     /// guide 2 is not moved.
     pub reachable_mm: Vec<[f64; 2]>,
     /// Probability of ending within some radii, as stated before the first push.
     pub within_before: Vec<Probability>,
-    /// The same on arrival.
+    /// What may keep the needle from its target, as stated before the first push.
+    pub limits_before: Vec<LimitRisk>,
+    /// The probabilities on arrival.
     pub within_after: Vec<Probability>,
-    /// Distance from the target at which the needle would have ended had guide 2 never been moved, mm: estimated from all readings.
+    /// Distance from the target at which the needle would have ended had guide 2 never been moved, mm: estimated from all
+    /// readings.
     pub unsteered_miss_mm: f64,
     /// Tip readings that arrived, and how many were rejected.
     pub readings: usize,

@@ -4,6 +4,7 @@ use crate::history::{History, Place};
 use crate::unknowns::{CuttingLaw, KNOT_M, Unknowns};
 use mechanics::ModelError;
 use mechanics::growth::{GrowingBeam, Guide2Grip, NodeLoads, TipState};
+use mechanics::inner::HeldNeedle;
 
 /// A path: the tip at every node, on arriving and on leaving.
 pub(crate) type Path = Vec<[f64; 2]>;
@@ -11,6 +12,8 @@ pub(crate) type Path = Vec<[f64; 2]>;
 /// The needle at every node, of one tissue.
 pub(crate) struct Tables {
     beam: GrowingBeam,
+    /// The same needle at rest, for what is inside it.
+    pub held: HeldNeedle,
     law: CuttingLaw,
 }
 
@@ -29,23 +32,41 @@ impl Tables {
         let problem = unknowns.problem(values)?;
         let grip = Guide2Grip::Holding;
         let beam = GrowingBeam::new(&problem, depths_m.to_vec(), grip)?;
-        Ok(Self { beam, law: unknowns.law })
+        Ok(Self { beam, held: HeldNeedle::new(&problem, depths_m)?, law: unknowns.law })
     }
 
-    /// Path under an input.
-    pub fn path(&self, input: Input) -> Path {
-        let states = match self.law {
+    /// Tip and its load under an input.
+    pub fn states(&self, input: Input) -> Vec<TipState> {
+        match self.law {
             CuttingLaw::Load => self
                 .beam
                 .under_load(|node| NodeLoads { load_n: (input.tip)(node), guide2_m: (input.guide_m)(node) }),
             CuttingLaw::Angle => self.beam.moved_at_cut_angle(input.tip, input.guide_m, |_| [0.0; 2]),
-        };
-        tips(&states)
+        }
     }
 
-    /// Path of a tip that cuts at this angle beside its load, which guide 2 does not change.
-    pub fn beside(&self, angle_rad: impl Fn(usize) -> [f64; 2]) -> Path {
-        tips(&self.beam.at_cut_angle(angle_rad, |_| 0.0))
+    /// Path under an input.
+    pub fn path(&self, input: Input) -> Path {
+        tips(&self.states(input))
+    }
+
+    /// The same for a guide that is moved by a metre at rest at a node and stays there.
+    pub fn moved_at(&self, node: usize) -> Vec<TipState> {
+        self.states(Input { guide_m: &|at| moved_from(node, at), tip: &|_| [0.0; 2] })
+    }
+
+    /// A tip that cuts at this angle beside its load, which guide 2 does not change.
+    fn beside(&self, angle_rad: impl Fn(usize) -> [f64; 2]) -> Vec<TipState> {
+        self.beam.at_cut_angle(angle_rad, |_| 0.0)
+    }
+}
+
+/// A unit that acts from a node on: there on leaving, after it also on arriving.
+pub(crate) fn moved_from(node: usize, at: usize) -> [f64; 2] {
+    match at.cmp(&node) {
+        std::cmp::Ordering::Less => [0.0; 2],
+        std::cmp::Ordering::Equal => [0.0, 1.0],
+        std::cmp::Ordering::Greater => [1.0; 2],
     }
 }
 
@@ -71,40 +92,60 @@ pub(crate) fn hats(depth_m: f64, knots: usize) -> [(usize, f64); 2] {
     [(from, 1.0 - (x - from as f64)), ((from + 1).min(knots - 1), x - from as f64)]
 }
 
-/// Everything acting of a vector of unknowns: what the two planes' paths are.
-pub(crate) fn paths(tables: &Tables, unknowns: &Unknowns, values: &[f64], history: &History) -> [Path; 2] {
-    let knots = unknowns.knots;
-    let body = |start: &dyn Fn(usize) -> usize, depth_m: f64| {
-        hats(depth_m, knots)
-            .iter()
-            .map(|(knot, weight)| weight * unknowns.value(values, start(*knot)))
-            .sum::<f64>()
-    };
+/// Sum of what acts at the knots at a depth.
+fn at_knots(unknowns: &Unknowns, values: &[f64], start: impl Fn(usize) -> usize, depth_m: f64) -> f64 {
+    let hats = hats(depth_m, unknowns.knots);
+    hats.iter().map(|(knot, weight)| weight * unknowns.value(values, start(*knot))).sum()
+}
+
+/// One plane by a vector of unknowns: the needle bent by guide 2 and tip.
+pub(crate) struct Bent {
+    /// True displacement of guide 2 at every node, on arriving and on leaving, m.
+    pub guide_m: Vec<[f64; 2]>,
+    /// Tip and its load.
+    pub states: Vec<TipState>,
+}
+
+/// How the needle is bent in both planes by a vector of unknowns.
+pub(crate) fn bent(tables: &Tables, unknowns: &Unknowns, values: &[f64], history: &History) -> [Bent; 2] {
     // Load or angle in the needle's frame, per node.
     let own: Vec<[f64; 2]> = history
         .depths_m
         .iter()
-        .map(|m| [0, 1].map(|direction| body(&|knot| unknowns.tip(direction, knot), *m)))
+        .map(|m| [0, 1].map(|direction| at_knots(unknowns, values, |knot| unknowns.tip(direction, knot), *m)))
         .collect();
     let beside = [0, 1].map(|direction| unknowns.value(values, unknowns.beside() + direction));
     [0, 1].map(|plane| {
         let offset_m = unknowns.value(values, unknowns.guide_offset() + plane);
         let play_m = unknowns.value(values, unknowns.backlash() + plane);
-        let guide_m = |node: usize| {
-            let at = &history.nodes[node];
+        let true_m = |at: &crate::history::AtNode| {
             [0, 1].map(|side| at.guide_m[plane][side] + offset_m - play_m * at.play[plane][side])
         };
+        let guide_m: Vec<[f64; 2]> = history.nodes.iter().map(true_m).collect();
         let tip = |node: usize| history.nodes[node].bevel_rad.map(|turn| turned(own[node], turn, plane));
-        let mut path = tables.path(Input { guide_m: &guide_m, tip: &tip });
+        let mut states = tables.states(Input { guide_m: &|node| guide_m[node], tip: &tip });
         if unknowns.law == CuttingLaw::Load {
             let angle = |node: usize| history.nodes[node].bevel_rad.map(|turn| turned(beside, turn, plane));
-            let more = tables.beside(angle);
-            path.iter_mut().zip(more).for_each(|(to, more)| *to = [to[0] + more[0], to[1] + more[1]]);
+            for (to, more) in states.iter_mut().zip(tables.beside(angle)) {
+                for side in 0..2 {
+                    to.tip_m[side] += more.tip_m[side];
+                    to.load_n[side] += more.load_n[side];
+                }
+            }
         }
+        Bent { guide_m, states }
+    })
+}
+
+/// Everything acting of a vector of unknowns: what the two planes' paths are.
+pub(crate) fn paths(tables: &Tables, unknowns: &Unknowns, values: &[f64], history: &History) -> [Path; 2] {
+    let bent = bent(tables, unknowns, values, history);
+    [0, 1].map(|plane| {
+        let mut path = tips(&bent[plane].states);
         let slope = unknowns.value(values, unknowns.slope() + plane);
         let at_surface_m = unknowns.value(values, unknowns.offset() + plane);
         for (to, depth_m) in path.iter_mut().zip(&history.depths_m) {
-            let irregular = body(&|knot| unknowns.irregularity(plane, knot), *depth_m);
+            let irregular = at_knots(unknowns, values, |knot| unknowns.irregularity(plane, knot), *depth_m);
             let straight = at_surface_m + slope * depth_m + irregular;
             *to = to.map(|m| m + straight);
         }
@@ -121,12 +162,7 @@ pub(crate) fn after(
     node: usize,
 ) -> [f64; 2] {
     let last = Place::Rest(history.depths_m.len() - 1, 0);
-    // On arriving at the node nothing acts yet.
-    let from = |at: usize, value: f64| match at.cmp(&node) {
-        std::cmp::Ordering::Less => [0.0; 2],
-        std::cmp::Ordering::Equal => [0.0, value],
-        std::cmp::Ordering::Greater => [value; 2],
-    };
+    let from = |at: usize, value: f64| moved_from(node, at).map(|share| share * value);
     [0, 1].map(|direction| {
         let own = |at_node: usize| {
             let depth_m = history.depths_m[at_node];
@@ -140,7 +176,7 @@ pub(crate) fn after(
         let beside = match unknowns.law {
             CuttingLaw::Load => {
                 let angle = unknowns.value(values, unknowns.beside() + direction);
-                at(&tables.beside(|at_node| from(at_node, angle)), last)
+                at(&tips(&tables.beside(|at_node| from(at_node, angle))), last)
             }
             CuttingLaw::Angle => 0.0,
         };
@@ -190,7 +226,7 @@ impl Columns {
             })
             .collect();
         let beside = match unknowns.law {
-            CuttingLaw::Load => [0, 1].map(|part| tables.beside(|node| parts(node, part))),
+            CuttingLaw::Load => [0, 1].map(|part| tips(&tables.beside(|node| parts(node, part)))),
             CuttingLaw::Angle => [0, 1].map(|_| vec![[0.0; 2]; history.depths_m.len()]),
         };
         let unit = |_: usize| [1.0; 2];

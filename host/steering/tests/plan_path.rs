@@ -12,7 +12,7 @@ fn it_states_what_a_run_states_before_the_first_push() {
     let plan = plan_path(&plant.stated, &options).expect("planned");
     let mut forecast = None;
     let run = steer(&mut plant, &options, &mut |event| {
-        if let Event::Forecast { reachable_mm, within } = event {
+        if let Event::Forecast { reachable_mm, within, .. } = event {
             forecast = Some((reachable_mm.clone(), within.clone()));
         }
     })
@@ -50,7 +50,7 @@ fn a_target_out_of_reach_has_the_nearest_point_and_is_refused_by_a_run() {
     let options = Options::new([80.0, 0.0, DEPTH_MM]);
     let plan = plan_path(&plant.stated, &options).expect("planned");
     let run = steer(&mut plant, &options, &mut |_| {}).expect("refused");
-    let Outcome::Refused { nearest_mm, distance_mm } = run.outcome else { panic!("{:?}", run.outcome) };
+    let Outcome::Refused { nearest_mm, distance_mm, .. } = run.outcome else { panic!("{:?}", run.outcome) };
     assert_eq!((plan.nearest_mm, plan.beyond_reach_mm), (Some(nearest_mm), Some(distance_mm)));
     assert!(!plan.is_reachable && plan.within.is_empty() && distance_mm > 20.0);
 }

@@ -193,9 +193,11 @@ fn a_target_out_of_reach_is_refused_before_the_first_step() {
     let options = Options { target_mm: [60.0, 0.0, DEPTH_MM], ..options };
     let mut plant = Changed { plant, change: |_: &mut Answer| {}, commands: Vec::new() };
     let run = carried_out(&mut plant, &options).expect("a run");
-    let Outcome::Refused { nearest_mm: [x, _], distance_mm } = run.outcome else {
+    let Outcome::Refused { nearest_mm: [x, _], distance_mm, limited_by: Some(limit), cause } = run.outcome
+    else {
         panic!("{:?}", run.outcome)
     };
+    assert!(cause.contains(&limit) && cause.contains("nearest point"), "{cause}");
     assert!(plant.commands.is_empty());
     assert!(x > 0.0 && (x + distance_mm - 60.0).abs() < 5.0, "{x} mm, {distance_mm} mm away");
 }

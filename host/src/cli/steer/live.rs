@@ -102,7 +102,9 @@ impl Live {
                 (Outcome::Arrived, Some(miss_mm)) => format!("arrived, {miss_mm:.2} mm from the target"),
                 (Outcome::Arrived, None) => "arrived".to_owned(),
                 (Outcome::Stopped { name, .. }, _) => format!("stopped ({name})"),
-                (Outcome::Refused { .. }, _) => "refused: the target is out of reach".to_owned(),
+                (Outcome::Refused { distance_mm, .. }, _) => {
+                    format!("refused: the target is {distance_mm:.1} mm out of reach")
+                }
             },
         });
         let (width, height) = TEXT_SIZE;

@@ -96,6 +96,7 @@ mod tests {
             cut_angle_probability: 0.1,
             misfit: 1.0,
             limited_by: None,
+            limits: None,
             rotations: Vec::new(),
         }
     }
@@ -106,7 +107,13 @@ mod tests {
         let address = publisher.address().to_string();
         let published = Published::new(Some(publisher), [3.0, -2.0, 100.0]);
         published.decision(&decision());
-        published.cue(&Cue { depth_mm: 40.0, turn_by_deg: None, bevel_deg: 0.0, push_to_mm: 45.0 });
+        published.cue(&Cue {
+            depth_mm: 40.0,
+            turn_by_deg: None,
+            bevel_deg: 0.0,
+            push_to_mm: 45.0,
+            limits: None,
+        });
         let source = Source::connect(&address).expect("connects");
         let mut received = BTreeMap::new();
         let deadline = Instant::now() + Duration::from_secs(20);

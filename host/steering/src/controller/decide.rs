@@ -1,9 +1,10 @@
 //! A rest's decision: estimate, plan, move, or stop.
 
+use super::limits::Request;
 use super::{Controller, MISS_THAT_STOPS_MM, Posterior, SMALLEST_MOVE_MM, SteerError};
 use crate::estimator::{AtTarget, Hypothesis};
 use crate::history::Place;
-use crate::planner::{self, Bounds, Plan, Weights};
+use crate::planner::{Plan, Weights};
 use crate::results::{Decision, Event, Outcome, PathPoint, PlannedRotation};
 use crate::tables;
 use crate::unknowns::{CuttingLaw, LAYERS};
@@ -46,49 +47,24 @@ impl Controller<'_> {
         let target_m = [1e-3 * self.options.target_mm[0], 1e-3 * self.options.target_mm[1]];
         let left = 1.2 - self.history.depths_m[node] / (1e-3 * self.options.target_mm[2]);
         let weights = Weights { caution: self.options.caution, effort: left * self.options.effort };
-        let largest_move_m = 1e-3 * self.options.largest_move_mm;
-        let bounds = Bounds { largest_move_m: Some(largest_move_m), ..self.bounds(&rests, now_m)? };
-        let mut plan = planner::plan(&laws, now_m, target_m, &bounds, weights);
-        let mut to_m = plan.guide_m.first().copied().unwrap_or(now_m);
-        let mut limited_by = None;
-        let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-        if far(to_m, now_m) > 0.999 * largest_move_m {
-            limited_by = Some("largest_move");
-        }
-        if let Some(Some(circle)) = bounds.circles.first()
-            && far(to_m, circle.centre_m) > 0.999 * circle.radius_m
-        {
-            limited_by = Some("force");
-        }
-        if let Some((allowed_m, limit)) = self.within_limits(now_m, to_m)? {
-            to_m = allowed_m;
-            limited_by = Some(limit);
-            if let Some(first) = plan.guide_m.first_mut() {
-                *first = to_m;
-            }
-            (plan.tip_m, plan.covariance_m2) = planner::outcome(&laws, now_m, &plan.guide_m);
-        }
-        if !self.options.steered || self.stated.limits.guide_travel_mm <= 0.0 {
-            to_m = now_m;
-            plan.guide_m.fill(now_m);
-            (plan.tip_m, plan.covariance_m2) = planner::outcome(&laws, now_m, &plan.guide_m);
-        }
+        let steered = self.options.steered && self.stated.limits.guide_travel_mm > 0.0 && !self.rotates();
+        let mut plan = if steered {
+            let largest_move_m = Some(1e-3 * self.options.largest_move_mm);
+            let request = Request { stops: &rests, laws: &laws, now_m, target_m, largest_move_m, weights };
+            self.limited_plan(&request)?
+        } else {
+            Plan::staying(&laws, now_m, rests.len())
+        };
+        let to_m = plan.guide_m.first().copied().unwrap_or(now_m);
         let mut rotations = Vec::new();
         if self.rotates() {
-            to_m = now_m;
-            plan.guide_m.fill(now_m);
-            limited_by = None;
-            plan.covariance_m2 = planner::outcome(&laws, now_m, &plan.guide_m).1;
             (rotations, plan.tip_m) = self.plan_rotations(node, &posterior.at, sd_m(plan.covariance_m2))?;
-        }
-        if let Some(first) = plan.guide_m.first_mut() {
-            *first = to_m;
         }
         let known_rests = rests;
         self.stop_at(&rotations);
         let rests: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
         plan.guide_m.resize(rests.len(), to_m);
-        let mut decision = self.decision(node, &rests, &plan, to_m, limited_by, &posterior)?;
+        let mut decision = self.decision(node, &rests, &plan, to_m, &posterior)?;
         decision.path = self.way(&known_rests, &rests, &plan, &rotations, &posterior)?;
         decision.rotations = rotations;
         Ok(decision)
@@ -174,7 +150,6 @@ impl Controller<'_> {
         rests: &[usize],
         plan: &Plan,
         to_m: [f64; 2],
-        limited_by: Option<&'static str>,
         posterior: &Posterior,
     ) -> Result<Decision, SteerError> {
         let mm = |m: [f64; 2]| m.map(|m| 1e3 * m);
@@ -214,8 +189,22 @@ impl Controller<'_> {
             tip_load_n: load_n,
             cut_angle_probability,
             misfit: law.misfit,
-            limited_by,
+            limited_by: plan.limited_by.first().map(|(limit, _)| limit.name()),
+            limits: self.limits_in_words(plan),
             rotations: Vec::new(),
+        })
+    }
+
+    /// What keeps the needle from its target, in words.
+    fn limits_in_words(&self, plan: &Plan) -> Option<String> {
+        let limits: Vec<String> = plan.limited_by.iter().map(|(limit, _)| limit.to_string()).collect();
+        let away = |i: usize| 1e3 * plan.tip_m[i] - self.options.target_mm[i];
+        let (away_mm, verb) = (away(0).hypot(away(1)), if limits.len() == 1 { "keeps" } else { "keep" });
+        (!limits.is_empty()).then(|| {
+            format!(
+                "{} {verb} guide 2 from moving further: the tip is expected {away_mm:.2} mm from the target",
+                limits.join(" and ")
+            )
         })
     }
 

@@ -1,25 +1,32 @@
 //! What is stated before the first push.
 
-use super::{
-    Controller, FORECAST, LAST_AUTHORITY, MISS_THAT_STOPS_MM, Posterior, RADII_MM, SHARE_OF_FORCE,
-    SHARE_OF_TRAVEL, SteerError,
-};
-use crate::estimator::AtTarget;
+use super::{Controller, FORECAST, LAST_AUTHORITY, MISS_THAT_STOPS_MM, Posterior, RADII_MM, SteerError};
+use crate::envelope::Limit;
+use crate::estimator::{AtTarget, gain};
 use crate::history::Place;
-use crate::planner::{self, Bounds, Circle, Plan, Weighted, Weights, probability_within};
-use crate::results::{Outcome, Probability};
-use crate::tables;
+use crate::planner::{self, Bounds, Plan, Weighted, Weights};
+use crate::probability::probability_within;
+use crate::results::{LimitRisk, Outcome, Probability};
+use crate::tables::{self, Tables};
+use crate::unknowns::TISSUE;
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
+use std::collections::BTreeMap;
 
-/// Needles drawn from the prior, for each of which it is computed how near travel and force let it come.
+/// Needles drawn from the prior, for each of which it is computed how near its limits let it come.
 const SCENARIOS: usize = 64;
 /// Their seed: the same statement leads to the same probability.
 const SCENARIO_SEED: u64 = 26;
 /// A plan that goes as near to the target as it can.
 const NEAREST: Weights = Weights { caution: 0.0, effort: 1e-6 };
+
+/// Share of the drawn needles that have to come within [`MISS_THAT_STOPS_MM`] of a target that is not refused.
+const FEWEST: f64 = 0.05;
+/// Distance from the target, mm, from which on a limit is stated to keep the needle from it: the smallest radius of which a
+/// probability is stated.
+const KEPT_OFF_MM: f64 = RADII_MM[0];
 
 /// Corners of what can be reached, from the axis on: the points furthest in some directions.
 fn reachable(laws: &[Weighted], bounds: &Bounds) -> Vec<[f64; 2]> {
@@ -33,45 +40,58 @@ fn reachable(laws: &[Weighted], bounds: &Bounds) -> Vec<[f64; 2]> {
         .collect()
 }
 
+/// What limits leave of the way to the target, for one needle of the prior.
+struct Left {
+    /// Tip less target, m.
+    miss_m: [f64; 2],
+    /// What limits most.
+    limit: Option<Limit>,
+}
+
+impl Left {
+    fn mm(&self) -> f64 {
+        1e3 * self.miss_m[0].hypot(self.miss_m[1])
+    }
+}
+
 impl Controller<'_> {
-    /// What is stated before the first push: the probability of a hit, from the posterior that readings up to the last depth from which
+    /// What is stated before the first push: the probability of a hit, from the posterior that readings up to the last depth from
+    /// which
     /// the guide still moves the tip will leave; and whether the target can be reached at all.
     pub(super) fn forecast(&mut self) -> Result<Option<Outcome>, SteerError> {
         let rests = self.rests.clone();
         let before = self.update(&rests)?;
         let target_m = [1e-3 * self.options.target_mm[0], 1e-3 * self.options.target_mm[1]];
-        let travel_m = 1e-3 * SHARE_OF_TRAVEL * self.stated.limits.guide_travel_mm;
-        let bounds = self.bounds(&rests, [0.0; 2])?;
-        let steered = self.options.steered && (travel_m > 0.0 || self.rotates());
-        let still = vec![[0.0; 2]; rests.len()];
+        let steered = self.options.steered && self.stated.limits.guide_travel_mm > 0.0 && !self.rotates();
         let laws = before.weighted();
-        let plan = if self.rotates() {
-            let (_, covariance_m2) = planner::outcome(&laws, [0.0; 2], &still);
-            let (_, tip_m) = self.plan_rotations(0, &before.at, 0.0)?;
-            Plan { guide_m: still.clone(), tip_m, covariance_m2 }
-        } else if steered {
-            planner::plan(&laws, [0.0; 2], target_m, &bounds, NEAREST)
-        } else {
-            let (tip_m, covariance_m2) = planner::outcome(&laws, [0.0; 2], &still);
-            Plan { guide_m: still.clone(), tip_m, covariance_m2 }
-        };
-        if steered && !self.rotates() {
-            self.reachable_m = reachable(&laws, &bounds);
-        }
-        let away_m = (plan.tip_m[0] - target_m[0]).hypot(plan.tip_m[1] - target_m[1]);
-        // Uncertainty of what can be reached: that of the needle that is not moved.
-        let (_, spread_m2) = planner::outcome(&laws, [0.0; 2], &still);
-        let sd_m = (spread_m2[0] + spread_m2[2]).max(0.0).sqrt();
-        if steered && away_m > 1e-3 * MISS_THAT_STOPS_MM + 2.0 * sd_m {
-            return Ok(Some(Outcome::Refused {
-                nearest_mm: plan.tip_m.map(|m| 1e3 * m),
-                distance_mm: 1e3 * away_m,
-            }));
-        }
+        let mut left = Vec::new();
         if self.rotates() {
+            let still = Plan::staying(&laws, [0.0; 2], rests.len());
+            let (_, tip_m) = self.plan_rotations(0, &before.at, 0.0)?;
+            let away_m = (tip_m[0] - target_m[0]).hypot(tip_m[1] - target_m[1]);
+            // Uncertainty of what can be reached: that of the needle that is not moved.
+            let [xx, _, yy] = still.covariance_m2;
+            if away_m > 1e-3 * MISS_THAT_STOPS_MM + 2.0 * (xx + yy).max(0.0).sqrt() {
+                return Ok(Some(self.refused(&Plan { tip_m, ..still }, target_m)));
+            }
             // The needle is turned towards the end, and how far it then misses is not calibrated: no probability is stated.
             return Ok(None);
         }
+        let plan = if steered {
+            let law = &self.laws[self.best()];
+            let envelope = self.envelope(law, &*law.tables(&self.history)?, &law.values, &rests)?;
+            let bounds = self.free_bounds(&envelope);
+            self.reachable_m = reachable(&laws, &bounds);
+            left = self.left_by_limits(&before, &rests, target_m)?;
+            planner::plan(&laws, [0.0; 2], target_m, &bounds, NEAREST)
+        } else {
+            Plan::staying(&laws, [0.0; 2], rests.len())
+        };
+        let near = left.iter().filter(|left| left.mm() <= MISS_THAT_STOPS_MM).count();
+        if steered && (near as f64) < FEWEST * left.len() as f64 {
+            return Ok(Some(self.refused(&plan, target_m)));
+        }
+        self.limits_before = risks(&left);
         let last_m = LAST_AUTHORITY * self.history.depths_m[self.history.depths_m.len() - 1];
         let paths = self.expected.clone();
         let noise_m = 1e-3 * self.stated.tip_noise_mm;
@@ -87,16 +107,15 @@ impl Controller<'_> {
         let after = Posterior { at: vec![(1.0, at)] };
         let (_, covariance_m2) = planner::outcome(&after.weighted(), [0.0; 2], &[]);
         self.within_before = if steered {
-            let left_m = self.left_by_limits(&before, &rests, &bounds, target_m)?;
             let of = |radius_mm: f64| {
-                let within = |miss_m: &[f64; 2]| {
+                let within = |left: &Left| {
                     let mixed = |[share, factor]: [f64; 2]| {
                         let covariance_m2 = covariance_m2.map(|m2| factor * m2);
-                        share * probability_within(*miss_m, covariance_m2, 1e-3 * radius_mm)
+                        share * probability_within(left.miss_m, covariance_m2, 1e-3 * radius_mm)
                     };
                     FORECAST.into_iter().map(mixed).sum::<f64>()
                 };
-                let probability = left_m.iter().map(within).sum::<f64>() / left_m.len().max(1) as f64;
+                let probability = left.iter().map(within).sum::<f64>() / left.len().max(1) as f64;
                 Probability { radius_mm, probability }
             };
             RADII_MM.into_iter().map(of).collect()
@@ -106,16 +125,34 @@ impl Controller<'_> {
         Ok(None)
     }
 
-    /// Misses that travel and force leave, were the needle known: one for each of some needles drawn from the prior.
+    /// A target that cannot be reached, with what keeps the needle from it.
+    fn refused(&self, plan: &Plan, target_m: [f64; 2]) -> Outcome {
+        let [x_mm, y_mm] = plan.tip_m.map(|m| 1e3 * m);
+        let distance_mm = 1e3 * (plan.tip_m[0] - target_m[0]).hypot(plan.tip_m[1] - target_m[1]);
+        let limits: Vec<String> = plan.limited_by.iter().map(|(limit, _)| limit.to_string()).collect();
+        let limited_by = (!limits.is_empty()).then(|| limits.join(" and "));
+        let by = limited_by.as_ref().map_or_else(String::new, |limits| format!(" within {limits}"));
+        Outcome::Refused {
+            nearest_mm: [x_mm, y_mm],
+            distance_mm,
+            limited_by,
+            cause: format!(
+                "the target cannot be reached{by}: the nearest point that can be is {x_mm:.2}, {y_mm:.2} mm, \
+                 {distance_mm:.1} mm from it"
+            ),
+        }
+    }
+
+    /// Misses that limits leave, were the needle known: one for each of some needles drawn from the prior.
     fn left_by_limits(
         &self,
         before: &Posterior,
         rests: &[usize],
-        bounds: &Bounds,
         target_m: [f64; 2],
-    ) -> Result<Vec<[f64; 2]>, SteerError> {
+    ) -> Result<Vec<Left>, SteerError> {
         let mut rng = ChaCha8Rng::seed_from_u64(SCENARIO_SEED);
-        let mut left_m = Vec::with_capacity(SCENARIOS);
+        let mut left = Vec::with_capacity(SCENARIOS);
+        let last = Place::Rest(self.history.depths_m.len() - 1, 0);
         for (number, (weight, at)) in before.at.iter().enumerate() {
             let law = self.laws.get(number).unwrap_or(&self.laws[self.best()]);
             let Some(cholesky) = at.covariance.clone().cholesky() else { continue };
@@ -124,35 +161,28 @@ impl Controller<'_> {
                 let off = cholesky.l() * draw;
                 let values: Vec<f64> =
                     law.values.iter().zip(off.iter()).map(|(mean, off)| mean + off).collect();
-                let raised = |gain: &f64, row: &[f64]| {
-                    gain + row.iter().zip(off.iter()).map(|(a, b)| a * b).sum::<f64>()
-                };
+                let tables = Tables::new(&law.unknowns, &values, &self.history.depths_m)?;
+                let paths = tables::paths(&tables, &law.unknowns, &values, &self.history);
+                let none = DVector::zeros(off.len());
                 let needle = AtTarget {
-                    tip_m: [0, 1].map(|plane: usize| at.tip_m[plane] + at.rows[plane].dot(&off)),
-                    rows: at.rows.clone(),
+                    tip_m: [0, 1].map(|plane: usize| tables::at(&paths[plane], last)),
+                    rows: [none.clone(), none],
                     way_rows: Vec::new(),
-                    gains: at.gains.iter().zip(&at.gain_rows).map(|(gain, row)| raised(gain, row)).collect(),
-                    gain_rows: at.gain_rows.clone(),
+                    gains: rests.iter().map(|rest| gain(&tables, *rest, &self.history)).collect(),
+                    gain_rows: vec![[0.0; TISSUE]; rests.len()],
                     covariance: DMatrix::zeros(off.len(), off.len()),
                 };
-                let mut bounds = bounds.clone();
-                if let Some(limit_n) = self.stated.limits.guide_force_n {
-                    let stiffness = self.stiffness_n_per_m(&law.unknowns.problem(&values)?, rests)?;
-                    for (circle, stiffness) in bounds.circles.iter_mut().zip(stiffness) {
-                        let radius_m = SHARE_OF_FORCE * limit_n / stiffness;
-                        *circle = circle.map(|circle| Circle { radius_m, ..circle });
-                    }
-                }
-                // Never so small that the position now is outside.
-                for circle in bounds.circles.iter_mut().flatten() {
-                    circle.radius_m = circle.radius_m.max(circle.centre_m[0].hypot(circle.centre_m[1]));
-                }
+                let envelope = self.envelope(law, &tables, &values, rests)?;
+                let bounds = self.free_bounds(&envelope);
                 let certain = [Weighted { weight: 1.0, at: &needle }];
                 let plan = planner::plan(&certain, [0.0; 2], target_m, &bounds, NEAREST);
-                left_m.push([0, 1].map(|plane: usize| plan.tip_m[plane] - target_m[plane]));
+                left.push(Left {
+                    miss_m: [0, 1].map(|plane: usize| plan.tip_m[plane] - target_m[plane]),
+                    limit: plan.limited_by.first().map(|(limit, _)| *limit),
+                });
             }
         }
-        Ok(left_m)
+        Ok(left)
     }
 
     pub(super) fn within(&self, tip_m: [f64; 2], covariance_m2: [f64; 3]) -> Vec<Probability> {
@@ -163,4 +193,23 @@ impl Controller<'_> {
         };
         RADII_MM.into_iter().map(of).collect()
     }
+}
+
+/// Which limits keep how many needles from the target, the most frequent first.
+fn risks(left: &[Left]) -> Vec<LimitRisk> {
+    let mut counts: BTreeMap<Limit, usize> = BTreeMap::new();
+    for limit in left.iter().filter(|left| left.mm() > KEPT_OFF_MM).filter_map(|left| left.limit) {
+        *counts.entry(limit).or_default() += 1;
+    }
+    let share = |count: usize| count as f64 / left.len().max(1) as f64;
+    let mut risks: Vec<LimitRisk> = counts
+        .into_iter()
+        .map(|(limit, count)| LimitRisk {
+            limit: limit.name(),
+            words: limit.to_string(),
+            probability: share(count),
+        })
+        .collect();
+    risks.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    risks
 }

@@ -35,6 +35,9 @@ impl Controller<'_> {
         if to.depth_mm > self.last.depth_mm {
             self.pushed_blind_s += to.t_s - self.last.t_s;
         }
+        if to != (Command { t_s: to.t_s, ..self.last }) {
+            self.still_force.1 = 0.0;
+        }
         self.last = to;
         self.history.record(&answer);
         let expected = &self.expected;
@@ -57,6 +60,10 @@ impl Controller<'_> {
         let force_n = [x - self.zero_force.0[0], y - self.zero_force.0[1]];
         self.peak_force_n = Some(self.peak_force_n.unwrap_or(0.0).max(force_n[0].hypot(force_n[1])));
         self.force_n = Some(force_n);
+        let (mean_n, count) = self.still_force;
+        let more = count + 1.0;
+        let mean_n = [0, 1].map(|i: usize| (mean_n[i] * count + force_n[i]) / more);
+        self.still_force = (mean_n, more);
     }
 
     /// Waits so long.

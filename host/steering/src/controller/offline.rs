@@ -41,7 +41,9 @@ pub fn plan_path(stated: &Statement, options: &Options) -> Result<PathPlan, Stee
     let (mut plant, mut ignore) = (Absent, |_: &crate::Event| {});
     let mut controller = Controller::new(&mut plant, stated, options, &mut ignore)?;
     let refused = match controller.forecast()? {
-        Some(Outcome::Refused { nearest_mm, distance_mm }) => Some((nearest_mm, distance_mm)),
+        Some(Outcome::Refused { nearest_mm, distance_mm, limited_by, .. }) => {
+            Some((nearest_mm, distance_mm, limited_by))
+        }
         _ => None,
     };
     let (unsteered_tip_mm, spread_mm) = controller.unsteered()?;
@@ -50,10 +52,12 @@ pub fn plan_path(stated: &Statement, options: &Options) -> Result<PathPlan, Stee
     Ok(PathPlan {
         target_mm: options.target_mm,
         is_reachable: refused.is_none(),
-        nearest_mm: refused.map(|(nearest_mm, _)| nearest_mm),
-        beyond_reach_mm: refused.map(|(_, distance_mm)| distance_mm),
+        nearest_mm: refused.as_ref().map(|(nearest_mm, ..)| *nearest_mm),
+        beyond_reach_mm: refused.as_ref().map(|(_, distance_mm, _)| *distance_mm),
+        limited_by: refused.and_then(|(.., limited_by)| limited_by),
         reachable_mm: controller.reachable_m.iter().map(|corner| corner.map(|m| 1e3 * m)).collect(),
         within: controller.within_before.clone(),
+        limits: controller.limits_before.clone(),
         unsteered_tip_mm,
         spread_mm,
         plan,

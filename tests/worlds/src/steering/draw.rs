@@ -1,7 +1,7 @@
 //! Plants drawn at random, and targets that they can reach.
 
 use super::needle::{Needle, Tip, Tissue};
-use super::sensor::{Flaws, SimulatedPlant};
+use super::sensor::{Body, Flaws, SimulatedPlant};
 use ::steering::{
     Command, Limits, NeedleStatement, Plant, PlantError, PriorStatement, RigStatement, Statement,
 };
@@ -185,6 +185,7 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
             push_speed_mm_s: 5.0,
             rotation_speed_deg_s: 180.0,
             needle_strain: Some(0.006),
+            tissue_compression_mm: None,
         },
         max_depth_mm: 120.0,
         depth_step_mm: 1.0,
@@ -236,12 +237,26 @@ pub fn target_by_rotations(
     Ok([x, y, depth_mm])
 }
 
-/// A point that the plant's needle reaches with some guide moves within limits, mm: the end of a run of its own.
+/// A point that the plant's needle reaches with some guide moves within 0.6 of its limits, mm: the end of a run of its own.
 ///
 /// # Errors
 /// None that a simulated plant has.
-pub fn reachable_target(
-    plant: &SimulatedPlant,
+pub fn reachable_target<N: Body + Clone>(
+    plant: &SimulatedPlant<N>,
+    depth_mm: f64,
+    seed: u64,
+    number: u64,
+) -> Result<[f64; 3], PlantError> {
+    reachable_within(plant, 0.6, depth_mm, seed, number)
+}
+
+/// The same within another share of its limits.
+///
+/// # Errors
+/// None that a simulated plant has.
+pub fn reachable_within<N: Body + Clone>(
+    plant: &SimulatedPlant<N>,
+    share_of_limits: f64,
     depth_mm: f64,
     seed: u64,
     number: u64,
@@ -249,7 +264,8 @@ pub fn reachable_target(
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x007a_26e7);
     rng.set_stream(number);
     let angle: f64 = rng.random_range(0.0..std::f64::consts::TAU);
-    let mut way_mm = rng.random_range(1.5..3.5);
+    let mut way_mm =
+        f64::min(rng.random_range(1.5..3.5), share_of_limits * plant.stated.limits.guide_travel_mm);
     let from_mm = rng.random_range(8.0..20.0);
     let over_mm = rng.random_range(10.0..30.0);
     let steps = depth_mm.round() as usize;
@@ -270,7 +286,7 @@ pub fn reachable_target(
         let end = scout.end()?;
         let limits = &plant.stated.limits;
         let within = |peak: Option<f64>, limit: Option<f64>| {
-            peak.zip(limit).is_none_or(|(peak, limit)| peak <= 0.6 * limit)
+            peak.zip(limit).is_none_or(|(peak, limit)| peak <= share_of_limits * limit)
         };
         if within(end.peak_force_n, limits.guide_force_n) && within(end.peak_strain, limits.needle_strain) {
             let [x, y] = scout.tip_mm();

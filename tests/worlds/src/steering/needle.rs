@@ -1,5 +1,7 @@
 //! The needle in its tissue, marched in time.
 
+use super::sensor::Body;
+
 /// Distance of the springs, m.
 const SPRING_M: f64 = 0.5e-3;
 /// Length of the elements in the tissue, m.
@@ -118,34 +120,6 @@ impl Needle {
             .product::<f64>();
         let across = if plane == 1 { self.tissue.anisotropy } else { 1.0 };
         self.tissue.modulus_pa * factor * across * (1.0 + self.tissue.gradient_per_m * depth_m).max(0.05)
-    }
-
-    /// Goes on to a depth in some time; guide and load (N, x and y) as at the end, the bevel's direction in rad.
-    pub fn advance(
-        &mut self,
-        depth_m: f64,
-        time_s: f64,
-        guide_m: [f64; 2],
-        load_n: [f64; 2],
-        bevel_rad: f64,
-    ) {
-        if depth_m <= self.depth_m + 1e-9 {
-            self.settle(depth_m.min(self.depth_m), time_s, guide_m, load_n, bevel_rad, false);
-            return;
-        }
-        let (from_m, way_m) = (self.depth_m, depth_m - self.depth_m);
-        loop {
-            let next_m = SPRING_M * self.springs.len() as f64;
-            let to_m = next_m.min(depth_m);
-            let share = (to_m - self.depth_m) / way_m;
-            self.settle(to_m, share * time_s, guide_m, load_n, bevel_rad, true);
-            if next_m <= depth_m {
-                self.springs.push(Spring { rest_m: self.tip_m, flow_m: [0.0; 2] });
-            }
-            if to_m >= depth_m || self.depth_m - from_m >= way_m {
-                break;
-            }
-        }
     }
 
     fn settle(
@@ -322,6 +296,40 @@ impl Needle {
                 *flow_m += share * (stretch_m - *flow_m);
             }
         }
+    }
+}
+
+impl Body for Needle {
+    fn advance(&mut self, depth_m: f64, time_s: f64, guide_m: [f64; 2], load_n: [f64; 2], bevel_rad: f64) {
+        if depth_m <= self.depth_m + 1e-9 {
+            self.settle(depth_m.min(self.depth_m), time_s, guide_m, load_n, bevel_rad, false);
+            return;
+        }
+        let (from_m, way_m) = (self.depth_m, depth_m - self.depth_m);
+        loop {
+            let next_m = SPRING_M * self.springs.len() as f64;
+            let to_m = next_m.min(depth_m);
+            let share = (to_m - self.depth_m) / way_m;
+            self.settle(to_m, share * time_s, guide_m, load_n, bevel_rad, true);
+            if next_m <= depth_m {
+                self.springs.push(Spring { rest_m: self.tip_m, flow_m: [0.0; 2] });
+            }
+            if to_m >= depth_m || self.depth_m - from_m >= way_m {
+                break;
+            }
+        }
+    }
+
+    fn tip_m(&self) -> [f64; 2] {
+        self.tip_m
+    }
+
+    fn force_n(&self) -> [f64; 2] {
+        self.force_n
+    }
+
+    fn strain(&self) -> f64 {
+        self.strain
     }
 }
 

@@ -7,6 +7,21 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::collections::VecDeque;
 
+/// A needle in its tissue, marched in time.
+pub trait Body {
+    /// Goes on to a depth in some time; guide and load (N, x and y) as at the end, the bevel's direction in rad.
+    fn advance(&mut self, depth_m: f64, time_s: f64, guide_m: [f64; 2], load_n: [f64; 2], bevel_rad: f64);
+
+    /// The tip, x and y, m.
+    fn tip_m(&self) -> [f64; 2];
+
+    /// Force of guide 2 on the needle, x and y, N.
+    fn force_n(&self) -> [f64; 2];
+
+    /// Largest bending strain of the needle.
+    fn strain(&self) -> f64;
+}
+
 /// What actuators and sensors do wrong, and the load of the tip.
 #[derive(Debug, Clone, Default)]
 pub struct Flaws {
@@ -39,11 +54,11 @@ pub struct Flaws {
 
 /// The plant.
 #[derive(Debug, Clone)]
-pub struct SimulatedPlant {
+pub struct SimulatedPlant<N = Needle> {
     /// What it states.
     pub stated: Statement,
     /// The needle in its tissue.
-    pub needle: Needle,
+    pub needle: N,
     /// What actuators and sensors do wrong.
     pub flaws: Flaws,
     rng: ChaCha8Rng,
@@ -68,9 +83,11 @@ impl SimulatedPlant {
             ("rig.clamp_compliance", self.needle.clamp_rad_per_n_m),
         ]
     }
+}
 
+impl<N: Body> SimulatedPlant<N> {
     /// At the surface, at time 0.
-    pub fn new(stated: Statement, needle: Needle, flaws: Flaws, rng: ChaCha8Rng) -> Self {
+    pub fn new(stated: Statement, needle: N, flaws: Flaws, rng: ChaCha8Rng) -> Self {
         let now = Command { bevel_deg: stated.bevel_deg, ..Command::default() };
         Self {
             stated,
@@ -90,7 +107,7 @@ impl SimulatedPlant {
 
     /// The tip, mm.
     pub fn tip_mm(&self) -> [f64; 2] {
-        [0, 1].map(|i: usize| 1e3 * self.needle.tip_m[i] + self.now.depth_mm * self.flaws.slope[i])
+        [0, 1].map(|i: usize| 1e3 * self.needle.tip_m()[i] + self.now.depth_mm * self.flaws.slope[i])
     }
 
     fn load_n(&self, depth_mm: f64, bevel_rad: f64, speed_mm_s: f64) -> [f64; 2] {
@@ -157,15 +174,16 @@ impl SimulatedPlant {
         );
         self.now = Command { guide_x_mm: guide_mm[0], guide_y_mm: guide_mm[1], ..*to };
         let after_mm = self.tip_mm();
-        let force = self.needle.force_n[0].hypot(self.needle.force_n[1]);
+        let [force_x_n, force_y_n] = self.needle.force_n();
+        let force = force_x_n.hypot(force_y_n);
         if limits.guide_force_n.is_some_and(|most| force > most) {
             self.broken.force += 1;
         }
-        if limits.needle_strain.is_some_and(|most| self.needle.strain > most) {
+        if limits.needle_strain.is_some_and(|most| self.needle.strain() > most) {
             self.broken.strain += 1;
         }
         self.end.peak_force_n = Some(self.end.peak_force_n.unwrap_or(0.0).max(force));
-        self.end.peak_strain = Some(self.end.peak_strain.unwrap_or(0.0).max(self.needle.strain));
+        self.end.peak_strain = Some(self.end.peak_strain.unwrap_or(0.0).max(self.needle.strain()));
         while self.next_sample_s <= to.t_s + 1e-9 {
             let at_s = self.next_sample_s;
             self.next_sample_s += 1.0 / self.stated.tip_rate_hz;
@@ -202,7 +220,7 @@ impl SimulatedPlant {
     }
 }
 
-impl Plant for SimulatedPlant {
+impl<N: Body> Plant for SimulatedPlant<N> {
     fn start(&mut self) -> Result<Statement, PlantError> {
         Ok(self.stated.clone())
     }
@@ -212,7 +230,7 @@ impl Plant for SimulatedPlant {
         let force_noise_n = self.stated.force_noise_n;
         let force = |plant: &mut Self, i: usize| {
             force_noise_n
-                .map(|sd| plant.needle.force_n[i] + plant.flaws.force_offset_n[i] + sd * plant.normal())
+                .map(|sd| plant.needle.force_n()[i] + plant.flaws.force_offset_n[i] + sd * plant.normal())
         };
         let (force_x_n, force_y_n) = (force(self, 0), force(self, 1));
         let (tip_seq, at_s, tip_mm, valid) = self.shown;
