@@ -243,6 +243,7 @@ pub fn acquire(
         Ok::<(), RecordError>(())
     });
     recorder.writer.flush()?;
+    sweeps.remarks().iter().for_each(|remark| observer.note(remark));
     outcome?;
     sweeps.check_complete()?;
     Ok(Recorded { link: client.losses(), ..recorder.recorded() })

@@ -103,6 +103,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
                 },
                 ConnectionEvent::Unreadable(why) => Some(format!("a message is skipped: {why}")),
                 ConnectionEvent::Skipped(kind, device) => Some(format!("{kind} `{device}` is not used")),
+                ConnectionEvent::Invalid(kind, device, stated) => {
+                    Some(format!("{kind} `{device}` is not used while it is not valid: {stated}"))
+                }
                 ConnectionEvent::Lost(why) => {
                     Some(format!("the connection is lost: {why}; it is tried again"))
                 }

@@ -276,6 +276,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
         client.request(Request::Stream { enable: false })?;
         Ok(Recorded { link: client.losses(), ..recorder.recorded() })
     });
+    tracker.iter().flat_map(|tracker| tracker.unused()).for_each(|remark| watch.note(&remark));
     let raw = raw.map(RawRecorder::finish).transpose();
     print("guide.record/1", &args.session, &id, outcome?, raw?.as_ref(), out)
 }

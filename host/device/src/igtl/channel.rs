@@ -3,6 +3,7 @@
 use super::clock::Clocks;
 use super::message::{Content, Message};
 use super::source::{ConnectionEvent, Source};
+use super::tracked::{Clock, Tracked, problem};
 use super::{IgtlError, Pose};
 use crate::link::Batch;
 use crate::sweep::Sweep;
@@ -46,6 +47,7 @@ pub struct Channel {
     source: Source,
     settings: Settings,
     clocks: Clocks,
+    tracked: Tracked,
     noted: BTreeSet<String>,
     reported_dropped: u64,
 }
@@ -58,7 +60,8 @@ impl Channel {
     pub fn connect(address: &str, settings: Settings) -> Result<Self, IgtlError> {
         let source = Source::connect(address)?;
         let clocks = Clocks::new(Instant::now());
-        Ok(Self { source, settings, clocks, noted: BTreeSet::new(), reported_dropped: 0 })
+        let tracked = Tracked::default();
+        Ok(Self { source, settings, clocks, tracked, noted: BTreeSet::new(), reported_dropped: 0 })
     }
 
     /// Samples of the device have just arrived: they have the time of its clock.
@@ -72,15 +75,24 @@ impl Channel {
         let mut observed = Vec::new();
         for news in news {
             let note = match news {
-                ConnectionEvent::Message(message, at) => match self.shape(&message, at) {
-                    Ok(shape) => {
-                        observed.extend(shape.map(Observation::Shape));
-                        None
+                ConnectionEvent::Message(message, at) => {
+                    let mut note = None;
+                    match self.shape(&message, at, &mut note) {
+                        Ok(shape) => observed.extend(shape.map(Observation::Shape)),
+                        Err(why) => note = Some(why),
                     }
-                    Err(note) => Some(note),
-                },
+                    note
+                }
                 ConnectionEvent::Unreadable(why) => Some(format!("a message is skipped: {why}")),
                 ConnectionEvent::Skipped(kind, device) => Some(format!("{kind} `{device}` is not used")),
+                ConnectionEvent::Invalid(kind, device, stated) => {
+                    let is_used = self.is_used(&kind, &device);
+                    if is_used {
+                        self.tracked.count(&device);
+                    }
+                    is_used
+                        .then(|| format!("{kind} `{device}` is not used while it is not tracked: {stated}"))
+                }
                 ConnectionEvent::Lost(why) => {
                     Some(format!("the connection is lost: {why}; it is tried again"))
                 }
@@ -108,20 +120,70 @@ impl Channel {
         Some(Observation::Note(format!("OpenIGTLink at {address}: {note}{last}")))
     }
 
+    /// Whether messages of this type and name are taken as the needle.
+    fn is_used(&self, kind: &str, device: &str) -> bool {
+        match kind {
+            "POINT" => self.settings.shape.as_ref().is_none_or(|name| name == device),
+            "TRANSFORM" | "POSITION" | "QTRANS" => self.settings.tip == device,
+            _ => false,
+        }
+    }
+
+    /// How many messages were not used though they were of the needle, by name: a remark for the end of a recording.
+    pub fn unused(&self) -> Vec<String> {
+        let of = |(device, count)| {
+            format!("OpenIGTLink: {count} messages of `{device}` are no measurement and are not used")
+        };
+        self.tracked.unused().map(of).collect()
+    }
+
     /// The needle's points in a message; `None` where it was before the first sample; an error where it cannot be used.
-    fn shape(&mut self, message: &Message, at: Instant) -> Result<Option<Sweep>, String> {
+    fn shape(
+        &mut self,
+        message: &Message,
+        at: Instant,
+        note: &mut Option<String>,
+    ) -> Result<Option<Sweep>, String> {
         let Message { device, stamp, content } = message;
-        let Settings { shape, tip, delay_s, frame } = &self.settings;
+        let kind = content.kind();
+        if let Content::Status { code, words } = content {
+            self.tracked.status(device, *code, words);
+            return match self.tracked.bad_status(device) {
+                Some(status) => Err(format!("`{device}`: {status}")),
+                None => Ok(None),
+            };
+        }
+        if self.is_used(kind, device) {
+            let stated = self.tracked.bad_status(device).map(str::to_owned);
+            if let Some(problem) = stated.as_deref().or(problem(content)) {
+                self.tracked.count(device);
+                return Err(format!("{kind} `{device}` is not used: {problem}"));
+            }
+            match self.tracked.clock(device, *stamp) {
+                Clock::On => {}
+                Clock::Same => {
+                    self.tracked.count(device);
+                    return Err(format!("{kind} `{device}` is not used while its time stamp stays the same"));
+                }
+                Clock::Back => {
+                    *note = Some(format!(
+                        "the time stamps of `{device}` step back: its clock is taken to have been set"
+                    ));
+                    self.clocks.sender_was_set();
+                }
+            }
+        }
+        let Settings { delay_s, frame, .. } = &self.settings;
         let points_mm: Vec<[f32; 3]> = match content {
-            Content::Points(points) if shape.as_ref().is_none_or(|name| name == device) => {
+            Content::Points(points) if self.is_used(kind, device) => {
                 points.iter().map(|point| point.position_mm).collect()
             }
             Content::Transform(Pose { position_mm, .. }) | Content::Position(Pose { position_mm, .. })
-                if tip == device =>
+                if self.is_used(kind, device) =>
             {
                 vec![*position_mm]
             }
-            other => return Err(format!("{} `{device}` is not used", other.kind())),
+            _ => return Err(format!("{kind} `{device}` is not used")),
         };
         let Some(time_s) = self.clocks.device_s(*stamp, at).map(|time_s| time_s - delay_s) else {
             return Ok(None);

@@ -60,6 +60,11 @@ impl Clocks {
         Self { began, sender: Least::default(), device: Least::default(), newest: None }
     }
 
+    /// The sender's clock was set: what is known of it counts no more.
+    pub fn sender_was_set(&mut self) {
+        self.sender = Least::default();
+    }
+
     fn host_s(&self, at: Instant) -> f64 {
         at.saturating_duration_since(self.began).as_secs_f64()
     }

@@ -21,6 +21,8 @@ const DEVICE_BYTES: usize = 20;
 /// Encodings of a STRING as registered with IANA.
 const ASCII: u16 = 3;
 const UTF_8: u16 = 106;
+/// Code of a STATUS that states no error.
+pub const STATUS_OK: u16 = 1;
 /// The unit of SENSOR: newton, to the power of one, without prefix.
 const NEWTON: u64 = (0x0B << 54) | (1 << 50);
 
@@ -40,7 +42,7 @@ pub struct Message {
 pub enum Content {
     /// TRANSFORM: where a frame is, and how it is turned.
     Transform(Pose),
-    /// POSITION: the same with a quaternion. Read only.
+    /// POSITION, or QTRANS as older versions call it: the same with a quaternion. Read only.
     Position(Pose),
     /// POINT: a list of points.
     Points(Vec<Point>),
@@ -50,6 +52,13 @@ pub enum Content {
     Sensor(Vec<f64>),
     /// IMAGE: a frame of a scanner.
     Image(Image),
+    /// STATUS: how a device is.
+    Status {
+        /// [`STATUS_OK`], or the kind of an error.
+        code: u16,
+        /// Name of the error, and the sender's words.
+        words: String,
+    },
 }
 
 /// A frame in another.
@@ -140,7 +149,8 @@ pub enum MessageError {
 
 impl Content {
     /// The types that are read; images only where they are wanted ([`super::wire::Decoder::with_images`]).
-    pub const READ: [&'static str; 6] = ["TRANSFORM", "POSITION", "POINT", "STRING", "SENSOR", "IMAGE"];
+    pub const READ: [&'static str; 8] =
+        ["TRANSFORM", "POSITION", "QTRANS", "POINT", "STRING", "SENSOR", "IMAGE", "STATUS"];
 
     /// Name of the type.
     pub fn kind(&self) -> &'static str {
@@ -151,6 +161,7 @@ impl Content {
             Self::Text(_) => "STRING",
             Self::Sensor(_) => "SENSOR",
             Self::Image(_) => "IMAGE",
+            Self::Status { .. } => "STATUS",
         }
     }
 
@@ -176,7 +187,7 @@ impl Content {
                 let pose = Pose { axes, position_mm: [f[9], f[10], f[11]] };
                 finite(Self::Transform(pose), f.to_vec())
             }),
-            "POSITION" => position(body).ok_or_else(|| length("12, 24 or 28")).and_then(|pose| {
+            "POSITION" | "QTRANS" => position(body).ok_or_else(|| length("12, 24 or 28")).and_then(|pose| {
                 let all = pose.axes.into_iter().flatten().chain(pose.position_mm).collect();
                 finite(Self::Position(pose), all)
             }),
@@ -188,6 +199,7 @@ impl Content {
                 None => Err(length("136 for each of at most 1900 points")),
             },
             "STRING" => text(device, body).map(Self::Text),
+            "STATUS" => status(body).ok_or_else(|| length("30 or more")),
             "IMAGE" => Image::read(body)
                 .map(Self::Image)
                 .map_err(|problem| MessageError::Image { device: device.to_owned(), problem }),
@@ -234,6 +246,12 @@ impl Content {
                 body.extend(values.iter().take(count).flat_map(|value| value.to_be_bytes()));
             }
             Self::Image(image) => body.extend(image.write()),
+            Self::Status { code, words } => {
+                body.extend(code.to_be_bytes());
+                body.extend([0; 28]);
+                body.extend(words.as_bytes());
+                body.push(0);
+            }
         }
         body
     }
@@ -340,6 +358,15 @@ fn text(device: &str, body: &[u8]) -> Result<String, MessageError> {
     let end = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
     String::from_utf8(bytes.get(..end).unwrap_or_default().to_vec())
         .map_err(|_| fault("its text is no UTF-8"))
+}
+
+/// Code, sub-code, name of the error, words.
+fn status(body: &[u8]) -> Option<Content> {
+    let (code, rest) = body.split_first_chunk::<2>()?;
+    let (_sub_code, rest) = rest.split_first_chunk::<8>()?;
+    let (name, words) = rest.split_first_chunk::<20>()?;
+    let words = format!("{} {}", unpadded(name), unpadded(words));
+    Some(Content::Status { code: u16::from_be_bytes(*code), words: words.trim().to_owned() })
 }
 
 /// Values of a sensor.

@@ -5,7 +5,7 @@
 //! * [`image`]: frames of a scanner; [`capture`]: frames that become a sequence.
 //! * [`server`]: clients that receive every message, none of which is waited for.
 //! * [`source`]: a tracker that sends where the needle is; [`clock`]: when that was, on the device's clock; [`channel`]: both as the
-//!   ultrasound of a recording.
+//!   ultrasound of a recording; [`tracked`]: what of it is no measurement.
 //!
 //! Nothing that arrives is trusted: sizes are limited before anything is kept, checksums are compared, a peer that stops in the
 //! middle of a message is left. Messages are written as protocol version 1 and 2 have them (header version 1, which every peer reads);
@@ -18,6 +18,7 @@ pub mod image;
 pub mod message;
 pub mod server;
 pub mod source;
+mod tracked;
 pub mod wire;
 
 pub use channel::Channel;
@@ -91,3 +92,5 @@ pub fn host_and_port(text: &str) -> Result<(String, u16), IgtlError> {
 mod server_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tracked_tests;

@@ -34,6 +34,8 @@ pub enum ConnectionEvent {
     Unreadable(MessageError),
     /// One of a type that is not read: type and device name.
     Skipped(String, String),
+    /// One whose metadata state that it is no measurement: type, device name, and what they state.
+    Invalid(String, String, String),
     /// The connection is gone, and why; it is tried again.
     Lost(String),
     /// It is there again.
@@ -194,6 +196,9 @@ fn receive(
                         Arrival::Message(message) => ConnectionEvent::Message(message, received),
                         Arrival::Unreadable(why) => ConnectionEvent::Unreadable(why),
                         Arrival::Skipped(kind, device) => ConnectionEvent::Skipped(kind, device),
+                        Arrival::Invalid(kind, device, stated) => {
+                            ConnectionEvent::Invalid(kind, device, stated)
+                        }
                     });
                 })?;
             }

@@ -2,6 +2,7 @@
 
 use super::image;
 use super::message::{CRC, Content, HEADER_BYTES, MAX_POINTS, Message, MessageError, POINT_BYTES, unpadded};
+use super::tracked::stated_invalid;
 use std::time::Duration;
 
 /// Largest body that is kept but for images that are wanted. Larger ones and those of other types are passed over without being kept.
@@ -29,6 +30,8 @@ pub enum Arrival {
     Unreadable(MessageError),
     /// One of a type that is not read, or too large: type and device name.
     Skipped(String, String),
+    /// One whose metadata state that it is no measurement: type, device name, and what they state.
+    Invalid(String, String, String),
 }
 
 /// Cuts bytes into messages; keeps at most one message.
@@ -78,13 +81,16 @@ impl Header {
         if CRC.checksum(body) != self.crc {
             return Arrival::Unreadable(MessageError::Checksum { kind, device });
         }
-        let content = match self.version {
-            1 => Some(body),
+        let parts = match self.version {
+            1 => Some((body, Vec::new())),
             _ => within_extended(body),
         };
-        let Some(content) = content else {
+        let Some((content, metadata)) = parts else {
             return Arrival::Unreadable(MessageError::Extended { kind, device });
         };
+        if let Some(stated) = stated_invalid(&device, &metadata) {
+            return Arrival::Invalid(kind, device, stated);
+        }
         match Content::read(&kind, &device, content) {
             Some(Ok(content)) => Arrival::Message(Message { device, stamp, content }),
             Some(Err(why)) => Arrival::Unreadable(why),
@@ -93,15 +99,39 @@ impl Header {
     }
 }
 
-/// The content between extended header and metadata, as header version 2 has them.
-fn within_extended(body: &[u8]) -> Option<&[u8]> {
-    let (header, metadata_header) = body.split_first_chunk::<2>()?;
-    let (metadata_header, rest) = metadata_header.split_first_chunk::<2>()?;
+/// The content between extended header and metadata, as header version 2 has them, and the metadata.
+fn within_extended(body: &[u8]) -> Option<(&[u8], Vec<(String, String)>)> {
+    let (header, after) = body.split_first_chunk::<2>()?;
+    let (metadata_header, rest) = after.split_first_chunk::<2>()?;
     let metadata = rest.first_chunk::<4>()?;
-    let metadata_bytes =
-        u64::from(u32::from_be_bytes(*metadata)) + u64::from(u16::from_be_bytes(*metadata_header));
-    let end = body.len().checked_sub(usize::try_from(metadata_bytes).ok()?)?;
-    body.get(usize::from(u16::from_be_bytes(*header))..end)
+    let header_bytes = usize::from(u16::from_be_bytes(*metadata_header));
+    let metadata_bytes = usize::try_from(u32::from_be_bytes(*metadata)).ok()?.checked_add(header_bytes)?;
+    let end = body.len().checked_sub(metadata_bytes)?;
+    let content = body.get(usize::from(u16::from_be_bytes(*header))..end)?;
+    Some((content, entries(body.get(end..)?, header_bytes)?))
+}
+
+/// Most entries of metadata that are looked at.
+const MAX_ENTRIES: usize = 1_024;
+
+/// Keys and values: sizes of all first, the texts behind them.
+fn entries(metadata: &[u8], header_bytes: usize) -> Option<Vec<(String, String)>> {
+    let (header, mut texts) = metadata.split_at_checked(header_bytes)?;
+    let Some((count, sizes)) = header.split_first_chunk::<2>() else { return Some(Vec::new()) };
+    let count = usize::from(u16::from_be_bytes(*count)).min(MAX_ENTRIES);
+    // Size of the key (2 bytes), encoding of the value (2), size of the value (4).
+    let (sizes, _) = sizes.as_chunks::<8>();
+    let mut take = |bytes: usize| {
+        let (text, rest) = texts.split_at_checked(bytes)?;
+        texts = rest;
+        Some(unpadded(text))
+    };
+    let entry = |[a, b, _, _, c, d, e, f]: &[u8; 8]| {
+        let key = take(usize::from(u16::from_be_bytes([*a, *b])))?;
+        let value = take(usize::try_from(u32::from_be_bytes([*c, *d, *e, *f])).ok()?)?;
+        Some((key, value))
+    };
+    sizes.get(..count)?.iter().map(entry).collect()
 }
 
 impl Decoder {

@@ -110,6 +110,14 @@ impl<'a> Sweeps<'a> {
         Ok(())
     }
 
+    /// Remarks for the end of a recording.
+    pub fn remarks(&self) -> Vec<String> {
+        match &self.ultrasound {
+            Ultrasound::Tracker(tracker) => tracker.unused(),
+            Ultrasound::Command(_) | Ultrasound::Frames(_) | Ultrasound::Absent => Vec::new(),
+        }
+    }
+
     /// Whether every hold that wanted a sweep had one.
     pub fn check_complete(&self) -> Result<(), RecordError> {
         let number = |step: &u8| usize::from(*step) + 1;
