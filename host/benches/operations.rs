@@ -45,7 +45,7 @@ fn main() -> Result<()> {
 /// five times as much.
 fn foundations(clock: &mut Clock) -> Result<()> {
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
-    for (name, support) in [("on springs", Support::Springs), ("in a body", Support::Body { poisson: 0.5 })] {
+    for (name, support) in [("on springs", Support::Springs), ("in a body", Support::half_space(0.5))] {
         let mut modulus_pa = 16e3;
         clock.seconds(name, || {
             modulus_pa *= 1.0 + 1e-9;

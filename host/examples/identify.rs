@@ -27,7 +27,7 @@ fn main() -> anyhow::Result<()> {
     // What the tissue is made of is a part of the model: with another foundation its effects would have other values.
     let (foundation, poisson) = match model.support {
         Some(Support::Springs) => (Some(FoundationChoice::Springs), None),
-        Some(Support::Body { poisson }) => (Some(FoundationChoice::Body), Some(poisson)),
+        Some(Support::Body { poisson, .. }) => (Some(FoundationChoice::Body), Some(poisson)),
         None => (None, None),
     };
     for learned in &model.effects {

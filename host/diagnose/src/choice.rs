@@ -13,7 +13,7 @@ use super::search::{Found, Search, one_sided};
 use super::split::Judge;
 use super::start::Start;
 use super::{DiagnoseError, FoundationChoice, Options};
-use mechanics::Support;
+use mechanics::{Block, Support};
 
 /// A foundation on which a modulus that varies with depth is further behind than this is not searched. Second effects, and the
 /// linearisation of the score, make up for some nats.
@@ -44,6 +44,7 @@ pub(super) fn choose(
     springs: Start,
     judge: &Judge,
     options: &Options,
+    block: Option<Block>,
     mut report: impl FnMut(&str),
 ) -> Result<Choice, DiagnoseError> {
     let search = |start: &Start, report: &mut dyn FnMut(&str)| {
@@ -53,7 +54,7 @@ pub(super) fn choose(
     let body = match options.foundation {
         FoundationChoice::Springs => None,
         FoundationChoice::Body | FoundationChoice::Auto => {
-            springs.on(Support::Body { poisson: options.poisson }).ok()
+            springs.on(Support::Body { poisson: options.poisson, block }).ok()
         }
     };
     let Some(body) = body else {

@@ -139,7 +139,7 @@ pub fn fit_with_discrepancy(
     let fit = |layout: &Layout| fit_start(layout, &runs, &noises, input.given, input.discrepancy);
     let Released { start: springs, moved, .. } = known::released(&mut layout, fit)?;
     let evidence = |poisson: f64| -> Result<_, DiagnoseError> {
-        let body = springs.on(Support::Body { poisson })?;
+        let body = springs.on(Support::Body { poisson, block: session.tissue.block() })?;
         let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
         let best = gain.max(0.0);
         let of_springs = varied(&springs, VARIED_NATS + best)?;

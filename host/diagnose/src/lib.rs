@@ -242,7 +242,7 @@ fn workflow<T>(
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let Choice { foundation, start, found, beside: other_foundation } =
-        choose(start, &judge, options, &mut on_progress)?;
+        choose(start, &judge, options, session.tissue.block(), &mut on_progress)?;
     let more = beside(&start)?;
     let found = found.around_itself(&start, &judge, &multiples);
     let (found, is_stated_wrong) = found.with_names_of_stated(&start, &judge)?;
@@ -404,7 +404,7 @@ fn found_in(session: &Session) -> (Start, Found) {
     let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
     let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
-    let Choice { start, found, .. } = choose(start, &judge, &options, |_| {}).expect("a search");
+    let Choice { start, found, .. } = choose(start, &judge, &options, None, |_| {}).expect("a search");
     (start, found)
 }
 

@@ -348,11 +348,7 @@ impl Diagnosis {
             learned_from: self.session.clone(),
             modulus_pa: is_identified.then_some(pa(self.k_kpa)),
             modulus_ci95_pa: is_identified.then_some(self.k_ci95_kpa.map(pa)),
-            support: self
-                .foundation
-                .poisson
-                .filter(|_| is_identified)
-                .map(|poisson| Support::Body { poisson }),
+            support: self.foundation.poisson.filter(|_| is_identified).map(Support::half_space),
             youngs_pa: youngs.map(|found| pa(found.value)),
             youngs_ci95_pa: youngs.map(|found| found.ci95.map(pa)),
             tip_load_n: self.tip_load_n,

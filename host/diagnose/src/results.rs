@@ -169,7 +169,7 @@ impl FoundationResult {
         let plain = Self::springs(body, springs);
         match last.layout.support {
             Support::Springs => plain,
-            Support::Body { poisson } => Self {
+            Support::Body { poisson, .. } => Self {
                 used: "body",
                 youngs_modulus_kpa: Some(modulus_kpa(last)),
                 poisson: Some(poisson),

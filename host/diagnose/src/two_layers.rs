@@ -51,7 +51,7 @@ pub fn two_layers(
     let noises = Noises { session: noise, reference: noise };
     let springs = fit_start(&layout, &runs, &noises, input.given, input.discrepancy)?;
     let one = match input.body {
-        Some(poisson) => springs.on(Support::Body { poisson })?,
+        Some(poisson) => springs.on(Support::Body { poisson, block: session.tissue.block() })?,
         None => springs,
     };
     let layout = one.fitted.layout.with(layers);

@@ -96,7 +96,7 @@ impl Workbench {
         let springs = fit_start(&layout, &runs, &noises, &options.given, &options.discrepancy)?;
         let judge = held_out.judge(&springs.fitted, &springs.runs, &noise, &options.discrepancy)?;
         let start = if options.foundation == FoundationChoice::Body {
-            springs.on(Support::Body { poisson: options.poisson })?
+            springs.on(Support::Body { poisson: options.poisson, block: session.tissue.block() })?
         } else {
             springs
         };

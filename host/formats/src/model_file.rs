@@ -209,7 +209,7 @@ impl ModelFile {
         }
         if let Some(support) = self.support {
             let _ = writeln!(text, "foundation = \"{}\"", support.name());
-            if let Support::Body { poisson } = support {
+            if let Support::Body { poisson, .. } = support {
                 line(text, "poisson", &[poisson], 0)?;
             }
         }
@@ -293,7 +293,7 @@ fn support(tissue: &Fields<'_>) -> Result<Option<Support>, SessionError> {
         }
         None => Ok(None),
         Some("springs") => Ok(Some(Support::Springs)),
-        Some("body") => Ok(Some(Support::Body { poisson: poisson.unwrap_or(0.5) })),
+        Some("body") => Ok(Some(Support::half_space(poisson.unwrap_or(0.5)))),
         Some(other) => {
             let problem = Problem::Unknown(other.to_owned());
             Err(tissue.field_fault("foundation", problem, "springs or body"))

@@ -157,7 +157,7 @@ impl BodyResult {
     }
 
     fn support(&self) -> Support {
-        Support::Body { poisson: self.poisson }
+        Support::half_space(self.poisson)
     }
 }
 

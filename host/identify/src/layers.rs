@@ -54,7 +54,7 @@ pub(super) fn layers(
     let of = |support: Support, by_noise: &ByNoise| {
         let body = match support {
             Support::Springs => None,
-            Support::Body { poisson } => Some(poisson),
+            Support::Body { poisson, .. } => Some(poisson),
         };
         let (known, discrepancy) = (options.known.as_slice(), &options.discrepancy);
         let input = DiscrepancyFitInput { given: &given, known, discrepancy, body };

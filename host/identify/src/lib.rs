@@ -21,6 +21,7 @@ mod prepare;
 mod reference;
 mod residuals;
 mod results;
+mod walls;
 
 pub use diagnose::FoundationChoice;
 pub use error::{IdentifyError, RunError};
@@ -121,6 +122,11 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         Some(layers) => reference::of_layers(youngs, layers),
         None => reference::headline(youngs, &foundation, options, &mut warnings),
     };
+    let (mut youngs, mut foundation) = (youngs, foundation);
+    let deepest_m = fitted.iter().map(|run| run.data.depth_m).fold(0.0, f64::max);
+    if let Some(walls) = walls::UnknownWalls::of(&session.rig.needle, deepest_m, tissue) {
+        warnings.extend(walls.widen(&mut youngs, &mut foundation));
+    }
     let reference = indentation::reference(session, &runs, &fitted, (&youngs_by, &youngs), &mut warnings);
     let k_per_ei = KPerEi::of(&session.rig.needle, pooled.k_kpa, pooled.ci95_kpa);
     if k_per_ei.is_some() {

@@ -5,9 +5,9 @@ use diagnose::{FoundationChoice, INCOMPRESSIBLE, KnownParameter, Multiples};
 use formats::model_file::ModelFile;
 use formats::prior_file::ModulusPrior;
 use formats::session::Session;
-use mechanics::Support;
 use mechanics::continuum::Contact;
 use mechanics::effects::Effect;
+use mechanics::{Block, Support};
 use modulus::Relation;
 use readings::holds::HoldCriteria;
 
@@ -144,6 +144,10 @@ pub(super) struct TissueModel {
     pub poisson: f64,
     /// Its standard deviation.
     pub poisson_sd: f64,
+    /// The block that it is stated to be.
+    pub block: Option<Block>,
+    /// Whether that, or that no wall is near, is stated.
+    pub has_walls: bool,
 }
 
 impl TissueModel {
@@ -154,12 +158,14 @@ impl TissueModel {
             foundation: options.foundation.unwrap_or_else(|| stated.foundation.into()),
             poisson: options.poisson.or(stated.poisson).unwrap_or(INCOMPRESSIBLE),
             poisson_sd: options.poisson_sd.or(stated.poisson_sd).unwrap_or(0.0),
+            block: stated.block(),
+            has_walls: stated.walls.is_some(),
         }
     }
 
     /// The tissue as an elastic body.
     pub fn body(&self) -> Support {
-        Support::Body { poisson: self.poisson }
+        Support::Body { poisson: self.poisson, block: self.block }
     }
 
     /// The same with a Poisson's ratio one standard deviation away; `None` where it is exactly known.

@@ -95,11 +95,12 @@ impl<'s> Youngs<'s> {
                     let [k_pa, ..] = depth.k_pa;
                     let length_m = (rig.needle.bending_stiffness_n_m2() / k_pa).powf(0.25);
                     // Finite elements take a second; only a needle that bends more than the table resolves needs them.
-                    if depth.depth_m <= RESOLVED_LENGTHS * length_m {
+                    let body = if depth.depth_m <= RESOLVED_LENGTHS * length_m {
                         tabulated(&rig.needle, depth.depth_m, poisson, contact)
                     } else {
                         Continuum::solve(&rig.needle, depth.depth_m, poisson, contact, Resolution::DEFAULT)
-                    }
+                    };
+                    body.and_then(|body| body.in_block(tissue.block))
                 };
                 match (solve(tissue.body()), run) {
                     (Ok(body), Some(run)) => {

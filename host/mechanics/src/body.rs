@@ -12,18 +12,20 @@
 //! solver of its own (`tests/worlds`) the force is within 0.5 % for two layers of 0.4 to 3 times and within 0.1 % for gradients of -0.006
 //! to 0.06 per mm, at 20 to 50 mm.
 
+mod block;
 mod ritz;
 mod stiffened;
 mod table;
 mod wall;
 
+pub(crate) use block::{flexibility_per_m, nodes_with_walls};
 pub(super) use ritz::{Load, Ritz, Shape, powers};
 pub(super) use stiffened::Stiffened;
 pub(super) use table::MODES;
 use table::Matrix;
-pub use wall::{RESOLVED_LENGTHS, tabulated};
+pub use wall::{RESOLVED_LENGTHS, rigid_ratio, tabulated, unknown_walls};
 
-use super::{Foundation, ModelError, Support, check};
+use super::{Foundation, ModelError, Support, check, quadrature};
 use table::Varied;
 
 /// A needle's depth over its radius may be so much; shallower ones have the stiffness per depth of the least.
@@ -55,15 +57,22 @@ pub(super) fn stiffness(
     from_m: f64,
     depth_m: f64,
 ) -> Result<Matrix, ModelError> {
-    let Support::Body { poisson } = support else {
+    let Support::Body { poisson, block } = support else {
         return Err(ModelError::NotOnBody { what: "a row of springs" });
     };
     let ratio = depth_m / radius_m;
     check("depth over needle radius", ratio, "1000 or less on an elastic body", ratio <= DEPTH_RANGE[1])?;
     let uniform = table::uniform(ratio.max(DEPTH_RANGE[0]), poisson);
+    let walls = |matrix: Matrix, modulus_pa: f64| match block {
+        None => Ok(matrix),
+        Some(block) => {
+            let added = block::flexibility_per_m(&block, poisson, from_m, depth_m)?;
+            block::with_walls(&matrix, &added.map(|row| row.map(|value| value / modulus_pa)))
+        }
+    };
     let Some(varied) = varied(foundation, from_m, depth_m) else {
         let modulus_pa = foundation.modulus_pa(from_m);
-        return Ok(uniform.map(|row| row.map(|value| value * modulus_pa * depth_m)));
+        return walls(uniform.map(|row| row.map(|value| value * modulus_pa * depth_m)), modulus_pa);
     };
     let [least, most] = varied.iter().fold([f64::INFINITY, 0.0], |[low, high], m| [m.min(low), m.max(high)]);
     check(
@@ -94,7 +103,9 @@ pub(super) fn stiffness(
             *value = depth_m * (*value + mean_pa * (uniform[i][j] - of_one[i][j]));
         }
     }
-    Ok(matrix)
+    // What the walls do comes through all of the block: by its mean modulus.
+    let of_block_pa = block.map_or(mean_pa, |block| mean_of_block_pa(foundation, from_m, block.size_m[2]));
+    walls(matrix, of_block_pa)
 }
 
 /// Mean modulus in every slice of depth; `None` where it is the same in all of them.
@@ -137,6 +148,12 @@ fn varied(foundation: &Foundation, from_m: f64, depth_m: f64) -> Option<[f64; ta
         *last = far;
     }
     Some(means)
+}
+
+/// Mean modulus from where the body begins to a block's far side.
+fn mean_of_block_pa(foundation: &Foundation, from_m: f64, length_m: f64) -> f64 {
+    let all = quadrature::points(from_m, length_m).map(|(at_m, weight)| weight * foundation.modulus_pa(at_m));
+    all.sum::<f64>() / (length_m - from_m)
 }
 
 /// Where a body's free surface is: the depth of the gap above which nothing supports the needle.

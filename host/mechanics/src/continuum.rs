@@ -13,8 +13,9 @@ mod sparse;
 pub use mesh::Resolution;
 pub use solve::WallStiffness;
 
+use crate::body::{flexibility_per_m, nodes_with_walls};
 use crate::elements::Deformed;
-use crate::{ModelError, Needle, Rig, check};
+use crate::{Block, ModelError, Needle, Rig, check};
 use mesh::Mesh;
 use nalgebra::{DMatrix, DVector};
 
@@ -68,6 +69,8 @@ pub struct Continuum {
     radius_m: f64,
     poisson: f64,
     contact: Contact,
+    /// What walls add to the flexibility, per unit of Young's modulus.
+    added: Option<[[f64; operator::MODES]; operator::MODES]>,
 }
 
 impl Continuum {
@@ -104,7 +107,7 @@ impl Continuum {
             "10 to 600, for which K/E is computed",
             is_in_range,
         )?;
-        Ok(Self { wall: wall(radius_m)?, depth_m, radius_m, poisson, contact })
+        Ok(Self { wall: wall(radius_m)?, depth_m, radius_m, poisson, contact, added: None })
     }
 
     fn in_body(
@@ -120,9 +123,36 @@ impl Continuum {
         })
     }
 
+    /// The same needle in a block instead of a half space.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the block is none or the tip too near its far side, [`ModelError::Singular`].
+    pub fn in_block(self, block: Option<Block>) -> Result<Self, ModelError> {
+        let added =
+            block.map(|block| flexibility_per_m(&block, self.poisson, 0.0, self.depth_m)).transpose()?;
+        Ok(Self { added, ..self })
+    }
+
+    /// Stiffness against the nodes' deflections per unit of Young's modulus, with the contact and the walls.
+    fn stiffness_m(&self) -> Result<DMatrix<f64>, ModelError> {
+        let matrix_m = &self.wall.matrix_m * self.share();
+        // Symmetric to rounding; a factorisation needs it to the bit.
+        let matrix_m = 0.5 * (&matrix_m + matrix_m.transpose());
+        let Some(added) = &self.added else { return Ok(matrix_m) };
+        let place = |depth_m: &f64| 2.0 * depth_m / self.depth_m - 1.0;
+        let depths_m = &self.wall.depths_m;
+        let patterns = DMatrix::from_fn(depths_m.len(), operator::MODES, |node, i| {
+            operator::legendre(i, place(&depths_m[node]))[0]
+        });
+        nodes_with_walls(matrix_m, &patterns, added)
+    }
+
     /// Ratio K/E of a rigid needle that moves sideways as a whole.
-    pub fn rigid_ratio(&self) -> f64 {
-        self.share() * self.wall.matrix_m.sum() / self.depth_m
+    ///
+    /// # Errors
+    /// [`ModelError::Singular`] where the walls leave no body.
+    pub fn rigid_ratio(&self) -> Result<f64, ModelError> {
+        Ok(self.stiffness_m()?.sum() / self.depth_m)
     }
 
     fn share(&self) -> f64 {
@@ -172,12 +202,10 @@ impl Continuum {
                 }
             }
         }
-        let scale = self.share() * youngs_pa;
+        let body_m = self.stiffness_m()?;
         for i in 0..self.wall.depths_m.len() {
             for j in 0..self.wall.depths_m.len() {
-                // Symmetric to rounding; the factorisation needs it to the bit.
-                let value = 0.5 * (self.wall.matrix_m[(i, j)] + self.wall.matrix_m[(j, i)]);
-                stiffness[(2 * (entry + i), 2 * (entry + j))] += scale * value;
+                stiffness[(2 * (entry + i), 2 * (entry + j))] += youngs_pa * body_m[(i, j)];
             }
         }
         let compliance = rig.rear_compliance_rad_per_n_m(0);

@@ -12,7 +12,7 @@ fn framed(support: Support, compliance_m_per_n: f64) -> BeamProblem {
     BeamProblem { support, guide2_compliance_m_per_n: compliance_m_per_n, ..problem }
 }
 
-const SUPPORTS: [Support; 2] = [Support::Springs, Support::Body { poisson: 0.5 }];
+const SUPPORTS: [Support; 2] = [Support::Springs, Support::Body { poisson: 0.5, block: None }];
 
 /// Guide 2 moved at rest, then over a stretch, under a load that is turned.
 fn moved_and_turned(node: usize) -> NodeLoads {
@@ -88,7 +88,7 @@ fn a_bent_needle_cuts_at_its_angle() {
 /// A shear layer in a body gives every element of the path a weight of its own; one of no stiffness does what moments of the path do.
 #[test]
 fn moments_of_the_path_are_sums_over_its_elements() {
-    let body = Support::Body { poisson: 0.5 };
+    let body = Support::half_space(0.5);
     let plain = BeamProblem { skin_n_per_m: 400.0, ..framed(body, 0.2e-3) };
     let sheared = BeamProblem { shear_n: 1e-12, ..plain.clone() };
     let nodes_m = grid_m(0.08, 1e-3, &[]);

@@ -27,6 +27,7 @@
 
 mod banded;
 mod beam;
+mod block;
 pub mod body;
 mod cache;
 pub mod continuum;
@@ -55,6 +56,7 @@ mod varied;
 mod yielding;
 
 pub use beam::{Beam, Response};
+pub use block::{Block, Mounting};
 pub use cache::Cache;
 pub use foundation::{Foundation, Layer};
 pub use insertion::{BevelLoad, Cutting, Insertion, TipLaw};

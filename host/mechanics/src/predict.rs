@@ -55,7 +55,7 @@ impl Model {
     /// # Errors
     /// [`ModelError::OutOfRange`] where the modulus is negative or not finite, or Poisson's ratio not in 0 to 0.5.
     pub fn body(rig: Rig, youngs_pa: f64, poisson: f64) -> Result<Self, ModelError> {
-        Self::on(rig, Support::Body { poisson }, youngs_pa)
+        Self::on(rig, Support::half_space(poisson), youngs_pa)
     }
 
     /// Uniform tissue made of springs or a body, of this K or E, and no effects.
@@ -99,8 +99,11 @@ impl Model {
     pub fn problem_under(&self, plane: Plane, conditions: &Conditions) -> Result<BeamProblem, ModelError> {
         let depth_m = conditions.depth_m;
         let foundation = self.foundation.clone();
-        let mut problem =
-            BeamProblem { support: self.support, ..BeamProblem::new(&self.rig, foundation, depth_m) };
+        let support = match (plane, self.support.block()) {
+            (Plane::X, Some(block)) => self.support.with_block(Some(block.turned())),
+            _ => self.support,
+        };
+        let mut problem = BeamProblem { support, ..BeamProblem::new(&self.rig, foundation, depth_m) };
         problem.clamp_compliance_rad_per_n_m =
             self.rig.rear_compliance_rad_per_n_m(if plane == Plane::Y { 0 } else { 1 });
         for (effect, values) in &self.effects {

@@ -215,7 +215,8 @@ struct Problems {
 impl Problems {
     fn of(model: &Model, conditions: &Conditions) -> Result<Self, ModelError> {
         let y = model.problem_under(Plane::Y, conditions)?;
-        let same = model.effects.is_empty() && !model.rig.has_one_guide();
+        let turned = model.support.block().is_some_and(|block| block != block.turned());
+        let same = model.effects.is_empty() && !model.rig.has_one_guide() && !turned;
         let x = if same { None } else { Some(model.problem_under(Plane::X, conditions)?) };
         Ok(Self { x: x.filter(|x| *x != y), y })
     }

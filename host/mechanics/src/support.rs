@@ -1,6 +1,6 @@
 //! What the tissue is made of: independent springs or an elastic body.
 
-use super::{ModelError, check};
+use super::{Block, ModelError, check};
 
 /// How the tissue resists the needle's deflection.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -9,15 +9,22 @@ pub enum Support {
     /// [`Foundation`](super::Foundation) are the foundation modulus K.
     #[default]
     Springs,
-    /// A linear elastic half space with a free surface, to which the needle's wall and tip are bonded. The numbers in
+    /// A linear elastic body with a free surface, to which the needle's wall and tip are bonded. The numbers in
     /// [`Foundation`](super::Foundation) are Young's modulus E at a depth.
     Body {
         /// Poisson's ratio, 0 to 0.5.
         poisson: f64,
+        /// Its walls; without them it is a half space.
+        block: Option<Block>,
     },
 }
 
 impl Support {
+    /// An elastic half space.
+    pub fn half_space(poisson: f64) -> Self {
+        Self::Body { poisson, block: None }
+    }
+
     /// Whether it is an elastic body.
     pub fn is_body(self) -> bool {
         matches!(self, Self::Body { .. })
@@ -27,7 +34,24 @@ impl Support {
     pub fn poisson(self) -> Option<f64> {
         match self {
             Self::Springs => None,
-            Self::Body { poisson } => Some(poisson),
+            Self::Body { poisson, .. } => Some(poisson),
+        }
+    }
+
+    /// The walls of a body that has them.
+    pub fn block(self) -> Option<Block> {
+        match self {
+            Self::Springs => None,
+            Self::Body { block, .. } => block,
+        }
+    }
+
+    /// The same body with walls; springs have none.
+    #[must_use]
+    pub fn with_block(self, block: Option<Block>) -> Self {
+        match self {
+            Self::Springs => self,
+            Self::Body { poisson, .. } => Self::Body { poisson, block },
         }
     }
 
@@ -39,9 +63,9 @@ impl Support {
     /// The same body with a Poisson's ratio one standard deviation away, on the side where there is room; nothing for springs and for
     /// a ratio that is exactly known.
     pub fn one_sd_away(self, poisson_sd: f64) -> Option<Self> {
-        let Self::Body { poisson } = self else { return None };
+        let Self::Body { poisson, block } = self else { return None };
         let step = if poisson > poisson_sd { -poisson_sd } else { poisson_sd };
-        (poisson_sd > 0.0).then(|| Self::Body { poisson: (poisson + step).clamp(0.0, 0.5) })
+        (poisson_sd > 0.0).then(|| Self::Body { poisson: (poisson + step).clamp(0.0, 0.5), block })
     }
 
     /// Refuses Poisson's ratios that no elastic body has.
@@ -51,7 +75,10 @@ impl Support {
     pub(super) fn check(self) -> Result<(), ModelError> {
         match self {
             Self::Springs => Ok(()),
-            Self::Body { poisson } => check("poisson", poisson, "0 to 0.5", (0.0..=0.5).contains(&poisson)),
+            Self::Body { poisson, block } => {
+                check("poisson", poisson, "0 to 0.5", (0.0..=0.5).contains(&poisson))?;
+                block.map_or(Ok(()), |block| block.check())
+            }
         }
     }
 

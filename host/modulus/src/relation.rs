@@ -53,7 +53,7 @@ fn fitted_modulus_pa(body: &Continuum, rig: &Rig, youngs_pa: f64, run: &Run) -> 
         effects: Vec::new(),
         fixed: None,
     };
-    let start = (youngs_pa * body.rigid_ratio()).ln();
+    let start = (youngs_pa * body.rigid_ratio()?).ln();
     Ok(fit(&[Parameter::free(start, 1e-4)], &[data])?.shared.first().copied().unwrap_or(f64::NAN).exp())
 }
 
@@ -62,7 +62,7 @@ fn fitted_modulus_pa(body: &Continuum, rig: &Rig, youngs_pa: f64, run: &Run) -> 
 /// # Errors
 /// As [`foundation_modulus_pa`].
 pub fn youngs_modulus_pa(body: &Continuum, rig: &Rig, modulus_pa: f64, run: &Run) -> Result<f64, FitError> {
-    let mut youngs_pa = modulus_pa / body.rigid_ratio();
+    let mut youngs_pa = modulus_pa / body.rigid_ratio()?;
     // The ratio hardly depends on the modulus itself: a fixed point that is reached quickly.
     for _ in 0..60 {
         let next_pa = youngs_pa * modulus_pa / fitted_modulus_pa(body, rig, youngs_pa, run)?;

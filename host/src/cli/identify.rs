@@ -92,7 +92,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let rig = args.rig.read(&args.dir)?.map(|(_, model)| model);
     // What the command line states goes before what the model was learned on, and that before what the session states.
     let learned = match model.support {
-        Some(Support::Body { poisson }) => (Some(FoundationChoice::Body), Some(poisson)),
+        Some(Support::Body { poisson, .. }) => (Some(FoundationChoice::Body), Some(poisson)),
         Some(Support::Springs) => (Some(FoundationChoice::Springs), None),
         None => (None, None),
     };

@@ -109,7 +109,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     ensure!(range[0] <= range[1], "{option}: the greatest modulus is below the least");
     let support = match kind {
         FoundationKind::Springs => Support::Springs,
-        FoundationKind::Body => Support::Body { poisson: tissue.poisson.unwrap_or(INCOMPRESSIBLE) },
+        FoundationKind::Body => {
+            Support::Body { poisson: tissue.poisson.unwrap_or(INCOMPRESSIBLE), block: tissue.block() }
+        }
     };
     let metres = |mm: &[f64]| mm.iter().map(|mm| 1e-3 * mm).collect::<Vec<_>>();
     let guide2_m = if args.guide2_mm.is_empty() { vec![rig.guide2_m] } else { metres(&args.guide2_mm) };

@@ -1,20 +1,22 @@
 //! `guide relation`: how foundation modulus and Young's modulus belong together for a needle in an elastic body.
 
 use super::output::Output;
-use anyhow::{Context, ensure};
-use formats::session::Setup;
+use anyhow::{Context, bail, ensure};
+use formats::session::{Setup, Tissue, Walls};
 use inference::diagnose::INCOMPRESSIBLE;
 use inference::relation::{RELATIVE_ERROR, Run, TABLE, foundation_modulus_pa};
+use mechanics::body::unknown_walls;
 use mechanics::continuum::{Contact, Continuum, RATIO_RANGE, Resolution, YOUNGS_RANGE_PA};
+use mechanics::{Block, Mounting};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
-/// Compute the ratio K/E of foundation modulus to Young's modulus for a needle in an elastic half space
+/// Compute the ratio K/E of foundation modulus to Young's modulus for a needle in an elastic half space or a block
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide relation --rig rig.toml --depth-mm 30\n  guide relation --rig rig.toml --depth-mm 60 \
-                        --poisson 0.49 --youngs-kpa 5 10 20\n  guide relation --table > relation.csv"
+                        --poisson 0.49 --youngs-kpa 5 10 20\n  guide relation --rig rig.toml --depth-mm 30 --body-mm 60 60 50 --sides held\n  guide relation --table > relation.csv"
 )]
 pub struct Args {
     /// Needle and guides: a TOML file with `[needle]` and `[rig]` as in a session
@@ -29,9 +31,113 @@ pub struct Args {
     /// Young's moduli of the tissue, 0.1 to 1000 kilopascals
     #[arg(long, num_args = 1.., value_name = "KPA", default_values_t = [5.0, 10.0, 20.0, 50.0])]
     youngs_kpa: Vec<f64>,
+    /// Edges of the block of tissue along x, y and the needle, millimetres (default: the rig file's; without any a half space)
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], requires = "sides")]
+    body_mm: Option<Vec<f64>>,
+    /// Where the needle enters, from the corner of the block, millimetres (default: the middle)
+    #[arg(long, num_args = 2, value_names = ["X", "Y"], requires = "body_mm")]
+    needle_at_mm: Option<Vec<f64>>,
+    /// How the sides of the block are
+    #[arg(long, value_enum)]
+    sides: Option<Sides>,
+    /// How the wall opposite to the surface is
+    #[arg(long, value_enum, requires = "body_mm", value_name = "MOUNTING")]
+    far_side: Option<Held>,
     /// Print the table that comes with the program, as CSV: needles of 17 to 25 gauge at 10 to 140 mm
     #[arg(long)]
     table: bool,
+}
+
+/// How the sides of a block are.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Sides {
+    /// Nothing touches them
+    Free,
+    /// Bonded to a box
+    Held,
+    /// So far away that the tissue is a half space
+    Far,
+}
+
+/// How the far side of a block is.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Held {
+    /// Nothing touches it
+    Free,
+    /// Bonded to a plate
+    Held,
+}
+
+impl Args {
+    /// The walls of the tissue, as stated here or else in the rig file; nothing where neither states them.
+    fn walls(&self, tissue: &Tissue) -> anyhow::Result<Option<Walls>> {
+        let Some(size_mm) = &self.body_mm else {
+            ensure!(
+                matches!(self.sides, None | Some(Sides::Far)),
+                "--sides: stated without --body-mm, expected the edges of the block beside it, or far"
+            );
+            return Ok(self.sides.map_or(tissue.walls, |_| Some(Walls::Far)));
+        };
+        let m = |mm: &f64| 1e-3 * mm;
+        let size_m = std::array::from_fn(|i| size_mm.get(i).map_or(f64::NAN, m));
+        let [width_m, height_m, _] = size_m;
+        let block = Block {
+            size_m,
+            needle_at_m: match self.needle_at_mm.as_deref() {
+                Some([x_mm, y_mm]) => [m(x_mm), m(y_mm)],
+                _ => [0.5 * width_m, 0.5 * height_m],
+            },
+            sides: match self.sides {
+                Some(Sides::Free) => Mounting::Free,
+                Some(Sides::Held) => Mounting::Held,
+                _ => bail!("--sides: far, expected free or held beside --body-mm"),
+            },
+            far_side: if self.far_side == Some(Held::Free) { Mounting::Free } else { Mounting::Held },
+        };
+        block.check().context("--body-mm")?;
+        Ok(Some(Walls::Block(block)))
+    }
+}
+
+/// A block of tissue.
+#[derive(Serialize)]
+struct BlockResult {
+    body_mm: [f64; 3],
+    needle_at_mm: [f64; 2],
+    sides: &'static str,
+    far_side: &'static str,
+}
+
+impl From<Block> for BlockResult {
+    fn from(block: Block) -> Self {
+        Self {
+            body_mm: block.size_m.map(|m| 1e3 * m),
+            needle_at_mm: block.needle_at_m.map(|m| 1e3 * m),
+            sides: block.sides.name(),
+            far_side: block.far_side.name(),
+        }
+    }
+}
+
+impl Display for BlockResult {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([x, y, z], [at_x, at_y]) = (self.body_mm, self.needle_at_mm);
+        let (sides, far_side) = (self.sides, self.far_side);
+        write!(
+            f,
+            "a block of {x:.0} x {y:.0} x {z:.0} mm, needle at {at_x:.0}, {at_y:.0} mm, sides {sides}, far side {far_side}"
+        )
+    }
+}
+
+/// What K/E would be with walls, where none are stated.
+#[derive(Serialize)]
+struct UnknownBlock {
+    /// Edge of the cube.
+    edge_mm: f64,
+    /// K/E in it over that of the half space, where its sides are held and where they are free.
+    held: f64,
+    free: f64,
 }
 
 #[derive(Serialize)]
@@ -48,6 +154,10 @@ struct Report {
     schema: &'static str,
     depth_mm: f64,
     poisson: f64,
+    /// The block that the tissue is; nothing for a half space.
+    block: Option<BlockResult>,
+    /// Where no walls are stated.
+    not_stated: Option<UnknownBlock>,
     /// K/E of a needle that does not bend.
     ratio_rigid: f64,
     relative_error: f64,
@@ -64,8 +174,10 @@ impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "needle in an elastic half space, {} mm deep, Poisson's ratio {}",
-            self.depth_mm, self.poisson
+            "needle in {}, {} mm deep, Poisson's ratio {}",
+            self.block.as_ref().map_or("an elastic half space".to_owned(), ToString::to_string),
+            self.depth_mm,
+            self.poisson
         )?;
         writeln!(f, "         E        K bonded     K/E     K one-sided     K/E")?;
         for row in &self.rows {
@@ -86,6 +198,13 @@ impl Display for Report {
             100.0 * self.relative_error,
             100.0 * self.relative_error_one_sided
         )?;
+        if let Some(UnknownBlock { edge_mm, held, free }) = &self.not_stated {
+            writeln!(
+                f,
+                "the walls of the tissue are not stated: in a block of {edge_mm:.0} mm K/E is {free:.2} times this with free sides and {held:.2} \
+                 times with held ones (--body-mm, --sides; --sides far where no wall is near)"
+            )?;
+        }
         let ([shallow, deep], [soft, hard]) = (self.depth_range_mm, self.youngs_range_kpa);
         writeln!(
             f,
@@ -125,6 +244,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let bonded =
         Continuum::solve(&rig.needle, 1e-3 * depth_mm, poisson, Contact::Bonded, Resolution::DEFAULT)?;
+    let walls = args.walls(&tissue)?;
+    let block = walls.and_then(Walls::block);
+    let bonded = bonded.in_block(block)?;
     let one_sided = bonded.with_contact(Contact::OneSided);
     let row = |youngs_kpa: &f64| -> anyhow::Result<Row> {
         let k_kpa = |body: &Continuum| {
@@ -143,7 +265,16 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         schema: "guide.relation/1",
         depth_mm,
         poisson,
-        ratio_rigid: bonded.rigid_ratio(),
+        block: block.map(BlockResult::from),
+        not_stated: match walls {
+            Some(_) => None,
+            None => {
+                let [held, free] = unknown_walls(&rig.needle, 1e-3 * depth_mm, poisson)?.map(f64::recip);
+                let [edge_m, ..] = Block::around(1e-3 * depth_mm, Mounting::Held).size_m;
+                Some(UnknownBlock { edge_mm: 1e3 * edge_m, held, free })
+            }
+        },
+        ratio_rigid: bonded.rigid_ratio()?,
         relative_error: RELATIVE_ERROR,
         relative_error_one_sided: RELATIVE_ERROR.hypot(Contact::OneSided.relative_error()),
         depth_range_mm,

@@ -3,7 +3,7 @@
 use super::output::Output;
 use anyhow::{Context, ensure};
 use formats::model_file::ModelFile;
-use formats::session::{InsertionRun, LateralRun, SessionWriter, Setup, SteeringRun};
+use formats::session::{InsertionRun, LateralRun, SessionWriter, Setup, SteeringRun, Walls};
 use mechanics::effects::Effect;
 use mechanics::unknowns::sensors;
 use serde::Serialize;
@@ -117,6 +117,8 @@ pub fn make(config: &Path, model: Option<&ModelFile>, folder: &Path, seed: u64) 
     {
         setup.name = own.to_string_lossy().into_owned();
     }
+    // What is simulated has walls only where they are stated.
+    setup.tissue.walls.get_or_insert(Walls::Far);
     let steered = steered(config, &setup, &steering, seed)?;
     let simulated = plan
         .carry_out(&setup.rig, Sensors::new(&setup.noise), seed)

@@ -71,7 +71,9 @@ impl PlanRequest {
         }
         let Setup { rig, noise, tissue, .. } = setup;
         let support = match tissue.foundation {
-            Some(FoundationKind::Body) => Support::Body { poisson: tissue.poisson.unwrap_or(INCOMPRESSIBLE) },
+            Some(FoundationKind::Body) => {
+                Support::Body { poisson: tissue.poisson.unwrap_or(INCOMPRESSIBLE), block: tissue.block() }
+            }
             _ => Support::Springs,
         };
         let metres = |mm: &[f64]| mm.iter().map(|mm| MM * mm).collect();

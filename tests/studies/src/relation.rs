@@ -50,7 +50,7 @@ pub fn table(mut progress: impl FnMut(u32)) -> Result<String, FitError> {
                             foundation_modulus_pa(body, &rig, 1e3 * youngs_kpa, &Run::default())?;
                         Ok::<f64, FitError>(1e-3 * modulus_pa / youngs_kpa)
                     };
-                    let (a, b, rigid) = (ratio(&bonded)?, ratio(&one_sided)?, bonded.rigid_ratio());
+                    let (a, b, rigid) = (ratio(&bonded)?, ratio(&one_sided)?, bonded.rigid_ratio()?);
                     let _ = writeln!(
                         text,
                         "{gauge},{outer_mm},{inner_mm},{depth_mm},{poisson},{youngs_kpa},{a:.4},{b:.4},{rigid:.4}"

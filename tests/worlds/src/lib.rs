@@ -146,7 +146,10 @@ pub fn session_on(truth: &Truth, background: &Background, design: &Design, seed:
         name: Some("blind".to_owned()),
         fixture_mass_kg: None,
         noise: if noise.stated { noise.statement() } else { Noise::default() },
-        tissue: Default::default(),
+        tissue: formats::session::Tissue {
+            walls: Some(formats::session::Walls::Far),
+            ..formats::session::Tissue::default()
+        },
         lateral: lateral.collect(),
         insertion: insertion.collect(),
         indentation: Vec::new(),

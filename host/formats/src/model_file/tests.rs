@@ -200,7 +200,7 @@ prop_compose! {
         effects in proptest::sample::subsequence((0..EFFECTS.len()).collect::<Vec<_>>(), 0..5)
             .prop_flat_map(|indices| indices.into_iter().map(learned).collect::<Vec<_>>()),
     ) -> ModelFile {
-        let support = support.map(|of| of.map_or(Support::Springs, |poisson| Support::Body { poisson }));
+        let support = support.map(|of| of.map_or(Support::Springs, Support::half_space));
         ModelFile {
             learned_from,
             modulus_pa,

@@ -4,6 +4,7 @@
 //! are free, unknown columns and fields are left alone, and every error names file, line, column, field and what was
 //! expected.
 
+mod block;
 mod frames;
 mod hardware;
 pub mod import;
@@ -20,6 +21,7 @@ mod tissue;
 mod write;
 
 pub use crate::document::{Place, Problem, SessionError, read_text};
+pub use block::{WALL_FIELDS, Walls};
 pub use frames::{FrameSweep, sweeps_file};
 pub use indenter::Indenter;
 pub use labels::{Covariate, Labels};

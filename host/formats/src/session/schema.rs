@@ -104,4 +104,5 @@ pub(super) const RIG: [&str; 10] = [
 pub(super) const NOISE: [&str; 6] =
     ["force_n", "force_zero_n", "displacement_mm", "shape_mm", "tip_mm", "tip_direction_mrad"];
 /// Fields of `[tissue]`.
-pub(super) const TISSUE: [&str; 4] = ["id", "foundation", "poisson", "poisson_sd"];
+pub(super) const TISSUE: [&str; 8] =
+    ["id", "foundation", "poisson", "poisson_sd", "body_mm", "needle_at_mm", "sides", "far_side"];

@@ -1,9 +1,11 @@
-//! What a session states of its tissue: `[tissue]` with `foundation`, `poisson` and `poisson_sd`.
+//! What a session states of its tissue: `[tissue]` with `foundation`, `poisson` and `poisson_sd`, and its walls.
 //!
 //! The table of a simulation's plan has the same name and further fields; those are left alone here.
 
+use super::block::Walls;
 use super::schema::POISSON;
 use crate::document::{Fields, Problem, SessionError};
+use mechanics::Block;
 use std::fmt::Write as _;
 
 /// Standard deviations that a Poisson's ratio can have: that of a uniform one over its whole range is 0.14.
@@ -40,6 +42,8 @@ pub struct Tissue {
     pub poisson: Option<f64>,
     /// Standard deviation of Poisson's ratio: it widens the interval of Young's modulus from a body.
     pub poisson_sd: Option<f64>,
+    /// Its walls.
+    pub walls: Option<Walls>,
 }
 
 impl Tissue {
@@ -63,7 +67,13 @@ impl Tissue {
             foundation,
             poisson: fields.optional_number("poisson", POISSON)?,
             poisson_sd: fields.optional_number("poisson_sd", POISSON_SD)?,
+            walls: Walls::read(&fields)?,
         })
+    }
+
+    /// The block that the tissue is stated to be; nothing of a half space.
+    pub fn block(&self) -> Option<Block> {
+        self.walls.and_then(Walls::block)
     }
 
     /// The table as text, empty where nothing is stated.
@@ -77,6 +87,7 @@ impl Tissue {
                 let _ = writeln!(text, "{field} = {value:?}");
             }
         }
+        text.push_str(&self.walls.map_or_else(String::new, Walls::to_toml));
         if text.is_empty() { text } else { format!("\n[tissue]\n{text}") }
     }
 
@@ -91,6 +102,11 @@ impl Tissue {
         differ("foundation", name(self), name(other))
             .or_else(|| differ("poisson", text(self.poisson), text(other.poisson)))
             .or_else(|| differ("poisson_sd", text(self.poisson_sd), text(other.poisson_sd)))
+            .or_else(|| {
+                let walls =
+                    |tissue: Self| tissue.walls.map(|walls| walls.to_toml().trim_end().replace('\n', ", "));
+                differ("body_mm", walls(self), walls(other))
+            })
     }
 }
 
@@ -122,12 +138,33 @@ mod tests {
         assert!(refused("poisson_sd = -0.1\n").contains("tissue.poisson_sd: -0.1 is out of range"));
         assert!(refused("poison = 0.45\n").contains("there is \"poison\""));
         assert_eq!(stated("k_kpa = 12.0\n").expect("reads").tissue, Tissue::default());
+        let block = "body_mm = [50.0, 60.0, 45.0]\nsides = \"held\"\n";
+        let of_field = |table: &str| refused(table).split(": ").nth(1).unwrap_or_default().to_owned();
+        for (table, field) in [
+            ("body_mm = [50.0, 60.0]\nsides = \"held\"\n", "tissue.body_mm"),
+            ("body_mm = [50.0, 60.0, 45.0]\n", "tissue.body_mm"),
+            ("sides = \"held\"\n", "tissue.sides"),
+            ("sides = \"loose\"\n", "tissue.sides"),
+            ("needle_at_mm = [1.0, 1.0]\n", "tissue.needle_at_mm"),
+            ("body_mm = [50.0, 60.0, 4500.0]\nsides = \"held\"\n", "tissue.body_mm"),
+            ("body_mm = [50.0, 60.0, 45.0]\nsides = \"far\"\n", "tissue.body_mm"),
+            ("body_mm = [50.0, 60.0, 45.0]\nsides = \"free\"\nfar_side = \"free\"\n", "tissue.far_side"),
+        ] {
+            assert_eq!(of_field(table), field, "{table}");
+        }
+        assert_eq!(of_field(&format!("{block}needle_at_mm = [1.0, 30.0]\n")), "tissue.needle_at_mm");
     }
 
     #[test]
     fn what_is_written_is_read_and_a_contradiction_is_refused() {
         let dir = tempfile::tempdir().expect("a folder");
-        let body = stated("foundation = \"body\"\npoisson = 0.45\npoisson_sd = 0.02\n").expect("reads");
+        let body = stated(
+            "foundation = \"body\"\npoisson = 0.45\npoisson_sd = 0.02\nbody_mm = [50.1, 60.0, 45.0]\n\
+             needle_at_mm = [20.3, 30.0]\nsides = \"free\"\n",
+        )
+        .expect("reads");
+        assert_eq!(body.tissue.block().expect("a block").needle_at_m, [20.3e-3, 30e-3]);
+        assert_eq!(stated("sides = \"far\"\n").expect("reads").tissue.walls, Some(Walls::Far));
         SessionWriter::open(dir.path(), &body).expect("writes");
         let read = Session::read(dir.path()).expect("reads");
         assert_eq!(read.tissue, body.tissue);

@@ -2,9 +2,9 @@
 
 use super::*;
 use formats::model_file::{LearnedEffect, ModelFile};
-use formats::session::{FoundationKind, Noise as Stated, Tissue};
-use mechanics::Support;
+use formats::session::{FoundationKind, Noise as Stated, Tissue, Walls};
 use mechanics::continuum::Contact;
+use mechanics::{Block, Mounting, Support};
 use simulation::simulate::{Axis, LateralPlan, Sensors, SimulationPlan, SweepLevels};
 
 const YOUNGS_KPA: f64 = 20.0;
@@ -37,7 +37,7 @@ fn on(model: ModelFile, depths_mm: &[f64], seed: u64) -> Session {
 
 fn body(poisson: f64) -> ModelFile {
     ModelFile {
-        support: Some(Support::Body { poisson }),
+        support: Some(Support::half_space(poisson)),
         youngs_pa: Some(1e3 * YOUNGS_KPA),
         ..ModelFile::default()
     }
@@ -107,7 +107,7 @@ fn what_the_session_states_is_used_and_options_go_before_it() {
         model_error: false,
         ..Options::default()
     };
-    session.tissue = Tissue { foundation: Some(FoundationKind::Body), poisson: Some(0.45), poisson_sd: None };
+    session.tissue = Tissue { foundation: Some(FoundationKind::Body), poisson: Some(0.45), ..session.tissue };
     let exact = identified(&session, &options);
     assert_eq!((exact.foundation.used, exact.foundation.by), ("body", "stated"));
     assert_eq!(exact.youngs_modulus_kpa.poisson, 0.45);
@@ -125,4 +125,45 @@ fn what_the_session_states_is_used_and_options_go_before_it() {
     assert_eq!((springs.foundation.used, springs.youngs_modulus_kpa.relation), ("springs", "continuum"));
     // Poisson's ratio is in the relation too.
     assert!(width(&springs) > 1.04, "{}", width(&springs));
+}
+
+/// A gel in a box of 60 mm: E is right where the box is stated, off by tens of per cent where no wall is said to be near, and in the
+/// interval where nothing is stated, with a note that says what to state. K is the same.
+#[test]
+fn a_box_around_the_gel_is_in_e_and_not_in_k() {
+    let block = Block {
+        size_m: [0.06, 0.06, 0.05],
+        needle_at_m: [0.03, 0.025],
+        sides: Mounting::Held,
+        far_side: Mounting::Held,
+    };
+    let model = ModelFile { support: Some(Support::Body { poisson: 0.5, block: Some(block) }), ..body(0.5) };
+    let session = on(model, &[20.0, 35.0], 12);
+    let options = Options {
+        relation: YoungsMethod::Continuum(Contact::Bonded),
+        foundation: Some(FoundationChoice::Body),
+        ..Options::default()
+    };
+    let stating = |walls: Option<Walls>| {
+        let session = Session { tissue: Tissue { walls, ..Tissue::default() }, ..session.clone() };
+        identify(&session, &options).expect("identifies")
+    };
+    let [stated, far, unknown] = [Some(Walls::Block(block)), Some(Walls::Far), None].map(stating);
+    let youngs = |found: &Identification| found.youngs_modulus_kpa.value.expect("E");
+    assert!(holds_truth(&stated.youngs_modulus_kpa), "{:?}", stated.youngs_modulus_kpa);
+    assert!(youngs(&far) > 1.15 * YOUNGS_KPA, "{}", youngs(&far));
+    assert!(holds_truth(&unknown.youngs_modulus_kpa), "{:?}", unknown.youngs_modulus_kpa);
+    assert!(!holds_truth(&far.youngs_modulus_kpa));
+    let notes =
+        |found: &Identification| found.warnings.iter().filter(|what| what.contains("body_mm")).count();
+    assert_eq!([&stated, &far, &unknown].map(notes), [0, 0, 1]);
+    assert_eq!(stated.pooled.k_kpa, unknown.pooled.k_kpa);
+    // By K of every depth through the relation of that depth in the block.
+    let options = Options { foundation: Some(FoundationChoice::Springs), ..options };
+    let session = Session {
+        tissue: Tissue { walls: Some(Walls::Block(block)), ..Tissue::default() },
+        ..session.clone()
+    };
+    let by_relation = identify(&session, &options).expect("identifies").youngs_modulus_kpa;
+    assert!(by_relation.relation == "continuum" && holds_truth(&by_relation), "{by_relation:?}");
 }

@@ -1,6 +1,6 @@
 //! Sessions made from the forward model.
 
-use formats::session::{ForceSeries, LateralRun, Noise as StatedNoise, Session, ShapeSeries};
+use formats::session::{ForceSeries, LateralRun, Noise as StatedNoise, Session, ShapeSeries, Tissue, Walls};
 use mechanics::{BeamProblem, Foundation, Layer, Needle, Rig};
 use noise::Noise;
 
@@ -148,7 +148,7 @@ pub fn session(lateral: Vec<LateralRun>) -> Session {
         rig: rig(),
         fixture_mass_kg: None,
         noise: StatedNoise::default(),
-        tissue: Default::default(),
+        tissue: Tissue { walls: Some(Walls::Far), ..Tissue::default() },
         lateral,
         insertion: Vec::new(),
         indentation: Vec::new(),

@@ -136,7 +136,7 @@ fn a_body_has_a_half_width_of_e() {
     let body = |poisson_sd: f64, noise: f64| {
         let plain = question();
         let question = PlanInput {
-            support: Support::Body { poisson: 0.45 },
+            support: Support::half_space(0.45),
             poisson_sd,
             force_sd_n: noise * plain.force_sd_n,
             displacement_sd_m: noise * plain.displacement_sd_m,

@@ -13,12 +13,12 @@ fn rig() -> Rig {
 }
 
 fn problem(foundation: Foundation, poisson: f64, depth_m: f64) -> BeamProblem {
-    BeamProblem { support: Support::Body { poisson }, ..BeamProblem::new(&rig(), foundation, depth_m) }
+    BeamProblem { support: Support::half_space(poisson), ..BeamProblem::new(&rig(), foundation, depth_m) }
 }
 
 /// Stiffness per unit of depth by the tables.
 fn tabulated(foundation: &Foundation, poisson: f64, depth_m: f64) -> Matrix {
-    let support = Support::Body { poisson };
+    let support = Support::half_space(poisson);
     let found = stiffness(foundation, support, 0.635e-3, 0.0, depth_m).expect("a stiffness");
     found.map(|row| row.map(|value| value / depth_m))
 }

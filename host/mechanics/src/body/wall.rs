@@ -1,9 +1,10 @@
 //! A needle in a body as [`Continuum`] has it, from the forward model's table in place of finite elements: at once, where these take seconds.
 
+use super::block::{flexibility_per_m, with_walls};
 use super::table::{self, MODES};
 use crate::continuum::operator::legendre;
 use crate::continuum::{Contact, Continuum, WallStiffness};
-use crate::{ModelError, Needle};
+use crate::{Block, ModelError, Mounting, Needle, check};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
 
@@ -24,6 +25,47 @@ pub fn tabulated(
     contact: Contact,
 ) -> Result<Continuum, ModelError> {
     Continuum::with_wall(needle, depth_m, poisson, contact, |radius_m| Ok(wall(radius_m, depth_m, poisson)))
+}
+
+/// Ratio K/E of a rigid needle that moves sideways as a whole, in a block or, without one, in a half space; at once.
+///
+/// # Errors
+/// [`ModelError::OutOfRange`] for a Poisson's ratio outside 0 to 0.5, a depth of more than 1000 radii, or one that the block does not
+/// have; [`ModelError::Singular`].
+pub fn rigid_ratio(
+    needle: &Needle,
+    depth_m: f64,
+    poisson: f64,
+    block: Option<&Block>,
+) -> Result<f64, ModelError> {
+    let ratio = depth_m / (0.5 * needle.outer_diameter_m);
+    let [least, most] = super::DEPTH_RANGE;
+    check("poisson", poisson, "0 to 0.5", (0.0..=0.5).contains(&poisson))?;
+    check(
+        "depth over needle radius",
+        ratio,
+        "1000 or less on an elastic body",
+        ratio > 0.0 && ratio <= most,
+    )?;
+    let half_space = table::uniform(ratio.max(least), poisson);
+    let Some(block) = block else { return Ok(half_space[0][0]) };
+    let added = flexibility_per_m(block, poisson, 0.0, depth_m)?;
+    let found = with_walls(&half_space, &added.map(|row| row.map(|value| value * depth_m)))?;
+    Ok(found[0][0])
+}
+
+/// What Young's modulus of a half space is off by at most where walls are not stated: factors on it if the block is one of
+/// [`Block::around`] the depth whose sides are held, and if they are free.
+///
+/// # Errors
+/// As [`rigid_ratio`].
+pub fn unknown_walls(needle: &Needle, depth_m: f64, poisson: f64) -> Result<[f64; 2], ModelError> {
+    let half_space = rigid_ratio(needle, depth_m, poisson, None)?;
+    let factor = |sides: Mounting| {
+        let block = Block::around(depth_m, sides);
+        Ok(half_space / rigid_ratio(needle, depth_m, poisson, Some(&block))?)
+    };
+    Ok([factor(Mounting::Held)?, factor(Mounting::Free)?])
 }
 
 /// Stiffness against deflections at nodes: the body resists what the table's polynomials have of them.
@@ -69,7 +111,7 @@ mod tests {
             let elements =
                 Continuum::solve(&rig.needle, depth_m, poisson, Contact::OneSided, ELEMENTS).expect("solves");
             let found = tabulated(&rig.needle, depth_m, poisson, Contact::OneSided).expect("in the table");
-            let rigid = found.rigid_ratio() / elements.rigid_ratio();
+            let rigid = found.rigid_ratio().expect("a ratio") / elements.rigid_ratio().expect("a ratio");
             assert!((rigid - 1.0).abs() < 5e-3, "{depth_m} {poisson}: {rigid}");
             for youngs_kpa in moduli_kpa {
                 let [a, b] =

@@ -387,7 +387,7 @@ fn a_bent_needle_is_held_at_zero_where_guide_1_gives() {
 /// Without tissue the tip of a bent needle is where its rest shape has it, and turns with the needle; on springs and on a body.
 #[test]
 fn a_bent_needle_turns_with_its_bend() {
-    for support in [crate::Support::Springs, crate::Support::Body { poisson: 0.5 }] {
+    for support in [crate::Support::Springs, crate::Support::half_space(0.5)] {
         let mut model = with("needle.prebend", &[0.2, -0.1]);
         (model.tip, model.support) = (TipLaw::default(), support);
         model.foundation = plain_foundation(1e-6);

@@ -2,7 +2,9 @@
 
 use formats::document::Fields;
 use formats::model_file::ModelFile;
-use formats::session::{DEPTH_RANGE_MM, FILE_NAME, Problem, SessionError, is_file_name, read_text};
+use formats::session::{
+    DEPTH_RANGE_MM, FILE_NAME, Problem, SessionError, WALL_FIELDS, Walls, is_file_name, read_text,
+};
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -117,7 +119,10 @@ impl SimulationPlan {
         let text = read_text(path)?;
         Fields::parse(path, &text, |file| {
             // Layers and inclusions are those of steering runs, what is known of Poisson's ratio is for the session that is written.
-            let own = ModelFile::tables(file, &["layers", "inclusions", "poisson_sd"])?;
+            let more = ["layers", "inclusions", "poisson_sd"];
+            let own = ModelFile::tables(file, &[&more[..], &WALL_FIELDS].concat())?;
+            let walls =
+                file.optional_table("tissue")?.map(|tissue| Walls::read(&tissue)).transpose()?.flatten();
             let mut ids = RunIds::default();
             let lateral: Vec<LateralPlan> = file
                 .tables("lateral")?
@@ -129,7 +134,7 @@ impl SimulationPlan {
                 .iter()
                 .map(|fields| InsertionPlan::read(fields, ids.read(fields)?))
                 .collect::<Result<_, _>>()?;
-            let plan = Self {
+            let mut plan = Self {
                 model: match model {
                     Some(model) => own.replaced_by(model),
                     None => own,
@@ -137,6 +142,8 @@ impl SimulationPlan {
                 lateral,
                 insertion,
             };
+            plan.model.support =
+                plan.model.support.map(|support| support.with_block(walls.and_then(Walls::block)));
             let on_body = plan.model.support.is_some_and(|support| support.is_body());
             let missing = if on_body { plan.model.youngs_pa } else { plan.model.modulus_pa }.is_none();
             if missing && on_body && !plan.is_empty() {

@@ -76,6 +76,9 @@ fn view(mut stream: TcpStream, received: &Mutex<Received>, stop: &AtomicBool) ->
                 *received = Received { updates: received.updates + 1, stamp: message.stamp };
             }
             Arrival::Unreadable(error) => wrong = Some(format!("a message that cannot be read: {error}")),
+            Arrival::Invalid(kind, device, _) => {
+                wrong = Some(format!("{kind} of {device} that is no measurement"))
+            }
             Arrival::Message(_) | Arrival::Skipped(..) => {}
         })?;
         if let Some(wrong) = wrong {

@@ -171,7 +171,10 @@ impl Bodies {
             name: Some("blind".to_owned()),
             fixture_mass_kg: None,
             noise: if noise.stated { noise.statement() } else { Noise::default() },
-            tissue: Default::default(),
+            tissue: formats::session::Tissue {
+                walls: Some(formats::session::Walls::Far),
+                ..formats::session::Tissue::default()
+            },
             lateral,
             insertion: Vec::new(),
             indentation: Vec::new(),

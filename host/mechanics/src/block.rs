@@ -1,0 +1,89 @@
+//! A body with walls: the gel as a block, with its size, the place of the needle in it and how it is held.
+
+use super::{ModelError, check};
+
+/// How a wall of the block is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mounting {
+    /// Nothing touches it.
+    Free,
+    /// It is bonded to something rigid: a box, a plate.
+    Held,
+}
+
+impl Mounting {
+    /// Both of them.
+    pub const ALL: [Self; 2] = [Self::Free, Self::Held];
+
+    /// Its name in files and options.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Free => "free",
+            Self::Held => "held",
+        }
+    }
+}
+
+/// A block of tissue with a free surface, which the needle enters at a right angle and parallel to its sides.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Block {
+    /// Width along x, height along y and length along the needle.
+    pub size_m: [f64; 3],
+    /// Where the needle enters: from the corner of least x and y.
+    pub needle_at_m: [f64; 2],
+    /// The four sides.
+    pub sides: Mounting,
+    /// The wall opposite to the surface.
+    pub far_side: Mounting,
+}
+
+impl Block {
+    /// Smallest and largest edge, m. Below, walls are as near as the entry; above, they change nothing that can be measured.
+    pub const EDGE_RANGE_M: [f64; 2] = [5e-3, 2.0];
+    /// Share of the length down to which its response is computed.
+    pub const DEEPEST: f64 = 0.9;
+    /// The needle is at least this share of the shortest edge away from every side: what the tests against finite elements reach to.
+    pub const NEAREST_SIDE: f64 = 0.1;
+
+    /// A cube with the needle in the middle of its surface and a far side that is held.
+    pub fn cube(edge_m: f64, sides: Mounting) -> Self {
+        Self { size_m: [edge_m; 3], needle_at_m: [0.5 * edge_m; 2], sides, far_side: Mounting::Held }
+    }
+
+    /// A cube with walls as far from the needle as it is deep, and a far side as far from its tip: what an unknown block is
+    /// taken to be at worst.
+    pub fn around(depth_m: f64, sides: Mounting) -> Self {
+        let [least_m, most_m] = Self::EDGE_RANGE_M;
+        Self::cube((2.0 * depth_m).clamp(least_m, most_m), sides)
+    }
+
+    /// Refuses what no block can be.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`].
+    pub fn check(&self) -> Result<(), ModelError> {
+        let [least_m, most_m] = Self::EDGE_RANGE_M;
+        for edge_m in self.size_m {
+            check("body_mm", 1e3 * edge_m, "edges of 5 to 2000 mm", (least_m..=most_m).contains(&edge_m))?;
+        }
+        let [width_m, height_m, length_m] = self.size_m;
+        let near_m = (1.0 - 1e-9) * Self::NEAREST_SIDE * width_m.min(height_m).min(length_m);
+        for (at_m, edge_m) in self.needle_at_m.into_iter().zip([width_m, height_m]) {
+            check(
+                "needle_at_mm",
+                1e3 * at_m,
+                "a place inside the block, a tenth of its shortest edge or more from every side",
+                at_m >= near_m && edge_m - at_m >= near_m,
+            )?;
+        }
+        let is_held = self.sides == Mounting::Held || self.far_side == Mounting::Held;
+        check("far_side", f64::from(u8::from(is_held)), "held where the sides are free", is_held)
+    }
+
+    /// The block as the other plane sees it: x for y.
+    #[must_use]
+    pub fn turned(self) -> Self {
+        let ([width_m, height_m, length_m], [x_m, y_m]) = (self.size_m, self.needle_at_m);
+        Self { size_m: [height_m, width_m, length_m], needle_at_m: [y_m, x_m], ..self }
+    }
+}

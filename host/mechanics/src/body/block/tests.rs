@@ -1,0 +1,78 @@
+//! Blocks against closed forms and the laws that hold for every body.
+
+use super::super::table::uniform;
+use super::*;
+
+/// Radius of an 18 gauge needle.
+const RADIUS_M: f64 = 0.635e-3;
+fn block(size_mm: [f64; 3], at_mm: [f64; 2], sides: Mounting, far_side: Mounting) -> Block {
+    let m = |mm: f64| 1e-3 * mm;
+    Block { size_m: size_mm.map(m), needle_at_m: at_mm.map(m), sides, far_side }
+}
+
+fn added(block: &Block, poisson: f64, depth_m: f64) -> Matrix {
+    flexibility_per_m(block, poisson, 0.0, depth_m).expect("solves")
+}
+
+/// In the middle of a long needle in a long box the strain is plane: a rod in a shell of twice the width moves by
+/// `(3 - 4 nu) ln 2 / (8 pi G (1 - nu))` more per unit of line load, whatever the shape of the shell.
+#[test]
+fn a_box_of_twice_the_width_gives_as_a_coaxial_shell_does() {
+    for poisson in [0.3, 0.5] {
+        let middle_per_load = |edge_mm: f64| {
+            let size_mm = [edge_mm, edge_mm, 300.0];
+            let shell = block(size_mm, [0.5 * edge_mm; 2], Mounting::Held, Mounting::Held);
+            let depth_m = 0.2;
+            let added = added(&shell, poisson, depth_m);
+            // A load of one per length is the depth times the first coefficient's.
+            (0..MODES).map(|i| added[i][0] * legendre(i, 0.0)[0] * depth_m).sum::<f64>()
+        };
+        let shear = 0.5 / (1.0 + poisson);
+        let expected =
+            (3.0 - 4.0 * poisson) * 2f64.ln() / (8.0 * std::f64::consts::PI * shear * (1.0 - poisson));
+        let found = middle_per_load(60.0) - middle_per_load(30.0);
+        assert!((found / expected - 1.0).abs() < 0.01, "{poisson}: {found} {expected}");
+    }
+}
+
+/// A free column on a plate is a cantilever: bending and shear below the needle.
+#[test]
+fn a_free_column_bends_and_shears() {
+    let [edge_m, length_m, depth_m, poisson] = [0.03f64, 0.12, 0.01, 0.45];
+    let column = block([30.0, 30.0, 120.0], [15.0; 2], Mounting::Free, Mounting::Held);
+    let arm_m: f64 = length_m - 0.5 * depth_m;
+    let bending = arm_m.powi(3) / (3.0 * edge_m.powi(4) / 12.0);
+    let shearing = arm_m / (5.0 / 6.0 * 0.5 / (1.0 + poisson) * edge_m * edge_m);
+    let found = added(&column, poisson, depth_m)[0][0];
+    assert!((found / (bending + shearing) - 1.0).abs() < 0.06, "{found} {bending} {shearing}");
+}
+
+/// Far walls change nothing, the flexibility is symmetric, and a block seen from the other plane is itself.
+#[test]
+fn far_walls_change_nothing_and_planes_are_alike() {
+    let depth_m = 0.03;
+    let far = added(&Block::cube(2.0, Mounting::Held), 0.5, depth_m);
+    let own = uniform(depth_m / RADIUS_M, 0.5)[0][0] * depth_m;
+    assert!((far[0][0] * own).abs() < 0.02, "{}", far[0][0] * own);
+    let oblong = block([60.0, 90.0, 50.0], [20.0, 40.0], Mounting::Held, Mounting::Free);
+    let y = added(&oblong, 0.49, depth_m);
+    let turned = added(&oblong.turned().turned(), 0.49, depth_m);
+    assert_eq!(y, turned);
+    assert!((y[1][2] - y[2][1]).abs() < 1e-9 * y[0][0].abs());
+    // The wall that is nearer stiffens more.
+    let x = added(&oblong.turned(), 0.49, depth_m);
+    assert!(x[0][0] < y[0][0], "{} {}", x[0][0], y[0][0]);
+}
+
+#[test]
+fn what_is_no_block_or_no_needle_in_it_is_refused() {
+    let named = |block: &Block, depth_m: f64| match flexibility_per_m(block, 0.5, 0.0, depth_m) {
+        Err(ModelError::OutOfRange { name, .. }) => name,
+        other => panic!("{other:?}"),
+    };
+    let cube = Block::cube(0.05, Mounting::Held);
+    assert_eq!(named(&cube, 0.046), "depth_mm");
+    assert_eq!(named(&Block { needle_at_m: [0.001, 0.02], ..cube }, 0.03), "needle_at_mm");
+    assert_eq!(named(&Block { size_m: [0.05, 0.05, 3.0], ..cube }, 0.03), "body_mm");
+    assert_eq!(named(&Block { sides: Mounting::Free, far_side: Mounting::Free, ..cube }, 0.03), "far_side");
+}
