@@ -189,7 +189,7 @@ mod tests {
         assert_eq!(effect("lab.tube").expect("known").info().physics, "a tube");
         // The same again is the same; another of that id is not.
         assert!(read(TUBE).is_ok());
-        let other = read(&TUBE.replace("0.05", "0.06")).err().expect("refused");
+        let other = read(&TUBE.replace("0.05", "0.06")).expect_err("refused");
         assert!(other.starts_with("my.toml:2:6: effect.id: "), "{other}");
     }
 
@@ -204,7 +204,7 @@ mod tests {
             ("prior_sd = 0.05", "prior_sd = 0", "my.toml:8:12: "),
         ] {
             let text = TUBE.replace("lab.tube", "lab.other").replace(from, to);
-            let why = read(&text).err().expect("refused");
+            let why = read(&text).expect_err("refused");
             assert!(why.contains(expected), "{why}");
         }
     }

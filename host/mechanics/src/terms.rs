@@ -17,7 +17,7 @@ mod law;
 mod site;
 
 pub use form::Form;
-pub use law::{DefineError, Law, OwnFunction, OwnLaw, define, grammar, own, term};
+pub use law::{DefineError, FunctionOf, Law, OwnFunction, OwnLaw, define, grammar, own, term};
 pub use site::{Regressor, Scope, Site};
 
 /// Conditions under which a needle is solved, beside rig and tissue.

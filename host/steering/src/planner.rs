@@ -124,12 +124,11 @@ pub(crate) fn plan(
     Plan { guide_m, tip_m, covariance_m2, limited_by }
 }
 
+/// What limits a plan, and by how much each limit is used.
+type Limited = Vec<(Limit, f64)>;
+
 /// Positions within all cones, and what limits them.
-fn within(
-    squares: &[Square; 2],
-    now_m: [f64; 2],
-    bounds: &Bounds,
-) -> Option<(Vec<[f64; 2]>, Vec<(Limit, f64)>)> {
+fn within(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds) -> Option<(Vec<[f64; 2]>, Limited)> {
     let mut active: Vec<&Cone> = Vec::new();
     let mut solved = solve(squares, now_m, bounds, &active)?;
     for _ in 0..ROUNDS {
@@ -224,9 +223,9 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
     if let Some(radius_m) = bounds.largest_move_m {
         limits.push((Limit::LargestMove, right.len(), MM * radius_m));
         right.push(MM * radius_m);
-        for plane in 0..2 {
+        for (plane, now_m) in now_m.iter().enumerate() {
             rows.add(right.len(), variable(0, plane), -1.0);
-            right.push(-MM * now_m[plane]);
+            right.push(-MM * now_m);
         }
         cones.push(SecondOrderConeT(3));
     }
@@ -235,14 +234,13 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
         rows.add(right.len(), slacks + slack, -1.0);
         rows.add(right.len(), uncorrected, -cone.per_correction / MM);
         right.push(cone.bound - cone.per_correction * bounds.deviation_m);
-        for plane in 0..2 {
+        for (plane, (now_m, mut stay)) in now_m.iter().zip(cone.stay).enumerate() {
             // A position raises its own move and lowers the next.
-            let mut stay = cone.stay[plane];
             for (hold, per_move) in cone.per_move.iter().enumerate().take(holds) {
                 let next = cone.per_move.get(hold + 1).copied().unwrap_or(0.0);
                 rows.add(right.len(), variable(hold, plane), -(per_move - next) / MM);
                 if hold == 0 {
-                    stay -= per_move * now_m[plane];
+                    stay -= per_move * now_m;
                 }
             }
             right.push(stay);

@@ -1,8 +1,7 @@
-//! `cargo xtask lint`: format, import circles, lints, documentation, manual and licences. The first tier of `cargo xtask test` begins with
-//! the first four, the second with the others.
+//! `cargo xtask lint`: format, lints, documentation, manual and licences. The first tier of `cargo xtask test` begins with
+//! the first two, the second with the others.
 
 use crate::build::{FIRST_IMAGE, cargo, cargo_with, image_parts, root, target_dir};
-use crate::circles;
 use crate::setup::TARGET;
 use anyhow::{Context, Result, bail};
 use std::process::{Command, Stdio};
@@ -25,13 +24,12 @@ pub fn all() -> Result<()> {
     rest()
 }
 
-/// Format and import circles: seconds, without a build.
+/// Format: seconds, without a build.
 ///
 /// # Errors
 /// Where there is anything to complain about.
 pub fn texts() -> Result<()> {
-    cargo(&["fmt", "--all", "--check"])?;
-    circles::check()
+    cargo(&["fmt", "--all", "--check"])
 }
 
 /// Lints of the host's code, and of the firmware's that the host compiles too.

@@ -6,7 +6,6 @@
 
 mod build;
 mod check;
-mod circles;
 mod cluster;
 mod licences;
 mod progress;

@@ -99,8 +99,11 @@ impl Header {
     }
 }
 
+/// A message's body without what is around it, and its metadata.
+type Extended<'b> = (&'b [u8], Vec<(String, String)>);
+
 /// The content between extended header and metadata, as header version 2 has them, and the metadata.
-fn within_extended(body: &[u8]) -> Option<(&[u8], Vec<(String, String)>)> {
+fn within_extended(body: &[u8]) -> Option<Extended<'_>> {
     let (header, after) = body.split_first_chunk::<2>()?;
     let (metadata_header, rest) = after.split_first_chunk::<2>()?;
     let metadata = rest.first_chunk::<4>()?;

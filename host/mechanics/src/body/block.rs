@@ -25,8 +25,10 @@ const DEPTHS_KEPT: usize = 4000;
 /// Walls by the shape of the block and Poisson's ratio: blocks of one shape share them, whatever their size.
 static KERNELS: LazyLock<RwLock<HashMap<[u64; 6], Arc<Kernel>>>> = LazyLock::new(RwLock::default);
 /// Flexibilities by the walls, and where the body begins and the tip is, in lengths of the block.
-static FLEXIBILITIES: LazyLock<RwLock<HashMap<([u64; 6], [u64; 2]), Matrix>>> =
-    LazyLock::new(RwLock::default);
+/// Bits of a block's numbers, and of a needle's radius and depth.
+type Key = ([u64; 6], [u64; 2]);
+
+static FLEXIBILITIES: LazyLock<RwLock<HashMap<Key, Matrix>>> = LazyLock::new(RwLock::default);
 
 fn key(block: &Block, poisson: f64) -> [u64; 6] {
     let [width, height, length] = block.size_m;

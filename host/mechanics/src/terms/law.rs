@@ -24,12 +24,15 @@ pub struct Law {
     pub(super) own: Option<&'static OwnFunction>,
 }
 
+/// A function of parameters and regressor.
+pub type FunctionOf = dyn Fn(&[f64], f64) -> f64 + Send + Sync;
+
 /// A function that a person has written: of the parameters and of the regressor, all in the units of their names.
 pub struct OwnFunction {
     /// As it was written.
     pub formula: String,
     /// What it is.
-    pub value: Box<dyn Fn(&[f64], f64) -> f64 + Send + Sync>,
+    pub value: Box<FunctionOf>,
 }
 
 impl std::fmt::Debug for OwnFunction {

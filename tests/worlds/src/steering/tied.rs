@@ -185,8 +185,9 @@ impl TiedNeedle {
                 // M' = -V of the element by its own signs.
                 [middle + 0.5 * l * shear_n, middle - 0.5 * l * shear_n]
             });
-            for end in 0..2 {
-                let moment = moments[0][end].hypot(moments[1][end]);
+            let [vertical, horizontal] = moments;
+            for (vertical, horizontal) in vertical.into_iter().zip(horizontal) {
+                let moment: f64 = vertical.hypot(horizontal);
                 largest = largest.max(self.radius_m * moment / self.stiffness_n_m2);
             }
         }
@@ -272,12 +273,14 @@ fn solved(mut nodes: Vec<Node>) -> Vec<[f64; 2]> {
         // What remains of the next node: own - next' inverse next.
         let by = times(inverse, next);
         let after = &mut nodes[i + 1];
-        for row in 0..2 {
-            for column in 0..2 {
-                after.own[row][column] -= next[0][row] * by[0][column] + next[1][row] * by[1][column];
+        let [a, b] = applied(inverse, right);
+        let [above, below] = next;
+        let rows = after.own.iter_mut().zip(&mut after.right).zip(above.into_iter().zip(below));
+        for ((own, right), (above, below)) in rows {
+            for (own, (first, second)) in own.iter_mut().zip(by[0].into_iter().zip(by[1])) {
+                *own -= above * first + below * second;
             }
-            let [a, b] = applied(inverse, right);
-            after.right[row] -= next[0][row] * a + next[1][row] * b;
+            *right -= above * a + below * b;
         }
     }
     let mut shape = vec![[0.0; 2]; nodes.len()];

@@ -56,10 +56,15 @@ impl Neg for Jet {
     }
 }
 
+/// Derivatives of a product.
+fn product_slope(a: &Jet, b: &Jet) -> [f64; 3] {
+    std::array::from_fn(|i| a.slope[i] * b.value + a.value * b.slope[i])
+}
+
 impl Mul for Jet {
     type Output = Self;
     fn mul(self, other: Self) -> Self {
-        let slope = std::array::from_fn(|i| self.slope[i] * other.value + self.value * other.slope[i]);
+        let slope = product_slope(&self, &other);
         Self { value: self.value * other.value, slope }
     }
 }
