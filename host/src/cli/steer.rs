@@ -475,7 +475,7 @@ impl Display for Text<'_> {
             )?;
         }
         let limited = || run.decisions.iter().filter_map(|one| Some((one.depth_mm, one.limits.as_ref()?)));
-        if let (Some((from_mm, _)), Some((to_mm, limits))) = (limited().next(), limited().last()) {
+        if let (Some((from_mm, _)), Some((to_mm, limits))) = (limited().next(), limited().next_back()) {
             let (count, all) = (limited().count(), run.decisions.len());
             writeln!(
                 f,

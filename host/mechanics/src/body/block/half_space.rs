@@ -185,9 +185,9 @@ mod tests {
     fn forces_are_reciprocal_and_the_field_in_equilibrium() {
         let (a, b) = ([0.3, 0.1, 0.4], [-0.5, 0.2, 1.1]);
         let (there, back) = (point_forces(a, b, POISSON), point_forces(b, a, POISSON));
-        for i in 0..3 {
-            for j in 0..3 {
-                let [one, other] = [there[i].displacement()[j], back[j].displacement()[i]];
+        for (i, there) in there.iter().enumerate() {
+            for (j, back) in back.iter().enumerate() {
+                let [one, other] = [there.displacement()[j], back.displacement()[i]];
                 assert!((one - other).abs() < 1e-12, "{i} {j}: {one} {other}");
             }
         }
