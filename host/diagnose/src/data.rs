@@ -202,7 +202,7 @@ impl Run {
                 run.force_path.display()
             ));
         }
-        let cells = cells(run, &holds);
+        let mut cells = cells(run, &holds);
         let most_m = |plane: usize| holds.iter().map(|h| h.displacement_m()[plane].abs()).fold(0.0, f64::max);
         let axis = usize::from(most_m(1) > most_m(0));
         let stood_m = stood(&cells, holds.len());
@@ -278,7 +278,9 @@ impl Run {
         let held = held(&cells);
         let reversal_m = cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &held));
         let sd_m = cells.read_m.each_ref().map(|read_m| reading_sd_m(read_m, &held));
-        let travelled_m = travelled(&cells, &stood_m, sd_m);
+        let [y, x] = travelled(&cells, &stood_m, sd_m);
+        let travelled_m = [y.places_m, x.places_m];
+        cells.left = [y.left, x.left];
         let drive = (0..cells.time_s.len()).map(|i| {
             // A plane in which guide 2 stays where it is has nothing but noise in its readings.
             let at =

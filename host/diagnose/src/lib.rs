@@ -2,7 +2,7 @@
 //!
 //! | step | file |
 //! |---|---|
-//! | runs as numbers with their places | `data`, `cells` |
+//! | runs as numbers with their places, and how guide 2 moved | `data`, `cells`, `course` |
 //! | split: what is learned from, what judges | `split` |
 //! | noise, and residuals made independent | `noise`, `whiten` |
 //! | what is unknown | `layout` |
@@ -34,6 +34,7 @@ mod averaged;
 mod cells;
 mod characterize;
 mod choice;
+mod course;
 mod data;
 mod discover;
 mod discrepancy;

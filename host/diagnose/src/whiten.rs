@@ -182,9 +182,10 @@ fn block(run: &Run, range: Range<usize>, noise: &Noise, slopes: &Slopes) -> DMat
                 if i == j {
                     covariance += noise.force.white / a.len() as f64;
                     if data[i].place.hold_s.is_none() {
-                        // On the way guide 2 is where its sensor reads, reading by reading.
+                        // On the way guide 2 is known as well as its course is, neighbours alike.
                         let read = noise.displacement.white + noise.displacement.correlated;
-                        covariance += slopes.force_n_per_m[plane].powi(2) * read / a.len() as f64;
+                        let left = a.iter().filter_map(|cell| run.cells.left[plane].get(*cell)).sum::<f64>();
+                        covariance += slopes.force_n_per_m[plane].powi(2) * read * left / a.len() as f64;
                     }
                 }
                 covariance
