@@ -7,11 +7,12 @@
 //! and holds that value.
 
 use super::choice::{Beside, limit_refused};
+use super::determined::one_sided;
 use super::evidence::Patterns;
 use super::foundation::VARIED;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
-use super::search::{Candidate, Found, one_sided};
+use super::search::{Candidate, Found};
 use formats::model_file::Alternative;
 use mechanics::effects::Effect;
 use rayon::prelude::*;

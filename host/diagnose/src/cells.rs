@@ -145,7 +145,7 @@ fn on_the_way(readings_m: &mut [f64], shares: &mut [f64], [before_m, after_m]: [
     before_m.into_iter().for_each(|m| leaving.fill(m));
     after_m.into_iter().for_each(|m| coming.fill(m));
 
-    let way = course(rest_m, [before_m, after_m], sd_m);
+    let way = course(rest_m, sd_m);
     rest_m.copy_from_slice(&way.places_m);
     if let Some(shares) = shares.get_mut(left..left + way.left.len()) {
         shares.copy_from_slice(&way.left);

@@ -6,10 +6,11 @@
 //! [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
 
 use super::adequacy::Adequacy;
+use super::determined::one_sided;
 use super::foundation::{FOUNDATION_MARGIN, varied};
 use super::posterior::Fitted;
 use super::results::FoundationResult;
-use super::search::{Found, Search, one_sided};
+use super::search::{Found, Search};
 use super::split::Judge;
 use super::start::Start;
 use super::{DiagnoseError, FoundationChoice, Options};

@@ -2,8 +2,8 @@
 //!
 //! What drives the model is where guide 2 was, not what its sensor read: taken as true, white noise of the readings makes a force that
 //! follows them late fit better than one that follows at once, because a delay averages them. So the course is an unknown of its own: its second differences are
-//! normal with a size that the readings determine by their marginal likelihood, the readings are normal about it, and the holds before and after are
-//! its ends. A sensor without noise is followed exactly.
+//! normal with a size that the readings determine by their marginal likelihood, and the readings are normal about it. How it begins and ends is
+//! left free: guide 2 starts and stops as abruptly as its actuator can. A sensor without noise is followed exactly.
 //!
 //! Whittaker, "On a new method of graduation" (1923); Wahba, "A comparison of GCV and GML for choosing the smoothing parameter" (1985).
 
@@ -14,64 +14,46 @@ const SIZES: i32 = 24;
 const SMALLEST: f64 = 1e-3;
 /// Noise is nothing beside second differences of so many of its standard deviations.
 const NO_NOISE: f64 = 1e3;
-/// Noise of the ends, in the same unit: holds are means of many readings.
-const END_SD: f64 = 0.1;
-
 /// A course, and the share of the variance of a reading that is left in every place of it.
 pub(super) struct Course {
     pub places_m: Vec<f64>,
     pub left: Vec<f64>,
 }
 
-/// The course of equally spaced readings of this standard deviation between two ends.
-pub(super) fn course(readings_m: &[f64], [before_m, after_m]: [Option<f64>; 2], sd_m: f64) -> Course {
+/// The course of equally spaced readings of this standard deviation.
+pub(super) fn course(readings_m: &[f64], sd_m: f64) -> Course {
     let as_read = || Course { places_m: readings_m.to_vec(), left: vec![1.0; readings_m.len()] };
-    if readings_m.len() < 2 || sd_m <= 0.0 {
-        return as_read();
-    }
-    let first = usize::from(before_m.is_some());
-    let ends = |end: Option<f64>| end.map(|m| (m, END_SD.powi(-2)));
-    let all: Vec<(f64, f64)> = ends(before_m)
-        .into_iter()
-        .chain(readings_m.iter().map(|m| (*m, 1.0)))
-        .chain(ends(after_m))
-        .map(|(m, precision)| (m / sd_m, precision))
-        .collect();
-    let count = all.len();
-    let second = DMatrix::from_fn(count.saturating_sub(2), count, |i, j| match j.checked_sub(i) {
+    let count = readings_m.len();
+    // The first and the last second difference are those of starting and stopping.
+    let Some(inner) = count.checked_sub(4).filter(|inner| *inner > 0 && sd_m > 0.0) else { return as_read() };
+    let second = DMatrix::from_fn(inner, count, |i, j| match j.checked_sub(i + 1) {
         Some(0 | 2) => 1.0,
         Some(1) => -2.0,
         _ => 0.0,
     });
-    let largest = (&second * DVector::from_iterator(count, all.iter().map(|(value, _)| *value))).amax();
+    let read = DVector::from_iterator(count, readings_m.iter().map(|m| m / sd_m));
+    let largest = (&second * &read).amax();
     if largest > NO_NOISE {
         return as_read();
     }
     let step = (2.0 * largest.max(1.0) / SMALLEST).powf(1.0 / f64::from(SIZES - 1));
     let penalty = second.transpose() * &second;
-    let precisions = DVector::from_iterator(count, all.iter().map(|(_, precision)| *precision));
-    let read = DVector::from_iterator(count, all.iter().map(|(value, _)| *value));
-    let weighted = precisions.component_mul(&read);
     // Of the sizes the one with the largest marginal likelihood, the course integrated over.
     let fit = |size: f64| {
-        let normal = &penalty / (size * size) + DMatrix::from_diagonal(&precisions);
+        let normal = &penalty / (size * size) + DMatrix::identity(count, count);
         let factor = normal.cholesky()?;
-        let found = factor.solve(&weighted);
+        let found = factor.solve(&read);
         let half_ln_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum();
-        let ln_likelihood = -0.5 * (read.dot(&weighted) - found.dot(&weighted))
-            - half_ln_determinant
-            - (count as f64 - 2.0) * size.ln();
+        let ln_likelihood =
+            -0.5 * (read.dot(&read) - found.dot(&read)) - half_ln_determinant - inner as f64 * size.ln();
         Some((ln_likelihood, found, factor))
     };
     let sizes = (0..SIZES).map(|number| SMALLEST * step.powi(number));
     let best = sizes.filter_map(fit).max_by(|a, b| a.0.total_cmp(&b.0));
     let Some((_, found, factor)) = best else { return as_read() };
-    let variances = factor.inverse().diagonal();
-    let inside =
-        |values: &DVector<f64>| values.iter().skip(first).take(readings_m.len()).copied().collect::<Vec<_>>();
     Course {
-        places_m: inside(&found).into_iter().map(|value| sd_m * value).collect(),
-        left: inside(&variances),
+        places_m: found.iter().map(|value| sd_m * value).collect(),
+        left: factor.inverse().diagonal().iter().copied().collect(),
     }
 }
 
@@ -80,10 +62,9 @@ mod tests {
     use super::*;
     use noise::Noise;
 
-    /// A ramp that begins and ends gently.
+    /// A ramp that begins and ends in the middle of a cell.
     fn ramp(count: usize) -> Vec<f64> {
-        let share = |i: usize| (i as f64 + 1.0) / (count as f64 + 1.0);
-        (0..count).map(|i| 1e-3 * share(i).powi(2) * (3.0 - 2.0 * share(i))).collect()
+        (0..count).map(|i| 1e-3 * ((i as f64 + 0.5) / count as f64).clamp(0.0, 1.0)).collect()
     }
 
     #[test]
@@ -94,7 +75,7 @@ mod tests {
         let sd_m = 0.05e-3;
         for _ in 0..200 {
             let readings: Vec<f64> = truth.iter().map(|m| m + sd_m * random.normal()).collect();
-            let found = course(&readings, [Some(0.0), Some(1e-3)], sd_m);
+            let found = course(&readings, sd_m);
             for (((found, left), truth), read) in
                 found.places_m.iter().zip(&found.left).zip(&truth).zip(&readings)
             {
@@ -110,8 +91,8 @@ mod tests {
     #[test]
     fn a_sensor_without_noise_is_followed() {
         let truth = ramp(12);
-        let found = course(&truth, [Some(0.0), Some(1e-3)], 1e-9);
+        let found = course(&truth, 1e-9);
         assert!(found.places_m.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 2e-9), "{:?}", found.places_m);
-        assert_eq!(course(&truth, [None, None], 0.0).places_m, truth);
+        assert_eq!(course(&truth, 0.0).places_m, truth);
     }
 }

@@ -2,13 +2,14 @@
 //! computed, not judged by an outcome. The truth's predictions without noise take the place of the readings, and the fits of all effects
 //! to them give the expected gain of chi-square and the expected log evidence over the nearest competing effect.
 
+use super::determined::one_sided;
 use super::evidence::Patterns;
 use super::layout::Layout;
 use super::noise::Noise;
 use super::posterior::{self, Fitted, MAX_ROUNDS};
 use super::predicted::differences;
 use super::score::Scores;
-use super::search::{MAX_LEADERS, Search, one_sided};
+use super::search::{MAX_LEADERS, Search};
 use super::{Multiples, Noises, Start, fit_start, runs_of, split};
 use formats::session::Session;
 use mechanics::effects::effect;

@@ -36,6 +36,7 @@ mod characterize;
 mod choice;
 mod course;
 mod data;
+mod determined;
 mod discover;
 mod discrepancy;
 pub mod display;
@@ -178,7 +179,7 @@ pub enum DiagnoseError {
     Fit(#[from] FitError),
 }
 
-/// Beside others an effect with more competitors than this is no name.
+/// Beside others an effect of a class with more explanations than this is no name.
 const MAX_IN_CLASS: usize = 3;
 
 /// Diagnoses a session; `on_progress` receives a line for each step.
@@ -391,7 +392,7 @@ fn verdict(found: &Found, before: &Adequacy, share: f64) -> Verdict {
 /// Whether effects were added that could be any of many: they absorb what another effect has left, and are no names. A single effect
 /// of many possible ones is another matter: that is a weak one, as its class shows.
 fn absorbs(found: &Found) -> bool {
-    found.members.len() > 1 && found.members.iter().any(|member| member.class.len() > MAX_IN_CLASS)
+    found.members.len() > 1 && found.members.iter().any(|member| member.explanations() > MAX_IN_CLASS)
 }
 
 /// What the search finds in a session on springs, and the model that it starts from.

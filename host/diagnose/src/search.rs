@@ -3,15 +3,16 @@
 
 use super::Multiples;
 use super::adequacy::Adequacy;
+use super::determined::{is_determined, one_sided};
 use super::discover;
 use super::discrepancy::patterns;
 use super::evidence::Patterns;
-use super::layout::{Layout, NORMAL_975, Prepared, Scale};
+use super::layout::{Layout, Prepared, Scale};
 use super::posterior::{Fitted, MAX_ROUNDS};
 use super::score::{Score, Scores, stacked};
 use super::split::Judge;
 use super::start::Start;
-use mechanics::effects::{Effect, ParameterInfo};
+use mechanics::effects::Effect;
 use rayon::prelude::*;
 use readings::FitError;
 
@@ -26,10 +27,6 @@ const MIN_GAIN: f64 = 5.0;
 const SHARE: f64 = 0.5;
 const SHARE_OF_STRONG: f64 = 0.15;
 const STRONG_GAIN: f64 = 10.0;
-/// Least size of an effect, as a share of what may be overlooked and of the likely values. Smaller frictions than a fiftieth of the likely
-/// ones (10 mN) are what the hysteresis of an ordinary force sensor looks like.
-const MIN_OF_OVERLOOKED: f64 = 0.2;
-const MIN_OF_LIKELY: f64 = 0.02;
 /// Leaders that are refitted, in the search and among competitors of what was found, and how far behind the best they may be by score.
 pub(super) const MAX_LEADERS: usize = 14;
 const BEHIND: f64 = 15.0;
@@ -82,6 +79,21 @@ pub(super) struct Member {
     pub without: Fitted,
     /// Fits with a competing effect in its place; itself first.
     pub class: Vec<(&'static dyn Effect, Fitted)>,
+}
+
+impl Member {
+    /// How many explanations the class has: effects that predict the same within noise are one.
+    pub fn explanations(&self) -> usize {
+        let mut distinct: Vec<&Fitted> = Vec::new();
+        for (_, fitted) in &self.class {
+            let apart =
+                |other: &&Fitted| (stacked(&other.residuals) - stacked(&fitted.residuals)).norm_squared();
+            if distinct.iter().all(|other| apart(other) >= ALIKE) {
+                distinct.push(fitted);
+            }
+        }
+        distinct.len()
+    }
 }
 
 /// What the search found.
@@ -444,48 +456,8 @@ impl Search<'_> {
     }
 }
 
-/// Size, inside the fits, below which a parameter stands for nothing of interest: a fifth of what a careful laboratory
-/// would overlook, and no more than a small part of the likely values.
-fn least_size(info: &ParameterInfo) -> f64 {
-    let scale = Scale::of(info);
-    let overlooked = scale.inside(info.neutral + info.prior_sd) - scale.inside(info.neutral);
-    let [low, high] = info.likely.map(|end| scale.inside(end));
-    (MIN_OF_OVERLOOKED * overlooked).min(MIN_OF_LIKELY * (high - low))
-}
-
-/// Whether an effect of a fit is large enough to matter, has an interval without its neutral value and without an end of its range, and
-/// the modulus is not at the end of its own.
-fn is_determined(fitted: &Fitted, index: usize) -> bool {
-    let first = fitted.layout.first_of(index);
-    let infos = fitted.layout.effects[index].parameters();
-    let excludes_neutral = infos.iter().enumerate().any(|(number, info)| {
-        let away = fitted.values()[first + number] - Scale::of(info).inside(info.neutral);
-        info.nodes.is_empty() && away.abs() > (NORMAL_975 * fitted.sd(first + number)).max(least_size(info))
-    });
-    let at_bound =
-        fitted.at_bound.first() == Some(&true) || (first..first + infos.len()).any(|i| fitted.at_bound[i]);
-    excludes_neutral
-        && !at_bound
-        && infos.iter().enumerate().all(|(number, info)| {
-            // An interval that reaches the end of a range is a bound, not a value; the neutral value is another matter.
-            let scale = Scale::of(info);
-            let half = NORMAL_975 * fitted.sd(first + number);
-            let value = fitted.values()[first + number];
-            let [least, most] = info.range.map(|end| scale.inside(end));
-            let neutral = scale.inside(info.neutral);
-            let is_inside = |end: f64| end == neutral || !(value - half..=value + half).contains(&end);
-            !info.nodes.is_empty() || (is_inside(least) && is_inside(most))
-        })
-}
-
 /// The effect that was added and is least needed, where it is not needed at all.
 fn needless(fitted: &Fitted, members: &[Member], margin: f64) -> Option<usize> {
     let idle = members.iter().filter(|m| m.gain < margin || !is_determined(fitted, m.index));
     idle.min_by(|a, b| a.gain.total_cmp(&b.gain)).map(|member| member.index)
-}
-
-/// A parameter that cannot be on one side of its neutral value has all of its prior on the other.
-pub(super) fn one_sided(effect: &dyn Effect) -> f64 {
-    let sides = effect.parameters().iter().filter(|info| info.nodes.is_empty() && !info.is_two_sided());
-    sides.count() as f64 * std::f64::consts::LN_2
 }

@@ -12,8 +12,8 @@ const MODULUS_GPA: [f64; 2] = [0.1, 1000.0];
 /// Moment per slope of a needle's rear: from next to nothing to more than any needle takes.
 const ROTATION_N_M_PER_RAD: [f64; 2] = [1e-4, 1e4];
 /// A guide or a surface whose place is not known to a centimetre, and a diameter not to a millimetre, are not measured.
-const MOST_SD_MM: f64 = 10.0;
-const MOST_DIAMETER_SD_MM: f64 = 1.0;
+const LARGEST_PLACE_ERROR_MM: f64 = 10.0;
+const LARGEST_DIAMETER_ERROR_MM: f64 = 1.0;
 /// What is stated of something that is not known.
 const UNKNOWN: &str = "unknown";
 
@@ -30,10 +30,10 @@ pub(super) fn tolerances(file: &Fields<'_>) -> Result<Tolerances, SessionError> 
         Ok::<_, SessionError>(table.optional_number(field, [1e-4, most_mm])?.map(|sd_mm| MM * sd_mm))
     };
     Ok(Tolerances {
-        guide2_m: sd_m(&rig, "guide2_sd_mm", MOST_SD_MM)?,
-        entry_m: sd_m(&rig, "entry_sd_mm", MOST_SD_MM)?,
-        outer_diameter_m: sd_m(&needle, "outer_diameter_sd_mm", MOST_DIAMETER_SD_MM)?,
-        inner_diameter_m: sd_m(&needle, "inner_diameter_sd_mm", MOST_DIAMETER_SD_MM)?,
+        guide2_m: sd_m(&rig, "guide2_sd_mm", LARGEST_PLACE_ERROR_MM)?,
+        entry_m: sd_m(&rig, "entry_sd_mm", LARGEST_PLACE_ERROR_MM)?,
+        outer_diameter_m: sd_m(&needle, "outer_diameter_sd_mm", LARGEST_DIAMETER_ERROR_MM)?,
+        inner_diameter_m: sd_m(&needle, "inner_diameter_sd_mm", LARGEST_DIAMETER_ERROR_MM)?,
     })
 }
 
