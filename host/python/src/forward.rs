@@ -1,7 +1,7 @@
 //! The forward model over many sets of parameters: force of guide 2, shape of the needle, and their derivatives.
 
 use super::failure::usage;
-use super::work::{Leave, interruptible};
+use super::work::computed;
 use mechanics::{BeamProblem, Foundation, ModelError, Needle, Rig};
 use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -164,12 +164,8 @@ pub fn forward<'py>(
         .collect();
     let z_m: Vec<f64> = z_mm.as_array().iter().map(|mm| 1e-3 * mm).collect();
     let (count, places, wanted) = (rows.len(), z_m.len(), columns.len());
-    let found = interruptible(
-        py,
-        move |_, flag| all(&rows, &z_m, &columns, &|| flag.is_set()),
-        |_| Ok(()),
-        Leave::Behind,
-    )?;
+    let found =
+        computed(py, move |_, flag| all(&rows, &z_m, &columns, &|| flag.is_set()), |_| Ok(()))?;
     let results = found.map_err(|(number, error)| usage(py, &explain(first + number, &error)))?;
     let shaped = |error: numpy::ndarray::ShapeError| super::failure::internal(py, &error.to_string());
     Ok((

@@ -10,6 +10,7 @@
 mod failure;
 mod forward;
 mod link;
+mod threads;
 mod work;
 
 use failure::raise;
@@ -17,7 +18,7 @@ use host::cli::{Called, call as call_command, exit_code, readable as read_sessio
 use pyo3::prelude::*;
 use std::ffi::OsString;
 use std::path::PathBuf;
-use work::{Message, interruptible};
+use work::{Message, computed};
 
 /// Functions behind the module `needle_guide`.
 #[pymodule]
@@ -38,7 +39,7 @@ type Result3 = (String, Vec<String>, Vec<(String, String)>);
 /// Runs a command of `guide` and returns its JSON document, its remarks and its figures.
 #[pyfunction]
 fn call(py: Python<'_>, arguments: Vec<OsString>, on_step: Option<Py<PyAny>>) -> PyResult<Result3> {
-    let found = interruptible(
+    let found = computed(
         py,
         move |messages, interrupted| {
             call_command(arguments, move |step| {
@@ -53,7 +54,6 @@ fn call(py: Python<'_>, arguments: Vec<OsString>, on_step: Option<Py<PyAny>>) ->
             (Message::Step(step), Some(on_step)) => on_step.call1(py, (step,)).map(drop),
             _ => Ok(()),
         },
-        work::Leave::Behind,
     )?;
     let Called { document, notes, figures } = found.map_err(|error| raise(py, &error))?;
     Ok((document, notes, figures))
@@ -62,19 +62,15 @@ fn call(py: Python<'_>, arguments: Vec<OsString>, on_step: Option<Py<PyAny>>) ->
 /// Reads a session and drops it: an exception with the place where it cannot be read.
 #[pyfunction]
 fn readable(py: Python<'_>, folder: PathBuf) -> PyResult<()> {
-    let read = interruptible(py, move |_, _| read_session(&folder), |_| Ok(()), work::Leave::Behind)?;
+    let read = computed(py, move |_, _| read_session(&folder), |_| Ok(()))?;
     read.map_err(|error| raise(py, &error))
 }
 
 /// The record of a session, `needle.summary/1`, as `guide summarize` writes it.
 #[pyfunction]
 fn summarize(py: Python<'_>, folder: PathBuf, seed: u64) -> PyResult<String> {
-    let summary = interruptible(
-        py,
-        move |_, _| serde_json::to_string(&inference::summarize(&folder, seed)),
-        |_| Ok(()),
-        work::Leave::Behind,
-    )?;
+    let summary =
+        computed(py, move |_, _| serde_json::to_string(&inference::summarize(&folder, seed)), |_| Ok(()))?;
     summary.map_err(|error| failure::internal(py, &error.to_string()))
 }
 

@@ -1,6 +1,7 @@
 //! Work in a thread of its own, while the caller waits for it and for Ctrl-C.
 
 use super::failure::internal;
+use super::threads::Borrowed;
 use pyo3::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,7 +12,7 @@ use std::time::Duration;
 /// How often signals are looked for.
 const POLL: Duration = Duration::from_millis(20);
 /// Stack of the work: as much as a program's main thread has.
-const STACK_BYTES: usize = 8 << 20;
+pub const STACK_BYTES: usize = 8 << 20;
 
 /// What work reports before it is done.
 pub enum Message {
@@ -103,6 +104,23 @@ pub fn interruptible<T: Send + 'static>(
             Err(error)
         }
     }
+}
+
+/// Does `work` in threads of its own, as [`interruptible`] does: for what computes on all cores, and may be left behind.
+///
+/// # Errors
+/// Those of [`interruptible`] and of [`Borrowed::new`].
+pub fn computed<T: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce(Messages, Flag) -> T + Send + 'static,
+    on_message: impl FnMut(Message) -> PyResult<()>,
+) -> PyResult<T> {
+    let threads = Borrowed::new(py)?;
+    let lent = threads.lend();
+    let work = move |messages, flag| lent.compute(move || work(messages, flag));
+    let outcome = interruptible(py, work, on_message, Leave::Behind)?;
+    threads.give_back(py);
+    Ok(outcome)
 }
 
 fn wait<T: Send>(
