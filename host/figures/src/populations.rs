@@ -114,7 +114,7 @@ fn forest(found: &Population) -> Result<String, FigureError> {
         .collect();
     let ends = shown.iter().flat_map(|row| row.k_kpa.ci95);
     let ends =
-        ends.chain(found.groups.iter().flat_map(|group| group.prediction95_kpa.unwrap_or(group.k_kpa.ci95)));
+        ends.chain(found.groups.iter().flat_map(|group| group.new_subject95_kpa.unwrap_or(group.k_kpa.ci95)));
     let title = match rows.len() > shown.len() {
         true => format!(
             "K of the first {} of {} sessions, and of groups (thin: a new subject)",
@@ -136,7 +136,7 @@ fn forest(found: &Population) -> Result<String, FigureError> {
             line(index, row.k_kpa.ci95, if row.used { BLUE } else { GREY }.stroke_width(2))?;
         }
         for (index, group) in found.groups.iter().enumerate() {
-            if let Some(ends) = group.prediction95_kpa {
+            if let Some(ends) = group.new_subject95_kpa {
                 line(shown.len() + index, ends, RED.stroke_width(1))?;
             }
             line(shown.len() + index, group.k_kpa.ci95, RED.stroke_width(4))?;
@@ -154,12 +154,12 @@ fn spread(found: &Population) -> Result<String, FigureError> {
     let names: Vec<String> = found.groups.iter().map(|group| group.group.clone()).collect();
     let of_rows = found.rows.iter().map(|row| row.k_kpa.value);
     let ends = of_rows
-        .chain(found.groups.iter().flat_map(|group| group.prediction95_kpa.unwrap_or(group.k_kpa.ci95)));
+        .chain(found.groups.iter().flat_map(|group| group.new_subject95_kpa.unwrap_or(group.k_kpa.ci95)));
     rows_of_k("K by group: sessions, mean, and 95 % of new subjects", &names, ends, |chart| {
         let top = names.len() as f64 - 1.0;
         for (index, group) in found.groups.iter().enumerate() {
             let at = top - index as f64;
-            if let Some([low, high]) = group.prediction95_kpa {
+            if let Some([low, high]) = group.new_subject95_kpa {
                 let bar =
                     Rectangle::new([(low.ln(), at - 0.3), (high.ln(), at + 0.3)], RED.mix(0.15).filled());
                 chart.draw_series([bar]).map_err(failed)?;

@@ -3,11 +3,12 @@
 use crate::NORMAL_975;
 use crate::agreement::agreement;
 use crate::error::PopulationError;
-use crate::nested::{Nested, Observations};
+use crate::levels::Levels;
+use crate::nested::Observations;
+use crate::outliers::Judged;
 use crate::patterns::Places;
-use crate::random_effects::{RandomEffects, random_effects};
+use crate::random_effects::{Estimate, RandomEffects, random_effects};
 use crate::records::Records;
-use crate::residuals::{Residual, residuals};
 use crate::results::*;
 use crate::search::{Found, search};
 use crate::sharing::Likelihoods;
@@ -15,14 +16,8 @@ use crate::spread::{Names, spread};
 use crate::summary::{Interval, Summary, Value};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Adjusted probability below which a session is listed as far from the others.
-const FAR: f64 = 0.05;
 /// Standard deviation of ln K beyond which a session's K is what its estimator assumes beforehand (1 to 1.5), and no measurement.
 const MAX_LN_K_SD: f64 = 0.7;
-/// Rounds of listing.
-const ROUNDS: usize = 5;
-/// Sessions of a group from which residuals are computed.
-const MIN_SESSIONS: usize = 4;
 /// Labels between which agreement is computed.
 const AGREEMENT: [&str; 3] = ["rig", "needle", "site"];
 
@@ -31,20 +26,25 @@ const AGREEMENT: [&str; 3] = ["rig", "needle", "site"];
 pub struct Options {
     /// Labels or covariates that the groups are formed by; none: one group.
     pub by: Vec<String>,
-    /// Labels of nested random effects, outermost first, such as `site`, `subject`.
+    /// Labels of nested random effects, outermost first, such as `site`, `subject`; none: those that the labels state.
     pub nested: Vec<String>,
+    /// Takes all sessions for independent, whatever their labels state.
+    pub independent: bool,
     /// Covariates of the mean of ln K.
     pub covariates: Vec<String>,
+    /// Adds the draws of mean and spreads to the result.
+    pub draws: bool,
 }
 
 /// What is kept of a record beside its likelihood.
-struct Row {
-    session: String,
-    labels: BTreeMap<String, String>,
+pub(crate) struct Row {
+    pub session: String,
+    pub labels: BTreeMap<String, String>,
     rig: Option<String>,
     date: Option<String>,
     group: String,
-    nested: Vec<String>,
+    /// Values of the levels that were chosen.
+    pub nested: Vec<Option<String>>,
     x: Vec<f64>,
     ln_k: f64,
     variance: f64,
@@ -89,7 +89,9 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
                 }
                 rows.push(row);
             }
-            Err(reason) => listed.push(ListedSession { session: summary.session.clone(), reason }),
+            Err(reason) => {
+                listed.push(ListedSession { session: summary.session.clone(), reason, weight: 0.0 });
+            }
         }
     }
     if rows.is_empty() {
@@ -99,15 +101,16 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
     let mut groups: BTreeMap<String, Vec<usize>> = BTreeMap::new();
     rows.iter().enumerate().for_each(|(index, row)| groups.entry(row.group.clone()).or_default().push(index));
     let mut results = Vec::new();
-    let mut residuals: BTreeMap<usize, Residual> = BTreeMap::new();
+    let mut judged: BTreeMap<usize, Judged> = BTreeMap::new();
     for (group, members) in &groups {
-        list_far(&mut rows, members);
         let used: Vec<usize> =
             members.iter().copied().filter(|index| rows[*index].listed.is_none()).collect();
         match of_group(&rows, group, members, &used, options) {
-            Ok((result, of_members)) => {
-                results.push(result);
-                residuals.extend(of_members);
+            Ok(of_group) => {
+                results.push(of_group.result);
+                judged.extend(of_group.judged);
+                listed.extend(of_group.listed);
+                warnings.extend(of_group.warnings);
             }
             Err(PopulationError::Undetermined { .. }) if groups.len() > 1 || used.is_empty() => warnings
                 .push(format!(
@@ -117,8 +120,9 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
             Err(error) => return Err(error),
         }
     }
-    let of_row =
-        |row: &Row| Some(ListedSession { session: row.session.clone(), reason: row.listed.clone()? });
+    let of_row = |row: &Row| {
+        Some(ListedSession { session: row.session.clone(), reason: row.listed.clone()?, weight: 0.0 })
+    };
     listed.extend(rows.iter().filter_map(of_row));
     listed.sort_by(|a, b| a.session.cmp(&b.session));
     Ok(Population {
@@ -138,7 +142,7 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
         agreement: AGREEMENT.iter().flat_map(|label| agreement_of(label, &rows)).collect(),
         tip_load: tip_loads(&summaries),
         discrepancy,
-        rows: rows.iter().enumerate().map(|(index, row)| session_row(row, residuals.get(&index))).collect(),
+        rows: rows.iter().enumerate().map(|(index, row)| session_row(row, judged.get(&index))).collect(),
         warnings,
     })
 }
@@ -196,7 +200,7 @@ fn row(
         } else {
             options.by.iter().map(value).collect::<Vec<_>>().join(" / ")
         },
-        nested: options.nested.iter().map(value).collect(),
+        nested: options.nested.iter().map(|name| summary.label(name)).collect(),
         x,
         ln_k: result.ln_k_kpa,
         variance: result.ln_k_sd.powi(2),
@@ -219,49 +223,18 @@ fn correct(row: &mut Row, found: &[Found], data: &Likelihoods, index: usize) {
     }
 }
 
-fn observations<'a>(rows: &'a [Row], members: &[usize]) -> Observations {
-    let levels = rows.first().map_or(0, |row| row.nested.len());
-    let mut numbers: BTreeMap<Vec<&'a str>, usize> = BTreeMap::new();
-    // An inner group is another one in every outer group.
-    let mut number = |path: Vec<&'a str>| -> usize {
-        let next = numbers.len();
-        *numbers.entry(path).or_insert(next)
+fn observations(rows: &[Row], members: &[usize], levels: &Levels) -> Observations {
+    let mut rigs: BTreeMap<Option<&String>, usize> = BTreeMap::new();
+    let mut rig = |index: &usize| {
+        let next = rigs.len();
+        *rigs.entry(rows[*index].rig.as_ref()).or_insert(next)
     };
-    let mut all = Vec::new();
-    for depth in 0..levels {
-        let of =
-            members.iter().map(|index| rows[*index].nested[..=depth].iter().map(String::as_str).collect());
-        all.push(of.map(&mut number).collect());
-    }
     Observations {
         y: members.iter().map(|index| rows[*index].ln_k).collect(),
         v: members.iter().map(|index| rows[*index].variance).collect(),
         x: members.iter().map(|index| rows[*index].x.clone()).collect(),
-        levels: all,
-    }
-}
-
-/// Lists the sessions of a group that are far from the others, until none is.
-fn list_far(rows: &mut [Row], members: &[usize]) {
-    for _ in 0..ROUNDS {
-        let used: Vec<usize> =
-            members.iter().copied().filter(|index| rows[*index].listed.is_none()).collect();
-        let data = Observations { levels: Vec::new(), ..observations(rows, &used) };
-        let enough = used.len() >= MIN_SESSIONS + data.parameters();
-        let Some(fit) = Nested::fit(&data).filter(|_| enough) else { return };
-        let mut any = false;
-        for (index, residual) in used.iter().zip(residuals(&data, &fit)) {
-            if residual.p_adjusted < FAR {
-                any = true;
-                rows[*index].listed = Some(format!(
-                    "K is far from the group: residual {:+.1} sd, {:+.1} sd from the robust fit",
-                    residual.standardised, residual.robust
-                ));
-            }
-        }
-        if !any {
-            return;
-        }
+        levels: levels.of(rows, members),
+        rig: members.iter().map(&mut rig).collect(),
     }
 }
 
@@ -269,19 +242,17 @@ fn interval(ln: f64, ends: [f64; 2]) -> Interval {
     Interval { value: ln.exp(), ci95: ends.map(f64::exp) }
 }
 
-/// Mean at the mean of the covariates with its interval, and its standard error.
-fn mean(data: &Observations, found: &RandomEffects) -> ([f64; 2], Interval) {
-    let (ln, variance) = found.mean_at(&data.mean_row());
-    let [(_, se, [_, high]), ..] = found.beta.as_slice() else { return ([ln, 0.0], interval(ln, [ln; 2])) };
-    // The factor of Hartung and Knapp and the quantile are those of the parameters.
-    let (_, plain) =
-        found.mean_at(&std::iter::once(1.0).chain(vec![0.0; data.parameters() - 1]).collect::<Vec<_>>());
-    let quantile = (high - found.beta[0].0) / se;
-    let se = (variance / plain).sqrt() * se;
-    ([ln, se], interval(ln, [ln - quantile * se, ln + quantile * se]))
+fn modulus(mean: &Estimate) -> Interval {
+    interval(mean.value, mean.ci95)
 }
 
-type OfMembers = Vec<(usize, Residual)>;
+/// What one group of sessions gives.
+struct OfGroup {
+    result: GroupResult,
+    judged: Vec<(usize, Judged)>,
+    listed: Vec<ListedSession>,
+    warnings: Vec<String>,
+}
 
 fn of_group(
     rows: &[Row],
@@ -289,51 +260,105 @@ fn of_group(
     members: &[usize],
     used: &[usize],
     options: &Options,
-) -> Result<(GroupResult, OfMembers), PopulationError> {
+) -> Result<OfGroup, PopulationError> {
     let undetermined = || PopulationError::Undetermined {
         group: group.to_owned(),
         sessions: used.len(),
         covariates: options.covariates.len(),
     };
-    let data = observations(rows, used);
-    let found = if used.is_empty() { None } else { random_effects(&data) }.ok_or_else(undetermined)?;
-    let ([ln, se], k_kpa) = mean(&data, &found);
-    let fit = Nested::at(&data, &data.order(), &found.tau).ok_or_else(undetermined)?;
-    let of_members = used.iter().copied().zip(residuals(&data, &fit)).collect();
+    let (levels, mut warnings) = Levels::choose(rows, group, used, options);
+    let found = (!used.is_empty()).then(|| random_effects(&observations(rows, used, &levels))).flatten();
+    let found = found.ok_or_else(undetermined)?;
+    if let Some(sd) = found.common_sd {
+        warnings.push(format!(
+            "group {group}: the sessions scatter less than their errors state (p below 0.025): these errors are taken to be common to \
+             the sessions of a rig, {:.1} % of the mean's error",
+            100.0 * sd
+        ));
+    }
     let with_listed = (members.len() > used.len()).then(|| {
-        let all = observations(rows, members);
-        let found = random_effects(&all)?;
-        Some(WithListed { sessions: members.len(), k_kpa: mean(&all, &found).1, tau: found.tau_total })
+        let (levels, _) = Levels::choose(rows, group, members, options);
+        let found = random_effects(&observations(rows, members, &levels))?;
+        let k_kpa = modulus(&found.mean);
+        Some(WithListed { sessions: members.len(), k_kpa, tau: found.tau_total })
     });
+    let judged = used.iter().zip(&found.judged).filter_map(|(index, judged)| Some((*index, (*judged)?)));
+    let judged: Vec<(usize, Judged)> = judged.collect();
+    let mut reasons: BTreeMap<usize, String> = BTreeMap::new();
+    for (stage, sessions, judged) in &found.far {
+        for index in sessions.iter().map(|session| used[*session]) {
+            let (name, value) = levels.group(rows, index, levels.names.len() - stage);
+            let text =
+                format!("{name} {value} is far from what the others predict: {:+.1} sd", judged.residual);
+            reasons.insert(index, text);
+        }
+    }
+    let far = judged.iter().filter(|(_, judged)| judged.weight < 1.0);
+    let mut listed: Vec<ListedSession> = far
+        .map(|(index, judged)| {
+            let own = || format!("K is far from what the other sessions predict: {:+.1} sd", judged.residual);
+            let reason = reasons.get(index).cloned().unwrap_or_else(own);
+            ListedSession { session: rows[*index].session.clone(), reason, weight: judged.weight }
+        })
+        .collect();
+    listed.sort_by(|a, b| a.session.cmp(&b.session));
+    let result = group_result(rows, group, used, options, &levels, &found, with_listed.flatten());
+    Ok(OfGroup { result, judged, listed, warnings })
+}
+
+fn group_result(
+    rows: &[Row],
+    group: &str,
+    used: &[usize],
+    options: &Options,
+    levels: &Levels,
+    found: &RandomEffects,
+    with_listed: Option<WithListed>,
+) -> GroupResult {
     let subjects: BTreeSet<&String> =
         used.iter().filter_map(|index| rows[*index].labels.get("subject")).collect();
-    let levels = options.nested.iter().cloned().zip(found.tau.iter().skip(1).copied());
-    let result = GroupResult {
+    let names = levels.names.iter().map(String::as_str).chain(["session"]);
+    let of_level = |(name, level): (&str, &crate::random_effects::Spread)| LevelResult {
+        level: name.to_owned(),
+        groups: level.groups,
+        tau: level.tau,
+        tau_ci95: level.ci95,
+        degrees_of_freedom: level.degrees_of_freedom,
+        icc: level.icc.map(|(icc, _)| icc),
+        icc_ci95: level.icc.map(|(_, ends)| ends),
+    };
+    let slopes = options.covariates.iter().cloned().zip(found.beta.iter().skip(1));
+    let draws = options.draws.then(|| {
+        let taus = names.clone().map(|name| format!("tau_{name}")).zip(found.tau_draws.iter().cloned());
+        std::iter::once(("ln_k_kpa".to_owned(), found.mean_draws.clone())).chain(taus).collect()
+    });
+    GroupResult {
         group: group.to_owned(),
         sessions: used.len(),
         subjects: subjects.len(),
-        k_kpa,
-        ln_k: [ln, se],
+        k_kpa: modulus(&found.mean),
+        ln_k: [found.mean.value, found.mean.se],
+        degrees_of_freedom: found.degrees_of_freedom.min(used.len() as f64),
         tau: found.tau_total,
         tau_ci95: found.tau_ci95,
         tau_paule_mandel: found.tau_paule_mandel,
-        levels: levels.chain([("session".to_owned(), found.tau[0])]).collect(),
-        prediction95_kpa: found.prediction95.map(|ends| ends.map(f64::exp)),
+        levels: names.zip(&found.levels).map(of_level).collect(),
+        new_subject95_kpa: found.new_subject95.map(|ends| ends.map(f64::exp)),
+        new_session95_kpa: found.new_session95.map(|(ends, _)| ends.map(f64::exp)),
+        new_session_degrees_of_freedom: found
+            .new_session95
+            .map(|(_, freedom)| freedom.min(used.len() as f64)),
         i_squared_percent: found.i_squared_percent,
         q: found.q.0,
-        degrees_of_freedom: found.q.1,
-        p: found.q.2,
-        icc: found.icc,
-        slopes: options
-            .covariates
-            .iter()
-            .cloned()
-            .zip(found.beta.iter().skip(1))
-            .map(|(name, (value, _, ci95))| (name, Interval { value: *value, ci95: *ci95 }))
+        q_degrees_of_freedom: found.q.1,
+        q_p: found.q.2,
+        common_sd: found.common_sd,
+        slopes: slopes
+            .map(|(name, slope)| (name, Interval { value: slope.value, ci95: slope.ci95 }))
             .collect(),
-        with_listed: with_listed.flatten(),
-    };
-    Ok((result, of_members))
+        with_listed,
+        draws,
+    }
 }
 
 fn agreement_of(label: &str, rows: &[Row]) -> Vec<crate::agreement::Agreement> {
@@ -361,8 +386,8 @@ fn tip_loads(summaries: &[Summary]) -> Vec<TipLoadResult> {
         }
     }
     let of = |((needle, tissue), (y, v)): (NeedleAndTissue<'_>, (Vec<f64>, Vec<f64>))| {
-        let found = random_effects(&Observations { y, v, x: Vec::new(), levels: Vec::new() })?;
-        let (value, _, ci95) = *found.beta.first()?;
+        let found = random_effects(&Observations { y, v, ..Observations::default() })?;
+        let Estimate { value, ci95, .. } = *found.beta.first()?;
         Some(TipLoadResult {
             needle: needle.cloned(),
             tissue: tissue.cloned(),
@@ -374,19 +399,22 @@ fn tip_loads(summaries: &[Summary]) -> Vec<TipLoadResult> {
     groups.into_iter().filter_map(of).collect()
 }
 
-fn session_row(row: &Row, residual: Option<&Residual>) -> SessionRow {
-    let sd = row.variance.sqrt();
+fn session_row(row: &Row, judged: Option<&Judged>) -> SessionRow {
     let around = |ln: f64, sd: f64| interval(ln, [ln - NORMAL_975 * sd, ln + NORMAL_975 * sd]);
     SessionRow {
         session: row.session.clone(),
         group: row.group.clone(),
         rig: row.rig.clone(),
         date: row.date.clone(),
-        k_kpa: around(row.ln_k, sd),
+        k_kpa: around(row.ln_k, row.variance.sqrt()),
         k_recorded_kpa: row.recorded_kpa,
-        k_shrunk_kpa: residual.map(|residual| around(residual.shrunk.0, residual.shrunk.1)),
-        residual: residual.map(|residual| residual.standardised),
-        residual_robust: residual.map(|residual| residual.robust),
+        k_shrunk_kpa: judged.map(|judged| around(row.ln_k + judged.shrunk.0, judged.shrunk.1)),
+        residual: judged.map(|judged| judged.residual),
+        residual_degrees_of_freedom: judged
+            .map(|judged| judged.freedom)
+            .filter(|freedom| freedom.is_finite()),
+        p_adjusted: judged.map(|judged| judged.p_adjusted),
+        weight: if row.listed.is_some() { 0.0 } else { judged.map_or(1.0, |judged| judged.weight) },
         used: row.listed.is_none(),
     }
 }

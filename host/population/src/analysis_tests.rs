@@ -74,3 +74,55 @@ fn a_label_that_no_session_states_is_rejected_with_those_that_are_stated() {
         "--by: \"tisue\" is stated by no session, expected a label or covariate, of which `[session]` in session.toml states none here"
     );
 }
+
+#[test]
+fn nesting_is_taken_from_the_labels_and_ignored_on_request_with_a_warning() {
+    // Five subjects, four sessions each that agree as well as their errors let them.
+    let records: Vec<Summary> = (0..20)
+        .map(|number| {
+            let subject = number / 4;
+            let ln_k = 2.0 + 0.1 * subject as f64 + 0.02 * (number % 4) as f64;
+            Summary { subject: Some(format!("p{subject}")), ..record(number, ln_k, 0.02) }
+        })
+        .collect();
+    let nested = analyse(records.clone(), &Options::default()).expect("a population");
+    let group = &nested.groups[0];
+    assert_eq!(
+        group.levels.iter().map(|level| level.level.as_str()).collect::<Vec<_>>(),
+        ["subject", "session"]
+    );
+    assert!((3.5..4.5).contains(&group.degrees_of_freedom), "{}", group.degrees_of_freedom);
+    assert!(nested.warnings.is_empty(), "{:?}", nested.warnings);
+    let options = Options { independent: true, ..Options::default() };
+    let flat = analyse(records, &options).expect("a population");
+    let width = |of: &Population| of.groups[0].k_kpa.ci95[1] - of.groups[0].k_kpa.ci95[0];
+    assert!(width(&nested) > 1.8 * width(&flat), "{} {}", width(&nested), width(&flat));
+    assert!(
+        flat.warnings.iter().any(|text| text.contains("20 sessions of 5 subjects")),
+        "{:?}",
+        flat.warnings
+    );
+}
+
+#[test]
+fn sites_are_a_level_from_three_on_and_where_no_subject_was_at_several() {
+    let levels = |sites: usize, of: fn(usize) -> usize| {
+        let records: Vec<Summary> = (0..24)
+            .map(|number| {
+                let site = Some(format!("site {}", of(number) % sites));
+                let subject = Some(format!("p{}", number / 2));
+                Summary { site, subject, ..record(number, 2.0 + 0.03 * (number * 7 % 11) as f64, 0.02) }
+            })
+            .collect();
+        let found = analyse(records, &Options::default()).expect("a population");
+        let names: Vec<String> = found.groups[0].levels.iter().map(|level| level.level.clone()).collect();
+        (names, found.warnings)
+    };
+    assert_eq!(levels(3, |number| number / 2).0, ["site", "subject", "session"]);
+    let (names, warnings) = levels(2, |number| number / 2);
+    assert_eq!(names, ["subject", "session"]);
+    assert!(warnings[0].contains("two sites"), "{warnings:?}");
+    let (names, warnings) = levels(3, |number| number);
+    assert_eq!(names, ["subject", "session"]);
+    assert!(warnings[0].contains("several sites: 12"), "{warnings:?}");
+}

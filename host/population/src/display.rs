@@ -73,7 +73,9 @@ impl Display for Population {
             )?;
         }
         for one in self.listed.iter().take(SHOWN) {
-            writeln!(f, "not used     {}: {}", one.session, one.reason)?;
+            let how =
+                if one.weight > 0.0 { format!("weight {:.2}", one.weight) } else { "not used".to_owned() };
+            writeln!(f, "{how:<12} {}: {}", one.session, one.reason)?;
         }
         if self.listed.len() > SHOWN {
             writeln!(f, "             and {} more: --json lists them", self.listed.len() - SHOWN)?;
@@ -96,18 +98,24 @@ fn write_group(f: &mut Formatter<'_>, group: &GroupResult) -> fmt::Result {
         None => "not identifiable".to_owned(),
     };
     let new = group
-        .prediction95_kpa
+        .new_subject95_kpa
         .map_or_else(|| "not identifiable".to_owned(), |[low, high]| format!("{low:.2} to {high:.2}"));
     writeln!(
         f,
         "  {:<24}{:>8}  {mean:<24}{between:<26}{new:<20}{:>3.0} %",
         group.group, group.sessions, group.i_squared_percent
     )?;
-    if group.levels.len() > 1 {
-        let levels: Vec<String> =
-            group.levels.iter().map(|(name, tau)| format!("{name} {:.1} %", percent(*tau))).collect();
-        let icc = group.icc.map_or_else(String::new, |icc| format!("; intraclass correlation {icc:.2}"));
-        writeln!(f, "  {:<24}{:>8}  levels: {}{icc}", "", "", levels.join(", "))?;
+    for level in group.levels.iter().filter(|_| group.levels.len() > 1) {
+        let spread = match level.tau.zip(level.tau_ci95) {
+            Some((tau, [low, high])) => {
+                format!("sd {:.1} % ({:.1} to {:.1} %)", percent(tau), percent(low), percent(high))
+            }
+            None => "sd not identifiable".to_owned(),
+        };
+        let icc = level.icc.zip(level.icc_ci95).map_or_else(String::new, |(icc, [low, high])| {
+            format!(", intraclass correlation {icc:.2} ({low:.2} to {high:.2})")
+        });
+        writeln!(f, "  {:<24}{:>8}  level {}: {spread}{icc}", "", level.groups, level.level)?;
     }
     for (name, slope) in &group.slopes {
         let [low, high] = slope.ci95;
@@ -131,6 +139,11 @@ fn write_group(f: &mut Formatter<'_>, group: &GroupResult) -> fmt::Result {
     Ok(())
 }
 
+/// Which sessions share an effect.
+fn place(label: &str, group: &str) -> String {
+    if label == "all" { group.to_owned() } else { format!("{label} {group}") }
+}
+
 fn write_shared(f: &mut Formatter<'_>, one: &SharedEffect) -> fmt::Result {
     let parameters: Vec<String> = one
         .parameters
@@ -148,9 +161,8 @@ fn write_shared(f: &mut Formatter<'_>, one: &SharedEffect) -> fmt::Result {
     };
     writeln!(
         f,
-        "shared       {} {}: {}{at}: {}{when}; {} sessions, log evidence {:+.1}",
-        one.label,
-        one.group,
+        "shared       {}: {}{at}: {}{when}; {} sessions, log evidence {:+.1}",
+        place(&one.label, &one.group),
         one.effect,
         parameters.join(", "),
         one.sessions,
@@ -164,8 +176,10 @@ fn write_shared(f: &mut Formatter<'_>, one: &SharedEffect) -> fmt::Result {
     for other in &one.class {
         writeln!(
             f,
-            "             or {} {}: {} (log evidence {:+.1})",
-            other.label, other.group, other.effect, other.log_evidence
+            "             or {}: {} (log evidence {:+.1})",
+            place(&other.label, &other.group),
+            other.effect,
+            other.log_evidence
         )?;
     }
     Ok(())

@@ -4,9 +4,11 @@
 //! |---|---|
 //! | the record of a session, `needle.summary/1` | `summary` |
 //! | records from files | `read` |
-//! | nested random effects: restricted likelihood | `nested` |
-//! | mean, heterogeneity, prediction of a group | `random_effects` |
-//! | unusual sessions | `residuals` |
+//! | levels of sessions from their labels | `levels` |
+//! | nested random effects: sums over groups, restricted likelihood | `tree`, `nested` |
+//! | uncertainty of all variances together | `components` |
+//! | mean, spread of every level, prediction | `random_effects` |
+//! | unusual sessions and groups | `predictive`, `outliers` |
 //! | two rigs or methods on the same subjects | `agreement` |
 //! | likelihood of an effect in groups of sessions | `sharing` |
 //! | groups in which an effect may be shared, dates of a drift | `patterns` |
@@ -26,9 +28,9 @@
 //!
 //! let y: Vec<f64> = [10.0_f64, 11.5, 12.0, 12.4, 13.1, 14.0].iter().map(|k_kpa| k_kpa.ln()).collect();
 //! let v = vec![0.02_f64.powi(2); y.len()];
-//! let found = random_effects(&Observations { y, v, x: Vec::new(), levels: Vec::new() }).expect("a mean");
-//! let (mean, _, [low, high]) = found.beta[0];
-//! assert!(low < mean && mean < high && (11.0..13.0).contains(&mean.exp()));
+//! let found = random_effects(&Observations { y, v, ..Observations::default() }).expect("a mean");
+//! let [low, high] = found.mean.ci95;
+//! assert!(low < found.mean.value && found.mean.value < high && (11.0..13.0).contains(&found.mean.value.exp()));
 //! assert!((0.05..0.2).contains(&found.tau_total), "{}", found.tau_total);
 //! ```
 #![forbid(unsafe_code)]
@@ -39,29 +41,32 @@ pub(crate) const NORMAL_975: f64 = 1.959_963_984_540_054;
 
 mod agreement;
 mod analysis;
+mod components;
 mod display;
 mod error;
+mod levels;
 mod nested;
+mod outliers;
 mod patterns;
+mod predictive;
 mod prior;
 mod random_effects;
 mod read;
 mod records;
-mod residuals;
 mod results;
 mod search;
 mod sharing;
 mod spread;
 mod summary;
+mod tree;
 
 pub use agreement::{Agreement, agreement};
 pub use analysis::{Options, analyse};
 pub use error::PopulationError;
 pub use nested::{Nested, Observations};
 pub use prior::prior_toml;
-pub use random_effects::{RandomEffects, random_effects};
+pub use random_effects::{Estimate, RandomEffects, Spread, random_effects};
 pub use read::read_summaries;
 pub use records::Records;
-pub use residuals::{Residual, residuals};
 pub use results::*;
 pub use summary::*;

@@ -1,10 +1,10 @@
 //! Restricted likelihood of nested random effects with known variances of the observations (theory, eq. 70).
 //!
 //! An observation of a session `i` in groups `g` of every level is `y_i = x_i^T beta + sum_l u_lg(i) + w_i + e_i`, with
-//! `u_l ~ N(0, tau_l^2)` shared by the sessions of a group, `w ~ N(0, tau_0^2)` of the session and `e ~ N(0, v_i)` its own error. The
-//! covariance of a group is that of its members plus a constant, so that the products `[X, y]^T V^-1 [X, y]` and the determinant follow
-//! from those of its members by one rank-one update each (Woodbury): the work is linear in the number of sessions.
+//! `u_l ~ N(0, tau_l^2)` shared by the sessions of a group, `w ~ N(0, tau_0^2)` of the session and `e ~ N(0, v_i)` its own error.
 
+use crate::components::freedom;
+use crate::tree::{Excess, Products, Tree};
 use argmin::core::{CostFunction, Error, Executor, State};
 use argmin::solver::brent::BrentOpt;
 use nalgebra::{DMatrix, DVector};
@@ -20,7 +20,7 @@ const LEAST: f64 = 1e-4;
 const MOST: f64 = 10.0;
 
 /// Observations with known variances; columns of equal length.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Observations {
     /// Observed values.
     pub y: Vec<f64>,
@@ -30,6 +30,8 @@ pub struct Observations {
     pub x: Vec<Vec<f64>>,
     /// Group of every observation on each level, outermost level first; groups of an inner level lie within one of the outer.
     pub levels: Vec<Vec<usize>>,
+    /// Rig of every observation, whose sessions have a part of their stated errors in common; none: all are of one.
+    pub rig: Vec<usize>,
 }
 
 impl Observations {
@@ -48,52 +50,10 @@ impl Observations {
         1 + self.x.first().map_or(0, Vec::len)
     }
 
-    /// Without one observation.
-    pub fn without(&self, index: usize) -> Self {
-        let mut less = self.clone();
-        less.y.remove(index);
-        less.v.remove(index);
-        if index < less.x.len() {
-            less.x.remove(index);
-        }
-        less.levels.iter_mut().for_each(|level| {
-            level.remove(index);
-        });
-        less
-    }
-
     /// Row `[1, x, y]` of an observation.
-    fn row(&self, index: usize) -> Vec<f64> {
+    pub(crate) fn row(&self, index: usize) -> Vec<f64> {
         let covariates = self.x.get(index).into_iter().flatten().copied();
         std::iter::once(1.0).chain(covariates).chain([self.y[index]]).collect()
-    }
-}
-
-/// Products in the metric of the covariance.
-#[derive(Debug, Clone)]
-struct Products {
-    /// `[X, y]^T V^-1 [X, y]`.
-    matrix: DMatrix<f64>,
-    /// `ln det V`.
-    ln_determinant: f64,
-}
-
-impl Products {
-    fn none(size: usize) -> Self {
-        Self { matrix: DMatrix::zeros(size, size), ln_determinant: 0.0 }
-    }
-
-    fn add(&mut self, other: &Self) {
-        self.matrix += &other.matrix;
-        self.ln_determinant += other.ln_determinant;
-    }
-
-    /// What is shared by all of them with this variance.
-    fn share(&mut self, variance: f64) {
-        let gain = 1.0 + variance * self.matrix[(0, 0)];
-        let first = self.matrix.column(0).into_owned();
-        self.matrix.ger(-variance / gain, &first, &first, 1.0);
-        self.ln_determinant += gain.ln();
     }
 }
 
@@ -114,98 +74,94 @@ pub struct Nested {
 
 impl Nested {
     /// Fits at given standard deviations; `None` where the mean is not determined.
-    pub fn at(data: &Observations, order: &[usize], tau: &[f64]) -> Option<Self> {
-        let size = data.parameters() + 1;
-        let variances: Vec<f64> = tau.iter().map(|tau| tau * tau).collect();
-        let (session, levels) = variances.split_first()?;
-        // Open groups: the innermost last, below all of them the total.
-        let mut open = vec![Products::none(size); levels.len() + 1];
-        let close = |open: &mut Vec<Products>, from: usize| {
-            for level in (from..levels.len()).rev() {
-                let mut done = std::mem::replace(&mut open[level + 1], Products::none(size));
-                done.share(levels[level]);
-                open[level].add(&done);
-            }
-        };
-        let mut last: Option<usize> = None;
-        for &index in order {
-            if let Some(last) = last {
-                let differs = data.levels.iter().position(|level| level[index] != level[last]);
-                if let Some(level) = differs {
-                    close(&mut open, level);
-                }
-            }
-            last = Some(index);
-            let variance = data.v[index] + session;
-            let row = DVector::from_vec(data.row(index));
-            let innermost = &mut open[levels.len()];
-            innermost.matrix.ger(1.0 / variance, &row, &row, 1.0);
-            innermost.ln_determinant += variance.ln();
+    pub(crate) fn at(tree: &Tree, tau: &[f64]) -> Option<Self> {
+        let (session, levels) = tau.split_first()?;
+        let (mut below, mut sums, mut ln_determinant) = (Vec::new(), Vec::new(), 0.0);
+        // The innermost level is the last one.
+        for (stage, tau) in std::iter::once(session).chain(levels.iter().rev()).enumerate() {
+            tree.sums(stage, Excess::of(tau * tau), &below, &mut sums, &mut ln_determinant);
+            std::mem::swap(&mut below, &mut sums);
         }
-        close(&mut open, 0);
-        let total = open.swap_remove(0);
-        let p = size - 1;
-        let normal = total.matrix.view((0, 0), (p, p)).into_owned();
-        let along = total.matrix.view((0, p), (p, 1)).column(0).into_owned();
-        let factor = normal.cholesky()?;
-        let beta = factor.solve(&along);
-        let squares = (total.matrix[(p, p)] - along.dot(&beta)).max(0.0);
-        let ln_normal = 2.0 * factor.l().diagonal().map(f64::ln).sum();
-        let deviance = total.ln_determinant + ln_normal + squares;
-        deviance.is_finite().then(|| Self {
-            beta,
-            covariance: factor.inverse(),
-            tau: tau.to_vec(),
-            squares,
-            deviance,
-        })
+        let Mean { beta, covariance, squares, ln_normal } = Mean::of(&below, tree.parameters())?;
+        let deviance = ln_determinant + ln_normal + squares;
+        deviance.is_finite().then(|| Self { beta, covariance, tau: tau.to_vec(), squares, deviance })
     }
 
     /// Maximises the restricted likelihood over the standard deviations of the sessions and of all levels; `None` where the mean is
     /// not determined.
     pub fn fit(data: &Observations) -> Option<Self> {
-        let order = data.order();
-        let count = data.levels.len() + 1;
-        let mean = data.y.iter().sum::<f64>() / data.len() as f64;
-        let sd = (data.y.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / data.len() as f64).sqrt();
+        let tree = Tree::new(data);
+        Self::fit_tree(&tree, &freedom(&tree))
+    }
+
+    /// The same of sessions that are in their groups, some of them with less weight; `freedom` of every stage: those without any have
+    /// no spread of their own.
+    pub(crate) fn fit_tree(tree: &Tree, freedom: &[usize]) -> Option<Self> {
+        let count = tree.stages();
+        let free: Vec<usize> = tree
+            .outwards()
+            .enumerate()
+            .filter(|(_, stage)| freedom[*stage] > 0)
+            .map(|(place, _)| place)
+            .collect();
+        let n = tree.order.len();
+        let y = || (0..n).filter_map(|session| tree.row(session).last().copied());
+        let mean = y().sum::<f64>() / n as f64;
+        let sd = (y().map(|y| (y - mean).powi(2)).sum::<f64>() / n as f64).sqrt();
         let scale = sd.max(f64::MIN_POSITIVE.sqrt());
         let mut tau = vec![0.0; count];
-        let mut best = Self::at(data, &order, &tau)?;
-        if data.len() <= data.parameters() || sd == 0.0 {
+        let best = Self::at(tree, &tau)?;
+        if sd == 0.0 {
             return Some(best);
         }
-        tau[0] = 0.5 * scale;
-        for _ in 0..if count == 1 { 1 } else { MAX_SWEEPS } {
+        for _ in 0..if free.len() < 2 { 1 } else { MAX_SWEEPS } {
             let before = tau.clone();
-            for component in 0..count {
-                tau[component] = likeliest(data, &order, &tau, component, scale);
+            for component in &free {
+                tau[*component] = likeliest(tree, &tau, *component, scale);
             }
             let moved = before.iter().zip(&tau).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             if moved < SETTLED * scale {
                 break;
             }
         }
-        if let Some(fit) = Self::at(data, &order, &tau).filter(|fit| fit.deviance <= best.deviance) {
-            best = fit;
-        }
-        Some(best)
+        let fit = Self::at(tree, &tau).filter(|fit| fit.deviance <= best.deviance);
+        Some(fit.unwrap_or(best))
     }
 }
 
-impl Observations {
-    /// Order in which the members of every group are neighbours.
-    pub fn order(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.len()).collect();
-        order.sort_by_key(|index| self.levels.iter().map(|level| level[*index]).collect::<Vec<_>>());
-        order
+/// The mean from the products of all sessions.
+pub(crate) struct Mean {
+    /// Its parameters.
+    pub beta: DVector<f64>,
+    /// Their covariance.
+    pub covariance: DMatrix<f64>,
+    /// Squares of the residuals.
+    squares: f64,
+    /// `ln det X^T V^-1 X`.
+    ln_normal: f64,
+}
+
+impl Mean {
+    /// Of so many parameters; `None` where they are not determined.
+    pub fn of(products: &Products, parameters: usize) -> Option<Self> {
+        let at = |i: usize, j: usize| {
+            let (low, high) = (i.min(j), i.max(j));
+            products.get(high * (high + 1) / 2 + low).copied().unwrap_or(f64::NAN)
+        };
+        let normal = DMatrix::from_fn(parameters, parameters, at);
+        let along = DVector::from_fn(parameters, |i, _| at(i, parameters));
+        let factor = normal.cholesky()?;
+        let beta = factor.solve(&along);
+        let squares = (at(parameters, parameters) - along.dot(&beta)).max(0.0);
+        let ln_normal = 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
+        Some(Self { beta, covariance: factor.inverse(), squares, ln_normal })
     }
 }
 
 /// The restricted likelihood over one component.
 #[derive(Clone, Copy)]
 struct Profile<'a> {
-    data: &'a Observations,
-    order: &'a [usize],
+    tree: &'a Tree,
     tau: &'a [f64],
     component: usize,
 }
@@ -217,13 +173,13 @@ impl CostFunction for Profile<'_> {
     fn cost(&self, value: &f64) -> Result<f64, Error> {
         let mut tau = self.tau.to_vec();
         tau[self.component] = *value;
-        Ok(Nested::at(self.data, self.order, &tau).map_or(f64::INFINITY, |fit| fit.deviance))
+        Ok(Nested::at(self.tree, &tau).map_or(f64::INFINITY, |fit| fit.deviance))
     }
 }
 
 /// The likeliest value of one component beside the others.
-fn likeliest(data: &Observations, order: &[usize], tau: &[f64], component: usize, scale: f64) -> f64 {
-    let profile = Profile { data, order, tau, component };
+fn likeliest(tree: &Tree, tau: &[f64], component: usize, scale: f64) -> f64 {
+    let profile = Profile { tree, tau, component };
     let cost = |value: f64| profile.cost(&value).unwrap_or(f64::INFINITY);
     let step = (MOST / LEAST).powf(1.0 / (GRID - 1) as f64);
     let grid: Vec<f64> = std::iter::once(0.0)

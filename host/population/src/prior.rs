@@ -5,11 +5,11 @@
 //! format = 1
 //! sessions = 40
 //! by = ["tissue"]
-//! [[modulus]]                       # K of a new subject of a group: lognormal
+//! [[modulus]]                       # K of a session of a new subject of a group
 //! group = "liver"
 //! sessions = 20
 //! k_kpa = 5.2                       # median
-//! ln_k_sd = 0.14                    # standard deviation of ln K: between sessions and of the mean
+//! ln_k_sd = 0.14                    # scale of ln K: between subjects and sessions, and of the mean
 //! degrees_of_freedom = 18           # of a t-distribution
 //! prediction95_kpa = [3.9, 7.0]
 //! [[tip]]
@@ -22,6 +22,7 @@
 //! ```
 
 use crate::results::Population;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::fmt::Write as _;
 
 /// The prior of the next session that a population makes, as a TOML text; groups without a prediction are skipped.
@@ -31,17 +32,19 @@ pub fn prior_toml(population: &Population) -> String {
     let mut text =
         format!("[prior]\nformat = 1\nsessions = {}\nby = [{}]\n", population.sessions.used, by.join(", "));
     for group in &population.groups {
-        let Some([low, high]) = group.prediction95_kpa else { continue };
-        let [ln_k, se] = group.ln_k;
-        let freedom = group.degrees_of_freedom.saturating_sub(1);
+        let Some([low, high]) = group.new_session95_kpa else { continue };
+        let Some(freedom) = group.new_session_degrees_of_freedom else { continue };
+        let Ok(t) = StudentsT::new(0.0, 1.0, freedom) else { continue };
+        // The t-distribution whose interval is the predicted one.
+        let ln_k_sd = 0.5 * (high / low).ln() / t.inverse_cdf(0.975);
+        let [ln_k, _] = group.ln_k;
         let _ = write!(
             text,
-            "\n[[modulus]]\ngroup = {}\nsessions = {}\nk_kpa = {:?}\nln_k_sd = {:?}\ndegrees_of_freedom = {freedom}\n\
+            "\n[[modulus]]\ngroup = {}\nsessions = {}\nk_kpa = {:?}\nln_k_sd = {ln_k_sd:?}\ndegrees_of_freedom = {freedom:.1}\n\
              prediction95_kpa = [{low:?}, {high:?}]\n",
             quoted(&group.group),
             group.sessions,
             ln_k.exp(),
-            group.tau.hypot(se)
         );
     }
     // One session alone does not determine by how much the next one differs.

@@ -1,151 +1,345 @@
-//! The distribution of a quantity between sessions once each session's own error is taken out (theory, eq. 70 and 71).
+//! The distribution of a quantity between sessions once each session's own error is taken out (theory, eq. 70 to 72).
 //!
-//! Variance between sessions by restricted likelihood, beside that of Paule and Mandel; its interval by the profile of Cochran's Q
-//! (Viechtbauer 2007); the mean's by Hartung and Knapp, modified so that it is never narrower than the one without (Roever 2015); the
-//! prediction of a new session with a t-distribution of n - p - 1 degrees of freedom (Higgins 2009). Veroniki and others (2016) compare
-//! these estimators.
+//! Variances by restricted likelihood; their intervals, that of the mean and that of a new subject from the draws of `components`, so that
+//! the degrees of freedom are those of the level that counts. Sessions and groups that are far from the others have less weight.
 
+use crate::components::{
+    Draw, determined, draws, freedom, moments, profile, quantile, quantile_of_normals, sensitivity,
+};
 use crate::nested::{Nested, Observations};
+use crate::outliers::{Judged, Weighed};
+use crate::tree::{Excess, Tree};
+use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 
-/// Bisections of a root: to the last digit.
-const BISECTIONS: usize = 200;
+/// Degrees of freedom of the outermost level from which a new subject is predicted.
+const MIN_FREEDOM: usize = 2;
+/// Probability of so little scatter, below which stated errors are taken to be common to the sessions of a rig.
+const TOO_NEAR: f64 = 0.025;
+
+/// A value with its standard error and its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// Its standard error.
+    pub se: f64,
+    /// Its interval.
+    pub ci95: [f64; 2],
+}
+
+/// The spread of one level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spread {
+    /// Its groups; of the last level sessions.
+    pub groups: usize,
+    /// Standard deviation by restricted likelihood; `None` where the level cannot be told from the one within it.
+    pub tau: Option<f64>,
+    /// Its 95 % interval.
+    pub ci95: Option<[f64; 2]>,
+    /// Degrees of freedom.
+    pub degrees_of_freedom: usize,
+    /// Intraclass correlation of two sessions of a group of this level as measured, and its 95 % interval; not of sessions.
+    pub icc: Option<(f64, [f64; 2])>,
+}
 
 /// The result for one group of sessions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RandomEffects {
     /// Number of sessions.
     pub sessions: usize,
-    /// Parameters of the mean (constant, covariates) with their standard errors and 95 % intervals.
-    pub beta: Vec<(f64, f64, [f64; 2])>,
-    /// Standard deviation of the sessions by restricted likelihood, then of every level from the outermost.
-    pub tau: Vec<f64>,
+    /// Parameters of the mean: the constant, then covariates.
+    pub beta: Vec<Estimate>,
+    /// The mean at the mean of the covariates.
+    pub mean: Estimate,
+    /// Its degrees of freedom (Satterthwaite 1946); infinite where it has no error but stated ones.
+    pub degrees_of_freedom: f64,
+    /// Every level from the outermost; last the sessions.
+    pub levels: Vec<Spread>,
     /// Standard deviation between sessions of all levels together.
     pub tau_total: f64,
-    /// Its 95 % interval; nothing from one session.
+    /// Its 95 % interval; nothing where nothing is determined.
     pub tau_ci95: Option<[f64; 2]>,
     /// By Paule and Mandel.
     pub tau_paule_mandel: f64,
-    /// Prediction interval of a new session's true value at the mean of the covariates; nothing from fewer than three.
-    pub prediction95: Option<[f64; 2]>,
+    /// Prediction interval of the true value of a new group of the innermost level (a new session where there is none).
+    pub new_subject95: Option<[f64; 2]>,
+    /// Prediction interval of the true value of a session of such a group, and the degrees of freedom of it.
+    pub new_session95: Option<([f64; 2], f64)>,
     /// Cochran's Q, its degrees of freedom and p.
     pub q: (f64, usize, f64),
     /// Share of the variance that is between sessions, percent.
     pub i_squared_percent: f64,
-    /// Intraclass correlation of the outermost level, between two sessions of a group as measured; where there are levels.
-    pub icc: Option<f64>,
-    /// The fit.
-    fit_covariance: Vec<f64>,
     /// Typical variance of a session's own error (Higgins and Thompson 2002).
     pub typical_variance: f64,
+    /// Standard deviation of what stated errors have in common, where sessions scatter less than these; it is part of the mean's error.
+    pub common_sd: Option<f64>,
+    /// Draws of the mean at the mean of the covariates.
+    pub mean_draws: Vec<f64>,
+    /// Draws of the standard deviation of every level, in the order of `levels`; those of a level that is not determined are 0.
+    pub tau_draws: Vec<Vec<f64>>,
+    /// Every session beside what the others predict of it; `None` where nothing does.
+    pub(crate) judged: Vec<Option<Judged>>,
+    /// Groups that are far from the others of their level: stage, sessions, and how far.
+    pub(crate) far: Vec<(usize, Vec<usize>, Judged)>,
 }
 
 /// Analyses one group; `None` where the mean is not determined.
 pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
-    let fit = Nested::fit(data)?;
-    let flat = Observations { levels: Vec::new(), ..data.clone() };
-    let order = flat.order();
-    let (n, p) = (data.len(), data.parameters());
-    let freedom = n.saturating_sub(p);
-    let q_at = |tau: f64| Nested::at(&flat, &order, &[tau]).map_or(0.0, |fit| fit.squares);
-    let q = q_at(0.0);
-    let q_p = ChiSquared::new(freedom as f64).map_or(1.0, |chi| chi.sf(q));
-    let largest = 100.0 * data.spread().max(f64::MIN_POSITIVE);
-    let tau_paule_mandel = root(&q_at, freedom as f64, largest);
-    let interval = || {
-        let chi = ChiSquared::new(freedom as f64).ok()?;
-        Some([0.975, 0.025].map(|share| root(&q_at, chi.inverse_cdf(share), largest)))
+    let weighed = Weighed::of(Tree::new(data));
+    let freedom = freedom(&weighed.without);
+    let tau = Nested::fit_tree(&weighed.without, &freedom)?.tau;
+    let fit = Nested::at(&weighed.tree, &tau)?;
+    let stated = Nested::at(&weighed.tree, &vec![0.0; tau.len()])?;
+    let all = draws(&weighed.tree, &freedom);
+    let common = common_variance(&weighed.tree, &freedom) / data.rigs();
+    let outer: Vec<usize> = (1..weighed.tree.stages()).collect();
+    let is_flat = outer.is_empty();
+    let center = data.mean_row();
+    let estimate = |row: &DVector<f64>| {
+        let value = row.dot(&fit.beta);
+        let parts: Vec<(f64, f64)> = all.iter().map(|draw| at(draw, row)).collect();
+        let constant = row.iter().next().copied().unwrap_or(0.0).powi(2);
+        let ends = quantile_of_normals(&parts, constant * common);
+        // Values that agree by chance are not known better than their errors state.
+        let stated = crate::NORMAL_975 * row.dot(&(&stated.covariance * row)).sqrt();
+        let (low, high) = (ends[0].min(value - stated), ends[1].max(value + stated));
+        let degrees_of_freedom = satterthwaite(&parts);
+        (
+            Estimate { value, se: 0.5 * (high - low) / t_975(degrees_of_freedom), ci95: [low, high] },
+            degrees_of_freedom,
+        )
     };
-    let tau_total = fit.tau.iter().map(|tau| tau * tau).sum::<f64>().sqrt();
-    // Of Hartung and Knapp, never below one.
-    let factor = if freedom > 0 { (fit.squares / freedom as f64).max(1.0) } else { 1.0 };
-    let t = |freedom: f64| StudentsT::new(0.0, 1.0, freedom).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
-    let quantile = if freedom > 0 { t(freedom as f64) } else { crate::NORMAL_975 };
-    let beta: Vec<(f64, f64, [f64; 2])> = fit
-        .beta
-        .iter()
-        .enumerate()
-        .map(|(i, value)| {
-            let se = (factor * fit.covariance[(i, i)]).sqrt();
-            (*value, se, [value - quantile * se, value + quantile * se])
+    let unit = |place: usize| DVector::from_fn(fit.beta.len(), |i, _| f64::from(u8::from(i == place)));
+    let (mean, degrees_of_freedom) = estimate(&center);
+    let new = |stages: &[usize]| {
+        let least = stages.iter().filter(|stage| freedom[**stage] > 0).map(|stage| freedom[*stage]).min()?;
+        (least >= MIN_FREEDOM).then(|| {
+            let part = |draw: &Draw| {
+                let (mean, variance) = at(draw, &center);
+                (mean, variance + sum(draw, stages))
+            };
+            let parts: Vec<(f64, f64)> = all.iter().map(part).collect();
+            (quantile_of_normals(&parts, common), satterthwaite(&parts))
         })
-        .collect();
+    };
+    let every: Vec<usize> = (0..weighed.tree.stages()).collect();
     let typical_variance = typical(data);
-    let prediction95 = (freedom > 1).then(|| {
-        let at = data.mean_row();
-        let center: f64 = at.iter().zip(fit.beta.iter()).map(|(x, beta)| x * beta).sum();
-        let variance = factor * quadratic(&fit.covariance, &at) + tau_total * tau_total;
-        let half = t(freedom as f64 - 1.0) * variance.sqrt();
-        [center - half, center + half]
-    });
+    let spread = Spreads { tree: &weighed.without, freedom: &freedom, draws: &all, typical_variance };
+    let (tau_total, tau_ci95) = spread.total(&tau);
+    let levels = spread.levels(&tau);
+    let flat = Tree::new(&Observations { levels: Vec::new(), ..data.clone() });
+    let q = flat.squares(0, Excess::NONE, &[], &mut Vec::new());
+    let q_freedom = data.len().saturating_sub(data.parameters());
     let between = tau_total * tau_total;
+    let mut judged = vec![None; data.len()];
+    for (place, one) in weighed.judged.first().into_iter().flatten().enumerate() {
+        judged[weighed.tree.order[place]] = *one;
+    }
+    let far = far(&weighed);
+    for (_, sessions, group) in &far {
+        for session in sessions {
+            if let Some(one) = &mut judged[*session] {
+                one.weight *= group.weight;
+            }
+        }
+    }
     Some(RandomEffects {
-        sessions: n,
-        beta,
-        tau_ci95: if freedom > 0 { interval() } else { None },
+        sessions: data.len(),
+        beta: (0..fit.beta.len()).map(|place| estimate(&unit(place)).0).collect(),
+        mean,
+        degrees_of_freedom,
+        levels,
         tau_total,
-        tau_paule_mandel,
-        prediction95,
-        q: (q, freedom, q_p),
+        tau_ci95,
+        tau_paule_mandel: moments(&flat).first().map_or(0.0, |excess| excess.variance.sqrt()),
+        new_subject95: new(if is_flat { &every } else { &outer }).map(|(ends, _)| ends),
+        new_session95: new(&every),
+        q: (q, q_freedom, ChiSquared::new(q_freedom as f64).map_or(1.0, |chi| chi.sf(q))),
         i_squared_percent: 100.0 * between / (between + typical_variance),
-        icc: (!data.levels.is_empty()).then(|| {
-            let outer = fit.tau.get(1).map_or(0.0, |tau| tau * tau);
-            outer / (between + typical_variance)
-        }),
-        fit_covariance: fit.covariance.as_slice().to_vec(),
-        tau: fit.tau,
         typical_variance,
+        common_sd: (common > 0.0).then(|| common.sqrt()),
+        mean_draws: all.iter().map(|draw| drawn_mean(draw, &center, common)).collect(),
+        tau_draws: spread.draws(),
+        judged,
+        far,
     })
 }
 
 impl RandomEffects {
-    /// Mean at a row `[1, x]` and its variance without the factor of Hartung and Knapp.
-    pub fn mean_at(&self, row: &[f64]) -> (f64, f64) {
-        let value = row.iter().zip(&self.beta).map(|(x, (beta, ..))| x * beta).sum();
-        let p = self.beta.len();
-        let covariance = nalgebra::DMatrix::from_column_slice(p, p, &self.fit_covariance);
-        (value, quadratic(&covariance, row))
+    /// Sessions that are far from what the others predict, and have less weight.
+    pub fn listed(&self) -> usize {
+        self.judged.iter().flatten().filter(|judged| judged.weight < 1.0).count()
     }
 }
 
-fn quadratic(matrix: &nalgebra::DMatrix<f64>, row: &[f64]) -> f64 {
-    let row = nalgebra::DVector::from_column_slice(row);
-    row.dot(&(matrix * &row))
+/// Mean at a row and its variance in a draw.
+fn at(draw: &Draw, row: &DVector<f64>) -> (f64, f64) {
+    (row.dot(&draw.beta), row.dot(&(&draw.covariance * row)))
+}
+
+/// A draw of the mean.
+fn drawn_mean(draw: &Draw, row: &DVector<f64>, common: f64) -> f64 {
+    let (mean, variance) = at(draw, row);
+    mean + draw.normal * (variance + common).sqrt()
+}
+
+/// Variance between units of some stages together; 0 where they differ by less than their errors.
+fn sum(draw: &Draw, stages: &[usize]) -> f64 {
+    stages.iter().map(|stage| draw.signed[*stage]).sum::<f64>().max(0.0)
+}
+
+/// Degrees of freedom of a variance from its draws: their inverses are chi-square.
+fn satterthwaite(parts: &[(f64, f64)]) -> f64 {
+    let n = parts.len() as f64;
+    let mean = parts.iter().map(|(_, variance)| variance.recip()).sum::<f64>() / n;
+    let squares = parts.iter().map(|(_, variance)| (variance.recip() - mean).powi(2)).sum::<f64>() / n;
+    2.0 * mean * mean / squares
+}
+
+fn t_975(freedom: f64) -> f64 {
+    let t = StudentsT::new(0.0, 1.0, freedom).ok().filter(|_| freedom < 1e6);
+    t.map_or(crate::NORMAL_975, |t| t.inverse_cdf(0.975))
+}
+
+/// Variance that stated errors have in common: what they state beyond how much the sessions scatter, where that is too little for chance.
+fn common_variance(tree: &Tree, freedom: &[usize]) -> f64 {
+    let Some((q, freedom, own)) = determined(tree, freedom) else { return 0.0 };
+    let is_too_little = ChiSquared::new(freedom as f64).is_ok_and(|chi| chi.cdf(q) < TOO_NEAR);
+    if is_too_little { own * (1.0 - q / freedom as f64) } else { 0.0 }
+}
+
+/// Groups that are far from the others, with their stages and sessions.
+fn far(weighed: &Weighed) -> Vec<(usize, Vec<usize>, Judged)> {
+    let mut found = Vec::new();
+    for (stage, units) in weighed.judged.iter().enumerate().skip(1) {
+        for (unit, judged) in units.iter().enumerate() {
+            if let Some(judged) = judged.filter(|judged| judged.weight < 1.0) {
+                let sessions = weighed.tree.order[weighed.tree.sessions(stage, unit)].to_vec();
+                found.push((stage, sessions, judged));
+            }
+        }
+    }
+    found
+}
+
+/// What the spreads of the levels are computed from.
+struct Spreads<'a> {
+    tree: &'a Tree,
+    freedom: &'a [usize],
+    draws: &'a [Draw],
+    typical_variance: f64,
+}
+
+impl Spreads<'_> {
+    /// Standard deviations at the ends of an interval of variances, which holds the estimate and is never without width.
+    fn interval(&self, mut variances: Vec<f64>, tau: f64, least_high: f64) -> [f64; 2] {
+        variances.iter_mut().for_each(|variance| *variance = variance.max(0.0));
+        variances.sort_by(f64::total_cmp);
+        let [low, high] = match variances[..] {
+            [low, high] => [low, high],
+            _ => [0.025, 0.975].map(|share| quantile(&variances, share)),
+        };
+        [low.sqrt().min(tau), high.max(least_high).sqrt().max(tau)]
+    }
+
+    /// Of all levels together.
+    fn total(&self, tau: &[f64]) -> (f64, Option<[f64; 2]>) {
+        let tau = tau.iter().map(|tau| tau * tau).sum::<f64>().sqrt();
+        let stages: Vec<usize> = (0..self.tree.stages()).collect();
+        let least = stages.iter().map(|stage| self.sensitivity(*stage)).fold(0.0, f64::max);
+        let determined = self.freedom.iter().filter(|freedom| **freedom > 0).count();
+        let variances = || match profile(self.tree, self.freedom) {
+            Some(ends) if determined == 1 => ends.to_vec(),
+            _ => self.draws.iter().map(|draw| sum(draw, &stages)).collect(),
+        };
+        (tau, (determined > 0).then(|| self.interval(variances(), tau, least)))
+    }
+
+    /// Draws of the standard deviation of every level from the outermost, last the sessions.
+    fn draws(&self) -> Vec<Vec<f64>> {
+        let of = |stage: usize| self.draws.iter().map(|draw| sum(draw, &[stage]).sqrt()).collect();
+        let mut all: Vec<Vec<f64>> = self.tree.outwards().map(of).collect();
+        all.rotate_left(1);
+        all
+    }
+
+    fn sensitivity(&self, stage: usize) -> f64 {
+        sensitivity(self.tree, stage, self.freedom[stage])
+    }
+
+    /// Every level from the outermost, last the sessions.
+    fn levels(&self, tau: &[f64]) -> Vec<Spread> {
+        let mut all: Vec<Spread> = self
+            .tree
+            .outwards()
+            .zip(tau)
+            .map(|(stage, of_stage)| self.level(stage, *of_stage, tau))
+            .collect();
+        all.rotate_left(1);
+        all
+    }
+
+    fn level(&self, stage: usize, tau: f64, all: &[f64]) -> Spread {
+        let degrees_of_freedom = self.freedom[stage];
+        let stages: Vec<usize> = (0..self.tree.stages()).collect();
+        let total = |draw: &Draw| stages.iter().map(|stage| draw.signed[*stage]).sum::<f64>();
+        // A level has no more than all together.
+        let of_draw = |draw: &Draw| draw.signed[stage].min(total(draw));
+        let ci95 = (degrees_of_freedom > 0)
+            .then(|| self.interval(self.draws.iter().map(of_draw).collect(), tau, self.sensitivity(stage)));
+        let shared: Vec<usize> = (stage..self.tree.stages()).collect();
+        let icc = (stage > 0 && degrees_of_freedom > 0).then(|| {
+            let taus: Vec<f64> = all.iter().map(|tau| tau * tau).collect();
+            let of_shared: f64 = self
+                .tree
+                .outwards()
+                .zip(&taus)
+                .filter(|(outer, _)| *outer >= stage)
+                .map(|(_, tau2)| tau2)
+                .sum();
+            let value = of_shared / (taus.iter().sum::<f64>() + self.typical_variance);
+            let of = |draw: &Draw| {
+                let all = (total(draw) + self.typical_variance).max(f64::MIN_POSITIVE);
+                (sum(draw, &shared) / all).min(1.0)
+            };
+            let mut draws: Vec<f64> = self.draws.iter().map(of).collect();
+            draws.sort_by(f64::total_cmp);
+            let [low, high] = [0.025, 0.975].map(|share| quantile(&draws, share));
+            (value, [low.min(value), high.max(value)])
+        });
+        let tau = (degrees_of_freedom > 0).then_some(tau);
+        Spread { groups: self.tree.units(stage), tau, ci95, degrees_of_freedom, icc }
+    }
 }
 
 impl Observations {
-    /// Row `[1, x]` of an observation.
-    pub fn covariates(&self, index: usize) -> Vec<f64> {
-        std::iter::once(1.0).chain(self.x.get(index).into_iter().flatten().copied()).collect()
-    }
-
     /// Mean of the rows `[1, x]`.
-    pub fn mean_row(&self) -> Vec<f64> {
-        let mut sum = vec![0.0; self.parameters()];
+    pub(crate) fn mean_row(&self) -> DVector<f64> {
+        let mut sum = DVector::zeros(self.parameters());
         for index in 0..self.len() {
-            sum.iter_mut().zip(self.covariates(index)).for_each(|(sum, x)| *sum += x);
+            sum.iter_mut().zip(self.row(index)).for_each(|(sum, x)| *sum += x);
         }
-        sum.into_iter().map(|sum| sum / self.len().max(1) as f64).collect()
+        sum / self.len().max(1) as f64
     }
 
-    fn spread(&self) -> f64 {
-        let ends = self
-            .y
-            .iter()
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], y| [low.min(*y), high.max(*y)]);
-        let largest_v = self.v.iter().copied().fold(0.0, f64::max);
-        (ends[1] - ends[0]).max(largest_v.sqrt())
+    /// Number of rigs that would share out an error that is common to the sessions of a rig as these do.
+    fn rigs(&self) -> f64 {
+        let mut counts: std::collections::BTreeMap<usize, f64> = std::collections::BTreeMap::new();
+        self.rig.iter().for_each(|rig| *counts.entry(*rig).or_default() += 1.0);
+        let all: f64 = counts.values().sum();
+        if all > 0.0 { all * all / counts.values().map(|count| count * count).sum::<f64>() } else { 1.0 }
     }
 }
 
 /// The typical variance of Higgins and Thompson: `(n - p) / tr(P)` with `P = W - W X (X^T W X)^-1 X^T W`, `W` the precisions.
 fn typical(data: &Observations) -> f64 {
     let p = data.parameters();
-    let mut normal = nalgebra::DMatrix::zeros(p, p);
-    let mut squared = nalgebra::DMatrix::zeros(p, p);
+    let mut normal = DMatrix::zeros(p, p);
+    let mut squared = DMatrix::zeros(p, p);
     let mut trace = 0.0;
     for index in 0..data.len() {
-        let row = nalgebra::DVector::from_vec(data.covariates(index));
+        let row = DVector::from_iterator(p, data.row(index).into_iter().take(p));
         let weight = data.v[index].recip();
         normal.ger(weight, &row, &row, 1.0);
         squared.ger(weight * weight, &row, &row, 1.0);
@@ -155,26 +349,6 @@ fn typical(data: &Observations) -> f64 {
     let trace = trace - factor.solve(&squared).trace();
     let freedom = data.len().saturating_sub(p) as f64;
     if trace > 0.0 && freedom > 0.0 { freedom / trace } else { data.v.first().copied().unwrap_or(0.0) }
-}
-
-/// Where a falling function of tau has a value; 0 where it is below that at 0 already.
-fn root(function: &impl Fn(f64) -> f64, value: f64, largest: f64) -> f64 {
-    if function(0.0) <= value {
-        return 0.0;
-    }
-    let (mut low, mut high) = (0.0, largest);
-    for _ in 0..BISECTIONS {
-        let middle = 0.5 * (low + high);
-        if middle <= low || middle >= high || (high - low) < 1e-12 * high {
-            break;
-        }
-        if function(middle) > value {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Name and version of this form.
-pub const POPULATION_SCHEMA: &str = "guide.population/1";
+pub const POPULATION_SCHEMA: &str = "guide.population/2";
 
 /// The result over all sessions.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -27,7 +27,7 @@ pub struct Population {
     pub spread: Vec<EffectSpread>,
     /// Number of tests that the probabilities are adjusted for.
     pub tests: usize,
-    /// Sessions that do not count: failed, unexplained, or far from the others.
+    /// Sessions that do not count, failed or unexplained, and those that count less, far from the others.
     pub listed: Vec<ListedSession>,
     /// Rigs, needles and sites that measured the same subjects.
     pub agreement: Vec<Agreement>,
@@ -61,37 +61,65 @@ pub struct GroupResult {
     pub sessions: usize,
     /// Subjects among them.
     pub subjects: usize,
-    /// Geometric mean of K at the mean of the covariates, by restricted likelihood, with the interval of Hartung and Knapp.
+    /// Geometric mean of K at the mean of the covariates.
     pub k_kpa: Interval,
-    /// Logarithm of that and its standard error.
+    /// Logarithm of that and its standard error: the half width of the interval over the quantile of Student's t.
     pub ln_k: [f64; 2],
-    /// Standard deviation of ln K between sessions of all levels together, its interval by the profile of Q: 0.1 is about 10 % of K.
+    /// Degrees of freedom of the mean, those of the level that counts.
+    pub degrees_of_freedom: f64,
+    /// Standard deviation of ln K between sessions of all levels together: 0.1 is about 10 % of K.
     pub tau: f64,
     /// Its 95 % interval.
     pub tau_ci95: Option<[f64; 2]>,
-    /// By Paule and Mandel.
+    /// By Paule and Mandel, nesting ignored.
     pub tau_paule_mandel: f64,
-    /// Of every level: name and standard deviation of ln K, from the outermost; last that of the sessions.
-    pub levels: Vec<(String, f64)>,
-    /// Interval of a new subject's K.
-    pub prediction95_kpa: Option<[f64; 2]>,
+    /// Every level from the outermost; last that of the sessions.
+    pub levels: Vec<LevelResult>,
+    /// Interval of a new subject's K: of a new group of the innermost level, or of a new session where there are no levels.
+    pub new_subject95_kpa: Option<[f64; 2]>,
+    /// Interval of K in a session of a new subject.
+    pub new_session95_kpa: Option<[f64; 2]>,
+    /// Degrees of freedom of that.
+    pub new_session_degrees_of_freedom: Option<f64>,
     /// Share of the variance of ln K that is between sessions, percent.
     pub i_squared_percent: f64,
-    /// Cochran's Q.
+    /// Cochran's Q, nesting ignored.
     pub q: f64,
     /// Its degrees of freedom.
-    pub degrees_of_freedom: usize,
+    pub q_degrees_of_freedom: usize,
     /// Its p.
-    pub p: f64,
-    /// Intraclass correlation of the outermost level.
-    pub icc: Option<f64>,
+    pub q_p: f64,
+    /// Standard deviation of ln K that stated errors have in common, where sessions scatter less than these.
+    pub common_sd: Option<f64>,
     /// Slopes of ln K by covariate.
     pub slopes: BTreeMap<String, Interval>,
     /// The same with the listed sessions that have a modulus: mean and tau.
     pub with_listed: Option<WithListed>,
+    /// Where they are wanted: draws of `ln_k_kpa` and of the standard deviation of ln K of every level, `tau_subject`, `tau_session`, ...
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub draws: Option<BTreeMap<String, Vec<f64>>>,
 }
 
-/// A group with the sessions that are far from the others.
+/// The spread of one level of a group of sessions.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LevelResult {
+    /// Its label; `session` is the last.
+    pub level: String,
+    /// Its groups; of the last level sessions.
+    pub groups: usize,
+    /// Standard deviation of ln K; `None` where the level cannot be told from the one within it.
+    pub tau: Option<f64>,
+    /// Its 95 % interval.
+    pub tau_ci95: Option<[f64; 2]>,
+    /// Its degrees of freedom.
+    pub degrees_of_freedom: usize,
+    /// Intraclass correlation of two sessions of a group of this level, as measured; not of sessions.
+    pub icc: Option<f64>,
+    /// Its 95 % interval.
+    pub icc_ci95: Option<[f64; 2]>,
+}
+
+/// A group with the sessions that do not count.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct WithListed {
     /// Sessions.
@@ -216,13 +244,15 @@ pub struct EffectSpread {
     pub heterogeneity_p: f64,
 }
 
-/// A session that does not count.
+/// A session that does not count, or counts less.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ListedSession {
     /// Its folder.
     pub session: String,
     /// Why.
     pub reason: String,
+    /// Its weight beside one that is not listed.
+    pub weight: f64,
 }
 
 /// Tip load of a group.
@@ -257,10 +287,14 @@ pub struct SessionRow {
     pub k_recorded_kpa: f64,
     /// Estimate of its true K from itself and its group; `None` where the session does not count.
     pub k_shrunk_kpa: Option<Interval>,
-    /// Standardised residual from the mean of the others.
+    /// Distance from what all other sessions predict, in standard deviations of that.
     pub residual: Option<f64>,
-    /// The same from a fit with Student's t.
-    pub residual_robust: Option<f64>,
+    /// Its degrees of freedom; `None` where it is standard normal.
+    pub residual_degrees_of_freedom: Option<f64>,
+    /// Probability of a larger distance in at least one of the sessions of the group.
+    pub p_adjusted: Option<f64>,
+    /// Its weight beside a session that is not listed.
+    pub weight: f64,
     /// Whether it counts.
     pub used: bool,
 }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, HashSet};
 
 /// Probability that anything is named where nothing is shared.
-const FALSE_ALARMS: f64 = 0.01;
+pub(crate) const FALSE_ALARMS: f64 = 0.01;
 /// Log evidence without which nothing is named, whatever its probability.
 const MIN_EVIDENCE: f64 = 3.0;
 /// Least size, in standard deviations of the prior: a fraction of what a careful laboratory overlooks.

@@ -7,7 +7,7 @@
 
 use crate::patterns::MIN_SESSIONS;
 use crate::results::{EffectSpread, SpreadKind};
-use crate::search::{LEAST_SIZE, ln_mean_exp};
+use crate::search::{FALSE_ALARMS, LEAST_SIZE, ln_mean_exp};
 use crate::sharing::{Hypothesis, Likelihood, Likelihoods, Matrix, Sum, Vector};
 use crate::summary::Summary;
 use rayon::prelude::*;
@@ -74,6 +74,8 @@ fn of_hypothesis(data: &Likelihoods, hypothesis: &Hypothesis, names: &[Names]) -
     };
     let whole = together(&mut blocks.iter().map(|block| **block));
     let (_, _, p) = whole.heterogeneity();
+    // Sessions that agree as well as their errors let them do not differ, however likely a wide prior makes that.
+    let tests = data.hypotheses.len() as f64;
     let plain = |sum: &Sum| sum.evidence(hypothesis).0;
     let (shared, size) = whole.evidence(hypothesis);
     let varying = SPREADS.map(|spread| {
@@ -105,7 +107,7 @@ fn of_hypothesis(data: &Likelihoods, hypothesis: &Hypothesis, names: &[Names]) -
         .into_iter()
         .filter(|(kind, _)| match kind {
             SpreadKind::Shared => size.is_some_and(|size| size > LEAST_SIZE),
-            SpreadKind::Varying => size.is_some(),
+            SpreadKind::Varying => size.is_some() && p * tests < FALSE_ALARMS,
             _ => true,
         })
         .fold((SpreadKind::Absent, 0.0), |best, one| if one.1 > best.1 + MIN_EVIDENCE { one } else { best });

@@ -164,8 +164,7 @@ pub fn forward<'py>(
         .collect();
     let z_m: Vec<f64> = z_mm.as_array().iter().map(|mm| 1e-3 * mm).collect();
     let (count, places, wanted) = (rows.len(), z_m.len(), columns.len());
-    let found =
-        computed(py, move |_, flag| all(&rows, &z_m, &columns, &|| flag.is_set()), |_| Ok(()))?;
+    let found = computed(py, move |_, flag| all(&rows, &z_m, &columns, &|| flag.is_set()), |_| Ok(()))?;
     let results = found.map_err(|(number, error)| usage(py, &explain(first + number, &error)))?;
     let shaped = |error: numpy::ndarray::ShapeError| super::failure::internal(py, &error.to_string());
     Ok((

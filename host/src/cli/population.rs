@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// Analyse many sessions: K between subjects, effects that rigs, needles, tissues or days share, drift, unusual sessions
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide summarize sessions/* --out all.jsonl\n  guide population all.jsonl --by tissue --nested subject\n  \
+    after_help = "Example:\n  guide summarize sessions/* --out all.jsonl\n  guide population all.jsonl --by tissue\n  \
                   guide population all.jsonl --by tissue --covariate age_years --plots figures --out prior.toml"
 )]
 pub struct Args {
@@ -19,12 +19,19 @@ pub struct Args {
     /// Form groups, each with its own mean and spread, by these labels (rig, needle, tissue, subject, site, day, month) or covariates
     #[arg(long, value_name = "LABEL", value_delimiter = ',')]
     by: Vec<String>,
-    /// Labels of nested random effects within a group, outermost first
+    /// Levels within a group whose sessions have something in common, outermost first (default: site and subject, as the sessions state
+    /// them)
     #[arg(long, value_name = "LABEL", value_delimiter = ',')]
     nested: Vec<String>,
+    /// Take all sessions for independent, also several of one subject: intervals are then too narrow
+    #[arg(long, conflicts_with = "nested")]
+    independent: bool,
     /// Covariates that ln K depends on linearly
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     covariate: Vec<String>,
+    /// Add draws of mean and spreads to the JSON document
+    #[arg(long)]
+    draws: bool,
     /// Write the prior for the next session to this file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -38,8 +45,13 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let progress = out.progress();
     progress.set_message("records are read".to_owned());
     let summaries = read_summaries(&args.files);
-    let options =
-        Options { by: args.by.clone(), nested: args.nested.clone(), covariates: args.covariate.clone() };
+    let options = Options {
+        by: args.by.clone(),
+        nested: args.nested.clone(),
+        independent: args.independent,
+        covariates: args.covariate.clone(),
+        draws: args.draws,
+    };
     progress.set_message("effects and groups are compared".to_owned());
     let found = summaries.and_then(|summaries| analyse(summaries, &options));
     progress.finish_and_clear();

@@ -73,7 +73,7 @@ function showPopulation() {
     if (!isHere()) return;
     announce(null);
     lead.append(h('p', { id: 'population-counts' }, `${name}: ${found.sessions.given} sessions, ${found.sessions.with_modulus} with a modulus, ${found.sessions.used} used.`));
-    const remarks = [...found.listed.map((one) => `${one.session}: not used: ${one.reason}`), ...found.warnings];
+    const remarks = [...found.listed.map((one) => `${one.session}: ${one.weight > 0 ? 'less weight' : 'not used'}: ${one.reason}`), ...found.warnings];
     main().append(
       section('K by group', h('p', {}, h('label', { for: 'population-by' }, 'Groups by '), pick), groupTable(found)),
       section('Effects that sessions share', sharedList(found)),
@@ -88,14 +88,14 @@ function groupTable(found) {
   const row = (one) => h('tr', {}, h('th', { scope: 'row' }, one.group), h('td', {}, one.sessions),
     h('td', {}, h('strong', {}, number(one.k_kpa.value)), ` (${interval(one.k_kpa.ci95)})`),
     h('td', {}, number(one.tau), one.tau_ci95 ? ` (${interval(one.tau_ci95)})` : ''),
-    h('td', {}, one.prediction95_kpa ? interval(one.prediction95_kpa) : 'not identifiable'), h('td', {}, `${number(one.i_squared_percent)} %`));
+    h('td', {}, one.new_subject95_kpa ? interval(one.new_subject95_kpa) : 'not identifiable'), h('td', {}, `${number(one.i_squared_percent)} %`));
   return h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'K by group' }, h('table', { id: 'population-groups' },
     h('thead', {}, h('tr', {}, ...names.map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...found.groups.map(row))));
 }
 
 function sharedList(found) {
   if (found.shared_effects.length === 0) return h('p', {}, `No effect is shared by a rig, needle, tissue, day or all sessions (${found.tests} tests).`);
-  const one = (effect) => h('li', {}, h('code', {}, effect.effect), ` ${{ shared: 'in all sessions', step: 'from a date on', trend: 'growing' }[effect.kind]} of ${effect.label} ${effect.group}, ${effect.sessions} sessions: `,
+  const one = (effect) => h('li', {}, h('code', {}, effect.effect), ` ${{ shared: 'in all sessions', step: 'from a date on', trend: 'growing' }[effect.kind]} of ${effect.label === 'all' ? effect.group : `${effect.label} ${effect.group}`}, ${effect.sessions} sessions: `,
     effect.parameters.map((value) => { const [label, unit] = unitOf(value.name); return `${label} ${number(value.value)} (${interval(value.ci95)}) ${unit}`.trim(); }).join(', '),
     `; log evidence +${number(effect.log_evidence)}`);
   return h('ul', {}, ...found.shared_effects.map(one));

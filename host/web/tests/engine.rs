@@ -142,7 +142,7 @@ fn records_of_sessions_become_a_population_with_figures() {
     });
     fs::write(&file, lines.join("\n")).expect("written");
     let found = ok(engine, &json!({"do": "population", "files": [file], "by": ["tissue"]}));
-    assert_eq!(found["document"]["schema"], "guide.population/1");
+    assert_eq!(found["document"]["schema"], "guide.population/2");
     assert_eq!(found["document"]["groups"][0]["group"], "gel");
     assert!(found["figures"].as_array().is_some_and(|all| all.len() >= 4));
     let wrong = error(&json!({"do": "population", "files": [file], "by": ["colour"]}));

@@ -8,6 +8,7 @@
 //! | [`recorded`] | what guide moves do to the tip | recordings of others, read from a session |
 //! | [`track`], [`layers`] | online estimators | the simulated steering rig |
 //! | [`population`] | statistics over many sessions | `worlds`, by way of records |
+//! | [`nesting`] | intervals of nested sessions | drawn values |
 //! | [`mod@steer`] | steering to a target | a needle of its own, `worlds::steering` |
 //! | [`diagnose`] | the diagnosis | an independent generator, `worlds` |
 #![forbid(unsafe_code)]
@@ -15,6 +16,7 @@
 
 pub mod diagnose;
 pub mod layers;
+pub mod nesting;
 pub mod plan;
 pub mod population;
 pub mod predict;

@@ -200,7 +200,7 @@ impl Outcome {
             self.taus += holds(group.tau_ci95, tau);
             for _ in 0..100 {
                 let new = mean_kpa.ln() + tau * Distribution::<f64>::sample(&StandardNormal, &mut random);
-                self.predicted += holds(group.prediction95_kpa, new.exp());
+                self.predicted += holds(group.new_subject95_kpa, new.exp());
             }
         }
         let began = population::date_of(FIRST_DAY + (DAYS / 2) as f64);

@@ -4,6 +4,7 @@ pub mod bodies;
 pub mod characterize;
 pub mod diagnosis;
 pub mod imperfect;
+pub mod nesting;
 pub mod open;
 pub mod population;
 pub mod recorded;

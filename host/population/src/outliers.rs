@@ -1,0 +1,226 @@
+//! Sessions and groups that are far from what all others predict of them (theory, eq. 72).
+//!
+//! The distance from the prediction follows Student's t with the degrees of freedom of its level, the unit itself left out of the variance.
+//! The farthest one is taken out and the variances are estimated again, also where it is not far by itself: two that are far off hide each
+//! other (Rosner 1983). Those up to the last that is far are listed. They keep the weight that Student's t of four degrees of freedom
+//! gives them, and do not count in the spread of their level.
+
+use crate::components::{freedom, moments};
+use crate::nested::Nested;
+use crate::predictive::{Predicted, predicted};
+use crate::tree::{Excess, Tree};
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+use std::cmp::Ordering;
+
+/// Probability, over all units of a level, below which one is listed.
+const FAR: f64 = 0.05;
+/// Degrees of freedom of the weights.
+const FREEDOM: f64 = 4.0;
+/// Degrees of freedom from which a variance is worth a comparison.
+const MIN_FREEDOM: usize = 3;
+/// One of so many units is taken out without being far by itself, and so many at most.
+const SHARE: usize = 10;
+const MAX_HIDDEN: usize = 10;
+/// Steps of the search.
+const STEPS: usize = 60;
+/// One of so many units of a parent is taken out at once.
+const AT_ONCE: usize = 100;
+/// Variance, as a multiple of a unit's, that leaves it without weight.
+const WITHOUT_WEIGHT: f64 = 1e9;
+
+/// A unit beside what all others predict of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Judged {
+    /// Distance in standard deviations of the prediction.
+    pub residual: f64,
+    /// Its degrees of freedom; infinite where the variance is that of stated errors.
+    pub freedom: f64,
+    /// Probability of a larger distance in at least one of the units of the level.
+    pub p_adjusted: f64,
+    /// Weight beside one that is not far: 1, or less where it is listed.
+    pub weight: f64,
+    /// Of a session: its true value, from its own and from what the others predict, less its own; and the standard deviation.
+    pub shrunk: (f64, f64),
+}
+
+/// What is far from the others, taken out.
+#[derive(Debug, Clone)]
+pub(crate) struct Weighed {
+    /// Without it, for what is typical.
+    pub without: Tree,
+    /// With the weight that it keeps.
+    pub tree: Tree,
+    /// Every unit of every stage, in the order of the tree; `None` where nothing predicts it.
+    pub judged: Vec<Vec<Option<Judged>>>,
+}
+
+impl Weighed {
+    /// Lists what is far, stage by stage.
+    pub fn of(mut tree: Tree) -> Self {
+        (0..tree.stages()).for_each(|stage| search(&mut tree, stage));
+        let (all, of_stages) = judged(&tree);
+        let without = tree.clone();
+        let finish = |(stage, units)| finished(&mut tree, &all, stage, units);
+        let judged = of_stages.into_iter().enumerate().map(finish).collect();
+        Self { without, tree, judged }
+    }
+}
+
+/// A unit by how far it is.
+#[derive(Debug, Clone, Copy)]
+struct Far {
+    p_adjusted: f64,
+    residual: f64,
+    unit: usize,
+}
+
+impl Far {
+    /// The farthest first.
+    fn order(&self, other: &Self) -> Ordering {
+        self.p_adjusted.total_cmp(&other.p_adjusted).then(other.residual.total_cmp(&self.residual))
+    }
+}
+
+/// Takes out the units of a stage that are far: they are left without weight.
+fn search(tree: &mut Tree, stage: usize) {
+    let count = tree.units(stage);
+    let hidden = (count / SHARE).clamp(1, MAX_HIDDEN);
+    let (mut taken, mut far, mut guesses) = (Vec::new(), 0, 0);
+    for _ in 0..STEPS {
+        let (_, mut of_stages) = judged(tree);
+        let units = of_stages.swap_remove(stage);
+        let mut next: Vec<Far> = Vec::new();
+        let mut farthest: Option<Far> = None;
+        for units_of_parent in tree.parents(stage) {
+            let at_once = (units_of_parent.len() / AT_ONCE).max(1);
+            // One that is alone in its group is compared with the group, at the next stage.
+            let is_compared = units_of_parent.len() > 1;
+            let compared = units_of_parent.filter(|unit| is_compared && tree.counts(stage, *unit));
+            let mut of_parent: Vec<Far> = compared
+                .filter_map(|unit| {
+                    let judged = &units[unit].as_ref()?.1;
+                    Some(Far { p_adjusted: judged.p_adjusted, residual: judged.residual.abs(), unit })
+                })
+                .collect();
+            of_parent.sort_by(|a, b| a.order(b));
+            farthest = farthest.into_iter().chain(of_parent.first().copied()).min_by(|a, b| a.order(b));
+            next.extend(of_parent.into_iter().take(at_once).filter(|one| one.p_adjusted < FAR));
+        }
+        let is_far = !next.is_empty();
+        guesses += usize::from(!is_far);
+        if guesses > hidden {
+            break;
+        }
+        let Some(farthest) = farthest else { break };
+        if !is_far {
+            next.push(farthest);
+        }
+        for Far { unit, .. } in next {
+            let Some((one, _)) = units[unit] else { continue };
+            tree.widened[stage][unit] = WITHOUT_WEIGHT * (one.own + one.variance);
+            taken.push(unit);
+        }
+        if is_far {
+            far = taken.len();
+        }
+    }
+    for unit in taken.into_iter().skip(far) {
+        tree.widened[stage][unit] = 0.0;
+    }
+}
+
+/// Every unit beside its prediction, variances by moments of what counts.
+fn judged(tree: &Tree) -> (Vec<Excess>, Vec<Vec<Option<(Predicted, Judged)>>>) {
+    let (all, of_stages) = (moments(tree), freedom(tree));
+    let tau: Vec<f64> = tree.outwards().map(|stage| all[stage].variance.sqrt()).collect();
+    let Some(fit) = Nested::at(tree, &tau) else {
+        let nothing = (0..tree.stages()).map(|stage| vec![None; tree.units(stage)]).collect();
+        return (all, nothing);
+    };
+    let found = predicted(tree, &all, &fit.beta);
+    let judge = |stage: usize, one: Predicted, units: usize, counted: bool| {
+        // Of the level that the unit is of: stated errors alone have none.
+        let estimated = (all[stage].variance > 0.0).then_some(of_stages[stage]);
+        let outer = (stage + 1..tree.stages()).filter(|outer| all[*outer].variance > 0.0);
+        let outer = outer.map(|outer| of_stages[outer]).min();
+        let freedom = combined(&[(one.own, estimated), (one.variance, outer.filter(|_| one.variance > 0.0))]);
+        let standardised = one.standardised();
+        let (residual, freedom) = match counted {
+            true if freedom.is_finite() => without_itself(standardised, freedom),
+            _ => (standardised, freedom),
+        };
+        let is_comparable = estimated.is_none_or(|freedom| freedom >= MIN_FREEDOM);
+        let p_adjusted = if is_comparable { adjusted(residual, freedom, units) } else { 1.0 };
+        (one, Judged { residual, freedom, p_adjusted, weight: 1.0, shrunk: (f64::NAN, f64::NAN) })
+    };
+    let of_stages = found.into_iter().enumerate().map(|(stage, units)| {
+        let count = units.len();
+        let each = units.into_iter().enumerate();
+        each.map(|(unit, one)| one.map(|one| judge(stage, one, count, tree.counts(stage, unit)))).collect()
+    });
+    let of_stages = of_stages.collect();
+    (all, of_stages)
+}
+
+/// Probability of a larger residual in at least one of so many units.
+fn adjusted(residual: f64, freedom: f64, units: usize) -> f64 {
+    let adjusted = |tail: f64| (2.0 * tail * units as f64).min(1.0);
+    // No t has a smaller tail than the normal distribution, which takes no time.
+    let least = adjusted(Normal::standard().sf(residual.abs()));
+    match StudentsT::new(0.0, 1.0, freedom) {
+        Ok(t) if freedom.is_finite() && least < 1.0 => adjusted(t.sf(residual.abs())),
+        _ => least,
+    }
+}
+
+/// Degrees of freedom of a sum of variances (Satterthwaite 1946); those without are known.
+fn combined(parts: &[(f64, Option<usize>)]) -> f64 {
+    let total: f64 = parts.iter().map(|(variance, _)| variance).sum();
+    let of = |(variance, freedom): &(f64, Option<usize>)| {
+        freedom.map(|freedom| variance * variance / freedom as f64)
+    };
+    total * total / parts.iter().filter_map(of).sum::<f64>()
+}
+
+/// A residual that is standardised with a variance to which it has contributed, and the one without it, with a degree of freedom less
+/// (Cook and Weisberg 1982).
+fn without_itself(standardised: f64, freedom: f64) -> (f64, f64) {
+    let left = freedom - 1.0;
+    if left <= 0.0 {
+        return (standardised, 1.0);
+    }
+    let rest = freedom - standardised * standardised;
+    let residual =
+        if rest > 0.0 { standardised * (left / rest).sqrt() } else { f64::INFINITY.copysign(standardised) };
+    (residual, left)
+}
+
+/// Judgements of a stage, with the weights of what was taken out.
+fn finished(
+    tree: &mut Tree,
+    all: &[Excess],
+    stage: usize,
+    units: Vec<Option<(Predicted, Judged)>>,
+) -> Vec<Option<Judged>> {
+    let count = units.len();
+    let mut finish = |(unit, one): (usize, Option<(Predicted, Judged)>)| {
+        let (mut one, mut judged) = one?;
+        let widened = &mut tree.widened[stage][unit];
+        if *widened > 0.0 {
+            one.own -= *widened;
+            judged.residual = one.standardised();
+            judged.p_adjusted = adjusted(judged.residual, judged.freedom, count);
+            judged.weight = (FREEDOM + 1.0) / (FREEDOM + judged.residual.powi(2));
+            // One that is nearer than its weight is for keeps a variance that marks it.
+            judged.weight = judged.weight.min(1.0 - f64::EPSILON);
+            *widened = (judged.weight.recip() - 1.0) * (one.own + one.variance);
+        }
+        if stage == 0 {
+            let before = one.variance + all[0].variance + *widened;
+            let share = before / (before + tree.v[unit]);
+            judged.shrunk = ((share - 1.0) * (one.value - one.mean), (share * tree.v[unit]).sqrt());
+        }
+        Some(judged)
+    };
+    units.into_iter().enumerate().map(&mut finish).collect()
+}

@@ -1,0 +1,145 @@
+//! What all other sessions predict of a session, and all other groups of a group (theory, eq. 72).
+//!
+//! Sessions in nested groups are a tree. A message upwards says what the sessions below a unit tell of its parent's value, one downwards
+//! what all the others tell; both are normal. A unit is predicted from everything but what is below it: with the others of its group, and
+//! through them with the other groups. The constant is a free parameter here, slopes of covariates are those of the fit.
+
+use crate::tree::{Excess, Tree};
+use nalgebra::DVector;
+
+/// A normal message: precision, and precision times mean.
+#[derive(Debug, Clone, Copy, Default)]
+struct Message {
+    precision: f64,
+    information: f64,
+}
+
+impl Message {
+    fn add(&mut self, other: Self, sign: f64) {
+        self.precision += sign * other.precision;
+        self.information += sign * other.information;
+    }
+
+    /// What it says of another value that differs with this variance.
+    fn through(self, variance: f64) -> Self {
+        let gain = 1.0 + variance * self.precision;
+        Self { precision: self.precision / gain, information: self.information / gain }
+    }
+}
+
+/// A unit beside its prediction from everything else.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Predicted {
+    /// Its value, from what is below it alone.
+    pub value: f64,
+    /// The prediction of that, and its variance but for the unit's.
+    pub mean: f64,
+    pub variance: f64,
+    /// Variance of the unit: its own error, and between units.
+    pub own: f64,
+}
+
+impl Predicted {
+    /// Distance in standard deviations.
+    pub fn standardised(&self) -> f64 {
+        (self.value - self.mean) / (self.variance + self.own).sqrt()
+    }
+}
+
+/// Of every stage and unit; `None` for what nothing else predicts. `beta` is the mean.
+pub(crate) fn predicted(tree: &Tree, all: &[Excess], beta: &DVector<f64>) -> Vec<Vec<Option<Predicted>>> {
+    let variance = |stage: usize, unit: usize| {
+        all.get(stage).map_or(0.0, |excess| excess.variance) + tree.widened[stage][unit]
+    };
+    let value = |session: usize| {
+        let row = tree.row(session);
+        let slopes = row.iter().zip(beta.iter()).skip(1);
+        row.last().copied().unwrap_or(f64::NAN) - slopes.map(|(x, beta)| x * beta).sum::<f64>()
+    };
+    // What each unit is by itself, and what it tells its parent.
+    let mut own: Vec<Vec<Message>> = Vec::new();
+    let mut up: Vec<Vec<Message>> = Vec::new();
+    let first = |session: usize| {
+        let precision = tree.v[session].recip();
+        Message { precision, information: precision * value(session) }
+    };
+    own.push((0..tree.units(0)).map(first).collect());
+    for stage in 0..tree.stages() {
+        let told: Vec<Message> =
+            own[stage].iter().enumerate().map(|(unit, one)| one.through(variance(stage, unit))).collect();
+        let sums = tree.parents(stage).map(|units| {
+            let mut sum = Message::default();
+            told[units].iter().for_each(|one| sum.add(*one, 1.0));
+            sum
+        });
+        own.push(sums.collect());
+        up.push(told);
+    }
+    // Nothing is known of the whole but its sessions.
+    let mut down = vec![Message::default()];
+    let mut found = vec![Vec::new(); tree.stages()];
+    for stage in (0..tree.stages()).rev() {
+        let mut next = vec![Message::default(); tree.units(stage)];
+        found[stage] = vec![None; tree.units(stage)];
+        for (parent, units) in tree.parents(stage).enumerate() {
+            for unit in units {
+                let mut others = own[stage + 1][parent];
+                others.add(up[stage][unit], -1.0);
+                others.add(down[parent], 1.0);
+                // What is left of a difference of equal numbers is no information.
+                if others.precision <= f64::EPSILON * own[stage + 1][parent].precision {
+                    continue;
+                }
+                next[unit] = others.through(variance(stage, unit));
+                let of = own[stage][unit];
+                found[stage][unit] = Some(Predicted {
+                    value: of.information / of.precision,
+                    mean: others.information / others.precision,
+                    variance: others.precision.recip(),
+                    own: of.precision.recip() + variance(stage, unit),
+                });
+            }
+        }
+        down = next;
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nested::Observations;
+    use nalgebra::DMatrix;
+
+    #[test]
+    fn a_prediction_is_the_conditional_distribution_given_all_other_sessions() {
+        let y = vec![1.0, 1.3, 0.8, 2.0, 2.2, 1.6, 1.1];
+        let v = vec![0.01, 0.02, 0.04, 0.01, 0.03, 0.02, 0.05];
+        let levels = vec![vec![0, 0, 0, 1, 1, 1, 1], vec![0, 0, 1, 2, 2, 3, 3]];
+        let data =
+            Observations { y: y.clone(), v: v.clone(), levels: levels.clone(), ..Observations::default() };
+        let tree = Tree::new(&data);
+        let variances = [0.03, 0.05, 0.2];
+        let found = predicted(&tree, &variances.map(Excess::of), &DVector::zeros(1));
+        let covariance = DMatrix::from_fn(7, 7, |i, j| {
+            let shared = |level: usize, variance: f64| {
+                if levels[level][i] == levels[level][j] { variance } else { 0.0 }
+            };
+            let own = if i == j { v[i] + variances[0] } else { 0.0 };
+            // Nearly nothing is known of the mean.
+            own + shared(1, variances[1]) + shared(0, variances[2]) + 1e6
+        });
+        for (place, index) in tree.order.iter().enumerate() {
+            let others: Vec<usize> = (0..7).filter(|other| other != index).collect();
+            let among = DMatrix::from_fn(6, 6, |i, j| covariance[(others[i], others[j])]);
+            let along = DVector::from_fn(6, |i, _| covariance[(others[i], *index)]);
+            let values = DVector::from_fn(6, |i, _| y[others[i]]);
+            let factor = among.cholesky().expect("positive definite");
+            let mean = along.dot(&factor.solve(&values));
+            let variance = covariance[(*index, *index)] - along.dot(&factor.solve(&along));
+            let one = found[0][place].expect("a prediction");
+            assert!((one.mean - mean).abs() < 1e-5, "{} {mean}", one.mean);
+            assert!((one.variance + one.own - variance).abs() < 1e-5, "{one:?} {variance}");
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! Sessions in nested groups, and the sums over them that every estimator here is made of (theory, eq. 70).
+//!
+//! Units of a stage are the sessions at first, then the groups of the innermost level, and so on outwards; their parents are the groups of
+//! the next level, at last the whole. The products `[1, x, y]^T V^-1 [1, x, y]` of a group follow from those of its units: what the
+//! units of a group share with variance `t` is one update of rank one (Woodbury), and a mean of the group that is a free parameter is
+//! the same update with infinite `t`. The work is linear in the number of sessions.
+
+use crate::nested::Observations;
+use std::ops::Range;
+
+/// Pivot, relative to what it was, below which a covariate is a combination of others.
+const SINGULAR: f64 = 1e-10;
+
+/// Lower triangle of products, row by row.
+pub(crate) type Products = [f64];
+
+/// By how much the units of a stage differ beyond their own errors, or by how much less than these.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Excess {
+    /// Factor of the variance of the units' own errors: 1 or less.
+    pub scale: f64,
+    /// Variance between units.
+    pub variance: f64,
+}
+
+impl Excess {
+    /// As their own errors state.
+    pub const NONE: Self = Self { scale: 1.0, variance: 0.0 };
+
+    /// Units that differ with this variance.
+    pub fn of(variance: f64) -> Self {
+        Self { variance, ..Self::NONE }
+    }
+}
+
+/// The sessions of a population in the order of their groups.
+#[derive(Debug, Clone)]
+pub(crate) struct Tree {
+    /// Columns of a row `[1, x, y]`.
+    size: usize,
+    /// Sessions by their numbers in the data.
+    pub order: Vec<usize>,
+    rows: Vec<f64>,
+    /// Variance of the own error of every session.
+    pub v: Vec<f64>,
+    /// Of every stage: end of the units of every parent. The last has one parent.
+    pub ends: Vec<Vec<usize>>,
+    /// Of every stage and unit: variance in addition to what is estimated; nothing where the unit has its full weight.
+    pub widened: Vec<Vec<f64>>,
+}
+
+impl Tree {
+    /// Sorts the sessions into their groups.
+    pub fn new(data: &Observations) -> Self {
+        let mut order: Vec<usize> = (0..data.len()).collect();
+        order.sort_by(|a, b| {
+            let of = |index: &usize| data.levels.iter().map(|level| level[*index]).collect::<Vec<_>>();
+            of(a).cmp(&of(b))
+        });
+        let depth = data.levels.len();
+        let mut ends: Vec<Vec<usize>> = vec![Vec::new(); depth + 1];
+        // Stage 0 has the innermost level, which is the last one of the data.
+        for place in 1..=order.len() {
+            let (last, next) = (order[place - 1], order.get(place));
+            let outermost =
+                next.map_or(Some(0), |next| data.levels.iter().position(|level| level[last] != level[*next]));
+            let Some(outermost) = outermost else { continue };
+            for stage in 0..depth - outermost.min(depth) {
+                let end = if stage == 0 { place } else { ends[stage - 1].len() };
+                ends[stage].push(end);
+            }
+        }
+        let whole = if depth == 0 { order.len() } else { ends[depth - 1].len() };
+        ends[depth].push(whole);
+        let size = data.parameters() + 1;
+        let rows = order.iter().flat_map(|index| data.row(*index)).collect();
+        let v = order.iter().map(|index| data.v[*index]).collect();
+        let mut widened = vec![vec![0.0; order.len()]];
+        widened.extend((0..depth).map(|stage| vec![0.0; ends[stage].len()]));
+        Self { size, order, rows, v, ends, widened }
+    }
+
+    /// Number of stages: levels and that of the sessions.
+    pub fn stages(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Units of a stage.
+    pub fn units(&self, stage: usize) -> usize {
+        self.widened[stage].len()
+    }
+
+    /// Parameters of the mean.
+    pub fn parameters(&self) -> usize {
+        self.size - 1
+    }
+
+    /// Numbers in the products of a group.
+    pub fn width(&self) -> usize {
+        self.size * (self.size + 1) / 2
+    }
+
+    /// Whether a unit counts in the spread of its stage.
+    pub fn counts(&self, stage: usize, unit: usize) -> bool {
+        self.widened[stage][unit] == 0.0
+    }
+
+    /// Row of a session in this order.
+    pub fn row(&self, session: usize) -> &[f64] {
+        &self.rows[session * self.size..(session + 1) * self.size]
+    }
+
+    /// Units of a parent of a stage.
+    pub fn content(&self, stage: usize, parent: usize) -> Range<usize> {
+        let ends = &self.ends[stage];
+        parent.checked_sub(1).map_or(0, |before| ends[before])..ends[parent]
+    }
+
+    /// Sessions of a unit of a stage, by their places in this order.
+    pub fn sessions(&self, stage: usize, unit: usize) -> Range<usize> {
+        (0..stage).rev().fold(unit..unit + 1, |units, stage| {
+            self.content(stage, units.start).start..self.content(stage, units.end - 1).end
+        })
+    }
+
+    /// Units of every parent of a stage.
+    pub fn parents(&self, stage: usize) -> impl Iterator<Item = Range<usize>> {
+        (0..self.ends[stage].len()).map(move |parent| self.content(stage, parent))
+    }
+
+    /// Stages in the order of results: that of the sessions, then levels from the outermost.
+    pub fn outwards(&self) -> impl Iterator<Item = usize> + use<> {
+        std::iter::once(0).chain((1..self.stages()).rev())
+    }
+
+    /// Adds a unit of a stage to its parent's products; `below` are the units' own products, of sessions nothing. Returns its part of
+    /// the logarithm of the determinant.
+    fn add(&self, stage: usize, unit: usize, excess: Excess, below: &Products, sum: &mut Products) -> f64 {
+        let Excess { scale, variance } = excess;
+        let more = variance + self.widened[stage][unit];
+        if stage == 0 {
+            let variance = scale * self.v[unit] + more;
+            let row = self.row(unit);
+            let mut place = 0;
+            for i in 0..self.size {
+                let scaled = row[i] / variance;
+                for other in &row[..=i] {
+                    sum[place] += scaled * other;
+                    place += 1;
+                }
+            }
+            return variance.ln();
+        }
+        let width = self.width();
+        let own = &below[unit * width..(unit + 1) * width];
+        let gain = scale + more * own[0];
+        subtract(own, (gain - 1.0) / (gain * own[0]), sum);
+        gain.ln()
+    }
+
+    /// Products of the parents of a stage; `ln_determinant` grows by theirs where it is wanted.
+    pub fn sums(
+        &self,
+        stage: usize,
+        excess: Excess,
+        below: &Products,
+        sums: &mut Vec<f64>,
+        ln_determinant: &mut f64,
+    ) {
+        let width = self.width();
+        sums.clear();
+        sums.resize(self.ends[stage].len() * width, 0.0);
+        for (parent, units) in self.parents(stage).enumerate() {
+            let sum = &mut sums[parent * width..(parent + 1) * width];
+            for unit in units {
+                *ln_determinant += self.add(stage, unit, excess, below, sum);
+            }
+        }
+    }
+
+    /// Squares of the units of a stage about the free means of their parents, in the metric of their variances: chi-square
+    /// with [`Self::freedom`] degrees of freedom where the variances are right, and independent of those of the stages below.
+    /// `scratch` has room for the products of a group three times.
+    pub fn squares(&self, stage: usize, excess: Excess, below: &Products, scratch: &mut Vec<f64>) -> f64 {
+        let (above, base, ..) = self.residual(stage, excess, below, scratch);
+        (above - base).max(0.0)
+    }
+
+    /// Degrees of freedom of [`Self::squares`]; `below` are products of the units at any variances.
+    pub fn freedom(&self, stage: usize, below: &Products) -> usize {
+        let (_, _, of_covariates, units) = self.residual(stage, Excess::NONE, below, &mut Vec::new());
+        units.saturating_sub(of_covariates)
+    }
+
+    /// Squares about free parents and about free units; parameters of covariates that the parents' have beyond the units'; units less
+    /// parents.
+    fn residual(
+        &self,
+        stage: usize,
+        excess: Excess,
+        below: &Products,
+        scratch: &mut Vec<f64>,
+    ) -> (f64, f64, usize, usize) {
+        let width = self.width();
+        scratch.clear();
+        scratch.resize(3 * width, 0.0);
+        let (group, rest) = scratch.split_at_mut(width);
+        let (above, base) = rest.split_at_mut(width);
+        let mut count = 0;
+        for units in self.parents(stage) {
+            group.fill(0.0);
+            let before = count;
+            for unit in units {
+                if self.counts(stage, unit) {
+                    count += 1;
+                    self.add(stage, unit, excess, below, group);
+                    if stage > 0 {
+                        let own = &below[unit * width..(unit + 1) * width];
+                        subtract(own, own[0].recip(), base);
+                    }
+                }
+            }
+            if count > before {
+                count -= 1;
+                subtract(group, group[0].recip(), above);
+            }
+        }
+        let (squares, rank) = self.rest(above);
+        let (of_units, rank_of_units) = self.rest(base);
+        (squares, of_units, rank.saturating_sub(rank_of_units), count)
+    }
+
+    /// Squares that are left of `y` once the covariates are free, and how many of them are determined.
+    fn rest(&self, products: &mut Products) -> (f64, usize) {
+        let at = |i: usize, j: usize| i * (i + 1) / 2 + j;
+        let mut rank = 0;
+        let last = self.size - 1;
+        let first: Vec<f64> = (1..last).map(|column| products[at(column, column)]).collect();
+        for column in 1..last {
+            let pivot = products[at(column, column)];
+            if pivot <= SINGULAR * first[column - 1] || pivot <= 0.0 {
+                continue;
+            }
+            rank += 1;
+            for i in column + 1..=last {
+                let share = products[at(i, column)] / pivot;
+                for j in column + 1..=i {
+                    products[at(i, j)] -= share * products[at(j, column)];
+                }
+            }
+        }
+        (products[at(last, last)], rank)
+    }
+}
+
+/// Adds products less their share that goes with the constant: `M - share M_1 M_1^T`.
+fn subtract(own: &Products, share: f64, sum: &mut Products) {
+    let mut place = 0;
+    let mut i = 0;
+    while place < own.len() {
+        let scaled = share * own[i * (i + 1) / 2];
+        for j in 0..=i {
+            sum[place] += own[place] - scaled * own[j * (j + 1) / 2];
+            place += 1;
+        }
+        i += 1;
+    }
+}

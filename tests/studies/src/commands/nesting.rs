@@ -1,0 +1,32 @@
+//! The study of intervals over nested sessions.
+
+use anyhow::{Result, ensure};
+use studies::nesting::{DESIGNS, study};
+
+/// Prints a row per design.
+pub fn run(repeats: usize, seed: u64) -> Result<()> {
+    ensure!((1..=100_000).contains(&repeats), "--repeats is {repeats}, expected 1 to 100000");
+    println!(
+        "| subjects | sessions | sd of subjects, sessions, errors | far off | mean | subjects | sessions | intraclass correlation | a new subject | degrees of freedom | with a listed session |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|"
+    );
+    for design in DESIGNS {
+        let found = study(&design, repeats, seed);
+        let percent =
+            |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+        let covered = found.covered.map(percent).join(" | ");
+        let sds = [design.subject_sd, design.session_sd, design.error_sd]
+            .map(|sd| format!("{:.0}", 100.0 * sd))
+            .join(", ");
+        println!(
+            "| {} | {}{} | {sds} % | {} | {covered} | {:.1} | {} |",
+            design.subjects,
+            if design.is_balanced { "" } else { "about " },
+            design.sessions,
+            if design.far > 0.0 { "1 of 30" } else { "none" },
+            found.freedom,
+            percent(Some(found.with_listed))
+        );
+    }
+    Ok(())
+}
