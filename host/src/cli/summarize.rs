@@ -15,7 +15,7 @@ use std::path::PathBuf;
     after_help = "Example:\n  guide summarize sessions/* --out all.jsonl\n  guide summarize phantom-a --out phantom-a.jsonl --json"
 )]
 pub struct Args {
-    /// Session folders (each holds session.toml); one that fails becomes a record with its error
+    /// Session folders (each holds session.toml); one that fails becomes a record with its error, what is no session is skipped
     #[arg(required = true)]
     dirs: Vec<PathBuf>,
     /// Write the records to this file, one JSON document per line (`needle.summary/1`)
@@ -38,6 +38,8 @@ struct Written {
     failed: usize,
     bytes: usize,
     records: Vec<Record>,
+    /// Files, and folders without session.toml.
+    skipped: Vec<String>,
 }
 
 /// One session in short.
@@ -57,11 +59,19 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     for dir in &args.dirs {
         ensure!(known.insert(dir), "{}: named twice, expected each session once", dir.display());
     }
+    // What is not there stays: it fails as a session, so that a wrong name is seen.
+    let (skipped, sessions): (Vec<&PathBuf>, Vec<&PathBuf>) =
+        args.dirs.iter().partition(|path| path.exists() && !path.join("session.toml").is_file());
+    ensure!(
+        !sessions.is_empty(),
+        "{}: no session, expected at least one folder that holds session.toml",
+        skipped.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+    );
     let progress = out.progress();
     let mut text = String::new();
     let mut records = Vec::new();
-    for (number, dir) in args.dirs.iter().enumerate() {
-        progress.set_message(format!("{} of {}: {}", number + 1, args.dirs.len(), dir.display()));
+    for (number, dir) in sessions.iter().enumerate() {
+        progress.set_message(format!("{} of {}: {}", number + 1, sessions.len(), dir.display()));
         let summary = summarize(dir, args.seed);
         let line = serde_json::to_string(&summary).context("cannot write a record")?;
         let _ = writeln!(text, "{line}");
@@ -76,6 +86,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         failed: records.iter().filter(|record| record.error.is_some()).count(),
         bytes: text.len(),
         records,
+        skipped: skipped.iter().map(|path| path.display().to_string()).collect(),
     };
     out.result(&written, Text(&written))
 }
@@ -109,6 +120,9 @@ impl Display for Text<'_> {
                     writeln!(f, "{}: failed: {}", record.session, error.as_deref().unwrap_or("no result"))?;
                 }
             }
+        }
+        for path in &self.0.skipped {
+            writeln!(f, "skipped      {path}: no session, it holds no session.toml")?;
         }
         let Written { file, sessions, failed, bytes, .. } = self.0;
         writeln!(f, "written      {file}: {sessions} records, {failed} of them failed, {bytes} bytes")
