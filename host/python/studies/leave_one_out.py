@@ -81,7 +81,7 @@ def describe(found: Population) -> str:
     if not found.groups:
         return "none"
     group = found.groups[0]
-    low, high = group.prediction95_kpa or (0.0, float("inf"))
+    low, high = group.new_subject95_kpa or (0.0, float("inf"))
     return f"{group.k_kpa}; of a new one {low:.3g} to {high:.3g} kPa; {group.sessions} insertions"
 
 

@@ -2,8 +2,10 @@
 
     pip install statsmodels
     python host/python/studies/meta_analysis.py
+    python host/python/studies/meta_analysis.py --coverage 200
 
-Every value is printed twice or three times, and the program fails where two differ by more than 1e-6 of the value.
+Every value is printed twice or three times, and the program fails where two differ by more than 1e-6 of the value. With `--coverage`, nested
+populations are drawn instead, so many of each design, and how often the intervals of both hold the truth is printed.
 """
 
 # The packages beside which values are put are no dependency of the wheel or of its tests.
@@ -11,13 +13,13 @@ Every value is printed twice or three times, and the program fails where two dif
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
-import pathlib
 import shutil
 import subprocess
 import sys
-import tempfile
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,7 +30,7 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 from statsmodels.stats.meta_analysis import combine_effects
 
-from needle_guide import population
+from needle_guide import Quantity, Summary, population
 
 Array = NDArray[np.float64]
 AGREE = 1e-6
@@ -97,8 +99,8 @@ def nested(subjects: int) -> Data:
     return Data(f"{len(groups)} of {subjects} subjects", y, np.full(len(groups), 0.05**2), groups=groups)
 
 
-def ours(data: Data) -> dict[str, float]:
-    """By `guide population`, through records of sessions."""
+def records(data: Data) -> list[Summary]:
+    """Records of sessions with these values."""
     lines: list[str] = []
     for number, (y, v) in enumerate(zip(data.y, data.v, strict=True)):
         sd = math.sqrt(v)
@@ -121,28 +123,25 @@ def ours(data: Data) -> dict[str, float]:
         if data.groups:
             record["subject"] = f"p{data.groups[number]:03}"
         lines.append(json.dumps(record))
-    with tempfile.TemporaryDirectory() as folder:
-        path = pathlib.Path(folder) / "records.jsonl"
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        found = population(
-            [path], covariate=[] if data.x is None else ["x"], nested=["subject"] if data.groups else []
-        ).to_dict()
+    return [Summary(line) for line in lines]
+
+
+def ours(data: Data) -> dict[str, float]:
+    """By `guide population`, through records of sessions."""
+    found = population(records(data), covariate=[] if data.x is None else ["x"]).to_dict()
     if found["sessions"]["used"] != len(data.y):
         raise SystemExit(f"{data.name}: {found['sessions']['used']} of {len(data.y)} values are used, {found['listed']}")
     group = found["groups"][0]
-    values: dict[str, float] = {"tau, REML": group["tau"], "mean": group["ln_k"][0], "its standard error": group["ln_k"][1]}
+    values: dict[str, float] = {"tau, REML": group["tau"], "mean": group["ln_k"][0]}
     if data.groups:
-        values = {"tau of subjects, REML": group["levels"][0][1], "tau of sessions, REML": group["levels"][-1][1], "mean": group["ln_k"][0]}
-        return {**values, "ICC": group["icc"]}
-    low, high = (math.log(end) for end in group["k_kpa"]["ci95"])
-    values |= {"mean, 2.5 %": low, "mean, 97.5 %": high, "Q": group["q"], "I^2, percent": group["i_squared_percent"]}
+        subject, session = group["levels"]
+        values = {"tau of subjects, REML": subject["tau"], "tau of sessions, REML": session["tau"], "mean": group["ln_k"][0]}
+        return {**values, "ICC": subject["icc"]}
+    values |= {"Q": group["q"], "I^2, percent": group["i_squared_percent"]}
     values |= {"tau, Paule and Mandel": group["tau_paule_mandel"]}
     values |= {"tau, 2.5 %": group["tau_ci95"][0], "tau, 97.5 %": group["tau_ci95"][1]}
-    low, high = (math.log(end) for end in group["prediction95_kpa"])
-    values |= {"new, 2.5 %": low, "new, 97.5 %": high}
     if data.x is not None:
-        low, high = group["slopes"]["x"]["ci95"]
-        values |= {"slope": group["slopes"]["x"]["value"], "slope, 2.5 %": low, "slope, 97.5 %": high}
+        values |= {"slope": group["slopes"]["x"]["value"]}
     return values
 
 
@@ -237,8 +236,42 @@ def metafor(data: Data) -> dict[str, float]:
     return dict(zip(keys, map(float, run.stdout.split()), strict=False))
 
 
+def holds(value: Quantity | None, truth: float) -> bool:
+    """Whether an interval holds the truth."""
+    return value is not None and value.ci95 is not None and value.ci95[0] <= truth <= value.ci95[1]
+
+
+def coverage(count: int) -> None:
+    """Prints how often intervals hold the truth: of the mean by both, of the spreads by `guide population` alone (statsmodels has none)."""
+    print("| subjects x sessions | mean, statsmodels | mean | sd of subjects | sd of sessions |\n|---|---|---|---|---|")
+    mean, between, within, error = 2.5, 0.15, 0.05, 0.04
+    for subjects, sessions in ((3, 20), (6, 10), (20, 3)):
+        held = np.zeros(4)
+        for number in range(count):
+            random = np.random.default_rng([SEED, subjects, number])
+            groups = np.repeat(np.arange(subjects), sessions)
+            y = mean + random.normal(0.0, between, subjects)[groups]
+            y += random.normal(0.0, math.hypot(within, error), len(groups))
+            data = Data("drawn", y, np.full(len(groups), error**2), groups=groups.tolist())
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                fit = sm.MixedLM(y, data.design(), groups=groups).fit(reml=True)
+            low, high = np.asarray(fit.conf_int())[0]
+            group = population(records(data)).groups[0]
+            subject, session = group.levels
+            ends = group.k_kpa.ci95 or (math.nan, math.nan)
+            of_mean = ends[0] <= math.exp(mean) <= ends[1]
+            held += [low <= mean <= high, of_mean, holds(subject.tau, between), holds(session.tau, within)]
+        print(f"| {subjects} x {sessions} | " + " | ".join(f"{100 * one / count:.1f} %" for one in held) + " |")
+
+
 def main() -> None:
     """Prints the values beside each other."""
+    parser = argparse.ArgumentParser(description="statistics over sessions beside statsmodels, SciPy and metafor")
+    parser.add_argument("--coverage", type=int, default=0, help="populations of every design to draw")
+    if wanted := parser.parse_args().coverage:
+        coverage(wanted)
+        return
     print("| data | value | `guide population` | statsmodels, SciPy | metafor |\n|---|---|---|---|---|")
     apart: list[str] = []
     for data in (bcg(False), bcg(True), drawn(8, False), drawn(40, False), drawn(60, True), nested(30)):

@@ -85,6 +85,23 @@ def test_a_wrong_array_is_named(run: dict[str, Any], message: str) -> None:
         Session.from_arrays(needle=NEEDLE, rig=RIG, lateral=[run])
 
 
+def test_what_is_masked_is_missing() -> None:
+    masked = np.ma.MaskedArray(lateral()["force"]["force_y_n"], mask=np.arange(300) == 7)
+    with pytest.raises(UsageError, match=r"lateral\[0\]: force.force_y_n: value 7 is masked"):
+        Session.from_arrays(needle=NEEDLE, rig=RIG, lateral=[changed("force", force_y_n=masked)])
+
+
+def test_a_session_from_arrays_states_its_date_and_site() -> None:
+    own = Session.from_arrays(
+        needle=NEEDLE, rig=RIG, noise=NOISE, lateral=[lateral()], subject={"id": "p1"}, date="2026-03-01", site="north"
+    )
+    record = own.summarize().to_dict()
+    assert (record["date"], record["site"], record["subject"]) == ("2026-03-01", "north", "p1")
+    with pytest.raises(needle_guide.ArgumentError, match="1 March") as caught:
+        Session.from_arrays(needle=NEEDLE, rig=RIG, lateral=[lateral()], date="1 March")
+    assert "needle-guide-" not in str(caught.value) and caught.value.path is None
+
+
 def test_two_runs_of_one_id_are_rejected() -> None:
     with pytest.raises(UsageError, match=r'lateral\[1\]: id: "d30-1" is there twice'):
         Session.from_arrays(needle=NEEDLE, rig=RIG, lateral=[lateral(), lateral()])

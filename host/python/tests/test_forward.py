@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from needle_guide import UsageError, forward
+from needle_guide import UsageError, _core, forward
 
 
 def elements(k_kpa: float, depth_mm: float, z_mm: np.ndarray, count: int = 400) -> tuple[float, np.ndarray]:
@@ -39,6 +39,10 @@ def test_force_and_shape_are_those_of_beam_elements(k_kpa: float, depth_mm: floa
     force_n, shape_mm = elements(k_kpa, depth_mm, z_mm)
     assert forward.force_n(k_kpa=k_kpa, depth_mm=depth_mm) == pytest.approx(force_n, rel=1e-5)
     assert forward.deflection_mm(z_mm, k_kpa=k_kpa, depth_mm=depth_mm) == pytest.approx(shape_mm, abs=2e-4)
+
+
+def test_parameters_are_in_the_order_of_the_compiled_part() -> None:
+    assert list(forward.PARAMETERS) == _core.PARAMETERS
 
 
 def test_guide_2_is_where_it_is_held() -> None:
@@ -72,7 +76,7 @@ VALUES = {
 
 
 @pytest.mark.parametrize("name", [name for name in forward.PARAMETERS if name != "gradient_per_mm"])
-def test_derivatives_are_those_of_complex_free_extrapolation(name: str) -> None:
+def test_derivatives_are_those_of_complex_free_extrapolation(name: forward.Parameter) -> None:
     """Richardson extrapolation with other steps than those of the module."""
     z_mm = np.array([30.0, 75.0, 104.0])
 
@@ -106,16 +110,38 @@ def test_a_derivative_at_the_end_of_the_range_is_one_sided() -> None:
     [
         ({"k_kpa": [12.0, -3.0], "depth_mm": 30.0}, r"k_kpa\[1\]: -3 is out of range, expected 0 or more"),
         ({"k_kpa": 12.0, "depth_mm": 30.0, "guide2_mm": 80.0}, r"entry_mm\[0\]: 70 is out of range"),
-        ({"k_kpa": 12.0}, "depth_mm: missing"),
-        ({"k_pa": 12.0, "depth_mm": 30.0}, "k_pa: is not a parameter"),
         ({"k_kpa": [1.0, 2.0], "depth_mm": [1.0, 2.0, 3.0]}, r"k_kpa \(2,\), depth_mm \(3,\)"),
         ({"k_kpa": "stiff", "depth_mm": 30.0}, "k_kpa: holds something else than numbers"),
         ({"k_kpa": np.nan, "depth_mm": 30.0}, r"k_kpa\[0\]"),
     ],
 )
-def test_a_wrong_parameter_is_named(parameters: dict[str, object], message: str) -> None:
+def test_a_wrong_parameter_is_named(parameters: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         forward.force_n(**parameters)
+
+
+def test_a_parameter_that_does_not_exist_or_is_missing_is_an_error_of_the_call() -> None:
+    with pytest.raises(TypeError, match="k_pa"):
+        forward.force_n(k_pa=12.0, depth_mm=30.0)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="depth_mm"):
+        forward.force_n(k_kpa=12.0)  # type: ignore[call-arg]
+    with pytest.raises(UsageError, match="wrt: k_pa is not a parameter"):
+        forward.force_jacobian(["k_pa"], k_kpa=12.0, depth_mm=30.0)  # type: ignore[list-item]
+
+
+def test_what_is_masked_stays_masked_whatever_it_holds() -> None:
+    k_kpa = np.ma.MaskedArray([-9999.0, 5.0, np.nan, 7.0], mask=[True, False, True, False])
+    depth_mm = np.ma.MaskedArray([[30.0], [-1.0]], mask=[[False], [True]])
+    found = forward.force_n(k_kpa=k_kpa, depth_mm=depth_mm)
+    assert isinstance(found, np.ma.MaskedArray)
+    assert np.ma.getmaskarray(found).tolist() == [[True, False, True, False], [True] * 4]
+    assert found[0, 1] == forward.force_n(k_kpa=5.0, depth_mm=30.0)
+    by = forward.deflection_jacobian([80.0, 90.0], ["k_kpa"], k_kpa=k_kpa, depth_mm=30.0)
+    assert by.shape == (4, 2, 1) and np.ma.getmaskarray(by)[2].all() and not np.ma.getmaskarray(by)[3].any()
+    all_masked = forward.force_n(k_kpa=np.ma.MaskedArray(np.zeros(3), mask=True), depth_mm=30.0)
+    assert np.ma.getmaskarray(all_masked).all()
+    with pytest.raises(UsageError, match=r"k_kpa\[3\]: -7"):
+        forward.force_n(k_kpa=np.ma.MaskedArray([-1.0, 5.0, 6.0, -7.0], mask=[True, False, False, False]), depth_mm=30.0)
 
 
 def test_many_sets_are_solved_in_parts_that_signals_can_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,7 +161,7 @@ def test_many_sets_are_solved_in_parts_that_signals_can_interrupt(monkeypatch: p
         forward.force_n(k_kpa=[12.0] * 9 + [-1.0], depth_mm=30.0)
 
     calls: list[int] = []
-    compiled = forward._core.forward
+    compiled = _core.forward
 
     def counting(sets: np.ndarray, *rest: Any) -> Any:
         calls.append(len(sets))
@@ -143,7 +169,7 @@ def test_many_sets_are_solved_in_parts_that_signals_can_interrupt(monkeypatch: p
             raise KeyboardInterrupt
         return compiled(sets, *rest)
 
-    monkeypatch.setattr(forward._core, "forward", counting)
+    monkeypatch.setattr(_core, "forward", counting)
     with pytest.raises(KeyboardInterrupt):
         forward.force_n(**values)
     assert calls == [4, 4]

@@ -116,5 +116,92 @@ def test_a_population_is_that_of_the_command_line(guide: str, example: Session, 
     assert found.to_dict() == needle_guide.population([file], by=["tissue"]).to_dict()
     assert [group.name for group in found.groups] == ["gel", "liver"]
     assert "k_kpa" in found.prior_toml
+    assert found.to_dict() == needle_guide.population(str(file), by=["tissue"]).to_dict()
     with pytest.raises(needle_guide.UsageError, match="expected at least one"):
         needle_guide.population([])
+
+
+@pytest.fixture(scope="module")
+def many(example: Session) -> list[needle_guide.Summary]:
+    """Five subjects with three sessions each, one of them far off."""
+    line = example.summarize().to_json()
+    records = []
+    for number in range(15):
+        record = json.loads(line)
+        record.update(session=f"s{number:02}", subject=f"p{number // 3}", date="2026-03-01")
+        record["result"].update(named=[], verdict="adequate", ln_k_sd=0.03)
+        record["result"]["ln_k_kpa"] = 2.0 + 0.1 * (number // 3) + 0.02 * (number % 3) + (0.9 if number == 7 else 0.0)
+        records.append(needle_guide.Summary(json.dumps(record)))
+    return records
+
+
+def test_a_population_has_typed_parts(many: list[needle_guide.Summary]) -> None:
+    found = needle_guide.population(many)
+    group = found.groups[0]
+    assert [level.name for level in group.levels] == ["subject", "session"]
+    subject, session = group.levels
+    assert subject.groups == 5 and subject.degrees_of_freedom == 4
+    assert subject.tau is not None and subject.tau.ci95 is not None and subject.icc is not None
+    assert session.tau is not None and session.icc is None
+    assert group.new_subject95_kpa is not None and group.new_subject95_kpa[0] < group.k_kpa
+    assert [one.session for one in found.listed_sessions] == ["s07"] and 0.0 < found.listed_sessions[0].weight < 0.2
+    row = found.rows[7]
+    assert row.residual is not None and row.residual > 5.0 and row.used and str(row.date) == "2026-03-01"
+    flat = needle_guide.population(many, independent=True)
+    assert "15 sessions of 5 subjects" in flat.warnings[0]
+
+
+def test_results_are_tables_draws_and_figures(example: Session, many: list[needle_guide.Summary]) -> None:
+    pytest.importorskip("pandas")
+    found = needle_guide.population(many)
+    table = found.to_dataframe()
+    assert len(table) == 15 and {"k_low_kpa", "k_kpa", "k_high_kpa", "weight"} <= set(table.columns)
+    identified, predicted = example.identify(), example.predict()
+    assert list(identified.to_dataframe()["run"]) == [run.id for run in identified.runs]
+    assert len(predicted.to_dataframe()) == sum(len(one.depth_mm) for one in predicted.insertions)
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    _, axes = pyplot.subplots(1, 5)
+    tracked = example.track()
+    drawn = [
+        identified.runs[0].plot_shape(ax=axes[0]),
+        predicted.insertions[0].plot_path(ax=axes[1]),
+        tracked.runs[0].plot_stiffness(ax=axes[2]),
+        found.plot_forest(ax=axes[3]),
+        found.plot_levels(ax=axes[4]),
+    ]
+    assert all(one is ax for one, ax in zip(drawn, axes, strict=True))
+    assert all(ax.has_data() and ax.get_xlabel() for ax in axes)
+    assert len(axes[3].get_yticklabels()) == 16
+    pyplot.close("all")
+
+
+def test_draws_have_the_interval_of_the_mean(many: list[needle_guide.Summary]) -> None:
+    pytest.importorskip("arviz")
+    found = needle_guide.population(many)
+    posterior = found.to_arviz().posterior
+    assert set(posterior) == {"ln_k_kpa", "tau_subject", "tau_session"}
+    ends = np.exp(np.quantile(posterior["ln_k_kpa"].values, [0.025, 0.975]))
+    assert ends == pytest.approx(found.groups[0].k_kpa.ci95, rel=0.02)
+    with pytest.raises(needle_guide.UsageError, match='group: "liver" is not there, expected one of all'):
+        found.to_arviz("liver")
+
+
+def test_errors_of_a_population_are_about_its_arguments(many: list[needle_guide.Summary], tmp_path: pathlib.Path) -> None:
+    with pytest.raises(needle_guide.UsageError, match=r'^summaries\[2\]: session: "s00" is there twice'):
+        needle_guide.population([many[0], many[1], many[0]])
+    with pytest.raises(needle_guide.UsageError, match='by: "tisue" is stated by no session') as caught:
+        needle_guide.population(many, by="tisue")
+    assert "--" not in str(caught.value) and str(tmp_path.parent) not in str(caught.value)
+
+
+def test_parameters_of_effects_have_units(example: Session) -> None:
+    units = {value.unit for effect in example.diagnose().effects for value in effect.parameters.values()}
+    assert units and units != {""}
+
+
+def test_the_version_is_that_of_the_program(guide: str) -> None:
+    run = subprocess.run([guide, "--version"], capture_output=True, text=True, check=True)
+    assert needle_guide.__version__ in run.stdout

@@ -12,43 +12,61 @@ Numbers carry their unit in their names, as files and options of the program ``g
 
 from __future__ import annotations
 
+from importlib.metadata import version as _version
+
 from . import forward
 from ._device import SAMPLE, STATES, Device
 from ._errors import (
     AnalysisError,
+    ArgumentError,
     DeviceError,
     FileError,
     InternalError,
     NeedleGuideError,
     UsageError,
 )
+from ._many import population, summarize_all
+from ._population import (
+    Agreement,
+    EffectSpread,
+    Group,
+    Level,
+    ListedSession,
+    Population,
+    SessionRow,
+    SharedEffect,
+    TipLoad,
+)
 from ._results import (
     Check,
     Diagnosis,
     Effect,
     Finding,
-    Group,
     Identification,
     IdentifiedRun,
-    Population,
     PredictedInsertion,
     Prediction,
     Summary,
     TrackedRun,
     Tracking,
 )
-from ._session import Session, call, population, summarize
+from ._session import Session, call, summarize
 from ._values import Figures, Quantity, Result
+
+__version__ = _version("needle-guide")
 
 __all__ = [
     "SAMPLE",
     "STATES",
+    "Agreement",
     "AnalysisError",
+    "ArgumentError",
     "Check",
     "Device",
     "DeviceError",
     "Diagnosis",
     "Effect",
+    "EffectSpread",
     "Figures",
     "FileError",
     "Finding",
@@ -56,6 +74,8 @@ __all__ = [
     "Identification",
     "IdentifiedRun",
     "InternalError",
+    "Level",
+    "ListedSession",
     "NeedleGuideError",
     "Population",
     "PredictedInsertion",
@@ -63,12 +83,17 @@ __all__ = [
     "Quantity",
     "Result",
     "Session",
+    "SessionRow",
+    "SharedEffect",
     "Summary",
+    "TipLoad",
     "TrackedRun",
     "Tracking",
     "UsageError",
+    "__version__",
     "call",
     "forward",
     "population",
     "summarize",
+    "summarize_all",
 ]

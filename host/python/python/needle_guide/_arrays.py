@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ._errors import UsageError
+from ._errors import ArgumentError, NeedleGuideError, UsageError
 
 Columns = Mapping[str, Any]
 
@@ -119,7 +121,7 @@ def _csv(where: str, columns: Columns, required: tuple[str, ...], optional: tupl
     count = None
     for name in names:
         try:
-            values = np.asarray(columns[name], dtype=np.float64)
+            values = np.ma.filled(np.ma.asarray(columns[name], dtype=np.float64), np.nan)
         except (TypeError, ValueError):
             raise UsageError(f"{where}.{name}: holds something else than numbers") from None
         if values.ndim != 1:
@@ -130,12 +132,29 @@ def _csv(where: str, columns: Columns, required: tuple[str, ...], optional: tupl
             raise UsageError(f"{where}.{name}: {len(values)} values, expected {count} as {names[0]} has")
         unusable = ~np.isfinite(values)
         if name in required and unusable.any():
-            raise UsageError(f"{where}.{name}: value {int(np.argmax(unusable))} is not finite, expected a number")
+            first = int(np.argmax(unusable))
+            masked = bool(np.ma.getmaskarray(columns[name])[first]) if np.ma.isMaskedArray(columns[name]) else False
+            what = "masked" if masked else "not finite"
+            raise UsageError(f"{where}.{name}: value {first} is {what}, expected a number")
         arrays[name] = values
     rows = [",".join(names)]
     for row in zip(*arrays.values(), strict=True):
         rows.append(",".join(_cell(name, float(value)) for name, value in zip(names, row, strict=True)))
     return "\n".join(rows) + "\n"
+
+
+def of_arguments(error: NeedleGuideError, folder: pathlib.Path) -> ArgumentError:
+    """An error about a session that was written here, with the names of arguments in place of those of its files."""
+
+    def column(match: re.Match[str]) -> str:
+        kind, number, file, line = match.groups()
+        row = "" if line is None else f", value {int(line) - 2}"
+        return f"{kind}[{int(number) - 1}]: {file}{row}"
+
+    message = error.message.replace(f"{folder}{os.sep}", "")
+    message = re.sub(r"(lateral|insertion|steering)-(\d+)\.(\w+)\.csv(?::(\d+))?(?::\d+)?", column, message)
+    message = re.sub(r"session\.toml(:\d+)?(:\d+)?: ", "", message).replace(str(folder), "the session")
+    return ArgumentError(message, field=error.field)
 
 
 def _cell(name: str, value: float) -> str:

@@ -46,6 +46,10 @@ class FileError(NeedleGuideError):
     """A file of a session, of summaries, of a model or of a motion program."""
 
 
+class ArgumentError(UsageError, FileError):
+    """An argument that has no place in a session: a value that session files do not allow."""
+
+
 class AnalysisError(NeedleGuideError):
     """What the data do not allow."""
 

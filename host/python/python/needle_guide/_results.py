@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ._values import Document, FloatArray, Quantity, Result, array, band, interval, quantity
+from . import _plots
+from ._units import parameter
+from ._values import Document, FloatArray, Quantity, Records, Result, array, band, columns, quantity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,9 @@ class Check(Result):
             *((one.severity, str(one)) for one in self.findings),
         ]
 
+    def _records(self) -> Records:
+        return [asdict(one) for one in self.findings]
+
 
 class IdentifiedRun:
     """One lateral run."""
@@ -99,6 +108,10 @@ class IdentifiedRun:
         error = self._document.get("error")
         return None if error is None else str(error)
 
+    def plot_shape(self, ax: Axes | None = None) -> Axes:
+        """Draws the needle shape of every hold, measured and fitted, with matplotlib."""
+        return _plots.shape(self, ax)
+
     def __repr__(self) -> str:
         return f"<IdentifiedRun {self.id}: {self.error or self.k_kpa}>"
 
@@ -134,6 +147,13 @@ class Identification(Result):
         if self.youngs_modulus_kpa is not None:
             rows.append(("Young's modulus", str(self.youngs_modulus_kpa)))
         return rows + [(f"K of {run.id}", str(run.k_kpa or run.error)) for run in self.runs]
+
+    def _records(self) -> Records:
+        """One row per run."""
+        return [
+            {"run": run.id, "depth_mm": run.depth_mm, **columns({"k_kpa": run.k_kpa}), "error": run.error}
+            for run in self.runs
+        ]
 
 
 class PredictedInsertion:
@@ -208,6 +228,10 @@ class PredictedInsertion:
         error = self._document.get("error")
         return None if error is None else str(error)
 
+    def plot_path(self, ax: Axes | None = None) -> Axes:
+        """Draws the predicted tip with its band, and the measured one, with matplotlib."""
+        return _plots.path(self, ax)
+
     def __repr__(self) -> str:
         return f"<PredictedInsertion {self.id}: {self.error or self.tip_force_n}>"
 
@@ -222,6 +246,23 @@ class Prediction(Result):
 
     def _rows(self) -> list[tuple[str, str]]:
         return [(f"tip load of {one.id}", str(one.tip_force_n or one.error)) for one in self.insertions]
+
+    def _records(self) -> Records:
+        """One row per depth of every insertion."""
+        return [
+            {
+                "insertion": one.id,
+                "depth_mm": depth_mm,
+                "tip_y_mm": tip_y_mm,
+                "tip_y_low_mm": low,
+                "tip_y_high_mm": high,
+                "measured_y_mm": measured_y_mm,
+            }
+            for one in self.insertions
+            for depth_mm, tip_y_mm, (low, high), measured_y_mm in zip(
+                one.depth_mm, one.tip_y_mm, one.tip_y_ci95_mm, one.measured_y_mm, strict=True
+            )
+        ]
 
 
 class TrackedRun:
@@ -276,6 +317,10 @@ class TrackedRun:
         last = self._document.get("last") or {}
         return quantity(last.get("stiffness_n_per_m2") or {}, "value", "N/m^2", "ci95")
 
+    def plot_stiffness(self, ax: Axes | None = None) -> Axes:
+        """Draws the stiffness of the tissue over depth with its interval, with matplotlib."""
+        return _plots.stiffness(self, ax)
+
     def __repr__(self) -> str:
         return f"<TrackedRun {self.id}: {self.last_stiffness_n_per_m2}>"
 
@@ -290,6 +335,22 @@ class Tracking(Result):
 
     def _rows(self) -> list[tuple[str, str]]:
         return [(f"stiffness of {one.id}", str(one.last_stiffness_n_per_m2)) for one in self.runs]
+
+    def _records(self) -> Records:
+        """One row per depth of every run."""
+        return [
+            {
+                "run": run.id,
+                "depth_mm": depth_mm,
+                "stiffness_n_per_m2": stiffness,
+                "stiffness_low_n_per_m2": low,
+                "stiffness_high_n_per_m2": high,
+            }
+            for run in self.runs
+            for depth_mm, stiffness, (low, high) in zip(
+                run.depth_mm, run.stiffness_n_per_m2, run.stiffness_ci95_n_per_m2, strict=True
+            )
+        ]
 
 
 @dataclass(frozen=True)
@@ -341,9 +402,23 @@ class Diagnosis(Result):
             rows.append((effect.id, values))
         return rows
 
+    def _records(self) -> Records:
+        """One row per parameter of every effect."""
+        return [
+            {
+                "effect": effect.id,
+                "parameter": name,
+                "unit": value.unit,
+                **columns({"value": value}),
+                "log_evidence_gain": effect.log_evidence_gain,
+            }
+            for effect in self.effects
+            for name, value in effect.parameters.items()
+        ]
+
 
 def _effect(one: Document) -> Effect:
-    values = {name: Quantity(value["value"], "", interval(value["ci95"])) for name, value in one["parameters"].items()}
+    values = {name: parameter(one["id"], name, value) for name, value in one["parameters"].items()}
     return Effect(str(one["id"]), values, float(one["log_evidence_gain"]), tuple(one["class"]))
 
 
@@ -377,54 +452,7 @@ class Summary(Result):
     def _rows(self) -> list[tuple[str, str]]:
         return [("session", self.session), ("K", str(self.k_kpa if self.error is None else self.error))]
 
-
-@dataclass(frozen=True)
-class Group:
-    """K of one group of sessions.
-
-    Attributes:
-        name: values of its labels.
-        sessions: sessions that count.
-        k_kpa: geometric mean, kilopascals.
-        tau: standard deviation of ln K between sessions: 0.1 is about 10 % of K.
-        prediction95_kpa: interval of a new subject's K; none with too few sessions.
-    """
-
-    name: str
-    sessions: int
-    k_kpa: Quantity
-    tau: Quantity
-    prediction95_kpa: tuple[float, float] | None
-
-
-class Population(Result):
-    """Statistics over many sessions.
-
-    Attributes:
-        prior_toml: text of ``prior.toml``: what may be assumed of the next session.
-    """
-
-    prior_toml: str = ""
-
-    @property
-    def groups(self) -> tuple[Group, ...]:
-        """K of every group."""
-        return tuple(
-            Group(
-                str(one["group"]),
-                int(one["sessions"]),
-                Quantity(one["k_kpa"]["value"], "kPa", interval(one["k_kpa"]["ci95"])),
-                Quantity(one["tau"], "", interval(one["tau_ci95"])),
-                interval(one["prediction95_kpa"]),
-            )
-            for one in self._document["groups"]
-        )
-
-    @property
-    def listed(self) -> tuple[str, ...]:
-        """Sessions that are not used: failed, unexplained, or far from the others."""
-        return tuple(str(one["session"]) for one in self._document["listed"])
-
-    def _rows(self) -> list[tuple[str, str]]:
-        rows = [(f"K of {one.name}", f"{one.k_kpa}, {one.sessions} sessions") for one in self.groups]
-        return rows + [("not counted", session) for session in self.listed]
+    def _records(self) -> Records:
+        labels = ("session", "date", "site", "subject", "rig", "needle", "tissue")
+        stated = {name: self._document.get(name) for name in labels}
+        return [{**stated, **(self._document.get("covariates") or {}), **columns({"k_kpa": self.k_kpa}), "error": self.error}]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import os
 import pathlib
-import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, TypeVar
 
 from . import _arrays, _core
 from ._errors import NeedleGuideError, UsageError
-from ._results import Check, Diagnosis, Identification, Population, Prediction, Summary, Tracking
+from ._folders import Folder
+from ._results import Check, Diagnosis, Identification, Prediction, Summary, Tracking
 from ._values import Result
 
 PathLike = str | os.PathLike[str]
@@ -41,7 +42,7 @@ def _result(kind: type[_R], arguments: Sequence[str], on_step: OnStep | None = N
     return kind(*call(arguments, on_step))
 
 
-def _options(**options: object) -> list[str]:
+def options(**options: object) -> list[str]:
     """Options of a command line: ``true`` ones without a value, none where the value is None or False."""
     arguments: list[str] = []
     for name, value in options.items():
@@ -101,8 +102,8 @@ class Session:
         Args:
             seed: seed of its noise.
         """
-        folder = tempfile.TemporaryDirectory(prefix="needle-guide-")
-        path = pathlib.Path(folder.name) / "example"
+        folder = Folder()
+        path = folder.path / "example"
         call(["init", str(path), "--example", f"--seed={seed}"])
         return cls(path, keep=folder)
 
@@ -120,6 +121,8 @@ class Session:
         subject: Mapping[str, object] | None = None,
         covariates: Mapping[str, object] | None = None,
         name: str = "from arrays",
+        date: datetime.date | str | None = None,
+        site: str | None = None,
     ) -> Session:
         """A session from arrays. All names are those of session files (see the manual), with their units.
 
@@ -136,19 +139,28 @@ class Session:
             subject: ``id`` of phantom, animal or patient.
             covariates: numbers and texts for statistics over many sessions.
             name: name of the session.
+            date: day of the measurement, such as "2026-03-01".
+            site: where it was measured.
+
+        Masked values of arrays are missing ones.
 
         Raises:
-            UsageError: names the array or field that is wrong, and what is expected.
-            FileError: a value is out of the range of session files.
+            UsageError: names the array or field that is wrong, and what is expected (``ArgumentError`` where session files do not
+                allow a value).
         """
-        folder = tempfile.TemporaryDirectory(prefix="needle-guide-")
-        path = pathlib.Path(folder.name) / "session"
+        folder = Folder()
+        path = folder.path / "session"
         path.mkdir()
-        tables: dict[str, Mapping[str, object]] = {"session": {"format": 1, "name": name}, "needle": needle, "rig": rig}
+        labels = {"date": None if date is None else str(date), "site": site}
+        session_table = {"format": 1, "name": name, **{key: value for key, value in labels.items() if value is not None}}
+        tables: dict[str, Mapping[str, object]] = {"session": session_table, "needle": needle, "rig": rig}
         stated = {"noise": noise, "tissue": tissue, "subject": subject, "covariates": covariates}
         tables.update({key: value for key, value in stated.items() if value is not None})
         _arrays.write(path, tables, {"lateral": lateral, "insertion": insertion, "steering": steering})
-        _core.readable(str(path))
+        try:
+            _core.readable(str(path))
+        except NeedleGuideError as error:
+            raise _arrays.of_arguments(error, path) from None
         session = cls(path, keep=folder)
         # A field that is not part of the format is ignored in a file and reported by a check; here nobody would see that.
         for one in session.check().findings:
@@ -176,7 +188,7 @@ class Session:
         relation: str | None = None,
         poisson: float | None = None,
         poisson_sd: float | None = None,
-        foundation: str | None = None,
+        foundation: Literal["auto", "springs", "body"] | None = None,
         nuisance: Sequence[str] = (),
         model: PathLike | None = None,
         prior: PathLike | None = None,
@@ -205,7 +217,7 @@ class Session:
             AnalysisError: the data do not allow it.
             UsageError: an argument is out of range.
         """
-        options = _options(
+        chosen = options(
             relation=relation,
             poisson=poisson,
             poisson_sd=poisson_sd,
@@ -218,7 +230,7 @@ class Session:
             bootstrap=bootstrap,
             seed=seed,
         )
-        return _result(Identification, ["identify", *self._folder(), *options])
+        return _result(Identification, ["identify", *self._folder(), *chosen])
 
     def predict(
         self,
@@ -250,7 +262,7 @@ class Session:
         values = {} if effect is None else dict(effect)
         texts = [f"{name}={','.join(repr(float(one)) for one in _many(value))}" for name, value in values.items()]
         modulus = [] if k_kpa is None else ["--k-kpa", *(repr(float(one)) for one in k_kpa)]
-        options = _options(
+        chosen = options(
             until=float(until_mm),
             to=None if to_mm is None else float(to_mm),
             layers=layers,
@@ -259,7 +271,7 @@ class Session:
             prior=prior,
             alone=alone,
         )
-        return _result(Prediction, ["predict", *self._folder(), *options, *modulus])
+        return _result(Prediction, ["predict", *self._folder(), *chosen, *modulus])
 
     def track(
         self, *, length_mm: float | None = None, fixture_kg: float | None = None, compare: bool = False
@@ -271,8 +283,8 @@ class Session:
             fixture_kg: mass of the fixture, kilograms (default: the session's).
             compare: run the published estimator and Kalman filters too.
         """
-        options = _options(length_mm=length_mm, fixture_kg=fixture_kg, compare=compare)
-        return _result(Tracking, ["track", *self._folder(), *options])
+        chosen = options(length_mm=length_mm, fixture_kg=fixture_kg, compare=compare)
+        return _result(Tracking, ["track", *self._folder(), *chosen])
 
     def diagnose(
         self,
@@ -280,7 +292,7 @@ class Session:
         *,
         model: PathLike | None = None,
         out: PathLike | None = None,
-        foundation: str | None = None,
+        foundation: Literal["auto", "springs", "body"] | None = None,
         poisson: float | None = None,
         seed: int = 1,
         on_step: OnStep | None = None,
@@ -297,8 +309,8 @@ class Session:
             on_step: called with the name of every step.
         """
         folder = reference.path if isinstance(reference, Session) else reference
-        options = _options(reference=folder, model=model, out=out, foundation=foundation, poisson=poisson, seed=seed)
-        return _result(Diagnosis, ["diagnose", *self._folder(), *options], on_step)
+        chosen = options(reference=folder, model=model, out=out, foundation=foundation, poisson=poisson, seed=seed)
+        return _result(Diagnosis, ["diagnose", *self._folder(), *chosen], on_step)
 
     def summarize(self, *, seed: int = 1) -> Summary:
         """The record of the session for :func:`population` (``guide summarize``). A session that fails gives a record with its error.
@@ -319,49 +331,3 @@ def _many(value: float | Sequence[float]) -> Sequence[float]:
 def summarize(path: PathLike, seed: int = 1) -> Summary:
     """The record of the session in a folder: :meth:`Session.summarize` as a function, for ``map`` of Dask and others."""
     return Summary(_core.summarize(os.fspath(path), seed))
-
-
-def population(
-    summaries: Iterable[Summary | PathLike],
-    *,
-    by: str | Sequence[str] = (),
-    nested: str | Sequence[str] = (),
-    covariate: str | Sequence[str] = (),
-) -> Population:
-    """What many sessions have in common, and what is unusual (``guide population``).
-
-    Args:
-        summaries: records, or files of records that ``guide summarize`` has written.
-        by: labels or covariates that groups are formed by, such as "tissue".
-        nested: labels of nested random effects, outermost first.
-        covariate: covariates that ln K depends on linearly.
-
-    Raises:
-        UsageError: a label that no session states.
-        FileError: a file of records cannot be read.
-        AnalysisError: nothing is left to be analysed.
-    """
-    with tempfile.TemporaryDirectory(prefix="needle-guide-") as folder:
-        files: list[str] = []
-        lines: list[str] = []
-        for one in summaries:
-            if isinstance(one, Summary):
-                lines.append(one.to_json())
-            else:
-                files.append(os.fspath(one))
-        if lines:
-            own = pathlib.Path(folder) / "summaries.jsonl"
-            own.write_text("\n".join(lines) + "\n", encoding="utf-8")
-            files.insert(0, str(own))
-        if not files:
-            raise UsageError("summaries: none, expected at least one record or file")
-        prior = pathlib.Path(folder) / "prior.toml"
-        names = {"by": by, "nested": nested, "covariate": covariate}
-        options = _options(
-            **{key: list((value,) if isinstance(value, str) else value) for key, value in names.items()},
-            out=prior,
-        )
-        found = _result(Population, ["population", *files, *options])
-        found.notes = [note for note in found.notes if str(prior) not in note]
-        found.prior_toml = prior.read_text(encoding="utf-8")
-        return found

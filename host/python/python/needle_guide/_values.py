@@ -5,12 +5,16 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 Document = dict[str, Any]
+Records = list[dict[str, Any]]
 FloatArray = NDArray[np.float64]
 
 
@@ -80,6 +84,39 @@ def band(low: Any, high: Any) -> FloatArray:
     return np.stack([array(low), array(high)], axis=1)
 
 
+def columns(names: Mapping[str, Quantity | None]) -> dict[str, Any]:
+    """Numbers as columns of a table, each with the ends of its interval."""
+    found: dict[str, Any] = {}
+    for name, value in names.items():
+        found[name] = None if value is None else float(value)
+        ends = (None, None) if value is None or value.ci95 is None else value.ci95
+        stem, unit = _split(name)
+        found[f"{stem}_low{unit}"], found[f"{stem}_high{unit}"] = ends
+    return found
+
+
+_UNITS = ("_n_per_m2", "_n_s_per_m2", "_kpa", "_mm", "_n")
+
+
+def _split(name: str) -> tuple[str, str]:
+    """A name and its unit."""
+    unit = next((unit for unit in _UNITS if name.endswith(unit)), "")
+    return name.removesuffix(unit), unit
+
+
+def frame(records: Records) -> DataFrame:
+    """A table of pandas.
+
+    Raises:
+        ImportError: pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as error:
+        raise ImportError("tables need pandas: pip install 'needle-guide[frames]'") from error
+    return pandas.DataFrame.from_records(records)
+
+
 class Figures(dict[str, str]):
     """Figures by name, each the text of an SVG picture; notebooks show all of them."""
 
@@ -132,6 +169,18 @@ class Result:
 
             raise UsageError(f'name: "{name}" is not drawn, expected one of {", ".join(self.figures) or "none"}')
         return Figures({name: self.figures[name]})
+
+    def to_dataframe(self) -> DataFrame:
+        """The result as a table of pandas, one row per part; units are in the names of its columns.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        return frame(self._records())
+
+    def _records(self) -> Records:
+        """Rows of that table."""
+        return [dict(self._rows())]
 
     @property
     def schema(self) -> str:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,56 +26,64 @@ from ._errors import UsageError
 
 FloatArray = NDArray[np.float64]
 
-PARAMETERS: tuple[str, ...] = tuple(_core.PARAMETERS)
-"""Names of all parameters."""
+Parameter = Literal[
+    "k_kpa",
+    "depth_mm",
+    "displacement_mm",
+    "guide2_mm",
+    "entry_mm",
+    "bending_stiffness_n_m2",
+    "gap_mm",
+    "skin_n_per_mm",
+    "gradient_per_mm",
+]
+"""Name of a parameter."""
+
+PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
+"""Names of all parameters, as the compiled part orders them."""
 
 GAUGE_18_N_M2: float = 200e9 * np.pi / 64 * (1.27e-3**4 - 1.0e-3**4)
 """Bending stiffness of an 18 gauge steel needle, N m^2."""
-
-_DEFAULTS: dict[str, float] = {
-    "displacement_mm": 1.0,
-    "guide2_mm": 60.0,
-    "entry_mm": 70.0,
-    "bending_stiffness_n_m2": GAUGE_18_N_M2,
-    "gap_mm": 0.0,
-    "skin_n_per_mm": 0.0,
-    "gradient_per_mm": 0.0,
-}
-
 
 _CHUNK = 100_000
 """Sets per call of the compiled part. Python looks for signals between two calls only, so that their preparation must be short."""
 
 
-def _broadcast(parameters: dict[str, ArrayLike]) -> tuple[list[FloatArray], tuple[int, ...]]:
-    """All parameters, broadcast against each other without copies, and their shape."""
-    for name in parameters:
-        if name not in PARAMETERS:
-            raise UsageError(f"{name}: is not a parameter, expected one of {', '.join(PARAMETERS)}")
+def _broadcast(parameters: dict[str, ArrayLike]) -> tuple[list[FloatArray], tuple[int, ...], NDArray[np.bool_] | None]:
+    """All parameters, broadcast against each other without copies, their shape, and which sets are masked in one of them."""
     columns: list[FloatArray] = []
-    for name in PARAMETERS:
-        value = parameters.get(name, _DEFAULTS.get(name))
-        if value is None:
-            raise UsageError(f"{name}: missing, expected a number or an array")
+    masks: list[NDArray[np.bool_]] = []
+    for name, value in parameters.items():
         try:
             columns.append(np.asarray(value, dtype=np.float64))
         except (TypeError, ValueError):
             raise UsageError(f"{name}: holds something else than numbers") from None
+        if isinstance(value, np.ma.MaskedArray):
+            masks.append(np.ma.getmaskarray(value))
     try:
         shape = np.broadcast_shapes(*(column.shape for column in columns))
     except ValueError:
-        shapes = ", ".join(f"{name} {column.shape}" for name, column in zip(PARAMETERS, columns, strict=True))
+        shapes = ", ".join(f"{name} {column.shape}" for name, column in zip(parameters, columns, strict=True))
         raise UsageError(f"shapes do not fit each other: {shapes}") from None
+    mask = np.logical_or.reduce([np.broadcast_to(mask, shape) for mask in masks]) if masks else None
     # A parameter that is the same in every set needs no iterator.
-    return [column.reshape(()) if column.size == 1 else np.broadcast_to(column, shape) for column in columns], shape
+    columns = [column.reshape(()) if column.size == 1 else np.broadcast_to(column, shape) for column in columns]
+    return columns, shape, mask
 
 
-def _solve(
-    parameters: dict[str, ArrayLike], places: FloatArray, wrt: list[int]
-) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
-    """Shape of the parameters; force, deflection and their derivatives, set by set."""
-    columns, shape = _broadcast(parameters)
+_Results = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+
+def _solve(parameters: dict[str, ArrayLike], places: FloatArray, wrt: list[int]) -> _Results:
+    """Force, deflection and their derivatives, in the shape of the parameters."""
+    columns, shape, mask = _broadcast(parameters)
     count = math.prod(shape)
+    if mask is not None and not mask.all():
+        # What is masked may hold anything: another set is solved in its place, so that errors count sets as the caller does.
+        source = np.where(mask.ravel(), int(np.argmin(mask)), np.arange(count))
+        columns = [column.flat[source] if column.ndim else column for column in columns]
+    elif mask is not None:
+        count = 0
     results = (
         np.empty(count),
         np.empty((count, len(places))),
@@ -89,7 +97,17 @@ def _solve(
             sets[:, number] = column.flat[chunk] if column.ndim else column
         for result, part in zip(results, _core.forward(sets, places, wrt, first), strict=True):
             result[chunk] = part
-    return shape, results
+
+    def shaped(found: FloatArray) -> FloatArray:
+        if mask is None:
+            return found.reshape((*shape, *found.shape[1:]))
+        whole = np.empty((math.prod(shape), *found.shape[1:]))
+        whole[: len(found)] = found
+        masked: FloatArray = np.ma.MaskedArray(whole.reshape((*shape, *found.shape[1:])))
+        masked[mask] = np.ma.masked
+        return masked
+
+    return shaped(results[0]), shaped(results[1]), shaped(results[2]), shaped(results[3])
 
 
 def _places(z_mm: ArrayLike) -> FloatArray:
@@ -104,7 +122,7 @@ def _places(z_mm: ArrayLike) -> FloatArray:
     return np.atleast_1d(places)
 
 
-def _columns(wrt: Sequence[str]) -> list[int]:
+def _columns(wrt: Parameter | Sequence[Parameter]) -> list[int]:
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     for name in names:
         if name not in PARAMETERS:
@@ -112,41 +130,106 @@ def _columns(wrt: Sequence[str]) -> list[int]:
     return [PARAMETERS.index(name) for name in names]
 
 
-def force_n(**parameters: Any) -> FloatArray:
+def _named(*values: ArrayLike) -> dict[str, ArrayLike]:
+    """The parameters by their names."""
+    return dict(zip(PARAMETERS, values, strict=True))
+
+
+def force_n(
+    *,
+    k_kpa: ArrayLike,
+    depth_mm: ArrayLike,
+    displacement_mm: ArrayLike = 1.0,
+    guide2_mm: ArrayLike = 60.0,
+    entry_mm: ArrayLike = 70.0,
+    bending_stiffness_n_m2: ArrayLike = GAUGE_18_N_M2,
+    gap_mm: ArrayLike = 0.0,
+    skin_n_per_mm: ArrayLike = 0.0,
+    gradient_per_mm: ArrayLike = 0.0,
+) -> FloatArray:
     """Force of guide 2 that holds the needle at its displacement, newtons.
 
     Args:
-        parameters: ``k_kpa`` (foundation modulus) and ``depth_mm`` (of the tip below the surface); ``displacement_mm`` of guide 2 (1),
-            ``guide2_mm`` (60) and ``entry_mm`` (70), places of guide 2 and of the surface along the needle from guide 1,
-            ``bending_stiffness_n_m2`` (18 gauge steel), ``gap_mm`` (0), depth above which nothing supports the needle,
-            ``skin_n_per_mm`` (0), spring at the surface, ``gradient_per_mm`` (0), relative growth of the modulus with depth.
+        k_kpa: foundation modulus.
+        depth_mm: depth of the tip below the surface.
+        displacement_mm: of guide 2.
+        guide2_mm: place of guide 2 along the needle from guide 1.
+        entry_mm: place of the surface along the needle from guide 1.
+        bending_stiffness_n_m2: of the needle, N m^2 (18 gauge steel).
+        gap_mm: depth above which nothing supports the needle.
+        skin_n_per_mm: spring at the surface.
+        gradient_per_mm: relative growth of the modulus with depth.
 
     Returns:
-        Array of the shape of the parameters.
+        Array of the shape of the parameters, masked where one of them is.
 
     Raises:
-        UsageError: a parameter that is missing, not known, of another shape or out of range: ``name[number of the set]``.
+        UsageError: a parameter of another shape or out of range: ``name[number of the set]``.
     """
-    shape, (force, _, _, _) = _solve(parameters, np.empty(0), [])
-    return force.reshape(shape)
+    parameters = _named(
+        k_kpa,
+        depth_mm,
+        displacement_mm,
+        guide2_mm,
+        entry_mm,
+        bending_stiffness_n_m2,
+        gap_mm,
+        skin_n_per_mm,
+        gradient_per_mm,
+    )
+    return _solve(parameters, np.empty(0), [])[0]
 
 
-def deflection_mm(z_mm: ArrayLike, **parameters: Any) -> FloatArray:
+def deflection_mm(
+    z_mm: ArrayLike,
+    *,
+    k_kpa: ArrayLike,
+    depth_mm: ArrayLike,
+    displacement_mm: ArrayLike = 1.0,
+    guide2_mm: ArrayLike = 60.0,
+    entry_mm: ArrayLike = 70.0,
+    bending_stiffness_n_m2: ArrayLike = GAUGE_18_N_M2,
+    gap_mm: ArrayLike = 0.0,
+    skin_n_per_mm: ArrayLike = 0.0,
+    gradient_per_mm: ArrayLike = 0.0,
+) -> FloatArray:
     """Deflection of the needle, millimetres.
 
     Args:
         z_mm: places along the needle from guide 1, millimetres: a number or one dimension.
-        parameters: as of :func:`force_n`.
+
+    The parameters are those of :func:`force_n`.
 
     Returns:
         Array of the shape of the parameters, with an axis for the places at the end.
     """
-    places = _places(z_mm)
-    shape, (_, deflection, _, _) = _solve(parameters, places, [])
-    return deflection.reshape(*shape, len(places))
+    parameters = _named(
+        k_kpa,
+        depth_mm,
+        displacement_mm,
+        guide2_mm,
+        entry_mm,
+        bending_stiffness_n_m2,
+        gap_mm,
+        skin_n_per_mm,
+        gradient_per_mm,
+    )
+    return _solve(parameters, _places(z_mm), [])[1]
 
 
-def force_jacobian(wrt: Sequence[str] = ("k_kpa",), **parameters: Any) -> FloatArray:
+def force_jacobian(
+    wrt: Parameter | Sequence[Parameter] = ("k_kpa",),
+    *,
+    k_kpa: ArrayLike,
+    depth_mm: ArrayLike,
+    displacement_mm: ArrayLike = 1.0,
+    guide2_mm: ArrayLike = 60.0,
+    entry_mm: ArrayLike = 70.0,
+    bending_stiffness_n_m2: ArrayLike = GAUGE_18_N_M2,
+    gap_mm: ArrayLike = 0.0,
+    skin_n_per_mm: ArrayLike = 0.0,
+    gradient_per_mm: ArrayLike = 0.0,
+) -> FloatArray:
     """Derivatives of the force of guide 2, newtons per unit of the parameter.
 
     By differences of fourth order; relative error about 1e-9, except by lengths where ``gradient_per_mm`` is not 0 (the modulus is
@@ -154,22 +237,54 @@ def force_jacobian(wrt: Sequence[str] = ("k_kpa",), **parameters: Any) -> FloatA
 
     Args:
         wrt: parameters that it is differentiated by.
-        parameters: as of :func:`force_n`.
+
+    The parameters are those of :func:`force_n`.
 
     Returns:
         Array of the shape of the parameters, with an axis for ``wrt`` at the end.
     """
-    columns = _columns(wrt)
-    shape, (_, _, jacobian, _) = _solve(parameters, np.empty(0), columns)
-    return jacobian.reshape(*shape, len(columns))
+    parameters = _named(
+        k_kpa,
+        depth_mm,
+        displacement_mm,
+        guide2_mm,
+        entry_mm,
+        bending_stiffness_n_m2,
+        gap_mm,
+        skin_n_per_mm,
+        gradient_per_mm,
+    )
+    return _solve(parameters, np.empty(0), _columns(wrt))[2]
 
 
-def deflection_jacobian(z_mm: ArrayLike, wrt: Sequence[str] = ("k_kpa",), **parameters: Any) -> FloatArray:
+def deflection_jacobian(
+    z_mm: ArrayLike,
+    wrt: Parameter | Sequence[Parameter] = ("k_kpa",),
+    *,
+    k_kpa: ArrayLike,
+    depth_mm: ArrayLike,
+    displacement_mm: ArrayLike = 1.0,
+    guide2_mm: ArrayLike = 60.0,
+    entry_mm: ArrayLike = 70.0,
+    bending_stiffness_n_m2: ArrayLike = GAUGE_18_N_M2,
+    gap_mm: ArrayLike = 0.0,
+    skin_n_per_mm: ArrayLike = 0.0,
+    gradient_per_mm: ArrayLike = 0.0,
+) -> FloatArray:
     """Derivatives of the deflection, millimetres per unit of the parameter; as :func:`force_jacobian`.
 
     Returns:
         Array of the shape of the parameters, with axes for the places and for ``wrt`` at the end.
     """
-    places, columns = _places(z_mm), _columns(wrt)
-    shape, (_, _, _, jacobian) = _solve(parameters, places, columns)
-    return np.moveaxis(jacobian, 1, 2).reshape(*shape, len(places), len(columns))
+    parameters = _named(
+        k_kpa,
+        depth_mm,
+        displacement_mm,
+        guide2_mm,
+        entry_mm,
+        bending_stiffness_n_m2,
+        gap_mm,
+        skin_n_per_mm,
+        gradient_per_mm,
+    )
+    return np.moveaxis(_solve(parameters, _places(z_mm), _columns(wrt))[3], -2, -1)
