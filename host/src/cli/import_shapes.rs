@@ -3,7 +3,7 @@
 use super::output::Output;
 use anyhow::{Context, bail, ensure};
 use clap::ValueEnum;
-use formats::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, name_of, poses, slicer};
+use formats::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, id_of, poses, slicer};
 use formats::session::{
     DEPTH_RANGE_MM, ForceSeries, LateralRun, Provenance, SessionWriter, Setup, ShapeSeries,
 };
@@ -153,7 +153,7 @@ pub fn run(
         first.path.display(),
         1e3 * depth_m
     );
-    let id = args.id.clone().unwrap_or_else(|| name_of(&first.path));
+    let id = args.id.clone().unwrap_or_else(|| id_of(&first.path));
     let times_s = times_s(args, &id, depth_m, shapes.len())?;
     let shape = joined(&shapes, times_s.as_deref());
     let mut session = SessionWriter::open(to, setup)?;

@@ -18,7 +18,9 @@ pub struct Column {
     pub range: [f64; 2],
     /// Whether every value must exceed the one before.
     pub increasing: bool,
-    /// Whether a cell may be empty: its value is NaN then.
+    /// Whether a value may not be below the one before.
+    pub steady: bool,
+    /// Whether a cell may be empty or NaN: its value is NaN then.
     pub blank: bool,
     /// Whether a value with a fraction is none.
     pub whole: bool,
@@ -27,12 +29,30 @@ pub struct Column {
 impl Column {
     /// A column that must be there.
     pub const fn required(name: &'static str, to_si: f64, range: [f64; 2]) -> Self {
-        Self { name, required: true, to_si, range, increasing: false, blank: false, whole: false }
+        Self {
+            name,
+            required: true,
+            to_si,
+            range,
+            increasing: false,
+            steady: false,
+            blank: false,
+            whole: false,
+        }
     }
 
     /// A column that may be there.
     pub const fn optional(name: &'static str, to_si: f64, range: [f64; 2]) -> Self {
-        Self { name, required: false, to_si, range, increasing: false, blank: false, whole: false }
+        Self {
+            name,
+            required: false,
+            to_si,
+            range,
+            increasing: false,
+            steady: false,
+            blank: false,
+            whole: false,
+        }
     }
 
     /// The same, with values that must increase.
@@ -41,7 +61,13 @@ impl Column {
         self
     }
 
-    /// The same, with cells that may be empty.
+    /// The same, with values that never step back.
+    pub const fn steady(mut self) -> Self {
+        self.steady = true;
+        self
+    }
+
+    /// The same, with cells that may be empty or NaN.
     pub const fn blank(mut self) -> Self {
         self.blank = true;
         self
@@ -60,6 +86,50 @@ pub struct Table {
     columns: Vec<(&'static str, Vec<f64>)>,
     /// Line of the header.
     pub(crate) header_line: usize,
+    /// What was subtracted from its times, whole seconds.
+    pub(crate) origin_s: i64,
+}
+
+/// Name of the column of times.
+const TIME: &str = "time_s";
+/// Times beyond this are on the clock of a computer, since 1970 or since it was started. Differences of times are compared to 1e-10 s (a
+/// part in 1e9 of the shortest stretch of a hold), which a double holds up to 2e5 s.
+const COMPUTER_CLOCK_S: f64 = 131_072.0;
+
+/// From where the times of a table are counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Clock {
+    /// As they are written.
+    AsWritten,
+    /// From the whole second of the first one where that is a computer's time, so that adding a constant to all times changes nothing.
+    FromFirst,
+    /// From this second.
+    From(i64),
+}
+
+impl Clock {
+    /// What is to be subtracted where this is the first time.
+    fn origin_s(self, first: Option<&str>) -> i64 {
+        match self {
+            Self::AsWritten => 0,
+            Self::From(origin_s) => origin_s,
+            Self::FromFirst => {
+                let first_s: f64 = first.and_then(|text| text.parse().ok()).unwrap_or(0.0);
+                if first_s.abs() > COMPUTER_CLOCK_S { first_s.floor() as i64 } else { 0 }
+            }
+        }
+    }
+}
+
+/// A number less whole ones, without the digits that a double loses behind many others.
+fn less(text: &str, value: f64, origin: i64) -> f64 {
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
+    let is_plain = !text.starts_with('-') && fraction.bytes().all(|digit| digit.is_ascii_digit());
+    let whole = whole.parse::<i64>().ok().filter(|_| is_plain).and_then(|whole| whole.checked_sub(origin));
+    match whole {
+        Some(whole) if whole >= 0 => format!("{whole}.{fraction}0").parse().unwrap_or(value - origin as f64),
+        _ => value - origin as f64,
+    }
 }
 
 impl Table {
@@ -71,16 +141,41 @@ impl Table {
         Self::parse(path, &read_text(path)?, known, 1)
     }
 
+    /// Reads the known columns of a text with at least so many rows.
+    ///
+    /// # Errors
+    /// [`SessionError`] with file, line, column and field.
+    pub(crate) fn parse(
+        path: &Path,
+        text: &str,
+        known: &[Column],
+        least_rows: usize,
+    ) -> Result<Self, SessionError> {
+        Self::parse_on(path, text, known, least_rows, Clock::AsWritten)
+    }
+
     /// As [`Self::read`], but a recording that ended before its first row is a table too, and a last row that is cut off, as a full disk
     /// or a power failure leaves it, is skipped ([`cut_row`]).
     ///
     /// # Errors
     /// [`SessionError`] with file, line, column and field.
     pub fn read_recording(path: &Path, known: &[Column]) -> Result<Self, SessionError> {
+        Self::read_recording_on(path, known, Clock::AsWritten)
+    }
+
+    /// As [`Self::read_recording`], with times counted from there.
+    ///
+    /// # Errors
+    /// [`SessionError`] with file, line, column and field.
+    pub(crate) fn read_recording_on(
+        path: &Path,
+        known: &[Column],
+        clock: Clock,
+    ) -> Result<Self, SessionError> {
         let text = read_text(path)?;
         let whole =
             cut_row(path, &text).map_or(text.as_str(), |cut| text.get(..cut.offset).unwrap_or_default());
-        Self::parse(path, whole, known, 0)
+        Self::parse_on(path, whole, known, 0, clock)
     }
 
     /// Moves a column out; nothing where the file does not have it.
@@ -109,12 +204,12 @@ impl Table {
         self.take(name).unwrap_or_default()
     }
 
-    /// Reads the known columns of a text.
-    pub(crate) fn parse(
+    fn parse_on(
         path: &Path,
         text: &str,
         known: &[Column],
         least_rows: usize,
+        clock: Clock,
     ) -> Result<Self, SessionError> {
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
@@ -172,7 +267,7 @@ impl Table {
             }
         }
         let width = header.len();
-        let mut rows = 0;
+        let (mut rows, mut origin_s) = (0, 0);
         while next(&mut record)? {
             rows += 1;
             let beyond = record.iter().skip(width).any(|cell| !is_blank(cell));
@@ -189,9 +284,16 @@ impl Table {
             for (index, column, values) in &mut found {
                 // Here, and not by the reader, which would make a new record of every row.
                 let text = record.get(*index).map(str::trim);
-                let value = cell(text, column, values.last().copied()).map_err(|problem| {
+                if rows == 1 && column.name == TIME {
+                    origin_s = clock.origin_s(text);
+                }
+                let origin = if column.name == TIME { origin_s } else { 0 };
+                let value = cell(text, column, values.last().copied(), origin).map_err(|problem| {
                     let [least, most] = column.range;
                     let expected = match &problem {
+                        Problem::NotIncreasing(_) if column.steady => {
+                            "a value that is not below the one before: was the clock set, or are two recordings joined?".to_owned()
+                        }
                         Problem::NotIncreasing(_) => "increasing values".to_owned(),
                         Problem::NotWhole(_) => format!("a whole number from {least} to {most}"),
                         Problem::NotANumber(text) if text.replace(',', ".").parse::<f64>().is_ok() => {
@@ -217,7 +319,7 @@ impl Table {
             .into_iter()
             .map(|(_, c, values)| (c.name, values.iter().map(|v| v * c.to_si).collect()))
             .collect();
-        Ok(Self { columns, header_line: place(&header, 0).line })
+        Ok(Self { columns, header_line: place(&header, 0).line, origin_s })
     }
 }
 
@@ -295,23 +397,28 @@ fn absent(header: &csv::StringRecord, column: &Column, known: &[Column]) -> Abse
     }
 }
 
-/// The value of one cell, in the file's unit.
-fn cell(text: Option<&str>, column: &Column, before: Option<f64>) -> Result<f64, Problem> {
+/// The value of one cell, in the file's unit, less `origin`.
+fn cell(text: Option<&str>, column: &Column, before: Option<f64>, origin: i64) -> Result<f64, Problem> {
     let Some(text) = text.filter(|text| !text.is_empty()) else {
         return if column.blank { Ok(f64::NAN) } else { Err(Problem::Empty) };
     };
     let value: f64 = text.parse().map_err(|_| Problem::NotANumber(text.chars().take(40).collect()))?;
     let [least, most] = column.range;
+    if value.is_nan() && column.blank {
+        return Ok(value);
+    }
+    let counted = if origin == 0 { value } else { less(text, value, origin) };
+    let is_behind = |before: f64| column.increasing && counted <= before || column.steady && counted < before;
     if !value.is_finite() {
         Err(Problem::NotFinite)
     } else if !(least..=most).contains(&value) {
         Err(Problem::OutOfRange(value))
-    } else if column.increasing && before.is_some_and(|before| value <= before) {
+    } else if before.is_some_and(is_behind) {
         Err(Problem::NotIncreasing(value))
     } else if column.whole && value.fract() != 0.0 {
         Err(Problem::NotWhole(value))
     } else {
-        Ok(value)
+        Ok(counted)
     }
 }
 
@@ -341,6 +448,27 @@ fn cell_offset(text: &str, start: usize, index: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn times_of_a_computers_clock_are_counted_from_their_first_second() {
+        let known = [Column::required("time_s", 1.0, [-1e10, 1e10]).increasing()];
+        let read = |times: &str, clock| {
+            let table = Table::parse_on(Path::new("a.csv"), &format!("time_s\n{times}\n"), &known, 0, clock);
+            let mut table = table.expect("reads");
+            (table.origin_s, table.take("time_s").expect("times"))
+        };
+        let plain = read("0.02\n0.07\n10.1000007", Clock::FromFirst);
+        assert_eq!(plain, (0, vec![0.02, 0.07, 10.1000007]));
+        // Not by subtraction: 1764000000.07 as a double is 1e-7 s beside it.
+        assert_eq!(
+            read("1764000000.02\n1764000000.07\n1764000010.1000007", Clock::FromFirst),
+            (1_764_000_000, plain.1)
+        );
+        assert_eq!(read("1764000000\n1764000001", Clock::From(1_764_000_001)).1, [-1.0, 0.0]);
+        assert_eq!(read("1.764e9\n1.764000001e9", Clock::FromFirst).1, [0.0, 1.0]);
+        assert_eq!(read("99.5\n1000", Clock::FromFirst).0, 0, "seconds since a device was started");
+        assert_eq!(read("1764000000.5\n1764000001", Clock::AsWritten).1, [1_764_000_000.5, 1_764_000_001.0]);
+    }
 
     #[test]
     fn a_last_row_is_cut_off_where_it_has_no_end_and_too_few_cells() {

@@ -7,12 +7,13 @@
 //! positions along the needle and deflections.
 
 mod frame;
+mod matrices;
 mod poses;
 mod screen;
 mod slicer;
 mod trajcontrol;
 
-pub use frame::{Axis, Frame, FrameError, NeedlePoints, Straight, name_of};
+pub use frame::{Axis, Frame, FrameError, NeedlePoints, Straight, id_of, name_of};
 pub use poses::{LengthUnit, poses};
 pub use screen::{SkipReason, Skipped};
 pub use slicer::slicer;

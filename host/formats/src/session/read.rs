@@ -9,7 +9,7 @@ use super::{
     DEPTH_RANGE_MM, ForceSeries, IndentationRun, Indenter, InsertionRun, Labels, LateralRun, Mark,
     Provenance, Session, ShapeSeries, SteeringRun, Tissue,
 };
-use crate::document::table::Table;
+use crate::document::table::{Clock, Table};
 use crate::document::{Fields, Problem, SessionError, read_text};
 use mechanics::ShapeImage;
 use std::collections::HashSet;
@@ -70,8 +70,15 @@ pub(super) fn depth_mm(fields: &Fields<'_>) -> Result<f64, SessionError> {
 
 pub(super) fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, SessionError> {
     let depth_m = MM * depth_mm(fields)?;
-    let (force_path, force) = fields.file(dir, "force", ForceSeries::read)?;
-    let (shape_path, shape) = fields.file(dir, "shape", ShapeSeries::read)?;
+    // The shape is on the clock of the force.
+    let (force_path, (force, origin_s)) = fields.file(dir, "force", |path| {
+        let table = Table::read_recording_on(path, &FORCE_COLUMNS, Clock::FromFirst)?;
+        let origin_s = table.origin_s;
+        Ok((ForceSeries::of(path, table)?, origin_s))
+    })?;
+    let (shape_path, shape) = fields.file(dir, "shape", |path| {
+        ShapeSeries::of(path, Table::read_recording_on(path, &SHAPE_COLUMNS, Clock::From(origin_s))?)
+    })?;
     let provenance = provenance(fields)?;
     Ok(LateralRun { id, depth_m, force_path, shape_path, provenance, force, shape })
 }
@@ -83,6 +90,15 @@ impl ForceSeries {
     /// [`SessionError`] for the first fault found, with its place.
     pub fn read(path: &Path) -> Result<Self, SessionError> {
         Self::of(path, Table::read_recording(path, &FORCE_COLUMNS)?)
+    }
+
+    /// Whole seconds that are subtracted from the times of a run with this force series where a session is read: those of its first row where
+    /// it is on a computer's clock, else 0.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn clock_origin_s(path: &Path) -> Result<f64, SessionError> {
+        Ok(Table::read_recording_on(path, &FORCE_COLUMNS, Clock::FromFirst)?.origin_s as f64)
     }
 
     /// Reads the series of a force sensor alone: a file as of a lateral run whose columns of displacement may be missing, and are 0 then.

@@ -57,7 +57,7 @@ pub(super) const INSERTION_COLUMNS: [Column; 10] = [
     Column::required("depth_mm", MM, [-50.0, 500.0]),
     Column::required("tip_y_mm", MM, LATERAL_MM),
     Column::optional("tip_x_mm", MM, LATERAL_MM),
-    Column::optional("time_s", 1.0, TIME_S),
+    Column::optional("time_s", 1.0, TIME_S).steady(),
     Column::optional("rotation_deg", std::f64::consts::PI / 180.0, [-1e6, 1e6]),
     Column::optional("guide2_y_mm", MM, [-50.0, 50.0]),
     Column::optional("guide2_x_mm", MM, [-50.0, 50.0]),

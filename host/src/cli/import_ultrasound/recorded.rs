@@ -1,7 +1,7 @@
 //! Frames that `guide acquire` has taken while it recorded a run.
 
 use anyhow::{Context, ensure};
-use formats::session::{FrameSweep, LateralRun, Session};
+use formats::session::{ForceSeries, FrameSweep, LateralRun, Session};
 use inference::holds::{Hold, HoldCriteria, Mean, Path as LevelPath, holds};
 use std::path::{Path, PathBuf};
 
@@ -48,8 +48,10 @@ impl RecordedRun {
         );
         let mut sweeps = FrameSweep::read(session, id)?;
         let levels = holds(&run, &HoldCriteria::default());
+        let origin_s = ForceSeries::clock_origin_s(&run.force_path)?;
         let level = |sweep: &FrameSweep| {
-            levels.iter().find(|level| (level.time_s[0]..=level.time_s[1]).contains(&sweep.time_s))
+            let time_s = sweep.time_s - origin_s;
+            levels.iter().find(|level| (level.time_s[0]..=level.time_s[1]).contains(&time_s))
         };
         let at_mm = |level: &Hold| {
             let [y_m, x_m] = level.displacement_m();

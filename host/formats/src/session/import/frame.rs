@@ -1,6 +1,6 @@
 //! From a needle's points in some frame of space to the session's: along the straight needle, and away from it.
 
-use crate::session::ShapeSeries;
+use crate::session::{ShapeSeries, is_file_name};
 use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};
 
@@ -231,7 +231,28 @@ fn line(needle: &NeedlePoints, length_m: f64) -> Result<(Vector3<f64>, Vector3<f
     Ok((unit, mean))
 }
 
-/// Name of a run made from a file: that of the file without its ending.
+/// Id of a run made from a file: the name of the file without its ending, with letters, digits, `-`, `_` and `.` for what else is in it.
+pub fn id_of(path: &Path) -> String {
+    let mut id = String::new();
+    for letter in name_of(path).chars() {
+        match letter {
+            'ä' => id.push_str("ae"),
+            'ö' => id.push_str("oe"),
+            'ü' => id.push_str("ue"),
+            'Ä' => id.push_str("Ae"),
+            'Ö' => id.push_str("Oe"),
+            'Ü' => id.push_str("Ue"),
+            'ß' => id.push_str("ss"),
+            letter if is_file_name(letter.encode_utf8(&mut [0; 4])) || letter == '.' => id.push(letter),
+            _ if id.ends_with('-') => {}
+            _ => id.push('-'),
+        }
+    }
+    let id: String = id.trim_matches(['-', '.']).chars().take(100).collect();
+    if id.is_empty() { "run".to_owned() } else { id }
+}
+
+/// Name of a file without its ending.
 pub fn name_of(path: &Path) -> String {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = name.strip_suffix(".mrk.json").or_else(|| name.rsplit_once('.').map(|(stem, _)| stem));

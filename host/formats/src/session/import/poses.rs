@@ -1,10 +1,11 @@
 //! Needle shapes as shape-sensing fibres give them: one pose per line, base first, in steps of half a millimetre of arc length.
 //!
-//! A line has a position (3 numbers), a position and a quaternion (7), or a matrix, row by row or column by column (12 or 16); commas,
-//! semicolons, tabs or spaces part them. A header may name the columns; then `x`, `y` and `z` are read, with their unit where it
-//! is stated (`x_mm`, `x [m]`, `pose.position.x`).
+//! A line has a position (3 numbers), a position and a quaternion (7), or a matrix, row by row or column by column (12 or 16, see
+//! [`super::matrices`]); commas, semicolons, tabs or spaces part them, and decimal commas are read where something else does. A header
+//! may name the columns; then `x`, `y` and `z` are read, with their unit where it is stated (`x_mm`, `x [m]`, `pose.position.x`).
 
 use super::frame::NeedlePoints;
+use super::matrices::{MATRIX, Matrices};
 use crate::document::{Place, Problem, SessionError, read_text};
 use std::path::Path;
 
@@ -24,7 +25,7 @@ const SHORTEST_M: f64 = 5e-3;
 /// A step so many times the usual one, and this long, metres, is a jump: a row is missing, or misread.
 const JUMP_TIMES: f64 = 10.0;
 const JUMP_M: f64 = 5e-3;
-/// How far a quaternion's length may be from 1, and a matrix's last row from 0, 0, 0, 1.
+/// How far a quaternion's length may be from 1.
 const ROUNDING: f64 = 1e-2;
 const WIDTHS: &str = "3 (x y z), 7 (with a quaternion), 12 or 16 numbers (a matrix)";
 
@@ -51,8 +52,9 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
         expected: expected.to_owned(),
     };
     let mut layout = None;
+    let mut matrices = Matrices::default();
     let mut header_unit = None;
-    let mut width = None;
+    let (mut width, mut missing) = (None, 0);
     // Each point with the offset of its line.
     let mut found: Vec<(usize, [f64; 3])> = Vec::new();
     let mut start = 0;
@@ -77,9 +79,13 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
         }
         let mut numbers = Vec::with_capacity(cells.len());
         for (at, cell) in &cells {
-            let number: Option<f64> = cell.parse().ok();
+            let cell = &cell.trim_matches(['"', '\'']);
+            let is_decimal_comma = cell.contains(',') && !cell.contains('.');
+            let number: Option<f64> =
+                if is_decimal_comma { cell.replacen(',', ".", 1).parse().ok() } else { cell.parse().ok() };
             let problem = match number {
-                Some(number) if number.is_finite() => {
+                // A row without a reading.
+                Some(number) if number.is_finite() || number.is_nan() => {
                     numbers.push(number);
                     continue;
                 }
@@ -101,15 +107,32 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
             return Err(fault(offset, "pose", numbers_there(count), &expected));
         }
         width = Some(count);
-        let position = match layout.get_or_insert(Layout::Plain) {
+        let layout = layout.get_or_insert(Layout::Plain);
+        let is_missing = match layout {
+            Layout::Positions(columns) => {
+                columns.iter().any(|column| numbers.get(*column).is_some_and(|number| number.is_nan()))
+            }
+            Layout::Plain => numbers.iter().any(|number| number.is_nan()),
+        };
+        if is_missing {
+            missing += 1;
+            continue;
+        }
+        let position = match layout {
             Layout::Positions(columns) => pick(&numbers, *columns),
             Layout::Plain => {
-                plain(&numbers).map_err(|(problem, expected)| fault(offset, "pose", problem, expected))?
+                let position = plain(&numbers, &mut matrices);
+                position.map_err(|(problem, expected)| fault(offset, "pose", problem, &expected))?
             }
         };
         found.extend(position.map(|position| (offset, position)));
     }
     let end = text.len();
+    if let Some(order) =
+        matrices.order().map_err(|ambiguous| fault(0, "pose", Problem::Syntax(ambiguous), ORDER))?
+    {
+        found.iter_mut().zip(matrices.positions(order)).for_each(|((_, point), position)| *point = position);
+    }
     if found.len() < 2 {
         let problem =
             Problem::Syntax(format!("{} in the file", if found.is_empty() { "none" } else { "one" }));
@@ -120,6 +143,9 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
         found.iter().zip(found.iter().skip(1)).map(|((_, a), (_, b))| distance(*a, *b)).collect();
     let length: f64 = steps.iter().sum();
     let mut notes = Vec::new();
+    if missing > 0 {
+        notes.push(format!("{}: {missing} rows without numbers (nan) are skipped", path.display()));
+    }
     let unit = unit.or(header_unit).unwrap_or_else(|| {
         let (unit, name) = if length > LONGEST {
             (LengthUnit::Millimetres, "millimetres")
@@ -161,11 +187,19 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
 
 /// The cells of a line: between commas or semicolons where there are any, else between spaces.
 fn cells(line: &str) -> Vec<Cell<'_>> {
-    let separator = [',', ';'].into_iter().find(|separator| line.contains(*separator));
+    // A comma beside another separator is a decimal one; in quotation marks, too.
+    let bare: String = line.split('"').step_by(2).collect();
+    let separator = [';', ','].into_iter().find(|separator| bare.contains(*separator));
+    let separator = separator.filter(|separator| *separator != ',' || !decimal_commas(line));
     let mut start = 0;
+    let mut is_quoted = false;
+    let mut parts_at = |c: char| {
+        is_quoted ^= c == '"';
+        Some(c) == separator && !is_quoted
+    };
     let parts: Vec<Cell<'_>> = match separator {
-        Some(separator) => line
-            .split(separator)
+        Some(_) => line
+            .split(&mut parts_at)
             .map(|cell| {
                 let at = start + (cell.len() - cell.trim_start().len());
                 start += cell.len() + 1;
@@ -189,6 +223,19 @@ fn cells(line: &str) -> Vec<Cell<'_>> {
     };
     parts
 }
+
+/// Whether every word of a line is a number with one comma: "1,5 2,25 3,0" are three numbers.
+fn decimal_commas(line: &str) -> bool {
+    let is_one = |word: &str| {
+        let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
+        let whole_and_rest = word.trim_start_matches(['-', '+']).split_once(',');
+        whole_and_rest.is_some_and(|(whole, rest)| digits(whole) && digits(rest))
+    };
+    line.split_whitespace().count() > 1 && line.split_whitespace().all(is_one)
+}
+
+/// What decides the order of numbers.
+const ORDER: &str = "matrices whose rotation part shows whether they are row by row or column by column; or columns x, y and z";
 
 /// Columns of a header (none where it has no position) and the unit that it states; `None` where this is no header.
 fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<LengthUnit>)> {
@@ -228,10 +275,8 @@ fn name(cell: &str) -> (String, Option<LengthUnit>) {
     (plain, None)
 }
 
-/// The position in a line without a header.
-fn plain(numbers: &[f64]) -> Result<Option<[f64; 3]>, (Problem, &'static str)> {
-    let near =
-        |index: usize, value: f64| numbers.get(index).is_some_and(|number| (number - value).abs() < ROUNDING);
+/// The position in a line without a header; that of a matrix counts when the order of all is known.
+fn plain(numbers: &[f64], matrices: &mut Matrices) -> Result<Option<[f64; 3]>, (Problem, String)> {
     match numbers.len() {
         3 => Ok(pick(numbers, [0, 1, 2])),
         7 => {
@@ -240,25 +285,16 @@ fn plain(numbers: &[f64]) -> Result<Option<[f64; 3]>, (Problem, &'static str)> {
                 let length = square.sqrt();
                 return Err((
                     Problem::Syntax(format!("a quaternion of length {length:.3}")),
-                    "one of length 1 after x y z",
+                    "one of length 1 after x y z".to_owned(),
                 ));
             }
             Ok(pick(numbers, [0, 1, 2]))
         }
-        12 => Ok(pick(numbers, [3, 7, 11])),
-        16 => {
-            let by_rows = near(12, 0.0) && near(13, 0.0) && near(14, 0.0) && near(15, 1.0);
-            let by_columns = near(3, 0.0) && near(7, 0.0) && near(11, 0.0) && near(15, 1.0);
-            match (by_rows, by_columns) {
-                (true, _) => Ok(pick(numbers, [3, 7, 11])),
-                (false, true) => Ok(pick(numbers, [12, 13, 14])),
-                (false, false) => Err((
-                    Problem::Syntax("no matrix of a pose".to_owned()),
-                    "0 0 0 1 as its last row, or column",
-                )),
-            }
-        }
-        count => Err((numbers_there(count), WIDTHS)),
+        12 | 16 => match matrices.add(numbers) {
+            Ok(()) => Ok(Some([0.0; 3])),
+            Err(problem) => Err((Problem::Syntax(problem), MATRIX.to_owned())),
+        },
+        count => Err((numbers_there(count), WIDTHS.to_owned())),
     }
 }
 

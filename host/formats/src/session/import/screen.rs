@@ -7,6 +7,8 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SkipReason {
+    /// The tip sensor gave no number.
+    Missing,
     /// The tip sensor gave zeros.
     Silent,
     /// The reading before it once more, bit for bit, while the guide moved: the sensor was frozen.
@@ -24,6 +26,7 @@ pub enum SkipReason {
 impl fmt::Display for SkipReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Self::Missing => "missing: the tip sensor gave no number",
             Self::Silent => "silent: the tip sensor gave 0, 0, 0",
             Self::Frozen => "frozen: the same reading again while the guide moved",
             Self::Repeated => "repeated: the same reading again, at rest",
@@ -72,11 +75,20 @@ pub(super) struct Reading {
     pub guide_m: [f64; 2],
 }
 
+impl Reading {
+    /// Whether the tip sensor gave a position: without one it writes zeros, or no numbers.
+    pub fn is_measured(&self) -> bool {
+        self.tip_m.iter().all(|m| m.is_finite()) && self.tip_m.iter().any(|m| *m != 0.0)
+    }
+}
+
 /// Per row the reason for which it is skipped, if any. `is_valid`: whether a row is valid in a session.
 pub(super) fn screen(readings: &[Reading], is_valid: impl Fn(usize) -> bool) -> Vec<Option<SkipReason>> {
     let mut reasons = vec![None; readings.len()];
     for (row, reading) in readings.iter().enumerate() {
-        if reading.tip_m.iter().all(|m| *m == 0.0) {
+        if !reading.tip_m.iter().all(|m| m.is_finite()) {
+            reasons[row] = Some(SkipReason::Missing);
+        } else if !reading.is_measured() {
             reasons[row] = Some(SkipReason::Silent);
         }
     }

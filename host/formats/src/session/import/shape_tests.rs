@@ -1,7 +1,8 @@
 //! Simulated shapes, turned into the coordinates of others and read back.
 
-use super::{Axis, Frame, FrameError, LengthUnit, NeedlePoints, Straight, poses, slicer};
+use super::{Axis, Frame, FrameError, LengthUnit, NeedlePoints, Straight, id_of, poses, slicer};
 use crate::session::SessionError;
+use crate::session::is_file_name;
 use nalgebra::{Rotation3, Vector3};
 use std::fmt::Write as _;
 use std::fs;
@@ -163,6 +164,30 @@ fn poses_come_back_from_every_layout() {
         assert_eq!(needle.notes.is_empty(), name == "header", "{name}: {:?}", needle.notes);
         same(&Frame::new(&base(), &needle).expect("a frame"), &needle, &shape, 1e-9);
     }
+    // Without a rotation of its own, a matrix by columns is told from one by rows by what is a rotation.
+    for (name, text) in [
+        ("12 by columns", lines(&|x, y, z| format!("1 0 0 0 1 0 0 0 1 {x} {y} {z}"))),
+        ("12 turned, by columns", lines(&|x, y, z| format!("0 1 0 -1 0 0 0 0 1 {x} {y} {z}"))),
+        ("12 turned, by rows", lines(&|x, y, z| format!("0 -1 0 {x} 1 0 0 {y} 0 0 1 {z}"))),
+        ("decimal commas, semicolons", lines(&|x, y, z| format!("{x};{y};{z}").replace('.', ","))),
+        ("decimal commas, blanks", lines(&|x, y, z| format!("{x:.9} {y:.9} {z:.9}").replace('.', ","))),
+        (
+            "decimal commas, quoted",
+            lines(&|x, y, z| format!("\"{x:.9}\",\"{y:.9}\",\"{z:.9}\"").replace('.', ",")),
+        ),
+        (
+            "quoted header and cells",
+            "\"x_mm\",\"y_mm\",\"z_mm\"\n".to_owned() + &lines(&|x, y, z| format!("\"{x}\",\"{y}\",\"{z}\"")),
+        ),
+    ] {
+        let needle =
+            written("n.csv", &text, |path| poses(path, None)).unwrap_or_else(|e| panic!("{name}: {e}"));
+        same(&Frame::new(&base(), &needle).expect("a frame"), &needle, &shape, 2e-9);
+    }
+    let lost = lines(&|x, y, z| if z == 20.0 { "nan nan nan".to_owned() } else { format!("{x} {y} {z}") });
+    let needle = written("n.csv", &lost, |path| poses(path, None)).expect("reads");
+    assert_eq!(needle.points_m.len(), shape.len() - 1);
+    assert!(needle.notes[0].contains("1 rows without numbers"), "{:?}", needle.notes);
     let in_metres = lines(&|x, y, z| format!("{} {} {}", metres(x), metres(y), metres(z)));
     let message = written("n.csv", &in_metres, |path| poses(path, Some(LengthUnit::Millimetres)));
     assert!(message.expect_err("refused").to_string().contains("a needle 0.06"));
@@ -229,4 +254,23 @@ fn frames_that_are_none_are_refused() {
     let upright = Straight { axis: Axis::Given([0.0, -1.0, 0.0]), ..base() };
     let [_, _, up] = Frame::new(&upright, &two).expect("a frame").parts();
     assert_eq!(up, [0.0, 0.0, 1.0]);
+}
+
+#[test]
+fn an_id_is_made_of_any_file_name() {
+    for (name, id) in [
+        ("my needle 1.csv", "my-needle-1"),
+        ("Nadel-Führung.csv", "Nadel-Fuehrung"),
+        ("needle curve.mrk.json", "needle-curve"),
+        ("my_data-no control.csv", "my_data-no-control"),
+        ("d40-1.force.csv", "d40-1.force"),
+        ("针 #3 (1).csv", "3-1"),
+        ("針.csv", "run"),
+        (".hidden", "hidden"),
+        ("é à.txt", "run"),
+    ] {
+        assert_eq!(id_of(Path::new(name)), id, "{name}");
+        assert!(is_file_name(&id_of(Path::new(name))), "{name}");
+    }
+    assert!(is_file_name(&id_of(Path::new(&"x".repeat(300)))));
 }

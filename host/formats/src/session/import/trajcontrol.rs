@@ -7,6 +7,7 @@
 //! `t_x / -t_y` and `t_z / -t_y`. A coil that does not lie exactly along the needle adds a constant to both.
 
 use super::super::InsertionRun;
+use super::frame::id_of;
 use super::screen::{Reading, Skipped, count, screen};
 use crate::document::table::{Column, Table};
 use crate::document::{Place, Problem, SessionError, read_text};
@@ -25,15 +26,15 @@ const STEEPEST: f64 = 0.58;
 const COLUMNS: [Column; 11] = [
     Column::required("Timestamp sec", 1.0, [0.0, 1e11]),
     Column::required("Timestamp nanosec", 1e-9, [0.0, 1e9]),
-    Column::required("Tip x", MM, TIP_MM),
-    Column::required("Tip y", MM, TIP_MM),
-    Column::required("Tip z", MM, TIP_MM),
-    Column::optional("Tip qw", 1.0, PART),
-    Column::optional("Tip qx", 1.0, PART),
-    Column::optional("Tip qy", 1.0, PART),
-    Column::optional("Tip qz", 1.0, PART),
-    Column::optional("Robot x", 1.0, ROBOT_M),
-    Column::optional("Robot z", 1.0, ROBOT_M),
+    Column::required("Tip x", MM, TIP_MM).blank(),
+    Column::required("Tip y", MM, TIP_MM).blank(),
+    Column::required("Tip z", MM, TIP_MM).blank(),
+    Column::optional("Tip qw", 1.0, PART).blank(),
+    Column::optional("Tip qx", 1.0, PART).blank(),
+    Column::optional("Tip qy", 1.0, PART).blank(),
+    Column::optional("Tip qz", 1.0, PART).blank(),
+    Column::optional("Robot x", 1.0, ROBOT_M).blank(),
+    Column::optional("Robot z", 1.0, ROBOT_M).blank(),
 ];
 
 /// A recording of another rig, and what of it is no reading of a needle that goes in.
@@ -65,7 +66,10 @@ pub fn trajcontrol(path: &Path) -> Result<Recording, SessionError> {
     let at = |values: &[f64], i: usize| values.get(i).copied().unwrap_or_default();
 
     // The guide's first position is where the straight needle points; before it has one, it has not moved.
-    let has_guide = |i: usize| robot.iter().any(|values| at(values, i) != 0.0);
+    let has_guide = |i: usize| {
+        let values = robot.each_ref().map(|values| at(values, i));
+        values.iter().all(|m| m.is_finite()) && values.iter().any(|m| *m != 0.0)
+    };
     let first = (0..seconds.len()).find(|i| has_guide(*i));
     let [zero_x_m, zero_z_m] = [0, 1].map(|side| first.map_or(0.0, |i| at(&robot[side], i)));
     let mut guide_m = [zero_x_m, zero_z_m];
@@ -83,6 +87,16 @@ pub fn trajcontrol(path: &Path) -> Result<Recording, SessionError> {
     }
     // Whole seconds since 1970 lose nothing next to nanoseconds when the start is taken off first.
     let time_s = |i: usize| at(&seconds, i) - at(&seconds, 0) + (at(&nanoseconds, i) - at(&nanoseconds, 0));
+    if let Some(row) = (1..seconds.len()).find(|i| time_s(*i) < time_s(i - 1)) {
+        let (now_s, before_s) = (time_s(row), time_s(row - 1));
+        return Err(SessionError::Field {
+            place: row_place(path, &text, row),
+            field: "Timestamp sec".to_owned(),
+            problem: Problem::Syntax(format!("{:.3} s before the row before", before_s - now_s)),
+            expected: "times that never step back: was the clock set, or are two recordings joined?"
+                .to_owned(),
+        });
+    }
     let all = run(path, &readings, [zero_z_m, zero_x_m], (0..readings.len()).map(time_s).collect());
     let reasons = screen(&readings, |row| all.check_row(row, path).is_ok());
     let skipped = count(&reasons);
@@ -107,11 +121,11 @@ pub fn trajcontrol(path: &Path) -> Result<Recording, SessionError> {
 /// All readings as columns; `zero_m` is where the guide began, vertical and horizontal.
 fn run(path: &Path, readings: &[Reading], zero_m: [f64; 2], mut time_s: Vec<f64>) -> InsertionRun {
     let column = |value: &dyn Fn(&Reading) -> f64| readings.iter().map(value).collect::<Vec<f64>>();
-    let start_s = readings.iter().position(|r| r.tip_m.iter().any(|m| *m != 0.0));
+    let start_s = readings.iter().position(Reading::is_measured);
     let start_s = start_s.and_then(|first| time_s.get(first).copied()).unwrap_or_default();
     time_s.iter_mut().for_each(|time_s| *time_s -= start_s);
     InsertionRun {
-        id: path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+        id: id_of(path),
         path: path.to_owned(),
         depth_m: column(&|r| r.tip_m[0]),
         tip_y_m: column(&|r| r.tip_m[1] - zero_m[0]),
@@ -177,6 +191,13 @@ impl InsertionRun {
     }
 }
 
+/// Where a row below the header begins.
+fn row_place(path: &Path, text: &str, row: usize) -> Place {
+    let is_row = |(_, line): &(usize, &str)| !line.starts_with('#') && !line.trim().is_empty();
+    let line = text.lines().enumerate().filter(is_row).nth(row + 1).map_or(0, |(line, _)| line);
+    Place { path: path.to_owned(), line: line + 1, column: 1 }
+}
+
 /// The text without a last line that has fewer cells than the header: a recording that was cut off.
 fn whole_lines(text: &str) -> &str {
     let cells = |line: &str| line.matches(',').count();
@@ -232,6 +253,39 @@ mod tests {
         // What is no unit quaternion has no direction.
         assert_eq!(run.tip_direction_x_rad, None);
         assert!(recording.remarks[0].contains("0 of 2 rows"), "{:?}", recording.remarks);
+    }
+
+    #[test]
+    fn rows_in_which_the_sensor_gave_no_number_are_skipped_and_counted() {
+        let row = |second: u32, tip: &str, robot: &str| {
+            format!("{},0,0,{tip},0.7,0,0,0,{robot}\n", 1_700_000_000 + second)
+        };
+        let rows = [
+            row(0, "-25.0,-1.0,22.0", "-0.025,0.02"),
+            row(1, "nan,nan,nan", "-0.025,0.02"),
+            row(2, "-25.1,-2.0,22.0", "nan,nan"),
+            row(3, "-25.2,,22.0", "-0.025,0.02"),
+            row(4, "-25.2,-3.0,NaN", "-0.025,0.02"),
+            row(5, "-25.2,-3.0,22.0", "-0.025,0.021"),
+        ];
+        let recording = read(&rows.concat()).expect("reads");
+        assert_eq!(recording.skipped, [Skipped { reason: SkipReason::Missing, rows: 3, first_row: 2 }]);
+        assert_eq!(recording.run.time_s, Some(vec![0.0, 2.0, 5.0]));
+        // Where the guide was is known from the row before.
+        let guide_m = recording.run.guide2_y_m.expect("a guide");
+        assert!(guide_m[1] == 0.0 && (guide_m[2] - 1e-3).abs() < 1e-12, "{guide_m:?}");
+        // A quaternion without numbers is no direction, and no reason to refuse its row.
+        let turned = row(6, "-25.3,-4.0,22.0", "-0.025,0.021").replace("0.7,0,0,0", "nan,nan,nan,nan");
+        assert_eq!(read(&(rows.concat() + &turned)).expect("reads").run.depth_m.len(), 4);
+    }
+
+    #[test]
+    fn a_clock_that_steps_back_is_an_error_at_its_row() {
+        let row = |second: u32, depth: u32| format!("{second},0,0,-25,-{depth},2{depth},0,0,0,0,0.01,0.01\n");
+        let rows: String =
+            [(1000, 1), (1001, 2), (1001, 3), (981, 4), (982, 5)].map(|(s, d)| row(s, d)).concat();
+        let error = read(&rows).expect_err("steps back").to_string();
+        assert!(error.contains("run_1.csv:5:1: Timestamp sec: 20.000 s before the row before"), "{error}");
     }
 
     #[test]
