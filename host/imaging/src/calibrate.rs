@@ -16,8 +16,8 @@ pub mod solve;
 
 use crate::detect::Detector;
 use crate::error::ImagingError;
-use crate::frame::{Frame, Orientation, Region};
-use crate::pose::{Pose, inverse, product};
+use crate::frame::{Frame, Orientation, Region, Statement, Unclear};
+use crate::pose::{self, IDENTITY, PlaceError, Pose, inverse, product};
 use crate::read::Sequence;
 use pattern::Cut;
 use phantom::Phantom;
@@ -65,6 +65,12 @@ pub enum CalibrateError {
         /// The reference.
         reference: String,
     },
+    /// A field that cannot be followed, without an option in its place.
+    #[error(transparent)]
+    Unclear(#[from] Unclear),
+    /// A clock that is set back.
+    #[error(transparent)]
+    Place(#[from] PlaceError),
     /// Too few frames.
     #[error(
         "{found} of {frames} frames show all {patterns} patterns of the phantom, expected {least} or more: does --spacing-mm fit, and is the \
@@ -161,7 +167,9 @@ pub fn calibrate(
     let header = sequence.header().clone();
     let of_file = header.spacing_mm.map(|[x, y]| 0.5 * (x + y));
     let about_mm =
-        of_file.or(settings.about_mm_per_px).or(phantom.about_mm_per_px).ok_or(CalibrateError::NoSpacing)?;
+        settings.about_mm_per_px.or(of_file).or(phantom.about_mm_per_px).ok_or(CalibrateError::NoSpacing)?;
+    let times_s: Vec<Option<f64>> = header.frames.iter().map(|frame| frame.time_s).collect();
+    pose::clock(&times_s)?;
     let reference = settings
         .reference
         .as_deref()
@@ -179,7 +187,9 @@ pub fn calibrate(
             return Err(CalibrateError::NoTransform { name: name.clone(), known });
         }
     }
-    let orientation = header.orientation.or(settings.orientation).unwrap_or_default();
+    let stated = header.unclear(Statement::Orientation).filter(|_| settings.orientation.is_none());
+    stated.cloned().map_or(Ok(()), Err)?;
+    let orientation = settings.orientation.or(header.orientation).unwrap_or_default();
     let detector = Detector::new(settings.echo_mm, [about_mm; 2], settings.region);
     let mut states = Vec::new();
     let mut observations: Vec<Observation> = Vec::new();
@@ -187,7 +197,7 @@ pub fn calibrate(
     for number in 0.. {
         let Some(frame) = sequence.next_frame()? else { break };
         let fields = header.frames.get(number);
-        let pose = fields.filter(|fields| !fields.is_invalid).and_then(|fields| {
+        let pose = fields.filter(|fields| !fields.is_invalid && !fields.is_other_depth).and_then(|fields| {
             let probe = fields.transforms.get(&settings.probe)?;
             let reference = match &settings.reference {
                 Some(name) => *fields.transforms.get(name)?,
@@ -240,8 +250,6 @@ pub fn calibrate(
     let errors = [&used, &others].map(|part| solution.errors(part, phantom));
     Ok(Calibration { states, observations, solution, errors })
 }
-
-const IDENTITY: Pose = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 
 /// The wires of a frame; none where not all patterns are there.
 fn wires(

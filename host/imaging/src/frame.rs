@@ -97,6 +97,8 @@ pub struct FrameFields {
     pub time_s: Option<f64>,
     /// Whether the file marks the frame as unusable.
     pub is_invalid: bool,
+    /// Whether it has another size of a pixel, depth or zoom than the first frame, by what the file states.
+    pub is_other_depth: bool,
     /// Homogeneous transforms that are marked as valid, row by row, millimetres, by name without `Transform`.
     pub transforms: BTreeMap<String, [f64; 16]>,
     /// Other fields that are one number.
@@ -120,4 +122,36 @@ pub struct Header {
     pub region: Option<Region>,
     /// Fields of the frames; empty where the file has none.
     pub frames: Vec<FrameFields>,
+    /// What the file states and cannot be followed: an error unless an option of the user takes its place.
+    pub unclear: Vec<(Statement, Unclear)>,
+    /// What was left out, for people.
+    pub notes: Vec<String>,
+}
+
+impl Header {
+    /// What the file states of this and cannot be followed.
+    pub fn unclear(&self, statement: Statement) -> Option<&Unclear> {
+        self.unclear.iter().find(|(of, _)| *of == statement).map(|(_, unclear)| unclear)
+    }
+}
+
+/// What an option of the user can state in place of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Statement {
+    /// Size of a pixel.
+    Spacing,
+    /// Axes of the image.
+    Orientation,
+}
+
+/// A field that cannot be followed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{field}: {problem}, expected {expected}")]
+pub struct Unclear {
+    /// Field of the header.
+    pub field: String,
+    /// What is there.
+    pub problem: String,
+    /// What is valid.
+    pub expected: String,
 }

@@ -50,6 +50,28 @@ pub enum PlaceError {
         "no time stamps in the file, expected them for a speed: give the distance of frames instead (--step-mm)"
     )]
     NoTime,
+    /// A clock that is set back, or stands still.
+    #[error(
+        "frame {frame}: a time stamp of {time_s} s after {before_s} s, expected one that is later: were two recordings joined?"
+    )]
+    Clock {
+        /// Which frame, from 1.
+        frame: usize,
+        /// Its stamp.
+        time_s: f64,
+        /// The latest stamp before it.
+        before_s: f64,
+    },
+    /// A probe that does not move.
+    #[error(
+        "{name} is the same in all {frames} frames, expected the position of a probe that moves: did the tracker see it?"
+    )]
+    Still {
+        /// The transform or field.
+        name: String,
+        /// Frames that have it.
+        frames: usize,
+    },
     /// No such field.
     #[error("no frame has the field {name}, expected one of: {known}")]
     NoField {
@@ -71,6 +93,23 @@ pub struct Motion {
 
 /// From an image in millimetres to the session's frame.
 pub type Pose = [f64; 16];
+
+/// Neither turned nor moved.
+pub const IDENTITY: Pose = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+
+/// The last row of a homogeneous transform is 0, 0, 0, 1 but for rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// A homogeneous transform that is given by rows or by columns, by rows: its last row decides. None where it has no such row.
+pub fn by_rows(numbers: [f64; 16]) -> Option<Pose> {
+    if numbers.iter().any(|number| !number.is_finite()) {
+        return None;
+    }
+    let is_last = |row: [f64; 4]| row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < ROUNDING);
+    let mut turned = numbers;
+    turned.iter_mut().enumerate().for_each(|(at, value)| *value = numbers[4 * (at % 4) + at / 4]);
+    [numbers, turned].into_iter().find(|matrix| is_last([matrix[12], matrix[13], matrix[14], matrix[15]]))
+}
 
 /// Readings before and after a frame over which the speed of the probe is taken.
 const SPEED_READINGS: usize = 2;
@@ -96,18 +135,28 @@ impl Poses {
     /// # Errors
     /// [`PlaceError`] where the file does not have what the place is computed from.
     pub fn new(count: usize, fields: &[FrameFields], place: &Place) -> Result<Self, PlaceError> {
-        let times_s: Vec<Option<f64>> =
+        let mut times_s: Vec<Option<f64>> =
             (0..count).map(|i| fields.get(i).and_then(|frame| frame.time_s)).collect();
+        // Where the frame number gives the place, no time is needed.
+        match (place, clock(&times_s)) {
+            (_, Ok(())) => {}
+            (Place::Step { .. }, Err(_)) => times_s.fill(None),
+            (_, Err(error)) => return Err(error),
+        }
         let own: Vec<Option<Pose>> = match place {
             Place::Step { start_mm, step_mm } => {
                 (0..count).map(|i| Some(across(start_mm + step_mm * i as f64))).collect()
             }
             Place::Speed { start_mm, mm_per_s } => {
                 let first_s = times_s.iter().flatten().next().copied().ok_or(PlaceError::NoTime)?;
-                times_s
-                    .iter()
-                    .map(|time_s| time_s.map(|time_s| across(start_mm + mm_per_s * (time_s - first_s))))
-                    .collect()
+                // A stamp once more is no place of its own.
+                let mut before_s = f64::NEG_INFINITY;
+                let mut own = |time_s: f64| {
+                    let is_new = time_s > before_s;
+                    before_s = time_s;
+                    is_new.then(|| across(start_mm + mm_per_s * (time_s - first_s)))
+                };
+                times_s.iter().map(|time_s| time_s.and_then(&mut own)).collect()
             }
             Place::Field { name, start_mm, sign } => {
                 let value = |frame: &FrameFields| frame.numbers.get(name).copied();
@@ -115,6 +164,7 @@ impl Poses {
                     let known = names(fields.iter().flat_map(|frame| frame.numbers.keys()));
                     return Err(PlaceError::NoField { name: name.clone(), known });
                 };
+                still(name, fields.iter().filter_map(value))?;
                 (0..count)
                     .map(|i| {
                         fields.get(i).and_then(value).map(|value| across(start_mm + sign * (value - first)))
@@ -127,6 +177,7 @@ impl Poses {
                     let known = names(fields.iter().flat_map(|frame| frame.transforms.keys()));
                     return Err(PlaceError::NoField { name: name.clone(), known });
                 }
+                still(name, fields.iter().filter_map(value))?;
                 let chain = |probe: Pose| product(tracker_to_guide, &product(&probe, image_to_probe));
                 (0..count).map(|i| fields.get(i).and_then(value).map(chain)).collect()
             }
@@ -181,6 +232,33 @@ impl Poses {
         pose.iter_mut().zip(after.1).for_each(|(value, after)| *value += share * (after - *value));
         Some(pose)
     }
+}
+
+/// Whether stamps never go back, and do not all stand still.
+pub(crate) fn clock(times_s: &[Option<f64>]) -> Result<(), PlaceError> {
+    let (mut before, mut repeated, mut has_advanced) = (None, None, false);
+    for (frame, time_s) in times_s.iter().enumerate().filter_map(|(frame, time_s)| Some((frame, (*time_s)?)))
+    {
+        if let Some(before_s) = before.replace(time_s) {
+            let error = PlaceError::Clock { frame: frame + 1, time_s, before_s };
+            match time_s.total_cmp(&before_s) {
+                std::cmp::Ordering::Less => return Err(error),
+                std::cmp::Ordering::Equal => repeated = repeated.or(Some(error)),
+                std::cmp::Ordering::Greater => has_advanced = true,
+            }
+        }
+    }
+    repeated.filter(|_| !has_advanced).map_or(Ok(()), Err)
+}
+
+/// Refuses readings of a probe that are all the same.
+fn still<T: PartialEq>(name: &str, readings: impl Iterator<Item = T>) -> Result<(), PlaceError> {
+    let readings: Vec<T> = readings.collect();
+    let is_still = readings.len() > 1 && readings.windows(2).all(|pair| pair[0] == pair[1]);
+    if is_still {
+        return Err(PlaceError::Still { name: name.to_owned(), frames: readings.len() });
+    }
+    Ok(())
 }
 
 /// A point of the image in the session's frame, millimetres: x, y, z.
@@ -238,6 +316,61 @@ mod tests {
         // The probe is above the needle.
         let Motion { beam_rad, mm_per_s } = poses.motion(3, 0.25).expect("a pose");
         assert!((beam_rad.to_degrees() + 90.0).abs() < 1e-9 && (mm_per_s - 10.0).abs() < 1e-9);
+    }
+
+    fn stamped(stamps_s: &[f64]) -> Vec<FrameFields> {
+        stamps_s.iter().enumerate().map(|(i, time_s)| frame(*time_s, i as f64)).collect()
+    }
+
+    #[test]
+    fn a_clock_that_steps_back_or_stands_still_is_an_error_at_its_frame() {
+        let speed = Place::Speed { start_mm: 70.0, mm_per_s: 1.0 };
+        let field = Place::Field { name: "Probe".to_owned(), start_mm: 70.0, sign: 1.0 };
+        for place in [&speed, &field] {
+            for (stamps_s, words) in [
+                (&[100.0, 101.0, 102.0, 82.0, 83.0][..], "frame 4: a time stamp of 82 s after 102 s"),
+                (&[100.0, 99.999, 101.0], "frame 2: a time stamp of 99.999 s after 100 s"),
+                (&[5.0, 5.0, 5.0], "frame 2: a time stamp of 5 s after 5 s"),
+            ] {
+                let error =
+                    Poses::new(stamps_s.len(), &stamped(stamps_s), place).expect_err(words).to_string();
+                assert!(error.contains(words), "{error}");
+            }
+        }
+        // A stamp once more: that frame alone has no place.
+        let fields = stamped(&[0.0, 1.0, 1.0, 2.0]);
+        let poses = Poses::new(4, &fields, &speed).expect("a clock");
+        let z_mm = [0, 1, 2, 3].map(|frame: usize| poses.of(frame, 0.0).map(|pose| pose[11]));
+        assert_eq!(z_mm, [Some(70.0), Some(71.0), None, Some(72.0)]);
+        // Where the number of the frame gives its place, no clock is needed.
+        let step = Place::Step { start_mm: 70.0, step_mm: 0.5 };
+        let poses = Poses::new(5, &stamped(&[100.0, 101.0, 102.0, 82.0, 83.0]), &step).expect("places");
+        assert!(poses.of(4, 0.0).is_some_and(|pose| pose[11] == 72.0) && !poses.has_times());
+        // The origin of the clock is of no meaning.
+        let far: Vec<f64> = [0.0, 1.0, 2.0].map(|s| s + 1.764e9).to_vec();
+        let poses = Poses::new(3, &stamped(&far), &speed).expect("a clock");
+        assert_eq!(poses.of(2, 0.0).map(|pose| pose[11]), Some(72.0));
+    }
+
+    #[test]
+    fn a_probe_that_never_moves_was_not_seen() {
+        let fields: Vec<FrameFields> = (0..4).map(|i| frame(f64::from(i), 12.5)).collect();
+        let place = Place::Field { name: "Probe".to_owned(), start_mm: 70.0, sign: 1.0 };
+        let error = Poses::new(4, &fields, &place).expect_err("still").to_string();
+        assert!(error.contains("Probe is the same in all 4 frames"), "{error}");
+    }
+
+    #[test]
+    fn the_last_row_decides_the_order_of_a_transform() {
+        let mut rows = across(5.0);
+        (rows[1], rows[4], rows[3]) = (0.5, -0.25, 7.0);
+        let mut columns = rows;
+        columns.iter_mut().enumerate().for_each(|(at, value)| *value = rows[4 * (at % 4) + at / 4]);
+        assert_eq!([by_rows(rows), by_rows(columns)], [Some(rows); 2]);
+        let mut neither = rows;
+        (neither[12], neither[15]) = (3.0, 2.0);
+        assert_eq!(by_rows(neither), None);
+        assert_eq!(by_rows([f64::NAN; 16]), None);
     }
 
     #[test]

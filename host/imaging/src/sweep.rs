@@ -10,7 +10,7 @@ pub use shared::share_noise;
 
 use crate::detect::{Candidate, Detector};
 use crate::error::ImagingError;
-use crate::frame::{Frame, Header, Orientation, Region};
+use crate::frame::{Frame, Header, Orientation, Region, Statement, Unclear};
 use crate::pose::{Motion, Place, PlaceError, Poses, placed};
 use crate::read::Sequence;
 use crate::track::{Decision, Echo, Track, TrackError, follow};
@@ -22,11 +22,11 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 pub struct Settings {
     /// Outer diameter of the needle, millimetres.
     pub needle_mm: f64,
-    /// Size of a pixel, where the file does not state it.
+    /// Size of a pixel, in place of what the file states.
     pub spacing_mm: Option<[f64; 2]>,
-    /// How the image lies on the probe, where the file does not state it.
+    /// How the image lies on the probe, in place of what the file states.
     pub orientation: Option<Orientation>,
-    /// Part of the oriented frame in which the needle is.
+    /// Part of the oriented frame in which the needle is, in place of what the file states.
     pub region: Option<Region>,
     /// Where the image plane is.
     pub place: Place,
@@ -46,19 +46,9 @@ pub enum SweepError {
         "the file states no size of a pixel (or 1 mm, which is what programs write that do not have it), expected --spacing-mm X,Y"
     )]
     NoSpacing,
-    /// Two sizes of a pixel.
-    #[error("the file states pixels of {} x {} mm, expected those of --spacing-mm, {} x {}", file[0], file[1], given[0], given[1])]
-    OtherSpacing {
-        /// Of the file.
-        file: [f64; 2],
-        /// As given.
-        given: [f64; 2],
-    },
-    /// Two orientations.
-    #[error(
-        "the file states other axes of the image than --orientation, expected the same: a flipped image changes the sign of deflections"
-    )]
-    OtherOrientation,
+    /// A field that cannot be followed, without an option in its place.
+    #[error(transparent)]
+    Unclear(#[from] Unclear),
     /// No place.
     #[error(transparent)]
     Place(#[from] PlaceError),
@@ -180,8 +170,11 @@ pub fn measure(
     let poses = Poses::new(header.count, &header.frames, &settings.place)?;
     for number in 0.. {
         let Some(frame) = sequence.next_frame()? else { break };
-        let is_invalid = header.frames.get(number).is_some_and(|fields| fields.is_invalid);
-        if is_invalid || poses.of(number, 0.0).is_none() {
+        let fields = header.frames.get(number);
+        let is_invalid = fields.is_some_and(|fields| fields.is_invalid);
+        if fields.is_some_and(|fields| fields.is_other_depth) {
+            measurement.reject(State::OtherDepth);
+        } else if is_invalid || poses.of(number, 0.0).is_none() {
             measurement.reject(State::Invalid);
         } else {
             measurement.push(frame);
@@ -203,20 +196,31 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// As a file states it, and as given where it does not.
+    /// As given, and as a file states it where nothing is given.
     ///
     /// # Errors
-    /// [`SweepError`] where neither has it, or both have it and differ.
+    /// [`SweepError`] where neither has it.
     pub fn new(header: &Header, settings: &Settings) -> Result<Self, SweepError> {
-        let orientation = match (header.orientation, settings.orientation) {
-            (Some(file), Some(given)) if file != given => return Err(SweepError::OtherOrientation),
-            (file, given) => file.or(given).unwrap_or_default(),
+        let stated = |statement| header.unclear(statement).cloned().map_or(Ok(()), Err);
+        let orientation = match settings.orientation {
+            Some(given) => given,
+            None => {
+                stated(Statement::Orientation)?;
+                header.orientation.unwrap_or_default()
+            }
+        };
+        let spacing_mm = match settings.spacing_mm {
+            Some(given) => given,
+            None => {
+                stated(Statement::Spacing)?;
+                header.spacing_mm.ok_or(SweepError::NoSpacing)?
+            }
         };
         // A region of the file is one of its pixels, before they are oriented.
         let of_file =
             || header.region.map(|region| region.oriented(orientation, [header.width, header.height]));
         let region = settings.region.or_else(of_file);
-        Ok(Self { spacing_mm: spacing(header, settings)?, orientation, region })
+        Ok(Self { spacing_mm, orientation, region })
     }
 }
 
@@ -298,18 +302,6 @@ impl Measurement {
             FrameResult { time_s: poses.time_s(number), motion: poses.motion(number, lag_s), ..result }
         });
         Ok(Sweep { frames: frames.collect(), lag, lag_s, track })
-    }
-}
-
-/// Size of a pixel: of the file or as given, and the same where it is both.
-fn spacing(header: &Header, settings: &Settings) -> Result<[f64; 2], SweepError> {
-    match (header.spacing_mm, settings.spacing_mm) {
-        (None, None) => Err(SweepError::NoSpacing),
-        (Some(mm), None) | (None, Some(mm)) => Ok(mm),
-        (Some(file), Some(given)) => {
-            let is_same = file.iter().zip(given).all(|(file, given)| (file / given - 1.0).abs() < 0.005);
-            if is_same { Ok(file) } else { Err(SweepError::OtherSpacing { file, given }) }
-        }
     }
 }
 

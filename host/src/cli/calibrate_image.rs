@@ -203,7 +203,7 @@ fn draw(args: &Args, path: &Path, found: &Calibration, out: &Output) -> anyhow::
         })
         .collect();
     let sequence_orientation = Sequence::open(path)?.header().orientation;
-    let orientation = sequence_orientation.or(args.orientation).unwrap_or_default();
+    let orientation = args.orientation.or(sequence_orientation).unwrap_or_default();
     let picture = |number: usize, frame: imaging::frame::Frame| {
         let cut = found.observations.iter().find(|one| one.frame == number).map(|one| one.cut.as_slice());
         let places: Vec<[f64; 2]> = cut.unwrap_or_default().iter().flatten().copied().collect();

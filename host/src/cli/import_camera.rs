@@ -10,7 +10,7 @@ use super::output::{Output, figures_file};
 use crate::figures;
 use anyhow::{Context, bail, ensure};
 use document::{Imported, Run};
-use formats::session::{DEPTH_RANGE_MM, ForceSeries, SessionWriter, Setup, import::name_of, is_file_name};
+use formats::session::{DEPTH_RANGE_MM, ForceSeries, SessionWriter, Setup, import::id_of, is_file_name};
 use imaging::camera::{Clip, Directions, Settings, State, measure};
 use imaging::frame::Region;
 use imaging::overlay::Picture;
@@ -140,7 +140,7 @@ pub fn run(
     let scale = args.scale()?;
     let settings = Settings { template, mark: args.mark };
     let path = files.first().cloned().unwrap_or_default();
-    let id = shapes.id.clone().unwrap_or_else(|| name_of(&path));
+    let id = shapes.id.clone().unwrap_or_else(|| id_of(&path));
     ensure!(
         is_file_name(&id),
         "--id: \"{id}\" cannot be part of a file name, expected letters, digits, - _ ."
@@ -202,6 +202,7 @@ fn followed(files: &[PathBuf], path: &Path, settings: &Settings, out: &Output) -
         progress.set_message(format!("{}: frame {} of {count}", path.display(), frame + 1));
     });
     progress.finish_and_clear();
+    sequence.header().notes.iter().for_each(|note| out.note(format_args!("{}: {note}", path.display())));
     clip.with_context(|| path.display().to_string())
 }
 

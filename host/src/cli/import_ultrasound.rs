@@ -1,5 +1,6 @@
 //! `guide import ultrasound`: a lateral run's shape from transverse ultrasound frames.
 
+mod alike;
 mod document;
 mod recorded;
 mod reference;
@@ -9,14 +10,16 @@ pub use document::checksum;
 use super::frame_pictures::{self, PictureArgs, Shown, open, sequences};
 use super::import_shapes::{self, ShapeArgs};
 use super::output::Output;
+use alike::Imaged;
 use anyhow::{Context, bail, ensure};
 use document::{Imported, Straight};
 use formats::image_calibration::ImageCalibration;
-use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup, ShapeSeries, import::name_of, is_file_name};
+use formats::session::import::{id_of, name_of};
+use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup, ShapeSeries, is_file_name};
 use imaging::frame::{Orientation, Region};
 use imaging::overlay::Picture;
 use imaging::pose::Place;
-use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, measure, share_noise};
+use imaging::sweep::{Deflection, Geometry, Line, Settings, State, Sweep, deflections, measure, share_noise};
 use mechanics::ShapeImage;
 use recorded::RecordedRun;
 use reference::refer_to_zero;
@@ -32,10 +35,10 @@ pub struct FrameArgs {
     /// Place of the straight needle in every frame, pixels, instead of --straight: the needle is then taken as parallel to the sweep
     #[arg(long, value_name = "X,Y", value_parser = pair, conflicts_with = "straight")]
     straight_px: Option<[f64; 2]>,
-    /// Size of a pixel, where the file does not state it
+    /// Size of a pixel, in place of what the file states
     #[arg(long, value_name = "X,Y", value_parser = spacing)]
     spacing_mm: Option<[f64; 2]>,
-    /// Axes of the image, where the file does not state them: first axis to the marked (M) or unmarked (U) side of the probe, second to
+    /// Axes of the image, in place of what the file states: first axis to the marked (M) or unmarked (U) side of the probe, second to
     /// the far (F) or near (N) side (default: MF)
     #[arg(long, value_name = "MF|UF|MN|UN", value_parser = orientation)]
     orientation: Option<Orientation>,
@@ -194,14 +197,15 @@ pub fn run(
     let of_straight = args.straight.as_ref().or(own.map(|(path, _)| path));
     let mut of_straight =
         of_straight.map(|path| one(std::slice::from_ref(path), &settings, out)).transpose()?;
-    let mut of_sweeps: Vec<(PathBuf, Sweep)> =
+    let mut of_sweeps: Vec<(PathBuf, Sweep, Imaged)> =
         sweeps.iter().map(|files| one(files, &settings, out)).collect::<anyhow::Result<_>>()?;
+    alike::check(of_straight.iter().chain(&of_sweeps).map(|(path, _, imaged)| (path, imaged)))?;
     let all = of_straight.iter_mut().chain(&mut of_sweeps);
-    share_noise(&mut all.map(|(_, sweep)| sweep).collect::<Vec<_>>());
+    share_noise(&mut all.map(|(_, sweep, _)| sweep).collect::<Vec<_>>());
     let straight = of_straight.map(straight).transpose()?;
     let mut sheets: Vec<Vec<u8>> = Vec::new();
     let mut measured: Vec<(PathBuf, Sweep, Vec<Deflection>)> = Vec::new();
-    for (files, (path, sweep)) in sweeps.iter().zip(of_sweeps) {
+    for (files, (path, sweep, _)) in sweeps.iter().zip(of_sweeps) {
         sheets.extend(draw(pictures, files, &settings, &sweep, out)?);
         let line = match (&straight, args.straight_px) {
             (Some((_, _, line)), _) => *line,
@@ -234,7 +238,7 @@ pub fn run(
     );
     let first =
         sweeps.first().and_then(|files| files.first()).context("PATH: no file, expected one or more")?;
-    let id = args.run.clone().or_else(|| shapes.id.clone()).unwrap_or_else(|| name_of(first));
+    let id = args.run.clone().or_else(|| shapes.id.clone()).unwrap_or_else(|| id_of(first));
     ensure!(
         is_file_name(&id),
         "--id: \"{id}\" cannot be part of a file name, expected letters, digits, - _ ."
@@ -271,7 +275,7 @@ pub fn run(
 }
 
 /// Measures a sequence.
-fn one(files: &[PathBuf], settings: &Settings, out: &Output) -> anyhow::Result<(PathBuf, Sweep)> {
+fn one(files: &[PathBuf], settings: &Settings, out: &Output) -> anyhow::Result<(PathBuf, Sweep, Imaged)> {
     let path = files.first().cloned().unwrap_or_default();
     let mut sequence = open(files)?;
     let count = sequence.header().count;
@@ -280,12 +284,15 @@ fn one(files: &[PathBuf], settings: &Settings, out: &Output) -> anyhow::Result<(
         progress.set_message(format!("{}: frame {} of {count}", path.display(), frame + 1));
     });
     progress.finish_and_clear();
-    let sweep = sweep.with_context(|| path.display().to_string())?;
-    Ok((path, sweep))
+    let context = || path.display().to_string();
+    let sweep = sweep.with_context(context)?;
+    sequence.header().notes.iter().for_each(|note| out.note(format_args!("{}: {note}", path.display())));
+    let imaged = Imaged::new(sequence.header(), settings).with_context(context)?;
+    Ok((path, sweep, imaged))
 }
 
 /// The straight needle from a sweep of its own.
-fn straight((path, sweep): (PathBuf, Sweep)) -> anyhow::Result<Straight> {
+fn straight((path, sweep, _): (PathBuf, Sweep, Imaged)) -> anyhow::Result<Straight> {
     let line = Line::through(&sweep.points()).with_context(|| {
         format!("{}: fewer than 3 points, expected a sweep along the needle", path.display())
     })?;
@@ -298,8 +305,7 @@ fn along(px: [f64; 2], files: &[PathBuf], settings: &Settings) -> anyhow::Result
         !matches!(settings.place, Place::Transform { .. }),
         "--straight-px: has no meaning with --transform, expected --straight"
     );
-    let spacing_mm = open(files)?.header().spacing_mm.or(settings.spacing_mm);
-    let [x, y] = spacing_mm.context("--spacing-mm: missing")?;
+    let [x, y] = Geometry::new(open(files)?.header(), settings)?.spacing_mm;
     Ok(Line::along([px[0] * x, -px[1] * y]))
 }
 
@@ -325,7 +331,7 @@ fn draw(
             place: frame.place_mm.map_or_else(String::new, |[x, y, z]| format!("z {z:.1}  {x:.2}, {y:.2}")),
         })
         .collect();
-    let orientation = open(files)?.header().orientation.or(settings.orientation).unwrap_or_default();
+    let Geometry { orientation, .. } = Geometry::new(open(files)?.header(), settings)?;
     let picture = |number: usize, frame: imaging::frame::Frame| {
         let result = sweep.frames.get(number);
         let (state, candidate) =
@@ -409,9 +415,9 @@ pub fn region(text: &str) -> Result<Region, String> {
 }
 
 fn matrix(text: &str) -> Result<Matrix, String> {
-    numbers(text)
-        .map(Box::new)
-        .ok_or_else(|| "expected 16 numbers, row by row, separated by commas".to_owned())
+    numbers(text).and_then(imaging::pose::by_rows).map(Box::new).ok_or_else(|| {
+        "expected 16 numbers, row by row, separated by commas, with 0,0,0,1 as the last row".to_owned()
+    })
 }
 
 /// Share of rejected frames from which the user is warned.

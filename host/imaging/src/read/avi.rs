@@ -60,7 +60,12 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let end = bytes.seek(SeekFrom::End(0)).map_err(ImagingError::io(path))?;
     let mut found = Found::default();
     walk(path, &mut bytes, end, &mut found)?;
-    let Found { step_s, format, frames, .. } = found;
+    let Found { step_s, format, mut frames, .. } = found;
+    let mut notes = Vec::new();
+    // A recorder that is stopped by a power cut leaves the frames before whole.
+    if frames.len() > 1 && frames.pop_if(|(place, size)| *place + u64::from(*size) > end).is_some() {
+        notes.push(format!("the last frame is cut off: the {} frames before it are read", frames.len()));
+    }
     let Some((width, height, pixels)) = format else {
         return Err(ImagingError::invalid(path, "strf", "missing", "an AVI film with a video stream"));
     };
@@ -73,7 +78,8 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         let field = |frame| FrameFields { time_s: Some(step_s * frame as f64), ..FrameFields::default() };
         (0..count).map(field).collect()
     });
-    let header = Header { width, height, count, frames: times.unwrap_or_default(), ..Header::default() };
+    let frames_of = times.unwrap_or_default();
+    let header = Header { width, height, count, frames: frames_of, notes, ..Header::default() };
     let avi =
         Avi { path: path.to_owned(), bytes, pixels, size: [width, height], frames, next: 0, last: None };
     Ok((header, Source::Reader(Box::new(avi))))

@@ -4,12 +4,15 @@
 //! from the file one at a time ([`pixels`]). The size of a pixel is that of the ultrasound region with a 2D image (PS3.3, C.8.5.5), or
 //! `PixelSpacing` where there is none inside the frame.
 
+mod files;
 mod pixels;
+
+pub(super) use files::{files, open_files};
 
 use super::header::SPACING_MM;
 use super::{Source, check_size};
 use crate::error::ImagingError;
-use crate::frame::{FrameFields, Header, Region};
+use crate::frame::{FrameFields, Header, Region, Statement, Unclear};
 use dicom_core::Tag;
 use dicom_encoding::transfer_syntax::Codec;
 use dicom_encoding::{Endianness, TransferSyntax};
@@ -34,6 +37,7 @@ const MAX_REGIONS: usize = 64;
 const TRANSFER_SYNTAX: Tag = Tag(0x0002, 0x0010);
 const REGIONS: Tag = Tag(0x0018, 0x6011);
 const PIXEL_DATA: Tag = Tag(0x7FE0, 0x0010);
+const INSTANCE: Tag = Tag(0x0020, 0x0013);
 const FRAMES: Tag = Tag(0x0028, 0x0008);
 const ROWS: Tag = Tag(0x0028, 0x0010);
 const COLUMNS: Tag = Tag(0x0028, 0x0011);
@@ -47,7 +51,8 @@ const SIGNED: Tag = Tag(0x0028, 0x0103);
 const FRAME_TIME_MS: Tag = Tag(0x0018, 0x1063);
 const FRAME_TIMES_MS: Tag = Tag(0x0018, 0x1065);
 /// What is read of the data set.
-const VALUES: [Tag; 12] = [
+const VALUES: [Tag; 13] = [
+    INSTANCE,
     FRAMES,
     ROWS,
     COLUMNS,
@@ -78,11 +83,25 @@ struct Syntax {
 }
 
 pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
+    let Opened { header, pixels, .. } = open_file(path)?;
+    Ok((header, Source::Reader(Box::new(pixels))))
+}
+
+/// A file whose header is read.
+struct Opened {
+    header: Header,
+    pixels: Pixels,
+    /// Its place in a series, where it is stated.
+    instance: Option<i64>,
+}
+
+fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     let mut file = BufReader::new(File::open(path).map_err(ImagingError::io(path))?);
     let (syntax, start) = syntax(path, &mut file)?;
     let is_big = syntax.endianness == Endianness::Big;
     let DataSet { values, regions, pixels: (position, length) } = data_set(path, file, start, &syntax)?;
     let header = Attributes { path, values: &values, is_big };
+    let instance = header.text(INSTANCE).and_then(|text| text.trim().parse().ok());
     let number = |tag: Tag, name: &str| {
         header.number(tag).ok_or_else(|| ImagingError::invalid(path, name, "missing", "a DICOM image"))
     };
@@ -100,14 +119,18 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     };
     check_size(path, "Rows, Columns, NumberOfFrames", [width, height, count])?;
     let layout = Layout::new(&header, [width, height])?;
-    let (spacing_mm, region) = region(&header, &regions)?;
-    let header =
-        Header { width, height, count, spacing_mm, region, frames: header.times(count), ..Header::default() };
+    let (stated, region) = region(&header, &regions);
+    let frames = header.times(count);
+    let mut header = Header { width, height, count, region, frames, ..Header::default() };
+    match stated {
+        Ok(mm) => header.spacing_mm = mm,
+        Err(unclear) => header.unclear.push((Statement::Spacing, unclear)),
+    }
     let file = File::open(path).map_err(ImagingError::io(path))?;
     let mut bytes = BufReader::new(file);
     bytes.seek(SeekFrom::Start(position)).map_err(ImagingError::io(path))?;
     let pixels = Pixels::new(path, bytes, syntax.coding, layout, count, length)?;
-    Ok((header, Source::Reader(Box::new(pixels))))
+    Ok(Opened { header, pixels, instance })
 }
 
 /// Whether a file begins as DICOM does: they often have no extension.
@@ -280,24 +303,17 @@ fn data_set(
 }
 
 /// Size of a pixel and the part of the frame that is ultrasound.
-fn region(
-    header: &Attributes,
-    regions: &[Values],
-) -> Result<(Option<[f64; 2]>, Option<Region>), ImagingError> {
+fn region(header: &Attributes, regions: &[Values]) -> (Result<Option<[f64; 2]>, Unclear>, Option<Region>) {
     /// Two-dimensional; centimetres.
     const TWO_D: usize = 1;
     const CENTIMETRES: usize = 3;
-    let mut found: Option<([f64; 2], Region)> = None;
+    let mut stated: Option<Result<[f64; 2], Unclear>> = None;
+    let mut region: Option<Region> = None;
     for values in regions {
         let of = Attributes { values, ..*header };
         let is_2d = of.number(FORMAT) == Some(TWO_D);
         if !is_2d || UNITS.iter().any(|tag| of.number(*tag) != Some(CENTIMETRES)) {
             continue;
-        }
-        let mut mm = [0.0; 2];
-        for (mm, tag) in mm.iter_mut().zip(DELTAS) {
-            let cm = of.float(tag).unwrap_or(f64::NAN);
-            *mm = header.valid_mm("PhysicalDelta", &format!("{cm} cm"), 10.0 * cm)?;
         }
         let corners: Option<Vec<usize>> = CORNERS.iter().map(|tag| of.number(*tag)).collect();
         let Some(&[left, top, right, bottom]) = corners.as_deref() else { continue };
@@ -307,44 +323,34 @@ fn region(
         {
             continue;
         }
-        let (width, height) = ((right + 1).saturating_sub(left), (bottom + 1).saturating_sub(top));
-        let region = Region { x: left, y: top, width, height };
-        match &mut found {
-            None => found = Some((mm, region)),
-            Some((known, _)) if known.iter().zip(mm).any(|(known, mm)| (mm / *known - 1.0).abs() > 1e-3) => {
+        let own = of.deltas();
+        stated = Some(match (stated, own) {
+            (None, own) => own,
+            (Some(Ok(known)), Ok(mm)) if !super::header::is_same(known, mm) => {
                 let problem = format!("pixels of {} x {} and {} x {} mm", known[0], known[1], mm[0], mm[1]);
-                let field = "SequenceOfUltrasoundRegions";
-                return Err(ImagingError::invalid(
-                    header.path,
-                    field,
-                    problem,
-                    "2D regions with one size of a pixel",
-                ));
+                let expected = "2D regions with one size of a pixel; or --spacing-mm and --region".to_owned();
+                Err(Unclear { field: "SequenceOfUltrasoundRegions".to_owned(), problem, expected })
             }
-            // Two images beside each other: --region chooses.
-            Some((_, whole)) => {
-                let (x, y) = (whole.x.min(region.x), whole.y.min(region.y));
-                let right = (whole.x + whole.width).max(region.x + region.width);
-                let bottom = (whole.y + whole.height).max(region.y + region.height);
-                *whole = Region { x, y, width: right - x, height: bottom - y };
-            }
-        }
+            (Some(Err(unclear)), _) | (Some(Ok(_)), Err(unclear)) => Err(unclear),
+            (Some(Ok(known)), Ok(_)) => Ok(known),
+        });
+        let (width, height) = ((right + 1).saturating_sub(left), (bottom + 1).saturating_sub(top));
+        let own = Region { x: left, y: top, width, height };
+        // Two images beside each other: --region chooses.
+        region = Some(region.map_or(own, |whole| {
+            let (x, y) = (whole.x.min(own.x), whole.y.min(own.y));
+            let right = (whole.x + whole.width).max(own.x + own.width);
+            let bottom = (whole.y + whole.height).max(own.y + own.height);
+            Region { x, y, width: right - x, height: bottom - y }
+        }));
     }
-    if let Some((mm, region)) = found {
-        return Ok((Some(mm), Some(region)));
-    }
-    let Some(text) = header.text(PIXEL_SPACING) else { return Ok((None, None)) };
-    // Between rows first.
-    let numbers: Vec<&str> = text.split('\\').collect();
-    let spacing_mm = super::header::spacing(
-        header.path,
-        "PixelSpacing",
-        &match numbers.as_slice() {
-            [rows, columns] => format!("{columns} {rows}"),
-            _ => text.clone(),
-        },
-    )?;
-    Ok((spacing_mm, None))
+    let spacing = header.pixel_spacing();
+    let Some(of_region) = stated else { return (spacing, None) };
+    let spacing = of_region.and_then(|mm| {
+        let fields = [("PhysicalDelta of the region", Some(mm)), ("PixelSpacing", spacing?)];
+        super::header::one_of(&fields)
+    });
+    (spacing, region)
 }
 
 /// The values of a data set or an item.
@@ -378,12 +384,26 @@ impl Attributes<'_> {
         self.values.get(&tag).map(|value| text(value))
     }
 
-    fn valid_mm(&self, field: &str, problem: &str, mm: f64) -> Result<f64, ImagingError> {
-        if (SPACING_MM[0]..=SPACING_MM[1]).contains(&mm) {
+    /// Sizes of a pixel of a region, millimetres. A negative one states an axis that points the other way.
+    fn deltas(&self) -> Result<[f64; 2], Unclear> {
+        let mm = DELTAS.map(|tag| 10.0 * self.float(tag).unwrap_or(f64::NAN));
+        if mm.iter().all(|mm| (SPACING_MM[0]..=SPACING_MM[1]).contains(mm)) {
             return Ok(mm);
         }
-        let expected = format!("a size of a pixel from {} to {} mm", SPACING_MM[0], SPACING_MM[1]);
-        Err(ImagingError::invalid(self.path, field, problem, expected))
+        let problem = format!("{} and {} cm", 0.1 * mm[0], 0.1 * mm[1]);
+        let expected =
+            format!("sizes of a pixel from {} to {} mm; or --spacing-mm", SPACING_MM[0], SPACING_MM[1]);
+        Err(Unclear { field: "PhysicalDelta".to_owned(), problem, expected })
+    }
+
+    /// Sizes of a pixel where there are no regions.
+    fn pixel_spacing(&self) -> Result<Option<[f64; 2]>, Unclear> {
+        let Some(text) = self.text(PIXEL_SPACING) else { return Ok(None) };
+        // Between rows first.
+        let mm = text
+            .split_once('\\')
+            .and_then(|(rows, columns)| Some([columns.trim().parse().ok()?, rows.trim().parse().ok()?]));
+        super::header::spacing("PixelSpacing", mm, &text)
     }
 
     /// Times of the frames, where the file has them.

@@ -1,7 +1,9 @@
 //! Fields that MetaImage and NRRD sequences share: `Seq_FrameNNNN_Name = value`, spacing, orientation.
 
 use crate::error::ImagingError;
-use crate::frame::{FrameFields, MAX_FRAMES};
+use crate::frame::{FrameFields, Header, MAX_FRAMES, Orientation, Statement, Unclear};
+use crate::pose::{self, Pose};
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufRead, Read};
 use std::path::Path;
 
@@ -9,6 +11,10 @@ use std::path::Path;
 const MAX_HEADER: u64 = 64 << 20;
 /// A pixel is not smaller or larger than this, millimetres.
 pub(super) const SPACING_MM: [f64; 2] = [1e-3, 10.0];
+/// Sizes that differ by less than this share are the same, rounded.
+const SAME: f64 = 1e-3;
+/// Fields of frames that change when the scanner is set to another depth or zoom, as PLUS names them.
+const SCANNER_SETTINGS: [&str; 2] = ["DepthMm", "ZoomFactor"];
 
 /// The next line without its end; none at the end of the file.
 pub(super) fn line(
@@ -38,77 +44,204 @@ pub(super) fn sizes(path: &Path, field: &str, value: &str) -> Result<Vec<usize>,
     numbers.map_err(|_| ImagingError::invalid(path, field, format!("\"{}\"", short(value)), "whole numbers"))
 }
 
-/// Two sizes of a pixel, or none where it is 1 in both directions: programs write that where they have no spacing.
-pub(super) fn spacing(path: &Path, field: &str, value: &str) -> Result<Option<[f64; 2]>, ImagingError> {
-    let numbers: Option<Vec<f64>> =
-        value.split_whitespace().take(2).map(|number| number.parse().ok()).collect();
-    let given = numbers.and_then(|numbers| <[f64; 2]>::try_from(numbers).ok());
-    match given {
+/// Fields of a header by their names, each once: a second statement that differs contradicts the first.
+#[derive(Default)]
+pub(super) struct Fields(BTreeMap<String, String>);
+
+impl Fields {
+    /// Enters a field.
+    pub fn enter(&mut self, path: &Path, key: &str, value: &str) -> Result<(), ImagingError> {
+        match self.0.insert(key.to_owned(), value.to_owned()) {
+            Some(before) if before != value => {
+                let problem = format!("\"{}\" and \"{}\"", short(&before), short(value));
+                Err(ImagingError::invalid(path, key, problem, "one value"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The first of these names that is there: name and value.
+    pub fn get<'n>(&self, names: &[&'n str]) -> Option<(&'n str, &str)> {
+        names.iter().find_map(|name| Some((*name, self.0.get(*name)?.as_str())))
+    }
+}
+
+/// Two sizes of a pixel in millimetres, or none where it is 1 in both directions: programs write that where they have no spacing.
+pub(super) fn spacing(field: &str, mm: Option<[f64; 2]>, text: &str) -> Result<Option<[f64; 2]>, Unclear> {
+    match mm {
         Some([x, y]) if x == 1.0 && y == 1.0 => Ok(None),
         Some(mm) if mm.iter().all(|mm| (SPACING_MM[0]..=SPACING_MM[1]).contains(mm)) => Ok(Some(mm)),
         _ => {
             let expected = format!("two sizes of a pixel from {} to {} mm", SPACING_MM[0], SPACING_MM[1]);
-            Err(ImagingError::invalid(path, field, format!("\"{}\"", short(value)), expected))
+            Err(Unclear { field: field.to_owned(), problem: format!("\"{}\"", short(text)), expected })
         }
     }
 }
 
-/// Enters a field of a frame, where it is one.
-pub(super) fn frame_field(
-    path: &Path,
-    key: &str,
-    value: &str,
-    frames: &mut Vec<FrameFields>,
-) -> Result<(), ImagingError> {
-    let Some((number, name)) = key.strip_prefix("Seq_Frame").and_then(|rest| rest.split_once('_')) else {
-        return Ok(());
-    };
-    let number: usize = number.parse().ok().filter(|number| *number < MAX_FRAMES).ok_or_else(|| {
-        ImagingError::invalid(
-            path,
-            key,
-            "no number of a frame",
-            format!("Seq_Frame0000_... to {MAX_FRAMES} frames"),
-        )
-    })?;
-    if frames.len() <= number {
-        frames.resize(number + 1, FrameFields::default());
-    }
-    let Some(frame) = frames.get_mut(number) else { return Ok(()) };
-    let value = value.trim();
-    if name == "Timestamp" {
-        let time_s: Option<f64> = value.parse().ok().filter(|time_s: &f64| time_s.is_finite());
-        let problem = || format!("\"{}\"", short(value));
-        frame.time_s =
-            Some(time_s.ok_or_else(|| ImagingError::invalid(path, key, problem(), "a time in seconds"))?);
-    } else if name == "Status" || name == "ImageStatus" {
-        frame.is_invalid |= value != "OK";
-    } else if let Some(transform) = name.strip_suffix("TransformStatus") {
-        if value != "OK" {
-            frame.transforms.remove(transform);
-        }
-    } else if let Some(transform) = name.strip_suffix("Transform") {
-        frame.transforms.insert(transform.to_owned(), matrix(path, key, value)?);
-    } else if let Some(number) = value.parse().ok().filter(|number: &f64| number.is_finite()) {
-        frame.numbers.insert(name.to_owned(), number);
-    }
-    Ok(())
+/// The first two numbers of a text.
+pub(super) fn two(text: &str) -> Option<[f64; 2]> {
+    let numbers: Option<Vec<f64>> =
+        text.split_whitespace().take(2).map(|number| number.parse().ok()).collect();
+    numbers.and_then(|numbers| numbers.try_into().ok())
 }
 
-/// A homogeneous transform, row by row.
-fn matrix(path: &Path, key: &str, value: &str) -> Result<[f64; 16], ImagingError> {
-    let numbers: Option<Vec<f64>> = value.split_whitespace().map(|number| number.parse().ok()).collect();
-    numbers
-        .and_then(|numbers| <[f64; 16]>::try_from(numbers).ok())
-        .filter(|matrix| matrix.iter().all(|number| number.is_finite()))
-        .ok_or_else(|| {
+/// One size of a pixel of several statements of it, the first of which has precedence; those that differ contradict each other.
+pub(super) fn one_of(stated: &[(&str, Option<[f64; 2]>)]) -> Result<Option<[f64; 2]>, Unclear> {
+    let mut found: Option<(&str, [f64; 2])> = None;
+    for (field, mm) in stated.iter().filter_map(|(field, mm)| Some((*field, (*mm)?))) {
+        match found {
+            Some((first, known)) if !is_same(known, mm) => {
+                let of = |field: &str, [x, y]: [f64; 2]| format!("{field} {x} x {y} mm");
+                let problem = format!("{} and {}", of(first, known), of(field, mm));
+                return Err(Unclear {
+                    field: field.to_owned(),
+                    problem,
+                    expected: "one size of a pixel; or --spacing-mm".to_owned(),
+                });
+            }
+            Some(_) => {}
+            None => found = Some((field, mm)),
+        }
+    }
+    Ok(found.map(|(_, mm)| mm))
+}
+
+pub(super) fn is_same(a: [f64; 2], b: [f64; 2]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a / b - 1.0).abs() < SAME)
+}
+
+/// The axes of the image that a file states.
+pub(super) fn orientation(header: &mut Header, field: &str, value: &str) {
+    header.orientation = Orientation::parse(value);
+    if header.orientation.is_none() {
+        let unclear = Unclear {
+            field: field.to_owned(),
+            problem: format!("\"{}\"", short(value)),
+            expected: "MF, UF, MN or UN; or --orientation".to_owned(),
+        };
+        header.unclear.push((Statement::Orientation, unclear));
+    }
+}
+
+/// What a file states of its frames, in any order of its lines.
+#[derive(Default)]
+pub(super) struct Frames(Vec<Stated>);
+
+/// What is stated of a frame.
+#[derive(Default, Clone)]
+struct Stated {
+    fields: FrameFields,
+    /// Transforms that are marked as invalid.
+    invalid: BTreeSet<String>,
+    spacing_mm: Option<[f64; 2]>,
+}
+
+impl Frames {
+    /// Enters a field of a frame, where it is one.
+    pub fn enter(&mut self, path: &Path, key: &str, value: &str) -> Result<(), ImagingError> {
+        let Some((number, name)) = key.strip_prefix("Seq_Frame").and_then(|rest| rest.split_once('_')) else {
+            return Ok(());
+        };
+        let number: usize = number.parse().ok().filter(|number| *number < MAX_FRAMES).ok_or_else(|| {
             ImagingError::invalid(
                 path,
                 key,
-                format!("\"{}\"", short(value)),
-                "16 numbers of a homogeneous transform",
+                "no number of a frame",
+                format!("Seq_Frame0000_... to {MAX_FRAMES} frames"),
             )
-        })
+        })?;
+        if self.0.len() <= number {
+            self.0.resize(number + 1, Stated::default());
+        }
+        let Some(frame) = self.0.get_mut(number) else { return Ok(()) };
+        let value = value.trim();
+        let invalid =
+            |expected: &str| ImagingError::invalid(path, key, format!("\"{}\"", short(value)), expected);
+        let is_new = if name == "Timestamp" {
+            let time_s: Option<f64> = value.parse().ok().filter(|time_s: &f64| time_s.is_finite());
+            let time_s = time_s.ok_or_else(|| invalid("a time in seconds"))?;
+            frame.fields.time_s.replace(time_s).is_none_or(|before| before == time_s)
+        } else if name == "Status" || name == "ImageStatus" {
+            frame.fields.is_invalid |= value != "OK";
+            true
+        } else if let Some(transform) = name.strip_suffix("TransformStatus") {
+            if value != "OK" {
+                frame.invalid.insert(transform.to_owned());
+            }
+            true
+        } else if let Some(transform) = name.strip_suffix("TransformValid") {
+            if !["true", "1"].iter().any(|yes| value.eq_ignore_ascii_case(yes)) {
+                frame.invalid.insert(transform.to_owned());
+            }
+            true
+        } else if let Some(transform) = name.strip_suffix("Transform") {
+            // A tracker that does not see a tool may write numbers that are none.
+            if is_unmeasured(value) {
+                frame.invalid.insert(transform.to_owned());
+                return Ok(());
+            }
+            let matrix =
+                matrix(value).ok_or_else(|| invalid("16 numbers of a homogeneous transform, row by row"))?;
+            let before = frame.fields.transforms.insert(transform.to_owned(), matrix);
+            before.is_none_or(|before| before == matrix)
+        } else if matches!(name, "ElementSpacing" | "ElementSize" | "Spacing") {
+            let mm = spacing(key, two(value), value).map_err(|unclear| invalid(&unclear.expected))?;
+            let before = std::mem::replace(&mut frame.spacing_mm, mm);
+            before.is_none() || before == mm
+        } else if let Some(number) = value.parse().ok().filter(|number: &f64| number.is_finite()) {
+            let before = frame.fields.numbers.insert(name.to_owned(), number);
+            before.is_none_or(|before| before == number)
+        } else {
+            true
+        };
+        if is_new { Ok(()) } else { Err(invalid("one value: the file states another one before")) }
+    }
+
+    /// Gives a header its frames, and the size of a pixel that they state.
+    pub fn finish(self, header: &mut Header) {
+        let mut frames = self.0;
+        frames.truncate(header.count);
+        let first_mm = frames.iter().find_map(|frame| frame.spacing_mm);
+        match one_of(&[("the header's size of a pixel", header.spacing_mm), ("that of its frames", first_mm)])
+        {
+            Ok(mm) => header.spacing_mm = mm,
+            Err(unclear) => header.unclear.push((Statement::Spacing, unclear)),
+        }
+        // A tracker that does not see a tool sends a frame that is neither turned nor moved, whatever is stated of it.
+        let moved: BTreeSet<String> = frames
+            .iter()
+            .flat_map(|frame| &frame.fields.transforms)
+            .filter(|(_, matrix)| **matrix != pose::IDENTITY)
+            .map(|(name, _)| name.clone())
+            .collect();
+        let setting = |frame: &Stated, name: &str| frame.fields.numbers.get(name).copied();
+        let first = SCANNER_SETTINGS.map(|name| frames.iter().find_map(|frame| setting(frame, name)));
+        for frame in &mut frames {
+            let other_mm =
+                frame.spacing_mm.zip(first_mm).is_some_and(|(mm, first_mm)| !is_same(mm, first_mm));
+            let other_setting = SCANNER_SETTINGS.iter().zip(first).any(|(name, first)| {
+                setting(frame, name).zip(first).is_some_and(|(value, first)| value != first)
+            });
+            frame.fields.is_other_depth = other_mm || other_setting;
+            let invalid = &frame.invalid;
+            frame.fields.transforms.retain(|name, matrix| {
+                !invalid.contains(name) && !(*matrix == pose::IDENTITY && moved.contains(name))
+            });
+        }
+        header.frames = frames.into_iter().map(|frame| frame.fields).collect();
+    }
+}
+
+/// Whether a transform is 16 numbers of which some are NaN.
+fn is_unmeasured(value: &str) -> bool {
+    let numbers: Option<Vec<f64>> = value.split_whitespace().map(|number| number.parse().ok()).collect();
+    numbers.is_some_and(|numbers| numbers.len() == 16 && numbers.iter().any(|number| number.is_nan()))
+}
+
+/// A homogeneous transform, row by row.
+fn matrix(value: &str) -> Option<Pose> {
+    let numbers: Option<Vec<f64>> = value.split_whitespace().map(|number| number.parse().ok()).collect();
+    numbers.and_then(|numbers| pose::by_rows(numbers.try_into().ok()?))
 }
 
 /// The beginning of a value, for messages.

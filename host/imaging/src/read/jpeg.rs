@@ -3,6 +3,7 @@
 use super::{check_size, grey};
 use crate::error::ImagingError;
 use crate::frame::Frame;
+use std::borrow::Cow;
 use std::path::Path;
 use zune_core::bytestream::ZCursor;
 use zune_core::colorspace::ColorSpace;
@@ -18,6 +19,7 @@ pub(super) fn decode(path: &Path, field: &str, bytes: &[u8], is_rgb: bool) -> Re
         let cause = cause.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
         ImagingError::invalid(path, field, cause, "a whole JPEG image (baseline or progressive, 8 bit)")
     };
+    let bytes = &*with_tables(bytes);
     let options =
         DecoderOptions::default().set_max_width(MAX_SIDE).set_max_height(MAX_SIDE).set_strict_mode(true);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
@@ -34,4 +36,32 @@ pub(super) fn decode(path: &Path, field: &str, bytes: &[u8], is_rgb: bool) -> Re
     decoder.set_options(options);
     let pixels = decoder.decode().map_err(|cause| damaged(&cause))?;
     super::whole(path, field, [width, height], grey(pixels, channels))
+}
+
+/// A frame of a film may omit its Huffman tables, which are then those of the standard's Annex K (AVI, Motion JPEG DIB extension); the decoder
+/// takes these where the frame is marked as one of a film.
+fn with_tables(bytes: &[u8]) -> Cow<'_, [u8]> {
+    /// APP0 of a frame of a film, as long as the decoder reads it.
+    const FILM: [u8; 10] = [0xFF, 0xE0, 0, 8, b'A', b'V', b'I', b'1', 0, 0];
+    match bytes.split_first_chunk::<2>() {
+        Some((start @ [0xFF, 0xD8], rest)) if !has_tables(rest) => {
+            Cow::Owned([start, &FILM[..], rest].concat())
+        }
+        _ => Cow::Borrowed(bytes),
+    }
+}
+
+/// Whether there is a Huffman table before the scan; what is damaged is left to the decoder.
+fn has_tables(mut segments: &[u8]) -> bool {
+    while let Some((&[0xFF, marker, high, low], _)) = segments.split_first_chunk::<4>() {
+        match marker {
+            0xC4 => return true,
+            0xDA => return false,
+            _ => {
+                segments =
+                    segments.get(2 + usize::from(u16::from_be_bytes([high, low]))..).unwrap_or_default()
+            }
+        }
+    }
+    true
 }

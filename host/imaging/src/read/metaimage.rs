@@ -3,22 +3,20 @@
 //! Format: <https://itk.org/Wiki/MetaIO/Documentation>; fields of frames: PLUS sequence files.
 
 use super::depth::Depth;
-use super::header::{frame_field, line, short, sizes, spacing};
+use super::header::{Fields, Frames, line, one_of, orientation, short, sizes, spacing, two};
 use super::{Source, check_size};
 use crate::error::ImagingError;
-use crate::frame::{Header, Orientation};
+use crate::frame::{Header, Statement, Unclear};
 use flate2::read::ZlibDecoder;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let file = File::open(path).map_err(ImagingError::io(path))?;
     let mut bytes = BufReader::new(file);
     let mut header = Header::default();
-    let (mut read, mut channels, mut compressed) = (0, 1, false);
-    let (mut kind, mut is_big_endian) = ("MET_UCHAR", false);
-    let mut dimensions = Vec::new();
+    let (mut read, mut fields, mut frames) = (0, Fields::default(), Frames::default());
     let data = loop {
         let Some(text) = line(path, &mut bytes, &mut read)? else {
             return Err(ImagingError::invalid(
@@ -32,75 +30,135 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
             let expected = "a MetaImage header: Name = value";
             return Err(ImagingError::invalid(path, "header", format!("\"{}\"", short(&text)), expected));
         };
-        let (key, value) = (key.trim(), value.trim());
-        match key {
-            "DimSize" => dimensions = sizes(path, key, value)?,
-            "ElementSpacing" | "ElementSize" => header.spacing_mm = spacing(path, key, value)?,
-            "ElementNumberOfChannels" => {
-                channels = single(path, key, value, &["1", "3"])?.parse().unwrap_or(1)
-            }
-            "ElementType" => {
-                kind = match single(path, key, value, &["MET_UCHAR", "MET_USHORT", "MET_SHORT"])? {
-                    ushort if ushort.eq_ignore_ascii_case("MET_USHORT") => "MET_USHORT",
-                    short if short.eq_ignore_ascii_case("MET_SHORT") => "MET_SHORT",
-                    _ => "MET_UCHAR",
-                };
-            }
-            "BinaryDataByteOrderMSB" | "ElementByteOrderMSB" => {
-                is_big_endian = single(path, key, value, &["True", "False"])?.eq_ignore_ascii_case("True");
-            }
-            "BinaryData" => {
-                single(path, key, value, &["True"])?;
-            }
-            "HeaderSize" => {
-                single(path, key, value, &["0"])?;
-            }
-            "CompressedData" => {
-                compressed = single(path, key, value, &["True", "False"])?.eq_ignore_ascii_case("True");
-            }
-            "UltrasoundImageOrientation" => {
-                header.orientation = Some(Orientation::parse(value).ok_or_else(|| {
-                    ImagingError::invalid(path, key, format!("\"{}\"", short(value)), "MF, UF, MN or UN")
-                })?);
-            }
-            "ElementDataFile" => break value.to_owned(),
-            _ => frame_field(path, key, value, &mut header.frames)?,
+        match (key.trim(), value.trim()) {
+            ("ElementDataFile", data) => break data.to_owned(),
+            (key, value) if key.starts_with("Seq_Frame") => frames.enter(path, key, value)?,
+            (key, value) => fields.enter(path, key, value)?,
         }
     };
+    let single = |names: &[&str], known: &[&str]| -> Result<Option<usize>, ImagingError> {
+        let Some((key, value)) = fields.get(names) else { return Ok(None) };
+        let at = known.iter().position(|known| known.eq_ignore_ascii_case(value));
+        let problem =
+            || ImagingError::invalid(path, key, format!("\"{}\"", short(value)), known.join(" or "));
+        at.map(Some).ok_or_else(problem)
+    };
+    let is_true = |names: &[&str]| Ok::<_, ImagingError>(single(names, &["False", "True"])? == Some(1));
+    let channels = [1, 3][single(&["ElementNumberOfChannels"], &["1", "3"])?.unwrap_or(0).min(1)];
+    let kind = single(&["ElementType"], &["MET_UCHAR", "MET_USHORT", "MET_SHORT"])?;
+    let is_big_endian = is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"])?;
+    single(&["BinaryData"], &["True"])?;
+    // Echoes before they are an image have no brightness.
+    single(&["UltrasoundImageType"], &["BRIGHTNESS", "RGB_COLOR", "XX"])?;
+    let compressed = is_true(&["CompressedData"])?;
+    if let Some((key, value)) = fields.get(&["UltrasoundImageOrientation"]) {
+        orientation(&mut header, key, value);
+    }
+    match stated_spacing(&fields) {
+        Ok(mm) => header.spacing_mm = mm,
+        Err(unclear) => header.unclear.push((Statement::Spacing, unclear)),
+    }
+    let (key, value) = fields.get(&["DimSize"]).unwrap_or(("DimSize", ""));
+    let dimensions = sizes(path, key, value)?;
+    if let Some((key, value)) = fields.get(&["NDims"])
+        && value.parse() != Ok(dimensions.len())
+    {
+        let problem = format!("{} beside DimSize with {} numbers", short(value), dimensions.len());
+        return Err(ImagingError::invalid(path, key, problem, "a size for each dimension"));
+    }
     let [width, height, count] = three(path, "DimSize", &dimensions)?;
     check_size(path, "DimSize", [width, height, count])?;
     (header.width, header.height, header.count) = (width, height, count);
-    header.frames.truncate(count);
-    let raw: Box<dyn Read> = if data == "LOCAL" {
+    frames.finish(&mut header);
+    let depth = match kind.unwrap_or(0) {
+        0 => Depth::Eight,
+        other => Depth::Sixteen { is_big_endian, is_signed: other == 2, shift: 8 },
+    };
+    let before = fields.get(&["HeaderSize"]).map(|(key, value)| {
+        let bytes: Option<i64> = value.parse().ok().filter(|bytes| *bytes >= -1);
+        let problem = || ImagingError::invalid(path, key, format!("\"{}\"", short(value)), "bytes, or -1");
+        bytes.ok_or_else(problem)
+    });
+    let before = before.transpose()?.unwrap_or(0);
+    let raw: Box<dyn Read> = if data.eq_ignore_ascii_case("LOCAL") {
+        if before != 0 {
+            let expected = "0, as the data follow this header";
+            return Err(ImagingError::invalid(path, "HeaderSize", before.to_string(), expected));
+        }
         Box::new(bytes)
     } else {
-        // The name is a file's own: it may not lead out of its folder.
-        let beside = path.parent().map(|folder| folder.join(&data));
-        let plain = !data.contains(['/', '\\', ' ']) && data != "LIST";
-        let beside = beside.filter(|_| plain).ok_or_else(|| {
-            ImagingError::invalid(
-                path,
-                "ElementDataFile",
-                format!("\"{}\"", short(&data)),
-                "LOCAL or a file beside this one",
-            )
-        })?;
-        Box::new(BufReader::new(File::open(&beside).map_err(ImagingError::io(&beside))?))
+        let needed = (width * height * count * channels * depth.bytes()) as u64;
+        Box::new(beside(path, &data, before, needed, compressed)?)
     };
     let bytes: Box<dyn Read> = if compressed { Box::new(ZlibDecoder::new(raw)) } else { raw };
-    let depth = match kind {
-        "MET_UCHAR" => Depth::Eight,
-        _ => Depth::Sixteen { is_big_endian, is_signed: kind == "MET_SHORT", shift: 8 },
-    };
     Ok((header, Source::Stream { bytes, channels, depth }))
 }
 
-/// One of a few values.
-fn single<'a>(path: &Path, key: &str, value: &'a str, known: &[&str]) -> Result<&'a str, ImagingError> {
-    if known.iter().any(|known| known.eq_ignore_ascii_case(value)) {
-        return Ok(value);
+/// Opens the data in a file of their own, behind so many bytes; at its end where that is -1.
+fn beside(
+    path: &Path,
+    data: &str,
+    before: i64,
+    needed: u64,
+    compressed: bool,
+) -> Result<BufReader<File>, ImagingError> {
+    // The name is a file's own: it may not lead out of its folder. A pattern has a number in it, and a list follows.
+    let plain = !data.is_empty() && !data.contains(['/', '\\', '%']) && !data.starts_with("LIST");
+    let beside = path.parent().map(|folder| folder.join(data)).filter(|_| plain).ok_or_else(|| {
+        let problem = format!("\"{}\"", short(data));
+        ImagingError::invalid(path, "ElementDataFile", problem, "LOCAL or a file beside this one")
+    })?;
+    let mut file = BufReader::new(File::open(&beside).map_err(ImagingError::io(&beside))?);
+    let start = match u64::try_from(before) {
+        Ok(bytes) => bytes,
+        Err(_) if compressed => {
+            let expected = "the number of bytes before compressed data";
+            return Err(ImagingError::invalid(path, "HeaderSize", "-1", expected));
+        }
+        Err(_) => {
+            let end = file.seek(SeekFrom::End(0)).map_err(ImagingError::io(&beside))?;
+            end.checked_sub(needed).ok_or_else(|| {
+                let expected = format!("{needed} bytes of frames");
+                ImagingError::invalid(&beside, "size", format!("{end} bytes"), expected)
+            })?
+        }
+    };
+    file.seek(SeekFrom::Start(start)).map_err(ImagingError::io(&beside))?;
+    Ok(file)
+}
+
+/// The distance of pixels; their size where that is not stated. A size that differs from the distance contradicts it.
+fn stated_spacing(fields: &Fields) -> Result<Option<[f64; 2]>, Unclear> {
+    let to_mm = match fields.get(&["DistanceUnits"]) {
+        None => 1.0,
+        Some((field, value)) => millimetres(value).ok_or_else(|| unit(field, value))?,
+    };
+    let stated = |field: &'static str| {
+        let Some((field, value)) = fields.get(&[field]) else { return Ok((field, None)) };
+        let mm = two(value).map(|sizes| sizes.map(|size| to_mm * size));
+        Ok((field, spacing(field, mm, value)?))
+    };
+    one_of(&[stated("ElementSpacing")?, stated("ElementSize")?])
+}
+
+/// Millimetres of a unit of length.
+pub(super) fn millimetres(unit: &str) -> Option<f64> {
+    Some(match unit.trim() {
+        "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => 1.0,
+        "cm" | "centimeter" | "centimeters" | "centimetre" | "centimetres" => 10.0,
+        "m" | "meter" | "meters" | "metre" | "metres" => 1e3,
+        "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers" => 1e-3,
+        _ => return None,
+    })
+}
+
+/// A unit that is no length.
+pub(super) fn unit(field: &str, value: &str) -> Unclear {
+    Unclear {
+        field: field.to_owned(),
+        problem: format!("\"{}\"", short(value)),
+        expected: "mm, cm, m or um; or --spacing-mm".to_owned(),
     }
-    Err(ImagingError::invalid(path, key, format!("\"{}\"", short(value)), known.join(" or ")))
 }
 
 /// Width, height and number of frames of two to four dimensions.

@@ -12,12 +12,39 @@ mod jpeg;
 mod metaimage;
 mod nrrd;
 mod stack;
+mod tiff;
 
 use crate::error::ImagingError;
 use crate::frame::{Frame, Header, MAX_FRAMES, MAX_PIXELS};
 use depth::Depth;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+
+/// What is read of frames: names of files, and what of their formats.
+pub const READ: &[[&str; 2]] = &[
+    [
+        ".mha, .mhd",
+        "MetaImage, raw or zlib, 8 or 16 bit, grey or RGB; fields of frames as PLUS writes them; data beside it behind HeaderSize",
+    ],
+    [
+        ".nrrd",
+        "NRRD, raw or gzip, 8 or 16 bit, grey or RGB; frames as the last or the first axis; line skip, byte skip, units",
+    ],
+    #[cfg(feature = "dicom")]
+    [
+        ".dcm, .ima, any name",
+        "DICOM, one frame or many, or a folder of files: uncompressed, RLE, JPEG baseline; size of a pixel by region",
+    ],
+    [
+        ".avi",
+        "Motion JPEG (with or without Huffman tables) or uncompressed; a last frame that is cut off is left out",
+    ],
+    [".png, .jpg", "a file, or a folder of them in the order of their numbers"],
+    [
+        ".tif",
+        "TIFF, 8 or 16 bit: grey, RGB, palettes, planes apart; several pages; stacks of ImageJ in one directory",
+    ],
+];
 
 /// A sequence of frames being read.
 pub struct Sequence {
@@ -44,8 +71,9 @@ trait FrameReader {
 }
 
 impl Sequence {
-    /// Opens a file of frames (`.mha`, `.mhd`, `.nrrd`, `.dcm`, `.avi`, `.png`, `.tif`, `.tiff`, `.jpg`, `.jpeg`), or a folder of PNG, TIFF
-    /// or JPEG files, which are its frames in the order of the numbers in their names.
+    /// Opens a file of frames (`.mha`, `.mhd`, `.nrrd`, `.dcm`, `.avi`, `.png`, `.tif`, `.tiff`, `.jpg`, `.jpeg`; DICOM under any other
+    /// name), or a folder of PNG, TIFF or JPEG files, which are its frames in the order of the numbers in their names, or of DICOM
+    /// files, in the order of their instance numbers. Hidden files are left out.
     ///
     /// Samples of 16 bit are scaled by the power of two that the brightest of the sequence needs to have 8, for which the file is read
     /// twice; in DICOM the header states how many bits are used.
@@ -55,22 +83,23 @@ impl Sequence {
     pub fn open(path: &Path) -> Result<Self, ImagingError> {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let (header, source) = if path.is_dir() {
-            stack::open(path, stack::files(path)?)?
+            folder(path)?
         } else {
             match extension.as_deref() {
                 Some("mha" | "mhd") => twice(|| metaimage::open(path))?,
                 Some("nrrd") => twice(|| nrrd::open(path))?,
                 #[cfg(feature = "dicom")]
-                Some("dcm" | "dicom") => dicom::open(path)?,
+                Some("dcm" | "dicom" | "ima") => dicom::open(path)?,
                 #[cfg(not(feature = "dicom"))]
-                Some("dcm" | "dicom") => {
+                Some("dcm" | "dicom" | "ima") => {
                     let expected = "a sequence in another format: this program was built without DICOM (its feature `dicom`)";
                     return Err(ImagingError::invalid(path, "name", "DICOM", expected));
                 }
                 Some("avi") => avi::open(path)?,
                 Some("png" | "tif" | "tiff" | "jpg" | "jpeg") => stack::open(path, vec![path.to_owned()])?,
+                // Archives name files by their UID, whose last number looks like an ending.
                 #[cfg(feature = "dicom")]
-                None if dicom::is_dicom(path) => dicom::open(path)?,
+                _ if dicom::is_dicom(path) => dicom::open(path)?,
                 _ => {
                     let problem = extension.map_or_else(|| "no extension".to_owned(), |e| format!(".{e}"));
                     let expected = ".mha, .mhd, .nrrd, .dcm, .avi, .png, .tif, .tiff, .jpg, or a folder of PNG, TIFF or JPEG files";
@@ -123,6 +152,22 @@ impl Sequence {
     }
 }
 
+/// Opens a folder of files that are frames each.
+fn folder(path: &Path) -> Result<(Header, Source), ImagingError> {
+    let files = stack::files(path)?;
+    #[cfg(feature = "dicom")]
+    if files.is_empty() {
+        let files = dicom::files(path)?;
+        if !files.is_empty() {
+            return dicom::open_files(&files);
+        }
+    }
+    if files.is_empty() {
+        return Err(ImagingError::invalid(path, "files", "none", "PNG, TIFF, JPEG or DICOM files"));
+    }
+    stack::open(path, files)
+}
+
 /// Opens a stream; one of 16 bit is read through once for its brightest sample, and opened again.
 fn twice(
     open: impl Fn() -> Result<(Header, Source), ImagingError>,
@@ -146,6 +191,12 @@ fn twice(
         *shift = depth::shift_for(greatest);
     }
     Ok((header, source))
+}
+
+/// Files that systems leave beside those of the user: names that begin with a dot, and lists of pictures.
+fn is_hidden(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    name.starts_with('.') || ["Thumbs.db", "desktop.ini"].iter().any(|known| name.eq_ignore_ascii_case(known))
 }
 
 /// A frame with as many pixels as it has.
@@ -193,4 +244,8 @@ fn check_size(path: &Path, field: &str, sizes: [usize; 3]) -> Result<(), Imaging
 #[cfg(test)]
 mod others_tests;
 #[cfg(test)]
+mod stated_tests;
+#[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod valid_tests;

@@ -1,21 +1,64 @@
 //! NRRD sequences (`.nrrd`), raw or gzip, as PLUS and 3D Slicer write them. Format: <https://teem.sourceforge.net/nrrd/format.html>.
+//!
+//! 3D Slicer writes the list of frames as the first axis or as the last one. Where it is the first, samples of all frames alternate, and the
+//! frames are kept whole, up to [`MAX_KEPT`].
 
-use super::depth::Depth;
-use super::header::{frame_field, line, short, sizes, spacing};
-use super::metaimage::three;
-use super::{Source, check_size};
+use super::depth::{Depth, shift_for};
+use super::header::{Fields, Frames, line, one_of, orientation, short, sizes, spacing};
+use super::metaimage::{millimetres, three, unit};
+use super::{FrameReader, Source, check_size};
 use crate::error::ImagingError;
-use crate::frame::{Header, Orientation};
+use crate::frame::{Frame, Header, Statement, Unclear};
 use flate2::read::GzDecoder;
 use std::fs::File;
-use std::io::{BufReader, Read};
-use std::path::Path;
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Most bytes of frames whose samples alternate.
+const MAX_KEPT: usize = 1 << 30;
 
 pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let file = File::open(path).map_err(ImagingError::io(path))?;
     let mut bytes = BufReader::new(file);
-    let mut read = 0;
-    let magic = line(path, &mut bytes, &mut read)?.unwrap_or_default();
+    let mut header = Header::default();
+    let fields = fields(path, &mut bytes, &mut header)?;
+    let text = |names: &[&'static str]| fields.get(names);
+    let (_, value) = text(&["sizes"]).unwrap_or_default();
+    let dimensions = sizes(path, "sizes", value)?;
+    let axes = Axes::new(text(&["kinds"]).map(|(_, value)| value), &dimensions);
+    let [width, height, count] = three(path, "sizes", &axes.sizes)?;
+    check_size(path, "sizes", [width, height, count])?;
+    (header.width, header.height, header.count) = (width, height, count);
+    let depth = depth(path, &fields)?;
+    let channels = axes.channels;
+    let needed = width * height * count * channels * depth.bytes();
+    let mut bytes = data(path, bytes, &fields, needed)?;
+    if !axes.is_list_first {
+        return Ok((header, Source::Stream { bytes, channels, depth }));
+    }
+    if needed > MAX_KEPT {
+        let expected = "frames as the last axis, or at most 1 GiB of them";
+        return Err(ImagingError::invalid(path, "kinds", "frames as the first axis", expected));
+    }
+    let mut samples = vec![0; needed];
+    let expected = || format!("{count} frames of {width} x {height}");
+    bytes
+        .read_exact(&mut samples)
+        .map_err(|cause| ImagingError::invalid(path, "data", cause.to_string(), expected()))?;
+    let depth = match depth {
+        Depth::Eight => Depth::Eight,
+        Depth::Sixteen { is_big_endian, is_signed, .. } => {
+            Depth::Sixteen { is_big_endian, is_signed, shift: shift_for(depth.greatest(&samples)) }
+        }
+    };
+    let frames = Alternating { path: path.to_owned(), samples, depth, size: [width, height], count, next: 0 };
+    Ok((header, Source::Reader(Box::new(frames))))
+}
+
+/// The fields of the header, names in lower case; those of frames go into `header`, which has its number of frames from `sizes`.
+fn fields(path: &Path, bytes: &mut BufReader<File>, header: &mut Header) -> Result<Fields, ImagingError> {
+    let (mut read, mut fields, mut frames) = (0, Fields::default(), Frames::default());
+    let magic = line(path, bytes, &mut read)?.unwrap_or_default();
     if !magic.starts_with("NRRD000") {
         return Err(ImagingError::invalid(
             path,
@@ -24,12 +67,8 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
             "NRRD0001 to NRRD0005",
         ));
     }
-    let mut header = Header::default();
-    let mut dimensions = Vec::new();
-    let mut encoding = None;
-    let (mut depth, mut is_big_endian, mut is_colour) = (None, false, false);
     loop {
-        let Some(text) = line(path, &mut bytes, &mut read)? else {
+        let Some(text) = line(path, bytes, &mut read)? else {
             return Err(ImagingError::invalid(
                 path,
                 "header",
@@ -44,12 +83,14 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
             continue;
         }
         if let Some((key, value)) = text.split_once(":=") {
-            if key == "ultrasound image orientation" {
-                header.orientation = Some(Orientation::parse(value).ok_or_else(|| {
-                    ImagingError::invalid(path, key, format!("\"{}\"", short(value)), "MF, UF, MN or UN")
-                })?);
+            match key {
+                "ultrasound image orientation" => orientation(header, key, value.trim()),
+                "ultrasound image type" if !["BRIGHTNESS", "RGB_COLOR", "XX"].contains(&value.trim()) => {
+                    let problem = format!("\"{}\"", short(value));
+                    return Err(ImagingError::invalid(path, key, problem, "BRIGHTNESS or RGB_COLOR"));
+                }
+                _ => frames.enter(path, key, value)?,
             }
-            frame_field(path, key, value, &mut header.frames)?;
             continue;
         }
         let Some((key, value)) = text.split_once(':') else {
@@ -60,84 +101,220 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
                 "field: value",
             ));
         };
-        let value = value.trim();
-        match key {
-            "sizes" => dimensions = sizes(path, key, value)?,
-            "type" => {
-                depth = Some(match value {
-                    "uint8" | "uchar" | "unsigned char" | "uint8_t" => Depth::Eight,
-                    "uint16" | "ushort" | "unsigned short" | "uint16_t" | "unsigned short int" => {
-                        Depth::Sixteen { is_big_endian: false, is_signed: false, shift: 8 }
-                    }
-                    "int16" | "short" | "int16_t" | "signed short" | "short int" => {
-                        Depth::Sixteen { is_big_endian: false, is_signed: true, shift: 8 }
-                    }
-                    _ => {
-                        let problem = format!("\"{}\"", short(value));
-                        return Err(ImagingError::invalid(path, key, problem, "uint8, uint16 or int16"));
-                    }
-                });
-            }
-            "endian" => is_big_endian = value == "big",
-            "kinds" => {
-                let first = value.split_whitespace().next().unwrap_or_default();
-                is_colour = ["vector", "RGB-color", "3-color"].contains(&first);
-            }
-            "encoding" => encoding = Some(value.to_owned()),
-            "spacings" => {
-                // The axis of colours has none.
-                let sizes = value.split_whitespace().skip_while(|size| size.eq_ignore_ascii_case("nan"));
-                header.spacing_mm = spacing(path, key, &sizes.collect::<Vec<_>>().join(" "))?;
-            }
-            "space directions" => header.spacing_mm = directions(path, key, value)?,
-            "data file" | "datafile" => {
-                return Err(ImagingError::invalid(
-                    path,
-                    key,
-                    format!("\"{}\"", short(value)),
-                    "data in the file itself",
-                ));
-            }
-            _ => {}
-        }
+        fields.enter(path, &key.to_lowercase(), value.trim())?;
     }
-    let channels = match dimensions.first() {
-        Some(3) if is_colour => 3,
-        _ => 1,
-    };
-    let [width, height, count] = three(path, "sizes", dimensions.get(channels / 3..).unwrap_or_default())?;
-    check_size(path, "sizes", [width, height, count])?;
-    (header.width, header.height, header.count) = (width, height, count);
-    header.frames.truncate(count);
-    let depth = match depth {
-        Some(Depth::Sixteen { is_signed, shift, .. }) => Depth::Sixteen { is_big_endian, is_signed, shift },
-        Some(Depth::Eight) => Depth::Eight,
-        None => return Err(ImagingError::invalid(path, "type", "missing", "uint8, uint16 or int16")),
-    };
-    let bytes: Box<dyn Read> = match encoding.as_deref() {
-        Some("raw") => Box::new(bytes),
-        Some("gzip" | "gz") => Box::new(GzDecoder::new(bytes)),
-        other => {
-            let problem = other.map_or_else(|| "missing".to_owned(), |other| format!("\"{}\"", short(other)));
-            return Err(ImagingError::invalid(path, "encoding", problem, "raw or gzip"));
+    if let Some((key, value)) = fields.get(&["data file", "datafile"]) {
+        let problem = format!("\"{}\"", short(value));
+        return Err(ImagingError::invalid(path, key, problem, "data in the file itself"));
+    }
+    let dimensions = sizes(path, "sizes", fields.get(&["sizes"]).unwrap_or_default().1)?;
+    if let Some((key, value)) = fields.get(&["dimension"])
+        && value.parse() != Ok(dimensions.len())
+    {
+        let problem = format!("{} beside sizes with {} numbers", short(value), dimensions.len());
+        return Err(ImagingError::invalid(path, key, problem, "a size for each dimension"));
+    }
+    let axes = Axes::new(fields.get(&["kinds"]).map(|(_, value)| value), &dimensions);
+    if let Ok([_, _, count]) = three(path, "sizes", &axes.sizes) {
+        header.count = count;
+    }
+    match stated_spacing(&fields, &axes) {
+        Ok(mm) => header.spacing_mm = mm,
+        Err(unclear) => header.unclear.push((Statement::Spacing, unclear)),
+    }
+    frames.finish(header);
+    Ok(fields)
+}
+
+/// What the axes of the data are.
+struct Axes {
+    channels: usize,
+    is_list_first: bool,
+    /// Width, height (and depth 1), frames.
+    sizes: Vec<usize>,
+    /// Where width and height are among all axes.
+    plane: [usize; 2],
+    all: usize,
+}
+
+impl Axes {
+    fn new(kinds: Option<&str>, dimensions: &[usize]) -> Self {
+        let kinds: Vec<&str> = kinds.unwrap_or_default().split_whitespace().collect();
+        let first = kinds.first().copied().unwrap_or_default();
+        let is_colour = ["vector", "RGB-color", "3-color"].contains(&first) && dimensions.first() == Some(&3);
+        let is_list_first = first == "list" && !kinds.iter().skip(1).any(|kind| *kind == "list");
+        let skipped = usize::from(is_colour || is_list_first);
+        let mut sizes = dimensions.get(skipped..).unwrap_or_default().to_vec();
+        if is_list_first {
+            // An image in space has a third axis, of one slice.
+            sizes.extend(dimensions.first());
+        }
+        let channels = if is_colour { 3 } else { 1 };
+        Self { channels, is_list_first, sizes, plane: [skipped, skipped + 1], all: dimensions.len() }
+    }
+
+    /// Values of the plane's axes, where there is one for each axis.
+    fn plane<'t>(&self, values: &[&'t str]) -> Option<[&'t str; 2]> {
+        // Units and vectors of space have no entry for axes that are none of it.
+        let at = if values.len() == self.all { self.plane } else { [0, 1] };
+        let [x, y] = at.map(|at| values.get(at).copied());
+        Some([x?, y?])
+    }
+}
+
+/// The distance of pixels by each field that states it, in millimetres by its unit.
+fn stated_spacing(fields: &Fields, axes: &Axes) -> Result<Option<[f64; 2]>, Unclear> {
+    let to_mm = |names: &[&'static str]| -> Result<[f64; 2], Unclear> {
+        let Some((field, value)) = fields.get(names) else { return Ok([1.0; 2]) };
+        let units: Vec<&str> = value.split('"').skip(1).step_by(2).collect();
+        let Some(units) = axes.plane(&units) else { return Ok([1.0; 2]) };
+        let known = |name: &str| match name {
+            "" | "???" => Some(1.0),
+            name => millimetres(name),
+        };
+        match units.map(known) {
+            [Some(x), Some(y)] => Ok([x, y]),
+            _ => Err(unit(field, value)),
         }
     };
-    Ok((header, Source::Stream { bytes, channels, depth }))
+    let mm = |sizes: Option<[f64; 2]>, to_mm: [f64; 2]| {
+        sizes.map(|sizes| [0, 1].map(|axis: usize| sizes[axis] * to_mm[axis]))
+    };
+    let spacings = match fields.get(&["spacings"]) {
+        None => None,
+        Some((field, value)) => {
+            let values: Vec<&str> = value.split_whitespace().collect();
+            let sizes = axes.plane(&values).and_then(|[x, y]| Some([x.parse().ok()?, y.parse().ok()?]));
+            spacing(field, mm(sizes, to_mm(&["units"])?), value)?
+        }
+    };
+    let directions = match fields.get(&["space directions"]) {
+        None => None,
+        Some((field, value)) => {
+            let units = to_mm(&["space units"])?;
+            spacing(field, mm(lengths(value), [units[0]; 2]), value)?
+        }
+    };
+    one_of(&[("spacings", spacings), ("space directions", directions)])
 }
 
 /// Lengths of the first two of vectors such as `(0.1,0) (0,0.1) none`.
-fn directions(path: &Path, key: &str, value: &str) -> Result<Option<[f64; 2]>, ImagingError> {
+fn lengths(value: &str) -> Option<[f64; 2]> {
     let length = |vector: &str| -> Option<f64> {
         let numbers: Option<Vec<f64>> = vector.split(',').map(|number| number.trim().parse().ok()).collect();
         Some(numbers?.iter().map(|number: &f64| number * number).sum::<f64>().sqrt())
     };
-    let lengths: Option<Vec<String>> = value
-        .split('(')
-        .skip(1)
-        .take(2)
-        .map(|part| {
-            part.split_once(')').and_then(|(vector, _)| length(vector)).map(|length| length.to_string())
-        })
-        .collect();
-    spacing(path, key, &lengths.unwrap_or_default().join(" "))
+    let vectors = value.split('(').skip(1).take(2);
+    let lengths: Option<Vec<f64>> = vectors.map(|part| length(part.split_once(')')?.0)).collect();
+    lengths?.try_into().ok()
+}
+
+/// How samples are kept.
+fn depth(path: &Path, fields: &Fields) -> Result<Depth, ImagingError> {
+    let expected = "uint8, uint16 or int16";
+    let Some((key, value)) = fields.get(&["type"]) else {
+        return Err(ImagingError::invalid(path, "type", "missing", expected));
+    };
+    let is_signed = match value {
+        "uint8" | "uchar" | "unsigned char" | "uint8_t" => return Ok(Depth::Eight),
+        "uint16" | "ushort" | "unsigned short" | "uint16_t" | "unsigned short int" => false,
+        "int16" | "short" | "int16_t" | "signed short" | "short int" | "signed short int" => true,
+        _ => return Err(ImagingError::invalid(path, key, format!("\"{}\"", short(value)), expected)),
+    };
+    let is_big_endian = match fields.get(&["endian"]) {
+        Some((_, "little")) => false,
+        Some((_, "big")) => true,
+        other => {
+            let problem =
+                other.map_or_else(|| "missing".to_owned(), |(_, value)| format!("\"{}\"", short(value)));
+            return Err(ImagingError::invalid(path, "endian", problem, "little or big"));
+        }
+    };
+    Ok(Depth::Sixteen { is_big_endian, is_signed, shift: 8 })
+}
+
+/// The data behind the header, and behind the lines and bytes that it skips.
+fn data(
+    path: &Path,
+    mut bytes: BufReader<File>,
+    fields: &Fields,
+    needed: usize,
+) -> Result<Box<dyn Read>, ImagingError> {
+    let whole = |names: &[&'static str], least: i64| match fields.get(names) {
+        None => Ok(0),
+        Some((key, value)) => {
+            let number: Option<i64> = value.parse().ok().filter(|number| *number >= least);
+            let problem = format!("\"{}\"", short(value));
+            number.ok_or_else(|| {
+                ImagingError::invalid(path, key, problem, format!("a whole number from {least} on"))
+            })
+        }
+    };
+    for _ in 0..whole(&["line skip", "lineskip"], 0)? {
+        if bytes.skip_until(b'\n').map_err(ImagingError::io(path))? == 0 {
+            return Err(ImagingError::invalid(
+                path,
+                "line skip",
+                "more lines than there are",
+                "lines before the data",
+            ));
+        }
+    }
+    let skip = whole(&["byte skip", "byteskip"], -1)?;
+    let mut data: Box<dyn Read> =
+        match fields.get(&["encoding"]).map(|(_, value)| value.to_lowercase()).as_deref() {
+            Some("raw") => {
+                if skip < 0 {
+                    let end = bytes.seek(SeekFrom::End(0)).map_err(ImagingError::io(path))?;
+                    let expected = format!("{needed} bytes of frames at the end of the file");
+                    let start = end.checked_sub(needed as u64).ok_or_else(|| {
+                        ImagingError::invalid(path, "byte skip", format!("{end} bytes"), expected)
+                    })?;
+                    bytes.seek(SeekFrom::Start(start)).map_err(ImagingError::io(path))?;
+                }
+                Box::new(bytes)
+            }
+            Some("gzip" | "gz") if skip < 0 => {
+                return Err(ImagingError::invalid(
+                    path,
+                    "byte skip",
+                    "-1",
+                    "a number of bytes before compressed data",
+                ));
+            }
+            Some("gzip" | "gz") => Box::new(GzDecoder::new(bytes)),
+            other => {
+                let problem =
+                    other.map_or_else(|| "missing".to_owned(), |other| format!("\"{}\"", short(other)));
+                return Err(ImagingError::invalid(path, "encoding", problem, "raw or gzip"));
+            }
+        };
+    let skip = u64::try_from(skip).unwrap_or(0);
+    let skipped = io::copy(&mut (&mut data).take(skip), &mut io::sink()).map_err(ImagingError::io(path))?;
+    if skipped < skip {
+        let problem = format!("{skip}, of {skipped} bytes");
+        return Err(ImagingError::invalid(path, "byte skip", problem, "bytes before the data"));
+    }
+    Ok(data)
+}
+
+/// Frames whose samples alternate.
+struct Alternating {
+    path: PathBuf,
+    samples: Vec<u8>,
+    depth: Depth,
+    size: [usize; 2],
+    count: usize,
+    next: usize,
+}
+
+impl FrameReader for Alternating {
+    fn next(&mut self) -> Result<Frame, ImagingError> {
+        let [width, height] = self.size;
+        let (bytes, number) = (self.depth.bytes(), self.next);
+        self.next += 1;
+        let own = self.samples.chunks_exact(bytes).skip(number).step_by(self.count.max(1));
+        let own: Vec<u8> = own.flatten().copied().collect();
+        super::whole(&self.path, &format!("frame {}", number + 1), [width, height], self.depth.samples(own))
+    }
 }

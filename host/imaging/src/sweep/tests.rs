@@ -167,9 +167,9 @@ fn a_file_without_the_size_of_a_pixel_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = write(folder.path(), &[vec![0; SIZE * SIZE]]);
     let other = Settings { spacing_mm: Some([0.1; 2]), ..settings() };
-    let error =
-        measure(&mut Sequence::open(&path).expect("frames"), &other, |_| {}).expect_err("two spacings");
-    assert!(matches!(error, SweepError::OtherSpacing { .. }), "{error}");
+    let geometry =
+        Geometry::new(Sequence::open(&path).expect("frames").header(), &other).expect("a geometry");
+    assert_eq!(geometry.spacing_mm, [0.1; 2], "an option takes the place of what the file states");
 }
 
 /// Text on the screen is brighter than the needle and never moves.

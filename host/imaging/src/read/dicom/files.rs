@@ -1,0 +1,84 @@
+//! A folder of DICOM files as one sequence: archives keep the frames of a sweep as a file each.
+
+use super::super::stack::natural;
+use super::super::{FrameReader, Source, is_hidden};
+use super::{Opened, is_dicom, open_file};
+use crate::error::ImagingError;
+use crate::frame::{Frame, FrameFields, Header, MAX_FRAMES};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The DICOM files in a folder, whatever their names are, but for a directory of them.
+pub(in super::super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingError> {
+    let entries = fs::read_dir(folder).map_err(ImagingError::io(folder))?;
+    let is_frame = |path: &PathBuf| {
+        let is_list = path.file_name().is_some_and(|name| name == "DICOMDIR");
+        !is_list && !is_hidden(path) && path.is_file() && is_dicom(path)
+    };
+    let paths = entries.filter_map(Result::ok).map(|entry| entry.path()).filter(is_frame);
+    let mut files: Vec<PathBuf> = paths.take(MAX_FRAMES + 1).collect();
+    files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
+    Ok(files)
+}
+
+/// Opens files as one sequence, in the order of their instance numbers where all have one.
+pub(in super::super) fn open_files(files: &[PathBuf]) -> Result<(Header, Source), ImagingError> {
+    let mut opened: Vec<(PathBuf, Opened)> =
+        files.iter().map(|path| Ok((path.clone(), open_file(path)?))).collect::<Result<_, ImagingError>>()?;
+    if opened.iter().all(|(_, one)| one.instance.is_some()) {
+        opened.sort_by_key(|(_, one)| one.instance);
+    }
+    let mut header = opened.first().map(|(_, first)| first.header.clone()).unwrap_or_default();
+    let mut pages = Vec::new();
+    let mut frames = Vec::new();
+    for (path, Opened { header: own, .. }) in opened {
+        if [own.width, own.height] != [header.width, header.height] {
+            let problem = format!("{} x {} pixels", own.width, own.height);
+            let expected = format!(
+                "{} x {} as in the first file: depth or zoom changed in between",
+                header.width, header.height
+            );
+            return Err(ImagingError::invalid(&path, "Rows, Columns", problem, expected));
+        }
+        // Times of a file begin with that file, and are none of the series.
+        let is_other_depth = own.spacing_mm != header.spacing_mm || own.region != header.region;
+        frames.extend((0..own.count).map(|_| FrameFields { is_other_depth, ..FrameFields::default() }));
+        pages.push((path, own.count));
+    }
+    header.count = frames.len();
+    header.frames = frames;
+    super::check_size(
+        files.first().map_or(Path::new(""), PathBuf::as_path),
+        "files",
+        [header.width, header.height, header.count],
+    )?;
+    Ok((header, Source::Reader(Box::new(Files { files: pages.into_iter(), open: None }))))
+}
+
+/// Files with the number of their frames, one of them open.
+struct Files {
+    files: std::vec::IntoIter<(PathBuf, usize)>,
+    open: Option<(Opened, usize)>,
+}
+
+impl FrameReader for Files {
+    fn next(&mut self) -> Result<Frame, ImagingError> {
+        loop {
+            if let Some((opened, left)) = &mut self.open
+                && *left > 0
+            {
+                *left -= 1;
+                return opened.pixels.next();
+            }
+            let Some((path, count)) = self.files.next() else {
+                return Err(ImagingError::invalid(
+                    Path::new(""),
+                    "frame",
+                    "missing",
+                    "a frame of the series",
+                ));
+            };
+            self.open = Some((open_file(&path)?, count));
+        }
+    }
+}

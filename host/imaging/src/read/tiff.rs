@@ -1,0 +1,230 @@
+//! TIFF: pages of grey, RGB or palette samples, planes apart or together, and the stacks of ImageJ in one directory.
+
+use super::stack::{Image, Samples};
+use super::{check_size, header::short};
+use crate::error::ImagingError;
+use crate::frame::{MAX_FRAMES, MAX_PIXELS};
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::tags::{ByteOrder, CompressionMethod, PhotometricInterpretation, PlanarConfiguration, Tag};
+use tiff::{ColorType, TiffError};
+
+/// A file that is being read, and the page it is at.
+pub(super) struct Open {
+    path: PathBuf,
+    page: usize,
+    decoder: Decoder<BufReader<File>>,
+}
+
+pub(super) fn is_tiff(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("tif") || e.eq_ignore_ascii_case("tiff"))
+}
+
+/// Number of images in a file.
+pub(super) fn pages(path: &Path) -> Result<usize, ImagingError> {
+    let mut open = Open::new(path)?;
+    if !open.decoder.more_images() {
+        return Ok(open.stacked()?.unwrap_or(1));
+    }
+    let mut count = 1;
+    while open.decoder.more_images() {
+        open.decoder.next_image().map_err(damaged(path))?;
+        count += 1;
+        if count > MAX_FRAMES {
+            check_size(path, "pages", [1, 1, count])?;
+        }
+    }
+    Ok(count)
+}
+
+/// One of the images; `open` is kept for the next one.
+pub(super) fn image(open: &mut Option<Open>, path: &Path, page: usize) -> Result<Image, ImagingError> {
+    let mut at = match open.take() {
+        Some(open) if open.path == path && open.page <= page => open,
+        _ => Open::new(path)?,
+    };
+    // All images of such a stack are behind the first one.
+    let stacked = if at.decoder.more_images() || page == 0 { None } else { at.stacked()? };
+    while at.page < page && stacked.is_none() {
+        at.decoder.next_image().map_err(damaged(path))?;
+        at.page += 1;
+    }
+    let image = at.image(if stacked.is_some() { page } else { 0 })?;
+    *open = Some(at);
+    Ok(image)
+}
+
+impl Open {
+    fn new(path: &Path) -> Result<Self, ImagingError> {
+        let file = File::open(path).map_err(ImagingError::io(path))?;
+        let mut limits = Limits::default();
+        limits.decoding_buffer_size = 8 * MAX_PIXELS;
+        limits.intermediate_buffer_size = 8 * MAX_PIXELS;
+        limits.ifd_value_size = 1 << 20;
+        let decoder = Decoder::new(BufReader::new(file)).map_err(damaged(path))?.with_limits(limits);
+        Ok(Self { path: path.to_owned(), page: 0, decoder })
+    }
+
+    /// Number of images that ImageJ has put behind the first without directories of their own.
+    fn stacked(&mut self) -> Result<Option<usize>, ImagingError> {
+        let Ok(Some(description)) = self.decoder.find_tag(Tag::ImageDescription) else { return Ok(None) };
+        let Ok(text) = description.into_string() else { return Ok(None) };
+        let lines = text.lines().filter(|_| text.starts_with("ImageJ="));
+        let count: Option<usize> =
+            lines.filter_map(|line| line.strip_prefix("images=")?.trim().parse().ok()).next();
+        match count.filter(|count| *count > 1) {
+            Some(count) if count > MAX_FRAMES => {
+                check_size(&self.path, "images", [1, 1, count]).map(|()| None)
+            }
+            count => Ok(count),
+        }
+    }
+
+    /// The image of this directory, or the one so many behind it.
+    fn image(&mut self, behind: usize) -> Result<Image, ImagingError> {
+        let path = self.path.clone();
+        let (width, height) = self.decoder.dimensions().map_err(damaged(&path))?;
+        let size = [width as usize, height as usize];
+        check_size(&path, "size", [size[0], size[1], 1])?;
+        let photometric =
+            self.decoder.find_tag_unsigned(Tag::PhotometricInterpretation).map_err(damaged(&path))?;
+        let is_palette = photometric == Some(PhotometricInterpretation::RGBPalette.to_u16());
+        if is_palette || behind > 0 {
+            return self.plain(size, behind, is_palette);
+        }
+        let kind = self.decoder.colortype().map_err(damaged(&path))?;
+        let channels = match kind {
+            ColorType::Gray(8 | 16) => 1,
+            ColorType::GrayA(8 | 16) => 2,
+            ColorType::RGB(8 | 16) => 3,
+            ColorType::RGBA(8 | 16) => 4,
+            other => {
+                let expected = "grey, RGB or a palette of 8 or 16 bit";
+                return Err(ImagingError::invalid(&path, "colour", format!("{other:?}"), expected));
+            }
+        };
+        let planar = self.decoder.find_tag_unsigned(Tag::PlanarConfiguration).map_err(damaged(&path))?;
+        let mut samples = DecodingResult::U8(Vec::new());
+        self.decoder.read_image_to_buffer(&mut samples).map_err(damaged(&path))?;
+        let is_apart = planar == Some(PlanarConfiguration::Planar.to_u16()) && channels > 1;
+        let samples = match samples {
+            DecodingResult::U8(samples) if is_apart => Samples::Eight(together(&samples, channels)),
+            DecodingResult::U16(samples) if is_apart => Samples::Sixteen(together(&samples, channels)),
+            DecodingResult::U8(samples) => Samples::Eight(samples),
+            DecodingResult::U16(samples) => Samples::Sixteen(samples),
+            _ => return Err(ImagingError::invalid(&path, "colour", format!("{kind:?}"), "8 or 16 bit")),
+        };
+        Ok(Image { size, channels, samples })
+    }
+
+    /// Samples that are not compressed: of a palette, or of one of the images behind the first.
+    fn plain(
+        &mut self,
+        [width, height]: [usize; 2],
+        behind: usize,
+        is_palette: bool,
+    ) -> Result<Image, ImagingError> {
+        let path = self.path.clone();
+        let mut tag = |tag| self.decoder.find_tag_unsigned::<u16>(tag).map_err(damaged(&path));
+        let (bits, samples) =
+            (tag(Tag::BitsPerSample)?.unwrap_or(1), tag(Tag::SamplesPerPixel)?.unwrap_or(1));
+        if tag(Tag::Compression)?.is_some_and(|of| of != CompressionMethod::None.to_u16()) {
+            let expected = "no compression where there is a palette or a stack in one directory: tiffcp -c none converts";
+            return Err(ImagingError::invalid(&path, "Compression", "compressed", expected));
+        }
+        let bytes = match (bits, samples, is_palette) {
+            (8, 1, _) => 1,
+            (16, 1, false) => 2,
+            _ => {
+                let problem = format!("{samples} samples of {bits} bits");
+                return Err(ImagingError::invalid(
+                    &path,
+                    "colour",
+                    problem,
+                    "one sample of 8 or, without a palette, 16 bit",
+                ));
+            }
+        };
+        let strips = |decoder: &mut Decoder<BufReader<File>>, tag| -> Result<Vec<u64>, ImagingError> {
+            decoder.get_tag_u64_vec(tag).map_err(damaged(&path))
+        };
+        let offsets = strips(&mut self.decoder, Tag::StripOffsets)?;
+        let counts = strips(&mut self.decoder, Tag::StripByteCounts)?;
+        let needed = width * height * bytes;
+        let mut raw = Vec::with_capacity(needed);
+        // The images of a stack follow each other without a gap.
+        let pieces: Vec<(u64, u64)> = match (behind, offsets.first()) {
+            (0, _) => offsets.into_iter().zip(counts).collect(),
+            (behind, Some(first)) => vec![(first + (behind * needed) as u64, needed as u64)],
+            (_, None) => Vec::new(),
+        };
+        let byte_order = self.decoder.byte_order();
+        let file = self.decoder.inner();
+        for (at, count) in pieces {
+            file.seek(SeekFrom::Start(at)).map_err(ImagingError::io(&path))?;
+            let left = (needed - raw.len()) as u64;
+            file.take(count.min(left)).read_to_end(&mut raw).map_err(ImagingError::io(&path))?;
+        }
+        if raw.len() < needed {
+            let problem = format!("{} bytes", raw.len());
+            return Err(ImagingError::invalid(
+                &path,
+                format!("image {}", behind + 1),
+                problem,
+                format!("{needed} bytes"),
+            ));
+        }
+        if is_palette {
+            let colours = self.decoder.get_tag_u16_vec(Tag::ColorMap).map_err(damaged(&path))?;
+            let brightness = brightness(&colours);
+            let of = |index: u8| brightness.get(usize::from(index)).copied().unwrap_or(0);
+            return Ok(Image {
+                size: [width, height],
+                channels: 1,
+                samples: Samples::Eight(raw.into_iter().map(of).collect()),
+            });
+        }
+        let samples = if bytes == 1 {
+            Samples::Eight(raw)
+        } else {
+            let of = |pair: &[u8; 2]| match byte_order {
+                ByteOrder::LittleEndian => u16::from_le_bytes(*pair),
+                ByteOrder::BigEndian => u16::from_be_bytes(*pair),
+            };
+            Samples::Sixteen(raw.as_chunks::<2>().0.iter().map(of).collect())
+        };
+        Ok(Image { size: [width, height], channels: 1, samples })
+    }
+}
+
+/// Brightness of the colours of a palette: all reds, greens and blues, of 16 bit.
+fn brightness(colours: &[u16]) -> Vec<u8> {
+    let count = colours.len() / 3;
+    let part = |at: usize| colours.get(at).map_or(0, |value| (value >> 8) as u8);
+    let pixels: Vec<u8> =
+        (0..count).flat_map(|index| [part(index), part(count + index), part(2 * count + index)]).collect();
+    super::grey(pixels, 3)
+}
+
+/// Samples pixel by pixel of those plane by plane.
+fn together<T: Copy>(planes: &[T], channels: usize) -> Vec<T> {
+    let pixels = planes.len() / channels.max(1);
+    (0..pixels)
+        .flat_map(|pixel| (0..channels).filter_map(move |c| planes.get(c * pixels + pixel).copied()))
+        .collect()
+}
+
+fn damaged(path: &Path) -> impl Fn(TiffError) -> ImagingError + '_ {
+    move |cause| {
+        let expected = match &cause {
+            TiffError::UnsupportedError(_) => {
+                "grey, RGB or a palette of 8 or 16 bit: ImageJ converts others".to_owned()
+            }
+            TiffError::LimitsExceeded => format!("frames of at most {MAX_PIXELS} pixels"),
+            _ => "a whole TIFF file".to_owned(),
+        };
+        ImagingError::invalid(path, "image", short(&cause.to_string()), expected)
+    }
+}

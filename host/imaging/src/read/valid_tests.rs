@@ -1,0 +1,263 @@
+//! Files that are valid, or valid but for their end, as programs and systems leave them.
+
+use super::*;
+use std::fs;
+
+fn data(name: &str) -> Vec<u8> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name);
+    fs::read(path).expect("a file")
+}
+
+fn frames(path: &Path) -> Result<(Header, Vec<Frame>), String> {
+    let mut sequence = Sequence::open(path).map_err(|error| error.to_string())?;
+    let mut frames = Vec::new();
+    while let Some(frame) = sequence.next_frame().map_err(|error| error.to_string())? {
+        frames.push(frame);
+    }
+    Ok((sequence.header().clone(), frames))
+}
+
+fn written(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(name);
+    fs::write(&path, bytes).expect("a file");
+    (folder, path)
+}
+
+#[test]
+fn a_list_of_frames_may_be_the_first_axis() {
+    // Sample by sample the values of frame 1, 2, 3.
+    let alternating: Vec<u8> = (0..8).flat_map(|pixel| [pixel, 8 + pixel, 16 + pixel]).collect();
+    for (sizes, kinds) in [("3 4 2", "list domain domain"), ("3 4 2 1", "list domain domain domain")] {
+        let dimension = sizes.split(' ').count();
+        let spacings = format!("nan 0.1 0.2{}", if dimension == 4 { " 1" } else { "" });
+        let header = format!(
+            "NRRD0005\ntype: uint8\ndimension: {dimension}\nsizes: {sizes}\nkinds: {kinds}\nspacings: {spacings}\nencoding: raw\n\n"
+        );
+        let (_folder, path) = written("s.seq.nrrd", &[header.as_bytes(), &alternating].concat());
+        let (header, read) = frames(&path).expect(kinds);
+        assert_eq!(header.spacing_mm, Some([0.1, 0.2]), "{kinds}");
+        let pixels: Vec<Vec<u8>> = read.into_iter().map(|frame| frame.pixels).collect();
+        assert_eq!(
+            pixels,
+            (0..3).map(|frame| (8 * frame..8 * frame + 8).collect()).collect::<Vec<Vec<u8>>>()
+        );
+    }
+    // Last, as 3-D and with an axis of one slice; and of 16 bit first.
+    let plain: Vec<u8> = (0..24).collect();
+    for (sizes, kinds) in [("4 2 1 3", "domain domain domain list"), ("4 2 3", "domain domain list")] {
+        let header = format!("NRRD0005\ntype: uint8\nsizes: {sizes}\nkinds: {kinds}\nencoding: raw\n\n");
+        let (_folder, path) = written("s.seq.nrrd", &[header.as_bytes(), &plain].concat());
+        assert_eq!(frames(&path).expect(kinds).1[2].pixels, (16..24).collect::<Vec<u8>>());
+    }
+    let wide: Vec<u8> = alternating.iter().flat_map(|value| (16 * u16::from(*value)).to_be_bytes()).collect();
+    let header =
+        "NRRD0005\ntype: uint16\nendian: big\nsizes: 3 4 2\nkinds: list domain domain\nencoding: raw\n\n";
+    let (_folder, path) = written("s.seq.nrrd", &[header.as_bytes(), &wide].concat());
+    // The brightest, 368, needs 9 bits.
+    assert_eq!(
+        frames(&path).expect("16 bit").1[1].pixels,
+        (8..16).map(|value| 8 * value).collect::<Vec<u8>>()
+    );
+}
+
+#[test]
+fn a_film_whose_last_frame_is_cut_off_has_the_frames_before() {
+    for (name, count) in [("others/ffmpeg-mjpeg.avi", 10), ("others/ffmpeg-gray.avi", 3)] {
+        let whole = data(name);
+        let (_folder, path) = written("film.avi", &whole);
+        let all = frames(&path).expect(name).1;
+        assert_eq!(all.len(), count);
+        // Where the last frame begins is found by its absence: the index behind the frames is of no use.
+        let movi = whole.windows(4).rposition(|name| name == b"00dc" || name == b"00db");
+        let index = whole.windows(4).rposition(|name| name == b"idx1").expect("an index");
+        let last =
+            whole[..index].windows(4).rposition(|name| matches!(name, b"00dc" | b"00db")).expect("frames");
+        assert!(movi.is_some_and(|movi| movi > last));
+        for cut in [last + 8 + 20, index - 8] {
+            let (_folder, path) = written("film.avi", &whole[..cut]);
+            let (header, read) = frames(&path).expect(name);
+            assert_eq!(read, all[..count - 1], "{name} cut at {cut}");
+            assert!(header.notes[0].contains("the last frame is cut off"), "{:?}", header.notes);
+        }
+    }
+}
+
+#[test]
+fn a_frame_of_a_film_without_huffman_tables_has_the_standard_ones() {
+    // The tables that libjpeg writes without optimisation are those of the standard.
+    let file = data("others/ybr-color-3.dcm");
+    let begin = file.windows(3).position(|at| at == [0xFF, 0xD8, 0xFF]).expect("a frame");
+    let length = file[begin..].windows(2).position(|at| at == [0xFF, 0xD9]).expect("its end") + 2;
+    let whole = &file[begin..begin + length];
+    let mut bare = whole[..2].to_vec();
+    let mut rest = &whole[2..];
+    let mut tables = 0;
+    while let [0xFF, marker, high, low, ..] = *rest {
+        let length = 2 + usize::from(u16::from_be_bytes([high, low]));
+        if marker == 0xDA {
+            break;
+        }
+        if marker == 0xC4 {
+            tables += 1;
+        } else {
+            bare.extend(&rest[..length]);
+        }
+        rest = &rest[length..];
+    }
+    bare.extend(rest);
+    assert!(tables > 0, "there were tables");
+    let decoded = |bytes: &[u8]| {
+        jpeg::decode(Path::new("film.avi"), "frame 1", bytes, false).map_err(|error| error.to_string())
+    };
+    let with = decoded(whole).expect("decodes");
+    assert_eq!(decoded(&bare).as_ref(), Ok(&with));
+    assert!(decoded(&bare[..200]).is_err());
+}
+
+#[test]
+fn files_that_systems_leave_in_a_folder_are_no_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let picture = data("pillow-16.png");
+    for name in ["f-1.png", "f-2.PNG"] {
+        fs::write(folder.path().join(name), &picture).expect("a file");
+    }
+    for name in
+        ["._f-1.png", "._f-2.png", ".hidden.tif", ".DS_Store", "Thumbs.db", "desktop.ini", "notes.txt"]
+    {
+        fs::write(folder.path().join(name), b"Mac OS X        ").expect("a file");
+    }
+    assert_eq!(frames(folder.path()).expect("two frames").1.len(), 2);
+}
+
+#[cfg(feature = "dicom")]
+#[test]
+fn dicom_is_known_by_its_content_and_a_folder_of_it_is_a_sequence() {
+    let whole = data("others/MR_small.dcm");
+    for name in ["image.IMA", "1.2.840.113619.2.55.3", "IM0001", "scan.DICOM"] {
+        let (_folder, path) = written(name, &whole);
+        assert_eq!(frames(&path).expect(name).1.len(), 1, "{name}");
+    }
+    // As an archive exports them: names without an order, instance numbers with one.
+    let number = whole
+        .windows(8)
+        .position(|at| at[..6] == [0x20, 0, 0x13, 0, b'I', b'S'])
+        .expect("an instance number");
+    let length = usize::from(u16::from_le_bytes([whole[number + 6], whole[number + 7]]));
+    let pixels =
+        whole.windows(6).rposition(|at| at == [0xE0, 0x7F, 0x10, 0, b'O', b'W']).expect("pixels") + 12;
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, instance) in [("1.2.3.9", 1u8), ("1.2.3.4", 3), ("1.2.3.7", 2)] {
+        let mut one = whole.clone();
+        one[number + 8..number + 8 + length].fill(b' ');
+        one[number + 8] = b'0' + instance;
+        // 15 bit of 16: the low byte shows nothing, the high one the number.
+        one[pixels + 1] = 16 * instance;
+        fs::write(folder.path().join(name), one).expect("a file");
+    }
+    fs::write(folder.path().join("DICOMDIR"), &whole).expect("a file");
+    fs::write(folder.path().join(".DS_Store"), b"x").expect("a file");
+    let (header, read) = frames(folder.path()).expect("a series");
+    assert_eq!((header.count, read.len(), header.spacing_mm), (3, 3, Some([0.3125; 2])));
+    let marks: Vec<u8> = read.iter().map(|frame| frame.pixels[0]).collect();
+    assert!(marks[0] < marks[1] && marks[1] < marks[2], "{marks:?}");
+}
+
+/// A TIFF with one directory, little-endian: tag, type (3 short, 4 long, 2 text), values.
+fn tiff(tags: &[(u16, u16, Vec<u32>)], text: &str, pixels: &[u8]) -> Vec<u8> {
+    let mut tags = tags.to_vec();
+    tags.push((273, 4, vec![8]));
+    if !text.is_empty() {
+        tags.push((270, 2, text.bytes().chain([0]).map(u32::from).collect()));
+    }
+    tags.sort_by_key(|(tag, ..)| *tag);
+    let mut bytes = [&b"II*\0"[..], &(8 + pixels.len() as u32).to_le_bytes(), pixels].concat();
+    let mut behind = Vec::new();
+    let end = bytes.len() + 2 + 12 * tags.len() + 4;
+    bytes.extend((tags.len() as u16).to_le_bytes());
+    for (tag, kind, values) in tags {
+        let size = match kind {
+            2 => 1,
+            3 => 2,
+            _ => 4,
+        };
+        let mut value: Vec<u8> =
+            values.iter().flat_map(|value| value.to_le_bytes()[..size].to_vec()).collect();
+        bytes.extend(tag.to_le_bytes());
+        bytes.extend(kind.to_le_bytes());
+        bytes.extend((values.len() as u32).to_le_bytes());
+        if value.len() > 4 {
+            bytes.extend(((end + behind.len()) as u32).to_le_bytes());
+            behind.extend(value);
+        } else {
+            value.resize(4, 0);
+            bytes.extend(value);
+        }
+    }
+    bytes.extend([0; 4]);
+    bytes.extend(behind);
+    bytes
+}
+
+/// Width 4, height 2.
+fn tags(bits: u32, photometric: u32, strip: u32) -> Vec<(u16, u16, Vec<u32>)> {
+    vec![
+        (256, 3, vec![4]),
+        (257, 3, vec![2]),
+        (258, 3, vec![bits]),
+        (259, 3, vec![1]),
+        (262, 3, vec![photometric]),
+        (277, 3, vec![1]),
+        (278, 3, vec![2]),
+        (279, 4, vec![strip]),
+    ]
+}
+
+#[test]
+fn a_palette_gives_the_brightness_of_its_colours() {
+    // Grey backwards, but for index 3, which is red: a mark of the screen.
+    let channel =
+        |red: bool| (0..256u32).map(move |i| if i == 3 { 65535 * u32::from(red) } else { 257 * (255 - i) });
+    let map = (320, 3, channel(true).chain(channel(false)).chain(channel(false)).collect());
+    let file = tiff(&[tags(8, 3, 8), vec![map]].concat(), "", &[0, 1, 2, 3, 55, 155, 254, 255]);
+    let (_folder, path) = written("p.tif", &file);
+    assert_eq!(frames(&path).expect("a palette").1[0].pixels, [255, 254, 253, 0, 200, 100, 1, 0]);
+}
+
+#[test]
+fn planes_that_are_apart_are_put_together() {
+    let mut own = tags(8, 2, 8);
+    own.retain(|(tag, ..)| ![258, 277, 279].contains(tag));
+    own.extend([(258, 3, vec![8; 3]), (277, 3, vec![3]), (279, 4, vec![8; 3]), (284, 3, vec![2])]);
+    let grey = [10, 20, 30, 40, 50, 60, 70, 80];
+    let mut file = tiff(&own, "", &[grey, grey, grey].concat());
+    // Its offsets are three, and the helper writes one.
+    let at = file.windows(4).position(|tag| tag == [17, 1, 4, 0]).expect("StripOffsets");
+    let place = file.len() as u32;
+    file[at + 4..at + 12].copy_from_slice(&[3u32.to_le_bytes(), place.to_le_bytes()].concat());
+    file.extend([8u32, 16, 24].iter().flat_map(|offset| offset.to_le_bytes()));
+    let (_folder, path) = written("p.tif", &file);
+    assert_eq!(frames(&path).expect("planes").1[0].pixels, grey);
+}
+
+#[test]
+fn a_stack_of_imagej_in_one_directory_is_all_of_its_images() {
+    let text = "ImageJ=1.53t\nimages=3\nslices=3\nloop=false\n";
+    let pixels: Vec<u8> = (0..24).map(|value| 10 * value).collect();
+    let (_folder, path) = written("s.tif", &tiff(&tags(8, 1, 8), text, &pixels));
+    let read = frames(&path).expect("a stack").1;
+    assert_eq!(
+        read.iter().map(|frame| frame.pixels.clone()).collect::<Vec<_>>(),
+        pixels.chunks(8).map(<[u8]>::to_vec).collect::<Vec<_>>()
+    );
+    let wide: Vec<u8> = (0..24u16).flat_map(|value| (160 * value).to_le_bytes()).collect();
+    let (_folder, path) = written("s.tif", &tiff(&tags(16, 1, 16), text, &wide));
+    assert_eq!(
+        frames(&path).expect("16 bit").1[2].pixels,
+        (16..24).map(|value| 10 * value).collect::<Vec<u8>>()
+    );
+    // One that was cut off.
+    let (_folder, path) = written("s.tif", &tiff(&tags(8, 1, 8), text, &pixels[..20]));
+    let error = frames(&path);
+    assert!(error.is_ok() || error.is_err_and(|error| error.contains("image 3")));
+}
