@@ -28,6 +28,8 @@ mod report;
 mod shapes;
 #[path = "command_line/shell.rs"]
 mod shell;
+#[path = "command_line/tables.rs"]
+mod tables;
 #[path = "command_line/ultrasound.rs"]
 mod ultrasound;
 

@@ -3,7 +3,7 @@
 
 mod error;
 mod fields;
-mod names;
+pub(crate) mod names;
 pub(crate) mod table;
 mod write;
 

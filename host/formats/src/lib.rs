@@ -6,6 +6,7 @@
 //! | [`model_file`] | `model.toml`: effects and sizes of discrepancy of a rig, from one diagnosis to the next |
 //! | [`effect_file`] | effects that a person has written, as formulas |
 //! | [`prior_file`] | `prior.toml`: what many sessions predict of the next one |
+//! | [`foreign`] | tables of other laboratories, of which a run is taken |
 //! | [`document`] | what they have in common: fields, tables, errors with places |
 //! | [`files`] | files that are written as a whole or not at all |
 //! | [`calibration_file`] | `calibration.toml`: the constants that the device works with |
@@ -37,6 +38,7 @@ pub mod calibration_readings;
 pub mod document;
 pub mod effect_file;
 pub mod files;
+pub mod foreign;
 pub mod image_calibration;
 pub mod model_file;
 pub mod prior_file;

@@ -3,6 +3,7 @@
 use super::frame_pictures::PictureArgs;
 use super::import_camera::{self, CameraArgs};
 use super::import_shapes::{self, ShapeArgs, Source};
+use super::import_table::{self, TableArgs};
 use super::import_ultrasound::{self, FrameArgs};
 use super::output::Output;
 use anyhow::{bail, ensure};
@@ -15,13 +16,18 @@ use std::fmt::{self, Display};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+/// Command lines for the help.
+const EXAMPLES: &str = "Example:\n  guide import trajcontrol recordings/ --out phantom-b\n  guide import trajcontrol run_1.csv run_2.csv \
+                        --rig rig.toml --out phantom-b\n  guide import slicer needle.mrk.json --axis 0,0,1 --origin-mm 12,-40,-85 --force push.csv \
+                        --out phantom-b\n  guide import fbg hold-1.csv hold-2.csv --force push.csv --rig rig.toml --out phantom-b\n  guide import ultrasound hold.mha --straight zero.mha \
+                        --speed-mm-per-s 1 --force push.csv --rig rig.toml --out phantom-b\n  guide import table load.csv stage.csv --map 'Force [g]=force_y_n:g' --map 'Stage X=displacement_y_mm:mm' \\\n    \
+                        --depth-mm 30 --rig rig.toml --out phantom-b";
+
 /// Convert recordings of other programs to a session
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide import trajcontrol recordings/ --out phantom-b\n  guide import trajcontrol run_1.csv run_2.csv \
-                        --rig rig.toml --out phantom-b\n  guide import slicer needle.mrk.json --axis 0,0,1 --origin-mm 12,-40,-85 --force push.csv \
-                        --out phantom-b\n  guide import fbg hold-1.csv hold-2.csv --force push.csv --rig rig.toml --out phantom-b\n  guide import ultrasound hold.mha --straight zero.mha \
-                        --speed-mm-per-s 1 --force push.csv --rig rig.toml --out phantom-b"
+    after_long_help = what_is_read(),
+    after_help = EXAMPLES
 )]
 pub struct Args {
     /// Layout of the recordings
@@ -45,9 +51,20 @@ pub struct Args {
     #[command(flatten)]
     pub frames: FrameArgs,
     #[command(flatten)]
+    tables: TableArgs,
+    #[command(flatten)]
     clip: CameraArgs,
     #[command(flatten)]
     pictures: PictureArgs,
+}
+
+/// Examples, and what is read of frames and tables.
+fn what_is_read() -> String {
+    let list = |rows: &[[&str; 2]]| -> String {
+        rows.iter().map(|[names, what]| format!("  {names}: {what}\n")).collect()
+    };
+    let (frames, tables) = (list(imaging::read::READ), list(formats::foreign::READ));
+    format!("{EXAMPLES}\n\nFrames (ultrasound, camera):\n{frames}\nTables (table):\n{tables}")
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -60,6 +77,8 @@ enum Kind {
     Fbg,
     /// Transverse ultrasound frames along the needle (`.mha`, `.mhd`, `.nrrd`, PNG or TIFF stacks): a sweep per file or folder
     Ultrasound,
+    /// Any table of force and displacement, shape or insertion (CSV, Excel, ROS 2 bag): columns are named by --map, or found
+    Table,
     /// Frames of a camera on guide 2 (AVI, `.mha`, PNG, TIFF or JPEG stacks): displacement of guide 2 of one run
     Camera,
 }
@@ -115,6 +134,15 @@ impl Args {
             kind.name()
         );
         ensure!(
+            !self.tables.is_requested() || matches!(kind, Kind::Table),
+            "{}: has options that are for tables, expected them with table only",
+            kind.name()
+        );
+        ensure!(
+            !import_shapes::is_for_points(&self.shapes) || !matches!(kind, Kind::Table),
+            "table: has options that are for shapes, expected --map, --depth-mm and --id"
+        );
+        ensure!(
             !clip || matches!(kind, Kind::Camera),
             "{}: has options that are for clips, expected them with camera only",
             kind.name()
@@ -150,6 +178,11 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             let setup = setup(args, out)?;
             let Args { paths, shapes, clip, pictures, out: to, .. } = args;
             return import_camera::run(paths, shapes, clip, pictures, to, &setup, out);
+        }
+        Kind::Table => {
+            let setup = setup(args, out)?;
+            let Args { paths, shapes, tables, out: to, rig, .. } = args;
+            return import_table::run(paths, shapes, tables, to, rig.as_deref(), &setup, out);
         }
         Kind::Trajcontrol => {}
     }
@@ -226,8 +259,10 @@ fn files(paths: &[PathBuf], skipped: &mut Vec<SkippedFile>) -> Vec<PathBuf> {
             found.push(path.clone());
             continue;
         }
-        let is_csv =
-            |file: &Path| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+        let is_csv = |file: &Path| {
+            let is_hidden = file.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
+            !is_hidden && file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+        };
         let mut inside: Vec<_> = match fs::read_dir(path) {
             Ok(entries) => {
                 entries.filter_map(Result::ok).map(|entry| entry.path()).filter(|file| is_csv(file)).collect()

@@ -101,6 +101,11 @@ pub fn is_placed(args: &ShapeArgs) -> bool {
     vectors || lengths || args.units != Units::Auto
 }
 
+/// Whether an option is given that has no meaning for tables.
+pub fn is_for_points(args: &ShapeArgs) -> bool {
+    is_placed(args) || args.force.is_some() || !args.time_s.is_empty()
+}
+
 /// Whether any option is given that is for shapes alone.
 pub fn is_requested(args: &ShapeArgs) -> bool {
     let ShapeArgs { force, depth_mm, id, time_s, .. } = args;

@@ -27,6 +27,7 @@ mod igtl;
 mod import;
 mod import_camera;
 mod import_shapes;
+mod import_table;
 mod import_ultrasound;
 mod init;
 mod limits;

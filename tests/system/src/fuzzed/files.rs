@@ -7,6 +7,7 @@ use control::calibration::Calibration;
 use device::link::Program;
 use device::sweep::Sweep;
 use formats::calibration_file;
+use formats::foreign::{Choice, Grid, Mapping, Options, RawTable, Taken, ZOrigin, take};
 use formats::model_file::ModelFile;
 use formats::session::Setup;
 use formats::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, poses, slicer, trajcontrol};
@@ -24,7 +25,7 @@ pub fn run(data: &[u8]) {
     let folder = folder();
     let (path, other) = (folder.path().join("file"), folder.path().join("other"));
     fs::write(&path, content).expect("writes");
-    match kind % 9 {
+    match kind % 11 {
         0 => model(&path, &other),
         1 => {
             if let Ok(config) = RigConfig::read(&path) {
@@ -48,13 +49,36 @@ pub fn run(data: &[u8]) {
                 assert!(run.depth_m.iter().chain(&run.tip_y_m).all(|value| value.is_finite()));
             }
         }
-        _ => {
+        8 => {
             if let Ok(text) = std::str::from_utf8(content)
                 && let Ok(sweep) = Sweep::parse(text)
             {
                 assert!(sweep.rows(0.0).all(|row| row.z_m.is_finite() && row.deflection_y_m.is_finite()));
             }
         }
+        9 => tables(Grid::parse(&path, content).and_then(RawTable::new).map(|table| vec![table]).ok()),
+        _ => {
+            let bag = folder.path().join("bag.mcap");
+            fs::write(&bag, content).expect("writes");
+            tables(RawTable::read(&bag).ok());
+        }
+    }
+}
+
+/// Tables of others as a run, by what names and units show and by the places of columns.
+fn tables(tables: Option<Vec<RawTable>>) {
+    let Some(tables) = tables else { return };
+    for table in &tables {
+        assert!(table.columns.iter().all(|column| column.values.len() == table.lines.len()));
+    }
+    let by_place = ["#1=time_s:s", "#2=force_y_n:mN", "#3=displacement_y_mm:um"];
+    let by_place = by_place.iter().filter_map(|text| Choice::parse(text).ok()).collect();
+    for mapping in [Mapping::default(), Mapping { choices: by_place }] {
+        let options = Options { z_from: Some(ZOrigin::Surface), entry_m: 0.07, ..Options::default() };
+        let Ok(Taken { force: Some(force), .. }) = take(&tables, &mapping, &options) else { continue };
+        assert!(force.time_s.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", force.time_s);
+        let all = force.time_s.iter().chain(&force.displacement_y_m).chain(&force.force_y_n);
+        assert!(all.clone().all(|value| value.is_finite()), "{force:?}");
     }
 }
 

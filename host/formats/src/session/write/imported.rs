@@ -55,6 +55,20 @@ impl SessionWriter {
     /// # Errors
     /// As [`Self::lateral`]; [`SessionError::NotFinite`].
     pub fn lateral_force(&mut self, id: &str, depth_m: f64, force: &ForceSeries) -> Result<(), SessionError> {
+        self.lateral_series(id, depth_m, force, None)
+    }
+
+    /// As [`Self::lateral_force`], with the shape where it is measured.
+    ///
+    /// # Errors
+    /// As [`Self::lateral`]; [`SessionError::NotFinite`].
+    pub fn lateral_series(
+        &mut self,
+        id: &str,
+        depth_m: f64,
+        force: &ForceSeries,
+        shape: Option<&ShapeSeries>,
+    ) -> Result<(), SessionError> {
         self.check_id(id, &self.lateral_ids)?;
         let session_file = self.dir.join("session.toml");
         let depth_mm = number(&session_file, "depth_mm", 1e3 * depth_m)?;
@@ -74,7 +88,10 @@ impl SessionWriter {
         let entry = lateral_entry(id, &depth_mm);
         self.whole_run(|session| {
             session.table(&format!("{id}.force"), &columns)?;
-            session.whole(session.dir.join(format!("{id}.shape.csv")), NO_SHAPE)?;
+            match shape {
+                Some(shape) => session.table(&format!("{id}.shape"), &shape_columns(shape))?,
+                None => session.whole(session.dir.join(format!("{id}.shape.csv")), NO_SHAPE)?,
+            }
             enter(&session.dir, &entry)
         })?;
         self.lateral_ids.push(id.to_owned());

@@ -1,0 +1,470 @@
+//! The series of a run from tables and a mapping: one clock, SI, and a statement of what was taken for what.
+
+use super::TableError;
+use super::align::{Offset, estimate};
+use super::mapping::{Choice, Mapping, Target};
+use super::raw::{RawColumn, RawTable};
+use super::unit::{Quantity, Unit};
+use crate::session::{ForceSeries, InsertionRun, ShapeSeries};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+mod clock;
+mod series;
+
+use clock::Timed;
+pub(super) use series::Series;
+
+/// What the user states beside the mapping.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Options {
+    /// Rows a second of tables without a column of times.
+    pub rate_hz: Option<f64>,
+    /// Name of the column of times that all files share.
+    pub merge_on: Option<String>,
+    /// To be added to the displacement's times; estimated where it is none and the files have clocks of their own.
+    pub offset_s: Option<f64>,
+    /// What is zero displacement.
+    pub zero: Zero,
+    /// From where positions along the needle are.
+    pub z_from: Option<ZOrigin>,
+    /// Position of the tissue's surface from guide 1, metres.
+    pub entry_m: f64,
+}
+
+/// What is zero displacement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Zero {
+    /// Where the run begins, where it is never near 0; as it is written otherwise.
+    #[default]
+    Auto,
+    /// Where the run begins.
+    First,
+    /// As it is written.
+    Written,
+}
+
+/// From where positions along the needle are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ZOrigin {
+    /// From guide 1.
+    Guide1,
+    /// From the tissue's surface.
+    Surface,
+}
+
+/// A column, and what was made of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TakenColumn {
+    /// Quantity of the session.
+    pub is: &'static str,
+    /// The file.
+    pub file: PathBuf,
+    /// Its name there.
+    pub column: String,
+    /// Its unit, or how its times are written.
+    pub unit: String,
+    /// Least and greatest value, in the unit of the session.
+    pub range: [f64; 2],
+    /// Rows with a value.
+    pub rows: usize,
+}
+
+/// A run, and what was taken for what.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Taken {
+    /// Every column that is taken.
+    pub columns: Vec<TakenColumn>,
+    /// Columns that are not, with their files.
+    pub others: Vec<String>,
+    /// Form of every file.
+    pub forms: Vec<String>,
+    /// Remarks, a sentence each.
+    pub notes: Vec<String>,
+    /// The mapping with every unit that was found.
+    pub mapping: Mapping,
+    /// Offset between two clocks, where it was estimated.
+    pub offset: Option<Offset>,
+    /// Force and displacement of a lateral run.
+    pub force: Option<ForceSeries>,
+    /// Its shape.
+    pub shape: Option<ShapeSeries>,
+    /// An insertion.
+    pub insertion: Option<InsertionRun>,
+}
+
+/// A column that is a quantity.
+pub(super) struct Part<'t> {
+    pub table: &'t RawTable,
+    pub column: &'t RawColumn,
+    pub target: Target,
+    /// SI units in one of the column.
+    pub unit: Unit,
+}
+
+/// Takes a run out of tables.
+///
+/// # Errors
+/// [`TableError`].
+pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result<Taken, TableError> {
+    let complete = mapping.completed(tables);
+    let mut taken = Taken::default();
+    let mut parts: Vec<Part> = Vec::new();
+    for choice in &complete.choices {
+        let found = found(tables, choice)?;
+        if found.len() > 1 && choice.target.quantity != Quantity::Time {
+            let files: Vec<String> =
+                found.iter().map(|(table, _)| table.path.display().to_string()).collect();
+            return Err(map_fault(
+                choice,
+                &format!("{} have such a column", files.join(" and ")),
+                "a name that one file has",
+            ));
+        }
+        for (table, column) in found {
+            let unit = if choice.target.quantity == Quantity::Time {
+                clock::unit(table, column, choice, &mut taken.notes)?
+            } else {
+                unit(column, choice)?
+            };
+            let own = Choice { unit: Some(unit.clone()).filter(|_| !column.is_stamp), ..choice.clone() };
+            if !taken.mapping.choices.contains(&own) {
+                taken.mapping.choices.push(own);
+            }
+            parts.push(Part { table, column, target: choice.target, unit });
+        }
+    }
+    for (at, part) in parts.iter().enumerate() {
+        let is_twice = |other: &Part| {
+            other.target == part.target
+                && (other.target.quantity != Quantity::Time || std::ptr::eq(other.table, part.table))
+        };
+        if let Some(other) = parts.iter().skip(at + 1).find(|other| is_twice(other)) {
+            let (a, b) = (&part.column.header, &other.column.header);
+            return Err(TableError::Map {
+                choice: part.target.name.to_owned(),
+                problem: format!("both \"{a}\" and \"{b}\" are taken for it"),
+                expected: "one column for each quantity".to_owned(),
+            });
+        }
+    }
+    taken.describe(tables, &parts);
+    let timed: Vec<Timed> = tables
+        .iter()
+        .map(|table| Timed::new(table, &parts, options, &mut taken.notes))
+        .collect::<Result<_, _>>()?;
+    let has = |name: &str| parts.iter().any(|part| part.target.name == name);
+    if has("depth_mm") {
+        taken.insertion = Some(insertion(&parts, &timed)?);
+    } else if has("force_y_n") && has("displacement_y_mm") {
+        lateral(&mut taken, &parts, &timed, options)?;
+    } else {
+        return Err(nothing(tables, &parts));
+    }
+    Ok(taken)
+}
+
+/// The column of a choice in each table that has it.
+fn found<'t>(
+    tables: &'t [RawTable],
+    choice: &Choice,
+) -> Result<Vec<(&'t RawTable, &'t RawColumn)>, TableError> {
+    let mut found = Vec::new();
+    for table in tables {
+        let at = table.find(&choice.column).map_err(|problem| map_fault(choice, &problem, "one column"))?;
+        found.extend(at.and_then(|at| table.columns.get(at)).map(|column| (table, column)));
+    }
+    if found.is_empty() {
+        let known: Vec<String> = tables
+            .iter()
+            .flat_map(|table| &table.columns)
+            .map(|column| format!("\"{}\"", column.header))
+            .collect();
+        return Err(map_fault(
+            choice,
+            "no file has such a column of numbers",
+            &format!("one of {}", known.join(", ")),
+        ));
+    }
+    Ok(found)
+}
+
+fn map_fault(choice: &Choice, problem: &str, expected: &str) -> TableError {
+    let (choice, problem, expected) =
+        (format!("--map '{}'", choice.text()), problem.to_owned(), expected.to_owned());
+    TableError::Map { choice, problem, expected }
+}
+
+/// The unit of a column: as the user states it, or its header.
+fn unit(column: &RawColumn, choice: &Choice) -> Result<Unit, TableError> {
+    let target = choice.target;
+    let expected =
+        || format!("--map '{}={}:UNIT' with {}", choice.column, target.name, target.quantity.examples());
+    match choice.unit.as_ref().or(column.unit.as_ref()) {
+        Some(unit) if unit.quantity == target.quantity => Ok(unit.clone()),
+        Some(unit) => Err(map_fault(
+            choice,
+            &format!("its unit, {}, is one of {}", unit.name, unit.quantity),
+            &expected(),
+        )),
+        None => Err(map_fault(choice, "no unit is stated", &expected())),
+    }
+}
+
+impl Taken {
+    fn describe(&mut self, tables: &[RawTable], parts: &[Part]) {
+        for Part { table, column, target, unit } in parts {
+            let values = column.values.iter().filter(|value| value.is_finite());
+            let whole = column.origin as f64;
+            // Times begin with the first of them.
+            let to_si = |value: f64| if target.quantity == Quantity::Time { value } else { whole + value } * unit.to_si;
+            let (least, most) =
+                values.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| {
+                    let si = to_si(*value);
+                    (least.min(si), most.max(si))
+                });
+            let name = if column.is_stamp { "date or time of day".to_owned() } else { unit.name.clone() };
+            self.columns.push(TakenColumn {
+                is: target.name,
+                file: table.path.clone(),
+                column: column.header.clone(),
+                unit: name,
+                range: [least, most].map(|si| target.shown(si)),
+                rows: values.count(),
+            });
+        }
+        for table in tables {
+            let is_taken = |column: &RawColumn| parts.iter().any(|part| std::ptr::eq(part.column, column));
+            let free = table.columns.iter().filter(|column| !is_taken(column)).map(|column| &column.header);
+            let names: Vec<&str> = free.chain(&table.words).map(String::as_str).collect();
+            if !names.is_empty() {
+                self.others.push(format!("{}: {}", table.path.display(), names.join(", ")));
+            }
+            self.forms.push(format!("{}: {}, {} rows", table.path.display(), table.form, table.lines.len()));
+            self.notes.extend(table.notes.iter().map(|note| format!("{}: {note}", table.path.display())));
+        }
+    }
+}
+
+/// Force and displacement on the clock of the force, with the shape.
+fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options) -> Result<(), TableError> {
+    let series = |name: &str| -> Result<Option<(usize, Series)>, TableError> {
+        let Some(part) = parts.iter().find(|part| part.target.name == name) else { return Ok(None) };
+        let at = timed.iter().position(|timed| std::ptr::eq(timed.table, part.table)).unwrap_or(0);
+        let own = timed.get(at).and_then(|timed| timed.times_s.as_deref());
+        let times_s = own.ok_or_else(|| clock::missing(part.table))?;
+        Ok(Some((at, Series::new(part, times_s)?)))
+    };
+    let required = |name: &str| -> Result<(usize, Series), TableError> {
+        series(name)?.ok_or_else(|| nothing(&[], parts))
+    };
+    let (force_at, force) = required("force_y_n")?;
+    let (moved_at, moved) = required("displacement_y_mm")?;
+    let base = timed.get(force_at);
+    let shift_s = |at: usize| base.zip(timed.get(at)).and_then(|(base, other)| other.shift_to(base, options));
+    // Offsets are between the times that the files have.
+    let origin_s = base.zip(timed.get(moved_at)).map_or(0.0, |(base, other)| other.origin_shift_s(base));
+    let moved_shift_s = match (options.offset_s, shift_s(moved_at)) {
+        (Some(offset_s), _) if moved_at != force_at => origin_s + offset_s,
+        (_, Some(shift_s)) => shift_s,
+        (_, None) => {
+            let offset = estimate(&force, &moved.clone().shifted(origin_s))?;
+            taken.notes.push(format!(
+                "the files have clocks of their own: {:+.4} s (sd {:.4} s) is added to the times of the displacement, by which it explains {:.1} % of \
+                 the force (--offset-s states another, --merge-on a column that is one clock)",
+                offset.offset_s, offset.sd_s, 100.0 * offset.r2
+            ));
+            taken.offset = Some(offset);
+            origin_s + offset.offset_s
+        }
+    };
+    let moved = moved.shifted(moved_shift_s);
+    let (force_x, moved_x) = (series("force_x_n")?, series("displacement_x_mm")?);
+    let on_clock = |one: Option<(usize, Series)>| {
+        one.map(|(at, series)| {
+            series.shifted(if at == moved_at { moved_shift_s } else { shift_s(at).unwrap_or(0.0) })
+        })
+    };
+    let (force_x, moved_x) = (on_clock(force_x), on_clock(moved_x));
+    let rows: Vec<(f64, [f64; 4])> = force
+        .readings()
+        .filter_map(|(time_s, force_n)| {
+            let of = |series: &Option<Series>| series.as_ref().map_or(Some(0.0), |series| series.at(time_s));
+            Some((time_s, [force_n, moved.at(time_s)?, of(&force_x)?, of(&moved_x)?]))
+        })
+        .collect();
+    if rows.len() < 10 {
+        let span = |series: &Series| {
+            series.span_s().map_or_else(String::new, |[a, b]| format!("{a:.3} to {b:.3} s"))
+        };
+        return Err(TableError::Map {
+            choice: "time_s".to_owned(),
+            problem: format!(
+                "force ({}) and displacement ({}) have {} rows in common",
+                span(&force),
+                span(&moved),
+                rows.len()
+            ),
+            expected: "10 or more: one clock (--merge-on COLUMN), or --offset-s".to_owned(),
+        });
+    }
+    let left = force.len() - rows.len();
+    if left > 0 {
+        taken.notes.push(format!(
+            "{left} of {} rows of the force have no displacement at their time, and are skipped",
+            force.len()
+        ));
+    }
+    let origin_s = rows.first().map_or(0.0, |(time_s, _)| *time_s);
+    let column = |at: usize| -> Vec<f64> { rows.iter().map(|(_, values)| values[at]).collect() };
+    let (mut y_m, mut x_m) = (column(1), moved_x.is_some().then(|| column(3)));
+    for (name, values) in
+        [Some(("displacement_y_mm", &mut y_m)), x_m.as_mut().map(|x_m| ("displacement_x_mm", x_m))]
+            .into_iter()
+            .flatten()
+    {
+        series::refer_to_zero(name, values, options.zero, &mut taken.notes);
+    }
+    series::check_range("displacement_y_mm", &y_m, 0.05)?;
+    series::check_range("force_y_n", &column(0), 200.0)?;
+    series::check_sign(&column(0), &y_m, &mut taken.notes);
+    taken.force = Some(ForceSeries {
+        time_s: rows.iter().map(|(time_s, _)| time_s - origin_s).collect(),
+        displacement_y_m: y_m,
+        force_y_n: column(0),
+        displacement_x_m: x_m.filter(|_| force_x.is_some()),
+        force_x_n: (force_x.is_some() && moved_x.is_some()).then(|| column(2)),
+        ..ForceSeries::default()
+    });
+    taken.shape = shape(parts, timed, options, |at| {
+        let own = if at == moved_at { Some(moved_shift_s) } else { shift_s(at) };
+        own.map(|shift_s| shift_s - origin_s)
+    })?;
+    Ok(())
+}
+
+/// The shape, where there is one; `shift_s` brings times of a table to those of the run.
+fn shape(
+    parts: &[Part],
+    timed: &[Timed],
+    options: &Options,
+    shift_s: impl Fn(usize) -> Option<f64>,
+) -> Result<Option<ShapeSeries>, TableError> {
+    let part = |name: &str| parts.iter().find(|part| part.target.name == name);
+    let (Some(z), Some(y)) = (part("z_mm"), part("deflection_y_mm")) else { return Ok(None) };
+    let origin_m = match options.z_from {
+        Some(ZOrigin::Guide1) => 0.0,
+        Some(ZOrigin::Surface) => options.entry_m,
+        None => {
+            return Err(TableError::Map {
+                choice: "--z-from".to_owned(),
+                problem: "missing".to_owned(),
+                expected: format!("guide1 or surface: from where \"{}\" is", z.column.header),
+            });
+        }
+    };
+    let x = part("deflection_x_mm");
+    for other in [Some(y), x].into_iter().flatten() {
+        series::same_table(z, other)?;
+    }
+    let at = timed.iter().position(|timed| std::ptr::eq(timed.table, z.table)).unwrap_or(0);
+    let times_s = match timed.get(at).and_then(|timed| timed.times_s.as_ref()) {
+        None => None,
+        Some(times_s) => {
+            let shift_s = shift_s(at).ok_or_else(|| TableError::Map {
+                choice: "--merge-on".to_owned(),
+                problem: format!("{} has a clock of its own", z.table.path.display()),
+                expected: "the column of times that it shares with the force; or no column of times, for a shape of the last hold".to_owned(),
+            })?;
+            Some(times_s.iter().map(|time_s| time_s + shift_s).collect::<Vec<f64>>())
+        }
+    };
+    let columns: Vec<Vec<f64>> =
+        [Some(z), Some(y), x].into_iter().flatten().map(series::values).collect::<Result<_, _>>()?;
+    let is_whole =
+        |row: &usize| columns.iter().all(|column| column.get(*row).is_some_and(|value| value.is_finite()));
+    let rows: Vec<usize> = (0..z.column.values.len()).filter(is_whole).collect();
+    let pick =
+        |values: &Vec<f64>| -> Vec<f64> { rows.iter().filter_map(|row| values.get(*row).copied()).collect() };
+    let of = |at: usize| columns.get(at).map(pick);
+    Ok(Some(ShapeSeries {
+        time_s: times_s.as_ref().map(pick),
+        z_m: of(0).unwrap_or_default().into_iter().map(|z_m| z_m + origin_m).collect(),
+        y_m: of(1).unwrap_or_default(),
+        x_m: x.and_then(|_| of(2)),
+        ..ShapeSeries::default()
+    }))
+}
+
+/// Tip over depth.
+fn insertion(parts: &[Part], timed: &[Timed]) -> Result<InsertionRun, TableError> {
+    let part = |name: &str| parts.iter().find(|part| part.target.name == name);
+    let (Some(depth), Some(tip)) = (part("depth_mm"), part("tip_y_mm")) else {
+        return Err(TableError::Map {
+            choice: "depth_mm".to_owned(),
+            problem: "without tip_y_mm".to_owned(),
+            expected: "both for an insertion; --depth-mm is the depth of a lateral run".to_owned(),
+        });
+    };
+    let optional = ["tip_x_mm", "rotation_deg", "guide2_y_mm", "guide2_x_mm"].map(part);
+    let columns: Vec<Option<Vec<f64>>> = [Some(depth), Some(tip)]
+        .into_iter()
+        .chain(optional)
+        .map(|part| {
+            part.map(|part| {
+                series::same_table(depth, part)?;
+                series::values(part)
+            })
+            .transpose()
+        })
+        .collect::<Result<_, _>>()?;
+    let is_whole = |row: &usize| {
+        columns.iter().flatten().all(|column| column.get(*row).is_some_and(|value| value.is_finite()))
+    };
+    let rows: Vec<usize> = (0..depth.column.values.len()).filter(is_whole).collect();
+    let pick =
+        |values: &Vec<f64>| -> Vec<f64> { rows.iter().filter_map(|row| values.get(*row).copied()).collect() };
+    let of = |at: usize| columns.get(at).and_then(Option::as_ref).map(pick);
+    let times_s = timed
+        .iter()
+        .find(|timed| std::ptr::eq(timed.table, depth.table))
+        .and_then(|timed| timed.times_s.as_ref());
+    let times_s = times_s.map(pick).map(|times_s| {
+        let first_s = times_s.first().copied().unwrap_or(0.0);
+        times_s.into_iter().map(|time_s| time_s - first_s).collect()
+    });
+    Ok(InsertionRun {
+        depth_m: of(0).unwrap_or_default(),
+        tip_y_m: of(1).unwrap_or_default(),
+        tip_x_m: of(2),
+        rotation_rad: of(3),
+        guide2_y_m: of(4),
+        guide2_x_m: of(5),
+        time_s: times_s,
+        path: depth.table.path.clone(),
+        ..InsertionRun::default()
+    })
+}
+
+/// What is missing for any run.
+fn nothing(tables: &[RawTable], parts: &[Part]) -> TableError {
+    let known: Vec<String> = tables
+        .iter()
+        .flat_map(|table| &table.columns)
+        .map(|column| {
+            let unit = column.unit.as_ref().map_or_else(String::new, |unit| format!(" in {}", unit.name));
+            format!("\"{}\"{unit}", column.header)
+        })
+        .collect();
+    let taken: Vec<&str> = parts.iter().map(|part| part.target.name).collect();
+    let path = tables.first().map_or(Path::new(""), |table| table.path.as_path());
+    TableError::File {
+        path: path.to_owned(),
+        problem: format!(
+            "columns {} of which {} could be told",
+            known.join(", "),
+            if taken.is_empty() { "none".to_owned() } else { taken.join(", ") }
+        ),
+        expected: "force_y_n and displacement_y_mm of a lateral run, or depth_mm and tip_y_mm of an insertion: --map 'COLUMN=QUANTITY:UNIT' for each".to_owned(),
+    }
+}

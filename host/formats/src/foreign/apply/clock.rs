@@ -1,0 +1,168 @@
+//! Times of a table, and whether two tables have one clock.
+
+use super::super::TableError;
+use super::super::mapping::Choice;
+use super::super::raw::{RawColumn, RawTable};
+use super::super::unit::{Quantity, Unit};
+use super::{Options, Part};
+
+/// Seconds of a day, and what a clock of the day steps back by at midnight at least.
+const DAY_S: f64 = 86_400.0;
+/// Numbers from which times are since 1970 in ns, us, ms and s: no experiment lasts a year, 3e7 s.
+const SINCE_1970: [(f64, &str); 4] = [(1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s")];
+
+/// The unit of a column of times.
+pub(super) fn unit(
+    table: &RawTable,
+    column: &RawColumn,
+    choice: &Choice,
+    notes: &mut Vec<String>,
+) -> Result<Unit, TableError> {
+    if column.is_stamp {
+        return Ok(Unit::si(Quantity::Time));
+    }
+    if let Some(unit) = choice.unit.as_ref().or(column.unit.as_ref()) {
+        if unit.quantity == Quantity::Time {
+            return Ok(unit.clone());
+        }
+        return Err(super::map_fault(
+            choice,
+            &format!("its unit, {}, is one of {}", unit.name, unit.quantity),
+            "a unit of time",
+        ));
+    }
+    let name = |name: &str| Unit::parse(name).ok_or_else(|| missing(table));
+    if let Some((_, unit)) = SINCE_1970.iter().find(|(least, _)| column.origin as f64 >= *least) {
+        notes.push(format!("{}: \"{}\" is taken as {unit} since 1970", table.path.display(), column.header));
+        return name(unit);
+    }
+    let mut steps: Vec<f64> =
+        column.values.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
+    steps.sort_by(f64::total_cmp);
+    let usual = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+    // A row a second, or one in a millisecond: both are usual.
+    if usual >= 1.0 {
+        let expected = format!("--map '{}=time_s:UNIT' with {}", choice.column, Quantity::Time.examples());
+        return Err(super::map_fault(
+            choice,
+            &format!("no unit is stated, and rows are {usual} apart"),
+            &expected,
+        ));
+    }
+    notes.push(format!(
+        "{}: \"{}\" states no unit, and is taken as seconds",
+        table.path.display(),
+        column.header
+    ));
+    name("s")
+}
+
+/// A table without times where they are needed.
+pub(super) fn missing(table: &RawTable) -> TableError {
+    let names: Vec<&str> = table.columns.iter().map(|column| column.header.as_str()).collect();
+    TableError::File {
+        path: table.path.clone(),
+        problem: format!("no column of times among {}", names.join(", ")),
+        expected: "--map 'COLUMN=time_s:UNIT', or --rate-hz for rows at one rate".to_owned(),
+    }
+}
+
+/// A table with its times.
+pub(in super::super) struct Timed<'t> {
+    pub table: &'t RawTable,
+    /// From the column's origin; none where it has no times.
+    pub times_s: Option<Vec<f64>>,
+    /// Name and header of the column.
+    names: Vec<String>,
+    /// The origin in its unit, and that unit.
+    origin: i64,
+    to_si: f64,
+    /// Whether it is a date, a time since 1970 or a time of day, which other files have too.
+    is_shared: bool,
+}
+
+impl<'t> Timed<'t> {
+    pub(super) fn new(
+        table: &'t RawTable,
+        parts: &[Part],
+        options: &Options,
+        notes: &mut Vec<String>,
+    ) -> Result<Self, TableError> {
+        let own = parts
+            .iter()
+            .find(|part| part.target.quantity == Quantity::Time && std::ptr::eq(part.table, table));
+        let Some(part) = own else {
+            // A shape has no rate.
+            let is_series = |part: &Part| {
+                let is_own = std::ptr::eq(part.table, table);
+                is_own && ["force_", "displacement_"].iter().any(|start| part.target.name.starts_with(start))
+            };
+            let rate_hz = options.rate_hz.filter(|_| parts.iter().any(is_series));
+            let times_s = rate_hz.map(|hz| (0..table.lines.len()).map(|row| row as f64 / hz).collect());
+            return Ok(Self { table, times_s, names: Vec::new(), origin: 0, to_si: 1.0, is_shared: false });
+        };
+        let column = part.column;
+        if let Some((line, text)) = &column.bad {
+            return Err(super::series::bad(table, column, *line, text));
+        }
+        let to_si = part.unit.to_si;
+        let mut times_s: Vec<f64> = column.values.iter().map(|value| value * to_si).collect();
+        let is_of_day = column.is_stamp && column.origin < DAY_S as i64;
+        let mut days = 0.0;
+        let (mut latest_s, mut repeated) = (f64::NEG_INFINITY, 0usize);
+        for (time_s, line) in times_s.iter_mut().zip(&table.lines) {
+            if time_s.is_nan() {
+                continue;
+            }
+            *time_s += days;
+            if is_of_day && *time_s < latest_s - 0.5 * DAY_S {
+                days += DAY_S;
+                *time_s += DAY_S;
+            }
+            if *time_s < latest_s {
+                return Err(TableError::Cell {
+                    path: table.path.clone(),
+                    line: *line,
+                    field: column.header.clone(),
+                    problem: format!("{:.6} s before the row before", latest_s - *time_s),
+                    expected: "times that never step back: was the clock set, or are two recordings joined?"
+                        .to_owned(),
+                });
+            }
+            repeated += usize::from(*time_s == latest_s);
+            latest_s = *time_s;
+        }
+        if days > 0.0 {
+            notes.push(format!("{}: \"{}\" passes midnight", table.path.display(), column.header));
+        }
+        if repeated > 0 {
+            notes.push(format!(
+                "{}: {repeated} rows have the time of the row before: the mean of such rows is taken",
+                table.path.display()
+            ));
+        }
+        let is_shared = column.is_stamp || column.origin as f64 * to_si >= SINCE_1970[3].0;
+        let names = vec![column.header.clone(), column.name.clone()];
+        Ok(Self { table, times_s: Some(times_s), names, origin: column.origin, to_si, is_shared })
+    }
+
+    /// What is to be added to its times for those of another table, where both have one clock.
+    pub(super) fn shift_to(&self, base: &Self, options: &Options) -> Option<f64> {
+        if std::ptr::eq(self.table, base.table) {
+            return Some(0.0);
+        }
+        let is_named = |name: &String| [self, base].iter().all(|timed| timed.names.contains(name));
+        let is_one = options.merge_on.as_ref().is_some_and(is_named) || self.is_shared && base.is_shared;
+        is_one.then(|| self.origin_shift_s(base))
+    }
+
+    /// The same as if both had one clock: the difference of what is subtracted from their times.
+    pub(super) fn origin_shift_s(&self, base: &Self) -> f64 {
+        // Whole numbers are subtracted as such where the units are the same.
+        if self.to_si == base.to_si {
+            self.origin.saturating_sub(base.origin) as f64 * self.to_si
+        } else {
+            self.origin as f64 * self.to_si - base.origin as f64 * base.to_si
+        }
+    }
+}

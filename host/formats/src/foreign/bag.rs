@@ -1,0 +1,308 @@
+//! Bags of ROS 2 (MCAP, messages in CDR): a table for each topic of forces, poses, points and joints.
+//!
+//! Columns are named `/topic:field`, as `/ft_sensor:force.y`. Forces are newtons and positions metres (REP 103); what a joint's position is
+//! depends on the joint, and its unit is for the user to state. Times are the messages' own stamps, or when they were logged where these
+//! are zero. Layouts: `geometry_msgs` and `sensor_msgs` of ROS 2.
+
+use super::{RawColumn, RawTable, TableError, Unit};
+use byteorder::{BigEndian, LittleEndian};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Largest file.
+const MAX_BYTES: u64 = 2 << 30;
+/// Most topics, and most joints of one.
+const MAX_TOPICS: usize = 256;
+const MAX_JOINTS: usize = 64;
+
+#[derive(Deserialize)]
+struct Header {
+    seconds: i32,
+    nanoseconds: u32,
+    _frame: String,
+}
+
+#[derive(Deserialize)]
+struct Vector {
+    x: f64,
+    y: f64,
+    z: f64,
+}
+
+#[derive(Deserialize)]
+struct Quaternion {
+    x: f64,
+    y: f64,
+    z: f64,
+    w: f64,
+}
+
+#[derive(Deserialize)]
+struct Pose {
+    position: Vector,
+    orientation: Quaternion,
+}
+
+#[derive(Deserialize)]
+struct PoseStamped {
+    header: Header,
+    pose: Pose,
+}
+
+#[derive(Deserialize)]
+struct PointStamped {
+    header: Header,
+    point: Vector,
+}
+
+#[derive(Deserialize)]
+struct WrenchStamped {
+    header: Header,
+    force: Vector,
+    torque: Vector,
+}
+
+#[derive(Deserialize)]
+struct JointState {
+    header: Header,
+    name: Vec<String>,
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+    effort: Vec<f64>,
+}
+
+/// The types that are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Pose,
+    Point,
+    Wrench,
+    Joints,
+}
+
+impl Kind {
+    fn of(schema: &str) -> Option<Self> {
+        match schema {
+            "geometry_msgs/msg/PoseStamped" => Some(Self::Pose),
+            "geometry_msgs/msg/PointStamped" => Some(Self::Point),
+            "geometry_msgs/msg/WrenchStamped" => Some(Self::Wrench),
+            "sensor_msgs/msg/JointState" => Some(Self::Joints),
+            _ => None,
+        }
+    }
+}
+
+/// Name, unit and value of a field.
+type Field = (String, Option<&'static str>, f64);
+
+/// A message: its stamp in nanoseconds, and its fields.
+fn fields<T>(kind: Kind, body: &[u8]) -> Result<(i128, Vec<Field>), cdr_encoding::Error>
+where
+    T: byteorder::ByteOrder,
+{
+    fn read<M: DeserializeOwned, T: byteorder::ByteOrder>(body: &[u8]) -> Result<M, cdr_encoding::Error> {
+        cdr_encoding::from_bytes::<M, T>(body).map(|(message, _)| message)
+    }
+    let at = |header: &Header| i128::from(header.seconds) * 1_000_000_000 + i128::from(header.nanoseconds);
+    let vector = |name: &str, unit: Option<&'static str>, of: &Vector| -> Vec<Field> {
+        [("x", of.x), ("y", of.y), ("z", of.z)]
+            .map(|(axis, value)| (format!("{name}.{axis}"), unit, value))
+            .to_vec()
+    };
+    Ok(match kind {
+        Kind::Pose => {
+            let PoseStamped { header, pose: Pose { position, orientation: q } } = read::<_, T>(body)?;
+            let turn = [("x", q.x), ("y", q.y), ("z", q.z), ("w", q.w)];
+            let turn = turn.map(|(part, value)| (format!("orientation.{part}"), None, value));
+            (at(&header), [vector("position", Some("m"), &position), turn.to_vec()].concat())
+        }
+        Kind::Point => {
+            let PointStamped { header, point } = read::<_, T>(body)?;
+            (at(&header), vector("point", Some("m"), &point))
+        }
+        Kind::Wrench => {
+            let WrenchStamped { header, force, torque } = read::<_, T>(body)?;
+            (at(&header), [vector("force", Some("N"), &force), vector("torque", None, &torque)].concat())
+        }
+        Kind::Joints => {
+            let JointState { header, name, position, velocity, effort } = read::<_, T>(body)?;
+            let mut all = Vec::new();
+            for (at, name) in name.iter().take(MAX_JOINTS).enumerate() {
+                let of = [("position", &position), ("velocity", &velocity), ("effort", &effort)];
+                all.extend(
+                    of.into_iter()
+                        .filter_map(|(of, values)| Some((format!("{name}.{of}"), None, *values.get(at)?))),
+                );
+            }
+            (at(&header), all)
+        }
+    })
+}
+
+/// A topic while it is read.
+struct Topic {
+    kind: Kind,
+    stamps_ns: Vec<i128>,
+    logged_ns: Vec<i128>,
+    /// Values by field: unit and a value for each message.
+    fields: BTreeMap<String, (Option<&'static str>, Vec<f64>)>,
+    unreadable: usize,
+}
+
+/// Reads the topics of a bag.
+pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
+    let io = |cause| TableError::Io { path: path.to_owned(), cause };
+    let fault = |problem: String, expected: &str| TableError::File {
+        path: path.to_owned(),
+        problem,
+        expected: expected.to_owned(),
+    };
+    let size = fs::metadata(path).map_err(io)?.len();
+    if size > MAX_BYTES {
+        return Err(fault(
+            format!("{size} bytes"),
+            "a bag of at most 2 GiB: ros2 bag convert keeps single topics",
+        ));
+    }
+    let bytes = fs::read(path).map_err(io)?;
+    let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
+    let mut others: BTreeMap<String, String> = BTreeMap::new();
+    let mut notes = Vec::new();
+    // A bag whose recorder was interrupted has no end: what is there is read.
+    let options = mcap::read::Options::IgnoreEndMagic;
+    let stream = mcap::MessageStream::new_with_options(&bytes, options.into())
+        .map_err(|cause| fault(cause.to_string(), "an MCAP file"))?;
+    let mut count = 0usize;
+    for message in stream {
+        let message = match message {
+            Ok(message) => message,
+            Err(mcap::McapError::UnsupportedCompression(name)) => {
+                return Err(fault(
+                    format!("chunks compressed with {name}"),
+                    "a bag without compression: mcap compress --compression none, or ros2 bag convert",
+                ));
+            }
+            Err(cause) if count > 0 => {
+                notes.push(format!("the bag ends early or is damaged behind message {count}: {cause}"));
+                break;
+            }
+            Err(cause) => return Err(fault(cause.to_string(), "an MCAP file with messages")),
+        };
+        count += 1;
+        let channel = &message.channel;
+        let schema = channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
+        let kind = Kind::of(schema).filter(|_| channel.message_encoding == "cdr");
+        let Some(kind) = kind else {
+            if others.len() < MAX_TOPICS {
+                others.entry(channel.topic.clone()).or_insert_with(|| schema.to_owned());
+            }
+            continue;
+        };
+        if topics.len() >= MAX_TOPICS && !topics.contains_key(&channel.topic) {
+            continue;
+        }
+        let topic = topics.entry(channel.topic.clone()).or_insert_with(|| Topic::new(kind));
+        topic.add(&message.data, i128::from(message.log_time));
+    }
+    if topics.is_empty() {
+        let there: Vec<String> = others.iter().map(|(topic, schema)| format!("{topic} ({schema})")).collect();
+        let there =
+            if there.is_empty() { "no messages".to_owned() } else { format!("topics {}", there.join(", ")) };
+        return Err(fault(there, "WrenchStamped, PoseStamped, PointStamped or JointState in CDR"));
+    }
+    let others: Vec<String> = others.into_keys().collect();
+    let mut tables: Vec<RawTable> =
+        topics.into_iter().map(|(name, topic)| topic.table(path, &name)).collect();
+    if let Some(first) = tables.first_mut() {
+        first.notes.extend(notes);
+        first.words = others;
+    }
+    Ok(tables)
+}
+
+impl Topic {
+    fn new(kind: Kind) -> Self {
+        Self { kind, stamps_ns: Vec::new(), logged_ns: Vec::new(), fields: BTreeMap::new(), unreadable: 0 }
+    }
+
+    /// Adds a message: four bytes that state the order of the others, then those.
+    fn add(&mut self, data: &[u8], logged_ns: i128) {
+        let read = match data.split_first_chunk::<4>() {
+            Some(([0, 1, ..], body)) => fields::<LittleEndian>(self.kind, body).ok(),
+            Some(([0, 0, ..], body)) => fields::<BigEndian>(self.kind, body).ok(),
+            _ => None,
+        };
+        let Some((stamp_ns, fields)) = read else {
+            self.unreadable += 1;
+            return;
+        };
+        let rows = self.stamps_ns.len();
+        self.stamps_ns.push(stamp_ns);
+        self.logged_ns.push(logged_ns);
+        for (name, unit, value) in fields {
+            let (_, values) = self.fields.entry(name).or_insert_with(|| (unit, Vec::new()));
+            values.resize(rows, f64::NAN);
+            values.push(value);
+        }
+    }
+
+    /// The topic as a table. Messages may be logged in another order than they were stamped.
+    fn table(self, path: &Path, topic: &str) -> RawTable {
+        let Self { stamps_ns, logged_ns, fields, unreadable, .. } = self;
+        let rows = stamps_ns.len();
+        let has_stamps = stamps_ns.iter().all(|stamp_ns| *stamp_ns != 0);
+        let times_ns = if has_stamps { stamps_ns } else { logged_ns };
+        let mut order: Vec<usize> = (0..rows).collect();
+        order.sort_by_key(|row| times_ns.get(*row).copied());
+        let mut notes = Vec::new();
+        if order.windows(2).any(|pair| pair[0] > pair[1]) {
+            notes.push("messages are in another order than their stamps, which counts".to_owned());
+        }
+        if !has_stamps {
+            notes.push("messages without stamps: their times are those of the recorder".to_owned());
+        }
+        if unreadable > 0 {
+            notes.push(format!("{unreadable} messages cannot be read, and are skipped"));
+        }
+        let origin_ns = order.first().and_then(|row| times_ns.get(*row)).copied().unwrap_or(0);
+        let origin = origin_ns.div_euclid(1_000_000_000);
+        let sorted = |of: &dyn Fn(usize) -> f64| -> Vec<f64> { order.iter().map(|row| of(*row)).collect() };
+        let seconds = |row: usize| {
+            times_ns.get(row).map_or(f64::NAN, |time_ns| (time_ns - origin * 1_000_000_000) as f64 / 1e9)
+        };
+        let column = |name: &str, number: usize, unit: Option<Unit>, values: Vec<f64>| RawColumn {
+            name: name.to_owned(),
+            header: format!("{topic}:{name}"),
+            unit,
+            number,
+            is_stamp: false,
+            origin: 0,
+            values,
+            bad: None,
+            has_values: true,
+        };
+        let mut columns = vec![RawColumn {
+            is_stamp: true,
+            origin: i64::try_from(origin).unwrap_or(0),
+            ..column("time", 1, None, sorted(&seconds))
+        }];
+        for (at, (name, (unit, values))) in fields.into_iter().enumerate() {
+            let of = |row: usize| values.get(row).copied().unwrap_or(f64::NAN);
+            columns.push(column(&name, at + 2, unit.and_then(Unit::parse), sorted(&of)));
+        }
+        RawTable {
+            path: PathBuf::from(format!("{}#{topic}", path.display())),
+            form: "ROS 2 bag".to_owned(),
+            columns,
+            words: Vec::new(),
+            lines: (1..=rows).collect(),
+            notes,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,202 @@
+use super::*;
+use crate::foreign::{Choice, Mapping, Options, ZOrigin, take};
+use mcap::records::MessageHeader;
+use mcap::{WriteOptions, Writer};
+use serde::Serialize;
+use std::io::Cursor;
+
+#[derive(Serialize)]
+struct Stamp {
+    seconds: i32,
+    nanoseconds: u32,
+    frame: String,
+}
+
+type Three = [f64; 3];
+
+fn stamp(ns: i64) -> Stamp {
+    let (seconds, nanoseconds) = (ns.div_euclid(1_000_000_000) as i32, ns.rem_euclid(1_000_000_000) as u32);
+    Stamp { seconds, nanoseconds, frame: "tool0".to_owned() }
+}
+
+/// A message in CDR with its four bytes of encapsulation.
+fn cdr(message: &impl Serialize, is_big: bool) -> Vec<u8> {
+    let body = if is_big {
+        cdr_encoding::to_vec::<_, BigEndian>(message)
+    } else {
+        cdr_encoding::to_vec::<_, LittleEndian>(message)
+    };
+    [&[0, u8::from(!is_big), 0, 0][..], &body.expect("encodes")].concat()
+}
+
+/// Topic, type, stamp and content.
+type Sent = (&'static str, &'static str, i64, Vec<u8>);
+
+fn bag(messages: &[Sent], chunked: bool) -> Vec<u8> {
+    let mut bytes = Cursor::new(Vec::new());
+    let options = WriteOptions::new().use_chunks(chunked).compression(None);
+    let mut writer = Writer::with_options(&mut bytes, options).expect("a bag");
+    for (sequence, (topic, schema, stamp_ns, data)) in messages.iter().enumerate() {
+        let schema = writer.add_schema(schema, "ros2msg", b"").expect("a schema");
+        let channel_id = writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).expect("a channel");
+        let at = (*stamp_ns + 5_000_000) as u64;
+        let header = MessageHeader { channel_id, sequence: sequence as u32, log_time: at, publish_time: at };
+        writer.write_to_known_channel(&header, data).expect("a message");
+    }
+    writer.finish().expect("finished");
+    drop(writer);
+    bytes.into_inner()
+}
+
+const START_NS: i64 = 1_764_000_000_123_456_789;
+
+/// Force, stage and tip of a push, each at a rate of its own.
+fn push(is_big: bool) -> Vec<Sent> {
+    let mut messages: Vec<Sent> = Vec::new();
+    let y = |t: f64| 1.2e-3 * (t - 1.0).clamp(0.0, 1.0);
+    for i in 0..300 {
+        let (ns, t) = (10_000_000 * i, 0.01 * i as f64);
+        let (force, torque): (Three, Three) = ([0.1, 250.0 * y(t), -0.2], [0.0; 3]);
+        messages.push((
+            "/ft",
+            "geometry_msgs/msg/WrenchStamped",
+            START_NS + ns,
+            cdr(&(stamp(START_NS + ns), force, torque), is_big),
+        ));
+    }
+    for i in 0..60 {
+        let (ns, t) = (50_000_000 * i + 1_000_000, 0.05 * i as f64 + 0.001);
+        let joints =
+            (stamp(START_NS + ns), vec!["turn", "guide"], vec![0.5, y(t)], vec![0.0, 0.0], Vec::<f64>::new());
+        messages.push(("/joint_states", "sensor_msgs/msg/JointState", START_NS + ns, cdr(&joints, is_big)));
+    }
+    for i in 0..3 {
+        let ns = 1_000_000_000 * i + 900_000_000;
+        let place: Three = [0.0, 0.5 * y(1e-9 * ns as f64), 0.03];
+        let turn: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
+        messages.push((
+            "/tip",
+            "geometry_msgs/msg/PoseStamped",
+            START_NS + ns,
+            cdr(&(stamp(START_NS + ns), place, turn), is_big),
+        ));
+    }
+    messages.push(("/log", "rcl_interfaces/msg/Log", START_NS, vec![0, 1, 0, 0]));
+    messages
+}
+
+fn read_bytes(bytes: &[u8]) -> Result<Vec<RawTable>, TableError> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("run.mcap");
+    fs::write(&path, bytes).expect("written");
+    read(&path)
+}
+
+fn mapping() -> Mapping {
+    let choices = [
+        "/ft:force.y=force_y_n",
+        "/joint_states:guide.position=displacement_y_mm:m",
+        "/tip:position.z=z_mm",
+        "/tip:position.y=deflection_y_mm",
+    ];
+    Mapping { choices: choices.map(|text| Choice::parse(text).expect("a choice")).to_vec() }
+}
+
+#[test]
+fn wrench_joints_and_tip_are_what_was_written() {
+    for (is_big, chunked, late) in
+        [(false, true, false), (true, true, false), (false, false, false), (false, true, true)]
+    {
+        let mut messages = push(is_big);
+        if late {
+            // As two recorders leave them: in another order than their stamps.
+            messages.swap(5, 40);
+        }
+        let tables = read_bytes(&bag(&messages, chunked)).expect("reads");
+        assert_eq!(tables.len(), 3);
+        let options = Options { z_from: Some(ZOrigin::Surface), entry_m: 0.07, ..Options::default() };
+        let taken = take(&tables, &mapping(), &options).expect("a run");
+        let force = taken.force.expect("a force");
+        // Rows from the first to the last of the stage's 60.
+        assert_eq!(force.time_s.len(), 295);
+        for ((t, y_m), f) in force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n) {
+            // The first row with a displacement is the second of the force.
+            let at = t + 0.01;
+            let true_m = 1.2e-3 * (at - 1.0).clamp(0.0, 1.0);
+            assert!((f - 250.0 * true_m).abs() < 1e-9, "{at}: {f}");
+            // Linear between readings but for the corners of the ramp.
+            assert!((y_m - true_m).abs() < 3e-5, "{at}: {y_m}");
+        }
+        let shape = taken.shape.expect("a shape");
+        assert_eq!(shape.z_m, [0.1; 3]);
+        assert!((shape.y_m[1] - 0.5 * 1.2e-3 * 0.9).abs() < 1e-12 && (shape.y_m[2] - 0.6e-3).abs() < 1e-12);
+        let times_s = shape.time_s.expect("times");
+        assert!((times_s[1] - 1.89).abs() < 1e-6, "{times_s:?}");
+        assert_eq!(taken.notes.iter().any(|note| note.contains("another order")), late, "{:?}", taken.notes);
+        assert!(taken.others.iter().any(|other| other.contains("/log")), "{:?}", taken.others);
+    }
+}
+
+#[test]
+fn what_cannot_be_read_is_named_or_left_out() {
+    let whole = bag(&push(false), false);
+    // A recorder that was killed.
+    let tables = read_bytes(&whole[..whole.len() / 2]).expect("what is there");
+    assert!(
+        tables[0].lines.len() > 50 && tables[0].notes.iter().any(|note| note.contains("ends early"))
+            || tables[0].lines.len() < 300
+    );
+    let only_log = read_bytes(&bag(&push(false)[363..], true)).expect_err("no forces").to_string();
+    assert!(only_log.contains("/log (rcl_interfaces/msg/Log)"), "{only_log}");
+    assert!(read_bytes(b"not a bag").is_err());
+    let mut messages = push(false);
+    messages[3].3.truncate(20);
+    let tables = read_bytes(&bag(&messages, true)).expect("the others");
+    assert!(
+        tables[0].notes.iter().any(|note| note.contains("1 messages cannot be read")),
+        "{:?}",
+        tables[0].notes
+    );
+    // Without stamps the recorder's times count.
+    let messages: Vec<Sent> = push(false)
+        .into_iter()
+        .filter(|(topic, ..)| *topic != "/log")
+        .map(|(topic, schema, ns, mut data)| {
+            data[4..12].fill(0);
+            (topic, schema, ns, data)
+        })
+        .collect();
+    let tables = read_bytes(&bag(&messages, true)).expect("reads");
+    assert!(tables[0].notes.iter().any(|note| note.contains("those of the recorder")));
+    assert_eq!(tables[0].columns[0].origin, 1_764_000_000);
+}
+
+/// Bags of other libraries: `tests/data/README.md` states which.
+#[test]
+fn bags_of_other_writers_hold_the_values_they_were_made_of() {
+    for (name, tip) in [("rosbags.mcap", "point"), ("mcap-ros2.mcap", "position")] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name);
+        let tables = read(&path).unwrap_or_else(|error| panic!("{error}"));
+        let mut mapping = mapping();
+        for choice in &mut mapping.choices {
+            choice.column = choice.column.replace("/tip:position", &format!("/tip:{tip}"));
+        }
+        let options = Options { z_from: Some(ZOrigin::Guide1), ..Options::default() };
+        let taken = take(&tables, &mapping, &options).expect("a run");
+        let force = taken.force.expect("a force");
+        assert_eq!(force.time_s.len(), 59, "{name}");
+        let truth_m = |t: f64| 1.2e-3 * (t - 1.0).clamp(0.0, 1.0);
+        for ((t, y_m), f) in force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n) {
+            // The first row of the force is before the first of the stage.
+            let at = t + 0.05;
+            assert!(
+                (f - 250.0 * truth_m(at)).abs() < 1e-9 && (y_m - truth_m(at)).abs() < 3e-5,
+                "{name} {at}: {f} {y_m}"
+            );
+        }
+        let shape = taken.shape.expect("a shape");
+        assert_eq!(shape.z_m, [0.03; 3]);
+        assert!((shape.y_m[1] - 0.5 * truth_m(1.9)).abs() < 1e-12, "{name}: {:?}", shape.y_m);
+        assert!((shape.time_s.expect("times")[1] - 1.85).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,70 @@
+//! Numbers and times in cells.
+
+use super::stamp;
+
+/// What a cell holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Number {
+    /// Whole part, as far as it is exact.
+    pub whole: i64,
+    /// What is to be added to it.
+    pub rest: f64,
+    /// Whether it is a time of day or a date.
+    pub is_stamp: bool,
+}
+
+/// Words for a reading that is missing.
+const MISSING: [&str; 9] = ["nan", "na", "n/a", "null", "none", "-", "--", "#n/a", "inf"];
+
+impl Number {
+    /// Reads a number or a time; nothing where it is none.
+    pub fn parse(cell: &str, has_decimal_comma: bool) -> Option<Self> {
+        let text = cell.trim();
+        let plain = || Some(Self { whole: 0, rest: number(text, has_decimal_comma)?, is_stamp: false });
+        plain().map(Self::exact(text, has_decimal_comma)).or_else(|| {
+            let (whole, rest) = stamp::parse(text)?;
+            Some(Self { whole, rest, is_stamp: true })
+        })
+    }
+
+    /// Whether a cell is a number, a time, or one that is missing.
+    pub fn is_one(cell: &str, has_decimal_comma: bool) -> bool {
+        is_missing(cell) && !cell.is_empty() || Self::parse(cell, has_decimal_comma).is_some()
+    }
+
+    /// Keeps the whole part of a large number apart, so that the digits behind it are not lost.
+    fn exact(text: &str, has_decimal_comma: bool) -> impl Fn(Self) -> Self + '_ {
+        move |number| {
+            let point = if has_decimal_comma { ',' } else { '.' };
+            let (whole, fraction) = text.split_once(point).unwrap_or((text, ""));
+            let is_digits = |part: &str| part.bytes().all(|digit| digit.is_ascii_digit());
+            let whole: Option<i64> =
+                whole.parse().ok().filter(|_| is_digits(fraction) && !text.starts_with('-'));
+            let rest = format!("0.{fraction}0").parse();
+            match (whole, rest) {
+                (Some(whole), Ok(rest)) => Self { whole, rest, ..number },
+                _ => number,
+            }
+        }
+    }
+}
+
+/// Whether a cell states that there is no reading.
+pub(super) fn is_missing(cell: &str) -> bool {
+    let word = cell.trim();
+    word.is_empty() || MISSING.iter().any(|missing| word.eq_ignore_ascii_case(missing))
+}
+
+fn number(text: &str, has_decimal_comma: bool) -> Option<f64> {
+    if text.bytes().any(|byte| byte.is_ascii_alphabetic() && !matches!(byte, b'e' | b'E')) {
+        return None;
+    }
+    let number: f64 = match (has_decimal_comma, text.contains(',')) {
+        (true, true) if !text.contains('.') => text.replacen(',', ".", 1).parse().ok()?,
+        (_, true) => return None,
+        // With decimal commas a point would part thousands.
+        (true, false) if text.contains('.') => return None,
+        _ => text.parse().ok()?,
+    };
+    number.is_finite().then_some(number)
+}

@@ -1,0 +1,100 @@
+//! Sheets of workbooks: their cells as text.
+
+use super::{Grid, TableError};
+use calamine::{Data, Reader, open_workbook_auto};
+use std::fs;
+use std::path::Path;
+
+/// Largest file: a workbook is read as a whole, and its sheets are larger than it.
+const MAX_BYTES: u64 = 128 << 20;
+/// Day of 1970-01-01 in a workbook.
+const DAY_1970: f64 = 25_569.0;
+const DAY_S: f64 = 86_400.0;
+
+/// Reads a sheet, the first one where none is named.
+pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError> {
+    let fault = |problem: String, expected: &str| TableError::File {
+        path: path.to_owned(),
+        problem,
+        expected: expected.to_owned(),
+    };
+    let size = fs::metadata(path).map_err(|cause| TableError::Io { path: path.to_owned(), cause })?.len();
+    if size > MAX_BYTES {
+        return Err(fault(format!("{size} bytes"), "a workbook of at most 128 MiB, or CSV"));
+    }
+    let mut workbook = open_workbook_auto(path).map_err(|cause| fault(cause.to_string(), "a workbook"))?;
+    let names = workbook.sheet_names();
+    let name = match sheet {
+        Some(name) => names.iter().find(|known| *known == name),
+        None => names.first(),
+    };
+    let name = name.cloned().ok_or_else(|| {
+        let expected = format!("one of the sheets {}", names.join(", "));
+        fault(format!("no sheet {}", sheet.unwrap_or_default()), &expected)
+    })?;
+    let range =
+        workbook.worksheet_range(&name).map_err(|cause| fault(cause.to_string(), "a sheet of cells"))?;
+    let first = range.start().map_or(0, |(row, _)| row as usize);
+    let rows = range
+        .rows()
+        .enumerate()
+        .map(|(at, cells)| (first + at + 1, cells.iter().map(text).collect::<Vec<String>>()))
+        .filter(|(_, cells)| cells.iter().any(|cell| !cell.is_empty()))
+        .collect();
+    let path = if sheet.is_some() { format!("{}#{name}", path.display()).into() } else { path.to_owned() };
+    Ok(Grid { path, rows, has_decimal_comma: false, form: format!("workbook, sheet \"{name}\"") })
+}
+
+/// A cell as text; times are seconds since 1970, or of the day.
+fn text(cell: &Data) -> String {
+    match cell {
+        Data::Empty | Data::Error(_) => String::new(),
+        Data::String(text) | Data::DateTimeIso(text) | Data::DurationIso(text) => text.trim().to_owned(),
+        Data::Float(number) => number.to_string(),
+        Data::Int(number) => number.to_string(),
+        Data::Bool(is_so) => u8::from(*is_so).to_string(),
+        Data::DateTime(at) => {
+            let days = at.as_f64();
+            let seconds = if days < 1.0 { days * DAY_S } else { (days - DAY_1970) * DAY_S };
+            // Days are doubles: there is nothing below a microsecond.
+            format!("{seconds:.6}")
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::foreign::{Mapping, Options, RawTable, take};
+
+    fn data(name: &str) -> std::path::PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+    }
+
+    #[test]
+    fn sheets_of_a_workbook_hold_the_values_they_were_made_of() {
+        for (name, within_s) in [("push.xlsx", 1e-3), ("push.xlsx#Seconds", 1e-9)] {
+            let tables = RawTable::read(&data(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+            let taken = take(&tables, &Mapping::default(), &Options::default()).expect("a run");
+            let force = taken.force.expect("a force");
+            assert_eq!(force.time_s.len(), 60, "{name}");
+            for (at, ((t, y_m), f)) in
+                force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n).enumerate()
+            {
+                let truth_s = 0.05 * at as f64;
+                let truth_m = 1.2e-3 * (truth_s - 1.0).clamp(0.0, 1.0);
+                assert!((t - truth_s).abs() < within_s, "{name}: {t} and {truth_s}");
+                assert!(
+                    (y_m - truth_m).abs() < 1e-8 && (f - 250.0 * truth_m).abs() < 1e-6,
+                    "{name} {at}: {y_m} {f}"
+                );
+            }
+        }
+        let error = RawTable::read(&data("push.xlsx#Pull")).expect_err("no such sheet").to_string();
+        assert!(error.contains("no sheet Pull, expected one of the sheets Push, Seconds"), "{error}");
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("none.xlsx");
+        fs::write(&path, b"PK no workbook").expect("written");
+        assert!(read(&path, None).is_err());
+    }
+}

@@ -1,0 +1,185 @@
+//! The cells of a file as text, from CSV in any encoding and with any separator, or from a sheet of a workbook.
+
+use super::TableError;
+use super::cells::Number;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Largest file.
+const MAX_BYTES: u64 = 1 << 30;
+/// Lines from which separator and decimal sign are found.
+const SAMPLE: usize = 400;
+/// Separators that are tried; a blank stands for any number of them.
+const SEPARATORS: [(char, &str); 5] =
+    [(',', "commas"), (';', "semicolons"), ('\t', "tabulators"), ('|', "vertical bars"), (' ', "blanks")];
+
+/// A file's cells.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    /// The file, with the sheet behind `#` where it is a workbook.
+    pub path: PathBuf,
+    /// Its lines that are not empty: number of the line, from 1, and cells.
+    pub rows: Vec<(usize, Vec<String>)>,
+    /// Whether numbers have a decimal comma.
+    pub has_decimal_comma: bool,
+    /// Encoding and separator, for people.
+    pub form: String,
+}
+
+impl Grid {
+    /// Reads a file; `book.xlsx#Sheet` is a sheet of a workbook, the first one where none is named.
+    ///
+    /// # Errors
+    /// [`TableError`].
+    pub fn read(path: &Path) -> Result<Self, TableError> {
+        let (file, sheet) = split_sheet(path);
+        let extension = file.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        if matches!(extension.as_deref(), Some("xlsx" | "xlsm" | "xlsb" | "xls" | "ods")) {
+            #[cfg(feature = "excel")]
+            return super::excel::read(&file, sheet.as_deref());
+            #[cfg(not(feature = "excel"))]
+            return Err(TableError::File {
+                path: file,
+                problem: format!(
+                    "a workbook{}",
+                    sheet.map_or_else(String::new, |sheet| format!(", sheet {sheet}"))
+                ),
+                expected: "CSV: this program was built without workbooks (its feature `excel`)".to_owned(),
+            });
+        }
+        if extension.as_deref() == Some("mat") {
+            return Err(TableError::File {
+                path: file,
+                problem: "a file of MATLAB".to_owned(),
+                expected: "CSV: writetable(table(t, x, f), 'run.csv') in MATLAB, or in Python \
+                           pandas.DataFrame({k: v.ravel() for k, v in scipy.io.loadmat('run.mat').items() if k[0] != '_'}).to_csv('run.csv')"
+                    .to_owned(),
+            });
+        }
+        let io = |cause| TableError::Io { path: path.to_owned(), cause };
+        let size = fs::metadata(path).map_err(io)?.len();
+        if size > MAX_BYTES {
+            let (problem, expected) = (format!("{size} bytes"), format!("at most {MAX_BYTES}"));
+            return Err(TableError::File { path: path.to_owned(), problem, expected });
+        }
+        Self::parse(path, &fs::read(path).map_err(io)?)
+    }
+
+    /// As [`Self::read`], from bytes that were found in this file.
+    ///
+    /// # Errors
+    /// [`TableError`].
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, TableError> {
+        let (text, encoding) = decoded(bytes);
+        if text.contains('\0') {
+            let expected = "a table of text: CSV, or a workbook by its ending".to_owned();
+            return Err(TableError::File {
+                path: path.to_owned(),
+                problem: "bytes that are no text".to_owned(),
+                expected,
+            });
+        }
+        let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
+        // The middle of a file is its rows; preambles are at its beginning.
+        let start = (lines.len() / 2).saturating_sub(SAMPLE / 2);
+        let sample: Vec<&str> = lines.iter().skip(start).take(SAMPLE).copied().collect();
+        let Some((separator, has_decimal_comma)) = separator(&sample) else {
+            let problem = "no rows of two numbers or more".to_owned();
+            let expected =
+                "columns of numbers between commas, semicolons, tabulators, bars or blanks".to_owned();
+            return Err(TableError::File { path: path.to_owned(), problem, expected });
+        };
+        let mut rows = Vec::new();
+        for (number, line) in text.lines().enumerate() {
+            if !line.trim().is_empty() {
+                rows.push((number + 1, split(line, separator)));
+            }
+        }
+        let words = SEPARATORS.iter().find(|(of, _)| *of == separator).map_or("", |(_, words)| words);
+        let decimal = if has_decimal_comma { "decimal commas" } else { "decimal points" };
+        Ok(Self {
+            path: path.to_owned(),
+            rows,
+            has_decimal_comma,
+            form: format!("{encoding}, {words}, {decimal}"),
+        })
+    }
+}
+
+/// `book.xlsx#Sheet` as file and sheet; a file of that name is itself.
+fn split_sheet(path: &Path) -> (PathBuf, Option<String>) {
+    let text = path.to_string_lossy();
+    match text.rsplit_once('#') {
+        Some((file, sheet)) if !path.exists() && !sheet.is_empty() => {
+            (PathBuf::from(file), Some(sheet.to_owned()))
+        }
+        _ => (path.to_owned(), None),
+    }
+}
+
+/// Text of bytes: UTF-16 by its mark, UTF-8, else the encoding of Western Windows, of which every byte is a letter.
+fn decoded(bytes: &[u8]) -> (String, &'static str) {
+    let wide = |rest: &[u8], of: fn([u8; 2]) -> u16| {
+        let units = rest.as_chunks::<2>().0.iter().map(|pair| of(*pair));
+        char::decode_utf16(units).map(|letter| letter.unwrap_or('\u{fffd}')).collect::<String>()
+    };
+    match bytes {
+        [0xFF, 0xFE, rest @ ..] => (wide(rest, u16::from_le_bytes), "UTF-16"),
+        [0xFE, 0xFF, rest @ ..] => (wide(rest, u16::from_be_bytes), "UTF-16"),
+        _ => match str::from_utf8(bytes) {
+            Ok(text) => (text.trim_start_matches('\u{feff}').to_owned(), "UTF-8"),
+            Err(_) => (bytes.iter().map(|byte| char::from(*byte)).collect(), "Latin-1"),
+        },
+    }
+}
+
+/// The separator and whether numbers have a decimal comma: the reading in which most cells are numbers.
+fn separator(sample: &[&str]) -> Option<(char, bool)> {
+    let mut best: Option<(f64, usize, (char, bool))> = None;
+    for (separator, _) in SEPARATORS {
+        for has_decimal_comma in [false, true] {
+            if separator == ',' && has_decimal_comma && !sample.iter().any(|line| line.contains('"')) {
+                continue;
+            }
+            let (mut cells, mut numbers, mut lines) = (0usize, 0usize, 0usize);
+            for line in sample {
+                let parts = split(line, separator);
+                let found = parts.iter().filter(|cell| Number::is_one(cell, has_decimal_comma)).count();
+                let filled = parts.iter().filter(|cell| !cell.is_empty()).count();
+                cells += filled;
+                if found >= 2 {
+                    numbers += found;
+                    lines += 1;
+                }
+            }
+            if lines == 0 {
+                continue;
+            }
+            let share = numbers as f64 / cells as f64;
+            // What reads as many cells as numbers and finds more of them; decimal points first.
+            if best.is_none_or(|(most, count, _)| {
+                share > most + 1e-9 || (share - most).abs() <= 1e-9 && numbers > count
+            }) {
+                best = Some((share, numbers, (separator, has_decimal_comma)));
+            }
+        }
+    }
+    best.map(|(.., found)| found)
+}
+
+/// Cells of a line, without blanks and quotation marks around them.
+fn split(line: &str, separator: char) -> Vec<String> {
+    if separator == ' ' {
+        return line.split_whitespace().map(|cell| cell.trim_matches('"').to_owned()).collect();
+    }
+    let mut cells = vec![String::new()];
+    let mut is_quoted = false;
+    for letter in line.chars() {
+        match letter {
+            '"' => is_quoted = !is_quoted,
+            letter if letter == separator && !is_quoted => cells.push(String::new()),
+            letter => cells.iter_mut().next_back().into_iter().for_each(|cell| cell.push(letter)),
+        }
+    }
+    cells.into_iter().map(|cell| cell.trim().to_owned()).collect()
+}

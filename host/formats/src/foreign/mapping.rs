@@ -1,0 +1,263 @@
+//! Which column is which quantity of the session: as the user states it, and as names and units show.
+
+use super::TableError;
+use super::raw::{RawColumn, RawTable};
+use super::unit::{Quantity, Unit};
+use crate::document::{Fields, Problem, SessionError, names::misspelt, read_text};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// A quantity of a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Target {
+    /// Its column in the session.
+    pub name: &'static str,
+    /// What it is.
+    pub quantity: Quantity,
+    /// SI to the unit of that column.
+    pub from_si: i32,
+}
+
+const fn target(name: &'static str, quantity: Quantity, from_si: i32) -> Target {
+    Target { name, quantity, from_si }
+}
+
+impl Target {
+    /// All of them; `from_si` is the power of ten from SI to the unit in the name.
+    pub const ALL: [Self; 14] = [
+        target("time_s", Quantity::Time, 0),
+        target("displacement_y_mm", Quantity::Length, 3),
+        target("force_y_n", Quantity::Force, 0),
+        target("displacement_x_mm", Quantity::Length, 3),
+        target("force_x_n", Quantity::Force, 0),
+        target("z_mm", Quantity::Length, 3),
+        target("deflection_y_mm", Quantity::Length, 3),
+        target("deflection_x_mm", Quantity::Length, 3),
+        target("depth_mm", Quantity::Length, 3),
+        target("tip_y_mm", Quantity::Length, 3),
+        target("tip_x_mm", Quantity::Length, 3),
+        target("rotation_deg", Quantity::Angle, 0),
+        target("guide2_y_mm", Quantity::Length, 3),
+        target("guide2_x_mm", Quantity::Length, 3),
+    ];
+
+    /// The one of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|target| target.name == name)
+    }
+
+    /// In the unit of its name.
+    pub fn shown(self, si: f64) -> f64 {
+        if self.quantity == Quantity::Angle { si.to_degrees() } else { si * 10f64.powi(self.from_si) }
+    }
+}
+
+/// One column that is taken: `Force [g]=force_y_n:g`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Choice {
+    /// Name of the column, or `#3`.
+    pub column: String,
+    /// What it is.
+    pub target: Target,
+    /// Its unit, where the user states it; a minus before it turns the direction.
+    pub unit: Option<Unit>,
+}
+
+impl Choice {
+    /// Reads `COLUMN=QUANTITY[:UNIT]`.
+    ///
+    /// # Errors
+    /// [`TableError::Map`].
+    pub fn parse(text: &str) -> Result<Self, TableError> {
+        let fault = |problem: String, expected: String| TableError::Map {
+            choice: text.to_owned(),
+            problem,
+            expected,
+        };
+        let form = || "COLUMN=QUANTITY:UNIT, such as 'Force [g]=force_y_n:g'".to_owned();
+        let (column, rest) = text.rsplit_once('=').ok_or_else(|| fault("no =".to_owned(), form()))?;
+        let (name, unit) = rest.split_once(':').map_or((rest, None), |(name, unit)| (name, Some(unit)));
+        let target = Target::named(name.trim()).ok_or_else(|| {
+            let known = Target::ALL.map(|target| target.name);
+            let meant =
+                misspelt(name.trim(), known).map_or_else(String::new, |meant| format!("{meant}, or "));
+            fault(
+                format!("\"{}\" is no quantity", name.trim()),
+                format!("{meant}one of {}", known.join(", ")),
+            )
+        })?;
+        let unit = unit.map(|unit| {
+            let known = Unit::parse(unit).filter(|known| known.quantity == target.quantity);
+            let of = target.quantity;
+            known.ok_or_else(|| {
+                fault(format!("\"{}\" is no unit of {of}", unit.trim()), of.examples().to_owned())
+            })
+        });
+        Ok(Self { column: column.trim().to_owned(), target, unit: unit.transpose()? })
+    }
+
+    /// As it is given.
+    pub fn text(&self) -> String {
+        let unit = self.unit.as_ref().map_or_else(String::new, |unit| format!(":{}", unit.name));
+        format!("{}={}{unit}", self.column, self.target.name)
+    }
+}
+
+/// The columns that are taken.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Mapping {
+    /// In the order of the user.
+    pub choices: Vec<Choice>,
+}
+
+impl Mapping {
+    /// Reads a mapping's file.
+    ///
+    /// # Errors
+    /// [`TableError`] with its place.
+    pub fn read(path: &Path) -> Result<Self, TableError> {
+        let text = read_text(path)?;
+        let mut choices = Vec::new();
+        let read = Fields::parse(path, &text, |file| {
+            let table = file.table("table")?;
+            table.format()?;
+            file.tables("column")?
+                .iter()
+                .map(|column| {
+                    column.only(&["name", "is", "unit"])?;
+                    let unit =
+                        column.optional_text("unit")?.map_or_else(String::new, |unit| format!(":{unit}"));
+                    let text = format!("{}={}{unit}", column.text("name")?, column.text("is")?);
+                    Choice::parse(&text).map_err(|error| {
+                        let words = error.to_string();
+                        column.field_fault(
+                            "is",
+                            Problem::Syntax(words),
+                            "a quantity of a session and its unit",
+                        )
+                    })
+                })
+                .collect::<Result<Vec<_>, SessionError>>()
+        })?;
+        choices.extend(read);
+        Ok(Self { choices })
+    }
+
+    /// The file's text.
+    pub fn to_toml(&self) -> String {
+        let quoted = |text: &str| toml::Value::from(text).to_string();
+        let mut text = "# What the columns of a table are: guide import table FILE --map-file THIS\n[table]\nformat = 1\n".to_owned();
+        for Choice { column, target, unit } in &self.choices {
+            let _ = write!(text, "\n[[column]]\nname = {}\nis = \"{}\"\n", quoted(column), target.name);
+            if let Some(unit) = unit {
+                let _ = writeln!(text, "unit = {}", quoted(&unit.name));
+            }
+        }
+        text
+    }
+
+    /// Adds what names and units show, for quantities that nothing is stated of: nothing where two columns are alike.
+    pub fn completed(&self, tables: &[RawTable]) -> Self {
+        let mut choices = self.choices.clone();
+        for table in tables {
+            let is_taken = |column: &RawColumn| {
+                self.choices.iter().any(|choice| {
+                    table.find(&choice.column).ok().flatten().and_then(|at| table.columns.get(at))
+                        == Some(column)
+                })
+            };
+            let free: Vec<&RawColumn> = table.columns.iter().filter(|column| !is_taken(column)).collect();
+            let has_time = table.columns.iter().any(|column| {
+                choices.iter().any(|choice| {
+                    choice.target.quantity == Quantity::Time && is_named(column, &choice.column)
+                })
+            });
+            if !has_time && let Some(time) = only(&free, is_time) {
+                choices.push(Choice {
+                    column: own_name(time),
+                    target: Target::ALL[0],
+                    unit: time.unit.clone().filter(|_| !time.is_stamp),
+                });
+            }
+            // What the user states of one quantity is meant for all of them.
+            if !self.choices.iter().all(|choice| choice.target.quantity == Quantity::Time) {
+                continue;
+            }
+            for (target, quantity, words) in GUESSED {
+                let Some(target) = Target::named(target) else { continue };
+                if choices.iter().any(|choice| choice.target == target) {
+                    continue;
+                }
+                let of = |column: &RawColumn| is_of(column, quantity, words);
+                if let Some(column) = only(&free, of) {
+                    choices.push(Choice { column: own_name(column), target, unit: column.unit.clone() });
+                }
+            }
+        }
+        Self { choices }
+    }
+}
+
+/// Words of names for what is guessed: quantities along one axis, taken as the vertical one.
+const GUESSED: [(&str, Quantity, &[&str]); 4] = [
+    ("force_y_n", Quantity::Force, &["force", "load", "kraft", "fy", "fx", "fz", "f"]),
+    (
+        "displacement_y_mm",
+        Quantity::Length,
+        &[
+            "displacement",
+            "disp",
+            "extension",
+            "stroke",
+            "crosshead",
+            "position",
+            "pos",
+            "stage",
+            "actuator",
+            "weg",
+            "travel",
+        ],
+    ),
+    ("z_mm", Quantity::Length, &["z", "along", "arc"]),
+    ("deflection_y_mm", Quantity::Length, &["deflection", "shape"]),
+];
+
+/// The name by which a column is found again.
+fn own_name(column: &RawColumn) -> String {
+    if column.header.contains('=') { format!("#{}", column.number) } else { column.header.clone() }
+}
+
+fn is_named(column: &RawColumn, name: &str) -> bool {
+    column.header == name || column.name == name || name == format!("#{}", column.number)
+}
+
+/// The one of which it is true.
+fn only<'c>(columns: &[&'c RawColumn], is: impl Fn(&RawColumn) -> bool) -> Option<&'c RawColumn> {
+    let mut found = columns.iter().filter(|column| is(column));
+    match (found.next(), found.next()) {
+        (Some(one), None) => Some(one),
+        _ => None,
+    }
+}
+
+fn words(name: &str) -> Vec<String> {
+    name.to_lowercase()
+        .split(|c: char| !c.is_alphanumeric())
+        .filter(|word| !word.is_empty())
+        .map(str::to_owned)
+        .collect()
+}
+
+fn is_time(column: &RawColumn) -> bool {
+    let is_named = words(&column.name).iter().any(|word| {
+        ["time", "timestamp", "when", "date", "zeit", "t", "elapsed", "stamp", "temps", "tiempo", "clock"]
+            .contains(&word.as_str())
+    });
+    let is_other = column.unit.as_ref().is_some_and(|unit| unit.quantity != Quantity::Time);
+    column.is_stamp || !is_other && is_named
+}
+
+fn is_of(column: &RawColumn, quantity: Quantity, known: &[&str]) -> bool {
+    let is_unit = column.unit.as_ref().is_none_or(|unit| unit.quantity == quantity);
+    is_unit && words(&column.name).iter().any(|word| known.contains(&word.as_str()))
+}

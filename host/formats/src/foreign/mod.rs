@@ -1,0 +1,101 @@
+//! Tables of other laboratories and programs, as runs of a session: any separator, decimal comma, encoding, header, unit and time base.
+//!
+//! 1. [`Grid`]: the cells of a file, as text.
+//! 2. [`RawTable`]: where the rows of numbers are, what their columns are named, and in which unit they are.
+//! 3. [`Mapping`]: which column is which quantity of the session, as the user states it and as names and units show.
+//! 4. [`Taken`]: the series of a run, on one clock and in SI, with what was taken for what.
+//!
+//! Nothing is assumed in silence: a column without a unit is an error that asks for it, and [`Taken`] states everything that was found.
+
+mod align;
+mod apply;
+#[cfg(feature = "bags")]
+mod bag;
+mod cells;
+#[cfg(feature = "excel")]
+mod excel;
+mod grid;
+mod mapping;
+mod raw;
+mod stamp;
+mod unit;
+
+pub use align::{Offset, OffsetError};
+pub use apply::{Options, Taken, TakenColumn, ZOrigin, Zero, take};
+pub use grid::Grid;
+pub use mapping::{Choice, Mapping, Target};
+pub use raw::{RawColumn, RawTable};
+pub use unit::{Quantity, Unit};
+
+use std::path::PathBuf;
+
+/// What is read as a table: names of files, and what of their formats.
+pub const READ: &[[&str; 2]] = &[
+    [
+        ".csv, .txt, .tsv, any name",
+        "between commas, semicolons, tabulators, bars or blanks; decimal points or commas; UTF-8, UTF-16 or Latin-1; preambles; units in names or below them",
+    ],
+    #[cfg(feature = "excel")]
+    [".xlsx, .xlsm, .xlsb, .xls, .ods", "the first sheet, or the one behind #: book.xlsx#Push"],
+    #[cfg(feature = "bags")]
+    [
+        ".mcap",
+        "bags of ROS 2: WrenchStamped, PoseStamped, PointStamped and JointState in CDR, a table for each topic; uncompressed",
+    ],
+];
+
+/// Why a table is no run.
+#[derive(Debug, thiserror::Error)]
+pub enum TableError {
+    /// The operating system refuses the file.
+    #[error("{}: cannot read: {cause}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system reported.
+        cause: std::io::Error,
+    },
+    /// Something in a file is not what was expected there.
+    #[error("{}:{line}: {field}: {problem}, expected {expected}", path.display())]
+    Cell {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Column.
+        field: String,
+        /// What is there.
+        problem: String,
+        /// What is valid.
+        expected: String,
+    },
+    /// A file as a whole.
+    #[error("{}: {problem}, expected {expected}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+        /// What is valid.
+        expected: String,
+    },
+    /// A mapping that means nothing here.
+    #[error("{choice}: {problem}, expected {expected}")]
+    Map {
+        /// The choice, as it was given.
+        choice: String,
+        /// What is wrong.
+        problem: String,
+        /// What is valid.
+        expected: String,
+    },
+    /// Two clocks that cannot be brought together.
+    #[error(transparent)]
+    Offset(#[from] OffsetError),
+    /// The mapping's file.
+    #[error(transparent)]
+    Document(#[from] crate::document::SessionError),
+}
+
+#[cfg(test)]
+mod tests;

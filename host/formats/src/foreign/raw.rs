@@ -1,0 +1,292 @@
+//! Where the numbers of a table are, and what its columns are named.
+
+use super::cells::{Number, is_missing};
+use super::grid::Grid;
+use super::unit::{Unit, split_name};
+use super::{TableError, unit};
+use std::path::{Path, PathBuf};
+
+/// Rows by which columns of numbers are told from others.
+const SAMPLE: usize = 50;
+/// Rows above the first numbers in which the names may be.
+const HEADER: usize = 4;
+
+/// A column of numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawColumn {
+    /// Its name without the unit; `column 3` where there is none.
+    pub name: String,
+    /// As its header writes it.
+    pub header: String,
+    /// Its unit, where it is stated.
+    pub unit: Option<Unit>,
+    /// Its place, from 1.
+    pub number: usize,
+    /// Whether it holds dates or times of day; its values are seconds then.
+    pub is_stamp: bool,
+    /// What is to be added to its values.
+    pub origin: i64,
+    /// A value for each row; NaN where there is none.
+    pub values: Vec<f64>,
+    /// The first cell that is neither a number nor empty: its line and text.
+    pub bad: Option<(usize, String)>,
+    /// Whether there has been a value.
+    pub(super) has_values: bool,
+}
+
+/// The numbers of a table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawTable {
+    /// The file.
+    pub path: PathBuf,
+    /// Encoding, separator, decimal sign, line of the names.
+    pub form: String,
+    /// Columns of numbers, in their order.
+    pub columns: Vec<RawColumn>,
+    /// Names of columns without numbers.
+    pub words: Vec<String>,
+    /// Line of each row.
+    pub lines: Vec<usize>,
+    /// What was left out.
+    pub notes: Vec<String>,
+}
+
+impl RawTable {
+    /// Reads the tables of a file: one, or one for each topic of a bag.
+    ///
+    /// # Errors
+    /// [`TableError`].
+    pub fn read(path: &Path) -> Result<Vec<Self>, TableError> {
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mcap")) {
+            #[cfg(feature = "bags")]
+            return super::bag::read(path);
+            #[cfg(not(feature = "bags"))]
+            return Err(TableError::File {
+                path: path.to_owned(),
+                problem: "a bag of ROS 2".to_owned(),
+                expected: "CSV: this program was built without bags (its feature `bags`)".to_owned(),
+            });
+        }
+        Ok(vec![Self::new(Grid::read(path)?)?])
+    }
+
+    /// Finds the numbers of a grid.
+    ///
+    /// # Errors
+    /// [`TableError`] where there are none.
+    pub fn new(grid: Grid) -> Result<Self, TableError> {
+        let Grid { path, rows, has_decimal_comma, form } = grid;
+        let is_number = |cell: &String| Number::parse(cell, has_decimal_comma).is_some();
+        let numbers: Vec<usize> =
+            rows.iter().map(|(_, cells)| cells.iter().filter(|cell| is_number(cell)).count()).collect();
+        // As many cells as most rows of two numbers or more have.
+        let mut widths: Vec<usize> = rows
+            .iter()
+            .zip(&numbers)
+            .filter(|(_, count)| **count >= 2)
+            .map(|((_, cells), _)| cells.len())
+            .collect();
+        widths.sort_unstable();
+        let width = widths
+            .chunk_by(|a, b| a == b)
+            .max_by_key(|same| same.len())
+            .and_then(|same| same.first().copied());
+        // As many numbers as most of these rows have: words with a number or two among them are a preamble.
+        let is_wide = |at: usize| rows.get(at).is_some_and(|(_, cells)| Some(cells.len()) == width);
+        let mut counts: Vec<usize> =
+            numbers.iter().enumerate().filter(|(at, _)| is_wide(*at)).map(|(_, count)| *count).collect();
+        counts.sort_unstable();
+        let usual = counts
+            .chunk_by(|a, b| a == b)
+            .max_by_key(|same| same.len())
+            .and_then(|same| same.first().copied());
+        let least = (3 * usual.unwrap_or(0)).div_ceil(4).max(2);
+        let is_data = |at: usize| is_wide(at) && numbers.get(at).is_some_and(|count| *count >= least);
+        let is_filled = |at: usize| {
+            let missing = |cells: &Vec<String>| cells.iter().filter(|cell| is_missing(cell)).count();
+            let filled = numbers.get(at).copied().unwrap_or(0);
+            is_wide(at)
+                && filled > 0
+                && rows.get(at).is_some_and(|(_, cells)| filled + missing(cells) >= least)
+        };
+        // Two rows of them, so that a line of numbers in a preamble is none.
+        let first = (0..rows.len()).find(|at| is_data(*at) && (is_filled(at + 1) || at + 1 == rows.len()));
+        let Some((first, width)) = first.zip(width) else {
+            let expected = "rows of numbers below a line of names".to_owned();
+            return Err(TableError::File {
+                path,
+                problem: "no rows of two numbers or more".to_owned(),
+                expected,
+            });
+        };
+        let (names, units, header_line) =
+            names(rows.get(..first).unwrap_or_default(), width, has_decimal_comma);
+        let mut notes = Vec::new();
+        let sample = rows.get(first..).unwrap_or_default().iter().take(SAMPLE);
+        let mut columns: Vec<RawColumn> = Vec::new();
+        let mut words = Vec::new();
+        for index in 0..width {
+            let cells: Vec<&String> = sample.clone().filter_map(|(_, cells)| cells.get(index)).collect();
+            let found = cells.iter().filter(|cell| is_number(cell)).count();
+            let filled = cells.iter().filter(|cell| !is_missing(cell)).count();
+            let header = names.get(index).filter(|name| !name.is_empty()).cloned();
+            let header = header.unwrap_or_else(|| format!("column {}", index + 1));
+            if found == 0 || 2 * found < filled {
+                words.push(header);
+                continue;
+            }
+            let (name, own) = split_name(&header);
+            let unit = units.get(index).cloned().flatten().or(own);
+            let values = Vec::with_capacity(rows.len() - first);
+            columns.push(RawColumn {
+                name,
+                header,
+                unit,
+                number: index + 1,
+                is_stamp: false,
+                origin: 0,
+                values,
+                bad: None,
+                has_values: false,
+            });
+        }
+        let mut table = Self { path, form, columns, words, lines: Vec::new(), notes: Vec::new() };
+        let mut skipped: Vec<usize> = Vec::new();
+        let last = rows.len().saturating_sub(1);
+        for (at, (line, cells)) in rows.iter().enumerate().skip(first) {
+            if at == last && cells.len() < width && at > first {
+                notes.push(format!("line {line}: the last row is cut off, and skipped"));
+            } else if !table.add(*line, cells, has_decimal_comma) {
+                skipped.push(*line);
+            }
+        }
+        if let Some(line) = skipped.first() {
+            notes.push(format!("rows without numbers: {}, from line {line} on, skipped", skipped.len()));
+        }
+        table.notes = notes;
+        table.form = match header_line {
+            Some(line) => format!("{}, names in line {line}", table.form),
+            None => format!("{}, without names", table.form),
+        };
+        Ok(table)
+    }
+
+    /// Adds a row; not where it has no number at all.
+    fn add(&mut self, line: usize, cells: &[String], has_decimal_comma: bool) -> bool {
+        let read = |column: &RawColumn| {
+            cells.get(column.number - 1).and_then(|cell| Number::parse(cell, has_decimal_comma))
+        };
+        if self.columns.iter().all(|column| read(column).is_none()) {
+            return false;
+        }
+        for column in &mut self.columns {
+            let number = read(column);
+            let cell = cells.get(column.number - 1).map_or("", String::as_str);
+            let value = match number {
+                Some(number) => {
+                    if !std::mem::replace(&mut column.has_values, true) {
+                        column.is_stamp = number.is_stamp;
+                        // Without the first whole part, so that the digits behind it are not lost.
+                        column.origin = number.whole;
+                    }
+                    if column.is_stamp == number.is_stamp {
+                        number.whole.saturating_sub(column.origin) as f64 + number.rest
+                    } else {
+                        column.bad.get_or_insert_with(|| (line, cell.to_owned()));
+                        f64::NAN
+                    }
+                }
+                None => {
+                    if !is_missing(cell) {
+                        column.bad.get_or_insert_with(|| (line, cell.to_owned()));
+                    }
+                    f64::NAN
+                }
+            };
+            column.values.push(value);
+        }
+        self.lines.push(line);
+        true
+    }
+
+    /// The column of this name, as its header writes it or without its unit, or by its number: `#3`.
+    ///
+    /// # Errors
+    /// What is wrong and what is valid, where there is none or there are several.
+    pub fn find(&self, name: &str) -> Result<Option<usize>, String> {
+        if let Some(number) = name.strip_prefix('#').and_then(|number| number.parse::<usize>().ok()) {
+            return Ok(self.columns.iter().position(|column| column.number == number));
+        }
+        // The mark of a comment before the first name is no part of it.
+        let name = name.trim_start_matches('%');
+        let matching = |is: &dyn Fn(&RawColumn) -> bool| -> Vec<usize> {
+            self.columns.iter().enumerate().filter(|(_, column)| is(column)).map(|(at, _)| at).collect()
+        };
+        let by = |same: &dyn Fn(&str, &str) -> bool| {
+            let whole = matching(&|column| same(&column.header, name));
+            if whole.is_empty() { matching(&|column| same(&column.name, name)) } else { whole }
+        };
+        let exact = by(&|a, b| a == b);
+        let found = if exact.is_empty() { by(&|a, b| a.to_lowercase() == b.to_lowercase()) } else { exact };
+        match found.as_slice() {
+            [] => Ok(None),
+            [one] => Ok(Some(*one)),
+            several => {
+                let numbers: Vec<String> = several
+                    .iter()
+                    .filter_map(|at| Some(format!("#{}", self.columns.get(*at)?.number)))
+                    .collect();
+                Err(format!("there are several of this name: {}", numbers.join(", ")))
+            }
+        }
+    }
+}
+
+/// Names and units of the columns, from the rows above the numbers, and the line of the names.
+type Names = (Vec<String>, Vec<Option<Unit>>, Option<usize>);
+
+fn names(above: &[(usize, Vec<String>)], width: usize, has_decimal_comma: bool) -> Names {
+    let mut units: Vec<Option<Unit>> = Vec::new();
+    for (line, cells) in above.iter().rev().take(HEADER) {
+        let cells = without_mark(cells);
+        // Names may end before the last column, or behind it.
+        let is_as_wide =
+            cells.len() == width || cells.len() == width + 1 && cells.last().is_some_and(String::is_empty);
+        let is_words = cells.iter().all(|cell| Number::parse(cell, has_decimal_comma).is_none());
+        let has_letters = cells.iter().any(|cell| cell.chars().any(char::is_alphabetic));
+        if !is_as_wide || !is_words || !has_letters {
+            continue;
+        }
+        let own: Vec<Option<Unit>> = cells.iter().map(|cell| bare_unit(cell)).collect();
+        let is_units = cells
+            .iter()
+            .zip(&own)
+            .all(|(cell, unit)| unit.is_some() || is_missing(&bare(cell)) || bare(cell).len() <= 3);
+        if is_units && own.iter().any(Option::is_some) && units.is_empty() {
+            units = own;
+            continue;
+        }
+        return (cells, units, Some(*line));
+    }
+    (Vec::new(), units, None)
+}
+
+/// Cells without the mark of a comment before the first one.
+fn without_mark(cells: &[String]) -> Vec<String> {
+    let mut cells = cells.to_vec();
+    if let Some(first) = cells.first_mut() {
+        *first = first.trim_start_matches(['#', '%', '/']).trim().to_owned();
+        if first.is_empty() && cells.len() > 1 {
+            cells.remove(0);
+        }
+    }
+    cells
+}
+
+fn bare(cell: &str) -> String {
+    cell.trim_matches(['(', ')', '[', ']', ' ']).to_owned()
+}
+
+fn bare_unit(cell: &str) -> Option<Unit> {
+    unit::Unit::parse(&bare(cell))
+}

@@ -1,0 +1,229 @@
+//! Grids, names, clocks and offsets; whole imports are tests of the command line.
+
+use super::grid::Grid;
+use super::*;
+use proptest::prelude::*;
+use std::path::Path;
+
+fn table(text: &str) -> RawTable {
+    RawTable::new(Grid::parse(Path::new("t.csv"), text.as_bytes()).expect("a grid")).expect("a table")
+}
+
+fn map(choices: &[&str]) -> Mapping {
+    Mapping { choices: choices.iter().map(|text| Choice::parse(text).expect("a choice")).collect() }
+}
+
+fn values(column: &RawColumn) -> Vec<f64> {
+    column.values.iter().map(|value| column.origin as f64 + value).collect()
+}
+
+fn names(table: &RawTable) -> Vec<(&str, Option<&str>)> {
+    table
+        .columns
+        .iter()
+        .map(|column| (column.name.as_str(), column.unit.as_ref().map(|unit| unit.name.as_str())))
+        .collect()
+}
+
+#[test]
+fn separators_decimal_commas_and_names_are_found() {
+    let two = [("t", Some("s")), ("F", Some("N"))];
+    for text in [
+        "t (s),F (N)\n0,1.5\n1,2.5\n2,3.5\n",
+        "t (s);F (N)\n0;1,5\n1;2,5\n2;3,5\n",
+        "t (s)\tF (N)\n0\t1,5\n1\t2,5\n2\t3,5\n",
+        "t/s F/N\n0 1.5\n1 2.5\n2 3.5\n",
+        "t/s  F/N\n0,0   1,5\n1,0   2,5\n2,0   3,5\n",
+        "\"t (s)\",\"F (N)\"\n\"0\",\"1,5\"\n\"1\",\"2,5\"\n\"2\",\"3,5\"\n",
+        "% made by a program\n% t_s | F_N\n0|1.5\n1|2.5\n2|3.5\n",
+        "t;F\n(s);(N)\n0;1.5\n1;2.5\n2;3.5\n",
+        "\u{feff}Test 5; of 2024\n\nt [s];F [N];\n0;1,5;\n1;2,5;\n2;3,5;\n",
+    ] {
+        let found = table(text);
+        assert_eq!(names(&found), two, "{text}");
+        assert_eq!(values(&found.columns[1]), [1.5, 2.5, 3.5], "{text}");
+    }
+    let bare = table("0 1.5\n1 2.5\n2 3.5\n");
+    assert_eq!(names(&bare), [("column 1", None), ("column 2", None)]);
+    assert!(bare.form.ends_with("without names"), "{}", bare.form);
+}
+
+#[test]
+fn rows_without_numbers_and_a_cut_last_row_are_left_out_and_noted() {
+    let found = table("t,f,word\n0,1,a\n1,,b\nnan,3,c\nStopped by user,,\n4,5,d\n5,6");
+    assert_eq!(found.lines, [2, 3, 4, 6]);
+    assert!(found.columns[1].values[1].is_nan() && found.columns[0].values[2].is_nan());
+    assert_eq!(found.words, ["word"]);
+    assert!(
+        found.notes[0].contains("line 7: the last row is cut off")
+            && found.notes[1].contains("from line 5 on"),
+        "{:?}",
+        found.notes
+    );
+    for bytes in [&b""[..], b"\n\n", b"only words\nand more\n", b"\0\0\0\0", b"1\n2\n3\n"] {
+        let outcome = Grid::parse(Path::new("t.csv"), bytes).and_then(RawTable::new);
+        assert!(outcome.is_err(), "{bytes:?}");
+    }
+}
+
+/// Force and displacement of a push at 100 Hz; `f` makes a line of time, displacement and force in mm and N.
+fn push(header: &str, line: impl Fn(f64, f64, f64) -> String) -> RawTable {
+    let rows = (0..300).map(|i| {
+        let t = 0.01 * f64::from(i);
+        let x = (t - 1.0).clamp(0.0, 1.0);
+        line(t, x, 0.3 * x + 2e-3 * (7.7 * f64::from(i)).sin()) + "\n"
+    });
+    table(&(header.to_owned() + "\n" + &rows.collect::<String>()))
+}
+
+#[test]
+fn adding_a_constant_to_all_times_changes_nothing() {
+    let of = |origin: i64| {
+        let table = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
+            format!("{}.{:02},{x},{f}", origin + t as i64, (100.0 * t).round() as i64 % 100)
+        });
+        take(&[table], &Mapping::default(), &Options::default()).expect("a run").force.expect("a force")
+    };
+    assert_eq!(of(0), of(1_764_000_000));
+    assert_eq!(of(0), of(12_345));
+}
+
+#[test]
+fn a_clock_of_the_day_passes_midnight_and_one_that_is_set_back_is_an_error() {
+    let clock = |shift_s: f64| {
+        move |t: f64, x: f64, f: f64| {
+            let at = (86_399.0 + t + if t > 2.0 { shift_s } else { 0.0 }) % 86_400.0;
+            let (h, m, s) = ((at / 3600.0) as u32, (at / 60.0) as u32 % 60, at % 60.0);
+            format!("{h:02}:{m:02}:{s:06.3},{x},{f}")
+        }
+    };
+    let taken =
+        take(&[push("Time,Stage (mm),Load (N)", clock(0.0))], &Mapping::default(), &Options::default())
+            .expect("a run");
+    let times_s = taken.force.expect("a force").time_s;
+    assert!(
+        (times_s[299] - 2.99).abs() < 1e-9 && taken.notes.iter().any(|note| note.contains("midnight")),
+        "{:?}",
+        taken.notes
+    );
+    let error =
+        take(&[push("Time,Stage (mm),Load (N)", clock(-0.7))], &Mapping::default(), &Options::default());
+    assert!(error.expect_err("set back").to_string().contains("never step back"));
+}
+
+#[test]
+fn rows_of_one_time_are_one_reading_and_missing_ones_are_interpolated() {
+    // A clock that is written to a tenth of a second, at 100 Hz.
+    let coarse = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
+        format!("{:.1},{x},{f}", (10.0 * t + 1e-9).floor() / 10.0)
+    });
+    let taken = take(&[coarse], &Mapping::default(), &Options::default()).expect("a run");
+    assert_eq!(taken.force.expect("a force").time_s.len(), 30);
+    assert!(
+        taken.notes.iter().any(|note| note.contains("270 rows have the time of the row before")),
+        "{:?}",
+        taken.notes
+    );
+    // Sensors in turn: every row has one of them.
+    let turns = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
+        if (100.0 * t).round() as u32 % 2 == 0 { format!("{t},{x},") } else { format!("{t},,{f}") }
+    });
+    let force =
+        take(&[turns], &Mapping::default(), &Options::default()).expect("a run").force.expect("a force");
+    assert_eq!(force.time_s.len(), 149);
+    let (t, y_m) = (force.time_s[60] + 0.01, force.displacement_y_m[60]);
+    assert!((1e3 * y_m - (t - 1.0).clamp(0.0, 1.0)).abs() < 1e-9, "{t} {y_m}");
+}
+
+#[test]
+fn offsets_of_two_clocks_are_within_their_intervals() {
+    let options = Options::default();
+    let mapping = map(&["Load (N)=force_y_n", "Stage (mm)=displacement_y_mm", "Time (s)=time_s"]);
+    for offset_s in [0.0, 0.004, 3.217, -12.3456, 250.0] {
+        let force = push("Time (s),Load (N)", |t, _, f| format!("{t:.4},{f:.6}"));
+        let moved = push("Time (s),Stage (mm)", |t, x, _| format!("{:.4},{x:.6}", t + offset_s));
+        let taken = take(&[force, moved], &mapping, &options).expect("a run");
+        let offset = taken.offset.expect("an offset");
+        assert!(
+            (offset.offset_s + offset_s).abs() < 2.5 * offset.sd_s && offset.sd_s < 0.01,
+            "{offset_s}: {offset:?}"
+        );
+    }
+    // Ramps that repeat fit at several offsets, and noise at none.
+    let wave = |header: &str, of: fn(f64) -> f64| push(header, move |t, _, _| format!("{t:.4},{:.6}", of(t)));
+    let both = [
+        wave("Time (s),Load (N)", |t| (12.0 * t).sin() + 0.05 * (1e5 * t * t).sin()),
+        wave("Time (s),Stage (mm)", |t| (12.0 * t).sin() + 0.05 * (3e4 * t * t).cos()),
+    ];
+    let error = take(&both, &mapping, &options).expect_err("repeats").to_string();
+    assert!(error.contains("fit alike") && error.contains("--merge-on"), "{error}");
+    let noise = [
+        wave("Time (s),Load (N)", |t| (1e5 * t * t).sin()),
+        wave("Time (s),Stage (mm)", |t| (3e4 * t * t).cos()),
+    ];
+    assert!(
+        take(&noise, &mapping, &options)
+            .expect_err("noise")
+            .to_string()
+            .contains("expected ramps in both files")
+    );
+}
+
+#[test]
+fn a_map_is_written_and_read_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("map.toml");
+    let mapping = map(&["Force \"a\" [g]=force_y_n:-g", "#3=time_s:ms", "Stage X=displacement_y_mm"]);
+    std::fs::write(&path, mapping.to_toml()).expect("written");
+    assert_eq!(Mapping::read(&path).expect("reads"), mapping);
+    for (text, words) in [
+        ("[table]\nformat = 9\n", "map.toml:2:10"),
+        ("[table]\nformat = 1\n[[column]]\nname = \"a\"\nis = \"force\"\n", "map.toml:5:6: column.is"),
+        ("[table]\nformat = 1\n[[column]]\nname = \"a\"\nis = \"time_s\"\nfactor = 2\n", "column.factor"),
+    ] {
+        std::fs::write(&path, text).expect("written");
+        let error = Mapping::read(&path).expect_err(words).to_string();
+        assert!(error.contains(words), "{error}");
+    }
+}
+
+#[test]
+fn a_position_and_a_force_against_it_are_noticed() {
+    let stage = push("Time (s),Stage (mm),Load (N)", |t, x, f| format!("{t},{},{}", 112.5 + x, -f));
+    let notes = |zero| {
+        let options = Options { zero, ..Options::default() };
+        let taken = take(std::slice::from_ref(&stage), &Mapping::default(), &options);
+        taken.map(|taken| (taken.notes.join("; "), taken.force.expect("a force").displacement_y_m))
+    };
+    let (said, moved_m) = notes(Zero::Auto).expect("a run");
+    assert!(said.contains("never near 0") && said.contains("falls where the displacement rises"), "{said}");
+    assert!(moved_m[0].abs() < 1e-12 && (moved_m[299] - 1e-3).abs() < 1e-12);
+    assert!(notes(Zero::Written).expect_err("112 mm").to_string().contains("is the unit right?"));
+}
+
+proptest! {
+    /// Whatever the bytes are, there is a table or an error.
+    #[test]
+    fn any_bytes_are_borne(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+        let _ = Grid::parse(Path::new("t.csv"), &bytes).and_then(RawTable::new);
+    }
+
+    /// Numbers come back from every separator and decimal sign.
+    #[test]
+    fn numbers_come_back(
+        rows in prop::collection::vec((-1e6f64..1e6, -1e3f64..1e3, 0.0f64..9.0), 5..40),
+        form in 0usize..6,
+    ) {
+        let (separator, comma) = [(",", false), (";", false), (";", true), ("\t", true), ("|", false), (" ", true)][form];
+        let number = |value: f64| { let text = format!("{value:.6}"); if comma { text.replace('.', ",") } else { text } };
+        let lines: String = rows.iter().map(|(a, b, c)| [number(*a), number(*b), number(*c)].join(separator) + "\n").collect();
+        let found = table(&lines);
+        prop_assert_eq!(found.columns.len(), 3);
+        for (row, (a, b, c)) in rows.iter().enumerate() {
+            for (column, value) in [a, b, c].into_iter().enumerate() {
+                let read = found.columns[column].origin as f64 + found.columns[column].values[row];
+                prop_assert!((read - value).abs() < 1e-6, "{} {}", read, value);
+            }
+        }
+    }
+}

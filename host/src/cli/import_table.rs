@@ -1,0 +1,374 @@
+//! `guide import table`: any laboratory's tables as a run, with a statement of what was taken for what.
+
+use super::import_shapes::ShapeArgs;
+use super::output::Output;
+use anyhow::{Context, bail, ensure};
+use formats::foreign::{Choice, Mapping, Options, RawTable, Taken, TakenColumn, ZOrigin, Zero, take};
+use formats::session::import::id_of;
+use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup};
+use serde::Serialize;
+use std::fmt::{self, Display};
+use std::fs;
+use std::io::{self, BufRead, IsTerminal, Write as _};
+use std::path::{Path, PathBuf};
+
+/// What the columns of tables are.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Tables (table)")]
+pub struct TableArgs {
+    /// What a column is, and its unit where the header does not state it: 'Force [g]=force_y_n:g'; a minus before the unit turns the
+    /// direction round; `#3` is the third column. Quantities: time_s, displacement_y_mm, force_y_n, displacement_x_mm, force_x_n; z_mm,
+    /// deflection_y_mm, deflection_x_mm of a shape; depth_mm, tip_y_mm, tip_x_mm, rotation_deg, guide2_y_mm, guide2_x_mm of an insertion
+    /// (default: found by names and units)
+    #[arg(long = "map", value_name = "COLUMN=QUANTITY[:UNIT]", value_parser = choice)]
+    maps: Vec<Choice>,
+    /// Columns as a file states them that --save-map has written, or another hand
+    #[arg(long, value_name = "FILE", conflicts_with = "maps")]
+    map_file: Option<PathBuf>,
+    /// Write what the columns are, for further tables of this kind
+    #[arg(long, value_name = "FILE")]
+    save_map: Option<PathBuf>,
+    /// From where positions along the needle are: guide 1, or the tissue's surface (entry_mm)
+    #[arg(long, value_enum)]
+    z_from: Option<ZFrom>,
+    /// Column of times that all files share: their clocks are one (default: clocks of the day and since 1970 are one; others are brought
+    /// together by the ramps of force and displacement)
+    #[arg(long, value_name = "COLUMN", conflicts_with = "offset_s")]
+    merge_on: Option<String>,
+    /// To be added to the displacement's times for those of the force, where the files have clocks of their own
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    offset_s: Option<f64>,
+    /// Rows a second, where there is no column of times
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    rate_hz: Option<f64>,
+    /// Where the displacement is 0 (auto: where the run begins, if it is never near 0)
+    #[arg(long, value_enum, default_value = "auto")]
+    zero: ZeroArg,
+    /// Every file is a run of its own (as the files of a folder are); otherwise all are parts of one
+    #[arg(long)]
+    each: bool,
+    /// Do not ask whether the columns are right
+    #[arg(long)]
+    yes: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum ZFrom {
+    Guide1,
+    Surface,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum ZeroArg {
+    Auto,
+    First,
+    Written,
+}
+
+fn choice(text: &str) -> Result<Choice, String> {
+    Choice::parse(text).map_err(|error| error.to_string())
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let hz = text.parse().ok().filter(|hz: &f64| (1e-3..=1e6).contains(hz));
+    hz.ok_or_else(|| "expected rows a second from 0.001 to 1000000".to_owned())
+}
+
+/// What was imported.
+#[derive(Serialize)]
+struct Imported {
+    schema: &'static str,
+    session: PathBuf,
+    runs: Vec<Run>,
+    /// The command line that does the same.
+    again: String,
+}
+
+#[derive(Serialize)]
+struct Run {
+    id: String,
+    kind: &'static str,
+    rows: usize,
+    shape_points: usize,
+    depth_mm: Option<f64>,
+    files: Vec<String>,
+    columns: Vec<TakenColumn>,
+    others: Vec<String>,
+    offset_s: Option<f64>,
+    offset_sd_s: Option<f64>,
+    notes: Vec<String>,
+}
+
+impl TableArgs {
+    /// Whether any of its options is given.
+    pub fn is_requested(&self) -> bool {
+        let Self { maps, map_file, save_map, z_from, merge_on, offset_s, rate_hz, zero, each, yes } = self;
+        let files = map_file.is_some() || save_map.is_some();
+        let clocks = merge_on.is_some() || offset_s.is_some() || rate_hz.is_some();
+        !maps.is_empty() || files || clocks || z_from.is_some() || *zero != ZeroArg::Auto || *each || *yes
+    }
+
+    fn mapping(&self) -> anyhow::Result<Mapping> {
+        Ok(match &self.map_file {
+            Some(path) => Mapping::read(path)?,
+            None => Mapping { choices: self.maps.clone() },
+        })
+    }
+
+    fn options(&self, entry_m: f64) -> Options {
+        Options {
+            rate_hz: self.rate_hz,
+            merge_on: self.merge_on.clone(),
+            offset_s: self.offset_s,
+            zero: match self.zero {
+                ZeroArg::Auto => Zero::Auto,
+                ZeroArg::First => Zero::First,
+                ZeroArg::Written => Zero::Written,
+            },
+            z_from: self.z_from.map(|from| match from {
+                ZFrom::Guide1 => ZOrigin::Guide1,
+                ZFrom::Surface => ZOrigin::Surface,
+            }),
+            entry_m,
+        }
+    }
+}
+
+/// Imports tables as runs.
+pub fn run(
+    paths: &[PathBuf],
+    shapes: &ShapeArgs,
+    args: &TableArgs,
+    to: &Path,
+    rig: Option<&Path>,
+    setup: &Setup,
+    out: &mut Output,
+) -> anyhow::Result<()> {
+    let (mapping, options) = (args.mapping()?, args.options(setup.rig.entry_m));
+    let groups = groups(paths, args.each)?;
+    ensure!(
+        groups.len() == 1 || shapes.id.is_none(),
+        "--id: has no meaning for {} runs, expected it for one: their names are those of the files",
+        groups.len()
+    );
+    let mut found: Vec<(Run, Taken)> = Vec::new();
+    for group in &groups {
+        let taken = taken(group, &mapping, &options)?;
+        let first = group.first().context("PATH: no file, expected one or more")?;
+        let id = shapes.id.clone().unwrap_or_else(|| id_of(first));
+        found.push((Run::new(id, &taken, shapes.depth_mm)?, taken));
+    }
+    let chosen = found.first().map(|(_, taken)| taken.mapping.clone()).unwrap_or_default();
+    let again = again(paths, shapes, args, &chosen, to, rig);
+    for (run, _) in &found {
+        out.note(format_args!("{}", Echo(run)));
+    }
+    out.note(format_args!("again: {again}"));
+    if !args.yes {
+        confirm()?;
+    }
+    if let Some(path) = &args.save_map {
+        fs::write(path, chosen.to_toml()).with_context(|| format!("{}: cannot write", path.display()))?;
+    }
+    let mut session = SessionWriter::open(to, setup)?;
+    for (run, taken) in &found {
+        if let Err(error) = write(&mut session, run, taken) {
+            session.undo();
+            return Err(error);
+        }
+    }
+    let runs = found.into_iter().map(|(run, _)| run).collect();
+    let imported = Imported { schema: "guide.import/2", session: to.to_owned(), runs, again };
+    out.result(&imported, &imported)
+}
+
+/// Files that are one run each: all together, or each by itself.
+fn groups(paths: &[PathBuf], each: bool) -> anyhow::Result<Vec<Vec<PathBuf>>> {
+    let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) =
+        paths.iter().cloned().partition(|path| path.is_dir());
+    let mut groups: Vec<Vec<PathBuf>> = match (each, files.is_empty()) {
+        (_, true) => Vec::new(),
+        (true, false) => files.into_iter().map(|file| vec![file]).collect(),
+        (false, false) => vec![files],
+    };
+    for folder in folders {
+        let entries = fs::read_dir(&folder).with_context(|| format!("{}: cannot read", folder.display()))?;
+        let is_table = |path: &PathBuf| {
+            let is_hidden = path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
+            let known = ["csv", "txt", "tsv", "dat", "xlsx", "xls", "ods", "mcap"];
+            !is_hidden
+                && path.extension().is_some_and(|e| known.iter().any(|known| e.eq_ignore_ascii_case(known)))
+        };
+        let mut files: Vec<PathBuf> =
+            entries.filter_map(Result::ok).map(|entry| entry.path()).filter(is_table).collect();
+        ensure!(
+            !files.is_empty(),
+            "{}: no tables, expected files such as .csv, .txt or .xlsx",
+            folder.display()
+        );
+        files.sort();
+        groups.extend(files.into_iter().map(|file| vec![file]));
+    }
+    Ok(groups)
+}
+
+fn taken(files: &[PathBuf], mapping: &Mapping, options: &Options) -> anyhow::Result<Taken> {
+    let mut tables = Vec::new();
+    for file in files {
+        tables.extend(RawTable::read(file)?);
+    }
+    Ok(take(&tables, mapping, options)?)
+}
+
+impl Run {
+    fn new(id: String, taken: &Taken, depth_mm: Option<f64>) -> anyhow::Result<Self> {
+        let (kind, rows) = match (&taken.force, &taken.insertion) {
+            (Some(force), _) => ("lateral", force.time_s.len()),
+            (None, Some(insertion)) => ("insertion", insertion.depth_m.len()),
+            (None, None) => bail!("no run in these files"),
+        };
+        let depth_mm = match kind {
+            "lateral" => {
+                let depth_mm = depth_mm.context(
+                    "--depth-mm: missing, expected the length of the needle in the tissue (0 in air)",
+                )?;
+                let [least_mm, most_mm] = DEPTH_RANGE_MM;
+                let is_depth = depth_mm == 0.0 || (least_mm..=most_mm).contains(&depth_mm);
+                ensure!(is_depth, "--depth-mm: {depth_mm}, expected 0 or {least_mm} to {most_mm} mm");
+                Some(depth_mm)
+            }
+            _ => None,
+        };
+        Ok(Self {
+            id,
+            kind,
+            rows,
+            shape_points: taken.shape.as_ref().map_or(0, |shape| shape.z_m.len()),
+            depth_mm,
+            files: taken.forms.clone(),
+            columns: taken.columns.clone(),
+            others: taken.others.clone(),
+            offset_s: taken.offset.map(|offset| offset.offset_s),
+            offset_sd_s: taken.offset.map(|offset| offset.sd_s),
+            notes: taken.notes.clone(),
+        })
+    }
+}
+
+/// Writes a run into the session.
+fn write(session: &mut SessionWriter, run: &Run, taken: &Taken) -> anyhow::Result<()> {
+    match (&taken.force, &taken.insertion) {
+        (Some(force), _) => {
+            let depth_m = 1e-3 * run.depth_mm.unwrap_or(0.0);
+            Ok(session.lateral_series(&run.id, depth_m, force, taken.shape.as_ref())?)
+        }
+        (None, Some(insertion)) => {
+            let insertion = formats::session::InsertionRun { id: run.id.clone(), ..insertion.clone() };
+            Ok(session.insertion(&insertion)?)
+        }
+        (None, None) => Ok(()),
+    }
+}
+
+/// Asks on a terminal; in a script the answer is an option.
+fn confirm() -> anyhow::Result<()> {
+    ensure!(
+        io::stdin().is_terminal() && io::stderr().is_terminal(),
+        "nothing is written: this is no terminal on which you could confirm the columns, expected --yes"
+    );
+    let mut stderr = io::stderr();
+    let _ = write!(stderr, "Is this right? [y/N] ");
+    let _ = stderr.flush();
+    let mut answer = String::new();
+    io::stdin().lock().read_line(&mut answer).context("standard input: cannot read")?;
+    let is_yes = ["y", "yes"].iter().any(|yes| answer.trim().eq_ignore_ascii_case(yes));
+    ensure!(is_yes, "nothing is written: --map states other columns");
+    Ok(())
+}
+
+/// The command line that takes the same columns without a question.
+fn again(
+    paths: &[PathBuf],
+    shapes: &ShapeArgs,
+    args: &TableArgs,
+    mapping: &Mapping,
+    to: &Path,
+    rig: Option<&Path>,
+) -> String {
+    let mut words = vec!["guide".to_owned(), "import".to_owned(), "table".to_owned()];
+    let text = |path: &Path| path.to_string_lossy().into_owned();
+    words.extend(paths.iter().map(|path| text(path)));
+    mapping.choices.iter().for_each(|choice| words.extend(["--map".to_owned(), choice.text()]));
+    let mut option = |name: &str, value: Option<String>| {
+        words.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
+    };
+    let z_from = args.z_from.map(|from| if from == ZFrom::Guide1 { "guide1" } else { "surface" }.to_owned());
+    option("--z-from", z_from);
+    option("--merge-on", args.merge_on.clone());
+    option("--offset-s", args.offset_s.map(|s| s.to_string()));
+    option("--rate-hz", args.rate_hz.map(|hz| hz.to_string()));
+    option(
+        "--zero",
+        match args.zero {
+            ZeroArg::Auto => None,
+            ZeroArg::First => Some("first".to_owned()),
+            ZeroArg::Written => Some("written".to_owned()),
+        },
+    );
+    option("--depth-mm", shapes.depth_mm.map(|mm| mm.to_string()));
+    option("--id", shapes.id.clone());
+    option("--rig", rig.map(text));
+    option("--out", Some(text(to)));
+    words.extend(args.each.then(|| "--each".to_owned()));
+    words.push("--yes".to_owned());
+    shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "))
+}
+
+/// What was taken for what.
+struct Echo<'a>(&'a Run);
+
+impl Display for Echo<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Run { id, columns, others, files, notes, .. } = self.0;
+        writeln!(f, "{id}: what is taken for what")?;
+        let width = |of: &dyn Fn(&TakenColumn) -> usize, least: usize| {
+            columns.iter().map(of).max().unwrap_or(0).max(least)
+        };
+        let (is, unit) = (width(&|c| c.is.len(), 8), width(&|c| c.unit.chars().count(), 4));
+        let column = width(&|c| c.column.chars().count(), 6);
+        writeln!(f, "  {:<is$}  {:<column$}  {:<unit$}  from ... to", "quantity", "column", "unit")?;
+        for TakenColumn { is: name, column: header, unit: of, range: [least, most], rows, file } in columns {
+            let file = file.file_name().unwrap_or_default().to_string_lossy();
+            writeln!(
+                f,
+                "  {name:<is$}  {header:<column$}  {of:<unit$}  {least:.4} ... {most:.4}, {rows} rows of {file}"
+            )?;
+        }
+        for other in others {
+            writeln!(f, "  not taken: {other}")?;
+        }
+        for form in files {
+            writeln!(f, "  {form}")?;
+        }
+        for (at, note) in notes.iter().enumerate() {
+            let end = if at + 1 == notes.len() { "" } else { "\n" };
+            write!(f, "  {note}{end}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Display for Imported {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for Run { id, kind, rows, shape_points, depth_mm, .. } in &self.runs {
+            let depth = depth_mm.map_or_else(String::new, |mm| format!(", {mm:.1} mm deep"));
+            let shape = match (*kind, shape_points) {
+                ("lateral", 0) => ", without a shape".to_owned(),
+                ("lateral", points) => format!(", {points} points of shape"),
+                _ => String::new(),
+            };
+            writeln!(f, "{kind:<12} {id}: {rows} rows{depth}{shape}")?;
+        }
+        writeln!(f, "session      {}", self.session.display())
+    }
+}

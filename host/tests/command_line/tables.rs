@@ -1,0 +1,376 @@
+//! Tables of any laboratory, from files to the modulus in one command each. Columns, units and separators are those of recordings and programs
+//! of others; the numbers are made here, from one run whose modulus is known.
+
+use super::{add_lateral_run, failure, folder, guide, json, path, text, writer};
+use formats::session::{LateralRun, Session};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+const GRAVITY: f64 = 9.806_65;
+const POUND_N: f64 = 4.448_221_615_260_5;
+
+/// A run of its own session, and a folder for files that are made of it.
+struct Native {
+    folder: TempDir,
+    run: LateralRun,
+}
+
+impl Native {
+    fn new() -> Self {
+        let folder = folder();
+        let native = folder.path().join("native");
+        add_lateral_run(&mut writer(&native));
+        let run = Session::read(&native).expect("reads").lateral.remove(0);
+        Self { folder, run }
+    }
+
+    fn dir(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Writes a file with a line for each row of time in seconds, displacement in millimetres, force in newtons.
+    fn file(&self, name: &str, before: &str, row: impl Fn(usize, f64, f64, f64) -> String) -> String {
+        let force = &self.run.force;
+        let rows = force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n).enumerate();
+        let lines = rows.map(|(at, ((time_s, y_m), force_n))| row(at, *time_s, 1e3 * y_m, *force_n) + "\r\n");
+        self.write(name, (before.to_owned() + &lines.collect::<String>()).as_bytes())
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) -> String {
+        let file = self.dir(name);
+        fs::write(&file, bytes).expect("written");
+        path(&file).to_owned()
+    }
+
+    /// The shape from the surface, as a table of its own.
+    fn shape(&self) -> String {
+        let mut rows = "Abstand [mm];Durchbiegung [µm]\n".to_owned();
+        for (z_m, y_m) in self.run.shape.z_m.iter().zip(&self.run.shape.y_m) {
+            let line = format!("{:.4};{:.3}\n", 1e3 * z_m - 70.0, 1e6 * y_m);
+            rows.push_str(&line.replace('.', ","));
+        }
+        self.write("shape.csv", rows.as_bytes())
+    }
+}
+
+const SHAPE: [&str; 6] =
+    ["--map", "Abstand=z_mm", "--map", "Durchbiegung=deflection_y_mm", "--z-from", "surface"];
+
+fn modulus(dir: &Path) -> f64 {
+    json(&["identify", path(dir), "--json"])["pooled"]["k_kpa"].as_f64().expect("a modulus")
+}
+
+/// Imports files and their shape; the modulus is that of the native session within a share.
+fn imported(native: &Native, name: &str, files: &[&str], options: &[&str], within: f64) -> serde_json::Value {
+    let (out, rig, shape) =
+        (native.dir(&format!("out-{name}")), native.dir("native/session.toml"), native.shape());
+    let common = ["--depth-mm", "30", "--rig", path(&rig), "--out", path(&out), "--yes", "--json"];
+    let done = json(&[&["import", "table"], files, &[shape.as_str()], options, &SHAPE, &common].concat());
+    let (native_kpa, imported_kpa) = (modulus(&native.dir("native")), modulus(&out));
+    assert!((imported_kpa / native_kpa - 1.0).abs() < within, "{name}: {imported_kpa} and {native_kpa}");
+    done
+}
+
+fn notes(done: &serde_json::Value) -> String {
+    done["runs"][0]["notes"].to_string()
+}
+
+#[test]
+fn one_file_of_any_layout_gives_the_modulus() {
+    let native = Native::new();
+    let mts = |value: f64| format!("{value:.8}").replace('.', ",");
+    // Where the user states force and displacement; the rest is found.
+    let of = |force: &str, moved: &str| -> Vec<String> {
+        ["--map", force, "--map", moved].map(str::to_owned).to_vec()
+    };
+    let layouts: Vec<(&str, String, Vec<String>)> = vec![
+        (
+            "tensile tester, comma",
+            native.file("tester.csv", "Time (s),Extension (mm),Load (N)\n", |_, t, x, f| format!("{t},{x:.6},{f:.6}")),
+            of("Load (N)=force_y_n", "Extension (mm)=displacement_y_mm"),
+        ),
+        (
+            "microcontroller with raw counts",
+            native.file("motor.csv", "time (ms),forceRaw,force (mN), encoderRaw,position (um)\n", |i, t, x, f| {
+                format!("{:.0},{},{:.3},{},{:.3}", 1e3 * t, 400 + i, 1e3 * f, 9000 + i, 1e3 * x)
+            }),
+            of("force (mN)=force_y_n", "position (um)=displacement_y_mm"),
+        ),
+        (
+            "hydraulic tester: preamble, tabulators, decimal commas, a line of units, forces down",
+            native.file(
+                "mts.txt",
+                "MTS793|MPT|ENU|1|2\r\nData Header:\tTimed\r\n\r\nTime\t25 N MTS Force\t250 MTS Displacement\r\nSec\tkN\tmm\r\n",
+                |_, t, x, f| format!("{}\t{}\t{}", mts(t), mts(-1e-3 * f), mts(-x)),
+            ),
+            of("25 N MTS Force=force_y_n:-kN", "250 MTS Displacement=displacement_y_mm:-mm"),
+        ),
+        (
+            "rock mechanics: pounds and channels",
+            native.file("rock.csv", "Time (sec),Ch:Load (lbs),Ch:Position (mm),Ch:Stress (PSI)\n", |_, t, x, f| {
+                format!("{t},{:.8},{x:.6},{}", f / POUND_N, 0.5)
+            }),
+            of("Ch:Load (lbs)=force_y_n", "Ch:Position (mm)=displacement_y_mm"),
+        ),
+        (
+            "materials tester of Windows: Latin-1, semicolons, decimal commas, units below the names",
+            {
+                let mut bytes = b"\"Pr\xfcfzeit\";\"Standardweg\";\"Standardkraft\"\r\n\"s\";\"\xb5m\";\"N\"\r\n".to_vec();
+                let force = &native.run.force;
+                for ((t, x), f) in force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n) {
+                    bytes.extend(format!("{};{};{}\r\n", mts(*t), mts(1e6 * x), mts(*f)).into_bytes());
+                }
+                native.write("zwick.TXT", &bytes)
+            },
+            [of("Standardkraft=force_y_n", "Standardweg=displacement_y_mm"), ["--map", "Prüfzeit=time_s"].map(str::to_owned).to_vec()]
+                .concat(),
+        ),
+        (
+            "script of a robot: seconds since 1970, a stage at 112 mm, axes by name",
+            native.file("robot.csv", "t_unix,pos_x,pos_y,pos_z,force_x,force_y\n", |_, t, x, f| {
+                format!("{:.6},{:.7},0.2,0.3,{:.6},{:.6}", 1_764_000_000.0 + t, 0.112 + 1e-3 * x, 0.01, f)
+            }),
+            [of("force_y=force_y_n:N", "pos_x=displacement_y_mm:m"), ["--map", "t_unix=time_s"].map(str::to_owned).to_vec()].concat(),
+        ),
+        (
+            "blanks, no names, a preamble of 22 lines with numbers in it",
+            native.file("friction.dat", &(1..=22).map(|i| format!("setting {i} = {i}.5\n")).collect::<String>(), |i, t, x, f| {
+                format!(" {t:.4}   {f:.6}  {}  {x:.6}", 0.1 * i as f64)
+            }),
+            [of("#2=force_y_n:N", "#4=displacement_y_mm:mm"), ["--map", "#1=time_s:s"].map(str::to_owned).to_vec()].concat(),
+        ),
+        (
+            "data logger: dates, times of day, grams, UTF-16",
+            {
+                let mut lines = "Sample;Date and Time;Load [gf];Stage [inch]\n".to_owned();
+                let force = &native.run.force;
+                for (at, ((t, x), f)) in force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n).enumerate() {
+                    let (second, milli) = (58 + *t as u32, (1e3 * t).round() as u32 % 1000);
+                    let (hour, minute, second) = if second < 60 { (23, 59, second) } else { (0, 0, second - 60) };
+                    let day = if hour == 23 { 30 } else { 31 };
+                    let _ = writeln!(
+                        lines,
+                        "{at};{day}.12.2025 {hour:02}:{minute:02}:{second:02}.{milli:03};{:.5};{:.8}",
+                        1e3 * f / GRAVITY,
+                        x / 0.0254
+                    );
+                }
+                native.write("logger.csv", &[&[0xFF, 0xFE][..], &lines.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>()].concat())
+            },
+            of("Load [gf]=force_y_n", "Stage [inch]=displacement_y_mm"),
+        ),
+        (
+            "numpy: a header behind a mark, scientific notation",
+            native.file("numpy.txt", "# t force disp\n", |_, t, x, f| format!("{t:.18e} {f:.18e} {:.18e}", 1e-3 * x)),
+            [of("force=force_y_n:N", "disp=displacement_y_mm:m"), ["--map", "t=time_s:s"].map(str::to_owned).to_vec()].concat(),
+        ),
+        (
+            "instrument program: header of its own, rows at a rate, vertical bars",
+            native.file("lvm.txt", "LabVIEW Measurement\nWriter_Version|2\n***End_of_Header***\nX_Value|Fy|LVDT|Comment\n", |i, _, x, f| {
+                format!("{i}|{:.6}|{x:.6}|", 1e3 * f)
+            }),
+            [of("Fy=force_y_n:mN", "LVDT=displacement_y_mm:mm"), ["--rate-hz", "50"].map(str::to_owned).to_vec()].concat(),
+        ),
+    ];
+    for (name, file, options) in &layouts {
+        let options: Vec<&str> = options.iter().map(String::as_str).collect();
+        let id = name.split([' ', ',', ':']).next().unwrap_or_default();
+        imported(&native, id, &[file], &options, 5e-3);
+    }
+}
+
+#[test]
+fn two_files_of_one_clock_or_two_give_the_modulus() {
+    let native = Native::new();
+    // A topic each, as rostopic writes them: nanoseconds since 1970, at other rates.
+    let stamp = |t: f64| 1_764_000_000_000_000_000 + (1e9 * t).round() as i64;
+    let wrench = native.file(
+        "wrench.csv",
+        "%time,field.header.seq,field.wrench.force.x,field.wrench.force.y\n",
+        |i, t, _, f| format!("{},{i},0.01,{f:.6}", stamp(t)),
+    );
+    let joints = native.file("joints.csv", "%time,field.header.seq,field.position0\n", |i, t, x, _| {
+        format!("{},{i},{:.9}", stamp(t + 1e-3), 1e-3 * x)
+    });
+    let maps = [
+        "--map",
+        "field.wrench.force.y=force_y_n:N",
+        "--map",
+        "field.position0=displacement_y_mm:m",
+        "--map",
+        "%time=time_s",
+    ];
+    let done = imported(&native, "topics", &[&wrench, &joints], &maps, 5e-3);
+    assert!(done["runs"][0]["offset_s"].is_null() && notes(&done).contains("since 1970"), "{done}");
+
+    // A load cell and a stage that were started one after the other: 7.3 s, found by the ramp.
+    let scale = native.file("scale.csv", "Time (ms),Force (kg)\n", |_, t, _, f| {
+        format!("{:.0},{:.6}", 1e3 * t, f / GRAVITY)
+    });
+    let stage = native
+        .file("stage.csv", "Time [s];Stage X\n", |_, t, x, _| format!("{:.3};{:.6}", t + 7.3, 1e-3 * x));
+    let maps = ["--map", "Force (kg)=force_y_n", "--map", "Stage X=displacement_y_mm:m"];
+    let done = imported(&native, "clocks", &[&scale, &stage], &maps, 5e-3);
+    let of = |name: &str| done["runs"][0][name].as_f64().expect(name);
+    let off = of("offset_s") + 7.3;
+    assert!(
+        off.abs() < 3.0 * of("offset_sd_s") && of("offset_sd_s") < 0.05,
+        "{off} of {}",
+        of("offset_sd_s")
+    );
+    assert!(notes(&done).contains("clocks of their own"), "{done}");
+    // One clock by its name, although both count from their start.
+    let both = native
+        .file("both.csv", "Time (ms),Stage X\n", |_, t, x, _| format!("{:.0},{:.6}", 1e3 * t, 1e-3 * x));
+    let named = [&maps[..], &["--merge-on", "Time (ms)"]].concat();
+    let done = imported(&native, "named", &[&scale, &both], &named, 5e-3);
+    assert!(done["runs"][0]["offset_s"].is_null(), "{done}");
+    // Or as it is known.
+    let known = [&maps[..], &["--offset-s", "-7.3"]].concat();
+    imported(&native, "known", &[&scale, &stage], &known, 5e-3);
+}
+
+#[test]
+fn the_echo_states_what_was_taken_and_the_command_that_repeats_it() {
+    let native = Native::new();
+    let file =
+        native.file("my test.csv", "Time (s),Extension (mm),Load (N),Temp (C),Comment\n", |_, t, x, f| {
+            format!("{t},{:.6},{f:.6},21.5,ok", x + 40.0)
+        });
+    let (out, rig, map) = (native.dir("out"), native.dir("native/session.toml"), native.dir("map.toml"));
+    let common = ["--depth-mm", "30", "--rig", path(&rig), "--out", path(&out)];
+    // A script that does not confirm writes nothing.
+    let silent = failure(&[&["import", "table", file.as_str()], &common[..]].concat());
+    assert!(silent.contains("expected --yes") && !out.exists(), "{silent}");
+    // Everything is found by names and units.
+    let shown = guide(
+        &[&["import", "table", file.as_str(), "--yes", "--save-map", path(&map)], &common[..]].concat(),
+    );
+    assert!(shown.status.success(), "{}", text(&shown.stderr));
+    let echo = text(&shown.stderr);
+    for part in [
+        "force_y_n          Load (N)        N",
+        "displacement_y_mm  Extension (mm)  mm",
+        "time_s             Time (s)        s",
+        "not taken: ",
+        "Temp (C), Comment",
+        "UTF-8, commas, decimal points, names in line 1, 400 rows",
+        "is never near 0",
+        "its zero is where the run begins",
+        "again: guide import table",
+        "--map 'Load (N)=force_y_n:N'",
+    ] {
+        assert!(echo.contains(part), "{part} is not in\n{echo}");
+    }
+    assert!(
+        text(&shown.stdout).contains("my-test: 400 rows, 30.0 mm deep, without a shape"),
+        "{}",
+        text(&shown.stdout)
+    );
+    let first = Session::read(&out).expect("reads").lateral.remove(0);
+    // The command line that is shown, in another folder.
+    let again = echo.lines().find_map(|line| line.split_once("again: guide ")).expect("a command line").1;
+    let words = shlex::split(again).expect("words");
+    let other = native.dir("other");
+    let words: Vec<&str> =
+        words.iter().map(|word| if word == path(&out) { path(&other) } else { word }).collect();
+    assert!(guide(&words).status.success());
+    assert_eq!(Session::read(&other).expect("reads").lateral[0].force, first.force);
+    // The map for a folder: a run for each of its tables.
+    let many = native.dir("many");
+    fs::create_dir(&many).expect("a folder");
+    for name in ["a.csv", "b.csv", "._a.csv"] {
+        fs::copy(&file, many.join(name)).expect("a copy");
+    }
+    let all = native.dir("all");
+    let done = json(&[
+        "import",
+        "table",
+        path(&many),
+        "--map-file",
+        path(&map),
+        "--depth-mm",
+        "30",
+        "--rig",
+        path(&rig),
+        "--out",
+        path(&all),
+        "--yes",
+        "--json",
+    ]);
+    assert_eq!(done["runs"].as_array().map(Vec::len), Some(2));
+    assert_eq!(Session::read(&all).expect("reads").lateral[1].force, first.force);
+}
+
+#[test]
+fn what_is_not_known_is_asked_for_by_name() {
+    let native = Native::new();
+    let out = native.dir("out");
+    let with = |name: &str, before: &str, options: &[&str]| {
+        let file = native.file(name, before, |_, t, x, f| format!("{t},{x:.6},{f:.6}"));
+        failure(&[&["import", "table", file.as_str(), "--out", path(&out), "--yes"], options].concat())
+    };
+    let depth = ["--depth-mm", "30"];
+    for (before, options, words) in [
+        ("Time (s),Extension,Load (N)\n", &depth[..], "'Extension=displacement_y_mm': no unit is stated"),
+        ("Time (s),Extension (mm),Load (V)\n", &depth, "'Load (V)=force_y_n': no unit is stated"),
+        (
+            "Time (s),Extension (N),Load (N)\n",
+            &["--map", "Extension (N)=displacement_y_mm"],
+            "its unit, N, is one of force",
+        ),
+        ("a,b,c\n", &depth, "--map 'COLUMN=QUANTITY:UNIT' for each"),
+        ("Time (s),Extension (mm),Load (N)\n", &[], "--depth-mm: missing"),
+        ("Time (s),Extension (m),Load (N)\n", &depth, "is the unit right?"),
+        (
+            "Time (s),Extension (mm),Load (N)\n",
+            &["--map", "Force=force_y_n:N"],
+            "no file has such a column of numbers, expected one of \"Time (s)\"",
+        ),
+        ("x,Extension (mm),Load (N)\n", &depth, "no column of times among"),
+        (
+            "Time (s),Extension (mm),Load (N)\n",
+            &[
+                "--map",
+                "Load (N)=force_y_n",
+                "--map",
+                "Extension (mm)=z_mm",
+                "--map",
+                "Extension (mm)=displacement_y_mm",
+                "--map",
+                "Extension (mm)=deflection_y_mm",
+            ],
+            "--z-from: missing",
+        ),
+    ] {
+        let printed = with("t.csv", before, options);
+        assert!(printed.contains(words), "{words} is not in {printed}");
+    }
+    for (map, words) in [
+        ("Load=force", "\"force\" is no quantity"),
+        ("Load=force_y_n:mm", "\"mm\" is no unit of force"),
+        ("Load", "no =, expected COLUMN=QUANTITY:UNIT"),
+    ] {
+        let output = guide(&["import", "table", "x.csv", "--out", path(&out), "--map", map]);
+        assert!(
+            output.status.code() == Some(2) && text(&output.stderr).contains(words),
+            "{}",
+            text(&output.stderr)
+        );
+    }
+    // A clock that steps back, and a cell that is no number, at their lines.
+    let back = native.file("back.csv", "Time (s),Extension (mm),Load (N)\n", |i, t, x, f| {
+        format!("{:.3},{x:.6},{f:.6}", if i < 200 { t + 20.0 } else { t })
+    });
+    let printed = failure(&["import", "table", &back, "--out", path(&out), "--yes", "--depth-mm", "30"]);
+    assert!(printed.contains("back.csv:202: Time (s): 19.980000 s before the row before"), "{printed}");
+    let word = native.file("word.csv", "Time (s),Extension (mm),Load (N)\n", |i, t, x, f| {
+        if i == 9 { format!("{t},{x},over") } else { format!("{t},{x},{f}") }
+    });
+    let printed = failure(&["import", "table", &word, "--out", path(&out), "--yes", "--depth-mm", "30"]);
+    assert!(printed.contains("word.csv:11: Load (N): \"over\" is not a number"), "{printed}");
+    let mixed = failure(&["import", "fbg", &word, "--out", path(&out), "--map", "Load (N)=force_y_n"]);
+    assert!(mixed.contains("options that are for tables"), "{mixed}");
+}
