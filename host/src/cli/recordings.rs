@@ -118,6 +118,13 @@ impl Display for Report {
             (0, 0) => writeln!(f, "lost       nothing")?,
             (samples, frames) => writeln!(f, "lost       {samples} samples, {frames} frames")?,
         }
+        if contents.frames_late > 0 {
+            writeln!(
+                f,
+                "order      {} frames come behind later ones and are not used: `mcap sort` puts messages in order",
+                contents.frames_late
+            )?;
+        }
         for fault in &contents.faults {
             writeln!(f, "fault      {} at {:.3} s: {}", fault.number, fault.time_s, fault.cause)?;
         }

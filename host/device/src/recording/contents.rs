@@ -35,6 +35,8 @@ pub struct Contents {
     pub frames: u64,
     /// Frames missing between them.
     pub frames_missing: u64,
+    /// Frames that come behind ones that were sent later, and are not used: another program has put the messages in another order.
+    pub frames_late: u64,
     /// Samples.
     pub samples: u64,
     /// Samples missing between them.
@@ -95,6 +97,7 @@ impl Contents {
 #[derive(Debug, Default)]
 pub struct Survey {
     times_s: Option<[f64; 2]>,
+    late: u64,
     fault: Option<Fault>,
     faults: Vec<RecordedFault>,
 }
@@ -104,6 +107,7 @@ impl Survey {
     pub fn observe(&mut self, item: &ReplayItem) {
         let ReplayItem::Frame { envelope, order, batch, .. } = item else { return };
         if matches!(order, Order::Duplicate | Order::Late) {
+            self.late += u64::from(*order == Order::Late);
             return;
         }
         if let Some(batch) = batch
@@ -151,6 +155,7 @@ impl Survey {
             duration_s: ((last_s - first_s) * 1e6).round() / 1e6,
             frames: totals.frames,
             frames_missing: totals.frames_missing,
+            frames_late: self.late,
             samples: totals.samples,
             samples_missing: totals.samples_missing,
             restarts: totals.restarts,

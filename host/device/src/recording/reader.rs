@@ -1,11 +1,13 @@
 //! Reading the container: intact chunks, one at a time, and what can be saved between them.
 //!
-//! Only what a checksum covers is accepted. Where the records do not follow each other as they should, everything from the end of
+//! Only what a checksum covers is accepted; in files without chunks these are the checksums of the frames. Where the records do not follow each other as they should, everything from the end of
 //! the last one that was sound is searched for the next intact chunk; the frames in between are found by the same receiver
 //! that finds them on the line.
 
 use super::error::RecordingError;
-use super::format::{CHUNK_HEAD, CRC, ChunkHead, FOOTER_BYTES, Fields, MAGIC, RECORD_HEAD, op};
+use super::format::{
+    CHUNK_HEAD, CRC, ChunkHead, FOOTER_BYTES, Fields, MAGIC, MAX_CHUNK_BYTES, RECORD_HEAD, op,
+};
 use protocol::{Envelope, EnvelopeReceiver, Received};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -19,7 +21,7 @@ const HEAD_BYTES: u64 = RECORD_HEAD + CHUNK_HEAD;
 /// What the reader finds, in the order of the file.
 #[derive(Debug)]
 pub enum ReadItem {
-    /// The records of an intact chunk.
+    /// The records of an intact chunk, or an intact record outside of chunks.
     Chunk(Vec<u8>),
     /// Frames from between chunks.
     Saved(Vec<Envelope>),
@@ -214,6 +216,13 @@ impl Reader {
                 if whole { Place::Passed { end, checked: false } } else { Place::Nothing }
             }
             op::DATA_END if length == 4 => Place::DataEnd { end },
+            // Files without chunks, as other tools write them: frames have checksums of their own.
+            op::CHANNEL | op::MESSAGE if length <= MAX_CHUNK_BYTES => {
+                let records = self.bytes(at, RECORD_HEAD + length)?;
+                let content = records.get(RECORD_HEAD as usize..).unwrap_or_default();
+                let is_whole = if opcode == op::CHANNEL { is_channel(content) } else { is_message(content) };
+                if is_whole { Place::Chunk { records, end } } else { Place::Passed { end, checked: false } }
+            }
             op::HEADER..op::LAST => Place::Passed { end, checked: false },
             _ => Place::Nothing,
         })
@@ -273,4 +282,18 @@ impl Reader {
             .map_err(RecordingError::io(&self.path, at, "read"))?;
         Ok(bytes)
     }
+}
+
+/// Whether a record outside of chunks is a channel: a number, that of its schema, and a topic.
+fn is_channel(content: &[u8]) -> bool {
+    let mut fields = Fields(content);
+    fields.bytes(4).is_some() && fields.sized().is_some_and(|topic| topic.starts_with(b"/"))
+}
+
+/// Whether a record outside of chunks is a message of a recording: an intact frame, or a document. What a damaged length makes of other
+/// records is neither.
+fn is_message(content: &[u8]) -> bool {
+    // Channel, sequence, two times.
+    let data = content.get(22..).unwrap_or_default();
+    data.starts_with(b"{") || matches!(EnvelopeReceiver::new().feed(data).next(), Some(Received::Frame(_)))
 }

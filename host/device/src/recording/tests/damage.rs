@@ -136,6 +136,71 @@ fn the_hello_is_found_though_the_beginning_is_destroyed() {
     assert_eq!(exported.rows, contents.samples);
 }
 
+/// The messages of a recording, written again by the format's own writer.
+fn rewritten(from: &Path, to: &Path, chunks: bool, order: impl Fn(&mut Vec<mcap::Message<'_>>)) {
+    let bytes = fs::read(from).expect("reads");
+    let messages = mcap::MessageStream::new(&bytes).expect("a recording");
+    let mut messages: Vec<mcap::Message<'_>> = messages.map(|message| message.expect("intact")).collect();
+    order(&mut messages);
+    let options = mcap::WriteOptions::new().use_chunks(chunks).compression(None);
+    let mut writer =
+        mcap::Writer::with_options(fs::File::create(to).expect("a file"), options).expect("begins");
+    messages.iter().for_each(|message| writer.write(message).expect("writes"));
+    writer.finish().expect("finishes");
+}
+
+#[test]
+fn a_file_without_chunks_is_read_and_recovered_whole_or_cut() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (_, places) = recorded(folder.path());
+    let (whole, plain) = (folder.path().join("whole.mcap"), folder.path().join("plain.mcap"));
+    rewritten(&whole, &plain, false, |_| ());
+    let of_whole = Contents::read(&whole, &mut |_| {}).expect("reads");
+    let of_plain = Contents::read(&plain, &mut |_| {}).expect("reads");
+    let same = |contents: &Contents| {
+        (contents.samples, contents.frames, contents.run.clone(), contents.first_s, contents.last_s)
+    };
+    assert_eq!(same(&of_plain), same(&of_whole));
+    assert!(!of_plain.damage.unfinished && of_plain.damage.count == 0, "{:?}", of_plain.damage);
+    let bytes = fs::read(&plain).expect("reads");
+    let (contents, found) = recovered(folder.path(), &bytes);
+    assert_eq!((contents.expect("recovers").samples, found.len()), (of_whole.samples, places.len()));
+    // Cut in its middle, and with a byte of a frame changed.
+    let (contents, found) = recovered(folder.path(), &bytes[..bytes.len() / 2]);
+    assert!(
+        contents.expect("recovers").damage.unfinished && found.len() > places.len() / 4,
+        "{}",
+        found.len()
+    );
+    let mut damaged = bytes.clone();
+    let frame = &places[100].1;
+    let at = bytes.windows(frame.len()).position(|window| window == frame).expect("is there");
+    damaged[at + 5] ^= 0x10;
+    let (contents, found) = recovered(folder.path(), &damaged);
+    assert_eq!((contents.expect("recovers").frames_missing, found.len()), (1, places.len() - 1));
+}
+
+#[test]
+fn messages_in_another_order_are_counted_and_none_is_called_intact() {
+    let folder = tempfile::tempdir().expect("a folder");
+    recorded(folder.path());
+    let (whole, turned) = (folder.path().join("whole.mcap"), folder.path().join("turned.mcap"));
+    rewritten(&whole, &turned, true, |messages| messages.reverse());
+    let contents = Contents::read(&turned, &mut |_| {}).expect("reads");
+    assert!(contents.frames_late > 200, "{contents:?}");
+    assert_eq!(Contents::read(&whole, &mut |_| {}).expect("reads").frames_late, 0);
+    // By topic, as programs that copy topics leave them: the frames are in their order.
+    let by_topic = folder.path().join("topics.mcap");
+    rewritten(&whole, &by_topic, true, |messages| {
+        messages.sort_by(|a, b| a.channel.topic.cmp(&b.channel.topic))
+    });
+    let contents = Contents::read(&by_topic, &mut |_| {}).expect("reads");
+    assert_eq!(
+        (contents.frames_late, contents.samples),
+        (0, Contents::read(&whole, &mut |_| {}).expect("reads").samples)
+    );
+}
+
 #[test]
 fn what_is_no_recording_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
