@@ -98,4 +98,6 @@ pub enum TableError {
 }
 
 #[cfg(test)]
+mod layout_tests;
+#[cfg(test)]
 mod tests;

@@ -1,0 +1,156 @@
+//! Layouts of recordings and programs of others (columns, units, separators), with numbers made here: the series are those they were made of.
+
+use super::*;
+use std::fmt::Write as _;
+use std::path::Path;
+
+const GRAVITY: f64 = 9.806_65;
+const POUND_N: f64 = 4.448_221_615_260_5;
+
+/// Time in seconds, displacement in millimetres, force in newtons of row `i`.
+fn truth(i: usize) -> [f64; 3] {
+    let t = 0.02 * i as f64;
+    let x = 1.2 * (t - 3.0).clamp(0.0, 1.0);
+    [t, x, 0.3 * x + 5e-3 * (2.3 * i as f64).sin()]
+}
+
+fn lines(before: &str, row: impl Fn(usize, f64, f64, f64) -> String) -> Vec<u8> {
+    let rows = (0..400).map(|i| {
+        let [t, x, f] = truth(i);
+        row(i, t, x, f) + "\r\n"
+    });
+    (before.to_owned() + &rows.collect::<String>()).into_bytes()
+}
+
+/// What a file becomes by its maps.
+fn taken(bytes: &[u8], maps: &[&str], rate_hz: Option<f64>) -> Result<Taken, TableError> {
+    let table = Grid::parse(Path::new("t.csv"), bytes).and_then(RawTable::new)?;
+    let choices = maps.iter().map(|map| Choice::parse(map)).collect::<Result<Vec<_>, _>>()?;
+    take(&[table], &Mapping { choices }, &Options { rate_hz, ..Options::default() })
+}
+
+fn comma(value: f64) -> String {
+    format!("{value:.8}").replace('.', ",")
+}
+
+fn same(name: &str, bytes: &[u8], maps: &[&str], rate_hz: Option<f64>) {
+    let taken = taken(bytes, maps, rate_hz).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let force = taken.force.expect("a force");
+    assert_eq!(force.time_s.len(), 400, "{name}: {:?}", taken.notes);
+    for i in 0..400 {
+        let [t, x, f] = truth(i);
+        let found = [force.time_s[i], 1e3 * force.displacement_y_m[i], force.force_y_n[i]];
+        let off = found.iter().zip([t, x, f]).all(|(a, b)| (a - b).abs() < 2e-5);
+        assert!(off, "{name}, row {i}: {found:?} and {:?}", [t, x, f]);
+    }
+}
+
+#[test]
+fn ten_layouts_give_the_series_they_were_made_of() {
+    same(
+        "tensile tester",
+        &lines("Time (s),Extension (mm),Load (N)\n", |_, t, x, f| format!("{t},{x:.6},{f:.6}")),
+        &[],
+        None,
+    );
+    same(
+        "microcontroller with raw counts",
+        &lines("time (ms),forceRaw,force (mN), encoderRaw,position (um)\n", |i, t, x, f| {
+            format!("{:.0},{},{:.3},{},{:.3}", 1e3 * t, 400 + i, 1e3 * f, 9000 + i, 1e3 * x)
+        }),
+        &["force (mN)=force_y_n", "position (um)=displacement_y_mm"],
+        None,
+    );
+    same(
+        "hydraulic tester",
+        &lines(
+            "MTS793|MPT|ENU|1|2\r\nData Header:\tTimed\r\n\r\nTime\t25 N MTS Force\t250 MTS Displacement\r\nSec\tkN\tmm\r\n",
+            |_, t, x, f| format!("{}\t{}\t{}", comma(t), comma(-1e-3 * f), comma(-x)),
+        ),
+        &["25 N MTS Force=force_y_n:-kN", "250 MTS Displacement=displacement_y_mm:-mm"],
+        None,
+    );
+    same(
+        "rock mechanics",
+        &lines("Time (sec),Ch:Load (lbs),Ch:Position (mm),Ch:Stress (PSI)\n", |_, t, x, f| {
+            format!("{t},{:.8},{x:.6},{}", f / POUND_N, 0.5)
+        }),
+        &[],
+        None,
+    );
+    let mut windows =
+        b"\"Pr\xfcfzeit\";\"Standardweg\";\"Standardkraft\"\r\n\"s\";\"\xb5m\";\"N\"\r\n".to_vec();
+    windows.extend(lines("", |_, t, x, f| format!("{};{};{}", comma(t), comma(1e3 * x), comma(f))));
+    let maps = ["Standardkraft=force_y_n", "Standardweg=displacement_y_mm", "Prüfzeit=time_s"];
+    same("materials tester of Windows", &windows, &maps, None);
+    same(
+        "robot",
+        &lines("t_unix,pos_x,pos_y,pos_z,force_x,force_y\n", |_, t, x, f| {
+            format!("{:.6},{:.8},0.2,0.3,{:.6},{:.6}", 1_764_000_000.0 + t, 0.112 + 1e-3 * x, 0.01, f)
+        }),
+        &["force_y=force_y_n:N", "pos_x=displacement_y_mm:m", "t_unix=time_s"],
+        None,
+    );
+    let preamble: String = (1..=22).map(|i| format!("setting {i} = {i}.5\n")).collect();
+    same(
+        "friction",
+        &lines(&preamble, |i, t, x, f| format!(" {t:.4}   {f:.6}  {}  {x:.6}", 0.1 * i as f64)),
+        &["#2=force_y_n:N", "#4=displacement_y_mm:mm", "#1=time_s:s"],
+        None,
+    );
+    let mut logger = "Sample;Date and Time;Load [gf];Stage [inch]\n".to_owned();
+    for i in 0..400 {
+        let [t, x, f] = truth(i);
+        let (second, milli) = (58 + (t + 1e-9) as u32, (1e3 * t).round() as u32 % 1000);
+        let (hour, minute, second) = if second < 60 { (23, 59, second) } else { (0, 0, second - 60) };
+        let day = if hour == 23 { 30 } else { 31 };
+        let _ = writeln!(
+            logger,
+            "{i};{day}.12.2025 {hour:02}:{minute:02}:{second:02}.{milli:03};{:.5};{:.8}",
+            1e3 * f / GRAVITY,
+            x / 25.4
+        );
+    }
+    let logger: Vec<u8> =
+        [0xFF, 0xFE].into_iter().chain(logger.encode_utf16().flat_map(u16::to_le_bytes)).collect();
+    same("data logger", &logger, &[], None);
+    same(
+        "numpy",
+        &lines("# t force disp\n", |_, t, x, f| format!("{t:.18e} {f:.18e} {:.18e}", 1e-3 * x)),
+        &["force=force_y_n:N", "disp=displacement_y_mm:m", "t=time_s:s"],
+        None,
+    );
+    let header = "LabVIEW Measurement\nWriter_Version|2\n***End_of_Header***\nX_Value|Fy|LVDT|Comment\n";
+    same(
+        "instrument program",
+        &lines(header, |i, _, x, f| format!("{i}|{:.6}|{x:.6}|", 1e3 * f)),
+        &["Fy=force_y_n:mN", "LVDT=displacement_y_mm:mm"],
+        Some(50.0),
+    );
+}
+
+#[test]
+fn what_is_not_known_is_asked_for_by_name() {
+    let plain = |before: &str| lines(before, |_, t, x, f| format!("{t},{x:.6},{f:.6}"));
+    for (before, maps, words) in [
+        ("Time (s),Extension,Load (N)\n", &[][..], "'Extension=displacement_y_mm': no unit is stated"),
+        ("Time (s),Extension (mm),Load (V)\n", &[], "'Load (V)=force_y_n': no unit is stated"),
+        (
+            "Time (s),Extension (N),Load (N)\n",
+            &["Extension (N)=displacement_y_mm"],
+            "its unit, N, is one of force",
+        ),
+        ("a,b,c\n", &[], "--map 'COLUMN=QUANTITY:UNIT' for each"),
+        ("Time (s),Extension (m),Load (N)\n", &[], "is the unit right?"),
+        ("Time (s),Extension (mm),Load (N)\n", &["Force=force_y_n:N"], "expected one of \"Time (s)\""),
+        ("x,Extension (mm),Load (N)\n", &[], "no column of times among"),
+    ] {
+        let error = taken(&plain(before), maps, None).expect_err(words).to_string();
+        assert!(error.contains(words), "{words} is not in {error}");
+    }
+    let rows = lines("Time (s),Extension (mm),Load (N)\n", |i, t, x, f| {
+        if i == 9 { format!("{t},{x},over") } else { format!("{t},{x},{f}") }
+    });
+    let error = taken(&rows, &[], None).expect_err("a word").to_string();
+    assert!(error.contains("t.csv:11: Load (N): \"over\" is not a number"), "{error}");
+}
