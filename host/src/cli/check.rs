@@ -10,7 +10,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide check phantom-a\n  guide check phantom-a --json\n\nExit code 0 where the session can be used (warnings \
-                  or not), 1 where it cannot."
+                  or not), 1 where it cannot, or where identify can use none of its lateral runs."
 )]
 pub struct Args {
     /// Session folder (holds session.toml)
@@ -26,6 +26,13 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let errors = found.errors();
     ensure!(errors == 0, "{dir}: {errors} {}", if errors == 1 { "error" } else { "errors" });
     ensure!(found.usable, "{dir}: no command can use any of its runs");
+    let is_refused = |ability: &&Capability| {
+        ability.command == "identify"
+            && !ability.usable
+            && ability.skipped.iter().any(|skipped| skipped.id.is_some())
+    };
+    let refused = found.abilities.iter().find(is_refused);
+    ensure!(refused.is_none(), "{dir}: identify can use none of its lateral runs, for the reasons above");
     Ok(())
 }
 

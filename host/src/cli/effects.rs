@@ -6,6 +6,7 @@ use formats::model_file::{expected_ids, has_neutral_value};
 use mechanics::effects::{Effect, all};
 use serde::Serialize;
 use std::fmt::{self, Display};
+use std::io::IsTerminal;
 
 /// List the effects that the model can have, with their parameters
 #[derive(clap::Args)]
@@ -55,7 +56,39 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         ensure!(!effects.is_empty(), "ID: \"{id}\" is not known, expected {}", expected_ids(id));
     }
     let catalogue = Catalogue { schema: "guide.effects/1", effects, in_detail: args.id.is_some() };
-    out.result(&catalogue, &catalogue)
+    out.result(&catalogue, wrapped(&catalogue.to_string(), width()))
+}
+
+/// Columns of the terminal that the text goes to; none where it goes elsewhere.
+fn width() -> Option<usize> {
+    let stdout = std::io::stdout();
+    let size = stdout.is_terminal().then(|| rustix::termios::tcgetwinsize(&stdout).ok()).flatten()?;
+    Some(usize::from(size.ws_col)).filter(|columns| *columns > 0)
+}
+
+/// Where the words of a line begin behind its label.
+const INDENT: usize = 15;
+
+/// A text whose lines fit a terminal: what is too long goes on below, behind the label.
+fn wrapped(text: &str, width: Option<usize>) -> String {
+    let Some(width) = width.filter(|width| *width > 2 * INDENT) else { return text.to_owned() };
+    let mut all = String::with_capacity(text.len() + text.len() / 8);
+    for line in text.lines() {
+        let mut column = 0;
+        for word in line.split_inclusive(' ') {
+            let length = word.trim_end().chars().count();
+            if column + length > width && column > INDENT {
+                all.truncate(all.trim_end_matches(' ').len());
+                all.push('\n');
+                all.push_str(&" ".repeat(INDENT));
+                column = INDENT;
+            }
+            all.push_str(word);
+            column += word.chars().count();
+        }
+        all.push('\n');
+    }
+    all
 }
 
 impl One {
@@ -120,5 +153,25 @@ impl Display for Catalogue {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_fit_the_terminal_and_lose_no_word() {
+        let text =
+            "tissue.layers\n  physics      a modulus for each of several layers, from the surface on\n";
+        let narrow = wrapped(text, Some(40));
+        assert!(narrow.lines().all(|line| line.chars().count() <= 40), "{narrow}");
+        assert_eq!(
+            narrow.split_whitespace().collect::<Vec<_>>(),
+            text.split_whitespace().collect::<Vec<_>>()
+        );
+        assert!(narrow.lines().nth(2).is_some_and(|line| line.starts_with(&" ".repeat(INDENT))), "{narrow}");
+        assert_eq!(wrapped(text, None), text);
+        assert_eq!(wrapped(text, Some(200)), text);
     }
 }
