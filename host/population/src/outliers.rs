@@ -129,8 +129,11 @@ fn search(tree: &mut Tree, stage: usize) {
     }
 }
 
+/// Units by stage: what each is predicted to be, and how it lies to that; nothing of one that does not count.
+type JudgedUnits = Vec<Vec<Option<(Predicted, Judged)>>>;
+
 /// Every unit beside its prediction, variances by moments of what counts.
-fn judged(tree: &Tree) -> (Vec<Excess>, Vec<Vec<Option<(Predicted, Judged)>>>) {
+fn judged(tree: &Tree) -> (Vec<Excess>, JudgedUnits) {
     let (all, of_stages) = (moments(tree), freedom(tree));
     let tau: Vec<f64> = tree.outwards().map(|stage| all[stage].variance.sqrt()).collect();
     let Some(fit) = Nested::at(tree, &tau) else {

@@ -200,7 +200,7 @@ fn a_subject_that_is_far_off_is_listed_with_all_its_sessions_be_it_one() {
         let found = random_effects(&data).expect("fitted");
         assert_eq!(
             found.far.iter().map(|(_, sessions, _)| sessions.clone()).collect::<Vec<_>>(),
-            [members.clone()]
+            std::slice::from_ref(&members)
         );
         assert!(members.iter().all(|index| found.judged[*index].is_some_and(|judged| judged.weight < 0.1)));
         assert_eq!(found.listed(), members.len());

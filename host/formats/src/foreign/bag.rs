@@ -175,8 +175,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
     let options = mcap::read::Options::IgnoreEndMagic;
     let stream = mcap::MessageStream::new_with_options(&bytes, options.into())
         .map_err(|cause| fault(cause.to_string(), "an MCAP file"))?;
-    let mut count = 0usize;
-    for message in stream {
+    for (count, message) in stream.enumerate() {
         let message = match message {
             Ok(message) => message,
             Err(mcap::McapError::UnsupportedCompression(name)) => {
@@ -191,7 +190,6 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
             }
             Err(cause) => return Err(fault(cause.to_string(), "an MCAP file with messages")),
         };
-        count += 1;
         let channel = &message.channel;
         let schema = channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
         let kind = Kind::of(schema).filter(|_| channel.message_encoding == "cdr");

@@ -126,7 +126,7 @@ fn rows_of_one_time_are_one_reading_and_missing_ones_are_interpolated() {
     );
     // Sensors in turn: every row has one of them.
     let turns = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
-        if (100.0 * t).round() as u32 % 2 == 0 { format!("{t},{x},") } else { format!("{t},,{f}") }
+        if ((100.0 * t).round() as u32).is_multiple_of(2) { format!("{t},{x},") } else { format!("{t},,{f}") }
     });
     let force =
         take(&[turns], &Mapping::default(), &Options::default()).expect("a run").force.expect("a force");

@@ -225,7 +225,7 @@ impl Frames {
             frame.fields.is_other_depth = other_mm || other_setting;
             let invalid = &frame.invalid;
             frame.fields.transforms.retain(|name, matrix| {
-                !invalid.contains(name) && !(*matrix == pose::IDENTITY && moved.contains(name))
+                !(invalid.contains(name) || *matrix == pose::IDENTITY && moved.contains(name))
             });
         }
         header.frames = frames.into_iter().map(|frame| frame.fields).collect();
