@@ -18,7 +18,7 @@ use statrs::function::erf::erfc;
 
 /// Draws for few sessions and for many, and sessions times draws that are worth their time.
 const DRAWS: [usize; 2] = [1000, 300];
-const WORK: usize = 30_000_000;
+const WORK: usize = 8_000_000;
 /// Nodes of a table of quantiles, in standard deviations of the normal distribution.
 const NODES: usize = 81;
 const NODES_FROM: f64 = -4.0;

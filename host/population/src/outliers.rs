@@ -21,6 +21,9 @@ const MIN_FREEDOM: usize = 3;
 /// One of so many units is taken out without being far by itself, and so many at most.
 const SHARE: usize = 10;
 const MAX_HIDDEN: usize = 10;
+/// Units beyond which one that is far stands out of the variance that it makes: then no more than this many are taken out so.
+const MANY: usize = 200;
+const HIDDEN_OF_MANY: usize = 2;
 /// Steps of the search.
 const STEPS: usize = 60;
 /// One of so many units of a parent is taken out at once.
@@ -84,7 +87,7 @@ impl Far {
 /// Takes out the units of a stage that are far: they are left without weight.
 fn search(tree: &mut Tree, stage: usize) {
     let count = tree.units(stage);
-    let hidden = (count / SHARE).clamp(1, MAX_HIDDEN);
+    let hidden = if count > MANY { HIDDEN_OF_MANY } else { (count / SHARE).clamp(1, MAX_HIDDEN) };
     let (mut taken, mut far, mut guesses) = (Vec::new(), 0, 0);
     for _ in 0..STEPS {
         let (_, mut of_stages) = judged(tree);
