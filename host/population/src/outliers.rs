@@ -69,6 +69,9 @@ impl Weighed {
     }
 }
 
+/// The units of a stage, each beside its prediction; `None` where nothing predicts it.
+type Units = Vec<Option<(Predicted, Judged)>>;
+
 /// A unit by how far it is.
 #[derive(Debug, Clone, Copy)]
 struct Far {
@@ -132,11 +135,8 @@ fn search(tree: &mut Tree, stage: usize) {
     }
 }
 
-/// Units by stage: what each is predicted to be, and how it lies to that; nothing of one that does not count.
-type JudgedUnits = Vec<Vec<Option<(Predicted, Judged)>>>;
-
 /// Every unit beside its prediction, variances by moments of what counts.
-fn judged(tree: &Tree) -> (Vec<Excess>, JudgedUnits) {
+fn judged(tree: &Tree) -> (Vec<Excess>, Vec<Units>) {
     let (all, of_stages) = (moments(tree), freedom(tree));
     let tau: Vec<f64> = tree.outwards().map(|stage| all[stage].variance.sqrt()).collect();
     let Some(fit) = Nested::at(tree, &tau) else {
@@ -202,12 +202,7 @@ fn without_itself(standardised: f64, freedom: f64) -> (f64, f64) {
 }
 
 /// Judgements of a stage, with the weights of what was taken out.
-fn finished(
-    tree: &mut Tree,
-    all: &[Excess],
-    stage: usize,
-    units: Vec<Option<(Predicted, Judged)>>,
-) -> Vec<Option<Judged>> {
+fn finished(tree: &mut Tree, all: &[Excess], stage: usize, units: Units) -> Vec<Option<Judged>> {
     let count = units.len();
     let mut finish = |(unit, one): (usize, Option<(Predicted, Judged)>)| {
         let (mut one, mut judged) = one?;
