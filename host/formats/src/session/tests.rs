@@ -369,3 +369,28 @@ proptest! {
         let _ = Session::read(dir.path());
     }
 }
+
+/// Force and shape on the clock of a computer are those of a run that begins at 0, to the last bit.
+#[test]
+fn adding_a_constant_to_all_times_changes_nothing() {
+    let read = |origin: u64| {
+        let time = |hundredths: u64| format!("{}.{:02}", origin + hundredths / 100, hundredths % 100);
+        let force: String = (0..900).map(|i| format!("{},0.{i:03},0.{i:03}\n", time(5 * i + 12))).collect();
+        let shape: String = (0..20).map(|i| format!("{},{},0.5\n", time(4000 + i), 70 + i)).collect();
+        let dir = folder(
+            TOML,
+            &format!("time_s,displacement_y_mm,force_y_n\n{force}"),
+            &format!("time_s,z_mm,deflection_y_mm\n{shape}"),
+        );
+        let run = Session::read(dir.path()).expect("reads").lateral.remove(0);
+        let origin_s = ForceSeries::clock_origin_s(&run.force_path).expect("reads");
+        (run.force, run.shape, origin_s)
+    };
+    let (force, shape, origin_s) = read(0);
+    assert_eq!((force.time_s[1], origin_s), (0.17, 0.0));
+    for origin in [1_000_000, 1 << 30, 1_764_000_000] {
+        assert_eq!(read(origin), (force.clone(), shape.clone(), origin as f64));
+    }
+    // The clock of a device that was started hours ago is its own.
+    assert_eq!(read(90_000).2, 0.0);
+}
