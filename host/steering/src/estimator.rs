@@ -24,6 +24,21 @@ const ROUNDS: usize = 2;
 /// deviations.
 const STALE: f64 = 0.3;
 
+/// Error of the model in the stiffness that guide 2 feels, a share: what yielding and relaxing of tissue make of it. It is alike at all stops, so that many moves together are no
+/// better a witness than one.
+const STIFFNESS_ERROR: f64 = 0.15;
+
+/// The stiffness that guide 2 has felt in a move at rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Felt {
+    /// Where.
+    pub node: usize,
+    /// Logarithm of the force per displacement, N/m.
+    pub ln_n_per_m: f64,
+    /// Its standard deviation by noise and play.
+    pub sd: f64,
+}
+
 /// The needle's responses at some values of the tissue's unknowns, and with each of them raised by a difference.
 struct Linearised {
     at: [f64; TISSUE],
@@ -47,6 +62,8 @@ pub(crate) struct Hypothesis {
     pub misfit: f64,
     /// Whether the tissue stays at the prior's mean.
     pub tissue_known: bool,
+    /// Stiffness felt by guide 2 so far.
+    pub felt: Vec<Felt>,
     /// Responses as last computed, and those with which the path is linearised.
     current: Option<([f64; TISSUE], Arc<Tables>)>,
     linearised: Option<Arc<Linearised>>,
@@ -78,6 +95,7 @@ impl Hypothesis {
             ln_evidence: weight.ln(),
             misfit: 1.0,
             tissue_known: false,
+            felt: Vec::new(),
             current: None,
             linearised: None,
         }
@@ -170,6 +188,19 @@ impl Hypothesis {
                     information.ger(precision, &row, &row, 1.0);
                     right.axpy(precision * residual, &row, 1.0);
                 }
+            }
+            for felt in self.felt.iter().filter(|_| !self.tissue_known) {
+                let ln = |tables: &Tables| tables.stiffness_n_per_m(felt.node).map(f64::ln);
+                let (Some(here), Some(base)) = (ln(&tables), ln(&linearised.base)) else { continue };
+                let mut row = DVector::zeros(count);
+                for (unknown, raised) in linearised.raised.iter().enumerate() {
+                    row[unknown] = ln(raised).map_or(0.0, |raised| (raised - base) / DIFFERENCE);
+                }
+                let variance = STIFFNESS_ERROR.powi(2) * self.felt.len() as f64 + felt.sd * felt.sd;
+                let residual = felt.ln_n_per_m - here;
+                ln_likelihood -= 0.5 * residual * residual / variance + 0.5 * variance.ln();
+                information.ger(1.0 / variance, &row, &row, 1.0);
+                right.axpy(residual / variance, &row, 1.0);
             }
             let cholesky = information.cholesky().ok_or(ModelError::Singular)?;
             if !last_round {

@@ -11,6 +11,9 @@ use serde::{Deserialize, Serialize};
 /// Effects that say how stiff the needle is, relative to what is stated of it.
 const OF_STATED_STIFFNESS: &str = "needle.stiffness";
 
+/// Rotation of the needle in guide 1.
+const OF_CLAMP: &str = "rig.clamp_compliance";
+
 /// An effect of the rig that its runs in air have determined.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct KnownEffect {
@@ -53,6 +56,13 @@ pub(crate) fn apply(
         }
     }
     Ok(())
+}
+
+/// Spread of the logarithm of the rotation in guide 1 per moment; nothing where none is known.
+pub(crate) fn clamp_sd(known: &[KnownEffect]) -> Option<f64> {
+    let one = known.iter().find(|one| one.id == OF_CLAMP)?;
+    let (value, sd) = (one.values.first()?, one.sds.first()?);
+    (*value > 0.0).then(|| (sd / value).max(1e-3))
 }
 
 /// Half of the play of guide 2 and its standard deviation, m; nothing where none is known.
@@ -100,5 +110,7 @@ mod tests {
         let [mean_m, sd_m] = play_m(&all).expect("loose");
         assert!((mean_m - 0.15e-3).abs() < 1e-12 && (sd_m - 1e-5_f64.hypot(2e-5)).abs() < 1e-12);
         assert_eq!(play_m(&all[..3]), None);
+        assert!((clamp_sd(&all).expect("known") - 0.1 / 0.3).abs() < 1e-12);
+        assert_eq!(clamp_sd(&all[2..]), None);
     }
 }

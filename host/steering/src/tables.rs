@@ -4,7 +4,8 @@ use crate::history::{History, Place};
 use crate::unknowns::{CuttingLaw, KNOT_M, Unknowns};
 use mechanics::ModelError;
 use mechanics::growth::{GrowingBeam, Guide2Grip, NodeLoads, TipState};
-use mechanics::inner::HeldNeedle;
+use mechanics::inner::{HeldNeedle, Inner};
+use std::sync::OnceLock;
 
 /// A path: the tip at every node, on arriving and on leaving.
 pub(crate) type Path = Vec<[f64; 2]>;
@@ -14,6 +15,8 @@ pub(crate) struct Tables {
     beam: GrowingBeam,
     /// The same needle at rest, for what is inside it.
     pub held: HeldNeedle,
+    /// Force of guide 2 per displacement of it, by node, once it was asked for.
+    stiffness_n_per_m: Vec<OnceLock<f64>>,
     law: CuttingLaw,
 }
 
@@ -32,7 +35,18 @@ impl Tables {
         let problem = unknowns.problem(values)?;
         let grip = Guide2Grip::Holding;
         let beam = GrowingBeam::new(&problem, depths_m.to_vec(), grip)?;
-        Ok(Self { beam, held: HeldNeedle::new(&problem, depths_m)?, law: unknowns.law })
+        let stiffness_n_per_m = vec![OnceLock::new(); depths_m.len()];
+        Ok(Self { beam, held: HeldNeedle::new(&problem, depths_m)?, stiffness_n_per_m, law: unknowns.law })
+    }
+
+    /// Force of guide 2 per displacement of it while the tip rests at a node, N/m; nothing where it cannot be computed.
+    pub fn stiffness_n_per_m(&self, node: usize) -> Option<f64> {
+        let of = || {
+            let found = self.held.at(node, &[Inner::Guide2Force]);
+            found.ok().and_then(|found| Some(found.first()?.guide2)).unwrap_or(f64::NAN)
+        };
+        let stiffness = *self.stiffness_n_per_m.get(node)?.get_or_init(of);
+        (stiffness > 0.0).then_some(stiffness)
     }
 
     /// Tip and its load under an input.

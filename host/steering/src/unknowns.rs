@@ -1,7 +1,7 @@
 //! What is not known of needle, tissue and rig, in which order it stands in vectors, and what is known of it beforehand.
 //!
 //! Every unknown is counted in standard deviations of its prior from the prior's mean, so that the prior's covariance is a matrix of
-//! correlations. The first [`TISSUE`] unknowns change the needle's responses (modulus of five layers, skin, gap); the path is linear in
+//! correlations. The first [`TISSUE`] unknowns change the needle's responses (modulus of five layers, skin, gap, rotation in guide 1); the path is linear in
 //! all others.
 
 use crate::known::{self, KnownEffect};
@@ -18,8 +18,10 @@ pub(crate) const LAYERS: usize = FACES_M.len() + 1;
 pub(crate) const SKIN: usize = LAYERS;
 /// Place of the gap.
 pub(crate) const GAP: usize = LAYERS + 1;
+/// Place of the rotation in guide 1 among the unknowns.
+pub(crate) const CLAMP: usize = LAYERS + 2;
 /// Unknowns that change the responses.
-pub(crate) const TISSUE: usize = LAYERS + 2;
+pub(crate) const TISSUE: usize = LAYERS + 3;
 /// Distance of knots of the tip's load and of the path's irregularity, m.
 pub(crate) const KNOT_M: f64 = 0.010;
 
@@ -90,6 +92,10 @@ impl Unknowns {
             ..BeamProblem::new(&stated_rig, Foundation::uniform(modulus_pa)?, target_m)
         };
         known::apply(known, stated.needle.ei_n_m2.is_some(), &mut problem)?;
+        let clamp_sd = known::clamp_sd(known).unwrap_or(rig::CLAMP_COMPLIANCE.sd());
+        if problem.clamp_compliance_rad_per_n_m <= 0.0 {
+            problem.clamp_compliance_rad_per_n_m = rig::CLAMP_COMPLIANCE.mean();
+        }
         let load = prior.and_then(|prior| prior.tip_load_n);
         let (load_factor, load_sd) = match prior.and_then(|prior| prior.tip_load_range) {
             Some([low, high]) if high > low => (0.5 * (low + high), (high - low) / 12f64.sqrt()),
@@ -121,7 +127,8 @@ impl Unknowns {
             0.5 * (top_m + FACES_M.get(layer).copied().unwrap_or(0.1))
         };
         this.sd[..LAYERS].fill(modulus_sd.hypot(tissue::LAYER_MODULUS.sd()));
-        (this.sd[SKIN], this.sd[GAP]) = (tissue::SKIN.sd(), tissue::GAP_OF_STAGE.sd());
+        (this.sd[SKIN], this.sd[GAP], this.sd[CLAMP]) =
+            (tissue::SKIN.sd(), tissue::GAP_OF_STAGE.sd(), clamp_sd);
         for i in 0..LAYERS {
             for j in 0..LAYERS {
                 let alike = (-(middle_m(i) - middle_m(j)).abs() / tissue::LAYER_LENGTH.mean()).exp();
@@ -247,6 +254,8 @@ impl Unknowns {
         let gap_m = self.problem.entry_m - self.problem.guide2_m;
         let entry_m = self.problem.guide2_m + (gap_m + self.value(unknowns, GAP)).max(0.2 * gap_m);
         let skin_n_per_m = tissue::SKIN.mean() * ln(SKIN);
-        Ok(BeamProblem { foundation, skin_n_per_m, entry_m, ..self.problem.clone() })
+        let clamp_compliance_rad_per_n_m = self.problem.clamp_compliance_rad_per_n_m * ln(CLAMP);
+        let problem = self.problem.clone();
+        Ok(BeamProblem { foundation, skin_n_per_m, entry_m, clamp_compliance_rad_per_n_m, ..problem })
     }
 }

@@ -66,6 +66,11 @@ section! {
         used_by: "characterize",
         why: "a tenth of a code of a potentiometer of 50 mm read in twelve bits, and about as far guide 2 creeps while it settles",
     }
+    CLAMP_COMPLIANCE {
+        name: "how far the needle turns in guide 1 per moment", unit: "rad/(N m)", prior: Prior::log_normal(0.05, 2.0),
+        used_by: "steer, plan-path",
+        why: "one standard deviation less is a clamp, of which a span of 60 mm of 18 gauge feels one part in a hundred; two more, nearly a hinge",
+    }
     REAR_COMPLIANCE {
         name: "how far a needle turns at a rear of which nothing is stated", unit: "rad/(N m)", prior: Prior::log_normal(0.5, 2.0),
         range: [1e-4, 1e3],

@@ -31,7 +31,8 @@ const KEPT_OFF_MM: f64 = RADII_MM[0];
 /// Corners of what can be reached, from the axis on: the points furthest in some directions.
 fn reachable(laws: &[Weighted], bounds: &Bounds) -> Vec<[f64; 2]> {
     const CORNERS: u32 = 24;
-    const FAR_M: f64 = 10.0;
+    // Far beyond what any needle reaches, and near enough that no limit is worth exceeding for it.
+    const FAR_M: f64 = 1.0;
     (0..CORNERS)
         .map(|corner| {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(corner) / f64::from(CORNERS)).sin_cos();

@@ -2,7 +2,7 @@
 
 use super::decide::sd_m;
 use super::{Controller, SHARE_OF_TRAVEL, SHARE_THAT_STOPS, SteerError};
-use crate::envelope::{Envelope, Limits};
+use crate::envelope::{Envelope, Limits, Measured};
 use crate::estimator::Hypothesis;
 use crate::planner::{self, Bounds, Plan, Weighted, Weights};
 use crate::tables;
@@ -50,7 +50,7 @@ impl Controller<'_> {
     }
 
     /// Mean of the forces at guide 2 since something last moved, N, and its variance.
-    fn resting_force(&self) -> Option<([f64; 2], f64)> {
+    pub(super) fn resting_force(&self) -> Measured {
         let (mean_n, count) = self.still_force;
         let noise_n = self.stated.force_noise_n.unwrap_or(0.0);
         (count > 0.0).then(|| (mean_n, noise_n * noise_n / count))

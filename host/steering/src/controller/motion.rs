@@ -4,6 +4,8 @@ use super::{
     Controller, DEPTH_ERROR_MM, GUIDE_SETTLING_S, SHARE_OF_FORCE, SHARE_OF_SPEED, SHARE_OF_TRAVEL,
     SHARE_THAT_STOPS, SILENCE_S, SteerError,
 };
+use crate::envelope::Measured;
+use crate::estimator::Felt;
 use crate::history::Place;
 use crate::protocol::{Answer, Command};
 use crate::readings::{ReadingStatus, Series};
@@ -159,6 +161,7 @@ impl Controller<'_> {
         let settling_s = if self.stated.rig.guide_moves_in_one_step { GUIDE_SETTLING_S } else { 0.0 };
         let step_s = (time_s / steps).max(0.02) + settling_s;
         self.readings.skip_s = [self.last.t_s + 1e-6, f64::INFINITY];
+        let before = self.resting_force();
         for step in 1..=steps as usize {
             let share = step as f64 / steps;
             let at = |plane: usize| from_mm[plane] + share * (to_mm[plane] - from_mm[plane]);
@@ -167,6 +170,34 @@ impl Controller<'_> {
         }
         self.readings.skip_s[1] = self.last.t_s + 0.05;
         self.refresh()?;
-        self.rest(0.6 * self.settling() + self.stated.tip_delay_s)
+        self.rest(0.6 * self.settling() + self.stated.tip_delay_s)?;
+        self.feel([to_mm[0] - from_mm[0], to_mm[1] - from_mm[1]], before);
+        Ok(())
+    }
+
+    /// Takes in the stiffness that guide 2 has felt in a move: it tells clamp and tissue apart, of which the tip alone knows little.
+    fn feel(&mut self, moved_mm: [f64; 2], before: Measured) {
+        let (Some((before_n, before_n2)), Some((after_n, after_n2))) = (before, self.resting_force()) else {
+            return;
+        };
+        let node = self.history.reached;
+        let Some(sides) = self.history.nodes.get(node).map(|at| at.play) else { return };
+        let law = &self.laws[self.best()];
+        // A guide that turns round goes through its play first.
+        let turned = [0, 1].map(|plane: usize| sides[plane][1] - sides[plane][0]);
+        let moved_mm = [0, 1].map(|plane: usize| {
+            let play_mm = 1e3 * law.unknowns.value(&law.values, law.unknowns.backlash() + plane);
+            moved_mm[plane] - play_mm * turned[plane]
+        });
+        let play_sd_mm = 1e3 * law.unknowns.sd[law.unknowns.backlash()] * turned[0].hypot(turned[1]);
+        let way_mm = moved_mm[0].hypot(moved_mm[1]);
+        let along_n: f64 = (0..2).map(|i| (after_n[i] - before_n[i]) * moved_mm[i]).sum::<f64>() / way_mm;
+        let noise_n = (before_n2 + after_n2).sqrt();
+        let sd = (noise_n / along_n).hypot(play_sd_mm / way_mm);
+        let is_felt = along_n > 3.0 * noise_n && sd < 0.5 && node > 0;
+        if is_felt {
+            let felt = Felt { node, ln_n_per_m: (1e3 * along_n / way_mm).ln(), sd };
+            self.laws.iter_mut().for_each(|law| law.felt.push(felt));
+        }
     }
 }

@@ -41,6 +41,8 @@ pub struct TiedNeedle {
     pub guide2_m: f64,
     /// From guide 2 to the surface, m.
     pub gap_m: f64,
+    /// Rotation in guide 1 per moment, rad/(N m): 0 is a clamp.
+    pub clamp_rad_per_n_m: f64,
     /// Radius of the needle, m.
     pub radius_m: f64,
     /// The tissue.
@@ -69,6 +71,7 @@ impl TiedNeedle {
             stiffness_n_m2: 0.0157,
             guide2_m: 0.06,
             gap_m,
+            clamp_rad_per_n_m: 0.0,
             radius_m: 0.635e-3,
             ties,
             rests_m: Vec::new(),
@@ -122,7 +125,8 @@ impl TiedNeedle {
                     node.right[0] += stiff * (self.rests_m[tie][plane] + self.flowed_m[tie][plane]);
                 }
                 nodes[0].own[0][0] += RIGID;
-                nodes[0].own[1][1] += RIGID;
+                nodes[0].own[1][1] +=
+                    if self.clamp_rad_per_n_m > 0.0 { 1.0 / self.clamp_rad_per_n_m } else { RIGID };
                 nodes[guide2].own[0][0] += RIGID;
                 nodes[guide2].right[0] += RIGID * guide_m[plane];
                 if let Some(tip) = nodes.last_mut() {
