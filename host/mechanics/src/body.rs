@@ -66,7 +66,7 @@ pub(super) fn stiffness(
     let walls = |matrix: Matrix, modulus_pa: f64| match block {
         None => Ok(matrix),
         Some(block) => {
-            let added = block::flexibility_per_m(&block, poisson, from_m, depth_m)?;
+            let added = block::flexibility_per_m(&block, poisson, radius_m, [from_m, depth_m])?;
             block::with_walls(&matrix, &added.map(|row| row.map(|value| value / modulus_pa)))
         }
     };

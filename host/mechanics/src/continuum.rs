@@ -128,8 +128,9 @@ impl Continuum {
     /// # Errors
     /// [`ModelError::OutOfRange`] where the block is none or the tip too near its far side, [`ModelError::Singular`].
     pub fn in_block(self, block: Option<Block>) -> Result<Self, ModelError> {
-        let added =
-            block.map(|block| flexibility_per_m(&block, self.poisson, 0.0, self.depth_m)).transpose()?;
+        let added = block
+            .map(|block| flexibility_per_m(&block, self.poisson, self.radius_m, [0.0, self.depth_m]))
+            .transpose()?;
         Ok(Self { added, ..self })
     }
 

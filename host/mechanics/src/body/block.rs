@@ -1,7 +1,8 @@
-//! The needle in a block: the half space's stiffness with what the walls change (theory, eq. 18a).
+//! The needle in a block: the half space's stiffness with what the walls change (theory, eq. 15).
 //!
 //! The walls are far from the needle beside its radius, so that what they do to it is a smooth field: a displacement along the needle per
-//! force on it, which adds to that in the half space, `c = (T^-1 + A) F`.
+//! force on it, which adds to that in the half space, `c = (T^-1 + A) F`. Where the needle is not in the middle a block that bends would move
+//! it along its axis too; its guides hold it, and the force that takes is eliminated.
 
 mod half_space;
 mod walls;
@@ -12,6 +13,7 @@ use crate::quadrature::points;
 use crate::{Block, ModelError, Mounting, check};
 use nalgebra::{DMatrix, SMatrix};
 use std::collections::HashMap;
+use std::f64::consts::PI;
 use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 use walls::{DEPTHS, Kernel};
 
@@ -22,13 +24,37 @@ const BLOCKS_KEPT: usize = 64;
 /// Flexibilities that are kept, of a kilobyte each.
 const DEPTHS_KEPT: usize = 4000;
 
+/// What walls add to the flexibility against the coefficients of lateral forces, that between these and a uniform force along the needle, and
+/// of the latter.
+#[derive(Debug, Clone, Copy)]
+struct Added {
+    lateral: Matrix,
+    mixed: [f64; MODES],
+    axial: f64,
+}
+
+impl Added {
+    /// With a needle that is held along its axis, in a half space that gives there by `axial`.
+    fn held(&self, axial: f64) -> Matrix {
+        let by = |i: usize, j: usize| self.mixed[i] * self.mixed[j] / (axial + self.axial);
+        std::array::from_fn(|i| std::array::from_fn(|j| self.lateral[i][j] - by(i, j)))
+    }
+}
+
+/// Displacement of a rigid needle along its axis per force in a half space, per unit of Young's modulus (Randolph and Wroth 1978, a pile
+/// without its base).
+fn axial_per_m(poisson: f64, radius_m: f64, depth_m: f64) -> f64 {
+    let reach = (2.5 * (1.0 - poisson) * depth_m / radius_m).max(std::f64::consts::E);
+    reach.ln() * (1.0 + poisson) / (PI * depth_m)
+}
+
 /// Walls by the shape of the block and Poisson's ratio: blocks of one shape share them, whatever their size.
 static KERNELS: LazyLock<RwLock<HashMap<[u64; 6], Arc<Kernel>>>> = LazyLock::new(RwLock::default);
-/// Flexibilities by the walls, and where the body begins and the tip is, in lengths of the block.
-/// Bits of a block's numbers, and of a needle's radius and depth.
+/// Bits of a block's numbers, and of where the body begins and the tip is.
 type Key = ([u64; 6], [u64; 2]);
 
-static FLEXIBILITIES: LazyLock<RwLock<HashMap<Key, Matrix>>> = LazyLock::new(RwLock::default);
+/// Flexibilities by the walls, and where the body begins and the tip is, in lengths of the block.
+static FLEXIBILITIES: LazyLock<RwLock<HashMap<Key, Added>>> = LazyLock::new(RwLock::default);
 
 fn key(block: &Block, poisson: f64) -> [u64; 6] {
     let [width, height, length] = block.size_m;
@@ -61,8 +87,8 @@ fn kernel(block: &Block, poisson: f64) -> Result<Arc<Kernel>, ModelError> {
 pub(crate) fn flexibility_per_m(
     block: &Block,
     poisson: f64,
-    from_m: f64,
-    depth_m: f64,
+    radius_m: f64,
+    [from_m, depth_m]: [f64; 2],
 ) -> Result<Matrix, ModelError> {
     block.check()?;
     let [.., length_m] = block.size_m;
@@ -74,7 +100,8 @@ pub(crate) fn flexibility_per_m(
         tip <= Block::DEEPEST * (1.0 + 1e-12),
     )?;
     let key = (key(block, poisson), [top, tip].map(f64::to_bits));
-    let per_m = |unit: &Matrix| unit.map(|row| row.map(|value| value / length_m));
+    let axial = length_m * axial_per_m(poisson, radius_m, depth_m);
+    let per_m = |unit: &Added| unit.held(axial).map(|row| row.map(|value| value / length_m));
     if let Some(known) = FLEXIBILITIES.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
         return Ok(per_m(known));
     }
@@ -89,7 +116,7 @@ pub(crate) fn flexibility_per_m(
 }
 
 /// The walls' response against line loads that are Legendre polynomials of unit moment, between two depths.
-fn flexibility(kernel: &Kernel, top: f64, tip: f64) -> Matrix {
+fn flexibility(kernel: &Kernel, top: f64, tip: f64) -> Added {
     let mut loads = DMatrix::zeros(MODES, kernel.count);
     for panel in 0..PANELS {
         let end = |panel: usize| -1.0 + 2.0 * panel as f64 / PANELS as f64;
@@ -105,8 +132,17 @@ fn flexibility(kernel: &Kernel, top: f64, tip: f64) -> Matrix {
             }
         }
     }
-    let found = &loads * &kernel.response * loads.transpose();
-    std::array::from_fn(|i| std::array::from_fn(|j| found[(i, j)]))
+    let count = kernel.count;
+    let part = |row: usize, column: usize| {
+        let response = kernel.response.view((row * count, column * count), (count, count));
+        &loads * response * loads.transpose()
+    };
+    let (lateral, mixed, axial) = (part(0, 0), part(0, 1), part(1, 1));
+    Added {
+        lateral: std::array::from_fn(|i| std::array::from_fn(|j| lateral[(i, j)])),
+        mixed: std::array::from_fn(|i| mixed[(i, 0)]),
+        axial: axial[(0, 0)],
+    }
 }
 
 /// Stiffness of a body with walls: `(T^-1 + A/E)^-1`, from that of the half space and the flexibility that walls add.

@@ -49,7 +49,7 @@ pub fn rigid_ratio(
     )?;
     let half_space = table::uniform(ratio.max(least), poisson);
     let Some(block) = block else { return Ok(half_space[0][0]) };
-    let added = flexibility_per_m(block, poisson, 0.0, depth_m)?;
+    let added = flexibility_per_m(block, poisson, 0.5 * needle.outer_diameter_m, [0.0, depth_m])?;
     let found = with_walls(&half_space, &added.map(|row| row.map(|value| value * depth_m)))?;
     Ok(found[0][0])
 }

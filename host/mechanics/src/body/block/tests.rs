@@ -1,17 +1,57 @@
-//! Blocks against closed forms and the laws that hold for every body.
+//! Blocks against finite elements of another library, closed forms and the laws that hold for every body.
 
 use super::super::table::uniform;
 use super::*;
 
 /// Radius of an 18 gauge needle.
 const RADIUS_M: f64 = 0.635e-3;
+/// A line per block as `tests/studies/finite_elements/blocks.py` makes it: edges, needle's place and depth in mm, Poisson's ratio, sides, far
+/// side, and the stiffness against Legendre polynomials per unit of modulus and depth, entries on and below the diagonal.
+const ELEMENTS: &str = include_str!("elements.csv");
+
 fn block(size_mm: [f64; 3], at_mm: [f64; 2], sides: Mounting, far_side: Mounting) -> Block {
     let m = |mm: f64| 1e-3 * mm;
     Block { size_m: size_mm.map(m), needle_at_m: at_mm.map(m), sides, far_side }
 }
 
 fn added(block: &Block, poisson: f64, depth_m: f64) -> Matrix {
-    flexibility_per_m(block, poisson, 0.0, depth_m).expect("solves")
+    flexibility_per_m(block, poisson, RADIUS_M, [0.0, depth_m]).expect("solves")
+}
+
+/// Largest difference of the stiffness of a rigid needle, and of one that turns, over one in `every` blocks of the table.
+fn compared_with_elements(every: usize) -> [f64; 2] {
+    let mut worst = [0.0f64; 2];
+    for line in ELEMENTS.lines().filter(|line| !line.starts_with('#')).step_by(every) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let number = |i: usize| -> f64 { cells[i].parse().expect("a number") };
+        let mounting = |i: usize| if cells[i] == "held" { Mounting::Held } else { Mounting::Free };
+        let block = block(
+            std::array::from_fn(number),
+            std::array::from_fn(|i| number(3 + i)),
+            mounting(7),
+            mounting(8),
+        );
+        let (depth_m, poisson) = (1e-3 * number(5), number(6));
+        let added = added(&block, poisson, depth_m).map(|row| row.map(|value| value * depth_m));
+        let found = with_walls(&uniform(depth_m / RADIUS_M, poisson), &added).expect("a body");
+        for (i, worst) in worst.iter_mut().enumerate() {
+            *worst = worst.max((found[i][i] / number(9 + i * (i + 3) / 2) - 1.0).abs());
+        }
+    }
+    worst
+}
+
+#[test]
+fn some_blocks_agree_with_finite_elements() {
+    let [rigid, turning] = compared_with_elements(4);
+    assert!(rigid < 0.03 && turning < 0.03, "{rigid} {turning}");
+}
+
+#[test]
+#[ignore = "a minute of solutions; cargo xtask test --all runs it"]
+fn every_drawn_block_agrees_with_finite_elements() {
+    let [rigid, turning] = compared_with_elements(1);
+    assert!(rigid < 0.03 && turning < 0.03, "{rigid} {turning}");
 }
 
 /// In the middle of a long needle in a long box the strain is plane: a rod in a shell of twice the width moves by
@@ -66,7 +106,7 @@ fn far_walls_change_nothing_and_planes_are_alike() {
 
 #[test]
 fn what_is_no_block_or_no_needle_in_it_is_refused() {
-    let named = |block: &Block, depth_m: f64| match flexibility_per_m(block, 0.5, 0.0, depth_m) {
+    let named = |block: &Block, depth_m: f64| match flexibility_per_m(block, 0.5, RADIUS_M, [0.0, depth_m]) {
         Err(ModelError::OutOfRange { name, .. }) => name,
         other => panic!("{other:?}"),
     };

@@ -1,7 +1,7 @@
 //! What the walls of a block change: the displacement along the needle under a point force on it, less that in a half space.
 //!
 //! Method of fundamental solutions: outside the block, point forces in the half space ([`point_forces`]), so that the surface stays
-//! free; their strengths are those that leave least of displacement on held walls and of traction on free ones (theory, eq. 18a).
+//! free; their strengths are those that leave least of displacement on held walls and of traction on free ones (theory, eq. 15).
 //! The block is symmetric about its middle planes whether the needle is there or not: fields are sums of four that are even or odd
 //! about each, and of every one a quarter of the walls is enough.
 
@@ -37,11 +37,11 @@ const MOST_SLENDER: f64 = 10.0;
 /// Even or odd about the two middle planes.
 const CLASSES: [[f64; 2]; 4] = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
 
-/// Nodes along the needle, in lengths of the block, and the displacement along y at each per unit force along y at each, in
-/// units of one over modulus and length; without what the half space does.
+/// Displacements at nodes along the needle, along y and then along the needle, per unit force at each, along y and then along the needle; in
+/// units of one over modulus and length, and without what the half space does.
 #[derive(Debug)]
 pub(super) struct Kernel {
-    /// Chebyshev's nodes from the surface down to [`Block::DEEPEST`].
+    /// Number of Chebyshev's nodes from the surface down to [`Block::DEEPEST`].
     pub count: usize,
     pub response: DMatrix<f64>,
 }
@@ -89,7 +89,7 @@ impl Kernel {
         let of_class = |class: usize| sums.of_class(class, &walls);
         let all: Result<Vec<DMatrix<f64>>, ModelError> =
             (0..CLASSES.len()).into_par_iter().map(of_class).collect();
-        let sum = all?.into_iter().fold(DMatrix::zeros(count, count), |sum, one| sum + one);
+        let sum = all?.into_iter().fold(DMatrix::zeros(2 * count, 2 * count), |sum, one| sum + one);
         let response = 0.5 * (&sum + sum.transpose());
         Ok(Self { count, response })
     }
@@ -232,7 +232,10 @@ impl Quarter {
             (of_sources.collect(), of_needle.collect())
         };
         let on_needle = |depth: &f64| {
-            let measured = |field: &Field| [field.displacement()[1]];
+            let measured = |field: &Field| {
+                let [_, y, z] = field.displacement();
+                [y, z]
+            };
             sources.iter().map(|source| self.symmetric(needle(depth), *source, poisson, measured)).collect()
         };
         let (of_sources, of_needle) = walls.par_iter().map(of_point).unzip();
@@ -251,8 +254,8 @@ struct Sums {
     of_sources: Vec<Vec<OnWall>>,
     /// By point of a wall and depth of a force on the needle.
     of_needle: Vec<Vec<OnWall>>,
-    /// By depth on the needle and source, along y.
-    on_needle: Vec<Vec<[[[f64; 1]; 3]; 4]>>,
+    /// By depth on the needle and source, along y and along the needle.
+    on_needle: Vec<Vec<[[[f64; 2]; 3]; 4]>>,
     /// By how much more a traction that is left moves the block as a whole than what is next to it.
     slenderness: f64,
 }
@@ -267,8 +270,9 @@ impl Sums {
                 self.of_sources[row / 3][column / 3][class][column % 3][row % 3 + other]
             });
             // A force on the needle is a quarter of each class.
-            let loads = DMatrix::from_fn(rows, depths, |row, column| {
-                0.25 * self.of_needle[row / 3][column][class][1][row % 3 + other]
+            let loads = DMatrix::from_fn(rows, 2 * depths, |row, column| {
+                let (depth, force) = (column % depths, 1 + column / depths);
+                0.25 * self.of_needle[row / 3][depth][class][force][row % 3 + other]
             });
             (matrix, loads)
         };
@@ -295,9 +299,8 @@ impl Sums {
         for (mut row, scale) in strengths.row_iter_mut().zip(&scales) {
             row *= *scale;
         }
-        let on_needle = DMatrix::from_fn(depths, columns, |depth, column| {
-            let [y] = self.on_needle[depth][column / 3][class][column % 3];
-            y
+        let on_needle = DMatrix::from_fn(2 * depths, columns, |row, column| {
+            self.on_needle[row % depths][column / 3][class][column % 3][row / depths]
         });
         // What the walls are left with does work on the field of the other force (Betti): an error of first order becomes one of second.
         let (others, other_loads) = part(3);
