@@ -89,6 +89,12 @@ pub enum IdentifyError {
         /// The session file.
         path: PathBuf,
     },
+    /// None of its indentations gives a modulus.
+    #[error("no indentation gives a modulus: {}", reasons.join("; "))]
+    NoIndentation {
+        /// What each lacks.
+        reasons: Vec<String>,
+    },
     /// None of its runs can be identified.
     #[error("no run can be identified: {}", suspicions.iter().cloned().chain(reasons.iter().map(|(id, why)| format!("{id}: {why}"))).collect::<Vec<_>>().join("; "))]
     AllFailed {

@@ -1,12 +1,15 @@
 //! The comparison with indentations: each with its interval, the mean of all, and a table per depth of the runs.
 
 use super::reference::Youngs;
-use super::{DepthResult, Fitted, IndentationResult, Reference, RunResult, YoungsModulus};
+use super::results::INDENTATIONS_SCHEMA;
+use super::{
+    DepthResult, Fitted, IdentifyError, IndentationResult, Indentations, Reference, RunResult, YoungsModulus,
+};
 use formats::session::{IndentationRun, Session};
 use modulus::indentation::{Contact, IndentationFit, Indenter, indented};
 use modulus::{Sample, welch_p};
 use statrs::distribution::{ContinuousCDF, StudentsT};
-use suspicions::MIN_MOTION_M;
+use suspicions::{least_indentation_m, suspicions_of_identification};
 
 /// Depths closer than this are one depth, as in the table.
 const SAME_DEPTH_M: f64 = 0.5e-3;
@@ -17,6 +20,10 @@ const BENT_SE: f64 = 3.0;
 const DEEP_SPHERE: f64 = 0.2;
 /// Contact radius over thickness at which an incompressible layer is 6 % stiffer than a half space.
 const THIN: f64 = 0.05;
+/// The interval is wider by the unknown contact point than for the best one by this factor (of the ratio of its ends), and its ends are this
+/// factor apart: then the contact point is what to measure.
+const NOT_SEPARABLE: f64 = 1.15;
+const WIDE: f64 = 1.25;
 /// Reference and runs differ by a factor of two this closely (in ln) where a diameter was taken for a radius.
 const TWOFOLD: f64 = 0.2;
 
@@ -29,6 +36,58 @@ pub(super) fn reference(
     warnings: &mut Vec<String>,
 ) -> Option<Reference> {
     let (youngs, pooled) = relation;
+    let indentations = all(session, warnings);
+    let moduli_pa: Vec<f64> = indentations.iter().map(|one| 1e3 * one.youngs_modulus_kpa).collect();
+    let mean_pa = (!moduli_pa.is_empty()).then(|| moduli_pa.iter().sum::<f64>() / moduli_pa.len() as f64)?;
+    let sample = Sample::of(&moduli_pa);
+    let against = |values: &[f64]| welch_p(Sample::of(values)?, sample?);
+    let k_pa: Vec<f64> = fitted.iter().map(|run| run.ln_k.exp()).collect();
+    // Where E is refused for the pooled K it is for every run.
+    let of_run =
+        |depth_m: f64, k_pa: f64| youngs.of_modulus(depth_m, k_pa).filter(|_| pooled.value.is_some());
+    let youngs_pa: Vec<f64> =
+        fitted.iter().filter_map(|run| of_run(run.data.depth_m, run.ln_k.exp())).collect();
+    warnings.extend(twofold(1e-3 * mean_pa, pooled));
+    let ci95_kpa = interval_kpa(&indentations);
+    Some(Reference {
+        k_kpa: 1e-3 * mean_pa,
+        sd_kpa: sample.map(|sample| 1e-3 * sample.sd),
+        ci95_kpa,
+        t_test_p: against(&k_pa),
+        t_test_p_youngs: against(&youngs_pa),
+        runs: indentations.len(),
+        depths: depths(runs, of_run, against),
+        indentations,
+    })
+}
+
+/// Young's modulus of a session that has indentations and nothing else to identify.
+///
+/// # Errors
+/// [`IdentifyError::NoRuns`] where there are none, [`IdentifyError::NoIndentation`] where none can be used.
+pub fn indentations(session: &Session) -> Result<Indentations, IdentifyError> {
+    if session.indentation.is_empty() {
+        return Err(IdentifyError::NoRuns { path: session.dir.join("session.toml") });
+    }
+    let mut warnings = suspicions_of_identification(session);
+    let found = all(session, &mut warnings);
+    let moduli_pa: Vec<f64> = found.iter().map(|one| 1e3 * one.youngs_modulus_kpa).collect();
+    if moduli_pa.is_empty() {
+        return Err(IdentifyError::NoIndentation { reasons: warnings });
+    }
+    Ok(Indentations {
+        schema: INDENTATIONS_SCHEMA,
+        session: session.name.clone(),
+        youngs_modulus_kpa: 1e-3 * moduli_pa.iter().sum::<f64>() / moduli_pa.len() as f64,
+        sd_kpa: Sample::of(&moduli_pa).map(|sample| 1e-3 * sample.sd),
+        ci95_kpa: interval_kpa(&found),
+        indentations: found,
+        warnings,
+    })
+}
+
+/// Every indentation that can be used; what is to be said of each is added to the warnings.
+fn all(session: &Session, warnings: &mut Vec<String>) -> Vec<IndentationResult> {
     let mut indentations = Vec::new();
     for run in &session.indentation {
         match indentation(run) {
@@ -42,37 +101,30 @@ pub(super) fn reference(
         }
     }
     warnings.extend(half_space(session));
+    indentations
+}
+
+/// 95 % interval of the mean: the scatter over the indentations beside what each leaves open.
+fn interval_kpa(indentations: &[IndentationResult]) -> Option<[f64; 2]> {
     let moduli_pa: Vec<f64> = indentations.iter().map(|one| 1e3 * one.youngs_modulus_kpa).collect();
-    let mean_pa = (!moduli_pa.is_empty()).then(|| moduli_pa.iter().sum::<f64>() / moduli_pa.len() as f64)?;
-    let sample = Sample::of(&moduli_pa);
-    let against = |values: &[f64]| welch_p(Sample::of(values)?, sample?);
-    let k_pa: Vec<f64> = fitted.iter().map(|run| run.ln_k.exp()).collect();
-    // Where E is refused for the pooled K it is for every run.
-    let of_run =
-        |depth_m: f64, k_pa: f64| youngs.of_modulus(depth_m, k_pa).filter(|_| pooled.value.is_some());
-    let youngs_pa: Vec<f64> =
-        fitted.iter().filter_map(|run| of_run(run.data.depth_m, run.ln_k.exp())).collect();
-    warnings.extend(twofold(1e-3 * mean_pa, pooled));
-    let ci95_kpa = match (sample, indentations.as_slice()) {
+    match (Sample::of(&moduli_pa), indentations) {
         (Some(Sample { mean, sd, count }), _) => {
             let quantile =
                 StudentsT::new(0.0, 1.0, count as f64 - 1.0).map_or(1.96, |t| t.inverse_cdf(0.975));
             let half = quantile * sd / (count as f64).sqrt();
-            Some([1e-3 * (mean - half), 1e-3 * (mean + half)])
+            // What one curve does not tell of its contact point and offset, others that were recorded alike do not either.
+            let own = |end: usize| {
+                let distances = indentations.iter().filter_map(|one| {
+                    one.ci95_kpa.map(|ends| 1e3 * (ends[end] - one.youngs_modulus_kpa).abs())
+                });
+                let all: Vec<f64> = distances.collect();
+                all.iter().sum::<f64>() / all.len().max(1) as f64
+            };
+            Some([1e-3 * (mean - half.hypot(own(0))), 1e-3 * (mean + half.hypot(own(1)))])
         }
         (None, [one]) => one.ci95_kpa,
         (None, _) => None,
-    };
-    Some(Reference {
-        k_kpa: 1e-3 * mean_pa,
-        sd_kpa: sample.map(|sample| 1e-3 * sample.sd),
-        ci95_kpa,
-        t_test_p: against(&k_pa),
-        t_test_p_youngs: against(&youngs_pa),
-        runs: indentations.len(),
-        depths: depths(runs, of_run, against),
-        indentations,
-    })
+    }
 }
 
 /// Mean and standard deviation of the runs of every depth, tested against the indentations: Paper A (Lehmann et al.), Table I.
@@ -111,15 +163,16 @@ fn depths(
 /// One indentation, or why it gives nothing.
 fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
     let deepest_m = run.depth_m.iter().copied().fold(0.0, f64::max);
-    if deepest_m < MIN_MOTION_M {
+    if deepest_m <= 0.0 || deepest_m < least_indentation_m(run) {
         return Err(format!(
-            "depth_mm: {:.6} mm at most, expected millimetres: is this in metres?",
+            "depth_mm: {:.6} mm at most, expected millimetres and a few hundredths of the indenter's radius or more: is this in metres?",
             1e3 * deepest_m
         ));
     }
     let contact = Contact {
         indenter: run.indenter,
         radius_m: run.indenter_radius_m,
+        half_angle_rad: run.half_angle_rad.unwrap_or_default(),
         poisson: run.poisson,
         thickness_m: run.tissue_thickness_m,
     };
@@ -132,6 +185,7 @@ fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
         ci95_kpa: found.ci95_pa.map(|ends| ends.map(kpa)),
         force_offset_n: found.offset_n,
         contact_mm: found.contact_m.map(|m| 1e3 * m),
+        contact_ci95_mm: found.contact_ci95_m.map(|ends| ends.map(|m| 1e3 * m)),
         deepest_mm: 1e3 * found.deepest_m,
         nonlinearity_percent: 100.0 * found.nonlinearity,
         residual_n: found.residual_n,
@@ -145,13 +199,11 @@ fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
 fn remarks(run: &IndentationRun, found: &IndentationFit) -> Vec<String> {
     let mut remarks = Vec::new();
     let bent = found.nonlinearity.abs() > BENT && found.nonlinearity.abs() > BENT_SE * found.nonlinearity_se;
-    if found.fits_other_form {
-        let (own, other) = match run.indenter {
-            Indenter::Flat => ("flat", "sphere"),
-            Indenter::Sphere => ("sphere", "flat"),
-        };
+    if let Some(other) = found.fits_other_form {
         remarks.push(format!(
-            "force against depth is that of a {other} indenter, not of indenter = \"{own}\": the modulus is wrong if the form is"
+            "force against depth is that of a {} indenter, not of indenter = \"{}\": the modulus is wrong if the form is",
+            other.name(),
+            run.indenter.name()
         ));
     } else if bent {
         let direction = if found.nonlinearity > 0.0 { "stiffer" } else { "softer" };
@@ -159,6 +211,17 @@ fn remarks(run: &IndentationRun, found: &IndentationFit) -> Vec<String> {
             "not linear: {:.0} % {direction} in the deeper half than in the shallower one; thin tissue, large strain or a tilted \
              indenter make the modulus depend on depth",
             100.0 * found.nonlinearity.abs()
+        ));
+    }
+    if let (Some([low_pa, high_pa]), Some([from_m, to_m])) = (found.ci95_pa, found.contact_ci95_m)
+        && found.by_contact > NOT_SEPARABLE
+        && high_pa > WIDE * low_pa
+    {
+        remarks.push(format!(
+            "contact point, force offset and modulus are hardly separable on this curve (contact anywhere from {:.3} to {:.3} mm): begin the \
+             recording well before contact, at least a tenth of the depth, or measure the offset in air",
+            1e3 * from_m,
+            1e3 * to_m
         ));
     }
     let radius_m = run.indenter_radius_m;
@@ -185,6 +248,10 @@ fn half_space(session: &Session) -> Option<String> {
     let contact_m = |run: &IndentationRun| match run.indenter {
         Indenter::Flat => run.indenter_radius_m,
         Indenter::Sphere => (run.indenter_radius_m * run.depth_m.iter().copied().fold(0.0, f64::max)).sqrt(),
+        Indenter::Cone => {
+            let deepest_m = run.depth_m.iter().copied().fold(0.0, f64::max);
+            run.half_angle_rad.unwrap_or_default().tan() * deepest_m
+        }
     };
     let widest_m = unstated().map(contact_m).fold(0.0, f64::max);
     (unstated().next().is_some()).then(|| {

@@ -25,13 +25,14 @@ mod walls;
 
 pub use diagnose::FoundationChoice;
 pub use error::{IdentifyError, RunError};
+pub use indentation::indentations;
 pub use options::{Options, YoungsMethod};
 pub use residuals::ResidualResult;
 pub use results::{
     BodyResult, Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, FoundationResult,
-    Heterogeneity, HoldResult, Identification, IndentationResult, KPerEi, Layers, Likelihood, Methods,
-    NoiseAlone, NoiseResult, NuisanceResult, OtherResult, Pooled, Profile, Reference, RelationResult,
-    RestsOn, RunResult, ShapeResult, YoungsModulus,
+    Heterogeneity, HoldResult, Identification, IndentationResult, Indentations, KPerEi, Layers, Likelihood,
+    Methods, NoiseAlone, NoiseResult, NuisanceResult, OtherResult, Pooled, Profile, Reference,
+    RelationResult, RestsOn, RunResult, ShapeResult, YoungsModulus,
 };
 
 use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};

@@ -10,7 +10,7 @@ mod run;
 pub use foundation::{BodyResult, FoundationResult};
 pub use layers::Layers;
 pub use other::OtherResult;
-pub use reference::{DepthResult, IndentationResult, Reference};
+pub use reference::{DepthResult, INDENTATIONS_SCHEMA, IndentationResult, Indentations, Reference};
 pub use run::{
     ChannelResult, Energy, EnergyAsPrinted, HoldResult, Likelihood, Methods, NoiseResult, NuisanceResult,
     RunResult, ShapeResult,

@@ -1,5 +1,5 @@
 //! What Young's modulus may be off by where the session does not state the walls of the tissue: it is that of a half space, and K/E
-//! of a block differs from that by tens of per cent (theory, eq. 18a).
+//! of a block differs from that by tens of per cent (theory, eq. 15).
 
 use super::options::TissueModel;
 use super::{FoundationResult, YoungsModulus};

@@ -2,24 +2,30 @@
 //! (theory, eq. 32).
 //!
 //! `F = F0 + E g(d - d0)` in contact and `F0` before it. Flat punch of radius a: `g(x) = 2 a x k / (1 - nu^2)` (Sneddon 1965; Paper A
-//! (21) where the layer is thick, with `k = 1`); sphere of radius R: `g(x) = 4 sqrt(R) x^1.5 k / (3 (1 - nu^2))` (Hertz 1882); `k` is the factor
-//! for a layer of finite thickness on a rigid base ([`layer`]).
+//! (21) where the layer is thick, with `k = 1`); sphere of radius R: `g(x) = 4 sqrt(R) x^1.5 k / (3 (1 - nu^2))` (Hertz 1882); cone of half
+//! angle alpha: `g(x) = 2 tan(alpha) x^2 / (pi (1 - nu^2))` (Sneddon 1965); `k` is the factor for a layer of finite thickness on a rigid base
+//! ([`layer`]). Contact point, offset and drift are unknown in every fit, and the interval is that of the modulus with all of them integrated
+//! out ([`posterior`]).
 
+mod curve;
 pub mod layer;
+mod posterior;
 
+use curve::Curve;
 pub use formats::session::Indenter;
-use layer::{SphereFactor, punch_factor};
-use nalgebra::{DMatrix, DVector, Matrix3};
+use nalgebra::{DMatrix, DVector};
+use posterior::{Given, Rows};
 use readings::holds::mean;
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// What is pressed into what.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// Form of the indenter.
     pub indenter: Indenter,
-    /// Its radius.
+    /// Its radius; that of the base of a cone.
     pub radius_m: f64,
+    /// Angle between the axis of a cone and its side; of no meaning for others.
+    pub half_angle_rad: f64,
     /// Poisson's ratio of the tissue.
     pub poisson: f64,
     /// Thickness of the tissue on a rigid base; none is a half space.
@@ -29,14 +35,19 @@ pub struct Contact {
 /// What an indentation gives.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IndentationFit {
-    /// Young's modulus.
+    /// Young's modulus: the median.
     pub youngs_pa: f64,
-    /// Its 95 % interval from the scatter about the curve; nothing for fewer than [`MIN_ROWS_OF_INTERVAL`] rows.
+    /// Its 95 % interval with contact point, offset and drift integrated out; nothing for fewer than [`MIN_ROWS_OF_INTERVAL`] rows.
     pub ci95_pa: Option<[f64; 2]>,
     /// Force before contact; `None` where a flat punch was in contact all along (any offset fits then with its own contact point).
     pub offset_n: Option<f64>,
     /// Depth reading at contact; `None` where the offset is nothing.
     pub contact_m: Option<f64>,
+    /// Its 95 % interval; nothing where it is not determined.
+    pub contact_ci95_m: Option<[f64; 2]>,
+    /// Ratio of the interval's ends over that for the best contact point: how much of it is that contact point, offset and modulus are hardly
+    /// separable.
+    pub by_contact: f64,
     /// Largest depth below contact.
     pub deepest_m: f64,
     /// Slope of the deeper half over that of the shallower one, less 1: zero for the model.
@@ -49,8 +60,8 @@ pub struct IndentationFit {
     pub thickness_factor: f64,
     /// Rows used.
     pub rows: usize,
-    /// Whether the other form of indenter fits the rows far better.
-    pub fits_other_form: bool,
+    /// The other form of indenter that fits the rows far better, where one does.
+    pub fits_other_form: Option<Indenter>,
 }
 
 /// Why there is no modulus.
@@ -85,9 +96,8 @@ pub const MIN_ROWS_OF_INTERVAL: usize = 8;
 const TOE: f64 = 0.2;
 /// Before contact the force has less than this share of the slope after it.
 const SLOPE_BEFORE: f64 = 0.1;
-/// Grid of contact points, and rounds of refinement.
-const GRID: usize = 81;
-const ROUNDS: usize = 5;
+/// Before the first row contact may be as far as this many lengths of the curve, for indenters without a radius that limits it.
+const BEFORE: f64 = 10.0;
 
 /// Young's modulus from the loading part of an indentation.
 ///
@@ -103,24 +113,35 @@ pub fn indented(
         return Err(IndentationError::FewRows { found: rows.len() });
     }
     let (first_m, last_m) = span(&rows);
-    let curve = Curve::new(contact, 1.5 * (last_m - first_m.min(0.0)), last_m)?;
-    let found = match contact.indenter {
+    // Strains of order one are beyond every law here: no contact point is further from the deepest row than the radius.
+    let earliest_m = match contact.indenter {
+        Indenter::Flat => first_m.min(0.0),
+        Indenter::Sphere => (last_m - contact.radius_m).min(first_m - 0.3 * (last_m - first_m)),
+        Indenter::Cone => first_m - BEFORE * (last_m - first_m),
+    };
+    let curve = Curve::new(contact, 1.5 * (last_m - earliest_m), last_m)?;
+    let places_m = [earliest_m, last_m - 0.2 * (last_m - first_m)];
+    let fit = match contact.indenter {
         Indenter::Flat => flat(&rows, &curve),
-        Indenter::Sphere => sphere(&rows, &curve),
+        Indenter::Sphere | Indenter::Cone => Fit::new(rows.clone(), &curve, Some(places_m)),
     };
-    let fit = found
-        .filter(|fit| fit.slope_pa > 0.0 && fit.slope_pa.is_finite())
-        .ok_or(IndentationError::NoSlope)?;
-    let other_form = match contact.indenter {
-        Indenter::Flat => Indenter::Sphere,
-        Indenter::Sphere => Indenter::Flat,
+    let fit = fit.ok_or(IndentationError::NoSlope)?;
+    let others = Indenter::ALL.into_iter().filter(|form| *form != contact.indenter);
+    let of_other = |form: Indenter| {
+        let half_angle_rad =
+            if form == Indenter::Cone { std::f64::consts::FRAC_PI_4 } else { contact.half_angle_rad };
+        let changed = Contact { indenter: form, thickness_m: None, half_angle_rad, ..*contact };
+        let other = Curve::new(&changed, last_m, last_m).ok()?;
+        let places_m = (form != Indenter::Flat).then_some([first_m - 0.3 * (last_m - first_m), places_m[1]]);
+        let rows = Rows { rows: &rows, curve: &other, worth: 1.0, has_contact: places_m.is_some() };
+        let given = match places_m {
+            Some(places_m) => rows.best(places_m),
+            None => rows.given(first_m),
+        }?;
+        Some((mean_square(&rows.residuals_n(&given)), form))
     };
-    let other = Curve::new(&Contact { indenter: other_form, thickness_m: None, ..*contact }, last_m, last_m)?;
-    let other = match other_form {
-        Indenter::Flat => line(&rows, &other, first_m),
-        Indenter::Sphere => sphere(&rows, &other),
-    };
-    Ok(fit.result(&curve, last_m, other.map(|other| other.mean_square())))
+    let other = others.filter_map(of_other).min_by(|a, b| a.0.total_cmp(&b.0));
+    fit.result(&curve, first_m, last_m, other).ok_or(IndentationError::NoSlope)
 }
 
 /// Rows up to the greatest depth.
@@ -136,161 +157,71 @@ fn span(rows: &[[f64; 2]]) -> (f64, f64) {
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), [d, _]| (least.min(*d), most.max(*d)))
 }
 
-/// `g` of the module.
-struct Curve {
-    contact: Contact,
-    flat_factor: f64,
-    sphere_factor: Option<SphereFactor>,
-}
-
-impl Curve {
-    fn new(contact: &Contact, most_m: f64, depth_m: f64) -> Result<Self, IndentationError> {
-        let mut curve = Self { contact: *contact, flat_factor: 1.0, sphere_factor: None };
-        if let Some(thickness_m) = contact.thickness_m {
-            let too_thin =
-                || IndentationError::TooThin { thickness_mm: 1e3 * thickness_m, depth_mm: 1e3 * depth_m };
-            if depth_m >= thickness_m {
-                return Err(too_thin());
-            }
-            match contact.indenter {
-                Indenter::Flat => {
-                    let ratio = contact.radius_m / thickness_m;
-                    curve.flat_factor = punch_factor(ratio, contact.poisson).ok_or_else(too_thin)?;
-                }
-                Indenter::Sphere => {
-                    let factor = SphereFactor::new(contact.radius_m, thickness_m, most_m, contact.poisson);
-                    curve.sphere_factor = Some(factor.ok_or_else(too_thin)?);
-                }
-            }
-        }
-        Ok(curve)
-    }
-
-    /// Factor for the thickness.
-    fn factor(&self, x_m: f64) -> f64 {
-        match (&self.sphere_factor, self.contact.thickness_m) {
-            (Some(factor), Some(thickness_m)) => factor.at(self.contact.radius_m * x_m / thickness_m.powi(2)),
-            _ => self.flat_factor,
-        }
-    }
-
-    /// Force per modulus at a depth below contact.
-    fn at(&self, x_m: f64) -> f64 {
-        let Contact { indenter, radius_m, poisson, .. } = self.contact;
-        let x_m = x_m.max(0.0);
-        let plain = match indenter {
-            Indenter::Flat => 2.0 * radius_m * x_m,
-            Indenter::Sphere => 4.0 / 3.0 * radius_m.sqrt() * x_m.powf(1.5),
-        };
-        plain * self.factor(x_m) / (1.0 - poisson * poisson)
-    }
-}
-
 /// A curve through rows.
-#[derive(Clone)]
-struct Fitted {
-    slope_pa: f64,
-    offset_n: f64,
-    contact_m: f64,
-    /// Whether the contact point is determined by the rows.
-    has_contact: bool,
+struct Fit {
     rows: Vec<[f64; 2]>,
+    given: Given,
     residuals_n: Vec<f64>,
+    /// Between which depths the contact point is; nothing where it changes nothing.
+    places_m: Option<[f64; 2]>,
 }
 
-impl Fitted {
-    /// Offset and slope for a contact point.
-    fn at(rows: &[[f64; 2]], curve: &Curve, contact_m: f64) -> Option<Self> {
-        let n = rows.len() as f64;
-        let g: Vec<f64> = rows.iter().map(|[d, _]| curve.at(d - contact_m)).collect();
-        let (mean_g, mean_f) =
-            (g.iter().sum::<f64>() / n, rows.iter().map(|[_, force]| force).sum::<f64>() / n);
-        let square: f64 = g.iter().map(|g| (g - mean_g).powi(2)).sum();
-        let product: f64 = g.iter().zip(rows).map(|(g, [_, f])| (g - mean_g) * (f - mean_f)).sum();
-        if square <= 0.0 {
-            return None;
-        }
-        let slope_pa = product / square;
-        let offset_n = mean_f - slope_pa * mean_g;
-        let residuals_n = g.iter().zip(rows).map(|(g, [_, f])| f - offset_n - slope_pa * g).collect();
-        Some(Self { slope_pa, offset_n, contact_m, has_contact: true, rows: rows.to_vec(), residuals_n })
+impl Fit {
+    /// The best curve, with its contact point between two depths or, without these, above all rows.
+    fn new(rows: Vec<[f64; 2]>, curve: &Curve, places_m: Option<[f64; 2]>) -> Option<Self> {
+        let fitted = Rows { rows: &rows, curve, worth: 1.0, has_contact: places_m.is_some() };
+        let given = match places_m {
+            Some(places_m) => fitted.best(places_m),
+            None => fitted.given(span(&rows).0.min(0.0)),
+        }?;
+        let residuals_n = fitted.residuals_n(&given);
+        Some(Self { rows, given, residuals_n, places_m })
     }
 
-    fn mean_square(&self) -> f64 {
-        self.residuals_n.iter().map(|r| r * r).sum::<f64>() / self.residuals_n.len().max(1) as f64
-    }
-
-    /// The best contact point between two, by a grid that becomes finer.
-    fn search(rows: &[[f64; 2]], curve: &Curve, [mut from_m, mut to_m]: [f64; 2]) -> Option<Self> {
-        let mut best: Option<Self> = None;
-        for _ in 0..ROUNDS {
-            let step_m = (to_m - from_m) / (GRID - 1) as f64;
-            let candidates = (0..GRID).filter_map(|i| Self::at(rows, curve, from_m + i as f64 * step_m));
-            let found = candidates.min_by(|a, b| a.mean_square().total_cmp(&b.mean_square()))?;
-            (from_m, to_m) = (found.contact_m - 2.0 * step_m, found.contact_m + 2.0 * step_m);
-            best = Some(found);
-        }
-        best
-    }
-
-    fn result(&self, curve: &Curve, last_m: f64, other: Option<f64>) -> IndentationFit {
-        let rows = self.rows.len();
-        let unknowns = if self.has_contact { 3 } else { 2 };
-        let freedom = rows as f64 - f64::from(unknowns);
+    fn result(
+        &self,
+        curve: &Curve,
+        first_m: f64,
+        last_m: f64,
+        other: Option<(f64, Indenter)>,
+    ) -> Option<IndentationFit> {
+        let Self { rows, given, residuals_n, places_m } = self;
         // Readings of one sweep are correlated: so many are worth so few.
-        let effective = mean(&self.residuals_n).effective_samples.max(1.0);
-        let worth = (rows as f64 / effective).max(1.0);
-        let variance = self.mean_square() * rows as f64 / freedom.max(1.0) * worth;
-        let sd_pa = self.slope_variance(curve).map(|unit| (unit * variance).sqrt());
-        let quantile =
-            StudentsT::new(0.0, 1.0, (freedom / worth).max(2.0)).map_or(1.96, |t| t.inverse_cdf(0.975));
-        let ci95_pa = sd_pa
-            .filter(|sd| rows >= MIN_ROWS_OF_INTERVAL && sd.is_finite())
-            .map(|sd| [self.slope_pa - quantile * sd, self.slope_pa + quantile * sd]);
+        let effective = mean(residuals_n).effective_samples.max(1.0);
+        let worth = (rows.len() as f64 / effective).max(1.0);
+        let fitted = Rows { rows, curve, worth, has_contact: places_m.is_some() };
+        let own = [given.contact_m; 2];
+        let all = fitted.posterior(places_m.unwrap_or(own), first_m, last_m - first_m)?;
+        let alone = Rows { has_contact: false, ..fitted }.posterior(own, first_m, last_m - first_m)?;
+        let [low, high] = [0.025, 0.975].map(|p| all.quantile_pa(p));
+        let [low_alone, high_alone] = [0.025, 0.975].map(|p| alone.quantile_pa(p));
+        let has_contact = places_m.is_some();
         let (nonlinearity, nonlinearity_se) = self.nonlinearity(curve, worth);
-        let floor = f64::EPSILON * self.rows.iter().map(|[_, f]| f * f).fold(0.0, f64::max);
-        IndentationFit {
-            youngs_pa: self.slope_pa,
-            ci95_pa,
-            offset_n: self.has_contact.then_some(self.offset_n),
-            contact_m: self.has_contact.then_some(self.contact_m),
-            deepest_m: last_m - self.contact_m,
+        let floor = f64::EPSILON * rows.iter().map(|[_, f]| f * f).fold(0.0, f64::max);
+        let own_square = mean_square(residuals_n);
+        Some(IndentationFit {
+            youngs_pa: all.quantile_pa(0.5),
+            ci95_pa: (rows.len() >= MIN_ROWS_OF_INTERVAL).then_some([low, high]),
+            offset_n: has_contact.then_some(given.offset_n),
+            contact_m: has_contact.then_some(given.contact_m),
+            contact_ci95_m: has_contact.then(|| all.contact_m()),
+            by_contact: (high / low) / (high_alone / low_alone),
+            deepest_m: last_m - given.contact_m,
             nonlinearity,
             nonlinearity_se,
-            residual_n: self.mean_square().sqrt(),
-            thickness_factor: curve.factor(last_m - self.contact_m),
-            rows,
-            fits_other_form: other.is_some_and(|other| other + floor < 0.5 * self.mean_square()),
-        }
-    }
-
-    /// Variance of the slope for readings of unit variance.
-    fn slope_variance(&self, curve: &Curve) -> Option<f64> {
-        let step_m = 1e-4 * (span(&self.rows).1 - self.contact_m).abs();
-        let mut normal = Matrix3::zeros();
-        for [d, _] in &self.rows {
-            let x_m = d - self.contact_m;
-            let by_contact =
-                (curve.at(x_m - step_m) - curve.at(x_m + step_m)) / (2.0 * step_m) * self.slope_pa;
-            let row = [1.0, curve.at(x_m), if self.has_contact { by_contact } else { 0.0 }];
-            for i in 0..3 {
-                for j in 0..3 {
-                    normal[(i, j)] += row[i] * row[j];
-                }
-            }
-        }
-        if !self.has_contact {
-            normal[(2, 2)] = 1.0;
-        }
-        // Scaled to a unit diagonal before it is inverted: lengths and forces differ by powers of ten.
-        let scale = normal.diagonal().map(|d| d.max(f64::MIN_POSITIVE).sqrt().recip());
-        let scaled = Matrix3::from_fn(|i, j| normal[(i, j)] * scale[i] * scale[j]);
-        scaled.try_inverse().map(|inverse| inverse[(1, 1)] * scale[1] * scale[1]).filter(|v| *v >= 0.0)
+            residual_n: own_square.sqrt(),
+            thickness_factor: curve.factor(last_m - given.contact_m),
+            rows: rows.len(),
+            fits_other_form: other
+                .filter(|(square, _)| square + floor < 0.5 * own_square)
+                .map(|(_, form)| form),
+        })
     }
 
     /// Slope of the deeper half of the rows in contact over that of the shallower half, less 1, with its standard error.
     fn nonlinearity(&self, curve: &Curve, worth: f64) -> (f64, f64) {
-        let inside: Vec<[f64; 2]> = self.rows.iter().filter(|[d, _]| *d > self.contact_m).copied().collect();
+        let inside: Vec<[f64; 2]> =
+            self.rows.iter().filter(|[d, _]| *d > self.given.contact_m).copied().collect();
         if inside.len() < 6 {
             return (0.0, 0.0);
         }
@@ -298,7 +229,7 @@ impl Fitted {
         let middle_m = 0.5 * (first_m + last_m);
         let slope = |half: Vec<[f64; 2]>| -> Option<[f64; 2]> {
             let x = DMatrix::from_fn(half.len(), 2, |i, j| {
-                if j == 0 { 1.0 } else { curve.at(half[i][0] - self.contact_m) }
+                if j == 0 { 1.0 } else { curve.at(half[i][0] - self.given.contact_m) }
             });
             let y = DVector::from_iterator(half.len(), half.iter().map(|[_, f]| *f));
             let scale = x.column(1).amax().max(f64::MIN_POSITIVE);
@@ -326,35 +257,33 @@ impl Fitted {
     }
 }
 
-/// A straight line through all rows: a punch that is in contact from the first one.
-fn line(rows: &[[f64; 2]], curve: &Curve, first_m: f64) -> Option<Fitted> {
-    // Any contact point above the rows gives the same line.
-    Fitted::at(rows, curve, first_m).map(|fit| Fitted { has_contact: false, ..fit })
+fn mean_square(residuals_n: &[f64]) -> f64 {
+    residuals_n.iter().map(|r| r * r).sum::<f64>() / residuals_n.len().max(1) as f64
 }
 
 /// A flat punch: flat before contact where there are such rows, straight after the toe.
-fn flat(rows: &[[f64; 2]], curve: &Curve) -> Option<Fitted> {
+fn flat(rows: &[[f64; 2]], curve: &Curve) -> Option<Fit> {
     let (first_m, last_m) = span(rows);
-    let kinked = Fitted::search(rows, curve, [first_m, last_m - 0.2 * (last_m - first_m)]);
-    let approach = kinked.filter(|fit| has_approach(rows, fit, curve));
-    let Some(approach) = approach else {
+    let kinked = Fit::new(rows.to_vec(), curve, Some([first_m, last_m - 0.2 * (last_m - first_m)]));
+    let Some(approach) = kinked.filter(|fit| has_approach(rows, fit, curve)) else {
         let contact_m = first_m.min(0.0).max(first_m - 0.25 * (last_m - first_m));
         let toe_m = contact_m + TOE * (last_m - contact_m);
         let used: Vec<[f64; 2]> = rows.iter().filter(|[d, _]| *d > toe_m).copied().collect();
-        let used = if used.len() < MIN_ROWS { rows } else { &used };
-        return line(used, curve, first_m.min(0.0));
+        let used = if used.len() < MIN_ROWS { rows.to_vec() } else { used };
+        return Fit::new(used, curve, None);
     };
     // Rows of the toe lie between; offset and line are extrapolated to where they meet.
-    let toe_m = approach.contact_m + TOE * (last_m - approach.contact_m);
-    let is_used = |[d, _]: &&[f64; 2]| *d < approach.contact_m - 0.02 * (last_m - first_m) || *d > toe_m;
+    let contact_m = approach.given.contact_m;
+    let toe_m = contact_m + TOE * (last_m - contact_m);
+    let is_used = |[d, _]: &&[f64; 2]| *d < contact_m - 0.02 * (last_m - first_m) || *d > toe_m;
     let used: Vec<[f64; 2]> = rows.iter().filter(is_used).copied().collect();
-    let around = 0.2 * (last_m - approach.contact_m);
-    Fitted::search(&used, curve, [approach.contact_m - around, approach.contact_m + around])
+    let around = 0.2 * (last_m - contact_m);
+    Fit::new(used, curve, Some([contact_m - around, contact_m + around]))
 }
 
 /// Whether rows before the contact point are those of an indenter that does not touch yet.
-fn has_approach(rows: &[[f64; 2]], fit: &Fitted, curve: &Curve) -> bool {
-    let before: Vec<[f64; 2]> = rows.iter().filter(|[d, _]| *d < fit.contact_m).copied().collect();
+fn has_approach(rows: &[[f64; 2]], fit: &Fit, curve: &Curve) -> bool {
+    let before: Vec<[f64; 2]> = rows.iter().filter(|[d, _]| *d < fit.given.contact_m).copied().collect();
     if before.len() < MIN_ROWS {
         return false;
     }
@@ -363,14 +292,7 @@ fn has_approach(rows: &[[f64; 2]], fit: &Fitted, curve: &Curve) -> bool {
     let square: f64 = before.iter().map(|[d, _]| (d - mean_d).powi(2)).sum();
     let product: f64 = before.iter().map(|[d, f]| (d - mean_d) * (f - mean_f)).sum();
     let unit = curve.at(1e-3) / 1e-3;
-    product < SLOPE_BEFORE * fit.slope_pa * unit * square
-}
-
-/// A sphere: the curve's bend determines the contact point, before which there may be rows.
-fn sphere(rows: &[[f64; 2]], curve: &Curve) -> Option<Fitted> {
-    let (first_m, last_m) = span(rows);
-    let length_m = last_m - first_m;
-    Fitted::search(rows, curve, [first_m - 0.3 * length_m, last_m - 0.2 * length_m])
+    product < SLOPE_BEFORE * fit.given.slope_pa * unit * square
 }
 
 #[cfg(test)]

@@ -12,8 +12,8 @@ use formats::prior_file::{ModulusPrior, PriorFile};
 use formats::session::{Labels, Session};
 use inference::holds::HoldCriteria;
 use inference::identify::{
-    Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NoiseAlone, NuisanceResult,
-    Options, Reference, RestsOn, RunResult, YoungsMethod, identify,
+    Bootstrap, Directions, FoundationChoice, Identification, Indentations, KPerEi, Layers, NoiseAlone,
+    NuisanceResult, Options, Reference, RestsOn, RunResult, YoungsMethod, identify, indentations,
 };
 use inference::prior::PriorResult;
 use mechanics::Support;
@@ -125,6 +125,11 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         ..options
     };
     warn_of_calibrations(&session, out);
+    if session.lateral.is_empty() && !session.indentation.is_empty() {
+        let found =
+            indentations(&session).with_context(|| format!("cannot identify {}", args.dir.display()))?;
+        return out.result(&found, IndentationsText(&found));
+    }
     let result =
         identify(&session, &options).with_context(|| format!("cannot identify {}", args.dir.display()))?;
     if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
@@ -291,6 +296,42 @@ impl Display for Text<'_> {
         if let Some(reference) = reference {
             write_reference(f, reference)?;
         }
+        for warning in warnings {
+            writeln!(f, "note         {warning}")?;
+        }
+        Ok(())
+    }
+}
+
+/// Indentations for the eye.
+struct IndentationsText<'a>(&'a Indentations);
+
+impl Display for IndentationsText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Indentations { youngs_modulus_kpa, sd_kpa, ci95_kpa, indentations, warnings, .. } = self.0;
+        let width = indentations.iter().map(|one| one.id.len()).max().unwrap_or(0);
+        for one in indentations {
+            let contact = match (one.contact_mm, one.contact_ci95_mm) {
+                (Some(at), Some([from, to])) => format!("contact {at:.3} ({from:.3} to {to:.3}) mm"),
+                _ => "in contact all along".to_owned(),
+            };
+            writeln!(
+                f,
+                "  {:<width$}  {:<6}  E {} kPa, {contact}, {:.3} mm deep",
+                one.id,
+                one.indenter,
+                estimate(Some(one.youngs_modulus_kpa), one.ci95_kpa),
+                one.deepest_mm
+            )?;
+        }
+        let sd = sd_kpa.map_or(String::new(), |sd| format!(", sd {sd:.2} kPa"));
+        let plural = if indentations.len() == 1 { "" } else { "s" };
+        writeln!(
+            f,
+            "Young's      E {} kPa{sd} from {} indentation{plural}",
+            estimate(Some(*youngs_modulus_kpa), *ci95_kpa),
+            indentations.len()
+        )?;
         for warning in warnings {
             writeln!(f, "note         {warning}")?;
         }

@@ -198,6 +198,7 @@ fn what_fails_is_reported_in_its_section() {
         id,
         path,
         indenter: Default::default(),
+        half_angle_rad: None,
         indenter_radius_m: 2e-3,
         tissue_thickness_m: None,
         poisson: 0.5,

@@ -21,6 +21,15 @@ const MIN_FORCE_N: f64 = 1e-3;
 const MOVED_M: f64 = 0.1e-3;
 /// Lateral motions below this are nothing a rig does on purpose; a thousand times as much is: metres for millimetres.
 pub const MIN_MOTION_M: f64 = 0.02e-3;
+/// Indentations are a few hundredths of the indenter's radius deep to twice it; of one in metres that is a thousandth of it.
+const LEAST_OF_RADIUS: f64 = 2e-3;
+
+/// A depth below which an indentation is no indentation, or its depths are metres: by the radius of the indenter, so that probes of a
+/// micrometre are as good as punches of a centimetre.
+pub fn least_indentation_m(run: &IndentationRun) -> f64 {
+    LEAST_OF_RADIUS * run.indenter_radius_m
+}
+
 /// Guide 2 goes a few millimetres at most.
 const MAX_DISPLACEMENT_M: f64 = 15e-3;
 /// A needle is not bent by so many times the displacement of its guide.
@@ -390,8 +399,8 @@ impl Found {
 
     fn indentation(&mut self, run: &IndentationRun) {
         let deepest_m = largest(&run.depth_m);
-        self.when(deepest_m < MIN_MOTION_M, &run.path, || {
-            (format!("depth_mm: {} mm at most", mm(deepest_m)), "millimetres: is this in metres?")
+        self.when(deepest_m < least_indentation_m(run), &run.path, || {
+            (format!("depth_mm: {} mm at most", 1e3 * deepest_m), "millimetres: is this in metres?")
         });
         let most_n = largest(&run.force_n);
         self.when(most_n > MAX_INDENTATION_N, &run.path, || {

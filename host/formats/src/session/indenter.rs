@@ -8,17 +8,20 @@ pub enum Indenter {
     Flat,
     /// A sphere.
     Sphere,
+    /// A cone.
+    Cone,
 }
 
 impl Indenter {
     /// Every form.
-    pub const ALL: [Self; 2] = [Self::Flat, Self::Sphere];
+    pub const ALL: [Self; 3] = [Self::Flat, Self::Sphere, Self::Cone];
 
     /// Its name in files and results.
     pub fn name(self) -> &'static str {
         match self {
             Self::Flat => "flat",
             Self::Sphere => "sphere",
+            Self::Cone => "cone",
         }
     }
 }

@@ -282,7 +282,7 @@ pub struct InsertionRun {
     pub tip_direction_x_rad: Option<Vec<f64>>,
 }
 
-/// An indentation with a flat cylindrical punch or a sphere.
+/// An indentation with a flat cylindrical punch, a sphere or a cone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IndentationRun {
     /// Its name.
@@ -291,8 +291,10 @@ pub struct IndentationRun {
     pub path: PathBuf,
     /// Form of the indenter.
     pub indenter: Indenter,
-    /// Radius of the punch or the sphere.
+    /// Radius of the punch or the sphere; 0 for a cone of which none is stated.
     pub indenter_radius_m: f64,
+    /// Angle between the axis of a cone and its side.
+    pub half_angle_rad: Option<f64>,
     /// Thickness of the tissue on a rigid base, where it is stated.
     pub tissue_thickness_m: Option<f64>,
     /// Poisson's ratio of the tissue.

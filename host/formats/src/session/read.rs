@@ -2,8 +2,8 @@
 
 use super::hardware::{fixture_mass_kg, noise, rig};
 use super::schema::{
-    FORCE_COLUMNS, INDENTATION_COLUMNS, INSERTION_COLUMNS, POISSON, RADIUS_MM, SHAPE_COLUMNS, SHARED_COLUMNS,
-    STEERING_COLUMNS, THICKNESS_MM,
+    FORCE_COLUMNS, HALF_ANGLE_DEG, INDENTATION_COLUMNS, INSERTION_COLUMNS, POISSON, RADIUS_MM, SHAPE_COLUMNS,
+    SHARED_COLUMNS, STEERING_COLUMNS, THICKNESS_MM,
 };
 use super::{
     DEPTH_RANGE_MM, ForceSeries, IndentationRun, Indenter, InsertionRun, Labels, LateralRun, Mark,
@@ -249,11 +249,20 @@ pub(super) fn indentation(
         None => Indenter::default(),
         Some(name) => {
             Indenter::ALL.into_iter().find(|indenter| indenter.name() == name).ok_or_else(|| {
-                fields.field_fault("indenter", Problem::Unknown(name), "\"flat\" or \"sphere\"")
+                fields.field_fault("indenter", Problem::Unknown(name), "\"flat\", \"sphere\" or \"cone\"")
             })?
         }
     };
-    let indenter_radius_m = MM * fields.number("indenter_radius_mm", RADIUS_MM)?;
+    // A cone has an angle in place of a radius.
+    let half_angle_deg = match indenter {
+        Indenter::Cone => Some(fields.number("indenter_half_angle_deg", HALF_ANGLE_DEG)?),
+        Indenter::Flat | Indenter::Sphere => None,
+    };
+    let indenter_radius_m = MM
+        * match half_angle_deg {
+            None => fields.number("indenter_radius_mm", RADIUS_MM)?,
+            Some(_) => fields.optional_number("indenter_radius_mm", RADIUS_MM)?.unwrap_or(0.0),
+        };
     let tissue_thickness_m =
         fields.optional_number("tissue_thickness_mm", THICKNESS_MM)?.map(|thickness_mm| MM * thickness_mm);
     let poisson = fields.number("poisson", POISSON)?;
@@ -264,6 +273,7 @@ pub(super) fn indentation(
         path,
         indenter,
         indenter_radius_m,
+        half_angle_rad: half_angle_deg.map(f64::to_radians),
         tissue_thickness_m,
         poisson,
         depth_m,

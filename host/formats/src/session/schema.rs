@@ -12,8 +12,10 @@ const FORCE_N: [f64; 2] = [-200.0, 200.0];
 /// Standard deviations of positions.
 pub(super) const SD_MM: [f64; 2] = [1e-9, 50.0];
 /// Radius of a punch, and Poisson's ratio of the tissue under it.
-pub(super) const RADIUS_MM: [f64; 2] = [0.05, 100.0];
-pub(super) const THICKNESS_MM: [f64; 2] = [0.1, 1000.0];
+pub(super) const RADIUS_MM: [f64; 2] = [1e-4, 100.0];
+/// Angle between axis and side of a cone.
+pub(super) const HALF_ANGLE_DEG: [f64; 2] = [5.0, 89.0];
+pub(super) const THICKNESS_MM: [f64; 2] = [1e-3, 1000.0];
 pub(super) const POISSON: [f64; 2] = [0.0, 0.5];
 
 pub(super) const FORCE_COLUMNS: [Column; 10] = [

@@ -74,7 +74,15 @@ const INSERTION: Kind = Kind {
 };
 const INDENTATION: Kind = Kind {
     name: "indentation",
-    fields: &["id", "indenter", "indenter_radius_mm", "tissue_thickness_mm", "poisson", "data"],
+    fields: &[
+        "id",
+        "indenter",
+        "indenter_radius_mm",
+        "indenter_half_angle_deg",
+        "tissue_thickness_mm",
+        "poisson",
+        "data",
+    ],
     files: &[("data", &schema::INDENTATION_COLUMNS, false)],
     numbers: &[("indenter_radius_mm", schema::RADIUS_MM), ("poisson", schema::POISSON)],
 };

@@ -9,7 +9,7 @@ pub struct Reference {
     pub k_kpa: f64,
     /// Standard deviation over the indentations; nothing for a single one.
     pub sd_kpa: Option<f64>,
-    /// 95 % interval of the mean: from the scatter over the indentations, of a single one from its own fit.
+    /// 95 % interval of the mean: from the scatter over the indentations beside what each leaves open; of a single one that of its own fit.
     pub ci95_kpa: Option<[f64; 2]>,
     /// Welch's test against K of the runs, as in Paper A, Table I; `None` where a sample has fewer than two values.
     pub t_test_p: Option<f64>,
@@ -21,6 +21,28 @@ pub struct Reference {
     pub depths: Vec<DepthResult>,
     /// Every indentation.
     pub indentations: Vec<IndentationResult>,
+}
+
+/// Document of [`Indentations`].
+pub const INDENTATIONS_SCHEMA: &str = "guide.indentations/1";
+
+/// Young's modulus of tissue that was indented, in a session without lateral runs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Indentations {
+    /// The document's name and version.
+    pub schema: &'static str,
+    /// Name of the session.
+    pub session: Option<String>,
+    /// Mean Young's modulus.
+    pub youngs_modulus_kpa: f64,
+    /// Standard deviation over the indentations; nothing for a single one.
+    pub sd_kpa: Option<f64>,
+    /// 95 % interval of the mean: from the scatter over the indentations beside what each leaves open; of a single one that of its own fit.
+    pub ci95_kpa: Option<[f64; 2]>,
+    /// Every indentation.
+    pub indentations: Vec<IndentationResult>,
+    /// What was skipped, and what is to be measured.
+    pub warnings: Vec<String>,
 }
 
 /// The runs of one depth.
@@ -49,16 +71,18 @@ pub struct DepthResult {
 pub struct IndentationResult {
     /// Its name.
     pub id: String,
-    /// `flat` or `sphere`.
+    /// `flat`, `sphere` or `cone`.
     pub indenter: &'static str,
     /// Young's modulus.
     pub youngs_modulus_kpa: f64,
-    /// Its 95 % interval from the scatter about the curve; nothing for fewer than eight samples.
+    /// Its 95 % interval with contact point, offset and drift of the force integrated out; nothing for fewer than eight samples.
     pub ci95_kpa: Option<[f64; 2]>,
     /// Force before contact; `None` where the indenter was in contact from the first sample.
     pub force_offset_n: Option<f64>,
     /// Depth reading at contact.
     pub contact_mm: Option<f64>,
+    /// Its 95 % interval.
+    pub contact_ci95_mm: Option<[f64; 2]>,
     /// Largest depth below contact.
     pub deepest_mm: f64,
     /// Stiffness of the deeper half over that of the shallower one, less 100 %.

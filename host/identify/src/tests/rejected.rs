@@ -133,6 +133,7 @@ fn suspected_units_come_first() {
         id: "ref".to_owned(),
         path: "ref.csv".into(),
         indenter: Default::default(),
+        half_angle_rad: None,
         indenter_radius_m: 2.1e-3,
         tissue_thickness_m: None,
         poisson: 0.5,

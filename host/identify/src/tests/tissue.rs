@@ -1,7 +1,7 @@
 //! Directions, layers, Young's modulus, and indentation of the same tissue.
 
 use super::*;
-use formats::session::IndentationRun;
+use formats::session::{IndentationRun, Indenter};
 use mechanics::continuum::Contact;
 use modulus::punch_modulus_pa;
 
@@ -35,6 +35,7 @@ fn indentation_is_compared_by_welch() {
             id,
             path,
             indenter: Default::default(),
+            half_angle_rad: None,
             indenter_radius_m: 2.1e-3,
             tissue_thickness_m: None,
             poisson: 0.5,
@@ -159,4 +160,44 @@ fn youngs_modulus_by_the_continuum_lies_between_the_published_ones() {
     };
     assert!((1.4..1.65).contains(&(by("continuum-one-sided") / by("continuum"))));
     assert!(Some(by("rigid-cylinder")) < youngs.value && youngs.value < Some(by("vesic")));
+}
+
+/// A bio-indenter: a sphere of half a millimetre, 14 um deep, in a session without anything else.
+#[test]
+fn indentations_alone_give_youngs_modulus_at_any_scale() {
+    let (radius_m, youngs_pa) = (0.5e-3f64, 8e3);
+    let mut noise = Noise::new(31);
+    let mut probe = |id: &str| {
+        let depth_m: Vec<f64> = (0..140).map(|i| 1e-7 * f64::from(i - 40)).chain([14e-6]).collect();
+        let force_n = |d: &f64| {
+            let force_n = 16.0 / 9.0 * youngs_pa * (radius_m * d.max(0.0).powi(3)).sqrt();
+            1e-5 + force_n + 2e-7 * noise.normal()
+        };
+        IndentationRun {
+            id: id.to_owned(),
+            path: format!("{id}.csv").into(),
+            indenter: Indenter::Sphere,
+            half_angle_rad: None,
+            indenter_radius_m: radius_m,
+            tissue_thickness_m: None,
+            poisson: 0.5,
+            force_n: depth_m.iter().map(force_n).collect(),
+            depth_m,
+        }
+    };
+    let mut session = session(Vec::new());
+    session.indentation = vec![probe("1"), probe("2")];
+    let found = indentations(&session).expect("a modulus");
+    let [low, high] = found.ci95_kpa.expect("an interval");
+    assert!((low..=high).contains(&(1e-3 * youngs_pa)) && high < 1.1 * low, "{found:?}");
+    assert!(!found.warnings.iter().any(|what| what.contains("metres")), "{:?}", found.warnings);
+    let in_metres = |run: IndentationRun| IndentationRun {
+        depth_m: run.depth_m.iter().map(|d| 1e-3 * d).collect(),
+        ..run
+    };
+    session.indentation = session.indentation.into_iter().map(in_metres).collect();
+    let why = indentations(&session).expect_err("refused").to_string();
+    assert!(why.contains("is this in metres?"), "{why}");
+    session.indentation.clear();
+    assert!(matches!(indentations(&session), Err(IdentifyError::NoRuns { .. })));
 }

@@ -44,7 +44,7 @@ impl Capability {
 
 fn identify(session: &Session) -> Capability {
     let mut ability = Capability::new("identify");
-    if session.lateral.is_empty() {
+    if session.lateral.is_empty() && session.indentation.is_empty() {
         ability.lacks("no [[lateral]] runs".to_owned());
     }
     for run in &session.lateral {
@@ -56,9 +56,20 @@ fn identify(session: &Session) -> Capability {
             Err(why) => ability.skips(&run.id, why.to_string()),
         }
     }
+    if session.tissue.walls.is_none() && session.lateral.iter().any(|run| run.depth_m > 0.0) {
+        ability.remarks.push(
+            "E needs the walls of the tissue: in a gel of 60 mm it is off by up to half, in a box or free; state body_mm, needle_at_mm, \
+             sides and far_side in [tissue], or sides = \"far\" where no wall is near (K does not need them)"
+                .to_owned(),
+        );
+    }
     ability.usable = !ability.runs.is_empty();
     let references = session.indentation.len();
-    if references > 0 {
+    if session.lateral.is_empty() && references > 0 {
+        // E of the indentations alone.
+        ability.usable = true;
+        ability.runs = session.indentation.iter().map(|run| run.id.clone()).collect();
+    } else if references > 0 {
         let plural = if references == 1 { "" } else { "s" };
         ability.remarks.push(format!("compares with {references} indentation{plural}"));
     }
