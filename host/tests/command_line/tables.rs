@@ -212,7 +212,7 @@ fn two_files_of_one_clock_or_two_give_the_modulus() {
     let stage = native
         .file("stage.csv", "Time [s];Stage X\n", |_, t, x, _| format!("{:.3};{:.6}", t + 7.3, 1e-3 * x));
     let maps = ["--map", "Force (kg)=force_y_n", "--map", "Stage X=displacement_y_mm:m"];
-    let done = imported(&native, "clocks", &[&scale, &stage], &maps, 5e-3);
+    let done = imported(&native, "clocks", &[&scale, &stage], &maps, 1e-2);
     let of = |name: &str| done["runs"][0][name].as_f64().expect(name);
     let off = of("offset_s") + 7.3;
     assert!(

@@ -174,6 +174,10 @@ fn found<'t>(
         let at = table.find(&choice.column).map_err(|problem| map_fault(choice, &problem, "one column"))?;
         found.extend(at.and_then(|at| table.columns.get(at)).map(|column| (table, column)));
     }
+    // A number is meant for a file without names.
+    if choice.column.starts_with('#') && found.iter().any(|(_, column)| column.header.starts_with('#')) {
+        found.retain(|(_, column)| column.header.starts_with('#'));
+    }
     if found.is_empty() {
         let known: Vec<String> = tables
             .iter()

@@ -104,7 +104,7 @@ impl Walls {
     pub(super) fn to_toml(self) -> String {
         let Self::Block(block) = self else { return format!("sides = \"{FAR}\"\n") };
         // Millimetres that were read as metres are decimal numbers again.
-        let mm = |m: &f64| format!("{:?}", (1e12 * m).round() * 1e-9);
+        let mm = |m: &f64| format!("{:?}", (1e12 * m).round() / 1e9);
         let list = |all_m: &[f64]| all_m.iter().map(mm).collect::<Vec<_>>().join(", ");
         let mut text = String::new();
         let _ = writeln!(text, "body_mm = [{}]", list(&block.size_m));

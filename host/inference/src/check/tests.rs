@@ -172,7 +172,7 @@ fn gaps_are_reported() {
     assert!(found[0].contains("samples are missing"), "{found:#?}");
     let found = changed(&folder, "i1.csv", |text| cut(text, 61..121));
     assert!(found[0].starts_with("i1.csv: depth_mm: no rows from"), "{found:#?}");
-    let found = changed(&folder, "i1.csv", |text| text + &"1,20,0,0\n".repeat(100));
+    let found = changed(&folder, "i1.csv", |text| text + &"1,20,0,10000\n".repeat(100));
     assert!(found[0].contains("rows are before the surface, drawn back, or misread"), "{found:#?}");
 }
 
