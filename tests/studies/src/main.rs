@@ -17,11 +17,11 @@ struct Args {
     /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
     /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), K from ultrasound frames (`images`), or what `guide plan`
     /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, steering to a target
-    /// (`steer`), statistics over many sessions, their intervals where subjects have several (`nesting`), rigs in air (`characterize`), steered insertions that were recorded (`recorded`), rigs stated beside the truth (`stated`), or what is in no catalogue (`open`); without a name all that the documentation quotes, as it quotes them, written
+    /// (`steer`), statistics over many sessions, their intervals where subjects have several (`nesting`), rigs in air (`characterize`), steered insertions that were recorded (`recorded`), rigs stated beside the truth (`stated`), what is in no catalogue (`open`), or steering within tight limits (`limits`); without a name all that the documentation quotes, as it quotes them, written
     /// where it has them
     #[arg(value_parser = [
         "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers", "steer",
-        "population", "nesting", "characterize", "recorded", "stated", "open",
+        "population", "nesting", "characterize", "recorded", "stated", "open", "limits",
     ])]
     name: String,
     /// Sessions of insertions, imperfect ones of all kinds, or rigs in air
@@ -90,6 +90,7 @@ fn run(args: &Args) -> Result<()> {
         "nesting" => commands::nesting::run(args.repeats, args.seed),
         "characterize" => commands::characterize::run(args.sessions, args.seed, &args.only),
         "steer" => steered(args),
+        "limits" => limited(args),
         "recorded" => commands::recorded::run(&args.from),
         "open" => commands::open::run(args.sessions, args.seed, &args.only),
         "stated" => commands::stated::run(args.sessions, args.seed, &args.only),
@@ -122,6 +123,26 @@ fn operator(only: &str) -> Result<()> {
     write("uniform.csv", &|| Ok(uniform_table(progress)?.into_bytes()))?;
     write("varied.f32", &|| Ok(varied_table(progress)?))?;
     println!("{}", folder.display());
+    Ok(())
+}
+
+/// Steering within limits that matter: as stated, and halved one by one and together.
+fn limited(args: &Args) -> Result<()> {
+    use studies::steer::limits::{Halved, Target, limited, row};
+    use worlds::steering::Tissues;
+    ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
+    println!(
+        "| tissue | limits | target | mean, mm | median, mm | 95 %, mm | above 2 mm | refused | stopped | missed by 0.5 mm and no limit named | limits exceeded | \
+         stated / observed within 0.25, 0.5, 1 mm, % |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+    );
+    for tissues in [Tissues::Plain, Tissues::Standard] {
+        for halved in Halved::ALL.into_iter().filter(|halved| halved.name().contains(&args.only)) {
+            for target in [Target::Own, Target::Other] {
+                let runs = limited(tissues, halved, target, args.runs as u64, args.seed)?;
+                println!("{}", row(tissues, halved, target, &runs));
+            }
+        }
+    }
     Ok(())
 }
 

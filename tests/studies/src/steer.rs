@@ -1,6 +1,7 @@
 //! Steering to a target: misses of several controllers on the same plants, which share no computation with the forward model and
 //! hide layers, skin, yielding or relaxation, slope, play, process noise of the load and bad readings; and with one more effect each.
 
+pub mod limits;
 mod published;
 
 pub use published::Jacobian;

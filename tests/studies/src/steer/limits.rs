@@ -1,0 +1,177 @@
+//! Limits that matter: needles tied to their path, with limits as stated and halved, to targets that they can reach and to such as another needle of the same
+//! prior can reach.
+
+use super::DEPTH_MM;
+use rayon::prelude::*;
+use steering::{Options, Outcome, PlantError, SteerError, steer};
+use worlds::steering::{SimulatedPlant, TiedNeedle, Tissues, far_target, tied_sibling, tied_world};
+
+/// Share of its limits within which a needle has reached its target.
+const SHARE: f64 = 0.8;
+
+/// Which limit is half of what it usually is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Halved {
+    /// None.
+    None,
+    /// Bending strain of the needle.
+    Strain,
+    /// Force of guide 2.
+    Force,
+    /// Travel of guide 2.
+    Travel,
+    /// Speed of guide 2.
+    Speed,
+    /// All of these.
+    All,
+}
+
+impl Halved {
+    /// All.
+    pub const ALL: [Self; 6] = [Self::None, Self::Strain, Self::Force, Self::Travel, Self::Speed, Self::All];
+
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "as stated",
+            Self::Strain => "strain halved",
+            Self::Force => "force halved",
+            Self::Travel => "travel halved",
+            Self::Speed => "speed halved",
+            Self::All => "all halved",
+        }
+    }
+
+    fn apply(self, plant: &mut SimulatedPlant<TiedNeedle>) {
+        let limits = &mut plant.stated.limits;
+        let is = |one: Self| self == one || self == Self::All;
+        if is(Self::Strain) {
+            limits.needle_strain = limits.needle_strain.map(|strain| 0.5 * strain);
+        }
+        if is(Self::Force) {
+            limits.guide_force_n = limits.guide_force_n.map(|n| 0.5 * n);
+        }
+        if is(Self::Travel) {
+            limits.guide_travel_mm *= 0.5;
+        }
+        if is(Self::Speed) {
+            limits.guide_speed_mm_s *= 0.5;
+        }
+    }
+}
+
+/// Whose run has ended at the target.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// The needle's own, within 0.8 of its limits.
+    Own,
+    /// That of another needle of the same prior: this one may not reach it.
+    Other,
+}
+
+/// One run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LimitedRun {
+    /// Miss, mm; nothing where the run was refused or ended by a fault.
+    pub miss_mm: Option<f64>,
+    /// Refused before the first push.
+    pub refused: bool,
+    /// Stopped, or ended by a fault.
+    pub stopped: bool,
+    /// Limits exceeded.
+    pub broken: u64,
+    /// Radius, mm, and probability of a smaller miss, as stated before the first push.
+    pub stated: Vec<[f64; 2]>,
+    /// Whether the last decision with a miss of more than half a millimetre has named what limits it.
+    pub named: bool,
+}
+
+/// Runs `count` needles.
+///
+/// # Errors
+/// None that a simulated plant has.
+pub fn limited(
+    tissues: Tissues,
+    halved: Halved,
+    target: Target,
+    count: u64,
+    seed: u64,
+) -> Result<Vec<LimitedRun>, PlantError> {
+    let of = |number: u64| {
+        let mut plant = tied_world(tissues, seed, number);
+        halved.apply(&mut plant);
+        let target_mm = match target {
+            Target::Own => far_target(&plant, SHARE, DEPTH_MM, seed, number)?,
+            Target::Other => {
+                let mut other = tied_sibling(tissues, seed, number, 1);
+                halved.apply(&mut other);
+                far_target(&other, SHARE, DEPTH_MM, seed, number)?
+            }
+        };
+        match steer(&mut plant, &Options::new(target_mm), &mut |_| {}) {
+            Ok(run) => {
+                let refused = matches!(run.outcome, Outcome::Refused { .. });
+                Ok(LimitedRun {
+                    miss_mm: run.miss_mm.filter(|_| !refused),
+                    refused,
+                    stopped: matches!(run.outcome, Outcome::Stopped { .. }),
+                    broken: run
+                        .end
+                        .as_ref()
+                        .and_then(|end| end.limits_broken)
+                        .map_or(0, |broken| broken.total()),
+                    stated: run.within_before.iter().map(|one| [one.radius_mm, one.probability]).collect(),
+                    named: run.decisions.iter().any(|one| one.limits.is_some()),
+                })
+            }
+            Err(SteerError::Plant(error)) => Err(error),
+            Err(_) => Ok(LimitedRun {
+                miss_mm: None,
+                refused: false,
+                stopped: true,
+                broken: 0,
+                stated: Vec::new(),
+                named: true,
+            }),
+        }
+    };
+    (0..count).into_par_iter().map(of).collect()
+}
+
+/// A row of the table, and below it what was stated and observed.
+pub fn row(tissues: Tissues, halved: Halved, target: Target, runs: &[LimitedRun]) -> String {
+    let mut misses: Vec<f64> = runs.iter().filter_map(|run| run.miss_mm).collect();
+    misses.sort_by(f64::total_cmp);
+    let count = |is: &dyn Fn(&LimitedRun) -> bool| runs.iter().filter(|run| is(run)).count();
+    let quantile = |share: f64| {
+        let at = (share * misses.len().saturating_sub(1) as f64).round() as usize;
+        misses.get(at).copied().unwrap_or(f64::NAN)
+    };
+    let calibration = |i: usize| {
+        let both: Vec<([f64; 2], f64)> =
+            runs.iter().filter_map(|run| Some((*run.stated.get(i)?, run.miss_mm?))).collect();
+        let of = |value: &dyn Fn(&([f64; 2], f64)) -> f64| {
+            100.0 * both.iter().map(value).sum::<f64>() / both.len().max(1) as f64
+        };
+        let observed = of(&|([radius_mm, _], miss_mm)| f64::from(u8::from(miss_mm <= radius_mm)));
+        format!("{:.0} / {observed:.0}", of(&|([_, stated], _)| *stated))
+    };
+    let silent = |run: &LimitedRun| run.miss_mm.is_some_and(|mm| mm > 0.5) && !run.named && !run.stopped;
+    format!(
+        "| {} | {} | {} | {:.2} | {:.2} | {:.2} | {:.1} % | {} | {} | {} | {} | {}, {}, {} |",
+        if tissues == Tissues::Plain { "plain" } else { "standard" },
+        halved.name(),
+        if target == Target::Own { "own" } else { "other's" },
+        misses.iter().sum::<f64>() / misses.len().max(1) as f64,
+        quantile(0.5),
+        quantile(0.95),
+        100.0 * misses.iter().filter(|mm| **mm > 2.0).count() as f64 / misses.len().max(1) as f64,
+        count(&|run| run.refused),
+        count(&|run| run.stopped),
+        count(&silent),
+        count(&|run| run.broken > 0),
+        calibration(0),
+        calibration(1),
+        calibration(2)
+    )
+}
