@@ -138,6 +138,9 @@ pub fn limited(
     (0..count).into_par_iter().map(of).collect()
 }
 
+/// A radius in millimetres with the probability that was stated for it, and what a run missed by.
+type Judged = ([f64; 2], f64);
+
 /// A row of the table, and below it what was stated and observed.
 pub fn row(tissues: Tissues, halved: Halved, target: Target, runs: &[LimitedRun]) -> String {
     let mut misses: Vec<f64> = runs.iter().filter_map(|run| run.miss_mm).collect();
@@ -148,13 +151,13 @@ pub fn row(tissues: Tissues, halved: Halved, target: Target, runs: &[LimitedRun]
         misses.get(at).copied().unwrap_or(f64::NAN)
     };
     let calibration = |i: usize| {
-        let both: Vec<([f64; 2], f64)> =
+        let both: Vec<Judged> =
             runs.iter().filter_map(|run| Some((*run.stated.get(i)?, run.miss_mm?))).collect();
-        let of = |value: &dyn Fn(&([f64; 2], f64)) -> f64| {
+        let of = |value: fn(&Judged) -> f64| {
             100.0 * both.iter().map(value).sum::<f64>() / both.len().max(1) as f64
         };
-        let observed = of(&|([radius_mm, _], miss_mm)| f64::from(u8::from(miss_mm <= radius_mm)));
-        format!("{:.0} / {observed:.0}", of(&|([_, stated], _)| *stated))
+        let observed = of(|([radius_mm, _], miss_mm)| f64::from(u8::from(miss_mm <= radius_mm)));
+        format!("{:.0} / {observed:.0}", of(|([_, stated], _)| *stated))
     };
     let silent = |run: &LimitedRun| run.miss_mm.is_some_and(|mm| mm > 0.5) && !run.named && !run.stopped;
     format!(
