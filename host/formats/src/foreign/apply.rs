@@ -175,8 +175,9 @@ fn found<'t>(
         found.extend(at.and_then(|at| table.columns.get(at)).map(|column| (table, column)));
     }
     // A number is meant for a file without names.
-    if choice.column.starts_with('#') && found.iter().any(|(_, column)| column.header.starts_with('#')) {
-        found.retain(|(_, column)| column.header.starts_with('#'));
+    let unnamed = choice.column.strip_prefix('#').map(|number| format!("column {number}"));
+    if unnamed.as_ref().is_some_and(|name| found.iter().any(|(_, column)| column.header == *name)) {
+        found.retain(|(_, column)| Some(&column.header) == unnamed.as_ref());
     }
     if found.is_empty() {
         let known: Vec<String> = tables
