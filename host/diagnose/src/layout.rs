@@ -240,8 +240,8 @@ impl Layout {
         let Places { guide2, entry, .. } = self.places();
         let tolerances = self.rig.tolerances;
         let all = [
-            (guide2, "place of guide 2", "rig.guide2_position", tolerances.guide2_sd_m()),
-            (entry, "place of the surface", "rig.surface_position", tolerances.entry_sd_m()),
+            (guide2, "the place of guide 2", "rig.guide2_position", tolerances.guide2_sd_m()),
+            (entry, "the place of the surface", "rig.surface_position", tolerances.entry_sd_m()),
         ];
         let of = |(parameter, name, effect, scale_m): (Option<usize>, _, _, _)| {
             Some(StatedPlace { parameter: parameter?, name, effect, scale_m })
