@@ -95,7 +95,8 @@ pub(crate) fn defined(fields: &Fields<'_>, id: Option<&str>) -> Result<&'static 
     let parameters = parameters(&fields.table("parameters")?)?;
     let formula = fields.text("formula")?;
     let fault = |problem: Problem, expected: String| fields.field_fault("formula", problem, expected);
-    let unreadable = |why: ExError| fault(Problem::Unknown(formula.clone()), format!("a formula: {why}"));
+    let unreadable =
+        |why: ExError| fault(Problem::Syntax(format!("\"{formula}\" is no formula")), why.to_string());
     let expression = FlatEx::<f64>::parse(&formula).map_err(unreadable)?;
     let names: Vec<&str> = parameters.iter().map(|info| info.name).chain([REGRESSOR]).collect();
     let mut places = Vec::new();
@@ -117,14 +118,14 @@ pub(crate) fn defined(fields: &Fields<'_>, id: Option<&str>) -> Result<&'static 
     if !units::agree(&value, (&own, &sizes), of_x, of_site) {
         let expected =
             format!("a result in {of_site}, of x in {of_x} and parameters in the units of their names");
-        return Err(fault(Problem::Unknown(formula), expected));
+        return Err(fault(Problem::Syntax(format!("the units of \"{formula}\" do not agree")), expected));
     }
     let function = OwnFunction { formula: formula.clone(), value: Box::new(value) };
     let physics = physics.unwrap_or_else(|| format!("{}: {formula}", site.words()));
     let law = OwnLaw { id, physics, site, scope, regressor, function, parameters };
     let law = define(law).map_err(|why| {
         let field = if matches!(why, DefineError::Known(_)) { "id" } else { "regressor" };
-        fields.field_fault(field, Problem::Unknown(why.to_string()), "another one")
+        fields.field_fault(field, Problem::Syntax(why.to_string()), "another one")
     })?;
     Ok(law)
 }
