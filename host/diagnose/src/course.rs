@@ -14,6 +14,7 @@ const SIZES: i32 = 24;
 const SMALLEST: f64 = 1e-3;
 /// Noise is nothing beside second differences of so many of its standard deviations.
 const NO_NOISE: f64 = 1e3;
+
 /// A course, and the share of the variance of a reading that is left in every place of it.
 pub(super) struct Course {
     pub places_m: Vec<f64>,

@@ -406,15 +406,14 @@ impl Search<'_> {
                 let Some(base) = self.refitted_without(fitted, index) else { continue };
                 let scores = Scores::new(&base, self.runs, self.patterns)?;
                 let mut candidates = self.weigh(&base, &scores, MAX_LEADERS);
-                if effect.as_law().is_some() {
+                if effect.is_unnamed() {
                     candidates.extend(self.terms(&base)?.0);
                 }
                 (base, candidates)
             };
             let own = fitted.log_evidence - base.log_evidence + one_sided(effect);
             // A law is one of so many more than there are names: it costs as much more beforehand.
-            let cost =
-                |of: &dyn Effect| if of.as_law().is_some() { discover::needed(&base) - margin } else { 0.0 };
+            let cost = |of: &dyn Effect| if of.is_unnamed() { discover::needed(&base) - margin } else { 0.0 };
             let own_cost = cost(effect);
             // Where a name leaves nearly all of the held-out misfit the model is far from exact, and odds that assume it exact separate
             // nothing: whatever the evidence supports is in the class.
@@ -430,14 +429,13 @@ impl Search<'_> {
                 let from = |of: &Fitted| (stacked(&other.residuals) - stacked(&of.residuals)).norm_squared();
                 let apart = from(fitted);
                 // A law that predicts what a name does is that name.
-                let is_name = |(of, fit, _): &(&'static dyn Effect, Fitted, f64)| {
-                    of.as_law().is_none() && from(fit) < ALIKE
-                };
-                if candidate.score.effect.as_law().is_some() && class.iter().any(is_name) {
+                let is_name =
+                    |(of, fit, _): &(&'static dyn Effect, Fitted, f64)| !of.is_unnamed() && from(fit) < ALIKE;
+                if candidate.score.effect.is_unnamed() && class.iter().any(is_name) {
                     continue;
                 }
                 let behind = own - own_cost - (gain - cost(candidate.score.effect));
-                let is_supported = is_weak && *gain > margin && candidate.score.effect.as_law().is_none();
+                let is_supported = is_weak && *gain > margin && !candidate.score.effect.is_unnamed();
                 if behind < CLASS || (behind < CLASS_ALIKE && apart < ALIKE) || is_supported {
                     class.push((candidate.score.effect, other.clone(), *gain));
                 }

@@ -185,6 +185,11 @@ pub trait Effect: Debug + Sync {
         false
     }
 
+    /// Whether it is one of the grammar's laws, which nobody has given a name.
+    fn is_unnamed(&self) -> bool {
+        self.as_law().is_some_and(|law| law.own().is_none())
+    }
+
     /// The triple that it is, where it is a term and no effect of the catalogue.
     fn as_law(&self) -> Option<&Law> {
         None
