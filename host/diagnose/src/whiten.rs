@@ -257,7 +257,7 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
                     run.data.iter().map(one).collect()
                 };
                 if run.data.iter().any(|d| d.channel == channel) {
-                    patterns.push(of(&|_| sensors::TIP_ZERO.sd()));
+                    patterns.push(of(&|_| sensors::SHARED_TIP_ZERO.sd()));
                 }
             }
         }

@@ -6,7 +6,7 @@ use super::{Likelihood, NuisanceResult, RunError};
 pub(super) use formats::NORMAL_975;
 use formats::session::LateralRun;
 use mechanics::effects::Effect;
-use mechanics::unknowns::sensors::FIRST_SHAPE_NOISE;
+use mechanics::unknowns::sensors::SHAPE_NOISE;
 use readings::{Block, Fit, FitError, LateralData, Parameter, channel_fits, effect_parameters, fit};
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 
@@ -58,7 +58,7 @@ pub(super) fn fit_alone(data: &mut LateralData, known_shape_noise: bool) -> Resu
             // K is an unknown that the shape determines most of.
             let freedom = (shape.count as f64 - 1.0).max(1.0);
             let scale = (shape.chi_square / freedom).sqrt();
-            data.shape_sd_m = (data.shape_sd_m * scale).max(FIRST_SHAPE_NOISE.least());
+            data.shape_sd_m = (data.shape_sd_m * scale).max(SHAPE_NOISE.least());
             near.iter_mut().zip(&best.shared).for_each(|(parameter, value)| parameter.start = *value);
             best = fit(&near, std::slice::from_ref(data))?;
         }

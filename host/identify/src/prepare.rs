@@ -6,7 +6,7 @@ use formats::session::{LateralRun, Session};
 use mechanics::Support;
 use mechanics::effects::{Effect, effect};
 use mechanics::unknowns::sensors::{
-    DISPLACEMENT_NOISE, FIRST_SHAPE_NOISE, FORCE_NOISE_OF_HOLD, FORCE_ZERO, UNTARED_FORCE_ZERO,
+    DISPLACEMENT_NOISE, FORCE_NOISE, FORCE_ZERO, SHAPE_NOISE, UNTARED_FORCE_ZERO,
 };
 use modulus::energy::{Balance, MIN_POINTS};
 use readings::holds::{
@@ -59,7 +59,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
 
     let force_zero = force_zero(session, run, used.len() > displaced.len(), &mut warnings);
     let stated_shape_m = run.shape.typical_sd_m().or(session.noise.shape_m);
-    let shape_sd_m = stated_shape_m.unwrap_or(FIRST_SHAPE_NOISE.mean());
+    let shape_sd_m = stated_shape_m.unwrap_or(SHAPE_NOISE.mean());
     let data = LateralData {
         rig: session.rig.clone(),
         support: Support::Springs,
@@ -287,7 +287,7 @@ impl Deviations {
         let (force_n, force_systematic_n) = scatter_and_systematic(
             force,
             session.noise.force_n,
-            FORCE_NOISE_OF_HOLD.least().max(rounding_sd(&run.force.force_y_n)),
+            FORCE_NOISE.least().max(rounding_sd(&run.force.force_y_n)),
         );
         let (displacement_m, displacement_systematic_m) = scatter_and_systematic(
             displacement,
@@ -378,7 +378,7 @@ fn balances(
                 displacement_m: project(&displacement_m),
                 force_n: project(&force_n),
                 shape_m: level.shape.iter().map(|point| (point.z_m, deflection(point))).collect(),
-                shape_sd_m: FIRST_SHAPE_NOISE.mean(),
+                shape_sd_m: SHAPE_NOISE.mean(),
             });
         }
     }

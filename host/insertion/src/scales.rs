@@ -2,7 +2,8 @@
 
 use super::basis::Measured;
 use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};
-use mechanics::unknowns::{Unknown, discrepancy, rig, sensors, tip, tissue};
+use mechanics::unknowns::discrepancy::insertion as of_insertions;
+use mechanics::unknowns::{Unknown, rig, sensors, tip, tissue};
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 
@@ -71,17 +72,17 @@ pub(super) const COUNT: usize = 14;
 const ASSUMED: [Unknown; COUNT] = [
     sensors::TIP_ZERO_OF_ONE,
     tip::ENTRY_ANGLE,
-    tip::LOAD_OF_ONE,
-    tip::PROCESS_NOISE,
-    tip::PROCESS_NOISE,
+    of_insertions::LOAD_OF_ONE,
+    of_insertions::LOAD_OVER_DEPTH,
+    of_insertions::LOAD_OVER_DEPTH_OF_ONE,
     tip::LOAD_MEMORY,
-    discrepancy::insertion::MODULUS_OF_ONE,
-    tip::SURFACE_OF_ONE,
+    of_insertions::MODULUS_OF_ONE,
+    of_insertions::SURFACE_OF_ONE,
     tip::DRIFT,
     tip::IRREGULARITY,
     tip::MOVING_IRREGULARITY,
     sensors::TILT_OF_ONE,
-    sensors::BEND,
+    of_insertions::DIRECTION_DRIFT_OF_ONE,
     tip::UNSTEADINESS,
 ];
 /// Number of the one that matters only where a needle that rests was read on its way.
@@ -153,10 +154,10 @@ impl Scales {
             ratios[i] = if own > 0.0 { shared / own } else { 0.0 };
         };
         set(OFFSET, [sensors::SHARED_TIP_ZERO.sd(), self.offset_m]);
-        set(ANGLE, [tip::SHARED_ENTRY_ANGLE.sd(), self.entry_angle_rad]);
+        set(ANGLE, [of_insertions::TILT_BY_HAND.sd(), self.entry_angle_rad]);
         set(GUIDE2, [rig::GUIDE2_ZERO, rig::GUIDE2_ZERO_OF_ONE].map(|guide2| guide2.sd()));
         set(MODULUS, [if searching { TRUST_LN } else { 0.0 }, self.modulus_ln]);
-        set(ENTRY, [tissue::SURFACE_OF_PATHS.sd(), self.entry_m]);
+        set(ENTRY, [tissue::SURFACE.sd(), self.entry_m]);
         set(GAP, if searching { [TRUST_LN, SEARCHED_OWN_LN] } else { [0.0; 2] });
         for number in 0..DRIFTS {
             let own_m = self.drift_m / ((number + 1) as f64).sqrt();
@@ -167,7 +168,7 @@ impl Scales {
             set(rear, [self.rear_share, rig::REAR_SHARE_OF_ONE.sd()]);
         }
         if let Some(tilt) = layout.tilt() {
-            set(tilt, [sensors::SHARED_TILT.sd(), self.tilt_rad]);
+            set(tilt, [sensors::COIL_ANGLE.sd(), self.tilt_rad]);
             for number in 0..BENDS {
                 let own_rad = self.bend_rad / ((number + 1) as f64).sqrt();
                 set(tilt + 1 + number, [own_rad, own_rad]);
@@ -191,7 +192,7 @@ impl Scales {
 
     /// Standard deviation of the place of an insertion's surface, m.
     pub(super) fn shared_and_own_entry_m(&self) -> f64 {
-        tissue::SURFACE_OF_PATHS.sd().hypot(self.entry_m)
+        tissue::SURFACE.sd().hypot(self.entry_m)
     }
 
     /// Variance of a step of the search, of the logarithm.

@@ -36,10 +36,10 @@ pub fn tissue(
         })
     };
     if let Some((foundation, sd_ln)) = stated_or_lateral(session, options, warnings)? {
-        return with(foundation, sd_ln.hypot(unknowns::tissue::INSERTION_MODULUS_OF_PATHS.sd()));
+        return with(foundation, sd_ln.hypot(unknowns::tissue::INSERTION_MODULUS.sd()));
     }
     let modulus = if session.rig.needle.stiffness_known {
-        unknowns::tissue::MODULUS_OF_PATHS
+        unknowns::tissue::MODULUS
     } else {
         warnings.push(
             "the needle's bending stiffness is not known: moduli and tip loads refer to that of the reference needle, only K/(E I) is \

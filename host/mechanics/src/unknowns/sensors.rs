@@ -8,11 +8,6 @@ section! {
         used_by: "diagnose, identify, plan, simulate",
         why: "1 % of a sensor of 5 N; none resolves better than 0.02 % of its range",
     }
-    FORCE_NOISE_OF_HOLD {
-        name: "noise of a reading of the force in a hold", unit: "N", prior: Prior::fixed(0.05), range: [1e-4, 10.0],
-        used_by: "identify",
-        why: "a bridge read at its noise",
-    }
     DISPLACEMENT_NOISE {
         name: "noise of a reading of the displacement of guide 2", unit: "m", prior: Prior::fixed(20e-6), range: [1e-6, 1e-3],
         used_by: "diagnose, identify, plan, simulate",
@@ -20,13 +15,7 @@ section! {
     }
     SHAPE_NOISE {
         name: "noise of a point of a shape", unit: "m", prior: Prior::fixed(30e-6), range: [2e-6, 1e-3],
-        used_by: "diagnose, plan",
-        why: "a pixel of a camera or an ultrasound probe, interpolated",
-    }
-    FIRST_SHAPE_NOISE {
-        name: "noise of a point of a shape before its residuals determine it", unit: "m", prior: Prior::fixed(25e-6),
-        range: [1e-6, 1e-3],
-        used_by: "identify",
+        used_by: "diagnose, identify, plan",
         why: "a pixel of a camera or an ultrasound probe, interpolated",
     }
     TIP_NOISE {
@@ -74,19 +63,14 @@ section! {
         used_by: "characterize",
         why: "they have converters of their own",
     }
-    TIP_ZERO {
-        name: "the zero of a tip sensor in one insertion", unit: "m", prior: Prior::error(1e-3),
-        used_by: "diagnose",
-        why: "where the needle entered beside the axis",
-    }
     TIP_ZERO_OF_ONE {
         name: "the zero of a tip sensor in one insertion against that of all", unit: "m", prior: Prior::size(0.3e-3, 1.5),
         used_by: "predict",
         why: "where the needle entered beside the axis",
     }
     SHARED_TIP_ZERO {
-        name: "the zero of a tip sensor that all insertions share", unit: "m", prior: Prior::error(0.1),
-        used_by: "predict",
+        name: "the zero of a tip sensor", unit: "m", prior: Prior::error(0.1),
+        used_by: "diagnose, predict",
         why: "a tracker's origin is anywhere; one value in each plane, which determines little of a size: wide",
     }
     STEERED_TIP_ZERO {
@@ -95,24 +79,14 @@ section! {
         why: "the controller is told where the surface is, and the tip rests on it before the start",
     }
     COIL_ANGLE {
-        name: "angle of the sensor in the tip", unit: "rad", prior: Prior::error(20e-3),
-        used_by: "diagnose",
-        why: "a coil of a millimetre glued into a bore that is a little wider",
-    }
-    SHARED_TILT {
-        name: "tilt of the direction sensor on the needle, in all insertions", unit: "rad", prior: Prior::error(50e-3),
-        used_by: "predict",
-        why: "how the sensor sits on the needle; one value in each plane, which determines little of a size: wide",
+        name: "angle of the sensor in the tip", unit: "rad", prior: Prior::error(50e-3),
+        used_by: "diagnose, predict",
+        why: "a coil of a millimetre glued into a bore that is wider; one value in each plane, which determines little of a size: wide",
     }
     TILT_OF_ONE {
         name: "tilt of the direction sensor on the needle in one insertion against that of all", unit: "rad",
         prior: Prior::size(2e-3, 1.5),
         used_by: "predict",
         why: "a sensor that sits loosely",
-    }
-    BEND {
-        name: "slow change with depth of the tilt of the direction sensor", unit: "rad", prior: Prior::size(2e-3, 1.5),
-        used_by: "predict",
-        why: "a sensor some millimetres long on a needle that bends",
     }
 }

@@ -13,16 +13,6 @@ section! {
         used_by: "predict",
         why: "wide, and in proportion, so that its size weighs no modulus against another",
     }
-    LOAD_OF_ONE {
-        name: "the tip load of one insertion against that of all, share", unit: "1", prior: Prior::size(0.05, 1.0),
-        used_by: "predict",
-        why: "the same bevel in the same tissue, cut anew",
-    }
-    PROCESS_NOISE {
-        name: "the process noise of the tip load, shared and own, share of the load", unit: "1", prior: Prior::size(0.02, 1.5),
-        used_by: "predict",
-        why: "tissue is uneven at the scale of a tip, and along one track the unevenness repeats",
-    }
     LOAD_MEMORY {
         name: "the depth over which the tip load is correlated", unit: "m", prior: Prior::log_normal(0.1, 1.0),
         used_by: "predict",
@@ -79,29 +69,20 @@ section! {
         why: "no tip has one law alone",
     }
     ENTRY_ANGLE {
-        name: "the angle of entry of one insertion against that of all", unit: "rad", prior: Prior::size(5e-3, 1.5),
+        name: "the angle of entry of one insertion against that of all, by two guides or by hand", unit: "rad", prior: Prior::size(5e-3, 1.5),
         used_by: "predict",
-        why: "a needle that is set down again by hand",
-    }
-    SHARED_ENTRY_ANGLE {
-        name: "the angle between the needle and the axes of a tracker, in all insertions", unit: "rad", prior: Prior::error(50e-3),
-        used_by: "predict",
-        why: "trackers are set up by hand; one value in each plane, which determines little of a size: wide",
+        why: "all sizes are found together, for any rig: wide enough for the two of a diagnosis, 3 and 15 mrad",
     }
     STAGE_ANGLE {
         name: "the angle between the needle and the axis of a stage", unit: "rad", prior: Prior::error(10e-3),
         used_by: "steer, plan-path",
         why: "as the catalogue's tip.entry_angle: a needle in a holder, aligned by eye",
     }
-    SURFACE_OF_ONE {
-        name: "the place of the surface of one insertion against that of all", unit: "m", prior: Prior::size(0.2e-3, 1.0),
-        used_by: "predict",
-        why: "a surface that is not flat, beside the last puncture",
-    }
     DRIFT {
-        name: "slow drift of the tracker in one insertion", unit: "m", prior: Prior::size(10e-6, 1.5),
+        name: "drift of the path of one insertion, where all sizes are found together", unit: "m", prior: Prior::size(10e-6, 1.5),
         used_by: "predict",
-        why: "fields of trackers are bent a little, and warm up",
+        why: "the likeliest size is small and the spread wide enough for the 20 to 50 um of a tracker: a typical drift of 30 um would take what \
+              the tip load does to quiet paths",
     }
     SHARED_DRIFT {
         name: "drift that repeats from insertion to insertion over that of one", unit: "1", prior: Prior::error(0.5),

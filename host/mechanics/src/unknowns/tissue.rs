@@ -4,14 +4,10 @@ use super::{Prior, Unknown};
 
 section! {
     MODULUS {
-        name: "the modulus: K of springs, E of a body", unit: "Pa", prior: Prior::log_normal(15e3, 1.5), range: [50.0, 5e6],
-        used_by: "diagnose, identify",
-        why: "two standard deviations reach from brain (0.8 kPa) to tendon and stiff gels (300 kPa)",
-    }
-    MODULUS_OF_PATHS {
-        name: "the modulus, in predictions", unit: "Pa", prior: Prior::log_normal(15e3, 1.0),
-        used_by: "predict",
-        why: "soft tissue, two standard deviations from 2 to 110 kPa",
+        name: "the modulus: K of springs, E of a body", unit: "Pa", prior: Prior::log_normal(15e3, 1.0), range: [50.0, 5e6],
+        used_by: "identify, diagnose, predict",
+        why: "soft tissue and gels, two standard deviations from 2 to 110 kPa; lateral runs determine it to a few percent, so that this matters \
+              for insertions alone, whose intervals hold with it",
     }
     MODULUS_OF_REFERENCE_NEEDLE {
         name: "the modulus about a reference needle, where the needle's stiffness is not known", unit: "Pa",
@@ -26,15 +22,10 @@ section! {
         why: "a value for the kind of tissue, right to a factor of 1.6; where none is stated, that of the plants of the steering study",
     }
     INSERTION_MODULUS {
-        name: "the modulus of an insertion over that of a lateral run", unit: "1", prior: Prior::log_normal(1.0, 0.05),
+        name: "the modulus of an insertion over that of a lateral run", unit: "1", prior: Prior::log_normal(1.0, 0.1),
         range: [0.37, 2.7],
-        used_by: "diagnose",
-        why: "faster motion, tissue that was cut",
-    }
-    INSERTION_MODULUS_OF_PATHS {
-        name: "the modulus of an insertion over that of a lateral run, in predictions", unit: "1", prior: Prior::log_normal(1.0, 0.1),
-        used_by: "predict",
-        why: "faster motion, tissue that was cut",
+        used_by: "diagnose, predict",
+        why: "faster motion, tissue that was cut: tissue that relaxes by a tenth in each decade of time is that much stiffer",
     }
     REFERENCE_RATIO {
         name: "the modulus of a session over that of its reference", unit: "1", prior: Prior::log_normal(1.0, 0.3),
@@ -74,30 +65,26 @@ section! {
         why: "inclusions and cavities; probability 0.1 before the run",
     }
     SURFACE {
-        name: "the place of the surface against what is stated, without insertion", unit: "m", prior: Prior::error(0.3e-3),
-        used_by: "diagnose, identify",
+        name: "the place of the surface against what is stated", unit: "m", prior: Prior::error(0.3e-3),
+        used_by: "identify, diagnose, predict",
         why: "a ruler beside a surface that is not flat",
     }
     SURFACE_IN_INSERTIONS {
-        name: "the place of the surface that all insertions share", unit: "m", prior: Prior::error(1e-3),
+        name: "the place of the surface that a tip indents, where no effective gap is unknown", unit: "m", prior: Prior::error(1e-3),
         used_by: "diagnose",
-        why: "a tip indents the surface before it cuts, by about a millimetre",
-    }
-    SURFACE_OF_PATHS {
-        name: "the place of the surface that all insertions share, in predictions", unit: "m", prior: Prior::error(0.3e-3),
-        used_by: "predict",
-        why: "a ruler beside a surface that is not flat",
+        why: "a tip indents the surface before it cuts, by about a millimetre; predictions have that in the effective gap",
     }
     GAP {
-        name: "the gap between an only guide and the surface over what is stated", unit: "1", prior: Prior::log_normal(1.0, 0.15),
-        range: [0.37, 2.7],
+        name: "the gap between an only guide and the surface over what is stated, where a surface that gives way is an effect of its own",
+        unit: "1", prior: Prior::log_normal(1.0, 0.15), range: [0.37, 2.7],
         used_by: "diagnose",
-        why: "the guide holds the needle somewhere along its own length",
+        why: "the guide holds the needle somewhere along its own length; more is tissue.entry_gap",
     }
     EFFECTIVE_GAP {
-        name: "the effective gap of an insertion over what is stated", unit: "1", prior: Prior::log_normal(1.0, 0.7),
+        name: "the effective gap of an insertion over the stated gap", unit: "1", prior: Prior::log_normal(1.0, 0.7),
         used_by: "predict",
-        why: "needles are loose in guides and surfaces give way: the length that bends freely is up to four times the gap, or a quarter",
+        why: "needles are loose in guides and surfaces give way, and no effect has that in a prediction: the length that bends freely is up to four \
+              times the gap, or a quarter",
     }
     GAP_OF_STAGE {
         name: "the gap between the guide of a stage and the surface", unit: "m", prior: Prior::error(0.5e-3),

@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn an_entry_is_read_in_the_units_of_a_lab() {
-        assert_eq!(assumed(&tissue::MODULUS), "15 kPa, sd of ln 1.5; 0.05 to 5000 kPa");
+        assert_eq!(assumed(&tissue::MODULUS), "15 kPa, sd of ln 1; 0.05 to 5000 kPa");
         assert_eq!(assumed(&rig::GUIDE2_POSITION), "0, sd 0.3 mm");
         assert_eq!(assumed(&sensors::FORCE_ZERO), "sd about 0.01 N, found");
     }
