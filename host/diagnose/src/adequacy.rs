@@ -5,8 +5,8 @@
 //!
 //! * how much of them lies in smooth functions of the coordinates, channel by channel ([`Adequacy`]): a chi-square of as many degrees
 //!   of freedom as there are functions, for any missing effect;
-//! * which interval of which coordinate stands out most, in one channel, alike or opposite on both sides of zero ([`regions`]): a scan,
-//!   its significance corrected for the number of intervals tried.
+//! * which interval of which coordinate stands out most, in one channel, alike or opposite on both sides of zero ([`regions`]): a scan
+//!   beside noise and the imperfections that every rig has, its significance corrected for the number of intervals tried.
 
 use super::data::{Channel, Datum, Kind};
 use super::evidence::Patterns;
@@ -68,14 +68,7 @@ impl Adequacy {
             columns.iter().map(|column| 1.0 / column.norm().max(f64::MIN_POSITIVE)).collect();
         columns.iter_mut().zip(&scale).for_each(|(column, scale)| *column *= *scale);
         columns.push(residuals);
-        let all = DMatrix::from_columns(&columns);
-        let mut start = 0;
-        let of_run = |run: &Prepared| {
-            let rows = run.run.data.len();
-            start += rows;
-            all.rows(start - rows, rows).into_owned()
-        };
-        let of_runs: Vec<DMatrix<f64>> = runs.iter().map(of_run).collect();
+        let of_runs = by_run(runs, &columns);
         let products = fitted.products_beside_parameters(patterns, &of_runs);
         let structure = |sizes: &[f64]| {
             let left = fitted.eliminated(patterns, sizes, &products);
@@ -300,18 +293,60 @@ const COORDINATES: [Coordinate; 5] = [
     ("time_in_hold_s", |_, d| d.place.hold_s),
 ];
 
-/// Where a fit and the data differ beyond chance, most significant first, one region per channel and coordinate.
-pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Vec<Region> {
-    let residuals = stacked(&fitted.residuals);
-    let basis = orthonormal(&fitted.jacobian);
-    let mut found: Vec<Region> = Vec::new();
-    let mut tried = 0;
+/// Bins of one coordinate in one channel, and where their columns begin.
+struct Scan {
+    channel: Channel,
+    coordinate: &'static str,
+    is_odd: bool,
+    edges: Vec<[f64; 2]>,
+    first: usize,
+}
+
+/// Where a fit and the data differ by more than noise and usual imperfections, most significant first, one region per channel and
+/// coordinate.
+///
+/// # Errors
+/// Where the discrepancy's covariance has no factor.
+pub(super) fn regions(
+    fitted: &Fitted,
+    runs: &[Prepared],
+    patterns: &Patterns,
+) -> Result<Vec<Region>, FitError> {
+    let (scans, mut columns) = scans(runs);
+    let tried: usize = scans.iter().map(|scan| scan.edges.len() * (scan.edges.len() + 1) / 2).sum();
+    columns.push(stacked(&fitted.residuals));
+    let residuals = columns.len() - 1;
+    let products = fitted.products_beside_parameters(patterns, &by_run(runs, &columns));
+    let (left, _) =
+        fitted.eliminated(patterns, &patterns.everyday(), &products).ok_or(FitError::Undetermined)?;
+    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / tried.max(1) as f64);
+    let region = |scan: &Scan| {
+        let (from, to, sigma, mean) = best_interval(&left, scan.first, scan.edges.len(), residuals)?;
+        let (from, to) = (scan.edges[from][0], scan.edges[to][1]);
+        let Scan { channel, coordinate, is_odd, .. } = *scan;
+        Some(Region { channel, coordinate, from, to, mean, is_odd, sigma })
+    };
+    let mut found: Vec<Region> = scans.iter().filter_map(region).collect();
+    found.retain(|region| region.sigma.abs() > threshold);
+    // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
+    found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
+    let mut kept: Vec<Region> = Vec::new();
+    for region in found {
+        let same = |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
+        if kept.iter().find(same).is_none() && kept.len() < MAX_REGIONS {
+            kept.push(region);
+        }
+    }
+    Ok(kept)
+}
+
+/// All bins of all coordinates, and their whitened columns.
+fn scans(runs: &[Prepared]) -> (Vec<Scan>, Vec<DVector<f64>>) {
+    let (mut scans, mut columns) = (Vec::new(), Vec::new());
     for channel in Channel::ALL {
-        for (name, coordinate) in COORDINATES {
+        for (coordinate, value_of) in COORDINATES {
             let values: Vec<Option<f64>> = all_data(runs)
-                .map(|(run, d)| {
-                    (d.channel == channel && is_tested(run)).then(|| coordinate(run, d)).flatten()
-                })
+                .map(|(run, d)| (d.channel == channel && is_tested(run)).then(|| value_of(run, d)).flatten())
                 .collect();
             let edges = edges(&values);
             if edges.len() < 2 {
@@ -323,63 +358,31 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Vec<Region> {
                     true => d.place.level_m.signum(),
                     false => 1.0,
                 };
-                let bins: Vec<DVector<f64>> = (0..edges.len())
-                    .map(|bin| {
-                        let member = |((_, d), value): ((&Prepared, &Datum), &Option<f64>)| match value {
-                            Some(value) if place(&edges, *value) == bin => sign(d),
-                            _ => 0.0,
-                        };
-                        let column: Vec<f64> = all_data(runs).zip(&values).map(member).collect();
-                        let mut projected = whitened(runs, &column);
-                        projected -= &basis * basis.tr_mul(&projected);
-                        projected
-                    })
-                    .collect();
-                let best = best_interval(&bins, &residuals);
-                tried += edges.len() * (edges.len() + 1) / 2;
-                if let Some((from, to, sigma, mean)) = best {
-                    let (from, to) = (edges[from][0], edges[to][1]);
-                    found.push(Region { channel, coordinate: name, from, to, mean, is_odd, sigma });
-                }
+                scans.push(Scan { channel, coordinate, is_odd, edges: edges.clone(), first: columns.len() });
+                columns.extend((0..edges.len()).map(|bin| {
+                    let member = |((_, d), value): ((&Prepared, &Datum), &Option<f64>)| match value {
+                        Some(value) if place(&edges, *value) == bin => sign(d),
+                        _ => 0.0,
+                    };
+                    let column: Vec<f64> = all_data(runs).zip(&values).map(member).collect();
+                    whitened(runs, &column)
+                }));
             }
         }
     }
-    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / f64::from(tried.max(1) as u32));
-    found.retain(|region| region.sigma.abs() > threshold);
-    // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
-    found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
-    let mut kept: Vec<Region> = Vec::new();
-    for region in found {
-        let same = |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
-        if kept.iter().find(same).is_none() && kept.len() < MAX_REGIONS {
-            kept.push(region);
-        }
-    }
-    kept
+    (scans, columns)
 }
 
-/// Orthonormal columns that span what these do (one matrix per run), nearly dependent ones skipped.
-fn orthonormal(jacobian: &[DMatrix<f64>]) -> DMatrix<f64> {
-    let rows = jacobian.iter().map(DMatrix::nrows).sum();
-    let count = jacobian.first().map_or(0, DMatrix::ncols);
-    let mut basis: Vec<DVector<f64>> = Vec::new();
-    for j in 0..count {
-        let mut rest = DVector::from_iterator(
-            rows,
-            jacobian.iter().flat_map(|of_run| of_run.column(j).into_owned().data.as_vec().clone()),
-        );
-        let before = rest.norm();
-        for _ in 0..2 {
-            for known in &basis {
-                let along = known.dot(&rest);
-                rest.axpy(-along, known, 1.0);
-            }
-        }
-        if rest.norm() > 1e-6 * before && before > 0.0 {
-            basis.push(rest.normalize());
-        }
-    }
-    if basis.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&basis) }
+/// Columns over all runs, as one matrix per run.
+fn by_run(runs: &[Prepared], columns: &[DVector<f64>]) -> Vec<DMatrix<f64>> {
+    let all = DMatrix::from_columns(columns);
+    let mut start = 0;
+    let of_run = |run: &Prepared| {
+        let rows = run.run.data.len();
+        start += rows;
+        all.rows(start - rows, rows).into_owned()
+    };
+    runs.iter().map(of_run).collect()
 }
 
 /// Bins of a coordinate: its distinct values where these are few, else equal counts; least and greatest of each.
@@ -406,15 +409,20 @@ fn place(edges: &[[f64; 2]], value: f64) -> usize {
     edges.iter().rposition(|[from, _]| *from <= value).unwrap_or(0)
 }
 
-/// The interval of bins that stands out most: first and last bin, standard deviations, mean.
-fn best_interval(bins: &[DVector<f64>], residuals: &DVector<f64>) -> Option<(usize, usize, f64, f64)> {
-    let along: Vec<f64> = bins.iter().map(|bin| bin.dot(residuals)).collect();
-    let products = DMatrix::from_fn(bins.len(), bins.len(), |i, j| bins[i].dot(&bins[j]));
+/// The interval of bins that stands out most: first and last bin, standard deviations, mean. Of scalar products of columns the bins are
+/// so many from `first` on, the residuals are another column.
+fn best_interval(
+    products: &DMatrix<f64>,
+    first: usize,
+    bins: usize,
+    residuals: usize,
+) -> Option<(usize, usize, f64, f64)> {
     let mut best: Option<(usize, usize, f64, f64)> = None;
-    for from in 0..bins.len() {
-        for to in from..bins.len() {
-            let sum: f64 = along[from..=to].iter().sum();
-            let square: f64 = products.view((from, from), (to - from + 1, to - from + 1)).sum();
+    for from in 0..bins {
+        for to in from..bins {
+            let (at, count) = (first + from, to - from + 1);
+            let sum = products.view((at, residuals), (count, 1)).sum();
+            let square = products.view((at, at), (count, count)).sum();
             if square > 1e-9 {
                 let sigma = sum / square.sqrt();
                 if best.is_none_or(|(_, _, other, _)| sigma.abs() > other.abs()) {

@@ -6,22 +6,20 @@
 //! margin. The value that is reported is that of the first member, whose effects the model file has; the interval is that of the mixture,
 //! and holds that value.
 
-use super::choice::{Beside, limit_refused};
-use super::determined::one_sided;
+use super::choice::Beside;
 use super::evidence::Patterns;
 use super::foundation::VARIED;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
 use super::search::{Candidate, Found};
+use super::weights::{NO_WEIGHT, limit_refused};
 use formats::model_file::Alternative;
 use mechanics::effects::Effect;
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// Evidence smaller than the largest by more than this has no weight that shows.
-const MIN_LN_WEIGHT: f64 = -12.0;
 /// The sizes of the discrepancy are integrated over in those that are not further behind than this.
-const MIN_LN_WEIGHT_OVER_SIZES: f64 = -5.0;
+const HEAVY: f64 = -5.0;
 /// Steps of the bisection: enough for rounding to be all that is left.
 const BISECTIONS: usize = 80;
 
@@ -39,28 +37,23 @@ pub(super) struct Averaged {
 }
 
 impl Averaged {
-    /// The final fit, which is that of what the search found where that has a name and `start` elsewhere, over the sizes of its discrepancy,
+    /// The final fit, which is that of what the search found where that has a name and the start elsewhere, over the sizes of its discrepancy,
     /// with all others that the search has left in question.
     pub fn over<'a>(
         own: &Fitted,
-        start: &'a Fitted,
         found: &'a Found,
         is_named: bool,
         patterns: &Patterns,
         touched_m: f64,
     ) -> Self {
-        // Of every effect beyond those of the start: half the range of one that has one sign is as likely as the whole; the margin.
-        let given = start.layout.effects.len();
-        let ln_weight = |of: &Fitted| {
-            let added = of.layout.effects.iter().skip(given);
-            of.log_evidence + added.map(|effect| one_sided(*effect) - found.margin).sum::<f64>()
-        };
+        let ln_weight = |of: &Fitted| found.prior.ln_weight(of);
         let most = ln_weight(own);
         let mut all: Vec<(f64, &'a Fitted)> = Vec::new();
         let members = if is_named { found.members.as_slice() } else { &[] };
         let class = members.iter().flat_map(|member| {
             let named = found.fitted.layout.effects.get(member.index).map(|effect| effect.id());
-            member.class.iter().filter(move |(effect, _)| Some(effect.id()) != named).map(|(_, fit)| fit)
+            let others = member.class.iter().filter(move |one| Some(one.effect.id()) != named);
+            others.map(|one| &one.fitted)
         });
         all.extend(class.map(|fit| (ln_weight(fit), fit)));
         all.extend(members.iter().map(|member| (ln_weight(&member.without), &member.without)));
@@ -69,23 +62,26 @@ impl Averaged {
             let is_in_range = !fit.at_bound.contains(&true);
             let known = all.iter().map(|(_, known)| *known).chain([own]);
             let is_new = !known.into_iter().any(|known| known.layout.has_effects_of(&fit.layout));
-            (is_in_range && is_new).then(|| (ln_weight(fit), fit))
+            // What was held out speaks against the others: together they are no more likely than the model that was taken.
+            let refused = !candidate.is_possible;
+            (is_in_range && is_new).then(|| (ln_weight(fit), fit, refused))
         };
         // Beside two effects or more, those that were tried alone are far behind.
         let first = if members.len() > 1 { &[] } else { found.first.as_slice() };
         let last = if is_named { found.last.as_slice() } else { &[] };
         let mut unused: Vec<_> = first.iter().chain(last).filter_map(unused).collect();
-        limit_refused(unused.iter_mut().map(|(ln, _)| ln), most);
-        all.extend(unused);
+        let refused = unused.iter_mut().filter(|(_, _, refused)| *refused);
+        limit_refused(refused.map(|(ln, _, _)| ln), most);
+        all.extend(unused.into_iter().map(|(ln, fit, _)| (ln, fit)));
         let largest = all.iter().map(|(ln, _)| *ln).fold(most, f64::max);
-        all.retain(|(ln, _)| *ln > largest + MIN_LN_WEIGHT);
+        all.retain(|(ln, _)| *ln > largest + NO_WEIGHT);
         let integrated = |(ln, fit): (f64, &Fitted)| {
-            let is_heavy = ln > largest + MIN_LN_WEIGHT_OVER_SIZES;
+            let is_heavy = ln > largest + HEAVY;
             let fit = if is_heavy { fit.clone().over_sizes(patterns) } else { fit.clone() };
             ((ln - largest).exp(), fit)
         };
         let mut fits: Vec<_> = all.into_par_iter().map(integrated).collect();
-        if most > largest + MIN_LN_WEIGHT {
+        if most > largest + NO_WEIGHT {
             fits.insert(0, ((most - largest).exp(), own.clone()));
         }
         Self { fits, own: own.clone(), touched_m }
@@ -237,34 +233,32 @@ pub fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::{Found, Member};
+    use crate::search::{Explanation, Found, Member};
+    use crate::weights::ModelPrior;
     use crate::{found_in, tests::truth};
     use worlds::Design;
 
-    /// One and the same session, with a margin just above and just below the evidence of its best effect.
+    /// One and the same session, its best effect named and not named.
     #[test]
-    fn no_interval_jumps_where_an_effect_passes_the_margin() {
+    fn no_interval_jumps_where_an_effect_gets_its_name() {
         let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
         let (start, found) = found_in(&session);
-        let best = found.first.first().expect("a candidate");
-        let (fitted, gain) = best.refit.clone().expect("a refit");
-        let member = Member {
-            index: 0,
-            gain,
-            without: start.fitted.clone(),
-            class: vec![(best.score.effect, fitted.clone())],
-        };
-        let below = Found { margin: gain + 1e-6, members: Vec::new(), ..found.clone() };
-        let above =
-            Found { fitted: fitted.clone(), members: vec![member], margin: gain - 1e-6, ..below.clone() };
+        let best = found.first.iter().find(|candidate| candidate.is_possible).expect("a candidate");
+        let (fitted, gain) = best.refit.clone().expect("a fit");
+        // With so many names that the models with and without the effect are as likely.
+        let count = gain.exp().round() as usize;
+        let prior = ModelPrior::new(count, count);
+        let class =
+            vec![Explanation { effect: best.score.effect, fitted: fitted.clone(), ln_odds: best.ln_odds }];
+        let member = Member { index: 0, gain, ln_odds: best.ln_odds, without: start.fitted.clone(), class };
+        let below = Found { fitted: start.fitted.clone(), members: Vec::new(), prior, ..found.clone() };
+        let above = Found { fitted: fitted.clone(), members: vec![member], ..below.clone() };
         let [below, above] = [(below, false), (above, true)].map(|(found, is_named)| {
-            let own =
-                if is_named { &found.fitted } else { &start.fitted }.clone().over_sizes(&start.patterns);
-            let averaged = Averaged::over(&own, &start.fitted, &found, is_named, &start.patterns, 0.03);
-            // At the margin the models with and without the effect are equally likely, and the file has the other one.
+            let own = found.fitted.clone().over_sizes(&start.patterns);
+            let averaged = Averaged::over(&own, &found, is_named, &start.patterns, 0.03);
             let others = averaged.alternatives();
             let other = others.iter().find(|other| other.model.effects.is_empty() == is_named);
-            let share = other.expect("the model on the other side of the margin").probability;
+            let share = other.expect("the model without the name, or with it").probability;
             let own_share = 1.0 - others.iter().map(|other| other.probability).sum::<f64>();
             assert!((share / own_share - 1.0).abs() < 0.2, "{share} beside {own_share}");
             averaged.modulus_pa().expect("an interval")
@@ -277,13 +271,6 @@ mod tests {
             let (value_pa, _) = fit.modulus_pa();
             assert!((below[0]..=below[1]).contains(&value_pa), "{value_pa} in {below:?}");
         }
-        // Far from the margin one of them is left.
-        let alone = Found { margin: 60.0, members: Vec::new(), ..found };
-        let fitted = start.fitted.clone().over_sizes(&start.patterns);
-        let averaged = Averaged::over(&fitted, &start.fitted, &alone, false, &start.patterns, 0.03);
-        let [low, high] = averaged.modulus_pa().expect("an interval");
-        let (_, own) = fitted.modulus_pa();
-        assert!((low / own[0] - 1.0).abs() < 1e-6 && (high / own[1] - 1.0).abs() < 1e-6, "{low} {high}");
     }
 
     #[test]

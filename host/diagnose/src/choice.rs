@@ -6,21 +6,19 @@
 //! [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
 
 use super::adequacy::Adequacy;
-use super::determined::one_sided;
 use super::foundation::{FOUNDATION_MARGIN, varied};
 use super::posterior::Fitted;
 use super::results::FoundationResult;
-use super::search::{Found, Search};
+use super::search::{Catalogue, Found, Search};
 use super::split::Judge;
 use super::start::Start;
+use super::weights::{NO_WEIGHT, limit_refused};
 use super::{DiagnoseError, FoundationChoice, Options};
 use mechanics::{Block, Support};
 
 /// A foundation on which a modulus that varies with depth is further behind than this is not searched. Second effects, and the
 /// linearisation of the score, make up for some nats.
 const IN_QUESTION: f64 = 8.0;
-/// A model on the other foundation that is further behind than this has no weight in any interval.
-const MIN_LN_ODDS: f64 = -12.0;
 
 /// What was found on the foundation that explains the runs best.
 pub(super) struct Choice {
@@ -50,7 +48,8 @@ pub(super) fn choose(
 ) -> Result<Choice, DiagnoseError> {
     let search = |start: &Start, report: &mut dyn FnMut(&str)| {
         let Start { runs, patterns, fitted } = start;
-        Search { start: fitted, runs, patterns, judge, seed: options.seed }.run(report)
+        let catalogue = Catalogue { laws: options.discovery, left_out: &options.left_out };
+        Search { start: fitted, runs, patterns, judge, catalogue }.run(report)
     };
     let body = match options.foundation {
         FoundationChoice::Springs => None,
@@ -75,7 +74,6 @@ pub(super) fn choose(
     let found = search(&first, &mut report)?;
     let is_searched = !only_body && is_in_question(&first, &second, &found)?;
     let other = if is_searched { search(&second, &mut report).ok() } else { None };
-    let given = first.fitted.layout.effects.len();
     // Where nothing is named on one foundation, a name on the other one has to explain what was held out better, too.
     let explains_held_out = |other: &Found| {
         !found.members.is_empty()
@@ -83,7 +81,7 @@ pub(super) fn choose(
             || judge.held_out_shrinks(&found.fitted, &other.fitted)
     };
     let is_better = |other: &Found| {
-        ln_weight(&other.fitted, given, other.margin) > ln_weight(&found.fitted, given, found.margin)
+        other.prior.ln_weight(&other.fitted) > found.prior.ln_weight(&found.fitted)
             && explains_held_out(other)
     };
     let (start, found, refused, unused) = match other {
@@ -92,7 +90,7 @@ pub(super) fn choose(
     };
     let springs = if start.fitted.layout.support.is_body() { &refused.fitted } else { &start.fitted };
     let foundation = FoundationResult::of(&found.fitted, springs, comparison);
-    let beside = unused.map_or_else(Vec::new, |unused| beside(&refused, &unused, &found, given));
+    let beside = unused.map_or_else(Vec::new, |unused| beside(&refused, &unused, &found));
     Ok(Choice { foundation, start, found, beside })
 }
 
@@ -110,37 +108,22 @@ fn is_in_question(first: &Start, second: &Start, found: &Found) -> Result<bool, 
     Ok(gain > behind && gain > 0.0)
 }
 
-/// Log evidence of a model less what its effects beyond the first `given`, and a body, cost.
-fn ln_weight(fitted: &Fitted, given: usize, margin: f64) -> f64 {
-    let added = fitted.layout.effects.iter().skip(given);
-    let body = if fitted.layout.support.is_body() { FOUNDATION_MARGIN } else { 0.0 };
-    fitted.log_evidence - body + added.map(|effect| one_sided(*effect) - margin).sum::<f64>()
-}
-
 /// The models on the foundation that was not chosen that are not far behind, likeliest first.
-fn beside(start: &Start, unused: &Found, chosen: &Found, given: usize) -> Vec<Beside> {
-    let most = ln_weight(&chosen.fitted, given, chosen.margin);
+fn beside(start: &Start, unused: &Found, chosen: &Found) -> Vec<Beside> {
+    let most = chosen.prior.ln_weight(&chosen.fitted);
     let candidates = unused.first.iter().filter_map(|candidate| candidate.refit.as_ref().map(|(fit, _)| fit));
     let fits = [&start.fitted, &unused.fitted].into_iter().chain(candidates);
     let mut all: Vec<Beside> = Vec::new();
     for fitted in fits {
-        let ln_odds = ln_weight(fitted, given, unused.margin) - most;
+        let ln_odds = unused.prior.ln_weight(fitted) - most;
         let is_new = !all.iter().any(|known| known.fitted.layout.has_effects_of(&fitted.layout));
-        if ln_odds > MIN_LN_ODDS && is_new && !fitted.at_bound.contains(&true) {
+        if ln_odds > NO_WEIGHT && is_new && !fitted.at_bound.contains(&true) {
             all.push(Beside { fitted: fitted.clone().over_sizes(&start.patterns), ln_odds });
         }
     }
     limit_refused(all.iter_mut().map(|other| &mut other.ln_odds), 0.0);
     all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
     all
-}
-
-/// Lowers the evidence of models that were refused for other reasons than their evidence: all of them together are no more likely than
-/// the model that was taken, whose evidence is `taken`.
-pub(super) fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f64) {
-    let mut refused: Vec<&mut f64> = ln_weights.filter(|ln| **ln > taken).collect();
-    let even = taken - (refused.len().max(1) as f64).ln();
-    refused.iter_mut().for_each(|ln| **ln = even);
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::layout::{NORMAL_975, Scale};
 use super::posterior::Fitted;
-use mechanics::effects::{Effect, ParameterInfo};
+use mechanics::effects::ParameterInfo;
 
 /// Least size of an effect, as a share of what may be overlooked and of the likely values. Smaller frictions than a fiftieth of the likely
 /// ones (10 mN) are what the hysteresis of an ordinary force sensor looks like.
@@ -41,10 +41,4 @@ pub(super) fn is_determined(fitted: &Fitted, index: usize) -> bool {
             let is_inside = |end: f64| end == neutral || !(value - half..=value + half).contains(&end);
             !info.nodes.is_empty() || (is_inside(least) && is_inside(most))
         })
-}
-
-/// A parameter that cannot be on one side of its neutral value has all of its prior on the other.
-pub(super) fn one_sided(effect: &dyn Effect) -> f64 {
-    let sides = effect.parameters().iter().filter(|info| info.nodes.is_empty() && !info.is_two_sided());
-    sides.count() as f64 * std::f64::consts::LN_2
 }

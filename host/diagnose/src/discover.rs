@@ -2,9 +2,8 @@
 //! (theory, eq. 83).
 //!
 //! The grammar ([`mechanics::terms`]) has a few hundred triples. Around the current fit each is scored as an effect of the catalogue is,
-//! a place, a length or a period averaged over a grid, so that no local maximum hides one; the leaders are fitted. Under a model that lacks nothing
-//! the Bayes factor of a triple has mean 1 whatever the noise is, and by Markov's inequality the largest of n exceeds `n / alpha` in at most
-//! a share alpha of sessions: a law needs a log evidence of `ln(n / alpha)`.
+//! a place, a length or a period averaged over a grid, so that no local maximum hides one; the leaders are fitted, and weighed beside the names
+//! ([`super::weights`]).
 //!
 //! Against rivals: Brunton et al., "Discovering governing equations from data by sparse identification" (2016); Schmidt and Lipson,
 //! "Distilling free-form natural laws from experimental data" (2009). Here the law sits inside the forward model, not in its residuals, so that
@@ -19,34 +18,27 @@ use mechanics::terms::{Law, grammar};
 use rayon::prelude::*;
 use readings::FitError;
 
-/// Share of sessions that lack nothing in which a law may be found.
-const FALSE_ALARMS: f64 = 0.01;
-
-/// The terms that the runs of a fit may show.
-fn shown(base: &Fitted) -> Vec<&'static Law> {
+/// The terms that the runs of a fit may show, where these names are left out of the catalogue.
+pub(super) fn shown(base: &Fitted, left_out: &[&str]) -> Vec<&'static Law> {
     let [lateral, insertion] = base.layout.kinds;
     let shows = |law: &&'static Law| {
         let kinds = law.info().observable_in;
         (lateral && kinds.lateral) || (insertion && kinds.insertion)
     };
-    grammar().into_iter().filter(shows).collect()
+    grammar(left_out).into_iter().filter(shows).collect()
 }
 
-/// Log evidence that a law needs beside a fit.
-pub(super) fn needed(base: &Fitted) -> f64 {
-    (shown(base).len() as f64 / FALSE_ALARMS).ln()
-}
-
-/// Scores of all terms beside a fit, best first, and the log evidence that one of so many needs.
+/// Scores of all terms beside a fit, best first.
 ///
 /// # Errors
 /// Where the model cannot be evaluated.
 pub(super) fn ranked(
     base: &Fitted,
+    left_out: &[&str],
     runs: &[Prepared],
     patterns: &Patterns,
-) -> Result<(Vec<Score>, f64), FitError> {
-    let laws = shown(base);
+) -> Result<Vec<Score>, FitError> {
+    let laws = shown(base, left_out);
     // Terms of one site and regressor together: what they share with each other is small, and a product of all with all would be most of
     // the work.
     let alike = |a: &&Law, b: &&Law| (a.site, a.scope, a.regressor) == (b.site, b.scope, b.regressor);
@@ -59,5 +51,5 @@ pub(super) fn ranked(
     let scores: Vec<Vec<Score>> = pairs.into_par_iter().map(scored).collect::<Result<_, FitError>>()?;
     let mut scores: Vec<Score> = scores.into_iter().flatten().collect();
     scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    Ok((scores, needed(base)))
+    Ok(scores)
 }

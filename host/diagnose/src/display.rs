@@ -59,9 +59,25 @@ impl FoundEffect {
         }
     }
 
-    /// Effects that explain the data as well, without itself.
-    pub fn competing_effects(&self) -> Vec<&str> {
-        self.class.iter().filter(|id| **id != self.id).map(String::as_str).collect()
+    /// Its probability, and that of its class where it is not the only explanation.
+    pub fn probability_in_words(&self) -> String {
+        let percent = |probability: f64| match 100.0 * probability {
+            more if more > 99.9 => "> 99.9 %".to_owned(),
+            other => format!("{other:.1} %"),
+        };
+        let number = self.class.iter().position(|id| *id == self.id);
+        match number.and_then(|number| self.class_probability.get(number)) {
+            Some(own) if self.class.len() > 1 => {
+                format!("probability {}, of the class {}", percent(*own), percent(self.probability))
+            }
+            _ => format!("probability {}", percent(self.probability)),
+        }
+    }
+
+    /// Effects that explain the data too, with their probabilities, without itself.
+    pub fn competing_effects(&self) -> Vec<String> {
+        let others = self.class.iter().zip(&self.class_probability).filter(|(id, _)| **id != self.id);
+        others.map(|(id, probability)| format!("{id} ({:.0} %)", 100.0 * probability)).collect()
     }
 }
 

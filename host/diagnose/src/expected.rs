@@ -2,14 +2,14 @@
 //! computed, not judged by an outcome. The truth's predictions without noise take the place of the readings, and the fits of all effects
 //! to them give the expected gain of chi-square and the expected log evidence over the nearest competing effect.
 
-use super::determined::one_sided;
 use super::evidence::Patterns;
 use super::layout::Layout;
 use super::noise::Noise;
 use super::posterior::{self, Fitted, MAX_ROUNDS};
 use super::predicted::differences;
 use super::score::Scores;
-use super::search::{MAX_LEADERS, Search};
+use super::search::{Catalogue, Search};
+use super::weights::{ModelPrior, one_sided};
 use super::{Multiples, Noises, Start, fit_start, runs_of, split};
 use formats::session::Session;
 use mechanics::effects::effect;
@@ -78,8 +78,16 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     let misfit = posterior::misfit(&tolerances, &everyday, &fit(&tolerances, &everyday)?.residuals)?;
     let scores = Scores::new(&plain, &prepared, &patterns).ok()?;
     let judge = held_out.judge(&plain, &prepared, &noise, &Multiples::new()).ok()?;
-    let search = Search { start: &plain, runs: &prepared, patterns: &patterns, judge: &judge, seed: 1 };
-    let candidates = search.weigh(&plain, &scores, MAX_LEADERS);
+    let search = Search {
+        start: &plain,
+        runs: &prepared,
+        patterns: &patterns,
+        judge: &judge,
+        catalogue: Catalogue::WHOLE,
+    };
+    let ranked = scores.ranked();
+    let prior = ModelPrior::new(ranked.len(), 1);
+    let candidates = search.weigh(&plain, ranked, &prior);
     let gain_of = |of_hidden: bool| {
         candidates
             .iter()

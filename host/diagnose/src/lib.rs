@@ -16,6 +16,7 @@
 //! | what is stated of the rig and is not so | `stated` |
 //! | the rig alone, from runs in air; parameters that have changed since | `characterize`, `known` |
 //! | refit, accept, add, repeat; competing effects | `search` |
+//! | probabilities of models, and what is stated for sure | `weights` |
 //! | laws that no effect of the catalogue is | `discover` |
 //! | what would distinguish competing effects | `next` |
 //! | before and after on what was held out | `split` |
@@ -65,6 +66,7 @@ mod split;
 mod start;
 mod stated;
 mod two_layers;
+mod weights;
 mod whiten;
 mod workbench;
 
@@ -124,6 +126,10 @@ pub struct Options {
     pub poisson: f64,
     /// What of the discrepancy is larger than in an ordinary rig, as multiples of that, by the names of a model file.
     pub discrepancy: Multiples,
+    /// Whether laws are searched for that no effect of the catalogue is.
+    pub discovery: bool,
+    /// Effects that the search takes as unknown to anyone.
+    pub left_out: Vec<&'static str>,
     /// The session to compare with: what it determines is carried over, and what differs from it is searched for.
     pub reference: Option<Session>,
 }
@@ -140,6 +146,8 @@ impl Default for Options {
             foundation: FoundationChoice::Auto,
             poisson: INCOMPRESSIBLE,
             discrepancy: Multiples::new(),
+            discovery: true,
+            left_out: Vec::new(),
             reference: None,
         }
     }
@@ -178,9 +186,6 @@ pub enum DiagnoseError {
     #[error("the model cannot be fitted: {0}")]
     Fit(#[from] FitError),
 }
-
-/// Beside others an effect of a class with more explanations than this is no name.
-const MAX_IN_CLASS: usize = 3;
 
 /// Diagnoses a session; `on_progress` receives a line for each step.
 ///
@@ -258,12 +263,14 @@ fn workflow<T>(
     let disagreement = as_known.as_ref().map(Start::adequacy).transpose()?;
     let before = start.adequacy()?;
     let compared = as_known.as_ref().unwrap_or(&start);
-    let where_before = regions(&compared.fitted, &compared.runs);
+    let regions = |of: &Start| regions(&of.fitted, &of.runs, &of.patterns);
+    let where_before = regions(compared)?;
+    let is_adequate = before.is_adequate() && regions(&start)?.is_empty();
     let compared = compared.fitted.clone();
     let Start { runs: prepared, patterns, fitted: start } = start;
     let after = Adequacy::of(&found.fitted, &prepared, &patterns)?;
 
-    let verdict = verdict(&found, &before, judge.share(&compared, &found.fitted));
+    let verdict = verdict(&found, is_adequate, judge.share(&compared, &found.fitted));
     let is_large = || Remaining::of(&before, &start, &patterns, None).size == RemainingSize::Large;
     // What moves the modulus beyond its interval is no everyday matter, however smooth it is.
     let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };
@@ -282,7 +289,7 @@ fn workflow<T>(
         start: &start,
         found: &found,
         final_fit: &final_fit,
-        averaged: Averaged::over(&final_fit, &start, &found, is_named, &patterns, touched_m(&all)),
+        averaged: Averaged::over(&final_fit, &found, is_named, &patterns, touched_m(&all)),
         other_foundation,
         noise: &noise,
         adequacy: [&before, &after],
@@ -379,20 +386,14 @@ fn share_nodes(runs: &mut [Run]) {
 /// Nothing is named that leaves the larger part of the gap.
 const NAMED_SHARE: f64 = 0.15;
 
-fn verdict(found: &Found, before: &Adequacy, share: f64) -> Verdict {
+fn verdict(found: &Found, is_adequate: bool, share: f64) -> Verdict {
     match found.members.is_empty() {
-        true if before.is_adequate() => Verdict::Adequate,
+        true if is_adequate => Verdict::Adequate,
         true => Verdict::Unexplained,
-        false if share < NAMED_SHARE || absorbs(found) => Verdict::Unexplained,
+        false if share < NAMED_SHARE => Verdict::Unexplained,
         false if found.members.iter().all(|member| member.class.len() == 1) => Verdict::Named,
         false => Verdict::Ambiguous,
     }
-}
-
-/// Whether effects were added that could be any of many: they absorb what another effect has left, and are no names. A single effect
-/// of many possible ones is another matter: that is a weak one, as its class shows.
-fn absorbs(found: &Found) -> bool {
-    found.members.len() > 1 && found.members.iter().any(|member| member.explanations() > MAX_IN_CLASS)
 }
 
 /// What the search finds in a session on springs, and the model that it starts from.

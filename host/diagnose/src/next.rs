@@ -10,7 +10,8 @@ use super::layout::Layout;
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::NextMeasurement;
-use mechanics::effects::{Effect, ObservationContext};
+use super::search::Explanation;
+use mechanics::effects::ObservationContext;
 use mechanics::{
     Channels, DriveSample, Experiment, Insertion, Lateral, ModelError, Profile, Series, ShapeImage,
     ShapePoint, predict,
@@ -54,16 +55,16 @@ struct Item {
 /// The best measurement to separate the members of a class; of several that do it equally well the first of the menu, nothing where none
 /// does.
 pub(super) fn next_measurement(
-    class: &[(&'static dyn Effect, Fitted)],
+    class: &[Explanation],
     runs: &[Run],
     noise: &Noise,
 ) -> Option<NextMeasurement> {
     let mut all: Vec<(f64, Item)> = Vec::new();
-    let entry_m = class.first()?.1.layout.rig.entry_m;
+    let entry_m = class.first()?.fitted.layout.rig.entry_m;
     for item in menu(runs, entry_m) {
         let mut least = f64::INFINITY;
-        for (i, (_, a)) in class.iter().enumerate() {
-            for (_, b) in class.iter().skip(i + 1) {
+        for (i, Explanation { fitted: a, .. }) in class.iter().enumerate() {
+            for Explanation { fitted: b, .. } in class.iter().skip(i + 1) {
                 // An effect that makes the planned run impossible is no ground to plan it.
                 let both = [divergence(a, b, &item.planned, noise), divergence(b, a, &item.planned, noise)];
                 least = both.into_iter().fold(least, |least, d| least.min(d.unwrap_or(0.0)));
@@ -79,7 +80,7 @@ pub(super) fn next_measurement(
     Some(NextMeasurement {
         kind: kind.to_owned(),
         what,
-        separates: class.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
+        separates: class.iter().map(|one| one.effect.id().to_owned()).collect(),
         expected_divergence: divergence,
     })
 }

@@ -13,6 +13,7 @@ use super::results::{
     ModulusStatus, Ranked, ReferenceResult, RegionResult, RemainingResult, SCHEMA, Verdict,
 };
 use super::search::{Candidate, Found, Member};
+use super::weights::{ln_sum, stated_ln_odds};
 use super::{Options, next};
 use formats::model_file::{LearnedEffect, ModelFile};
 use formats::session::Session;
@@ -20,8 +21,6 @@ use mechanics::effects::{Effect, effect};
 use mechanics::{Experiment, Profile, Support};
 use std::collections::BTreeMap;
 
-/// Evidence that is short of the margin by no more than this is reported: it moves the intervals.
-const NEAR_MARGIN: f64 = 3.0;
 /// Leaders that are reported where nothing is named.
 const PARTIAL: usize = 3;
 
@@ -91,7 +90,9 @@ impl DiagnosisReport<'_> {
         let mean = final_fit.ln_mean_modulus(touched_m).zip(averaged.mean_modulus_pa());
         let discrepancy =
             if verdict == Verdict::Unexplained { adequacy[0].discrepancy.as_slice() } else { &[] };
-        let first = &self.found.first;
+        // Laws have no place in the ranking of the catalogue.
+        let first: Vec<&Candidate> =
+            self.found.first.iter().filter(|candidate| !candidate.score.effect.is_unnamed()).collect();
         Diagnosis {
             schema: SCHEMA,
             session: self.session.name.clone(),
@@ -142,7 +143,7 @@ impl DiagnosisReport<'_> {
                     (format!("{}_{}", channel.name(), channel.unit().to_lowercase()), channel.per_si() * sd)
                 })
                 .collect(),
-            margin: self.found.margin,
+            margin: self.found.prior.needed(),
             split: self.split.clone(),
             noise: self.noise_result(),
             near_margin: near_margin.iter().map(|candidate| candidate.id().to_owned()).collect(),
@@ -179,7 +180,13 @@ impl DiagnosisReport<'_> {
             id: effect.id().to_owned(),
             parameters: parameters.collect(),
             log_evidence_gain: member.gain,
-            class: member.class.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
+            probability: probability(member.ln_odds),
+            class: member.class.iter().map(|one| one.effect.id().to_owned()).collect(),
+            class_probability: member
+                .class
+                .iter()
+                .map(|one| (one.ln_odds - ln_sum([0.0, member.ln_odds].into_iter())).exp())
+                .collect(),
             formula: effect.as_law().map(|law| {
                 let values =
                     (0..effect.parameters().len()).map(|number| fitted.estimate(member.index, number).0);
@@ -195,7 +202,7 @@ impl DiagnosisReport<'_> {
             let effects = &self.found.fitted.layout.effects;
             return members.iter().map(|member| effects[member.index].id().to_owned()).collect();
         }
-        let strong = self.found.first.iter().filter(|candidate| candidate.gain() > self.found.margin);
+        let strong = self.found.first.iter().filter(|candidate| candidate.ln_odds > stated_ln_odds());
         strong.take(PARTIAL).map(|candidate| candidate.id().to_owned()).collect()
     }
 
@@ -210,7 +217,9 @@ impl DiagnosisReport<'_> {
                 id: effect.id().to_owned(),
                 parameters: parameters.collect(),
                 log_evidence_gain: f64::NAN,
+                probability: 1.0,
                 class: vec![effect.id().to_owned()],
+                class_probability: vec![1.0],
                 formula: None,
             }
         };
@@ -238,8 +247,9 @@ impl DiagnosisReport<'_> {
 
     /// Effects that were not named for want of a little evidence, best first.
     fn near_margin(&self) -> Vec<&Candidate> {
-        let margin = self.found.margin;
-        let near = |candidate: &&Candidate| (margin - NEAR_MARGIN..=margin).contains(&candidate.gain());
+        // What is as unlikely as the complement of what is stated is not reported.
+        let near =
+            |candidate: &&Candidate| candidate.is_possible && candidate.ln_odds.abs() <= stated_ln_odds();
         let mut candidates: Vec<&Candidate> = match self.verdict {
             Verdict::Adequate | Verdict::Unexplained => self.found.first.iter().filter(near).collect(),
             Verdict::Named | Verdict::Ambiguous => self.found.last.iter().filter(near).collect(),
@@ -250,7 +260,7 @@ impl DiagnosisReport<'_> {
 
     /// What explains the runs about as well on the foundation that was not chosen.
     fn on_other_foundation(&self) -> Option<String> {
-        let other = self.other_foundation.first().filter(|other| other.ln_odds > -NEAR_MARGIN)?;
+        let other = self.other_foundation.first().filter(|other| other.ln_odds > -stated_ln_odds())?;
         let layout = &other.fitted.layout;
         let added: Vec<&str> = layout.effects.iter().skip(layout.given).map(|effect| effect.id()).collect();
         let with = if added.is_empty() { String::new() } else { format!(" with {}", added.join(", ")) };
@@ -281,12 +291,12 @@ impl DiagnosisReport<'_> {
         let mut limits = Vec::new();
         for candidate in near_margin {
             limits.push(format!(
-                "{}: log evidence {:+.2} where a name needs {:.2}: not named, but the intervals of K and of the tip load include the model with it; \
+                "{}: log evidence {:+.2}, probability {:.2}: not named, but the intervals of K and of the tip load include the model with it; \
                  another run of each kind would decide",
                 candidate.id(),
-                // Downwards: what is just below the margin is not printed as the margin.
-                (100.0 * candidate.gain()).floor() / 100.0,
-                self.found.margin
+                candidate.gain(),
+                // Downwards: what is just short of a name is not printed as one.
+                (100.0 * probability(candidate.ln_odds)).floor() / 100.0
             ));
         }
         limits.extend(self.on_other_foundation());
@@ -326,6 +336,11 @@ impl DiagnosisReport<'_> {
         }
         limits
     }
+}
+
+/// Probability at odds of which this is the logarithm.
+fn probability(ln_odds: f64) -> f64 {
+    (1.0 + (-ln_odds).exp()).recip()
 }
 
 /// Whether a run is an insertion in which nothing of known size acts on the needle.

@@ -87,14 +87,14 @@ pub struct Diagnosis {
     pub adequacy: [AdequacyResult; 2],
     /// Standard deviation of the smooth discrepancy that is left, by channel and unit; where something is unexplained.
     pub discrepancy: BTreeMap<String, f64>,
-    /// Log evidence that the search needs to name an effect.
+    /// Log evidence that an effect needs for a name where it is the only explanation.
     pub margin: f64,
     /// How the session was divided.
     pub split: String,
     /// Noise that was taken, one standard deviation of a reading.
     pub noise: BTreeMap<String, f64>,
-    /// Effects that were not named for want of at most 3 nats of evidence; the intervals of the modulus and of the tip load include the
-    /// models with them.
+    /// Effects of a probability between 5 and 95 %, which is too little for a name; the intervals of the modulus and of the tip load include
+    /// the models with them.
     pub near_margin: Vec<String>,
     /// Effects that are not identifiable from this session.
     pub not_identifiable: Vec<String>,
@@ -193,8 +193,12 @@ pub struct FoundEffect {
     pub parameters: BTreeMap<String, Estimate>,
     /// Log evidence over the model without it.
     pub log_evidence_gain: f64,
-    /// Effects that explain the data as well; itself among them.
+    /// Probability that something is missing in its place, whichever of its class it is.
+    pub probability: f64,
+    /// What may be missing in its place, likeliest first: the smallest set with 95 % of the probability; itself among them.
     pub class: Vec<String>,
+    /// Probability of each of the class.
+    pub class_probability: Vec<f64>,
     /// Of a term: what it is as a formula, with its values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub formula: Option<String>,

@@ -1,13 +1,10 @@
-//! Scoring every effect of the catalogue without refitting, and how large the best score of nothing is
+//! Scoring every effect of the catalogue without refitting
 //! (theory, eq. 63 and 64).
 //!
 //! Around the current fit an effect of amplitude a (in steps of an ordinary size) changes the predictions by `a d`. What of d the
 //! parameters in the model could do too is taken off (`d` orthogonal to their sensitivities), and what is left is projected on the
 //! residuals: the efficient score. With a normal prior of the amplitude the evidence of each effect over the current model is a closed
 //! form, averaged over the places or times at which an effect may sit.
-//!
-//! Under the current model the residuals are independent normal numbers, so that all scores of a session that lacks nothing are
-//! drawn from the same projections: the parametric bootstrap of the whole search ([`Scores::margin`]).
 
 use super::data::Kind;
 use super::evidence::Patterns;
@@ -15,12 +12,8 @@ use super::layout::{Prepared, Scale, prior};
 use super::posterior::Fitted;
 use mechanics::effects::{Effect, ParameterInfo, all, neutral};
 use nalgebra::{DMatrix, DVector};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use readings::FitError;
-use smallvec::SmallVec;
 
 /// One hypothesis in which an effect may act: a place or time, and the directions of its amplitudes.
 #[derive(Debug, Clone)]
@@ -238,40 +231,6 @@ impl Scores {
     /// Scalar products of directions with each other, with the residuals, and their change of the logarithm of the modulus.
     pub fn products(&self) -> (&DMatrix<f64>, &DVector<f64>, &[f64]) {
         (&self.gram, &self.along, &self.ln_modulus)
-    }
-
-    /// Largest log evidence that at most `share` of sessions reach that lack nothing: quantile over `draws` parametric draws.
-    pub fn margin(&self, share: f64, draws: usize, seed: u64) -> f64 {
-        if self.gram.nrows() == 0 {
-            return 0.0;
-        }
-        let eigen = self.gram.clone().symmetric_eigen();
-        let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
-        let root = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * NOISE_TOLERANCE.sqrt();
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let prepare = |(_, hypotheses): &(&dyn Effect, Vec<Hypothesis>)| -> Vec<_> {
-            hypotheses.iter().map(|hypothesis| self.prepared(hypothesis)).collect()
-        };
-        let prepared: Vec<Vec<Option<PreparedHypothesis>>> = self.hypotheses.iter().map(prepare).collect();
-        let mut largest: Vec<f64> = (0..draws)
-            .map(|_| {
-                let drawn = DVector::from_fn(root.ncols(), |_, _| StandardNormal.sample(&mut random));
-                let along = &root * drawn;
-                let of_effect = |((_, hypotheses), prepared): (&(&dyn Effect, Vec<Hypothesis>), &Vec<_>)| {
-                    let all = hypotheses.iter().zip(prepared);
-                    let logs: SmallVec<[f64; 16]> = all
-                        .map(|(hypothesis, prepared): (_, &Option<_>)| {
-                            Self::log_evidence(hypothesis, prepared.as_ref(), &along)
-                        })
-                        .collect();
-                    mean_of_exponentials(logs.iter().copied())
-                };
-                self.hypotheses.iter().zip(&prepared).map(of_effect).fold(f64::NEG_INFINITY, f64::max)
-            })
-            .collect();
-        largest.sort_by(f64::total_cmp);
-        let at = ((1.0 - share) * draws as f64).ceil() as usize;
-        largest[at.min(draws) - 1]
     }
 
     /// What the score of a hypothesis needs of everything but the residuals.

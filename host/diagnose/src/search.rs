@@ -1,9 +1,13 @@
-//! The search: score, refit, accept, add, repeat; and which competing effects explain the data as well
+//! The search: which sets of effects explain the runs, with what probability
 //! (theory, eq. 65).
+//!
+//! Around a model every name of the catalogue and every law of the grammar is scored, the best are fitted, and each gets its weight
+//! ([`super::weights`]). While some effect is missing with the stated probability, whichever of them it is, the likeliest one is added. What
+//! is held out has one veto: no effect counts under which its misfit grows.
 
 use super::Multiples;
 use super::adequacy::Adequacy;
-use super::determined::{is_determined, one_sided};
+use super::determined::is_determined;
 use super::discover;
 use super::discrepancy::patterns;
 use super::evidence::Patterns;
@@ -12,49 +16,37 @@ use super::posterior::{Fitted, MAX_ROUNDS};
 use super::score::{Score, Scores, stacked};
 use super::split::Judge;
 use super::start::Start;
-use mechanics::effects::Effect;
+use super::weights::{
+    ModelPrior, NO_WEIGHT, indistinct, limit_refused, ln_sum, one_sided, smallest_set, stated_ln_odds,
+};
+use mechanics::effects::{Effect, all};
 use rayon::prelude::*;
 use readings::FitError;
 
-/// Share of parametric draws of a session that lacks nothing in which something may be named; [`MIN_GAIN`] is mostly above the margin
-/// that follows, for outliers and rounding that the draws do not have.
-const FALSE_ALARMS: f64 = 0.01;
-/// Parametric draws for the margin.
-const DRAWS: usize = 4000;
-/// Log evidence without which nothing is named, independent of the draws.
-const MIN_GAIN: f64 = 5.0;
-/// An effect explains at least this share of what is left; one of strong evidence may be a part of several.
-const SHARE: f64 = 0.5;
-const SHARE_OF_STRONG: f64 = 0.15;
-const STRONG_GAIN: f64 = 10.0;
-/// Leaders that are refitted, in the search and among competitors of what was found, and how far behind the best they may be by score.
-pub(super) const MAX_LEADERS: usize = 14;
+/// Leaders that are fitted, of names and of laws, and how far behind the best they may be by score: scores are those of small effects.
+const MAX_LEADERS: usize = 14;
 const BEHIND: f64 = 15.0;
 const BEHIND_SHARE: f64 = 0.7;
-/// A score below which an effect is not refitted.
+/// A score below which an effect is not fitted.
 const MIN_SCORE: f64 = -2.0;
-/// A first refit below which an effect that costs much is given up.
-const MIN_OF_COSTLY: f64 = 1.0;
-/// Rounds of the first refit; the best of these, and all that are not far behind them, go on until they settle.
+/// Rounds of the first fit; the best of these, and all that are not far behind them, go on until they settle.
 const FIRST_ROUNDS: usize = 2;
 const MAX_SETTLED: usize = 5;
-const NEAR: f64 = 12.0;
-/// Effects that may be missing at once; more explain anything.
+/// Logarithm of odds of one in a thousand: a first fit that is less likely is not continued.
+const NEGLIGIBLE: f64 = -7.0;
+/// Effects that are added at most: every further one costs the whole search again.
 const MAX_EFFECTS: usize = 3;
-/// A competing effect within these odds of the best is as good, and, if its predictions are the same within noise, within the second ones.
-const CLASS: f64 = 4.0;
-const CLASS_ALIKE: f64 = 6.0;
-/// A misfit (chi-square) that is smaller by this is clearly smaller.
-const CLEARLY: f64 = 10.0;
-/// Squared distance of predictions within noise.
-const ALIKE: f64 = 6.0;
 
 /// An effect tried beside a model.
 #[derive(Debug, Clone)]
 pub(super) struct Candidate {
     pub score: Score,
-    /// The fit with it, and its log evidence over the fit without; nothing where it was not refitted.
+    /// The fit with it, and its log evidence over the fit without; nothing where it was not fitted.
     pub refit: Option<(Fitted, f64)>,
+    /// Logarithm of the odds of the model with it over the same without it; minus infinity where it was not fitted.
+    pub ln_odds: f64,
+    /// Whether it can be what is missing: within its range, and not refuted by what was held out.
+    pub is_possible: bool,
 }
 
 impl Candidate {
@@ -62,7 +54,7 @@ impl Candidate {
         self.score.effect.id()
     }
 
-    /// Log evidence of the refit over the fit without it.
+    /// Log evidence of the fit over the fit without it.
     pub fn gain(&self) -> f64 {
         self.refit.as_ref().map_or(f64::NEG_INFINITY, |(_, gain)| *gain)
     }
@@ -75,25 +67,21 @@ pub(super) struct Member {
     pub index: usize,
     /// Log evidence over the model without it.
     pub gain: f64,
+    /// Logarithm of the odds that something is missing in its place, whatever it is.
+    pub ln_odds: f64,
     /// The fit without it.
     pub without: Fitted,
-    /// Fits with a competing effect in its place; itself first.
-    pub class: Vec<(&'static dyn Effect, Fitted)>,
+    /// What else may be in its place, likeliest first: the smallest set with the stated probability; itself among them.
+    pub class: Vec<Explanation>,
 }
 
-impl Member {
-    /// How many explanations the class has: effects that predict the same within noise are one.
-    pub fn explanations(&self) -> usize {
-        let mut distinct: Vec<&Fitted> = Vec::new();
-        for (_, fitted) in &self.class {
-            let apart =
-                |other: &&Fitted| (stacked(&other.residuals) - stacked(&fitted.residuals)).norm_squared();
-            if distinct.iter().all(|other| apart(other) >= ALIKE) {
-                distinct.push(fitted);
-            }
-        }
-        distinct.len()
-    }
+/// An effect in a place of the model.
+#[derive(Debug, Clone)]
+pub(super) struct Explanation {
+    pub effect: &'static dyn Effect,
+    pub fitted: Fitted,
+    /// Logarithm of the odds of the model with it over the same without it.
+    pub ln_odds: f64,
 }
 
 /// What the search found.
@@ -102,11 +90,11 @@ pub(super) struct Found {
     pub fitted: Fitted,
     /// The effects of this fit that were added.
     pub members: Vec<Member>,
-    /// All effects beside the starting model.
+    /// All effects beside the starting model, names before laws.
     pub first: Vec<Candidate>,
     /// All effects beside the last model to which none of them was added; empty where the search ended otherwise.
     pub last: Vec<Candidate>,
-    pub margin: f64,
+    pub prior: ModelPrior,
 }
 
 /// Rounds of the last fit, and how far it may be from the one before, in standard deviations.
@@ -114,6 +102,22 @@ const LAST_ROUNDS: usize = 8;
 const NEAR_SD: f64 = 6.0;
 
 impl Found {
+    /// The models that were fitted around what was found, with the logarithms of their odds over it: itself, and those with one effect more.
+    /// What was held out speaks against some: together they are no more likely than what was found.
+    pub fn with_neighbours(&self) -> Vec<(f64, &Fitted)> {
+        let candidates = if self.members.is_empty() { &self.first } else { &self.last };
+        let in_range = |candidate: &&Candidate| {
+            candidate.ln_odds > NO_WEIGHT
+                && candidate.refit.as_ref().is_some_and(|(fit, _)| !fit.at_bound.contains(&true))
+        };
+        let of = |candidate: &'_ Candidate| (candidate.ln_odds, candidate.is_possible);
+        let mut odds: Vec<(f64, bool)> = candidates.iter().filter(in_range).map(of).collect();
+        limit_refused(odds.iter_mut().filter(|(_, possible)| !possible).map(|(ln, _)| ln), 0.0);
+        let fits = candidates.iter().filter(in_range).filter_map(|candidate| candidate.refit.as_ref());
+        let neighbours = odds.into_iter().zip(fits).map(|((ln, _), (fit, _))| (ln, fit));
+        std::iter::once((0.0, &self.fitted)).chain(neighbours).collect()
+    }
+
     /// The same with the discrepancy's patterns made around what was found: those of the start are of a model that lacks it. The evidence
     /// stays that of the search, in which all hypotheses have the same patterns. As every step of the search, this one must leave the misfit
     /// of what was held out smaller than the start does.
@@ -151,30 +155,65 @@ pub(super) struct Search<'a> {
     pub runs: &'a [Prepared],
     pub patterns: &'a Patterns,
     pub judge: &'a Judge,
-    pub seed: u64,
+    pub catalogue: Catalogue<'a>,
+}
+
+/// What the search may find.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Catalogue<'a> {
+    /// Whether laws are searched for, too.
+    pub laws: bool,
+    /// Names that it does not have.
+    pub left_out: &'a [&'static str],
+}
+
+impl Catalogue<'_> {
+    /// Everything there is.
+    pub const WHOLE: Self = Self { laws: true, left_out: &[] };
+
+    fn names(&self) -> Vec<&'static dyn Effect> {
+        all().into_iter().filter(|effect| !self.left_out.contains(&effect.id())).collect()
+    }
 }
 
 impl Search<'_> {
-    /// Tries all effects beside a fit, best first.
-    pub fn weigh(&self, base: &Fitted, scores: &Scores, most: usize) -> Vec<Candidate> {
-        self.weigh_ranked(base, scores.ranked(), most)
+    /// Every name that may be missing beside a fit, and every law where laws are searched for: the likeliest first.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    fn candidates(
+        &self,
+        base: &Fitted,
+        prior: &ModelPrior,
+        with_laws: bool,
+    ) -> Result<Vec<Candidate>, FitError> {
+        let names = Scores::of(&self.catalogue.names(), base, self.runs, self.patterns)?;
+        let mut all = self.weigh(base, names.ranked(), prior);
+        if with_laws && self.catalogue.laws {
+            let laws = discover::ranked(base, self.catalogue.left_out, self.runs, self.patterns)?;
+            all.extend(self.weigh(base, laws, prior));
+        }
+        for candidate in &mut all {
+            candidate.is_possible = self.is_possible(candidate, base);
+        }
+        all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+        Ok(all)
     }
 
-    /// The same of effects that are scored already, best first.
-    pub fn weigh_ranked(&self, base: &Fitted, ranked: Vec<Score>, most: usize) -> Vec<Candidate> {
+    /// Fits the leaders of what is scored, best first, and weighs them.
+    pub fn weigh(&self, base: &Fitted, ranked: Vec<Score>, prior: &ModelPrior) -> Vec<Candidate> {
         let best = ranked.first().map_or(0.0, |score| score.log_evidence);
-        let behind = BEHIND.max(BEHIND_SHARE * best);
+        // What has the evidence of a name by its score is fitted however far behind it is.
+        let near = (best - BEHIND.max(BEHIND_SHARE * best)).min(stated_ln_odds());
         // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
         let least = |score: &Score| if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
-        // Scores are those of small effects: what has the evidence of a name by its score is fitted however far behind it is.
-        let near = (best - behind).min(MIN_GAIN);
         let is_promising =
             |score: &Score| score.is_identifiable && score.log_evidence > near.max(least(score));
         // Effects that the runs cannot show have a score of 0, above many that are worth a fit: they take no place among the leaders.
         let leaders: Vec<bool> = ranked
             .iter()
             .scan(0, |places, score| {
-                let leads = is_promising(score) && *places < most;
+                let leads = is_promising(score) && *places < MAX_LEADERS;
                 *places += usize::from(leads);
                 Some(leads)
             })
@@ -184,15 +223,16 @@ impl Search<'_> {
             .zip(leaders)
             .map(|(score, leads)| {
                 let refit = if leads { self.refit(base, &score) } else { None };
-                Candidate { score, refit }
+                Candidate { score, refit, ln_odds: f64::NEG_INFINITY, is_possible: false }
             })
             .collect();
         candidates.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
-        let near = candidates.first().map_or(0.0, Candidate::gain) - NEAR;
+        let near = candidates.first().map_or(0.0, Candidate::gain) + NO_WEIGHT;
         let settled = |(rank, candidate): (usize, &mut Candidate)| {
             let is_costly = candidate.score.effect.info().is_costly;
-            if rank >= MAX_SETTLED && candidate.gain() < near || is_costly && candidate.gain() < MIN_OF_COSTLY
-            {
+            let is_unlikely = candidate.gain() + prior.ln_odds(candidate.score.effect) < NEGLIGIBLE
+                || is_costly && candidate.gain() < 0.0;
+            if is_unlikely || rank >= MAX_SETTLED && candidate.gain() < near {
                 return;
             }
             if let Some((fitted, gain)) = candidate.refit.as_mut() {
@@ -205,7 +245,10 @@ impl Search<'_> {
             }
         };
         candidates.par_iter_mut().enumerate().for_each(settled);
-        candidates.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
+        candidates.iter_mut().for_each(|candidate| {
+            candidate.ln_odds = candidate.gain() + prior.ln_odds(candidate.score.effect)
+        });
+        candidates.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
         candidates
     }
 
@@ -261,119 +304,75 @@ impl Search<'_> {
     /// Where the model cannot be evaluated.
     pub fn run(&self, mut report: impl FnMut(&str)) -> Result<Found, FitError> {
         let given = self.start.layout.effects.len();
+        let names = self.catalogue.names();
+        let scores = Scores::of(&names, self.start, self.runs, self.patterns)?.ranked();
+        let names = scores.iter().filter(|score| score.is_identifiable).count();
+        let prior = ModelPrior::new(names, discover::shown(self.start, self.catalogue.left_out).len());
         let mut current = self.start.clone();
-        let (mut first, mut last, mut terms_alone) = (Vec::new(), Vec::new(), Vec::new());
-        let mut margin = 0.0;
+        let (mut first, mut last) = (Vec::new(), Vec::new());
         while current.layout.effects.len() < given + MAX_EFFECTS {
-            let scores = Scores::new(&current, self.runs, self.patterns)?;
-            // With every step the search is repeated; the margin is that of its own directions.
-            let needed = scores.margin(FALSE_ALARMS, DRAWS, self.seed).max(MIN_GAIN);
-            let candidates = self.weigh(&current, &scores, MAX_LEADERS);
             let is_noise = Adequacy::of(&current, self.runs, self.patterns)?.is_within_noise();
             // Where nothing but noise is left there is nothing to be explained.
             if is_noise && !first.is_empty() {
                 break;
             }
             // What two sessions share has no name beside a reference, and what differs is to have a plain one.
-            let searches_laws = !is_noise && current.layout.reference.is_none();
-            let (terms, needed_of_terms) =
-                if searches_laws { self.terms(&current)? } else { (Vec::new(), f64::INFINITY) };
-            // A name is as good as a law that needs as much more evidence as there are more laws.
-            let chosen =
-                [(&candidates, needed), (&terms, needed_of_terms)].into_iter().filter_map(|(of, needed)| {
-                    let chosen = self.chosen(of, &current, needed)?;
-                    let (fitted, gain) = chosen.refit.clone()?;
-                    Some((chosen.id(), fitted, gain, needed))
-                });
-            let chosen = chosen.max_by(|a, b| (a.2 - a.3).total_cmp(&(b.2 - b.3)));
+            let with_laws = !is_noise && current.layout.reference.is_none();
+            let candidates = self.candidates(&current, &prior, with_laws)?;
             if first.is_empty() {
-                (first, margin, terms_alone) = (candidates.clone(), needed, terms);
+                first.clone_from(&candidates);
             }
-            let Some((id, fitted, gain, needed)) = chosen else {
+            let Some((best, ln_odds)) = self.missing(&candidates, &current) else {
                 last = candidates;
                 break;
             };
-            report(&format!("{id} is missing: log evidence + {gain:.1}, needed {needed:.1}"));
-            current = self.without_needless(fitted, given, needed);
+            report(&format!(
+                "{} is missing: log odds {ln_odds:+.1}, stated from {:.1}",
+                best.effect.id(),
+                stated_ln_odds()
+            ));
+            current = self.without_needless(best.fitted, &prior);
         }
-        let first_and_terms: Vec<Candidate> = first.iter().cloned().chain(terms_alone).collect();
-        // A better effect in the place of one that was taken early shows only once the others are there.
-        let mut members = self.members(&current, &first_and_terms, given, margin)?;
-        for _ in 0..2 {
-            let better = members.iter().find_map(|member| {
-                let (best, fitted) = member.class.first()?;
-                let own = current.layout.effects.get(member.index)?;
-                // Nor may it make the held-out misfit grow.
-                let is_better = best.id() != own.id() && self.judge.held_out_shrinks(&current, fitted);
-                is_better.then(|| fitted.clone())
-            });
-            let Some(better) = better else { break };
+        // A better effect in the place of one that was taken early shows only once the others are there; and what another effect has made
+        // needless since is no longer one.
+        let mut members = self.members(&current, &first, &prior)?;
+        for _ in 0..MAX_EFFECTS {
+            let Some(better) = self.better(&current, &members) else { break };
             current = better;
-            members = self.members(&current, &first_and_terms, given, margin)?;
+            members = self.members(&current, &first, &prior)?;
         }
-        // What another effect has made needless since is no longer a name.
-        while let Some(index) = needless(&current, &members, margin) {
-            let Some(less) = self.refitted_without(&current, index) else { break };
-            current = less;
-            members = self.members(&current, &first_and_terms, given, margin)?;
-        }
-        Ok(Found { fitted: current, members, first, last, margin })
+        Ok(Found { fitted: current, members, first, last, prior })
     }
 
-    /// The effect to add of those that may be: of several whose evidence is as good, the one whose physics leaves least to be explained.
-    fn chosen<'c>(
-        &self,
-        candidates: &'c [Candidate],
-        current: &Fitted,
-        needed: f64,
-    ) -> Option<&'c Candidate> {
-        let mut accepted = candidates.iter().filter(|candidate| {
-            self.is_accepted(candidate, current, needed) && self.gain_over_best(candidate, current) > needed
-        });
-        let first = accepted.next()?;
-        let misfit = |candidate: &Candidate| {
-            candidate.refit.as_ref().map_or(f64::INFINITY, |(fitted, _)| self.judge.misfit(fitted))
-        };
-        let as_good = accepted.filter(|other| first.gain() - other.gain() < CLASS);
-        let all = std::iter::once(first).chain(as_good);
-        all.min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
+    /// The likeliest effect that is missing, with the odds that any is, where these are high enough to state it.
+    fn missing(&self, candidates: &[Candidate], base: &Fitted) -> Option<(Explanation, f64)> {
+        let explanations = explanations(candidates);
+        let ln_odds = ln_sum(explanations.iter().map(|one| one.ln_odds));
+        let best = explanations.into_iter().next()?;
+        // Without the effect there may be a better fit where the discrepancy has the sizes that it has with it.
+        let again = self.fit(&base.layout, base.values(), &best.fitted.sizes, MAX_ROUNDS);
+        let better = again.map_or(0.0, |again| (again.log_evidence - base.log_evidence).max(0.0));
+        let ln_odds = ln_odds - better;
+        (ln_odds > stated_ln_odds()).then_some((best, ln_odds))
     }
 
-    /// Tries all terms of the grammar beside a fit, best first, and the evidence that a name among them needs.
-    fn terms(&self, base: &Fitted) -> Result<(Vec<Candidate>, f64), FitError> {
-        let (ranked, needed) = discover::ranked(base, self.runs, self.patterns)?;
-        Ok((self.weigh_ranked(base, ranked, MAX_LEADERS), needed))
+    /// Whether a candidate can be what is missing beside a fit.
+    fn is_possible(&self, candidate: &Candidate, base: &Fitted) -> bool {
+        let Some((fitted, _)) = &candidate.refit else { return false };
+        let kinds = candidate.score.effect.info().observable_in;
+        candidate.ln_odds > NO_WEIGHT
+            && is_determined(fitted, fitted.layout.effects.len() - 1)
+            && self.judge.held_out_shrinks_in(base, fitted, kinds)
     }
 
-    /// Whether an effect may be added: its evidence, its share of what is left, its interval, its range, the held-out misfit.
-    fn is_accepted(&self, candidate: &Candidate, current: &Fitted, margin: f64) -> bool {
-        let Some((fitted, gain)) = &candidate.refit else { return false };
-        if *gain <= margin {
-            return false;
-        }
-        let needed = if *gain >= STRONG_GAIN { SHARE_OF_STRONG } else { SHARE };
-        is_determined(fitted, fitted.layout.effects.len() - 1)
-            && self.judge.share(current, fitted) >= needed
-            && self.judge.held_out_shrinks_in(current, fitted, candidate.score.effect.info().observable_in)
-    }
-
-    /// Log evidence over the fit without the effect, which may have a better one where the discrepancy has the sizes it has with the
-    /// effect.
-    fn gain_over_best(&self, candidate: &Candidate, current: &Fitted) -> f64 {
-        let Some((fitted, gain)) = &candidate.refit else { return f64::NEG_INFINITY };
-        let again = self.fit(&current.layout, current.values(), &fitted.sizes, MAX_ROUNDS);
-        gain - again.map_or(0.0, |again| (again.log_evidence - current.log_evidence).max(0.0))
-    }
-
-    /// Skips what is no longer needed once something better is there.
-    fn without_needless(&self, fitted: Fitted, given: usize, margin: f64) -> Fitted {
+    /// Without what is no longer likely once something better is there.
+    fn without_needless(&self, fitted: Fitted, prior: &ModelPrior) -> Fitted {
         let count = fitted.layout.effects.len();
-        for index in given..count.saturating_sub(1) {
-            if let Some(less) = self.refitted_without(&fitted, index) {
-                let gain = fitted.log_evidence - less.log_evidence + one_sided(fitted.layout.effects[index]);
-                if gain < margin {
-                    return less;
-                }
+        for index in fitted.layout.given..count.saturating_sub(1) {
+            if let Some(less) = self.refitted_without(&fitted, index)
+                && prior.ln_weight(&fitted) - prior.ln_weight(&less) < stated_ln_odds()
+            {
+                return less;
             }
         }
         fitted
@@ -388,14 +387,14 @@ impl Search<'_> {
         self.fit(&layout, &starts, &self.start.sizes, MAX_ROUNDS)
     }
 
-    /// For every effect that was added, its evidence and its class.
+    /// For every effect that was added, what else may be in its place.
     fn members(
         &self,
         fitted: &Fitted,
         first: &[Candidate],
-        given: usize,
-        margin: f64,
+        prior: &ModelPrior,
     ) -> Result<Vec<Member>, FitError> {
+        let given = fitted.layout.given;
         let count = fitted.layout.effects.len();
         let mut members = Vec::new();
         for index in given..count {
@@ -404,58 +403,74 @@ impl Search<'_> {
                 (self.start.clone(), first.to_vec())
             } else {
                 let Some(base) = self.refitted_without(fitted, index) else { continue };
-                let scores = Scores::new(&base, self.runs, self.patterns)?;
-                let mut candidates = self.weigh(&base, &scores, MAX_LEADERS);
-                if effect.is_unnamed() {
-                    candidates.extend(self.terms(&base)?.0);
-                }
+                let candidates = self.candidates(&base, prior, effect.is_unnamed())?;
                 (base, candidates)
             };
-            let own = fitted.log_evidence - base.log_evidence + one_sided(effect);
-            // A law is one of so many more than there are names: it costs as much more beforehand.
-            let cost = |of: &dyn Effect| if of.is_unnamed() { discover::needed(&base) - margin } else { 0.0 };
-            let own_cost = cost(effect);
-            // Where a name leaves nearly all of the held-out misfit the model is far from exact, and odds that assume it exact separate
-            // nothing: whatever the evidence supports is in the class.
-            let is_weak =
-                self.judge.held_out_share(&base, fitted).is_some_and(|share| share < SHARE_OF_STRONG);
-            let mut class = vec![(effect, fitted.clone(), own)];
-            for candidate in &candidates {
-                let Some((other, gain)) = &candidate.refit else { continue };
-                let competes = *gain > 0.5 * margin && !other.at_bound.iter().any(|at| *at);
-                if candidate.id() == effect.id() || !competes {
-                    continue;
-                }
-                let from = |of: &Fitted| (stacked(&other.residuals) - stacked(&of.residuals)).norm_squared();
-                let apart = from(fitted);
-                // A law that predicts what a name does is that name.
-                let is_name =
-                    |(of, fit, _): &(&'static dyn Effect, Fitted, f64)| !of.is_unnamed() && from(fit) < ALIKE;
-                if candidate.score.effect.is_unnamed() && class.iter().any(is_name) {
-                    continue;
-                }
-                let behind = own - own_cost - (gain - cost(candidate.score.effect));
-                let is_supported = is_weak && *gain > margin && !candidate.score.effect.is_unnamed();
-                if behind < CLASS || (behind < CLASS_ALIKE && apart < ALIKE) || is_supported {
-                    class.push((candidate.score.effect, other.clone(), *gain));
-                }
-            }
-            // First the one whose physics leaves least; a competitor counts as better only where it is clearly so.
-            let own_misfit = self.judge.misfit(fitted);
-            let misfit = |(other, fit, _): &(&'static dyn Effect, Fitted, f64)| {
-                let misfit = self.judge.misfit(fit);
-                if other.id() == effect.id() { misfit - CLEARLY.min(0.5 * own_misfit) } else { misfit }
-            };
-            class.sort_by(|a, b| misfit(a).total_cmp(&misfit(b)));
-            let class = class.into_iter().map(|(effect, fitted, _)| (effect, fitted)).collect();
-            members.push(Member { index, gain: own, without: base, class });
+            let ln_odds = prior.ln_weight(fitted) - prior.ln_weight(&base);
+            let gain = ln_odds - prior.ln_odds(effect);
+            let mut all = vec![Explanation { effect, fitted: fitted.clone(), ln_odds }];
+            let others = explanations(&candidates);
+            all.extend(others.into_iter().filter(|other| other.effect.id() != effect.id()));
+            all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+            let all = distinct(all);
+            let weights: Vec<f64> = all.iter().map(|one| one.ln_odds).collect();
+            let class = all.into_iter().take(smallest_set(&weights)).collect();
+            members.push(Member {
+                index,
+                gain,
+                ln_odds: ln_sum(weights.iter().copied()),
+                without: base,
+                class,
+            });
         }
         Ok(members)
     }
+
+    /// A likelier model with another effect in the place of a member, or without one that is no longer likely.
+    fn better(&self, current: &Fitted, members: &[Member]) -> Option<Fitted> {
+        let in_place = members.iter().find_map(|member| {
+            let best = member.class.first()?;
+            let own = current.layout.effects.get(member.index)?;
+            // Nor may it make the held-out misfit grow.
+            let is_better =
+                best.effect.id() != own.id() && self.judge.held_out_shrinks(current, &best.fitted);
+            is_better.then(|| best.fitted.clone())
+        });
+        let needless = || {
+            let is_needless =
+                |member: &&Member| member.ln_odds < stated_ln_odds() || !is_determined(current, member.index);
+            let least = members.iter().filter(is_needless).min_by(|a, b| a.ln_odds.total_cmp(&b.ln_odds))?;
+            self.refitted_without(current, least.index)
+        };
+        in_place.or_else(needless)
+    }
 }
 
-/// The effect that was added and is least needed, where it is not needed at all.
-fn needless(fitted: &Fitted, members: &[Member], margin: f64) -> Option<usize> {
-    let idle = members.iter().filter(|m| m.gain < margin || !is_determined(fitted, m.index));
-    idle.min_by(|a, b| a.gain.total_cmp(&b.gain)).map(|member| member.index)
+/// The candidates that can be what is missing, likeliest first.
+fn explanations(candidates: &[Candidate]) -> Vec<Explanation> {
+    let of = |candidate: &Candidate| {
+        let (fitted, _) = candidate.refit.clone()?;
+        Some(Explanation { effect: candidate.score.effect, fitted, ln_odds: candidate.ln_odds })
+    };
+    candidates.iter().filter(|candidate| candidate.is_possible).filter_map(of).collect()
+}
+
+/// The same without laws that predict what a name, or a likelier law, does: they are that. Their weight is its weight.
+fn distinct(all: Vec<Explanation>) -> Vec<Explanation> {
+    let (names, laws): (Vec<Explanation>, Vec<Explanation>) =
+        all.into_iter().partition(|one| !one.effect.is_unnamed());
+    let mut kept = names;
+    for law in laws {
+        let apart = |other: &Explanation| {
+            (stacked(&other.fitted.residuals) - stacked(&law.fitted.residuals)).norm_squared()
+        };
+        match kept.iter_mut().find(|other| apart(other) < indistinct()) {
+            Some(other) if !other.effect.is_unnamed() => {
+                other.ln_odds = ln_sum([other.ln_odds, law.ln_odds].into_iter());
+            }
+            _ => kept.push(law),
+        }
+    }
+    kept.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+    kept
 }

@@ -253,12 +253,8 @@ impl Judge {
         posterior::misfit(&self.of_training, &everyday, &self.residuals(fitted)).unwrap_or(f64::INFINITY)
     }
 
-    /// Misfit of what was held out to the physics of a fit, beside noise and instruments; nothing where nothing is held out.
-    fn held_out_misfit(&self, fitted: &Fitted) -> Option<f64> {
-        self.held_out_misfit_in(fitted, RunKinds::BOTH)
-    }
-
-    /// The same of runs of these kinds alone; no pattern is in both.
+    /// Misfit of what was held out in runs of these kinds to the physics of a fit, beside noise and instruments; nothing where nothing is held
+    /// out. No pattern is in runs of both kinds.
     pub fn held_out_misfit_in(&self, fitted: &Fitted, kinds: RunKinds) -> Option<f64> {
         let counts = |run: &Prepared| match run.run.kind {
             Kind::Lateral => kinds.lateral,
@@ -283,13 +279,6 @@ impl Judge {
     pub fn held_out_shrinks_in(&self, before: &Fitted, after: &Fitted, kinds: RunKinds) -> bool {
         let misfits = self.held_out_misfit_in(before, kinds).zip(self.held_out_misfit_in(after, kinds));
         misfits.is_some_and(|(before, after)| after < before)
-    }
-
-    /// Share of the misfit above noise of what was held out that the second model removes; nothing where it is no more than chance.
-    pub fn held_out_share(&self, before: &Fitted, after: &Fitted) -> Option<f64> {
-        let count = self.runs.iter().map(|run| run.run.data.len()).sum::<usize>() as f64;
-        let (before, after) = self.held_out_misfit(before).zip(self.held_out_misfit(after))?;
-        (before > count + CHANCE * (2.0 * count).sqrt()).then(|| (before - after) / (before - count))
     }
 
     /// How far two models are from what was held out, and how much of the removable misfit the second one removes. Nothing where

@@ -5,26 +5,32 @@
 
 use super::layout::{NORMAL_975, Scale, StatedPlace};
 use super::posterior::{Fitted, MAX_ROUNDS};
-use super::search::{Found, Member};
+use super::search::{Explanation, Found, Member};
 use super::split::Judge;
 use super::start::Start;
+use super::weights::STATED_PROBABILITY;
 use mechanics::effects::effect;
 use readings::FitError;
+use statrs::distribution::{ContinuousCDF, Normal};
 
 const MM: f64 = 1e-3;
-/// The one-sided quantile of 95 %: what is stated is wrong where the place is beyond the 95 % interval of what was stated with this
-/// probability.
-const QUANTILE: f64 = 1.644_853_626_951;
-
-/// The clearest of what is stated and excluded by a fit.
-fn excluded(fitted: &Fitted) -> Option<(StatedPlace, f64)> {
-    let clearness = |place: StatedPlace| {
-        let value_m = *fitted.values().get(place.parameter)?;
-        let beyond = (value_m.abs() - NORMAL_975 * place.scale_m) / fitted.sd(place.parameter);
-        (beyond > QUANTILE).then_some((place, value_m, beyond))
+/// What is stated and excluded, the clearest first: where the place is beyond the 95 % interval of what was stated with the probability of a
+/// statement, over all models that were fitted around what was found.
+fn excluded(found: &Found) -> Option<(StatedPlace, f64)> {
+    let models = found.with_neighbours();
+    let total: f64 = models.iter().map(|(ln, _)| ln.exp()).sum();
+    let probability = |place: &StatedPlace| {
+        let beyond = |(ln, fitted): &(f64, &Fitted)| {
+            let value_m = fitted.values().get(place.parameter)?;
+            let sds = (value_m.abs() - NORMAL_975 * place.scale_m) / fitted.sd(place.parameter);
+            Some(ln.exp() * Normal::standard().cdf(sds))
+        };
+        models.iter().filter_map(beyond).sum::<f64>() / total
     };
-    let all = fitted.layout.stated().filter_map(clearness);
-    all.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(place, value_m, _)| (place, value_m))
+    let all = found.fitted.layout.stated().map(|place| (probability(&place), place));
+    let (probability, place) = all.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let value_m = *found.fitted.values().get(place.parameter)?;
+    (probability > STATED_PROBABILITY).then_some((place, value_m))
 }
 
 impl Start {
@@ -58,7 +64,7 @@ impl Found {
     /// Where the model cannot be evaluated.
     pub fn with_names_of_stated(mut self, start: &Start, judge: &Judge) -> Result<(Self, bool), FitError> {
         let mut is_named = false;
-        while let Some((place, value_m)) = excluded(&self.fitted) {
+        while let Some((place, value_m)) = excluded(&self) {
             let Some(effect) = effect(place.effect) else { break };
             let mut values = self.fitted.values().to_vec();
             values.remove(place.parameter);
@@ -73,9 +79,11 @@ impl Found {
                 break;
             }
             let gain = fitted.log_evidence - without.log_evidence;
+            let ln_odds = gain + self.prior.ln_odds(effect);
             let fitted = fitted.over_sizes(patterns);
             let index = layout.effects.len() - 1;
-            self.members.push(Member { index, gain, without, class: vec![(effect, fitted.clone())] });
+            let class = vec![Explanation { effect, fitted: fitted.clone(), ln_odds }];
+            self.members.push(Member { index, gain, ln_odds, without, class });
             self.fitted = fitted;
             is_named = true;
         }

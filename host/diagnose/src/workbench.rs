@@ -8,7 +8,7 @@ use super::noise::Noise;
 use super::posterior::Fitted;
 use super::predicted::differences;
 use super::results::{Estimate, HeldOutMisfit, Misfit};
-use super::search::Search;
+use super::search::{Catalogue, Search};
 use super::split::{Judge, Training, split};
 use super::start::{Noises, Start, fit_start};
 use super::{DiagnoseError, FoundationChoice, Options, runs_of};
@@ -141,7 +141,7 @@ impl Workbench {
                 runs: &self.start.runs,
                 patterns: &self.start.patterns,
                 judge: &self.judge,
-                seed: self.seed,
+                catalogue: Catalogue::WHOLE,
             };
             let (next, more) = search.with_effect(&fitted, *effect)?.ok_or(FitError::Undetermined)?;
             (fitted, gain) = (next, gain + more);

@@ -1,7 +1,7 @@
 //! Terms: what may be missing from the plain model when no effect of the catalogue is it.
 //!
 //! A term is a triple: the **site** where it acts, the **regressor** it depends on, and the **form** of the function between them, with one
-//! parameter or two. Every triple is an [`Effect`](super::Effect) whose id says it, as `law.force.time.sine`; everything that takes an
+//! parameter or two. Every triple is an [`Effect`](super::effects::Effect) whose id says it, as `law.force.time.sine`; everything that takes an
 //! effect takes a term. The catalogue is a dictionary of triples with names: those that are in it are not in [`grammar`].
 //!
 //! | | |

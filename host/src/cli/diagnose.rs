@@ -12,7 +12,7 @@ use inference::diagnose::{
     Diagnosis, Estimate, FoundEffect, HeldOutMisfit, INCOMPRESSIBLE, MeanModulus, Options, RemainingSize,
     diagnose,
 };
-use mechanics::effects::effect;
+use mechanics::effects::{Effect, all, effect};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
@@ -46,9 +46,22 @@ pub struct Args {
     json_out: Option<PathBuf>,
     #[command(flatten)]
     tissue: FoundationArgs,
+    /// Name effects of the catalogue only; search for no laws
+    #[arg(long)]
+    no_discovery: bool,
+    /// Search as if nobody knew this effect: what is then found is a law, or nothing
+    #[arg(long, value_name = "EFFECT", value_parser = catalogued)]
+    leave_out: Vec<&'static str>,
     /// Seed of the bootstraps
     #[arg(long, default_value_t = 1)]
     seed: u64,
+}
+
+/// The id of an effect of the catalogue.
+fn catalogued(id: &str) -> Result<&'static str, String> {
+    let ids: Vec<&'static str> = all().into_iter().map(Effect::id).collect();
+    let known = ids.iter().find(|known| **known == id).copied();
+    known.ok_or_else(|| format!("no such effect, expected one of {}", ids.join(", ")))
 }
 
 /// Runs the sub-command.
@@ -61,6 +74,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         known: Vec::new(),
         discrepancy: given.map(|file| file.discrepancy).unwrap_or_default(),
         seed: args.seed,
+        discovery: !args.no_discovery,
+        left_out: args.leave_out.clone(),
         foundation: args.tissue.foundation.unwrap_or_else(|| session.tissue.foundation.into()),
         poisson: args.tissue.poisson.or(session.tissue.poisson).unwrap_or(INCOMPRESSIBLE),
         reference: args.reference.as_deref().map(Session::read).transpose()?,
@@ -226,10 +241,11 @@ fn write_reference(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result
 fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result {
     writeln!(
         f,
-        "missing      {}: {}; log evidence +{:.1}",
+        "missing      {}: {}; log evidence +{:.1}, {}",
         found.id,
         found.parameters_in_words(),
-        found.log_evidence_gain
+        found.log_evidence_gain,
+        found.probability_in_words()
     )?;
     if let Some(effect) = effect(&found.id) {
         writeln!(f, "             {}", effect.info().physics)?;

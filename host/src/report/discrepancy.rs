@@ -18,7 +18,7 @@ pub(super) fn facts(found: &Diagnosis) -> Vec<Fact> {
         let named = found
             .effects
             .iter()
-            .map(|effect| [vec![effect.id.as_str()], effect.competing_effects()].concat().join(" or "));
+            .map(|effect| [vec![effect.id.clone()], effect.competing_effects()].concat().join(" or "));
         verdict = format!("{verdict}: {}", named.collect::<Vec<_>>().join("; "));
     }
     if let Some(gap) =
@@ -164,6 +164,7 @@ fn effects(found: &Diagnosis) -> Option<Block> {
             effect(&one.id).map_or("-".to_owned(), |of| of.info().physics.to_owned()),
             one.parameters_in_words(),
             value(Some(one.log_evidence_gain), 1),
+            one.probability_in_words(),
             if competitors.is_empty() { "none".to_owned() } else { competitors.join(", ") },
         ]
     });
@@ -173,7 +174,8 @@ fn effects(found: &Diagnosis) -> Option<Block> {
         words("physics"),
         words("parameters (95 %)"),
         number("log evidence"),
-        words("as good"),
+        words("probability"),
+        words("or instead"),
     ];
     (!rows.is_empty()).then(|| Block::table("What is missing", columns, rows))
 }

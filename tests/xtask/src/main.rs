@@ -37,7 +37,7 @@ const TASKS: [(&str, Needs, &str); 22] = [
     (
         "test",
         Needs::Here,
-        "Run what decides whether a change is right: lints, host, protocol, firmware end to end (--all: what takes longer too)",
+        "Run what decides whether a change is right: lints, host, protocol, firmware end to end (--all: what takes longer too; --second: only that)",
     ),
     (
         "lint",

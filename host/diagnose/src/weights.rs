@@ -1,0 +1,124 @@
+//! Probabilities of models (theory, eq. 65).
+//!
+//! A model is a foundation, springs or a body, and a set of effects. Its weight is its evidence times its prior, and the prior says three
+//! things. That one of the named effects is missing is as likely beforehand as that none is, and every name that the runs can show has an
+//! equal part of that. That a law is missing which no name describes is less likely, `LAW_ODDS`, and every law of the grammar has an equal part.
+//! Springs and a body are equally likely, up to what the simpler model is preferred by. What more data do to it is what evidence
+//! does: a set of effects has no other penalty, and no effect has a rule of its own.
+//!
+//! Under a model that lacks nothing the Bayes factor of any effect has mean 1 whatever the noise is, so that by Markov's inequality the
+//! effects of prior odds `q` together reach posterior odds `r` in at most a share `q / r` of sessions: names in 5 %, laws in 0.5 %.
+
+use super::foundation::FOUNDATION_MARGIN;
+use super::posterior::Fitted;
+use mechanics::effects::Effect;
+
+/// Probability from which on something is said to be so: a name is one where the effect is missing with this probability, and a class
+/// holds the smallest set of explanations with it.
+pub(super) const STATED_PROBABILITY: f64 = 0.95;
+/// Odds beforehand that what a session lacks is a law without a name. Laboratories find effects that nobody had thought of in perhaps one
+/// of ten setups; Markov's bound above makes that one false law in two hundred sessions.
+const LAW_ODDS: f64 = 0.1;
+/// A model whose weight is a smaller share of the largest than `exp` of this shows in no digit of an interval: 6e-6.
+pub(super) const NO_WEIGHT: f64 = -12.0;
+
+/// Logarithm of the odds at [`STATED_PROBABILITY`].
+pub(super) fn stated_ln_odds() -> f64 {
+    (STATED_PROBABILITY / (1.0 - STATED_PROBABILITY)).ln()
+}
+
+/// Squared distance, in standard deviations of the noise, of predictions that no run tells apart: it gives odds of `exp` of its half,
+/// which would have to be those of [`STATED_PROBABILITY`].
+pub(super) fn indistinct() -> f64 {
+    2.0 * stated_ln_odds()
+}
+
+/// A parameter that cannot be on one side of its neutral value has all of its prior on the other.
+pub(super) fn one_sided(effect: &dyn Effect) -> f64 {
+    let sides = effect.parameters().iter().filter(|info| info.nodes.is_empty() && !info.is_two_sided());
+    sides.count() as f64 * std::f64::consts::LN_2
+}
+
+/// Prior of the models of a session.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ModelPrior {
+    /// Number of named effects that the runs can show.
+    names: usize,
+    /// Number of laws that they can show.
+    laws: usize,
+}
+
+impl ModelPrior {
+    /// Of so many names and laws that the runs can show.
+    pub fn new(names: usize, laws: usize) -> Self {
+        Self { names: names.max(1), laws: laws.max(1) }
+    }
+
+    /// Logarithm of the prior odds of a model with an effect over the same without it.
+    pub fn ln_odds(&self, effect: &dyn Effect) -> f64 {
+        if effect.is_unnamed() { (LAW_ODDS / self.laws as f64).ln() } else { -(self.names as f64).ln() }
+    }
+
+    /// Log evidence that one effect alone needs for a name.
+    pub fn needed(&self) -> f64 {
+        (self.names as f64).ln() + stated_ln_odds()
+    }
+
+    /// Logarithm of the weight of a model, up to what all models of a session share.
+    pub fn ln_weight(&self, fitted: &Fitted) -> f64 {
+        let added = fitted.layout.effects.iter().skip(fitted.layout.given);
+        let body = if fitted.layout.support.is_body() { FOUNDATION_MARGIN } else { 0.0 };
+        let effects = added.map(|effect| one_sided(*effect) + self.ln_odds(*effect));
+        fitted.log_evidence - body + effects.sum::<f64>()
+    }
+}
+
+/// `ln sum exp`; minus infinity of nothing.
+pub(super) fn ln_sum(ln_weights: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = ln_weights.clone().fold(f64::NEG_INFINITY, f64::max);
+    if largest.is_finite() {
+        largest + ln_weights.map(|ln| (ln - largest).exp()).sum::<f64>().ln()
+    } else {
+        largest
+    }
+}
+
+/// How many of the first of these weights, largest first, have [`STATED_PROBABILITY`] together.
+pub(super) fn smallest_set(ln_weights: &[f64]) -> usize {
+    let total = ln_sum(ln_weights.iter().copied());
+    let mut sum = 0.0;
+    let reaches = |ln: &f64| {
+        sum += (ln - total).exp();
+        sum >= STATED_PROBABILITY
+    };
+    ln_weights.iter().position(reaches).map_or(ln_weights.len(), |last| last + 1)
+}
+
+/// Lowers the weights of models that were refused for other reasons than their weight: all of them together are no more likely than the
+/// model that was taken, whose weight is `taken`.
+pub(super) fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f64) {
+    let mut refused: Vec<&mut f64> = ln_weights.filter(|ln| **ln > taken).collect();
+    let even = taken - (refused.len().max(1) as f64).ln();
+    refused.iter_mut().for_each(|ln| **ln = even);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_smallest_set_has_what_is_stated() {
+        assert_eq!(smallest_set(&[0.0]), 1);
+        assert_eq!(smallest_set(&[0.0, -4.0]), 1);
+        assert_eq!(smallest_set(&[0.0, -2.0]), 2);
+        assert_eq!(smallest_set(&[-700.0, -700.0, -710.0]), 2);
+    }
+
+    #[test]
+    fn refused_models_together_are_as_likely_as_the_one_taken() {
+        let mut weights = [3.0, 5.0, -1.0];
+        limit_refused(weights.iter_mut(), 1.0);
+        assert!((weights[0].exp() + weights[1].exp() - 1f64.exp()).abs() < 1e-12);
+        assert_eq!(weights[2], -1.0);
+    }
+}
