@@ -377,6 +377,10 @@ fn a_command_that_is_killed_at_any_moment_leaves_whole_files_and_readable_sessio
                 if hidden || whole.get(&name) == Some(&content) {
                     continue;
                 }
+                // The lock is the kernel's and ends with the process; its file stays.
+                if name.ends_with(".session.lock") {
+                    continue;
+                }
                 // A session grows run by run; every state of it can be read.
                 if name.ends_with("session.toml") {
                     let session = folder.path().join(name.parent().unwrap_or(Path::new("")));

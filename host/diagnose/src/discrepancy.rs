@@ -136,20 +136,6 @@ fn remounted(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> 
         .collect()
 }
 
-/// Only those of the instruments, with everyday sizes: what the misfit of runs is measured against that the model was fitted to.
-///
-/// # Errors
-/// Where the model cannot be evaluated.
-pub(super) fn of_instruments(
-    layout: &Layout,
-    values: &[f64],
-    runs: &[Prepared],
-) -> Result<Patterns, ModelError> {
-    let mut groups = groups(layout, values, runs)?;
-    groups.retain(|group| matches!(group.cause, Cause::Instrument { .. }));
-    Ok(whitened(groups, runs))
-}
-
 /// Those of the instruments and of differences between runs: what the misfit of held-out runs is measured against. `multiples` as for
 /// [`patterns`].
 ///

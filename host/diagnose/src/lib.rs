@@ -246,7 +246,7 @@ fn workflow<T>(
     }
     let fit = |layout: &Layout| fit_start(layout, &runs, &noises, &options.given, &multiples);
     let Released { start, as_known, moved: moved_since } = known::released(&mut layout, fit)?;
-    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
+    let judge = held_out.judge(&start.fitted, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let Choice { foundation, start, found, beside: other_foundation } =
         choose(start, &judge, options, session.tissue.block(), &mut on_progress)?;
@@ -264,20 +264,23 @@ fn workflow<T>(
     let before = start.adequacy()?;
     let compared = as_known.as_ref().unwrap_or(&start);
     let regions = |of: &Start| regions(&of.fitted, &of.runs, &of.patterns);
-    let where_before = regions(compared)?;
-    let is_adequate = before.is_adequate() && regions(&start)?.is_empty();
+    let where_start = regions(&start)?;
+    let where_before = as_known.as_ref().map_or_else(|| Ok(where_start.clone()), regions)?;
+    let where_left = adequacy::regions(&found.fitted, &start.runs, &start.patterns)?;
+    let is_adequate = before.is_adequate() && where_start.is_empty();
     let compared = compared.fitted.clone();
     let Start { runs: prepared, patterns, fitted: start } = start;
     let after = Adequacy::of(&found.fitted, &prepared, &patterns)?;
 
-    let verdict = verdict(&found, is_adequate, judge.share(&compared, &found.fitted));
+    on_progress("the runs that were held out are compared");
+    let gap_of_found = judge.gap(&compared, &found.fitted, options.seed)?;
+    let verdict = verdict(&found, is_adequate, gap_of_found.as_ref());
     let is_large = || Remaining::of(&before, &start, &patterns, None).size == RemainingSize::Large;
     // What moves the modulus beyond its interval is no everyday matter, however smooth it is.
     let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };
     let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
     let final_fit = if is_named { &found.fitted } else { &start };
-    on_progress("the runs that were held out are compared");
-    let gap = judge.gap(&compared, final_fit, options.seed)?;
+    let gap = if is_named { gap_of_found } else { judge.gap(&compared, final_fit, options.seed)? };
     let remaining =
         Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
     let multiples = final_fit.multiples(&patterns);
@@ -302,6 +305,7 @@ fn workflow<T>(
     };
     let mut result =
         report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
+    result.left = if is_named { where_left.iter().map(report::region).collect() } else { result.regions.clone() };
     result.moved_since = moved_since;
     Ok((result, more))
 }
@@ -383,14 +387,13 @@ fn share_nodes(runs: &mut [Run]) {
     }));
 }
 
-/// Nothing is named that leaves the larger part of the gap.
-const NAMED_SHARE: f64 = 0.15;
-
-fn verdict(found: &Found, is_adequate: bool, share: f64) -> Verdict {
+/// Nothing has a name that leaves the larger part of the held-out misfit.
+fn verdict(found: &Found, is_adequate: bool, gap: Option<&HeldOutMisfit>) -> Verdict {
+    let removed = gap.and_then(|gap| gap.removed);
     match found.members.is_empty() {
         true if is_adequate => Verdict::Adequate,
         true => Verdict::Unexplained,
-        false if share < NAMED_SHARE => Verdict::Unexplained,
+        false if removed.is_some_and(|share| share < 0.5) => Verdict::Unexplained,
         false if found.members.iter().all(|member| member.class.len() == 1) => Verdict::Named,
         false => Verdict::Ambiguous,
     }
@@ -405,7 +408,7 @@ fn found_in(session: &Session) -> (Start, Found) {
     let noises = Noises { session: noise, reference: noise };
     let layout = Layout::new(&session.rig, &runs, Vec::new());
     let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
-    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
+    let judge = held_out.judge(&start.fitted, &noise, &Multiples::new()).expect("a judge");
     let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
     let Choice { start, found, .. } = choose(start, &judge, &options, None, |_| {}).expect("a search");
     (start, found)

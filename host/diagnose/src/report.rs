@@ -103,6 +103,7 @@ impl DiagnosisReport<'_> {
                 Vec::new()
             },
             regions,
+            left: Vec::new(),
             next_measurement,
             gap,
             ranking: first

@@ -40,6 +40,8 @@ pub struct Diagnosis {
     /// Where model and measurement disagree: before any effect is added, or, if unexplained, still.
     #[serde(rename = "where")]
     pub regions: Vec<RegionResult>,
+    /// Where they still disagree under the final model, beyond usual imperfections.
+    pub left: Vec<RegionResult>,
     /// What would separate the members of a class.
     pub next_measurement: Option<NextMeasurement>,
     /// Before and after on what no fit has used.

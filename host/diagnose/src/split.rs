@@ -182,7 +182,6 @@ impl HeldOut {
     pub fn judge(
         self,
         start: &Fitted,
-        training: &[Prepared],
         noise: &Noise,
         multiples: &Multiples,
     ) -> Result<Judge, ModelError> {
@@ -191,66 +190,23 @@ impl HeldOut {
             Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
         };
         let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
-        // The reference is no part of the gap.
-        let judged: Vec<bool> = training.iter().map(|run| !run.run.is_reference).collect();
-        let training: Vec<Prepared> = training.iter().filter(|run| !run.run.is_reference).cloned().collect();
-        Ok(Judge {
-            of_held_out: discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?,
-            // What the reference leaves unexplained too is no gap between them.
-            of_training: match &start.layout.reference {
-                Some(_) => discrepancy::patterns(&start.layout, start.values(), &training, multiples)?,
-                None => discrepancy::of_instruments(&start.layout, start.values(), &training)?,
-            },
-            readings: training.iter().map(|run| run.run.data.len()).sum(),
-            judged,
-            runs,
-        })
+        let patterns = discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?;
+        Ok(Judge { patterns, runs })
     }
 }
 
-/// Judges models by misfits, and by what was held out. The misfit is that of the physics: zeros, drift, axes and offsets of single
+/// Judges models by what was held out. The misfit is that of the physics: zeros, drift, axes and offsets of single
 /// runs are the instruments' own, and beside the noise of a mean a zero would rule all sums.
 #[derive(Debug)]
 pub(super) struct Judge {
     runs: Vec<Prepared>,
-    of_held_out: Patterns,
-    of_training: Patterns,
-    /// Which training runs are judged, and the number of their data.
-    judged: Vec<bool>,
-    readings: usize,
+    patterns: Patterns,
 }
 
 impl Judge {
     /// Number of runs of which something is held out.
     pub fn runs(&self) -> usize {
         self.runs.len()
-    }
-
-    /// Share of the gap of one model above noise, in training, that another one removes: beside noise alone or beside noise and
-    /// instruments, whichever is larger. A gap is only what is more than chance.
-    pub fn share(&self, before: &Fitted, after: &Fitted) -> f64 {
-        let count = self.readings as f64;
-        let share = |before: f64, after: f64| {
-            let removed = before - after;
-            let gap = before - count - 2.0 * (2.0 * count).sqrt();
-            if removed > 0.0 { removed / gap.max(removed) } else { 0.0 }
-        };
-        let squares = |fitted: &Fitted| self.residuals(fitted).iter().flatten().map(|r| r * r).sum::<f64>();
-        let beside_noise = share(squares(before), squares(after));
-        let beside_instruments = share(self.misfit(before), self.misfit(after));
-        beside_noise.max(beside_instruments)
-    }
-
-    /// Residuals of the training runs that are judged.
-    fn residuals(&self, fitted: &Fitted) -> Vec<Vec<f64>> {
-        let all = fitted.residuals.iter().zip(&self.judged);
-        all.filter(|(_, judged)| **judged).map(|(residuals, _)| residuals.clone()).collect()
-    }
-
-    /// Misfit of the training data to the physics of a fit, beside noise and instruments.
-    pub fn misfit(&self, fitted: &Fitted) -> f64 {
-        let everyday = self.of_training.everyday();
-        posterior::misfit(&self.of_training, &everyday, &self.residuals(fitted)).unwrap_or(f64::INFINITY)
     }
 
     /// Misfit of what was held out in runs of these kinds to the physics of a fit, beside noise and instruments; nothing where nothing is held
@@ -266,7 +222,7 @@ impl Judge {
         let mut residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
         let others = residuals.iter_mut().zip(&self.runs).filter(|(_, run)| !counts(run));
         others.for_each(|(residuals, _)| residuals.fill(0.0));
-        posterior::misfit(&self.of_held_out, &self.of_held_out.everyday(), &residuals)
+        posterior::misfit(&self.patterns, &self.patterns.everyday(), &residuals)
     }
 
     /// Whether the misfit of what was held out is smaller under the second model; nothing can be accepted where nothing is held out.
@@ -345,8 +301,8 @@ impl Judge {
             plain.push(residuals);
             white.push(independent);
         }
-        let everyday = self.of_held_out.everyday();
-        let left = self.of_held_out.less_patterns(&everyday, &white).ok_or(ModelError::Singular)?;
+        let everyday = self.patterns.everyday();
+        let left = self.patterns.less_patterns(&everyday, &white).ok_or(ModelError::Singular)?;
         let mut tally = Tally::default();
         for ((prepared, white), left) in self.runs.iter().zip(&white).zip(left) {
             let mut plain = left.data.as_vec().clone();

@@ -41,7 +41,7 @@ fn runs_of_a_kind_are_judged_by_themselves() {
     let layout = Layout::new(&session.rig, &runs, Vec::new());
     let noises = Noises { session: noise, reference: noise };
     let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
-    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
+    let judge = held_out.judge(&start.fitted, &noise, &Multiples::new()).expect("a judge");
     let misfit = |kinds| judge.held_out_misfit_in(&start.fitted, kinds).expect("held out");
     let both = [(Kind::Lateral, RunKinds::LATERAL), (Kind::Insertion, RunKinds::INSERTION)];
     for (kind, kinds) in both {

@@ -147,6 +147,12 @@ impl Display for Text<'_> {
                 found.partial.join(", ")
             )?;
         }
+        if !found.effects.is_empty() {
+            for (number, region) in found.left.iter().take(REGIONS).enumerate() {
+                let name = if number == 0 { "left" } else { "" };
+                writeln!(f, "{name:<13}{region}")?;
+            }
+        }
         write_remaining(f, found)?;
         write_foundation(f, found)?;
         write_reference(f, found)?;

@@ -23,8 +23,9 @@ const PACKAGES: [&str; 6] = [
     "nbclient>=0.10",
     "ipykernel>=6.29",
 ];
-/// The module's compiled part, in the folder of a build.
-const MODULE: &str = "deps/libneedle_guide_core.so";
+/// The module's compiled part, in the folder of a build: a copy, because every later build of the workspace replaces cargo's own with one
+/// that Python cannot load.
+const MODULE: &str = "extension/libneedle_guide_core.so";
 /// What an entry point of the package is.
 const PROGRAM: &str = "import sys\nfrom needle_guide._program import main\nsys.exit(main())\n";
 

@@ -14,6 +14,7 @@ use crate::progress::{Output, watched};
 use crate::{build, check, setup, wheel};
 use anyhow::{Result, anyhow, bail, ensure};
 use std::ffi::OsString;
+use std::fs;
 use std::ops::AddAssign;
 use std::process::{Command, ExitCode};
 use std::thread;
@@ -21,9 +22,12 @@ use std::time::Instant;
 
 /// Help of the task.
 pub const HELP: &str = "Run the checks and tests that decide whether a change is right; ends with `N passed, N failed`\n\n\
-    Usage: cargo xtask test [--all]\n\n\
+    Usage: cargo xtask test [--all | --second]\n\n\
     Options:\n  \
-      --all  Then also what takes longer: documentation, both boards, studies in small, bring-up, steering, peers, Python\n";
+      --all     Then also what takes longer: documentation, both boards, studies in small, bring-up, steering, peers, Python\n  \
+      --second  Only what takes longer\n";
+/// The Python module as cargo builds it.
+const MODULE: &str = "libneedle_guide_core.so";
 /// The module of the end-to-end tests that the first tier runs.
 const IN_MINUTES: &str = "in_minutes::";
 /// Programs of tests without the examples in documentation. Always for the whole workspace: for a part of it cargo would build what it
@@ -99,6 +103,7 @@ fn second_tier() -> Result<Counts> {
     let python = wheel::python().is_ok();
     if python {
         build::cargo(&["build", "--package", "needle-guide", "--features", "extension"])?;
+        keep_module()?;
     } else {
         println!("\n     The Python module is not tested: there is no Python 3.10 or later");
     }
@@ -106,6 +111,15 @@ fn second_tier() -> Result<Counts> {
     counts += cargo_test(&["--workspace", "--doc", "--no-fail-fast"], &[])?;
     counts += on_target(if python { &["--rest", "--python"] } else { &["--rest"] })?;
     Ok(counts)
+}
+
+/// Copies the Python module to where its tests have it from: what tests build next replaces it with one that Python cannot load.
+fn keep_module() -> Result<()> {
+    let folder = build::target_dir().join("debug");
+    let kept = folder.join("extension");
+    fs::create_dir_all(&kept)?;
+    fs::copy(folder.join("deps").join(MODULE), kept.join(MODULE))?;
+    Ok(())
 }
 
 /// Runs tests of cargo, and counts.

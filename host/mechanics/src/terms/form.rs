@@ -44,6 +44,8 @@ const SHORTEST: f64 = 0.1;
 const LONGER: f64 = 1.125;
 /// Width of a bump and of the slope of a step, as shares of the typical size.
 const WIDTH: f64 = 0.12;
+/// Length over which a needle of 18 gauge averages a modulus of 10 kPa: a fifth of `(4 E I / K)^(1/4)`, 40 mm.
+const FELT_MM: f64 = 8.0;
 const EDGE: f64 = 0.01;
 
 impl Form {
@@ -162,7 +164,7 @@ impl Form {
                 (power, of) => format!("_per_{of}{power}"),
             };
             // At the typical size of the regressor it does as much as is overlooked.
-            let sd = overlooked / typical.powi(power);
+            let sd = overlooked / typical.powi(power) * self.spread(site, regressor);
             let name: &'static str = Box::leak(format!("{}{per}", with_unit(name, unit)).into_boxed_str());
             ParameterInfo::amplitude(name, 0.0, [-300.0 * sd, 300.0 * sd], [-20.0 * sd, 20.0 * sd], sd)
         };
@@ -194,6 +196,16 @@ impl Form {
             Self::Polynomial => {
                 ["offset", "first", "second", "third"].into_iter().map(|name| amplitude(name, 0)).collect()
             }
+        }
+    }
+
+    /// How much larger an amplitude is than what is overlooked of its site: a needle feels the mean modulus over some
+    /// [`FELT_MM`], and a bump does that much to the mean.
+    fn spread(self, site: Site, regressor: Regressor) -> f64 {
+        if (self, site, regressor) == (Self::Bump, Site::Modulus, Regressor::Place) {
+            FELT_MM / (WIDTH * regressor.typical() * std::f64::consts::TAU.sqrt())
+        } else {
+            1.0
         }
     }
 

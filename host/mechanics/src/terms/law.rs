@@ -135,7 +135,7 @@ fn shown_in(site: Site, regressor: Regressor) -> RunKinds {
 static MADE: Mutex<BTreeMap<String, &'static Law>> = Mutex::new(BTreeMap::new());
 
 /// Triples that have a name in the catalogue: the grammar has no second one for them.
-const NAMED: [(&str, &str); 18] = [
+const NAMED: [(&str, &str); 17] = [
     ("force_y.constant.constant", "sensor.force_bias"),
     ("force_x.constant.constant", "sensor.force_bias"),
     ("force.force.linear", "sensor.force_gain"),
@@ -146,7 +146,6 @@ const NAMED: [(&str, &str); 18] = [
     ("shape_x.constant.constant", "sensor.shape_offset"),
     ("shape.deflection.linear", "sensor.shape_scale"),
     ("shape_position.constant.constant", "sensor.depth_shift"),
-    ("guide.force.linear", "rig.frame_compliance"),
     ("modulus.place.linear", "tissue.gradient"),
     ("modulus.place.step", "tissue.layers"),
     ("tip_y.place.linear", "tip.entry_angle"),

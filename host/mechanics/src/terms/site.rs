@@ -226,6 +226,7 @@ impl Site {
         const ALL: &[Scope] = &Scope::ALL;
         match self {
             Self::Force => &[
+                (Constant, EACH),
                 (Displacement, BOTH),
                 (Force, BOTH),
                 (Time, EACH),
@@ -235,6 +236,7 @@ impl Site {
             ],
             Self::ForceGain => &[(Constant, EACH), (Time, BOTH), (Run, BOTH), (Depth, BOTH)],
             Self::Shape => &[
+                (Constant, EACH),
                 (Place, ALL),
                 (Share, BOTH),
                 (Deflection, BOTH),
@@ -245,7 +247,7 @@ impl Site {
                 (Depth, EACH),
             ],
             Self::ShapeGain => &[(Constant, EACH), (Place, BOTH), (Time, BOTH), (Run, BOTH), (Depth, BOTH)],
-            Self::ShapePosition => &[(Place, BOTH), (Run, BOTH), (Depth, BOTH)],
+            Self::ShapePosition => &[(Constant, BOTH), (Place, BOTH), (Run, BOTH), (Depth, BOTH)],
             Self::Guide => &[
                 (Constant, EACH),
                 (Displacement, BOTH),
