@@ -77,7 +77,7 @@ enum Kind {
     Fbg,
     /// Transverse ultrasound frames along the needle (`.mha`, `.mhd`, `.nrrd`, PNG or TIFF stacks): a sweep per file or folder
     Ultrasound,
-    /// Any table of force and displacement, shape or insertion (CSV, Excel, ROS 2 bag): columns are named by --map, or found
+    /// Any table of force and displacement, shape or insertion (CSV, Excel, MATLAB, ROS 2 bag): columns are named by --map, or found
     Table,
     /// Frames of a camera on guide 2 (AVI, `.mha`, PNG, TIFF or JPEG stacks): displacement of guide 2 of one run
     Camera,

@@ -195,7 +195,7 @@ fn groups(paths: &[PathBuf], each: bool) -> anyhow::Result<Vec<Vec<PathBuf>>> {
         let entries = fs::read_dir(&folder).with_context(|| format!("{}: cannot read", folder.display()))?;
         let is_table = |path: &PathBuf| {
             let is_hidden = path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
-            let known = ["csv", "txt", "tsv", "dat", "xlsx", "xls", "ods", "mcap"];
+            let known = ["csv", "txt", "tsv", "dat", "xlsx", "xls", "ods", "mat", "mcap"];
             !is_hidden
                 && path.extension().is_some_and(|e| known.iter().any(|known| e.eq_ignore_ascii_case(known)))
         };

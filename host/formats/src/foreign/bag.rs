@@ -1,6 +1,6 @@
 //! Bags of ROS 2 (MCAP, messages in CDR): a table for each topic of forces, poses, points and joints.
 //!
-//! Columns are named `/topic:field`, as `/ft_sensor:force.y`. Forces are newtons and positions metres (REP 103); what a joint's position is
+//! Columns are named `/topic:field`, as `/ft_sensor:force.y`; `/topic@frame:field` where a topic has messages of several frames. Forces are newtons and positions metres (REP 103); what a joint's position is
 //! depends on the joint, and its unit is for the user to state. Times are the messages' own stamps, or when they were logged where these
 //! are zero. Layouts: `geometry_msgs` and `sensor_msgs` of ROS 2.
 
@@ -22,7 +22,7 @@ const MAX_JOINTS: usize = 64;
 struct Header {
     seconds: i32,
     nanoseconds: u32,
-    _frame: String,
+    frame: String,
 }
 
 #[derive(Deserialize)]
@@ -98,8 +98,10 @@ impl Kind {
 /// Name, unit and value of a field.
 type Field = (String, Option<&'static str>, f64);
 
-/// A message: its stamp in nanoseconds, and its fields.
-fn fields<T>(kind: Kind, body: &[u8]) -> Result<(i128, Vec<Field>), cdr_encoding::Error>
+/// A message: its stamp in nanoseconds, the frame that it is stated in, and its fields.
+type Sent = (i128, String, Vec<Field>);
+
+fn fields<T>(kind: Kind, body: &[u8]) -> Result<Sent, cdr_encoding::Error>
 where
     T: byteorder::ByteOrder,
 {
@@ -117,15 +119,19 @@ where
             let PoseStamped { header, pose: Pose { position, orientation: q } } = read::<_, T>(body)?;
             let turn = [("x", q.x), ("y", q.y), ("z", q.z), ("w", q.w)];
             let turn = turn.map(|(part, value)| (format!("orientation.{part}"), None, value));
-            (at(&header), [vector("position", Some("m"), &position), turn.to_vec()].concat())
+            (at(&header), header.frame, [vector("position", Some("m"), &position), turn.to_vec()].concat())
         }
         Kind::Point => {
             let PointStamped { header, point } = read::<_, T>(body)?;
-            (at(&header), vector("point", Some("m"), &point))
+            (at(&header), header.frame, vector("point", Some("m"), &point))
         }
         Kind::Wrench => {
             let WrenchStamped { header, force, torque } = read::<_, T>(body)?;
-            (at(&header), [vector("force", Some("N"), &force), vector("torque", None, &torque)].concat())
+            (
+                at(&header),
+                header.frame,
+                [vector("force", Some("N"), &force), vector("torque", None, &torque)].concat(),
+            )
         }
         Kind::Joints => {
             let JointState { header, name, position, velocity, effort } = read::<_, T>(body)?;
@@ -137,7 +143,8 @@ where
                         .filter_map(|(of, values)| Some((format!("{name}.{of}"), None, *values.get(at)?))),
                 );
             }
-            (at(&header), all)
+            // Joints are in no frame.
+            (at(&header), String::new(), all)
         }
     })
 }
@@ -145,11 +152,18 @@ where
 /// A topic while it is read.
 struct Topic {
     kind: Kind,
+    /// Messages by the frame that they are stated in: vectors of two frames are no series.
+    frames: BTreeMap<String, Messages>,
+    unreadable: usize,
+}
+
+/// Messages of a topic.
+#[derive(Default)]
+struct Messages {
     stamps_ns: Vec<i128>,
     logged_ns: Vec<i128>,
     /// Values by field: unit and a value for each message.
     fields: BTreeMap<String, (Option<&'static str>, Vec<f64>)>,
-    unreadable: usize,
 }
 
 /// Reads the topics of a bag.
@@ -213,7 +227,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
     }
     let others: Vec<String> = others.into_keys().collect();
     let mut tables: Vec<RawTable> =
-        topics.into_iter().map(|(name, topic)| topic.table(path, &name)).collect();
+        topics.into_iter().flat_map(|(name, topic)| topic.tables(path, &name)).collect();
     if let Some(first) = tables.first_mut() {
         first.notes.extend(notes);
         first.words = others;
@@ -223,7 +237,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
 
 impl Topic {
     fn new(kind: Kind) -> Self {
-        Self { kind, stamps_ns: Vec::new(), logged_ns: Vec::new(), fields: BTreeMap::new(), unreadable: 0 }
+        Self { kind, frames: BTreeMap::new(), unreadable: 0 }
     }
 
     /// Adds a message: four bytes that state the order of the others, then those.
@@ -233,23 +247,47 @@ impl Topic {
             Some(([0, 0, ..], body)) => fields::<BigEndian>(self.kind, body).ok(),
             _ => None,
         };
-        let Some((stamp_ns, fields)) = read else {
+        let Some((stamp_ns, frame, fields)) =
+            read.filter(|(_, frame, _)| self.frames.len() < MAX_TOPICS || self.frames.contains_key(frame))
+        else {
             self.unreadable += 1;
             return;
         };
-        let rows = self.stamps_ns.len();
-        self.stamps_ns.push(stamp_ns);
-        self.logged_ns.push(logged_ns);
+        let messages = self.frames.entry(frame).or_default();
+        let rows = messages.stamps_ns.len();
+        messages.stamps_ns.push(stamp_ns);
+        messages.logged_ns.push(logged_ns);
         for (name, unit, value) in fields {
-            let (_, values) = self.fields.entry(name).or_insert_with(|| (unit, Vec::new()));
+            let (_, values) = messages.fields.entry(name).or_insert_with(|| (unit, Vec::new()));
             values.resize(rows, f64::NAN);
             values.push(value);
         }
     }
 
-    /// The topic as a table. Messages may be logged in another order than they were stamped.
+    /// The topic as a table; as `topic@frame` for each where it has several frames.
+    fn tables(self, path: &Path, topic: &str) -> Vec<RawTable> {
+        let is_one = self.frames.len() <= 1;
+        let named = |frame: &str| if is_one { topic.to_owned() } else { format!("{topic}@{frame}") };
+        let all = self.frames.into_iter().map(|(frame, messages)| messages.table(path, &named(&frame)));
+        let mut tables: Vec<RawTable> = all.collect();
+        if let Some(first) = tables.first_mut() {
+            if !is_one {
+                first
+                    .notes
+                    .push(format!("{topic} has messages of several frames: a table for each, {topic}@FRAME"));
+            }
+            if self.unreadable > 0 {
+                first.notes.push(format!("{} messages cannot be read, and are skipped", self.unreadable));
+            }
+        }
+        tables
+    }
+}
+
+impl Messages {
+    /// A table of them. They may be logged in another order than they were stamped.
     fn table(self, path: &Path, topic: &str) -> RawTable {
-        let Self { stamps_ns, logged_ns, fields, unreadable, .. } = self;
+        let Self { stamps_ns, logged_ns, fields } = self;
         let rows = stamps_ns.len();
         let has_stamps = stamps_ns.iter().all(|stamp_ns| *stamp_ns != 0);
         let times_ns = if has_stamps { stamps_ns } else { logged_ns };
@@ -261,9 +299,6 @@ impl Topic {
         }
         if !has_stamps {
             notes.push("messages without stamps: their times are those of the recorder".to_owned());
-        }
-        if unreadable > 0 {
-            notes.push(format!("{unreadable} messages cannot be read, and are skipped"));
         }
         let origin_ns = order.first().and_then(|row| times_ns.get(*row)).copied().unwrap_or(0);
         let origin = origin_ns.div_euclid(1_000_000_000);

@@ -1,6 +1,7 @@
 //! Numbers and times in cells.
 
 use super::stamp;
+use std::borrow::Cow;
 
 /// What a cell holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,7 +20,10 @@ const MISSING: [&str; 9] = ["nan", "na", "n/a", "null", "none", "-", "--", "#n/a
 impl Number {
     /// Reads a number or a time; nothing where it is none.
     pub fn parse(cell: &str, has_decimal_comma: bool) -> Option<Self> {
-        let text = cell.trim();
+        // A minus sign as typesetters write it.
+        let text: Cow<'_, str> =
+            if cell.is_ascii() { cell.into() } else { cell.replacen('\u{2212}', "-", 1).into() };
+        let text = text.trim();
         let plain = || Some(Self { whole: 0, rest: number(text, has_decimal_comma)?, is_stamp: false });
         plain().map(Self::exact(text, has_decimal_comma)).or_else(|| {
             let (whole, rest) = stamp::parse(text)?;
@@ -56,9 +60,13 @@ pub(super) fn is_missing(cell: &str) -> bool {
 }
 
 fn number(text: &str, has_decimal_comma: bool) -> Option<f64> {
-    if text.bytes().any(|byte| byte.is_ascii_alphabetic() && !matches!(byte, b'e' | b'E')) {
+    // Fortran's exponents of double precision.
+    if text.bytes().any(|byte| byte.is_ascii_alphabetic() && !matches!(byte, b'e' | b'E' | b'd' | b'D')) {
         return None;
     }
+    let text: Cow<'_, str> =
+        if text.contains(['d', 'D']) { text.replace(['d', 'D'], "e").into() } else { text.into() };
+    let text = text.as_ref();
     let number: f64 = match (has_decimal_comma, text.contains(',')) {
         (true, true) if !text.contains('.') => text.replacen(',', ".", 1).parse().ok()?,
         (_, true) => return None,

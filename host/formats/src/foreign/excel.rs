@@ -41,8 +41,14 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         .map(|(at, cells)| (first + at + 1, cells.iter().map(text).collect::<Vec<String>>()))
         .filter(|(_, cells)| cells.iter().any(|cell| !cell.is_empty()))
         .collect();
+    let others: Vec<&str> = names.iter().filter(|other| **other != name).map(String::as_str).collect();
+    let form = if others.is_empty() || sheet.is_some() {
+        format!("workbook, sheet \"{name}\"")
+    } else {
+        format!("workbook, sheet \"{name}\", not {}", others.join(", "))
+    };
     let path = if sheet.is_some() { format!("{}#{name}", path.display()).into() } else { path.to_owned() };
-    Ok(Grid { path, rows, has_decimal_comma: false, form: format!("workbook, sheet \"{name}\"") })
+    Ok(Grid { path, rows, has_decimal_comma: false, form })
 }
 
 /// A cell as text; times are seconds since 1970, or of the day.

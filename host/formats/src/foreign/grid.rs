@@ -47,12 +47,11 @@ impl Grid {
                 expected: "CSV: this program was built without workbooks (its feature `excel`)".to_owned(),
             });
         }
-        if extension.as_deref() == Some("mat") {
+        if extension.as_deref() == Some("parquet") {
             return Err(TableError::File {
                 path: file,
-                problem: "a file of MATLAB".to_owned(),
-                expected: "CSV: writetable(table(t, x, f), 'run.csv') in MATLAB, or in Python \
-                           pandas.DataFrame({k: v.ravel() for k, v in scipy.io.loadmat('run.mat').items() if k[0] != '_'}).to_csv('run.csv')"
+                problem: "a file of Parquet".to_owned(),
+                expected: "CSV, in Python: pandas.read_parquet('run.parquet').to_csv('run.csv', index=False)"
                     .to_owned(),
             });
         }
@@ -70,7 +69,11 @@ impl Grid {
     /// # Errors
     /// [`TableError`].
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, TableError> {
-        let (text, encoding) = decoded(bytes);
+        let (mut text, encoding) = decoded(bytes);
+        // Lines that end with a carriage return alone, as some spreadsheets still write them.
+        if !text.contains('\n') {
+            text = text.replace('\r', "\n");
+        }
         if text.contains('\0') {
             let expected = "a table of text: CSV, or a workbook by its ending".to_owned();
             return Err(TableError::File {

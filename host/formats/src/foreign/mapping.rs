@@ -174,7 +174,7 @@ impl Mapping {
             });
             if !has_time && let Some(time) = only(&free, is_time) {
                 choices.push(Choice {
-                    column: own_name(time),
+                    column: time.own_name(),
                     target: Target::ALL[0],
                     unit: time.unit.clone().filter(|_| !time.is_stamp),
                 });
@@ -190,7 +190,7 @@ impl Mapping {
                 }
                 let of = |column: &RawColumn| is_of(column, quantity, words);
                 if let Some(column) = only(&free, of) {
-                    choices.push(Choice { column: own_name(column), target, unit: column.unit.clone() });
+                    choices.push(Choice { column: column.own_name(), target, unit: column.unit.clone() });
                 }
             }
         }
@@ -221,11 +221,6 @@ const GUESSED: [(&str, Quantity, &[&str]); 4] = [
     ("z_mm", Quantity::Length, &["z", "along", "arc"]),
     ("deflection_y_mm", Quantity::Length, &["deflection", "shape"]),
 ];
-
-/// The name by which a column is found again.
-fn own_name(column: &RawColumn) -> String {
-    if column.header.contains('=') { format!("#{}", column.number) } else { column.header.clone() }
-}
 
 fn is_named(column: &RawColumn, name: &str) -> bool {
     column.header == name || column.name == name || name == format!("#{}", column.number)

@@ -16,6 +16,8 @@ mod cells;
 mod excel;
 mod grid;
 mod mapping;
+#[cfg(feature = "matlab")]
+mod mat;
 mod raw;
 mod stamp;
 mod unit;
@@ -37,6 +39,11 @@ pub const READ: &[[&str; 2]] = &[
     ],
     #[cfg(feature = "excel")]
     [".xlsx, .xlsm, .xlsb, .xls, .ods", "the first sheet, or the one behind #: book.xlsx#Push"],
+    #[cfg(feature = "matlab")]
+    [
+        ".mat",
+        "MATLAB up to version 7: numeric arrays, also in structures; a matrix is a column for each of its shorter side: data.x, m(:,2)",
+    ],
     #[cfg(feature = "bags")]
     [
         ".mcap",

@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 
 /// Rows by which columns of numbers are told from others.
 const SAMPLE: usize = 50;
+/// What instruments with SCPI commands send in place of a reading that is out of range (9.9e37) or none at all (9.91e37), and anything
+/// larger.
+const OVERLOAD: f64 = 9.89e37;
 /// Rows above the first numbers in which the names may be.
 const HEADER: usize = 4;
 
@@ -32,6 +35,13 @@ pub struct RawColumn {
     pub bad: Option<(usize, String)>,
     /// Whether there has been a value.
     pub(super) has_values: bool,
+}
+
+impl RawColumn {
+    /// The name by which a mapping finds it again.
+    pub fn own_name(&self) -> String {
+        if self.header.contains('=') { format!("#{}", self.number) } else { self.header.clone() }
+    }
 }
 
 /// The numbers of a table.
@@ -65,6 +75,17 @@ impl RawTable {
                 path: path.to_owned(),
                 problem: "a bag of ROS 2".to_owned(),
                 expected: "CSV: this program was built without bags (its feature `bags`)".to_owned(),
+            });
+        }
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mat")) {
+            #[cfg(feature = "matlab")]
+            return super::mat::read(path);
+            #[cfg(not(feature = "matlab"))]
+            return Err(TableError::File {
+                path: path.to_owned(),
+                problem: "a file of MATLAB".to_owned(),
+                expected: "CSV: writetable(table(t, x, f), 'run.csv'); this program was built without MATLAB (its feature `matlab`)"
+                    .to_owned(),
             });
         }
         Ok(vec![Self::new(Grid::read(path)?)?])
@@ -113,11 +134,8 @@ impl RawTable {
         let first = (0..rows.len()).find(|at| is_data(*at) && (is_filled(at + 1) || at + 1 == rows.len()));
         let Some((first, width)) = first.zip(width) else {
             let expected = "rows of numbers below a line of names".to_owned();
-            return Err(TableError::File {
-                path,
-                problem: "no rows of two numbers or more".to_owned(),
-                expected,
-            });
+            let problem = format!("no rows of two numbers or more ({form})");
+            return Err(TableError::File { path, problem, expected });
         };
         let (names, units, header_line) =
             names(rows.get(..first).unwrap_or_default(), width, has_decimal_comma);
@@ -151,17 +169,37 @@ impl RawTable {
             });
         }
         let mut table = Self { path, form, columns, words, lines: Vec::new(), notes: Vec::new() };
+        let header = header_line.and_then(|line| rows.iter().find(|(number, _)| *number == line));
         let mut skipped: Vec<usize> = Vec::new();
         let last = rows.len().saturating_sub(1);
         for (at, (line, cells)) in rows.iter().enumerate().skip(first) {
             if at == last && cells.len() < width && at > first {
                 notes.push(format!("line {line}: the last row is cut off, and skipped"));
             } else if !table.add(*line, cells, has_decimal_comma) {
+                if header.is_some_and(|(_, names)| names == cells) {
+                    return Err(TableError::File {
+                        path: table.path,
+                        problem: format!(
+                            "line {line} has the names again: two recordings one behind the other"
+                        ),
+                        expected: "one recording in a file".to_owned(),
+                    });
+                }
                 skipped.push(*line);
             }
         }
         if let Some(line) = skipped.first() {
             notes.push(format!("rows without numbers: {}, from line {line} on, skipped", skipped.len()));
+        }
+        for column in &mut table.columns {
+            let over = column.values.iter_mut().filter(|value| value.abs() >= OVERLOAD);
+            let count = over.map(|value| *value = f64::NAN).count();
+            if count > 0 {
+                notes.push(format!(
+                    "\"{}\": {count} readings beyond the range of the instrument (9.9e37)",
+                    column.header
+                ));
+            }
         }
         table.notes = notes;
         table.form = match header_line {
@@ -275,8 +313,11 @@ fn names(above: &[(usize, Vec<String>)], width: usize, has_decimal_comma: bool) 
 fn without_mark(cells: &[String]) -> Vec<String> {
     let mut cells = cells.to_vec();
     if let Some(first) = cells.first_mut() {
-        *first = first.trim_start_matches(['#', '%', '/']).trim().to_owned();
-        if first.is_empty() && cells.len() > 1 {
+        let name = first.trim_start_matches(['#', '%', '/']).trim().to_owned();
+        // A column without a name is one; a mark alone is none.
+        let is_mark = name.is_empty() && !first.is_empty();
+        *first = name;
+        if is_mark && cells.len() > 1 {
             cells.remove(0);
         }
     }

@@ -32,13 +32,14 @@ const POUND_KG: f64 = 0.453_592_37;
 const INCH_M: f64 = 0.025_4;
 
 /// Names, in lower case but where the case decides, with their factors.
-const UNITS: [(&[&str], Quantity, f64); 28] = [
+const UNITS: [(&[&str], Quantity, f64); 29] = [
     (&["s", "sec", "secs", "second", "seconds"], Quantity::Time, 1.0),
     (&["ms", "msec", "millisecond", "milliseconds"], Quantity::Time, 1e-3),
     (&["us", "µs", "μs", "usec", "microsecond", "microseconds"], Quantity::Time, 1e-6),
     (&["ns", "nsec", "nanosecond", "nanoseconds"], Quantity::Time, 1e-9),
     (&["min", "minute", "minutes"], Quantity::Time, 60.0),
     (&["h", "hr", "hour", "hours"], Quantity::Time, 3600.0),
+    (&["d", "day", "days"], Quantity::Time, 86_400.0),
     (&["m", "meter", "meters", "metre", "metres"], Quantity::Length, 1.0),
     (&["cm", "centimeter", "centimeters", "centimetre", "centimetres"], Quantity::Length, 1e-2),
     (&["mm", "millimeter", "millimeters", "millimetre", "millimetres"], Quantity::Length, 1e-3),

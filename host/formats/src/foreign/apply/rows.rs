@@ -1,0 +1,109 @@
+//! What has no common clock: shapes and insertions, row by row.
+
+use super::clock::Timed;
+use super::{Options, Part, ZOrigin, series};
+use crate::foreign::TableError;
+use crate::session::{InsertionRun, ShapeSeries};
+
+/// The shape, where there is one; `shift_s` brings times of a table to those of the run.
+pub(super) fn shape(
+    parts: &[Part],
+    timed: &[Timed],
+    options: &Options,
+    shift_s: impl Fn(usize) -> Option<f64>,
+) -> Result<Option<ShapeSeries>, TableError> {
+    let part = |name: &str| parts.iter().find(|part| part.target.name == name);
+    let (Some(z), Some(y)) = (part("z_mm"), part("deflection_y_mm")) else { return Ok(None) };
+    let origin_m = match options.z_from {
+        Some(ZOrigin::Guide1) => 0.0,
+        Some(ZOrigin::Surface) => options.entry_m,
+        None => {
+            return Err(TableError::Map {
+                choice: "--z-from".to_owned(),
+                problem: "missing".to_owned(),
+                expected: format!("guide1 or surface: from where \"{}\" is", z.column.header),
+            });
+        }
+    };
+    let x = part("deflection_x_mm");
+    for other in [Some(y), x].into_iter().flatten() {
+        series::same_table(z, other)?;
+    }
+    let at = timed.iter().position(|timed| std::ptr::eq(timed.table, z.table)).unwrap_or(0);
+    let times_s = match timed.get(at).and_then(|timed| timed.times_s.as_ref()) {
+        None => None,
+        Some(times_s) => {
+            let shift_s = shift_s(at).ok_or_else(|| TableError::Map {
+                choice: "--merge-on".to_owned(),
+                problem: format!("{} has a clock of its own", z.table.path.display()),
+                expected: "the column of times that it shares with the force; or no column of times, for a shape of the last hold".to_owned(),
+            })?;
+            Some(times_s.iter().map(|time_s| time_s + shift_s).collect::<Vec<f64>>())
+        }
+    };
+    let columns: Vec<Vec<f64>> =
+        [Some(z), Some(y), x].into_iter().flatten().map(series::values).collect::<Result<_, _>>()?;
+    let is_whole =
+        |row: &usize| columns.iter().all(|column| column.get(*row).is_some_and(|value| value.is_finite()));
+    let rows: Vec<usize> = (0..z.column.values.len()).filter(is_whole).collect();
+    let pick =
+        |values: &Vec<f64>| -> Vec<f64> { rows.iter().filter_map(|row| values.get(*row).copied()).collect() };
+    let of = |at: usize| columns.get(at).map(pick);
+    Ok(Some(ShapeSeries {
+        time_s: times_s.as_ref().map(pick),
+        z_m: of(0).unwrap_or_default().into_iter().map(|z_m| z_m + origin_m).collect(),
+        y_m: of(1).unwrap_or_default(),
+        x_m: x.and_then(|_| of(2)),
+        ..ShapeSeries::default()
+    }))
+}
+
+/// Tip over depth.
+pub(super) fn insertion(parts: &[Part], timed: &[Timed]) -> Result<InsertionRun, TableError> {
+    let part = |name: &str| parts.iter().find(|part| part.target.name == name);
+    let (Some(depth), Some(tip)) = (part("depth_mm"), part("tip_y_mm")) else {
+        return Err(TableError::Map {
+            choice: "depth_mm".to_owned(),
+            problem: "without tip_y_mm".to_owned(),
+            expected: "both for an insertion; --depth-mm is the depth of a lateral run".to_owned(),
+        });
+    };
+    let optional = ["tip_x_mm", "rotation_deg", "guide2_y_mm", "guide2_x_mm"].map(part);
+    let columns: Vec<Option<Vec<f64>>> = [Some(depth), Some(tip)]
+        .into_iter()
+        .chain(optional)
+        .map(|part| {
+            part.map(|part| {
+                series::same_table(depth, part)?;
+                series::values(part)
+            })
+            .transpose()
+        })
+        .collect::<Result<_, _>>()?;
+    let is_whole = |row: &usize| {
+        columns.iter().flatten().all(|column| column.get(*row).is_some_and(|value| value.is_finite()))
+    };
+    let rows: Vec<usize> = (0..depth.column.values.len()).filter(is_whole).collect();
+    let pick =
+        |values: &Vec<f64>| -> Vec<f64> { rows.iter().filter_map(|row| values.get(*row).copied()).collect() };
+    let of = |at: usize| columns.get(at).and_then(Option::as_ref).map(pick);
+    let times_s = timed
+        .iter()
+        .find(|timed| std::ptr::eq(timed.table, depth.table))
+        .and_then(|timed| timed.times_s.as_ref());
+    let times_s = times_s.map(pick).map(|times_s| {
+        let first_s = times_s.first().copied().unwrap_or(0.0);
+        times_s.into_iter().map(|time_s| time_s - first_s).collect()
+    });
+    Ok(InsertionRun {
+        depth_m: of(0).unwrap_or_default(),
+        tip_y_m: of(1).unwrap_or_default(),
+        tip_x_m: of(2),
+        rotation_rad: of(3),
+        guide2_y_m: of(4),
+        guide2_x_m: of(5),
+        time_s: times_s,
+        path: depth.table.path.clone(),
+        ..InsertionRun::default()
+    })
+}
