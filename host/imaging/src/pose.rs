@@ -193,6 +193,11 @@ impl Poses {
         self.series.len() > 1
     }
 
+    /// Places along the needle of the readings, in the order of their times, millimetres.
+    pub fn along_mm(&self) -> impl Iterator<Item = f64> + '_ {
+        self.series.iter().map(|(_, pose)| pose[11])
+    }
+
     /// Time stamp of a frame.
     pub fn time_s(&self, frame: usize) -> Option<f64> {
         self.times_s.get(frame).copied().flatten()

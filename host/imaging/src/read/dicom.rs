@@ -47,11 +47,13 @@ const PLANAR: Tag = Tag(0x0028, 0x0006);
 const PIXEL_SPACING: Tag = Tag(0x0028, 0x0030);
 const BITS_ALLOCATED: Tag = Tag(0x0028, 0x0100);
 const BITS_STORED: Tag = Tag(0x0028, 0x0101);
+const HIGH_BIT: Tag = Tag(0x0028, 0x0102);
+const INTERCEPT: Tag = Tag(0x0028, 0x1052);
 const SIGNED: Tag = Tag(0x0028, 0x0103);
 const FRAME_TIME_MS: Tag = Tag(0x0018, 0x1063);
 const FRAME_TIMES_MS: Tag = Tag(0x0018, 0x1065);
 /// What is read of the data set.
-const VALUES: [Tag; 13] = [
+const VALUES: [Tag; 15] = [
     INSTANCE,
     FRAMES,
     ROWS,
@@ -62,6 +64,8 @@ const VALUES: [Tag; 13] = [
     PIXEL_SPACING,
     BITS_ALLOCATED,
     BITS_STORED,
+    HIGH_BIT,
+    INTERCEPT,
     SIGNED,
     FRAME_TIME_MS,
     FRAME_TIMES_MS,

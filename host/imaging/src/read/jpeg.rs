@@ -51,17 +51,29 @@ fn with_tables(bytes: &[u8]) -> Cow<'_, [u8]> {
     }
 }
 
+/// Markers before the scan with what belongs to them; what is damaged ends them.
+fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
+    let mut left = bytes;
+    std::iter::from_fn(move || {
+        let (&[0xFF, marker, high, low], _) = left.split_first_chunk::<4>()? else { return None };
+        let length = 2 + usize::from(u16::from_be_bytes([high, low]));
+        let content = left.get(4..length).unwrap_or_default();
+        left = left.get(length..).unwrap_or_default();
+        Some((marker, content))
+    })
+}
+
 /// Whether there is a Huffman table before the scan; what is damaged is left to the decoder.
-fn has_tables(mut segments: &[u8]) -> bool {
-    while let Some((&[0xFF, marker, high, low], _)) = segments.split_first_chunk::<4>() {
-        match marker {
-            0xC4 => return true,
-            0xDA => return false,
-            _ => {
-                segments =
-                    segments.get(2 + usize::from(u16::from_be_bytes([high, low]))..).unwrap_or_default()
-            }
-        }
-    }
-    true
+fn has_tables(bytes: &[u8]) -> bool {
+    let decisive = segments(bytes).map(|(marker, _)| marker).find(|marker| matches!(marker, 0xC4 | 0xDA));
+    decisive != Some(0xDA)
+}
+
+/// EXIF data of a file.
+pub(super) fn exif(bytes: &[u8]) -> Option<&[u8]> {
+    let parts = segments(bytes.strip_prefix(&[0xFF, 0xD8])?);
+    parts
+        .take_while(|(marker, _)| *marker != 0xDA)
+        .filter(|(marker, _)| *marker == 0xE1)
+        .find_map(|(_, content)| content.strip_prefix(b"Exif\0\0"))
 }

@@ -13,6 +13,7 @@ mod metaimage;
 mod nrrd;
 mod stack;
 mod tiff;
+mod turned;
 
 use crate::error::ImagingError;
 use crate::frame::{Frame, Header, MAX_FRAMES, MAX_PIXELS};
@@ -165,6 +166,7 @@ fn folder(path: &Path) -> Result<(Header, Source), ImagingError> {
     if files.is_empty() {
         return Err(ImagingError::invalid(path, "files", "none", "PNG, TIFF, JPEG or DICOM files"));
     }
+    stack::check_numbers(path, &files)?;
     stack::open(path, files)
 }
 

@@ -1,6 +1,7 @@
 //! Stacks of PNG, TIFF and JPEG files: a frame for each file, or several in a TIFF.
 
 use super::depth::{shift_for, shifted};
+use super::turned::orientation;
 use super::{Source, check_size, grey, jpeg, tiff, whole};
 use crate::error::ImagingError;
 use crate::frame::{Frame, Header, MAX_FRAMES, MAX_PIXELS};
@@ -58,6 +59,45 @@ pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingError> {
         .collect();
     files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
     Ok(files)
+}
+
+/// Refuses names that count frames and leave some out: places along the needle are counted from the first one. Where the distances of
+/// numbers are no multiples of the smallest one they are times or something else.
+pub(super) fn check_numbers(folder: &Path, files: &[PathBuf]) -> Result<(), ImagingError> {
+    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let parts: Vec<_> = files.iter().map(|path| natural(&name(path))).collect();
+    let Some(first) = parts.first().filter(|first| parts.iter().all(|parts| parts.len() == first.len()))
+    else {
+        return Ok(());
+    };
+    let is_changing = |at: &usize| {
+        let of = |parts: &Vec<(String, u128, usize)>| {
+            parts.get(*at).map(|(text, number, _)| (text.clone(), *number))
+        };
+        parts.iter().any(|parts| of(parts) != first.get(*at).map(|(text, number, _)| (text.clone(), *number)))
+    };
+    let changing: Vec<usize> = (0..first.len()).filter(is_changing).collect();
+    let &[column] = changing.as_slice() else { return Ok(()) };
+    let numbers: Vec<u128> = parts.iter().filter_map(|parts| Some(parts.get(column)?.1)).collect();
+    let steps: Vec<u128> = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
+    let smallest = steps.iter().copied().min().unwrap_or(0);
+    if smallest == 0 || steps.iter().any(|step| step % smallest != 0) {
+        return Ok(());
+    }
+    let usual = 2 * steps.iter().filter(|step| **step == smallest).count() > steps.len();
+    let Some(gap) = steps.iter().position(|step| usual && *step > smallest) else { return Ok(()) };
+    let (before, after) = (files.get(gap).map(&name), files.get(gap + 1).map(&name));
+    let problem = format!(
+        "{} between {} and {}",
+        match steps.get(gap).map_or(0, |step| step / smallest - 1) {
+            1 => "a frame is missing".to_owned(),
+            count => format!("{count} frames are missing"),
+        },
+        before.unwrap_or_default(),
+        after.unwrap_or_default()
+    );
+    let expected = "a frame for each number, as they are counted along the needle: leave out those behind the gap, or number them anew";
+    Err(ImagingError::invalid(folder, "names", problem, expected))
 }
 
 fn is_image(path: &Path) -> bool {
@@ -143,7 +183,8 @@ impl Stack {
             let mut bytes = Vec::new();
             file.take(MAX_JPEG).read_to_end(&mut bytes).map_err(ImagingError::io(&path))?;
             let Frame { width, height, pixels } = jpeg::decode(&path, "image", &bytes, false)?;
-            Ok(Image { size: [width, height], channels: 1, samples: Samples::Eight(pixels) })
+            let image = Image { size: [width, height], channels: 1, samples: Samples::Eight(pixels) };
+            Ok(image.turned(jpeg::exif(&bytes).map_or(1, orientation)))
         }
     }
 
@@ -173,6 +214,7 @@ fn png(path: &Path) -> Result<Image, ImagingError> {
     let mut reader = decoder.read_info().map_err(damaged)?;
     let [width, height] = [reader.info().width as usize, reader.info().height as usize];
     check_size(path, "size", [width, height, 1])?;
+    let turn = reader.info().exif_metadata.as_deref().map_or(1, orientation);
     let (kind, depth) = reader.output_color_type();
     let bytes = if depth == png::BitDepth::Sixteen { 2 } else { 1 };
     let mut pixels = vec![0; width * height * kind.samples() * bytes];
@@ -183,5 +225,5 @@ fn png(path: &Path) -> Result<Image, ImagingError> {
         }
         _ => Samples::Eight(pixels),
     };
-    Ok(Image { size: [width, height], channels: kind.samples(), samples })
+    Ok(Image { size: [width, height], channels: kind.samples(), samples }.turned(turn))
 }

@@ -51,7 +51,8 @@ pub(super) fn image(open: &mut Option<Open>, path: &Path, page: usize) -> Result
         at.decoder.next_image().map_err(damaged(path))?;
         at.page += 1;
     }
-    let image = at.image(if stacked.is_some() { page } else { 0 })?;
+    let orientation = at.decoder.find_tag_unsigned::<u16>(Tag::Orientation).map_err(damaged(path))?;
+    let image = at.image(if stacked.is_some() { page } else { 0 })?.turned(orientation.unwrap_or(1));
     *open = Some(at);
     Ok(image)
 }
@@ -92,7 +93,7 @@ impl Open {
             self.decoder.find_tag_unsigned(Tag::PhotometricInterpretation).map_err(damaged(&path))?;
         let is_palette = photometric == Some(PhotometricInterpretation::RGBPalette.to_u16());
         if is_palette || behind > 0 {
-            return self.plain(size, behind, is_palette);
+            return self.plain(size, behind, photometric);
         }
         let kind = self.decoder.colortype().map_err(damaged(&path))?;
         let channels = match kind {
@@ -124,9 +125,10 @@ impl Open {
         &mut self,
         [width, height]: [usize; 2],
         behind: usize,
-        is_palette: bool,
+        photometric: Option<u16>,
     ) -> Result<Image, ImagingError> {
         let path = self.path.clone();
+        let is_palette = photometric == Some(PhotometricInterpretation::RGBPalette.to_u16());
         let mut tag = |tag| self.decoder.find_tag_unsigned::<u16>(tag).map_err(damaged(&path));
         let (bits, samples) =
             (tag(Tag::BitsPerSample)?.unwrap_or(1), tag(Tag::SamplesPerPixel)?.unwrap_or(1));
@@ -185,6 +187,10 @@ impl Open {
                 channels: 1,
                 samples: Samples::Eight(raw.into_iter().map(of).collect()),
             });
+        }
+        if photometric == Some(PhotometricInterpretation::WhiteIsZero.to_u16()) {
+            // The complement of a sample is that of each of its bytes.
+            raw.iter_mut().for_each(|byte| *byte = !*byte);
         }
         let samples = if bytes == 1 {
             Samples::Eight(raw)

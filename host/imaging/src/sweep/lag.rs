@@ -9,6 +9,9 @@ const RANGE_S: [f64; 2] = [-0.5, 0.5];
 const STEP_S: f64 = 0.01;
 /// A lag that is less certain is not identifiable from this motion.
 const MAX_SD_S: f64 = 0.03;
+/// The way back is at least this share of the way forth, and the other way round: jitter of a tracker, some tenths of a millimetre, is
+/// less of the centimetres that a sweep is long.
+const BOTH_WAYS: f64 = 0.1;
 /// Frames that are further apart share no speckle, millimetres.
 const SHARED_MM: f64 = 3.0;
 
@@ -23,7 +26,7 @@ pub struct Lag {
 
 /// The lag with the least squares around smooth curves; nothing where the motion does not determine it.
 pub(super) fn estimate(track: &Track, poses: &Poses, echoes: &dyn Fn(f64) -> Vec<Vec<Echo>>) -> Option<Lag> {
-    if !poses.has_times() {
+    if !poses.has_times() || !goes_both_ways(poses.along_mm()) {
         return None;
     }
     let squares = |lag_s: f64| -> Option<f64> {
@@ -67,6 +70,18 @@ pub(super) fn estimate(track: &Track, poses: &Poses, echoes: &dyn Fn(f64) -> Vec
     (sd_s < MAX_SD_S).then_some(Lag { lag_s, sd_s })
 }
 
+/// Whether a probe goes forth and back: on one way alone a lag is a shift of the needle along itself, and what is left of the squares is the
+/// pile of frames at the ends of the readings.
+fn goes_both_ways(along_mm: impl Iterator<Item = f64>) -> bool {
+    let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+    let (mut rise, mut fall) = (0.0_f64, 0.0_f64);
+    for z_mm in along_mm {
+        (least, most) = (least.min(z_mm), most.max(z_mm));
+        (rise, fall) = (rise.max(z_mm - least), fall.max(most - z_mm));
+    }
+    rise.min(fall) > BOTH_WAYS * rise.max(fall)
+}
+
 /// By how much more a lag is uncertain than with frames whose errors are independent.
 ///
 /// A lag moves frames of the way forth to one side and those of the way back to the other, so it is moved by the errors of both with opposite
@@ -102,4 +117,18 @@ fn alike(track: &Track, poses: &Poses, lag_s: f64, placed: &[Vec<Echo>]) -> f64 
         1.0 + 2.0 * shared / squares.max(f64::MIN_POSITIVE)
     });
     longest[0].max(longest[1]).max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::goes_both_ways;
+
+    #[test]
+    fn one_way_is_no_way_back_whatever_jitters() {
+        let forth = |i: i32| 0.1 * f64::from(i) + if i % 2 == 0 { 0.2 } else { -0.2 };
+        assert!(!goes_both_ways((0..400).map(forth)));
+        assert!(!goes_both_ways((0..400).rev().map(forth)));
+        assert!(goes_both_ways((0..400).chain((300..400).rev()).map(forth)));
+        assert!(!goes_both_ways(std::iter::empty()) && !goes_both_ways(std::iter::repeat_n(3.0, 5)));
+    }
 }

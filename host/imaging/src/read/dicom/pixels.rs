@@ -2,7 +2,9 @@
 
 use super::super::depth::Depth;
 use super::super::{FrameReader, grey, jpeg, whole};
-use super::{Attributes, BITS_ALLOCATED, BITS_STORED, PHOTOMETRIC, PLANAR, SAMPLES, SIGNED};
+use super::{
+    Attributes, BITS_ALLOCATED, BITS_STORED, HIGH_BIT, INTERCEPT, PHOTOMETRIC, PLANAR, SAMPLES, SIGNED,
+};
 use crate::error::ImagingError;
 use crate::frame::{Frame, MAX_PIXELS};
 use std::fs::File;
@@ -39,6 +41,8 @@ pub(super) struct Layout {
     size: [usize; 2],
     colours: Colours,
     depth: Depth,
+    /// Bits of 16 that are the sample's, and above which of them: others may hold an overlay.
+    stored: [u32; 2],
     /// Samples of a kind lie together.
     is_planar: bool,
 }
@@ -64,6 +68,15 @@ impl Layout {
             }
         };
         let (allocated, is_signed) = (header.number(BITS_ALLOCATED), header.number(SIGNED) == Some(1));
+        // Black is where the intercept lifts it to, not 0.
+        if let Some(intercept) = header.text(INTERCEPT).filter(|text| is_signed && text.parse() != Ok(0.0)) {
+            let problem = format!("{} with signed samples", super::super::header::short(&intercept));
+            return invalid(
+                "RescaleIntercept",
+                problem,
+                "unsigned samples: dcmconv or gdcmconv convert others",
+            );
+        }
         let stored = header.number(BITS_STORED).or(allocated).unwrap_or(8);
         let depth = match allocated {
             Some(8) => Depth::Eight,
@@ -84,7 +97,11 @@ impl Layout {
         if depth != Depth::Eight && !matches!(colours, Colours::Grey | Colours::Inverted) {
             return invalid("BitsAllocated", "16 with colours".to_owned(), "8 with colours");
         }
-        Ok(Self { size, colours, depth, is_planar: header.number(PLANAR) == Some(1) })
+        let below = header
+            .number(HIGH_BIT)
+            .map_or(0, |high| (high + 1).saturating_sub(stored).min(16 - stored.min(16)));
+        let stored = [stored as u32, below as u32];
+        Ok(Self { size, colours, depth, stored, is_planar: header.number(PLANAR) == Some(1) })
     }
 
     fn samples(self) -> usize {
@@ -100,6 +117,27 @@ impl Layout {
         }
     }
 
+    /// The samples without the bits that are none of them.
+    fn used(self, mut bytes: Vec<u8>) -> Vec<u8> {
+        let [stored, below] = self.stored;
+        let Depth::Sixteen { is_big_endian, is_signed, .. } = self.depth else { return bytes };
+        if stored == 16 {
+            return bytes;
+        }
+        for pair in bytes.as_chunks_mut::<2>().0 {
+            let value = if is_big_endian { u16::from_be_bytes(*pair) } else { u16::from_le_bytes(*pair) };
+            // To the upper end, which is where a sign is, and down again.
+            let upper = (value >> below) << (16 - stored);
+            let value = if is_signed {
+                (upper.cast_signed() >> (16 - stored)).cast_unsigned()
+            } else {
+                upper >> (16 - stored)
+            };
+            *pair = if is_big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
+        }
+        bytes
+    }
+
     /// Brightness of an uncompressed frame.
     fn grey(self, bytes: Vec<u8>) -> Vec<u8> {
         let pixels = self.size[0] * self.size[1];
@@ -111,8 +149,10 @@ impl Layout {
             plane(0).zip(plane(1)).zip(plane(2)).flat_map(|((a, b), c)| [*a, *b, *c]).collect()
         };
         match self.colours {
-            Colours::Grey => self.depth.samples(bytes),
-            Colours::Inverted => self.depth.samples(bytes).into_iter().map(|value| !value).collect(),
+            Colours::Grey => self.depth.samples(self.used(bytes)),
+            Colours::Inverted => {
+                self.depth.samples(self.used(bytes)).into_iter().map(|value| !value).collect()
+            }
             Colours::Rgb => grey(together(bytes), 3),
             Colours::Ybr => {
                 let (triples, _) = bytes.as_chunks::<3>();
