@@ -18,6 +18,19 @@ pub enum LengthUnit {
     Metres,
 }
 
+impl LengthUnit {
+    /// Metres in one of it.
+    fn to_m(self) -> f64 {
+        match self {
+            Self::Millimetres => 1e-3,
+            Self::Metres => 1.0,
+        }
+    }
+}
+
+/// Units in headers with the metres in one of them.
+const UNITS: [(&str, f64); 6] =
+    [("mm", 1e-3), ("um", 1e-6), ("\u{b5}m", 1e-6), ("\u{3bc}m", 1e-6), ("cm", 1e-2), ("m", 1.0)];
 /// No needle is longer than this many metres, nor shorter than this many millimetres: that distinguishes the units.
 const LONGEST: f64 = 2.0;
 /// No shape is shorter than this, metres.
@@ -53,7 +66,7 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
     };
     let mut layout = None;
     let mut matrices = Matrices::default();
-    let mut header_unit = None;
+    let mut header_to_m = None;
     let (mut width, mut missing) = (None, 0);
     // Each point with the offset of its line.
     let mut found: Vec<(usize, [f64; 3])> = Vec::new();
@@ -71,9 +84,9 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
         {
             let columns = named.ok_or_else(|| {
                 let problem = Problem::Syntax("no columns of a position".to_owned());
-                fault(offset, "header", problem, "columns x, y and z, or lines of numbers alone")
+                fault(offset, "header", problem, "columns x, y and z in one unit, or lines of numbers alone")
             })?;
-            (layout, header_unit) = (Some(Layout::Positions(columns)), stated);
+            (layout, header_to_m) = (Some(Layout::Positions(columns)), stated);
             width = Some(cells.len());
             continue;
         }
@@ -146,16 +159,16 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
     if missing > 0 {
         notes.push(format!("{}: {missing} rows without numbers (nan) are skipped", path.display()));
     }
-    let unit = unit.or(header_unit).unwrap_or_else(|| {
+    let stated_to_m = unit.map(LengthUnit::to_m).or(header_to_m);
+    let to_m = stated_to_m.unwrap_or_else(|| {
         let (unit, name) = if length > LONGEST {
             (LengthUnit::Millimetres, "millimetres")
         } else {
             (LengthUnit::Metres, "metres")
         };
         notes.push(format!("{}: taken as {name}, of which the needle is {length:.3} long", path.display()));
-        unit
+        unit.to_m()
     });
-    let to_m = if unit == LengthUnit::Metres { 1.0 } else { 1e-3 };
     let length_m = to_m * length;
     if !(SHORTEST_M..=LONGEST).contains(&length_m) {
         let expected =
@@ -238,14 +251,14 @@ fn decimal_commas(line: &str) -> bool {
 const ORDER: &str = "matrices whose rotation part shows whether they are row by row or column by column; or columns x, y and z";
 
 /// Columns of a header (none where it has no position) and the unit that it states; `None` where this is no header.
-fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<LengthUnit>)> {
+fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<f64>)> {
     let is_word = |cell: &str| cell.parse::<f64>().is_err() && cell.chars().any(char::is_alphabetic);
     if !cells.iter().any(|(_, cell)| is_word(cell))
         || cells.iter().any(|(_, cell)| cell.parse::<f64>().is_ok())
     {
         return None;
     }
-    let names: Vec<(String, Option<LengthUnit>)> = cells.iter().map(|(_, cell)| name(cell)).collect();
+    let names: Vec<(String, Option<f64>)> = cells.iter().map(|(_, cell)| name(cell)).collect();
     let column = |axis: &str| {
         let is = |wanted: &str| names.iter().position(|(name, _)| name == wanted);
         is(axis).or_else(|| {
@@ -257,18 +270,19 @@ fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<LengthUnit>)
         (Some(x), Some(y), Some(z)) => Some([x, y, z]),
         _ => None,
     };
-    let unit = columns.and_then(|[x, ..]| names.get(x)?.1);
-    Some((columns, unit))
+    let unit_of = |column: usize| names.get(column).and_then(|(_, to_m)| *to_m);
+    // Coordinates of two units are no position.
+    let columns = columns.filter(|[x, y, z]| [*y, *z].into_iter().all(|axis| unit_of(axis) == unit_of(*x)));
+    Some((columns, columns.and_then(|[x, ..]| unit_of(x))))
 }
 
-/// A column's name without its unit.
-fn name(cell: &str) -> (String, Option<LengthUnit>) {
+/// A column's name without its unit, and the metres in one of it.
+fn name(cell: &str) -> (String, Option<f64>) {
     let plain = cell.trim_matches(['"', '\'']).to_lowercase();
-    let units = [("mm", LengthUnit::Millimetres), ("m", LengthUnit::Metres)];
-    for (unit, length) in units {
+    for (unit, to_m) in UNITS {
         for ending in [format!("_{unit}"), format!("[{unit}]"), format!("({unit})")] {
             if let Some(name) = plain.strip_suffix(ending.as_str()) {
-                return (name.trim().to_owned(), Some(length));
+                return (name.trim().to_owned(), Some(to_m));
             }
         }
     }
