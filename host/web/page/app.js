@@ -6,6 +6,7 @@ const state = {
   isExample: false,
   folder: null,
   records: null,
+  tables: null,
   effects: null,
   results: new Map(),
   choice: {},
@@ -21,9 +22,10 @@ const VIEWS = [
   ['predict', 'Predict', () => state.session],
   ['plan', 'Plan', () => true],
   ['population', 'Population', () => true],
+  ['tables', 'Import', () => true],
   ['live', 'Live', () => live.isOffered || canWatch()],
 ];
-const DRAW = { start: showStart, play: showPlay, session: showSession, identify: showIdentify, diagnose: showDiagnose, predict: showPredict, plan: showPlan, population: showPopulation, live: showLive };
+const DRAW = { start: showStart, play: showPlay, session: showSession, identify: showIdentify, diagnose: showDiagnose, predict: showPredict, plan: showPlan, population: showPopulation, tables: showTables, live: showLive };
 
 const main = () => document.getElementById('main');
 
@@ -115,6 +117,8 @@ async function openSession({ name, files }, isExample, view, folder = null) {
   state.session = name;
   state.isExample = isExample;
   state.folder = folder;
+  // Its files take the place of the tables in their worker.
+  if (state.tables) state.tables.isSent = false;
   state.results.clear();
   state.choice = view === state.view ? state.choice : {};
   show(view);
@@ -131,8 +135,9 @@ const openExample = (view) => openSession(exampleFiles(), true, view).catch((err
 async function openChosen(chosen) {
   try {
     const all = await chosen;
-    // Records of many sessions, or the files of one.
+    // Records of many sessions, tables of others, or the files of a session.
     if (all.length > 0 && all.every(([path]) => RECORDS.test(path))) await openRecords(all);
+    else if (areTables(all)) await openTables(all);
     else await openSession(await sessionOf(all), false, 'session');
   } catch (error) {
     fail(error);

@@ -28,8 +28,8 @@ function showStart() {
         h('p', {}, 'Force and position live, from a serial port of this computer.'),
         h('button', { type: 'button', onclick: () => show('live') }, 'Watch a device')) : null,
       h('section', { class: 'card', id: 'drop' }, h('h2', {}, 'Your session'),
-        h('p', {}, 'Drop a session folder or a zip of one anywhere on this page, or choose it. Nothing leaves this machine.'),
-        h('p', { class: 'bar' }, choose({ webkitdirectory: true }, 'Choose a folder'), choose({ accept: '.zip' }, 'Choose a zip file')))));
+        h('p', {}, 'Drop a session folder or a zip of one anywhere on this page, or choose it; or tables of force and displacement of your own rig. Nothing leaves this machine.'),
+        h('p', { class: 'bar' }, choose({ webkitdirectory: true }, 'Choose a folder'), choose({ accept: '.zip' }, 'Choose a zip file'), choose({ multiple: true }, 'Choose tables')))));
 }
 
 function showSession() {

@@ -1,5 +1,6 @@
 //! Why a request has no answer.
 
+use formats::foreign::TableError;
 use formats::session::SessionError;
 use inference::diagnose::DiagnoseError;
 use inference::identify::IdentifyError;
@@ -27,6 +28,9 @@ pub enum AnswerError {
     /// The session cannot be read.
     #[error(transparent)]
     Session(#[from] SessionError),
+    /// A table of others cannot be read.
+    #[error(transparent)]
+    Table(#[from] TableError),
     /// It cannot be identified.
     #[error("cannot identify: {0}")]
     Identify(#[from] IdentifyError),

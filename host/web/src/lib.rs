@@ -23,6 +23,7 @@ mod populations;
 mod request;
 mod results;
 mod series;
+mod tables;
 
 pub use answer::AnswerError;
 pub use request::Request;
@@ -80,6 +81,7 @@ impl Engine {
             }
             Request::Ask { id, connection } => live::ask(*id, *connection),
             Request::Play(input) => play::play(input),
+            Request::Table(input) => tables::table(input),
         }
     }
 }

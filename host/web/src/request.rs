@@ -2,6 +2,7 @@
 
 use crate::plan::PlanRequest;
 use crate::play::PlayInput;
+use crate::tables::TableRequest;
 use serde::Deserialize;
 use serde::de::Error;
 use serde_json::{Map, Value};
@@ -93,6 +94,8 @@ pub enum Request {
     },
     /// What a needle would do.
     Play(PlayInput),
+    /// What tables of others hold, and the session that becomes of them.
+    Table(TableRequest),
 }
 
 impl Request {

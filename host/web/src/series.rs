@@ -58,7 +58,7 @@ pub fn session(dir: &Path) -> Result<String, AnswerError> {
 }
 
 /// Every so manieth value times a factor.
-fn thinned(values: &[f64], factor: f64) -> Vec<f64> {
+pub(crate) fn thinned(values: &[f64], factor: f64) -> Vec<f64> {
     let every = values.len().div_ceil(POINTS).max(1);
     values.iter().step_by(every).map(|value| factor * value).collect()
 }

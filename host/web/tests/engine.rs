@@ -1,6 +1,6 @@
 //! Requests of the page, answered natively: documents of the program, trials, the needle to play with, and every kind of wrong request.
 
-use formats::session::{SessionWriter, Setup, template};
+use formats::session::{Session, SessionWriter, Setup, template};
 use protocol::{
     CommandReceiver, Envelope, Fault, Hello, MAX_FRAME_TO_HOST, Message, Packer, Received, Request, Sample,
     State, Status, encode_envelope,
@@ -268,6 +268,69 @@ fn every_effect_of_the_catalogue_can_be_played_with() {
             made["with"]["force_n"]
         );
     }
+}
+
+#[test]
+fn a_table_of_others_is_shown_asked_about_and_becomes_a_session() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("my run.csv");
+    let mut text = "t;Weg;Kraft [mN]\n".to_owned();
+    for row in 0..400 {
+        let t = 0.05 * f64::from(row);
+        let x = ((t - 4.0) / 2.0).clamp(0.0, 1.2);
+        text += &format!("{t:.2};{x:.4};{:.2}\n", 2400.0 * x).replace('.', ",");
+    }
+    fs::write(&file, text).expect("written");
+    let request = |maps: Value, more: Value| {
+        let mut request = json!({"do": "table", "files": [file], "maps": maps});
+        request.as_object_mut().expect("an object").extend(more.as_object().expect("an object").clone());
+        request
+    };
+    let engine = &mut Engine::default();
+    let first = ok(engine, &request(json!([]), json!({"depth_mm": 30})));
+    assert!(
+        first["problem"].as_str().is_some_and(|problem| problem.contains("no unit is stated")),
+        "{first}"
+    );
+    assert_eq!(first["files"], json!({}));
+    assert_eq!(first["columns"][1]["name"], "Weg");
+    assert_eq!(first["columns"][1]["values"], json!([0.0, 0.0, 0.0]));
+    // What is found is offered, and what is missing can be chosen.
+    let maps = json!(["t=time_s:s", "Weg=displacement_y_mm:mm", "Kraft [mN]=force_y_n"]);
+    let shallow = ok(engine, &request(maps.clone(), json!({})));
+    assert!(
+        shallow["problem"].as_str().is_some_and(|problem| problem.contains("length of the needle")),
+        "{shallow}"
+    );
+    let done = ok(
+        engine,
+        &request(
+            maps,
+            json!({"depth_mm": 30, "rig": "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.5\ninner_diameter_mm = 1.0\n[rig]\nguide2_mm = 50.0\nentry_mm = 65.0\n"}),
+        ),
+    );
+    assert_eq!(done["problem"], Value::Null, "{done}");
+    assert_eq!((&done["kind"], &done["rows"]), (&json!("lateral"), &json!(400)));
+    assert_eq!(done["taken"][2]["range"], json!([0.0, 2.88]));
+    assert!(done["map_file"].as_str().is_some_and(|map| map.contains("is = \"force_y_n\"")), "{done}");
+    let session = folder.path().join("session");
+    fs::create_dir(&session).expect("a folder");
+    for (name, text) in done["files"].as_object().expect("files") {
+        fs::write(session.join(name), text.as_str().expect("text")).expect("written");
+    }
+    let read = Session::read(&session).expect("reads");
+    assert_eq!(
+        (read.rig.guide2_m, read.lateral[0].id.as_str(), read.lateral[0].depth_m),
+        (0.05, "my-run", 0.03)
+    );
+    let force = &read.lateral[0].force;
+    assert_eq!(force.time_s.len(), 400);
+    assert!(force.force_y_n.iter().zip(&force.displacement_y_m).all(|(f, x)| (f - 2400.0 * x).abs() < 1e-9));
+    // The session opens in the page's other views.
+    ok(engine, &json!({"do": "identify", "dir": session, "relation": "vesic", "foundation": "springs"}));
+    assert!(error(&json!({"do": "table", "files": ["none.csv"]})).contains("none.csv: cannot read"));
+    assert!(error(&request(json!(["Weg=push"]), json!({}))).contains("is no quantity"));
+    assert!(error(&request(json!([]), json!({"z_from": "tip"}))).contains("expected guide1 or surface"));
 }
 
 #[test]

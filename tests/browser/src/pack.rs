@@ -17,7 +17,7 @@ const PAGE: &str = include_str!("../../../host/web/page/index.html");
 const STYLE: &str = include_str!("../../../host/web/page/style.css");
 const WORKER: &str = include_str!("../../../host/web/page/worker.js");
 /// In this order, the last line starts the page.
-const SCRIPTS: [&str; 15] = [
+const SCRIPTS: [&str; 16] = [
     include_str!("../../../host/web/page/engine.js"),
     include_str!("../../../host/web/page/files.js"),
     include_str!("../../../host/web/page/plot.js"),
@@ -33,6 +33,7 @@ const SCRIPTS: [&str; 15] = [
     include_str!("../../../host/web/page/predict.js"),
     include_str!("../../../host/web/page/plan.js"),
     include_str!("../../../host/web/page/population.js"),
+    include_str!("../../../host/web/page/tables.js"),
 ];
 /// Size that the page should not exceed as a server sends it, bytes.
 const GOAL: usize = 1_500_000;

@@ -28,7 +28,7 @@ pub use labels::{Covariate, Labels};
 pub use setup::Setup;
 pub use survey::Survey;
 pub use tissue::{FoundationKind, Tissue};
-pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionWriter, ShapeRow, is_file_name};
+pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionFiles, SessionWriter, ShapeRow, is_file_name};
 
 use mechanics::{Rig, ShapeImage};
 use std::path::PathBuf;

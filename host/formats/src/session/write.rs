@@ -7,6 +7,7 @@ mod imported;
 mod insertion;
 mod lateral;
 
+pub use imported::SessionFiles;
 pub use lateral::{ForceRow, LateralWriter, ShapeRow};
 
 use super::lock::SessionLock;
@@ -211,18 +212,23 @@ impl SessionWriter {
 
     /// Refuses an id that is taken or cannot be part of a file name.
     fn check_id(&self, id: &str, taken: &[String]) -> Result<(), SessionError> {
-        let fault = |problem, expected| {
-            let path = self.dir.join("session.toml");
-            Err(SessionError::Id { path, id: id.to_owned(), problem, expected })
-        };
-        if !is_file_name(id) {
-            return fault("cannot be part of a file name", FILE_NAME);
-        }
+        let path = self.dir.join("session.toml");
+        check_name(&path, id)?;
         if taken.iter().any(|taken| taken == id) {
-            return fault("is taken", "an id the session does not have");
+            let (problem, expected) = ("is taken", "an id the session does not have");
+            return Err(SessionError::Id { path, id: id.to_owned(), problem, expected });
         }
         Ok(())
     }
+}
+
+/// Refuses an id that cannot be part of a file name.
+fn check_name(path: &Path, id: &str) -> Result<(), SessionError> {
+    if is_file_name(id) {
+        return Ok(());
+    }
+    let (problem, expected) = ("cannot be part of a file name", FILE_NAME);
+    Err(SessionError::Id { path: path.to_owned(), id: id.to_owned(), problem, expected })
 }
 
 /// What an id may be.

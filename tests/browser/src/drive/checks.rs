@@ -18,7 +18,7 @@ use std::time::Instant;
 /// Results of page and program may differ by this share.
 pub const SAME: f64 = 1e-9;
 /// Views with the marks of their addresses, and what they show when they are complete.
-pub const VIEWS: [(&str, &str, &str); 8] = [
+pub const VIEWS: [(&str, &str, &str); 9] = [
     ("start", "view=start", "document.querySelector('#open-example')"),
     ("play", "view=play&with=rig.backlash:0.3", "document.querySelector('.rig')"),
     ("session", "view=session&session=example", "document.querySelectorAll('#main .plot').length > 3"),
@@ -34,6 +34,11 @@ pub const VIEWS: [(&str, &str, &str); 8] = [
         "population",
         "view=population&records=example&by=tissue",
         "document.querySelectorAll('#main .made svg').length > 3",
+    ),
+    (
+        "tables",
+        "view=tables",
+        "document.querySelector('#tables-taken') && document.querySelector('#main .plot')",
     ),
 ];
 /// Widths of a tablet, a laptop and a wall screen.
@@ -99,6 +104,9 @@ impl<'a> Checks<'a> {
         });
         self.check("a population equals the program's", |checks| {
             views::compares(checks.browser, &checks.address, &checks.folder)
+        });
+        self.check("tables of others become a session", |checks| {
+            views::imports(checks.browser, &checks.address)
         });
         self.check("every view is saved as JSON, SVG, PNG and page", |checks| {
             views::saves(checks.browser, &checks.address, &checks.folder)
@@ -271,7 +279,7 @@ impl<'a> Checks<'a> {
         let drop = "const [name, size, text] = arguments[0]; hideFault(); await openChosen([[name, { size, arrayBuffer: async () => new TextEncoder().encode(text).buffer }]]); \
             return document.getElementById('fault').hidden ? document.querySelector('.findings')?.textContent ?? '' : document.getElementById('fault').textContent;";
         for (content, expected) in [
-            (json!(["a.csv", 10, "1,2"]), "no session.toml"),
+            (json!(["a.pdf", 10, "1,2"]), "no session.toml"),
             (json!(["a.zip", 10, "no archive"]), "no zip archive"),
             (json!(["a/session.toml", 3_000_000_000u64, ""]), "too much"),
         ] {

@@ -119,6 +119,37 @@ pub fn compares(browser: &Browser, address: &str, folder: &Path) -> Result<Strin
     Ok(format!("{} numbers within {:.0e}; the open session added", distance.numbers, distance.largest))
 }
 
+/// A table without units is asked for them, and becomes a session that opens.
+///
+/// # Errors
+/// What is otherwise.
+pub fn imports(browser: &Browser, address: &str) -> Result<String> {
+    browser.open(&format!("{address}#view=start"))?;
+    browser.until("document.querySelector('#open-example')")?;
+    let drop = "const rows = [...Array(400).keys()].map((i) => { const t = i / 20; const x = Math.max(0, Math.min(1.2, (t - 4) / 2)); return [t, x, 2.4 * x + 0.01 * Math.sin(i)].join(';').replaceAll('.', ','); }); \
+        const text = ['t;Weg;Kraft', ...rows].join('\\n'); \
+        await openChosen([['my run.csv', { size: text.length, arrayBuffer: async () => new TextEncoder().encode(text).buffer }]]);";
+    browser.wait_for(drop, json!([]))?;
+    browser.until("document.querySelector('#tables-problem')?.textContent.includes('unit')")?;
+    let choose = "const set = (id, value) => { document.getElementById(id).value = value; }; \
+        set('tables-column-1', 'displacement_y_mm'); set('tables-unit-1', 'mm'); set('tables-column-2', 'force_y_n'); set('tables-unit-2', 'N'); \
+        document.getElementById('tables-column-2').dispatchEvent(new Event('change'));";
+    browser.run(choose, json!([]))?;
+    browser
+        .until("document.querySelector('#tables-problem')?.textContent.includes('length of the needle')")?;
+    browser.run(
+        "const depth = document.getElementById('tables-depth_mm'); depth.value = '30'; depth.dispatchEvent(new Event('change'));",
+        json!([]),
+    )?;
+    browser.until("document.querySelectorAll('#tables-taken tbody tr').length === 3")?;
+    let command = browser.run("return document.getElementById('tables-command').textContent;", json!([]))?;
+    let expected = "guide import table 'my run.csv' --map Weg=displacement_y_mm:mm --map Kraft=force_y_n:N";
+    ensure!(command.as_str().is_some_and(|text| text.starts_with(expected)), "{command}");
+    browser.press("#tables-open", ENTER)?;
+    browser.until("state.session === 'my-run' && document.querySelectorAll('#main .plot').length >= 2")?;
+    Ok("400 rows with decimal commas, units chosen, opened".to_owned())
+}
+
 /// Saves a view by its buttons, with the keyboard; what is saved is read again.
 ///
 /// # Errors

@@ -1,8 +1,9 @@
 //! Entering a lateral run that was recorded elsewhere: its force series as it is, its shape with the columns it has.
 
 use super::super::schema::SHARED_COLUMNS;
-use super::super::{ForceSeries, LateralRun, ShapeSeries};
-use super::{SessionWriter, enter};
+use super::super::{ForceSeries, InsertionRun, LateralRun, Setup, ShapeSeries};
+use super::insertion::insertion_entry;
+use super::{SessionWriter, check_name, enter};
 use crate::document::{SessionError, number, read_text, replace};
 use mechanics::ShapeImage;
 use std::path::Path;
@@ -72,19 +73,7 @@ impl SessionWriter {
         self.check_id(id, &self.lateral_ids)?;
         let session_file = self.dir.join("session.toml");
         let depth_mm = number(&session_file, "depth_mm", 1e3 * depth_m)?;
-        let columns: Vec<(&'static str, Vec<f64>, f64)> = [
-            Some(("time_s", force.time_s.clone(), 1.0)),
-            Some(("displacement_y_mm", force.displacement_y_m.clone(), 1e3)),
-            Some(("force_y_n", force.force_y_n.clone(), 1.0)),
-            force.displacement_x_m.clone().map(|values| ("displacement_x_mm", values, 1e3)),
-            force.force_x_n.clone().map(|values| ("force_x_n", values, 1.0)),
-            force.displacement_y_sd_m.clone().map(|values| ("displacement_y_sd_mm", values, 1e3)),
-            force.displacement_x_sd_m.clone().map(|values| ("displacement_x_sd_mm", values, 1e3)),
-            force.lost_before.clone().map(|values| ("lost_before", values, 1.0)),
-        ]
-        .into_iter()
-        .flatten()
-        .collect();
+        let columns = force_columns(force);
         let entry = lateral_entry(id, &depth_mm);
         self.whole_run(|session| {
             session.table(&format!("{id}.force"), &columns)?;
@@ -99,8 +88,66 @@ impl SessionWriter {
     }
 }
 
+/// Files of a session that is kept elsewhere than in a folder: names and texts.
+pub type SessionFiles = Vec<(String, String)>;
+
+impl Setup {
+    /// The files of a new session with one lateral run, as [`SessionWriter::lateral_series`] writes them.
+    ///
+    /// # Errors
+    /// [`SessionError::Id`] where the id cannot be part of a file name; [`SessionError::NotFinite`].
+    pub fn with_lateral(
+        &self,
+        id: &str,
+        depth_m: f64,
+        force: &ForceSeries,
+        shape: Option<&ShapeSeries>,
+    ) -> Result<SessionFiles, SessionError> {
+        let (session, force_file, shape_file) =
+            (Path::new("session.toml"), format!("{id}.force.csv"), format!("{id}.shape.csv"));
+        check_name(session, id)?;
+        let depth_mm = number(session, "depth_mm", 1e3 * depth_m)?;
+        let force_rows = SessionWriter::rows(Path::new(&force_file), &force_columns(force))?;
+        let shape_rows = match shape {
+            Some(shape) => SessionWriter::rows(Path::new(&shape_file), &shape_columns(shape))?,
+            None => NO_SHAPE.to_owned(),
+        };
+        let text = self.to_toml(session)? + &lateral_entry(id, &depth_mm);
+        Ok(vec![("session.toml".to_owned(), text), (force_file, force_rows), (shape_file, shape_rows)])
+    }
+
+    /// The files of a new session with one insertion, as [`SessionWriter::insertion`] writes them.
+    ///
+    /// # Errors
+    /// As [`SessionWriter::insertion`].
+    pub fn with_insertion(&self, run: &InsertionRun) -> Result<SessionFiles, SessionError> {
+        let (session, file) = (Path::new("session.toml"), format!("{}.csv", run.id));
+        check_name(session, &run.id)?;
+        let rows = run.rows(Path::new(&file))?;
+        let text = self.to_toml(session)? + &insertion_entry(&run.id);
+        Ok(vec![("session.toml".to_owned(), text), (file, rows)])
+    }
+}
+
 /// A column: name, values, factor into the file's unit.
 type NamedColumn = (&'static str, Vec<f64>, f64);
+
+/// The columns that a force series has.
+fn force_columns(force: &ForceSeries) -> Vec<NamedColumn> {
+    [
+        Some(("time_s", force.time_s.clone(), 1.0)),
+        Some(("displacement_y_mm", force.displacement_y_m.clone(), 1e3)),
+        Some(("force_y_n", force.force_y_n.clone(), 1.0)),
+        force.displacement_x_m.clone().map(|values| ("displacement_x_mm", values, 1e3)),
+        force.force_x_n.clone().map(|values| ("force_x_n", values, 1.0)),
+        force.displacement_y_sd_m.clone().map(|values| ("displacement_y_sd_mm", values, 1e3)),
+        force.displacement_x_sd_m.clone().map(|values| ("displacement_x_sd_mm", values, 1e3)),
+        force.lost_before.clone().map(|values| ("lost_before", values, 1.0)),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
 
 /// The columns that a shape has.
 fn shape_columns(shape: &ShapeSeries) -> Vec<NamedColumn> {

@@ -16,32 +16,43 @@ impl SessionWriter {
     pub fn insertion(&mut self, run: &InsertionRun) -> Result<(), SessionError> {
         self.check_id(&run.id, &self.insertion_ids)?;
         let path = self.dir.join(format!("{}.csv", run.id));
-        let columns: Vec<(&Column, &[f64])> =
-            INSERTION_COLUMNS.iter().filter_map(|column| Some((column, run.column(column.name)?))).collect();
-        let names: Vec<_> = columns.iter().map(|(column, _)| column.name).collect();
-        let mut rows = format!("{}\n", names.join(","));
-        for row in 0..run.depth_m.len() {
-            run.check_row(row, &path)?;
-            for (at, (column, values)) in columns.iter().enumerate() {
-                let value = values.get(row).copied().unwrap_or(f64::NAN);
-                rows.push_str(if at > 0 { "," } else { "" });
-                // A reading that is missing is an empty cell.
-                if !(column.blank && value.is_nan()) {
-                    rows.push_str(&number(&path, column.name, value / column.to_si)?);
-                }
-            }
-            rows.push('\n');
-        }
+        let rows = run.rows(&path)?;
         self.whole_run(|session| {
             session.whole(path, &rows)?;
-            enter(&session.dir, &format!("\n[[insertion]]\nid = \"{0}\"\npath = \"{0}.csv\"\n", run.id))
+            enter(&session.dir, &insertion_entry(&run.id))
         })?;
         self.insertion_ids.push(run.id.clone());
         Ok(())
     }
 }
 
+/// Entry of an insertion.
+pub(super) fn insertion_entry(id: &str) -> String {
+    format!("\n[[insertion]]\nid = \"{id}\"\npath = \"{id}.csv\"\n")
+}
+
 impl InsertionRun {
+    /// The text of its file, which is meant for this path.
+    pub(super) fn rows(&self, path: &Path) -> Result<String, SessionError> {
+        let columns: Vec<(&Column, &[f64])> =
+            INSERTION_COLUMNS.iter().filter_map(|column| Some((column, self.column(column.name)?))).collect();
+        let names: Vec<_> = columns.iter().map(|(column, _)| column.name).collect();
+        let mut rows = format!("{}\n", names.join(","));
+        for row in 0..self.depth_m.len() {
+            self.check_row(row, path)?;
+            for (at, (column, values)) in columns.iter().enumerate() {
+                let value = values.get(row).copied().unwrap_or(f64::NAN);
+                rows.push_str(if at > 0 { "," } else { "" });
+                // A reading that is missing is an empty cell.
+                if !(column.blank && value.is_nan()) {
+                    rows.push_str(&number(path, column.name, value / column.to_si)?);
+                }
+            }
+            rows.push('\n');
+        }
+        Ok(rows)
+    }
+
     /// The values of a column of its file, in SI; `None` where it does not have them.
     fn column(&self, name: &str) -> Option<&[f64]> {
         match name {
