@@ -2,6 +2,7 @@
 
 pub mod bodies;
 pub mod characterize;
+pub mod clean;
 pub mod diagnosis;
 pub mod imperfect;
 pub mod nesting;
