@@ -25,7 +25,7 @@ pub fn run(data: &[u8]) {
     let folder = folder();
     let (path, other) = (folder.path().join("file"), folder.path().join("other"));
     fs::write(&path, content).expect("writes");
-    match kind % 11 {
+    match kind % 13 {
         0 => model(&path, &other),
         1 => {
             if let Ok(config) = RigConfig::read(&path) {
@@ -57,10 +57,16 @@ pub fn run(data: &[u8]) {
             }
         }
         9 => tables(Grid::parse(&path, content).and_then(RawTable::new).map(|table| vec![table]).ok()),
-        _ => {
-            let bag = folder.path().join("bag.mcap");
-            fs::write(&bag, content).expect("writes");
-            tables(RawTable::read(&bag).ok());
+        // Binary files of tables are known by their endings.
+        other => {
+            let ending = match other {
+                10 => "mcap",
+                11 => "mat",
+                _ => "xlsx",
+            };
+            let named = path.with_extension(ending);
+            fs::write(&named, content).expect("writes");
+            tables(RawTable::read(&named).ok());
         }
     }
 }

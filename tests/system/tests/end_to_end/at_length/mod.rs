@@ -1,5 +1,6 @@
 //! The second tier: boards, programs of others, bring-up and characterization, steering, and what a minute does not hold.
 
+mod bags;
 mod boards;
 mod bringup;
 mod characterize;
