@@ -39,3 +39,33 @@ fn every_command_reports_a_sweep_that_was_taken_while_the_guide_moved() {
     let unused = &json(&["identify", path(&dir), "--json"])["unused"];
     assert_eq!((&unused[0]["run"], &unused[0]["count"]), (&"d20-1".into(), &19.into()), "{unused}");
 }
+
+#[test]
+fn a_check_fails_where_identify_can_use_no_run() {
+    let folder = folder();
+    let dir = folder.path().join("example");
+    json(&["init", "--example", path(&dir), "--json"]);
+    assert!(guide(&["check", path(&dir)]).status.success());
+    // A guide that never moves, in every run.
+    let force_files = fs::read_dir(&dir).expect("there").map(|entry| entry.expect("an entry").path());
+    for file in force_files.filter(|file| path(file).ends_with(".force.csv")) {
+        let rows = fs::read_to_string(&file).expect("there");
+        let still: String = rows
+            .lines()
+            .enumerate()
+            .map(|(number, line)| {
+                let mut cells: Vec<&str> = line.split(',').collect();
+                if number > 0 {
+                    cells[1] = "0.0";
+                    cells[3..4].iter_mut().for_each(|cell| *cell = "0.0");
+                }
+                cells.join(",") + "\n"
+            })
+            .collect();
+        fs::write(&file, still).expect("written");
+    }
+    let checked = guide(&["check", path(&dir)]);
+    let shown = text(&checked.stdout) + &text(&checked.stderr);
+    assert_eq!(checked.status.code(), Some(1), "{shown}");
+    assert!(!guide(&["identify", path(&dir)]).status.success());
+}

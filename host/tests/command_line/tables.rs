@@ -173,11 +173,56 @@ fn one_file_of_any_layout_gives_the_modulus() {
             }),
             [of("Fy=force_y_n:mN", "LVDT=displacement_y_mm:mm"), ["--rate-hz", "50"].map(str::to_owned).to_vec()].concat(),
         ),
+        (
+            "force plate of a gait laboratory: a name and a unit over each column, tabulators, times from frames, newtons down",
+            native.file("plate.txt", "Trajectories\n100\nFrame\tSub Frame\tFy\tStage\ncount\tcount\tN\tum\n", |i, _, x, f| {
+                format!("{}\t0\t{:.6}\t{:.4}", i + 1, -f, 1e3 * x)
+            }),
+            [of("Fy=force_y_n:-N", "Stage=displacement_y_mm"), ["--rate-hz", "50"].map(str::to_owned).to_vec()].concat(),
+        ),
+        (
+            "data frame of R: quoted names, times as minutes and seconds, kilograms",
+            native.file("frame.csv", "\"\",\"elapsed\",\"cell.kg\",\"travel.mm\"\n", |i, t, x, f| {
+                format!("\"{}\",\"0:{:02}:{:06.3}\",{:.8},{:.6}", i + 1, t as u32 / 60, t % 60.0, f / GRAVITY, x)
+            }),
+            of("cell.kg=force_y_n:kg", "travel.mm=displacement_y_mm:mm"),
+        ),
     ];
+    assert_eq!(layouts.len(), 12);
     for (name, file, options) in &layouts {
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         let id = name.split([' ', ',', ':']).next().unwrap_or_default();
-        imported(&native, id, &[file], &options, 5e-3);
+        let done = imported(&native, id, &[file], &options, 5e-3);
+        // The echo: what was taken for what, and the command that repeats it.
+        let taken: Vec<&str> = done["runs"][0]["columns"]
+            .as_array()
+            .expect("columns")
+            .iter()
+            .filter_map(|one| one["is"].as_str())
+            .collect();
+        for quantity in ["force_y_n", "displacement_y_mm", "z_mm", "deflection_y_mm"] {
+            assert!(taken.contains(&quantity), "{name}: {taken:?}");
+        }
+        let again = done["again"].as_str().expect("a command line");
+        assert!(again.starts_with("guide import table") && again.contains("--map"), "{name}: {again}");
+    }
+}
+
+#[test]
+fn a_computers_clock_gives_the_same_modulus_to_the_last_digit() {
+    let native = Native::new();
+    let k_kpa = |start: &str, name: &str| {
+        let file = native.file(name, "t,x,f\n", |_, t, x, f| {
+            // Digits are added as text, so that the clock's own rounding is none.
+            format!("{start}{:06.3},{x:.6},{f:.6}", t)
+        });
+        let maps = ["--map", "t=time_s:s", "--map", "x=displacement_y_mm:mm", "--map", "f=force_y_n:N"];
+        imported(&native, name, &[&file], &maps, 5e-3);
+        modulus(&native.dir(&format!("out-{name}")))
+    };
+    let from_zero = k_kpa("", "zero.csv");
+    for (start, name) in [("17640000", "epoch.csv"), ("86400", "day.csv"), ("100000000", "century.csv")] {
+        assert_eq!(k_kpa(start, name), from_zero, "{name}");
     }
 }
 
