@@ -8,17 +8,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-const GRAVITY: f64 = 9.806_65;
+pub(super) const GRAVITY: f64 = 9.806_65;
 const POUND_N: f64 = 4.448_221_615_260_5;
 
 /// A run of its own session, and a folder for files that are made of it.
-struct Native {
+pub(super) struct Native {
     folder: TempDir,
     run: LateralRun,
 }
 
 impl Native {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let folder = folder();
         let native = folder.path().join("native");
         add_lateral_run(&mut writer(&native));
@@ -26,12 +26,17 @@ impl Native {
         Self { folder, run }
     }
 
-    fn dir(&self, name: &str) -> PathBuf {
+    pub(super) fn dir(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
     /// Writes a file with a line for each row of time in seconds, displacement in millimetres, force in newtons.
-    fn file(&self, name: &str, before: &str, row: impl Fn(usize, f64, f64, f64) -> String) -> String {
+    pub(super) fn file(
+        &self,
+        name: &str,
+        before: &str,
+        row: impl Fn(usize, f64, f64, f64) -> String,
+    ) -> String {
         let force = &self.run.force;
         let rows = force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n).enumerate();
         let lines = rows.map(|(at, ((time_s, y_m), force_n))| row(at, *time_s, 1e3 * y_m, *force_n) + "\r\n");
@@ -58,12 +63,18 @@ impl Native {
 const SHAPE: [&str; 6] =
     ["--map", "Abstand=z_mm", "--map", "Durchbiegung=deflection_y_mm", "--z-from", "surface"];
 
-fn modulus(dir: &Path) -> f64 {
+pub(super) fn modulus(dir: &Path) -> f64 {
     json(&["identify", path(dir), "--json"])["pooled"]["k_kpa"].as_f64().expect("a modulus")
 }
 
 /// Imports files and their shape; the modulus is that of the native session within a share.
-fn imported(native: &Native, name: &str, files: &[&str], options: &[&str], within: f64) -> serde_json::Value {
+pub(super) fn imported(
+    native: &Native,
+    name: &str,
+    files: &[&str],
+    options: &[&str],
+    within: f64,
+) -> serde_json::Value {
     let (out, rig, shape) =
         (native.dir(&format!("out-{name}")), native.dir("native/session.toml"), native.shape());
     let common = ["--depth-mm", "30", "--rig", path(&rig), "--out", path(&out), "--yes", "--json"];
@@ -73,7 +84,7 @@ fn imported(native: &Native, name: &str, files: &[&str], options: &[&str], withi
     done
 }
 
-fn notes(done: &serde_json::Value) -> String {
+pub(super) fn notes(done: &serde_json::Value) -> String {
     done["runs"][0]["notes"].to_string()
 }
 
@@ -206,75 +217,6 @@ fn one_file_of_any_layout_gives_the_modulus() {
         let again = done["again"].as_str().expect("a command line");
         assert!(again.starts_with("guide import table") && again.contains("--map"), "{name}: {again}");
     }
-}
-
-#[test]
-fn a_computers_clock_gives_the_same_modulus_to_the_last_digit() {
-    let native = Native::new();
-    let k_kpa = |start: &str, name: &str| {
-        let file = native.file(name, "t,x,f\n", |_, t, x, f| {
-            // Digits are added as text, so that the clock's own rounding is none.
-            format!("{start}{:06.3},{x:.6},{f:.6}", t)
-        });
-        let maps = ["--map", "t=time_s:s", "--map", "x=displacement_y_mm:mm", "--map", "f=force_y_n:N"];
-        imported(&native, name, &[&file], &maps, 5e-3);
-        modulus(&native.dir(&format!("out-{name}")))
-    };
-    let from_zero = k_kpa("", "zero.csv");
-    for (start, name) in [("17640000", "epoch.csv"), ("86400", "day.csv"), ("100000000", "century.csv")] {
-        assert_eq!(k_kpa(start, name), from_zero, "{name}");
-    }
-}
-
-#[test]
-fn two_files_of_one_clock_or_two_give_the_modulus() {
-    let native = Native::new();
-    // A topic each, as rostopic writes them: nanoseconds since 1970, at other rates.
-    let stamp = |t: f64| 1_764_000_000_000_000_000 + (1e9 * t).round() as i64;
-    let wrench = native.file(
-        "wrench.csv",
-        "%time,field.header.seq,field.wrench.force.x,field.wrench.force.y\n",
-        |i, t, _, f| format!("{},{i},0.01,{f:.6}", stamp(t)),
-    );
-    let joints = native.file("joints.csv", "%time,field.header.seq,field.position0\n", |i, t, x, _| {
-        format!("{},{i},{:.9}", stamp(t + 1e-3), 1e-3 * x)
-    });
-    let maps = [
-        "--map",
-        "field.wrench.force.y=force_y_n:N",
-        "--map",
-        "field.position0=displacement_y_mm:m",
-        "--map",
-        "%time=time_s",
-    ];
-    let done = imported(&native, "topics", &[&wrench, &joints], &maps, 5e-3);
-    assert!(done["runs"][0]["offset_s"].is_null() && notes(&done).contains("since 1970"), "{done}");
-
-    // A load cell and a stage that were started one after the other: 7.3 s, found by the ramp.
-    let scale = native.file("scale.csv", "Time (ms),Force (kg)\n", |_, t, _, f| {
-        format!("{:.0},{:.6}", 1e3 * t, f / GRAVITY)
-    });
-    let stage = native
-        .file("stage.csv", "Time [s];Stage X\n", |_, t, x, _| format!("{:.3};{:.6}", t + 7.3, 1e-3 * x));
-    let maps = ["--map", "Force (kg)=force_y_n", "--map", "Stage X=displacement_y_mm:m"];
-    let done = imported(&native, "clocks", &[&scale, &stage], &maps, 1e-2);
-    let of = |name: &str| done["runs"][0][name].as_f64().expect(name);
-    let off = of("offset_s") + 7.3;
-    assert!(
-        off.abs() < 3.0 * of("offset_sd_s") && of("offset_sd_s") < 0.05,
-        "{off} of {}",
-        of("offset_sd_s")
-    );
-    assert!(notes(&done).contains("clocks of their own"), "{done}");
-    // One clock by its name, although both count from their start.
-    let both = native
-        .file("both.csv", "Time (ms),Stage X\n", |_, t, x, _| format!("{:.0},{:.6}", 1e3 * t, 1e-3 * x));
-    let named = [&maps[..], &["--merge-on", "Time (ms)"]].concat();
-    let done = imported(&native, "named", &[&scale, &both], &named, 5e-3);
-    assert!(done["runs"][0]["offset_s"].is_null(), "{done}");
-    // Or as it is known.
-    let known = [&maps[..], &["--offset-s", "-7.3"]].concat();
-    imported(&native, "known", &[&scale, &stage], &known, 5e-3);
 }
 
 #[test]

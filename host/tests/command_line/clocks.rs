@@ -1,0 +1,72 @@
+//! Clocks of tables: one that files share, two that ramps bring together, and those of a computer.
+
+use super::tables::{GRAVITY, Native, imported, modulus, notes};
+
+#[test]
+fn a_computers_clock_gives_the_same_modulus_to_the_last_digit() {
+    let native = Native::new();
+    let k_kpa = |start: &str, name: &str| {
+        let file = native.file(name, "t,x,f\n", |_, t, x, f| {
+            // Digits are added as text, so that the clock's own rounding is none.
+            format!("{start}{:06.3},{x:.6},{f:.6}", t)
+        });
+        let maps = ["--map", "t=time_s:s", "--map", "x=displacement_y_mm:mm", "--map", "f=force_y_n:N"];
+        imported(&native, name, &[&file], &maps, 5e-3);
+        modulus(&native.dir(&format!("out-{name}")))
+    };
+    let from_zero = k_kpa("", "zero.csv");
+    for (start, name) in [("17640000", "epoch.csv"), ("86400", "day.csv"), ("100000000", "century.csv")] {
+        assert_eq!(k_kpa(start, name), from_zero, "{name}");
+    }
+}
+
+#[test]
+fn two_files_of_one_clock_or_two_give_the_modulus() {
+    let native = Native::new();
+    // A topic each, as rostopic writes them: nanoseconds since 1970, at other rates.
+    let stamp = |t: f64| 1_764_000_000_000_000_000 + (1e9 * t).round() as i64;
+    let wrench = native.file(
+        "wrench.csv",
+        "%time,field.header.seq,field.wrench.force.x,field.wrench.force.y\n",
+        |i, t, _, f| format!("{},{i},0.01,{f:.6}", stamp(t)),
+    );
+    let joints = native.file("joints.csv", "%time,field.header.seq,field.position0\n", |i, t, x, _| {
+        format!("{},{i},{:.9}", stamp(t + 1e-3), 1e-3 * x)
+    });
+    let maps = [
+        "--map",
+        "field.wrench.force.y=force_y_n:N",
+        "--map",
+        "field.position0=displacement_y_mm:m",
+        "--map",
+        "%time=time_s",
+    ];
+    let done = imported(&native, "topics", &[&wrench, &joints], &maps, 5e-3);
+    assert!(done["runs"][0]["offset_s"].is_null() && notes(&done).contains("since 1970"), "{done}");
+
+    // A load cell and a stage that were started one after the other: 7.3 s, found by the ramp.
+    let scale = native.file("scale.csv", "Time (ms),Force (kg)\n", |_, t, _, f| {
+        format!("{:.0},{:.6}", 1e3 * t, f / GRAVITY)
+    });
+    let stage = native
+        .file("stage.csv", "Time [s];Stage X\n", |_, t, x, _| format!("{:.3};{:.6}", t + 7.3, 1e-3 * x));
+    let maps = ["--map", "Force (kg)=force_y_n", "--map", "Stage X=displacement_y_mm:m"];
+    let done = imported(&native, "clocks", &[&scale, &stage], &maps, 1e-2);
+    let of = |name: &str| done["runs"][0][name].as_f64().expect(name);
+    let off = of("offset_s") + 7.3;
+    assert!(
+        off.abs() < 3.0 * of("offset_sd_s") && of("offset_sd_s") < 0.05,
+        "{off} of {}",
+        of("offset_sd_s")
+    );
+    assert!(notes(&done).contains("clocks of their own"), "{done}");
+    // One clock by its name, although both count from their start.
+    let both = native
+        .file("both.csv", "Time (ms),Stage X\n", |_, t, x, _| format!("{:.0},{:.6}", 1e3 * t, 1e-3 * x));
+    let named = [&maps[..], &["--merge-on", "Time (ms)"]].concat();
+    let done = imported(&native, "named", &[&scale, &both], &named, 5e-3);
+    assert!(done["runs"][0]["offset_s"].is_null(), "{done}");
+    // Or as it is known.
+    let known = [&maps[..], &["--offset-s", "-7.3"]].concat();
+    imported(&native, "known", &[&scale, &stage], &known, 5e-3);
+}
