@@ -369,6 +369,12 @@ fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options
         let own = if at == moved_at { Some(moved_shift_s) } else { shift_s(at) };
         own.map(|shift_s| shift_s - origin_s)
     })?;
+    if taken.shape.is_none() {
+        taken.notes.push(
+            "there is no shape of the needle (z_mm and deflection_y_mm, of a further table or by guide import slicer, fbg or ultrasound with --force): the run has no modulus without one"
+                .to_owned(),
+        );
+    }
     Ok(())
 }
 
