@@ -198,7 +198,7 @@ fn the_retired_order_of_bytes() {
 #[test]
 fn overlays_in_the_bits_that_are_not_stored() {
     let answer = clip(Clip { stored_bits: 12, ..PLAIN }, &[], |grey| {
-        u16::from(grey) * 16 | if grey % 3 == 0 { 0xA000 } else { 0 }
+        (u16::from(grey) * 16) | if grey % 3 == 0 { 0xA000 } else { 0 }
     });
     assert_right_or_rejected(&answer, &["bits", "overlay"], assert_path);
 }

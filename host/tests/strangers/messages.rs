@@ -32,7 +32,7 @@ fn message(kind: &str, name: &str, body: &[u8]) -> Vec<u8> {
 
 fn whole(version: u16, kind: &str, name: &str, body: &[u8]) -> Vec<u8> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("a clock");
-    let stamp = now.as_secs() << 32 | u64::from(now.subsec_nanos()) * (1 << 32) / 1_000_000_000;
+    let stamp = (now.as_secs() << 32) | (u64::from(now.subsec_nanos()) * (1 << 32) / 1_000_000_000);
     let numbers = [stamp, body.len() as u64, checksum(body)].map(u64::to_be_bytes).concat();
     [version.to_be_bytes().to_vec(), padded(kind, 12), padded(name, 20), numbers, body.to_vec()].concat()
 }
