@@ -87,7 +87,8 @@ pub struct FoundationEvidence {
 pub const FOUNDATION_MARGIN: f64 = 2.0;
 /// How the modulus may vary with depth.
 pub(super) const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
-/// Log evidence by which such a modulus makes the choice of one modulus void, as a diagnosis requires of an effect.
+/// Log evidence by which such a modulus makes the choice of one modulus void: odds of 75 for each of two ways to vary that together are as
+/// likely beforehand as one modulus.
 pub const VARIED_NATS: f64 = 5.0;
 /// Rounds of its fit.
 const VARIED_ROUNDS: usize = 8;

@@ -305,7 +305,8 @@ fn workflow<T>(
     };
     let mut result =
         report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
-    result.left = if is_named { where_left.iter().map(report::region).collect() } else { result.regions.clone() };
+    result.left =
+        if is_named { where_left.iter().map(report::region).collect() } else { result.regions.clone() };
     result.moved_since = moved_since;
     Ok((result, more))
 }

@@ -17,7 +17,8 @@ use super::score::{Score, Scores, stacked};
 use super::split::Judge;
 use super::start::Start;
 use super::weights::{
-    ModelPrior, NO_WEIGHT, indistinct, limit_refused, ln_sum, one_sided, smallest_set, stated_ln_odds,
+    ModelPrior, NO_WEIGHT, indistinct, is_refuted, limit_refused, ln_sum, one_sided, smallest_set,
+    stated_ln_odds,
 };
 use mechanics::effects::{Effect, all};
 use rayon::prelude::*;
@@ -346,7 +347,7 @@ impl Search<'_> {
 
     /// The likeliest effect that is missing, with the odds that any is, where these are high enough to state it.
     fn missing(&self, candidates: &[Candidate], base: &Fitted) -> Option<(Explanation, f64)> {
-        let explanations = explanations(candidates);
+        let explanations = self.unrefuted(explanations(candidates));
         let ln_odds = ln_sum(explanations.iter().map(|one| one.ln_odds));
         let best = explanations.into_iter().next()?;
         // Without the effect there may be a better fit where the discrepancy has the sizes that it has with it.
@@ -354,6 +355,22 @@ impl Search<'_> {
         let better = again.map_or(0.0, |again| (again.log_evidence - base.log_evidence).max(0.0));
         let ln_odds = ln_odds - better;
         (ln_odds > stated_ln_odds()).then_some((best, ln_odds))
+    }
+
+    /// The same without those that predict what was held out worse, beyond chance, than another one that could be stated alone. Small
+    /// imperfections absorb much of what a wrong effect leaves, so that evidence alone favours the likelier name.
+    fn unrefuted(&self, all: Vec<Explanation>) -> Vec<Explanation> {
+        let losses: Vec<Option<Vec<f64>>> = all.iter().map(|one| self.judge.losses(&one.fitted)).collect();
+        let stated: Vec<&Vec<f64>> = all
+            .iter()
+            .zip(&losses)
+            .filter(|(one, _)| one.ln_odds > stated_ln_odds())
+            .filter_map(|(_, of)| of.as_ref())
+            .collect();
+        let is_kept =
+            |of: &Option<Vec<f64>>| of.as_ref().is_some_and(|of| !stated.iter().any(|by| is_refuted(of, by)));
+        let kept: Vec<bool> = losses.iter().map(is_kept).collect();
+        all.into_iter().zip(kept).filter(|(_, kept)| *kept).map(|(one, _)| one).collect()
     }
 
     /// Whether a candidate can be what is missing beside a fit.
@@ -412,7 +429,7 @@ impl Search<'_> {
             let others = explanations(&candidates);
             all.extend(others.into_iter().filter(|other| other.effect.id() != effect.id()));
             all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
-            let all = distinct(all);
+            let all = distinct(self.unrefuted(all));
             let weights: Vec<f64> = all.iter().map(|one| one.ln_odds).collect();
             let class = all.into_iter().take(smallest_set(&weights)).collect();
             members.push(Member {

@@ -179,18 +179,17 @@ impl HeldOut {
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    pub fn judge(
-        self,
-        start: &Fitted,
-        noise: &Noise,
-        multiples: &Multiples,
-    ) -> Result<Judge, ModelError> {
+    pub fn judge(self, start: &Fitted, noise: &Noise, multiples: &Multiples) -> Result<Judge, ModelError> {
         let prepared = |run: Run| {
             let model = start.layout.model_of(start.values(), run.kind, run.is_reference)?;
             Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
         };
         let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
-        let patterns = discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?;
+        let patterns = match &start.layout.reference {
+            // What the reference leaves unexplained too is no gap between them.
+            Some(_) => discrepancy::patterns(&start.layout, start.values(), &runs, multiples)?,
+            None => discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?,
+        };
         Ok(Judge { patterns, runs })
     }
 }
@@ -235,6 +234,12 @@ impl Judge {
     pub fn held_out_shrinks_in(&self, before: &Fitted, after: &Fitted, kinds: RunKinds) -> bool {
         let misfits = self.held_out_misfit_in(before, kinds).zip(self.held_out_misfit_in(after, kinds));
         misfits.is_some_and(|(before, after)| after < before)
+    }
+
+    /// Misfit of every part of what was held out; nothing where the model cannot be evaluated there.
+    pub fn losses(&self, fitted: &Fitted) -> Option<Vec<f64>> {
+        let tally = self.tally(fitted).ok()?;
+        Some(tally.parts.into_iter().map(|(loss, _)| loss).collect())
     }
 
     /// How far two models are from what was held out, and how much of the removable misfit the second one removes. Nothing where

@@ -8,6 +8,7 @@ use super::layout::{Layout, Prepared, Scale};
 use super::noise::Noise;
 use super::posterior::{Fitted, MAX_ROUNDS};
 use super::search::Found;
+use super::weights::NO_WEIGHT;
 use super::whiten::Whitener;
 use super::{DiagnoseError, Multiples};
 use mechanics::effects::Effect;
@@ -18,8 +19,6 @@ use readings::FitError;
 /// Rounds after which fits from several places are compared, and how far behind the best of them one is given up.
 const FIRST_ROUNDS: usize = 5;
 const FAR_BEHIND: f64 = 20.0;
-/// A foundation on which the effects that were found on the other are further behind than this has no weight in any interval.
-const NO_WEIGHT: f64 = 12.0;
 
 /// Noise of a session and of its reference.
 pub(super) struct Noises {
@@ -111,7 +110,7 @@ impl Start {
         starts.iter_mut().zip(values(&self.fitted)).for_each(|(start, own)| *start = own);
         let same =
             Fitted::new(&layout, &self.runs, &self.patterns, &starts, &found.fitted.sizes, FIRST_ROUNDS);
-        Ok(same.is_ok_and(|same| same.log_evidence < found.fitted.log_evidence - NO_WEIGHT))
+        Ok(same.is_ok_and(|same| same.log_evidence < found.fitted.log_evidence + NO_WEIGHT))
     }
 
     /// How far model and measurement disagree.

@@ -131,7 +131,7 @@ pub fn table(request: &TableRequest) -> Result<String, AnswerError> {
     Ok(serde_json::to_string(&Answer {
         columns: tables
             .iter()
-            .flat_map(|table| table.columns.iter().map(|column| (table, column)))
+            .flat_map(|table| table.columns.iter().map(move |column| (table, column)))
             .map(entry)
             .collect(),
         quantities: Target::ALL
