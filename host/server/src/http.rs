@@ -67,12 +67,12 @@ pub enum RequestError {
 }
 
 impl Head {
-    /// Reads a request.
+    /// Reads a request, whose head has to be complete within a time: bytes that keep coming one by one do not prolong it.
     ///
     /// # Errors
     /// [`RequestError`].
-    pub fn read(stream: &mut TcpStream) -> Result<Self, RequestError> {
-        let deadline = Instant::now() + HEAD_TIME;
+    pub fn read(stream: &mut TcpStream, within: Duration) -> Result<Self, RequestError> {
+        let deadline = Instant::now() + within;
         let mut bytes = Vec::new();
         let mut part = [0; 1024];
         loop {
@@ -214,6 +214,23 @@ mod tests {
         assert_eq!(head.host.as_deref(), Some("localhost:1"));
         assert_eq!(head.origin.as_deref(), Some("http://localhost:1"));
         assert_eq!(head.websocket_key, None);
+    }
+
+    #[test]
+    fn a_head_that_comes_byte_by_byte_ends_at_its_time() {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+        let mut far = TcpStream::connect(listener.local_addr().expect("an address")).expect("a connection");
+        let (mut stream, _) = listener.accept().expect("a connection");
+        let drips = std::thread::spawn(move || {
+            // Until the other end has closed.
+            while far.write_all(b"G").is_ok() {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        let ended = Head::read(&mut stream, Duration::from_millis(50));
+        assert!(matches!(ended, Err(RequestError::Io(_) | RequestError::Malformed)), "{ended:?}");
+        drop(stream);
+        drips.join().expect("it ends");
     }
 
     #[test]

@@ -1,4 +1,7 @@
 //! Connections: at most so many at a time, each on its own thread, each with one request.
+//!
+//! Every peer is a program of this machine, which can open as many as it likes. So a connection without the head of a request has no place
+//! of its own: where all are taken, the one that has waited longest gives way to the next one.
 
 use crate::access::{Access, Token};
 use crate::http::{self, Head, RequestError, Status};
@@ -7,10 +10,11 @@ use crate::page::Page;
 use crate::sessions::{List, MAX_FILE_BYTES, Sessions};
 use crate::socket;
 use serde::Serialize;
+use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -55,7 +59,24 @@ struct Shared {
     site: ServedContent,
     access: Access,
     connections: AtomicUsize,
+    /// Connections without a head so far, the oldest first, by their number.
+    headless: Mutex<VecDeque<(u64, TcpStream)>>,
     stop: Arc<AtomicBool>,
+}
+
+impl Shared {
+    /// Ends the connection that has waited longest for its head; false where none waits.
+    fn make_room(&self) -> bool {
+        let oldest = self.headless.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+        // Its thread reads the end of it, and frees its place.
+        oldest.is_some_and(|(_, stream)| stream.shutdown(std::net::Shutdown::Both).is_ok())
+    }
+
+    /// A connection has its head, or has ended.
+    fn has_head(&self, number: u64) {
+        let mut headless = self.headless.lock().unwrap_or_else(PoisonError::into_inner);
+        headless.retain(|(waiting, _)| *waiting != number);
+    }
 }
 
 impl Server {
@@ -69,7 +90,9 @@ impl Server {
         let access = Access::new(Token::random()?, listener.local_addr()?);
         let stop = Arc::new(AtomicBool::new(false));
         let (connections, shared_stop) = (AtomicUsize::new(0), Arc::clone(&stop));
-        let shared = Arc::new(Shared { site, access: access.clone(), connections, stop: shared_stop });
+        let headless = Mutex::default();
+        let shared =
+            Arc::new(Shared { site, access: access.clone(), connections, headless, stop: shared_stop });
         let thread =
             std::thread::Builder::new().name("web".into()).spawn(move || listen(&listener, &shared))?;
         Ok(Self { access, stop, thread: Some(thread) })
@@ -96,6 +119,7 @@ impl Drop for Server {
 }
 
 fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
+    let mut number = 0;
     while !shared.stop.load(Ordering::Acquire) {
         // A connection that has gone before it was accepted is no reason to end.
         let Ok((mut stream, _)) = listener.accept() else {
@@ -105,17 +129,21 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
         if stream.set_nonblocking(false).is_err() {
             continue;
         }
-        if shared.connections.fetch_add(1, Ordering::AcqRel) >= MAX_CONNECTIONS {
+        if shared.connections.fetch_add(1, Ordering::AcqRel) >= MAX_CONNECTIONS && !shared.make_room() {
             shared.connections.fetch_sub(1, Ordering::AcqRel);
             // A few bytes, which always fit.
             let _ = http::refuse(&mut stream, Status::Unavailable);
             continue;
         }
         let place = Place(Arc::clone(shared));
+        let Ok(copy) = stream.try_clone() else { continue };
+        number += 1;
+        shared.headless.lock().unwrap_or_else(PoisonError::into_inner).push_back((number, copy));
         // Where there is no thread the connection is closed with its place.
         let _ = std::thread::Builder::new().name("web-client".into()).spawn(move || {
             // A client that has gone needs no answer.
-            let _ = answer(stream, &place.0);
+            let _ = answer(stream, &place.0, number);
+            place.0.has_head(number);
         });
     }
 }
@@ -129,9 +157,11 @@ impl Drop for Place {
     }
 }
 
-fn answer(mut connection: TcpStream, shared: &Shared) -> io::Result<()> {
+fn answer(mut connection: TcpStream, shared: &Shared, number: u64) -> io::Result<()> {
     let stream = &mut connection;
-    let head = match Head::read(stream) {
+    let head = Head::read(stream, http::HEAD_TIME);
+    shared.has_head(number);
+    let head = match head {
         Ok(head) => head,
         Err(RequestError::Malformed) => return http::refuse(stream, Status::BadRequest),
         Err(RequestError::Io(error)) => return Err(error),

@@ -114,14 +114,38 @@ fn a_head_that_does_not_end_is_rejected() {
 }
 
 #[test]
-fn more_connections_than_there_are_places_for_are_rejected_and_places_are_freed() {
+fn connections_without_a_request_do_not_keep_the_page_from_its_own() {
     let served = served();
-    let silent: Vec<_> = (0..MAX_CONNECTIONS).map(|_| served.connect()).collect();
+    let silent: Vec<_> = (0..4 * MAX_CONNECTIONS).map(|_| served.connect()).collect();
+    assert_eq!(status(&served.get("", "")), "200");
+    // Half a head is none.
+    let mut half = served.connect();
+    half.write_all(b"GET / HTTP/1.1\r\n").expect("sent");
+    assert_eq!(status(&served.get("sessions", "")), "200");
+    drop(silent);
+    assert_eq!(status(&served.get("", "")), "200");
+}
+
+#[test]
+fn more_requests_than_there_are_places_for_are_rejected_and_places_are_freed() {
+    let served = served();
+    // More than a socket holds, of which nothing is read: each keeps its place.
+    let file = fs::File::create(served._folder.path().join("one/long.csv")).expect("a file");
+    file.set_len(64 << 20).expect("a long file");
+    let (host, token) = served.parts();
+    let request = format!("GET /{token}/file/one/long.csv HTTP/1.1\r\nHost: {host}\r\n\r\n");
+    let mut slow = Vec::new();
+    for _ in 0..MAX_CONNECTIONS {
+        let mut stream = served.connect();
+        stream.write_all(request.as_bytes()).expect("sent");
+        // It has its place when its answer begins.
+        stream.read_exact(&mut [0; 15]).expect("an answer");
+        slow.push(stream);
+    }
     let mut answer = String::new();
-    // Connections are accepted in their order.
     served.connect().read_to_string(&mut answer).expect("an answer");
     assert_eq!(status(&answer), "503");
-    drop(silent);
+    drop(slow);
     let mut tries = 0;
     while status(&served.get("", "")) != "200" {
         tries += 1;

@@ -1,9 +1,11 @@
 //! The sessions below a folder, and their files: read only, and nothing else of the folder.
 
+use rustix::fs::{Mode, OFlags, openat};
 use serde::Serialize;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// What makes a folder a session.
 const SESSION: &str = "session.toml";
@@ -21,6 +23,8 @@ pub const MAX_FILE_BYTES: u64 = 256 << 20;
 pub struct Sessions {
     /// Without links.
     root: PathBuf,
+    /// The folder itself: files are opened from it on, so that nothing can be put in the place of its path meanwhile.
+    handle: Arc<File>,
 }
 
 /// What the page lists, schema `guide.sessions/1`.
@@ -56,7 +60,8 @@ impl Sessions {
         if !root.is_dir() {
             return Err(io::Error::from(io::ErrorKind::NotADirectory));
         }
-        Ok(Self { root })
+        let handle = Arc::new(File::open(&root)?);
+        Ok(Self { root, handle })
     }
 
     /// All sessions. Links are not followed; folders that begin with a dot are skipped.
@@ -102,31 +107,38 @@ impl Sessions {
     /// A file of a session by its path below the folder, with its length. None where there is none, where the path leads through a
     /// link or out of the folder, and where the file is not one of a session.
     pub fn open(&self, path: &str) -> Option<(File, u64)> {
-        let mut below = PathBuf::new();
-        for part in path.split('/') {
-            let is_plain = !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0', ':']);
-            if !is_plain {
-                return None;
-            }
-            below.push(part);
-        }
-        let file = self.regular(&below)?;
-        if !is_of_session(file.file_name()?.to_str()?) {
+        let is_plain =
+            |part: &str| !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0', ':']);
+        if !path.split('/').all(is_plain) {
             return None;
         }
-        self.regular(&below.parent()?.join(SESSION))?;
-        let file = File::open(file).ok()?;
-        let about = file.metadata().ok()?;
-        about.is_file().then_some((file, about.len()))
+        let (folders, name) =
+            path.rsplit_once('/').map_or((None, path), |(folders, name)| (Some(folders), name));
+        if !is_of_session(name) {
+            return None;
+        }
+        // Each part from the one before on and never through a link: what is compared is what is opened, whatever is renamed meanwhile.
+        let mut folder = Arc::clone(&self.handle);
+        for part in folders.into_iter().flat_map(|folders| folders.split('/')) {
+            folder = Arc::new(within(&folder, part, OFlags::DIRECTORY)?);
+        }
+        regular(&folder, SESSION)?;
+        regular(&folder, name)
     }
+}
 
-    /// The path of a regular file that is reached without a link.
-    fn regular(&self, below: &Path) -> Option<PathBuf> {
-        let named = self.root.join(below);
-        let real = fs::canonicalize(&named).ok()?;
-        // A link anywhere on the way leads elsewhere than its name states.
-        (real == named && fs::symlink_metadata(&real).ok()?.is_file()).then_some(real)
-    }
+/// Opens what is in a folder, and no link.
+fn within(folder: &File, name: &str, flags: OFlags) -> Option<File> {
+    // Not blocking: a pipe would wait for its writer.
+    let flags = flags | OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    openat(folder, name, flags, Mode::empty()).ok().map(File::from)
+}
+
+/// A regular file of a folder, with its length.
+fn regular(folder: &File, name: &str) -> Option<(File, u64)> {
+    let file = within(folder, name, OFlags::empty())?;
+    let about = file.metadata().ok()?;
+    about.is_file().then_some((file, about.len()))
 }
 
 fn is_of_session(name: &str) -> bool {
@@ -228,6 +240,52 @@ mod tests {
         }
         let paths: Vec<_> = sessions.list().sessions.into_iter().map(|one| one.path).collect();
         assert_eq!(paths, ["a", "b/c"]);
+    }
+
+    /// A link that is put in the place of a file or of its folder, again and again while it is opened.
+    #[cfg(unix)]
+    #[test]
+    fn a_link_that_is_swapped_in_meanwhile_is_never_followed() {
+        use std::os::unix::fs::symlink;
+        use std::sync::atomic::{AtomicBool, Ordering};
+        let (folder, sessions) = folder();
+        let (root, ends) = (folder.path().join("root"), AtomicBool::new(false));
+        fs::create_dir(folder.path().join("outside/a")).expect("a folder");
+        fs::write(folder.path().join("outside/run.force.csv"), "secret").expect("a file");
+        fs::copy(folder.path().join("outside/session.toml"), folder.path().join("outside/a/session.toml"))
+            .expect("a file");
+        symlink(folder.path().join("outside/run.force.csv"), root.join("link")).expect("a link");
+        symlink(folder.path().join("outside"), root.join("away")).expect("a link");
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let rename =
+                    |from: &str, to: &str| fs::rename(root.join(from), root.join(to)).expect("renamed");
+                while !ends.load(Ordering::Relaxed) {
+                    rename("a/run.force.csv", "kept");
+                    rename("link", "a/run.force.csv");
+                    rename("a/run.force.csv", "link");
+                    rename("kept", "a/run.force.csv");
+                    rename("a", "kept");
+                    rename("away", "a");
+                    rename("a", "away");
+                    rename("kept", "a");
+                }
+            });
+            let mut opened = 0;
+            for _ in 0..20_000 {
+                if let Some((mut file, _)) = sessions.open("a/run.force.csv") {
+                    let mut text = String::new();
+                    file.read_to_string(&mut text).expect("text");
+                    opened += 1;
+                    if text == "secret" {
+                        ends.store(true, Ordering::Relaxed);
+                        panic!("a link was followed");
+                    }
+                }
+            }
+            ends.store(true, Ordering::Relaxed);
+            assert!(opened > 0, "nothing was opened");
+        });
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::colour;
 use crate::foreign::{Form, printable};
-use anyhow::Context;
+use anyhow::{Context, bail};
 use formats::files;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
@@ -177,8 +177,14 @@ pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyho
     write_file(&path, svg)
 }
 
-/// Writes a whole file, in place of one that is there: after a failure the old one is.
+/// Writes a whole file, in place of one that is there: after a failure the old one is. A link to a file is neither followed nor replaced:
+/// another program may have put it there, and what it leads to was not named.
 pub fn write_file(path: &Path, content: &str) -> anyhow::Result<()> {
+    let is_link = path.symlink_metadata().is_ok_and(|named| named.is_symlink());
+    // `/dev/stdout` is a link too, to what the caller's shell has opened.
+    if is_link && !path.starts_with("/dev") && fs::metadata(path).map_or(true, |target| target.is_file()) {
+        bail!("{}: cannot write: it is a link; name the file that it leads to", path.display());
+    }
     files::replace(path, content.as_bytes()).with_context(|| format!("{}: cannot write", path.display()))
 }
 

@@ -42,6 +42,22 @@ fn a_report_has_the_numbers_of_the_other_commands() {
     assert_eq!(done["verdict"], json(&["diagnose", dir, "--json"])["verdict"]);
 }
 
+#[cfg(unix)]
+#[test]
+fn a_report_is_not_written_through_a_link() {
+    let folder = folder();
+    add_lateral_run(&mut writer(folder.path()));
+    let (theirs, link) = (folder.path().join("theirs.html"), folder.path().join("report.html"));
+    fs::write(&theirs, "theirs").expect("written");
+    std::os::unix::fs::symlink(&theirs, &link).expect("linked");
+    let line = failure(&["report", path(folder.path())]);
+    assert!(line.contains("report.html: cannot write: it is a link"), "{line}");
+    assert_eq!(fs::read(&theirs).expect("there"), b"theirs");
+    fs::remove_file(&link).expect("removed");
+    let told = guide(&["report", path(folder.path()), "--out", "/dev/stdout"]);
+    assert!(told.status.success(), "{}", text(&told.stderr));
+}
+
 #[test]
 fn a_report_is_the_same_bytes_each_time() {
     let folder = folder();
