@@ -4,10 +4,12 @@ use super::{failure, files, folder, guide, words};
 use fake_device::{Act, FakeDevice, Script};
 use formats::session::Session;
 use protocol::Request;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use std::collections::BTreeSet;
 use std::fs;
+use std::os::fd::OwnedFd;
 use std::path::Path;
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -109,49 +111,116 @@ fn signal(child: &Child, name: &str) {
     assert!(sent.expect("a shell").success());
 }
 
-/// Starts a command and sends a signal when the program runs; its output and what the device was sent.
-fn signalled(folder: &Path, command: &str, name: &str) -> (Output, Vec<Request>) {
-    let program = vec![Act::Batch(32), Act::Wait(1_500)];
-    let fake = FakeDevice::start(Script { program, ..Script::default() });
+/// What ends a command.
+#[derive(Debug, Clone, Copy)]
+enum End {
+    Signal(&'static str),
+    /// The terminal from which it was started is closed.
+    Terminal,
+}
+
+const ENDS: [End; 4] = [End::Signal("INT"), End::Signal("TERM"), End::Signal("HUP"), End::Terminal];
+
+/// A command that is started at a terminal of its own.
+fn at_terminal(folder: &Path, command: &str) -> (OwnedFd, Child) {
+    let terminal =
+        openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).expect("a terminal");
+    grantpt(&terminal).expect("granted");
+    unlockpt(&terminal).expect("unlocked");
+    let name = ptsname(&terminal, Vec::new()).expect("its name").into_string().expect("text");
+    let side = fs::OpenOptions::new().read(true).write(true).open(name).expect("its other side");
+    let mut child = Command::new("setsid");
+    child.args(["--ctty", "--wait", env!("CARGO_BIN_EXE_guide")]).args(words(command)).current_dir(folder);
+    child.stdin(side).stdout(Stdio::piped()).stderr(Stdio::piped());
+    (terminal, child.spawn().expect("guide starts"))
+}
+
+/// Starts a command, and ends it when the device has had a request; its output, what the device was sent, and how long it took.
+fn ended(
+    folder: &Path,
+    command: &str,
+    end: End,
+    begun: impl Fn(&Request) -> bool,
+) -> (Output, Vec<Request>, Duration) {
+    let program = vec![Act::Batch(32), Act::Wait(10_000)];
+    let fake = FakeDevice::start(Script { program, is_patient: true, ..Script::default() });
     let command = format!("{command} --port {}", fake.port);
-    let mut child = guide(folder, None, &words(&command)).spawn().expect("guide starts");
+    let (mut terminal, mut child) = match end {
+        End::Signal(_) => (None, guide(folder, None, &words(&command)).spawn().expect("guide starts")),
+        End::Terminal => {
+            let (terminal, child) = at_terminal(folder, &command);
+            (Some(terminal), child)
+        }
+    };
     let began = Instant::now();
-    while !fake.executed().iter().any(|request| matches!(request, Request::Run { .. })) {
+    while !fake.executed().iter().any(&begun) {
         assert!(began.elapsed() < LIMIT, "{command}: nothing runs");
         thread::sleep(Duration::from_millis(5));
     }
     thread::sleep(Duration::from_millis(100));
-    signal(&child, name);
     let began = Instant::now();
+    match end {
+        End::Signal(name) => signal(&child, name),
+        End::Terminal => drop(terminal.take()),
+    }
     while child.try_wait().expect("a state").is_none() {
-        assert!(began.elapsed() < LIMIT, "{command}: SIG{name} has no effect");
+        assert!(began.elapsed() < LIMIT, "{command}: {end:?} has no effect");
         thread::sleep(Duration::from_millis(5));
     }
+    let took = began.elapsed();
     let output = child.wait_with_output().expect("its output");
-    (output, fake.executed())
+    (output, fake.executed(), took)
 }
+
+/// Time in which a command ends, and what a busy computer may add.
+const WITHIN: Duration = Duration::from_millis(1_000 + 4_000);
 
 #[test]
 #[ignore = "takes half a minute: cargo xtask test --all runs it"]
-fn a_signal_in_mid_motion_stops_the_guide_and_is_reported_in_one_line() {
+fn what_ends_a_program_in_mid_motion_stops_the_guide_and_is_reported_in_one_line() {
+    let runs = |request: &Request| matches!(request, Request::Run { .. });
+    let mut longest = Duration::ZERO;
     for command in [
         "home",
         "move --y-mm 1",
         "tare --duration-s 2",
         "acquire --out made --rig rig.toml --depth-mm 20 --program push.toml --no-tare",
+        "characterize --rig rig.toml --session air --out made.toml",
     ] {
-        let names: &[&str] = if command.starts_with("move") { &["INT", "TERM", "HUP"] } else { &["INT"] };
-        for name in names {
+        for end in ENDS {
             let folder = bench();
-            let (output, executed) = signalled(folder.path(), command, name);
-            let what = format!("{command}, SIG{name}");
-            assert_eq!(failure(&output, &what), "error: interrupted: the guide was stopped");
-            assert_eq!(String::from_utf8_lossy(&output.stderr).lines().count(), 1, "{what}");
+            let (output, executed, took) = ended(folder.path(), command, end, runs);
+            let what = format!("{command}, {end:?}");
+            if matches!(end, End::Signal(_)) {
+                assert_eq!(failure(&output, &what), "error: interrupted: the guide was stopped");
+                // The bring-up in air states before what it is going to do.
+                let lines = if command.starts_with("characterize") { 2 } else { 1 };
+                assert_eq!(String::from_utf8_lossy(&output.stderr).lines().count(), lines, "{what}");
+            }
+            assert!(took < WITHIN, "{what}: {took:?}");
+            longest = longest.max(took);
             assert!(executed.contains(&Request::Stop), "{what}: {executed:?}");
             if command.starts_with("acquire") {
                 let read = Session::read(&folder.path().join("made")).expect("a session");
                 assert_eq!(read.lateral.first().map(|run| run.force.time_s.len()), Some(32), "{what}");
             }
+        }
+    }
+    println!("{longest:?} at most");
+}
+
+/// Nothing moves, and nothing that they keep alive or hold stays.
+#[test]
+#[ignore = "takes some seconds: cargo xtask test --all runs it"]
+fn what_ends_a_program_that_follows_the_device_ends_it_at_once() {
+    let streams = |request: &Request| matches!(request, Request::Stream { enable: true });
+    for command in ["record --out made --rig rig.toml --depth-mm 20", "serve . --igtl=127.0.0.1:0"] {
+        for end in ENDS {
+            let folder = if command.starts_with("serve") { folder() } else { bench() };
+            let (_, executed, took) = ended(folder.path(), command, end, streams);
+            assert!(took < WITHIN, "{command}, {end:?}: {took:?}");
+            let runs = executed.iter().any(|request| matches!(request, Request::Run { .. }));
+            assert!(!runs, "{command}, {end:?}: {executed:?}");
         }
     }
 }

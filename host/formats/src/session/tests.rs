@@ -209,10 +209,20 @@ fn runs_are_added_and_nothing_else_is_touched() {
     assert!(matches!(error, SessionError::OtherRig { field: "entry_mm", .. }), "{error}");
 }
 
-/// Each of four adds a run at the same time, into a session that none of them has made yet. A hundred rounds take 17 s, and lost nothing.
 #[test]
 fn four_writers_of_one_session_lose_nothing() {
-    for round in 0..8 {
+    four_writers(8);
+}
+
+#[test]
+#[ignore = "takes 17 s: cargo xtask test --all runs it"]
+fn four_writers_of_one_session_lose_nothing_in_a_hundred_rounds() {
+    four_writers(100);
+}
+
+/// Each of four adds a run at the same time, into a session that none of them has made yet.
+fn four_writers(rounds: u32) {
+    for round in 0..rounds {
         let dir = tempdir().expect("a folder");
         let path = dir.path().join("new");
         std::thread::scope(|scope| {
