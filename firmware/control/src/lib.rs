@@ -22,7 +22,6 @@
 //! | [`telemetry`] | batches, answers and events, and what is dropped where the link is slow |
 //! | [`indicator`] | the status light |
 //! | [`ads131m02`], [`calibration`], [`slots`] | the force converter; the constants of a rig, and where they are kept |
-//! | [`campaign`] | on hosts: random sequences of commands, checked against the limits |
 //!
 //! # Example
 //!
@@ -58,9 +57,6 @@
 pub mod ads131m02;
 pub mod axis;
 pub mod calibration;
-#[cfg(not(target_os = "none"))]
-#[allow(clippy::indexing_slicing, reason = "runs on hosts alone, where a mistake of its own may panic")]
-pub mod campaign;
 pub mod commands;
 pub mod decimate;
 pub mod force;

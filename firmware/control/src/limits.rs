@@ -12,7 +12,8 @@
 //! repeated, and a first false one may pass as a reading. So of any [`LATEST_READINGS`] readings two are true, and a load beyond the
 //! limit is detected in the tenth at the latest, whichever readings fail; with sound sensors in the second. At full speed a motor
 //! moves 20 um in a period: with a period of sampling and one until the bridge is off that is 0.24 mm instead of 0.08 mm, and it rolls on
-//! by 0.24 mm (lag of 12 periods) in both cases.
+//! by 0.24 mm (lag of 12 periods) in both cases. A motor whose gear has less friction rolls on further once its bridge is off (`host/manual/src/on-a-board.md` has
+//! the row in which that is measured), and the overshoot is larger by as much.
 //!
 //! **False faults.** Two spikes in the window are a fault: with `n` spikes an hour, `n * n * 32 / 3,600,000` false faults an hour, one in
 //! 30 hours at one a minute. A code is repeated where it is within [`REPEATED_CODES`] of one of the [`REMEMBERED_CODES`] before it. The

@@ -1,8 +1,8 @@
-//! Safety measures that tests can disable, to show that the tests find each gap (mutation testing of the limits). Without the feature
-//! `campaign`, and so in every image, nothing can be disabled, which the compiler evaluates.
+//! Safety measures that tests can disable, to show that the tests find each gap (mutation testing of the limits). In every
+//! image nothing can be disabled, which the compiler evaluates.
 //!
 //! Each of these measures closes what was once a way round a limit, or a state that no command ends. The random sequences of
-//! `crate::campaign` find it where the measure is disabled; the tests through QEMU go the way itself.
+//! the crate `sequences` find it where the measure is disabled; the tests through QEMU go the way itself.
 //!
 //! | measure | without it | test through QEMU |
 //! |---|---|---|
@@ -60,7 +60,7 @@ pub enum Mutation {
     AnyPulse,
 }
 
-#[cfg(not(not(target_os = "none")))]
+#[cfg(target_os = "none")]
 impl Mutation {
     /// This measure is disabled.
     pub(crate) const fn is_out(self) -> bool {

@@ -10,7 +10,8 @@
 //! * **It rises**: no mean may exceed the least since the fault by [`RISE_PERCENT`] of the rated range. The first one of a retreat is taken at
 //!   rest: what a motor rolls on is no part of it, and what a retreat has added that was stopped on its way is. Where the load has risen twice,
 //!   from there each time, no further retreat sets out: once may be a sensor that failed meanwhile, and many would be a way into the load,
-//!   where something else presses or the tables have the wrong sign.
+//!   where something else presses or the tables have the wrong sign. What the motor rolls on at the end of a retreat that has ended for a
+//!   rise belongs to that one.
 //! * **It does not fall**: a straight line through the latest [`TREND_BLOCKS`] means, which is as many steps of 25 um, 0.3 mm and more than
 //!   the play of the mechanism, has to fall by [`PROGRESS_PERCENT`] of the rated range: ten times the standard error of the line.
 //! * **It is not known** while the converter is saturated. Then only axes that have moved the way they were driven retreat.
@@ -89,22 +90,26 @@ pub struct LoadWatch {
     latest: HistoryBuf<f32, TREND_BLOCKS>,
     /// How often it has risen since the fault.
     rises: u8,
+    /// The latest retreat has ended for a rise.
+    has_ended: bool,
 }
 
 impl LoadWatch {
     /// A new fault: nothing is known of its load.
     #[expect(clippy::new_without_default, reason = "made where a fault is latched")]
     pub const fn new() -> Self {
-        Self { least: f32::INFINITY, latest: HistoryBuf::new(), rises: 0 }
+        Self { least: f32::INFINITY, latest: HistoryBuf::new(), rises: 0, has_ended: false }
     }
 
     /// Takes a mean on a cell of this rated range, counts: the one before a retreat, or one on its way.
     pub fn step(&mut self, [x, y]: Mean, range: f32, moves: bool) -> Trend {
         let load = libm::hypotf(x, y);
         let has_risen = load - self.least > range * RISE_PERCENT * 1e-2;
-        if has_risen {
+        let rolled_on = !moves && core::mem::take(&mut self.has_ended);
+        if has_risen && !rolled_on {
             self.rises = self.rises.saturating_add(1);
         }
+        self.has_ended |= has_risen && moves;
         self.least = if has_risen { load } else { self.least.min(load) };
         if !moves {
             self.latest = HistoryBuf::new();
@@ -242,8 +247,8 @@ impl Controller {
 
 #[cfg(test)]
 mod tests {
-    use super::super::campaign::random::Random;
     use super::*;
+    use noise::Noise;
 
     const RANGE: f32 = 100_000.0;
 
@@ -282,6 +287,20 @@ mod tests {
         }
     }
 
+    /// A sensor that fails once, and what the motor rolls on then, is one rise.
+    #[test]
+    fn what_rolls_on_after_a_rise_is_no_second_one() {
+        let mut watch = LoadWatch::new();
+        let mut step = |load: f32, moves| watch.step([0.0, load], RANGE, moves);
+        assert_eq!(step(44_000.0, false), Trend::Falling);
+        assert_eq!(step(34_000.0, true), Trend::Falling);
+        assert_eq!(step(40_000.0, true), Trend::NotFalling);
+        assert_eq!(step(42_000.0, false), Trend::Falling, "the next retreat sets out");
+        assert_eq!(step(41_000.0, true), Trend::Falling);
+        assert_eq!(step(43_000.0, true), Trend::NotFalling);
+        assert_eq!(step(43_000.0, false), Trend::NotFalling, "it has risen twice");
+    }
+
     #[test]
     fn what_presses_less_in_all_falls_though_it_rises_along_one_axis() {
         let mut watch = LoadWatch::new();
@@ -294,8 +313,8 @@ mod tests {
     /// The hum of 0.1 N at 50 Hz or 60 Hz and noise of 0.02 N, on a load that falls by 0.1 N/mm, or stays.
     #[test]
     fn hum_and_noise_change_no_decision() {
-        let mut random = Random::new(7);
-        let mut noise = || (0..12).map(|_| random.below(2_001) as f32 - 1_000.0).sum::<f32>() / 2_000.0;
+        let mut random = Noise::new(7);
+        let mut noise = || random.normal() as f32;
         let calibration = crate::calibration::Calibration::default();
         for hertz in [50.0, 60.0] {
             for (fall, lasts) in [(0.5, 40), (0.0, TREND_BLOCKS)] {

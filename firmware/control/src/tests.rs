@@ -3,9 +3,8 @@
 use super::axis::REENGAGE_ERROR_UM;
 use super::*;
 use crate::ads131m02::ForceFault;
-use crate::campaign::random::Random;
-use crate::campaign::sensors::Failing;
 use crate::hal::Readings;
+use noise::Noise;
 use proptest::prelude::*;
 use protocol::{
     CalibrationRecord, Command, Counters, Load, Refusal, Request, RetreatOutcome, State, Step, TareProblem,
@@ -43,10 +42,6 @@ struct Bench {
     /// Noise of a reading, and amplitude of the mains on it, newtons.
     noise_n: f32,
     hum_n: f32,
-    force_fails: Option<Failing>,
-    potentiometers_fail: Option<Failing>,
-    /// Codes of both sensors when they began to fail.
-    kept: Option<[[i32; 2]; 2]>,
     potentiometer_codes: Option<[u16; 2]>,
     /// Share of the speed that the motors really have.
     strength: f32,
@@ -76,9 +71,6 @@ impl Bench {
             force_stuck: false,
             noise_n: 0.4e-3,
             hum_n: 0.0,
-            force_fails: None,
-            potentiometers_fail: None,
-            kept: None,
             potentiometer_codes: None,
             strength: 1.0,
             runaway: None,
@@ -100,25 +92,16 @@ impl Bench {
         let code = |um: f32| (um / 12.207_031 + 2_048.0).round().clamp(0.0, 4_095.0) as u16;
         // 1 N/mm; a code is 0.93 uN, and the converter has its own noise.
         let period = self.now_us / 1_000;
-        let mut random = Random::new(if self.force_stuck { 0 } else { period });
+        let mut noise = Noise::new(if self.force_stuck { 0 } else { period });
         let hum_n = self.hum_n * (std::f32::consts::TAU * 0.05 * (period % 20) as f32).sin();
-        let mut force = [0, 1].map(|axis| {
+        let force = [0, 1].map(|axis| {
             let force_n = self.position_um[axis] * self.stiffness_n_per_um + self.push_n[axis] + hum_n;
-            let noise_n: f32 = (0..12).map(|_| random.between(-1_000, 1_000) as f32 / 2_000.0).sum();
-            ((force_n + noise_n * self.noise_n) / 931.323e-9) as i32
+            ((force_n + noise.normal() as f32 * self.noise_n) / 931.323e-9) as i32
         });
-        let mut potentiometers = self.position_um.map(code).map(i32::from);
-        let [kept_force, kept_potentiometers] = *self.kept.get_or_insert([force, potentiometers]);
-        if let Some(failing) = self.force_fails {
-            force = failing.codes(period, force, kept_force, CODE_MAX);
-        }
-        if let Some(failing) = self.potentiometers_fail {
-            potentiometers = failing.codes(period, potentiometers, kept_potentiometers, 4_095);
-        }
-        let at_its_end = force.iter().position(|code| *code == CODE_MAX);
+        let at_its_end = force.iter().position(|code| *code >= CODE_MAX);
         let saturated = at_its_end.map(|channel| ForceFault::Saturated { channel: channel as u8 });
         let readings = Readings {
-            potentiometer_codes: self.potentiometer_codes.unwrap_or(potentiometers.map(|code| code as u16)),
+            potentiometer_codes: self.potentiometer_codes.unwrap_or(self.position_um.map(code)),
             force_codes: self.force_fault.or(saturated).map_or(Ok(force), Err),
             emergency_stop: self.emergency_stop,
         };

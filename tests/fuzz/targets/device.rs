@@ -1,4 +1,4 @@
-//! Fuzz target: see `system::fuzzed::device`.
+//! Fuzz target: see `sequences::run_bytes`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| system::fuzzed::device::run(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| sequences::run_bytes(data));

@@ -100,12 +100,7 @@ impl Bench {
     ) -> Result<Self> {
         let elf = images::build_for(board, Image::Qemu)?;
         let folder = tempfile::Builder::new().prefix("needle-guide-").tempdir()?;
-        let mut flash = vec![ERASED; PAGES * STORED_BYTES];
-        for (kept, page) in flash.chunks_exact_mut(STORED_BYTES).zip(pages) {
-            kept.iter_mut().zip(*page).for_each(|(kept, byte)| *kept = *byte);
-        }
-        fs::write(folder.path().join("flash.bin"), flash)?;
-        fs::write(folder.path().join("unique-id.bin"), unique_id())?;
+        lay_out(folder.path(), pages)?;
         // The rig waits for QEMU to open its pipes, but not for long.
         let turn = qemu::turn();
         let cosim = Cosim::start_wired(config, seed, folder.path(), speed, faults)?;
@@ -192,6 +187,18 @@ impl Bench {
             None => Ok(Vec::new()),
         }
     }
+}
+
+/// Puts into a folder what a board has before it is powered on: the content of its flash's pages, those of the calibration first, where what
+/// is missing is erased, and a number of its own.
+pub(crate) fn lay_out(folder: &Path, pages: &[&[u8]]) -> Result<()> {
+    let mut flash = vec![ERASED; PAGES * STORED_BYTES];
+    for (kept, page) in flash.chunks_exact_mut(STORED_BYTES).zip(pages) {
+        kept.iter_mut().zip(*page).for_each(|(kept, byte)| *kept = *byte);
+    }
+    fs::write(folder.join("flash.bin"), flash)?;
+    fs::write(folder.join("unique-id.bin"), unique_id())?;
+    Ok(())
 }
 
 /// A number that no other board has: a host must not take a new rig for the one before.

@@ -8,8 +8,6 @@ pub mod bench;
 pub mod beside;
 #[cfg(feature = "checks")]
 pub mod bringup;
-#[cfg(feature = "checks")]
-pub mod campaign;
 pub mod cosim;
 pub mod demo;
 #[cfg(feature = "checks")]
@@ -21,6 +19,8 @@ pub mod hil;
 #[cfg(feature = "checks")]
 pub mod imaged;
 pub mod images;
+#[cfg(feature = "checks")]
+pub mod left_running;
 #[cfg(feature = "checks")]
 pub mod module;
 pub mod needle;
@@ -37,18 +37,14 @@ pub mod qemu;
 #[cfg(feature = "checks")]
 pub mod readme;
 #[cfg(feature = "checks")]
+pub mod sequences;
+#[cfg(feature = "checks")]
 pub mod size;
-#[cfg(feature = "checks")]
-pub mod soak;
-#[cfg(feature = "checks")]
-pub mod stress;
 pub mod terminals;
 #[cfg(feature = "checks")]
 pub mod timing;
 #[cfg(feature = "checks")]
 pub mod tracking;
-#[cfg(feature = "checks")]
-pub mod trial;
 pub mod wire;
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 #[cfg(feature = "checks")]
 use system::{
-    beside, bringup, campaign, fuzz, hil, imaged, on_target, readme, size, soak, stress, timing, tracking,
+    beside, bringup, fuzz, hil, imaged, left_running, on_target, readme, sequences, size, timing, tracking,
 };
 use system::{cosim, demo, needle};
 
@@ -50,17 +50,13 @@ enum Task {
     /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
     #[cfg(feature = "checks")]
     Tracking,
-    /// Run the firmware on a line with errors: flipped bits, cuts, programs; no wrong sample may arrive, and no loss be uncounted
+    /// Carry out random sequences of commands, faults of sensors and restarts, in this process and through the firmware in QEMU: none
+    /// may circumvent a limit
     #[cfg(feature = "checks")]
-    Stress(stress::Args),
-    /// Run the firmware for an hour of its time with random commands, faults, restarts, cuts and flipped bits; what must hold is
-    /// checked throughout
+    Sequences(sequences::Args),
+    /// Leave `guide serve` and then `guide monitor` running, with clients, a second program and a port that comes and goes
     #[cfg(feature = "checks")]
-    Soak(soak::Args),
-    /// Carry out random sequences of commands, faults and restarts, in this process and through the firmware in QEMU: none may
-    /// circumvent a limit
-    #[cfg(feature = "checks")]
-    Campaign(campaign::Args),
+    LeftRunning(left_running::Args),
     /// Fuzz every parser with generated inputs, and report the input on which one fails
     #[cfg(feature = "checks")]
     Fuzz(fuzz::Args),
@@ -123,22 +119,13 @@ fn run(task: Task) -> Result<()> {
             Ok(())
         }
         #[cfg(feature = "checks")]
-        Task::Stress(args) => {
-            println!("{}", stress::run(args)?);
+        Task::Sequences(args) => {
+            println!("{}", sequences::run(args)?);
             Ok(())
         }
         #[cfg(feature = "checks")]
-        Task::Soak(args) => {
-            if args.programs {
-                println!("{}", soak::programs::run(args)?);
-            } else {
-                println!("{}", soak::run(args)?);
-            }
-            Ok(())
-        }
-        #[cfg(feature = "checks")]
-        Task::Campaign(args) => {
-            println!("{}", campaign::run(args)?);
+        Task::LeftRunning(args) => {
+            println!("{}", left_running::run(args)?);
             Ok(())
         }
         #[cfg(feature = "checks")]

@@ -32,7 +32,7 @@ enum Needs {
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 22] = [
+const TASKS: [(&str, Needs, &str); 21] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",
@@ -78,19 +78,14 @@ const TASKS: [(&str, Needs, &str); 22] = [
         "Run the online estimator on the target: agreement with the host, instructions per update",
     ),
     (
-        "stress",
+        "sequences",
         Needs::Qemu,
-        "Run the firmware on a line with errors: no wrong sample may arrive, and no loss be uncounted",
+        "Carry out random sequences of commands, faults of sensors and restarts: none may circumvent a limit",
     ),
     (
-        "soak",
+        "left-running",
         Needs::Qemu,
-        "Run the firmware for an hour of its time with random commands, faults, restarts and cuts",
-    ),
-    (
-        "campaign",
-        Needs::Qemu,
-        "Carry out random sequences of commands, faults and restarts: none may circumvent a limit",
+        "Leave guide serve and guide monitor running, with clients, other programs and a port that comes and goes",
     ),
     (
         "fuzz",

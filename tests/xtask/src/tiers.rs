@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | checks | format, clippy of the host; the image builds without warnings | documentation, clippy of the images, manual, licences |
 //! | host | every test but those of the second column | studies in small, examples in documentation, Python |
-//! | firmware | protocol in QEMU; every hazard, the procedure and the link end to end | the second board, instructions of control core and online estimator, peers, steering, bring-up, soak in short, sizes of the images |
+//! | firmware | protocol in QEMU; every hazard, the procedure and the link end to end | the second board, instructions of control core and online estimator, peers, steering, bring-up, sequences, sizes of the images |
 //!
 //! A test of the second tier is marked `#[ignore]` with the reason; of the tests in `tests/system/tests/end_to_end`, which need QEMU and are all
 //! marked, the first tier runs those below the module `in_minutes`. CONTRIBUTING states why each of the others is not there.

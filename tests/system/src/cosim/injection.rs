@@ -3,8 +3,8 @@
 use super::PERIOD_S;
 use super::line::{LINE_BAUD, Line};
 use super::wiring::Wiring;
-use control::campaign::sensors::Failing;
 use emulation::plant::{FORCE_CODE_MAX, FULL_SCALE, POTENTIOMETER_CODE_MAX, PlantReply, PlantRequest};
+use sequences::sensors::{Contacts, Failing};
 use simulation::rig::{BridgeInputs, Codes};
 
 /// What is injected; by default nothing. Axes are 0 for x and 1 for y.
@@ -125,8 +125,9 @@ pub(super) struct Electronics {
     stack_overflow: bool,
     /// Force codes of the last reply.
     force_codes: [i32; 2],
-    /// Codes of force and potentiometers when they began to fail.
-    kept: Option<[[i32; 2]; 2]>,
+    /// The channels of force and potentiometers, with what fails of them.
+    force: Contacts,
+    potentiometers: Contacts,
     line: Line,
     wiring: Wiring,
     /// The emergency stop's switch.
@@ -154,7 +155,8 @@ impl Electronics {
             panic: false,
             stack_overflow: false,
             force_codes: [0; 2],
-            kept: None,
+            force: Contacts::default(),
+            potentiometers: Contacts::default(),
             line: Line::default(),
         }
     }
@@ -229,7 +231,8 @@ impl Electronics {
         self.panic = injection.panic;
         self.stack_overflow = injection.stack_overflow;
         self.injection = injection;
-        self.kept = None;
+        self.force = Contacts::new(injection.force_fails, period);
+        self.potentiometers = Contacts::new(injection.potentiometers_fail, !period);
         self.over_at = injection.for_periods.map(|periods| period + periods);
         // The end of an injection is none: what it did can still be read.
         if injection != Injection::default() {
@@ -274,20 +277,11 @@ impl Electronics {
         let saturates_once = std::mem::take(&mut self.saturates_once);
         let saturated =
             injection.force_saturated.or(injection.force_saturated_once.filter(|_| saturates_once));
-        self.force_codes = self.force(codes.bridge, saturated);
-        let mut force_codes = self.force_codes;
-        let mut potentiometer_codes = potentiometers(&injection, codes.potentiometer);
-        let sound = [force_codes, potentiometer_codes.map(i32::from)];
-        let [kept_force, kept_potentiometers] = *self.kept.get_or_insert(sound);
-        if let Some(failing) = injection.force_fails {
-            force_codes = failing.codes(self.periods, force_codes, kept_force, FORCE_CODE_MAX);
-        }
-        if let Some(failing) = injection.potentiometers_fail {
-            let [_, codes] = sound;
-            let most = i32::from(POTENTIOMETER_CODE_MAX);
-            potentiometer_codes =
-                failing.codes(self.periods, codes, kept_potentiometers, most).map(|code| code as u16);
-        }
+        self.force_codes = self.bridge(codes.bridge, saturated);
+        let force_codes = self.force.read(self.force_codes, FORCE_CODE_MAX);
+        let potentiometer_codes = potentiometers(&injection, codes.potentiometer).map(i32::from);
+        let most = i32::from(POTENTIOMETER_CODE_MAX);
+        let potentiometer_codes = self.potentiometers.read(potentiometer_codes, most).map(|code| code as u16);
         PlantReply {
             step,
             potentiometer_codes,
@@ -307,7 +301,7 @@ impl Electronics {
         }
     }
 
-    fn force(&self, codes: [i32; 2], saturated: Option<usize>) -> [i32; 2] {
+    fn bridge(&self, codes: [i32; 2], saturated: Option<usize>) -> [i32; 2] {
         let injection = &self.injection;
         if injection.force_stuck {
             return self.force_codes;

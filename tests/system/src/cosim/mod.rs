@@ -22,7 +22,7 @@ mod history;
 mod injection;
 mod line;
 mod needle;
-mod output;
+pub(crate) mod output;
 mod pace;
 mod sweeps;
 mod wiring;
@@ -38,19 +38,14 @@ pub use wiring::{Fault, Kind};
 use crate::qemu::HANGS;
 use allowance::Allowance;
 use anyhow::{Context, Result, bail};
-use emulation::plant::{
-    FORCE_CODE_MAX, PERIOD_US, PlantReply, PlantRequest, RECORD_BYTES, REPLY_PIPE, REQUEST_PIPE,
-};
+use emulation::plant::{FORCE_CODE_MAX, PERIOD_US, PlantReply, PlantRequest, RECORD_BYTES};
 use gate::Gate;
 use injection::Electronics;
-use output::Output;
+use output::{Output, open_pipes, read_record};
 use pace::Pace;
-use rustix::fs::OFlags;
 use simulation::rig::SimulatedRig;
 use simulation::rig::config::RigConfig;
-use std::fs::{File, OpenOptions};
-use std::io::{Read, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -155,9 +150,6 @@ impl Cosim {
         let codes_per_n = force.share_of_full_scale * f64::from(FORCE_CODE_MAX) / force.range_n;
         let wiring = Wiring::new(faults, seed, codes_per_n, force.noise_n);
         let rig = SimulatedRig::new(config, seed)?;
-        for name in [REQUEST_PIPE, REPLY_PIPE] {
-            output::make_pipe(&folder.join(name))?;
-        }
         let output = Output::open(folder)?;
         let state = Arc::new(Mutex::new(State {
             rig,
@@ -428,35 +420,4 @@ fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> PlantRepl
         });
     }
     reply
-}
-
-/// Opens both pipes without ever hanging on a firmware that does not come. `None` when stopped meanwhile.
-fn open_pipes(folder: &Path, stop: &AtomicBool, deadline: Instant) -> Result<Option<(File, File)>> {
-    let flags = OFlags::NONBLOCK.bits() as i32;
-    let requests = OpenOptions::new().read(true).custom_flags(flags).open(folder.join(REQUEST_PIPE))?;
-    loop {
-        // Opening for writing succeeds once the firmware has the other end.
-        match OpenOptions::new().write(true).custom_flags(flags).open(folder.join(REPLY_PIPE)) {
-            Ok(replies) => {
-                for pipe in [&requests, &replies] {
-                    let flags = rustix::fs::fcntl_getfl(pipe)?;
-                    rustix::fs::fcntl_setfl(pipe, flags - OFlags::NONBLOCK)?;
-                }
-                return Ok(Some((requests, replies)));
-            }
-            Err(_) if stop.load(Ordering::Acquire) => return Ok(None),
-            Err(_) if Instant::now() < deadline => thread::sleep(Duration::from_millis(2)),
-            Err(error) => bail!("the firmware did not open the plant pipes in {HANGS:?}: {error}"),
-        }
-    }
-}
-
-/// Reads one record; false at the end of the pipe.
-fn read_record(pipe: &mut File, record: &mut [u8], stop: &AtomicBool) -> Result<bool> {
-    match pipe.read_exact(record) {
-        Ok(()) => Ok(true),
-        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => Ok(false),
-        Err(_) if stop.load(Ordering::Acquire) => Ok(false),
-        Err(error) => Err(error).context("the plant pipe broke"),
-    }
 }

@@ -4,25 +4,32 @@
 //! the next period, all that it sent before has arrived here, whether a host has the port open or not, and however much
 //! the host has read of it.
 
-use crate::qemu::OUTPUT_PIPE;
-use anyhow::{Context, Result};
+use crate::qemu::{HANGS, OUTPUT_PIPE};
+use anyhow::{Context, Result, bail};
+use emulation::plant::{REPLY_PIPE, REQUEST_PIPE};
 use protocol::{EnvelopeReceiver, Message, Received};
 use rustix::fs::{FileType, Mode, OFlags};
 use std::fs::{File, OpenOptions};
 use std::io::Read;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
 
 /// The device's words as they leave it.
 #[derive(Debug)]
-pub(super) struct Output {
+pub(crate) struct Output {
     pipe: File,
     receiver: EnvelopeReceiver,
 }
 
 impl Output {
-    /// Makes the pipe in a folder; QEMU opens its other end.
-    pub(super) fn open(folder: &Path) -> Result<Self> {
+    /// Makes the pipes of a firmware in a folder, and opens the one of its words; QEMU opens the other ends.
+    pub(crate) fn open(folder: &Path) -> Result<Self> {
+        for name in [REQUEST_PIPE, REPLY_PIPE] {
+            make_pipe(&folder.join(name))?;
+        }
         let path = folder.join(OUTPUT_PIPE);
         make_pipe(&path)?;
         // Not blocking: QEMU waits for this end where it opens its own, and not the other way round.
@@ -32,7 +39,7 @@ impl Output {
     }
 
     /// Hands out the messages since the last call, in order; returns of how many bytes. What is no message is skipped.
-    pub(super) fn drain(&mut self, mut take: impl FnMut(&Message)) -> u64 {
+    pub(crate) fn drain(&mut self, mut take: impl FnMut(&Message)) -> u64 {
         let (mut bytes, mut count) = ([0; 1024], 0);
         while let Ok(length @ 1..) = self.pipe.read(&mut bytes) {
             count += length as u64;
@@ -47,9 +54,44 @@ impl Output {
 }
 
 /// Makes a named pipe.
-pub(super) fn make_pipe(path: &Path) -> Result<()> {
+fn make_pipe(path: &Path) -> Result<()> {
     rustix::fs::mknodat(rustix::fs::CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)
         .with_context(|| format!("cannot make the pipe {}", path.display()))
+}
+
+/// Opens both pipes without ever hanging on a firmware that does not come. `None` when stopped meanwhile.
+pub(crate) fn open_pipes(
+    folder: &Path,
+    stop: &AtomicBool,
+    deadline: Instant,
+) -> Result<Option<(File, File)>> {
+    let flags = OFlags::NONBLOCK.bits() as i32;
+    let requests = OpenOptions::new().read(true).custom_flags(flags).open(folder.join(REQUEST_PIPE))?;
+    loop {
+        // Opening for writing succeeds once the firmware has the other end.
+        match OpenOptions::new().write(true).custom_flags(flags).open(folder.join(REPLY_PIPE)) {
+            Ok(replies) => {
+                for pipe in [&requests, &replies] {
+                    let flags = rustix::fs::fcntl_getfl(pipe)?;
+                    rustix::fs::fcntl_setfl(pipe, flags - OFlags::NONBLOCK)?;
+                }
+                return Ok(Some((requests, replies)));
+            }
+            Err(_) if stop.load(Ordering::Acquire) => return Ok(None),
+            Err(_) if Instant::now() < deadline => thread::sleep(Duration::from_millis(2)),
+            Err(error) => bail!("the firmware did not open the plant pipes in {HANGS:?}: {error}"),
+        }
+    }
+}
+
+/// Reads one record; false at the end of the pipe.
+pub(crate) fn read_record(pipe: &mut File, record: &mut [u8], stop: &AtomicBool) -> Result<bool> {
+    match pipe.read_exact(record) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => Ok(false),
+        Err(_) if stop.load(Ordering::Acquire) => Ok(false),
+        Err(error) => Err(error).context("the plant pipe broke"),
+    }
 }
 
 #[cfg(test)]

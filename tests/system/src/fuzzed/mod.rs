@@ -5,14 +5,13 @@
 //! |---|---|---|
 //! | [`receiver`] | bytes in pieces to the receivers of both ends | the books balance; pieces do not matter; a sound frame after a zero byte arrives |
 //! | [`messages`] | payloads of every type | what is read is written and read again as the same |
-//! | [`device`] | commands and readings to the control core | bridges off in a fault; duty within its range; one answer per command; targets within travel |
+//! | `device` | choices of a sequence ([`sequences::run_bytes`]) | what must hold for any sequence |
 //! | [`session`] | a session's files | a check reports what stops a reader |
 //! | [`recording`] | a raw recording | what is recovered is sound and holds the same frames |
 //! | [`igtl`] | bytes in pieces to the decoder of OpenIGTLink | it keeps one message at most; what is read is written and read again as the same |
 //! | [`files`] | every other kind of file | |
 //! | [`images`] | files of ultrasound frames | frames have the size that the header states; echoes have a place and a deviation |
 
-pub mod device;
 pub mod files;
 pub mod igtl;
 pub mod images;
@@ -35,7 +34,7 @@ pub struct Target {
 pub const TARGETS: [Target; 8] = [
     Target { name: "receiver", run: receiver::run, most_bytes: 2_048 },
     Target { name: "messages", run: messages::run, most_bytes: 256 },
-    Target { name: "device", run: device::run, most_bytes: 1_024 },
+    Target { name: "device", run: sequences::run_bytes, most_bytes: 1_024 },
     Target { name: "session", run: session::run, most_bytes: 8_192 },
     Target { name: "recording", run: recording::run, most_bytes: 4_096 },
     Target { name: "igtl", run: igtl::run, most_bytes: 4_096 },
@@ -70,10 +69,6 @@ impl<'a> Bytes<'a> {
 
     pub(crate) fn u16(&mut self) -> u16 {
         u16::from_le_bytes(self.array())
-    }
-
-    pub(crate) fn i32(&mut self) -> i32 {
-        i32::from_le_bytes(self.array())
     }
 
     /// Bytes after their length, which has one byte.

@@ -68,7 +68,7 @@ pub enum Group {
     Quick,
     /// What needs the firmware in QEMU: minutes
     Rig,
-    /// Tables of studies, stress, soak and timing: up to hours
+    /// Tables of studies and timing: up to hours
     Long,
 }
 

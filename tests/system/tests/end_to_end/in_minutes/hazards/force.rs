@@ -1,8 +1,13 @@
 //! Emergency stop and force.
 
 use super::*;
-use control::campaign::sensors::{Effect, Failing, Pattern};
 use control::limits::DOUBTFUL_READINGS;
+use protocol::{Command, Message};
+use sequences::Disturbances;
+use sequences::plant::Build;
+use sequences::rig::Rig;
+use sequences::sensors::{Effect, Failing, Pattern};
+use system::sequences::lockstep::Lockstep;
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
@@ -145,4 +150,54 @@ fn hum_does_not_keep_a_load_beyond_the_range() {
     eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
     drop(client);
     bench.stop().unwrap();
+}
+
+/// Channels that fail in most readings, or always, while the guide is driven into a load: on a plant that shares nothing with the simulated
+/// rig, whose true force counts. All patterns go through the controller in the tests of the crate `sequences`.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn failing_force_channels_hide_no_load_of_a_plant_of_their_own() {
+    const LIMIT_N: f32 = 2.0;
+    /// Overshoot that the interlock's table states, on 2 N/mm.
+    const STATED_N: f32 = 0.48 * 2.0;
+    let patterns =
+        [Pattern::AllButOneOf(0), Pattern::AllButOneOf(2), Pattern::AllButOneOf(4), Pattern::Percent(60)];
+    for (pattern, effect) in
+        patterns.into_iter().flat_map(|pattern| Effect::ALL.map(|effect| (pattern, effect)))
+    {
+        let build = Build { stiffness_n_per_mm: [2.0; 2], ..Build::default() };
+        let mut firmware = Lockstep::start(Rig::new(build, 5), HANGS).unwrap();
+        let mut token = 0;
+        let mut ask = |firmware: &mut Lockstep, id, request| {
+            let messages = firmware.ask(&Command { id, connection: token, request }).unwrap();
+            for message in &messages {
+                if let Message::Connected { connection } = message {
+                    token = *connection;
+                }
+            }
+            assert!(matches!(messages.last(), Some(Message::Ack { .. })), "{request:?}: {messages:?}");
+            messages
+        };
+        ask(&mut firmware, 0, Request::Hello);
+        ask(&mut firmware, 1, Request::Limits { force_mn: 2_000, silence_ms: 10_000 });
+        let step = move_y(9_000, 10_000);
+        ask(&mut firmware, 2, Request::LoadStep { index: 0, step });
+        ask(&mut firmware, 3, Request::Run { steps: 1, crc: program_crc(&[step]), start_us: 0 });
+        while firmware.rig.most_n() < LIMIT_N / 2.0 {
+            firmware.period().unwrap();
+        }
+        let failing = Failing { effect, pattern, channels: [true; 2] };
+        firmware.rig.set(Disturbances { force: Some(failing), ..Disturbances::default() });
+        for _ in 0..1_500 {
+            firmware.period().unwrap();
+        }
+        let messages = ask(&mut firmware, 4, Request::Status);
+        let fault = messages.iter().find_map(|message| match message {
+            Message::Status(status) => status.fault,
+            _ => None,
+        });
+        assert!(fault.is_some() && !firmware.driven, "{failing:?}: {messages:?}");
+        assert!(firmware.most_n < LIMIT_N + STATED_N, "{failing:?}: {} N", firmware.most_n);
+        firmware.stop().unwrap();
+    }
 }

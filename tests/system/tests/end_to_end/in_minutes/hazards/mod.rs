@@ -187,6 +187,7 @@ fn tests_of_hazards() -> String {
         include_str!("time.rs"),
         include_str!("../../at_length/hazards.rs"),
         include_str!("../../../../../../firmware/control/src/tests/findings.rs"),
+        include_str!("../../../../../sequences/tests/patterns.rs"),
     ]
     .concat()
 }
