@@ -33,6 +33,8 @@ use static_cell::StaticCell;
 /// Entries of the outbox: half a second of batches, and some for notes.
 const OUTBOX_PLACES: usize = 24;
 const PERIOD: Duration = Duration::from_micros(PERIOD_US as u64);
+/// What is left of every period for the background tasks: three times what they take where a host asks all the time.
+const RESERVED: Duration = Duration::from_micros(200);
 /// How often a background task shows that it runs, at least.
 const CHECK_IN: Duration = Duration::from_millis(25);
 /// How long ago the last background task may have shown it for the watchdog to be fed, periods.
@@ -105,6 +107,9 @@ pub fn start(board: Board) {
         Debug2Format(&boot.reset_reason),
         calibration.record().id.as_str()
     );
+    if boot.is_blind {
+        error!("the watchdog has ended several starts on end: no sensor is read");
+    }
     if let Some(panic) = &boot.last_panic {
         error!("the run before ended in a panic: {=str}", panic.as_str());
     }
@@ -121,8 +126,8 @@ pub fn start(board: Board) {
     let once = "each task is spawned once";
     control_spawner.spawn(control(sensors, actuators, panel, controller).expect(once));
     background.spawn(link::receive(receiving).expect(once));
+    background.spawn(housekeep(boot.is_blind).expect(once));
     background.spawn(link::send(sending, boot, calibration).expect(once));
-    background.spawn(housekeep().expect(once));
 }
 
 /// Sleeps until there is something to do, and counts the time; what thread mode does.
@@ -141,7 +146,7 @@ pub fn idle() {
 
 /// Reads the registers back, measures the stack now and then, and restarts the device with a calibration that has come.
 #[embassy_executor::task]
-async fn housekeep() {
+async fn housekeep(is_blind: bool) {
     const STACK_EVERY: u32 = 40;
     /// When the registers are read back: everything runs, and a host has been answered, so that it gets to know of the panic of the
     /// start before.
@@ -155,7 +160,11 @@ async fn housekeep() {
         round = (round + 1) % STACK_EVERY;
         if round == REGISTERS_AT && !verified {
             verified = true;
-            board::verify_registers();
+            // Those of a converter that is not read have no value.
+            if !is_blind {
+                board::verify_registers();
+            }
+            board::runs();
         }
         if round == 1 {
             STACK_FREE_BYTES.store(cortex_m_stack::stack_painted(), Ordering::Relaxed);
@@ -219,6 +228,7 @@ async fn control(
     let mut meter = Meter { load: Load::default(), periods: 0 };
     let mut led = false;
     let mut silent_periods = 0_u32;
+    let mut left_out = false;
 
     // Whole periods since start, so that sample times are multiples of the period.
     let mut due = Instant::from_micros(Instant::now().as_micros().next_multiple_of(PERIOD_US.into()));
@@ -226,9 +236,11 @@ async fn control(
         due += PERIOD;
         Timer::at(due).await;
         let began = Instant::now();
-        let late = began.saturating_duration_since(due);
+        let mut late = began.saturating_duration_since(due);
         // What can no longer be caught up is skipped; the host finds the gap in the sample times.
         due += PERIOD * (late.as_micros() / u64::from(PERIOD_US)) as u32;
+        // One that was left out, because that before it took too long, is late too.
+        late = late.max(PERIOD * u32::from(core::mem::take(&mut left_out)));
 
         let received = RECEIVE_COUNTERS.lock(Cell::get);
         let outputs = controller.step(&Inputs {
@@ -268,6 +280,10 @@ async fn control(
             RESTART.signal(record);
         }
         meter.period(late, began.elapsed());
+        // Control that takes all the time there is would leave a host without an answer, and the watchdog without its food.
+        let behind_us = (Instant::now().saturating_duration_since(due) + RESERVED).as_micros();
+        left_out = behind_us > u64::from(PERIOD_US);
+        due += PERIOD * (behind_us / u64::from(PERIOD_US)) as u32;
     }
 }
 

@@ -18,6 +18,15 @@ pub const MAX_STORED_ANSWERS: usize = 8;
 pub const CONNECTIONS: usize = 4;
 /// Between the tokens of two connections: odd, so that they differ through all 2^32, and with many bits set.
 const TOKEN_STEP: u32 = 0x9E37_79B9;
+/// Connections of one start with tokens of their own; the tokens of later ones are those of the first again.
+pub const TOKENS: u32 = 1 << 12;
+
+/// Identity of a start of a chip, and what the tokens of its connections are counted from. The tokens of two starts of a chip are different
+/// while their counts differ by less than 2^20: a start has a block of [`TOKENS`] numbers, and multiplication by an odd number keeps
+/// different numbers different.
+pub const fn first_token(chip: u32, start: u32) -> u32 {
+    chip.wrapping_add(start.wrapping_mul(TOKENS).wrapping_mul(TOKEN_STEP))
+}
 
 type Answer = Result<(), Refusal>;
 
@@ -54,21 +63,24 @@ struct Connection {
 #[derive(Debug)]
 pub struct CommandSession {
     connections: heapless::Vec<Connection, CONNECTIONS>,
-    next_token: u32,
+    boot_id: u32,
+    /// Number of the latest connection, from 1 to [`TOKENS`] less 1.
+    latest: u32,
     commands: u32,
 }
 
 impl CommandSession {
     /// No connection yet.
     pub const fn new(boot_id: u32) -> Self {
-        Self { connections: heapless::Vec::new(), next_token: boot_id, commands: 0 }
+        Self { connections: heapless::Vec::new(), boot_id, latest: 0, commands: 0 }
     }
 
     /// Begins a connection; its token.
     pub fn begin(&mut self) -> u32 {
-        self.next_token = self.next_token.wrapping_add(TOKEN_STEP);
+        self.latest = self.latest % (TOKENS - 1) + 1;
         self.commands = self.commands.wrapping_add(1);
-        let (token, used) = (self.next_token, self.commands);
+        let token = self.boot_id.wrapping_add(self.latest.wrapping_mul(TOKEN_STEP));
+        let used = self.commands;
         let connection = Connection { token, last_id: None, answered: HistoryBuf::new(), used };
         if let Err(connection) = self.connections.push(connection) {
             let now = self.commands;
@@ -153,6 +165,21 @@ mod tests {
         let again = conversation.begin();
         assert_eq!(conversation.admit(&old), Admission::Refused(Refusal::IdUsed));
         assert_eq!(conversation.admit(&command(0, again, Request::ClearFault)), Admission::New);
+    }
+
+    #[test]
+    fn no_token_comes_again_at_another_start_of_the_chip() {
+        let mut tokens = std::collections::BTreeSet::new();
+        for start in (0..100).chain([70_000, (1 << 20) - 1]) {
+            let mut conversation = CommandSession::new(first_token(0xDEAD_BEEF, start));
+            let mut of_start = std::collections::BTreeSet::new();
+            for _ in 0..2 * TOKENS {
+                of_start.insert(conversation.begin());
+            }
+            assert_eq!(of_start.len() as u32, TOKENS - 1);
+            assert!(tokens.is_disjoint(&of_start), "start {start}");
+            tokens.extend(of_start);
+        }
     }
 
     #[test]

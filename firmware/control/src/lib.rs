@@ -22,6 +22,7 @@
 //! | [`telemetry`] | batches, answers and events, and what is dropped where the link is slow |
 //! | [`indicator`] | the status light |
 //! | [`ads131m02`], [`calibration`], [`slots`] | the force converter; the constants of a rig, and where they are kept |
+//! | [`starts`] | the number of this start, kept without power |
 //!
 //! # Example
 //!
@@ -76,6 +77,7 @@ pub mod retained;
 pub mod retreat;
 pub mod slots;
 mod start;
+pub mod starts;
 pub mod stiffness;
 mod store;
 pub mod tare;

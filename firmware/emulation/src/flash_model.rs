@@ -1,4 +1,4 @@
-//! The flash interface and the last two pages of the flash, as far as a store of a few hundred bytes needs them: what the
+//! The flash interface and the last four pages of the flash, as far as a store of a few hundred bytes needs them: what the
 //! flash driver talks to in unit tests and in QEMU.
 //!
 //! Models the unlock keys, the erasure of these pages, the programming of erased double words and the errors of doing it
@@ -11,7 +11,7 @@ use crate::thumb::Width;
 /// Bytes of a page.
 pub const PAGE_BYTES: usize = 2048;
 /// Pages that are modelled.
-pub const PAGES: usize = 2;
+pub const PAGES: usize = 4;
 /// What the pages keep.
 pub type Pages = [[u8; STORED_BYTES]; PAGES];
 /// Bytes at the start of a page that keep what is programmed.
@@ -19,7 +19,7 @@ pub const STORED_BYTES: usize = 512;
 /// What erased flash reads.
 pub const ERASED: u8 = 0xFF;
 /// The first of the pages among those of its bank, which is the one of BKER.
-const FIRST_PAGE: u32 = 254;
+const FIRST_PAGE: u32 = 252;
 
 const ACR: u32 = 0x00;
 const KEYR: u32 = 0x08;

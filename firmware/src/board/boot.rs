@@ -16,7 +16,13 @@ pub struct BootInfo {
     pub last_panic: Option<Text<PANIC_BYTES>>,
     /// Fault and heat of the run before.
     pub retained: Option<ControllerState>,
+    /// The watchdog has ended the starts before this one while they read the sensors, or soon after: they are not read, so that a host is
+    /// answered.
+    pub is_blind: bool,
 }
+
+/// Starts on end that the watchdog ends before a sensor is no longer read.
+const HANGS: u32 = 3;
 
 impl BootInfo {
     /// The program before did not end as it should: it ran away, panicked, or the supply sagged.
@@ -26,7 +32,7 @@ impl BootInfo {
     }
 }
 
-/// Counts this boot and reads the reset flags, which it clears; returns also the calibration that is to be stored.
+/// Reads the reset flags, which it clears; the identity is set when the start is counted. Returns also the calibration that is to be stored.
 pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
     let retained = retained::take();
     let flags = RCC.csr().read();
@@ -47,21 +53,25 @@ pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
     } else {
         ResetReason::Other
     };
-    let boot_id = boot_id(retained.boots);
-    let boot = BootInfo { boot_id, reset_reason, last_panic: retained.panic, retained: retained.controller };
+    let hangs = if reset_reason == ResetReason::Watchdog { retained.hangs.saturating_add(1) } else { 0 };
+    retained::count_hangs(hangs);
+    let boot = BootInfo {
+        boot_id: 0,
+        reset_reason,
+        last_panic: retained.panic,
+        retained: retained.controller,
+        is_blind: hangs >= HANGS,
+    };
     (boot, retained.calibration)
 }
 
-/// The boot counter mixed with the chip's unique number.
-fn boot_id(boots: u32) -> u32 {
-    let mut id = boots;
-    for word in 0..3 {
-        id = mix(id ^ UID.uid(word).read());
-    }
-    id
+/// Identity of a start: a number of the chip and the count of its starts.
+pub(super) fn boot_id(count: u32) -> u32 {
+    let chip = (0..3).fold(0, |id, word| mix(id ^ UID.uid(word).read()));
+    control::commands::first_token(chip, count)
 }
 
-/// A bijection that spreads every bit (the finaliser of MurmurHash3), so consecutive boots differ everywhere.
+/// A bijection that spreads every bit (the finaliser of MurmurHash3), so that chips of one wafer differ everywhere.
 const fn mix(mut x: u32) -> u32 {
     x = (x ^ x >> 16).wrapping_mul(0x85EB_CA6B);
     x = (x ^ x >> 13).wrapping_mul(0xC2B2_AE35);

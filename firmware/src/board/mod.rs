@@ -21,13 +21,14 @@ pub use boot::BootInfo;
 pub use fault::restart_on_panic;
 pub use panel::BoardPanel;
 pub use registers::verify as verify_registers;
-pub use retained::{keep, restart_with};
+pub use retained::{keep, restart_with, runs};
 pub use sensors::BoardSensors;
 pub use store::{STORE_BYTES, Store, StoreError};
 
 use control::Origin;
 use control::calibration::Calibration;
 use control::slots::{self, SLOTS, STORED_BYTES, SlotChoice, to_stored};
+use control::starts;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt};
 use embassy_stm32::usart::{self, BufferedUart};
@@ -82,18 +83,21 @@ fn UART4() {
 pub fn take() -> Board {
     #[cfg(feature = "qemu")]
     crate::qemu::install();
-    let (boot, to_store) = boot::read();
+    let (mut boot, to_store) = boot::read();
     // Before anything is on it: how far the stack reaches is measured from here.
     cortex_m_stack::repaint_stack();
     guard::close();
-    let pins = pins::assign(embassy_stm32::init(pins::clocks()));
+    let mut pins = pins::assign(embassy_stm32::init(pins::clocks()));
     #[cfg(feature = "qemu")]
     crate::qemu::start_time();
 
     // The watchdog does not run yet, so that the store may take its time.
-    let (calibration, origin) = calibration(Store::new(pins.store.flash), to_store);
+    let mut store = Store::new(pins.store.flash);
+    boot.boot_id = boot::boot_id(count_start(&mut store));
+    let (calibration, origin) = calibration(store, to_store);
+    panel::watch_start(&mut pins.panel.watchdog);
     let actuators = BoardActuators::new(pins.bridges);
-    let sensors = BoardSensors::new(pins.potentiometers, pins.converter, pins.stop);
+    let sensors = BoardSensors::new(pins.potentiometers, pins.converter, pins.stop, boot.is_blind);
 
     static SEND: StaticCell<[u8; pins::SERIAL_SEND_BYTES]> = StaticCell::new();
     static RECEIVE: StaticCell<[u8; pins::SERIAL_RECEIVE_BYTES]> = StaticCell::new();
@@ -119,6 +123,21 @@ pub fn take() -> Board {
     let background = BACKGROUND.start(interrupt::UART4);
     let panel = BoardPanel::new(pins.panel);
     Board { sensors, actuators, panel, serial, calibration, origin, boot, control, background }
+}
+
+/// Counts this start in the flash; its number.
+fn count_start(store: &mut Store) -> u32 {
+    let mut pages = [[0; STORE_BYTES]; starts::PAGES];
+    for (page, bytes) in (SLOTS..).zip(&mut pages) {
+        store.read(page, bytes);
+    }
+    let next = starts::next(&pages);
+    let counted = if next.erases { store.erase(SLOTS + next.page) } else { Ok(()) }
+        .and_then(|()| store.append(SLOTS + next.page, next.offset, &starts::to_stored(next.count)));
+    if let Err(error) = counted {
+        defmt::error!("the start was not counted: {}", error);
+    }
+    next.count
 }
 
 /// Stores what is to be stored, and reads what is. Where there is nothing sound, it is the rig as designed, which the hello reports.

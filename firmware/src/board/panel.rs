@@ -2,9 +2,18 @@
 
 use super::pins::{PanelPins, WATCHDOG_TIMEOUT_US};
 use control::hal::Panel;
+use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
+
+/// Time in which the sensors are set up, microseconds: a hundred times what they take.
+const START_TIMEOUT_US: u32 = 500_000;
+
+/// From here on the start must not hang: a sensor that never answers ends it.
+pub(super) fn watch_start(watchdog: &mut Peri<'static, IWDG>) {
+    IndependentWatchdog::new(watchdog.reborrow(), START_TIMEOUT_US).unleash();
+}
 
 /// LED and watchdog.
 pub struct BoardPanel {
@@ -13,7 +22,7 @@ pub struct BoardPanel {
 }
 
 impl BoardPanel {
-    /// Starts the watchdog: from here on it must be fed.
+    /// Sets the watchdog to the time of the control task: from here on it must be fed.
     pub(super) fn new(pins: PanelPins) -> Self {
         let mut watchdog = IndependentWatchdog::new(pins.watchdog, WATCHDOG_TIMEOUT_US);
         watchdog.unleash();

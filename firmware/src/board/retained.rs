@@ -1,4 +1,4 @@
-//! What outlives a reset, in memory that start-up leaves alone: the number of boots, the last panic, a calibration that is
+//! What outlives a reset, in memory that start-up leaves alone: how often the watchdog has ended a start, the last panic, a calibration that is
 //! to be stored at the next start, the latched fault and how the motors were driven.
 //!
 //! After power-on the memory holds anything, so that every part carries its own check.
@@ -10,16 +10,17 @@ use core::mem::MaybeUninit;
 use core::ptr;
 use protocol::{CalibrationRecord, PANIC_BYTES, Text};
 
-/// Marks the boot counter as valid.
-const COUNTER_MAGIC: u32 = 0x6E65_6564;
+/// Marks the memory as kept.
+const KEPT_MAGIC: u32 = 0x6E65_6564;
 /// Marks the text of a panic as valid.
 const PANIC_MAGIC: u32 = 0x7061_6E63;
 
 /// The memory.
 #[repr(C)]
 struct Retained {
-    counter_magic: u32,
-    boots: u32,
+    kept_magic: u32,
+    /// Restarts by the watchdog on end, none of which ran for long.
+    hangs: u32,
     panic_magic: u32,
     panic_length: u32,
     panic: [u8; PANIC_BYTES],
@@ -41,8 +42,8 @@ unsafe fn with<R>(work: impl FnOnce(&mut Retained) -> R) -> R {
 
 /// What the last run has left.
 pub(super) struct RetainedState {
-    /// Number of this boot, from an arbitrary start after power-on.
-    pub(super) boots: u32,
+    /// Restarts by the watchdog on end, none of which ran for long.
+    pub(super) hangs: u32,
     /// The memory was kept: power had been on before.
     pub(super) kept: bool,
     /// Place and message of the panic that ended the last run.
@@ -58,10 +59,9 @@ pub(super) fn take() -> RetainedState {
     // SAFETY: no task runs yet.
     unsafe {
         with(|retained| {
-            let kept = retained.counter_magic == COUNTER_MAGIC;
-            let boots =
-                if kept { retained.boots.wrapping_add(1) } else { retained.counter_magic ^ retained.boots };
-            (retained.counter_magic, retained.boots) = (COUNTER_MAGIC, boots);
+            let kept = retained.kept_magic == KEPT_MAGIC;
+            let hangs = if kept { retained.hangs } else { 0 };
+            retained.kept_magic = KEPT_MAGIC;
             let text = (retained.panic_magic == PANIC_MAGIC)
                 .then(|| retained.panic.get(..retained.panic_length as usize))
                 .flatten();
@@ -70,9 +70,20 @@ pub(super) fn take() -> RetainedState {
             retained.panic_magic = 0;
             retained.calibration = [0; STORED_BYTES];
             let controller = ControllerState::from_bytes(&retained.controller);
-            RetainedState { boots, kept, panic, calibration, controller }
+            RetainedState { hangs, kept, panic, calibration, controller }
         })
     }
+}
+
+/// Counts restarts by the watchdog on end.
+pub(super) fn count_hangs(hangs: u32) {
+    // SAFETY: interrupts are off.
+    cortex_m::interrupt::free(|_| unsafe { with(|retained| retained.hangs = hangs) });
+}
+
+/// This start has run for long enough to be none that hangs.
+pub fn runs() {
+    count_hangs(0);
 }
 
 /// Leaves a panic for the next run; with interrupts off.

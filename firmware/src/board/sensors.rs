@@ -77,7 +77,8 @@ fn converter(pins: ConverterPins) -> (Converter, Input<'static>) {
 
 /// All sensors.
 pub struct BoardSensors {
-    potentiometers: Potentiometers,
+    /// None where a sensor has kept the starts before this one from running: nothing is read then but the emergency stop.
+    potentiometers: Option<Potentiometers>,
     converter: Converter,
     data_ready: Input<'static>,
     emergency_stop: Input<'static>,
@@ -90,10 +91,11 @@ impl BoardSensors {
         potentiometers: PotentiometerPins,
         converter_pins: ConverterPins,
         stop: StopPins,
+        is_blind: bool,
     ) -> Self {
-        let potentiometers = Potentiometers::new(potentiometers);
+        let potentiometers = (!is_blind).then(|| Potentiometers::new(potentiometers));
         let (mut converter, data_ready) = converter(converter_pins);
-        let converter_error = converter.init(&mut embassy_time::Delay).err();
+        let converter_error = if is_blind { None } else { converter.init(&mut embassy_time::Delay).err() };
         if let Some(error) = converter_error {
             defmt::error!("force converter: {}", error);
         }
@@ -125,12 +127,15 @@ impl BoardSensors {
     }
 }
 
+/// Code of a potentiometer that is not read: beyond every track.
+const NOT_READ: u16 = u16::MAX;
+
 impl Sensors for BoardSensors {
     fn read(&mut self) -> Readings {
-        Readings {
-            potentiometer_codes: self.potentiometers.read(),
-            force_codes: self.read_force(),
-            emergency_stop: self.emergency_stop.is_high(),
-        }
+        let (potentiometer_codes, force_codes) = match &mut self.potentiometers {
+            Some(potentiometers) => (potentiometers.read(), self.read_force()),
+            None => ([NOT_READ; 2], Err(ForceFault::NotReady)),
+        };
+        Readings { potentiometer_codes, force_codes, emergency_stop: self.emergency_stop.is_high() }
     }
 }

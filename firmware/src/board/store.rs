@@ -1,4 +1,5 @@
-//! The store: the last two pages of the flash, each of which keeps a few hundred bytes without power.
+//! The store: the last pages of the flash, each of which keeps a few hundred bytes without power: two for calibrations
+//! ([`control::slots`]), and before them two that count the starts ([`control::starts`]).
 //!
 //! The pages lie in the second bank and the program in the first, so the core goes on while one is erased (about 25 ms) and
 //! programmed; the writer waits. A write that is cut off leaves anything in its page, and the other one as it was: what is
@@ -10,13 +11,16 @@ use embassy_stm32::pac;
 use embassy_stm32::peripherals::FLASH;
 
 use control::slots::SLOTS;
+use control::starts;
 
 /// Most that a page takes.
 pub const STORE_BYTES: usize = 512;
 /// Size of a page.
 const PAGE_BYTES: u32 = 2048;
+/// Pages of the store.
+const PAGES: usize = SLOTS + starts::PAGES;
 /// Where the first page begins, from the beginning of the flash.
-const FIRST_OFFSET: u32 = 1024 * 1024 - SLOTS as u32 * PAGE_BYTES;
+const FIRST_OFFSET: u32 = 1024 * 1024 - PAGES as u32 * PAGE_BYTES;
 /// What erased flash reads.
 const ERASED: u8 = 0xFF;
 
@@ -64,15 +68,36 @@ impl Store {
         if bytes.len() > STORE_BYTES {
             return Err(StoreError::TooLong);
         }
+        self.erase(slot)?;
+        self.append(slot, 0, bytes)
+    }
+
+    /// Erases a page.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn erase(&mut self, slot: usize) -> Result<(), StoreError> {
+        let page = offset_of(slot);
         let caching = pause_data_cache();
-        let written = self.program(offset_of(slot), bytes);
+        let erased = self.flash.blocking_erase(page, page + PAGE_BYTES);
+        resume_data_cache(caching);
+        Ok(erased?)
+    }
+
+    /// Writes into what is erased of a page, from a whole unit of the flash on, and reads it back.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn append(&mut self, slot: usize, offset: usize, bytes: &[u8]) -> Result<(), StoreError> {
+        let begins = offset_of(slot) + offset as u32;
+        let caching = pause_data_cache();
+        let written = self.program(begins, bytes);
         resume_data_cache(caching);
         written?;
-        self.compare(offset_of(slot), bytes)
+        self.compare(begins, bytes)
     }
 
     fn program(&mut self, page: u32, bytes: &[u8]) -> Result<(), StoreError> {
-        self.flash.blocking_erase(page, page + PAGE_BYTES)?;
         for (offset, chunk) in (page..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
             let mut cell = [ERASED; WRITE_SIZE];
             cell[..chunk.len()].copy_from_slice(chunk);
@@ -94,9 +119,13 @@ impl Store {
     }
 }
 
-/// Where a page begins.
+/// Where a page begins: those of the calibrations are the last of the flash.
 const fn offset_of(slot: usize) -> u32 {
-    FIRST_OFFSET + slot as u32 * PAGE_BYTES
+    let place = match slot.checked_sub(SLOTS) {
+        Some(of_starts) => of_starts % starts::PAGES,
+        None => slot % SLOTS + starts::PAGES,
+    };
+    FIRST_OFFSET + place as u32 * PAGE_BYTES
 }
 
 /// Switches the cache of data read from flash off. While one bank is written and the other read, the chip may put wrong data

@@ -43,6 +43,7 @@ impl Link {
                         request.step,
                         trap::count()
                     );
+                    super::peripherals::power_off();
                     exit(ExitCode::PowerOff)
                 }
                 return reply;
@@ -68,21 +69,26 @@ impl Link {
     }
 
     /// Writes all bytes; false if the pipe is closed.
-    fn write(&self, mut bytes: &[u8]) -> bool {
-        while !bytes.is_empty() {
-            match sys_write_orig(self.requests.as_fd(), bytes) {
-                // The call returns the number of bytes not written.
-                Ok(left) if left < bytes.len() => bytes = &bytes[bytes.len() - left..],
-                _ => return false,
-            }
-        }
-        true
+    fn write(&self, bytes: &[u8]) -> bool {
+        drain(&self.requests, bytes)
     }
 
     /// Fills the buffer; false if the pipe is closed.
     fn read(&self, bytes: &mut [u8]) -> bool {
         fill(&self.replies, bytes)
     }
+}
+
+/// Writes all bytes; false where that is not possible.
+fn drain(to: &OwnedFd, mut bytes: &[u8]) -> bool {
+    while !bytes.is_empty() {
+        match sys_write_orig(to.as_fd(), bytes) {
+            // The call returns the number of bytes not written.
+            Ok(left) if left < bytes.len() => bytes = &bytes[bytes.len() - left..],
+            _ => return false,
+        }
+    }
+    true
 }
 
 /// The plant has closed its end.
@@ -109,6 +115,13 @@ fn fill(from: &OwnedFd, bytes: &mut [u8]) -> bool {
 pub(super) fn load(name: &CStr, buffer: &mut [u8]) {
     if let Ok(file) = sys_open(name, OpenMode::RDONLY_BINARY) {
         fill(&file, buffer);
+    }
+}
+
+/// Writes a file in QEMU's working folder, as far as that goes.
+pub(super) fn store(name: &CStr, bytes: &[u8]) {
+    if let Ok(file) = sys_open(name, OpenMode::WRONLY_TRUNC_BINARY) {
+        drain(&file, bytes);
     }
 }
 

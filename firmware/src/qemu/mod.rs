@@ -86,7 +86,7 @@ impl Machine {
             0x4002_2000 => &mut self.flash,
             0x4800_0400 => &mut self.gpio,
             0x5004_0000 => &mut self.adc,
-            _ if address & !0xFFF == peripherals::PAGE => return Some((&mut self.flash, address)),
+            _ if address & !0x1FFF == peripherals::PAGE => return Some((&mut self.flash, address)),
             _ => return None,
         };
         Some((peripheral, offset))

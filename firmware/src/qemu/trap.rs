@@ -38,8 +38,8 @@ const REGIONS: [Region; 7] = [
     Region { base: 0x4800_0400, size_log2: 10, open_eighths: 0 },
     // ADC1 with the common registers.
     Region { base: 0x5004_0000, size_log2: 10, open_eighths: 0 },
-    // The last two pages of the flash.
-    Region { base: 0x080F_F000, size_log2: 12, open_eighths: 0 },
+    // The last four pages of the flash.
+    Region { base: 0x080F_E000, size_log2: 13, open_eighths: 0 },
 ];
 
 /// Execute never, no access, shareable device memory.

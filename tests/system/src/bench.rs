@@ -193,7 +193,8 @@ impl Bench {
 /// is missing is erased, and a number of its own.
 pub(crate) fn lay_out(folder: &Path, pages: &[&[u8]]) -> Result<()> {
     let mut flash = vec![ERASED; PAGES * STORED_BYTES];
-    for (kept, page) in flash.chunks_exact_mut(STORED_BYTES).zip(pages) {
+    // The pages that count the starts come before.
+    for (kept, page) in flash.chunks_exact_mut(STORED_BYTES).skip(control::starts::PAGES).zip(pages) {
         kept.iter_mut().zip(*page).for_each(|(kept, byte)| *kept = *byte);
     }
     fs::write(folder.join("flash.bin"), flash)?;

@@ -1,7 +1,7 @@
-//! The flash interface and the last two pages of the flash, on the model that the host's tests use too.
+//! The flash interface and the last four pages of the flash, on the model that the host's tests use too.
 //!
 //! The pages' memory survives a reset of the core, as flash does. At power-on it is what the file `flash.bin` in QEMU's working folder
-//! holds, page after page, and erased without one.
+//! holds, page after page, and erased without one; when power is switched off, the file gets what the pages hold.
 
 use crate::qemu::{Registers, Unmodelled};
 use core::mem::MaybeUninit;
@@ -10,7 +10,7 @@ use emulation::flash_model::{ERASED, FlashModel, PAGE_BYTES, PAGES, Pages, STORE
 use emulation::thumb::Width;
 
 /// Address of the first page.
-pub(crate) const PAGE: u32 = 0x080F_F000;
+pub(crate) const PAGE: u32 = 0x080F_E000;
 /// Marks the pages' memory as valid.
 const MAGIC: u32 = 0x7061_6765;
 
@@ -23,6 +23,15 @@ struct Memory {
 /// Survives a reset of the core.
 #[unsafe(link_section = ".uninit.page")]
 static mut MEMORY: MaybeUninit<Memory> = MaybeUninit::uninit();
+
+/// Power is switched off: the file gets what the pages hold.
+pub(crate) fn power_off() {
+    // SAFETY: as in `parts`; nothing else runs any more.
+    let memory = unsafe { &*ptr::addr_of!(MEMORY).cast::<Memory>() };
+    if memory.magic == MAGIC {
+        crate::qemu::link::store(c"flash.bin", memory.pages.as_flattened());
+    }
+}
 
 /// The interface. Accesses to the pages have their whole address as the offset.
 pub(crate) struct Flash {

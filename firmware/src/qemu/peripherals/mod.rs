@@ -14,7 +14,7 @@ mod spi;
 mod usart;
 
 pub(super) use adc::Adc;
-pub(super) use flash::{Flash, PAGE};
+pub(super) use flash::{Flash, PAGE, power_off};
 pub(super) use gpio::{Gpio, drive_inputs};
 pub(super) use iwdg::{Iwdg, brown_out_reset, take_reset_flags, watchdog_reset};
 pub(super) use plain::{Pwr, UniqueId};

@@ -1,6 +1,11 @@
 //! The host, and the cable to it.
 
 use super::*;
+use protocol::{Command, Message};
+use sequences::plant::Build;
+use sequences::rig::Rig;
+use std::collections::BTreeSet;
+use system::sequences::lockstep::Lockstep;
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
@@ -68,4 +73,50 @@ fn a_babbling_host_is_no_host() {
     let counters = without_a_host(|wire| wire.babble(2.0));
     assert!(counters.frames_corrupt + counters.frames_overlong > 0, "{counters:?}");
     assert_eq!((counters.control_overruns, counters.faults), (0, 1));
+}
+
+/// A conversation is recorded at one power-on and sent again, whole and as it was, at each of the next ones: nothing moves.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn what_was_recorded_at_one_power_on_is_not_carried_out_at_another() {
+    let rig = || Rig::new(Build::default(), 1);
+    let mut firmware = Lockstep::start(rig(), HANGS).unwrap();
+    let hello = Command { id: 0, connection: 0, request: Request::Hello };
+    let token = |messages: Vec<Message>| {
+        let found = messages.into_iter().find_map(|message| match message {
+            Message::Connected { connection } => Some(connection),
+            _ => None,
+        });
+        found.expect("a hello is answered with a token")
+    };
+    let first = token(firmware.ask(&hello).unwrap());
+    let step = move_y(2_000, 2_000);
+    let run = Request::Run { steps: 1, crc: program_crc(&[step]), start_us: 0 };
+    let recorded: Vec<Command> = (1..)
+        .zip([Request::LoadStep { index: 0, step }, run])
+        .map(|(id, request)| Command { id, connection: first, request })
+        .collect();
+    for command in &recorded {
+        let answered = firmware.ask(command).unwrap();
+        assert!(matches!(answered.last(), Some(Message::Ack { .. })), "{answered:?}");
+    }
+    let mut tokens = BTreeSet::from([first]);
+    for power_on in 1..5 {
+        for _ in 0..200 {
+            firmware.period().unwrap();
+        }
+        let folder = firmware.stop().unwrap();
+        firmware = Lockstep::power_on(folder, rig(), HANGS).unwrap();
+        assert!(tokens.insert(token(firmware.ask(&hello).unwrap())), "power-on {power_on}: {tokens:?}");
+        for command in &recorded {
+            let answered = firmware.ask(command).unwrap();
+            let refused = Message::Refused { id: command.id, refusal: Refusal::OtherBoot };
+            assert_eq!(answered.last(), Some(&refused), "power-on {power_on}");
+        }
+        for _ in 0..200 {
+            firmware.period().unwrap();
+            assert!(!firmware.driven, "power-on {power_on}");
+        }
+    }
+    firmware.stop().unwrap();
 }

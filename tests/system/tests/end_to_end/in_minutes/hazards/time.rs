@@ -83,3 +83,53 @@ fn a_slow_converter_makes_control_late() {
     drop(client);
     bench.stop().unwrap();
 }
+
+/// Conversions that stay slow, and one that never ends, at every start: the guide rests, and a host is answered with the reason.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn converters_that_stay_slow_or_hang_leave_a_device_that_answers() {
+    for conversion_us in [400, 700, 1_200, 2_000, NEVER] {
+        let (bench, mut client) = bench(RigConfig::default());
+        start(&mut client, &[move_y(2_500, 1_000)]);
+        bench.rig().inject(Injection { conversion_us, ..NOTHING });
+        let released = || bench.rig().reaction().is_some_and(|reaction| reaction.periods().is_some());
+        eventually("the bridges are off", released);
+        // By now it has found out what it can do.
+        let from = bench.rig().steps();
+        eventually("time goes on", || bench.rig().steps() > from + 1_500);
+        drop(client);
+        let mut client = None;
+        eventually("it answers", || {
+            client = Client::connect(&bench.port()).ok();
+            client.is_some()
+        });
+        let mut client = client.unwrap();
+        let resets = bench.rig().resets();
+        let (status, reason) = (client.status().unwrap(), client.hello().reset_reason);
+        assert_eq!(status.state, State::Faulted, "{conversion_us} us: {status:?}");
+        match conversion_us {
+            // Up to here a period ends within the watchdog's time.
+            400..=1_200 => assert_eq!((status.fault, resets), (Some(Fault::Overrun), 0)),
+            _ => assert_eq!((status.fault, reason), (Some(Fault::Restarted), ResetReason::Watchdog)),
+        }
+        if conversion_us > 1_200 {
+            let refusal = client.request(Request::ClearFault).unwrap_err();
+            assert!(
+                matches!(refusal, LinkError::Refused { refusal: Refusal::CauseRemains, .. }),
+                "{refusal}"
+            );
+        }
+        let from = bench.rig().steps();
+        eventually("time goes on", || bench.rig().steps() > from + 1_000);
+        assert_eq!(bench.rig().resets(), resets, "{conversion_us} us: it restarts no more");
+        assert!(!bench.rig().bridges_driven());
+        // Repaired, and reset or switched on again, it works.
+        bench.rig().inject(Injection { brown_out: true, ..NOTHING });
+        eventually("it restarts", || bench.rig().resets() > resets);
+        drop(client);
+        let mut client = Client::connect(&bench.port()).unwrap();
+        clears(&bench, &mut client);
+        drop(client);
+        bench.stop().unwrap();
+    }
+}

@@ -1,0 +1,125 @@
+//! How the starts of a chip are counted without power, so that what it calls a connection comes again at no other start.
+//!
+//! Each start writes its number behind that of the one before, in one of two pages of the flash of their own; where a page is full, the
+//! other one is erased. A number is kept with its complement: what a power cut has left is none, and is left out. Wherever power fails,
+//! the greatest number so far is in a page that is not erased. A page takes 64 numbers and 10,000 erasures, so that both count
+//! 1.28 million starts.
+
+use crate::commands::TOKENS;
+
+/// Pages.
+pub const PAGES: usize = 2;
+/// Bytes of a page that are used.
+pub const PAGE_BYTES: usize = 512;
+/// Bytes of a number: a unit of the flash.
+const ENTRY_BYTES: usize = 8;
+/// What erased flash reads.
+const ERASED: u8 = 0xFF;
+/// Numbers are below this: as many as there are blocks of tokens.
+const NUMBERS: u32 = (1 << 31) / (TOKENS / 2);
+
+/// The number of a start, and where it is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NextStart {
+    /// The number.
+    pub count: u32,
+    /// The page, 0 or 1.
+    pub page: usize,
+    /// Byte in the page.
+    pub offset: usize,
+    /// The page has to be erased before.
+    pub erases: bool,
+}
+
+/// A number as a page keeps it.
+pub fn to_stored(count: u32) -> [u8; ENTRY_BYTES] {
+    let mut stored = [0; ENTRY_BYTES];
+    for (kept, byte) in stored.iter_mut().zip(count.to_le_bytes().into_iter().chain((!count).to_le_bytes())) {
+        *kept = byte;
+    }
+    stored
+}
+
+fn from_stored(stored: &[u8]) -> Option<u32> {
+    let [a, b, c, d, e, f, g, h] = *stored.first_chunk()?;
+    let (count, complement) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
+    (complement == !count && count < NUMBERS).then_some(count)
+}
+
+/// The number of this start.
+pub fn next(pages: &[[u8; PAGE_BYTES]; PAGES]) -> NextStart {
+    let [first, second] = pages;
+    let greatest = |page: &[u8; PAGE_BYTES]| page.chunks_exact(ENTRY_BYTES).filter_map(from_stored).max();
+    // After the last number comes the first one again; by then the flash has been worn out for long.
+    let count = greatest(first).max(greatest(second)).map_or(0, |count| (count + 1) % NUMBERS);
+    let (page, bytes) = if greatest(second) > greatest(first) { (1, second) } else { (0, first) };
+    // Behind all that was written, what a power cut has left included.
+    let is_used = |entry: &[u8]| entry.iter().any(|byte| *byte != ERASED);
+    let used = bytes.chunks_exact(ENTRY_BYTES).rposition(is_used).map_or(0, |last| last + 1);
+    if used < PAGE_BYTES / ENTRY_BYTES {
+        return NextStart { count, page, offset: used * ENTRY_BYTES, erases: false };
+    }
+    NextStart { count, page: 1 - page, offset: 0, erases: true }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Pages = [[u8; PAGE_BYTES]; PAGES];
+
+    /// Carries out what is to be written, up to a power cut after so many steps of it; what a cut step leaves is garbage.
+    fn write(pages: &mut Pages, next: NextStart, cut: Option<usize>) {
+        if next.erases {
+            if cut == Some(0) {
+                pages[next.page][..200].fill(ERASED);
+                return;
+            }
+            pages[next.page].fill(ERASED);
+        }
+        let stored = to_stored(next.count);
+        let whole = if cut == Some(1) { 3 } else { ENTRY_BYTES };
+        pages[next.page][next.offset..next.offset + whole].copy_from_slice(&stored[..whole]);
+    }
+
+    #[test]
+    fn every_start_has_the_next_number() {
+        let mut pages = [[ERASED; PAGE_BYTES]; PAGES];
+        for count in 0..1_000 {
+            let next = next(&pages);
+            assert_eq!(next.count, count);
+            write(&mut pages, next, None);
+        }
+    }
+
+    /// No number that was handed out before comes again, wherever power fails at a start.
+    #[test]
+    fn a_start_that_is_cut_off_repeats_none_before_it() {
+        let mut pages = [[ERASED; PAGE_BYTES]; PAGES];
+        let mut greatest = None;
+        for round in 0..2_000 {
+            let next = next(&pages);
+            assert!(Some(next.count) > greatest, "{} after {greatest:?}, round {round}", next.count);
+            // Power fails in some starts: before the device has answered anyone.
+            match round % 7 {
+                3 => write(&mut pages, next, Some(0)),
+                5 => write(&mut pages, next, Some(1)),
+                _ => {
+                    write(&mut pages, next, None);
+                    greatest = Some(next.count);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn pages_of_anything_are_counted_in() {
+        let mut pages = [[0x5A; PAGE_BYTES]; PAGES];
+        let first = next(&pages);
+        assert_eq!((first.count, first.offset, first.erases), (0, 0, true));
+        write(&mut pages, first, None);
+        assert_eq!(next(&pages).count, 1);
+        write(&mut pages, NextStart { count: NUMBERS - 1, offset: 8, ..first }, None);
+        assert_eq!(next(&pages).count, 0, "the last number");
+    }
+}
