@@ -89,6 +89,9 @@ pub struct Status {
     pub silence_limit_ms: u32,
     /// Lateral stiffness along x and y since the last tare; none before guide 2 has moved far enough to determine it.
     pub stiffness: [Option<Stiffness>; 2],
+    /// There is no valid reading of the force in this period (missing, or a saturated converter): `force_counts` is an earlier one. Not
+    /// there up to version 5.
+    pub repeats_force: bool,
 }
 
 /// How busy the processor is. Times are those of the device's clock, rounded up to its microsecond.

@@ -112,7 +112,7 @@
 //! * **Nothing from the device is sent again.** What may be lost is repeated in later state: every batch has state and step,
 //!   `Status` has state, fault and counters, so that a host that missed an event still finds the end of a program.
 //! * **Change.** Variants are appended, never inserted; any other change of a type raises [`VERSION`]. Either changes the
-//!   schema hash, which a test pins.
+//!   schema hash, which a test pins. A field that is appended to [`Samples`] or [`Status`] is zero in what older versions have recorded.
 //!
 //! # Samples are packed
 //!
@@ -124,10 +124,10 @@
 //! |---|---|
 //! | as plain integers | 16 |
 //! | packed | 3.7 |
-//! | packed, on the wire, with its share of the frame | 4.5 |
+//! | packed, on the wire, with its share of the frame | 4.6 |
 //!
 //! at any position and force: a batch spans little more than the noise, or than one step of a motion. That is
-//! 4.5 kB/s of the 46 kB/s that 460,800 baud carry, so that a line disturbed for a while catches up, and a file of frames
+//! 4.6 kB/s of the 46 kB/s that 460,800 baud carry, so that a line disturbed for a while catches up, and a file of frames
 //! stays small. The price is that a batch is used whole or not at all, which the checksum makes true anyway.
 //! See [`pack`].
 //!
@@ -219,7 +219,7 @@ pub use to_host::*;
 pub use tracker::{Arrival, Order, SequenceTracker, Totals};
 
 /// Version of this protocol: messages, framing and their meaning.
-pub const VERSION: u16 = 5;
+pub const VERSION: u16 = 6;
 
 /// Hash of the types of everything that is sent, both ways.
 pub const fn schema_hash() -> [u8; 8] {

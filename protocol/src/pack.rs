@@ -14,7 +14,7 @@
 //! A reading is the value of its bits plus the base or, of differences, plus the base and the reading before (wrapping). The packer
 //! takes for each channel what is shorter: readings where there is only noise, differences where the guide moves or the force
 //! rises. With position noise of 3 counts and force noise of 100 counts (standard deviations) a sample takes 3.7 bytes packed and
-//! 4.5 bytes on the line, its share of the frame (26 bytes for 32 samples) included, against 16 bytes as plain integers. A test
+//! 4.6 bytes on the line, its share of the frame (27 bytes for 32 samples) included, against 16 bytes as plain integers. A test
 //! holds the code to these numbers.
 
 mod column;
@@ -37,6 +37,8 @@ pub struct Sample {
     pub position_counts: [i32; 2],
     /// Force relative to the tare, in counts of `Scales::force_nn_per_count`.
     pub force_counts: [i32; 2],
+    /// There was no valid reading of the force (missing, or a saturated converter): it is the one before.
+    pub repeats_force: bool,
 }
 
 impl Sample {
@@ -45,8 +47,8 @@ impl Sample {
         [px, py, fx, fy]
     }
 
-    fn of([px, py, fx, fy]: [i32; CHANNELS]) -> Self {
-        Self { position_counts: [px, py], force_counts: [fx, fy] }
+    fn of([px, py, fx, fy]: [i32; CHANNELS], repeats_force: bool) -> Self {
+        Self { position_counts: [px, py], force_counts: [fx, fy], repeats_force }
     }
 }
 
@@ -152,8 +154,12 @@ impl Open {
         }
         let packed = writer.end().and_then(Packed::from_slice);
         assert!(packed.is_some(), "a sample is added only where it fits");
+        let count = self.count();
+        let repeats_force = (0..)
+            .zip(&self.samples)
+            .fold(0, |bits, (index, sample)| bits | u32::from(sample.repeats_force) << (index % u32::BITS));
         let Self { t_us, dropped, state, step, .. } = self;
-        Samples { t_us, dropped, state, step, count: self.count(), packed: packed.unwrap_or_default() }
+        Samples { t_us, dropped, state, step, count, packed: packed.unwrap_or_default(), repeats_force }
     }
 }
 
@@ -201,6 +207,7 @@ impl Samples {
             at: 0,
             width: widths as u32,
             left: self.count,
+            repeats_force: self.repeats_force,
             next_us: self.t_us,
             period_us,
         })
@@ -216,6 +223,8 @@ pub struct Unpacked<'a> {
     /// Bits of a sample.
     width: u32,
     left: u8,
+    /// A bit for each sample, the next one lowest.
+    repeats_force: u32,
     next_us: u64,
     period_us: u32,
 }
@@ -236,7 +245,9 @@ impl Iterator for Unpacked<'_> {
         };
         let t_us = self.next_us;
         self.next_us = t_us.saturating_add(u64::from(self.period_us));
-        Some((t_us, Sample::of(counts)))
+        let repeats_force = self.repeats_force & 1 != 0;
+        self.repeats_force >>= 1;
+        Some((t_us, Sample::of(counts, repeats_force)))
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {

@@ -94,14 +94,15 @@ fn hello() -> impl Strategy<Value = Hello> {
 }
 
 fn samples() -> impl Strategy<Value = Samples> {
-    (any::<(u64, u32, u8, u8)>(), select(&STATES[..]), vec(any::<u8>(), 0..=PACKED_BYTES)).prop_map(
-        |((t_us, dropped, step, count), state, bytes)| Samples {
+    (any::<(u64, u32, u8, u8, u32)>(), select(&STATES[..]), vec(any::<u8>(), 0..=PACKED_BYTES)).prop_map(
+        |((t_us, dropped, step, count, repeats_force), state, bytes)| Samples {
             t_us,
             dropped,
             state,
             step,
             count,
             packed: Packed::from_slice(&bytes).expect("as many as fit"),
+            repeats_force,
         },
     )
 }
@@ -140,7 +141,7 @@ fn status() -> impl Strategy<Value = Status> {
             Stiffness { slope_mn_per_m, sd_mn_per_m, readings }
         }))
     };
-    let numbers = any::<(u64, u8, [i32; 2], [i32; 2], bool, [u16; 2], [u32; 2])>();
+    let numbers = any::<(u64, u8, [i32; 2], [i32; 2], [bool; 2], [u16; 2], [u32; 2])>();
     (numbers, select(&STATES[..]), fault, counters(), load, [stiffness(), stiffness()]).prop_map(
         |(numbers, state, fault, counters, load, stiffness)| Status {
             t_us: numbers.0,
@@ -149,13 +150,14 @@ fn status() -> impl Strategy<Value = Status> {
             fault,
             position_counts: numbers.2,
             force_counts: numbers.3,
-            streaming: numbers.4,
+            streaming: numbers.4[0],
             counters,
             load,
             motor_budget_permille: numbers.5,
             force_limit_mn: numbers.6[0],
             silence_limit_ms: numbers.6[1],
             stiffness,
+            repeats_force: numbers.4[1],
         },
     )
 }
@@ -373,7 +375,11 @@ proptest! {
         let mut tags = Vec::new();
         for ([px, py, fx, fy], dropping, index, gap) in readings {
             let shift = if small { 24 } else { 0 };
-            let sample = Sample { position_counts: [px >> shift, py >> shift], force_counts: [fx >> shift, fy >> shift] };
+            let sample = Sample {
+                position_counts: [px >> shift, py >> shift],
+                force_counts: [fx >> shift, fy >> shift],
+                repeats_force: fy & 3 == 0,
+            };
             t_us += u64::from(PERIOD_US) + if gap == 0 { 17 } else { 0 };
             state = STATES.get(usize::from(index)).copied().unwrap_or(state);
             dropped += u32::from(dropping == 0);
@@ -384,6 +390,25 @@ proptest! {
         take(packer.flush());
         prop_assert_eq!(put, got);
         prop_assert_eq!(tags, heads);
+    }
+
+    /// What version 5 and those before have recorded ends a field earlier.
+    #[test]
+    fn samples_and_states_of_earlier_versions_are_read(samples in samples(), status in status()) {
+        let samples = Samples { repeats_force: 0, ..samples };
+        let status = Status { repeats_force: false, ..status };
+        for message in [Message::Samples(samples), Message::Status(status)] {
+            let envelope = Envelope { boot_id: 7, sequence: 8, message };
+            let mut buffer = [0; 2 * MAX_FRAME_TO_HOST];
+            let payload = postcard::to_slice(&envelope, &mut buffer).expect("encodes");
+            let earlier = &payload[..payload.len() - 1];
+            let mut plain = [0; crate::frame::MAX_PLAIN];
+            plain[..earlier.len()].copy_from_slice(earlier);
+            let mut line = [0; MAX_FRAME_TO_HOST];
+            let frame = crate::frame::seal(&mut plain, earlier.len(), &mut line).expect("fits");
+            let arrived: Vec<_> = EnvelopeReceiver::new().feed(frame).collect();
+            prop_assert_eq!(arrived, [Received::Frame(envelope)]);
+        }
     }
 
     #[test]

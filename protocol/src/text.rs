@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 /// Most bytes of packed samples in one batch: as many as keep a whole frame below 254 bytes, so that byte stuffing costs
 /// one byte and never more.
-pub const PACKED_BYTES: usize = 216;
+pub const PACKED_BYTES: usize = 211;
 
 /// Bytes of the varint that holds a length up to `capacity`.
 const fn length_bytes(capacity: usize) -> usize {

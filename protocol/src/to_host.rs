@@ -266,6 +266,9 @@ pub struct Samples {
     pub count: u8,
     /// The samples, in as few bits as they need: see [`crate::pack`].
     pub packed: Packed,
+    /// A bit for each sample, the first one lowest: there was no valid reading of the force, and it is the one before. Not there up to
+    /// version 5.
+    pub repeats_force: u32,
 }
 
 /// Something that happened, with its device time.

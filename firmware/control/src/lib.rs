@@ -281,7 +281,8 @@ impl Controller {
             calibration_lost: self.calibration_lost,
         };
         let causes = self.interlock.check(&self.calibration, &self.force, &observed);
-        let sample = Sample { position_counts: position_um.map(round), force_counts };
+        let repeats_force = !self.force.is_fresh();
+        let sample = Sample { position_counts: position_um.map(round), force_counts, repeats_force };
         if self.force.is_accepted() {
             self.stiffness.add(&sample);
         }

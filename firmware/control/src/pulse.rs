@@ -70,6 +70,7 @@ impl Sums {
         Sample {
             position_counts: self.position.map(|sum| sum / i32::from(count)),
             force_counts: self.force.map(|sum| (sum / i64::from(count)) as i32),
+            repeats_force: false,
         }
     }
 }
@@ -382,7 +383,11 @@ mod tests {
     }
 
     fn sound(at: [f32; 2]) -> Sample {
-        Sample { position_counts: at.map(|um| um as i32), force_counts: at.map(|um| (0.4 * um) as i32) }
+        Sample {
+            position_counts: at.map(|um| um as i32),
+            force_counts: at.map(|um| (0.4 * um) as i32),
+            repeats_force: false,
+        }
     }
 
     #[test]

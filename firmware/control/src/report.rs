@@ -84,6 +84,7 @@ impl Controller {
             force_limit_mn: force_mn,
             silence_limit_ms: silence_ms,
             stiffness: self.stiffness.result(),
+            repeats_force: !self.force.is_fresh(),
         }
     }
 }

@@ -151,6 +151,7 @@ mod tests {
             fit.add(&Sample {
                 position_counts: [3, um.round() as i32],
                 force_counts: [0, force_counts.round() as i32],
+                repeats_force: false,
             });
         }
         fit.result()

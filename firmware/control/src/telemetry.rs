@@ -126,7 +126,7 @@ mod tests {
             led: false,
             state: State::Idle,
             step: NO_STEP,
-            sample: Sample { position_counts: [t_ms as i32, 0], force_counts: [0; 2] },
+            sample: Sample { position_counts: [t_ms as i32, 0], ..Sample::default() },
             notes: all,
             keep: false,
             store: None,

@@ -91,6 +91,11 @@ pub struct Recorded {
     pub sweeps: u64,
     /// Samples missing between the first and the last.
     pub samples_missing: u64,
+    /// Samples without a valid reading of the force, which are left out.
+    pub samples_without_force: u64,
+    /// How often the device's clock has stepped back, without a restart: what follows is a segment of its own, whose times go on from those
+    /// of the one before.
+    pub clock_steps: u64,
     /// What the link lost.
     pub link: LinkLosses,
 }
@@ -111,13 +116,29 @@ pub struct Recorder<'w, 's> {
     writer: &'w mut LateralWriter<'s>,
     recorded: Recorded,
     first_s: Option<f64>,
+    /// Time of the latest row, and between it and the one before, seconds.
+    last_s: f64,
+    step_s: f64,
+    /// What is added to the device's times since its clock has stepped back, seconds.
+    ahead_s: f64,
     last_flush: Instant,
 }
+
+/// Time between two rows before it is known, seconds: a control period.
+const STEP_S: f64 = 1e-3;
 
 impl<'w, 's> Recorder<'w, 's> {
     /// A recorder for one run.
     pub fn new(writer: &'w mut LateralWriter<'s>) -> Self {
-        Self { writer, recorded: Recorded::default(), first_s: None, last_flush: Instant::now() }
+        Self {
+            writer,
+            recorded: Recorded::default(),
+            first_s: None,
+            last_s: f64::NEG_INFINITY,
+            step_s: STEP_S,
+            ahead_s: 0.0,
+            last_flush: Instant::now(),
+        }
     }
 
     /// What has been written so far.
@@ -134,11 +155,16 @@ impl<'w, 's> Recorder<'w, 's> {
         let mut lost_before = if self.first_s.is_some() { batch.lost_before } else { 0 };
         self.recorded.samples_missing += lost_before;
         for point in &batch.points {
-            let first_s = *self.first_s.get_or_insert(point.time_s);
+            if point.repeats_force {
+                self.recorded.samples_without_force += 1;
+                continue;
+            }
+            let time_s = self.time_s(point.time_s)?;
+            let first_s = *self.first_s.get_or_insert(time_s);
             let [displacement_x_m, displacement_y_m] = point.displacement_m;
             let [force_x_n, force_y_n] = point.force_n;
             self.writer.force(&ForceRow {
-                time_s: point.time_s,
+                time_s,
                 displacement_y_m,
                 force_y_n,
                 displacement_x_m,
@@ -149,13 +175,36 @@ impl<'w, 's> Recorder<'w, 's> {
             })?;
             self.recorded.samples += 1;
             // Sample times are whole microseconds.
-            self.recorded.duration_s = ((point.time_s - first_s) * 1e6).round() / 1e6;
+            self.recorded.duration_s = ((time_s - first_s) * 1e6).round() / 1e6;
         }
         if self.last_flush.elapsed() > FLUSH_INTERVAL {
             self.writer.flush()?;
             self.last_flush = Instant::now();
         }
         Ok(())
+    }
+
+    /// Time of a row, of the device's. Where its clock has stepped back, a remark among the rows states that a new segment begins.
+    fn time_s(&mut self, device_s: f64) -> Result<f64, SessionError> {
+        let mut time_s = device_s + self.ahead_s;
+        if time_s <= self.last_s {
+            let next_s = self.last_s + self.step_s;
+            self.writer.remark(&format!(
+                "a new segment: the device's clock has stepped back, from {:.6} to {device_s:.6} s",
+                self.last_s - self.ahead_s
+            ))?;
+            self.recorded.clock_steps += 1;
+            self.ahead_s = next_s - device_s;
+            time_s = next_s;
+        } else if self.last_s.is_finite() {
+            self.step_s = time_s - self.last_s;
+        }
+        if self.ahead_s != 0.0 {
+            // Whole microseconds, as the device's.
+            time_s = (time_s * 1e6).round() / 1e6;
+        }
+        self.last_s = time_s;
+        Ok(time_s)
     }
 
     /// Writes what a tracker has sent of the time since the first sample.
@@ -190,7 +239,8 @@ impl<'w, 's> Recorder<'w, 's> {
     /// # Errors
     /// Errors of the session's files.
     pub fn sweep(&mut self, sweep: &Sweep, time_s: f64) -> Result<(), SessionError> {
-        for row in sweep.rows(time_s) {
+        for mut row in sweep.rows(time_s) {
+            row.time_s += self.ahead_s;
             self.writer.shape(&row)?;
         }
         self.recorded.sweeps += 1;

@@ -201,7 +201,7 @@ fn pack(batch: &Batch) -> Vec<u8> {
     let state = STATES.iter().position(|state| *state == batch.state).unwrap_or(STATES.len());
     for (number, point) in batch.points.iter().enumerate() {
         let [x_m, y_m] = point.displacement_m;
-        let [force_x_n, force_y_n] = point.force_n;
+        let [force_x_n, force_y_n] = if point.repeats_force { [f64::NAN; 2] } else { point.force_n };
         for value in [point.time_s, 1e3 * x_m, 1e3 * y_m, force_x_n, force_y_n] {
             bytes.extend_from_slice(&value.to_le_bytes());
         }

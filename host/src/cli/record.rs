@@ -144,7 +144,15 @@ struct Report<'a> {
 
 impl Display for Report<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Recorded { samples, duration_s, sweeps, samples_missing, link } = self.recorded;
+        let Recorded {
+            samples,
+            duration_s,
+            sweeps,
+            samples_missing,
+            samples_without_force,
+            clock_steps,
+            link,
+        } = self.recorded;
         writeln!(
             f,
             "recorded   {} in {}: {samples} samples in {duration_s:.3} s, {sweeps} sweeps",
@@ -157,6 +165,16 @@ impl Display for Report<'_> {
                 f,
                 "lost       {samples_missing} samples ({} frames missing, {} corrupt, {} unreadable)",
                 link.frames_missing, link.frames_corrupt, link.frames_unreadable
+            )?;
+        }
+        if samples_without_force > 0 {
+            writeln!(f, "force      {samples_without_force} samples without a valid reading are left out")?;
+        }
+        if clock_steps > 0 {
+            writeln!(
+                f,
+                "warning    the device's clock stepped back {clock_steps} times without a restart: what follows is a segment of its own, marked \
+                 in the file, whose times go on from those before"
             )?;
         }
         if let Some(frames) = &self.frames {

@@ -31,6 +31,8 @@ struct Report {
     position_y_mm: f64,
     force_x_n: f64,
     force_y_n: f64,
+    /// The force is of a valid reading, not of an earlier one.
+    force_valid: bool,
     #[serde(flatten)]
     errors: ErrorCounters,
     board: String,
@@ -119,6 +121,7 @@ impl Report {
             position_y_mm,
             force_x_n,
             force_y_n,
+            force_valid: !status.repeats_force,
             errors: (&counters).into(),
             board: hello.board.as_str().to_owned(),
             firmware_version: hello.firmware_version.as_str().to_owned(),
@@ -203,7 +206,9 @@ impl Display for Report {
             writeln!(f, "           {fault}")?;
         }
         writeln!(f, "guide 2    x {:+.3} mm   y {:+.3} mm", self.position_x_mm, self.position_y_mm)?;
-        writeln!(f, "force      x {:+.4} N    y {:+.4} N", self.force_x_n, self.force_y_n)?;
+        let remark =
+            if self.force_valid { "" } else { " (of an earlier reading: there is no valid one now)" };
+        writeln!(f, "force      x {:+.4} N    y {:+.4} N{remark}", self.force_x_n, self.force_y_n)?;
         writeln!(f, "clock      {:.3} s since the device started", self.time_s)?;
         if self.detail == Detail::Full {
             self.details(f)?;

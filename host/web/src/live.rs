@@ -134,7 +134,7 @@ impl Follower {
             }
             let (Message::Samples(samples), Some(hello)) = (&envelope.message, &self.hello) else { continue };
             let (period_us, scales) = (hello.sample_period_us, hello.scales);
-            for (t_us, Sample { position_counts, force_counts }) in
+            for (t_us, Sample { position_counts, force_counts, .. }) in
                 samples.unpack(period_us).into_iter().flatten()
             {
                 let [force_x, force_y] =

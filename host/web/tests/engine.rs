@@ -167,6 +167,7 @@ fn frames(numbers: impl Iterator<Item = u32>) -> Vec<u8> {
             let sample = Sample {
                 position_counts: [0, 1_000],
                 force_counts: [0, if i == 7 { 60_000 } else { 20_000 }],
+                repeats_force: false,
             };
             packer.push(t_us, State::Idle, u8::MAX, 0, sample);
         }

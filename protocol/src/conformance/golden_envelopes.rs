@@ -112,27 +112,27 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
     },
     Golden {
         message: || batch(State::Idle),
-        frame: "0010d487cb8d0af0a2040380ade204c8010b02031201e60701e707070f07c0990c01800201020102f8f85500",
+        frame: "0010d487cb8d0af0a2040380ade204c8010b02031201e60701e707070b07c0990c018002010201055976593c00",
     },
     Golden {
         message: || batch(State::Pending),
-        frame: "001bd487cb8d0af0a2040380ade204c8010102031201e60701e707070f07c0990c018002010201c29cd04200",
+        frame: "001bd487cb8d0af0a2040380ade204c8010102031201e60701e707070b07c0990c018002010201058d9c2aa700",
     },
     Golden {
         message: || batch(State::Moving),
-        frame: "001bd487cb8d0af0a2040380ade204c8010202031201e60701e707070f07c0990c0180020102018231a87b00",
+        frame: "001bd487cb8d0af0a2040380ade204c8010202031201e60701e707070b07c0990c01800201020105b0a5cfd100",
     },
     Golden {
         message: || batch(State::Holding),
-        frame: "001bd487cb8d0af0a2040380ade204c8010302031201e60701e707070f07c0990c0180020102014255806c00",
+        frame: "001bd487cb8d0af0a2040380ade204c8010302031201e60701e707070b07c0990c01800201020105644fbc4a00",
     },
     Golden {
         message: || batch(State::Taring),
-        frame: "001bd487cb8d0af0a2040380ade204c8010402031201e60701e707070f07c0990c018002010201026b590900",
+        frame: "001bd487cb8d0af0a2040380ade204c8010402031201e60701e707070b07c0990c01800201020105cad7053c00",
     },
     Golden {
         message: || batch(State::Faulted),
-        frame: "001bd487cb8d0af0a2040380ade204c8010502031201e60701e707070f07c0990c018002010201c20f711e00",
+        frame: "001bd487cb8d0af0a2040380ade204c8010502031201e60701e707070b07c0990c018002010201051e3d76a700",
     },
     Golden {
         message: || happened(EventKind::StepStarted { index: 0 }),
@@ -223,12 +223,12 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
     Golden {
         message: || status(None),
         frame: "000ed487cb8d0af0a2040580ade20402ff2bafea01a09c01c09a0cf30301010203040506ac020708090a0b0cc102bb01\
-            03f0a20405e8070ca01fd00f0e018eda9601fa069003763d941600",
+            03f0a20405e8070ca01fd00f0a018eda9601fa06900305b9af726b00",
     },
     Golden {
         message: || status(Some(Fault::MoveTimeout)),
         frame: "000ed487cb8d0af0a2040580ade2042eff0104afea01a09c01c09a0cf30301010203040506ac020708090a0b0cc102bb\
-            0103f0a20405e8070ca01fd00f0e018eda9601fa06900343be499f00",
+            0103f0a20405e8070ca01fd00f0a018eda9601fa0690030519b6483d00",
     },
     Golden { message: || refused(Refusal::IdUsed), frame: "0011d487cb8d0af0a20402ac020a892d929100" },
     Golden { message: || refused(Refusal::NotUnderLoad), frame: "0011d487cb8d0af0a20402ac020b1f1d95e600" },
@@ -254,7 +254,7 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
     },
     Golden {
         message: || batch(State::Retreating),
-        frame: "001bd487cb8d0af0a2040380ade204c8010602031201e60701e707070f07c0990c01800201020182a2092700",
+        frame: "001bd487cb8d0af0a2040380ade204c8010602031201e60701e707070b07c0990c01800201020105230493d100",
     },
     Golden {
         message: || happened(EventKind::ProgramEnded { outcome: Outcome::TareRejected }),
@@ -340,13 +340,14 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
                 step: u8::MAX,
                 count: u8::MAX,
                 packed: Packed::from_slice(&[0xFF; PACKED_BYTES]).unwrap_or_default(),
+                repeats_force: u32::MAX,
             }),
         },
-        frame: "00fcffffffff0fffffffff0f03ffffffffffffffffff01ffffffff0f05ffffd801ffffffffffffffffffffffffffffff\
+        frame: "00fcffffffff0fffffffff0f03ffffffffffffffffff01ffffffff0f05ffffd301ffffffffffffffffffffffffffffff\
             ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff\
             ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff\
             ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff\
             ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff\
-            ffffffffffffffffff6750cffb00",
+            ffffffffffffffff0ff70c044800",
     },
 ];

@@ -78,6 +78,7 @@ pub(super) fn samples(state: State) -> Samples {
         step: 2,
         count: 3,
         packed: Packed::from_slice(&packed).unwrap_or_default(),
+        repeats_force: 0,
     }
 }
 
@@ -158,5 +159,6 @@ pub(super) fn status(fault: Option<Fault>) -> Envelope {
         force_limit_mn: 4_000,
         silence_limit_ms: 2_000,
         stiffness: [None, Some(Stiffness { slope_mn_per_m: 1_234_567, sd_mn_per_m: 890, readings: 400 })],
+        repeats_force: false,
     }))
 }

@@ -6,9 +6,10 @@ use super::golden_commands::COMMANDS;
 use super::golden_envelopes::ENVELOPES;
 use super::{BUFFER, Golden, bytes};
 use crate::{
-    Command, DURATION_LIMIT_MS, Envelope, Fault, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, MAX_STEPS,
-    PULSE_DUTY_LIMIT_PERMILLE, PULSE_LIMIT_MS, RETREAT_LIMIT_UM, SILENCE_LIMIT_MS, SPEED_LIMIT_UM_S,
-    START_LIMIT_US, Step, TARE_LIMIT_MS, VERSION, program_crc, schema_hash,
+    CODES_PER_KNOT, Command, DURATION_LIMIT_MS, Envelope, Fault, KNOTS, MAX_CALIBRATION, MAX_FRAME_TO_DEVICE,
+    MAX_FRAME_TO_HOST, MAX_STEPS, Message, PIECE_BYTES, PULSE_DUTY_LIMIT_PERMILLE, PULSE_LIMIT_MS,
+    RETREAT_LIMIT_UM, SILENCE_LIMIT_MS, SPEED_LIMIT_UM_S, START_LIMIT_US, Step, TARE_LIMIT_MS, VERSION,
+    program_crc, schema_hash,
 };
 use postcard_schema::Schema;
 use postcard_schema::schema::{DataModelType, DataModelVariant, NamedType, NamedValue};
@@ -129,13 +130,41 @@ fn the_schema_for_other_languages_is_current() {
     is_current("schema.json", &text(&schema));
 }
 
-fn vectors<T: Serialize>(golden: &[Golden<T>]) -> Vec<Value> {
+fn vectors<T: Serialize>(golden: &[Golden<T>], is_batch: impl Fn(&T) -> bool) -> Vec<Value> {
     let mut buffer = BUFFER;
     let vector = |Golden { message, frame }: &Golden<T>| {
         let frame = hexadecimal(bytes(frame, &mut buffer).expect("golden bytes"));
-        json!({ "frame_hex": frame, "message": serde_json::to_value(message()).expect("JSON") })
+        let message = message();
+        let content = serde_json::to_value(&message).expect("JSON");
+        match is_batch(&message) {
+            true => json!({ "frame_hex": frame, "message": content }),
+            false => json!({ "frame_hex": frame, "message": content, "is_batch": false }),
+        }
     };
     golden.iter().map(vector).collect()
+}
+
+/// Samples that can be unpacked, or no samples.
+fn is_batch(envelope: &Envelope) -> bool {
+    !matches!(&envelope.message, Message::Samples(samples) if samples.unpack(1_000).is_err())
+}
+
+/// The limits of a calibration stand in the chapter.
+#[test]
+fn the_chapter_has_the_limits_of_a_calibration() {
+    use crate::plausible::{FORCE_RANGE_LIMIT_MN, FULL_SCALE_TIMES, KNOT_STEP_UM, PLAY_LIMIT_UM};
+    let chapter = fs::read_to_string(format!("{FOLDER}/protocol.md")).expect("the chapter").replace(',', "");
+    let [least, most] = KNOT_STEP_UM;
+    let [fewest, times] = FULL_SCALE_TIMES;
+    for text in [
+        format!("at most {MAX_CALIBRATION} bytes sent {PIECE_BYTES} at a time"),
+        format!("between the {KNOTS} knots of a table at code 0 {CODES_PER_KNOT} and so on"),
+        format!("by {least} to {most} um each; at most {PLAY_LIMIT_UM} um apart"),
+        format!("| 1 to {FORCE_RANGE_LIMIT_MN} |"),
+        format!("{fewest} to {times} times the rated range"),
+    ] {
+        assert!(chapter.contains(&text), "no {text}");
+    }
 }
 
 #[test]
@@ -159,8 +188,8 @@ fn the_test_vectors_for_other_languages_are_current() {
     let vectors = json!({
         "format": "needle-guide.protocol-vectors/1",
         "version": VERSION,
-        "to_device": vectors(COMMANDS),
-        "to_host": vectors(ENVELOPES),
+        "to_device": vectors(COMMANDS, |_| true),
+        "to_host": vectors(ENVELOPES, is_batch),
         "rejected": damaged.map(|(frame_hex, what)| json!({ "frame_hex": frame_hex, "what": what })),
         "program_crc": programs.map(|steps| json!({ "steps": steps, "crc": program_crc(&steps) })),
     });

@@ -35,8 +35,15 @@ fn hello(boot_id: u32, sequence: u32) -> Envelope {
 /// A batch of ten samples, of which the first is sample number `first` since start.
 fn batch(boot_id: u32, sequence: u32, first: u64, dropped: u32) -> Envelope {
     let t_us = first * u64::from(PERIOD_US);
-    let samples =
-        Samples { t_us, dropped, state: State::Idle, step: 255, count: BATCH, packed: Packed::default() };
+    let samples = Samples {
+        t_us,
+        dropped,
+        state: State::Idle,
+        step: 255,
+        count: BATCH,
+        packed: Packed::default(),
+        repeats_force: 0,
+    };
     Envelope { boot_id, sequence, message: Message::Samples(samples) }
 }
 

@@ -65,6 +65,7 @@ impl FakeDevice {
                 packer: Packer::new(PERIOD_US),
                 t_us: 1_000_000,
                 dropped: 0,
+                is_saturated: false,
                 state: State::Idle,
                 fault: None,
             };
@@ -112,6 +113,8 @@ struct Device {
     packer: Packer,
     t_us: u64,
     dropped: u32,
+    /// Its samples repeat the force.
+    is_saturated: bool,
     state: State,
     fault: Option<Fault>,
 }
@@ -319,6 +322,8 @@ impl Device {
                 (self.boot_id, self.sequence) = (self.boot_id + 1, 0);
                 self.event(far, EventKind::StepStarted { index: 0 });
             }
+            Act::ClockBack(ms) => self.t_us = self.t_us.saturating_sub(1_000 * ms),
+            Act::Saturated(is_saturated) => self.is_saturated = is_saturated,
             Act::Vanish => {}
         }
     }
@@ -336,7 +341,11 @@ impl Device {
             assert!(closed.is_none(), "more samples than a batch holds");
             self.t_us += u64::from(PERIOD_US);
             let at = i32::try_from(self.t_us / 1_000).expect("a short test");
-            let sample = Sample { position_counts: [0, at], force_counts: [0, 10 * at] };
+            let sample = Sample {
+                position_counts: [0, at],
+                force_counts: [0, 10 * at],
+                repeats_force: self.is_saturated,
+            };
             closed = self.packer.push(self.t_us, State::Holding, 0, self.dropped, sample);
         }
         Message::Samples(closed.or_else(|| self.packer.flush()).expect("a batch of at least one sample"))
@@ -423,5 +432,6 @@ pub fn status() -> Status {
         force_limit_mn: 4_000,
         silence_limit_ms: 2_000,
         stiffness: [None; 2],
+        repeats_force: false,
     }
 }

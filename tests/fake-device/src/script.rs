@@ -23,6 +23,10 @@ pub enum Act {
     Fail(Fault),
     /// The device restarts, which its next event shows.
     Restart,
+    /// Its clock steps back by so many milliseconds.
+    ClockBack(u64),
+    /// From here on samples repeat the force, or no longer.
+    Saturated(bool),
     /// The port goes away, and with it what the host has not read yet: let it wait before.
     Vanish,
 }

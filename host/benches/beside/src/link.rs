@@ -28,6 +28,7 @@ pub fn samples(seed: u32) -> Vec<Sample> {
     let sample = |_| Sample {
         position_counts: [10_000 + noise(3), -5_000 + noise(3)],
         force_counts: [200_000 + noise(100), noise(100)],
+        repeats_force: false,
     };
     (0..SAMPLES).map(sample).collect()
 }

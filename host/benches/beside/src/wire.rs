@@ -63,7 +63,7 @@ struct Sums {
 impl Sums {
     #[inline]
     fn take(&mut self, t_us: u64, sample: Sample) {
-        let Sample { position_counts: [a, b], force_counts: [c, d] } = sample;
+        let Sample { position_counts: [a, b], force_counts: [c, d], .. } = sample;
         self.times_us = self.times_us.wrapping_add(t_us);
         self.counts += i64::from(a) - 3 * i64::from(b) + 5 * i64::from(c) - 7 * i64::from(d);
         self.samples += 1;

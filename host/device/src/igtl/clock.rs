@@ -136,7 +136,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     fn batch(time_s: f64) -> Batch {
-        let point = Point { time_s, displacement_m: [0.0; 2], force_n: [0.0; 2] };
+        let point = Point { time_s, displacement_m: [0.0; 2], force_n: [0.0; 2], repeats_force: false };
         Batch { state: State::Idle, step: None, lost_before: 0, points: vec![point] }
     }
 

@@ -330,7 +330,7 @@ fn settings() -> Settings {
 }
 
 fn samples(time_s: f64) -> Batch {
-    let point = Sample { time_s, displacement_m: [0.0; 2], force_n: [0.0; 2] };
+    let point = Sample { time_s, displacement_m: [0.0; 2], force_n: [0.0; 2], repeats_force: false };
     Batch { state: protocol::State::Holding, step: None, lost_before: 0, points: vec![point] }
 }
 

@@ -54,7 +54,7 @@ fn sent(messages: &[Vec<u8>]) -> (usize, Vec<String>, Vec<String>) {
     let settings = Settings { shape: None, tip: TIP_DEVICE_NAME.to_owned(), delay_s: 0.0, frame };
     let mut channel = Channel::connect(&address, settings).expect("connects");
     let (mut tracker, _) = listener.accept().expect("accepts");
-    let point = Sample { time_s: 5.0, displacement_m: [0.0; 2], force_n: [0.0; 2] };
+    let point = Sample { time_s: 5.0, displacement_m: [0.0; 2], force_n: [0.0; 2], repeats_force: false };
     let state = protocol::State::Holding;
     channel.samples(&Batch { state, step: None, lost_before: 0, points: vec![point] });
     for message in messages {

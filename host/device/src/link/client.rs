@@ -58,6 +58,8 @@ pub struct Point {
     pub displacement_m: [f64; 2],
     /// Force along x and y relative to the tare, newtons.
     pub force_n: [f64; 2],
+    /// There was no valid reading of the force: it is the one before.
+    pub repeats_force: bool,
 }
 
 /// A connected device.
@@ -423,6 +425,7 @@ pub(crate) fn to_batch(hello: &Hello, samples: &Samples, lost_before: u64) -> Op
         time_s: t_us as f64 * 1e-6,
         displacement_m: displacement_m(hello, sample.position_counts),
         force_n: force_n(hello, sample.force_counts),
+        repeats_force: sample.repeats_force,
     };
     let unpacked = samples.unpack(hello.sample_period_us).ok()?;
     let points = unpacked.map(point).collect();

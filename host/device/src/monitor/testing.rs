@@ -34,6 +34,7 @@ pub fn status(t_us: u64, fault: Option<Fault>) -> Status {
             None,
             Some(Stiffness { slope_mn_per_m: 1_530_000, sd_mn_per_m: 20_000, readings: 1_000 }),
         ],
+        repeats_force: false,
     }
 }
 
@@ -41,7 +42,12 @@ pub fn status(t_us: u64, fault: Option<Fault>) -> Status {
 pub fn batch(from_ms: u64, count: u64) -> Telemetry {
     let point = |t_ms: u64| {
         let y_m = 1.2e-3 * (t_ms % 4_000) as f64 / 4_000.0;
-        Point { time_s: t_ms as f64 * 1e-3, displacement_m: [-0.25e-3, y_m], force_n: [0.001, 1_530.0 * y_m] }
+        Point {
+            time_s: t_ms as f64 * 1e-3,
+            displacement_m: [-0.25e-3, y_m],
+            force_n: [0.001, 1_530.0 * y_m],
+            repeats_force: false,
+        }
     };
     Telemetry::Samples(Batch {
         state: Phase::Holding,

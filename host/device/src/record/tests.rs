@@ -42,16 +42,26 @@ fn record_with(
     program: &Program,
 ) -> (Session, Result<super::Recorded, RecordError>, Vec<String>) {
     let folder = tempfile::tempdir().expect("a folder");
+    record_in(folder.path(), ultrasound, script, program)
+}
+
+/// The same in this folder.
+fn record_in(
+    folder: &Path,
+    ultrasound: Ultrasound<'_>,
+    script: Script,
+    program: &Program,
+) -> (Session, Result<super::Recorded, RecordError>, Vec<String>) {
     let device = FakeDevice::start(script);
     let mut client = Client::connect(&device.port).expect("connects");
-    let mut session = SessionWriter::open(folder.path(), &setup()).expect("opens");
+    let mut session = SessionWriter::open(folder, &setup()).expect("opens");
     let mut writer = session.lateral("d30-1", 0.03).expect("starts");
     writer.made_with(provenance(client.hello(), Some(true)));
     let ended = acquire(&mut client, program, OPTIONS, ultrasound, &mut Recorder::new(&mut writer), &mut ());
     writer.finish().expect("finishes");
     // Its lock is a file in the folder.
     drop(session);
-    (Session::read(folder.path()).expect("reads"), ended, files(folder.path()))
+    (Session::read(folder).expect("reads"), ended, files(folder))
 }
 
 fn files(folder: &Path) -> Vec<String> {
@@ -68,6 +78,41 @@ fn playing(program: &[Act]) -> Script {
 
 fn samples(run: &LateralRun) -> usize {
     run.force.time_s.len()
+}
+
+#[test]
+fn a_device_clock_that_steps_back_begins_a_segment_that_is_stated() {
+    let program =
+        [Act::Batch(32), Act::Batch(32), Act::ClockBack(50), Act::Batch(32), Act::Batch(32), Act::Complete];
+    let folder = tempfile::tempdir().expect("a folder");
+    let (session, ended, _) = record_in(folder.path(), Ultrasound::Absent, playing(&program), &hold(false));
+    let recorded = ended.expect("completes");
+    assert_eq!((recorded.samples, recorded.clock_steps, recorded.samples_missing), (128, 1, 0));
+    assert_eq!(recorded.duration_s, 0.127);
+    let times_s = &session.lateral[0].force.time_s;
+    assert!(times_s.windows(2).all(|pair| (pair[1] - pair[0] - 1e-3).abs() < 1e-9), "{times_s:?}");
+    let text = std::fs::read_to_string(folder.path().join("d30-1.force.csv")).expect("reads");
+    let remarks: Vec<&str> = text.lines().filter(|line| line.starts_with('#')).collect();
+    assert_eq!(remarks.len(), 1, "{remarks:?}");
+    assert!(remarks[0].contains("a new segment: the device's clock has stepped back, from "), "{remarks:?}");
+    assert_eq!(text.lines().position(|line| line.starts_with('#')), Some(65), "where it happened");
+}
+
+#[test]
+fn samples_that_repeat_the_force_are_counted_and_left_out() {
+    let program = [
+        Act::Batch(32),
+        Act::Saturated(true),
+        Act::Batch(7),
+        Act::Saturated(false),
+        Act::Batch(32),
+        Act::Complete,
+    ];
+    let (session, ended, _) = record_with(Ultrasound::Absent, playing(&program), &hold(false));
+    let recorded = ended.expect("completes");
+    assert_eq!((recorded.samples, recorded.samples_without_force, recorded.samples_missing), (64, 7, 0));
+    let times_s = &session.lateral[0].force.time_s;
+    assert!((times_s[32] - times_s[31] - 8e-3).abs() < 1e-9, "{times_s:?}");
 }
 
 #[test]

@@ -97,7 +97,8 @@ const FIELDS: &str = "[('time_s', '<f8'), ('displacement_x_mm', '<f8'), ('displa
 /// Bytes before the rows: a multiple of 64, with room for any number of rows.
 const NPY_HEAD_BYTES: usize = 320;
 
-/// Writes every sample as a row of a structured array (`numpy.load`): times, positions and forces as the link gives them, step
+/// Writes every sample as a row of a structured array (`numpy.load`): times, positions and forces as the link gives them (not a number where
+/// there was no valid reading of the force), step
 /// (-1 outside a program), state (0 idle, 1 pending, 2 moving, 3 holding, 4 taring, 5 faulted), samples missing before.
 ///
 /// # Errors
@@ -143,7 +144,7 @@ impl Npy<'_> {
         let mut lost_before = batch.lost_before;
         for point in &batch.points {
             let [x_m, y_m] = point.displacement_m;
-            let [force_x_n, force_y_n] = point.force_n;
+            let [force_x_n, force_y_n] = if point.repeats_force { [f64::NAN; 2] } else { point.force_n };
             for value in [point.time_s, 1e3 * x_m, 1e3 * y_m, force_x_n, force_y_n] {
                 row.extend_from_slice(&value.to_le_bytes());
             }

@@ -251,6 +251,7 @@ mod tests {
             force_limit_mn: 4_000,
             silence_limit_ms,
             stiffness: [None; 2],
+            repeats_force: false,
         })
     }
 

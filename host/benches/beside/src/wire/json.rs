@@ -1,6 +1,6 @@
 //! JSON by `serde_json`, a line per message.
 
-use super::{Sums, Codec};
+use super::{Codec, Sums};
 use crate::link::{BATCH, BOOT_ID, PERIOD_US, time_us};
 use protocol::Sample;
 use serde::{Deserialize, Serialize};
@@ -29,12 +29,12 @@ struct One {
 }
 
 fn numbers(sample: &Sample) -> [i32; 4] {
-    let Sample { position_counts: [px, py], force_counts: [fx, fy] } = *sample;
+    let Sample { position_counts: [px, py], force_counts: [fx, fy], .. } = *sample;
     [px, py, fx, fy]
 }
 
 fn sample([px, py, fx, fy]: [i32; 4]) -> Sample {
-    Sample { position_counts: [px, py], force_counts: [fx, fy] }
+    Sample { position_counts: [px, py], force_counts: [fx, fy], repeats_force: false }
 }
 
 fn put(message: &impl Serialize, line: &mut Vec<u8>) {

@@ -1,7 +1,7 @@
 //! MAVLink 2 by `mavlink-core`: its frames, its checksum, its cut of trailing zeros; two messages of a dialect of our own, made as
 //! its generator makes them. A payload has at most 255 bytes, which is 15 samples.
 
-use super::{Sums, Codec};
+use super::{Codec, Sums};
 use crate::link::{PERIOD_US, time_us};
 use mavlink_core::bytes::Bytes;
 use mavlink_core::bytes_mut::BytesMut;
@@ -114,7 +114,7 @@ fn encode(samples: &[Sample], id: u32, size: usize, line: &mut Vec<u8>) {
             step: 2,
             ..Telemetry::default()
         };
-        for (to, Sample { position_counts: [px, py], force_counts: [fx, fy] }) in
+        for (to, Sample { position_counts: [px, py], force_counts: [fx, fy], .. }) in
             message.samples.iter_mut().zip(batch)
         {
             *to = [*px, *py, *fx, *fy];
@@ -131,7 +131,10 @@ fn decode(line: &[u8], sums: &mut Sums) {
     while let Ok((_, message)) = reader.read_message::<Telemetry>(MavlinkVersion::V2) {
         let times = (message.t_us..).step_by(PERIOD_US as usize);
         for (t_us, [px, py, fx, fy]) in times.zip(&message.samples[..message.count]) {
-            sums.take(t_us, Sample { position_counts: [*px, *py], force_counts: [*fx, *fy] });
+            sums.take(
+                t_us,
+                Sample { position_counts: [*px, *py], force_counts: [*fx, *fy], repeats_force: false },
+            );
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Protocol buffers by `prost`, each message with its length before it: batches of samples as messages, batches of packed columns,
 //! and a message per sample. No checksum.
 
-use super::{Sums, Codec};
+use super::{Codec, Sums};
 use crate::link::{BATCH, BOOT_ID, PERIOD_US, time_us};
 use prost::Message;
 use protocol::Sample;
@@ -61,12 +61,16 @@ fn head(sequence: usize, first: usize) -> Head {
 }
 
 fn reading(sample: &Sample) -> Reading {
-    let Sample { position_counts: [position_x, position_y], force_counts: [force_x, force_y] } = *sample;
+    let Sample { position_counts: [position_x, position_y], force_counts: [force_x, force_y], .. } = *sample;
     Reading { position_x, position_y, force_x, force_y }
 }
 
 fn sample(of: &Reading) -> Sample {
-    Sample { position_counts: [of.position_x, of.position_y], force_counts: [of.force_x, of.force_y] }
+    Sample {
+        position_counts: [of.position_x, of.position_y],
+        force_counts: [of.force_x, of.force_y],
+        repeats_force: false,
+    }
 }
 
 fn put(message: &impl Message, line: &mut Vec<u8>) {
@@ -130,7 +134,10 @@ impl Codec for Columns {
             let positions = batch.position_x.iter().zip(&batch.position_y);
             let forces = batch.force_x.iter().zip(&batch.force_y);
             for (t_us, ((&px, &py), (&fx, &fy))) in times.zip(positions.zip(forces)) {
-                sums.take(t_us, Sample { position_counts: [px, py], force_counts: [fx, fy] });
+                sums.take(
+                    t_us,
+                    Sample { position_counts: [px, py], force_counts: [fx, fy], repeats_force: false },
+                );
             }
         });
     }

@@ -93,6 +93,7 @@ impl Iterator for Stream {
             let sample = Sample {
                 position_counts: [position, 8_000 + position],
                 force_counts: [force, 40_000 + force],
+                repeats_force: false,
             };
             let closed = self.packer.push(self.t_us, State::Holding, 2, 0, sample);
             let period = self.t_us / u64::from(PERIOD_US);

@@ -120,6 +120,14 @@ impl<'a> LateralWriter<'a> {
         self.add(|run| &mut run.force, &line)
     }
 
+    /// Adds a remark between the rows of the force series.
+    ///
+    /// # Errors
+    /// An error of the operating system.
+    pub fn remark(&mut self, text: &str) -> Result<(), SessionError> {
+        self.add(|run| &mut run.force, &format!("# {text}"))
+    }
+
     /// Adds a point to the shape.
     ///
     /// # Errors
