@@ -3,5 +3,6 @@
 #![deny(missing_docs)]
 
 fn main() -> std::process::ExitCode {
-    host::cli::main(std::env::args_os())
+    // The shells of Windows leave `sessions\\*` to the programs.
+    host::cli::main(wild::args_os())
 }

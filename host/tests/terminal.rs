@@ -1,5 +1,5 @@
 //! A live screen ends with its terminal, and on the signals that end programs.
-#![cfg(feature = "screen")]
+#![cfg(all(unix, feature = "screen"))]
 
 use fake_device::{FakeDevice, Script};
 use protocol::Request;

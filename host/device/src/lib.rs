@@ -13,6 +13,7 @@
 //! | [`sweep`] | ultrasound sweeps by an external command |
 //! | [`tare`] | whether readings are quiet enough for a zero |
 //! | [`igtl`] | OpenIGTLink, for navigation software |
+//! | [`words`] | command lines of other programs, as the system's shells read them |
 //!
 //! # Example
 //!
@@ -42,3 +43,4 @@ pub mod recording;
 pub mod steer;
 pub mod sweep;
 pub mod tare;
+pub mod words;

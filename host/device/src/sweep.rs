@@ -3,6 +3,7 @@
 //! The output is CSV with a header: `z_mm` and `deflection_y_mm`, and where they are known `deflection_x_mm` and `time_s` (on
 //! the device's clock); other columns are ignored.
 
+use crate::words;
 use formats::session::{SessionError, ShapeRow, ShapeSeries};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -103,13 +104,13 @@ pub fn saved_frames(text: &str) -> Result<PathBuf, SweepError> {
 pub struct SweepTask<T = Sweep>(mpsc::Receiver<Result<T, SweepError>>);
 
 impl<T: Send + 'static> SweepTask<T> {
-    /// Starts a command, with the shell's splitting of words; `parse` reads its output.
+    /// Starts a command, split into words ([`words`]); `parse` reads its output.
     ///
     /// # Errors
     /// [`SweepError::Start`].
     pub fn start(command: &str, parse: fn(&str) -> Result<T, SweepError>) -> Result<Self, SweepError> {
         let cannot = |cause: String| SweepError::Start { command: command.to_owned(), cause };
-        let words = shlex::split(command).filter(|words| !words.is_empty());
+        let words = words::split(command).filter(|words| !words.is_empty());
         let words =
             words.ok_or_else(|| cannot("a quotation mark is not closed, or it is empty".to_owned()))?;
         let (program, arguments) = words.split_first().ok_or_else(|| cannot("it is empty".to_owned()))?;
@@ -223,15 +224,24 @@ mod tests {
         }
     }
 
+    /// More words than a pipe holds, before the first of the sweep.
+    #[cfg(unix)]
     #[test]
-    fn a_command_gives_a_sweep_or_an_error() {
-        let good = complete(r#"printf 'z_mm,deflection_y_mm\n71,0.5\n'"#).unwrap();
-        assert_eq!(good.rows(1.0).count(), 1);
-        let failed = complete("sh -c 'echo probe is off >&2; exit 3'").unwrap_err().to_string();
-        assert!(failed.contains("exit status: 3") && failed.contains("probe is off"), "{failed}");
-        // More words than a pipe holds, before the first of the sweep.
+    fn a_command_that_prints_a_lot_waits_for_no_reader() {
         let chatty = "sh -c 'head -c 300000 /dev/zero >&2; echo z_mm,deflection_y_mm; echo 71,0.5'";
         assert_eq!(complete(chatty).unwrap().rows(1.0).count(), 1);
+    }
+
+    #[test]
+    fn a_command_gives_a_sweep_or_an_error() {
+        let [good, failing] = if cfg!(windows) {
+            [r#"cmd /c "echo z_mm,deflection_y_mm& echo 71,0.5""#, r#"cmd /c "echo probe is off>&2& exit 3""#]
+        } else {
+            [r"printf 'z_mm,deflection_y_mm\n71,0.5\n'", "sh -c 'echo probe is off >&2; exit 3'"]
+        };
+        assert_eq!(complete(good).unwrap().rows(1.0).count(), 1);
+        let failed = complete(failing).unwrap_err().to_string();
+        assert!(failed.contains(": 3)") && failed.contains("probe is off"), "{failed}");
         let missing = complete("no-such-program-here").unwrap_err().to_string();
         assert!(missing.contains("cannot run the sweep command"), "{missing}");
         assert!(complete("a 'b").unwrap_err().to_string().contains("quotation mark"));

@@ -179,8 +179,8 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("my.toml");
         fs::write(&path, text).expect("written");
-        define_effects(&path)
-            .map_err(|why| why.to_string().replace(&format!("{}/", folder.path().display()), ""))
+        let prefix = format!("{}{}", folder.path().display(), std::path::MAIN_SEPARATOR);
+        define_effects(&path).map_err(|why| why.to_string().replace(&prefix, ""))
     }
 
     #[test]

@@ -65,6 +65,12 @@ impl NewFile {
     }
 }
 
+/// A relative path with the separator that every system reads, as files and documents hold it.
+pub fn with_slashes(path: &Path) -> String {
+    let names = path.components().map(|name| name.as_os_str().to_string_lossy());
+    names.collect::<Vec<_>>().join("/")
+}
+
 /// Writes a file where nothing may be.
 ///
 /// # Errors

@@ -35,10 +35,20 @@ pub fn settle(choice: ColorChoice) -> bool {
     }
     on(
         choice,
-        io::stderr().is_terminal(),
+        io::stderr().is_terminal() && understands_colours(),
         std::env::var_os("NO_COLOR").as_deref(),
         std::env::var_os("TERM").as_deref(),
     )
+}
+
+/// Whether the terminal knows the sequences that colour. The older consoles of Windows have to be asked for them.
+fn understands_colours() -> bool {
+    #[cfg(all(windows, feature = "screen"))]
+    return ratatui::crossterm::ansi_support::supports_ansi();
+    #[cfg(all(windows, not(feature = "screen")))]
+    return false;
+    #[cfg(not(windows))]
+    true
 }
 
 fn on(

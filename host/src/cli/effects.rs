@@ -6,7 +6,7 @@ use formats::model_file::{expected_ids, has_neutral_value};
 use mechanics::effects::{Effect, all};
 use serde::Serialize;
 use std::fmt::{self, Display};
-use std::io::IsTerminal;
+use terminal_size::{Width, terminal_size_of};
 
 /// List the effects that the model can have, with their parameters
 #[derive(clap::Args)]
@@ -61,9 +61,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 
 /// Columns of the terminal that the text goes to; none where it goes elsewhere.
 fn width() -> Option<usize> {
-    let stdout = std::io::stdout();
-    let size = stdout.is_terminal().then(|| rustix::termios::tcgetwinsize(&stdout).ok()).flatten()?;
-    Some(usize::from(size.ws_col)).filter(|columns| *columns > 0)
+    let (Width(columns), _) = terminal_size_of(std::io::stdout())?;
+    Some(usize::from(columns)).filter(|columns| *columns > 0)
 }
 
 /// Where the words of a line begin behind its label.

@@ -3,6 +3,7 @@
 use super::import_shapes::ShapeArgs;
 use super::output::Output;
 use anyhow::{Context, bail, ensure};
+use device::words::join;
 use formats::foreign::{Choice, Mapping, Options, RawTable, Taken, TakenColumn, ZOrigin, Zero, take};
 use formats::session::import::id_of;
 use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup};
@@ -321,7 +322,7 @@ fn again(
     option("--out", Some(text(to)));
     words.extend(args.each.then(|| "--each".to_owned()));
     words.push("--yes".to_owned());
-    shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "))
+    join(words.iter().map(String::as_str))
 }
 
 /// What was taken for what.

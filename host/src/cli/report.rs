@@ -4,11 +4,11 @@ use super::characterized::CharacterizedArgs;
 use super::output::{Output, write_file};
 use crate::report::{Analyses, Day, Options, Origin, Outcome, Report};
 use anyhow::ensure;
+use device::words::join;
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use inference::diagnose::Verdict;
 use serde::Serialize;
-use std::borrow::Cow;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
@@ -71,9 +71,7 @@ fn command(args: &Args) -> String {
         words.extend(["--characterized".to_owned(), rig.display().to_string()]);
     }
     words.extend(["--until".to_owned(), args.until.to_string()]);
-    // A path with a NUL cannot be quoted; none can be opened either.
-    let quoted = words.iter().map(|word| shlex::try_quote(word).unwrap_or(Cow::Borrowed(word)));
-    quoted.collect::<Vec<_>>().join(" ")
+    join(words.iter().map(String::as_str))
 }
 
 /// What was written.

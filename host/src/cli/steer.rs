@@ -16,6 +16,7 @@ use anyhow::{Context, anyhow, bail, ensure};
 use device::igtl::{Publisher, server};
 use device::link::Client;
 use device::steer::RigPlant;
+use device::words::split;
 use drawing::Readings;
 use formats::NORMAL_975;
 use formats::model_file::{LearnedEffect, ModelFile};
@@ -242,7 +243,7 @@ impl Driver {
             (None, Some(tip)) => ("--tip", tip),
             (None, None) => bail!("expected --plant, or --port and --tip"),
         };
-        let words = shlex::split(command).filter(|words| !words.is_empty());
+        let words = split(command).filter(|words| !words.is_empty());
         let words = words.ok_or_else(|| anyhow!("{option}: `{command}` is no command"))?;
         let interrupted = interrupted()?;
         let client = match &args.port {

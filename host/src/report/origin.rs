@@ -1,6 +1,7 @@
 //! Where a report comes from: program, command, date, and the files behind it with their checksums.
 
 use super::page::{Block, Outcome, Section, number, words};
+use formats::files::with_slashes;
 use formats::session::{Session, SessionError};
 use sha2::{Digest, Sha256};
 use std::fmt::Write;
@@ -127,7 +128,7 @@ impl FileSum {
             let _ = write!(text, "{byte:02x}");
             text
         });
-        let name = path.strip_prefix(dir).unwrap_or(path).display().to_string();
+        let name = path.strip_prefix(dir).map_or_else(|_| path.display().to_string(), with_slashes);
         Ok((Self { name, bytes: bytes.len(), sha256 }, modified))
     }
 }

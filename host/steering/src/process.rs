@@ -19,6 +19,10 @@ const ANSWER_S: f64 = 5.0;
 /// Longer lines are no message of this protocol, bytes.
 const MAX_LINE: usize = 1 << 20;
 
+/// Flag of Windows for a process that a console's Ctrl-C does not end.
+#[cfg(windows)]
+const NEW_PROCESS_GROUP: u32 = 0x200;
+
 /// How often a wait checks whether the user interrupts.
 const POLL: Duration = Duration::from_millis(50);
 /// How long the end of a program is waited for whose output has ended.
@@ -64,6 +68,8 @@ impl ProcessPlant {
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped());
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        #[cfg(windows)]
+        std::os::windows::process::CommandExt::creation_flags(&mut command, NEW_PROCESS_GROUP);
         let failed = |error: &dyn std::fmt::Display| {
             record.failure(PlantError::NotStarted(format!("{program}: {error}")))
         };
@@ -200,6 +206,7 @@ impl Drop for ProcessPlant {
     }
 }
 
-#[cfg(test)]
+// Its plants are scripts of a Unix shell.
+#[cfg(all(test, unix))]
 #[path = "process_tests.rs"]
 mod tests;

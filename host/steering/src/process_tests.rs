@@ -159,7 +159,6 @@ fn an_interrupt_is_no_end_of_the_plant_and_can_be_replayed() {
 }
 
 /// An interrupt at the terminal goes to the whole process group of the foreground.
-#[cfg(unix)]
 #[test]
 fn a_plant_has_a_process_group_of_its_own() {
     let (error, _) = fault("ps -o pgid= -p $$ | grep -qw $$ && exit 7; exit 8");

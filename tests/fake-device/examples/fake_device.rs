@@ -1,7 +1,7 @@
 //! The fake device as a program, for clients in other languages: prints the name of its port, then, for every line on standard input,
 //! what it has carried out since the line before, and ends with standard input.
 //!
-//! Its program holds for `SECONDS` (first argument; 0: one batch), and ends by the fault of a silent host where no command comes for
+//! Its program holds for `SECONDS` (first argument; 0: one batch; second argument: a TCP address in place of a pseudo terminal), and ends by the fault of a silent host where no command comes for
 //! half a second of its clock.
 #![forbid(unsafe_code)]
 
@@ -14,7 +14,11 @@ fn main() -> std::io::Result<()> {
     let cycles = seconds * 1_000 / BATCH;
     let held = (0..cycles).flat_map(|_| [Act::Batch(BATCH as usize), Act::Wait(BATCH)]);
     let program = std::iter::once(Act::Batch(BATCH as usize)).chain(held).chain([Act::Complete]).collect();
-    let device = FakeDevice::start(Script { silence_limit_ms: 500, program, ..Script::default() });
+    let script = Script { silence_limit_ms: 500, program, ..Script::default() };
+    let device = match std::env::args().nth(2) {
+        Some(address) => FakeDevice::start_at(&address, script),
+        None => FakeDevice::start(script),
+    };
     let mut out = std::io::stdout();
     writeln!(out, "{}", device.port)?;
     out.flush()?;

@@ -1,20 +1,20 @@
-//! A device for tests: speaks the protocol at the far end of a pseudo terminal, and misbehaves as scripted.
+//! A device for tests: speaks the protocol at the far end of a pseudo terminal or of a TCP connection, and misbehaves as scripted.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+use line::Line;
 use protocol::{
     CalibrationId, CalibrationRecord, CalibrationSource, Command, CommandReceiver, Counters, Envelope, Event,
     EventKind, Fault, Hello, Load, MAX_CALIBRATION, MAX_FRAME_TO_HOST, Message, Outcome, PIECE_BYTES, Packer,
     PotentiometerTable, Received, Refusal, Request, ResetReason, RetreatOutcome, Safety, Sample, Scales,
     State, Status, Text, encode_envelope,
 };
-use serialport::{SerialPort, TTYPort};
-use std::io::{Read, Write};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+mod line;
 mod script;
 
 pub use script::{Act, Script};
@@ -38,13 +38,17 @@ pub struct FakeDevice {
 }
 
 impl FakeDevice {
-    /// Starts a device.
+    /// Starts a device: at a pseudo terminal, and where the system has none at a TCP port of this machine.
     pub fn start(script: Script) -> Self {
-        let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
-        let port = near.name().expect("the port has a name");
-        // Opened again by its name; kept open here it would be in use.
-        drop(near);
-        far.set_timeout(Duration::from_millis(5)).expect("a timeout");
+        Self::on(line::usual(), script)
+    }
+
+    /// Starts a device behind a TCP address; port 0 is a free one.
+    pub fn start_at(address: &str, script: Script) -> Self {
+        Self::on(line::tcp(address), script)
+    }
+
+    fn on((far, port): (Box<dyn Line>, String), script: Script) -> Self {
         let (executed, questions) = (Arc::default(), Arc::default());
         let stop = Arc::new(AtomicBool::new(false));
         let script_silence_ms = script.silence_limit_ms;
@@ -120,15 +124,15 @@ struct Device {
 }
 
 impl Device {
-    fn serve(mut self, mut far: TTYPort, stop: &AtomicBool) {
+    fn serve(mut self, mut far: Box<dyn Line>, stop: &AtomicBool) {
         while !stop.load(Ordering::Acquire) {
-            let commands = self.receive(&mut far);
+            let commands = self.receive(&mut *far);
             if commands.is_empty() {
                 // The near end is not open yet, or nothing came.
                 std::thread::sleep(Duration::from_millis(1));
             }
             for command in commands {
-                self.handle_command(&command, &mut far);
+                self.handle_command(&command, &mut *far);
                 if self.vanishes(&command) {
                     return;
                 }
@@ -137,10 +141,9 @@ impl Device {
     }
 
     /// Commands that have arrived.
-    fn receive(&mut self, far: &mut TTYPort) -> Vec<Command> {
+    fn receive(&mut self, far: &mut dyn Line) -> Vec<Command> {
         let mut bytes = [0; 256];
-        let waiting = far.bytes_to_read().unwrap_or_default();
-        let length = if waiting > 0 { far.read(&mut bytes).unwrap_or_default() } else { 0 };
+        let length = far.receive(&mut bytes);
         let received = self.receiver.feed(&bytes[..length]);
         let commands = received.filter_map(|received| match received {
             Received::Frame(command) if !self.script.mute => Some(command),
@@ -153,7 +156,7 @@ impl Device {
         matches!(command.request, Request::Run { .. }) && self.script.program.contains(&Act::Vanish)
     }
 
-    fn handle_command(&mut self, command: &Command, far: &mut TTYPort) {
+    fn handle_command(&mut self, command: &Command, far: &mut dyn Line) {
         self.last_command_us = self.t_us;
         std::thread::sleep(Duration::from_millis(std::mem::take(&mut self.script.first_answer_after_ms)));
         match command.request {
@@ -272,7 +275,7 @@ impl Device {
         Message::Ack { id: command.id }
     }
 
-    fn act(&mut self, act: Act, far: &mut TTYPort) {
+    fn act(&mut self, act: Act, far: &mut dyn Line) {
         match act {
             Act::Batch(count) => {
                 let batch = self.batch(count);
@@ -285,7 +288,7 @@ impl Device {
                 let middle = frame.len() / 2;
                 // Never a delimiter.
                 frame[middle] = if frame[middle] == 0x55 { 0x56 } else { 0x55 };
-                far.write_all(frame).expect("the far end writes");
+                far.send(frame);
             }
             Act::Lost(count) => {
                 let batch = self.batch(count);
@@ -328,7 +331,7 @@ impl Device {
         }
     }
 
-    fn event(&mut self, far: &mut TTYPort, kind: EventKind) {
+    fn event(&mut self, far: &mut dyn Line, kind: EventKind) {
         let event = Event { t_us: self.t_us, kind };
         self.send(far, Message::Event(event));
     }
@@ -351,11 +354,10 @@ impl Device {
         Message::Samples(closed.or_else(|| self.packer.flush()).expect("a batch of at least one sample"))
     }
 
-    fn send(&mut self, far: &mut TTYPort, message: Message) {
+    fn send(&mut self, far: &mut dyn Line, message: Message) {
         let mut buffer = [0; MAX_FRAME_TO_HOST];
         let frame = self.encode(&mut buffer, message);
-        // The host may have gone; then the frame is not needed.
-        let _ = far.write_all(frame);
+        far.send(frame);
     }
 
     fn encode<'b>(&mut self, buffer: &'b mut [u8], message: Message) -> &'b mut [u8] {

@@ -11,6 +11,9 @@ pub const BAUD: u32 = 460_800;
 /// How long one read or write waits; short, so that a closing link is noticed soon.
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
 
+/// What to do about a port that another program has.
+const IN_USE: &str = if cfg!(windows) { "close it" } else { "close it, or see who has it with `lsof PORT`" };
+
 /// Why a port cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
@@ -21,7 +24,7 @@ pub enum PortError {
         port: String,
     },
     /// Another program has it.
-    #[error("{port}: in use by another program (close it, or see who has it with `lsof {port}`)")]
+    #[error("{port}: in use by another program ({})", IN_USE.replace("PORT", port))]
     InUse {
         /// The port's name.
         port: String,
@@ -70,8 +73,14 @@ pub fn list() -> Result<Vec<PortInfo>, serialport::Error> {
         .into_iter()
         .map(|port| PortInfo { description: describe(&port.port_type), name: port.port_name })
         .collect();
-    ports.sort_by(|a, b| a.name.cmp(&b.name));
+    ports.sort_by_cached_key(|port| by_number(&port.name));
     Ok(ports)
+}
+
+/// Orders names that end with a number by that: COM3 before COM10.
+fn by_number(name: &str) -> (String, u32) {
+    let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
+    (stem.to_owned(), name.get(stem.len()..).and_then(|number| number.parse().ok()).unwrap_or(0))
 }
 
 fn describe(kind: &SerialPortType) -> String {
@@ -85,6 +94,11 @@ fn describe(kind: &SerialPortType) -> String {
         SerialPortType::BluetoothPort => "Bluetooth".to_owned(),
         SerialPortType::Unknown => String::new(),
     }
+}
+
+/// Whether the system has a port of this name.
+fn is_listed(name: &str) -> bool {
+    list().is_ok_and(|ports| ports.iter().any(|port| port.name.eq_ignore_ascii_case(name)))
 }
 
 /// The two directions of an open port. Reads and writes return after [`READ_TIMEOUT`], with an error of this kind.
@@ -101,13 +115,10 @@ pub(super) fn open(name: &str) -> Result<Ends, PortError> {
     }
     let serial = serialport::new(name, BAUD).timeout(READ_TIMEOUT).open();
     let serial = serial.map_err(|cause| match cause.kind() {
-        // On Unix this kind means that the port is locked; a port that is not there is an I/O error.
-        ErrorKind::NoDevice if cfg!(unix) => PortError::InUse { port: port() },
+        // On Unix this kind means that the port is locked, and a port that is not there is an I/O error; on Windows it means either.
+        ErrorKind::NoDevice if cfg!(unix) || is_listed(name) => PortError::InUse { port: port() },
         ErrorKind::NoDevice | ErrorKind::Io(std::io::ErrorKind::NotFound) => {
             PortError::NotThere { port: port() }
-        }
-        ErrorKind::Io(std::io::ErrorKind::PermissionDenied) if cfg!(windows) => {
-            PortError::InUse { port: port() }
         }
         ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => PortError::Permission { port: port() },
         _ => PortError::Other { port: port(), cause },
@@ -116,4 +127,16 @@ pub(super) fn open(name: &str) -> Result<Ends, PortError> {
     serial.clear(ClearBuffer::All).map_err(other)?;
     let reader = serial.try_clone().map_err(other)?;
     Ok(Ends { reader: Box::new(reader), writer: Box::new(serial) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ports_are_listed_by_their_numbers() {
+        let mut names = ["COM10", "/dev/ttyS0", "COM3", "/dev/ttyACM2", "/dev/ttyACM10", "COM"];
+        names.sort_by_cached_key(|name| by_number(name));
+        assert_eq!(names, ["/dev/ttyACM2", "/dev/ttyACM10", "/dev/ttyS0", "COM", "COM3", "COM10"]);
+    }
 }

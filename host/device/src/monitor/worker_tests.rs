@@ -4,6 +4,7 @@ use super::*;
 use crate::link::{Program, Telemetry};
 use fake_device::{Act, BOOT_ID, FakeDevice, Script};
 use protocol::{Fault, Request, Step};
+#[cfg(unix)]
 use std::path::Path;
 use std::sync::Arc;
 
@@ -188,6 +189,8 @@ fn a_device_that_restarts_is_connected_again_at_once() {
     assert!(before.elapsed() < RECONNECT);
 }
 
+/// Another device at the same name is a link to another pseudo terminal.
+#[cfg(unix)]
 #[test]
 fn a_device_that_is_plugged_in_again_is_found_and_orders_meanwhile_are_not_kept() {
     let folder = tempfile::tempdir().expect("a folder");

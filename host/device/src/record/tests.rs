@@ -12,7 +12,12 @@ use std::sync::atomic::AtomicBool;
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 const OPTIONS: RunOptions = RunOptions { start_us: None, stream: true, interrupted: &NEVER };
+#[cfg(not(windows))]
 const SWEEP: &str = r"printf 'z_mm,deflection_y_mm\n80,0.5\n90,0.25\n'";
+#[cfg(windows)]
+const SWEEP: &str = r#"cmd /c "echo z_mm,deflection_y_mm& echo 80,0.5& echo 90,0.25""#;
+/// Prints what follows.
+const SAY: &str = if cfg!(windows) { "cmd /c echo" } else { "echo" };
 
 fn setup() -> Setup {
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
@@ -145,7 +150,7 @@ fn frames_of_a_hold_are_listed_with_their_time() {
     let folder = tempfile::tempdir().expect("a folder");
     let frames = folder.path().join("frames.mha");
     std::fs::write(&frames, "frames").expect("a file");
-    let command = format!("echo '{}'", frames.display());
+    let command = format!("{SAY} '{}'", frames.display());
     let mut program = vec![Act::Batch(32); 11];
     program.extend([Act::Wait(300), Act::Batch(32), Act::Complete]);
     let (session, ended, files) = record_with(Ultrasound::Frames(&command), playing(&program), &hold(true));

@@ -1,6 +1,7 @@
 //! Sequences of ultrasound frames that belong to a run: `<id>.sweeps.toml`, one entry per hold in which frames were taken.
 
 use crate::document::{Fields, Problem, SessionError, read_text};
+use crate::files::with_slashes;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -53,20 +54,33 @@ impl FrameSweep {
             let _ = write!(
                 text,
                 "\n[[sweep]]\ntime_s = {time_s:.6}\nframes = {}\n",
-                toml::Value::from(inside(session, frames).to_string_lossy().into_owned())
+                toml::Value::from(inside(session, frames))
             );
         }
         text
     }
 }
 
-/// A path relative to the session's folder where it lies in it, so that the folder can be moved as a whole; else from the root.
-fn inside(session: &Path, frames: &Path) -> PathBuf {
-    let (Ok(session), Ok(frames)) = (session.canonicalize(), frames.canonicalize()) else {
-        return frames.to_owned();
+/// A path relative to the session's folder where it lies in it, so that the folder can be moved as a whole, with the separator that every system
+/// reads; else from the root.
+fn inside(session: &Path, frames: &Path) -> String {
+    let (Ok(session), Ok(from_root)) = (session.canonicalize(), frames.canonicalize()) else {
+        return frames.to_string_lossy().into_owned();
     };
-    frames.strip_prefix(&session).map(Path::to_owned).unwrap_or(frames)
+    match from_root.strip_prefix(&session) {
+        Ok(below) => with_slashes(below),
+        Err(_) => plain(&from_root.to_string_lossy()).to_owned(),
+    }
 }
+
+/// An absolute path as a user of Windows writes it: without the prefix of its longest form, where the short one means the same.
+fn plain(path: &str) -> &str {
+    let drive = path.strip_prefix(r"\\?\").filter(|short| short.get(1..3) == Some(r":\"));
+    drive.filter(|short| short.len() < LONGEST).unwrap_or(path)
+}
+
+/// Longest path of Windows without that prefix.
+const LONGEST: usize = 260;
 
 #[cfg(test)]
 mod tests {
@@ -77,18 +91,34 @@ mod tests {
     fn sweeps_are_listed_relative_to_the_session_and_read_again() {
         let (session, elsewhere) =
             (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        let [here, there] = [session.path(), elsewhere.path()].map(|folder| folder.join("sweep \"1\".mha"));
+        let [here, there] = [session.path(), elsewhere.path()].map(|folder| folder.join("sweep '1'.mha"));
         for file in [&here, &there] {
             fs::write(file, "frames").expect("a file");
         }
         let sweeps =
             [FrameSweep { time_s: 1.25, frames: here.clone() }, FrameSweep { time_s: 7.5, frames: there }];
         let text = FrameSweep::to_toml(session.path(), "d30-1", &sweeps);
-        assert!(text.contains("frames = 'sweep \"1\".mha'"), "{text}");
+        assert!(text.contains("frames = \"sweep '1'.mha\""), "{text}");
         fs::write(sweeps_file(session.path(), "d30-1"), text).expect("a file");
         let read = FrameSweep::read(session.path(), "d30-1").expect("reads");
         assert_eq!((read.len(), read[0].time_s, &read[0].frames), (2, 1.25, &here));
         assert!(read[1].frames.is_absolute());
+    }
+
+    #[test]
+    fn what_is_below_the_session_is_listed_with_slashes_on_every_system() {
+        let session = tempfile::tempdir().expect("a folder");
+        let below = session.path().join("frames").join("d30-1");
+        fs::create_dir_all(&below).expect("a folder");
+        assert_eq!(inside(session.path(), &below), "frames/d30-1");
+    }
+
+    #[test]
+    fn an_absolute_path_of_windows_is_written_as_its_users_write_it() {
+        assert_eq!(plain(r"\\?\C:\data\a.mha"), r"C:\data\a.mha");
+        for kept in ["/data/a.mha", r"\\?\UNC\server\a.mha", &format!(r"\\?\C:\{}", "a".repeat(LONGEST))] {
+            assert_eq!(plain(kept), kept);
+        }
     }
 
     #[test]

@@ -1,10 +1,13 @@
 //! One writer per session folder: a lock that ends with its holder, however that ends.
 //!
-//! The lock is an advisory one of the operating system on a file in the folder, so that a process that is killed leaves none. The file
-//! names the holder for those that wait, and is removed with the lock: a folder that nobody writes to looks as before.
+//! The lock is one of the operating system on a file in the folder, so that a process that is killed leaves none: on Unix an advisory lock, on
+//! Windows the open file itself, which others may read only. The file names the holder for those that wait, and is removed with the lock: a
+//! folder that nobody writes to looks as before.
 
 use crate::document::{SessionError, io};
-use std::fs::{self, File, OpenOptions, TryLockError};
+use std::fs::{self, File, OpenOptions};
+#[cfg(windows)]
+use std::io::ErrorKind;
 use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -48,18 +51,7 @@ impl SessionLock {
     /// The lock, or who holds it.
     fn attempt(dir: &Path) -> Result<Result<Self, String>, SessionError> {
         let path = dir.join(NAME);
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(&path)
-            .map_err(io(&path, "open"))?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Ok(Err(holder(&path))),
-            Err(TryLockError::Error(cause)) => return Err(io(&path, "lock")(cause)),
-        }
+        let Some(mut file) = exclusive(&path)? else { return Ok(Err(holder(&path))) };
         // The holder before may have removed the file after it was opened here: then this lock is one on a file that no other writer finds.
         let text = own_name();
         let written =
@@ -74,6 +66,48 @@ impl SessionLock {
             _ => Ok(Err(holder(&path))),
         }
     }
+}
+
+/// The file, where nobody else has it.
+#[cfg(not(windows))]
+fn exclusive(path: &Path) -> Result<Option<File>, SessionError> {
+    use std::fs::TryLockError;
+    let mut options = OpenOptions::new();
+    let file = options.read(true).write(true).create(true).truncate(false).open(path);
+    let file = file.map_err(io(path, "open"))?;
+    match file.try_lock() {
+        Ok(()) => Ok(Some(file)),
+        Err(TryLockError::WouldBlock) => Ok(None),
+        Err(TryLockError::Error(cause)) => Err(io(path, "lock")(cause)),
+    }
+}
+
+/// The file, where nobody else has it. A lock of Windows would keep others from reading the holder's name; a file that is shared for reading does not.
+#[cfg(windows)]
+fn exclusive(path: &Path) -> Result<Option<File>, SessionError> {
+    use std::os::windows::fs::OpenOptionsExt;
+    /// To read, to write, and to delete it.
+    const ACCESS: u32 = 0x8000_0000 | 0x4000_0000 | 0x0001_0000;
+    /// Others may read and delete.
+    const SHARED: u32 = 0x1 | 0x4;
+    /// It is deleted with its last user.
+    const DELETE_ON_CLOSE: u32 = 0x0400_0000;
+    const SHARING_VIOLATION: i32 = 32;
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(false);
+    options.access_mode(ACCESS).share_mode(SHARED).custom_flags(DELETE_ON_CLOSE);
+    match options.open(path) {
+        Ok(file) => Ok(Some(file)),
+        Err(cause) if cause.raw_os_error() == Some(SHARING_VIOLATION) => Ok(None),
+        // A file that is about to vanish, with its holder, cannot be opened; one that cannot be made is not there.
+        Err(cause) if cause.kind() == ErrorKind::PermissionDenied && is_vanishing(path) => Ok(None),
+        Err(cause) => Err(io(path, "open")(cause)),
+    }
+}
+
+#[cfg(windows)]
+fn is_vanishing(path: &Path) -> bool {
+    !fs::symlink_metadata(path).is_err_and(|cause| cause.kind() == ErrorKind::NotFound)
 }
 
 impl Drop for SessionLock {

@@ -265,7 +265,7 @@ mod tests {
         }
         let survey = Session::survey(folder.path());
         assert_eq!(survey.faults.is_empty(), Session::read(folder.path()).is_ok(), "the same as reading");
-        let prefix = format!("{}/", folder.path().display());
+        let prefix = format!("{}{}", folder.path().display(), std::path::MAIN_SEPARATOR);
         let faults = survey.faults.iter().map(|fault| fault.to_string().replace(&prefix, "")).collect();
         (survey, faults)
     }

@@ -39,7 +39,7 @@ fn folder(toml: &str, force: &str, shape: &str) -> TempDir {
 
 fn message(dir: &TempDir) -> String {
     let error = Session::read(dir.path()).expect_err("refused").to_string();
-    error.replace(&format!("{}/", dir.path().display()), "")
+    error.replace(&format!("{}{}", dir.path().display(), std::path::MAIN_SEPARATOR), "")
 }
 
 fn setup() -> Setup {

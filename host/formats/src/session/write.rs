@@ -232,12 +232,22 @@ fn check_name(path: &Path, id: &str) -> Result<(), SessionError> {
 }
 
 /// What an id may be.
-pub const FILE_NAME: &str = "up to 100 of letters, digits, - _ .";
+pub const FILE_NAME: &str =
+    "up to 100 of letters, digits, - _ ., and no device of Windows (con, nul, com1, ...)";
 
-/// Whether an id can be part of a file name.
+/// Whether an id can be part of a file name, on every system that a session may go to.
 pub fn is_file_name(id: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-    !id.is_empty() && !id.starts_with('.') && id.len() <= 100 && id.chars().all(plain)
+    !id.is_empty() && !id.starts_with('.') && id.len() <= 100 && id.chars().all(plain) && !is_device(id)
+}
+
+/// Whether a file of this name is a device on Windows, whatever follows behind a dot.
+pub(super) fn is_device(id: &str) -> bool {
+    let stem = id.split('.').next().unwrap_or(id).to_ascii_lowercase();
+    match stem.strip_suffix(|last: char| matches!(last, '1'..='9')) {
+        Some(port) => matches!(port, "com" | "lpt"),
+        None => matches!(stem.as_str(), "con" | "prn" | "aux" | "nul"),
+    }
 }
 
 /// Adds an entry to `session.toml`.

@@ -94,7 +94,8 @@ fn timeout(error: io::Error) -> io::Error {
     if error.kind() == ErrorKind::WouldBlock { ErrorKind::TimedOut.into() } else { error }
 }
 
-#[cfg(test)]
+// The server passes the bytes of a pseudo terminal on.
+#[cfg(all(test, unix))]
 mod tests {
     use super::super::PortError;
     use crate::link::{Client, LinkError};

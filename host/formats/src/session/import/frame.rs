@@ -1,5 +1,6 @@
 //! From a needle's points in some frame of space to the session's: along the straight needle, and away from it.
 
+use crate::session::write::is_device;
 use crate::session::{ShapeSeries, is_file_name};
 use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};
@@ -249,7 +250,11 @@ pub fn id_of(path: &Path) -> String {
         }
     }
     let id: String = id.trim_matches(['-', '.']).chars().take(100).collect();
-    if id.is_empty() { "run".to_owned() } else { id }
+    match id.as_str() {
+        "" => "run".to_owned(),
+        device if is_device(device) => format!("run-{device}").chars().take(100).collect(),
+        _ => id,
+    }
 }
 
 /// Name of a file without its ending.

@@ -268,9 +268,16 @@ fn an_id_is_made_of_any_file_name() {
         ("針.csv", "run"),
         (".hidden", "hidden"),
         ("é à.txt", "run"),
+        ("Con.csv", "run-Con"),
+        ("com1.csv", "run-com1"),
+        ("com.csv", "com"),
+        ("nul1.csv", "nul1"),
     ] {
         assert_eq!(id_of(Path::new(name)), id, "{name}");
         assert!(is_file_name(&id_of(Path::new(name))), "{name}");
     }
     assert!(is_file_name(&id_of(Path::new(&"x".repeat(300)))));
+    for device in ["con", "NUL", "aux.1", "Com9", "lpt1"] {
+        assert!(!is_file_name(device), "{device}: a session with it could not be copied to Windows");
+    }
 }
