@@ -4,6 +4,7 @@
 use crate::build::{FIRST_IMAGE, cargo, cargo_with, image_parts, root, target_dir};
 use crate::setup::TARGET;
 use anyhow::{Context, Result, bail};
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// The firmware's images: features.
@@ -71,22 +72,35 @@ fn image(features: &str) -> Result<()> {
     cargo(&[&of_image[..], &["--target-dir", &parts, "--", "-D", "warnings"]].concat())
 }
 
-fn is_installed(program: &str) -> bool {
-    Command::new(program).arg("--version").stdout(Stdio::null()).status().is_ok_and(|s| s.success())
+/// Whether a program is there and states its version.
+pub fn is_installed(program: &str) -> bool {
+    Command::new(program)
+        .arg("--version")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|s| s.success())
 }
 
-/// Builds the manual as a site into the target folder, where mdbook is installed; a warning of it counts as an error.
+/// Builds the manual as a site into the target folder, where mdbook is installed.
 fn manual() -> Result<()> {
     if !is_installed("mdbook") {
         eprintln!("xtask: mdbook is not installed, the manual is not built (cargo install --locked mdbook)");
         return Ok(());
     }
-    let site = std::path::absolute(target_dir().join("manual"))?;
-    let output = Command::new("mdbook")
+    book(Path::new("mdbook"), &target_dir().join("manual"))
+}
+
+/// Builds the manual as a site into a folder; a warning of mdbook counts as an error.
+///
+/// # Errors
+/// Where mdbook cannot be run, fails or warns.
+pub fn book(mdbook: &Path, site: &Path) -> Result<()> {
+    let output = Command::new(mdbook)
         .arg("build")
         .arg(root().join("host/manual"))
         .arg("--dest-dir")
-        .arg(site)
+        .arg(std::path::absolute(site)?)
         .output()
         .context("cannot run mdbook")?;
     let log = String::from_utf8_lossy(&output.stderr);

@@ -30,7 +30,7 @@ pub fn cluster(arguments: &[OsString]) -> Result<()> {
     let python = wheel::python()?;
     ensure_slurm()?;
     let folder = target_dir().join("cluster");
-    let built = wheel::build(&python, &target_dir().join("wheel"), "release")?;
+    let built = wheel::build(&python, &target_dir().join("wheel"), &wheel::Kind::here("release"))?;
     let environment = folder.join("python");
     wheel::remove(&environment)?;
     wheel::environment(&python, &environment)?;

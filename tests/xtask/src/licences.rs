@@ -1,4 +1,4 @@
-//! The licences of what is compiled into the wheel, and that nothing else is in it.
+//! The licences of what is compiled into a program, and that nothing else is in the wheel.
 
 use crate::build::{program, root};
 use anyhow::{Context, Result, bail, ensure};
@@ -12,66 +12,100 @@ use std::process::{Command, Stdio};
 pub const FILE: &str = "THIRD-PARTY.txt";
 /// Licence files of a package begin with one of these, in any case.
 const NAMES: [&str; 6] = ["license", "licence", "copying", "unlicense", "notice", "copyright"];
+/// The compiled module: of Unix, of Windows.
+pub const MODULES: [&str; 2] = ["needle_guide/_core.abi3.so", "needle_guide/_core.pyd"];
 /// Of the wheel's own description.
 const DESCRIPTION: [&str; 4] = ["METADATA", "WHEEL", "RECORD", "entry_points.txt"];
 /// What stands before the registry's name, and that before a package's, in the paths that the compiler leaves in a library.
 const REGISTRY: &str = "registry/src/";
 
+/// What is compiled.
+#[derive(Debug, Clone, Copy)]
+pub struct Built<'a> {
+    /// Package of the workspace.
+    pub package: &'a str,
+    /// Its features, beside those that it has by default.
+    pub features: &'a str,
+    /// Rust's name of the system.
+    pub target: &'a str,
+}
+
+/// The Python module for a system.
+pub const fn module(target: &str) -> Built<'_> {
+    Built { package: "needle-guide", features: "extension", target }
+}
+
 /// A package that is compiled in.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Package {
-    /// As its folder is named: `name-version`.
-    folder: String,
+    name: String,
+    version: String,
     licence: String,
 }
 
-/// Licences of everything that is compiled in, as text, and the packages by name and version.
+impl Package {
+    /// As its folder is named.
+    fn folder(&self) -> String {
+        format!("{}-{}", self.name, self.version)
+    }
+}
+
+/// Licences of everything that is compiled in, as text, and the packages.
 #[derive(Debug)]
 pub struct Licences {
     /// Text for the file.
     pub text: String,
-    packages: BTreeSet<String>,
+    packages: BTreeSet<Package>,
+}
+
+impl Licences {
+    /// A line `name version|licence` for each package.
+    pub fn lines(&self) -> String {
+        let line = |one: &Package| format!("{} {}|{}\n", one.name, one.version, one.licence);
+        self.packages.iter().map(line).collect()
+    }
 }
 
 /// Collects them from the packages' sources.
 ///
 /// # Errors
 /// Where a package states no licence or its sources are not there.
-pub fn collect() -> Result<Licences> {
-    let packages = packages()?;
+pub fn collect(built: &Built) -> Result<Licences> {
+    let packages = packages(built)?;
     let sources = registry()?;
-    let mut texts: BTreeMap<String, Vec<&str>> = BTreeMap::new();
+    let mut texts: BTreeMap<String, Vec<String>> = BTreeMap::new();
     let mut text = format!(
-        "needle-guide is licensed under MIT OR Apache-2.0. Its compiled module holds the {} packages below, each with its own licence, and \
+        "needle-guide is licensed under MIT OR Apache-2.0. The compiled program holds the {} packages below, each with its own licence, and \
          the standard library of Rust (MIT OR Apache-2.0, with parts that its COPYRIGHT-library.html names). Texts that several packages share are printed once.\n\n",
         packages.len()
     );
     for package in &packages {
-        let _ = writeln!(text, "{:<40} {}", package.folder, package.licence);
-        let of_package = licence_files(&sources, &package.folder)?;
-        if of_package.is_empty() {
+        let folder = package.folder();
+        let _ = writeln!(text, "{folder:<40} {}", package.licence);
+        let files = licence_files(&sources, &folder)?;
+        if files.is_empty() {
             texts
                 .entry("(no text in the package: the licence named above)".to_owned())
                 .or_default()
-                .push(&package.folder);
+                .push(folder.clone());
         }
-        for file in of_package {
+        for file in files {
             let words = String::from_utf8_lossy(&fs::read(&file)?).trim().replace("\r\n", "\n");
-            texts.entry(words).or_default().push(&package.folder);
+            texts.entry(words).or_default().push(folder.clone());
         }
     }
-    for (words, of_packages) in &texts {
-        let _ = write!(text, "\n{}\n{}\n\n{words}\n", "-".repeat(100), of_packages.join(", "));
+    for (words, folders) in &texts {
+        let _ = write!(text, "\n{}\n{}\n\n{words}\n", "-".repeat(100), folders.join(", "));
     }
-    Ok(Licences { text, packages: packages.into_iter().map(|package| package.folder).collect() })
+    Ok(Licences { text, packages })
 }
 
-/// What cargo compiles into the module: no macros, no build scripts, none of this workspace.
-fn packages() -> Result<BTreeSet<Package>> {
+/// What cargo compiles in: no macros, no build scripts, none of this workspace.
+fn packages(built: &Built) -> Result<BTreeSet<Package>> {
     let output = Command::new(program())
         .current_dir(root())
-        .args(["tree", "--locked", "--package", "needle-guide", "--features", "extension"])
-        .args(["--edges", "normal,no-proc-macro", "--target", "x86_64-unknown-linux-gnu"])
+        .args(["tree", "--locked", "--package", built.package, "--features", built.features])
+        .args(["--edges", "normal,no-proc-macro", "--target", built.target])
         .args(["--prefix", "none", "--format", "{p}|{l}"])
         .stdin(Stdio::null())
         .stderr(Stdio::inherit())
@@ -99,7 +133,11 @@ fn parse(tree: &str) -> Result<BTreeSet<Package>> {
             bail!("cargo tree: `{line}`, expected a name and a version");
         };
         ensure!(!licence.is_empty(), "{name} {version}: states no licence");
-        found.insert(Package { folder: format!("{name}-{version}"), licence: licence.to_owned() });
+        found.insert(Package {
+            name: name.to_owned(),
+            version: version.to_owned(),
+            licence: licence.to_owned(),
+        });
     }
     Ok(found)
 }
@@ -144,7 +182,7 @@ pub fn check(names: &[String], library: &[u8], licences: &Licences) -> Result<()
             Path::new(name).extension().is_some_and(|kind| kind == "py" || kind == "pyi" || kind == "typed")
                 && python.join(name).is_file();
         ensure!(
-            is_described || is_source || name == "needle_guide/_core.abi3.so",
+            is_described || is_source || MODULES.contains(&name.as_str()),
             "{name}: is in the wheel, expected the package, its description and its licences only"
         );
     }
@@ -153,7 +191,8 @@ pub fn check(names: &[String], library: &[u8], licences: &Licences) -> Result<()
     ensure!(inside(FILE), "the wheel has no {FILE}");
     let compiled = traces(library);
     ensure!(!compiled.is_empty(), "the module names none of the packages that are compiled into it");
-    match compiled.iter().find(|package| !licences.packages.contains(*package)) {
+    let named: BTreeSet<String> = licences.packages.iter().map(Package::folder).collect();
+    match compiled.iter().find(|package| !named.contains(*package)) {
         Some(package) => bail!("{package}: is compiled into the module, and {FILE} does not name it"),
         None => Ok(()),
     }
@@ -175,7 +214,7 @@ fn traces(library: &[u8]) -> BTreeSet<String> {
         let printable = path.iter().take(300).take_while(|byte| byte.is_ascii_graphic());
         let path: String = printable.map(|byte| char::from(*byte)).collect();
         // The registry's folder, then the package's; what follows ends it.
-        let mut parts = path.split('/').skip(1);
+        let mut parts = path.split(['/', '\\']).skip(1);
         if let (Some(package), Some(_)) = (parts.next(), parts.next()) {
             found.insert(package.to_owned());
         }
@@ -193,15 +232,15 @@ mod tests {
 
     #[test]
     fn the_tree_names_each_package_of_others_once() {
-        let packages: Vec<String> = parse(TREE).unwrap().into_iter().map(|one| one.folder).collect();
+        let packages: Vec<String> = parse(TREE).unwrap().iter().map(Package::folder).collect();
         assert_eq!(packages, ["serde-1.0.228", "wasi-0.11.0+wasi-snapshot-preview1"]);
         assert!(parse("odd v1.0.0|\n").unwrap_err().to_string().contains("states no licence"));
     }
 
     #[test]
     fn what_a_wheel_must_not_hold_is_named() {
-        let licences =
-            Licences { text: String::new(), packages: ["serde-1.0.228".to_owned()].into_iter().collect() };
+        let licences = Licences { text: String::new(), packages: parse("serde v1.0.228|MIT\n").unwrap() };
+        assert_eq!(licences.lines(), "serde 1.0.228|MIT\n");
         let library = b"\0/home/x/registry/src/index-1a2b/serde-1.0.228/src/lib.rs\0";
         let good =
             ["needle_guide/__init__.py", "needle_guide/_core.abi3.so", "needle_guide-0.1.0.dist-info/RECORD"];
@@ -223,10 +262,10 @@ mod tests {
 
     #[test]
     fn every_package_that_is_compiled_in_has_its_licence_in_the_text() {
-        let licences = collect().unwrap();
+        let licences = collect(&module("x86_64-unknown-linux-gnu")).unwrap();
         assert!(licences.packages.len() > 50, "{} packages", licences.packages.len());
         for package in &licences.packages {
-            assert!(licences.text.matches(package.as_str()).count() >= 2, "{package}");
+            assert!(licences.text.matches(&package.folder()).count() >= 2, "{package:?}");
         }
         assert!(licences.text.contains("Permission is hereby granted"));
     }

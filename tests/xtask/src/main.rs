@@ -9,6 +9,7 @@ mod check;
 mod cluster;
 mod licences;
 mod progress;
+mod release;
 mod setup;
 mod tiers;
 mod web;
@@ -32,7 +33,7 @@ enum Needs {
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 21] = [
+const TASKS: [(&str, Needs, &str); 22] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",
@@ -50,6 +51,11 @@ const TASKS: [(&str, Needs, &str); 21] = [
         "Install what is missing: the microcontroller's Rust target, QEMU (--no-install: only name it)",
     ),
     ("wheel", Needs::Here, "Build the Python wheel and test it in a fresh virtual environment"),
+    (
+        "release",
+        Needs::Here,
+        "Make the bundle that a user downloads, for Linux, Windows and macOS (--test: run what is in it)",
+    ),
     (
         "cluster",
         Needs::Here,
@@ -147,8 +153,8 @@ fn help() -> String {
 fn run(name: &str, needs: Needs, arguments: &[OsString]) -> Result<ExitCode> {
     let wants_help = arguments.iter().any(|argument| argument == "--help" || argument == "-h");
     match needs {
-        _ if wants_help && !["test", "lint", "setup", "study", "web", "wheel", "cluster"].contains(&name) => {
-        }
+        _ if wants_help
+            && !["test", "lint", "setup", "study", "web", "wheel", "cluster", "release"].contains(&name) => {}
         Needs::Target => setup::ensure_target()?,
         Needs::Qemu => setup::ensure_all()?,
         Needs::Nothing => {}
@@ -166,10 +172,18 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
             build::demo(arguments)
         }
         "study" => build::study(arguments),
-        "wheel" | "cluster" if arguments.iter().any(|argument| argument == "--help" || argument == "-h") => {
-            print!("{}", if name == "wheel" { wheel::HELP } else { cluster::HELP });
+        "wheel" | "cluster" | "release"
+            if arguments.iter().any(|argument| argument == "--help" || argument == "-h") =>
+        {
+            let help = match name {
+                "wheel" => wheel::HELP,
+                "cluster" => cluster::HELP,
+                _ => release::HELP,
+            };
+            print!("{help}");
             Ok(ExitCode::SUCCESS)
         }
+        "release" => release::release(arguments),
         "cluster" => cluster::cluster(arguments).map(|()| ExitCode::SUCCESS),
         "wheel" => wheel::wheel(arguments).map(|()| ExitCode::SUCCESS),
         "web" => web::web(arguments),

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
 /// Target of the engine.
-const TARGET: &str = "wasm32-wasip1";
+pub const TARGET: &str = "wasm32-wasip1";
 /// What the test in a browser needs, as Debian and its relatives name it.
 const PACKAGES: [&str; 2] = ["chromium", "chromium-driver"];
 const PROGRAMS: [&str; 2] = ["chromium", "chromedriver"];
@@ -45,7 +45,7 @@ pub fn web(arguments: &[OsString]) -> Result<ExitCode> {
     if is_test {
         ensure_browser()?;
     }
-    let page = make()?;
+    let page = make(&[])?;
     if is_manual {
         let beside = root().join("host/manual/src/guide.html");
         fs::copy(&page, &beside).with_context(|| format!("{}: cannot write", beside.display()))?;
@@ -73,23 +73,15 @@ fn announce(is_test: bool) {
     }
 }
 
-/// Builds all parts and puts them together.
-fn make() -> Result<PathBuf> {
+/// Builds all parts and puts them together; with further options of cargo for the engine.
+///
+/// # Errors
+/// Where something cannot be installed or built.
+pub fn make(options: &[String]) -> Result<PathBuf> {
     setup::ensure_rust_target(TARGET, "to build the engine of the page")?;
-    cargo(&[
-        "rustc",
-        "--package",
-        "web",
-        "--bin",
-        "engine",
-        "--target",
-        TARGET,
-        "--profile",
-        "web",
-        "--",
-        "-C",
-        ENTRY,
-    ])?;
+    let engine = ["rustc", "--package", "web", "--bin", "engine", "--target", TARGET, "--profile", "web"];
+    let options: Vec<&str> = options.iter().map(String::as_str).collect();
+    cargo(&[&engine[..], &options, &["--", "-C", ENTRY]].concat())?;
     // Together, as for the demonstration: so they are built once.
     cargo(&["build", "--package", "host", "--package", "system", "--bin", "guide", "--bin", "system"])?;
     cargo(&["build", "--package", "browser", "--bin", "web-pack", "--bin", "browser"])?;

@@ -4,7 +4,7 @@
 //! elsewhere.
 
 use crate::build::{cargo, root, target_dir};
-use crate::licences::{self, Licences};
+use crate::licences::{self, Licences, MODULES};
 use anyhow::{Context, Result, bail, ensure};
 use std::ffi::OsString;
 use std::fs;
@@ -14,7 +14,7 @@ use std::process::{Command, Stdio};
 /// First Python that the wheel works with.
 const PYTHON_NEEDED: (u32, u32) = (3, 10);
 /// Where pip finds the program that builds wheels.
-const MATURIN: &str = "maturin>=1.9,<2";
+pub const MATURIN: &str = "maturin>=1.9,<2";
 
 /// Help of the task.
 pub const HELP: &str = "Build the Python wheel and test it in a fresh virtual environment\n\n\
@@ -39,7 +39,7 @@ pub fn wheel(arguments: &[OsString]) -> Result<()> {
     }
     let python = python()?;
     let folder = target_dir().join("wheel");
-    let built = build(&python, &folder, profile)?;
+    let built = build(&python, &folder, &Kind::here(profile))?;
     eprintln!("xtask: {}, {} kB", built.display(), fs::metadata(&built)?.len() / 1000);
     if test { check(&python, &folder, &built) } else { Ok(()) }
 }
@@ -61,11 +61,31 @@ pub fn python() -> Result<PathBuf> {
     Ok(name.into())
 }
 
-/// Builds the wheel and returns its path.
+/// Which wheel.
+pub struct Kind<'a> {
+    /// Profile of cargo.
+    pub profile: &'a str,
+    /// Rust's name of the system; none for this one.
+    pub target: Option<&'a str>,
+    /// Further options of maturin.
+    pub options: Vec<String>,
+    /// Environment of the build.
+    pub environment: Vec<(&'static str, OsString)>,
+}
+
+impl<'a> Kind<'a> {
+    /// For this system.
+    pub fn here(profile: &'a str) -> Self {
+        let environment = vec![("CARGO_TARGET_DIR", target_dir().into_os_string())];
+        Self { profile, target: None, options: Vec::new(), environment }
+    }
+}
+
+/// Builds a wheel and returns its path.
 ///
 /// # Errors
 /// Where the build fails, or the wheel holds what its licences do not name.
-pub fn build(python: &Path, folder: &Path, profile: &str) -> Result<PathBuf> {
+pub fn build(python: &Path, folder: &Path, kind: &Kind) -> Result<PathBuf> {
     let tools = folder.join("tools");
     if !tools.join("bin/maturin").exists() {
         environment(python, &tools)?;
@@ -77,13 +97,18 @@ pub fn build(python: &Path, folder: &Path, profile: &str) -> Result<PathBuf> {
     let manifest = root().join("host/python/Cargo.toml");
     let mut maturin = Command::new(tools.join("bin/maturin"));
     maturin
-        .args(["build", "--locked", "--profile", profile, "--manifest-path"])
+        .args(["build", "--locked", "--profile", kind.profile, "--manifest-path"])
         .arg(manifest)
         .arg("--out")
-        .arg(&dist);
-    maturin.arg("--interpreter").arg(python).env("CARGO_TARGET_DIR", target_dir());
+        .arg(&dist)
+        .args(&kind.options)
+        .envs(kind.environment.iter().map(|(name, value)| (name, value)));
+    match kind.target {
+        Some(target) => maturin.args(["--target", target]),
+        None => maturin.arg("--interpreter").arg(python),
+    };
     // Beside the build's description, where it finds the file; it is made each time and is not kept in the repository.
-    let licences = licences::collect()?;
+    let licences = licences::collect(&licences::module(kind.target.unwrap_or("x86_64-unknown-linux-gnu")))?;
     fs::write(root().join("host/python").join(licences::FILE), &licences.text)?;
     run(&mut maturin)?;
     let wheels = fs::read_dir(&dist)?.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
@@ -98,8 +123,8 @@ fn holds_what_it_states(python: &Path, wheel: &Path, licences: &Licences) -> Res
     remove(&unpacked)?;
     run(Command::new(python).args(["-m", "zipfile", "--extract"]).arg(wheel).arg(&unpacked))?;
     let names = files(&unpacked, &unpacked)?;
-    let library =
-        fs::read(unpacked.join("needle_guide/_core.abi3.so")).context("the wheel has no compiled module")?;
+    let module = MODULES.iter().map(|name| unpacked.join(name)).find(|path| path.is_file());
+    let library = fs::read(module.context("the wheel has no compiled module")?)?;
     let checked = licences::check(&names, &library, licences);
     remove(&unpacked)?;
     checked.with_context(|| format!("{}", wheel.display()))

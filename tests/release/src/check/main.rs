@@ -1,0 +1,118 @@
+//! Tests a bundle as a stranger uses it: unpacked into a fresh folder, without the repository in sight, on this system and under Wine.
+//!
+//! Usage: `release-check BUNDLE [--wine PREFIX] [--python PROGRAM]`. Without `--wine` the program for Windows is not run, without `--python` the
+//! wheel is not installed; a line states it.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+mod live;
+mod numbers;
+mod program;
+mod sessions;
+mod wheel;
+
+use anyhow::{Context, Result, bail};
+use program::Program;
+use release::{archive, manifest};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// What the command line states.
+struct Args {
+    bundle: PathBuf,
+    wine: Option<PathBuf>,
+    python: Option<PathBuf>,
+}
+
+fn main() -> Result<ExitCode> {
+    let args = args()?;
+    let mut checks = Checks::default();
+    let manifest = manifest::verify(&args.bundle)?;
+    checks.report("every file has the size and the checksum that the manifest states", Ok(()));
+    let folder = tempfile::tempdir().context("no folder for temporary files")?;
+    let here = unpacked(&args.bundle, &manifest.files, "linux-x86_64", folder.path())?;
+    let here = Program::native(here.join("guide"), folder.path());
+    checks.report("the program runs without the repository", here.states(&manifest.version));
+    let wine = match &args.wine {
+        Some(prefix) => {
+            let windows = unpacked(&args.bundle, &manifest.files, "windows-x86_64", folder.path())?;
+            Some(Program::under_wine(windows.join("guide.exe"), prefix, folder.path()))
+        }
+        None => {
+            println!("skipped: the program for Windows (no Wine)");
+            None
+        }
+    };
+    sessions::check(&mut checks, &here, wine.as_ref(), folder.path())?;
+    live::check(&mut checks, &here)?;
+    if let Some(wine) = &wine {
+        checks.report("the program for Windows runs", wine.states(&manifest.version));
+        live::check(&mut checks, wine)?;
+    }
+    match &args.python {
+        Some(python) => checks.report(
+            "the wheel in a fresh environment gives the program's numbers",
+            wheel::check(&args.bundle, &manifest, python, &here, folder.path()),
+        ),
+        None => println!("skipped: the Python wheel (no Python 3.10 or later)"),
+    }
+    println!("\n{} passed, {} failed", checks.passed, checks.failed);
+    Ok(if checks.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn args() -> Result<Args> {
+    let mut arguments = std::env::args_os().skip(1);
+    let bundle = arguments.next().context("expected the folder of a bundle")?.into();
+    let mut args = Args { bundle, wine: None, python: None };
+    while let Some(option) = arguments.next() {
+        let mut value =
+            || arguments.next().map(PathBuf::from).with_context(|| format!("{}: no value", option.display()));
+        match option.to_str() {
+            Some("--wine") => args.wine = Some(value()?),
+            Some("--python") => args.python = Some(value()?),
+            _ => bail!("unknown option {}, expected --wine or --python", option.display()),
+        }
+    }
+    Ok(args)
+}
+
+/// Unpacks the archive of a system, and returns its folder.
+fn unpacked(
+    bundle: &Path,
+    files: &std::collections::BTreeMap<String, manifest::File>,
+    system: &str,
+    folder: &Path,
+) -> Result<PathBuf> {
+    let archive = files.keys().find(|name| name.contains(system) && !name.ends_with(".whl"));
+    let archive = archive.with_context(|| format!("the bundle has no archive for {system}"))?;
+    archive::unpack(&bundle.join(archive), folder)?;
+    let top = archive.trim_end_matches(".tar.gz").trim_end_matches(".zip");
+    // With a space in its name, as folders of Windows have.
+    let to = folder.join(format!("unpacked {system}"));
+    fs::rename(folder.join(top), &to).with_context(|| format!("{archive}: expected the folder {top}"))?;
+    Ok(to)
+}
+
+/// Outcomes.
+#[derive(Default)]
+pub struct Checks {
+    passed: usize,
+    failed: usize,
+}
+
+impl Checks {
+    /// Counts and prints one.
+    pub fn report(&mut self, name: &str, outcome: Result<()>) {
+        match outcome {
+            Ok(()) => {
+                self.passed += 1;
+                println!("ok      {name}");
+            }
+            Err(error) => {
+                self.failed += 1;
+                println!("FAILED  {name}: {error:#}");
+            }
+        }
+    }
+}

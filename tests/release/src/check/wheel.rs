@@ -1,0 +1,37 @@
+//! The Python wheel of this system, in a virtual environment that has nothing else.
+
+use crate::numbers::same;
+use crate::program::Program;
+use anyhow::{Context, Result, ensure};
+use release::manifest::Manifest;
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+/// Identifies a session, and prints the document.
+const IDENTIFY: &str =
+    "import needle_guide, sys; print(needle_guide.Session.open(sys.argv[1]).identify().to_json())";
+
+/// Installs it, and compares its numbers with those of the program.
+///
+/// # Errors
+/// Where it cannot be installed, or differs.
+pub fn check(bundle: &Path, manifest: &Manifest, python: &Path, here: &Program, folder: &Path) -> Result<()> {
+    let wheel = manifest.files.keys().find(|name| name.contains("manylinux") && name.ends_with(".whl"));
+    let wheel = bundle.join(wheel.context("the bundle has no wheel for Linux")?);
+    let fresh = folder.join("fresh");
+    let run = |command: &mut Command| -> Result<String> {
+        let output = command.current_dir(folder).env_remove("PYTHONPATH").output()?;
+        let errors = String::from_utf8_lossy(&output.stderr);
+        ensure!(output.status.success(), "{}: {}", command.get_program().display(), errors.trim());
+        Ok(String::from_utf8(output.stdout)?)
+    };
+    run(Command::new(python).args(["-m", "venv"]).arg(&fresh))?;
+    run(Command::new(fresh.join("bin/pip")).args(["install", "--quiet"]).arg(&wheel))?;
+    let version = run(Command::new(fresh.join("bin/guide")).arg("--version"))?;
+    ensure!(version.starts_with(&format!("guide {}", manifest.version)), "{version}");
+    let found = run(Command::new(fresh.join("bin/python")).args(["-c", IDENTIFY, "Linux"]))?;
+    let found: Value = serde_json::from_str(&found).context("the module's document")?;
+    let expected: Value = serde_json::from_str(&here.call(&["identify", "Linux", "--json"])?)?;
+    same(&expected, &found, 0.0)
+}

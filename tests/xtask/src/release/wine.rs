@@ -1,0 +1,34 @@
+//! Unit tests of what runs on Windows, under Wine.
+
+use super::Release;
+use crate::build::{program, root};
+use anyhow::{Context, Result};
+use std::path::Path;
+use std::process::{Command, ExitCode};
+
+/// Packages whose code depends on the system: files, locks, ports, sockets, processes, terminals; and what they use for computing.
+const PACKAGES: [&str; 9] =
+    ["protocol", "formats", "mechanics", "readings", "population", "device", "server", "steering", "host"];
+/// The target that they are built for.
+pub const TARGET: &str = "x86_64-pc-windows-gnu";
+
+/// Builds and runs them.
+///
+/// # Errors
+/// Where cargo cannot be run.
+pub fn unit_tests(release: &Release, prefix: &Path) -> Result<ExitCode> {
+    eprintln!("xtask: unit tests for Windows, under Wine");
+    let packages = PACKAGES.iter().flat_map(|name| ["--package", name]);
+    let status = Command::new(program())
+        .current_dir(root())
+        .args(["test", "--locked", "--lib", "--no-fail-fast", "--target", TARGET])
+        .args(packages)
+        .arg("--target-dir")
+        .arg(&release.target)
+        .env("CARGO_TARGET_X86_64_PC_WINDOWS_GNU_RUNNER", "wine")
+        .env("WINEPREFIX", prefix)
+        .env("WINEDEBUG", "-all")
+        .status()
+        .context("cannot run cargo")?;
+    Ok(if status.success() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
