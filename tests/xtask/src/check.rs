@@ -2,7 +2,7 @@
 //! the first two, the second with the others.
 
 use crate::build::{FIRST_IMAGE, cargo, cargo_with, image_parts, root, target_dir};
-use crate::setup::TARGET;
+use crate::setup::{self, TARGET};
 use anyhow::{Context, Result, bail};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -14,6 +14,9 @@ const IMAGES: [&str; 4] = [
     "flash,conformance,nucleo-l476rg",
     "qemu,conformance,nucleo-l476rg",
 ];
+
+/// Rust's name of Windows, as a release is built for it.
+pub const WINDOWS: &str = "x86_64-pc-windows-gnu";
 
 /// All checks that run nothing of the project.
 ///
@@ -51,6 +54,7 @@ pub fn rest() -> Result<()> {
     // The programs as the demonstration builds them.
     let programs = ["clippy", "--package", "host", "--package", "system", "--no-default-features"];
     cargo(&[&programs[..], &["--", "-D", "warnings"]].concat())?;
+    other_system()?;
     manual()?;
     licences()
 }
@@ -70,6 +74,12 @@ fn image(features: &str) -> Result<()> {
     ];
     let parts = image_parts().display().to_string();
     cargo(&[&of_image[..], &["--target-dir", &parts, "--", "-D", "warnings"]].concat())
+}
+
+/// That the program compiles for Windows, which needs no linker; `cargo xtask release` links and runs it.
+fn other_system() -> Result<()> {
+    setup::ensure_rust_target(WINDOWS, "to check the program for Windows")?;
+    cargo(&["check", "--package", "host", "--bin", "guide", "--target", WINDOWS])
 }
 
 /// Whether a program is there and states its version.

@@ -3,7 +3,7 @@
 use super::{Release, stubs, tools};
 use crate::build::{self, cargo_with, root};
 use crate::licences::{self, Built};
-use crate::{setup, wheel};
+use crate::{check, setup, wheel};
 use anyhow::{Context, Result, ensure};
 use std::ffi::OsString;
 use std::fs;
@@ -34,7 +34,7 @@ enum Linker {
 pub const SYSTEMS: [System; 4] = [
     // glibc of Debian 10, Ubuntu 20.04 and RHEL 8.
     System { name: "linux-x86_64", target: "x86_64-unknown-linux-gnu", linker: Linker::ZigForLinux("2.28") },
-    System { name: "windows-x86_64", target: "x86_64-pc-windows-gnu", linker: Linker::Mingw },
+    System { name: "windows-x86_64", target: check::WINDOWS, linker: Linker::Mingw },
     System { name: "macos-x86_64", target: "x86_64-apple-darwin", linker: Linker::ZigForMac },
     System { name: "macos-aarch64", target: "aarch64-apple-darwin", linker: Linker::ZigForMac },
 ];

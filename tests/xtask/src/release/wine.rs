@@ -2,6 +2,7 @@
 
 use super::Release;
 use crate::build::{program, root};
+use crate::check::WINDOWS;
 use anyhow::{Context, Result};
 use std::path::Path;
 use std::process::{Command, ExitCode};
@@ -9,9 +10,6 @@ use std::process::{Command, ExitCode};
 /// Packages whose code depends on the system: files, locks, ports, sockets, processes, terminals; and what they use for computing.
 const PACKAGES: [&str; 9] =
     ["protocol", "formats", "mechanics", "readings", "population", "device", "server", "steering", "host"];
-/// The target that they are built for.
-pub const TARGET: &str = "x86_64-pc-windows-gnu";
-
 /// Builds and runs them.
 ///
 /// # Errors
@@ -21,7 +19,7 @@ pub fn unit_tests(release: &Release, prefix: &Path) -> Result<ExitCode> {
     let packages = PACKAGES.iter().flat_map(|name| ["--package", name]);
     let status = Command::new(program())
         .current_dir(root())
-        .args(["test", "--locked", "--lib", "--no-fail-fast", "--target", TARGET])
+        .args(["test", "--locked", "--lib", "--no-fail-fast", "--target", WINDOWS])
         .args(packages)
         .arg("--target-dir")
         .arg(&release.target)
