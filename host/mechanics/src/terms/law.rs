@@ -254,8 +254,8 @@ mod tests {
         for (triple, name) in NAMED {
             assert!(effect(name).is_some(), "{name}");
             let is_it = |law: &&Law| law.id() == format!("{PREFIX}{triple}");
-            assert!(!all.iter().any(|law| is_it(law)), "{triple}");
-            assert!(grammar(&[name]).iter().any(|law| is_it(law)), "{triple}");
+            assert!(!all.iter().any(is_it), "{triple}");
+            assert!(grammar(&[name]).iter().any(is_it), "{triple}");
         }
         for unknown in
             ["law.force.time", "law.force.time.sine.more", "law.force.place.linear", "law.fork.time.sine"]

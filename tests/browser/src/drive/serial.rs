@@ -37,7 +37,7 @@ fn frames(messages: impl IntoIterator<Item = Message>) -> Result<Vec<u8>> {
 fn samples(number: u32) -> Result<Message> {
     let mut packer = Packer::new(1_000);
     for i in 0..BATCH {
-        let sample = Sample { position_counts: [0, 1_000], force_counts: [0, 20_000] };
+        let sample = Sample { position_counts: [0, 1_000], force_counts: [0, 20_000], repeats_force: false };
         packer.push(1_000 * u64::from(BATCH * number + i), State::Idle, u8::MAX, 0, sample);
     }
     Ok(Message::Samples(packer.flush().context("no samples")?))
