@@ -8,10 +8,10 @@
 
 use super::choice::Beside;
 use super::evidence::Patterns;
+use super::found::{Candidate, Found, Standing};
 use super::foundation::VARIED;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
-use super::search::{Candidate, Found};
 use super::weights::{NO_WEIGHT, limit_refused};
 use formats::model_file::Alternative;
 use mechanics::effects::Effect;
@@ -62,16 +62,16 @@ impl Averaged {
             let is_in_range = !fit.at_bound.contains(&true);
             let known = all.iter().map(|(_, known)| *known).chain([own]);
             let is_new = !known.into_iter().any(|known| known.layout.has_effects_of(&fit.layout));
-            // What was held out speaks against the others: together they are no more likely than the model that was taken.
-            let refused = !candidate.is_possible;
-            (is_in_range && is_new).then(|| (ln_weight(fit), fit, refused))
+            (is_in_range && is_new).then(|| (ln_weight(fit), fit, candidate.standing))
         };
         // Beside two effects or more, those that were tried alone are far behind.
         let first = if members.len() > 1 { &[] } else { found.first.as_slice() };
         let last = if is_named { found.last.as_slice() } else { &[] };
         let mut unused: Vec<_> = first.iter().chain(last).filter_map(unused).collect();
-        let refused = unused.iter_mut().filter(|(_, _, refused)| *refused);
-        limit_refused(refused.map(|(ln, _, _)| ln), most);
+        for standing in [Standing::Refused, Standing::Refuted] {
+            let of_standing = unused.iter_mut().filter(|(_, _, of)| *of == standing);
+            limit_refused(of_standing.map(|(ln, _, _)| ln), most + standing.most_ln_odds());
+        }
         all.extend(unused.into_iter().map(|(ln, fit, _)| (ln, fit)));
         let largest = all.iter().map(|(ln, _)| *ln).fold(most, f64::max);
         all.retain(|(ln, _)| *ln > largest + NO_WEIGHT);
@@ -233,7 +233,7 @@ pub fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::{Explanation, Found, Member};
+    use crate::found::{Explanation, Found, Member};
     use crate::weights::ModelPrior;
     use crate::{found_in, tests::truth};
     use worlds::Design;
@@ -243,7 +243,11 @@ mod tests {
     fn no_interval_jumps_where_an_effect_gets_its_name() {
         let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
         let (start, found) = found_in(&session);
-        let best = found.first.iter().find(|candidate| candidate.is_possible).expect("a candidate");
+        let best = found
+            .first
+            .iter()
+            .find(|candidate| candidate.standing == Standing::Possible)
+            .expect("a candidate");
         let (fitted, gain) = best.refit.clone().expect("a fit");
         // With so many names that the models with and without the effect are as likely.
         let count = gain.exp().round() as usize;

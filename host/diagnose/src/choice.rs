@@ -6,10 +6,11 @@
 //! [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
 
 use super::adequacy::Adequacy;
+use super::found::Found;
 use super::foundation::{FOUNDATION_MARGIN, varied};
 use super::posterior::Fitted;
 use super::results::FoundationResult;
-use super::search::{Catalogue, Found, Search};
+use super::search::{Catalogue, Search};
 use super::split::Judge;
 use super::start::Start;
 use super::weights::{NO_WEIGHT, limit_refused};

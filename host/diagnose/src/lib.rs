@@ -17,6 +17,7 @@
 //! | the rig alone, from runs in air; parameters that have changed since | `characterize`, `known` |
 //! | refit, accept, add, repeat; competing effects | `search` |
 //! | probabilities of models, and what is stated for sure | `weights` |
+//! | what it found, and what else may be in its place | `found` |
 //! | laws that no effect of the catalogue is | `discover` |
 //! | what would distinguish competing effects | `next` |
 //! | before and after on what was held out | `split` |
@@ -43,6 +44,7 @@ mod discrepancy;
 pub mod display;
 mod evidence;
 mod expected;
+mod found;
 mod foundation;
 mod known;
 mod layout;
@@ -97,6 +99,7 @@ use choice::{Choice, choose};
 use data::{Kind, Run};
 use formats::model_file::ModelFile;
 use formats::session::{LateralRun, Session};
+use found::Found;
 use known::Released;
 use layout::{Layout, kinds};
 use mechanics::effects::Effect;
@@ -106,7 +109,6 @@ use posterior::MAX_ROUNDS;
 use readings::FitError;
 use remaining::Remaining;
 use report::DiagnosisReport;
-use search::Found;
 use split::{Training, split};
 use start::{Noises, Start, fit_start};
 use std::path::PathBuf;

@@ -6,11 +6,11 @@
 //! one whose least divergence over all pairs is greatest.
 
 use super::data::{Kind, Run};
+use super::found::Explanation;
 use super::layout::Layout;
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::NextMeasurement;
-use super::search::Explanation;
 use mechanics::effects::ObservationContext;
 use mechanics::{
     Channels, DriveSample, Experiment, Insertion, Lateral, ModelError, Profile, Series, ShapeImage,

@@ -5,6 +5,7 @@ use super::adequacy::{Adequacy, Region};
 use super::averaged::Averaged;
 use super::choice::Beside;
 use super::data::{Channel, Kind, Run};
+use super::found::{Candidate, Found, Member, Standing};
 use super::layout::NORMAL_975;
 use super::noise::Noise;
 use super::posterior::Fitted;
@@ -12,7 +13,6 @@ use super::results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus,
     ModulusStatus, Ranked, ReferenceResult, RegionResult, RemainingResult, SCHEMA, Verdict,
 };
-use super::search::{Candidate, Found, Member};
 use super::weights::{ln_sum, stated_ln_odds};
 use super::{Options, next};
 use formats::model_file::{LearnedEffect, ModelFile};
@@ -249,8 +249,9 @@ impl DiagnosisReport<'_> {
     /// Effects that were not named for want of a little evidence, best first.
     fn near_margin(&self) -> Vec<&Candidate> {
         // What is as unlikely as the complement of what is stated is not reported.
-        let near =
-            |candidate: &&Candidate| candidate.is_possible && candidate.ln_odds.abs() <= stated_ln_odds();
+        let near = |candidate: &&Candidate| {
+            candidate.standing == Standing::Possible && candidate.ln_odds.abs() <= stated_ln_odds()
+        };
         let mut candidates: Vec<&Candidate> = match self.verdict {
             Verdict::Adequate | Verdict::Unexplained => self.found.first.iter().filter(near).collect(),
             Verdict::Named | Verdict::Ambiguous => self.found.last.iter().filter(near).collect(),

@@ -5,20 +5,17 @@
 //! ([`super::weights`]). While some effect is missing with the stated probability, whichever of them it is, the likeliest one is added. What
 //! is held out has one veto: no effect counts under which its misfit grows.
 
-use super::Multiples;
 use super::adequacy::Adequacy;
 use super::determined::is_determined;
 use super::discover;
-use super::discrepancy::patterns;
 use super::evidence::Patterns;
+use super::found::{Candidate, Explanation, Found, Member, Standing};
 use super::layout::{Layout, Prepared, Scale};
 use super::posterior::{Fitted, MAX_ROUNDS};
 use super::score::{Score, Scores, stacked};
 use super::split::Judge;
-use super::start::Start;
 use super::weights::{
-    ModelPrior, NO_WEIGHT, indistinct, is_refuted, limit_refused, ln_sum, one_sided, smallest_set,
-    stated_ln_odds,
+    ModelPrior, NO_WEIGHT, indistinct, is_refuted, ln_sum, one_sided, smallest_set, stated_ln_odds,
 };
 use mechanics::effects::{Effect, all};
 use rayon::prelude::*;
@@ -37,118 +34,6 @@ const MAX_SETTLED: usize = 5;
 const NEGLIGIBLE: f64 = -7.0;
 /// Effects that are added at most: every further one costs the whole search again.
 const MAX_EFFECTS: usize = 3;
-
-/// An effect tried beside a model.
-#[derive(Debug, Clone)]
-pub(super) struct Candidate {
-    pub score: Score,
-    /// The fit with it, and its log evidence over the fit without; nothing where it was not fitted.
-    pub refit: Option<(Fitted, f64)>,
-    /// Logarithm of the odds of the model with it over the same without it; minus infinity where it was not fitted.
-    pub ln_odds: f64,
-    /// Whether it can be what is missing: within its range, and not refuted by what was held out.
-    pub is_possible: bool,
-}
-
-impl Candidate {
-    pub fn id(&self) -> &'static str {
-        self.score.effect.id()
-    }
-
-    /// Log evidence of the fit over the fit without it.
-    pub fn gain(&self) -> f64 {
-        self.refit.as_ref().map_or(f64::NEG_INFINITY, |(_, gain)| *gain)
-    }
-}
-
-/// One effect that was added to the model.
-#[derive(Debug, Clone)]
-pub(super) struct Member {
-    /// Its number among the effects of the fit that it is a member of.
-    pub index: usize,
-    /// Log evidence over the model without it.
-    pub gain: f64,
-    /// Logarithm of the odds that something is missing in its place, whatever it is.
-    pub ln_odds: f64,
-    /// The fit without it.
-    pub without: Fitted,
-    /// What else may be in its place, likeliest first: the smallest set with the stated probability; itself among them.
-    pub class: Vec<Explanation>,
-}
-
-/// An effect in a place of the model.
-#[derive(Debug, Clone)]
-pub(super) struct Explanation {
-    pub effect: &'static dyn Effect,
-    pub fitted: Fitted,
-    /// Logarithm of the odds of the model with it over the same without it.
-    pub ln_odds: f64,
-}
-
-/// What the search found.
-#[derive(Debug, Clone)]
-pub(super) struct Found {
-    pub fitted: Fitted,
-    /// The effects of this fit that were added.
-    pub members: Vec<Member>,
-    /// All effects beside the starting model, names before laws.
-    pub first: Vec<Candidate>,
-    /// All effects beside the last model to which none of them was added; empty where the search ended otherwise.
-    pub last: Vec<Candidate>,
-    pub prior: ModelPrior,
-}
-
-/// Rounds of the last fit, and how far it may be from the one before, in standard deviations.
-const LAST_ROUNDS: usize = 8;
-const NEAR_SD: f64 = 6.0;
-
-impl Found {
-    /// The models that were fitted around what was found, with the logarithms of their odds over it: itself, and those with one effect more.
-    /// What was held out speaks against some: together they are no more likely than what was found.
-    pub fn with_neighbours(&self) -> Vec<(f64, &Fitted)> {
-        let candidates = if self.members.is_empty() { &self.first } else { &self.last };
-        let in_range = |candidate: &&Candidate| {
-            candidate.ln_odds > NO_WEIGHT
-                && candidate.refit.as_ref().is_some_and(|(fit, _)| !fit.at_bound.contains(&true))
-        };
-        let of = |candidate: &'_ Candidate| (candidate.ln_odds, candidate.is_possible);
-        let mut odds: Vec<(f64, bool)> = candidates.iter().filter(in_range).map(of).collect();
-        limit_refused(odds.iter_mut().filter(|(_, possible)| !possible).map(|(ln, _)| ln), 0.0);
-        let fits = candidates.iter().filter(in_range).filter_map(|candidate| candidate.refit.as_ref());
-        let neighbours = odds.into_iter().zip(fits).map(|((ln, _), (fit, _))| (ln, fit));
-        std::iter::once((0.0, &self.fitted)).chain(neighbours).collect()
-    }
-
-    /// The same with the discrepancy's patterns made around what was found: those of the start are of a model that lacks it. The evidence
-    /// stays that of the search, in which all hypotheses have the same patterns. As every step of the search, this one must leave the misfit
-    /// of what was held out smaller than the start does.
-    pub fn around_itself(mut self, start: &Start, judge: &Judge, multiples: &Multiples) -> Self {
-        if self.members.is_empty() {
-            return self;
-        }
-        let Start { runs, patterns: of_start, fitted: start } = start;
-        let old = &self.fitted;
-        let again = patterns(&old.layout, old.values(), runs, multiples).ok().and_then(|patterns| {
-            let everyday = patterns.everyday();
-            Fitted::new(&old.layout, runs, &patterns, old.values(), &everyday, LAST_ROUNDS)
-                .ok()
-                .map(|fitted| fitted.over_sizes(&patterns))
-        });
-        let is_near = |new: &Fitted| {
-            (0..old.values().len())
-                .all(|i| (new.values()[i] - old.values()[i]).abs() <= NEAR_SD * new.sd(i).max(old.sd(i)))
-        };
-        let is_usable = |new: &Fitted| {
-            new.settled && !new.at_bound.contains(&true) && is_near(new) && judge.held_out_shrinks(start, new)
-        };
-        if let Some(new) = again.filter(is_usable) {
-            self.fitted = new.with_evidence_of(old);
-        } else {
-            self.fitted = self.fitted.over_sizes(of_start);
-        }
-        self
-    }
-}
 
 /// What a search works on.
 pub(super) struct Search<'a> {
@@ -195,7 +80,17 @@ impl Search<'_> {
             all.extend(self.weigh(base, laws, prior));
         }
         for candidate in &mut all {
-            candidate.is_possible = self.is_possible(candidate, base);
+            if self.is_possible(candidate, base) {
+                candidate.standing = Standing::Possible;
+            }
+        }
+        let refuted: Vec<bool> = self.refuted(all.iter().map(|candidate| {
+            let (fitted, _) =
+                candidate.refit.as_ref().filter(|_| candidate.standing == Standing::Possible)?;
+            Some((candidate.ln_odds, fitted))
+        }));
+        for (candidate, _) in all.iter_mut().zip(refuted).filter(|(_, refuted)| *refuted) {
+            candidate.standing = Standing::Refuted;
         }
         all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
         Ok(all)
@@ -224,7 +119,7 @@ impl Search<'_> {
             .zip(leaders)
             .map(|(score, leads)| {
                 let refit = if leads { self.refit(base, &score) } else { None };
-                Candidate { score, refit, ln_odds: f64::NEG_INFINITY, is_possible: false }
+                Candidate { score, refit, ln_odds: f64::NEG_INFINITY, standing: Standing::Refused }
             })
             .collect();
         candidates.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
@@ -347,7 +242,7 @@ impl Search<'_> {
 
     /// The likeliest effect that is missing, with the odds that any is, where these are high enough to state it.
     fn missing(&self, candidates: &[Candidate], base: &Fitted) -> Option<(Explanation, f64)> {
-        let explanations = self.unrefuted(explanations(candidates));
+        let explanations = explanations(candidates);
         let ln_odds = ln_sum(explanations.iter().map(|one| one.ln_odds));
         let best = explanations.into_iter().next()?;
         // Without the effect there may be a better fit where the discrepancy has the sizes that it has with it.
@@ -357,20 +252,18 @@ impl Search<'_> {
         (ln_odds > stated_ln_odds()).then_some((best, ln_odds))
     }
 
-    /// The same without those that predict what was held out worse, beyond chance, than another one that could be stated alone. Small
-    /// imperfections absorb much of what a wrong effect leaves, so that evidence alone favours the likelier name.
-    fn unrefuted(&self, all: Vec<Explanation>) -> Vec<Explanation> {
-        let losses: Vec<Option<Vec<f64>>> = all.iter().map(|one| self.judge.losses(&one.fitted)).collect();
-        let stated: Vec<&Vec<f64>> = all
-            .iter()
-            .zip(&losses)
-            .filter(|(one, _)| one.ln_odds > stated_ln_odds())
-            .filter_map(|(_, of)| of.as_ref())
+    /// Which of these models, each with the logarithm of its odds, predict what was held out worse, beyond chance, than another one that could
+    /// be stated alone. Small imperfections absorb much of what a wrong effect leaves, so that evidence alone favours the likelier name.
+    fn refuted<'f>(&self, models: impl Iterator<Item = Option<(f64, &'f Fitted)>>) -> Vec<bool> {
+        let losses: Vec<Option<(f64, Vec<f64>)>> = models
+            .map(|model| model.and_then(|(ln, fitted)| Some((ln, self.judge.losses(fitted)?))))
             .collect();
-        let is_kept =
-            |of: &Option<Vec<f64>>| of.as_ref().is_some_and(|of| !stated.iter().any(|by| is_refuted(of, by)));
-        let kept: Vec<bool> = losses.iter().map(is_kept).collect();
-        all.into_iter().zip(kept).filter(|(_, kept)| *kept).map(|(one, _)| one).collect()
+        let stated: Vec<&Vec<f64>> =
+            losses.iter().flatten().filter(|(ln, _)| *ln > stated_ln_odds()).map(|(_, of)| of).collect();
+        let is_worse = |of: &Option<(f64, Vec<f64>)>| {
+            of.as_ref().is_some_and(|(_, of)| stated.iter().any(|by| is_refuted(of, by)))
+        };
+        losses.iter().map(is_worse).collect()
     }
 
     /// Whether a candidate can be what is missing beside a fit.
@@ -429,7 +322,10 @@ impl Search<'_> {
             let others = explanations(&candidates);
             all.extend(others.into_iter().filter(|other| other.effect.id() != effect.id()));
             all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
-            let all = distinct(self.unrefuted(all));
+            let refuted = self.refuted(all.iter().map(|one| Some((one.ln_odds, &one.fitted))));
+            let all =
+                all.into_iter().zip(refuted).filter(|(_, refuted)| !refuted).map(|(one, _)| one).collect();
+            let all = distinct(all);
             let weights: Vec<f64> = all.iter().map(|one| one.ln_odds).collect();
             let class = all.into_iter().take(smallest_set(&weights)).collect();
             members.push(Member {
@@ -469,7 +365,7 @@ fn explanations(candidates: &[Candidate]) -> Vec<Explanation> {
         let (fitted, _) = candidate.refit.clone()?;
         Some(Explanation { effect: candidate.score.effect, fitted, ln_odds: candidate.ln_odds })
     };
-    candidates.iter().filter(|candidate| candidate.is_possible).filter_map(of).collect()
+    candidates.iter().filter(|candidate| candidate.standing == Standing::Possible).filter_map(of).collect()
 }
 
 /// The same without laws that predict what a name, or a likelier law, does: they are that. Their weight is its weight.

@@ -3,9 +3,9 @@
 //! Both are unknowns of every fit, so that no effect stands in for them and the modulus does not suffer (theory, eq. 84). Where the posterior excludes
 //! what was stated they get the name of an effect, and the gap is that to the model as it was stated.
 
+use super::found::{Explanation, Found, Member};
 use super::layout::{NORMAL_975, Scale, StatedPlace};
 use super::posterior::{Fitted, MAX_ROUNDS};
-use super::search::{Explanation, Found, Member};
 use super::split::Judge;
 use super::start::Start;
 use super::weights::STATED_PROBABILITY;

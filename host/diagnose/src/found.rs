@@ -1,0 +1,147 @@
+//! What a search has found: effects tried beside a model, what was added to it, and what else may be in its place.
+
+use super::Multiples;
+use super::discrepancy::patterns;
+use super::posterior::Fitted;
+use super::score::Score;
+use super::split::Judge;
+use super::start::Start;
+use super::weights::{ModelPrior, NO_WEIGHT, limit_refused, stated_ln_odds};
+use mechanics::effects::Effect;
+
+/// An effect tried beside a model.
+#[derive(Debug, Clone)]
+pub(super) struct Candidate {
+    pub score: Score,
+    /// The fit with it, and its log evidence over the fit without; nothing where it was not fitted.
+    pub refit: Option<(Fitted, f64)>,
+    /// Logarithm of the odds of the model with it over the same without it; minus infinity where it was not fitted.
+    pub ln_odds: f64,
+    /// Whether it can be what is missing.
+    pub standing: Standing,
+}
+
+/// Whether a candidate can be what is missing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Standing {
+    /// It can.
+    Possible,
+    /// It is at the end of its range or too small to matter, or the misfit of what was held out grows with it.
+    Refused,
+    /// Another one predicts what was held out better, beyond chance.
+    Refuted,
+}
+
+impl Standing {
+    /// Logarithm of the odds that all candidates of this standing have together at most, over the model that was taken: even where what was
+    /// held out speaks against them, those of what is not stated where it refutes them.
+    pub fn most_ln_odds(self) -> f64 {
+        match self {
+            Self::Possible => f64::INFINITY,
+            Self::Refused => 0.0,
+            Self::Refuted => -stated_ln_odds(),
+        }
+    }
+}
+
+impl Candidate {
+    pub fn id(&self) -> &'static str {
+        self.score.effect.id()
+    }
+
+    /// Log evidence of the fit over the fit without it.
+    pub fn gain(&self) -> f64 {
+        self.refit.as_ref().map_or(f64::NEG_INFINITY, |(_, gain)| *gain)
+    }
+}
+
+/// One effect that was added to the model.
+#[derive(Debug, Clone)]
+pub(super) struct Member {
+    /// Its number among the effects of the fit that it is a member of.
+    pub index: usize,
+    /// Log evidence over the model without it.
+    pub gain: f64,
+    /// Logarithm of the odds that something is missing in its place, whatever it is.
+    pub ln_odds: f64,
+    /// The fit without it.
+    pub without: Fitted,
+    /// What else may be in its place, likeliest first: the smallest set with the stated probability; itself among them.
+    pub class: Vec<Explanation>,
+}
+
+/// An effect in a place of the model.
+#[derive(Debug, Clone)]
+pub(super) struct Explanation {
+    pub effect: &'static dyn Effect,
+    pub fitted: Fitted,
+    /// Logarithm of the odds of the model with it over the same without it.
+    pub ln_odds: f64,
+}
+
+/// What the search found.
+#[derive(Debug, Clone)]
+pub(super) struct Found {
+    pub fitted: Fitted,
+    /// The effects of this fit that were added.
+    pub members: Vec<Member>,
+    /// All effects beside the starting model, names before laws.
+    pub first: Vec<Candidate>,
+    /// All effects beside the last model to which none of them was added; empty where the search ended otherwise.
+    pub last: Vec<Candidate>,
+    pub prior: ModelPrior,
+}
+
+/// Rounds of the last fit, and how far it may be from the one before, in standard deviations.
+const LAST_ROUNDS: usize = 8;
+const NEAR_SD: f64 = 6.0;
+
+impl Found {
+    /// The models that were fitted around what was found, with the logarithms of their odds over it: itself, and those with one effect more.
+    pub fn with_neighbours(&self) -> Vec<(f64, &Fitted)> {
+        let candidates = if self.members.is_empty() { &self.first } else { &self.last };
+        let in_range = |candidate: &&Candidate| {
+            candidate.ln_odds > NO_WEIGHT
+                && candidate.refit.as_ref().is_some_and(|(fit, _)| !fit.at_bound.contains(&true))
+        };
+        let of = |candidate: &'_ Candidate| (candidate.ln_odds, candidate.standing);
+        let mut odds: Vec<(f64, Standing)> = candidates.iter().filter(in_range).map(of).collect();
+        for standing in [Standing::Refused, Standing::Refuted] {
+            let of_standing = odds.iter_mut().filter(|(_, of)| *of == standing);
+            limit_refused(of_standing.map(|(ln, _)| ln), standing.most_ln_odds());
+        }
+        let fits = candidates.iter().filter(in_range).filter_map(|candidate| candidate.refit.as_ref());
+        let neighbours = odds.into_iter().zip(fits).map(|((ln, _), (fit, _))| (ln, fit));
+        std::iter::once((0.0, &self.fitted)).chain(neighbours).collect()
+    }
+
+    /// The same with the discrepancy's patterns made around what was found: those of the start are of a model that lacks it. The evidence
+    /// stays that of the search, in which all hypotheses have the same patterns. As every step of the search, this one must leave the misfit
+    /// of what was held out smaller than the start does.
+    pub fn around_itself(mut self, start: &Start, judge: &Judge, multiples: &Multiples) -> Self {
+        if self.members.is_empty() {
+            return self;
+        }
+        let Start { runs, patterns: of_start, fitted: start } = start;
+        let old = &self.fitted;
+        let again = patterns(&old.layout, old.values(), runs, multiples).ok().and_then(|patterns| {
+            let everyday = patterns.everyday();
+            Fitted::new(&old.layout, runs, &patterns, old.values(), &everyday, LAST_ROUNDS)
+                .ok()
+                .map(|fitted| fitted.over_sizes(&patterns))
+        });
+        let is_near = |new: &Fitted| {
+            (0..old.values().len())
+                .all(|i| (new.values()[i] - old.values()[i]).abs() <= NEAR_SD * new.sd(i).max(old.sd(i)))
+        };
+        let is_usable = |new: &Fitted| {
+            new.settled && !new.at_bound.contains(&true) && is_near(new) && judge.held_out_shrinks(start, new)
+        };
+        if let Some(new) = again.filter(is_usable) {
+            self.fitted = new.with_evidence_of(old);
+        } else {
+            self.fitted = self.fitted.over_sizes(of_start);
+        }
+        self
+    }
+}
