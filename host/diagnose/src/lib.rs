@@ -276,7 +276,9 @@ fn workflow<T>(
 
     on_progress("the runs that were held out are compared");
     let gap_of_found = judge.gap(&compared, &found.fitted, options.seed)?;
-    let verdict = verdict(&found, is_adequate, gap_of_found.as_ref());
+    // What the reference leaves unexplained too is no gap between them.
+    let judged = gap_of_found.as_ref().filter(|_| options.reference.is_none());
+    let verdict = verdict(&found, is_adequate, judged);
     let is_large = || Remaining::of(&before, &start, &patterns, None).size == RemainingSize::Large;
     // What moves the modulus beyond its interval is no everyday matter, however smooth it is.
     let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };

@@ -253,15 +253,20 @@ impl Search<'_> {
     }
 
     /// Which of these models, each with the logarithm of its odds, predict what was held out worse, beyond chance, than another one that could
-    /// be stated alone. Small imperfections absorb much of what a wrong effect leaves, so that evidence alone favours the likelier name.
+    /// be stated alone and has no less evidence: what spoke for them was their prior. Small imperfections absorb much of what a wrong
+    /// effect leaves, so that evidence alone cannot make up for the prior of a name.
     fn refuted<'f>(&self, models: impl Iterator<Item = Option<(f64, &'f Fitted)>>) -> Vec<bool> {
-        let losses: Vec<Option<(f64, Vec<f64>)>> = models
-            .map(|model| model.and_then(|(ln, fitted)| Some((ln, self.judge.losses(fitted)?))))
+        let losses: Vec<Option<(f64, f64, Vec<f64>)>> = models
+            .map(|model| {
+                let (ln_odds, fitted) = model?;
+                Some((ln_odds, fitted.log_evidence, self.judge.losses(fitted)?))
+            })
             .collect();
-        let stated: Vec<&Vec<f64>> =
-            losses.iter().flatten().filter(|(ln, _)| *ln > stated_ln_odds()).map(|(_, of)| of).collect();
-        let is_worse = |of: &Option<(f64, Vec<f64>)>| {
-            of.as_ref().is_some_and(|(_, of)| stated.iter().any(|by| is_refuted(of, by)))
+        let stated: Vec<&(f64, f64, Vec<f64>)> =
+            losses.iter().flatten().filter(|(ln_odds, ..)| *ln_odds > stated_ln_odds()).collect();
+        let is_worse = |model: &Option<(f64, f64, Vec<f64>)>| {
+            let Some((_, evidence, losses)) = model else { return false };
+            stated.iter().any(|(_, other, by)| other >= evidence && is_refuted(losses, by))
         };
         losses.iter().map(is_worse).collect()
     }

@@ -185,11 +185,7 @@ impl HeldOut {
             Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
         };
         let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
-        let patterns = match &start.layout.reference {
-            // What the reference leaves unexplained too is no gap between them.
-            Some(_) => discrepancy::patterns(&start.layout, start.values(), &runs, multiples)?,
-            None => discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?,
-        };
+        let patterns = discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?;
         Ok(Judge { patterns, runs })
     }
 }
