@@ -300,7 +300,10 @@ fn names(above: &[(usize, Vec<String>)], width: usize, has_decimal_comma: bool) 
             .iter()
             .zip(&own)
             .all(|(cell, unit)| unit.is_some() || is_missing(&bare(cell)) || bare(cell).len() <= 3);
-        if is_units && own.iter().any(Option::is_some) && units.is_empty() {
+        // Names differ; what repeats (`count`, `count`, `N`, `um`) is none.
+        let repeats =
+            cells.iter().enumerate().any(|(i, cell)| cells.iter().take(i).any(|other| other == cell));
+        if (is_units || repeats) && own.iter().any(Option::is_some) && units.is_empty() {
             units = own;
             continue;
         }
