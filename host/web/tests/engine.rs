@@ -327,8 +327,9 @@ fn a_table_of_others_is_shown_asked_about_and_becomes_a_session() {
     let force = &read.lateral[0].force;
     assert_eq!(force.time_s.len(), 400);
     assert!(force.force_y_n.iter().zip(&force.displacement_y_m).all(|(f, x)| (f - 2400.0 * x).abs() < 1e-9));
-    // The session opens in the page's other views.
-    ok(engine, &json!({"do": "identify", "dir": session, "relation": "vesic", "foundation": "springs"}));
+    // The session opens in the page's other views, which say what it has not got.
+    let identify = json!({"do": "identify", "dir": session, "relation": "vesic", "foundation": "springs"});
+    assert!(error(&identify).contains("0 shape points inside the tissue"));
     assert!(error(&json!({"do": "table", "files": ["none.csv"]})).contains("none.csv: cannot read"));
     assert!(error(&request(json!(["Weg=push"]), json!({}))).contains("is no quantity"));
     assert!(error(&request(json!([]), json!({"z_from": "tip"}))).contains("expected guide1 or surface"));
