@@ -43,7 +43,7 @@ struct CachedPath {
 impl Cache {
     pub(super) fn response(&self, problem: &BeamProblem, most_m: f64) -> Result<Arc<Response>, ModelError> {
         // How far the needle is moved matters only where the tissue is not linear.
-        let most_m = if problem.law.is_nonlinear() { most_m } else { 0.0 };
+        let most_m = if problem.is_nonlinear() { most_m } else { 0.0 };
         // The frame is in series with the needle; what the needle does under a force is the same.
         let key = BeamProblem { guide2_compliance_m_per_n: 0.0, ..problem.clone() };
         let is_it = |(p, m, _): &&(BeamProblem, f64, Arc<Response>)| *m == most_m && *p == key;

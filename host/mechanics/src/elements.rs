@@ -7,6 +7,7 @@
 
 mod newton;
 
+use super::terms::ActingLaw;
 use super::{BeamProblem, Foundation, ModelError, check};
 
 /// Length of an element that brings the error below one part in a million for needles in tissue.
@@ -104,6 +105,8 @@ pub struct Elements {
     skin_n_per_m: f64,
     /// Stress-free curvature of the needle.
     curvature_per_m: f64,
+    /// What laws do to the bending stiffness along the needle.
+    stiffness: Vec<ActingLaw>,
     nodes_m: Vec<f64>,
     guide2: usize,
 }
@@ -155,6 +158,7 @@ impl Elements {
             shear_n: problem.shear_n,
             skin_n_per_m: problem.skin_n_per_m,
             curvature_per_m: 0.0,
+            stiffness: problem.stiffness.clone(),
             nodes_m,
             guide2,
         })
@@ -163,6 +167,18 @@ impl Elements {
     /// The same needle, bent by itself: `EI (u'' - curvature)` in place of `EI u''`.
     pub fn bent(&self, curvature_per_m: f64) -> Self {
         Self { curvature_per_m, ..self.clone() }
+    }
+
+    /// Mean bending stiffness of the needle over an element, by how much it is larger than without laws.
+    fn stiffness_share(&self, start_m: f64, length_m: f64) -> f64 {
+        if self.stiffness.is_empty() {
+            return 1.0;
+        }
+        let whole_m = self.nodes_m.last().copied().unwrap_or_default();
+        let at = |(x, weight): (f64, f64)| {
+            weight * ActingLaw::stiffness(&self.stiffness, start_m + x * length_m, whole_m)
+        };
+        GAUSS.into_iter().map(at).sum()
     }
 
     /// Solves for the equilibrium. `path_m`: deflection at which the springs at `z` are at rest; `tip_force_n`: lateral load at

@@ -8,17 +8,12 @@
 //!   instantaneous and the relaxed one span what the needle does on its way between them (rational Krylov space). In this basis
 //!   the stiffnesses are known from the forces alone: `A + k_j M` applied to shape j is its force, so that
 //!   `M_ij = (F_j - F_i) / (k_j - k_i)`. The modes of the memory decay exactly over each sample;
-//! * stiffening tissue, `K u (1 + (u/u0)^2)`, and tissue that yields ([`yielding`](super::yielding)): finite elements at a few
-//!   displacements, interpolated in the square of the
-//!   displacement, as a difference to the same elements without stiffening. Beside relaxation the stiffening part is taken as
-//!   instantaneous. An elastic body stiffens by a reaction of its own, `k u (u/u0)^2` at every point, with k the mean line load of
-//!   the body on a rigid needle per deflection.
+//! * what departs from both ([`departure`](super::departure)): tissue that stiffens or yields, laws on its reaction or on the needle's
+//!   stiffness.
 
-use super::body::Stiffened;
 use super::course::course_m;
-use super::elements::{Deformed, Elements, Guide2};
+use super::departure::Departure;
 use super::quadrature::integrate;
-use super::yielding::Yielding;
 use super::{Beam, BeamProblem, ModelError};
 use nalgebra::{DMatrix, DVector};
 use smallvec::SmallVec;
@@ -35,6 +30,11 @@ pub struct Drive {
 }
 
 impl Drive {
+    /// Whether the needle follows guide 2 at once.
+    pub(super) fn is_linear(&self) -> bool {
+        self.clearance_m == 0.0 && self.play_m == 0.0
+    }
+
     /// Displacement that reaches the needle if the frame does not give, of where guide 2 is.
     pub fn beyond_clearance_m(&self, guide2_m: f64) -> f64 {
         let pressed_m = (guide2_m.abs() - self.clearance_m).max(0.0);
@@ -70,19 +70,13 @@ const SHARES: [f64; 4] = [1.0, 0.55, 0.25, 0.08];
 const MIN_DIRECTION: f64 = 1e-8;
 /// Panels of ten Gauss points over which the tissue's energy is integrated.
 const PANEL_M: f64 = 20e-3;
-/// Displacements at which the stiffening needle is solved.
-const NODES: usize = 6;
-/// Elements for the difference that stiffening makes.
-const ELEMENT_M: f64 = 2e-3;
-/// Stiffening below this share of the modulus is none.
-const MIN_STIFFENING: f64 = 1e-9;
 
 /// What a needle does in one plane.
 #[derive(Debug)]
 pub(super) struct Response {
     beam: Beam,
     relaxing: Option<Relaxing>,
-    stiffening: Option<Stiffening>,
+    departure: Option<Departure>,
 }
 
 /// A number for every drive sample; the few of a run that is known by its holds are kept in place.
@@ -102,20 +96,22 @@ impl Response {
     /// # Errors
     /// As [`BeamProblem::solve`].
     pub fn new(problem: &BeamProblem, most_m: f64) -> Result<Self, ModelError> {
-        let law = problem.law;
-        let stiffest_pa = problem.foundation.parts(problem.depth_m).map(|(_, pa)| pa).fold(0.0, f64::max);
-        let yielding = law.inverse_yield_m_per_n * stiffest_pa;
-        let stretch = (law.inverse_u0_per_m * most_m).powi(2).max((yielding * most_m).powi(2));
+        let relaxes = problem.law.relaxing_share > 0.0;
         Ok(Self {
             beam: problem.solve()?,
-            relaxing: if law.relaxing_share > 0.0 { Some(Relaxing::new(problem)?) } else { None },
-            stiffening: if stretch > MIN_STIFFENING { Some(Stiffening::new(problem, most_m)?) } else { None },
+            relaxing: if relaxes { Some(Relaxing::new(problem)?) } else { None },
+            departure: Departure::new(problem, most_m)?,
         })
     }
 
     /// Force per displacement of guide 2 in linear tissue.
     pub fn stiffness_n_per_m(&self) -> f64 {
         self.beam.lateral_stiffness_n_per_m()
+    }
+
+    /// Whether the needle is the exact linear one.
+    pub fn is_linear(&self) -> bool {
+        self.relaxing.is_none() && self.departure.is_none()
     }
 
     /// Moves guide 2; where it comes back by less than `reversal_m`, that is noise of its sensor.
@@ -129,11 +125,11 @@ impl Response {
                 Motion { coefficients: Samples::from_slice(&force_n), force_n }
             }
         };
-        if let Some(stiffening) = &self.stiffening {
+        if let Some(departure) = &self.departure {
             // The first coefficient is a force, or a displacement where the tissue relaxes.
             let stiffness = self.beam.lateral_stiffness_n_per_m();
             let per_metre = if self.relaxing.is_some() { 1.0 } else { stiffness };
-            stiffening.add(&mut motion, &pressed_m, [stiffness, per_metre], drive.frame_compliance_m_per_n);
+            departure.add(&mut motion, &pressed_m, [stiffness, per_metre], drive.frame_compliance_m_per_n);
         }
         motion
     }
@@ -144,13 +140,8 @@ impl Response {
             Some(relaxing) => relaxing.beams.iter().flat_map(|beam| beam.deflections_m(1.0, z_m)).collect(),
             None => self.beam.guide2_force().deflections_m(z_m),
         };
-        if let Some(stiffening) = &self.stiffening {
-            let linear: Vec<f64> =
-                z_m.iter().map(|z_m| stiffening.linear.deflection_m(*z_m) / stiffening.nodes_m[0]).collect();
-            for (shape, node_m) in stiffening.shapes.iter().zip(stiffening.nodes_m) {
-                let more = |(z_m, linear): (&f64, &f64)| shape.deflection_m(*z_m) / node_m - linear;
-                weights.extend(z_m.iter().zip(&linear).map(more));
-            }
+        if let Some(departure) = &self.departure {
+            weights.extend(departure.shape_at(z_m));
         }
         weights
     }
@@ -331,85 +322,6 @@ impl Step {
         };
         self.last = rates.iter().map(last).collect();
         self.first = rates.iter().map(|rate| mean(rate) - last(rate)).collect();
-    }
-}
-
-/// What stiffening adds, at a few displacements.
-#[derive(Debug)]
-struct Stiffening {
-    nodes_m: [f64; NODES],
-    shapes: Vec<Deformed>,
-    /// Without stiffening, at the first of the nodes.
-    linear: Deformed,
-}
-
-impl Stiffening {
-    fn new(problem: &BeamProblem, most_m: f64) -> Result<Self, ModelError> {
-        // Chebyshev's points in the square of the displacement.
-        let angle = |j: usize| (2.0 * j as f64 + 1.0) * std::f64::consts::PI / (2.0 * NODES as f64);
-        let nodes_m = std::array::from_fn(|j| most_m * (0.5 + 0.5 * angle(j).cos()).sqrt());
-        if problem.law.inverse_yield_m_per_n > 0.0 {
-            problem.support.needs_springs("tissue that yields")?;
-        }
-        if problem.support.is_body() {
-            let body = Stiffened::new(problem)?;
-            let shapes =
-                nodes_m.iter().map(|node_m| body.held(*node_m, true)).collect::<Result<Vec<_>, _>>()?;
-            return Ok(Self { linear: body.held(nodes_m[0], false)?, nodes_m, shapes });
-        }
-        let elements = Elements::new(problem, ELEMENT_M)?;
-        let foundation = &problem.foundation;
-        let springs = Yielding { law: problem.law, foundation };
-        let solve = |node_m: &f64| elements.solve(&springs, |_| 0.0, Guide2::Held(*node_m), 0.0);
-        let shapes = nodes_m.iter().map(solve).collect::<Result<Vec<_>, _>>()?;
-        let linear = elements.solve(foundation, |_| 0.0, Guide2::Held(nodes_m[0]), 0.0)?;
-        Ok(Self { nodes_m, shapes, linear })
-    }
-
-    /// What each node adds to the stiffness.
-    fn stiffness_n_per_m(&self) -> [f64; NODES] {
-        let linear = self.linear.guide2_force_n / self.nodes_m[0];
-        std::array::from_fn(|j| self.shapes[j].guide2_force_n / self.nodes_m[j] - linear)
-    }
-
-    /// Lagrange's weights of the nodes in the square of a displacement.
-    fn weights(&self, displacement_m: f64) -> [f64; NODES] {
-        let square = |m: f64| m * m;
-        std::array::from_fn(|j| {
-            let others = (0..NODES).filter(|i| *i != j).map(|i| square(self.nodes_m[i]));
-            others.map(|other| (square(displacement_m) - other) / (square(self.nodes_m[j]) - other)).product()
-        })
-    }
-
-    fn add(
-        &self,
-        motion: &mut Motion,
-        pressed_m: &[f64],
-        [linear, per_metre]: [f64; 2],
-        compliance_m_per_n: f64,
-    ) {
-        let more = self.stiffness_n_per_m();
-        let extra_n = |m: f64| m * self.weights(m).iter().zip(more).map(|(w, k)| w * k).sum::<f64>();
-        let (first, samples) = (motion.coefficients.len(), pressed_m.len());
-        motion.coefficients.resize(first + NODES * samples, 0.0);
-        for (i, pressed) in pressed_m.iter().enumerate() {
-            // The needle's own displacement where the frame gives: pressed = w + C (k w + extra(w)).
-            let mut at_m = pressed / (1.0 + compliance_m_per_n * linear);
-            if compliance_m_per_n > 0.0 {
-                for _ in 0..8 {
-                    at_m =
-                        (pressed - compliance_m_per_n * extra_n(at_m)) / (1.0 + compliance_m_per_n * linear);
-                }
-            }
-            let needed_m = pressed / (1.0 + compliance_m_per_n * linear) - at_m;
-            motion.force_n[i] += extra_n(at_m) - linear * needed_m;
-            // The part without stiffening was moved too far by what the frame gives more.
-            motion.coefficients[i] -= per_metre * needed_m;
-            let of_nodes = motion.coefficients[first..].chunks_exact_mut(samples);
-            for (values, weight) in of_nodes.zip(self.weights(at_m)) {
-                values[i] = at_m * weight;
-            }
-        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Relaxing and stiffening needles against independent solutions.
 
 use super::*;
-use crate::elements::Reaction;
+use crate::elements::{Elements, Guide2, Reaction};
 use crate::{Foundation, Needle, Rig, TissueLaw};
 
 fn problem(law: TissueLaw, foundation: Foundation) -> BeamProblem {

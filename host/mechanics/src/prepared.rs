@@ -3,11 +3,12 @@
 //! Identification needs many motions of one needle, as true displacements are unknowns; [`predict`](super::predict) needs one.
 
 use super::cache::Cache;
+use super::carried::{Carried, Held};
 use super::effects::{MotionContext, ObservationContext};
 use super::lateral::{Drive, Response, Samples};
 use super::predict::Plane;
 use super::prestress::Prestress;
-use super::terms::Conditions;
+use super::terms::{Conditions, Shifts};
 use super::varied::Varied;
 use super::{BeamProblem, Channels, DriveSample, Model, ModelError, Series, ShapeImage, ShapePoint};
 use std::borrow::Cow;
@@ -71,7 +72,7 @@ impl<'a> PreparedNeedle<'a> {
         let images = shape.iter().filter(|_| is_needed).map(|point| point.image).collect();
         let has_places = model.effects.iter().any(|(effect, _)| effect.needs_places());
         let shape = if has_places { shape.to_vec() } else { Vec::new() };
-        let needles = Needles::new(&problems, most_m, &places.z_m, cache)?;
+        let needles = Needles::new(&problems, Shifts::move_tissue(&model), most_m, &places.z_m, cache)?;
         // An effect may bring what happens in one plane into the other.
         let both = planes > 1 || !model.effects.is_empty();
         Ok(Self {
@@ -100,7 +101,8 @@ impl<'a> PreparedNeedle<'a> {
             &self.needles
         } else {
             let problems = Problems::of(&self.model, &self.conditions)?;
-            further = Needles::new(&problems, most_m(drive), &self.places.z_m, None)?;
+            let moves_tissue = Shifts::move_tissue(&self.model);
+            further = Needles::new(&problems, moves_tissue, most_m(drive), &self.places.z_m, None)?;
             &further
         };
         let times_s: Samples = drive.iter().map(|sample| sample.time_s).collect();
@@ -157,15 +159,34 @@ impl<'a> PreparedNeedle<'a> {
     ) -> Result<(Vec<f64>, Vec<f64>), ModelError> {
         let (times_s, reversal_m) = (context.time_s, self.reversal_m[plane]);
         let needle = needles.of_plane(plane);
-        let (mut motion, weights) = match self.varied(plane, context)? {
+        let varied = self.varied(plane, context)?;
+        let compliance_m_per_n = self.drive.frame_compliance_m_per_n;
+        let respond = |commanded_m: &[f64]| match &varied {
             Some((varied, factors)) => {
                 let pressed_m = self.drive.reaching_m(commanded_m, reversal_m);
-                let motion = varied.moved(&pressed_m, &factors, self.drive.frame_compliance_m_per_n);
-                (motion, Cow::Owned(varied.shape_at(&self.places.z_m)))
+                varied.moved(&pressed_m, factors, compliance_m_per_n)
             }
-            None => {
-                let motion = needle.response.moved(times_s, commanded_m, reversal_m, self.drive);
-                (motion, Cow::Borrowed(needle.weights.as_slice()))
+            None => needle.response.moved(times_s, commanded_m, reversal_m, self.drive),
+        };
+        let mut weights = match &varied {
+            Some((varied, _)) => Cow::Owned(varied.shape_at(&self.places.z_m)),
+            None => Cow::Borrowed(needle.weights.as_slice()),
+        };
+        let mut motion = match Shifts::of(&self.model, context, plane) {
+            None => respond(commanded_m),
+            Some(shifts) => {
+                let held = Held {
+                    stiffness_n_per_m: needle.response.stiffness_n_per_m(),
+                    compliance_m_per_n,
+                    carried: needle.carried.as_ref(),
+                    is_linear: varied.is_none() && needle.response.is_linear() && self.drive.is_linear(),
+                };
+                let (mut motion, tissue_m) = shifts.moved(commanded_m, &held, respond);
+                if let Some(carried) = &needle.carried {
+                    motion.coefficients.extend(tissue_m);
+                    weights.to_mut().extend(&carried.weights);
+                }
+                motion
             }
         };
         let Places { z_m, frames } = &self.places;
@@ -291,11 +312,14 @@ struct Needle {
     response: Arc<Response>,
     /// What the coefficients of a motion weigh at every place, coefficient by coefficient.
     weights: Vec<f64>,
+    /// What it does where the tissue moves; nothing where no law moves it.
+    carried: Option<Carried>,
 }
 
 impl Needles {
     fn new(
         problems: &Problems,
+        moves_tissue: bool,
         [y_m, x_m]: [f64; 2],
         z_m: &[f64],
         cache: Option<&Cache>,
@@ -305,12 +329,13 @@ impl Needles {
                 Some(cache) => cache.response(problem, most_m)?,
                 None => Arc::new(Response::new(problem, most_m)?),
             };
-            Ok::<_, ModelError>(Needle { weights: response.shape_at(z_m), response })
+            let carried = if moves_tissue { Some(Carried::new(problem, z_m)?) } else { None };
+            Ok::<_, ModelError>(Needle { weights: response.shape_at(z_m), response, carried })
         };
         let most_m = if problems.x.is_some() { [y_m, x_m] } else { [y_m.max(x_m); 2] };
         let y = solved(&problems.y, most_m[0])?;
         let x = problems.x.as_ref().map(|x| solved(x, most_m[1])).transpose()?;
-        let stiffens = [&problems.y, problems.x()].into_iter().any(|p| p.law.is_nonlinear());
+        let stiffens = [&problems.y, problems.x()].into_iter().any(|p| p.is_nonlinear());
         Ok(Self { y, x, most_m: stiffens.then_some(most_m) })
     }
 

@@ -1,5 +1,6 @@
 //! What a needle in tissue is: geometry, stiffness and supports.
 
+use super::terms::ActingLaw;
 use super::{Foundation, ModelError, Rig, Support, check};
 
 /// What is solved: geometry, stiffness and supports of the needle in the tissue.
@@ -35,6 +36,10 @@ pub struct BeamProblem {
     pub radius_m: f64,
     /// What the tissue does beyond a linear spring; [`BeamProblem::solve`] leaves it out.
     pub law: TissueLaw,
+    /// What laws do to the reaction of the tissue in lateral runs; [`BeamProblem::solve`] leaves it out.
+    pub reaction: Vec<ActingLaw>,
+    /// What laws do to the bending stiffness along the needle in lateral runs; [`BeamProblem::solve`] leaves it out.
+    pub stiffness: Vec<ActingLaw>,
 }
 
 /// How the tissue departs from a linear spring.
@@ -70,7 +75,14 @@ impl BeamProblem {
             support: Support::Springs,
             radius_m: 0.5 * rig.needle.outer_diameter_m,
             law: TissueLaw::default(),
+            reaction: Vec::new(),
+            stiffness: Vec::new(),
         }
+    }
+
+    /// Whether force and shape are not in proportion to the displacement of guide 2.
+    pub(super) fn is_nonlinear(&self) -> bool {
+        self.law.is_nonlinear() || !self.reaction.is_empty()
     }
 
     /// Refuses what no needle can be.

@@ -11,11 +11,14 @@
 //! | [`Form`] | the function, its parameters and its formula |
 //! | [`Law`] | the three together, as an effect |
 
+mod acting;
 mod apply;
 mod form;
 mod law;
 mod site;
 
+pub use acting::ActingLaw;
+pub(crate) use acting::Shifts;
 pub use form::Form;
 pub use law::{DefineError, FunctionOf, Law, OwnFunction, OwnLaw, define, grammar, own, term};
 pub use site::{Regressor, Scope, Site};

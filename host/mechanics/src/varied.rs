@@ -31,7 +31,7 @@ impl Varied {
         factors: &[f64],
         cache: Option<&Cache>,
     ) -> Result<Option<Self>, ModelError> {
-        if problem.law.is_nonlinear() || problem.law.relaxing_share > 0.0 {
+        if problem.is_nonlinear() || problem.law.relaxing_share > 0.0 {
             return Ok(None);
         }
         let places = factors.iter().map(|factor| place(*factor).floor() as i32);
@@ -86,7 +86,7 @@ fn place(factor: f64) -> f64 {
 }
 
 /// Lagrange's cubic between the second and the third of four neighbours: their weights at a share of the way.
-fn cubic(t: f64) -> [f64; 4] {
+pub(super) fn cubic(t: f64) -> [f64; 4] {
     let (before, after, beyond) = (t + 1.0, t - 1.0, t - 2.0);
     [
         -t * after * beyond / 6.0,

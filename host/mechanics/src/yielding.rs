@@ -8,12 +8,17 @@
 
 use super::elements::{Deformed, Elements, Guide2, Newest, Reaction, Springs, StressFreePath};
 use super::growth::{Guide2Grip, NodeLoads, TipState};
+use super::terms::ActingLaw;
 use super::{BeamProblem, Foundation, ModelError, TissueLaw, check};
 
 /// Step of the insertion.
 pub(super) const STEP_M: f64 = 1e-3;
 /// Length of an element: a step's, so that rounding makes no more of them.
 const ELEMENT_M: f64 = STEP_M * (1.0 + 1e-9);
+
+/// Share of the tangent without laws below which Newton's method does not take it: a step is at most twenty times too long, and halved until
+/// the balance improves.
+const MIN_TANGENT: f64 = 0.05;
 
 impl TissueLaw {
     /// Reaction of tissue that yields, and stiffens, to a stretch where the reciprocal of its yield load is this.
@@ -38,6 +43,8 @@ impl TissueLaw {
 pub(super) struct Yielding<'a> {
     pub law: TissueLaw,
     pub foundation: &'a Foundation,
+    /// What laws of the grammar do to the reaction.
+    pub reaction: &'a [ActingLaw],
 }
 
 impl Springs for Yielding<'_> {
@@ -50,7 +57,15 @@ impl Springs for Yielding<'_> {
     }
 
     fn reaction(&self, [modulus_pa, inverse_m_per_n]: &[f64; 2], stretch_m: f64) -> Reaction {
-        self.law.reaction_at(*modulus_pa, *inverse_m_per_n, stretch_m)
+        let plain = self.law.reaction_at(*modulus_pa, *inverse_m_per_n, stretch_m);
+        if self.reaction.is_empty() {
+            return plain;
+        }
+        let [share, slope_per_m] = ActingLaw::reaction(self.reaction, stretch_m);
+        let tangent_pa = plain.tangent_pa * share + plain.force_n_per_m * slope_per_m;
+        // Newton's method goes on where the reaction no longer grows.
+        let tangent_pa = tangent_pa.max(MIN_TANGENT * plain.tangent_pa);
+        Reaction { force_n_per_m: plain.force_n_per_m * share, tangent_pa }
     }
 }
 
@@ -74,7 +89,7 @@ pub(super) fn under_load(
     let (law, foundation) = (problem.law, &problem.foundation);
     // An insertion is the first loading of fresh tissue: what stiffens is not part of it, as for the linear needle.
     let law = TissueLaw { inverse_u0_per_m: 0.0, ..law };
-    let springs = Yielding { law, foundation };
+    let springs = Yielding { law, foundation, reaction: &[] };
     let mut states: Vec<TipState> = Vec::with_capacity(nodes_m.len());
     let mut slopes = Vec::with_capacity(nodes_m.len());
     // The needle at the depth before.
@@ -191,7 +206,7 @@ mod tests {
         let law =
             TissueLaw { inverse_yield_m_per_n: 1.0 / 60.0, yield_depth_m: 0.01, ..TissueLaw::default() };
         let foundation = Foundation::uniform(60e3).expect("a modulus");
-        let springs = Yielding { law, foundation: &foundation };
+        let springs = Yielding { law, foundation: &foundation, reaction: &[] };
         let reaction = |depth_m: f64, stretch_m: f64| springs.reaction(&springs.place(depth_m), stretch_m);
         for (depth_m, most_n_per_m) in [(0.0, 60.0), (0.02, 60.0 * 2f64.exp())] {
             let Reaction { force_n_per_m, tangent_pa } = reaction(depth_m, 0.1);
@@ -206,7 +221,8 @@ mod tests {
         }
         // The needle gives further into tissue that yields, and less force holds it.
         let elements = |problem: &BeamProblem| {
-            let springs = Yielding { law: problem.law, foundation: &problem.foundation };
+            let springs =
+                Yielding { law: problem.law, foundation: &problem.foundation, reaction: &problem.reaction };
             let held = Guide2::Held(2e-3);
             Elements::new(problem, 0.5e-3).expect("cut").solve(&springs, |_| 0.0, held, 0.0).expect("solves")
         };

@@ -143,7 +143,8 @@ fn main() -> ExitCode {
 }
 
 fn help() -> String {
-    let tasks: String = TASKS.iter().map(|(name, _, what)| format!("  {name:<10}{what}\n")).collect();
+    let width = TASKS.iter().map(|(name, ..)| name.len()).max().unwrap_or_default() + 2;
+    let tasks: String = TASKS.iter().map(|(name, _, what)| format!("  {name:<width$}{what}\n")).collect();
     format!(
         "Set up, build, test and demonstrate the needle guide\n\nUsage: cargo xtask <TASK> [OPTIONS]\n\nCommands:\n{tasks}\n\
          `cargo xtask TASK --help` prints the options of a task; the first time it is built for that.\n"

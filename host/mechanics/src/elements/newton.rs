@@ -154,7 +154,8 @@ impl Elements {
             let (start_m, length_m) = (ends[0], ends[1] - ends[0]);
             let at = 2 * element;
             let inside = start_m >= self.entry_m - 1e-12;
-            let mut bending = bending_stiffness(self.bending_stiffness_n_m2, length_m);
+            let share = self.stiffness_share(start_m, length_m);
+            let mut bending = bending_stiffness(self.bending_stiffness_n_m2 * share, length_m);
             let pull_n = if inside { self.shear_n } else { 0.0 } - self.axial_load_n;
             add_tension(&mut bending, pull_n, length_m);
             if inside && start_m <= self.entry_m + 1e-12 {

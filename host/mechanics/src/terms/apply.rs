@@ -1,5 +1,6 @@
 //! What terms do inside the forward model.
 
+use super::acting::{ActingLaw, MIN_SHARE};
 use super::{Conditions, Law, Regressor, Site};
 use crate::effects::{Effect, EffectInfo, MotionContext, ObservationContext, series_at};
 use crate::insertion::TipLaw;
@@ -12,7 +13,7 @@ const DEEPEST_M: f64 = 0.3;
 
 impl Law {
     /// The function in SI at a value of the regressor in SI.
-    fn at(&self, values: &[f64], x: f64) -> f64 {
+    pub(super) fn at(&self, values: &[f64], x: f64) -> f64 {
         let x = self.regressor.per_si() * x;
         let value = match self.own {
             Some(own) => (own.value)(values, x),
@@ -58,7 +59,12 @@ impl Law {
     }
 
     /// The function at every sample of a motion of guide 2 in a plane.
-    fn along_motion(&self, values: &[f64], context: &MotionContext<'_>, plane: usize) -> Vec<f64> {
+    pub(super) fn along_motion(
+        &self,
+        values: &[f64],
+        context: &MotionContext<'_>,
+        plane: usize,
+    ) -> Vec<f64> {
         let commanded_m = context.commanded_m[plane];
         let start_s = context.time_s.first().copied().unwrap_or_default();
         match self.regressor {
@@ -154,6 +160,12 @@ impl Effect for Law {
         _plane: Plane,
         problem: &mut BeamProblem,
     ) -> Result<(), ModelError> {
+        let acting = || ActingLaw::new(self, values);
+        match self.site {
+            Site::Reaction => problem.reaction.push(acting()),
+            Site::Stiffness => problem.stiffness.push(acting()),
+            _ => {}
+        }
         if self.site != Site::Modulus {
             return Ok(());
         }
@@ -216,7 +228,13 @@ impl Effect for Law {
             Site::TipDirection | Site::TipDirectionGain => {
                 self.apply(&mut channels.tip_direction_rad, is_gain, |_, _| self.along_path(values, context));
             }
-            Site::ShapePosition | Site::Guide | Site::Modulus | Site::TipLoad => {}
+            Site::ShapePosition
+            | Site::Guide
+            | Site::Modulus
+            | Site::TipLoad
+            | Site::Tissue
+            | Site::Reaction
+            | Site::Stiffness => {}
         }
     }
 
@@ -235,6 +253,3 @@ impl Effect for Law {
         }
     }
 }
-
-/// Share of the modulus below which it does not fall.
-const MIN_SHARE: f64 = 0.02;

@@ -25,6 +25,11 @@ pub enum Form {
     Exponential,
     /// `a` beyond `b`.
     Step,
+    /// `a` up to `b`.
+    Within,
+    /// `a (1 - b / sqrt(x^2 + b^2))`: one value about 0, another far from it. A reaction with it begins late where `a` is large, and goes
+    /// towards a limit where it is -1.
+    Knee,
     /// `a exp(-(x - b)^2 / (2 w^2))` with a width of a tenth of the typical range.
     Bump,
     /// `a sin(2 pi x / b) + c (cos(2 pi x / b) - 1)`.
@@ -50,7 +55,7 @@ const EDGE: f64 = 0.01;
 
 impl Form {
     /// Every one that the grammar has.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 14] = [
         Self::Constant,
         Self::Linear,
         Self::Quadratic,
@@ -60,14 +65,21 @@ impl Form {
         Self::Saturation,
         Self::Exponential,
         Self::Step,
+        Self::Within,
+        Self::Knee,
         Self::Bump,
         Self::Sine,
         Self::Polynomial,
     ];
 
-    /// Those that make sense of a regressor.
-    pub(super) fn of(regressor: Regressor) -> &'static [Self] {
+    /// Those that make sense of a site and a regressor.
+    pub(super) fn of(site: Site, regressor: Regressor) -> &'static [Self] {
         match regressor {
+            Regressor::Deflection if site == Site::Reaction => {
+                &[Self::Linear, Self::Quadratic, Self::Absolute, Self::Sign, Self::Knee]
+            }
+            Regressor::Along => &[Self::Linear, Self::Step, Self::Bump],
+            Regressor::ToTip => &[Self::Within, Self::Bump],
             Regressor::Constant => &[Self::Constant],
             Regressor::Direction => &[Self::Linear],
             Regressor::Run | Regressor::Depth | Regressor::Use => {
@@ -109,6 +121,8 @@ impl Form {
             Self::Saturation => "saturation",
             Self::Exponential => "exponential",
             Self::Step => "step",
+            Self::Within => "within",
+            Self::Knee => "knee",
             Self::Bump => "bump",
             Self::Sine => "sine",
             Self::Polynomial => "polynomial",
@@ -132,6 +146,8 @@ impl Form {
             Self::Saturation => a * x / x.hypot(last),
             Self::Exponential => a * (1.0 - (-x / last).exp()),
             Self::Step => 0.5 * a * (1.0 + ((x - last) / (EDGE * typical)).tanh()),
+            Self::Within => 0.5 * a * (1.0 - ((x - last) / (EDGE * typical)).tanh()),
+            Self::Knee => a * (1.0 - last / x.hypot(last)),
             Self::Bump => a * (-0.5 * ((x - last) / (WIDTH * typical)).powi(2)).exp(),
             Self::Sine => {
                 let cosine = more.first().copied().unwrap_or_default();
@@ -184,8 +200,8 @@ impl Form {
             Self::Quadratic => vec![amplitude("coefficient", 2)],
             Self::Cubic => vec![amplitude("coefficient", 3)],
             Self::Sign => vec![amplitude("amplitude", 0)],
-            Self::Saturation | Self::Exponential => vec![amplitude("limit", 0), place("scale", &LENGTHS)],
-            Self::Step => vec![amplitude("step", 0), place("at", &PLACES)],
+            Self::Saturation | Self::Exponential | Self::Knee => vec![amplitude("limit", 0), place("scale", &LENGTHS)],
+            Self::Step | Self::Within => vec![amplitude("step", 0), place("at", &PLACES)],
             Self::Bump => vec![amplitude("height", 0), place("at", &PLACES)],
             Self::Sine => {
                 let periods: Vec<f64> =
@@ -234,6 +250,8 @@ impl Form {
             Self::Saturation => format!("{} {x} / sqrt({x}^2 + ({})^2)", value(0, 0), place(1)),
             Self::Exponential => format!("{} (1 - exp(-{x} / {}))", value(0, 0), place(1)),
             Self::Step => format!("{} where {x} > {}", value(0, 0), place(1)),
+            Self::Within => format!("{} where {x} < {}", value(0, 0), place(1)),
+            Self::Knee => format!("{} (1 - {} / sqrt({x}^2 + ({})^2))", value(0, 0), place(1), place(1)),
             Self::Bump => {
                 let width = format!("{:.3} {of}", WIDTH * regressor.typical());
                 format!("{} exp(-({x} - {})^2 / (2 ({})^2))", value(0, 0), place(1), width.trim_end())

@@ -135,7 +135,7 @@ fn shown_in(site: Site, regressor: Regressor) -> RunKinds {
 static MADE: Mutex<BTreeMap<String, &'static Law>> = Mutex::new(BTreeMap::new());
 
 /// Triples that have a name in the catalogue: the grammar has no second one for them.
-const NAMED: [(&str, &str); 17] = [
+const NAMED: [(&str, &str); 18] = [
     ("force_y.constant.constant", "sensor.force_bias"),
     ("force_x.constant.constant", "sensor.force_bias"),
     ("force.force.linear", "sensor.force_gain"),
@@ -146,6 +146,7 @@ const NAMED: [(&str, &str); 17] = [
     ("shape_x.constant.constant", "sensor.shape_offset"),
     ("shape.deflection.linear", "sensor.shape_scale"),
     ("shape_position.constant.constant", "sensor.depth_shift"),
+    ("guide.force.linear", "rig.frame_compliance"),
     ("modulus.place.linear", "tissue.gradient"),
     ("modulus.place.step", "tissue.layers"),
     ("tip_y.place.linear", "tip.entry_angle"),
@@ -217,7 +218,7 @@ pub fn term(id: &str) -> Option<&'static Law> {
     let regressor = Regressor::ALL.into_iter().find(|one| one.name() == regressor)?;
     let form = Form::ALL.into_iter().find(|one| one.name() == form)?;
     let known = site.regressors().iter().any(|(of, scopes)| *of == regressor && scopes.contains(&scope));
-    (parts.next().is_none() && known && Form::of(regressor).contains(&form))
+    (parts.next().is_none() && known && Form::of(site, regressor).contains(&form))
         .then(|| Law::made(site, scope, regressor, form))
 }
 
@@ -228,7 +229,7 @@ pub fn grammar(left_out: &[&str]) -> Vec<&'static Law> {
         for (regressor, scopes) in site.regressors() {
             for scope in *scopes {
                 all.extend(
-                    Form::of(*regressor).iter().map(|form| Law::made(site, *scope, *regressor, *form)),
+                    Form::of(site, *regressor).iter().map(|form| Law::made(site, *scope, *regressor, *form)),
                 );
             }
         }

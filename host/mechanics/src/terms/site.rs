@@ -29,6 +29,12 @@ pub enum Site {
     TipDirectionGain,
     /// The load on the tip along its bevel: `w + f`, newtons.
     TipLoad,
+    /// Where the tissue is before the needle pushes it: it reacts with `K (u - f)`, millimetres.
+    Tissue,
+    /// The reaction of the tissue: `K u (1 + f)`.
+    Reaction,
+    /// The bending stiffness of the needle: `EI (1 + f)`.
+    Stiffness,
 }
 
 /// What a term depends on.
@@ -56,6 +62,10 @@ pub enum Regressor {
     Run,
     /// Largest displacement of guide 2 so far in the run, millimetres.
     Use,
+    /// Position along the needle from guide 1, millimetres.
+    Along,
+    /// Distance along the needle from its tip, millimetres.
+    ToTip,
 }
 
 /// The planes in which a term acts.
@@ -94,7 +104,7 @@ impl Scope {
 
 impl Site {
     /// Every one there is.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 15] = [
         Self::Force,
         Self::ForceGain,
         Self::Shape,
@@ -107,6 +117,9 @@ impl Site {
         Self::TipDirection,
         Self::TipDirectionGain,
         Self::TipLoad,
+        Self::Tissue,
+        Self::Reaction,
+        Self::Stiffness,
     ];
 
     /// The site and the planes of a name like `shape_y`.
@@ -133,6 +146,9 @@ impl Site {
             Self::TipDirection => "tip_direction",
             Self::TipDirectionGain => "tip_direction_gain",
             Self::TipLoad => "tip_load",
+            Self::Tissue => "tissue",
+            Self::Reaction => "reaction",
+            Self::Stiffness => "stiffness",
         }
     }
 
@@ -151,6 +167,9 @@ impl Site {
             Self::TipDirection => "the direction of the tip reads more",
             Self::TipDirectionGain => "the gain of the tip's direction is larger",
             Self::TipLoad => "the load on the tip is larger",
+            Self::Tissue => "the tissue itself moves further",
+            Self::Reaction => "the tissue reacts more",
+            Self::Stiffness => "the needle is stiffer",
         }
     }
 
@@ -169,6 +188,9 @@ impl Site {
             Self::TipDirection => "y'_read = y' +",
             Self::TipDirectionGain => "y'_read = y' (1 +",
             Self::TipLoad => "w = w_0 +",
+            Self::Tissue => "p = K (u - w), w =",
+            Self::Reaction => "p = K u (1 +",
+            Self::Stiffness => "EI = EI_0 (1 +",
         }
     }
 
@@ -176,9 +198,15 @@ impl Site {
     pub fn unit(self) -> &'static str {
         match self {
             Self::Force | Self::TipLoad => "n",
-            Self::Shape | Self::ShapePosition | Self::Guide | Self::Tip => "mm",
+            Self::Shape | Self::ShapePosition | Self::Guide | Self::Tip | Self::Tissue => "mm",
             Self::TipDirection => "mrad",
-            Self::ForceGain | Self::ShapeGain | Self::Modulus | Self::TipGain | Self::TipDirectionGain => "",
+            Self::ForceGain
+            | Self::ShapeGain
+            | Self::Modulus
+            | Self::TipGain
+            | Self::TipDirectionGain
+            | Self::Reaction
+            | Self::Stiffness => "",
         }
     }
 
@@ -195,9 +223,10 @@ impl Site {
         match self {
             Self::Force => 0.08,
             Self::Shape => 0.08,
-            Self::Guide => 0.06,
+            Self::Guide | Self::Tissue => 0.06,
             Self::ShapePosition => 1.0,
-            Self::Modulus => 0.3,
+            Self::Modulus | Self::Reaction => 0.3,
+            Self::Stiffness => 0.15,
             Self::ForceGain | Self::ShapeGain | Self::TipGain | Self::TipDirectionGain => 0.1,
             Self::Tip => 0.3,
             Self::TipDirection => 10.0,
@@ -219,7 +248,7 @@ impl Site {
     /// What it may depend on, and in which planes.
     pub(super) fn regressors(self) -> &'static [(Regressor, &'static [Scope])] {
         use Regressor::{
-            Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share, Time, Use,
+            Along, Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share, Time, ToTip, Use,
         };
         const BOTH: &[Scope] = &[Scope::Both];
         const EACH: &[Scope] = &[Scope::Vertical, Scope::Horizontal];
@@ -251,6 +280,7 @@ impl Site {
             Self::Guide => &[
                 (Constant, EACH),
                 (Displacement, BOTH),
+                (Force, BOTH),
                 (Time, BOTH),
                 (Direction, BOTH),
                 (Run, BOTH),
@@ -269,13 +299,23 @@ impl Site {
             Self::TipGain | Self::TipDirectionGain => &[(Constant, ALL), (Run, BOTH)],
             Self::TipDirection => &[(Constant, EACH), (Place, EACH), (Run, EACH)],
             Self::TipLoad => &[(Place, BOTH), (Run, BOTH)],
+            Self::Tissue => &[
+                (Constant, EACH),
+                (Displacement, BOTH),
+                (Force, BOTH),
+                (Time, EACH),
+                (Direction, BOTH),
+                (Run, EACH),
+            ],
+            Self::Reaction => &[(Deflection, BOTH)],
+            Self::Stiffness => &[(Along, BOTH), (ToTip, BOTH)],
         }
     }
 }
 
 impl Regressor {
     /// Every one there is.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 13] = [
         Self::Constant,
         Self::Place,
         Self::Share,
@@ -287,6 +327,8 @@ impl Regressor {
         Self::Direction,
         Self::Run,
         Self::Use,
+        Self::Along,
+        Self::ToTip,
     ];
 
     /// Its name in ids.
@@ -303,6 +345,8 @@ impl Regressor {
             Self::Direction => "direction",
             Self::Run => "run",
             Self::Use => "use",
+            Self::Along => "along",
+            Self::ToTip => "to_tip",
         }
     }
 
@@ -320,13 +364,21 @@ impl Regressor {
             Self::Direction => "sign(d')",
             Self::Run => "n",
             Self::Use => "max |d|",
+            Self::Along => "z",
+            Self::ToTip => "(L - z)",
         }
     }
 
     /// Its unit, in names and in text; nothing for a number.
     pub fn unit(self) -> &'static str {
         match self {
-            Self::Place | Self::Depth | Self::Displacement | Self::Deflection | Self::Use => "mm",
+            Self::Place
+            | Self::Depth
+            | Self::Displacement
+            | Self::Deflection
+            | Self::Use
+            | Self::Along
+            | Self::ToTip => "mm",
             Self::Force => "n",
             Self::Time => "s",
             Self::Constant | Self::Share | Self::Direction | Self::Run => "",
@@ -341,7 +393,8 @@ impl Regressor {
     /// Its typical size in a session, in that unit.
     pub(super) fn typical(self) -> f64 {
         match self {
-            Self::Place | Self::Depth => 20.0,
+            Self::Place | Self::Depth | Self::ToTip => 20.0,
+            Self::Along => 60.0,
             Self::Displacement | Self::Use => 1.0,
             Self::Force => 1.0,
             Self::Deflection => 0.5,

@@ -33,10 +33,14 @@ const OF_OTHERS: [&str; 21] = [
     "--kubernetes-persistent-volumes",
 ];
 
-/// A command of cargo itself, whose options are cargo's and its programs' and not checked here.
-fn of_cargo(text: &str) -> bool {
+/// A command of cargo itself, whose options are cargo's and its programs', or of Python, whose options are those of a script: they are not
+/// checked here.
+fn of_others(text: &str) -> bool {
     let mut words = text.split_whitespace().skip_while(|word| word.contains('='));
-    words.next() == Some("cargo") && words.next() != Some("xtask")
+    match words.next() {
+        Some("cargo") => words.next() != Some("xtask"),
+        first => first == Some("python"),
+    }
 }
 
 #[test]
@@ -88,7 +92,9 @@ impl Program {
             ["study-demo", "study-bringup"].into_iter().filter_map(|name| system.get(name)).flatten();
         let of_studies = of_studies.chain(of_system.cloned());
         commands.entry("study".to_owned()).or_default().extend(of_studies);
-        commands.entry("test".to_owned()).or_default().extend(options(&help_of("xtask", &["test"])));
+        for task in ["test", "release"] {
+            commands.entry(task.to_owned()).or_default().extend(options(&help_of("xtask", &[task])));
+        }
         commands.entry("web".to_owned()).or_default().extend(options(&help_of("browser", &[])));
         Self { commands }
     }
@@ -169,7 +175,7 @@ fn every_command_and_option_of_the_pages_exists() {
     let book = Book::read(root()).unwrap();
     let mut wrong = Vec::new();
     let typed = book.pages().iter().flat_map(|page| typed(page).into_iter().map(move |typed| (page, typed)));
-    for (page, (number, text)) in typed.filter(|(_, (_, text))| !of_cargo(text)) {
+    for (page, (number, text)) in typed.filter(|(_, (_, text))| !of_others(text)) {
         let known = match (text.strip_prefix("guide "), text.strip_prefix("cargo xtask ")) {
             // What is drawn as `guide 1 ...` is a part of the rig.
             (Some(rest), _) if rest.starts_with(|c: char| c.is_ascii_lowercase()) => {
