@@ -10,7 +10,7 @@ use super::found::Found;
 use super::foundation::{FOUNDATION_MARGIN, varied};
 use super::posterior::Fitted;
 use super::results::FoundationResult;
-use super::search::{Catalogue, Search};
+use super::search::{Catalogue, Search, leading};
 use super::split::Judge;
 use super::start::Start;
 use super::weights::{NO_WEIGHT, limit_refused};
@@ -47,11 +47,8 @@ pub(super) fn choose(
     block: Option<Block>,
     mut report: impl FnMut(&str),
 ) -> Result<Choice, DiagnoseError> {
-    let search = |start: &Start, report: &mut dyn FnMut(&str)| {
-        let Start { runs, patterns, fitted } = start;
-        let catalogue = Catalogue { laws: options.discovery, left_out: &options.left_out };
-        Search { start: fitted, runs, patterns, judge, catalogue }.run(report)
-    };
+    let catalogue = Catalogue { laws: options.discovery, left_out: &options.left_out };
+    let search = |start: &Start, report: &mut dyn FnMut(&str)| on(start, judge, catalogue).run(report);
     let body = match options.foundation {
         FoundationChoice::Springs => None,
         FoundationChoice::Body | FoundationChoice::Auto => {
@@ -73,7 +70,9 @@ pub(super) fn choose(
         first.fitted.layout.support.name()
     ));
     let found = search(&first, &mut report)?;
-    let is_searched = !only_body && is_in_question(&first, &second, &found)?;
+    let is_searched = !only_body
+        && (is_in_question(&first, &second, &found)?
+            || promises_more(&found, &on(&first, judge, catalogue), &on(&second, judge, catalogue))?);
     let other = if is_searched { search(&second, &mut report).ok() } else { None };
     // Where nothing is named on one foundation, a name on the other one has to explain what was held out better, too.
     let explains_held_out = |other: &Found| {
@@ -93,6 +92,23 @@ pub(super) fn choose(
     let foundation = FoundationResult::of(&found.fitted, springs, comparison);
     let beside = unused.map_or_else(Vec::new, |unused| beside(&refused, &unused, &found));
     Ok(Choice { foundation, start, found, beside })
+}
+
+/// The search for what is missing on a foundation.
+fn on<'a>(start: &'a Start, judge: &'a Judge, catalogue: Catalogue<'a>) -> Search<'a> {
+    let Start { runs, patterns, fitted } = start;
+    Search { start: fitted, runs, patterns, judge, catalogue }
+}
+
+/// Whether a law without a name was found on the first foundation, and the second has an effect that by its score may be what it stands in for:
+/// some laws are of springs alone.
+fn promises_more(found: &Found, first: &Search<'_>, second: &Search<'_>) -> Result<bool, DiagnoseError> {
+    let is_law = |index: usize| found.fitted.layout.effects.get(index).is_some_and(|of| of.is_unnamed());
+    if !found.members.iter().any(|member| is_law(member.index)) {
+        return Ok(false);
+    }
+    let [[start, best], [other_start, other_best]] = [first.promise()?, second.promise()?];
+    Ok(other_start + other_best > start + leading(best))
 }
 
 /// Whether the second foundation may explain the runs as well as what was found on the first.

@@ -85,6 +85,8 @@ pub(super) struct Found {
     pub fitted: Fitted,
     /// The effects of this fit that were added.
     pub members: Vec<Member>,
+    /// The model with laws that describe a part of what is missing, where something is left beside them.
+    pub described: Option<Fitted>,
     /// All effects beside the starting model, names before laws.
     pub first: Vec<Candidate>,
     /// All effects beside the last model to which none of them was added; empty where the search ended otherwise.
@@ -97,6 +99,13 @@ const LAST_ROUNDS: usize = 8;
 const NEAR_SD: f64 = 6.0;
 
 impl Found {
+    /// The laws that describe a part of what is missing.
+    pub fn descriptions(&self) -> impl Iterator<Item = &'static dyn Effect> {
+        let layout = self.described.iter().map(|fitted| &fitted.layout);
+        let effects = layout.flat_map(|layout| layout.effects.iter().skip(layout.given).copied());
+        effects.filter(|effect| effect.is_unnamed())
+    }
+
     /// The models that were fitted around what was found, with the logarithms of their odds over it: itself, and those with one effect more.
     pub fn with_neighbours(&self) -> Vec<(f64, &Fitted)> {
         let candidates = if self.members.is_empty() { &self.first } else { &self.last };
@@ -112,7 +121,9 @@ impl Found {
         }
         let fits = candidates.iter().filter(in_range).filter_map(|candidate| candidate.refit.as_ref());
         let neighbours = odds.into_iter().zip(fits).map(|((ln, _), (fit, _))| (ln, fit));
-        std::iter::once((0.0, &self.fitted)).chain(neighbours).collect()
+        // A description is as likely as what was taken, as whatever else was refused.
+        let described = self.described.iter().map(|fit| (0.0, fit));
+        std::iter::once((0.0, &self.fitted)).chain(described).chain(neighbours).collect()
     }
 
     /// The same with the discrepancy's patterns made around what was found: those of the start are of a model that lacks it. The evidence

@@ -133,7 +133,7 @@ impl DiagnosisReport<'_> {
             given: self.options.given.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
             given_effects: self.given_effects(final_fit),
             moved_since: Vec::new(),
-            partial: if is_named { Vec::new() } else { self.partial() },
+            partial: self.partial(is_named),
             remaining,
             multiples: self.multiples.clone(),
             alternatives: averaged.alternatives(),
@@ -196,8 +196,13 @@ impl DiagnosisReport<'_> {
         }
     }
 
-    /// What improves the fit without explaining the larger part of the gap: what the search added, else its leaders.
-    fn partial(&self) -> Vec<String> {
+    /// What improves the fit and is no explanation: laws that describe a part of the gap; beside them, where nothing has a name, what the
+    /// search added, else its leaders.
+    fn partial(&self, is_named: bool) -> Vec<String> {
+        let described: Vec<String> = self.found.descriptions().map(|effect| effect.id().to_owned()).collect();
+        if is_named || !described.is_empty() {
+            return described;
+        }
         let members = &self.found.members;
         if !members.is_empty() {
             let effects = &self.found.fitted.layout.effects;

@@ -5,35 +5,25 @@
 //! ([`super::weights`]). While some effect is missing with the stated probability, whichever of them it is, the likeliest one is added. What
 //! is held out has one veto: no effect counts under which its misfit grows.
 
+mod leaders;
+
 use super::adequacy::Adequacy;
 use super::determined::is_determined;
 use super::discover;
 use super::evidence::Patterns;
 use super::found::{Candidate, Explanation, Found, Member, Standing};
-use super::layout::{Layout, Prepared, Scale};
+use super::layout::Prepared;
 use super::posterior::{Fitted, MAX_ROUNDS};
-use super::score::{Score, Scores, stacked};
+use super::score::{Scores, stacked};
 use super::split::Judge;
-use super::weights::{
-    ModelPrior, NO_WEIGHT, indistinct, is_refuted, ln_sum, one_sided, smallest_set, stated_ln_odds,
-};
+use super::weights::{ModelPrior, NO_WEIGHT, indistinct, is_refuted, ln_sum, smallest_set, stated_ln_odds};
 use mechanics::effects::{Effect, all};
-use rayon::prelude::*;
 use readings::FitError;
 
-/// Leaders that are fitted, of names and of laws, and how far behind the best they may be by score: scores are those of small effects.
-const MAX_LEADERS: usize = 14;
-const BEHIND: f64 = 15.0;
-const BEHIND_SHARE: f64 = 0.7;
-/// A score below which an effect is not fitted.
-const MIN_SCORE: f64 = -2.0;
-/// Rounds of the first fit; the best of these, and all that are not far behind them, go on until they settle.
-const FIRST_ROUNDS: usize = 2;
-const MAX_SETTLED: usize = 5;
-/// Logarithm of odds of one in a thousand: a first fit that is less likely is not continued.
-const NEGLIGIBLE: f64 = -7.0;
 /// Effects that are added at most: every further one costs the whole search again.
 const MAX_EFFECTS: usize = 3;
+
+pub(super) use leaders::leading;
 
 /// What a search works on.
 pub(super) struct Search<'a> {
@@ -96,81 +86,19 @@ impl Search<'_> {
         Ok(all)
     }
 
-    /// Fits the leaders of what is scored, best first, and weighs them.
-    pub fn weigh(&self, base: &Fitted, ranked: Vec<Score>, prior: &ModelPrior) -> Vec<Candidate> {
-        let best = ranked.first().map_or(0.0, |score| score.log_evidence);
-        // What has the evidence of a name by its score is fitted however far behind it is.
-        let near = (best - BEHIND.max(BEHIND_SHARE * best)).min(stated_ln_odds());
-        // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
-        let least = |score: &Score| if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
-        let is_promising =
-            |score: &Score| score.is_identifiable && score.log_evidence > near.max(least(score));
-        // Effects that the runs cannot show have a score of 0, above many that are worth a fit: they take no place among the leaders.
-        let leaders: Vec<bool> = ranked
-            .iter()
-            .scan(0, |places, score| {
-                let leads = is_promising(score) && *places < MAX_LEADERS;
-                *places += usize::from(leads);
-                Some(leads)
-            })
-            .collect();
-        let mut candidates: Vec<Candidate> = ranked
-            .into_par_iter()
-            .zip(leaders)
-            .map(|(score, leads)| {
-                let refit = if leads { self.refit(base, &score) } else { None };
-                Candidate { score, refit, ln_odds: f64::NEG_INFINITY, standing: Standing::Refused }
-            })
-            .collect();
-        candidates.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
-        let near = candidates.first().map_or(0.0, Candidate::gain) + NO_WEIGHT;
-        let settled = |(rank, candidate): (usize, &mut Candidate)| {
-            let is_costly = candidate.score.effect.info().is_costly;
-            let is_unlikely = candidate.gain() + prior.ln_odds(candidate.score.effect) < NEGLIGIBLE
-                || is_costly && candidate.gain() < 0.0;
-            if is_unlikely || rank >= MAX_SETTLED && candidate.gain() < near {
-                return;
-            }
-            if let Some((fitted, gain)) = candidate.refit.as_mut() {
-                let again = self.fit(&fitted.layout, fitted.values(), &fitted.sizes, MAX_ROUNDS);
-                // The first rounds may have ended higher only where they ended beyond a range.
-                if let Some(again) = again {
-                    *gain += again.log_evidence - fitted.log_evidence;
-                    *fitted = again;
-                }
-            }
+    /// Log evidence of the start, and that of the best effect over it by its score.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn promise(&self) -> Result<[f64; 2], FitError> {
+        let names = Scores::of(&self.catalogue.names(), self.start, self.runs, self.patterns)?.ranked();
+        let laws = if self.catalogue.laws {
+            discover::ranked(self.start, self.catalogue.left_out, self.runs, self.patterns)?
+        } else {
+            Vec::new()
         };
-        candidates.par_iter_mut().enumerate().for_each(settled);
-        candidates.iter_mut().for_each(|candidate| {
-            candidate.ln_odds = candidate.gain() + prior.ln_odds(candidate.score.effect)
-        });
-        candidates.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
-        candidates
-    }
-
-    fn fit(&self, layout: &Layout, starts: &[f64], sizes: &[f64], rounds: usize) -> Option<Fitted> {
-        Fitted::new(layout, self.runs, self.patterns, starts, sizes, rounds).ok()
-    }
-
-    fn refit(&self, base: &Fitted, score: &Score) -> Option<(Fitted, f64)> {
-        let layout = base.layout.with(score.effect);
-        let is_costly = score.effect.info().is_costly;
-        // From large sizes the fit would stay where the discrepancy explains everything.
-        let everyday = self.patterns.everyday();
-        let sizes: Vec<f64> = base.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
-        let from = |values: &Vec<f64>| {
-            let mut starts = base.values().to_vec();
-            let infos = score.effect.parameters().iter().zip(values);
-            starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-            // What the rest of the model does is much the same with the effect: good enough to judge what it is worth.
-            Fitted::beside(&layout, self.runs, self.patterns, &starts, &sizes, FIRST_ROUNDS, &base.jacobian)
-                .ok()
-        };
-        let starts = if is_costly { 1 } else { score.starts.len() };
-        let fits = score.starts.iter().take(starts).filter_map(from);
-        let fitted = fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
-        let gain = fitted.log_evidence - base.log_evidence + one_sided(score.effect);
-        Some((fitted, gain))
+        let best = names.iter().chain(&laws).map(|score| score.log_evidence).fold(0.0, f64::max);
+        Ok([self.start.log_evidence, best])
     }
 
     /// A fit with one effect more, from the places that its score names, and its log evidence over the fit without; nothing where there is
@@ -237,7 +165,36 @@ impl Search<'_> {
             current = better;
             members = self.members(&current, &first, &prior)?;
         }
-        Ok(Found { fitted: current, members, first, last, prior })
+        let described = self.described(&current)?;
+        if let Some(names) = described.as_ref().map(|_| self.without_laws(&current)) {
+            current = names;
+            members = self.members(&current, &first, &prior)?;
+        }
+        Ok(Found { fitted: current, members, described, first, last, prior })
+    }
+
+    /// A model with laws beside which something is left: they describe a part of what is missing, which is none of the models that were
+    /// compared, so that their probabilities among these say nothing. A name has its physics besides; a law has nothing but its fit.
+    fn described(&self, current: &Fitted) -> Result<Option<Fitted>, FitError> {
+        let effects = current.layout.effects.iter().skip(current.layout.given);
+        if !effects.clone().any(|effect| effect.is_unnamed()) {
+            return Ok(None);
+        }
+        let adequacy = Adequacy::of(current, self.runs, self.patterns)?;
+        Ok((!adequacy.is_adequate()).then(|| current.clone()))
+    }
+
+    /// The same with names alone.
+    fn without_laws(&self, fitted: &Fitted) -> Fitted {
+        let mut current = fitted.clone();
+        for index in (current.layout.given..current.layout.effects.len()).rev() {
+            if current.layout.effects[index].is_unnamed()
+                && let Some(less) = self.refitted_without(&current, index)
+            {
+                current = less;
+            }
+        }
+        current
     }
 
     /// The likeliest effect that is missing, with the odds that any is, where these are high enough to state it.

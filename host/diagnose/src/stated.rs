@@ -15,7 +15,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 const MM: f64 = 1e-3;
 /// What is stated and excluded, the clearest first: where the place is beyond the 95 % interval of what was stated with the probability of a
-/// statement, over all models that were fitted around what was found.
+/// statement, in what was found and over all models that were fitted around it.
 fn excluded(found: &Found) -> Option<(StatedPlace, f64)> {
     let models = found.with_neighbours();
     let total: f64 = models.iter().map(|(ln, _)| ln.exp()).sum();
@@ -25,7 +25,8 @@ fn excluded(found: &Found) -> Option<(StatedPlace, f64)> {
             let sds = (value_m.abs() - NORMAL_975 * place.scale_m) / fitted.sd(place.parameter);
             Some(ln.exp() * Normal::standard().cdf(sds))
         };
-        models.iter().filter_map(beyond).sum::<f64>() / total
+        let own = beyond(&(0.0, &found.fitted)).unwrap_or_default();
+        own.min(models.iter().filter_map(beyond).sum::<f64>() / total)
     };
     let all = found.fitted.layout.stated().map(|place| (probability(&place), place));
     let (probability, place) = all.max_by(|a, b| a.0.total_cmp(&b.0))?;

@@ -89,7 +89,8 @@ impl Shifts {
                 reached_m.iter().zip(&shifted_m).map(|(reached, shift)| reached + shift).collect();
             motion = respond(&pressed_m);
         }
-        let tissue_m: Vec<f64> = forces_n.iter().enumerate().map(|(i, force)| self.tissue_m(i, *force)).collect();
+        let tissue_m: Vec<f64> =
+            forces_n.iter().enumerate().map(|(i, force)| self.tissue_m(i, *force)).collect();
         let forces = motion.force_n.iter_mut().zip(&tissue_m);
         forces.for_each(|(force_n, tissue_m)| *force_n += by_tissue * tissue_m);
         (motion, tissue_m)

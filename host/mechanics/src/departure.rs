@@ -6,18 +6,20 @@
 //! the mean line load of the body on a rigid needle per deflection.
 
 use super::body::Stiffened;
-use super::elements::{Deformed, Elements, Guide2};
+use super::elements::{Deformed, Elements, Guide2, StressFreePath};
 use super::lateral::{Motion, Samples};
+use super::terms::ActingLaw;
 use super::varied::cubic;
 use super::yielding::Yielding;
 use super::{BeamProblem, ModelError};
 
 /// Displacements at which a needle is solved that does to one side what it does to the other.
 const NODES: usize = 6;
-/// The same to either side where it does not, or where its reaction has a knee.
+/// Displacements to a side at which a needle is solved whose reaction may have a knee.
 const SIDE_NODES: i32 = 8;
-/// Elements for the difference.
+/// Elements for the difference; where a law acts on the reaction alone, which is smooth along the needle.
 const ELEMENT_M: f64 = 2e-3;
+const LONG_ELEMENT_M: f64 = 4e-3;
 /// A needle that is moved by less departs as one that is moved by this.
 const LEAST_M: f64 = 1e-5;
 /// Stiffening below this share of the modulus is none.
@@ -28,8 +30,13 @@ const MIN_STIFFENING: f64 = 1e-9;
 enum Interpolation {
     /// By Lagrange's polynomial in the square of the displacement, of what is odd and smooth.
     Squares,
-    /// By cubics between nodes of this spacing.
-    Spacing(f64),
+    /// By cubics between nodes of this spacing; to the other side the same where nothing tells the sides apart.
+    Spacing {
+        /// Between neighbours.
+        spacing_m: f64,
+        /// Whether all nodes are on one side.
+        is_odd: bool,
+    },
 }
 
 /// The difference at a few displacements.
@@ -63,21 +70,30 @@ impl Departure {
                 problem.support.needs_springs("tissue that yields")?;
             }
             if has_laws {
-                problem.support.needs_springs("a law on the reaction of the tissue or the stiffness of the needle")?;
+                problem
+                    .support
+                    .needs_springs("a law on the reaction of the tissue or the stiffness of the needle")?;
             }
             let body = Stiffened::new(problem)?;
             let shapes =
                 nodes_m.iter().map(|node_m| body.held(*node_m, true)).collect::<Result<Vec<_>, _>>()?;
             return Ok(Some(Self { linear: body.held(nodes_m[0], false)?, interpolation, nodes_m, shapes }));
         }
-        let elements = Elements::new(problem, ELEMENT_M)?;
+        let is_long = problem.stiffness.is_empty() && stretch <= MIN_STIFFENING;
+        let element_m = if is_long { LONG_ELEMENT_M } else { ELEMENT_M };
+        let elements = Elements::new(problem, element_m)?;
         let foundation = &problem.foundation;
         let springs = Yielding { law, foundation, reaction: &problem.reaction };
-        let solve = |node_m: &f64| elements.solve(&springs, |_| 0.0, Guide2::Held(*node_m), 0.0);
-        let shapes = nodes_m.iter().map(solve).collect::<Result<Vec<_>, _>>()?;
+        let path = StressFreePath { path_m: |_| 0.0, newest: None };
+        let mut shapes: Vec<Deformed> = Vec::with_capacity(nodes_m.len());
+        for node_m in &nodes_m {
+            // From its neighbour, which is nearly the same.
+            let shape = elements.solve_from(&springs, &path, Guide2::Held(*node_m), 0.0, shapes.last())?;
+            shapes.push(shape);
+        }
         let plain = BeamProblem { stiffness: Vec::new(), ..problem.clone() };
         let linear =
-            Elements::new(&plain, ELEMENT_M)?.solve(foundation, |_| 0.0, Guide2::Held(nodes_m[0]), 0.0)?;
+            Elements::new(&plain, element_m)?.solve(foundation, |_| 0.0, Guide2::Held(nodes_m[0]), 0.0)?;
         Ok(Some(Self { interpolation, nodes_m, shapes, linear }))
     }
 
@@ -113,15 +129,19 @@ impl Departure {
                 };
                 (0..self.nodes_m.len()).map(|j| displacement_m * weight(j)).collect()
             }
-            Interpolation::Spacing(spacing_m) => {
+            Interpolation::Spacing { spacing_m, is_odd } => {
                 let place = displacement_m / spacing_m;
                 let before = place.floor().clamp(f64::from(1 - SIDE_NODES), f64::from(SIDE_NODES - 2));
                 let weights = cubic(place - before);
+                let of_number = |number: f64| {
+                    let index = number - before + 1.0;
+                    if (0.0..4.0).contains(&index) { weights[index as usize] } else { 0.0 }
+                };
                 // At no displacement the needle is straight whatever it departs by, so that there is no node.
                 let of_node = |node_m: &f64| {
-                    let number = (node_m / spacing_m).round() - before + 1.0;
-                    let weight = if (0.0..4.0).contains(&number) { weights[number as usize] } else { 0.0 };
-                    weight * node_m
+                    let number = (node_m / spacing_m).round();
+                    let mirrored = if is_odd { of_number(-number) } else { 0.0 };
+                    (of_number(number) - mirrored) * node_m
                 };
                 self.nodes_m.iter().map(of_node).collect()
             }
@@ -166,9 +186,12 @@ impl Departure {
 fn nodes(problem: &BeamProblem, stiffens: bool, most_m: f64) -> (Interpolation, Vec<f64>) {
     if !problem.reaction.is_empty() {
         let spacing_m = most_m / f64::from(SIDE_NODES);
-        let numbers = (-SIDE_NODES..=SIDE_NODES).filter(|number| *number != 0);
-        let nodes_m = numbers.map(|number| spacing_m * f64::from(number)).collect();
-        return (Interpolation::Spacing(spacing_m), nodes_m);
+        let is_odd = problem.reaction.iter().all(ActingLaw::is_even);
+        // Outwards on each side, so that every needle is solved from its neighbour.
+        let sides: &[f64] = if is_odd { &[1.0] } else { &[1.0, -1.0] };
+        let of_side = |side: f64| (1..=SIDE_NODES).map(move |number| side * spacing_m * f64::from(number));
+        let nodes_m = sides.iter().copied().flat_map(of_side).collect();
+        return (Interpolation::Spacing { spacing_m, is_odd }, nodes_m);
     }
     if !stiffens {
         return (Interpolation::Squares, vec![most_m]);

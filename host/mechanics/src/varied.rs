@@ -57,19 +57,25 @@ impl Varied {
         let count = pressed_m.len();
         let mut force_n = Vec::with_capacity(count);
         let mut coefficients = Samples::from_elem(0.0, count * self.needles.len());
+        // The shapes are those of unit forces.
+        let stiffness_n_per_m: Vec<f64> = self.needles.iter().map(|n| n.stiffness_n_per_m()).collect();
+        // First of the four needles around a factor, and the force of each per displacement; most samples have the factor of the one before.
+        let mut around = (f64::NAN, 0, [0.0; 4]);
         for (i, (pressed_m, factor)) in pressed_m.iter().zip(factors).enumerate() {
-            let at = place(*factor) - f64::from(self.first);
-            let before = (at.floor() - 1.0).max(0.0);
-            let weights = cubic(at - before - 1.0);
-            let first = before as usize;
-            let own = || weights.iter().zip(self.needles.iter().skip(first));
-            let stiffness: f64 = own().map(|(weight, needle)| weight * needle.stiffness_n_per_m()).sum();
+            if around.0 != *factor {
+                let at = place(*factor) - f64::from(self.first);
+                let before = (at.floor() - 1.0).max(0.0);
+                let mut shares = cubic(at - before - 1.0);
+                let needles = stiffness_n_per_m.iter().skip(before as usize);
+                shares.iter_mut().zip(needles).for_each(|(share, stiffness)| *share *= stiffness);
+                around = (*factor, before as usize, shares);
+            }
+            let (_, first, shares) = around;
+            let stiffness: f64 = shares.iter().sum();
             let at_needle_m = pressed_m / (1.0 + frame_compliance_m_per_n * stiffness);
             force_n.push(stiffness * at_needle_m);
-            for ((weight, needle), number) in own().zip(first..) {
-                // The shapes are those of unit forces.
-                coefficients[number * count + i] = weight * at_needle_m * needle.stiffness_n_per_m();
-            }
+            let of_needles = coefficients.chunks_exact_mut(count).skip(first);
+            of_needles.zip(shares).for_each(|(of_needle, share)| of_needle[i] = share * at_needle_m);
         }
         Motion { force_n, coefficients }
     }

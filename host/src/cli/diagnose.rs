@@ -143,7 +143,7 @@ impl Display for Text<'_> {
         if !found.partial.is_empty() {
             writeln!(
                 f,
-                "partial      {}: better by evidence, but does not explain the larger part of the misfit or does not improve held-out runs: not named",
+                "partial      {}: better by evidence, but leaves more than noise, or the larger part of the misfit, or does not improve held-out runs: a description and no name",
                 found.partial.join(", ")
             )?;
         }

@@ -111,7 +111,7 @@ fn summary(found: &Diagnosis) -> String {
     }
     if !found.partial.is_empty() {
         more(format!(
-            "{}: better by evidence, but does not explain the larger part of the misfit or does not improve held-out runs: not named.",
+            "{}: better by evidence, but leaves more than noise, or the larger part of the misfit, or does not improve held-out runs: a description and no name.",
             found.partial.join(", ")
         ));
     }

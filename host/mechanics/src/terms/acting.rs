@@ -33,6 +33,11 @@ impl ActingLaw {
         self.law.at(&self.values, x)
     }
 
+    /// Whether it does the same to either side.
+    pub(crate) fn is_even(&self) -> bool {
+        self.law.form.is_even()
+    }
+
     /// By how much several laws multiply the reaction of the tissue at a stretch, and the slope of that, 1/m.
     pub(crate) fn reaction(laws: &[Self], stretch_m: f64) -> [f64; 2] {
         let share = |stretch_m: f64| 1.0 + laws.iter().map(|law| law.at(stretch_m)).sum::<f64>();
@@ -45,7 +50,8 @@ impl ActingLaw {
 
     /// By how much several laws multiply the bending stiffness of a needle of this length, at a place along it.
     pub(crate) fn stiffness(laws: &[Self], z_m: f64, length_m: f64) -> f64 {
-        let more = |law: &Self| law.at(if law.law.regressor == Regressor::ToTip { length_m - z_m } else { z_m });
+        let more =
+            |law: &Self| law.at(if law.law.regressor == Regressor::ToTip { length_m - z_m } else { z_m });
         (1.0 + laws.iter().map(more).sum::<f64>()).max(MIN_SHARE)
     }
 }

@@ -59,12 +59,7 @@ impl Law {
     }
 
     /// The function at every sample of a motion of guide 2 in a plane.
-    pub(super) fn along_motion(
-        &self,
-        values: &[f64],
-        context: &MotionContext<'_>,
-        plane: usize,
-    ) -> Vec<f64> {
+    pub(super) fn along_motion(&self, values: &[f64], context: &MotionContext<'_>, plane: usize) -> Vec<f64> {
         let commanded_m = context.commanded_m[plane];
         let start_s = context.time_s.first().copied().unwrap_or_default();
         match self.regressor {
@@ -164,6 +159,10 @@ impl Effect for Law {
         match self.site {
             Site::Reaction => problem.reaction.push(acting()),
             Site::Stiffness => problem.stiffness.push(acting()),
+            Site::Clamp => {
+                let more = self.of_run(values, conditions).unwrap_or_default();
+                problem.clamp_compliance_rad_per_n_m = (problem.clamp_compliance_rad_per_n_m + more).max(0.0);
+            }
             _ => {}
         }
         if self.site != Site::Modulus {
@@ -234,7 +233,8 @@ impl Effect for Law {
             | Site::TipLoad
             | Site::Tissue
             | Site::Reaction
-            | Site::Stiffness => {}
+            | Site::Stiffness
+            | Site::Clamp => {}
         }
     }
 

@@ -3,7 +3,7 @@
 use super::{Regressor, Site};
 use crate::effects::ParameterInfo;
 
-/// A function of one number with one parameter or two. All but `constant` and `polynomial` vanish at 0, so that what they change is told from the rest of
+/// A function of one number with one parameter or two. All but `constant`, `toe`, `within` and `polynomial` vanish at 0, so that what they change is told from the rest of
 /// the model; what is a bump or a step elsewhere stays small there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Form {
@@ -27,9 +27,10 @@ pub enum Form {
     Step,
     /// `a` up to `b`.
     Within,
-    /// `a (1 - b / sqrt(x^2 + b^2))`: one value about 0, another far from it. A reaction with it begins late where `a` is large, and goes
-    /// towards a limit where it is -1.
+    /// `a (1 - b / sqrt(x^2 + b^2))`, none about 0 and `a` far from it: a reaction with -1 goes towards a limit.
     Knee,
+    /// `a b / sqrt(x^2 + b^2)`, `a` about 0 and none far from it: a reaction with -1 begins late, as in a channel wider than the needle.
+    Toe,
     /// `a exp(-(x - b)^2 / (2 w^2))` with a width of a tenth of the typical range.
     Bump,
     /// `a sin(2 pi x / b) + c (cos(2 pi x / b) - 1)`.
@@ -55,7 +56,7 @@ const EDGE: f64 = 0.01;
 
 impl Form {
     /// Every one that the grammar has.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Constant,
         Self::Linear,
         Self::Quadratic,
@@ -67,6 +68,7 @@ impl Form {
         Self::Step,
         Self::Within,
         Self::Knee,
+        Self::Toe,
         Self::Bump,
         Self::Sine,
         Self::Polynomial,
@@ -76,7 +78,7 @@ impl Form {
     pub(super) fn of(site: Site, regressor: Regressor) -> &'static [Self] {
         match regressor {
             Regressor::Deflection if site == Site::Reaction => {
-                &[Self::Linear, Self::Quadratic, Self::Absolute, Self::Sign, Self::Knee]
+                &[Self::Linear, Self::Quadratic, Self::Absolute, Self::Sign, Self::Knee, Self::Toe]
             }
             Regressor::Along => &[Self::Linear, Self::Step, Self::Bump],
             Regressor::ToTip => &[Self::Within, Self::Bump],
@@ -109,6 +111,11 @@ impl Form {
         }
     }
 
+    /// Whether it is the same for `-x` as for `x`.
+    pub(super) fn is_even(self) -> bool {
+        matches!(self, Self::Constant | Self::Quadratic | Self::Absolute | Self::Knee | Self::Toe)
+    }
+
     /// Its name in ids.
     pub fn name(self) -> &'static str {
         match self {
@@ -123,6 +130,7 @@ impl Form {
             Self::Step => "step",
             Self::Within => "within",
             Self::Knee => "knee",
+            Self::Toe => "toe",
             Self::Bump => "bump",
             Self::Sine => "sine",
             Self::Polynomial => "polynomial",
@@ -148,6 +156,7 @@ impl Form {
             Self::Step => 0.5 * a * (1.0 + ((x - last) / (EDGE * typical)).tanh()),
             Self::Within => 0.5 * a * (1.0 - ((x - last) / (EDGE * typical)).tanh()),
             Self::Knee => a * (1.0 - last / x.hypot(last)),
+            Self::Toe => a * last / x.hypot(last),
             Self::Bump => a * (-0.5 * ((x - last) / (WIDTH * typical)).powi(2)).exp(),
             Self::Sine => {
                 let cosine = more.first().copied().unwrap_or_default();
@@ -182,7 +191,12 @@ impl Form {
             // At the typical size of the regressor it does as much as is overlooked.
             let sd = overlooked / typical.powi(power) * self.spread(site, regressor);
             let name: &'static str = Box::leak(format!("{}{per}", with_unit(name, unit)).into_boxed_str());
-            ParameterInfo::amplitude(name, 0.0, [-300.0 * sd, 300.0 * sd], [-20.0 * sd, 20.0 * sd], sd)
+            let [mut range, mut likely] = [300.0, 20.0].map(|many| [-many * sd, many * sd]);
+            // No needle has less than no stiffness.
+            if site == Site::Stiffness && power == 0 {
+                (range[0], likely[0]) = (range[0].max(-0.98), likely[0].max(-0.95));
+            }
+            ParameterInfo::amplitude(name, 0.0, range, likely, sd)
         };
         let place = |name: &str, shares: &[f64]| {
             let name: &'static str = Box::leak(with_unit(name, of).into_boxed_str());
@@ -200,7 +214,9 @@ impl Form {
             Self::Quadratic => vec![amplitude("coefficient", 2)],
             Self::Cubic => vec![amplitude("coefficient", 3)],
             Self::Sign => vec![amplitude("amplitude", 0)],
-            Self::Saturation | Self::Exponential | Self::Knee => vec![amplitude("limit", 0), place("scale", &LENGTHS)],
+            Self::Saturation | Self::Exponential | Self::Knee | Self::Toe => {
+                vec![amplitude("limit", 0), place("scale", &LENGTHS)]
+            }
             Self::Step | Self::Within => vec![amplitude("step", 0), place("at", &PLACES)],
             Self::Bump => vec![amplitude("height", 0), place("at", &PLACES)],
             Self::Sine => {
@@ -252,6 +268,7 @@ impl Form {
             Self::Step => format!("{} where {x} > {}", value(0, 0), place(1)),
             Self::Within => format!("{} where {x} < {}", value(0, 0), place(1)),
             Self::Knee => format!("{} (1 - {} / sqrt({x}^2 + ({})^2))", value(0, 0), place(1), place(1)),
+            Self::Toe => format!("{} {} / sqrt({x}^2 + ({})^2)", value(0, 0), place(1), place(1)),
             Self::Bump => {
                 let width = format!("{:.3} {of}", WIDTH * regressor.typical());
                 format!("{} exp(-({x} - {})^2 / (2 ({})^2))", value(0, 0), place(1), width.trim_end())
@@ -297,5 +314,9 @@ fn powers(parameters: &[f64], regressor: Regressor) -> [f64; 4] {
 
 /// A unit as it is written.
 fn text(unit: &'static str) -> &'static str {
-    if unit == "n" { "N" } else { unit }
+    match unit {
+        "n" => "N",
+        "rad_per_n_m" => "rad/(N m)",
+        unit => unit,
+    }
 }

@@ -35,6 +35,8 @@ pub enum Site {
     Reaction,
     /// The bending stiffness of the needle: `EI (1 + f)`.
     Stiffness,
+    /// How far the needle turns in guide 1 per moment: `C + f`, rad/(N m).
+    Clamp,
 }
 
 /// What a term depends on.
@@ -104,7 +106,7 @@ impl Scope {
 
 impl Site {
     /// Every one there is.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Force,
         Self::ForceGain,
         Self::Shape,
@@ -120,6 +122,7 @@ impl Site {
         Self::Tissue,
         Self::Reaction,
         Self::Stiffness,
+        Self::Clamp,
     ];
 
     /// The site and the planes of a name like `shape_y`.
@@ -149,6 +152,7 @@ impl Site {
             Self::Tissue => "tissue",
             Self::Reaction => "reaction",
             Self::Stiffness => "stiffness",
+            Self::Clamp => "clamp",
         }
     }
 
@@ -170,6 +174,7 @@ impl Site {
             Self::Tissue => "the tissue itself moves further",
             Self::Reaction => "the tissue reacts more",
             Self::Stiffness => "the needle is stiffer",
+            Self::Clamp => "the needle turns further in guide 1 per moment",
         }
     }
 
@@ -191,6 +196,7 @@ impl Site {
             Self::Tissue => "p = K (u - w), w =",
             Self::Reaction => "p = K u (1 +",
             Self::Stiffness => "EI = EI_0 (1 +",
+            Self::Clamp => "C = C_0 +",
         }
     }
 
@@ -200,6 +206,7 @@ impl Site {
             Self::Force | Self::TipLoad => "n",
             Self::Shape | Self::ShapePosition | Self::Guide | Self::Tip | Self::Tissue => "mm",
             Self::TipDirection => "mrad",
+            Self::Clamp => "rad_per_n_m",
             Self::ForceGain
             | Self::ShapeGain
             | Self::Modulus
@@ -227,6 +234,7 @@ impl Site {
             Self::ShapePosition => 1.0,
             Self::Modulus | Self::Reaction => 0.3,
             Self::Stiffness => 0.15,
+            Self::Clamp => 0.1,
             Self::ForceGain | Self::ShapeGain | Self::TipGain | Self::TipDirectionGain => 0.1,
             Self::Tip => 0.3,
             Self::TipDirection => 10.0,
@@ -248,7 +256,8 @@ impl Site {
     /// What it may depend on, and in which planes.
     pub(super) fn regressors(self) -> &'static [(Regressor, &'static [Scope])] {
         use Regressor::{
-            Along, Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share, Time, ToTip, Use,
+            Along, Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share, Time,
+            ToTip, Use,
         };
         const BOTH: &[Scope] = &[Scope::Both];
         const EACH: &[Scope] = &[Scope::Vertical, Scope::Horizontal];
@@ -263,7 +272,9 @@ impl Site {
                 (Run, EACH),
                 (Depth, EACH),
             ],
-            Self::ForceGain => &[(Constant, EACH), (Time, BOTH), (Run, BOTH), (Depth, BOTH)],
+            Self::ForceGain => {
+                &[(Constant, EACH), (Displacement, BOTH), (Time, BOTH), (Run, BOTH), (Depth, BOTH)]
+            }
             Self::Shape => &[
                 (Constant, EACH),
                 (Place, ALL),
@@ -309,6 +320,7 @@ impl Site {
             ],
             Self::Reaction => &[(Deflection, BOTH)],
             Self::Stiffness => &[(Along, BOTH), (ToTip, BOTH)],
+            Self::Clamp => &[(Run, BOTH), (Depth, BOTH)],
         }
     }
 }

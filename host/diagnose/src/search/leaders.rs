@@ -1,0 +1,141 @@
+//! Which of all effects and laws are fitted: the leaders by their scores.
+
+use super::super::found::{Candidate, Standing};
+use super::super::layout::{Layout, Scale};
+use super::super::posterior::{Fitted, MAX_ROUNDS};
+use super::super::score::Score;
+use super::super::weights::{ModelPrior, NO_WEIGHT, one_sided, stated_ln_odds};
+use super::Search;
+use mechanics::effects::Effect;
+use mechanics::terms::{Regressor, Scope, Site};
+use rayon::prelude::*;
+
+/// Leaders that are fitted, of names and of laws, and how far behind the best they may be by score: scores are those of small effects.
+const MAX_LEADERS: usize = 14;
+const BEHIND: f64 = 15.0;
+const BEHIND_SHARE: f64 = 0.7;
+/// A score below which an effect is not fitted.
+const MIN_SCORE: f64 = -2.0;
+/// Rounds of the first fit; the best of these, and all that are not far behind them, go on until they settle.
+const FIRST_ROUNDS: usize = 2;
+const MAX_SETTLED: usize = 5;
+/// Logarithm of odds of one in a thousand: a first fit that is less likely is not continued.
+const NEGLIGIBLE: f64 = -7.0;
+/// Where a law of the grammar acts, and on what it depends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Pair(Site, Scope, Regressor);
+
+impl Pair {
+    /// Nothing of an effect with a name.
+    fn of(effect: &dyn Effect) -> Option<Self> {
+        let law = effect.as_law().filter(|_| effect.is_unnamed())?;
+        Some(Self(law.site, law.scope, law.regressor))
+    }
+}
+
+/// How low a score may be beside the best one for a fit to be tried.
+pub(in super::super) fn leading(best: f64) -> f64 {
+    best - BEHIND.max(BEHIND_SHARE * best)
+}
+
+impl Search<'_> {
+    /// Fits the leaders of what is scored, best first, and weighs them.
+    pub fn weigh(&self, base: &Fitted, ranked: Vec<Score>, prior: &ModelPrior) -> Vec<Candidate> {
+        let best = ranked.first().map_or(0.0, |score| score.log_evidence);
+        // What has the evidence of a name by its score is fitted however far behind it is.
+        let near = leading(best).min(stated_ln_odds());
+        // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
+        let least = |score: &Score| if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
+        let is_promising =
+            |score: &Score| score.is_identifiable && score.log_evidence > near.max(least(score));
+        // Effects that the runs cannot show have a score of 0, above many that are worth a fit: they take no place among the leaders. Nor do
+        // forms of one law beside the best of them, so that laws at other sites are fitted, too.
+        let mut pairs = Vec::new();
+        let mut leads = |score: &Score| {
+            let pair = Pair::of(score.effect);
+            let is_first = !pair.is_some_and(|pair| pairs.contains(&Some(pair)));
+            let leads = is_promising(score) && is_first && pairs.len() < MAX_LEADERS;
+            pairs.extend(leads.then_some(pair));
+            leads
+        };
+        let leaders: Vec<bool> = ranked.iter().map(&mut leads).collect();
+        let mut candidates: Vec<Candidate> = ranked
+            .into_par_iter()
+            .zip(leaders)
+            .map(|(score, leads)| {
+                let refit = if leads { self.refit(base, &score) } else { None };
+                Candidate { score, refit, ln_odds: f64::NEG_INFINITY, standing: Standing::Refused }
+            })
+            .collect();
+        candidates.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
+        // The other forms of the laws that are not behind.
+        let least_gain = candidates.first().map_or(0.0, Candidate::gain) - BEHIND;
+        let ahead: Vec<Pair> = candidates
+            .iter()
+            .take_while(|candidate| candidate.gain() > least_gain)
+            .filter_map(|candidate| Pair::of(candidate.score.effect))
+            .collect();
+        let is_form = |candidate: &&mut Candidate| {
+            candidate.refit.is_none()
+                && is_promising(&candidate.score)
+                && Pair::of(candidate.score.effect).is_some_and(|pair| ahead.contains(&pair))
+        };
+        let fit_form = |candidate: &mut Candidate| candidate.refit = self.refit(base, &candidate.score);
+        candidates.par_iter_mut().filter(is_form).for_each(fit_form);
+        candidates.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
+        let near = candidates.first().map_or(0.0, Candidate::gain) + NO_WEIGHT;
+        let settled = |(rank, candidate): (usize, &mut Candidate)| {
+            let is_costly = candidate.score.effect.info().is_costly;
+            let is_unlikely = candidate.gain() + prior.ln_odds(candidate.score.effect) < NEGLIGIBLE
+                || is_costly && candidate.gain() < 0.0;
+            if is_unlikely || rank >= MAX_SETTLED && candidate.gain() < near {
+                return;
+            }
+            if let Some((fitted, gain)) = candidate.refit.as_mut() {
+                let again = self.fit(&fitted.layout, fitted.values(), &fitted.sizes, MAX_ROUNDS);
+                // The first rounds may have ended higher only where they ended beyond a range.
+                if let Some(again) = again {
+                    *gain += again.log_evidence - fitted.log_evidence;
+                    *fitted = again;
+                }
+            }
+        };
+        candidates.par_iter_mut().enumerate().for_each(settled);
+        candidates.iter_mut().for_each(|candidate| {
+            candidate.ln_odds = candidate.gain() + prior.ln_odds(candidate.score.effect)
+        });
+        candidates.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+        candidates
+    }
+
+    pub(super) fn fit(
+        &self,
+        layout: &Layout,
+        starts: &[f64],
+        sizes: &[f64],
+        rounds: usize,
+    ) -> Option<Fitted> {
+        Fitted::new(layout, self.runs, self.patterns, starts, sizes, rounds).ok()
+    }
+
+    pub(super) fn refit(&self, base: &Fitted, score: &Score) -> Option<(Fitted, f64)> {
+        let layout = base.layout.with(score.effect);
+        let is_costly = score.effect.info().is_costly;
+        // From large sizes the fit would stay where the discrepancy explains everything.
+        let everyday = self.patterns.everyday();
+        let sizes: Vec<f64> = base.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+        let from = |values: &Vec<f64>| {
+            let mut starts = base.values().to_vec();
+            let infos = score.effect.parameters().iter().zip(values);
+            starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+            // What the rest of the model does is much the same with the effect: good enough to judge what it is worth.
+            Fitted::beside(&layout, self.runs, self.patterns, &starts, &sizes, FIRST_ROUNDS, &base.jacobian)
+                .ok()
+        };
+        let starts = if is_costly { 1 } else { score.starts.len() };
+        let fits = score.starts.iter().take(starts).filter_map(from);
+        let fitted = fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
+        let gain = fitted.log_evidence - base.log_evidence + one_sided(score.effect);
+        Some((fitted, gain))
+    }
+}
