@@ -88,3 +88,48 @@ fn everything_has_a_licence_that_deny_toml_allows_and_comes_from_the_registry() 
         assert!(fits, "{name}: {stated}");
     }
 }
+
+/// Keys at the top of a file of the Citation File Format 1.2.0 that this project may use, and those that it has to have.
+const CITATION_KEYS: [&str; 13] = [
+    "cff-version",
+    "message",
+    "title",
+    "abstract",
+    "type",
+    "version",
+    "license",
+    "authors",
+    "keywords",
+    "doi",
+    "date-released",
+    "repository-code",
+    "url",
+];
+const CITATION_NEEDS: [&str; 4] = ["cff-version", "message", "title", "authors"];
+
+#[test]
+fn the_citation_is_of_this_version_and_licence() {
+    let text = std::fs::read_to_string(root().join("CITATION.cff")).unwrap();
+    let keys: Vec<&str> = text
+        .lines()
+        .filter(|line| line.starts_with(char::is_alphabetic))
+        .map(|line| line.split_once(':').unwrap_or_else(|| panic!("{line}: expected a key")).0)
+        .collect();
+    assert!(keys.iter().all(|key| CITATION_KEYS.contains(key)), "{keys:?}");
+    assert!(CITATION_NEEDS.iter().all(|key| keys.contains(key)), "{keys:?}");
+    assert_eq!(keys.len(), keys.iter().collect::<BTreeSet<_>>().len(), "a key stands twice");
+    let value = |key: &str| {
+        let line = text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(": "));
+        line.unwrap_or_else(|| panic!("{key}: missing"))
+    };
+    assert_eq!(value("cff-version"), "1.2.0");
+    assert_eq!(value("version"), env!("CARGO_PKG_VERSION"));
+    let list = text.split_once("\nlicense:\n").expect("a list of licences").1;
+    let licences: Vec<&str> = list.lines().map_while(|line| line.strip_prefix("  - ")).collect();
+    assert_eq!(licences.join(" OR "), env!("CARGO_PKG_LICENSE"));
+    let wheel = std::fs::read_to_string(root().join("host/python/pyproject.toml")).unwrap();
+    assert_eq!(
+        wheel.parse::<toml::Table>().unwrap()["project"]["version"].as_str(),
+        Some(env!("CARGO_PKG_VERSION"))
+    );
+}
