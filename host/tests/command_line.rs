@@ -14,6 +14,8 @@ use tempfile::TempDir;
 mod begin;
 #[path = "command_line/clocks.rs"]
 mod clocks;
+#[path = "command_line/draws.rs"]
+mod draws;
 #[path = "command_line/many.rs"]
 mod many;
 #[path = "command_line/models.rs"]

@@ -89,6 +89,16 @@ impl Averaged {
         Self { fits, own: own.clone(), touched_m }
     }
 
+    /// The fits with their weights.
+    pub fn fits(&self) -> &[(f64, Fitted)] {
+        &self.fits
+    }
+
+    /// The final fit.
+    pub fn own(&self) -> &Fitted {
+        &self.own
+    }
+
     /// Depth of the tissue that the runs have touched, m.
     pub fn touched_m(&self) -> f64 {
         self.touched_m
@@ -138,11 +148,16 @@ impl Averaged {
     /// Logarithm of the modulus of a fit, Pa, and its standard deviation. Where the result has one modulus for all of the tissue, one that
     /// varies with depth counts with its mean over the tissue that was touched: its value at the surface is another quantity.
     fn ln_modulus(&self, fit: &Fitted) -> Option<(f64, f64)> {
-        if varies(fit) && !varies(&self.own) {
+        if self.counts_with_mean(fit) {
             fit.ln_mean_modulus(self.touched_m)
         } else {
             Some((*fit.values().first()?, fit.sd(0)))
         }
+    }
+
+    /// Whether a fit, whose modulus varies with depth while the result has one, counts with its mean modulus.
+    pub fn counts_with_mean(&self, fit: &Fitted) -> bool {
+        varies(fit) && !varies(&self.own)
     }
 
     /// Of the modulus K of springs, Pa, with models on the other foundation: that of a body, with whatever effects, is `plain`, that of springs

@@ -14,6 +14,7 @@
 //! parameters: the importance of model discrepancy" (2014).
 
 mod integrated;
+mod inverse;
 
 use super::layout::Prepared;
 use super::sizes;
@@ -155,28 +156,10 @@ impl Patterns {
 
     /// A column (one part per run) less what the patterns of these sizes have of it: `S^-1 c`.
     pub fn less_patterns(&self, sizes: &[f64], column: &[Vec<f64>]) -> Option<Vec<DVector<f64>>> {
-        let size_of = |group: &usize| sizes.get(*group).copied().unwrap_or(0.0);
-        let shared = self.shared_groups.len();
-        let count = shared + self.runs.iter().map(|run| run.own_groups.len()).sum::<usize>();
-        let groups = self.shared_groups.iter().chain(self.runs.iter().flat_map(|run| &run.own_groups));
-        let sds = DVector::from_iterator(count, groups.map(size_of));
-        let mut normal = DMatrix::identity(count, count);
-        let mut along = DVector::zeros(count);
-        let mut all = Vec::with_capacity(self.runs.len());
-        let mut first = shared;
-        for (run, part) in self.runs.iter().zip(column) {
-            let mut patterns = DMatrix::zeros(part.len(), count);
-            patterns.columns_mut(0, shared).copy_from(&run.shared);
-            patterns.columns_mut(first, run.own.ncols()).copy_from(&run.own);
-            first += run.own.ncols();
-            patterns.column_iter_mut().zip(sds.iter()).for_each(|(mut column, sd)| column *= *sd);
-            let part = DVector::from_column_slice(part);
-            normal.gemm_tr(1.0, &patterns, &patterns, 1.0);
-            along.gemv_tr(1.0, &patterns, &part, 1.0);
-            all.push((patterns, part));
-        }
-        let amplitudes = normal.cholesky()?.solve(&along);
-        Some(all.into_iter().map(|(patterns, part)| part - patterns * &amplitudes).collect())
+        let parts: Vec<DMatrix<f64>> =
+            column.iter().map(|part| DMatrix::from_column_slice(part.len(), 1, part)).collect();
+        let less = self.inverse(sizes)?.of(&parts);
+        Some(less.iter().map(|part| part.column(0).into_owned()).collect())
     }
 
     /// Minus the logarithm of the prior of sizes, and its derivatives by their logarithms.

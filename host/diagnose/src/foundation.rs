@@ -3,6 +3,7 @@
 //! Noise, everyday discrepancy and evidence are those of a diagnosis, so that `guide identify` and `guide diagnose` agree on the same
 //! runs.
 
+use super::draws::{Deviations, READINGS, Readings};
 use super::known::{self, KnownParameter, Moved, Released};
 use super::layout::Scale;
 use super::posterior::Fitted;
@@ -12,6 +13,7 @@ use formats::session::FoundationKind;
 use mechanics::Support;
 use mechanics::effects::effect;
 use readings::FitError;
+use readings::draws::{DrawOptions, Draws};
 
 /// What the tissue is taken as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -110,6 +112,31 @@ pub struct DiscrepancyFitInput<'a> {
     pub discrepancy: &'a Multiples,
     /// Poisson's ratio of a body to be compared with springs.
     pub body: Option<f64>,
+    /// Draws from both posteriors.
+    pub draws: Option<DrawOptions>,
+}
+
+/// Draws from the posterior of a modulus.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModulusDraws {
+    /// Its logarithm, as the distance from the value in standard deviations.
+    pub standard_ln: Vec<f64>,
+    /// Parameters of the effects, priors and readings.
+    pub draws: Draws,
+}
+
+impl ModulusDraws {
+    /// From a fit as intervals have it.
+    fn of(start: &Start, modulus: &str, options: DrawOptions) -> Result<Self, FitError> {
+        let fitted = start.fitted.clone().over_sizes(&start.patterns);
+        let drawn = Deviations::new(vec![(1.0, &fitted)], options);
+        let mut draws = Draws::new(options, "guide identify");
+        fitted.layout.effects.iter().for_each(|effect| drawn.add_effect(*effect, &mut draws));
+        drawn.add_stated(&fitted, &mut draws);
+        drawn.add_prior(&fitted, modulus, &mut draws);
+        Readings { runs: &start.runs, patterns: &start.patterns }.add(&drawn, READINGS, &mut draws)?;
+        Ok(Self { standard_ln: drawn.standard_ln_modulus(), draws })
+    }
 }
 
 /// What is found beside the discrepancy.
@@ -120,6 +147,8 @@ pub struct DiscrepancyFit {
     pub body: Option<Result<FoundationEvidence, DiagnoseError>>,
     /// What of the known parameters is not what it was.
     pub moved: Vec<Moved>,
+    /// Draws on springs and, where it was fitted, in a body.
+    pub draws: Option<(ModulusDraws, Option<ModulusDraws>)>,
 }
 
 /// Springs, and where it is requested a body, fitted to all runs of a session beside the discrepancy. What the runs contradict of what
@@ -139,7 +168,8 @@ pub fn fit_with_discrepancy(
     let noises = Noises { session: noise, reference: noise };
     let fit = |layout: &Layout| fit_start(layout, &runs, &noises, input.given, input.discrepancy);
     let Released { start: springs, moved, .. } = known::released(&mut layout, fit)?;
-    let evidence = |poisson: f64| -> Result<_, DiagnoseError> {
+    let mut drawn_of_body = None;
+    let mut evidence = |poisson: f64| -> Result<_, DiagnoseError> {
         let body = springs.on(Support::Body { poisson, block: session.tissue.block() })?;
         let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
         let best = gain.max(0.0);
@@ -147,10 +177,14 @@ pub fn fit_with_discrepancy(
         let of_body = varied(&body, VARIED_NATS + best - gain)?;
         let varied = of_springs.max(gain + of_body) - best;
         let modulus = DiscrepantModulus::of(&body);
+        drawn_of_body =
+            input.draws.map(|draws| ModulusDraws::of(&body, "youngs_modulus_kpa", draws)).transpose()?;
         Ok(FoundationEvidence { gain, margin: FOUNDATION_MARGIN, body: modulus, varied })
     };
-    let body = input.body.map(evidence);
-    Ok(DiscrepancyFit { springs: DiscrepantModulus::of(&springs), body, moved })
+    let body = input.body.map(&mut evidence);
+    let of_springs = input.draws.map(|draws| ModulusDraws::of(&springs, "k_kpa", draws)).transpose()?;
+    let draws = of_springs.map(|of_springs| (of_springs, drawn_of_body));
+    Ok(DiscrepancyFit { springs: DiscrepantModulus::of(&springs), body, moved, draws })
 }
 
 /// Log evidence of a modulus that varies with depth over that of one modulus, where its score is at least `needed`; else 0. A score is

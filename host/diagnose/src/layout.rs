@@ -17,7 +17,7 @@ pub(super) use formats::NORMAL_975;
 use mechanics::effects::{Effect, ParameterInfo, place_of};
 use mechanics::unknowns::{Family, Unknown, rig, tip, tissue};
 use mechanics::{Cache, Guides, Model, ModelError, Rig, Support, TipLaw, predict_with};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use readings::{Parameter, Prior};
 use std::sync::Arc;
 
@@ -166,18 +166,31 @@ impl Layout {
         effect.applies_to(&self.rig) && is_observable && !is_parameter
     }
 
+    /// Place of the vertical tip load, where there are insertions.
+    pub fn load(&self) -> Option<usize> {
+        self.places().load
+    }
+
     /// Tip load, N, and its standard deviation, of values with a covariance; nothing without insertions.
     pub fn tip_load_n(&self, values: &[f64], covariance: &DMatrix<f64>) -> Option<(f64, f64)> {
+        let (value, slopes) = self.tip_load_slopes(values)?;
+        Some((value, slopes.dot(&(covariance * &slopes)).max(0.0).sqrt()))
+    }
+
+    /// Tip load, N, and its slopes along the parameters; nothing without insertions.
+    pub fn tip_load_slopes(&self, values: &[f64]) -> Option<(f64, DVector<f64>)> {
         let Places { load, across, .. } = self.places();
         let load = load?;
-        let Some(across) = across else { return Some((values[load], covariance[(load, load)].sqrt())) };
+        let mut slopes = DVector::zeros(values.len());
+        let Some(across) = across else {
+            slopes[load] = 1.0;
+            return Some((values[load], slopes));
+        };
         let (load_n, across_n) = (values[load], values[across]);
         let size_n = load_n.hypot(across_n);
-        let (cos, sin) = (load_n / size_n.max(f64::MIN_POSITIVE), across_n / size_n.max(f64::MIN_POSITIVE));
-        let variance = cos * cos * covariance[(load, load)]
-            + 2.0 * cos * sin * covariance[(load, across)]
-            + sin * sin * covariance[(across, across)];
-        Some((size_n, variance.max(0.0).sqrt()))
+        slopes[load] = load_n / size_n.max(f64::MIN_POSITIVE);
+        slopes[across] = across_n / size_n.max(f64::MIN_POSITIVE);
+        Some((size_n, slopes))
     }
 
     /// With one effect less.

@@ -24,6 +24,7 @@
 //! | what remains, and whether it matters | `remaining` |
 //! | intervals over all members of a class | `averaged` |
 //! | the result | `report`, `results` |
+//! | draws from its posterior, for other programs | `draws` |
 //! | effects switched on and off by a person | `workbench` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
@@ -42,6 +43,7 @@ mod determined;
 mod discover;
 mod discrepancy;
 pub mod display;
+mod draws;
 mod evidence;
 mod expected;
 mod found;
@@ -81,7 +83,7 @@ pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
 pub use foundation::{
     DiscrepancyFit, DiscrepancyFitInput, DiscrepantModulus, FOUNDATION_MARGIN, FoundationChoice,
-    FoundationEvidence, VARIED_NATS, fit_with_discrepancy,
+    FoundationEvidence, ModulusDraws, VARIED_NATS, fit_with_discrepancy,
 };
 pub use known::{KnownParameter, Moved, moved_since};
 pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
@@ -107,6 +109,7 @@ use mechanics::{Experiment, Insertion, ModelError};
 use noise::Noise;
 use posterior::MAX_ROUNDS;
 use readings::FitError;
+use readings::draws::DrawOptions;
 use remaining::Remaining;
 use report::DiagnosisReport;
 use split::{Training, split};
@@ -132,6 +135,8 @@ pub struct Options {
     pub discovery: bool,
     /// Effects that the search takes as unknown to anyone.
     pub left_out: Vec<&'static str>,
+    /// Draws from the posterior beside the result.
+    pub draws: Option<DrawOptions>,
     /// The session to compare with: what it determines is carried over, and what differs from it is searched for.
     pub reference: Option<Session>,
 }
@@ -150,6 +155,7 @@ impl Default for Options {
             discrepancy: Multiples::new(),
             discovery: true,
             left_out: Vec::new(),
+            draws: None,
             reference: None,
         }
     }
@@ -312,6 +318,10 @@ fn workflow<T>(
     result.left =
         if is_named { where_left.iter().map(report::region).collect() } else { result.regions.clone() };
     result.moved_since = moved_since;
+    if let Some(draws) = options.draws {
+        on_progress("draws are taken");
+        result.draws = Some(report.sources(&prepared, &patterns).draws(&result, draws)?);
+    }
     Ok((result, more))
 }
 

@@ -301,7 +301,7 @@ pub(super) fn residuals(
 
 /// Derivative of the whitened predictions by the parameters: what is known of the first of them, then central differences, one-sided
 /// ones at the end of a range.
-fn jacobian(
+pub(super) fn jacobian(
     layout: &Layout,
     runs: &[Prepared],
     values: &[f64],

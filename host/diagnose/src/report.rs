@@ -5,8 +5,10 @@ use super::adequacy::{Adequacy, Region};
 use super::averaged::Averaged;
 use super::choice::Beside;
 use super::data::{Channel, Kind, Run};
+use super::draws::Sources;
+use super::evidence::Patterns;
 use super::found::{Candidate, Found, Member, Standing};
-use super::layout::NORMAL_975;
+use super::layout::{NORMAL_975, Prepared};
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::{
@@ -75,10 +77,8 @@ impl DiagnosisReport<'_> {
             youngs.ci95 = modulus_ci95_kpa;
         }
         let plain = foundation.k_of_plain_springs_kpa;
-        let [low, high] = plain.ci95.map(|end| (1e3 * end).ln());
-        let plain_ln = ((1e3 * plain.value).ln(), (high - low) / (2.0 * NORMAL_975));
         let with_other =
-            averaged.k_pa(plain_ln, &self.other_foundation).map(|ends| ends.map(|end| 1e-3 * end));
+            averaged.k_pa(self.plain_ln(), &self.other_foundation).map(|ends| ends.map(|end| 1e-3 * end));
         let (k_kpa, k_ci95_kpa) = if final_fit.layout.support.is_body() {
             (plain.value, with_other.unwrap_or(plain.ci95))
         } else {
@@ -94,6 +94,7 @@ impl DiagnosisReport<'_> {
         let first: Vec<&Candidate> =
             self.found.first.iter().filter(|candidate| !candidate.score.effect.is_unnamed()).collect();
         Diagnosis {
+            draws: None,
             schema: SCHEMA,
             session: self.session.name.clone(),
             verdict,
@@ -156,6 +157,19 @@ impl DiagnosisReport<'_> {
             limits: self.limits(&near_margin),
             warnings,
         }
+    }
+
+    /// Logarithm of K of plain springs, Pa, and its standard deviation.
+    fn plain_ln(&self) -> (f64, f64) {
+        let plain = self.foundation.k_of_plain_springs_kpa;
+        let [low, high] = plain.ci95.map(|end| (1e3 * end).ln());
+        ((1e3 * plain.value).ln(), (high - low) / (2.0 * NORMAL_975))
+    }
+
+    /// What draws are taken from.
+    pub fn sources<'a>(&'a self, runs: &'a [Prepared], patterns: &'a Patterns) -> Sources<'a> {
+        let (averaged, beside) = (&self.averaged, self.other_foundation.as_slice());
+        Sources { averaged, beside, plain: self.plain_ln(), runs, patterns }
     }
 
     /// How the session differs from its reference.

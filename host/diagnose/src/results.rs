@@ -6,6 +6,7 @@ use super::known::Moved;
 use super::posterior::Fitted;
 use formats::model_file::Alternative;
 use mechanics::Support;
+use readings::draws::Draws;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -29,6 +30,9 @@ pub enum Verdict {
 /// The outcome of the workflow.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Diagnosis {
+    /// Draws from the posterior, where they were requested.
+    #[serde(skip)]
+    pub draws: Option<Draws>,
     /// Name and version of this form.
     pub schema: &'static str,
     /// Name of the session.

@@ -57,7 +57,7 @@ pub(super) fn layers(
             Support::Body { poisson, .. } => Some(poisson),
         };
         let (known, discrepancy) = (options.known.as_slice(), &options.discrepancy);
-        let input = DiscrepancyFitInput { given: &given, known, discrepancy, body };
+        let input = DiscrepancyFitInput { given: &given, known, discrepancy, body, draws: None };
         two_layers(&used, &input, &by_noise.starts()).ok()
     };
     let found = supports.into_iter().filter_map(|support| {

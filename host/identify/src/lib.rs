@@ -8,6 +8,7 @@
 
 mod belong;
 mod body;
+mod drawn;
 mod error;
 mod fitting;
 mod indentation;
@@ -140,7 +141,10 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let prior = options.prior.as_ref().map(|prior| PriorResult::new(prior, Some(own_ln_k(&pooled))));
     let (others, skipped) = others::others(session, options);
     warnings.extend(skipped);
+    let stated = drawn::Stated { runs: &runs, pooled: &pooled, youngs: &youngs, used: foundation.used };
+    let draws = options.draws.map(|draws| stated.draws(beside, draws));
     Ok(Identification {
+        draws,
         prior,
         schema: results::SCHEMA,
         session: session.name.clone(),

@@ -7,7 +7,9 @@
 use super::fitting::NORMAL_975;
 use super::options::TissueModel;
 use super::{Fitted, FoundationChoice, NoiseAlone, Options, Pooled, RestsOn};
-use diagnose::{DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, Moved, fit_with_discrepancy};
+use diagnose::{
+    DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, ModulusDraws, Moved, fit_with_discrepancy,
+};
 use formats::session::Session;
 use mechanics::effects::Effect;
 
@@ -19,6 +21,8 @@ pub(super) struct DiscrepancyFits {
     pub body: Option<Result<FoundationEvidence, String>>,
     /// What of the rig is not what it was.
     pub moved: Vec<Moved>,
+    /// Draws on springs and in a body, where they were requested.
+    pub draws: Option<(ModulusDraws, Option<ModulusDraws>)>,
 }
 
 /// Fits the runs that are used beside the discrepancy.
@@ -31,10 +35,11 @@ pub(super) fn fit(
     let (used, given) = for_diagnosis(session, runs, options)?;
     let body = (tissue.foundation != FoundationChoice::Springs).then_some(tissue.poisson);
     let (known, discrepancy) = (options.known.as_slice(), &options.discrepancy);
-    let input = DiscrepancyFitInput { given: &given, known, discrepancy, body };
+    let draws = options.draws;
+    let input = DiscrepancyFitInput { given: &given, known, discrepancy, body, draws };
     let found = fit_with_discrepancy(&used, &input).map_err(|why| why.to_string())?;
     let body = found.body.map(|found| found.map_err(|why| why.to_string()));
-    Ok(DiscrepancyFits { springs: found.springs, body, moved: found.moved })
+    Ok(DiscrepancyFits { springs: found.springs, body, moved: found.moved, draws: found.draws })
 }
 
 /// Effects with first values of their parameters.

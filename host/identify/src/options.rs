@@ -9,6 +9,7 @@ use mechanics::continuum::Contact;
 use mechanics::effects::Effect;
 use mechanics::{Block, Support};
 use modulus::Relation;
+use readings::draws::DrawOptions;
 use readings::holds::HoldCriteria;
 
 /// How Young's modulus is computed from K.
@@ -83,8 +84,10 @@ pub struct Options {
     pub profile: bool,
     /// Bootstrap the pooled K with so many draws; 0 for none.
     pub bootstrap: usize,
-    /// Seed of the draws.
+    /// Seed of the bootstrap's draws.
     pub seed: u64,
+    /// Draws from the posterior beside the result.
+    pub draws: Option<DrawOptions>,
     /// What many sessions predict of K; the result with it is reported beside the one without.
     pub prior: Option<ModulusPrior>,
 }
@@ -107,6 +110,7 @@ impl Default for Options {
             profile: false,
             bootstrap: 0,
             seed: 1,
+            draws: None,
             prior: None,
         }
     }

@@ -18,6 +18,7 @@ pub use run::{
 
 use mechanics::Needle;
 use modulus::prior::PriorResult;
+use readings::draws::Draws;
 use readings::holds::UnusedPart;
 use serde::Serialize;
 
@@ -61,6 +62,9 @@ pub struct Identification {
     pub unused: Vec<UnusedPart>,
     /// Warnings about the numbers.
     pub warnings: Vec<String>,
+    /// Draws from the posterior, where they were requested.
+    #[serde(skip)]
+    pub draws: Option<Draws>,
 }
 
 /// K of all runs together.

@@ -5,6 +5,7 @@
 
 mod at_rest;
 mod average;
+mod drawn;
 mod options;
 mod prior;
 mod results;
@@ -18,6 +19,7 @@ pub use results::{
 pub use tissue::tissue;
 
 use at_rest::AtRest;
+use drawn::{Assumed, DrawnInsertion, Streams};
 use formats::session::{InsertionRun, Session};
 use insertion::baselines::Baseline;
 use insertion::published::published;
@@ -27,6 +29,7 @@ use insertion::{
 };
 use mechanics::ModelError;
 use mechanics::unknowns::sensors::DIRECTION_NOISE;
+use readings::draws::Draws;
 use results::Grid;
 use std::path::PathBuf;
 
@@ -95,12 +98,13 @@ fn predict_from(session: &Session, options: &Options) -> Result<Prediction, Pred
         at_rest: at_rest.as_ref(),
         resting,
     };
+    let mut draws = options.draws.map(|draws| Draws::new(draws, "guide predict"));
     let mut number = 0;
     let mut insertions = Vec::new();
     for (run, path) in runs.iter().zip(read) {
         let result = path.and_then(|path| {
             number += 1;
-            workflow.insertion(run, &path, number - 1).map_err(|why| located(run, why))
+            workflow.insertion(run, &path, number - 1, draws.as_mut()).map_err(|why| located(run, why))
         });
         insertions.push(result.unwrap_or_else(|why| {
             warnings.push(format!("insertion {} is skipped: {why}", run.id));
@@ -118,6 +122,7 @@ fn predict_from(session: &Session, options: &Options) -> Result<Prediction, Pred
         models: Vec::new(),
         insertions,
         warnings,
+        draws,
     })
 }
 
@@ -181,6 +186,7 @@ impl Workflow<'_> {
         run: &InsertionRun,
         path: &TipPath,
         number: usize,
+        draws: Option<&mut Draws>,
     ) -> Result<InsertionResult, PathError> {
         let Options { until_m, to_m, learn: from_others, published_from_m, .. } = *self.options;
         let observed = path.until(until_m)?;
@@ -218,11 +224,36 @@ impl Workflow<'_> {
         });
 
         let at_rest = self.at_rest.filter(|_| self.resting.get(number) == Some(&true));
-        let load_n = match at_rest {
-            Some(at_rest) => at_rest.load_n(&known, &earlier, number, noise, &grid.loads_at_m())?,
+        let of_moduli =
+            at_rest.map(|at_rest| at_rest.posteriors(&known, &earlier, number, noise)).transpose()?;
+        let load_n = match &of_moduli {
+            Some(of_moduli) => at_rest::load_n(of_moduli, &grid.loads_at_m()),
             None => posterior.load_n(&grid.loads_at_m()),
         };
-        let mut result = grid.result(run, &observed, &posterior, &load_n, shown_m.min(reading_m));
+        let shown_m = shown_m.min(reading_m);
+        if let Some(draws) = draws {
+            let count = draws.options().count();
+            let streams = Streams::new(draws, number);
+            let (mut random, assumed) = (streams.posterior(), Assumed::new(&streams, count));
+            let mut paths = posterior.draws(count, &mut random, &grid.depth_m, &drawn::loads_at_m(&grid));
+            if let Some(of_moduli) = &of_moduli {
+                let loads_at_m = drawn::loads_at_m(&grid);
+                let loads = at_rest::draw_loads(of_moduli, assumed.modulus(), &mut random, &loads_at_m);
+                paths.iter_mut().zip(loads).for_each(|(path, load_n)| path.load_n = load_n);
+            }
+            let drawn = DrawnInsertion {
+                id: &run.id,
+                tissue: self.tissue,
+                grid: &grid,
+                paths: &paths,
+                assumed: &assumed,
+                is_assumed: at_rest.is_some(),
+                noise_m: grid.noise_m(&observed, &posterior, shown_m),
+                is_two_planes: run.tip_x_m.is_some() && observed.planes == 2,
+            };
+            drawn.add(&streams, draws);
+        }
+        let mut result = grid.result(run, &observed, &posterior, &load_n, shown_m);
         let mut learned = LearnedResult::new(&posterior, self.tissue, &others, reading_m);
         if at_rest.is_some() {
             learned.assume(self.tissue);

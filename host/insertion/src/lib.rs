@@ -14,6 +14,7 @@
 pub mod baselines;
 mod basis;
 mod candidates;
+mod drawn;
 mod evidence;
 mod fold;
 mod inverse;
@@ -36,6 +37,7 @@ mod weights;
 mod tests;
 
 pub use candidates::{Candidate, Candidates, Tissue};
+pub use drawn::PathDraw;
 pub use layout::Layout;
 pub use learn::{learn, learn_from, start};
 pub use learned::{Learned, Start};

@@ -56,11 +56,11 @@ impl Identifiability {
 /// What is known of one insertion.
 #[derive(Debug, Clone)]
 pub struct Posterior<'c> {
-    candidates: &'c Candidates,
+    pub(super) candidates: &'c Candidates,
     /// Possible sizes of the unknowns.
-    scales: Vec<Scales>,
-    nodes: Vec<Node>,
-    parts: Vec<Part>,
+    pub(super) scales: Vec<Scales>,
+    pub(super) nodes: Vec<Node>,
+    pub(super) parts: Vec<Part>,
 }
 
 impl<'c> Posterior<'c> {
@@ -246,7 +246,7 @@ impl<'c> Posterior<'c> {
     }
 
     /// Number and weight of the parts that count; the weights sum to 1.
-    fn shares(&self) -> Vec<(usize, f64)> {
+    pub(super) fn shares(&self) -> Vec<(usize, f64)> {
         let finite = self.parts.iter().enumerate().filter(|(_, part)| part.ln_weight.is_finite());
         let most = finite.clone().map(|(_, part)| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
         let mut shares: Vec<_> = finite.map(|(i, part)| (i, (part.ln_weight - most).exp())).collect();
@@ -347,7 +347,7 @@ const SHARE_OF_CLAMP: f64 = 0.02;
 const GIVEN_LN: f64 = 0.3;
 
 /// An unknown that both planes have: the value of each, with the prior counted once.
-fn own(part: &Part, layout: &Layout, unknown: usize, prior_sd: f64) -> Moments {
+pub(super) fn own(part: &Part, layout: &Layout, unknown: usize, prior_sd: f64) -> Moments {
     let (mut precision, mut pull) = (0.0, 0.0);
     for plane in 0..layout.planes {
         let (system, at) = layout.place(plane);

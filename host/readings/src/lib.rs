@@ -6,12 +6,14 @@
 //! | [`LateralData`] | a lateral run as one block of a fit: shared modulus, own displacements, force zero and effects |
 //! | [`outliers`] | the rule by which single values are left out |
 //! | [`fit()`] | weighted least squares over parameters shared by all runs and nuisances of each run |
+//! | [`draws`] | draws from posteriors, in the layout of ArviZ |
 //! | [`intervals`] | profile likelihood and bootstrap of such a fit |
 //!
 //! What is identified, diagnosed or planned with them is in the crates above.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+pub mod draws;
 mod fit;
 pub mod holds;
 pub mod intervals;

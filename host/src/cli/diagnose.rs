@@ -1,6 +1,7 @@
 //! `guide diagnose`: where model and measurement disagree, what is missing, and what adding it is worth.
 
 use super::characterized::CharacterizedArgs;
+use super::draws_args::DrawsArgs;
 use super::foundation_args::FoundationArgs;
 use super::output::{Output, figures_file, write_json};
 use crate::figures;
@@ -52,9 +53,11 @@ pub struct Args {
     /// Search as if nobody knew this effect: what is then found is a law, or nothing
     #[arg(long, value_name = "EFFECT", value_parser = catalogued)]
     leave_out: Vec<&'static str>,
-    /// Seed of the bootstraps
+    /// Seed of the bootstraps, and of the draws of --draws
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    #[command(flatten)]
+    draws: DrawsArgs,
 }
 
 /// The id of an effect of the catalogue.
@@ -76,6 +79,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         seed: args.seed,
         discovery: !args.no_discovery,
         left_out: args.leave_out.clone(),
+        draws: args.draws.options(args.seed),
         foundation: args.tissue.foundation.unwrap_or_else(|| session.tissue.foundation.into()),
         poisson: args.tissue.poisson.or(session.tissue.poisson).unwrap_or(INCOMPRESSIBLE),
         reference: args.reference.as_deref().map(Session::read).transpose()?,
@@ -99,6 +103,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Some(path) = &args.json_out {
         write_json(path, &found)?;
     }
+    args.draws.write(found.draws.as_ref(), out)?;
     out.result(&found, Text(&found))
 }
 

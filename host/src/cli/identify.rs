@@ -1,6 +1,7 @@
 //! `guide identify`: the tissue's modulus from the lateral runs of a session, every method side by side.
 
 use super::characterized::CharacterizedArgs;
+use super::draws_args::DrawsArgs;
 use super::foundation_args::{FoundationArgs, within};
 use super::output::{Output, figures_file};
 use crate::figures;
@@ -58,9 +59,11 @@ pub struct Args {
     /// Report the interval of a parametric bootstrap with this many draws too
     #[arg(long, value_name = "DRAWS", value_parser = clap::value_parser!(u32).range(20..=100_000))]
     bootstrap: Option<u32>,
-    /// Seed of the bootstrap's draws
+    /// Seed of the draws
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    #[command(flatten)]
+    draws: DrawsArgs,
     /// Draw figures (shape measured and fitted, residuals, profile likelihood) as SVG files into this folder
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
@@ -121,11 +124,17 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         profile: args.profile || args.plots.is_some(),
         bootstrap: args.bootstrap.unwrap_or(0) as usize,
         seed: args.seed,
+        draws: args.draws.options(args.seed),
         prior: args.prior.as_deref().map(|path| modulus_prior(path, &args.dir)).transpose()?,
         ..options
     };
     warn_of_calibrations(&session, out);
     if session.lateral.is_empty() && !session.indentation.is_empty() {
+        ensure!(
+            options.draws.is_none(),
+            "--draws: {} has indentations alone, expected lateral runs",
+            args.dir.display()
+        );
         let found =
             indentations(&session).with_context(|| format!("cannot identify {}", args.dir.display()))?;
         return out.result(&found, IndentationsText(&found));
@@ -135,6 +144,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
         draw(&result, folder, out)?;
     }
+    args.draws.write(result.draws.as_ref(), out)?;
     out.result(&result, Text(&result))?;
     if !result.runs.iter().all(|run| run.error.is_none() && run.skipped.is_none()) {
         out.note("some runs are skipped; see the warnings");

@@ -19,6 +19,7 @@ mod check;
 mod colour;
 pub mod device;
 mod diagnose;
+mod draws_args;
 mod effects;
 mod foundation_args;
 mod frame_pictures;

@@ -1,6 +1,7 @@
 //! `guide predict`: tip load from the first part of each insertion, path with its band for the rest.
 
 use super::characterized::CharacterizedArgs;
+use super::draws_args::DrawsArgs;
 use super::identify::modulus_prior;
 use super::output::{Output, figures_file};
 use crate::figures;
@@ -52,6 +53,11 @@ pub struct Args {
     /// the same data
     #[arg(long)]
     compare: bool,
+    /// Seed of the draws of --draws
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    #[command(flatten)]
+    draws: DrawsArgs,
     /// Draw each insertion (path with band, tip load) as an SVG file into this folder
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
@@ -112,6 +118,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         to_m: args.to.map(|to| 1e-3 * to),
         learn: !args.alone,
         layers: args.layers,
+        draws: args.draws.options(args.seed),
         prior: args.prior.as_deref().map(|path| modulus_prior(path, &args.dir)).transpose()?,
         ..options
     };
@@ -120,6 +127,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
         draw(&result, folder, out)?;
     }
+    args.draws.write(result.draws.as_ref(), out)?;
     out.result(&result, Text { result: &result, compare: args.compare })
 }
 

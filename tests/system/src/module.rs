@@ -15,10 +15,11 @@ use std::process::{Command, Stdio};
 /// The feature with which the workspace builds the module.
 pub const FEATURE: &str = "needle-guide/extension";
 /// What the tests need from PyPI: the module's own dependency, and theirs.
-const PACKAGES: [&str; 6] = [
+const PACKAGES: [&str; 7] = [
     "numpy>=1.24",
     "pandas>=2",
     "pytest>=8",
+    "arviz>=0.17,<1",
     "dask[distributed]>=2024.8",
     "nbclient>=0.10",
     "ipykernel>=6.29",

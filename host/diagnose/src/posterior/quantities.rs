@@ -46,6 +46,12 @@ impl Fitted {
     /// sense around the fit. With effects of the tissue the modulus itself is that of a place or a layer, the mean is what effects that
     /// explain the data alike have in common.
     pub fn ln_mean_modulus(&self, depth_m: f64) -> Option<(f64, f64)> {
+        let (value, slopes) = self.ln_mean_modulus_slopes(depth_m)?;
+        Some((value, slopes.dot(&(&self.covariance * &slopes)).max(0.0).sqrt()))
+    }
+
+    /// The same with its slopes along the parameters.
+    pub fn ln_mean_modulus_slopes(&self, depth_m: f64) -> Option<(f64, DVector<f64>)> {
         let kind = if self.layout.kinds[0] { Kind::Lateral } else { Kind::Insertion };
         let at = |values: &[f64]| {
             let problem = self.layout.model(values, kind).and_then(|model| model.problem(depth_m)).ok()?;
@@ -61,8 +67,12 @@ impl Fitted {
             Some((moved(step)? - moved(-step)?) / (2.0 * step))
         };
         let slopes: Option<Vec<f64>> = (0..self.values.len()).map(slope).collect();
-        let slopes = DVector::from_vec(slopes?);
-        Some((at(&self.values)?, slopes.dot(&(&self.covariance * &slopes)).max(0.0).sqrt()))
+        Some((at(&self.values)?, DVector::from_vec(slopes?)))
+    }
+
+    /// The tip load, N, with its slopes along the parameters.
+    pub fn tip_load_slopes(&self) -> Option<(f64, DVector<f64>)> {
+        self.layout.tip_load_slopes(&self.values)
     }
 
     /// Of the tip load, N, where there are insertions.

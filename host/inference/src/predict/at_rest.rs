@@ -9,6 +9,8 @@ use insertion::{
     Candidates, Learned, Moments, PathError, Posterior, ReadingNoise, TipPath, Tissue, learn_from,
 };
 use mechanics::ModelError;
+use readings::draws::Random;
+use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Points and weights of a Gauss-Hermite quadrature over a normal distribution: exact for polynomials of degree five.
 const POINTS: [(f64, f64); 3] =
@@ -50,19 +52,18 @@ impl AtRest {
         Ok(Self { of_moduli: POINTS.into_iter().map(of_modulus).collect::<Result<_, ModelError>>()? })
     }
 
-    /// Tip load of one insertion at each depth, per plane, over the moduli assumed beforehand.
+    /// What is known of one insertion under each modulus, with the weight of that.
     ///
     /// # Errors
     /// [`PathError::Unexplained`] where a modulus explains it with no likelihood.
-    pub fn load_n(
+    pub fn posteriors(
         &self,
         known: &[TipPath],
         earlier: &[usize],
         number: usize,
         noise: ReadingNoise,
-        depths_m: &[f64],
-    ) -> Result<Vec<Vec<Moments>>, PathError> {
-        let mut sums: Vec<Vec<Moments>> = Vec::new();
+    ) -> Result<OfModuli<'_>, PathError> {
+        let mut all = Vec::new();
         for (weight, candidates) in &self.of_moduli {
             let learned: Learned = learn_from(candidates, known, earlier, number, noise, None);
             let mut posterior = Posterior::new(candidates, &learned);
@@ -70,19 +71,61 @@ impl AtRest {
             if !posterior.is_sound() {
                 return Err(PathError::Unexplained);
             }
-            let found = posterior.load_n(depths_m);
-            if sums.is_empty() {
-                sums = found.iter().map(|planes| vec![Moments::default(); planes.len()]).collect();
-            }
-            // Until all are there: mean and mean square.
-            for (sum, one) in sums.iter_mut().flatten().zip(found.iter().flatten()) {
-                sum.mean += weight * one.mean;
-                sum.sd += weight * (one.mean * one.mean + one.sd * one.sd);
-            }
+            all.push((*weight, posterior));
         }
-        for moments in sums.iter_mut().flatten() {
-            moments.sd = (moments.sd - moments.mean * moments.mean).max(0.0).sqrt();
-        }
-        Ok(sums)
+        Ok(all)
     }
+}
+
+/// What is known of an insertion under each of a few moduli, from the softest to the stiffest, with their weights.
+pub(super) type OfModuli<'a> = Vec<(f64, Posterior<'a>)>;
+
+/// Tip load of one insertion at each depth, per plane, over the moduli assumed beforehand.
+pub(super) fn load_n(of_moduli: &OfModuli<'_>, depths_m: &[f64]) -> Vec<Vec<Moments>> {
+    let mut sums: Vec<Vec<Moments>> = Vec::new();
+    for (weight, posterior) in of_moduli {
+        let found = posterior.load_n(depths_m);
+        if sums.is_empty() {
+            sums = found.iter().map(|planes| vec![Moments::default(); planes.len()]).collect();
+        }
+        // Until all are there: mean and mean square.
+        for (sum, one) in sums.iter_mut().flatten().zip(found.iter().flatten()) {
+            sum.mean += weight * one.mean;
+            sum.sd += weight * (one.mean * one.mean + one.sd * one.sd);
+        }
+    }
+    for moments in sums.iter_mut().flatten() {
+        moments.sd = (moments.sd - moments.mean * moments.mean).max(0.0).sqrt();
+    }
+    sums
+}
+
+/// Draws of the tip load at each depth, per plane: each under the modulus that stands for the one drawn, of which `standard` has the
+/// logarithm as a standard variate.
+pub(super) fn draw_loads(
+    of_moduli: &OfModuli<'_>,
+    standard: &[f64],
+    random: &mut Random,
+    depths_m: &[f64],
+) -> Vec<Vec<Vec<f64>>> {
+    let normal = Normal::standard();
+    let stands_for = |standard: &f64| {
+        let mut left = normal.cdf(*standard);
+        let reaches = |(weight, _): &(f64, Posterior<'_>)| {
+            left -= weight;
+            left < 0.0
+        };
+        of_moduli.iter().position(reaches).unwrap_or(of_moduli.len().saturating_sub(1))
+    };
+    let moduli: Vec<usize> = standard.iter().map(stands_for).collect();
+    let mut of_each: Vec<_> = of_moduli
+        .iter()
+        .enumerate()
+        .map(|(modulus, (_, posterior))| {
+            let count = moduli.iter().filter(|chosen| **chosen == modulus).count();
+            posterior.draws(count, random, &[], depths_m).into_iter()
+        })
+        .collect();
+    let next = |modulus: &usize| of_each.get_mut(*modulus)?.next().map(|path| path.load_n);
+    moduli.iter().filter_map(next).collect()
 }

@@ -14,6 +14,7 @@ use diagnose::models::{Effects, OtherModel};
 use formats::NORMAL_975;
 use formats::session::Session;
 use rayon::prelude::*;
+use readings::draws::Draws;
 
 /// Value and standard deviation of one model, with its weight.
 type Part = (f64, f64, f64);
@@ -53,6 +54,16 @@ pub(super) fn predict(session: &Session, options: &Options) -> Result<Prediction
         };
         let beside: Vec<(f64, InsertionResult)> = parts.iter().filter_map(same).collect();
         average(one, left, &beside);
+    }
+    if let Some(draws) = &mut own.draws {
+        let others: Vec<(f64, &Draws)> =
+            parts.iter().filter_map(|(weight, result)| Some((*weight, result.draws.as_ref()?))).collect();
+        draws.mixed_with(&others);
+        let names = own.models.iter().enumerate().map(|(number, model)| match model.effects.as_slice() {
+            [] => format!("{number}: no effects"),
+            effects => format!("{number}: {}", effects.join(" with ")),
+        });
+        draws.attribute("models", names.collect::<Vec<_>>().join("; "));
     }
     Ok(own)
 }

@@ -5,6 +5,7 @@ use diagnose::{KnownParameter, Multiples};
 use formats::model_file::ModelFile;
 use formats::prior_file::ModulusPrior;
 use mechanics::effects::Effect;
+use readings::draws::DrawOptions;
 
 /// What the user may choose.
 #[derive(Debug, Clone)]
@@ -29,6 +30,8 @@ pub struct Options {
     pub discrepancy: Multiples,
     /// What many sessions predict of K; the result without it is reported too. Not for two layers.
     pub prior: Option<ModulusPrior>,
+    /// Draws from the posterior beside the result.
+    pub draws: Option<DrawOptions>,
     /// Depth from which the published method averages the tip load.
     pub published_from_m: f64,
 }
@@ -46,6 +49,7 @@ impl Default for Options {
             known: Vec::new(),
             discrepancy: Multiples::new(),
             prior: None,
+            draws: None,
             published_from_m: 0.03,
         }
     }

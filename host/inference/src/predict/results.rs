@@ -12,6 +12,7 @@ pub(super) use measured::Measured;
 use formats::NORMAL_975;
 use formats::session::InsertionRun;
 use modulus::prior::PriorResult;
+use readings::draws::Draws;
 use serde::Serialize;
 
 /// Name and version of this form.
@@ -36,6 +37,9 @@ pub struct Prediction {
     pub insertions: Vec<InsertionResult>,
     /// Warnings about the session.
     pub warnings: Vec<String>,
+    /// Draws from the posterior, where they were requested.
+    #[serde(skip)]
+    pub draws: Option<Draws>,
 }
 
 /// A prior in a prediction.

@@ -20,6 +20,7 @@ const UNTIL_50: Options = Options {
     known: Vec::new(),
     discrepancy: diagnose::Multiples::new(),
     prior: None,
+    draws: None,
     published_from_m: 0.03,
 };
 
@@ -111,6 +112,7 @@ fn a_message_is_given_once_with_its_insertions() {
         models: Vec::new(),
         insertions,
         warnings: vec!["first".to_owned()],
+        draws: None,
     };
     assert_eq!(found.messages(), ["first", "all 3 insertions: x", "a: y"]);
 }

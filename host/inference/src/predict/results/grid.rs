@@ -63,12 +63,24 @@ impl Grid {
     }
 
     /// What was measured, for comparison with a prediction.
-    pub(super) fn measured(&self) -> Measured<'_> {
+    pub fn measured(&self) -> Measured<'_> {
         Measured {
             until_mm: 1e3 * self.until_m,
             y_mm: &self.measured_y_mm,
             x_mm: self.measured_x_mm.as_deref(),
         }
+    }
+
+    /// Depth up to which readings are used, m.
+    pub fn until_m(&self) -> f64 {
+        self.until_m
+    }
+
+    /// Standard deviation of a measured median about the path: the noise of a median of so many readings and, on average, what readings on
+    /// the way are off.
+    pub fn noise_m(&self, observed: &TipPath, posterior: &Posterior<'_>, reading_m: f64) -> f64 {
+        let moving_m = posterior.typical(|scales| scales.moving_m) * observed.moving_share().sqrt();
+        moving_m.hypot(reading_m * variance_of_median(self.rows).sqrt())
     }
 
     /// Depths at which the load is needed: those of the result, and the end of the observed part.
@@ -86,10 +98,8 @@ impl Grid {
         reading_m: f64,
     ) -> InsertionResult {
         let until_m = self.until_m;
-        // The band is that of the values measured: the noise of a median of so many readings is part of it.
-        // So is, on average, what readings on the way are off.
-        let moving_m = posterior.typical(|scales| scales.moving_m) * observed.moving_share().sqrt();
-        let noise_m = moving_m.hypot(reading_m * variance_of_median(self.rows).sqrt());
+        // The band is that of the values measured.
+        let noise_m = self.noise_m(observed, posterior, reading_m);
         let two_planes = run.tip_x_m.is_some();
         let tips = posterior.tip_m(&self.depth_m);
         let of = |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {

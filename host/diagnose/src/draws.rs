@@ -1,0 +1,284 @@
+//! Draws from the posterior of a diagnosis: over all models that the data leave in question, from the same fits and weights as its
+//! intervals (theory, eq. 66), with the readings that they predict.
+//!
+//! A draw first chooses a model by its weight, then the parameters from the normal distribution of its fit. The parameters of an effect
+//! that the model does not have are at their neutral values.
+
+mod readings;
+
+pub(super) use readings::Readings;
+
+use super::averaged::Averaged;
+use super::choice::Beside;
+use super::evidence::Patterns;
+use super::layout::{NORMAL_975, Prepared, Scale};
+use super::posterior::Fitted;
+use super::results::Diagnosis;
+use ::readings::draws::{DrawOptions, Draws, Group, Random};
+use ::readings::{FitError, Parameter};
+use mechanics::effects::{Effect, effect};
+use nalgebra::{DMatrix, DVector};
+
+/// Streams of random numbers.
+const MODELS: u64 = 1;
+const PARAMETERS: u64 = 2;
+const APART: u64 = 3;
+const PRIOR: u64 = 4;
+pub(super) const READINGS: u64 = 5;
+/// Models with less of the weight than this are in no digit of a draw's mean.
+const MIN_WEIGHT: f64 = 1e-4;
+/// Draws from a prior within a range: after so many outside the nearest end is taken.
+const MAX_TRIES: usize = 100;
+const MM_PER_M: f64 = 1e3;
+
+/// Which model each draw has, and how far its parameters are from the values of the fit.
+pub(super) struct Deviations<'a> {
+    pub options: DrawOptions,
+    pub models: Vec<(f64, &'a Fitted)>,
+    /// Of each draw: the number of its model.
+    pub picks: Vec<usize>,
+    pub deviations: Vec<DVector<f64>>,
+}
+
+impl<'a> Deviations<'a> {
+    /// Draws from fits with their weights.
+    pub fn new(mut models: Vec<(f64, &'a Fitted)>, options: DrawOptions) -> Self {
+        let total: f64 = models.iter().map(|(weight, _)| weight).sum();
+        models.retain(|(weight, _)| *weight > MIN_WEIGHT * total);
+        let weights: Vec<f64> = models.iter().map(|(weight, _)| *weight).collect();
+        let picks = Random::new(options.seed, MODELS).choices(&weights, options.count());
+        let roots: Vec<DMatrix<f64>> =
+            models.iter().map(|(_, fitted)| Random::root(&fitted.covariance)).collect();
+        let mut random = Random::new(options.seed, PARAMETERS);
+        let deviation = |pick: &usize| {
+            roots.get(*pick).map_or_else(DVector::default, |root| root * random.normals(root.ncols()))
+        };
+        let deviations = picks.iter().map(deviation).collect();
+        Self { options, models, picks, deviations }
+    }
+
+    /// A quantity of every draw, of which each model gives its linear form.
+    fn of(&self, stream: u64, form: impl Fn(&Fitted) -> Linear) -> Vec<f64> {
+        let forms: Vec<Linear> = self.models.iter().map(|(_, fitted)| form(fitted)).collect();
+        let mut random = Random::new(self.options.seed, stream);
+        let value = |(pick, deviation): (&usize, &DVector<f64>)| {
+            let apart = random.normal();
+            forms.get(*pick).map_or(f64::NAN, |form| form.at(deviation, apart))
+        };
+        self.picks.iter().zip(&self.deviations).map(value).collect()
+    }
+
+    /// First parameter of every draw, the logarithm of the modulus, as its distance from the fit in standard deviations.
+    pub fn standard_ln_modulus(&self) -> Vec<f64> {
+        let value = |(pick, deviation): (&usize, &DVector<f64>)| {
+            let sd = self.models.get(*pick).map_or(f64::NAN, |(_, fitted)| fitted.sd(0));
+            deviation.get(0).map_or(f64::NAN, |first| first / sd)
+        };
+        self.picks.iter().zip(&self.deviations).map(value).collect()
+    }
+
+    /// Adds the parameters of an effect under the names of their units.
+    pub fn add_effect(&self, effect: &dyn Effect, draws: &mut Draws) {
+        for (number, info) in effect.parameters().iter().enumerate() {
+            let [least, most] = info.range;
+            let value = |(pick, deviation): (&usize, &DVector<f64>), apart: f64| {
+                let (_, fitted) = self.models.get(*pick)?;
+                let index = fitted.layout.effects.iter().position(|own| own.id() == effect.id())?;
+                let first = fitted.layout.first_of(index) + number;
+                let inside = fitted.values().get(first)? + deviation.get(first)?;
+                let (_, [low, high]) = fitted.estimate(index, number);
+                // A depth between two readings is known no better than they are apart.
+                let sd = 0.5 * (high - low) / NORMAL_975;
+                let own = Scale::of(info).outside(fitted.values().get(first)? + fitted.sd(first))
+                    - Scale::of(info).outside(*fitted.values().get(first)?);
+                let beyond = (sd * sd - own * own).max(0.0).sqrt();
+                let beyond = if info.name == "depth_mm" { beyond * apart } else { 0.0 };
+                Some((Scale::of(info).outside(inside) + beyond).clamp(least, most))
+            };
+            let mut random = Random::new(self.options.seed, APART);
+            let pairs = self.picks.iter().zip(&self.deviations);
+            let values = pairs.map(|pair| value(pair, random.normal()).unwrap_or(info.neutral)).collect();
+            draws.scalar(Group::Posterior, &parameter_name(effect, info.name), values);
+        }
+    }
+
+    /// Adds what is stated of the rig and was found within its tolerance.
+    pub fn add_stated(&self, own: &Fitted, draws: &mut Draws) {
+        for place in own.layout.stated() {
+            let values = self.of(APART, |fitted| {
+                let same = fitted.layout.stated().find(|other| other.effect == place.effect);
+                same.map_or(Linear::fixed(0.0), |same| Linear::parameter(fitted, same.parameter))
+            });
+            let values = values.into_iter().map(|value| MM_PER_M * value).collect();
+            draws.scalar(Group::Posterior, &format!("{}_mm", place.effect), values);
+        }
+    }
+
+    /// Adds draws from the priors of a model: of its modulus under `modulus`, of its tip load and of its effects.
+    pub fn add_prior(&self, own: &Fitted, modulus: &str, draws: &mut Draws) {
+        let parameters = own.layout.parameters(own.values());
+        let mut random = Random::new(self.options.seed, PRIOR);
+        let count = self.options.count();
+        let mut of = |parameter: &Parameter| -> Vec<f64> {
+            (0..count).map(|_| from_prior(parameter, &mut random)).collect()
+        };
+        if let Some(first) = parameters.first() {
+            let values = of(first).into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect();
+            draws.scalar(Group::Prior, modulus, values);
+        }
+        if let Some(load) = own.layout.load().and_then(|place| parameters.get(place)) {
+            draws.scalar(Group::Prior, "tip_load_n", of(load));
+        }
+        for (index, effect) in own.layout.effects.iter().enumerate() {
+            for (number, info) in effect.parameters().iter().enumerate() {
+                if let Some(parameter) = parameters.get(own.layout.first_of(index) + number) {
+                    let scale = Scale::of(info);
+                    let values = of(parameter).into_iter().map(|inside| scale.outside(inside)).collect();
+                    draws.scalar(Group::Prior, &parameter_name(*effect, info.name), values);
+                }
+            }
+        }
+    }
+
+    /// Adds which model each draw has, and what the models are.
+    fn add_models(&self, draws: &mut Draws) {
+        let name = |(number, (_, fitted)): (usize, &(f64, &Fitted))| {
+            let effects: Vec<&str> = fitted.layout.effects.iter().map(|effect| effect.id()).collect();
+            let effects = if effects.is_empty() { "no effects".to_owned() } else { effects.join(" with ") };
+            format!("{number}: {effects} on {}", fitted.layout.support.name())
+        };
+        let names: Vec<String> = self.models.iter().enumerate().map(name).collect();
+        draws.attribute("models", names.join("; "));
+        let model = self.picks.iter().map(|pick| *pick as f64).collect();
+        draws.scalar(Group::Posterior, "model", model);
+    }
+}
+
+/// `tissue.skin.stiffness_n_per_mm`.
+fn parameter_name(effect: &dyn Effect, parameter: &str) -> String {
+    format!("{}.{parameter}", effect.id())
+}
+
+/// From a normal prior within the range of the parameter.
+fn from_prior(parameter: &Parameter, random: &mut Random) -> f64 {
+    let Some(prior) = parameter.prior else { return parameter.start };
+    let mut draw = || prior.mean + prior.sd * random.normal();
+    let in_range = |value: &f64| (parameter.least..=parameter.most).contains(value);
+    let tried = (0..MAX_TRIES).map(|_| draw()).find(in_range);
+    tried.unwrap_or_else(|| prior.mean.clamp(parameter.least, parameter.most))
+}
+
+/// A quantity that is linear in the parameters of a fit, with a part of its own.
+struct Linear {
+    value: f64,
+    slopes: DVector<f64>,
+    /// Standard deviation of what does not depend on the parameters.
+    apart: f64,
+}
+
+impl Linear {
+    fn fixed(value: f64) -> Self {
+        Self::apart(value, 0.0)
+    }
+
+    fn apart(value: f64, apart: f64) -> Self {
+        Self { value, slopes: DVector::zeros(0), apart }
+    }
+
+    fn parameter(fitted: &Fitted, place: usize) -> Self {
+        let mut slopes = DVector::zeros(fitted.values().len());
+        slopes[place] = 1.0;
+        Self { value: fitted.values()[place], slopes, apart: 0.0 }
+    }
+
+    fn at(&self, deviation: &DVector<f64>, apart: f64) -> f64 {
+        let moved: f64 = self.slopes.iter().zip(deviation.iter()).map(|(slope, by)| slope * by).sum();
+        self.value + moved + self.apart * apart
+    }
+}
+
+/// What is drawn from beside the fits.
+pub(super) struct Sources<'a> {
+    pub averaged: &'a Averaged,
+    /// Models on the foundation that was not chosen.
+    pub beside: &'a [Beside],
+    /// K of plain springs: logarithm in Pa, and standard deviation.
+    pub plain: (f64, f64),
+    pub runs: &'a [Prepared],
+    pub patterns: &'a Patterns,
+}
+
+impl Sources<'_> {
+    /// Draws of what a diagnosis states.
+    ///
+    /// # Errors
+    /// [`FitError`] where a model cannot be evaluated.
+    pub fn draws(&self, found: &Diagnosis, options: DrawOptions) -> Result<Draws, FitError> {
+        let Self { averaged, beside, plain, .. } = *self;
+        let own = averaged.own();
+        let of_choice: Vec<(f64, &Fitted)> =
+            averaged.fits().iter().map(|(weight, fitted)| (*weight, fitted)).collect();
+        let total: f64 = of_choice.iter().map(|(weight, _)| weight).sum();
+        let others = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
+        let all = Deviations::new(of_choice.iter().copied().chain(others).collect(), options);
+        let mut draws = Draws::new(options, "guide diagnose");
+        all.add_models(&mut draws);
+        let is_body = |fitted: &Fitted| fitted.layout.support.is_body();
+        let kpa = |values: Vec<f64>| values.into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect::<Vec<_>>();
+        let k = all.of(APART, |fitted| match is_body(fitted) {
+            true => Linear::apart(plain.0, plain.1),
+            false => self.ln_modulus(fitted),
+        });
+        draws.scalar(Group::Posterior, "k_kpa", kpa(k));
+        // Young's modulus, and what only the models of the chosen foundation have, are given that foundation.
+        let chosen = Deviations::new(of_choice, options);
+        if is_body(own) {
+            let youngs = chosen.of(APART, |fitted| self.ln_modulus(fitted));
+            draws.scalar(Group::Posterior, "youngs_modulus_kpa", kpa(youngs));
+        }
+        if found.mean_modulus.is_some() {
+            let mean = chosen.of(APART, |fitted| self.ln_mean(fitted));
+            draws.scalar(Group::Posterior, "mean_modulus_kpa", kpa(mean));
+        }
+        if found.tip_load_n.is_some() {
+            let load = all.of(APART, |fitted| match fitted.tip_load_slopes() {
+                Some((value, slopes)) => Linear { value, slopes, apart: 0.0 },
+                None => Linear::fixed(f64::NAN),
+            });
+            draws.scalar(Group::Posterior, "tip_load_n", load);
+        }
+        if found.reference.is_some() {
+            let ratio = all.of(APART, |fitted| {
+                fitted.layout.ratio().map_or(Linear::fixed(0.0), |place| Linear::parameter(fitted, place))
+            });
+            draws.scalar(Group::Posterior, "modulus_ratio", ratio.into_iter().map(f64::exp).collect());
+        }
+        for id in found.effects.iter().map(|effect| &effect.id).chain(&found.given) {
+            if let Some(effect) = effect(id) {
+                all.add_effect(effect, &mut draws);
+            }
+        }
+        all.add_stated(own, &mut draws);
+        all.add_prior(own, if is_body(own) { "youngs_modulus_kpa" } else { "k_kpa" }, &mut draws);
+        Readings { runs: self.runs, patterns: self.patterns }.add(&all, READINGS, &mut draws)?;
+        Ok(draws)
+    }
+
+    fn ln_modulus(&self, fitted: &Fitted) -> Linear {
+        if self.averaged.counts_with_mean(fitted) {
+            self.ln_mean(fitted)
+        } else {
+            Linear::parameter(fitted, 0)
+        }
+    }
+
+    fn ln_mean(&self, fitted: &Fitted) -> Linear {
+        match fitted.ln_mean_modulus_slopes(self.averaged.touched_m()) {
+            Some((value, slopes)) => Linear { value, slopes, apart: 0.0 },
+            None => Linear::parameter(fitted, 0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,135 @@
+//! The readings that draws predict, and how likely those are that were taken.
+//!
+//! Readings are linear in the parameters around each fit. A predicted one has the discrepancy of the fit's sizes and the noise in it. The
+//! density of a reading is that given all others, `-ln(2 pi)/2 + ln(c)/2 - g^2/(2 c)` with `g = S^-1 r` and `c` the diagonal of `S^-1`,
+//! because discrepancy makes readings depend on each other (Bürkner, Gabry and Vehtari, "Efficient leave-one-out cross-validation for
+//! Bayesian non-factorized normal and Student-t models", Computational Statistics 36:1243, 2021); it is that of whitened readings.
+
+use super::Deviations;
+use crate::data::{Channel, Datum};
+use crate::evidence::Patterns;
+use crate::layout::Prepared;
+use crate::posterior::{Fitted, jacobian, residuals};
+use nalgebra::DMatrix;
+use readings::FitError;
+use readings::draws::{Draws, Group, Random};
+
+/// Runs, and what every rig leaves behind any model of them.
+pub(crate) struct Readings<'a> {
+    pub runs: &'a [Prepared],
+    pub patterns: &'a Patterns,
+}
+
+/// Predicted readings and log densities of each run: readings by draws.
+type OfRuns = Vec<[DMatrix<f64>; 2]>;
+
+impl Readings<'_> {
+    /// Adds observed, predicted and likely readings, a variable for each channel of each run.
+    ///
+    /// # Errors
+    /// [`FitError`] where a model cannot be evaluated.
+    pub fn add(&self, drawn: &Deviations<'_>, stream: u64, draws: &mut Draws) -> Result<(), FitError> {
+        let mut random = Random::new(drawn.options.seed, stream);
+        let count = drawn.options.count();
+        let mut all: OfRuns =
+            self.runs.iter().map(|run| [(); 2].map(|()| DMatrix::zeros(run.run.data.len(), count))).collect();
+        for (number, (_, fitted)) in drawn.models.iter().enumerate() {
+            let chosen: Vec<usize> =
+                drawn.picks.iter().enumerate().filter(|(_, pick)| **pick == number).map(|(i, _)| i).collect();
+            if chosen.is_empty() {
+                continue;
+            }
+            let of_model = self.of_model(fitted, drawn, &chosen, &mut random)?;
+            for (run, columns) in all.iter_mut().zip(&of_model) {
+                for (all, columns) in run.iter_mut().zip(columns) {
+                    for (column, draw) in columns.column_iter().zip(&chosen) {
+                        all.set_column(*draw, &column);
+                    }
+                }
+            }
+        }
+        for (run, [predicted, likely]) in self.runs.iter().zip(&all) {
+            add_run(run, predicted, likely, draws);
+        }
+        Ok(())
+    }
+
+    /// Predicted readings and log densities of the draws that have a model.
+    fn of_model(
+        &self,
+        fitted: &Fitted,
+        drawn: &Deviations<'_>,
+        chosen: &[usize],
+        random: &mut Random,
+    ) -> Result<OfRuns, FitError> {
+        let (layout, values) = (&fitted.layout, fitted.values());
+        let parameters = layout.parameters(values);
+        let at_fit = residuals(layout, self.runs, values)?;
+        let slopes = jacobian(layout, self.runs, values, &parameters, &at_fit, &[])?;
+        let deviations = DMatrix::from_fn(values.len(), chosen.len(), |i, j| drawn.deviations[chosen[j]][i]);
+        let white: Vec<DMatrix<f64>> = at_fit
+            .iter()
+            .zip(&slopes)
+            .map(|(at_fit, slopes)| {
+                let mut columns = DMatrix::from_fn(at_fit.len(), chosen.len(), |i, _| at_fit[i]);
+                columns.gemm(-1.0, slopes, &deviations, 1.0);
+                columns
+            })
+            .collect();
+        let inverse = self.patterns.inverse(&fitted.sizes).ok_or(FitError::Undetermined)?;
+        let weighted = inverse.of(&white);
+        let diagonal = inverse.diagonal();
+        let amplitudes = DMatrix::from_fn(inverse.count(), chosen.len(), |_, _| random.normal());
+        let discrepancy = inverse.of_amplitudes(&amplitudes);
+        let ln_two_pi = std::f64::consts::TAU.ln();
+        let mut all = Vec::with_capacity(self.runs.len());
+        let parts = white.into_iter().zip(weighted).zip(diagonal).zip(discrepancy);
+        for ((((white, mut weighted), diagonal), discrepancy), run) in parts.zip(self.runs) {
+            for (mut row, own) in weighted.row_iter_mut().zip(diagonal.iter()) {
+                row.apply(|g| *g = 0.5 * (own.ln() - ln_two_pi - *g * *g / own));
+            }
+            let mut predicted = white - discrepancy;
+            for mut column in predicted.column_iter_mut() {
+                column.apply(|value| *value -= random.normal());
+                run.whitener.undo(column.as_mut_slice());
+                let data = run.run.data.iter();
+                column.iter_mut().zip(data).for_each(|(value, datum)| *value = datum.measured - *value);
+            }
+            all.push([predicted, weighted]);
+        }
+        Ok(all)
+    }
+}
+
+/// Adds the channels of a run.
+fn add_run(run: &Prepared, predicted: &DMatrix<f64>, likely: &DMatrix<f64>, draws: &mut Draws) {
+    let of_reference = if run.run.is_reference { "reference." } else { "" };
+    for channel in Channel::ALL {
+        let of_channel: Vec<(usize, &Datum)> =
+            run.run.data.iter().enumerate().filter(|(_, datum)| datum.channel == channel).collect();
+        if of_channel.is_empty() {
+            continue;
+        }
+        let dimension = format!("{of_reference}{}.{}", run.run.id, channel.name());
+        let name = format!("{dimension}_{}", channel.unit().to_lowercase());
+        draws.coordinate(&dimension, (0..of_channel.len()).map(|number| number as f64).collect());
+        let rows = |columns: &DMatrix<f64>, scale: f64| -> Vec<Vec<f64>> {
+            let row = |draw: usize| of_channel.iter().map(|(i, _)| scale * columns[(*i, draw)]).collect();
+            (0..columns.ncols()).map(row).collect()
+        };
+        draws.list(Group::PosteriorPredictive, &name, &dimension, rows(predicted, channel.per_si()));
+        draws.list(Group::LogLikelihood, &name, &dimension, rows(likely, 1.0));
+        let mut list = |group: Group, name: &str, value: &dyn Fn(&Datum) -> f64| {
+            let values = of_channel.iter().map(|(_, datum)| value(datum)).collect();
+            draws.list(group, name, &dimension, vec![values]);
+        };
+        list(Group::ObservedData, &name, &|datum| channel.per_si() * datum.measured);
+        list(Group::ConstantData, &format!("{dimension}.depth_mm"), &|datum| 1e3 * datum.place.depth_m);
+        if !channel.is_of_insertions() {
+            list(Group::ConstantData, &format!("{dimension}.time_s"), &|datum| datum.place.time_s);
+            list(Group::ConstantData, &format!("{dimension}.displacement_mm"), &|datum| {
+                1e3 * datum.place.level_m
+            });
+        }
+    }
+}

@@ -1,0 +1,77 @@
+use super::*;
+use crate::tests::truth;
+use crate::{Options, diagnose};
+use worlds::Design;
+
+const OPTIONS: DrawOptions = DrawOptions { chains: 4, draws: 500, seed: 1 };
+
+/// A named effect: its parameter, given a model that has it, and what does not depend on the draws.
+#[test]
+fn a_named_effect_is_drawn_as_its_interval_states() {
+    let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
+    let options = Options { draws: Some(OPTIONS), ..Options::default() };
+    let mut found = diagnose(&session, &options, |_| {}).expect("a diagnosis");
+    let draws = found.draws.take().expect("draws");
+    let effect = found.effects.first().expect("a name");
+    let (parameter, estimate) = effect.parameters.first_key_value().expect("a parameter");
+    let values = |name: &str| draws.values(Group::Posterior, name).expect("a variable");
+    let of_parameter = values(&format!("{}.{parameter}", effect.id));
+    // The first model is the one that is reported.
+    let of_first: Vec<f64> = of_parameter
+        .iter()
+        .zip(values("model"))
+        .filter(|(_, model)| **model == 0.0)
+        .map(|(v, _)| *v)
+        .collect();
+    assert!(of_first.len() > 1000, "{}", of_first.len());
+    let [low, high] = estimate.ci95;
+    let share =
+        of_first.iter().filter(|value| (low..=high).contains(*value)).count() as f64 / of_first.len() as f64;
+    assert!(share > 0.93, "{share} within {low} to {high}");
+    // Readings: what was taken is as likely as what is predicted.
+    let names: Vec<&str> = draws.variables(Group::ObservedData).collect();
+    assert!(names.len() >= 8, "{names:?}");
+    for name in names {
+        let count = draws.values(Group::ObservedData, name).expect("readings").len();
+        let mean = |group: Group| {
+            let all = draws.values(group, name).expect("draws");
+            assert_eq!(all.len(), count * OPTIONS.count());
+            all.iter().sum::<f64>() / all.len() as f64
+        };
+        assert!(mean(Group::LogLikelihood).is_finite());
+        let observed = draws.values(Group::ObservedData, name).expect("readings");
+        let observed = observed.iter().sum::<f64>() / count as f64;
+        let spread = {
+            let all = draws.values(Group::PosteriorPredictive, name).expect("draws");
+            let of_means: Vec<f64> =
+                all.chunks(count).map(|row| row.iter().sum::<f64>() / count as f64).collect();
+            let mean = of_means.iter().sum::<f64>() / of_means.len() as f64;
+            let square = of_means.iter().map(|one| (one - mean).powi(2)).sum::<f64>();
+            (square / of_means.len() as f64).sqrt()
+        };
+        let away = (observed - mean(Group::PosteriorPredictive)).abs();
+        assert!(away < 4.0 * spread, "{name}: {away} {spread}");
+    }
+}
+
+/// Densities of readings that discrepancy makes depend on each other, against dense matrices.
+#[test]
+fn densities_of_readings_given_all_others_are_those_of_dense_matrices() {
+    let session = worlds::session(&truth(Vec::new()), &Design::four_runs(), 5);
+    let (start, _) = crate::found_in(&session);
+    let inverse = start.patterns.inverse(&start.fitted.sizes).expect("regular");
+    let amplitudes = DMatrix::identity(inverse.count(), inverse.count());
+    let patterns = inverse.of_amplitudes(&amplitudes);
+    let rows: usize = patterns.iter().map(DMatrix::nrows).sum();
+    let mut all = DMatrix::zeros(rows, inverse.count());
+    let mut first = 0;
+    for part in &patterns {
+        all.rows_mut(first, part.nrows()).copy_from(part);
+        first += part.nrows();
+    }
+    let dense = (DMatrix::identity(rows, rows) + &all * all.transpose()).try_inverse().expect("regular");
+    let found: Vec<f64> = inverse.diagonal().iter().flat_map(|part| part.iter().copied()).collect();
+    for (found, expected) in found.iter().zip(dense.diagonal().iter()) {
+        assert!((found - expected).abs() < 1e-8, "{found} {expected}");
+    }
+}

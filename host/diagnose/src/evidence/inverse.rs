@@ -1,0 +1,71 @@
+//! The inverse of the covariance of noise and discrepancy, for whole columns at once.
+
+use super::Patterns;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// `S^-1` with `S = I + Phi diag(s^2) Phi^T`.
+pub struct Inverse {
+    /// Of each run: its readings by all patterns, one standard deviation of each.
+    patterns: Vec<DMatrix<f64>>,
+    factor: Cholesky<f64, Dyn>,
+}
+
+impl Patterns {
+    /// For patterns of these sizes; nothing where a size makes no sense.
+    pub fn inverse(&self, sizes: &[f64]) -> Option<Inverse> {
+        let size_of = |group: &usize| sizes.get(*group).copied().unwrap_or(0.0);
+        let shared = self.shared_groups.len();
+        let count = shared + self.runs.iter().map(|run| run.own_groups.len()).sum::<usize>();
+        let mut normal = DMatrix::identity(count, count);
+        let mut all = Vec::with_capacity(self.runs.len());
+        let mut first = shared;
+        for run in &self.runs {
+            let mut patterns = DMatrix::zeros(run.own.nrows(), count);
+            patterns.columns_mut(0, shared).copy_from(&run.shared);
+            patterns.columns_mut(first, run.own.ncols()).copy_from(&run.own);
+            let groups = self.shared_groups.iter().enumerate();
+            let groups = groups.chain(run.own_groups.iter().enumerate().map(|(j, group)| (first + j, group)));
+            for (column, group) in groups {
+                let mut pattern = patterns.column_mut(column);
+                pattern *= size_of(group);
+            }
+            first += run.own.ncols();
+            normal.gemm_tr(1.0, &patterns, &patterns, 1.0);
+            all.push(patterns);
+        }
+        Some(Inverse { patterns: all, factor: normal.cholesky()? })
+    }
+}
+
+impl Inverse {
+    /// Number of patterns.
+    pub fn count(&self) -> usize {
+        self.factor.l_dirty().nrows()
+    }
+
+    /// What amplitudes of the patterns, in standard deviations, do to the readings of each run.
+    pub fn of_amplitudes(&self, amplitudes: &DMatrix<f64>) -> Vec<DMatrix<f64>> {
+        self.patterns.iter().map(|patterns| patterns * amplitudes).collect()
+    }
+
+    /// `S^-1 C` of columns with one part per run.
+    pub fn of(&self, columns: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
+        let width = columns.first().map_or(0, DMatrix::ncols);
+        let mut along = DMatrix::zeros(self.count(), width);
+        for (patterns, part) in self.patterns.iter().zip(columns) {
+            along.gemm_tr(1.0, patterns, part, 1.0);
+        }
+        let amplitudes = self.factor.solve(&along);
+        self.patterns.iter().zip(columns).map(|(patterns, part)| part - patterns * &amplitudes).collect()
+    }
+
+    /// The diagonal of `S^-1`, run by run.
+    pub fn diagonal(&self) -> Vec<DVector<f64>> {
+        let of_run = |patterns: &DMatrix<f64>| {
+            let mut root = patterns.transpose();
+            self.factor.l_dirty().solve_lower_triangular_mut(&mut root);
+            DVector::from_iterator(root.ncols(), root.column_iter().map(|column| 1.0 - column.norm_squared()))
+        };
+        self.patterns.iter().map(of_run).collect()
+    }
+}

@@ -1,0 +1,164 @@
+//! Draws from the posterior of every insertion: modulus, gap, angle of entry and tip load, with the path that follows from them. The
+//! readings of a path are drawn with the scatter of single depths about a smooth path, and with the noise of the median that is measured.
+
+use super::results::Grid;
+use insertion::{PathDraw, Tissue};
+use readings::draws::{Draws, Group, Random};
+
+/// First of the streams of random numbers of insertions, three for each.
+const INSERTIONS: u64 = 100;
+const STREAMS: u64 = 3;
+/// Every so many millimetres the tip load is drawn: it changes linearly over longer stretches.
+const LOAD_EVERY_MM: usize = 5;
+
+/// The random numbers of one insertion.
+pub(super) struct Streams(u64, u64);
+
+impl Streams {
+    pub fn new(draws: &Draws, insertion: usize) -> Self {
+        Self(draws.options().seed, INSERTIONS + STREAMS * insertion as u64)
+    }
+
+    /// Those of the posterior.
+    pub fn posterior(&self) -> Random {
+        Random::new(self.0, self.1)
+    }
+
+    /// Those of what was assumed beforehand.
+    pub fn prior(&self) -> Random {
+        Random::new(self.0, self.1 + 1)
+    }
+
+    /// Those of the noise of readings.
+    fn noise(&self) -> Random {
+        Random::new(self.0, self.1 + 2)
+    }
+}
+
+/// Modulus and gap as they are assumed beforehand: standard variates of their logarithms.
+pub(super) struct Assumed {
+    modulus: Vec<f64>,
+    gap: Vec<f64>,
+}
+
+impl Assumed {
+    pub fn new(streams: &Streams, count: usize) -> Self {
+        let mut random = streams.prior();
+        let modulus = (0..count).map(|_| random.normal()).collect();
+        Self { modulus, gap: (0..count).map(|_| random.normal()).collect() }
+    }
+
+    /// Standard variates of the logarithm of the modulus.
+    pub fn modulus(&self) -> &[f64] {
+        &self.modulus
+    }
+}
+
+/// Depths at which the tip load is drawn, the end of the observed part last.
+pub(super) fn loads_at_m(grid: &Grid) -> Vec<f64> {
+    grid.depth_m.iter().copied().step_by(LOAD_EVERY_MM).chain([grid.until_m()]).collect()
+}
+
+/// One insertion and what was drawn of it.
+pub(super) struct DrawnInsertion<'a> {
+    pub id: &'a str,
+    pub tissue: &'a Tissue,
+    pub grid: &'a Grid,
+    /// Of each draw; its tip load is at [`loads_at_m`].
+    pub paths: &'a [PathDraw],
+    pub assumed: &'a Assumed,
+    /// Whether modulus and gap are those assumed beforehand.
+    pub is_assumed: bool,
+    /// Standard deviation of a measured median about the path.
+    pub noise_m: f64,
+    pub is_two_planes: bool,
+}
+
+impl DrawnInsertion<'_> {
+    /// Adds the variables of the insertion, each under its name.
+    pub fn add(&self, streams: &Streams, draws: &mut Draws) {
+        let Self { tissue, paths, assumed, .. } = *self;
+        let name = |of: &str| format!("{}.{of}", self.id);
+        let surface_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
+        let scaled = |value: f64, sd_ln: f64, standard: &[f64]| -> Vec<f64> {
+            standard.iter().map(|standard| value * (sd_ln * standard).exp()).collect()
+        };
+        let k_kpa = scaled(surface_kpa, tissue.modulus_sd_ln, &assumed.modulus);
+        let gap_mm = scaled(1e3 * tissue.gap_m, tissue.gap_sd_ln, &assumed.gap);
+        if self.is_assumed {
+            draws.scalar(Group::Posterior, &name("k_kpa"), k_kpa.clone());
+            draws.scalar(Group::Posterior, &name("gap_mm"), gap_mm.clone());
+        } else {
+            let k = paths.iter().map(|path| surface_kpa * path.modulus_ln.exp()).collect();
+            draws.scalar(Group::Posterior, &name("k_kpa"), k);
+            let gap = paths.iter().map(|path| 1e3 * path.gap_ln.exp()).collect();
+            draws.scalar(Group::Posterior, &name("gap_mm"), gap);
+        }
+        draws.scalar(Group::Prior, &name("k_kpa"), k_kpa);
+        draws.scalar(Group::Prior, &name("gap_mm"), gap_mm);
+        let depths_mm = |list: &[f64]| list.iter().map(|depth_m| 1e3 * depth_m).collect::<Vec<_>>();
+        let mut loads_mm = depths_mm(&loads_at_m(self.grid));
+        loads_mm.pop();
+        draws.coordinate(&name("load_depth_mm"), loads_mm);
+        let mut noise = streams.noise();
+        for (plane, axis) in ["y", "x"].into_iter().enumerate().take(if self.is_two_planes { 2 } else { 1 }) {
+            let angles: Option<Vec<f64>> =
+                paths.iter().map(|path| Some(path.entry_angle_rad.get(plane)?.to_degrees())).collect();
+            draws.scalar(
+                Group::Posterior,
+                &name(&format!("entry_angle_{axis}_deg")),
+                angles.unwrap_or_default(),
+            );
+            let loads: Vec<&[f64]> =
+                paths.iter().filter_map(|path| path.load_n.get(plane).map(Vec::as_slice)).collect();
+            let at_end: Vec<f64> = loads.iter().filter_map(|load| load.last().copied()).collect();
+            draws.scalar(Group::Posterior, &name(&format!("tip_force_{axis}_n")), at_end);
+            let along = loads.iter().filter_map(|load| Some(load.split_last()?.1.to_vec())).collect();
+            draws.list(Group::Posterior, &name(&format!("load_{axis}_n")), &name("load_depth_mm"), along);
+            self.add_path(plane, axis, &mut noise, draws);
+        }
+    }
+
+    /// Adds readings of the path in a plane: where it was measured, and where it was not.
+    fn add_path(&self, plane: usize, axis: &str, noise: &mut Random, draws: &mut Draws) {
+        let measured = self.grid.measured();
+        let measured_mm = if plane == 0 { Some(measured.y_mm) } else { measured.x_mm };
+        let Some(measured_mm) = measured_mm else { return };
+        let sd_mm = |path: &PathDraw| 1e3 * path.irregularity_m.hypot(self.noise_m);
+        let readings: Vec<Vec<f64>> = self
+            .paths
+            .iter()
+            .map(|path| {
+                let tip_m = path.tip_m.get(plane).map(Vec::as_slice).unwrap_or_default();
+                tip_m.iter().map(|tip_m| 1e3 * tip_m + sd_mm(path) * noise.normal()).collect()
+            })
+            .collect();
+        let is_measured = |at: &usize| measured_mm.get(*at).copied().flatten().is_some();
+        let (taken, not_taken): (Vec<usize>, Vec<usize>) =
+            (0..self.grid.depth_m.len()).partition(is_measured);
+        let depths_mm = |places: &[usize]| places.iter().map(|at| *at as f64).collect::<Vec<_>>();
+        let rows = |places: &[usize]| -> Vec<Vec<f64>> {
+            let row = |path: &Vec<f64>| places.iter().filter_map(|at| path.get(*at).copied()).collect();
+            readings.iter().map(row).collect()
+        };
+        let name = format!("{}.tip_{axis}_mm", self.id);
+        let dimension = format!("{}.tip_{axis}.depth_mm", self.id);
+        draws.coordinate(&dimension, depths_mm(&taken));
+        draws.list(Group::PosteriorPredictive, &name, &dimension, rows(&taken));
+        let of_taken = || taken.iter().filter_map(|at| measured_mm.get(*at).copied().flatten());
+        draws.list(Group::ObservedData, &name, &dimension, vec![of_taken().collect()]);
+        let likely = |path: &PathDraw| -> Vec<f64> {
+            let tip_m = path.tip_m.get(plane).map(Vec::as_slice).unwrap_or_default();
+            let sd_mm = sd_mm(path);
+            let ln_density = |(at, measured): (&usize, f64)| {
+                let off = (measured - 1e3 * tip_m.get(*at).copied().unwrap_or(f64::NAN)) / sd_mm;
+                -0.5 * (off * off + std::f64::consts::TAU.ln()) - sd_mm.ln()
+            };
+            taken.iter().zip(of_taken()).map(ln_density).collect()
+        };
+        draws.list(Group::LogLikelihood, &name, &dimension, self.paths.iter().map(likely).collect());
+        let ahead = format!("{}.tip_{axis}.depth_ahead_mm", self.id);
+        draws.coordinate(&ahead, depths_mm(&not_taken));
+        draws.list(Group::Predictions, &name, &ahead, rows(&not_taken));
+    }
+}
