@@ -5,10 +5,12 @@
 //! | what a report is made of | `page` |
 //! | the sections | `setup`, `images`, `identification`, `insertions`, `steering`, `discrepancy`, `origin` |
 //! | the page as HTML | `html` |
+//! | the report with all that makes it again, in one file | `bundle` |
 //!
 //! An analysis that the session has nothing for is skipped with a line that reports it; one that fails is a line with its reason. The
 //! same session, options and [`Origin`] give the same report, byte by byte.
 
+pub mod bundle;
 mod discrepancy;
 mod html;
 mod identification;
@@ -25,6 +27,7 @@ pub use page::{Outcome, Report};
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use inference::diagnose::{self, Diagnosis, diagnose};
+use inference::draws::DrawOptions;
 use inference::identify::{self, Identification, YoungsMethod, identify};
 use inference::predict::{self, Prediction, predict};
 use inference::track::results::Tracking;
@@ -44,11 +47,13 @@ pub struct Options {
     pub model: Option<ModelFile>,
     /// What is known of the rig.
     pub rig: Option<ModelFile>,
+    /// Draws from the posteriors beside the results.
+    pub draws: Option<DrawOptions>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { until_m: predict::Options::default().until_m, model: None, rig: None }
+        Self { until_m: predict::Options::default().until_m, model: None, rig: None, draws: None }
     }
 }
 
@@ -76,6 +81,7 @@ impl Analyses {
         let model = options.model.as_ref().unwrap_or(&none);
         let of_identification = identify::Options {
             relation: YoungsMethod::Continuum(Contact::Bonded),
+            draws: options.draws,
             ..identify::Options::default()
         }
         .with_model(model)
@@ -83,9 +89,13 @@ impl Analyses {
         let identification =
             outcome(has_lateral, "the session has no lateral runs", || identify(session, &of_identification));
         on_progress("predicting");
-        let of_prediction = predict::Options { until_m: options.until_m, ..predict::Options::default() }
-            .with_model(model, !has_lateral)
-            .with_rig(options.rig.as_ref());
+        let of_prediction = predict::Options {
+            until_m: options.until_m,
+            draws: options.draws,
+            ..predict::Options::default()
+        }
+        .with_model(model, !has_lateral)
+        .with_rig(options.rig.as_ref());
         let prediction =
             outcome(has_insertions, "the session has no insertions", || predict(session, &of_prediction));
         on_progress("tracking");
@@ -95,6 +105,7 @@ impl Analyses {
         let of_diagnosis = diagnose::Options {
             given: model.effects(),
             discrepancy: model.discrepancy.clone(),
+            draws: options.draws,
             foundation: session.tissue.foundation.into(),
             poisson: session.tissue.poisson.unwrap_or(diagnose::INCOMPRESSIBLE),
             ..diagnose::Options::default()

@@ -12,6 +12,8 @@ use tempfile::TempDir;
 
 #[path = "command_line/begin.rs"]
 mod begin;
+#[path = "command_line/bundle.rs"]
+mod bundle;
 #[path = "command_line/clocks.rs"]
 mod clocks;
 #[path = "command_line/draws.rs"]

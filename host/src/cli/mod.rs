@@ -47,6 +47,7 @@ mod record;
 mod recordings;
 mod relation;
 mod report;
+mod report_bundle;
 mod rig_args;
 mod serve;
 mod shell;

@@ -180,12 +180,17 @@ pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyho
 /// Writes a whole file, in place of one that is there: after a failure the old one is. A link to a file is neither followed nor replaced:
 /// another program may have put it there, and what it leads to was not named.
 pub fn write_file(path: &Path, content: &str) -> anyhow::Result<()> {
+    write_bytes(path, content.as_bytes())
+}
+
+/// The same of bytes.
+pub fn write_bytes(path: &Path, content: &[u8]) -> anyhow::Result<()> {
     let is_link = path.symlink_metadata().is_ok_and(|named| named.is_symlink());
     // `/dev/stdout` is a link too, to what the caller's shell has opened.
     if is_link && !path.starts_with("/dev") && fs::metadata(path).map_or(true, |target| target.is_file()) {
         bail!("{}: cannot write: it is a link; name the file that it leads to", path.display());
     }
-    files::replace(path, content.as_bytes()).with_context(|| format!("{}: cannot write", path.display()))
+    files::replace(path, content).with_context(|| format!("{}: cannot write", path.display()))
 }
 
 /// Writes a result as the document that `--json` prints.

@@ -2,8 +2,10 @@
 
 use super::characterized::CharacterizedArgs;
 use super::output::{Output, write_file};
+use super::report_bundle;
+use crate::report::bundle::Wishes;
 use crate::report::{Analyses, Day, Options, Origin, Outcome, Report};
-use anyhow::ensure;
+use anyhow::{bail, ensure};
 use device::words::join;
 use formats::model_file::ModelFile;
 use formats::session::Session;
@@ -16,11 +18,13 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide report phantom-a\n  guide report phantom-a --until 70 --model model.toml --out phantom-a.html\n  \
-                  guide report phantom-a --date 2025-03-01"
+                  guide report phantom-a --date 2025-03-01\n  guide report phantom-a --bundle phantom-a.zip\n  \
+                  guide report --verify phantom-a.zip"
 )]
 pub struct Args {
     /// Session folder (holds session.toml)
-    dir: PathBuf,
+    #[arg(required_unless_present = "verify")]
+    dir: Option<PathBuf>,
     /// File to write (default: report.html in the session folder)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -35,19 +39,50 @@ pub struct Args {
     /// Date of the report: YYYY-MM-DD, or today (default: time of the newest file that it is made from)
     #[arg(long, value_name = "DATE")]
     date: Option<Day>,
+    /// Write the report with session, models, results, draws and checksums into one zip file, from which --verify makes it again elsewhere
+    #[arg(long, value_name = "FILE", conflicts_with = "out")]
+    bundle: Option<PathBuf>,
+    /// Verify such a file: whether all in it is as it was made, and whether the same results come out here, byte for byte
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["dir", "out", "model", "characterized", "until", "date", "bundle"])]
+    verify: Option<PathBuf>,
 }
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    match (&args.verify, &args.dir, &args.bundle) {
+        (Some(path), ..) => report_bundle::verify(path, out),
+        (None, Some(dir), Some(path)) => bundle(args, dir, path, out),
+        (None, Some(dir), None) => page(args, dir, out),
+        (None, None, _) => bail!("DIR: missing, expected a session folder or --verify"),
+    }
+}
+
+/// Date of the report, and the model files that it is made from.
+fn origin(args: &Args, dir: &Path, session: &Session) -> anyhow::Result<Origin> {
     ensure!((5.0..=500.0).contains(&args.until), "--until: {}, expected 5 to 500 mm", args.until);
-    let session = Session::read(&args.dir)?;
-    let model = args.model.as_deref().map(ModelFile::read).transpose()?;
-    let (rig_file, rig) = args.rig.read(&args.dir)?.unzip();
+    let rig_file = args.rig.read(dir)?.map(|(path, _)| path);
     let models: Vec<PathBuf> = args.model.iter().chain(&rig_file).cloned().collect();
-    let origin = Origin::of(&session, &models, command(args), args.date.unwrap_or_default())?;
+    Ok(Origin::of(session, &models, command(args, dir), args.date.unwrap_or_default())?)
+}
+
+/// Makes a bundle.
+fn bundle(args: &Args, dir: &Path, path: &Path, out: &mut Output) -> anyhow::Result<()> {
+    let session = Session::read(dir)?;
+    let date = origin(args, dir, &session)?.date;
+    let wishes =
+        Wishes { until_mm: args.until, model: args.model.as_deref(), characterized: args.rig.file(), date };
+    report_bundle::make(&session, &wishes, path, out)
+}
+
+/// Writes the page.
+fn page(args: &Args, dir: &Path, out: &mut Output) -> anyhow::Result<()> {
+    let session = Session::read(dir)?;
+    let origin = origin(args, dir, &session)?;
+    let model = args.model.as_deref().map(ModelFile::read).transpose()?;
+    let rig = args.rig.read(dir)?.map(|(_, rig)| rig);
 
     let progress = out.progress();
-    let options = Options { until_m: 1e-3 * args.until, model, rig };
+    let options = Options { until_m: 1e-3 * args.until, model, rig, draws: None };
     let analyses = Analyses::of(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
     for failure in analyses.failures() {
@@ -55,15 +90,15 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     }
     let report = Report::new(&session, &analyses, &origin);
     let html = report.html();
-    let path = args.out.clone().unwrap_or_else(|| args.dir.join("report.html"));
+    let path = args.out.clone().unwrap_or_else(|| dir.join("report.html"));
     write_file(&path, &html)?;
     let done = Done::new(&session, &report, &analyses, &path, html.len());
     out.result(&done, &done)
 }
 
 /// The command with what the report depends on: where it is written to, it does not.
-fn command(args: &Args) -> String {
-    let mut words = vec!["guide".to_owned(), "report".to_owned(), args.dir.display().to_string()];
+fn command(args: &Args, dir: &Path) -> String {
+    let mut words = vec!["guide".to_owned(), "report".to_owned(), dir.display().to_string()];
     if let Some(model) = &args.model {
         words.extend(["--model".to_owned(), model.display().to_string()]);
     }

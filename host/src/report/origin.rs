@@ -3,6 +3,7 @@
 use super::page::{Block, Outcome, Section, number, words};
 use formats::files::with_slashes;
 use formats::session::{Session, SessionError};
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fmt::Write;
 use std::fs;
@@ -23,7 +24,7 @@ pub struct Origin {
 }
 
 /// A file and its checksum.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileSum {
     /// Its name; within the session's folder where it is there.
     pub name: String,
@@ -64,14 +65,8 @@ impl Origin {
     /// # Errors
     /// [`SessionError::Io`] where one of them cannot be read any more.
     pub fn of(session: &Session, more: &[PathBuf], command: String, day: Day) -> Result<Self, SessionError> {
-        let lateral = session.lateral.iter().flat_map(|run| [&run.force_path, &run.shape_path]);
-        let insertion = session.insertion.iter().map(|run| &run.path);
-        let steering = session.steering.iter().map(|run| &run.path);
-        let indentation = session.indentation.iter().map(|run| &run.path);
-        let of_runs = lateral.chain(insertion).chain(steering).chain(indentation);
-        let mut paths = vec![session.dir.join("session.toml")];
-        for path in of_runs.chain(more) {
-            // Runs may share a file.
+        let mut paths = Self::paths(session);
+        for path in more {
             if !paths.contains(path) {
                 paths.push(path.clone());
             }
@@ -91,14 +86,35 @@ impl Origin {
         Ok(Self { command, date, files })
     }
 
-    /// The section.
-    pub(super) fn section(&self) -> Section {
-        let program = match env!("GUIDE_GIT") {
+    /// The files that a session is read from, each once.
+    pub(super) fn paths(session: &Session) -> Vec<PathBuf> {
+        let lateral = session.lateral.iter().flat_map(|run| [&run.force_path, &run.shape_path]);
+        let insertion = session.insertion.iter().map(|run| &run.path);
+        let steering = session.steering.iter().map(|run| &run.path);
+        let indentation = session.indentation.iter().map(|run| &run.path);
+        let of_runs = lateral.chain(insertion).chain(steering).chain(indentation);
+        let mut paths = vec![session.dir.join("session.toml")];
+        for path in of_runs {
+            // Runs may share a file.
+            if !paths.contains(path) {
+                paths.push(path.clone());
+            }
+        }
+        paths
+    }
+
+    /// The program with its source state.
+    pub(super) fn program() -> String {
+        match env!("GUIDE_GIT") {
             "unknown" => format!("guide {}", env!("CARGO_PKG_VERSION")),
             commit => format!("guide {} ({commit})", env!("CARGO_PKG_VERSION")),
-        };
+        }
+    }
+
+    /// The section.
+    pub(super) fn section(&self) -> Section {
         let rows = vec![
-            vec!["program".to_owned(), program],
+            vec!["program".to_owned(), Self::program()],
             vec!["command".to_owned(), self.command.clone()],
             vec!["date".to_owned(), self.date.clone()],
         ];
@@ -123,14 +139,23 @@ impl FileSum {
         let io = |cause| SessionError::Io { path: path.to_owned(), action: "read", cause };
         let bytes = fs::read(path).map_err(io)?;
         let modified = fs::metadata(path).and_then(|of| of.modified()).map_err(io)?;
-        let sha256 = Sha256::digest(&bytes).iter().fold(String::new(), |mut text, byte| {
-            // Writing to a string does not fail.
-            let _ = write!(text, "{byte:02x}");
-            text
-        });
         let name = path.strip_prefix(dir).map_or_else(|_| path.display().to_string(), with_slashes);
-        Ok((Self { name, bytes: bytes.len(), sha256 }, modified))
+        Ok((Self::of_bytes(&name, &bytes), modified))
     }
+
+    /// Of a file with this content.
+    pub(super) fn of_bytes(name: &str, bytes: &[u8]) -> Self {
+        Self { name: name.to_owned(), bytes: bytes.len(), sha256: checksum(bytes) }
+    }
+}
+
+/// SHA-256 in hexadecimal.
+pub(super) fn checksum(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().fold(String::new(), |mut text, byte| {
+        // Writing to a string does not fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
 }
 
 fn day_of(date: Date) -> String {
