@@ -173,7 +173,7 @@ impl Search<'_> {
         Ok(Found { fitted: current, members, described, first, last, prior })
     }
 
-    /// A model with laws beside which something is left: they describe a part of what is missing, which is none of the models that were
+    /// A model with laws beside which something is left, in the runs and in what was held out of them: they describe a part of what is missing, which is none of the models that were
     /// compared, so that their probabilities among these say nothing. A name has its physics besides; a law has nothing but its fit.
     fn described(&self, current: &Fitted) -> Result<Option<Fitted>, FitError> {
         let effects = current.layout.effects.iter().skip(current.layout.given);
@@ -181,7 +181,8 @@ impl Search<'_> {
             return Ok(None);
         }
         let adequacy = Adequacy::of(current, self.runs, self.patterns)?;
-        Ok((!adequacy.is_adequate()).then(|| current.clone()))
+        let is_left = !adequacy.is_adequate() && !self.judge.is_chance(current);
+        Ok(is_left.then(|| current.clone()))
     }
 
     /// The same with names alone.

@@ -238,6 +238,14 @@ impl Judge {
         Some(tally.parts.into_iter().map(|(loss, _)| loss).collect())
     }
 
+    /// Whether no more of what was held out is left beside a model than chance leaves; so where nothing is held out.
+    pub fn is_chance(&self, fitted: &Fitted) -> bool {
+        let Ok(tally) = self.tally(fitted) else { return false };
+        let (left, count) =
+            tally.parts.iter().fold((0.0, 0.0), |(x, n), part| (x + part.0, n + part.1 as f64));
+        left <= by_chance(count)
+    }
+
     /// How far two models are from what was held out, and how much of the removable misfit the second one removes. Nothing where
     /// nothing is held out.
     ///
@@ -263,7 +271,7 @@ impl Judge {
                 n += before.parts[part].1 as f64;
             }
             // Only a gap that is more than chance can be removed.
-            (b > n + CHANCE * (2.0 * n).sqrt()).then(|| ((b - a) / (b - n)).min(1.0))
+            (b > by_chance(n)).then(|| ((b - a) / (b - n)).min(1.0))
         };
         let count = before.parts.len();
         let share = removed(&mut (0..count));
@@ -313,6 +321,11 @@ impl Judge {
         }
         Ok(tally)
     }
+}
+
+/// Misfit of so many readings that chance does not exceed.
+fn by_chance(count: f64) -> f64 {
+    count + CHANCE * (2.0 * count).sqrt()
 }
 
 /// Residuals under both models with their places.

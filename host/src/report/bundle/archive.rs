@@ -4,7 +4,7 @@ use super::{Bundle, BundleError, Files, LIST, List};
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{Cursor, Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{DateTime, ZipArchive, ZipWriter};
@@ -53,8 +53,8 @@ impl Bundle {
                 .by_index(number)
                 .map_err(|why| archive(path, format!("file {number}: damaged: {why}")))?;
             let name = entry.name().to_owned();
-            let is_plain = !name.contains('\\')
-                && entry.enclosed_name().is_some_and(|inside| inside == PathBuf::from(&name));
+            let is_plain =
+                !name.contains('\\') && entry.enclosed_name().is_some_and(|inside| inside == *name);
             if !is_plain || entry.is_dir() || !names.insert(name.clone()) {
                 return Err(archive(
                     path,
