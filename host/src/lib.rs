@@ -17,6 +17,7 @@
 #![deny(missing_docs)]
 
 pub mod cli;
+pub mod follow;
 pub mod foreign;
 pub mod igtl;
 pub mod report;

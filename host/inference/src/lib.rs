@@ -9,7 +9,7 @@
 //! | [`plan`] | the interval that a lateral run will give |
 //! | [`check`] | what each command can do with a session |
 //! | [`fit()`], [`LateralData`] | weighted least squares over parameters shared by all runs and nuisances of each run; a lateral run as one of its blocks |
-//! | [`draws`] | draws from posteriors, in the layout of ArviZ |
+//! | [`draws`], [`sequential`] | draws from posteriors, in the layout of ArviZ; whether readings still follow a model, asked after every one |
 //! | [`holds`], [`intervals`] | holds and sweeps in the series of a run; profile likelihood and bootstrap |
 //! | [`modulus`], [`relation`], [`indentation`] | from the foundation modulus to Young's modulus; an independent measurement of the latter |
 //! | [`prior`], [`summarize()`] | K from many sessions as a prior; the record of a session for `population` |
@@ -42,7 +42,7 @@ pub use modulus::{self, energy, indentation, prior, relation};
 pub use readings::{
     Block, ChannelFit, DisplacementHistory, Fit, FitError, Fixed, ForceZero, HoldData, LateralData, Measured,
     Parameter, Prior, ShapeDatum, ShapeFit, SharedErrors, channel_fits, draws, effect_parameters, fit, holds,
-    intervals, shape_fits,
+    intervals, sequential, shape_fits,
 };
 pub use summarize::{summarize, summarize_session};
 pub use track;

@@ -8,6 +8,7 @@
 //! | [`fit()`] | weighted least squares over parameters shared by all runs and nuisances of each run |
 //! | [`draws`] | draws from posteriors, in the layout of ArviZ |
 //! | [`intervals`] | profile likelihood and bootstrap of such a fit |
+//! | [`sequential`] | whether readings still follow a model, asked after every one of them |
 //!
 //! What is identified, diagnosed or planned with them is in the crates above.
 #![forbid(unsafe_code)]
@@ -19,6 +20,7 @@ pub mod holds;
 pub mod intervals;
 mod lateral;
 pub mod outliers;
+pub mod sequential;
 
 pub use fit::{Block, Fit, FitError, Parameter, Prior, bounded_step, fit};
 pub use lateral::{

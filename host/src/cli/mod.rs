@@ -21,6 +21,7 @@ pub mod device;
 mod diagnose;
 mod draws_args;
 mod effects;
+mod followed;
 mod foundation_args;
 mod frame_pictures;
 mod identify;

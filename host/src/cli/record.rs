@@ -1,11 +1,13 @@
 //! `guide acquire` and `guide record`: measuring into a session.
 
+use super::followed::Followed;
 use super::igtl::{PublishArgs, TrackerArgs};
 use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
+use crate::follow::Follower;
 use crate::foreign::{Form, printable};
 use crate::igtl::Live;
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use device::link::{Batch, Client, Program, RunOptions, Telemetry};
 use device::record::{AcquisitionObserver, Recorded, Recorder, Ultrasound, acquire, provenance};
 use device::recording::{RawFile, RawRecorder, RecordingInfo};
@@ -42,12 +44,24 @@ pub(super) struct SessionArgs {
     /// Do not write a raw recording
     #[arg(long)]
     no_raw: bool,
+    /// Compare the force with this model (model.toml of `guide diagnose --out`) while it is measured, and say since when it no longer follows
+    #[arg(long, value_name = "FILE")]
+    follow: Option<PathBuf>,
 }
 
 impl SessionArgs {
     /// For a run in air with this name, with its raw recording.
     pub(super) fn in_air(out: PathBuf, rig: Option<PathBuf>, id: String) -> Self {
-        Self { out, depth_mm: 0.0, rig, id: Some(id), raw: None, no_raw: false }
+        Self { out, depth_mm: 0.0, rig, id: Some(id), raw: None, no_raw: false, follow: None }
+    }
+
+    /// What follows the readings, where a model is given.
+    fn follower(&self, setup: &Setup) -> anyhow::Result<Option<Follower>> {
+        let Some(path) = &self.follow else { return Ok(None) };
+        ensure!(self.depth_mm > 0.0, "--follow: in air no model has a force, expected a depth in tissue");
+        let model = ModelFile::read(path)?;
+        let follower = Follower::new(&model, &setup.rig, 1e-3 * self.depth_mm);
+        Ok(Some(follower.with_context(|| format!("{}: cannot be followed", path.display()))?))
     }
 }
 
@@ -140,6 +154,9 @@ struct Report<'a> {
     frames: Option<PathBuf>,
     /// Holds, sweeps and points that no result will use.
     unused: Vec<UnusedPart>,
+    /// How the force followed a model, where one was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    followed: Option<Followed>,
 }
 
 impl Display for Report<'_> {
@@ -183,6 +200,9 @@ impl Display for Report<'_> {
         if let Some(raw) = self.raw {
             writeln!(f, "raw        {}: {} bytes", raw.path.display(), raw.bytes)?;
         }
+        if let Some(followed) = &self.followed {
+            write!(f, "{followed}")?;
+        }
         for line in summary(&self.unused) {
             writeln!(f, "warning    {line}")?;
         }
@@ -194,6 +214,7 @@ impl Display for Report<'_> {
 pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let program = Program::load(&args.program)?;
     let opened = open_session(&args.session)?;
+    let mut follower = args.session.follower(&opened.setup)?;
     let ultrasound = match (args.tracker.connect()?, &args.sweep_command) {
         (Some(tracker), _) => Ultrasound::Tracker(Box::new(tracker)),
         (None, Some(command)) => Ultrasound::Command(command),
@@ -212,10 +233,11 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let live = args.publish.begin(&opened.setup.rig, &args.session.out, args.session.depth_mm, out)?;
     args.limit.set(&mut client)?;
     let options = args.start.options(true)?;
-    let about = Measured { command: "acquire", session: &args.session, tared, live };
+    let about =
+        Measured { command: "acquire", session: &args.session, tared, live, follower: follower.as_mut() };
     let id = opened.id.clone();
     let (recorded, raw) = record_program(&mut client, opened, &program, ultrasound, options, about, out)?;
-    print("guide.acquire/1", &args.session, &id, recorded, raw.as_ref(), out)
+    print("guide.acquire/1", &args.session, &id, recorded, raw.as_ref(), follower, out)
 }
 
 /// What a recorded program is recorded for.
@@ -227,6 +249,8 @@ pub(super) struct Measured<'a> {
     pub tared: bool,
     /// Who follows it meanwhile.
     pub live: Option<Live>,
+    /// What compares it with a model.
+    pub follower: Option<&'a mut Follower>,
 }
 
 /// Runs a program on the device and records it into a session.
@@ -240,7 +264,7 @@ pub(super) fn record_program(
     out: &Output,
 ) -> anyhow::Result<(Recorded, Option<RawFile>)> {
     let Opened { mut session, id, setup } = opened;
-    let Measured { command, session: args, tared, live } = about;
+    let Measured { command, session: args, tared, live, follower } = about;
     let raw = start_raw(args, command, &id, &setup, tared, client)?;
     let made_with = provenance(client.hello(), Some(tared));
     let bar = ProgressBar::new(program.steps.len() as u64).with_style(
@@ -250,7 +274,7 @@ pub(super) fn record_program(
     bar.set_message(printable(&program.name, Form::Text).into_owned());
     bar.enable_steady_tick(Duration::from_millis(200));
     let outcome = measure(&mut session, &id, args.depth_mm, made_with, |recorder| {
-        let mut watch = Watch { bar: &bar, live, out };
+        let mut watch = Watch { bar: &bar, live, follower, out };
         Ok(acquire(client, program, options, ultrasound, recorder, &mut watch)?)
     });
     bar.finish_and_clear();
@@ -261,6 +285,7 @@ pub(super) fn record_program(
 /// Runs `guide record`.
 pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
     let Opened { mut session, id, setup } = open_session(&args.session)?;
+    let mut follower = args.session.follower(&setup)?;
     let mut tracker = args.tracker.connect()?;
     let mut client = Client::connect(&args.port.port)?;
     let interrupted = interrupted()?;
@@ -270,7 +295,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
     let made_with = provenance(client.hello(), Some(tared));
     let mut faults = FaultNotes::default();
     let hidden = ProgressBar::hidden();
-    let mut watch = Watch { bar: &hidden, live, out };
+    let mut watch = Watch { bar: &hidden, live, follower: follower.as_mut(), out };
     let outcome = measure(&mut session, &id, args.session.depth_mm, made_with, |recorder| {
         client.request(Request::Stream { enable: true })?;
         while !interrupted.load(Ordering::Acquire)
@@ -296,13 +321,14 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
     });
     tracker.iter().flat_map(|tracker| tracker.unused()).for_each(|remark| watch.note(&remark));
     let raw = raw.map(RawRecorder::finish).transpose();
-    print("guide.record/1", &args.session, &id, outcome?, raw?.as_ref(), out)
+    print("guide.record/1", &args.session, &id, outcome?, raw?.as_ref(), follower, out)
 }
 
 /// Follows the recording of a run: shows the progress, publishes where that is wanted.
 struct Watch<'a> {
     bar: &'a ProgressBar,
     live: Option<Live>,
+    follower: Option<&'a mut Follower>,
     out: &'a Output,
 }
 
@@ -314,6 +340,10 @@ impl AcquisitionObserver for Watch<'_> {
     fn samples(&mut self, batch: &Batch) {
         if let Some(live) = &mut self.live {
             live.samples(batch);
+        }
+        let found = self.follower.as_mut().map(|follower| follower.push(&batch.points)).unwrap_or_default();
+        for parted in found {
+            self.note(&format!("warning: {}", parted.sentence(parted.time_of_day())));
         }
     }
 
@@ -407,6 +437,7 @@ fn print(
     id: &str,
     recorded: Recorded,
     raw: Option<&RawFile>,
+    follower: Option<Follower>,
     out: &mut Output,
 ) -> anyhow::Result<()> {
     let session = args.out.to_string_lossy();
@@ -419,6 +450,7 @@ fn print(
         raw,
         frames,
         unused: unused_of(&args.out, id),
+        followed: follower.map(Followed::from),
     };
     out.result(&report, &report)
 }

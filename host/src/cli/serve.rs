@@ -130,6 +130,7 @@ fn follow(client: Client, live: &Arc<Mutex<Live>>, remarks: Sender<String>) -> a
         let remark = match event {
             Event::Telemetry(Telemetry::Samples(batch)) => return lock(&live).samples(&batch),
             Event::Lost(reason) => format!("the connection to the device is lost: {reason}"),
+            Event::Parted(text) => text,
             Event::Connected { .. } | Event::Telemetry(_) | Event::LinkTotals(_) | Event::Command(_) => {
                 return;
             }

@@ -31,6 +31,8 @@ pub struct Report {
     stiffness_y: Option<Stiffness>,
     link: Link,
     device: Option<Device>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    parted: Vec<String>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -107,6 +109,7 @@ impl Report {
                 losses: state.health.total().losses,
             },
             device: state.status.as_deref().map(device),
+            parted: state.parted.clone(),
         }
     }
 }

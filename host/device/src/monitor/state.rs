@@ -34,6 +34,8 @@ pub enum Event {
     Lost(String),
     /// Outcome of a command.
     Command(Outcome),
+    /// The force no longer follows a model, in words.
+    Parted(String),
 }
 
 /// What became of a command.
@@ -91,8 +93,10 @@ pub struct State {
     pub fault: Option<Fault>,
     /// A restart that the user has not dismissed.
     pub restart: Option<Restart>,
-    /// Outcome of the last command.
+    /// Outcome of the last command, or what has been noticed since.
     pub outcome: Option<Outcome>,
+    /// Where the force no longer follows a model, in words.
+    pub parted: Vec<String>,
     /// Force and displacement over time.
     pub traces: Traces,
     /// Losses, rates and load of the link.
@@ -127,6 +131,11 @@ impl State {
                 self.news += 1;
             }
             Event::Command(outcome) => self.outcome = Some(outcome),
+            Event::Parted(text) => {
+                self.outcome = Some(Outcome { text: text.clone(), good: false });
+                self.parted.push(text);
+                self.news += 1;
+            }
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::link::LinkLosses;
+use crate::monitor::report::Report;
 use crate::monitor::testing::{batch, hello, running, status};
 
 fn received(status: Status) -> Event {
@@ -137,4 +138,20 @@ fn every_status_and_every_change_of_the_connection_is_news() {
         news.push(state.news());
     }
     assert_eq!(news, [0, 1, 2, 3, 3, 3]);
+}
+
+#[test]
+fn what_no_longer_follows_a_model_is_shown_and_kept() {
+    let mut state = State::new("port");
+    let before = state.news();
+    state.take(Event::Parted("the force along y no longer follows".to_owned()), 1.0);
+    assert!(state.news() > before);
+    assert!(state.outcome.as_ref().is_some_and(|outcome| !outcome.good && outcome.text.contains("along y")));
+    // A command's outcome takes its line, and not its place in the document.
+    state.take(Event::Command(Outcome { text: "home: done".to_owned(), good: true }), 2.0);
+    let document = serde_json::to_value(Report::new(&state, 3.0)).expect("a document");
+    assert_eq!(document["parted"], serde_json::json!(["the force along y no longer follows"]));
+    assert!(
+        serde_json::to_value(Report::new(&State::new("port"), 0.0)).expect("a document")["parted"].is_null()
+    );
 }

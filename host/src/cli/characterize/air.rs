@@ -98,7 +98,8 @@ pub fn record(args: &AirArgs, session: &Path, out: &Output) -> anyhow::Result<Op
         let program = run_program(axis, reach_mm).map_err(|problem| anyhow!("{problem}"))?;
         run(&mut client, &tare, at(timetable.start_s(&tare)), |_, _| Ok::<(), LinkError>(()))?;
         let ultrasound = args.sweep_command.as_deref().map_or(Ultrasound::Absent, Ultrasound::Command);
-        let about = Measured { command: "characterize", session: &place, tared: true, live: None };
+        let about =
+            Measured { command: "characterize", session: &place, tared: true, live: None, follower: None };
         let options = at(timetable.start_s(&program));
         let (recorded, _) = record_program(&mut client, opened, &program, ultrasound, options, about, out)?;
         done.push(RunInAir { run: id, recorded });
