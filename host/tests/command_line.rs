@@ -14,6 +14,8 @@ use tempfile::TempDir;
 mod begin;
 #[path = "command_line/bundle.rs"]
 mod bundle;
+#[path = "command_line/check.rs"]
+mod check;
 #[path = "command_line/clocks.rs"]
 mod clocks;
 #[path = "command_line/draws.rs"]

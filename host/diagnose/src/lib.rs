@@ -25,6 +25,7 @@
 //! | intervals over all members of a class | `averaged` |
 //! | the result | `report`, `results` |
 //! | draws from its posterior, for other programs | `draws` |
+//! | what a session could show, before it is asked | `check` |
 //! | effects switched on and off by a person | `workbench` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
@@ -36,6 +37,7 @@ mod adequacy;
 mod averaged;
 mod cells;
 mod characterize;
+mod check;
 mod choice;
 mod course;
 mod data;
@@ -78,6 +80,7 @@ pub use averaged::interval as mixture_interval;
 pub use characterize::{
     Characterisation, CharacterizeError, CharacterizeOptions, CharacterizedParameter, Standing, characterize,
 };
+pub use check::{Check, NAMED_PROBABILITY, Showable, check};
 pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};

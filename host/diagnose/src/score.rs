@@ -6,6 +6,10 @@
 //! residuals: the efficient score. With a normal prior of the amplitude the evidence of each effect over the current model is a closed
 //! form, averaged over the places or times at which an effect may sit.
 
+mod power;
+
+pub(super) use power::NamedFrom;
+
 use super::data::Kind;
 use super::evidence::Patterns;
 use super::layout::{Prepared, Scale, prior};

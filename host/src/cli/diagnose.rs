@@ -1,6 +1,7 @@
 //! `guide diagnose`: where model and measurement disagree, what is missing, and what adding it is worth.
 
 use super::characterized::CharacterizedArgs;
+use super::diagnose_check::CheckText;
 use super::draws_args::DrawsArgs;
 use super::foundation_args::FoundationArgs;
 use super::output::{Output, figures_file, write_json};
@@ -11,7 +12,7 @@ use formats::session::Session;
 use inference::diagnose::display::{channel, quantity, unit};
 use inference::diagnose::{
     Diagnosis, Estimate, FoundEffect, HeldOutMisfit, INCOMPRESSIBLE, MeanModulus, Options, RemainingSize,
-    diagnose,
+    check, diagnose,
 };
 use mechanics::effects::{Effect, all, effect};
 use std::fmt::{self, Display};
@@ -22,7 +23,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide diagnose phantom-a\n  guide diagnose phantom-a --out model.toml --plots figures\n  \
-                  guide diagnose phantom-a --model model.toml\n  guide diagnose phantom-a-repaired --reference phantom-a"
+                  guide diagnose phantom-a --model model.toml\n  guide diagnose phantom-a-repaired --reference phantom-a\n  guide diagnose phantom-a --check"
 )]
 pub struct Args {
     /// Session folder (holds session.toml)
@@ -45,6 +46,9 @@ pub struct Args {
     /// Write the result as JSON to this file: the document that --json prints, beside the text
     #[arg(long, value_name = "FILE")]
     json_out: Option<PathBuf>,
+    /// Search for nothing: print for every effect the size from which on these runs would name it with 90 % probability
+    #[arg(long, conflicts_with_all = ["reference", "out", "plots", "json_out", "draws"])]
+    check: bool,
     #[command(flatten)]
     tissue: FoundationArgs,
     /// Name effects of the catalogue only; search for no laws
@@ -86,6 +90,12 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     }
     .with_rig(rig.as_ref());
     let progress = out.progress();
+    if args.check {
+        let found = check(&session, &options, |step| progress.set_message(step.to_owned()));
+        progress.finish_and_clear();
+        let found = found.with_context(|| format!("cannot check {}", args.dir.display()))?;
+        return out.result(&found, CheckText(&found));
+    }
     let found = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
     let mut found = found.with_context(|| format!("cannot diagnose {}", args.dir.display()))?;

@@ -19,6 +19,7 @@ mod check;
 mod colour;
 pub mod device;
 mod diagnose;
+mod diagnose_check;
 mod draws_args;
 mod effects;
 mod followed;

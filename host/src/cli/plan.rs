@@ -1,17 +1,21 @@
 //! `guide plan`: which lateral run to make, before it is made.
 
+use super::diagnose_check::CheckText;
 use super::identify::nuisance;
 use super::output::{Output, write_file};
 use crate::figures;
 use anyhow::{Context, bail, ensure};
+use formats::model_file::ModelFile;
 use formats::prior_file::PriorFile;
-use formats::session::{FoundationKind, Labels, Setup};
-use inference::diagnose::INCOMPRESSIBLE;
+use formats::session::{FoundationKind, Labels, Noise, Session, Setup};
+use inference::diagnose::{self, Check, FoundationChoice, INCOMPRESSIBLE};
 use inference::plan::{Choice, Limits, Plan, PlanInput, plan};
 use inference::prior::PriorResult;
-use mechanics::Support;
 use mechanics::effects::Effect;
 use mechanics::unknowns::sensors;
+use mechanics::{Rig, Support};
+use serde::Serialize;
+use simulation::simulate::{Axis, LateralPlan, Sensors, SimulationPlan, SweepLevels};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
@@ -69,6 +73,9 @@ pub struct Args {
     /// Take an effect's parameters as unknown too; may be given more than once
     #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
     nuisance: Vec<&'static dyn Effect>,
+    /// Print too for every effect the size from which on the best of these runs, made twice, would name it with 90 % probability
+    #[arg(long)]
+    check: bool,
     /// Draw the half-width over depth as an SVG file
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -149,8 +156,88 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         write_file(path, &figures::plan(&plan)?)?;
         out.note(format_args!("drawing {}", path.display()));
     }
-    out.result(&plan, Text(&plan))
+    let check = match plan.best.as_ref().filter(|_| args.check) {
+        Some(best) => Some(checked(args, &question, best).context("cannot check the best run")?),
+        None => None,
+    };
+    let planned = Planned { plan: &plan, check: check.as_ref() };
+    out.result(&planned, &planned)
 }
+
+/// A plan, and what its best run would show.
+#[derive(Serialize)]
+struct Planned<'a> {
+    #[serde(flatten)]
+    plan: &'a Plan,
+    /// That run made twice, because what one run alone shows is not confirmed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    check: Option<&'a Check>,
+}
+
+impl Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", Text(self.plan))?;
+        match self.check {
+            Some(check) => {
+                writeln!(f, "the best run, made twice: what guide diagnose would name")?;
+                write!(f, "{}", CheckText(check))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// What a run shows if it is made twice, of a modulus in the middle of the range: by a session that is simulated as planned.
+fn checked(args: &Args, question: &PlanInput, best: &Choice) -> anyhow::Result<Check> {
+    let [least, most] = question.modulus_range_pa;
+    let modulus_pa = Some((least * most).sqrt());
+    let model = ModelFile {
+        support: question.support.is_body().then_some(question.support),
+        youngs_pa: modulus_pa.filter(|_| question.support.is_body()),
+        modulus_pa: modulus_pa.filter(|_| !question.support.is_body()),
+        ..ModelFile::default()
+    };
+    let run = |id: &str| LateralPlan {
+        id: id.to_owned(),
+        depth_m: 1e-3 * best.depth_mm,
+        axis: Axis::Y,
+        levels_m: question.levels.iter().map(|level| 1e-3 * level * best.displacement_mm).collect(),
+        hold_s: question.hold_s,
+        ramp_m_per_s: RAMP_M_PER_S,
+        rate_hz: question.rate_hz,
+        sweep_levels: SweepLevels::Extremes,
+        spacing_m: question.shape_spacing_m,
+    };
+    let plan = SimulationPlan { model, lateral: vec![run("first"), run("second")], insertion: Vec::new() };
+    let rig = Rig { guide2_m: 1e-3 * best.guide2_mm, ..question.rig.clone() };
+    let noise = Noise {
+        force_n: Some(question.force_sd_n),
+        displacement_m: Some(question.displacement_sd_m),
+        shape_m: Some(question.shape_sd_m),
+        ..Noise::default()
+    };
+    let made = plan.carry_out(&rig, Sensors::new(&noise), 1)?;
+    let session = Session {
+        dir: args.rig.clone(),
+        name: None,
+        rig,
+        fixture_mass_kg: None,
+        noise,
+        tissue: Setup::read(&args.rig)?.tissue,
+        lateral: made.lateral,
+        insertion: Vec::new(),
+        indentation: Vec::new(),
+        steering: Vec::new(),
+    };
+    let foundation =
+        if question.support.is_body() { FoundationChoice::Body } else { FoundationChoice::Springs };
+    let poisson = question.support.poisson().unwrap_or(INCOMPRESSIBLE);
+    let options = diagnose::Options { foundation, poisson, ..diagnose::Options::default() };
+    Ok(diagnose::check(&session, &options, |_| {})?)
+}
+
+/// Speed between the holds of a run that is checked: that of the built-in staircase.
+const RAMP_M_PER_S: f64 = 1e-3;
 
 struct Text<'a>(&'a Plan);
 
