@@ -26,7 +26,7 @@ const REST_STEPS: usize = 30;
 /// Guide 2 rests while it moves by less from one step to the next.
 const REST_M: f64 = 0.01e-3;
 /// No force sensor is better than this.
-const LEAST_SD_N: f64 = 1e-4;
+const LEAST_NOISE_N: f64 = 1e-4;
 /// Steps of the course that effects with a memory see: five minutes.
 const COURSE: usize = 3_000;
 /// How far guide 2 usually goes: what is solved for it is solved once.
@@ -268,11 +268,11 @@ impl Axis {
         }
         self.end_rest();
         if let Some(noise) = StepNoise::of_rest(&self.learned_n) {
-            let noise = StepNoise { sd: noise.sd.max(LEAST_SD_N), ..noise };
+            let noise = StepNoise { sd: noise.sd.max(LEAST_NOISE_N), ..noise };
             self.detector = Some((number + 1, Detector::new(noise, STEP_S, FALSE_ALARMS_PER_HOUR)));
         } else {
             // Readings without any noise: the best sensor there is.
-            let noise = StepNoise { sd: LEAST_SD_N, correlation: 0.0 };
+            let noise = StepNoise { sd: LEAST_NOISE_N, correlation: 0.0 };
             self.detector = Some((number + 1, Detector::new(noise, STEP_S, FALSE_ALARMS_PER_HOUR)));
         }
     }

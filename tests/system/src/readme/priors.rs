@@ -37,6 +37,8 @@ const OTHERS: [(&str, &[&str]); 4] = [
             "host/readings/src/intervals.rs FURTHEST_SD",
             "host/readings/src/intervals.rs PINNED_SD",
             "host/readings/src/lateral.rs FAR_SD",
+            "host/readings/src/sequential.rs MOST_SD",
+            "host/src/follow.rs SURE_SD",
             "host/src/screen/steered.rs HALF_BAND_SD",
         ],
     ),
