@@ -15,7 +15,9 @@ use super::split::Judge;
 use super::start::Start;
 use super::weights::{NO_WEIGHT, limit_refused};
 use super::{DiagnoseError, FoundationChoice, Options};
-use mechanics::{Block, Support};
+use formats::session::Tissue;
+use mechanics::Support;
+use modulus::walls::FINITE_BODY;
 
 /// A foundation on which a modulus that varies with depth is further behind than this is not searched. Second effects, and the
 /// linearisation of the score, make up for some nats.
@@ -44,15 +46,18 @@ pub(super) fn choose(
     springs: Start,
     judge: &Judge,
     options: &Options,
-    block: Option<Block>,
+    tissue: &Tissue,
     mut report: impl FnMut(&str),
 ) -> Result<Choice, DiagnoseError> {
-    let catalogue = Catalogue { laws: options.discovery, left_out: &options.left_out };
+    // Walls that are stated are in the model, or far.
+    let walls = tissue.walls.map(|_| FINITE_BODY);
+    let left_out: Vec<&'static str> = options.left_out.iter().copied().chain(walls).collect();
+    let catalogue = Catalogue { laws: options.discovery, left_out: &left_out };
     let search = |start: &Start, report: &mut dyn FnMut(&str)| on(start, judge, catalogue).run(report);
     let body = match options.foundation {
         FoundationChoice::Springs => None,
         FoundationChoice::Body | FoundationChoice::Auto => {
-            springs.on(Support::Body { poisson: options.poisson, block }).ok()
+            springs.on(Support::Body { poisson: options.poisson, block: tissue.block() }).ok()
         }
     };
     let Some(body) = body else {

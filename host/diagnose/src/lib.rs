@@ -26,6 +26,7 @@
 //! | the result | `report`, `results` |
 //! | draws from its posterior, for other programs | `draws` |
 //! | what a session could show, before it is asked | `check` |
+//! | what the walls of the tissue do to E | `walls` |
 //! | effects switched on and off by a person | `workbench` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
@@ -72,6 +73,7 @@ mod split;
 mod start;
 mod stated;
 mod two_layers;
+mod walls;
 mod weights;
 mod whiten;
 mod workbench;
@@ -109,6 +111,7 @@ use known::Released;
 use layout::{Layout, kinds};
 use mechanics::effects::Effect;
 use mechanics::{Experiment, Insertion, ModelError};
+use modulus::walls::WallsResult;
 use noise::Noise;
 use posterior::MAX_ROUNDS;
 use readings::FitError;
@@ -260,7 +263,7 @@ fn workflow<T>(
     let judge = held_out.judge(&start.fitted, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let Choice { foundation, start, found, beside: other_foundation } =
-        choose(start, &judge, options, session.tissue.block(), &mut on_progress)?;
+        choose(start, &judge, options, &session.tissue, &mut on_progress)?;
     let more = beside(&start)?;
     let found = found.around_itself(&start, &judge, &multiples);
     let (found, is_stated_wrong) = found.with_names_of_stated(&start, &judge)?;
@@ -325,7 +328,8 @@ fn workflow<T>(
         on_progress("draws are taken");
         result.draws = Some(report.sources(&prepared, &patterns).draws(&result, draws)?);
     }
-    Ok((result, more))
+    let walls = WallsResult::new(session.tissue.walls, &session.rig.needle, touched_m(&all), options.poisson);
+    Ok((result.with_walls(walls), more))
 }
 
 /// Depth of the tissue that the runs have touched: by guide 2 where there are lateral runs.
@@ -428,7 +432,8 @@ fn found_in(session: &Session) -> (Start, Found) {
     let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
     let judge = held_out.judge(&start.fitted, &noise, &Multiples::new()).expect("a judge");
     let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
-    let Choice { start, found, .. } = choose(start, &judge, &options, None, |_| {}).expect("a search");
+    let Choice { start, found, .. } =
+        choose(start, &judge, &options, &session.tissue, |_| {}).expect("a search");
     (start, found)
 }
 

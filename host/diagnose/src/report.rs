@@ -121,6 +121,7 @@ impl DiagnosisReport<'_> {
                 .collect(),
             model_file: None,
             foundation,
+            walls: None,
             reference: self.reference(averaged),
             k_kpa,
             k_ci95_kpa,

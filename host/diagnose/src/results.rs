@@ -6,6 +6,7 @@ use super::known::Moved;
 use super::posterior::Fitted;
 use formats::model_file::Alternative;
 use mechanics::Support;
+use modulus::walls::WallsResult;
 use readings::draws::Draws;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -56,6 +57,8 @@ pub struct Diagnosis {
     pub model_file: Option<String>,
     /// What the tissue was taken for, springs or an elastic body, and the evidence of both.
     pub foundation: FoundationResult,
+    /// The walls of the tissue, on which every E rests: where they are not stated its interval allows for them. Nothing where there is no E.
+    pub walls: Option<WallsResult>,
     /// What the reference has, and how the session differs from it; nothing where there is no reference.
     pub reference: Option<ReferenceResult>,
     /// Foundation modulus: that of the final model on springs; on a body that of the plain springs, the equivalent modulus.

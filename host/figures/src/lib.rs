@@ -1,4 +1,4 @@
-//! Figures of identifications, diagnoses, predictions, plans, tracked runs and populations, as SVG text: what `--plots`, the report and the
+//! Figures of identifications, diagnoses, predictions, plans, tracked runs, populations and blocks of tissue, as SVG text: what `--plots`, the report and the
 //! page in the browser show.
 //!
 //! # Example
@@ -17,6 +17,7 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+mod cubes;
 mod diagnosis;
 mod displacement;
 mod insertion;
@@ -25,6 +26,7 @@ mod populations;
 mod steered;
 mod steering;
 
+pub use cubes::cubes;
 pub use diagnosis::{gap, ranking, residuals};
 pub use displacement::{Displacement, displacement};
 pub use insertion::insertion;

@@ -41,6 +41,7 @@ fn a_plan_has_a_line_for_each_displacement() {
         rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
         support: Support::Springs,
         poisson_sd: 0.0,
+        walls: None,
         modulus_range_pa: [16e3, 16e3],
         force_sd_n: 0.4,
         displacement_sd_m: 60e-6,
@@ -57,6 +58,14 @@ fn a_plan_has_a_line_for_each_displacement() {
     };
     let figure = plan(&inference::plan::plan(&question).expect("a plan")).expect("a figure");
     assert!(figure.contains("guide 2 at 60 mm, 0.6 mm") && figure.matches("<circle").count() == 6);
+}
+
+#[test]
+fn blocks_have_a_line_for_each_mounting_and_one_for_the_half_space() {
+    let found = inference::walls::Cubes::new(&Needle::gauge_18(), 0.03, 0.5).expect("cubes");
+    let figure = cubes(&found).expect("a figure");
+    assert_eq!(figure.matches("<circle").count(), 2 * found.edge_mm.len());
+    assert!(figure.contains("sides held in a box") && figure.contains("half space"));
 }
 
 #[test]

@@ -12,6 +12,7 @@ use diagnose::{DiscrepancyFitInput, FOUNDATION_MARGIN, Interval, TwoLayers, two_
 use formats::session::Session;
 use mechanics::Support;
 use mechanics::effects::{Effect, effect};
+use modulus::walls::WallsResult;
 use readings::{Fit, LateralData, Parameter, fit};
 
 /// Log evidence of two layers over the best single modulus that establishes them, as a diagnosis requires of an effect.
@@ -163,6 +164,17 @@ impl Layers {
         let other_ahead = if self.foundation == "body" { -body_ahead } else { body_ahead };
         self.log_evidence_over_single = self.log_evidence_gain.map(|gain| gain - other_ahead.max(0.0));
         self.established = self.log_evidence_over_single.is_some_and(|gain| gain >= ESTABLISHED);
+        self
+    }
+
+    /// With what walls that are not stated may do to E of each; K does not depend on them.
+    pub(super) fn with_walls(mut self, walls: &WallsResult) -> Self {
+        if self.foundation == "body" {
+            for layer in [&mut self.upper, &mut self.lower] {
+                layer.ci95_kpa =
+                    layer.k_kpa.zip(layer.ci95_kpa).map(|(value, ends)| walls.widened(value, ends));
+            }
+        }
         self
     }
 

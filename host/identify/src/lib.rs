@@ -22,7 +22,6 @@ mod prepare;
 mod reference;
 mod residuals;
 mod results;
-mod walls;
 
 pub use diagnose::FoundationChoice;
 pub use error::{IdentifyError, RunError};
@@ -41,6 +40,7 @@ use formats::session::{LateralRun, Session};
 use mechanics::Support;
 use modulus::energy::energy_modulus;
 use modulus::prior::PriorResult;
+use modulus::walls::WallsResult;
 use options::TissueModel;
 use prepare::{Prepared, prepare};
 use readings::holds::{UnusedPart, unused_of_session};
@@ -126,9 +126,15 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     };
     let (mut youngs, mut foundation) = (youngs, foundation);
     let deepest_m = fitted.iter().map(|run| run.data.depth_m).fold(0.0, f64::max);
-    if let Some(walls) = walls::UnknownWalls::of(&session.rig.needle, deepest_m, tissue) {
-        warnings.extend(walls.widen(&mut youngs, &mut foundation));
+    let walls = WallsResult::new(session.tissue.walls, &session.rig.needle, deepest_m, tissue.poisson)
+        .beside(options.fixed.iter().map(|(effect, _)| effect.id()));
+    let of_half_space = youngs.ci95.or(foundation.body.as_ref().map(|body| body.ci95_kpa));
+    warnings.extend(walls.note(of_half_space));
+    youngs.ci95 = youngs.value.zip(youngs.ci95).map(|(value, ends)| walls.widened(value, ends));
+    if let Some(body) = &mut foundation.body {
+        body.ci95_kpa = walls.widened(body.youngs_modulus_kpa, body.ci95_kpa);
     }
+    let layers = layers.map(|found| found.with_walls(&walls));
     let reference = indentation::reference(session, &runs, &fitted, (&youngs_by, &youngs), &mut warnings);
     let k_per_ei = KPerEi::of(&session.rig.needle, pooled.k_kpa, pooled.ci95_kpa);
     if k_per_ei.is_some() {
@@ -157,6 +163,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         layers,
         foundation,
         youngs_modulus_kpa: youngs,
+        walls,
         reference,
         unused,
         warnings,

@@ -150,8 +150,6 @@ pub(super) struct TissueModel {
     pub poisson_sd: f64,
     /// The block that it is stated to be.
     pub block: Option<Block>,
-    /// Whether that, or that no wall is near, is stated.
-    pub has_walls: bool,
 }
 
 impl TissueModel {
@@ -163,7 +161,6 @@ impl TissueModel {
             poisson: options.poisson.or(stated.poisson).unwrap_or(INCOMPRESSIBLE),
             poisson_sd: options.poisson_sd.or(stated.poisson_sd).unwrap_or(0.0),
             block: stated.block(),
-            has_walls: stated.walls.is_some(),
         }
     }
 

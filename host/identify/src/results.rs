@@ -18,6 +18,7 @@ pub use run::{
 
 use mechanics::Needle;
 use modulus::prior::PriorResult;
+use modulus::walls::WallsResult;
 use readings::draws::Draws;
 use readings::holds::UnusedPart;
 use serde::Serialize;
@@ -56,6 +57,8 @@ pub struct Identification {
     pub foundation: FoundationResult,
     /// Young's modulus of the tissue: from an elastic body, or by a named relation.
     pub youngs_modulus_kpa: YoungsModulus,
+    /// The walls of the tissue, on which every E rests: where they are not stated its interval allows for them.
+    pub walls: WallsResult,
     /// Comparison with indentation; nothing without such a measurement.
     pub reference: Option<Reference>,
     /// What of the recordings is not used, with its reason.

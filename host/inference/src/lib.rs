@@ -38,7 +38,7 @@ mod summarize;
 pub use diagnose::{self, models::OtherModel};
 pub use identify;
 pub use insertion;
-pub use modulus::{self, energy, indentation, prior, relation};
+pub use modulus::{self, energy, indentation, prior, relation, walls};
 pub use readings::{
     Block, ChannelFit, DisplacementHistory, Fit, FitError, Fixed, ForceZero, HoldData, LateralData, Measured,
     Parameter, Prior, ShapeDatum, ShapeFit, SharedErrors, channel_fits, draws, effect_parameters, fit, holds,

@@ -8,11 +8,12 @@
 
 use formats::NORMAL_975;
 use formats::prior_file::ModulusPrior;
-use formats::session::DEPTH_RANGE_MM;
+use formats::session::{DEPTH_RANGE_MM, Walls};
 use mechanics::effects::Effect;
 use mechanics::unknowns::sensors::FORCE_ZERO;
 use mechanics::{Beam, Model, ModelError, Rig, Support};
 use modulus::prior::PriorResult;
+use modulus::walls::WallsResult;
 use readings::holds::{HoldCriteria, trimmed_s};
 use readings::{
     FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, SharedErrors,
@@ -29,6 +30,8 @@ pub struct PlanInput {
     pub support: Support,
     /// Standard deviation of Poisson's ratio of a body: it widens the interval of Young's modulus.
     pub poisson_sd: f64,
+    /// What is stated of the tissue's walls; a block is in `support` too.
+    pub walls: Option<Walls>,
     /// Moduli that the tissue may have, least and greatest: K of springs, E of a body.
     pub modulus_range_pa: [f64; 2],
     /// Standard deviation of one reading of the force.
@@ -154,6 +157,8 @@ pub struct Protocol {
     pub poisson: Option<f64>,
     /// Its standard deviation.
     pub poisson_sd: f64,
+    /// The walls of a body, on which E rests; where they are not stated no half-width allows for them.
+    pub walls: Option<WallsResult>,
 }
 
 /// Why there is no plan.
@@ -237,6 +242,10 @@ impl PlanInput {
             foundation: self.support.name(),
             poisson: self.support.poisson(),
             poisson_sd: self.poisson_sd,
+            walls: self.support.poisson().map(|poisson| {
+                let deepest_m = self.depths_m.iter().copied().fold(0.0, f64::max);
+                WallsResult::new(self.walls, &self.rig.needle, deepest_m, poisson)
+            }),
         }
     }
 

@@ -13,6 +13,7 @@
 //! to 0.06 per mm, at 20 to 50 mm.
 
 mod block;
+mod give;
 mod ritz;
 mod stiffened;
 mod table;
@@ -25,6 +26,7 @@ pub(super) use table::MODES;
 use table::Matrix;
 pub use wall::{RESOLVED_LENGTHS, rigid_ratio, tabulated, unknown_walls};
 
+use super::problem::Give;
 use super::{Foundation, ModelError, Support, check, quadrature};
 use table::Varied;
 
@@ -53,9 +55,9 @@ const PARTS: usize = 8;
 pub(super) fn stiffness(
     foundation: &Foundation,
     support: Support,
+    give: Give,
     radius_m: f64,
-    from_m: f64,
-    depth_m: f64,
+    [from_m, depth_m]: [f64; 2],
 ) -> Result<Matrix, ModelError> {
     let Support::Body { poisson, block } = support else {
         return Err(ModelError::NotOnBody { what: "a row of springs" });
@@ -63,12 +65,15 @@ pub(super) fn stiffness(
     let ratio = depth_m / radius_m;
     check("depth over needle radius", ratio, "1000 or less on an elastic body", ratio <= DEPTH_RANGE[1])?;
     let uniform = table::uniform(ratio.max(DEPTH_RANGE[0]), poisson);
-    let walls = |matrix: Matrix, modulus_pa: f64| match block {
-        None => Ok(matrix),
-        Some(block) => {
-            let added = block::flexibility_per_m(&block, poisson, radius_m, [from_m, depth_m])?;
-            block::with_walls(&matrix, &added.map(|row| row.map(|value| value / modulus_pa)))
-        }
+    let walls = |matrix: Matrix, modulus_pa: f64| {
+        let in_block = match block {
+            None => matrix,
+            Some(block) => {
+                let added = block::flexibility_per_m(&block, poisson, radius_m, [from_m, depth_m])?;
+                block::with_walls(&matrix, &added.map(|row| row.map(|value| value / modulus_pa)))?
+            }
+        };
+        give::with_give(in_block, give, modulus_pa, [from_m, depth_m])
     };
     let Some(varied) = varied(foundation, from_m, depth_m) else {
         let modulus_pa = foundation.modulus_pa(from_m);

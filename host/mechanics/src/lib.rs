@@ -68,7 +68,7 @@ pub use predict::{
     ShapePoint, predict, predict_with,
 };
 pub use prepared::{ObservationPlan, PreparedNeedle};
-pub use problem::{BeamProblem, TissueLaw};
+pub use problem::{BeamProblem, Give, TissueLaw};
 pub use profile::Profile;
 pub use rig::{Guides, Needle, Rig, Tolerances};
 pub use steering::{BaseDrive, Dynamics, Steering};

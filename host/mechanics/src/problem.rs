@@ -34,12 +34,29 @@ pub struct BeamProblem {
     pub support: Support,
     /// Radius of the needle, on which the stiffness of a body depends.
     pub radius_m: f64,
+    /// How a body gives as a whole, or is held by its walls.
+    pub give: Give,
     /// What the tissue does beyond a linear spring; [`BeamProblem::solve`] leaves it out.
     pub law: TissueLaw,
     /// What laws do to the reaction of the tissue in lateral runs; [`BeamProblem::solve`] leaves it out.
     pub reaction: Vec<ActingLaw>,
     /// What laws do to the bending stiffness along the needle in lateral runs; [`BeamProblem::solve`] leaves it out.
     pub stiffness: Vec<ActingLaw>,
+}
+
+/// What walls far from the needle do to all of it alike: the tissue around it moves by `per_m F/E` per lateral force F and turns about a depth.
+/// Springs have no walls.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Give {
+    /// Displacement of the tissue around the needle per force, times Young's modulus, at the surface: negative where a box holds it.
+    pub per_m: f64,
+    /// One over the depth that does not move.
+    pub turn_per_m: f64,
+}
+
+impl Give {
+    /// A half space.
+    pub const NONE: Self = Self { per_m: 0.0, turn_per_m: 0.0 };
 }
 
 /// How the tissue departs from a linear spring.
@@ -74,6 +91,7 @@ impl BeamProblem {
             foundation,
             support: Support::Springs,
             radius_m: 0.5 * rig.needle.outer_diameter_m,
+            give: Give::NONE,
             law: TissueLaw::default(),
             reaction: Vec::new(),
             stiffness: Vec::new(),
@@ -104,6 +122,8 @@ impl BeamProblem {
         check("shear_n", self.shear_n, "0 or more", self.shear_n >= 0.0)?;
         check("skin_n_per_m", self.skin_n_per_m, "0 or more", self.skin_n_per_m >= 0.0)?;
         check("radius_m", self.radius_m, "more than 0", self.radius_m > 0.0)?;
+        check("give_per_m", self.give.per_m, "a finite number", true)?;
+        check("turn_per_m", self.give.turn_per_m, "a finite number", true)?;
         self.support.check()
     }
 }

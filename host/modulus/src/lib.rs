@@ -6,6 +6,7 @@
 //! | [`indentation`] | Young's modulus from an indentation: an independent measurement |
 //! | [`energy`] | foundation modulus by the published energy balance, for comparison |
 //! | [`prior`] | what many sessions predict of it |
+//! | [`walls`] | what the walls of the tissue do to it, stated or not |
 //!
 //! The foundation modulus K (force per needle length and deflection) is not Young's modulus E. Published relations
 //! between the two differ by more than the noise of an identification, so E is only ever reported with the name of its
@@ -19,6 +20,7 @@ pub mod indentation;
 mod monte_carlo;
 pub mod prior;
 pub mod relation;
+pub mod walls;
 
 use mechanics::Needle;
 use statrs::distribution::{ContinuousCDF, StudentsT};

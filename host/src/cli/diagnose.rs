@@ -14,6 +14,7 @@ use inference::diagnose::{
     Diagnosis, Estimate, FoundEffect, HeldOutMisfit, INCOMPRESSIBLE, MeanModulus, Options, RemainingSize,
     check, diagnose,
 };
+use inference::walls::WallsResult;
 use mechanics::effects::{Effect, all, effect};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
@@ -234,6 +235,9 @@ fn write_remaining(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result
 fn write_foundation(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result {
     let foundation = &found.foundation;
     let Some(gain) = foundation.log_evidence_of_body else { return Ok(()) };
+    if let Some(line) = found.walls.as_ref().and_then(WallsResult::line) {
+        writeln!(f, "walls        {line}")?;
+    }
     match (foundation.youngs_modulus_kpa, foundation.youngs_modulus_of_plain_body_kpa) {
         (Some(e), _) => {
             writeln!(f, "tissue       an elastic body: E {}", found.k_status.modulus_text(e.value, e.ci95))?;

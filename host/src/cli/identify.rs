@@ -197,6 +197,7 @@ impl Display for Text<'_> {
             layers,
             foundation,
             youngs_modulus_kpa: youngs,
+            walls,
             reference,
             warnings,
             ..
@@ -282,6 +283,9 @@ impl Display for Text<'_> {
         }
         if let Some(Bootstrap { ci95_kpa: [low, high], count, seed }) = &pooled.bootstrap {
             writeln!(f, "bootstrap    K {low:.2} to {high:.2} kPa, {count} draws, seed {seed}")?;
+        }
+        if let Some(line) = walls.line() {
+            writeln!(f, "walls        {line}")?;
         }
         for (number, line) in foundation.sentences(pooled, youngs).iter().enumerate() {
             writeln!(f, "{:<13}{line}", if number == 0 { "tissue" } else { "" })?;

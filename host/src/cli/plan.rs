@@ -128,6 +128,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let question = PlanInput {
         support,
         poisson_sd: tissue.poisson_sd.unwrap_or(0.0),
+        walls: tissue.walls,
         modulus_range_pa: range,
         force_sd_n: noise.force_n.unwrap_or(sensors::FORCE_NOISE.mean()),
         displacement_sd_m: noise.displacement_m.unwrap_or(sensors::DISPLACEMENT_NOISE.mean()),
@@ -264,6 +265,11 @@ impl Display for Text<'_> {
         )?;
         for choice in choices {
             write_choice(f, choice)?;
+        }
+        if let Some(line) =
+            protocol.walls.as_ref().and_then(|walls| walls.note(None).or_else(|| walls.line()))
+        {
+            writeln!(f, "walls        {line}")?;
         }
         match best {
             Some(choice) => {

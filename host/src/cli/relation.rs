@@ -1,11 +1,12 @@
 //! `guide relation`: how foundation modulus and Young's modulus belong together for a needle in an elastic body.
 
-use super::output::Output;
+use super::output::{Output, write_file};
+use crate::figures;
 use anyhow::{Context, bail, ensure};
 use formats::session::{Setup, Tissue, Walls};
 use inference::diagnose::INCOMPRESSIBLE;
 use inference::relation::{RELATIVE_ERROR, Run, TABLE, foundation_modulus_pa};
-use mechanics::body::unknown_walls;
+use inference::walls::{BlockResult, Cubes, UnknownWalls};
 use mechanics::continuum::{Contact, Continuum, RATIO_RANGE, Resolution, YOUNGS_RANGE_PA};
 use mechanics::{Block, Mounting};
 use serde::Serialize;
@@ -16,7 +17,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide relation --rig rig.toml --depth-mm 30\n  guide relation --rig rig.toml --depth-mm 60 \
-                        --poisson 0.49 --youngs-kpa 5 10 20\n  guide relation --rig rig.toml --depth-mm 30 --body-mm 60 60 50 --sides held\n  guide relation --table > relation.csv"
+                        --poisson 0.49 --youngs-kpa 5 10 20\n  guide relation --rig rig.toml --depth-mm 30 --body-mm 60 60 50 --sides held\n  guide relation --rig rig.toml --depth-mm 30 --plot block.svg\n  guide relation --table > relation.csv"
 )]
 pub struct Args {
     /// Needle and guides: a TOML file with `[needle]` and `[rig]` as in a session
@@ -43,6 +44,9 @@ pub struct Args {
     /// How the wall opposite to the surface is
     #[arg(long, value_enum, requires = "body_mm", value_name = "MOUNTING")]
     far_side: Option<Held>,
+    /// Draw K/E over the size of a cube of tissue, with held and with free sides, as an SVG file
+    #[arg(long, value_name = "FILE", requires = "rig")]
+    plot: Option<PathBuf>,
     /// Print the table that comes with the program, as CSV: needles of 17 to 25 gauge at 10 to 140 mm
     #[arg(long)]
     table: bool,
@@ -99,47 +103,6 @@ impl Args {
     }
 }
 
-/// A block of tissue.
-#[derive(Serialize)]
-struct BlockResult {
-    body_mm: [f64; 3],
-    needle_at_mm: [f64; 2],
-    sides: &'static str,
-    far_side: &'static str,
-}
-
-impl From<Block> for BlockResult {
-    fn from(block: Block) -> Self {
-        Self {
-            body_mm: block.size_m.map(|m| 1e3 * m),
-            needle_at_mm: block.needle_at_m.map(|m| 1e3 * m),
-            sides: block.sides.name(),
-            far_side: block.far_side.name(),
-        }
-    }
-}
-
-impl Display for BlockResult {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ([x, y, z], [at_x, at_y]) = (self.body_mm, self.needle_at_mm);
-        let (sides, far_side) = (self.sides, self.far_side);
-        write!(
-            f,
-            "a block of {x:.0} x {y:.0} x {z:.0} mm, needle at {at_x:.0}, {at_y:.0} mm, sides {sides}, far side {far_side}"
-        )
-    }
-}
-
-/// What K/E would be with walls, where none are stated.
-#[derive(Serialize)]
-struct UnknownBlock {
-    /// Edge of the cube.
-    edge_mm: f64,
-    /// K/E in it over that of the half space, where its sides are held and where they are free.
-    held: f64,
-    free: f64,
-}
-
 #[derive(Serialize)]
 struct Row {
     youngs_modulus_kpa: f64,
@@ -157,7 +120,10 @@ struct Report {
     /// The block that the tissue is; nothing for a half space.
     block: Option<BlockResult>,
     /// Where no walls are stated.
-    not_stated: Option<UnknownBlock>,
+    not_stated: Option<UnknownWalls>,
+    /// K/E over the size of a cube, where it is drawn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cubes: Option<Cubes>,
     /// K/E of a needle that does not bend.
     ratio_rigid: f64,
     relative_error: f64,
@@ -198,11 +164,11 @@ impl Display for Report {
             100.0 * self.relative_error,
             100.0 * self.relative_error_one_sided
         )?;
-        if let Some(UnknownBlock { edge_mm, held, free }) = &self.not_stated {
+        if let Some(UnknownWalls { edge_mm, held_edge_mm, held, free }) = &self.not_stated {
             writeln!(
                 f,
-                "the walls of the tissue are not stated: in a block of {edge_mm:.0} mm K/E is {free:.2} times this with free sides and {held:.2} \
-                 times with held ones (--body-mm, --sides; --sides far where no wall is near)"
+                "the walls of the tissue are not stated: in a box {held_edge_mm:.0} mm wide K/E is {held:.2} times this, in a block {edge_mm:.0} mm wide \
+                 and twice as long that stands free {free:.2} times (--body-mm, --sides; --sides far where no wall is near)"
             )?;
         }
         let ([shallow, deep], [soft, hard]) = (self.depth_range_mm, self.youngs_range_kpa);
@@ -261,6 +227,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             ratio_one_sided: k_kpa_one_sided / youngs_kpa,
         })
     };
+    let of_block = if block.is_some() { Block::RELATIVE_ERROR } else { 0.0 };
+    let relative_error = RELATIVE_ERROR.hypot(of_block);
     let report = Report {
         schema: "guide.relation/1",
         depth_mm,
@@ -268,18 +236,19 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         block: block.map(BlockResult::from),
         not_stated: match walls {
             Some(_) => None,
-            None => {
-                let [held, free] = unknown_walls(&rig.needle, 1e-3 * depth_mm, poisson)?.map(f64::recip);
-                let [edge_m, ..] = Block::around(1e-3 * depth_mm, Mounting::Held).size_m;
-                Some(UnknownBlock { edge_mm: 1e3 * edge_m, held, free })
-            }
+            None => Some(UnknownWalls::new(&rig.needle, 1e-3 * depth_mm, poisson)?),
         },
+        cubes: args.plot.as_ref().map(|_| Cubes::new(&rig.needle, 1e-3 * depth_mm, poisson)).transpose()?,
         ratio_rigid: bonded.rigid_ratio()?,
-        relative_error: RELATIVE_ERROR,
-        relative_error_one_sided: RELATIVE_ERROR.hypot(Contact::OneSided.relative_error()),
+        relative_error,
+        relative_error_one_sided: relative_error.hypot(Contact::OneSided.relative_error()),
         depth_range_mm,
         youngs_range_kpa,
         rows: args.youngs_kpa.iter().map(row).collect::<anyhow::Result<_>>()?,
     };
+    if let (Some(path), Some(cubes)) = (&args.plot, &report.cubes) {
+        write_file(path, &figures::cubes(cubes)?)?;
+        out.note(format_args!("drawing {}", path.display()));
+    }
     out.result(&report, &report)
 }

@@ -4,6 +4,7 @@ use super::output::Output;
 use anyhow::{Context, ensure};
 use formats::model_file::ModelFile;
 use formats::session::{InsertionRun, LateralRun, SessionWriter, Setup, SteeringRun, Walls};
+use inference::walls::BlockResult;
 use mechanics::effects::Effect;
 use mechanics::unknowns::sensors;
 use serde::Serialize;
@@ -18,7 +19,7 @@ use std::path::{Path, PathBuf};
 #[command(
     after_help = "Example:\n  guide simulate --config plan.toml --out simulated --seed 1\n  guide simulate --config plan.toml --model model.toml \
                   --out simulated\n\nThe file has [needle], [rig] and [noise] of a session. For lateral runs and insertions also\n\n  [tissue]\n  \
-                  k_kpa = 12.0\n  [tip]\n  load_n = 0.2         # optional\n  [[effect]]           # optional; ids and parameters: guide effects\n  \
+                  k_kpa = 12.0         # or foundation = \"body\", youngs_kpa, poisson; body_mm, sides: a block\n  [tip]\n  load_n = 0.2         # optional\n  [[effect]]           # optional; ids and parameters: guide effects\n  \
                   id = \"tissue.layers\"\n  parameters = { k_ratio = { value = 2.0 }, boundary_mm = { value = 15 } }\n\n  [[lateral]]\n  id = \"y20-1\"\n  \
                   depth_mm = 20        # also axis, levels_mm, hold_s, ramp_mm_per_s, rate_hz, sweep_levels, spacing_mm\n\n  [[insertion]]\n  \
                   id = \"i1\"\n  depth_mm = 100       # also speed_mm_per_s, turn_at_mm, step_mm\n\nand for steering runs, with length_mm in [needle] \
@@ -82,6 +83,11 @@ struct Recorded {
 #[derive(Serialize)]
 struct Truth {
     k_kpa: Option<f64>,
+    /// Of a body; nothing of springs.
+    youngs_kpa: Option<f64>,
+    poisson: Option<f64>,
+    /// The block that the body is; nothing of a half space.
+    block: Option<BlockResult>,
     tip_load_n: f64,
     effects: Vec<TrueEffect>,
 }
@@ -132,8 +138,12 @@ pub fn make(config: &Path, model: Option<&ModelFile>, folder: &Path, seed: u64) 
         session.undo();
         return Err(error.into());
     }
+    let support = plan.model.support.unwrap_or_default();
     let truth = (!plan.is_empty()).then(|| Truth {
         k_kpa: plan.model.modulus_pa.map(|modulus_pa| modulus_pa / 1e3),
+        youngs_kpa: plan.model.youngs_pa.filter(|_| support.is_body()).map(|youngs_pa| youngs_pa / 1e3),
+        poisson: support.poisson(),
+        block: support.block().map(BlockResult::from),
         tip_load_n: plan.model.tip_load_n.unwrap_or(0.0),
         effects: effects.iter().map(TrueEffect::new).collect(),
     });
@@ -223,9 +233,15 @@ impl Display for Made {
                 1e-3 * mean_damping_n_s_per_m2
             )?;
         }
-        if let Some(Truth { k_kpa, tip_load_n, effects }) = &self.truth {
-            let k_kpa = k_kpa.map_or("-".to_owned(), |k_kpa| k_kpa.to_string());
-            writeln!(f, "truth        K {k_kpa} kPa, tip load {tip_load_n} N")?;
+        if let Some(Truth { k_kpa, youngs_kpa, poisson, block, tip_load_n, effects }) = &self.truth {
+            let modulus = match (youngs_kpa, poisson) {
+                (Some(youngs_kpa), Some(poisson)) => format!("E {youngs_kpa} kPa, Poisson's ratio {poisson}"),
+                _ => format!("K {} kPa", k_kpa.map_or("-".to_owned(), |k_kpa| k_kpa.to_string())),
+            };
+            writeln!(f, "truth        {modulus}, tip load {tip_load_n} N")?;
+            if let Some(block) = block {
+                writeln!(f, "truth        {block}")?;
+            }
             for TrueEffect { id, parameters } in effects {
                 let values: Vec<String> =
                     parameters.iter().map(|(name, value)| format!("{name} {value}")).collect();

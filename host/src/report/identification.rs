@@ -33,10 +33,11 @@ pub(super) fn facts(found: &Identification, is_short: bool) -> Vec<Fact> {
         Fact::new(
             of("Young's modulus E (95 %)"),
             format!(
-                "{} kPa by {} (Poisson's ratio {}); {least:.1} to {most:.1} kPa by the relations known",
+                "{} kPa by {} (Poisson's ratio {}{}); {least:.1} to {most:.1} kPa by the relations known",
                 estimate(youngs.value, youngs.ci95, 2),
                 youngs.relation,
-                youngs.poisson
+                youngs.poisson,
+                if found.walls.is_stated() { "" } else { ", walls of the tissue not stated" }
             ),
         ),
     ]
@@ -55,6 +56,7 @@ pub(super) fn section(session: &Session, outcome: &Outcome<Identification>) -> S
         blocks.push(relations(found));
         let sentences = found.foundation.sentences(&found.pooled, &found.youngs_modulus_kpa);
         blocks.push(Block::Text(format!("Tissue modelled as {}.", sentences.join("; "))));
+        blocks.extend(found.walls.line().map(|line| Block::Text(format!("Walls of the tissue: {line}."))));
         blocks.extend(reference(found).into_iter().flatten());
         blocks.push(Block::Notes(found.warnings.clone()));
         let good: Vec<_> = found.runs.iter().filter(|run| run.error.is_none()).collect();

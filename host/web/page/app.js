@@ -21,11 +21,12 @@ const VIEWS = [
   ['diagnose', 'Diagnose', () => state.session],
   ['predict', 'Predict', () => state.session],
   ['plan', 'Plan', () => true],
+  ['blocks', 'Blocks', () => true],
   ['population', 'Population', () => true],
   ['tables', 'Import', () => true],
   ['live', 'Live', () => live.isOffered || canWatch()],
 ];
-const DRAW = { start: showStart, play: showPlay, session: showSession, identify: showIdentify, diagnose: showDiagnose, predict: showPredict, plan: showPlan, population: showPopulation, tables: showTables, live: showLive };
+const DRAW = { start: showStart, play: showPlay, session: showSession, identify: showIdentify, diagnose: showDiagnose, predict: showPredict, plan: showPlan, blocks: showBlocks, population: showPopulation, tables: showTables, live: showLive };
 
 const main = () => document.getElementById('main');
 

@@ -49,7 +49,7 @@ function showIdentify() {
     note(whole);
     const of = whole.youngs_modulus_kpa;
     youngs.textContent = of && Number.isFinite(of.value)
-      ? `Young\u2019s modulus E ${number(of.value)} kPa (${interval(of.ci95)}), ${of.relation}; ${interval(of.range_kpa)} kPa over all relations`
+      ? `Young\u2019s modulus E ${number(of.value)} kPa (${interval(of.ci95)}), ${of.relation}${whole.walls.stated === 'not_stated' ? ', walls of the tissue not stated: E may be off by half and more' : ''}; ${interval(of.range_kpa)} kPa over all relations`
       : `Young\u2019s modulus E: ${of?.refused ?? 'not identifiable from these runs'}`;
     kept.replaceChildren(saveBar('identify', () => whole));
   });

@@ -15,6 +15,7 @@
 #![deny(missing_docs)]
 
 mod answer;
+mod blocks;
 mod drawing;
 mod live;
 mod plan;
@@ -71,6 +72,7 @@ impl Engine {
                 results::trial(&mut self.bench, dir, foundation, effects)
             }
             Request::Plan(input) => plan::plan(input),
+            Request::Blocks(input) => blocks::blocks(input),
             Request::Summarize { dir } => populations::summarize(dir),
             Request::Population { files, by } => populations::population(files, by),
             Request::Follow { file, fresh } => {

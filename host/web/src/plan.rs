@@ -80,6 +80,7 @@ impl PlanRequest {
         Ok(PlanInput {
             support,
             poisson_sd: tissue.poisson_sd.unwrap_or(0.0),
+            walls: tissue.walls,
             modulus_range_pa: self.modulus_kpa.map(|kpa| 1e3 * kpa),
             force_sd_n: noise.force_n.unwrap_or(sensors::FORCE_NOISE.mean()),
             displacement_sd_m: noise.displacement_m.unwrap_or(sensors::DISPLACEMENT_NOISE.mean()),

@@ -1,5 +1,6 @@
 //! What the page can request.
 
+use crate::blocks::BlocksRequest;
 use crate::plan::PlanRequest;
 use crate::play::PlayInput;
 use crate::tables::TableRequest;
@@ -62,6 +63,8 @@ pub enum Request {
     },
     /// What interval a run will give, over depth and displacement.
     Plan(PlanRequest),
+    /// K/E over the size of a block of tissue.
+    Blocks(BlocksRequest),
     /// The record of the session for statistics over many.
     Summarize {
         /// Folder of the session.

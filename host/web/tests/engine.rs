@@ -127,6 +127,23 @@ fn a_plan_is_narrower_where_more_is_displaced_and_states_what_breaks_a_limit() {
 }
 
 #[test]
+fn blocks_have_k_over_e_over_their_size_and_a_figure() {
+    let engine = &mut Engine::default();
+    let found = ok(engine, &json!({"do": "blocks", "depth_mm": 30, "poisson": 0.5}));
+    let list = |name: &str| found["document"][name].as_array().expect("a list").clone();
+    let far = found["document"]["half_space"].as_f64().expect("a number");
+    let is = |all: Vec<Value>, holds: fn(f64, f64) -> bool| {
+        !all.is_empty() && all.iter().all(|ratio| holds(ratio.as_f64().expect("a number"), far))
+    };
+    assert!(is(list("held"), |ratio, far| ratio > far) && is(list("free"), |ratio, far| ratio < far));
+    assert!(found["figures"][0]["svg"].as_str().is_some_and(|svg| svg.starts_with("<svg")));
+    let deep = error(&json!({"do": "blocks", "depth_mm": 400, "poisson": 0.5}));
+    assert!(deep.contains("depth_mm: 400, expected 10 to 150"), "{deep}");
+    let odd = error(&json!({"do": "blocks", "depth_mm": 30, "poisson": 0.7}));
+    assert!(odd.contains("poisson"), "{odd}");
+}
+
+#[test]
 fn records_of_sessions_become_a_population_with_figures() {
     let folder = tempfile::tempdir().expect("a folder");
     let dir = example(folder.path());

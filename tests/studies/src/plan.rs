@@ -155,6 +155,7 @@ impl StudyProtocol {
             rig: self.rig(),
             support: Support::Springs,
             poisson_sd: 0.0,
+            walls: None,
             modulus_range_pa: [self.modulus_pa; 2],
             force_sd_n: self.sensors.force_n,
             displacement_sd_m: self.sensors.displacement_m,

@@ -9,6 +9,7 @@ fn question() -> PlanInput {
         rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
         support: Support::Springs,
         poisson_sd: 0.0,
+        walls: None,
         modulus_range_pa: [16e3, 16e3],
         // Of a mean of 18 readings: 0.1 N and 15 um.
         force_sd_n: 0.1 * 18f64.sqrt(),

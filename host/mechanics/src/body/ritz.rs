@@ -83,8 +83,7 @@ impl Ritz {
         if depth_m <= MIN_M {
             return Ok(None);
         }
-        let tissue =
-            super::stiffness(&problem.foundation, problem.support, problem.radius_m, from_m, depth_m)?;
+        let tissue = Self::tissue(problem, [from_m, depth_m])?;
         Self::with_tissue(problem, from_m, tissue).map(Some)
     }
 
@@ -99,8 +98,13 @@ impl Ritz {
         if gap_m <= 0.0 || gap_m >= SHORT_GAP * held_m {
             return Self::new(problem);
         }
-        let tissue = super::stiffness(&problem.foundation, problem.support, problem.radius_m, gap_m, held_m)?;
+        let tissue = Self::tissue(problem, [gap_m, held_m])?;
         Self::with_tissue(problem, 0.0, lengthened(&tissue, gap_m / problem.depth_m)).map(Some)
+    }
+
+    /// Stiffness of the body below a depth.
+    fn tissue(problem: &BeamProblem, span_m: [f64; 2]) -> Result<Matrix, ModelError> {
+        super::stiffness(&problem.foundation, problem.support, problem.give, problem.radius_m, span_m)
     }
 
     /// With the stiffness of the body against the polynomials from a depth below the surface on.

@@ -19,7 +19,7 @@ fn problem(foundation: Foundation, poisson: f64, depth_m: f64) -> BeamProblem {
 /// Stiffness per unit of depth by the tables.
 fn tabulated(foundation: &Foundation, poisson: f64, depth_m: f64) -> Matrix {
     let support = Support::half_space(poisson);
-    let found = stiffness(foundation, support, 0.635e-3, 0.0, depth_m).expect("a stiffness");
+    let found = stiffness(foundation, support, Give::NONE, 0.635e-3, [0.0, depth_m]).expect("a stiffness");
     found.map(|row| row.map(|value| value / depth_m))
 }
 

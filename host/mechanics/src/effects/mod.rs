@@ -253,7 +253,7 @@ pub trait Effect: Debug + Sync {
 }
 
 /// Every effect there is.
-pub static EFFECTS: [&dyn Effect; 37] = [
+pub static EFFECTS: [&dyn Effect; 38] = [
     &tissue::Layers,
     &tissue::Gradient,
     &tissue::Stiffening,
@@ -263,6 +263,7 @@ pub static EFFECTS: [&dyn Effect; 37] = [
     &tissue::Skin,
     &tissue::Anisotropy,
     &tissue::Yield,
+    &tissue::FiniteBody,
     &rig::Guide2Position,
     &rig::SurfacePosition,
     &rig::ClampCompliance,

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::{
-    DriveSample, Experiment, Insertion, Lateral, Model, Needle, Profile, Rig, Series, TipLaw, predict,
+    DriveSample, Experiment, Insertion, Lateral, Model, Needle, Profile, Rig, Series, Support, TipLaw,
+    predict,
 };
 
 mod needle_and_tip;
@@ -64,8 +65,15 @@ fn plain() -> Model {
     model
 }
 
+/// What an effect is beside: springs, or a body where only that has it.
+fn plain_for(id: &str) -> Model {
+    let plain = plain();
+    let is_of_body = id == "tissue.finite_body";
+    Model { support: if is_of_body { Support::half_space(0.5) } else { plain.support }, ..plain }
+}
+
 fn with(id: &str, values: &[f64]) -> Model {
-    let mut model = plain();
+    let mut model = plain_for(id);
     model.effects.push((effect(id).expect("an effect"), values.to_vec()));
     model
 }
@@ -105,7 +113,7 @@ fn neutral_effects_do_nothing_and_others_do_something() {
         let other = with(effect.id(), &typical(effect));
         let shows = effect.info().observable_in;
         for (experiment, shows) in experiments.iter().zip([shows.lateral, shows.insertion]) {
-            let expected = channels(&plain(), experiment);
+            let expected = channels(&plain_for(effect.id()), experiment);
             assert_eq!(channels(&neutral, experiment), expected, "{}", effect.id());
             assert_eq!(channels(&other, experiment) != expected, shows, "{}", effect.id());
         }
@@ -336,6 +344,15 @@ fn tissue_effects_act_as_described() {
     let twice = channels(&Model { foundation: plain_foundation(32e3), ..self::plain() }, &experiment);
     let split = run("tissue.anisotropy", &[2.0]);
     assert_eq!((&split.force_n.y, &split.force_n.x), (&plain.force_n.y, &twice.force_n.x));
+    // A block that gives is softer in its plane, a box that holds it stiffer; springs have no walls.
+    let body = channels(&plain_for("tissue.finite_body"), &experiment);
+    let in_block = |give_ln_y: f64| run("tissue.finite_body", &[give_ln_y, 0.0, 100.0]);
+    assert!(in_block(0.85).force_n.y[59] < 0.9 * body.force_n.y[59]);
+    assert!(in_block(-0.4).force_n.y[59] > 1.05 * body.force_n.y[59]);
+    assert_eq!(in_block(0.85).force_n.x, body.force_n.x);
+    let mut springs = with("tissue.finite_body", &[0.85, 0.85, 100.0]);
+    springs.support = Support::Springs;
+    assert_eq!(channels(&springs, &experiment).force_n, plain.force_n);
     // A stiff shear layer keeps the needle straight in the tissue.
     let straight = run("tissue.shear", &[1e5]);
     let [a, b, c] = [0, 1, 2].map(|i| straight.shape_m.y[i]);

@@ -2,6 +2,7 @@
 
 use super::{Effect, EffectInfo, MM, ParameterInfo, RunKinds, first};
 use crate::predict::Plane;
+use crate::problem::Give;
 use crate::{BeamProblem, Foundation, Layer, ModelError, check};
 
 /// `tissue.layers`.
@@ -299,6 +300,55 @@ impl Effect for Yield {
             check("depth_mm", depth_mm, "more than 0", depth_mm > 0.0)?;
             problem.law.inverse_yield_m_per_n = inverse_yield_mm_per_n * MM;
             problem.law.yield_depth_m = depth_mm * MM;
+        }
+        Ok(())
+    }
+}
+
+/// Give of walls that hold a needle as nearly as any box does, one of 25 mm; what stands free gives up to thirty times as much, so that the
+/// parameter is a logarithm.
+const NEAREST_GIVE_PER_M: f64 = 30.0;
+
+/// `tissue.finite_body`.
+#[derive(Debug)]
+pub(super) struct FiniteBody;
+
+impl Effect for FiniteBody {
+    fn info(&self) -> &'static EffectInfo {
+        const {
+            &EffectInfo {
+                id: "tissue.finite_body",
+                physics: "the tissue is a block: what is around the needle moves by (exp(give_ln) - 1) 30/m F/E under a lateral force F, about a foot \
+                          that stays; in a box that holds it give_ln is negative (elastic body)",
+                signature: "force and shape as in softer or stiffer tissue, the more the deeper the needle",
+                observable_in: RunKinds::BOTH,
+                is_costly: false,
+                parameters: &[
+                    ParameterInfo::amplitude("give_ln_y", 0.0, [-3.0, 6.0], [-1.0, 4.0], 0.5),
+                    ParameterInfo::amplitude("give_ln_x", 0.0, [-3.0, 6.0], [-1.0, 4.0], 0.5),
+                    ParameterInfo::location(
+                        "foot_mm",
+                        150.0,
+                        [20.0, 5000.0],
+                        [40.0, 1000.0],
+                        50.0,
+                        &[60.0, 120.0, 400.0],
+                    ),
+                ],
+            }
+        }
+    }
+
+    fn beam(&self, values: &[f64], plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        let &[give_ln_y, give_ln_x, foot_mm] = values else { return Ok(()) };
+        let give_ln = match plane {
+            Plane::Y => give_ln_y,
+            Plane::X => give_ln_x,
+        };
+        let per_m = NEAREST_GIVE_PER_M * give_ln.exp_m1();
+        if per_m != 0.0 {
+            check("foot_mm", foot_mm, "more than 0", foot_mm > 0.0)?;
+            problem.give = Give { per_m, turn_per_m: 1.0 / (foot_mm * MM) };
         }
         Ok(())
     }

@@ -18,7 +18,7 @@ use std::time::Instant;
 /// Results of page and program may differ by this share.
 pub const SAME: f64 = 1e-9;
 /// Views with the marks of their addresses, and what they show when they are complete.
-pub const VIEWS: [(&str, &str, &str); 9] = [
+pub const VIEWS: [(&str, &str, &str); 10] = [
     ("start", "view=start", "document.querySelector('#open-example')"),
     ("play", "view=play&with=rig.backlash:0.3", "document.querySelector('.rig')"),
     ("session", "view=session&session=example", "document.querySelectorAll('#main .plot').length > 3"),
@@ -30,6 +30,7 @@ pub const VIEWS: [(&str, &str, &str); 9] = [
     ),
     ("predict", "view=predict&session=example&until=50", "document.querySelector('#predict-facts')"),
     ("plan", "view=plan&session=example", "document.querySelector('#plan-facts')"),
+    ("blocks", "view=blocks&depth=30", "document.querySelector('#blocks-facts')"),
     (
         "population",
         "view=population&records=example&by=tissue",

@@ -8,9 +8,10 @@ use std::path::Path;
 
 const SCRIPT: &str = include_str!("../../../../host/manual/live.js");
 /// Pages with such a figure: the page's text, and the picture.
-const FIGURES: [(&str, &str); 2] = [
+const FIGURES: [(&str, &str); 3] = [
     (include_str!("../../../../host/manual/src/theory/beam.md"), "play.svg"),
     (include_str!("../../../../host/manual/src/diagnosing.md"), "diagnose.svg"),
+    (include_str!("../../../../host/manual/src/methods.md"), "blocks.svg"),
 ];
 /// Width of a page of the manual, pixels.
 const WIDTH: u32 = 1000;
@@ -53,7 +54,7 @@ pub fn check(browser: &Browser, folder: &Path, pictures: Option<&Path>) -> Resul
         ensure!(browser.run(stays, json!([]))? == json!(true), "{name}: the picture is gone");
         if let Some(pictures) = pictures {
             browser.open(&format!("file://{}#{view}&embed=yes", folder.join("guide.html").display()))?;
-            browser.until("document.querySelector('#main .rig, #main .cell')")?;
+            browser.until("document.querySelector('#main .rig, #main .cell, #blocks-facts')")?;
             browser.wait_for("await new Promise((yes) => setTimeout(yes, 600));", json!([]))?;
             let drawn = browser.run("return pictureOf(main()).text;", json!([]))?;
             fs::create_dir_all(pictures)?;
