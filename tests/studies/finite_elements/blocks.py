@@ -6,6 +6,7 @@ hole whose wall and bottom are bonded to it; its sections stay plane and normal 
 
     pip install numpy scipy scikit-fem pypardiso
     python blocks.py --count 30 --seed 1 > blocks.csv
+    python blocks.py --count 30 --seed 2 --depths 1 0.8 0.6 > sessions.csv
     python blocks.py --block 50 50 45 --at 25 25 --sides held --far-side held --depth 30 --poisson 0.49
 
 A line per block: edges, needle's place, depth (mm), Poisson's ratio, mountings, and the stiffness against the Legendre polynomials of
@@ -196,6 +197,8 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--count", type=int, default=30)
     arguments.add_argument("--seed", type=int, default=1)
+    arguments.add_argument("--depths", type=float, nargs="+", default=[1.0], help="of every drawn block, as shares of its depth")
+    arguments.add_argument("--skip", type=int, default=0, help="drawn blocks that are there already")
     arguments.add_argument("--angular", type=int, default=16)
     arguments.add_argument("--layers", type=int, default=9)
     arguments.add_argument("--fineness", type=float, default=1.0)
@@ -210,7 +213,11 @@ def main():
         at = given.at or [0.5 * given.block[0], 0.5 * given.block[1]]
         blocks = [(tuple(given.block), tuple(at), given.depth, given.poisson, given.sides, given.far_side)]
     else:
-        blocks = drawn(given.count, given.seed)
+        blocks = (
+            (size, at, round(share * depth, 1), *others)
+            for size, at, depth, *others in list(drawn(given.count, given.seed))[given.skip :]
+            for share in given.depths
+        )
     print("# width, height, length, x, y, depth (mm), Poisson's ratio, sides, far side, stiffness (rows of the lower triangle)")
     for block in blocks:
         started = time.time()

@@ -1,10 +1,12 @@
 //! Studies whose tables need more than a few lines.
 
+pub mod blocks;
 pub mod bodies;
 pub mod characterize;
 pub mod clean;
 pub mod diagnosis;
 pub mod imperfect;
+pub mod indentation;
 pub mod nesting;
 pub mod open;
 pub mod population;

@@ -24,8 +24,8 @@ pub(super) struct Bent {
     /// Force of guide 2.
     pub stiffness_n_per_m: f64,
     /// Positions of the nodes, and deflection and slope there.
-    nodes_m: Vec<f64>,
-    states: Vec<[f64; 2]>,
+    pub nodes_m: Vec<f64>,
+    pub states: Vec<[f64; 2]>,
 }
 
 impl Bent {
@@ -85,7 +85,7 @@ impl Bent {
 }
 
 /// Bending of a cubic element, less the work of an axial load.
-fn element_matrix(bending_n_m2: f64, axial_n: f64, length_m: f64) -> [[f64; 4]; 4] {
+pub(super) fn element_matrix(bending_n_m2: f64, axial_n: f64, length_m: f64) -> [[f64; 4]; 4] {
     let l = length_m;
     let bending = bending_n_m2 / l.powi(3);
     let axial = axial_n / (30.0 * l);

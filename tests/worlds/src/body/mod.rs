@@ -8,8 +8,10 @@
 //! | `mesh` | lines of the meridian plane |
 //! | `wall` | the body's stiffness against the needle's deflection and slope |
 //! | `beam` | the needle |
+//! | `block` | both in a block of tissue, whose stiffness is computed elsewhere |
 
 mod beam;
+mod block;
 mod mesh;
 mod wall;
 
@@ -20,7 +22,8 @@ use super::sensors::{self, LateralPart};
 use super::world::World;
 use super::{Background, Design, MM, NoisePlan, Truth};
 use beam::{Bent, Holding};
-use formats::session::{Noise, Session};
+pub use block::{BlockStiffness, DEGREES};
+use formats::session::{LateralRun, Noise, Session};
 use mechanics::{Needle, Rig};
 pub use mesh::Fineness;
 use mesh::Mesh;
@@ -166,21 +169,26 @@ impl Bodies {
             };
             lateral.push(sensors::lateral_run(&part, &march));
         }
-        Ok(Session {
-            dir: "blind".into(),
-            name: Some("blind".to_owned()),
-            fixture_mass_kg: None,
-            noise: if noise.stated { noise.statement() } else { Noise::default() },
-            tissue: formats::session::Tissue {
-                walls: Some(formats::session::Walls::Far),
-                ..formats::session::Tissue::default()
-            },
-            lateral,
-            insertion: Vec::new(),
-            indentation: Vec::new(),
-            steering: Vec::new(),
-            rig,
-        })
+        Ok(recorded(rig, noise, lateral))
+    }
+}
+
+/// The session of these runs, in tissue without walls near.
+fn recorded(rig: Rig, noise: &NoisePlan, lateral: Vec<LateralRun>) -> Session {
+    Session {
+        dir: "blind".into(),
+        name: Some("blind".to_owned()),
+        fixture_mass_kg: None,
+        noise: if noise.stated { noise.statement() } else { Noise::default() },
+        tissue: formats::session::Tissue {
+            walls: Some(formats::session::Walls::Far),
+            ..formats::session::Tissue::default()
+        },
+        lateral,
+        insertion: Vec::new(),
+        indentation: Vec::new(),
+        steering: Vec::new(),
+        rig,
     }
 }
 

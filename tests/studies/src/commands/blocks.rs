@@ -1,0 +1,177 @@
+//! `cargo xtask study blocks`: Young's modulus of gels that are blocks, by three-dimensional finite elements of another library
+//! (`tests/studies/finite_elements/blocks.py`), with the block stated, said to be far, and not stated.
+
+use anyhow::{Context, Result, anyhow, ensure};
+use formats::session::{Session, Tissue, Walls};
+use inference::identify::{Options, YoungsMethod, identify};
+use mechanics::continuum::Contact;
+use mechanics::{Block, Mounting};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use worlds::body::{BlockStiffness, DEGREES};
+use worlds::{Design, LateralPlan, NoisePlan, on_all_cores};
+
+/// What the elements found: the blocks that the forward model was compared with, and others.
+const ELEMENTS: [&str; 2] = [
+    include_str!("../../../../host/mechanics/src/body/block/elements.csv"),
+    include_str!("../../finite_elements/more.csv"),
+];
+/// What is stated of the walls.
+const STATED: [&str; 3] = ["the block", "that no wall is near (wrong)", "nothing"];
+/// Repeats of a run in a session.
+const RUNS: usize = 4;
+
+/// A block with its stiffness.
+struct Solved {
+    block: Block,
+    depth_mm: f64,
+    poisson: f64,
+    stiffness: BlockStiffness,
+}
+
+impl Solved {
+    fn read(line: &str) -> Result<Self> {
+        let cells: Vec<&str> = line.split(',').collect();
+        let number = |i: usize| -> Result<f64> {
+            cells.get(i).and_then(|cell| cell.parse().ok()).with_context(|| format!("cell {i}: no number"))
+        };
+        let mounting = |i: usize| {
+            let name = cells.get(i).copied().unwrap_or_default();
+            Mounting::ALL
+                .into_iter()
+                .find(|kind| kind.name() == name)
+                .with_context(|| format!("cell {i}: {name}"))
+        };
+        let lower: Vec<f64> =
+            (0..DEGREES * (DEGREES + 1) / 2).map(|k| number(9 + k)).collect::<Result<_>>()?;
+        let entry = |i: usize, j: usize| {
+            let (row, column) = (i.max(j), i.min(j));
+            lower[row * (row + 1) / 2 + column]
+        };
+        let matrix = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
+        let m = |i: usize| number(i).map(|mm| 1e-3 * mm);
+        let block = Block {
+            size_m: [m(0)?, m(1)?, m(2)?],
+            needle_at_m: [m(3)?, m(4)?],
+            sides: mounting(7)?,
+            far_side: mounting(8)?,
+        };
+        Ok(Self { block, depth_mm: number(5)?, poisson: number(6)?, stiffness: BlockStiffness { matrix } })
+    }
+}
+
+/// A truth between its interval's ends, and the value.
+#[derive(Clone, Copy)]
+struct Judged {
+    value: f64,
+    ends: [f64; 2],
+    truth: f64,
+}
+
+impl Judged {
+    fn is_covered(&self) -> bool {
+        (self.ends[0]..=self.ends[1]).contains(&self.truth)
+    }
+}
+
+/// What a session gives with each statement.
+fn judged(solved: &Solved, seed: u64, number: usize) -> Result<[Judged; STATED.len()]> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(number as u64);
+    let truth = 6.0 * 5f64.powf(random.random::<f64>());
+    let runs = (0..RUNS).map(|run| LateralPlan {
+        id: format!("y{run}"),
+        depth_mm: solved.depth_mm,
+        axis: 0,
+        levels_mm: vec![0.0, 0.6, 1.2, 0.6, 0.0, -0.6, -1.2, 0.0],
+        hold_s: 3.0,
+        ramp_mm_per_s: 1.0,
+    });
+    let design =
+        Design { lateral: runs.collect(), insertion: Vec::new(), noise: NoisePlan::default(), images: None };
+    let session = solved.stiffness.session(truth, &design, random.random())?;
+    let relation = YoungsMethod::Continuum(Contact::Bonded);
+    let options = Options { poisson: Some(solved.poisson), relation, ..Options::default() };
+    let of = |walls: Option<Walls>| -> Result<Judged> {
+        let session = Session { tissue: Tissue { walls, ..session.tissue }, ..session.clone() };
+        let youngs = identify(&session, &options)?.youngs_modulus_kpa;
+        let (value, ends) = youngs.value.zip(youngs.ci95).context("no Young's modulus")?;
+        Ok(Judged { value, ends, truth })
+    };
+    Ok([of(Some(Walls::Block(solved.block)))?, of(Some(Walls::Far))?, of(None)?])
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// Prints the table; a line for each session besides where `verbose`.
+///
+/// # Errors
+/// Where a block cannot be read or a session has no modulus.
+pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
+    let lines = ELEMENTS.iter().flat_map(|text| text.lines()).filter(|line| !line.starts_with('#'));
+    let all: Vec<Solved> =
+        lines.map(|line| Solved::read(line).with_context(|| line.to_owned())).collect::<Result<_>>()?;
+    ensure!(!all.is_empty(), "no block was solved");
+    let found = on_all_cores(sessions, |number| {
+        let solved = &all[number % all.len()];
+        judged(solved, seed, number)
+            .map_err(|error| anyhow!("session {number}, {:?}: {error:#}", solved.block))
+    });
+    let found: Vec<[Judged; STATED.len()]> = found.into_iter().collect::<Result<_>>()?;
+    if verbose {
+        for (number, all_of) in found.iter().enumerate() {
+            let Solved { block, depth_mm, .. } = &all[number % all.len()];
+            let texts = all_of
+                .iter()
+                .map(|Judged { value, ends: [low, high], .. }| format!("{value:.2} ({low:.2} to {high:.2})"));
+            let mm = block.size_m.map(|m| 1e3 * m);
+            eprintln!(
+                "{mm:.0?} mm, sides {}, far side {}, {depth_mm:.0} mm deep: {} for {:.2} kPa",
+                block.sides.name(),
+                block.far_side.name(),
+                texts.collect::<Vec<_>>().join(", "),
+                all_of[0].truth
+            );
+        }
+    }
+    println!(
+        "| stated of the walls | E in its 95 % interval | width of the interval, median | error of E, median | largest |"
+    );
+    println!("|---|---|---|---|---|");
+    for (index, stated) in STATED.iter().enumerate() {
+        let of: Vec<Judged> = found.iter().map(|all_of| all_of[index]).collect();
+        let covered = of.iter().filter(|one| one.is_covered()).count();
+        let errors: Vec<f64> = of.iter().map(|one| 100.0 * (one.value / one.truth - 1.0).abs()).collect();
+        let largest = errors.iter().copied().fold(0.0, f64::max);
+        let widths = of.iter().map(|Judged { value, ends: [low, high], .. }| 100.0 * (high - low) / value);
+        println!(
+            "| {stated} | {covered} of {} | {:.0} % | {:.1} % | {largest:.1} % |",
+            of.len(),
+            median(widths.collect()),
+            median(errors),
+        );
+    }
+    println!("{sessions} sessions of {RUNS} runs in {} blocks by finite elements, seed {seed}", all.len());
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cube that the elements solved: stated, E is right; a wall that is denied moves it by more than its interval.
+    #[test]
+    fn a_block_is_read_recorded_and_judged() {
+        let line = ELEMENTS[0].lines().nth(4).expect("blocks");
+        let solved = Solved::read(line).expect("a block");
+        assert_eq!((solved.block.sides, solved.depth_mm), (Mounting::Held, 21.7));
+        assert!(solved.stiffness.matrix[2][1] == solved.stiffness.matrix[1][2]);
+        let [stated, far, none] = judged(&solved, 1, 0).expect("a session");
+        assert!(stated.is_covered() && (stated.value / stated.truth - 1.0).abs() < 0.04);
+        assert!(!far.is_covered() && none.is_covered() && far.value > 1.05 * far.truth);
+        assert!(Solved::read("1,2,3").is_err());
+    }
+}
