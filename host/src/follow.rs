@@ -1,4 +1,4 @@
-//! Measurement against model while readings come: says since when the force no longer follows (theory, eq. 85 to 87).
+//! Measurement against model while readings come: says since when the force no longer follows (theory, eq. 86, 87 and 89).
 //!
 //! Readings are gathered over a tenth of a second. The first seconds in which guide 2 rests show the noise and the zero; nothing is said
 //! before. What the model may be off is not counted: the interval of its modulus, what every rig leaves behind any model, and friction that

@@ -1,4 +1,4 @@
-//! Whether readings still follow a model, asked after every one of them (theory, eq. 85 to 87).
+//! Whether readings still follow a model, asked after every one of them (theory, eq. 86, 87 and 89).
 //!
 //! The difference of measurement and model has noise whose neighbours are alike, and may be off by a known tolerance: friction, the interval
 //! of the modulus. Less what its predecessor predicts of it, and over the standard deviation of what is left, a difference `z` has under the
