@@ -73,7 +73,7 @@ impl Averaged {
             limit_refused(of_standing.map(|(ln, _, _)| ln), most + standing.most_ln_odds());
         }
         all.extend(unused.into_iter().map(|(ln, fit, _)| (ln, fit)));
-        // What only describes is refused as a name, and at even odds as all that is.
+        // A description is refused as a name, and has even odds as everything that is refused.
         all.extend(found.described.iter().map(|fit| (most, fit)));
         let largest = all.iter().map(|(ln, _)| *ln).fold(most, f64::max);
         all.retain(|(ln, _)| *ln > largest + NO_WEIGHT);

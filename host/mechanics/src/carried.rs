@@ -22,7 +22,7 @@ const SAME_N: f64 = 1e-9;
 /// Step over which slopes are taken.
 const SLOPE_N: f64 = 1e-4;
 
-/// What the needle does per metre of motion of the tissue while guide 2 holds still.
+/// The needle's answer to a metre of motion of the tissue while guide 2 holds still.
 #[derive(Debug, Clone)]
 pub(super) struct Carried {
     /// Force of guide 2 on the needle.
@@ -45,11 +45,11 @@ impl Carried {
     }
 }
 
-/// What the needle is to guide 2 and to the tissue.
+/// The needle as guide 2 and the tissue feel it.
 pub(super) struct Held<'a> {
     /// Force per displacement of guide 2.
     pub stiffness_n_per_m: f64,
-    /// Of the frame.
+    /// Compliance of the frame.
     pub compliance_m_per_n: f64,
     /// Nothing where the tissue does not move.
     pub carried: Option<&'a Carried>,
@@ -68,7 +68,7 @@ impl Shifts {
         let Held { stiffness_n_per_m, compliance_m_per_n, carried, is_linear } = needle;
         let by_tissue = carried.map_or(0.0, |carried| carried.force_n_per_m);
         let by_guide = stiffness_n_per_m / (1.0 + compliance_m_per_n * stiffness_n_per_m);
-        // What guide 2 does as if further, and the force of the needle with what carries it, at a sample under a force.
+        // Guide 2 acts as if it were this much further; the force has a part of that and a part of the tissue's motion.
         let further_m = |sample: usize, force_n: f64| {
             self.guide_m(force_n) - compliance_m_per_n * by_tissue * self.tissue_m(sample, force_n)
         };

@@ -1,5 +1,5 @@
-//! What a needle in lateral runs does besides the exact linear one: where tissue stiffens, `K u (1 + (u/u0)^2)`, or yields
-//! ([`yielding`](super::yielding)), and where a law acts on its reaction or on the bending stiffness of the needle.
+//! The difference between a needle in lateral runs and the exact linear one, where tissue stiffens, `K u (1 + (u/u0)^2)`, or yields
+//! ([`yielding`](super::yielding)), or a law acts on its reaction or on the bending stiffness of the needle.
 //!
 //! Finite elements at a few displacements of guide 2, as a difference to the same elements without, interpolated between them. Beside
 //! relaxation the difference is taken as instantaneous. An elastic body stiffens by a reaction of its own, `k u (u/u0)^2` at every point, with k
@@ -25,7 +25,7 @@ const LEAST_M: f64 = 1e-5;
 /// Stiffening below this share of the modulus is none.
 const MIN_STIFFENING: f64 = 1e-9;
 
-/// How the difference is interpolated.
+/// The way in which the difference is interpolated.
 #[derive(Debug)]
 enum Interpolation {
     /// By Lagrange's polynomial in the square of the displacement, of what is odd and smooth.
@@ -50,7 +50,7 @@ pub(super) struct Departure {
 }
 
 impl Departure {
-    /// Of a needle that is moved by up to `most_m` to either side; nothing where it is the linear one.
+    /// The difference for a needle that is moved by up to `most_m` to either side; nothing if it is the linear one.
     ///
     /// # Errors
     /// As [`Elements::solve`], and where a body of tissue has a law that needs springs.
@@ -87,7 +87,7 @@ impl Departure {
         let path = StressFreePath { path_m: |_| 0.0, newest: None };
         let mut shapes: Vec<Deformed> = Vec::with_capacity(nodes_m.len());
         for node_m in &nodes_m {
-            // From its neighbour, which is nearly the same.
+            // Its neighbour is nearly the same, so that Newton's method starts there.
             let shape = elements.solve_from(&springs, &path, Guide2::Held(*node_m), 0.0, shapes.last())?;
             shapes.push(shape);
         }
@@ -108,7 +108,7 @@ impl Departure {
         self.shapes.iter().zip(&self.nodes_m).flat_map(of_node).collect()
     }
 
-    /// What each node adds to the stiffness.
+    /// The stiffness that each node adds.
     fn stiffness_n_per_m(&self) -> Vec<f64> {
         let linear = self.linear.guide2_force_n / self.nodes_m[0];
         let nodes = self.shapes.iter().zip(&self.nodes_m);
@@ -182,7 +182,7 @@ impl Departure {
     }
 }
 
-/// Where a needle is solved that goes this far.
+/// Displacements at which a needle is solved that goes this far.
 fn nodes(problem: &BeamProblem, stiffens: bool, most_m: f64) -> (Interpolation, Vec<f64>) {
     if !problem.reaction.is_empty() {
         let spacing_m = most_m / f64::from(SIDE_NODES);

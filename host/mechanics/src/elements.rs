@@ -105,7 +105,7 @@ pub struct Elements {
     skin_n_per_m: f64,
     /// Stress-free curvature of the needle.
     curvature_per_m: f64,
-    /// What laws do to the bending stiffness along the needle.
+    /// Laws that act on the bending stiffness along the needle.
     stiffness: Vec<ActingLaw>,
     nodes_m: Vec<f64>,
     guide2: usize,

@@ -312,7 +312,7 @@ struct Needle {
     response: Arc<Response>,
     /// What the coefficients of a motion weigh at every place, coefficient by coefficient.
     weights: Vec<f64>,
-    /// What it does where the tissue moves; nothing where no law moves it.
+    /// Its answer to a motion of the tissue; nothing if no law moves it.
     carried: Option<Carried>,
 }
 

@@ -38,9 +38,9 @@ pub struct BeamProblem {
     pub give: Give,
     /// What the tissue does beyond a linear spring; [`BeamProblem::solve`] leaves it out.
     pub law: TissueLaw,
-    /// What laws do to the reaction of the tissue in lateral runs; [`BeamProblem::solve`] leaves it out.
+    /// Laws that act on the reaction of the tissue in lateral runs; [`BeamProblem::solve`] leaves it out.
     pub reaction: Vec<ActingLaw>,
-    /// What laws do to the bending stiffness along the needle in lateral runs; [`BeamProblem::solve`] leaves it out.
+    /// Laws that act on the bending stiffness along the needle in lateral runs; [`BeamProblem::solve`] leaves it out.
     pub stiffness: Vec<ActingLaw>,
 }
 

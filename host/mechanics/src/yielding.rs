@@ -43,7 +43,7 @@ impl TissueLaw {
 pub(super) struct Yielding<'a> {
     pub law: TissueLaw,
     pub foundation: &'a Foundation,
-    /// What laws of the grammar do to the reaction.
+    /// Laws of the grammar that act on the reaction.
     pub reaction: &'a [ActingLaw],
 }
 

@@ -1,4 +1,4 @@
-//! Which of all effects and laws are fitted: the leaders by their scores.
+//! The choice of the effects and laws that are fitted: the leaders by their scores.
 
 use super::super::found::{Candidate, Standing};
 use super::super::layout::{Layout, Scale};
@@ -21,7 +21,7 @@ const FIRST_ROUNDS: usize = 2;
 const MAX_SETTLED: usize = 5;
 /// Logarithm of odds of one in a thousand: a first fit that is less likely is not continued.
 const NEGLIGIBLE: f64 = -7.0;
-/// Where a law of the grammar acts, and on what it depends.
+/// Site and regressor of a law of the grammar.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Pair(Site, Scope, Regressor);
 
@@ -33,7 +33,7 @@ impl Pair {
     }
 }
 
-/// How low a score may be beside the best one for a fit to be tried.
+/// The lowest score beside the best one for which a fit is tried.
 pub(in super::super) fn leading(best: f64) -> f64 {
     best - BEHIND.max(BEHIND_SHARE * best)
 }

@@ -24,7 +24,7 @@ impl PartialEq for ActingLaw {
 }
 
 impl ActingLaw {
-    /// Of a law with these values, in the units of its parameters.
+    /// A law with these values, in the units of its parameters.
     pub(super) fn new(law: &Law, values: &[f64]) -> Self {
         Self { law: *law, values: values.to_vec() }
     }
@@ -56,10 +56,10 @@ impl ActingLaw {
     }
 }
 
-/// What laws move in a plane while guide 2 pushes, beside guide 2 as it is commanded: the tissue, and guide 2 under its own force.
+/// Motions that laws add in a plane while guide 2 pushes: those of the tissue, and those of guide 2 under its own force.
 #[derive(Debug)]
 pub(crate) struct Shifts {
-    /// Of the tissue at every sample, where that does not depend on the force, m.
+    /// Motion of the tissue at every sample, as far as it does not depend on the force, m.
     tissue_m: Vec<f64>,
     tissue_by_force: Vec<ActingLaw>,
     guide_by_force: Vec<ActingLaw>,
@@ -100,13 +100,13 @@ impl Shifts {
         !self.tissue_by_force.is_empty() || !self.guide_by_force.is_empty()
     }
 
-    /// Where the tissue is at a sample under a force, m.
+    /// Position of the tissue at a sample under a force, m.
     pub fn tissue_m(&self, sample: usize, force_n: f64) -> f64 {
         let by_force: f64 = self.tissue_by_force.iter().map(|law| law.at(force_n)).sum();
         self.tissue_m.get(sample).copied().unwrap_or_default() + by_force
     }
 
-    /// How much further guide 2 is under a force, m.
+    /// Motion that guide 2 adds under a force, m.
     pub fn guide_m(&self, force_n: f64) -> f64 {
         self.guide_by_force.iter().map(|law| law.at(force_n)).sum()
     }

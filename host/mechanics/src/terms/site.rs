@@ -29,13 +29,13 @@ pub enum Site {
     TipDirectionGain,
     /// The load on the tip along its bevel: `w + f`, newtons.
     TipLoad,
-    /// Where the tissue is before the needle pushes it: it reacts with `K (u - f)`, millimetres.
+    /// The position of the tissue itself: it reacts with `K (u - f)`, millimetres.
     Tissue,
     /// The reaction of the tissue: `K u (1 + f)`.
     Reaction,
     /// The bending stiffness of the needle: `EI (1 + f)`.
     Stiffness,
-    /// How far the needle turns in guide 1 per moment: `C + f`, rad/(N m).
+    /// The rotation of the needle in guide 1 per moment: `C + f`, rad/(N m).
     Clamp,
 }
 
