@@ -153,9 +153,10 @@ fn effects_are_listed() {
     let effects = all["effects"].as_array().expect("a list");
     assert_eq!(effects.len(), mechanics::effects::EFFECTS.len());
     for parameter in effects.iter().flat_map(|one| one["parameters"].as_array().expect("a list")) {
-        // A name without a unit at its end is a ratio, a share, or the like.
+        // A name without a unit at its end is a ratio, a share, a logarithm, or the like.
         let (name, unit) = (parameter["name"].as_str().expect("text"), &parameter["unit"]);
-        let bare = ["ratio", "fraction", "gain", "scale", "relative"].iter().any(|end| name.ends_with(end));
+        let ends = ["ratio", "fraction", "gain", "scale", "relative", "ln_y", "ln_x"];
+        let bare = ends.iter().any(|end| name.ends_with(end));
         assert_eq!(bare, unit == "1", "{name} {unit}");
     }
     let one = json(&["effects", "tissue.layers", "--json"]);
