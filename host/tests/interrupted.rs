@@ -19,7 +19,7 @@ use std::time::Instant;
 use tempfile::TempDir;
 
 /// Every command that writes files without a device, with a word on what a failure leaves of it.
-const WRITERS: [(&str, Left); 25] = [
+const WRITERS: [(&str, Left); 26] = [
     ("init made", Left::Nothing),
     ("init made --example", Left::Nothing),
     ("simulate --config plan.toml --out made", Left::Nothing),
@@ -29,6 +29,7 @@ const WRITERS: [(&str, Left); 25] = [
     ("import slicer needle.mrk.json --force d20.force.csv --rig rig.toml --out made", Left::Nothing),
     ("import fbg poses.txt --rig rig.toml --out made", Left::Nothing),
     ("plan --rig rig.toml --k-kpa 5 30 --depth-mm 20 --displacement-mm 1 --plot plan.svg", Left::Whole),
+    ("relation --rig rig.toml --depth-mm 30 --plot block.svg", Left::Whole),
     ("identify . --plots made", Left::Whole),
     ("predict . --plots made --until 15", Left::Whole),
     ("track . --plots made", Left::Whole),
