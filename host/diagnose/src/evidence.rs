@@ -162,6 +162,19 @@ impl Patterns {
         Some(less.iter().map(|part| part.column(0).into_owned()).collect())
     }
 
+    /// What the discrepancy that runs share is expected to be in the last run, by the others: `Phi diag(s^2) Phi^T c` of columns of these.
+    pub fn expected_in_last(&self, sizes: &[f64], others: &[DVector<f64>]) -> Option<DVector<f64>> {
+        let (last, before) = self.runs.split_last()?;
+        let mut amplitudes = DVector::zeros(self.shared_groups.len());
+        for (run, column) in before.iter().zip(others) {
+            amplitudes.gemv_tr(1.0, &run.shared, column, 1.0);
+        }
+        for (amplitude, group) in amplitudes.iter_mut().zip(&self.shared_groups) {
+            *amplitude *= sizes.get(*group)?.powi(2);
+        }
+        Some(&last.shared * amplitudes)
+    }
+
     /// Minus the logarithm of the prior of sizes, and its derivatives by their logarithms.
     pub fn size_prior(&self, sizes: &[f64]) -> (f64, Vec<f64>) {
         let of_group = |(group, size): (&Group, &f64)| {

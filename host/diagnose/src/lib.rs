@@ -25,6 +25,7 @@
 //! | intervals over all members of a class | `averaged` |
 //! | the result | `report`, `results` |
 //! | draws from its posterior, for other programs | `draws` |
+//! | what runs that were not made yet would tell | `prospects` |
 //! | what a session could show, before it is asked | `check` |
 //! | what the walls of the tissue do to E | `walls` |
 //! | effects switched on and off by a person | `workbench` |
@@ -61,6 +62,7 @@ mod next;
 mod noise;
 mod posterior;
 mod predicted;
+mod prospects;
 mod remaining;
 mod report;
 mod results;
@@ -92,6 +94,7 @@ pub use foundation::{
 };
 pub use known::{KnownParameter, Moved, moved_since};
 pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
+pub use prospects::{PossibleSet, Prospect, Prospects};
 pub use results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus, Misfit,
     ModulusStatus, NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize,
@@ -118,6 +121,7 @@ use readings::FitError;
 use readings::draws::DrawOptions;
 use remaining::Remaining;
 use report::DiagnosisReport;
+use simulation::simulate::LateralPlan;
 use split::{Training, split};
 use start::{Noises, Start, fit_start};
 use std::path::PathBuf;
@@ -143,6 +147,8 @@ pub struct Options {
     pub left_out: Vec<&'static str>,
     /// Draws from the posterior beside the result.
     pub draws: Option<DrawOptions>,
+    /// Runs that could be made next: the result states what each would tell.
+    pub plans: Vec<LateralPlan>,
     /// The session to compare with: what it determines is carried over, and what differs from it is searched for.
     pub reference: Option<Session>,
 }
@@ -162,6 +168,7 @@ impl Default for Options {
             discovery: true,
             left_out: Vec::new(),
             draws: None,
+            plans: Vec::new(),
             reference: None,
         }
     }
@@ -327,6 +334,10 @@ fn workflow<T>(
     if let Some(draws) = options.draws {
         on_progress("draws are taken");
         result.draws = Some(report.sources(&prepared, &patterns).draws(&result, draws)?);
+    }
+    if !options.plans.is_empty() {
+        on_progress("what further runs would tell is computed");
+        result.prospects = Some(report.foreseen(&prepared, &patterns)?);
     }
     let walls = WallsResult::new(session.tissue.walls, &session.rig.needle, touched_m(&all), options.poisson);
     Ok((result.with_walls(walls), more))

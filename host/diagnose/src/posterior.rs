@@ -175,6 +175,25 @@ impl Fitted {
         Some((left, follow.row(0).iter().map(|step| modulus_sd * step).collect()))
     }
 
+    /// The same with the readings of one more run.
+    pub fn with_run(&self, residuals: Vec<f64>, jacobian: DMatrix<f64>) -> Self {
+        let mut more = self.clone();
+        more.residuals.push(residuals);
+        more.jacobian.push(jacobian);
+        more
+    }
+
+    /// Variance of the logarithm of the modulus with discrepancy of these sizes; nothing where a size makes no sense.
+    pub fn ln_modulus_variance(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
+        let nothing: Vec<DMatrix<f64>> =
+            self.residuals.iter().map(|residuals| DMatrix::zeros(residuals.len(), 0)).collect();
+        let own = patterns.in_metric(sizes, &self.products_beside_parameters(patterns, &nothing))?;
+        let count = own.nrows();
+        let covariance = (own + DMatrix::identity(count, count)).cholesky()?.inverse();
+        let sd = self.layout.parameters(&self.values).first().map_or(0.0, prior_sd);
+        Some(covariance[(0, 0)] * sd * sd)
+    }
+
     /// A column (one part per run) less what the parameters could do about it beside noise alone.
     pub fn less_parameters(&self, column: &[DVector<f64>]) -> Option<Vec<Vec<f64>>> {
         let parameters = self.layout.parameters(&self.values);

@@ -11,6 +11,7 @@ use super::found::{Candidate, Found, Member, Standing};
 use super::layout::{NORMAL_975, Prepared};
 use super::noise::Noise;
 use super::posterior::Fitted;
+use super::prospects::{Known, Prospects};
 use super::results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus,
     ModulusStatus, Ranked, ReferenceResult, RegionResult, RemainingResult, SCHEMA, Verdict,
@@ -21,6 +22,7 @@ use formats::model_file::{LearnedEffect, ModelFile};
 use formats::session::Session;
 use mechanics::effects::{Effect, effect};
 use mechanics::{Experiment, Profile, Support};
+use readings::FitError;
 use std::collections::BTreeMap;
 
 /// Leaders that are reported where nothing is named.
@@ -95,6 +97,7 @@ impl DiagnosisReport<'_> {
             self.found.first.iter().filter(|candidate| !candidate.score.effect.is_unnamed()).collect();
         Diagnosis {
             draws: None,
+            prospects: None,
             schema: SCHEMA,
             session: self.session.name.clone(),
             verdict,
@@ -171,6 +174,15 @@ impl DiagnosisReport<'_> {
     pub fn sources<'a>(&'a self, runs: &'a [Prepared], patterns: &'a Patterns) -> Sources<'a> {
         let (averaged, beside) = (&self.averaged, self.other_foundation.as_slice());
         Sources { averaged, beside, plain: self.plain_ln(), runs, patterns }
+    }
+
+    /// What the planned runs of the options would tell.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn foreseen(&self, runs: &[Prepared], patterns: &Patterns) -> Result<Prospects, FitError> {
+        let (averaged, noise, multiples) = (&self.averaged, self.noise, &self.multiples);
+        Known { averaged, runs, patterns, noise, multiples }.prospects(&self.options.plans)
     }
 
     /// How the session differs from its reference.

@@ -4,6 +4,7 @@ use super::Multiples;
 use super::data::Channel;
 use super::known::Moved;
 use super::posterior::Fitted;
+use super::prospects::Prospects;
 use formats::model_file::Alternative;
 use mechanics::Support;
 use modulus::walls::WallsResult;
@@ -34,6 +35,9 @@ pub struct Diagnosis {
     /// Draws from the posterior, where they were requested.
     #[serde(skip)]
     pub draws: Option<Draws>,
+    /// What runs that were not made yet would tell, where they were planned.
+    #[serde(skip)]
+    pub prospects: Option<Prospects>,
     /// Name and version of this form.
     pub schema: &'static str,
     /// Name of the session.

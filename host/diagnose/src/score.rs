@@ -6,31 +6,21 @@
 //! residuals: the efficient score. With a normal prior of the amplitude the evidence of each effect over the current model is a closed
 //! form, averaged over the places or times at which an effect may sit.
 
+mod directions;
 mod power;
+mod unseen;
 
+pub(super) use directions::Directions;
 pub(super) use power::NamedFrom;
+pub(super) use unseen::Unseen;
 
-use super::data::Kind;
 use super::evidence::Patterns;
 use super::layout::{Prepared, Scale, prior};
 use super::posterior::Fitted;
+use directions::Hypothesis;
 use mechanics::effects::{Effect, ParameterInfo, all, neutral};
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use readings::FitError;
-
-/// One hypothesis in which an effect may act: a place or time, and the directions of its amplitudes.
-#[derive(Debug, Clone)]
-struct Hypothesis {
-    /// Values of the parameters at amplitudes of one, each alone.
-    probes: Vec<Vec<f64>>,
-    /// Precision of the prior of every amplitude.
-    precisions: Vec<f64>,
-    /// Whether an amplitude may be negative.
-    two_sided: Vec<bool>,
-    /// Columns of all directions.
-    columns: Vec<usize>,
-}
 
 /// An effect's score.
 #[derive(Debug, Clone)]
@@ -104,50 +94,15 @@ impl Scores {
         runs: &[Prepared],
         patterns: &Patterns,
     ) -> Result<Self, FitError> {
-        let known = |effect: &dyn Effect| fitted.layout.effects.iter().any(|e| e.id() == effect.id());
-        let unknown: Vec<&'static dyn Effect> = effects
-            .iter()
-            .copied()
-            .filter(|effect| !known(*effect) && fitted.layout.is_applicable(*effect))
-            .collect();
-        let of_effect = |effect: &'static dyn Effect| {
-            let layout = fitted.layout.with(effect);
-            let direction = |probe: &Vec<f64>| -> Vec<DVector<f64>> {
-                let mut values = fitted.values().to_vec();
-                let infos = effect.parameters().iter().zip(probe);
-                values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-                let of_run = |(run, plain): (&Prepared, &Vec<f64>)| {
-                    let shows = effect.info().observable_in;
-                    let none = || DVector::zeros(plain.len());
-                    if !(if run.run.kind == Kind::Insertion { shows.insertion } else { shows.lateral }) {
-                        return none();
-                    }
-                    // An effect that is impossible at this size (a needle that buckles) has no direction.
-                    match run.residuals(&layout, &values) {
-                        Ok(changed) if changed.iter().all(|v| v.is_finite()) => {
-                            DVector::from_iterator(plain.len(), plain.iter().zip(changed).map(|(a, b)| a - b))
-                        }
-                        _ => none(),
-                    }
-                };
-                runs.iter().zip(&fitted.residuals).map(of_run).collect()
-            };
-            let with_directions = |hypothesis: Hypothesis| {
-                let directions: Vec<Vec<DVector<f64>>> = hypothesis.probes.iter().map(direction).collect();
-                (hypothesis, directions)
-            };
-            (effect, hypotheses_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
-        };
-        let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();
-        let (mut hypotheses, mut directions) = (Vec::new(), Vec::new());
-        for (effect, of_effect) in all {
-            let numbered = |(mut hypothesis, mut more): (Hypothesis, Vec<Vec<DVector<f64>>>)| {
-                hypothesis.columns.extend(directions.len()..directions.len() + more.len());
-                directions.append(&mut more);
-                hypothesis
-            };
-            hypotheses.push((effect, of_effect.into_iter().map(numbered).collect()));
-        }
+        Self::along(Directions::of(effects, fitted, runs), fitted, patterns)
+    }
+
+    /// The scores of these directions around the fit, in the metric of the discrepancy that every rig has.
+    ///
+    /// # Errors
+    /// Where a size of the discrepancy makes no sense.
+    pub fn along(directions: Directions, fitted: &Fitted, patterns: &Patterns) -> Result<Self, FitError> {
+        let Directions { hypotheses, directions } = directions;
         let count = directions.len();
         if count == 0 {
             let (gram, along) = (DMatrix::zeros(0, 0), DVector::zeros(0));
@@ -316,39 +271,6 @@ impl HypothesisScore {
     fn none(k: usize) -> Self {
         Self { chi_square: 0.0, log_evidence: f64::NEG_INFINITY, amplitudes: DVector::zeros(k) }
     }
-}
-
-/// Every hypothesis in which an effect may act.
-fn hypotheses_of(effect: &'static dyn Effect) -> Vec<Hypothesis> {
-    let infos = effect.parameters();
-    let places: Vec<Option<f64>> = match infos.iter().find(|info| !info.nodes.is_empty()) {
-        Some(info) => info.nodes.iter().map(|node| Some(*node)).collect(),
-        None => vec![None],
-    };
-    let hypothesis = |place: Option<f64>| {
-        let mut hypothesis = Hypothesis {
-            probes: Vec::new(),
-            precisions: Vec::new(),
-            two_sided: Vec::new(),
-            columns: Vec::new(),
-        };
-        for (index, info) in infos.iter().enumerate().filter(|(_, info)| info.nodes.is_empty()) {
-            let mut values = neutral(effect);
-            values[index] += info.prior_sd;
-            for (value, info) in values.iter_mut().zip(infos) {
-                if !info.nodes.is_empty() {
-                    *value = place.unwrap_or(*value);
-                }
-            }
-            let scale = Scale::of(info);
-            let step = scale.inside(values[index]) - scale.inside(info.neutral);
-            hypothesis.probes.push(values);
-            hypothesis.precisions.push((step / prior(info).sd).powi(2));
-            hypothesis.two_sided.push(info.is_two_sided());
-        }
-        hypothesis
-    };
-    places.into_iter().map(hypothesis).collect()
 }
 
 /// Values at an amplitude, within what is likely.

@@ -3,6 +3,7 @@
 //! Both are unknowns of every fit, so that no effect stands in for them and the modulus does not suffer (theory, eq. 84). Where the posterior excludes
 //! what was stated they get the name of an effect, and the gap is that to the model as it was stated.
 
+use super::adequacy::Adequacy;
 use super::found::{Explanation, Found, Member};
 use super::layout::{NORMAL_975, Scale, StatedPlace};
 use super::posterior::{Fitted, MAX_ROUNDS};
@@ -65,6 +66,11 @@ impl Found {
     /// Where the model cannot be evaluated.
     pub fn with_names_of_stated(mut self, start: &Start, judge: &Judge) -> Result<(Self, bool), FitError> {
         let mut is_named = false;
+        // Where no model that was compared holds, their posterior of a place says nothing about that place.
+        let adequacy = Adequacy::of(&self.fitted, &start.runs, &start.patterns)?;
+        if !adequacy.is_adequate() && !judge.is_chance(&self.fitted) {
+            return Ok((self, is_named));
+        }
         while let Some((place, value_m)) = excluded(&self) {
             let Some(effect) = effect(place.effect) else { break };
             let mut values = self.fitted.values().to_vec();

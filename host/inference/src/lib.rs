@@ -6,6 +6,7 @@
 //! | [`predict`], [`insertion`] | tip load and path of a needle that advances, for a session and reading by reading |
 //! | [`track`] | stiffness and damping over steering runs |
 //! | [`diagnose`] | where model and measurement disagree, and which effect is missing |
+//! | [`investigate`] | the run that tells most about what is missing, one after the other |
 //! | [`plan`] | the interval that a lateral run will give |
 //! | [`check`] | what each command can do with a session |
 //! | [`fit()`], [`LateralData`] | weighted least squares over parameters shared by all runs and nuisances of each run; a lateral run as one of its blocks |
@@ -31,6 +32,7 @@
 #![deny(missing_docs)]
 
 pub mod check;
+pub mod investigate;
 pub mod plan;
 pub mod predict;
 mod summarize;

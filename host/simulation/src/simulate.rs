@@ -84,15 +84,39 @@ impl SimulationPlan {
         let model = self.model(rig)?;
         let mut made = Simulated::default();
         for (number, plan) in (0..).zip(&self.lateral) {
-            let noise = Random::numbered(seed, Stream::LateralPlans, number);
-            let order = made.lateral.len() as f64;
-            made.lateral.push(lateral(&model, (plan, order), sensors, noise)?);
+            made.lateral.push(plan.carry_out(&model, sensors, seed, number)?);
         }
         for (number, plan) in (0..).zip(&self.insertion) {
             let noise = Random::numbered(seed, Stream::InsertionPlans, number);
             made.insertion.push(insertion(&model, plan, sensors, noise)?);
         }
         Ok(made)
+    }
+}
+
+impl LateralPlan {
+    /// Carries out this plan as the run of this number in a session, from 0.
+    ///
+    /// # Errors
+    /// [`ModelError`] where the forward model refuses the plan.
+    pub fn carry_out(
+        &self,
+        model: &Model,
+        sensors: Sensors,
+        seed: u64,
+        number: u64,
+    ) -> Result<LateralRun, ModelError> {
+        lateral(model, (self, number as f64), sensors, Random::numbered(seed, Stream::LateralPlans, number))
+    }
+
+    /// What a model makes of this plan as the run of this number, without noise.
+    ///
+    /// # Errors
+    /// [`ModelError`] where the forward model refuses the plan.
+    pub fn foreseen(&self, model: &Model, order: f64) -> Result<LateralRun, ModelError> {
+        let exact =
+            Sensors { force_n: 0.0, displacement_m: 0.0, shape_m: 0.0, tip_m: 0.0, tip_direction_rad: None };
+        lateral(model, (self, order), exact, Random::numbered(0, Stream::LateralPlans, 0))
     }
 }
 

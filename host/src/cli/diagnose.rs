@@ -85,6 +85,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         discovery: !args.no_discovery,
         left_out: args.leave_out.clone(),
         draws: args.draws.options(args.seed),
+        plans: Vec::new(),
         foundation: args.tissue.foundation.unwrap_or_else(|| session.tissue.foundation.into()),
         poisson: args.tissue.poisson.or(session.tissue.poisson).unwrap_or(INCOMPRESSIBLE),
         reference: args.reference.as_deref().map(Session::read).transpose()?,

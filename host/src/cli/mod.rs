@@ -33,6 +33,7 @@ mod import_shapes;
 mod import_table;
 mod import_ultrasound;
 mod init;
+mod investigate;
 mod limits;
 mod live;
 #[cfg(feature = "screen")]
@@ -121,6 +122,7 @@ enum Command {
     Identify(identify::Args),
     Predict(predict::Args),
     Diagnose(diagnose::Args),
+    Investigate(investigate::Args),
     Summarize(summarize::Args),
     Population(population::Args),
     Report(report::Args),
@@ -214,6 +216,7 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Identify(args) => identify::run(args, out),
         Command::Predict(args) => predict::run(args, out),
         Command::Diagnose(args) => diagnose::run(args, out),
+        Command::Investigate(args) => investigate::run(args, out),
         Command::Summarize(args) => summarize::run(args, out),
         Command::Population(args) => population::run(args, out),
         Command::Report(args) => report::run(args, out),

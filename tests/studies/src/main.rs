@@ -17,12 +17,12 @@ struct Args {
     /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
     /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), K from ultrasound frames (`images`), or what `guide plan`
     /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, steering to a target
-    /// (`steer`), statistics over many sessions, their intervals where subjects have several (`nesting`), rigs in air (`characterize`), steered insertions that were recorded (`recorded`), rigs stated beside the truth (`stated`), what is in no catalogue (`open`), nothing hidden over the noise and sampling of laboratories (`clean`), steering within tight limits (`limits`), Young's modulus of gels that are blocks (`blocks`), or from synthetic indentations (`indentation`); without a name all that the documentation quotes, as it quotes them, written
+    /// (`steer`), statistics over many sessions, their intervals where subjects have several (`nesting`), rigs in air (`characterize`), steered insertions that were recorded (`recorded`), rigs stated beside the truth (`stated`), what is in no catalogue (`open`), nothing hidden over the noise and sampling of laboratories (`clean`), steering within tight limits (`limits`), Young's modulus of gels that are blocks (`blocks`), or from synthetic indentations (`indentation`), runs until what is hidden has its name (`investigate`); without a name all that the documentation quotes, as it quotes them, written
     /// where it has them
     #[arg(value_parser = [
         "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers", "steer",
         "population", "nesting", "characterize", "recorded", "stated", "open", "clean", "limits",
-        "blocks", "indentation",
+        "blocks", "indentation", "investigate",
     ])]
     name: String,
     /// Sessions of insertions, imperfect ones of all kinds, or rigs in air
@@ -97,6 +97,7 @@ fn run(args: &Args) -> Result<()> {
         "indentation" => commands::indentation::run(args.sessions, args.seed),
         "open" => commands::open::run(args.sessions, args.seed, &args.only),
         "clean" => commands::clean::run(args.sessions, args.seed, &args.only),
+        "investigate" => commands::investigate::run(args.sessions, args.seed, args.verbose),
         "stated" => commands::stated::run(args.sessions, args.seed, &args.only),
         _ => modulus_relation(),
     }

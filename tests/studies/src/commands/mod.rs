@@ -7,6 +7,7 @@ pub mod clean;
 pub mod diagnosis;
 pub mod imperfect;
 pub mod indentation;
+pub mod investigate;
 pub mod nesting;
 pub mod open;
 pub mod population;

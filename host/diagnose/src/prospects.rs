@@ -1,0 +1,301 @@
+//! What runs that were not made yet would tell (theory, eq. 90): which explanation is true, and how well the modulus is known.
+//!
+//! Every model that the runs leave in question predicts a planned run as a normal distribution: its value, noise and discrepancy, and what the runs so
+//! far leave open of its own parameters and of the discrepancy that runs share. The mutual information between the model and the planned
+//! readings is at least `-sum_i w_i ln sum_j w_j exp(-B_ij)`, with the posterior weights `w` and Bhattacharyya's distances `B` (Kolchinsky and
+//! Tracey, "Estimating mixture entropy with pairwise distances", Entropy 19:361, 2017). Effects that no run has shown so far are among the models,
+//! each with its prior odds and the variance that the runs leave its amplitude: so a first session is spread over depths and axes.
+
+use super::Multiples;
+use super::averaged::Averaged;
+use super::data::{Channel, Kind, Run};
+use super::discrepancy::patterns;
+use super::evidence::{Group, Patterns};
+use super::layout::Prepared;
+use super::noise::Noise;
+use super::posterior::{Fitted, jacobian, residuals};
+use super::score::{Directions, Scores, Unseen};
+use super::whiten::Whitener;
+use mechanics::effects::{Effect, all};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use readings::FitError;
+use serde::Serialize;
+use simulation::simulate::LateralPlan;
+
+/// A model less likely than this adds less than 0.007 nats to what a run could tell: `-p ln p`.
+const MIN_PROBABILITY: f64 = 1e-3;
+/// Effects that are named as the reason for a run.
+const REASONS: usize = 3;
+
+/// What is in question, and what planned runs would tell about it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Prospects {
+    /// Sets of effects that explain what the runs show, with their probabilities, likeliest first.
+    pub explanations: Vec<PossibleSet>,
+    /// Probability that one more effect is missing, which no run has shown so far.
+    pub unseen_probability: f64,
+    /// The planned runs, in their order.
+    pub runs: Vec<Prospect>,
+}
+
+impl Prospects {
+    /// Probability that nothing is missing.
+    pub fn nothing_missing(&self) -> f64 {
+        let nothing = self.explanations.iter().filter(|set| set.effects.is_empty());
+        (1.0 - self.unseen_probability) * nothing.map(|set| set.probability).sum::<f64>()
+    }
+}
+
+/// A set of effects that explains the runs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PossibleSet {
+    /// Their ids; empty where nothing is missing.
+    pub effects: Vec<String>,
+    /// Its probability.
+    pub probability: f64,
+}
+
+/// What a planned run would tell.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Prospect {
+    /// Name of the planned run.
+    pub run: String,
+    /// Expected information about what is missing, nats.
+    pub information_nats: f64,
+    /// Expected information about the modulus: the logarithm of the ratio of its standard deviations before and after, nats.
+    pub modulus_nats: f64,
+    /// Largest lateral force that the model predicts, N.
+    pub force_n: f64,
+    /// Effects about which it would tell most, the first ones first.
+    pub reasons: Vec<String>,
+}
+
+/// What the prospects are computed from.
+pub(super) struct Known<'a> {
+    pub averaged: &'a Averaged,
+    pub runs: &'a [Prepared],
+    pub patterns: &'a Patterns,
+    pub noise: &'a Noise,
+    pub multiples: &'a Multiples,
+}
+
+/// The models in question with their probabilities.
+struct Models<'a> {
+    base: &'a Fitted,
+    fits: Vec<(f64, &'a Fitted)>,
+    directions: Directions,
+    /// Amplitudes of effects that no run has shown so far.
+    unseen: Vec<(f64, Unseen)>,
+    ln_modulus_variance: f64,
+}
+
+/// A planned run beside those that were made.
+struct Foreseen {
+    run: Prepared,
+    /// Its residuals under the base, which are next to nothing.
+    here: Vec<f64>,
+    patterns: Patterns,
+}
+
+impl Known<'_> {
+    /// What these runs would tell.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn prospects(&self, plans: &[LateralPlan]) -> Result<Prospects, FitError> {
+        let models = self.models()?;
+        let prospect = |plan: &LateralPlan| self.prospect(&models, plan);
+        let runs = plans.par_iter().map(prospect).collect::<Result<_, _>>()?;
+        let unseen_probability: f64 = models.unseen.iter().map(|(probability, _)| probability).sum();
+        let mut explanations: Vec<PossibleSet> = Vec::new();
+        for (probability, fit) in &models.fits {
+            let (effects, probability) = (added(fit), probability / (1.0 - unseen_probability));
+            match explanations.iter_mut().find(|known| known.effects == effects) {
+                Some(known) => known.probability += probability,
+                None => explanations.push(PossibleSet { effects, probability }),
+            }
+        }
+        explanations.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        Ok(Prospects { explanations, unseen_probability, runs })
+    }
+
+    fn models(&self) -> Result<Models<'_>, FitError> {
+        let base = self.averaged.own();
+        let fits = self.averaged.fits();
+        let is_fitted = |effect: &&'static dyn Effect| {
+            let has = |fit: &Fitted| fit.layout.effects.iter().any(|one| one.id() == effect.id());
+            fits.iter().any(|(_, fit)| has(fit))
+        };
+        let names: Vec<&'static dyn Effect> = all().into_iter().filter(|effect| !is_fitted(effect)).collect();
+        let directions = Directions::of(&names, base, self.runs);
+        let unseen = Scores::along(directions.clone(), base, self.patterns)?.unseen();
+        let is_base = |fit: &Fitted| fit.layout.has_effects_of(&base.layout);
+        let of_base: f64 = fits.iter().filter(|(_, fit)| is_base(fit)).map(|(weight, _)| weight).sum();
+        // That one of the names is missing is as likely beforehand as that none is, whether the runs so far can show it or not.
+        let prior = of_base / all().len() as f64;
+        let weights: Vec<f64> = unseen.iter().map(|one| prior * one.log_evidence.exp()).collect();
+        let total: f64 = fits.iter().map(|(weight, _)| weight).chain(&weights).sum();
+        let fits = fits.iter().map(|(weight, fit)| (weight / total, fit));
+        Ok(Models {
+            base,
+            fits: fits.filter(|(probability, _)| *probability > MIN_PROBABILITY).collect(),
+            directions,
+            unseen: weights.into_iter().map(|weight| weight / total).zip(unseen).collect(),
+            ln_modulus_variance: base
+                .ln_modulus_variance(self.patterns, &base.sizes)
+                .ok_or(FitError::Undetermined)?,
+        })
+    }
+
+    /// A planned run without noise, as the model expects it.
+    fn foreseen(&self, base: &Fitted, plan: &LateralPlan) -> Result<Foreseen, FitError> {
+        let model = base.layout.model(base.values(), Kind::Lateral)?;
+        let order = self.runs.len() as f64;
+        let measured = plan.foreseen(&model, order)?;
+        let run = Run::lateral(&measured, &model.rig).map_err(|_| FitError::Undetermined)?.numbered(order);
+        let run = Prepared { whitener: Whitener::new(&run, self.noise, &model)?, run };
+        let here = run.residuals(&base.layout, base.values())?;
+        let all: Vec<Prepared> = self.runs.iter().chain([&run]).cloned().collect();
+        let patterns = patterns(&base.layout, base.values(), &all, self.multiples)?;
+        Ok(Foreseen { run, here, patterns })
+    }
+
+    fn prospect(&self, models: &Models<'_>, plan: &LateralPlan) -> Result<Prospect, FitError> {
+        let base = models.base;
+        let foreseen = self.foreseen(base, plan)?;
+        let own = foreseen.with(base).ok_or(FitError::Undetermined)?;
+        // A model that makes the planned run impossible (a needle that buckles) is no ground to plan it: it predicts what the base does.
+        let fits: Vec<Option<Fitted>> = models.fits.iter().map(|(_, fit)| foreseen.with(fit)).collect();
+        let expected = |fit: &Fitted| self.expected(&foreseen, fit);
+        let of_base = expected(&own).ok_or(FitError::Undetermined)?;
+        let of_fit = |fit: &Option<Fitted>| fit.as_ref().and_then(expected).unwrap_or(of_base.clone());
+        let means: Vec<DVector<f64>> = fits.iter().map(of_fit).collect();
+        let count = fits.len();
+        let of_fit = |(fit, mean): (&Option<Fitted>, &DVector<f64>)| {
+            let squares = fit.as_ref().and_then(|fit| self.distances(&foreseen, fit, mean, &means));
+            squares.unwrap_or(vec![0.0; count])
+        };
+        let squares: Vec<Vec<f64>> = fits.iter().zip(&means).map(of_fit).collect();
+        let sizes = self.sizes(base, &foreseen.patterns);
+        let mut at_sizes = own.clone();
+        at_sizes.sizes.clone_from(&sizes);
+        let directions = models.directions.clone().with_run(base, &foreseen.run, &foreseen.here);
+        let after = Scores::along(directions, &at_sizes, &foreseen.patterns)?.unseen();
+        // Two normal distributions, one of which is wider along one direction.
+        let wider = |((_, before), after): (&(f64, Unseen), &Unseen)| {
+            let ratio = (before.variance / after.variance - 1.0).max(0.0);
+            0.5 * ((1.0 + 0.5 * ratio) / (1.0 + ratio).sqrt()).ln()
+        };
+        let unseen: Vec<f64> = models.unseen.iter().zip(&after).map(wider).collect();
+        let base_number =
+            models.fits.iter().position(|(_, fit)| fit.layout.has_effects_of(&base.layout)).unwrap_or(0);
+        let between = |i: usize, j: usize| {
+            let square =
+                |i: usize, j: usize| squares.get(i).and_then(|row| row.get(j)).copied().unwrap_or(0.0);
+            (square(i, j) + square(j, i)) / 16.0
+        };
+        let distance = |i: usize, j: usize| match (i < count, j < count) {
+            (true, true) => between(i, j),
+            // What is unseen lies beside the base, in a direction of its own.
+            (true, false) => unseen[j - count] + between(i, base_number),
+            (false, true) => unseen[i - count] + between(j, base_number),
+            (false, false) if i == j => 0.0,
+            (false, false) => unseen[i - count] + unseen[j - count],
+        };
+        let of_unseen = models.unseen.iter().map(|(weight, _)| *weight);
+        let weights: Vec<f64> = models.fits.iter().map(|(weight, _)| *weight).chain(of_unseen).collect();
+        let gain = |i: usize| {
+            let mixed: f64 =
+                weights.iter().enumerate().map(|(j, weight)| weight * (-distance(i, j)).exp()).sum();
+            // Models that are not counted have what is left of the probability.
+            if weights[i] > 0.0 { -weights[i] * (mixed / weights.iter().sum::<f64>()).ln() } else { 0.0 }
+        };
+        let gains: Vec<f64> = (0..weights.len()).map(gain).collect();
+        let effects = models.fits.iter().map(|(_, fit)| added(fit));
+        let effects = effects.chain(models.unseen.iter().map(|(_, one)| vec![one.effect.id().to_owned()]));
+        let after = own.ln_modulus_variance(&foreseen.patterns, &sizes).ok_or(FitError::Undetermined)?;
+        Ok(Prospect {
+            run: plan.id.clone(),
+            information_nats: gains.iter().sum::<f64>().max(0.0),
+            modulus_nats: (0.5 * (models.ln_modulus_variance / after).ln()).max(0.0),
+            force_n: largest_force_n(&foreseen.run.run),
+            reasons: reasons(&gains, &effects.collect::<Vec<_>>()),
+        })
+    }
+
+    /// Residuals of the planned run under a fit that has it, less what the runs let expect of the discrepancy there.
+    fn expected(&self, foreseen: &Foreseen, fit: &Fitted) -> Option<DVector<f64>> {
+        let (last, before) = fit.residuals.split_last()?;
+        let less = self.patterns.less_patterns(&fit.sizes, before)?;
+        let sizes = self.sizes(fit, &foreseen.patterns);
+        Some(DVector::from_column_slice(last) - foreseen.patterns.expected_in_last(&sizes, &less)?)
+    }
+
+    /// Squares of the differences between what a fit and all of them expect of the planned run, over the noise, the discrepancy and what the
+    /// runs leave open of the fit's own parameters.
+    fn distances(
+        &self,
+        foreseen: &Foreseen,
+        fit: &Fitted,
+        own: &DVector<f64>,
+        means: &[DVector<f64>],
+    ) -> Option<Vec<f64>> {
+        let mut columns: Vec<DMatrix<f64>> =
+            self.runs.iter().map(|run| DMatrix::zeros(run.run.data.len(), means.len())).collect();
+        let differences: Vec<DVector<f64>> = means.iter().map(|mean| mean - own).collect();
+        columns.push(DMatrix::from_columns(&differences));
+        let products = fit.products_beside_parameters(&foreseen.patterns, &columns);
+        let (left, _) =
+            fit.eliminated(&foreseen.patterns, &self.sizes(fit, &foreseen.patterns), &products)?;
+        Some(left.diagonal().iter().copied().collect())
+    }
+
+    /// Sizes of the groups of the discrepancy beside a planned run, as a fit has them.
+    fn sizes(&self, fit: &Fitted, beside: &Patterns) -> Vec<f64> {
+        let known: Vec<(&str, f64)> =
+            self.patterns.groups.iter().map(|group| group.name).zip(fit.sizes.iter().copied()).collect();
+        let of_group = |group: &Group| {
+            let size = known.iter().find(|(name, _)| *name == group.name).map(|(_, size)| *size);
+            size.unwrap_or(group.everyday)
+        };
+        beside.groups.iter().map(of_group).collect()
+    }
+}
+
+impl Foreseen {
+    /// A fit with what it predicts of the planned run; nothing where that is impossible.
+    fn with(&self, fit: &Fitted) -> Option<Fitted> {
+        let one = std::slice::from_ref(&self.run);
+        let residuals = residuals(&fit.layout, one, fit.values()).ok()?;
+        let parameters = fit.layout.parameters(fit.values());
+        let jacobian = jacobian(&fit.layout, one, fit.values(), &parameters, &residuals, &[]).ok()?;
+        Some(fit.with_run(residuals.into_iter().next()?, jacobian.into_iter().next()?))
+    }
+}
+
+/// Ids of the effects that were added to a model.
+fn added(fit: &Fitted) -> Vec<String> {
+    fit.layout.effects.iter().skip(fit.layout.given).map(|effect| effect.id().to_owned()).collect()
+}
+
+/// Largest force of a run.
+fn largest_force_n(run: &Run) -> f64 {
+    let forces = run.data.iter().filter(|datum| matches!(datum.channel, Channel::ForceY | Channel::ForceX));
+    forces.map(|datum| datum.measured.abs()).fold(0.0, f64::max)
+}
+
+/// Effects about which a run tells most.
+fn reasons(gains: &[f64], effects: &[Vec<String>]) -> Vec<String> {
+    let mut by_effect: Vec<(f64, &String)> = Vec::new();
+    for (gain, effects) in gains.iter().zip(effects) {
+        for effect in effects {
+            match by_effect.iter_mut().find(|(_, known)| *known == effect) {
+                Some((sum, _)) => *sum += gain,
+                None => by_effect.push((*gain, effect)),
+            }
+        }
+    }
+    by_effect.sort_by(|a, b| b.0.total_cmp(&a.0));
+    by_effect.into_iter().take(REASONS).map(|(_, effect)| effect.clone()).collect()
+}

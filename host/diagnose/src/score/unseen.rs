@@ -1,0 +1,40 @@
+//! Effects that are not in the model and that no run has shown so far, as the runs leave them.
+
+use super::directions::Hypothesis;
+use super::{Scores, mean_of_exponentials};
+use mechanics::effects::Effect;
+
+/// One amplitude of an effect at one place, of an effect that is not in the model.
+#[derive(Debug, Clone)]
+pub(crate) struct Unseen {
+    pub effect: &'static dyn Effect,
+    /// Variance of the amplitude after the runs.
+    pub variance: f64,
+    /// Log evidence of the effect over the model without it, less the logarithm of the number of its amplitudes and places: together they have
+    /// the evidence of the effect.
+    pub log_evidence: f64,
+}
+
+impl Scores {
+    /// Every amplitude of every hypothesis.
+    pub fn unseen(&self) -> Vec<Unseen> {
+        let of_effect = |(effect, hypotheses): &(&'static dyn Effect, Vec<Hypothesis>)| {
+            let count: usize = hypotheses.iter().map(|hypothesis| hypothesis.columns.len()).sum();
+            let evidences = hypotheses.iter().map(|hypothesis| {
+                Self::log_evidence(hypothesis, self.prepared(hypothesis).as_ref(), &self.along)
+            });
+            let log_evidence = mean_of_exponentials(evidences) - (count.max(1) as f64).ln();
+            let of_hypothesis = |hypothesis: &Hypothesis| {
+                let columns = hypothesis.columns.iter().zip(&hypothesis.precisions);
+                let amplitude = |(column, precision): (&usize, &f64)| Unseen {
+                    effect: *effect,
+                    variance: 1.0 / (self.gram[(*column, *column)].max(0.0) + precision),
+                    log_evidence,
+                };
+                columns.map(amplitude).collect::<Vec<_>>()
+            };
+            hypotheses.iter().flat_map(of_hypothesis).collect::<Vec<_>>()
+        };
+        self.hypotheses.iter().flat_map(of_effect).collect()
+    }
+}

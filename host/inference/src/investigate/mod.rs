@@ -1,0 +1,261 @@
+//! An investigation: diagnose, choose the run that tells most per minute, measure, diagnose again, until one explanation is left or no run would
+//! tell.
+//!
+//! [`Menu`] has the runs that the rig can make, [`decide`] chooses, [`Log`] is the file in the session's folder that makes the investigation
+//! resumable and shows how the probabilities moved.
+
+mod log;
+mod menu;
+
+pub use log::{Log, LogError, Step};
+pub use menu::{Menu, PlannedRun};
+
+use diagnose::{Diagnosis, Prospect, Prospects, Verdict};
+use serde::{Deserialize, Serialize};
+use std::fmt::{self, Display};
+use std::str::FromStr;
+
+/// Probability of a statement.
+const DECIDED: f64 = 0.95;
+/// Entropy of a statement of that probability, nats: less than that is open of what is decided.
+const DECIDED_NATS: f64 = 0.198_515;
+
+/// What an investigation is for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Goal {
+    /// The name of what is missing.
+    Name,
+    /// The modulus within this fraction of it, half the width of its 95 % interval.
+    Modulus(f64),
+}
+
+impl FromStr for Goal {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let expected = || "expected `name`, or `k:PERCENT` with 0.1 to 50, as k:3".to_owned();
+        if text == "name" {
+            return Ok(Self::Name);
+        }
+        let percent: f64 =
+            text.strip_prefix("k:").and_then(|number| number.parse().ok()).ok_or_else(expected)?;
+        if (0.1..=50.0).contains(&percent) { Ok(Self::Modulus(0.01 * percent)) } else { Err(expected()) }
+    }
+}
+
+/// Why an investigation ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// What is missing has its name.
+    Named,
+    /// Nothing is missing, and no run of the menu is expected to show anything.
+    NothingMissing,
+    /// Something is missing, and no run of the menu is expected to tell what.
+    NothingWouldTell,
+    /// The modulus is known as well as was wanted.
+    ModulusKnown,
+    /// As many runs as were allowed.
+    MaxRuns,
+    /// The person does not want to go on.
+    Stopped,
+}
+
+impl Display for End {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Named => "what is missing has its name",
+            Self::NothingMissing => {
+                "nothing is missing, and no run that the rig can make is expected to show anything"
+            }
+            Self::NothingWouldTell => "no run that the rig can make is expected to tell what is missing",
+            Self::ModulusKnown => "the modulus is known as well as was wanted",
+            Self::MaxRuns => "as many runs as were allowed",
+            Self::Stopped => "stopped on request",
+        })
+    }
+}
+
+/// What to do next.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Decision {
+    /// Make this run.
+    Measure(Choice),
+    /// Stop.
+    Stop(End),
+}
+
+/// A run and what is expected of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Choice {
+    /// The run.
+    pub run: PlannedRun,
+    /// What it would tell.
+    pub prospect: Prospect,
+}
+
+/// What bounds an investigation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Runs that may still be made.
+    pub runs_left: u32,
+    /// Largest lateral force that a run may be expected to reach, N.
+    pub force_limit_n: f64,
+}
+
+/// The run with the most information per minute, or the reason to stop. A run is worth making where as many of its kind as may still be made
+/// could decide what is open: information of several runs is at most the sum of theirs.
+pub fn decide(
+    goal: Goal,
+    diagnosis: &Diagnosis,
+    prospects: &Prospects,
+    runs: Vec<PlannedRun>,
+    bounds: Bounds,
+) -> Decision {
+    let Bounds { runs_left, force_limit_n } = bounds;
+    let [low, high] = diagnosis.k_ci95_kpa;
+    let reached = match goal {
+        Goal::Name if diagnosis.verdict == Verdict::Named => Some(End::Named),
+        Goal::Modulus(fraction) if 0.5 * (high - low) <= fraction * diagnosis.k_kpa => {
+            Some(End::ModulusKnown)
+        }
+        Goal::Name if diagnosis.verdict == Verdict::Adequate && prospects.nothing_missing() > DECIDED => {
+            Some(End::NothingMissing)
+        }
+        _ => None,
+    };
+    if let Some(end) = reached {
+        return Decision::Stop(end);
+    }
+    let choices = runs.into_iter().filter_map(|run| {
+        let prospect = prospects.runs.iter().find(|prospect| prospect.run == run.plan.id)?.clone();
+        (prospect.force_n <= force_limit_n).then_some(Choice { run, prospect })
+    });
+    let nats = |choice: &Choice| match goal {
+        Goal::Name => choice.prospect.information_nats,
+        Goal::Modulus(_) => choice.prospect.modulus_nats,
+    };
+    let is_worth_it = |choice: &Choice| match goal {
+        Goal::Name => nats(choice) * f64::from(runs_left.max(1)) > DECIDED_NATS,
+        Goal::Modulus(_) => nats(choice) > 0.0,
+    };
+    let per_minute = |choice: &Choice| nats(choice) / choice.run.minutes;
+    let best = choices.filter(is_worth_it).max_by(|a, b| per_minute(a).total_cmp(&per_minute(b)));
+    match best {
+        Some(choice) => Decision::Measure(choice),
+        None if diagnosis.verdict == Verdict::Adequate => Decision::Stop(End::NothingMissing),
+        None => Decision::Stop(End::NothingWouldTell),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diagnose::{Options, diagnose};
+    use formats::session::Session;
+    use worlds::{Design, Truth};
+
+    fn session(runs: usize) -> Session {
+        let truth = Truth { k_kpa: 12.0, tip_load_n: 0.0, effects: Vec::new(), foreign: None };
+        let whole = worlds::session(&truth, &Design::four_runs(), 5);
+        Session { insertion: Vec::new(), lateral: whole.lateral[..runs].to_vec(), ..whole }
+    }
+
+    fn diagnosed(session: &Session, menu: &Menu) -> (Diagnosis, Prospects, Vec<PlannedRun>) {
+        let planned = menu.runs(Some(session));
+        let plans = planned.iter().map(|run| run.plan.clone()).collect();
+        let mut found =
+            diagnose(session, &Options { plans, ..Options::default() }, |_| {}).expect("a diagnosis");
+        let prospects = found.prospects.take().expect("prospects");
+        (found, prospects, planned)
+    }
+
+    #[test]
+    fn goals_are_read() {
+        assert_eq!("name".parse(), Ok(Goal::Name));
+        assert_eq!("k:3".parse(), Ok(Goal::Modulus(0.03)));
+        for wrong in ["", "k", "k:", "k:0", "k:x", "k:nan", "K:3", "k:51"] {
+            assert!(wrong.parse::<Goal>().is_err_and(|why| why.contains("k:PERCENT")), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_new_axis_tells_of_anisotropy_and_a_repeat_does_not() {
+        let session = session(1);
+        let menu = Menu::new(Some(&session), &[], None);
+        let (found, prospects, planned) = diagnosed(&session, &menu);
+        let of = |is: &dyn Fn(&PlannedRun) -> bool| {
+            let run = planned.iter().find(|run| is(run)).expect("a run");
+            prospects.runs.iter().find(|one| one.run == run.plan.id).expect("a prospect")
+        };
+        let first = &session.lateral[0];
+        let is_here = |run: &PlannedRun| (run.plan.depth_m - first.depth_m).abs() < 1e-4;
+        let [repeat, across] = [simulation::simulate::Axis::Y, simulation::simulate::Axis::X]
+            .map(|axis| of(&|run| is_here(run) && run.plan.axis == axis));
+        assert!(across.reasons.contains(&"tissue.anisotropy".to_owned()), "{across:?}");
+        assert!(across.information_nats > 2.0 * repeat.information_nats, "{across:?} {repeat:?}");
+        // What is known of the modulus grows with every run, and less than in proportion to noise alone would.
+        assert!(
+            repeat.modulus_nats > 0.0 && repeat.modulus_nats < 0.5 * std::f64::consts::LN_2,
+            "{repeat:?}"
+        );
+        let explained: f64 = prospects.explanations.iter().map(|set| set.probability).sum();
+        assert!((0.9..=1.0 + 1e-9).contains(&explained) && prospects.unseen_probability < 1.0);
+
+        let bounds = Bounds { runs_left: 5, force_limit_n: 4.0 };
+        let Decision::Measure(choice) = decide(Goal::Name, &found, &prospects, planned.clone(), bounds)
+        else {
+            panic!("a run is worth making");
+        };
+        assert!(
+            choice.prospect.information_nats >= across.information_nats - 1e-12 || choice.run.minutes < 1.0
+        );
+        // A force that no run may reach leaves nothing, and a modulus that is known well enough ends at once.
+        let none = Bounds { force_limit_n: 0.0, ..bounds };
+        assert_eq!(
+            decide(Goal::Name, &found, &prospects, planned.clone(), none),
+            Decision::Stop(End::NothingMissing)
+        );
+        assert_eq!(
+            decide(Goal::Modulus(0.5), &found, &prospects, planned, bounds),
+            Decision::Stop(End::ModulusKnown)
+        );
+    }
+
+    #[test]
+    fn more_runs_leave_less_to_tell() {
+        let (few, many) = (session(1), session(4));
+        let best = |session: &Session| {
+            let (_, prospects, _) = diagnosed(session, &Menu::new(Some(session), &[], None));
+            prospects.runs.iter().map(|run| run.modulus_nats).fold(0.0, f64::max)
+        };
+        assert!(best(&many) < best(&few));
+    }
+
+    #[test]
+    fn a_log_goes_on_where_it_was_left() {
+        let session = session(1);
+        let menu = Menu::new(Some(&session), &[], None);
+        let (found, prospects, planned) = diagnosed(&session, &menu);
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut log = Log::read(folder.path()).expect("a new log");
+        log.push(1, &found, &prospects);
+        let run = planned[0].clone();
+        log.choose(&Choice { prospect: prospects.runs[0].clone(), run });
+        log.write(folder.path()).expect("written");
+        let mut again = Log::read(folder.path()).expect("the same");
+        assert_eq!(again.steps, log.steps);
+        // The same runs once more take the place of the step.
+        again.push(1, &found, &prospects);
+        assert_eq!((again.steps.len(), again.steps[0].realised_nats), (1, None));
+        again.push(2, &found, &prospects);
+        assert_eq!(again.steps.len(), 2);
+        assert!(
+            again.steps[1].realised_nats.is_some_and(|nats| nats < 1e-9),
+            "the same probabilities told nothing"
+        );
+        std::fs::write(folder.path().join("investigation.json"), "{\"steps\": 3}").expect("written");
+        let error = Log::read(folder.path()).expect_err("no log").to_string();
+        assert!(error.contains("investigation.json:1:") && error.contains("remove it"), "{error}");
+    }
+}
