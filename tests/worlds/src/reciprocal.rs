@@ -1,5 +1,5 @@
 //! Paths of insertions by influence lines: every depth is solved by the exact beam, and the cut path is integrated against its
-//! influence line in steps of a quarter of a millimetre. No grid of the forward model's insertions is in it.
+//! influence line in steps of a quarter of a millimetre. The beam is that of the forward model, its insertions are not.
 
 use formats::session::{InsertionRun, Noise, Session};
 use mechanics::{Beam, Foundation, ModelError, Rig};
