@@ -116,10 +116,10 @@ impl Hypothesis {
     /// The same per unknown: those of before as long as the tissue is near them, since they take most of a replan's time.
     fn linearise(&mut self, history: &History, here: &Arc<Tables>) -> Result<Arc<Linearised>, ModelError> {
         let tissue = self.tissue();
-        if let Some(linearised) = &self.linearised {
-            if tissue.iter().zip(&linearised.at).all(|(now, then)| (now - then).abs() <= STALE) {
-                return Ok(linearised.clone());
-            }
+        if let Some(linearised) = &self.linearised
+            && tissue.iter().zip(&linearised.at).all(|(now, then)| (now - then).abs() <= STALE)
+        {
+            return Ok(linearised.clone());
         }
         let unknown = if self.tissue_known { 0 } else { TISSUE };
         let mut raised = Vec::with_capacity(unknown);

@@ -97,7 +97,7 @@ impl RawTable {
     /// [`TableError`] where there are none.
     pub fn new(grid: Grid) -> Result<Self, TableError> {
         let Grid { path, rows, has_decimal_comma, form } = grid;
-        fn is_number(cell: &String, has_decimal_comma: bool) -> bool {
+        fn is_number(cell: &str, has_decimal_comma: bool) -> bool {
             Number::parse(cell, has_decimal_comma).is_some()
         }
         let numbers: Vec<usize> = rows
@@ -135,7 +135,7 @@ impl RawTable {
         let is_data =
             |at: usize| is_wide(at, &rows, &width) && numbers.get(at).is_some_and(|count| *count >= least);
         let is_filled = |at: usize| {
-            fn missing(cells: &Vec<String>) -> usize {
+            fn missing(cells: &[String]) -> usize {
                 cells.iter().filter(|cell| is_missing(cell)).count()
             }
             let filled = numbers.get(at).copied().unwrap_or(0);

@@ -214,7 +214,7 @@ fn messages_in_another_order_are_counted_and_none_is_called_intact() {
 fn what_is_no_recording_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
-    fn read(bytes: &[u8], path: &PathBuf) -> RecordingError {
+    fn read(bytes: &[u8], path: &Path) -> RecordingError {
         fs::write(path, bytes).expect("writes");
         Contents::read(path, &mut |_| {}).expect_err("refused")
     }
