@@ -12,7 +12,7 @@ fn main() {
     let workspace = Path::new(&manifest).parent().expect("the crate is a folder of the workspace");
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed=../firmware/git.rs");
-    // What the program is made of; a commit or a check-out changes the log.
+    // Sources of the program; a commit or a check-out changes the log.
     for watched in ["src", "device/src", "formats/src", "inference/src", "mechanics/src", "simulation/src"] {
         println!("cargo:rerun-if-changed={watched}");
     }

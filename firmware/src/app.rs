@@ -33,18 +33,20 @@ use static_cell::StaticCell;
 /// Entries of the outbox: half a second of batches, and some for notes.
 const OUTBOX_PLACES: usize = 24;
 const PERIOD: Duration = Duration::from_micros(PERIOD_US as u64);
-/// What is left of every period for the background tasks: three times what they take where a host asks all the time.
+/// Time of every period that is reserved for the background tasks: three times what they take where a host asks all
+/// the time.
 const RESERVED: Duration = Duration::from_micros(200);
-/// How often a background task shows that it runs, at least.
+/// Longest interval after which a background task shows that it runs.
 const CHECK_IN: Duration = Duration::from_millis(25);
-/// How long ago the last background task may have shown it for the watchdog to be fed, periods.
+/// Longest time since the last background task showed that it runs for which the watchdog is fed,
+/// periods.
 pub const CHECK_IN_LIMIT_PERIODS: u32 = 100;
 
 static COMMANDS: Channel<CriticalSectionRawMutex, Command, 4> = Channel::new();
 static OUTBOX: Channel<CriticalSectionRawMutex, Item, OUTBOX_PLACES> = Channel::new();
 /// A calibration to restart with.
 static RESTART: Signal<CriticalSectionRawMutex, CalibrationRecord> = Signal::new();
-/// What the receive task counts; the others are zero.
+/// Counters of the receive task; the others are zero.
 static RECEIVE_COUNTERS: Mutex<CriticalSectionRawMutex, Cell<Counters>> = Mutex::new(Cell::new(NO_COUNTERS));
 const NO_COUNTERS: Counters = Counters {
     samples_dropped: 0,
@@ -134,12 +136,12 @@ pub fn start(board: Board) {
 pub fn idle() {
     // With interrupts masked the core wakes up for one but does not yet serve it, so that its time is not taken for idle.
     cortex_m::interrupt::free(|_| {
-        let from = Instant::now();
+        let sleep_start = Instant::now();
         #[cfg(not(feature = "qemu"))]
         cortex_m::asm::wfi();
         #[cfg(feature = "qemu")]
         crate::qemu::end_period();
-        let slept_us = Instant::now().saturating_duration_since(from).as_micros() as u32;
+        let slept_us = Instant::now().saturating_duration_since(sleep_start).as_micros() as u32;
         IDLE_US.fetch_add(slept_us, Ordering::Relaxed);
     });
 }
@@ -191,7 +193,7 @@ impl Outbox for Queue {
     }
 }
 
-/// How busy the processor is, as it comes together.
+/// Accumulates the load of the processor.
 struct Meter {
     load: Load,
     periods: u32,
@@ -210,9 +212,9 @@ impl Meter {
         self.periods += 1;
         if self.periods == REPORT_PERIODS {
             self.periods = 0;
-            let all_us = REPORT_PERIODS * PERIOD_US;
-            let idle_us = IDLE_US.swap(0, Ordering::Relaxed).min(all_us);
-            load.cpu_permille = ((all_us - idle_us) / (all_us / 1_000)) as u16;
+            let window_us = REPORT_PERIODS * PERIOD_US;
+            let idle_us = IDLE_US.swap(0, Ordering::Relaxed).min(window_us);
+            load.cpu_permille = ((window_us - idle_us) / (window_us / 1_000)) as u16;
         }
     }
 }
@@ -237,7 +239,8 @@ async fn control(
         Timer::at(due).await;
         let began = Instant::now();
         let mut late = began.saturating_duration_since(due);
-        // What can no longer be caught up is skipped; the host finds the gap in the sample times.
+        // Periods that can no longer be caught up are skipped; the host finds the gap in the sample
+        // times.
         due += PERIOD * (late.as_micros() / u64::from(PERIOD_US)) as u32;
         // One that was left out, because that before it took too long, is late too.
         late = late.max(PERIOD * u32::from(core::mem::take(&mut left_out)));
@@ -281,9 +284,9 @@ async fn control(
         }
         meter.period(late, began.elapsed());
         // Control that takes all the time there is would leave a host without an answer, and the watchdog without its food.
-        let behind_us = (Instant::now().saturating_duration_since(due) + RESERVED).as_micros();
-        left_out = behind_us > u64::from(PERIOD_US);
-        due += PERIOD * (behind_us / u64::from(PERIOD_US)) as u32;
+        let late_us = (Instant::now().saturating_duration_since(due) + RESERVED).as_micros();
+        left_out = late_us > u64::from(PERIOD_US);
+        due += PERIOD * (late_us / u64::from(PERIOD_US)) as u32;
     }
 }
 

@@ -1,6 +1,6 @@
-//! How a program that ends ends: by an exit code over semihosting, which QEMU ends with, and `probe-rs run` too.
+//! Ends a program: by an exit code over semihosting, which QEMU ends with, and `probe-rs run` too.
 
-/// How a run ended: the exit code.
+/// Outcome of a run: the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExitCode {
     /// The plant requested power-off, or all tests passed.

@@ -61,8 +61,8 @@ impl Plant {
     fn step(&mut self, drive: Drive) {
         let Drive::Duty(duty) = drive else { return };
         for (position_um, duty) in self.position_um.iter_mut().zip(duty) {
-            let share = ((duty.abs() - 0.2) / 0.8).max(0.0).copysign(duty);
-            *position_um += share * FULL_SPEED_UM_S * PERIOD_S;
+            let drive_fraction = ((duty.abs() - 0.2) / 0.8).max(0.0).copysign(duty);
+            *position_um += drive_fraction * FULL_SPEED_UM_S * PERIOD_S;
         }
     }
 

@@ -66,8 +66,11 @@ fn energy(clock: &mut Clock) -> Result<()> {
         shape_m: level.shape.iter().map(|datum| (datum.z_m, datum.deflection_m[0])).collect(),
         shape_sd_m: run.shape_sd_m,
     };
-    let work = || energy_modulus(black_box(&run.rig), run.depth_m, black_box(&balance)).expect("a modulus");
-    clock.seconds("energy", work).map(|_| ())
+    clock
+        .seconds("energy", || {
+            energy_modulus(black_box(&run.rig), run.depth_m, black_box(&balance)).expect("a modulus")
+        })
+        .map(|_| ())
 }
 
 /// A hundred frames of 32 samples each.

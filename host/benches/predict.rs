@@ -41,28 +41,6 @@ fn session() -> Session {
     let model = model();
     let problem = model.problem(0.12).expect("a problem");
     let growth = GrowingBeam::new(&problem, grid_m(0.12, 1e-3, &[]), Guide2Grip::Holding).expect("grows");
-    let run = |number: usize| {
-        let tip_m = |plane: usize| {
-            let load_n = [0.2, 0.02][plane] * (1.0 + 0.03 * (3.0 * number as f64).sin());
-            let states = growth.under_load(|_| NodeLoads { load_n: [load_n; 2], guide2_m: [0.0; 2] });
-            let error = |row: usize| 7e-5 * (2.0 * (row + 131 * number + 57 * plane) as f64).sin();
-            states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect()
-        };
-        InsertionRun {
-            tip_direction_y_rad: None,
-            tip_direction_x_rad: None,
-            id: format!("i{number}"),
-            path: format!("i{number}.csv").into(),
-            depth_m: growth.depths_m().to_vec(),
-            tip_y_m: tip_m(0),
-            tip_x_m: Some(tip_m(1)),
-            time_s: None,
-            rotation_rad: None,
-            guide2_y_m: None,
-            guide2_x_m: None,
-            base_force_y_n: None,
-        }
-    };
     Session {
         dir: Default::default(),
         name: None,
@@ -71,7 +49,30 @@ fn session() -> Session {
         noise: Noise { tip_m: Some(0.05e-3), ..Noise::default() },
         tissue: Default::default(),
         lateral: Vec::new(),
-        insertion: (0..12).map(run).collect(),
+        insertion: (0..12)
+            .map(|number| {
+                let tip_m = |plane: usize| {
+                    let load_n = [0.2, 0.02][plane] * (1.0 + 0.03 * (3.0 * number as f64).sin());
+                    let states = growth.under_load(|_| NodeLoads { load_n: [load_n; 2], guide2_m: [0.0; 2] });
+                    let error = |row: usize| 7e-5 * (2.0 * (row + 131 * number + 57 * plane) as f64).sin();
+                    states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect()
+                };
+                InsertionRun {
+                    tip_direction_y_rad: None,
+                    tip_direction_x_rad: None,
+                    id: format!("i{number}"),
+                    path: format!("i{number}.csv").into(),
+                    depth_m: growth.depths_m().to_vec(),
+                    tip_y_m: tip_m(0),
+                    tip_x_m: Some(tip_m(1)),
+                    time_s: None,
+                    rotation_rad: None,
+                    guide2_y_m: None,
+                    guide2_x_m: None,
+                    base_force_y_n: None,
+                }
+            })
+            .collect(),
         indentation: Vec::new(),
         steering: Vec::new(),
     }

@@ -29,10 +29,10 @@ impl Effect for ForceNonlinearity {
     }
 
     fn observe(&self, values: &[f64], _context: &ObservationContext<'_>, channels: &mut Channels) {
-        let [per_n] = values else { return };
+        let [deflection_per_n] = values else { return };
         let force_n = &mut channels.force_n;
         for reading_n in force_n.y.iter_mut().chain(force_n.x.iter_mut().flatten()) {
-            *reading_n *= 1.0 + per_n * reading_n.abs();
+            *reading_n *= 1.0 + deflection_per_n * reading_n.abs();
         }
     }
 }

@@ -15,7 +15,8 @@ use inference::insertion::{Candidates, OnlinePosterior, Posterior, ReadingNoise,
 use mechanics::Model;
 use std::path::Path;
 
-/// How far the modulus in an insertion may be from that of a lateral run: standard deviation of the logarithm.
+/// Uncertainty of the modulus in an insertion relative to that of a lateral run: standard deviation of the
+/// logarithm.
 const INSERTION_SD_LN: f64 = 0.1;
 /// Standard deviation of the logarithm of the gap between guide 2 and the tissue.
 const GAP_SD_LN: f64 = 0.7;
@@ -32,16 +33,16 @@ fn main() -> anyhow::Result<()> {
 
     // The path is that of a needle on springs.
     let springs = Options { foundation: Some(FoundationChoice::Springs), ..Options::default() };
-    let found = identify(&session, &springs)?.pooled;
+    let pooled = identify(&session, &springs)?.pooled;
     let gap_m = session.rig.entry_m - session.rig.guide2_m;
     let tissue = Tissue {
-        model: Model::uniform(session.rig.clone(), 1e3 * found.k_kpa)?,
-        modulus_sd_ln: (found.sd_kpa / found.k_kpa).hypot(INSERTION_SD_LN),
+        model: Model::uniform(session.rig.clone(), 1e3 * pooled.k_kpa)?,
+        modulus_sd_ln: (pooled.sd_kpa / pooled.k_kpa).hypot(INSERTION_SD_LN),
         gap_m,
         gap_sd_ln: GAP_SD_LN,
         rear: None,
     };
-    // Of the insertion that is followed this takes the plan alone: its depth, and how the needle is turned and moved.
+    // Only the plan of the insertion that is followed is used: its depth, and how the needle is turned and moved.
     let paths = session.insertion.iter().map(TipPath::new).collect::<Result<Vec<_>, _>>()?;
     let end_m = paths.last().map_or(0.0, |path| path.deepest_m);
     let candidates = Candidates::new(&tissue, &paths, end_m)?;

@@ -24,7 +24,7 @@ fn main() -> anyhow::Result<()> {
 
     let Some(path) = arguments.next() else { return Ok(()) };
     let model = ModelFile::read(Path::new(&path))?;
-    // What the tissue is made of is a part of the model: with another foundation its effects would have other values.
+    // The support by the tissue is a part of the model: with another foundation its effects would have other values.
     let (foundation, poisson) = match model.support {
         Some(Support::Springs) => (Some(FoundationChoice::Springs), None),
         Some(Support::Body { poisson, .. }) => (Some(FoundationChoice::Body), Some(poisson)),

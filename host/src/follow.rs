@@ -1,14 +1,14 @@
 //! Measurement against model while readings come: says since when the force no longer follows (theory, eq. 86, 87 and 89).
 //!
-//! Readings are gathered over a tenth of a second. The first seconds in which guide 2 rests show the noise and the zero; nothing is said
-//! before. What the model may be off is not counted: the interval of its modulus, what every rig leaves behind any model, and friction that
-//! the model does not have.
+//! Readings are gathered over a tenth of a second. The first seconds in which guide 2 rests show the noise and the
+//! zero; nothing is said before. The possible error of the model is not counted: the interval of its modulus, what
+//! every rig leaves behind any model, and friction that the model does not have.
 
 use device::link::Point;
 use formats::model_file::ModelFile;
 use inference::holds::median;
 use inference::sequential::{Departure, Detector, StepNoise};
-use mechanics::effects::{Effect, effect};
+use mechanics::effects::effect;
 use mechanics::unknowns::discrepancy::lateral as everyday;
 use mechanics::unknowns::sensors::FORCE_ZERO;
 use mechanics::{DriveSample, Model, ModelError, ObservationPlan, PreparedNeedle, Rig, Series, Support};
@@ -29,9 +29,9 @@ const REST_M: f64 = 0.01e-3;
 const LEAST_NOISE_N: f64 = 1e-4;
 /// Steps of the course that effects with a memory see: five minutes.
 const COURSE: usize = 3_000;
-/// How far guide 2 usually goes: what is solved for it is solved once.
+/// Usual travel of guide 2: what is solved for it is solved once.
 const TRAVEL_M: f64 = 5e-3;
-/// What is stated as usual is not exceeded by more than this, in standard deviations.
+/// Largest excess over a usual value, in standard deviations.
 const SURE_SD: f64 = 3.0;
 /// Axes as programs and results name them, in the order of the device.
 const AXES: [&str; 2] = ["x", "y"];
@@ -49,7 +49,7 @@ pub struct Parted {
     pub displacement_mm: f64,
     /// Mean of measured less modelled force since then.
     pub mean_n: f64,
-    /// How many standard deviations that is beyond what the model may be off.
+    /// Number of standard deviations beyond the model's possible error.
     pub sigma: f64,
 }
 
@@ -95,7 +95,7 @@ struct Step {
     displacement_m: [f64; 2],
 }
 
-/// What is known of one axis.
+/// State of one axis.
 #[derive(Default)]
 struct Axis {
     /// Differences in the present rest, and those of all rests less their means.
@@ -122,8 +122,8 @@ impl Follower {
             (_, _, Some(modulus_pa)) => (modulus_pa, model.modulus_ci95_pa, Support::Springs),
             _ => return Err(FollowError::NoModulus),
         };
-        let reach = |[low, high]: [f64; 2]| (high / modulus_pa).max(modulus_pa / low) - 1.0;
-        let of_modulus = ends_pa.map_or(0.0, reach).max(0.0);
+        let of_modulus =
+            ends_pa.map_or(0.0, |[low, high]| (high / modulus_pa).max(modulus_pa / low) - 1.0).max(0.0);
         let usual = [
             everyday::MODULUS_FROM_RUN_TO_RUN,
             everyday::MODULUS_OVER_DEPTH,
@@ -136,8 +136,8 @@ impl Follower {
         let usual_n =
             [everyday::FORCE_OF_HOLD, everyday::FORCE_ON_THE_WAY, everyday::FORCE_DRIFT, FORCE_ZERO];
         let absolute_n = SURE_SD * norm(&usual_n.map(|unknown| unknown.typical_sd()));
-        let of_lateral = |(effect, _): &(&'static dyn Effect, Vec<f64>)| effect.info().observable_in.lateral;
-        let effects: Vec<_> = model.effects().into_iter().filter(of_lateral).collect();
+        let effects: Vec<_> =
+            model.effects().into_iter().filter(|(effect, _)| effect.info().observable_in.lateral).collect();
         let has_friction = effects.iter().any(|(effect, _)| effect.id() == "rig.friction");
         let friction = effect("rig.friction").and_then(|friction| friction.parameters().first());
         let friction_n = friction.filter(|_| !has_friction).map_or(0.0, |info| info.prior_sd);
@@ -166,24 +166,24 @@ impl Follower {
 
     /// Takes in readings; what was found with them, each axis once.
     pub fn push(&mut self, points: &[Point]) -> Vec<Parted> {
-        let mut found = Vec::new();
+        let mut departures = Vec::new();
         for point in points {
-            let until_s = *self.open_until_s.get_or_insert(point.time_s + STEP_S);
-            let began_again = point.time_s < until_s - 2.0 * STEP_S;
-            if point.time_s >= until_s || began_again {
-                found.extend(self.close());
+            let close_time_s = *self.open_until_s.get_or_insert(point.time_s + STEP_S);
+            let began_again = point.time_s < close_time_s - 2.0 * STEP_S;
+            if point.time_s >= close_time_s || began_again {
+                departures.extend(self.close());
                 // A device that starts again has a clock that does, and readings may be missing.
-                self.open_until_s = Some(if began_again || point.time_s >= until_s + STEP_S {
+                self.open_until_s = Some(if began_again || point.time_s >= close_time_s + STEP_S {
                     point.time_s + STEP_S
                 } else {
-                    until_s + STEP_S
+                    close_time_s + STEP_S
                 });
             }
             if !point.repeats_force {
                 self.open.push(*point);
             }
         }
-        found
+        departures
     }
 
     /// Whether noise and zero are known, so that something can be said.
@@ -191,7 +191,7 @@ impl Follower {
         self.axes.iter().all(|axis| axis.detector.is_some())
     }
 
-    /// What was found so far.
+    /// Axes whose force no longer follows the model so far.
     pub fn parted(&self) -> &[Parted] {
         &self.parted
     }
@@ -203,55 +203,56 @@ impl Follower {
         let mid = |of: &dyn Fn(&Point) -> f64| median(points.iter().map(of).collect());
         let displacement_m = [0, 1].map(|axis| mid(&|point| point.displacement_m[axis]));
         let force_n = [0, 1].map(|axis| mid(&|point| point.force_n[axis]));
-        let here = Step { time_s: last.time_s, displacement_m };
-        let before = self.steps.last().copied();
+        let current_step = Step { time_s: last.time_s, displacement_m };
+        let previous_step = self.steps.last().copied();
         let number = self.steps.len() as u64;
-        self.steps.push(here);
+        self.steps.push(current_step);
         if self.course.len() >= COURSE {
             self.course.drain(..COURSE / 3);
         }
         let [x_m, y_m] = displacement_m;
         self.course.push(DriveSample { time_s: number as f64 * STEP_S, y_m, x_m });
-        // Where the model has no force there, nothing can be said.
+        // If the model has no force there, no comparison is possible.
         let modelled = self.needle.moved(&self.course).map(|channels| last_of(&channels.force_n));
         let modelled = modelled.unwrap_or([f64::NAN; 2]);
-        let by_m = [0, 1].map(|axis| before.map_or(0.0, |b| displacement_m[axis] - b.displacement_m[axis]));
-        let rests = by_m.iter().all(|by_m| by_m.abs() < REST_M);
-        let mut found = Vec::new();
+        let step_m =
+            [0, 1].map(|axis| previous_step.map_or(0.0, |b| displacement_m[axis] - b.displacement_m[axis]));
+        let is_rest = step_m.iter().all(|step_m| step_m.abs() < REST_M);
+        let mut departures = Vec::new();
         for (number_of, axis) in self.axes.iter_mut().enumerate() {
             let difference = force_n[number_of] - modelled[number_of];
             let load = (modelled[number_of] - axis.force_n).abs();
-            let turns = by_m[number_of].abs() >= REST_M && by_m[number_of] * axis.direction <= 0.0;
-            if by_m[number_of].abs() >= REST_M {
-                axis.direction = by_m[number_of].signum();
+            let turns = step_m[number_of].abs() >= REST_M && step_m[number_of] * axis.direction <= 0.0;
+            if step_m[number_of].abs() >= REST_M {
+                axis.direction = step_m[number_of].signum();
             }
             axis.force_n = modelled[number_of];
             let Some((first, detector)) = &mut axis.detector else {
-                axis.learn(difference, rests, number);
+                axis.learn(difference, is_rest, number);
                 continue;
             };
             let tolerance = self.absolute_n
                 + self.friction_n
                 + self.relative * (modelled[number_of].abs() + axis.zero_load_n);
             let change = self.relative * load + if turns { 2.0 * self.friction_n } else { 0.0 };
-            let off = difference - axis.zero_n.unwrap_or_default();
-            let departure = detector.step(off, tolerance, change).filter(|_| !axis.has_parted);
+            let residual_n = difference - axis.zero_n.unwrap_or_default();
+            let departure = detector.step(residual_n, tolerance, change).filter(|_| !axis.has_parted);
             if let Some(Departure { since, mean, sigma }) = departure {
                 axis.has_parted = true;
                 let began = usize::try_from(*first + since).ok().and_then(|at| self.steps.get(at));
-                let began = began.copied().unwrap_or(here);
-                found.push(Parted {
+                let began = began.copied().unwrap_or(current_step);
+                departures.push(Parted {
                     axis: AXES[number_of],
                     since_s: began.time_s,
-                    found_s: here.time_s,
+                    found_s: current_step.time_s,
                     displacement_mm: 1e3 * began.displacement_m[number_of],
                     mean_n: mean,
                     sigma,
                 });
             }
         }
-        self.parted.extend(&found);
-        found
+        self.parted.extend(&departures);
+        departures
     }
 }
 
@@ -278,15 +279,15 @@ impl Axis {
     }
 
     fn end_rest(&mut self) {
-        let rest_n = std::mem::take(&mut self.rest_n);
-        if rest_n.is_empty() {
+        let resting_force_n = std::mem::take(&mut self.rest_n);
+        if resting_force_n.is_empty() {
             return;
         }
-        let mean_n = rest_n.iter().sum::<f64>() / rest_n.len() as f64;
+        let mean_n = resting_force_n.iter().sum::<f64>() / resting_force_n.len() as f64;
         if self.zero_n.is_none() {
             (self.zero_n, self.zero_load_n) = (Some(mean_n), self.force_n.abs());
         }
-        self.learned_n.extend(rest_n.iter().map(|value| value - mean_n));
+        self.learned_n.extend(resting_force_n.iter().map(|value| value - mean_n));
     }
 }
 

@@ -38,14 +38,14 @@ use std::fmt::Display;
 /// Warnings on the first screen.
 const FIRST: usize = 6;
 
-/// What the user may choose.
+/// Choices of the user.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Depth up to which readings of each insertion are used.
     pub until_m: f64,
     /// Effects to take into the model, and its modulus where the session has no lateral runs.
     pub model: Option<ModelFile>,
-    /// What is known of the rig.
+    /// Rig as known beforehand.
     pub rig: Option<ModelFile>,
     /// Draws from the posteriors beside the results.
     pub draws: Option<DrawOptions>,
@@ -66,7 +66,7 @@ pub struct Analyses {
     pub prediction: Outcome<Prediction>,
     /// Stiffness and damping over steering runs.
     pub tracking: Outcome<Tracking>,
-    /// What the model lacks.
+    /// Effects that the model lacks.
     pub diagnosis: Outcome<Diagnosis>,
 }
 
@@ -77,8 +77,8 @@ impl Analyses {
         let has_insertions = !session.insertion.is_empty();
 
         on_progress("identifying");
-        let none = ModelFile::default();
-        let model = options.model.as_ref().unwrap_or(&none);
+        let no_model = ModelFile::default();
+        let model = options.model.as_ref().unwrap_or(&no_model);
         let of_identification = identify::Options {
             relation: YoungsMethod::Continuum(Contact::Bonded),
             draws: options.draws,
@@ -111,14 +111,14 @@ impl Analyses {
             ..diagnose::Options::default()
         }
         .with_rig(options.rig.as_ref());
-        let none = "the session has neither lateral runs nor insertions";
-        let diagnosis = outcome(has_lateral || has_insertions, none, || {
+        let no_runs = "the session has neither lateral runs nor insertions";
+        let diagnosis = outcome(has_lateral || has_insertions, no_runs, || {
             diagnose(session, &of_diagnosis, &mut on_progress)
         });
         Self { identification, prediction, tracking, diagnosis }
     }
 
-    /// What could not be done, and why.
+    /// Analyses that failed, with their reason.
     pub fn failures(&self) -> Vec<String> {
         fn failure<T>(name: &str, outcome: &Outcome<T>) -> Option<String> {
             match outcome {
@@ -155,7 +155,7 @@ impl Report {
         let folder = session.dir.file_name().map(|name| name.to_string_lossy().into_owned());
         let name = session.name.clone().filter(|name| !name.trim().is_empty()).or(folder);
         let mut summary = Vec::new();
-        // What the first warning disowns is no headline.
+        // A result that the first warning contradicts is no headline.
         let headline = diagnosis.found().and_then(discrepancy::headline);
         let is_short = headline.is_some();
         summary.extend(headline);
@@ -205,14 +205,14 @@ fn warnings(session: &Session, analyses: &Analyses) -> Vec<String> {
         let named: Vec<String> = named.collect();
         warnings.push(format!("runs were recorded with different calibrations: {}", named.join("; ")));
     }
-    let own = [
+    let analysis_warnings = [
         analyses.identification.found().map(|found| found.warnings.clone()),
         analyses.prediction.found().map(insertions::warnings),
         analyses.tracking.found().map(steering::warnings),
         analyses.diagnosis.found().map(|found| found.warnings.clone()),
     ];
     // One fact may be noticed by two analyses.
-    for warning in own.into_iter().flatten().flatten() {
+    for warning in analysis_warnings.into_iter().flatten().flatten() {
         if !warnings.contains(&warning) {
             warnings.push(warning);
         }

@@ -130,11 +130,11 @@ fn folder() -> TempDir {
 fn what_was_written_is_identified() {
     let folder = folder();
     add_lateral_run(&mut writer(folder.path()));
-    let found = json(&["identify", path(folder.path()), "--json"]);
-    assert_eq!(found["schema"], "guide.identify/1");
-    let k_kpa = found["pooled"]["k_kpa"].as_f64().expect("a modulus");
+    let identification = json(&["identify", path(folder.path()), "--json"]);
+    assert_eq!(identification["schema"], "guide.identify/1");
+    let k_kpa = identification["pooled"]["k_kpa"].as_f64().expect("a modulus");
     assert!((k_kpa / 12.0 - 1.0).abs() < 0.02, "{k_kpa}");
-    assert!(found["youngs_modulus_kpa"]["relation"] == "continuum");
+    assert!(identification["youngs_modulus_kpa"]["relation"] == "continuum");
     let vesic = json(&["identify", path(folder.path()), "--json", "--relation", "vesic", "--poisson", "0.4"]);
     assert_eq!(vesic["youngs_modulus_kpa"]["poisson"], 0.4);
 
@@ -151,9 +151,9 @@ fn insertions_are_predicted() {
     let folder = folder();
     add_insertions(&mut writer(folder.path()));
     let dir = path(folder.path());
-    let found = json(&["predict", dir, "--until", "60", "--json"]);
-    assert_eq!(found["schema"], "guide.predict/2");
-    let insertions = found["insertions"].as_array().expect("a list");
+    let prediction = json(&["predict", dir, "--until", "60", "--json"]);
+    assert_eq!(prediction["schema"], "guide.predict/2");
+    let insertions = prediction["insertions"].as_array().expect("a list");
     assert_eq!(insertions.len(), 3);
     for one in insertions {
         assert_eq!(one["identified_until_mm"], 60.0);
@@ -187,7 +187,7 @@ fn insertions_are_predicted() {
     assert!(failure(&["predict", dir, "--k-kpa", "0", "1"]).contains("--k-kpa"));
     assert_eq!(guide(&["predict", dir, "--until", "deep"]).status.code(), Some(2));
     let graded = json(&["predict", dir, "--until", "60", "--effect", "tissue.gradient=0.02", "--json"]);
-    assert_ne!(graded["insertions"][0]["tip_y_mm"], found["insertions"][0]["tip_y_mm"]);
+    assert_ne!(graded["insertions"][0]["tip_y_mm"], prediction["insertions"][0]["tip_y_mm"]);
     for wrong in
         ["tissue.gradient", "tissue.gradient=a", "tissue.layers=2", "tissue.fog=1", "tissue.gradient=99"]
     {
@@ -197,22 +197,22 @@ fn insertions_are_predicted() {
     assert!(failure(&["predict", dir]).contains("i2.csv:3:3: tip_y_mm: \"oops\" is not a number"));
 }
 
-/// What is written is read again to the last digit kept.
+/// The written insertion is read again to the last digit kept.
 #[test]
 fn insertions_survive_the_disk() {
     let folder = folder();
     add_insertions(&mut writer(folder.path()));
     let session = Session::read(folder.path()).expect("reads");
     let rig = SimulatedRig::new(RigConfig::default(), 3).expect("a rig");
-    let made = rig.insertions(&self::rig(), 3, 3).expect("insertions");
-    for (read, made) in session.insertion.iter().zip(&made) {
-        assert_eq!(read.id, made.id);
+    let insertions = rig.insertions(&self::rig(), 3, 3).expect("insertions");
+    for (read, insertions) in session.insertion.iter().zip(&insertions) {
+        assert_eq!(read.id, insertions.id);
         let close =
             |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-11) && a.len() == b.len();
-        assert!(close(&read.depth_m, &made.depth_m) && close(&read.tip_y_m, &made.tip_y_m));
-        assert!(close(read.tip_x_m.as_deref().expect("x"), made.tip_x_m.as_deref().expect("x")));
+        assert!(close(&read.depth_m, &insertions.depth_m) && close(&read.tip_y_m, &insertions.tip_y_m));
+        assert!(close(read.tip_x_m.as_deref().expect("x"), insertions.tip_x_m.as_deref().expect("x")));
     }
-    let again = writer(folder.path()).insertion(&made[0]).expect_err("taken").to_string();
+    let again = writer(folder.path()).insertion(&insertions[0]).expect_err("taken").to_string();
     assert!(again.contains("\"i1\" is taken"), "{again}");
     assert!(Model::uniform(rig_of(&session), K_PA).is_ok());
 }
@@ -242,34 +242,42 @@ fn recordings_of_others_are_imported() {
     fs::write(recordings.join("run_2.csv"), &rows).expect("writes");
     fs::write(recordings.join("empty.csv"), "Timestamp sec,Timestamp nanosec,Tip x,Tip y,Tip z\n")
         .expect("writes");
-    let out = folder.path().join("session");
-    let done = json(&["import", "trajcontrol", path(&recordings), "--out", path(&out), "--json"]);
-    assert_eq!(done["insertions"].as_array().map(Vec::len), Some(2));
+    let output_path = folder.path().join("session");
+    let import_json =
+        json(&["import", "trajcontrol", path(&recordings), "--out", path(&output_path), "--json"]);
+    assert_eq!(import_json["insertions"].as_array().map(Vec::len), Some(2));
     assert!(
-        done["skipped"][0]["reason"].as_str().expect("a reason").contains("empty.csv:1:1: rows: no rows")
+        import_json["skipped"][0]["reason"]
+            .as_str()
+            .expect("a reason")
+            .contains("empty.csv:1:1: rows: no rows")
     );
-    let found = json(&["predict", path(&out), "--json"]);
-    assert!(found["insertions"][0]["mae_mm"].as_f64().expect("measured") < 0.3);
-    assert_eq!(done["insertions"][0]["skipped"][0]["reason"], "silent");
+    let prediction = json(&["predict", path(&output_path), "--json"]);
+    assert!(prediction["insertions"][0]["mae_mm"].as_f64().expect("measured") < 0.3);
+    assert_eq!(import_json["insertions"][0]["skipped"][0]["reason"], "silent");
     assert!(
-        failure(&["import", "trajcontrol", "nowhere.csv", "--out", path(&out)])
+        failure(&["import", "trajcontrol", "nowhere.csv", "--out", path(&output_path)])
             .contains("nowhere.csv: cannot read")
     );
     // A file that cannot be read, a folder without recordings and a name that is taken cost themselves only.
-    let nothing = folder.path().join("nothing");
-    fs::create_dir(&nothing).expect("a folder");
+    let empty_path = folder.path().join("nothing");
+    fs::create_dir(&empty_path).expect("a folder");
     fs::write(folder.path().join("run_3.csv"), rows + "210,0,0.1,50.5,0.1,-0.025,0.02\n").expect("writes");
     let third = folder.path().join("run_3.csv");
     let again = recordings.join("run_1.csv");
-    let mixed = ["nowhere.csv", path(&nothing), path(&again), path(&third)];
-    let more = json(&[&["import", "trajcontrol"], &mixed[..], &["--out", path(&out), "--json"]].concat());
+    let mixed = ["nowhere.csv", path(&empty_path), path(&again), path(&third)];
+    let more =
+        json(&[&["import", "trajcontrol"], &mixed[..], &["--out", path(&output_path), "--json"]].concat());
     assert_eq!(more["insertions"][0]["id"], "run_3");
     assert_eq!(more["insertions"][0]["skipped"][1]["reason"], "jump");
     assert_eq!(more["skipped"].as_array().map(Vec::len), Some(3));
-    json(&["check", path(&out), "--json"]);
-    assert_eq!(json(&["predict", path(&out), "--json"])["insertions"].as_array().map(Vec::len), Some(3));
+    json(&["check", path(&output_path), "--json"]);
+    assert_eq!(
+        json(&["predict", path(&output_path), "--json"])["insertions"].as_array().map(Vec::len),
+        Some(3)
+    );
     // A second time their names are taken.
-    let again = failure(&["import", "trajcontrol", path(&recordings), "--out", path(&out)]);
+    let again = failure(&["import", "trajcontrol", path(&recordings), "--out", path(&output_path)]);
     assert!(again.contains("\"run_1\" is taken"), "{again}");
 }
 
@@ -304,13 +312,13 @@ fn steering_runs_are_simulated_and_tracked() {
     let config = folder.path().join("steering.toml");
     fs::write(&config, STEERING).expect("written");
     let (dir, config) = (folder.path().join("made"), path(&config).to_owned());
-    let made = json(&["simulate", "--config", &config, "--out", path(&dir), "--seed", "3", "--json"]);
-    assert_eq!(made["schema"], "guide.simulate/1");
-    assert_eq!(made["runs"][0]["mean_stiffness_n_per_m2"], 20000.0);
+    let simulated = json(&["simulate", "--config", &config, "--out", path(&dir), "--seed", "3", "--json"]);
+    assert_eq!(simulated["schema"], "guide.simulate/1");
+    assert_eq!(simulated["runs"][0]["mean_stiffness_n_per_m2"], 20000.0);
     let figures = folder.path().join("figures");
-    let found = json(&["track", path(&dir), "--json", "--compare", "--plots", path(&figures)]);
-    assert_eq!(found["schema"], "guide.track/2");
-    let run = &found["runs"][0];
+    let tracked = json(&["track", path(&dir), "--json", "--compare", "--plots", path(&figures)]);
+    assert_eq!(tracked["schema"], "guide.track/2");
+    let run = &tracked["runs"][0];
     assert_eq!(run["id"], "s8");
     let last = &run["last"]["stiffness_n_per_m2"];
     let ends = [&last["ci95"][0], &last["ci95"][1]].map(|end| end.as_f64().expect("a number"));
@@ -330,7 +338,7 @@ fn steering_runs_are_simulated_and_tracked() {
     }
     assert_eq!(run["compare"].as_array().expect("a list").len(), 3);
     // Without lateral motion there is nothing to see, and no number.
-    let straight = &found["runs"][1];
+    let straight = &tracked["runs"][1];
     assert!(straight["last"]["stiffness_n_per_m2"]["value"].is_null(), "{}", straight["last"]);
     assert!(straight["damping_n_s_per_m2"].as_array().expect("a list").iter().all(Value::is_null));
     let printed = text(&guide(&["track", path(&dir)]).stdout);
@@ -348,10 +356,10 @@ fn steering_runs_are_simulated_and_tracked() {
 fn steering_faults_name_their_place() {
     let folder = folder();
     let config = folder.path().join("steering.toml");
-    let out = folder.path().join("out");
+    let output_path = folder.path().join("out");
     let fails = |text: &str, expected: &str| {
         fs::write(&config, text).expect("written");
-        let printed = failure(&["simulate", "--config", path(&config), "--out", path(&out)]);
+        let printed = failure(&["simulate", "--config", path(&config), "--out", path(&output_path)]);
         assert!(printed.contains(expected), "{printed}");
     };
     fails(&STEERING.replace("length_mm = 130.0", ""), "steering.toml:2:1: needle.length_mm: missing");
@@ -379,10 +387,10 @@ fn steering_faults_name_their_place() {
     let entry = "\n[[steering]]\nid = \"s1\"\ndata = \"s1.csv\"\n";
     fs::write(&toml, fs::read_to_string(&toml).expect("written") + entry).expect("written");
     assert!(failure(&["track", dir]).contains("[needle] length_mm: missing"));
-    let found = json(&["track", dir, "--length-mm", "130", "--json"]);
+    let tracked = json(&["track", dir, "--length-mm", "130", "--json"]);
     // Two samples identify nothing, and no number is made of them.
-    assert!(found["runs"][0]["last"]["stiffness_n_per_m2"]["value"].is_null(), "{}", found["runs"][0]);
-    let printed = found["runs"][0]["warnings"].to_string();
+    assert!(tracked["runs"][0]["last"]["stiffness_n_per_m2"]["value"].is_null(), "{}", tracked["runs"][0]);
+    let printed = tracked["runs"][0]["warnings"].to_string();
     assert!(printed.contains("identifiable"), "{printed}");
     fs::write(folder.path().join("s1.csv"), csv.replace("\n0.1,", "\nx,")).expect("written");
     assert!(
@@ -419,10 +427,12 @@ fn runs_with_different_calibrations_are_named() {
     let dir = path(folder.path());
     let toml = folder.path().join("session.toml");
     let plain = fs::read_to_string(&toml).expect("reads");
-    let one = plain.clone() + "calibration_crc = \"0000002a\"\n";
-    let other = "\n[[lateral]]\nid = \"again\"\ndepth_mm = 30.0\nforce = \"d30-1.force.csv\"\n\
+    let with_calibration = plain.clone() + "calibration_crc = \"0000002a\"\n";
+    let second_run = "\n[[lateral]]\nid = \"again\"\ndepth_mm = 30.0\nforce = \"d30-1.force.csv\"\n\
                  shape = \"d30-1.shape.csv\"\ncalibration_crc = \"1a2b3c4d\"\n";
-    for (text, warned) in [(plain, false), (one.clone(), false), (one + other, true)] {
+    for (text, warned) in
+        [(plain, false), (with_calibration.clone(), false), (with_calibration + second_run, true)]
+    {
         fs::write(&toml, text).expect("writes");
         let output = guide(&["identify", dir]);
         assert!(output.status.success(), "{}", text_of(&output));
@@ -432,7 +442,7 @@ fn runs_with_different_calibrations_are_named() {
     }
 }
 
-/// What a command printed beside its result.
+/// Text that a command printed beside its result.
 fn text_of(output: &Output) -> String {
     text(&output.stderr)
 }

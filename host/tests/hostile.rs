@@ -1,9 +1,10 @@
 //! Malformed inputs and what `guide` prints of each, word for word; and unusual ones that it takes as they are, so that it does not grow
 //! stricter.
 //!
-//! `hostile/base` is a small sound session with a file of every other kind beside it. A case is a folder in `hostile/cases` whose files
-//! are laid over a copy of the base, in which the command then runs; a case without a folder is the base itself. What is expected is in
-//! `hostile/table.toml`. To add a case: its folder, and its entry in the table.
+//! `hostile/base` is a small sound session with a file of every other kind beside it. A case is a folder in
+//! `hostile/cases` whose files are laid over a copy of the base, in which the command then runs; a case without a
+//! folder is the base itself. The table `hostile/table.toml` has the expected results. To add a case: its folder, and
+//! its entry in the table.
 
 use serde::Deserialize;
 use std::collections::BTreeSet;
@@ -59,7 +60,7 @@ impl Case {
     }
 }
 
-/// What a command did.
+/// Outcome of a command.
 #[derive(Debug, PartialEq)]
 struct Outcome {
     /// None where it had to be ended.
@@ -76,11 +77,11 @@ fn lay(from: &Path, over: &Path) {
     fs::create_dir_all(over).expect("a folder");
     for entry in fs::read_dir(from).expect("a folder of files") {
         let entry = entry.expect("an entry");
-        let to = over.join(entry.file_name());
+        let destination = over.join(entry.file_name());
         if entry.path().is_dir() {
-            lay(&entry.path(), &to);
+            lay(&entry.path(), &destination);
         } else {
-            fs::copy(entry.path(), to).expect("copied");
+            fs::copy(entry.path(), destination).expect("copied");
         }
     }
 }
@@ -90,9 +91,9 @@ fn guide(case: &Case, command: &str) -> Outcome {
     let folder = tempfile::tempdir().expect("a folder");
     let session = folder.path().join("session");
     lay(&hostile().join("base"), &session);
-    let own = hostile().join("cases").join(&case.name);
-    if own.exists() {
-        lay(&own, &session);
+    let case_dir = hostile().join("cases").join(&case.name);
+    if case_dir.exists() {
+        lay(&case_dir, &session);
     }
     let mut child = Command::new(env!("CARGO_BIN_EXE_guide"))
         .args(command.split_whitespace())
@@ -128,7 +129,7 @@ fn guide(case: &Case, command: &str) -> Outcome {
     })
 }
 
-/// How what happened differs from what the table states; nothing where it does not.
+/// Difference between the outcome and the table; empty if there is none.
 fn deviations(case: &Case, others: &[Case]) -> String {
     let mut deviations = String::new();
     let Outcome { exit, stdout, stderr } = guide(case, &case.command);
@@ -148,7 +149,7 @@ fn deviations(case: &Case, others: &[Case]) -> String {
             differ("standard output", line, stdout.trim_end());
         }
     }
-    // What stops a command with a place in the session is what a check of the session reports.
+    // A check of the session reports the fault that stops a command with a place in the session.
     if let [message] = case.stderr.as_slice()
         && let Some(finding) = message.strip_prefix("error: ./")
     {
@@ -158,9 +159,9 @@ fn deviations(case: &Case, others: &[Case]) -> String {
             differ("guide check", &finding, check.stdout.trim_end());
         }
     }
-    if let Some(same) = &case.same_as {
-        let other = others.iter().find(|other| other.name == *same).expect("a case of that name");
-        let expected = guide(other, &other.command);
+    if let Some(same_case) = &case.same_as {
+        let referenced = others.iter().find(|other| other.name == *same_case).expect("a case of that name");
+        let expected = guide(referenced, &referenced.command);
         if stdout != expected.stdout {
             differ("result", expected.stdout.trim_end(), stdout.trim_end());
         }
@@ -183,12 +184,12 @@ fn rejects_malformed_inputs_and_accepts_valid_ones() {
         for _ in 0..WORKERS {
             scope.spawn(|| {
                 while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let found = deviations(case, &cases);
-                    if !found.is_empty() {
+                    let differences = deviations(case, &cases);
+                    if !differences.is_empty() {
                         failures
                             .lock()
                             .expect("a list")
-                            .push(format!("{}: {}\n{found}", case.name, case.command));
+                            .push(format!("{}: {}\n{differences}", case.name, case.command));
                     }
                 }
             });

@@ -48,17 +48,17 @@ const WRITERS: [(&str, Left); 26] = [
     ("export run.mcap --to csv --out made", Left::Nothing),
 ];
 
-/// Commands that write files and need a device, a server or a plant for it: see `device` and `steer`; the result of the bring-up is tried
-/// through QEMU. What `capture` writes has its header last: without that it is no sequence.
+/// Commands that write files and need a device, a server or a plant for it: see `device` and `steer`; the result of the
+/// bring-up is tried through QEMU. The file of `capture` has its header last: without that it is no sequence.
 const WITH_A_DEVICE: [&str; 6] = ["acquire", "bringup", "calibration", "capture", "record", "steer"];
 
 /// Options that name what is written.
 const WRITING_OPTIONS: [&str; 4] = ["--out ", "--plots ", "--plot ", "--raw "];
 
-/// What a command leaves that could not write all it should.
+/// Files that a command leaves when it could not write all of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Left {
-    /// Nothing of it.
+    /// No file.
     Nothing,
     /// Some of its files, each of them whole.
     Whole,
@@ -128,8 +128,8 @@ fn summaries() -> &'static str {
     static SUMMARIES: std::sync::OnceLock<String> = std::sync::OnceLock::new();
     SUMMARIES.get_or_init(|| {
         let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hostile/base");
-        let made = tempfile::tempdir().expect("a folder");
-        let file = made.path().join("one.jsonl");
+        let output_dir = tempfile::tempdir().expect("a folder");
+        let file = output_dir.path().join("one.jsonl");
         let output = Command::new(env!("CARGO_BIN_EXE_guide"))
             .args([OsStr::new("summarize"), base.as_os_str(), OsStr::new("--out"), file.as_os_str()])
             .output()
@@ -137,15 +137,17 @@ fn summaries() -> &'static str {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let one: serde_json::Value =
             serde_json::from_str(&fs::read_to_string(file).expect("a file")).expect("a record");
-        let of_subject = |(subject, ln_change): (&str, f64)| {
-            let mut record = one.clone();
-            record["session"] = subject.into();
-            record["subject"] = subject.into();
-            let ln_k = record["result"]["ln_k_kpa"].as_f64().expect("a modulus");
-            record["result"]["ln_k_kpa"] = (ln_k + ln_change).into();
-            format!("{record}\n")
-        };
-        [("a", 0.0), ("b", 0.12), ("c", -0.15), ("d", 0.05)].into_iter().map(of_subject).collect()
+        [("a", 0.0), ("b", 0.12), ("c", -0.15), ("d", 0.05)]
+            .into_iter()
+            .map(|(subject, ln_change)| {
+                let mut record = one.clone();
+                record["session"] = subject.into();
+                record["subject"] = subject.into();
+                let ln_k = record["result"]["ln_k_kpa"].as_f64().expect("a modulus");
+                record["result"]["ln_k_kpa"] = (ln_k + ln_change).into();
+                format!("{record}\n")
+            })
+            .collect()
     })
 }
 
@@ -193,7 +195,7 @@ fn failure(output: &Output, what: &str) -> String {
 
 /// Every file below a folder, by its name, with its content.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut found = BTreeMap::new();
+    let mut file_contents = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
     while let Some(inner) = folders.pop() {
         for entry in fs::read_dir(&inner).expect("a folder") {
@@ -202,14 +204,14 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
                 folders.push(path);
             } else {
                 let name = path.strip_prefix(folder).expect("below it").to_owned();
-                found.insert(name, fs::read(&path).expect("readable"));
+                file_contents.insert(name, fs::read(&path).expect("readable"));
             }
         }
     }
-    found
+    file_contents
 }
 
-/// What is new or other than before.
+/// New and changed files.
 fn changed(
     before: &BTreeMap<PathBuf, Vec<u8>>,
     now: BTreeMap<PathBuf, Vec<u8>>,
@@ -217,7 +219,7 @@ fn changed(
     now.into_iter().filter(|(name, content)| before.get(name) != Some(content)).collect()
 }
 
-/// What a failure left is what it may leave.
+/// Checks the files that remain after a failure.
 fn assert_left(
     left: Left,
     found: &BTreeMap<PathBuf, Vec<u8>>,
@@ -228,9 +230,9 @@ fn assert_left(
     match left {
         Left::Nothing => assert!(found.is_empty(), "{what} left {names:?}"),
         Left::Whole => {
-            let parts = found.iter().filter(|(name, content)| whole.get(*name) != Some(content));
-            let parts: Vec<_> = parts.map(|(name, _)| name).collect();
-            assert!(parts.is_empty(), "{what} left parts of {parts:?}");
+            let changed_files = found.iter().filter(|(name, content)| whole.get(*name) != Some(content));
+            let changed_names: Vec<_> = changed_files.map(|(name, _)| name).collect();
+            assert!(changed_names.is_empty(), "{what} left parts of {changed_names:?}");
         }
     }
 }
@@ -257,10 +259,10 @@ fn for_each_writer(check: impl Fn(&str, Left) + Sync) {
 /// The files of an undisturbed run.
 fn undisturbed(command: &str) -> BTreeMap<PathBuf, Vec<u8>> {
     let folder = folder();
-    let before = files(folder.path());
+    let original = files(folder.path());
     let output = guide(folder.path(), None, &words(command)).output().expect("guide starts");
     assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
-    let whole = changed(&before, files(folder.path()));
+    let whole = changed(&original, files(folder.path()));
     assert!(!whole.is_empty(), "{command} writes");
     whole
 }
@@ -271,7 +273,8 @@ fn every_command_that_writes_is_in_the_table() {
         let output = Command::new(env!("CARGO_BIN_EXE_guide")).args(command).arg("--help").output();
         String::from_utf8(output.expect("guide starts").stdout).expect("UTF-8")
     };
-    let tried: BTreeSet<&str> = WRITERS.iter().filter_map(|(command, _)| command.split(' ').next()).collect();
+    let tested_commands: BTreeSet<&str> =
+        WRITERS.iter().filter_map(|(command, _)| command.split(' ').next()).collect();
     let commands = help(&[]);
     let commands = commands.split("Commands:").nth(1).and_then(|rest| rest.split("Options:").next());
     let commands = commands.expect("a list of commands").lines().filter_map(|line| {
@@ -284,7 +287,7 @@ fn every_command_that_writes_is_in_the_table() {
         if WRITING_OPTIONS.iter().any(|option| help.contains(option)) {
             writers += 1;
             assert!(
-                tried.contains(command) || WITH_A_DEVICE.contains(&command),
+                tested_commands.contains(command) || WITH_A_DEVICE.contains(&command),
                 "{command} writes and is not tried"
             );
         }
@@ -303,22 +306,26 @@ fn a_disk_that_is_full_at_any_byte_is_reported_in_one_line_and_leaves_no_part_of
         let ends = sizes.iter().rev().take(2).map(|bytes| bytes.saturating_sub(1));
         let limits: BTreeSet<u64> = [0, largest / 2].into_iter().chain(ends).collect();
         for bytes in limits.into_iter().take(if is_slow(command) { 2 } else { 4 }) {
-            let what = format!("{command} with {bytes} bytes a file");
+            let context = format!("{command} with {bytes} bytes a file");
             let folder = folder();
-            let before = files(folder.path());
+            let original = files(folder.path());
             let output = guide(folder.path(), Some(bytes), &words(command)).output().expect("guide starts");
-            let line = failure(&output, &what);
-            assert!(line.contains("File too large"), "{what}: {line}");
-            assert_left(left, &changed(&before, files(folder.path())), &whole, &what);
+            let line = failure(&output, &context);
+            assert!(line.contains("File too large"), "{context}: {line}");
+            assert_left(left, &changed(&original, files(folder.path())), &whole, &context);
             if bytes != largest / 2 {
                 continue;
             }
             // Once there is room, it works.
             let again = guide(folder.path(), None, &words(command)).output().expect("guide starts");
-            assert!(again.status.success(), "{what}, then again: {}", String::from_utf8_lossy(&again.stderr));
             assert!(
-                changed(&before, files(folder.path())) == whole,
-                "{what}, then again, gives something else"
+                again.status.success(),
+                "{context}, then again: {}",
+                String::from_utf8_lossy(&again.stderr)
+            );
+            assert!(
+                changed(&original, files(folder.path())) == whole,
+                "{context}, then again, gives something else"
             );
         }
     });
@@ -330,22 +337,22 @@ fn a_name_that_cannot_be_written_is_reported_in_one_line_and_leaves_no_part_of_a
     for_each_writer(|command, left| {
         let whole = undisturbed(command);
         let inputs = files(folder().path());
-        // Of many files alike, as manual pages, the first and the last.
+        // Only the first and the last of many similar files, as manual pages, are checked.
         let new: Vec<&PathBuf> = whole.keys().filter(|name| !inputs.contains_key(*name)).collect();
         let chosen: BTreeSet<&PathBuf> =
             new.iter().take(3).chain(new.iter().rev().take(2)).copied().collect();
         for name in chosen.into_iter().take(if is_slow(command) { 1 } else { 5 }) {
-            let what = format!("{command} with a folder in place of {}", name.display());
+            let context = format!("{command} with a folder in place of {}", name.display());
             let folder = folder();
             fs::create_dir_all(folder.path().join(name)).expect("a folder");
-            let before = files(folder.path());
+            let original = files(folder.path());
             let output = guide(folder.path(), None, &words(command)).output().expect("guide starts");
-            let line = failure(&output, &what);
+            let line = failure(&output, &context);
             assert!(
                 line.contains(&*name.to_string_lossy()) || name.ends_with("session.toml"),
-                "{what}: {line}"
+                "{context}: {line}"
             );
-            assert_left(left, &changed(&before, files(folder.path())), &whole, &what);
+            assert_left(left, &changed(&original, files(folder.path())), &whole, &context);
         }
     });
 }
@@ -357,7 +364,7 @@ fn a_name_that_cannot_be_written_is_reported_in_one_line_and_leaves_no_part_of_a
 fn a_command_that_is_killed_at_any_moment_leaves_whole_files_and_readable_sessions() {
     const MOMENTS: u32 = 6;
     for_each_writer(|command, left| {
-        // Of those whose files are whole one by one, a few stand for all.
+        // A few of the files that are whole one by one stand for all.
         if left == Left::Whole && !command.starts_with("man") {
             return;
         }
@@ -365,14 +372,14 @@ fn a_command_that_is_killed_at_any_moment_leaves_whole_files_and_readable_sessio
         let whole = undisturbed(command);
         let takes = began.elapsed();
         for moment in 1..=MOMENTS {
-            let what = format!("{command} killed at {moment} of {MOMENTS}");
+            let context = format!("{command} killed at {moment} of {MOMENTS}");
             let folder = folder();
-            let before = files(folder.path());
+            let original = files(folder.path());
             let mut child = guide(folder.path(), None, &words(command)).spawn().expect("guide starts");
             thread::sleep(takes * moment / MOMENTS);
             child.kill().expect("killed");
             child.wait().expect("ended");
-            for (name, content) in changed(&before, files(folder.path())) {
+            for (name, content) in changed(&original, files(folder.path())) {
                 let hidden =
                     name.file_name().is_some_and(|name| name.to_string_lossy().starts_with(".guide-"));
                 if hidden || whole.get(&name) == Some(&content) {
@@ -388,13 +395,13 @@ fn a_command_that_is_killed_at_any_moment_leaves_whole_files_and_readable_sessio
                     let read = formats::session::Session::read(&session);
                     assert!(
                         read.is_ok(),
-                        "{what}: {}",
+                        "{context}: {}",
                         read.err().map_or(String::new(), |error| error.to_string())
                     );
                     continue;
                 }
                 let rows = whole.get(&name).is_some_and(|all| all.starts_with(&content));
-                assert!(rows && name.extension() == Some(OsStr::new("csv")), "{what}: {}", name.display());
+                assert!(rows && name.extension() == Some(OsStr::new("csv")), "{context}: {}", name.display());
             }
         }
     });

@@ -59,8 +59,8 @@ fn with_file(name: &str, content: impl AsRef<[u8]>) -> TempDir {
 
 /// The columns of the only file of the session that ends like this.
 fn columns(answer: &Answer, ending: &str, names: [&str; 3]) -> Vec<[f64; 3]> {
-    let out = answer.folder.path().join("out");
-    let files = fs::read_dir(&out).expect("a session").map(|entry| entry.expect("an entry").path());
+    let output_path = answer.folder.path().join("out");
+    let files = fs::read_dir(&output_path).expect("a session").map(|entry| entry.expect("an entry").path());
     let matching: Vec<PathBuf> = files.filter(|file| file.to_string_lossy().ends_with(ending)).collect();
     let [file] = matching.as_slice() else { panic!("{matching:?} are not one file:\n{}", answer.printed) };
     read_columns(file, names)
@@ -70,10 +70,12 @@ fn columns(answer: &Answer, ending: &str, names: [&str; 3]) -> Vec<[f64; 3]> {
 fn read_columns(file: &Path, names: [&str; 3]) -> Vec<[f64; 3]> {
     let mut reader = csv::Reader::from_path(file).expect("opens");
     let header = reader.headers().expect("a header").clone();
-    let places = names.map(|name| header.iter().position(|cell| cell == name));
+    let column_indices = names.map(|name| header.iter().position(|cell| cell == name));
     let rows = reader.records().map(|row| row.expect("a row"));
-    rows.map(|row| places.map(|column| column.map_or(0.0, |index| row[index].parse().expect("a number"))))
-        .collect()
+    rows.map(|row| {
+        column_indices.map(|column| column.map_or(0.0, |index| row[index].parse().expect("a number")))
+    })
+    .collect()
 }
 
 /// Rejected, and the reason has one of these words; nothing is written.
@@ -103,10 +105,10 @@ fn staircase() -> Vec<[f64; 3]> {
     let levels = [0.0, 1.0, 0.0, -1.0, 0.0];
     let mut rows = Vec::new();
     for (number, level) in levels.iter().enumerate() {
-        let before = if number == 0 { 0.0 } else { levels[number - 1] };
+        let start_mm = if number == 0 { 0.0 } else { levels[number - 1] };
         for step in 0..25 {
             let displacement =
-                if step < 5 { before + (level - before) * f64::from(step) / 5.0 } else { *level };
+                if step < 5 { start_mm + (level - start_mm) * f64::from(step) / 5.0 } else { *level };
             let row = rows.len() as f64;
             let force = 2.4 * displacement + 0.01 * (0.7 * row).sin();
             rows.push([row / 10.0, displacement, (force * 1e4).round() / 1e4]);
@@ -125,10 +127,10 @@ fn assert_staircase(answer: &Answer, least: usize) {
     for [time_s, displacement_mm, force_n] in rows {
         let index = ((time_s - start_s) * 10.0).round() as usize;
         let row = expected.get(index).unwrap_or_else(|| panic!("time {time_s} s:\n{}", answer.printed));
-        let near = (time_s - start_s - row[0]).abs() < 2e-3
+        let is_close = (time_s - start_s - row[0]).abs() < 2e-3
             && (displacement_mm - row[1]).abs() < 2e-3
             && (force_n - row[2]).abs() < 2e-3;
-        assert!(near, "{time_s} {displacement_mm} {force_n} for {row:?}:\n{}", answer.printed);
+        assert!(is_close, "{time_s} {displacement_mm} {force_n} for {row:?}:\n{}", answer.printed);
     }
 }
 

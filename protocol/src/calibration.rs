@@ -45,7 +45,7 @@ pub struct PotentiometerTable {
     pub falling_um: [i16; KNOTS],
 }
 
-/// Which calibration a device works with.
+/// Identity of the calibration that a device works with.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct CalibrationId {
     /// [`CalibrationRecord::id`].

@@ -5,12 +5,13 @@ use postcard::experimental::max_size::MaxSize;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// What decides whether the guide may move and what the force means, beside the status.
+/// Conditions beside the status that decide whether the guide may move, and the meaning of the
+/// force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Safety {
     /// Device time, microseconds.
     pub t_us: u64,
-    /// Where the constants come from.
+    /// Source of the constants.
     pub calibration: CalibrationSource,
     /// A tare was completed since the device started. Without one, the force counts from the calibration's zero.
     pub tared: bool,
@@ -22,7 +23,7 @@ pub struct Safety {
     pub proven: [bool; 2],
 }
 
-/// Where the constants of the rig come from.
+/// Source of the rig's constants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum CalibrationSource {
     /// From the calibration that is stored on the device.
@@ -33,7 +34,7 @@ pub enum CalibrationSource {
     NominalAcknowledged,
 }
 
-/// What the device was built for.
+/// Description of the device's build.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Description {
     /// [`crate::VERSION`].
@@ -65,7 +66,7 @@ pub struct Description {
 pub struct Status {
     /// Device time, microseconds.
     pub t_us: u64,
-    /// What the controller is doing.
+    /// State of the controller.
     pub state: State,
     /// Program step; 255 outside a program.
     pub step: u8,
@@ -79,7 +80,7 @@ pub struct Status {
     pub streaming: bool,
     /// Counters since start.
     pub counters: Counters,
-    /// How busy the processor is.
+    /// Load of the processor.
     pub load: Load,
     /// Share of their duty cycle that the motors x and y have used, per thousand; at 1000 they must rest.
     pub motor_budget_permille: [u16; 2],
@@ -94,7 +95,7 @@ pub struct Status {
     pub repeats_force: bool,
 }
 
-/// How busy the processor is. Times are those of the device's clock, rounded up to its microsecond.
+/// Load of the processor. Times are those of the device's clock, rounded up to its microsecond.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Load {
     /// Share of the last tenth of a second that was not idle, per thousand.
@@ -120,7 +121,7 @@ pub struct Stiffness {
     pub readings: u32,
 }
 
-/// What has gone wrong since start, counted; none wraps.
+/// Counters of errors since start; none wraps.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Counters {
     /// Samples dropped because the link was too slow.

@@ -14,7 +14,7 @@ mod tracking;
 
 use crate::{Command, Envelope, Incoming, Message, Received, Receiver, Request};
 
-/// What a test found: nothing, or what is wrong.
+/// Result of a test: nothing, or what is wrong.
 pub type Verdict = Result<(), &'static str>;
 
 /// Lists the tests and, on the host, makes a `#[test]` of each.

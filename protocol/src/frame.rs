@@ -62,18 +62,18 @@ pub(crate) fn seal<'a>(
     let (head, tail) = plain.split_at_mut(payload);
     tail.copy_from_slice(&crc32(head).to_le_bytes());
 
-    let (first, rest) = output.split_first_mut().ok_or(EncodeError::OutputTooShort)?;
+    let (first, body) = output.split_first_mut().ok_or(EncodeError::OutputTooShort)?;
     *first = 0;
-    // Of so few bytes the stuffed ones are as many as the most.
+    // The largest number of stuffed bytes for so few is their number.
     let stuffed =
-        rest.get_mut(..corncobs::max_encoded_len(plain.len())).ok_or(EncodeError::OutputTooShort)?;
+        body.get_mut(..corncobs::max_encoded_len(plain.len())).ok_or(EncodeError::OutputTooShort)?;
     let end = 1 + corncobs::encode_buf(plain, stuffed);
     output.get(..end).ok_or(EncodeError::OutputTooShort)
 }
 
 /// A message that a [`Receiver`] can receive, and what can be saved of it where its types are not ours.
 pub trait Incoming: DeserializeOwned {
-    /// What can be read of a message that does not decode.
+    /// Readable part of a message that does not decode.
     type Salvage;
 
     /// Reads that from an intact payload. The parts it reads stay where they are in every version of the protocol.
@@ -130,7 +130,7 @@ pub fn peek_hello_version(payload: &[u8]) -> Option<u16> {
     }
 }
 
-/// What a [`Receiver`] found in the bytes.
+/// Result of a [`Receiver`] for the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received<T: Incoming> {
     /// An intact message.
@@ -143,7 +143,8 @@ pub enum Received<T: Incoming> {
     Unreadable(Option<T::Salvage>),
 }
 
-/// What a [`Receiver`] could not use, counted; the counters stop at their largest value.
+/// Counts of bytes and frames that a [`Receiver`] could not use; the counters stop at their largest
+/// value.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Losses {
     /// Bodies that failed their byte stuffing or their checksum.
@@ -209,16 +210,16 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
 
     /// Takes a chunk and yields its events. Bytes beyond the last event requested are not taken: exhaust it.
     pub fn feed<'a>(&'a mut self, chunk: &'a [u8]) -> impl Iterator<Item = Received<T>> + 'a {
-        let mut rest = chunk;
+        let mut unread = chunk;
         core::iter::from_fn(move || {
-            while !rest.is_empty() {
+            while !unread.is_empty() {
                 // Up to a delimiter as many bytes at once as there is room for, then one that makes an event or not.
-                let (ordinary, _) = memchr::memchr(0, rest)
-                    .and_then(|zero| rest.split_at_checked(zero))
-                    .unwrap_or((rest, &[]));
-                let taken = if self.dropping { ordinary.len() } else { self.fill(ordinary) };
-                let (byte, later) = rest.get(taken..)?.split_first()?;
-                rest = later;
+                let (ordinary, _) = memchr::memchr(0, unread)
+                    .and_then(|zero| unread.split_at_checked(zero))
+                    .unwrap_or((unread, &[]));
+                let consumed_bytes = if self.dropping { ordinary.len() } else { self.fill(ordinary) };
+                let (byte, later) = unread.get(consumed_bytes..)?.split_first()?;
+                unread = later;
                 if let Some(event) = self.push(*byte) {
                     return Some(event);
                 }
@@ -250,7 +251,7 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
         }
     }
 
-    /// What could not be used so far.
+    /// Losses so far.
     pub const fn losses(&self) -> Losses {
         self.losses
     }

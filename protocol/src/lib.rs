@@ -23,9 +23,10 @@
 //! The bounds are reached: the largest message fills them. All is below the 254 bytes up to which stuffing costs one byte and
 //! no two bodies carry the same content. Two delimiters between frames, or one, or ten, are the same.
 //!
-//! A receiver ([`Receiver`]) drops what is longer than the bound up to the next delimiter, unstuffs, compares the checksum,
-//! and only then reads the message, which must use up the payload to its last byte. What fails is counted as
-//! over-long, corrupt or unreadable ([`Losses`]), does not affect neighbouring frames, and is never requested again by the receiver.
+//! A receiver ([`Receiver`]) drops what is longer than the bound up to the next delimiter, unstuffs, compares the
+//! checksum, and only then reads the message, which must use up the payload to its last byte. A failure is counted as
+//! over-long, corrupt or unreadable ([`Losses`]), does not affect neighbouring frames, and is never requested again by
+//! the receiver.
 //!
 //! `Stop`, sent as command 300 of the connection `0xA1B2C3D4`:
 //!
@@ -126,9 +127,9 @@
 //! | packed | 3.7 |
 //! | packed, on the wire, with its share of the frame | 4.6 |
 //!
-//! at any position and force: a batch spans little more than the noise, or than one step of a motion. That is
-//! 4.6 kB/s of the 46 kB/s that 460,800 baud carry, so that a line disturbed for a while catches up, and a file of frames
-//! stays small. The price is that a batch is used whole or not at all, which the checksum makes true anyway.
+//! at any position and force: a batch spans little more than the noise, or than one step of a motion. It is 4.6 kB/s of
+//! the 46 kB/s that 460,800 baud carry, so that a line disturbed for a while catches up, and a file of frames stays
+//! small. The price is that a batch is used whole or not at all, which the checksum makes true anyway.
 //! See [`pack`].
 //!
 //! # Conformance
@@ -178,7 +179,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
-// What arrives cannot make it panic.
+// Invalid input cannot cause a panic.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)

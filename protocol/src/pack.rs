@@ -95,13 +95,13 @@ impl Packer {
         let continues =
             self.open.as_mut().is_some_and(|open| open.is_continued(period_us, head) && open.add(sample));
         if !continues {
-            let before = self.flush();
+            let finished_batch = self.flush();
             let mut samples = heapless::Vec::new();
             // There is room for one.
             let _ = samples.push(sample);
             let spreads = sample.channels().map(Spread::of);
             self.open = Some(Open { t_us, dropped, state, step, samples, last: sample, spreads });
-            return before;
+            return finished_batch;
         }
         if self.open.as_ref().is_some_and(|open| open.samples.is_full()) { self.flush() } else { None }
     }
@@ -163,7 +163,7 @@ impl Open {
     }
 }
 
-/// Why the packed bytes of a batch were refused. Nothing of such a batch is used.
+/// Why the packed bytes of a batch were refused. No sample of such a batch is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum UnpackError {
     /// A batch of no samples is never sent.
@@ -178,9 +178,9 @@ pub enum UnpackError {
     /// The heads give how many bytes the samples take.
     #[error("the samples have {found} bytes where their widths need {expected}")]
     Length {
-        /// How many these samples take.
+        /// Number of bytes that these samples take.
         expected: usize,
-        /// How many there are.
+        /// Number of bytes that are there.
         found: usize,
     },
 }
@@ -192,18 +192,18 @@ impl Samples {
             return Err(UnpackError::Empty);
         }
         let mut columns = [Column::default(); CHANNELS];
-        let mut rest = &*self.packed;
+        let mut unread = &*self.packed;
         for (channel, column) in (0..).zip(&mut columns) {
-            (*column, rest) = Column::read(rest).ok_or(UnpackError::Head { channel })?;
+            (*column, unread) = Column::read(unread).ok_or(UnpackError::Head { channel })?;
         }
         let widths: usize = columns.iter().map(|column| usize::from(column.width)).sum();
         let expected = (widths * usize::from(self.count)).div_ceil(8);
-        if rest.len() != expected {
-            return Err(UnpackError::Length { expected, found: rest.len() });
+        if unread.len() != expected {
+            return Err(UnpackError::Length { expected, found: unread.len() });
         }
         Ok(Unpacked {
             channels: Reader::of(&columns),
-            bits: rest,
+            bits: unread,
             at: 0,
             width: widths as u32,
             left: self.count,
@@ -235,13 +235,13 @@ impl Iterator for Unpacked<'_> {
     #[inline]
     fn next(&mut self) -> Option<Self::Item> {
         self.left = self.left.checked_sub(1)?;
-        let (bytes, at) = (self.bits, self.at);
+        let (bytes, byte_offset) = (self.bits, self.at);
         self.at += self.width as usize;
         let counts = if self.width <= column::MAX_AT_ONCE {
-            let bits = column::bits(bytes, at);
+            let bits = column::bits(bytes, byte_offset);
             self.channels.each_mut().map(|channel| channel.of_sample(bits))
         } else {
-            self.channels.each_mut().map(|channel| channel.at(bytes, at))
+            self.channels.each_mut().map(|channel| channel.at(bytes, byte_offset))
         };
         let t_us = self.next_us;
         self.next_us = t_us.saturating_add(u64::from(self.period_us));

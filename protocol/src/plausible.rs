@@ -11,7 +11,8 @@
 //! * An actuator of 50 mm stroke over the 4096 codes makes 6.25 mm between two knots. Its potentiometer may be trimmed or of a
 //!   neighbouring stroke ([`KNOT_STEP_UM`]), but not by ten times.
 //!
-//! What a record cannot show (a sign, swapped wires) shows in the first tenths of a millimetre: [`crate::Fault::WrongWay`].
+//! An error that a record cannot show (a sign, swapped wires) shows in the first tenths of a millimetre:
+//! [`crate::Fault::WrongWay`].
 
 use crate::{CODES_PER_KNOT, CalibrationRecord, KNOTS, PotentiometerTable};
 
@@ -44,7 +45,7 @@ pub enum Implausible {
         "track codes of axis {axis}: expected the least below the greatest, and that at most {POTENTIOMETER_CODE_MAX}"
     )]
     Track {
-        /// Which axis.
+        /// Number of the axis.
         axis: u8,
     },
     /// A table neither rises nor falls throughout.
@@ -52,13 +53,13 @@ pub enum Implausible {
         "the position table of axis {axis} is not monotonic, expected one that rises, or falls, from code to code"
     )]
     Turns {
-        /// Which axis.
+        /// Number of the axis.
         axis: u8,
     },
     /// The two directions of a table differ by more than play can.
     #[error("the rising and the falling table of axis {axis} are more than {} mm apart", f32::from(PLAY_LIMIT_UM) * 1e-3)]
     Play {
-        /// Which axis.
+        /// Number of the axis.
         axis: u8,
     },
     /// The position changes by less or more from knot to knot than any actuator's.
@@ -68,7 +69,7 @@ pub enum Implausible {
         KNOT_STEP_UM[1]
     )]
     Slope {
-        /// Which axis.
+        /// Number of the axis.
         axis: u8,
         /// The first change that is out of bounds, micrometres.
         step_um: u16,
@@ -93,7 +94,7 @@ pub enum Implausible {
         FULL_SCALE_TIMES[1]
     )]
     ForceGain {
-        /// Which axis.
+        /// Number of the axis.
         axis: u8,
         /// Force at the converter's full scale, millinewtons.
         full_scale_mn: u64,
@@ -103,7 +104,7 @@ pub enum Implausible {
     /// The cross-talk is larger than any cell's.
     #[error("the cross-talk of axis {axis} is more than a third of its gain: swapped channels?")]
     CrossTalk {
-        /// Which axis.
+        /// Number of the axis.
         axis: u8,
     },
 }
@@ -152,16 +153,18 @@ impl PotentiometerTable {
         if least >= greatest || greatest > POTENTIOMETER_CODE_MAX {
             return Err(Implausible::Track { axis });
         }
-        let rises = |positions_um: &[i16; KNOTS]| positions_um.is_sorted_by(|low, high| low < high);
-        let falls = |positions_um: &[i16; KNOTS]| positions_um.is_sorted_by(|high, low| low < high);
-        let both = [&self.rising_um, &self.falling_um];
-        if !both.into_iter().all(rises) && !both.into_iter().all(falls) {
+        let direction_tables = [&self.rising_um, &self.falling_um];
+        if !direction_tables.into_iter().all(|positions_um| positions_um.is_sorted_by(|low, high| low < high))
+            && !direction_tables
+                .into_iter()
+                .all(|positions_um| positions_um.is_sorted_by(|high, low| low < high))
+        {
             return Err(Implausible::Turns { axis });
         }
         if self.rising_um.iter().zip(&self.falling_um).any(|(up, down)| up.abs_diff(*down) > PLAY_LIMIT_UM) {
             return Err(Implausible::Play { axis });
         }
-        let steps = both.into_iter().flat_map(|positions_um| {
+        let steps = direction_tables.into_iter().flat_map(|positions_um| {
             positions_um.iter().zip(positions_um.iter().skip(1)).map(|(from, to)| from.abs_diff(*to))
         });
         let [least, most] = KNOT_STEP_UM;
@@ -175,13 +178,13 @@ impl PotentiometerTable {
     /// taken up.
     pub fn position_um(&self, code: u16, rising: f32) -> f32 {
         let knot = usize::from(code / CODES_PER_KNOT).min(KNOTS - 2);
-        let share = (f32::from(code) - (knot as u16 * CODES_PER_KNOT) as f32) / f32::from(CODES_PER_KNOT);
+        let fraction = (f32::from(code) - (knot as u16 * CODES_PER_KNOT) as f32) / f32::from(CODES_PER_KNOT);
         let along = |positions_um: &[i16; KNOTS]| match positions_um.get(knot..) {
-            Some(&[low, high, ..]) => f32::from(low) + share * (f32::from(high) - f32::from(low)),
+            Some(&[low, high, ..]) => f32::from(low) + fraction * (f32::from(high) - f32::from(low)),
             _ => 0.0,
         };
-        let (up_um, down_um) = (along(&self.rising_um), along(&self.falling_um));
-        down_um + rising * (up_um - down_um)
+        let (rising_um, falling_um) = (along(&self.rising_um), along(&self.falling_um));
+        falling_um + rising * (rising_um - falling_um)
     }
 
     /// A code that a sound potentiometer can give.
@@ -237,10 +240,13 @@ mod tests {
             refused(|record| record.potentiometers[0].track_codes = [40, 5_000]),
             Some(Implausible::Track { axis: 0 })
         );
-        let apart = |record: &mut CalibrationRecord| {
-            record.potentiometers[0].falling_um = record.potentiometers[0].falling_um.map(|um| um - 3_000);
-        };
-        assert_eq!(refused(apart), Some(Implausible::Play { axis: 0 }));
+        assert_eq!(
+            refused(|record: &mut CalibrationRecord| {
+                record.potentiometers[0].falling_um =
+                    record.potentiometers[0].falling_um.map(|um| um - 3_000);
+            }),
+            Some(Implausible::Play { axis: 0 })
+        );
         assert_eq!(
             refused(|record| record.travel_um = 24_900),
             Some(Implausible::Travel { travel_um: 24_900 })
@@ -257,20 +263,24 @@ mod tests {
             refused(|record| record.force_pn_per_code[1][0] = 400_000),
             Some(Implausible::CrossTalk { axis: 1 })
         );
-        let swapped = |record: &mut CalibrationRecord| record.force_pn_per_code.swap(0, 1);
-        assert!(matches!(refused(swapped), Some(Implausible::ForceGain { axis: 0, .. })));
+        assert!(matches!(
+            refused(|record: &mut CalibrationRecord| record.force_pn_per_code.swap(0, 1)),
+            Some(Implausible::ForceGain { axis: 0, .. })
+        ));
     }
 
     /// Anything that is sound, and any slip of one of its units.
     #[test]
     fn wiring_either_way_is_sound() {
-        let reversed = |record: &mut CalibrationRecord| {
-            let table = &mut record.potentiometers[0];
-            (table.rising_um, table.falling_um) =
-                (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
-            record.force_pn_per_code[1][1] *= -1;
-        };
-        assert_eq!(refused(reversed), None);
+        assert_eq!(
+            refused(|record: &mut CalibrationRecord| {
+                let table = &mut record.potentiometers[0];
+                (table.rising_um, table.falling_um) =
+                    (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
+                record.force_pn_per_code[1][1] *= -1;
+            }),
+            None
+        );
     }
 
     proptest! {

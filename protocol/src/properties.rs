@@ -300,12 +300,12 @@ fn events<T: Incoming, const N: usize>(stream: &[u8], chunk: usize) -> (Vec<Rece
 
 /// Bytes as a line brings them: anything, or, often enough to matter, delimiters and whole frames.
 fn stream() -> impl Strategy<Value = Vec<u8>> {
-    let part = prop_oneof![
+    let segment = prop_oneof![
         vec(any::<u8>(), 0..400),
         vec(select(vec![0, 1, 2, 0xFF]), 0..400),
         envelope().prop_map(|envelope| frame_of(&envelope)),
     ];
-    vec(part, 0..8).prop_map(|parts| parts.concat())
+    vec(segment, 0..8).prop_map(|parts| parts.concat())
 }
 
 proptest! {
@@ -342,11 +342,11 @@ proptest! {
     #[test]
     fn any_bytes_are_survived_and_chunks_do_not_matter(stream in stream(), chunk in 1_usize..300) {
         let whole = events::<Envelope, { crate::frame::MAX_BODY_TO_HOST }>(&stream, usize::MAX);
-        let parts = events::<Envelope, { crate::frame::MAX_BODY_TO_HOST }>(&stream, chunk);
-        prop_assert_eq!(whole, parts);
+        let host_events = events::<Envelope, { crate::frame::MAX_BODY_TO_HOST }>(&stream, chunk);
+        prop_assert_eq!(whole, host_events);
         let whole = events::<Command, { crate::frame::MAX_BODY_TO_DEVICE }>(&stream, usize::MAX);
-        let parts = events::<Command, { crate::frame::MAX_BODY_TO_DEVICE }>(&stream, chunk);
-        prop_assert_eq!(whole, parts);
+        let device_events = events::<Command, { crate::frame::MAX_BODY_TO_DEVICE }>(&stream, chunk);
+        prop_assert_eq!(whole, device_events);
     }
 
     #[test]
@@ -365,10 +365,10 @@ proptest! {
         let mut t_us = 0;
         let (mut state, mut dropped) = (State::Idle, 0);
         let mut packer = Packer::new(PERIOD_US);
-        let (mut put, mut got, mut heads) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut put, mut received, mut heads) = (Vec::new(), Vec::new(), Vec::new());
         let mut take = |batch: Option<Samples>| if let Some(batch) = batch {
             for (t_us, sample) in batch.unpack(PERIOD_US).expect("what was packed can be unpacked") {
-                got.push((t_us, sample));
+                received.push((t_us, sample));
                 heads.push((batch.state, batch.step, batch.dropped));
             }
         };
@@ -388,11 +388,11 @@ proptest! {
             take(packer.push(t_us, state, 7, dropped, sample));
         }
         take(packer.flush());
-        prop_assert_eq!(put, got);
+        prop_assert_eq!(put, received);
         prop_assert_eq!(tags, heads);
     }
 
-    /// What version 5 and those before have recorded ends a field earlier.
+    /// A recording of version 5 or earlier ends a field earlier.
     #[test]
     fn samples_and_states_of_earlier_versions_are_read(samples in samples(), status in status()) {
         let samples = Samples { repeats_force: 0, ..samples };
@@ -424,9 +424,9 @@ proptest! {
         }
         let mut touched = vec![false; envelopes.len()];
         for (at, flip) in damage {
-            let at = at.index(line.len());
-            line[at] ^= flip;
-            touched[ends.partition_point(|&end| end <= at)] = true;
+            let byte_index = at.index(line.len());
+            line[byte_index] ^= flip;
+            touched[ends.partition_point(|&end| end <= byte_index)] = true;
         }
         line.push(0);
         let mut receiver = EnvelopeReceiver::new();
@@ -439,9 +439,9 @@ proptest! {
             .collect();
         let sure = envelopes.iter().zip(&touched).filter(|(_, touched)| !**touched).map(|(envelope, _)| envelope);
         // Everything untouched arrives, in order; a touched frame arrives only unchanged (its damage undone by another).
-        let mut rest = received.iter();
+        let mut expected = received.iter();
         for envelope in sure {
-            prop_assert!(rest.any(|other| other == envelope), "an untouched frame was lost");
+            prop_assert!(expected.any(|other| other == envelope), "an untouched frame was lost");
         }
         let mut sent = envelopes.iter();
         for envelope in &received {

@@ -15,10 +15,10 @@ pub const PACKED_BYTES: usize = 211;
 /// Bytes of the varint that holds a length up to `capacity`.
 const fn length_bytes(capacity: usize) -> usize {
     let mut bytes = 1;
-    let mut rest = capacity >> 7;
-    while rest > 0 {
+    let mut remaining_length = capacity >> 7;
+    while remaining_length > 0 {
         bytes += 1;
-        rest >>= 7;
+        remaining_length >>= 7;
     }
     bytes
 }
@@ -31,13 +31,13 @@ pub struct Text<const N: usize>(heapless::String<N>);
 impl<const N: usize> Text<N> {
     /// The text, cut at the last character that still fits.
     pub fn new(text: &str) -> Self {
-        let mut kept = heapless::String::new();
+        let mut shortened = heapless::String::new();
         for character in text.chars() {
-            if kept.push(character).is_err() {
+            if shortened.push(character).is_err() {
                 break;
             }
         }
-        Self(kept)
+        Self(shortened)
     }
 
     /// The text.

@@ -42,11 +42,11 @@ pub struct Command {
     /// [`Request::Stop`]. Up to version 3 this was the device's boot id.
     #[serde(alias = "boot_id")]
     pub connection: u32,
-    /// What to do.
+    /// Request to the device.
     pub request: Request,
 }
 
-/// What the host can request.
+/// Request of the host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum Request {
     /// Identity of the device. Never assumed to have been requested at boot.
@@ -104,7 +104,7 @@ pub enum Request {
         /// [`crate::calibration_crc`] of them: the device keeps what the host meant or nothing.
         crc: u32,
     },
-    /// Which calibration do you work with?
+    /// Request for the calibration in use.
     Calibration,
     /// Move guide 2 out of a load while the fault that the load has caused stands: by a vector of at most
     /// [`RETREAT_LIMIT_UM`] along each axis, slowly. The device stops as soon as the force does not fall. Accepted only in the faults
@@ -118,7 +118,7 @@ pub enum Request {
     /// Work with the constants of the rig as designed, until the next start: without this, no program runs on a device that has
     /// no stored calibration. Ends [`crate::Fault::CalibrationLost`] as `ClearFault` does.
     AcknowledgeCalibration,
-    /// What the device was built for: version, schema hash, limits of all requests.
+    /// Request for the description of the build: version, schema hash, limits of all requests.
     Describe,
     /// Tare, calibration and motor heat, now.
     Safety,
@@ -142,7 +142,7 @@ pub const PULSE_LIMIT_MS: u8 = 50;
 /// Greatest duty of a [`Request::Pulse`], thousandths: in its longest time no actuator of the series moves by more than
 /// [`PULSE_BOUND_UM`], whatever is wired wrong.
 pub const PULSE_DUTY_LIMIT_PERMILLE: u16 = 350;
-/// What one [`Request::Pulse`] moves at most, micrometres.
+/// Largest motion of one [`Request::Pulse`], micrometres.
 pub const PULSE_BOUND_UM: i32 = 300;
 /// Change of force along either channel that ends the drive of a [`Request::Pulse`], millinewtons. The motor moves by 86 um after it at most,
 /// so that the change stays below 1 N on up to [`PULSE_STIFFNESS_N_PER_MM`].

@@ -9,7 +9,7 @@ use postcard::experimental::max_size::MaxSize;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// What every frame from the device starts with.
+/// Head of every frame from the device.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Envelope {
     /// Differs from one start of the device to the next.
@@ -20,7 +20,7 @@ pub struct Envelope {
     pub message: Message,
 }
 
-/// What the device can send.
+/// Message of the device.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum Message {
     /// Answer to `Request::Hello`.
@@ -47,7 +47,7 @@ pub enum Message {
     Calibration(CalibrationRecord),
     /// Follows the hello: the connection that it has begun.
     Connected {
-        /// What every command of it carries ([`crate::Command::connection`]).
+        /// Number that every command of the connection carries ([`crate::Command::connection`]).
         connection: u32,
     },
     /// Answer to `Request::Safety`; while telemetry is on also unsolicited, when it has changed and once a second.
@@ -77,7 +77,7 @@ pub struct Hello {
     pub now_us: u64,
     /// Time between samples, which is the control period, microseconds.
     pub sample_period_us: u32,
-    /// How to read the channels.
+    /// Scales of the channels.
     pub scales: Scales,
     /// Calibration that position and force are computed with.
     pub calibration: CalibrationId,
@@ -125,7 +125,7 @@ pub enum Refusal {
     OtherBoot,
     /// A fault is latched: read the status, remove the cause, clear it.
     Faulted {
-        /// Which.
+        /// Fault.
         fault: Fault,
     },
     /// A program is pending or running.
@@ -232,7 +232,7 @@ impl Fault {
     }
 }
 
-/// What the controller is doing.
+/// State of the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum State {
     /// At rest, bridges off.
@@ -276,11 +276,11 @@ pub struct Samples {
 pub struct Event {
     /// Device time, microseconds.
     pub t_us: u64,
-    /// What.
+    /// Kind of the event.
     pub kind: EventKind,
 }
 
-/// What can happen.
+/// Event of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum EventKind {
     /// The step with this index began.
@@ -297,38 +297,38 @@ pub enum EventKind {
     Tared(Tare),
     /// The program has ended; the bridges are off.
     ProgramEnded {
-        /// How.
+        /// Outcome.
         outcome: Outcome,
     },
     /// A fault was latched.
     Faulted {
-        /// Which.
+        /// Fault.
         fault: Fault,
     },
     /// A tare was rejected: the zero is the one from before.
     TareRejected {
-        /// What was found.
+        /// Result of the tare.
         tare: Tare,
         /// Why it was rejected.
         problem: TareProblem,
     },
     /// A retreat has ended; the bridges are off and the fault is still latched.
     RetreatEnded {
-        /// How.
+        /// Outcome.
         outcome: RetreatOutcome,
     },
     /// A pulse has ended; the bridges are off.
     PulseEnded(PulseReport),
 }
 
-/// What all channels did in a pulse of one motor.
+/// Readings of all channels during a pulse of one motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct PulseReport {
     /// Axis that was driven: 0 for x, 1 for y.
     pub axis: u8,
-    /// What ended the drive.
+    /// Reason for the end of the drive.
     pub outcome: PulseOutcome,
-    /// How long it was driven, milliseconds.
+    /// Duration of the drive, milliseconds.
     pub driven_ms: u8,
     /// Position of x and y at rest after it less that before, means of 20 readings each, position counts.
     pub moved_counts: [i32; 2],
@@ -340,7 +340,7 @@ pub struct PulseReport {
     pub most_force_counts: [i32; 2],
 }
 
-/// What ended the drive of a pulse.
+/// Reason for the end of a pulse's drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum PulseOutcome {
     /// Its time was over.
@@ -369,7 +369,7 @@ pub const TARE_ZERO_PERCENT: u32 = 20;
 /// Most that the force may change during a tare, percent of the rated range.
 pub const TARE_CHANGE_PERCENT: u32 = 1;
 
-/// How a retreat ended.
+/// Outcome of a retreat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum RetreatOutcome {
     /// The cause of the fault is gone, with a margin.
@@ -382,7 +382,7 @@ pub enum RetreatOutcome {
     Stopped,
 }
 
-/// What a tare found: the readings that are zero from now on, and how good they were.
+/// Result of a tare: the readings that are zero from now on, and how good they were.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Tare {
     /// Mean of x and y before, in force counts from the converter's own zero.
@@ -402,7 +402,7 @@ pub struct Tare {
 /// Different codes that a tare distinguishes. A sound converter gives another code nearly every time.
 pub const UNIQUE_CODES: u8 = 24;
 
-/// How a program ended.
+/// Outcome of a program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum Outcome {
     /// Every step was completed.

@@ -1,11 +1,11 @@
-//! What was lost between device and host, counted from what arrived.
+//! Counts losses between device and host from the frames that arrived.
 
 use crate::{Envelope, Message, Samples};
 
 /// Follows the envelopes of one device in the order of their arrival and reports what is missing between them.
 ///
-/// It learns the sample period from every `Hello` that passes; before the first (and after a restart, before the next) it
-/// judges no gap in time. What was lost after the last envelope before a restart cannot be known and is not counted.
+/// It learns the sample period from every `Hello` that passes; before the first (and after a restart, before the next)
+/// it judges no gap in time. Losses after the last envelope before a restart cannot be determined and are not counted.
 #[derive(Debug, Clone, Default)]
 pub struct SequenceTracker {
     device: Option<Device>,
@@ -21,7 +21,7 @@ struct Device {
     next_us: Option<u64>,
 }
 
-/// Where an envelope stands in the order of the device's frames.
+/// Position of an envelope in the order of the device's frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     /// The first ever received: what came before it is unknown.
@@ -36,7 +36,7 @@ pub enum Order {
     Late,
 }
 
-/// What one envelope reveals of losses.
+/// Losses that one envelope reveals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Arrival {
     /// Its place in the order.
@@ -53,7 +53,7 @@ pub struct Arrival {
 }
 
 impl Arrival {
-    /// Nothing is missing and the envelope is to be used.
+    /// Whether no frame is missing and the envelope is to be used.
     pub fn is_clean(&self) -> bool {
         *self == Self::plain(self.order) && matches!(self.order, Order::First | Order::Next)
     }
@@ -87,7 +87,7 @@ pub struct Totals {
 }
 
 impl SequenceTracker {
-    /// Nothing received yet.
+    /// Tracker before any envelope.
     pub fn new() -> Self {
         Self::default()
     }
@@ -148,8 +148,8 @@ impl SequenceTracker {
 
 impl Device {
     fn batch(&mut self, samples: &Samples, arrival: &mut Arrival) {
-        if let Some(before) = self.dropped.replace(samples.dropped) {
-            arrival.samples_dropped = samples.dropped.saturating_sub(before);
+        if let Some(previous_dropped) = self.dropped.replace(samples.dropped) {
+            arrival.samples_dropped = samples.dropped.saturating_sub(previous_dropped);
         }
         let Some(period_us) = self.period_us.map(u64::from).filter(|&period_us| period_us > 0) else {
             return;

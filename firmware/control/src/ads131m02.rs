@@ -27,7 +27,7 @@ pub const FRAME_CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 
 /// Commands (datasheet 8.5.1.10).
 pub mod command {
-    /// Nothing but a response.
+    /// No command, only a response.
     pub const NULL: u16 = 0x0000;
     /// Settings as after power-up.
     pub const RESET: u16 = 0x0011;
@@ -137,7 +137,7 @@ pub struct Ads131m02<S> {
     spi: S,
 }
 
-/// What the device shifts out in one frame.
+/// Content of one frame that the device shifts out.
 struct Frame {
     response: u16,
     codes: [i32; 2],
@@ -343,7 +343,7 @@ mod tests {
         assert_eq!(FRAME_CRC.checksum(b"123456789"), 0x29B1);
     }
 
-    /// Nothing connected: the data line floats low or high.
+    /// A converter that is not connected: the data line floats low or high.
     #[test]
     fn an_absent_device_is_a_crc_fault() {
         for level in [0, 0xFFFF] {

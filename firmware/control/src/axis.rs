@@ -22,7 +22,8 @@ pub const SETTLE_UM: f32 = 15.0;
 pub const REENGAGE_ERROR_UM: f32 = 45.0;
 /// Time of rest before the axis counts as settled, periods: it has stopped and the filter has caught up long before.
 const SETTLE_PERIODS: u16 = 100;
-/// How often an axis that came to rest beyond [`SETTLE_UM`] is sent on. After that within [`REENGAGE_ERROR_UM`] has to do.
+/// Number of times an axis that came to rest beyond [`SETTLE_UM`] is sent on. After that within [`REENGAGE_ERROR_UM`]
+/// has to do.
 const APPROACHES: u8 = 4;
 
 /// Share of the new reading in the filtered position: a time constant of 8 periods.
@@ -45,7 +46,7 @@ const STILL_UM: f32 = 100.0;
 /// Periods for which an axis has not moved before it is at rest.
 pub const STILL_PERIODS: u16 = 50;
 
-/// Where an axis should be and how fast its setpoint moves.
+/// Target position of an axis, and the speed of its setpoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
     /// Position, micrometres.
@@ -67,7 +68,7 @@ pub struct Axis {
     outliers: Outliers,
     accepted_um: f32,
     speed_limit_um_s: f32,
-    /// Where the axis was when it had last moved, micrometres.
+    /// Position of the axis when it had last moved, micrometres.
     anchor_um: f32,
     /// Periods for which it has been near there and was not driven.
     still_periods: u16,
@@ -106,14 +107,14 @@ impl Axis {
         let is_jump = (position_um - expected_um).abs() > JUMP_UM;
         if self.outliers.accepts(is_jump) && on_track {
             self.accepted_um = position_um;
-            let share = if is_jump { 1.0 } else { FILTER_SHARE };
-            *filtered += share * (position_um - expected_um);
+            let smoothing = if is_jump { 1.0 } else { FILTER_SHARE };
+            *filtered += smoothing * (position_um - expected_um);
         }
-        let at_um = *filtered;
-        if (at_um - self.anchor_um).abs() <= STILL_UM {
+        let filtered_um = *filtered;
+        if (filtered_um - self.anchor_um).abs() <= STILL_UM {
             self.still_periods = self.still_periods.saturating_add(1);
         } else {
-            (self.anchor_um, self.still_periods) = (at_um, 0);
+            (self.anchor_um, self.still_periods) = (filtered_um, 0);
         }
         expected_um
     }
@@ -138,7 +139,8 @@ impl Axis {
         self.filtered_um.unwrap_or(0.0)
     }
 
-    /// Which way the axis was driven last: 1 up, 0 down, between them while the play is taken up.
+    /// Direction in which the axis was driven last: 1 up, 0 down, between them while the play is
+    /// taken up.
     pub fn rising(&self) -> f32 {
         self.rising
     }
@@ -220,8 +222,8 @@ fn duty_for_speed(speed_um_s: f32) -> f32 {
     if speed_um_s == 0.0 {
         return 0.0;
     }
-    let share = (speed_um_s.abs() / FULL_SPEED_UM_S).min(1.0);
-    (DEAD_BAND + (1.0 - DEAD_BAND) * share).copysign(speed_um_s)
+    let fraction = (speed_um_s.abs() / FULL_SPEED_UM_S).min(1.0);
+    (DEAD_BAND + (1.0 - DEAD_BAND) * fraction).copysign(speed_um_s)
 }
 
 #[cfg(test)]
@@ -238,8 +240,8 @@ mod tests {
 
     impl Actuator {
         fn step(&mut self, duty: f32) {
-            let share = ((duty.abs() - self.dead_band) / (1.0 - self.dead_band)).max(0.0);
-            self.position_um += share.copysign(duty) * self.full_speed_um_s * PERIOD_S;
+            let drive_fraction = ((duty.abs() - self.dead_band) / (1.0 - self.dead_band)).max(0.0);
+            self.position_um += drive_fraction.copysign(duty) * self.full_speed_um_s * PERIOD_S;
         }
     }
 

@@ -56,8 +56,8 @@ impl Calibration {
             Err(problem) if !Mutation::AnyCalibration.is_out() => return Err(problem),
             _ => {}
         }
-        let counts = |pn: i32| pn as f32 * (1e-3 / FORCE_NN_PER_COUNT as f32);
-        let force_counts_per_code = record.force_pn_per_code.map(|row| row.map(counts));
+        let force_counts_per_code =
+            record.force_pn_per_code.map(|row| row.map(|pn| pn as f32 * (1e-3 / FORCE_NN_PER_COUNT as f32)));
         Ok(Self { record, force_counts_per_code })
     }
 

@@ -1,4 +1,5 @@
-//! Which commands are carried out: each once, and none meant for the device as it was before.
+//! Decides which commands are carried out: each once, and none meant for the device as it was
+//! before.
 //!
 //! A hello begins a connection: the device answers with a token that every command of it carries, and ids only grow within it.
 //! The host repeats a command when no answer came; the answers to the latest commands are kept with their requests, so that
@@ -12,7 +13,8 @@ use super::mutation::Mutation;
 use heapless::HistoryBuf;
 use protocol::{Command, Refusal, Request};
 
-/// How many answers are remembered. A host has one command under way at a time; this leaves room for a late repeat.
+/// Number of answers that are remembered. A host has one command under way at a time; this leaves room for a late
+/// repeat.
 pub const MAX_STORED_ANSWERS: usize = 8;
 /// Connections whose tokens are valid at a time.
 pub const CONNECTIONS: usize = 4;
@@ -30,7 +32,7 @@ pub const fn first_token(chip: u32, start: u32) -> u32 {
 
 type Answer = Result<(), Refusal>;
 
-/// What to do with a command.
+/// Decision about a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Admission {
     /// Carry it out.
@@ -80,8 +82,8 @@ impl CommandSession {
         self.latest = self.latest % (TOKENS - 1) + 1;
         self.commands = self.commands.wrapping_add(1);
         let token = self.boot_id.wrapping_add(self.latest.wrapping_mul(TOKEN_STEP));
-        let used = self.commands;
-        let connection = Connection { token, last_id: None, answered: HistoryBuf::new(), used };
+        let next_command = self.commands;
+        let connection = Connection { token, last_id: None, answered: HistoryBuf::new(), used: next_command };
         if let Err(connection) = self.connections.push(connection) {
             let now = self.commands;
             let oldest = self.connections.iter_mut().max_by_key(|oldest| now.wrapping_sub(oldest.used));
@@ -99,11 +101,11 @@ impl CommandSession {
             return Admission::New;
         }
         self.commands = self.commands.wrapping_add(1);
-        let used = self.commands;
+        let next_command = self.commands;
         let Some(connection) = self.of(command.connection) else {
             return Admission::Refused(Refusal::OtherBoot);
         };
-        connection.used = used;
+        connection.used = next_command;
         if connection.last_id.is_none_or(|last_id| command.id > last_id) {
             return Admission::New;
         }
@@ -146,8 +148,8 @@ mod tests {
         assert_eq!(conversation.admit(&clear), Admission::New);
         conversation.remember(&clear, Err(Refusal::CauseRemains));
         assert_eq!(conversation.admit(&clear), Admission::Repeat(Err(Refusal::CauseRemains)));
-        let other = command(3, token, Request::Stream { enable: true });
-        assert_eq!(conversation.admit(&other), Admission::Refused(Refusal::IdUsed));
+        let other_request = command(3, token, Request::Stream { enable: true });
+        assert_eq!(conversation.admit(&other_request), Admission::Refused(Refusal::IdUsed));
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub struct Decimator<const R: i32> {
 impl<const R: i32> Decimator<R> {
     /// Periods by which what comes out lags behind what goes in.
     pub const DELAY_PERIODS: i32 = R - 1;
-    /// What comes out is the weighted mean times this.
+    /// The output is the weighted mean times this.
     pub const GAIN: i32 = R * R;
 
     /// An empty filter.
@@ -53,12 +53,12 @@ impl<const R: i32> Decimator<R> {
         let [comb_one, comb_two] = self.before;
         let once = second.wrapping_sub(comb_one);
         self.before = [second, once];
-        let out = once.wrapping_sub(comb_two);
+        let decimated = once.wrapping_sub(comb_two);
         if self.filling > 0 {
             self.filling -= 1;
             return None;
         }
-        Some(out)
+        Some(decimated)
     }
 }
 

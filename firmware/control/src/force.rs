@@ -141,7 +141,7 @@ impl ForceChannel {
         self.doubtful.count()
     }
 
-    /// What went wrong with readings since start.
+    /// Errors of readings since start.
     pub fn counters(&self) -> &Counters {
         &self.counters
     }

@@ -1,5 +1,5 @@
-//! What the control logic requires of a board: three small traits, so that another board is one more implementation and the
-//! logic runs against a simulated rig in tests.
+//! Interface that the control logic requires of a board: three small traits, so that another board is one more
+//! implementation and the logic runs against a simulated rig in tests.
 
 pub use crate::ads131m02::ForceFault;
 
@@ -29,7 +29,7 @@ pub trait Actuators {
     fn release(&mut self);
 }
 
-/// What is left: the status LED and the watchdog.
+/// Remaining outputs and inputs: the status LED and the watchdog.
 pub trait Panel {
     /// Lights the status LED.
     fn led(&mut self, on: bool);

@@ -1,7 +1,7 @@
 //! The status light: breathes at rest, shines while a program runs, blinks fast in a fault.
 //!
-//! The only place where `micromath` is used: its trigonometry is a rough approximation, which an eye does not see. Nothing
-//! that is measured or driven may depend on it.
+//! The only place where `micromath` is used: its trigonometry is a rough approximation, which an eye does not see. No
+//! measurement and no drive may depend on it.
 
 use super::{PERIOD_S, PERIOD_US};
 use micromath::F32;

@@ -23,8 +23,9 @@
 //! | 14 | `WrongWay` | a table's sign, swapped wires: the loop runs away | 0.06 mm against the driven direction, from 35 periods of driving that way on | 0.3 mm of motion | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
 //! | 15 | `CalibrationLost` | the limits are those of another rig | a slot of the flash is neither sound nor erased | at start | `a_calibration_that_is_lost_is_a_fault`, `a_newer_calibration_that_is_damaged_is_a_fault`, `a_device_without_a_calibration_does_not_move_unasked`, `power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one` |
 //!
-//! The recovery from each, and the test that carries it out, is in the protocol's chapter (`protocol/spec/protocol.md`). A fault survives every
-//! restart in which memory keeps its content. What was once a way round, and the test of each: [`super::mutation`].
+//! The recovery from each, and the test that carries it out, is in the protocol's chapter
+//! (`protocol/spec/protocol.md`). A fault survives every restart in which memory keeps its content. Former ways round
+//! an interlock, and the test of each: [`super::mutation`].
 //!
 //! The force overshoots its limit by what the motor moves until it stands: at full speed 0.32 mm (4 periods of reading, evidence and
 //! bridge, and the motor's lag), and 0.48 mm where a force channel fails in some of its readings, whichever they are. One case is left that
@@ -42,14 +43,14 @@ use crate::calibration::{Calibration, counts_of_mn};
 use crate::hal::Readings;
 use protocol::Fault;
 
-/// How far beyond its travel a guide may overshoot, micrometres.
+/// Largest overshoot of a guide beyond its travel, micrometres.
 pub const TRAVEL_MARGIN_UM: f32 = 200.0;
 /// Distance from the filtered position that is motion and not noise, micrometres.
 const OUTWARD_UM: f32 = 50.0;
 /// Periods over which late starts are counted.
 const LATE_WINDOW_PERIODS: u8 = 16;
 
-/// What the host may set.
+/// Limits that the host may set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
     /// Largest force along either axis, relative to the tare and from the calibration's zero, millinewtons.
@@ -65,7 +66,7 @@ impl Limits {
     }
 }
 
-/// What is checked in one period, besides the force.
+/// Values that are checked in one period, besides the force.
 #[derive(Debug)]
 pub struct Observed<'a> {
     /// The sensors' readings.
@@ -82,9 +83,9 @@ pub struct Observed<'a> {
     pub silent_us: u64,
     /// This period began so much later than it was due that the one before is suspect.
     pub late: bool,
-    /// How the motors were driven.
+    /// Record of how the motors were driven.
     pub watches: &'a [DriveWatch; 2],
-    /// What the motors have left.
+    /// Remaining driving time of the motors.
     pub budgets: &'a [DutyBudget; 2],
     /// The calibration was lost and that is not acknowledged.
     pub calibration_lost: bool,
@@ -164,7 +165,7 @@ pub struct Interlock {
 }
 
 impl Interlock {
-    /// Nothing latched.
+    /// Interlock without a latched fault.
     pub fn new(limits: Limits) -> Self {
         Self {
             limits,
@@ -181,12 +182,12 @@ impl Interlock {
         }
     }
 
-    /// What is compared with.
+    /// Limits in use.
     pub fn limits(&self) -> Limits {
         self.limits
     }
 
-    /// Changes that. What was beyond the limit before is no evidence of this one.
+    /// Changes that. A force beyond the earlier limit is no evidence for this one.
     pub fn set_limits(&mut self, limits: Limits) {
         self.limits = limits;
         self.over_limit = Recent::default();
@@ -242,17 +243,19 @@ impl Interlock {
         let on_track = calibration.on_track(observed.readings.potentiometer_codes);
         let off_track = shown(&mut self.off_track, on_track.contains(&false));
         let axes = || {
-            let places = observed.position_um.into_iter().zip(observed.expected_um);
-            places.zip(observed.duty).map(|((at_um, expected_um), duty)| (at_um, expected_um, duty))
+            let axis_positions = observed.position_um.into_iter().zip(observed.expected_um);
+            axis_positions.zip(observed.duty).map(|((at_um, expected_um), duty)| (at_um, expected_um, duty))
         };
         let jumps = axes().any(|(at_um, expected_um, _)| (at_um - expected_um).abs() > JUMP_UM);
         let jumped = shown(&mut self.jumped, jumps);
         let travel_um = calibration.travel_um() as f32 + TRAVEL_MARGIN_UM;
-        let outward = |(at_um, expected_um, duty): (f32, f32, f32)| {
-            let moved_um = (at_um - expected_um).copysign(at_um * (at_um - expected_um));
-            at_um.abs() > travel_um && (at_um * duty > 0.0 || moved_um > OUTWARD_UM)
-        };
-        let beyond_travel = shown(&mut self.beyond_travel, axes().any(outward));
+        let beyond_travel = shown(
+            &mut self.beyond_travel,
+            axes().any(|(at_um, expected_um, duty)| {
+                let moved_um = (at_um - expected_um).copysign(at_um * (at_um - expected_um));
+                at_um.abs() > travel_um && (at_um * duty > 0.0 || moved_um > OUTWARD_UM)
+            }),
+        );
         let overrun = self.overruns(observed.late) && observed.active;
         let silent = observed.active && observed.silent_us > u64::from(self.limits.silence_ms) * 1_000;
         let mut causes = StopCauses::default();
@@ -265,8 +268,13 @@ impl Interlock {
             observed.watches.iter().any(DriveWatch::wrong_way) && !Mutation::AnyDirection.is_out();
         causes.add(wrong_way, Fault::WrongWay);
         causes.add(observed.watches.iter().any(DriveWatch::stalled), Fault::Stall);
-        let far = |watch: &DriveWatch| u32::from(watch.following_error_periods()) >= EVIDENCE_READINGS;
-        causes.add(observed.watches.iter().any(far), Fault::FollowingError);
+        causes.add(
+            observed
+                .watches
+                .iter()
+                .any(|watch| u32::from(watch.following_error_periods()) >= EVIDENCE_READINGS),
+            Fault::FollowingError,
+        );
         let doubtful = force.doubtful() >= DOUBTFUL_READINGS;
         let is_missing = force.missing() >= DOUBTFUL_READINGS / 2;
         causes.add(doubtful && is_missing || contradicted, Fault::ForceSensor);

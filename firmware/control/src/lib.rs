@@ -142,12 +142,12 @@ pub struct Controller {
     retreat_by_um: [i32; 2],
     /// A calibration was accepted: the device is about to restart.
     restarting: bool,
-    /// What was last reported of these, and kept of fault and pulses.
+    /// Last reported values of these, and of fault and pulses.
     reported: Option<ReportedSafety>,
     kept: (Option<Fault>, NetDrive),
 }
 
-/// What of the safety is reported at once when it changes.
+/// Safety state that is reported at once when it changes.
 type ReportedSafety = (CalibrationSource, bool, [i32; 2]);
 
 /// A period that begins later than this is a late one, microseconds.
@@ -160,9 +160,9 @@ impl Controller {
         let Start { boot_id, restarted, origin, retained } = start;
         let ControllerState { fault, budgets, pulsed } =
             retained.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
-        // What was latched before the restart comes first; the hello reports the restart itself.
+        // A fault latched before the restart comes first; the hello reports the restart itself.
         let lost = matches!(origin, Origin::Lost | Origin::Earlier);
-        // That of a calibration which has been lost is latched again, or has been stored.
+        // A lost calibration is latched again, or has been stored.
         let fault = fault.filter(|fault| *fault != Fault::CalibrationLost);
         let restarted = restarted.then_some(Fault::Restarted);
         let lost_now = lost.then_some(Fault::CalibrationLost);
@@ -202,7 +202,7 @@ impl Controller {
         }
     }
 
-    /// What must outlive a restart.
+    /// State that must outlive a restart.
     pub fn retained_state(&self) -> ControllerState {
         ControllerState {
             fault: self.interlock.latched(),
@@ -376,7 +376,7 @@ impl Controller {
             None => [None; 2],
         };
         let positions_um = self.axes.each_ref().map(Axis::position_um);
-        // What moves in a pulse, and which way, is its own matter; the motor's heat is not.
+        // The pulse itself decides motor and direction; the motor's heat is checked all the same.
         let judged = if self.pulser.is_active() { [0.0; 2] } else { duty };
         let drives = duty.into_iter().zip(judged).zip(positions_um).zip([setpoint_x, setpoint_y]);
         let keepers = self.watches.iter_mut().zip(&mut self.budgets);

@@ -1,5 +1,5 @@
-//! How much evidence a fault takes: counts over the latest readings, not runs of them. A loose contact gives a false reading now and
-//! then, and a rule that waits for two true ones in a row never sees them.
+//! Evidence that a fault requires: counts over the latest readings, not runs of them. A loose contact gives a false
+//! reading now and then, and a rule that waits for two true ones in a row never sees them.
 //!
 //! Each kind of evidence is counted over the latest [`WINDOW_READINGS`] readings, the bits of one word:
 //!

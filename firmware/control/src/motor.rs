@@ -1,4 +1,4 @@
-//! What a motor is spared: the share of time it may be driven, and being driven without moving.
+//! Protects a motor from: the share of time it may be driven, and being driven without moving.
 //!
 //! The actuators are rated for a duty cycle of 20 %: at most [`ON_LIMIT_PERIODS`] of driving in any [`WINDOW_S`] seconds. The
 //! time is counted in bins of [`BIN_S`] seconds over a window that slides by whole bins and is one bin longer than rated, so
@@ -20,7 +20,7 @@ pub const COOLED_SHARE: f32 = 0.8;
 const BINS: usize = (WINDOW_S / BIN_S) as usize + 1;
 const PERIODS_PER_BIN: u32 = BIN_S * (1_000_000 / PERIOD_US);
 
-/// How long one motor has been driven recently.
+/// Recent driving time of one motor.
 #[derive(Debug, Clone)]
 pub struct DutyBudget {
     bins: [u16; BINS],
@@ -68,11 +68,11 @@ impl DutyBudget {
         if !self.locked {
             return 0;
         }
-        let (mut left, mut periods) = (self.on_periods, PERIODS_PER_BIN - self.in_bin);
+        let (mut on_periods, mut periods) = (self.on_periods, PERIODS_PER_BIN - self.in_bin);
         for later in 1..=BINS {
             let oldest = self.bins.get((self.current + later) % BINS).copied().unwrap_or(0);
-            left = left.saturating_sub(oldest.into());
-            if (left as f32) < COOLED_SHARE * ON_LIMIT_PERIODS as f32 {
+            on_periods = on_periods.saturating_sub(oldest.into());
+            if (on_periods as f32) < COOLED_SHARE * ON_LIMIT_PERIODS as f32 {
                 break;
             }
             periods += PERIODS_PER_BIN;
@@ -84,22 +84,22 @@ impl DutyBudget {
     /// State that is retained over a restart.
     pub fn to_bytes(&self) -> [u8; BUDGET_BYTES] {
         let mut bytes = [0; BUDGET_BYTES];
-        let (bins, rest) = bytes.split_at_mut(2 * BINS);
+        let (bins, tail) = bytes.split_at_mut(2 * BINS);
         for (kept, bin) in bins.chunks_exact_mut(2).zip(self.bins) {
             kept.copy_from_slice(&bin.to_le_bytes());
         }
         let [low, high] = (self.in_bin as u16).to_le_bytes();
-        rest.copy_from_slice(&[self.current as u8, low, high, self.locked.into()]);
+        tail.copy_from_slice(&[self.current as u8, low, high, self.locked.into()]);
         bytes
     }
 
-    /// What [`Self::to_bytes`] kept; `None` where it cannot be that.
+    /// State that [`Self::to_bytes`] kept; `None` if the bytes cannot be one.
     pub fn from_bytes(bytes: &[u8; BUDGET_BYTES]) -> Option<Self> {
-        let (kept, rest) = bytes.split_at(2 * BINS);
-        let &[current, low, high, locked] = rest else { return None };
+        let (bin_bytes, tail) = bytes.split_at(2 * BINS);
+        let &[current, low, high, locked] = tail else { return None };
         let mut bins = [0; BINS];
-        for (bin, kept) in bins.iter_mut().zip(kept.chunks_exact(2)) {
-            *bin = u16::from_le_bytes(kept.try_into().ok()?);
+        for (bin, bin_bytes) in bins.iter_mut().zip(bin_bytes.chunks_exact(2)) {
+            *bin = u16::from_le_bytes(bin_bytes.try_into().ok()?);
         }
         let in_bin = u32::from(u16::from_le_bytes([low, high]));
         let sound = usize::from(current) < BINS
@@ -139,7 +139,7 @@ pub struct DriveWatch {
     sign: f32,
     periods: u32,
     following_error_periods: u16,
-    /// Which way the axis is driven, for how long, and where it was when that was judged first.
+    /// Direction and duration of the axis's drive, and its position when that was judged first.
     way: f32,
     way_periods: u32,
     way_from_um: f32,
@@ -148,7 +148,7 @@ pub struct DriveWatch {
 }
 
 impl DriveWatch {
-    /// Nothing driven yet.
+    /// Watch before any drive.
     #[expect(clippy::new_without_default, reason = "made in one place")]
     pub const fn new() -> Self {
         Self {
@@ -172,16 +172,17 @@ impl DriveWatch {
         } else {
             self.periods = self.periods.saturating_add(1);
         }
-        let far = setpoint.is_some_and(|at| (at.position_um - position_um).abs() > FOLLOWING_LIMIT_UM);
-        self.following_error_periods = if far { self.following_error_periods.saturating_add(1) } else { 0 };
+        let is_behind = setpoint.is_some_and(|at| (at.position_um - position_um).abs() > FOLLOWING_LIMIT_UM);
+        self.following_error_periods =
+            if is_behind { self.following_error_periods.saturating_add(1) } else { 0 };
         self.judge_way(duty, position_um);
     }
 
     /// Compares the way in which the axis moves with the one in which it is driven.
     fn judge_way(&mut self, duty: f32, position_um: f32) {
-        let way = if duty == 0.0 { 0.0 } else { 1.0_f32.copysign(duty) };
-        if way == 0.0 || way != self.way {
-            (self.way, self.way_periods, self.wrong_way) = (way, 0, false);
+        let direction = if duty == 0.0 { 0.0 } else { 1.0_f32.copysign(duty) };
+        if direction == 0.0 || direction != self.way {
+            (self.way, self.way_periods, self.wrong_way) = (direction, 0, false);
         }
         self.way_periods = self.way_periods.saturating_add(1);
         if self.way_periods <= TURNED_PERIODS {
@@ -226,13 +227,13 @@ mod tests {
             budget.step(true);
         }
         assert_eq!(budget.used(), 1.0);
-        let mut rest_s = 0;
+        let mut resting_s = 0;
         while budget.used() >= COOLED_SHARE {
             (0..1_000).for_each(|_| budget.step(false));
-            rest_s += 1;
+            resting_s += 1;
         }
         // The first bins of the minute leave the window after it has passed: 48 of 60 s remain.
-        assert!((245..=260).contains(&rest_s), "{rest_s} s");
+        assert!((245..=260).contains(&resting_s), "{resting_s} s");
     }
 
     #[test]
@@ -287,10 +288,10 @@ mod tests {
     fn a_kept_budget_is_the_same_budget() {
         let mut budget = DutyBudget::new();
         (0..93_217).for_each(|period| budget.step(period % 5 < 3));
-        let mut kept = DutyBudget::from_bytes(&budget.to_bytes()).expect("sound");
+        let mut restored = DutyBudget::from_bytes(&budget.to_bytes()).expect("sound");
         for period in 0..400_000 {
-            assert_eq!((kept.used(), kept.is_locked()), (budget.used(), budget.is_locked()));
-            kept.step(period % 7 == 0);
+            assert_eq!((restored.used(), restored.is_locked()), (budget.used(), budget.is_locked()));
+            restored.step(period % 7 == 0);
             budget.step(period % 7 == 0);
         }
         assert!(DutyBudget::from_bytes(&[0xFF; BUDGET_BYTES]).is_none());

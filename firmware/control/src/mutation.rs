@@ -32,7 +32,7 @@ pub enum Mutation {
     ForgetAtRestart,
     /// The force limit counts from the tare alone, and any tare is accepted.
     LimitFromTare,
-    /// Nothing leads out of a load.
+    /// No motion unloads the guide.
     NoRetreat,
     /// A last ramp ends with its time.
     RampEndsAtOnce,

@@ -1,9 +1,9 @@
-//! What goes into one control period and what comes out of it.
+//! Inputs and outputs of one control period.
 
 use crate::hal::Readings;
 use protocol::{CalibrationRecord, Command, Counters, Event, Load, Refusal, Safety, Sample, State, Status};
 
-/// What the controller sends in one period; the link task turns each into a frame.
+/// Messages of the controller in one period; the link task turns each into a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutboundMessage {
     /// Send the hello.
@@ -28,7 +28,7 @@ pub enum OutboundMessage {
     Safety(Safety),
     /// The same, unsolicited.
     SafetyReport(Safety),
-    /// What the device was built for, on request.
+    /// Description of the device's build, on request.
     Description,
 }
 
@@ -41,19 +41,19 @@ pub type OutboundMessages = heapless::Vec<OutboundMessage, 12>;
 pub struct Inputs {
     /// Device time at which this period was due, microseconds since start.
     pub now_us: u64,
-    /// How much later it began, microseconds.
+    /// Delay of its start, microseconds.
     pub late_us: u32,
-    /// What the sensors read.
+    /// Readings of the sensors.
     pub readings: Readings,
     /// A command that arrived.
     pub command: Option<Command>,
     /// Counters that other tasks keep; the controller adds its own before it reports them.
     pub counters: Counters,
-    /// How busy the processor is.
+    /// Load of the processor.
     pub load: Load,
 }
 
-/// What the bridges are to do.
+/// Command to the bridges.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Drive {
     /// Off; the lead screws hold.
@@ -65,7 +65,7 @@ pub enum Drive {
 /// Everything that comes out of one control period.
 #[derive(Debug, Clone)]
 pub struct Outputs {
-    /// What the bridges are to do.
+    /// Command to the bridges.
     pub drive: Drive,
     /// The status light.
     pub led: bool,

@@ -1,4 +1,4 @@
-//! How a setpoint travels along a path: constant acceleration to the wanted speed, and from it to rest at the end.
+//! Motion of a setpoint along a path: constant acceleration to the wanted speed, and from it to rest at the end.
 //!
 //! A setpoint that stops at once leaves an actuator with its lag still running; one that slows down brings it along.
 
@@ -31,15 +31,15 @@ impl Profile {
 
     /// Share of the path covered, 0 to 1, and speed in micrometres per second, at a time from its start.
     pub fn at(&self, elapsed_s: f32) -> (f32, f32) {
-        let left_s = self.duration_s - elapsed_s;
-        if left_s <= 0.0 {
+        let remaining_s = self.duration_s - elapsed_s;
+        if remaining_s <= 0.0 {
             return (1.0, 0.0);
         }
         let ramp_um = |time_s: f32| 0.5 * ACCELERATION_UM_S2 * time_s * time_s;
         let (covered_um, speed_um_s) = if elapsed_s < self.ramp_s {
             (ramp_um(elapsed_s), ACCELERATION_UM_S2 * elapsed_s)
-        } else if left_s < self.ramp_s {
-            (self.length_um - ramp_um(left_s), ACCELERATION_UM_S2 * left_s)
+        } else if remaining_s < self.ramp_s {
+            (self.length_um - ramp_um(remaining_s), ACCELERATION_UM_S2 * remaining_s)
         } else {
             (ramp_um(self.ramp_s) + self.peak_um_s * (elapsed_s - self.ramp_s), self.peak_um_s)
         };
@@ -71,11 +71,11 @@ mod tests {
         fn position_and_speed_agree(length_um in 1.0_f32..20_000.0, speed_um_s in 1.0_f32..10_000.0, at in 0.0_f32..1.0) {
             let profile = Profile::new(length_um, speed_um_s);
             let (time_s, step_s) = (at * profile.duration_s(), 1e-3 * profile.duration_s());
-            let ((before, v_before), (after, v_after)) = (profile.at(time_s), profile.at(time_s + step_s));
-            prop_assert!((0.0..=1.0).contains(&before) && after >= before && v_before >= 0.0);
+            let ((earlier_position, v_before), (later_position, v_after)) = (profile.at(time_s), profile.at(time_s + step_s));
+            prop_assert!((0.0..=1.0).contains(&earlier_position) && later_position >= earlier_position && v_before >= 0.0);
             prop_assert!(v_before <= speed_um_s * 1.000_001);
             prop_assert!((v_after - v_before).abs() <= 1.01 * ACCELERATION_UM_S2 * step_s + 1.0);
-            let mean = (after - before) * length_um / step_s;
+            let mean = (later_position - earlier_position) * length_um / step_s;
             let slack = 1.01 * ACCELERATION_UM_S2 * step_s + 0.02 * speed_um_s + 1e-6 * length_um / step_s;
             prop_assert!((mean - 0.5 * (v_before + v_after)).abs() <= slack, "{mean} against {v_before}");
         }

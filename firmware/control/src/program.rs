@@ -15,13 +15,14 @@ use protocol::{
 const RETREAT_SPEED_UM_S: f32 = 250.0;
 /// Time beyond one and a half times the path's own that a move may take to settle, microseconds.
 const SETTLE_LIMIT_US: u64 = 3_000_000;
-/// How long an axis rolls on after a setpoint that stops at once, seconds: the motor's lag, the filter's and the loop's.
+/// Time for which an axis coasts after a setpoint that stops at once, seconds: the motor's lag, the filter's and the
+/// loop's.
 const RUN_ON_S: f32 = 0.03;
 
-/// What the executor is doing.
+/// Activity of the executor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// Nothing.
+    /// Idle.
     Idle,
     /// Waiting for the start time.
     Pending,
@@ -35,9 +36,9 @@ pub enum Phase {
     Retreating,
 }
 
-/// What happened in one period.
+/// Result of one period.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Progress {
+pub struct ProgramProgress {
     /// This step ended.
     pub ended: Option<u8>,
     /// This step started.
@@ -70,9 +71,11 @@ impl Path {
     fn at(&self, share: f32, speed_um_s: f32) -> [Setpoint; 2] {
         let mut setpoints = [Setpoint { position_um: 0.0, speed_um_s: 0.0 }; 2];
         for ((setpoint, from_um), to_um) in setpoints.iter_mut().zip(self.from_um).zip(self.to_um) {
-            let along = if self.length_um > 0.0 { (to_um - from_um) / self.length_um } else { 0.0 };
-            *setpoint =
-                Setpoint { position_um: from_um + share * (to_um - from_um), speed_um_s: speed_um_s * along };
+            let path_fraction = if self.length_um > 0.0 { (to_um - from_um) / self.length_um } else { 0.0 };
+            *setpoint = Setpoint {
+                position_um: from_um + share * (to_um - from_um),
+                speed_um_s: speed_um_s * path_fraction,
+            };
         }
         setpoints
     }
@@ -199,7 +202,7 @@ impl Executor {
         Ok(())
     }
 
-    /// Nothing else may start: a retreat waits until the axes are at rest.
+    /// No other motion may start: a retreat waits until the axes are at rest.
     pub fn await_rest(&mut self, now_us: u64) {
         self.activity = Activity::Retreating { since_us: now_us };
     }
@@ -237,7 +240,7 @@ impl Executor {
         }
     }
 
-    /// What the executor is doing.
+    /// Activity of the executor.
     pub fn phase(&self) -> Phase {
         match self.activity {
             Activity::Idle => Phase::Idle,
@@ -249,14 +252,14 @@ impl Executor {
         }
     }
 
-    /// Where the axes should be; `None` while nothing has to be driven.
+    /// Target positions of the axes; `None` while no axis has to be driven.
     pub fn setpoint(&self) -> Option<[Setpoint; 2]> {
         self.setpoint
     }
 
     /// Goes on by one period. `settled`: both axes rest at their setpoints.
-    pub fn advance(&mut self, now_us: u64, settled: bool, position_um: [f32; 2]) -> Progress {
-        let mut progress = Progress::default();
+    pub fn advance(&mut self, now_us: u64, settled: bool, position_um: [f32; 2]) -> ProgramProgress {
+        let mut progress = ProgramProgress::default();
         match self.activity {
             Activity::Idle => {}
             Activity::Pending { start_us } if now_us >= start_us => {
@@ -266,7 +269,7 @@ impl Executor {
             Activity::Pending { .. } => {}
             Activity::Running { index, step, since_us } => {
                 let elapsed_us = now_us.saturating_sub(since_us);
-                let done = match step {
+                let is_done = match step {
                     Step::Move { speed_um_s, .. } => {
                         self.follow(elapsed_us, speed_um_s as f32, settled, &mut progress)
                     }
@@ -278,7 +281,7 @@ impl Executor {
                         elapsed_us >= u64::from(duration_ms) * 1_000
                     }
                 };
-                if done {
+                if is_done {
                     self.finish(index, step, now_us, position_um, &mut progress);
                 }
             }
@@ -290,15 +293,15 @@ impl Executor {
         progress
     }
 
-    /// Moves the setpoint along the path at an even speed; true when its time is over. Where an axis would roll on beyond its
-    /// travel, and as the last step, the setpoint slows down at the end and the axes settle there.
+    /// Moves the setpoint along the path at an even speed; true when its time is over. If an axis would coast beyond
+    /// its travel, and as the last step, the setpoint slows down at the end and the axes settle there.
     fn ramp(
         &mut self,
         elapsed_us: u64,
         duration_ms: u32,
         last: bool,
         settled: bool,
-        progress: &mut Progress,
+        progress: &mut ProgramProgress,
     ) -> bool {
         let Some(path) = self.path else { return true };
         let duration_us = u64::from(duration_ms) * 1_000;
@@ -311,43 +314,57 @@ impl Executor {
             });
         // It brakes for as long after its time as it began to brake before it.
         let early_s = if last || rolls_out { 0.5 * speed_um_s / ACCELERATION_UM_S2 } else { 0.0 };
-        let (share, speed_um_s, left_s) = if early_s > 0.0 && early_s >= duration_s {
+        let (path_fraction, speed_um_s, remaining_s) = if early_s > 0.0 && early_s >= duration_s {
             // Too short to reach an even speed.
             let profile = Profile::new(path.length_um, speed_um_s);
-            let (share, speed_um_s) = profile.at(elapsed_s);
-            (share, speed_um_s, profile.duration_s() - elapsed_s)
+            let (profile_fraction, speed_um_s) = profile.at(elapsed_s);
+            (profile_fraction, speed_um_s, profile.duration_s() - elapsed_s)
         } else {
-            let left_s = duration_s + early_s - elapsed_s;
-            if left_s <= 0.0 {
-                (1.0, 0.0, left_s)
-            } else if left_s < 2.0 * early_s {
-                let share = 1.0 - 0.5 * ACCELERATION_UM_S2 * left_s * left_s / path.length_um;
-                (share, ACCELERATION_UM_S2 * left_s, left_s)
+            let remaining_s = duration_s + early_s - elapsed_s;
+            if remaining_s <= 0.0 {
+                (1.0, 0.0, remaining_s)
+            } else if remaining_s < 2.0 * early_s {
+                let path_fraction =
+                    1.0 - 0.5 * ACCELERATION_UM_S2 * remaining_s * remaining_s / path.length_um;
+                (path_fraction, ACCELERATION_UM_S2 * remaining_s, remaining_s)
             } else {
-                (elapsed_us as f32 / duration_us as f32, speed_um_s, left_s)
+                (elapsed_us as f32 / duration_us as f32, speed_um_s, remaining_s)
             }
         };
-        self.setpoint = Some(path.at(share, speed_um_s));
-        let arrived = left_s <= 0.0;
+        self.setpoint = Some(path.at(path_fraction, speed_um_s));
+        let arrived = remaining_s <= 0.0;
         let settles = last || rolls_out;
-        progress.timed_out = settles && -left_s > SETTLE_LIMIT_US as f32 * 1e-6;
+        progress.timed_out = settles && -remaining_s > SETTLE_LIMIT_US as f32 * 1e-6;
         arrived && (!settles || (settled && elapsed_us >= 2 * u64::from(PERIOD_US)))
     }
 
     /// Moves the setpoint along the path; true when the axes have settled at its end.
-    fn follow(&mut self, elapsed_us: u64, speed_um_s: f32, settled: bool, progress: &mut Progress) -> bool {
+    fn follow(
+        &mut self,
+        elapsed_us: u64,
+        speed_um_s: f32,
+        settled: bool,
+        progress: &mut ProgramProgress,
+    ) -> bool {
         let Some(path) = self.path else { return true };
         let profile = Profile::new(path.length_um, speed_um_s);
-        let (share, speed_um_s) = profile.at(elapsed_us as f32 * 1e-6);
+        let (path_fraction, speed_um_s) = profile.at(elapsed_us as f32 * 1e-6);
         let duration_us = profile.duration_s() * 1e6;
-        self.setpoint = Some(path.at(share, speed_um_s));
+        self.setpoint = Some(path.at(path_fraction, speed_um_s));
         let arrived = elapsed_us as f32 >= duration_us;
         progress.timed_out = elapsed_us > (1.5 * duration_us) as u64 + SETTLE_LIMIT_US;
         // The axes' own state lags by a period: a path that is over at once must not pass for settled.
         arrived && settled && elapsed_us >= 2 * u64::from(PERIOD_US)
     }
 
-    fn finish(&mut self, index: u8, step: Step, now_us: u64, position_um: [f32; 2], progress: &mut Progress) {
+    fn finish(
+        &mut self,
+        index: u8,
+        step: Step,
+        now_us: u64,
+        position_um: [f32; 2],
+        progress: &mut ProgramProgress,
+    ) {
         progress.ended = Some(index);
         progress.tare_finished = matches!(step, Step::Tare { .. });
         let next = index + 1;
@@ -363,8 +380,8 @@ impl Executor {
     fn begin(&mut self, index: u8, now_us: u64, position_um: [f32; 2]) {
         let step = self.steps.get(usize::from(index)).copied().unwrap_or(Step::Hold { duration_ms: 0 });
         if let Step::Move { x_um, y_um, .. } | Step::Ramp { x_um, y_um, .. } = step {
-            let from_um = self.setpoint.map_or(position_um, |axes| axes.map(|axis| axis.position_um));
-            let path = Path::new(from_um, [x_um as f32, y_um as f32]);
+            let start_um = self.setpoint.map_or(position_um, |axes| axes.map(|axis| axis.position_um));
+            let path = Path::new(start_um, [x_um as f32, y_um as f32]);
             self.path = Some(path);
             // The first setpoint is the start itself, standing: the path begins with the next period.
             self.setpoint = Some(path.at(0.0, 0.0));

@@ -46,16 +46,16 @@ fn a_ramp_is_even_and_ends_in_its_time_wherever_the_axes_are() {
 fn a_last_ramp_slows_down_and_ends_when_the_axes_have_settled() {
     let mut executor = loaded(&[Step::Ramp { x_um: 0, y_um: 8_000, duration_ms: 1_000 }]);
     executor.advance(0, false, [0.0; 2]);
-    let mut before = 0.0;
+    let mut previous_um = 0.0;
     for t_ms in 1..=1_400_u64 {
         assert!(!executor.advance(t_ms * 1_000, false, [0.0; 2]).completed);
         let [_, y] = executor.setpoint().unwrap();
         // Even at 8 mm/s, then braked at 20 mm/s2; it never passes the end.
-        assert!((-0.01..8.02).contains(&(y.position_um - before)), "{y:?} at {t_ms}");
+        assert!((-0.01..8.02).contains(&(y.position_um - previous_um)), "{y:?} at {t_ms}");
         if t_ms <= 800 {
             assert!((y.position_um - 8.0 * t_ms as f32).abs() < 0.1, "{y:?} at {t_ms}");
         }
-        before = y.position_um;
+        previous_um = y.position_um;
     }
     assert_eq!(executor.setpoint().unwrap()[1], Setpoint { position_um: 8_000.0, speed_um_s: 0.0 });
     assert!(executor.advance(1_401_000, true, [0.0; 2]).completed);
@@ -103,7 +103,7 @@ fn a_move_that_never_settles_times_out() {
 fn steps_follow_each_other_without_a_period_lost() {
     let mut executor = loaded(&[Step::Hold { duration_ms: 2 }, Step::Tare { duration_ms: 1 }]);
     assert_eq!(executor.advance(10_000, false, [0.0; 2]).started, Some(0));
-    assert_eq!(executor.advance(11_000, false, [0.0; 2]), Progress::default());
+    assert_eq!(executor.advance(11_000, false, [0.0; 2]), ProgramProgress::default());
     let change = executor.advance(12_000, false, [0.0; 2]);
     assert_eq!((change.ended, change.started, change.tare_finished), (Some(0), Some(1), false));
     let end = executor.advance(13_000, false, [0.0; 2]);
@@ -114,9 +114,9 @@ fn steps_follow_each_other_without_a_period_lost() {
 fn refuses_what_cannot_be_run() {
     let mut executor = Executor::new();
     let hold = Step::Hold { duration_ms: 5 };
-    let far = Step::Move { x_um: 0, y_um: TRAVEL_UM + 1, speed_um_s: 100 };
+    let beyond_travel = Step::Move { x_um: 0, y_um: TRAVEL_UM + 1, speed_um_s: 100 };
     let still = Step::Move { x_um: 0, y_um: 0, speed_um_s: 0 };
-    assert_eq!(executor.load(0, far, TRAVEL_UM), Err(Refusal::OutOfTravel));
+    assert_eq!(executor.load(0, beyond_travel, TRAVEL_UM), Err(Refusal::OutOfTravel));
     assert_eq!(executor.load(0, still, TRAVEL_UM), Err(Refusal::OutOfRange));
     assert_eq!(executor.load(0, Step::Tare { duration_ms: 0 }, TRAVEL_UM), Err(Refusal::OutOfRange));
     assert_eq!(executor.load(MAX_STEPS as u8, hold, TRAVEL_UM), Err(Refusal::OutOfRange));
@@ -127,8 +127,8 @@ fn refuses_what_cannot_be_run() {
     assert_eq!(executor.run(1, crc, 500, 500, [0.0; 2]), Err(Refusal::TooLate));
     let ramp = Step::Ramp { x_um: 0, y_um: 5_000, duration_ms: 501 };
     assert_eq!(executor.load(1, ramp, TRAVEL_UM), Ok(()));
-    let both = protocol::program_crc(&[hold, ramp]);
-    assert_eq!(executor.run(2, both, 0, 0, [0.0, -100.0]), Err(Refusal::OutOfRange));
+    let combined_crc = protocol::program_crc(&[hold, ramp]);
+    assert_eq!(executor.run(2, combined_crc, 0, 0, [0.0, -100.0]), Err(Refusal::OutOfRange));
     assert_eq!(executor.run(1, crc, 501, 500, [0.0; 2]), Ok(()));
     assert_eq!(executor.phase(), Phase::Pending);
     assert_eq!(executor.run(1, crc, 0, 500, [0.0; 2]), Err(Refusal::Busy));

@@ -28,7 +28,7 @@ use protocol::{
 pub const REACHED_UM: i32 = 100;
 /// Motion of the other axis at which the drive ends, micrometres: many times the noise of one reading.
 pub const OTHER_UM: i32 = 100;
-/// What one direction may be driven more than the other, periods: one of the longest pulses.
+/// Largest difference of the drives in the two directions, periods: one of the longest pulses.
 pub const NET_LIMIT_PERIODS: i16 = PULSE_LIMIT_MS as i16;
 /// Readings before the pulse and at the end of its rest that are averaged.
 const AVERAGED: u16 = 20;
@@ -107,9 +107,9 @@ pub struct Pulser {
 /// was driven: a restart during a pulse loses nothing.
 pub type NetDrive = [i16; 2];
 
-/// What a period of a pulse comes to.
+/// Result of a period of a pulse.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Progress {
+pub enum PulseProgress {
     /// Bridges off.
     Off,
     /// Duties of both axes.
@@ -161,14 +161,14 @@ impl Pulser {
         }
         let sign = pulse.duty_permille.signum();
         let Some(net) = self.net.get_mut(axis) else { return Err(Refusal::OutOfRange) };
-        let after = net.saturating_add(sign.saturating_mul(pulse.periods.into()));
-        let used_up = !proven && after.saturating_mul(sign) > NET_LIMIT_PERIODS;
+        let net_after = net.saturating_add(sign.saturating_mul(pulse.periods.into()));
+        let used_up = !proven && net_after.saturating_mul(sign) > NET_LIMIT_PERIODS;
         let ends_um = position_um + f32::from(sign) * PULSE_BOUND_UM as f32;
         let leaves = ends_um * f32::from(sign) > travel_um;
         if (used_up || leaves) && !Mutation::AnyPulse.is_out() {
             return Err(Refusal::OutOfTravel);
         }
-        *net = after;
+        *net = net_after;
         self.running = Some(Running {
             pulse,
             phase: Phase::Before,
@@ -192,10 +192,10 @@ impl Pulser {
     }
 
     /// One period of the pulse with this sample; `None` where there is none.
-    pub fn step(&mut self, sample: &Sample) -> Option<Progress> {
+    pub fn step(&mut self, sample: &Sample) -> Option<PulseProgress> {
         let running = self.running.as_mut()?;
         let progress = running.step(sample);
-        if let Progress::Ended(report) = progress {
+        if let PulseProgress::Ended(report) = progress {
             self.account(&report);
         }
         Some(progress)
@@ -210,12 +210,12 @@ impl Pulser {
 
     /// Takes back what was not driven of the pulse that has ended.
     fn account(&mut self, report: &PulseReport) {
-        let left = self.running.take().map_or(0, |running| {
+        let unused_periods = self.running.take().map_or(0, |running| {
             let Pulse { duty_permille, periods, .. } = running.pulse;
             duty_permille.signum().saturating_mul(periods.saturating_sub(report.driven_ms).into())
         });
         if let Some(net) = self.net.get_mut(usize::from(report.axis)) {
-            *net = net.saturating_sub(left);
+            *net = net.saturating_sub(unused_periods);
         }
     }
 }
@@ -229,9 +229,9 @@ impl Controller {
         notes: &mut OutboundMessages,
     ) -> Option<Drive> {
         Some(match self.pulser.step(sample)? {
-            Progress::Off => Drive::Release,
-            Progress::Drive(duty) => Drive::Duty(duty),
-            Progress::Ended(report) => {
+            PulseProgress::Off => Drive::Release,
+            PulseProgress::Drive(duty) => Drive::Duty(duty),
+            PulseProgress::Ended(report) => {
                 push(notes, OutboundMessage::Event(event(now_us, EventKind::PulseEnded(report))));
                 Drive::Release
             }
@@ -254,17 +254,17 @@ impl Running {
         if self.pulse.axis == 0 { [duty, 0.0] } else { [0.0, duty] }
     }
 
-    fn step(&mut self, sample: &Sample) -> Progress {
+    fn step(&mut self, sample: &Sample) -> PulseProgress {
         match self.phase {
             Phase::Before => {
                 self.before.add(sample);
                 if self.before.count < AVERAGED {
-                    return Progress::Off;
+                    return PulseProgress::Off;
                 }
                 self.from = self.before.means();
                 self.phase = Phase::Driving;
                 self.driven_periods = 1;
-                Progress::Drive(self.duty())
+                PulseProgress::Drive(self.duty())
             }
             Phase::Driving => {
                 self.follow(sample);
@@ -274,11 +274,11 @@ impl Running {
                 match outcome {
                     Some(outcome) => {
                         self.phase = Phase::Resting(outcome);
-                        Progress::Off
+                        PulseProgress::Off
                     }
                     None => {
                         self.driven_periods = self.driven_periods.saturating_add(1);
-                        Progress::Drive(self.duty())
+                        PulseProgress::Drive(self.duty())
                     }
                 }
             }
@@ -289,9 +289,9 @@ impl Running {
                     self.after.add(sample);
                 }
                 if self.periods < REST_PERIODS {
-                    Progress::Off
+                    PulseProgress::Off
                 } else {
-                    Progress::Ended(self.report(outcome))
+                    PulseProgress::Ended(self.report(outcome))
                 }
             }
         }
@@ -300,10 +300,10 @@ impl Running {
     /// Keeps the furthest reading of each channel.
     fn follow(&mut self, sample: &Sample) {
         let readings = sample.position_counts.iter().chain(&sample.force_counts);
-        let from = self.from.position_counts.iter().chain(&self.from.force_counts);
+        let start_counts = self.from.position_counts.iter().chain(&self.from.force_counts);
         let most = self.most.position_counts.iter_mut().chain(&mut self.most.force_counts);
-        for ((most, reading), from) in most.zip(readings).zip(from) {
-            let moved = reading.saturating_sub(*from);
+        for ((most, reading), start_counts) in most.zip(readings).zip(start_counts) {
+            let moved = reading.saturating_sub(*start_counts);
             if moved.unsigned_abs() > most.unsigned_abs() {
                 *most = moved;
             }
@@ -313,8 +313,10 @@ impl Running {
     /// The bound that this sample is the second to exceed.
     fn bound(&mut self, sample: &Sample) -> Option<PulseOutcome> {
         let moved = |axis: usize| {
-            let at = sample.position_counts.get(axis).copied().unwrap_or(0);
-            at.saturating_sub(self.from.position_counts.get(axis).copied().unwrap_or(0)).unsigned_abs()
+            let position_count = sample.position_counts.get(axis).copied().unwrap_or(0);
+            position_count
+                .saturating_sub(self.from.position_counts.get(axis).copied().unwrap_or(0))
+                .unsigned_abs()
         };
         let axis = usize::from(self.pulse.axis);
         let force = sample.force_counts.iter().zip(self.from.force_counts).any(|(force, from)| {
@@ -336,18 +338,18 @@ impl Running {
     }
 
     fn report(&self, outcome: PulseOutcome) -> PulseReport {
-        let after = if self.after.count > 0 { self.after.means() } else { self.from };
-        let difference = |after: [i32; 2], from: [i32; 2]| {
-            let ([x, y], [from_x, from_y]) = (after, from);
+        let final_means = if self.after.count > 0 { self.after.means() } else { self.from };
+        let difference = |final_means: [i32; 2], from: [i32; 2]| {
+            let ([x, y], [from_x, from_y]) = (final_means, from);
             [x.saturating_sub(from_x), y.saturating_sub(from_y)]
         };
         PulseReport {
             axis: self.pulse.axis,
             outcome,
             driven_ms: self.driven_periods,
-            moved_counts: difference(after.position_counts, self.from.position_counts),
+            moved_counts: difference(final_means.position_counts, self.from.position_counts),
             most_moved_counts: self.most.position_counts,
-            force_counts: difference(after.force_counts, self.from.force_counts),
+            force_counts: difference(final_means.force_counts, self.from.force_counts),
             most_force_counts: self.most.force_counts,
         }
     }
@@ -365,18 +367,18 @@ mod tests {
         let mut pulser = Pulser::new([0; 2]);
         pulser.begin(pulse, [0.0; 2], 10_000.0, [false; 2]).expect("within the limits");
         let (dead_band, full_um_s) = unit;
-        let (mut at, mut speed, mut furthest) = ([0.0_f32; 2], [0.0_f32; 2], 0.0_f32);
+        let (mut position_um, mut speed, mut furthest) = ([0.0_f32; 2], [0.0_f32; 2], 0.0_f32);
         for _ in 0..400 {
-            let duty = match pulser.step(&sense(at)).expect("under way") {
-                Progress::Ended(report) => return (report, furthest),
-                Progress::Off => [0.0; 2],
-                Progress::Drive(duty) => duty,
+            let duty = match pulser.step(&sense(position_um)).expect("under way") {
+                PulseProgress::Ended(report) => return (report, furthest),
+                PulseProgress::Off => [0.0; 2],
+                PulseProgress::Drive(duty) => duty,
             };
             for axis in 0..2 {
-                let share = ((duty[axis].abs() - dead_band) / (1.0 - dead_band)).max(0.0);
-                speed[axis] += (share.copysign(duty[axis]) * full_um_s - speed[axis]) / 12.0;
-                at[axis] += speed[axis] * 1e-3;
-                furthest = furthest.max(at[axis].abs());
+                let drive_fraction = ((duty[axis].abs() - dead_band) / (1.0 - dead_band)).max(0.0);
+                speed[axis] += (drive_fraction.copysign(duty[axis]) * full_um_s - speed[axis]) / 12.0;
+                position_um[axis] += speed[axis] * 1e-3;
+                furthest = furthest.max(position_um[axis].abs());
             }
         }
         panic!("it does not end");
@@ -399,8 +401,9 @@ mod tests {
             ((0.12, 22_000.0), true),
         ] {
             for duty_permille in [350, -350] {
-                let swapped = |at: [f32; 2]| if swap { sound([at[1], at[0]]) } else { sound(at) };
-                let (report, furthest_um) = run(Pulse { duty_permille, ..PULSE }, unit, swapped);
+                let (report, furthest_um) = run(Pulse { duty_permille, ..PULSE }, unit, |at: [f32; 2]| {
+                    if swap { sound([at[1], at[0]]) } else { sound(at) }
+                });
                 assert!((80.0..=220.0).contains(&furthest_um), "{furthest_um} um by {unit:?}");
                 let moved = report.moved_counts[usize::from(swap)];
                 assert!((moved.unsigned_abs() as f32 - furthest_um).abs() < 5.0, "{report:?}");
@@ -411,8 +414,7 @@ mod tests {
 
     #[test]
     fn stays_within_the_bound_without_any_feedback() {
-        let nothing = |_| Sample::default();
-        let (report, furthest_um) = run(PULSE, (0.12, 22_000.0), nothing);
+        let (report, furthest_um) = run(PULSE, (0.12, 22_000.0), |_| Sample::default());
         assert!(furthest_um <= PULSE_BOUND_UM as f32, "{furthest_um}");
         assert_eq!((report.outcome, report.driven_ms), (PulseOutcome::Completed, PULSE_LIMIT_MS));
     }
@@ -424,8 +426,10 @@ mod tests {
         assert_eq!(outcome(sound), PulseOutcome::Reached);
         assert_eq!(outcome(|at| sound([at[1], at[0]])), PulseOutcome::OtherAxis);
         assert_eq!(outcome(|at| sound([-at[0], 0.0])), PulseOutcome::Reached);
-        let stiff = |at: [f32; 2]| Sample { force_counts: [0, (at[0] * 200.0) as i32], ..Sample::default() };
-        let (report, furthest_um) = run(PULSE, unit, stiff);
+        let (report, furthest_um) = run(PULSE, unit, |at: [f32; 2]| Sample {
+            force_counts: [0, (at[0] * 200.0) as i32],
+            ..Sample::default()
+        });
         assert_eq!(report.outcome, PulseOutcome::Force);
         assert!(report.driven_ms < 30 && furthest_um < 200.0, "{report:?} {furthest_um}");
     }
@@ -435,9 +439,10 @@ mod tests {
         for unit in [(0.12, 22_000.0), (0.18, 20_000.0)] {
             for stiffness_n_per_mm in 1..=protocol::PULSE_STIFFNESS_N_PER_MM {
                 // 50 uN a count: 20 counts per micrometre are 1 N/mm.
-                let counts = |um: f32| (um * 20.0 * stiffness_n_per_mm as f32) as i32;
-                let tissue = |at: [f32; 2]| Sample { force_counts: at.map(counts), ..sound(at) };
-                let (report, furthest_um) = run(PULSE, unit, tissue);
+                let (report, furthest_um) = run(PULSE, unit, |at: [f32; 2]| Sample {
+                    force_counts: at.map(|um| (um * 20.0 * stiffness_n_per_mm as f32) as i32),
+                    ..sound(at)
+                });
                 let most_n = furthest_um * 1e-3 * stiffness_n_per_mm as f32;
                 assert!(most_n < 1.0, "{most_n} N on {stiffness_n_per_mm} N/mm: {report:?}");
             }
@@ -479,8 +484,8 @@ mod tests {
         pulser.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]).expect("begins");
         let mut restarted = Pulser::new(pulser.net());
         assert_eq!(restarted.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]), Err(Refusal::OutOfTravel));
-        let back = Pulse { duty_permille: -350, ..PULSE };
-        assert_eq!(restarted.begin(back, [0.0; 2], 10_000.0, [false; 2]), Ok(()));
+        let backward = Pulse { duty_permille: -350, ..PULSE };
+        assert_eq!(restarted.begin(backward, [0.0; 2], 10_000.0, [false; 2]), Ok(()));
     }
 
     #[test]

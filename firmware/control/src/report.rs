@@ -1,4 +1,5 @@
-//! What the controller reports of itself: state, status and what decides whether the guide may move.
+//! Reports of the controller about itself: state, status and what decides whether the guide may
+//! move.
 
 use super::interlock::Limits;
 use super::motor::DriveWatch;

@@ -64,8 +64,8 @@ impl Controller {
         store
     }
 
-    /// Keeps a motion alive: an accepted command of the conversation that has started it. What other programs send, and what is refused,
-    /// shows that somebody is there, and not that it is who watches the guide.
+    /// Keeps a motion alive: an accepted command of the conversation that has started it. Commands of other programs,
+    /// and refused ones, do not show that the program is there which watches the guide.
     fn heard(&mut self, command: &Command, now_us: u64) {
         if matches!(command.request, Request::Run { .. } | Request::Retreat { .. } | Request::Pulse { .. }) {
             self.mover = command.connection;

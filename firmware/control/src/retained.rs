@@ -1,4 +1,5 @@
-//! What a restart must not forget: the latched fault, how the motors were driven, and what pulses have added to the position.
+//! State that a restart must not forget: the latched fault, how the motors were driven, and what pulses have added to
+//! the position.
 //!
 //! The board keeps it in memory that outlives a reset. After power-on there is nothing: whether the motors are hot is unknown then.
 
@@ -18,14 +19,14 @@ const NO_FAULT: u8 = u8::MAX;
 pub struct ControllerState {
     /// The latched fault.
     pub fault: Option<Fault>,
-    /// How the motors x and y were driven.
+    /// Record of how the motors x and y were driven.
     pub budgets: [DutyBudget; 2],
-    /// What pulses have driven of x and y.
+    /// Net drive of x and y by pulses.
     pub pulsed: NetDrive,
 }
 
 impl Default for ControllerState {
-    /// Nothing to keep.
+    /// State without any history.
     fn default() -> Self {
         let budgets = [const { DutyBudget::new() }; 2];
         Self { fault: None, budgets, pulsed: [0; 2] }
@@ -37,8 +38,8 @@ impl ControllerState {
     pub fn to_bytes(&self) -> [u8; RETAINED_BYTES] {
         let mut bytes = [0; RETAINED_BYTES];
         let (crc, content) = bytes.split_at_mut(CRC_BYTES);
-        if let Some((fault, rest)) = content.split_first_mut()
-            && let Some((budgets, pulsed)) = rest.split_last_chunk_mut::<PULSED_BYTES>()
+        if let Some((fault, state_bytes)) = content.split_first_mut()
+            && let Some((budgets, pulsed)) = state_bytes.split_last_chunk_mut::<PULSED_BYTES>()
         {
             *fault = self.fault.map_or(NO_FAULT, |fault| fault as u8);
             for (kept, budget) in budgets.chunks_exact_mut(BUDGET_BYTES).zip(&self.budgets) {
@@ -51,11 +52,11 @@ impl ControllerState {
         bytes
     }
 
-    /// What was kept; `None` where that is damaged, as after power-on.
+    /// Kept state; `None` if it is damaged, as after power-on.
     pub fn from_bytes(bytes: &[u8; RETAINED_BYTES]) -> Option<Self> {
         let (crc, content) = bytes.split_first_chunk::<CRC_BYTES>()?;
-        let (fault, rest) = content.split_first()?;
-        let (budgets, &[x0, x1, y0, y1]) = rest.split_last_chunk::<PULSED_BYTES>()?;
+        let (fault, state_bytes) = content.split_first()?;
+        let (budgets, &[x0, x1, y0, y1]) = state_bytes.split_last_chunk::<PULSED_BYTES>()?;
         let pulsed = [[x0, x1], [y0, y1]].map(i16::from_le_bytes);
         if calibration_crc(content) != u32::from_le_bytes(*crc) {
             return None;
@@ -78,10 +79,10 @@ mod tests {
             let mut budgets = [DutyBudget::new(), DutyBudget::new()];
             (0..12_345).for_each(|period| budgets[1].step(period % 3 == 0));
             let bytes = ControllerState { fault, budgets: budgets.clone(), pulsed: [-31, 500] }.to_bytes();
-            let kept = ControllerState::from_bytes(&bytes).expect("sound");
-            assert_eq!((kept.fault, kept.pulsed), (fault, [-31, 500]));
+            let restored = ControllerState::from_bytes(&bytes).expect("sound");
+            assert_eq!((restored.fault, restored.pulsed), (fault, [-31, 500]));
             assert_eq!(
-                kept.budgets.each_ref().map(DutyBudget::used),
+                restored.budgets.each_ref().map(DutyBudget::used),
                 budgets.each_ref().map(DutyBudget::used)
             );
             for byte in 0..RETAINED_BYTES {

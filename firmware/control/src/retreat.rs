@@ -4,17 +4,24 @@
 //! the middle of the travel, where the needle is straight, and nowhere else. It ends once the load is below the limit, and where
 //! moving on does not help: then the needle's clamp has to be opened.
 //!
-//! * **The load** is the size of the force from the calibration's zero, as a mean over [`BLOCK_PERIODS`]: whole periods of the mains at
-//!   50 Hz and at 60 Hz, so that hum is no part of it, and white noise of 0.02 N is one of 2 mN. Its size counts along both axes
-//!   together: where these are coupled, it falls though the force along one of them rises.
-//! * **It rises**: no mean may exceed the least since the fault by [`RISE_PERCENT`] of the rated range. The first one of a retreat is taken at
-//!   rest: what a motor rolls on is no part of it, and what a retreat has added that was stopped on its way is. Where the load has risen twice,
-//!   from there each time, no further retreat sets out: once may be a sensor that failed meanwhile, and many would be a way into the load,
-//!   where something else presses or the tables have the wrong sign. What the motor rolls on at the end of a retreat that has ended for a
-//!   rise belongs to that one.
-//! * **It does not fall**: a straight line through the latest [`TREND_BLOCKS`] means, which is as many steps of 25 um, 0.3 mm and more than
-//!   the play of the mechanism, has to fall by [`PROGRESS_PERCENT`] of the rated range: ten times the standard error of the line.
-//! * **It is not known** while the converter is saturated. Then only axes that have moved the way they were driven retreat.
+//! * **The load** is the size of the force from the calibration's zero, as a mean over [`BLOCK_PERIODS`]: whole periods
+//! of the mains at
+//! 50 Hz and at 60 Hz, so that hum is no part of it, and white noise of 0.02 N is one of 2 mN. Its size counts along
+//! both axes
+//! together: where these are coupled, it falls though the force along one of them rises.
+//! * **It rises**: no mean may exceed the least since the fault by [`RISE_PERCENT`] of the rated range. The first one
+//! of a retreat is taken at
+//! rest: what a motor rolls on is no part of it, and what a retreat has added that was stopped on its way is. If the
+//! load has risen twice, from there each time, no further retreat starts: once may be a sensor that failed meanwhile,
+//! and many would be a way into the load,
+//! where something else presses or the tables have the wrong sign. Coasting of the motor at the end of a retreat that
+//! has ended for a rise belongs to that one.
+//! * **It does not fall**: a straight line through the latest [`TREND_BLOCKS`] means, which is as many steps of 25 um,
+//! 0.3 mm and more than
+//! the play of the mechanism, has to fall by [`PROGRESS_PERCENT`] of the rated range: ten times the standard error of
+//! the line.
+//! * **It is not known** while the converter is saturated. Then only axes that have moved the way they were driven
+//! retreat.
 
 use super::axis::Axis;
 use super::force::ForceChannel;
@@ -30,7 +37,7 @@ use protocol::{EventKind, RETREAT_LIMIT_UM, Refusal, RetreatOutcome};
 pub const BLOCK_PERIODS: u16 = 100;
 /// The load may rise above its least by this, percent of the rated range: 25 times the noise of a mean.
 const RISE_PERCENT: f32 = 1.0;
-/// How often the load may rise, from one fault.
+/// Number of times the load may rise, from one fault.
 const RISES: u8 = 2;
 /// Means that the trend is taken from.
 const TREND_BLOCKS: usize = 12;
@@ -71,7 +78,7 @@ impl LoadMeter {
     }
 }
 
-/// What the load does.
+/// Trend of the load.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trend {
     /// Go on.
@@ -88,7 +95,7 @@ pub struct LoadWatch {
     /// Least load since the fault, or since it has risen, counts.
     least: f32,
     latest: HistoryBuf<f32, TREND_BLOCKS>,
-    /// How often it has risen since the fault.
+    /// Number of times it has risen since the fault.
     rises: u8,
     /// The latest retreat has ended for a rise.
     has_ended: bool,
@@ -161,18 +168,18 @@ impl Controller {
         Ok(())
     }
 
-    /// Where the retreat begins and ends: at the middle at the latest.
+    /// Begin and end of the retreat: at the middle at the latest.
     fn retreat_path(&self) -> Result<([f32; 2], [f32; 2]), Refusal> {
-        let from_um = self.axes.each_ref().map(Axis::position_um);
-        let mut to_um = from_um;
-        for (um, by_um) in to_um.iter_mut().zip(self.retreat_by_um) {
-            let by_um = by_um as f32;
-            if *um * by_um > 0.0 && !Mutation::BlindRetreat.is_out() {
+        let start_um = self.axes.each_ref().map(Axis::position_um);
+        let mut target_um = start_um;
+        for (um, by_um) in target_um.iter_mut().zip(self.retreat_by_um) {
+            let retreat_um = by_um as f32;
+            if *um * retreat_um > 0.0 && !Mutation::BlindRetreat.is_out() {
                 return Err(Refusal::OutOfTravel);
             }
-            *um = if by_um.abs() > um.abs() && *um * by_um <= 0.0 { 0.0 } else { *um + by_um };
+            *um = if retreat_um.abs() > um.abs() && *um * retreat_um <= 0.0 { 0.0 } else { *um + retreat_um };
         }
-        Ok((from_um, to_um))
+        Ok((start_um, target_um))
     }
 
     /// Every axis that is to move has moved the way it was driven.
@@ -208,7 +215,7 @@ impl Controller {
                     self.executor.retreat(from_um, to_um, now_us);
                     Ok(())
                 }
-                // What rolled on may have passed the middle.
+                // A coasting axis may have passed the middle.
                 Err(_) => Err(RetreatOutcome::ForceNotFalling),
             },
         };
@@ -217,7 +224,7 @@ impl Controller {
         }
     }
 
-    /// What a mean, or none, says of the load.
+    /// Trend of the load by a mean, or by none.
     fn trend(&mut self, mean: Option<Mean>, causes: StopCauses, moves: bool) -> Trend {
         let Some(mean) = mean else {
             let goes_on = self.is_proven() || Mutation::BlindTurned.is_out();
@@ -257,8 +264,8 @@ mod tests {
         let mut watch = LoadWatch::new();
         let load = |block: usize| [0.0, 102_000.0 + by_counts * block as f32];
         let mut trends = (0..40).map(|block| watch.step(load(block), RANGE, block > 0));
-        let found = trends.position(|trend| trend != Trend::Falling);
-        found.map_or((Trend::Falling, 40), |after| (Trend::NotFalling, after + 1))
+        let not_falling = trends.position(|trend| trend != Trend::Falling);
+        not_falling.map_or((Trend::Falling, 40), |after| (Trend::NotFalling, after + 1))
     }
 
     #[test]

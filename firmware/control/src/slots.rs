@@ -1,8 +1,9 @@
-//! How a calibration is kept without power: in one of two slots, each an own page of the flash.
+//! Storage of a calibration without power: in one of two slots, each an own page of the flash.
 //!
-//! A new record goes into the slot that the device does not work with, under the next sequence number; the newest sound one counts.
-//! Wherever power fails on the way, one slot is as it was before. What neither slot explains is a loss, and no rig that never
-//! had a calibration; so is a slot beside a sound one that holds something else: it may have been the newer one.
+//! A new record goes into the slot that the device does not work with, under the next sequence number; the newest sound
+//! one counts. Wherever power fails on the way, one slot is as it was before. Content that neither slot explains is a
+//! loss, and no rig that never had a calibration; so is a slot beside a valid one that holds other content: it may have
+//! been the newer one.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -27,7 +28,7 @@ use protocol::{CalibrationRecord, MAX_CALIBRATION, calibration_crc};
 pub const SLOTS: usize = 2;
 /// Bytes of a slot, filled up to whole units of the flash.
 pub const STORED_BYTES: usize = (HEAD_BYTES + SEQUENCE_BYTES + MAX_CALIBRATION).next_multiple_of(8);
-/// What erased flash reads.
+/// Byte of erased flash.
 pub const ERASED: u8 = 0xFF;
 const HEAD_BYTES: usize = 8;
 const SEQUENCE_BYTES: usize = 4;
@@ -40,11 +41,11 @@ pub fn to_stored(record: &CalibrationRecord, sequence: u32) -> [u8; STORED_BYTES
     let mut buffer = [0; MAX_CALIBRATION];
     let bytes = record.encode(&mut buffer);
     let mut stored = [ERASED; STORED_BYTES];
-    let (head, rest) = stored.split_at_mut(HEAD_BYTES);
-    for (kept, byte) in rest.iter_mut().zip(sequence.to_le_bytes().iter().chain(bytes)) {
+    let (head, body) = stored.split_at_mut(HEAD_BYTES);
+    for (kept, byte) in body.iter_mut().zip(sequence.to_le_bytes().iter().chain(bytes)) {
         *kept = *byte;
     }
-    let crc = calibration_crc(rest.get(..SEQUENCE_BYTES + bytes.len()).unwrap_or_default());
+    let crc = calibration_crc(body.get(..SEQUENCE_BYTES + bytes.len()).unwrap_or_default());
     let ([a, b, c], [d, e, f, g]) = (MARK, crc.to_le_bytes());
     head.copy_from_slice(&[a, b, c, bytes.len() as u8, d, e, f, g]);
     stored
@@ -52,14 +53,14 @@ pub fn to_stored(record: &CalibrationRecord, sequence: u32) -> [u8; STORED_BYTES
 
 /// The record that a slot keeps and its sequence number; `None` where there is none, or one that is damaged.
 pub fn from_stored(stored: &[u8; STORED_BYTES]) -> Option<(CalibrationRecord, u32)> {
-    let (&[a, b, c, length, d, e, f, g], rest) = stored.split_first_chunk::<HEAD_BYTES>()?;
+    let (&[a, b, c, length, d, e, f, g], body) = stored.split_first_chunk::<HEAD_BYTES>()?;
     let crc = u32::from_le_bytes([d, e, f, g]);
     let numbered = match [a, b, c] {
         MARK => true,
         OLD_MARK => false,
         _ => return None,
     };
-    let covered = rest.get(..usize::from(length) + if numbered { SEQUENCE_BYTES } else { 0 })?;
+    let covered = body.get(..usize::from(length) + if numbered { SEQUENCE_BYTES } else { 0 })?;
     if calibration_crc(covered) != crc {
         return None;
     }
@@ -70,18 +71,18 @@ pub fn from_stored(stored: &[u8; STORED_BYTES]) -> Option<(CalibrationRecord, u3
     Some((CalibrationRecord::decode(record)?, u32::from_le_bytes(*sequence)))
 }
 
-/// What the device works with, and where the next record goes.
+/// Record that the device works with, and the slot of the next one.
 #[derive(Debug, Clone)]
 pub struct SlotChoice {
     /// The calibration.
     pub calibration: Calibration,
-    /// Where it comes from.
+    /// Source of the record.
     pub origin: Origin,
     /// For the next one.
     pub next: NextSlot,
 }
 
-/// Where a record is to be written, and as what.
+/// Slot and content of a record that is to be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NextSlot {
     /// The slot.
@@ -197,10 +198,10 @@ mod tests {
         for byte in 0..STORED_BYTES {
             let mut damaged = slots;
             damaged[1][byte] ^= 4;
-            let (found, origin) = id(&damaged);
+            let (loaded_id, origin) = id(&damaged);
             // Beyond the record nothing is kept.
-            let expected = if found == "unit-7" { Origin::Stored } else { Origin::Earlier };
-            assert_eq!(origin, expected, "byte {byte}: {found}");
+            let expected = if loaded_id == "unit-7" { Origin::Stored } else { Origin::Earlier };
+            assert_eq!(origin, expected, "byte {byte}: {loaded_id}");
         }
     }
 
@@ -216,11 +217,11 @@ mod tests {
             let next = choose(&slots).next;
             let target = to_stored(&new, next.sequence);
             let mut states = Vec::new();
-            let before = slots[next.slot];
-            let mut page = before;
+            let old_slot = slots[next.slot];
+            let mut page = old_slot;
             for cut in [8, 64, 100, STORED_BYTES] {
                 // Erasing takes any part first.
-                let (mut head, mut tail) = (before, before);
+                let (mut head, mut tail) = (old_slot, old_slot);
                 head[..cut].fill(ERASED);
                 tail[STORED_BYTES - cut..].fill(ERASED);
                 states.extend([head, tail]);
@@ -243,9 +244,13 @@ mod tests {
                 cut_off[next.slot] = *state;
                 let choice = choose(&cut_off);
                 assert!(matches!(choice.origin, Origin::Stored | Origin::Earlier), "cut {cut}");
-                let found = choice.calibration.record();
-                assert!(*found == old || *found == new, "cut {cut}: {}", found.id.as_str());
-                found_new += u32::from(*found == new);
+                let loaded_record = choice.calibration.record();
+                assert!(
+                    *loaded_record == old || *loaded_record == new,
+                    "cut {cut}: {}",
+                    loaded_record.id.as_str()
+                );
+                found_new += u32::from(*loaded_record == new);
                 // Written again after that, it is there.
                 cut_off[choice.next.slot] = to_stored(&new, choice.next.sequence);
                 assert_eq!(*choose(&cut_off).calibration.record(), new, "cut {cut}");

@@ -1,10 +1,10 @@
-//! What the controller starts with, and what it was built for.
+//! Start state and build of the controller.
 
 use super::commands;
 use super::retained::ControllerState;
 use protocol::Description;
 
-/// What the device was built for.
+/// Description of the device's build.
 pub const DESCRIPTION: Description = Description {
     protocol_version: protocol::VERSION,
     schema_hash: protocol::schema_hash(),
@@ -19,16 +19,16 @@ pub const DESCRIPTION: Description = Description {
     connections: commands::CONNECTIONS as u8,
 };
 
-/// What the board provides at the start.
+/// Inputs from the board at the start.
 #[derive(Debug, Clone)]
 pub struct Start {
     /// Identity of the boot.
     pub boot_id: u32,
     /// The program before did not end as it should, which someone has to acknowledge before anything moves.
     pub restarted: bool,
-    /// Where the calibration comes from.
+    /// Source of the calibration.
     pub origin: Origin,
-    /// What the run before has left.
+    /// State that the previous run has left.
     pub retained: Option<ControllerState>,
 }
 
@@ -39,7 +39,7 @@ impl Start {
     }
 }
 
-/// Where a calibration comes from.
+/// Source of a calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
     /// It is stored on the device.

@@ -1,4 +1,4 @@
-//! How the starts of a chip are counted without power, so that what it calls a connection comes again at no other start.
+//! Counts the starts of a chip without power, so that a connection number of one start is repeated at no other.
 //!
 //! Each start writes its number behind that of the one before, in one of two pages of the flash of their own; where a page is full, the
 //! other one is erased. A number is kept with its complement: what a power cut has left is none, and is left out. Wherever power fails,
@@ -13,7 +13,7 @@ pub const PAGES: usize = 2;
 pub const PAGE_BYTES: usize = 512;
 /// Bytes of a number: a unit of the flash.
 const ENTRY_BYTES: usize = 8;
-/// What erased flash reads.
+/// Byte of erased flash.
 const ERASED: u8 = 0xFF;
 /// Numbers are below this: as many as there are blocks of tokens.
 const NUMBERS: u32 = (1 << 31) / (TOKENS / 2);
@@ -54,10 +54,12 @@ pub fn next(pages: &[[u8; PAGE_BYTES]; PAGES]) -> NextStart {
     let count = greatest(first).max(greatest(second)).map_or(0, |count| (count + 1) % NUMBERS);
     let (page, bytes) = if greatest(second) > greatest(first) { (1, second) } else { (0, first) };
     // Behind all that was written, what a power cut has left included.
-    let is_used = |entry: &[u8]| entry.iter().any(|byte| *byte != ERASED);
-    let used = bytes.chunks_exact(ENTRY_BYTES).rposition(is_used).map_or(0, |last| last + 1);
-    if used < PAGE_BYTES / ENTRY_BYTES {
-        return NextStart { count, page, offset: used * ENTRY_BYTES, erases: false };
+    let used_entries = bytes
+        .chunks_exact(ENTRY_BYTES)
+        .rposition(|entry| entry.iter().any(|byte| *byte != ERASED))
+        .map_or(0, |last| last + 1);
+    if used_entries < PAGE_BYTES / ENTRY_BYTES {
+        return NextStart { count, page, offset: used_entries * ENTRY_BYTES, erases: false };
     }
     NextStart { count, page: 1 - page, offset: 0, erases: true }
 }

@@ -13,7 +13,7 @@ pub struct Incoming {
 }
 
 impl Incoming {
-    /// Nothing received.
+    /// Empty transfer.
     pub const fn new() -> Self {
         Self { pieces: [[0; PIECE_BYTES]; PIECES] }
     }

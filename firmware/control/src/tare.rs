@@ -6,8 +6,8 @@ use super::round;
 use crate::calibration::counts_of_mn;
 use protocol::{TARE_CHANGE_PERCENT, TARE_ZERO_PERCENT, Tare, TareProblem, UNIQUE_CODES};
 
-/// What is wrong with a tare on a cell of this rated range. A zero under load would take that load off the force that is measured and
-/// limited; a force that still settles leaves a zero that is not repeatable.
+/// Problem of a tare on a cell of this rated range. A zero under load would take that load off the force that is
+/// measured and limited; a force that still settles leaves a zero that is not repeatable.
 pub fn problem(tare: &Tare, range_mn: u32, periods_per_s: f64) -> Option<TareProblem> {
     let range = f64::from(counts_of_mn(range_mn));
     let beyond = |counts: f64, percent: u32| counts.abs() > range * f64::from(percent) * 1e-2;
@@ -142,7 +142,7 @@ mod tests {
             taring.add([90_000 + swing + index / 5, -7], [index, 5]);
         }
         let tare = taring.finish([11, 20], 1_000.0);
-        // Of the odd periods every fifth is missing, which shifts the mean of the swing by 100 / 9.
+        // Every fifth of the odd periods is missing, which shifts the mean of the swing by 100 / 9.
         assert!((tare.zero_counts[0] - 90_011 - 99 - 11).abs() <= 1, "{tare:?}");
         assert_eq!((tare.zero_counts[1], tare.sd_counts[1], tare.drift_counts_per_s[1]), (13, 0, 0));
         assert!((tare.drift_counts_per_s[0] - 200).abs() <= 1, "{tare:?}");

@@ -1,7 +1,8 @@
 //! The controller's output on its way to the link: samples gathered into batches, notes between them, in order.
 //!
-//! The outbox is bounded and is never waited for. Where it is full, the batch that is ready is dropped whole and its samples
-//! are counted, so that the host finds one gap of known length; the last places are kept for answers and events.
+//! The outbox is bounded and is never waited for. If it is full, the batch that is ready is dropped whole and its
+//! samples are counted, so that the host finds one gap of known length; the last places are kept for answers and
+//! events.
 
 use super::{OutboundMessage, Outputs, PERIOD_US};
 use protocol::{Packer, Samples};
@@ -55,7 +56,7 @@ impl Telemetry {
     /// Hands on what one period has brought; `t_us` is its device time.
     pub fn send(&mut self, t_us: u64, outputs: &Outputs, outbox: &mut impl Outbox) {
         for note in &outputs.notes {
-            // What was sampled before an answer or an event goes out before it; the periodic state waits for nothing.
+            // Samples before an answer or an event are sent before it; the periodic state does not wait.
             let report = matches!(note, OutboundMessage::Report(_) | OutboundMessage::SafetyReport(_));
             if !report && let Some(batch) = self.packer.flush() {
                 self.batch(batch, outbox);
@@ -71,7 +72,8 @@ impl Telemetry {
             }
         }
         if self.streaming {
-            // What was dropped is written into a batch when it leaves, so it is the same for all samples here.
+            // Dropped samples are written into a batch when it leaves, so their number is the same for all
+            // samples here.
             let batch = self.packer.push(t_us, outputs.state, outputs.step, 0, outputs.sample);
             if let Some(batch) = batch {
                 self.batch(batch, outbox);
@@ -117,9 +119,9 @@ mod tests {
     }
 
     fn outputs(t_ms: u64, notes: &[OutboundMessage]) -> Outputs {
-        let mut all = OutboundMessages::new();
+        let mut messages = OutboundMessages::new();
         for note in notes {
-            all.push(*note).expect("few notes");
+            messages.push(*note).expect("few notes");
         }
         Outputs {
             drive: Drive::Release,
@@ -127,7 +129,7 @@ mod tests {
             state: State::Idle,
             step: NO_STEP,
             sample: Sample { position_counts: [t_ms as i32, 0], ..Sample::default() },
-            notes: all,
+            notes: messages,
             keep: false,
             store: None,
         }

@@ -116,8 +116,8 @@ impl Bench {
         let outputs = self.controller.step(&inputs);
         if let Drive::Duty(duty) = outputs.drive {
             for (position_um, duty) in self.position_um.iter_mut().zip(duty) {
-                let share = ((duty.abs() - 0.2) / 0.8).max(0.0).copysign(duty);
-                *position_um += share * 20_000.0 * self.strength * PERIOD_S;
+                let drive_fraction = ((duty.abs() - 0.2) / 0.8).max(0.0).copysign(duty);
+                *position_um += drive_fraction * 20_000.0 * self.strength * PERIOD_S;
             }
         }
         if let Some(duty) = self.runaway {
@@ -245,10 +245,16 @@ fn a_repeated_command_is_carried_out_once() {
     bench.periods(50);
     assert_eq!(bench.answer(run), Ok(()));
     bench.periods(50);
-    let starts = |note: &&OutboundMessage| {
-        matches!(note, OutboundMessage::Event(Event { kind: EventKind::StepStarted { .. }, .. }))
-    };
-    assert_eq!(bench.notes.iter().filter(starts).count(), 1);
+    assert_eq!(
+        bench
+            .notes
+            .iter()
+            .filter(|note| {
+                matches!(note, OutboundMessage::Event(Event { kind: EventKind::StepStarted { .. }, .. }))
+            })
+            .count(),
+        1
+    );
 }
 
 #[test]
@@ -382,8 +388,8 @@ fn any_frame() -> impl Strategy<Value = std::vec::Vec<u8>> {
 fn any_bytes() -> impl Strategy<Value = std::vec::Vec<u8>> {
     let damaged =
         (any_frame(), any::<prop::sample::Index>(), any::<u8>()).prop_map(|(mut bytes, at, flip)| {
-            let at = at.index(bytes.len());
-            bytes[at] ^= flip;
+            let byte_index = at.index(bytes.len());
+            bytes[byte_index] ^= flip;
             bytes
         });
     let noise = prop::collection::vec(any::<u8>(), 0..80);

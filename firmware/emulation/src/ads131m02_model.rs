@@ -24,7 +24,7 @@ pub struct Ads131m02Model {
     codes: [i32; 2],
     ready: bool,
     corrupt_crc: bool,
-    /// What the next frame answers with; `None` is the status.
+    /// Answer of the next frame; `None` is the status.
     response: Option<u16>,
     outgoing: [u8; FRAME_BYTES],
     incoming: [u8; FRAME_BYTES],
@@ -93,13 +93,13 @@ impl Ads131m02Model {
 
     /// Shifts one 16-bit word in and one out; zeros follow the frame.
     pub fn shift(&mut self, word: u16) -> u16 {
-        let at = self.position;
-        if at >= FRAME_BYTES {
+        let register = self.position;
+        if register >= FRAME_BYTES {
             return 0;
         }
         self.position += 2;
-        self.incoming[at..at + 2].copy_from_slice(&word.to_be_bytes());
-        u16::from_be_bytes([self.outgoing[at], self.outgoing[at + 1]])
+        self.incoming[register..register + 2].copy_from_slice(&word.to_be_bytes());
+        u16::from_be_bytes([self.outgoing[register], self.outgoing[register + 1]])
     }
 
     /// Chip select goes high: the command takes effect if the frame was complete.

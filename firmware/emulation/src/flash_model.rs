@@ -12,11 +12,11 @@ use crate::thumb::Width;
 pub const PAGE_BYTES: usize = 2048;
 /// Pages that are modelled.
 pub const PAGES: usize = 4;
-/// What the pages keep.
+/// Content of the pages.
 pub type Pages = [[u8; STORED_BYTES]; PAGES];
 /// Bytes at the start of a page that keep what is programmed.
 pub const STORED_BYTES: usize = 512;
-/// What erased flash reads.
+/// Byte of erased flash.
 pub const ERASED: u8 = 0xFF;
 /// The first of the pages among those of its bank, which is the one of BKER.
 const FIRST_PAGE: u32 = 252;
@@ -139,8 +139,8 @@ impl FlashModel {
     /// A load from the pages, at an offset from the first of them.
     pub fn read_page(pages: &Pages, offset: u32, width: Width) -> u32 {
         let byte = |at: u32| {
-            let (page, at) = (at as usize / PAGE_BYTES, at as usize % PAGE_BYTES);
-            u32::from(pages.get(page).and_then(|page| page.get(at)).copied().unwrap_or(ERASED))
+            let (page, offset) = (at as usize / PAGE_BYTES, at as usize % PAGE_BYTES);
+            u32::from(pages.get(page).and_then(|page| page.get(offset)).copied().unwrap_or(ERASED))
         };
         (0..4).fold(0, |word, at| word | byte(offset + at) << (8 * at)) & width.mask()
     }

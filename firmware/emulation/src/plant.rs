@@ -87,7 +87,7 @@ impl core::fmt::Display for RecordError {
 
 impl core::error::Error for RecordError {}
 
-/// What the device commands: device to plant.
+/// Commands of the device: device to plant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlantRequest {
     /// Counts the exchanges since the device booted.
@@ -102,7 +102,7 @@ pub struct PlantRequest {
     pub bridges_enabled: bool,
 }
 
-/// What the device senses: plant to device.
+/// Inputs of the device: plant to device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlantReply {
     /// Step of the request that this answers.

@@ -16,7 +16,7 @@ pub const STIFFNESS_RANGE: [f64; 2] = [2e2, 5e6];
 /// Damping that tissue can have, N s/m^2.
 pub const DAMPING_RANGE: [f64; 2] = [0.0, 1e4];
 
-/// How parameters are laid out: per segment the coefficients of the stiffness, then per segment those of the damping, then the
+/// Layout of parameters: per segment the coefficients of the stiffness, then per segment those of the damping, then the
 /// offsets of force and tip sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
@@ -29,7 +29,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// How many parameters that makes.
+    /// Resulting number of parameters.
     pub const fn parameters(&self) -> usize {
         self.segments * (self.stiffness + self.damping) + 2
     }
@@ -97,10 +97,10 @@ impl<T: RealField + Copy, const C: usize> Field<T, C> {
     /// Takes the parameters' values, for the first `cells`.
     pub fn set<const N: usize>(&mut self, parameters: &[T; N], cells: usize) {
         for cell in 0..cells.min(C) {
-            let (at, basis) = self.stiffness_basis(cell);
-            let logarithm = sum(&parameters[at..], basis);
-            let (at, basis) = self.damping_basis(cell);
-            let damping = sum(&parameters[at..], basis) * convert(DAMPING_UNIT);
+            let (parameter, basis) = self.stiffness_basis(cell);
+            let logarithm = sum(&parameters[parameter..], basis);
+            let (parameter, basis) = self.damping_basis(cell);
+            let damping = sum(&parameters[parameter..], basis) * convert(DAMPING_UNIT);
             let [least, most] = STIFFNESS_RANGE;
             self.stiffness[cell] = logarithm.exp().clamp(convert(least), convert(most));
             let [least, most] = DAMPING_RANGE;
@@ -110,14 +110,14 @@ impl<T: RealField + Copy, const C: usize> Field<T, C> {
 
     /// First parameter of a cell's stiffness and the derivatives of its logarithm.
     pub fn stiffness_basis(&self, cell: usize) -> (usize, &[T]) {
-        let at = self.layout.stiffness_at(usize::from(self.segment[cell]));
-        (at, &self.basis[cell][..self.layout.stiffness])
+        let first_parameter = self.layout.stiffness_at(usize::from(self.segment[cell]));
+        (first_parameter, &self.basis[cell][..self.layout.stiffness])
     }
 
     /// First parameter of a cell's damping and its derivatives, in damping units.
     pub fn damping_basis(&self, cell: usize) -> (usize, &[T]) {
-        let at = self.layout.damping_at(usize::from(self.segment[cell]));
-        (at, &self.basis[cell][..self.layout.damping])
+        let first_parameter = self.layout.damping_at(usize::from(self.segment[cell]));
+        (first_parameter, &self.basis[cell][..self.layout.damping])
     }
 }
 

@@ -16,7 +16,7 @@ pub struct Filter<T: RealField, const M: usize, const C: usize, const N: usize> 
     simulation: Simulation<T, M, C, N>,
     pub(super) information: Information<T, N>,
     prior: Information<T, N>,
-    /// Where the model is linearised: within what is possible.
+    /// Points at which the model is linearised: within what is possible.
     pub(super) parameters: [T; N],
     /// Rows so far, those that count for the next prior row to be renewed included.
     pub(super) rows: usize,
@@ -41,7 +41,7 @@ const STIFFNESS: f64 = 1e4;
 const DAMPING_SD: f64 = 3.0;
 
 impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter<T, M, C, N> {
-    /// Nothing measured.
+    /// Filter before any measurement.
     pub fn new(settings: &Settings<T, M>) -> Self {
         let layout = settings.layout;
         let field = Field::new(layout, settings.cell_m, settings.segment_m, settings.reach_m);
@@ -129,11 +129,11 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.field.set(&parameters, C);
         self.rows = 0;
         (self.squares, self.products) = (T::zero(), T::zero());
-        // What the parameters themselves cost.
+        // Cost of the parameters themselves.
         self.cost = (0..N).fold(T::zero(), |cost, index| {
             let (row, value) = self.prior.row(index);
-            let off = dot(&row, &parameters) - value;
-            cost + off * off
+            let residual = dot(&row, &parameters) - value;
+            cost + residual * residual
         });
     }
 
@@ -149,29 +149,30 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         let (force_at, tip_at) = (self.layout.force_offset(), self.layout.tip_offset());
         let offset_n = self.parameters[force_at];
         let offset_m = self.parameters[tip_at];
-        let off_n = row.force_n - offset_n - predicted.force_n;
-        let off_m = row.tip_m - offset_m - predicted.tip_m;
+        let force_residual_n = row.force_n - offset_n - predicted.force_n;
+        let tip_residual_m = row.tip_m - offset_m - predicted.tip_m;
         self.fade(settings.forgetting);
         let root = row.samples.sqrt();
         let mut offs = [T::zero(); 2];
-        let channels = [(off_n, predicted.force_by, force_at), (off_m, predicted.tip_by, tip_at)];
+        let channels =
+            [(force_residual_n, predicted.force_by, force_at), (tip_residual_m, predicted.tip_by, tip_at)];
         for (i, (off, mut by, offset_at)) in channels.into_iter().enumerate() {
             by[offset_at] += T::one();
             // Noise of the base's place is noise of what it makes of it.
             let base = predicted.by_base[i] * deviation[2];
             let weight = root / (deviation[i] * deviation[i] + base * base).sqrt();
-            let off = off * weight;
-            let usual = convert::<f64, T>(3.0) * self.usual(off);
-            let trust = if off.abs() > usual { (usual / off.abs()).sqrt() } else { T::one() };
-            let value = trust * (off + weight * dot(&by, &self.parameters));
+            let weighted = off * weight;
+            let usual = convert::<f64, T>(3.0) * self.usual(weighted);
+            let trust = if weighted.abs() > usual { (usual / weighted.abs()).sqrt() } else { T::one() };
+            let value = trust * (weighted + weight * dot(&by, &self.parameters));
             self.information.add(by.map(|by| trust * weight * by), value);
-            offs[i] = off;
-            self.cost += trust * trust * off * off;
+            offs[i] = weighted;
+            self.cost += trust * trust * weighted * weighted;
         }
         self.squares += offs[0] * offs[0] + offs[1] * offs[1];
         self.products += offs[0] * self.last[0] + offs[1] * self.last[1];
         self.last = offs;
-        self.simulation.advance(row, &predicted, off_m);
+        self.simulation.advance(row, &predicted, tip_residual_m);
         self.rows += 1;
         Some([predicted.force_n, row.force_n - offset_n, predicted.tip_m, row.tip_m - offset_m])
     }
@@ -215,10 +216,11 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
             }
         }
         for segment in 0..self.layout.segments {
-            let at = self.layout.damping_at(segment);
-            parameters[at] = parameters[at].clamp(damping[0], damping[1]);
-            let at = self.layout.stiffness_at(segment);
-            parameters[at] = parameters[at].clamp(stiffness[0], stiffness[1]);
+            let damping_parameter = self.layout.damping_at(segment);
+            parameters[damping_parameter] = parameters[damping_parameter].clamp(damping[0], damping[1]);
+            let stiffness_parameter = self.layout.stiffness_at(segment);
+            parameters[stiffness_parameter] =
+                parameters[stiffness_parameter].clamp(stiffness[0], stiffness[1]);
         }
         parameters
     }
@@ -227,17 +229,16 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
     pub(super) fn step_to(&self, target: &[T; N]) -> [T; N] {
         let mut largest = T::zero();
         for cell in 0..C {
-            let (at, basis) = self.field.stiffness_basis(cell);
-            let step = basis
-                .iter()
-                .enumerate()
-                .fold(T::zero(), |sum, (i, &b)| sum + b * (target[at + i] - self.parameters[at + i]));
+            let (parameter, basis) = self.field.stiffness_basis(cell);
+            let step = basis.iter().enumerate().fold(T::zero(), |sum, (i, &b)| {
+                sum + b * (target[parameter + i] - self.parameters[parameter + i])
+            });
             largest = largest.max(step.abs());
         }
-        let share = (convert::<f64, T>(LARGEST_STEP) / largest.max(convert(1e-6))).min(T::one());
+        let limited = (convert::<f64, T>(LARGEST_STEP) / largest.max(convert(1e-6))).min(T::one());
         let mut step = [T::zero(); N];
         for ((step, &target), &parameter) in step.iter_mut().zip(target).zip(&self.parameters) {
-            *step = share * (target - parameter);
+            *step = limited * (target - parameter);
         }
         step
     }
@@ -298,10 +299,13 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
     }
 
     fn add_stiffness(&self, cell: usize, weight: T, mean: &mut T, gradient: &mut [T; N]) {
-        let share = weight * self.field.stiffness[cell];
-        *mean += share;
-        let (at, basis) = self.field.stiffness_basis(cell);
-        gradient[at..].iter_mut().zip(basis).for_each(|(by, &basis)| *by += share * basis);
+        let weighted_stiffness = weight * self.field.stiffness[cell];
+        *mean += weighted_stiffness;
+        let (parameter, basis) = self.field.stiffness_basis(cell);
+        gradient[parameter..]
+            .iter_mut()
+            .zip(basis)
+            .for_each(|(by, &basis)| *by += weighted_stiffness * basis);
     }
 
     /// The interval of a stiffness is that of its logarithm.
@@ -329,30 +333,30 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
             let weight = if depth_m > T::zero() { (bottom_m - top_m) / depth_m } else { T::one() };
             self.add_stiffness(cell, weight, &mut stiffness, &mut stiffness_by);
             damping += weight * self.field.damping[cell];
-            let (at, basis) = self.field.damping_basis(cell);
+            let (parameter, basis) = self.field.damping_basis(cell);
             for (i, &basis) in basis.iter().enumerate() {
-                let by = weight * basis * convert(field::DAMPING_UNIT);
-                damping_by[at + i] += by;
-                free += by * unconstrained[at + i];
+                let weighted_basis = weight * basis * convert(field::DAMPING_UNIT);
+                damping_by[parameter + i] += weighted_basis;
+                free += weighted_basis * unconstrained[parameter + i];
             }
         }
         let [misfit, wide] = self.widening();
         let variance = self.information.variance(damping_by);
         let sd = (variance * wide).sqrt();
-        let before = self.prior.variance(damping_by);
+        let prior_variance = self.prior.variance(damping_by);
         let twice = convert::<f64, T>(1.96) * sd;
         let low = (free - twice).max(T::zero());
         let high = (free + twice).max(twice);
         // Four standard deviations, and a replay that has come to rest: checked after every row, two would be passed by chance.
         let identifiability = if self.settled && free > convert::<f64, T>(4.0) * sd {
             Identifiability::Identified
-        } else if variance * wide < before * convert(0.1) {
+        } else if variance * wide < prior_variance * convert(0.1) {
             Identifiability::UpperBound
         } else {
             Identifiability::NotIdentified
         };
-        let both = self.information.covariance(stiffness_by, damping_by);
-        let correlation = both / (variance * self.information.variance(stiffness_by)).sqrt();
+        let cross_covariance = self.information.covariance(stiffness_by, damping_by);
+        let correlation = cross_covariance / (variance * self.information.variance(stiffness_by)).sqrt();
         Estimate {
             depth_m,
             stiffness: self.stiffness_value(stiffness, &stiffness_by),
@@ -368,7 +372,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
     }
 }
 
-/// What is known of tissue and sensors before the first sample.
+/// Prior of tissue and sensors before the first sample.
 fn prior<T: RealField + Copy, const M: usize, const N: usize>(
     settings: &Settings<T, M>,
 ) -> Information<T, N> {
@@ -377,8 +381,8 @@ fn prior<T: RealField + Copy, const M: usize, const N: usize>(
     let mut constrain = |index: usize, against: Option<usize>, value: T, sd: T| {
         let mut row = [T::zero(); N];
         row[index] = sd.recip();
-        if let Some(against) = against {
-            row[against] = -sd.recip();
+        if let Some(previous) = against {
+            row[previous] = -sd.recip();
         }
         prior.add(row, value / sd);
     };

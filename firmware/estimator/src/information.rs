@@ -2,8 +2,8 @@
 //! (theory, eq. 52).
 //!
 //! Rows are taken in by rotations, which neither square the condition number nor can lose positive definiteness, at any
-//! precision. What is known before the first row keeps `R` regular throughout: information only grows or fades back towards it, so
-//! there is no wind-up.
+//! precision. The prior before the first row keeps `R` regular throughout: information only grows or fades back towards
+//! it, so there is no wind-up.
 
 use nalgebra::RealField;
 
@@ -15,7 +15,7 @@ pub struct Information<T, const N: usize> {
 }
 
 impl<T: RealField + Copy, const N: usize> Information<T, N> {
-    /// Nothing known.
+    /// No information.
     pub fn none() -> Self {
         Self { r: [[T::zero(); N]; N], z: [T::zero(); N] }
     }
@@ -68,8 +68,9 @@ impl<T: RealField + Copy, const N: usize> Information<T, N> {
     fn back(&self, right: [T; N]) -> [T; N] {
         let mut solution = right;
         for (i, row) in self.r.iter().enumerate().rev() {
-            let known = row.iter().zip(&solution).skip(i + 1).fold(T::zero(), |sum, (&r, &x)| sum + r * x);
-            solution[i] = (solution[i] - known) / row[i];
+            let known_sum =
+                row.iter().zip(&solution).skip(i + 1).fold(T::zero(), |sum, (&r, &x)| sum + r * x);
+            solution[i] = (solution[i] - known_sum) / row[i];
         }
         solution
     }
@@ -104,12 +105,12 @@ impl<T: RealField + Copy, const N: usize> Information<T, N> {
         gradient[index] = T::one();
         let column = self.back(self.forward(gradient));
         let step = (value - parameters[index]) / column[index];
-        let mut held = parameters;
-        for (held, along) in held.iter_mut().zip(column) {
-            *held += step * along;
+        let mut projected = parameters;
+        for (projected, along) in projected.iter_mut().zip(column) {
+            *projected += step * along;
         }
-        held[index] = value;
-        held
+        projected[index] = value;
+        projected
     }
 }
 
@@ -198,10 +199,10 @@ mod tests {
             let gradient = SVector::from([0.3, -1.0, 2.0]);
             let variance = (gradient.transpose() * inverse * gradient)[0];
             prop_assert!((information.variance(gradient.into()) / variance - 1.0).abs() < 1e-9);
-            let held = information.hold(information.solve(), 1, 0.25);
+            let projected = information.hold(information.solve(), 1, 0.25);
             // The gradient at the held solution points along the held parameter only.
-            let slope = matrix * SVector::from(held) - right;
-            prop_assert!(slope[0].abs() < 1e-8 && slope[2].abs() < 1e-8 && held[1] == 0.25);
+            let slope = matrix * SVector::from(projected) - right;
+            prop_assert!(slope[0].abs() < 1e-8 && slope[2].abs() < 1e-8 && projected[1] == 0.25);
         }
     }
 }

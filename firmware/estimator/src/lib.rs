@@ -1,11 +1,11 @@
 //! Online estimator of the tissue's stiffness and damping while the needle goes in and its base moves sideways: no heap, any
 //! precision, a bounded amount of work per sample. It runs in the firmware as on the host.
 //!
-//! What is estimated are properties of the tissue at its depth ([`field`]), not of the insertion: mean values over the inserted
-//! part, which the spring-beam-damper paper estimates, follow from them. Samples are averaged into rows of about a
-//! millimetre of insertion, force, base and tip alike (the prefilter). For every row a simulation of the needle ([`simulation`])
-//! predicts force and tip, and by how much each parameter changes them: two rows of least squares, taken
-//! into a square-root information filter ([`information`]).
+//! The estimated parameters are properties of the tissue at its depth ([`field`]), not of the insertion: mean values
+//! over the inserted part, which the spring-beam-damper paper estimates, follow from them. Samples are averaged into
+//! rows of about a millimetre of insertion, force, base and tip alike (the prefilter). For every row a simulation of
+//! the needle ([`simulation`]) predicts force and tip, and by how much each parameter changes them: two rows of least
+//! squares, taken into a square-root information filter ([`information`]).
 //!
 //! The simulation is not linear in the parameters. Rows that were taken in when the parameters were still wrong would stay
 //! wrong: so between two rows, one old row per sample, the whole insertion is replayed with the current parameters,
@@ -75,7 +75,7 @@ use needle::{Mode, Shape};
 use noise::Noise;
 use replay::Replay;
 
-/// What is measured at one time.
+/// Measurement at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample<T> {
     /// Time.
@@ -103,7 +103,7 @@ pub struct Row<T> {
     pub force_n: T,
     /// Lateral position of the tip.
     pub tip_m: T,
-    /// How many samples.
+    /// Number of samples.
     pub samples: T,
 }
 
@@ -121,7 +121,7 @@ impl<T: RealField> Default for Row<T> {
     }
 }
 
-/// What is known of needle, sensors and tissue before the first sample.
+/// Prior of needle, sensors and tissue before the first sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings<T, const M: usize> {
     /// Length of the needle from the fixture to the tip.
@@ -134,7 +134,7 @@ pub struct Settings<T, const M: usize> {
     pub layout: Layout,
     /// Length of a segment.
     pub segment_m: T,
-    /// Where the last segment ends; where that is not beyond its begin it is as long as the others.
+    /// End of the last segment; if it is not beyond its begin the segment is as long as the others.
     pub reach_m: T,
     /// Length of a cell of tissue.
     pub cell_m: T,
@@ -142,7 +142,7 @@ pub struct Settings<T, const M: usize> {
     pub row_m: T,
     /// .. or its base this much sideways ..
     pub row_base_m: T,
-    /// .. or after this time. Of rows without any motion only the first counts.
+    /// .. or after this time. Only the first of several rows without motion counts.
     pub row_s: T,
     /// Standard deviation of a single force; taken from the samples themselves where it is 0.
     pub force_sd_n: T,
@@ -150,14 +150,14 @@ pub struct Settings<T, const M: usize> {
     pub tip_sd_m: T,
     /// Standard deviation of a single position of the base; taken from the samples themselves where it is 0.
     pub base_sd_m: T,
-    /// How much a segment varies within: standard deviation of the first order of the logarithm of stiffness, and of the first order of
-    /// damping in its units; order n has an n-th of it.
+    /// Variation within a segment: standard deviation of the first order of the logarithm of stiffness, and of the
+    /// first order of damping in its units; order n has an n-th of it.
     pub variation: T,
     /// Standard deviation of the force sensor's offset.
     pub force_offset_sd_n: T,
     /// Standard deviation of the tip sensor's offset against the base.
     pub tip_offset_sd_m: T,
-    /// Where the search starts: stiffness, N/m^2, and damping, N s/m^2.
+    /// Start of the search: stiffness, N/m^2, and damping, N s/m^2.
     pub start: [T; 2],
     /// Weight that a row keeps when another one comes; 1: nothing is forgotten.
     pub forgetting: T,
@@ -227,7 +227,7 @@ pub struct Value<T> {
     pub identifiability: Identifiability,
 }
 
-/// What is known after a row.
+/// Estimate after a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate<T> {
     /// Insertion depth.
@@ -238,13 +238,13 @@ pub struct Estimate<T> {
     pub damping: Value<T>,
     /// Correlation of the two: near -1 or 1 only a combination of them is known.
     pub correlation: T,
-    /// Where the simulated tip is, before this row was used.
+    /// Position of the simulated tip, before this row was used.
     pub tip_m: T,
-    /// Where the measured tip is, its offset taken off.
+    /// Position of the measured tip, without its offset.
     pub measured_tip_m: T,
-    /// What the simulated force is, before this row was used.
+    /// Simulated force, before this row was used.
     pub force_n: T,
-    /// What the measured force is, its offset taken off.
+    /// Measured force, without its offset.
     pub measured_force_n: T,
     /// Squared deviations of all rows against the noise: 1 where model and noise are right.
     pub misfit: T,
@@ -280,7 +280,8 @@ pub struct Tracker<T: RealField, const M: usize, const C: usize, const N: usize,
 impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const H: usize>
     Tracker<T, M, C, N, H>
 {
-    /// Nothing measured yet. Nothing where the layout has not `N` parameters or too many per segment.
+    /// Estimator before any measurement. `None` if the layout does not have `N` parameters or has
+    /// too many per segment.
     pub fn new(settings: Settings<T, M>) -> Option<Self> {
         let layout = settings.layout;
         let most = field::MAX_COEFFICIENTS;
@@ -333,13 +334,13 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
             let samples = pair.iter().fold(T::zero(), |sum, row| sum + row.samples);
             let mut mean = Row { samples, ..Row::default() };
             for row in pair {
-                let share = row.samples / samples;
+                let sample_weight = row.samples / samples;
                 time_s += row.step_s;
-                mean.step_s += share * time_s;
-                mean.depth_m += share * row.depth_m;
-                mean.base_m += share * row.base_m;
-                mean.force_n += share * row.force_n;
-                mean.tip_m += share * row.tip_m;
+                mean.step_s += sample_weight * time_s;
+                mean.depth_m += sample_weight * row.depth_m;
+                mean.base_m += sample_weight * row.base_m;
+                mean.force_n += sample_weight * row.force_n;
+                mean.tip_m += sample_weight * row.tip_m;
             }
             let mean_s = mean.step_s;
             mean.step_s -= last_s;
@@ -360,12 +361,12 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         self.replay.step(&self.settings, &self.shape, &self.rows, deviation, &mut self.live);
     }
 
-    /// What it was made with.
+    /// Settings of the estimator.
     pub fn settings(&self) -> &Settings<T, M> {
         &self.settings
     }
 
-    /// What the tissue is at each cell's depth: stiffness and damping.
+    /// Tissue at each cell's depth: stiffness and damping.
     pub fn field(&self) -> &Field<T, C> {
         self.live.field()
     }
@@ -391,7 +392,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         self.live.evidence()
     }
 
-    /// What is known now, without a new row.
+    /// Present estimate, without a new row.
     pub fn parameters(&self) -> &[T; N] {
         self.live.parameters()
     }

@@ -37,7 +37,7 @@ pub struct Shape<T, const M: usize> {
     pub tip: [T; M],
     /// Stiffness of each mode.
     pub stiffness: [T; M],
-    /// What one cell towards the tip does to the four functions of each mode.
+    /// Effect of one cell towards the tip on the four functions of each mode.
     turns: [[T; 4]; M],
 }
 

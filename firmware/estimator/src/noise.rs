@@ -62,8 +62,9 @@ impl<T: RealField + Copy> Noise<T> {
     ) -> Result<Option<Row<T>>, SampleError> {
         let Sample { time_s, depth_m, base_m, force_n, tip_m } = *sample;
         let largest: T = convert(LARGEST);
-        let number = |value: T| value.abs() < largest;
-        if ![depth_m, base_m, force_n, tip_m].into_iter().all(number) || !time_s.is_finite() {
+        if ![depth_m, base_m, force_n, tip_m].into_iter().all(|value| value.abs() < largest)
+            || !time_s.is_finite()
+        {
             return Err(SampleError::NotANumber);
         }
         if self.last.is_some_and(|last| time_s <= last.time_s) {
@@ -89,9 +90,9 @@ impl<T: RealField + Copy> Noise<T> {
             return Ok(None);
         }
         // A rest is informative once, when the damping fades; a long one must not fill the memory.
-        let rests = !(deeper || aside);
-        let drop = rests && self.rested;
-        self.rested = rests;
+        let is_resting = !(deeper || aside);
+        let drop = is_resting && self.rested;
+        self.rested = is_resting;
         if drop {
             self.sum = [T::zero(); 5];
             self.count = T::zero();

@@ -30,8 +30,8 @@ pub struct Replay<T: RealField, const M: usize, const C: usize, const N: usize> 
 const FAR_SHARE: f64 = 0.5;
 const FAR_LEAST: f64 = 25.0;
 const MAX_FAR: u8 = 10;
-/// A step has made the fit worse where deviations have grown by this factor and this much. What it was made for are the newest rows
-/// too: the older ones may well lose a little.
+/// A step has made the fit worse where deviations have grown by this factor and this much. The kept rows are the newest
+/// ones too: the older ones may well lose a little.
 const WORSE_SHARE: f64 = 1.3;
 const WORSE_LEAST: f64 = 5.0;
 /// A replay has come to rest where its step is this short, squared, in standard deviations of the eighteen parameters together.
@@ -109,11 +109,11 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         {
             // Worse than where it came from: half the way back.
             self.halvings += 1;
-            let mut between = best;
-            for (between, here) in between.iter_mut().zip(&self.filter.parameters) {
-                *between = (*between + *here) * convert(0.5);
+            let mut midpoint = best;
+            for (midpoint, here) in midpoint.iter_mut().zip(&self.filter.parameters) {
+                *midpoint = (*midpoint + *here) * convert(0.5);
             }
-            self.begin(between);
+            self.begin(midpoint);
             return;
         }
         self.halvings = 0;
@@ -121,18 +121,19 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         self.best = Some((filter.parameters, self.next, filter.cost));
         let target = filter.solution();
         // At rest where the step is small against what is not known.
-        let mut off = T::zero();
+        let mut misfit = T::zero();
         for index in 0..N {
             let (row, _) = filter.information.row(index);
             let mut step = target;
             step.iter_mut().zip(&filter.parameters).for_each(|(step, here)| *step -= *here);
-            let part = dot(&row, &step);
-            off += part * part;
+            let row_change = dot(&row, &step);
+            misfit += row_change * row_change;
         }
-        // Where most of what is off would be gone with the step, the step is long and its outcome not certain. While the live filter
-        // does better it is not replaced: the next replay begins at the step's end, and after many of them where the live filter is.
-        let near = off < filter.squares * convert(FAR_SHARE) || off < convert(FAR_LEAST);
-        if !near && filter.squares > live.squares {
+        // If most of the misfit would vanish with the step, the step is long and its outcome not certain. While the
+        // live filter does better it is not replaced: the next replay begins at the step's end, and after many of them
+        // where the live filter is.
+        let is_converged = misfit < filter.squares * convert(FAR_SHARE) || misfit < convert(FAR_LEAST);
+        if !is_converged && filter.squares > live.squares {
             self.far += 1;
             let mut next = live.parameters;
             if self.far < MAX_FAR {
@@ -147,13 +148,13 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
             return;
         }
         self.far = 0;
-        self.settled = off < convert(SETTLED);
+        self.settled = misfit < convert(SETTLED);
         self.settled_rows = self.next;
         filter.settled = self.settled;
         filter.latest = live.latest;
         *live = filter.clone();
-        // What the step leaves of the deviations, to first order.
-        live.squares = (live.squares - off).max(live.squares * convert(0.1));
+        // Deviations that remain after the step, to first order.
+        live.squares = (live.squares - misfit).max(live.squares * convert(0.1));
         live.move_to(&target);
         self.begin(live.parameters);
     }

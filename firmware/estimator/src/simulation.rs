@@ -11,7 +11,7 @@ use super::field::{DAMPING_UNIT, Field};
 use super::needle::Shape;
 use nalgebra::{RealField, SMatrix, SVector, convert};
 
-/// Where the needle is and how it got there; parameters are those of `field`.
+/// Position and history of the needle; parameters are those of `field`.
 #[derive(Debug, Clone)]
 pub struct Simulation<T: RealField, const M: usize, const C: usize, const N: usize> {
     cell_m: T,
@@ -46,7 +46,7 @@ struct Earlier<T: RealField, const M: usize, const N: usize> {
     amplitudes_by: [[T; N]; M],
 }
 
-/// What the sensors should read, without their offsets, and its derivatives.
+/// Expected readings of the sensors, without their offsets, and their derivatives.
 #[derive(Debug, Clone)]
 pub struct Predicted<T: RealField, const M: usize, const N: usize> {
     /// Force at the base.
@@ -125,21 +125,21 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
     /// A velocity at a row is `rate (now - last_share last - earlier_share earlier)`: the backward difference of second order for
     /// steps of any length, of first order at the second row; nothing moves before the first.
     fn rates(&self, row: &Row<T>) -> [T; 3] {
-        let (zero, one) = (T::zero(), T::one());
+        let (zero, unit) = (T::zero(), T::one());
         if self.rows == 0 {
             return [zero; 3];
         }
         let rate = row.step_s.recip();
         if self.rows == 1 {
-            return [rate, one, zero];
+            return [rate, unit, zero];
         }
         let ratio = row.step_s / self.earlier.step_s;
-        let now = one + ratio / (one + ratio);
-        let earlier = ratio * ratio / (one + ratio);
-        [rate * now, (one + ratio) / now, -earlier / now]
+        let now = unit + ratio / (unit + ratio);
+        let earlier = ratio * ratio / (unit + ratio);
+        [rate * now, (unit + ratio) / now, -earlier / now]
     }
 
-    /// What a row should read with the tissue of `field`.
+    /// Expected reading of a row with the tissue of `field`.
     pub fn predict(
         &self,
         shape: &Shape<T, M>,
@@ -153,10 +153,10 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let advance_m = row.depth_m - self.depth_m;
         let first = self.rows == 0;
         let [rate, last_share, earlier_share] = self.rates(row);
-        // What the velocity is counted from: with the last two rows it is of second order.
+        // Time from which the velocity is counted: with the last two rows it is of second order.
         let mix = |last: T, earlier: T| last_share * last + earlier_share * earlier;
         let from_base_m = mix(self.base_m, self.earlier.base_m);
-        let from = self.amplitudes * last_share + self.earlier.amplitudes * earlier_share;
+        let extrapolated = self.amplitudes * last_share + self.earlier.amplitudes * earlier_share;
         // Before the first row the needle lay straight with its base where it is.
         let start_tip_m = if first { row.base_m } else { self.tip_m };
         let mut mode_values = shape.mode_values(self.length_m - row.depth_m + self.cell_m * half);
@@ -184,20 +184,21 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             // The part of the cell that is cut in this row: the path there lies between the last tip and this one.
             let [new_top_m, new_bottom_m] = self.part(cell, self.depth_m, row.depth_m);
             let new_m = new_bottom_m - new_top_m;
-            let share = if new_m > zero {
+            let new_fraction = if new_m > zero {
                 ((new_top_m + new_bottom_m) * half - self.depth_m) / advance_m
             } else {
                 zero
             };
-            let old_m = new_m * (T::one() - share);
-            let now_m = if first { zero } else { new_m * share };
+            let old_m = new_m * (T::one() - new_fraction);
+            let now_m = if first { zero } else { new_m * new_fraction };
             let cut = if first { row.base_m * length_m } else { self.cut[cell] + old_m * start_tip_m };
             let stiffness = field.stiffness[cell];
             let damper = field.damping[cell] * rate * length_m;
             let strength = stiffness * length_m + damper;
-            let before = from_base_m + psi.dot(&from);
+            let previous_m = from_base_m + psi.dot(&extrapolated);
             // Force of the cell: strength (y_b + psi q) - k (cut + now tip) - damper before, the tip being y_b + psi_L q.
-            let constant = strength * row.base_m - stiffness * (cut + now_m * row.base_m) - damper * before;
+            let constant =
+                strength * row.base_m - stiffness * (cut + now_m * row.base_m) - damper * previous_m;
             let slope = psi * strength - tip * (stiffness * now_m);
             matrix.ger(T::one(), &psi, &slope, T::one());
             if damper > zero {
@@ -210,7 +211,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             sum += constant;
             sum_by += slope;
             damper_sum.axpy(damper, &psi, T::one());
-            loads[cell] = CellLoad { length_m, old_m, now_m, cut, before };
+            loads[cell] = CellLoad { length_m, old_m, now_m, cut, before: previous_m };
         }
         let inverse = matrix.try_inverse()?;
         let amplitudes = inverse * right;
@@ -224,13 +225,13 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let mut modes_by = [[zero; N]; M];
         let mut force_by = [zero; N];
         for (k, (last, earlier)) in self.amplitudes_by.iter().zip(&self.earlier.amplitudes_by).enumerate() {
-            let mut by = [zero; N];
-            add(&mut by, last_share, last);
-            add(&mut by, earlier_share, earlier);
+            let mut gradient = [zero; N];
+            add(&mut gradient, last_share, last);
+            add(&mut gradient, earlier_share, earlier);
             for (i, mode_by) in modes_by.iter_mut().enumerate() {
-                add(mode_by, -dampers[(i, k)], &by);
+                add(mode_by, -dampers[(i, k)], &gradient);
             }
-            add(&mut force_by, -damper_sum[k], &by);
+            add(&mut force_by, -damper_sum[k], &gradient);
         }
         let cell_loads = loads.iter().zip(&psi_of).zip(&self.cut_by).take(cells).enumerate();
         for (cell, ((load, psi), cut_by)) in cell_loads {
@@ -238,19 +239,27 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             let deflection_m = row.base_m + psi.dot(&amplitudes);
             let stiffness = field.stiffness[cell];
             let spring = stiffness * (deflection_m * length_m - cut - now_m * tip_m);
-            let mut by = cut_by.map(|by| -stiffness * by);
+            let mut gradient = cut_by.map(|by| -stiffness * by);
             if old_m > zero {
-                add(&mut by, -stiffness * old_m, &self.tip_by);
+                add(&mut gradient, -stiffness * old_m, &self.tip_by);
             }
-            let (at, basis) = field.stiffness_basis(cell);
-            by.iter_mut().skip(at).zip(basis).for_each(|(by, &basis)| *by += spring * basis);
+            let (parameter, basis) = field.stiffness_basis(cell);
+            gradient
+                .iter_mut()
+                .skip(parameter)
+                .zip(basis)
+                .for_each(|(gradient, &basis)| *gradient += spring * basis);
             // At no damping too: what more of it would do.
             let velocity = (deflection_m - before) * rate * length_m * unit;
-            let (at, basis) = field.damping_basis(cell);
-            by.iter_mut().skip(at).zip(basis).for_each(|(by, &basis)| *by += velocity * basis);
-            add(&mut force_by, T::one(), &by);
+            let (parameter, basis) = field.damping_basis(cell);
+            gradient
+                .iter_mut()
+                .skip(parameter)
+                .zip(basis)
+                .for_each(|(gradient, &basis)| *gradient += velocity * basis);
+            add(&mut force_by, T::one(), &gradient);
             for (mode_by, &psi) in modes_by.iter_mut().zip(psi.iter()) {
-                add(mode_by, psi, &by);
+                add(mode_by, psi, &gradient);
             }
         }
         let mut amplitudes_by = [[zero; N]; M];
@@ -285,8 +294,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
                 let [top_m, bottom_m] = self.part(cell, T::zero(), row.depth_m);
                 self.cut[cell] = row.base_m * (bottom_m - top_m);
             } else if new_m > T::zero() {
-                let share = ((top_m + bottom_m) * half - self.depth_m) / advance_m;
-                let (old_m, now_m) = (new_m * (T::one() - share), new_m * share);
+                let cell_fraction = ((top_m + bottom_m) * half - self.depth_m) / advance_m;
+                let (old_m, now_m) = (new_m * (T::one() - cell_fraction), new_m * cell_fraction);
                 self.cut[cell] += old_m * self.tip_m + now_m * tip_m;
                 for (j, by) in self.cut_by[cell].iter_mut().enumerate() {
                     *by += old_m * self.tip_by[j] + now_m * tip_by[j];
@@ -333,7 +342,7 @@ fn add<T: RealField + Copy, const N: usize>(sum: &mut [T; N], factor: T, row: &[
     }
 }
 
-/// What a cell's springs and dampers pull with, kept between the two passes over the cells.
+/// Forces of a cell's springs and dampers, kept between the two passes over the cells.
 #[derive(Debug, Clone, Copy)]
 struct CellLoad<T> {
     length_m: T,

@@ -71,9 +71,9 @@ fn derivatives_are_those_of_the_whole_insertion() {
             moved[index] += step;
             last(&moved).0
         };
-        let (up, down) = (at(1e-4), at(-1e-4));
+        let (upper, lower) = (at(1e-4), at(-1e-4));
         for channel in 0..2 {
-            let difference = (up[channel] - down[channel]) / 2e-4;
+            let difference = (upper[channel] - lower[channel]) / 2e-4;
             let derivative = derivatives[channel][index];
             let scale = derivatives[channel].iter().fold(0.0_f64, |most, by| most.max(by.abs()));
             assert!(
@@ -157,15 +157,14 @@ proptest! {
         samples in prop::collection::vec((0.0_f32..0.5, number(), number(), number(), number()), 1..200),
         start in (1e-3_f32..1e12, 0.0_f32..1e12),
     ) {
-        let single = |mode: Mode<f64>| Mode {
-            wave_number_per_m: mode.wave_number_per_m as f32,
-            frequency_rad_s: mode.frequency_rad_s as f32,
-            factors: mode.factors.map(|factor| factor as f32),
-        };
         let settings = Settings {
             layout: LAYOUT,
             start: [start.0, start.1],
-            ..Settings::new(0.13, 0.3, modes().map(single))
+            ..Settings::new(0.13, 0.3, modes().map(|mode| Mode {
+            wave_number_per_m: mode.wave_number_per_m as f32,
+            frequency_rad_s: mode.frequency_rad_s as f32,
+            factors: mode.factors.map(|factor| factor as f32),
+        }))
         };
         let mut tracker = Tracker::<f32, MODES, CELLS, PARAMETERS, 16>::new(settings).expect("fits");
         let mut time_s = 0.0;

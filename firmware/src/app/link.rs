@@ -16,7 +16,7 @@ use protocol::{
     encode_envelope,
 };
 
-/// How often room in the port's buffer is polled.
+/// Interval at which room in the port's buffer is polled.
 const ROOM: Duration = Duration::from_millis(10);
 
 #[embassy_executor::task]

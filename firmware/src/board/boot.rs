@@ -1,11 +1,11 @@
-//! Which boot this is and why it happened.
+//! Number of this boot, and its cause.
 
 use super::retained;
 use control::retained::ControllerState;
 use embassy_stm32::pac::{RCC, UID};
 use protocol::{CalibrationRecord, PANIC_BYTES, ResetReason, Text};
 
-/// What is known of this boot.
+/// Description of this boot.
 #[derive(Clone, Debug)]
 pub struct BootInfo {
     /// Differs from boot to boot and from chip to chip.

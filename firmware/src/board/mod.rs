@@ -1,4 +1,4 @@
-//! The board: clocks, drivers and start-up. Which board it is, is chosen by a feature ([`pins`]).
+//! The board: clocks, drivers and start-up. A feature chooses the board ([`pins`]).
 //!
 //! [`take`] does all of it once and returns the pieces; the drivers are those of `embassy-stm32` and are the same on the
 //! board and in QEMU. The two images differ in what happens before and beneath: in QEMU a trap layer stands in for the
@@ -50,9 +50,9 @@ pub struct Board {
     pub serial: Serial,
     /// Constants of the rig: the stored ones, or those of the rig as designed.
     pub calibration: Calibration,
-    /// Which of the two.
+    /// Source of the calibration.
     pub origin: Origin,
-    /// Which boot this is and why it happened.
+    /// Number of this boot, and its cause.
     pub boot: BootInfo,
     /// Runs tasks at control priority.
     pub control: SendSpawner,
@@ -140,7 +140,8 @@ fn count_start(store: &mut Store) -> u32 {
     next.count
 }
 
-/// Stores what is to be stored, and reads what is. Where there is nothing sound, it is the rig as designed, which the hello reports.
+/// Stores what is to be stored, and reads what is. Without a valid record it is the rig as designed, which the hello
+/// reports.
 fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibration, Origin) {
     let mut choice = choose(&mut store);
     if let Some(record) = to_store {

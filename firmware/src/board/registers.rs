@@ -1,8 +1,9 @@
 //! The registers that decide how fast, how exactly and how safely everything runs, read back once it does.
 //!
-//! What they have to hold is stated here in bits, from the chip's reference manual (RM0351, sections in brackets); the drivers set them
-//! from frequencies and modes. The log names every value at the start, where a test compares it with the quantities that are
-//! meant. A register that holds something else ends the run: the device restarts, and its next hello names the register.
+//! Their required contents are stated here in bits, from the chip's reference manual (RM0351, sections in brackets);
+//! the drivers set them from frequencies and modes. The log names every value at the start, where a test compares it
+//! with the quantities that are meant. A register that holds something else ends the run: the device restarts, and its
+//! next hello names the register.
 
 use super::pins;
 use embassy_stm32::pac::{ADC1, FLASH, IWDG, PWR, RCC, SPI1, TIM2, TIM3};
@@ -13,7 +14,7 @@ pub(crate) struct Register {
     read: fn() -> u32,
     /// The bits that matter.
     mask: u32,
-    /// What they have to be.
+    /// Required content.
     expected: u32,
 }
 

@@ -1,5 +1,5 @@
-//! What outlives a reset, in memory that start-up leaves alone: how often the watchdog has ended a start, the last panic, a calibration that is
-//! to be stored at the next start, the latched fault and how the motors were driven.
+//! State that outlives a reset, in memory that start-up leaves alone: how often the watchdog has ended a start, the
+//! last panic, a calibration that is to be stored at the next start, the latched fault and how the motors were driven.
 //!
 //! After power-on the memory holds anything, so that every part carries its own check.
 
@@ -40,7 +40,7 @@ unsafe fn with<R>(work: impl FnOnce(&mut Retained) -> R) -> R {
     work(unsafe { &mut *ptr::addr_of_mut!(RETAINED).cast::<Retained>() })
 }
 
-/// What the last run has left.
+/// State that the last run has left.
 pub(super) struct RetainedState {
     /// Restarts by the watchdog on end, none of which ran for long.
     pub(super) hangs: u32,
@@ -59,8 +59,8 @@ pub(super) fn take() -> RetainedState {
     // SAFETY: no task runs yet.
     unsafe {
         with(|retained| {
-            let kept = retained.kept_magic == KEPT_MAGIC;
-            let hangs = if kept { retained.hangs } else { 0 };
+            let has_record = retained.kept_magic == KEPT_MAGIC;
+            let hangs = if has_record { retained.hangs } else { 0 };
             retained.kept_magic = KEPT_MAGIC;
             let text = (retained.panic_magic == PANIC_MAGIC)
                 .then(|| retained.panic.get(..retained.panic_length as usize))
@@ -70,7 +70,7 @@ pub(super) fn take() -> RetainedState {
             retained.panic_magic = 0;
             retained.calibration = [0; STORED_BYTES];
             let controller = ControllerState::from_bytes(&retained.controller);
-            RetainedState { hangs, kept, panic, calibration, controller }
+            RetainedState { hangs, kept: has_record, panic, calibration, controller }
         })
     }
 }
@@ -89,7 +89,7 @@ pub fn runs() {
 /// Leaves a panic for the next run; with interrupts off.
 pub(super) fn leave_panic(what: &dyn fmt::Display) {
     let mut text = Cut { bytes: [0; PANIC_BYTES], length: 0 };
-    // What does not fit is cut off.
+    // Text that does not fit is cut off.
     let _ = write!(text, "{what}");
     // SAFETY: interrupts are off and this run is over.
     unsafe {

@@ -19,9 +19,9 @@ pub const STORE_BYTES: usize = 512;
 const PAGE_BYTES: u32 = 2048;
 /// Pages of the store.
 const PAGES: usize = SLOTS + starts::PAGES;
-/// Where the first page begins, from the beginning of the flash.
+/// Start of the first page, from the beginning of the flash.
 const FIRST_OFFSET: u32 = 1024 * 1024 - PAGES as u32 * PAGE_BYTES;
-/// What erased flash reads.
+/// Byte of erased flash.
 const ERASED: u8 = 0xFF;
 
 /// Why nothing was stored.
@@ -53,8 +53,8 @@ impl Store {
 
     /// Reads a page from its beginning; what was never written reads `0xFF`, as does all beyond [`STORE_BYTES`].
     pub fn read(&mut self, slot: usize, bytes: &mut [u8]) {
-        let (stored, beyond) = bytes.split_at_mut(bytes.len().min(STORE_BYTES));
-        beyond.fill(ERASED);
+        let (stored, page_tail) = bytes.split_at_mut(bytes.len().min(STORE_BYTES));
+        page_tail.fill(ERASED);
         if self.flash.blocking_read(offset_of(slot), stored).is_err() {
             stored.fill(ERASED);
         }
@@ -108,10 +108,10 @@ impl Store {
 
     fn compare(&mut self, page: u32, bytes: &[u8]) -> Result<(), StoreError> {
         for (offset, chunk) in (page..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
-            let mut found = [0; WRITE_SIZE];
-            let found = &mut found[..chunk.len()];
-            self.flash.blocking_read(offset, found)?;
-            if found != chunk {
+            let mut buffer = [0; WRITE_SIZE];
+            let page_bytes = &mut buffer[..chunk.len()];
+            self.flash.blocking_read(offset, page_bytes)?;
+            if page_bytes != chunk {
                 return Err(StoreError::Differs);
             }
         }
@@ -119,13 +119,13 @@ impl Store {
     }
 }
 
-/// Where a page begins: those of the calibrations are the last of the flash.
+/// Start of a page: those of the calibrations are the last of the flash.
 const fn offset_of(slot: usize) -> u32 {
-    let place = match slot.checked_sub(SLOTS) {
+    let page_index = match slot.checked_sub(SLOTS) {
         Some(of_starts) => of_starts % starts::PAGES,
         None => slot % SLOTS + starts::PAGES,
     };
-    FIRST_OFFSET + place as u32 * PAGE_BYTES
+    FIRST_OFFSET + page_index as u32 * PAGE_BYTES
 }
 
 /// Switches the cache of data read from flash off. While one bank is written and the other read, the chip may put wrong data

@@ -4,8 +4,8 @@
 //! QEMU models the core, the clocks, GPIO and the serial port of this board, but no timers, converters, SPI, power
 //! control or watchdog. Here the registers it lacks are put behind no-access regions of the memory protection unit;
 //! every access to them faults, and the fault handler decodes the instruction, performs it on a software model of the
-//! peripheral and returns behind it ([`trap`]). The drivers notice nothing. What they command goes to the plant, and
-//! what the plant senses comes back, in one exchange per millisecond ([`time`], [`link`]).
+//! peripheral and returns behind it ([`trap`]). The drivers notice nothing. Their commands go to the plant, and its
+//! sensors' values come back, in one exchange per millisecond ([`time`], [`link`]).
 //!
 //! One [`Machine`] holds all models. It is reached from the fault handler and from the SysTick handler only; the latter
 //! masks interrupts and touches no trapped register meanwhile, so the two never overlap.
@@ -109,7 +109,7 @@ impl Machine {
         Ok(())
     }
 
-    /// What the program commands, for the plant.
+    /// Commands of the program, for the plant.
     fn request(&mut self, step: u32) -> PlantRequest {
         // Bridge X is on the channels 3 and 4 of its timer.
         let [y_in1, y_in2] = emulated::BRIDGE_Y;
@@ -128,7 +128,7 @@ impl Machine {
         }
     }
 
-    /// What the plant senses, for the program.
+    /// Sensor values of the plant, for the program.
     fn latch(&mut self, reply: &PlantReply) {
         self.adc.potentiometer_codes = reply.potentiometer_codes;
         self.adc.conversion_us = reply.potentiometer_conversion_us;

@@ -23,8 +23,8 @@ impl Stopwatch {
         timer.clear_current();
         timer.enable_counter();
         let mut stopwatch = Self { known: 1 };
-        let (_, known) = stopwatch.ticks(|| cortex_m::asm::delay(KNOWN_INSTRUCTIONS));
-        stopwatch.known = known.max(1);
+        let (_, ticks) = stopwatch.ticks(|| cortex_m::asm::delay(KNOWN_INSTRUCTIONS));
+        stopwatch.known = ticks.max(1);
         stopwatch
     }
 

@@ -107,7 +107,7 @@ impl Driver for SysTickTime {
         cortex_m::interrupt::free(|cs| {
             let mut queue = self.queue.borrow(cs).borrow_mut();
             if queue.schedule_wake(at, waker) {
-                // What is due already is woken now; the rest at its tick.
+                // Due alarms are woken now; the others at their tick.
                 queue.next_expiration(now_us());
             }
         });
@@ -128,9 +128,10 @@ pub fn start_time() {
 
 /// Ends the running period at once where nothing is left to do in it; with interrupts masked.
 ///
-/// A core that sleeps costs QEMU far more than one that works: its main loop has to wake up, move the clock on, and wake up the core's
-/// thread, which on a virtual machine is most of a period's time. Nothing but the end of the period would wake it: converters and bus are
-/// modelled without interrupts, and bytes of the serial line come when the computer has them.
+/// A core that sleeps costs QEMU far more than one that works: its main loop has to wake up, move the clock on, and
+/// wake up the core's thread, which on a virtual machine is most of a period's time. Only the end of the period would
+/// wake it: converters and bus are modelled without interrupts, and bytes of the serial line come when the computer has
+/// them.
 pub fn end_period() {
     /// Exceptions are pending, SysTick's among them: ICSR.ISRPENDING and PENDSTSET.
     const PENDING: u32 = 1 << 22 | 1 << 26;

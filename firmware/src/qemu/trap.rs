@@ -47,7 +47,7 @@ const RASR_ATTRIBUTES: u32 = 1 << 28 | 1 << 16;
 /// MPU on, default map for privileged code elsewhere, off in the hard fault.
 const CTRL_ENABLE: u32 = 0b101;
 
-/// Where code is: the flash.
+/// Addresses of code: the flash.
 const CODE: Range<u32> = 0x0800_0000..0x0810_0000;
 
 /// Accesses emulated since start-up.
@@ -75,7 +75,7 @@ pub(super) fn protect() {
     cortex_m::asm::isb();
 }
 
-/// What the core stacks on an exception.
+/// Registers that the core stacks on an exception.
 #[repr(C)]
 struct Frame {
     r0_to_r3: [u32; 4],

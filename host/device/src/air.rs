@@ -21,7 +21,7 @@ const SETTLING_S: f64 = 0.5;
 /// Time that a move may take beyond that at its speed, and that lies between two programs for the host, seconds.
 const MOVE_EXTRA_S: f64 = 1.0;
 const BETWEEN_S: f64 = 2.0;
-/// How far from zero guide 2 may be before the first tare, millimetres.
+/// Largest distance of guide 2 from zero before the first tare, millimetres.
 const FARTHEST_MM: f64 = 10.0;
 
 /// Axis of a run.
@@ -50,7 +50,7 @@ pub fn reach_mm(stiffness_n_per_m: f64) -> f64 {
     (1e3 * FORCE_N / stiffness_n_per_m).min(LARGEST_MM).max(least_mm)
 }
 
-/// What comes before each run and is not recorded: home, and a tare there.
+/// Program that comes before each run and is not recorded: home, and a tare there.
 ///
 /// # Errors
 /// What was expected of a constant that is none of the device's.
@@ -112,8 +112,8 @@ impl Timetable {
         match *step {
             Step::Move { x_um, y_um, speed_um_s } => {
                 let target_mm = 1e-3 * f64::from(if x_um == 0 { y_um } else { x_um });
-                let way_mm = (target_mm - std::mem::replace(&mut self.from_mm, target_mm)).abs();
-                way_mm / (1e-3 * f64::from(speed_um_s)) + MOVE_EXTRA_S
+                let distance_mm = (target_mm - std::mem::replace(&mut self.from_mm, target_mm)).abs();
+                distance_mm / (1e-3 * f64::from(speed_um_s)) + MOVE_EXTRA_S
             }
             Step::Hold { duration_ms } | Step::Tare { duration_ms } | Step::Ramp { duration_ms, .. } => {
                 1e-3 * f64::from(duration_ms)
@@ -128,11 +128,14 @@ mod tests {
     use protocol::MAX_STEPS;
 
     fn targets_um(program: &Program) -> Vec<[i32; 2]> {
-        let target = |step: &Step| match *step {
-            Step::Move { x_um, y_um, .. } => Some([x_um, y_um]),
-            _ => None,
-        };
-        program.device_steps().iter().filter_map(target).collect()
+        program
+            .device_steps()
+            .iter()
+            .filter_map(|step| match *step {
+                Step::Move { x_um, y_um, .. } => Some([x_um, y_um]),
+                _ => None,
+            })
+            .collect()
     }
 
     #[test]
@@ -153,19 +156,19 @@ mod tests {
         for extreme_um in [4_000, -4_000] {
             assert!(targets_um.contains(&[0, extreme_um]));
         }
-        let across = run_program(Axis::X, 4.0).unwrap();
-        assert!(super::tests::targets_um(&across).iter().all(|[_, y_um]| *y_um == 0));
+        let x_program = run_program(Axis::X, 4.0).unwrap();
+        assert!(super::tests::targets_um(&x_program).iter().all(|[_, y_um]| *y_um == 0));
     }
 
     #[test]
     fn sweeps_are_taken_in_holds_at_zero_and_at_the_extremes() {
         let program = run_program(Axis::X, 2.0).unwrap();
-        let mut at_um = 0;
+        let mut position_um = 0;
         let mut swept_um = Vec::new();
         for planned in &program.steps {
             match planned.step {
-                Step::Move { x_um, .. } => at_um = x_um,
-                Step::Hold { .. } if planned.sweep => swept_um.push(at_um),
+                Step::Move { x_um, .. } => position_um = x_um,
+                Step::Hold { .. } if planned.sweep => swept_um.push(position_um),
                 _ => assert!(!planned.sweep),
             }
         }

@@ -15,10 +15,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use sweeps::Sweeps;
 
-/// How often rows are handed to the operating system.
+/// Interval at which rows are handed to the operating system.
 const FLUSH_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Why a recording ended early or failed. What was recorded until then is in the session.
+/// Why a recording ended early or failed. The session keeps the rows that were recorded until then.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The link or the device.
@@ -50,7 +50,7 @@ pub enum RecordError {
     },
 }
 
-/// Where sweeps come from.
+/// Source of sweeps.
 #[derive(Debug)]
 pub enum Ultrasound<'a> {
     /// From nowhere: displacement and force alone are recorded.
@@ -80,7 +80,7 @@ pub trait AcquisitionObserver {
 /// No observer.
 impl AcquisitionObserver for () {}
 
-/// What a recording holds.
+/// Contents of a recording.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
 pub struct Recorded {
     /// Samples written.
@@ -93,14 +93,14 @@ pub struct Recorded {
     pub samples_missing: u64,
     /// Samples without a valid reading of the force, which are left out.
     pub samples_without_force: u64,
-    /// How often the device's clock has stepped back, without a restart: what follows is a segment of its own, whose times go on from those
-    /// of the one before.
+    /// Number of times the device's clock has stepped back without a restart: what follows is a segment of its own,
+    /// whose times go on from those of the one before.
     pub clock_steps: u64,
-    /// What the link lost.
+    /// Losses of the link.
     pub link: LinkLosses,
 }
 
-/// What a run of this device is recorded with; `tared` is whether its force has a zero that was measured, where that is known.
+/// Provenance of a run of this device; `tared` is whether its force has a zero that was measured, if that is known.
 pub fn provenance(hello: &Hello, tared: Option<bool>) -> Provenance {
     Provenance {
         calibration_id: Some(hello.calibration.id.as_str().to_owned()),
@@ -119,7 +119,7 @@ pub struct Recorder<'w, 's> {
     /// Time of the latest row, and between it and the one before, seconds.
     last_s: f64,
     step_s: f64,
-    /// What is added to the device's times since its clock has stepped back, seconds.
+    /// Time that is added to the device's times since its clock has stepped back, seconds.
     ahead_s: f64,
     last_flush: Instant,
 }
@@ -141,7 +141,7 @@ impl<'w, 's> Recorder<'w, 's> {
         }
     }
 
-    /// What has been written so far.
+    /// Counts of the rows written so far.
     pub fn recorded(&self) -> Recorded {
         self.recorded
     }
@@ -151,7 +151,7 @@ impl<'w, 's> Recorder<'w, 's> {
     /// # Errors
     /// Errors of the session's files.
     pub fn batch(&mut self, batch: &Batch) -> Result<(), SessionError> {
-        // What was lost before the first row lies outside the run.
+        // Losses before the first row lie outside the run.
         let mut lost_before = if self.first_s.is_some() { batch.lost_before } else { 0 };
         self.recorded.samples_missing += lost_before;
         for point in &batch.points {
@@ -184,7 +184,8 @@ impl<'w, 's> Recorder<'w, 's> {
         Ok(())
     }
 
-    /// Time of a row, of the device's. Where its clock has stepped back, a remark among the rows states that a new segment begins.
+    /// Time of a row, of the device's. If its clock has stepped back, a remark among the rows states that a new segment
+    /// begins.
     fn time_s(&mut self, device_s: f64) -> Result<f64, SessionError> {
         let mut time_s = device_s + self.ahead_s;
         if time_s <= self.last_s {

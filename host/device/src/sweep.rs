@@ -66,16 +66,25 @@ impl Sweep {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let shape = ShapeSeries::parse(Path::new("the sweep command's output"), text)
             .map_err(|fault| SweepError::Output(Arc::new(fault)))?;
-        let own = |column: &Option<Vec<f64>>, row: usize| column.as_ref().and_then(|c| c.get(row)).copied();
-        let row = |(row, (z_m, deflection_y_m)): (usize, (&f64, &f64))| {
-            let deflection_x_m = own(&shape.x_m, row).unwrap_or(0.0);
-            let (z_m, deflection_y_m) = (*z_m, *deflection_y_m);
-            (
-                own(&shape.time_s, row),
-                ShapeRow { time_s: 0.0, z_m, deflection_y_m, deflection_x_m, image: None },
-            )
-        };
-        Ok(Self { rows: shape.z_m.iter().zip(&shape.y_m).enumerate().map(row).collect() })
+        fn own(column: &Option<Vec<f64>>, row: usize) -> Option<f64> {
+            column.as_ref().and_then(|c| c.get(row)).copied()
+        }
+        Ok(Self {
+            rows: shape
+                .z_m
+                .iter()
+                .zip(&shape.y_m)
+                .enumerate()
+                .map(|(row, (z_m, deflection_y_m))| {
+                    let deflection_x_m = own(&shape.x_m, row).unwrap_or(0.0);
+                    let (z_m, deflection_y_m) = (*z_m, *deflection_y_m);
+                    (
+                        own(&shape.time_s, row),
+                        ShapeRow { time_s: 0.0, z_m, deflection_y_m, deflection_x_m, image: None },
+                    )
+                })
+                .collect(),
+        })
     }
 
     /// Samples with times of their own.
@@ -89,7 +98,8 @@ impl Sweep {
     }
 }
 
-/// Where a frames command has saved its sequence: the last line of its output, a file or a folder.
+/// Path at which a frames command has saved its sequence: the last line of its output, a file or a
+/// folder.
 ///
 /// # Errors
 /// [`SweepError::NoFrames`] where there is no such file.
@@ -109,18 +119,21 @@ impl<T: Send + 'static> SweepTask<T> {
     /// # Errors
     /// [`SweepError::Start`].
     pub fn start(command: &str, parse: fn(&str) -> Result<T, SweepError>) -> Result<Self, SweepError> {
-        let cannot = |cause: String| SweepError::Start { command: command.to_owned(), cause };
+        fn cannot(cause: String, command: &str) -> SweepError {
+            SweepError::Start { command: command.to_owned(), cause }
+        }
         let words = words::split(command).filter(|words| !words.is_empty());
-        let words =
-            words.ok_or_else(|| cannot("a quotation mark is not closed, or it is empty".to_owned()))?;
-        let (program, arguments) = words.split_first().ok_or_else(|| cannot("it is empty".to_owned()))?;
+        let words = words
+            .ok_or_else(|| cannot("a quotation mark is not closed, or it is empty".to_owned(), command))?;
+        let (program, arguments) =
+            words.split_first().ok_or_else(|| cannot("it is empty".to_owned(), command))?;
         let mut child = Command::new(program)
             .args(arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
-            .map_err(|error| cannot(error.to_string()))?;
+            .map_err(|error| cannot(error.to_string(), command))?;
         let (sender, receiver) = mpsc::channel();
         let command = command.to_owned();
         std::thread::spawn(move || {
@@ -157,13 +170,13 @@ impl<T: Send + 'static> SweepTask<T> {
 /// The last words of a stream.
 fn tail(mut stream: impl Read) -> String {
     const KEPT: usize = 2048;
-    let mut kept = Vec::new();
+    let mut kept_bytes = Vec::new();
     let mut chunk = [0; 1024];
     while let Ok(length @ 1..) = stream.read(&mut chunk) {
-        kept.extend_from_slice(&chunk[..length]);
-        kept.drain(..kept.len().saturating_sub(KEPT));
+        kept_bytes.extend_from_slice(&chunk[..length]);
+        kept_bytes.drain(..kept_bytes.len().saturating_sub(KEPT));
     }
-    String::from_utf8_lossy(&kept).into_owned()
+    String::from_utf8_lossy(&kept_bytes).into_owned()
 }
 
 #[cfg(test)]
@@ -197,14 +210,16 @@ mod tests {
 
     #[test]
     fn faults_name_the_line() {
-        let message = |text: &str| Sweep::parse(text).unwrap_err().to_string();
+        fn message(text: &str) -> String {
+            Sweep::parse(text).unwrap_err().to_string()
+        }
         for (text, expected) in [
             ("z_mm,u\n1,2\n", ":1:1: deflection_y_mm: missing, expected a header with z_mm, deflection_y_mm"),
             ("z_mm,deflection_y_mm\n1,2\n3,x\n", ":3:3: deflection_y_mm: \"x\" is not a number"),
             ("z_mm,deflection_y_mm\n1,nan\n", ":2:3: deflection_y_mm: not a finite number"),
             ("z_mm,deflection_y_mm\n", ":1:1: rows: no rows"),
             ("z_mm,deflection_y_mm\n1,2,3\n", ":2:5: row: 3 cells, expected 2"),
-            // What no session could be read with afterwards.
+            // Rows with which no session could be read afterwards.
             ("z_mm,deflection_y_mm\n-1,0\n", ":2:1: z_mm: -1 is out of range"),
         ] {
             let message = message(text);

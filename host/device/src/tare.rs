@@ -13,7 +13,7 @@ const NOISE_SHARE: f64 = 0.02;
 /// Readings from which on a sound converter must have given [`UNIQUE_CODES`] different codes.
 const READINGS_FOR_CODES: u32 = 100;
 
-/// What a tare found along one axis.
+/// Result of a tare along one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TareAxis {
     /// Force that is zero from now on, from the converter's own zero, newtons.
@@ -28,7 +28,7 @@ pub struct TareAxis {
     pub drift_ci95_n_per_s: Option<[f64; 2]>,
 }
 
-/// What a tare found and how good its readings were.
+/// Zeros of a tare and the quality of its readings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TareQuality {
     /// Along x and y.
@@ -66,7 +66,7 @@ pub enum TareFault {
         axis: char,
         /// Newtons in a minute.
         n_per_minute: f64,
-        /// What is allowed, newtons in a minute.
+        /// Allowed drift, newtons in a minute.
         limit_n: f64,
     },
     /// The readings scatter more than a sensor at rest does.
@@ -76,7 +76,7 @@ pub enum TareFault {
         axis: char,
         /// Standard deviation of a reading, newtons.
         sd_n: f64,
-        /// What is allowed, newtons.
+        /// Allowed value, newtons.
         limit_n: f64,
     },
     /// The converter gives the same few codes.
@@ -103,25 +103,24 @@ impl TareQuality {
     fn of(tare: &Tare, count_n: f64, period_s: f64, force_range_n: f64) -> Self {
         let duration_s = f64::from(tare.periods) * period_s;
         let n = f64::from(tare.readings);
-        let axis = |((zero, sd), drift): ((i32, u32), i32)| {
-            let (sd_n, drift_n_per_s) = (f64::from(sd) * count_n, f64::from(drift) * count_n);
-            // Slope of a line through n evenly spread readings with white noise, per reading, times readings per second.
-            let slope_sd = sd_n * (12.0 / n.powi(3)).sqrt() * (n / duration_s);
-            let t = StudentsT::new(0.0, 1.0, n - 2.0).ok().filter(|_| duration_s > 0.0);
-            let half = t.map(|t| t.inverse_cdf(0.975) * slope_sd);
-            TareAxis {
-                zero_n: f64::from(zero) * count_n,
-                zero_standard_error_n: (n > 0.0).then(|| sd_n / n.sqrt()),
-                sd_n,
-                drift_n_per_s,
-                drift_ci95_n_per_s: half.map(|half| [drift_n_per_s - half, drift_n_per_s + half]),
-            }
-        };
         let [zero_x, zero_y] = tare.zero_counts;
         let [sd_x, sd_y] = tare.sd_counts;
         let [drift_x, drift_y] = tare.drift_counts_per_s;
         Self {
-            axes: [((zero_x, sd_x), drift_x), ((zero_y, sd_y), drift_y)].map(axis),
+            axes: [((zero_x, sd_x), drift_x), ((zero_y, sd_y), drift_y)].map(|((zero, sd), drift)| {
+                let (sd_n, drift_n_per_s) = (f64::from(sd) * count_n, f64::from(drift) * count_n);
+                // Slope of a line through n evenly spread readings with white noise, per reading, times readings per second.
+                let slope_sd = sd_n * (12.0 / n.powi(3)).sqrt() * (n / duration_s);
+                let t = StudentsT::new(0.0, 1.0, n - 2.0).ok().filter(|_| duration_s > 0.0);
+                let half = t.map(|t| t.inverse_cdf(0.975) * slope_sd);
+                TareAxis {
+                    zero_n: f64::from(zero) * count_n,
+                    zero_standard_error_n: (n > 0.0).then(|| sd_n / n.sqrt()),
+                    sd_n,
+                    drift_n_per_s,
+                    drift_ci95_n_per_s: half.map(|half| [drift_n_per_s - half, drift_n_per_s + half]),
+                }
+            }),
             duration_s,
             readings: tare.readings,
             expected_readings: tare.periods,
@@ -135,15 +134,16 @@ impl TareQuality {
         (self.duration_s > 0.0).then(|| f64::from(self.readings) / self.duration_s)
     }
 
-    /// What is wrong with it; empty where it is good.
+    /// Faults of the tare; empty if it is good.
     pub fn faults(&self) -> Vec<TareFault> {
         if self.readings == 0 {
             return vec![TareFault::NoReadings];
         }
         let mut faults = Vec::new();
-        let share = 1.0 - f64::from(self.readings) / f64::from(self.expected_readings.max(self.readings));
-        if share > MISSING_SHARE {
-            faults.push(TareFault::Missing { share });
+        let missing_fraction =
+            1.0 - f64::from(self.readings) / f64::from(self.expected_readings.max(self.readings));
+        if missing_fraction > MISSING_SHARE {
+            faults.push(TareFault::Missing { share: missing_fraction });
         }
         for (axis, found) in ['x', 'y'].into_iter().zip(&self.axes) {
             let limit_n = DRIFT_PER_MINUTE * self.force_range_n;
@@ -208,10 +208,10 @@ mod tests {
 
     #[test]
     fn what_is_wrong_is_reported() {
-        let faulty = |tare: Tare, expected: &str| {
+        fn faulty(tare: Tare, expected: &str) {
             let verdict = of(tare).verdict();
             assert!(verdict.contains(expected), "{verdict}");
-        };
+        }
         faulty(Tare { readings: 0, ..GOOD }, "no reading was valid");
         faulty(Tare { readings: 0, periods: 0, ..GOOD }, "no reading was valid");
         faulty(Tare { readings: 980, ..GOOD }, "2.0 % of the readings are missing");
@@ -221,9 +221,9 @@ mod tests {
         );
         faulty(Tare { sd_counts: [2_500, 90], ..GOOD }, "x scatters by 0.125 N");
         faulty(Tare { unique_codes: [UNIQUE_CODES, 3], ..GOOD }, "channel 1 gave only 3 distinct codes");
-        let both = of(Tare { readings: 900, unique_codes: [1, UNIQUE_CODES], ..GOOD });
-        assert_eq!(both.faults().len(), 2);
-        assert!(both.verdict().contains("; "));
+        let two_faults = of(Tare { readings: 900, unique_codes: [1, UNIQUE_CODES], ..GOOD });
+        assert_eq!(two_faults.faults().len(), 2);
+        assert!(two_faults.verdict().contains("; "));
     }
 
     #[test]
@@ -240,7 +240,7 @@ mod tests {
     fn the_interval_of_the_drift_has_its_stated_coverage() {
         let mut noise = Noise::new(11);
         let (n, trials) = (200, 400);
-        let mut inside = 0;
+        let mut covered = 0;
         for _ in 0..trials {
             let values: Vec<f64> = (0..n).map(|_| 100.0 * noise.normal()).collect();
             let centre = 0.5 * f64::from(n - 1);
@@ -255,9 +255,9 @@ mod tests {
                 ..GOOD
             };
             let [low, high] = of(tare).axes[0].drift_ci95_n_per_s.expect("readings");
-            inside += u32::from(low <= 0.0 && 0.0 <= high);
+            covered += u32::from(low <= 0.0 && 0.0 <= high);
         }
-        let share = f64::from(inside) / f64::from(trials);
-        assert!((0.92..=0.98).contains(&share), "{share}");
+        let coverage = f64::from(covered) / f64::from(trials);
+        assert!((0.92..=0.98).contains(&coverage), "{coverage}");
     }
 }

@@ -20,8 +20,11 @@ fn quote_for_unix(word: &str) -> String {
 }
 
 fn quote_for_windows(word: &str) -> String {
-    let plain = |c: char| c.is_alphanumeric() || r"\/:._-+=,@".contains(c);
-    if !word.is_empty() && word.chars().all(plain) { word.to_owned() } else { format!("\"{word}\"") }
+    if !word.is_empty() && word.chars().all(|c| c.is_alphanumeric() || r"\/:._-+=,@".contains(c)) {
+        word.to_owned()
+    } else {
+        format!("\"{word}\"")
+    }
 }
 
 fn split_for_windows(line: &str) -> Option<Vec<String>> {
@@ -47,7 +50,9 @@ mod tests {
 
     #[test]
     fn paths_of_windows_stay_whole() {
-        let words = |line| split_for_windows(line).expect("words");
+        fn words(line: &str) -> Vec<String> {
+            split_for_windows(line).expect("words")
+        }
         assert_eq!(words(r"C:\scan\sweep.exe  --out C:\data"), [r"C:\scan\sweep.exe", "--out", r"C:\data"]);
         assert_eq!(
             words(r#""C:\Program Files\scan.exe" --id "" 'a b'"#),

@@ -1,7 +1,7 @@
 //! Whether a model is adequate, and where it is not (theory, eq. 67).
 //!
-//! What a model lacks is smooth in the coordinates of the data: depth, displacement, direction of motion, time. Two questions are
-//! posed to the residuals of a fit, the parameters' part always taken off:
+//! The missing part of a model is smooth in the coordinates of the data: depth, displacement, direction of motion,
+//! time. Two questions are posed to the residuals of a fit, the parameters' part always taken off:
 //!
 //! * how much of them lies in smooth functions of the coordinates, channel by channel ([`Adequacy`]): a chi-square of as many degrees
 //!   of freedom as there are functions, for any missing effect;
@@ -36,7 +36,7 @@ pub(super) struct Structure {
     pub p: f64,
 }
 
-/// How much smooth structure is left.
+/// Remaining smooth structure.
 #[derive(Debug, Clone)]
 pub(super) struct Adequacy {
     /// Beside noise alone.
@@ -50,7 +50,7 @@ pub(super) struct Adequacy {
 }
 
 impl Adequacy {
-    /// Of a fit.
+    /// Adequacy of a fit.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -58,9 +58,14 @@ impl Adequacy {
         let residuals = stacked(&fitted.residuals);
         let plain = smooth_functions(runs);
         let channels = channel_squares(runs, &residuals);
-        let nothing = Structure { chi_square: 0.0, functions: 0, p: 1.0 };
+        let no_structure = Structure { chi_square: 0.0, functions: 0, p: 1.0 };
         if plain.is_empty() {
-            return Ok(Self { noise: nothing, everyday: nothing, channels, discrepancy: Vec::new() });
+            return Ok(Self {
+                noise: no_structure,
+                everyday: no_structure,
+                channels,
+                discrepancy: Vec::new(),
+            });
         }
         let mut columns: Vec<DVector<f64>> = plain.iter().map(|column| whitened(runs, column)).collect();
         // Functions of very different sizes: each of length one.
@@ -71,18 +76,18 @@ impl Adequacy {
         let of_runs = by_run(runs, &columns);
         let products = fitted.products_beside_parameters(patterns, &of_runs);
         let structure = |sizes: &[f64]| {
-            let left = fitted.eliminated(patterns, sizes, &products);
-            left.map(|(left, _)| structure(&left)).ok_or(FitError::Undetermined)
+            let eliminated = fitted.eliminated(patterns, sizes, &products);
+            eliminated.map(|(eliminated, _)| structure(&eliminated)).ok_or(FitError::Undetermined)
         };
         let (noise, coefficients) = structure(&vec![0.0; patterns.groups.len()])?;
         let (everyday, _) = structure(&patterns.everyday())?;
         // The parameters' part off, and back from independent residuals to what was measured.
         let smooth: Vec<DVector<f64>> =
             of_runs.iter().map(|columns| columns.columns(0, plain.len()) * &coefficients).collect();
-        let left = fitted.less_parameters(&smooth).ok_or(FitError::Undetermined)?;
-        let undone = runs.iter().zip(left).map(|(run, mut left)| {
-            run.whitener.undo(&mut left);
-            left
+        let free_of_parameters = fitted.less_parameters(&smooth).ok_or(FitError::Undetermined)?;
+        let undone = runs.iter().zip(free_of_parameters).map(|(run, mut free_of_parameters)| {
+            run.whitener.undo(&mut free_of_parameters);
+            free_of_parameters
         });
         let discrepancy: Vec<f64> = undone.flatten().collect();
         let discrepancy = Channel::ALL
@@ -114,13 +119,13 @@ impl Adequacy {
 fn structure(products: &DMatrix<f64>) -> (Structure, DVector<f64>) {
     let count = products.ncols() - 1;
     let eigen = products.view((0, 0), (count, count)).into_owned().symmetric_eigen();
-    let along = products.view((0, count), (count, 1)).column(0).into_owned();
+    let projections = products.view((0, count), (count, 1)).column(0).into_owned();
     let largest = eigen.eigenvalues.max();
     let (mut chi_square, mut functions) = (0.0, 0);
     let mut coefficients = DVector::zeros(count);
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
         if *value > MIN_DIRECTION * largest {
-            let projected = vector.dot(&along);
+            let projected = vector.dot(&projections);
             chi_square += projected * projected / value;
             functions += 1;
             // Only what is more than noise belongs to the discrepancy.
@@ -144,13 +149,13 @@ fn all_data(runs: &[Prepared]) -> impl Iterator<Item = (&Prepared, &Datum)> {
 }
 
 fn channel_squares(runs: &[Prepared], residuals: &DVector<f64>) -> Vec<(Channel, f64, usize)> {
-    let of = |channel: Channel| {
+    let channel_sum = |channel: Channel| {
         let squares = all_data(runs).zip(residuals.iter());
         let squares = squares.filter(|((run, d), _)| d.channel == channel && is_tested(run));
         let (sum, count) = squares.fold((0.0, 0), |(sum, n), (_, r)| (sum + r * r, n + 1));
         (channel, sum, count)
     };
-    Channel::ALL.into_iter().map(of).filter(|(_, _, count)| *count > 0).collect()
+    Channel::ALL.into_iter().map(channel_sum).filter(|(_, _, count)| *count > 0).collect()
 }
 
 /// A column in SI made independent.
@@ -180,11 +185,11 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
 
     type Function<'a> = Box<dyn Fn(&Datum) -> f64 + 'a>;
     let level = move |d: &Datum| d.place.level_m / most_level_m;
-    let along = move |d: &Datum| 2.0 * d.place.depth_m / most_depth_m - 1.0;
+    let normalized_depth = move |d: &Datum| 2.0 * d.place.depth_m / most_depth_m - 1.0;
     let legendre = |n: usize, x: f64| {
-        let (mut before, mut now) = (0.0, 1.0);
+        let (mut previous, mut now) = (0.0, 1.0);
         for k in 0..n {
-            (before, now) = (now, ((2 * k + 1) as f64 * x * now - k as f64 * before) / (k + 1) as f64);
+            (previous, now) = (now, ((2 * k + 1) as f64 * x * now - k as f64 * previous) / (k + 1) as f64);
         }
         now
     };
@@ -198,7 +203,9 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
             if of_tip {
                 if axis == 0 {
                     functions
-                        .extend((0..8).map(|n| -> Function<'_> { Box::new(move |d| legendre(n, along(d))) }));
+                        .extend((0..8).map(|n| -> Function<'_> {
+                            Box::new(move |d| legendre(n, normalized_depth(d)))
+                        }));
                 }
             } else if of_force {
                 functions.extend(
@@ -208,7 +215,7 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
                 functions.push(Box::new(move |d| d.place.direction));
                 functions.push(Box::new(move |d| d.place.direction * level(d)));
                 functions.push(Box::new(move |d| level(d).abs()));
-                // What passes in holds, and what is there on the way only.
+                // Function that differs between holds and the way between them.
                 functions.push(Box::new(move |d| {
                     d.place.hold_s.map_or(1.0, |s| (-s / 0.7).exp()) * d.place.direction
                 }));
@@ -224,15 +231,15 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
             } else {
                 let powers = if active { 5 } else { 3 };
                 for n in 0..powers {
-                    functions.push(Box::new(move |d| legendre(n, along(d))));
-                    functions.push(Box::new(move |d| legendre(n, along(d)) * level(d)));
+                    functions.push(Box::new(move |d| legendre(n, normalized_depth(d))));
+                    functions.push(Box::new(move |d| legendre(n, normalized_depth(d)) * level(d)));
                     if active {
-                        functions.push(Box::new(move |d| legendre(n, along(d)) * level(d).abs()));
+                        functions.push(Box::new(move |d| legendre(n, normalized_depth(d)) * level(d).abs()));
                     }
                 }
                 if active {
                     functions.push(Box::new(move |d| d.place.direction));
-                    functions.push(Box::new(move |d| d.place.direction * along(d)));
+                    functions.push(Box::new(move |d| d.place.direction * normalized_depth(d)));
                 }
             }
             let belongs = |run: &Prepared, d: &Datum| {
@@ -281,8 +288,8 @@ type Coordinate = (&'static str, fn(&Prepared, &Datum) -> Option<f64>);
 
 const COORDINATES: [Coordinate; 5] = [
     ("depth_below_entry_mm", |run, d| {
-        let along = matches!(d.channel, Channel::ShapeY | Channel::ShapeX);
-        (run.run.kind == Kind::Lateral && along).then_some(1e3 * d.place.depth_m)
+        let is_spatial = matches!(d.channel, Channel::ShapeY | Channel::ShapeX);
+        (run.run.kind == Kind::Lateral && is_spatial).then_some(1e3 * d.place.depth_m)
     }),
     ("insertion_depth_mm", |run, d| {
         let depth_m = if run.run.kind == Kind::Lateral { run.run.depth_m } else { d.place.depth_m };
@@ -302,8 +309,8 @@ struct Scan {
     first: usize,
 }
 
-/// Where a fit and the data differ by more than noise and usual imperfections, most significant first, one region per channel and
-/// coordinate.
+/// Regions in which a fit and the data differ by more than noise and usual imperfections, most significant first, one
+/// region per channel and coordinate.
 ///
 /// # Errors
 /// Where the discrepancy's covariance has no factor.
@@ -313,31 +320,33 @@ pub(super) fn regions(
     patterns: &Patterns,
 ) -> Result<Vec<Region>, FitError> {
     let (scans, mut columns) = scans(runs);
-    let tried: usize = scans.iter().map(|scan| scan.edges.len() * (scan.edges.len() + 1) / 2).sum();
+    let tried_intervals: usize = scans.iter().map(|scan| scan.edges.len() * (scan.edges.len() + 1) / 2).sum();
     columns.push(stacked(&fitted.residuals));
     let residuals = columns.len() - 1;
     let products = fitted.products_beside_parameters(patterns, &by_run(runs, &columns));
-    let (left, _) =
+    let (eliminated, _) =
         fitted.eliminated(patterns, &patterns.everyday(), &products).ok_or(FitError::Undetermined)?;
-    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / tried.max(1) as f64);
+    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / tried_intervals.max(1) as f64);
     let region = |scan: &Scan| {
-        let (from, to, sigma, mean) = best_interval(&left, scan.first, scan.edges.len(), residuals)?;
-        let (from, to) = (scan.edges[from][0], scan.edges[to][1]);
+        let (first_bin, last_bin, sigma, mean) =
+            best_interval(&eliminated, scan.first, scan.edges.len(), residuals)?;
+        let (start, end) = (scan.edges[first_bin][0], scan.edges[last_bin][1]);
         let Scan { channel, coordinate, is_odd, .. } = *scan;
-        Some(Region { channel, coordinate, from, to, mean, is_odd, sigma })
+        Some(Region { channel, coordinate, from: start, to: end, mean, is_odd, sigma })
     };
-    let mut found: Vec<Region> = scans.iter().filter_map(region).collect();
-    found.retain(|region| region.sigma.abs() > threshold);
+    let mut regions_found: Vec<Region> = scans.iter().filter_map(region).collect();
+    regions_found.retain(|region| region.sigma.abs() > threshold);
     // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
-    found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
-    let mut kept: Vec<Region> = Vec::new();
-    for region in found {
-        let same = |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
-        if kept.iter().find(same).is_none() && kept.len() < MAX_REGIONS {
-            kept.push(region);
+    regions_found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
+    let mut regions_kept: Vec<Region> = Vec::new();
+    for region in regions_found {
+        let is_same_region =
+            |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
+        if regions_kept.iter().find(is_same_region).is_none() && regions_kept.len() < MAX_REGIONS {
+            regions_kept.push(region);
         }
     }
-    Ok(kept)
+    Ok(regions_kept)
 }
 
 /// All bins of all coordinates, and their whitened columns.
@@ -375,12 +384,12 @@ fn scans(runs: &[Prepared]) -> (Vec<Scan>, Vec<DVector<f64>>) {
 
 /// Columns over all runs, as one matrix per run.
 fn by_run(runs: &[Prepared], columns: &[DVector<f64>]) -> Vec<DMatrix<f64>> {
-    let all = DMatrix::from_columns(columns);
+    let combined = DMatrix::from_columns(columns);
     let mut start = 0;
     let of_run = |run: &Prepared| {
         let rows = run.run.data.len();
         start += rows;
-        all.rows(start - rows, rows).into_owned()
+        combined.rows(start - rows, rows).into_owned()
     };
     runs.iter().map(of_run).collect()
 }
@@ -401,16 +410,16 @@ fn edges(values: &[Option<f64>]) -> Vec<[f64; 2]> {
     if distinct.len() <= BINS {
         return distinct;
     }
-    let at = |i: usize| sorted[(i * sorted.len() / BINS).min(sorted.len() - 1)];
-    (0..BINS).map(|bin| [at(bin), at(bin + 1)]).collect()
+    let sorted_value = |i: usize| sorted[(i * sorted.len() / BINS).min(sorted.len() - 1)];
+    (0..BINS).map(|bin| [sorted_value(bin), sorted_value(bin + 1)]).collect()
 }
 
 fn place(edges: &[[f64; 2]], value: f64) -> usize {
     edges.iter().rposition(|[from, _]| *from <= value).unwrap_or(0)
 }
 
-/// The interval of bins that stands out most: first and last bin, standard deviations, mean. Of scalar products of columns the bins are
-/// so many from `first` on, the residuals are another column.
+/// The interval of bins that stands out most: first and last bin, standard deviations, mean. The bins are so many of
+/// the columns of scalar products from `first` on, and the residuals are another column.
 fn best_interval(
     products: &DMatrix<f64>,
     first: usize,
@@ -420,9 +429,9 @@ fn best_interval(
     let mut best: Option<(usize, usize, f64, f64)> = None;
     for from in 0..bins {
         for to in from..bins {
-            let (at, count) = (first + from, to - from + 1);
-            let sum = products.view((at, residuals), (count, 1)).sum();
-            let square = products.view((at, at), (count, count)).sum();
+            let (start_column, count) = (first + from, to - from + 1);
+            let sum = products.view((start_column, residuals), (count, 1)).sum();
+            let square = products.view((start_column, start_column), (count, count)).sum();
             if square > 1e-9 {
                 let sigma = sum / square.sqrt();
                 if best.is_none_or(|(_, _, other, _)| sigma.abs() > other.abs()) {

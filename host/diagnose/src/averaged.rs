@@ -48,20 +48,20 @@ impl Averaged {
     ) -> Self {
         let ln_weight = |of: &Fitted| found.prior.ln_weight(of);
         let most = ln_weight(own);
-        let mut all: Vec<(f64, &'a Fitted)> = Vec::new();
+        let mut weighted_fits: Vec<(f64, &'a Fitted)> = Vec::new();
         let members = if is_named { found.members.as_slice() } else { &[] };
         let class = members.iter().flat_map(|member| {
             let named = found.fitted.layout.effects.get(member.index).map(|effect| effect.id());
-            let others = member.class.iter().filter(move |one| Some(one.effect.id()) != named);
-            others.map(|one| &one.fitted)
+            let class_members = member.class.iter().filter(move |one| Some(one.effect.id()) != named);
+            class_members.map(|one| &one.fitted)
         });
-        all.extend(class.map(|fit| (ln_weight(fit), fit)));
-        all.extend(members.iter().map(|member| (ln_weight(&member.without), &member.without)));
+        weighted_fits.extend(class.map(|fit| (ln_weight(fit), fit)));
+        weighted_fits.extend(members.iter().map(|member| (ln_weight(&member.without), &member.without)));
         let unused = |candidate: &'a Candidate| {
             let (fit, _) = candidate.refit.as_ref()?;
             let is_in_range = !fit.at_bound.contains(&true);
-            let known = all.iter().map(|(_, known)| *known).chain([own]);
-            let is_new = !known.into_iter().any(|known| known.layout.has_effects_of(&fit.layout));
+            let seen_fits = weighted_fits.iter().map(|(_, known)| *known).chain([own]);
+            let is_new = !seen_fits.into_iter().any(|seen_fits| seen_fits.layout.has_effects_of(&fit.layout));
             (is_in_range && is_new).then(|| (ln_weight(fit), fit, candidate.standing))
         };
         // Beside two effects or more, those that were tried alone are far behind.
@@ -72,17 +72,17 @@ impl Averaged {
             let of_standing = unused.iter_mut().filter(|(_, _, of)| *of == standing);
             limit_refused(of_standing.map(|(ln, _, _)| ln), most + standing.most_ln_odds());
         }
-        all.extend(unused.into_iter().map(|(ln, fit, _)| (ln, fit)));
+        weighted_fits.extend(unused.into_iter().map(|(ln, fit, _)| (ln, fit)));
         // A description is refused as a name, and has even odds as everything that is refused.
-        all.extend(found.described.iter().map(|fit| (most, fit)));
-        let largest = all.iter().map(|(ln, _)| *ln).fold(most, f64::max);
-        all.retain(|(ln, _)| *ln > largest + NO_WEIGHT);
+        weighted_fits.extend(found.described.iter().map(|fit| (most, fit)));
+        let largest = weighted_fits.iter().map(|(ln, _)| *ln).fold(most, f64::max);
+        weighted_fits.retain(|(ln, _)| *ln > largest + NO_WEIGHT);
         let integrated = |(ln, fit): (f64, &Fitted)| {
             let is_heavy = ln > largest + HEAVY;
             let fit = if is_heavy { fit.clone().over_sizes(patterns) } else { fit.clone() };
             ((ln - largest).exp(), fit)
         };
-        let mut fits: Vec<_> = all.into_par_iter().map(integrated).collect();
+        let mut fits: Vec<_> = weighted_fits.into_par_iter().map(integrated).collect();
         if most > largest + NO_WEIGHT {
             fits.insert(0, ((most - largest).exp(), own.clone()));
         }
@@ -107,19 +107,22 @@ impl Averaged {
     /// The models other than the final one, each once, as a model file has them: the likeliest, with their probabilities.
     pub fn alternatives(&self) -> Vec<Alternative> {
         let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
-        let mut others: Vec<(f64, &Fitted)> = Vec::new();
+        let mut other_fits: Vec<(f64, &Fitted)> = Vec::new();
         for (weight, fit) in &self.fits {
-            let share = weight / total;
-            match others.iter_mut().find(|(_, known)| known.layout.has_effects_of(&fit.layout)) {
-                Some((known, _)) => *known += share,
-                None => others.push((share, fit)),
+            let fraction = weight / total;
+            match other_fits.iter_mut().find(|(_, known)| known.layout.has_effects_of(&fit.layout)) {
+                Some((known, _)) => *known += fraction,
+                None => other_fits.push((fraction, fit)),
             }
         }
-        others
+        other_fits
             .retain(|(share, fit)| *share > MIN_PROBABILITY && !fit.layout.has_effects_of(&self.own.layout));
-        others.sort_by(|a, b| b.0.total_cmp(&a.0));
-        others.truncate(MAX_ALTERNATIVES);
-        others.into_iter().map(|(probability, fit)| Alternative { probability, model: fit.model() }).collect()
+        other_fits.sort_by(|a, b| b.0.total_cmp(&a.0));
+        other_fits.truncate(MAX_ALTERNATIVES);
+        other_fits
+            .into_iter()
+            .map(|(probability, fit)| Alternative { probability, model: fit.model() })
+            .collect()
     }
 
     /// [`Self::interval`], with the value that the final fit gives.
@@ -131,22 +134,23 @@ impl Averaged {
 
     /// Interval of 95 % of a quantity of which each fit gives value and standard deviation, or nothing.
     fn interval(&self, of: impl Fn(&Fitted) -> Option<(f64, f64)>) -> Option<[f64; 2]> {
-        let parts: Vec<(f64, f64, f64)> = self
+        let weighted_moments: Vec<(f64, f64, f64)> = self
             .fits
             .iter()
             .filter_map(|(weight, fit)| of(fit).map(|(value, sd)| (*weight, value, sd)))
             .collect();
-        interval(&parts)
+        interval(&weighted_moments)
     }
 
-    /// Of the modulus, Pa.
+    /// Interval of the modulus, Pa.
     pub fn modulus_pa(&self) -> Option<[f64; 2]> {
         let ends = self.interval(|fit| self.ln_modulus(fit))?;
         Some(holding(ends.map(f64::exp), self.own.modulus_pa().0))
     }
 
-    /// Logarithm of the modulus of a fit, Pa, and its standard deviation. Where the result has one modulus for all of the tissue, one that
-    /// varies with depth counts with its mean over the tissue that was touched: its value at the surface is another quantity.
+    /// Logarithm of the modulus of a fit, Pa, and its standard deviation. If the result has one modulus for all of the
+    /// tissue, one that varies with depth counts with its mean over the tissue that was touched: its value at the
+    /// surface is another quantity.
     fn ln_modulus(&self, fit: &Fitted) -> Option<(f64, f64)> {
         if self.counts_with_mean(fit) {
             fit.ln_mean_modulus(self.touched_m)
@@ -160,52 +164,55 @@ impl Averaged {
         varies(fit) && !varies(&self.own)
     }
 
-    /// Of the modulus K of springs, Pa, with models on the other foundation: that of a body, with whatever effects, is `plain`, that of springs
-    /// without effects and its standard deviation, as logarithms.
+    /// Interval of the modulus K of springs, Pa, with models on the other foundation: that of a body, with whatever
+    /// effects, is `plain`, that of springs without effects and its standard deviation, as logarithms.
     pub fn k_pa(&self, plain: (f64, f64), beside: &[Beside]) -> Option<[f64; 2]> {
         let is_body = |fit: &Fitted| fit.layout.support.is_body();
         let k = |fit: &Fitted| if is_body(fit) { Some(plain) } else { self.ln_modulus(fit) };
-        let own = self.fits.iter().map(|(weight, fit)| (*weight, fit));
+        let chosen_fits = self.fits.iter().map(|(weight, fit)| (*weight, fit));
         let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
-        let others = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
-        let parts: Vec<(f64, f64, f64)> =
-            own.chain(others).filter_map(|(weight, fit)| k(fit).map(|(ln, sd)| (weight, ln, sd))).collect();
+        let other_fits = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
+        let weighted_moments: Vec<(f64, f64, f64)> = chosen_fits
+            .chain(other_fits)
+            .filter_map(|(weight, fit)| k(fit).map(|(ln, sd)| (weight, ln, sd)))
+            .collect();
         let value_pa = if is_body(&self.own) { plain.0.exp() } else { self.own.modulus_pa().0 };
-        Some(holding(interval(&parts)?.map(f64::exp), value_pa))
+        Some(holding(interval(&weighted_moments)?.map(f64::exp), value_pa))
     }
 
-    /// Of the mean modulus down to the depth that was touched, Pa.
+    /// Interval of the mean modulus down to the depth that was touched, Pa.
     pub fn mean_modulus_pa(&self) -> Option<[f64; 2]> {
         self.holding_own(|fit| fit.ln_mean_modulus(self.touched_m)).map(|ends| ends.map(f64::exp))
     }
 
-    /// Of the tip load, N.
+    /// Interval of the tip load, N.
     pub fn tip_load_n(&self) -> Option<[f64; 2]> {
         self.holding_own(|fit| fit.layout.tip_load_n(fit.values(), &fit.covariance))
     }
 
-    /// Of the ratio of the modulus to that of the reference.
+    /// Interval of the ratio of the modulus to that of the reference.
     pub fn ratio(&self) -> Option<[f64; 2]> {
         let ends = self.holding_own(|fit| {
-            let at = fit.layout.ratio()?;
-            Some((*fit.values().get(at)?, fit.sd(at)))
+            let ratio_parameter = fit.layout.ratio()?;
+            Some((*fit.values().get(ratio_parameter)?, fit.sd(ratio_parameter)))
         });
         ends.map(|ends| ends.map(f64::exp))
     }
 
-    /// Of a parameter of an effect, in its own unit, over all fits that have the effect; nothing where only one has it.
+    /// Interval of a parameter of an effect, in its own unit, over all fits that have the effect; `None` if only one
+    /// has it.
     pub fn parameter(&self, effect: &dyn Effect, number: usize) -> Option<[f64; 2]> {
         let index = |fit: &Fitted| fit.layout.effects.iter().position(|own| own.id() == effect.id());
         let mut having = self.fits.iter().filter_map(|(_, fit)| Some((fit, index(fit)?)));
-        let (first, at) = having.next()?;
+        let (first, first_parameter) = having.next()?;
         if having.next().is_none() {
-            return Some(first.estimate(at, number).1);
+            return Some(first.estimate(first_parameter, number).1);
         }
-        let of = |fit: &Fitted| {
+        let parameter_interval = |fit: &Fitted| {
             let (value, [low, high]) = fit.estimate(index(fit)?, number);
             Some((value, (high - low) / (2.0 * NORMAL_975)))
         };
-        self.holding_own(of)
+        self.holding_own(parameter_interval)
     }
 }
 
@@ -232,7 +239,7 @@ pub fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
         .map(|(weight, value, sd)| Some((weight / total, Normal::new(*value, *sd).ok()?)))
         .collect();
     let normals = normals.filter(|normals| !normals.is_empty())?;
-    let below = |x: f64| normals.iter().map(|(weight, normal)| weight * normal.cdf(x)).sum::<f64>();
+    let mass_below = |x: f64| normals.iter().map(|(weight, normal)| weight * normal.cdf(x)).sum::<f64>();
     // The quantile of a mixture lies between those of its parts.
     let quantile = |p: f64| {
         let ends = normals.iter().map(|(_, normal)| normal.inverse_cdf(p));
@@ -240,7 +247,7 @@ pub fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
             ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
         for _ in 0..BISECTIONS {
             let middle = 0.5 * (low + high);
-            if below(middle) < p { low = middle } else { high = middle }
+            if mass_below(middle) < p { low = middle } else { high = middle }
         }
         0.5 * (low + high)
     };
@@ -259,8 +266,8 @@ mod tests {
     #[test]
     fn no_interval_jumps_where_an_effect_gets_its_name() {
         let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
-        let (start, found) = found_in(&session);
-        let best = found
+        let (start, search_result) = found_in(&session);
+        let best = search_result
             .first
             .iter()
             .find(|candidate| candidate.standing == Standing::Possible)
@@ -272,25 +279,37 @@ mod tests {
         let class =
             vec![Explanation { effect: best.score.effect, fitted: fitted.clone(), ln_odds: best.ln_odds }];
         let member = Member { index: 0, gain, ln_odds: best.ln_odds, without: start.fitted.clone(), class };
-        let below = Found { fitted: start.fitted.clone(), members: Vec::new(), prior, ..found.clone() };
-        let above = Found { fitted: fitted.clone(), members: vec![member], ..below.clone() };
-        let [below, above] = [(below, false), (above, true)].map(|(found, is_named)| {
-            let own = found.fitted.clone().over_sizes(&start.patterns);
-            let averaged = Averaged::over(&own, &found, is_named, &start.patterns, 0.03);
-            let others = averaged.alternatives();
-            let other = others.iter().find(|other| other.model.effects.is_empty() == is_named);
-            let share = other.expect("the model without the name, or with it").probability;
-            let own_share = 1.0 - others.iter().map(|other| other.probability).sum::<f64>();
-            assert!((share / own_share - 1.0).abs() < 0.2, "{share} beside {own_share}");
-            averaged.modulus_pa().expect("an interval")
-        });
-        for (below, above) in below.iter().zip(above) {
-            assert!((below / above - 1.0).abs() < 1e-3, "{below} {above}");
+        let below_threshold =
+            Found { fitted: start.fitted.clone(), members: Vec::new(), prior, ..search_result.clone() };
+        let above_threshold =
+            Found { fitted: fitted.clone(), members: vec![member], ..below_threshold.clone() };
+        let [below_interval, above_interval] =
+            [(below_threshold, false), (above_threshold, true)].map(|(search_result, is_named)| {
+                let own_fit = search_result.fitted.clone().over_sizes(&start.patterns);
+                let averaged = Averaged::over(&own_fit, &search_result, is_named, &start.patterns, 0.03);
+                let alternatives = averaged.alternatives();
+                let opposite = alternatives.iter().find(|other| other.model.effects.is_empty() == is_named);
+                let expected_fraction = opposite.expect("the model without the name, or with it").probability;
+                let own_share = 1.0 - alternatives.iter().map(|opposite| opposite.probability).sum::<f64>();
+                assert!(
+                    (expected_fraction / own_share - 1.0).abs() < 0.2,
+                    "{expected_fraction} beside {own_share}"
+                );
+                averaged.modulus_pa().expect("an interval")
+            });
+        for (below_interval, above_interval) in below_interval.iter().zip(above_interval) {
+            assert!(
+                (below_interval / above_interval - 1.0).abs() < 1e-3,
+                "{below_interval} {above_interval}"
+            );
         }
         // Both models are in it.
         for fit in [&start.fitted, &fitted] {
             let (value_pa, _) = fit.modulus_pa();
-            assert!((below[0]..=below[1]).contains(&value_pa), "{value_pa} in {below:?}");
+            assert!(
+                (below_interval[0]..=below_interval[1]).contains(&value_pa),
+                "{value_pa} in {below_interval:?}"
+            );
         }
     }
 

@@ -34,17 +34,21 @@ pub(super) struct Cells {
 /// Readings, those that are far off their neighbours as NaN.
 fn cleaned(values: &[f64]) -> Vec<f64> {
     const REACH: usize = 3;
-    let off: Vec<f64> = (0..values.len())
+    let deviations: Vec<f64> = (0..values.len())
         .map(|i| {
-            let around = &values[i.saturating_sub(REACH)..(i + REACH + 1).min(values.len())];
-            let mut sorted = around.to_vec();
+            let neighbourhood = &values[i.saturating_sub(REACH)..(i + REACH + 1).min(values.len())];
+            let mut sorted = neighbourhood.to_vec();
             sorted.sort_by(f64::total_cmp);
             values[i] - sorted[sorted.len() / 2]
         })
         .collect();
     // One in seven is its own neighbours' median.
-    let farthest = farthest(off.iter().copied().filter(|off| *off != 0.0));
-    values.iter().zip(off).map(|(v, off)| if off.abs() > farthest { f64::NAN } else { *v }).collect()
+    let farthest = farthest(deviations.iter().copied().filter(|deviations| *deviations != 0.0));
+    values
+        .iter()
+        .zip(deviations)
+        .map(|(v, deviations)| if deviations.abs() > farthest { f64::NAN } else { *v })
+        .collect()
 }
 
 /// Means over short stretches of a recording.
@@ -55,8 +59,8 @@ pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
     let force_n = [cleaned(&force.force_y_n), force.force_x_n.as_deref().map_or_else(zeros, cleaned)];
     let read_m = [force.displacement_y_m.clone(), force.displacement_x_m.clone().unwrap_or_else(zeros)];
     let hold_of = |time_s: f64| {
-        let inside = |h: &Hold| (h.time_s[0] + EDGE_S..=h.time_s[1] - EDGE_S).contains(&time_s);
-        holds.iter().position(|h| inside(h) && h.lost_samples == 0)
+        let is_inside_hold = |h: &Hold| (h.time_s[0] + EDGE_S..=h.time_s[1] - EDGE_S).contains(&time_s);
+        holds.iter().position(|h| is_inside_hold(h) && h.lost_samples == 0)
     };
     let mut cells = Cells::default();
     let mut row = 0;
@@ -65,8 +69,8 @@ pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
         // The last cell before a hold, or of one, is the longer one: a few readings of their own would be far noisier than others.
         let end_of = |length_s: f64| {
             let end_s = force.time_s[row] + length_s * (1.0 - 1e-9);
-            let inside = |i: &usize| force.time_s[*i] < end_s && hold_of(force.time_s[*i]) == hold;
-            (row + 1..rows).take_while(inside).last().unwrap_or(row) + 1
+            let is_in_cell = |i: &usize| force.time_s[*i] < end_s && hold_of(force.time_s[*i]) == hold;
+            (row + 1..rows).take_while(is_in_cell).last().unwrap_or(row) + 1
         };
         let (end, longest) = (end_of(CELL_S), end_of(LONGEST_CELL_S));
         let is_last = longest < rows && hold_of(force.time_s[longest]) != hold || longest == rows;
@@ -86,7 +90,7 @@ pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
     cells
 }
 
-/// Where guide 2 stood in every hold: mean of the readings inside it.
+/// Position of guide 2 in every hold: mean of the readings inside it.
 pub(super) fn stood(cells: &Cells, holds: usize) -> Vec<[f64; 2]> {
     let mut sums = vec![[0.0; 3]; holds];
     for (i, hold) in cells.hold.iter().enumerate() {
@@ -107,48 +111,56 @@ const ONE_SIDE: [f64; 2] = [0.798, 0.603];
 /// So many standard deviations are no chance.
 const NO_CHANCE: f64 = 3.0;
 
-/// Where guide 2 was in every cell, vertical and horizontal, and what is left of the variance of its readings there: in a hold its mean,
-/// between holds the likeliest course of readings by a sensor of these standard deviations ([`course`]). Beside a hold it stands at the hold as long as the readings are there, and what single readings lie beyond the holds before
-/// and after is noise. Where guide 2 has gone beyond a hold and crept back, several in a row are.
+/// Position of guide 2 in every cell, vertical and horizontal, and the remaining variance of its readings there: in a
+/// hold its mean, between holds the likeliest course of readings by a sensor of these standard deviations ([`course`]).
+/// Beside a hold it stands at the hold as long as the readings are there, and what single readings lie beyond the holds
+/// before and after is noise. Several readings in a row show that guide 2 has gone beyond a hold and crept back.
 pub(super) fn travelled(cells: &Cells, stood_m: &[[f64; 2]], sd_m: [f64; 2]) -> [Course; 2] {
     [0, 1].map(|plane| {
-        let mut places_m = cells.read_m[plane].clone();
-        let mut left = vec![1.0; places_m.len()];
-        let held_m = |hold: Option<usize>| hold.and_then(|hold| stood_m.get(hold)).map(|m| m[plane]);
-        let mut before_m = None;
+        let mut positions_m = cells.read_m[plane].clone();
+        let mut remaining_variance = vec![1.0; positions_m.len()];
+        let hold_m = |hold: Option<usize>| hold.and_then(|hold| stood_m.get(hold)).map(|m| m[plane]);
+        let mut previous_m = None;
         let mut start = 0;
         for same in cells.hold.chunk_by(|a, b| a == b) {
             let end = start + same.len();
-            let cells_m = &mut places_m[start..end];
-            match held_m(cells.hold[start]) {
+            let cells_m = &mut positions_m[start..end];
+            match hold_m(cells.hold[start]) {
                 Some(m) => {
                     cells_m.fill(m);
-                    before_m = Some(m);
+                    previous_m = Some(m);
                 }
                 None => {
-                    let after_m = cells.hold.get(end).and_then(|hold| held_m(*hold));
-                    on_the_way(cells_m, &mut left[start..end], [before_m, after_m], sd_m[plane]);
+                    let next_m = cells.hold.get(end).and_then(|hold| hold_m(*hold));
+                    on_the_way(
+                        cells_m,
+                        &mut remaining_variance[start..end],
+                        [previous_m, next_m],
+                        sd_m[plane],
+                    );
                 }
             }
             start = end;
         }
-        Course { places_m, left }
+        Course { places_m: positions_m, left: remaining_variance }
     })
 }
 
-/// What of readings between two holds is motion.
+/// Fraction of the readings between two holds that is motion.
 fn on_the_way(readings_m: &mut [f64], shares: &mut [f64], [before_m, after_m]: [Option<f64>; 2], sd_m: f64) {
-    let left = before_m.map_or(0, |m| staying(readings_m.iter(), m, sd_m));
-    let come = after_m.map_or(0, |m| staying(readings_m.iter().rev(), m, sd_m)).min(readings_m.len() - left);
-    let (leaving, rest_m) = readings_m.split_at_mut(left);
-    let (rest_m, coming) = rest_m.split_at_mut(rest_m.len() - come);
+    let staying_count = before_m.map_or(0, |m| staying(readings_m.iter(), m, sd_m));
+    let come = after_m
+        .map_or(0, |m| staying(readings_m.iter().rev(), m, sd_m))
+        .min(readings_m.len() - staying_count);
+    let (leaving, staying_m) = readings_m.split_at_mut(staying_count);
+    let (moving_m, coming) = staying_m.split_at_mut(staying_m.len() - come);
     before_m.into_iter().for_each(|m| leaving.fill(m));
     after_m.into_iter().for_each(|m| coming.fill(m));
 
-    let way = course(rest_m, sd_m);
-    rest_m.copy_from_slice(&way.places_m);
-    if let Some(shares) = shares.get_mut(left..left + way.left.len()) {
-        shares.copy_from_slice(&way.left);
+    let motion = course(moving_m, sd_m);
+    moving_m.copy_from_slice(&motion.places_m);
+    if let Some(motion_shares) = shares.get_mut(staying_count..staying_count + motion.left.len()) {
+        motion_shares.copy_from_slice(&motion.left);
     }
     let ends_m = [before_m, after_m].into_iter().flatten();
     let low_m = ends_m.clone().fold(f64::INFINITY, f64::min);
@@ -157,7 +169,7 @@ fn on_the_way(readings_m: &mut [f64], shares: &mut [f64], [before_m, after_m]: [
         return;
     }
     let end_m = |m: f64| m.clamp(low_m, high_m);
-    for beyond in rest_m.chunk_by_mut(|a, b| (*a - end_m(*a)).signum() == (*b - end_m(*b)).signum()) {
+    for beyond in moving_m.chunk_by_mut(|a, b| (*a - end_m(*a)).signum() == (*b - end_m(*b)).signum()) {
         let n = beyond.len() as f64;
         let mean_m = beyond.iter().map(|m| (m - end_m(*m)).abs()).sum::<f64>() / n;
         let by_chance_sd =
@@ -168,28 +180,28 @@ fn on_the_way(readings_m: &mut [f64], shares: &mut [f64], [before_m, after_m]: [
     }
 }
 
-/// How many readings, from a hold on, are those of a guide that still stands there: each of them, and their mean.
+/// Number of readings, from a hold on, of a guide that still stands there: each of them, and their mean.
 fn staying<'a>(readings_m: impl Iterator<Item = &'a f64>, held_m: f64, sd_m: f64) -> usize {
     let mut sum_m = 0.0;
-    let off_m = readings_m.map(|m| m - held_m).take_while(|off_m| off_m.abs() <= NO_CHANCE * sd_m);
-    let stays = |(number, off_m): (usize, f64)| {
-        sum_m += off_m;
+    let deviations_m = readings_m.map(|m| m - held_m).take_while(|off_m| off_m.abs() <= NO_CHANCE * sd_m);
+    let stays = |(number, deviations_m): (usize, f64)| {
+        sum_m += deviations_m;
         (sum_m.abs() <= NO_CHANCE * sd_m * (number as f64 + 1.0).sqrt()).then_some(number + 1)
     };
-    off_m.enumerate().map_while(stays).last().unwrap_or(0)
+    deviations_m.enumerate().map_while(stays).last().unwrap_or(0)
 }
 
 /// Cells of every hold.
 pub(super) fn held(cells: &Cells) -> Vec<Range<usize>> {
     let mut start = 0;
-    let mut found = Vec::new();
+    let mut held_runs = Vec::new();
     for same in cells.hold.chunk_by(|a, b| a == b) {
         if same.first().is_some_and(Option::is_some) {
-            found.push(start..start + same.len());
+            held_runs.push(start..start + same.len());
         }
         start += same.len();
     }
-    found
+    held_runs
 }
 
 /// Stretches of cells over which forces are averaged.
@@ -199,24 +211,24 @@ pub(super) fn stretches(cells: &Cells) -> Vec<Range<usize>> {
     while start < cells.hold.len() {
         let hold = cells.hold[start];
         let end = start + cells.hold[start..].iter().take_while(|other| **other == hold).count();
-        let mut from = start;
+        let mut stretch_start = start;
         for i in start..end {
-            let since_s = |i: usize| cells.time_s[i] - cells.time_s[start];
+            let elapsed_s = |i: usize| cells.time_s[i] - cells.time_s[start];
             let class = |i: usize| match hold {
                 None => (i - start) / RAMP_CELLS,
                 Some(_) => {
                     let last_s = HOLD_S[HOLD_S.len() - 1];
-                    let beyond = (since_s(i) / last_s) as usize;
-                    if beyond > 0 {
-                        HOLD_S.len() + beyond
+                    let extra_parts = (elapsed_s(i) / last_s) as usize;
+                    if extra_parts > 0 {
+                        HOLD_S.len() + extra_parts
                     } else {
-                        HOLD_S.partition_point(|s| *s <= since_s(i))
+                        HOLD_S.partition_point(|s| *s <= elapsed_s(i))
                     }
                 }
             };
             if i + 1 == end || class(i + 1) != class(i) {
-                stretches.push(from..i + 1);
-                from = i + 1;
+                stretches.push(stretch_start..i + 1);
+                stretch_start = i + 1;
             }
         }
         start = end;
@@ -236,15 +248,15 @@ mod tests {
         let stood_m = stood(&cells, 3);
         let [y, x] = travelled(&cells, &stood_m, [0.01; 2]).map(|course| course.places_m);
         // Beside a hold guide 2 is where it stands.
-        let near =
+        let are_close =
             |found: &[f64], expected: &[f64]| found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.02);
-        assert!(near(&y, &[0.0, 0.2, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3, 0.01]), "{y:?}");
+        assert!(are_close(&y, &[0.0, 0.2, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3, 0.01]), "{y:?}");
         assert_eq!(x, [0.0; 11]);
         // It has gone beyond the hold and come back.
         let read_m = vec![0.0, 0.5, 1.05, 1.06, 1.05, 1.04, 1.0, 1.0, 0.5, -0.001];
         let hold = vec![Some(0), None, None, None, None, None, Some(1), Some(1), None, None];
         let cells = Cells { read_m: [read_m.clone(), vec![0.0; 10]], hold, ..Cells::default() };
-        assert!(near(&travelled(&cells, &stood(&cells, 2), [0.01; 2])[0].places_m, &read_m));
+        assert!(are_close(&travelled(&cells, &stood(&cells, 2), [0.01; 2])[0].places_m, &read_m));
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! The rig's own mechanics from runs in air: the needle is a beam that is known, and what is left is the rig (theory, eq. 62 without
 //! tissue, with the patterns of the sensor alone).
 //!
-//! All effects of guides, frame, actuators and force sensor are fitted together, by the same forward model as everything else. In air force and
-//! displacement alone determine one compliance, the sum of all that gives way; the shape of the needle separates the frame from the
-//! needle and its clamp, and known loads separate the force sensor's gain from the needle's stiffness. What the runs do not separate is
-//! reported as not identifiable, with the run that would settle it.
+//! All effects of guides, frame, actuators and force sensor are fitted together, by the same forward model as
+//! everything else. In air force and displacement alone determine one compliance, the sum of all that gives way; the
+//! shape of the needle separates the frame from the needle and its clamp, and known loads separate the force sensor's
+//! gain from the needle's stiffness. A parameter that the runs do not separate is reported as not identifiable, with
+//! the run that would settle it.
 
 mod play;
 
@@ -27,7 +28,7 @@ use play::over_plays;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// What is fitted. Offsets are there so that they are no rig's compliance.
+/// Fitted effects. Offsets are there so that they are no rig's compliance.
 const EFFECTS: [&str; 12] = [
     "needle.stiffness",
     "rig.clamp_compliance",
@@ -42,7 +43,7 @@ const EFFECTS: [&str; 12] = [
     "sensor.delay",
     "sensor.shape_offset",
 ];
-/// What is new in every session.
+/// Effects that are new in every session.
 const OF_ONE_SESSION: [&str; 2] = ["sensor.force_drift", "sensor.shape_offset"];
 /// A parameter is identified whose standard deviation the runs reduce below this share of what was known of it before.
 const IDENTIFIED: f64 = 0.5;
@@ -52,7 +53,7 @@ const FRICTION_SDS: f64 = 2.0;
 /// Times in which the zero settles after a tare, seconds.
 const SETTLING_S: [f64; 2] = [5.0, 20.0];
 
-/// What the user may choose.
+/// Choices of the user.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CharacterizeOptions {
     /// Standard deviation of the force sensor's gain, relative, as a calibration with known loads gives it.
@@ -61,7 +62,7 @@ pub struct CharacterizeOptions {
     pub stiffness_sd: Option<f64>,
 }
 
-/// How well a parameter is determined, and by what.
+/// Precision of a parameter, and its source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Standing {
@@ -86,7 +87,7 @@ pub struct CharacterizedParameter {
     pub sd: f64,
     /// 95 % interval, within what is possible.
     pub ci95: [f64; 2],
-    /// How well it is determined.
+    /// Precision of the parameter.
     pub standing: Standing,
     /// The run that would settle it, where nothing determines it.
     pub settled_by: Option<&'static str>,
@@ -110,15 +111,15 @@ pub struct Characterisation {
     pub tare_scatter_n: Option<f64>,
     /// Chi-square over its degrees of freedom: above 2 something is in the runs that is none of this.
     pub chi_square_per_reading: f64,
-    /// What was skipped, and what to be careful with.
+    /// Skipped parts, and remarks on possible errors.
     pub warnings: Vec<String>,
 }
 
 impl Characterisation {
-    /// What is known of the rig from now on, as a file has it: what the runs have determined, or was stated, of everything that stays
-    /// the same from session to session.
+    /// Rig as characterized, for a file: what the runs have determined, or was stated, of everything that stays the
+    /// same from session to session.
     pub fn model(&self, learned_from: Option<String>) -> ModelFile {
-        let of = |id: &&str| -> Option<LearnedEffect> {
+        let learned_effect = |id: &&str| -> Option<LearnedEffect> {
             let effect = effect(id)?;
             let of_effect: Vec<_> = self.parameters.iter().filter(|one| one.effect == *id).collect();
             let is_unknown = |one: &&CharacterizedParameter| one.standing == Standing::NotIdentifiable;
@@ -134,7 +135,8 @@ impl Characterisation {
                 log_evidence_gain: None,
             })
         };
-        let effects = EFFECTS.iter().filter(|id| !OF_ONE_SESSION.contains(id)).filter_map(of).collect();
+        let effects =
+            EFFECTS.iter().filter(|id| !OF_ONE_SESSION.contains(id)).filter_map(learned_effect).collect();
         ModelFile { learned_from, effects, ..ModelFile::default() }
     }
 }
@@ -213,7 +215,7 @@ pub fn characterize(
     // Without tissue its modulus does not matter.
     let beam = Model::uniform(session.rig.clone(), 1e3)?.beam(0.0)?;
     let stiffness_n_per_m = beam.lateral_stiffness_n_per_m();
-    // What makes residuals independent depends on what to expect: the second fit is with what the first has found.
+    // The whitening of residuals depends on the expected values: the second fit is with what the first has found.
     let mut values = layout.first_values();
     let mut last = None;
     for _ in 0..2 {
@@ -246,9 +248,9 @@ fn row_s(session: &Session) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// What is stated beside the session.
+/// Statements beside the session.
 fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
-    let of = |effect: &str, parameter: &str, sd: Option<f64>| {
+    let known_parameter = |effect: &str, parameter: &str, sd: Option<f64>| {
         sd.map(|sd| KnownParameter {
             effect: effect.to_owned(),
             parameter: parameter.to_owned(),
@@ -256,13 +258,14 @@ fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
             sd,
         })
     };
-    let gain = of("sensor.force_gain", "gain", options.force_gain_sd);
-    gain.into_iter().chain(of("needle.stiffness", "relative", options.stiffness_sd)).collect()
+    let gain = known_parameter("sensor.force_gain", "gain", options.force_gain_sd);
+    gain.into_iter().chain(known_parameter("needle.stiffness", "relative", options.stiffness_sd)).collect()
 }
 
-/// What every force sensor and guide has beside the effects. Sizes are found of the zero of a run and plane, of how it settles after the
-/// tare, and of what is constant within a hold (an error of the displacement, times the needle's stiffness, is such a force too). No run
-/// shows how well the mean position of guide 2 in a hold is known, which differs with the direction that it came from: that is stated.
+/// Patterns of every force sensor and guide beside the effects. Sizes are found of the zero of a run and plane, of how
+/// it settles after the tare, and of what is constant within a hold (an error of the displacement, times the needle's
+/// stiffness, is such a force too). No run shows how well the mean position of guide 2 in a hold is known, which
+/// differs with the direction that it came from: that is stated.
 fn sensor_patterns(prepared: &[Prepared], stiffness_n_per_m: f64) -> Patterns {
     let groups = vec![
         Group::of(&sensors::FORCE_ZERO),
@@ -291,21 +294,21 @@ fn sensor_patterns(prepared: &[Prepared], stiffness_n_per_m: f64) -> Patterns {
                 add(2, &|datum| if datum.part == hold { in_plane(datum) } else { 0.0 });
             }
         }
-        let own = match columns.as_slice() {
+        let own_columns = match columns.as_slice() {
             [] => DMatrix::zeros(data.len(), 0),
             columns => DMatrix::from_columns(columns),
         };
         // Alike in all runs: what depends on the direction of the last motion, and on the side of zero (half of a clearance).
-        let along = |datum: &Datum| {
+        let force_per_m = |datum: &Datum| {
             if is_force(datum, prepared.run.axis) { stiffness_n_per_m } else { 0.0 }
         };
-        let direction = data.iter().map(|datum| along(datum) * datum.place.direction).collect();
-        let side = data.iter().map(|datum| 0.5 * along(datum) * sign(datum.place.level_m)).collect();
+        let direction = data.iter().map(|datum| force_per_m(datum) * datum.place.direction).collect();
+        let side = data.iter().map(|datum| 0.5 * force_per_m(datum) * sign(datum.place.level_m)).collect();
         let shared = [direction, side].map(|mut pattern: Vec<f64>| {
             prepared.whitener.apply(&mut pattern);
             DVector::from_vec(pattern)
         });
-        RunPatterns::new(of_groups, own, DMatrix::from_columns(&shared))
+        RunPatterns::new(of_groups, own_columns, DMatrix::from_columns(&shared))
     };
     Patterns::new(groups, vec![3; 2], prepared.iter().map(of_run).collect())
 }
@@ -326,40 +329,40 @@ fn parameters(
     row_s: f64,
 ) -> Vec<CharacterizedParameter> {
     let stated = stated(options);
-    let mut found: Vec<CharacterizedParameter> = Vec::new();
+    let mut parameters_found: Vec<CharacterizedParameter> = Vec::new();
     for (number, effect) in layout.effects.iter().enumerate() {
         for (index, info) in effect.parameters().iter().enumerate() {
             let (value, mut ci95) = fitted.estimate(number, index);
             let scale = Scale::of(info);
             let stated = stated.iter().find(|known| known.is_of(effect.id(), info.name));
-            let before = stated.map_or_else(|| prior(info), |known| known.prior(scale)).sd;
-            let mut inside = fitted.sd(layout.first_of(number) + index);
+            let prior_sd = stated.map_or_else(|| prior(info), |known| known.prior(scale)).sd;
+            let mut inside_sd = fitted.sd(layout.first_of(number) + index);
             let rubs = |one: &CharacterizedParameter| {
                 one.effect == "rig.friction" && one.value > FRICTION_SDS * one.sd
             };
             if effect.id() == "sensor.delay" {
-                let row_sd_s = if found.iter().any(rubs) { row_s / 12f64.sqrt() } else { 0.0 };
-                inside = inside.hypot(row_sd_s).hypot(sensors::CLOCK.sd());
-                let half = NORMAL_975 * inside;
+                let row_sd_s = if parameters_found.iter().any(rubs) { row_s / 12f64.sqrt() } else { 0.0 };
+                inside_sd = inside_sd.hypot(row_sd_s).hypot(sensors::CLOCK.sd());
+                let half = NORMAL_975 * inside_sd;
                 ci95 = [value - half, value + half].map(|end| end.clamp(info.range[0], info.range[1]));
             }
-            let standing = match (inside < IDENTIFIED * before, stated) {
+            let standing = match (inside_sd < IDENTIFIED * prior_sd, stated) {
                 (true, _) => Standing::Identified,
                 (false, Some(_)) => Standing::Stated,
                 (false, None) => Standing::NotIdentifiable,
             };
-            found.push(CharacterizedParameter {
+            parameters_found.push(CharacterizedParameter {
                 effect: effect.id(),
                 parameter: info.name,
                 value,
-                sd: if scale == Scale::Log { value * inside } else { inside },
+                sd: if scale == Scale::Log { value * inside_sd } else { inside_sd },
                 ci95,
                 standing,
                 settled_by: (standing == Standing::NotIdentifiable).then(|| settled_by(effect.id())),
             });
         }
     }
-    found
+    parameters_found
 }
 
 /// The run, or the statement, that determines an effect's parameters.
@@ -387,11 +390,13 @@ fn settled_by(effect: &str) -> &'static str {
 /// Chi-square beside the patterns of the sensor, per degree of freedom.
 fn chi_square_per_reading(fitted: &Fitted, patterns: &Patterns) -> f64 {
     let count = fitted.residuals.iter().map(Vec::len).sum::<usize>().saturating_sub(fitted.values().len());
-    let beside = patterns.less_patterns(&fitted.sizes, &fitted.residuals).unwrap_or_default();
-    let products =
-        fitted.residuals.iter().zip(&beside).map(|(all, beside)| {
-            all.iter().zip(beside.iter()).map(|(all, beside)| all * beside).sum::<f64>()
-        });
+    let without_patterns = patterns.less_patterns(&fitted.sizes, &fitted.residuals).unwrap_or_default();
+    let products = fitted.residuals.iter().zip(&without_patterns).map(|(all, without_patterns)| {
+        all.iter()
+            .zip(without_patterns.iter())
+            .map(|(all, without_patterns)| all * without_patterns)
+            .sum::<f64>()
+    });
     products.sum::<f64>() / count.max(1) as f64
 }
 

@@ -39,42 +39,48 @@ fn truth(effects: &[(&str, &[f64])], effect: &str, index: usize) -> f64 {
 #[test]
 fn a_rig_in_air_is_found_as_it_is_where_the_gain_of_the_force_is_known() {
     let options = CharacterizeOptions { force_gain_sd: Some(0.005), ..Default::default() };
-    let found = characterize(&session(&RIG, 3), &options).expect("characterised");
+    let characterization = characterize(&session(&RIG, 3), &options).expect("characterised");
     let mut index = 0;
-    let (mut held, mut count) = (0, 0);
-    let mut before = "";
-    for one in &found.parameters {
-        index = if one.effect == before { index + 1 } else { 0 };
-        before = one.effect;
+    let (mut covered, mut count) = (0, 0);
+    let mut previous_effect = "";
+    for one in &characterization.parameters {
+        index = if one.effect == previous_effect { index + 1 } else { 0 };
+        previous_effect = one.effect;
         let truth = truth(&RIG, one.effect, index);
         if one.is_identified() {
             count += 1;
-            held += usize::from((truth - one.value).abs() < 3.0 * one.sd);
+            covered += usize::from((truth - one.value).abs() < 3.0 * one.sd);
         }
     }
     assert!(count >= 9, "{count} identified");
-    assert_eq!(held, count, "within three standard deviations");
-    assert_eq!(of(&found, "sensor.force_gain").standing, Standing::Stated);
-    assert!(found.chi_square_per_reading < 1.5, "{}", found.chi_square_per_reading);
+    assert_eq!(covered, count, "within three standard deviations");
+    assert_eq!(of(&characterization, "sensor.force_gain").standing, Standing::Stated);
+    assert!(characterization.chi_square_per_reading < 1.5, "{}", characterization.chi_square_per_reading);
 }
 
 #[test]
 fn what_runs_in_air_cannot_separate_is_not_identifiable_with_what_would_settle_it() {
-    let found = characterize(&session(&[], 4), &CharacterizeOptions::default()).expect("characterised");
+    let characterization =
+        characterize(&session(&[], 4), &CharacterizeOptions::default()).expect("characterised");
     for effect in ["needle.stiffness", "sensor.force_gain"] {
-        let one = of(&found, effect);
-        assert_eq!(one.standing, Standing::NotIdentifiable, "{one:?}");
-        assert!(one.settled_by.is_some_and(|what| what.contains("known loads")), "{one:?}");
+        let parameter = of(&characterization, effect);
+        assert_eq!(parameter.standing, Standing::NotIdentifiable, "{parameter:?}");
+        assert!(parameter.settled_by.is_some_and(|what| what.contains("known loads")), "{parameter:?}");
     }
     // Without any shape the frame is what the needle and its clamp are.
     let mut blind = session(&[], 4);
     blind.lateral.iter_mut().for_each(|run| run.shape = Default::default());
     let options = CharacterizeOptions { force_gain_sd: Some(0.005), ..Default::default() };
-    let found = characterize(&blind, &options).expect("characterised");
-    assert_eq!(of(&found, "rig.frame_compliance").standing, Standing::NotIdentifiable, "{found:?}");
+    let characterization = characterize(&blind, &options).expect("characterised");
+    assert_eq!(
+        of(&characterization, "rig.frame_compliance").standing,
+        Standing::NotIdentifiable,
+        "{characterization:?}"
+    );
     // And a little play is, in the force, a friction of the other sign: only what follows a reversal bounds it.
     let with_shape = characterize(&session(&[], 4), &options).expect("characterised");
-    let [blind_sd_mm, sd_mm] = [&found, &with_shape].map(|found| of(found, "rig.play").sd);
+    let [blind_sd_mm, sd_mm] =
+        [&characterization, &with_shape].map(|characterization| of(characterization, "rig.play").sd);
     assert!(blind_sd_mm > 4.0 * sd_mm, "{blind_sd_mm} {sd_mm}");
 }
 
@@ -82,39 +88,39 @@ fn what_runs_in_air_cannot_separate_is_not_identifiable_with_what_would_settle_i
 fn without_any_shape(seeds: std::ops::RangeInclusive<u64>) -> (usize, Vec<(u64, CharacterizedParameter)>) {
     const PLAY: [(&str, &[f64]); 2] = [("rig.play", &[0.06]), ("rig.friction", &[0.02])];
     let options = CharacterizeOptions { force_gain_sd: Some(0.005), ..Default::default() };
-    let (mut all, mut missed) = (0, Vec::new());
+    let (mut interval_count, mut missed) = (0, Vec::new());
     for seed in seeds {
         for effects in [&PLAY[..], &[]] {
             let mut blind = session(effects, seed);
             blind.lateral.iter_mut().for_each(|run| run.shape = Default::default());
-            let found = characterize(&blind, &options).expect("characterised");
+            let characterization = characterize(&blind, &options).expect("characterised");
             for effect in ["rig.play", "rig.friction"] {
-                let one = of(&found, effect);
-                let off_sd = (one.value - truth(effects, effect, 0)) / one.sd;
-                assert!(off_sd.abs() < 3.5, "{seed}: {one:?}");
-                all += 1;
+                let parameter = of(&characterization, effect);
+                let off_sd = (parameter.value - truth(effects, effect, 0)) / parameter.sd;
+                assert!(off_sd.abs() < 3.5, "{seed}: {parameter:?}");
+                interval_count += 1;
                 if off_sd.abs() > NORMAL_975 {
-                    missed.push((seed, one.clone()));
+                    missed.push((seed, parameter.clone()));
                 }
             }
         }
     }
-    (all, missed)
+    (interval_count, missed)
 }
 
-/// Of four intervals of 95 % more than one misses with a probability of 0.014.
+/// The probability that more than one of four intervals of 95 % misses is 0.014.
 #[test]
 fn play_and_friction_are_in_their_intervals_without_any_shape() {
-    let (all, missed) = without_any_shape(1..=1);
-    assert!(all == 4 && missed.len() <= 1, "{missed:?}");
+    let (interval_count, missed) = without_any_shape(1..=1);
+    assert!(interval_count == 4 && missed.len() <= 1, "{missed:?}");
 }
 
-/// Of sixteen more than two do with a probability of 0.043.
+/// The probability that more than two of sixteen do is 0.043.
 #[test]
 #[ignore = "study in small: cargo xtask test --all runs it"]
 fn play_and_friction_are_in_their_intervals_without_any_shape_in_many_sessions() {
-    let (all, missed) = without_any_shape(1..=4);
-    assert!(all == 16 && missed.len() <= 2, "{missed:?}");
+    let (interval_count, missed) = without_any_shape(1..=4);
+    assert!(interval_count == 16 && missed.len() <= 2, "{missed:?}");
 }
 
 #[test]
@@ -123,8 +129,8 @@ fn a_play_beyond_all_likely_ones_is_found_without_any_shape() {
     let mut blind = session(&WORN, 1);
     blind.lateral.iter_mut().for_each(|run| run.shape = Default::default());
     let options = CharacterizeOptions { force_gain_sd: Some(0.005), ..Default::default() };
-    let found = characterize(&blind, &options).expect("characterised");
-    let play = of(&found, "rig.play");
+    let characterization = characterize(&blind, &options).expect("characterised");
+    let play = of(&characterization, "rig.play");
     assert!(play.sd < 0.05 && (play.value - 0.6).abs() < 3.0 * play.sd, "{play:?}");
 }
 
@@ -137,20 +143,21 @@ fn what_pixels_do_to_a_straight_needle_is_in_the_intervals() {
     design.noise.shape_mm = 0.006;
     let effects: Vec<_> = RIG.iter().map(|(id, values)| (*id, values.to_vec())).collect();
     let world = Truth { k_kpa: 10.0, tip_load_n: 0.2, effects, foreign: None };
-    let (mut missed, mut all) = (0, 0);
+    let (mut missed, mut interval_count) = (0, 0);
     for seed in 1..=12 {
-        let found = characterize(&worlds::session(&world, &design, seed), &options).expect("characterised");
+        let characterization =
+            characterize(&worlds::session(&world, &design, seed), &options).expect("characterised");
         for effect in
             ["rig.backlash", "rig.play", "rig.friction", "rig.frame_compliance", "rig.clamp_compliance"]
         {
-            let one = of(&found, effect);
-            let off_sd = ((one.value - truth(&RIG, effect, 0)) / one.sd).abs();
-            assert!(off_sd < 3.0, "{seed}: {one:?}");
-            all += 1;
+            let parameter = of(&characterization, effect);
+            let off_sd = ((parameter.value - truth(&RIG, effect, 0)) / parameter.sd).abs();
+            assert!(off_sd < 3.0, "{seed}: {parameter:?}");
+            interval_count += 1;
             missed += usize::from(off_sd > NORMAL_975);
         }
     }
-    assert!(10 * missed <= all, "{missed} of {all}");
+    assert!(10 * missed <= interval_count, "{missed} of {interval_count}");
 }
 
 #[test]
@@ -163,13 +170,13 @@ fn play_that_has_grown_is_reported_and_a_rig_that_has_not_changed_is_not() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("characterized.toml");
     characterized(0.05, 5).model(Some("air".to_owned())).write(&path).expect("written");
-    let known = KnownParameter::of_model(&formats::model_file::ModelFile::read(&path).expect("read"));
+    let known_rig = KnownParameter::of_model(&formats::model_file::ModelFile::read(&path).expect("read"));
     assert!(
-        known.iter().all(|one| one.effect != "sensor.force_drift"),
-        "what is new in every session: {known:?}"
+        known_rig.iter().all(|one| one.effect != "sensor.force_drift"),
+        "what is new in every session: {known_rig:?}"
     );
-    assert_eq!(moved_since(&known, &characterized(0.05, 6)), []);
-    let moved = moved_since(&known, &characterized(0.16, 7));
+    assert_eq!(moved_since(&known_rig, &characterized(0.05, 6)), []);
+    let moved = moved_since(&known_rig, &characterized(0.16, 7));
     let first = moved.first().expect("the play has grown");
     assert_eq!((first.effect.as_str(), first.parameter.as_str()), ("rig.play", "half_width_mm"));
     assert!((0.09..0.13).contains(&(first.now - first.before)), "{first:?}");
@@ -188,37 +195,53 @@ fn a_session_without_a_run_in_air_is_rejected() {
 fn a_diagnosis_with_the_rig_known_reports_what_has_moved_since_and_nothing_where_nothing_has() {
     let options = CharacterizeOptions { force_gain_sd: Some(0.01), ..Default::default() };
     let rig: [(&str, &[f64]); 2] = [("rig.frame_compliance", &[0.06]), ("rig.play", &[0.05])];
-    let known = characterize(&session(&rig, 8), &options).expect("characterised").model(None);
+    let known_rig = characterize(&session(&rig, 8), &options).expect("characterised").model(None);
     let diagnosed = |play_mm: f64, seed| {
         let effects = vec![("rig.frame_compliance", vec![0.06]), ("rig.play", vec![play_mm])];
         let truth = Truth { k_kpa: 12.0, tip_load_n: 0.2, effects, foreign: None };
         let in_tissue = worlds::session(&truth, &Design::nine_runs(), seed);
-        diagnose(&in_tissue, &Options::default().with_rig(Some(&known)), |_| {}).expect("diagnosed")
+        diagnose(&in_tissue, &Options::default().with_rig(Some(&known_rig)), |_| {}).expect("diagnosed")
     };
-    let same = diagnosed(0.05, 9);
-    assert_eq!(same.moved_since, []);
-    assert!((same.k_ci95_kpa[0]..=same.k_ci95_kpa[1]).contains(&12.0), "{:?}", same.k_ci95_kpa);
-    assert!(same.given.contains(&"rig.play".to_owned()) && same.effects.is_empty(), "{:?}", same.given);
+    let unchanged_rig = diagnosed(0.05, 9);
+    assert_eq!(unchanged_rig.moved_since, []);
+    assert!(
+        (unchanged_rig.k_ci95_kpa[0]..=unchanged_rig.k_ci95_kpa[1]).contains(&12.0),
+        "{:?}",
+        unchanged_rig.k_ci95_kpa
+    );
+    assert!(
+        unchanged_rig.given.contains(&"rig.play".to_owned()) && unchanged_rig.effects.is_empty(),
+        "{:?}",
+        unchanged_rig.given
+    );
     let grown = diagnosed(0.16, 10);
     let first = grown.moved_since.first().expect("the play has grown");
     assert_eq!(first.effect, "rig.play");
     assert!((first.now - 0.16).abs() < 0.02, "{first:?}");
-    // What has changed is the gap: before is the rig as it was known.
+    // The change is the gap: before is the rig as it was known.
     let gap = grown.gap.expect("a gap");
     assert!(gap.removed.is_some_and(|removed| removed > 0.9), "{gap:?}");
-    let [before, after] = grown.adequacy;
-    assert!(before.p < 1e-3 && after.p > 1e-3 && !grown.regions.is_empty(), "{before:?} {after:?}");
+    let [as_known, as_released] = grown.adequacy;
+    assert!(
+        as_known.p < 1e-3 && as_released.p > 1e-3 && !grown.regions.is_empty(),
+        "{as_known:?} {as_released:?}"
+    );
 }
 
 #[test]
 fn runs_in_air_are_skipped_where_the_tissue_is_identified_and_alone_where_the_rig_is() {
     let truth = Truth { k_kpa: 10.0, tip_load_n: 0.2, effects: Vec::new(), foreign: None };
-    let mut both = worlds::session(&truth, &Design::four_runs(), 11);
-    let in_tissue: Vec<String> = both.lateral.iter().map(|run| run.id.clone()).collect();
-    both.lateral.extend(session(&[], 12).lateral);
-    let split = data_split(&both).expect("usable");
+    let mut mixed_session = worlds::session(&truth, &Design::four_runs(), 11);
+    let in_tissue: Vec<String> = mixed_session.lateral.iter().map(|run| run.id.clone()).collect();
+    mixed_session.lateral.extend(session(&[], 12).lateral);
+    let split = data_split(&mixed_session).expect("usable");
     assert_eq!(split.used, in_tissue);
     assert_eq!(split.skipped.iter().filter(|why| why.contains("in air")).count(), 4, "{:?}", split.skipped);
-    let found = characterize(&both, &CharacterizeOptions::default()).expect("characterised");
-    assert!(found.runs.len() == 4 && found.runs.iter().all(|id| !in_tissue.contains(id)), "{:?}", found.runs);
+    let characterization =
+        characterize(&mixed_session, &CharacterizeOptions::default()).expect("characterised");
+    assert!(
+        characterization.runs.len() == 4 && characterization.runs.iter().all(|id| !in_tissue.contains(id)),
+        "{:?}",
+        characterization.runs
+    );
 }

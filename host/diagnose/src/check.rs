@@ -1,7 +1,7 @@
-//! What a session could show, before it is asked what it lacks: for every effect the size from which on it would have a name.
+//! Expected abilities of a session before its diagnosis: for every effect the size from which on it would have a name.
 //!
-//! Nothing is searched. Noise, split, starting model, discrepancy and evidence are those of [`diagnose`](super::diagnose); whether a name
-//! is confirmed by what is held out is not part of it.
+//! There is no search. Noise, split, starting model, discrepancy and evidence are those of
+//! [`diagnose`](super::diagnose); whether a name is confirmed by what is held out is not part of it.
 
 use super::results::Estimate;
 use super::score::{NamedFrom, Scores};
@@ -17,18 +17,18 @@ use serde::Serialize;
 /// Probability with which an effect of a size in the table would have its name.
 pub const NAMED_PROBABILITY: f64 = 0.9;
 
-/// What a session could show.
+/// Expected abilities of a session.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
     /// Name and version of this form.
     pub schema: &'static str,
     /// Name of the session.
     pub session: Option<String>,
-    /// How runs are divided into those to learn from and those to judge by.
+    /// Division of the runs into training and held-out runs.
     pub split: String,
     /// Number of runs of which something is held out; without any nothing is ever named.
     pub held_out: usize,
-    /// What the tissue is taken for.
+    /// Foundation of the tissue.
     pub foundation: &'static str,
     /// Modulus of the starting model: K of springs, E of a body.
     pub modulus_kpa: Estimate,
@@ -53,7 +53,7 @@ pub struct Showable {
     pub parameter: &'static str,
     /// Its value at that size.
     pub value: f64,
-    /// What it is without the effect.
+    /// Its value without the effect.
     pub neutral: f64,
     /// Size, as a multiple of one that a careful laboratory overlooks.
     pub over_usual: f64,
@@ -63,7 +63,7 @@ pub struct Showable {
     pub alike: Vec<&'static str>,
 }
 
-/// What a session could show; `on_progress` receives a line for each step.
+/// Expected abilities of a session; `on_progress` receives a line for each step.
 ///
 /// # Errors
 /// [`DiagnoseError`] where nothing can be diagnosed.
@@ -76,8 +76,8 @@ pub fn check(
     let (Training { runs, rule }, held_out) = split(runs);
     on_progress(&rule);
     let noise = Noise::of(&runs, &session.stated_noise());
-    let given = options.given.iter().map(|(effect, _)| *effect).collect();
-    let mut layout = Layout::new(&session.rig, &runs, given);
+    let given_effects = options.given.iter().map(|(effect, _)| *effect).collect();
+    let mut layout = Layout::new(&session.rig, &runs, given_effects);
     layout.known = options.known.clone().into();
     let noises = Noises { session: noise, reference: noise };
     let fit = |layout: &Layout| fit_start(layout, &runs, &noises, &options.given, &options.discrepancy);
@@ -98,8 +98,8 @@ pub fn check(
     let shown = scores.ranked().iter().filter(|score| score.is_identifiable).count();
     let prior = ModelPrior::new(shown, discover::shown(&start.fitted, &options.left_out).len());
     let needed = prior.needed();
-    let all = scores.named_from(needed, NAMED_PROBABILITY);
-    let mut effects: Vec<Showable> = all.iter().filter_map(showable).collect();
+    let nameable = scores.named_from(needed, NAMED_PROBABILITY);
+    let mut effects: Vec<Showable> = nameable.iter().filter_map(showable).collect();
     effects.sort_by(|a, b| a.over_usual.total_cmp(&b.over_usual));
     let is_shown = |id: &str| effects.iter().any(|one| one.effect == id);
     let not_shown = names.iter().map(|effect| effect.id()).filter(|id| !is_shown(id)).collect();
@@ -135,7 +135,7 @@ fn showable(found: &NamedFrom) -> Option<Showable> {
 }
 
 impl Check {
-    /// What a name is, in words.
+    /// Meaning of a name, in words.
     pub fn of_names(&self) -> String {
         format!(
             "log evidence {:+.1}: {:.0} % of the probability, over {} effects that these runs can show",
@@ -171,9 +171,10 @@ mod tests {
         let named = |size: f64| {
             let is_named = |seed: &u64| {
                 let session = worlds::session(&truth(vec![("rig.backlash", vec![size])]), &design, 10 + seed);
-                let found = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
-                let has_name = found.effects.iter().any(|one| one.class.contains(&"rig.backlash".to_owned()));
-                has_name && matches!(found.verdict, Verdict::Named | Verdict::Ambiguous)
+                let diagnosis = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+                let has_name =
+                    diagnosis.effects.iter().any(|one| one.class.contains(&"rig.backlash".to_owned()));
+                has_name && matches!(diagnosis.verdict, Verdict::Named | Verdict::Ambiguous)
             };
             (0..4u64).filter(is_named).count()
         };

@@ -23,7 +23,7 @@ use modulus::walls::FINITE_BODY;
 /// linearisation of the score, make up for some nats.
 const IN_QUESTION: f64 = 8.0;
 
-/// What was found on the foundation that explains the runs best.
+/// Result on the foundation that explains the runs best.
 pub(super) struct Choice {
     pub foundation: FoundationResult,
     pub start: Start,
@@ -79,7 +79,7 @@ pub(super) fn choose(
         && (is_in_question(&first, &second, &found)?
             || promises_more(&found, &on(&first, judge, catalogue), &on(&second, judge, catalogue))?);
     let other = if is_searched { search(&second, &mut report).ok() } else { None };
-    // Where nothing is named on one foundation, a name on the other one has to explain what was held out better, too.
+    // If no effect is named on one foundation, a name on the other one has to explain the held-out runs better, too.
     let explains_held_out = |other: &Found| {
         !found.members.is_empty()
             || other.members.is_empty()

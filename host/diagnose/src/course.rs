@@ -1,9 +1,10 @@
 //! The motion of guide 2 between two holds, of readings that have noise.
 //!
-//! What drives the model is where guide 2 was, not what its sensor read: taken as true, white noise of the readings makes a force that
-//! follows them late fit better than one that follows at once, because a delay averages them. So the course is an unknown of its own: its second differences are
-//! normal with a size that the readings determine by their marginal likelihood, and the readings are normal about it. How it begins and ends is
-//! left free: guide 2 starts and stops as abruptly as its actuator can. A sensor without noise is followed exactly.
+//! The model is driven by the position of guide 2, not by its sensor's reading: taken as true, white noise of the
+//! readings makes a force that follows them late fit better than one that follows at once, because a delay averages
+//! them. So the course is an unknown of its own: its second differences are normal with a size that the readings
+//! determine by their marginal likelihood, and the readings are normal about it. Its begin and end are free: guide 2
+//! starts and stops as abruptly as its actuator can. A sensor without noise is followed exactly.
 //!
 //! Whittaker, "On a new method of graduation" (1923); Wahba, "A comparison of GCV and GML for choosing the smoothing parameter" (1985).
 
@@ -39,21 +40,21 @@ pub(super) fn course(readings_m: &[f64], sd_m: f64) -> Course {
     }
     let step = (2.0 * largest.max(1.0) / SMALLEST).powf(1.0 / f64::from(SIZES - 1));
     let penalty = second.transpose() * &second;
-    // Of the sizes the one with the largest marginal likelihood, the course integrated over.
+    // The size with the largest marginal likelihood, integrated over the course.
     let fit = |size: f64| {
         let normal = &penalty / (size * size) + DMatrix::identity(count, count);
         let factor = normal.cholesky()?;
-        let found = factor.solve(&read);
+        let solution = factor.solve(&read);
         let half_ln_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum();
         let ln_likelihood =
-            -0.5 * (read.dot(&read) - found.dot(&read)) - half_ln_determinant - inner as f64 * size.ln();
-        Some((ln_likelihood, found, factor))
+            -0.5 * (read.dot(&read) - solution.dot(&read)) - half_ln_determinant - inner as f64 * size.ln();
+        Some((ln_likelihood, solution, factor))
     };
     let sizes = (0..SIZES).map(|number| SMALLEST * step.powi(number));
     let best = sizes.filter_map(fit).max_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, found, factor)) = best else { return as_read() };
+    let Some((_, smoothed, factor)) = best else { return as_read() };
     Course {
-        places_m: found.iter().map(|value| sd_m * value).collect(),
+        places_m: smoothed.iter().map(|value| sd_m * value).collect(),
         left: factor.inverse().diagonal().iter().copied().collect(),
     }
 }
@@ -76,11 +77,11 @@ mod tests {
         let sd_m = 0.05e-3;
         for _ in 0..200 {
             let readings: Vec<f64> = truth.iter().map(|m| m + sd_m * random.normal()).collect();
-            let found = course(&readings, sd_m);
-            for (((found, left), truth), read) in
-                found.places_m.iter().zip(&found.left).zip(&truth).zip(&readings)
+            let smoothed = course(&readings, sd_m);
+            for (((smoothed, left), truth), read) in
+                smoothed.places_m.iter().zip(&smoothed.left).zip(&truth).zip(&readings)
             {
-                squares += (found - truth).powi(2);
+                squares += (smoothed - truth).powi(2);
                 stated += left * sd_m * sd_m;
                 of_readings += (read - truth).powi(2);
             }
@@ -92,8 +93,12 @@ mod tests {
     #[test]
     fn a_sensor_without_noise_is_followed() {
         let truth = ramp(12);
-        let found = course(&truth, 1e-9);
-        assert!(found.places_m.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 2e-9), "{:?}", found.places_m);
+        let smoothed = course(&truth, 1e-9);
+        assert!(
+            smoothed.places_m.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 2e-9),
+            "{:?}",
+            smoothed.places_m
+        );
         assert_eq!(course(&truth, 0.0).places_m, truth);
     }
 }

@@ -91,7 +91,7 @@ impl Channel {
     }
 }
 
-/// Which predicted values a measured number stands for.
+/// Predicted values that a measured number represents.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Source {
     /// Mean force over drive samples.
@@ -104,7 +104,7 @@ pub(super) enum Source {
     Direction(usize),
 }
 
-/// Where a measured number lies.
+/// Coordinates of a measured number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
     /// Below the surface; of forces that of the needle.
@@ -128,19 +128,20 @@ pub(super) struct Datum {
     pub place: Place,
     /// The hold, or stretch of depth, that it belongs to.
     pub part: usize,
-    /// How many points of a shape, all at its place, it is the mean of.
+    /// Number of points of a shape, all at its place, of which it is the mean.
     pub points: usize,
 }
 
 impl Datum {
-    /// Of a bin of an insertion.
+    /// Place of a bin of an insertion.
     fn of_bin(bin: &Bin, channel: Channel, measured: f64, source: Source) -> Self {
-        let place = Place { depth_m: bin.depth_m, level_m: 0.0, direction: 0.0, hold_s: None, time_s: 0.0 };
-        Self { channel, measured, source, place, part: (bin.depth_m / PART_M) as usize, points: 1 }
+        let bin_place =
+            Place { depth_m: bin.depth_m, level_m: 0.0, direction: 0.0, hold_s: None, time_s: 0.0 };
+        Self { channel, measured, source, place: bin_place, part: (bin.depth_m / PART_M) as usize, points: 1 }
     }
 }
 
-/// What kind of run it is.
+/// Kind of the run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Lateral,
@@ -160,7 +161,8 @@ pub(super) struct Run {
     pub cells: Cells,
     /// Standard deviation of an error of the position that all points of its shape share, at each of them.
     pub z_shared_sd_m: Vec<f64>,
-    /// What one standard deviation of each error of the deflections does that all points of its shape share, at each of them in each plane.
+    /// Effect of one standard deviation of each shared error of the deflections, at each point of the shape in each
+    /// plane.
     pub shared_m: Vec<[[f64; SHARED_ERRORS]; 2]>,
     /// To which its shape is rounded, vertical and horizontal; next to nothing where it is not.
     pub shape_step_m: [f64; 2],
@@ -207,7 +209,7 @@ impl Run {
         let axis = usize::from(most_m(1) > most_m(0));
         let stood_m = stood(&cells, holds.len());
         let idle_m = cells.read_m.each_ref().map(|read| read.iter().sum::<f64>() / read.len() as f64);
-        let places: Vec<Place> = hold_places(&holds, axis, run.depth_m);
+        let level_places: Vec<Place> = hold_places(&holds, axis, run.depth_m);
         let start_s = cells.time_s.first().copied().unwrap_or_default();
 
         let mut data = Vec::new();
@@ -229,21 +231,21 @@ impl Run {
                 };
                 let time_s = mean(&|i| cells.time_s[i]);
                 let hold = cells.hold[stretch.start];
-                // What happens on the way to a hold belongs to it.
+                // Readings on the way to a hold belong to it.
                 let next = cells.hold[stretch.start..].iter().flatten().next().copied();
-                let part = hold.or(next).unwrap_or(holds.len() - 1);
-                let mut place = places[part];
-                place.time_s = time_s - start_s;
-                place.hold_s = hold.map(|_| time_s - holds[part].time_s[0]);
+                let part_index = hold.or(next).unwrap_or(holds.len() - 1);
+                let mut cell_place = level_places[part_index];
+                cell_place.time_s = time_s - start_s;
+                cell_place.hold_s = hold.map(|_| time_s - holds[part_index].time_s[0]);
                 if hold.is_none() {
-                    place.level_m = mean(&|i| cells.read_m[axis][i]);
+                    cell_place.level_m = mean(&|i| cells.read_m[axis][i]);
                 }
                 data.push(Datum {
                     channel: [Channel::ForceY, Channel::ForceX][plane],
                     measured: mean(&|i| cells.force_n[plane][i]),
                     source: Source::Force(usable),
-                    place,
-                    part,
+                    place: cell_place,
+                    part: part_index,
                     points: 1,
                 });
             }
@@ -263,7 +265,7 @@ impl Run {
                         depth_m: point.z_m - rig.entry_m,
                         time_s: point.time_s - start_s,
                         hold_s: Some(point.time_s - hold.time_s[0]),
-                        ..places[part]
+                        ..level_places[part]
                     },
                     part,
                     points: mean.points,
@@ -275,17 +277,17 @@ impl Run {
         }
         // Both planes of a channel lie together.
         data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));
-        let held = held(&cells);
-        let reversal_m = cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &held));
-        let sd_m = cells.read_m.each_ref().map(|read_m| reading_sd_m(read_m, &held));
+        let position_m = held(&cells);
+        let reversal_m = cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &position_m));
+        let sd_m = cells.read_m.each_ref().map(|read_m| reading_sd_m(read_m, &position_m));
         let [y, x] = travelled(&cells, &stood_m, sd_m);
         let travelled_m = [y.places_m, x.places_m];
         cells.left = [y.left, x.left];
         let drive = (0..cells.time_s.len()).map(|i| {
             // A plane in which guide 2 stays where it is has nothing but noise in its readings.
-            let at =
+            let guide_m =
                 |plane: usize| if most_m(plane) <= IDLE_M { idle_m[plane] } else { travelled_m[plane][i] };
-            DriveSample { time_s: cells.time_s[i], y_m: at(0), x_m: at(1) }
+            DriveSample { time_s: cells.time_s[i], y_m: guide_m(0), x_m: guide_m(1) }
         });
         let (id, depth_m, drive) = (run.id.clone(), run.depth_m, drive.collect());
         let experiment =
@@ -313,7 +315,7 @@ impl Run {
         let path = at_rest(path);
         let speed_m_per_s = speed(run).unwrap_or(0.0);
         let leaving_m = |bin: &Bin| bin.depth_m + if bin.leaving { 1e-7 } else { 0.0 };
-        let done = Insertion {
+        let insertion = Insertion {
             depth_m: path.bins.iter().map(leaving_m).collect(),
             speed_m_per_s: Profile::constant(speed_m_per_s),
             tip_direction: path.bins.iter().flat_map(|bin| bin.direction_rad).flatten().next().is_some(),
@@ -344,7 +346,7 @@ impl Run {
             kind: Kind::Insertion,
             depth_m: path.deepest_m,
             axis: 0,
-            experiment: Experiment::Insertion(done),
+            experiment: Experiment::Insertion(insertion),
             data,
             cells: Cells::default(),
             z_shared_sd_m: Vec::new(),
@@ -355,11 +357,11 @@ impl Run {
         })
     }
 
-    /// How its shape was imaged, at its middle point; nothing where that is not known.
+    /// Image of its shape, at its middle point; `None` if it is not known.
     pub fn image(&self) -> Option<ShapeImage> {
         let Experiment::Lateral(lateral) = &self.experiment else { return None };
-        let mut known = lateral.shape.iter().filter_map(|point| point.image);
-        known.nth(lateral.shape.iter().filter(|point| point.image.is_some()).count() / 2)
+        let mut images = lateral.shape.iter().filter_map(|point| point.image);
+        images.nth(lateral.shape.iter().filter(|point| point.image.is_some()).count() / 2)
     }
 
     /// The same with only some of its parts.
@@ -379,17 +381,17 @@ impl Run {
     /// Whether the needle of an insertion is turned in a part, or guide 2 moved (at rest or over a millimetre): the path has a step or
     /// a kink there that belongs to the model, not to the noise.
     pub fn turns_in(&self, part: usize) -> bool {
-        let Experiment::Insertion(done) = &self.experiment else { return false };
-        let from_m = PART_M * part as f64;
+        let Experiment::Insertion(insertion) = &self.experiment else { return false };
+        let part_start_m = PART_M * part as f64;
         let cells = (PART_M / STEP_LENGTH_M).round() as usize;
         let steps = |profile: &Profile, still: f64| {
             (0..cells).any(|cell| {
-                let cell_m = from_m + STEP_LENGTH_M * cell as f64;
+                let cell_m = part_start_m + STEP_LENGTH_M * cell as f64;
                 (profile.after(cell_m + STEP_LENGTH_M) - profile.before(cell_m)).abs() > still
             })
         };
-        steps(&done.rotation_rad, ROTATION_STEP_RAD)
-            || done.guide2_m.iter().flatten().any(|profile| steps(profile, IDLE_M))
+        steps(&insertion.rotation_rad, ROTATION_STEP_RAD)
+            || insertion.guide2_m.iter().flatten().any(|profile| steps(profile, IDLE_M))
     }
 
     /// Number of its parts.
@@ -404,18 +406,18 @@ fn at_rest(path: TipPath) -> TipPath {
     if resting.len() < ENOUGH_RESTS { path } else { path.with_bins(resting) }
 }
 
-/// Speed at which an insertion advances, m/s: the median over cells of depth, so that rests between pushes do not count. Nothing where
-/// no times are recorded or fewer than two cells are crossed.
+/// Speed at which an insertion advances, m/s: the median over cells of depth, so that rests between pushes do not
+/// count. `None` if no times are recorded or fewer than two cells are crossed.
 fn speed(run: &InsertionRun) -> Option<f64> {
     let times_s = run.time_s.as_ref()?;
     // When the deepest depth so far first reached each face of a cell.
     let mut faces_s: Vec<f64> = Vec::new();
-    let mut before: Option<(f64, f64)> = None;
+    let mut previous: Option<(f64, f64)> = None;
     for (depth_m, time_s) in run.depth_m.iter().copied().zip(times_s.iter().copied()) {
-        let (deepest_m, since_s) = before.unwrap_or((depth_m, time_s));
+        let (deepest_m, since_time_s) = previous.unwrap_or((depth_m, time_s));
         if depth_m <= deepest_m {
             // A rest ends with its last row: what is crossed then is crossed from there on.
-            before = Some((deepest_m, time_s));
+            previous = Some((deepest_m, time_s));
             continue;
         }
         loop {
@@ -423,10 +425,10 @@ fn speed(run: &InsertionRun) -> Option<f64> {
             if face_m > depth_m {
                 break;
             }
-            let share = ((face_m - deepest_m) / (depth_m - deepest_m)).max(0.0);
-            faces_s.push(since_s + share * (time_s - since_s));
+            let fraction = ((face_m - deepest_m) / (depth_m - deepest_m)).max(0.0);
+            faces_s.push(since_time_s + fraction * (time_s - since_time_s));
         }
-        before = Some((depth_m, time_s));
+        previous = Some((depth_m, time_s));
     }
     let crossings = faces_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|seconds| *seconds > 0.0);
     let seconds: Vec<f64> = crossings.collect();
@@ -442,7 +444,7 @@ fn hold_places(holds: &[Hold], axis: usize, depth_m: f64) -> Vec<Place> {
     let reversal_m = reversal_of_means_m(&holds.iter().map(error_m).collect::<Vec<_>>());
     let mut extreme_m = 0.0;
     let mut direction = 0.0;
-    let place = |hold: &Hold| {
+    let hold_place = |hold: &Hold| {
         let level_m = hold.displacement_m()[axis];
         let moved_m: f64 = level_m - extreme_m;
         if moved_m * direction > 0.0 || moved_m.abs() > reversal_m {
@@ -451,7 +453,7 @@ fn hold_places(holds: &[Hold], axis: usize, depth_m: f64) -> Vec<Place> {
         }
         Place { depth_m, level_m, direction, hold_s: Some(0.0), time_s: 0.0 }
     };
-    holds.iter().map(place).collect()
+    holds.iter().map(hold_place).collect()
 }
 
 #[cfg(test)]

@@ -41,8 +41,8 @@ fn pushed(rest_s: f64, every: usize) -> InsertionRun {
 #[test]
 fn rests_between_pushes_do_not_slow_an_insertion_down() {
     for (rest_s, every) in [(0.0, 10), (2.0, 10), (30.0, 10), (1.0, 2)] {
-        let found = speed(&pushed(rest_s, every)).expect("a speed");
-        assert!((found / 5e-3 - 1.0).abs() < 1e-6, "{found} m/s with rests of {rest_s} s");
+        let mean_speed = speed(&pushed(rest_s, every)).expect("a speed");
+        assert!((mean_speed / 5e-3 - 1.0).abs() < 1e-6, "{mean_speed} m/s with rests of {rest_s} s");
     }
     assert_eq!(speed(&InsertionRun { time_s: None, ..pushed(0.0, 10) }), None);
 }

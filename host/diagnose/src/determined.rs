@@ -24,8 +24,9 @@ pub(super) fn is_determined(fitted: &Fitted, index: usize) -> bool {
     let first = fitted.layout.first_of(index);
     let infos = fitted.layout.effects[index].parameters();
     let excludes_neutral = infos.iter().enumerate().any(|(number, info)| {
-        let away = fitted.values()[first + number] - Scale::of(info).inside(info.neutral);
-        info.nodes.is_empty() && away.abs() > (NORMAL_975 * fitted.sd(first + number)).max(least_size(info))
+        let difference = fitted.values()[first + number] - Scale::of(info).inside(info.neutral);
+        info.nodes.is_empty()
+            && difference.abs() > (NORMAL_975 * fitted.sd(first + number)).max(least_size(info))
     });
     let at_bound =
         fitted.at_bound.first() == Some(&true) || (first..first + infos.len()).any(|i| fitted.at_bound[i]);

@@ -1,4 +1,5 @@
-//! What every real rig and tissue leaves behind any model: the patterns of the discrepancy and their everyday sizes.
+//! Discrepancy of every real rig and tissue from any model: the patterns of the discrepancy and their everyday
+//! sizes.
 //!
 //! A pattern is a direction in the data of one unit of a small imperfection. Those of one [`Group`] have amplitudes of one size,
 //! which the evidence finds again for every hypothesis ([`Patterns`]): the plain model needs a large discrepancy, the right effect a
@@ -20,7 +21,7 @@ use super::layout::{Layout, Prepared};
 use mechanics::{Cache, Channels, Experiment, Model, ModelError, predict_with};
 use nalgebra::DMatrix;
 
-/// What a group of patterns belongs to.
+/// Scope of a group of patterns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Scope {
     /// Amplitudes of its patterns are the same in all runs.
@@ -29,14 +30,14 @@ enum Scope {
     Own,
 }
 
-/// What the imperfections of a group are a matter of.
+/// Cause of a group's imperfections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Cause {
     /// Tissue, needle and sensors in ways that an effect of the catalogue may have too.
     Physics,
-    /// How needle and tissue are mounted in a session.
+    /// Mounting of needle and tissue in a session.
     Mounting,
-    /// What differs from run to run: no model predicts it of a run that it has not been fitted to.
+    /// Differences from run to run: no model predicts it of a run that it has not been fitted to.
     Run,
     /// The instruments alone: zeros, drift, axes, angles, offsets of a run.
     Instrument {
@@ -70,7 +71,7 @@ type Made = Result<Vec<Vec<f64>>, ModelError>;
 struct Around<'a> {
     run: &'a Run,
     model: Model,
-    /// What the plain model predicts, in the order of the data.
+    /// Predictions of the plain model, in the order of the data.
     predicted: Vec<f64>,
     cache: &'a Cache,
 }
@@ -120,8 +121,8 @@ fn sized(mut groups: Vec<GroupPatterns>, multiples: &Multiples) -> Vec<GroupPatt
     groups
 }
 
-/// What may have changed between the reference and the session because things were remounted: the same patterns once more, in the
-/// session alone.
+/// Possible changes between the reference and the session by remounting: the same patterns once more, in the session
+/// alone.
 fn remounted(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> {
     let mounted = groups.iter().filter(|group| group.cause.is_mounted());
     let of_run = |(patterns, prepared): (&Vec<Vec<f64>>, &Prepared)| {
@@ -153,22 +154,22 @@ pub(super) fn of_held_out(
 }
 
 fn groups(layout: &Layout, values: &[f64], runs: &[Prepared]) -> Result<Vec<GroupPatterns>, ModelError> {
-    let around = |prepared: &'_ Prepared| -> Result<_, ModelError> {
+    let around_run = |prepared: &'_ Prepared| -> Result<_, ModelError> {
         let model = layout.model_of(values, prepared.run.kind, prepared.run.is_reference)?;
         let channels: Channels = predict_with(&model, &prepared.run.experiment, &layout.cache)?;
         Ok((model, super::predicted::predicted(&prepared.run, &channels)))
     };
-    let mut all = Vec::with_capacity(runs.len());
+    let mut run_groups = Vec::with_capacity(runs.len());
     for prepared in runs {
-        let (model, predicted) = around(prepared)?;
-        all.push(Around { run: &prepared.run, model, predicted, cache: &layout.cache });
+        let (model, predicted) = around_run(prepared)?;
+        run_groups.push(Around { run: &prepared.run, model, predicted, cache: &layout.cache });
     }
     let mut groups = Vec::new();
-    if all.iter().any(|around| around.run.kind == Kind::Lateral) {
-        groups.extend(lateral::groups(&all)?);
+    if run_groups.iter().any(|around_run| around_run.run.kind == Kind::Lateral) {
+        groups.extend(lateral::groups(&run_groups)?);
     }
-    if all.iter().any(|around| around.run.kind == Kind::Insertion) {
-        groups.extend(insertion::groups(&all)?);
+    if run_groups.iter().any(|around_run| around_run.run.kind == Kind::Insertion) {
+        groups.extend(insertion::groups(&run_groups)?);
     }
     Ok(groups)
 }
@@ -187,7 +188,8 @@ fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
         matrix
     };
     let shows = |pattern: &Vec<f64>| pattern.iter().any(|value| *value != 0.0);
-    // Which patterns of every group any run shows: the others, as of a plane that was not measured, have no amplitude to be found.
+    // Patterns of every group that any run shows: the others, as of a plane that was not measured, have no amplitude to
+    // be found.
     let shown = |group: &GroupPatterns| -> Vec<usize> {
         let count = group.of_runs.iter().map(Vec::len).max().unwrap_or(0);
         let is_shown = |j: &usize| group.of_runs.iter().any(|patterns| patterns.get(*j).is_some_and(shows));
@@ -201,21 +203,22 @@ fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
     }
     let of_run = |(index, prepared): (usize, &Prepared)| {
         let rows = prepared.run.data.len();
-        let (mut own_groups, mut own, mut shared) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut own_groups, mut own_columns, mut shared) = (Vec::new(), Vec::new(), Vec::new());
         for (number, (group, shown)) in groups.iter().zip(&groups_shown).enumerate() {
             let patterns = group.of_runs.get(index).map(Vec::as_slice).unwrap_or_default();
             match group.scope {
                 Scope::Own => {
-                    own.extend(patterns.iter().filter(|pattern| shows(pattern)).cloned());
-                    own_groups.resize(own.len(), number);
+                    own_columns.extend(patterns.iter().filter(|pattern| shows(pattern)).cloned());
+                    own_groups.resize(own_columns.len(), number);
                 }
                 Scope::Shared => {
-                    let of = |j: &usize| patterns.get(*j).cloned().unwrap_or_else(|| vec![0.0; rows]);
-                    shared.extend(shown.iter().map(of));
+                    let pattern_values =
+                        |j: &usize| patterns.get(*j).cloned().unwrap_or_else(|| vec![0.0; rows]);
+                    shared.extend(shown.iter().map(pattern_values));
                 }
             }
         }
-        RunPatterns::new(own_groups, columns(prepared, own), columns(prepared, shared))
+        RunPatterns::new(own_groups, columns(prepared, own_columns), columns(prepared, shared))
     };
     let of_runs = runs.iter().enumerate().map(of_run).collect();
     Patterns::new(groups.into_iter().map(|group| group.group).collect(), shared_groups, of_runs)

@@ -48,11 +48,11 @@ impl ModulusStatus {
 impl FoundEffect {
     /// Its parameters with their intervals.
     pub fn parameters_in_words(&self) -> String {
-        let one = self.parameters.iter().map(|(name, estimate)| {
+        let parameter_text = self.parameters.iter().map(|(name, estimate)| {
             let [low, high] = estimate.ci95;
             format!("{name} {:.4} ({low:.4} to {high:.4})", estimate.value)
         });
-        let values = one.collect::<Vec<_>>().join(", ");
+        let values = parameter_text.collect::<Vec<_>>().join(", ");
         match &self.formula {
             Some(formula) => format!("{formula}; {values}"),
             None => values,
@@ -76,8 +76,8 @@ impl FoundEffect {
 
     /// Effects that explain the data too, with their probabilities, without itself.
     pub fn competing_effects(&self) -> Vec<String> {
-        let others = self.class.iter().zip(&self.class_probability).filter(|(id, _)| **id != self.id);
-        others.map(|(id, probability)| format!("{id} ({:.0} %)", 100.0 * probability)).collect()
+        let competitors = self.class.iter().zip(&self.class_probability).filter(|(id, _)| **id != self.id);
+        competitors.map(|(id, probability)| format!("{id} ({:.0} %)", 100.0 * probability)).collect()
     }
 }
 

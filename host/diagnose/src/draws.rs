@@ -31,11 +31,11 @@ const MIN_WEIGHT: f64 = 1e-4;
 const MAX_TRIES: usize = 100;
 const MM_PER_M: f64 = 1e3;
 
-/// Which model each draw has, and how far its parameters are from the values of the fit.
+/// Model of each draw, and the deviation of its parameters from the values of the fit.
 pub(super) struct Deviations<'a> {
     pub options: DrawOptions,
     pub models: Vec<(f64, &'a Fitted)>,
-    /// Of each draw: the number of its model.
+    /// Model of each draw: the number of its model.
     pub picks: Vec<usize>,
     pub deviations: Vec<DVector<f64>>,
 }
@@ -62,8 +62,8 @@ impl<'a> Deviations<'a> {
         let forms: Vec<Linear> = self.models.iter().map(|(_, fitted)| form(fitted)).collect();
         let mut random = Random::new(self.options.seed, stream);
         let value = |(pick, deviation): (&usize, &DVector<f64>)| {
-            let apart = random.normal();
-            forms.get(*pick).map_or(f64::NAN, |form| form.at(deviation, apart))
+            let standard_deviate = random.normal();
+            forms.get(*pick).map_or(f64::NAN, |form| form.at(deviation, standard_deviate))
         };
         self.picks.iter().zip(&self.deviations).map(value).collect()
     }
@@ -85,15 +85,15 @@ impl<'a> Deviations<'a> {
                 let (_, fitted) = self.models.get(*pick)?;
                 let index = fitted.layout.effects.iter().position(|own| own.id() == effect.id())?;
                 let first = fitted.layout.first_of(index) + number;
-                let inside = fitted.values().get(first)? + deviation.get(first)?;
+                let inside_value = fitted.values().get(first)? + deviation.get(first)?;
                 let (_, [low, high]) = fitted.estimate(index, number);
                 // A depth between two readings is known no better than they are apart.
                 let sd = 0.5 * (high - low) / NORMAL_975;
-                let own = Scale::of(info).outside(fitted.values().get(first)? + fitted.sd(first))
+                let own_sd = Scale::of(info).outside(fitted.values().get(first)? + fitted.sd(first))
                     - Scale::of(info).outside(*fitted.values().get(first)?);
-                let beyond = (sd * sd - own * own).max(0.0).sqrt();
-                let beyond = if info.name == "depth_mm" { beyond * apart } else { 0.0 };
-                Some((Scale::of(info).outside(inside) + beyond).clamp(least, most))
+                let excess_sd = (sd * sd - own_sd * own_sd).max(0.0).sqrt();
+                let depth_shift = if info.name == "depth_mm" { excess_sd * apart } else { 0.0 };
+                Some((Scale::of(info).outside(inside_value) + depth_shift).clamp(least, most))
             };
             let mut random = Random::new(self.options.seed, APART);
             let pairs = self.picks.iter().zip(&self.deviations);
@@ -106,8 +106,10 @@ impl<'a> Deviations<'a> {
     pub fn add_stated(&self, own: &Fitted, draws: &mut Draws) {
         for place in own.layout.stated() {
             let values = self.of(APART, |fitted| {
-                let same = fitted.layout.stated().find(|other| other.effect == place.effect);
-                same.map_or(Linear::fixed(0.0), |same| Linear::parameter(fitted, same.parameter))
+                let same_effect = fitted.layout.stated().find(|other| other.effect == place.effect);
+                same_effect.map_or(Linear::fixed(0.0), |same_effect| {
+                    Linear::parameter(fitted, same_effect.parameter)
+                })
             });
             let values = values.into_iter().map(|value| MM_PER_M * value).collect();
             draws.scalar(Group::Posterior, &format!("{}_mm", place.effect), values);
@@ -119,21 +121,22 @@ impl<'a> Deviations<'a> {
         let parameters = own.layout.parameters(own.values());
         let mut random = Random::new(self.options.seed, PRIOR);
         let count = self.options.count();
-        let mut of = |parameter: &Parameter| -> Vec<f64> {
+        let mut draws_of = |parameter: &Parameter| -> Vec<f64> {
             (0..count).map(|_| from_prior(parameter, &mut random)).collect()
         };
         if let Some(first) = parameters.first() {
-            let values = of(first).into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect();
+            let values = draws_of(first).into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect();
             draws.scalar(Group::Prior, modulus, values);
         }
         if let Some(load) = own.layout.load().and_then(|place| parameters.get(place)) {
-            draws.scalar(Group::Prior, "tip_load_n", of(load));
+            draws.scalar(Group::Prior, "tip_load_n", draws_of(load));
         }
         for (index, effect) in own.layout.effects.iter().enumerate() {
             for (number, info) in effect.parameters().iter().enumerate() {
                 if let Some(parameter) = parameters.get(own.layout.first_of(index) + number) {
                     let scale = Scale::of(info);
-                    let values = of(parameter).into_iter().map(|inside| scale.outside(inside)).collect();
+                    let values =
+                        draws_of(parameter).into_iter().map(|inside| scale.outside(inside)).collect();
                     draws.scalar(Group::Prior, &parameter_name(*effect, info.name), values);
                 }
             }
@@ -164,8 +167,8 @@ fn from_prior(parameter: &Parameter, random: &mut Random) -> f64 {
     let Some(prior) = parameter.prior else { return parameter.start };
     let mut draw = || prior.mean + prior.sd * random.normal();
     let in_range = |value: &f64| (parameter.least..=parameter.most).contains(value);
-    let tried = (0..MAX_TRIES).map(|_| draw()).find(in_range);
-    tried.unwrap_or_else(|| prior.mean.clamp(parameter.least, parameter.most))
+    let drawn_value = (0..MAX_TRIES).map(|_| draw()).find(in_range);
+    drawn_value.unwrap_or_else(|| prior.mean.clamp(parameter.least, parameter.most))
 }
 
 /// A quantity that is linear in the parameters of a fit, with a part of its own.
@@ -197,7 +200,7 @@ impl Linear {
     }
 }
 
-/// What is drawn from beside the fits.
+/// Sources of draws beside the fits.
 pub(super) struct Sources<'a> {
     pub averaged: &'a Averaged,
     /// Models on the foundation that was not chosen.
@@ -215,24 +218,24 @@ impl Sources<'_> {
     /// [`FitError`] where a model cannot be evaluated.
     pub fn draws(&self, found: &Diagnosis, options: DrawOptions) -> Result<Draws, FitError> {
         let Self { averaged, beside, plain, .. } = *self;
-        let own = averaged.own();
+        let chosen_fit = averaged.own();
         let of_choice: Vec<(f64, &Fitted)> =
             averaged.fits().iter().map(|(weight, fitted)| (*weight, fitted)).collect();
         let total: f64 = of_choice.iter().map(|(weight, _)| weight).sum();
-        let others = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
-        let all = Deviations::new(of_choice.iter().copied().chain(others).collect(), options);
+        let other_fits = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
+        let deviations = Deviations::new(of_choice.iter().copied().chain(other_fits).collect(), options);
         let mut draws = Draws::new(options, "guide diagnose");
-        all.add_models(&mut draws);
+        deviations.add_models(&mut draws);
         let is_body = |fitted: &Fitted| fitted.layout.support.is_body();
         let kpa = |values: Vec<f64>| values.into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect::<Vec<_>>();
-        let k = all.of(APART, |fitted| match is_body(fitted) {
+        let k = deviations.of(APART, |fitted| match is_body(fitted) {
             true => Linear::apart(plain.0, plain.1),
             false => self.ln_modulus(fitted),
         });
         draws.scalar(Group::Posterior, "k_kpa", kpa(k));
         // Young's modulus, and what only the models of the chosen foundation have, are given that foundation.
         let chosen = Deviations::new(of_choice, options);
-        if is_body(own) {
+        if is_body(chosen_fit) {
             let youngs = chosen.of(APART, |fitted| self.ln_modulus(fitted));
             draws.scalar(Group::Posterior, "youngs_modulus_kpa", kpa(youngs));
         }
@@ -241,26 +244,30 @@ impl Sources<'_> {
             draws.scalar(Group::Posterior, "mean_modulus_kpa", kpa(mean));
         }
         if found.tip_load_n.is_some() {
-            let load = all.of(APART, |fitted| match fitted.tip_load_slopes() {
+            let load = deviations.of(APART, |fitted| match fitted.tip_load_slopes() {
                 Some((value, slopes)) => Linear { value, slopes, apart: 0.0 },
                 None => Linear::fixed(f64::NAN),
             });
             draws.scalar(Group::Posterior, "tip_load_n", load);
         }
         if found.reference.is_some() {
-            let ratio = all.of(APART, |fitted| {
+            let ratio = deviations.of(APART, |fitted| {
                 fitted.layout.ratio().map_or(Linear::fixed(0.0), |place| Linear::parameter(fitted, place))
             });
             draws.scalar(Group::Posterior, "modulus_ratio", ratio.into_iter().map(f64::exp).collect());
         }
         for id in found.effects.iter().map(|effect| &effect.id).chain(&found.given) {
             if let Some(effect) = effect(id) {
-                all.add_effect(effect, &mut draws);
+                deviations.add_effect(effect, &mut draws);
             }
         }
-        all.add_stated(own, &mut draws);
-        all.add_prior(own, if is_body(own) { "youngs_modulus_kpa" } else { "k_kpa" }, &mut draws);
-        Readings { runs: self.runs, patterns: self.patterns }.add(&all, READINGS, &mut draws)?;
+        deviations.add_stated(chosen_fit, &mut draws);
+        deviations.add_prior(
+            chosen_fit,
+            if is_body(chosen_fit) { "youngs_modulus_kpa" } else { "k_kpa" },
+            &mut draws,
+        );
+        Readings { runs: self.runs, patterns: self.patterns }.add(&deviations, READINGS, &mut draws)?;
         Ok(draws)
     }
 

@@ -31,18 +31,18 @@ const BLOCK: usize = 32;
 /// Patterns whose amplitudes have one size.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Group {
-    /// What it stands for.
+    /// Meaning of the size.
     pub name: &'static str,
     /// Size in an ordinary rig and tissue, in the unit of its patterns.
     pub everyday: f64,
     /// Standard deviation of a size above the everyday one, in everyday sizes; nothing where the size is known.
     pub tail: Option<f64>,
-    /// How many times larger `everyday` is than in an ordinary rig.
+    /// Ratio of `everyday` to that of an ordinary rig.
     pub multiple: f64,
 }
 
 impl Group {
-    /// Of an entry of the table of unknowns: a size is found, an error's is known.
+    /// Size of an entry of the table of unknowns: a size is found, an error's is known.
     pub fn of(unknown: &Unknown) -> Self {
         let tail = (unknown.prior.family == Family::Size).then_some(unknown.sd());
         Self { name: unknown.name, everyday: unknown.typical_sd(), tail, multiple: 1.0 }
@@ -68,7 +68,8 @@ pub(super) struct RunPatterns {
     pub own: DMatrix<f64>,
     /// Readings by patterns that runs share.
     pub shared: DMatrix<f64>,
-    /// Which of these the run shows at all: no pattern is in lateral runs and in insertions.
+    /// Patterns of these that the run shows at all: no pattern is in lateral runs and in
+    /// insertions.
     shown: Vec<usize>,
     own_gram: DMatrix<f64>,
     /// Patterns of this run by shared ones that it shows.
@@ -76,16 +77,16 @@ pub(super) struct RunPatterns {
 }
 
 impl RunPatterns {
-    /// Of whitened patterns.
+    /// Elimination of whitened patterns.
     pub fn new(own_groups: Vec<usize>, own: DMatrix<f64>, shared: DMatrix<f64>) -> Self {
-        let across = own.transpose();
+        let own_transposed = own.transpose();
         let is_shown = |j: &usize| shared.column(*j).iter().any(|value| *value != 0.0);
         let shown: Vec<usize> = (0..shared.ncols()).filter(is_shown).collect();
-        let own_by_shown = &across * shared.select_columns(&shown);
-        Self { own_gram: &across * &own, own_by_shown, own_groups, own, shared, shown }
+        let own_by_shown = &own_transposed * shared.select_columns(&shown);
+        Self { own_gram: &own_transposed * &own, own_by_shown, own_groups, own, shared, shown }
     }
 
-    /// Where the columns of what is eliminated of this run are among shared patterns (so many) and columns (so many) behind them.
+    /// Columns of this run's eliminated unknowns among shared patterns (so many) and columns (so many) behind them.
     fn places(&self, shared: usize, columns: usize) -> Vec<usize> {
         self.shown.iter().copied().chain(shared..shared + columns).collect()
     }
@@ -103,19 +104,19 @@ impl Patterns {
     /// No discrepancy at all: noise alone.
     pub fn none(runs: &[Prepared]) -> Self {
         let of_run = |run: &Prepared| {
-            let none = DMatrix::zeros(run.run.data.len(), 0);
-            RunPatterns::new(Vec::new(), none.clone(), none)
+            let no_patterns = DMatrix::zeros(run.run.data.len(), 0);
+            RunPatterns::new(Vec::new(), no_patterns.clone(), no_patterns)
         };
         Self::new(Vec::new(), Vec::new(), runs.iter().map(of_run).collect())
     }
 
     /// Only those of known size: the tolerances of what is stated. The others have size 0.
     pub fn of_known_size(&self) -> Self {
-        let mut known = self.clone();
-        for group in known.groups.iter_mut().filter(|group| group.tail.is_some()) {
+        let mut of_known_sizes = self.clone();
+        for group in of_known_sizes.groups.iter_mut().filter(|group| group.tail.is_some()) {
             (group.everyday, group.tail) = (0.0, None);
         }
-        known
+        of_known_sizes
     }
 
     /// Everyday sizes of all groups.
@@ -139,10 +140,10 @@ impl Patterns {
                 continue;
             }
             // A product with a transpose goes by scalar products, one with a transposed copy by blocks: several times faster.
-            let across = columns.transpose();
-            products.own.push((&across * &run.own).transpose());
-            products.shared += (&across * &run.shared).transpose();
-            products.among.gemm(1.0, &across, columns, 1.0);
+            let transposed = columns.transpose();
+            products.own.push((&transposed * &run.own).transpose());
+            products.shared += (&transposed * &run.shared).transpose();
+            products.among.gemm(1.0, &transposed, columns, 1.0);
         }
         products
     }
@@ -156,9 +157,9 @@ impl Patterns {
 
     /// A column (one part per run) less what the patterns of these sizes have of it: `S^-1 c`.
     pub fn less_patterns(&self, sizes: &[f64], column: &[Vec<f64>]) -> Option<Vec<DVector<f64>>> {
-        let parts: Vec<DMatrix<f64>> =
+        let run_columns: Vec<DMatrix<f64>> =
             column.iter().map(|part| DMatrix::from_column_slice(part.len(), 1, part)).collect();
-        let less = self.inverse(sizes)?.of(&parts);
+        let less = self.inverse(sizes)?.of(&run_columns);
         Some(less.iter().map(|part| part.column(0).into_owned()).collect())
     }
 
@@ -179,17 +180,17 @@ impl Patterns {
     pub fn size_prior(&self, sizes: &[f64]) -> (f64, Vec<f64>) {
         let of_group = |(group, size): (&Group, &f64)| {
             let Some(tail) = group.tail else { return (0.0, 0.0) };
-            let share = size / group.everyday;
-            if share < 1.0 {
-                let ln = share.ln() / SMALLER_SIZE_SD_LN;
+            let ratio = size / group.everyday;
+            if ratio < 1.0 {
+                let ln = ratio.ln() / SMALLER_SIZE_SD_LN;
                 (0.5 * ln * ln, ln / SMALLER_SIZE_SD_LN)
             } else {
-                let above = (share - 1.0) / tail;
-                (0.5 * above * above, above * share / tail)
+                let excess = (ratio - 1.0) / tail;
+                (0.5 * excess * excess, excess * ratio / tail)
             }
         };
-        let all: Vec<(f64, f64)> = self.groups.iter().zip(sizes).map(of_group).collect();
-        (all.iter().map(|(value, _)| value).sum(), all.into_iter().map(|(_, slope)| slope).collect())
+        let priors: Vec<(f64, f64)> = self.groups.iter().zip(sizes).map(of_group).collect();
+        (priors.iter().map(|(value, _)| value).sum(), priors.into_iter().map(|(_, slope)| slope).collect())
     }
 
     /// Eliminates the patterns: first those of single runs, then the shared ones together with the first `parameters` columns,
@@ -198,41 +199,42 @@ impl Patterns {
         let shared = self.shared_groups.len();
         let columns = products.among.ncols();
         let own_side = shared + columns;
-        let mut all = DMatrix::zeros(own_side, own_side);
+        let mut normal_matrix = DMatrix::zeros(own_side, own_side);
         let size_of = |group: &usize| sizes.get(*group).copied().unwrap_or(0.0);
         let shared_sizes: Vec<f64> = self.shared_groups.iter().map(size_of).collect();
         for i in 0..shared {
             for j in 0..=i {
-                all[(i, j)] = shared_sizes[i] * self.shared_gram[(i, j)] * shared_sizes[j];
+                normal_matrix[(i, j)] = shared_sizes[i] * self.shared_gram[(i, j)] * shared_sizes[j];
             }
             for j in 0..columns {
-                all[(shared + j, i)] = shared_sizes[i] * products.shared[(i, j)];
+                normal_matrix[(shared + j, i)] = shared_sizes[i] * products.shared[(i, j)];
             }
-            all[(i, i)] += 1.0;
+            normal_matrix[(i, i)] += 1.0;
         }
         for i in 0..columns {
             for j in 0..=i {
-                all[(shared + i, shared + j)] = products.among[(i, j)];
+                normal_matrix[(shared + i, shared + j)] = products.among[(i, j)];
             }
         }
         for i in 0..parameters {
-            all[(shared + i, shared + i)] += 1.0;
+            normal_matrix[(shared + i, shared + i)] += 1.0;
         }
         let mut half_ln_determinant = 0.0;
         let mut runs = Vec::with_capacity(self.runs.len());
         for (run, own_products) in self.runs.iter().zip(&products.own) {
             let own_sizes: Vec<f64> = run.own_groups.iter().map(size_of).collect();
-            let own = own_sizes.len();
-            let mut matrix =
-                DMatrix::from_fn(own, own, |i, j| own_sizes[i] * run.own_gram[(i, j)] * own_sizes[j]);
-            for i in 0..own {
+            let own_count = own_sizes.len();
+            let mut matrix = DMatrix::from_fn(own_count, own_count, |i, j| {
+                own_sizes[i] * run.own_gram[(i, j)] * own_sizes[j]
+            });
+            for i in 0..own_count {
                 matrix[(i, i)] += 1.0;
             }
             let factor = matrix.cholesky()?;
             half_ln_determinant += ln_diagonal(&factor);
             let shown = run.shown.len();
-            let mut right = DMatrix::zeros(own, shown + columns);
-            for i in 0..own {
+            let mut right = DMatrix::zeros(own_count, shown + columns);
+            for i in 0..own_count {
                 for (j, of) in run.shown.iter().enumerate() {
                     right[(i, j)] = own_sizes[i] * run.own_by_shown[(i, j)] * shared_sizes[*of];
                 }
@@ -241,21 +243,23 @@ impl Patterns {
                 }
             }
             factor.l_dirty().solve_lower_triangular_mut(&mut right);
-            take_off_products(&mut all, &right, &run.places(shared, columns));
+            take_off_products(&mut normal_matrix, &right, &run.places(shared, columns));
             runs.push((factor, right));
         }
-        let kept = shared + parameters;
-        let mut matrix = all.view((0, 0), (kept, kept)).into_owned();
+        let kept_count = shared + parameters;
+        let mut matrix = normal_matrix.view((0, 0), (kept_count, kept_count)).into_owned();
         matrix.fill_upper_triangle_with_lower_triangle();
         let factor = matrix.cholesky()?;
         half_ln_determinant += ln_diagonal(&factor);
-        let mut solved = all.view((kept, 0), (own_side - kept, kept)).transpose();
+        let mut solved = normal_matrix.view((kept_count, 0), (own_side - kept_count, kept_count)).transpose();
         let right = solved.clone();
         factor.l_dirty().solve_lower_triangular_mut(&mut solved);
-        let mut rest = all.view((kept, kept), (own_side - kept, own_side - kept)).into_owned();
-        rest.gemm_tr(-1.0, &solved, &solved, 1.0);
-        rest.fill_upper_triangle_with_lower_triangle();
-        Some(Reduced { half_ln_determinant, runs, factor, right, rest })
+        let mut reduced_matrix = normal_matrix
+            .view((kept_count, kept_count), (own_side - kept_count, own_side - kept_count))
+            .into_owned();
+        reduced_matrix.gemm_tr(-1.0, &solved, &solved, 1.0);
+        reduced_matrix.fill_upper_triangle_with_lower_triangle();
+        Some(Reduced { half_ln_determinant, runs, factor, right, rest: reduced_matrix })
     }
 
     /// Evidence at these sizes of parameters and residuals: the last column of `products` are the residuals (less what the prior
@@ -271,25 +275,26 @@ impl Patterns {
         for (j, group) in self.shared_groups.iter().enumerate() {
             gradient[*group] += 1.0 - root.column(j).norm_squared() - amplitudes[j] * amplitudes[j];
         }
-        let kept = shared + parameters;
+        let kept_count = shared + parameters;
         for (run, (factor, right)) in self.runs.iter().zip(&reduced.runs) {
             let mut upper = right.clone();
             factor.l_dirty().tr_solve_lower_triangular_mut(&mut upper);
-            let places = run.places(shared, parameters);
-            // What the patterns of the run have in common with what is left, in the space of its factor, which has zeros before the first.
-            let first = places.first().copied().unwrap_or(kept);
-            let mut across = DMatrix::zeros(kept - first, run.own_groups.len());
-            let mut own = upper.column(upper.ncols() - 1).into_owned();
-            for (column, place) in upper.column_iter().zip(&places) {
-                own.axpy(-amplitudes[*place], &column, 1.0);
-                across.row_mut(place - first).copy_from(&column.transpose());
+            let column_indices = run.places(shared, parameters);
+            // Products of the run's patterns with the remaining ones, in the space of its factor, which has zeros
+            // before the first.
+            let first = column_indices.first().copied().unwrap_or(kept_count);
+            let mut cross_products = DMatrix::zeros(kept_count - first, run.own_groups.len());
+            let mut own_right = upper.column(upper.ncols() - 1).into_owned();
+            for (column, place) in upper.column_iter().zip(&column_indices) {
+                own_right.axpy(-amplitudes[*place], &column, 1.0);
+                cross_products.row_mut(place - first).copy_from(&column.transpose());
             }
-            let behind = lower.view((first, first), (kept - first, kept - first));
-            behind.solve_lower_triangular_mut(&mut across);
+            let lower_block = lower.view((first, first), (kept_count - first, kept_count - first));
+            lower_block.solve_lower_triangular_mut(&mut cross_products);
             let root = inverse_root(factor);
             for (j, group) in run.own_groups.iter().enumerate() {
-                let variance = root.column(j).norm_squared() + across.column(j).norm_squared();
-                gradient[*group] += 1.0 - variance - own[j] * own[j];
+                let variance = root.column(j).norm_squared() + cross_products.column(j).norm_squared();
+                gradient[*group] += 1.0 - variance - own_right[j] * own_right[j];
             }
         }
         for (slope, group) in gradient.iter_mut().zip(&self.groups) {
@@ -317,9 +322,9 @@ impl Patterns {
         if free.is_empty() {
             return start.to_vec();
         }
-        let found = sizes::search(self, products, &free, start, &logarithms);
+        let solution = sizes::search(self, products, &free, start, &logarithms);
         let mut sizes = start.to_vec();
-        for (group, ln) in free.iter().zip(found) {
+        for (group, ln) in free.iter().zip(solution) {
             sizes[*group] = ln.exp().max(MIN_SHARE * self.groups[*group].everyday);
         }
         sizes
@@ -335,12 +340,12 @@ pub(super) struct Products {
     pub among: DMatrix<f64>,
 }
 
-/// What is left once the patterns are eliminated.
+/// Equations after elimination of the patterns.
 struct Reduced {
     half_ln_determinant: f64,
     /// Factor and right-hand sides (in the factor's space) of every run's own patterns: shared patterns that the run shows, columns.
     runs: Vec<(Cholesky<f64, Dyn>, DMatrix<f64>)>,
-    /// Of the shared patterns and parameters.
+    /// Factor of the shared patterns and parameters.
     factor: Cholesky<f64, Dyn>,
     /// Their right-hand sides: one column for each of the remaining columns.
     right: DMatrix<f64>,
@@ -367,11 +372,11 @@ pub(super) struct Evidence {
 /// Takes the scalar products of columns off the lower triangle of a matrix in which they have these places, in increasing order; block by
 /// block, as one product would compute both triangles.
 fn take_off_products(from: &mut DMatrix<f64>, columns: &DMatrix<f64>, places: &[usize]) {
-    let across = columns.transpose();
+    let transposed = columns.transpose();
     let mut start = 0;
     while start < places.len() {
         let width = BLOCK.min(places.len() - start);
-        let products = across.rows_range(start..) * columns.columns(start, width);
+        let products = transposed.rows_range(start..) * columns.columns(start, width);
         for (j, column) in products.column_iter().enumerate() {
             for (value, row) in column.iter().zip(&places[start..]).skip(j) {
                 from[(*row, places[start + j])] -= value;
@@ -393,8 +398,10 @@ fn inverse_root(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
     let mut root = DMatrix::identity(side, side);
     for j in 0..side {
         // A column of it begins on the diagonal.
-        let rest = side - j;
-        lower.view((j, j), (rest, rest)).solve_lower_triangular_mut(&mut root.view_mut((j, j), (rest, 1)));
+        let remaining_side = side - j;
+        lower
+            .view((j, j), (remaining_side, remaining_side))
+            .solve_lower_triangular_mut(&mut root.view_mut((j, j), (remaining_side, 1)));
     }
     root
 }

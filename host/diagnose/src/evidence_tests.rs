@@ -27,29 +27,30 @@ fn drawn() -> (Patterns, Vec<DMatrix<f64>>) {
 /// All patterns of all runs times their sizes, and all columns.
 fn dense(patterns: &Patterns, columns: &[DMatrix<f64>], sizes: &[f64]) -> (DMatrix<f64>, DMatrix<f64>) {
     let rows: usize = ROWS.iter().sum();
-    let mut all = DMatrix::zeros(rows, 2 * ROWS.len() + 3);
+    let mut dense_columns = DMatrix::zeros(rows, 2 * ROWS.len() + 3);
     let mut right = DMatrix::zeros(rows, PARAMETERS + 1);
     let mut start = 0;
     for (number, (run, columns)) in patterns.runs.iter().zip(columns).enumerate() {
         let count = columns.nrows();
-        all.view_mut((start, 2 * number), (count, 2)).copy_from(&(&run.own * sizes[0]));
+        dense_columns.view_mut((start, 2 * number), (count, 2)).copy_from(&(&run.own * sizes[0]));
         for (j, group) in patterns.shared_groups.iter().enumerate() {
             let column = run.shared.column(j) * sizes[*group];
-            all.view_mut((start, 2 * ROWS.len() + j), (count, 1)).copy_from(&column);
+            dense_columns.view_mut((start, 2 * ROWS.len() + j), (count, 1)).copy_from(&column);
         }
         right.view_mut((start, 0), (count, PARAMETERS + 1)).copy_from(columns);
         start += count;
     }
-    (all, right)
+    (dense_columns, right)
 }
 
 fn minus_ln(patterns: &Patterns, columns: &[DMatrix<f64>], sizes: &[f64]) -> f64 {
-    let (all, right) = dense(patterns, columns, sizes);
+    let (dense_columns, right) = dense(patterns, columns, sizes);
     let jacobian = right.columns(0, PARAMETERS).into_owned();
     let residuals = right.column(PARAMETERS).into_owned();
-    let rows = all.nrows();
-    let covariance =
-        DMatrix::identity(rows, rows) + &all * all.transpose() + &jacobian * jacobian.transpose();
+    let rows = dense_columns.nrows();
+    let covariance = DMatrix::identity(rows, rows)
+        + &dense_columns * dense_columns.transpose()
+        + &jacobian * jacobian.transpose();
     let factor = covariance.cholesky().expect("positive");
     0.5 * residuals.dot(&factor.solve(&residuals)) + ln_diagonal(&factor) + patterns.size_prior(sizes).0
 }
@@ -59,12 +60,14 @@ fn elimination_gives_the_evidence_of_dense_matrices() {
     let (patterns, columns) = drawn();
     let products = patterns.products(&columns);
     for sizes in [[0.5, 0.2, 0.3], [1.7, 0.01, 0.3], [0.02, 0.9, 0.3]] {
-        let found = patterns.evidence(&sizes, &products).expect("evidence");
+        let evidence = patterns.evidence(&sizes, &products).expect("evidence");
         let expected = minus_ln(&patterns, &columns, &sizes);
-        assert!((found.minus_ln - expected).abs() < 1e-10, "{} for {expected}", found.minus_ln);
-        let (all, right) = dense(&patterns, &columns, &sizes);
-        let rows = all.nrows();
-        let metric = (DMatrix::identity(rows, rows) + &all * all.transpose()).try_inverse().expect("regular");
+        assert!((evidence.minus_ln - expected).abs() < 1e-10, "{} for {expected}", evidence.minus_ln);
+        let (dense_columns, right) = dense(&patterns, &columns, &sizes);
+        let rows = dense_columns.nrows();
+        let metric = (DMatrix::identity(rows, rows) + &dense_columns * dense_columns.transpose())
+            .try_inverse()
+            .expect("regular");
         let expected = right.transpose() * &metric * &right;
         let found_metric = patterns.in_metric(&sizes, &products).expect("a metric");
         assert!((found_metric - &expected).norm() < 1e-9);
@@ -74,7 +77,7 @@ fn elimination_gives_the_evidence_of_dense_matrices() {
             DMatrix::identity(PARAMETERS, PARAMETERS) + jacobian.transpose() * &metric * &jacobian;
         let covariance = information.try_inverse().expect("regular");
         let mean = &covariance * jacobian.transpose() * &metric * right.column(PARAMETERS);
-        assert!((found.covariance - covariance).norm() < 1e-10 && (found.mean - mean).norm() < 1e-10);
+        assert!((evidence.covariance - covariance).norm() < 1e-10 && (evidence.mean - mean).norm() < 1e-10);
     }
 }
 
@@ -83,33 +86,33 @@ fn slopes_are_those_of_differences() {
     let (patterns, columns) = drawn();
     let products = patterns.products(&columns);
     let sizes = [0.7, 0.35, 0.3];
-    let found = patterns.evidence(&sizes, &products).expect("evidence");
+    let evidence = patterns.evidence(&sizes, &products).expect("evidence");
     for group in 0..2 {
-        let at = |ln: f64| {
+        let cost_at = |ln: f64| {
             let mut sizes = sizes;
             sizes[group] *= ln.exp();
             minus_ln(&patterns, &columns, &sizes)
         };
-        let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
-        assert!((found.gradient[group] - slope).abs() < 1e-6, "{} for {slope}", found.gradient[group]);
+        let slope = (cost_at(1e-5) - cost_at(-1e-5)) / 2e-5;
+        assert!((evidence.gradient[group] - slope).abs() < 1e-6, "{} for {slope}", evidence.gradient[group]);
     }
-    assert_eq!(found.gradient[2], 0.0);
+    assert_eq!(evidence.gradient[2], 0.0);
 }
 
 #[test]
 fn likeliest_sizes_are_a_minimum_and_leave_known_ones() {
     let (patterns, columns) = drawn();
     let products = patterns.products(&columns);
-    let found = patterns.likeliest_sizes(&patterns.everyday(), &products);
-    let least = minus_ln(&patterns, &columns, &found);
+    let sizes_found = patterns.likeliest_sizes(&patterns.everyday(), &products);
+    let least = minus_ln(&patterns, &columns, &sizes_found);
     for group in 0..2 {
         for factor in [0.8, 1.25] {
-            let mut sizes = found.clone();
+            let mut sizes = sizes_found.clone();
             sizes[group] *= factor;
             assert!(minus_ln(&patterns, &columns, &sizes) > least - 1e-3, "{group} {factor}");
         }
     }
-    assert_eq!(found[2], 0.3);
+    assert_eq!(sizes_found[2], 0.3);
 }
 
 /// A misfit a thousand times the noise: the search starts where its slopes are large.
@@ -124,14 +127,14 @@ fn sizes_are_found_from_far_away() {
     }
     let products = patterns.products(&columns);
     let small = [1e-4, 1e-4, 0.3];
-    let found = patterns.likeliest_sizes(&small, &products);
-    let least = minus_ln(&patterns, &columns, &found);
-    assert!(found[1] > 1.0, "{found:?}");
+    let sizes_found = patterns.likeliest_sizes(&small, &products);
+    let least = minus_ln(&patterns, &columns, &sizes_found);
+    assert!(sizes_found[1] > 1.0, "{sizes_found:?}");
     for group in 0..2 {
         for factor in [0.5, 2.0] {
-            let mut sizes = found.clone();
+            let mut sizes = sizes_found.clone();
             sizes[group] *= factor;
-            assert!(minus_ln(&patterns, &columns, &sizes) > least, "{group} {factor} {found:?}");
+            assert!(minus_ln(&patterns, &columns, &sizes) > least, "{group} {factor} {sizes_found:?}");
         }
     }
 }
@@ -142,13 +145,13 @@ fn patterns_are_taken_off_as_by_dense_matrices() {
     let sizes = [0.7, 0.35, 0.3];
     let column: Vec<Vec<f64>> =
         columns.iter().map(|m| m.column(PARAMETERS).iter().copied().collect()).collect();
-    let (all, right) = dense(&patterns, &columns, &sizes);
-    let rows = all.nrows();
-    let covariance = DMatrix::identity(rows, rows) + &all * all.transpose();
+    let (dense_columns, right) = dense(&patterns, &columns, &sizes);
+    let rows = dense_columns.nrows();
+    let covariance = DMatrix::identity(rows, rows) + &dense_columns * dense_columns.transpose();
     let expected = covariance.cholesky().expect("positive").solve(&right.column(PARAMETERS));
-    let found = patterns.less_patterns(&sizes, &column).expect("regular");
-    let found: Vec<f64> = found.iter().flat_map(|part| part.iter().copied()).collect();
-    assert!((DVector::from_vec(found) - expected).norm() < 1e-11);
+    let without_patterns = patterns.less_patterns(&sizes, &column).expect("regular");
+    let residual_values: Vec<f64> = without_patterns.iter().flat_map(|part| part.iter().copied()).collect();
+    assert!((DVector::from_vec(residual_values) - expected).norm() < 1e-11);
 }
 
 /// Patterns that are large beside noise and of which one is like a parameter, residuals that hold them, and the likeliest sizes.
@@ -185,35 +188,36 @@ fn the_volume_of_sizes_is_that_of_the_second_differences() {
         DMatrix::from_fn(2, 2, |i, j| (gradient(j, step)[i] - gradient(j, -step)[i]) / (2.0 * step));
     assert!((curvature[(0, 1)] - curvature[(1, 0)]).abs() < 1e-5 && curvature[(0, 1)].abs() > 1e-4);
     let expected = -0.5 * curvature.determinant().ln();
-    let found = patterns.ln_volume_of_sizes(&sizes, &products).expect("a volume");
-    assert!((found - expected).abs() < 1e-5, "{found} for {expected}");
+    let ln_volume = patterns.ln_volume_of_sizes(&sizes, &products).expect("a volume");
+    assert!((ln_volume - expected).abs() < 1e-5, "{ln_volume} for {expected}");
 }
 
 #[test]
 fn the_integrated_covariance_is_that_of_a_fine_grid_of_sizes() {
     let (patterns, products, sizes) = likeliest();
-    let here = patterns.evidence(&sizes, &products).expect("evidence");
+    let base_evidence = patterns.evidence(&sizes, &products).expect("evidence");
     // Sums over a grid in the logarithms of both free sizes.
     let (mut weights, mut second) = (0.0, DMatrix::zeros(PARAMETERS, PARAMETERS));
     for i in -60..=60 {
         for j in -60..=60 {
             let moved =
                 [sizes[0] * (0.1 * f64::from(i)).exp(), sizes[1] * (0.1 * f64::from(j)).exp(), sizes[2]];
-            let there = patterns.evidence(&moved, &products).expect("evidence");
-            let weight = (here.minus_ln - there.minus_ln).exp();
-            let apart = &there.mean - &here.mean;
-            second += weight * (&there.covariance + &apart * apart.transpose());
+            let moved_evidence = patterns.evidence(&moved, &products).expect("evidence");
+            let weight = (base_evidence.minus_ln - moved_evidence.minus_ln).exp();
+            let mean_difference = &moved_evidence.mean - &base_evidence.mean;
+            second += weight * (&moved_evidence.covariance + &mean_difference * mean_difference.transpose());
             weights += weight;
         }
     }
     let expected = second / weights;
-    let found = patterns.integrated_covariance(&sizes, &products).expect("a covariance");
+    let integrated = patterns.integrated_covariance(&sizes, &products).expect("a covariance");
     for i in 0..PARAMETERS {
-        let [plain, found, expected] = [&here.covariance, &found, &expected].map(|of| of[(i, i)]);
-        let distance = (found - expected).abs();
+        let [plain, integrated_element, expected] =
+            [&base_evidence.covariance, &integrated, &expected].map(|of| of[(i, i)]);
+        let distance = (integrated_element - expected).abs();
         assert!(
             distance <= 0.4 * (expected - plain).abs() || distance < 3e-3 * plain,
-            "{plain} {found} {expected}"
+            "{plain} {integrated_element} {expected}"
         );
     }
 }

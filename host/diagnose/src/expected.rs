@@ -1,6 +1,7 @@
-//! What a diagnosis should find in a session, if the truth were known: whether an effect can be distinguished from competing ones is
-//! computed, not judged by an outcome. The truth's predictions without noise take the place of the readings, and the fits of all effects
-//! to them give the expected gain of chi-square and the expected log evidence over the nearest competing effect.
+//! Expected diagnosis of a session, if the truth were known: whether an effect can be distinguished from competing ones
+//! is computed, not judged by an outcome. The truth's predictions without noise take the place of the readings, and the
+//! fits of all effects to them give the expected gain of chi-square and the expected log evidence over the nearest
+//! competing effect.
 
 use super::evidence::Patterns;
 use super::layout::Layout;
@@ -28,7 +29,7 @@ pub struct Truth<'a> {
     pub tip_load_n: f64,
 }
 
-/// What is to be expected of the diagnosis.
+/// Expected result of the diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
     /// Gain of chi-square over the plain model, beside the stated tolerances of a rig.
@@ -39,8 +40,8 @@ pub struct Expected {
     pub competitor: Option<String>,
 }
 
-/// What is to be expected of a session laid out like this one, if this were the truth; nothing where the session has no runs that
-/// can be fitted or the effect does not exist.
+/// Expected result for a session with this layout, if this were the truth; `None` if the session has no runs that can
+/// be fitted or the effect does not exist.
 pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     let hidden = effect(truth.effect)?;
     let (runs, _) = runs_of(session).ok()?;
@@ -55,24 +56,28 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
         &Multiples::new(),
     )
     .ok()?;
-    let mut own = layout.first_values();
-    own[0] = truth.modulus_pa.ln();
-    if let Some(load) = own.get_mut(1) {
+    let mut true_values = layout.first_values();
+    true_values[0] = truth.modulus_pa.ln();
+    if let Some(load) = true_values.get_mut(1) {
         *load = truth.tip_load_n;
     }
     for run in &mut prepared {
-        let mut model = layout.model(&own, run.run.kind).ok()?;
+        let mut model = layout.model(&true_values, run.run.kind).ok()?;
         let mut full: Vec<f64> = hidden.parameters().iter().map(|info| info.neutral).collect();
         full.iter_mut().zip(truth.values).for_each(|(to, from)| *to = *from);
         model.effects.push((hidden, full));
-        let off = differences(&run.run, &predict(&model, &run.run.experiment).ok()?);
-        run.run.data.iter_mut().zip(off).for_each(|(datum, off)| datum.measured -= off);
+        let expected_difference = differences(&run.run, &predict(&model, &run.run.experiment).ok()?);
+        run.run
+            .data
+            .iter_mut()
+            .zip(expected_difference)
+            .for_each(|(datum, expected_difference)| datum.measured -= expected_difference);
     }
     let fit = |patterns: &Patterns, sizes: &[f64]| {
         Fitted::new(&layout, &prepared, patterns, start.values(), sizes, MAX_ROUNDS).ok()
     };
     let plain = fit(&patterns, &start.sizes)?;
-    // What the stated tolerances of a rig may do is not to be expected of an effect.
+    // An effect that a rig's stated tolerances allow is not expected to be named.
     let tolerances = patterns.of_known_size();
     let everyday = tolerances.everyday();
     let misfit = posterior::misfit(&tolerances, &everyday, &fit(&tolerances, &everyday)?.residuals)?;
@@ -98,9 +103,13 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
             })
             .max_by(|a, b| a.0.total_cmp(&b.0))
     };
-    let own = gain_of(true).map_or(one_sided(hidden) - 5.0, |(gain, _)| gain);
+    let one_sided_gain = gain_of(true).map_or(one_sided(hidden) - 5.0, |(gain, _)| gain);
     let competitor = gain_of(false);
     // No effect at all competes too.
     let nearest = competitor.map_or(0.0, |(gain, _)| gain).max(0.0);
-    Some(Expected { gain: misfit, apart: own - nearest, competitor: competitor.map(|(_, id)| id.to_owned()) })
+    Some(Expected {
+        gain: misfit,
+        apart: one_sided_gain - nearest,
+        competitor: competitor.map(|(_, id)| id.to_owned()),
+    })
 }

@@ -1,4 +1,4 @@
-//! What a search has found: effects tried beside a model, what was added to it, and what else may be in its place.
+//! Result of a search: effects tried beside a model, what was added to it, and what else may be in its place.
 
 use super::Multiples;
 use super::discrepancy::patterns;
@@ -66,7 +66,7 @@ pub(super) struct Member {
     pub ln_odds: f64,
     /// The fit without it.
     pub without: Fitted,
-    /// What else may be in its place, likeliest first: the smallest set with the stated probability; itself among them.
+    /// Alternatives in its place, likeliest first: the smallest set with the stated probability; itself among them.
     pub class: Vec<Explanation>,
 }
 
@@ -79,7 +79,7 @@ pub(super) struct Explanation {
     pub ln_odds: f64,
 }
 
-/// What the search found.
+/// Result of the search.
 #[derive(Debug, Clone)]
 pub(super) struct Found {
     pub fitted: Fitted,
@@ -113,10 +113,11 @@ impl Found {
             candidate.ln_odds > NO_WEIGHT
                 && candidate.refit.as_ref().is_some_and(|(fit, _)| !fit.at_bound.contains(&true))
         };
-        let of = |candidate: &'_ Candidate| (candidate.ln_odds, candidate.standing);
-        let mut odds: Vec<(f64, Standing)> = candidates.iter().filter(in_range).map(of).collect();
+        let odds_and_standing = |candidate: &'_ Candidate| (candidate.ln_odds, candidate.standing);
+        let mut odds: Vec<(f64, Standing)> =
+            candidates.iter().filter(in_range).map(odds_and_standing).collect();
         for standing in [Standing::Refused, Standing::Refuted] {
-            let of_standing = odds.iter_mut().filter(|(_, of)| *of == standing);
+            let of_standing = odds.iter_mut().filter(|(_, odds_and_standing)| *odds_and_standing == standing);
             limit_refused(of_standing.map(|(ln, _)| ln), standing.most_ln_odds());
         }
         let fits = candidates.iter().filter(in_range).filter_map(|candidate| candidate.refit.as_ref());

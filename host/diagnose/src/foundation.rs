@@ -1,4 +1,5 @@
-//! What the discrepancy leaves of the modulus, and an elastic body against springs, without any search for effects.
+//! Uncertainty of the modulus by the discrepancy, and an elastic body against springs, without any search for
+//! effects.
 //!
 //! Noise, everyday discrepancy and evidence are those of a diagnosis, so that `guide identify` and `guide diagnose` agree on the same
 //! runs.
@@ -15,7 +16,7 @@ use mechanics::effects::effect;
 use readings::FitError;
 use readings::draws::{DrawOptions, Draws};
 
-/// What the tissue is taken as.
+/// Choice of the tissue's foundation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FoundationChoice {
     /// Independent springs (Winkler).
@@ -58,7 +59,8 @@ pub struct DiscrepantModulus {
     pub ln_pa: f64,
     /// Its standard deviation, noise and discrepancy together.
     pub sd_ln: f64,
-    /// What is stated of the rig on which it rests most, and the share of its variance that would go if that were exactly known.
+    /// Statement about the rig on which it depends most, and the fraction of its variance that would vanish if that
+    /// were exactly known.
     pub rests_on: Option<(&'static str, f64)>,
 }
 
@@ -76,7 +78,7 @@ impl DiscrepantModulus {
 pub struct FoundationEvidence {
     /// Logarithm of the evidence of the body less that of the springs.
     pub gain: f64,
-    /// What it has to exceed for the body to be chosen: springs are the simpler model.
+    /// Margin above which the body is chosen: springs are the simpler model.
     pub margin: f64,
     /// Young's modulus of the body.
     pub body: DiscrepantModulus,
@@ -87,7 +89,7 @@ pub struct FoundationEvidence {
 
 /// Log evidence by which a body has to be ahead of springs.
 pub const FOUNDATION_MARGIN: f64 = 2.0;
-/// How the modulus may vary with depth.
+/// Effects by which the modulus may vary with depth.
 pub(super) const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
 /// Log evidence by which such a modulus makes the choice of one modulus void: odds of 75 for each of two ways to vary that together are as
 /// likely beforehand as one modulus.
@@ -106,9 +108,9 @@ impl FoundationEvidence {
 pub struct DiscrepancyFitInput<'a> {
     /// Effects with first values of their parameters.
     pub given: &'a [(&'static dyn Effect, Vec<f64>)],
-    /// What is known of their parameters, in place of the catalogue's priors.
+    /// Knowledge of their parameters, in place of the catalogue's priors.
     pub known: &'a [KnownParameter],
-    /// What of the discrepancy is larger than in an ordinary rig.
+    /// Sizes of the discrepancy above those of an ordinary rig.
     pub discrepancy: &'a Multiples,
     /// Poisson's ratio of a body to be compared with springs.
     pub body: Option<f64>,
@@ -139,20 +141,20 @@ impl ModulusDraws {
     }
 }
 
-/// What is found beside the discrepancy.
+/// Fit with the discrepancy.
 pub struct DiscrepancyFit {
     /// On springs.
     pub springs: DiscrepantModulus,
     /// In a body, where it was requested.
     pub body: Option<Result<FoundationEvidence, DiagnoseError>>,
-    /// What of the known parameters is not what it was.
+    /// Known parameters that have changed.
     pub moved: Vec<Moved>,
     /// Draws on springs and, where it was fitted, in a body.
     pub draws: Option<(ModulusDraws, Option<ModulusDraws>)>,
 }
 
-/// Springs, and where it is requested a body, fitted to all runs of a session beside the discrepancy. What the runs contradict of what
-/// is known is released.
+/// Springs, and where it is requested a body, fitted to all runs of a session beside the discrepancy. Knowledge that
+/// the runs contradict is released.
 ///
 /// # Errors
 /// [`DiagnoseError`] where no run can be used or springs have no fit; beside the springs where the body has none.

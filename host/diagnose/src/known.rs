@@ -1,4 +1,5 @@
-//! What is known of a rig from elsewhere: values of parameters with their standard deviations, and whether they have moved since.
+//! Knowledge of a rig from elsewhere: values of parameters with their standard deviations, and whether they have moved
+//! since.
 
 use super::DiagnoseError;
 use super::characterize::Characterisation;
@@ -39,7 +40,7 @@ impl KnownParameter {
         let of_effect = |learned: &LearnedEffect| {
             let parameters = learned.effect.parameters().iter().zip(&learned.values).zip(&learned.ci95);
             let id = learned.effect.id().to_owned();
-            let known = parameters.filter_map(move |((info, value), ci95)| {
+            let known_parameters = parameters.filter_map(move |((info, value), ci95)| {
                 let [low, high] = (*ci95)?;
                 let sd = (high - low) / (2.0 * NORMAL_975);
                 let is_usable = sd > 0.0 && sd.is_finite();
@@ -50,7 +51,7 @@ impl KnownParameter {
                     sd,
                 })
             });
-            known.collect::<Vec<_>>()
+            known_parameters.collect::<Vec<_>>()
         };
         model.effects.iter().flat_map(of_effect).collect()
     }
@@ -98,9 +99,9 @@ pub struct Moved {
     pub effect: String,
     /// Name of the parameter.
     pub parameter: String,
-    /// What it was.
+    /// Former value.
     pub before: f64,
-    /// What it is.
+    /// Present value.
     pub now: f64,
     /// The 95 % interval of the difference.
     pub change95: [f64; 2],
@@ -121,12 +122,12 @@ impl Display for Moved {
 
 /// Parameters that have changed from the known values to those of these runs, the clearest change first.
 pub fn moved_since(known: &[KnownParameter], found: &Characterisation) -> Vec<Moved> {
-    let of = |known: &KnownParameter| {
+    let moved_parameter = |known: &KnownParameter| {
         let now = found.parameters.iter().find(|one| known.is_of(one.effect, one.parameter))?;
-        // What the runs do not show is what the prior has of it.
+        // A parameter that the runs do not show keeps the prior's value.
         if now.is_identified() { known.moved_to(now.value, now.sd) } else { None }
     };
-    sorted(known.iter().filter_map(of).collect())
+    sorted(known.iter().filter_map(moved_parameter).collect())
 }
 
 /// A start without what the runs contradict.
@@ -135,7 +136,7 @@ pub(super) struct Released {
     pub start: Start,
     /// The model before the change was known, where the runs contradict something.
     pub as_known: Option<AsKnown>,
-    /// What has moved, the clearest change first.
+    /// Changed parameters, the clearest change first.
     pub moved: Vec<Moved>,
 }
 
@@ -153,8 +154,12 @@ impl AsKnown {
         let is_there = self.start.fitted.layout.support == support;
         let mut start = if is_there { self.start } else { self.start.on(support)? };
         for known in self.known.iter() {
-            if let Some((at, _)) = place(known, &start.fitted) {
-                start.fitted.jacobian.iter_mut().for_each(|of_run| of_run.column_mut(at).fill(0.0));
+            if let Some((parameter_index, _)) = place(known, &start.fitted) {
+                start
+                    .fitted
+                    .jacobian
+                    .iter_mut()
+                    .for_each(|of_run| of_run.column_mut(parameter_index).fill(0.0));
             }
         }
         Ok(start)
@@ -171,56 +176,60 @@ pub(super) fn released(
     if contradicted.is_empty() {
         return Ok(Released { start, as_known: None, moved: Vec::new() });
     }
-    let known = layout.known.iter().map(|one| KnownParameter { sd: HELD * one.sd, ..one.clone() }).collect();
-    let held = Layout { known, ..layout.clone() };
-    let as_known = AsKnown { start: fit(&held)?, known: held.known };
+    let released_known =
+        layout.known.iter().map(|one| KnownParameter { sd: HELD * one.sd, ..one.clone() }).collect();
+    let held_layout = Layout { known: released_known, ..layout.clone() };
+    let as_known = AsKnown { start: fit(&held_layout)?, known: held_layout.known };
     layout.known = without(&layout.known, &contradicted);
     let start = fit(layout)?;
     let moved = moved(&contradicted, &start.fitted);
     Ok(Released { start, as_known: Some(as_known), moved })
 }
 
-/// What of the known parameters the runs contradict: their own estimate, the prior taken off, is too far from it.
+/// Known parameters that the runs contradict: their own estimate, the prior taken off, is too far from it.
 fn contradicted(fitted: &Fitted) -> Vec<KnownParameter> {
     let is_contradicted = |known: &&KnownParameter| {
-        let Some((at, scale)) = place(known, fitted) else { return false };
+        let Some((parameter_index, scale)) = place(known, fitted) else { return false };
         let Prior { mean, sd } = known.prior(scale);
-        let (value, precision) = (fitted.values().get(at).copied().unwrap_or(mean), fitted.sd(at).powi(-2));
-        let own = precision - sd.powi(-2);
-        // Nothing of their own where the prior is all there is.
-        own > MIN_SHARE * precision && {
-            let estimate = (value * precision - mean * sd.powi(-2)) / own;
-            (estimate - mean).abs() > MOVED_SD * sd.hypot(own.sqrt().recip())
+        let (value, precision) = (
+            fitted.values().get(parameter_index).copied().unwrap_or(mean),
+            fitted.sd(parameter_index).powi(-2),
+        );
+        let data_precision = precision - sd.powi(-2);
+        // The runs have no information of their own if the prior is all there is.
+        data_precision > MIN_SHARE * precision && {
+            let estimate = (value * precision - mean * sd.powi(-2)) / data_precision;
+            (estimate - mean).abs() > MOVED_SD * sd.hypot(data_precision.sqrt().recip())
         }
     };
     fitted.layout.known.iter().filter(is_contradicted).cloned().collect()
 }
 
-/// What is known without some of it.
+/// Knowledge without some parameters.
 fn without(known: &[KnownParameter], less: &[KnownParameter]) -> Arc<[KnownParameter]> {
     known.iter().filter(|one| !less.contains(one)).cloned().collect()
 }
 
-/// Where parameters that were contradicted are in a fit without what was known of them.
+/// Values of contradicted parameters in a fit without their prior knowledge.
 fn moved(contradicted: &[KnownParameter], fitted: &Fitted) -> Vec<Moved> {
-    let of = |known: &KnownParameter| {
-        let (at, scale) = place(known, fitted)?;
-        let inside = *fitted.values().get(at)?;
-        let now = scale.outside(inside);
-        let sd = (scale.outside(inside + fitted.sd(at)) - now).abs();
+    let moved_parameter = |known: &KnownParameter| {
+        let (parameter_index, scale) = place(known, fitted)?;
+        let inside_value = *fitted.values().get(parameter_index)?;
+        let now = scale.outside(inside_value);
+        let sd = (scale.outside(inside_value + fitted.sd(parameter_index)) - now).abs();
         known.moved_to(now, sd)
     };
-    sorted(contradicted.iter().filter_map(of).collect())
+    sorted(contradicted.iter().filter_map(moved_parameter).collect())
 }
 
-/// Where a known parameter is among those of a fit.
+/// Position of a known parameter among those of a fit.
 fn place(known: &KnownParameter, fitted: &Fitted) -> Option<(usize, Scale)> {
     let effects = fitted.layout.effects.iter().enumerate();
-    let mut of = effects.flat_map(|(number, effect)| {
+    let mut effect_parameters = effects.flat_map(|(number, effect)| {
         let parameters = effect.parameters().iter().enumerate();
         parameters.map(move |(index, info)| (number, index, effect.id(), info))
     });
-    let (number, index, _, info) = of.find(|(_, _, id, info)| known.is_of(id, info.name))?;
+    let (number, index, _, info) = effect_parameters.find(|(_, _, id, info)| known.is_of(id, info.name))?;
     Some((fitted.layout.first_of(number) + index, Scale::of(info)))
 }
 

@@ -23,11 +23,11 @@ use std::sync::Arc;
 
 /// Moduli from which fits of insertions by hand start.
 const BY_HAND_PA: [f64; 4] = [5e3, 25e3, 100e3, 400e3];
-/// How far guide 2 and the surface may at most be from where they are stated.
+/// Largest distance of guide 2 and the surface from their stated positions.
 const OFFSET_M: f64 = 10e-3;
 const OFFSET_STEP_M: f64 = 1e-5;
 
-/// How a parameter is counted inside the fits.
+/// Scale of a parameter inside the fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Scale {
     Linear,
@@ -69,7 +69,7 @@ pub(super) fn prior(info: &ParameterInfo) -> Prior {
     Prior { mean, sd }
 }
 
-/// Which parameters are unknown.
+/// Unknown parameters.
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
     pub rig: Rig,
@@ -77,14 +77,14 @@ pub(super) struct Layout {
     pub reference: Option<Rig>,
     /// Number of the effects, first in the list, that the reference has too.
     pub given: usize,
-    /// What the tissue is made of; the modulus is K of springs, or E of a body.
+    /// Support of the needle by the tissue; the modulus is K of springs, or E of a body.
     pub support: Support,
     /// Whether there are lateral runs and insertions.
     pub kinds: [bool; 2],
     pub effects: Vec<&'static dyn Effect>,
     /// Whether guide 2 and the surface are exactly where they are stated to be.
     pub stated_is_exact: bool,
-    /// What is known of their parameters from elsewhere, in place of the catalogue's priors.
+    /// Knowledge of their parameters from elsewhere, in place of the catalogue's priors.
     pub known: Arc<[KnownParameter]>,
     /// Whether it is known of any shape how it was imaged.
     pub has_images: bool,
@@ -94,7 +94,7 @@ pub(super) struct Layout {
     pub cache: Arc<Cache>,
 }
 
-/// Where the parameters are that are no effect's, after the modulus.
+/// Positions of the parameters that belong to no effect, after the modulus.
 struct Places {
     load: Option<usize>,
     /// Horizontal load: a needle that is pushed by hand has its bevel where it happens to be.
@@ -106,7 +106,8 @@ struct Places {
     /// holds the needle somewhere along its own length.
     gap: [Option<usize>; 2],
     ratio: Option<usize>,
-    /// How much further than stated guide 2 and the surface are from guide 1, m: nobody measures them to a tenth of a millimetre.
+    /// Distance of guide 2 and the surface from guide 1 beyond the stated one, m: nobody measures them to a tenth of a
+    /// millimetre.
     guide2: Option<usize>,
     entry: Option<usize>,
 }
@@ -133,11 +134,11 @@ impl Layout {
 
     /// Distance of the readings around a depth of an insertion, where they are closest; nothing outside of all of them.
     pub fn spacing_m(&self, depth_m: f64) -> Option<f64> {
-        let around = |readings_m: &Vec<f64>| {
+        let spacing_near = |readings_m: &Vec<f64>| {
             let next = readings_m.partition_point(|reading_m| *reading_m <= depth_m);
             Some(readings_m.get(next)? - readings_m.get(next.checked_sub(1)?)?)
         };
-        self.readings_m.iter().filter_map(around).reduce(f64::min)
+        self.readings_m.iter().filter_map(spacing_near).reduce(f64::min)
     }
 
     /// Whether the effects are the same, in whatever order.
@@ -182,14 +183,14 @@ impl Layout {
         let Places { load, across, .. } = self.places();
         let load = load?;
         let mut slopes = DVector::zeros(values.len());
-        let Some(across) = across else {
+        let Some(cross_load) = across else {
             slopes[load] = 1.0;
             return Some((values[load], slopes));
         };
-        let (load_n, across_n) = (values[load], values[across]);
-        let size_n = load_n.hypot(across_n);
+        let (load_n, cross_load_n) = (values[load], values[cross_load]);
+        let size_n = load_n.hypot(cross_load_n);
         slopes[load] = load_n / size_n.max(f64::MIN_POSITIVE);
-        slopes[across] = across_n / size_n.max(f64::MIN_POSITIVE);
+        slopes[cross_load] = cross_load_n / size_n.max(f64::MIN_POSITIVE);
         Some((size_n, slopes))
     }
 
@@ -203,8 +204,8 @@ impl Layout {
     /// Number of parameters that are no effect's.
     pub fn own(&self) -> usize {
         let Places { load, across, apart, rear, gap, ratio, guide2, entry } = self.places();
-        let all = [load, across, apart, rear[0], rear[1], gap[0], gap[1], ratio, guide2, entry];
-        1 + all.iter().flatten().count()
+        let own_parameters = [load, across, apart, rear[0], rear[1], gap[0], gap[1], ratio, guide2, entry];
+        1 + own_parameters.iter().flatten().count()
     }
 
     /// Whether a place that is stated of the rig is an unknown within its tolerance: lateral runs between two guides determine it, and no
@@ -215,10 +216,10 @@ impl Layout {
         is_free && self.effects.iter().all(|own| own.id() != effect)
     }
 
-    /// Where the parameters are that are no effect's, after the modulus.
+    /// Positions of the parameters that belong to no effect, after the modulus.
     fn places(&self) -> Places {
         let mut next = 0;
-        let mut place = |is_there: bool| {
+        let mut next_place = |is_there: bool| {
             next += usize::from(is_there);
             is_there.then_some(next)
         };
@@ -226,40 +227,40 @@ impl Layout {
         let rigs = || [Some(&self.rig), self.reference.as_ref()].into_iter().flatten();
         let is_unknown = |plane: usize| rigs().any(|rig| rig.rear_is_unknown_in(plane));
         Places {
-            load: place(insertion),
-            across: place(insertion && self.rig.has_one_guide()),
-            apart: place(insertion && lateral),
-            rear: [place(is_unknown(0)), place(is_unknown(1))],
+            load: next_place(insertion),
+            across: next_place(insertion && self.rig.has_one_guide()),
+            apart: next_place(insertion && lateral),
+            rear: [next_place(is_unknown(0)), next_place(is_unknown(1))],
             gap: [Some(&self.rig), self.reference.as_ref()]
-                .map(|rig| place(insertion && rig.is_some_and(Rig::has_one_guide))),
-            ratio: place(self.reference.is_some()),
-            guide2: place(self.is_unknown("rig.guide2_position")),
-            entry: place(self.is_unknown("rig.surface_position")),
+                .map(|rig| next_place(insertion && rig.is_some_and(Rig::has_one_guide))),
+            ratio: next_place(self.reference.is_some()),
+            guide2: next_place(self.is_unknown("rig.guide2_position")),
+            entry: next_place(self.is_unknown("rig.surface_position")),
         }
     }
 
     /// Logarithm of the density of the heavy-tailed priors at these values over that of the normal ones which stand for them in a fit
     /// that ends there.
     pub fn ln_prior_over_normal(&self, values: &[f64]) -> f64 {
-        let of = |place: StatedPlace| {
+        let ln_excess = |place: StatedPlace| {
             let value_m = *values.get(place.parameter)?;
             Some(place.prior().ln_over_normal(value_m))
         };
-        self.stated().filter_map(of).sum()
+        self.stated().filter_map(ln_excess).sum()
     }
 
-    /// What is stated of the rig and unknown within a tolerance.
+    /// Statements about the rig that are unknown within a tolerance.
     pub fn stated(&self) -> impl Iterator<Item = StatedPlace> {
         let Places { guide2, entry, .. } = self.places();
         let tolerances = self.rig.tolerances;
-        let all = [
+        let stated_entries = [
             (guide2, "the place of guide 2", "rig.guide2_position", tolerances.guide2_sd_m()),
             (entry, "the place of the surface", "rig.surface_position", tolerances.entry_sd_m()),
         ];
-        let of = |(parameter, name, effect, scale_m): (Option<usize>, _, _, _)| {
+        let stated_place = |(parameter, name, effect, scale_m): (Option<usize>, _, _, _)| {
             Some(StatedPlace { parameter: parameter?, name, effect, scale_m })
         };
-        all.into_iter().filter_map(of)
+        stated_entries.into_iter().filter_map(stated_place)
     }
 
     /// Ratio of the modulus to that of the reference, as parameter: its logarithm.
@@ -267,7 +268,7 @@ impl Layout {
         self.places().ratio
     }
 
-    /// Where the parameters of an effect start.
+    /// Position of an effect's first parameter.
     pub fn first_of(&self, index: usize) -> usize {
         self.own() + self.effects[..index].iter().map(|effect| effect.parameters().len()).sum::<usize>()
     }
@@ -282,10 +283,10 @@ impl Layout {
             prior: Some(Prior { mean, sd }),
         };
         let assumed = |unknown: &Unknown, step: f64| {
-            let inside =
+            let inside_value =
                 |value: f64| if unknown.prior.family == Family::LogNormal { value.ln() } else { value };
-            let [least, most] = unknown.range.map(inside);
-            bounded(least, most, inside(unknown.mean()), unknown.sd(), step)
+            let [least, most] = unknown.range.map(inside_value);
+            bounded(least, most, inside_value(unknown.mean()), unknown.sd(), step)
         };
         let mut parameters = vec![assumed(&tissue::MODULUS, 1e-4)];
         let Places { load, across, apart, rear, gap, ratio, .. } = self.places();
@@ -302,8 +303,8 @@ impl Layout {
             parameters.push(assumed(&tissue::REFERENCE_RATIO, 1e-4));
         }
         for place in self.stated() {
-            let at_m = starts.get(place.parameter).copied().unwrap_or_default();
-            let sd_m = place.prior().sd_at(at_m);
+            let start_depth_m = starts.get(place.parameter).copied().unwrap_or_default();
+            let sd_m = place.prior().sd_at(start_depth_m);
             parameters.push(bounded(-OFFSET_M, OFFSET_M, 0.0, sd_m, OFFSET_STEP_M));
         }
         let infos = |effect: &&'static dyn Effect| {
@@ -312,8 +313,9 @@ impl Layout {
         for (effect, info) in self.effects.iter().flat_map(infos) {
             let scale = Scale::of(info);
             let [least, most] = info.range.map(|end| scale.inside(end));
-            let known = self.known.iter().find(|known| known.is_of(effect, info.name));
-            let Prior { mean, sd } = known.map_or_else(|| prior(info), |known| known.prior(scale));
+            let known_parameter = self.known.iter().find(|known| known.is_of(effect, info.name));
+            let Prior { mean, sd } =
+                known_parameter.map_or_else(|| prior(info), |known_parameter| known_parameter.prior(scale));
             let step = match (scale, info.nodes.is_empty()) {
                 (Scale::Log, false) => 0.03,
                 (Scale::Log, true) => 1e-3,
@@ -329,7 +331,7 @@ impl Layout {
         parameters
     }
 
-    /// Where a fit starts without a former one.
+    /// Start of a fit without a former one.
     pub fn first_values(&self) -> Vec<f64> {
         let mut values = vec![0.0; self.own()];
         let Places { load, rear, .. } = self.places();
@@ -347,22 +349,26 @@ impl Layout {
         if !(self.kinds[1] && self.rig.has_one_guide()) {
             return vec![first.to_vec()];
         }
-        let from = |modulus_pa: &f64| {
+        let start_with = |modulus_pa: &f64| {
             let mut values = first.to_vec();
             values[0] = modulus_pa.ln();
             values
         };
-        BY_HAND_PA.iter().map(from).collect()
+        BY_HAND_PA.iter().map(start_with).collect()
     }
 
     /// Values of the effects' parameters in their own units.
     pub fn effect_values(&self, values: &[f64]) -> Vec<(&'static dyn Effect, Vec<f64>)> {
-        let mut at = self.own();
+        let mut first_value = self.own();
         let mut of_effect = |effect: &&'static dyn Effect| {
             let infos = effect.parameters();
-            let own = infos.iter().zip(&values[at..]).map(|(info, v)| Scale::of(info).outside(*v)).collect();
-            at += infos.len();
-            (*effect, own)
+            let outside_values = infos
+                .iter()
+                .zip(&values[first_value..])
+                .map(|(info, v)| Scale::of(info).outside(*v))
+                .collect();
+            first_value += infos.len();
+            (*effect, outside_values)
         };
         self.effects.iter().map(&mut of_effect).collect()
     }
@@ -381,35 +387,35 @@ impl Layout {
     /// [`ModelError::OutOfRange`] where a value is impossible.
     pub fn model_of(&self, values: &[f64], kind: Kind, is_reference: bool) -> Result<Model, ModelError> {
         let Places { load, across, apart, rear, gap, ratio, guide2, entry } = self.places();
-        let at = |place: Option<usize>| place.and_then(|place| values.get(place)).copied();
+        let value_at = |place: Option<usize>| place.and_then(|place| values.get(place)).copied();
         let mut ln_modulus = values[0];
         if kind == Kind::Insertion {
-            ln_modulus += at(apart).unwrap_or_default();
+            ln_modulus += value_at(apart).unwrap_or_default();
         }
         let mut rig = match &self.reference {
             Some(rig) if is_reference => {
-                ln_modulus -= at(ratio).unwrap_or_default();
+                ln_modulus -= value_at(ratio).unwrap_or_default();
                 rig.clone()
             }
             _ => self.rig.clone(),
         };
-        if let Some(ln_gap) = at(gap[usize::from(is_reference)]) {
+        if let Some(ln_gap) = value_at(gap[usize::from(is_reference)]) {
             rig.entry_m = rig.guide2_m + (rig.entry_m - rig.guide2_m) * ln_gap.exp();
         }
-        rig.guide2_m += at(guide2).unwrap_or_default();
+        rig.guide2_m += value_at(guide2).unwrap_or_default();
         // In insertions the surface has a place of its own.
         if kind == Kind::Lateral {
-            rig.entry_m += at(entry).unwrap_or_default();
+            rig.entry_m += value_at(entry).unwrap_or_default();
         }
         rig.entry_m = rig.entry_m.max(rig.guide2_m);
         if let Guides::One { rear_rotation_n_m_per_rad } = &mut rig.guides {
             for (stiffness, place) in rear_rotation_n_m_per_rad.iter_mut().zip(rear) {
-                *stiffness = stiffness.or(at(place).map(|ln_compliance| (-ln_compliance).exp()));
+                *stiffness = stiffness.or(value_at(place).map(|ln_compliance| (-ln_compliance).exp()));
             }
         }
         let mut model = Model::on(rig, self.support, ln_modulus.exp())?;
-        if let Some(load_n) = at(load) {
-            model.tip = TipLaw::load([load_n, at(across).unwrap_or_default()]);
+        if let Some(load_n) = value_at(load) {
+            model.tip = TipLaw::load([load_n, value_at(across).unwrap_or_default()]);
         }
         model.effects = self.effect_values(values);
         if is_reference {

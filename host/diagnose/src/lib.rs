@@ -30,8 +30,9 @@
 //! | what the walls of the tissue do to E | `walls` |
 //! | effects switched on and off by a person | `workbench` |
 //!
-//! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
-//! optimal discriminating designs. What is added is the loop, with names, abstention and a proof on runs that no fit has used.
+//! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan
+//! statistics, optimal discriminating designs. The crate adds the loop, with names, abstention and a proof on runs that
+//! no fit has used.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
@@ -126,20 +127,21 @@ use split::{Training, split};
 use start::{Noises, Start, fit_start};
 use std::path::PathBuf;
 
-/// What the user may choose.
+/// Choices of the user.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Effects of the model to start from, with first values of their parameters.
     pub given: Vec<(&'static dyn Effect, Vec<f64>)>,
-    /// What is known of the parameters of these effects, in place of the catalogue's priors; what contradicts the runs is released.
+    /// Knowledge of the parameters of these effects, in place of the catalogue's priors; knowledge that contradicts the
+    /// runs is released.
     pub known: Vec<KnownParameter>,
     /// Seed of the bootstraps.
     pub seed: u64,
-    /// What the tissue is taken for.
+    /// Foundation of the tissue.
     pub foundation: FoundationChoice,
     /// Poisson's ratio of the tissue where it is a body, 0 to 0.5.
     pub poisson: f64,
-    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that, by the names of a model file.
+    /// Sizes of the discrepancy above those of an ordinary rig, as multiples, by the names of a model file.
     pub discrepancy: Multiples,
     /// Whether laws are searched for that no effect of the catalogue is.
     pub discovery: bool,
@@ -241,13 +243,13 @@ fn workflow<T>(
     beside: impl FnOnce(&Start) -> Result<T, DiagnoseError>,
 ) -> Result<(Diagnosis, T), DiagnoseError> {
     let (runs, mut warnings) = runs_of(session)?;
-    let all: Vec<Run> = runs.clone();
+    let all_runs: Vec<Run> = runs.clone();
     let (Training { mut runs, rule }, held_out) = split(runs);
     on_progress(&rule);
     let (noise, disagreements) = Noise::with_disagreements(&runs, &session.stated_noise());
     warnings.extend(disagreements);
-    let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
-    let mut layout = Layout::new(&session.rig, &runs, given);
+    let given_effects: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
+    let mut layout = Layout::new(&session.rig, &runs, given_effects);
     layout.known = options.known.clone().into();
     let mut noises = Noises { session: noise, reference: noise };
     let mut multiples = options.discrepancy.clone();
@@ -272,53 +274,57 @@ fn workflow<T>(
     let Choice { foundation, start, found, beside: other_foundation } =
         choose(start, &judge, options, &session.tissue, &mut on_progress)?;
     let more = beside(&start)?;
-    let found = found.around_itself(&start, &judge, &multiples);
-    let (found, is_stated_wrong) = found.with_names_of_stated(&start, &judge)?;
-    // Where the rig is not what it was known to be, model and measurement disagree by that: it is part of the gap, and no name is
-    // needed for what is in the model already.
+    let without_search = found.around_itself(&start, &judge, &multiples);
+    let (statement_is_wrong, is_stated_wrong) = without_search.with_names_of_stated(&start, &judge)?;
+    // If the rig has changed since it was characterized, model and measurement disagree by that: it is part of the gap,
+    // and no name is needed for what is in the model already.
     let as_known = match as_known {
         Some(known) => Some(known.beside(&start)?),
         None if is_stated_wrong => Some(start.as_stated()?),
         None => None,
     };
     let disagreement = as_known.as_ref().map(Start::adequacy).transpose()?;
-    let before = start.adequacy()?;
+    let adequacy_before = start.adequacy()?;
     let compared = as_known.as_ref().unwrap_or(&start);
     let regions = |of: &Start| regions(&of.fitted, &of.runs, &of.patterns);
     let where_start = regions(&start)?;
     let where_before = as_known.as_ref().map_or_else(|| Ok(where_start.clone()), regions)?;
-    let where_left = adequacy::regions(&found.fitted, &start.runs, &start.patterns)?;
-    let is_adequate = before.is_adequate() && where_start.is_empty();
+    let where_left = adequacy::regions(&statement_is_wrong.fitted, &start.runs, &start.patterns)?;
+    let is_adequate = adequacy_before.is_adequate() && where_start.is_empty();
     let compared = compared.fitted.clone();
     let Start { runs: prepared, patterns, fitted: start } = start;
-    let after = Adequacy::of(&found.fitted, &prepared, &patterns)?;
+    let adequacy_after = Adequacy::of(&statement_is_wrong.fitted, &prepared, &patterns)?;
 
     on_progress("the runs that were held out are compared");
-    let gap_of_found = judge.gap(&compared, &found.fitted, options.seed)?;
-    // What the reference leaves unexplained too is no gap between them.
+    let gap_of_found = judge.gap(&compared, &statement_is_wrong.fitted, options.seed)?;
+    // A misfit that the reference has too is no gap between them.
     let judged = gap_of_found.as_ref().filter(|_| options.reference.is_none());
-    let verdict = verdict(&found, is_adequate, judged);
-    let is_large = || Remaining::of(&before, &start, &patterns, None).size == RemainingSize::Large;
-    // What moves the modulus beyond its interval is no everyday matter, however smooth it is.
+    let verdict = verdict(&statement_is_wrong, is_adequate, judged);
+    let is_large = || Remaining::of(&adequacy_before, &start, &patterns, None).size == RemainingSize::Large;
+    // A misfit that moves the modulus beyond its interval is not usual, however smooth it is.
     let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };
     let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
-    let final_fit = if is_named { &found.fitted } else { &start };
+    let final_fit = if is_named { &statement_is_wrong.fitted } else { &start };
     let gap = if is_named { gap_of_found } else { judge.gap(&compared, final_fit, options.seed)? };
-    let remaining =
-        Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
+    let remaining = Remaining::of(
+        if is_named { &adequacy_after } else { &adequacy_before },
+        final_fit,
+        &patterns,
+        gap.as_ref(),
+    );
     let multiples = final_fit.multiples(&patterns);
     let final_fit = if is_named { final_fit.clone() } else { start.clone().over_sizes(&patterns) };
     let report = DiagnosisReport {
         session,
         options,
-        all: &all,
+        all: &all_runs,
         start: &start,
-        found: &found,
+        found: &statement_is_wrong,
         final_fit: &final_fit,
-        averaged: Averaged::over(&final_fit, &found, is_named, &patterns, touched_m(&all)),
+        averaged: Averaged::over(&final_fit, &statement_is_wrong, is_named, &patterns, touched_m(&all_runs)),
         other_foundation,
         noise: &noise,
-        adequacy: [&before, &after],
+        adequacy: [&adequacy_before, &adequacy_after],
         disagreement: disagreement.as_ref(),
         verdict,
         foundation,
@@ -339,7 +345,8 @@ fn workflow<T>(
         on_progress("what further runs would tell is computed");
         result.prospects = Some(report.foreseen(&prepared, &patterns)?);
     }
-    let walls = WallsResult::new(session.tissue.walls, &session.rig.needle, touched_m(&all), options.poisson);
+    let walls =
+        WallsResult::new(session.tissue.walls, &session.rig.needle, touched_m(&all_runs), options.poisson);
     Ok((result.with_walls(walls), more))
 }
 
@@ -350,7 +357,7 @@ fn touched_m(runs: &[Run]) -> f64 {
     runs.iter().filter(of_kind).map(|run| run.depth_m).fold(0.0, f64::max)
 }
 
-/// Which runs of a session a diagnosis uses, skips and holds out.
+/// Runs of a session that a diagnosis uses, skips and holds out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DataSplit {
     /// Runs that can be used.
@@ -363,15 +370,15 @@ pub struct DataSplit {
     pub rule: String,
 }
 
-/// How [`diagnose`] would divide a session into runs to learn from and runs to be judged by; nothing is fitted.
+/// Division of a session by [`diagnose`] into training and held-out runs; there is no fit.
 ///
 /// # Errors
 /// [`DiagnoseError`] where no run can be used.
 pub fn data_split(session: &Session) -> Result<DataSplit, DiagnoseError> {
     let (runs, skipped) = runs_of(session)?;
-    let used = runs.iter().map(|run| run.id.clone()).collect();
+    let used_ids = runs.iter().map(|run| run.id.clone()).collect();
     let (Training { rule, .. }, held_out) = split(runs);
-    Ok(DataSplit { used, skipped, held_out: held_out.ids(), rule })
+    Ok(DataSplit { used: used_ids, skipped, held_out: held_out.ids(), rule })
 }
 
 /// All runs in tissue that can be used, and why others cannot.
@@ -391,8 +398,8 @@ fn runs_in(session: &Session, air: bool) -> Result<(Vec<Run>, Vec<String>), Diag
     let (mut runs, mut warnings) = (Vec::new(), Vec::new());
     let criteria = readings::holds::HoldCriteria::default();
     if !air {
-        let others = session.lateral.iter().filter(|run| run.is_in_air());
-        warnings.extend(others.map(|run| format!("run {} is skipped: {IN_AIR}", run.id)));
+        let air_runs = session.lateral.iter().filter(|run| run.is_in_air());
+        warnings.extend(air_runs.map(|run| format!("run {} is skipped: {IN_AIR}", run.id)));
     }
     for run in session.lateral.iter().filter(is_used) {
         let unused = readings::holds::unused(run, &session.rig, &criteria);
@@ -420,7 +427,7 @@ fn share_nodes(runs: &mut [Run]) {
     }));
 }
 
-/// Nothing has a name that leaves the larger part of the held-out misfit.
+/// No effect is named that leaves the larger part of the held-out misfit.
 fn verdict(found: &Found, is_adequate: bool, gap: Option<&HeldOutMisfit>) -> Verdict {
     let removed = gap.and_then(|gap| gap.removed);
     match found.members.is_empty() {
@@ -432,7 +439,7 @@ fn verdict(found: &Found, is_adequate: bool, gap: Option<&HeldOutMisfit>) -> Ver
     }
 }
 
-/// What the search finds in a session on springs, and the model that it starts from.
+/// Result of the search in a session on springs, and the model that it starts from.
 #[cfg(test)]
 fn found_in(session: &Session) -> (Start, Found) {
     let (runs, _) = runs_of(session).expect("runs");

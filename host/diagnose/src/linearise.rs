@@ -16,7 +16,7 @@ const MIN_INFORMATION: f64 = 0.01;
 /// Correlations are kept as thousandths.
 const PER_MILLE: f64 = 1000.0;
 
-/// How a parameter is counted inside the fits.
+/// Scale of a parameter inside the fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScaleKind {
     /// As it is.
@@ -34,7 +34,7 @@ pub struct EffectAmplitude {
     pub parameter: usize,
     /// Number and value of the parameter that is a place or a time.
     pub place: Option<(usize, f64)>,
-    /// How the parameter is counted.
+    /// Scale of the parameter.
     pub scale: ScaleKind,
     /// Standard deviation of its prior around the neutral value.
     pub prior_sd: f64,
@@ -63,36 +63,36 @@ pub struct Linearisation {
 }
 
 impl Linearisation {
-    /// Of the starting model of a diagnosis.
+    /// Result for the starting model of a diagnosis.
     pub(super) fn of(start: &Start) -> Result<Self, DiagnoseError> {
         let Start { runs, patterns, fitted } = start;
         let scores = Scores::new(fitted, runs, patterns)?;
-        let (gram, along, ln_modulus) = scores.products();
-        let all: Vec<(usize, EffectAmplitude)> = scores
+        let (gram, projections, ln_modulus) = scores.products();
+        let amplitudes: Vec<(usize, EffectAmplitude)> = scores
             .amplitudes()
             .into_iter()
             .filter_map(|one| {
-                let (at, step) = (one.column, one.step);
-                let information = gram.get((at, at))? / (step * step);
-                let kept = information * one.prior_sd * one.prior_sd > MIN_INFORMATION;
-                let score = along.get(at)? / step;
-                let slope = ln_modulus.get(at)? / step;
-                (kept && score.is_finite() && information.is_finite() && slope.is_finite())
-                    .then(|| (at, amplitude(&one, score, information, slope)))
+                let (column, step) = (one.column, one.step);
+                let information = gram.get((column, column))? / (step * step);
+                let is_informative = information * one.prior_sd * one.prior_sd > MIN_INFORMATION;
+                let score = projections.get(column)? / step;
+                let slope = ln_modulus.get(column)? / step;
+                (is_informative && score.is_finite() && information.is_finite() && slope.is_finite())
+                    .then(|| (column, amplitude(&one, score, information, slope)))
             })
             .collect();
         let correlation = |i: usize, j: usize| {
             let sds = (gram[(i, i)] * gram[(j, j)]).sqrt();
             (PER_MILLE * gram[(i, j)] / sds).round().clamp(-PER_MILLE, PER_MILLE) as i16
         };
-        let below = |row: usize| {
-            let (all, i) = (&all, all[row].0);
-            all[..row].iter().map(move |(j, _)| correlation(i, *j))
+        let products_below = |row: usize| {
+            let (amplitude_entries, i) = (&amplitudes, amplitudes[row].0);
+            amplitude_entries[..row].iter().map(move |(j, _)| correlation(i, *j))
         };
         Ok(Self {
             ln_modulus_pa: ln_modulus_pa(fitted),
-            correlation_per_mille: (0..all.len()).flat_map(below).collect(),
-            amplitudes: all.iter().map(|(_, one)| one.clone()).collect(),
+            correlation_per_mille: (0..amplitudes.len()).flat_map(products_below).collect(),
+            amplitudes: amplitudes.iter().map(|(_, one)| one.clone()).collect(),
             log_evidence: scores
                 .ranked()
                 .iter()
@@ -154,14 +154,14 @@ mod tests {
     fn the_score_estimates_an_effect_of_an_independent_generator_and_its_bias_of_the_modulus() {
         let (plain, biased) =
             (linearised(Vec::new(), 5), linearised(vec![("sensor.force_gain", vec![0.03])], 5));
-        let one = gain(&biased);
-        let (value, sd) = (one.score / one.information, one.information.sqrt().recip());
+        let amplitude = gain(&biased);
+        let (value, sd) = (amplitude.score / amplitude.information, amplitude.information.sqrt().recip());
         assert!((value - 1.03f64.ln()).abs() < 3.0 * sd, "{value} +- {sd}");
         // The bending stiffness alone is known to 3 %, and scales forces alike.
         assert!(sd < 0.035, "sd {sd}");
         // The same noise: what the gain does to the fitted modulus is what the slope predicts.
         let moved = biased.ln_modulus_pa.0 - plain.ln_modulus_pa.0;
-        let expected = one.ln_modulus_slope * 1.03f64.ln();
+        let expected = amplitude.ln_modulus_slope * 1.03f64.ln();
         assert!((moved - expected).abs() < 0.3 * expected.abs(), "moved {moved}, expected {expected}");
         let count = biased.amplitudes.len();
         assert_eq!(biased.correlation_per_mille.len(), count * (count - 1) / 2);

@@ -3,38 +3,40 @@
 use nalgebra::{DMatrix, DVector};
 use readings::outliers::farthest;
 
-/// Of the distances between neighbouring values so many are shorter than the step: values that were joined from several images.
+/// Fraction of the distances between neighbouring values that are shorter than the step: values that were joined from
+/// several images.
 const SHORTER: f64 = 0.05;
 /// Values closer than this are the same.
 const SAME_M: f64 = 1e-9;
 /// Steps of the golden ratio fill an interval evenly however many they are.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
-/// Which points of a sweep are not misread: off a smooth curve by many times the usual distance, of values that are rounded to a step.
+/// Points of a sweep that are not misread: off a smooth curve by many times the usual distance, of values that are
+/// rounded to a step.
 pub(super) fn without_misread(z_m: &[f64], values_m: &[f64], step_m: f64) -> Vec<bool> {
-    let mut kept = vec![true; z_m.len()];
+    let mut is_kept = vec![true; z_m.len()];
     let degree = (z_m.len() / 4).min(4);
     for _ in 0..3 {
-        let indices: Vec<usize> = (0..z_m.len()).filter(|i| kept[*i]).collect();
+        let indices: Vec<usize> = (0..z_m.len()).filter(|i| is_kept[*i]).collect();
         if indices.len() < degree + 4 {
-            return kept;
+            return is_kept;
         }
         let curve = polynomials(z_m, degree);
-        let known = DMatrix::from_fn(indices.len(), degree + 1, |i, j| curve[(indices[i], j)]);
+        let known_columns = DMatrix::from_fn(indices.len(), degree + 1, |i, j| curve[(indices[i], j)]);
         let measured = DVector::from_fn(indices.len(), |i, _| values_m[indices[i]]);
-        let Ok(coefficients) = known.svd(true, true).solve(&measured, 1e-12) else { return kept };
-        let off: Vec<f64> = (&curve * coefficients).iter().zip(values_m).map(|(c, v)| v - c).collect();
-        // Where most values are rounded to the same, half of them are next to the curve whatever the noise is: their median shows it once they
-        // are spread over what they are rounded from.
+        let Ok(coefficients) = known_columns.svd(true, true).solve(&measured, 1e-12) else { return is_kept };
+        let deviations: Vec<f64> = (&curve * coefficients).iter().zip(values_m).map(|(c, v)| v - c).collect();
+        // If most values are rounded to the same, half of them are next to the curve whatever the noise is: their
+        // median shows it once they are spread over what they are rounded from.
         let spread_m = |i: usize| step_m * ((i as f64 * GOLDEN).fract() - 0.5);
-        let farthest_m = farthest(indices.iter().map(|i| off[*i] + spread_m(*i))).max(1e-6);
-        let next: Vec<bool> = off.iter().map(|off| off.abs() <= farthest_m).collect();
-        if next == kept {
+        let farthest_m = farthest(indices.iter().map(|i| deviations[*i] + spread_m(*i))).max(1e-6);
+        let next: Vec<bool> = deviations.iter().map(|deviations| deviations.abs() <= farthest_m).collect();
+        if next == is_kept {
             break;
         }
-        kept = next;
+        is_kept = next;
     }
-    kept
+    is_kept
 }
 
 /// The step to which values are rounded; that of the values themselves where they are not, and 0 where all are the same.
@@ -42,10 +44,10 @@ pub(super) fn step_m(values_m: &[f64]) -> f64 {
     let mut distinct_m: Vec<f64> = values_m.iter().copied().filter(|value| value.is_finite()).collect();
     distinct_m.sort_by(f64::total_cmp);
     distinct_m.dedup_by(|a, b| (*a - *b).abs() < SAME_M);
-    let mut apart_m: Vec<f64> =
+    let mut spacings_m: Vec<f64> =
         distinct_m.iter().zip(distinct_m.iter().skip(1)).map(|(a, b)| b - a).collect();
-    apart_m.sort_by(f64::total_cmp);
-    let Some(first_m) = apart_m.get((SHORTER * apart_m.len() as f64) as usize) else { return 0.0 };
+    spacings_m.sort_by(f64::total_cmp);
+    let Some(first_m) = spacings_m.get((SHORTER * spacings_m.len() as f64) as usize) else { return 0.0 };
     // Printed values are rounded themselves: over many steps that matters less.
     let lowest_m = distinct_m.first().copied().unwrap_or_default();
     let from_lowest = distinct_m.iter().map(|value| value - lowest_m).filter(|m| *m > 0.0);
@@ -74,8 +76,8 @@ mod tests {
     fn the_step_is_found_of_printed_pixels_and_of_numbers_that_are_not_rounded() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let mut values = |step_m: f64| -> Vec<f64> {
-            let mut one = |i: i32| 2e-3 * (f64::from(i) * 0.01).sin() + 2e-5 * normal(&mut random);
-            (0..800).map(|i| ((one(i) / step_m).round() * step_m * 1e6).round() * 1e-6).collect()
+            let mut reading_m = |i: i32| 2e-3 * (f64::from(i) * 0.01).sin() + 2e-5 * normal(&mut random);
+            (0..800).map(|i| ((reading_m(i) / step_m).round() * step_m * 1e6).round() * 1e-6).collect()
         };
         let step = step_m(&values(51.28e-6));
         assert!((step / 51.28e-6 - 1.0).abs() < 1e-3, "{step}");
@@ -87,7 +89,7 @@ mod tests {
     #[test]
     fn of_a_straight_needle_in_pixels_none_is_misread_but_what_is_far_off() {
         let z_m: Vec<f64> = (0..70).map(|i| 1e-3 * f64::from(i)).collect();
-        let (mut kept, mut far) = (0, 0);
+        let (mut kept_count, mut outlier_count) = (0, 0);
         for seed in 0..100 {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             // Most are in the pixel of the needle.
@@ -96,10 +98,10 @@ mod tests {
             let mut values_m: Vec<f64> = z_m.iter().map(&mut value).collect();
             values_m[30] += 255e-6;
             let of_all = without_misread(&z_m, &values_m, 51e-6);
-            far += usize::from(!of_all[30]);
-            kept += of_all.iter().filter(|is_kept| **is_kept).count() - usize::from(of_all[30]);
+            outlier_count += usize::from(!of_all[30]);
+            kept_count += of_all.iter().filter(|is_kept| **is_kept).count() - usize::from(of_all[30]);
         }
-        assert!(kept >= 100 * 69 - 5, "{kept} of {}", 100 * 69);
-        assert!(far >= 97, "{far}");
+        assert!(kept_count >= 100 * 69 - 5, "{kept_count} of {}", 100 * 69);
+        assert!(outlier_count >= 97, "{outlier_count}");
     }
 }

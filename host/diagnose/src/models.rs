@@ -19,15 +19,15 @@ pub struct OtherModel {
 
 /// The effects of a model, and its alternatives; effects that are there already stay, in all of them.
 pub fn of_file(stated: &Effects, model: &ModelFile) -> (Effects, Vec<OtherModel>) {
-    let with = |of: &ModelFile| {
+    let model_with = |of: &ModelFile| {
         let is_new = |id: &str| stated.iter().all(|(own, _)| own.id() != id);
         let new = of.effects().into_iter().filter(|(effect, _)| is_new(effect.id()));
         stated.iter().cloned().chain(new).collect::<Effects>()
     };
-    let others = model.alternatives.iter().map(|other| OtherModel {
+    let other_models = model.alternatives.iter().map(|other| OtherModel {
         probability: other.probability,
-        effects: with(&other.model),
+        effects: model_with(&other.model),
         modulus_pa: other.model.modulus_and_sd_pa(),
     });
-    (with(model), others.collect())
+    (model_with(model), other_models.collect())
 }

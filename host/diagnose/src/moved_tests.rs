@@ -11,9 +11,9 @@ fn diagnosed(effects: Vec<(&'static str, Vec<f64>)>, seed: u64) -> Diagnosis {
 
 #[track_caller]
 fn assert_in_class(id: &'static str, values: &[f64], seed: u64) {
-    let found = diagnosed(vec![(id, values.to_vec())], seed);
-    let [named] = found.effects.as_slice() else { panic!("{id}: {found:#?}") };
-    assert!(named.class.iter().any(|one| one == id), "{id}: {found:#?}");
+    let diagnosis = diagnosed(vec![(id, values.to_vec())], seed);
+    let [named] = diagnosis.effects.as_slice() else { panic!("{id}: {diagnosis:#?}") };
+    assert!(named.class.iter().any(|one| one == id), "{id}: {diagnosis:#?}");
     if named.id == id {
         let infos = mechanics::effects::effect(id).expect("an effect").parameters();
         for (info, value) in infos.iter().zip(values) {
@@ -56,23 +56,23 @@ fn readings_of_insertions_are_a_millimetre_apart() {
 #[test]
 fn a_guide_that_rests_is_a_limit() {
     let truth = Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: Vec::new(), foreign: None };
-    let rests = |design: Design| {
+    let resting_diagnosis = |design: Design| {
         let mut session = session(&truth, &design, 1);
         session.rig.guides = mechanics::Guides::One { rear_rotation_n_m_per_rad: [None; 2] };
         session.rig.entry_m -= session.rig.guide2_m;
         session.rig.guide2_m = 0.0;
         let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
-        let found = diagnose(&session, &options, |_| {}).expect("a diagnosis");
+        let diagnosis = diagnose(&session, &options, |_| {}).expect("a diagnosis");
         // Neither the file nor the text has a modulus that nothing identifies.
-        let is_identified = found.k_status == ModulusStatus::Identified;
-        let model = found.model();
+        let is_identified = diagnosis.k_status == ModulusStatus::Identified;
+        let model = diagnosis.model();
         assert_eq!(
             (model.modulus_pa.is_some(), model.modulus_ci95_pa.is_some()),
             (is_identified, is_identified)
         );
-        let text = found.k_status.modulus_text(found.k_kpa, found.k_ci95_kpa);
+        let text = diagnosis.k_status.modulus_text(diagnosis.k_kpa, diagnosis.k_ci95_kpa);
         assert_eq!(text.starts_with("not identifiable"), !is_identified, "{text}");
-        assert_eq!(found.limits.iter().any(|limit| limit.contains("not identifiable")), !is_identified);
+        assert_eq!(diagnosis.limits.iter().any(|limit| limit.contains("not identifiable")), !is_identified);
         !is_identified
     };
     let only = |mut design: Design, numbers: [usize; 2]| {
@@ -80,6 +80,6 @@ fn a_guide_that_rests_is_a_limit() {
         design.insertion = numbers.map(|number| design.insertion[number].clone()).to_vec();
         design
     };
-    assert!(rests(only(Design::insertions(), [0, 2])));
-    assert!(!rests(only(Design::moved_insertions(), [0, 1])));
+    assert!(resting_diagnosis(only(Design::insertions(), [0, 2])));
+    assert!(!resting_diagnosis(only(Design::moved_insertions(), [0, 1])));
 }

@@ -35,7 +35,7 @@ const MIN_DIVERGENCE: f64 = 4.0;
 /// Divergences that differ by less than this share are the same: those of the two axes of a round needle differ by rounding.
 const SAME: f64 = 1e-3;
 
-/// What could be measured.
+/// Possible measurement.
 enum Planned {
     /// A run.
     Run(Experiment),
@@ -59,24 +59,25 @@ pub(super) fn next_measurement(
     runs: &[Run],
     noise: &Noise,
 ) -> Option<NextMeasurement> {
-    let mut all: Vec<(f64, Item)> = Vec::new();
+    let mut ranked: Vec<(f64, Item)> = Vec::new();
     let entry_m = class.first()?.fitted.layout.rig.entry_m;
     for item in menu(runs, entry_m) {
         let mut least = f64::INFINITY;
         for (i, Explanation { fitted: a, .. }) in class.iter().enumerate() {
             for Explanation { fitted: b, .. } in class.iter().skip(i + 1) {
                 // An effect that makes the planned run impossible is no ground to plan it.
-                let both = [divergence(a, b, &item.planned, noise), divergence(b, a, &item.planned, noise)];
-                least = both.into_iter().fold(least, |least, d| least.min(d.unwrap_or(0.0)));
+                let divergences =
+                    [divergence(a, b, &item.planned, noise), divergence(b, a, &item.planned, noise)];
+                least = divergences.into_iter().fold(least, |least, d| least.min(d.unwrap_or(0.0)));
             }
         }
         if least.is_finite() {
-            all.push((least, item));
+            ranked.push((least, item));
         }
     }
-    let greatest = all.iter().map(|(least, _)| *least).fold(MIN_DIVERGENCE, f64::max);
+    let greatest = ranked.iter().map(|(least, _)| *least).fold(MIN_DIVERGENCE, f64::max);
     let is_best = |least: f64| least > MIN_DIVERGENCE && least >= (1.0 - SAME) * greatest;
-    let (divergence, Item { kind, what, .. }) = all.into_iter().find(|(least, _)| is_best(*least))?;
+    let (divergence, Item { kind, what, .. }) = ranked.into_iter().find(|(least, _)| is_best(*least))?;
     Some(NextMeasurement {
         kind: kind.to_owned(),
         what,
@@ -87,25 +88,25 @@ pub(super) fn next_measurement(
 
 /// Expected gain of chi-square of `a` over `b` where `a` is true and `b` adapts.
 fn divergence(a: &Fitted, b: &Fitted, planned: &Planned, noise: &Noise) -> Result<f64, ModelError> {
-    let at = |layout: &Layout, values: &[f64]| readings(layout, values, planned, noise);
-    let expected = at(&b.layout, b.values())?;
-    let difference = at(&a.layout, a.values())? - &expected;
+    let readings_with = |layout: &Layout, values: &[f64]| readings(layout, values, planned, noise);
+    let expected = readings_with(&b.layout, b.values())?;
+    let difference = readings_with(&a.layout, a.values())? - &expected;
     let parameters = b.layout.parameters(b.values());
     let mut columns = Vec::new();
     for (index, parameter) in parameters.iter().enumerate() {
         let mut values = b.values().to_vec();
-        let towards = if values[index] + parameter.step <= parameter.most { 1.0 } else { -1.0 };
-        values[index] += towards * parameter.step;
-        columns.push((at(&b.layout, &values)? - &expected) * (towards / parameter.step));
+        let step_direction = if values[index] + parameter.step <= parameter.most { 1.0 } else { -1.0 };
+        values[index] += step_direction * parameter.step;
+        columns.push((readings_with(&b.layout, &values)? - &expected) * (step_direction / parameter.step));
     }
     let jacobian = DMatrix::from_columns(&columns);
     let prior = b.covariance.clone().try_inverse().ok_or(ModelError::Singular)?;
     let normal = (jacobian.transpose() * &jacobian + prior).cholesky().ok_or(ModelError::Singular)?;
-    let along = jacobian.transpose() * &difference;
-    Ok(difference.norm_squared() - along.dot(&normal.solve(&along)))
+    let projection = jacobian.transpose() * &difference;
+    Ok(difference.norm_squared() - projection.dot(&normal.solve(&projection)))
 }
 
-/// What a measurement would read under a model, in standard deviations.
+/// Expected readings of a measurement under a model, in standard deviations.
 fn readings(
     layout: &Layout,
     values: &[f64],
@@ -115,8 +116,8 @@ fn readings(
     let experiment = match planned {
         Planned::Weight => {
             let model = layout.model(values, Kind::Lateral)?;
-            let one = |force_n| Series { y: vec![force_n], x: Some(vec![0.0]) };
-            let mut channels = Channels { force_n: one(WEIGHT_N), ..Channels::default() };
+            let force_series = |force_n| Series { y: vec![force_n], x: Some(vec![0.0]) };
+            let mut channels = Channels { force_n: force_series(WEIGHT_N), ..Channels::default() };
             let context = ObservationContext {
                 time_s: &[0.0],
                 commanded_m: [&[0.0], &[0.0]],
@@ -135,15 +136,19 @@ fn readings(
             let model = layout.model(values, Kind::Lateral)?;
             let [along_y, along_x] = image.along();
             // Both wires have the same offset: one at the origin takes it off.
-            let places = |along: f64| vec![0.0, DISTANCE_M * along];
-            let shape_m = Series { y: places(along_y), x: Some(places(along_x)) };
+            let wire_positions = |along: f64| vec![0.0, DISTANCE_M * along];
+            let shape_m = Series { y: wire_positions(along_y), x: Some(wire_positions(along_x)) };
             let mut channels = Channels { shape_m, ..Channels::default() };
             let context = ObservationContext { images: &[Some(*image); 2], ..ObservationContext::default() };
             model.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
-            let apart_m = |wires_m: Vec<f64>| wires_m.windows(2).map(|pair| pair[1] - pair[0]).sum::<f64>();
+            let wire_distance_m =
+                |wires_m: Vec<f64>| wires_m.windows(2).map(|pair| pair[1] - pair[0]).sum::<f64>();
             let sd_m = noise.shape.sd() * 2f64.sqrt();
             let Series { y, x } = channels.shape_m;
-            return Ok(DVector::from_vec(vec![apart_m(y) / sd_m, apart_m(x.unwrap_or_default()) / sd_m]));
+            return Ok(DVector::from_vec(vec![
+                wire_distance_m(y) / sd_m,
+                wire_distance_m(x.unwrap_or_default()) / sd_m,
+            ]));
         }
         Planned::Run(experiment) => experiment,
     };
@@ -155,14 +160,15 @@ fn readings(
     let shape_sd =
         (noise.shape.sd().powi(2) + noise.shape.correlated * 2.0 * noise.shape.memory / SPACING_M).sqrt();
     let tip_sd = (noise.tip.sd().powi(2) + noise.tip.correlated * 2.0 * noise.tip.memory / SPACING_M).sqrt();
-    let all =
+    let channel_readings =
         [(force_n, force_sd), (shape_m, shape_sd), (tip_m, tip_sd)].into_iter().flat_map(|(series, sd)| {
             series.y.into_iter().chain(series.x.into_iter().flatten()).map(move |value| value / sd)
         });
-    Ok(DVector::from_vec(all.collect()))
+    Ok(DVector::from_vec(channel_readings.collect()))
 }
 
-/// What can be measured with the rig of a session: runs that are imaged as before, then with the probe otherwise, then without the needle.
+/// Possible measurements with the rig of a session: runs that are imaged as before, then with the probe otherwise, then
+/// without the needle.
 fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
     let lateral = || runs.iter().filter(|run| run.kind == Kind::Lateral);
     let insertions = || runs.iter().filter(|run| run.kind == Kind::Insertion);
@@ -218,10 +224,14 @@ fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
             ),
             plain,
         );
-        let other = name[1 - axis];
+        let other_axis = name[1 - axis];
         add(
             "other_axis",
-            format!("a staircase along {other} to {:.1} mm at {:.0} mm depth", mm(level_m), mm(middle_m)),
+            format!(
+                "a staircase along {other_axis} to {:.1} mm at {:.0} mm depth",
+                mm(level_m),
+                mm(middle_m)
+            ),
             Staircase { axis: 1 - axis, ..plain },
         );
         add(
@@ -240,7 +250,7 @@ fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
             Staircase { speed_m_per_s: 10e-3, ..plain },
         );
         if let Some(image) = image {
-            let turned = ShapeImage { beam_rad: image.beam_rad + FRAC_PI_2, ..image };
+            let rotated_image = ShapeImage { beam_rad: image.beam_rad + FRAC_PI_2, ..image };
             add(
                 "probe_turned",
                 format!(
@@ -248,9 +258,9 @@ fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
                     mm(level_m),
                     mm(middle_m)
                 ),
-                Staircase { image: Some(turned), ..plain },
+                Staircase { image: Some(rotated_image), ..plain },
             );
-            let back = ShapeImage { probe_m_per_s: -image.probe_m_per_s, ..image };
+            let backward_image = ShapeImage { probe_m_per_s: -image.probe_m_per_s, ..image };
             add(
                 "sweep_back",
                 format!(
@@ -258,7 +268,7 @@ fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
                     mm(level_m),
                     mm(middle_m)
                 ),
-                Staircase { image: Some(back), ..plain },
+                Staircase { image: Some(backward_image), ..plain },
             );
             items.push(Item {
                 kind: "known_distance",
@@ -318,7 +328,7 @@ struct Staircase<'a> {
     levels: &'a [f64],
     hold_s: f64,
     speed_m_per_s: f64,
-    /// How the shape is imaged, where that is known of the session's.
+    /// Image of the shape, if that of the session's shapes is known.
     image: Option<ShapeImage>,
 }
 
@@ -327,22 +337,22 @@ impl Staircase<'_> {
         let step_s = 1.0 / RATE_HZ;
         let mut drive = Vec::new();
         let mut shape = Vec::new();
-        let (mut time_s, mut at_m) = (0.0, 0.0);
-        let mut sample = |time_s: f64, at_m: f64| {
-            let [y_m, x_m] = if self.axis == 0 { [at_m, 0.0] } else { [0.0, at_m] };
+        let (mut time_s, mut position_m) = (0.0, 0.0);
+        let mut sample = |time_s: f64, position_m: f64| {
+            let [y_m, x_m] = if self.axis == 0 { [position_m, 0.0] } else { [0.0, position_m] };
             drive.push(DriveSample { time_s, y_m, x_m });
         };
         for level in self.levels {
-            let to_m = level * self.level_m;
-            while (to_m - at_m).abs() > 1e-9 {
+            let target_m = level * self.level_m;
+            while (target_m - position_m).abs() > 1e-9 {
                 let most_m = self.speed_m_per_s * step_s;
-                at_m += (to_m - at_m).clamp(-most_m, most_m);
-                sample(time_s, at_m);
+                position_m += (target_m - position_m).clamp(-most_m, most_m);
+                sample(time_s, position_m);
                 time_s += step_s;
             }
             let samples = (self.hold_s * RATE_HZ) as usize;
             for _ in 0..samples {
-                sample(time_s, at_m);
+                sample(time_s, position_m);
                 time_s += step_s;
             }
             let sweep_s = time_s - 0.5 * self.hold_s;

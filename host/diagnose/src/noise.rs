@@ -1,10 +1,10 @@
-//! What of the readings is noise: its size, and how far it is correlated, from the scatter about smooth curves
-//! (theory, eq. 58).
+//! Estimates the noise of the readings: its size, and how far it is correlated, from the scatter about smooth
+//! curves (theory, eq. 58).
 //!
-//! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a part that
-//! decays exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. What is the same in
-//! every sweep of the same places is not noise, and taken off first. What a session states is never undercut: rounding and calibration
-//! do not scatter.
+//! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a
+//! part that decays exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. A
+//! deviation that is the same in every sweep of the same positions is not noise, and is subtracted first. The estimate
+//! is never below the session's statement: rounding and calibration do not scatter.
 
 use super::data::{Channel, Kind, Run, Source};
 use super::misread::polynomials;
@@ -36,8 +36,8 @@ impl Sensor {
     /// Variance of the mean of so many readings over a stretch.
     pub fn of_mean(&self, count: usize, length: f64) -> f64 {
         let n = count.max(1) as f64;
-        let share = if length > 0.0 { (2.0 * self.memory / length).min(1.0) } else { 1.0 };
-        self.white / n + self.correlated * share + self.lasting
+        let correlated_fraction = if length > 0.0 { (2.0 * self.memory / length).min(1.0) } else { 1.0 };
+        self.white / n + self.correlated * correlated_fraction + self.lasting
     }
 
     /// Standard deviation of one reading.
@@ -57,7 +57,7 @@ pub(super) struct Noise {
     pub direction: Sensor,
 }
 
-/// Nothing is known better than this.
+/// Least noise that is assumed.
 const MIN_NOISE: Noise = {
     const fn white(sd: f64) -> Sensor {
         Sensor { white: sd * sd, correlated: 0.0, memory: 1.0, lasting: 0.0 }
@@ -90,14 +90,14 @@ const NOT_SCATTER: f64 = 1.5;
 
 /// Readings along a line.
 struct Segment {
-    /// Where they are from; nothing for holds.
+    /// Channel of the residuals; `None` for holds.
     channel: Option<Channel>,
     at: Vec<f64>,
     values: Vec<f64>,
 }
 
 impl Noise {
-    /// Of the runs of a session: what is estimated, raised to what is stated.
+    /// Noise of the runs of a session: what is estimated, raised to what is stated.
     pub fn of(runs: &[Run], stated: &Stated) -> Self {
         Self::with_disagreements(runs, stated).0
     }
@@ -135,22 +135,27 @@ impl Noise {
         let scatter = scatter.map(|sensor: Option<Sensor>| sensor.map(|sensor| sensor.sd()));
         let [force, displacement, shape, tip, direction] = scatter;
         let scatter = [force, displacement, shape.map(|sd_m| sd_m * points), tip, direction];
-        let of = |((name, unit, per_si), scatter, stated): (_, Option<f64>, Option<f64>)| {
-            let (found, stated): (f64, f64) = (per_si * scatter?, per_si * stated?);
-            let times = if found > stated { found / stated } else { stated / found };
-            let what = format!(
-                "noise of {name}: {stated:.3} {unit} is stated, the readings scatter by {found:.3} {unit}"
+        let disagreement = |((name, unit, per_si), scatter, stated): (_, Option<f64>, Option<f64>)| {
+            let (scatter_si, stated): (f64, f64) = (per_si * scatter?, per_si * stated?);
+            let times = if scatter_si > stated { scatter_si / stated } else { stated / scatter_si };
+            let warning = format!(
+                "noise of {name}: {stated:.3} {unit} is stated, the readings scatter by {scatter_si:.3} {unit}"
             );
-            match (times > NOT_SCATTER, found > stated) {
+            match (times > NOT_SCATTER, scatter_si > stated) {
                 (false, _) => None,
-                (true, true) => Some(format!("{what}: the larger one is used; correct [noise]")),
+                (true, true) => Some(format!("{warning}: the larger one is used; correct [noise]")),
                 (true, false) => Some(format!(
-                    "{what}: the difference is treated as an error that is constant within a hold or a sweep"
+                    "{warning}: the difference is treated as an error that is constant within a hold or a sweep"
                 )),
             }
         };
-        let all = SENSORS.into_iter().zip(scatter).zip(stated);
-        (noise, all.filter_map(|((sensor, scatter), stated)| of((sensor, scatter, stated))).collect())
+        let sensor_scatter = SENSORS.into_iter().zip(scatter).zip(stated);
+        (
+            noise,
+            sensor_scatter
+                .filter_map(|((sensor, scatter), stated)| disagreement((sensor, scatter, stated)))
+                .collect(),
+        )
     }
 }
 
@@ -205,37 +210,41 @@ fn without_repeats(mut segments: Vec<Segment>, degree: usize) -> Vec<Segment> {
             continue;
         }
         let smooth = polynomials(&segments[group[0]].at, degree).qr().q();
-        let mut rest = DMatrix::from_fn(rows, group.len(), |i, j| segments[group[j]].values[i]);
-        rest -= &smooth * smooth.tr_mul(&rest);
-        let common = rest.column_mean();
+        let mut deviations = DMatrix::from_fn(rows, group.len(), |i, j| segments[group[j]].values[i]);
+        deviations -= &smooth * smooth.tr_mul(&deviations);
+        let common = deviations.column_mean();
         let scale = (group.len() as f64 / (group.len() - 1) as f64).sqrt();
-        for (number, column) in group.iter().zip(rest.column_iter()) {
+        for (number, column) in group.iter().zip(deviations.column_iter()) {
             segments[*number].values = (column - &common).iter().map(|value| scale * value).collect();
         }
     }
     segments
 }
 
-/// What is estimated, raised to what is stated.
+/// Estimate, raised to the stated value.
 fn combined(found: Option<Sensor>, stated: Option<f64>, typical: f64, least: Sensor) -> Sensor {
-    let Some(mut found) = found else {
+    let Some(mut estimate) = found else {
         let sd = stated.unwrap_or(typical);
         return Sensor { white: sd * sd, ..least };
     };
-    let variance = found.white + found.correlated;
+    let variance = estimate.white + estimate.correlated;
     if variance < least.white {
-        found = Sensor { white: least.white, correlated: 0.0, ..found };
+        estimate = Sensor { white: least.white, correlated: 0.0, ..estimate };
     }
     let variance = variance.max(least.white);
     match stated {
         Some(stated) if stated * stated > NOT_SCATTER * NOT_SCATTER * variance => {
-            Sensor { lasting: stated * stated - variance, ..found }
+            Sensor { lasting: stated * stated - variance, ..estimate }
         }
         Some(stated) if stated * stated > variance => {
-            let up = stated * stated / variance;
-            Sensor { white: up * found.white, correlated: up * found.correlated, ..found }
+            let variance_ratio = stated * stated / variance;
+            Sensor {
+                white: variance_ratio * estimate.white,
+                correlated: variance_ratio * estimate.correlated,
+                ..estimate
+            }
         }
-        _ => found,
+        _ => estimate,
     }
 }
 
@@ -254,11 +263,11 @@ fn holds(runs: &[Run], of: impl Fn(&Run, usize, usize) -> f64) -> Vec<Segment> {
             if hold.is_some() {
                 for plane in 0..2 {
                     let usable = settled.iter().filter(|i| of(run, plane, **i).is_finite());
-                    let (at, values): (Vec<f64>, Vec<f64>) =
+                    let (times, values): (Vec<f64>, Vec<f64>) =
                         usable.map(|i| (cells.time_s[*i], of(run, plane, *i))).unzip();
                     // A column that is not there is all zeros.
                     if values.iter().any(|v| *v != 0.0) {
-                        segments.push(Segment { channel: None, at, values });
+                        segments.push(Segment { channel: None, at: times, values });
                     }
                 }
             }
@@ -278,8 +287,8 @@ fn lines(runs: &[Run], channels: [Channel; 2]) -> Vec<Segment> {
                 data.take(MAX_READINGS).map(|d| (d.place.depth_m, d.measured))
             };
             for part in (0..run.parts()).filter(|part| !run.turns_in(*part)) {
-                let (at, values): (Vec<f64>, Vec<f64>) = of_channel(part).unzip();
-                segments.push(Segment { channel: Some(channel), at, values });
+                let (times, values): (Vec<f64>, Vec<f64>) = of_channel(part).unzip();
+                segments.push(Segment { channel: Some(channel), at: times, values });
             }
         }
     }
@@ -336,9 +345,9 @@ impl Segment {
 
     /// Whether another one has its readings at the same distances.
     fn is_like(&self, other: &Self, spacing: f64) -> bool {
-        let from = |segment: &Self, i: usize| segment.at[i] - segment.at[0];
+        let elapsed = |segment: &Self, i: usize| segment.at[i] - segment.at[0];
         self.at.len() == other.at.len()
-            && (0..self.at.len()).all(|i| (from(self, i) - from(other, i)).abs() < 0.05 * spacing)
+            && (0..self.at.len()).all(|i| (elapsed(self, i) - elapsed(other, i)).abs() < 0.05 * spacing)
     }
 }
 
@@ -360,9 +369,9 @@ fn restricted(
         let smooth = factor.solve_lower_triangular(&polynomials(&segment.at, degree))?;
         let qr = smooth.qr();
         let (q, r) = (qr.q(), qr.r());
-        let rest = &values - &q * q.tr_mul(&values);
+        let residual = &values - &q * q.tr_mul(&values);
         let count = values.ncols() as f64;
-        squares += rest.norm_squared();
+        squares += residual.norm_squared();
         log_determinant += 2.0 * count * factor.diagonal().map(f64::ln).sum();
         log_determinant += 2.0 * count * r.diagonal().map(|v| v.abs().max(f64::MIN_POSITIVE).ln()).sum();
         freedom += count * (n - degree - 1) as f64;

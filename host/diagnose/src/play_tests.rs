@@ -7,9 +7,9 @@ use worlds::{Design, Truth, session};
 fn found(id: &'static str, design: &Design, seed: u64) -> (Verdict, Vec<(String, Vec<String>)>) {
     let truth = Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: vec![(id, vec![0.12])], foreign: None };
     let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
-    let found = diagnose(&session(&truth, design, seed), &options, |_| {}).expect("a diagnosis");
-    let classes = found.effects.into_iter().map(|effect| (effect.id, effect.class)).collect();
-    (found.verdict, classes)
+    let diagnosis = diagnose(&session(&truth, design, seed), &options, |_| {}).expect("a diagnosis");
+    let classes = diagnosis.effects.into_iter().map(|effect| (effect.id, effect.class)).collect();
+    (diagnosis.verdict, classes)
 }
 
 #[test]

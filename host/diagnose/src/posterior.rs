@@ -19,7 +19,7 @@ const SAME_SD: f64 = 0.3;
 /// Longest step of the logarithm of the modulus, and of other parameters in standard deviations of their priors.
 const MAX_LN_STEP: f64 = 0.7;
 const MAX_STEP_SD: f64 = 1.2;
-/// How often a step is halved.
+/// Largest number of halvings of a step.
 const MAX_HALVINGS: usize = 5;
 /// Rounds of a fit that has to converge.
 pub(super) const MAX_ROUNDS: usize = 25;
@@ -29,7 +29,7 @@ pub(super) const MAX_ROUNDS: usize = 25;
 pub(super) struct Fitted {
     pub layout: Layout,
     values: Vec<f64>,
-    /// Of the parameters, as they are inside the fits.
+    /// Covariance of the parameters, as they are inside the fits.
     pub covariance: DMatrix<f64>,
     /// Whitened residuals of each run.
     pub residuals: Vec<Vec<f64>>,
@@ -123,9 +123,9 @@ impl Fitted {
 
     /// Whether another fit of the same layout has come to the same place: within a small part of the standard deviations.
     pub fn is_at(&self, other: &Self) -> bool {
-        let near =
+        let is_near =
             |(i, (a, b)): (usize, (&f64, &f64))| (a - b).abs() <= SAME_SD * self.sd(i).min(other.sd(i));
-        self.values.iter().zip(&other.values).enumerate().all(near)
+        self.values.iter().zip(&other.values).enumerate().all(is_near)
     }
 
     /// Standard deviation of a parameter inside the fits.
@@ -150,9 +150,8 @@ impl Fitted {
         patterns.products(&joined)
     }
 
-    /// Of these products those of the columns in the metric of noise and discrepancy of these sizes, what the parameters could do about
-    /// them taken off, and by how much the fitted logarithm of the modulus would move for every column in the data; nothing where a size makes
-    /// no sense.
+    /// Products of the columns in the metric of noise and discrepancy of these sizes, with the parameters projected
+    /// out, and by how much the fitted loga
     pub fn eliminated(
         &self,
         patterns: &Patterns,
@@ -161,18 +160,19 @@ impl Fitted {
     ) -> Option<(DMatrix<f64>, Vec<f64>)> {
         let parameters = self.layout.parameters(&self.values);
         let count = parameters.len();
-        let all = patterns.in_metric(sizes, products)?;
-        let rest = all.nrows() - count;
-        let mut own = all.view((0, 0), (count, count)).into_owned();
+        let metric_products = patterns.in_metric(sizes, products)?;
+        let remaining_count = metric_products.nrows() - count;
+        let mut pattern_block = metric_products.view((0, 0), (count, count)).into_owned();
         for i in 0..count {
-            own[(i, i)] += 1.0;
+            pattern_block[(i, i)] += 1.0;
         }
-        let across = all.view((0, count), (count, rest)).into_owned();
-        let follow = own.cholesky()?.solve(&across);
-        let mut left = all.view((count, count), (rest, rest)).into_owned();
-        left.gemm_tr(-1.0, &across, &follow, 1.0);
+        let cross_block = metric_products.view((0, count), (count, remaining_count)).into_owned();
+        let follow = pattern_block.cholesky()?.solve(&cross_block);
+        let mut remaining_block =
+            metric_products.view((count, count), (remaining_count, remaining_count)).into_owned();
+        remaining_block.gemm_tr(-1.0, &cross_block, &follow, 1.0);
         let modulus_sd = parameters.first().map_or(0.0, prior_sd);
-        Some((left, follow.row(0).iter().map(|step| modulus_sd * step).collect()))
+        Some((remaining_block, follow.row(0).iter().map(|step| modulus_sd * step).collect()))
     }
 
     /// The same with the readings of one more run.
@@ -199,19 +199,19 @@ impl Fitted {
         let parameters = self.layout.parameters(&self.values);
         let sds = DVector::from_iterator(parameters.len(), parameters.iter().map(prior_sd));
         let count = sds.len();
-        let (mut normal, mut along) = (DMatrix::zeros(count, count), DVector::zeros(count));
+        let (mut normal, mut projection) = (DMatrix::zeros(count, count), DVector::zeros(count));
         for (jacobian, part) in self.jacobian.iter().zip(column) {
             normal.gemm_tr(1.0, jacobian, jacobian, 1.0);
-            along.gemv_tr(1.0, jacobian, part, 1.0);
+            projection.gemv_tr(1.0, jacobian, part, 1.0);
         }
         let scaled = DMatrix::from_fn(count, count, |i, j| sds[i] * normal[(i, j)] * sds[j]);
         let factor = (scaled + DMatrix::identity(count, count)).cholesky()?;
-        let moved = factor.solve(&along.component_mul(&sds)).component_mul(&sds);
-        let rest = |(jacobian, part): (&DMatrix<f64>, &DVector<f64>)| {
-            let rest: DVector<f64> = part - jacobian * &moved;
-            rest.data.as_vec().clone()
+        let moved = factor.solve(&projection.component_mul(&sds)).component_mul(&sds);
+        let reduced_residual = |(jacobian, part): (&DMatrix<f64>, &DVector<f64>)| {
+            let residual: DVector<f64> = part - jacobian * &moved;
+            residual.data.as_vec().clone()
         };
-        Some(self.jacobian.iter().zip(column).map(rest).collect())
+        Some(self.jacobian.iter().zip(column).map(reduced_residual).collect())
     }
 
     /// By how much the logarithm of the modulus would move were there noise alone, as far as the linearisation goes.
@@ -235,18 +235,20 @@ impl Fitted {
         self.over_tails()
     }
 
-    /// The same integrated over the heavy tails of the priors of what is stated of the rig: in a fit normal ones stand for them. What the
-    /// data have of such a place is normal, its product with the tail is not; the other parameters follow its mean and variance.
+    /// The same integrated over the heavy tails of the priors of what is stated of the rig: in a fit normal ones stand
+    /// for them. The data's part of such a parameter is normal, its product with the tail is not; the other parameters
+    /// follow its mean and variance.
     fn over_tails(mut self) -> Self {
         for place in self.layout.stated() {
-            let at = place.parameter;
-            let (value, variance) = (self.values[at], self.covariance[(at, at)]);
+            let parameter_index = place.parameter;
+            let (value, variance) =
+                (self.values[parameter_index], self.covariance[(parameter_index, parameter_index)]);
             let Some((mean, of_place)) = place.prior().moments(value, variance) else { continue };
-            let along = self.covariance.column(at) / variance;
-            for (value_of, slope) in self.values.iter_mut().zip(along.iter()) {
+            let regression = self.covariance.column(parameter_index) / variance;
+            for (value_of, slope) in self.values.iter_mut().zip(regression.iter()) {
                 *value_of += slope * (mean - value);
             }
-            self.covariance += &along * along.transpose() * (of_place - variance);
+            self.covariance += &regression * regression.transpose() * (of_place - variance);
         }
         self
     }
@@ -259,23 +261,23 @@ impl Fitted {
             let common = self.covariance[(0, parameter)].powi(2);
             (name, common / (variance * self.covariance[(parameter, parameter)]))
         };
-        let mut shares: Vec<(&'static str, f64)> = self.layout.stated().map(of_parameter).collect();
+        let mut fractions: Vec<(&'static str, f64)> = self.layout.stated().map(of_parameter).collect();
         let parameters = self.layout.parameters(&self.values);
         let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
         let products = products(patterns, &parameters, &point, &self.jacobian);
         let ln_variance = |sizes: &[f64]| patterns.evidence(sizes, &products).map(|e| e.covariance[(0, 0)]);
-        let Some(with_all) = ln_variance(&self.sizes) else { return shares };
+        let Some(with_all) = ln_variance(&self.sizes) else { return fractions };
         for (number, group) in patterns.groups.iter().enumerate().filter(|(_, group)| group.tail.is_none()) {
             let mut sizes = self.sizes.clone();
             if let Some(size) = sizes.get_mut(number) {
                 *size = 0.0;
             }
-            if let Some(without) = ln_variance(&sizes) {
-                shares.push((group.name, 1.0 - without / with_all));
+            if let Some(reduced_ln) = ln_variance(&sizes) {
+                fractions.push((group.name, 1.0 - reduced_ln / with_all));
             }
         }
-        shares.sort_by(|a, b| b.1.total_cmp(&a.1));
-        shares
+        fractions.sort_by(|a, b| b.1.total_cmp(&a.1));
+        fractions
     }
 
     /// The same with these values and their covariance.
@@ -328,31 +330,35 @@ pub(super) fn jacobian(
     here: &[Vec<f64>],
     known: &[DMatrix<f64>],
 ) -> Result<Vec<DMatrix<f64>>, FitError> {
-    let mut all: Vec<DMatrix<f64>> =
+    let mut run_columns: Vec<DMatrix<f64>> =
         here.iter().map(|residuals| DMatrix::zeros(residuals.len(), parameters.len())).collect();
     let first = known.first().map_or(0, DMatrix::ncols);
-    for (matrix, known) in all.iter_mut().zip(known) {
+    for (matrix, known) in run_columns.iter_mut().zip(known) {
         matrix.columns_mut(0, first).copy_from(known);
     }
     for (index, parameter) in parameters.iter().enumerate().skip(first) {
-        let (from, to) = (
+        let (lower_end, upper_end) = (
             (values[index] - parameter.step).max(parameter.least),
             (values[index] + parameter.step).min(parameter.most),
         );
-        let at = |value: f64| {
+        let residuals_at = |value: f64| {
             let mut values = values.to_vec();
             values[index] = value;
             residuals(layout, runs, &values)
         };
-        let (below, above) = (at(from)?, at(to)?);
-        for ((matrix, below), above) in all.iter_mut().zip(&below).zip(&above) {
+        let (lower_residuals, upper_residuals) = (residuals_at(lower_end)?, residuals_at(upper_end)?);
+        for ((matrix, lower_residuals), upper_residuals) in
+            run_columns.iter_mut().zip(&lower_residuals).zip(&upper_residuals)
+        {
             let mut column = matrix.column_mut(index);
-            for ((slope, below), above) in column.iter_mut().zip(below).zip(above) {
-                *slope = (below - above) / (to - from);
+            for ((slope, lower_residuals), upper_residuals) in
+                column.iter_mut().zip(lower_residuals).zip(upper_residuals)
+            {
+                *slope = (lower_residuals - upper_residuals) / (upper_end - lower_end);
             }
         }
     }
-    Ok(all)
+    Ok(run_columns)
 }
 
 /// Scalar products of sensitivities in units of the priors and of the residuals from the prior means.
@@ -364,15 +370,16 @@ fn products(
 ) -> Products {
     let count = parameters.len();
     let sds: Vec<f64> = parameters.iter().map(prior_sd).collect();
-    let away: Vec<f64> = parameters.iter().zip(&point.values).map(|(p, v)| from_prior(p, *v)).collect();
+    let prior_distances: Vec<f64> =
+        parameters.iter().zip(&point.values).map(|(p, v)| from_prior(p, *v)).collect();
     let columns = |(jacobian, residuals): (&DMatrix<f64>, &Vec<f64>)| {
         let mut columns = jacobian.clone().resize_horizontally(count + 1, 0.0);
         let mut last = DVector::from_column_slice(residuals);
-        for (j, (sd, away)) in sds.iter().zip(&away).enumerate() {
+        for (j, (sd, prior_distances)) in sds.iter().zip(&prior_distances).enumerate() {
             let mut column = columns.column_mut(j);
             column *= *sd;
             // The residuals of the prior mean, as far as the linearisation goes.
-            last.axpy(*away, &column, 1.0);
+            last.axpy(*prior_distances, &column, 1.0);
         }
         columns.set_column(count, &last);
         columns
@@ -386,28 +393,30 @@ fn products(
 fn step(parameters: &[Parameter], values: &[f64], evidence: &Evidence) -> Option<Vec<f64>> {
     let count = parameters.len();
     let precision = evidence.covariance.clone().cholesky()?.inverse();
-    let at: Vec<f64> = parameters.iter().zip(values).map(|(p, value)| from_prior(p, *value)).collect();
-    let towards = &precision * (&evidence.mean - DVector::from_column_slice(&at));
+    let prior_distances: Vec<f64> =
+        parameters.iter().zip(values).map(|(p, value)| from_prior(p, *value)).collect();
+    let gradient = &precision * (&evidence.mean - DVector::from_column_slice(&prior_distances));
     let mut equations = precision.resize(count + 1, count + 1, 0.0);
-    equations.view_mut((0, count), (count, 1)).copy_from(&towards);
+    equations.view_mut((0, count), (count, 1)).copy_from(&gradient);
     let room = |i: usize| {
-        [parameters[i].least, parameters[i].most].map(|end| from_prior(&parameters[i], end) - at[i])
+        [parameters[i].least, parameters[i].most]
+            .map(|end| from_prior(&parameters[i], end) - prior_distances[i])
     };
     let bounded = bounded_step(equations, room)?;
-    let wanted: Vec<f64> = bounded.iter().zip(parameters).map(|(step, p)| step * prior_sd(p)).collect();
+    let wanted_steps: Vec<f64> = bounded.iter().zip(parameters).map(|(step, p)| step * prior_sd(p)).collect();
     let limit = |index: usize, p: &Parameter| {
         if index == 0 { MAX_LN_STEP } else { MAX_STEP_SD * prior_sd(p) }
     };
-    let share = wanted
+    let step_fraction = wanted_steps
         .iter()
         .zip(parameters)
         .enumerate()
         .map(|(index, (step, p))| limit(index, p) / step.abs().max(f64::MIN_POSITIVE))
         .fold(1.0, f64::min);
-    let within = |((step, p), value): ((&f64, &Parameter), &f64)| {
-        (value + share * step).clamp(p.least, p.most) - value
+    let is_in_range = |((step, p), value): ((&f64, &Parameter), &f64)| {
+        (value + step_fraction * step).clamp(p.least, p.most) - value
     };
-    Some(wanted.iter().zip(parameters).zip(values).map(within).collect())
+    Some(wanted_steps.iter().zip(parameters).zip(values).map(is_in_range).collect())
 }
 
 /// Squares of whitened residuals in the metric of noise and discrepancy of these sizes.
@@ -434,16 +443,16 @@ fn descend(
     sizes: &[f64],
     step: &[f64],
 ) -> Result<Option<Point>, FitError> {
-    let before = squares(patterns, sizes, parameters, from).ok_or(FitError::Undetermined)?;
-    let mut share = 1.0;
+    let squares_before = squares(patterns, sizes, parameters, from).ok_or(FitError::Undetermined)?;
+    let mut step_fraction = 1.0;
     for _ in 0..=MAX_HALVINGS {
         let values: Vec<f64> =
-            from.values.iter().zip(step).map(|(value, step)| value + share * step).collect();
-        share *= 0.5;
-        // Where the model has no solution the step was too long.
+            from.values.iter().zip(step).map(|(value, step)| value + step_fraction * step).collect();
+        step_fraction *= 0.5;
+        // A step to values for which the model has no solution was too long.
         let Ok(residuals) = residuals(layout, runs, &values) else { continue };
         let point = Point { values, residuals };
-        if squares(patterns, sizes, parameters, &point).is_some_and(|after| after <= before) {
+        if squares(patterns, sizes, parameters, &point).is_some_and(|after| after <= squares_before) {
             return Ok(Some(point));
         }
     }

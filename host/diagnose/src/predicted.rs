@@ -1,11 +1,11 @@
-//! What a model expects of a run's data.
+//! Expected data of a run under a model.
 
 use super::data::{Datum, Run, Source};
 use mechanics::Channels;
 
-/// What a run's data should be, in SI, in their order.
+/// Expected data of a run, in SI, in their order.
 pub(super) fn predicted(run: &Run, channels: &Channels) -> Vec<f64> {
-    let of = |datum: &Datum| {
+    let datum_value = |datum: &Datum| {
         let plane = datum.channel.plane();
         let values = |series: &mechanics::Series, index: usize| match plane {
             0 => series.y.get(index).copied(),
@@ -22,7 +22,7 @@ pub(super) fn predicted(run: &Run, channels: &Channels) -> Vec<f64> {
         };
         value.unwrap_or(f64::NAN)
     };
-    run.data.iter().map(of).collect()
+    run.data.iter().map(datum_value).collect()
 }
 
 /// Measured less predicted, in SI, in the order of the run's data.

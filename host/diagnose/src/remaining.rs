@@ -1,4 +1,4 @@
-//! What remains between a model and the measurement once everything that has a name is in it.
+//! Remaining difference between a model and the measurement once every named effect is in it.
 
 use super::adequacy::Adequacy;
 use super::evidence::Patterns;
@@ -32,7 +32,7 @@ impl Remaining {
             let name = format!("{}_{}", channel.name(), channel.unit().to_lowercase());
             (name, channel.per_si() * sd)
         });
-        let above = patterns.groups.iter().zip(&fitted.sizes).filter_map(|(group, size)| {
+        let larger_groups = patterns.groups.iter().zip(&fitted.sizes).filter_map(|(group, size)| {
             let times = group.multiple * size / group.everyday;
             (times > ABOVE).then(|| (group.name.to_owned(), times))
         });
@@ -41,7 +41,7 @@ impl Remaining {
             rms: rms.collect(),
             share_of_gap: gap.and_then(|gap| gap.removed).map(|removed| (1.0 - removed).max(0.0)),
             k_change_without_discrepancy: change_ln.map_or(f64::NAN, |change| change.exp() - 1.0),
-            above_everyday: above.collect(),
+            above_everyday: larger_groups.collect(),
         }
     }
 }

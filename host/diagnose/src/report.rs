@@ -28,7 +28,7 @@ use std::collections::BTreeMap;
 /// Leaders that are reported where nothing is named.
 const PARTIAL: usize = 3;
 
-/// What the result is made of.
+/// Parts of the result.
 pub(super) struct DiagnosisReport<'a> {
     pub session: &'a Session,
     pub options: &'a Options,
@@ -42,12 +42,12 @@ pub(super) struct DiagnosisReport<'a> {
     pub other_foundation: Vec<Beside>,
     pub noise: &'a Noise,
     pub adequacy: [&'a Adequacy; 2],
-    /// How far the model with the rig as it was known disagrees, where the rig has changed.
+    /// Disagreement of the model with the rig as it was known, if the rig has changed.
     pub disagreement: Option<&'a Adequacy>,
     pub verdict: Verdict,
     pub foundation: FoundationResult,
     pub split: String,
-    /// What of the discrepancy is larger than in an ordinary rig.
+    /// Sizes of the discrepancy above those of an ordinary rig.
     pub multiples: Multiples,
     /// Number of runs of which something was held out.
     pub held_out: usize,
@@ -170,10 +170,10 @@ impl DiagnosisReport<'_> {
         ((1e3 * plain.value).ln(), (high - low) / (2.0 * NORMAL_975))
     }
 
-    /// What draws are taken from.
+    /// Sources of the draws.
     pub fn sources<'a>(&'a self, runs: &'a [Prepared], patterns: &'a Patterns) -> Sources<'a> {
-        let (averaged, beside) = (&self.averaged, self.other_foundation.as_slice());
-        Sources { averaged, beside, plain: self.plain_ln(), runs, patterns }
+        let (averaged, other_fits) = (&self.averaged, self.other_foundation.as_slice());
+        Sources { averaged, beside: other_fits, plain: self.plain_ln(), runs, patterns }
     }
 
     /// What the planned runs of the options would tell.
@@ -185,7 +185,7 @@ impl DiagnosisReport<'_> {
         Known { averaged, runs, patterns, noise, multiples }.prospects(&self.options.plans)
     }
 
-    /// How the session differs from its reference.
+    /// Difference of the session from its reference.
     fn reference(&self, averaged: &Averaged) -> Option<ReferenceResult> {
         let reference = self.options.reference.as_ref()?;
         let [(ratio, ratio_ci95), (pa, pa_ci95)] = self.final_fit.beside_reference()?;
@@ -200,8 +200,8 @@ impl DiagnosisReport<'_> {
         let fitted = &self.found.fitted;
         let effect = fitted.layout.effects[member.index];
         let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
-            let (value, own) = fitted.estimate(member.index, number);
-            let ci95 = averaged.parameter(effect, number).unwrap_or(own);
+            let (value, own_sd) = fitted.estimate(member.index, number);
+            let ci95 = averaged.parameter(effect, number).unwrap_or(own_sd);
             (info.name.to_owned(), Estimate { value, ci95 })
         });
         FoundEffect {
@@ -223,8 +223,8 @@ impl DiagnosisReport<'_> {
         }
     }
 
-    /// What improves the fit and is no explanation: laws that describe a part of the gap; beside them, where nothing has a name, what the
-    /// search added, else its leaders.
+    /// Effects that improve the fit without explaining it: laws that describe a part of the gap; beside them, where
+    /// nothing has a name, what the search added, else its leaders.
     fn partial(&self, is_named: bool) -> Vec<String> {
         let described: Vec<String> = self.found.descriptions().map(|effect| effect.id().to_owned()).collect();
         if is_named || !described.is_empty() {
@@ -241,7 +241,7 @@ impl DiagnosisReport<'_> {
 
     /// The effects of the starting model as the final fit has them.
     fn given_effects(&self, final_fit: &Fitted) -> Vec<FoundEffect> {
-        let of = |(index, (effect, _)): (usize, &(&'static dyn Effect, Vec<f64>))| {
+        let given_effect = |(index, (effect, _)): (usize, &(&'static dyn Effect, Vec<f64>))| {
             let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
                 let (value, ci95) = final_fit.estimate(index, number);
                 (info.name.to_owned(), Estimate { value, ci95 })
@@ -256,7 +256,7 @@ impl DiagnosisReport<'_> {
                 formula: None,
             }
         };
-        self.options.given.iter().enumerate().map(of).collect()
+        self.options.given.iter().enumerate().map(given_effect).collect()
     }
 
     fn noise_result(&self) -> BTreeMap<String, f64> {
@@ -280,33 +280,37 @@ impl DiagnosisReport<'_> {
 
     /// Effects that were not named for want of a little evidence, best first.
     fn near_margin(&self) -> Vec<&Candidate> {
-        // What is as unlikely as the complement of what is stated is not reported.
-        let near = |candidate: &&Candidate| {
+        // A candidate that is as unlikely as the complement of the stated set is not reported.
+        let is_near_margin = |candidate: &&Candidate| {
             candidate.standing == Standing::Possible && candidate.ln_odds.abs() <= stated_ln_odds()
         };
         let mut candidates: Vec<&Candidate> = match self.verdict {
-            Verdict::Adequate | Verdict::Unexplained => self.found.first.iter().filter(near).collect(),
-            Verdict::Named | Verdict::Ambiguous => self.found.last.iter().filter(near).collect(),
+            Verdict::Adequate | Verdict::Unexplained => {
+                self.found.first.iter().filter(is_near_margin).collect()
+            }
+            Verdict::Named | Verdict::Ambiguous => self.found.last.iter().filter(is_near_margin).collect(),
         };
         candidates.truncate(PARTIAL);
         candidates
     }
 
-    /// What explains the runs about as well on the foundation that was not chosen.
+    /// Effect that explains the runs about as well on the foundation that was not chosen.
     fn on_other_foundation(&self) -> Option<String> {
-        let other = self.other_foundation.first().filter(|other| other.ln_odds > -stated_ln_odds())?;
-        let layout = &other.fitted.layout;
+        let other_foundation =
+            self.other_foundation.first().filter(|other| other.ln_odds > -stated_ln_odds())?;
+        let layout = &other_foundation.fitted.layout;
         let added: Vec<&str> = layout.effects.iter().skip(layout.given).map(|effect| effect.id()).collect();
-        let with = if added.is_empty() { String::new() } else { format!(" with {}", added.join(", ")) };
-        let (this, that) = if layout.support.is_body() {
+        let effects_text =
+            if added.is_empty() { String::new() } else { format!(" with {}", added.join(", ")) };
+        let (chosen_name, other_name) = if layout.support.is_body() {
             ("an elastic body", "springs")
         } else {
             ("springs", "an elastic body")
         };
         Some(format!(
-            "{this}{with} in place of {that}: these runs are explained about as well (log odds {:+.2}); the interval of K includes both; runs at other \
+            "{chosen_name}{effects_text} in place of {other_name}: these runs are explained about as well (log odds {:+.2}); the interval of K includes both; runs at other \
              depths would decide",
-            other.ln_odds
+            other_foundation.ln_odds
         ))
     }
 
@@ -319,7 +323,7 @@ impl DiagnosisReport<'_> {
         }
     }
 
-    /// What this session could not do, and what would.
+    /// Limits of this session, and measurements that would remove them.
     fn limits(&self, near_margin: &[&Candidate]) -> Vec<String> {
         let lateral: Vec<&Run> = self.all.iter().filter(|run| run.kind == Kind::Lateral).collect();
         let mut limits = Vec::new();

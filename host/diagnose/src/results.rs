@@ -21,9 +21,9 @@ pub(super) const SCHEMA: &str = "guide.diagnose/2";
 pub enum Verdict {
     /// The session shows no missing effect.
     Adequate,
-    /// What is missing has a name.
+    /// The missing effect has a name.
     Named,
-    /// What is missing is one of a few; a measurement would identify which.
+    /// One of a few effects is missing; a measurement would identify it.
     Ambiguous,
     /// Something is missing that the catalogue has no name for, or that the session cannot name.
     Unexplained,
@@ -44,14 +44,15 @@ pub struct Diagnosis {
     pub session: Option<String>,
     /// The outcome in one word.
     pub verdict: Verdict,
-    /// What is missing, and was added to the model.
+    /// Missing effects that were added to the model.
     pub effects: Vec<FoundEffect>,
-    /// Where model and measurement disagree: before any effect is added, or, if unexplained, still.
+    /// Regions in which model and measurement disagree: before any effect is added, or, if
+    /// unexplained, still.
     #[serde(rename = "where")]
     pub regions: Vec<RegionResult>,
-    /// Where they still disagree under the final model, beyond usual imperfections.
+    /// Regions in which they still disagree under the final model, beyond usual imperfections.
     pub left: Vec<RegionResult>,
-    /// What would separate the members of a class.
+    /// Measurement that would separate the members of a class.
     pub next_measurement: Option<NextMeasurement>,
     /// Before and after on what no fit has used.
     pub gap: Option<HeldOutMisfit>,
@@ -59,11 +60,12 @@ pub struct Diagnosis {
     pub ranking: Vec<Ranked>,
     /// The model with what was added, where it was written.
     pub model_file: Option<String>,
-    /// What the tissue was taken for, springs or an elastic body, and the evidence of both.
+    /// Foundation of the tissue, springs or an elastic body, and the evidence of both.
     pub foundation: FoundationResult,
-    /// The walls of the tissue, on which every E rests: where they are not stated its interval allows for them. Nothing where there is no E.
+    /// The walls of the tissue, on which every E rests: where they are not stated its interval allows for them. `None`
+    /// if there is no E.
     pub walls: Option<WallsResult>,
-    /// What the reference has, and how the session differs from it; nothing where there is no reference.
+    /// Reference, and the difference of the session from it; `None` if there is no reference.
     pub reference: Option<ReferenceResult>,
     /// Foundation modulus: that of the final model on springs; on a body that of the plain springs, the equivalent modulus.
     pub k_kpa: f64,
@@ -86,12 +88,12 @@ pub struct Diagnosis {
     /// Other models that the data leave in question, for the model file.
     #[serde(skip)]
     pub alternatives: Vec<Alternative>,
-    /// What of the rig is not what it was known to be, the clearest change first. Where there is any, "where" and "before" are of the rig
-    /// as it was known.
+    /// Parameters of the rig that have changed, the clearest change first. If there is any, "where" and "before" are of
+    /// the rig as it was known.
     pub moved_since: Vec<Moved>,
     /// Effects that improve the fit without explaining it: no names.
     pub partial: Vec<String>,
-    /// What remains between the final model and the measurement, and whether it matters.
+    /// Remaining difference between the final model and the measurement, and whether it matters.
     pub remaining: RemainingResult,
     /// Imperfections that are larger than in an ordinary rig, as a model file has them.
     #[serde(skip)]
@@ -102,7 +104,7 @@ pub struct Diagnosis {
     pub discrepancy: BTreeMap<String, f64>,
     /// Log evidence that an effect needs for a name where it is the only explanation.
     pub margin: f64,
-    /// How the session was divided.
+    /// Division of the session.
     pub split: String,
     /// Noise that was taken, one standard deviation of a reading.
     pub noise: BTreeMap<String, f64>,
@@ -111,7 +113,7 @@ pub struct Diagnosis {
     pub near_margin: Vec<String>,
     /// Effects that are not identifiable from this session.
     pub not_identifiable: Vec<String>,
-    /// What the session could not do, and what would.
+    /// Limits of the session, and measurements that would remove them.
     pub limits: Vec<String>,
     /// Remarks.
     pub warnings: Vec<String>,
@@ -165,7 +167,7 @@ pub struct FoundationResult {
 }
 
 impl FoundationResult {
-    /// Where only springs were tried.
+    /// Comparison if only springs were tried.
     pub(super) fn springs(body: Option<(f64, Fitted)>, plain: &Fitted) -> Self {
         Self {
             used: "springs",
@@ -177,7 +179,8 @@ impl FoundationResult {
         }
     }
 
-    /// Of the final fit, the plain springs, and the plain body with its log evidence over them.
+    /// Comparison of the final fit, the plain springs, and the plain body with its log evidence
+    /// over them.
     pub(super) fn of(last: &Fitted, springs: &Fitted, body: Option<(f64, Fitted)>) -> Self {
         let plain = Self::springs(body, springs);
         match last.layout.support {
@@ -208,11 +211,12 @@ pub struct FoundEffect {
     pub log_evidence_gain: f64,
     /// Probability that something is missing in its place, whichever of its class it is.
     pub probability: f64,
-    /// What may be missing in its place, likeliest first: the smallest set with 95 % of the probability; itself among them.
+    /// Effects that may be missing in its place, likeliest first: the smallest set with 95 % of the probability; itself
+    /// among them.
     pub class: Vec<String>,
     /// Probability of each of the class.
     pub class_probability: Vec<f64>,
-    /// Of a term: what it is as a formula, with its values.
+    /// Formula of a term: what it is as a formula, with its values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub formula: Option<String>,
 }
@@ -233,9 +237,9 @@ pub struct RegionResult {
     pub channel: String,
     /// The coordinate.
     pub coordinate: String,
-    /// Where it begins.
+    /// Begin of the region.
     pub from: f64,
-    /// Where it ends.
+    /// End of the region.
     pub to: f64,
     /// Measured less predicted; where it changes sign with the displacement, towards the displacement.
     pub mean_residual: f64,
@@ -247,10 +251,10 @@ pub struct RegionResult {
     pub sigma: f64,
 }
 
-/// What to measure next.
+/// Next measurement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NextMeasurement {
-    /// Which of the menu.
+    /// Kind of the measurement.
     pub kind: String,
     /// In words.
     pub what: String,
@@ -265,9 +269,9 @@ pub struct NextMeasurement {
 pub struct HeldOutMisfit {
     /// The runs that it is from.
     pub heldout_runs: Vec<String>,
-    /// Of the model that the diagnosis started from.
+    /// Misfit of the model that the diagnosis started from.
     pub before: Misfit,
-    /// Of the final model.
+    /// Misfit of the final model.
     pub after: Misfit,
     /// Share of the misfit above the noise that was removed; nothing where there is no misfit.
     pub removed: Option<f64>,
@@ -283,7 +287,7 @@ pub struct HeldOutMisfit {
 pub struct ResidualPoint {
     /// The sensor.
     pub channel: Channel,
-    /// Where: displacement of guide 2 of a force, depth below the surface of a deflection, depth of a tip; mm.
+    /// Depth: displacement of guide 2 of a force, depth below the surface of a deflection, depth of a tip; mm.
     pub at_mm: f64,
     /// Under the model that the diagnosis started from.
     pub before: f64,
@@ -300,11 +304,11 @@ pub struct Misfit {
     pub rmse: BTreeMap<String, f64>,
 }
 
-/// How much remains.
+/// Size of the remaining difference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RemainingSize {
-    /// Nothing but noise.
+    /// The difference is noise.
     WithinNoise,
     /// Structure that moves K by no more than its interval.
     Small,
@@ -312,10 +316,10 @@ pub enum RemainingSize {
     Large,
 }
 
-/// What remains between the final model and the measurement.
+/// Remaining difference between the final model and the measurement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RemainingResult {
-    /// How much, in a word.
+    /// Size, in a word.
     pub size: RemainingSize,
     /// Root mean square of the smooth misfit that is left, by channel and unit.
     pub rms: BTreeMap<String, f64>,

@@ -1,4 +1,4 @@
-//! What rounding does to a measured shape.
+//! Effect of rounding on a measured shape.
 //!
 //! Pixels round deflections to whole steps q. Noise much larger than a step makes the error of each point its own, part of the scatter.
 //! With less noise, of standard deviation s, what points of the same deflection u have in common remains: the mean of their readings is
@@ -24,8 +24,8 @@ fn amplitude_m(harmonic: usize, step_m: f64, scatter_m2: f64) -> f64 {
     step_m / (PI * k) * (-2.0 * (PI * k).powi(2) * noise_m2 / (step_m * step_m)).exp()
 }
 
-/// What the rounding of a run's shape does, one standard deviation of each of its errors: sine and cosine of the deflections that the
-/// model expects in each plane. Nothing where noise hides the rounding.
+/// Effect of one standard deviation of each rounding error of a run's shape: sine and cosine of the deflections that
+/// the model expects in each plane. Empty if noise hides the rounding.
 ///
 /// # Errors
 /// Where the model cannot be evaluated.
@@ -43,11 +43,11 @@ pub(super) fn patterns(run: &Run, noise: &Noise, model: &Model) -> Result<Vec<Ve
     }
     let expected = predicted(run, &predict(model, &run.experiment)?);
     let pattern = |(plane, sd_m, per_m): (usize, f64, f64), of: fn(f64) -> f64| -> Vec<f64> {
-        let at = |(datum, expected_m): (&Datum, &f64)| match datum.source {
+        let rounding_weight = |(datum, expected_m): (&Datum, &f64)| match datum.source {
             Source::Shape(_) if datum.channel.plane() == plane => sd_m * of(per_m * expected_m),
             _ => 0.0,
         };
-        run.data.iter().zip(&expected).map(at).collect()
+        run.data.iter().zip(&expected).map(rounding_weight).collect()
     };
     Ok(sized.into_iter().flat_map(|error| [pattern(error, f64::sin), pattern(error, f64::cos)]).collect())
 }
@@ -68,14 +68,18 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let step_m = 50e-6;
         for noise_m in [8e-6, 12e-6, 16e-6] {
-            let at_m = 0.25 * step_m;
+            let quarter_m = 0.25 * step_m;
             let readings: Vec<f64> = (0..200_000)
-                .map(|_| ((at_m + noise_m * normal(&mut random)) / step_m).round() * step_m)
+                .map(|_| ((quarter_m + noise_m * normal(&mut random)) / step_m).round() * step_m)
                 .collect();
             let mean_m = readings.iter().sum::<f64>() / readings.len() as f64;
             // Over all phases the scatter is that of noise and rounding.
             let stated_m = amplitude_m(1, step_m, noise_m * noise_m + step_m * step_m / 12.0);
-            assert!(((at_m - mean_m) / stated_m - 1.0).abs() < 0.06, "{} {stated_m}", at_m - mean_m);
+            assert!(
+                ((quarter_m - mean_m) / stated_m - 1.0).abs() < 0.06,
+                "{} {stated_m}",
+                quarter_m - mean_m
+            );
         }
         assert!(amplitude_m(1, step_m, 40e-6 * 40e-6) < 1e-3 * step_m);
     }

@@ -1,10 +1,11 @@
 //! Scoring every effect of the catalogue without refitting
 //! (theory, eq. 63 and 64).
 //!
-//! Around the current fit an effect of amplitude a (in steps of an ordinary size) changes the predictions by `a d`. What of d the
-//! parameters in the model could do too is taken off (`d` orthogonal to their sensitivities), and what is left is projected on the
-//! residuals: the efficient score. With a normal prior of the amplitude the evidence of each effect over the current model is a closed
-//! form, averaged over the places or times at which an effect may sit.
+//! Around the current fit an effect of amplitude a (in steps of an ordinary size) changes the predictions by `a d`. The
+//! part of d that the parameters in the model can produce is projected out (`d` orthogonal to their sensitivities), and
+//! the remainder is projected on the residuals: the efficient score. With a normal prior of the amplitude the evidence
+//! of each effect over the current model is a closed form, averaged over the places or times at which an effect may
+//! sit.
 
 mod directions;
 mod power;
@@ -65,7 +66,7 @@ pub(super) struct Scores {
     ln_modulus: Vec<f64>,
 }
 
-/// How far the variance of the noise may be from what was taken: it is estimated itself.
+/// Largest ratio of the noise's variance to the assumed one: it is estimated itself.
 pub(super) const NOISE_TOLERANCE: f64 = 1.1;
 /// A likely effect of fewer standard deviations than this is not identifiable.
 const MIN_SIGNIFICANCE: f64 = 2.0;
@@ -192,7 +193,7 @@ impl Scores {
         (&self.gram, &self.along, &self.ln_modulus)
     }
 
-    /// What the score of a hypothesis needs of everything but the residuals.
+    /// Part of a hypothesis's score that is independent of the residuals.
     fn prepared(&self, hypothesis: &Hypothesis) -> Option<PreparedHypothesis> {
         let k = hypothesis.columns.len();
         let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(hypothesis.columns[i], hypothesis.columns[j])]);
@@ -255,9 +256,9 @@ impl Scores {
 struct PreparedHypothesis {
     /// Posterior covariance of its amplitudes.
     covariance: DMatrix<f64>,
-    /// What its volume costs.
+    /// Occam factor of its volume.
     occam: f64,
-    /// What amplitudes of one side are worth.
+    /// Factor for amplitudes of one side.
     sides: f64,
 }
 

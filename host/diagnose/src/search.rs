@@ -1,9 +1,9 @@
 //! The search: which sets of effects explain the runs, with what probability
 //! (theory, eq. 65).
 //!
-//! Around a model every name of the catalogue and every law of the grammar is scored, the best are fitted, and each gets its weight
-//! ([`super::weights`]). While some effect is missing with the stated probability, whichever of them it is, the likeliest one is added. What
-//! is held out has one veto: no effect counts under which its misfit grows.
+//! Around a model every name of the catalogue and every law of the grammar is scored, the best are fitted, and each
+//! gets its weight ([`super::weights`]). While some effect is missing with the stated probability, whichever of them it
+//! is, the likeliest one is added. Held-out runs have one veto: no effect counts under which its misfit grows.
 
 mod leaders;
 
@@ -25,7 +25,7 @@ const MAX_EFFECTS: usize = 3;
 
 pub(super) use leaders::leading;
 
-/// What a search works on.
+/// Inputs of a search.
 pub(super) struct Search<'a> {
     pub start: &'a Fitted,
     pub runs: &'a [Prepared],
@@ -34,7 +34,7 @@ pub(super) struct Search<'a> {
     pub catalogue: Catalogue<'a>,
 }
 
-/// What the search may find.
+/// Effects that the search may find.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Catalogue<'a> {
     /// Whether laws are searched for, too.
@@ -136,11 +136,12 @@ impl Search<'_> {
         let (mut first, mut last) = (Vec::new(), Vec::new());
         while current.layout.effects.len() < given + MAX_EFFECTS {
             let is_noise = Adequacy::of(&current, self.runs, self.patterns)?.is_within_noise();
-            // Where nothing but noise is left there is nothing to be explained.
+            // If only noise is left there is no misfit to be explained.
             if is_noise && !first.is_empty() {
                 break;
             }
-            // What two sessions share has no name beside a reference, and what differs is to have a plain one.
+            // An effect that two sessions share is not named beside a reference, and an effect that differs is
+            // to have a plain name.
             let with_laws = !is_noise && current.layout.reference.is_none();
             let candidates = self.candidates(&current, &prior, with_laws)?;
             if first.is_empty() {
@@ -210,9 +211,10 @@ impl Search<'_> {
         (ln_odds > stated_ln_odds()).then_some((best, ln_odds))
     }
 
-    /// Which of these models, each with the logarithm of its odds, predict what was held out worse, beyond chance, than another one that could
-    /// be stated alone and has no less evidence: what spoke for them was their prior. Small imperfections absorb much of what a wrong
-    /// effect leaves, so that evidence alone cannot make up for the prior of a name.
+    /// Models among these, each with the logarithm of its odds, that predict held-out data worse, beyond chance, than
+    /// another one that could be stated alone and has no less evidence what spoke for them was their prior. Small
+    /// imperfections absorb much of what a wrong effect leaves, so that evidence alone cannot make up for the prior of
+    /// a name.
     fn refuted<'f>(&self, models: impl Iterator<Item = Option<(f64, &'f Fitted)>>) -> Vec<bool> {
         let losses: Vec<Option<(f64, f64, Vec<f64>)>> = models
             .map(|model| {

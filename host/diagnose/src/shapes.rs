@@ -22,7 +22,7 @@ pub(super) struct HoldShape {
     pub places: Vec<ShapePoint>,
     /// Number in the file of a point of each place, the first one.
     pub indices: Vec<usize>,
-    /// What was measured at them, plane by plane.
+    /// Measurements at them, plane by plane.
     pub means: Vec<PlaceMean>,
 }
 
@@ -30,11 +30,11 @@ pub(super) struct HoldShape {
 pub(super) struct PlaceMean {
     /// 0 for the vertical plane, 1 for the horizontal one.
     pub plane: usize,
-    /// Which place.
+    /// Number of the place.
     pub place: usize,
     /// Deflection.
     pub deflection_m: f64,
-    /// How many points.
+    /// Number of points.
     pub points: usize,
 }
 
@@ -48,13 +48,14 @@ pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
     let time_s =
         |index: usize| run.shape.time_s.as_ref().map_or(middle_s, |times_s| hold.observed_s(times_s[index]));
     // Forth and back a lag of the images is the other way round.
-    let way = |index: usize| run.shape.image(index).map(|image| image.probe_m_per_s.total_cmp(&0.0));
-    let ways: Vec<_> = indices.iter().map(|index| way(*index)).collect();
-    let groups = places(&z_m, &ways);
+    let probe_direction =
+        |index: usize| run.shape.image(index).map(|image| image.probe_m_per_s.total_cmp(&0.0));
+    let directions: Vec<_> = indices.iter().map(|index| probe_direction(*index)).collect();
+    let groups = places(&z_m, &directions);
     let mean = |members: &[usize], of: &dyn Fn(usize) -> f64| {
         members.iter().map(|member| of(*member)).sum::<f64>() / members.len() as f64
     };
-    let place = |members: &Vec<usize>| ShapePoint {
+    let mean_point = |members: &Vec<usize>| ShapePoint {
         time_s: mean(members, &|member| time_s(indices[member])),
         z_m: mean(members, &|member| z_m[member]),
         image: run.shape.image(indices[members[0]]),
@@ -63,17 +64,17 @@ pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
     for (plane, column) in [Some(&run.shape.y_m), run.shape.x_m.as_ref()].into_iter().enumerate() {
         let Some(column) = column else { continue };
         let values: Vec<f64> = indices.iter().map(|i| column[*i]).collect();
-        let kept = super::misread::without_misread(&z_m, &values, super::misread::step_m(column));
-        for (place, members) in groups.iter().enumerate() {
-            let members: Vec<usize> = members.iter().copied().filter(|member| kept[*member]).collect();
+        let kept_points = super::misread::without_misread(&z_m, &values, super::misread::step_m(column));
+        for (mean_point, members) in groups.iter().enumerate() {
+            let members: Vec<usize> = members.iter().copied().filter(|member| kept_points[*member]).collect();
             if !members.is_empty() {
                 let deflection_m = mean(&members, &|member| values[member]);
-                means.push(PlaceMean { plane, place, deflection_m, points: members.len() });
+                means.push(PlaceMean { plane, place: mean_point, deflection_m, points: members.len() });
             }
         }
     }
     HoldShape {
-        places: groups.iter().map(place).collect(),
+        places: groups.iter().map(mean_point).collect(),
         indices: groups.iter().map(|members| indices[members[0]]).collect(),
         means,
     }
@@ -82,27 +83,27 @@ pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
 /// Points at the same place that were imaged on the same way, in the order of the first of each; `z_m` increases.
 fn places<W: Ord + Copy>(z_m: &[f64], ways: &[W]) -> Vec<Vec<usize>> {
     let joined = |width_m: f64| {
-        let mut places: Vec<Vec<usize>> = Vec::new();
+        let mut place_groups: Vec<Vec<usize>> = Vec::new();
         let mut last: BTreeMap<W, usize> = BTreeMap::new();
         for (number, (at_m, way)) in z_m.iter().zip(ways).enumerate() {
-            let open = last.get(way).filter(|place| at_m - z_m[places[**place][0]] <= width_m);
+            let open = last.get(way).filter(|place| at_m - z_m[place_groups[**place][0]] <= width_m);
             match open {
-                Some(place) => places[*place].push(number),
+                Some(place) => place_groups[*place].push(number),
                 None => {
-                    last.insert(*way, places.len());
-                    places.push(vec![number]);
+                    last.insert(*way, place_groups.len());
+                    place_groups.push(vec![number]);
                 }
             }
         }
-        places
+        place_groups
     };
-    let same = joined(SAME_PLACE_M);
-    if same.len() <= MAX_PLACES {
-        return same;
+    let same_place = joined(SAME_PLACE_M);
+    if same_place.len() <= MAX_PLACES {
+        return same_place;
     }
     let length_m = z_m.last().zip(z_m.first()).map_or(0.0, |(last, first)| last - first);
-    let ways = ways.iter().collect::<std::collections::BTreeSet<_>>().len();
-    joined(length_m * ways as f64 / MAX_PLACES as f64)
+    let direction_count = ways.iter().collect::<std::collections::BTreeSet<_>>().len();
+    joined(length_m * direction_count as f64 / MAX_PLACES as f64)
 }
 
 #[cfg(test)]
@@ -122,10 +123,14 @@ mod tests {
     fn dense_points_are_joined_to_a_number_that_is_bounded() {
         let z_m: Vec<f64> = (0..5000).map(|i| 0.07 + 6e-6 * f64::from(i)).collect();
         for ways in [vec![0; 5000], (0..5000).map(|i| i % 2).collect()] {
-            let found = places(&z_m, &ways);
-            assert!((MAX_PLACES / 2..=MAX_PLACES + 2).contains(&found.len()), "{}", found.len());
-            assert_eq!(found.iter().map(Vec::len).sum::<usize>(), 5000);
-            assert!(found.iter().all(|place| z_m[place[place.len() - 1]] - z_m[place[0]] < 0.3e-3));
+            let place_groups = places(&z_m, &ways);
+            assert!(
+                (MAX_PLACES / 2..=MAX_PLACES + 2).contains(&place_groups.len()),
+                "{}",
+                place_groups.len()
+            );
+            assert_eq!(place_groups.iter().map(Vec::len).sum::<usize>(), 5000);
+            assert!(place_groups.iter().all(|place| z_m[place[place.len() - 1]] - z_m[place[0]] < 0.3e-3));
         }
     }
 }

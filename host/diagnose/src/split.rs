@@ -1,7 +1,7 @@
 //! Runs to learn from and runs to be judged by.
 //!
-//! What is held out goes into [`HeldOut`], which has one use: the gap of two models on it. Nothing else has access, so that no
-//! fit, noise estimate, threshold or selection depends on it.
+//! Held-out runs go into [`HeldOut`], which has one use: the gap of two models on it. No other code has access, so
+//! that no fit, noise estimate, threshold or selection depends on it.
 
 use super::Multiples;
 use super::data::{Channel, Kind, Run, Source};
@@ -22,11 +22,11 @@ use std::collections::BTreeMap;
 #[derive(Debug)]
 pub(super) struct Training {
     pub runs: Vec<Run>,
-    /// How the session was divided, for people.
+    /// Division of the session, for people.
     pub rule: String,
 }
 
-/// What no fit uses.
+/// Runs that no fit uses.
 #[derive(Debug)]
 pub(super) struct HeldOut {
     runs: Vec<Run>,
@@ -53,15 +53,15 @@ pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
         ["lateral runs"; 2]
     };
     let numbered: Vec<(usize, Run)> = runs.into_iter().enumerate().collect();
-    let of = |kind: Kind, axis: Option<usize>| -> Vec<&(usize, Run)> {
+    let runs_of_kind = |kind: Kind, axis: Option<usize>| -> Vec<&(usize, Run)> {
         let is_of = |(_, run): &&(usize, Run)| run.kind == kind && axis.is_none_or(|axis| run.axis == axis);
         numbered.iter().filter(is_of).collect()
     };
     let mut divided = Divided::default();
     for (axis, name) in lateral.into_iter().enumerate() {
-        divided.add(&of(Kind::Lateral, Some(axis)), Kind::Lateral, name);
+        divided.add(&runs_of_kind(Kind::Lateral, Some(axis)), Kind::Lateral, name);
     }
-    divided.add(&of(Kind::Insertion, None), Kind::Insertion, "insertions");
+    divided.add(&runs_of_kind(Kind::Insertion, None), Kind::Insertion, "insertions");
     let Divided { training, held_out, rules } = divided;
     // Insertions after all lateral runs; those of a kind in their order, which is that of time.
     let [training, held_out] = [training, held_out].map(|mut runs| {
@@ -99,58 +99,62 @@ impl Divided {
         let (held_out, training): (Vec<&(usize, Run)>, Vec<_>) =
             runs.iter().copied().partition(|(number, _)| whole.contains(number));
         let ids: Vec<&str> = held_out.iter().map(|(_, run)| run.id.as_str()).collect();
-        let (which, count) = rule;
-        self.rules.push(format!("{which} {name} {count} is held out: {}", ids.join(", ")));
+        let (division, count) = rule;
+        self.rules.push(format!("{division} {name} {count} is held out: {}", ids.join(", ")));
         self.held_out.extend(held_out.into_iter().cloned());
         self.training.extend(training.into_iter().cloned());
     }
 
     /// Divides every run of one kind.
     fn add_parts(&mut self, runs: &[&(usize, Run)], kind: Kind, name: &str) {
-        let part = match kind {
+        let part_kind = match kind {
             Kind::Lateral => "hold",
             Kind::Insertion => "interval of depth",
         };
         for (place, (number, run)) in runs.iter().enumerate() {
             // Not the same level in every run.
-            let is_held = |part: usize| (part + place) % EVERY == EVERY / 2;
-            let held = run.with_parts(is_held);
+            let is_held = |part_kind: usize| (part_kind + place) % EVERY == EVERY / 2;
+            let held_run = run.with_parts(is_held);
             // A part without shape determines little of what the rest of the run does; but it is never learned from.
-            self.training.push((*number, run.with_parts(|part| !is_held(part))));
-            if !held.data.is_empty() {
-                self.held_out.push((*number, held));
+            self.training.push((*number, run.with_parts(|part_kind| !is_held(part_kind))));
+            if !held_run.data.is_empty() {
+                self.held_out.push((*number, held_run));
             }
         }
-        self.rules.push(format!("{name} have no repeats: one {part} in {EVERY} is held out"));
+        self.rules.push(format!("{name} have no repeats: one {part_kind} in {EVERY} is held out"));
     }
 }
 
-/// Numbers of one run in [`EVERY`]. Where speeds were varied, each taken more than once, they are of those next to the fastest and to the
-/// slowest: a model without an effect of the speed predicts the mean of the others, so that a run of mean speed can neither confirm nor
-/// refute such an effect. Speeds of a hand are all different. Of runs as fast the needle was turned in the first one taken, and in every
-/// other: what turns with it (a rolled bevel) and what stays with the room (a tilted tracker) do the same where it was not.
+/// Numbers of one run in [`EVERY`]. If speeds were varied, each taken more than once, they are those next to the
+/// fastest and to the slowest: a model without an effect of the speed predicts the mean of the others, so that a run of
+/// mean speed can neither confirm nor refute such an effect. Speeds of a hand are all different. The needle was turned
+/// in the first of the runs at one speed, and in every other: what turns with it (a rolled bevel) and what stays with
+/// the room (a tilted tracker) do the same where it was not.
 fn one_in_four(runs: &[&(usize, Run)]) -> Vec<usize> {
     let mut by_speed = runs.to_vec();
     by_speed.sort_by_key(|(_, run)| speed_number(run));
-    let same = by_speed.chunk_by(|(_, a), (_, b)| speed_number(a) == speed_number(b));
+    let same_speed = by_speed.chunk_by(|(_, a), (_, b)| speed_number(a) == speed_number(b));
     let regular = runs.iter().skip(EVERY / 2).step_by(EVERY);
-    if same.filter(|runs| runs.len() > 1).count() < 2 {
+    if same_speed.filter(|runs| runs.len() > 1).count() < 2 {
         return regular.map(|(number, _)| *number).collect();
     }
-    let mut taken: Vec<usize> = Vec::new();
+    let mut taken_indices: Vec<usize> = Vec::new();
     for place in 0..regular.count() {
         let inward = 1 + EVERY * (place / 2);
         let is_fast = place.is_multiple_of(2);
-        let at = if is_fast { by_speed.len().checked_sub(1 + inward) } else { Some(inward) };
-        let Some((_, at)) = at.and_then(|at| by_speed.get(at)) else { continue };
-        let as_fast =
-            |(number, run): &&&(usize, Run)| speed_number(run) == speed_number(at) && !taken.contains(number);
+        let candidate = if is_fast { by_speed.len().checked_sub(1 + inward) } else { Some(inward) };
+        let Some((_, candidate_index)) = candidate.and_then(|candidate| by_speed.get(candidate)) else {
+            continue;
+        };
+        let as_fast = |(number, run): &&&(usize, Run)| {
+            speed_number(run) == speed_number(candidate_index) && !taken_indices.contains(number)
+        };
         let is_preferred = |(_, run): &&&(usize, Run)| (run.turned() > 0.0) == is_fast;
         let mut candidates = by_speed.iter().filter(as_fast);
         let chosen = candidates.clone().find(is_preferred).or_else(|| candidates.next());
-        taken.extend(chosen.map(|(number, _)| *number));
+        taken_indices.extend(chosen.map(|(number, _)| *number));
     }
-    taken
+    taken_indices
 }
 
 /// Speeds with the same number are the same.
@@ -215,8 +219,8 @@ impl Judge {
             return None;
         }
         let mut residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
-        let others = residuals.iter_mut().zip(&self.runs).filter(|(_, run)| !counts(run));
-        others.for_each(|(residuals, _)| residuals.fill(0.0));
+        let other_residuals = residuals.iter_mut().zip(&self.runs).filter(|(_, run)| !counts(run));
+        other_residuals.for_each(|(residuals, _)| residuals.fill(0.0));
         posterior::misfit(&self.patterns, &self.patterns.everyday(), &residuals)
     }
 
@@ -241,13 +245,13 @@ impl Judge {
     /// Whether no more of what was held out is left beside a model than chance leaves; so where nothing is held out.
     pub fn is_chance(&self, fitted: &Fitted) -> bool {
         let Ok(tally) = self.tally(fitted) else { return false };
-        let (left, count) =
+        let (misfit_sum, count) =
             tally.parts.iter().fold((0.0, 0.0), |(x, n), part| (x + part.0, n + part.1 as f64));
-        left <= by_chance(count)
+        misfit_sum <= by_chance(count)
     }
 
-    /// How far two models are from what was held out, and how much of the removable misfit the second one removes. Nothing where
-    /// nothing is held out.
+    /// Distances of two models from the held-out runs, and the fraction of the removable misfit that the second one
+    /// removes. `None` if no run is held out.
     ///
     /// # Errors
     /// Where a model cannot be evaluated.
@@ -262,19 +266,19 @@ impl Judge {
         }
         let sides = [self.tally(before)?, self.tally(after)?];
         let points = points(&self.runs, &sides);
-        let [before, after] = sides;
+        let [misfit_before, misfit_after] = sides;
         let removed = |parts: &mut dyn Iterator<Item = usize>| -> Option<f64> {
             let (mut b, mut a, mut n) = (0.0, 0.0, 0.0);
             for part in parts {
-                b += before.parts[part].0;
-                a += after.parts[part].0;
-                n += before.parts[part].1 as f64;
+                b += misfit_before.parts[part].0;
+                a += misfit_after.parts[part].0;
+                n += misfit_before.parts[part].1 as f64;
             }
             // Only a gap that is more than chance can be removed.
             (b > by_chance(n)).then(|| ((b - a) / (b - n)).min(1.0))
         };
-        let count = before.parts.len();
-        let share = removed(&mut (0..count));
+        let count = misfit_before.parts.len();
+        let removed_fraction = removed(&mut (0..count));
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut draws: Vec<f64> = (0..DRAWS)
             .filter_map(|_| {
@@ -284,12 +288,13 @@ impl Judge {
             .collect();
         draws.sort_by(f64::total_cmp);
         let quantile = |p: f64| draws.get(((draws.len() as f64 - 1.0) * p).round() as usize).copied();
-        let interval = share.and(quantile(0.025).zip(quantile(0.975))).map(|(low, high)| [low, high]);
+        let interval =
+            removed_fraction.and(quantile(0.025).zip(quantile(0.975))).map(|(low, high)| [low, high]);
         Ok(Some(HeldOutMisfit {
             heldout_runs: self.runs.iter().map(|run| run.run.id.clone()).collect(),
-            before: before.side(),
-            after: after.side(),
-            removed: share,
+            before: misfit_before.side(),
+            after: misfit_after.side(),
+            removed: removed_fraction,
             removed_ci95: interval,
             points,
         }))
@@ -297,7 +302,7 @@ impl Judge {
 }
 
 impl Judge {
-    /// What was held out under a model, the instruments' part taken off.
+    /// Misfit of the held-out runs under a model, without the instruments' part.
     fn tally(&self, fitted: &Fitted) -> Result<Tally, ModelError> {
         let mut plain = Vec::with_capacity(self.runs.len());
         let mut white = Vec::with_capacity(self.runs.len());
@@ -311,12 +316,12 @@ impl Judge {
             white.push(independent);
         }
         let everyday = self.patterns.everyday();
-        let left = self.patterns.less_patterns(&everyday, &white).ok_or(ModelError::Singular)?;
+        let whitened = self.patterns.less_patterns(&everyday, &white).ok_or(ModelError::Singular)?;
         let mut tally = Tally::default();
-        for ((prepared, white), left) in self.runs.iter().zip(&white).zip(left) {
-            let mut plain = left.data.as_vec().clone();
+        for ((prepared, white), whitened) in self.runs.iter().zip(&white).zip(whitened) {
+            let mut plain = whitened.data.as_vec().clone();
             prepared.whitener.undo(&mut plain);
-            let squares = white.iter().zip(left.iter()).map(|(white, left)| white * left);
+            let squares = white.iter().zip(whitened.iter()).map(|(white, whitened)| white * whitened);
             tally.add(prepared, plain, squares);
         }
         Ok(tally)
@@ -331,15 +336,15 @@ fn by_chance(count: f64) -> f64 {
 /// Residuals under both models with their places.
 fn points(runs: &[Prepared], sides: &[Tally; 2]) -> Vec<ResidualPoint> {
     let data = runs.iter().flat_map(|run| &run.run.data);
-    let both = sides[0].plain.iter().zip(&sides[1].plain);
-    data.zip(both)
+    let point_pairs = sides[0].plain.iter().zip(&sides[1].plain);
+    data.zip(point_pairs)
         .map(|(datum, (before, after))| {
             let unit = datum.channel.per_si();
             let is_force = matches!(datum.source, Source::Force(_));
-            let at_m = if is_force { datum.place.level_m } else { datum.place.depth_m };
+            let coordinate_m = if is_force { datum.place.level_m } else { datum.place.depth_m };
             ResidualPoint {
                 channel: datum.channel,
-                at_mm: 1e3 * at_m,
+                at_mm: 1e3 * coordinate_m,
                 before: unit * before,
                 after: unit * after,
             }
@@ -361,20 +366,20 @@ struct Tally {
 impl Tally {
     fn add(&mut self, prepared: &Prepared, plain: Vec<f64>, squares: impl Iterator<Item = f64>) {
         let run = &prepared.run;
-        let mut parts = vec![(0.0, 0); run.parts()];
+        let mut part_sums = vec![(0.0, 0); run.parts()];
         for ((datum, plain), square) in run.data.iter().zip(&plain).zip(squares) {
-            parts[datum.part].0 += square;
-            parts[datum.part].1 += 1;
-            let at = self.channels.iter().position(|(channel, ..)| *channel == datum.channel);
-            let at = at.unwrap_or_else(|| {
+            part_sums[datum.part].0 += square;
+            part_sums[datum.part].1 += 1;
+            let known_channel = self.channels.iter().position(|(channel, ..)| *channel == datum.channel);
+            let channel_index = known_channel.unwrap_or_else(|| {
                 self.channels.push((datum.channel, 0.0, 0));
                 self.channels.len() - 1
             });
-            self.channels[at].1 += plain * plain;
-            self.channels[at].2 += 1;
+            self.channels[channel_index].1 += plain * plain;
+            self.channels[channel_index].2 += 1;
         }
         self.plain.extend(plain);
-        self.parts.extend(parts.into_iter().filter(|(_, count)| *count > 0));
+        self.parts.extend(part_sums.into_iter().filter(|(_, count)| *count > 0));
     }
 
     fn side(&self) -> Misfit {

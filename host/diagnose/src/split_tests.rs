@@ -1,4 +1,4 @@
-//! What is held out, and what judges.
+//! Held-out runs, and their judgement.
 
 use super::super::tests::truth;
 use super::super::{Layout, Noises, data_split, fit_start, runs_of};

@@ -62,11 +62,11 @@ pub(super) fn fit_start(
         runs.iter().map(of_run).collect()
     };
     let first = prepared(&first_values)?;
-    let none = Patterns::none(&first);
+    let no_patterns = Patterns::none(&first);
     let ends = layout.starts(&first_values);
     let mut ends: Vec<Fitted> = ends
         .par_iter()
-        .map(|values| Fitted::new(layout, &first, &none, values, &[], MAX_ROUNDS))
+        .map(|values| Fitted::new(layout, &first, &no_patterns, values, &[], MAX_ROUNDS))
         .collect::<Result<_, _>>()?;
     ends.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     // Places that lead to the same end are one.
@@ -75,27 +75,29 @@ pub(super) fn fit_start(
     let runs = prepared(best)?;
     let patterns = patterns(layout, best, &runs, multiples)?;
     let everyday = patterns.everyday();
-    let from = |starts: &Fitted, sizes: &[f64], rounds: usize| {
+    let fit_from = |starts: &Fitted, sizes: &[f64], rounds: usize| {
         Fitted::new(layout, &runs, &patterns, starts.values(), sizes, rounds)
     };
     // Most ends are far behind after a few rounds.
     let rounds = if ends.len() == 1 { MAX_ROUNDS } else { FIRST_ROUNDS };
     let fits: Vec<Fitted> =
-        ends.par_iter().map(|end| from(end, &everyday, rounds)).collect::<Result<_, _>>()?;
+        ends.par_iter().map(|end| fit_from(end, &everyday, rounds)).collect::<Result<_, _>>()?;
     let best = fits.iter().map(|fit| fit.log_evidence).fold(f64::NEG_INFINITY, f64::max);
-    let mut near: Vec<Fitted> = fits.into_iter().filter(|fit| fit.log_evidence > best - FAR_BEHIND).collect();
-    near.dedup_by(|a, b| a.is_at(b));
-    let settled: Vec<Fitted> = near
+    let mut near_fits: Vec<Fitted> =
+        fits.into_iter().filter(|fit| fit.log_evidence > best - FAR_BEHIND).collect();
+    near_fits.dedup_by(|a, b| a.is_at(b));
+    let settled: Vec<Fitted> = near_fits
         .into_par_iter()
-        .map(|fit| if fit.settled { Ok(fit) } else { from(&fit, &fit.sizes, MAX_ROUNDS) })
+        .map(|fit| if fit.settled { Ok(fit) } else { fit_from(&fit, &fit.sizes, MAX_ROUNDS) })
         .collect::<Result<_, _>>()?;
     let best = settled.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
     Ok(Start { runs, patterns, fitted: best.ok_or(FitError::Undetermined)? })
 }
 
 impl Start {
-    /// Whether this foundation is out of question beside what was found on the other: something was, and the same effects on this one
-    /// are far behind. What has no name on the other may have one on this, which is searched for.
+    /// Whether this foundation is out of question beside what was found on the other: something was, and the same
+    /// effects on this one are far behind. An effect without a name on the other foundation may have one on this, which
+    /// is searched for.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -108,12 +110,12 @@ impl Start {
         // Moduli, and what else both have, from here; the effects from there.
         let mut starts = values(&found.fitted);
         starts.iter_mut().zip(values(&self.fitted)).for_each(|(start, own)| *start = own);
-        let same =
+        let same_fit =
             Fitted::new(&layout, &self.runs, &self.patterns, &starts, &found.fitted.sizes, FIRST_ROUNDS);
-        Ok(same.is_ok_and(|same| same.log_evidence < found.fitted.log_evidence + NO_WEIGHT))
+        Ok(same_fit.is_ok_and(|same_fit| same_fit.log_evidence < found.fitted.log_evidence + NO_WEIGHT))
     }
 
-    /// How far model and measurement disagree.
+    /// Disagreement of model and measurement.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.

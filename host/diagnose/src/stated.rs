@@ -1,7 +1,9 @@
-//! What is stated of the rig and is not so: guide 2 or the surface elsewhere, by more than anyone mismeasures them.
+//! Statements about the rig that are not true: guide 2 or the surface elsewhere, by more than anyone mismeasures
+//! them.
 //!
-//! Both are unknowns of every fit, so that no effect stands in for them and the modulus does not suffer (theory, eq. 84). Where the posterior excludes
-//! what was stated they get the name of an effect, and the gap is that to the model as it was stated.
+//! Both are unknowns of every fit, so that no effect stands in for them and the modulus does not suffer (theory, eq.
+//! 84). If the posterior excludes a statement it gets the name of an effect, and the gap is that to the model as it was
+//! stated.
 
 use super::adequacy::Adequacy;
 use super::found::{Explanation, Found, Member};
@@ -15,24 +17,24 @@ use readings::FitError;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 const MM: f64 = 1e-3;
-/// What is stated and excluded, the clearest first: where the place is beyond the 95 % interval of what was stated with the probability of a
-/// statement, in what was found and over all models that were fitted around it.
+/// Excluded statements, the clearest first: where the place is beyond the 95 % interval of what was stated with the
+/// probability of a statement, in what was found and over all models that were fitted around it.
 fn excluded(found: &Found) -> Option<(StatedPlace, f64)> {
     let models = found.with_neighbours();
     let total: f64 = models.iter().map(|(ln, _)| ln.exp()).sum();
     let probability = |place: &StatedPlace| {
-        let beyond = |(ln, fitted): &(f64, &Fitted)| {
+        let ln_tail = |(ln, fitted): &(f64, &Fitted)| {
             let value_m = fitted.values().get(place.parameter)?;
             let sds = (value_m.abs() - NORMAL_975 * place.scale_m) / fitted.sd(place.parameter);
             Some(ln.exp() * Normal::standard().cdf(sds))
         };
-        let own = beyond(&(0.0, &found.fitted)).unwrap_or_default();
-        own.min(models.iter().filter_map(beyond).sum::<f64>() / total)
+        let own_probability = ln_tail(&(0.0, &found.fitted)).unwrap_or_default();
+        own_probability.min(models.iter().filter_map(ln_tail).sum::<f64>() / total)
     };
-    let all = found.fitted.layout.stated().map(|place| (probability(&place), place));
-    let (probability, place) = all.max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let value_m = *found.fitted.values().get(place.parameter)?;
-    (probability > STATED_PROBABILITY).then_some((place, value_m))
+    let stated_probabilities = found.fitted.layout.stated().map(|place| (probability(&place), place));
+    let (probability, excluded_place) = stated_probabilities.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let value_m = *found.fitted.values().get(excluded_place.parameter)?;
+    (probability > STATED_PROBABILITY).then_some((excluded_place, value_m))
 }
 
 impl Start {
@@ -52,8 +54,8 @@ impl Start {
     fn exactly(&self, fitted: &Fitted) -> Result<Fitted, FitError> {
         let mut layout = fitted.layout.clone();
         layout.stated_is_exact = true;
-        let places: Vec<usize> = fitted.layout.stated().map(|place| place.parameter).collect();
-        let values = fitted.values().iter().enumerate().filter(|(at, _)| !places.contains(at));
+        let parameters: Vec<usize> = fitted.layout.stated().map(|place| place.parameter).collect();
+        let values = fitted.values().iter().enumerate().filter(|(at, _)| !parameters.contains(at));
         let values: Vec<f64> = values.map(|(_, value)| *value).collect();
         Fitted::new(&layout, &self.runs, &self.patterns, &values, &fitted.sizes, MAX_ROUNDS)
     }
@@ -71,26 +73,26 @@ impl Found {
         if !adequacy.is_adequate() && !judge.is_chance(&self.fitted) {
             return Ok((self, is_named));
         }
-        while let Some((place, value_m)) = excluded(&self) {
-            let Some(effect) = effect(place.effect) else { break };
+        while let Some((excluded_place, value_m)) = excluded(&self) {
+            let Some(effect) = effect(excluded_place.effect) else { break };
             let mut values = self.fitted.values().to_vec();
-            values.remove(place.parameter);
-            let inside = effect.parameters().iter().map(|info| Scale::of(info).inside(value_m / MM));
-            values.extend(inside);
+            values.remove(excluded_place.parameter);
+            let inside_values = effect.parameters().iter().map(|info| Scale::of(info).inside(value_m / MM));
+            values.extend(inside_values);
             let layout = self.fitted.layout.with(effect);
             let Start { runs, patterns, .. } = start;
             let fitted = Fitted::new(&layout, runs, patterns, &values, &self.fitted.sizes, MAX_ROUNDS)?;
-            let without = start.exactly(&self.fitted)?;
+            let exact_fit = start.exactly(&self.fitted)?;
             // As any name, only where it is confirmed by what no fit has used.
-            if !judge.held_out_shrinks(&without, &fitted) {
+            if !judge.held_out_shrinks(&exact_fit, &fitted) {
                 break;
             }
-            let gain = fitted.log_evidence - without.log_evidence;
+            let gain = fitted.log_evidence - exact_fit.log_evidence;
             let ln_odds = gain + self.prior.ln_odds(effect);
             let fitted = fitted.over_sizes(patterns);
             let index = layout.effects.len() - 1;
             let class = vec![Explanation { effect, fitted: fitted.clone(), ln_odds }];
-            self.members.push(Member { index, gain, ln_odds, without, class });
+            self.members.push(Member { index, gain, ln_odds, without: exact_fit, class });
             self.fitted = fitted;
             is_named = true;
         }

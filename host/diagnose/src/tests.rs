@@ -32,12 +32,12 @@ fn assert_named(found: &Diagnosis, id: &str, values: &[f64]) {
 #[test]
 fn a_session_that_lacks_nothing_is_adequate() {
     for (design, seed) in [(Design::four_runs(), 1), (Design::nine_runs(), 2)] {
-        let found = diagnosed(&truth(vec![]), &design, seed);
-        assert_eq!(found.verdict, Verdict::Adequate, "{found:#?}");
-        assert!(found.effects.is_empty() && found.next_measurement.is_none());
-        let [low, high] = found.k_ci95_kpa;
+        let diagnosis = diagnosed(&truth(vec![]), &design, seed);
+        assert_eq!(diagnosis.verdict, Verdict::Adequate, "{diagnosis:#?}");
+        assert!(diagnosis.effects.is_empty() && diagnosis.next_measurement.is_none());
+        let [low, high] = diagnosis.k_ci95_kpa;
         assert!((low - 0.1..=high + 0.1).contains(&12.0), "{low} to {high}");
-        assert!((0.7..1.3).contains(&found.gap.expect("a gap").before.chi2_reduced));
+        assert!((0.7..1.3).contains(&diagnosis.gap.expect("a gap").before.chi2_reduced));
     }
 }
 
@@ -61,48 +61,49 @@ fn a_rolled_bevel_is_confirmed_by_an_insertion_in_which_the_needle_is_turned() {
     assert_named(&diagnosed(&rolled, &Design::insertions(), 3), "tip.bevel_roll", &[-0.14]);
 }
 
-/// Of the effects that insertions alone cannot show there are more than are fitted; they take nobody's place.
+/// More effects than are fitted cannot be shown by insertions alone; they take no other effect's place.
 #[test]
 fn effects_that_the_runs_cannot_show_take_no_place_among_those_that_are_fitted() {
     let mut design = Design::insertions();
     design.lateral.clear();
-    let found = diagnosed(&truth(vec![("tip.load_slope", vec![0.001])]), &design, 3);
-    let of =
-        |id: &str| found.ranking.iter().find(|ranked| ranked.id == id).expect("an effect of the catalogue");
-    assert!(found.not_identifiable.len() > 5, "{:?}", found.not_identifiable);
-    assert!(of("tip.load_slope").refitted, "{:?}", found.ranking);
+    let diagnosis = diagnosed(&truth(vec![("tip.load_slope", vec![0.001])]), &design, 3);
+    let ranked_effect = |id: &str| {
+        diagnosis.ranking.iter().find(|ranked| ranked.id == id).expect("an effect of the catalogue")
+    };
+    assert!(diagnosis.not_identifiable.len() > 5, "{:?}", diagnosis.not_identifiable);
+    assert!(ranked_effect("tip.load_slope").refitted, "{:?}", diagnosis.ranking);
 }
 
 #[test]
 fn the_diagnosis_does_not_depend_on_the_number_of_threads() {
     let session = session(&truth(vec![("rig.backlash", vec![0.06])]), &Design::four_runs(), 3);
-    let on = |threads: usize| {
+    let diagnosed_on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         // Written out, numbers differ where any of their bits does.
         pool.install(|| {
             format!("{:?}", diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis"))
         })
     };
-    assert_eq!(on(1), on(4));
+    assert_eq!(diagnosed_on(1), diagnosed_on(4));
 }
 
 #[test]
 fn an_effect_of_the_tip_is_named_beside_lateral_runs() {
     let values = vec![0.02];
-    let found = diagnosed(&truth(vec![("tip.rate", values.clone())]), &Design::insertions(), 4);
-    assert_named(&found, "tip.rate", &values);
-    let [low, high] = found.tip_load_ci95_n.expect("a tip load");
+    let diagnosis = diagnosed(&truth(vec![("tip.rate", values.clone())]), &Design::insertions(), 4);
+    assert_named(&diagnosis, "tip.rate", &values);
+    let [low, high] = diagnosis.tip_load_ci95_n.expect("a tip load");
     assert!(low < 0.21 && high > 0.19, "{low} to {high}");
 }
 
 #[test]
 fn errors_of_imaging_are_found_where_it_is_stated_how_the_shape_was_imaged() {
     for (id, value) in [("imaging.sound_speed", 0.06), ("imaging.lag", 0.3), ("imaging.echo_offset", 0.08)] {
-        let found = diagnosed(&truth(vec![(id, vec![value])]), &Design::imaged(), 8);
-        assert_eq!(found.effects.len(), 1, "{id}: {found:#?}");
-        assert!(found.effects[0].class.iter().any(|member| member == id), "{id}: {found:#?}");
+        let diagnosis = diagnosed(&truth(vec![(id, vec![value])]), &Design::imaged(), 8);
+        assert_eq!(diagnosis.effects.len(), 1, "{id}: {diagnosis:#?}");
+        assert!(diagnosis.effects[0].class.iter().any(|member| member == id), "{id}: {diagnosis:#?}");
     }
-    // Where it is not stated, these effects are not available.
+    // If it is not stated, these effects are not available.
     let unstated = diagnosed(&truth(vec![("sensor.shape_scale", vec![0.1])]), &Design::four_runs(), 8);
     assert!(unstated.effects.iter().flat_map(|effect| &effect.class).all(|id| !id.starts_with("imaging.")));
 }
@@ -113,35 +114,35 @@ fn errors_of_imaging_are_found_where_it_is_stated_how_the_shape_was_imaged() {
 fn motion_across_the_beam_separates_the_speed_of_sound_from_the_scale_of_the_image() {
     let mut design = Design::imaged();
     design.lateral.retain(|plan| plan.axis == 0);
-    let found = diagnosed(&truth(vec![("imaging.sound_speed", vec![0.1])]), &design, 9);
-    let class = &found.effects.first().expect("an effect").class;
+    let diagnosis = diagnosed(&truth(vec![("imaging.sound_speed", vec![0.1])]), &design, 9);
+    let class = &diagnosis.effects.first().expect("an effect").class;
     for id in ["imaging.sound_speed", "sensor.shape_scale"] {
-        assert!(class.iter().any(|member| member == id), "{found:#?}");
+        assert!(class.iter().any(|member| member == id), "{diagnosis:#?}");
     }
-    let next = found.next_measurement.expect("a measurement");
+    let next = diagnosis.next_measurement.expect("a measurement");
     assert_eq!(next.kind, "other_axis", "{next:#?}");
 }
 
 #[test]
 fn effects_with_equal_evidence_are_a_class_and_a_known_weight_separates_them() {
-    let found = diagnosed(&truth(vec![("needle.stiffness", vec![0.2])]), &Design::four_runs(), 5);
-    assert_eq!(found.verdict, Verdict::Ambiguous, "{found:#?}");
-    let mut class = found.effects[0].class.clone();
+    let diagnosis = diagnosed(&truth(vec![("needle.stiffness", vec![0.2])]), &Design::four_runs(), 5);
+    assert_eq!(diagnosis.verdict, Verdict::Ambiguous, "{diagnosis:#?}");
+    let mut class = diagnosis.effects[0].class.clone();
     class.sort();
     assert_eq!(class, ["needle.stiffness", "sensor.force_gain"]);
-    assert_eq!(found.next_measurement.expect("a measurement").kind, "known_weight");
+    assert_eq!(diagnosis.next_measurement.expect("a measurement").kind, "known_weight");
 }
 
 #[test]
 fn two_effects_are_both_named() {
-    let both = vec![("tissue.skin", vec![0.25]), ("rig.friction", vec![0.05])];
+    let two_effects = vec![("tissue.skin", vec![0.25]), ("rig.friction", vec![0.05])];
     let seeds = [6, 7, 8, 9, 10];
     let named = seeds.iter().filter(|seed| {
-        let found = diagnosed(&truth(both.clone()), &Design::four_runs(), **seed);
+        let diagnosis = diagnosed(&truth(two_effects.clone()), &Design::four_runs(), **seed);
         let has =
-            |id: &str| found.effects.iter().any(|effect| effect.class.iter().any(|member| member == id));
+            |id: &str| diagnosis.effects.iter().any(|effect| effect.class.iter().any(|member| member == id));
         // Layers stand for a skin where little else separates them.
-        found.effects.len() == 2 && has("rig.friction") && has("tissue.skin")
+        diagnosis.effects.len() == 2 && has("rig.friction") && has("tissue.skin")
     });
     assert!(named.count() >= 4);
 }
@@ -150,12 +151,13 @@ fn two_effects_are_both_named() {
 fn what_has_no_name_is_not_named() {
     // To and fro, beginning anywhere in every run: no law that all runs share.
     let hidden = Truth { foreign: Some(Foreign::SinusoidalDrift), ..truth(vec![]) };
-    let found = diagnosed(&hidden, &Design::four_runs(), 7);
-    assert_eq!((found.verdict, found.effects.len()), (Verdict::Unexplained, 0), "{found:#?}");
-    assert!(!found.regions.is_empty() && !found.discrepancy.is_empty());
+    let diagnosis = diagnosed(&hidden, &Design::four_runs(), 7);
+    assert_eq!((diagnosis.verdict, diagnosis.effects.len()), (Verdict::Unexplained, 0), "{diagnosis:#?}");
+    assert!(!diagnosis.regions.is_empty() && !diagnosis.discrepancy.is_empty());
 }
 
-/// What no effect of the catalogue is becomes a law: its site, what it depends on, and a formula; and what was held out confirms it.
+/// A dependence that no effect of the catalogue describes becomes a law: its site, what it depends on, and a formula;
+/// and what was held out confirms it.
 #[test]
 fn laws_of_an_independent_generator_are_found() {
     law_is_found(Foreign::OneSidedTissue, "law.modulus.displacement");
@@ -172,11 +174,11 @@ fn further_laws_of_an_independent_generator_are_found() {
 
 fn law_is_found(foreign: Foreign, site: &str) {
     let hidden = Truth { foreign: Some(foreign), ..truth(vec![]) };
-    let found = diagnosed(&hidden, &Design::four_runs(), 7);
-    let class = found.effects.iter().flat_map(|effect| &effect.class);
-    assert!(class.into_iter().any(|id| id.starts_with(site)), "{foreign:?} {:?}", found.effects);
-    assert!(found.effects.iter().any(|effect| effect.formula.is_some()), "{:?}", found.effects);
-    let removed = found.gap.and_then(|gap| gap.removed);
+    let diagnosis = diagnosed(&hidden, &Design::four_runs(), 7);
+    let class = diagnosis.effects.iter().flat_map(|effect| &effect.class);
+    assert!(class.into_iter().any(|id| id.starts_with(site)), "{foreign:?} {:?}", diagnosis.effects);
+    assert!(diagnosis.effects.iter().any(|effect| effect.formula.is_some()), "{:?}", diagnosis.effects);
+    let removed = diagnosis.gap.and_then(|gap| gap.removed);
     assert!(removed.is_none_or(|share| share > 0.8), "{foreign:?} {removed:?}");
 }
 
@@ -192,11 +194,12 @@ fn a_session_that_cannot_serve_reports_its_limits() {
         ramp_mm_per_s: 1.0,
     };
     let design = Design { lateral: vec![plan], ..Design::four_runs() };
-    let found = diagnosed(&truth(vec![("rig.backlash", vec![0.12])]), &design, 8);
-    assert!(found.effects.is_empty() && found.gap.is_none(), "{found:#?}");
-    assert!(found.limits.iter().any(|limit| limit.contains("repeat")), "{:?}", found.limits);
+    let diagnosis = diagnosed(&truth(vec![("rig.backlash", vec![0.12])]), &design, 8);
+    assert!(diagnosis.effects.is_empty() && diagnosis.gap.is_none(), "{diagnosis:#?}");
+    assert!(diagnosis.limits.iter().any(|limit| limit.contains("repeat")), "{:?}", diagnosis.limits);
     assert!(
-        found.limits.iter().any(|limit| limit.contains("one depth")) && !found.not_identifiable.is_empty()
+        diagnosis.limits.iter().any(|limit| limit.contains("one depth"))
+            && !diagnosis.not_identifiable.is_empty()
     );
 }
 
@@ -208,21 +211,21 @@ fn held_out_runs_refuse_names_and_change_nothing_else() {
     // Hysteresis of the force sensor, which follows the direction of motion too, takes no part of it.
     let [low, high] = plain.effects[0].parameters["force_n"].ci95;
     assert!(low <= 0.1 && 0.1 <= high && high - low < 0.02, "{low} to {high}");
-    let held = plain.gap.as_ref().expect("a gap").heldout_runs.clone();
-    let mut other = session.clone();
-    // Of the run along x, which has no repeat, holds are held out; the others are training.
-    let is_whole = |id: &String| held.contains(id) && !id.starts_with('x');
-    for run in other.lateral.iter_mut().filter(|run| is_whole(&run.id)) {
+    let held_ids = plain.gap.as_ref().expect("a gap").heldout_runs.clone();
+    let mut changed_session = session.clone();
+    // Holds of the run along x, which has no repeat, are held out; the others are training.
+    let is_whole = |id: &String| held_ids.contains(id) && !id.starts_with('x');
+    for run in changed_session.lateral.iter_mut().filter(|run| is_whole(&run.id)) {
         run.force.force_y_n.iter_mut().for_each(|force_n| *force_n = 0.3 - *force_n);
         run.shape.y_m.iter_mut().for_each(|u_m| *u_m *= 2.0);
     }
-    let spoilt = diagnose(&other, &Options::default(), |_| {}).expect("a diagnosis");
+    let spoilt = diagnose(&changed_session, &Options::default(), |_| {}).expect("a diagnosis");
     assert_ne!(plain.gap, spoilt.gap);
-    let same = |d: &Diagnosis| {
+    let outcome_of = |d: &Diagnosis| {
         let ranking: Vec<_> = d.ranking.iter().map(|r| (r.id.clone(), r.log_evidence_gain)).collect();
         (d.regions.clone(), d.margin, d.noise.clone(), ranking, d.adequacy[0].clone())
     };
-    assert_eq!(same(&plain), same(&spoilt));
+    assert_eq!(outcome_of(&plain), outcome_of(&spoilt));
     assert_eq!((plain.verdict, spoilt.verdict), (Verdict::Named, Verdict::Unexplained));
 }
 
@@ -280,7 +283,7 @@ fn a_trackers_points_at_one_place_are_one_datum() {
     assert!((0.95..1.05).contains(&ratio), "{ratio}");
     session.noise.shape_m = None;
     let noise = Noise::of(&runs, &session.noise);
-    // What each place had before it was repeated is in all of its points.
+    // The deviation of each place before it was repeated is in all of its points.
     let expected_m = 24.7e-6_f64.hypot(SD_M / (TIMES as f64).sqrt());
     assert!((noise.shape.sd() / expected_m - 1.0).abs() < 0.2, "{noise:?}, expected {expected_m}");
     let stated = formats::session::Noise { shape_m: Some(0.3e-3), ..session.noise };
@@ -288,26 +291,26 @@ fn a_trackers_points_at_one_place_are_one_datum() {
     assert!((Noise::of(&runs, &stated).shape.sd() / of_mean_m - 1.0).abs() < 0.05);
 }
 
-/// What two sessions share, even if it has no name, is no effect of one of them; what they do not share is.
+/// An effect that two sessions share, even without a name, is no effect of one of them; a difference is.
 #[test]
 fn beside_a_reference_only_what_differs_is_named() {
     let shared =
         |k_kpa: f64, effects| Truth { k_kpa, foreign: Some(Foreign::OneSidedTissue), ..truth(effects) };
     let design = Design::four_runs();
     let reference = session(&shared(12.0, vec![]), &design, 15);
-    let against = |session: &Session| {
+    let diagnosed_against = |session: &Session| {
         let options = Options { reference: Some(reference.clone()), ..Options::default() };
         diagnose(session, &options, |_| {}).expect("a diagnosis")
     };
-    let same = against(&session(&shared(15.0, vec![]), &design, 16));
-    assert!(same.effects.is_empty(), "{same:#?}");
-    let ratio = same.reference.expect("a reference").modulus_ratio;
+    let same_rig = diagnosed_against(&session(&shared(15.0, vec![]), &design, 16));
+    assert!(same_rig.effects.is_empty(), "{same_rig:#?}");
+    let ratio = same_rig.reference.expect("a reference").modulus_ratio;
     assert!(ratio.ci95[0] < 1.25 && ratio.ci95[1] > 1.25 && ratio.ci95[1] - ratio.ci95[0] < 0.1, "{ratio:?}");
-    let other = session(&shared(15.0, vec![("rig.backlash", vec![0.08])]), &design, 17);
-    let found = against(&other);
-    let ids: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
-    assert_eq!(ids, ["rig.backlash"], "{found:#?}");
-    let backlash = found.effects[0].parameters["clearance_mm"];
+    let changed_rig = session(&shared(15.0, vec![("rig.backlash", vec![0.08])]), &design, 17);
+    let diagnosis = diagnosed_against(&changed_rig);
+    let ids: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.id.as_str()).collect();
+    assert_eq!(ids, ["rig.backlash"], "{diagnosis:#?}");
+    let backlash = diagnosis.effects[0].parameters["clearance_mm"];
     assert!(backlash.ci95[0] < 0.08 && backlash.ci95[1] > 0.08, "{backlash:?}");
 }
 
@@ -357,11 +360,11 @@ fn what_repeats_is_misfit_and_unstated_scatter_is_warned_of() {
     assert_eq!(disagreements.len(), 1, "{disagreements:?}");
     assert!(disagreements[0].starts_with("noise of the shape: 0.010 mm is stated"), "{disagreements:?}");
     // The wobble is there all the same.
-    let found = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+    let diagnosis = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
     let is_wave =
         |effect: &FoundEffect| effect.class.iter().any(|id| id.starts_with("law.shape_y.place.sine"));
-    assert!(found.effects.iter().any(is_wave), "{:?}", found.effects);
-    let period = found.effects.iter().find_map(|effect| effect.parameters.get("period_mm"));
+    assert!(diagnosis.effects.iter().any(is_wave), "{:?}", diagnosis.effects);
+    let period = diagnosis.effects.iter().find_map(|effect| effect.parameters.get("period_mm"));
     let [low, high] = period.expect("a period").ci95;
     assert!(low < 8.0 && high > 8.0 && high - low < 0.2, "{period:?}");
 }
@@ -377,8 +380,8 @@ fn imperfections_of_a_model_file_are_those_of_the_fits() {
     let noises = Noises { session: noise, reference: noise };
     let start = |multiples: &Multiples| fit_start(&layout, &runs, &noises, &[], multiples).expect("a fit");
     let plain = start(&Multiples::new());
-    let found = plain.patterns.groups.iter().filter(|group| group.tail.is_some());
-    let names: Vec<&str> = found.map(|group| group.name).collect();
+    let tailed_groups = plain.patterns.groups.iter().filter(|group| group.tail.is_some());
+    let names: Vec<&str> = tailed_groups.map(|group| group.name).collect();
     assert!(names.iter().all(|name| DISCREPANCY_NAMES.contains(name)), "{names:?}");
     // Directions are not measured in this session.
     let expected = DISCREPANCY_NAMES.iter().filter(|name| !name.contains("direction"));

@@ -50,24 +50,25 @@ pub fn two_layers(
     let layout = Layout::new(&session.rig, &runs, effects);
     let noises = Noises { session: noise, reference: noise };
     let springs = fit_start(&layout, &runs, &noises, input.given, input.discrepancy)?;
-    let one = match input.body {
+    let single_modulus = match input.body {
         Some(poisson) => springs.on(Support::Body { poisson, block: session.tissue.block() })?,
         None => springs,
     };
-    let layout = one.fitted.layout.with(layers);
+    let layout = single_modulus.fitted.layout.with(layers);
     // From large sizes the fit would stay where the discrepancy explains everything.
-    let everyday = one.patterns.everyday();
-    let sizes: Vec<f64> = one.fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
-    let from = |[upper_pa, ratio, boundary_mm]: &[f64; 3]| {
-        let mut values = one.fitted.values().to_vec();
+    let everyday = single_modulus.patterns.everyday();
+    let sizes: Vec<f64> =
+        single_modulus.fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+    let start_values = |[upper_pa, ratio, boundary_mm]: &[f64; 3]| {
+        let mut values = single_modulus.fitted.values().to_vec();
         if let Some(first) = values.first_mut() {
             *first = upper_pa.ln();
         }
         let infos = layers.parameters().iter().zip([ratio, boundary_mm]);
         values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-        Fitted::new(&layout, &one.runs, &one.patterns, &values, &sizes, MAX_ROUNDS).ok()
+        Fitted::new(&layout, &single_modulus.runs, &single_modulus.patterns, &values, &sizes, MAX_ROUNDS).ok()
     };
-    let mut fits: Vec<Fitted> = starts.par_iter().filter_map(from).collect();
+    let mut fits: Vec<Fitted> = starts.par_iter().filter_map(start_values).collect();
     fits.retain(|fit| !fit.at_bound.contains(&true));
     fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     // Starts that lead to the same end are one.
@@ -78,32 +79,34 @@ pub fn two_layers(
         }
     }
     let best = ends.first().ok_or(FitError::Undetermined)?;
-    let at = layout.first_of(layout.effects.len().saturating_sub(1));
+    let boundary_parameter = layout.first_of(layout.effects.len().saturating_sub(1));
     let weight = |fit: &Fitted| (fit.log_evidence - best.log_evidence).exp();
     // Moduli, ratio and boundary are logarithms inside the fits.
     let mixed = |of: &dyn Fn(&Fitted) -> (f64, f64)| -> Result<Interval, FitError> {
-        let parts: Vec<(f64, f64, f64)> = ends
+        let weighted_moments: Vec<(f64, f64, f64)> = ends
             .iter()
             .map(|fit| {
                 let (value, sd) = of(fit);
                 (weight(fit), value, sd)
             })
             .collect();
-        let ends = interval(&parts).ok_or(FitError::Undetermined)?;
+        let ends = interval(&weighted_moments).ok_or(FitError::Undetermined)?;
         Ok((of(best).0.exp(), ends.map(f64::exp)))
     };
-    let own = |parameter: usize| move |fit: &Fitted| (fit.values()[parameter], fit.sd(parameter));
+    let parameter_of = |parameter: usize| move |fit: &Fitted| (fit.values()[parameter], fit.sd(parameter));
     let lower = |fit: &Fitted| {
         let variance = |i: usize, j: usize| fit.covariance[(i, j)];
-        let variance = variance(0, 0) + 2.0 * variance(0, at) + variance(at, at);
-        (fit.values()[0] + fit.values()[at], variance.max(0.0).sqrt())
+        let variance = variance(0, 0)
+            + 2.0 * variance(0, boundary_parameter)
+            + variance(boundary_parameter, boundary_parameter);
+        (fit.values()[0] + fit.values()[boundary_parameter], variance.max(0.0).sqrt())
     };
     Ok(TwoLayers {
-        upper_pa: mixed(&own(0))?,
+        upper_pa: mixed(&parameter_of(0))?,
         lower_pa: mixed(&lower)?,
-        ratio: mixed(&own(at))?,
-        boundary_mm: mixed(&own(at + 1))?,
+        ratio: mixed(&parameter_of(boundary_parameter))?,
+        boundary_mm: mixed(&parameter_of(boundary_parameter + 1))?,
         log_evidence: best.log_evidence,
-        log_evidence_gain: best.log_evidence - one.fitted.log_evidence,
+        log_evidence_gain: best.log_evidence - single_modulus.fitted.log_evidence,
     })
 }

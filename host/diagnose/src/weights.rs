@@ -1,10 +1,11 @@
 //! Probabilities of models (theory, eq. 65).
 //!
-//! A model is a foundation, springs or a body, and a set of effects. Its weight is its evidence times its prior, and the prior says three
-//! things. That one of the named effects is missing is as likely beforehand as that none is, and every name that the runs can show has an
-//! equal part of that. That a law is missing which no name describes is less likely, `LAW_ODDS`, and every law of the grammar has an equal part.
-//! Springs and a body are equally likely, up to what the simpler model is preferred by. What more data do to it is what evidence
-//! does: a set of effects has no other penalty, and no effect has a rule of its own.
+//! A model is a foundation, springs or a body, and a set of effects. Its weight is its evidence times its prior, and
+//! the prior says three things. The prior probability that one of the named effects is missing equals that of none, and
+//! every name that the runs can show has an equal part of it. A missing law that no name describes is less likely,
+//! `LAW_ODDS`, and every law of the grammar has an equal part. Springs and a body are equally likely, up to what the
+//! simpler model is preferred by. More data change it as they change evidence: a set of effects has no other penalty,
+//! and no effect has a rule of its own.
 //!
 //! Under a model that lacks nothing the Bayes factor of any effect has mean 1 whatever the noise is, so that by Markov's inequality the
 //! effects of prior odds `q` together reach posterior odds `r` in at most a share `q / r` of sessions: names in 5 %, laws in 0.5 %.
@@ -50,7 +51,7 @@ pub(super) struct ModelPrior {
 }
 
 impl ModelPrior {
-    /// Of so many names and laws that the runs can show.
+    /// Prior for so many names and laws that the runs can show.
     pub fn new(names: usize, laws: usize) -> Self {
         Self { names: names.max(1), laws: laws.max(1) }
     }
@@ -84,7 +85,7 @@ pub(super) fn ln_sum(ln_weights: impl Iterator<Item = f64> + Clone) -> f64 {
     }
 }
 
-/// How many of the first of these weights, largest first, have [`STATED_PROBABILITY`] together.
+/// Number of the first of these weights, largest first, that have [`STATED_PROBABILITY`] together.
 pub(super) fn smallest_set(ln_weights: &[f64]) -> usize {
     let total = ln_sum(ln_weights.iter().copied());
     let mut sum = 0.0;

@@ -21,16 +21,16 @@ const SLOPE_STEP_M: f64 = 1e-4;
 /// Correlations over more memories than this are none.
 const REACH: f64 = 8.0;
 
-/// What makes a run's residuals independent.
+/// Transformation that makes a run's residuals independent.
 #[derive(Debug, Clone)]
 pub(super) struct Whitener {
-    /// Where a block lies, and the lower triangle of its factor, row after row, with the inverse of the diagonal.
+    /// Range of a block, and the lower triangle of its factor, row after row, with the inverse of the diagonal.
     blocks: Vec<(Range<usize>, Vec<f64>)>,
     patterns: DMatrix<f64>,
     shrink: DVector<f64>,
 }
 
-/// What a displacement of guide 2 does, per plane: force and shape of the plain model.
+/// Effect of a displacement of guide 2, per plane: force and shape of the plain model.
 struct Slopes {
     force_n_per_m: [f64; 2],
     shape: Vec<[f64; 2]>,
@@ -76,12 +76,14 @@ impl Whitener {
         if !columns.is_empty() {
             let columns = DMatrix::from_columns(&columns);
             let eigen = (columns.transpose() * &columns).symmetric_eigen();
-            let kept: Vec<usize> =
+            let kept_vectors: Vec<usize> =
                 (0..eigen.eigenvalues.len()).filter(|i| eigen.eigenvalues[*i] > 1e-12).collect();
-            let squares = kept.iter().map(|i| eigen.eigenvalues[*i]);
-            whitener.shrink =
-                DVector::from_iterator(kept.len(), squares.map(|square| 1.0 - 1.0 / (1.0 + square).sqrt()));
-            let unit: Vec<DVector<f64>> = kept
+            let squares = kept_vectors.iter().map(|i| eigen.eigenvalues[*i]);
+            whitener.shrink = DVector::from_iterator(
+                kept_vectors.len(),
+                squares.map(|square| 1.0 - 1.0 / (1.0 + square).sqrt()),
+            );
+            let unit: Vec<DVector<f64>> = kept_vectors
                 .iter()
                 .map(|i| &columns * eigen.eigenvectors.column(*i) / eigen.eigenvalues[*i].sqrt())
                 .collect();
@@ -96,34 +98,35 @@ impl Whitener {
     pub fn apply(&self, residuals: &mut [f64]) {
         for (range, rows) in &self.blocks {
             // Forward substitution.
-            let part = &mut residuals[range.clone()];
+            let block_residuals = &mut residuals[range.clone()];
             let mut start = 0;
-            for i in 0..part.len() {
-                let known = dot(&rows[start..start + i], &part[..i]);
-                part[i] = (part[i] - known) * rows[start + i];
+            for i in 0..block_residuals.len() {
+                let solved_sum = dot(&rows[start..start + i], &block_residuals[..i]);
+                block_residuals[i] = (block_residuals[i] - solved_sum) * rows[start + i];
                 start += i + 1;
             }
         }
         for (pattern, shrink) in self.patterns.column_iter().zip(self.shrink.iter()) {
-            let along = dot(pattern.as_slice(), residuals);
-            residuals.iter_mut().zip(pattern.iter()).for_each(|(x, p)| *x -= shrink * along * p);
+            let projection = dot(pattern.as_slice(), residuals);
+            residuals.iter_mut().zip(pattern.iter()).for_each(|(x, p)| *x -= shrink * projection * p);
         }
     }
 
     /// The reverse of [`Whitener::apply`].
     pub fn undo(&self, residuals: &mut [f64]) {
         for (pattern, shrink) in self.patterns.column_iter().zip(self.shrink.iter()) {
-            let along: f64 = pattern.iter().zip(residuals.iter()).map(|(p, x)| p * x).sum();
-            let back = shrink / (1.0 - shrink) * along;
-            residuals.iter_mut().zip(pattern.iter()).for_each(|(x, p)| *x += back * p);
+            let projection: f64 = pattern.iter().zip(residuals.iter()).map(|(p, x)| p * x).sum();
+            let restoring = shrink / (1.0 - shrink) * projection;
+            residuals.iter_mut().zip(pattern.iter()).for_each(|(x, p)| *x += restoring * p);
         }
         for (range, rows) in &self.blocks {
-            let part = &mut residuals[range.clone()];
+            let block_residuals = &mut residuals[range.clone()];
             let mut start = rows.len();
-            for i in (0..part.len()).rev() {
+            for i in (0..block_residuals.len()).rev() {
                 start -= i + 1;
-                let before: f64 = rows[start..start + i].iter().zip(&part[..i]).map(|(l, x)| l * x).sum();
-                part[i] = part[i] / rows[start + i] + before;
+                let product_sum: f64 =
+                    rows[start..start + i].iter().zip(&block_residuals[..i]).map(|(l, x)| l * x).sum();
+                block_residuals[i] = block_residuals[i] / rows[start + i] + product_sum;
             }
         }
     }
@@ -133,12 +136,12 @@ impl Whitener {
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 8;
     let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    let tail_sum: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
     let mut sums = [0.0; LANES];
     for (a, b) in a.zip(b) {
         sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
     }
-    rest + sums.iter().sum::<f64>()
+    tail_sum + sums.iter().sum::<f64>()
 }
 
 fn slopes(run: &Run, model: &Model) -> Result<Slopes, ModelError> {
@@ -147,10 +150,10 @@ fn slopes(run: &Run, model: &Model) -> Result<Slopes, ModelError> {
     };
     let beam = |plane: Plane| model.problem_in(plane, lateral.depth_m)?.solve();
     let beams = [beam(Plane::Y)?, beam(Plane::X)?];
-    let at = |z_m: f64| beams.each_ref().map(|beam| beam.deflection_m(1.0, z_m));
+    let deflections_at = |z_m: f64| beams.each_ref().map(|beam| beam.deflection_m(1.0, z_m));
     Ok(Slopes {
         force_n_per_m: beams.each_ref().map(|beam| beam.lateral_stiffness_n_per_m()),
-        shape: lateral.shape.iter().map(|point| at(point.z_m)).collect(),
+        shape: lateral.shape.iter().map(|point| deflections_at(point.z_m)).collect(),
     })
 }
 
@@ -184,8 +187,10 @@ fn block(run: &Run, range: Range<usize>, noise: &Noise, slopes: &Slopes) -> DMat
                     if data[i].place.hold_s.is_none() {
                         // On the way guide 2 is known as well as its course is, neighbours alike.
                         let read = noise.displacement.white + noise.displacement.correlated;
-                        let left = a.iter().filter_map(|cell| run.cells.left[plane].get(*cell)).sum::<f64>();
-                        covariance += slopes.force_n_per_m[plane].powi(2) * read * left / a.len() as f64;
+                        let remaining_variance =
+                            a.iter().filter_map(|cell| run.cells.left[plane].get(*cell)).sum::<f64>();
+                        covariance +=
+                            slopes.force_n_per_m[plane].powi(2) * read * remaining_variance / a.len() as f64;
                     }
                 }
                 covariance
@@ -221,7 +226,7 @@ fn along_line(sensor: &super::noise::Sensor, apart_m: f64, same: bool) -> f64 {
     sensor.covariance(apart_m) + sensor.lasting + if same { sensor.white } else { 0.0 }
 }
 
-/// What moves many numbers together, one standard deviation of each.
+/// Patterns that move many numbers together, one standard deviation of each.
 fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
     let mut patterns = Vec::new();
     match &run.experiment {
@@ -232,9 +237,10 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
                     let sd_m =
                         noise.displacement.of_mean(count, length_s).sqrt().hypot(rig::GUIDE2_PLACE.sd());
                     let moved = |d: &super::data::Datum| {
-                        let here = d.part == part && d.channel.plane() == plane && d.place.hold_s.is_some();
+                        let is_same_part =
+                            d.part == part && d.channel.plane() == plane && d.place.hold_s.is_some();
                         match &d.source {
-                            _ if !here => 0.0,
+                            _ if !is_same_part => 0.0,
                             Source::Force(_) => sd_m * slopes.force_n_per_m[plane],
                             Source::Shape(point) => sd_m * slopes.shape[*point][plane],
                             Source::Tip(_) | Source::Direction(_) => 0.0,
@@ -249,15 +255,15 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
         }
         _ => {
             for channel in [Channel::TipY, Channel::TipX] {
-                let of = |value: &dyn Fn(usize) -> f64| -> Vec<f64> {
-                    let one = |d: &super::data::Datum| match d.source {
+                let pattern_of = |value: &dyn Fn(usize) -> f64| -> Vec<f64> {
+                    let tip_value = |d: &super::data::Datum| match d.source {
                         Source::Tip(index) if d.channel == channel => value(index),
                         _ => 0.0,
                     };
-                    run.data.iter().map(one).collect()
+                    run.data.iter().map(tip_value).collect()
                 };
                 if run.data.iter().any(|d| d.channel == channel) {
-                    patterns.push(of(&|_| sensors::SHARED_TIP_ZERO.sd()));
+                    patterns.push(pattern_of(&|_| sensors::SHARED_TIP_ZERO.sd()));
                 }
             }
         }
@@ -265,39 +271,46 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
     patterns
 }
 
-/// What an error of the positions that all points of a shape share does, one standard deviation of it; nothing where none is stated.
+/// Effect of one standard deviation of the positions' error that all points of a shape share; empty if none is stated.
 fn shared_positions(run: &Run, model: &Model) -> Result<Option<Vec<f64>>, ModelError> {
     if run.z_shared_sd_m.iter().all(|sd_m| *sd_m == 0.0) {
         return Ok(None);
     }
-    let (mut before, mut after) = (run.experiment.clone(), run.experiment.clone());
-    for (experiment, step_m) in [(&mut before, -SLOPE_STEP_M), (&mut after, SLOPE_STEP_M)] {
+    let (mut lower_experiment, mut upper_experiment) = (run.experiment.clone(), run.experiment.clone());
+    for (experiment, step_m) in
+        [(&mut lower_experiment, -SLOPE_STEP_M), (&mut upper_experiment, SLOPE_STEP_M)]
+    {
         if let Experiment::Lateral(lateral) = experiment {
             lateral.shape.iter_mut().for_each(|point| point.z_m += 0.5 * step_m);
         }
     }
-    let at = |experiment: &Experiment| Ok::<_, ModelError>(predicted(run, &predict(model, experiment)?));
-    let (before, after) = (at(&before)?, at(&after)?);
-    let moved = |(datum, (after, before)): (&super::data::Datum, (f64, f64))| match datum.source {
+    let predicted_under =
+        |experiment: &Experiment| Ok::<_, ModelError>(predicted(run, &predict(model, experiment)?));
+    let (lower_values, upper_values) =
+        (predicted_under(&lower_experiment)?, predicted_under(&upper_experiment)?);
+    let moved = |(datum, (upper_values, lower_values)): (&super::data::Datum, (f64, f64))| match datum.source
+    {
         Source::Shape(point) => {
-            run.z_shared_sd_m.get(point).copied().unwrap_or(0.0) * (after - before) / SLOPE_STEP_M
+            run.z_shared_sd_m.get(point).copied().unwrap_or(0.0) * (upper_values - lower_values)
+                / SLOPE_STEP_M
         }
         Source::Force(_) | Source::Tip(_) | Source::Direction(_) => 0.0,
     };
-    Ok(Some(run.data.iter().zip(after.into_iter().zip(before)).map(moved).collect()))
+    Ok(Some(run.data.iter().zip(upper_values.into_iter().zip(lower_values)).map(moved).collect()))
 }
 
-/// What each error of the deflections that all points of a shape share does, one standard deviation of it; nothing where none is stated.
+/// Effect of one standard deviation of each error of the deflections that all points of a shape share; empty if none is
+/// stated.
 fn shared_deflections(run: &Run) -> impl Iterator<Item = Vec<f64>> {
     let planes = (0..2).flat_map(|plane| (0..SHARED_ERRORS).map(move |error| (plane, error)));
     let pattern = |(plane, error): (usize, usize)| -> Vec<f64> {
-        let at = |datum: &super::data::Datum| match datum.source {
+        let shared_error = |datum: &super::data::Datum| match datum.source {
             Source::Shape(point) if datum.channel.plane() == plane => {
                 run.shared_m.get(point).map_or(0.0, |of| of[plane][error])
             }
             _ => 0.0,
         };
-        run.data.iter().map(at).collect()
+        run.data.iter().map(shared_error).collect()
     };
     planes.map(pattern).filter(|pattern| pattern.iter().any(|value| *value != 0.0))
 }

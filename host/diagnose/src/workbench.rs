@@ -1,6 +1,7 @@
 //! A session on which a person switches effects on and off: every time the model is fitted again, by the same steps as in the search.
 //!
-//! What the search would accept plays no part here: any effect can be tried, and the result states what it is worth.
+//! The acceptance of the search has no influence here: any effect can be tried, and the result states what it is
+//! worth.
 
 use super::data::{Channel, Source};
 use super::layout::{Layout, Prepared};
@@ -90,8 +91,9 @@ impl Workbench {
         let (Training { runs, .. }, held_out) = split(runs);
         let noise = Noise::of(&runs, &session.stated_noise());
         let noises = Noises { session: noise, reference: noise };
-        let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
-        let mut layout = Layout::new(&session.rig, &runs, given);
+        let given_effects: Vec<&'static dyn Effect> =
+            options.given.iter().map(|(effect, _)| *effect).collect();
+        let mut layout = Layout::new(&session.rig, &runs, given_effects);
         layout.known = options.known.as_slice().into();
         let springs = fit_start(&layout, &runs, &noises, &options.given, &options.discrepancy)?;
         let judge = held_out.judge(&springs.fitted, &noise, &options.discrepancy)?;
@@ -100,17 +102,17 @@ impl Workbench {
         } else {
             springs
         };
-        let mut tried = BTreeMap::new();
-        tried.insert(Vec::new(), (start.fitted.clone(), 0.0));
-        Ok(Self { start, judge, noise, seed: options.seed, tried })
+        let mut fitted_trials = BTreeMap::new();
+        fitted_trials.insert(Vec::new(), (start.fitted.clone(), 0.0));
+        Ok(Self { start, judge, noise, seed: options.seed, tried: fitted_trials })
     }
 
     /// Effects that can be added to the model of this session's rig.
     pub fn applicable(&self) -> Vec<&'static dyn Effect> {
         let layout = &self.start.fitted.layout;
-        let known = |effect: &dyn Effect| layout.effects.iter().any(|own| own.id() == effect.id());
-        let all = mechanics::effects::EFFECTS.into_iter();
-        all.filter(|effect| layout.is_applicable(*effect) && !known(*effect)).collect()
+        let is_in_model = |effect: &dyn Effect| layout.effects.iter().any(|own| own.id() == effect.id());
+        let all_effects = mechanics::effects::EFFECTS.into_iter();
+        all_effects.filter(|effect| layout.is_applicable(*effect) && !is_in_model(*effect)).collect()
     }
 
     /// Fits the model with these effects beside those of the starting model. The order in which they are given, and what was tried
@@ -123,17 +125,17 @@ impl Workbench {
         let mut ids: Vec<&'static str> = effects.iter().map(|effect| effect.id()).collect();
         ids.sort_unstable();
         ids.dedup();
-        let mut wanted = Vec::new();
+        let mut trial_effects = Vec::new();
         for id in ids {
-            let found = applicable.iter().find(|effect| effect.id() == id);
-            wanted.push(*found.ok_or(FitError::Undetermined)?);
+            let known_effect = applicable.iter().find(|effect| effect.id() == id);
+            trial_effects.push(*known_effect.ok_or(FitError::Undetermined)?);
         }
         let mut key: Vec<&'static str> = Vec::new();
         let (mut fitted, mut gain) = (self.start.fitted.clone(), 0.0);
-        for effect in &wanted {
+        for effect in &trial_effects {
             key.push(effect.id());
-            if let Some((known, of_known)) = self.tried.get(&key) {
-                (fitted, gain) = (known.clone(), *of_known);
+            if let Some((cached_fit, of_known)) = self.tried.get(&key) {
+                (fitted, gain) = (cached_fit.clone(), *of_known);
                 continue;
             }
             let search = Search {
@@ -183,9 +185,11 @@ impl Workbench {
     fn points(&self, fitted: &Fitted) -> Result<Vec<TrialPoint>, ModelError> {
         let mut points = Vec::new();
         for prepared in &self.start.runs {
-            let before = self.plain(&self.start.fitted, prepared)?;
-            let after = self.plain(fitted, prepared)?;
-            for ((datum, before), after) in prepared.run.data.iter().zip(before).zip(after) {
+            let values_before = self.plain(&self.start.fitted, prepared)?;
+            let values_after = self.plain(fitted, prepared)?;
+            for ((datum, values_before), values_after) in
+                prepared.run.data.iter().zip(values_before).zip(values_after)
+            {
                 let unit = datum.channel.per_si();
                 points.push(TrialPoint {
                     run: prepared.run.id.clone(),
@@ -193,8 +197,8 @@ impl Workbench {
                     unit: datum.channel.unit(),
                     depth_mm: 1e3 * datum.place.depth_m,
                     displacement_mm: 1e3 * datum.place.level_m,
-                    before: unit * before,
-                    after: unit * after,
+                    before: unit * values_before,
+                    after: unit * values_after,
                     noise_sd: unit * self.noise_sd(datum.channel, &datum.source),
                 });
             }

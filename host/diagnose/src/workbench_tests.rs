@@ -14,8 +14,8 @@ fn a_trial_is_worth_what_the_search_finds_and_shrinks_what_was_held_out() {
     let mut bench = Workbench::new(&session, &Options::default()).expect("a workbench");
     let backlash = effect("rig.backlash").expect("an effect");
     let trial = bench.fit(&[backlash]).expect("a trial");
-    let (_, found) = found_in(&session);
-    let member = found.members.first().expect("found");
+    let (_, search_result) = found_in(&session);
+    let member = search_result.members.first().expect("found");
     assert!(
         (trial.log_evidence_gain - member.gain).abs() < 0.05,
         "{} {}",
@@ -24,8 +24,11 @@ fn a_trial_is_worth_what_the_search_finds_and_shrinks_what_was_held_out() {
     );
     let gap = trial.held_out.as_ref().expect("held out");
     assert!(gap.after.chi2_reduced < 0.6 * gap.before.chi2_reduced, "{gap:?}");
-    let [before, after] = &trial.learned;
-    assert!(after.chi2_reduced < 0.6 * before.chi2_reduced, "{before:?} {after:?}");
+    let [learned_before, learned_after] = &trial.learned;
+    assert!(
+        learned_after.chi2_reduced < 0.6 * learned_before.chi2_reduced,
+        "{learned_before:?} {learned_after:?}"
+    );
     let size = trial.effects[0].parameters.values().next().expect("a parameter");
     assert!((size.value - 0.12).abs() < 0.04, "{size:?}");
     assert!(trial.points.iter().all(|point| point.noise_sd > 0.0 && point.before.is_finite()));
@@ -37,16 +40,16 @@ fn what_was_tried_before_makes_no_difference() {
     let options = Options::default();
     let [backlash, gain] = ["rig.backlash", "sensor.force_gain"].map(|id| effect(id).expect("an effect"));
     let mut first = Workbench::new(&session, &options).expect("a workbench");
-    let both = first.fit(&[gain, backlash]).expect("a trial");
-    let none = first.fit(&[]).expect("a trial");
+    let two_effects = first.fit(&[gain, backlash]).expect("a trial");
+    let no_effects = first.fit(&[]).expect("a trial");
     let again = first.fit(&[backlash, gain]).expect("a trial");
     let mut second = Workbench::new(&session, &options).expect("a workbench");
     second.fit(&[gain]).expect("a trial");
-    assert_eq!(both, again);
-    assert_eq!(both, second.fit(&[backlash, gain, gain]).expect("a trial"));
-    assert_eq!(none.log_evidence_gain, 0.0);
-    assert_eq!(none.learned[0], none.learned[1]);
-    assert!(none.points.iter().all(|point| point.before == point.after));
+    assert_eq!(two_effects, again);
+    assert_eq!(two_effects, second.fit(&[backlash, gain, gain]).expect("a trial"));
+    assert_eq!(no_effects.log_evidence_gain, 0.0);
+    assert_eq!(no_effects.learned[0], no_effects.learned[1]);
+    assert!(no_effects.points.iter().all(|point| point.before == point.after));
 }
 
 #[test]

@@ -80,8 +80,8 @@ pub fn ranking(found: &Diagnosis) -> Result<String, FigureError> {
 /// [`FigureError`] where the drawing fails.
 pub fn gap(gap: &HeldOutMisfit) -> Result<String, FigureError> {
     let sides = gap.before.rmse.iter().flat_map(|(name, before)| {
-        let after = gap.after.rmse.get(name).copied().unwrap_or(f64::NAN);
-        [(format!("{name} before"), *before, BEFORE), (format!("{name} after"), after, AFTER)]
+        let rmse_after = gap.after.rmse.get(name).copied().unwrap_or(f64::NAN);
+        [(format!("{name} before"), *before, BEFORE), (format!("{name} after"), rmse_after, AFTER)]
     });
     let bars: Vec<_> = sides.collect();
     bar_chart("root mean square of the residuals, held-out runs", "N or mm", &bars, None)

@@ -3,7 +3,7 @@
 use super::{FONT, FigureError, GREY, WIDTH, axes, failed, headroom, legend, range};
 use plotters::prelude::*;
 
-/// What is drawn: times in seconds, displacements in millimetres.
+/// Quantities of the figure: times in seconds, displacements in millimetres.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Displacement {
     /// Vertical displacement.
@@ -28,7 +28,7 @@ pub fn displacement(id: &str, of: &Displacement) -> Result<String, FigureError> 
         let times_s = of.y.iter().map(|at| at.0).chain(of.rejected_s.iter().copied());
         let x = range(times_s);
         let y = headroom(range(of.y.iter().chain(&of.x).map(|at| at.1)), 3, 400);
-        let below = y.start;
+        let baseline = y.start;
         let mut chart = axes(&area, x, y, "displacement, mm", "time, s")?;
         for (name, colour, points) in [("vertical", BLUE, &of.y), ("horizontal", RED, &of.x)] {
             if points.is_empty() {
@@ -41,7 +41,8 @@ pub fn displacement(id: &str, of: &Displacement) -> Result<String, FigureError> 
                 .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], colour.stroke_width(2)));
         }
         if !of.rejected_s.is_empty() {
-            let rejected = of.rejected_s.iter().map(|time_s| Cross::new((*time_s, below), 4, GREY.filled()));
+            let rejected =
+                of.rejected_s.iter().map(|time_s| Cross::new((*time_s, baseline), 4, GREY.filled()));
             chart
                 .draw_series(rejected)
                 .map_err(failed)?

@@ -4,7 +4,7 @@ use super::{Area, FONT, FigureError, GREY, WIDTH, axes, band, failed, legend, ra
 use inference::predict::{InsertionResult, PlaneResult};
 use plotters::prelude::*;
 
-/// What is drawn of one plane.
+/// Quantities of one plane.
 struct Plane<'a> {
     name: &'static str,
     colour: RGBColor,
@@ -40,9 +40,9 @@ pub fn insertion(one: &InsertionResult) -> Result<String, FigureError> {
         area.fill(&WHITE).map_err(failed)?;
         let title = format!("{}: tip predicted from {:.0} mm", one.id, one.identified_until_mm);
         let area = area.titled(&title, (FONT, 22)).map_err(failed)?;
-        let (above, below) = area.split_vertically(480);
-        path(&above, one, &planes)?;
-        load(&below, one, &planes)?;
+        let (upper_area, lower_area) = area.split_vertically(480);
+        path(&upper_area, one, &planes)?;
+        load(&lower_area, one, &planes)?;
         area.present().map_err(failed)?;
     }
     Ok(svg)
@@ -54,8 +54,8 @@ fn path(area: &Area<'_>, one: &InsertionResult, planes: &[Plane<'_>]) -> Result<
     let measured = planes.iter().flat_map(|plane| plane.measured_mm.iter().flatten().copied());
     let tips = range(ends.chain(measured));
     let mut chart = axes(area, depths, tips.clone(), "tip position, mm", "")?;
-    let until = [(one.identified_until_mm, tips.start), (one.identified_until_mm, tips.end)];
-    chart.draw_series(LineSeries::new(until, GREY)).map_err(failed)?;
+    let identified_line = [(one.identified_until_mm, tips.start), (one.identified_until_mm, tips.end)];
+    chart.draw_series(LineSeries::new(identified_line, GREY)).map_err(failed)?;
     for plane in planes {
         let colour = plane.colour;
         chart
@@ -86,8 +86,8 @@ fn load(area: &Area<'_>, one: &InsertionResult, planes: &[Plane<'_>]) -> Result<
     let bands: Vec<[Vec<f64>; 2]> = planes.iter().map(|plane| [end(plane, -1.0), end(plane, 1.0)]).collect();
     let loads = range(bands.iter().flatten().flatten().copied());
     let mut chart = axes(area, depths, loads.clone(), "tip load, N", "insertion depth, mm")?;
-    let until = [(one.identified_until_mm, loads.start), (one.identified_until_mm, loads.end)];
-    chart.draw_series(LineSeries::new(until, GREY)).map_err(failed)?;
+    let identified_line = [(one.identified_until_mm, loads.start), (one.identified_until_mm, loads.end)];
+    chart.draw_series(LineSeries::new(identified_line, GREY)).map_err(failed)?;
     for (plane, [low, high]) in planes.iter().zip(&bands) {
         chart.draw_series(std::iter::once(band(&one.depth_mm, low, high, plane.colour))).map_err(failed)?;
         let line = one.depth_mm.iter().copied().zip(plane.load.force_n.iter().copied());

@@ -27,7 +27,7 @@ pub fn force(run: &LateralRun, found: &RunResult) -> Result<String, FigureError>
     if let (Some(displacement_m), Some(force_n)) = (&series.displacement_x_m, &series.force_x_n) {
         planes.push(("horizontal", RED, thinned(displacement_m, force_n)));
     }
-    let used: Vec<_> = found.holds.iter().filter(|hold| hold.used).collect();
+    let used_holds: Vec<_> = found.holds.iter().filter(|hold| hold.used).collect();
     let fitted = fitted_y(found);
     let mut svg = String::new();
     {
@@ -46,7 +46,7 @@ pub fn force(run: &LateralRun, found: &RunResult) -> Result<String, FigureError>
                 .label(format!("{name}, one sample in {every}"))
                 .legend(move |(x, y)| Circle::new((x + 8, y), 2, colour.filled()));
         }
-        let means = used.iter().map(|hold| (hold.displacement_y_mm, hold.force_y_n));
+        let means = used_holds.iter().map(|hold| (hold.displacement_y_mm, hold.force_y_n));
         chart
             .draw_series(means.map(|at| Circle::new(at, 5, BLACK.stroke_width(2))))
             .map_err(failed)?
@@ -65,19 +65,19 @@ pub fn force(run: &LateralRun, found: &RunResult) -> Result<String, FigureError>
 
 /// Fitted vertical force of the holds, by displacement.
 fn fitted_y(found: &RunResult) -> Vec<(f64, f64)> {
-    let of_force = |one: &&ResidualResult| one.channel == "force" && one.plane == "y";
-    let used: Vec<_> = found.holds.iter().filter(|hold| hold.used).collect();
-    let fitted = found.residuals.iter().filter(of_force).filter_map(|one| {
-        let hold = used.get(one.hold)?;
-        Some((hold.displacement_y_mm, hold.force_y_n - one.sigma * hold.force_y_se_n?))
-    });
+    let used_holds: Vec<_> = found.holds.iter().filter(|hold| hold.used).collect();
+    let fitted =
+        found.residuals.iter().filter(|one| one.channel == "force" && one.plane == "y").filter_map(|one| {
+            let hold = used_holds.get(one.hold)?;
+            Some((hold.displacement_y_mm, hold.force_y_n - one.sigma * hold.force_y_se_n?))
+        });
     let mut fitted: Vec<(f64, f64)> = fitted.collect();
     fitted.sort_by(|a, b| a.0.total_cmp(&b.0));
     fitted
 }
 
-/// What the fit leaves of every reading, in standard deviations: the shape along the needle, and all channels over time (the middle
-/// of the hold). Noise scatters about 0, nearly all of it within the grey lines at 2.
+/// Residuals of every reading, in standard deviations: the shape along the needle, and all channels over time (the
+/// middle of the hold). Noise scatters about 0, nearly all of it within the grey lines at 2.
 ///
 /// # Errors
 /// [`FigureError`] where the drawing fails.
@@ -92,9 +92,9 @@ pub fn run_residuals(found: &RunResult) -> Result<String, FigureError> {
         area.fill(&WHITE).map_err(failed)?;
         let title = format!("{}: residuals, standard deviations", found.id);
         let area = area.titled(&title, (FONT, 22)).map_err(failed)?;
-        let (above, below) = area.split_vertically(280);
-        panel(&above, found, "position along the needle, mm", &along)?;
-        panel(&below, found, "time, s", &over_time)?;
+        let (upper_area, lower_area) = area.split_vertically(280);
+        panel(&upper_area, found, "position along the needle, mm", &along)?;
+        panel(&lower_area, found, "time, s", &over_time)?;
         area.present().map_err(failed)?;
     }
     Ok(svg)

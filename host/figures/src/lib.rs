@@ -67,11 +67,11 @@ pub fn shape(run: &RunResult) -> Result<String, FigureError> {
         area.fill(&WHITE).map_err(failed)?;
         let title = format!("{}: needle shape at {:.1} mm", run.id, run.depth_mm);
         let area = area.titled(&title, (FONT, 22)).map_err(failed)?;
-        let (above, below) = area.split_vertically(430);
+        let (upper_area, lower_area) = area.split_vertically(430);
         let z_mm = range(run.shape.iter().flat_map(|shape| &shape.z_mm).copied());
         let deflections = run.shape.iter().flat_map(|shape| shape.measured_mm.iter().chain(&shape.fitted_mm));
         let deflections = headroom(range(deflections.copied()), run.shape.len(), 370);
-        let mut chart = axes(&above, z_mm.clone(), deflections, "deflection, mm", "")?;
+        let mut chart = axes(&upper_area, z_mm.clone(), deflections, "deflection, mm", "")?;
         for (index, shape) in run.shape.iter().enumerate() {
             let colour = Palette99::pick(index).to_rgba();
             chart
@@ -88,9 +88,14 @@ pub fn shape(run: &RunResult) -> Result<String, FigureError> {
         }
         legend(&mut chart)?;
         let rest = |shape: &ShapeResult, i: usize| Some(shape.measured_mm.get(i)? - shape.fitted_mm.get(i)?);
-        let left = run.shape.iter().flat_map(|shape| pairs(shape, rest).map(|(_, rest)| rest));
-        let mut chart =
-            axes(&below, z_mm, range(left), "measured - fitted, mm", "position along the needle, mm")?;
+        let residuals = run.shape.iter().flat_map(|shape| pairs(shape, rest).map(|(_, rest)| rest));
+        let mut chart = axes(
+            &lower_area,
+            z_mm,
+            range(residuals),
+            "measured - fitted, mm",
+            "position along the needle, mm",
+        )?;
         for (index, shape) in run.shape.iter().enumerate() {
             let colour = Palette99::pick(index).to_rgba();
             chart
@@ -104,9 +109,9 @@ pub fn shape(run: &RunResult) -> Result<String, FigureError> {
 
 /// A range with room above the data for a legend of so many lines in so many pixels; at most as much again.
 fn headroom(range: Range<f64>, lines: usize, pixels: u32) -> Range<f64> {
-    let share = (LEGEND_LINE * lines as f64 + 8.0) / f64::from(pixels);
-    let share = share.min(0.5);
-    range.start..range.end + (range.end - range.start) * share / (1.0 - share)
+    let legend_fraction = (LEGEND_LINE * lines as f64 + 8.0) / f64::from(pixels);
+    let limited = legend_fraction.min(0.5);
+    range.start..range.end + (range.end - range.start) * limited / (1.0 - limited)
 }
 
 /// Rise of chi-square over K; nothing where the profile was not requested.
@@ -268,9 +273,9 @@ fn pairs(
 
 /// The area between two lines.
 fn band(depths: &[f64], low: &[f64], high: &[f64], colour: RGBColor) -> Polygon<(f64, f64)> {
-    let there = depths.iter().copied().zip(low.iter().copied());
-    let back = depths.iter().copied().zip(high.iter().copied()).rev();
-    Polygon::new(there.chain(back).collect::<Vec<_>>(), colour.mix(0.15).filled())
+    let outward = depths.iter().copied().zip(low.iter().copied());
+    let backward = depths.iter().copied().zip(high.iter().copied()).rev();
+    Polygon::new(outward.chain(backward).collect::<Vec<_>>(), colour.mix(0.15).filled())
 }
 
 /// From the least to the greatest finite value and a little more; never empty.

@@ -126,9 +126,9 @@ fn forest(found: &Population) -> Result<String, FigureError> {
     rows_of_k(&title, &names, ends, |chart| {
         let top = names.len() as f64 - 1.0;
         let mut line = |index: usize, [low, high]: [f64; 2], style: ShapeStyle| {
-            let at = top - index as f64;
+            let height = top - index as f64;
             chart
-                .draw_series(LineSeries::new([(low.ln(), at), (high.ln(), at)], style))
+                .draw_series(LineSeries::new([(low.ln(), height), (high.ln(), height)], style))
                 .map(|_| ())
                 .map_err(failed)
         };
@@ -158,21 +158,23 @@ fn spread(found: &Population) -> Result<String, FigureError> {
     rows_of_k("K by group: sessions, mean, and 95 % of new subjects", &names, ends, |chart| {
         let top = names.len() as f64 - 1.0;
         for (index, group) in found.groups.iter().enumerate() {
-            let at = top - index as f64;
+            let height = top - index as f64;
             if let Some([low, high]) = group.new_subject95_kpa {
-                let bar =
-                    Rectangle::new([(low.ln(), at - 0.3), (high.ln(), at + 0.3)], RED.mix(0.15).filled());
+                let bar = Rectangle::new(
+                    [(low.ln(), height - 0.3), (high.ln(), height + 0.3)],
+                    RED.mix(0.15).filled(),
+                );
                 chart.draw_series([bar]).map_err(failed)?;
             }
             let mean = group.k_kpa.value.ln();
-            let line = LineSeries::new([(mean, at - 0.3), (mean, at + 0.3)], RED.stroke_width(2));
+            let line = LineSeries::new([(mean, height - 0.3), (mean, height + 0.3)], RED.stroke_width(2));
             chart.draw_series(line).map_err(failed)?;
             let of_group = found.rows.iter().filter(|row| row.group == group.group).enumerate();
             let points = of_group.map(|(number, row)| {
                 // Rows of a group beside each other, not on each other.
-                let beside = 0.5 * ((number as f64 * 0.618_034).fract() - 0.5);
+                let jitter = 0.5 * ((number as f64 * 0.618_034).fract() - 0.5);
                 let style = if row.used { BLUE.mix(0.6).filled() } else { GREY.stroke_width(1) };
-                Circle::new((row.k_kpa.value.ln(), at + beside), 3, style)
+                Circle::new((row.k_kpa.value.ln(), height + jitter), 3, style)
             });
             chart.draw_series(points).map_err(failed)?;
         }
@@ -257,11 +259,11 @@ fn shrinkage(found: &Population) -> Result<String, FigureError> {
     rows_of_k("K of sessions (open) and shrunk to the group (filled)", &names, values.into_iter(), |chart| {
         let top = names.len() as f64 - 1.0;
         for (index, (row, shrunk)) in rows.iter().enumerate() {
-            let at = top - index as f64;
-            let line = LineSeries::new([(row.k_kpa.value.ln(), at), (shrunk.ln(), at)], GREY);
+            let height = top - index as f64;
+            let line = LineSeries::new([(row.k_kpa.value.ln(), height), (shrunk.ln(), height)], GREY);
             chart.draw_series(line).map_err(failed)?;
-            let open = Circle::new((row.k_kpa.value.ln(), at), 4, BLUE.stroke_width(1));
-            let full = Circle::new((shrunk.ln(), at), 4, BLUE.filled());
+            let open = Circle::new((row.k_kpa.value.ln(), height), 4, BLUE.stroke_width(1));
+            let full = Circle::new((shrunk.ln(), height), 4, BLUE.filled());
             chart.draw_series([open, full]).map_err(failed)?;
         }
         Ok(())

@@ -3,7 +3,7 @@
 use super::{FONT, FigureError, GREY, WIDTH, axes, band, failed, legend, range};
 use plotters::prelude::*;
 
-/// What is drawn of a run, millimetres.
+/// Quantities of a run's figure, millimetres.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Steered {
     /// Target: x, y, depth.
@@ -18,7 +18,7 @@ pub struct Steered {
     pub reachable_mm: Vec<[f64; 2]>,
     /// Tip that was expected at the target at every stop: x, y, standard deviation per axis.
     pub expected_mm: Vec<[f64; 3]>,
-    /// Where the tip is; nothing before a run.
+    /// Position of the tip; `None` before a run.
     pub tip_mm: Option<[f64; 2]>,
 }
 
@@ -35,7 +35,7 @@ pub fn steered_path(run: &Steered) -> Result<String, FigureError> {
         let area = SVGBackend::with_string(&mut svg, (WIDTH, 760)).into_drawing_area();
         area.fill(&WHITE).map_err(failed)?;
         let area = area.titled("Path of the tip and of guide 2", (FONT, 22)).map_err(failed)?;
-        let (above, below) = area.split_vertically(480);
+        let (upper_area, lower_area) = area.split_vertically(480);
         let depths = range([0.0, target_depth_mm].into_iter());
         let tips = run.readings_mm.iter().flat_map(|[_, x, y]| [*x, *y]);
         let planned = run
@@ -43,15 +43,15 @@ pub fn steered_path(run: &Steered) -> Result<String, FigureError> {
             .iter()
             .flat_map(|[_, x, y, sd]| [x - 2.0 * sd, x + 2.0 * sd, y - 2.0 * sd, y + 2.0 * sd]);
         let tips = range(tips.chain(planned).chain([run.target_mm[0], run.target_mm[1]]));
-        let mut chart = axes(&above, depths.clone(), tips, "tip, mm", "")?;
+        let mut chart = axes(&upper_area, depths.clone(), tips, "tip, mm", "")?;
         for (plane, (name, colour)) in PLANES.into_iter().enumerate() {
-            let at: Vec<f64> = run.planned_mm.iter().map(|one| one[0]).collect();
+            let depths: Vec<f64> = run.planned_mm.iter().map(|one| one[0]).collect();
             let edge = |sign: f64| -> Vec<f64> {
                 run.planned_mm.iter().map(|one| one[1 + plane] + sign * 1.96 * one[3]).collect()
             };
-            if at.len() > 1 {
+            if depths.len() > 1 {
                 chart
-                    .draw_series(std::iter::once(band(&at, &edge(-1.0), &edge(1.0), colour)))
+                    .draw_series(std::iter::once(band(&depths, &edge(-1.0), &edge(1.0), colour)))
                     .map_err(failed)?;
             }
             chart
@@ -63,21 +63,23 @@ pub fn steered_path(run: &Steered) -> Result<String, FigureError> {
                 .label(format!("{name}: planned with 95 % band, measured, target"))
                 .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], colour.stroke_width(2)));
             let dots = run.readings_mm.iter().map(|one| (one[0], one[1 + plane]));
-            chart.draw_series(dots.map(|at| Circle::new(at, 2, colour.stroke_width(1)))).map_err(failed)?;
+            chart
+                .draw_series(dots.map(|depths| Circle::new(depths, 2, colour.stroke_width(1))))
+                .map_err(failed)?;
             let target = (target_depth_mm, run.target_mm[plane]);
             chart.draw_series([Cross::new(target, 6, colour.stroke_width(2))]).map_err(failed)?;
         }
         legend(&mut chart)?;
         let guide = range(run.guide_mm.iter().flat_map(|[_, x, y]| [*x, *y]).chain([0.0]));
-        let mut chart = axes(&below, depths, guide, "guide 2, mm", "depth, mm")?;
+        let mut chart = axes(&lower_area, depths, guide, "guide 2, mm", "depth, mm")?;
         for (plane, (_, colour)) in PLANES.into_iter().enumerate() {
-            let mut before_mm = 0.0;
+            let mut previous_mm = 0.0;
             let mut steps = vec![(0.0, 0.0)];
             for one in &run.guide_mm {
-                steps.extend([(one[0], before_mm), (one[0], one[1 + plane])]);
-                before_mm = one[1 + plane];
+                steps.extend([(one[0], previous_mm), (one[0], one[1 + plane])]);
+                previous_mm = one[1 + plane];
             }
-            steps.push((target_depth_mm, before_mm));
+            steps.push((target_depth_mm, previous_mm));
             chart.draw_series(LineSeries::new(steps, colour.stroke_width(2))).map_err(failed)?;
         }
         area.present().map_err(failed)?;
@@ -114,8 +116,8 @@ pub fn steered_target(run: &Steered) -> Result<String, FigureError> {
             .legend(|(x, y)| Rectangle::new([(x, y - 5), (x + 16, y + 5)], GREY.mix(0.2).filled()));
         let count = run.expected_mm.len().max(1) as f64;
         let expected = run.expected_mm.iter().enumerate().map(|(number, [x, y, _])| {
-            let share = 0.2 + 0.8 * (number as f64 + 1.0) / count;
-            Circle::new((*x, *y), 4, BLUE.mix(share).stroke_width(1))
+            let opacity = 0.2 + 0.8 * (number as f64 + 1.0) / count;
+            Circle::new((*x, *y), 4, BLUE.mix(opacity).stroke_width(1))
         });
         chart
             .draw_series(expected)

@@ -17,9 +17,9 @@ pub fn steering(one: &TrackResult) -> Result<String, FigureError> {
         let area = area
             .titled(&format!("{}: tip, stiffness and damping online", one.id), (FONT, 22))
             .map_err(failed)?;
-        let (tip_area, rest) = area.split_vertically(380);
-        let (error_area, rest) = rest.split_vertically(210);
-        let (stiffness_area, damping_area) = rest.split_vertically(280);
+        let (tip_area, lower_rows) = area.split_vertically(380);
+        let (error_area, remaining_rows) = lower_rows.split_vertically(210);
+        let (stiffness_area, damping_area) = remaining_rows.split_vertically(280);
         tip(&tip_area, one)?;
         error(&error_area, one)?;
         let stiffness = Parameter {
@@ -101,8 +101,8 @@ struct Parameter<'a> {
     high: &'a [f64],
 }
 
-/// Where a value is identified, its line; its interval everywhere, cut at three times the largest value (before anything is identified it spans
-/// decades).
+/// Line where a value is identified; its interval everywhere, cut at three times the largest value (before it is
+/// identified it spans decades).
 fn parameter(
     area: &Area<'_>,
     depths_mm: &[f64],

@@ -31,8 +31,8 @@ fn every_point_of_a_shape_is_drawn_twice_and_text_is_escaped() {
 
     let curve = likelihood(&result.pooled).expect("a figure").expect("a profile");
     assert!(curve.contains("<polyline"));
-    let without = identify(&session, &Options { profile: false, ..options }).expect("identifies");
-    assert_eq!(likelihood(&without.pooled).expect("no figure"), None);
+    let without_profile = identify(&session, &Options { profile: false, ..options }).expect("identifies");
+    assert_eq!(likelihood(&without_profile.pooled).expect("no figure"), None);
 }
 
 #[test]
@@ -70,6 +70,6 @@ fn blocks_have_a_line_for_each_mounting_and_one_for_the_half_space() {
 
 #[test]
 fn ticks_are_plain_numbers() {
-    let found: Vec<String> = [-2.8e-17, 70.0, -0.05, 0.1 + 0.2, 1e4].iter().map(tick).collect();
-    assert_eq!(found, ["0", "70", "-0.05", "0.3", "10000"]);
+    let labels: Vec<String> = [-2.8e-17, 70.0, -0.05, 0.1 + 0.2, 1e4].iter().map(tick).collect();
+    assert_eq!(labels, ["0", "70", "-0.05", "0.3", "10000"]);
 }

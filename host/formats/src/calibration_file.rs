@@ -13,11 +13,11 @@ const ID_BYTES: usize = 16;
 /// Codes of the converter; the last knot of a record lies one beyond them.
 const CODES: [f64; 2] = [0.0, 4_095.0];
 const KNOT_CODES: [f64; 2] = [0.0, 4_096.0];
-/// What fits into the record's 16 bits of micrometres.
+/// Range of the record's 16 bits of micrometres.
 const POSITION_MM: [f64; 2] = [-32.768, 32.767];
 const TRAVEL_MM: [f64; 2] = [0.001, 32.767];
 const FORCE_RANGE_N: [f64; 2] = [0.001, 1_000.0];
-/// What fits into the record's 32 bits of piconewtons.
+/// Range of the record's 32 bits of piconewtons.
 const FORCE_N_PER_CODE: [f64; 2] = [-2.147e-3, 2.147e-3];
 /// Least sine of the angle between the rows of the force matrix.
 const MIN_SINE: f64 = 0.05;
@@ -126,9 +126,11 @@ fn potentiometer(fields: &Fields<'_>) -> Result<PotentiometerTable, SessionError
 
 /// Two or more whole codes in rising order.
 fn rising_codes(fields: &Fields<'_>, field: &str, range: [f64; 2]) -> Result<Vec<f64>, SessionError> {
-    let expected = || format!("two or more whole codes from {} to {}, rising", range[0], range[1]);
+    fn expected(range: &[f64; 2]) -> String {
+        format!("two or more whole codes from {} to {}, rising", range[0], range[1])
+    }
     let codes = fields.optional_list(field, range, 0)?;
-    let codes = codes.ok_or_else(|| fields.field_fault(field, Problem::Missing, expected()))?;
+    let codes = codes.ok_or_else(|| fields.field_fault(field, Problem::Missing, expected(&range)))?;
     let problem = if codes.len() < 2 {
         Some(Problem::Count(codes.len()))
     } else if let Some(code) = codes.iter().find(|code| code.fract() != 0.0) {
@@ -138,7 +140,7 @@ fn rising_codes(fields: &Fields<'_>, field: &str, range: [f64; 2]) -> Result<Vec
         pair.map(|(_, after)| Problem::NotIncreasing(*after))
     };
     match problem {
-        Some(problem) => Err(fields.field_fault(field, problem, expected())),
+        Some(problem) => Err(fields.field_fault(field, problem, expected(&range))),
         None => Ok(codes),
     }
 }
@@ -154,13 +156,14 @@ fn knots_um(fields: &Fields<'_>, field: &str, codes: &[f64]) -> Result<Option<[i
     let mut knots_um = [0; KNOTS];
     for (knot, um) in (0u16..).zip(&mut knots_um) {
         let code = f64::from(knot * CODES_PER_KNOT);
-        let found_um = along(&points, code).round();
+        let position_um = along(&points, code).round();
         let [least, most] = POSITION_MM;
-        if !(1e3 * least..=1e3 * most).contains(&found_um) {
-            let problem = Problem::Syntax(format!("the position at code {code} is {} mm", 1e-3 * found_um));
+        if !(1e3 * least..=1e3 * most).contains(&position_um) {
+            let problem =
+                Problem::Syntax(format!("the position at code {code} is {} mm", 1e-3 * position_um));
             return Err(fields.field_fault(field, problem, format!("positions from {least} to {most} mm")));
         }
-        *um = found_um as i16;
+        *um = position_um as i16;
     }
     let monotonic = |values: &mut dyn Iterator<Item = [f64; 2]>| {
         let steps: Vec<bool> = values.map(|[before, after]| after > before).collect();
@@ -181,8 +184,8 @@ fn along(points: &[[f64; 2]], code: f64) -> f64 {
     let lines = || points.iter().zip(points.iter().skip(1));
     let line = lines().find(|(_, to)| code <= to[0]).or_else(|| lines().next_back());
     line.map_or(0.0, |(from, to)| {
-        let share = (code - from[0]) / (to[0] - from[0]);
-        from[1] + share * (to[1] - from[1])
+        let fraction = (code - from[0]) / (to[0] - from[0]);
+        from[1] + fraction * (to[1] - from[1])
     })
 }
 
@@ -207,7 +210,9 @@ pub fn knots_mm(knots_um: [i16; KNOTS]) -> [f64; KNOTS] {
 }
 
 fn to_toml(record: &CalibrationRecord) -> String {
-    let decimals = |values: [f64; KNOTS]| values.map(|value| format!("{value:.3}")).join(", ");
+    fn decimals(values: [f64; KNOTS]) -> String {
+        values.map(|value| format!("{value:.3}")).join(", ")
+    }
     let [x, y] = force_n_per_code(record).map(|row| row.map(|n| format!("{n:e}")).join(", "));
     let mut text = format!(
         "id = {id}\ntravel_mm = {travel:.3}\nforce_range_n = {range:.3}\n\
@@ -261,7 +266,9 @@ falling_mm = [20.1, -19.0]
     fn constants_that_no_rig_has_name_their_field() {
         let text = FILE.replace("[-10, 0, 30]", "[-10.5, 0, 30]").replace("[20.0, -19.0]", "[25.0, -24.0]");
         let text = text.replace("[20.1, -19.0]", "[25.1, -24.0]");
-        let parse = |text: &str| sound(Path::new("c.toml"), text).map_err(|error| error.to_string());
+        fn parse(text: &str) -> Result<CalibrationRecord, String> {
+            sound(Path::new("c.toml"), text).map_err(|error| error.to_string())
+        }
         parse(&text).expect("sound");
         for (from, to, expected) in [
             (
@@ -367,9 +374,9 @@ falling_mm = [20.1, -19.0]
         #[test]
         fn arbitrary_text_never_panics(text in "\\PC{0,80}", at in any::<prop::sample::Index>(), with in any::<char>()) {
             let _ = parse(&text);
-            let at = at.index(FILE.len());
+            let damaged_index = at.index(FILE.len());
             let mut damaged: Vec<char> = FILE.chars().collect();
-            damaged[at] = with;
+            damaged[damaged_index] = with;
             let _ = parse(&damaged.into_iter().collect::<String>());
         }
     }

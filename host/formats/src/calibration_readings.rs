@@ -6,7 +6,7 @@ use std::path::Path;
 
 /// Newtons; more than any sensor of the rig takes.
 const FORCE_N: [f64; 2] = [-1_000.0, 1_000.0];
-/// What a record's 16 bits of micrometres hold.
+/// Range of a record's 16 bits of micrometres.
 const POSITION_MM: [f64; 2] = [-32.768, 32.767];
 const MM: f64 = 1e-3;
 const LOADS: [Column; 4] = [
@@ -18,8 +18,8 @@ const LOADS: [Column; 4] = [
 const GAUGE: [Column; 2] =
     [Column::required("gauge_mm", MM, POSITION_MM), Column::required("position_mm", MM, POSITION_MM)];
 
-/// Reads known loads: `load_x_n,load_y_n,force_x_n,force_y_n`. Of each row the true force on the sensor and the reported one, along x and
-/// y, newtons.
+/// Reads known loads: `load_x_n,load_y_n,force_x_n,force_y_n`. True and reported force on the sensor of each row, along
+/// x and y, newtons.
 ///
 /// # Errors
 /// [`SessionError`] with file, line, column and field.
@@ -30,7 +30,8 @@ pub fn read_loads(path: &Path) -> Result<Vec<[[f64; 2]; 2]>, SessionError> {
     Ok(loads.map(|((x, y), (force_x, force_y))| [[x, y], [force_x, force_y]]).collect())
 }
 
-/// Reads a gauge, in the order of the motion: `gauge_mm,position_mm`. Of each row the gauge's and the reported position, metres.
+/// Reads a gauge, in the order of the motion: `gauge_mm,position_mm`. Position by the gauge and reported position of
+/// each row, metres.
 ///
 /// # Errors
 /// [`SessionError`] with file, line, column and field.

@@ -1,5 +1,5 @@
-//! What all files have in common: errors with the place of a fault, fields of TOML documents, tables of numbers in CSV, reading and
-//! writing of whole texts.
+//! Common parts of all files: errors with the place of a fault, fields of TOML documents, tables of numbers in CSV,
+//! reading and writing of whole texts.
 
 mod error;
 mod fields;

@@ -20,17 +20,17 @@
 mod units;
 
 use crate::document::{Fields, Problem, SessionError, read_text};
+use exmex::FlatEx;
 use exmex::prelude::*;
-use exmex::{ExError, FlatEx};
 use mechanics::effects::{Effect, ParameterInfo};
 use mechanics::terms::{DefineError, Law, OwnFunction, OwnLaw, Regressor, Site, define};
 use std::fmt::Write as _;
 use std::path::Path;
 use units::Unit;
 
-/// What the regressor is called in formulas.
+/// Name of the regressor in formulas.
 const REGRESSOR: &str = "x";
-/// What parameters may be.
+/// Range of parameters.
 const ANY: [f64; 2] = [-1e12, 1e12];
 const POSITIVE: [f64; 2] = [1e-12, 1e12];
 
@@ -50,16 +50,18 @@ pub fn define_effects(path: &Path) -> Result<Vec<&'static dyn Effect>, SessionEr
     })
 }
 
-/// What a file has of a law that a person has written, as a table of this name; nothing of another one.
+/// Table of a file, with this name, for a law that a person has written; empty for another law.
 pub(crate) fn definition(law: &Law, table: &str) -> String {
-    let Some(own) = law.own() else { return String::new() };
-    let text = |value: &str| toml::Value::from(value).to_string();
+    let Some(definition) = law.own() else { return String::new() };
+    fn text(value: &str) -> String {
+        toml::Value::from(value).to_string()
+    }
     let (site, scope) = (law.site.name(), law.scope.suffix());
     let mut lines = format!(
         "\n[{table}]\nphysics = {}\nsite = \"{site}{scope}\"\nregressor = \"{}\"\nformula = {}\n",
         text(law.info().physics),
         law.regressor.name(),
-        text(&own.formula)
+        text(&definition.formula)
     );
     for info in law.parameters() {
         let ParameterInfo { name, neutral, range, likely, prior_sd, nodes } = info;
@@ -95,27 +97,28 @@ pub(crate) fn defined(fields: &Fields<'_>, id: Option<&str>) -> Result<&'static 
     let parameters = parameters(&fields.table("parameters")?)?;
     let formula = fields.text("formula")?;
     let fault = |problem: Problem, expected: String| fields.field_fault("formula", problem, expected);
-    let unreadable =
-        |why: ExError| fault(Problem::Syntax(format!("\"{formula}\" is no formula")), why.to_string());
-    let expression = FlatEx::<f64>::parse(&formula).map_err(unreadable)?;
+    let expression = FlatEx::<f64>::parse(&formula)
+        .map_err(|why| fault(Problem::Syntax(format!("\"{formula}\" is no formula")), why.to_string()))?;
     let names: Vec<&str> = parameters.iter().map(|info| info.name).chain([REGRESSOR]).collect();
-    let mut places = Vec::new();
+    let mut variable_indices = Vec::new();
     for name in expression.var_names() {
-        let Some(place) = names.iter().position(|known| known == name) else {
+        let Some(variable_index) = names.iter().position(|known| known == name) else {
             return Err(fault(Problem::Unknown(name.clone()), names.join(", ")));
         };
-        places.push(place);
+        variable_indices.push(variable_index);
     }
     let value = move |values: &[f64], x: f64| {
-        let at = |place: &usize| values.get(*place).copied().unwrap_or(x);
-        let variables: Vec<f64> = places.iter().map(at).collect();
+        let variables: Vec<f64> =
+            variable_indices.iter().map(|place| values.get(*place).copied().unwrap_or(x)).collect();
         expression.eval(&variables).unwrap_or(f64::NAN)
     };
-    let of = |name: &str| Unit::of_name(name);
-    let own: Vec<Unit> = parameters.iter().map(|info| of(info.name)).collect();
+    fn of(name: &str) -> Unit {
+        Unit::of_name(name)
+    }
+    let parameter_units: Vec<Unit> = parameters.iter().map(|info| of(info.name)).collect();
     let sizes: Vec<f64> = parameters.iter().map(size).collect();
     let (of_x, of_site) = (of(&format!("x_{}", regressor.unit())), of(&format!("f_{}", site.unit())));
-    if !units::agree(&value, (&own, &sizes), of_x, of_site) {
+    if !units::agree(&value, (&parameter_units, &sizes), of_x, of_site) {
         let expected =
             format!("a result in {of_site}, of x in {of_x} and parameters in the units of their names");
         return Err(fault(Problem::Syntax(format!("the units of \"{formula}\" do not agree")), expected));
@@ -130,7 +133,7 @@ pub(crate) fn defined(fields: &Fields<'_>, id: Option<&str>) -> Result<&'static 
     Ok(law)
 }
 
-/// Where a formula is tried: at a likely size, away from what is neutral.
+/// Value at which a formula is evaluated as a check: at a likely size, away from what is neutral.
 fn size(info: &ParameterInfo) -> f64 {
     if info.nodes.is_empty() { info.neutral + info.prior_sd } else { info.neutral }
 }
@@ -141,29 +144,31 @@ fn parameters(table: &Fields<'_>) -> Result<Vec<ParameterInfo>, SessionError> {
     if names.is_empty() {
         return Err(table.field_fault("parameters", Problem::Empty, "at least one parameter"));
     }
-    let of = |name: &String| {
-        let fields = table.table(name)?;
-        fields.only(&["prior_sd", "range", "likely", "neutral", "nodes"])?;
-        let prior_sd = fields.number("prior_sd", POSITIVE)?;
-        let Some(range) = fields.optional_interval("range", ANY, 0)? else {
-            return Err(fields.field_fault("range", Problem::Missing, "[least, most]"));
-        };
-        let likely = fields.optional_interval("likely", ANY, 0)?.unwrap_or(range);
-        let name: &'static str = Box::leak(name.clone().into_boxed_str());
-        let nodes = fields.optional_list("nodes", ANY, 0)?.unwrap_or_default();
-        Ok(match nodes.as_slice() {
-            [] => {
-                let neutral = fields.optional_number("neutral", range)?.unwrap_or(0.0);
-                ParameterInfo::amplitude(name, neutral, range, likely, prior_sd)
-            }
-            [first, ..] => {
-                let start = *first;
-                let nodes: &'static [f64] = Box::leak(nodes.into_boxed_slice());
-                ParameterInfo::location(name, start, range, likely, prior_sd, nodes)
-            }
+    names
+        .iter()
+        .map(|name| {
+            let fields = table.table(name)?;
+            fields.only(&["prior_sd", "range", "likely", "neutral", "nodes"])?;
+            let prior_sd = fields.number("prior_sd", POSITIVE)?;
+            let Some(range) = fields.optional_interval("range", ANY, 0)? else {
+                return Err(fields.field_fault("range", Problem::Missing, "[least, most]"));
+            };
+            let likely = fields.optional_interval("likely", ANY, 0)?.unwrap_or(range);
+            let name: &'static str = Box::leak(name.clone().into_boxed_str());
+            let nodes = fields.optional_list("nodes", ANY, 0)?.unwrap_or_default();
+            Ok(match nodes.as_slice() {
+                [] => {
+                    let neutral = fields.optional_number("neutral", range)?.unwrap_or(0.0);
+                    ParameterInfo::amplitude(name, neutral, range, likely, prior_sd)
+                }
+                [first, ..] => {
+                    let start = *first;
+                    let nodes: &'static [f64] = Box::leak(nodes.into_boxed_slice());
+                    ParameterInfo::location(name, start, range, likely, prior_sd, nodes)
+                }
+            })
         })
-    };
-    names.iter().map(of).collect()
+        .collect()
 }
 
 #[cfg(test)]
@@ -185,13 +190,13 @@ mod tests {
 
     #[test]
     fn an_effect_of_a_file_is_one_of_the_program() {
-        let found = read(TUBE).expect("reads");
-        assert_eq!(found.iter().map(|effect| effect.id()).collect::<Vec<_>>(), ["lab.tube"]);
+        let tube = read(TUBE).expect("reads");
+        assert_eq!(tube.iter().map(|effect| effect.id()).collect::<Vec<_>>(), ["lab.tube"]);
         assert_eq!(effect("lab.tube").expect("known").info().physics, "a tube");
         // The same again is the same; another of that id is not.
         assert!(read(TUBE).is_ok());
-        let other = read(&TUBE.replace("0.05", "0.06")).expect_err("refused");
-        assert!(other.starts_with("my.toml:2:6: effect.id: "), "{other}");
+        let refusal = read(&TUBE.replace("0.05", "0.06")).expect_err("refused");
+        assert!(refusal.starts_with("my.toml:2:6: effect.id: "), "{refusal}");
     }
 
     #[test]

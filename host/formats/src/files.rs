@@ -42,7 +42,7 @@ impl NewFile {
         self.content.as_file()
     }
 
-    /// Where the content is until it takes its name.
+    /// Path of the content until it takes its name.
     pub fn hidden(&self) -> &Path {
         self.content.path()
     }
@@ -57,8 +57,8 @@ impl NewFile {
     }
 
     fn replace(self) -> io::Result<()> {
-        if let Ok(there) = fs::metadata(&self.path) {
-            self.content.as_file().set_permissions(there.permissions())?;
+        if let Ok(metadata) = fs::metadata(&self.path) {
+            self.content.as_file().set_permissions(metadata.permissions())?;
         }
         self.content.as_file().sync_all()?;
         self.content.persist(&self.path).map(drop).map_err(|failed| failed.error)
@@ -149,9 +149,9 @@ mod tests {
         replace(&path, b"new").expect("written");
         assert_eq!(fs::read(&path).expect("read"), b"new");
         // A folder is no file: it stays, and so does nothing else.
-        let taken = folder.path().join("taken");
-        fs::create_dir(&taken).expect("a folder");
-        assert!(replace(&taken, b"new").is_err());
+        let blocked = folder.path().join("taken");
+        fs::create_dir(&blocked).expect("a folder");
+        assert!(replace(&blocked, b"new").is_err());
         assert!(names(folder.path()).iter().all(|name| !name.ends_with(".part")));
     }
 }

@@ -1,4 +1,5 @@
-//! Where an image plane is on its probe: `image.toml`, as `guide calibrate-image --out` writes it and `guide import ultrasound
+//! Position of an image plane on its probe: `image.toml`, as `guide calibrate-image --out` writes it and `guide import
+//! ultrasound
 //! --calibration` reads it.
 //!
 //! ```toml
@@ -101,9 +102,13 @@ fn quoted(text: &str) -> String {
 
 /// Whether a transform is a rotation and a place.
 fn is_rigid(pose: &[f64; 16]) -> bool {
-    let column = |j: usize| [pose[j], pose[4 + j], pose[8 + j]];
-    let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let [x, y, z] = [column(0), column(1), column(2)];
+    fn column(j: usize, pose: &[f64; 16]) -> [f64; 3] {
+        [pose[j], pose[4 + j], pose[8 + j]]
+    }
+    fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()
+    }
+    let [x, y, z] = [column(0, pose), column(1, pose), column(2, pose)];
     let unit = [x, y, z].iter().all(|axis| (dot(*axis, *axis) - 1.0).abs() < MAX_SKEW);
     let right = [dot(x, y), dot(y, z), dot(z, x)].iter().all(|product| product.abs() < MAX_SKEW);
     unit && right && pose[12..] == [0.0, 0.0, 0.0, 1.0]

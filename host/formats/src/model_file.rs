@@ -1,4 +1,4 @@
-//! What was learned of a rig and its tissue, in a file: `model.toml`, readable with any tool.
+//! A rig and its tissue as learned from a session, in a file: `model.toml`, readable with any tool.
 //!
 //! ```toml
 //! [model]
@@ -30,8 +30,8 @@
 //! parameters = { gradient_per_mm = { value = 0.04 } }
 //! ```
 //!
-//! A parameter that does nothing at its neutral value may be omitted beside another one; a place or a time may not. What is
-//! not known here is refused: a misspelt name would change the model silently.
+//! A parameter that does nothing at its neutral value may be omitted beside another one; a place or a time may not.
+//! Unknown content is refused: a misspelt name would change the model silently.
 
 mod alternative;
 mod discrepancy;
@@ -63,13 +63,13 @@ const KILO: i32 = 3;
 /// A model of rig and tissue as a file has it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ModelFile {
-    /// Where it was learned.
+    /// Session from which it was learned.
     pub learned_from: Option<String>,
     /// Foundation modulus.
     pub modulus_pa: Option<f64>,
     /// Its 95 % interval.
     pub modulus_ci95_pa: Option<[f64; 2]>,
-    /// What the tissue is made of, where it is stated.
+    /// Support of the needle by the tissue, if it is stated.
     pub support: Option<Support>,
     /// Young's modulus of an elastic body.
     pub youngs_pa: Option<f64>,
@@ -129,26 +129,27 @@ impl ModelFile {
 
     /// Reads the tables `[tissue]`, `[tip]` and `[[effect]]` of a file whose `[tissue]` may have the fields `more` too.
     pub fn tables(file: &Fields<'_>, more: &[&str]) -> Result<Self, SessionError> {
-        let mut found = Self::default();
+        let mut tissue_tables = Self::default();
         if let Some(tissue) = file.optional_table("tissue")? {
-            let own = ["k_kpa", "k_ci95_kpa", "foundation", "poisson", "youngs_kpa", "youngs_ci95_kpa"];
-            tissue.only(&[&own, more].concat())?;
-            found.support = support(&tissue)?;
-            found.youngs_pa = tissue.optional_scaled("youngs_kpa", K_KPA, KILO)?;
-            found.youngs_ci95_pa = tissue.optional_interval("youngs_ci95_kpa", ANY, KILO)?;
-            found.modulus_pa = tissue.optional_scaled("k_kpa", K_KPA, KILO)?;
-            found.modulus_ci95_pa = tissue.optional_interval("k_ci95_kpa", ANY, KILO)?;
+            let tissue_fields =
+                ["k_kpa", "k_ci95_kpa", "foundation", "poisson", "youngs_kpa", "youngs_ci95_kpa"];
+            tissue.only(&[&tissue_fields, more].concat())?;
+            tissue_tables.support = support(&tissue)?;
+            tissue_tables.youngs_pa = tissue.optional_scaled("youngs_kpa", K_KPA, KILO)?;
+            tissue_tables.youngs_ci95_pa = tissue.optional_interval("youngs_ci95_kpa", ANY, KILO)?;
+            tissue_tables.modulus_pa = tissue.optional_scaled("k_kpa", K_KPA, KILO)?;
+            tissue_tables.modulus_ci95_pa = tissue.optional_interval("k_ci95_kpa", ANY, KILO)?;
         }
         if let Some(tip) = file.optional_table("tip")? {
             tip.only(&["load_n", "load_ci95_n"])?;
-            found.tip_load_n = tip.optional_number("load_n", LOAD_N)?;
-            found.tip_load_ci95_n = tip.optional_interval("load_ci95_n", ANY, 0)?;
+            tissue_tables.tip_load_n = tip.optional_number("load_n", LOAD_N)?;
+            tissue_tables.tip_load_ci95_n = tip.optional_interval("load_ci95_n", ANY, 0)?;
         }
         if let Some(discrepancy) = file.optional_table("discrepancy")? {
             discrepancy.only(&DISCREPANCY_NAMES)?;
             for name in DISCREPANCY_NAMES {
                 let multiple = discrepancy.optional_number(name, MULTIPLE)?;
-                found.discrepancy.extend(multiple.map(|multiple| (name.to_owned(), multiple)));
+                tissue_tables.discrepancy.extend(multiple.map(|multiple| (name.to_owned(), multiple)));
             }
         }
         let mut ids = HashSet::new();
@@ -158,9 +159,9 @@ impl ModelFile {
             if !ids.insert(id) {
                 return Err(fields.field_fault("id", Problem::Duplicate(id.to_owned()), "one effect per id"));
             }
-            found.effects.push(learned);
+            tissue_tables.effects.push(learned);
         }
-        Ok(found)
+        Ok(tissue_tables)
     }
 
     /// Writes the model, replacing an older one in one step; an empty `learned_from` is omitted.
@@ -173,8 +174,8 @@ impl ModelFile {
 
     fn text(&self, path: &Path) -> Result<String, SessionError> {
         let mut text = "[model]\nformat = 1\n".to_owned();
-        if let Some(from) = self.learned_from.as_deref().filter(|from| !from.trim().is_empty()) {
-            let _ = writeln!(text, "learned_from = {}", toml::Value::from(from));
+        if let Some(source) = self.learned_from.as_deref().filter(|from| !from.trim().is_empty()) {
+            let _ = writeln!(text, "learned_from = {}", toml::Value::from(source));
         }
         self.write_tables(path, "", &mut text)?;
         self.alternatives.iter().try_for_each(|other| other.write(path, &mut text))?;
@@ -193,11 +194,11 @@ impl ModelFile {
             };
             Ok::<(), SessionError>(())
         };
-        let one = |value: &'_ Option<f64>| value.map(|value| vec![value]);
-        let (modulus, load) = (one(&self.modulus_pa), one(&self.tip_load_n));
+        let as_list = |value: &'_ Option<f64>| value.map(|value| vec![value]);
+        let (modulus, load) = (as_list(&self.modulus_pa), as_list(&self.tip_load_n));
         let interval = |ends: &'_ Option<[f64; 2]>| ends.map(|ends| ends.to_vec());
         let (of_modulus, of_load) = (interval(&self.modulus_ci95_pa), interval(&self.tip_load_ci95_n));
-        let (youngs, of_youngs) = (one(&self.youngs_pa), interval(&self.youngs_ci95_pa));
+        let (youngs, of_youngs) = (as_list(&self.youngs_pa), interval(&self.youngs_ci95_pa));
         let fields = [
             ("k_kpa", modulus.as_deref()),
             ("k_ci95_kpa", of_modulus.as_deref()),
@@ -256,8 +257,10 @@ impl ModelFile {
 
     /// The modulus with the standard deviation that its interval stands for; 0 where there is no interval.
     pub fn modulus_and_sd_pa(&self) -> Option<[f64; 2]> {
-        let sd_pa = |[low, high]: [f64; 2]| (high - low) / (2.0 * NORMAL_975);
-        Some([self.modulus_pa?, self.modulus_ci95_pa.map_or(0.0, sd_pa)])
+        Some([
+            self.modulus_pa?,
+            self.modulus_ci95_pa.map_or(0.0, |[low, high]| (high - low) / (2.0 * NORMAL_975)),
+        ])
     }
 
     /// The other model's values, and this one's where it has none.
@@ -284,7 +287,7 @@ impl ModelFile {
     }
 }
 
-/// What the tissue is made of, where a file states it.
+/// Support of the needle by the tissue, if a file states it.
 fn support(tissue: &Fields<'_>) -> Result<Option<Support>, SessionError> {
     let poisson = tissue.optional_number("poisson", [0.0, 0.5])?;
     match tissue.optional_text("foundation")?.as_deref() {
@@ -349,13 +352,18 @@ pub fn has_neutral_value(info: &ParameterInfo) -> bool {
 
 /// Ids similar to one that does not exist; all ids where none is similar.
 pub fn expected_ids(id: &str) -> String {
-    let last = |id: &str| id.rsplit('.').next().unwrap_or_default().to_owned();
-    let near = |known: &&str| {
-        levenshtein(id, known) <= 3
-            || levenshtein(&last(id), &last(known)) <= 1
-            || known.split('.').any(|p| p == id)
-    };
-    let mut ids: Vec<&str> = EFFECTS.iter().map(|effect| effect.id()).filter(near).collect();
+    fn last(id: &str) -> String {
+        id.rsplit('.').next().unwrap_or_default().to_owned()
+    }
+    let mut ids: Vec<&str> = EFFECTS
+        .iter()
+        .map(|effect| effect.id())
+        .filter(|known| {
+            levenshtein(id, known) <= 3
+                || levenshtein(&last(id), &last(known)) <= 1
+                || known.split('.').any(|p| p == id)
+        })
+        .collect();
     if ids.is_empty() {
         ids = EFFECTS.iter().map(|effect| effect.id()).collect();
     }

@@ -1,4 +1,4 @@
-//! What many sessions predict of the next one, in a file: `prior.toml`, as `guide population --out` writes it.
+//! Prediction of the next session from many, in a file: `prior.toml`, as `guide population --out` writes it.
 //!
 //! ```toml
 //! [prior]
@@ -114,19 +114,22 @@ impl PriorFile {
         })
     }
 
-    /// What the prior has for a session with these labels, which the file `session` states.
+    /// Prior for a session with these labels, which the file `session` states.
     ///
     /// # Errors
     /// [`PriorGroupError`] where the session has no group, or one that the prior does not have.
     pub fn group(&self, labels: &Labels, session: &Path) -> Result<&ModulusPrior, PriorGroupError> {
-        let value = |label: &String| {
-            labels.value(label).ok_or_else(|| PriorGroupError::Unlabelled {
-                prior: self.path.clone(),
-                session: session.to_owned(),
-                label: label.clone(),
+        let values: Vec<String> = self
+            .by
+            .iter()
+            .map(|label| {
+                labels.value(label).ok_or_else(|| PriorGroupError::Unlabelled {
+                    prior: self.path.clone(),
+                    session: session.to_owned(),
+                    label: label.clone(),
+                })
             })
-        };
-        let values: Vec<String> = self.by.iter().map(value).collect::<Result<_, _>>()?;
+            .collect::<Result<_, _>>()?;
         let group = if values.is_empty() { "all".to_owned() } else { values.join(" / ") };
         self.moduli.iter().find(|one| one.group == group).ok_or_else(|| PriorGroupError::OtherGroup {
             prior: self.path.clone(),
@@ -164,17 +167,22 @@ mod tests {
     fn a_session_has_the_group_of_its_labels() {
         let prior = read(TEXT).expect("reads");
         let mut labels = Labels { tissue: Some("liver".to_owned()), ..Labels::default() };
-        let group = |labels: &Labels| prior.group(labels, Path::new("s/session.toml")).cloned();
-        let error = group(&labels).expect_err("no age").to_string();
+        fn group(labels: &Labels, prior: &PriorFile) -> Result<ModulusPrior, PriorGroupError> {
+            prior.group(labels, Path::new("s/session.toml")).cloned()
+        }
+        let error = group(&labels, &prior).expect_err("no age").to_string();
         assert_eq!(
             error,
             "s/session.toml: age: missing, expected in the session file: the groups of prior.toml are formed by age"
         );
         labels.covariates.insert("age".to_owned(), crate::session::Covariate::Number(54.5));
-        let found = group(&labels).expect("a group");
-        assert_eq!((found.modulus_pa, found.scale_ln, found.degrees_of_freedom), (5200.0, 0.14, 18.0));
+        let group_prior = group(&labels, &prior).expect("a group");
+        assert_eq!(
+            (group_prior.modulus_pa, group_prior.scale_ln, group_prior.degrees_of_freedom),
+            (5200.0, 0.14, 18.0)
+        );
         labels.tissue = Some("gel".to_owned());
-        let error = group(&labels).expect_err("another").to_string();
+        let error = group(&labels, &prior).expect_err("another").to_string();
         assert_eq!(error, "prior.toml: modulus: no group \"gel / 54.5\", expected one of liver / 54.5");
     }
 

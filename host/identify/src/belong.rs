@@ -34,29 +34,33 @@ const NEAR_SURFACE: f64 = 0.3;
 /// # Errors
 /// [`RunError::ShapeSign`].
 pub(super) fn check_shape_sign(run: &LateralRun, data: &LateralData) -> Result<(), RunError> {
-    let near_m = data.rig.entry_m + NEAR_SURFACE * data.depth_m;
+    let surface_limit_m = data.rig.entry_m + NEAR_SURFACE * data.depth_m;
     // Levels with their mean deflection near the surface; slope through their mean, so that an offset of the shape does not count.
     let mut points: Vec<[f64; 2]> = Vec::new();
     let mut is_spread = false;
     for plane in 0..data.planes {
         let first = points.len();
         for level in &data.levels {
-            let near = level.shape.iter().filter(|point| (data.rig.entry_m..=near_m).contains(&point.z_m));
-            let values: Vec<f64> = near.filter_map(|point| point.deflection_m.get(plane)).copied().collect();
+            let surface_points =
+                level.shape.iter().filter(|point| (data.rig.entry_m..=surface_limit_m).contains(&point.z_m));
+            let values: Vec<f64> =
+                surface_points.filter_map(|point| point.deflection_m.get(plane)).copied().collect();
             if let (Some(displacement), false) = (level.displacement_m.get(plane), values.is_empty()) {
                 points.push([displacement.value, values.iter().sum::<f64>() / values.len() as f64]);
             }
         }
-        let own = points.get_mut(first..).unwrap_or_default();
+        let depth_points = points.get_mut(first..).unwrap_or_default();
         // Levels at one place have nothing to be compared with but the straight needle.
-        let [low, high] = own
+        let [low, high] = depth_points
             .iter()
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [u, _]| [low.min(*u), high.max(*u)]);
         if high - low > SPREAD * high.abs().max(low.abs()) {
             is_spread = true;
-            let n = own.len() as f64;
-            let mean = own.iter().fold([0.0; 2], |sum, point| [sum[0] + point[0] / n, sum[1] + point[1] / n]);
-            own.iter_mut().for_each(|point| *point = [point[0] - mean[0], point[1] - mean[1]]);
+            let n = depth_points.len() as f64;
+            let mean = depth_points
+                .iter()
+                .fold([0.0; 2], |sum, point| [sum[0] + point[0] / n, sum[1] + point[1] / n]);
+            depth_points.iter_mut().for_each(|point| *point = [point[0] - mean[0], point[1] - mean[1]]);
         }
     }
     let square: f64 = points.iter().map(|[u, _]| u * u).sum();
@@ -68,7 +72,7 @@ pub(super) fn check_shape_sign(run: &LateralRun, data: &LateralData) -> Result<(
     Ok(())
 }
 
-/// How far a run's fit is off: of its shape in metres, and of everything in standard deviations where these are stated.
+/// Misfit of a run: of its shape in metres, and of everything in standard deviations where these are stated.
 #[derive(Clone, Copy)]
 struct Misfit {
     depth_m: f64,
@@ -113,8 +117,8 @@ pub(super) fn set_apart(
             reason: reason.clone(),
         });
     }
-    let mut kept = reasons.iter().map(Option::is_none);
-    fitted.retain(|_| kept.next().unwrap_or(true));
+    let mut run_is_kept = reasons.iter().map(Option::is_none);
+    fitted.retain(|_| run_is_kept.next().unwrap_or(true));
     unused
 }
 
@@ -122,29 +126,29 @@ pub(super) fn set_apart(
 fn reason(misfits: &[Misfit], own: usize) -> Option<String> {
     let Misfit { depth_m, shape_m, sigmas } = misfits.get(own).copied()?;
     let all = || misfits.iter().enumerate().filter(|(other, _)| *other != own).map(|(_, misfit)| *misfit);
-    let is_of_depth = |misfit: &Misfit| (misfit.depth_m - depth_m).abs() < SAME_DEPTH_M;
-    let (others, far): (Vec<Misfit>, f64) = match all().filter(is_of_depth).collect::<Vec<_>>() {
-        none if none.is_empty() => (all().collect(), FAR_OF_ALL),
-        of_depth => (of_depth, FAR),
-    };
+    let (same_depth, farthest): (Vec<Misfit>, f64) =
+        match all().filter(|misfit| (misfit.depth_m - depth_m).abs() < SAME_DEPTH_M).collect::<Vec<_>>() {
+            none if none.is_empty() => (all().collect(), FAR_OF_ALL),
+            of_depth => (of_depth, FAR),
+        };
     let median = |mut values: Vec<f64>| {
         values.sort_by(f64::total_cmp);
         values.get(values.len() / 2).copied()
     };
-    let usual_m = median(others.iter().map(|misfit| misfit.shape_m).collect())?;
-    if usual_m > 0.0 && shape_m > far * usual_m {
+    let usual_m = median(same_depth.iter().map(|misfit| misfit.shape_m).collect())?;
+    if usual_m > 0.0 && shape_m > farthest * usual_m {
         return Some(format!(
-            "its shape is {:.3} mm (RMS) off its own fit, {:.1} times as much as that of the other runs (rule: more than {far}); a \
+            "its shape is {:.3} mm (RMS) off its own fit, {:.1} times as much as that of the other runs (rule: more than {farthest}); a \
              sign, a unit or the depth may be wrong",
             1e3 * shape_m,
             shape_m / usual_m
         ));
     }
-    let usual = median(others.iter().filter_map(|misfit| misfit.sigmas).collect())?;
-    sigmas.filter(|sigmas| *sigmas > far && *sigmas > far * usual).map(|sigmas| {
+    let usual = median(same_depth.iter().filter_map(|misfit| misfit.sigmas).collect())?;
+    sigmas.filter(|sigmas| *sigmas > farthest && *sigmas > farthest * usual).map(|sigmas| {
         format!(
-            "its residuals are {sigmas:.1} times the stated noise, those of the other runs {usual:.1} times (rule: more than {far} and \
-             {far} times as much); a sign, a unit or the depth may be wrong"
+            "its residuals are {sigmas:.1} times the stated noise, those of the other runs {usual:.1} times (rule: more than {farthest} and \
+             {farthest} times as much); a sign, a unit or the depth may be wrong"
         )
     })
 }

@@ -22,26 +22,26 @@ impl FoundationResult {
         self
     }
 
-    /// Where the modulus varies with depth more than one modulus allows for, and two layers do not decide: what that means for the choice
-    /// of the foundation.
+    /// Reason if the modulus varies with depth more than one modulus allows for, and two layers do not decide: what
+    /// that means for the choice of the foundation.
     pub(super) fn undecided(&self) -> Option<String> {
         let varied =
             self.log_evidence_of_varied.filter(|gain| self.by == "evidence" && *gain >= VARIED_NATS)?;
-        let by = match self.used {
+        let subject = match self.used {
             "springs" => "springs, and K and E with them, are",
             _ => "an elastic body, and K and E with it, is",
         };
         Some(format!(
             "one modulus does not decide between springs and an elastic body: a modulus that varies with depth explains the runs better \
-             (log evidence {varied:+.1}); {by} the choice of one modulus only; compare both with two layers (guide identify --layers), or \
+             (log evidence {varied:+.1}); {subject} the choice of one modulus only; compare both with two layers (guide identify --layers), or \
              search for what is missing (guide diagnose)"
         ))
     }
 
-    /// What the tissue was modelled as, why, and what the other foundation gives: one sentence each, for people.
+    /// Model of the tissue, its reason, and the result of the other foundation: one sentence each, for people.
     pub fn sentences(&self, springs: &Pooled, youngs: &YoungsModulus) -> Vec<String> {
         let is_body = self.body.as_ref().is_some_and(|body| self.used == body.support().name());
-        let used = if is_body { "an elastic body" } else { "springs" };
+        let model_name = if is_body { "an elastic body" } else { "springs" };
         let why = match (self.log_evidence_gain, self.log_evidence_margin) {
             _ if self.by == "layers" => "by the evidence of two layers".to_owned(),
             (Some(gain), Some(margin)) => format!(
@@ -50,7 +50,7 @@ impl FoundationResult {
             _ if self.by == "stated" => "as stated".to_owned(),
             _ => "by default: an elastic body could not be compared with them".to_owned(),
         };
-        let mut sentences = vec![format!("{used}, {why}")];
+        let mut sentences = vec![format!("{model_name}, {why}")];
         let by_relation = youngs.relations.iter().find(|relation| relation.relation == "continuum");
         match &self.body {
             Some(_) if is_body => {
@@ -139,19 +139,18 @@ pub(super) fn compare(
         }
     }
     result.body = Some(body);
-    let used = result.used;
-    (result, Some(of_body).filter(|_| used == tissue.body().name()))
+    let foundation = result.used;
+    (result, Some(of_body).filter(|_| foundation == tissue.body().name()))
 }
 
 impl BodyResult {
     /// With model error in its interval.
     fn with_model_error(mut self, discrepant: DiscrepantModulus) -> Self {
         let (noise_kpa, value_kpa) = (self.youngs_modulus_kpa, 1e-3 * discrepant.ln_pa.exp());
-        let end = |kpa: f64| {
+        self.ci95_kpa = self.ci95_kpa.map(|kpa| {
             let by_data = (kpa / noise_kpa).ln();
             value_kpa * half_with_model_error(by_data.abs(), discrepant).copysign(by_data).exp()
-        };
-        self.ci95_kpa = self.ci95_kpa.map(end);
+        });
         self.youngs_modulus_kpa = value_kpa;
         self
     }
@@ -163,17 +162,18 @@ impl BodyResult {
 
 /// The runs as of a body, each fitted by itself; where the noise of the shape is not stated it is that of these fits.
 fn fitted(runs: &[Fitted], support: Support) -> Result<Vec<Fitted>, FitError> {
-    let of_run = |run: &Fitted| {
-        let mut data = LateralData { support, ..run.data.clone() };
-        let found = fit_alone(&mut data, run.known_shape_noise)?;
-        if found.at_bound.first() == Some(&true) {
-            return Err(FitError::Undetermined);
-        }
-        let estimate = Estimate::of(&found, run.known_noise);
-        let (ln_k, variance) = (estimate.ln_k, estimate.sd_ln.powi(2));
-        Ok(Fitted { data, ln_k, variance, ..run.clone() })
-    };
-    runs.iter().map(of_run).collect()
+    runs.iter()
+        .map(|run| {
+            let mut data = LateralData { support, ..run.data.clone() };
+            let single_fit = fit_alone(&mut data, run.known_shape_noise)?;
+            if single_fit.at_bound.first() == Some(&true) {
+                return Err(FitError::Undetermined);
+            }
+            let estimate = Estimate::of(&single_fit, run.known_noise);
+            let (ln_k, variance) = (estimate.ln_k, estimate.sd_ln.powi(2));
+            Ok(Fitted { data, ln_k, variance, ..run.clone() })
+        })
+        .collect()
 }
 
 /// Young's modulus of all runs, with what Poisson's ratio and the operator add to its interval.
@@ -186,28 +186,33 @@ fn body(
     let TissueModel { poisson, poisson_sd, .. } = tissue;
     let plain = Options { profile: false, bootstrap: 0, ..options.clone() };
     let mut notes = Vec::new();
-    let own = fitted(runs, tissue.body())?;
-    let pooled = pool::pool(&own, &plain, &mut notes);
+    let body_fits = fitted(runs, tissue.body())?;
+    let pooled = pool::pool(&body_fits, &plain, &mut notes);
     warnings.extend(notes.into_iter().map(|note| format!("elastic body (here K means E): {note}")));
     let value = pooled.k_kpa;
     let mut by_poisson = 0.0;
-    if let Some(other) = tissue.other_body() {
+    if let Some(alternative) = tissue.other_body() {
         // The stiffer the body sideways the softer the modulus that explains the runs.
-        let other = fitted(runs, other)?;
-        by_poisson = NORMAL_975 * (pool::pool(&other, &plain, &mut Vec::new()).k_kpa / value).ln();
+        let alternative_fits = fitted(runs, alternative)?;
+        by_poisson = NORMAL_975 * (pool::pool(&alternative_fits, &plain, &mut Vec::new()).k_kpa / value).ln();
     }
-    let varies = |id: &str| matches!(id, "tissue.layers" | "tissue.gradient");
     let fixed = options.fixed.iter().map(|(effect, _)| effect.id());
-    let operator = if fixed.chain(options.nuisances.iter().map(|n| n.id())).any(varies) {
+    let operator = if fixed
+        .chain(options.nuisances.iter().map(|n| n.id()))
+        .any(|id| matches!(id, "tissue.layers" | "tissue.gradient"))
+    {
         VARIED_ERROR
     } else {
         OPERATOR_ERROR
     };
-    let end = |kpa: f64| {
-        let by_data = (kpa / value).ln();
-        value * by_data.hypot(by_poisson).hypot(operator).copysign(by_data).exp()
+    let result = BodyResult {
+        youngs_modulus_kpa: value,
+        ci95_kpa: pooled.ci95_kpa.map(|kpa| {
+            let by_data = (kpa / value).ln();
+            value * by_data.hypot(by_poisson).hypot(operator).copysign(by_data).exp()
+        }),
+        poisson,
+        poisson_sd,
     };
-    let result =
-        BodyResult { youngs_modulus_kpa: value, ci95_kpa: pooled.ci95_kpa.map(end), poisson, poisson_sd };
-    Ok((result, own))
+    Ok((result, body_fits))
 }

@@ -15,7 +15,7 @@ use readings::draws::{DrawOptions, Draws, Group, Random, two_piece};
 const RUNS: u64 = 11;
 const ALONE: u64 = 12;
 
-/// What is stated.
+/// Stated result.
 pub(super) struct Stated<'a> {
     pub runs: &'a [RunResult],
     pub pooled: &'a Pooled,
@@ -37,7 +37,7 @@ impl Stated<'_> {
             let mut random = Random::new(options.seed, ALONE);
             (0..options.count()).map(|_| random.normal()).collect::<Vec<f64>>()
         };
-        let (of_k, of_youngs, mut draws) = match fits {
+        let (k_draws, of_youngs, mut draws) = match fits {
             Some((springs, Some(body))) if !is_springs => (springs.standard_ln, body.standard_ln, body.draws),
             Some((ModulusDraws { standard_ln, draws }, _)) => (standard_ln.clone(), standard_ln, draws),
             None => {
@@ -49,7 +49,7 @@ impl Stated<'_> {
         let drawn = |value: f64, ci95: [f64; 2], standard: &[f64]| -> Vec<f64> {
             standard.iter().map(|standard| two_piece(value, ci95, *standard, NORMAL_975)).collect()
         };
-        let k = drawn(self.pooled.k_kpa, self.pooled.ci95_kpa, &of_k);
+        let k = drawn(self.pooled.k_kpa, self.pooled.ci95_kpa, &k_draws);
         draws.scalar(Group::Posterior, "k_kpa", k);
         if let (Some(value), Some(ci95)) = (self.youngs.value, self.youngs.ci95) {
             draws.scalar(Group::Posterior, "youngs_modulus_kpa", drawn(value, ci95, &of_youngs));
@@ -60,13 +60,13 @@ impl Stated<'_> {
         };
         let runs: Vec<(String, f64, [f64; 2])> = self.runs.iter().filter_map(of_run).collect();
         let mut random = Random::new(options.seed, RUNS);
-        let row = |_| {
-            let of_run = |(_, value, ci95): &(String, f64, [f64; 2])| {
-                two_piece(*value, *ci95, random.normal(), NORMAL_975)
-            };
-            runs.iter().map(of_run).collect()
-        };
-        let rows = (0..options.count()).map(row).collect();
+        let rows = (0..options.count())
+            .map(|_| {
+                runs.iter()
+                    .map(|(_, value, ci95)| two_piece(*value, *ci95, random.normal(), NORMAL_975))
+                    .collect()
+            })
+            .collect();
         draws.names("run", runs.iter().map(|(id, ..)| id.clone()).collect());
         draws.list(Group::Posterior, "k_of_run_kpa", "run", rows);
         draws

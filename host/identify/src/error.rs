@@ -92,7 +92,7 @@ pub enum IdentifyError {
     /// None of its indentations gives a modulus.
     #[error("no indentation gives a modulus: {}", reasons.join("; "))]
     NoIndentation {
-        /// What each lacks.
+        /// Reason for each run.
         reasons: Vec<String>,
     },
     /// None of its runs can be identified.

@@ -50,8 +50,8 @@ pub(super) fn fit_run(prepared: &mut Prepared, run: &LateralRun) -> Result<Fit, 
 
 /// Fits one run's data; where the noise of the shape is not known it is taken from the fit's residuals.
 pub(super) fn fit_alone(data: &mut LateralData, known_shape_noise: bool) -> Result<Fit, FitError> {
-    let mut near = unknowns(start(data), &data.effects);
-    let mut best = fit(&near, std::slice::from_ref(data))?;
+    let mut start_values = unknowns(start(data), &data.effects);
+    let mut best = fit(&start_values, std::slice::from_ref(data))?;
     if !known_shape_noise {
         for _ in 0..4 {
             let [_, _, shape] = channel_fits(data, &best, 0);
@@ -59,8 +59,8 @@ pub(super) fn fit_alone(data: &mut LateralData, known_shape_noise: bool) -> Resu
             let freedom = (shape.count as f64 - 1.0).max(1.0);
             let scale = (shape.chi_square / freedom).sqrt();
             data.shape_sd_m = (data.shape_sd_m * scale).max(SHAPE_NOISE.least());
-            near.iter_mut().zip(&best.shared).for_each(|(parameter, value)| parameter.start = *value);
-            best = fit(&near, std::slice::from_ref(data))?;
+            start_values.iter_mut().zip(&best.shared).for_each(|(parameter, value)| parameter.start = *value);
+            best = fit(&start_values, std::slice::from_ref(data))?;
         }
     }
     Ok(best)
@@ -96,13 +96,14 @@ pub(super) fn start(data: &LateralData) -> Parameter {
     Parameter { start: best.map_or(parameter.start, |(_, ln_k)| ln_k), ..parameter }
 }
 
-/// What was found of the effects' parameters.
+/// Estimates of the effects' parameters.
 pub(super) fn nuisance_results(effects: &[&'static dyn Effect], fit: &Fit) -> Vec<NuisanceResult> {
     let parameters =
         effects.iter().flat_map(|effect| effect.parameters().iter().map(move |info| (effect, info)));
-    let found = fit.shared.iter().zip(fit.covariance.diagonal().iter().copied().collect::<Vec<_>>()).skip(1);
+    let estimates =
+        fit.shared.iter().zip(fit.covariance.diagonal().iter().copied().collect::<Vec<_>>()).skip(1);
     parameters
-        .zip(found)
+        .zip(estimates)
         .map(|((effect, info), (value, variance))| NuisanceResult {
             effect: effect.id(),
             parameter: info.name,

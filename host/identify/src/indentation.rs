@@ -42,7 +42,7 @@ pub(super) fn reference(
     let sample = Sample::of(&moduli_pa);
     let against = |values: &[f64]| welch_p(Sample::of(values)?, sample?);
     let k_pa: Vec<f64> = fitted.iter().map(|run| run.ln_k.exp()).collect();
-    // Where E is refused for the pooled K it is for every run.
+    // If E is refused for the pooled K it is refused for every run.
     let of_run =
         |depth_m: f64, k_pa: f64| youngs.of_modulus(depth_m, k_pa).filter(|_| pooled.value.is_some());
     let youngs_pa: Vec<f64> =
@@ -70,8 +70,8 @@ pub fn indentations(session: &Session) -> Result<Indentations, IdentifyError> {
         return Err(IdentifyError::NoRuns { path: session.dir.join("session.toml") });
     }
     let mut warnings = suspicions_of_identification(session);
-    let found = all(session, &mut warnings);
-    let moduli_pa: Vec<f64> = found.iter().map(|one| 1e3 * one.youngs_modulus_kpa).collect();
+    let fitted_curves = all(session, &mut warnings);
+    let moduli_pa: Vec<f64> = fitted_curves.iter().map(|one| 1e3 * one.youngs_modulus_kpa).collect();
     if moduli_pa.is_empty() {
         return Err(IdentifyError::NoIndentation { reasons: warnings });
     }
@@ -80,8 +80,8 @@ pub fn indentations(session: &Session) -> Result<Indentations, IdentifyError> {
         session: session.name.clone(),
         youngs_modulus_kpa: 1e-3 * moduli_pa.iter().sum::<f64>() / moduli_pa.len() as f64,
         sd_kpa: Sample::of(&moduli_pa).map(|sample| 1e-3 * sample.sd),
-        ci95_kpa: interval_kpa(&found),
-        indentations: found,
+        ci95_kpa: interval_kpa(&fitted_curves),
+        indentations: fitted_curves,
         warnings,
     })
 }
@@ -112,13 +112,14 @@ fn interval_kpa(indentations: &[IndentationResult]) -> Option<[f64; 2]> {
             let quantile =
                 StudentsT::new(0.0, 1.0, count as f64 - 1.0).map_or(1.96, |t| t.inverse_cdf(0.975));
             let half = quantile * sd / (count as f64).sqrt();
-            // What one curve does not tell of its contact point and offset, others that were recorded alike do not either.
+            // If one curve does not determine its contact point and offset, others that were recorded alike do not
+            // either.
             let own = |end: usize| {
                 let distances = indentations.iter().filter_map(|one| {
                     one.ci95_kpa.map(|ends| 1e3 * (ends[end] - one.youngs_modulus_kpa).abs())
                 });
-                let all: Vec<f64> = distances.collect();
-                all.iter().sum::<f64>() / all.len().max(1) as f64
+                let all_distances: Vec<f64> = distances.collect();
+                all_distances.iter().sum::<f64>() / all_distances.len().max(1) as f64
             };
             Some([1e-3 * (mean - half.hypot(own(0))), 1e-3 * (mean + half.hypot(own(1)))])
         }
@@ -142,22 +143,24 @@ fn depths(
         }
     }
     groups.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let result = |(depth_mm, k_pa): (f64, Vec<f64>)| {
-        let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| of_run(1e-3 * depth_mm, *k_pa)).collect();
-        let mean_kpa = |values: &[f64]| 1e-3 * values.iter().sum::<f64>() / values.len() as f64;
-        let sd_kpa = |values: &[f64]| Sample::of(values).map(|sample| 1e-3 * sample.sd);
-        DepthResult {
-            depth_mm,
-            runs: k_pa.len(),
-            k_kpa: mean_kpa(&k_pa),
-            k_sd_kpa: sd_kpa(&k_pa),
-            t_test_p: against(&k_pa),
-            youngs_modulus_kpa: (!youngs_pa.is_empty()).then(|| mean_kpa(&youngs_pa)),
-            youngs_modulus_sd_kpa: sd_kpa(&youngs_pa),
-            t_test_p_youngs: against(&youngs_pa),
-        }
-    };
-    groups.into_iter().map(result).collect()
+    groups
+        .into_iter()
+        .map(|(depth_mm, k_pa)| {
+            let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| of_run(1e-3 * depth_mm, *k_pa)).collect();
+            let mean_kpa = |values: &[f64]| 1e-3 * values.iter().sum::<f64>() / values.len() as f64;
+            let sd_kpa = |values: &[f64]| Sample::of(values).map(|sample| 1e-3 * sample.sd);
+            DepthResult {
+                depth_mm,
+                runs: k_pa.len(),
+                k_kpa: mean_kpa(&k_pa),
+                k_sd_kpa: sd_kpa(&k_pa),
+                t_test_p: against(&k_pa),
+                youngs_modulus_kpa: (!youngs_pa.is_empty()).then(|| mean_kpa(&youngs_pa)),
+                youngs_modulus_sd_kpa: sd_kpa(&youngs_pa),
+                t_test_p_youngs: against(&youngs_pa),
+            }
+        })
+        .collect()
 }
 
 /// One indentation, or why it gives nothing.
@@ -176,22 +179,22 @@ fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
         poisson: run.poisson,
         thickness_m: run.tissue_thickness_m,
     };
-    let found = indented(&contact, &run.depth_m, &run.force_n).map_err(|why| why.to_string())?;
+    let indentation_fit = indented(&contact, &run.depth_m, &run.force_n).map_err(|why| why.to_string())?;
     let kpa = |pa: f64| 1e-3 * pa;
     Ok(IndentationResult {
         id: run.id.clone(),
         indenter: run.indenter.name(),
-        youngs_modulus_kpa: kpa(found.youngs_pa),
-        ci95_kpa: found.ci95_pa.map(|ends| ends.map(kpa)),
-        force_offset_n: found.offset_n,
-        contact_mm: found.contact_m.map(|m| 1e3 * m),
-        contact_ci95_mm: found.contact_ci95_m.map(|ends| ends.map(|m| 1e3 * m)),
-        deepest_mm: 1e3 * found.deepest_m,
-        nonlinearity_percent: 100.0 * found.nonlinearity,
-        residual_n: found.residual_n,
-        thickness_factor: found.thickness_factor,
-        samples: found.rows,
-        warnings: remarks(run, &found),
+        youngs_modulus_kpa: kpa(indentation_fit.youngs_pa),
+        ci95_kpa: indentation_fit.ci95_pa.map(|ends| ends.map(kpa)),
+        force_offset_n: indentation_fit.offset_n,
+        contact_mm: indentation_fit.contact_m.map(|m| 1e3 * m),
+        contact_ci95_mm: indentation_fit.contact_ci95_m.map(|ends| ends.map(|m| 1e3 * m)),
+        deepest_mm: 1e3 * indentation_fit.deepest_m,
+        nonlinearity_percent: 100.0 * indentation_fit.nonlinearity,
+        residual_n: indentation_fit.residual_n,
+        thickness_factor: indentation_fit.thickness_factor,
+        samples: indentation_fit.rows,
+        warnings: remarks(run, &indentation_fit),
     })
 }
 
@@ -199,10 +202,10 @@ fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
 fn remarks(run: &IndentationRun, found: &IndentationFit) -> Vec<String> {
     let mut remarks = Vec::new();
     let bent = found.nonlinearity.abs() > BENT && found.nonlinearity.abs() > BENT_SE * found.nonlinearity_se;
-    if let Some(other) = found.fits_other_form {
+    if let Some(other_form) = found.fits_other_form {
         remarks.push(format!(
             "force against depth is that of a {} indenter, not of indenter = \"{}\": the modulus is wrong if the form is",
-            other.name(),
+            other_form.name(),
             run.indenter.name()
         ));
     } else if bent {
@@ -213,15 +216,16 @@ fn remarks(run: &IndentationRun, found: &IndentationFit) -> Vec<String> {
             100.0 * found.nonlinearity.abs()
         ));
     }
-    if let (Some([low_pa, high_pa]), Some([from_m, to_m])) = (found.ci95_pa, found.contact_ci95_m)
+    if let (Some([low_pa, high_pa]), Some([contact_from_m, contact_to_m])) =
+        (found.ci95_pa, found.contact_ci95_m)
         && found.by_contact > NOT_SEPARABLE
         && high_pa > WIDE * low_pa
     {
         remarks.push(format!(
             "contact point, force offset and modulus are hardly separable on this curve (contact anywhere from {:.3} to {:.3} mm): begin the \
              recording well before contact, at least a tenth of the depth, or measure the offset in air",
-            1e3 * from_m,
-            1e3 * to_m
+            1e3 * contact_from_m,
+            1e3 * contact_to_m
         ));
     }
     let radius_m = run.indenter_radius_m;
@@ -242,18 +246,22 @@ fn remarks(run: &IndentationRun, found: &IndentationFit) -> Vec<String> {
     remarks
 }
 
-/// That tissue is taken as a half space where its thickness is not stated, and from which thickness on that is right.
+/// Note that tissue is taken as a half space if its thickness is not stated, and the thickness from which that is
+/// right.
 fn half_space(session: &Session) -> Option<String> {
     let unstated = || session.indentation.iter().filter(|run| run.tissue_thickness_m.is_none());
-    let contact_m = |run: &IndentationRun| match run.indenter {
-        Indenter::Flat => run.indenter_radius_m,
-        Indenter::Sphere => (run.indenter_radius_m * run.depth_m.iter().copied().fold(0.0, f64::max)).sqrt(),
-        Indenter::Cone => {
-            let deepest_m = run.depth_m.iter().copied().fold(0.0, f64::max);
-            run.half_angle_rad.unwrap_or_default().tan() * deepest_m
-        }
-    };
-    let widest_m = unstated().map(contact_m).fold(0.0, f64::max);
+    let widest_m = unstated()
+        .map(|run| match run.indenter {
+            Indenter::Flat => run.indenter_radius_m,
+            Indenter::Sphere => {
+                (run.indenter_radius_m * run.depth_m.iter().copied().fold(0.0, f64::max)).sqrt()
+            }
+            Indenter::Cone => {
+                let deepest_m = run.depth_m.iter().copied().fold(0.0, f64::max);
+                run.half_angle_rad.unwrap_or_default().tan() * deepest_m
+            }
+        })
+        .fold(0.0, f64::max);
     (unstated().next().is_some()).then(|| {
         format!(
             "tissue_thickness_mm of indentations is not stated: the tissue is taken as a half space, which makes the reference 6 % too \
@@ -266,10 +274,10 @@ fn half_space(session: &Session) -> Option<String> {
 /// A factor of two between indentation and runs: a diameter was taken for a radius, or the other way round.
 fn twofold(mean_kpa: f64, youngs: &YoungsModulus) -> Option<String> {
     let (value_kpa, [low_kpa, high_kpa]) = youngs.value.zip(youngs.ci95)?;
-    let apart = (mean_kpa / value_kpa).ln();
+    let ln_ratio = (mean_kpa / value_kpa).ln();
     let two = std::f64::consts::LN_2;
     let inside = |kpa: f64| (low_kpa / 1.1..=high_kpa * 1.1).contains(&kpa);
-    let near = |expected: f64, kpa: f64| (apart - expected).abs() < TWOFOLD && inside(kpa);
+    let near = |expected: f64, kpa: f64| (ln_ratio - expected).abs() < TWOFOLD && inside(kpa);
     if near(-two, 2.0 * mean_kpa) {
         Some(
             "the indentations give half the modulus of the runs: is indenter_radius_mm the diameter?"

@@ -43,7 +43,7 @@ pub(super) fn layers(
         return None;
     }
     let for_diagnosis = options.model_error.then(|| for_diagnosis(session, runs, options).ok()).flatten();
-    let Some((used, given)) = for_diagnosis else {
+    let Some((fitted_runs, fixed_effects)) = for_diagnosis else {
         let by_noise = ByNoise::new(runs, support, deepest_mm)?;
         return Layers::of(by_noise.fits.first()?, support, by_noise.single_chi_square);
     };
@@ -57,26 +57,33 @@ pub(super) fn layers(
             Support::Springs => None,
             Support::Body { poisson, .. } => Some(poisson),
         };
-        let (known, discrepancy) = (options.known.as_slice(), &options.discrepancy);
-        let input = DiscrepancyFitInput { given: &given, known, discrepancy, body, draws: None };
-        two_layers(&used, &input, &by_noise.starts()).ok()
+        let (known_parameters, discrepancy) = (options.known.as_slice(), &options.discrepancy);
+        let input = DiscrepancyFitInput {
+            given: &fixed_effects,
+            known: known_parameters,
+            discrepancy,
+            body,
+            draws: None,
+        };
+        two_layers(&fitted_runs, &input, &by_noise.starts()).ok()
     };
-    let found = supports.into_iter().filter_map(|support| {
+    let fitted_supports = supports.into_iter().filter_map(|support| {
         let by_noise = ByNoise::new(runs, support, deepest_mm)?;
-        let found = of(support, &by_noise)?;
-        Some((support, by_noise, found))
+        let two_layers = of(support, &by_noise)?;
+        Some((support, by_noise, two_layers))
     });
-    let found: Vec<(Support, ByNoise, TwoLayers)> = found.collect();
-    let body_gain = match found.as_slice() {
+    let candidates: Vec<(Support, ByNoise, TwoLayers)> = fitted_supports.collect();
+    let body_gain = match candidates.as_slice() {
         [(_, _, springs), (_, _, body)] => Some(body.log_evidence - springs.log_evidence),
         _ => None,
     };
-    let place = usize::from(body_gain.is_some_and(|gain| gain > FOUNDATION_MARGIN));
-    let (support, by_noise, best) = found.get(place)?;
-    // What Poisson's ratio may be moves both moduli.
-    let other = support.is_body().then(|| tissue.other_body()).flatten();
-    let other = other.and_then(|other| of(other, by_noise));
-    let by_poisson = other.map_or(0.0, |other| NORMAL_975 * (other.upper_pa.0 / best.upper_pa.0).ln());
+    let chosen = usize::from(body_gain.is_some_and(|gain| gain > FOUNDATION_MARGIN));
+    let (support, by_noise, best) = candidates.get(chosen)?;
+    // The uncertainty of Poisson's ratio moves both moduli.
+    let other_body = support.is_body().then(|| tissue.other_body()).flatten();
+    let other_layers = other_body.and_then(|other_body| of(other_body, by_noise));
+    let by_poisson = other_layers
+        .map_or(0.0, |other_layers| NORMAL_975 * (other_layers.upper_pa.0 / best.upper_pa.0).ln());
     let chi_square_gain = by_noise.single_chi_square - by_noise.fits.first()?.chi_square;
     let layers = Layers::with_discrepancy(best, *support, by_poisson, chi_square_gain);
     Some(Layers { body_log_evidence_gain: body_gain, ..layers })
@@ -97,11 +104,13 @@ impl ByNoise {
         let single = fit(&[ln_k_parameter()], &without_effects(&blocks)).ok()?;
         blocks.iter_mut().for_each(|block| block.effects = vec![effect]);
         let start_ln_k = single.shared.first().copied()?;
-        let from = |i: u32| {
-            let share = (f64::from(i) + 0.5) / f64::from(STARTS);
-            fit(&unknowns(effect, support, start_ln_k, share * deepest_mm, deepest_mm), &blocks).ok()
-        };
-        let mut fits: Vec<Fit> = (0..STARTS).filter_map(from).collect();
+        let mut fits: Vec<Fit> = (0..STARTS)
+            .filter_map(|i| {
+                let start_fraction = (f64::from(i) + 0.5) / f64::from(STARTS);
+                fit(&unknowns(effect, support, start_ln_k, start_fraction * deepest_mm, deepest_mm), &blocks)
+                    .ok()
+            })
+            .collect();
         fits.sort_by(|a, b| a.chi_square.total_cmp(&b.chi_square));
         (!fits.is_empty()).then_some(Self { fits, single_chi_square: single.chi_square })
     }
@@ -281,8 +290,8 @@ mod tests {
         assert_eq!((over.log_evidence_over_single, over.established), (Some(2.0), false));
         let over = layers("springs", Some(12.0)).over_single(Some(-10.0));
         assert_eq!((over.log_evidence_over_single, over.established), (Some(12.0), true));
-        let over = layers("body", Some(12.0)).over_single(Some(-10.0));
-        assert_eq!((over.log_evidence_over_single, over.established), (Some(2.0), false));
+        let decided = layers("body", Some(12.0)).over_single(Some(-10.0));
+        assert_eq!((decided.log_evidence_over_single, decided.established), (Some(2.0), false));
         assert!(layers("body", Some(6.0)).over_single(None).established);
         assert!(!layers("body", None).over_single(Some(3.0)).established);
     }

@@ -85,8 +85,8 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let mut of_springs = Vec::new();
     let mut pooled = pool::pool(&fitted, options, &mut of_springs);
     let needs_evidence = options.model_error || tissue.foundation == FoundationChoice::Auto;
-    let beside = needs_evidence.then(|| model_error::fit(session, &fitted, options, tissue));
-    match &beside {
+    let with_discrepancy = needs_evidence.then(|| model_error::fit(session, &fitted, options, tissue));
+    match &with_discrepancy {
         Some(Ok(found)) if options.model_error => {
             warnings.extend(
                 found.moved.iter().map(|one| format!("{one}: K is computed with the value from before")),
@@ -98,7 +98,8 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         _ => {}
     }
     let mut of_body = Vec::new();
-    let (foundation, runs_of_body) = body::compare(beside.as_ref(), &fitted, options, tissue, &mut of_body);
+    let (foundation, runs_of_body) =
+        body::compare(with_discrepancy.as_ref(), &fitted, options, tissue, &mut of_body);
     // Springs that disagree in an elastic body are no fault of the runs.
     let prefix = if runs_of_body.is_some() { "taken as springs: " } else { "" };
     warnings.extend(of_springs.into_iter().map(|what| format!("{prefix}{what}")));
@@ -145,10 +146,10 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         );
     }
     let prior = options.prior.as_ref().map(|prior| PriorResult::new(prior, Some(own_ln_k(&pooled))));
-    let (others, skipped) = others::others(session, options);
+    let (other_runs, skipped) = others::others(session, options);
     warnings.extend(skipped);
     let stated = drawn::Stated { runs: &runs, pooled: &pooled, youngs: &youngs, used: foundation.used };
-    let draws = options.draws.map(|draws| stated.draws(beside, draws));
+    let draws = options.draws.map(|draws| stated.draws(with_discrepancy, draws));
     Ok(Identification {
         draws,
         prior,
@@ -157,7 +158,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         effects: options.fixed.iter().map(|(effect, _)| effect.id()).collect(),
         runs,
         pooled,
-        others,
+        others: other_runs,
         k_per_ei,
         directions,
         layers,
@@ -253,16 +254,16 @@ fn identify_run(
 /// K from displacement and shape alone; nothing where they do not determine it.
 fn without_force(prepared: &Prepared) -> Likelihood {
     let mut data = prepared.data.without_force();
-    let found = fit_alone(&mut data, prepared.known_shape_noise).ok();
-    let found = found.filter(|fit| fit.at_bound.first() == Some(&false));
-    found.map_or_else(Likelihood::default, |fit| Estimate::of(&fit, prepared.known_noise).likelihood())
+    let force_free_fit = fit_alone(&mut data, prepared.known_shape_noise).ok();
+    let interior_fit = force_free_fit.filter(|fit| fit.at_bound.first() == Some(&false));
+    interior_fit.map_or_else(Likelihood::default, |fit| Estimate::of(&fit, prepared.known_noise).likelihood())
 }
 
 /// With and without force K should be the same; if it is not, a scale, an offset or an effect is missing.
 fn disagreement(estimate: &Estimate, without_force: &Likelihood) -> Option<String> {
     let (k_kpa, sd_kpa) = (without_force.k_kpa?, without_force.sd_kpa?);
-    let apart = (k_kpa / estimate.k_kpa()).ln().abs();
-    (apart > 3.0 * (sd_kpa / k_kpa).hypot(estimate.sd_ln)).then(|| {
+    let ln_distance = (k_kpa / estimate.k_kpa()).ln().abs();
+    (ln_distance > 3.0 * (sd_kpa / k_kpa).hypot(estimate.sd_ln)).then(|| {
         format!(
             "force and shape disagree: K is {:.2} kPa with the force and {k_kpa:.2} kPa without it; a sensor's scale may be \
              wrong, or the model lacks an effect",

@@ -19,7 +19,7 @@ pub(super) struct DiscrepancyFits {
     pub springs: DiscrepantModulus,
     /// As a body, unless the tissue is stated to be springs.
     pub body: Option<Result<FoundationEvidence, String>>,
-    /// What of the rig is not what it was.
+    /// Parameters of the rig that have changed.
     pub moved: Vec<Moved>,
     /// Draws on springs and in a body, where they were requested.
     pub draws: Option<(ModulusDraws, Option<ModulusDraws>)>,
@@ -32,14 +32,20 @@ pub(super) fn fit(
     options: &Options,
     tissue: TissueModel,
 ) -> Result<DiscrepancyFits, String> {
-    let (used, given) = for_diagnosis(session, runs, options)?;
+    let (fitted_runs, fixed_effects) = for_diagnosis(session, runs, options)?;
     let body = (tissue.foundation != FoundationChoice::Springs).then_some(tissue.poisson);
-    let (known, discrepancy) = (options.known.as_slice(), &options.discrepancy);
+    let (known_parameters, discrepancy) = (options.known.as_slice(), &options.discrepancy);
     let draws = options.draws;
-    let input = DiscrepancyFitInput { given: &given, known, discrepancy, body, draws };
-    let found = fit_with_discrepancy(&used, &input).map_err(|why| why.to_string())?;
-    let body = found.body.map(|found| found.map_err(|why| why.to_string()));
-    Ok(DiscrepancyFits { springs: found.springs, body, moved: found.moved, draws: found.draws })
+    let input =
+        DiscrepancyFitInput { given: &fixed_effects, known: known_parameters, discrepancy, body, draws };
+    let discrepancy_fit = fit_with_discrepancy(&fitted_runs, &input).map_err(|why| why.to_string())?;
+    let body = discrepancy_fit.body.map(|discrepancy_fit| discrepancy_fit.map_err(|why| why.to_string()));
+    Ok(DiscrepancyFits {
+        springs: discrepancy_fit.springs,
+        body,
+        moved: discrepancy_fit.moved,
+        draws: discrepancy_fit.draws,
+    })
 }
 
 /// Effects with first values of their parameters.
@@ -58,7 +64,7 @@ pub(super) fn for_diagnosis(
         return Err("the needle's bending stiffness is not known".to_owned());
     }
     let lateral = session.lateral.iter().filter(|run| runs.iter().any(|used| used.id == run.id)).cloned();
-    let used = Session {
+    let diagnosis_session = Session {
         dir: session.dir.clone(),
         name: None,
         rig: session.rig.clone(),
@@ -70,12 +76,17 @@ pub(super) fn for_diagnosis(
         indentation: Vec::new(),
         steering: Vec::new(),
     };
-    let neutral = |effect: &&'static dyn Effect| {
-        (*effect, effect.parameters().iter().map(|info| info.neutral).collect::<Vec<_>>())
-    };
     let unknown = runs.first().map(|run| run.data.effects.as_slice()).unwrap_or_default();
-    let given = options.fixed.iter().cloned().chain(unknown.iter().map(neutral)).collect();
-    Ok((used, given))
+    let fixed_values =
+        options
+            .fixed
+            .iter()
+            .cloned()
+            .chain(unknown.iter().map(|effect| {
+                (*effect, effect.parameters().iter().map(|info| info.neutral).collect::<Vec<_>>())
+            }))
+            .collect();
+    Ok((diagnosis_session, fixed_values))
 }
 
 /// Half-width of a 95 % interval of the logarithm of a modulus, model error in it. Noise alone has the longer one where the runs differ

@@ -1,4 +1,4 @@
-//! What the user may choose in an identification.
+//! Choices of the user in an identification.
 
 use diagnose::models::{self, OtherModel};
 use diagnose::{FoundationChoice, INCOMPRESSIBLE, KnownParameter, Multiples};
@@ -12,7 +12,7 @@ use modulus::Relation;
 use readings::draws::DrawOptions;
 use readings::holds::HoldCriteria;
 
-/// How Young's modulus is computed from K.
+/// Method by which Young's modulus is computed from K.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum YoungsMethod {
     /// By a published formula.
@@ -41,7 +41,7 @@ impl YoungsMethod {
         }
     }
 
-    /// What it holds for.
+    /// Range in which it holds.
     pub fn validity(self) -> &'static str {
         match self {
             Self::Published(relation) => relation.validity(),
@@ -53,7 +53,7 @@ impl YoungsMethod {
     }
 }
 
-/// What the user may choose.
+/// Choices of the user.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Relation that turns K into Young's modulus.
@@ -62,9 +62,9 @@ pub struct Options {
     pub poisson: Option<f64>,
     /// Its standard deviation, which widens the interval of Young's modulus; without it the session's, or 0.
     pub poisson_sd: Option<f64>,
-    /// What the tissue is modelled as; without it what the session states, or what the evidence decides for.
+    /// Model of the tissue; by default the session's statement, or the choice of the evidence.
     pub foundation: Option<FoundationChoice>,
-    /// What counts as a hold.
+    /// Criteria for a hold.
     pub criteria: HoldCriteria,
     /// Effects whose parameters are unknown too, with their priors: the interval of K then includes them.
     pub nuisances: Vec<&'static dyn Effect>,
@@ -72,9 +72,10 @@ pub struct Options {
     pub fixed: Vec<(&'static dyn Effect, Vec<f64>)>,
     /// Other models that explain what these effects were learned from: K by each is reported beside.
     pub others: Vec<OtherModel>,
-    /// How well these values are known where they are those of the rig: in the interval of K, in place of the catalogue's priors.
+    /// Uncertainty of these values if they are those of the rig: in the interval of K, in place of the catalogue's
+    /// priors.
     pub known: Vec<KnownParameter>,
-    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
+    /// Sizes of the discrepancy above those of an ordinary rig, as multiples.
     pub discrepancy: Multiples,
     /// Whether intervals have the model error in them; without it they are those of the noise, as if the model were exact.
     pub model_error: bool,
@@ -88,7 +89,7 @@ pub struct Options {
     pub seed: u64,
     /// Draws from the posterior beside the result.
     pub draws: Option<DrawOptions>,
-    /// What many sessions predict of K; the result with it is reported beside the one without.
+    /// Prior of K from many sessions; the result with it is reported beside the one without.
     pub prior: Option<ModulusPrior>,
 }
 

@@ -21,21 +21,24 @@ impl OtherResult {
 
 /// K and E by each of the other models, and what cannot be computed.
 pub(super) fn others(session: &Session, options: &Options) -> (Vec<OtherResult>, Vec<String>) {
-    let of = |other: &OtherModel| -> Result<OtherResult, IdentifyError> {
-        let options = Options {
-            fixed: other.effects.clone(),
-            others: Vec::new(),
-            layers: false,
-            profile: false,
-            bootstrap: 0,
-            prior: None,
-            ..options.clone()
-        };
-        identify(session, &options).map(|found| OtherResult::new(other, found))
-    };
-    let found: Vec<_> = options.others.par_iter().map(of).collect();
+    let other_fits: Vec<_> = options
+        .others
+        .par_iter()
+        .map(|other| -> Result<OtherResult, IdentifyError> {
+            let options = Options {
+                fixed: other.effects.clone(),
+                others: Vec::new(),
+                layers: false,
+                profile: false,
+                bootstrap: 0,
+                prior: None,
+                ..options.clone()
+            };
+            identify(session, &options).map(|found| OtherResult::new(other, found))
+        })
+        .collect();
     let (mut results, mut warnings) = (Vec::new(), Vec::new());
-    for (other, result) in options.others.iter().zip(found) {
+    for (other, result) in options.others.iter().zip(other_fits) {
         let ids = || other.effects.iter().map(|(effect, _)| effect.id()).collect::<Vec<_>>().join(", ");
         match result {
             Ok(result) => results.push(result),

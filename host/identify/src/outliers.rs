@@ -1,7 +1,8 @@
 //! Single points of a shape that are far from their neighbours: an echo of something else, a wrong digit.
 //!
-//! What the fit leaves of a point is compared with the median of what it leaves of those beside it, so that an error of the model, which is
-//! smooth along the needle, has none. One point of nine standard deviations among a hundred moves K by almost as much as all noise does.
+//! The residual of a point is compared with the median residual of its neighbours, so that an error of the model, which
+//! is smooth along the needle, cancels. One point of nine standard deviations among a hundred moves K by almost as much
+//! as all noise does.
 
 use readings::holds::median;
 use readings::outliers::farthest;
@@ -18,7 +19,7 @@ const MAX_SHARE: f64 = 0.05;
 /// Takes single points that the fit leaves far from their neighbours out of the data; how many these are.
 pub(super) fn take_outliers(data: &mut LateralData, fit: &Fit) -> usize {
     let points = data.levels.iter().map(|level| level.shape.len()).sum::<usize>();
-    let mut far = vec![false; points];
+    let mut is_outlier = vec![false; points];
     let distances: Vec<Distance> =
         (0..data.planes).flat_map(|plane| distances(data, &left(data, fit, plane))).collect();
     if distances.len() < MIN_POINTS {
@@ -26,32 +27,32 @@ pub(super) fn take_outliers(data: &mut LateralData, fit: &Fit) -> usize {
     }
     let farthest = farthest(distances.iter().map(|of| of.from_others));
     for of in distances.iter().filter(|of| of.from_all.abs() > farthest) {
-        far[of.point] = true;
+        is_outlier[of.point] = true;
     }
-    let count = far.iter().filter(|is_far| **is_far).count();
+    let count = is_outlier.iter().filter(|is_far| **is_far).count();
     if farthest <= 0.0 || count as f64 > MAX_SHARE * points as f64 {
         return 0;
     }
-    let mut of_points = far.iter().copied();
+    let mut of_points = is_outlier.iter().copied();
     for level in &mut data.levels {
         level.shape.retain(|_| !of_points.next().unwrap_or_default());
     }
     if let Some(fixed) = &mut data.fixed {
-        let mut of_points = far.iter().copied();
+        let mut of_points = is_outlier.iter().copied();
         fixed.course.shape_time_s.retain(|_| !of_points.next().unwrap_or_default());
     }
     count
 }
 
-/// What the fit leaves of every point in a plane, standard deviations, hold by hold.
+/// Residuals of every point in a plane, standard deviations, hold by hold.
 fn left(data: &LateralData, fit: &Fit, plane: usize) -> Vec<f64> {
     let points: usize = data.levels.iter().map(|level| level.shape.len()).sum();
     let readings = data.levels.len() * if data.uses_force { 2 } else { 1 };
-    let before = plane * (readings + points) + readings;
-    fit.residuals.first().into_iter().flatten().skip(before).take(points).copied().collect()
+    let first_reading = plane * (readings + points) + readings;
+    fit.residuals.first().into_iter().flatten().skip(first_reading).take(points).copied().collect()
 }
 
-/// How far a point is from the points beside it.
+/// Distance of a point from its neighbours.
 struct Distance {
     /// Its number.
     point: usize,
@@ -72,27 +73,28 @@ fn distances(data: &LateralData, left: &[f64]) -> Vec<Distance> {
             start - level.shape.len()..start
         })
         .collect();
-    let mut found = Vec::new();
+    let mut point_distances = Vec::new();
     for (hold, level) in holds.into_iter().zip(&data.levels) {
-        let mut along: Vec<(f64, usize, f64)> = level
+        let mut ordered_points: Vec<(f64, usize, f64)> = level
             .shape
             .iter()
             .zip(hold)
             .filter_map(|(point, at)| Some((point.z_m, at, *left.get(at)?)))
             .collect();
-        along.sort_by(|a, b| a.0.total_cmp(&b.0));
-        found.extend(along.windows(2 * BESIDE + 1).map(|window| {
-            let (_, point, own) = window[BESIDE];
-            let others = window.iter().filter(|(_, other, _)| *other != point).map(|(.., value)| *value);
-            let all = window.iter().map(|(.., value)| *value);
+        ordered_points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        point_distances.extend(ordered_points.windows(2 * BESIDE + 1).map(|window| {
+            let (_, point, own_residual) = window[BESIDE];
+            let neighbour_residuals =
+                window.iter().filter(|(_, other, _)| *other != point).map(|(.., value)| *value);
+            let window_residuals = window.iter().map(|(.., value)| *value);
             Distance {
                 point,
-                from_others: own - median(others.collect()),
-                from_all: own - median(all.collect()),
+                from_others: own_residual - median(neighbour_residuals.collect()),
+                from_all: own_residual - median(window_residuals.collect()),
             }
         }));
     }
-    found
+    point_distances
 }
 
 #[cfg(test)]
@@ -111,16 +113,16 @@ mod tests {
         let beam = Beam::solve(&rig, &Foundation::uniform(16e3).expect("valid"), 0.03).expect("solves");
         let mut noise = Noise::new(seed);
         let mut level = |number: usize| {
-            let at_m = 0.6e-3 * (number + 1) as f64;
+            let level_m = 0.6e-3 * (number + 1) as f64;
             let mut point = |i: usize| {
                 let z_m = 0.07 + 1e-3 * i as f64;
                 let error_m = SD_M * noise.normal() + added_m(30 * number + i);
-                ShapeDatum::new(z_m, [beam.deflection_m(at_m, z_m) + error_m, 0.0])
+                ShapeDatum::new(z_m, [beam.deflection_m(level_m, z_m) + error_m, 0.0])
             };
             HoldData {
                 shape: (0..30).map(&mut point).collect(),
-                displacement_m: vec![Measured { value: at_m, sd: 1e-6 }],
-                force_n: vec![Measured { value: beam.force_n(at_m), sd: 0.01 }],
+                displacement_m: vec![Measured { value: level_m, sd: 1e-6 }],
+                force_n: vec![Measured { value: beam.force_n(level_m), sd: 0.01 }],
             }
         };
         LateralData {
@@ -147,13 +149,18 @@ mod tests {
     fn single_points_far_off_are_taken_and_normal_noise_is_kept() {
         let far = |at: usize| if [7, 40, 76].contains(&at) { 9.0 * SD_M } else { 0.0 };
         let mut data = run(1, far);
-        let before = data.clone();
+        let original = data.clone();
         assert_eq!(taken(&mut data), 3);
-        let kept: Vec<ShapeDatum> = data.levels.iter().flat_map(|level| level.shape.clone()).collect();
-        let all: Vec<ShapeDatum> = before.levels.iter().flat_map(|level| level.shape.clone()).collect();
-        let expected: Vec<ShapeDatum> =
-            all.into_iter().enumerate().filter(|(at, _)| far(*at) == 0.0).map(|(_, point)| point).collect();
-        assert_eq!(kept, expected);
+        let kept_points: Vec<ShapeDatum> = data.levels.iter().flat_map(|level| level.shape.clone()).collect();
+        let all_points: Vec<ShapeDatum> =
+            original.levels.iter().flat_map(|level| level.shape.clone()).collect();
+        let expected: Vec<ShapeDatum> = all_points
+            .into_iter()
+            .enumerate()
+            .filter(|(at, _)| far(*at) == 0.0)
+            .map(|(_, point)| point)
+            .collect();
+        assert_eq!(kept_points, expected);
         let of_noise: usize = (2..30).map(|seed| taken(&mut run(seed, |_| 0.0))).sum();
         assert!(of_noise <= 1, "{of_noise}");
     }
@@ -161,8 +168,7 @@ mod tests {
     #[test]
     fn an_error_of_the_model_has_no_outliers() {
         // A wave along the needle, ten standard deviations high, and a third of the points shifted together.
-        let wave = |at: usize| 10.0 * SD_M * (0.3 * (at % 30) as f64).sin();
-        assert_eq!(taken(&mut run(1, wave)), 0);
+        assert_eq!(taken(&mut run(1, |at: usize| 10.0 * SD_M * (0.3 * (at % 30) as f64).sin())), 0);
         assert_eq!(taken(&mut run(2, |at| if at % 30 > 20 { 10.0 * SD_M } else { 0.0 })), 0);
     }
 

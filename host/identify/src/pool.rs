@@ -14,7 +14,7 @@ pub(super) fn pool(runs: &[Fitted], options: &Options, warnings: &mut Vec<String
     let p = ChiSquared::new(freedom).ok().map(|chi| chi.sf(q));
     let differ = p.is_some_and(|p| p < 0.05);
 
-    // Where the joint fit fails the weighted mean of ln K, which is its first-order form, stands in for it.
+    // If the joint fit fails, the weighted mean of ln K, which is its first-order form, replaces it.
     let blocks: Vec<LateralData> = runs.iter().map(|run| run.data.clone()).collect();
     let effects = runs.first().map(|run| run.data.effects.clone()).unwrap_or_default();
     let unknowns = unknowns(Parameter { start: mean, ..ln_k_parameter() }, &effects);

@@ -17,7 +17,7 @@ use readings::{
 };
 use std::ops::Range;
 
-/// How an only guide gives.
+/// Rotation of the needle in an only guide.
 const REAR_ROTATION: &str = "rig.rear_rotation";
 /// Least time between rows of a run's course.
 const COURSE_STEP_S: f64 = 0.05;
@@ -41,23 +41,23 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         return Err(RunError::InAir);
     }
     let criteria = &options.criteria;
-    let found = holds(run, criteria);
+    let detected_holds = holds(run, criteria);
     let mut warnings: Vec<String> = summary(&unused(run, &session.rig, criteria));
-    let used: Vec<&Hold> = found.iter().filter(|level| level.lost_samples == 0).collect();
-    let displaced: Vec<&Hold> = used.iter().copied().filter(|level| level.path != Path::Zero).collect();
-    check_levels(run, criteria, &found, &used, &displaced)?;
-    warnings.extend(spikes(&used));
+    let used_holds: Vec<&Hold> = detected_holds.iter().filter(|level| level.lost_samples == 0).collect();
+    let displaced: Vec<&Hold> = used_holds.iter().copied().filter(|level| level.path != Path::Zero).collect();
+    check_levels(run, criteria, &detected_holds, &used_holds, &displaced)?;
+    warnings.extend(spikes(&used_holds));
 
-    let planes = planes(run, &used, criteria, &mut warnings);
-    let noise = Deviations::of(session, run, &used);
+    let planes = planes(run, &used_holds, criteria, &mut warnings);
+    let noise = Deviations::of(session, run, &used_holds);
     let shape_of = |level: &Hold| shape_points(session, run, level);
-    let inside =
+    let inside_count =
         displaced.iter().flat_map(|level| shape_of(level)).filter(|p| p.z_m >= session.rig.entry_m).count();
-    if inside < MIN_POINTS {
-        return Err(RunError::TooFewPoints { path: run.shape_path.clone(), found: inside });
+    if inside_count < MIN_POINTS {
+        return Err(RunError::TooFewPoints { path: run.shape_path.clone(), found: inside_count });
     }
 
-    let force_zero = force_zero(session, run, used.len() > displaced.len(), &mut warnings);
+    let force_zero = force_zero(session, run, used_holds.len() > displaced.len(), &mut warnings);
     let stated_shape_m = run.shape.typical_sd_m().or(session.noise.shape_m);
     let shape_sd_m = stated_shape_m.unwrap_or(SHAPE_NOISE.mean());
     let data = LateralData {
@@ -65,7 +65,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         support: Support::Springs,
         depth_m: run.depth_m,
         planes,
-        levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
+        levels: used_holds.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
         shape_sd_m,
         force_zero,
         shared: SharedErrors::default(),
@@ -74,18 +74,18 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         effects: nuisances(session, options),
         fixed: (!options.fixed.is_empty()).then(|| Fixed {
             effects: options.fixed.clone(),
-            course: course(session, run, &used),
+            course: course(session, run, &used_holds),
             first_plane: 0,
             order: session.order_of(&run.id),
         }),
     };
-    let mut balances = balances(&used, &noise, planes, shape_of);
+    let mut balances = balances(&used_holds, &noise, planes, shape_of);
     check_sign(run, &balances)?;
     check_shape_sign(run, &data)?;
     if !session.rig.needle.stiffness_known {
         balances.clear();
     }
-    let holds = found.iter().map(|level| hold_result(level, &noise)).collect();
+    let holds = detected_holds.iter().map(|level| hold_result(level, &noise)).collect();
     let source = |stated: Option<f64>| if stated.is_some() { "stated" } else { "estimated" };
     let stated = session.noise;
     let stated_m = stated_displacement_m(session, run);
@@ -112,7 +112,8 @@ fn stated_displacement_m(session: &Session, run: &LateralRun) -> Option<f64> {
     run.force.typical_displacement_sd_m().or(session.noise.displacement_m)
 }
 
-/// What is known of the force's zero: from a hold at zero displacement, or else assumed as well as the session states it, with a warning.
+/// Knowledge of the force's zero: from a hold at zero displacement, or else assumed as well as the session states it,
+/// with a warning.
 fn force_zero(session: &Session, run: &LateralRun, measured: bool, warnings: &mut Vec<String>) -> ForceZero {
     if measured {
         return ForceZero::Measured;
@@ -134,7 +135,7 @@ fn force_zero(session: &Session, run: &LateralRun, measured: bool, warnings: &mu
     ForceZero::assumed(sd_n)
 }
 
-/// What was requested, and how the needle turns in an only guide of which that is not known.
+/// Requested nuisances, and the needle's rotation in an only guide if it is not known.
 fn nuisances(session: &Session, options: &Options) -> Vec<&'static dyn Effect> {
     let mut effects = options.nuisances.clone();
     let unknown = session.rig.rear_is_unknown();
@@ -170,7 +171,7 @@ fn check_levels(
     }
 }
 
-/// What of the readings is no part of the holds' means.
+/// Readings that are excluded from the holds' means.
 fn spikes(used: &[&Hold]) -> Option<String> {
     let of = |means: &dyn Fn(&Hold) -> [Option<Mean>; 2]| -> usize {
         used.iter().flat_map(|level| means(level)).flatten().map(|mean| mean.spikes).sum()
@@ -210,8 +211,8 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
     let on_needle = (0.0..=tip_m + BEYOND_TIP_M).contains(&z_m);
     let typical_m = run.shape.typical_sd_m();
     let ratio = |sd_m: &Option<Vec<f64>>| {
-        let own_m = sd_m.as_deref().and_then(at);
-        own_m.zip(typical_m).map_or(1.0, |(own_m, typical_m)| own_m / typical_m)
+        let point_sd_m = sd_m.as_deref().and_then(at);
+        point_sd_m.zip(typical_m).map_or(1.0, |(point_sd_m, typical_m)| point_sd_m / typical_m)
     };
     let sd_ratio = [ratio(&run.shape.y_sd_m), ratio(&run.shape.x_sd_m)];
     on_needle.then_some(ShapeDatum {
@@ -228,37 +229,42 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
 /// is quicker. A shape without times was measured in the middle of its hold.
 fn course(session: &Session, run: &LateralRun, used: &[&Hold]) -> DisplacementHistory {
     let mut last_s = f64::NEG_INFINITY;
-    let mut kept = Vec::new();
+    let mut kept_rows = Vec::new();
     for (row, time_s) in run.force.time_s.iter().enumerate() {
         if time_s - last_s >= COURSE_STEP_S * (1.0 - 1e-6) {
-            kept.push(row);
+            kept_rows.push(row);
             last_s = *time_s;
         }
     }
-    let thinned =
-        |column: &[f64]| -> Vec<f64> { kept.iter().filter_map(|row| column.get(*row)).copied().collect() };
+    let thinned = |column: &[f64]| -> Vec<f64> {
+        kept_rows.iter().filter_map(|row| column.get(*row)).copied().collect()
+    };
     let time_s = thinned(&run.force.time_s);
-    let rows = |level: &&Hold| {
-        let [from_s, to_s] = level.time_s;
-        time_s.partition_point(|at_s| *at_s < from_s)..time_s.partition_point(|at_s| *at_s <= to_s)
-    };
     let measured_s = |level: &Hold, index: usize| {
-        let own_s = run.shape.time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
-        own_s.map_or(0.5 * (level.time_s[0] + level.time_s[1]), |stamp_s| level.observed_s(stamp_s))
+        let point_time_s = run.shape.time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
+        point_time_s.map_or(0.5 * (level.time_s[0] + level.time_s[1]), |stamp_s| level.observed_s(stamp_s))
     };
-    let on_needle = |level: &&Hold| -> Vec<f64> {
-        let indices = level.shape.iter().filter(|index| shape_point(session, run, **index).is_some());
-        indices.map(|index| measured_s(level, *index)).collect()
-    };
-    let still = || vec![0.0; time_s.len()];
-    let displacement_x_m = run.force.displacement_x_m.as_deref().map_or_else(still, thinned);
+    let displacement_x_m =
+        run.force.displacement_x_m.as_deref().map_or_else(|| vec![0.0; time_s.len()], thinned);
     let displacement_m = [thinned(&run.force.displacement_y_m), displacement_x_m];
-    let holds: Vec<Range<usize>> = used.iter().map(rows).collect();
+    let holds: Vec<Range<usize>> = used
+        .iter()
+        .map(|level| {
+            let [start_s, end_s] = level.time_s;
+            time_s.partition_point(|at_s| *at_s < start_s)..time_s.partition_point(|at_s| *at_s <= end_s)
+        })
+        .collect();
     DisplacementHistory {
         reversal_m: displacement_m.each_ref().map(|readings_m| reversal_m(readings_m, &holds)),
         displacement_m,
         holds,
-        shape_time_s: used.iter().flat_map(on_needle).collect(),
+        shape_time_s: used
+            .iter()
+            .flat_map(|level| -> Vec<f64> {
+                let indices = level.shape.iter().filter(|index| shape_point(session, run, **index).is_some());
+                indices.map(|index| measured_s(level, *index)).collect()
+            })
+            .collect(),
         time_s,
     }
 }
@@ -368,12 +374,13 @@ fn balances(
         let force_n = relative(&level, |level| &level.force_n);
         let distance_m = displacement_m.iter().map(|d| d.value.powi(2)).sum::<f64>().sqrt();
         if distance_m > 0.0 {
-            let along: Vec<f64> = displacement_m.iter().map(|d| d.value / distance_m).collect();
+            let normalized: Vec<f64> = displacement_m.iter().map(|d| d.value / distance_m).collect();
             let project = |measured: &[Measured]| Measured {
-                value: measured.iter().zip(&along).map(|(m, a)| m.value * a).sum(),
-                sd: measured.iter().zip(&along).map(|(m, a)| (m.sd * a).powi(2)).sum::<f64>().sqrt(),
+                value: measured.iter().zip(&normalized).map(|(m, a)| m.value * a).sum(),
+                sd: measured.iter().zip(&normalized).map(|(m, a)| (m.sd * a).powi(2)).sum::<f64>().sqrt(),
             };
-            let deflection = |p: &ShapeDatum| p.deflection_m.iter().zip(&along).map(|(u, a)| u * a).sum();
+            let deflection =
+                |p: &ShapeDatum| p.deflection_m.iter().zip(&normalized).map(|(u, a)| u * a).sum();
             balances.push(Balance {
                 displacement_m: project(&displacement_m),
                 force_n: project(&force_n),

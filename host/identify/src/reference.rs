@@ -64,29 +64,30 @@ impl<'s> Youngs<'s> {
         let rig = &session.rig;
         let mut groups: Vec<Vec<Fitted>> = Vec::new();
         for run in runs {
-            let same = |group: &&mut Vec<Fitted>| {
+            match groups.iter_mut().find(|group| {
                 group.first().is_some_and(|of| (of.data.depth_m - run.data.depth_m).abs() < SAME_DEPTH_M)
-            };
-            match groups.iter_mut().find(same) {
+            }) {
                 Some(group) => group.push(run.clone()),
                 None => groups.push(vec![run.clone()]),
             }
         }
         let plain = Options { profile: false, bootstrap: 0, ..options.clone() };
         let single = groups.len() == 1;
-        let of_group = |group: Vec<Fitted>| {
-            let depth_m = group.iter().map(|run| run.data.depth_m).sum::<f64>() / group.len() as f64;
-            // Warnings about the pool have been given for all runs.
-            let own = (!single).then(|| pool::pool(&group, &plain, &mut Vec::new()));
-            let Pooled { k_kpa, ci95_kpa, noise_alone, .. } = own.as_ref().unwrap_or(pooled);
-            // Model error is no matter of one depth: it comes in once all are combined.
-            let (k_kpa, [low, high]) =
-                noise_alone.map_or((*k_kpa, *ci95_kpa), |noise| (noise.k_kpa, noise.ci95_kpa));
-            let k_pa = [k_kpa, low, high].map(|kpa| 1e3 * kpa * pooled.over_noise_alone());
-            let typical = group.first().and_then(|run| typical(&run.data));
-            (Depth { depth_m, k_pa, body: None, neighbour: None }, typical)
-        };
-        let (mut depths, typical): (Vec<Depth>, Vec<Option<Run>>) = groups.into_iter().map(of_group).unzip();
+        let (mut depths, typical): (Vec<Depth>, Vec<Option<Run>>) = groups
+            .into_iter()
+            .map(|group| {
+                let depth_m = group.iter().map(|run| run.data.depth_m).sum::<f64>() / group.len() as f64;
+                // Warnings about the pool have been given for all runs.
+                let group_pool = (!single).then(|| pool::pool(&group, &plain, &mut Vec::new()));
+                let Pooled { k_kpa, ci95_kpa, noise_alone, .. } = group_pool.as_ref().unwrap_or(pooled);
+                // Model error is no matter of one depth: it comes in once all are combined.
+                let (k_kpa, [low, high]) =
+                    noise_alone.map_or((*k_kpa, *ci95_kpa), |noise| (noise.k_kpa, noise.ci95_kpa));
+                let k_pa = [k_kpa, low, high].map(|kpa| 1e3 * kpa * pooled.over_noise_alone());
+                let typical = group.first().and_then(|run| typical(&run.data));
+                (Depth { depth_m, k_pa, body: None, neighbour: None }, typical)
+            })
+            .unzip();
         let mut relation = options.relation;
         if let YoungsMethod::Continuum(contact) = relation {
             for (depth, run) in depths.iter_mut().zip(typical) {
@@ -124,7 +125,7 @@ impl<'s> Youngs<'s> {
 
     /// Young's modulus of a K at a depth by a relation; `None` where the relation has no answer.
     fn by(&self, relation: YoungsMethod, depth: &Depth, k_pa: f64) -> Option<f64> {
-        let found = match (relation, &depth.body) {
+        let youngs_modulus = match (relation, &depth.body) {
             (YoungsMethod::Published(relation), _) => {
                 let poisson = self.tissue.poisson;
                 Some(relation.youngs_modulus_pa(k_pa, &self.rig.needle, depth.depth_m, poisson))
@@ -134,7 +135,7 @@ impl<'s> Youngs<'s> {
             }
             (YoungsMethod::Continuum(_), None) => None,
         };
-        found.filter(|youngs_pa| youngs_pa.is_finite() && *youngs_pa > 0.0)
+        youngs_modulus.filter(|youngs_pa| youngs_pa.is_finite() && *youngs_pa > 0.0)
     }
 
     /// Young's modulus of a K at a depth by the relation in use.
@@ -161,14 +162,18 @@ impl<'s> Youngs<'s> {
     /// By how much the logarithm of Young's modulus changes over one standard deviation of Poisson's ratio; 0 where it is exactly known
     /// or not in the relation.
     fn by_poisson(&self, contact: Contact) -> f64 {
-        let of_depth = |depth: &Depth| {
-            let ((_, run), neighbour) = (depth.body.as_ref()?, depth.neighbour.as_ref()?);
-            let [k_pa, ..] = depth.k_pa;
-            let own = self.by(YoungsMethod::Continuum(contact), depth, k_pa)?;
-            let other = youngs_modulus_pa(&neighbour.with_contact(contact), self.rig, k_pa, run).ok()?;
-            Some((other / own).ln())
-        };
-        let changes: Vec<f64> = self.depths.iter().filter_map(of_depth).collect();
+        let changes: Vec<f64> = self
+            .depths
+            .iter()
+            .filter_map(|depth| {
+                let ((_, run), neighbour) = (depth.body.as_ref()?, depth.neighbour.as_ref()?);
+                let [k_pa, ..] = depth.k_pa;
+                let bonded = self.by(YoungsMethod::Continuum(contact), depth, k_pa)?;
+                let neighbour_modulus_pa =
+                    youngs_modulus_pa(&neighbour.with_contact(contact), self.rig, k_pa, run).ok()?;
+                Some((neighbour_modulus_pa / bonded).ln())
+            })
+            .collect();
         changes.iter().sum::<f64>() / changes.len().max(1) as f64
     }
 
@@ -195,8 +200,8 @@ impl<'s> Youngs<'s> {
             })
             .collect();
         let values = || relations.iter().map(|result| result.youngs_modulus_kpa);
-        let found = self.combined(self.relation);
-        if let Some((_, p)) = found.filter(|(_, p)| *p < IMPROBABLE) {
+        let combined = self.combined(self.relation);
+        if let Some((_, p)) = combined.filter(|(_, p)| *p < IMPROBABLE) {
             warnings.push(format!(
                 "Young's modulus by `{}` differs from depth to depth beyond noise ({}): its interval is widened; tissue that varies \
                  with depth, or a needle that is held differently from the stated rig, causes this",
@@ -212,12 +217,12 @@ impl<'s> Youngs<'s> {
             YoungsMethod::Published(_) => 0.0,
         };
         let error = error.hypot(self.model_error_ln);
-        let ends = found.map(|(youngs, _)| {
+        let ends = combined.map(|(youngs, _)| {
             let LnYoungs { value, below, above } = youngs;
             [kpa(value - below.hypot(error)), kpa(value + above.hypot(error))]
         });
         YoungsModulus {
-            value: found.map(|(youngs, _)| kpa(youngs.value)),
+            value: combined.map(|(youngs, _)| kpa(youngs.value)),
             ci95: ends,
             refused: None,
             relation: self.relation.name(),
@@ -250,8 +255,8 @@ fn combined(depths: &[LnYoungs], error: f64) -> Option<(LnYoungs, f64)> {
             } else {
                 1.0
             };
-            let (below, above) = (widen * square(|of| of.below), widen * square(|of| of.above));
-            Some((LnYoungs { value: mean, below, above }, p))
+            let (lower_error, upper_error) = (widen * square(|of| of.below), widen * square(|of| of.above));
+            Some((LnYoungs { value: mean, below: lower_error, above: upper_error }, p))
         }
         _ => None,
     }
@@ -266,8 +271,8 @@ pub(super) fn headline(
     warnings: &mut Vec<String>,
 ) -> YoungsModulus {
     let bonded = options.relation == YoungsMethod::Continuum(Contact::Bonded);
-    let mut all = options.fixed.iter().map(|(effect, _)| effect.id());
-    let effects = all.any(|id| id.starts_with("tissue."));
+    let mut effect_ids = options.fixed.iter().map(|(effect, _)| effect.id());
+    let effects = effect_ids.any(|id| id.starts_with("tissue."));
     match &foundation.body {
         Some(body) if bonded && (effects || foundation.used == "body") => {
             (youngs.value, youngs.ci95) = (Some(body.youngs_modulus_kpa), Some(body.ci95_kpa));

@@ -1,4 +1,4 @@
-//! What the fit of one run leaves of every reading, in standard deviations: for figures.
+//! Residuals of the fit of one run, in standard deviations: for figures.
 
 use readings::{Fit, LateralData};
 
@@ -20,11 +20,11 @@ pub struct ResidualResult {
 /// The residuals of a fit of one run; in the order in which [`LateralData`] gives them.
 pub(super) fn gather(data: &LateralData, fit: &Fit) -> Vec<ResidualResult> {
     let mut sigmas = fit.residuals.first().into_iter().flatten().copied();
-    let mut found = Vec::new();
+    let mut residual_results = Vec::new();
     for plane in ["y", "x"].into_iter().take(data.planes) {
         for channel in ["displacement", "force"].into_iter().take(if data.uses_force { 2 } else { 1 }) {
             let of_holds = (0..data.levels.len()).zip(sigmas.by_ref());
-            found.extend(of_holds.map(|(hold, sigma)| ResidualResult {
+            residual_results.extend(of_holds.map(|(hold, sigma)| ResidualResult {
                 channel,
                 plane,
                 hold,
@@ -35,7 +35,7 @@ pub(super) fn gather(data: &LateralData, fit: &Fit) -> Vec<ResidualResult> {
         let points = data.levels.iter().enumerate();
         let points =
             points.flat_map(|(hold, level)| level.shape.iter().map(move |point| (hold, 1e3 * point.z_m)));
-        found.extend(points.zip(sigmas.by_ref()).map(|((hold, z_mm), sigma)| ResidualResult {
+        residual_results.extend(points.zip(sigmas.by_ref()).map(|((hold, z_mm), sigma)| ResidualResult {
             channel: "shape",
             plane,
             hold,
@@ -43,5 +43,5 @@ pub(super) fn gather(data: &LateralData, fit: &Fit) -> Vec<ResidualResult> {
             sigma,
         }));
     }
-    found
+    residual_results
 }

@@ -43,7 +43,7 @@ pub struct Identification {
     /// K and E by other models that explain what the effects were learned from; empty where the model file has none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub others: Vec<OtherResult>,
-    /// What many sessions predict of K, and K with it; `None` where it was not given. All else is without it.
+    /// Prior of K from many sessions, and K with it; `None` if it was not given. All else is without it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorResult>,
     /// K over the needle's bending stiffness, where that is not known; K itself then refers to the reference needle.
@@ -61,7 +61,7 @@ pub struct Identification {
     pub walls: WallsResult,
     /// Comparison with indentation; nothing without such a measurement.
     pub reference: Option<Reference>,
-    /// What of the recordings is not used, with its reason.
+    /// Rows of the recordings that are not used, with their reason.
     pub unused: Vec<UnusedPart>,
     /// Warnings about the numbers.
     pub warnings: Vec<String>,
@@ -79,15 +79,15 @@ pub struct Pooled {
     pub sd_kpa: f64,
     /// 95 % interval, from ln K, model error in it.
     pub ci95_kpa: [f64; 2],
-    /// What they are by noise alone; `None` where the two are the same, because model error could not be estimated.
+    /// Intervals by noise alone; `None` if the two are the same, because model error could not be estimated.
     pub noise_alone: Option<NoiseAlone>,
-    /// What is stated of the rig on which the interval rests most; `None` where model error is not in it.
+    /// Statement about the rig on which the interval depends most; `None` if model error is not in it.
     pub rests_on: Option<RestsOn>,
     /// Profile likelihood; `None` where it was not requested.
     pub profile: Option<Profile>,
     /// Parametric bootstrap; `None` where it was not requested.
     pub bootstrap: Option<Bootstrap>,
-    /// What was found of the nuisance effects' parameters, shared by the runs.
+    /// Estimates of the nuisance effects' parameters, shared by the runs.
     pub nuisances: Vec<NuisanceResult>,
     /// Number of runs in it.
     pub runs: usize,
@@ -98,7 +98,7 @@ pub struct Pooled {
 /// An assumption on which an interval rests.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RestsOn {
-    /// What is assumed.
+    /// Assumption of the method.
     pub assumption: &'static str,
     /// Share of the variance of ln K that would go if it were exactly known, 0 to 1.
     pub share_of_variance: f64,
@@ -115,7 +115,7 @@ pub struct NoiseAlone {
     pub ci95_kpa: [f64; 2],
 }
 
-/// What shapes and paths determine of a tissue where the needle's bending stiffness is not known.
+/// Ratio that shapes and paths determine if the needle's bending stiffness is not known.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct KPerEi {
     /// Foundation modulus over bending stiffness, `K/(E I)`.
@@ -127,7 +127,8 @@ pub struct KPerEi {
 }
 
 impl KPerEi {
-    /// Of a modulus that was computed with the reference's bending stiffness; `None` where the needle's own is known.
+    /// Ratio for a modulus that was computed with the reference's bending stiffness; `None` if the needle's own is
+    /// known.
     pub fn of(needle: &Needle, k_kpa: f64, ci95_kpa: [f64; 2]) -> Option<Self> {
         let reference_ei_n_m2 = needle.bending_stiffness_n_m2();
         let per_m4 = |kpa: f64| 1e3 * kpa / reference_ei_n_m2;
@@ -211,6 +212,6 @@ pub struct RelationResult {
     pub relation: &'static str,
     /// The modulus.
     pub youngs_modulus_kpa: f64,
-    /// What the relation holds for.
+    /// Range in which the relation holds.
     pub validity: &'static str,
 }

@@ -28,15 +28,15 @@ fn identified(session: &Session) -> Identification {
 fn estimates_are_unbiased_scatter_as_stated_and_cover() {
     const SESSIONS: usize = 150;
     let mut noise = Noise::new(11);
-    let (mut found, mut stated, mut covered) = (Vec::new(), 0.0, 0);
+    let (mut estimates_kpa, mut stated, mut covered) = (Vec::new(), 0.0, 0);
     for _ in 0..SESSIONS {
         let result = identified(&session(vec![Recipe::default().run("a", &mut noise)]));
         let [low, high] = result.pooled.ci95_kpa;
         covered += usize::from((low..=high).contains(&K_KPA));
         stated += result.pooled.sd_kpa / SESSIONS as f64;
-        found.push(result.pooled.k_kpa);
+        estimates_kpa.push(result.pooled.k_kpa);
     }
-    let (mean, sd) = mean_and_sd(&found).expect("many");
+    let (mean, sd) = mean_and_sd(&estimates_kpa).expect("many");
     println!("{mean:.3} kPa, scatter {sd:.3}, stated {stated:.3}, {covered} of {SESSIONS} covered");
     assert!((mean - K_KPA).abs() < 3.5 * sd / (SESSIONS as f64).sqrt(), "{mean} +- {sd}");
     assert!((stated / sd - 1.0).abs() < 0.2, "stated {stated}, real {sd}");
@@ -226,8 +226,8 @@ fn standard_deviations_of_points_are_weights() {
     shape.y_sd_m = Some(sd_m.collect());
     let weighted = identified(&session);
     assert!(weighted.pooled.sd_kpa < 1.7 * clean.sd_kpa, "{:?} beside {clean:?}", weighted.pooled);
-    let off = (weighted.pooled.k_kpa - recipe.k_kpa).abs();
-    assert!(off < 3.0 * weighted.pooled.sd_kpa, "{:?}", weighted.pooled);
+    let deviation_kpa = (weighted.pooled.k_kpa - recipe.k_kpa).abs();
+    assert!(deviation_kpa < 3.0 * weighted.pooled.sd_kpa, "{:?}", weighted.pooled);
     assert!(
         !weighted.warnings.iter().any(|w| w.contains("times the stated noise")),
         "{:?}",

@@ -23,12 +23,12 @@ use pattern::Cut;
 use phantom::Phantom;
 use solve::Solution;
 
-/// What is known beside sequence and phantom.
+/// Settings beside sequence and phantom.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Size of a pixel to about a tenth: of the file, given, or of the phantom's file.
     pub about_mm_per_px: Option<f64>,
-    /// How the image lies on the probe, where the file does not state it.
+    /// Orientation of the image on the probe, if the file does not state it.
     pub orientation: Option<Orientation>,
     /// Part of the oriented frame in which the wires are.
     pub region: Option<Region>,
@@ -52,9 +52,9 @@ pub enum CalibrateError {
     /// No such transform.
     #[error("no frame has the transform {name}, expected one of: {known}")]
     NoTransform {
-        /// What was requested.
+        /// Requested name.
         name: String,
-        /// What there is.
+        /// Names that exist.
         known: String,
     },
     /// No place of the phantom.
@@ -94,7 +94,7 @@ pub enum CalibrateError {
     Degenerate,
 }
 
-/// What became of a frame.
+/// Result of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// It is a part of the calibration.
@@ -166,7 +166,7 @@ pub fn calibrate(
 ) -> Result<Calibration, CalibrateError> {
     let header = sequence.header().clone();
     let of_file = header.spacing_mm.map(|[x, y]| 0.5 * (x + y));
-    let about_mm =
+    let approximate_mm_per_px =
         settings.about_mm_per_px.or(of_file).or(phantom.about_mm_per_px).ok_or(CalibrateError::NoSpacing)?;
     let times_s: Vec<Option<f64>> = header.frames.iter().map(|frame| frame.time_s).collect();
     pose::clock(&times_s)?;
@@ -179,18 +179,18 @@ pub fn calibrate(
         .ok_or_else(|| CalibrateError::NoRegistration { reference: reference.to_owned() })?;
     for name in [Some(&settings.probe), settings.reference.as_ref()].into_iter().flatten() {
         if !header.frames.iter().any(|frame| frame.transforms.contains_key(name)) {
-            let mut known: Vec<&str> =
+            let mut names: Vec<&str> =
                 header.frames.iter().flat_map(|frame| frame.transforms.keys()).map(String::as_str).collect();
-            known.sort_unstable();
-            known.dedup();
-            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-            return Err(CalibrateError::NoTransform { name: name.clone(), known });
+            names.sort_unstable();
+            names.dedup();
+            let name_list = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+            return Err(CalibrateError::NoTransform { name: name.clone(), known: name_list });
         }
     }
     let stated = header.unclear(Statement::Orientation).filter(|_| settings.orientation.is_none());
     stated.cloned().map_or(Ok(()), Err)?;
     let orientation = settings.orientation.or(header.orientation).unwrap_or_default();
-    let detector = Detector::new(settings.echo_mm, [about_mm; 2], settings.region);
+    let detector = Detector::new(settings.echo_mm, [approximate_mm_per_px; 2], settings.region);
     let mut states = Vec::new();
     let mut observations: Vec<Observation> = Vec::new();
     let mut series: Vec<(f64, Pose)> = Vec::new();
@@ -210,44 +210,50 @@ pub fn calibrate(
         }
         let state = match pose {
             None => State::Invalid,
-            Some(phantom_to_probe) => match wires(&detector, frame, orientation, phantom, about_mm) {
-                None => State::NoPattern,
-                Some(cut) => {
-                    let time_s = fields.and_then(|fields| fields.time_s);
-                    observations.push(Observation { frame: number, time_s, cut, phantom_to_probe });
-                    State::Used
+            Some(phantom_to_probe) => {
+                match wires(&detector, frame, orientation, phantom, approximate_mm_per_px) {
+                    None => State::NoPattern,
+                    Some(cut) => {
+                        let time_s = fields.and_then(|fields| fields.time_s);
+                        observations.push(Observation { frame: number, time_s, cut, phantom_to_probe });
+                        State::Used
+                    }
                 }
-            },
+            }
         };
         states.push(state);
         on_frame(number);
     }
     if observations.len() < MIN_FRAMES {
-        let (found, frames, patterns) = (observations.len(), states.len(), phantom.patterns.len());
-        return Err(CalibrateError::TooFew { found, frames, patterns, least: MIN_FRAMES });
+        let (observation_count, frames, patterns) =
+            (observations.len(), states.len(), phantom.patterns.len());
+        return Err(CalibrateError::TooFew { found: observation_count, frames, patterns, least: MIN_FRAMES });
     }
     series.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (used, others): (Vec<(usize, &Observation)>, Vec<_>) =
+    let (fitted_echoes, checked_echoes): (Vec<(usize, &Observation)>, Vec<_>) =
         observations.iter().enumerate().partition(|(number, _)| number % 2 == 0);
     let of = |part: &[(usize, &Observation)]| -> Vec<Observation> {
         part.iter().map(|(_, observation)| (*observation).clone()).collect()
     };
-    let (used, others) = (of(&used), of(&others));
-    let solution = solve::solve(&used, &series, phantom, about_mm).ok_or(CalibrateError::Degenerate)?;
+    let (fitted_frames, checked_frames) = (of(&fitted_echoes), of(&checked_echoes));
+    let solution = solve::solve(&fitted_frames, &series, phantom, approximate_mm_per_px)
+        .ok_or(CalibrateError::Degenerate)?;
     let at_lag = |part: Vec<Observation>| match solution.lag_s {
         Some(lag_s) => solve::delayed(&part, &series, lag_s),
         None => part,
     };
-    let (used, others) = (at_lag(used), at_lag(others));
-    for (observation, state) in
-        used.iter().map(|one| (one, State::Used)).chain(others.iter().map(|one| (one, State::Validation)))
+    let (fitted_poses, checked_poses) = (at_lag(fitted_frames), at_lag(checked_frames));
+    for (observation, state) in fitted_poses
+        .iter()
+        .map(|one| (one, State::Used))
+        .chain(checked_poses.iter().map(|one| (one, State::Validation)))
     {
         let is_outlier = solution.is_outlier(observation, phantom);
         if let Some(slot) = states.get_mut(observation.frame) {
             *slot = if is_outlier { State::Outlier } else { state };
         }
     }
-    let errors = [&used, &others].map(|part| solution.errors(part, phantom));
+    let errors = [&fitted_poses, &checked_poses].map(|part| solution.errors(part, phantom));
     Ok(Calibration { states, observations, solution, errors })
 }
 
@@ -260,9 +266,9 @@ fn wires(
     about_mm: f64,
 ) -> Option<Cut> {
     let candidates = detector.candidates(&frame.oriented(orientation));
-    let places: Vec<[f64; 2]> =
+    let echoes_px: Vec<[f64; 2]> =
         candidates.iter().map(|candidate| [candidate.centre.x_px, candidate.centre.y_px]).collect();
-    pattern::assign(&places, phantom, about_mm)
+    pattern::assign(&echoes_px, phantom, about_mm)
 }
 
 #[cfg(test)]

@@ -1,10 +1,13 @@
 //! Guide 2 (and a fixed mark) followed through the frames of a camera: how many pixels it has moved since the first usable frame, with a
 //! covariance that comes from the texture of the template and the noise that is left.
 //!
-//! 1. Normalised correlation finds the template to the nearest pixel: near where it was last, and in the whole frame where it is not there.
-//! 2. Gauss-Newton steps find the translation to hundredths of a pixel ([`refine`]): the brightness of the template may have changed by a
-//!    factor and an offset, nothing else of it.
-//! 3. Where the template has no texture in a direction, motion along it is not identifiable, and none is reported ([`texture`]).
+//! 1. Normalised correlation finds the template to the nearest pixel: near where it was last, and in the whole frame
+//! where it is not there.
+//! 2. Gauss-Newton steps find the translation to hundredths of a pixel ([`refine`]): the brightness of the template may
+//! have changed by a
+//! factor and an offset, nothing else of it.
+//! 3. If the template has no texture in a direction, motion along it is not identifiable, and none is reported
+//! ([`texture`]).
 
 mod correlate;
 mod refine;
@@ -32,7 +35,7 @@ pub const LOW_SCORE: f64 = 0.8;
 /// Largest standard deviation of a translation, pixels: a direction that is less certain has no texture.
 pub const MAX_SD_PX: f64 = 0.1;
 
-/// What is followed.
+/// Object that is followed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Settings {
     /// Part of the first frame that shows guide 2.
@@ -70,7 +73,7 @@ pub enum CameraError {
         option: &'static str,
         /// The direction in words.
         direction: String,
-        /// What the translation along it would be known to.
+        /// Standard deviation that the translation along it would have.
         sd_px: f64,
     },
     /// Frames without content.
@@ -80,11 +83,11 @@ pub enum CameraError {
     NoTemplate {
         /// Frames in all.
         count: usize,
-        /// Of them black.
+        /// Number of black ones.
         black: usize,
-        /// Of them saturated.
+        /// Number of saturated ones.
         saturated: usize,
-        /// Of them unusable.
+        /// Number of unusable ones.
         invalid: usize,
     },
     /// One frame has no motion.
@@ -107,14 +110,14 @@ fn sd_text(sd_px: f64) -> String {
     }
 }
 
-/// What became of a frame.
+/// Result of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// Its displacement is measured.
     Used,
     /// The template is not in it, or only a part of it.
     Lost,
-    /// What is most alike differs too much to be the template with certainty: correlation below [`LOW_SCORE`].
+    /// The best match differs too much to be the template with certainty: correlation below [`LOW_SCORE`].
     LowScore,
     /// The steps do not converge near what correlation found, or leave more than [`MAX_SD_PX`].
     NotConverged,
@@ -167,7 +170,7 @@ impl State {
 /// One frame of a clip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameResult {
-    /// What became of it.
+    /// Result of the frame.
     pub state: State,
     /// Time stamp.
     pub time_s: Option<f64>,
@@ -219,13 +222,17 @@ pub fn measure(
     settings.mark.map_or(Ok(()), |mark| check(mark, "--mark", size))?;
     let mut follower: Option<Follower> = None;
     let mut frames: Vec<FrameResult> = Vec::new();
-    let mut before = None;
+    let mut previous_hash = None;
     for number in 0.. {
         let Some(frame) = sequence.next_frame()? else { break };
         let fields = header.frames.get(number);
         let time_s = fields.and_then(|fields| fields.time_s);
-        let mut result =
-            FrameResult { state: content(&frame, size, &mut before), time_s, template: None, mark: None };
+        let mut result = FrameResult {
+            state: content(&frame, size, &mut previous_hash),
+            time_s,
+            template: None,
+            mark: None,
+        };
         if fields.is_some_and(|fields| fields.is_invalid) {
             result.state = State::Invalid;
         }
@@ -256,8 +263,8 @@ pub fn measure(
         return Err(CameraError::TooFew { found: of(State::Used), count: frames.len() });
     }
     let Follower { number, template, mark, alike } = follower;
-    let own = template.patch.directions;
-    let directions = mark.and_then(|mark| own.both(mark.patch.directions)).unwrap_or(own);
+    let texture = template.patch.directions;
+    let directions = mark.and_then(|mark| texture.both(mark.patch.directions)).unwrap_or(texture);
     Ok(Clip { frames, template_frame: number, directions, alike })
 }
 
@@ -271,16 +278,16 @@ fn check(region: Region, option: &'static str, [width, height]: [usize; 2]) -> R
     if is_inside && is_sized { Ok(()) } else { Err(CameraError::Outside { option, region, width, height }) }
 }
 
-/// What a frame is before anything is looked for in it.
+/// State of a frame before any search in it.
 fn content(frame: &Frame, size: [usize; 2], before: &mut Option<u64>) -> State {
     if [frame.width, frame.height] != size || frame.pixels.len() != size[0] * size[1] {
         return State::OtherSize;
     }
     let mut hasher = DefaultHasher::new();
     frame.pixels.hash(&mut hasher);
-    let own = hasher.finish();
-    let is_repeated = *before == Some(own);
-    *before = Some(own);
+    let hash = hasher.finish();
+    let is_repeated = *before == Some(hash);
+    *before = Some(hash);
     let full = frame.pixels.iter().filter(|pixel| **pixel == u8::MAX).count();
     if frame.pixels.iter().all(|pixel| *pixel < DARK) {
         State::Black
@@ -314,15 +321,16 @@ impl Followed {
     /// Translation in a frame, or what became of it.
     fn find(&mut self, frame: &Frame) -> (State, Option<Translation>) {
         let free = self.patch.directions.free();
-        let near = self.template.near(frame, self.at, free);
-        let found = match near {
+        let nearby_match = self.template.near(frame, self.at, free);
+        let best_match = match nearby_match {
             Some(found) if found.score >= LOW_SCORE && !found.is_at_edge => Some(found),
-            near => {
+            nearby_match => {
                 let anywhere = self.template.anywhere(frame, free);
-                [near, anywhere].into_iter().flatten().max_by(|a, b| a.score.total_cmp(&b.score))
+                [nearby_match, anywhere].into_iter().flatten().max_by(|a, b| a.score.total_cmp(&b.score))
             }
         };
-        let Some(Match { shift, score, .. }) = found.filter(|found| found.score >= LOST_SCORE) else {
+        let Some(Match { shift, score, .. }) = best_match.filter(|best_match| best_match.score >= LOST_SCORE)
+        else {
             return (State::Lost, None);
         };
         match self.patch.refine(frame, shift) {

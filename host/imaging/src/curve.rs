@@ -42,7 +42,7 @@ impl Splines {
         Some(Self { from_mm, step_mm, count: intervals + 3 })
     }
 
-    /// How many there are.
+    /// Number of parameters.
     pub fn count(&self) -> usize {
         self.count
     }
@@ -69,11 +69,11 @@ pub struct Curve {
 impl Curve {
     /// The curve with the least sum of weighted squares and bending; nothing without points.
     pub fn fit(points: &[Knot]) -> Option<Self> {
-        let (from_mm, to_mm) =
+        let (start_mm, end_mm) =
             points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), point| {
                 (least.min(point.z_mm), most.max(point.z_mm))
             });
-        let splines = Splines::over(from_mm, to_mm, MAX_INTERVALS)?;
+        let splines = Splines::over(start_mm, end_mm, MAX_INTERVALS)?;
         let count = splines.count();
         let mut normal = DMatrix::<f64>::zeros(count, count);
         let mut right = DVector::<f64>::zeros(count);

@@ -1,8 +1,8 @@
 //! Candidates for the needle's cross-section in one frame: places that are brighter than what is beside and above them, at the sizes
 //! that the echo of a needle can have, each with its centre to a fraction of a pixel and the covariance of that centre.
 //!
-//! Which of them is the needle is decided by the sequence ([`crate::track`]). What is below is not compared with: a comet tail or a
-//! second echo is there.
+//! The sequence decides which of them is the needle ([`crate::track`]). Pixels below are not used as background: a
+//! comet tail or a second echo is there.
 
 mod centre;
 mod integral;
@@ -63,34 +63,34 @@ impl Detector {
             self.peaks(&integral, *core, &mut peaks);
         }
         peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut kept: Vec<(f64, [usize; 2], [usize; 2])> = Vec::new();
+        let mut peaks_kept: Vec<(f64, [usize; 2], [usize; 2])> = Vec::new();
         for peak in peaks {
-            // Of places that overlap the best one counts, of whatever size.
-            let overlaps = kept.iter().any(|(_, at, core)| {
+            // The best of overlapping positions counts, of whatever size.
+            let overlaps = peaks_kept.iter().any(|(_, at, core)| {
                 (0..2).all(|axis| at[axis].abs_diff(peak.1[axis]) <= core[axis] + peak.2[axis])
             });
             if !overlaps {
-                kept.push(peak);
+                peaks_kept.push(peak);
             }
-            if kept.len() == MAX_CANDIDATES {
+            if peaks_kept.len() == MAX_CANDIDATES {
                 break;
             }
         }
-        let Some(best) = kept.first().map(|(score, ..)| *score) else { return Vec::new() };
+        let Some(best) = peaks_kept.first().map(|(score, ..)| *score) else { return Vec::new() };
         let speckle = Speckle::of(frame);
-        let mut found: Vec<Candidate> = Vec::new();
-        for (score, at, core) in kept.into_iter().filter(|(score, ..)| *score * MAX_RATIO >= best) {
+        let mut candidates: Vec<Candidate> = Vec::new();
+        for (score, at, core) in peaks_kept.into_iter().filter(|(score, ..)| *score * MAX_RATIO >= best) {
             let Some(centre) = centre::refine(frame, at, core, &speckle, &self.linear) else { continue };
             // Two starts may lead to one echo.
-            let known = found.iter().any(|other| {
-                let off = [centre.x_px - other.centre.x_px, centre.y_px - other.centre.y_px];
-                (off[0] / centre.width_px).hypot(off[1] / centre.height_px) < 1.0
+            let is_duplicate = candidates.iter().any(|other| {
+                let distance_px = [centre.x_px - other.centre.x_px, centre.y_px - other.centre.y_px];
+                (distance_px[0] / centre.width_px).hypot(distance_px[1] / centre.height_px) < 1.0
             });
-            if !known {
-                found.push(Candidate { centre, score });
+            if !is_duplicate {
+                candidates.push(Candidate { centre, score });
             }
         }
-        found
+        candidates
     }
 
     /// Local maxima of the contrast at one size of core.
@@ -101,8 +101,8 @@ impl Detector {
         let region =
             self.region.unwrap_or(Region { x: 0, y: 0, width: integral.width, height: integral.height });
         let range = |from: usize, size: usize, margin: usize, most: usize| {
-            let to = from.saturating_add(size).min(most.saturating_sub(margin));
-            (from.max(margin), to)
+            let end = from.saturating_add(size).min(most.saturating_sub(margin));
+            (from.max(margin), end)
         };
         let (from_x, to_x) = range(region.x, region.width, margin[0], integral.width);
         let (from_y, to_y) = range(region.y, region.height, margin[1], integral.height);
@@ -121,16 +121,16 @@ impl Detector {
         let at = |column: usize, row: usize| scores.get(row * columns + column).copied().unwrap_or(0.0);
         for row in 0..rows {
             for column in 0..columns {
-                let own = at(column, row);
-                if own <= 1.0 {
+                let peak_value = at(column, row);
+                if peak_value <= 1.0 {
                     continue;
                 }
                 let is_peak = (row.saturating_sub(1)..=(row + 1).min(rows - 1)).all(|r| {
-                    (column.saturating_sub(1)..=(column + 1).min(columns - 1)).all(|c| at(c, r) <= own)
+                    (column.saturating_sub(1)..=(column + 1).min(columns - 1)).all(|c| at(c, r) <= peak_value)
                 });
                 if is_peak {
-                    let place = [from_x + column * stride[0], from_y + row * stride[1]];
-                    peaks.push((f64::from(own), place, core));
+                    let position = [from_x + column * stride[0], from_y + row * stride[1]];
+                    peaks.push((f64::from(peak_value), position, core));
                 }
             }
         }
@@ -139,7 +139,7 @@ impl Detector {
 
 /// Brightness of a core above the brightest of what is left, right and above, over the scatter there.
 fn contrast(integral: &Integral, x: usize, y: usize, [half_x, half_y]: [usize; 2]) -> f64 {
-    let own = integral.mean(x - half_x, y - half_y, 2 * half_x + 1, 2 * half_y + 1);
+    let core_mean = integral.mean(x - half_x, y - half_y, 2 * half_x + 1, 2 * half_y + 1);
     let sides = [
         (x - 3 * half_x - 1, y - half_y, 2 * half_x, 2 * half_y + 1),
         (x + half_x + 2, y - half_y, 2 * half_x, 2 * half_y + 1),
@@ -149,12 +149,12 @@ fn contrast(integral: &Integral, x: usize, y: usize, [half_x, half_y]: [usize; 2
     for (x, y, width, height) in sides {
         brightest = brightest.max(integral.mean(x, y, width, height));
         // The first side already excludes most places.
-        if own - brightest < MIN_CONTRAST {
+        if core_mean - brightest < MIN_CONTRAST {
             return 0.0;
         }
     }
     let variances = sides.iter().map(|(x, y, width, height)| integral.variance(*x, *y, *width, *height));
-    (own - brightest) / ((variances.sum::<f64>() / 3.0).sqrt() + FLOOR)
+    (core_mean - brightest) / ((variances.sum::<f64>() / 3.0).sqrt() + FLOOR)
 }
 
 #[cfg(test)]

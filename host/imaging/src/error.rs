@@ -1,4 +1,4 @@
-//! What can be wrong with files of images.
+//! Errors of image files.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ pub enum ImagingError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the operating system reported.
+        /// Report of the operating system.
         cause: std::io::Error,
     },
     /// A field or a frame of it is wrong.
@@ -20,9 +20,9 @@ pub enum ImagingError {
         path: PathBuf,
         /// Field of its header, or frame.
         field: String,
-        /// What is there.
+        /// Content of the file.
         problem: String,
-        /// What is valid.
+        /// Valid content.
         expected: String,
     },
 }
@@ -43,7 +43,7 @@ impl ImagingError {
         }
     }
 
-    /// What the operating system reports of a file.
+    /// Error that the operating system reports of a file.
     pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |cause| Self::Io { path: path.to_owned(), cause }
     }

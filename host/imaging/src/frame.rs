@@ -38,8 +38,8 @@ impl Frame {
     }
 }
 
-/// How the axes of an image lie on the probe: which of them point the other way than `MF` (first axis to the marked side, second to
-/// the far side).
+/// Orientation of an image's axes on the probe: which of them point the other way than `MF` (first axis to the marked
+/// side, second to the far side).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Orientation {
     /// The first axis points to the unmarked side.
@@ -90,7 +90,7 @@ impl Region {
     }
 }
 
-/// What a file states of one frame.
+/// Fields of one frame in a file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrameFields {
     /// Time stamp.
@@ -105,7 +105,7 @@ pub struct FrameFields {
     pub numbers: BTreeMap<String, f64>,
 }
 
-/// What a file states of all its frames.
+/// Fields of all frames in a file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Header {
     /// Pixels of a row.
@@ -116,26 +116,27 @@ pub struct Header {
     pub count: usize,
     /// Size of a pixel along both axes, millimetres; none where the file states none or 1.
     pub spacing_mm: Option<[f64; 2]>,
-    /// How the axes lie on the probe, where it is stated.
+    /// Orientation of the axes on the probe, if it is stated.
     pub orientation: Option<Orientation>,
     /// Part of the frame that is ultrasound and not the screen around it, where it is stated.
     pub region: Option<Region>,
     /// Fields of the frames; empty where the file has none.
     pub frames: Vec<FrameFields>,
-    /// What the file states and cannot be followed: an error unless an option of the user takes its place.
+    /// Statements of the file that cannot be followed: an error unless an option of the user takes its
+    /// place.
     pub unclear: Vec<(Statement, Unclear)>,
-    /// What was left out, for people.
+    /// Notes for people on content that was left out.
     pub notes: Vec<String>,
 }
 
 impl Header {
-    /// What the file states of this and cannot be followed.
+    /// Statement of the file about this that cannot be followed.
     pub fn unclear(&self, statement: Statement) -> Option<&Unclear> {
         self.unclear.iter().find(|(of, _)| *of == statement).map(|(_, unclear)| unclear)
     }
 }
 
-/// What an option of the user can state in place of a file.
+/// Statement that an option of the user can make in place of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Statement {
     /// Size of a pixel.
@@ -150,8 +151,8 @@ pub enum Statement {
 pub struct Unclear {
     /// Field of the header.
     pub field: String,
-    /// What is there.
+    /// Content of the file.
     pub problem: String,
-    /// What is valid.
+    /// Valid content.
     pub expected: String,
 }

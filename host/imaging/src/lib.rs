@@ -10,7 +10,7 @@
 //! | [`camera`] | guide 2 and a fixed mark followed through a clip, to hundredths of a pixel, with covariance and state of every frame |
 //! | [`overlay`], [`sheet`] | pictures of frames with what was found, one by one and together |
 //!
-//! Nothing here depends on a tissue: inference does.
+//! No result here depends on a tissue: inference does.
 //!
 //! # Example
 //!

@@ -25,7 +25,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Of one colour.
+    /// Image of one colour.
     pub(crate) fn plain(width: usize, height: usize, colour: [u8; 3]) -> Self {
         Self { width, height, pixels: colour.repeat(width * height) }
     }
@@ -53,11 +53,11 @@ impl Picture {
         let mut picture = Self::of(frame);
         let is_used = result.state == camera::State::Used;
         let colour = if is_used { USED } else { REJECTED };
-        if let Some(found) = &result.template {
-            picture.rectangle(settings.template, found.shift_px, colour);
+        if let Some(template_match) = &result.template {
+            picture.rectangle(settings.template, template_match.shift_px, colour);
         }
-        if let (Some(mark), Some(found)) = (settings.mark, &result.mark) {
-            picture.rectangle(mark, found.shift_px, MARK);
+        if let (Some(mark), Some(mark_match)) = (settings.mark, &result.mark) {
+            picture.rectangle(mark, mark_match.shift_px, MARK);
         }
         if !is_used {
             picture.border(colour);
@@ -79,8 +79,8 @@ impl Picture {
     fn dot(&mut self, x: i64, y: i64, colour: [u8; 3]) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if x < self.width && y < self.height {
-            let at = 3 * (y * self.width + x);
-            if let Some(pixel) = self.pixels.get_mut(at..at + 3) {
+            let pixel_index = 3 * (y * self.width + x);
+            if let Some(pixel) = self.pixels.get_mut(pixel_index..pixel_index + 3) {
                 pixel.copy_from_slice(&colour);
             }
         }
@@ -96,10 +96,12 @@ impl Picture {
     }
 
     fn rectangle(&mut self, region: Region, shift: [f64; 2], colour: [u8; 3]) {
-        let from = [region.x as f64 + shift[0], region.y as f64 + shift[1]].map(|at| at.round() as i64);
-        let to = [from[0] + region.width as i64 - 1, from[1] + region.height as i64 - 1];
-        (from[0]..=to[0]).for_each(|x| [from[1], to[1]].into_iter().for_each(|y| self.dot(x, y, colour)));
-        (from[1]..=to[1]).for_each(|y| [from[0], to[0]].into_iter().for_each(|x| self.dot(x, y, colour)));
+        let corner = [region.x as f64 + shift[0], region.y as f64 + shift[1]].map(|at| at.round() as i64);
+        let opposite_corner = [corner[0] + region.width as i64 - 1, corner[1] + region.height as i64 - 1];
+        (corner[0]..=opposite_corner[0])
+            .for_each(|x| [corner[1], opposite_corner[1]].into_iter().for_each(|y| self.dot(x, y, colour)));
+        (corner[1]..=opposite_corner[1])
+            .for_each(|y| [corner[0], opposite_corner[0]].into_iter().for_each(|x| self.dot(x, y, colour)));
     }
 
     /// Marks a rejected frame.
@@ -113,17 +115,19 @@ impl Picture {
 
     /// The picture as means of its pixels, at most of this size, and how many pixels became one.
     pub(crate) fn reduced(&self, most: [usize; 2]) -> Self {
-        let by = self.width.div_ceil(most[0].max(1)).max(self.height.div_ceil(most[1].max(1))).max(1);
-        let (width, height) = ((self.width / by).max(1), (self.height / by).max(1));
+        let reduction = self.width.div_ceil(most[0].max(1)).max(self.height.div_ceil(most[1].max(1))).max(1);
+        let (width, height) = ((self.width / reduction).max(1), (self.height / reduction).max(1));
         let mut pixels = Vec::with_capacity(3 * width * height);
         for (y, x, channel) in
             (0..height).flat_map(|y| (0..width).flat_map(move |x| (0..3).map(move |channel| (y, x, channel))))
         {
-            let part = (0..by * by).filter_map(|i| {
-                let at = 3 * ((y * by + i / by) * self.width + x * by + i % by) + channel;
-                self.pixels.get(at).map(|value| u32::from(*value))
+            let samples = (0..reduction * reduction).filter_map(|i| {
+                let sample_index = 3
+                    * ((y * reduction + i / reduction) * self.width + x * reduction + i % reduction)
+                    + channel;
+                self.pixels.get(sample_index).map(|value| u32::from(*value))
             });
-            let (sum, count) = part.fold((0, 0), |(sum, count), value| (sum + value, count + 1));
+            let (sum, count) = samples.fold((0, 0), |(sum, count), value| (sum + value, count + 1));
             pixels.push((sum / count.max(1)) as u8);
         }
         Self { width, height, pixels }
@@ -134,12 +138,12 @@ impl Picture {
         for (row, pixels) in other.pixels.chunks_exact(3 * other.width.max(1)).enumerate() {
             let y = at[1] + row;
             let count = other.width.min(self.width.saturating_sub(at[0]));
-            let from = 3 * (y * self.width + at[0]);
+            let first_index = 3 * (y * self.width + at[0]);
             if y < self.height
-                && let (Some(to), Some(pixels)) =
-                    (self.pixels.get_mut(from..from + 3 * count), pixels.get(..3 * count))
+                && let (Some(target), Some(pixels)) =
+                    (self.pixels.get_mut(first_index..first_index + 3 * count), pixels.get(..3 * count))
             {
-                to.copy_from_slice(pixels);
+                target.copy_from_slice(pixels);
             }
         }
     }

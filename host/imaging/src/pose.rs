@@ -1,11 +1,12 @@
-//! Where the image plane is when a frame is taken: from frame number, time, a field of the file or its transforms.
+//! Position of the image plane when a frame is taken: from frame number, time, a field of the file or its
+//! transforms.
 //!
 //! The session's frame: z along the needle from guide 1, x horizontal, y up. An image, oriented as [`crate::frame::Orientation`] states,
 //! has x towards the probe's marker and its second axis away from the probe; the probe is above the needle where nothing else is stated.
 
 use crate::frame::FrameFields;
 
-/// What gives the position of the image plane along the needle.
+/// Source of the image plane's position along the needle.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Place {
     /// The same distance from frame to frame.
@@ -55,7 +56,7 @@ pub enum PlaceError {
         "frame {frame}: a time stamp of {time_s} s after {before_s} s, expected one that is later: were two recordings joined?"
     )]
     Clock {
-        /// Which frame, from 1.
+        /// Number of the frame, from 1.
         frame: usize,
         /// Its stamp.
         time_s: f64,
@@ -75,14 +76,14 @@ pub enum PlaceError {
     /// No such field.
     #[error("no frame has the field {name}, expected one of: {known}")]
     NoField {
-        /// What was requested.
+        /// Requested name.
         name: String,
-        /// What there is.
+        /// Names that exist.
         known: String,
     },
 }
 
-/// How the image plane looks and moves when a frame is taken.
+/// Orientation and motion of the image plane when a frame is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Motion {
     /// Direction in which the beam leaves the probe, across the needle: from x towards y, radians.
@@ -106,9 +107,9 @@ pub fn by_rows(numbers: [f64; 16]) -> Option<Pose> {
         return None;
     }
     let is_last = |row: [f64; 4]| row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < ROUNDING);
-    let mut turned = numbers;
-    turned.iter_mut().enumerate().for_each(|(at, value)| *value = numbers[4 * (at % 4) + at / 4]);
-    [numbers, turned].into_iter().find(|matrix| is_last([matrix[12], matrix[13], matrix[14], matrix[15]]))
+    let mut transposed = numbers;
+    transposed.iter_mut().enumerate().for_each(|(at, value)| *value = numbers[4 * (at % 4) + at / 4]);
+    [numbers, transposed].into_iter().find(|matrix| is_last([matrix[12], matrix[13], matrix[14], matrix[15]]))
 }
 
 /// Readings before and after a frame over which the speed of the probe is taken.
@@ -130,30 +131,30 @@ pub struct Poses {
 }
 
 impl Poses {
-    /// Of so many frames.
+    /// Motion of so many frames.
     ///
     /// # Errors
     /// [`PlaceError`] where the file does not have what the place is computed from.
     pub fn new(count: usize, fields: &[FrameFields], place: &Place) -> Result<Self, PlaceError> {
         let mut times_s: Vec<Option<f64>> =
             (0..count).map(|i| fields.get(i).and_then(|frame| frame.time_s)).collect();
-        // Where the frame number gives the place, no time is needed.
+        // If the frame number determines the position, no time is needed.
         match (place, clock(&times_s)) {
             (_, Ok(())) => {}
             (Place::Step { .. }, Err(_)) => times_s.fill(None),
             (_, Err(error)) => return Err(error),
         }
-        let own: Vec<Option<Pose>> = match place {
+        let frame_poses: Vec<Option<Pose>> = match place {
             Place::Step { start_mm, step_mm } => {
                 (0..count).map(|i| Some(across(start_mm + step_mm * i as f64))).collect()
             }
             Place::Speed { start_mm, mm_per_s } => {
                 let first_s = times_s.iter().flatten().next().copied().ok_or(PlaceError::NoTime)?;
                 // A stamp once more is no place of its own.
-                let mut before_s = f64::NEG_INFINITY;
+                let mut previous_s = f64::NEG_INFINITY;
                 let mut own = |time_s: f64| {
-                    let is_new = time_s > before_s;
-                    before_s = time_s;
+                    let is_new = time_s > previous_s;
+                    previous_s = time_s;
                     is_new.then(|| across(start_mm + mm_per_s * (time_s - first_s)))
                 };
                 times_s.iter().map(|time_s| time_s.and_then(&mut own)).collect()
@@ -178,14 +179,23 @@ impl Poses {
                     return Err(PlaceError::NoField { name: name.clone(), known });
                 }
                 still(name, fields.iter().filter_map(value))?;
-                let chain = |probe: Pose| product(tracker_to_guide, &product(&probe, image_to_probe));
-                (0..count).map(|i| fields.get(i).and_then(value).map(chain)).collect()
+                (0..count)
+                    .map(|i| {
+                        fields
+                            .get(i)
+                            .and_then(value)
+                            .map(|probe| product(tracker_to_guide, &product(&probe, image_to_probe)))
+                    })
+                    .collect()
             }
         };
-        let mut series: Vec<(f64, Pose)> =
-            times_s.iter().zip(&own).filter_map(|(time_s, pose)| Some(((*time_s)?, (*pose)?))).collect();
+        let mut series: Vec<(f64, Pose)> = times_s
+            .iter()
+            .zip(&frame_poses)
+            .filter_map(|(time_s, pose)| Some(((*time_s)?, (*pose)?)))
+            .collect();
         series.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Ok(Self { own, series, times_s })
+        Ok(Self { own: frame_poses, series, times_s })
     }
 
     /// Whether a lag between images and readings can be taken into account.
@@ -208,45 +218,46 @@ impl Poses {
         let pose = self.of(frame, lag_s)?;
         let at_s = self.time_s(frame).map(|time_s| time_s + lag_s);
         let mm_per_s = at_s.and_then(|at_s| {
-            let behind = self.series.partition_point(|(reading_s, _)| *reading_s < at_s);
+            let next_index = self.series.partition_point(|(reading_s, _)| *reading_s < at_s);
             let last = self.series.len().checked_sub(1)?;
-            let (first, last) = (behind.saturating_sub(SPEED_READINGS), (behind + SPEED_READINGS).min(last));
-            let (before, after) = (self.series.get(first)?, self.series.get(last)?);
-            let span_s = after.0 - before.0;
-            (span_s > 0.0).then(|| (after.1[11] - before.1[11]) / span_s)
+            let (first, last) =
+                (next_index.saturating_sub(SPEED_READINGS), (next_index + SPEED_READINGS).min(last));
+            let (earlier, later) = (self.series.get(first)?, self.series.get(last)?);
+            let span_s = later.0 - earlier.0;
+            (span_s > 0.0).then(|| (later.1[11] - earlier.1[11]) / span_s)
         });
         Some(Motion { beam_rad: pose[5].atan2(pose[1]), mm_per_s: mm_per_s.unwrap_or(0.0) })
     }
 
     /// Pose of a frame where readings of the position lag behind images: those of a later time are interpolated linearly.
     pub fn of(&self, frame: usize, lag_s: f64) -> Option<Pose> {
-        let own = self.own.get(frame).copied().flatten();
+        let frame_pose = self.own.get(frame).copied().flatten();
         let time_s = self.times_s.get(frame).copied().flatten();
-        let (Some(time_s), true) = (time_s, lag_s != 0.0 && self.has_times()) else { return own };
-        own?;
+        let (Some(time_s), true) = (time_s, lag_s != 0.0 && self.has_times()) else { return frame_pose };
+        frame_pose?;
         let at_s = time_s + lag_s;
-        let behind = self.series.partition_point(|(reading_s, _)| *reading_s < at_s);
-        let (before, after) = match behind {
+        let next_index = self.series.partition_point(|(reading_s, _)| *reading_s < at_s);
+        let (earlier, later) = match next_index {
             0 => (self.series.first()?, self.series.first()?),
-            behind if behind >= self.series.len() => (self.series.last()?, self.series.last()?),
-            behind => (self.series.get(behind - 1)?, self.series.get(behind)?),
+            next_index if next_index >= self.series.len() => (self.series.last()?, self.series.last()?),
+            next_index => (self.series.get(next_index - 1)?, self.series.get(next_index)?),
         };
-        let span_s = after.0 - before.0;
-        let share = if span_s > 0.0 { (at_s - before.0) / span_s } else { 0.0 };
-        let mut pose = before.1;
-        pose.iter_mut().zip(after.1).for_each(|(value, after)| *value += share * (after - *value));
+        let span_s = later.0 - earlier.0;
+        let fraction = if span_s > 0.0 { (at_s - earlier.0) / span_s } else { 0.0 };
+        let mut pose = earlier.1;
+        pose.iter_mut().zip(later.1).for_each(|(value, later)| *value += fraction * (later - *value));
         Some(pose)
     }
 }
 
 /// Whether stamps never go back, and do not all stand still.
 pub(crate) fn clock(times_s: &[Option<f64>]) -> Result<(), PlaceError> {
-    let (mut before, mut repeated, mut has_advanced) = (None, None, false);
+    let (mut previous, mut repeated, mut has_advanced) = (None, None, false);
     for (frame, time_s) in times_s.iter().enumerate().filter_map(|(frame, time_s)| Some((frame, (*time_s)?)))
     {
-        if let Some(before_s) = before.replace(time_s) {
-            let error = PlaceError::Clock { frame: frame + 1, time_s, before_s };
-            match time_s.total_cmp(&before_s) {
+        if let Some(previous_s) = previous.replace(time_s) {
+            let error = PlaceError::Clock { frame: frame + 1, time_s, before_s: previous_s };
+            match time_s.total_cmp(&previous_s) {
                 std::cmp::Ordering::Less => return Err(error),
                 std::cmp::Ordering::Equal => repeated = repeated.or(Some(error)),
                 std::cmp::Ordering::Greater => has_advanced = true,
@@ -285,9 +296,9 @@ pub(crate) fn product(a: &[f64; 16], b: &[f64; 16]) -> [f64; 16] {
 /// The transform back; none where there is none.
 pub(crate) fn inverse(pose: &Pose) -> Option<Pose> {
     let inverse = nalgebra::Matrix4::from_row_slice(pose).try_inverse()?;
-    let mut back = [0.0; 16];
-    back.iter_mut().enumerate().for_each(|(place, value)| *value = inverse[(place / 4, place % 4)]);
-    Some(back)
+    let mut inverted = [0.0; 16];
+    inverted.iter_mut().enumerate().for_each(|(place, value)| *value = inverse[(place / 4, place % 4)]);
+    Some(inverted)
 }
 
 fn names<'a>(names: impl Iterator<Item = &'a String>) -> String {
@@ -312,8 +323,8 @@ mod tests {
     #[test]
     fn positions_that_lag_are_read_later() {
         let fields: Vec<FrameFields> = (0..5).map(|i| frame(f64::from(i), 10.0 * f64::from(i))).collect();
-        let place = Place::Field { name: "Probe".to_owned(), start_mm: 70.0, sign: 1.0 };
-        let poses = Poses::new(5, &fields, &place).expect("the field is there");
+        let position_field = Place::Field { name: "Probe".to_owned(), start_mm: 70.0, sign: 1.0 };
+        let poses = Poses::new(5, &fields, &position_field).expect("the field is there");
         let z_mm = |frame, lag_s| placed(&poses.of(frame, lag_s).expect("a pose"), [1.0, 2.0]);
         assert_eq!(z_mm(3, 0.0), [1.0, -2.0, 100.0]);
         assert!((z_mm(3, 0.25)[2] - 102.5).abs() < 1e-9);
@@ -347,21 +358,21 @@ mod tests {
         let poses = Poses::new(4, &fields, &speed).expect("a clock");
         let z_mm = [0, 1, 2, 3].map(|frame: usize| poses.of(frame, 0.0).map(|pose| pose[11]));
         assert_eq!(z_mm, [Some(70.0), Some(71.0), None, Some(72.0)]);
-        // Where the number of the frame gives its place, no clock is needed.
+        // If the number of the frame determines its position, no clock is needed.
         let step = Place::Step { start_mm: 70.0, step_mm: 0.5 };
         let poses = Poses::new(5, &stamped(&[100.0, 101.0, 102.0, 82.0, 83.0]), &step).expect("places");
         assert!(poses.of(4, 0.0).is_some_and(|pose| pose[11] == 72.0) && !poses.has_times());
         // The origin of the clock is of no meaning.
-        let far: Vec<f64> = [0.0, 1.0, 2.0].map(|s| s + 1.764e9).to_vec();
-        let poses = Poses::new(3, &stamped(&far), &speed).expect("a clock");
+        let large_times: Vec<f64> = [0.0, 1.0, 2.0].map(|s| s + 1.764e9).to_vec();
+        let poses = Poses::new(3, &stamped(&large_times), &speed).expect("a clock");
         assert_eq!(poses.of(2, 0.0).map(|pose| pose[11]), Some(72.0));
     }
 
     #[test]
     fn a_probe_that_never_moves_was_not_seen() {
         let fields: Vec<FrameFields> = (0..4).map(|i| frame(f64::from(i), 12.5)).collect();
-        let place = Place::Field { name: "Probe".to_owned(), start_mm: 70.0, sign: 1.0 };
-        let error = Poses::new(4, &fields, &place).expect_err("still").to_string();
+        let position_field = Place::Field { name: "Probe".to_owned(), start_mm: 70.0, sign: 1.0 };
+        let error = Poses::new(4, &fields, &position_field).expect_err("still").to_string();
         assert!(error.contains("Probe is the same in all 4 frames"), "{error}");
     }
 
@@ -372,35 +383,35 @@ mod tests {
         let mut columns = rows;
         columns.iter_mut().enumerate().for_each(|(at, value)| *value = rows[4 * (at % 4) + at / 4]);
         assert_eq!([by_rows(rows), by_rows(columns)], [Some(rows); 2]);
-        let mut neither = rows;
-        (neither[12], neither[15]) = (3.0, 2.0);
-        assert_eq!(by_rows(neither), None);
+        let mut no_last_row = rows;
+        (no_last_row[12], no_last_row[15]) = (3.0, 2.0);
+        assert_eq!(by_rows(no_last_row), None);
         assert_eq!(by_rows([f64::NAN; 16]), None);
     }
 
     #[test]
     fn names_the_fields_there_are() {
-        let place = Place::Field { name: "Stage".to_owned(), start_mm: 0.0, sign: 1.0 };
-        let error = Poses::new(1, &[frame(0.0, 1.0)], &place).expect_err("no such field");
+        let position_field = Place::Field { name: "Stage".to_owned(), start_mm: 0.0, sign: 1.0 };
+        let error = Poses::new(1, &[frame(0.0, 1.0)], &position_field).expect_err("no such field");
         assert!(error.to_string().contains("expected one of: Probe"), "{error}");
     }
 
     #[test]
     fn transforms_are_chained_from_image_to_guide() {
-        let mut turned = across(5.0);
-        turned[3] = 2.0;
+        let mut rotated = across(5.0);
+        rotated[3] = 2.0;
         let fields = FrameFields {
-            transforms: [("ProbeToTracker".to_owned(), turned)].into(),
+            transforms: [("ProbeToTracker".to_owned(), rotated)].into(),
             ..FrameFields::default()
         };
         let mut shift = across(0.0);
         shift[11] = 100.0;
-        let place = Place::Transform {
+        let transform_field = Place::Transform {
             name: "ProbeToTracker".to_owned(),
             image_to_probe: Box::new(across(0.0)),
             tracker_to_guide: Box::new(shift),
         };
-        let poses = Poses::new(1, &[fields], &place).expect("the transform is there");
+        let poses = Poses::new(1, &[fields], &transform_field).expect("the transform is there");
         assert_eq!(placed(&poses.of(0, 0.0).expect("a pose"), [1.0, 3.0]), [3.0, -3.0, 105.0]);
     }
 }

@@ -94,9 +94,9 @@ impl Sheet {
         let [width, height] = self.size();
         let mut sheet = Picture::plain(width, height, [255; 3]);
         for (number, entry) in self.entries.iter().enumerate() {
-            let at = self.place(number);
-            sheet.put(&entry.picture, at);
-            sheet.frame(at, entry.picture.size(), if entry.is_used { USED } else { REJECTED });
+            let cell = self.place(number);
+            sheet.put(&entry.picture, cell);
+            sheet.frame(cell, entry.picture.size(), if entry.is_used { USED } else { REJECTED });
         }
         sheet
     }
@@ -119,12 +119,12 @@ impl Sheet {
         );
         for (number, entry) in self.entries.iter().enumerate() {
             let [x, y] = self.place(number);
-            let below = 30 + y + entry.picture.size()[1];
+            let text_y = 30 + y + entry.picture.size()[1];
             let fill = if entry.is_used { "#009628" } else { "#dc1e1e" };
             for (line, dy) in entry.lines.iter().zip([12, 23]) {
                 svg.push_str(&format!(
                     "<text x=\"{x}\" y=\"{}\" font-family=\"sans-serif\" font-size=\"10\" fill=\"{fill}\">{}</text>\n",
-                    below + dy,
+                    text_y + dy,
                     escaped(line)
                 ));
             }

@@ -17,21 +17,21 @@ use crate::track::{Decision, Echo, Track, TrackError, follow};
 use std::collections::HashSet;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// What is known of a sweep beside its frames.
+/// Settings of a sweep beside its frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Outer diameter of the needle, millimetres.
     pub needle_mm: f64,
     /// Size of a pixel, in place of what the file states.
     pub spacing_mm: Option<[f64; 2]>,
-    /// How the image lies on the probe, in place of what the file states.
+    /// Orientation of the image on the probe, in place of the file's statement.
     pub orientation: Option<Orientation>,
     /// Part of the oriented frame in which the needle is, in place of what the file states.
     pub region: Option<Region>,
-    /// Where the image plane is.
+    /// Source of the image plane's position.
     pub place: Place,
-    /// How much readings of the position lag behind images with the same time stamp; estimated where it is none and the motion
-    /// determines it.
+    /// Delay of position readings after images with the same time stamp; if it is none, it is estimated as far as the
+    /// motion determines it.
     pub lag_s: Option<f64>,
 }
 
@@ -57,7 +57,7 @@ pub enum SweepError {
     Track(#[from] TrackError),
 }
 
-/// What became of a frame.
+/// Result of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// It is a part of the shape.
@@ -113,7 +113,7 @@ impl State {
 /// One frame of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameResult {
-    /// What became of it.
+    /// Result of the frame.
     pub state: State,
     /// Time stamp.
     pub time_s: Option<f64>,
@@ -184,12 +184,12 @@ pub fn measure(
     measurement.finish(&poses, settings.lag_s)
 }
 
-/// How the pixels of a sequence lie in its image plane.
+/// Geometry of a sequence's pixels in its image plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Geometry {
     /// Size of a pixel, millimetres.
     pub spacing_mm: [f64; 2],
-    /// How the axes lie on the probe.
+    /// Orientation of the axes on the probe.
     pub orientation: Orientation,
     /// Part of the oriented frame in which the needle is.
     pub region: Option<Region>,
@@ -217,9 +217,9 @@ impl Geometry {
             }
         };
         // A region of the file is one of its pixels, before they are oriented.
-        let of_file =
-            || header.region.map(|region| region.oriented(orientation, [header.width, header.height]));
-        let region = settings.region.or_else(of_file);
+        let region = settings.region.or_else(|| {
+            header.region.map(|region| region.oriented(orientation, [header.width, header.height]))
+        });
         Ok(Self { spacing_mm, orientation, region })
     }
 }
@@ -234,7 +234,7 @@ pub struct Measurement {
 }
 
 impl Measurement {
-    /// Of a needle of this outer diameter.
+    /// Model of a needle of this outer diameter.
     pub fn new(geometry: &Geometry, needle_mm: f64) -> Self {
         Self {
             detector: Detector::new(needle_mm, geometry.spacing_mm, geometry.region),
@@ -286,18 +286,18 @@ impl Measurement {
                 })
                 .collect()
         };
-        let given_s = lag_s;
-        let mut lag_s = given_s.unwrap_or(0.0);
+        let first_lag_s = lag_s;
+        let mut lag_s = first_lag_s.unwrap_or(0.0);
         let mut track = follow(&echoes(lag_s), 0)?;
         let lag = lag::estimate(&track, poses, &echoes);
-        if let (None, Some(lag)) = (given_s, &lag) {
+        if let (None, Some(lag)) = (first_lag_s, &lag) {
             lag_s = lag.lag_s;
             track = follow(&echoes(lag_s), 0)?;
         }
-        let placed = echoes(lag_s);
+        let placed_echoes = echoes(lag_s);
         let frames = raw.into_iter().enumerate().map(|(number, (state, candidates))| {
             let decision = track.decisions.get(number).copied().unwrap_or(Decision::NoEcho);
-            let echoes = placed.get(number).map(Vec::as_slice).unwrap_or_default();
+            let echoes = placed_echoes.get(number).map(Vec::as_slice).unwrap_or_default();
             let result = result(state, decision, &candidates, echoes, &track);
             FrameResult { time_s: poses.time_s(number), motion: poses.motion(number, lag_s), ..result }
         });
@@ -305,7 +305,7 @@ impl Measurement {
     }
 }
 
-/// What a frame is before any echo is looked for.
+/// State of a frame before any search for an echo.
 fn content_state(frame: &Frame, known: &mut HashSet<u64>) -> State {
     if frame.pixels.iter().all(|pixel| *pixel < DARK) {
         return State::Black;
@@ -390,16 +390,19 @@ impl Fixed {
         }
         let centre = &candidate.centre;
         let range = |at: f64, size: f64| (at - size).max(0.0) as usize..=(at + size).max(0.0) as usize;
-        let (mut bright, mut same) = (0usize, 0usize);
+        let (mut bright, mut unchanged) = (0usize, 0usize);
         for y in range(centre.y_px, centre.height_px) {
             for x in range(centre.x_px, centre.width_px).filter(|x| *x < self.width) {
-                let at = y * self.width + x;
-                let (Some(least), Some(most)) = (self.least.get(at), self.most.get(at)) else { continue };
+                let pixel_index = y * self.width + x;
+                let (Some(least), Some(most)) = (self.least.get(pixel_index), self.most.get(pixel_index))
+                else {
+                    continue;
+                };
                 bright += usize::from(*most > 2 * DARK);
-                same += usize::from(*most > 2 * DARK && most - least <= 1);
+                unchanged += usize::from(*most > 2 * DARK && most - least <= 1);
             }
         }
-        2 * same > bright
+        2 * unchanged > bright
     }
 }
 

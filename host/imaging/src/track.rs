@@ -1,4 +1,5 @@
-//! Which candidate of each frame is the needle: decided by the whole sequence, since a needle is one smooth curve.
+//! Chooses the candidate of each frame that is the needle: decided by the whole sequence, since a needle is one
+//! smooth curve.
 //!
 //! 1. Curves of second order through candidates of three frames are drawn at random, likely ones first, and the one is kept that has the
 //!    most of the sequence's echoes near it. Two of the three are drawn; the one between them is each that a needle through both can have:
@@ -28,7 +29,7 @@ pub struct Echo {
     pub score: f64,
 }
 
-/// What became of a frame.
+/// Decision about a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Decision {
     /// No candidate.
@@ -50,11 +51,11 @@ pub enum Decision {
 /// A needle through a sequence.
 #[derive(Debug, Clone)]
 pub struct Track {
-    /// What became of each frame.
+    /// Decision about each frame.
     pub decisions: Vec<Decision>,
     /// Smooth curves through the used echoes, `[x, y]`.
     pub curves: [Curve; 2],
-    /// How large the errors of echoes are, `[x, y]`.
+    /// Errors of echoes, `[x, y]`.
     pub noise: [Noise; 2],
 }
 
@@ -136,22 +137,22 @@ pub fn follow(frames: &[Vec<Echo>], seed: u64) -> Result<Track, TrackError> {
     let mut place = |z_mm: f64| arc.at(z_mm);
     let mut fitted = refit(frames, &mut place, gate_mm).ok_or_else(|| none(0))?;
     for _ in 0..12 {
-        let before = gate_mm;
+        let previous_gate_mm = gate_mm;
         for (gate_mm, needed_mm) in gate_mm.iter_mut().zip(fitted.gate_mm) {
             *gate_mm = needed_mm.clamp(MIN_GATE_MM, *gate_mm);
         }
         let curves = fitted.curves.clone();
         fitted = refit(frames, &mut |z_mm| [0, 1].map(|axis: usize| curves[axis].at(z_mm)), gate_mm)
             .ok_or_else(|| none(0))?;
-        if before == gate_mm {
+        if previous_gate_mm == gate_mm {
             break;
         }
     }
     let curves = fitted.curves;
     let decisions: Vec<Decision> = frames.iter().map(|echoes| decide(echoes, &curves, gate_mm)).collect();
-    let used = decisions.iter().filter(|decision| matches!(decision, Decision::Used { .. })).count();
-    if used < least {
-        return Err(none(used));
+    let used_count = decisions.iter().filter(|decision| matches!(decision, Decision::Used { .. })).count();
+    if used_count < least {
+        return Err(none(used_count));
     }
     let echoes = used_echoes(frames, &decisions);
     let noise = [0, 1].map(|axis: usize| {
@@ -196,19 +197,22 @@ impl Arc {
     /// where it is `least` or less.
     fn share(&self, frames: &[Vec<(Echo, f64)>], least: f64) -> Option<f64> {
         let of_frame = |frame: &Vec<(Echo, f64)>| {
-            let near = |(echo, weight): &(Echo, f64)| {
-                let at_mm = self.at(echo.z_mm);
-                let square = (echo.across_mm[0] - at_mm[0]).powi(2) + (echo.across_mm[1] - at_mm[1]).powi(2);
-                weight * (1.0 - square / (TUBE_MM * TUBE_MM))
-            };
-            frame.iter().map(near).fold(0.0, f64::max)
+            frame
+                .iter()
+                .map(|(echo, weight)| {
+                    let curve_mm = self.at(echo.z_mm);
+                    let square =
+                        (echo.across_mm[0] - curve_mm[0]).powi(2) + (echo.across_mm[1] - curve_mm[1]).powi(2);
+                    weight * (1.0 - square / (TUBE_MM * TUBE_MM))
+                })
+                .fold(0.0, f64::max)
         };
         let count = frames.len() as f64;
         let (mut sum, mut most) = (0.0, count);
         for frame in frames {
-            let one = of_frame(frame);
-            sum += one;
-            most -= 1.0 - one;
+            let frame_likelihood = of_frame(frame);
+            sum += frame_likelihood;
+            most -= 1.0 - frame_likelihood;
             // Nor can the frames that are left make it better.
             if most <= least * count {
                 return None;
@@ -237,13 +241,15 @@ fn middle(frames: &[Vec<Echo>]) -> f64 {
 
 /// The arc with the most echoes, and their share of the frames; echoes on another arc count for nothing.
 fn search(frames: &[Vec<Echo>], without: Option<&Arc>, random: &mut ChaCha8Rng) -> Option<(f64, Arc)> {
-    let is_other = |echo: &&Echo| without.is_none_or(|arc| distance(echo, arc.at(echo.z_mm)) > 1.5 * TUBE_MM);
     let step = frames.len().div_ceil(150).max(1);
     let mut sample: Vec<Vec<(Echo, f64)>> = Vec::new();
     for echoes in frames.iter().step_by(step) {
         let best = echoes.iter().map(|echo| echo.score).fold(f64::MIN_POSITIVE, f64::max);
-        let of_frame: Vec<_> =
-            echoes.iter().filter(is_other).map(|echo| (*echo, (echo.score / best).sqrt())).collect();
+        let of_frame: Vec<_> = echoes
+            .iter()
+            .filter(|echo| without.is_none_or(|arc| distance(echo, arc.at(echo.z_mm)) > 1.5 * TUBE_MM))
+            .map(|echo| (*echo, (echo.score / best).sqrt()))
+            .collect();
         if !of_frame.is_empty() {
             sample.push(of_frame);
         }
@@ -261,9 +267,9 @@ fn search(frames: &[Vec<Echo>], without: Option<&Arc>, random: &mut ChaCha8Rng) 
         let mut frame = |third: usize| {
             sample.get(random.random_range(thirds[third]..thirds[third + 1].max(thirds[third] + 1)))
         };
-        let [first, between, last] = [frame(0)?, frame(1)?, frame(2)?];
+        let [first, middle, last] = [frame(0)?, frame(1)?, frame(2)?];
         let (Some(a), Some(c)) = (likely(first, random), likely(last, random)) else { continue };
-        for (b, _) in between {
+        for (b, _) in middle {
             let Some(arc) = Arc::through([a, *b, c]).filter(Arc::is_needle) else { continue };
             let most = best.map_or(0.0, |(most, _)| most);
             best = arc.share(&sample, most).map(|share| (share, arc)).or(best);
@@ -275,10 +281,10 @@ fn search(frames: &[Vec<Echo>], without: Option<&Arc>, random: &mut ChaCha8Rng) 
 /// An echo of a frame, drawn by its weight.
 fn likely(frame: &[(Echo, f64)], random: &mut ChaCha8Rng) -> Option<Echo> {
     let total: f64 = frame.iter().map(|(_, weight)| weight).sum();
-    let mut left = random.random_range(0.0..1.0) * total;
+    let mut remaining = random.random_range(0.0..1.0) * total;
     let reached = frame.iter().find(|(_, weight)| {
-        left -= weight;
-        left <= 0.0
+        remaining -= weight;
+        remaining <= 0.0
     });
     reached.or(frame.last()).map(|(echo, _)| *echo)
 }
@@ -305,9 +311,9 @@ fn refit(frames: &[Vec<Echo>], place: &mut dyn FnMut(f64) -> [f64; 2], gate_mm: 
     for echoes in frames {
         let mut best: Option<(f64, Echo)> = None;
         for echo in echoes {
-            let far = in_gates(echo, place(echo.z_mm), gate_mm);
-            if far <= 1.0 && best.is_none_or(|(least, _)| far < least) {
-                best = Some((far, *echo));
+            let distance = in_gates(echo, place(echo.z_mm), gate_mm);
+            if distance <= 1.0 && best.is_none_or(|(least, _)| distance < least) {
+                best = Some((distance, *echo));
             }
         }
         nearest.extend(best.map(|(_, echo)| echo));
@@ -321,11 +327,12 @@ fn refit(frames: &[Vec<Echo>], place: &mut dyn FnMut(f64) -> [f64; 2], gate_mm: 
         let freedom = knots.len().checked_sub(curve.parameters()).filter(|freedom| *freedom > 0)? as f64;
         let squares: f64 =
             knots.iter().map(|knot| ((knot.value_mm - curve.at(knot.z_mm)) / knot.sd_mm).powi(2)).sum();
-        let mut off: Vec<f64> =
+        let mut deviations: Vec<f64> =
             knots.iter().map(|knot| (knot.value_mm - curve.at(knot.z_mm)).abs()).collect();
-        off.sort_by(f64::total_cmp);
-        let spread_mm =
-            1.4826 * off.get(off.len() / 2).copied().unwrap_or(0.0) * (knots.len() as f64 / freedom).sqrt();
+        deviations.sort_by(f64::total_cmp);
+        let spread_mm = 1.4826
+            * deviations.get(deviations.len() / 2).copied().unwrap_or(0.0)
+            * (knots.len() as f64 / freedom).sqrt();
         Some((curve, (squares / freedom).sqrt(), GATE_SD * spread_mm))
     };
     let (x, y) = (fit(0)?, fit(1)?);
@@ -334,13 +341,13 @@ fn refit(frames: &[Vec<Echo>], place: &mut dyn FnMut(f64) -> [f64; 2], gate_mm: 
 
 fn decide(echoes: &[Echo], curves: &[Curve; 2], gate_mm: [f64; 2]) -> Decision {
     let place = |echo: &Echo| [0, 1].map(|axis: usize| curves[axis].at(echo.z_mm));
-    let mut near: Vec<(f64, usize, f64)> = echoes
+    let mut gated: Vec<(f64, usize, f64)> = echoes
         .iter()
         .enumerate()
         .map(|(number, echo)| (in_gates(echo, place(echo), gate_mm), number, echo.score))
         .collect();
-    near.sort_by(|a, b| a.0.total_cmp(&b.0));
-    match *near.as_slice() {
+    gated.sort_by(|a, b| a.0.total_cmp(&b.0));
+    match *gated.as_slice() {
         [] => Decision::NoEcho,
         [(far, number, _), ..] if far > 1.0 => {
             let distance_mm = echoes.get(number).map_or(f64::NAN, |echo| distance(echo, place(echo)));
@@ -353,7 +360,7 @@ fn decide(echoes: &[Echo], curves: &[Curve; 2], gate_mm: [f64; 2]) -> Decision {
 
 /// The echoes of used frames along the needle.
 pub(crate) fn used_echoes(frames: &[Vec<Echo>], decisions: &[Decision]) -> Vec<Echo> {
-    let mut used: Vec<Echo> = frames
+    let mut echoes_used: Vec<Echo> = frames
         .iter()
         .zip(decisions)
         .filter_map(|(echoes, decision)| match decision {
@@ -361,8 +368,8 @@ pub(crate) fn used_echoes(frames: &[Vec<Echo>], decisions: &[Decision]) -> Vec<E
             _ => None,
         })
         .collect();
-    used.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
-    used
+    echoes_used.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
+    echoes_used
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! What interval an experiment will give before it is made: the information about K, or about E of an elastic body, in a lateral run, over
+//! Expected interval of an experiment: the information about K, or about E of an elastic body, in a lateral run, over
 //! depth, displacement and position of guide 2.
 //!
 //! The covariance at the truth is the Cramer-Rao bound, which the likelihood reaches; so the plan is what
@@ -21,16 +21,16 @@ use readings::{
 };
 use serde::Serialize;
 
-/// What is requested.
+/// Request of a plan.
 #[derive(Debug, Clone)]
 pub struct PlanInput {
     /// Needle, guides and tissue surface.
     pub rig: Rig,
-    /// What the tissue is made of.
+    /// Support of the needle by the tissue.
     pub support: Support,
     /// Standard deviation of Poisson's ratio of a body: it widens the interval of Young's modulus.
     pub poisson_sd: f64,
-    /// What is stated of the tissue's walls; a block is in `support` too.
+    /// Statement about the tissue's walls; a block is in `support` too.
     pub walls: Option<Walls>,
     /// Moduli that the tissue may have, least and greatest: K of springs, E of a body.
     pub modulus_range_pa: [f64; 2],
@@ -57,11 +57,11 @@ pub struct PlanInput {
     pub displacements_m: Vec<f64>,
     /// Positions of guide 2 to choose from.
     pub guide2_m: Vec<f64>,
-    /// What may not be exceeded.
+    /// Limits of the experiment.
     pub limits: Limits,
 }
 
-/// What an experiment may not exceed.
+/// Limits of an experiment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// Lateral force.
@@ -108,7 +108,7 @@ pub struct Plan {
     pub choices: Vec<Choice>,
     /// The narrowest interval within the limits; `None` where none keeps them.
     pub best: Option<Choice>,
-    /// What many sessions predict of K; `None` where it was not given.
+    /// Prior of K from many sessions; `None` if it was not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorResult>,
 }
@@ -118,7 +118,7 @@ impl Plan {
     pub fn with_prior(mut self, prior: &ModulusPrior) -> Self {
         let prior = PriorResult::new(prior, None);
         let prior_sd = prior.with_prior.map_or(f64::INFINITY, |prior| prior.ln_k_sd);
-        let together = |choice: &mut Choice| {
+        self.choices.iter_mut().chain(&mut self.best).for_each(|choice| {
             let own_sd = (1e-2 * choice.half_width_percent).ln_1p() / NORMAL_975;
             // Precisions of two normal distributions add up; a run that identifies nothing leaves the prior.
             let sd = if own_sd.is_finite() {
@@ -127,8 +127,7 @@ impl Plan {
                 prior_sd
             };
             choice.half_width_with_prior_percent = Some(100.0 * (NORMAL_975 * sd).exp_m1());
-        };
-        self.choices.iter_mut().chain(&mut self.best).for_each(together);
+        });
         self.prior = Some(prior);
         self
     }
@@ -151,7 +150,7 @@ pub struct Protocol {
     pub displacement_sd_mm: f64,
     /// Standard deviation of one deflection of the shape.
     pub shape_sd_mm: f64,
-    /// What the tissue is modelled as: `springs`, of which K is identified, or `body`, of which E is.
+    /// Model of the tissue: `springs`, of which K is identified, or `body`, of which E is.
     pub foundation: &'static str,
     /// Poisson's ratio of a body.
     pub poisson: Option<f64>,
@@ -176,12 +175,12 @@ pub enum PlanError {
         /// Greatest valid value.
         most: f64,
     },
-    /// Nothing is displaced, or nothing is to choose from.
+    /// No displacement, or no choice.
     #[error("{field}: {problem}")]
     Empty {
         /// The quantity.
         field: &'static str,
-        /// What is missing.
+        /// Missing content.
         problem: &'static str,
     },
     /// A hold has too few readings to be detected.
@@ -250,7 +249,7 @@ impl PlanInput {
     }
 
     fn check(&self) -> Result<(), PlanError> {
-        let within = |field: &'static str, values: &[f64], scale: f64, [least, most]: [f64; 2]| {
+        let check_range = |field: &'static str, values: &[f64], scale: f64, [least, most]: [f64; 2]| {
             // Lengths in millimetres, without the digits that scaling leaves behind.
             let value = |value: &f64| (1e9 * scale * value).round() / 1e9;
             let wrong = values.iter().map(value).find(|value| !(least..=most).contains(value));
@@ -269,18 +268,18 @@ impl PlanInput {
             }
         }
         let modulus = if self.support.is_body() { "youngs_kpa" } else { "k_kpa" };
-        within(modulus, &self.modulus_range_pa, 1e-3, [0.01, 1e4])?;
-        within("poisson_sd", &[self.poisson_sd], 1.0, [0.0, 0.2])?;
-        within("depth_mm", &self.depths_m, 1e3, DEPTH_RANGE_MM)?;
-        within("displacement_mm", &self.displacements_m, 1e3, [0.01, 50.0])?;
-        within("guide2_mm", &self.guide2_m, 1e3, [1.0, 1e3])?;
-        within("spacing_mm", &[self.shape_spacing_m], 1e3, [0.05, 100.0])?;
-        within("rate_hz", &[self.rate_hz], 1.0, [1.0, 1e5])?;
-        within("hold_s", &[self.hold_s], 1.0, [HoldCriteria::default().min_duration_s, 3600.0])?;
-        within("levels", &self.levels, 1.0, [-1.0, 1.0])?;
-        within("force_n", &[self.force_sd_n], 1.0, [1e-9, 100.0])?;
-        within("displacement_mm (noise)", &[self.displacement_sd_m], 1e3, [1e-6, 10.0])?;
-        within("shape_mm (noise)", &[self.shape_sd_m], 1e3, [1e-6, 10.0])?;
+        check_range(modulus, &self.modulus_range_pa, 1e-3, [0.01, 1e4])?;
+        check_range("poisson_sd", &[self.poisson_sd], 1.0, [0.0, 0.2])?;
+        check_range("depth_mm", &self.depths_m, 1e3, DEPTH_RANGE_MM)?;
+        check_range("displacement_mm", &self.displacements_m, 1e3, [0.01, 50.0])?;
+        check_range("guide2_mm", &self.guide2_m, 1e3, [1.0, 1e3])?;
+        check_range("spacing_mm", &[self.shape_spacing_m], 1e3, [0.05, 100.0])?;
+        check_range("rate_hz", &[self.rate_hz], 1.0, [1.0, 1e5])?;
+        check_range("hold_s", &[self.hold_s], 1.0, [HoldCriteria::default().min_duration_s, 3600.0])?;
+        check_range("levels", &self.levels, 1.0, [-1.0, 1.0])?;
+        check_range("force_n", &[self.force_sd_n], 1.0, [1e-9, 100.0])?;
+        check_range("displacement_mm (noise)", &[self.displacement_sd_m], 1e3, [1e-6, 10.0])?;
+        check_range("shape_mm (noise)", &[self.shape_sd_m], 1e3, [1e-6, 10.0])?;
         if self.levels.iter().all(|level| *level == 0.0) {
             return Err(PlanError::Empty {
                 field: "levels",
@@ -319,9 +318,11 @@ pub fn plan(question: &PlanInput) -> Result<Plan, PlanError> {
             }
         }
     }
-    let is_kept = |choice: &&Choice| choice.within_limits && choice.half_width_percent.is_finite();
-    let kept = choices.iter().filter(is_kept).copied();
-    let best = kept.min_by(|a, b| a.half_width_percent.total_cmp(&b.half_width_percent));
+    let kept_choices = choices
+        .iter()
+        .filter(|choice| choice.within_limits && choice.half_width_percent.is_finite())
+        .copied();
+    let best = kept_choices.min_by(|a, b| a.half_width_percent.total_cmp(&b.half_width_percent));
     Ok(Plan { schema: "guide.plan/1", protocol: question.protocol(), choices, best, prior: None })
 }
 
@@ -353,12 +354,12 @@ fn choice(question: &PlanInput, rig: &Rig, depth_m: f64, displacement_m: f64) ->
         let data = data(question, rig, &beam, depth_m, displacement_m);
         let mut unknowns = vec![Parameter::free(modulus_pa.ln(), LN_STEP)];
         unknowns.extend(effect_parameters(&question.nuisances));
-        let found = fit(&unknowns, std::slice::from_ref(&data))?;
-        let sd_ln = found.covariance.get((0, 0)).copied().unwrap_or(f64::NAN).sqrt();
+        let springs_fit = fit(&unknowns, std::slice::from_ref(&data))?;
+        let sd_ln = springs_fit.covariance.get((0, 0)).copied().unwrap_or(f64::NAN).sqrt();
         let by_poisson = match question.support.one_sd_away(question.poisson_sd) {
             Some(support) => {
-                let other = fit(&unknowns, &[LateralData { support, ..data }])?;
-                other.shared.first().map_or(f64::NAN, |ln_pa| ln_pa - modulus_pa.ln())
+                let alternative_fit = fit(&unknowns, &[LateralData { support, ..data }])?;
+                alternative_fit.shared.first().map_or(f64::NAN, |ln_pa| ln_pa - modulus_pa.ln())
             }
             None => 0.0,
         };
@@ -386,23 +387,33 @@ fn data(question: &PlanInput, rig: &Rig, beam: &Beam, depth_m: f64, displacement
     let z_m = |i: usize| rig.entry_m + (i as f64 + 0.5) * depth_m / points.max(1) as f64;
     let (least, most) =
         question.levels.iter().fold((0.0_f64, 0.0_f64), |(least, most), at| (least.min(*at), most.max(*at)));
-    let level = |level: &f64| {
-        let at_m = level * displacement_m;
-        // The shape is swept at zero and at the extremes.
-        let points = if [0.0, least, most].contains(level) { points } else { 0 };
-        let point = |i: usize| ShapeDatum::new(z_m(i), [beam.deflection_m(at_m, z_m(i)), 0.0]);
-        HoldData {
-            displacement_m: vec![Measured { value: at_m, sd: question.displacement_sd_m / of_mean }],
-            force_n: vec![Measured { value: beam.force_n(at_m), sd: question.force_sd_n / of_mean }],
-            shape: (0..points).map(point).collect(),
-        }
-    };
     LateralData {
         support: question.support,
         rig: rig.clone(),
         depth_m,
         planes: 1,
-        levels: question.levels.iter().map(level).collect(),
+        levels: question
+            .levels
+            .iter()
+            .map(|level| {
+                let level_m = level * displacement_m;
+                // The shape is swept at zero and at the extremes.
+                let points = if [0.0, least, most].contains(level) { points } else { 0 };
+                HoldData {
+                    displacement_m: vec![Measured {
+                        value: level_m,
+                        sd: question.displacement_sd_m / of_mean,
+                    }],
+                    force_n: vec![Measured {
+                        value: beam.force_n(level_m),
+                        sd: question.force_sd_n / of_mean,
+                    }],
+                    shape: (0..points)
+                        .map(|i| ShapeDatum::new(z_m(i), [beam.deflection_m(level_m, z_m(i)), 0.0]))
+                        .collect(),
+                }
+            })
+            .collect(),
         shape_sd_m: question.shape_sd_m,
         shared: SharedErrors::default(),
         force_zero: if question.levels.contains(&0.0) {

@@ -130,8 +130,8 @@ fn predict_from(session: &Session, options: &Options) -> Result<Prediction, Pred
 const TIP: &str = "tip.";
 const YIELD: &str = "tissue.yield";
 
-/// Which effects of the model the prediction has no use for: it finds load and angle of the tip again in every insertion, and its
-/// responses are those of tissue that does not yield.
+/// Effects of the model that the prediction does not use: it finds load and angle of the tip again in every insertion,
+/// and its responses are those of tissue that does not yield.
 fn not_applied(options: &Options) -> Vec<String> {
     let ids = || options.effects.iter().map(|(effect, _)| effect.id());
     let tip: Vec<&str> = ids().filter(|id| id.starts_with(TIP)).collect();
@@ -151,21 +151,21 @@ fn not_applied(options: &Options) -> Vec<String> {
     warnings
 }
 
-/// What all insertions of a session have in common.
+/// Common state of all insertions of a session.
 struct Workflow<'a> {
     session: &'a Session,
     tissue: &'a Tissue,
     options: &'a Options,
     candidates: &'a Candidates,
     paths: &'a [TipPath],
-    /// Where the search of every fold begins.
+    /// Start of the search of every fold.
     start: Option<&'a Start>,
     /// For those in which guide 2 rests and the rear is not known, and which these are.
     at_rest: Option<&'a AtRest>,
     resting: Vec<bool>,
 }
 
-/// Where the search of every fold begins: found once, from nothing that lies beyond the depth from which predictions start.
+/// Start of the search of every fold: found once, from nothing that lies beyond the depth from which predictions start.
 fn begin(session: &Session, options: &Options, candidates: &Candidates, paths: &[TipPath]) -> Option<Start> {
     // Numbers must stay those of the candidates: all recordings, or none.
     let observed: Option<Vec<TipPath>> = paths.iter().map(|path| path.until(options.until_m).ok()).collect();
@@ -192,12 +192,18 @@ impl Workflow<'_> {
         let observed = path.until(until_m)?;
         let earlier: Vec<usize> =
             (0..self.paths.len()).filter(|other| from_others && *other != number).collect();
-        let mut known = self.paths.to_vec();
-        known[number] = observed.clone();
+        let mut known_paths = self.paths.to_vec();
+        known_paths[number] = observed.clone();
         let (noise, shown_m) = self.noise(run, !earlier.is_empty());
         let reading_m = noise.position_m;
-        let learned =
-            learn_from(self.candidates, &known, &earlier, number, noise, self.start.filter(|_| from_others));
+        let learned = learn_from(
+            self.candidates,
+            &known_paths,
+            &earlier,
+            number,
+            noise,
+            self.start.filter(|_| from_others),
+        );
         let mut posterior = Posterior::new(self.candidates, &learned);
         posterior.update_all(&observed);
         if !posterior.is_sound() {
@@ -206,18 +212,20 @@ impl Workflow<'_> {
 
         let last_m = to_m.unwrap_or(path.deepest_m).max(0.0);
         let grid = Grid::new(run, last_m, until_m);
-        let others: Vec<&TipPath> = earlier.iter().filter_map(|other| self.paths.get(*other)).collect();
+        let earlier_paths: Vec<&TipPath> =
+            earlier.iter().filter_map(|other| self.paths.get(*other)).collect();
         let stops = observed.with_bins(grid.stops(observed.planes));
         let mut compare = Vec::new();
         for baseline in Baseline::ALL {
-            if let Some(planes) = baseline.predict(&stops, &others, &grid.depth_m) {
+            if let Some(planes) = baseline.predict(&stops, &earlier_paths, &grid.depth_m) {
                 compare.push(CompareResult::new(baseline.name(), &grid, planes));
             }
         }
-        let from_m = published_from_m.min(0.5 * until_m);
+        let published_start_m = published_from_m.min(0.5 * until_m);
         let offset_m = surface_m(&observed);
         let reach_m = last_m.max(until_m);
-        let carried = published(&self.tissue.model, &observed, offset_m, [from_m, until_m, reach_m])?;
+        let carried =
+            published(&self.tissue.model, &observed, offset_m, [published_start_m, until_m, reach_m])?;
         compare.push(CompareResult {
             tip_force_n: Some(carried.load_n),
             ..CompareResult::new("published", &grid, carried.tip_m)
@@ -225,7 +233,7 @@ impl Workflow<'_> {
 
         let at_rest = self.at_rest.filter(|_| self.resting.get(number) == Some(&true));
         let of_moduli =
-            at_rest.map(|at_rest| at_rest.posteriors(&known, &earlier, number, noise)).transpose()?;
+            at_rest.map(|at_rest| at_rest.posteriors(&known_paths, &earlier, number, noise)).transpose()?;
         let load_n = match &of_moduli {
             Some(of_moduli) => at_rest::load_n(of_moduli, &grid.loads_at_m()),
             None => posterior.load_n(&grid.loads_at_m()),
@@ -254,7 +262,7 @@ impl Workflow<'_> {
             drawn.add(&streams, draws);
         }
         let mut result = grid.result(run, &observed, &posterior, &load_n, shown_m);
-        let mut learned = LearnedResult::new(&posterior, self.tissue, &others, reading_m);
+        let mut learned = LearnedResult::new(&posterior, self.tissue, &earlier_paths, reading_m);
         if at_rest.is_some() {
             learned.assume(self.tissue);
         }
@@ -268,12 +276,13 @@ impl Workflow<'_> {
         Ok(result)
     }
 
-    /// Noise of one tip reading: as stated, or as the rest rows of the others, or of the observed part of `run`, show it; and that of its
-    /// position as they show it, where they do. Where neither gives it it is 0, because then it is part of the irregularity.
+    /// Noise of one tip reading: as stated, or as the rest rows of the others, or of the observed part of `run`, show
+    /// it; and that of its position as they show it, where they do. If neither states it, it is 0, because then it is
+    /// part of the irregularity.
     fn noise(&self, run: &InsertionRun, from_others: bool) -> (ReadingNoise, f64) {
-        let others = self.session.insertion.iter().filter(|other| other.id != run.id);
+        let other_runs = self.session.insertion.iter().filter(|other| other.id != run.id);
         let recordings: Vec<_> = match from_others {
-            true => others.map(|other| (other, f64::INFINITY)).collect(),
+            true => other_runs.map(|other| (other, f64::INFINITY)).collect(),
             false => vec![(run, self.options.until_m)],
         };
         let (stated_m, scatter_m) = (self.session.noise.tip_m, row_scatter_m(&recordings));
@@ -283,11 +292,11 @@ impl Workflow<'_> {
     }
 }
 
-/// What is warned of where guide 2 rests.
+/// Warning for a guide 2 at rest.
 const AT_REST: &str = "guide 2 rests in what is learned from and the stiffness of the needle's rear is not known: any modulus explains the paths with another \
                        tip load; modulus and gap are not identifiable, tip loads are those over the moduli assumed beforehand. Move guide 2 on the way";
 
-/// What to do where a quantity runs to an end of its range.
+/// Advice if a quantity runs to an end of its range.
 fn end_of_range(name: &str, determined: Identifiability) -> Option<String> {
     let end = match determined {
         Identifiability::LowerBound => "upper",
@@ -303,8 +312,9 @@ fn end_of_range(name: &str, determined: Identifiability) -> Option<String> {
 /// Tip reading of the needle at the surface: the mean over the first two millimetres.
 fn surface_m(observed: &TipPath) -> [f64; 2] {
     let first_m = observed.bins.first().map_or(0.0, |bin| bin.depth_m);
-    let near: Vec<_> = observed.bins.iter().take_while(|bin| bin.depth_m <= first_m + 2e-3).collect();
-    [0, 1].map(|plane| near.iter().map(|bin| bin.tip_m[plane]).sum::<f64>() / near.len() as f64)
+    let surface_bins: Vec<_> = observed.bins.iter().take_while(|bin| bin.depth_m <= first_m + 2e-3).collect();
+    [0, 1]
+        .map(|plane| surface_bins.iter().map(|bin| bin.tip_m[plane]).sum::<f64>() / surface_bins.len() as f64)
 }
 
 fn warnings(observed: &TipPath, path: &TipPath) -> Vec<String> {
@@ -317,10 +327,10 @@ fn warnings(observed: &TipPath, path: &TipPath) -> Vec<String> {
         warnings.push(format!("the first sample in the tissue is at {first_mm:.1} mm"));
     }
     // Some rows always are: before the surface, and at the end.
-    let used: f64 = path.bins.iter().map(|bin| bin.rows).sum();
-    if path.rows_skipped as f64 > 0.2 * used {
+    let row_count: f64 = path.bins.iter().map(|bin| bin.rows).sum();
+    if path.rows_skipped as f64 > 0.2 * row_count {
         warnings.push(format!(
-            "{} rows beside {used:.0} are skipped: before the surface, drawn back, misread, or in the middle of a turn",
+            "{} rows beside {row_count:.0} are skipped: before the surface, drawn back, misread, or in the middle of a turn",
             path.rows_skipped
         ));
     }

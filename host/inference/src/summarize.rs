@@ -12,7 +12,8 @@ use std::path::Path;
 /// Digits of what is derived: enough for every interval.
 const DIGITS: usize = 6;
 
-/// The record of the session in a folder. What fails is its `error`: a session stops no other.
+/// The record of the session in a folder. The error of a failed part is its `error`: a session
+/// stops no other.
 pub fn summarize(dir: &Path, seed: u64) -> Summary {
     let id = dir.display().to_string();
     match (Session::read(dir), Labels::read(dir)) {
@@ -34,13 +35,13 @@ pub fn summarize_session(id: String, session: &Session, labels: &Labels, seed: u
         poisson: session.tissue.poisson.unwrap_or(INCOMPRESSIBLE),
         ..Options::default()
     };
-    let found = diagnose_and_linearise(session, &options, |_| {});
+    let diagnosis = diagnose_and_linearise(session, &options, |_| {});
     let covariate = |value: &Covariate| match value {
         Covariate::Number(number) => Value::Number(*number),
         Covariate::Text(text) => Value::Text(text.clone()),
     };
-    let (result, error) = match found {
-        Ok((found, linearised)) => (Some(result(&found, &linearised)), None),
+    let (result, error) = match diagnosis {
+        Ok((diagnosis, linearised)) => (Some(result(&diagnosis, &linearised)), None),
         Err(error) => (None, Some(error.to_string())),
     };
     Summary {
@@ -117,11 +118,12 @@ fn result(found: &Diagnosis, linearised: &Linearisation) -> SessionResult {
 fn amplitude(one: &EffectAmplitude) -> Option<Amplitude> {
     let infos = one.effect.parameters();
     let info = infos.get(one.parameter)?;
-    let at = one.place.and_then(|(place, value)| Some((infos.get(place)?.name.to_owned(), rounded(value))));
+    let parameter_value =
+        one.place.and_then(|(place, value)| Some((infos.get(place)?.name.to_owned(), rounded(value))));
     Some(Amplitude {
         effect: one.effect.id().to_owned(),
         parameter: info.name.to_owned(),
-        at,
+        at: parameter_value,
         scale: if one.scale == ScaleKind::Log { "log" } else { "linear" }.to_owned(),
         neutral: info.neutral,
         two_sided: info.is_two_sided(),

@@ -1,4 +1,4 @@
-//! What one would do without mechanics: extrapolate the tip's path.
+//! Predictions without mechanics: extrapolate the tip's path.
 
 use super::path::TipPath;
 use super::published::tip_at;
@@ -47,11 +47,11 @@ fn polynomial(observed: &TipPath, degree: usize, depths_m: &[f64]) -> Option<Vec
     let row = |depth_m: f64| {
         (0..=degree).map(move |power| (depth_m / reach_m).powi(power as i32)).collect::<Vec<_>>()
     };
-    let at: Vec<_> = observed.bins.iter().map(|bin| row(bin.depth_m)).collect();
+    let observed_rows: Vec<_> = observed.bins.iter().map(|bin| row(bin.depth_m)).collect();
     (0..observed.planes)
         .map(|plane| {
             let measured: Vec<_> = observed.bins.iter().map(|bin| bin.tip_m[plane]).collect();
-            let solution = least_squares(&at, &measured)?;
+            let solution = least_squares(&observed_rows, &measured)?;
             Some(depths_m.iter().map(|depth_m| dot(&row(*depth_m), &solution)).collect())
         })
         .collect()
@@ -66,20 +66,20 @@ fn bicycle(observed: &TipPath, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
     let mut heading = [0.0; 2];
     for step in 0..=(last_m / STEP_M).ceil() as usize {
         let (sin, cos) = observed.done.rotation_rad.before((step as f64 + 0.5) * STEP_M).sin_cos();
-        let before = bent[step];
-        let turned = [heading[0] + STEP_M * cos, heading[1] + STEP_M * sin];
-        bent.push([0, 1].map(|i| before[i] + 0.5 * STEP_M * (heading[i] + turned[i])));
-        heading = turned;
+        let previous = bent[step];
+        let rotated_heading = [heading[0] + STEP_M * cos, heading[1] + STEP_M * sin];
+        bent.push([0, 1].map(|i| previous[i] + 0.5 * STEP_M * (heading[i] + rotated_heading[i])));
+        heading = rotated_heading;
     }
-    let at = |depth_m: f64| {
+    let interpolated = |depth_m: f64| {
         let node = (depth_m / STEP_M).floor() as usize;
-        let share = depth_m / STEP_M - node as f64;
+        let fraction = depth_m / STEP_M - node as f64;
         let (a, b) = (bent[node], bent[node + 1]);
-        [0, 1].map(|i| a[i] + share * (b[i] - a[i]))
+        [0, 1].map(|i| a[i] + fraction * (b[i] - a[i]))
     };
     // Unknowns: offset and curvature, vertical and horizontal.
     let rows = |depth_m: f64| {
-        let [cos, sin] = at(depth_m);
+        let [cos, sin] = interpolated(depth_m);
         if observed.planes == 2 {
             vec![vec![1.0, 0.0, cos, -sin], vec![0.0, 1.0, sin, cos]]
         } else {
@@ -90,27 +90,34 @@ fn bicycle(observed: &TipPath, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
     let measured: Vec<_> =
         observed.bins.iter().flat_map(|bin| bin.tip_m.into_iter().take(observed.planes)).collect();
     let solution = least_squares(&design, &measured)?;
-    let plane =
-        |plane: usize| depths_m.iter().map(|depth_m| dot(&rows(*depth_m)[plane], &solution)).collect();
-    Some((0..observed.planes).map(plane).collect())
+    Some(
+        (0..observed.planes)
+            .map(|plane| depths_m.iter().map(|depth_m| dot(&rows(*depth_m)[plane], &solution)).collect())
+            .collect(),
+    )
 }
 
 fn mean_of_others(observed: &TipPath, others: &[&TipPath], depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
     if others.is_empty() || others.iter().any(|other| other.planes < observed.planes) {
         return None;
     }
-    let plane = |plane: usize| {
-        let mean = |depth_m: f64| {
-            others.iter().map(|other| tip_at(other, plane, depth_m)).sum::<f64>() / others.len() as f64
-        };
-        let apart: f64 = observed.bins.iter().map(|bin| bin.tip_m[plane] - mean(bin.depth_m)).sum();
-        let apart_m = apart / observed.bins.len() as f64;
-        depths_m.iter().map(|depth_m| mean(*depth_m) + apart_m).collect()
-    };
-    Some((0..observed.planes).map(plane).collect())
+    Some(
+        (0..observed.planes)
+            .map(|plane| {
+                let mean = |depth_m: f64| {
+                    others.iter().map(|other| tip_at(other, plane, depth_m)).sum::<f64>()
+                        / others.len() as f64
+                };
+                let offset_sum: f64 =
+                    observed.bins.iter().map(|bin| bin.tip_m[plane] - mean(bin.depth_m)).sum();
+                let offset_m = offset_sum / observed.bins.len() as f64;
+                depths_m.iter().map(|depth_m| mean(*depth_m) + offset_m).collect()
+            })
+            .collect(),
+    )
 }
 
-/// Nothing where there are fewer equations than unknowns or they do not determine them.
+/// `None` if there are fewer equations than unknowns or they do not determine them.
 fn least_squares(rows: &[Vec<f64>], measured: &[f64]) -> Option<Vec<f64>> {
     let unknowns = rows.first()?.len();
     if rows.len() < unknowns {

@@ -1,7 +1,7 @@
 //! One recording's path as a linear function of its unknowns, at one candidate of modulus and gap.
 //!
-//! What a difference of this insertion's modulus or surface does is linear too: the derivative of the path under the load that the path
-//! itself requires, times the difference. Products of small differences are neglected.
+//! The effect of a difference of this insertion's modulus or surface is linear too: the derivative of the path under
+//! the load that the path itself requires, times the difference. Products of small differences are neglected.
 
 use super::candidates::{Candidate, Candidates, Parts, Responses};
 use super::lattice::Smooth;
@@ -12,17 +12,17 @@ use super::place::Place;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::sync::Arc;
 
-/// What is measured of the tip.
+/// Measured quantity of the tip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Measured {
-    /// Where it is, m.
+    /// Position, m.
     Position,
     /// The slope of the needle there, rad.
     Direction,
 }
 
 impl Measured {
-    /// What a bin has of it in a plane.
+    /// Value of a bin in a plane.
     pub fn of(self, bin: &Bin, plane: usize) -> Option<f64> {
         match self {
             Self::Position => Some(bin.tip_m[plane]),
@@ -41,13 +41,13 @@ pub(super) struct Basis {
     motion: Option<Arc<[Motion; 2]>>,
     parts: Parts,
     rear_share: [f64; 2],
-    /// Of position and direction, per plane.
+    /// Effects on position and direction, per plane.
     own: [[Own; 2]; 2],
     /// The same of what 1 m of guide 2 does at once.
     own_at_once: [[Own; 2]; 2],
 }
 
-/// What differences of one recording do to its path under its load.
+/// Effects of one recording's differences on its path under its load.
 #[derive(Debug, Clone, Default)]
 struct Own {
     modulus: Vec<f64>,
@@ -57,7 +57,8 @@ struct Own {
 }
 
 impl Basis {
-    /// Of recording `path` under a load (N, per plane in the needle's frame) about which differences are taken.
+    /// Basis of recording `path` under a load (N, per plane in the needle's frame) about which differences are
+    /// taken.
     pub fn new(
         candidates: &Candidates,
         responses: &Responses,
@@ -94,21 +95,21 @@ impl Basis {
     pub fn set_load(&mut self, gap_m: f64, load_n: [f64; 2]) {
         for measured in self.measured() {
             for plane in 0..self.layout.planes {
-                let own = self.differences(gap_m, plane, |of| self.loaded(measured, plane, load_n, of));
+                let effects = self.differences(gap_m, plane, |of| self.loaded(measured, plane, load_n, of));
                 let at_once = self.motion.is_some().then(|| {
-                    let part = self.parts.at_once;
+                    let at_once_response = self.parts.at_once;
                     let response = &self.responses[plane];
                     self.differences(gap_m, plane, |of| {
-                        self.slice(measured, of(response), part, self.parts.count).to_vec()
+                        self.slice(measured, of(response), at_once_response, self.parts.count).to_vec()
                     })
                 });
-                self.own[measured as usize][plane] = own;
+                self.own[measured as usize][plane] = effects;
                 self.own_at_once[measured as usize][plane] = at_once.unwrap_or_default();
             }
         }
     }
 
-    /// What is measured under a load, or how it depends on the candidate.
+    /// Measured quantity under a load, or its dependence on the candidate.
     fn loaded(
         &self,
         measured: Measured,
@@ -122,14 +123,14 @@ impl Basis {
         };
         // Loads of both planes, each with its sign.
         for (from, term) in self.load_parts(plane).into_iter().enumerate() {
-            let Some((sign, part)) = term else { continue };
-            let response = self.slice(measured, of(&self.responses[plane]), part, self.parts.count);
+            let Some((sign, response_part)) = term else { continue };
+            let response = self.slice(measured, of(&self.responses[plane]), response_part, self.parts.count);
             total.iter_mut().zip(response).for_each(|(sum, value)| *sum += sign * load_n[from] * value);
         }
         total
     }
 
-    /// What differences of a recording do to something that depends on the candidate.
+    /// Effect of a recording's differences on a quantity that depends on the candidate.
     fn differences(
         &self,
         gap_m: f64,
@@ -138,7 +139,7 @@ impl Basis {
     ) -> Own {
         let gap = course(|smooth| &smooth.by_gap);
         let slopes = self.slopes(&course(|smooth| &smooth.value));
-        // Where the tissue begins later the gap is longer and the needle less deep in it.
+        // If the tissue begins later the gap is longer and the needle less deep in it.
         let entry = gap.iter().zip(&slopes).map(|(gap, slope)| gap / gap_m - slope).collect();
         let modulus = course(|smooth| &smooth.by_modulus);
         let is_unknown = !self.responses[plane].by_rear.is_empty();
@@ -146,7 +147,7 @@ impl Basis {
         Own { modulus, entry, gap, rear }
     }
 
-    /// What is measured.
+    /// Measured quantities.
     pub fn measured(&self) -> impl Iterator<Item = Measured> + use<> {
         let direction = self.layout.direction.then_some(Measured::Direction);
         std::iter::once(Measured::Position).chain(direction)
@@ -173,9 +174,12 @@ impl Basis {
     /// Slope of a path at every node, before it and after it.
     fn slopes(&self, path_m: &[f64]) -> Vec<f64> {
         let nodes_m = &self.nodes_m;
-        let between = |i: usize| (path_m[2 * i + 2] - path_m[2 * i + 1]) / (nodes_m[i + 1] - nodes_m[i]);
+        let slope_between =
+            |i: usize| (path_m[2 * i + 2] - path_m[2 * i + 1]) / (nodes_m[i + 1] - nodes_m[i]);
         let last = nodes_m.len().saturating_sub(2);
-        (0..nodes_m.len()).flat_map(|i| [between(i.saturating_sub(1)), between(i.min(last))]).collect()
+        (0..nodes_m.len())
+            .flat_map(|i| [slope_between(i.saturating_sub(1)), slope_between(i.min(last))])
+            .collect()
     }
 
     /// Places of depths, on arriving or on leaving.
@@ -187,79 +191,79 @@ impl Basis {
     /// Rows of a plane at several places: per unit of each of its vector's unknowns, and what guide 2 adds.
     pub fn rows(&self, plane: usize, measured: Measured, places: &[Place]) -> (DMatrix<f64>, Vec<f64>) {
         let mut rows = DMatrix::zeros(places.len(), self.layout.unknowns());
-        let (_, at) = self.layout.place(plane);
+        let (_, first_column) = self.layout.place(plane);
         let mut fill = |column: usize, scale: f64, values: &[f64]| {
             let mut cells = rows.column_mut(column);
             cells.iter_mut().zip(places).for_each(|(cell, place)| *cell = scale * place.of(values));
         };
-        let part =
+        let response_part =
             |number: usize| self.slice(measured, &self.responses[plane].value, number, self.parts.count);
-        fill(at + GUIDE2, 1.0, part(self.parts.guide2));
+        fill(first_column + GUIDE2, 1.0, response_part(self.parts.guide2));
         for (from, term) in self.load_parts(plane).into_iter().enumerate() {
             let Some((sign, first)) = term else { continue };
-            let to = if self.layout.coupled { from * self.layout.of_plane() } else { 0 };
+            let first_row = if self.layout.coupled { from * self.layout.of_plane() } else { 0 };
             for knot in 0..=self.layout.knots_m.len() {
-                fill(to + LOAD + knot, sign, part(first + knot));
+                fill(first_row + LOAD + knot, sign, response_part(first + knot));
             }
         }
-        // What guide 2 does beside its motion at the nodes depends on the candidate too.
-        let beside_m = |place: &Place| place.beside_m[plane];
-        let (own, at_once) =
+        // The effect of guide 2 between the nodes depends on the candidate too.
+        let offset_of = |place: &Place| place.beside_m[plane];
+        let (own_effects, at_once) =
             (&self.own[measured as usize][plane], &self.own_at_once[measured as usize][plane]);
         let differing = |of: fn(&Own) -> &Vec<f64>| -> Vec<f64> {
-            if of(own).is_empty() {
+            if of(own_effects).is_empty() {
                 return vec![0.0; places.len()];
             }
-            let at_nodes = places.iter().map(|place| place.of(of(own)));
+            let at_nodes = places.iter().map(|place| place.of(of(own_effects)));
             if of(at_once).is_empty() {
                 return at_nodes.collect();
             }
-            let beside = places.iter().map(|place| beside_m(place) * place.of(of(at_once)));
-            at_nodes.zip(beside).map(|(at_nodes, beside)| at_nodes + beside).collect()
+            let guide_offset = places.iter().map(|place| offset_of(place) * place.of(of(at_once)));
+            at_nodes.zip(guide_offset).map(|(at_nodes, guide_offset)| at_nodes + guide_offset).collect()
         };
-        let rears = differing(|own| &own.rear);
-        rows.column_mut(at + MODULUS).copy_from_slice(&differing(|own| &own.modulus));
-        rows.column_mut(at + ENTRY).copy_from_slice(&differing(|own| &own.entry));
-        rows.column_mut(at + GAP).copy_from_slice(&differing(|own| &own.gap));
+        let rears = differing(|own_effects| &own_effects.rear);
+        rows.column_mut(first_column + MODULUS)
+            .copy_from_slice(&differing(|own_effects| &own_effects.modulus));
+        rows.column_mut(first_column + ENTRY).copy_from_slice(&differing(|own_effects| &own_effects.entry));
+        rows.column_mut(first_column + GAP).copy_from_slice(&differing(|own_effects| &own_effects.gap));
         if let Some(rear) = self.layout.rear() {
-            rows.column_mut(at + rear).copy_from_slice(&rears);
+            rows.column_mut(first_column + rear).copy_from_slice(&rears);
         }
         for (i, place) in places.iter().enumerate() {
             match (measured, self.layout.tilt()) {
                 (Measured::Position, _) => {
-                    rows[(i, at + OFFSET)] = 1.0;
-                    rows[(i, at + ANGLE)] = place.depth_m;
-                    (0..DRIFTS).for_each(|k| rows[(i, at + DRIFT + k)] = place.drifts[k]);
+                    rows[(i, first_column + OFFSET)] = 1.0;
+                    rows[(i, first_column + ANGLE)] = place.depth_m;
+                    (0..DRIFTS).for_each(|k| rows[(i, first_column + DRIFT + k)] = place.drifts[k]);
                 }
                 (Measured::Direction, tilt) => {
-                    rows[(i, at + ANGLE)] = 1.0;
+                    rows[(i, first_column + ANGLE)] = 1.0;
                     let Some(tilt) = tilt else { continue };
-                    rows[(i, at + tilt)] = 1.0;
-                    (0..BENDS).for_each(|k| rows[(i, at + tilt + 1 + k)] = place.drifts[k]);
+                    rows[(i, first_column + tilt)] = 1.0;
+                    (0..BENDS).for_each(|k| rows[(i, first_column + tilt + 1 + k)] = place.drifts[k]);
                 }
             }
         }
-        let mut beside = self.moved(plane, measured, places);
+        let mut guide_response = self.moved(plane, measured, places);
         // The rear's share counts from the middle of what is known beforehand, not from where responses are solved.
         let rear_share = self.rear_share[plane];
-        beside.iter_mut().zip(&rears).for_each(|(sum, rear)| *sum -= rear_share * rear);
-        (rows, beside)
+        guide_response.iter_mut().zip(&rears).for_each(|(sum, rear)| *sum -= rear_share * rear);
+        (rows, guide_response)
     }
 
-    /// What the recorded motion of guide 2 does at places.
+    /// Effect of the recorded motion of guide 2 at locations.
     fn moved(&self, plane: usize, measured: Measured, places: &[Place]) -> Vec<f64> {
         let Some(planes) = &self.guide2 else { return vec![0.0; places.len()] };
         let moved = self.slice(measured, &planes[plane].value, 0, 1);
         let at_once =
             self.slice(measured, &self.responses[plane].value, self.parts.at_once, self.parts.count);
-        let value = |place: &Place| place.of(moved) + place.beside_m[plane] * place.of(at_once);
-        places.iter().map(value).collect()
+        places.iter().map(|place| place.of(moved) + place.beside_m[plane] * place.of(at_once)).collect()
     }
 
     /// One row, and what guide 2 adds.
     pub fn row(&self, plane: usize, measured: Measured, depth_m: f64, leaving: bool) -> (DVector<f64>, f64) {
-        let (rows, beside) = self.rows(plane, measured, &self.places([(depth_m, leaving)]));
-        (rows.row(0).transpose(), beside.first().copied().unwrap_or_default())
+        let (rows, offset_row) = self.rows(plane, measured, &self.places([(depth_m, leaving)]));
+        (rows.row(0).transpose(), offset_row.first().copied().unwrap_or_default())
     }
 
     /// The constant load of each plane that suits a recording best, with an offset and an angle of its own; 0 where that is no number.
@@ -267,12 +271,12 @@ impl Basis {
         let mut loads_n = [0.0; 2];
         for (plane, fitted_n) in loads_n.iter_mut().enumerate().take(self.layout.planes) {
             let moved = self.moved(plane, Measured::Position, places);
-            let along = &self.responses[plane].value;
-            let along = self.slice(Measured::Position, along, self.parts.along, self.parts.count);
+            let value_slice = &self.responses[plane].value;
+            let along_slice = self.slice(Measured::Position, value_slice, self.parts.along, self.parts.count);
             let mut squares = Matrix3::zeros();
             let mut pull = Vector3::zeros();
             for ((bin, place), moved_m) in path.bins.iter().zip(places).zip(moved) {
-                let row = Vector3::new(1.0, place.depth_m, place.of(along));
+                let row = Vector3::new(1.0, place.depth_m, place.of(along_slice));
                 squares += row * row.transpose();
                 pull += row * (bin.tip_m[plane] - moved_m);
             }

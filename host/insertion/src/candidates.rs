@@ -1,7 +1,7 @@
 //! Paths per unit of every unknown at any modulus and gap, and at any compliance of a rear that is not known.
 //!
-//! The insertion is solved on a lattice of the logarithms of these, where it is needed; between its points responses are
-//! interpolated, which also gives their derivatives. What is solved serves every fold of a session.
+//! The insertion is solved on a lattice of the logarithms of these, where it is needed; between its points responses
+//! are interpolated, which also gives their derivatives. Solutions serve every fold of a session.
 
 use super::lattice::{Mixture, Point, Smooth, about, cubic, parabola};
 use super::layout::Layout;
@@ -26,7 +26,7 @@ const REAR_LATTICE: f64 = 0.1;
 /// Candidates reach so many standard deviations of the prior to both sides.
 const REACH: f64 = 3.5;
 
-/// What is known of the tissue and the guide beforehand.
+/// Prior of the tissue and the guide.
 #[derive(Debug, Clone)]
 pub struct Tissue {
     /// Rig, foundation and effects.
@@ -44,12 +44,12 @@ pub struct Tissue {
 /// A possible modulus and gap, as logarithms of their ratios to the middle of what is known beforehand, and the rear.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Candidate {
-    /// Of the modulus.
+    /// Standard deviation of the modulus.
     pub modulus_ln: f64,
-    /// Of the gap.
+    /// Standard deviation of the gap.
     pub gap_ln: f64,
-    /// Share of the rear ([`Rear`]) less its middle, vertical and horizontal: where responses are solved, with their derivative. What it
-    /// is, is an unknown of every insertion.
+    /// Share of the rear ([`Rear`]) less its middle, vertical and horizontal: where responses are solved, with their
+    /// derivative. Its value is an unknown of every insertion.
     pub rear_share: [f64; 2],
 }
 
@@ -63,12 +63,12 @@ pub struct Candidates {
     plans: Vec<Plan>,
     /// Plan of each recording, and what guide 2 does in it.
     paths: Vec<(usize, Option<Arc<[Motion; 2]>>)>,
-    /// Which needle each plane has: two where something sets them apart.
+    /// Needle of each plane: two where something sets them apart.
     needles: [usize; 2],
     points: Mutex<HashMap<LatticePoint, Arc<Point>>>,
 }
 
-/// How finely responses are interpolated.
+/// Resolution at which responses are interpolated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fineness {
     /// As for results.
@@ -99,13 +99,13 @@ pub(super) struct Responses {
 pub(super) struct Parts {
     /// Under 1 m of guide 2.
     pub guide2: usize,
-    /// What 1 m of guide 2 does at rest, at once.
+    /// Response to 1 m of guide 2 at rest, at once.
     pub at_once: usize,
     /// Under the load along the bevel, which its process noise follows.
     pub along: usize,
-    /// What the load does to the other plane, where they are coupled.
+    /// Response of the other plane to the load, if they are coupled.
     pub across: usize,
-    /// How many there are.
+    /// Number of responses.
     pub count: usize,
 }
 
@@ -118,7 +118,7 @@ impl Parts {
 }
 
 impl Candidates {
-    /// For recordings of one rig, down to `last_m`. Nothing is solved yet.
+    /// For recordings of one rig, down to `last_m`. Candidates without a solution yet.
     ///
     /// # Errors
     /// As [`GrowingBeam::new`], for the middle of what is known beforehand.
@@ -130,23 +130,29 @@ impl Candidates {
         let is_bent = tissue.model.curvature_per_m() != [0.0; 2];
         let of_path = paths.iter().map(|path| {
             let rotation_rad = &path.done.rotation_rad;
-            let known = plans.iter().position(|known| known.rotation_rad == *rotation_rad);
-            let number = known.unwrap_or_else(|| {
+            let same_rotation = plans.iter().position(|known| known.rotation_rad == *rotation_rad);
+            let number = same_rotation.unwrap_or_else(|| {
                 let mut jumps_m: Vec<f64> = rotation_rad.jumps_m().collect();
                 jumps_m.dedup();
                 let nodes_m = Arc::new(grid_m(last_m, STEP_M, &jumps_m));
                 plans.push(Plan { rotation_rad: rotation_rad.clone(), nodes_m });
                 plans.len() - 1
             });
-            let moves = |planes: &&[Profile; 2]| planes.iter().any(|plane| plane.values().any(|m| m != 0.0));
             let still = [Profile::default(), Profile::default()];
-            let moved = path.done.guide2_m.as_ref().filter(moves).or(is_bent.then_some(&still));
+            let moved = path
+                .done
+                .guide2_m
+                .as_ref()
+                .filter(|planes| planes.iter().any(|plane| plane.values().any(|m| m != 0.0)))
+                .or(is_bent.then_some(&still));
             let nodes_m = &plans[number].nodes_m;
-            let motion = |planes: &[Profile; 2]| {
-                let followed = planes.each_ref().map(|plane| plane.through_clearance(clearance_m));
-                Arc::new(followed.map(|plane| Motion::new(&plane, nodes_m.clone())))
-            };
-            (number, moved.map(motion))
+            (
+                number,
+                moved.map(|planes| {
+                    let followed = planes.each_ref().map(|plane| plane.through_clearance(clearance_m));
+                    Arc::new(followed.map(|plane| Motion::new(&plane, nodes_m.clone())))
+                }),
+            )
         });
         let paths = of_path.collect();
         let [y, x] = [Plane::Y, Plane::X].map(|plane| tissue.model.problem_in(plane, last_m));
@@ -168,7 +174,7 @@ impl Candidates {
         self.paths.get(path).map_or(0, |(plan, _)| *plan)
     }
 
-    /// What guide 2 does in a recording, per plane.
+    /// Motion of guide 2 in a recording, per plane.
     pub(super) fn motion(&self, path: usize) -> Option<&Arc<[Motion; 2]>> {
         self.paths.get(path).and_then(|(_, motion)| motion.as_ref())
     }
@@ -230,10 +236,10 @@ impl Candidates {
         let planes = if self.layout.planes == 2 { 2 } else { 1 };
         let mixed: Vec<Mixture> =
             (0..planes).map(|plane| self.mixture(candidate, plane, fineness)).collect::<Result<_, _>>()?;
-        let same = mixed.len() < 2 || mixed[0].is_same(&mixed[1]);
+        let is_uniform = mixed.len() < 2 || mixed[0].is_same(&mixed[1]);
         let pair = |of: &dyn Fn(&Point, usize) -> Option<&Vec<f64>>, shared: bool| {
             let first = Arc::new(mixed[0].of(&|point| of(point, 0)));
-            let second = match mixed.get(1).filter(|_| !(same && shared)) {
+            let second = match mixed.get(1).filter(|_| !(is_uniform && shared)) {
                 Some(mixture) => Arc::new(mixture.of(&|point| of(point, 1))),
                 None => first.clone(),
             };
@@ -250,7 +256,7 @@ impl Candidates {
 
     /// The points about a candidate in a plane, with their weights.
     fn mixture(&self, candidate: Candidate, plane: usize, fineness: Fineness) -> Result<Mixture, ModelError> {
-        let along = |ln: f64| match fineness {
+        let interpolation = |ln: f64| match fineness {
             Fineness::Fine => cubic(ln, LATTICE_LN),
             Fineness::Coarse => parabola(ln, LATTICE_LN, COARSE),
         };
@@ -260,15 +266,15 @@ impl Candidates {
             // Points on either side are solved too.
             Some(rear) => {
                 let [least, most] = [REAR_SHARES[0] + REAR_LATTICE, REAR_SHARES[1] - REAR_LATTICE];
-                let share = rear.middle + candidate.rear_share[plane];
-                let middle = (share.clamp(least, most) / REAR_LATTICE).round();
-                about(middle as i32, share / REAR_LATTICE - middle, REAR_LATTICE, 1)
+                let rear_value = rear.middle + candidate.rear_share[plane];
+                let middle = (rear_value.clamp(least, most) / REAR_LATTICE).round();
+                about(middle as i32, rear_value / REAR_LATTICE - middle, REAR_LATTICE, 1)
             }
             None => vec![(0, [1.0, 0.0])],
         };
-        let gaps = along(candidate.gap_ln);
+        let gaps = interpolation(candidate.gap_ln);
         let mut points = Vec::with_capacity(48);
-        for (k, [i, di]) in along(candidate.modulus_ln) {
+        for (k, [i, di]) in interpolation(candidate.modulus_ln) {
             for (g, [j, dj]) in &gaps {
                 for (r, [l, dl]) in &rear {
                     // At a point itself its neighbours weigh nothing, but their share in the derivatives counts.
@@ -283,13 +289,13 @@ impl Candidates {
     }
 
     fn point(&self, at: LatticePoint) -> Result<Arc<Point>, ModelError> {
-        let known = || self.points.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(point) = known().get(&at) {
+        let locked_points = || self.points.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(point) = locked_points().get(&at) {
             return Ok(point.clone());
         }
         // Solved outside of the lock: what is solved does not depend on who did it.
         let point = Arc::new(self.solve(at)?);
-        known().insert(at, point.clone());
+        locked_points().insert(at, point.clone());
         Ok(point)
     }
 
@@ -299,13 +305,13 @@ impl Candidates {
         let mut model = self.tissue.model.clone();
         model.rig.entry_m = model.rig.guide2_m + self.tissue.gap_m * gap_ln.exp();
         model.foundation = model.foundation.scaled(modulus_ln.exp())?;
-        if let (Some(known), Guides::One { rear_rotation_n_m_per_rad }) =
+        if let (Some(known_rear), Guides::One { rear_rotation_n_m_per_rad }) =
             (self.tissue.rear.filter(|rear| rear.unknown[plane]), &mut model.rig.guides)
         {
-            let share = REAR_LATTICE * f64::from(rear);
-            rear_rotation_n_m_per_rad[plane] = match share {
+            let rear_fraction = REAR_LATTICE * f64::from(rear);
+            rear_rotation_n_m_per_rad[plane] = match rear_fraction {
                 0.0 => None,
-                share => Some(known.needle_n_m_per_rad * (1.0 / share - 1.0)),
+                rear_fraction => Some(known_rear.needle_n_m_per_rad * (1.0 / rear_fraction - 1.0)),
             };
         }
         let curvature_per_m = model.curvature_per_m();
@@ -316,8 +322,8 @@ impl Candidates {
         // Plans without a turn at rest have the same nodes.
         let mut growths: Vec<(&Plan, Arc<GrowingBeam>)> = Vec::with_capacity(self.plans.len());
         for plan in &self.plans {
-            let known = growths.iter().find(|(known, _)| known.nodes_m == plan.nodes_m);
-            let growth = match known {
+            let same_nodes = growths.iter().find(|(known, _)| known.nodes_m == plan.nodes_m);
+            let growth = match same_nodes {
                 Some((_, growth)) => growth.clone(),
                 None => Arc::new(grow(plan)?),
             };
@@ -329,17 +335,19 @@ impl Candidates {
             let planes = motion.as_ref()?.each_ref();
             Some([0, 1].map(|plane| {
                 let guide2_m = |node: usize| planes[plane].at_node_m(node);
-                let acting = |node: usize| NodeLoads { load_n: [0.0; 2], guide2_m: guide2_m(node) };
-                // What the needle's own bend does is known as well as what guide 2 does.
+                // The effect of the needle's own bend is known as well as that of guide 2.
                 let bent = |node: usize| {
                     insertion::bent(curvature_per_m, &of_plan.rotation_rad, of_plan.nodes_m[node], plane)
                 };
-                let states = growth.bent_under_load(acting, bent);
-                let mut all: Vec<f64> = states.iter().flat_map(|state| state.tip_m).collect();
+                let states = growth.bent_under_load(
+                    |node: usize| NodeLoads { load_n: [0.0; 2], guide2_m: guide2_m(node) },
+                    bent,
+                );
+                let mut tip_states: Vec<f64> = states.iter().flat_map(|state| state.tip_m).collect();
                 if directed {
-                    all.extend(growth.bent_tip_slopes(&states, guide2_m, bent).concat());
+                    tip_states.extend(growth.bent_tip_slopes(&states, guide2_m, bent).concat());
                 }
-                all
+                tip_states
             }))
         });
         Ok(Point { guide2_m: guide2_m.collect(), responses })
@@ -349,12 +357,12 @@ impl Candidates {
     fn plan_responses(&self, growth: &GrowingBeam, plan: &Plan) -> Vec<f64> {
         let nodes_m = growth.depths_m();
         let directed = self.layout.direction;
-        let held =
+        let held_rows =
             |guide2_m: [f64; 2]| under(growth, &|_| NodeLoads { load_n: [0.0; 2], guide2_m }, directed);
-        let mut all = held([1.0; 2]);
+        let mut plan_rows = held_rows([1.0; 2]);
         // Springs rest where the tip arrived: what guide 2 does at rest is the difference that it makes there.
-        for (all, values) in all.iter_mut().zip(held([0.0, 1.0])) {
-            all.extend(values.chunks_exact(2).flat_map(|side| [side[1] - side[0]; 2]));
+        for (plan_rows, values) in plan_rows.iter_mut().zip(held_rows([0.0, 1.0])) {
+            plan_rows.extend(values.chunks_exact(2).flat_map(|side| [side[1] - side[0]; 2]));
         }
         let turns: &[fn(f64) -> f64] = if self.layout.coupled { &[f64::cos, f64::sin] } else { &[f64::cos] };
         for turn in turns {
@@ -370,12 +378,13 @@ impl Candidates {
                     let load_n = rotation.map(|rad| amount(depth_m) * turn(rad));
                     NodeLoads { load_n, guide2_m: [0.0; 2] }
                 };
-                all.iter_mut()
+                plan_rows
+                    .iter_mut()
                     .zip(under(growth, &load, directed))
-                    .for_each(|(all, values)| all.extend(values));
+                    .for_each(|(plan_rows, values)| plan_rows.extend(values));
             }
         }
-        all.concat()
+        plan_rows.concat()
     }
 }
 

@@ -7,7 +7,7 @@ use super::posterior::Posterior;
 use nalgebra::{DMatrix, DVector};
 use readings::draws::Random;
 
-/// What one draw has of an insertion.
+/// One draw of an insertion's path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathDraw {
     /// Factor on the modulus of this insertion: its logarithm.
@@ -33,12 +33,12 @@ impl Posterior<'_> {
         tips_at_m: &[f64],
         loads_at_m: &[f64],
     ) -> Vec<PathDraw> {
-        let shares = self.shares();
-        let weights: Vec<f64> = shares.iter().map(|(_, share)| *share).collect();
+        let draw_weights = self.shares();
+        let weights: Vec<f64> = draw_weights.iter().map(|(_, share)| *share).collect();
         let picks = random.choices(&weights, count);
         let mut draws: Vec<Option<PathDraw>> = vec![None; count];
         // Roots and responses are computed once for each part that was chosen.
-        for (number, (part, _)) in shares.iter().enumerate() {
+        for (number, (part, _)) in draw_weights.iter().enumerate() {
             let chosen: Vec<usize> = (0..count).filter(|draw| picks.get(*draw) == Some(&number)).collect();
             if !chosen.is_empty() {
                 let sampler = Sampler::new(self, &self.parts[*part], tips_at_m, loads_at_m);
@@ -66,10 +66,10 @@ impl<'a> Sampler<'a> {
     fn new(posterior: &'a Posterior<'a>, part: &'a Part, tips_at_m: &[f64], loads_at_m: &[f64]) -> Self {
         let layout = &posterior.candidates.layout;
         let basis = &posterior.nodes[part.node].basis;
-        let places = basis.places(tips_at_m.iter().map(|depth_m| (*depth_m, false)));
+        let locations = basis.places(tips_at_m.iter().map(|depth_m| (*depth_m, false)));
         let tips = (0..layout.planes).map(|plane| {
-            let (rows, beside) = basis.rows(plane, Measured::Position, &places);
-            (rows, DVector::from_vec(beside))
+            let (rows, offsets) = basis.rows(plane, Measured::Position, &locations);
+            (rows, DVector::from_vec(offsets))
         });
         let loads = (0..layout.planes).map(|plane| {
             let rows: Vec<_> =

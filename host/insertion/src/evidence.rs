@@ -79,16 +79,16 @@ impl WithSimd for Sums<'_> {
 /// The scalar product, in sums of eight so that none waits for the one before.
 #[inline(always)]
 fn dot(left: &[f64], right: &[f64]) -> f64 {
-    let ((left, left_rest), (right, right_rest)) = (left.as_chunks::<8>(), right.as_chunks::<8>());
+    let ((left_chunks, left_rest), (right, right_rest)) = (left.as_chunks::<8>(), right.as_chunks::<8>());
     let mut sums = [0.0; 8];
-    for (left, right) in left.iter().zip(right) {
+    for (left_chunks, right) in left_chunks.iter().zip(right) {
         for lane in 0..8 {
-            sums[lane] += left[lane] * right[lane];
+            sums[lane] += left_chunks[lane] * right[lane];
         }
     }
     let [first, second] = [0, 4].map(|from| [sums[from], sums[from + 1], sums[from + 2], sums[from + 3]]);
     let of_eight = first.iter().zip(second).fold(0.0, |sum, (first, second)| sum + (first + second));
-    left_rest.iter().zip(right_rest).fold(of_eight, |sum, (left, right)| sum + left * right)
+    left_rest.iter().zip(right_rest).fold(of_eight, |sum, (left_chunks, right)| sum + left_chunks * right)
 }
 
 impl System {
@@ -97,31 +97,41 @@ impl System {
         let kind = |i: usize| (path.bins[i].rows, path.bins[i].moving);
         let mut order: Vec<usize> = (0..path.bins.len()).collect();
         order.sort_by(|a, b| kind(*a).0.total_cmp(&kind(*b).0).then(kind(*a).1.cmp(&kind(*b).1)));
-        let system = |system: usize| {
-            let of = |measured: Measured| {
-                let rows = |plane: usize| (plane, basis.rows(plane, measured, places));
-                let planes: Vec<_> = layout.planes_of(system).map(rows).collect();
-                let groups = order.chunk_by(|a, b| kind(*a) == kind(*b)).filter_map(move |bins| {
-                    let (readings, moving) = kind(*bins.first()?);
-                    let mut group = Group::new(measured, readings, moving, layout.unknowns());
-                    for (plane, (rows, beside)) in &planes {
-                        let value = |i: &usize| Some((*i, measured.of(&path.bins[*i], *plane)? - beside[*i]));
-                        let (used, values): (Vec<usize>, Vec<f64>) = bins.iter().filter_map(value).unzip();
-                        let values = DVector::from_vec(values);
-                        // Bins of one kind, each with a value, are all rows as they are.
-                        if used.iter().copied().eq(0..rows.nrows()) {
-                            group.add(rows, &values);
-                        } else {
-                            group.add(&rows.select_rows(&used), &values);
-                        }
-                    }
-                    Some(group)
-                });
-                groups.collect::<Vec<_>>()
-            };
-            Self { groups: basis.measured().flat_map(of).collect() }
-        };
-        (0..layout.systems()).map(system).collect()
+        (0..layout.systems())
+            .map(|system| {
+                Self {
+                    groups: basis
+                        .measured()
+                        .flat_map(|measured| {
+                            let rows = |plane: usize| (plane, basis.rows(plane, measured, places));
+                            let planes: Vec<_> = layout.planes_of(system).map(rows).collect();
+                            let groups =
+                                order.chunk_by(|a, b| kind(*a) == kind(*b)).filter_map(move |bins| {
+                                    let (readings, moving) = kind(*bins.first()?);
+                                    let mut group = Group::new(measured, readings, moving, layout.unknowns());
+                                    for (plane, (rows, beside)) in &planes {
+                                        let (used_bins, values): (Vec<usize>, Vec<f64>) = bins
+                                            .iter()
+                                            .filter_map(|i| {
+                                                Some((*i, measured.of(&path.bins[*i], *plane)? - beside[*i]))
+                                            })
+                                            .unzip();
+                                        let values = DVector::from_vec(values);
+                                        // Bins of one kind, each with a value, are all rows as they are.
+                                        if used_bins.iter().copied().eq(0..rows.nrows()) {
+                                            group.add(rows, &values);
+                                        } else {
+                                            group.add(&rows.select_rows(&used_bins), &values);
+                                        }
+                                    }
+                                    Some(group)
+                                });
+                            groups.collect::<Vec<_>>()
+                        })
+                        .collect(),
+                }
+            })
+            .collect()
     }
 
     /// With the own part integrated out; `None` where that fails in floating point.
@@ -154,20 +164,20 @@ impl System {
         map.pull_back_rows(&mut pull, 1, length);
         squares.iter_mut().step_by(unknowns + 1).for_each(|diagonal| *diagonal += 1.0);
         let ln_determinant = inverter.invert(simd, &mut squares)?;
-        let own: Vec<f64> = squares
+        let information: Vec<f64> = squares
             .chunks_exact(unknowns)
             .map(|row| row.iter().zip(&pull).map(|(a, b)| a * b).sum())
             .collect();
-        let explained: f64 = own.iter().zip(&pull).map(|(a, b)| a * b).sum();
+        let explained: f64 = information.iter().zip(&pull).map(|(a, b)| a * b).sum();
         ln -= 0.5 * (ln_determinant + measured - explained);
         // (A^-1 + I)^-1 = I - (I + A)^-1 is left of the information A.
         squares.iter_mut().for_each(|value| *value = -*value);
         squares.iter_mut().step_by(unknowns + 1).for_each(|diagonal| *diagonal += 1.0);
-        Some(Message { ln, information: squares, pull: own })
+        Some(Message { ln, information: squares, pull: information })
     }
 }
 
-/// What one recording determines of the shared part, in standard normal numbers of an own part.
+/// Information of one recording about the shared part, in standard normal numbers of an own part.
 struct Message {
     ln: f64,
     information: Vec<f64>,
@@ -182,7 +192,7 @@ pub(super) struct Evidence {
 }
 
 impl Evidence {
-    /// Of the systems of several recordings; `None` where it is no number.
+    /// Evidence of the systems of several recordings; `None` if it is no number.
     pub fn new(layout: &Layout, recordings: &[&[System]], scales: &Scales, searching: bool) -> Option<Self> {
         Arch::new().dispatch(Recordings { layout, recordings, scales, searching })
     }
@@ -191,40 +201,42 @@ impl Evidence {
     pub fn next(&self, layout: &Layout, scales: &Scales) -> Vec<Normal> {
         let map = scales.map(layout, false);
         let (unknowns, length) = (layout.unknowns(), layout.of_plane());
-        let normal = |(mean, covariance): &(Vec<f64>, Vec<f64>)| {
-            let ratio = |i: usize| map.ratio(i, length);
-            let mut mean: Vec<f64> = mean.iter().enumerate().map(|(i, value)| ratio(i) * value).collect();
-            let mut covariance = covariance.clone();
-            for (i, row) in covariance.chunks_exact_mut(unknowns).enumerate() {
-                row.iter_mut().enumerate().for_each(|(j, value)| *value *= ratio(i) * ratio(j));
-                row[i] += 1.0;
-            }
-            map.push_forward(&mut mean, length);
-            for _ in 0..2 {
-                covariance.chunks_exact_mut(unknowns).for_each(|row| map.push_forward(row, length));
-                transpose(&mut covariance, unknowns);
-            }
-            Normal {
-                mean: DVector::from_vec(mean),
-                covariance: DMatrix::from_row_slice(unknowns, unknowns, &covariance),
-            }
-        };
-        self.shared.iter().map(normal).collect()
+        self.shared
+            .iter()
+            .map(|(mean, covariance)| {
+                let ratio = |i: usize| map.ratio(i, length);
+                let mut mean: Vec<f64> = mean.iter().enumerate().map(|(i, value)| ratio(i) * value).collect();
+                let mut covariance = covariance.clone();
+                for (i, row) in covariance.chunks_exact_mut(unknowns).enumerate() {
+                    row.iter_mut().enumerate().for_each(|(j, value)| *value *= ratio(i) * ratio(j));
+                    row[i] += 1.0;
+                }
+                map.push_forward(&mut mean, length);
+                for _ in 0..2 {
+                    covariance.chunks_exact_mut(unknowns).for_each(|row| map.push_forward(row, length));
+                    transpose(&mut covariance, unknowns);
+                }
+                Normal {
+                    mean: DVector::from_vec(mean),
+                    covariance: DMatrix::from_row_slice(unknowns, unknowns, &covariance),
+                }
+            })
+            .collect()
     }
 
-    /// Where the evidence of a search has its top, as a step of the logarithms of modulus and gap, and how sharp that is: mean, weighted
-    /// by the information, and information.
+    /// Step to the maximum of a search's evidence, in the logarithms of modulus and gap, and its curvature: mean,
+    /// weighted by the information, and information.
     pub fn step(&self, layout: &Layout, scales: &Scales) -> ([f64; 2], [[f64; 2]; 2]) {
         let map = scales.map(layout, true);
         let (unknowns, length) = (layout.unknowns(), layout.of_plane());
         let (mut pull, mut information) = ([0.0; 2], [[0.0; 2]; 2]);
         for plane in 0..layout.planes {
-            let (system, at) = layout.place(plane);
+            let (system, first_column) = layout.place(plane);
             let (mean, covariance) = &self.shared[system];
-            let places = [at + MODULUS, at + GAP];
-            let sd = |i: usize| map.sds[[MODULUS, GAP][i]] * map.ratio(places[i], length);
-            let step = [0, 1].map(|i| sd(i) * mean[places[i]]);
-            let c = |i: usize, j: usize| sd(i) * sd(j) * covariance[places[i] * unknowns + places[j]];
+            let columns = [first_column + MODULUS, first_column + GAP];
+            let sd = |i: usize| map.sds[[MODULUS, GAP][i]] * map.ratio(columns[i], length);
+            let step = [0, 1].map(|i| sd(i) * mean[columns[i]]);
+            let c = |i: usize, j: usize| sd(i) * sd(j) * covariance[columns[i] * unknowns + columns[j]];
             let determinant = c(0, 0) * c(1, 1) - c(0, 1) * c(1, 0);
             let inverse = [
                 [c(1, 1) / determinant, -c(0, 1) / determinant],
@@ -233,7 +245,7 @@ impl Evidence {
             for i in 0..2 {
                 for j in 0..2 {
                     pull[i] += inverse[i][j] * step[j];
-                    // How far a search may go at once is no knowledge.
+                    // The trust region of a search is not information.
                     let trust = if i == j { 1.0 / Scales::trust_variance() } else { 0.0 };
                     information[i][j] += inverse[i][j] - trust;
                 }
@@ -244,13 +256,14 @@ impl Evidence {
 
     /// Mean of the share of the rear that all insertions have in common, per plane; `None` where it is known.
     pub fn rear_share(&self, layout: &Layout, scales: &Scales) -> Option<[f64; 2]> {
-        let place = layout.rear()?;
+        let rear_column = layout.rear()?;
         let map = scales.map(layout, false);
         let mut means = [0.0; 2];
         for (plane, mean) in means.iter_mut().enumerate().take(layout.planes) {
-            let (system, at) = layout.place(plane);
-            let shared = self.shared.get(system).and_then(|(means, _)| means.get(at + place)).copied();
-            *mean = shared.unwrap_or_default() * map.sds[place] * map.ratios[place];
+            let (system, first_column) = layout.place(plane);
+            let shared =
+                self.shared.get(system).and_then(|(means, _)| means.get(first_column + rear_column)).copied();
+            *mean = shared.unwrap_or_default() * map.sds[rear_column] * map.ratios[rear_column];
         }
         Some(means)
     }

@@ -11,38 +11,39 @@ use noise::Noise;
 
 /// Paths with simulated tips, at depths that differ from path to path.
 fn paths(noise: &mut Noise) -> Vec<TipPath> {
-    let path = |number: usize| TipPath {
-        id: format!("i{number}"),
-        planes: 2,
-        bins: (0..9)
-            .map(|i| {
-                let depth_m = 1e-3 * (7.0 * i as f64 + number as f64);
-                let tip_m = [1.0, 2.0].map(|a| 1e-3 + a * 0.04 * depth_m + 1e-4 * noise.normal());
-                Bin {
-                    depth_m,
-                    tip_m,
-                    rows: 1.0 + (i % 3) as f64,
-                    moving: i % 4 == 0,
-                    leaving: false,
-                    direction_rad: Default::default(),
-                }
-            })
-            .collect(),
-        deepest_m: 0.06,
-        done: Insertion {
-            depth_m: Vec::new(),
-            rotation_rad: Profile::default(),
-            guide2_m: Some([
-                Profile::new(vec![[0.0, 0.0], [0.06, 1e-3 * number as f64]]).expect("a profile"),
-                Profile::default(),
-            ]),
-            ..Insertion::default()
-        },
-        gaps_m: Vec::new(),
-        rows_skipped: 0,
-        rows: Vec::new(),
-    };
-    (0..3).map(path).collect()
+    (0..3)
+        .map(|number| TipPath {
+            id: format!("i{number}"),
+            planes: 2,
+            bins: (0..9)
+                .map(|i| {
+                    let depth_m = 1e-3 * (7.0 * i as f64 + number as f64);
+                    let tip_m = [1.0, 2.0].map(|a| 1e-3 + a * 0.04 * depth_m + 1e-4 * noise.normal());
+                    Bin {
+                        depth_m,
+                        tip_m,
+                        rows: 1.0 + (i % 3) as f64,
+                        moving: i % 4 == 0,
+                        leaving: false,
+                        direction_rad: Default::default(),
+                    }
+                })
+                .collect(),
+            deepest_m: 0.06,
+            done: Insertion {
+                depth_m: Vec::new(),
+                rotation_rad: Profile::default(),
+                guide2_m: Some([
+                    Profile::new(vec![[0.0, 0.0], [0.06, 1e-3 * number as f64]]).expect("a profile"),
+                    Profile::default(),
+                ]),
+                ..Insertion::default()
+            },
+            gaps_m: Vec::new(),
+            rows_skipped: 0,
+            rows: Vec::new(),
+        })
+        .collect()
 }
 
 #[test]
@@ -73,7 +74,7 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
         .map(|(basis, path)| System::of(basis, path, &basis.places(depths(&path.bins)), layout))
         .collect();
     let recordings: Vec<_> = systems.iter().map(Vec::as_slice).collect();
-    let found = Evidence::new(layout, &recordings, &scales, false).expect("evidence");
+    let evidence = Evidence::new(layout, &recordings, &scales, false).expect("evidence");
 
     // Covariances from the map itself: own part of each insertion, and the shared one.
     let map = scales.map(layout, false);
@@ -107,17 +108,17 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
 
         // The tip of the third at 60 mm, before any of it is known.
         let (row, _) = bases[2].row(plane, Measured::Position, 0.06, false);
-        let next = &found.next(layout, &scales)[plane];
+        let next = &evidence.next(layout, &scales)[plane];
         let mut target: Vec<f64> = row.iter().copied().collect();
         map.pull_back_rows(&mut target, 1, length);
         let target = (2, target);
-        let across = DVector::from_fn(count, |i, _| covariance(&keys[i], &target));
-        let solved = factor.solve(&across);
-        let (mean_m, found_m) = (solved.dot(&measured), row.dot(&next.mean));
-        assert!((found_m - mean_m).abs() < 1e-8, "{found_m} is not {mean_m}");
-        let variance = covariance(&target, &target) - across.dot(&solved);
+        let cross_covariance = DVector::from_fn(count, |i, _| covariance(&keys[i], &target));
+        let solved = factor.solve(&cross_covariance);
+        let (mean_m, predicted_m) = (solved.dot(&measured), row.dot(&next.mean));
+        assert!((predicted_m - mean_m).abs() < 1e-8, "{predicted_m} is not {mean_m}");
+        let variance = covariance(&target, &target) - cross_covariance.dot(&solved);
         let found_variance = row.dot(&(&next.covariance * &row));
         assert!((found_variance / variance - 1.0).abs() < 1e-4, "{found_variance} is not {variance}");
     }
-    assert!((found.ln - expected_ln).abs() < 1e-4, "{} is not {expected_ln}", found.ln);
+    assert!((evidence.ln - expected_ln).abs() < 1e-4, "{} is not {expected_ln}", evidence.ln);
 }

@@ -34,7 +34,7 @@ pub(super) struct Fold<'a> {
     pub candidates: &'a Candidates,
     pub paths: &'a [TipPath],
     pub training: &'a [usize],
-    /// Where the bins of these recordings lie.
+    /// Locations of the bins of these recordings.
     pub places: Vec<Vec<Place>>,
     pub noise: ReadingNoise,
 }
@@ -78,8 +78,8 @@ impl<'a> Fold<'a> {
         noise: ReadingNoise,
         start: Option<&Start>,
     ) -> (Self, Start) {
-        let places = training.iter().map(|path| candidates.places(*path, &paths[*path])).collect();
-        let fold = Self { candidates, paths, training, places, noise };
+        let locations = training.iter().map(|path| candidates.places(*path, &paths[*path])).collect();
+        let fold = Self { candidates, paths, training, places: locations, noise };
         let start = start.cloned().unwrap_or_else(|| {
             let likeliest = vec![0.0; COUNT];
             Start { candidates: fold.scan(&likeliest), likeliest }
@@ -95,9 +95,12 @@ impl<'a> Fold<'a> {
         let mut load_n = [0.0; 2];
         let systems = self.training.iter().zip(&self.places).map(|(path, places)| {
             let mut basis = Basis::without_own(self.candidates, &responses, candidate, *path);
-            let own_n = basis.fitted_load_n(&self.paths[*path], places);
-            load_n.iter_mut().zip(own_n).for_each(|(sum, own_n)| *sum += own_n / self.training.len() as f64);
-            basis.set_load(gap_m, own_n);
+            let fitted_n = basis.fitted_load_n(&self.paths[*path], places);
+            load_n
+                .iter_mut()
+                .zip(fitted_n)
+                .for_each(|(sum, fitted_n)| *sum += fitted_n / self.training.len() as f64);
+            basis.set_load(gap_m, fitted_n);
             System::of(&basis, &self.paths[*path], places, &self.candidates.layout)
         });
         let systems = systems.collect();
@@ -109,9 +112,9 @@ impl<'a> Fold<'a> {
         let mut solved = self.solve(candidate, Fineness::Fine)?;
         for _ in 0..MAX_REAR_STEPS {
             let scales = self.scales(likeliest, &solved);
-            let found = self.evidence(&solved, &scales, false);
-            let Some(found) = found else { break };
-            let Some(rear_share) = found.rear_share(&self.candidates.layout, &scales) else { break };
+            let evidence = self.evidence(&solved, &scales, false);
+            let Some(evidence_now) = evidence else { break };
+            let Some(rear_share) = evidence_now.rear_share(&self.candidates.layout, &scales) else { break };
             let mut furthest = 0.0_f64;
             for (at, to) in candidate.rear_share.iter_mut().zip(rear_share) {
                 let step = (to - *at).clamp(-MAX_REAR_STEP, MAX_REAR_STEP);
@@ -157,14 +160,13 @@ impl<'a> Fold<'a> {
         let mut tops: Vec<Top> = Vec::new();
         for candidate in start.candidates.iter().copied().take(MAX_TOPS) {
             // The scales that suit the first top suit the others well enough to compare them.
-            let from = tops.first().map_or(&start.likeliest, |top| &top.likeliest);
-            let Some(top) = self.climb(candidate, from, tops.is_empty()) else { continue };
-            let is_known = |known: &Top| {
+            let start_point = tops.first().map_or(&start.likeliest, |top| &top.likeliest);
+            let Some(top) = self.climb(candidate, start_point, tops.is_empty()) else { continue };
+            if !tops.iter().any(|known| {
                 let [a, b] = [known, &top].map(|top| top.solved.candidate);
-                let apart = [a.modulus_ln - b.modulus_ln, a.gap_ln - b.gap_ln];
-                (0..2).all(|i| apart[i].abs() < 3.0 * known.covariance[i][i].sqrt() + 1e-6)
-            };
-            if !tops.iter().any(is_known) {
+                let distances = [a.modulus_ln - b.modulus_ln, a.gap_ln - b.gap_ln];
+                (0..2).all(|i| distances[i].abs() < 3.0 * known.covariance[i][i].sqrt() + 1e-6)
+            }) {
                 tops.push(top);
             }
         }
@@ -177,29 +179,34 @@ impl<'a> Fold<'a> {
     /// Candidates of a coarse grid that no neighbour beats, the best first.
     pub(super) fn scan(&self, likeliest: &[f64]) -> Vec<Candidate> {
         let [modulus, gap] = self.candidates.prior_sds().map(|sd| (2.5 * sd / SCAN_LN).ceil() as i32);
-        let mut found: HashMap<[i32; 2], f64> = HashMap::new();
+        let mut scanned: HashMap<[i32; 2], f64> = HashMap::new();
         for k in -modulus..=modulus {
             for g in -gap..=gap {
-                let at = |i: i32| SCAN_LN * f64::from(i);
+                let scan_ln = |i: i32| SCAN_LN * f64::from(i);
                 let candidate = self.candidates.clamped(Candidate {
-                    modulus_ln: at(k),
-                    gap_ln: at(g),
+                    modulus_ln: scan_ln(k),
+                    gap_ln: scan_ln(g),
                     ..Candidate::default()
                 });
                 if let Some(solved) = self.solve(candidate, Fineness::Coarse) {
-                    found.insert([k, g], self.ln_posterior(&solved, likeliest));
+                    scanned.insert([k, g], self.ln_posterior(&solved, likeliest));
                 }
             }
         }
         let is_top = |[k, g]: [i32; 2], ln: f64| {
-            let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [k + i, g + j]));
-            around.filter_map(|at| found.get(&at)).all(|other| *other <= ln)
+            let neighbours = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [k + i, g + j]));
+            neighbours.filter_map(|at| scanned.get(&at)).all(|other| *other <= ln)
         };
-        let mut tops: Vec<_> = found.iter().filter(|(at, ln)| ln.is_finite() && is_top(**at, **ln)).collect();
+        let mut tops: Vec<_> =
+            scanned.iter().filter(|(at, ln)| ln.is_finite() && is_top(**at, **ln)).collect();
         tops.sort_by(|a, b| b.1.total_cmp(a.1).then(a.0.cmp(b.0)));
         let candidate = |[k, g]: &[i32; 2]| {
-            let at = |i: &i32| SCAN_LN * f64::from(*i);
-            self.candidates.clamped(Candidate { modulus_ln: at(k), gap_ln: at(g), ..Candidate::default() })
+            let scan_ln = |i: &i32| SCAN_LN * f64::from(*i);
+            self.candidates.clamped(Candidate {
+                modulus_ln: scan_ln(k),
+                gap_ln: scan_ln(g),
+                ..Candidate::default()
+            })
         };
         tops.into_iter().map(|(at, _)| candidate(at)).collect()
     }
@@ -211,14 +218,16 @@ impl<'a> Fold<'a> {
         let mut covariance = [[0.0; 2]; 2];
         let rounds = if scales_too { MAX_ROUNDS } else { 1 };
         for _ in 0..rounds {
-            let from = solved.candidate;
+            let start_candidate = solved.candidate;
             (solved, covariance) = self.climb_candidate(solved, &likeliest)?;
-            let moved =
-                [solved.candidate.modulus_ln - from.modulus_ln, solved.candidate.gap_ln - from.gap_ln];
+            let moved = [
+                solved.candidate.modulus_ln - start_candidate.modulus_ln,
+                solved.candidate.gap_ln - start_candidate.gap_ln,
+            ];
             if scales_too {
-                let before = likeliest.clone();
+                let previous = likeliest.clone();
                 likeliest = search::likeliest(&self.cost(&solved), &likeliest, &self.active());
-                let change = likeliest.iter().zip(&before).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                let change = likeliest.iter().zip(&previous).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 if change < 0.2 && (0..2).all(|i| moved[i].abs() < 0.3 * covariance[i][i].sqrt() + 1e-6) {
                     break;
                 }
@@ -238,22 +247,25 @@ impl<'a> Fold<'a> {
         let mut ln = self.ln_posterior(&solved, likeliest);
         for _ in 0..MAX_STEPS {
             let (pull, information) = self.step(&solved, likeliest)?;
-            let at = [solved.candidate.modulus_ln, solved.candidate.gap_ln];
-            let (step, covariance) = newton(pull, information, at, sds);
+            let position = [solved.candidate.modulus_ln, solved.candidate.gap_ln];
+            let (step, covariance) = newton(pull, information, position, sds);
             let scaled = |i: usize| step[i].abs() > SMALL_STEP * covariance[i][i].sqrt();
-            let mut share = 1.0;
+            let mut step_fraction = 1.0;
             let mut better = None;
-            while better.is_none() && share > 0.5f64.powi(MAX_HALVINGS as i32) && (scaled(0) || scaled(1)) {
-                let to = self.candidates.clamped(Candidate {
-                    modulus_ln: at[0] + share * step[0],
-                    gap_ln: at[1] + share * step[1],
+            while better.is_none()
+                && step_fraction > 0.5f64.powi(MAX_HALVINGS as i32)
+                && (scaled(0) || scaled(1))
+            {
+                let clamped = self.candidates.clamped(Candidate {
+                    modulus_ln: position[0] + step_fraction * step[0],
+                    gap_ln: position[1] + step_fraction * step[1],
                     rear_share: solved.candidate.rear_share,
                 });
                 let moved = self
-                    .solve_about_rear(to, likeliest)
+                    .solve_about_rear(clamped, likeliest)
                     .map(|moved| (self.ln_posterior(&moved, likeliest), moved));
                 better = moved.filter(|(moved, _)| *moved > ln);
-                share *= 0.5;
+                step_fraction *= 0.5;
             }
             match better {
                 Some((higher, moved)) => (ln, solved) = (higher, moved),
@@ -265,20 +277,21 @@ impl<'a> Fold<'a> {
         Some((solved, covariance))
     }
 
-    /// Where the evidence about a candidate has its top.
+    /// Step to the maximum of the evidence about a candidate.
     pub(super) fn step(&self, solved: &Solved, likeliest: &[f64]) -> Option<([f64; 2], [[f64; 2]; 2])> {
         let scales = self.scales(likeliest, solved);
         Some(self.evidence(solved, &scales, true)?.step(&self.candidates.layout, &scales))
     }
 
-    /// Which scales the recordings can determine.
+    /// Scales that the recordings can determine.
     pub(super) fn active(&self) -> Vec<usize> {
         let moving = self.training.iter().any(|path| self.paths[*path].bins.iter().any(|bin| bin.moving));
-        let is_active = |scale: &usize| match scale {
-            &MOVING => moving,
-            scale => self.candidates.layout.direction || !DIRECTION.contains(scale),
-        };
-        (0..COUNT).filter(is_active).collect()
+        (0..COUNT)
+            .filter(|scale| match scale {
+                &MOVING => moving,
+                scale => self.candidates.layout.direction || !DIRECTION.contains(scale),
+            })
+            .collect()
     }
 
     /// Minus the log posterior of the scales at a candidate.

@@ -33,15 +33,15 @@ impl Inverter {
         }
         let mut ln_determinant = 0.0;
         for first in (0..size).step_by(PIVOTS) {
-            let (before, from) = rows.split_at_mut(first * width);
-            let count = from.len().min(PIVOTS * width);
-            let (own, behind) = from.split_at_mut(count);
-            reduced(simd, own, first, pivots, &mut ln_determinant)?;
+            let (earlier_rows, remaining_rows) = rows.split_at_mut(first * width);
+            let count = remaining_rows.len().min(PIVOTS * width);
+            let (pivot_rows, later_rows) = remaining_rows.split_at_mut(count);
+            reduced(simd, pivot_rows, first, pivots, &mut ln_determinant)?;
             let mut square = [[0.0; PIVOTS]; PIVOTS];
             for (row, kept) in square.iter_mut().zip(pivots.iter()) {
                 *row = *kept.get(first..)?.first_chunk()?;
             }
-            for row in before.chunks_exact_mut(width).chain(behind.chunks_exact_mut(width)) {
+            for row in earlier_rows.chunks_exact_mut(width).chain(later_rows.chunks_exact_mut(width)) {
                 take_off(simd, row, first, pivots, &square)?;
             }
         }
@@ -69,13 +69,13 @@ fn reduced<S: Simd>(
             kept.fill(0.0);
             continue;
         };
-        let place = row.get_mut(column)?;
-        let pivot = *place;
+        let pivot_value = row.get_mut(column)?;
+        let pivot = *pivot_value;
         if !(pivot > 0.0 && pivot.is_finite()) {
             return None;
         }
         *ln_determinant += pivot.ln();
-        *place = 1.0;
+        *pivot_value = 1.0;
         row.iter_mut().for_each(|value| *value /= pivot);
         kept.copy_from_slice(row);
         for (other, row) in own.chunks_exact_mut(width).enumerate() {
@@ -99,24 +99,26 @@ fn take_off<S: Simd>(
     pivots: &[Vec<f64>; PIVOTS],
     square: &[[f64; PIVOTS]; PIVOTS],
 ) -> Option<()> {
-    // How much of each pivot's row there is depends on those before, through the columns of the pivots alone.
-    let mut own: [f64; PIVOTS] = *row.get(first..)?.first_chunk()?;
+    // The contribution of each pivot's row depends on the previous ones, through the columns of the pivots
+    // alone.
+    let mut own_columns: [f64; PIVOTS] = *row.get(first..)?.first_chunk()?;
     let mut factors = [0.0; PIVOTS];
     for (number, kept) in square.iter().enumerate() {
-        factors[number] = own[number];
-        let before: [f64; PIVOTS] = from_fn(|place| if place == number { 0.0 } else { own[place] });
-        own = from_fn(|place| before[place] - factors[number] * kept[place]);
+        factors[number] = own_columns[number];
+        let earlier_columns: [f64; PIVOTS] =
+            from_fn(|place| if place == number { 0.0 } else { own_columns[place] });
+        own_columns = from_fn(|place| earlier_columns[place] - factors[number] * kept[place]);
     }
     let [a, b, c, d] = factors.map(|factor| simd.splat_f64s(factor));
     let [of_a, of_b, of_c, of_d] = pivots.each_ref().map(|kept| S::as_simd_f64s(kept).0);
-    let kept = of_a.iter().zip(of_b).zip(of_c.iter().zip(of_d));
-    for (value, ((of_a, of_b), (of_c, of_d))) in S::as_mut_simd_f64s(row).0.iter_mut().zip(kept) {
-        let left = simd.sub_f64s(*value, simd.mul_f64s(a, *of_a));
-        let left = simd.sub_f64s(left, simd.mul_f64s(b, *of_b));
-        let left = simd.sub_f64s(left, simd.mul_f64s(c, *of_c));
-        *value = simd.sub_f64s(left, simd.mul_f64s(d, *of_d));
+    let column_values = of_a.iter().zip(of_b).zip(of_c.iter().zip(of_d));
+    for (value, ((of_a, of_b), (of_c, of_d))) in S::as_mut_simd_f64s(row).0.iter_mut().zip(column_values) {
+        let after_a = simd.sub_f64s(*value, simd.mul_f64s(a, *of_a));
+        let after_b = simd.sub_f64s(after_a, simd.mul_f64s(b, *of_b));
+        let after_c = simd.sub_f64s(after_b, simd.mul_f64s(c, *of_c));
+        *value = simd.sub_f64s(after_c, simd.mul_f64s(d, *of_d));
     }
-    row.get_mut(first..first + PIVOTS)?.copy_from_slice(&own);
+    row.get_mut(first..first + PIVOTS)?.copy_from_slice(&own_columns);
     Some(())
 }
 
@@ -147,8 +149,8 @@ mod tests {
             let factor = matrix.clone().cholesky().expect("positive definite");
             let mut square = matrix.as_slice().to_vec();
             let ln_determinant = Arch::new().dispatch(Inverse(size, &mut square)).expect("positive definite");
-            let apart = DMatrix::from_row_slice(size, size, &square) - factor.inverse();
-            assert!(apart.amax() < 1e-12, "{size}: {apart}");
+            let difference = DMatrix::from_row_slice(size, size, &square) - factor.inverse();
+            assert!(difference.amax() < 1e-12, "{size}: {difference}");
             assert!((ln_determinant - factor.ln_determinant()).abs() < 1e-11, "{size}");
         }
     }

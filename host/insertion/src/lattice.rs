@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-/// What is solved at a point of the lattice: tip position at every node, on arriving and on leaving, and where it is measured its
-/// direction behind that.
+/// Solution at a point of the lattice: tip position at every node, on arriving and on leaving, and where it is measured
+/// its direction behind that.
 #[derive(Debug)]
 pub(super) struct Point {
     /// Per plan, part by part ([`Parts`](super::candidates::Parts)).
@@ -92,12 +92,12 @@ pub(super) fn about(middle: i32, x: f64, apart: f64, stride: i32) -> Vec<(i32, [
 /// Weights of nodes in the value and the derivative at a place of the polynomial through them (Lagrange).
 fn lagrange(nodes: &[f64], x: f64, unit: f64) -> impl Iterator<Item = (f64, [f64; 2])> {
     nodes.iter().enumerate().map(move |(i, node)| {
-        let others = || nodes.iter().enumerate().filter(move |(j, _)| *j != i);
-        let scale: f64 = others().map(|(_, other)| node - other).product();
-        let value: f64 = others().map(|(_, other)| x - other).product();
-        let slope: f64 = others()
+        let other_nodes = || nodes.iter().enumerate().filter(move |(j, _)| *j != i);
+        let scale: f64 = other_nodes().map(|(_, other)| node - other).product();
+        let value: f64 = other_nodes().map(|(_, other)| x - other).product();
+        let slope: f64 = other_nodes()
             .map(|(left, _)| {
-                others().filter(|(j, _)| *j != left).map(|(_, other)| x - other).product::<f64>()
+                other_nodes().filter(|(j, _)| *j != left).map(|(_, other)| x - other).product::<f64>()
             })
             .sum();
         (*node, [value / scale, slope / (scale * unit)])

@@ -1,4 +1,4 @@
-//! Which unknowns an insertion has.
+//! Unknowns of an insertion.
 //!
 //! In one plane: offset of the tip sensor (m), angle of entry (rad; a tilt of the tracker has the same effect), displacement of guide 2
 //! from its zero (m), this insertion's modulus against that of all (difference of logarithms), the place of its tissue surface (m beyond
@@ -6,8 +6,9 @@
 //! tip load (N), and the process noise of the tip load at knots of depth (N). A needle that is turned carries its load with it, which
 //! couples the two planes.
 //!
-//! Where the rotation stiffness of an only guide is not known, its share is an unknown of each plane. Where the
-//! tip's direction is measured, a tilt of the sensor on the needle and its slow change with depth (rad) are.
+//! If the rotation stiffness of an only guide is not known, its share is an unknown of each plane. If the
+//! tip's direction is measured, a tilt of the sensor on the needle and its slow change with depth (rad) are
+//! unknowns.
 
 use super::path::{ROTATION_STILL_RAD, TipPath};
 use nalgebra::DVector;
@@ -33,7 +34,7 @@ pub(super) const BENDS: usize = 3;
 /// A turn whose sine is below this mirrors the load and does not bring it into the other plane.
 const IN_PLANE: f64 = 1e-3;
 
-/// Which unknowns there are.
+/// Layout of the unknowns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     /// Knots of the tip load.
@@ -53,19 +54,25 @@ impl Layout {
     pub fn new(paths: &[TipPath], last_m: f64, rear: bool) -> Self {
         let count = (last_m / STRETCH_M).ceil().max(1.0) as usize;
         let planes = paths.iter().map(|path| path.planes).min().unwrap_or(1);
-        let turn = |path: &TipPath| path.done.rotation_rad.before(0.0);
-        let first = paths.first().map_or(0.0, turn);
-        let leaves_plane = |path: &TipPath| {
-            let knots = path.done.rotation_rad.values();
-            knots.chain([first]).any(|rad| {
-                rad.sin().abs() > IN_PLANE && ((rad - first).abs() > ROTATION_STILL_RAD || path.is_turned())
-            })
-        };
+        let first = paths.first().map_or(0.0, |path| path.done.rotation_rad.before(0.0));
         let knots_m = (0..=count).map(|i| STRETCH_M * i as f64).collect();
-        let measured =
-            |path: &TipPath| path.bins.iter().any(|bin| bin.direction_rad.iter().any(Option::is_some));
-        let direction = paths.iter().any(measured);
-        Self { knots_m, planes, coupled: planes == 2 && paths.iter().any(leaves_plane), rear, direction }
+        let direction = paths
+            .iter()
+            .any(|path| path.bins.iter().any(|bin| bin.direction_rad.iter().any(Option::is_some)));
+        Self {
+            knots_m,
+            planes,
+            coupled: planes == 2
+                && paths.iter().any(|path| {
+                    let knots = path.done.rotation_rad.values();
+                    knots.chain([first]).any(|rad| {
+                        rad.sin().abs() > IN_PLANE
+                            && ((rad - first).abs() > ROTATION_STILL_RAD || path.is_turned())
+                    })
+                }),
+            rear,
+            direction,
+        }
     }
 
     /// Unknowns of one plane.
@@ -111,16 +118,16 @@ impl Layout {
 
     /// The combination of a plane's vector that is its tip load at a depth, in the needle's own frame.
     pub(super) fn load_row(&self, plane: usize, depth_m: f64) -> DVector<f64> {
-        let (_, at) = self.place(plane);
+        let (_, first_column) = self.place(plane);
         let mut row = DVector::zeros(self.unknowns());
-        row[at + LOAD] = 1.0;
+        row[first_column + LOAD] = 1.0;
         for knot in 0..self.knots_m.len() {
-            row[at + PROCESS_NOISE + knot] = self.hat(knot, depth_m);
+            row[first_column + PROCESS_NOISE + knot] = self.hat(knot, depth_m);
         }
         row
     }
 
-    /// What the numbered part of the drift reads at a depth.
+    /// Reading of the numbered part of the drift at a depth.
     pub(super) fn drift(&self, number: usize, depth_m: f64) -> f64 {
         let last_m = self.knots_m.last().copied().unwrap_or(STRETCH_M);
         (PI * (number + 1) as f64 * depth_m / last_m).cos()
@@ -129,10 +136,10 @@ impl Layout {
     /// Share of the process noise at a knot in the load at a depth: linear between knots.
     pub(super) fn hat(&self, knot: usize, depth_m: f64) -> f64 {
         let last = self.knots_m.len() - 1;
-        let beyond = depth_m / STRETCH_M - knot as f64;
-        match (beyond < 0.0, knot == last) {
+        let fraction = depth_m / STRETCH_M - knot as f64;
+        match (fraction < 0.0, knot == last) {
             (false, true) => 1.0,
-            _ => (1.0 - beyond.abs()).max(0.0),
+            _ => (1.0 - fraction.abs()).max(0.0),
         }
     }
 }

@@ -1,9 +1,10 @@
 //! Learning from earlier insertions of the same rig and tissue: empirical Bayes (theory, eq. 44).
 //!
-//! How large the unknowns' parts are ([`Scales`](super::scales::Scales)) and which modulus and gap are how likely follows from the evidence of the earlier
-//! insertions. The evidence has one top, or several: each is climbed (Gauss and Newton for modulus and gap, a quasi-Newton method for the
-//! scales), and around each a grid in the principal axes of its curvature covers whatever weighs anything. Draws of scales and grid
-//! points, weighted by their posterior, then stand for it: what is predicted integrates over all of it.
+//! The scales of the unknowns' parts ([`Scales`](super::scales::Scales)) and the probabilities of modulus and gap
+//! follow from the evidence of the earlier insertions. The evidence has one top, or several: each is climbed (Gauss and
+//! Newton for modulus and gap, a quasi-Newton method for the scales), and around each a grid in the principal axes of
+//! its curvature covers whatever weighs anything. Draws of scales and grid points, weighted by their posterior, then
+//! stand for it: what is predicted integrates over all of it.
 
 use super::candidates::Candidates;
 use super::evidence::{Evidence, System};
@@ -17,8 +18,9 @@ use std::collections::HashMap;
 
 /// Learns from the recordings `earlier` (numbers among `paths`).
 ///
-/// Where there are none, the sizes of the unknowns are searched near those that suit what is known of the insertion itself,
-/// `next`; nothing else is taken from it. `paths` are those the candidates were made for, each as far as it may be used.
+/// If there are none, the scales of the unknowns are searched near those that suit the readings of the insertion
+/// itself, `next`; no other information is taken from it. `paths` are those the candidates were made for, each as far
+/// as it may be used.
 pub fn learn(
     candidates: &Candidates,
     paths: &[TipPath],
@@ -50,19 +52,24 @@ pub fn learn_from(
         return Learned { scales: Vec::new(), parts: Vec::new(), nodes: Vec::new() };
     }
     let mut learned = Learned { scales: Vec::new(), parts: Vec::new(), nodes: Vec::new() };
-    let shares = cumulative_shares(&grid);
+    let cumulative_weights = cumulative_shares(&grid);
     let mut number_of: HashMap<usize, usize> = HashMap::new();
     for (number, (draw, ln_drawn)) in fold.draws(best).into_iter().enumerate() {
         let ln_scales = -0.5 * draw.iter().map(|x| x * x).sum::<f64>();
         // Candidates in proportion to their share, evenly among the draws: multiples of the golden ratio.
-        let place = (number as f64 * GOLDEN_RATIO).fract();
-        let drawn = shares.partition_point(|(end, _)| *end <= place).min(shares.len() - 1);
+        let draw_position = (number as f64 * GOLDEN_RATIO).fract();
+        let drawn = cumulative_weights
+            .partition_point(|(end, _)| *end <= draw_position)
+            .min(cumulative_weights.len() - 1);
         let GridPoint { solved, ln_area, .. } = &grid[drawn];
         let scales = fold.scales(&draw, solved);
-        let used: Vec<&[System]> =
+        let used_systems: Vec<&[System]> =
             if alone { Vec::new() } else { solved.systems.iter().map(Vec::as_slice).collect() };
-        let Some(evidence) = Evidence::new(&candidates.layout, &used, &scales, false) else { continue };
-        let ln_weight = solved.ln_prior + ln_area + ln_scales + evidence.ln - ln_drawn - shares[drawn].1;
+        let Some(evidence) = Evidence::new(&candidates.layout, &used_systems, &scales, false) else {
+            continue;
+        };
+        let ln_weight =
+            solved.ln_prior + ln_area + ln_scales + evidence.ln - ln_drawn - cumulative_weights[drawn].1;
         let node = *number_of.entry(drawn).or_insert_with(|| {
             learned.nodes.push(solved.node(candidates, next));
             learned.nodes.len() - 1
@@ -74,7 +81,8 @@ pub fn learn_from(
     let ln_weights: Vec<f64> = learned.parts.iter().map(|part| part.ln_weight).collect();
     let power = tempering(&ln_weights);
     learned.parts.iter_mut().for_each(|part| part.ln_weight *= power);
-    // What a part weighs before the insertion begins means little where it was drawn to suit the insertion itself.
+    // The weight of a part before the insertion begins has little meaning if it was drawn to suit the insertion
+    // itself.
     if !alone {
         let most = learned.parts.iter().map(|part| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
         learned.parts.retain(|part| part.ln_weight > most - MIN_LN_WEIGHT);
@@ -82,8 +90,8 @@ pub fn learn_from(
     learned
 }
 
-/// Where the search begins for every fold of a session: from what is known of all its recordings up to the depth from which they are
-/// predicted, so that nothing beyond it plays a part.
+/// Start of the search for every fold of a session: from what is known of all its recordings up to the depth from which
+/// they are predicted, so that nothing beyond it plays a part.
 pub fn start(candidates: &Candidates, observed: &[TipPath], noise: ReadingNoise) -> Option<Start> {
     let training: Vec<usize> = (0..observed.len()).collect();
     let (fold, start) = Fold::new(candidates, observed, &training, noise, None);

@@ -1,5 +1,5 @@
-//! What earlier insertions determine about the next: possible candidates and sizes with their weights, and the normal distribution of
-//! the unknowns under each.
+//! Information of earlier insertions about the next: possible candidates and sizes with their weights, and the normal
+//! distribution of the unknowns under each.
 
 use super::basis::Basis;
 use super::candidates::Candidate;
@@ -7,7 +7,7 @@ use super::scales::Scales;
 use nalgebra::{DMatrix, DVector};
 use std::sync::Arc;
 
-/// What earlier insertions determine about the next.
+/// Information of earlier insertions about the next.
 #[derive(Debug, Clone)]
 pub struct Learned {
     /// Possible sizes of the unknowns.
@@ -19,7 +19,7 @@ pub struct Learned {
 }
 
 impl Learned {
-    /// How many combinations there are, and how many different candidates are among them: what a prediction costs.
+    /// Number of combinations, and of different candidates among them: what a prediction costs.
     pub fn counts(&self) -> [usize; 2] {
         [self.parts.len(), self.nodes.len()]
     }
@@ -46,7 +46,7 @@ pub(super) struct Part {
     pub normals: Vec<Normal>,
 }
 
-/// Where the search for a posterior begins, found once for all folds of a session.
+/// Start of the search for a posterior, found once for all folds of a session.
 #[derive(Debug, Clone)]
 pub struct Start {
     pub(super) candidates: Vec<Candidate>,

@@ -17,25 +17,25 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    /// Of a profile on nodes, the first of which is at 0.
+    /// Motion of a profile on nodes, the first of which is at 0.
     pub fn new(as_done: &Profile, nodes_m: Arc<Vec<f64>>) -> Self {
         let mut jumps_m: Vec<f64> = as_done.jumps_m().collect();
         jumps_m.dedup();
         let jump = |at_m: f64| as_done.after(at_m) - as_done.before(at_m);
         let last = nodes_m.len().saturating_sub(1);
-        let mut shares_m = vec![0.0; nodes_m.len()];
+        let mut guide_m = vec![0.0; nodes_m.len()];
         for at_m in &jumps_m {
             let next = nodes_m.partition_point(|node_m| node_m <= at_m);
-            let from = next.saturating_sub(1);
-            let share = match nodes_m.get(next) {
-                Some(next_m) => (at_m - nodes_m[from]) / (next_m - nodes_m[from]),
+            let previous_node = next.saturating_sub(1);
+            let fraction = match nodes_m.get(next) {
+                Some(next_m) => (at_m - nodes_m[previous_node]) / (next_m - nodes_m[previous_node]),
                 None => 0.0,
             };
-            shares_m[from] += (1.0 - share) * jump(*at_m);
-            shares_m[next.min(last)] += share * jump(*at_m);
+            guide_m[previous_node] += (1.0 - fraction) * jump(*at_m);
+            guide_m[next.min(last)] += fraction * jump(*at_m);
         }
         let mut shared_m = 0.0;
-        let at_nodes_m = nodes_m.iter().zip(&shares_m).map(|(node_m, share_m)| {
+        let at_nodes_m = nodes_m.iter().zip(&guide_m).map(|(node_m, share_m)| {
             let jumped_m: f64 = jumps_m.iter().filter(|at_m| *at_m < node_m).map(|at_m| jump(*at_m)).sum();
             let arriving_m = as_done.before(*node_m) - jumped_m + shared_m;
             shared_m += share_m;
@@ -50,23 +50,23 @@ impl Motion {
         self.at_nodes_m.get(node).copied().unwrap_or_default()
     }
 
-    /// How far guide 2 was, at a depth, from where it is between the nodes, m.
+    /// Distance of guide 2, at a depth, from its interpolation between the nodes, m.
     pub fn beside_m(&self, depth_m: f64, leaving: bool) -> f64 {
         let next = self.nodes_m.partition_point(|node_m| *node_m < depth_m - 1e-9);
-        let between_m = match (next.checked_sub(1), self.nodes_m.get(next)) {
+        let interpolated_m = match (next.checked_sub(1), self.nodes_m.get(next)) {
             (_, Some(node_m)) if (node_m - depth_m).abs() <= 1e-9 => {
                 self.at_node_m(next)[usize::from(leaving)]
             }
             (Some(from), Some(node_m)) => {
-                let share = (depth_m - self.nodes_m[from]) / (node_m - self.nodes_m[from]);
-                let [from_m, to_m] = [self.at_node_m(from)[1], self.at_node_m(next)[0]];
-                from_m + share * (to_m - from_m)
+                let fraction = (depth_m - self.nodes_m[from]) / (node_m - self.nodes_m[from]);
+                let [start_m, end_m] = [self.at_node_m(from)[1], self.at_node_m(next)[0]];
+                start_m + fraction * (end_m - start_m)
             }
             (Some(last), None) => self.at_node_m(last)[1],
             (None, _) => self.at_node_m(0)[0],
         };
         let real_m = if leaving { self.as_done.after(depth_m) } else { self.as_done.before(depth_m) };
-        real_m - between_m
+        real_m - interpolated_m
     }
 }
 
@@ -82,10 +82,10 @@ mod tests {
     #[test]
     fn a_step_between_nodes_is_shared_by_its_moment() {
         let step = motion(&[[0.0, 0.0], [2.25e-3, 0.0], [2.25e-3, 1.0], [5e-3, 1.0]]);
-        let found: Vec<_> = (0..6).map(|node| step.at_node_m(node)).collect();
+        let node_values: Vec<_> = (0..6).map(|node| step.at_node_m(node)).collect();
         let expected = [[0.0, 0.0], [0.0, 0.0], [0.0, 0.75], [0.75, 1.0], [1.0, 1.0], [1.0, 1.0]];
-        for (found, expected) in found.iter().flatten().zip(expected.iter().flatten()) {
-            assert!((found - expected).abs() < 1e-12, "{found} is not {expected}");
+        for (node_values, expected) in node_values.iter().flatten().zip(expected.iter().flatten()) {
+            assert!((node_values - expected).abs() < 1e-12, "{node_values} is not {expected}");
         }
         for (depth_m, leaving, expected) in [
             (2.1e-3, false, -0.75),
@@ -94,8 +94,8 @@ mod tests {
             (2.9e-3, true, 0.25),
             (4e-3, true, 0.0),
         ] {
-            let found = step.beside_m(depth_m, leaving);
-            assert!((found - expected).abs() < 1e-12, "{found} is not {expected} at {depth_m}");
+            let offset_m = step.beside_m(depth_m, leaving);
+            assert!((offset_m - expected).abs() < 1e-12, "{offset_m} is not {expected} at {depth_m}");
         }
     }
 

@@ -49,18 +49,18 @@ pub enum PathError {
         /// Largest depth.
         deepest_mm: f64,
     },
-    /// Nothing to identify from.
+    /// There are no readings to identify from.
     #[error("depth_mm: {bins} depths up to {until_mm} mm, expected 3 or more to identify the tip load from")]
     TooFewDepths {
         /// Depths that count.
         bins: usize,
-        /// Where the identification ends.
+        /// Depth at which the identification ends.
         until_mm: f64,
     },
-    /// Nothing explains it.
+    /// No candidate explains it.
     #[error("tip_y_mm: no tip load explains this path, expected that of a needle")]
     Unexplained,
-    /// What was done cannot be modelled.
+    /// The insertion cannot be modelled.
     #[error(transparent)]
     Model(#[from] ModelError),
 }
@@ -93,7 +93,7 @@ pub struct TipPath {
     pub bins: Vec<Bin>,
     /// Depth to which it is recorded.
     pub deepest_m: f64,
-    /// What was done.
+    /// Motion of the insertion.
     pub done: Insertion,
     /// Stretches of 15 mm or more without samples, m.
     pub gaps_m: Vec<[f64; 2]>,
@@ -130,15 +130,15 @@ impl TipPath {
         if rows.len() < 5 || end_m - start_m < BIN_M {
             return Err(PathError::TooFew { rows: rows.len(), all: run.depth_m.len() });
         }
-        let done = done(run, &rows)?;
-        let bins = bins(&rows, &done);
-        let used: f64 = bins.iter().map(|bin| bin.rows).sum();
+        let insertion = done(run, &rows)?;
+        let bins = bins(&rows, &insertion);
+        let row_count: f64 = bins.iter().map(|bin| bin.rows).sum();
         Ok(Self {
             id: run.id.clone(),
             planes: if run.tip_x_m.is_some() { 2 } else { 1 },
-            rows_skipped: run.depth_m.len() - used as usize,
+            rows_skipped: run.depth_m.len() - row_count as usize,
             deepest_m,
-            done,
+            done: insertion,
             gaps_m: gaps_m(&bins),
             bins,
             rows,
@@ -170,16 +170,14 @@ impl TipPath {
 
     /// Whether guide 2 is moved on the way to a depth.
     pub fn moves_guide2(&self, until_m: f64) -> bool {
-        let moves = |plane: &Profile| {
-            let changes = |at_m: f64| plane.before(at_m) != plane.after(0.0);
+        self.done.guide2_m.iter().flatten().any(|plane| {
             // Profiles are linear between rows that lie much closer than this.
             !plane.is_constant()
                 && (0..)
                     .map(|i| BIN_M * f64::from(i))
                     .take_while(|m| *m <= until_m.min(self.deepest_m))
-                    .any(changes)
-        };
-        self.done.guide2_m.iter().flatten().any(moves)
+                    .any(|at_m| plane.before(at_m) != plane.after(0.0))
+        })
     }
 
     /// Whether the needle is turned on the way.
@@ -194,29 +192,32 @@ fn advancing(run: &InsertionRun) -> Vec<Row> {
     let mut rows = Vec::new();
     for (i, depth_m) in run.depth_m.iter().copied().enumerate() {
         // One misread depth must not make a retraction of all that follows: the median of three is what counts.
-        let around = [i.saturating_sub(1), i, (i + 1).min(run.depth_m.len() - 1)].map(|j| run.depth_m[j]);
-        let (low, high) = around.iter().fold((f64::MAX, f64::MIN), |(l, h), m| (l.min(*m), h.max(*m)));
-        let steady_m = around.iter().sum::<f64>() - low - high;
+        let neighbourhood =
+            [i.saturating_sub(1), i, (i + 1).min(run.depth_m.len() - 1)].map(|j| run.depth_m[j]);
+        let (low, high) = neighbourhood.iter().fold((f64::MAX, f64::MIN), |(l, h), m| (l.min(*m), h.max(*m)));
+        let steady_m = neighbourhood.iter().sum::<f64>() - low - high;
         deepest_m = deepest_m.max(steady_m.min(depth_m));
         let misread = (depth_m - steady_m).abs() > MISREAD_M;
         if depth_m < -BEFORE_SURFACE_M || depth_m < deepest_m - RETRACTED_M || misread {
             continue;
         }
-        let at = |column: &Option<Vec<f64>>| column.as_ref().and_then(|values| values.get(i)).copied();
-        let (Some(tip_y_m), tip_x_m) = (run.tip_y_m.get(i).copied(), at(&run.tip_x_m)) else { continue };
+        let value_at = |column: &Option<Vec<f64>>| column.as_ref().and_then(|values| values.get(i)).copied();
+        let (Some(tip_y_m), tip_x_m) = (run.tip_y_m.get(i).copied(), value_at(&run.tip_x_m)) else {
+            continue;
+        };
         rows.push(Row {
             depth_m: depth_m.max(0.0),
             tip_m: [tip_y_m, tip_x_m.unwrap_or(0.0)],
             direction_rad: [&run.tip_direction_y_rad, &run.tip_direction_x_rad]
-                .map(|column| at(column).unwrap_or(f64::NAN)),
-            rotation_rad: at(&run.rotation_rad).unwrap_or(0.0),
-            guide2_m: [at(&run.guide2_y_m).unwrap_or(0.0), at(&run.guide2_x_m).unwrap_or(0.0)],
+                .map(|column| value_at(column).unwrap_or(f64::NAN)),
+            rotation_rad: value_at(&run.rotation_rad).unwrap_or(0.0),
+            guide2_m: [value_at(&run.guide2_y_m).unwrap_or(0.0), value_at(&run.guide2_x_m).unwrap_or(0.0)],
         });
     }
-    let same =
+    let is_same_state =
         |a: &Row, b: &Row| is_turned_by(a, b) < ROTATION_STILL_RAD && is_moved_by(a, b) < GUIDE2_STILL_M;
-    if !rows.windows(2).all(|pair| same(&pair[0], &pair[1])) {
-        // What happens at rest happens at one depth: that to which the needle has come to stay.
+    if !rows.windows(2).all(|pair| is_same_state(&pair[0], &pair[1])) {
+        // Changes at rest happen at one depth: that to which the needle has come to stay.
         let mut stays_m = f64::INFINITY;
         for row in rows.iter_mut().rev() {
             stays_m = stays_m.min(row.depth_m);
@@ -239,13 +240,13 @@ fn is_moved_by(a: &Row, b: &Row) -> f64 {
 fn done(run: &InsertionRun, rows: &[Row]) -> Result<Insertion, ModelError> {
     let mut rotation: Vec<[f64; 2]> = Vec::new();
     let mut guide2: [Vec<[f64; 2]>; 2] = Default::default();
-    let mut before_m = 0.0;
+    let mut previous_m = 0.0;
     for row in rows {
-        step_to(&mut rotation, before_m, before_m, row.rotation_rad, ROTATION_STILL_RAD);
+        step_to(&mut rotation, previous_m, previous_m, row.rotation_rad, ROTATION_STILL_RAD);
         for (knots, held_m) in guide2.iter_mut().zip(row.guide2_m) {
-            step_to(knots, before_m, row.depth_m, held_m, GUIDE2_STILL_M);
+            step_to(knots, previous_m, row.depth_m, held_m, GUIDE2_STILL_M);
         }
-        before_m = row.depth_m;
+        previous_m = row.depth_m;
     }
     let [y, x] = guide2;
     let is_recorded = run.guide2_y_m.is_some() || run.guide2_x_m.is_some();
@@ -254,8 +255,8 @@ fn done(run: &InsertionRun, rows: &[Row]) -> Result<Insertion, ModelError> {
     Ok(Insertion { rotation_rad, guide2_m: Some(guide2_m), ..Insertion::default() })
 }
 
-/// Takes a profile that was read at `before_m` to a value read at `depth_m`, if it differs: linear between, a jump where the depths
-/// are the same. Of several jumps at one depth only the first and the last value are kept.
+/// Takes a profile that was read at `before_m` to a value read at `depth_m`, if it differs: linear between, a jump
+/// where the depths are the same. Only the first and the last value of several jumps at one depth are kept.
 fn step_to(knots: &mut Vec<[f64; 2]>, before_m: f64, depth_m: f64, value: f64, still: f64) {
     match knots.last().copied() {
         None => knots.push([0.0, value]),
@@ -278,9 +279,9 @@ fn bins(rows: &[Row], done: &Insertion) -> Vec<Bin> {
         .iter()
         .filter_map(|row| {
             let agrees = |at: &dyn Fn(&Profile) -> f64| {
-                let turned = (at(&done.rotation_rad) - row.rotation_rad).abs() <= ROTATION_STILL_RAD;
+                let is_rotated = (at(&done.rotation_rad) - row.rotation_rad).abs() <= ROTATION_STILL_RAD;
                 let planes = done.guide2_m.iter().flatten().zip(row.guide2_m);
-                turned
+                is_rotated
                     && planes.into_iter().all(|(profile, held_m)| {
                         profile.is_constant() || (at(profile) - held_m).abs() <= GUIDE2_STILL_M
                     })
@@ -323,8 +324,8 @@ fn bins(rows: &[Row], done: &Insertion) -> Vec<Bin> {
         })
         .collect();
     bins.sort_by(|a, b| a.depth_m.total_cmp(&b.depth_m));
-    let rests = bins.iter().filter(|bin| bin.rows >= 3.0).map(|bin| bin.rows).sum::<f64>();
-    if rests > RESTING * rows.len() as f64 {
+    let rested_rows = bins.iter().filter(|bin| bin.rows >= 3.0).map(|bin| bin.rows).sum::<f64>();
+    if rested_rows > RESTING * rows.len() as f64 {
         bins.iter_mut().for_each(|bin| bin.moving = bin.rows < 2.0);
     }
     without_outliers(bins, done)
@@ -336,8 +337,8 @@ fn gaps_m(bins: &[Bin]) -> Vec<[f64; 2]> {
     pairs.filter(|[from_m, to_m]| to_m - from_m >= GAP_M).collect()
 }
 
-/// Drops bins far off the line between their neighbours: glitches of the tip sensor. What happens at rest moves the tip too, so
-/// neighbours across a jump do not count.
+/// Drops bins far off the line between their neighbours: glitches of the tip sensor. A change at rest moves the tip
+/// too, so neighbours across a jump do not count.
 fn without_outliers(bins: Vec<Bin>, done: &Insertion) -> Vec<Bin> {
     let profiles = std::iter::once(&done.rotation_rad).chain(done.guide2_m.iter().flatten());
     let jumps_m: Vec<f64> = profiles.flat_map(Profile::jumps_m).collect();
@@ -345,20 +346,27 @@ fn without_outliers(bins: Vec<Bin>, done: &Insertion) -> Vec<Bin> {
         a.leaving != b.leaving || jumps_m.iter().any(|m| (a.depth_m..=b.depth_m).contains(m))
     };
     // Distance from the lines between neighbours on both sides, per plane: the middle one of three.
-    let off_m = |i: usize| -> Option<f64> {
-        let pairs =
-            (1..=3).filter_map(|reach| Some((bins.get(i.checked_sub(reach)?)?, bins.get(i + reach)?)));
-        let pairs: Vec<_> = pairs.filter(|(a, b)| !parted(a, b) && b.depth_m > a.depth_m).collect();
-        let off = |plane: usize| {
-            let at = |(a, b): &(&Bin, &Bin)| {
-                let share = (bins[i].depth_m - a.depth_m) / (b.depth_m - a.depth_m);
-                bins[i].tip_m[plane] - a.tip_m[plane] - share * (b.tip_m[plane] - a.tip_m[plane])
+    let offs: Vec<Option<f64>> = (0..bins.len())
+        .map(|i| -> Option<f64> {
+            let pairs =
+                (1..=3).filter_map(|reach| Some((bins.get(i.checked_sub(reach)?)?, bins.get(i + reach)?)));
+            let pairs: Vec<_> = pairs.filter(|(a, b)| !parted(a, b) && b.depth_m > a.depth_m).collect();
+            let difference_of = |plane: usize| {
+                median(
+                    pairs
+                        .iter()
+                        .map(|(a, b)| {
+                            let fraction = (bins[i].depth_m - a.depth_m) / (b.depth_m - a.depth_m);
+                            bins[i].tip_m[plane]
+                                - a.tip_m[plane]
+                                - fraction * (b.tip_m[plane] - a.tip_m[plane])
+                        })
+                        .collect(),
+                )
             };
-            median(pairs.iter().map(at).collect())
-        };
-        (pairs.len() >= 2).then(|| off(0).abs().max(off(1).abs()))
-    };
-    let offs: Vec<Option<f64>> = (0..bins.len()).map(off_m).collect();
+            (pairs.len() >= 2).then(|| difference_of(0).abs().max(difference_of(1).abs()))
+        })
+        .collect();
     let farthest_m = BENT_M + farthest(offs.iter().flatten().copied());
     let is_outlier = |off: &Option<f64>| off.is_some_and(|off| off > farthest_m);
     bins.iter().zip(&offs).filter(|(_, off)| !is_outlier(off)).map(|(bin, _)| *bin).collect()

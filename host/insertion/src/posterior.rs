@@ -1,5 +1,5 @@
-//! What is known of one insertion's unknowns: a normal distribution per candidate of modulus and gap and sizes, updated by each tip
-//! position (a Kalman filter over unknowns that do not change, which makes it a smoother of the tip load).
+//! Posterior of one insertion's unknowns: a normal distribution per candidate of modulus and gap and sizes, updated by
+//! each tip position (a Kalman filter over unknowns that do not change, which makes it a smoother of the tip load).
 
 use super::basis::Measured;
 use super::candidates::{Candidate, Candidates};
@@ -53,7 +53,7 @@ impl Identifiability {
     }
 }
 
-/// What is known of one insertion.
+/// Posterior of one insertion.
 #[derive(Debug, Clone)]
 pub struct Posterior<'c> {
     pub(super) candidates: &'c Candidates,
@@ -81,14 +81,15 @@ impl<'c> Posterior<'c> {
                 let (system, _) = layout.place(plane);
                 for Part { node, scales, ln_weight, normals } in &mut self.parts {
                     let variance = self.scales[*scales].variance(measured, bin.rows, bin.moving);
-                    let (row, beside) = &rows[*node];
-                    *ln_weight += normals[system].update(row, value - beside, variance);
+                    let (row, offset) = &rows[*node];
+                    *ln_weight += normals[system].update(row, value - offset, variance);
                 }
             }
         }
     }
 
-    /// Takes in a whole recording. Where it is far from what any part explains, weights are tempered so that not a single part is left.
+    /// Takes in a whole recording. If it is far from the prediction of every part, weights are tempered so that more
+    /// than a single part remains.
     pub fn update_all(&mut self, path: &TipPath) {
         path.bins.iter().for_each(|bin| self.update(bin));
         let ln_weights: Vec<f64> = self.parts.iter().map(|part| part.ln_weight).collect();
@@ -123,8 +124,9 @@ impl<'c> Posterior<'c> {
         )
     }
 
-    /// How far the tip goes from one place of the path to another, per plane, m; a place is a depth, on arriving (`false`) or on leaving
-    /// (`true`), after what is done at rest there. The scatter of single depths is part of it where the depths differ.
+    /// Displacement of the tip from one location of the path to another, per plane, m; a location is a depth, on
+    /// arriving (`false`) or on leaving (`true`), after the changes at rest there. The scatter of single depths is part
+    /// of it where the depths differ.
     pub fn tip_change_m(&self, from: (f64, bool), to: (f64, bool)) -> Vec<Moments> {
         let scatter = if from.0 == to.0 { 0.0 } else { 2.0 };
         self.change(Measured::Position, from, to, |scales| scatter * scales.irregularity_m.powi(2))
@@ -142,23 +144,28 @@ impl<'c> Posterior<'c> {
         to: (f64, bool),
         variance: impl Fn(&Scales) -> f64,
     ) -> Vec<Moments> {
-        let rows = |node: &Node, plane: usize| {
-            let (rows, beside) = node.basis.rows(plane, measured, &node.basis.places([from, to]));
-            let change = rows.row(1) - rows.row(0);
-            (DMatrix::from_rows(&[change]), vec![beside[1] - beside[0]])
-        };
-        self.moments(1, rows, variance).swap_remove(0)
+        self.moments(
+            1,
+            |node: &Node, plane: usize| {
+                let (rows, offsets) = node.basis.rows(plane, measured, &node.basis.places([from, to]));
+                let change = rows.row(1) - rows.row(0);
+                (DMatrix::from_rows(&[change]), vec![offsets[1] - offsets[0]])
+            },
+            variance,
+        )
+        .swap_remove(0)
     }
 
     /// Tip load at each depth in the needle's own frame, per plane, N.
     pub fn load_n(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
         let layout = &self.candidates.layout;
-        let rows = |plane: usize| {
-            let rows: Vec<_> =
-                depths_m.iter().map(|depth_m| layout.load_row(plane, *depth_m).transpose()).collect();
-            (DMatrix::from_rows(&rows), vec![0.0; depths_m.len()])
-        };
-        let of_plane: Vec<_> = (0..layout.planes).map(rows).collect();
+        let of_plane: Vec<_> = (0..layout.planes)
+            .map(|plane| {
+                let rows: Vec<_> =
+                    depths_m.iter().map(|depth_m| layout.load_row(plane, *depth_m).transpose()).collect();
+                (DMatrix::from_rows(&rows), vec![0.0; depths_m.len()])
+            })
+            .collect();
         self.moments(depths_m.len(), |_, plane| of_plane[plane].clone(), |_| 0.0)
     }
 
@@ -177,14 +184,14 @@ impl<'c> Posterior<'c> {
     pub fn ln_modulus_factor_and_gap(&self) -> [Moments; 2] {
         let layout = &self.candidates.layout;
         let modulus = self.mixed(|part, node, scales| {
-            let own = own(part, layout, MODULUS, scales.modulus_ln);
-            Moments { mean: node.candidate.modulus_ln + own.mean, sd: own.sd }
+            let own_modulus = own(part, layout, MODULUS, scales.modulus_ln);
+            Moments { mean: node.candidate.modulus_ln + own_modulus.mean, sd: own_modulus.sd }
         });
         let gap = self.mixed(|part, node, scales| {
-            let own = own(part, layout, ENTRY, scales.shared_and_own_entry_m());
+            let own_entry = own(part, layout, ENTRY, scales.shared_and_own_entry_m());
             // The surface lies before guide 2 nowhere.
-            let gap_m = (node.gap_m + own.mean).max(0.1 * node.gap_m);
-            Moments { mean: gap_m.ln(), sd: own.sd / gap_m }
+            let gap_m = (node.gap_m + own_entry.mean).max(0.1 * node.gap_m);
+            Moments { mean: gap_m.ln(), sd: own_entry.sd / gap_m }
         });
         [modulus, gap]
     }
@@ -193,16 +200,17 @@ impl<'c> Posterior<'c> {
     /// where it is stated.
     pub fn rear_share(&self) -> Option<[Option<(Moments, Identifiability)>; 2]> {
         let layout = &self.candidates.layout;
-        let (rear, place) = (self.candidates.rear()?, layout.rear()?);
+        let (rear, rear_column) = (self.candidates.rear()?, layout.rear()?);
         let of_plane = |plane: usize| {
             if !rear.unknown[plane] || plane >= layout.planes {
                 return None;
             }
-            let (system, at) = layout.place(plane);
+            let (system, first_column) = layout.place(plane);
             let moments = self.mixed(|part, _, _| {
                 let normal = &part.normals[system];
-                let variance = normal.covariance[(at + place, at + place)].max(0.0);
-                Moments { mean: normal.mean[at + place], sd: variance.sqrt() }
+                let variance =
+                    normal.covariance[(first_column + rear_column, first_column + rear_column)].max(0.0);
+                Moments { mean: normal.mean[first_column + rear_column], sd: variance.sqrt() }
             });
             Some((moments, is_share_determined(moments, rear)))
         };
@@ -211,11 +219,14 @@ impl<'c> Posterior<'c> {
 
     /// Whether the data determine modulus and gap.
     pub fn determined(&self) -> [Identifiability; 2] {
-        let of = |value: &dyn Fn(&Node) -> f64, sd: f64| {
+        let determined_value = |value: &dyn Fn(&Node) -> f64, sd: f64| {
             determined(self.mixed(|_, node, _| Moments { mean: value(node), sd: 0.0 }), sd)
         };
         let [modulus_sd, gap_sd] = self.candidates.prior_sds();
-        [of(&|node| node.candidate.modulus_ln, modulus_sd), of(&|node| node.candidate.gap_ln, gap_sd)]
+        [
+            determined_value(&|node| node.candidate.modulus_ln, modulus_sd),
+            determined_value(&|node| node.candidate.gap_ln, gap_sd),
+        ]
     }
 
     /// Ends of the range of the modulus, as factors, and of the gap, m.
@@ -237,8 +248,8 @@ impl<'c> Posterior<'c> {
     fn mixed(&self, of: impl Fn(&Part, &Node, &Scales) -> Moments) -> Moments {
         let (mut mean, mut square) = (0.0, 0.0);
         for (part, share) in self.shares() {
-            let part = &self.parts[part];
-            let value = of(part, &self.nodes[part.node], &self.scales[part.scales]);
+            let mixture_part = &self.parts[part];
+            let value = of(mixture_part, &self.nodes[mixture_part.node], &self.scales[mixture_part.scales]);
             mean += share * value.mean;
             square += share * (value.mean * value.mean + value.sd * value.sd);
         }
@@ -249,12 +260,12 @@ impl<'c> Posterior<'c> {
     pub(super) fn shares(&self) -> Vec<(usize, f64)> {
         let finite = self.parts.iter().enumerate().filter(|(_, part)| part.ln_weight.is_finite());
         let most = finite.clone().map(|(_, part)| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
-        let mut shares: Vec<_> = finite.map(|(i, part)| (i, (part.ln_weight - most).exp())).collect();
-        let total: f64 = shares.iter().map(|(_, share)| share).sum();
-        shares.retain(|(_, share)| *share > MIN_WEIGHT * total);
-        let total: f64 = shares.iter().map(|(_, share)| share).sum();
-        shares.iter_mut().for_each(|(_, share)| *share /= total);
-        shares
+        let mut weights: Vec<_> = finite.map(|(i, part)| (i, (part.ln_weight - most).exp())).collect();
+        let total: f64 = weights.iter().map(|(_, share)| share).sum();
+        weights.retain(|(_, share)| *share > MIN_WEIGHT * total);
+        let total: f64 = weights.iter().map(|(_, share)| share).sum();
+        weights.iter_mut().for_each(|(_, share)| *share /= total);
+        weights
     }
 
     /// Linear functions of the unknowns over the parts that count: `count` of them per plane, as rows with what is added to each, and
@@ -269,28 +280,28 @@ impl<'c> Posterior<'c> {
         variance: impl Fn(&Scales) -> f64,
     ) -> Vec<Vec<Moments>> {
         let layout = &self.candidates.layout;
-        let mut shares = self.shares();
-        shares.sort_by_key(|(part, _)| self.parts[*part].node);
+        let mut weights = self.shares();
+        weights.sort_by_key(|(part, _)| self.parts[*part].node);
         // Mean and mean square, per plane. Squares are taken about the first part's values: digits count.
         let mut sums =
             vec![[DVector::zeros(count), DVector::zeros(count), DVector::zeros(count)]; layout.planes];
         let mut covariance = DMatrix::zeros(layout.unknowns(), layout.unknowns());
         for (number, same) in
-            shares.chunk_by(|(a, _), (b, _)| self.parts[*a].node == self.parts[*b].node).enumerate()
+            weights.chunk_by(|(a, _), (b, _)| self.parts[*a].node == self.parts[*b].node).enumerate()
         {
             let node = &self.nodes[same.first().map_or(0, |(part, _)| self.parts[*part].node)];
             for (plane, [about, mean, square]) in sums.iter_mut().enumerate() {
-                let (rows, beside) = rows(node, plane);
-                let beside = DVector::from_vec(beside);
+                let (rows, offsets) = rows(node, plane);
+                let offset_vector = DVector::from_vec(offsets);
                 let (system, _) = layout.place(plane);
                 covariance.fill(0.0);
-                let mut own = 0.0;
+                let mut own_variance = 0.0;
                 for (i, (part, share)) in same.iter().enumerate() {
                     let Part { scales, normals, .. } = &self.parts[*part];
                     let Normal { mean: unknowns, covariance: part_covariance } = &normals[system];
                     covariance.zip_apply(part_covariance, |sum, value| *sum += share * value);
-                    own += share * variance(&self.scales[*scales]);
-                    let value = &rows * unknowns + &beside;
+                    own_variance += share * variance(&self.scales[*scales]);
+                    let value = &rows * unknowns + &offset_vector;
                     if number == 0 && i == 0 {
                         about.copy_from(&value);
                     }
@@ -299,20 +310,20 @@ impl<'c> Posterior<'c> {
                     square.zip_apply(&value, |square, value| *square += share * value * value);
                 }
                 let variances = (&rows * &covariance).component_mul(&rows).column_sum();
-                square.zip_apply(&variances, |square, variance| *square += variance + own);
+                square.zip_apply(&variances, |square, variance| *square += variance + own_variance);
             }
         }
-        let of = |i: usize, [about, mean, square]: &[DVector<f64>; 3]| {
+        let variance_of = |i: usize, [about, mean, square]: &[DVector<f64>; 3]| {
             let (mean, square) = (mean[i], square[i]);
             Moments { mean: about[i] + mean, sd: (square - mean * mean).max(0.0).sqrt() }
         };
-        (0..count).map(|i| sums.iter().map(|sums| of(i, sums)).collect()).collect()
+        (0..count).map(|i| sums.iter().map(|sums| variance_of(i, sums)).collect()).collect()
     }
 }
 
 /// Whether a posterior determines a logarithm better than its prior, of mean 0 and standard deviation `sd`.
 fn determined(Moments { mean, sd: found }: Moments, sd: f64) -> Identifiability {
-    // What is given beforehand to a few per cent is not required of the data.
+    // The data need not determine a quantity that is given beforehand to a few per cent.
     let is_given = sd <= GIVEN_LN;
     if is_given {
         Identifiability::Identified
@@ -329,12 +340,12 @@ fn determined(Moments { mean, sd: found }: Moments, sd: f64) -> Identifiability 
 
 /// The same of a rear: its stiffness is a bound where the share may be that of a clamp or of a hinge.
 fn is_share_determined(Moments { mean, sd }: Moments, rear: &Rear) -> Identifiability {
-    let at = |sds: f64| rear.middle + mean + sds * sd;
+    let rear_at = |sds: f64| rear.middle + mean + sds * sd;
     if sd > UNINFORMED * rear.sd {
         Identifiability::NotIdentified
-    } else if at(-2.0) < SHARE_OF_CLAMP {
+    } else if rear_at(-2.0) < SHARE_OF_CLAMP {
         Identifiability::LowerBound
-    } else if at(2.0) > 1.0 - SHARE_OF_CLAMP {
+    } else if rear_at(2.0) > 1.0 - SHARE_OF_CLAMP {
         Identifiability::UpperBound
     } else {
         Identifiability::Identified
@@ -350,10 +361,10 @@ const GIVEN_LN: f64 = 0.3;
 pub(super) fn own(part: &Part, layout: &Layout, unknown: usize, prior_sd: f64) -> Moments {
     let (mut precision, mut pull) = (0.0, 0.0);
     for plane in 0..layout.planes {
-        let (system, at) = layout.place(plane);
+        let (system, first_column) = layout.place(plane);
         let normal = &part.normals[system];
-        let variance = normal.covariance[(at + unknown, at + unknown)].max(1e-30);
-        pull += normal.mean[at + unknown] / variance;
+        let variance = normal.covariance[(first_column + unknown, first_column + unknown)].max(1e-30);
+        pull += normal.mean[first_column + unknown] / variance;
         precision += 1.0 / variance;
     }
     let prior = prior_sd.powi(-2);
@@ -401,7 +412,7 @@ impl<'c> OnlinePosterior<'c> {
         });
     }
 
-    /// What is known now.
+    /// Present posterior.
     pub fn posterior(&self) -> &Posterior<'c> {
         &self.now
     }

@@ -62,8 +62,8 @@ pub(super) fn tip_at(path: &TipPath, plane: usize, depth_m: f64) -> f64 {
     let next = path.bins.partition_point(|bin| bin.depth_m < depth_m);
     match (next.checked_sub(1).and_then(|before| path.bins.get(before)), path.bins.get(next)) {
         (Some(a), Some(b)) => {
-            let share = (depth_m - a.depth_m) / (b.depth_m - a.depth_m);
-            a.tip_m[plane] + share * (b.tip_m[plane] - a.tip_m[plane])
+            let fraction = (depth_m - a.depth_m) / (b.depth_m - a.depth_m);
+            a.tip_m[plane] + fraction * (b.tip_m[plane] - a.tip_m[plane])
         }
         (Some(only), None) | (None, Some(only)) => only.tip_m[plane],
         (None, None) => f64::NAN,

@@ -37,17 +37,17 @@ impl Fold<'_> {
             let [[a, b], [_, d]] = top.covariance;
             // Lower triangular root of the covariance.
             let first = a.max(0.0).sqrt();
-            let across = if first > 0.0 { b / first } else { 0.0 };
-            let second = (d - across * across).max(0.0).sqrt();
+            let slope_ratio = if first > 0.0 { b / first } else { 0.0 };
+            let second = (d - slope_ratio * slope_ratio).max(0.0).sqrt();
             let middle = top.solved.candidate;
             let ln_area = [first, second].iter().filter(|sd| **sd > 0.0).map(|sd| (GRID_SDS * sd).ln()).sum();
             let mut open = vec![([0_i32; 2], middle.rear_share)];
-            let mut known: Vec<[i32; 2]> = vec![[0; 2]];
-            while let Some((at, rear_share)) = open.pop() {
-                let [i, j] = at.map(|i| GRID_SDS * f64::from(i));
+            let mut visited: Vec<[i32; 2]> = vec![[0; 2]];
+            while let Some((grid_index, rear_share)) = open.pop() {
+                let [i, j] = grid_index.map(|i| GRID_SDS * f64::from(i));
                 let candidate = Candidate {
                     modulus_ln: middle.modulus_ln + first * i,
-                    gap_ln: middle.gap_ln + across * i + second * j,
+                    gap_ln: middle.gap_ln + slope_ratio * i + second * j,
                     rear_share,
                 };
                 let Some(solved) = self.solve_about_rear(candidate, &top.likeliest) else { continue };
@@ -59,10 +59,10 @@ impl Fold<'_> {
                 let rear_share = solved.candidate.rear_share;
                 grid.push(GridPoint { solved: Arc::new(solved), ln, ln_area });
                 for (di, dj) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
-                    let next = [at[0] + di, at[1] + dj];
+                    let next = [grid_index[0] + di, grid_index[1] + dj];
                     let is_flat = (di != 0 && first == 0.0) || (dj != 0 && second == 0.0);
-                    if !is_flat && !known.contains(&next) && known.len() < MAX_POINTS {
-                        known.push(next);
+                    if !is_flat && !visited.contains(&next) && visited.len() < MAX_POINTS {
+                        visited.push(next);
                         // The nearest first, so that those that are omitted are far.
                         open.insert(0, (next, rear_share));
                     }
@@ -82,7 +82,7 @@ impl Fold<'_> {
         let mut draws = Vec::with_capacity(2 * PAIRS);
         for _ in 0..PAIRS {
             let mut z: Vec<f64> = sds.iter().map(|_| StandardNormal.sample(&mut rng)).collect();
-            // What the recordings do not determine stays where it is.
+            // An unknown that the recordings do not determine stays at its mean.
             z.iter_mut().enumerate().filter(|(i, _)| !active.contains(i)).for_each(|(_, z)| *z = 0.0);
             let ln = -0.5 * z.iter().map(|z: &f64| z * z).sum::<f64>();
             for sign in [-1.0, 1.0] {
@@ -100,10 +100,11 @@ pub(super) fn cumulative_shares(grid: &[GridPoint]) -> Vec<(f64, f64)> {
     let most = grid.iter().map(flattened).fold(f64::NEG_INFINITY, f64::max);
     let total: f64 = grid.iter().map(|point| (flattened(point) - most).exp()).sum();
     let mut end = 0.0;
-    let share = |point: &GridPoint| {
-        let ln = flattened(point) - most - total.ln();
-        end += ln.exp();
-        (end, ln)
-    };
-    grid.iter().map(share).collect()
+    grid.iter()
+        .map(|point| {
+            let ln = flattened(point) - most - total.ln();
+            end += ln.exp();
+            (end, ln)
+        })
+        .collect()
 }

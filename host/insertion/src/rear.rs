@@ -5,7 +5,7 @@ const MIN_SHARE: f64 = 0.01;
 /// Shares that are solved: from a clamp to next to a hinge.
 pub(super) const REAR_SHARES: [f64; 2] = [0.0, 0.97];
 
-/// What is known beforehand of a rear whose rotation stiffness k_r is not stated.
+/// Prior of a rear whose rotation stiffness k_r is not stated.
 ///
 /// Its measure is the share of the needle's own stiffness k_n in the series of both, `s = k_n / (k_n + k_r)`: 0 in a clamp, 1 in a
 /// hinge. With k_n about what the needle beyond the guide resists a rotation with, what the rear does is linear in it (a rank-one change
@@ -25,8 +25,8 @@ pub struct Rear {
 impl Rear {
     /// k_r of a difference of the share from its middle.
     pub fn stiffness_n_m_per_rad(&self, difference: f64) -> f64 {
-        let share = (self.middle + difference).clamp(MIN_SHARE, 1.0 - MIN_SHARE);
-        self.needle_n_m_per_rad * (1.0 / share - 1.0)
+        let rear_fraction = (self.middle + difference).clamp(MIN_SHARE, 1.0 - MIN_SHARE);
+        self.needle_n_m_per_rad * (1.0 / rear_fraction - 1.0)
     }
 
     /// Nearest difference that is solved.

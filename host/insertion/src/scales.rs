@@ -1,4 +1,4 @@
-//! How large the unknowns of an insertion are, and what that makes of standard normal numbers.
+//! Scales of the unknowns of an insertion, and their values from standard normal numbers.
 
 use super::basis::Measured;
 use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};
@@ -7,7 +7,7 @@ use mechanics::unknowns::{Unknown, rig, sensors, tip, tissue};
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 
-/// How large the unknowns are: standard deviations of what all insertions share, and of each insertion's own part.
+/// Scales of the unknowns: standard deviations of what all insertions share, and of each insertion's own part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scales {
     /// Own offset of the tip sensor, m.
@@ -28,7 +28,7 @@ pub struct Scales {
     pub entry_m: f64,
     /// Own slow drift of the tracker, m.
     pub drift_m: f64,
-    /// Of the tip about a smooth path at single depths, m.
+    /// Irregularity of the tip about a smooth path at single depths, m.
     pub irregularity_m: f64,
     /// More of it while the needle is on its way, m.
     pub moving_m: f64,
@@ -36,11 +36,11 @@ pub struct Scales {
     pub tilt_rad: f64,
     /// Its slow change with depth, rad.
     pub bend_rad: f64,
-    /// Of the tip's direction about a smooth course at single depths, rad.
+    /// Irregularity of the tip's direction about a smooth course at single depths, rad.
     pub unsteady_rad: f64,
-    /// Of one reading of the tip sensor, m; known beforehand.
+    /// Noise of one reading of the tip sensor, m; known beforehand.
     pub reading_m: f64,
-    /// Of one reading of the tip's direction, rad; known beforehand.
+    /// Noise of one reading of the tip's direction, rad; known beforehand.
     pub direction_rad: f64,
     /// Standard deviation of the prior of the rear's share; 0 where it is known.
     pub rear_share: f64,
@@ -49,13 +49,13 @@ pub struct Scales {
 /// Noise of one reading of the tip: standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ReadingNoise {
-    /// Of its position, m.
+    /// Noise of its position, m.
     pub position_m: f64,
-    /// Of its direction, rad.
+    /// Noise of its direction, rad.
     pub direction_rad: f64,
 }
 
-/// What is known before the sizes are.
+/// Prior of the scales.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Known {
     /// Noise of one reading of the tip.
@@ -68,7 +68,7 @@ pub(super) struct Known {
 
 /// Scales that are found.
 pub(super) const COUNT: usize = 14;
-/// What is assumed of them: weak, physical. Those of the tip load are shares of it.
+/// Assumed priors: weak, physical. Those of the tip load are shares of it.
 const ASSUMED: [Unknown; COUNT] = [
     sensors::TIP_ZERO_OF_ONE,
     tip::ENTRY_ANGLE,
@@ -111,22 +111,22 @@ impl Scales {
     pub(super) fn from_logarithms(x: &[f64], known: Known) -> Self {
         let Known { noise, rear_share, load_n } = known;
         let load_n = load_n.max(MIN_LOAD_N);
-        let at = |i: usize| ASSUMED[i].mean() * (x[i] * ASSUMED[i].sd()).clamp(-9.0, 9.0).exp();
+        let scale_of = |i: usize| ASSUMED[i].mean() * (x[i] * ASSUMED[i].sd()).clamp(-9.0, 9.0).exp();
         Self {
-            offset_m: at(0),
-            entry_angle_rad: at(1),
-            load_n: load_n * at(2),
+            offset_m: scale_of(0),
+            entry_angle_rad: scale_of(1),
+            load_n: load_n * scale_of(2),
             shared_load_n: tip::SHARED_LOAD.sd() * load_n,
-            process_noise_n: [load_n * at(3), load_n * at(4)],
-            memory_m: at(5),
-            modulus_ln: at(6),
-            entry_m: at(7),
-            drift_m: at(8),
-            irregularity_m: at(9).max(tip::IRREGULARITY.least()),
-            moving_m: at(MOVING),
-            tilt_rad: at(11),
-            bend_rad: at(12),
-            unsteady_rad: at(13).max(tip::UNSTEADINESS.least()),
+            process_noise_n: [load_n * scale_of(3), load_n * scale_of(4)],
+            memory_m: scale_of(5),
+            modulus_ln: scale_of(6),
+            entry_m: scale_of(7),
+            drift_m: scale_of(8),
+            irregularity_m: scale_of(9).max(tip::IRREGULARITY.least()),
+            moving_m: scale_of(MOVING),
+            tilt_rad: scale_of(11),
+            bend_rad: scale_of(12),
+            unsteady_rad: scale_of(13).max(tip::UNSTEADINESS.least()),
             reading_m: noise.position_m,
             direction_rad: noise.direction_rad,
             rear_share,
@@ -160,8 +160,8 @@ impl Scales {
         set(ENTRY, [tissue::SURFACE.sd(), self.entry_m]);
         set(GAP, if searching { [TRUST_LN, SEARCHED_OWN_LN] } else { [0.0; 2] });
         for number in 0..DRIFTS {
-            let own_m = self.drift_m / ((number + 1) as f64).sqrt();
-            set(DRIFT + number, [tip::SHARED_DRIFT.sd() * own_m, own_m]);
+            let component_m = self.drift_m / ((number + 1) as f64).sqrt();
+            set(DRIFT + number, [tip::SHARED_DRIFT.sd() * component_m, component_m]);
         }
         set(LOAD, [self.shared_load_n, self.load_n]);
         if let Some(rear) = layout.rear() {
@@ -170,8 +170,8 @@ impl Scales {
         if let Some(tilt) = layout.tilt() {
             set(tilt, [sensors::COIL_ANGLE.sd(), self.tilt_rad]);
             for number in 0..BENDS {
-                let own_rad = self.bend_rad / ((number + 1) as f64).sqrt();
-                set(tilt + 1 + number, [own_rad, own_rad]);
+                let component_rad = self.bend_rad / ((number + 1) as f64).sqrt();
+                set(tilt + 1 + number, [component_rad, component_rad]);
             }
         }
         let stretch_m = layout.knots_m.get(1).copied().unwrap_or(1.0);
@@ -184,10 +184,10 @@ impl Scales {
         }
     }
 
-    /// How far shared and own process noise move the load over a distance, N.
+    /// Change of the load over a distance by shared and own process noise, N.
     pub fn process_noise_over_n(&self, distance_m: f64) -> [f64; 2] {
-        let share = (2.0 * (1.0 - (-distance_m / self.memory_m).exp())).sqrt();
-        self.process_noise_n.map(|process_noise_n| share * process_noise_n)
+        let decorrelation = (2.0 * (1.0 - (-distance_m / self.memory_m).exp())).sqrt();
+        self.process_noise_n.map(|process_noise_n| decorrelation * process_noise_n)
     }
 
     /// Standard deviation of the place of an insertion's surface, m.
@@ -241,11 +241,11 @@ impl Map {
 
     /// The unknowns beside the process noise.
     fn scale(&self, plane: &mut [f64]) {
-        let [before, after] = [0..self.process_noise.start, self.process_noise.end..plane.len()];
-        for (value, sd) in plane[before.clone()].iter_mut().zip(&self.sds[before]) {
+        let [leading, trailing] = [0..self.process_noise.start, self.process_noise.end..plane.len()];
+        for (value, sd) in plane[leading.clone()].iter_mut().zip(&self.sds[leading]) {
             *value *= sd;
         }
-        for (value, sd) in plane[after.clone()].iter_mut().zip(&self.sds[after]) {
+        for (value, sd) in plane[trailing.clone()].iter_mut().zip(&self.sds[trailing]) {
             *value *= sd;
         }
     }

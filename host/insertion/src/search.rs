@@ -55,41 +55,44 @@ impl Gradient for Along<'_> {
     type Gradient = Vec<f64>;
 
     fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, argmin::core::Error> {
-        let here = self.value(x);
-        let slope = |i: usize| {
-            let mut moved = x.clone();
-            moved[i] += SLOPE_STEP;
-            ((self.cost)(&self.at(&moved)) - here) / SLOPE_STEP
-        };
-        Ok((0..x.len()).map(slope).collect())
+        let base_cost = self.value(x);
+        Ok((0..x.len())
+            .map(|i| {
+                let mut moved = x.clone();
+                moved[i] += SLOPE_STEP;
+                ((self.cost)(&self.at(&moved)) - base_cost) / SLOPE_STEP
+            })
+            .collect())
     }
 }
 
 /// The point of least cost near `start`, with only the `active` numbers free; `start` where the search fails.
 pub(super) fn likeliest(cost: &dyn Fn(&[f64]) -> f64, start: &[f64], active: &[usize]) -> Vec<f64> {
-    let along = Along::new(cost, start, active);
-    let from: Vec<f64> = active.iter().map(|i| start[*i]).collect();
+    let search_line = Along::new(cost, start, active);
+    let start_values: Vec<f64> = active.iter().map(|i| start[*i]).collect();
     let best = || {
         let line = MoreThuenteLineSearch::new().with_bounds(1e-3, 8.0).ok()?;
         let solver = LBFGS::new(line, 7).with_tolerance_cost(1e-2).ok()?.with_tolerance_grad(5e-2).ok()?;
         let problem = Along::new(cost, start, active);
-        let run =
-            Executor::new(problem, solver).configure(|state| state.param(from).max_iters(MAX_STEPS)).run();
+        let run = Executor::new(problem, solver)
+            .configure(|state| state.param(start_values).max_iters(MAX_STEPS))
+            .run();
         run.ok()?.state().get_best_param().cloned()
     };
-    best().map_or_else(|| start.to_vec(), |x| along.at(&x))
+    best().map_or_else(|| start.to_vec(), |x| search_line.at(&x))
 }
 
 /// Standard deviation of the posterior along each number; never wider than the prior, which has unit width.
 pub(super) fn widths(cost: &dyn Fn(&[f64]) -> f64, point: &[f64], active: &[usize]) -> Vec<f64> {
     let least = cost(point);
-    let at = |i: usize, step: f64| {
+    let cost_moved = |i: usize, step: f64| {
         let mut moved = point.to_vec();
         moved[i] += step;
         cost(&moved)
     };
     let width = |i: usize| {
-        let bend = (at(i, BEND_STEP) - 2.0 * least + at(i, -BEND_STEP)) / (BEND_STEP * BEND_STEP);
+        let bend =
+            (cost_moved(i, BEND_STEP) - 2.0 * least + cost_moved(i, -BEND_STEP)) / (BEND_STEP * BEND_STEP);
         1.0 / bend.max(1.0).sqrt()
     };
     (0..point.len()).map(|i| if active.contains(&i) { width(i) } else { 1.0 }).collect()

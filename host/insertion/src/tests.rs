@@ -50,9 +50,9 @@ fn moved() -> TipPath {
     let rows: Vec<[f64; 6]> = (0..=80)
         .map(|mm| {
             let d = f64::from(mm);
-            let turned = if d > 30.0 { 50.0 } else { 0.0 };
+            let rotation_deg = if d > 30.0 { 50.0 } else { 0.0 };
             let moved = if d > 40.0 { 1.5 } else { 0.0 };
-            [d, 0.0, 0.0, turned, moved, 0.02 * d]
+            [d, 0.0, 0.0, rotation_deg, moved, 0.02 * d]
         })
         .collect();
     TipPath::new(&run(&rows)).expect("an insertion")
@@ -94,10 +94,10 @@ fn the_design_is_the_forward_model() {
     let loads = [load(1.0), load(-2.0)];
     let mut unknowns = vec![0.0; layout.unknowns()];
     for (plane, profile) in loads.iter().enumerate() {
-        let at = plane * layout.of_plane();
-        unknowns[at + LOAD] = 0.03;
+        let first_column = plane * layout.of_plane();
+        unknowns[first_column + LOAD] = 0.03;
         for (knot, depth_m) in layout.knots_m.iter().enumerate() {
-            unknowns[at + PROCESS_NOISE + knot] = profile.before(*depth_m) - 0.03;
+            unknowns[first_column + PROCESS_NOISE + knot] = profile.before(*depth_m) - 0.03;
         }
     }
     let depths_m = [0.0, 0.013, 0.035, 0.041, 0.08];
@@ -122,30 +122,39 @@ fn differences_of_one_insertion_are_those_of_the_forward_model() {
     let loads = || load_n.map(Profile::constant);
     // Depths away from the jumps, which a shift of depth moves.
     let depths_m = [0.012, 0.025, 0.055, 0.07];
-    let before_m = forward_m(&path, loads(), AWAY, 0.0, &depths_m);
+    let baseline_m = forward_m(&path, loads(), AWAY, 0.0, &depths_m);
     let stiffer = Candidate { modulus_ln: AWAY.modulus_ln + 0.02, ..AWAY };
     let stiffer_m = forward_m(&path, loads(), stiffer, 0.0, &depths_m);
     for plane in 0..2 {
-        let (_, at) = candidates.layout.place(plane);
+        let (_, first_column) = candidates.layout.place(plane);
         for (i, depth_m) in depths_m.into_iter().enumerate() {
             let (row, _) = basis.row(plane, Measured::Position, depth_m, false);
-            let (found_m, expected_m) = (0.02 * row[at + MODULUS], stiffer_m[plane][i] - before_m[plane][i]);
-            assert!((found_m - expected_m).abs() < 2e-6, "{found_m} is not {expected_m} at {depth_m}");
+            let (difference_m, expected_m) =
+                (0.02 * row[first_column + MODULUS], stiffer_m[plane][i] - baseline_m[plane][i]);
+            assert!(
+                (difference_m - expected_m).abs() < 2e-6,
+                "{difference_m} is not {expected_m} at {depth_m}"
+            );
         }
     }
-    // Nothing done at a depth: what is done at rest would move with the surface in the forward model, and does not for the recorded depth.
+    // No motion of guide 2 at a depth: what is done at rest would move with the surface in the forward model, and does
+    // not for the recorded depth.
     let straight: Vec<[f64; 6]> = (0..=80).map(|mm| [f64::from(mm), 0.0, 0.0, 0.0, 0.0, 0.0]).collect();
     let path = TipPath::new(&run(&straight)).expect("an insertion");
     let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.08).expect("candidates");
     let basis = self::basis(&candidates, AWAY, load_n);
-    let [before_m, later_m] =
+    let [baseline_m, later_m] =
         [0.0, 0.2e-3].map(|entry_m| forward_m(&path, loads(), AWAY, entry_m, &depths_m));
     for plane in 0..2 {
-        let (_, at) = candidates.layout.place(plane);
+        let (_, first_column) = candidates.layout.place(plane);
         for (i, depth_m) in depths_m.into_iter().enumerate() {
             let (row, _) = basis.row(plane, Measured::Position, depth_m, false);
-            let (found_m, expected_m) = (0.2e-3 * row[at + ENTRY], later_m[plane][i] - before_m[plane][i]);
-            assert!((found_m - expected_m).abs() < 2e-6, "{found_m} is not {expected_m} at {depth_m}");
+            let (difference_m, expected_m) =
+                (0.2e-3 * row[first_column + ENTRY], later_m[plane][i] - baseline_m[plane][i]);
+            assert!(
+                (difference_m - expected_m).abs() < 2e-6,
+                "{difference_m} is not {expected_m} at {depth_m}"
+            );
         }
     }
 }
@@ -161,7 +170,7 @@ fn the_process_noise_is_stationary() {
         Known { noise: ReadingNoise::default(), rear_share: 0.0, load_n: 0.2 },
     );
     let map = scales.map(&layout, false);
-    // What the process noise's standard normal numbers do to the load at a depth.
+    // Load at a depth by the process noise's standard normal numbers.
     let load = |depth_m: f64| {
         let mut row: Vec<f64> = layout.load_row(0, depth_m).iter().copied().collect();
         row[LOAD] = 0.0;
@@ -170,8 +179,11 @@ fn the_process_noise_is_stationary() {
     };
     for [a_m, b_m] in [[0.0, 0.0], [0.0, 0.03], [0.015, 0.075], [0.075, 0.075]] {
         let expected = scales.process_noise_n[1].powi(2) * (-f64::abs(a_m - b_m) / scales.memory_m).exp();
-        let found: f64 = load(a_m).iter().zip(load(b_m)).map(|(a, b)| a * b).sum();
-        assert!((found / expected - 1.0).abs() < 1e-9, "{found} is not {expected} between {a_m} and {b_m}");
+        let correlation: f64 = load(a_m).iter().zip(load(b_m)).map(|(a, b)| a * b).sum();
+        assert!(
+            (correlation / expected - 1.0).abs() < 1e-9,
+            "{correlation} is not {expected} between {a_m} and {b_m}"
+        );
     }
 }
 
@@ -187,15 +199,15 @@ fn the_prior_of_what_both_planes_share_counts_once() {
         &[0.0; COUNT],
         Known { noise: ReadingNoise::default(), rear_share: 0.0, load_n: 0.2 },
     );
-    let nothing = Evidence::new(&candidates.layout, &[], &scales, false).expect("a number");
+    let empty_evidence = Evidence::new(&candidates.layout, &[], &scales, false).expect("a number");
     let basis = Arc::new(basis(&candidates, Candidate::default(), [0.0; 2]));
     let node = Node { candidate: Candidate::default(), gap_m: 0.02, basis };
     // Both planes with the variances of their priors times a share.
     let sds = |share: f64| {
-        let mut normals = nothing.next(&candidates.layout, &scales);
+        let mut normals = empty_evidence.next(&candidates.layout, &scales);
         normals.iter_mut().for_each(|normal| normal.covariance *= share);
-        let part = Part { node: 0, scales: 0, ln_weight: 0.0, normals };
-        let learned = Learned { scales: vec![scales], parts: vec![part], nodes: vec![node.clone()] };
+        let mixture_part = Part { node: 0, scales: 0, ln_weight: 0.0, normals };
+        let learned = Learned { scales: vec![scales], parts: vec![mixture_part], nodes: vec![node.clone()] };
         Posterior::new(&candidates, &learned).ln_modulus_factor_and_gap().map(|moments| moments.sd)
     };
     let priors = [scales.modulus_ln, scales.shared_and_own_entry_m() / 0.02];
@@ -210,12 +222,16 @@ fn the_prior_of_what_both_planes_share_counts_once() {
 /// Half turns mirror the load in its plane: they couple nothing.
 #[test]
 fn half_turns_leave_the_planes_apart() {
-    let turned = |degrees: f64| {
-        let row = |mm: i32| [f64::from(mm), 0.0, 0.0, if mm > 30 { degrees } else { 0.0 }, 0.0, 0.0];
-        let path = TipPath::new(&run(&(0..=60).map(row).collect::<Vec<_>>())).expect("an insertion");
-        Layout::new(&[path], 0.06, false).coupled
-    };
-    assert_eq!([180.0, -180.0, 360.0, 90.0].map(turned), [false, false, false, true]);
+    assert_eq!(
+        [180.0, -180.0, 360.0, 90.0].map(|degrees| {
+            let path = TipPath::new(&run(&(0..=60)
+                .map(|mm| [f64::from(mm), 0.0, 0.0, if mm > 30 { degrees } else { 0.0 }, 0.0, 0.0])
+                .collect::<Vec<_>>()))
+            .expect("an insertion");
+            Layout::new(&[path], 0.06, false).coupled
+        }),
+        [false, false, false, true]
+    );
 }
 
 /// Steps of guide 2 at depths that differ by less than any measurement resolves are at one depth: the beam stays solvable.
@@ -223,12 +239,17 @@ fn half_turns_leave_the_planes_apart() {
 fn rests_that_nearly_coincide_are_one() {
     let rows: Vec<[f64; 6]> = (0..=60)
         .flat_map(|mm| {
-            let at = |d: f64, guide: f64| [d, 0.0, 0.0, 0.0, guide, 0.0];
+            let reading_row = |d: f64, guide: f64| [d, 0.0, 0.0, 0.0, guide, 0.0];
             let d = f64::from(mm);
             if mm % 5 == 0 {
-                vec![at(d, 0.0), at(d + 1e-7, 0.2), at(d + 2e-7, 0.5), at(d + 3e-7, 0.0)]
+                vec![
+                    reading_row(d, 0.0),
+                    reading_row(d + 1e-7, 0.2),
+                    reading_row(d + 2e-7, 0.5),
+                    reading_row(d + 3e-7, 0.0),
+                ]
             } else {
-                vec![at(d, 0.0)]
+                vec![reading_row(d, 0.0)]
             }
         })
         .collect();
@@ -310,10 +331,14 @@ fn live_and_recorded_agree() {
 fn the_design_of_one_guide_is_the_forward_model() {
     let rows: Vec<[f64; 6]> = (0..=80)
         .flat_map(|mm| {
-            let at = |d: f64, held: f64| [d, 0.0, 0.0, 0.0, held, -0.5 * held];
+            let reading_row = |d: f64, held: f64| [d, 0.0, 0.0, 0.0, held, -0.5 * held];
             let d = f64::from(mm);
-            let held = if d > 30.0 { 1.5 } else { 0.0 };
-            if mm == 30 { vec![at(30.0, 0.0), at(30.4, 0.0), at(30.4, 1.5)] } else { vec![at(d, held)] }
+            let clamp_mm = if d > 30.0 { 1.5 } else { 0.0 };
+            if mm == 30 {
+                vec![reading_row(30.0, 0.0), reading_row(30.4, 0.0), reading_row(30.4, 1.5)]
+            } else {
+                vec![reading_row(d, clamp_mm)]
+            }
         })
         .collect();
     let mut run = run(&rows);
@@ -342,31 +367,31 @@ fn the_design_of_one_guide_is_the_forward_model() {
         model.tip = TipLaw::load(load_n);
         // Leaving a depth is arriving a hair beyond it.
         let depth_m = depths.iter().map(|(depth_m, leaving)| depth_m + if *leaving { 1e-7 } else { 0.0 });
-        let done = Insertion { depth_m: depth_m.collect(), tip_direction: true, ..path.done.clone() };
-        let channels = predict(&model, &Experiment::Insertion(done)).expect("predicts");
+        let insertion = Insertion { depth_m: depth_m.collect(), tip_direction: true, ..path.done.clone() };
+        let channels = predict(&model, &Experiment::Insertion(insertion)).expect("predicts");
         [channels.tip_m, channels.tip_direction_rad].map(|series| [series.y, series.x.expect("two planes")])
     };
-    let at = Candidate { modulus_ln: 0.11, gap_ln: -0.07, rear_share: [-0.33, 0.23] };
-    let basis = basis(&candidates, at, load_n);
+    let candidate = Candidate { modulus_ln: 0.11, gap_ln: -0.07, rear_share: [-0.33, 0.23] };
+    let basis = basis(&candidates, candidate, load_n);
     let layout = &candidates.layout;
-    let place = layout.rear().expect("an unknown rear");
+    let rear_column = layout.rear().expect("an unknown rear");
     let tip = |measured: Measured, plane: usize, (depth_m, leaving): (f64, bool), share: f64| {
-        let (row, beside) = basis.row(plane, measured, depth_m, leaving);
-        beside + row[LOAD] * load_n[plane] + row[place] * share
+        let (row, offset) = basis.row(plane, measured, depth_m, leaving);
+        offset + row[LOAD] * load_n[plane] + row[rear_column] * share
     };
-    let more = Candidate { rear_share: at.rear_share.map(|share| share + 0.02), ..at };
-    let (here, there) = (forward(at, &depths), forward(more, &depths));
+    let more = Candidate { rear_share: candidate.rear_share.map(|share| share + 0.02), ..candidate };
+    let (base_path, changed_path) = (forward(candidate, &depths), forward(more, &depths));
     for (measured, within) in [(Measured::Position, 6e-6), (Measured::Direction, 1.5e-4)] {
         for plane in 0..2 {
             for (i, depth) in depths.into_iter().enumerate() {
-                let found = tip(measured, plane, depth, at.rear_share[plane]);
-                let expected = here[measured as usize][plane][i];
+                let tip_values = tip(measured, plane, depth, candidate.rear_share[plane]);
+                let expected = base_path[measured as usize][plane][i];
                 assert!(
-                    (found - expected).abs() < within,
-                    "{measured:?} {plane} at {depth:?}: {found}, {expected}"
+                    (tip_values - expected).abs() < within,
+                    "{measured:?} {plane} at {depth:?}: {tip_values}, {expected}"
                 );
-                let change = tip(measured, plane, depth, more.rear_share[plane]) - found;
-                let expected = there[measured as usize][plane][i] - expected;
+                let change = tip(measured, plane, depth, more.rear_share[plane]) - tip_values;
+                let expected = changed_path[measured as usize][plane][i] - expected;
                 assert!(
                     (change - expected).abs() < 0.1 * within,
                     "{measured:?} {plane} {depth:?}: {change}, {expected}"

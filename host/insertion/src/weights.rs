@@ -5,7 +5,8 @@ const MIN_EFFECTIVE: f64 = 6.0;
 /// Halvings of the bracket of an exponent.
 const BISECTIONS: usize = 40;
 
-/// How many draws of these logarithms of weights count, `(sum w)^2 / sum w^2` (Kish), where all are raised to a power.
+/// Effective number of draws for these logarithms of weights, `(sum w)^2 / sum w^2` (Kish), if all are raised to a
+/// power.
 fn effective(ln_weights: &[f64], power: f64) -> f64 {
     let most = ln_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let (mut sum, mut squares) = (0.0, 0.0);

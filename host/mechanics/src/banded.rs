@@ -32,10 +32,10 @@ impl Banded {
 
     /// `A = L L^T`; `None` where the matrix is not positive definite.
     pub(super) fn factor(&mut self) -> Option<&Self> {
-        let mut above = ABOVE;
+        let mut preceding_rows = ABOVE;
         for row in &mut self.0 {
-            *row = factored(*row, &above)?;
-            above = [*row, above[0], above[1]];
+            *row = factored(*row, &preceding_rows)?;
+            preceding_rows = [*row, preceding_rows[0], preceding_rows[1]];
         }
         Some(self)
     }
@@ -43,12 +43,12 @@ impl Banded {
     /// Factors the rows from `first` on of `matrix` into this one, which holds the factor of the rows above them.
     pub(super) fn factor_from(&mut self, matrix: &Self, first: usize) -> Option<()> {
         self.0.truncate(first);
-        let mut above = ABOVE;
-        self.0.iter().rev().zip(&mut above).for_each(|(row, above)| *above = *row);
+        let mut preceding_rows = ABOVE;
+        self.0.iter().rev().zip(&mut preceding_rows).for_each(|(row, preceding_rows)| *preceding_rows = *row);
         for row in matrix.0.iter().skip(first) {
-            let row = factored(*row, &above)?;
+            let row = factored(*row, &preceding_rows)?;
             self.0.push(row);
-            above = [row, above[0], above[1]];
+            preceding_rows = [row, preceding_rows[0], preceding_rows[1]];
         }
         Some(())
     }
@@ -66,38 +66,38 @@ impl Banded {
         [(forward - slope[1] * last) / deflection[0], last]
     }
 
-    /// What the two unknowns from `row` on are per unit of the two after them, where no load acts on them or before: by this factor
-    /// unknowns of a node follow from those of the next one. Nothing where there is no next one.
+    /// Ratio of the two unknowns from `row` on to the two after them, if no load acts on them or before: by this factor
+    /// unknowns of a node follow from those of the next one. `None` if there is no next one.
     pub(super) fn per_next(&self, row: usize) -> Option<[[f64; 2]; 2]> {
-        let [deflection, slope, next, after] = self.0.get(row..row + 4)?.first_chunk()?;
-        let of = |by_deflection: f64, by_slope: f64| {
+        let [deflection, slope, next, next_but_one] = self.0.get(row..row + 4)?.first_chunk()?;
+        let combined = |by_deflection: f64, by_slope: f64| {
             let second = -by_slope / slope[0];
             [(-by_deflection - slope[1] * second) / deflection[0], second]
         };
-        let (of_next, of_after) = (of(next[2], next[1]), of(after[3], after[2]));
+        let (of_next, of_after) = (combined(next[2], next[1]), combined(next_but_one[3], next_but_one[2]));
         Some([[of_next[0], of_after[0]], [of_next[1], of_after[1]]])
     }
 
     /// Solves with the factor, in place, for several right-hand sides at once: the row before is waited for once for all of them.
     pub(super) fn solve<const SIDES: usize>(&self, right: &mut [[f64; SIDES]]) {
-        let mut above = [[0.0; SIDES]; 3];
+        let mut preceding_values = [[0.0; SIDES]; 3];
         for ([diagonal, factors @ ..], right) in self.0.iter().zip(right.iter_mut()) {
-            *right = substituted(*right, *factors, &above, *diagonal);
-            above = [*right, above[0], above[1]];
+            *right = substituted(*right, *factors, &preceding_values, *diagonal);
+            preceding_values = [*right, preceding_values[0], preceding_values[1]];
         }
-        let mut below = [[0.0; SIDES]; 3];
+        let mut following_values = [[0.0; SIDES]; 3];
         // The factors of an unknown stand in the rows after it.
         let mut factors = [[0.0; 4]; 3];
         for (row, right) in self.0.iter().zip(right).rev() {
             let column = [factors[0][1], factors[1][2], factors[2][3]];
-            *right = substituted(*right, column, &below, row[0]);
-            below = [*right, below[0], below[1]];
+            *right = substituted(*right, column, &following_values, row[0]);
+            following_values = [*right, following_values[0], following_values[1]];
             factors = [*row, factors[0], factors[1]];
         }
     }
 }
 
-/// What stands above the first row, the nearest first: rows that have no part in those below.
+/// Entries above the first row, the nearest first: rows that have no part in those below.
 const ABOVE: [[f64; 4]; 3] = [[1.0, 0.0, 0.0, 0.0]; 3];
 
 /// A row of the factor from that of the matrix and the three rows of the factor above it, the nearest first.

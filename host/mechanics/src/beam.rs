@@ -47,39 +47,40 @@ impl BeamProblem {
         let stiffness = self.bending_stiffness_n_m2;
         let force = 1.0 / stiffness;
 
-        let mut beyond = Beyond::default();
-        beyond.add(0.0, TIP, force);
+        let mut section_load = Beyond::default();
+        section_load.add(0.0, TIP, force);
         let mut last = true;
         for piece in pieces.iter_mut().rev() {
             if piece.ends_at_guide2 {
-                beyond.add(0.0, GUIDE2, force);
+                section_load.add(0.0, GUIDE2, force);
             }
             if piece.ends_at_entry && !last {
-                beyond.add(self.skin_n_per_m * force, GUIDE2, 0.0);
+                section_load.add(self.skin_n_per_m * force, GUIDE2, 0.0);
             }
             last = false;
-            let linked = Link::new(piece.equation, piece.fundamental, piece.length_m, beyond);
-            (piece.link, beyond) = linked.ok_or(ModelError::Singular)?;
+            let linked = Link::new(piece.equation, piece.fundamental, piece.length_m, section_load);
+            (piece.link, section_load) = linked.ok_or(ModelError::Singular)?;
         }
 
         let compliance = self.clamp_compliance_rad_per_n_m * stiffness;
         let (mut deflection_m, mut slope) = if self.only_guide {
-            beyond.add(0.0, GUIDE2, force);
-            beyond.free(compliance)
+            section_load.add(0.0, GUIDE2, force);
+            section_load.free(compliance)
         } else {
-            ([0.0; LOADS], beyond.slope(compliance))
+            ([0.0; LOADS], section_load.slope(compliance))
         };
         let mut spans = Vec::with_capacity(pieces.len());
         spans.resize_with(pieces.len(), Span::default);
         for (piece, span) in pieces.iter().zip(&mut spans) {
-            let per_m = 1.0 / piece.length_m;
-            (span.start_m, span.per_m) = (piece.start_m, per_m);
+            let inverse_length_per_m = 1.0 / piece.length_m;
+            (span.start_m, span.per_m) = (piece.start_m, inverse_length_per_m);
             let start = [deflection_m, slope.map(|slope| slope * piece.length_m)];
-            let (states, [end_m, turned_m]) = piece.link.hand_on(piece.equation, start);
+            let (states, [end_m, end_rotation_m]) = piece.link.hand_on(piece.equation, start);
             for (state, series) in states.into_iter().zip(&mut span.series) {
                 piece.equation.expand(state, series);
             }
-            (deflection_m, slope) = (end_m, turned_m.map(|turned_m| turned_m * per_m));
+            (deflection_m, slope) =
+                (end_m, end_rotation_m.map(|end_rotation_m| end_rotation_m * inverse_length_per_m));
         }
         let mut beam = Beam {
             bending_stiffness_n_m2: stiffness,
@@ -96,13 +97,17 @@ impl BeamProblem {
     fn pieces(&self) -> Result<Vec<Piece>, ModelError> {
         self.check()?;
         let per_stiffness = 1.0 / self.bending_stiffness_n_m2;
-        let (outside_n, inside_n) = (self.axial_load_n, self.axial_load_n - self.shear_n);
+        let (free_axial_n, tissue_axial_n) = (self.axial_load_n, self.axial_load_n - self.shear_n);
         let mut pieces: Vec<Piece> = Vec::new();
         let mut start_m = 0.0;
-        let outside = [(self.guide2_m, 0.0, outside_n), (self.entry_m - self.guide2_m, 0.0, outside_n)];
-        let inside = self.foundation.parts(self.depth_m);
-        let inside = inside.map(|(thickness_m, modulus_pa)| (thickness_m, modulus_pa, inside_n));
-        for (number, (thickness_m, modulus_pa, axial_n)) in outside.into_iter().chain(inside).enumerate() {
+        let free_pieces =
+            [(self.guide2_m, 0.0, free_axial_n), (self.entry_m - self.guide2_m, 0.0, free_axial_n)];
+        let foundation_parts = self.foundation.parts(self.depth_m);
+        let tissue_pieces =
+            foundation_parts.map(|(thickness_m, modulus_pa)| (thickness_m, modulus_pa, tissue_axial_n));
+        for (number, (thickness_m, modulus_pa, axial_n)) in
+            free_pieces.into_iter().chain(tissue_pieces).enumerate()
+        {
             if thickness_m > 0.0 {
                 let (modulus, axial) = (modulus_pa * per_stiffness, axial_n * per_stiffness);
                 let root = modulus.sqrt();
@@ -191,9 +196,9 @@ impl Beam {
     /// Deflections at many places while guide 2 is held at `displacement_m`.
     pub fn deflections_m(&self, displacement_m: f64, z_m: &[f64]) -> Vec<f64> {
         let force_n = self.force_n(displacement_m);
-        let mut all_m = self.guide2_force().deflections_m(z_m);
-        all_m.iter_mut().for_each(|at_m| *at_m *= force_n);
-        all_m
+        let mut deflections_m = self.guide2_force().deflections_m(z_m);
+        deflections_m.iter_mut().for_each(|at_m| *at_m *= force_n);
+        deflections_m
     }
 }
 
@@ -211,43 +216,50 @@ impl<'a> Response<'a> {
     /// Deflection `u`, in m per N.
     #[inline]
     pub fn deflection_m(&self, z_m: f64) -> f64 {
-        let inside_m = z_m.clamp(0.0, self.beam.length_m);
-        let Some((span, x)) = self.place(inside_m) else { return f64::NAN };
-        let at_m = series::value(&span.series[self.load], x);
-        let straight_m = z_m - inside_m;
-        if straight_m == 0.0 { at_m } else { at_m + straight_m * self.slope(inside_m) }
+        let clamped_m = z_m.clamp(0.0, self.beam.length_m);
+        let Some((span, x)) = self.place(clamped_m) else { return f64::NAN };
+        let deflection_m = series::value(&span.series[self.load], x);
+        let straight_m = z_m - clamped_m;
+        if straight_m == 0.0 { deflection_m } else { deflection_m + straight_m * self.slope(clamped_m) }
     }
 
     /// Deflections at many places, in m per N; as [`Response::deflection_m`] at each, but faster where neighbours lie in one layer.
     pub fn deflections_m(&self, z_m: &[f64]) -> Vec<f64> {
-        let mut all_m = Vec::with_capacity(z_m.len());
-        all_m.resize(z_m.len(), 0.0);
-        let (mut rest_m, mut to_m) = (z_m, all_m.as_mut_slice());
-        while let Some(first_m) = rest_m.first() {
-            let (count, span) = self.stretch(rest_m);
-            let (these_m, later_m) = rest_m.split_at(count.max(1));
-            let (at_m, later_at_m) = to_m.split_at_mut(these_m.len());
+        let mut deflections_m = Vec::with_capacity(z_m.len());
+        deflections_m.resize(z_m.len(), 0.0);
+        let (mut remaining_m, mut output_m) = (z_m, deflections_m.as_mut_slice());
+        while let Some(first_m) = remaining_m.first() {
+            let (count, span) = self.stretch(remaining_m);
+            let (group_m, later_m) = remaining_m.split_at(count.max(1));
+            let (group_output_m, later_at_m) = output_m.split_at_mut(group_m.len());
             match span {
                 Some(span) if count > 0 => {
-                    series::values(&span.series[self.load], span.start_m, span.per_m, these_m, at_m);
+                    series::values(
+                        &span.series[self.load],
+                        span.start_m,
+                        span.per_m,
+                        group_m,
+                        group_output_m,
+                    );
                 }
-                _ => at_m.fill(self.deflection_m(*first_m)),
+                _ => group_output_m.fill(self.deflection_m(*first_m)),
             }
-            (rest_m, to_m) = (later_m, later_at_m);
+            (remaining_m, output_m) = (later_m, later_at_m);
         }
-        all_m
+        deflections_m
     }
 
-    /// How many of these places, from the first one on, lie within the needle and in one span, and which.
+    /// Number of these positions, from the first one on, that lie within the needle and in one span, and
+    /// that span.
     fn stretch(&self, z_m: &[f64]) -> (usize, Option<&'a Span>) {
         let spans = &self.beam.spans;
         let Some(number) = z_m.first().and_then(|first_m| self.number(*first_m)) else { return (0, None) };
         let start_m = spans.get(number).map_or(0.0, |span| span.start_m);
-        let within = |z_m: &&f64| match spans.get(number + 1) {
+        let is_within_span = |z_m: &&f64| match spans.get(number + 1) {
             Some(next) => (start_m..next.start_m).contains(*z_m),
             None => (start_m..=self.beam.length_m).contains(*z_m),
         };
-        (z_m.iter().take_while(within).count(), spans.get(number))
+        (z_m.iter().take_while(is_within_span).count(), spans.get(number))
     }
 
     /// Slope `u'`, in 1 per N.
@@ -292,8 +304,8 @@ impl<'a> Response<'a> {
     #[inline(never)]
     fn search(&self, z_m: f64) -> Option<usize> {
         let spans = &self.beam.spans;
-        let after = spans.partition_point(|span| span.start_m <= z_m);
-        (!spans.is_empty()).then(|| after.saturating_sub(1))
+        let next_span = spans.partition_point(|span| span.start_m <= z_m);
+        (!spans.is_empty()).then(|| next_span.saturating_sub(1))
     }
 }
 
@@ -303,7 +315,7 @@ struct Piece {
     start_m: f64,
     length_m: f64,
     equation: Equation,
-    /// Of the equation's fundamental solution.
+    /// Coefficients of the equation's fundamental solution.
     fundamental: [f64; 4],
     ends_at_guide2: bool,
     ends_at_entry: bool,

@@ -337,11 +337,11 @@ proptest! {
     #[test]
     fn responses_are_reciprocal(problem in any_problem()) {
         let beam = problem.solve().expect("solves");
-        let there = beam.guide2_force().deflection_m(beam.length_m());
-        let back = beam.tip_force().deflection_m(problem.guide2_m);
+        let tip_deflection_m = beam.guide2_force().deflection_m(beam.length_m());
+        let guide_deflection_m = beam.tip_force().deflection_m(problem.guide2_m);
         let scale = (beam.guide2_force().deflection_m(problem.guide2_m)
             * beam.tip_force().deflection_m(beam.length_m())).sqrt();
-        prop_assert!((there - back).abs() < 1e-10 * scale, "{there} {back}");
+        prop_assert!((tip_deflection_m - guide_deflection_m).abs() < 1e-10 * scale, "{tip_deflection_m} {guide_deflection_m}");
     }
 
     /// Many places at once, in any order, on both ends of every layer and beyond the needle: one by one they are the same.
@@ -353,14 +353,14 @@ proptest! {
     ) {
         let beam = problem.solve().expect("solves");
         let edges_m = beam.spans.iter().map(|span| span.start_m).chain([beam.length_m(), f64::NAN]);
-        let mut places_m: Vec<f64> = shares.iter().map(|share| share * beam.length_m()).chain(edges_m).collect();
+        let mut positions_m: Vec<f64> = shares.iter().map(|share| share * beam.length_m()).chain(edges_m).collect();
         if sorted {
-            places_m.sort_by(f64::total_cmp);
+            positions_m.sort_by(f64::total_cmp);
         }
         for response in [beam.guide2_force(), beam.tip_force()] {
-            let all_m = response.deflections_m(&places_m);
-            prop_assert_eq!(all_m.len(), places_m.len());
-            for (z_m, at_m) in places_m.iter().zip(all_m) {
+            let deflections_m = response.deflections_m(&positions_m);
+            prop_assert_eq!(deflections_m.len(), positions_m.len());
+            for (z_m, at_m) in positions_m.iter().zip(deflections_m) {
                 let alone_m = response.deflection_m(*z_m);
                 prop_assert!(at_m == alone_m || (at_m.is_nan() && alone_m.is_nan()), "{at_m} is not {alone_m} at {z_m}");
             }
@@ -392,8 +392,8 @@ proptest! {
         ];
         let mut layered = problem.clone();
         layered.foundation = Foundation::layered(upper, k).expect("valid");
-        let (one, two) = (problem.solve().expect("solves"), layered.solve().expect("solves"));
-        let ratio = two.lateral_stiffness_n_per_m() / one.lateral_stiffness_n_per_m();
+        let (uniform, two) = (problem.solve().expect("solves"), layered.solve().expect("solves"));
+        let ratio = two.lateral_stiffness_n_per_m() / uniform.lateral_stiffness_n_per_m();
         prop_assert!((ratio - 1.0).abs() < 1e-10, "{ratio}");
     }
 }

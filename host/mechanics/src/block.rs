@@ -2,10 +2,10 @@
 
 use super::{ModelError, check};
 
-/// How a wall of the block is.
+/// Mounting of a wall of the block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mounting {
-    /// Nothing touches it.
+    /// The wall is free.
     Free,
     /// It is bonded to something rigid: a box, a plate.
     Held,
@@ -29,7 +29,7 @@ impl Mounting {
 pub struct Block {
     /// Width along x, height along y and length along the needle.
     pub size_m: [f64; 3],
-    /// Where the needle enters: from the corner of least x and y.
+    /// Point at which the needle enters: from the corner of least x and y.
     pub needle_at_m: [f64; 2],
     /// The four sides.
     pub sides: Mounting,
@@ -53,9 +53,9 @@ impl Block {
         Self { size_m: [edge_m; 3], needle_at_m: [0.5 * edge_m; 2], sides, far_side: Mounting::Held }
     }
 
-    /// What an unknown block is taken to be at worst: a box whose sides are little further from the needle than half its depth, or a column that
-    /// stands free, twice as wide as the needle is deep and twice as long as that. Of 30 drawn blocks of 40 to 200 mm (theory, eq. 15) none
-    /// holds a needle more, and two give more, both longer than twice their width.
+    /// Worst case of an unknown block: a box whose sides are little further from the needle than half its depth, or a
+    /// column that stands free, twice as wide as the needle is deep and twice as long as that. Among 30 drawn blocks of
+    /// 40 to 200 mm (theory, eq. 15) none holds a needle more, and two give more, both longer than twice their width.
     pub fn around(depth_m: f64, sides: Mounting) -> Self {
         let [least_m, most_m] = Self::EDGE_RANGE_M;
         let [width_m, length_m] = match sides {
@@ -76,13 +76,13 @@ impl Block {
             check("body_mm", 1e3 * edge_m, "edges of 5 to 2000 mm", (least_m..=most_m).contains(&edge_m))?;
         }
         let [width_m, height_m, length_m] = self.size_m;
-        let near_m = (1.0 - 1e-9) * Self::NEAREST_SIDE * width_m.min(height_m).min(length_m);
+        let nearest_side_m = (1.0 - 1e-9) * Self::NEAREST_SIDE * width_m.min(height_m).min(length_m);
         for (at_m, edge_m) in self.needle_at_m.into_iter().zip([width_m, height_m]) {
             check(
                 "needle_at_mm",
                 1e3 * at_m,
                 "a place inside the block, a tenth of its shortest edge or more from every side",
-                at_m >= near_m && edge_m - at_m >= near_m,
+                at_m >= nearest_side_m && edge_m - at_m >= nearest_side_m,
             )?;
         }
         let is_held = self.sides == Mounting::Held || self.far_side == Mounting::Held;

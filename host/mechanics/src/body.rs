@@ -100,7 +100,8 @@ pub(super) fn stiffness(
     )?;
     let reduced = Varied::at(ratio.max(VARIED_RANGE[0]), poisson);
     let (of_profile, of_one) = (reduced.stiffness(&varied)?, reduced.one());
-    // What the reduced body of one modulus differs from the uniform table by is that of its coarser table.
+    // The difference of the reduced body of one modulus from the uniform table is that of its coarser
+    // table.
     let mean_pa = varied.iter().sum::<f64>() / varied.len() as f64;
     let mut matrix = of_profile;
     for (i, row) in matrix.iter_mut().enumerate() {
@@ -108,7 +109,7 @@ pub(super) fn stiffness(
             *value = depth_m * (*value + mean_pa * (uniform[i][j] - of_one[i][j]));
         }
     }
-    // What the walls do comes through all of the block: by its mean modulus.
+    // The effect of the walls comes through all of the block: by its mean modulus.
     let of_block_pa = block.map_or(mean_pa, |block| mean_of_block_pa(foundation, from_m, block.size_m[2]));
     walls(matrix, of_block_pa)
 }
@@ -126,42 +127,43 @@ fn varied(foundation: &Foundation, from_m: f64, depth_m: f64) -> Option<[f64; ta
     let ends_m = table::SLICE_ENDS.map(|end| from_m + end * depth_m);
     let mut means = [0.0; table::SLICES];
     for (mean, end_m) in means.iter_mut().zip(ends_m) {
-        let mut part_m = top_m;
+        let mut slice_start_m = top_m;
         for (thickness_m, modulus_pa) in without_gradient.parts_between(top_m, end_m) {
-            let grown =
-                middles().map(|share| growth(part_m + share * thickness_m)).sum::<f64>() / PARTS as f64;
+            let grown = middles().map(|share| growth(slice_start_m + share * thickness_m)).sum::<f64>()
+                / PARTS as f64;
             *mean += thickness_m * modulus_pa * grown / (end_m - top_m);
-            part_m += thickness_m;
+            slice_start_m += thickness_m;
         }
         top_m = end_m;
     }
     // Far below, strains fall off with the square of the distance, and energies with its fourth power over a growing area.
     let begin_m = top_m - from_m;
-    let mut far = 0.0;
+    let mut far_part = 0.0;
     let mut start_m = begin_m;
     let faces_m = foundation.faces_m().map(|face_m| face_m - from_m).filter(|face_m| *face_m > begin_m);
     for face_m in faces_m.chain([f64::INFINITY]) {
         let middle_m = if face_m.is_finite() { 0.5 * (start_m + face_m) } else { 2.0 * start_m };
         // Weights of places are even in the reciprocal of the distance.
-        let (near, below) = (begin_m / start_m, begin_m / face_m);
-        let at_m = |share: f64| from_m + begin_m / (below + share * (near - below));
-        let grown = middles().map(|share| growth(at_m(share))).sum::<f64>() / PARTS as f64;
-        far += grown * foundation.layer_pa(from_m + middle_m) * (near - below);
+        let (near_ratio, face_ratio) = (begin_m / start_m, begin_m / face_m);
+        let depth_at = |share: f64| from_m + begin_m / (face_ratio + share * (near_ratio - face_ratio));
+        let grown = middles().map(|share| growth(depth_at(share))).sum::<f64>() / PARTS as f64;
+        far_part += grown * foundation.layer_pa(from_m + middle_m) * (near_ratio - face_ratio);
         start_m = face_m;
     }
     if let Some(last) = means.last_mut() {
-        *last = far;
+        *last = far_part;
     }
     Some(means)
 }
 
 /// Mean modulus from where the body begins to a block's far side.
 fn mean_of_block_pa(foundation: &Foundation, from_m: f64, length_m: f64) -> f64 {
-    let all = quadrature::points(from_m, length_m).map(|(at_m, weight)| weight * foundation.modulus_pa(at_m));
-    all.sum::<f64>() / (length_m - from_m)
+    let weighted_pa =
+        quadrature::points(from_m, length_m).map(|(at_m, weight)| weight * foundation.modulus_pa(at_m));
+    weighted_pa.sum::<f64>() / (length_m - from_m)
 }
 
-/// Where a body's free surface is: the depth of the gap above which nothing supports the needle.
+/// Depth of a body's free surface: the depth of the gap above which nothing supports the needle.
 pub(super) fn surface_m(foundation: &Foundation) -> f64 {
     foundation.gap_m()
 }

@@ -8,7 +8,7 @@ use super::{BeamProblem, ModelError, TissueLaw};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// How many of each kind are kept.
+/// Number of entries of each kind that are kept.
 const KEPT: usize = 48;
 
 /// Needles that were solved recently, by what was solved.
@@ -42,7 +42,7 @@ struct CachedPath {
 
 impl Cache {
     pub(super) fn response(&self, problem: &BeamProblem, most_m: f64) -> Result<Arc<Response>, ModelError> {
-        // How far the needle is moved matters only where the tissue is not linear.
+        // The needle's displacement matters only if the tissue is not linear.
         let most_m = if problem.is_nonlinear() { most_m } else { 0.0 };
         // The frame is in series with the needle; what the needle does under a force is the same.
         let key = BeamProblem { guide2_compliance_m_per_n: 0.0, ..problem.clone() };
@@ -51,9 +51,9 @@ impl Cache {
             return Ok(response.clone());
         }
         let response = Arc::new(Response::new(&key, most_m)?);
-        let mut known = locked(&self.responses);
-        known.truncate(KEPT - 1);
-        known.push_front((key, most_m, response.clone()));
+        let mut responses = locked(&self.responses);
+        responses.truncate(KEPT - 1);
+        responses.push_front((key, most_m, response.clone()));
         Ok(response)
     }
 
@@ -76,10 +76,10 @@ impl Cache {
         }
         let solve = if slopes { GrowingBeam::new } else { GrowingBeam::without_slopes };
         let growth = Arc::new(solve(problem, depths_m.to_vec(), grip)?);
-        let mut known = locked(&self.growths);
-        known.truncate(KEPT - 1);
+        let mut growths = locked(&self.growths);
+        growths.truncate(KEPT - 1);
         let depths_m = depths_m.to_vec();
-        known.push_front(CachedBeam { problem: key, depths_m, grip, slopes, growth: growth.clone() });
+        growths.push_front(CachedBeam { problem: key, depths_m, grip, slopes, growth: growth.clone() });
         Ok(growth)
     }
 
@@ -104,8 +104,8 @@ impl Cache {
                 && known.depths_m == depths_m
                 && known.problem == key
         };
-        if let Some(known) = locked(&self.yielding).iter().find(is_it) {
-            return Ok(known.path.clone());
+        if let Some(cached) = locked(&self.yielding).iter().find(is_it) {
+            return Ok(cached.path.clone());
         }
         let path = Arc::new(yielding::under_load(
             problem,
@@ -114,15 +114,22 @@ impl Cache {
             |node| acting.get(node).copied().unwrap_or_default(),
             |node| curvature_per_m.get(node).copied().unwrap_or_default(),
         )?);
-        let mut known = locked(&self.yielding);
-        known.truncate(KEPT - 1);
+        let mut cached_paths = locked(&self.yielding);
+        cached_paths.truncate(KEPT - 1);
         let (depths_m, path_of) = (depths_m.to_vec(), path.clone());
-        known.push_front(CachedPath { problem: key, depths_m, grip, acting, curvature_per_m, path: path_of });
+        cached_paths.push_front(CachedPath {
+            problem: key,
+            depths_m,
+            grip,
+            acting,
+            curvature_per_m,
+            path: path_of,
+        });
         Ok(path)
     }
 }
 
-/// Nothing is solved under a lock, so that nothing that panics leaves it half done.
+/// No solution is computed under a lock, so that a panic leaves it valid.
 fn locked<T>(kept: &Mutex<T>) -> MutexGuard<'_, T> {
     kept.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -132,7 +139,7 @@ mod tests {
     use super::super::{Foundation, Needle, Rig};
     use super::*;
 
-    /// What differs in nothing that the path depends on takes it from the cache; other loads and other tissue do not.
+    /// A path that differs in no quantity it depends on comes from the cache; other loads and other tissue do not.
     #[test]
     fn a_path_in_yielding_tissue_is_solved_once() {
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);

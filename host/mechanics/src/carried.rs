@@ -1,9 +1,9 @@
 //! The needle where the tissue itself moves: a block that slides or gives as a whole, an organ that breathes (theory, eq. 85).
 //!
-//! The tissue reacts to the deflection from where it has moved to, `K (u - w)`, the same w at every depth. In linear tissue what the needle
-//! does is the sum of what it does under guide 2 and of what it does while guide 2 holds still and the tissue moves. Where w or guide 2
-//! depends on the force, `F = k (g + y(F) - C q w(F)) / (1 + C k) + q w(F)` with g the displacement of guide 2, k the stiffness of the needle
-//! there, C the compliance of the frame and q the force per metre of the tissue's motion, is solved for F sample by sample.
+//! The tissue reacts to the deflection from where it has moved to, `K (u - w)`, the same w at every depth. In linear
+//! tissue what the needle does is the sum of what it does under guide 2 and of what it does while guide 2 holds still
+//! and the tissue moves. If w or guide 2 depends on the force, `F = k (g + y(F) - C q w(F)) / (1 + C k) + q w(F)` with
+//! g the displacement of guide 2, k the stiffness of the needle there, C the compliance of th
 
 use super::elements::{Deformed, Elements, Guide2};
 use super::lateral::Motion;
@@ -51,7 +51,7 @@ pub(super) struct Held<'a> {
     pub stiffness_n_per_m: f64,
     /// Compliance of the frame.
     pub compliance_m_per_n: f64,
-    /// Nothing where the tissue does not move.
+    /// `None` if the tissue does not move.
     pub carried: Option<&'a Carried>,
     /// Whether `stiffness_n_per_m` is all that the needle is to guide 2.
     pub is_linear: bool,
@@ -104,9 +104,9 @@ fn solved(plain_n: f64, depends: bool, more_n: impl Fn(f64) -> f64) -> f64 {
     }
     let mut force_n = plain_n;
     for _ in 0..STEPS {
-        let rest_n = force_n - plain_n - more_n(force_n);
+        let residual_n = force_n - plain_n - more_n(force_n);
         let slope = 1.0 - (more_n(force_n + SLOPE_N) - more_n(force_n - SLOPE_N)) / (2.0 * SLOPE_N);
-        let step_n = rest_n / slope.max(MIN_SLOPE);
+        let step_n = residual_n / slope.max(MIN_SLOPE);
         force_n -= step_n;
         if step_n.abs() < SAME_N {
             break;
@@ -149,8 +149,8 @@ mod tests {
         let beam = Beam::solve(&rig(), &problem.foundation, 0.03).expect("solves");
         let steps = 3000;
         let step_m = 0.03 / f64::from(steps);
-        let at_m = |i: i32| 0.07 + step_m * (f64::from(i) + 0.5);
-        let reaction_n: f64 = (0..steps).map(|i| 16e3 * beam.deflection_m(1.0, at_m(i)) * step_m).sum();
+        let middle_m = |i: i32| 0.07 + step_m * (f64::from(i) + 0.5);
+        let reaction_n: f64 = (0..steps).map(|i| 16e3 * beam.deflection_m(1.0, middle_m(i)) * step_m).sum();
         assert!((carried.force_n_per_m / -reaction_n - 1.0).abs() < 1e-4, "{}", carried.force_n_per_m);
         // Tissue as stiff as bone takes the needle along.
         let bone = BeamProblem { foundation: Foundation::uniform(1e9).expect("a modulus"), ..problem };

@@ -19,7 +19,7 @@ use crate::{Block, ModelError, Needle, Rig, check};
 use mesh::Mesh;
 use nalgebra::{DMatrix, DVector};
 
-/// How the tissue holds the needle.
+/// Contact between tissue and needle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Contact {
     /// All around.
@@ -69,7 +69,7 @@ pub struct Continuum {
     radius_m: f64,
     poisson: f64,
     contact: Contact,
-    /// What walls add to the flexibility, per unit of Young's modulus.
+    /// Flexibility that walls add, per unit of Young's modulus.
     added: Option<[[f64; operator::MODES]; operator::MODES]>,
 }
 
@@ -140,10 +140,10 @@ impl Continuum {
         // Symmetric to rounding; a factorisation needs it to the bit.
         let matrix_m = 0.5 * (&matrix_m + matrix_m.transpose());
         let Some(added) = &self.added else { return Ok(matrix_m) };
-        let place = |depth_m: &f64| 2.0 * depth_m / self.depth_m - 1.0;
+        let normalized_depth = |depth_m: &f64| 2.0 * depth_m / self.depth_m - 1.0;
         let depths_m = &self.wall.depths_m;
         let patterns = DMatrix::from_fn(depths_m.len(), operator::MODES, |node, i| {
-            operator::legendre(i, place(&depths_m[node]))[0]
+            operator::legendre(i, normalized_depth(&depths_m[node]))[0]
         });
         nodes_with_walls(matrix_m, &patterns, added)
     }

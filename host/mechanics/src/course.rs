@@ -1,13 +1,14 @@
-//! What of the readings of guide 2 is motion, and what is noise of its sensor.
+//! Separates motion of guide 2 from noise of its sensor in the readings.
 
 /// Motion that is rounding of the numbers.
 const MIN_REVERSAL_M: f64 = 1e-9;
 /// Share of a reversal from which on the way back is distinguished from noise.
 const NOTICED: f64 = 0.25;
 
-/// Where guide 2 has come to, of readings one after the other: it goes on where a reading is further in the direction of the last motion,
-/// and stays where one is further back by less than a reversal. It has turned round once it has come back by more than `reversal_m`, and
-/// it has done so when it came back by a quarter of that: two standard deviations of its noise.
+/// Position of guide 2, from readings one after the other: it goes on where a reading is further in the direction of
+/// the last motion, and stays where one is further back by less than a reversal. It has turned round once it has come
+/// back by more than `reversal_m`, and it has done so when it came back by a quarter of that: two standard deviations
+/// of its noise.
 pub(crate) fn course_m(readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
     let reversal_m = reversal_m.max(MIN_REVERSAL_M);
     let mut direction = 0.0;
@@ -20,9 +21,9 @@ pub(crate) fn course_m(readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
         } else if moved_m.abs() > reversal_m {
             direction = moved_m.signum();
             let on_the_way = |m: &&f64| (*m - extreme_m) * direction > NOTICED * reversal_m;
-            let before = readings_m.get(..course.len()).unwrap_or_default();
-            let first = course.len() - before.iter().rev().take_while(on_the_way).count();
-            for (place, reading_m) in course.iter_mut().zip(before).skip(first) {
+            let previous_m = readings_m.get(..course.len()).unwrap_or_default();
+            let first = course.len() - previous_m.iter().rev().take_while(on_the_way).count();
+            for (place, reading_m) in course.iter_mut().zip(previous_m).skip(first) {
                 if (reading_m - extreme_m) * direction > 0.0 {
                     extreme_m = *reading_m;
                 }
@@ -40,16 +41,16 @@ pub(crate) fn course_m(readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
 /// Sign of the last motion at every reading; 0 before the first.
 pub(crate) fn directions(readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
     let course_m = course_m(readings_m, reversal_m);
-    let mut before_m = course_m.first().copied().unwrap_or_default();
+    let mut previous_m = course_m.first().copied().unwrap_or_default();
     let mut direction = 0.0;
-    let of = |at_m: &f64| {
-        if *at_m != before_m {
-            direction = (at_m - before_m).signum();
+    let direction_of = |at_m: &f64| {
+        if *at_m != previous_m {
+            direction = (at_m - previous_m).signum();
         }
-        before_m = *at_m;
+        previous_m = *at_m;
         direction
     };
-    course_m.iter().map(of).collect()
+    course_m.iter().map(direction_of).collect()
 }
 
 #[cfg(test)]

@@ -121,20 +121,21 @@ impl Departure {
             Interpolation::Squares => {
                 let square = |m: f64| m * m;
                 let weight = |j: usize| {
-                    let others = self.nodes_m.iter().enumerate().filter(|(i, _)| *i != j);
-                    let of = |(_, other): (usize, &f64)| {
+                    let other_nodes = self.nodes_m.iter().enumerate().filter(|(i, _)| *i != j);
+                    let other_factors = |(_, other): (usize, &f64)| {
                         (square(displacement_m) - square(*other)) / (square(self.nodes_m[j]) - square(*other))
                     };
-                    others.map(of).product::<f64>()
+                    other_nodes.map(other_factors).product::<f64>()
                 };
                 (0..self.nodes_m.len()).map(|j| displacement_m * weight(j)).collect()
             }
             Interpolation::Spacing { spacing_m, is_odd } => {
-                let place = displacement_m / spacing_m;
-                let before = place.floor().clamp(f64::from(1 - SIDE_NODES), f64::from(SIDE_NODES - 2));
-                let weights = cubic(place - before);
+                let node_position = displacement_m / spacing_m;
+                let first_node =
+                    node_position.floor().clamp(f64::from(1 - SIDE_NODES), f64::from(SIDE_NODES - 2));
+                let weights = cubic(node_position - first_node);
                 let of_number = |number: f64| {
-                    let index = number - before + 1.0;
+                    let index = number - first_node + 1.0;
                     if (0.0..4.0).contains(&index) { weights[index as usize] } else { 0.0 }
                 };
                 // At no displacement the needle is straight whatever it departs by, so that there is no node.
@@ -163,19 +164,19 @@ impl Departure {
         motion.coefficients.resize(first + self.nodes_m.len() * samples, 0.0);
         for (i, pressed) in pressed_m.iter().enumerate() {
             // The needle's own displacement where the frame gives: pressed = w + C (k w + extra(w)).
-            let mut at_m = pressed / (1.0 + compliance_m_per_n * linear);
+            let mut spring_m = pressed / (1.0 + compliance_m_per_n * linear);
             if compliance_m_per_n > 0.0 {
                 for _ in 0..8 {
-                    at_m =
-                        (pressed - compliance_m_per_n * extra_n(at_m)) / (1.0 + compliance_m_per_n * linear);
+                    spring_m = (pressed - compliance_m_per_n * extra_n(spring_m))
+                        / (1.0 + compliance_m_per_n * linear);
                 }
             }
-            let needed_m = pressed / (1.0 + compliance_m_per_n * linear) - at_m;
-            motion.force_n[i] += extra_n(at_m) - linear * needed_m;
+            let needed_m = pressed / (1.0 + compliance_m_per_n * linear) - spring_m;
+            motion.force_n[i] += extra_n(spring_m) - linear * needed_m;
             // The linear part was moved too far by what the frame gives more.
             motion.coefficients[i] -= per_metre * needed_m;
             let of_nodes = motion.coefficients[first..].chunks_exact_mut(samples);
-            for (values, weight) in of_nodes.zip(self.displacements_m(at_m)) {
+            for (values, weight) in of_nodes.zip(self.displacements_m(spring_m)) {
                 values[i] = weight;
             }
         }

@@ -49,10 +49,11 @@ fn a_needle_that_is_stiffer_all_along_is_a_stiffer_needle() {
 /// Tissue that reacts more to one side: guide 2 takes more force there, and as much less on the other.
 #[test]
 fn tissue_may_be_stiffer_to_one_side() {
-    let way_m = [0.0, 1e-3, -1e-3];
-    let (law, plain) = (moved(&[("law.reaction.deflection.sign", &[0.4])], &way_m), moved(&[], &way_m));
-    let share = |i: usize| law.force_n.y[i] / plain.force_n.y[i];
-    assert!(share(1) > 1.05 && share(2) < 0.95, "{} {}", share(1), share(2));
-    let mirrored = moved(&[("law.reaction.deflection.sign", &[-0.4])], &way_m);
+    let guide_path_m = [0.0, 1e-3, -1e-3];
+    let (law, plain) =
+        (moved(&[("law.reaction.deflection.sign", &[0.4])], &guide_path_m), moved(&[], &guide_path_m));
+    let force_ratio = |i: usize| law.force_n.y[i] / plain.force_n.y[i];
+    assert!(force_ratio(1) > 1.05 && force_ratio(2) < 0.95, "{} {}", force_ratio(1), force_ratio(2));
+    let mirrored = moved(&[("law.reaction.deflection.sign", &[-0.4])], &guide_path_m);
     assert!((mirrored.force_n.y[2] / -law.force_n.y[1] - 1.0).abs() < 1e-3);
 }

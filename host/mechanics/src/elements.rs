@@ -23,12 +23,12 @@ pub struct Reaction {
     pub tangent_pa: f64,
 }
 
-/// What the tissue does.
+/// Response of the tissue.
 pub trait Springs {
-    /// What it is at one depth, however far the needle goes.
+    /// Properties at one depth, independent of the needle's displacement.
     type Place;
 
-    /// What it is at a depth below the surface.
+    /// Properties at a depth below the surface.
     fn place(&self, depth_m: f64) -> Self::Place;
 
     /// Reaction there to a deflection from the place where the springs are at rest.
@@ -59,7 +59,7 @@ impl<F: Fn(f64, f64) -> Reaction> Springs for F {
     }
 }
 
-/// Where the springs are at rest.
+/// Rest positions of the springs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StressFreePath<P> {
     /// At any place along the needle.
@@ -71,13 +71,13 @@ pub(super) struct StressFreePath<P> {
 /// The newest end of a cut path.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Newest {
-    /// Where it begins.
+    /// Position at which it begins.
     pub from_z_m: f64,
     /// Deflection there.
     pub from_m: f64,
 }
 
-/// What guide 2 does.
+/// Motion of guide 2.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Guide2 {
     /// Pushes with a force, N.
@@ -86,9 +86,9 @@ pub enum Guide2 {
     Held(f64),
     /// Holds it by a spring that is at rest at a displacement.
     Sprung {
-        /// Where the spring is at rest, m.
+        /// Rest position of the spring, m.
         at_m: f64,
-        /// Of the spring, more than 0.
+        /// Compliance of the spring, more than 0.
         compliance_m_per_n: f64,
     },
 }
@@ -134,8 +134,8 @@ impl Elements {
         check("element_m", element_m, "a hundred-thousandth of the needle or more", count <= MAX_ELEMENTS)?;
         let mut nodes_m = vec![0.0];
         let mut faces_m = vec![problem.guide2_m, problem.entry_m];
-        let inside = problem.foundation.faces_m().map(|face_m| problem.entry_m + face_m);
-        faces_m.extend(inside.filter(|face_m| *face_m < length_m));
+        let tissue_faces = problem.foundation.faces_m().map(|face_m| problem.entry_m + face_m);
+        faces_m.extend(tissue_faces.filter(|face_m| *face_m < length_m));
         faces_m.push(length_m);
         let mut guide2 = 0;
         let mut start_m = 0.0;
@@ -175,10 +175,10 @@ impl Elements {
             return 1.0;
         }
         let whole_m = self.nodes_m.last().copied().unwrap_or_default();
-        let at = |(x, weight): (f64, f64)| {
+        let stiffness_at = |(x, weight): (f64, f64)| {
             weight * ActingLaw::stiffness(&self.stiffness, start_m + x * length_m, whole_m)
         };
-        GAUSS.into_iter().map(at).sum()
+        GAUSS.into_iter().map(stiffness_at).sum()
     }
 
     /// Solves for the equilibrium. `path_m`: deflection at which the springs at `z` are at rest; `tip_force_n`: lateral load at
@@ -207,8 +207,8 @@ impl Deformed {
     pub fn deflection_m(&self, z_m: f64) -> f64 {
         let Some((x, length_m, state)) = self.element_at(z_m) else { return f64::NAN };
         let inside_x = x.clamp(0.0, 1.0);
-        let inside: f64 = hermite(inside_x, length_m).iter().zip(state).map(|(n, u)| n * u).sum();
-        inside + (x - inside_x) * length_m * if x > 1.0 { state[3] } else { state[1] }
+        let tissue_x: f64 = hermite(inside_x, length_m).iter().zip(state).map(|(n, u)| n * u).sum();
+        tissue_x + (x - inside_x) * length_m * if x > 1.0 { state[3] } else { state[1] }
     }
 
     /// Deflection and slope at places in increasing order; beyond the tip the needle's tangent continues.
@@ -230,10 +230,10 @@ impl Deformed {
         if x > 1.0 {
             return [state[2] + (x - 1.0) * length_m * state[3], state[3]];
         }
-        let along = |shape: [f64; 4]| shape.iter().zip(state).map(|(n, u)| n * u).sum::<f64>();
+        let shape_work = |shape: [f64; 4]| shape.iter().zip(state).map(|(n, u)| n * u).sum::<f64>();
         let (x2, l) = (x * x, length_m);
         let slopes = [6.0 * (x2 - x) / l, 1.0 - 4.0 * x + 3.0 * x2, 6.0 * (x - x2) / l, 3.0 * x2 - 2.0 * x];
-        [along(hermite(x, length_m)), along(slopes)]
+        [shape_work(hermite(x, length_m)), shape_work(slopes)]
     }
 
     /// Curvature `u''` on the needle, 1/m; linear within an element.
@@ -246,8 +246,8 @@ impl Deformed {
     /// The element at `z_m` (the nearest beyond the ends): position from its start over its length, its length, deflection and
     /// slope at both of its ends.
     fn element_at(&self, z_m: f64) -> Option<(f64, f64, [f64; 4])> {
-        let after = self.nodes_m.partition_point(|node_m| *node_m <= z_m);
-        self.element(after.saturating_sub(1).min(self.nodes_m.len().checked_sub(2)?), z_m)
+        let next_node = self.nodes_m.partition_point(|node_m| *node_m <= z_m);
+        self.element(next_node.saturating_sub(1).min(self.nodes_m.len().checked_sub(2)?), z_m)
     }
 
     /// The same for an element of which the number is known.

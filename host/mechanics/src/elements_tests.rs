@@ -43,8 +43,8 @@ fn uniform_tissue_matches_the_reference_to_one_in_a_million() {
         assert_close(deformed.deflection_m(guide2_m), at_guide2_m, 1e-6);
         assert_close(deformed.deflection_m(entry_m + depth_m), at_tip_m, 1e-6);
         assert_close(deformed.tip_slope(), slope, 1e-6);
-        let held = solve(&problem, Guide2::Held(1.2e-3), 0.0);
-        assert_close(held.guide2_force_n, 1.2e-3 / at_guide2_m, 1e-6);
+        let held_solution = solve(&problem, Guide2::Held(1.2e-3), 0.0);
+        assert_close(held_solution.guide2_force_n, 1.2e-3 / at_guide2_m, 1e-6);
     }
 }
 
@@ -127,11 +127,11 @@ fn stiffening_springs_conserve_energy() {
     };
     let problem = problem(0.06, 0.07, 0.04, uniform(modulus_pa));
     let elements = Elements::new(&problem, DEFAULT_ELEMENT_M).expect("elements");
-    let at = |displacement_m: f64| {
+    let solved_at = |displacement_m: f64| {
         elements.solve(&stiffening, STRAIGHT, Guide2::Held(displacement_m), 0.0).expect("solves")
     };
-    let work = integrate(0.0, 2e-3, 0.5e-3, |u_m| at(u_m).guide2_force_n);
-    let deformed = at(2e-3);
+    let work = integrate(0.0, 2e-3, 0.5e-3, |u_m| solved_at(u_m).guide2_force_n);
+    let deformed = solved_at(2e-3);
     let springs = integrate(0.07, 0.11, 1e-3, |z_m| {
         let u = deformed.deflection_m(z_m);
         modulus_pa * u * u * (0.5 + 0.25 * (u / u0_m).powi(2))

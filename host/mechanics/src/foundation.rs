@@ -23,10 +23,10 @@ pub struct Foundation {
     gap_m: f64,
 }
 
-/// Where the modulus grows with depth it is taken as constant over slices of this thickness: an error of the order of
-/// `gradient^2 SLICE^2 / 24`.
+/// A modulus that grows with depth is constant over slices of this thickness: an error of the order of `gradient^2
+/// SLICE^2 / 24`.
 const SLICE_M: f64 = 0.5e-3;
-/// Where it is any function of depth, over slices of this one.
+/// Thickness of slices for any other function of depth.
 const SHAPED_SLICE_M: f64 = 1e-3;
 /// A modulus that decreases with depth goes no further down than to this share of that at the surface: a straight line reaches zero
 /// somewhere, tissue does not.
@@ -87,16 +87,17 @@ impl Foundation {
         let thickness_m = deepest_m.max(SHAPED_SLICE_M) / count as f64;
         let slice = |number: usize| {
             let (top_m, bottom_m) = (thickness_m * number as f64, thickness_m * (number + 1) as f64);
-            let mut from_m = top_m;
+            let mut slice_start_m = top_m;
             // The faces of what is there already stay where they are.
             let faces_m = self.upper.iter().map(|layer| layer.bottom_m);
-            let inside = faces_m.filter(|face_m| *face_m > top_m && *face_m < bottom_m).chain([bottom_m]);
-            let parts = inside.map(|to_m| {
-                let middle_m = 0.5 * (from_m + to_m);
-                from_m = to_m;
+            let inner_faces =
+                faces_m.filter(|face_m| *face_m > top_m && *face_m < bottom_m).chain([bottom_m]);
+            let slices = inner_faces.map(|to_m| {
+                let middle_m = 0.5 * (slice_start_m + to_m);
+                slice_start_m = to_m;
                 Layer { bottom_m: to_m, modulus_pa: self.layer_pa(middle_m) * factor(middle_m) }
             });
-            parts.collect::<Vec<_>>()
+            slices.collect::<Vec<_>>()
         };
         let upper = (0..count).flat_map(slice).collect();
         let deepest_pa = self.layer_pa(deepest_m) * factor(deepest_m);
@@ -147,8 +148,8 @@ impl Foundation {
         self.parts(to_m).filter_map(move |(thickness_m, modulus_pa)| {
             let start_m: f64 = top_m;
             top_m += thickness_m;
-            let within_m = top_m - start_m.max(from_m);
-            (within_m > 0.0).then_some((within_m, modulus_pa))
+            let top_in_part_m = top_m - start_m.max(from_m);
+            (top_in_part_m > 0.0).then_some((top_in_part_m, modulus_pa))
         })
     }
 
@@ -163,7 +164,7 @@ impl Foundation {
         Self { gradient_per_m: 0.0, ..self.clone() }
     }
 
-    /// What the gradient makes of a modulus at a depth.
+    /// Factor of the gradient for a modulus at a depth.
     pub(super) fn growth(&self, depth_m: f64) -> f64 {
         (1.0 + self.gradient_per_m * depth_m).max(MIN_GROWTH)
     }

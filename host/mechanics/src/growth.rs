@@ -23,7 +23,7 @@ const MAX_STEPS: f64 = 20_000.0;
 /// needle is then taken where the step before began.
 const MIN_ELEMENT_M: f64 = 0.04e-3;
 
-/// What guide 2 does while the needle is inserted.
+/// Motion of guide 2 while the needle is inserted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Guide2Grip {
     /// It does not touch the needle.
@@ -42,7 +42,7 @@ pub struct GrowingBeam {
     kind: Kind,
 }
 
-/// What moves the tip at one depth.
+/// Influences on the tip at one depth.
 #[derive(Debug, Clone)]
 struct Row {
     deflection: Response,
@@ -67,7 +67,7 @@ struct Response {
     dense: Vec<[f64; 2]>,
 }
 
-/// What acts at a node, in one plane: on arriving at its depth and on leaving it. They differ where the needle is turned or
+/// Loads at a node, in one plane: on arriving at its depth and on leaving it. They differ where the needle is turned or
 /// guide 2 moved at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct NodeLoads {
@@ -182,9 +182,9 @@ impl GrowingBeam {
         for (node, row) in self.rows.iter().enumerate() {
             let (NodeLoads { load_n, guide2_m }, bent) = (acting(node), curvature_per_m(node));
             let response = &row.deflection;
-            let (known_m, newest) = self.known(row, response, &states, &cut);
-            let held_m = known_m + response.load * load_n[0] + response.guide2 * guide2_m[0];
-            let arriving_m = (held_m + response.curvature * bent[0]) / (1.0 - newest);
+            let (path_m, newest) = self.known(row, response, &states, &cut);
+            let deflection_m = path_m + response.load * load_n[0] + response.guide2 * guide2_m[0];
+            let arriving_m = (deflection_m + response.curvature * bent[0]) / (1.0 - newest);
             let moved_m =
                 response.load * (load_n[1] - load_n[0]) + response.guide2 * (guide2_m[1] - guide2_m[0]);
             let jump_m = moved_m + response.curvature * (bent[1] - bent[0]);
@@ -227,13 +227,14 @@ impl GrowingBeam {
         let mut cut = Memory::new(self.kind);
         let mut slope_before = 0.0;
         for (node, row) in self.rows.iter().enumerate() {
-            let (angle, [held_m, left_m], bent) = (angle_rad(node), guide2_m(node), curvature_per_m(node));
+            let (angle, [arriving_m, leaving_m], bent) =
+                (angle_rad(node), guide2_m(node), curvature_per_m(node));
             let (deflection, slope) = (&row.deflection, &row.slope);
-            let (known_m, newest) = self.known(row, deflection, &states, &cut);
+            let (path_m, newest) = self.known(row, deflection, &states, &cut);
             let (known_slope, newest_slope) = self.known(row, slope, &states, &cut);
-            let (known_m, known_slope) = (
-                known_m + deflection.guide2 * held_m + deflection.curvature * bent[0],
-                known_slope + slope.guide2 * held_m + slope.curvature * bent[0],
+            let (past_deflection_m, known_slope) = (
+                path_m + deflection.guide2 * arriving_m + deflection.curvature * bent[0],
+                known_slope + slope.guide2 * arriving_m + slope.curvature * bent[0],
             );
             let mut state =
                 match (states.last(), node.checked_sub(1).and_then(|before| self.depths_m.get(before))) {
@@ -243,15 +244,16 @@ impl GrowingBeam {
                         let half_m = 0.5 * (self.depths_m[node] - before_m);
                         let right = before.tip_m[1] + half_m * (slope_before + known_slope + angle[0]);
                         let (a, c) = (deflection.load, half_m * slope.load);
-                        let (own, own_slope) = (1.0 - newest, 1.0 - half_m * newest_slope);
-                        let load_n = (right * own - known_m * own_slope) / (a * own_slope - c * own);
-                        let tip_m = (known_m + a * load_n) / own;
+                        let (tip_factor, own_slope) = (1.0 - newest, 1.0 - half_m * newest_slope);
+                        let load_n = (right * tip_factor - past_deflection_m * own_slope)
+                            / (a * own_slope - c * tip_factor);
+                        let tip_m = (past_deflection_m + a * load_n) / tip_factor;
                         TipState { tip_m: [tip_m; 2], load_n: [load_n; 2] }
                     }
                     // The path starts at 0, by a load that outweighs guide 2.
-                    _ => TipState { tip_m: [0.0; 2], load_n: [-known_m / deflection.load; 2] },
+                    _ => TipState { tip_m: [0.0; 2], load_n: [-past_deflection_m / deflection.load; 2] },
                 };
-            let (sprung, moved_m) = (bent[1] - bent[0], left_m - held_m);
+            let (sprung, moved_m) = (bent[1] - bent[0], leaving_m - arriving_m);
             slope_before = known_slope
                 + slope.load * state.load_n[1]
                 + newest_slope * state.tip_m[0]
@@ -275,8 +277,8 @@ impl GrowingBeam {
             .map(|(node, (row, (tip_m, held_m)))| {
                 let response = &row.deflection;
                 cut.extend(&self.steps, &states[..node]);
-                let (known_m, newest) = self.known(row, response, &states[..node], &cut);
-                (tip_m * (1.0 - newest) - known_m - response.guide2 * held_m) / response.load
+                let (path_m, newest) = self.known(row, response, &states[..node], &cut);
+                (tip_m * (1.0 - newest) - path_m - response.guide2 * held_m) / response.load
             })
             .collect()
     }
@@ -300,19 +302,20 @@ impl GrowingBeam {
             .map(|(node, (row, state))| {
                 let slope = &row.slope;
                 cut.extend(&self.steps, &states[..node]);
-                let (known, newest) = self.known(row, slope, &states[..node], &cut);
+                let (past_slope, newest) = self.known(row, slope, &states[..node], &cut);
                 // The springs at the tip rest where it arrived.
-                let resting = known + newest * state.tip_m[0];
-                let (held_m, bent) = (guide2_m(node), curvature_per_m(node));
+                let resting = past_slope + newest * state.tip_m[0];
+                let (guide_m, bent) = (guide2_m(node), curvature_per_m(node));
                 [0, 1].map(|side| {
-                    let straight = resting + slope.load * state.load_n[side] + slope.guide2 * held_m[side];
+                    let straight = resting + slope.load * state.load_n[side] + slope.guide2 * guide_m[side];
                     straight + slope.curvature * bent[side]
                 })
             })
             .collect()
     }
 
-    /// What the path up to the node before the newest contributes, and the factor of the newest node; `cut` is the path up to there.
+    /// Contribution of the path up to the node before the newest, and the factor of the newest node; `cut` is the path
+    /// up to there.
     fn known(&self, row: &Row, response: &Response, before: &[TipState], cut: &Memory) -> (f64, f64) {
         let Response { path, dense, .. } = response;
         // The last element may end at the newest node.
@@ -327,7 +330,7 @@ impl GrowingBeam {
 }
 
 impl Response {
-    /// Of what was not solved.
+    /// State without a solution.
     fn none() -> Self {
         Self {
             load: f64::NAN,

@@ -17,9 +17,9 @@ const SUPPORTS: [Support; 2] = [Support::Springs, Support::Body { poisson: 0.5, 
 /// Guide 2 moved at rest, then over a stretch, under a load that is turned.
 fn moved_and_turned(node: usize) -> NodeLoads {
     let guide2_m = |node: f64| if node < 20.0 { 0.0 } else { 1e-3 - 2e-5 * (node - 20.0) };
-    let at = node as f64;
+    let node_number = node as f64;
     let load_n = [node > 50, node >= 50].map(|turned| if turned { -0.2 } else { 0.2 });
-    NodeLoads { load_n, guide2_m: [guide2_m(at - 0.5), guide2_m(at)] }
+    NodeLoads { load_n, guide2_m: [guide2_m(node_number - 0.5), guide2_m(node_number)] }
 }
 
 /// A frame that hardly gives is a rigid one, and one that gives way entirely is no guide at all.

@@ -60,10 +60,12 @@ fn without_tissue_it_is_a_cantilever() {
     model.tip = TipLaw::load([0.1, -0.05]);
     let insertion = Insertion { depth_m: vec![0.0, 0.0315, 0.1], ..Insertion::default() };
     let tip_m = predict(&model, &Experiment::Insertion(insertion)).expect("predicts").tip_m;
-    let per_n = |d: f64| (0.042 + d).powi(3) / (3.0 * model.rig.needle.bending_stiffness_n_m2());
+    let deflection_per_n = |d: f64| (0.042 + d).powi(3) / (3.0 * model.rig.needle.bending_stiffness_n_m2());
     for (i, d) in [0.0, 0.0315, 0.1].into_iter().enumerate() {
-        assert!((tip_m.y[i] / (0.1 * per_n(d)) - 1.0).abs() < 1e-6);
-        assert!((tip_m.x.as_ref().expect("two planes")[i] / (-0.05 * per_n(d)) - 1.0).abs() < 1e-6);
+        assert!((tip_m.y[i] / (0.1 * deflection_per_n(d)) - 1.0).abs() < 1e-6);
+        assert!(
+            (tip_m.x.as_ref().expect("two planes")[i] / (-0.05 * deflection_per_n(d)) - 1.0).abs() < 1e-6
+        );
     }
 }
 
@@ -106,11 +108,12 @@ fn both_planes_turn_together() {
         predict(&model, &Experiment::Insertion(insertion)).expect("predicts").tip_m
     };
     let plain = path([0.2, 0.05], [1e-3, -2e-3]);
-    let turned = path([-0.05, 0.2], [2e-3, 1e-3]);
+    let rotated = path([-0.05, 0.2], [2e-3, 1e-3]);
     for i in 0..3 {
         let (y, x) = (plain.y[i], plain.x.as_ref().expect("two planes")[i]);
         assert!(
-            (turned.y[i] + x).abs() < 1e-15 && (turned.x.as_ref().expect("two planes")[i] - y).abs() < 1e-15
+            (rotated.y[i] + x).abs() < 1e-15
+                && (rotated.x.as_ref().expect("two planes")[i] - y).abs() < 1e-15
         );
     }
 }
@@ -119,15 +122,16 @@ fn both_planes_turn_together() {
 fn impossible_insertions_are_refused() {
     let rig = Rig::two_guides(Needle::gauge_18(), 0.07, 0.07);
     let touching = Model::uniform(rig, 1e4).expect("a model");
-    let held = Insertion { depth_m: vec![0.01], guide2_m: Some(Default::default()), ..Insertion::default() };
-    assert!(predict(&touching, &Experiment::Insertion(held)).is_err());
+    let with_guide2 =
+        Insertion { depth_m: vec![0.01], guide2_m: Some(Default::default()), ..Insertion::default() };
+    assert!(predict(&touching, &Experiment::Insertion(with_guide2)).is_err());
     let negative = Insertion { depth_m: vec![-0.01], ..Insertion::default() };
     assert!(predict(&model(1e4, 0.06, 0.07), &Experiment::Insertion(negative)).is_err());
     assert!(Profile::new(vec![[0.1, 0.0], [0.0, 0.0]]).is_err());
     assert!(Profile::new(vec![[0.0, f64::NAN]]).is_err());
 }
 
-/// What jumps at a depth is evaluated at a node that is that depth to the last bit.
+/// A quantity that jumps at a depth is evaluated at a node that is that depth to the last bit.
 #[test]
 fn grids_hold_their_fixed_depths() {
     for depth_m in [0.03, 0.041, 0.043_21, 0.07] {
@@ -143,20 +147,20 @@ fn grids_hold_their_fixed_depths() {
 fn steps_of_micrometres_are_no_singular_equations() {
     let mut model = model(10360.0, 0.06, 0.07);
     model.tip = TipLaw::load([0.2, 0.0]);
-    let through = |offsets_m: [f64; 3]| {
+    let insertion_by = |offsets_m: [f64; 3]| {
         let mut knots = vec![[0.0, 0.0]];
-        let mut held_m = 0.0;
+        let mut guide_m = 0.0;
         for offset_m in offsets_m {
-            let at_m = 0.05 + offset_m;
-            knots.push([at_m, held_m]);
-            held_m += 0.5e-3;
-            knots.push([at_m, held_m]);
+            let guide_depth_m = 0.05 + offset_m;
+            knots.push([guide_depth_m, guide_m]);
+            guide_m += 0.5e-3;
+            knots.push([guide_depth_m, guide_m]);
         }
         let guide2_m = Some([Profile::new(knots).expect("a profile"), Profile::default()]);
         let insertion = Insertion { depth_m: DEPTHS_M.to_vec(), guide2_m, ..Insertion::default() };
         tip(&model, insertion)
     };
-    let at_once = through([0.0; 3]);
+    let at_once = insertion_by([0.0; 3]);
     for offsets_m in [
         [0.0, 1e-9, 2e-9],
         [0.0, 1e-7, 1e-6],
@@ -166,7 +170,7 @@ fn steps_of_micrometres_are_no_singular_equations() {
         [0.0, 4.1e-5, 4.1e-5],
     ] {
         // Moving one jump of 0.5 mm by 0.04 mm moves the tip by 1.6 micrometres.
-        for (tip_m, expected_m) in through(offsets_m).iter().zip(&at_once) {
+        for (tip_m, expected_m) in insertion_by(offsets_m).iter().zip(&at_once) {
             assert!((tip_m - expected_m).abs() < 5e-6, "{tip_m} is not {expected_m} with {offsets_m:?}");
         }
     }
@@ -183,10 +187,10 @@ fn slopes_are_those_of_the_needle() {
     // Straight tissue that was never cut: the path is 0 but for the newest node, and the needle that of the beam on its foundation.
     let states: Vec<TipState> = nodes_m.iter().map(|_| TipState::default()).collect();
     let last = nodes_m.len() - 1;
-    let held_m = 1e-3;
-    let slopes = growth.tip_slopes(&states, |_| [held_m; 2]);
+    let guide_m = 1e-3;
+    let slopes = growth.tip_slopes(&states, |_| [guide_m; 2]);
     let beam = problem.solve().expect("solves");
-    let expected = beam.guide2_force().slope(0.07 + 0.08) * beam.force_n(held_m);
+    let expected = beam.guide2_force().slope(0.07 + 0.08) * beam.force_n(guide_m);
     // In `states` the tip stays at 0, so that the last spring rests there too: the same as a foundation at rest at 0.
     assert!(
         (slopes[last][0] - expected).abs() < 1e-4 * expected.abs().max(1e-4),
@@ -194,10 +198,10 @@ fn slopes_are_those_of_the_needle() {
         slopes[last][0]
     );
     // Half the displacement on leaving, half the slope.
-    let halved = growth.tip_slopes(&states, |_| [held_m, 0.5 * held_m]);
+    let halved = growth.tip_slopes(&states, |_| [guide_m, 0.5 * guide_m]);
     assert!((halved[last][1] - 0.5 * slopes[last][1]).abs() < 1e-12);
-    let without = GrowingBeam::without_slopes(&problem, nodes_m, Guide2Grip::Holding).expect("grows");
-    assert!(without.tip_slopes(&states, |_| [held_m; 2])[last][0].is_nan());
+    let without_slopes = GrowingBeam::without_slopes(&problem, nodes_m, Guide2Grip::Holding).expect("grows");
+    assert!(without_slopes.tip_slopes(&states, |_| [guide_m; 2])[last][0].is_nan());
 }
 
 /// A needle that cuts straight ahead of itself measures the slope of its own path, and an angle of entry is part of both.

@@ -20,7 +20,7 @@ const RIGID: f64 = 1e9;
 /// Nodes before the tissue: guide 1, guide 2, surface.
 const BEFORE: usize = 3;
 
-/// What is asked for.
+/// Requested quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Inner {
     /// Force of guide 2 on the needle, N.
@@ -49,7 +49,7 @@ pub struct Influence {
 }
 
 impl Influence {
-    /// What the path of a tip that went like this contributes.
+    /// Contribution of the path of a tip with these states.
     pub fn of_path(&self, states: &[TipState]) -> f64 {
         let ends = self.path.iter().zip(states.iter().zip(states.iter().skip(1)));
         ends.map(|([start, end], (from, to))| start * from.tip_m[1] + end * to.tip_m[0]).sum()
@@ -81,16 +81,18 @@ impl HeldNeedle {
         check("guide2_m", problem.guide2_m, "two guides", !problem.only_guide)?;
         let gap_m = problem.entry_m - problem.guide2_m;
         check("entry_m", problem.entry_m, "beyond guide2_m, where guide 2 holds the needle", gap_m > 1e-6)?;
-        let of = |length_m: f64, tension_n: f64| {
+        let stiffness_of = |length_m: f64, tension_n: f64| {
             let mut stiffness = bending_stiffness(problem.bending_stiffness_n_m2, length_m);
             add_tension(&mut stiffness, tension_n, length_m);
             Element { stiffness, path: [[0.0; 2]; 4] }
         };
-        let mut elements =
-            vec![of(problem.guide2_m, -problem.axial_load_n), of(gap_m, -problem.axial_load_n)];
+        let mut elements = vec![
+            stiffness_of(problem.guide2_m, -problem.axial_load_n),
+            stiffness_of(gap_m, -problem.axial_load_n),
+        ];
         for ends_m in depths_m.windows(2) {
             let length_m = ends_m[1] - ends_m[0];
-            let mut element = of(length_m, problem.shear_n - problem.axial_load_n);
+            let mut element = stiffness_of(length_m, problem.shear_n - problem.axial_load_n);
             element.add_springs(problem, [ends_m[0], ends_m[1]]);
             if elements.len() == 2 {
                 element.stiffness[0][0] += problem.skin_n_per_m;
@@ -129,32 +131,32 @@ impl HeldNeedle {
     }
 
     fn influence(&self, elements: &[Element], factor: &Banded, inner: Inner) -> Influence {
-        let mut found =
+        let mut influence =
             Influence { load: 0.0, guide2: 0.0, path: vec![[0.0; 2]; elements.len() - (BEFORE - 1)] };
         let mut reads = vec![[0.0; 1]; 2 * (elements.len() + 1)];
         // The moment at the start (1) or the end (3) of an element.
-        let moment = |reads: &mut Vec<[f64; 1]>, found: &mut Influence, number: usize, row: usize| {
+        let moment = |reads: &mut Vec<[f64; 1]>, influence: &mut Influence, number: usize, row: usize| {
             let Some(element) = elements.get(number) else { return };
             let sign = if row == 1 { -1.0 } else { 1.0 };
             for (column, value) in element.stiffness[row].iter().enumerate() {
                 reads[2 * number + column][0] += sign * value;
             }
-            if let Some(path) = number.checked_sub(BEFORE - 1).and_then(|at| found.path.get_mut(at)) {
+            if let Some(path) = number.checked_sub(BEFORE - 1).and_then(|at| influence.path.get_mut(at)) {
                 (0..2).for_each(|end| path[end] -= sign * element.path[row][end]);
             }
         };
         match inner {
             Inner::Guide2Force => {
                 reads[2][0] = -self.guide2_n_per_m;
-                found.guide2 = self.guide2_n_per_m;
+                influence.guide2 = self.guide2_n_per_m;
             }
-            Inner::MomentAtGuide1 => moment(&mut reads, &mut found, 0, 1),
-            Inner::MomentAtGuide2 => moment(&mut reads, &mut found, 0, 3),
-            Inner::MomentAtSurface => moment(&mut reads, &mut found, 1, 3),
-            Inner::MomentInTissue(node) => moment(&mut reads, &mut found, node + 1, 3),
+            Inner::MomentAtGuide1 => moment(&mut reads, &mut influence, 0, 1),
+            Inner::MomentAtGuide2 => moment(&mut reads, &mut influence, 0, 3),
+            Inner::MomentAtSurface => moment(&mut reads, &mut influence, 1, 3),
+            Inner::MomentInTissue(node) => moment(&mut reads, &mut influence, node + 1, 3),
             Inner::Compression(node) => {
                 if let (Some(read), Some(path)) =
-                    (reads.get_mut(2 * (BEFORE - 1 + node)), found.path.get_mut(node))
+                    (reads.get_mut(2 * (BEFORE - 1 + node)), influence.path.get_mut(node))
                 {
                     read[0] = 1.0;
                     path[0] = -1.0;
@@ -162,17 +164,18 @@ impl HeldNeedle {
             }
         }
         factor.solve(&mut reads);
-        let at = |row: usize| reads.get(row).map_or(0.0, |value| value[0]);
-        found.guide2 += self.guide2_n_per_m * at(2);
-        found.load = at(reads.len() - 2);
-        for (i, (weights, element)) in found.path.iter_mut().zip(elements.iter().skip(BEFORE - 1)).enumerate()
+        let first_at = |row: usize| reads.get(row).map_or(0.0, |value| value[0]);
+        influence.guide2 += self.guide2_n_per_m * first_at(2);
+        influence.load = first_at(reads.len() - 2);
+        for (i, (weights, element)) in
+            influence.path.iter_mut().zip(elements.iter().skip(BEFORE - 1)).enumerate()
         {
             for (row, by_end) in element.path.iter().enumerate() {
-                let moved = at(2 * (i + BEFORE - 1) + row);
+                let moved = first_at(2 * (i + BEFORE - 1) + row);
                 (0..2).for_each(|end| weights[end] += moved * by_end[end]);
             }
         }
-        found
+        influence
     }
 }
 
@@ -181,14 +184,14 @@ impl Element {
     /// layer does.
     fn add_springs(&mut self, problem: &BeamProblem, [start_m, end_m]: [f64; 2]) {
         let length_m = end_m - start_m;
-        let inside = problem.foundation.faces_m().filter(|face_m| *face_m > start_m && *face_m < end_m);
-        let mut from_m = start_m;
-        for to_m in inside.chain([end_m]) {
+        let inner_faces = problem.foundation.faces_m().filter(|face_m| *face_m > start_m && *face_m < end_m);
+        let mut part_start_m = start_m;
+        for to_m in inner_faces.chain([end_m]) {
             for (x, weight) in GAUSS {
-                let at_m = from_m + x * (to_m - from_m);
-                let x = (at_m - start_m) / length_m;
+                let quadrature_m = part_start_m + x * (to_m - part_start_m);
+                let x = (quadrature_m - start_m) / length_m;
                 let shape = hermite(x, length_m);
-                let measure = weight * (to_m - from_m) * problem.foundation.modulus_pa(at_m);
+                let measure = weight * (to_m - part_start_m) * problem.foundation.modulus_pa(quadrature_m);
                 for (i, own) in shape.iter().enumerate() {
                     for (to, other) in self.stiffness[i].iter_mut().zip(shape) {
                         *to += measure * own * other;
@@ -197,12 +200,12 @@ impl Element {
                     self.path[i][1] += measure * own * x;
                 }
             }
-            from_m = to_m;
+            part_start_m = to_m;
         }
-        let per_m = problem.shear_n / length_m;
+        let shear_n_per_m = problem.shear_n / length_m;
         for (row, sign) in [(0, 1.0), (2, -1.0)] {
-            self.path[row][0] += sign * per_m;
-            self.path[row][1] -= sign * per_m;
+            self.path[row][0] += sign * shear_n_per_m;
+            self.path[row][1] -= sign * shear_n_per_m;
         }
     }
 }

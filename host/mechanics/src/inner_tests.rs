@@ -26,8 +26,8 @@ fn evenly(depth_m: f64, count: usize) -> Vec<f64> {
 #[test]
 fn in_air_all_are_those_of_the_closed_form() {
     let problem = problem(1e-6, 0.05);
-    let held = HeldNeedle::new(&problem, &evenly(0.05, 10)).expect("a needle");
-    let found = held.at(10, &ALL).expect("solved");
+    let held_needle = HeldNeedle::new(&problem, &evenly(0.05, 10)).expect("a needle");
+    let quantities = held_needle.at(10, &ALL).expect("solved");
     let (ei, l, gap, depth) = (problem.bending_stiffness_n_m2, 0.06, 0.02, 0.05);
     let overhang = gap + depth;
     let expected: [[f64; 2]; 5] = [
@@ -37,10 +37,16 @@ fn in_air_all_are_those_of_the_closed_form() {
         [0.0, depth],
         [0.0, depth - 4.0 * 0.005],
     ];
-    for (found, [guide2, load]) in found.iter().zip(expected) {
-        assert!((found.guide2 - guide2).abs() < 1e-5 * guide2.abs().max(1.0), "{found:?}, expected {guide2}");
-        assert!((found.load - load).abs() < 1e-5 * load.abs().max(0.01), "{found:?}, expected {load}");
-        assert!(found.path.iter().flatten().all(|weight| weight.abs() < 1e-6));
+    for (quantities, [guide2, load]) in quantities.iter().zip(expected) {
+        assert!(
+            (quantities.guide2 - guide2).abs() < 1e-5 * guide2.abs().max(1.0),
+            "{quantities:?}, expected {guide2}"
+        );
+        assert!(
+            (quantities.load - load).abs() < 1e-5 * load.abs().max(0.01),
+            "{quantities:?}, expected {load}"
+        );
+        assert!(quantities.path.iter().flatten().all(|weight| weight.abs() < 1e-6));
     }
 }
 
@@ -52,7 +58,7 @@ fn a_needle_deep_in_tissue_is_a_beam_on_an_endless_foundation() {
     let k = 4e4;
     let problem = problem(k, 0.3);
     let nodes = evenly(0.3, 120);
-    let found = HeldNeedle::new(&problem, &nodes).expect("a needle").at(120, &ALL).expect("solved");
+    let quantities = HeldNeedle::new(&problem, &nodes).expect("a needle").at(120, &ALL).expect("solved");
     let (ei, l, a) = (problem.bending_stiffness_n_m2, 0.06, 0.02);
     let b = (k / (4.0 * ei)).powf(0.25);
     // Per metre of guide 2. Unknown: slope and moment at guide 2, A, B. At the surface the deflection is A, the slope b (B - A),
@@ -69,8 +75,8 @@ fn a_needle_deep_in_tissue_is_a_beam_on_an_endless_foundation() {
     let right = DVector::from_column_slice(&[6.0 * ei / (l * l), -1.0, 0.0, 0.0]);
     let solved = matrix.lu().solve(&right).expect("solved");
     let (at_guide2, at_surface) = (solved[1], m * solved[3]);
-    assert!((found[2].guide2 / at_guide2 - 1.0).abs() < 2e-3, "{} {at_guide2}", found[2].guide2);
-    assert!((found[3].guide2 / at_surface - 1.0).abs() < 2e-3, "{} {at_surface}", found[3].guide2);
+    assert!((quantities[2].guide2 / at_guide2 - 1.0).abs() < 2e-3, "{} {at_guide2}", quantities[2].guide2);
+    assert!((quantities[3].guide2 / at_surface - 1.0).abs() < 2e-3, "{} {at_surface}", quantities[3].guide2);
 }
 
 /// The same beam in finite differences, with the springs at rest on a path, by a dense matrix: nothing of it is shared with the
@@ -80,7 +86,7 @@ fn with_a_path_all_are_those_of_a_beam_in_finite_differences() {
     let (k, depth_m) = (2.5e4, 0.05);
     let problem = BeamProblem { skin_n_per_m: 200.0, ..problem(k, depth_m) };
     let nodes = evenly(depth_m, 20);
-    let held = HeldNeedle::new(&problem, &nodes).expect("a needle");
+    let held_needle = HeldNeedle::new(&problem, &nodes).expect("a needle");
     let beam = GrowingBeam::new(&problem, nodes.clone(), Guide2Grip::Holding).expect("a beam");
     let guide_m = |node: usize| {
         if node < 8 {
@@ -93,7 +99,7 @@ fn with_a_path_all_are_those_of_a_beam_in_finite_differences() {
     };
     let load_n = 0.25;
     let states = beam.under_load(|node| NodeLoads { load_n: [load_n; 2], guide2_m: guide_m(node) });
-    let found: Vec<f64> = held
+    let quantities: Vec<f64> = held_needle
         .at(20, &ALL)
         .expect("solved")
         .iter()
@@ -115,10 +121,10 @@ fn with_a_path_all_are_those_of_a_beam_in_finite_differences() {
     // Clamped: its image before guide 1 is the node after it.
     matrix[(1, 1)] += 2.0 * s;
     let path_m = |z: usize| {
-        let at = (z - entry) as f64 * h / 2.5e-3;
-        let from = (at.floor() as usize).min(19);
-        let share = at - from as f64;
-        states[from].tip_m[1] * (1.0 - share) + states[from + 1].tip_m[0] * share
+        let node_position = (z - entry) as f64 * h / 2.5e-3;
+        let first_node = (node_position.floor() as usize).min(19);
+        let fraction = node_position - first_node as f64;
+        states[first_node].tip_m[1] * (1.0 - fraction) + states[first_node + 1].tip_m[0] * fraction
     };
     for z in entry..=tip {
         let mut stiff = k * h * if z == entry || z == tip { 0.5 } else { 1.0 };
@@ -142,9 +148,9 @@ fn with_a_path_all_are_those_of_a_beam_in_finite_differences() {
         moment(entry),
         moment(entry + 20),
     ];
-    for (found, expected) in found.iter().zip(expected) {
+    for (quantities, expected) in quantities.iter().zip(expected) {
         // A moment that is nearly zero is one part in a hundred of the largest.
-        assert!((found - expected).abs() < 0.01 * expected.abs().max(0.01), "{found} {expected}");
+        assert!((quantities - expected).abs() < 0.01 * expected.abs().max(0.01), "{quantities} {expected}");
     }
     assert!(
         (u[tip] / states[20].tip_m[1] - 1.0).abs() < 5e-3,
@@ -157,17 +163,17 @@ fn with_a_path_all_are_those_of_a_beam_in_finite_differences() {
 #[test]
 fn the_tissue_is_compressed_by_what_the_needle_leaves_its_path() {
     let nodes = evenly(0.05, 20);
-    let held = HeldNeedle::new(&problem(2.5e4, 0.05), &nodes).expect("a needle");
+    let held_needle = HeldNeedle::new(&problem(2.5e4, 0.05), &nodes).expect("a needle");
     let [surface, deeper] =
-        [0, 6].map(|node| held.at(20, &[Inner::Compression(node)]).expect("solved").remove(0));
+        [0, 6].map(|node| held_needle.at(20, &[Inner::Compression(node)]).expect("solved").remove(0));
     // A path that is where the needle is pushed to: nothing is compressed.
     let straight: Vec<TipState> = nodes
         .iter()
         .map(|m| TipState { tip_m: [1e-3 * (1.0 + 1.5 * (0.02 + m) / 0.06); 2], load_n: [0.0; 2] })
         .collect();
     for inner in [&surface, &deeper] {
-        let left_m = inner.guide2 * 1e-3 + inner.of_path(&straight);
-        assert!(left_m.abs() < 1e-8, "{left_m}");
+        let compression_m = inner.guide2 * 1e-3 + inner.of_path(&straight);
+        assert!(compression_m.abs() < 1e-8, "{compression_m}");
     }
     assert!(surface.guide2 > deeper.guide2 && deeper.guide2 > 0.0);
 }

@@ -8,7 +8,7 @@ use super::growth::{DEFAULT_STEP_M, Guide2Grip, NodeLoads};
 use super::{BeamProblem, ModelError, Profile, Series, check, yielding};
 use std::borrow::Cow;
 
-/// What was done: how deep, how turned, and what guide 2 did.
+/// Motion of an insertion: how deep, how turned, and what guide 2 did.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Insertion {
     /// Depths at which the tip is measured, not negative.
@@ -31,8 +31,8 @@ pub struct Insertion {
 impl Insertion {
     /// Depths at which the needle is turned or guide 2 moved at rest, or the speed changes.
     pub fn jumps_m(&self) -> Vec<f64> {
-        let held = self.guide2_m.iter().flatten();
-        let profiles = [&self.rotation_rad, &self.speed_m_per_s].into_iter().chain(held);
+        let guide_profiles = self.guide2_m.iter().flatten();
+        let profiles = [&self.rotation_rad, &self.speed_m_per_s].into_iter().chain(guide_profiles);
         profiles.flat_map(Profile::jumps_m).collect()
     }
 
@@ -49,16 +49,16 @@ impl Insertion {
 
     /// Gives insertions the nodes of all of them, so that one solution ([`GrowingBeam`](super::growth::GrowingBeam)) serves them all.
     pub fn share_nodes<'a>(insertions: impl Iterator<Item = &'a mut Self>) {
-        let all: Vec<&mut Self> = insertions.collect();
-        let ends = all.iter().flat_map(|one| one.depth_m.iter().copied().reduce(f64::max));
-        let mut nodes_m: Vec<f64> = all.iter().flat_map(|one| one.jumps_m()).chain(ends).collect();
+        let profiles: Vec<&mut Self> = insertions.collect();
+        let ends = profiles.iter().flat_map(|one| one.depth_m.iter().copied().reduce(f64::max));
+        let mut nodes_m: Vec<f64> = profiles.iter().flat_map(|one| one.jumps_m()).chain(ends).collect();
         nodes_m.sort_by(f64::total_cmp);
         nodes_m.dedup();
-        all.into_iter().for_each(|one| one.nodes_m.clone_from(&nodes_m));
+        profiles.into_iter().for_each(|one| one.nodes_m.clone_from(&nodes_m));
     }
 }
 
-/// How the tip cuts.
+/// Law by which the tip cuts.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cutting {
     /// It takes a load: vertical and horizontal force against depth, N, before the needle is turned.
@@ -70,7 +70,7 @@ pub enum Cutting {
 /// Assumptions about the tip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TipLaw {
-    /// How it cuts.
+    /// Law of cutting.
     pub cutting: Cutting,
     /// Angle at which the bevel makes the path leave the needle, beside what the load does, vertical and horizontal before the needle is
     /// turned, rad: the path is that under the load plus that of a tip that cuts at this angle ([`Cutting::Angle`]) and takes no other
@@ -78,8 +78,8 @@ pub struct TipLaw {
     pub cut_angle_rad: [f64; 2],
     /// Angle between the needle and the axis along which depth is measured, vertical and horizontal: a straight part of the path.
     pub entry_angle_rad: [f64; 2],
-    /// What the load along the bevel is beside that: along the given load where that has a horizontal part, else vertical, before the
-    /// needle is turned.
+    /// Additional load along the bevel: along the given load where that has a horizontal part, else vertical, before
+    /// the needle is turned.
     pub along_bevel: BevelLoad,
 }
 
@@ -92,9 +92,9 @@ pub struct BevelLoad {
     pub steps: Vec<[f64; 2]>,
     /// GrowingBeam with speed, N s/m.
     pub rate_n_s_per_m: f64,
-    /// How far the bevel is turned about the needle from what is stated, rad.
+    /// Rotation of the bevel about the needle from its stated angle, rad.
     pub roll_rad: f64,
-    /// What terms add, N against depth.
+    /// Loads that terms add, N against depth.
     pub laws: Vec<Profile>,
 }
 
@@ -260,8 +260,8 @@ fn guide2(nodes_m: &[f64], insertion: &Insertion, plane: usize, node: usize) -> 
 
 /// From 0 to `last_m` in steps of at most `step_m`, with nodes at `also_m` (where these lie inside).
 pub fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
-    let inside = |m: &f64| *m > 0.0 && *m < last_m;
-    let mut fixed_m: Vec<f64> = also_m.iter().copied().filter(inside).chain([last_m]).collect();
+    let is_inside = |m: &f64| *m > 0.0 && *m < last_m;
+    let mut fixed_m: Vec<f64> = also_m.iter().copied().filter(is_inside).chain([last_m]).collect();
     fixed_m.sort_by(f64::total_cmp);
     fixed_m.dedup();
     let mut nodes_m = vec![0.0];
@@ -276,7 +276,7 @@ pub fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
     nodes_m
 }
 
-/// What is fixed to the needle turns with it: its part in a plane.
+/// A vector that is fixed to the needle turns with it: its part in a plane.
 fn turned([y, x]: [f64; 2], angle_rad: f64, plane: usize) -> f64 {
     let (sin, cos) = angle_rad.sin_cos();
     [cos * y - sin * x, sin * y + cos * x][plane]
@@ -305,14 +305,14 @@ fn loads<'a>(
     };
     move |node| {
         let z_m = nodes_m[node];
-        let all = |y_n: f64, x_n: f64, more_n: f64| {
+        let load_sum = |y_n: f64, x_n: f64, more_n: f64| {
             // The bevel is vertical unless the load states that it is not.
             let [along_y, along_x] =
                 if x_n == 0.0 { [1.0, 0.0] } else { [y_n / y_n.hypot(x_n), x_n / y_n.hypot(x_n)] };
             [y_n + more_n * along_y, x_n + more_n * along_x]
         };
-        let arriving = all(y.before(z_m), x.before(z_m), more_n(z_m, false));
-        let leaving = all(y.after(z_m), x.after(z_m), more_n(z_m, true));
+        let arriving = load_sum(y.before(z_m), x.before(z_m), more_n(z_m, false));
+        let leaving = load_sum(y.after(z_m), x.after(z_m), more_n(z_m, true));
         [
             turned(arriving, rotation.before(z_m) + roll_rad, plane),
             turned(leaving, rotation.after(z_m) + roll_rad, plane),
@@ -340,8 +340,8 @@ fn at_depth(nodes_m: &[f64], values: &[[f64; 2]], depth_m: f64) -> f64 {
     let next = nodes_m.partition_point(|node_m| *node_m < depth_m);
     match (next.checked_sub(1).and_then(|i| Some((nodes_m.get(i)?, values.get(i)?))), values.get(next)) {
         (Some((from_m, [_, from])), Some([to, _])) => {
-            let share = (depth_m - from_m) / (nodes_m[next] - from_m);
-            from + share * (to - from)
+            let fraction = (depth_m - from_m) / (nodes_m[next] - from_m);
+            from + fraction * (to - from)
         }
         (Some((_, [_, left])), None) => *left,
         (None, Some([arriving, _])) => *arriving,

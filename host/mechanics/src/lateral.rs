@@ -21,7 +21,7 @@ use smallvec::SmallVec;
 /// Between the actuator and the needle, in both planes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Drive {
-    /// How far guide 2 stays behind per force on it.
+    /// Lag of guide 2 per force on it.
     pub frame_compliance_m_per_n: f64,
     /// Clearance of guide 2 on either side of the needle.
     pub clearance_m: f64,
@@ -41,7 +41,8 @@ impl Drive {
         pressed_m.copysign(guide2_m)
     }
 
-    /// Where guide 2 is, from where it was and what the displacement sensor reads now (the play operator).
+    /// Position of guide 2, from its previous position and the present reading of the displacement sensor
+    /// (the play operator).
     pub fn beyond_play_m(&self, guide2_m: f64, measured_m: f64) -> f64 {
         let play_m = self.play_m.max(0.0);
         guide2_m.clamp(measured_m - play_m, measured_m + play_m)
@@ -71,7 +72,7 @@ const MIN_DIRECTION: f64 = 1e-8;
 /// Panels of ten Gauss points over which the tissue's energy is integrated.
 const PANEL_M: f64 = 20e-3;
 
-/// What a needle does in one plane.
+/// Response of a needle in one plane.
 #[derive(Debug)]
 pub(super) struct Response {
     beam: Beam,
@@ -91,7 +92,7 @@ pub(super) struct Motion {
 }
 
 impl Response {
-    /// Of a needle that is moved by up to `most_m` to either side.
+    /// Response of a needle that is moved by up to `most_m` to either side.
     ///
     /// # Errors
     /// As [`BeamProblem::solve`].
@@ -213,24 +214,24 @@ impl Relaxing {
             i if i == j + 1 => 1.0,
             _ => 0.0,
         });
-        let within = (differences.transpose() * &tissue * &differences).symmetric_eigen();
-        let least = MIN_DIRECTION * within.eigenvalues.max();
-        let kept: Vec<DVector<f64>> = within
+        let eigen = (differences.transpose() * &tissue * &differences).symmetric_eigen();
+        let least = MIN_DIRECTION * eigen.eigenvalues.max();
+        let kept_vectors: Vec<DVector<f64>> = eigen
             .eigenvalues
             .iter()
-            .zip(within.eigenvectors.column_iter())
+            .zip(eigen.eigenvectors.column_iter())
             .filter(|(value, _)| **value > least)
             .map(|(value, vector)| &differences * vector / value.sqrt())
             .collect();
         let mut basis = DMatrix::zeros(count, 1);
         basis[(0, 0)] = 1.0;
-        let mut all = vec![force_n[0]];
-        if !kept.is_empty() {
-            let kept = DMatrix::from_columns(&kept);
-            let modes = (kept.transpose() * &needle * &kept).symmetric_eigen();
-            let modes_basis = kept * &modes.eigenvectors;
-            all.extend(modes.eigenvalues.iter().map(|value| value + 1.0));
-            basis = DMatrix::from_fn(count, all.len(), |i, j| match j {
+        let mut mode_forces = vec![force_n[0]];
+        if !kept_vectors.is_empty() {
+            let kept_matrix = DMatrix::from_columns(&kept_vectors);
+            let modes = (kept_matrix.transpose() * &needle * &kept_matrix).symmetric_eigen();
+            let modes_basis = kept_matrix * &modes.eigenvectors;
+            mode_forces.extend(modes.eigenvalues.iter().map(|value| value + 1.0));
+            basis = DMatrix::from_fn(count, mode_forces.len(), |i, j| match j {
                 0 => basis[(i, 0)],
                 _ => modes_basis[(i, j - 1)],
             });
@@ -240,7 +241,7 @@ impl Relaxing {
             beams,
             tissue: basis.transpose() * tissue * &basis,
             basis,
-            all: DVector::from_vec(all),
+            all: DVector::from_vec(mode_forces),
             relaxing_share: law.relaxing_share,
             relaxation_s: law.relaxation_s,
         })
@@ -259,10 +260,10 @@ impl Relaxing {
         let root = &eigen.eigenvectors * DMatrix::from_diagonal(&roots);
         let memory = (inverse - &q * q.transpose() / total) * f;
         let modes = (root.transpose() * &memory * &root).symmetric_eigen();
-        let back = &root * &modes.eigenvectors;
-        let by_memory = &self.basis * &memory * &back;
-        let force_by_memory = (back.transpose() * &q) * (f / total);
-        let fed = back.transpose() * &q / (total * self.relaxation_s);
+        let mode_shapes = &root * &modes.eigenvectors;
+        let by_memory = &self.basis * &memory * &mode_shapes;
+        let force_by_memory = (mode_shapes.transpose() * &q) * (f / total);
+        let fed = mode_shapes.transpose() * &q / (total * self.relaxation_s);
         let direct = &self.basis * &q / total;
 
         let rates: Vec<f64> =
@@ -273,16 +274,16 @@ impl Relaxing {
             force_n: Vec::with_capacity(samples),
             coefficients: SmallVec::from_elem(0.0, self.beams.len() * samples),
         };
-        let mut before: Option<(f64, f64)> = None;
+        let mut previous: Option<(f64, f64)> = None;
         let mut step = Step::default();
         for (i, (time_s, pressed)) in times_s.iter().zip(pressed_m).enumerate() {
-            if let Some((before_s, before_m)) = before {
-                step.prepare(time_s - before_s, &rates);
+            if let Some((previous_s, previous_m)) = previous {
+                step.prepare(time_s - previous_s, &rates);
                 for (k, y) in state.iter_mut().enumerate() {
-                    *y = step.decay[k] * *y + fed[k] * (step.first[k] * before_m + step.last[k] * pressed);
+                    *y = step.decay[k] * *y + fed[k] * (step.first[k] * previous_m + step.last[k] * pressed);
                 }
             }
-            before = Some((*time_s, *pressed));
+            previous = Some((*time_s, *pressed));
             let remembered =
                 |row: &dyn Fn(usize) -> f64| state.iter().enumerate().map(|(k, y)| row(k) * y).sum::<f64>();
             motion.force_n.push(pressed / total - remembered(&|k| force_by_memory[k]));

@@ -43,14 +43,14 @@ fn relaxation_goes_from_one_modulus_to_the_other() {
 /// On the way: time stepping of the same solid on finite elements, the memory kept at every Gauss point by a table of depths.
 #[test]
 fn relaxation_on_the_way_is_that_of_small_steps() {
-    let (share, tau_s, modulus_pa) = (0.5, 1.0, 16e3);
-    let problem = problem(relaxing(share, tau_s), uniform(modulus_pa));
+    let (relaxing_fraction, tau_s, modulus_pa) = (0.5, 1.0, 16e3);
+    let problem = problem(relaxing(relaxing_fraction, tau_s), uniform(modulus_pa));
     let elements = Elements::new(&problem, 1e-3).expect("elements");
     // Backward Euler: v = (v_old + h u) / (1 + h), so the reaction is K u - f K v = K (1 - f h/(1+h)) u - f K v_old / (1 + h).
     let run = |steps: usize| -> f64 {
         let h = 2.0 / steps as f64 / tau_s;
         let mut memory = vec![0.0; 41];
-        let at = |memory: &[f64], depth_m: f64| {
+        let interpolated = |memory: &[f64], depth_m: f64| {
             let x = (depth_m / 1e-3).clamp(0.0, 40.0);
             let i = (x as usize).min(39);
             memory[i] + (x - i as f64) * (memory[i + 1] - memory[i])
@@ -58,13 +58,13 @@ fn relaxation_on_the_way_is_that_of_small_steps() {
         let mut force_n = 0.0;
         for step in 1..=steps {
             // Half of the way a ramp, then a hold.
-            let at_m = 1e-3 * (2.0 * step as f64 / steps as f64).min(1.0);
-            let stays = share / (1.0 + h);
+            let guide_m = 1e-3 * (2.0 * step as f64 / steps as f64).min(1.0);
+            let stays = relaxing_fraction / (1.0 + h);
             let springs = |depth_m: f64, u: f64| Reaction {
-                force_n_per_m: modulus_pa * ((1.0 - stays * h) * u - stays * at(&memory, depth_m)),
+                force_n_per_m: modulus_pa * ((1.0 - stays * h) * u - stays * interpolated(&memory, depth_m)),
                 tangent_pa: modulus_pa * (1.0 - stays * h),
             };
-            let bent = elements.solve(&springs, |_| 0.0, Guide2::Held(at_m), 0.0).expect("solves");
+            let bent = elements.solve(&springs, |_| 0.0, Guide2::Held(guide_m), 0.0).expect("solves");
             for (i, v) in memory.iter_mut().enumerate() {
                 *v = (*v + h * bent.deflection_m(0.07 + 1e-3 * i as f64)) / (1.0 + h);
             }
@@ -78,8 +78,8 @@ fn relaxation_on_the_way_is_that_of_small_steps() {
     let moved_m: Vec<f64> = times_s.iter().map(|t| 1e-3 * t.min(1.0)).collect();
     let motion =
         Response::new(&problem, 1e-3).expect("a response").moved(&times_s, &moved_m, 0.0, Drive::default());
-    let found = motion.force_n[40];
-    assert!((found / expected - 1.0).abs() < 1e-4, "{found} {expected}");
+    let relaxed_n = motion.force_n[40];
+    assert!((relaxed_n / expected - 1.0).abs() < 1e-4, "{relaxed_n} {expected}");
 }
 
 /// Between its nodes the stiffening needle is that of the elements, and the frame takes its share.

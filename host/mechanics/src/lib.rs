@@ -7,7 +7,7 @@
 //!
 //! # Example
 //!
-//! What force holds guide 2 when it is moved by 1.2 mm, with the needle 30 mm deep in tissue of 12 kPa:
+//! Force that holds guide 2 when it is moved by 1.2 mm, with the needle 30 mm deep in tissue of 12 kPa:
 //!
 //! ```
 //! use mechanics::{Beam, Foundation, Needle, Rig};
@@ -84,7 +84,7 @@ pub enum ModelError {
         name: &'static str,
         /// Offending value.
         value: f64,
-        /// What is accepted.
+        /// Accepted values.
         expected: &'static str,
     },
     /// An experiment without a drive sample has no position of guide 2.
@@ -96,7 +96,7 @@ pub enum ModelError {
     /// Newton's method does not come to an end.
     #[error("the equilibrium of the needle is not found")]
     NotConverged,
-    /// What an elastic body around the needle has no model of.
+    /// Property that the model of an elastic body around the needle lacks.
     #[error("{what} is not available on an elastic body, expected tissue made of springs")]
     NotOnBody {
         /// Name of the effect or of the experiment.

@@ -155,9 +155,9 @@ pub fn bordered_tip_load_n(
     let springs = DVector::from_iterator(count, modes.iter().map(of_path));
     let factor = matrix.cholesky().ok_or(ModelError::Singular)?;
     // Every mode is 1 at the tip: 1^T Phi^-1 (w + F 1) = u_t(L).
-    let ones = DVector::from_element(count, 1.0);
+    let unit_vector = DVector::from_element(count, 1.0);
     let tip_m = path_m(length_m);
-    Ok((tip_m - factor.solve(&springs).sum()) / factor.solve(&ones).sum())
+    Ok((tip_m - factor.solve(&springs).sum()) / factor.solve(&unit_vector).sum())
 }
 
 #[cfg(test)]

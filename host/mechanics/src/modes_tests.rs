@@ -113,8 +113,8 @@ fn overlaps_match_the_reference_values() {
     for (i, row) in rows.iter().enumerate() {
         for (j, expected) in row.iter().enumerate() {
             let (a, b) = (CantileverMode::new(i + 1), CantileverMode::new(j + 1));
-            let found = integrate(0.07, 0.21, 0.02, |z| a.value(z / 0.21) * b.value(z / 0.21));
-            assert!((found - expected).abs() < 1e-15, "{i} {j}: {found}");
+            let overlap = integrate(0.07, 0.21, 0.02, |z| a.value(z / 0.21) * b.value(z / 0.21));
+            assert!((overlap - expected).abs() < 1e-15, "{i} {j}: {overlap}");
         }
     }
 }

@@ -17,11 +17,11 @@ pub struct Model {
     pub rig: Rig,
     /// The tissue: the foundation modulus K of springs, or Young's modulus E of a body.
     pub foundation: Foundation,
-    /// What the tissue is made of.
+    /// Support of the needle by the tissue.
     pub support: Support,
     /// The tip, in insertions.
     pub tip: TipLaw,
-    /// What moves and resists motion, in steering runs.
+    /// Drive and resistance of the motion, in steering runs.
     pub dynamics: Option<Dynamics>,
     /// Effects with the values of their parameters, applied in this order.
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
@@ -113,7 +113,7 @@ impl Model {
         Ok(problem)
     }
 
-    /// How far the needle stays behind guide 2 as it is commanded: clearance and play, m.
+    /// Largest lag of the needle behind guide 2 as it is commanded: clearance and play, m.
     pub fn clearance_m(&self) -> f64 {
         let mut drive = Drive::default();
         self.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
@@ -143,7 +143,7 @@ pub enum Plane {
     X,
 }
 
-/// What was done, without any measured answer in it.
+/// Conditions of an experiment, without any measured answer in it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Experiment {
     /// Guide 2 moved sideways at a fixed depth.
@@ -211,7 +211,7 @@ pub struct ShapePoint {
     pub time_s: f64,
     /// Position along the needle from guide 1.
     pub z_m: f64,
-    /// How its image was taken, where that is known.
+    /// Image of the point, if it is known.
     pub image: Option<ShapeImage>,
 }
 
@@ -222,7 +222,7 @@ impl ShapePoint {
     }
 }
 
-/// How the image of a point of the shape was taken.
+/// Conditions under which a point of the shape was imaged.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShapeImage {
     /// Direction in which the beam leaves the probe, in the plane across the needle: from the horizontal x towards y, rad.
@@ -248,7 +248,8 @@ pub struct Series {
     pub x: Option<Vec<f64>>,
 }
 
-/// What the sensors read, predicted or measured: one value per drive sample, shape point or depth.
+/// Readings of the sensors, predicted or measured: one value per drive sample, shape point or
+/// depth.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channels {
     /// Displacement of guide 2 at every drive sample.
@@ -280,7 +281,7 @@ impl Channels {
     }
 }
 
-/// What every sensor should read in `experiment` if `model` is right.
+/// Expected reading of every sensor in `experiment` if `model` is right.
 ///
 /// Order: beam and drive, stress-free curvature, solve, map position, observe; effects of one kind in the order of the model's list.
 ///
@@ -357,7 +358,7 @@ fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Resu
     let mut law = model.tip.clone();
     model.effects.iter().for_each(|(effect, values)| effect.tip(values, &conditions, &mut law));
     let curvature_per_m = model.curvature_per_m();
-    // What the frame gives is part of the beam problem here.
+    // The compliance of the frame is part of the beam problem here.
     let inserted = inserted.through_clearance(model.clearance_m());
     let insertion::Tip { position_m, direction_rad } =
         insertion::tip(&problems, &law, curvature_per_m, &inserted, cache)?;

@@ -22,7 +22,7 @@ pub struct PreparedNeedle<'a> {
     drive: Drive,
     prestress: Prestress,
     places: Places,
-    /// How every point was imaged; empty where no effect depends on it.
+    /// Image of every point; empty if no effect depends on it.
     images: Vec<Option<ShapeImage>>,
     needles: Needles,
     /// Whether the horizontal plane is predicted too.
@@ -37,12 +37,12 @@ pub struct PreparedNeedle<'a> {
     cache: Option<&'a Cache>,
 }
 
-/// What will be done with a prepared needle and measured of it.
+/// Planned motion and measurements of a prepared needle.
 #[derive(Debug, Clone, Copy)]
 pub struct ObservationPlan<'a> {
     /// When and where its shape is measured.
     pub shape: &'a [ShapePoint],
-    /// How far guide 2 goes in each plane.
+    /// Largest displacement of guide 2 in each plane.
     pub most_m: [f64; 2],
     /// Planes that are measured: 1, the vertical one, or 2.
     pub planes: usize,
@@ -67,14 +67,14 @@ impl<'a> PreparedNeedle<'a> {
         model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
         let conditions = Conditions { depth_m, order };
         let problems = Problems::of(&model, &conditions)?;
-        let places = Places::of(&model, &conditions, shape);
+        let shape_places = Places::of(&model, &conditions, shape);
         let is_needed = model.effects.iter().any(|(effect, _)| effect.needs_images());
         let images = shape.iter().filter(|_| is_needed).map(|point| point.image).collect();
         let has_places = model.effects.iter().any(|(effect, _)| effect.needs_places());
         let shape = if has_places { shape.to_vec() } else { Vec::new() };
-        let needles = Needles::new(&problems, Shifts::move_tissue(&model), most_m, &places.z_m, cache)?;
+        let needles = Needles::new(&problems, Shifts::move_tissue(&model), most_m, &shape_places.z_m, cache)?;
         // An effect may bring what happens in one plane into the other.
-        let both = planes > 1 || !model.effects.is_empty();
+        let is_biplanar = planes > 1 || !model.effects.is_empty();
         Ok(Self {
             prestress: Prestress::of(&model, [&problems.y, problems.x()]),
             needles,
@@ -82,15 +82,15 @@ impl<'a> PreparedNeedle<'a> {
             conditions,
             shape,
             cache,
-            places,
+            places: shape_places,
             images,
-            both,
+            both: is_biplanar,
             reversal_m,
             model,
         })
     }
 
-    /// What the sensors should read under this commanded motion of guide 2, in increasing time.
+    /// Expected readings of the sensors under this commanded motion of guide 2, in increasing time.
     ///
     /// # Errors
     /// [`ModelError::NoDrive`] where there are shape points but no drive sample; as [`BeamProblem::solve`] where tissue stiffens and
@@ -175,13 +175,13 @@ impl<'a> PreparedNeedle<'a> {
         let mut motion = match Shifts::of(&self.model, context, plane) {
             None => respond(commanded_m),
             Some(shifts) => {
-                let held = Held {
+                let held_force = Held {
                     stiffness_n_per_m: needle.response.stiffness_n_per_m(),
                     compliance_m_per_n,
                     carried: needle.carried.as_ref(),
                     is_linear: varied.is_none() && needle.response.is_linear() && self.drive.is_linear(),
                 };
-                let (mut motion, tissue_m) = shifts.moved(commanded_m, &held, respond);
+                let (mut motion, tissue_m) = shifts.moved(commanded_m, &held_force, respond);
                 if let Some(carried) = &needle.carried {
                     motion.coefficients.extend(tissue_m);
                     weights.to_mut().extend(&carried.weights);
@@ -192,17 +192,18 @@ impl<'a> PreparedNeedle<'a> {
         let Places { z_m, frames } = &self.places;
         let mut shape_m = Vec::with_capacity(frames.iter().map(|frame| frame.places.len()).sum());
         for ShapeFrame { time_s, places } in frames {
-            let (between, share) = place_in(times_s, *time_s)?;
+            let (interval, fraction) = place_in(times_s, *time_s)?;
             let first = shape_m.len();
             self.prestress.add_deflections_m(plane, &z_m[places.clone()], &mut shape_m);
-            for (coefficient, weights) in motion.between(between, share).zip(weights.chunks_exact(z_m.len()))
+            for (coefficient, weights) in
+                motion.between(interval, fraction).zip(weights.chunks_exact(z_m.len()))
             {
                 let moved_m = shape_m[first..].iter_mut().zip(&weights[places.clone()]);
                 moved_m.for_each(|(at_m, weight)| *at_m += coefficient * weight);
             }
         }
-        let rest_n = self.prestress.force_n(plane);
-        motion.force_n.iter_mut().for_each(|force_n| *force_n += rest_n);
+        let prestress_n = self.prestress.force_n(plane);
+        motion.force_n.iter_mut().for_each(|force_n| *force_n += prestress_n);
         Ok((motion.force_n, shape_m))
     }
 }
@@ -229,16 +230,16 @@ impl PreparedNeedle<'_> {
 /// The needle in each plane, as it is to be solved.
 struct Problems {
     y: BeamProblem,
-    /// Where something sets the planes apart.
+    /// Second problem, if the planes differ.
     x: Option<BeamProblem>,
 }
 
 impl Problems {
     fn of(model: &Model, conditions: &Conditions) -> Result<Self, ModelError> {
         let y = model.problem_under(Plane::Y, conditions)?;
-        let turned = model.support.block().is_some_and(|block| block != block.turned());
-        let same = model.effects.is_empty() && !model.rig.has_one_guide() && !turned;
-        let x = if same { None } else { Some(model.problem_under(Plane::X, conditions)?) };
+        let block_differs = model.support.block().is_some_and(|block| block != block.turned());
+        let planes_agree = model.effects.is_empty() && !model.rig.has_one_guide() && !block_differs;
+        let x = if planes_agree { None } else { Some(model.problem_under(Plane::X, conditions)?) };
         Ok(Self { x: x.filter(|x| *x != y), y })
     }
 
@@ -252,7 +253,7 @@ pub(super) fn most_m(drive: &[DriveSample]) -> [f64; 2] {
     drive.iter().fold([0.0; 2], |[y_m, x_m], sample| [sample.y_m.abs().max(y_m), sample.x_m.abs().max(x_m)])
 }
 
-/// Where the points of a shape are measured, frame by frame.
+/// Positions at which a shape is measured, frame by frame.
 #[derive(Debug, Clone, Default)]
 struct Places {
     /// The same places are here once as long as frame after frame shows them.
@@ -260,7 +261,7 @@ struct Places {
     frames: Vec<ShapeFrame>,
 }
 
-/// What is measured of the needle at one time.
+/// Measurements of the needle at one time.
 #[derive(Debug, Clone)]
 struct ShapeFrame {
     time_s: f64,
@@ -271,12 +272,12 @@ struct ShapeFrame {
 impl Places {
     fn of(model: &Model, conditions: &Conditions, shape: &[ShapePoint]) -> Self {
         let entry_m = model.rig.entry_m;
-        let mut all = Self { z_m: Vec::with_capacity(shape.len()), frames: Vec::new() };
+        let mut shape_places = Self { z_m: Vec::with_capacity(shape.len()), frames: Vec::new() };
         for frame in shape.chunk_by(|a, b| a.time_s == b.time_s) {
-            let first = all.z_m.len();
-            all.z_m.extend(frame.iter().map(|point| point.z_m));
+            let first = shape_places.z_m.len();
+            shape_places.z_m.extend(frame.iter().map(|point| point.z_m));
             if !model.effects.is_empty() {
-                for (point, z_m) in frame.iter().zip(&mut all.z_m[first..]) {
+                for (point, z_m) in frame.iter().zip(&mut shape_places.z_m[first..]) {
                     let mut measured = *point;
                     model.effects.iter().for_each(|(effect, values)| {
                         effect.map_position(values, entry_m, conditions, &mut measured);
@@ -284,15 +285,19 @@ impl Places {
                     *z_m = measured.z_m;
                 }
             }
-            let mut places = first..all.z_m.len();
-            let before = all.frames.last().map(|before| before.places.clone());
-            if let Some(before) = before.filter(|before| all.z_m[before.clone()] == all.z_m[first..]) {
-                all.z_m.truncate(first);
-                places = before;
+            let mut frame_places = first..shape_places.z_m.len();
+            let previous_places = shape_places.frames.last().map(|before| before.places.clone());
+            if let Some(same_places) = previous_places.filter(|previous_places| {
+                shape_places.z_m[previous_places.clone()] == shape_places.z_m[first..]
+            }) {
+                shape_places.z_m.truncate(first);
+                frame_places = same_places;
             }
-            all.frames.extend(frame.first().map(|point| ShapeFrame { time_s: point.time_s, places }));
+            shape_places
+                .frames
+                .extend(frame.first().map(|point| ShapeFrame { time_s: point.time_s, places: frame_places }));
         }
-        all
+        shape_places
     }
 }
 
@@ -300,9 +305,10 @@ impl Places {
 #[derive(Debug, Clone)]
 struct Needles {
     y: Needle,
-    /// Where something sets the planes apart.
+    /// Second needle, if the planes differ.
     x: Option<Needle>,
-    /// How far these are good for in each plane; nothing where no displacement changes them.
+    /// Largest displacement for which these are valid in each plane; `None` if no displacement
+    /// changes them.
     most_m: Option<[f64; 2]>,
 }
 
@@ -310,7 +316,7 @@ struct Needles {
 #[derive(Debug, Clone)]
 struct Needle {
     response: Arc<Response>,
-    /// What the coefficients of a motion weigh at every place, coefficient by coefficient.
+    /// Weights of a motion's coefficients at every position, coefficient by coefficient.
     weights: Vec<f64>,
     /// Its answer to a motion of the tissue; nothing if no law moves it.
     carried: Option<Carried>,
@@ -381,8 +387,13 @@ mod tests {
 
     /// Three frames: two of the same places, one of others.
     fn shape() -> Vec<ShapePoint> {
-        let at = |time_s: f64, all_m: [f64; 3]| all_m.map(|z_m| ShapePoint::new(time_s, z_m));
-        [at(0.5, [0.08, 0.09, 0.1]), at(1.0, [0.08, 0.09, 0.1]), at(1.5, [0.075, 0.09, 0.1])].concat()
+        let interpolated = |time_s: f64, all_m: [f64; 3]| all_m.map(|z_m| ShapePoint::new(time_s, z_m));
+        [
+            interpolated(0.5, [0.08, 0.09, 0.1]),
+            interpolated(1.0, [0.08, 0.09, 0.1]),
+            interpolated(1.5, [0.075, 0.09, 0.1]),
+        ]
+        .concat()
     }
 
     fn prepared(model: &Model, most_m: f64, planes: usize) -> PreparedNeedle<'_> {
@@ -399,9 +410,12 @@ mod tests {
     #[test]
     fn places_measured_again_are_stored_once() {
         let model = model(&[]);
-        let places = prepared(&model, 1e-3, 2).places;
-        assert_eq!(places.z_m, [0.08, 0.09, 0.1, 0.075, 0.09, 0.1]);
-        assert_eq!(places.frames.iter().map(|p| p.places.clone()).collect::<Vec<_>>(), [0..3, 0..3, 3..6]);
+        let shape_places = prepared(&model, 1e-3, 2).places;
+        assert_eq!(shape_places.z_m, [0.08, 0.09, 0.1, 0.075, 0.09, 0.1]);
+        assert_eq!(
+            shape_places.frames.iter().map(|p| p.places.clone()).collect::<Vec<_>>(),
+            [0..3, 0..3, 3..6]
+        );
     }
 
     #[test]
@@ -424,10 +438,10 @@ mod tests {
     #[test]
     fn one_plane_is_the_first_of_two() {
         let (model, commanded) = (model(&[]), commanded(&[[0.0, 0.0], [1.0, 0.3]]));
-        let [one, two] =
+        let [one_plane, two] =
             [1, 2].map(|planes| prepared(&model, 1e-3, planes).moved(&commanded).expect("moves"));
-        assert_eq!((&one.force_n.y, &one.shape_m.y), (&two.force_n.y, &two.shape_m.y));
-        assert_eq!((one.force_n.x, two.force_n.x.map(|x| x.len())), (None, Some(2)));
+        assert_eq!((&one_plane.force_n.y, &one_plane.shape_m.y), (&two.force_n.y, &two.shape_m.y));
+        assert_eq!((one_plane.force_n.x, two.force_n.x.map(|x| x.len())), (None, Some(2)));
     }
 
     /// Crosstalk brings the horizontal force into the vertical one, whether the horizontal plane is measured or not.
@@ -437,12 +451,13 @@ mod tests {
         let values: Vec<f64> = crosstalk.parameters().iter().map(|_| 0.1).collect();
         let (model, commanded) =
             (model(&[("sensor.crosstalk", &values)]), commanded(&[[0.0, 0.0], [1.0, 0.3]]));
-        let [one, two] =
+        let [one_plane, two] =
             [1, 2].map(|planes| prepared(&model, 1e-3, planes).moved(&commanded).expect("moves"));
-        assert_eq!(one, two);
+        assert_eq!(one_plane, two);
     }
 
-    /// Where tissue stiffens the needle is solved for the planned displacement, and again for any larger one.
+    /// If the tissue stiffens, the needle is solved for the planned displacement, and again for any larger
+    /// one.
     #[test]
     fn a_larger_displacement_than_planned_is_no_extrapolation() {
         let model = model(&[("tissue.stiffening", &[0.5])]);

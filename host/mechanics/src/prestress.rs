@@ -62,19 +62,21 @@ impl Plane {
     }
 
     fn deflection_m(&self, z_m: f64) -> f64 {
-        let beyond_m = (z_m - self.guide2_m).max(0.0);
-        let [at_m, slope] = self.before_guide2(z_m.min(self.guide2_m));
-        at_m + slope * beyond_m + 0.5 * self.curvature_per_m * beyond_m * beyond_m
+        let beyond_guide_m = (z_m - self.guide2_m).max(0.0);
+        let [guide_deflection_m, slope] = self.before_guide2(z_m.min(self.guide2_m));
+        guide_deflection_m
+            + slope * beyond_guide_m
+            + 0.5 * self.curvature_per_m * beyond_guide_m * beyond_guide_m
     }
 
     /// Deflection and slope between guide 1 and guide 2.
     fn before_guide2(&self, z: f64) -> [f64; 2] {
         let Self { curvature_per_m: kappa, stiffness_n_m2: ei, guide2_m: c, force_n: f, .. } = *self;
-        let turned = self.clamp_rad_per_n_m * f * c;
+        let clamp_rotation = self.clamp_rad_per_n_m * f * c;
         let bent = f / ei;
         [
-            turned * z + 0.5 * kappa * z * z + bent * (0.5 * c * z * z - z * z * z / 6.0),
-            turned + kappa * z + bent * (c * z - 0.5 * z * z),
+            clamp_rotation * z + 0.5 * kappa * z * z + bent * (0.5 * c * z * z - z * z * z / 6.0),
+            clamp_rotation + kappa * z + bent * (c * z - 0.5 * z * z),
         ]
     }
 }

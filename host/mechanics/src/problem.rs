@@ -1,9 +1,9 @@
-//! What a needle in tissue is: geometry, stiffness and supports.
+//! Needle in tissue: geometry, stiffness and supports.
 
 use super::terms::ActingLaw;
 use super::{Foundation, ModelError, Rig, Support, check};
 
-/// What is solved: geometry, stiffness and supports of the needle in the tissue.
+/// Problem that is solved: geometry, stiffness and supports of the needle in the tissue.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BeamProblem {
     /// Bending stiffness of the needle.
@@ -18,9 +18,9 @@ pub struct BeamProblem {
     pub only_guide: bool,
     /// Rotation of the needle in guide 1, or in its only guide, per moment; 0 is a perfect clamp.
     pub clamp_compliance_rad_per_n_m: f64,
-    /// How far the frame that carries guide 2 gives per force on it, where guide 2 holds the needle during an insertion
-    /// ([`GrowingBeam`](super::growth::GrowingBeam)). Per unit force at guide 2 ([`BeamProblem::solve`]) it makes no difference; lateral runs
-    /// have it in series with the needle ([`Drive`](super::Drive)).
+    /// Compliance of the frame that carries guide 2, if guide 2 holds the needle during an insertion
+    /// ([`GrowingBeam`](super::growth::GrowingBeam)). Per unit force at guide 2 ([`BeamProblem::solve`]) it makes no
+    /// difference; lateral runs have it in series with the needle ([`Drive`](super::Drive)).
     pub guide2_compliance_m_per_n: f64,
     /// Compressive axial load of the needle, P: energy `-P/2 int_0^L u'^2`.
     pub axial_load_n: f64,
@@ -30,13 +30,13 @@ pub struct BeamProblem {
     pub skin_n_per_m: f64,
     /// The tissue: K of springs, or E of a body.
     pub foundation: Foundation,
-    /// What the tissue is made of.
+    /// Support of the needle by the tissue.
     pub support: Support,
     /// Radius of the needle, on which the stiffness of a body depends.
     pub radius_m: f64,
-    /// How a body gives as a whole, or is held by its walls.
+    /// Motion of a body as a whole, or its support by walls.
     pub give: Give,
-    /// What the tissue does beyond a linear spring; [`BeamProblem::solve`] leaves it out.
+    /// Departure of the tissue from a linear spring; [`BeamProblem::solve`] leaves it out.
     pub law: TissueLaw,
     /// Laws that act on the reaction of the tissue in lateral runs; [`BeamProblem::solve`] leaves it out.
     pub reaction: Vec<ActingLaw>,
@@ -44,8 +44,8 @@ pub struct BeamProblem {
     pub stiffness: Vec<ActingLaw>,
 }
 
-/// What walls far from the needle do to all of it alike: the tissue around it moves by `per_m F/E` per lateral force F and turns about a depth.
-/// Springs have no walls.
+/// Uniform effect of walls far from the needle: the tissue around it moves by `per_m F/E` per lateral force F and turns
+/// about a depth. Springs have no walls.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Give {
     /// Displacement of the tissue around the needle per force, times Young's modulus, at the surface: negative where a box holds it.
@@ -59,7 +59,7 @@ impl Give {
     pub const NONE: Self = Self { per_m: 0.0, turn_per_m: 0.0 };
 }
 
-/// How the tissue departs from a linear spring.
+/// Departure of the tissue from a linear spring.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TissueLaw {
     /// Stiffening, `1/u0`: the reaction is `K u (1 + (u/u0)^2)`.

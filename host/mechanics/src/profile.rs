@@ -12,11 +12,11 @@ impl Profile {
     /// # Errors
     /// [`ModelError::OutOfRange`] for depths that decrease or values that are not finite.
     pub fn new(knots: Vec<[f64; 2]>) -> Result<Self, ModelError> {
-        let mut before_m = f64::NEG_INFINITY;
+        let mut previous_m = f64::NEG_INFINITY;
         for [depth_m, value] in &knots {
-            check("depth_m", *depth_m, "depths that do not decrease", *depth_m >= before_m)?;
+            check("depth_m", *depth_m, "depths that do not decrease", *depth_m >= previous_m)?;
             check("value", *value, "a finite number", true)?;
-            before_m = *depth_m;
+            previous_m = *depth_m;
         }
         Ok(Self(knots))
     }
@@ -34,28 +34,28 @@ impl Profile {
         }
     }
 
-    /// What follows this one through a clearance on either side (the play operator): it stays where it is, at first at 0, until one
-    /// side of the clearance takes it along. Jumps too go through it, one after the other.
+    /// Motion that follows this one through a clearance on either side (the play operator): it stays where it is, at
+    /// first at 0, until one side of the clearance takes it along. Jumps too go through it, one after the other.
     pub fn through_clearance(&self, clearance: f64) -> Self {
         if clearance.is_nan() || clearance <= 0.0 {
             return self.clone();
         }
         let mut followed = 0.0_f64;
         let mut knots: Vec<[f64; 2]> = Vec::with_capacity(self.0.len());
-        let mut from: Option<[f64; 2]> = None;
+        let mut previous_point: Option<[f64; 2]> = None;
         for [depth_m, value] in &self.0 {
             let taken_to = followed.clamp(value - clearance, value + clearance);
-            if let Some([from_m, from]) = from.filter(|_| taken_to != followed) {
-                // Where the clearance is taken up on the way here.
+            if let Some([previous_m, previous_value]) = previous_point.filter(|_| taken_to != followed) {
+                // Point of the motion at which the clearance is taken up.
                 let touching = followed + clearance.copysign(taken_to - followed);
-                let share = (touching - from) / (value - from);
-                if share > 0.0 && from_m < *depth_m {
-                    knots.push([from_m + share.min(1.0) * (depth_m - from_m), followed]);
+                let fraction = (touching - previous_value) / (value - previous_value);
+                if fraction > 0.0 && previous_m < *depth_m {
+                    knots.push([previous_m + fraction.min(1.0) * (depth_m - previous_m), followed]);
                 }
             }
             followed = taken_to;
             knots.push([*depth_m, followed]);
-            from = Some([*depth_m, *value]);
+            previous_point = Some([*depth_m, *value]);
         }
         Self(knots)
     }
@@ -111,15 +111,15 @@ mod tests {
         assert_eq!(followed, Profile(expected.to_vec()));
         assert_eq!([5.0, 14.0].map(|m| followed.before(m)), [1.5, -0.5]);
         // A jump to 2 is followed to 1.5; from there a ramp down takes along what follows only below 1.
-        let turned = through(&[[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [5.0, 0.0]], 0.5);
-        assert_eq!(turned.0, [[0.0, 0.0], [1.0, 0.0], [1.0, 1.5], [3.0, 1.5], [5.0, 0.5]]);
+        let followed_motion = through(&[[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [5.0, 0.0]], 0.5);
+        assert_eq!(followed_motion.0, [[0.0, 0.0], [1.0, 0.0], [1.0, 1.5], [3.0, 1.5], [5.0, 0.5]]);
     }
 
     #[test]
     fn motion_within_the_clearance_moves_nothing() {
-        let within = through(&[[0.0, 0.1], [1.0, -0.4], [1.0, 0.4], [2.0, 0.0]], 0.5);
-        assert!(within.values().all(|value| value == 0.0) && within.jumps_m().count() == 1);
-        // What stands beside zero from the first has taken up its clearance before.
+        let followed_motion = through(&[[0.0, 0.1], [1.0, -0.4], [1.0, 0.4], [2.0, 0.0]], 0.5);
+        assert!(followed_motion.values().all(|value| value == 0.0) && followed_motion.jumps_m().count() == 1);
+        // A value that is beside zero from the first has taken up its clearance before.
         assert_eq!(through(&[[0.0, 2.0]], 0.5).0, [[0.0, 1.5]]);
         assert_eq!(through(&[], 0.5), Profile::default());
     }

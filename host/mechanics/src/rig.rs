@@ -1,4 +1,4 @@
-//! What is known about the hardware: the needle and where the guides and the tissue are.
+//! Parameters of the hardware: the needle and where the guides and the tissue are.
 
 use super::unknowns::{Unknown, rig, tissue};
 use super::{ModelError, check};
@@ -17,9 +17,9 @@ pub struct Needle {
     pub bevel_angle_rad: Option<f64>,
     /// Length of the whole needle, where known.
     pub length_m: Option<f64>,
-    /// Whether modulus and diameters are those of the needle. Where they are not, they are those of a reference needle: shapes and paths
-    /// determine no more than the ratio of the foundation's modulus to the bending stiffness, `K/(E I)`, and every modulus and force
-    /// that is computed refers to the bending stiffness of the reference.
+    /// Whether modulus and diameters are those of the needle. If they are not known, they are those of a reference
+    /// needle: shapes and paths determine no more than the ratio of the foundation's modulus to the bending stiffness,
+    /// `K/(E I)`, and every modulus and force that is computed refers to the bending stiffness of the reference.
     pub stiffness_known: bool,
 }
 
@@ -42,7 +42,7 @@ impl Needle {
     }
 }
 
-/// What holds the needle outside the tissue.
+/// Mounting of the needle outside the tissue.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Guides {
     /// Guide 1, in which the needle is clamped, and the actuated guide 2.
@@ -66,23 +66,23 @@ pub struct Rig {
     pub guide2_m: f64,
     /// Position of the tissue surface; not before guide 2.
     pub entry_m: f64,
-    /// What holds the needle.
+    /// Mounting of the needle.
     pub guides: Guides,
-    /// How well all this is known.
+    /// Uncertainty of these parameters.
     pub tolerances: Tolerances,
 }
 
-/// How well what is stated of a rig is known, as standard deviations; what is not stated has that of a rule or a caliper in the hands
-/// of a careful person.
+/// Standard deviations of the statements about a rig; without a statement they are those of a rule or a caliper in the
+/// hands of a careful person.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tolerances {
-    /// Of the position of guide 2 from guide 1.
+    /// Standard deviation of the position of guide 2 from guide 1.
     pub guide2_m: Option<f64>,
-    /// Of the position of the tissue surface.
+    /// Standard deviation of the position of the tissue surface.
     pub entry_m: Option<f64>,
-    /// Of the outer diameter of the needle.
+    /// Standard deviation of the outer diameter of the needle.
     pub outer_diameter_m: Option<f64>,
-    /// Of the inner diameter of the needle.
+    /// Standard deviation of the inner diameter of the needle.
     pub inner_diameter_m: Option<f64>,
 }
 
@@ -102,11 +102,11 @@ impl Tolerances {
     pub fn stiffness_sd_ln(&self, needle: &Needle) -> f64 {
         let Needle { outer_diameter_m: outer_m, inner_diameter_m: inner_m, .. } = *needle;
         let section = outer_m.powi(4) - inner_m.powi(4);
-        let of = |diameter_m: f64, stated: Option<f64>, unknown: Unknown| {
+        let variance_of = |diameter_m: f64, stated: Option<f64>, unknown: Unknown| {
             4.0 * diameter_m.powi(3) / section * stated.unwrap_or(unknown.sd())
         };
-        let outer = of(outer_m, self.outer_diameter_m, rig::OUTER_DIAMETER);
-        let inner = of(inner_m, self.inner_diameter_m, rig::INNER_DIAMETER);
+        let outer = variance_of(outer_m, self.outer_diameter_m, rig::OUTER_DIAMETER);
+        let inner = variance_of(inner_m, self.inner_diameter_m, rig::INNER_DIAMETER);
         outer.hypot(inner).hypot(rig::YOUNGS_MODULUS.sd())
     }
 }
@@ -158,8 +158,9 @@ impl Rig {
         }
     }
 
-    /// How far the needle turns per moment where the beam begins, rad/(N m), vertical (0) or horizontal (1): nothing in a clamp. Where a
-    /// rear is not known it is taken as one that does not turn; what it gives is `rig.rear_rotation` of the effects.
+    /// Rotation of the needle per moment at the beginning of the beam, rad/(N m), vertical (0) or horizontal (1):
+    /// nothing in a clamp. An unknown rear is taken as one that does not turn; its rotation is
+    /// `rig.rear_rotation` of the effects.
     pub fn rear_compliance_rad_per_n_m(&self, plane: usize) -> f64 {
         match self.guides {
             Guides::Two => 0.0,

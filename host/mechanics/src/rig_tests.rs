@@ -38,8 +38,8 @@ fn a_needle_on_one_spring_is_three_springs_in_series() {
         let mut problem = BeamProblem::new(&rig([stiffness; 2]), Foundation::none(), 0.02);
         problem.skin_n_per_m = 400.0;
         let ei = problem.bending_stiffness_n_m2;
-        let turned = stiffness.map_or(0.0, |k| GAP_M * GAP_M / k);
-        let expected_n_per_m = 1.0 / (1.0 / 400.0 + GAP_M.powi(3) / (3.0 * ei) + turned);
+        let rear_compliance = stiffness.map_or(0.0, |k| GAP_M * GAP_M / k);
+        let expected_n_per_m = 1.0 / (1.0 / 400.0 + GAP_M.powi(3) / (3.0 * ei) + rear_compliance);
         let beam = problem.solve().expect("solves");
         assert_close(beam.lateral_stiffness_n_per_m(), expected_n_per_m, 1e-9);
         assert_close(beam.deflection_m(1e-3, 0.0), 1e-3, 1e-12);
@@ -66,9 +66,9 @@ fn three_solvers_agree_on_one_guide() {
             let beam = problem.solve().expect("solves");
             let elements = Elements::new(&problem, 0.5e-3).expect("cut");
             let springs = &problem.foundation;
-            let held = elements.solve(springs, |_| 0.0, Guide2::Held(1e-3), 0.0).expect("solves");
-            assert_close(held.guide2_force_n, beam.force_n(1e-3), 1e-5);
-            assert_close(held.deflection_m(tip_m), beam.deflection_m(1e-3, tip_m), 1e-4);
+            let held_solution = elements.solve(springs, |_| 0.0, Guide2::Held(1e-3), 0.0).expect("solves");
+            assert_close(held_solution.guide2_force_n, beam.force_n(1e-3), 1e-5);
+            assert_close(held_solution.deflection_m(tip_m), beam.deflection_m(1e-3, tip_m), 1e-4);
             let pushed = elements.solve(springs, |_| 0.0, Guide2::Force(0.3), 0.0).expect("solves");
             assert_close(pushed.deflection_m(0.0), 0.3 * beam.guide2_force().deflection_m(0.0), 1e-5);
 
@@ -117,10 +117,14 @@ fn one_guide_goes_through_the_forward_model() {
     let mut softer = model([Some(5.0), None]);
     softer.effects.push((effect("rig.rear_rotation").expect("an effect"), vec![0.3, 5.0]));
     let softer = run(&softer);
-    let other = run(&model([Some(2.0), Some(0.2)]));
+    let horizontal = run(&model([Some(2.0), Some(0.2)]));
     for i in 0..3 {
-        assert_close(softer.tip_m.y[i], other.tip_m.y[i], 1e-9);
-        assert_close(softer.tip_m.x.as_ref().expect("x")[i], other.tip_m.x.as_ref().expect("x")[i], 1e-9);
+        assert_close(softer.tip_m.y[i], horizontal.tip_m.y[i], 1e-9);
+        assert_close(
+            softer.tip_m.x.as_ref().expect("x")[i],
+            horizontal.tip_m.x.as_ref().expect("x")[i],
+            1e-9,
+        );
     }
     // Lateral runs: both planes by their own stiffness.
     let drive = vec![DriveSample { time_s: 0.0, y_m: 1e-3, x_m: 1e-3 }];

@@ -17,14 +17,14 @@ const MAX_ROOTS: [f64; GROUPS - 1] = [0.0, 2e-13, 2.6e-5, 2.3e-2, 0.91];
 /// Coefficients of a solution, two by two, as the recursion gives them.
 pub(crate) type Series = [[f64; 2]; TERMS / 2];
 
-/// What the equation of a piece of length h is in `x`.
+/// Equation of a piece of length h in terms of `x`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Equation {
     /// t, `K h^4 / EI`.
     pub modulus: f64,
     /// a, `(P - G) h^2 / EI`.
     pub axial: f64,
-    /// How many groups of terms count.
+    /// Number of groups of terms that count.
     pub groups: usize,
 }
 
@@ -60,13 +60,13 @@ impl Equation {
     /// The solution that starts with a value and three derivatives; to zeros.
     pub fn expand(self, start: [f64; 4], series: &mut Series) {
         let [value, slope, second, third] = start;
-        let mut before = [value, slope];
+        let mut preceding = [value, slope];
         let mut last = [second / 2.0, third / 6.0];
-        (series[0], series[1]) = (before, last);
+        (series[0], series[1]) = (preceding, last);
         for (pair, to) in series.iter_mut().enumerate().take(2 * self.groups).skip(2) {
             let n = 2 * pair - 4;
-            *to = std::array::from_fn(|i| self.next(n + i, before[i], last[i]));
-            (before, last) = (last, *to);
+            *to = std::array::from_fn(|i| self.next(n + i, preceding[i], last[i]));
+            (preceding, last) = (last, *to);
         }
     }
 }
@@ -74,8 +74,8 @@ impl Equation {
 /// Values of a series at places that lie in its piece, several at once where the processor can: the same numbers on all of them, as
 /// nothing is summed in another order.
 pub(super) fn values(series: &Series, start_m: f64, per_m: f64, z_m: &[f64], values: &mut [f64]) {
-    let Some(([[a, b], [c, d]], rest)) = series.split_first_chunk() else { return };
-    if rest.as_flattened().iter().all(|term| *term == 0.0) {
+    let Some(([[a, b], [c, d]], tail)) = series.split_first_chunk() else { return };
+    if tail.as_flattened().iter().all(|term| *term == 0.0) {
         // In the open it is a cubic.
         for (at, z_m) in values.iter_mut().zip(z_m) {
             let x = (z_m - start_m) * per_m;
@@ -139,13 +139,13 @@ const fn falling(n: usize, order: usize) -> f64 {
     factor
 }
 
-/// What derivatives of order 0 to 3 at x = 1 make of the terms n and n + 2, n = 3, 7 and so on.
+/// Derivatives of order 0 to 3 at x = 1 of the terms n and n + 2, n = 3, 7 and so on.
 const DERIVED: [[[f64; 2]; 4]; GROUPS] = {
     let mut factors = [[[0.0; 2]; 4]; GROUPS];
     let mut i = 0;
     while i < 8 * GROUPS {
-        let (group, order, which) = (i / 8, i / 2 % 4, i % 2);
-        factors[group][order][which] = falling(4 * group + 3 + 2 * which, order);
+        let (group, order, term) = (i / 8, i / 2 % 4, i % 2);
+        factors[group][order][term] = falling(4 * group + 3 + 2 * term, order);
         i += 1;
     }
     factors

@@ -17,7 +17,7 @@ use nalgebra::{DMatrix, DVector};
 /// Density of steel, of which needles are made.
 pub const STEEL_KG_PER_M3: f64 = 7850.0;
 
-/// What the moving needle needs beyond rig and foundation.
+/// Parameters of the moving needle beyond rig and foundation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dynamics {
     /// Length of the needle from the fixture that holds it to its tip.
@@ -68,7 +68,7 @@ impl Dynamics {
     }
 }
 
-/// What moves the base.
+/// Drive of the base.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BaseDrive {
     /// A lateral force at each time, linear between, N.
@@ -88,11 +88,11 @@ pub struct Steering {
     pub time_s: Vec<f64>,
     /// Insertion depth at each time, not decreasing; linear between.
     pub depth_m: Vec<f64>,
-    /// What moves the base.
+    /// Drive of the base.
     pub drive: BaseDrive,
 }
 
-/// What the sensors of a steering run read at each time.
+/// Readings of the sensors of a steering run at each time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SteeringChannels {
     /// Lateral position of the base.
@@ -142,8 +142,8 @@ impl MovingNeedle {
         let factors = functions.factors(&modes);
         let total_kg = dynamics.moving_mass_kg();
         let diagonal = |first: f64, others: fn(&FreeMode) -> f64| {
-            let all = std::iter::once(first).chain(modes.iter().map(others));
-            DMatrix::from_diagonal(&DVector::from_iterator(1 + modes.len(), all))
+            let all_modes = std::iter::once(first).chain(modes.iter().map(others));
+            DMatrix::from_diagonal(&DVector::from_iterator(1 + modes.len(), all_modes))
         };
         let count = 1 + modes.len();
         let mut moving = Self {
@@ -176,9 +176,9 @@ impl MovingNeedle {
 
     /// Carries springs and dampers to a greater depth.
     fn insert(&mut self, depth_m: f64) {
-        let from_m = self.depth_m;
-        self.springs.advance(from_m, depth_m, self.stiffness.parts_between(from_m, depth_m));
-        self.dampers.advance(from_m, depth_m, self.damping.parts_between(from_m, depth_m));
+        let old_depth_m = self.depth_m;
+        self.springs.advance(old_depth_m, depth_m, self.stiffness.parts_between(old_depth_m, depth_m));
+        self.dampers.advance(old_depth_m, depth_m, self.damping.parts_between(old_depth_m, depth_m));
         self.depth_m = depth_m;
     }
 
@@ -230,12 +230,12 @@ impl MovingNeedle {
         self.depth_m
     }
 
-    /// Where the base is, from where it started.
+    /// Displacement of the base from its start.
     pub fn base_m(&self) -> f64 {
         self.base.dot(&self.position)
     }
 
-    /// Where the tip is, from where it started.
+    /// Displacement of the tip from its start.
     pub fn tip_m(&self) -> f64 {
         self.tip.dot(&self.position)
     }
@@ -274,7 +274,7 @@ impl BaseForce {
     }
 }
 
-/// What the sensors of a steering run read.
+/// Readings of the sensors of a steering run.
 ///
 /// # Errors
 /// [`ModelError::OutOfRange`] where series differ in length, time or depth goes back, or the needle is too short;
@@ -290,8 +290,13 @@ pub fn simulate(
         BaseDrive::Position(base_m) => (base_m, base_m.first().copied().unwrap_or(0.0)),
     };
     let count = run.time_s.len();
-    let same = run.depth_m.len() == count && values.len() == count && count > 0;
-    check("samples of the drive", values.len() as f64, "as many as times and depths, at least one", same)?;
+    let lengths_agree = run.depth_m.len() == count && values.len() == count && count > 0;
+    check(
+        "samples of the drive",
+        values.len() as f64,
+        "as many as times and depths, at least one",
+        lengths_agree,
+    )?;
     check("step_s", dynamics.step_s, "more than 0", dynamics.step_s > 0.0)?;
     let mut moving =
         MovingNeedle::new(needle, stiffness, dynamics, run.depth_m.first().copied().unwrap_or(0.0))?;
@@ -305,29 +310,30 @@ pub fn simulate(
         moving.mass.clone().lu().solve(&(&moving.base * push_n)).ok_or(ModelError::Singular)?;
     for i in 0..count {
         if i > 0 {
-            let (from_s, to_s) = (run.time_s[i - 1], run.time_s[i]);
-            let (from_m, to_m) = (run.depth_m[i - 1], run.depth_m[i]);
-            check("time_s", to_s, "later than the sample before", to_s > from_s)?;
+            let (start_s, end_s) = (run.time_s[i - 1], run.time_s[i]);
+            let (start_m, end_m) = (run.depth_m[i - 1], run.depth_m[i]);
+            check("time_s", end_s, "later than the sample before", end_s > start_s)?;
             check(
                 "depth_m",
-                to_m,
+                end_m,
                 "not less than before, up to the needle's length",
-                to_m >= from_m && to_m <= dynamics.length_m,
+                end_m >= start_m && end_m <= dynamics.length_m,
             )?;
-            let steps = ((to_s - from_s) / dynamics.step_s).ceil().max(1.0);
-            let step_s = (to_s - from_s) / steps;
+            let steps = ((end_s - start_s) / dynamics.step_s).ceil().max(1.0);
+            let step_s = (end_s - start_s) / steps;
             for j in 1..=steps as usize {
-                let part = j as f64 / steps;
-                let at = |from: f64, to: f64| if j as f64 == steps { to } else { from + part * (to - from) };
-                let value = at(values[i - 1], values[i]);
+                let fraction = j as f64 / steps;
+                let interpolated =
+                    |from: f64, to: f64| if j as f64 == steps { to } else { from + fraction * (to - from) };
+                let value = interpolated(values[i - 1], values[i]);
                 let push = match run.drive {
                     BaseDrive::Force(_) => BaseForce::force(value),
                     BaseDrive::Position(_) => {
-                        let speed_m_s = (values[i] - values[i - 1]) / (to_s - from_s);
+                        let speed_m_s = (values[i] - values[i - 1]) / (end_s - start_s);
                         BaseForce::stage(dynamics.moving_mass_kg(), value - start, speed_m_s)
                     }
                 };
-                moving.step(step_s, at(from_m, to_m), push, [1.0; 2])?;
+                moving.step(step_s, interpolated(start_m, end_m), push, [1.0; 2])?;
                 push_n = push.force_n
                     - push.stiffness_n_per_m * moving.base_m()
                     - push.damping_n_s_per_m * moving.base.dot(&moving.velocity);

@@ -1,8 +1,8 @@
-//! What the tissue is made of: independent springs or an elastic body.
+//! Support of the needle by the tissue: independent springs or an elastic body.
 
 use super::{Block, ModelError, check};
 
-/// How the tissue resists the needle's deflection.
+/// Resistance of the tissue to the needle's deflection.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Support {
     /// Springs (Winkler): the force at a point of the needle depends on the deflection at that point alone. The numbers in

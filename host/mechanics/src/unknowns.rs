@@ -57,15 +57,16 @@ pub enum Family {
 /// is normal.
 pub const SMALLER_SIZE_SD_LN: f64 = 1.5;
 
-/// What is assumed of a quantity.
+/// Assumption about a quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
     /// Shape.
     pub family: Family,
     /// Mean; the median where the logarithm is normal; the typical value of a size; the value that is taken.
     pub mean: f64,
-    /// Standard deviation: in the unit of the quantity where that is normal, of the logarithm where that is. Of a size: of its logarithm, and
-    /// above its typical value in multiples of that. 0 of a value that is taken.
+    /// Standard deviation: in the unit of the quantity where that is normal, of the logarithm where that is. Standard
+    /// deviation of a size: of its logarithm, and above its typical value in multiples of that. 0 of a value that is
+    /// taken.
     pub sd: f64,
 }
 
@@ -103,7 +104,7 @@ pub struct Unknown {
     pub name: &'static str,
     /// Its unit, SI; `1` for a share, a ratio or a logarithm.
     pub unit: &'static str,
-    /// What is assumed of it.
+    /// Assumption about it.
     pub prior: Prior,
     /// Typical size: where a search starts, or a step is a part of.
     pub scale: f64,

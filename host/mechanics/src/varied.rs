@@ -34,8 +34,9 @@ impl Varied {
         if problem.is_nonlinear() || problem.law.relaxing_share > 0.0 {
             return Ok(None);
         }
-        let places = factors.iter().map(|factor| place(*factor).floor() as i32);
-        let (least, most) = places.fold((i32::MAX, i32::MIN), |(l, m), place| (l.min(place), m.max(place)));
+        let node_numbers = factors.iter().map(|factor| place(*factor).floor() as i32);
+        let (least, most) =
+            node_numbers.fold((i32::MAX, i32::MIN), |(l, m), place| (l.min(place), m.max(place)));
         if least > most {
             return Ok(None);
         }
@@ -60,22 +61,22 @@ impl Varied {
         // The shapes are those of unit forces.
         let stiffness_n_per_m: Vec<f64> = self.needles.iter().map(|n| n.stiffness_n_per_m()).collect();
         // First of the four needles around a factor, and the force of each per displacement; most samples have the factor of the one before.
-        let mut around = (f64::NAN, 0, [0.0; 4]);
+        let mut interpolation = (f64::NAN, 0, [0.0; 4]);
         for (i, (pressed_m, factor)) in pressed_m.iter().zip(factors).enumerate() {
-            if around.0 != *factor {
-                let at = place(*factor) - f64::from(self.first);
-                let before = (at.floor() - 1.0).max(0.0);
-                let mut shares = cubic(at - before - 1.0);
-                let needles = stiffness_n_per_m.iter().skip(before as usize);
-                shares.iter_mut().zip(needles).for_each(|(share, stiffness)| *share *= stiffness);
-                around = (*factor, before as usize, shares);
+            if interpolation.0 != *factor {
+                let node_position = place(*factor) - f64::from(self.first);
+                let first_node = (node_position.floor() - 1.0).max(0.0);
+                let mut node_weights = cubic(node_position - first_node - 1.0);
+                let needles = stiffness_n_per_m.iter().skip(first_node as usize);
+                node_weights.iter_mut().zip(needles).for_each(|(share, stiffness)| *share *= stiffness);
+                interpolation = (*factor, first_node as usize, node_weights);
             }
-            let (_, first, shares) = around;
-            let stiffness: f64 = shares.iter().sum();
+            let (_, first, weights) = interpolation;
+            let stiffness: f64 = weights.iter().sum();
             let at_needle_m = pressed_m / (1.0 + frame_compliance_m_per_n * stiffness);
             force_n.push(stiffness * at_needle_m);
             let of_needles = coefficients.chunks_exact_mut(count).skip(first);
-            of_needles.zip(shares).for_each(|(of_needle, share)| of_needle[i] = share * at_needle_m);
+            of_needles.zip(weights).for_each(|(of_needle, share)| of_needle[i] = share * at_needle_m);
         }
         Motion { force_n, coefficients }
     }
@@ -93,12 +94,12 @@ fn place(factor: f64) -> f64 {
 
 /// Lagrange's cubic between the second and the third of four neighbours: their weights at a share of the way.
 pub(super) fn cubic(t: f64) -> [f64; 4] {
-    let (before, after, beyond) = (t + 1.0, t - 1.0, t - 2.0);
+    let (from_left, from_right, from_far_right) = (t + 1.0, t - 1.0, t - 2.0);
     [
-        -t * after * beyond / 6.0,
-        before * after * beyond / 2.0,
-        -before * t * beyond / 2.0,
-        before * t * after / 6.0,
+        -t * from_right * from_far_right / 6.0,
+        from_left * from_right * from_far_right / 2.0,
+        -from_left * t * from_far_right / 2.0,
+        from_left * t * from_right / 6.0,
     ]
 }
 
@@ -107,7 +108,7 @@ mod tests {
     use super::*;
     use crate::{Foundation, Needle, Rig};
 
-    /// Where the factor stays the same the needle is that of a modulus as much larger.
+    /// If the factor stays the same the needle is that of a modulus as much larger.
     #[test]
     fn a_constant_factor_is_another_modulus() {
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
@@ -122,8 +123,11 @@ mod tests {
             let stiffness = beam.lateral_stiffness_n_per_m();
             for (i, pressed_m) in pressed_m.iter().enumerate() {
                 let at_needle_m = pressed_m / (1.0 + 2e-5 * stiffness);
-                let apart_n = motion.force_n[i] - stiffness * at_needle_m;
-                assert!(apart_n.abs() < 2e-5 * (stiffness * at_needle_m).abs() + 1e-12, "{factor} {apart_n}");
+                let difference_n = motion.force_n[i] - stiffness * at_needle_m;
+                assert!(
+                    difference_n.abs() < 2e-5 * (stiffness * at_needle_m).abs() + 1e-12,
+                    "{factor} {difference_n}"
+                );
                 let weights = varied.shape_at(&[0.085]);
                 let shape_m: f64 = motion.between([i, i], 0.0).zip(&weights).map(|(c, w)| c * w).sum();
                 let expected_m = beam.deflection_m(at_needle_m, 0.085);

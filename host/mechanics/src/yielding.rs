@@ -61,11 +61,11 @@ impl Springs for Yielding<'_> {
         if self.reaction.is_empty() {
             return plain;
         }
-        let [share, slope_per_m] = ActingLaw::reaction(self.reaction, stretch_m);
-        let tangent_pa = plain.tangent_pa * share + plain.force_n_per_m * slope_per_m;
+        let [law_value, slope_per_m] = ActingLaw::reaction(self.reaction, stretch_m);
+        let tangent_pa = plain.tangent_pa * law_value + plain.force_n_per_m * slope_per_m;
         // Newton's method goes on where the reaction no longer grows.
         let tangent_pa = tangent_pa.max(MIN_TANGENT * plain.tangent_pa);
-        Reaction { force_n_per_m: plain.force_n_per_m * share, tangent_pa }
+        Reaction { force_n_per_m: plain.force_n_per_m * law_value, tangent_pa }
     }
 }
 
@@ -93,7 +93,7 @@ pub(super) fn under_load(
     let mut states: Vec<TipState> = Vec::with_capacity(nodes_m.len());
     let mut slopes = Vec::with_capacity(nodes_m.len());
     // The needle at the depth before.
-    let mut before: Option<Deformed> = None;
+    let mut previous: Option<Deformed> = None;
     for (node, depth_m) in nodes_m.iter().enumerate() {
         let (NodeLoads { load_n, guide2_m }, bent) = (acting(node), curvature_per_m(node));
         let is_still = states.iter().all(|state| state.tip_m == [0.0; 2]);
@@ -102,17 +102,18 @@ pub(super) fn under_load(
             slopes.push([0.0; 2]);
             continue;
         }
-        let here = BeamProblem { depth_m: *depth_m, ..problem.clone() };
-        let elements = Elements::new(&here, ELEMENT_M)?;
+        let beam = BeamProblem { depth_m: *depth_m, ..problem.clone() };
+        let elements = Elements::new(&beam, ELEMENT_M)?;
         let elements = bent.map(|curvature_per_m| elements.bent(curvature_per_m));
         let tip_z_m = problem.entry_m + depth_m;
         // Once the tip has arrived its way is cut; until then its newest end is where the tip is.
         let last = node.checked_sub(1).map(|last| (problem.entry_m + nodes_m[last], states[last].tip_m[1]));
-        let (from_z_m, from_m) = last.unwrap_or((problem.entry_m, 0.0));
+        let (from_z_m, old_tip_m) = last.unwrap_or((problem.entry_m, 0.0));
         let solve = |arrived_m: Option<f64>, side: usize, near: Option<&Deformed>| {
             let cut_m =
-                |z_m: f64| path_m(nodes_m, &states, arrived_m.unwrap_or(from_m), z_m - problem.entry_m);
-            let newest = (arrived_m.is_none() && from_z_m < tip_z_m).then_some(Newest { from_z_m, from_m });
+                |z_m: f64| path_m(nodes_m, &states, arrived_m.unwrap_or(old_tip_m), z_m - problem.entry_m);
+            let newest =
+                (arrived_m.is_none() && from_z_m < tip_z_m).then_some(Newest { from_z_m, from_m: old_tip_m });
             let guide2 = match grip {
                 Guide2Grip::Holding if problem.guide2_compliance_m_per_n == 0.0 => {
                     Guide2::Held(guide2_m[side])
@@ -127,18 +128,18 @@ pub(super) fn under_load(
             let needle = elements[side].solve_from(&springs, &path, guide2, load_n[side], near)?;
             Ok::<_, ModelError>(((needle.deflection_m(tip_z_m), needle.tip_slope()), needle))
         };
-        let (arrived, mut needle) = solve(None, 0, before.as_ref())?;
+        let (arrived, mut needle) = solve(None, 0, previous.as_ref())?;
         let at_rest = [load_n, guide2_m, bent].into_iter().all(|[arriving, leaving]| arriving == leaving);
-        let left = if at_rest {
+        let leaving = if at_rest {
             arrived
         } else {
             let left;
             (left, needle) = solve(Some(arrived.0), 1, Some(&needle))?;
             left
         };
-        states.push(TipState { tip_m: [arrived.0, left.0], load_n });
-        slopes.push([arrived.1, left.1]);
-        before = Some(needle);
+        states.push(TipState { tip_m: [arrived.0, leaving.0], load_n });
+        slopes.push([arrived.1, leaving.1]);
+        previous = Some(needle);
     }
     Ok((states, slopes))
 }
@@ -146,11 +147,11 @@ pub(super) fn under_load(
 /// The cut path at a depth: linear from where the tip left a node to where it arrived at the next.
 fn path_m(nodes_m: &[f64], before: &[TipState], newest_m: f64, depth_m: f64) -> f64 {
     let next = nodes_m.partition_point(|node_m| *node_m <= depth_m).min(before.len());
-    let Some(from) = next.checked_sub(1) else { return newest_m };
-    let (from_m, left_m) = (nodes_m[from], before[from].tip_m[1]);
+    let Some(previous_node) = next.checked_sub(1) else { return newest_m };
+    let (from_m, departed_m) = (nodes_m[previous_node], before[previous_node].tip_m[1]);
     let arrived_m = before.get(next).map_or(newest_m, |state| state.tip_m[0]);
     match nodes_m.get(next) {
-        Some(to_m) => left_m + (arrived_m - left_m) * (depth_m - from_m) / (to_m - from_m),
+        Some(to_m) => departed_m + (arrived_m - departed_m) * (depth_m - from_m) / (to_m - from_m),
         None => arrived_m,
     }
 }
@@ -171,8 +172,8 @@ mod tests {
 
     fn acting(node: usize) -> NodeLoads {
         let moved = if node > 30 { 1e-3 } else { 0.0 };
-        let before = if node > 31 { 1e-3 } else { 0.0 };
-        NodeLoads { load_n: [0.2; 2], guide2_m: [before, moved] }
+        let earlier_m = if node > 31 { 1e-3 } else { 0.0 };
+        NodeLoads { load_n: [0.2; 2], guide2_m: [earlier_m, moved] }
     }
 
     /// Tissue that yields at a load that is never reached is the linear one; also where the needle is bent, and turned, and guide 2
@@ -223,8 +224,11 @@ mod tests {
         let elements = |problem: &BeamProblem| {
             let springs =
                 Yielding { law: problem.law, foundation: &problem.foundation, reaction: &problem.reaction };
-            let held = Guide2::Held(2e-3);
-            Elements::new(problem, 0.5e-3).expect("cut").solve(&springs, |_| 0.0, held, 0.0).expect("solves")
+            let held_guide = Guide2::Held(2e-3);
+            Elements::new(problem, 0.5e-3)
+                .expect("cut")
+                .solve(&springs, |_| 0.0, held_guide, 0.0)
+                .expect("solves")
         };
         let (hard, soft) = (elements(&problem(0.0, 0.03)), elements(&problem(1.0 / 60.0, 0.03)));
         let linear = Beam::solve(

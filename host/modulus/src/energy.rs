@@ -12,7 +12,7 @@ use mechanics::Rig;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use readings::Measured;
 
-/// What the energy balance needs of one level, in the plane of the displacement.
+/// Inputs of the energy balance for one level, in the plane of the displacement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Balance {
     /// Displacement of guide 2.
@@ -101,12 +101,12 @@ fn integrals(rig: &Rig, depth_m: f64, quadratic: &Vector3<f64>) -> (f64, f64) {
     let slope = b / depth_m;
     let cubic2 = (3.0 * a - slope * entry_m) / entry_m.powi(2);
     let cubic3 = (slope * entry_m - 2.0 * a) / entry_m.powi(3);
-    let outside = 4.0 * cubic2 * cubic2 * entry_m
+    let free_length_term = 4.0 * cubic2 * cubic2 * entry_m
         + 12.0 * cubic2 * cubic3 * entry_m.powi(2)
         + 12.0 * cubic3 * cubic3 * entry_m.powi(3);
-    let inside = 4.0 * c * c / depth_m.powi(3);
+    let tissue_term = 4.0 * c * c / depth_m.powi(3);
     let squares = depth_m * (a * a + a * b + (b * b + 2.0 * a * c) / 3.0 + b * c / 2.0 + c * c / 5.0);
-    (rig.needle.bending_stiffness_n_m2() * (outside + inside), squares)
+    (rig.needle.bending_stiffness_n_m2() * (free_length_term + tissue_term), squares)
 }
 
 #[cfg(test)]

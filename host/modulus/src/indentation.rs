@@ -17,7 +17,7 @@ use nalgebra::{DMatrix, DVector};
 use posterior::{Given, Rows};
 use readings::holds::mean;
 
-/// What is pressed into what.
+/// Indenter and tissue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// Form of the indenter.
@@ -32,7 +32,7 @@ pub struct Contact {
     pub thickness_m: Option<f64>,
 }
 
-/// What an indentation gives.
+/// Result of an indentation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IndentationFit {
     /// Young's modulus: the median.
@@ -120,28 +120,31 @@ pub fn indented(
         Indenter::Cone => first_m - BEFORE * (last_m - first_m),
     };
     let curve = Curve::new(contact, 1.5 * (last_m - earliest_m), last_m)?;
-    let places_m = [earliest_m, last_m - 0.2 * (last_m - first_m)];
+    let contact_range_m = [earliest_m, last_m - 0.2 * (last_m - first_m)];
     let fit = match contact.indenter {
         Indenter::Flat => flat(&rows, &curve),
-        Indenter::Sphere | Indenter::Cone => Fit::new(rows.clone(), &curve, Some(places_m)),
+        Indenter::Sphere | Indenter::Cone => Fit::new(rows.clone(), &curve, Some(contact_range_m)),
     };
     let fit = fit.ok_or(IndentationError::NoSlope)?;
-    let others = Indenter::ALL.into_iter().filter(|form| *form != contact.indenter);
-    let of_other = |form: Indenter| {
-        let half_angle_rad =
-            if form == Indenter::Cone { std::f64::consts::FRAC_PI_4 } else { contact.half_angle_rad };
-        let changed = Contact { indenter: form, thickness_m: None, half_angle_rad, ..*contact };
-        let other = Curve::new(&changed, last_m, last_m).ok()?;
-        let places_m = (form != Indenter::Flat).then_some([first_m - 0.3 * (last_m - first_m), places_m[1]]);
-        let rows = Rows { rows: &rows, curve: &other, worth: 1.0, has_contact: places_m.is_some() };
-        let given = match places_m {
-            Some(places_m) => rows.best(places_m),
-            None => rows.given(first_m),
-        }?;
-        Some((mean_square(&rows.residuals_n(&given)), form))
-    };
-    let other = others.filter_map(of_other).min_by(|a, b| a.0.total_cmp(&b.0));
-    fit.result(&curve, first_m, last_m, other).ok_or(IndentationError::NoSlope)
+    let other_forms = Indenter::ALL.into_iter().filter(|form| *form != contact.indenter);
+    let best_other = other_forms
+        .filter_map(|form| {
+            let half_angle_rad =
+                if form == Indenter::Cone { std::f64::consts::FRAC_PI_4 } else { contact.half_angle_rad };
+            let changed = Contact { indenter: form, thickness_m: None, half_angle_rad, ..*contact };
+            let other_curve = Curve::new(&changed, last_m, last_m).ok()?;
+            let other_range_m =
+                (form != Indenter::Flat).then_some([first_m - 0.3 * (last_m - first_m), contact_range_m[1]]);
+            let rows =
+                Rows { rows: &rows, curve: &other_curve, worth: 1.0, has_contact: other_range_m.is_some() };
+            let fitted_rows = match other_range_m {
+                Some(other_range_m) => rows.best(other_range_m),
+                None => rows.given(first_m),
+            }?;
+            Some((mean_square(&rows.residuals_n(&fitted_rows)), form))
+        })
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    fit.result(&curve, first_m, last_m, best_other).ok_or(IndentationError::NoSlope)
 }
 
 /// Rows up to the greatest depth.
@@ -170,12 +173,12 @@ impl Fit {
     /// The best curve, with its contact point between two depths or, without these, above all rows.
     fn new(rows: Vec<[f64; 2]>, curve: &Curve, places_m: Option<[f64; 2]>) -> Option<Self> {
         let fitted = Rows { rows: &rows, curve, worth: 1.0, has_contact: places_m.is_some() };
-        let given = match places_m {
+        let initial_fit = match places_m {
             Some(places_m) => fitted.best(places_m),
             None => fitted.given(span(&rows).0.min(0.0)),
         }?;
-        let residuals_n = fitted.residuals_n(&given);
-        Some(Self { rows, given, residuals_n, places_m })
+        let residuals_n = fitted.residuals_n(&initial_fit);
+        Some(Self { rows, given: initial_fit, residuals_n, places_m })
     }
 
     fn result(
@@ -190,21 +193,23 @@ impl Fit {
         let effective = mean(residuals_n).effective_samples.max(1.0);
         let worth = (rows.len() as f64 / effective).max(1.0);
         let fitted = Rows { rows, curve, worth, has_contact: places_m.is_some() };
-        let own = [given.contact_m; 2];
-        let all = fitted.posterior(places_m.unwrap_or(own), first_m, last_m - first_m)?;
-        let alone = Rows { has_contact: false, ..fitted }.posterior(own, first_m, last_m - first_m)?;
-        let [low, high] = [0.025, 0.975].map(|p| all.quantile_pa(p));
+        let default_range_m = [given.contact_m; 2];
+        let contact_posterior =
+            fitted.posterior(places_m.unwrap_or(default_range_m), first_m, last_m - first_m)?;
+        let alone =
+            Rows { has_contact: false, ..fitted }.posterior(default_range_m, first_m, last_m - first_m)?;
+        let [low, high] = [0.025, 0.975].map(|p| contact_posterior.quantile_pa(p));
         let [low_alone, high_alone] = [0.025, 0.975].map(|p| alone.quantile_pa(p));
         let has_contact = places_m.is_some();
         let (nonlinearity, nonlinearity_se) = self.nonlinearity(curve, worth);
         let floor = f64::EPSILON * rows.iter().map(|[_, f]| f * f).fold(0.0, f64::max);
         let own_square = mean_square(residuals_n);
         Some(IndentationFit {
-            youngs_pa: all.quantile_pa(0.5),
+            youngs_pa: contact_posterior.quantile_pa(0.5),
             ci95_pa: (rows.len() >= MIN_ROWS_OF_INTERVAL).then_some([low, high]),
             offset_n: has_contact.then_some(given.offset_n),
             contact_m: has_contact.then_some(given.contact_m),
-            contact_ci95_m: has_contact.then(|| all.contact_m()),
+            contact_ci95_m: has_contact.then(|| contact_posterior.contact_m()),
             by_contact: (high / low) / (high_alone / low_alone),
             deepest_m: last_m - given.contact_m,
             nonlinearity,
@@ -220,12 +225,12 @@ impl Fit {
 
     /// Slope of the deeper half of the rows in contact over that of the shallower half, less 1, with its standard error.
     fn nonlinearity(&self, curve: &Curve, worth: f64) -> (f64, f64) {
-        let inside: Vec<[f64; 2]> =
+        let loaded_rows: Vec<[f64; 2]> =
             self.rows.iter().filter(|[d, _]| *d > self.given.contact_m).copied().collect();
-        if inside.len() < 6 {
+        if loaded_rows.len() < 6 {
             return (0.0, 0.0);
         }
-        let (first_m, last_m) = span(&inside);
+        let (first_m, last_m) = span(&loaded_rows);
         let middle_m = 0.5 * (first_m + last_m);
         let slope = |half: Vec<[f64; 2]>| -> Option<[f64; 2]> {
             let x = DMatrix::from_fn(half.len(), 2, |i, j| {
@@ -236,13 +241,13 @@ impl Fit {
             let mut x = x;
             x.column_mut(1).scale_mut(1.0 / scale);
             let inverse = x.tr_mul(&x).try_inverse()?;
-            let found = &inverse * x.tr_mul(&y);
+            let coefficients = &inverse * x.tr_mul(&y);
             let freedom = (half.len() as f64 - 2.0).max(1.0);
-            let variance = (&y - &x * &found).norm_squared() / freedom * worth;
-            Some([found[1] / scale, (variance * inverse[(1, 1)]).sqrt() / scale])
+            let variance = (&y - &x * &coefficients).norm_squared() / freedom * worth;
+            Some([coefficients[1] / scale, (variance * inverse[(1, 1)]).sqrt() / scale])
         };
         let half =
-            |is_deep: bool| inside.iter().filter(|[d, _]| (*d > middle_m) == is_deep).copied().collect();
+            |is_deep: bool| loaded_rows.iter().filter(|[d, _]| (*d > middle_m) == is_deep).copied().collect();
         match (slope(half(false)), slope(half(true))) {
             (Some([shallow, shallow_sd]), Some([deep, deep_sd])) if shallow > 0.0 => {
                 let ratio = deep / shallow;
@@ -268,29 +273,33 @@ fn flat(rows: &[[f64; 2]], curve: &Curve) -> Option<Fit> {
     let Some(approach) = kinked.filter(|fit| has_approach(rows, fit, curve)) else {
         let contact_m = first_m.min(0.0).max(first_m - 0.25 * (last_m - first_m));
         let toe_m = contact_m + TOE * (last_m - contact_m);
-        let used: Vec<[f64; 2]> = rows.iter().filter(|[d, _]| *d > toe_m).copied().collect();
-        let used = if used.len() < MIN_ROWS { rows.to_vec() } else { used };
-        return Fit::new(used, curve, None);
+        let approach_rows: Vec<[f64; 2]> = rows.iter().filter(|[d, _]| *d > toe_m).copied().collect();
+        let kept_rows = if approach_rows.len() < MIN_ROWS { rows.to_vec() } else { approach_rows };
+        return Fit::new(kept_rows, curve, None);
     };
     // Rows of the toe lie between; offset and line are extrapolated to where they meet.
     let contact_m = approach.given.contact_m;
     let toe_m = contact_m + TOE * (last_m - contact_m);
-    let is_used = |[d, _]: &&[f64; 2]| *d < contact_m - 0.02 * (last_m - first_m) || *d > toe_m;
-    let used: Vec<[f64; 2]> = rows.iter().filter(is_used).copied().collect();
-    let around = 0.2 * (last_m - contact_m);
-    Fit::new(used, curve, Some([contact_m - around, contact_m + around]))
+    let approach_rows: Vec<[f64; 2]> = rows
+        .iter()
+        .filter(|[d, _]| *d < contact_m - 0.02 * (last_m - first_m) || *d > toe_m)
+        .copied()
+        .collect();
+    let half_range_m = 0.2 * (last_m - contact_m);
+    Fit::new(approach_rows, curve, Some([contact_m - half_range_m, contact_m + half_range_m]))
 }
 
 /// Whether rows before the contact point are those of an indenter that does not touch yet.
 fn has_approach(rows: &[[f64; 2]], fit: &Fit, curve: &Curve) -> bool {
-    let before: Vec<[f64; 2]> = rows.iter().filter(|[d, _]| *d < fit.given.contact_m).copied().collect();
-    if before.len() < MIN_ROWS {
+    let rows_before: Vec<[f64; 2]> = rows.iter().filter(|[d, _]| *d < fit.given.contact_m).copied().collect();
+    if rows_before.len() < MIN_ROWS {
         return false;
     }
-    let n = before.len() as f64;
-    let (mean_d, mean_f) = before.iter().fold((0.0, 0.0), |(d, f), row| (d + row[0] / n, f + row[1] / n));
-    let square: f64 = before.iter().map(|[d, _]| (d - mean_d).powi(2)).sum();
-    let product: f64 = before.iter().map(|[d, f]| (d - mean_d) * (f - mean_f)).sum();
+    let n = rows_before.len() as f64;
+    let (mean_d, mean_f) =
+        rows_before.iter().fold((0.0, 0.0), |(d, f), row| (d + row[0] / n, f + row[1] / n));
+    let square: f64 = rows_before.iter().map(|[d, _]| (d - mean_d).powi(2)).sum();
+    let product: f64 = rows_before.iter().map(|[d, f]| (d - mean_d) * (f - mean_f)).sum();
     let unit = curve.at(1e-3) / 1e-3;
     product < SLOPE_BEFORE * fit.given.slope_pa * unit * square
 }

@@ -54,7 +54,7 @@ impl Relation {
         }
     }
 
-    /// What it holds for.
+    /// Range in which it holds.
     pub fn validity(self) -> &'static str {
         match self {
             Self::Vesic | Self::Biot => {
@@ -120,7 +120,7 @@ impl Sample {
     }
 }
 
-/// Two-sided p-value of Welch's t-test: how likely means of one population differ by as much. Nothing where the samples
+/// Two-sided p-value of Welch's t-test: how likely means of one population differ by as much. `None` if the samples
 /// have no scatter.
 pub fn welch_p(a: Sample, b: Sample) -> Option<f64> {
     let variance = |s: Sample| s.sd * s.sd / s.count as f64;
@@ -147,8 +147,8 @@ mod tests {
             for (relation, ratio) in
                 [(Relation::Vesic, vesic), (Relation::Biot, biot), (Relation::Embedded, 2.0 * vesic)]
             {
-                let back_pa = relation.youngs_modulus_pa(ratio * youngs_pa, &needle, 0.03, 0.5);
-                assert!((back_pa / youngs_pa - 1.0).abs() < 1e-12, "{relation:?} {back_pa}");
+                let recovered_pa = relation.youngs_modulus_pa(ratio * youngs_pa, &needle, 0.03, 0.5);
+                assert!((recovered_pa / youngs_pa - 1.0).abs() < 1e-12, "{relation:?} {recovered_pa}");
             }
         }
         for (depth_m, ratio) in [(0.02, 1.16), (0.03, 1.05), (0.04, 0.98), (0.1, 0.80)] {
@@ -170,8 +170,8 @@ mod tests {
             (14.0, 2.62, 0.1794861890862098),
             (13.94, 3.15, 0.2087032545236291),
         ] {
-            let found = welch_p(Sample { mean, sd, count: 6 }, reference).expect("a p-value");
-            assert!((found - p).abs() < 1e-9, "{found} {p}");
+            let p_value = welch_p(Sample { mean, sd, count: 6 }, reference).expect("a p-value");
+            assert!((p_value - p).abs() < 1e-9, "{p_value} {p}");
         }
         let still = Sample { mean: 1.0, sd: 0.0, count: 2 };
         assert_eq!(welch_p(still, still), None);

@@ -32,11 +32,10 @@ fn data(
     shape: &[(f64, f64)],
     shape_sd_m: f64,
 ) -> LateralData {
-    let point = |(z_m, u_m): &(f64, f64)| ShapeDatum::new(*z_m, [*u_m, 0.0]);
     let level = HoldData {
         displacement_m: vec![displacement],
         force_n: vec![force],
-        shape: shape.iter().map(point).collect(),
+        shape: shape.iter().map(|(z_m, u_m)| ShapeDatum::new(*z_m, [*u_m, 0.0])).collect(),
     };
     LateralData {
         support: mechanics::Support::Springs,
@@ -110,8 +109,8 @@ fn likelihood_is_unbiased_at_the_bound_and_covers() {
             let run = data(depth_m, displacement_m, force_n, &shape_m, shape_sd_m);
             let fit = fit(&[LN_K], &[run]).expect("fits");
             moduli.push(1e-3 * fit.shared[0].exp());
-            let off = (fit.shared[0] - K_PA.ln()).abs();
-            covered += usize::from(off < 1.96 * fit.covariance[(0, 0)].sqrt());
+            let deviation = (fit.shared[0] - K_PA.ln()).abs();
+            covered += usize::from(deviation < 1.96 * fit.covariance[(0, 0)].sqrt());
             let balance = Balance { displacement_m, force_n, shape_m, shape_sd_m };
             energies.push(1e-3 * energy_modulus(&rig(), depth_m, &balance).expect("a modulus").corrected_pa);
         }

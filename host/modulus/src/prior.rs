@@ -1,4 +1,4 @@
-//! What many sessions predict of K, beside what a session's own data determine.
+//! Prior of K from many sessions, beside the information of a session's own data.
 //!
 //! ln K of a new subject has a t-distribution ([`ModulusPrior`]), the session's own estimate a normal error. A prior that contradicts the
 //! data is not used: the probability of an estimate at least as far from the prior's median is below 1 %.
@@ -52,16 +52,18 @@ impl PriorResult {
     /// The prior beside the session's own estimate of ln K (of pascals) with its standard deviation, where there is one.
     pub fn new(prior: &ModulusPrior, own: Option<(f64, f64)>) -> Self {
         let p = own.map(|(ln_k, sd)| probability(prior, ln_k, sd));
-        let used = p.is_none_or(|p| p >= CONTRADICTION);
-        let alone = || {
-            let [low, high] = interval_ln(prior);
-            WithPrior {
-                k_kpa: 1e-3 * prior.modulus_pa,
-                ln_k_sd: (high - low) / (2.0 * NORMAL_975),
-                ci95_kpa: [low, high].map(|ln| 1e-3 * ln.exp()),
-            }
-        };
-        let together = own.map_or_else(alone, |(ln_k, sd)| together(prior, ln_k, sd));
+        let is_used = p.is_none_or(|p| p >= CONTRADICTION);
+        let combined = own.map_or_else(
+            || {
+                let [low, high] = interval_ln(prior);
+                WithPrior {
+                    k_kpa: 1e-3 * prior.modulus_pa,
+                    ln_k_sd: (high - low) / (2.0 * NORMAL_975),
+                    ci95_kpa: [low, high].map(|ln| 1e-3 * ln.exp()),
+                }
+            },
+            |(ln_k, sd)| together(prior, ln_k, sd),
+        );
         Self {
             file: prior.file.clone(),
             group: prior.group.clone(),
@@ -69,8 +71,8 @@ impl PriorResult {
             k_kpa: 1e-3 * prior.modulus_pa,
             k95_kpa: interval_ln(prior).map(|ln| 1e-3 * ln.exp()),
             p,
-            used,
-            with_prior: used.then_some(together),
+            used: is_used,
+            with_prior: is_used.then_some(combined),
         }
     }
 
@@ -127,7 +129,7 @@ fn probability(prior: &ModulusPrior, ln_k: f64, sd: f64) -> f64 {
 fn together(prior: &ModulusPrior, ln_k: f64, sd: f64) -> WithPrior {
     let middle = prior.modulus_pa.ln();
     let step = |number: usize| 2.0 * number as f64 / (POINTS - 1) as f64 - 1.0;
-    // Where either of them varies.
+    // Range in which either of them varies.
     let mut nodes: Vec<f64> = (0..POINTS)
         .flat_map(|number| [ln_k + REACH * sd * step(number), middle + REACH * prior.scale_ln * step(number)])
         .filter(|node| (node - ln_k).abs() <= REACH * sd)
@@ -142,19 +144,19 @@ fn together(prior: &ModulusPrior, ln_k: f64, sd: f64) -> WithPrior {
         .windows(2)
         .zip(logs.windows(2))
         .filter_map(|(ends, logs)| {
-            let (&[from, to], &[first, last]) = (ends, logs) else { return None };
-            let mass = 0.5 * (to - from) * ((first - largest).exp() + (last - largest).exp());
-            Some((0.5 * (from + to), mass))
+            let (&[start_ln, end_ln], &[first, last]) = (ends, logs) else { return None };
+            let mass = 0.5 * (end_ln - start_ln) * ((first - largest).exp() + (last - largest).exp());
+            Some((0.5 * (start_ln + end_ln), mass))
         })
         .collect();
     let total: f64 = cells.iter().map(|(_, mass)| mass).sum();
     let mean = cells.iter().map(|(ln, mass)| ln * mass).sum::<f64>() / total;
     let variance = cells.iter().map(|(ln, mass)| (ln - mean).powi(2) * mass).sum::<f64>() / total;
     let quantile = |share: f64| {
-        let mut below = 0.0;
+        let mut mass_below = 0.0;
         let reached = cells.iter().find(|(_, mass)| {
-            below += mass;
-            below >= share * total
+            mass_below += mass;
+            mass_below >= share * total
         });
         reached.map_or(mean, |(ln, _)| *ln).exp() * 1e-3
     };
@@ -175,20 +177,29 @@ mod tests {
 
     #[test]
     fn many_degrees_of_freedom_give_the_product_of_two_normal_distributions() {
-        let (own, sd) = (6e3f64.ln(), 0.1);
-        let found = PriorResult::new(&prior(0.2, 1e7), Some((own, sd)));
+        let (own_ln_k, sd) = (6e3f64.ln(), 0.1);
+        let result = PriorResult::new(&prior(0.2, 1e7), Some((own_ln_k, sd)));
         let weights = [1.0 / 0.04, 1.0 / 0.01];
-        let (precision, product) = (weights[0] + weights[1], weights[0] * 5e3f64.ln() + weights[1] * own);
+        let (precision, product) =
+            (weights[0] + weights[1], weights[0] * 5e3f64.ln() + weights[1] * own_ln_k);
         let expected = (product / precision).exp() * 1e-3;
-        let with = found.with_prior.expect("used");
-        assert!((with.k_kpa / expected - 1.0).abs() < 1e-3, "{}, expected {expected}", with.k_kpa);
-        assert!((with.ln_k_sd - precision.sqrt().recip()).abs() < 1e-4, "{}", with.ln_k_sd);
+        let with_prior = result.with_prior.expect("used");
+        assert!(
+            (with_prior.k_kpa / expected - 1.0).abs() < 1e-3,
+            "{}, expected {expected}",
+            with_prior.k_kpa
+        );
+        assert!((with_prior.ln_k_sd - precision.sqrt().recip()).abs() < 1e-4, "{}", with_prior.ln_k_sd);
         let low = expected * (-NORMAL_975 / precision.sqrt()).exp();
-        assert!((with.ci95_kpa[0] / low - 1.0).abs() < 2e-3, "{:?}, expected {low}", with.ci95_kpa);
+        assert!(
+            (with_prior.ci95_kpa[0] / low - 1.0).abs() < 2e-3,
+            "{:?}, expected {low}",
+            with_prior.ci95_kpa
+        );
         // The distance of the estimate beside both standard deviations.
         let z = 1.2f64.ln() / 0.2f64.hypot(0.1);
         let p = 2.0 * Normal::standard().sf(z);
-        assert!((found.p.expect("p") - p).abs() < 1e-3, "{:?}, expected {p}", found.p);
+        assert!((result.p.expect("p") - p).abs() < 1e-3, "{:?}, expected {p}", result.p);
     }
 
     #[test]
@@ -196,27 +207,32 @@ mod tests {
         let (prior, sd) = (prior(0.15, 6.0), 0.2);
         let mut random = ChaCha8Rng::seed_from_u64(8);
         let student = StudentT::new(6.0).expect("degrees of freedom");
-        let (mut held, mut refused, sessions) = (0, 0, 1000);
+        let (mut covered, mut refused, sessions) = (0, 0, 1000);
         for _ in 0..sessions {
             let truth = prior.modulus_pa.ln() + 0.15 * Distribution::<f64>::sample(&student, &mut random);
-            let own = truth + sd * Distribution::<f64>::sample(&StandardNormal, &mut random);
-            match PriorResult::new(&prior, Some((own, sd))).with_prior {
+            let own_ln_k = truth + sd * Distribution::<f64>::sample(&StandardNormal, &mut random);
+            match PriorResult::new(&prior, Some((own_ln_k, sd))).with_prior {
                 Some(with) => {
                     let [low, high] = with.ci95_kpa;
-                    held += usize::from((low..=high).contains(&(1e-3 * truth.exp())));
+                    covered += usize::from((low..=high).contains(&(1e-3 * truth.exp())));
                 }
                 None => refused += 1,
             }
         }
-        let share = held as f64 / f64::from(sessions - refused);
-        assert!((0.93..0.97).contains(&share), "held {share}");
+        let coverage = covered as f64 / f64::from(sessions - refused);
+        assert!((0.93..0.97).contains(&coverage), "held {coverage}");
         assert!((2..=22).contains(&refused), "refused {refused} of {sessions}");
     }
 
     #[test]
     fn a_prior_that_contradicts_is_not_used_and_one_without_data_is() {
-        let far = PriorResult::new(&prior(0.1, 20.0), Some((12e3f64.ln(), 0.05)));
-        assert!(!far.used && far.with_prior.is_none() && far.p.is_some_and(|p| p < 1e-3), "{far:?}");
+        let contradicted = PriorResult::new(&prior(0.1, 20.0), Some((12e3f64.ln(), 0.05)));
+        assert!(
+            !contradicted.used
+                && contradicted.with_prior.is_none()
+                && contradicted.p.is_some_and(|p| p < 1e-3),
+            "{contradicted:?}"
+        );
         let alone = PriorResult::new(&prior(0.1, 20.0), None);
         assert_eq!(alone.with_prior.map(|with| with.ci95_kpa), Some(alone.k95_kpa));
         // A narrow prior beside an estimate that determines almost nothing.

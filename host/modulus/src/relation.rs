@@ -1,8 +1,9 @@
-//! How foundation modulus and Young's modulus belong together: the foundation modulus that a lateral run identifies in an elastic
-//! body ([`Continuum`]). It depends on needle, depth, Poisson's ratio and guide positions, on Young's modulus itself, through the
-//! needle's flexibility, and a little on what is measured how well, because no springs do exactly what a body does (theory, eq. 20). For needles
-//! deeper than about 60 mm it is more than a little: there the shape requires softer springs than the force, and K is a number of
-//! the test as much as of the tissue. Young's modulus found through the relation for that very test is not affected.
+//! Relation between foundation modulus and Young's modulus: the foundation modulus that a lateral run identifies in an
+//! elastic body ([`Continuum`]). It depends on needle, depth, Poisson's ratio and guide positions, on Young's modulus
+//! itself, through the needle's flexibility, and a little on what is measured how well, because no springs do exactly
+//! what a body does (theory, eq. 20). For needles deeper than about 60 mm it is more than a little: there the shape
+//! requires softer springs than the force, and K is a number of the test as much as of the tissue. Young's modulus
+//! found through the relation for that very test is not affected.
 
 use mechanics::continuum::{Continuum, check_youngs};
 use mechanics::unknowns::sensors::{DISPLACEMENT_NOISE, FORCE_NOISE, SHAPE_NOISE};
@@ -31,14 +32,15 @@ fn fitted_modulus_pa(body: &Continuum, rig: &Rig, youngs_pa: f64, run: &Run) -> 
     let unit = body.response(rig, youngs_pa)?;
     let force_n = run.displacement_m / unit.deflection_m(rig.guide2_m);
     let points = (body.depth_m() / run.spacing_m).round().max(3.0) as usize;
-    let point = |i: usize| {
-        let z_m = rig.entry_m + body.depth_m() * (i as f64 + 0.5) / points as f64;
-        ShapeDatum::new(z_m, [force_n * unit.deflection_m(z_m), 0.0])
-    };
     let level = HoldData {
         displacement_m: vec![Measured { value: run.displacement_m, sd: run.displacement_sd_m }],
         force_n: vec![Measured { value: force_n, sd: run.force_sd_n }],
-        shape: (0..points).map(point).collect(),
+        shape: (0..points)
+            .map(|i| {
+                let z_m = rig.entry_m + body.depth_m() * (i as f64 + 0.5) / points as f64;
+                ShapeDatum::new(z_m, [force_n * unit.deflection_m(z_m), 0.0])
+            })
+            .collect(),
     };
     let data = LateralData {
         rig: rig.clone(),
@@ -106,8 +108,8 @@ impl Default for Run {
 /// The table that is part of the program, CSV, as `cargo xtask study modulus-relation` makes it.
 pub const TABLE: &str = include_str!("relation.csv");
 
-/// Relative uncertainty of the relation as computed, at 95 %: mesh, far boundary and the rigid sections, as the comparison with
-/// other solutions shows it. How the tissue really holds the needle is not in it.
+/// Relative uncertainty of the relation as computed, at 95 %: mesh, far boundary and the rigid sections, as the
+/// comparison with other solutions shows it. The real contact between tissue and needle is not included.
 pub const RELATIVE_ERROR: f64 = 0.02;
 
 #[cfg(test)]

@@ -11,14 +11,14 @@ use mechanics::{Block, ModelError, Mounting, Needle};
 use serde::Serialize;
 use std::fmt::{self, Display};
 
-/// What is known of the walls, as documents have it.
+/// Statement about the walls, as documents have it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WallsResult {
     /// `block`, `far` where no wall is near, `in_model` where they are not stated and their effect is in the model, or `not_stated`.
     pub stated: &'static str,
     /// The block; nothing for a half space.
     pub block: Option<BlockResult>,
-    /// What E may be off by; nothing where walls are stated, or no block of this depth is modelled.
+    /// Possible error of E; `None` if walls are stated, or no block of this depth is modelled.
     pub not_stated: Option<UnknownWalls>,
 }
 
@@ -38,8 +38,8 @@ impl WallsResult {
         }
     }
 
-    /// The same beside a model: where that has the effect of walls it is in E, as far as one mode is the walls. That is no more than a start:
-    /// the interval stays as wide as where nothing is known.
+    /// The same beside a model: where that has the effect of walls it is in E, as far as one mode is the walls. It is
+    /// no more than a start: the interval stays as wide as where nothing is known.
     #[must_use]
     pub fn beside<'a>(self, mut effects: impl Iterator<Item = &'a str>) -> Self {
         if !self.is_stated() && effects.any(|id| id == FINITE_BODY) {
@@ -67,7 +67,7 @@ impl WallsResult {
         })
     }
 
-    /// What stands before every E, for people; nothing where no wall is near.
+    /// Remark before every E, for people; `None` if no wall is near.
     pub fn line(&self) -> Option<String> {
         match &self.block {
             Some(block) => Some(block.to_string()),
@@ -114,7 +114,7 @@ pub const FINITE_BODY: &str = "tissue.finite_body";
 const IN_MODEL: &str = "in_model";
 /// Name of walls that nothing is stated of.
 const NOT_STATED: &str = "not_stated";
-/// What has to be stated.
+/// Advice on the statement that is needed.
 pub const STATE_THEM: &str =
     "state body_mm, needle_at_mm, sides and far_side in [tissue], or sides = \"far\" where no wall is near";
 
@@ -137,12 +137,17 @@ impl UnknownWalls {
     /// # Errors
     /// As [`unknown_walls`].
     pub fn new(needle: &Needle, depth_m: f64, poisson: f64) -> Result<Self, ModelError> {
-        let [held, free] = unknown_walls(needle, depth_m, poisson)?.map(f64::recip);
+        let [held_factor, free] = unknown_walls(needle, depth_m, poisson)?.map(f64::recip);
         let width_mm = |sides: Mounting| {
             let [width_m, ..] = Block::around(depth_m, sides).size_m;
             1e3 * width_m
         };
-        Ok(Self { edge_mm: width_mm(Mounting::Free), held_edge_mm: width_mm(Mounting::Held), held, free })
+        Ok(Self {
+            edge_mm: width_mm(Mounting::Free),
+            held_edge_mm: width_mm(Mounting::Held),
+            held: held_factor,
+            free,
+        })
     }
 
     fn widened(&self, [low, high]: [f64; 2]) -> [f64; 2] {
@@ -155,11 +160,11 @@ impl UnknownWalls {
 pub struct BlockResult {
     /// Width along x, height along y and length along the needle.
     pub body_mm: [f64; 3],
-    /// Where the needle enters, from the corner of least x and y.
+    /// Point at which the needle enters, from the corner of least x and y.
     pub needle_at_mm: [f64; 2],
-    /// How the four sides are: `free` or `held`.
+    /// Mounting of the four sides: `free` or `held`.
     pub sides: &'static str,
-    /// How the wall opposite to the surface is.
+    /// Mounting of the wall opposite to the surface.
     pub far_side: &'static str,
 }
 
@@ -203,31 +208,32 @@ mod tests {
         let note = unknown.note(Some([10.0, 11.0])).expect("a note");
         assert!(note.contains("10.00 to 11.00 kPa") && note.contains("body_mm"), "{note}");
         // Deeper than any block that is modelled: no number, but not silent.
-        let none = walls(None, 5.0);
+        let shallow = walls(None, 5.0);
         assert!(
-            none.not_stated.is_none() && none.note(None).is_some_and(|note| note.contains("off by half"))
+            shallow.not_stated.is_none()
+                && shallow.note(None).is_some_and(|note| note.contains("off by half"))
         );
     }
 
     #[test]
     fn what_is_stated_is_said_and_has_the_error_of_its_block() {
         let block = Block::cube(0.06, Mounting::Held);
-        let far = walls(Some(Walls::Far), 0.03);
-        assert_eq!((far.stated, far.note(None), far.line()), ("far", None, None));
-        assert_eq!(far.widened(1.5, [1.0, 2.0]), [1.0, 2.0]);
+        let no_wall = walls(Some(Walls::Far), 0.03);
+        assert_eq!((no_wall.stated, no_wall.note(None), no_wall.line()), ("far", None, None));
+        assert_eq!(no_wall.widened(1.5, [1.0, 2.0]), [1.0, 2.0]);
         let stated = walls(Some(Walls::Block(block)), 0.03);
         assert_eq!((stated.stated, stated.note(None)), ("block", None));
         // An interval that is almost exact has the error of the block.
         let [low, high] = stated.widened(10.0, [10.0 - 1e-9, 10.0 + 1e-9]);
         assert!(((high / low).ln() / (2.0 * Block::RELATIVE_ERROR) - 1.0).abs() < 1e-6, "{low} {high}");
         // Walls whose effect is in the model are said to be so, and widen as much; beside one that is stated the effect is of no meaning.
-        let found = walls(None, 0.03).beside(["tissue.gradient", FINITE_BODY].into_iter());
-        assert_eq!(found.stated, "in_model");
+        let unstated = walls(None, 0.03).beside(["tissue.gradient", FINITE_BODY].into_iter());
+        assert_eq!(unstated.stated, "in_model");
         assert!(
-            found.note(None).is_some_and(|note| note.contains("in the model") && note.contains("body_mm"))
+            unstated.note(None).is_some_and(|note| note.contains("in the model") && note.contains("body_mm"))
         );
-        assert!(found.line().is_some_and(|line| line.contains(FINITE_BODY)));
-        assert_eq!(found.widened(10.0, [9.0, 11.0]), walls(None, 0.03).widened(10.0, [9.0, 11.0]));
+        assert!(unstated.line().is_some_and(|line| line.contains(FINITE_BODY)));
+        assert_eq!(unstated.widened(10.0, [9.0, 11.0]), walls(None, 0.03).widened(10.0, [9.0, 11.0]));
         assert_eq!(walls(Some(Walls::Far), 0.03).beside([FINITE_BODY].into_iter()).stated, "far");
         let text = BlockResult::from(block).to_string();
         assert_eq!(text, "a block of 60 x 60 x 60 mm, needle at 30, 30 mm, sides held, far side held");

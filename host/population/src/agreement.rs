@@ -35,32 +35,33 @@ pub fn agreement(label: &str, rows: &[(String, String, f64)]) -> Vec<Agreement> 
     }
     let values: Vec<&str> = means.keys().copied().collect();
     let pairs = values.iter().enumerate().flat_map(|(i, a)| values[i + 1..].iter().map(move |b| (*a, *b)));
-    let of = |(a, b): (&str, &str)| {
-        let (first, second) = (means.get(a)?, means.get(b)?);
-        let differences: Vec<f64> = first
-            .iter()
-            .filter_map(|(subject, (sum, count))| {
-                second.get(subject).map(|(other, n)| sum / count - other / n)
+    pairs
+        .filter_map(|(a, b)| {
+            let (first, second) = (means.get(a)?, means.get(b)?);
+            let differences: Vec<f64> = first
+                .iter()
+                .filter_map(|(subject, (sum, count))| {
+                    second.get(subject).map(|(other, n)| sum / count - other / n)
+                })
+                .collect();
+            let n = differences.len();
+            if n < MIN_PAIRS {
+                return None;
+            }
+            let mean = differences.iter().sum::<f64>() / n as f64;
+            let sd = (differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1) as f64).sqrt();
+            let t = StudentsT::new(0.0, 1.0, (n - 1) as f64).ok()?.inverse_cdf(0.975);
+            let ends = |half: f64| [(mean - half).exp(), (mean + half).exp()];
+            Some(Agreement {
+                label: label.to_owned(),
+                between: [a.to_owned(), b.to_owned()],
+                subjects: n,
+                ratio: mean.exp(),
+                ratio_ci95: ends(t * sd / (n as f64).sqrt()),
+                limits95: ends(crate::NORMAL_975 * sd),
             })
-            .collect();
-        let n = differences.len();
-        if n < MIN_PAIRS {
-            return None;
-        }
-        let mean = differences.iter().sum::<f64>() / n as f64;
-        let sd = (differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1) as f64).sqrt();
-        let t = StudentsT::new(0.0, 1.0, (n - 1) as f64).ok()?.inverse_cdf(0.975);
-        let ends = |half: f64| [(mean - half).exp(), (mean + half).exp()];
-        Some(Agreement {
-            label: label.to_owned(),
-            between: [a.to_owned(), b.to_owned()],
-            subjects: n,
-            ratio: mean.exp(),
-            ratio_ci95: ends(t * sd / (n as f64).sqrt()),
-            limits95: ends(crate::NORMAL_975 * sd),
         })
-    };
-    pairs.filter_map(of).collect()
+        .collect()
 }
 
 #[cfg(test)]
@@ -78,14 +79,14 @@ mod tests {
                 [(subject.clone(), "a".to_owned(), level + d), (subject, "b".to_owned(), level)]
             })
             .collect();
-        let found = agreement("rig", &rows);
-        assert_eq!(found.len(), 1);
+        let result = agreement("rig", &rows);
+        assert_eq!(result.len(), 1);
         // Mean 0.2, sd 0.1, t of two degrees of freedom 4.3027.
         let near =
             |value: f64, ln: f64| assert!((value.ln() - ln).abs() < 1e-4, "{value}, expected exp({ln})");
-        near(found[0].ratio, 0.2);
-        near(found[0].ratio_ci95[1], 0.2 + 4.302_65 * 0.1 / 3f64.sqrt());
-        near(found[0].limits95[0], 0.2 - 0.195_996);
+        near(result[0].ratio, 0.2);
+        near(result[0].ratio_ci95[1], 0.2 + 4.302_65 * 0.1 / 3f64.sqrt());
+        near(result[0].limits95[0], 0.2 - 0.195_996);
         assert!(agreement("rig", &rows[..4]).is_empty(), "two subjects are too few");
     }
 }

@@ -21,7 +21,7 @@ const MAX_LN_K_SD: f64 = 0.7;
 /// Labels between which agreement is computed.
 const AGREEMENT: [&str; 3] = ["rig", "needle", "site"];
 
-/// What the user may choose.
+/// Choices of the user.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Options {
     /// Labels or covariates that the groups are formed by; none: one group.
@@ -36,7 +36,7 @@ pub struct Options {
     pub draws: bool,
 }
 
-/// What is kept of a record beside its likelihood.
+/// Content of a record that is kept beside its likelihood.
 pub(crate) struct Row {
     pub session: String,
     pub labels: BTreeMap<String, String>,
@@ -60,22 +60,22 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
     let records: Records = records.into();
     let discrepancy = records.median_sizes();
     let (summaries, mut data) = records.by_session().likelihoods();
-    let known = known_names(&summaries);
+    let label_names = known_names(&summaries);
     for (option, names) in
         [("--by", &options.by), ("--nested", &options.nested), ("--covariate", &options.covariates)]
     {
-        if let Some(name) = names.iter().find(|name| !known.contains(name.as_str())) {
-            let known = known.iter().map(|name| (*name).to_owned()).collect();
-            return Err(PopulationError::UnknownName { option, name: name.clone(), known });
+        if let Some(name) = names.iter().find(|name| !label_names.contains(name.as_str())) {
+            let owned_names = label_names.iter().map(|name| (*name).to_owned()).collect();
+            return Err(PopulationError::UnknownName { option, name: name.clone(), known: owned_names });
         }
     }
     let mut warnings = Vec::new();
     let label = |name: &str| summaries.iter().map(|summary| summary.label(name)).collect();
-    let places = Places {
+    let group_labels = Places {
         labels: ["rig", "needle", "tissue", "day"].map(label),
         days: summaries.iter().map(Summary::day).collect(),
     };
-    let (found, tests) = search(&mut data, &places);
+    let (shared_effects, tests) = search(&mut data, &group_labels);
     let names: Vec<Names> = summaries.iter().map(Names::of).collect();
     let spread = spread(&data, &names).into_iter().filter(|one| one.kind != SpreadKind::Absent).collect();
     let mut rows = Vec::new();
@@ -83,7 +83,7 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
     for (index, summary) in summaries.iter().enumerate() {
         match row(summary, options, &mut warnings)? {
             Ok(mut row) => {
-                correct(&mut row, &found, &data, index);
+                correct(&mut row, &shared_effects, &data, index);
                 if row.variance.sqrt() > MAX_LN_K_SD {
                     row.listed = Some("K is not identifiable from the session".to_owned());
                 }
@@ -103,27 +103,26 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
     let mut results = Vec::new();
     let mut judged: BTreeMap<usize, Judged> = BTreeMap::new();
     for (group, members) in &groups {
-        let used: Vec<usize> =
+        let used_rows: Vec<usize> =
             members.iter().copied().filter(|index| rows[*index].listed.is_none()).collect();
-        match of_group(&rows, group, members, &used, options) {
+        match of_group(&rows, group, members, &used_rows, options) {
             Ok(of_group) => {
                 results.push(of_group.result);
                 judged.extend(of_group.judged);
                 listed.extend(of_group.listed);
                 warnings.extend(of_group.warnings);
             }
-            Err(PopulationError::Undetermined { .. }) if groups.len() > 1 || used.is_empty() => warnings
+            Err(PopulationError::Undetermined { .. }) if groups.len() > 1 || used_rows.is_empty() => warnings
                 .push(format!(
                     "group {group}: {} sessions that count do not determine a mean; it is skipped",
-                    used.len()
+                    used_rows.len()
                 )),
             Err(error) => return Err(error),
         }
     }
-    let of_row = |row: &Row| {
+    listed.extend(rows.iter().filter_map(|row| {
         Some(ListedSession { session: row.session.clone(), reason: row.listed.clone()?, weight: 0.0 })
-    };
-    listed.extend(rows.iter().filter_map(of_row));
+    }));
     listed.sort_by(|a, b| a.session.cmp(&b.session));
     Ok(Population {
         schema: POPULATION_SCHEMA,
@@ -135,7 +134,7 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
         by: options.by.clone(),
         covariates: options.covariates.clone(),
         groups: results,
-        shared_effects: found.into_iter().map(|one| one.result).collect(),
+        shared_effects: shared_effects.into_iter().map(|one| one.result).collect(),
         spread,
         tests,
         listed,
@@ -148,16 +147,16 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
 }
 
 fn known_names(summaries: &[Summary]) -> BTreeSet<&str> {
-    let mut known: BTreeSet<&str> = BTreeSet::new();
+    let mut names: BTreeSet<&str> = BTreeSet::new();
     for summary in summaries {
         let labels = ["site", "subject", "rig", "needle", "tissue", "day", "month"];
-        known.extend(labels.into_iter().filter(|name| summary.label(name).is_some()));
-        known.extend(summary.covariates.keys().map(String::as_str));
+        names.extend(labels.into_iter().filter(|name| summary.label(name).is_some()));
+        names.extend(summary.covariates.keys().map(String::as_str));
     }
-    known
+    names
 }
 
-/// What a record is in the analysis of K, or why it is not.
+/// Row of a record in the analysis of K, or the reason for leaving it out.
 fn row(
     summary: &Summary,
     options: &Options,
@@ -166,7 +165,6 @@ fn row(
     let Some(result) = &summary.result else {
         return Ok(Err(format!("failed: {}", summary.error.as_deref().unwrap_or("no result"))));
     };
-    let value = |name: &String| summary.label(name).unwrap_or_else(|| format!("no {name}"));
     let mut x = Vec::new();
     for name in &options.covariates {
         match summary.covariates.get(name) {
@@ -198,7 +196,12 @@ fn row(
         group: if options.by.is_empty() {
             "all".to_owned()
         } else {
-            options.by.iter().map(value).collect::<Vec<_>>().join(" / ")
+            options
+                .by
+                .iter()
+                .map(|name| summary.label(name).unwrap_or_else(|| format!("no {name}")))
+                .collect::<Vec<_>>()
+                .join(" / ")
         },
         nested: options.nested.iter().map(|name| summary.label(name)).collect(),
         x,
@@ -214,8 +217,10 @@ fn row(
 /// explained by them.
 fn correct(row: &mut Row, found: &[Found], data: &Likelihoods, index: usize) {
     for one in found {
-        let Ok(place) = one.members.binary_search_by(|(member, _)| member.cmp(&index)) else { continue };
-        if let Some((shift, variance)) = one.ln_k_shift(data, index, one.members[place].1) {
+        let Ok(member_index) = one.members.binary_search_by(|(member, _)| member.cmp(&index)) else {
+            continue;
+        };
+        if let Some((shift, variance)) = one.ln_k_shift(data, index, one.members[member_index].1) {
             row.ln_k -= shift;
             row.variance += variance;
             row.listed = None;
@@ -246,7 +251,7 @@ fn modulus(mean: &Estimate) -> Interval {
     interval(mean.value, mean.ci95)
 }
 
-/// What one group of sessions gives.
+/// Result of one group of sessions.
 struct OfGroup {
     result: GroupResult,
     judged: Vec<(usize, Judged)>,
@@ -261,15 +266,14 @@ fn of_group(
     used: &[usize],
     options: &Options,
 ) -> Result<OfGroup, PopulationError> {
-    let undetermined = || PopulationError::Undetermined {
+    let (levels, mut warnings) = Levels::choose(rows, group, used, options);
+    let fit = (!used.is_empty()).then(|| random_effects(&observations(rows, used, &levels))).flatten();
+    let determined_fit = fit.ok_or_else(|| PopulationError::Undetermined {
         group: group.to_owned(),
         sessions: used.len(),
         covariates: options.covariates.len(),
-    };
-    let (levels, mut warnings) = Levels::choose(rows, group, used, options);
-    let found = (!used.is_empty()).then(|| random_effects(&observations(rows, used, &levels))).flatten();
-    let found = found.ok_or_else(undetermined)?;
-    if let Some(sd) = found.common_sd {
+    })?;
+    if let Some(sd) = determined_fit.common_sd {
         warnings.push(format!(
             "group {group}: the sessions scatter less than their errors state (p below 0.025): these errors are taken to be common to \
              the sessions of a rig, {:.1} % of the mean's error",
@@ -278,14 +282,15 @@ fn of_group(
     }
     let with_listed = (members.len() > used.len()).then(|| {
         let (levels, _) = Levels::choose(rows, group, members, options);
-        let found = random_effects(&observations(rows, members, &levels))?;
-        let k_kpa = modulus(&found.mean);
-        Some(WithListed { sessions: members.len(), k_kpa, tau: found.tau_total })
+        let group_fit = random_effects(&observations(rows, members, &levels))?;
+        let k_kpa = modulus(&group_fit.mean);
+        Some(WithListed { sessions: members.len(), k_kpa, tau: group_fit.tau_total })
     });
-    let judged = used.iter().zip(&found.judged).filter_map(|(index, judged)| Some((*index, (*judged)?)));
+    let judged =
+        used.iter().zip(&determined_fit.judged).filter_map(|(index, judged)| Some((*index, (*judged)?)));
     let judged: Vec<(usize, Judged)> = judged.collect();
     let mut reasons: BTreeMap<usize, String> = BTreeMap::new();
-    for (stage, sessions, judged) in &found.far {
+    for (stage, sessions, judged) in &determined_fit.far {
         for index in sessions.iter().map(|session| used[*session]) {
             let (name, value) = levels.group(rows, index, levels.names.len() - stage);
             let text =
@@ -293,16 +298,17 @@ fn of_group(
             reasons.insert(index, text);
         }
     }
-    let far = judged.iter().filter(|(_, judged)| judged.weight < 1.0);
-    let mut listed: Vec<ListedSession> = far
+    let outlying = judged.iter().filter(|(_, judged)| judged.weight < 1.0);
+    let mut listed: Vec<ListedSession> = outlying
         .map(|(index, judged)| {
-            let own = || format!("K is far from what the other sessions predict: {:+.1} sd", judged.residual);
-            let reason = reasons.get(index).cloned().unwrap_or_else(own);
+            let reason = reasons.get(index).cloned().unwrap_or_else(|| {
+                format!("K is far from what the other sessions predict: {:+.1} sd", judged.residual)
+            });
             ListedSession { session: rows[*index].session.clone(), reason, weight: judged.weight }
         })
         .collect();
     listed.sort_by(|a, b| a.session.cmp(&b.session));
-    let result = group_result(rows, group, used, options, &levels, &found, with_listed.flatten());
+    let result = group_result(rows, group, used, options, &levels, &determined_fit, with_listed.flatten());
     Ok(OfGroup { result, judged, listed, warnings })
 }
 
@@ -318,15 +324,6 @@ fn group_result(
     let subjects: BTreeSet<&String> =
         used.iter().filter_map(|index| rows[*index].labels.get("subject")).collect();
     let names = levels.names.iter().map(String::as_str).chain(["session"]);
-    let of_level = |(name, level): (&str, &crate::random_effects::Spread)| LevelResult {
-        level: name.to_owned(),
-        groups: level.groups,
-        tau: level.tau,
-        tau_ci95: level.ci95,
-        degrees_of_freedom: level.degrees_of_freedom,
-        icc: level.icc.map(|(icc, _)| icc),
-        icc_ci95: level.icc.map(|(_, ends)| ends),
-    };
     let slopes = options.covariates.iter().cloned().zip(found.beta.iter().skip(1));
     let draws = options.draws.then(|| {
         let taus = names.clone().map(|name| format!("tau_{name}")).zip(found.tau_draws.iter().cloned());
@@ -342,7 +339,18 @@ fn group_result(
         tau: found.tau_total,
         tau_ci95: found.tau_ci95,
         tau_paule_mandel: found.tau_paule_mandel,
-        levels: names.zip(&found.levels).map(of_level).collect(),
+        levels: names
+            .zip(&found.levels)
+            .map(|(name, level)| LevelResult {
+                level: name.to_owned(),
+                groups: level.groups,
+                tau: level.tau,
+                tau_ci95: level.ci95,
+                degrees_of_freedom: level.degrees_of_freedom,
+                icc: level.icc.map(|(icc, _)| icc),
+                icc_ci95: level.icc.map(|(_, ends)| ends),
+            })
+            .collect(),
         new_subject95_kpa: found.new_subject95.map(|ends| ends.map(f64::exp)),
         new_session95_kpa: found.new_session95.map(|(ends, _)| ends.map(f64::exp)),
         new_session_degrees_of_freedom: found
@@ -362,9 +370,14 @@ fn group_result(
 }
 
 fn agreement_of(label: &str, rows: &[Row]) -> Vec<crate::agreement::Agreement> {
-    let of = |row: &Row| Some((row.labels.get("subject")?.clone(), row.labels.get(label)?.clone(), row.ln_k));
-    let used: Vec<_> = rows.iter().filter(|row| row.listed.is_none()).filter_map(of).collect();
-    agreement(label, &used)
+    let subject_rows: Vec<_> = rows
+        .iter()
+        .filter(|row| row.listed.is_none())
+        .filter_map(|row| {
+            Some((row.labels.get("subject")?.clone(), row.labels.get(label)?.clone(), row.ln_k))
+        })
+        .collect();
+    agreement(label, &subject_rows)
 }
 
 /// Needle and tissue, where they are stated.
@@ -385,18 +398,20 @@ fn tip_loads(summaries: &[Summary]) -> Vec<TipLoadResult> {
             group.1.push(sd * sd);
         }
     }
-    let of = |((needle, tissue), (y, v)): (NeedleAndTissue<'_>, (Vec<f64>, Vec<f64>))| {
-        let found = random_effects(&Observations { y, v, ..Observations::default() })?;
-        let Estimate { value, ci95, .. } = *found.beta.first()?;
-        Some(TipLoadResult {
-            needle: needle.cloned(),
-            tissue: tissue.cloned(),
-            sessions: found.sessions,
-            load_n: Interval { value, ci95 },
-            between_n: (found.sessions > 1).then_some(found.tau_total),
+    groups
+        .into_iter()
+        .filter_map(|((needle, tissue), (y, v))| {
+            let load_fit = random_effects(&Observations { y, v, ..Observations::default() })?;
+            let Estimate { value, ci95, .. } = *load_fit.beta.first()?;
+            Some(TipLoadResult {
+                needle: needle.cloned(),
+                tissue: tissue.cloned(),
+                sessions: load_fit.sessions,
+                load_n: Interval { value, ci95 },
+                between_n: (load_fit.sessions > 1).then_some(load_fit.tau_total),
+            })
         })
-    };
-    groups.into_iter().filter_map(of).collect()
+        .collect()
 }
 
 fn session_row(row: &Row, judged: Option<&Judged>) -> SessionRow {

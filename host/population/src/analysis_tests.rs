@@ -1,4 +1,4 @@
-//! Which sessions count.
+//! Tests of which sessions count.
 
 use super::*;
 use crate::summary::SessionResult;
@@ -32,12 +32,13 @@ fn sessions_that_do_not_identify_k_are_listed_and_do_not_count() {
         (0..5).map(|number| record(number, 1.5 + 0.1 * number as f64, 0.05)).collect();
     let vague: Vec<Summary> = (5..9).map(|number| record(number, 2.7, 1.5)).collect();
     let alone = analyse(measured.clone(), &Options::default()).expect("a population");
-    let both = analyse([measured, vague.clone()].concat(), &Options::default()).expect("a population");
-    assert_eq!(both.groups[0].k_kpa, alone.groups[0].k_kpa);
-    assert_eq!((both.sessions.with_modulus, both.sessions.used, both.listed.len()), (9, 5, 4));
-    // Nothing but such sessions: no group, and no error, because what the sessions share can still be analysed.
-    let none = analyse(vague, &Options::default()).expect("a population");
-    assert!(none.groups.is_empty() && none.listed.len() == 4, "{:?}", none.groups);
+    let combined = analyse([measured, vague.clone()].concat(), &Options::default()).expect("a population");
+    assert_eq!(combined.groups[0].k_kpa, alone.groups[0].k_kpa);
+    assert_eq!((combined.sessions.with_modulus, combined.sessions.used, combined.listed.len()), (9, 5, 4));
+    // A population of only such sessions: no group, and no error, because what the sessions share can still be
+    // analysed.
+    let without_k = analyse(vague, &Options::default()).expect("a population");
+    assert!(without_k.groups.is_empty() && without_k.listed.len() == 4, "{:?}", without_k.groups);
 }
 
 #[test]
@@ -51,12 +52,12 @@ fn one_session_does_not_determine_how_much_the_load_differs_between_sessions() {
         record
     };
     let loads = |summaries: Vec<Summary>| analyse(summaries, &Options::default()).expect("a population");
-    let one = loads(vec![with_load(0, 0.2)]);
-    assert_eq!(one.tip_load.iter().map(|tip| tip.between_n).collect::<Vec<_>>(), [None]);
-    assert!(!crate::prior::prior_toml(&one).contains("[[tip]]"), "no prior of the next load");
+    let single = loads(vec![with_load(0, 0.2)]);
+    assert_eq!(single.tip_load.iter().map(|tip| tip.between_n).collect::<Vec<_>>(), [None]);
+    assert!(!crate::prior::prior_toml(&single).contains("[[tip]]"), "no prior of the next load");
     let three = loads((0..3).map(|number| with_load(number, 0.1 + 0.1 * number as f64)).collect());
-    let between_n = three.tip_load[0].between_n.expect("a spread");
-    assert!((0.08..0.12).contains(&between_n), "{between_n}");
+    let between_sd_n = three.tip_load[0].between_n.expect("a spread");
+    assert!((0.08..0.12).contains(&between_sd_n), "{between_sd_n}");
 }
 
 #[test]
@@ -114,9 +115,10 @@ fn sites_are_a_level_from_three_on_and_where_no_subject_was_at_several() {
                 Summary { site, subject, ..record(number, 2.0 + 0.03 * (number * 7 % 11) as f64, 0.02) }
             })
             .collect();
-        let found = analyse(records, &Options::default()).expect("a population");
-        let names: Vec<String> = found.groups[0].levels.iter().map(|level| level.level.clone()).collect();
-        (names, found.warnings)
+        let population = analyse(records, &Options::default()).expect("a population");
+        let names: Vec<String> =
+            population.groups[0].levels.iter().map(|level| level.level.clone()).collect();
+        (names, population.warnings)
     };
     assert_eq!(levels(3, |number| number / 2).0, ["site", "subject", "session"]);
     let (names, warnings) = levels(2, |number| number / 2);

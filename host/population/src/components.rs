@@ -1,11 +1,12 @@
 //! Variances of all levels with their uncertainty, and what follows for means and predictions (theory, eq. 71).
 //!
-//! From the innermost stage outwards, the squares of the units of a stage about the free means of their parents are chi-square and
-//! independent of those of the stages below. So a draw of chi-square for every stage gives, one after the other, the variances with
-//! which the squares have these values: a draw of all variances together, and of the mean given them (generalised pivotal quantities:
-//! Weerahandi 1993; Iyer, Wang and Mathew 2004). For balanced designs the interval of the mean is that of Student's t with the degrees of
-//! freedom of the outermost level, and those of the variances are exact; nothing is assumed beforehand. Where the units differ by less
-//! than their own errors state, these are scaled down, and the variance between units is zero.
+//! From the innermost stage outwards, the squares of the units of a stage about the free means of their parents are
+//! chi-square and independent of those of the stages below. So a draw of chi-square for every stage gives, one after
+//! the other, the variances with which the squares have these values: a draw of all variances together, and of the mean
+//! given them (generalised pivotal quantities: Weerahandi 1993; Iyer, Wang and Mathew 2004). For balanced designs the
+//! interval of the mean is that of Student's t with the degrees of freedom of the outermost level, and those of the
+//! variances are exact; nothing is assumed beforehand. If the units differ by less than their own errors state, these
+//! are scaled down, and the variance between units is zero.
 //!
 //! Draws are the points of a lattice of low discrepancy (Roberts' generalised golden ratio): the same data give the same intervals.
 
@@ -48,12 +49,12 @@ pub(crate) struct Draw {
 
 /// Degrees of freedom of every stage.
 pub(crate) fn freedom(tree: &Tree) -> Vec<usize> {
-    let (mut below, mut sums) = (Vec::new(), Vec::new());
+    let (mut subtotals, mut sums) = (Vec::new(), Vec::new());
     (0..tree.stages())
         .map(|stage| {
-            let freedom = tree.freedom(stage, &below);
-            tree.sums(stage, Excess::NONE, &below, &mut sums, &mut 0.0);
-            std::mem::swap(&mut below, &mut sums);
+            let freedom = tree.freedom(stage, &subtotals);
+            tree.sums(stage, Excess::NONE, &subtotals, &mut sums, &mut 0.0);
+            std::mem::swap(&mut subtotals, &mut sums);
             freedom
         })
         .collect()
@@ -64,19 +65,19 @@ pub(crate) fn freedom(tree: &Tree) -> Vec<usize> {
 fn solved(tree: &Tree, wanted: &[Option<f64>], room: &mut Room) -> (Vec<Excess>, Vec<f64>) {
     room.below.clear();
     let mut signed = Vec::with_capacity(wanted.len());
-    let all = wanted.iter().enumerate().map(|(stage, wanted)| {
-        let own = own_variance(tree, stage, &room.below);
+    let excesses = wanted.iter().enumerate().map(|(stage, wanted)| {
+        let own_part = own_variance(tree, stage, &room.below);
         let excess = wanted.map_or(Excess::NONE, |wanted| {
-            let (below, scratch) = (&room.below, &mut room.scratch);
-            excess_of(|excess| tree.squares(stage, excess, below, scratch), wanted, own)
+            let (subtotals, scratch) = (&room.below, &mut room.scratch);
+            excess_of(|excess| tree.squares(stage, excess, subtotals, scratch), wanted, own_part)
         });
-        signed.push((excess.scale - 1.0) * own + excess.variance);
+        signed.push((excess.scale - 1.0) * own_part + excess.variance);
         tree.sums(stage, excess, &room.below, &mut room.sums, &mut 0.0);
         std::mem::swap(&mut room.below, &mut room.sums);
         excess
     });
-    let all = all.collect();
-    (all, signed)
+    let excess_list = excesses.collect();
+    (excess_list, signed)
 }
 
 /// Memory that draws use one after the other.
@@ -90,12 +91,14 @@ struct Room {
 /// The harmonic mean of the units' own variances.
 fn own_variance(tree: &Tree, stage: usize, below: &Products) -> f64 {
     let units = tree.units(stage);
-    let precision = |unit: usize| if stage == 0 { tree.v[unit].recip() } else { below[unit * tree.width()] };
-    units as f64 / (0..units).map(precision).sum::<f64>()
+    units as f64
+        / (0..units)
+            .map(|unit| if stage == 0 { tree.v[unit].recip() } else { below[unit * tree.width()] })
+            .sum::<f64>()
 }
 
-/// Where squares, which fall with the excess, have a value. Their inverse is nearly linear in the variance, and is so where all units have
-/// the same own variance; `own` is a typical one.
+/// Excess at which the sum of squares, which falls with the excess, has a value. Their inverse is nearly linear in the
+/// variance, and is so where all units have the same own variance; `own` is a typical one.
 fn excess_of(mut squares: impl FnMut(Excess) -> f64, wanted: f64, own: f64) -> Excess {
     let at_none = squares(Excess::NONE);
     if at_none <= wanted {
@@ -103,14 +106,14 @@ fn excess_of(mut squares: impl FnMut(Excess) -> f64, wanted: f64, own: f64) -> E
     }
     let mut off = |variance: f64| squares(Excess::of(variance)).recip() - wanted.recip();
     let (mut low, mut at_low) = (0.0, at_none.recip() - wanted.recip());
-    // That of units with the same errors.
+    // Excess of units with the same errors.
     let mut step = own * (at_none / wanted - 1.0);
     let (mut high, mut at_high) = loop {
-        let at = off(low + step);
-        if at >= 0.0 || !at.is_finite() || step > FARTHEST * own {
-            break (low + step, at);
+        let difference = off(low + step);
+        if difference >= 0.0 || !difference.is_finite() || step > FARTHEST * own {
+            break (low + step, difference);
         }
-        (low, at_low, step) = (low + step, at, 2.0 * step);
+        (low, at_low, step) = (low + step, difference, 2.0 * step);
     };
     for _ in 0..ROUNDS {
         // Regula falsi, the end that stays halved (Illinois); bisection where it does not help.
@@ -118,15 +121,15 @@ fn excess_of(mut squares: impl FnMut(Excess) -> f64, wanted: f64, own: f64) -> E
         if !(next > low && next < high) {
             next = 0.5 * (low + high);
         }
-        let at = off(next);
-        if (at * wanted).abs() < TOLERANCE || high - low < TOLERANCE * high {
+        let difference = off(next);
+        if (difference * wanted).abs() < TOLERANCE || high - low < TOLERANCE * high {
             return Excess::of(next);
         }
-        if at < 0.0 {
-            (low, at_low) = (next, at);
+        if difference < 0.0 {
+            (low, at_low) = (next, difference);
             at_high *= 0.5;
         } else {
-            (high, at_high) = (next, at);
+            (high, at_high) = (next, difference);
             at_low *= 0.5;
         }
     }
@@ -135,11 +138,11 @@ fn excess_of(mut squares: impl FnMut(Excess) -> f64, wanted: f64, own: f64) -> E
 
 /// Variances by moments: the squares of every stage have their expectation.
 pub(crate) fn moments(tree: &Tree) -> Vec<Excess> {
-    let wanted: Vec<Option<f64>> =
+    let target_squares: Vec<Option<f64>> =
         freedom(tree).into_iter().map(|freedom| (freedom > 0).then_some(freedom as f64)).collect();
-    let mut all = solved(tree, &wanted, &mut Room::default()).0;
-    all.iter_mut().for_each(|excess| excess.scale = 1.0);
-    all
+    let mut excesses = solved(tree, &target_squares, &mut Room::default()).0;
+    excesses.iter_mut().for_each(|excess| excess.scale = 1.0);
+    excesses
 }
 
 /// Draws of all variances and of the mean given them; empty where the mean is not determined.
@@ -149,15 +152,18 @@ pub(crate) fn draws(tree: &Tree, freedom: &[usize]) -> Vec<Draw> {
     let steps = lattice(of_stage.len() + 1);
     let last = steps.last().copied().unwrap_or(0.5);
     let standard = Normal::standard();
-    let of = |room: &mut Room, number: usize| {
-        let point = |step: &f64| (0.5 + (number as f64 + 1.0) * step).fract();
-        let wanted: Vec<Option<f64>> =
-            of_stage.iter().zip(&steps).map(|(chi, step)| Some(chi.as_ref()?.at(point(step)))).collect();
-        let (_, signed) = solved(tree, &wanted, room);
-        let Mean { beta, covariance, .. } = Mean::of(&room.below, tree.parameters())?;
-        Some(Draw { signed, beta, covariance, normal: standard.inverse_cdf(point(&last)) })
-    };
-    (0..count).into_par_iter().map_init(Room::default, of).flatten().collect()
+    (0..count)
+        .into_par_iter()
+        .map_init(Room::default, |room: &mut Room, number: usize| {
+            let point = |step: &f64| (0.5 + (number as f64 + 1.0) * step).fract();
+            let target_squares: Vec<Option<f64>> =
+                of_stage.iter().zip(&steps).map(|(chi, step)| Some(chi.as_ref()?.at(point(step)))).collect();
+            let (_, signed) = solved(tree, &target_squares, room);
+            let Mean { beta, covariance, .. } = Mean::of(&room.below, tree.parameters())?;
+            Some(Draw { signed, beta, covariance, normal: standard.inverse_cdf(point(&last)) })
+        })
+        .flatten()
+        .collect()
 }
 
 /// Quantiles of chi-square from a table: their cube root is nearly linear in the normal quantile (Wilson and Hilferty 1931).
@@ -170,15 +176,21 @@ impl Quantiles {
     /// `None` without degrees of freedom.
     fn new(freedom: usize) -> Option<Self> {
         let (chi, normal) = (ChiSquared::new(freedom as f64).ok()?, Normal::standard());
-        let of = |node: usize| chi.inverse_cdf(normal.cdf(NODES_FROM + NODES_STEP * node as f64)).cbrt();
-        Some(Self { normal, roots: (0..NODES).map(of).collect() })
+        Some(Self {
+            normal,
+            roots: (0..NODES)
+                .map(|node| chi.inverse_cdf(normal.cdf(NODES_FROM + NODES_STEP * node as f64)).cbrt())
+                .collect(),
+        })
     }
 
     fn at(&self, probability: f64) -> f64 {
-        let place = (self.normal.inverse_cdf(probability) - NODES_FROM) / NODES_STEP;
-        let place = place.clamp(0.0, (NODES - 2) as f64 + 1.0 - f64::EPSILON * NODES as f64);
-        let [low, high] = [0, 1].map(|more| self.roots.get(place as usize + more).copied().unwrap_or(0.0));
-        (low + place.fract() * (high - low)).powi(3)
+        let node_position = (self.normal.inverse_cdf(probability) - NODES_FROM) / NODES_STEP;
+        let clamped_position =
+            node_position.clamp(0.0, (NODES - 2) as f64 + 1.0 - f64::EPSILON * NODES as f64);
+        let [low, high] =
+            [0, 1].map(|more| self.roots.get(clamped_position as usize + more).copied().unwrap_or(0.0));
+        (low + clamped_position.fract() * (high - low)).powi(3)
     }
 }
 
@@ -193,12 +205,12 @@ fn lattice(dimensions: usize) -> Vec<f64> {
 
 /// Products of the units of a stage, each stage within it with the variances that it has by moments.
 fn units_of(tree: &Tree, stage: usize) -> Vec<f64> {
-    let (mut below, mut sums) = (Vec::new(), Vec::new());
+    let (mut subtotals, mut sums) = (Vec::new(), Vec::new());
     for (stage, excess) in moments(tree).into_iter().enumerate().take(stage) {
-        tree.sums(stage, excess, &below, &mut sums, &mut 0.0);
-        std::mem::swap(&mut below, &mut sums);
+        tree.sums(stage, excess, &subtotals, &mut sums, &mut 0.0);
+        std::mem::swap(&mut subtotals, &mut sums);
     }
-    below
+    subtotals
 }
 
 /// The variance between the units of a stage that its 95 % interval would reach in one of six populations without any: intervals end no
@@ -206,12 +218,17 @@ fn units_of(tree: &Tree, stage: usize) -> Vec<f64> {
 pub(crate) fn sensitivity(tree: &Tree, stage: usize, freedom: usize) -> f64 {
     let Ok(chi) = ChiSquared::new(freedom as f64) else { return 0.0 };
     let ratio = chi.inverse_cdf(0.025) / chi.inverse_cdf(0.16);
-    let below = units_of(tree, stage);
+    let unit_totals = units_of(tree, stage);
     let units = tree.units(stage);
-    let own = |unit: usize| if stage == 0 { tree.v[unit] } else { below[unit * tree.width()].recip() };
-    let all: Vec<f64> = (0..units).map(own).collect();
-    let share = |excess: Excess| all.iter().map(|v| v / (v + excess.variance)).sum::<f64>();
-    excess_of(share, ratio * units as f64, own_variance(tree, stage, &below)).variance
+    let unit_variances: Vec<f64> = (0..units)
+        .map(|unit| if stage == 0 { tree.v[unit] } else { unit_totals[unit * tree.width()].recip() })
+        .collect();
+    excess_of(
+        |excess: Excess| unit_variances.iter().map(|v| v / (v + excess.variance)).sum::<f64>(),
+        ratio * units as f64,
+        own_variance(tree, stage, &unit_totals),
+    )
+    .variance
 }
 
 /// Ends of the 95 % interval of the innermost variance that is determined: those with which the squares are quantiles of chi-square
@@ -219,39 +236,42 @@ pub(crate) fn sensitivity(tree: &Tree, stage: usize, freedom: usize) -> f64 {
 pub(crate) fn profile(tree: &Tree, freedom: &[usize]) -> Option<[f64; 2]> {
     let stage = freedom.iter().position(|freedom| *freedom > 0)?;
     let chi = ChiSquared::new(freedom[stage] as f64).ok()?;
-    let (below, mut scratch) = (units_of(tree, stage), Vec::new());
-    let own = own_variance(tree, stage, &below);
-    let mut squares = |excess| tree.squares(stage, excess, &below, &mut scratch);
-    Some([0.975, 0.025].map(|share| excess_of(&mut squares, chi.inverse_cdf(share), own).variance))
+    let (unit_totals, mut scratch) = (units_of(tree, stage), Vec::new());
+    let own_part = own_variance(tree, stage, &unit_totals);
+    let mut squares = |excess| tree.squares(stage, excess, &unit_totals, &mut scratch);
+    Some([0.975, 0.025].map(|share| excess_of(&mut squares, chi.inverse_cdf(share), own_part).variance))
 }
 
 /// Squares of the innermost stage that determines a variance, by stated errors alone; its degrees of freedom; a typical variance of its
 /// units.
 pub(crate) fn determined(tree: &Tree, freedom: &[usize]) -> Option<(f64, usize, f64)> {
     let stage = freedom.iter().position(|freedom| *freedom > 0)?;
-    let below = units_of(tree, stage);
-    let squares = tree.squares(stage, Excess::NONE, &below, &mut Vec::new());
-    Some((squares, freedom[stage], own_variance(tree, stage, &below)))
+    let unit_totals = units_of(tree, stage);
+    let squares = tree.squares(stage, Excess::NONE, &unit_totals, &mut Vec::new());
+    Some((squares, freedom[stage], own_variance(tree, stage, &unit_totals)))
 }
 
 /// A quantile of sorted values.
 pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let place = (share * sorted.len() as f64 - 0.5).max(0.0);
+    let rank = (share * sorted.len() as f64 - 0.5).max(0.0);
     let at = |index: usize| sorted.get(index.min(sorted.len().saturating_sub(1))).copied().unwrap_or(0.0);
-    let (low, high) = (at(place as usize), at(place as usize + 1));
-    low + place.fract() * (high - low)
+    let (low, high) = (at(rank as usize), at(rank as usize + 1));
+    low + rank.fract() * (high - low)
 }
 
 /// Ends of the 95 % interval of a mixture of normal distributions with these means and variances, and a variance common to all.
 pub(crate) fn quantile_of_normals(parts: &[(f64, f64)], common: f64) -> [f64; 2] {
-    let parts: Vec<(f64, f64)> =
+    let components: Vec<(f64, f64)> =
         parts.iter().map(|(mean, variance)| (*mean, (variance + common).sqrt())).collect();
     let below = |value: f64| {
-        let of = |(mean, sd): &(f64, f64)| 0.5 * erfc((mean - value) / (sd * std::f64::consts::SQRT_2));
-        parts.iter().map(of).sum::<f64>() / parts.len() as f64
+        components
+            .iter()
+            .map(|(mean, sd)| 0.5 * erfc((mean - value) / (sd * std::f64::consts::SQRT_2)))
+            .sum::<f64>()
+            / components.len() as f64
     };
-    let mut means: Vec<f64> = parts.iter().map(|(mean, _)| *mean).collect();
-    let mut sds: Vec<f64> = parts.iter().map(|(_, sd)| *sd).collect();
+    let mut means: Vec<f64> = components.iter().map(|(mean, _)| *mean).collect();
+    let mut sds: Vec<f64> = components.iter().map(|(_, sd)| *sd).collect();
     means.sort_by(f64::total_cmp);
     sds.sort_by(f64::total_cmp);
     let (middle, sd) = (quantile(&means, 0.5), quantile(&sds, 0.5));
@@ -261,15 +281,15 @@ pub(crate) fn quantile_of_normals(parts: &[(f64, f64)], common: f64) -> [f64; 2]
         while !is_beyond(middle + side * step) && step < 1e9 * sd {
             step *= 2.0;
         }
-        let (mut near, mut far) = (0.0, step);
+        let (mut inner, mut outer) = (0.0, step);
         for _ in 0..BISECTIONS {
-            let half = 0.5 * (near + far);
+            let half = 0.5 * (inner + outer);
             if is_beyond(middle + side * half) {
-                far = half;
+                outer = half;
             } else {
-                near = half;
+                inner = half;
             }
         }
-        middle + side * far
+        middle + side * outer
     })
 }

@@ -52,20 +52,21 @@ impl Display for Population {
             )?;
         }
         for pair in &self.agreement {
-            let ([low, high], [from, to]) = (pair.ratio_ci95, pair.limits95);
+            let ([low, high], [limit_low, limit_high]) = (pair.ratio_ci95, pair.limits95);
             writeln!(
                 f,
-                "agreement    {} {} over {}: K ratio {:.3} ({low:.3} to {high:.3}); 95 % of {} subjects within {from:.3} to {to:.3}",
+                "agreement    {} {} over {}: K ratio {:.3} ({low:.3} to {high:.3}); 95 % of {} subjects within {limit_low:.3} to {limit_high:.3}",
                 pair.label, pair.between[0], pair.between[1], pair.ratio, pair.subjects
             )?;
         }
         for tip in &self.tip_load {
             let [low, high] = tip.load_n.ci95;
-            let between = tip.between_n.map_or("not identifiable".to_owned(), |sd_n| format!("{sd_n:.3} N"));
+            let spread_text =
+                tip.between_n.map_or("not identifiable".to_owned(), |sd_n| format!("{sd_n:.3} N"));
             let of = |label: &Option<String>| label.clone().unwrap_or_else(|| "not stated".to_owned());
             writeln!(
                 f,
-                "tip load     needle {}, tissue {}: {:.3} N ({low:.3} to {high:.3}), sd between sessions {between}; sessions: {}",
+                "tip load     needle {}, tissue {}: {:.3} N ({low:.3} to {high:.3}), sd between sessions {spread_text}; sessions: {}",
                 of(&tip.needle),
                 of(&tip.tissue),
                 tip.load_n.value,
@@ -91,7 +92,7 @@ fn write_group(f: &mut Formatter<'_>, group: &GroupResult) -> fmt::Result {
     let Interval { value, ci95: [low, high] } = group.k_kpa;
     let percent = |tau: f64| 100.0 * tau;
     let mean = format!("{value:.2} ({low:.2} to {high:.2})");
-    let between = match group.tau_ci95 {
+    let spread_text = match group.tau_ci95 {
         Some([low, high]) => {
             format!("{:.1} % ({:.1} to {:.1} %)", percent(group.tau), percent(low), percent(high))
         }
@@ -102,7 +103,7 @@ fn write_group(f: &mut Formatter<'_>, group: &GroupResult) -> fmt::Result {
         .map_or_else(|| "not identifiable".to_owned(), |[low, high]| format!("{low:.2} to {high:.2}"));
     writeln!(
         f,
-        "  {:<24}{:>8}  {mean:<24}{between:<26}{new:<20}{:>3.0} %",
+        "  {:<24}{:>8}  {mean:<24}{spread_text:<26}{new:<20}{:>3.0} %",
         group.group, group.sessions, group.i_squared_percent
     )?;
     for level in group.levels.iter().filter(|_| group.levels.len() > 1) {
@@ -125,21 +126,21 @@ fn write_group(f: &mut Formatter<'_>, group: &GroupResult) -> fmt::Result {
             "", "", slope.value
         )?;
     }
-    if let Some(all) = group.with_listed {
-        let [low, high] = all.k_kpa.ci95;
+    if let Some(all_sessions) = group.with_listed {
+        let [low, high] = all_sessions.k_kpa.ci95;
         writeln!(
             f,
             "  {:<24}{:>8}  {:.2} ({low:.2} to {high:.2}), sd {:.1} %: with sessions that are not used",
             "",
-            all.sessions,
-            all.k_kpa.value,
-            percent(all.tau)
+            all_sessions.sessions,
+            all_sessions.k_kpa.value,
+            percent(all_sessions.tau)
         )?;
     }
     Ok(())
 }
 
-/// Which sessions share an effect.
+/// Names the sessions that share an effect.
 fn place(label: &str, group: &str) -> String {
     if label == "all" { group.to_owned() } else { format!("{label} {group}") }
 }
@@ -153,7 +154,8 @@ fn write_shared(f: &mut Formatter<'_>, one: &SharedEffect) -> fmt::Result {
             format!("{} {value:.4} ({low:.4} to {high:.4})", parameter.name)
         })
         .collect();
-    let at = one.at.as_ref().map_or_else(String::new, |(name, value)| format!(" at {name} {value}"));
+    let parameter_text =
+        one.at.as_ref().map_or_else(String::new, |(name, value)| format!(" at {name} {value}"));
     let when = match (one.kind, &one.began, &one.began_ci95) {
         (SharedKind::Step, Some(date), Some([from, to])) => format!(", since {date} ({from} to {to})"),
         (SharedKind::Trend, Some(date), _) => format!(", growing since {date}; value on the last date"),
@@ -161,7 +163,7 @@ fn write_shared(f: &mut Formatter<'_>, one: &SharedEffect) -> fmt::Result {
     };
     writeln!(
         f,
-        "shared       {}: {}{at}: {}{when}; {} sessions, log evidence {:+.1}",
+        "shared       {}: {}{parameter_text}: {}{when}; {} sessions, log evidence {:+.1}",
         place(&one.label, &one.group),
         one.effect,
         parameters.join(", "),

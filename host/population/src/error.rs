@@ -1,4 +1,4 @@
-//! What can be wrong with summaries and with what is requested of them.
+//! Errors of summaries and of requests to analyse them.
 
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ pub enum PopulationError {
         line: usize,
         /// Column, from 1.
         column: usize,
-        /// What is wrong.
+        /// Problem.
         what: String,
     },
     /// Two summaries are of the same session.
@@ -64,10 +64,10 @@ pub enum PopulationError {
         /// The session.
         session: String,
     },
-    /// Nothing is left to be analysed.
+    /// No summary remains to be analysed.
     #[error("{sessions} sessions, none with a modulus that can be used, expected at least 1: {reason}")]
     Empty {
-        /// How many summaries there are.
+        /// Number of summaries.
         sessions: usize,
         /// Why the first of them cannot be used.
         reason: String,

@@ -1,4 +1,4 @@
-//! Which sessions have something in common: levels from their labels.
+//! Levels of sessions that have something in common: levels from their labels.
 
 use crate::analysis::{Options, Row};
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,8 +19,8 @@ pub(crate) struct Levels {
 }
 
 impl Levels {
-    /// Those that the user has chosen, or that the labels state: subjects with several sessions, and sites with several subjects. What a
-    /// reader has to know of it comes with it.
+    /// Those that the user has chosen, or that the labels state: subjects with several sessions, and sites with several
+    /// subjects. Remarks for the reader come with the level.
     pub fn choose(rows: &[Row], group: &str, members: &[usize], options: &Options) -> (Self, Vec<String>) {
         let label = |name: &str| -> Vec<Option<&str>> {
             members.iter().map(|index| rows[*index].labels.get(name).map(String::as_str)).collect()

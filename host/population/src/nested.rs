@@ -76,13 +76,13 @@ impl Nested {
     /// Fits at given standard deviations; `None` where the mean is not determined.
     pub(crate) fn at(tree: &Tree, tau: &[f64]) -> Option<Self> {
         let (session, levels) = tau.split_first()?;
-        let (mut below, mut sums, mut ln_determinant) = (Vec::new(), Vec::new(), 0.0);
+        let (mut subtotals, mut sums, mut ln_determinant) = (Vec::new(), Vec::new(), 0.0);
         // The innermost level is the last one.
         for (stage, tau) in std::iter::once(session).chain(levels.iter().rev()).enumerate() {
-            tree.sums(stage, Excess::of(tau * tau), &below, &mut sums, &mut ln_determinant);
-            std::mem::swap(&mut below, &mut sums);
+            tree.sums(stage, Excess::of(tau * tau), &subtotals, &mut sums, &mut ln_determinant);
+            std::mem::swap(&mut subtotals, &mut sums);
         }
-        let Mean { beta, covariance, squares, ln_normal } = Mean::of(&below, tree.parameters())?;
+        let Mean { beta, covariance, squares, ln_normal } = Mean::of(&subtotals, tree.parameters())?;
         let deviance = ln_determinant + ln_normal + squares;
         deviance.is_finite().then(|| Self { beta, covariance, tau: tau.to_vec(), squares, deviance })
     }
@@ -115,11 +115,11 @@ impl Nested {
             return Some(best);
         }
         for _ in 0..if free.len() < 2 { 1 } else { MAX_SWEEPS } {
-            let before = tau.clone();
+            let previous_tau = tau.clone();
             for component in &free {
                 tau[*component] = likeliest(tree, &tau, *component, scale);
             }
-            let moved = before.iter().zip(&tau).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let moved = previous_tau.iter().zip(&tau).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             if moved < SETTLED * scale {
                 break;
             }
@@ -142,17 +142,17 @@ pub(crate) struct Mean {
 }
 
 impl Mean {
-    /// Of so many parameters; `None` where they are not determined.
+    /// Estimate for so many parameters; `None` if they are not determined.
     pub fn of(products: &Products, parameters: usize) -> Option<Self> {
         let at = |i: usize, j: usize| {
             let (low, high) = (i.min(j), i.max(j));
             products.get(high * (high + 1) / 2 + low).copied().unwrap_or(f64::NAN)
         };
         let normal = DMatrix::from_fn(parameters, parameters, at);
-        let along = DVector::from_fn(parameters, |i, _| at(i, parameters));
+        let column = DVector::from_fn(parameters, |i, _| at(i, parameters));
         let factor = normal.cholesky()?;
-        let beta = factor.solve(&along);
-        let squares = (at(parameters, parameters) - along.dot(&beta)).max(0.0);
+        let beta = factor.solve(&column);
+        let squares = (at(parameters, parameters) - column.dot(&beta)).max(0.0);
         let ln_normal = 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
         Some(Self { beta, covariance: factor.inverse(), squares, ln_normal })
     }
@@ -186,10 +186,10 @@ fn likeliest(tree: &Tree, tau: &[f64], component: usize, scale: f64) -> f64 {
         .chain((0..GRID).map(|number| scale * LEAST * step.powi(number as i32)))
         .collect();
     let costs: Vec<f64> = grid.iter().map(|value| cost(*value)).collect();
-    let at = (0..grid.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0);
-    let (low, high) = (grid[at.saturating_sub(1)], grid[(at + 1).min(grid.len() - 1)]);
+    let cheapest = (0..grid.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0);
+    let (low, high) = (grid[cheapest.saturating_sub(1)], grid[(cheapest + 1).min(grid.len() - 1)]);
     let solver = BrentOpt::new(low, high).set_tolerance(1e-9, 1e-12 * scale);
     let run = Executor::new(profile, solver).configure(|state| state.max_iters(200)).run();
-    let found = run.ok().and_then(|result| result.state().get_best_param().copied());
-    found.filter(|found| cost(*found) <= costs[at]).unwrap_or(grid[at])
+    let minimum = run.ok().and_then(|result| result.state().get_best_param().copied());
+    minimum.filter(|minimum| cost(*minimum) <= costs[cheapest]).unwrap_or(grid[cheapest])
 }

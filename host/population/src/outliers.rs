@@ -42,11 +42,12 @@ pub(crate) struct Judged {
     pub p_adjusted: f64,
     /// Weight beside one that is not far: 1, or less where it is listed.
     pub weight: f64,
-    /// Of a session: its true value, from its own and from what the others predict, less its own; and the standard deviation.
+    /// Mean and standard deviation of a session: its true value, from its own and from what the others predict, less
+    /// its own; and the standard deviation.
     pub shrunk: (f64, f64),
 }
 
-/// What is far from the others, taken out.
+/// Weights without the outliers.
 #[derive(Debug, Clone)]
 pub(crate) struct Weighed {
     /// Without it, for what is typical.
@@ -61,11 +62,14 @@ impl Weighed {
     /// Lists what is far, stage by stage.
     pub fn of(mut tree: Tree) -> Self {
         (0..tree.stages()).for_each(|stage| search(&mut tree, stage));
-        let (all, of_stages) = judged(&tree);
-        let without = tree.clone();
-        let finish = |(stage, units)| finished(&mut tree, &all, stage, units);
-        let judged = of_stages.into_iter().enumerate().map(finish).collect();
-        Self { without, tree, judged }
+        let (excesses, of_stages) = judged(&tree);
+        let full_tree = tree.clone();
+        let judged = of_stages
+            .into_iter()
+            .enumerate()
+            .map(|(stage, units)| finished(&mut tree, &excesses, stage, units))
+            .collect();
+        Self { without: full_tree, tree, judged }
     }
 }
 
@@ -91,7 +95,7 @@ impl Far {
 fn search(tree: &mut Tree, stage: usize) {
     let count = tree.units(stage);
     let hidden = if count > MANY { HIDDEN_OF_MANY } else { (count / SHARE).clamp(1, MAX_HIDDEN) };
-    let (mut taken, mut far, mut guesses) = (Vec::new(), 0, 0);
+    let (mut removed, mut outlier_count, mut guesses) = (Vec::new(), 0, 0);
     for _ in 0..STEPS {
         let (_, mut of_stages) = judged(tree);
         let units = of_stages.swap_remove(stage);
@@ -122,32 +126,32 @@ fn search(tree: &mut Tree, stage: usize) {
             next.push(farthest);
         }
         for Far { unit, .. } in next {
-            let Some((one, _)) = units[unit] else { continue };
-            tree.widened[stage][unit] = WITHOUT_WEIGHT * (one.own + one.variance);
-            taken.push(unit);
+            let Some((outlier, _)) = units[unit] else { continue };
+            tree.widened[stage][unit] = WITHOUT_WEIGHT * (outlier.own + outlier.variance);
+            removed.push(unit);
         }
         if is_far {
-            far = taken.len();
+            outlier_count = removed.len();
         }
     }
-    for unit in taken.into_iter().skip(far) {
+    for unit in removed.into_iter().skip(outlier_count) {
         tree.widened[stage][unit] = 0.0;
     }
 }
 
 /// Every unit beside its prediction, variances by moments of what counts.
 fn judged(tree: &Tree) -> (Vec<Excess>, Vec<Units>) {
-    let (all, of_stages) = (moments(tree), freedom(tree));
-    let tau: Vec<f64> = tree.outwards().map(|stage| all[stage].variance.sqrt()).collect();
+    let (excesses, of_stages) = (moments(tree), freedom(tree));
+    let tau: Vec<f64> = tree.outwards().map(|stage| excesses[stage].variance.sqrt()).collect();
     let Some(fit) = Nested::at(tree, &tau) else {
-        let nothing = (0..tree.stages()).map(|stage| vec![None; tree.units(stage)]).collect();
-        return (all, nothing);
+        let no_predictions = (0..tree.stages()).map(|stage| vec![None; tree.units(stage)]).collect();
+        return (excesses, no_predictions);
     };
-    let found = predicted(tree, &all, &fit.beta);
+    let predictions = predicted(tree, &excesses, &fit.beta);
     let judge = |stage: usize, one: Predicted, units: usize, counted: bool| {
-        // Of the level that the unit is of: stated errors alone have none.
-        let estimated = (all[stage].variance > 0.0).then_some(of_stages[stage]);
-        let outer = (stage + 1..tree.stages()).filter(|outer| all[*outer].variance > 0.0);
+        // Variance of the level that the unit belongs to: stated errors alone have none.
+        let estimated = (excesses[stage].variance > 0.0).then_some(of_stages[stage]);
+        let outer = (stage + 1..tree.stages()).filter(|outer| excesses[*outer].variance > 0.0);
         let outer = outer.map(|outer| of_stages[outer]).min();
         let freedom = combined(&[(one.own, estimated), (one.variance, outer.filter(|_| one.variance > 0.0))]);
         let standardised = one.standardised();
@@ -159,13 +163,15 @@ fn judged(tree: &Tree) -> (Vec<Excess>, Vec<Units>) {
         let p_adjusted = if is_comparable { adjusted(residual, freedom, units) } else { 1.0 };
         (one, Judged { residual, freedom, p_adjusted, weight: 1.0, shrunk: (f64::NAN, f64::NAN) })
     };
-    let of_stages = found.into_iter().enumerate().map(|(stage, units)| {
+    let of_stages = predictions.into_iter().enumerate().map(|(stage, units)| {
         let count = units.len();
-        let each = units.into_iter().enumerate();
-        each.map(|(unit, one)| one.map(|one| judge(stage, one, count, tree.counts(stage, unit)))).collect()
+        let indexed_units = units.into_iter().enumerate();
+        indexed_units
+            .map(|(unit, one)| one.map(|one| judge(stage, one, count, tree.counts(stage, unit))))
+            .collect()
     });
     let of_stages = of_stages.collect();
-    (all, of_stages)
+    (excesses, of_stages)
 }
 
 /// Probability of a larger residual in at least one of so many units.
@@ -182,44 +188,51 @@ fn adjusted(residual: f64, freedom: f64, units: usize) -> f64 {
 /// Degrees of freedom of a sum of variances (Satterthwaite 1946); those without are known.
 fn combined(parts: &[(f64, Option<usize>)]) -> f64 {
     let total: f64 = parts.iter().map(|(variance, _)| variance).sum();
-    let of = |(variance, freedom): &(f64, Option<usize>)| {
-        freedom.map(|freedom| variance * variance / freedom as f64)
-    };
-    total * total / parts.iter().filter_map(of).sum::<f64>()
+    total * total
+        / parts
+            .iter()
+            .filter_map(|(variance, freedom)| freedom.map(|freedom| variance * variance / freedom as f64))
+            .sum::<f64>()
 }
 
 /// A residual that is standardised with a variance to which it has contributed, and the one without it, with a degree of freedom less
 /// (Cook and Weisberg 1982).
 fn without_itself(standardised: f64, freedom: f64) -> (f64, f64) {
-    let left = freedom - 1.0;
-    if left <= 0.0 {
+    let remaining_freedom = freedom - 1.0;
+    if remaining_freedom <= 0.0 {
         return (standardised, 1.0);
     }
-    let rest = freedom - standardised * standardised;
-    let residual =
-        if rest > 0.0 { standardised * (left / rest).sqrt() } else { f64::INFINITY.copysign(standardised) };
-    (residual, left)
+    let remaining_squares = freedom - standardised * standardised;
+    let residual = if remaining_squares > 0.0 {
+        standardised * (remaining_freedom / remaining_squares).sqrt()
+    } else {
+        f64::INFINITY.copysign(standardised)
+    };
+    (residual, remaining_freedom)
 }
 
 /// Judgements of a stage, with the weights of what was taken out.
 fn finished(tree: &mut Tree, all: &[Excess], stage: usize, units: Units) -> Vec<Option<Judged>> {
     let count = units.len();
     let mut finish = |(unit, one): (usize, Option<(Predicted, Judged)>)| {
-        let (mut one, mut judged) = one?;
+        let (mut judged_unit, mut judged) = one?;
         let widened = &mut tree.widened[stage][unit];
         if *widened > 0.0 {
-            one.own -= *widened;
-            judged.residual = one.standardised();
+            judged_unit.own -= *widened;
+            judged.residual = judged_unit.standardised();
             judged.p_adjusted = adjusted(judged.residual, judged.freedom, count);
             judged.weight = (FREEDOM + 1.0) / (FREEDOM + judged.residual.powi(2));
             // One that is nearer than its weight is for keeps a variance that marks it.
             judged.weight = judged.weight.min(1.0 - f64::EPSILON);
-            *widened = (judged.weight.recip() - 1.0) * (one.own + one.variance);
+            *widened = (judged.weight.recip() - 1.0) * (judged_unit.own + judged_unit.variance);
         }
         if stage == 0 {
-            let before = one.variance + all[0].variance + *widened;
-            let share = before / (before + tree.v[unit]);
-            judged.shrunk = ((share - 1.0) * (one.value - one.mean), (share * tree.v[unit]).sqrt());
+            let variance_without = judged_unit.variance + all[0].variance + *widened;
+            let weight_ratio = variance_without / (variance_without + tree.v[unit]);
+            judged.shrunk = (
+                (weight_ratio - 1.0) * (judged_unit.value - judged_unit.mean),
+                (weight_ratio * tree.v[unit]).sqrt(),
+            );
         }
         Some(judged)
     };

@@ -58,15 +58,16 @@ pub(crate) fn patterns(data: &Likelihoods, places: &Places) -> Vec<Pattern> {
             }
         }
     }
-    let all = usable(data, (0..data.sessions.len()).collect(), true);
-    let all: Vec<(usize, f64)> = all.into_iter().map(|index| (index, 1.0)).collect();
-    if all.len() >= MIN_SESSIONS {
+    let usable_sessions = usable(data, (0..data.sessions.len()).collect(), true);
+    let weighted_sessions: Vec<(usize, f64)> =
+        usable_sessions.into_iter().map(|index| (index, 1.0)).collect();
+    if weighted_sessions.len() >= MIN_SESSIONS {
         let group = "all sessions".to_owned();
         patterns.push(Pattern {
             label: "all",
             group,
             kind: SharedKind::Shared,
-            members: all,
+            members: weighted_sessions,
             starts: Vec::new(),
         });
     }
@@ -77,12 +78,12 @@ pub(crate) fn patterns(data: &Likelihoods, places: &Places) -> Vec<Pattern> {
 /// majority, which is what an effect of the group does that each of them measures and none can name.
 fn usable(data: &Likelihoods, group: Vec<usize>, with_majority: bool) -> Vec<usize> {
     let is_explained = |index: &usize| Some(data.sessions.get(*index)?.as_ref()?.is_explained);
-    let all: Vec<usize> = group.into_iter().filter(|index| is_explained(index).is_some()).collect();
-    let unexplained = all.iter().filter(|index| is_explained(index) == Some(false)).count();
-    if with_majority && unexplained >= MIN_SESSIONS && 2 * unexplained > all.len() {
-        return all;
+    let explained: Vec<usize> = group.into_iter().filter(|index| is_explained(index).is_some()).collect();
+    let unexplained = explained.iter().filter(|index| is_explained(index) == Some(false)).count();
+    if with_majority && unexplained >= MIN_SESSIONS && 2 * unexplained > explained.len() {
+        return explained;
     }
-    all.into_iter().filter(|index| is_explained(index) == Some(true)).collect()
+    explained.into_iter().filter(|index| is_explained(index) == Some(true)).collect()
 }
 
 /// Kind of a drift, how much of it each session has, and for a step the sessions that it may begin with.

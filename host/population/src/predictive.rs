@@ -1,4 +1,5 @@
-//! What all other sessions predict of a session, and all other groups of a group (theory, eq. 72).
+//! Prediction of a session by all other sessions, and of a group by all other groups (theory, eq.
+//! 72).
 //!
 //! Sessions in nested groups are a tree. A message upwards says what the sessions below a unit tell of its parent's value, one downwards
 //! what all the others tell; both are normal. A unit is predicted from everything but what is below it: with the others of its group, and
@@ -20,7 +21,7 @@ impl Message {
         self.information += sign * other.information;
     }
 
-    /// What it says of another value that differs with this variance.
+    /// Message about another value that differs with this variance.
     fn through(self, variance: f64) -> Self {
         let gain = 1.0 + variance * self.precision;
         Self { precision: self.precision / gain, information: self.information / gain }
@@ -46,7 +47,8 @@ impl Predicted {
     }
 }
 
-/// Of every stage and unit; `None` for what nothing else predicts. `beta` is the mean.
+/// Prediction of every stage and unit; `None` for a unit that no other one predicts. `beta` is the
+/// mean.
 pub(crate) fn predicted(tree: &Tree, all: &[Excess], beta: &DVector<f64>) -> Vec<Vec<Option<Predicted>>> {
     let variance = |stage: usize, unit: usize| {
         all.get(stage).map_or(0.0, |excess| excess.variance) + tree.widened[stage][unit]
@@ -56,53 +58,59 @@ pub(crate) fn predicted(tree: &Tree, all: &[Excess], beta: &DVector<f64>) -> Vec
         let slopes = row.iter().zip(beta.iter()).skip(1);
         row.last().copied().unwrap_or(f64::NAN) - slopes.map(|(x, beta)| x * beta).sum::<f64>()
     };
-    // What each unit is by itself, and what it tells its parent.
-    let mut own: Vec<Vec<Message>> = Vec::new();
-    let mut up: Vec<Vec<Message>> = Vec::new();
-    let first = |session: usize| {
-        let precision = tree.v[session].recip();
-        Message { precision, information: precision * value(session) }
-    };
-    own.push((0..tree.units(0)).map(first).collect());
+    // Message of each unit itself, and its message to its parent.
+    let mut own_messages: Vec<Vec<Message>> = Vec::new();
+    let mut upward_messages: Vec<Vec<Message>> = Vec::new();
+    own_messages.push(
+        (0..tree.units(0))
+            .map(|session| {
+                let precision = tree.v[session].recip();
+                Message { precision, information: precision * value(session) }
+            })
+            .collect(),
+    );
     for stage in 0..tree.stages() {
-        let told: Vec<Message> =
-            own[stage].iter().enumerate().map(|(unit, one)| one.through(variance(stage, unit))).collect();
+        let messages: Vec<Message> = own_messages[stage]
+            .iter()
+            .enumerate()
+            .map(|(unit, one)| one.through(variance(stage, unit)))
+            .collect();
         let sums = tree.parents(stage).map(|units| {
             let mut sum = Message::default();
-            told[units].iter().for_each(|one| sum.add(*one, 1.0));
+            messages[units].iter().for_each(|one| sum.add(*one, 1.0));
             sum
         });
-        own.push(sums.collect());
-        up.push(told);
+        own_messages.push(sums.collect());
+        upward_messages.push(messages);
     }
-    // Nothing is known of the whole but its sessions.
-    let mut down = vec![Message::default()];
-    let mut found = vec![Vec::new(); tree.stages()];
+    // Only the sessions are informative about the whole.
+    let mut downward_messages = vec![Message::default()];
+    let mut predictions = vec![Vec::new(); tree.stages()];
     for stage in (0..tree.stages()).rev() {
         let mut next = vec![Message::default(); tree.units(stage)];
-        found[stage] = vec![None; tree.units(stage)];
+        predictions[stage] = vec![None; tree.units(stage)];
         for (parent, units) in tree.parents(stage).enumerate() {
             for unit in units {
-                let mut others = own[stage + 1][parent];
-                others.add(up[stage][unit], -1.0);
-                others.add(down[parent], 1.0);
-                // What is left of a difference of equal numbers is no information.
-                if others.precision <= f64::EPSILON * own[stage + 1][parent].precision {
+                let mut sibling_message = own_messages[stage + 1][parent];
+                sibling_message.add(upward_messages[stage][unit], -1.0);
+                sibling_message.add(downward_messages[parent], 1.0);
+                // The difference of equal numbers is rounding and no information.
+                if sibling_message.precision <= f64::EPSILON * own_messages[stage + 1][parent].precision {
                     continue;
                 }
-                next[unit] = others.through(variance(stage, unit));
-                let of = own[stage][unit];
-                found[stage][unit] = Some(Predicted {
-                    value: of.information / of.precision,
-                    mean: others.information / others.precision,
-                    variance: others.precision.recip(),
-                    own: of.precision.recip() + variance(stage, unit),
+                next[unit] = sibling_message.through(variance(stage, unit));
+                let unit_message = own_messages[stage][unit];
+                predictions[stage][unit] = Some(Predicted {
+                    value: unit_message.information / unit_message.precision,
+                    mean: sibling_message.information / sibling_message.precision,
+                    variance: sibling_message.precision.recip(),
+                    own: unit_message.precision.recip() + variance(stage, unit),
                 });
             }
         }
-        down = next;
+        downward_messages = next;
     }
-    found
+    predictions
 }
 
 #[cfg(test)]
@@ -120,26 +128,31 @@ mod tests {
             Observations { y: y.clone(), v: v.clone(), levels: levels.clone(), ..Observations::default() };
         let tree = Tree::new(&data);
         let variances = [0.03, 0.05, 0.2];
-        let found = predicted(&tree, &variances.map(Excess::of), &DVector::zeros(1));
+        let predictions = predicted(&tree, &variances.map(Excess::of), &DVector::zeros(1));
         let covariance = DMatrix::from_fn(7, 7, |i, j| {
             let shared = |level: usize, variance: f64| {
                 if levels[level][i] == levels[level][j] { variance } else { 0.0 }
             };
-            let own = if i == j { v[i] + variances[0] } else { 0.0 };
+            let own_variance = if i == j { v[i] + variances[0] } else { 0.0 };
             // Nearly nothing is known of the mean.
-            own + shared(1, variances[1]) + shared(0, variances[2]) + 1e6
+            own_variance + shared(1, variances[1]) + shared(0, variances[2]) + 1e6
         });
         for (place, index) in tree.order.iter().enumerate() {
-            let others: Vec<usize> = (0..7).filter(|other| other != index).collect();
-            let among = DMatrix::from_fn(6, 6, |i, j| covariance[(others[i], others[j])]);
-            let along = DVector::from_fn(6, |i, _| covariance[(others[i], *index)]);
-            let values = DVector::from_fn(6, |i, _| y[others[i]]);
-            let factor = among.cholesky().expect("positive definite");
-            let mean = along.dot(&factor.solve(&values));
-            let variance = covariance[(*index, *index)] - along.dot(&factor.solve(&along));
-            let one = found[0][place].expect("a prediction");
-            assert!((one.mean - mean).abs() < 1e-5, "{} {mean}", one.mean);
-            assert!((one.variance + one.own - variance).abs() < 1e-5, "{one:?} {variance}");
+            let other_indices: Vec<usize> = (0..7).filter(|other| other != index).collect();
+            let other_covariance =
+                DMatrix::from_fn(6, 6, |i, j| covariance[(other_indices[i], other_indices[j])]);
+            let cross_covariance = DVector::from_fn(6, |i, _| covariance[(other_indices[i], *index)]);
+            let values = DVector::from_fn(6, |i, _| y[other_indices[i]]);
+            let factor = other_covariance.cholesky().expect("positive definite");
+            let mean = cross_covariance.dot(&factor.solve(&values));
+            let variance =
+                covariance[(*index, *index)] - cross_covariance.dot(&factor.solve(&cross_covariance));
+            let prediction = predictions[0][place].expect("a prediction");
+            assert!((prediction.mean - mean).abs() < 1e-5, "{} {mean}", prediction.mean);
+            assert!(
+                (prediction.variance + prediction.own - variance).abs() < 1e-5,
+                "{prediction:?} {variance}"
+            );
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What a population predicts of the next session, as a file: `prior.toml`.
+//! Prediction of the next session by a population, as a file: `prior.toml`.
 //!
 //! ```toml
 //! [prior]
@@ -28,9 +28,12 @@ use std::fmt::Write as _;
 /// The prior of the next session that a population makes, as a TOML text; groups without a prediction are skipped.
 pub fn prior_toml(population: &Population) -> String {
     let quoted = |text: &str| serde_json::Value::from(text).to_string();
-    let by: Vec<String> = population.by.iter().map(|name| quoted(name)).collect();
-    let mut text =
-        format!("[prior]\nformat = 1\nsessions = {}\nby = [{}]\n", population.sessions.used, by.join(", "));
+    let quoted_names: Vec<String> = population.by.iter().map(|name| quoted(name)).collect();
+    let mut text = format!(
+        "[prior]\nformat = 1\nsessions = {}\nby = [{}]\n",
+        population.sessions.used,
+        quoted_names.join(", ")
+    );
     for group in &population.groups {
         let Some([low, high]) = group.new_session95_kpa else { continue };
         let Some(freedom) = group.new_session_degrees_of_freedom else { continue };

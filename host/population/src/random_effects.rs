@@ -91,20 +91,20 @@ pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
     let tau = Nested::fit_tree(&weighed.without, &freedom)?.tau;
     let fit = Nested::at(&weighed.tree, &tau)?;
     let stated = Nested::at(&weighed.tree, &vec![0.0; tau.len()])?;
-    let all = draws(&weighed.tree, &freedom);
+    let tau_draws = draws(&weighed.tree, &freedom);
     let common = common_variance(&weighed.tree, &freedom) / data.rigs();
     let outer: Vec<usize> = (1..weighed.tree.stages()).collect();
     let is_flat = outer.is_empty();
     let center = data.mean_row();
     let estimate = |row: &DVector<f64>| {
         let value = row.dot(&fit.beta);
-        let parts: Vec<(f64, f64)> = all.iter().map(|draw| at(draw, row)).collect();
+        let components: Vec<(f64, f64)> = tau_draws.iter().map(|draw| at(draw, row)).collect();
         let constant = row.iter().next().copied().unwrap_or(0.0).powi(2);
-        let ends = quantile_of_normals(&parts, constant * common);
+        let ends = quantile_of_normals(&components, constant * common);
         // Values that agree by chance are not known better than their errors state.
         let stated = crate::NORMAL_975 * row.dot(&(&stated.covariance * row)).sqrt();
         let (low, high) = (ends[0].min(value - stated), ends[1].max(value + stated));
-        let degrees_of_freedom = satterthwaite(&parts);
+        let degrees_of_freedom = satterthwaite(&components);
         (
             Estimate { value, se: 0.5 * (high - low) / t_975(degrees_of_freedom), ci95: [low, high] },
             degrees_of_freedom,
@@ -115,32 +115,34 @@ pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
     let new = |stages: &[usize]| {
         let least = stages.iter().filter(|stage| freedom[**stage] > 0).map(|stage| freedom[*stage]).min()?;
         (least >= MIN_FREEDOM).then(|| {
-            let part = |draw: &Draw| {
-                let (mean, variance) = at(draw, &center);
-                (mean, variance + sum(draw, stages))
-            };
-            let parts: Vec<(f64, f64)> = all.iter().map(part).collect();
-            (quantile_of_normals(&parts, common), satterthwaite(&parts))
+            let components: Vec<(f64, f64)> = tau_draws
+                .iter()
+                .map(|draw| {
+                    let (mean, variance) = at(draw, &center);
+                    (mean, variance + sum(draw, stages))
+                })
+                .collect();
+            (quantile_of_normals(&components, common), satterthwaite(&components))
         })
     };
     let every: Vec<usize> = (0..weighed.tree.stages()).collect();
     let typical_variance = typical(data);
-    let spread = Spreads { tree: &weighed.without, freedom: &freedom, draws: &all, typical_variance };
+    let spread = Spreads { tree: &weighed.without, freedom: &freedom, draws: &tau_draws, typical_variance };
     let (tau_total, tau_ci95) = spread.total(&tau);
     let levels = spread.levels(&tau);
     let flat = Tree::new(&Observations { levels: Vec::new(), ..data.clone() });
     let q = flat.squares(0, Excess::NONE, &[], &mut Vec::new());
     let q_freedom = data.len().saturating_sub(data.parameters());
-    let between = tau_total * tau_total;
+    let total_variance = tau_total * tau_total;
     let mut judged = vec![None; data.len()];
     for (place, one) in weighed.judged.first().into_iter().flatten().enumerate() {
         judged[weighed.tree.order[place]] = *one;
     }
-    let far = far(&weighed);
-    for (_, sessions, group) in &far {
+    let outliers = far(&weighed);
+    for (_, sessions, group) in &outliers {
         for session in sessions {
-            if let Some(one) = &mut judged[*session] {
-                one.weight *= group.weight;
+            if let Some(judged_session) = &mut judged[*session] {
+                judged_session.weight *= group.weight;
             }
         }
     }
@@ -156,13 +158,13 @@ pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
         new_subject95: new(if is_flat { &every } else { &outer }).map(|(ends, _)| ends),
         new_session95: new(&every),
         q: (q, q_freedom, ChiSquared::new(q_freedom as f64).map_or(1.0, |chi| chi.sf(q))),
-        i_squared_percent: 100.0 * between / (between + typical_variance),
+        i_squared_percent: 100.0 * total_variance / (total_variance + typical_variance),
         typical_variance,
         common_sd: (common > 0.0).then(|| common.sqrt()),
-        mean_draws: all.iter().map(|draw| drawn_mean(draw, &center, common)).collect(),
+        mean_draws: tau_draws.iter().map(|draw| drawn_mean(draw, &center, common)).collect(),
         tau_draws: spread.draws(),
         judged,
-        far,
+        far: outliers,
     })
 }
 
@@ -204,26 +206,26 @@ fn t_975(freedom: f64) -> f64 {
 
 /// Variance that stated errors have in common: what they state beyond how much the sessions scatter, where that is too little for chance.
 fn common_variance(tree: &Tree, freedom: &[usize]) -> f64 {
-    let Some((q, freedom, own)) = determined(tree, freedom) else { return 0.0 };
+    let Some((q, freedom, own_variance)) = determined(tree, freedom) else { return 0.0 };
     let is_too_little = ChiSquared::new(freedom as f64).is_ok_and(|chi| chi.cdf(q) < TOO_NEAR);
-    if is_too_little { own * (1.0 - q / freedom as f64) } else { 0.0 }
+    if is_too_little { own_variance * (1.0 - q / freedom as f64) } else { 0.0 }
 }
 
 /// Groups that are far from the others, with their stages and sessions.
 fn far(weighed: &Weighed) -> Vec<(usize, Vec<usize>, Judged)> {
-    let mut found = Vec::new();
+    let mut outliers = Vec::new();
     for (stage, units) in weighed.judged.iter().enumerate().skip(1) {
         for (unit, judged) in units.iter().enumerate() {
             if let Some(judged) = judged.filter(|judged| judged.weight < 1.0) {
                 let sessions = weighed.tree.order[weighed.tree.sessions(stage, unit)].to_vec();
-                found.push((stage, sessions, judged));
+                outliers.push((stage, sessions, judged));
             }
         }
     }
-    found
+    outliers
 }
 
-/// What the spreads of the levels are computed from.
+/// Inputs of the levels' spreads.
 struct Spreads<'a> {
     tree: &'a Tree,
     freedom: &'a [usize],
@@ -243,7 +245,7 @@ impl Spreads<'_> {
         [low.sqrt().min(tau), high.max(least_high).sqrt().max(tau)]
     }
 
-    /// Of all levels together.
+    /// Likelihood of all levels together.
     fn total(&self, tau: &[f64]) -> (f64, Option<[f64; 2]>) {
         let tau = tau.iter().map(|tau| tau * tau).sum::<f64>().sqrt();
         let stages: Vec<usize> = (0..self.tree.stages()).collect();
@@ -258,10 +260,13 @@ impl Spreads<'_> {
 
     /// Draws of the standard deviation of every level from the outermost, last the sessions.
     fn draws(&self) -> Vec<Vec<f64>> {
-        let of = |stage: usize| self.draws.iter().map(|draw| sum(draw, &[stage]).sqrt()).collect();
-        let mut all: Vec<Vec<f64>> = self.tree.outwards().map(of).collect();
-        all.rotate_left(1);
-        all
+        let mut total_draws: Vec<Vec<f64>> = self
+            .tree
+            .outwards()
+            .map(|stage| self.draws.iter().map(|draw| sum(draw, &[stage]).sqrt()).collect())
+            .collect();
+        total_draws.rotate_left(1);
+        total_draws
     }
 
     fn sensitivity(&self, stage: usize) -> f64 {
@@ -270,14 +275,14 @@ impl Spreads<'_> {
 
     /// Every level from the outermost, last the sessions.
     fn levels(&self, tau: &[f64]) -> Vec<Spread> {
-        let mut all: Vec<Spread> = self
+        let mut spreads: Vec<Spread> = self
             .tree
             .outwards()
             .zip(tau)
             .map(|(stage, of_stage)| self.level(stage, *of_stage, tau))
             .collect();
-        all.rotate_left(1);
-        all
+        spreads.rotate_left(1);
+        spreads
     }
 
     fn level(&self, stage: usize, tau: f64, all: &[f64]) -> Spread {
@@ -285,9 +290,13 @@ impl Spreads<'_> {
         let stages: Vec<usize> = (0..self.tree.stages()).collect();
         let total = |draw: &Draw| stages.iter().map(|stage| draw.signed[*stage]).sum::<f64>();
         // A level has no more than all together.
-        let of_draw = |draw: &Draw| draw.signed[stage].min(total(draw));
-        let ci95 = (degrees_of_freedom > 0)
-            .then(|| self.interval(self.draws.iter().map(of_draw).collect(), tau, self.sensitivity(stage)));
+        let ci95 = (degrees_of_freedom > 0).then(|| {
+            self.interval(
+                self.draws.iter().map(|draw| draw.signed[stage].min(total(draw))).collect(),
+                tau,
+                self.sensitivity(stage),
+            )
+        });
         let shared: Vec<usize> = (stage..self.tree.stages()).collect();
         let icc = (stage > 0 && degrees_of_freedom > 0).then(|| {
             let taus: Vec<f64> = all.iter().map(|tau| tau * tau).collect();
@@ -299,11 +308,14 @@ impl Spreads<'_> {
                 .map(|(_, tau2)| tau2)
                 .sum();
             let value = of_shared / (taus.iter().sum::<f64>() + self.typical_variance);
-            let of = |draw: &Draw| {
-                let all = (total(draw) + self.typical_variance).max(f64::MIN_POSITIVE);
-                (sum(draw, &shared) / all).min(1.0)
-            };
-            let mut draws: Vec<f64> = self.draws.iter().map(of).collect();
+            let mut draws: Vec<f64> = self
+                .draws
+                .iter()
+                .map(|draw| {
+                    let total_variance = (total(draw) + self.typical_variance).max(f64::MIN_POSITIVE);
+                    (sum(draw, &shared) / total_variance).min(1.0)
+                })
+                .collect();
             draws.sort_by(f64::total_cmp);
             let [low, high] = [0.025, 0.975].map(|share| quantile(&draws, share));
             (value, [low.min(value), high.max(value)])
@@ -327,8 +339,12 @@ impl Observations {
     fn rigs(&self) -> f64 {
         let mut counts: std::collections::BTreeMap<usize, f64> = std::collections::BTreeMap::new();
         self.rig.iter().for_each(|rig| *counts.entry(*rig).or_default() += 1.0);
-        let all: f64 = counts.values().sum();
-        if all > 0.0 { all * all / counts.values().map(|count| count * count).sum::<f64>() } else { 1.0 }
+        let session_count: f64 = counts.values().sum();
+        if session_count > 0.0 {
+            session_count * session_count / counts.values().map(|count| count * count).sum::<f64>()
+        } else {
+            1.0
+        }
     }
 }
 

@@ -44,20 +44,20 @@ fn near(value: f64, expected: f64, tolerance: f64) {
 
 #[test]
 fn agrees_with_metafor_and_statsmodels_on_their_example() {
-    let found = random_effects(&bcg(false)).expect("fitted");
-    near(found.tau_total.powi(2), 0.313_243, 1e-6);
-    near(found.tau_paule_mandel.powi(2), 0.318_068_45, 1e-7);
-    near(found.mean.value, -0.714_532, 1e-6);
-    near(found.q.0, 152.233_008, 1e-5);
-    let [low, high] = found.tau_ci95.expect("an interval");
+    let fit = random_effects(&bcg(false)).expect("fitted");
+    near(fit.tau_total.powi(2), 0.313_243, 1e-6);
+    near(fit.tau_paule_mandel.powi(2), 0.318_068_45, 1e-7);
+    near(fit.mean.value, -0.714_532, 1e-6);
+    near(fit.q.0, 152.233_008, 1e-5);
+    let [low, high] = fit.tau_ci95.expect("an interval");
     near(low.powi(2), 0.119_718_36, 1e-7);
     near(high.powi(2), 1.111_479_08, 1e-7);
-    near(found.i_squared_percent, 92.22, 5e-3);
+    near(fit.i_squared_percent, 92.22, 5e-3);
     // By Hartung and Knapp: 0.179782 times the root of their factor 1.01127, and t of 12 degrees of freedom. Errors differ, so that the
     // draws' interval is another one, but not by much.
     let half = 0.179_782 * 1.011_27f64.sqrt() * 2.178_813;
-    near(found.mean.ci95[0], found.mean.value - half, 0.02);
-    near(found.mean.ci95[1], found.mean.value + half, 0.02);
+    near(fit.mean.ci95[0], fit.mean.value - half, 0.02);
+    near(fit.mean.ci95[1], fit.mean.value + half, 0.02);
     let by_latitude = random_effects(&bcg(true)).expect("fitted");
     near(by_latitude.tau_total.powi(2), 0.076_348, 1e-6);
     near(by_latitude.beta[0].value, 0.251_468, 1e-5);
@@ -89,34 +89,38 @@ fn drawn(sessions: &[usize], [session, subject]: [f64; 2], error: f64, seed: u64
 fn nested_components_of_a_balanced_design_are_those_of_the_analysis_of_variance() {
     let (subjects, sessions, v) = (12, 4, 0.01);
     let data = Observations { v: vec![v; 48], ..drawn(&[4; 12], [0.14, 0.3], 1e-6, 3) };
-    let found = random_effects(&data).expect("fitted");
+    let fit = random_effects(&data).expect("fitted");
     let means: Vec<f64> =
         data.y.chunks(sessions).map(|of| of.iter().sum::<f64>() / sessions as f64).collect();
     let grand = means.iter().sum::<f64>() / subjects as f64;
-    let within: f64 = data
+    let squares_within: f64 = data
         .y
         .chunks(sessions)
         .zip(&means)
         .flat_map(|(of, mean)| of.iter().map(move |y| (y - mean).powi(2)))
         .sum();
-    let within = within / (subjects * (sessions - 1)) as f64;
-    let between = sessions as f64 * means.iter().map(|mean| (mean - grand).powi(2)).sum::<f64>()
+    let variance_within = squares_within / (subjects * (sessions - 1)) as f64;
+    let variance_between = sessions as f64 * means.iter().map(|mean| (mean - grand).powi(2)).sum::<f64>()
         / (subjects - 1) as f64;
-    let [of_subjects, of_sessions] = &found.levels[..] else { panic!("{:?}", found.levels) };
-    near(of_sessions.tau.expect("determined").powi(2), within - v, 1e-6);
-    near(of_subjects.tau.expect("determined").powi(2), (between - within) / sessions as f64, 1e-6);
+    let [of_subjects, of_sessions] = &fit.levels[..] else { panic!("{:?}", fit.levels) };
+    near(of_sessions.tau.expect("determined").powi(2), variance_within - v, 1e-6);
+    near(
+        of_subjects.tau.expect("determined").powi(2),
+        (variance_between - variance_within) / sessions as f64,
+        1e-6,
+    );
     assert_eq!((of_subjects.degrees_of_freedom, of_sessions.degrees_of_freedom), (11, 36));
-    let total = found.tau_total.powi(2) + v;
+    let total = fit.tau_total.powi(2) + v;
     let (icc, [low, high]) = of_subjects.icc.expect("a level");
     near(icc, of_subjects.tau.expect("determined").powi(2) / total, 1e-6);
     // The interval of the mean is that of Student's t over the subjects' means, that of the intraclass correlation Searle's exact one:
     // F = between/within of 11 and 36 degrees of freedom.
-    let half = 2.200_985 * (between / (subjects * sessions) as f64).sqrt();
-    near(found.mean.ci95[0], grand - half, 0.01 * half);
-    near(found.mean.ci95[1], grand + half, 0.01 * half);
-    near(found.degrees_of_freedom, 11.0, 0.2);
+    let half = 2.200_985 * (variance_between / (subjects * sessions) as f64).sqrt();
+    near(fit.mean.ci95[0], grand - half, 0.01 * half);
+    near(fit.mean.ci95[1], grand + half, 0.01 * half);
+    near(fit.degrees_of_freedom, 11.0, 0.2);
     let searle = |quantile: f64| {
-        let f = between / within / quantile;
+        let f = variance_between / variance_within / quantile;
         (f - 1.0) / (f + sessions as f64 - 1.0)
     };
     near(low, searle(F_975), 0.01);
@@ -130,7 +134,7 @@ const F_025: f64 = 0.324_649;
 /// Shares of populations, in percent, in which the intervals hold the truth: mean, subjects, sessions, intraclass correlation, a new subject.
 fn coverage(sessions: &[usize], taus: [f64; 2], error: f64, far: f64) -> [f64; 5] {
     let draws = 100;
-    let mut held = [0.0; 5];
+    let mut covered = [0.0; 5];
     for seed in 0..draws {
         let mut data = drawn(sessions, taus, error, 900 + seed);
         let mut random = ChaCha8Rng::seed_from_u64(77 + seed);
@@ -141,19 +145,19 @@ fn coverage(sessions: &[usize], taus: [f64; 2], error: f64, far: f64) -> [f64; 5
             (0..count.div_ceil(30)).for_each(|number| data.y[(7 + 30 * number) % count] += far);
         }
         let next = 2.0 + taus[1] * normal();
-        let found = random_effects(&data).expect("fitted");
-        let icc = taus[1].powi(2) / (taus[0].powi(2) + taus[1].powi(2) + found.typical_variance);
-        let levels = &found.levels;
+        let fit = random_effects(&data).expect("fitted");
+        let icc = taus[1].powi(2) / (taus[0].powi(2) + taus[1].powi(2) + fit.typical_variance);
+        let levels = &fit.levels;
         let holds = |ends: Option<[f64; 2]>, value: f64| {
             f64::from(u8::from(ends.is_some_and(|[low, high]| low < high && (low..=high).contains(&value))))
         };
-        held[0] += holds(Some(found.mean.ci95), 2.0);
-        held[1] += holds(levels[0].ci95, taus[1]);
-        held[2] += holds(levels.last().and_then(|level| level.ci95), taus[0]);
-        held[3] += holds(levels[0].icc.map(|(_, ends)| ends), icc);
-        held[4] += holds(found.new_subject95, next);
+        covered[0] += holds(Some(fit.mean.ci95), 2.0);
+        covered[1] += holds(levels[0].ci95, taus[1]);
+        covered[2] += holds(levels.last().and_then(|level| level.ci95), taus[0]);
+        covered[3] += holds(levels[0].icc.map(|(_, ends)| ends), icc);
+        covered[4] += holds(fit.new_subject95, next);
     }
-    held.map(|held| 100.0 * held / draws as f64)
+    covered.map(|covered| 100.0 * covered / draws as f64)
 }
 
 /// Standard deviation of a share of 100 around 95 %: 2.2 %; bounds are 3.5 of them.
@@ -163,31 +167,31 @@ fn is_near_95(percent: [f64; 5]) -> bool {
 
 #[test]
 fn intervals_hold_the_truth_of_few_subjects_with_many_sessions() {
-    let found = coverage(&[20, 20, 20], [0.05, 0.15], 0.04, 0.0);
-    assert!(is_near_95(found), "{found:?}");
+    let coverages = coverage(&[20, 20, 20], [0.05, 0.15], 0.04, 0.0);
+    assert!(is_near_95(coverages), "{coverages:?}");
 }
 
 #[test]
 fn intervals_hold_the_truth_of_an_unbalanced_design() {
-    let found = coverage(&[1, 7, 3, 1, 12, 2, 5, 9], [0.05, 0.15], 0.04, 0.0);
-    assert!(is_near_95(found), "{found:?}");
+    let coverages = coverage(&[1, 7, 3, 1, 12, 2, 5, 9], [0.05, 0.15], 0.04, 0.0);
+    assert!(is_near_95(coverages), "{coverages:?}");
 }
 
 #[test]
 fn intervals_hold_the_truth_beside_sessions_that_are_far_off() {
-    let found = coverage(&[6, 4, 5, 8, 3, 7, 6, 5, 9, 7], [0.05, 0.15], 0.03, 0.7);
-    assert!(is_near_95(found), "{found:?}");
+    let coverages = coverage(&[6, 4, 5, 8, 3, 7, 6, 5, 9, 7], [0.05, 0.15], 0.03, 0.7);
+    assert!(is_near_95(coverages), "{coverages:?}");
 }
 
 #[test]
 fn a_session_that_is_far_off_is_listed_with_its_weight_and_the_others_are_not() {
     let mut data = drawn(&[10; 6], [0.05, 0.15], 0.03, 5);
     data.y[23] += 12.0 * 0.06;
-    let found = random_effects(&data).expect("fitted");
+    let fit = random_effects(&data).expect("fitted");
     let listed: Vec<usize> =
-        (0..60).filter(|index| found.judged[*index].is_some_and(|judged| judged.weight < 1.0)).collect();
+        (0..60).filter(|index| fit.judged[*index].is_some_and(|judged| judged.weight < 1.0)).collect();
     assert_eq!(listed, [23]);
-    let judged = found.judged[23].expect("judged");
+    let judged = fit.judged[23].expect("judged");
     assert!(judged.residual > 6.0 && judged.weight < 0.1 && judged.p_adjusted < 1e-6, "{judged:?}");
 }
 
@@ -197,12 +201,12 @@ fn a_subject_that_is_far_off_is_listed_with_all_its_sessions_be_it_one() {
         let mut data = drawn(&sessions, [0.02, 0.1], 0.02, 6);
         let members: Vec<usize> = (0..data.len()).filter(|index| data.levels[0][*index] == 5).collect();
         members.iter().for_each(|index| data.y[*index] += 1.5);
-        let found = random_effects(&data).expect("fitted");
-        let [(_, far, _)] = &found.far[..] else { panic!("{:?}", found.far) };
-        assert_eq!(*far, members);
-        assert!(members.iter().all(|index| found.judged[*index].is_some_and(|judged| judged.weight < 0.1)));
-        assert_eq!(found.listed(), members.len());
-        assert!(found.tau_total < 0.2, "{}", found.tau_total);
+        let fit = random_effects(&data).expect("fitted");
+        let [(_, outlier_sessions, _)] = &fit.far[..] else { panic!("{:?}", fit.far) };
+        assert_eq!(*outlier_sessions, members);
+        assert!(members.iter().all(|index| fit.judged[*index].is_some_and(|judged| judged.weight < 0.1)));
+        assert_eq!(fit.listed(), members.len());
+        assert!(fit.tau_total < 0.2, "{}", fit.tau_total);
     }
 }
 
@@ -211,8 +215,8 @@ fn clean_sessions_are_listed_in_few_groups() {
     let listed = (0..100)
         .filter(|seed| {
             let data = Observations { levels: Vec::new(), ..drawn(&[1; 9], [0.1, 0.0], 0.05, 3000 + seed) };
-            let found = random_effects(&data).expect("fitted");
-            found.judged.iter().flatten().any(|judged| judged.weight < 1.0)
+            let fit = random_effects(&data).expect("fitted");
+            fit.judged.iter().flatten().any(|judged| judged.weight < 1.0)
         })
         .count();
     // 5 % are what the bound allows; 19 to 35 % were listed by a normal distribution.
@@ -226,14 +230,14 @@ fn a_spread_is_never_without_an_interval_where_stated_errors_are_too_large() {
     for seed in 0..50 {
         let data = Observations { levels: Vec::new(), ..drawn(&[1; 30], [0.01, 0.0], 0.01, 50 + seed) };
         let stated = Observations { v: vec![0.06f64.powi(2); 30], ..data };
-        let found = random_effects(&stated).expect("fitted");
-        let [low, high] = found.tau_ci95.expect("an interval");
+        let fit = random_effects(&stated).expect("fitted");
+        let [low, high] = fit.tau_ci95.expect("an interval");
         assert!(high > low);
         covered += usize::from((low..=high).contains(&0.01));
-        let common = found.common_sd.expect("errors in common");
+        let common = fit.common_sd.expect("errors in common");
         assert!((0.05..0.06).contains(&common), "{common}");
-        // What they have in common is an error of the mean.
-        assert!(found.mean.ci95[1] - found.mean.ci95[0] > 3.9 * common);
+        // A common error is an error of the mean.
+        assert!(fit.mean.ci95[1] - fit.mean.ci95[0] > 3.9 * common);
     }
     assert!(covered >= 48, "{covered} of 50");
     let rigs = |count: usize| {
@@ -247,12 +251,12 @@ fn a_spread_is_never_without_an_interval_where_stated_errors_are_too_large() {
 
 #[test]
 fn nothing_is_known_of_the_spread_from_one_session_or_one_subject() {
-    let one = Observations { y: vec![2.0], v: vec![0.04], ..Observations::default() };
-    let found = random_effects(&one).expect("fitted");
-    near(found.mean.value, 2.0, 1e-12);
-    near(found.mean.se, 0.2, 1e-4);
-    assert_eq!((found.tau_ci95, found.new_subject95), (None, None));
-    let two = Observations { x: vec![vec![1.0]], ..one };
+    let single = Observations { y: vec![2.0], v: vec![0.04], ..Observations::default() };
+    let fit = random_effects(&single).expect("fitted");
+    near(fit.mean.value, 2.0, 1e-12);
+    near(fit.mean.se, 0.2, 1e-4);
+    assert_eq!((fit.tau_ci95, fit.new_subject95), (None, None));
+    let two = Observations { x: vec![vec![1.0]], ..single };
     assert!(random_effects(&two).is_none(), "a slope from one session");
     let subject = random_effects(&drawn(&[8], [0.05, 0.1], 0.02, 1)).expect("fitted");
     assert_eq!((subject.levels[0].tau, subject.new_subject95), (None, None));

@@ -32,13 +32,13 @@ impl AsRef<str> for Name<'_> {
 /// # Errors
 /// [`PopulationError`] for the first line that is no record, or is of a session that was there already.
 pub fn read_summaries(paths: &[impl AsRef<Path>]) -> Result<Records, PopulationError> {
-    let mut all = Records::default();
-    let mut known: HashSet<String> = HashSet::new();
+    let mut records = Records::default();
+    let mut names: HashSet<String> = HashSet::new();
     for path in paths {
         let path = path.as_ref();
         let failed = |cause| PopulationError::Io { path: path.to_owned(), cause };
         let mut file = BufReader::with_capacity(BUFFER, File::open(path).map_err(failed)?);
-        let (mut text, mut ends, mut before) = (Vec::new(), Vec::new(), 0);
+        let (mut text, mut ends, mut previous_end) = (Vec::new(), Vec::new(), 0);
         loop {
             text.clear();
             ends.clear();
@@ -51,36 +51,36 @@ pub fn read_summaries(paths: &[impl AsRef<Path>]) -> Result<Records, PopulationE
             let parsed: Result<Vec<_>, PopulationError> = (0..ends.len())
                 .into_par_iter()
                 .map(|index| {
-                    let begin = index.checked_sub(1).map_or(0, |before| ends[before]);
-                    let one = &text[begin..ends[index]];
-                    if one.trim_ascii().is_empty() {
+                    let begin = index.checked_sub(1).map_or(0, |previous_end| ends[previous_end]);
+                    let session_summary = &text[begin..ends[index]];
+                    if session_summary.trim_ascii().is_empty() {
                         return Ok(None);
                     }
-                    let line = before + index + 1;
-                    parse(path, line, one).map(|summary| Some((line, Parts::from(summary))))
+                    let line = previous_end + index + 1;
+                    parse(path, line, session_summary).map(|summary| Some((line, Parts::from(summary))))
                 })
                 .collect();
-            before += ends.len();
+            previous_end += ends.len();
             for (line, parts) in parsed?.into_iter().flatten() {
-                if !known.insert(parts.session().to_owned()) {
+                if !names.insert(parts.session().to_owned()) {
                     let id = parts.session().to_owned();
                     return Err(PopulationError::Twice { path: path.to_owned(), line, id });
                 }
-                all.push_parts(parts);
+                records.push_parts(parts);
             }
         }
     }
-    Ok(all)
+    Ok(records)
 }
 
 fn parse<'a>(path: &Path, line: usize, text: &'a [u8]) -> Result<Summary<Name<'a>>, PopulationError> {
     let wrong =
         |column: usize, what: String| PopulationError::Line { path: path.to_owned(), line, column, what };
     let summary: Summary<Name> = serde_json::from_slice(text).map_err(|error| {
-        let what = error.to_string();
+        let message = error.to_string();
         // The place is stated beside it.
-        let what = what.rsplit_once(" at line").map_or(what.as_str(), |(what, _)| what);
-        wrong(error.column(), what.to_owned())
+        let problem = message.rsplit_once(" at line").map_or(message.as_str(), |(message, _)| message);
+        wrong(error.column(), problem.to_owned())
     })?;
     if summary.schema != SUMMARY_SCHEMA {
         return Err(wrong(1, format!("schema is \"{}\"", summary.schema)));
@@ -143,7 +143,7 @@ mod tests {
         }
     }
 
-    /// What an analysis takes from records.
+    /// Content of records that an analysis uses.
     fn taken(records: Records) -> String {
         let sizes = records.median_sizes();
         let (summaries, data) = records.by_session().likelihoods();
@@ -153,13 +153,14 @@ mod tests {
     #[test]
     fn records_are_the_same_from_a_file_as_from_memory() {
         let failed = Summary { error: Some("no run".to_owned()), ..Summary::empty("c".to_owned()) };
-        let all = vec![record("a", 3.0), record("b", -2.0), failed];
-        let lines: Vec<String> = all.iter().map(|one| serde_json::to_string(one).expect("written")).collect();
+        let all_records = vec![record("a", 3.0), record("b", -2.0), failed];
+        let lines: Vec<String> =
+            all_records.iter().map(|one| serde_json::to_string(one).expect("written")).collect();
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("all.jsonl");
         // Blank lines, the ends of lines of another system, and none at the end.
         std::fs::write(&path, format!("{}\n\n{}\r\n{}", lines[0], lines[1], lines[2])).expect("written");
-        assert_eq!(taken(read_summaries(&[&path]).expect("read")), taken(all.into()));
+        assert_eq!(taken(read_summaries(&[&path]).expect("read")), taken(all_records.into()));
         let error = read_summaries(&[&path, &path]).expect_err("each session is there twice").to_string();
         assert!(error.contains("all.jsonl:1: session: \"a\" is there twice"), "{error}");
     }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Default)]
 pub struct Records {
     kept: Vec<Kept>,
-    /// What describes a parameter, without the numbers of a session.
+    /// Description of a parameter, without the numbers of a session.
     kinds: Vec<Amplitude>,
     known: HashMap<Key, usize>,
     /// Sizes of the discrepancy by name, of all records that have them.
@@ -62,7 +62,7 @@ impl<S> From<Summary<S>> for Parts<S> {
 }
 
 impl<S> Parts<S> {
-    /// Of which session.
+    /// Name of the session.
     pub fn session(&self) -> &str {
         &self.summary.session
     }
@@ -77,15 +77,15 @@ impl Records {
     /// Adds a record whose parameters are apart.
     pub(crate) fn push_parts<S: AsRef<str>>(&mut self, parts: Parts<S>) {
         let Parts { summary, likelihood, parameters, discrepancy } = parts;
-        let before = self.kept.last().map(|kept| kept.kinds.clone());
-        let before = before.as_deref().unwrap_or_default();
+        let previous_kinds = self.kept.last().map(|kept| kept.kinds.clone());
+        let earlier_kinds = previous_kinds.as_deref().unwrap_or_default();
         let mut kinds = Vec::with_capacity(parameters.len());
         for (place, one) in parameters.iter().enumerate() {
             // As in the record before it, mostly.
-            let number = before.get(place).copied();
-            let known =
+            let number = earlier_kinds.get(place).copied();
+            let same_kind =
                 number.filter(|number| self.kinds.get(*number).is_some_and(|kind| is_alike(kind, one)));
-            kinds.push(known.unwrap_or_else(|| self.kind(one)));
+            kinds.push(same_kind.unwrap_or_else(|| self.kind(one)));
         }
         for (name, multiple) in discrepancy {
             match self.sizes.get_mut(name.as_ref()) {
@@ -116,14 +116,17 @@ impl Records {
         self.sizes.iter().filter_map(|(name, values)| Some((name.clone(), median(values)?))).collect()
     }
 
-    /// What is left of the records, and their likelihoods.
+    /// Remaining summaries of the records, and their likelihoods.
     pub(crate) fn likelihoods(self) -> (Vec<Summary>, Likelihoods) {
         let mut data = Likelihoods::default();
-        let of_one = |Kept { summary, likelihood, kinds }| {
-            data.push(&summary, likelihood, &kinds, &self.kinds);
-            summary
-        };
-        let summaries = self.kept.into_iter().map(of_one).collect();
+        let summaries = self
+            .kept
+            .into_iter()
+            .map(|Kept { summary, likelihood, kinds }| {
+                data.push(&summary, likelihood, &kinds, &self.kinds);
+                summary
+            })
+            .collect();
         (summaries, data)
     }
 
@@ -156,10 +159,10 @@ impl Records {
 }
 
 fn is_alike<S: AsRef<str>>(one: &Amplitude, other: &Amplitude<S>) -> bool {
-    let at = other.at.as_ref().map(|(name, value)| (name.as_ref(), *value));
+    let other_at = other.at.as_ref().map(|(name, value)| (name.as_ref(), *value));
     one.effect == other.effect.as_ref()
         && one.parameter == other.parameter.as_ref()
-        && one.at.as_ref().map(|(name, value)| (name.as_str(), *value)) == at
+        && one.at.as_ref().map(|(name, value)| (name.as_str(), *value)) == other_at
         && one.scale == other.scale.as_ref()
         && one.neutral == other.neutral
         && one.two_sided == other.two_sided

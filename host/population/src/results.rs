@@ -1,4 +1,4 @@
-//! What is found in a population, as it goes into JSON.
+//! Results of a population, as they go into JSON.
 
 use crate::agreement::Agreement;
 use crate::summary::Interval;
@@ -23,7 +23,8 @@ pub struct Population {
     pub groups: Vec<GroupResult>,
     /// Effects that groups of sessions share, and drift.
     pub shared_effects: Vec<SharedEffect>,
-    /// How effects are spread over sessions, beside what is shared; those that are absent are not listed.
+    /// Distribution of effects over sessions, beside the shared ones; those that are absent are not
+    /// listed.
     pub spread: Vec<EffectSpread>,
     /// Number of tests that the probabilities are adjusted for.
     pub tests: usize,
@@ -48,7 +49,7 @@ pub struct Counts {
     pub given: usize,
     /// With a modulus.
     pub with_modulus: usize,
-    /// That count in means and spreads.
+    /// Number of sessions that count in means and spreads.
     pub used: usize,
 }
 
@@ -95,7 +96,8 @@ pub struct GroupResult {
     pub slopes: BTreeMap<String, Interval>,
     /// The same with the listed sessions that have a modulus: mean and tau.
     pub with_listed: Option<WithListed>,
-    /// Where they are wanted: draws of `ln_k_kpa` and of the standard deviation of ln K of every level, `tau_subject`, `tau_session`, ...
+    /// Draws, if they are requested: draws of `ln_k_kpa` and of the standard deviation of ln K of every level,
+    /// `tau_subject`, `tau_session`, ...
     #[serde(skip_serializing_if = "Option::is_none")]
     pub draws: Option<BTreeMap<String, Vec<f64>>>,
 }
@@ -130,7 +132,7 @@ pub struct WithListed {
     pub tau: f64,
 }
 
-/// How sessions of a group share an effect.
+/// Way in which sessions of a group share an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SharedKind {
@@ -153,7 +155,7 @@ pub struct SharedEffect {
     pub label: String,
     /// Its value.
     pub group: String,
-    /// How the sessions share it.
+    /// Way in which the sessions share it.
     pub kind: SharedKind,
     /// Sessions that have it.
     pub sessions: usize,
@@ -201,13 +203,13 @@ pub struct Competing {
     pub label: String,
     /// Its value.
     pub group: String,
-    /// How the sessions share it.
+    /// Way in which the sessions share it.
     pub kind: SharedKind,
     /// Log evidence.
     pub log_evidence: f64,
 }
 
-/// How an effect is spread over all sessions.
+/// Distribution of an effect over all sessions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SpreadKind {
@@ -228,7 +230,7 @@ pub struct EffectSpread {
     pub effect: String,
     /// Place or time at which it acts, where it has one.
     pub at: Option<(String, f64)>,
-    /// How it is spread.
+    /// Distribution of the effect.
     pub kind: SpreadKind,
     /// Sessions in which it is identifiable.
     pub sessions: usize,
@@ -236,9 +238,9 @@ pub struct EffectSpread {
     pub named_by_sessions: usize,
     /// Log evidence of the same effect in all sessions over none.
     pub log_evidence_shared: f64,
-    /// Of an effect that varies.
+    /// Log evidence of an effect that varies.
     pub log_evidence_varying: f64,
-    /// Of an effect in single sessions.
+    /// Log evidence of an effect in single sessions.
     pub log_evidence_single: f64,
     /// Probability that estimates of the same value differ as much.
     pub heterogeneity_p: f64,

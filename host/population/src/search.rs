@@ -1,4 +1,4 @@
-//! Which effects groups of sessions share, and which drift (theory, eq. 73).
+//! Finds effects that groups of sessions share, and effects that drift (theory, eq. 73).
 //!
 //! Every effect is tested in every group of every label, along every rig's dates as a step at each of them and as a trend. The one with
 //! the largest evidence is taken, its part of all scores is subtracted, and the search repeats; at the end all that were found are
@@ -69,18 +69,18 @@ impl Found {
 /// Finds what groups share; scores of `data` are left without what was found. Also gives the number of tests.
 pub(crate) fn search(data: &mut Likelihoods, places: &Places) -> (Vec<Found>, usize) {
     let patterns = patterns(data, places);
-    let mut found: Vec<Found> = Vec::new();
+    let mut named_effects: Vec<Found> = Vec::new();
     let mut tests = 0;
-    while found.len() < MAX_FOUND {
+    while named_effects.len() < MAX_FOUND {
         let mut candidates: Vec<Candidate> = patterns
             .par_iter()
             .enumerate()
             .flat_map(|(number, pattern)| candidates(data, number, pattern))
             .collect();
         tests = tests.max(candidates.len());
-        // What is left of an effect in the same sessions is no second one: its size shrinks towards the prior.
+        // A remainder of an effect in the same sessions is no second one: its size shrinks towards the prior.
         candidates.retain(|candidate| {
-            found.iter().all(|one| {
+            named_effects.iter().all(|one| {
                 one.pattern != candidate.pattern
                     || data.hypotheses[one.hypothesis].effect != data.hypotheses[candidate.hypothesis].effect
             })
@@ -96,7 +96,7 @@ pub(crate) fn search(data: &mut Likelihoods, places: &Places) -> (Vec<Found>, us
         // They come in order of their dates.
         members.sort_unstable_by_key(|(index, _)| *index);
         subtract(data, candidate.hypothesis, &members, &candidate.test.mean);
-        found.push(Found {
+        named_effects.push(Found {
             result: result(data, &patterns[candidate.pattern], places, &candidate, tests, held_out, class),
             hypothesis: candidate.hypothesis,
             pattern: candidate.pattern,
@@ -105,8 +105,8 @@ pub(crate) fn search(data: &mut Likelihoods, places: &Places) -> (Vec<Found>, us
             members,
         });
     }
-    beside_each_other(data, &mut found);
-    (found, tests)
+    beside_each_other(data, &mut named_effects);
+    (named_effects, tests)
 }
 
 fn sum(data: &Likelihoods, hypothesis: &Hypothesis, members: impl Iterator<Item = (usize, f64)>) -> Sum {
@@ -122,23 +122,25 @@ fn sum(data: &Likelihoods, hypothesis: &Hypothesis, members: impl Iterator<Item 
 /// Every effect in a pattern, at its best place and start.
 fn candidates(data: &Likelihoods, number: usize, pattern: &Pattern) -> Vec<Candidate> {
     let mut of_effects: BTreeMap<&str, Vec<Candidate>> = BTreeMap::new();
-    let all: Vec<Vec<Candidate>> = data
+    let all_candidates: Vec<Vec<Candidate>> = data
         .hypotheses
         .par_chunks(AT_ONCE)
         .enumerate()
         .map(|(part, hypotheses)| of_hypotheses(data, (number, pattern), (part * AT_ONCE, hypotheses)))
         .collect();
-    for candidate in all.into_iter().flatten() {
+    for candidate in all_candidates.into_iter().flatten() {
         of_effects.entry(&data.hypotheses[candidate.hypothesis].effect).or_default().push(candidate);
     }
-    let best = |of_places: Vec<Candidate>| {
-        let count = of_places.len() as f64;
-        let log_evidence = ln_mean_exp(of_places.iter().map(|one| one.log_evidence));
-        let p = of_places.iter().map(|one| one.p).fold(1.0, f64::min) * count;
-        let best = of_places.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
-        Some(Candidate { log_evidence, p: p.min(1.0), ..best })
-    };
-    of_effects.into_values().filter_map(best).collect()
+    of_effects
+        .into_values()
+        .filter_map(|of_places| {
+            let count = of_places.len() as f64;
+            let log_evidence = ln_mean_exp(of_places.iter().map(|one| one.log_evidence));
+            let p = of_places.iter().map(|one| one.p).fold(1.0, f64::min) * count;
+            let best = of_places.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
+            Some(Candidate { log_evidence, p: p.min(1.0), ..best })
+        })
+        .collect()
 }
 
 /// Some hypotheses in a pattern, each at its best start. Sessions are gone through once for all of them: a hundred thousand are more than
@@ -148,32 +150,34 @@ fn of_hypotheses(
     (number, pattern): (usize, &Pattern),
     (first, hypotheses): (usize, &[Hypothesis]),
 ) -> Vec<Candidate> {
-    let mut all: Vec<Sum> = vec![Sum::default(); hypotheses.len()];
+    let mut sums: Vec<Sum> = vec![Sum::default(); hypotheses.len()];
     let mut tests: Vec<Vec<(usize, Test)>> = vec![Vec::new(); hypotheses.len()];
-    let add = |all: &mut [Sum], session: usize, x: f64| {
+    let add = |sums: &mut [Sum], session: usize, x: f64| {
         if let Some(Some(likelihood)) = data.sessions.get(session) {
-            let each = all.iter_mut().zip(hypotheses);
-            each.for_each(|(sum, hypothesis)| sum.add(&likelihood.block(hypothesis), x));
+            let hypothesis_sums = sums.iter_mut().zip(hypotheses);
+            hypothesis_sums.for_each(|(sum, hypothesis)| sum.add(&likelihood.block(hypothesis), x));
         }
     };
     if pattern.starts.is_empty() {
-        pattern.members.iter().for_each(|(session, x)| add(&mut all, *session, *x));
-        let each = all.iter().zip(hypotheses).zip(first..);
-        return each.filter_map(|((sum, hypothesis), index)| whole(number, index, sum, hypothesis)).collect();
+        pattern.members.iter().for_each(|(session, x)| add(&mut sums, *session, *x));
+        let numbered_sums = sums.iter().zip(hypotheses).zip(first..);
+        return numbered_sums
+            .filter_map(|((sum, hypothesis), index)| whole(number, index, sum, hypothesis))
+            .collect();
     }
     // From the last session backwards, so that every start's sum is one more addition.
     for (place, (session, x)) in pattern.members.iter().enumerate().rev() {
-        add(&mut all, *session, *x);
+        add(&mut sums, *session, *x);
         if pattern.starts.binary_search(&place).is_ok() {
-            for ((sum, hypothesis), tests) in all.iter().zip(hypotheses).zip(&mut tests) {
+            for ((sum, hypothesis), tests) in sums.iter().zip(hypotheses).zip(&mut tests) {
                 if sum.information() >= MIN_INFORMATION {
                     tests.push((place, sum.test(hypothesis)));
                 }
             }
         }
     }
-    let each = tests.iter().zip(first..);
-    each.filter_map(|(tests, index)| from_a_start(number, index, &pattern.starts, tests)).collect()
+    let numbered_tests = tests.iter().zip(first..);
+    numbered_tests.filter_map(|(tests, index)| from_a_start(number, index, &pattern.starts, tests)).collect()
 }
 
 /// A hypothesis in all sessions of a pattern.
@@ -195,8 +199,9 @@ fn from_a_start(
 ) -> Option<Candidate> {
     let (start, test) = tests.iter().max_by(|a, b| a.1.log_evidence.total_cmp(&b.1.log_evidence)).copied()?;
     let of_starts = starts.iter().map(|start| {
-        let of = tests.binary_search_by(|(place, _)| start.cmp(place)).ok().and_then(|of| tests.get(of));
-        of.map_or(f64::NEG_INFINITY, |(_, test)| test.log_evidence)
+        let start_test =
+            tests.binary_search_by(|(place, _)| start.cmp(place)).ok().and_then(|of| tests.get(of));
+        start_test.map_or(f64::NEG_INFINITY, |(_, test)| test.log_evidence)
     });
     let of_starts: Vec<f64> = of_starts.collect();
     let log_evidence = ln_mean_exp(of_starts.iter().copied());
@@ -218,8 +223,8 @@ fn accepted(
     let members = members(patterns.get(candidate.pattern)?, candidate.start);
     let hypothesis = data.hypotheses.get(candidate.hypothesis)?;
     let half = |parity: usize| {
-        let of = members.iter().enumerate().filter(move |(number, _)| number % 2 == parity);
-        sum(data, hypothesis, of.map(|(_, member)| *member))
+        let half_members = members.iter().enumerate().filter(move |(number, _)| number % 2 == parity);
+        sum(data, hypothesis, half_members.map(|(_, member)| *member))
     };
     let [even, odd] = [half(0), half(1)];
     let gain = odd.gain(&even.test(hypothesis).mean) + even.gain(&odd.test(hypothesis).mean);
@@ -228,25 +233,26 @@ fn accepted(
 
 /// Effects and groups that explain the same sessions about as well.
 fn class(data: &Likelihoods, patterns: &[Pattern], all: &[Candidate], best: &Candidate) -> Vec<Competing> {
-    let own: HashSet<usize> =
+    let member_sessions: HashSet<usize> =
         members(&patterns[best.pattern], best.start).into_iter().map(|(index, _)| index).collect();
     let overlaps = |other: &Candidate| {
         let theirs = members(&patterns[other.pattern], other.start);
-        let shared = theirs.iter().filter(|(index, _)| own.contains(index)).count();
-        2 * shared > own.len().max(theirs.len())
+        let shared = theirs.iter().filter(|(index, _)| member_sessions.contains(index)).count();
+        2 * shared > member_sessions.len().max(theirs.len())
     };
-    let near = all.iter().take_while(|other| other.log_evidence > best.log_evidence - COMPETING);
-    near.filter(|other| {
-        (other.pattern, other.hypothesis) != (best.pattern, best.hypothesis) && overlaps(other)
-    })
-    .map(|other| Competing {
-        effect: data.hypotheses[other.hypothesis].effect.clone(),
-        label: patterns[other.pattern].label.to_owned(),
-        group: patterns[other.pattern].group.clone(),
-        kind: patterns[other.pattern].kind,
-        log_evidence: other.log_evidence,
-    })
-    .collect()
+    let competitors = all.iter().take_while(|other| other.log_evidence > best.log_evidence - COMPETING);
+    competitors
+        .filter(|other| {
+            (other.pattern, other.hypothesis) != (best.pattern, best.hypothesis) && overlaps(other)
+        })
+        .map(|other| Competing {
+            effect: data.hypotheses[other.hypothesis].effect.clone(),
+            label: patterns[other.pattern].label.to_owned(),
+            group: patterns[other.pattern].group.clone(),
+            kind: patterns[other.pattern].kind,
+            log_evidence: other.log_evidence,
+        })
+        .collect()
 }
 
 fn subtract(data: &mut Likelihoods, hypothesis: usize, members: &[(usize, f64)], size: &Vector) {
@@ -285,15 +291,20 @@ fn beside_each_other(data: &mut Likelihoods, found: &mut [Found]) {
 }
 
 fn parameters(hypothesis: &Hypothesis, mean: &Vector, sd: &Vector) -> Vec<SharedParameter> {
-    let of = |(number, one): (usize, &crate::sharing::Parameter)| {
-        let at = |sds: f64| {
-            let inside = one.prior_sd * (mean[number] + sds * sd[number]);
-            if one.is_log { one.neutral * inside.exp() } else { one.neutral + inside }
-        };
-        let interval = Interval { value: at(0.0), ci95: [at(-NORMAL_975), at(NORMAL_975)] };
-        SharedParameter { name: one.name.clone(), estimate: interval }
-    };
-    hypothesis.parameters.iter().take(MAX_PARAMETERS).enumerate().map(of).collect()
+    hypothesis
+        .parameters
+        .iter()
+        .take(MAX_PARAMETERS)
+        .enumerate()
+        .map(|(number, one)| {
+            let at = |sds: f64| {
+                let value = one.prior_sd * (mean[number] + sds * sd[number]);
+                if one.is_log { one.neutral * value.exp() } else { one.neutral + value }
+            };
+            let interval = Interval { value: at(0.0), ci95: [at(-NORMAL_975), at(NORMAL_975)] };
+            SharedParameter { name: one.name.clone(), estimate: interval }
+        })
+        .collect()
 }
 
 fn result(
@@ -335,7 +346,8 @@ fn result(
     }
 }
 
-/// First and last start of the smallest set with 95 % of the probability. What began did so after the session before the first of them.
+/// First and last start of the smallest set with 95 % of the probability. An effect began after the session before the
+/// first of them.
 fn dates95(candidate: &Candidate, pattern: &Pattern) -> Option<[usize; 2]> {
     let largest = candidate.of_starts.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let mut weights: Vec<(usize, f64)> = pattern
@@ -347,15 +359,15 @@ fn dates95(candidate: &Candidate, pattern: &Pattern) -> Option<[usize; 2]> {
     let total: f64 = weights.iter().map(|(_, weight)| weight).sum();
     weights.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut sum = 0.0;
-    let mut kept: Vec<usize> = Vec::new();
+    let mut outlying_steps: Vec<usize> = Vec::new();
     for (start, weight) in weights {
-        kept.push(start);
+        outlying_steps.push(start);
         sum += weight;
         if sum >= 0.95 * total {
             break;
         }
     }
-    Some([*kept.iter().min()?, *kept.iter().max()?])
+    Some([*outlying_steps.iter().min()?, *outlying_steps.iter().max()?])
 }
 
 /// `ln mean exp`.

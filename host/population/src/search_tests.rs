@@ -35,18 +35,6 @@ fn record(number: usize, rig: &str, day: usize, truth: [f64; 4], random: &mut Ch
     let first = normal();
     let second = CORRELATION * first + (1.0 - CORRELATION * CORRELATION).sqrt() * normal();
     let noise = [first, second, normal(), normal()];
-    let amplitude = |i: usize| Amplitude {
-        effect: EFFECTS[i].0.to_owned(),
-        parameter: "size".to_owned(),
-        at: None,
-        scale: "linear".to_owned(),
-        neutral: 0.0,
-        two_sided: true,
-        prior_sd: EFFECTS[i].1,
-        score: (0..4).map(|j| information(i, j) * truth[j]).sum::<f64>() + noise[i] * EFFECTS[i].2.sqrt(),
-        information: EFFECTS[i].2,
-        ln_k_slope: EFFECTS[i].3,
-    };
     let ln_k = 2.5 + 0.1 * normal() + (0..4).map(|i| EFFECTS[i].3 * truth[i]).sum::<f64>();
     let result = SessionResult {
         verdict: "adequate".to_owned(),
@@ -63,7 +51,21 @@ fn record(number: usize, rig: &str, day: usize, truth: [f64; 4], random: &mut Ch
         noise: Map::new(),
         named: Vec::new(),
         log_evidence: Map::new(),
-        amplitudes: (0..4).map(amplitude).collect(),
+        amplitudes: (0..4)
+            .map(|i| Amplitude {
+                effect: EFFECTS[i].0.to_owned(),
+                parameter: "size".to_owned(),
+                at: None,
+                scale: "linear".to_owned(),
+                neutral: 0.0,
+                two_sided: true,
+                prior_sd: EFFECTS[i].1,
+                score: (0..4).map(|j| information(i, j) * truth[j]).sum::<f64>()
+                    + noise[i] * EFFECTS[i].2.sqrt(),
+                information: EFFECTS[i].2,
+                ln_k_slope: EFFECTS[i].3,
+            })
+            .collect(),
         correlation_per_mille: vec![600, 0, 0, 0, 0, 0],
     };
     let date = date_of(2_461_000.0 + day as f64);
@@ -77,34 +79,37 @@ fn record(number: usize, rig: &str, day: usize, truth: [f64; 4], random: &mut Ch
 
 fn found(records: &[Summary]) -> (Vec<Found>, Likelihoods) {
     let (_, mut data) = Records::from(records.to_vec()).likelihoods();
-    let label = |name: &str| records.iter().map(|record| record.label(name)).collect();
-    let places = Places { labels: LABELS.map(label), days: records.iter().map(Summary::day).collect() };
-    let (found, _) = search(&mut data, &places);
-    (found, data)
+    let group_labels = Places {
+        labels: LABELS.map(|name| records.iter().map(|record| record.label(name)).collect()),
+        days: records.iter().map(Summary::day).collect(),
+    };
+    let (effects, _) = search(&mut data, &group_labels);
+    (effects, data)
 }
 
 /// Records of three rigs over 60 days; the first has a gain, the second one from day 30 on.
 fn three_rigs(sessions: usize, gain: f64, step: f64, seed: u64) -> Vec<Summary> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let of = |number: usize| {
-        let (rig, day) = (number % 3, number * 60 / sessions);
-        let gain = match rig {
-            0 => gain,
-            1 if day >= 30 => step,
-            _ => 0.0,
-        };
-        record(number, ["a", "b", "c"][rig], day, [gain, 0.0, 0.0, 0.0], &mut random)
-    };
-    (0..sessions).map(of).collect()
+    (0..sessions)
+        .map(|number| {
+            let (rig, day) = (number % 3, number * 60 / sessions);
+            let gain = match rig {
+                0 => gain,
+                1 if day >= 30 => step,
+                _ => 0.0,
+            };
+            record(number, ["a", "b", "c"][rig], day, [gain, 0.0, 0.0, 0.0], &mut random)
+        })
+        .collect()
 }
 
 #[test]
 fn a_gain_that_no_session_can_name_is_named_for_its_rig_and_a_step_with_its_date() {
     // One session's standard deviation is 0.02 alone: 0.03 is 1.5 of them.
-    let (found, _) = found(&three_rigs(120, 0.03, 0.05, 1));
+    let (effects, _) = found(&three_rigs(120, 0.03, 0.05, 1));
     let of =
-        |rig: &str| found.iter().find(|one| one.result.group == rig).map(|one| &one.result).expect("named");
-    assert_eq!(found.len(), 2, "{:?}", found.iter().map(|one| &one.result).collect::<Vec<_>>());
+        |rig: &str| effects.iter().find(|one| one.result.group == rig).map(|one| &one.result).expect("named");
+    assert_eq!(effects.len(), 2, "{:?}", effects.iter().map(|one| &one.result).collect::<Vec<_>>());
     let (shared, step) = (of("a"), of("b"));
     assert_eq!(
         (shared.effect.as_str(), shared.kind, shared.sessions),
@@ -113,9 +118,9 @@ fn a_gain_that_no_session_can_name_is_named_for_its_rig_and_a_step_with_its_date
     let [low, high] = shared.parameters[0].estimate.ci95;
     assert!((low..=high).contains(&0.03) && high - low < 0.02, "{low} to {high}");
     assert_eq!((step.effect.as_str(), step.kind), ("sensor.force_gain", SharedKind::Step));
-    let [from, to] = step.began_ci95.clone().expect("dates");
+    let [earliest, latest] = step.began_ci95.clone().expect("dates");
     let began = date_of(2_461_030.0).expect("a date");
-    assert!(from <= began && began <= to, "{from} to {to}, expected {began}");
+    assert!(earliest <= began && began <= latest, "{earliest} to {latest}, expected {began}");
     assert!(shared.held_out.misfit_change_chi2 < 0.0 && step.held_out.misfit_change_chi2 < 0.0);
 }
 
@@ -128,9 +133,9 @@ fn nothing_is_named_where_nothing_is_shared() {
 #[test]
 fn what_was_found_is_taken_off_the_scores_of_others_and_moves_k_back() {
     let records = three_rigs(120, 0.04, 0.0, 3);
-    let (found, data) = found(&records);
-    let one = found.first().expect("named");
-    let (shift, variance) = one.ln_k_shift(&data, one.members[0].0, 1.0).expect("a shift");
+    let (effects, data) = found(&records);
+    let first_effect = effects.first().expect("named");
+    let (shift, variance) = first_effect.ln_k_shift(&data, first_effect.members[0].0, 1.0).expect("a shift");
     assert!(
         (shift - 0.4 * 0.04).abs() < 3.0 * variance.sqrt() + 1e-9 && variance > 0.0,
         "{shift} +- {}",
@@ -138,40 +143,44 @@ fn what_was_found_is_taken_off_the_scores_of_others_and_moves_k_back() {
     );
     // Backlash, whose scores are correlated, has nothing left in this rig.
     let backlash = &data.hypotheses[1];
-    let left = sum(&data, backlash, one.members.iter().copied()).test(backlash);
-    assert!(left.p > 1e-3, "p {}", left.p);
+    let residual_test = sum(&data, backlash, first_effect.members.iter().copied()).test(backlash);
+    assert!(residual_test.p > 1e-3, "p {}", residual_test.p);
 }
 
 #[test]
 fn k_of_every_session_of_the_rig_is_corrected_whatever_the_order_of_names_and_dates() {
     let forth = three_rigs(120, 0.1, 0.0, 3);
-    let mut back = forth.clone();
-    back.iter_mut()
+    let mut reversed = forth.clone();
+    reversed
+        .iter_mut()
         .enumerate()
         .for_each(|(number, record)| record.session = format!("s{:04}", 9999 - number));
     let corrected = |records: Vec<Summary>| {
-        let found = crate::analysis::analyse(records, &crate::Options::default()).expect("a population");
-        let of = |row: &crate::results::SessionRow| {
-            let shift = (row.k_recorded_kpa / row.k_kpa.value).ln();
-            (shift.abs() > 1e-9).then(|| row.rig.clone().expect("a rig"))
-        };
-        found.rows.iter().filter_map(of).collect::<Vec<_>>()
+        let population = crate::analysis::analyse(records, &crate::Options::default()).expect("a population");
+        population
+            .rows
+            .iter()
+            .filter_map(|row| {
+                let shift = (row.k_recorded_kpa / row.k_kpa.value).ln();
+                (shift.abs() > 1e-9).then(|| row.rig.clone().expect("a rig"))
+            })
+            .collect::<Vec<_>>()
     };
     assert_eq!(corrected(forth), vec!["a"; 40]);
-    assert_eq!(corrected(back), vec!["a"; 40]);
+    assert_eq!(corrected(reversed), vec!["a"; 40]);
 }
 
 #[test]
 fn a_session_that_names_an_effect_by_itself_adds_no_evidence_for_others_through_it() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
-    let mut one = record(0, "a", 0, [0.3, 0.0, 0.0, 0.0], &mut random);
-    if let Some(result) = &mut one.result {
+    let mut single_record = record(0, "a", 0, [0.3, 0.0, 0.0, 0.0], &mut random);
+    if let Some(result) = &mut single_record.result {
         let parameters = Map::new();
         let class = vec!["sensor.force_gain".to_owned()];
         result.named =
             vec![NamedEffect { id: "sensor.force_gain".to_owned(), parameters, log_evidence: 50.0, class }];
     }
-    let (_, data) = Records::from(vec![one]).likelihoods();
+    let (_, data) = Records::from(vec![single_record]).likelihoods();
     let likelihood = data.sessions[0].as_ref().expect("a likelihood");
     let size = |number: usize| {
         let (b, g) = likelihood.block(&data.hypotheses[number]);
@@ -190,8 +199,8 @@ fn a_gain_of_a_rig_whose_sessions_are_mostly_unexplained_is_named_and_single_une
     let mut records = three_rigs(30, 0.08, 0.0, 3);
     records.iter_mut().filter(|record| record.rig.as_deref() == Some("a")).take(7).for_each(unexplained);
     let (named, _) = found(&records);
-    let of: Vec<_> = named.iter().map(|one| (one.result.group.as_str(), one.result.sessions)).collect();
-    assert_eq!(of, [("a", 10)]);
+    let groups: Vec<_> = named.iter().map(|one| (one.result.group.as_str(), one.result.sessions)).collect();
+    assert_eq!(groups, [("a", 10)]);
     let mut records = three_rigs(30, 0.0, 0.0, 4);
     let mut random = ChaCha8Rng::seed_from_u64(6);
     for number in [0, 3, 6] {

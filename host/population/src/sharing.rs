@@ -1,10 +1,10 @@
 //! The likelihood of effects in groups of sessions (theory, eq. 73).
 //!
-//! Sessions are independent, so that scores and information of a parameter that they share add up: `b = sum x_i b_i`, `G = sum x_i^2 G_i`, where
-//! `x_i` is how much of the effect a session has: 1 in a group, 0 or 1 before and after a step, 0 to 1 along a trend. With a prior
-//! `N(0, I)` in units of its standard deviation the log evidence over the model without the effect is
-//! `b^T (I + G)^-1 b / 2 - ln det(I + G) / 2`. Where sessions differ by more than their own errors (`Q` over its degrees of freedom above
-//! one) both are divided by that ratio (Birge).
+//! Sessions are independent, so that scores and information of a parameter that they share add up: `b = sum x_i b_i`,
+//! `G = sum x_i^2 G_i`, where `x_i` is how much of the effect a session has: 1 in a group, 0 or 1 before and after a
+//! step, 0 to 1 along a trend. With a prior `N(0, I)` in units of its standard deviation the log evidence over the
+//! model without the effect is `b^T (I + G)^-1 b / 2 - ln det(I + G) / 2`. If sessions differ by more than their own
+//! errors (`Q` over its degrees of freedom above one) both are divided by that ratio (Birge).
 
 use crate::summary::{Amplitude, NamedEffect, SessionResult, Summary};
 use nalgebra::{SMatrix, SVector};
@@ -36,12 +36,12 @@ pub(crate) struct Hypothesis {
     columns: Vec<usize>,
 }
 
-/// What is kept of a session in memory.
+/// Content of a session that is kept in memory.
 #[derive(Debug, Clone)]
 pub(crate) struct Likelihood {
     /// Number of each column among those of the session; `u16::MAX` where it has none.
     position: Vec<u16>,
-    /// What is left of the scores, in units of priors.
+    /// Remaining scores, in units of priors.
     score: Vec<f64>,
     /// Square roots of the information, in units of priors.
     root: Vec<f64>,
@@ -105,8 +105,8 @@ impl Likelihoods {
         kinds: &[Amplitude],
     ) {
         let named = summary.result.iter().flat_map(|result| &result.named);
-        let placed = likelihood.map(|likelihood| self.placed(likelihood, own, kinds, named));
-        self.sessions.push(placed);
+        let placed_likelihood = likelihood.map(|likelihood| self.placed(likelihood, own, kinds, named));
+        self.sessions.push(placed_likelihood);
     }
 
     /// A likelihood with the columns of its parameters.
@@ -133,35 +133,36 @@ impl Likelihoods {
 
     /// Column of a kind of parameter; `None` for what is beyond the catalogue's largest effect, which is not added up.
     fn column(&mut self, kind: usize, kinds: &[Amplitude]) -> Option<usize> {
-        if let Some(known) = self.of_kinds.get(&kind) {
-            return *known;
+        if let Some(kind_columns) = self.of_kinds.get(&kind) {
+            return *kind_columns;
         }
-        let one = kinds.get(kind)?;
-        let at = one.at.as_ref().map(|(name, value)| format!("{name} {value}"));
-        let number = *self.by_name.entry((one.effect.clone(), at)).or_insert_with(|| {
+        let amplitude = kinds.get(kind)?;
+        let parameter_text = amplitude.at.as_ref().map(|(name, value)| format!("{name} {value}"));
+        let number = *self.by_name.entry((amplitude.effect.clone(), parameter_text)).or_insert_with(|| {
             self.hypotheses.push(Hypothesis {
-                effect: one.effect.clone(),
-                at: one.at.clone(),
+                effect: amplitude.effect.clone(),
+                at: amplitude.at.clone(),
                 parameters: Vec::new(),
                 columns: Vec::new(),
             });
             self.hypotheses.len() - 1
         });
         let hypothesis = &mut self.hypotheses[number];
-        let known = hypothesis.parameters.iter().position(|known| known.name == one.parameter);
-        let place = known.unwrap_or_else(|| {
+        let same_parameter = hypothesis.parameters.iter().position(|known| known.name == amplitude.parameter);
+        let parameter_index = same_parameter.unwrap_or_else(|| {
             hypothesis.parameters.push(Parameter {
-                name: one.parameter.clone(),
-                is_log: one.scale == "log",
-                neutral: one.neutral,
-                two_sided: one.two_sided,
-                prior_sd: one.prior_sd,
+                name: amplitude.parameter.clone(),
+                is_log: amplitude.scale == "log",
+                neutral: amplitude.neutral,
+                two_sided: amplitude.two_sided,
+                prior_sd: amplitude.prior_sd,
             });
             hypothesis.columns.push(self.columns);
             self.columns += 1;
             hypothesis.parameters.len() - 1
         });
-        let column = hypothesis.columns.get(place).copied().filter(|_| place < MAX_PARAMETERS);
+        let column =
+            hypothesis.columns.get(parameter_index).copied().filter(|_| parameter_index < MAX_PARAMETERS);
         self.of_kinds.insert(kind, column);
         column
     }
@@ -178,20 +179,20 @@ impl Likelihoods {
         else {
             return;
         };
-        let own: Vec<usize> = self
+        let named_columns: Vec<usize> = self
             .hypotheses
             .iter()
             .filter(|other| likelihood.named.contains(&other.effect))
             .flat_map(|other| other.columns.iter().filter_map(|column| likelihood.local(*column)))
             .collect();
-        let kept: Vec<f64> = own.iter().map(|local| likelihood.score[*local]).collect();
+        let kept_scores: Vec<f64> = named_columns.iter().map(|local| likelihood.score[*local]).collect();
         likelihood.subtract(hypothesis, &test.mean);
-        own.iter().zip(kept).for_each(|(local, score)| likelihood.score[*local] = score);
+        named_columns.iter().zip(kept_scores).for_each(|(local, score)| likelihood.score[*local] = score);
     }
 }
 
 impl Likelihood {
-    /// Of a result, whose correlations it takes; without the columns of its parameters.
+    /// Likelihood of a result, whose correlations it takes; without the columns of its parameters.
     pub fn of<S>(result: &mut SessionResult<S>) -> Self {
         let count = result.amplitudes.len();
         let mut correlation = std::mem::take(&mut result.correlation_per_mille);
@@ -254,26 +255,27 @@ impl Likelihood {
     /// By how much an effect of this size moves ln K, and the variance of that.
     pub fn ln_k_shift(&self, hypothesis: &Hypothesis, size: &Vector, sd: &Vector) -> (f64, f64) {
         let columns = hypothesis.columns.iter().zip(size.iter().zip(sd.iter()));
-        let of = |(column, (size, sd)): (&usize, (&f64, &f64))| {
-            let slope = self.slope[self.local(*column)?];
-            Some((slope * size, (slope * sd).powi(2)))
-        };
-        columns.filter_map(of).fold((0.0, 0.0), |(shift, variance), (s, v)| (shift + s, variance + v))
+        columns
+            .filter_map(|(column, (size, sd))| {
+                let slope = self.slope[self.local(*column)?];
+                Some((slope * size, (slope * sd).powi(2)))
+            })
+            .fold((0.0, 0.0), |(shift, variance), (s, v)| (shift + s, variance + v))
     }
 }
 
 impl Sum {
     /// Adds the likelihood of a session, which has so much of the effect.
     pub fn add(&mut self, (b, g): &(Vector, Matrix), x: f64) {
-        let mut own = *g;
-        let least = 1e-9 * own.trace();
+        let mut information = *g;
+        let least = 1e-9 * information.trace();
         let mut rank = 0.0;
         for i in 0..MAX_PARAMETERS {
-            if own[(i, i)] > 0.0 {
+            if information[(i, i)] > 0.0 {
                 rank += 1.0;
-                own[(i, i)] += least;
+                information[(i, i)] += least;
             } else {
-                own[(i, i)] = 1.0;
+                information[(i, i)] = 1.0;
             }
         }
         if rank == 0.0 {
@@ -281,7 +283,7 @@ impl Sum {
         }
         self.b += *b * x;
         self.g += *g * (x * x);
-        self.squares += squares(&own, b);
+        self.squares += squares(&information, b);
         self.rank += rank;
         self.sessions += 1;
     }
@@ -298,31 +300,31 @@ impl Sum {
 
     /// Tests the hypothesis that the sessions share the effect.
     pub fn test(&self, hypothesis: &Hypothesis) -> Test {
-        let none =
+        let no_test =
             Test { log_evidence: f64::NEG_INFINITY, p: 1.0, mean: Vector::zeros(), sd: Vector::repeat(1.0) };
-        let mut own = self.g;
-        let least = 1e-9 * own.trace();
+        let mut information = self.g;
+        let least = 1e-9 * information.trace();
         let mut count = 0;
         for i in 0..MAX_PARAMETERS {
-            if own[(i, i)] > 0.0 {
+            if information[(i, i)] > 0.0 {
                 count += 1;
-                own[(i, i)] += least;
+                information[(i, i)] += least;
             } else {
-                own[(i, i)] = 1.0;
+                information[(i, i)] = 1.0;
             }
         }
-        let Some(chi_square) = own.cholesky().map(|factor| self.b.dot(&factor.solve(&self.b))) else {
-            return none;
+        let Some(chi_square) = information.cholesky().map(|factor| self.b.dot(&factor.solve(&self.b))) else {
+            return no_test;
         };
         let freedom = self.rank - f64::from(count);
         let ratio = if freedom > 0.5 { ((self.squares - chi_square) / freedom).max(1.0) } else { 1.0 };
         let (b, g) = (self.b / ratio, self.g / ratio);
-        let Some(factor) = (Matrix::identity() + g).cholesky() else { return none };
+        let Some(factor) = (Matrix::identity() + g).cholesky() else { return no_test };
         let mean = factor.solve(&b);
-        let below =
+        let is_negative =
             hypothesis.parameters.iter().zip(mean.iter()).any(|(one, mean)| !one.two_sided && *mean < 0.0);
-        if below || count == 0 {
-            return none;
+        if is_negative || count == 0 {
+            return no_test;
         }
         let sides = hypothesis.parameters.iter().filter(|one| !one.two_sided).count() as f64;
         let half_ln_determinant = factor.l().diagonal().map(f64::ln).sum();
@@ -340,8 +342,7 @@ impl Sum {
         let Some(factor) = (Matrix::identity() + self.g).cholesky() else { return (f64::NEG_INFINITY, None) };
         let mean = factor.solve(&self.b);
         let evidence = 0.5 * self.b.dot(&mean) - factor.l().diagonal().map(f64::ln).sum();
-        let is_below = |(one, mean): (&Parameter, &f64)| !one.two_sided && *mean < 0.0;
-        if hypothesis.parameters.iter().zip(mean.iter()).any(is_below) {
+        if hypothesis.parameters.iter().zip(mean.iter()).any(|(one, mean)| !one.two_sided && *mean < 0.0) {
             return (evidence.min(0.0), None);
         }
         (evidence, Some(mean.amax()))
@@ -349,16 +350,16 @@ impl Sum {
 
     /// Cochran's Q of the sessions' own estimates, its degrees of freedom and p.
     pub fn heterogeneity(&self) -> (f64, f64, f64) {
-        let mut own = self.g;
+        let mut information = self.g;
         let mut count = 0.0;
         for i in 0..MAX_PARAMETERS {
-            if own[(i, i)] > 0.0 {
+            if information[(i, i)] > 0.0 {
                 count += 1.0;
             } else {
-                own[(i, i)] = 1.0;
+                information[(i, i)] = 1.0;
             }
         }
-        let chi_square = own.cholesky().map_or(0.0, |factor| self.b.dot(&factor.solve(&self.b)));
+        let chi_square = information.cholesky().map_or(0.0, |factor| self.b.dot(&factor.solve(&self.b)));
         let (q, freedom) = ((self.squares - chi_square).max(0.0), self.rank - count);
         (q, freedom, ChiSquared::new(freedom).map_or(1.0, |chi| chi.sf(q)))
     }
@@ -367,19 +368,19 @@ impl Sum {
 /// `b^T G^-1 b`; 0 where G is not positive definite. Written out, as it is computed for every effect in every session and group.
 fn squares(g: &Matrix, b: &Vector) -> f64 {
     let mut factor = *g;
-    let mut rest = *b;
+    let mut remaining = *b;
     let mut sum = 0.0;
     for i in 0..MAX_PARAMETERS {
         let pivot = factor[(i, i)];
         if pivot <= 0.0 || !pivot.is_finite() {
             return 0.0;
         }
-        sum += rest[i] * rest[i] / pivot;
+        sum += remaining[i] * remaining[i] / pivot;
         for j in i + 1..MAX_PARAMETERS {
-            let share = factor[(j, i)] / pivot;
-            rest[j] -= share * rest[i];
+            let ratio = factor[(j, i)] / pivot;
+            remaining[j] -= ratio * remaining[i];
             for k in i + 1..=j {
-                factor[(j, k)] -= share * factor[(k, i)];
+                factor[(j, k)] -= ratio * factor[(k, i)];
             }
         }
     }

@@ -1,5 +1,5 @@
-//! How an effect is spread over sessions: absent, the same in all, varying around a common mean, or in single sessions only
-//! (theory, eq. 74).
+//! Distribution of an effect over sessions: absent, the same in all, varying around a common mean, or in single
+//! sessions only (theory, eq. 74).
 //!
 //! After what groups share is taken off. Varying: `t_i ~ N(m, s^2)` with s integrated over a grid; a session's likelihood with t_i
 //! integrated is `b' = (I + s^2 G)^-1 b`, `G' = (I + s^2 G)^-1 G`. Single: every session has the effect with a small probability,
@@ -25,18 +25,18 @@ const MIN_INFORMATION: f64 = 0.05;
 /// The spread of every effect over all sessions; the place with the most evidence of those with places.
 pub(crate) fn spread(data: &Likelihoods, summaries: &[Names]) -> Vec<EffectSpread> {
     let mut of_effects: BTreeMap<&str, EffectSpread> = BTreeMap::new();
-    let all: Vec<Option<EffectSpread>> =
+    let spreads: Vec<Option<EffectSpread>> =
         data.hypotheses.par_iter().map(|hypothesis| of_hypothesis(data, hypothesis, summaries)).collect();
-    for (hypothesis, one) in data.hypotheses.iter().zip(all) {
-        let Some(one) = one else { continue };
-        let most = |one: &EffectSpread| {
-            one.log_evidence_shared.max(one.log_evidence_varying).max(one.log_evidence_single)
+    for (hypothesis, one) in data.hypotheses.iter().zip(spreads) {
+        let Some(result) = one else { continue };
+        let most = |result: &EffectSpread| {
+            result.log_evidence_shared.max(result.log_evidence_varying).max(result.log_evidence_single)
         };
         match of_effects.get_mut(hypothesis.effect.as_str()) {
-            Some(known) if most(known) >= most(&one) => {}
-            Some(known) => *known = one,
+            Some(known) if most(known) >= most(&result) => {}
+            Some(known) => *known = result,
             None => {
-                of_effects.insert(&hypothesis.effect, one);
+                of_effects.insert(&hypothesis.effect, result);
             }
         }
     }
@@ -79,15 +79,15 @@ fn of_hypothesis(data: &Likelihoods, hypothesis: &Hypothesis, names: &[Names]) -
     let plain = |sum: &Sum| sum.evidence(hypothesis).0;
     let (shared, size) = whole.evidence(hypothesis);
     let varying = SPREADS.map(|spread| {
-        let mut own = 0.0;
+        let mut information = 0.0;
         let reduced = together(&mut blocks.iter().filter_map(|(b, g)| {
             let factor = (Matrix::identity() + g * (spread * spread)).cholesky()?;
             let less = factor.solve(b);
-            own += 0.5 * spread * spread * b.dot(&less) - factor.l().diagonal().map(f64::ln).sum();
+            information += 0.5 * spread * spread * b.dot(&less) - factor.l().diagonal().map(f64::ln).sum();
             Some((less, factor.solve(g)))
         }));
         // Around zero, or around a common mean.
-        own + ln_mean_exp([0.0, plain(&reduced)].into_iter())
+        information + ln_mean_exp([0.0, plain(&reduced)].into_iter())
     });
     let count = blocks.len() as f64;
     let alone: Vec<f64> = blocks
@@ -99,8 +99,8 @@ fn of_hypothesis(data: &Likelihoods, hypothesis: &Hypothesis, names: &[Names]) -
         })
         .collect();
     let single = SINGLE.map(|sessions| {
-        let share = (sessions / count).min(0.5);
-        alone.iter().map(|log| mixed(*log, share)).sum::<f64>()
+        let start_fraction = (sessions / count).min(0.5);
+        alone.iter().map(|log| mixed(*log, start_fraction)).sum::<f64>()
     });
     let (varying, single) = (ln_mean_exp(varying.into_iter()), ln_mean_exp(single.into_iter()));
     let kind = [(SpreadKind::Shared, shared), (SpreadKind::Single, single), (SpreadKind::Varying, varying)]
@@ -167,9 +167,12 @@ mod tests {
             amplitudes: vec![amplitude(1e5 + 1e3 * f64::from(number))],
             correlation_per_mille: Vec::new(),
         };
-        let record =
-            |number: u32| Summary { result: Some(result(number)), ..Summary::empty(number.to_string()) };
-        let (_, data) = Records::from((0..15).map(record).collect::<Vec<_>>()).likelihoods();
+        let (_, data) = Records::from(
+            (0..15)
+                .map(|number| Summary { result: Some(result(number)), ..Summary::empty(number.to_string()) })
+                .collect::<Vec<_>>(),
+        )
+        .likelihoods();
         spread(&data, &vec![Names::default(); 15]).first().map(|one| one.kind)
     }
 

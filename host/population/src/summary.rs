@@ -7,8 +7,8 @@ use time::Date;
 /// Name and version of this form.
 pub const SUMMARY_SCHEMA: &str = "needle.summary/1";
 
-/// What is kept of a session. Where `error` is there, nothing else of the measurement is. `S` are the names that come back in every
-/// record: a reader of many of them leaves them in the text.
+/// Summary of a session. A summary with `error` has no other content of the measurement. `S` are the names that come
+/// back in every record: a reader of many of them leaves them in the text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(bound(deserialize = "S: Deserialize<'de> + Ord"))]
 pub struct Summary<S = String> {
@@ -22,22 +22,22 @@ pub struct Summary<S = String> {
     pub name: Option<String>,
     /// Day of the measurement, `2026-03-01`.
     pub date: Option<String>,
-    /// Where it was measured.
+    /// Place of the measurement.
     pub site: Option<String>,
     /// Phantom, animal or patient.
     pub subject: Option<String>,
-    /// Which rig.
+    /// Name of the rig.
     pub rig: Option<String>,
-    /// Which needle.
+    /// Name of the needle.
     pub needle: Option<String>,
-    /// Which tissue.
+    /// Name of the tissue.
     pub tissue: Option<String>,
     /// Covariates by name: numbers or texts.
     #[serde(default)]
     pub covariates: BTreeMap<String, Value>,
     /// Why there is no result.
     pub error: Option<String>,
-    /// What was found.
+    /// Result of the session.
     pub result: Option<SessionResult<S>>,
 }
 
@@ -65,7 +65,7 @@ impl TryFrom<serde_json::Value> for Value {
     }
 }
 
-/// What was found in a session.
+/// Result of a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(bound(deserialize = "S: Deserialize<'de> + Ord"))]
 pub struct SessionResult<S = String> {

@@ -43,9 +43,10 @@ pub(crate) struct Tree {
     rows: Vec<f64>,
     /// Variance of the own error of every session.
     pub v: Vec<f64>,
-    /// Of every stage: end of the units of every parent. The last has one parent.
+    /// Ends of the units of every stage: end of the units of every parent. The last has one parent.
     pub ends: Vec<Vec<usize>>,
-    /// Of every stage and unit: variance in addition to what is estimated; nothing where the unit has its full weight.
+    /// Widened errors of every stage and unit: variance in addition to what is estimated; nothing where the unit has
+    /// its full weight.
     pub widened: Vec<Vec<f64>>,
 }
 
@@ -141,20 +142,20 @@ impl Tree {
         if stage == 0 {
             let variance = scale * self.v[unit] + more;
             let row = self.row(unit);
-            let mut place = 0;
+            let mut offset = 0;
             for i in 0..self.size {
                 let scaled = row[i] / variance;
                 for other in &row[..=i] {
-                    sum[place] += scaled * other;
-                    place += 1;
+                    sum[offset] += scaled * other;
+                    offset += 1;
                 }
             }
             return variance.ln();
         }
         let width = self.width();
-        let own = &below[unit * width..(unit + 1) * width];
-        let gain = scale + more * own[0];
-        subtract(own, (gain - 1.0) / (gain * own[0]), sum);
+        let subtotal = &below[unit * width..(unit + 1) * width];
+        let gain = scale + more * subtotal[0];
+        subtract(subtotal, (gain - 1.0) / (gain * subtotal[0]), sum);
         gain.ln()
     }
 
@@ -182,8 +183,8 @@ impl Tree {
     /// with [`Self::freedom`] degrees of freedom where the variances are right, and independent of those of the stages below.
     /// `scratch` has room for the products of a group three times.
     pub fn squares(&self, stage: usize, excess: Excess, below: &Products, scratch: &mut Vec<f64>) -> f64 {
-        let (above, base, ..) = self.residual(stage, excess, below, scratch);
-        (above - base).max(0.0)
+        let (squares_above, base, ..) = self.residual(stage, excess, below, scratch);
+        (squares_above - base).max(0.0)
     }
 
     /// Degrees of freedom of [`Self::squares`]; `below` are products of the units at any variances.
@@ -204,28 +205,28 @@ impl Tree {
         let width = self.width();
         scratch.clear();
         scratch.resize(3 * width, 0.0);
-        let (group, rest) = scratch.split_at_mut(width);
-        let (above, base) = rest.split_at_mut(width);
+        let (group, group_sums) = scratch.split_at_mut(width);
+        let (tail, base) = group_sums.split_at_mut(width);
         let mut count = 0;
         for units in self.parents(stage) {
             group.fill(0.0);
-            let before = count;
+            let earlier_count = count;
             for unit in units {
                 if self.counts(stage, unit) {
                     count += 1;
                     self.add(stage, unit, excess, below, group);
                     if stage > 0 {
-                        let own = &below[unit * width..(unit + 1) * width];
-                        subtract(own, own[0].recip(), base);
+                        let subtotal = &below[unit * width..(unit + 1) * width];
+                        subtract(subtotal, subtotal[0].recip(), base);
                     }
                 }
             }
-            if count > before {
+            if count > earlier_count {
                 count -= 1;
-                subtract(group, group[0].recip(), above);
+                subtract(group, group[0].recip(), tail);
             }
         }
-        let (squares, rank) = self.rest(above);
+        let (squares, rank) = self.rest(tail);
         let (of_units, rank_of_units) = self.rest(base);
         (squares, of_units, rank.saturating_sub(rank_of_units), count)
     }
@@ -243,9 +244,9 @@ impl Tree {
             }
             rank += 1;
             for i in column + 1..=last {
-                let share = products[at(i, column)] / pivot;
+                let ratio = products[at(i, column)] / pivot;
                 for j in column + 1..=i {
-                    products[at(i, j)] -= share * products[at(j, column)];
+                    products[at(i, j)] -= ratio * products[at(j, column)];
                 }
             }
         }
@@ -255,13 +256,13 @@ impl Tree {
 
 /// Adds products less their share that goes with the constant: `M - share M_1 M_1^T`.
 fn subtract(own: &Products, share: f64, sum: &mut Products) {
-    let mut place = 0;
+    let mut offset = 0;
     let mut i = 0;
-    while place < own.len() {
+    while offset < own.len() {
         let scaled = share * own[i * (i + 1) / 2];
         for j in 0..=i {
-            sum[place] += own[place] - scaled * own[j * (j + 1) / 2];
-            place += 1;
+            sum[offset] += own[offset] - scaled * own[j * (j + 1) / 2];
+            offset += 1;
         }
         i += 1;
     }

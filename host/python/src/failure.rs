@@ -44,11 +44,11 @@ pub fn internal(py: Python<'_>, message: &str) -> PyErr {
 }
 
 fn new(py: Python<'_>, class: &str, message: &str, place: &FailedAt, document: &str) -> PyErr {
-    let made = py.import("needle_guide._errors").and_then(|module| {
+    let constructed = py.import("needle_guide._errors").and_then(|module| {
         let FailedAt { path, line, column, field } = place;
         module.getattr(class)?.call1((message, path.as_deref(), *line, *column, field.as_deref(), document))
     });
-    match made {
+    match constructed {
         Ok(exception) => PyErr::from_value(exception),
         Err(error) => error,
     }

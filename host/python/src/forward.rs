@@ -77,11 +77,11 @@ fn solve(row: &Row, z_m: &[f64]) -> Result<(f64, Vec<f64>), ModelError> {
 
 /// Derivative of the same by one parameter.
 fn derivative(row: &Row, column: usize, z_m: &[f64]) -> Result<(f64, Vec<f64>), ModelError> {
-    let Some((about, value)) = ALL.get(column).zip(row.get(column).copied()) else {
+    let Some((parameter, value)) = ALL.get(column).zip(row.get(column).copied()) else {
         return Ok((0.0, vec![0.0; z_m.len()]));
     };
-    let step = (about.relative * value.abs()).max(about.least);
-    let stencil = if value - 2.0 * step < about.from { FORWARD.as_slice() } else { CENTRAL.as_slice() };
+    let step = (parameter.relative * value.abs()).max(parameter.least);
+    let stencil = if value - 2.0 * step < parameter.from { FORWARD.as_slice() } else { CENTRAL.as_slice() };
     let (mut force, mut shape) = (0.0, vec![0.0; z_m.len()]);
     for (offset, weight) in stencil {
         let mut moved = *row;
@@ -109,13 +109,13 @@ fn all(
     columns: &[usize],
     is_left: &dyn Fn() -> bool,
 ) -> Result<Results, (usize, ModelError)> {
-    let (sets, places) = (rows.len(), z_m.len());
+    let (sets, position_count) = (rows.len(), z_m.len());
     // Growing them would write every result twice.
     let mut results = Results {
         force: Vec::with_capacity(sets),
-        shape: Vec::with_capacity(sets * places),
+        shape: Vec::with_capacity(sets * position_count),
         force_by: Vec::with_capacity(sets * columns.len()),
-        shape_by: Vec::with_capacity(sets * columns.len() * places),
+        shape_by: Vec::with_capacity(sets * columns.len() * position_count),
     };
     for (number, row) in rows.iter().enumerate() {
         if is_left() {
@@ -163,15 +163,17 @@ pub fn forward<'py>(
         .map(|row| std::array::from_fn(|column| row.get(column).copied().unwrap_or(f64::NAN)))
         .collect();
     let z_m: Vec<f64> = z_mm.as_array().iter().map(|mm| 1e-3 * mm).collect();
-    let (count, places, wanted) = (rows.len(), z_m.len(), columns.len());
-    let found = computed(py, move |_, flag| all(&rows, &z_m, &columns, &|| flag.is_set()), |_| Ok(()))?;
-    let results = found.map_err(|(number, error)| usage(py, &explain(first + number, &error)))?;
+    let (count, position_count, column_count) = (rows.len(), z_m.len(), columns.len());
+    let derivatives = computed(py, move |_, flag| all(&rows, &z_m, &columns, &|| flag.is_set()), |_| Ok(()))?;
+    let results = derivatives.map_err(|(number, error)| usage(py, &explain(first + number, &error)))?;
     let shaped = |error: numpy::ndarray::ShapeError| super::failure::internal(py, &error.to_string());
     Ok((
         results.force.into_pyarray(py),
-        Array2::from_shape_vec((count, places), results.shape).map_err(shaped)?.into_pyarray(py),
-        Array2::from_shape_vec((count, wanted), results.force_by).map_err(shaped)?.into_pyarray(py),
-        Array3::from_shape_vec((count, wanted, places), results.shape_by).map_err(shaped)?.into_pyarray(py),
+        Array2::from_shape_vec((count, position_count), results.shape).map_err(shaped)?.into_pyarray(py),
+        Array2::from_shape_vec((count, column_count), results.force_by).map_err(shaped)?.into_pyarray(py),
+        Array3::from_shape_vec((count, column_count, position_count), results.shape_by)
+            .map_err(shaped)?
+            .into_pyarray(py),
     ))
 }
 

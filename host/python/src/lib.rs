@@ -1,8 +1,9 @@
 //! The Python module `needle_guide._core`: commands of `guide` as functions, the forward model over arrays, and a connected device.
 //!
-//! What users import is written in Python (`python/needle_guide`) on these few functions. Every result is the JSON document that
-//! the command prints (`host::cli::call`), so that Python and command line cannot differ. Long work runs in a thread of its own while
-//! the calling thread waits for it and for signals (`work`). The manual's page on Python has the examples.
+//! The module that users import is written in Python (`python/needle_guide`) on these few functions. Every result is
+//! the JSON document that the command prints (`host::cli::call`), so that Python and command line cannot differ. Long
+//! work runs in a thread of its own while the calling thread waits for it and for signals (`work`). The manual's page
+//! on Python has the examples.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 #![cfg(feature = "extension")]
@@ -39,7 +40,7 @@ type Result3 = (String, Vec<String>, Vec<(String, String)>);
 /// Runs a command of `guide` and returns its JSON document, its remarks and its figures.
 #[pyfunction]
 fn call(py: Python<'_>, arguments: Vec<OsString>, on_step: Option<Py<PyAny>>) -> PyResult<Result3> {
-    let found = computed(
+    let called = computed(
         py,
         move |messages, interrupted| {
             call_command(arguments, move |step| {
@@ -55,7 +56,7 @@ fn call(py: Python<'_>, arguments: Vec<OsString>, on_step: Option<Py<PyAny>>) ->
             _ => Ok(()),
         },
     )?;
-    let Called { document, notes, figures } = found.map_err(|error| raise(py, &error))?;
+    let Called { document, notes, figures } = called.map_err(|error| raise(py, &error))?;
     Ok((document, notes, figures))
 }
 

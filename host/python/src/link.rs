@@ -11,7 +11,7 @@ use pyo3::types::PyBytes;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// How long one wait for telemetry lasts before signals are looked for.
+/// Duration of one wait for telemetry between checks for signals.
 const POLL: Duration = Duration::from_millis(50);
 
 /// The link to a device. One call at a time uses it.
@@ -20,7 +20,7 @@ pub struct Link {
     client: Mutex<Option<Client>>,
 }
 
-/// How a motion is carried out: nominal calibration, force limit in newtons.
+/// Manner of a motion: nominal calibration, force limit in newtons.
 type How = (bool, Option<f64>);
 
 #[pymethods]
@@ -62,10 +62,13 @@ impl Link {
 
     /// Document of `guide tare`.
     fn tare(&self, py: Python<'_>, duration_s: f64, how: How) -> PyResult<String> {
-        let work = move |client: &mut Client, flag: &_, _: &_| {
-            operate::tare(client, duration_s, &motion(how, flag), |_| {})
-        };
-        self.with(py, work, None)
+        self.with(
+            py,
+            move |client: &mut Client, flag: &_, _: &_| {
+                operate::tare(client, duration_s, &motion(how, flag), |_| {})
+            },
+            None,
+        )
     }
 
     /// Document of `guide move`; `on_samples` gets packed samples.
@@ -77,12 +80,15 @@ impl Link {
         how: How,
         on_samples: Option<Py<PyAny>>,
     ) -> PyResult<String> {
-        let work = move |client: &mut Client, flag: &_, messages: &super::work::Messages| {
-            operate::move_guide(client, target_mm, speed_mm_s, &motion(how, flag), |batch| {
-                messages.send(Message::Samples(pack(batch)));
-            })
-        };
-        self.with(py, work, on_samples)
+        self.with(
+            py,
+            move |client: &mut Client, flag: &_, messages: &super::work::Messages| {
+                operate::move_guide(client, target_mm, speed_mm_s, &motion(how, flag), |batch| {
+                    messages.send(Message::Samples(pack(batch)));
+                })
+            },
+            on_samples,
+        )
     }
 
     /// Runs a program (a built-in name or a file) and returns the packed samples of it.
@@ -95,16 +101,16 @@ impl Link {
     ) -> PyResult<Bound<'py, PyBytes>> {
         let work = move |client: &mut Client, flag: &_, messages: &super::work::Messages| {
             let program = Program::load(&program)?;
-            let mut all = Vec::new();
+            let mut samples = Vec::new();
             motion(how, flag).run(client, &program, |batch| {
                 let packed = pack(batch);
-                all.extend_from_slice(&packed);
+                samples.extend_from_slice(&packed);
                 messages.send(Message::Samples(packed));
             })?;
-            Ok(all)
+            Ok(samples)
         };
-        let all = self.with(py, work, on_samples)?;
-        Ok(PyBytes::new(py, &all))
+        let samples = self.with(py, work, on_samples)?;
+        Ok(PyBytes::new(py, &samples))
     }
 
     /// Has the device send every sample, or none.
@@ -164,17 +170,17 @@ impl Link {
         + 'static,
         on_samples: Option<Py<PyAny>>,
     ) -> PyResult<T> {
-        let taken = self.client.lock().ok().and_then(|mut client| client.take());
-        let Some(mut client) = taken else {
+        let client_taken = self.client.lock().ok().and_then(|mut client| client.take());
+        let Some(mut client) = client_taken else {
             return Err(unavailable(py, "the device is closed, or another thread uses it"));
         };
-        let (back, returned) = std::sync::mpsc::channel();
+        let (sender, returned) = std::sync::mpsc::channel();
         let outcome = interruptible(
             py,
             move |messages, flag| {
                 let outcome = work(&mut client, &flag, &messages);
                 // The receiver lives until this has ended.
-                let _ = back.send(client);
+                let _ = sender.send(client);
                 outcome
             },
             |message| match (message, &on_samples) {
@@ -185,8 +191,8 @@ impl Link {
             },
             Leave::Finished,
         );
-        if let (Ok(client), Ok(mut place)) = (returned.try_recv(), self.client.lock()) {
-            *place = Some(client);
+        if let (Ok(client), Ok(mut client_slot)) = (returned.try_recv(), self.client.lock()) {
+            *client_slot = Some(client);
         }
         outcome?.map_err(|error| device(py, &error))
     }

@@ -1,10 +1,11 @@
 //! Threads of computations, in a process that may fork.
 //!
-//! A child of `fork` has the memory of its parent and none of its threads: what waits for one of them waits for ever. `multiprocessing`
-//! forks by default on Linux before Python 3.14, after a first call in the parent as well as before it. So computations never use
-//! rayon's global pool, which starts once in a process and for good: each call borrows a pool of this process and gives it back, and a
-//! child begins without any. Where a fork happens while another thread of the parent computes, that thread may hold a lock that nobody
-//! in the child releases: calls in such a child are rejected.
+//! A child of `fork` has the memory of its parent and none of its threads: what waits for one of them waits for ever.
+//! `multiprocessing` forks by default on Linux before Python 3.14, after a first call in the parent as well as before
+//! it. So computations never use rayon's global pool, which starts once in a process and for good: each call borrows a
+//! pool of this process and gives it back, and a child begins without any. If a fork happens while another thread of
+//! the parent computes, that thread may hold a lock that no thread of the child releases: calls in such a child are
+//! rejected.
 //!
 //! The registry is only locked by threads that hold the interpreter, as `os.fork` does: no fork can happen while it is locked.
 

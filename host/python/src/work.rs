@@ -9,20 +9,20 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// How often signals are looked for.
+/// Interval at which signals are checked.
 const POLL: Duration = Duration::from_millis(20);
 /// Stack of the work: as much as a program's main thread has.
 pub const STACK_BYTES: usize = 8 << 20;
 
-/// What work reports before it is done.
+/// Reports of work before it is done.
 pub enum Message {
-    /// What is under way now.
+    /// Present step of the work.
     Step(String),
     /// Samples, as [`super::link`] packs them.
     Samples(Vec<u8>),
 }
 
-/// Where work reports to.
+/// Channel to which work reports.
 #[derive(Clone)]
 pub struct Messages(Sender<Message>);
 
@@ -52,7 +52,7 @@ impl Flag {
 /// Payload of the unwinding that ends interrupted work.
 pub struct Interrupted;
 
-/// What happens to work whose caller is interrupted.
+/// Treatment of work whose caller is interrupted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Leave {
     /// The call returns at once; the work ends at its next step and its result is dropped.
@@ -81,7 +81,7 @@ pub fn interruptible<T: Send + 'static>(
         let flag = flag.clone();
         move || {
             let outcome = catch_unwind(AssertUnwindSafe(|| work(Messages(messages), flag)));
-            // Where nobody waits any more the result is dropped.
+            // If no caller waits any more the result is dropped.
             let _ = result.send(outcome.map_err(|panic| {
                 let text = panic.downcast_ref::<String>().cloned();
                 text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()))
@@ -117,8 +117,12 @@ pub fn computed<T: Send + 'static>(
 ) -> PyResult<T> {
     let threads = Borrowed::new(py)?;
     let lent = threads.lend();
-    let work = move |messages, flag| lent.compute(move || work(messages, flag));
-    let outcome = interruptible(py, work, on_message, Leave::Behind)?;
+    let outcome = interruptible(
+        py,
+        move |messages, flag| lent.compute(move || work(messages, flag)),
+        on_message,
+        Leave::Behind,
+    )?;
     threads.give_back(py);
     Ok(outcome)
 }
@@ -130,14 +134,14 @@ fn wait<T: Send>(
     on_message: &mut impl FnMut(Message) -> PyResult<()>,
 ) -> PyResult<Result<T, String>> {
     loop {
-        let found = py.detach(|| match results.lock() {
+        let received = py.detach(|| match results.lock() {
             Ok(results) => results.recv_timeout(POLL),
             Err(_) => Err(RecvTimeoutError::Disconnected),
         });
         while let Ok(message) = inbox.try_recv() {
             on_message(message)?;
         }
-        match found {
+        match received {
             Ok(outcome) => return Ok(outcome),
             Err(RecvTimeoutError::Timeout) => py.check_signals()?,
             Err(RecvTimeoutError::Disconnected) => {

@@ -2,7 +2,7 @@
 #![cfg(feature = "extension")]
 #![forbid(unsafe_code)]
 
-/// What Python calls when it imports `needle_guide._core`.
+/// Function that Python calls when it imports `needle_guide._core`.
 const ENTRY: &[u8] = b"PyInit__core";
 
 #[test]

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// Name and version of this form, in the attributes of the document.
 pub const SCHEMA: &str = "guide.draws/1";
 
-/// How many draws are taken, and from which seed.
+/// Number of draws, and their seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DrawOptions {
     /// Number of chains.
@@ -35,9 +35,9 @@ impl DrawOptions {
 /// A group of variables, by the name that ArviZ gives it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Group {
-    /// What is known with the data.
+    /// Distribution with the data.
     Posterior,
-    /// What was known without them.
+    /// Distribution without them.
     Prior,
     /// Readings as they could have been.
     PosteriorPredictive,
@@ -45,7 +45,7 @@ pub enum Group {
     LogLikelihood,
     /// Readings as they are.
     ObservedData,
-    /// Where they lie.
+    /// Coordinates of the draws.
     ConstantData,
     /// Readings that were not taken.
     Predictions,
@@ -113,7 +113,7 @@ impl Draws {
         Self { options, groups: BTreeMap::new(), coordinates: BTreeMap::new(), attributes }
     }
 
-    /// How many draws there are.
+    /// Options of the draws.
     pub fn options(&self) -> DrawOptions {
         self.options
     }
@@ -172,21 +172,22 @@ impl Draws {
         self.groups.get(&group).into_iter().flatten().map(|(name, _)| name.as_str())
     }
 
-    /// Takes every draw from one of several documents, chosen by the weights of the others; this one has what is left of 1. What another
-    /// one does not have stays as it is here.
+    /// Takes every draw from one of several documents, chosen by the weights of the others; this one has what is left
+    /// of 1. A value that another one does not have stays as it is here.
     pub fn mixed_with(&mut self, others: &[(f64, &Self)]) {
-        let own = 1.0 - others.iter().map(|(weight, _)| weight).sum::<f64>();
+        let own_weight = 1.0 - others.iter().map(|(weight, _)| weight).sum::<f64>();
         let weights: Vec<f64> =
-            std::iter::once(own).chain(others.iter().map(|(weight, _)| *weight)).collect();
+            std::iter::once(own_weight).chain(others.iter().map(|(weight, _)| *weight)).collect();
         let picks = Random::new(self.options.seed, MIXING).choices(&weights, self.options.count());
         for (group, variables) in self.groups.iter_mut().filter(|(group, _)| group.is_drawn()) {
             for (name, variable) in variables {
                 let length = variable.length;
                 for ((number, row), pick) in variable.values.chunks_mut(length).enumerate().zip(&picks) {
                     let source = pick.checked_sub(1).and_then(|other| others.get(other));
-                    let same = source.and_then(|(_, other)| other.groups.get(group)?.get(name));
-                    let same = same.filter(|same| same.length == length);
-                    let drawn = same.and_then(|same| same.values.get(number * length..(number + 1) * length));
+                    let counterpart = source.and_then(|(_, other)| other.groups.get(group)?.get(name));
+                    let matching = counterpart.filter(|counterpart| counterpart.length == length);
+                    let drawn = matching
+                        .and_then(|matching| matching.values.get(number * length..(number + 1) * length));
                     if let Some(drawn) = drawn {
                         row.copy_from_slice(drawn);
                     }
@@ -221,10 +222,13 @@ impl Serialize for Draws {
         for (dims, key, coords) in
             [(&of_groups, "dims", "coords"), (&of_predictions, "pred_dims", "pred_coords")]
         {
-            let used = |dimension: &&String| dims.values().any(|[used]| used == dimension);
-            let places: BTreeMap<_, _> = self.coordinates.iter().filter(|(name, _)| used(name)).collect();
+            fn used(dimension: &&String, dims: &BTreeMap<&str, [&str; 1]>) -> bool {
+                dims.values().any(|[used]| used == dimension)
+            }
+            let listed_coordinates: BTreeMap<_, _> =
+                self.coordinates.iter().filter(|(name, _)| used(name, dims)).collect();
             map.serialize_entry(key, dims)?;
-            map.serialize_entry(coords, &places)?;
+            map.serialize_entry(coords, &listed_coordinates)?;
         }
         map.serialize_entry("attrs", &self.attributes)?;
         map.end()
@@ -241,8 +245,8 @@ impl Serialize for Variables<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(Some(self.variables.len()))?;
         for (name, variable) in self.variables {
-            let own = variable.dimension.as_ref().map(|_| variable.length);
-            let shape: Vec<usize> = self.shape.iter().copied().chain(own).collect();
+            let dimension_length = variable.dimension.as_ref().map(|_| variable.length);
+            let shape: Vec<usize> = self.shape.iter().copied().chain(dimension_length).collect();
             map.serialize_entry(name, &Nested { values: &variable.values, shape: &shape })?;
         }
         map.end()

@@ -13,7 +13,7 @@ use nalgebra::DMatrix;
 pub use normal::bounded_step;
 use normal::{Differences, NEAR, NEGLIGIBLE, Normal, Step};
 
-/// Where a parameter starts and may go.
+/// Start and range of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
     /// Initial value.
@@ -24,7 +24,7 @@ pub struct Parameter {
     pub least: f64,
     /// Greatest value.
     pub most: f64,
-    /// What is known of it beforehand; of shared parameters only.
+    /// Prior; of shared parameters only.
     pub prior: Option<Prior>,
 }
 
@@ -61,7 +61,7 @@ pub trait Block {
     /// Its nuisances.
     fn nuisances(&self) -> Vec<Parameter>;
 
-    /// What does not depend on the nuisances, done once for all of them.
+    /// Computation that does not depend on the nuisances, done once for all of them.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -202,9 +202,11 @@ struct Point {
 
 impl Point {
     fn prior_squares(&self, shared: &[Parameter]) -> f64 {
-        let squared =
-            |(value, p): (&f64, &Parameter)| p.prior.map_or(0.0, |prior| prior.residual(*value).powi(2));
-        self.shared.iter().zip(shared).map(squared).sum()
+        self.shared
+            .iter()
+            .zip(shared)
+            .map(|(value, p)| p.prior.map_or(0.0, |prior| prior.residual(*value).powi(2)))
+            .sum()
     }
 
     fn moved(&self, step: &Step, shared: &[Parameter]) -> Self {

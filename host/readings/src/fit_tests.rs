@@ -17,8 +17,10 @@ impl Block for Decay {
     }
 
     fn residuals(&self, rate: &f64, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
-        let predicted = |t: usize| nuisances[0] * (-rate * t as f64).exp();
-        Ok(self.0.iter().enumerate().map(|(t, y)| (y - predicted(t)) / 0.1).collect())
+        fn predicted(t: usize, rate: &&f64, nuisances: &[f64]) -> f64 {
+            nuisances[0] * (-*rate * t as f64).exp()
+        }
+        Ok(self.0.iter().enumerate().map(|(t, y)| (y - predicted(t, &rate, nuisances)) / 0.1).collect())
     }
 }
 
@@ -30,7 +32,9 @@ fn decay(amplitude: f64, rate: f64, count: usize) -> Decay {
 
 /// Information of a run about the rate, after its amplitude is eliminated.
 fn information(amplitude: f64, count: usize) -> f64 {
-    let e = |t: usize| (-0.3 * t as f64).exp();
+    fn e(t: usize) -> f64 {
+        (-0.3 * t as f64).exp()
+    }
     let (mut aa, mut ar, mut rr) = (0.0, 0.0, 0.0);
     for t in 0..count {
         let (by_a, by_r) = (e(t) / 0.1, -amplitude * t as f64 * e(t) / 0.1);

@@ -32,8 +32,8 @@ pub fn profile<B: Block>(
     Ok(fit(&pinned, blocks)?.chi_square - best.chi_square)
 }
 
-/// Where the profile has risen by `rise` on both sides of its minimum; an end that is not found within twelve standard
-/// deviations is infinite: the data do not bound the parameter there.
+/// Points at which the profile has risen by `rise` on both sides of its minimum; an end that is not found within
+/// twelve standard deviations is infinite: the data do not bound the parameter there.
 ///
 /// # Errors
 /// [`FitError`] where there is no fit on the way.
@@ -46,19 +46,23 @@ pub fn profile_interval<B: Block>(
     let centre = best.shared.first().copied().unwrap_or(f64::NAN);
     let sd = best.covariance.get((0, 0)).copied().unwrap_or(f64::NAN).sqrt();
     let end = |direction: f64| -> Result<f64, FitError> {
-        let at = |distance: f64| centre + direction * distance * sd;
-        let (mut inside, mut outside) = (0.0, rise.sqrt());
-        while profile(shared, blocks, best, at(outside))? < rise {
-            (inside, outside) = (outside, 1.5 * outside);
-            if outside > FURTHEST_SD {
+        let bound_at = |distance: f64| centre + direction * distance * sd;
+        let (mut inner, mut outer) = (0.0, rise.sqrt());
+        while profile(shared, blocks, best, bound_at(outer))? < rise {
+            (inner, outer) = (outer, 1.5 * outer);
+            if outer > FURTHEST_SD {
                 return Ok(direction * f64::INFINITY);
             }
         }
         for _ in 0..BISECTIONS {
-            let middle = 0.5 * (inside + outside);
-            if profile(shared, blocks, best, at(middle))? < rise { inside = middle } else { outside = middle }
+            let middle = 0.5 * (inner + outer);
+            if profile(shared, blocks, best, bound_at(middle))? < rise {
+                inner = middle
+            } else {
+                outer = middle
+            }
         }
-        Ok(at(0.5 * (inside + outside)))
+        Ok(bound_at(0.5 * (inner + outer)))
     };
     Ok([end(-1.0)?, end(1.0)?])
 }
@@ -72,9 +76,9 @@ pub fn bootstrap(
     count: usize,
     seed: u64,
 ) -> Vec<f64> {
-    let mut near = shared.to_vec();
-    near.iter_mut().zip(&best.shared).for_each(|(parameter, found)| parameter.start = *found);
-    let mut found: Vec<f64> = (0..count)
+    let mut reference = shared.to_vec();
+    reference.iter_mut().zip(&best.shared).for_each(|(parameter, found)| parameter.start = *found);
+    let mut redraws: Vec<f64> = (0..count)
         .into_par_iter()
         .filter_map(|number| {
             // A stream of its own: a draw is the same whichever thread takes it, and when.
@@ -85,18 +89,18 @@ pub fn bootstrap(
                 .zip(&best.residuals)
                 .map(|(block, residuals)| block.redrawn(residuals, || StandardNormal.sample(&mut random)))
                 .collect();
-            fit(&near, &drawn).ok()?.shared.first().copied()
+            fit(&reference, &drawn).ok()?.shared.first().copied()
         })
         .collect();
-    found.sort_by(f64::total_cmp);
-    found
+    redraws.sort_by(f64::total_cmp);
+    redraws
 }
 
 /// The value below which a share of sorted values lies, between neighbours by their distance; nothing for no values.
 pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     let position = share.clamp(0.0, 1.0) * sorted.len().checked_sub(1)? as f64;
-    let (below, above) = (sorted.get(position.floor() as usize)?, sorted.get(position.ceil() as usize)?);
-    Some(below + (above - below) * position.fract())
+    let (lower, upper) = (sorted.get(position.floor() as usize)?, sorted.get(position.ceil() as usize)?);
+    Some(lower + (upper - lower) * position.fract())
 }
 
 impl LateralData {
@@ -147,14 +151,15 @@ mod tests {
     fn data(shape_sd_m: f64) -> Vec<LateralData> {
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         let beam = Beam::solve(&rig, &Foundation::uniform(16e3).expect("valid"), 0.03).expect("solves");
-        let point = |i: u32| {
-            let z_m = 0.07 + 1e-3 * f64::from(i);
-            ShapeDatum::new(z_m, [beam.deflection_m(1.2e-3, z_m), 0.0])
-        };
         let level = HoldData {
             displacement_m: vec![Measured { value: 1.2e-3, sd: 15e-6 }],
             force_n: vec![Measured { value: beam.force_n(1.2e-3), sd: 0.1 }],
-            shape: (1..30).map(point).collect(),
+            shape: (1..30)
+                .map(|i| {
+                    let z_m = 0.07 + 1e-3 * f64::from(i);
+                    ShapeDatum::new(z_m, [beam.deflection_m(1.2e-3, z_m), 0.0])
+                })
+                .collect(),
         };
         vec![LateralData {
             support: mechanics::Support::Springs,
@@ -208,10 +213,10 @@ mod tests {
             drawn[drawn.len() - 1]
         });
         let ready = again.prepare(&best.shared).expect("a needle");
-        let off = again.residuals(&ready, &best.nuisances[0]).expect("residuals");
-        assert_eq!(off.len(), drawn.len());
-        for (number, (off, drawn)) in off.iter().zip(&drawn).enumerate() {
-            assert!((off - drawn).abs() < 1e-6, "{number}: {off} is not {drawn}");
+        let deviations = again.residuals(&ready, &best.nuisances[0]).expect("residuals");
+        assert_eq!(deviations.len(), drawn.len());
+        for (number, (deviations, drawn)) in deviations.iter().zip(&drawn).enumerate() {
+            assert!((deviations - drawn).abs() < 1e-6, "{number}: {deviations} is not {drawn}");
         }
     }
 
@@ -219,12 +224,12 @@ mod tests {
     fn draws_do_not_depend_on_the_number_of_threads() {
         let blocks = data(25e-6);
         let best = fit(&[LN_K], &blocks).expect("fits");
-        let on = |threads: usize| {
+        fn on(threads: usize, blocks: &[LateralData], best: &Fit) -> Vec<u64> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-            let drawn = pool.install(|| bootstrap(&[LN_K], &blocks, &best, 50, 3));
+            let drawn = pool.install(|| bootstrap(&[LN_K], blocks, best, 50, 3));
             drawn.into_iter().map(f64::to_bits).collect::<Vec<_>>()
-        };
-        assert_eq!(on(1), on(4));
+        }
+        assert_eq!(on(1, &blocks, &best), on(4, &blocks, &best));
     }
 
     /// Poor data: the profile is lopsided in ln K, and its ends are where chi-square really has risen.

@@ -8,7 +8,7 @@
 use super::{Block, Fit, Parameter, Prior};
 use crate::holds::reversal_of_means_m;
 use formats::session::SHARED_ERRORS;
-use mechanics::effects::{Effect, ParameterInfo};
+use mechanics::effects::Effect;
 use mechanics::{
     DriveSample, Model, ModelError, ObservationPlan, PreparedNeedle, Rig, Series, ShapeImage, ShapePoint,
     Support,
@@ -46,7 +46,7 @@ pub struct ShapeDatum {
     pub deflection_m: [f64; 2],
     /// Standard deviation in each plane over that of the run, [`LateralData::shape_sd_m`].
     pub sd_ratio: [f64; 2],
-    /// How it was imaged, where that is known.
+    /// Image from which the shape was taken, if that is known.
     pub image: Option<ShapeImage>,
     /// Standard deviation of an error of its position that all points of the run share; 0 for none.
     pub z_shared_sd_m: f64,
@@ -61,7 +61,7 @@ impl ShapeDatum {
     }
 }
 
-/// What was measured at one level; one entry per plane, `[y]` or `[y, x]`.
+/// Measurements at one level; one entry per plane, `[y]` or `[y, x]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HoldData {
     /// Displacement of guide 2.
@@ -72,14 +72,15 @@ pub struct HoldData {
     pub shape: Vec<ShapeDatum>,
 }
 
-/// What is known of the zero of a run's force, before its readings.
+/// Knowledge of the zero of a run's force, before its readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ForceZero {
     /// It is right.
     Exact,
     /// A hold at zero displacement determines it.
     Measured,
-    /// Nothing in the run measures it: what is assumed of both planes, N, counts as one more reading of each.
+    /// The run has no measurement of it: what is assumed of both planes, N, counts as one more reading of
+    /// each.
     Assumed([Measured; 2]),
 }
 
@@ -89,7 +90,7 @@ impl ForceZero {
         Self::Assumed([Measured { value: 0.0, sd: sd_n }; 2])
     }
 
-    /// That of a run of one plane alone.
+    /// Zero of a run of one plane alone.
     fn in_plane(self, plane: usize) -> Self {
         match self {
             Self::Assumed([_, x]) if plane == 1 => Self::Assumed([x; 2]),
@@ -103,7 +104,7 @@ impl ForceZero {
 pub struct LateralData {
     /// Needle, guides and tissue surface.
     pub rig: Rig,
-    /// What the tissue is made of: the shared modulus is K of springs or E of a body.
+    /// Support of the needle by the tissue: the shared modulus is K of springs or E of a body.
     pub support: Support,
     /// Length of the needle inside the tissue.
     pub depth_m: f64,
@@ -113,7 +114,7 @@ pub struct LateralData {
     pub levels: Vec<HoldData>,
     /// Standard deviation of a deflection; of single ones a multiple of it ([`ShapeDatum::sd_ratio`]).
     pub shape_sd_m: f64,
-    /// What is known of the force sensor's zero.
+    /// Knowledge of the force sensor's zero.
     pub force_zero: ForceZero,
     /// Errors that its points share.
     pub shared: SharedErrors,
@@ -128,14 +129,15 @@ pub struct LateralData {
 /// Unknowns that effects bring: in the order of [`LateralData::effects`], with the priors of the effects.
 pub fn effect_parameters(effects: &[&'static dyn Effect]) -> Vec<Parameter> {
     let parameters = effects.iter().flat_map(|effect| effect.parameters());
-    let unknown = |info: &ParameterInfo| {
-        let [least, most] = info.range;
-        let prior = Some(Prior { mean: info.neutral, sd: info.prior_sd });
-        // Off a bound, so that both differences of the derivative exist.
-        let start = (info.neutral + 0.1 * info.prior_sd).clamp(least, most);
-        Parameter { start, step: 1e-4 * info.prior_sd, least, most, prior }
-    };
-    parameters.map(unknown).collect()
+    parameters
+        .map(|info| {
+            let [least, most] = info.range;
+            let prior = Some(Prior { mean: info.neutral, sd: info.prior_sd });
+            // Off a bound, so that both differences of the derivative exist.
+            let start = (info.neutral + 0.1 * info.prior_sd).clamp(least, most);
+            Parameter { start, step: 1e-4 * info.prior_sd, least, most, prior }
+        })
+        .collect()
 }
 
 impl LateralData {
@@ -146,13 +148,15 @@ impl LateralData {
 
     /// One plane of the run alone, 0 for y and 1 for x; nothing where guide 2 was not displaced in it by more than `least_m`.
     pub fn in_plane(&self, plane: usize, least_m: f64) -> Option<Self> {
-        let one = |values: &[Measured]| values.get(plane).copied().into_iter().collect::<Vec<_>>();
+        fn one(values: &[Measured], plane: usize) -> Vec<Measured> {
+            values.get(plane).copied().into_iter().collect::<Vec<_>>()
+        }
         let levels: Vec<HoldData> = self
             .levels
             .iter()
             .map(|level| HoldData {
-                displacement_m: one(&level.displacement_m),
-                force_n: one(&level.force_n),
+                displacement_m: one(&level.displacement_m, plane),
+                force_n: one(&level.force_n, plane),
                 shape: level
                     .shape
                     .iter()
@@ -199,32 +203,36 @@ impl LateralData {
             model.effects.extend(fixed.effects.iter().cloned());
         }
         for effect in &self.effects {
-            let (own, rest) = values.split_at(effect.parameters().len().min(values.len()));
-            model.effects.push((*effect, own.to_vec()));
-            values = rest;
+            let (effect_values, remaining_values) =
+                values.split_at(effect.parameters().len().min(values.len()));
+            model.effects.push((*effect, effect_values.to_vec()));
+            values = remaining_values;
         }
         Ok(model)
     }
 
-    /// How guide 2 moves through these true displacements of the levels.
+    /// Motion of guide 2 through these true displacements of the levels.
     fn drive(&self, displacements_m: &[f64]) -> SmallVec<[DriveSample; 8]> {
         if let Some(fixed) = &self.fixed {
             return fixed.drive(self.planes, displacements_m).into();
         }
         let of_levels = displacements_m.chunks(self.planes).enumerate();
-        let sample = |(level, of_level): (usize, &[f64])| DriveSample {
-            time_s: level as f64,
-            y_m: of_level.first().copied().unwrap_or_default(),
-            x_m: of_level.get(1).copied().unwrap_or_default(),
-        };
-        of_levels.map(sample).collect()
+        of_levels
+            .map(|(level, of_level)| DriveSample {
+                time_s: level as f64,
+                y_m: of_level.first().copied().unwrap_or_default(),
+                x_m: of_level.get(1).copied().unwrap_or_default(),
+            })
+            .collect()
     }
 
     /// When and where the shape is predicted: at its points, and a little before each where the slope there is needed.
     fn shape(&self) -> Vec<ShapePoint> {
         let mut shape = self.measured();
         if self.shares_z() {
-            let before = |point: &ShapePoint| ShapePoint { z_m: point.z_m - SLOPE_STEP_M, ..*point };
+            fn before(point: &ShapePoint) -> ShapePoint {
+                ShapePoint { z_m: point.z_m - SLOPE_STEP_M, ..*point }
+            }
             shape.extend_from_within(..);
             let points = shape.len() / 2;
             shape.iter_mut().skip(points).for_each(|point| *point = before(point));
@@ -260,7 +268,8 @@ impl LateralData {
         })
     }
 
-    /// How far guide 2 may have been in each plane; true displacements are not far from the measured ones.
+    /// Largest displacement of guide 2 in each plane; true displacements are not far from the measured
+    /// ones.
     fn most_m(&self) -> [f64; 2] {
         let measured = self.levels.iter().flat_map(|level| &level.displacement_m);
         let farthest_m = measured.map(|m| m.value.abs() + FAR_SD * m.sd).fold(0.0, f64::max);
@@ -307,10 +316,15 @@ impl Block for LateralData {
         };
         let of_deflections = self.shared_deflections();
         let (nuisances, errors) = nuisances.split_at(nuisances.len().saturating_sub(of_deflections.len()));
-        let shared_m = |plane: usize, point: &ShapeDatum| -> f64 {
-            let of_plane = of_deflections.iter().zip(errors).filter(|((of, _), _)| *of == plane);
+        fn shared_m(
+            plane: usize,
+            point: &ShapeDatum,
+            of_deflections: &SmallVec<[(usize, usize); 6]>,
+            errors: &&[f64],
+        ) -> f64 {
+            let of_plane = of_deflections.iter().zip(*errors).filter(|((of, _), _)| *of == plane);
             of_plane.map(|((plane, error), by)| by * point.shared_m[*plane][*error]).sum()
-        };
+        }
         let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
         let mut predicted = ready.moved(&self.drive(displacements_m))?;
         if let Some(fixed) = &self.fixed {
@@ -319,9 +333,9 @@ impl Block for LateralData {
         let mut residuals = Vec::with_capacity(self.planes * (2 * self.levels.len() + self.points()));
         for plane in 0..self.planes {
             let offset_n = offsets_n.get(plane).copied().unwrap_or_default();
-            let against = |predicted: f64, measured: Option<&Measured>| {
+            fn against(predicted: f64, measured: Option<&Measured>) -> f64 {
                 measured.map_or(f64::NAN, |measured| (measured.value - predicted) / measured.sd)
-            };
+            }
             for (predicted, level) in of_plane(&predicted.displacement_m, plane).iter().zip(&self.levels) {
                 residuals.push(against(*predicted, level.displacement_m.get(plane)));
             }
@@ -330,15 +344,20 @@ impl Block for LateralData {
                 residuals.push(against(predicted + offset_n, level.force_n.get(plane)));
             }
             let shape_m = of_plane(&predicted.shape_m, plane);
-            let (shape_m, before_m) = shape_m.split_at(self.points().min(shape_m.len()));
+            let (shape_m, shape_part_m) = shape_m.split_at(self.points().min(shape_m.len()));
             let points = self.levels.iter().flat_map(|level| &level.shape);
             residuals.extend(points.zip(shape_m).enumerate().map(|(i, (point, predicted_m))| {
-                let of_plane = |[y, x]: [f64; 2]| if plane == 0 { y } else { x };
-                let slope = before_m.get(i).map_or(0.0, |before_m| (predicted_m - before_m) / SLOPE_STEP_M);
-                let expected_m =
-                    predicted_m + z_shared * point.z_shared_sd_m * slope + shared_m(plane, point);
-                let off_m = of_plane(point.deflection_m) - expected_m;
-                off_m / (self.shape_sd_m * of_plane(point.sd_ratio))
+                fn of_plane([y, x]: [f64; 2], plane: usize) -> f64 {
+                    if plane == 0 { y } else { x }
+                }
+                let slope = shape_part_m
+                    .get(i)
+                    .map_or(0.0, |shape_part_m| (predicted_m - shape_part_m) / SLOPE_STEP_M);
+                let expected_m = predicted_m
+                    + z_shared * point.z_shared_sd_m * slope
+                    + shared_m(plane, point, &of_deflections, &errors);
+                let point_residual_m = of_plane(point.deflection_m, plane) - expected_m;
+                point_residual_m / (self.shape_sd_m * of_plane(point.sd_ratio, plane))
             }));
         }
         if let ForceZero::Assumed(zeros) = self.force_zero {
@@ -376,19 +395,20 @@ pub fn shape_fits(data: &LateralData, fit: &Fit, block: usize) -> Vec<ShapeFit> 
         || data.levels.iter().enumerate().flat_map(|(level, of)| of.shape.iter().map(move |p| (level, p)));
     let scalars = data.levels.len() * if data.uses_force { 2 } else { 1 };
     let per_plane = scalars + points().count();
-    let of_plane = |plane: usize| {
-        let residuals = residuals.iter().skip(plane * per_plane + scalars);
-        points().zip(residuals).map(move |((level, point), residual)| {
-            let measured_m = point.deflection_m.get(plane).copied().unwrap_or(f64::NAN);
-            let ratio = point.sd_ratio.get(plane).copied().unwrap_or(1.0);
-            let fitted_m = measured_m - residual * data.shape_sd_m * ratio;
-            ShapeFit { level, plane, z_m: point.z_m, measured_m, fitted_m }
+    (0..data.planes)
+        .flat_map(|plane| {
+            let residuals = residuals.iter().skip(plane * per_plane + scalars);
+            points().zip(residuals).map(move |((level, point), residual)| {
+                let measured_m = point.deflection_m.get(plane).copied().unwrap_or(f64::NAN);
+                let ratio = point.sd_ratio.get(plane).copied().unwrap_or(1.0);
+                let fitted_m = measured_m - residual * data.shape_sd_m * ratio;
+                ShapeFit { level, plane, z_m: point.z_m, measured_m, fitted_m }
+            })
         })
-    };
-    (0..data.planes).flat_map(of_plane).collect()
+        .collect()
 }
 
-/// How well one channel of a run is met.
+/// Fit of one channel of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChannelFit {
     /// Sum of squared residuals.

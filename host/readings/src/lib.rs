@@ -10,7 +10,7 @@
 //! | [`intervals`] | profile likelihood and bootstrap of such a fit |
 //! | [`sequential`] | whether readings still follow a model, asked after every one of them |
 //!
-//! What is identified, diagnosed or planned with them is in the crates above.
+//! The crates above identify, diagnose and plan with them.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 

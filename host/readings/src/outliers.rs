@@ -1,9 +1,9 @@
 //! The rule for outliers, the same for readings of a series, points of a shape, points of a sweep and depths of a path.
 //!
-//! A value is an outlier where it is further from what its neighbours lead to expect than [`OUTLIER_SDS`] standard deviations of
-//! such distances. What its neighbours lead to expect is a matter of the data: a median where a series changes slowly, a line or a curve where the
-//! course bends, the residuals of a fit where a model is at hand. The standard deviation is that of the median of the distances, to which
-//! outliers add nothing.
+//! A value is an outlier where it is further from what its neighbours lead to expect than [`OUTLIER_SDS`] standard
+//! deviations of such distances. The data determine how far a point may be from its neighbours: a median where a series
+//! changes slowly, a line or a curve where the course bends, the residuals of a fit where a model is at hand. The
+//! standard deviation is that of the median of the distances, to which outliers add nothing.
 //!
 //! Two things look alike and are others: runs that cannot belong to a session, whose misfit has no distribution that the
 //! other runs would show (`identify::belong`), and residuals of a model that is not exact, which are weighted by Student's t
@@ -35,8 +35,11 @@ mod tests {
             assert!((3.5..6.5).contains(&clean), "{clean}");
             // A fifth of them far off.
             values.iter_mut().step_by(5).for_each(|value| *value += 1e3);
-            let with = farthest(values.iter().copied());
-            assert!(with < 2.0 * clean && values.iter().filter(|value| value.abs() > with).count() == 40);
+            let with_outliers = farthest(values.iter().copied());
+            assert!(
+                with_outliers < 2.0 * clean
+                    && values.iter().filter(|value| value.abs() > with_outliers).count() == 40
+            );
         }
         assert!(farthest(std::iter::empty()).is_nan());
     }

@@ -1,11 +1,13 @@
 //! Whether readings still follow a model, asked after every one of them (theory, eq. 86, 87 and 89).
 //!
-//! The difference of measurement and model has noise whose neighbours are alike, and may be off by a known tolerance: friction, the interval
-//! of the modulus. Less what its predecessor predicts of it, and over the standard deviation of what is left, a difference `z` has under the
-//! model a mean within a known `d`, whatever came before. So `exp(l (z - d) - l^2 / 2)` has a mean of at most 1 for every `l > 0`, and the sum `M` of its
-//! products from every beginning until now (the detector of Shiryaev and Roberts) grows by at most 1 a step in the mean. That bounds how
-//! often it exceeds a threshold, whenever and however often it is looked at: the mean time between false alarms is at least the
-//! threshold in steps (Shin, Ramdas and Rinaldo, "E-detectors: a nonparametric framework for sequential change detection", 2023).
+//! The difference of measurement and model has noise whose neighbours are alike, and may be off by a known tolerance:
+//! friction, the interval of the modulus. Less what its predecessor predicts of it, and over the standard deviation of
+//! what is left, a difference `z` has under the model a mean within a known `d`, whatever came before. So `exp(l (z -
+//! d) - l^2 / 2)` has a mean of at most 1 for every `l > 0`, and the sum `M` of its products from every beginning until
+//! now (the detector of Shiryaev and Roberts) grows by at most 1 a step in the mean. The likelihood ratio bounds how
+//! often it exceeds a threshold, whenever and however often it is examined: the mean time between false alarms is at
+//! least the threshold in steps (Shin, Ramdas and Rinaldo, "E-detectors: a nonparametric framework for sequential
+//! change detection", 2023).
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -41,7 +43,7 @@ impl StepNoise {
         let squares: f64 = steps.iter().map(|value| (value - mean).powi(2)).sum();
         let products: f64 = steps.windows(2).map(|pair| (pair[0] - mean) * (pair[1] - mean)).sum();
         let correlation = if squares > 0.0 { (products / squares).clamp(0.0, MOST_CORRELATION) } else { 0.0 };
-        // Of steps that are alike fewer count.
+        // Correlated steps count as fewer independent ones.
         let independent = ((count - 1.0) * (1.0 - correlation) / (1.0 + correlation)).max(1.0);
         let least = ChiSquared::new(independent).ok()?.inverse_cdf(1.0 - SURE);
         let sd = (squares / (count - 1.0) * independent / least).sqrt();
@@ -61,7 +63,7 @@ pub struct Departure {
     pub since: u64,
     /// Mean difference of measurement and model since then.
     pub mean: f64,
-    /// How many standard deviations the steps since then are off together.
+    /// Sum of the steps' differences since then, standard deviations.
     pub sigma: f64,
 }
 
@@ -73,7 +75,7 @@ pub struct Detector {
     ln_threshold: f64,
     /// Logarithm of the sum of each shift, up and down.
     ln_sums: [[f64; SHIFTS.len()]; 2],
-    /// Where the present evidence for each began, and its logarithm.
+    /// Start of the present evidence for each shift, and its logarithm.
     runs: [[Run; SHIFTS.len()]; 2],
     steps: u64,
     last: Option<f64>,
@@ -104,11 +106,12 @@ impl Detector {
         }
     }
 
-    /// Takes in a step: measurement less model, by how much the model may be off there, and by how much what it is off may have changed since
-    /// the step before (friction where guide 2 turns back). What it finds where the threshold is exceeded; it goes on all the same.
+    /// Takes in a step: measurement less model, by how much the model may be off there, and by how much what it is off
+    /// may have changed since the step before (friction where guide 2 turns back). Departure that is detected when the
+    /// threshold is exceeded; detection goes on all the same.
     pub fn step(&mut self, difference: f64, tolerance: f64, change: f64) -> Option<Departure> {
         if !(difference.is_finite() && tolerance.is_finite() && change.is_finite()) {
-            // What was not measured says nothing, and predicts nothing.
+            // A missing measurement neither contributes nor predicts.
             self.last = None;
             self.steps += 1;
             return None;
@@ -123,31 +126,31 @@ impl Detector {
         };
         let (innovation, allowed) = ((difference - predicted) / sd, allowed / sd);
         self.last = Some(difference);
-        let here = self.steps;
+        let detected_step = self.steps;
         self.steps += 1;
         let mut best: Option<(f64, Run, f64)> = None;
         for (side, sign) in [1.0, -1.0].into_iter().enumerate() {
-            let beyond = (sign * innovation - allowed).min(MOST_SD);
+            let excess = (sign * innovation - allowed).min(MOST_SD);
             for (place, shift) in SHIFTS.into_iter().enumerate() {
-                let ln = shift * beyond - 0.5 * shift * shift;
+                let ln = shift * excess - 0.5 * shift * shift;
                 let sum = &mut self.ln_sums[side][place];
                 *sum = ln_add(*sum, 0.0) + ln;
                 let run = &mut self.runs[side][place];
                 if run.ln <= 0.0 {
-                    *run = Run { since: here, ..Run::default() };
+                    *run = Run { since: detected_step, ..Run::default() };
                 }
                 run.ln += ln;
                 run.sum += difference;
-                run.beyond += beyond;
+                run.beyond += excess;
                 run.count += 1.0;
                 if best.is_none_or(|(most, ..)| *sum > most) {
                     best = Some((*sum, *run, sign));
                 }
             }
         }
-        let all = self.ln_sums.iter().flatten().fold(f64::NEG_INFINITY, |all, sum| ln_add(all, *sum));
+        let ln_total = self.ln_sums.iter().flatten().fold(f64::NEG_INFINITY, |all, sum| ln_add(all, *sum));
         // Each of the shifts has an equal part of the mixture.
-        let mixture = all - ((2 * SHIFTS.len()) as f64).ln();
+        let mixture = ln_total - ((2 * SHIFTS.len()) as f64).ln();
         let (_, run, sign) = best.filter(|_| mixture > self.ln_threshold)?;
         Some(Departure {
             since: run.since,

@@ -26,9 +26,9 @@ impl Token {
 
     /// Whether this is the token, in a time that does not depend on where it differs.
     fn is(&self, candidate: &str) -> bool {
-        let (own, other) = (self.0.as_bytes(), candidate.as_bytes());
-        let differing = own.iter().zip(other).fold(0u8, |all, (a, b)| all | (a ^ b));
-        own.len() == other.len() && differing == 0
+        let (own_token, candidate_bytes) = (self.0.as_bytes(), candidate.as_bytes());
+        let differing = own_token.iter().zip(candidate_bytes).fold(0u8, |all, (a, b)| all | (a ^ b));
+        own_token.len() == candidate_bytes.len() && differing == 0
     }
 }
 
@@ -45,7 +45,7 @@ impl fmt::Debug for Token {
     }
 }
 
-/// What a request must show.
+/// Credentials that a request must show.
 #[derive(Debug, Clone)]
 pub struct Access {
     token: Token,
@@ -74,7 +74,7 @@ impl Access {
             return Err(Status::Forbidden);
         }
         let path = head.path.strip_prefix('/').ok_or(Status::NotFound)?;
-        let (token, rest) = path.split_once('/').ok_or(Status::NotFound)?;
+        let (token, remaining_path) = path.split_once('/').ok_or(Status::NotFound)?;
         if !self.token.is(token) {
             return Err(Status::NotFound);
         }
@@ -84,13 +84,13 @@ impl Access {
         if head.method != "GET" {
             return Err(Status::MethodNotAllowed);
         }
-        Ok(rest)
+        Ok(remaining_path)
     }
 
     /// Whether the request states an origin, and it is the server's own under the name that the request was made with.
     pub fn is_own_origin(&self, head: &Head) -> bool {
-        let own = head.host.as_ref().map(|host| format!("http://{host}"));
-        own.is_some() && head.origin == own
+        let own_origin = head.host.as_ref().map(|host| format!("http://{host}"));
+        own_origin.is_some() && head.origin == own_origin
     }
 }
 
@@ -128,8 +128,8 @@ mod tests {
         assert_eq!(access.url(), format!("http://127.0.0.1:8000/{token}/"));
         for host in ["127.0.0.1:8000", "localhost:8000"] {
             assert_eq!(access.admit(&head(&format!("/{token}/"), Some(host), None)), Ok(""));
-            let own = format!("http://{host}");
-            let request = head(&format!("/{token}/a/b"), Some(host), Some(&own));
+            let own_origin = format!("http://{host}");
+            let request = head(&format!("/{token}/a/b"), Some(host), Some(&own_origin));
             assert_eq!(access.admit(&request), Ok("a/b"));
         }
     }
@@ -162,8 +162,9 @@ mod tests {
     #[test]
     fn a_page_of_another_origin_is_rejected_even_with_the_token() {
         let (access, token) = access();
-        let others = ["http://evil.example", "null", "https://127.0.0.1:8000", "http://localhost:8000", ""];
-        for origin in others {
+        let foreign_origins =
+            ["http://evil.example", "null", "https://127.0.0.1:8000", "http://localhost:8000", ""];
+        for origin in foreign_origins {
             let request = head(&format!("/{token}/"), Some("127.0.0.1:8000"), Some(origin));
             assert_eq!(access.admit(&request), Err(Status::Forbidden), "{origin}");
         }

@@ -17,7 +17,7 @@ struct Holder {
     alive: Instant,
 }
 
-/// Which page has control.
+/// Control of the device by one page.
 #[derive(Debug, Default)]
 pub struct Control {
     holder: Option<Holder>,
@@ -77,7 +77,7 @@ mod tests {
         assert!(!control.expire(now + 999 * MS, 2_000 * MS));
         control.heartbeat(1, now + 500 * MS);
         assert!(!control.expire(now + 1_499 * MS, 2_000 * MS));
-        // Of another page, and an older one that arrives late.
+        // A heartbeat of another page, and an older one that arrives late.
         control.heartbeat(2, now + 1_400 * MS);
         control.heartbeat(1, now + 100 * MS);
         assert!(control.expire(now + 1_500 * MS, 2_000 * MS));

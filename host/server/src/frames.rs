@@ -1,4 +1,4 @@
-//! What the device sends, as it goes over the link: raw frames of the last half minute for every page, bounded.
+//! Frames of the device, as they go over the link: raw frames of the last half minute for every page, bounded.
 
 use device::link::Tap;
 use protocol::{Command, Envelope, MAX_FRAME_TO_HOST, Message, encode_envelope};
@@ -103,11 +103,11 @@ mod tests {
 
     fn received(bytes: &[u8]) -> Vec<Envelope> {
         let mut receiver = EnvelopeReceiver::new();
-        let all = receiver.feed(bytes).map(|found| match found {
+        let envelopes = receiver.feed(bytes).map(|found| match found {
             Received::Frame(envelope) => envelope,
             other => panic!("{other:?}"),
         });
-        all.collect()
+        envelopes.collect()
     }
 
     #[test]
@@ -116,11 +116,14 @@ mod tests {
         frames.take(&hello(3));
         (9..20).for_each(|sequence| frames.take(&ack(sequence)));
         let (bytes, next) = frames.since(None);
-        let all = received(&bytes);
-        assert!(matches!(all[0].message, Message::Hello(_)));
+        let envelopes = received(&bytes);
+        assert!(matches!(envelopes[0].message, Message::Hello(_)));
         let mut tracker = SequenceTracker::new();
-        assert!(all.iter().all(|envelope| tracker.observe(envelope).is_clean()), "nothing counts as lost");
-        assert_eq!(all.len(), 12);
+        assert!(
+            envelopes.iter().all(|envelope| tracker.observe(envelope).is_clean()),
+            "nothing counts as lost"
+        );
+        assert_eq!(envelopes.len(), 12);
         frames.take(&ack(20));
         let (bytes, _) = frames.since(Some(next));
         assert_eq!(received(&bytes), [ack(20)]);

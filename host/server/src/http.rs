@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 pub const MAX_HEAD_BYTES: usize = 8 * 1024;
 /// Most header fields of a request.
 const MAX_FIELDS: usize = 48;
-/// How long a request may take to arrive.
+/// Time within which a request has to arrive.
 pub const HEAD_TIME: Duration = Duration::from_secs(5);
-/// How long one part of an answer may wait for its reader.
+/// Time for which one part of an answer may wait for its reader.
 pub const WRITE_TIME: Duration = Duration::from_secs(10);
 
-/// How a request was answered.
+/// Status of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "each is the status of HTTP of that name")]
 pub enum Status {
@@ -40,7 +40,7 @@ impl Status {
     }
 }
 
-/// What matters of a request.
+/// Parts of a request that are used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Head {
     /// Its method.
@@ -74,18 +74,18 @@ impl Head {
     pub fn read(stream: &mut TcpStream, within: Duration) -> Result<Self, RequestError> {
         let deadline = Instant::now() + within;
         let mut bytes = Vec::new();
-        let mut part = [0; 1024];
+        let mut chunk = [0; 1024];
         loop {
-            let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() {
+            let remaining = deadline.saturating_duration_since(Instant::now());
+            if remaining.is_zero() {
                 return Err(io::Error::from(io::ErrorKind::TimedOut).into());
             }
-            stream.set_read_timeout(Some(left))?;
-            let count = stream.read(&mut part)?;
+            stream.set_read_timeout(Some(remaining))?;
+            let count = stream.read(&mut chunk)?;
             if count == 0 {
                 return Err(io::Error::from(io::ErrorKind::UnexpectedEof).into());
             }
-            bytes.extend_from_slice(part.get(..count).unwrap_or_default());
+            bytes.extend_from_slice(chunk.get(..count).unwrap_or_default());
             if let Some(head) = Self::parse(&bytes)? {
                 return Ok(head);
             }
@@ -137,7 +137,7 @@ impl Head {
 const COMMON: &str = "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
                       Cross-Origin-Resource-Policy: same-origin\r\nCross-Origin-Opener-Policy: same-origin\r\n\
                       X-Frame-Options: DENY\r\nConnection: close\r\n";
-/// What an answer that is not the page may do where it is opened as one.
+/// Policy of an answer that is opened as a page but is not the page.
 const NOTHING: &str = "default-src 'none'; frame-ancestors 'none'; sandbox";
 
 /// Begins an answer.
@@ -186,14 +186,14 @@ pub fn switch(stream: &mut TcpStream, key: &str) -> io::Result<()> {
 /// A path with its percent signs decoded; none where it is not UTF-8 or a sign stands alone.
 pub fn decoded(path: &str) -> Option<String> {
     let mut bytes = Vec::with_capacity(path.len());
-    let mut rest = path.bytes();
-    while let Some(byte) = rest.next() {
+    let mut encoded_bytes = path.bytes();
+    while let Some(byte) = encoded_bytes.next() {
         if byte != b'%' {
             bytes.push(byte);
             continue;
         }
         let digit = |byte: Option<u8>| char::from(byte?).to_digit(16);
-        let (high, low) = (digit(rest.next())?, digit(rest.next())?);
+        let (high, low) = (digit(encoded_bytes.next())?, digit(encoded_bytes.next())?);
         bytes.push(u8::try_from(16 * high + low).ok()?);
     }
     String::from_utf8(bytes).ok()
@@ -219,11 +219,11 @@ mod tests {
     #[test]
     fn a_head_that_comes_byte_by_byte_ends_at_its_time() {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
-        let mut far = TcpStream::connect(listener.local_addr().expect("an address")).expect("a connection");
+        let mut peer = TcpStream::connect(listener.local_addr().expect("an address")).expect("a connection");
         let (mut stream, _) = listener.accept().expect("a connection");
         let drips = std::thread::spawn(move || {
             // Until the other end has closed.
-            while far.write_all(b"G").is_ok() {
+            while peer.write_all(b"G").is_ok() {
                 std::thread::sleep(Duration::from_millis(1));
             }
         });

@@ -20,13 +20,13 @@ use std::time::Duration;
 
 /// Connections at a time; more are rejected.
 pub const MAX_CONNECTIONS: usize = 32;
-/// How often the listener checks whether it is to end.
+/// Interval at which the listener checks whether it is to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 const HTML: &str = "text/html; charset=utf-8";
 const JSON: &str = "application/json";
 const TEXT: &str = "text/plain; charset=utf-8";
 
-/// What is served.
+/// Served content.
 #[derive(Debug)]
 pub struct ServedContent {
     /// The page.
@@ -37,7 +37,7 @@ pub struct ServedContent {
     pub feed: Option<Arc<SharedState>>,
 }
 
-/// What the page requests first.
+/// First answer to the page.
 #[derive(Serialize)]
 struct Listed {
     #[serde(flatten)]
@@ -54,7 +54,7 @@ pub struct Server {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What every connection has.
+/// State that all connections share.
 struct Shared {
     site: ServedContent,
     access: Access,
@@ -135,15 +135,15 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
             let _ = http::refuse(&mut stream, Status::Unavailable);
             continue;
         }
-        let place = Place(Arc::clone(shared));
+        let slot = Place(Arc::clone(shared));
         let Ok(copy) = stream.try_clone() else { continue };
         number += 1;
         shared.headless.lock().unwrap_or_else(PoisonError::into_inner).push_back((number, copy));
-        // Where there is no thread the connection is closed with its place.
+        // Without a thread the connection is closed and its slot is free again.
         let _ = std::thread::Builder::new().name("web-client".into()).spawn(move || {
             // A client that has gone needs no answer.
-            let _ = answer(stream, &place.0, number);
-            place.0.has_head(number);
+            let _ = answer(stream, &slot.0, number);
+            slot.0.has_head(number);
         });
     }
 }

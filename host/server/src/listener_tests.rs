@@ -24,9 +24,9 @@ impl Served {
     /// Host and token of the address.
     fn parts(&self) -> (String, String) {
         let url = self.server.url();
-        let rest = url.strip_prefix("http://").expect("an address");
-        let (host, rest) = rest.split_once('/').expect("a path");
-        (host.to_owned(), rest.trim_end_matches('/').to_owned())
+        let address = url.strip_prefix("http://").expect("an address");
+        let (host, remaining_path) = address.split_once('/').expect("a path");
+        (host.to_owned(), remaining_path.trim_end_matches('/').to_owned())
     }
 
     fn connect(&self) -> TcpStream {

@@ -1,8 +1,9 @@
 //! The device live: what pages receive of it, and the supervision of the one that moves it.
 //!
-//! Every request of a page goes through [`Live::supervise`], which the program calls all the time from the thread that owns the link: it hands over the motions
-//! of the page in control only, and stops the device when that page's heartbeat is missing. Where the program itself ends or hangs, the device stops because its host
-//! is silent, or with the end of the [`Worker`].
+//! Every request of a page goes through [`Live::supervise`], which the program calls all the time from the thread that
+//! owns the link: it hands over the motions of the page in control only, and stops the device when that page's
+//! heartbeat is missing. If the program itself ends or hangs, the device stops because its host is silent, or with the
+//! end of the [`Worker`].
 
 use crate::control::{Control, HEARTBEAT_LIMIT, PageId};
 use crate::frames::{Frames, FramesTap};
@@ -22,7 +23,7 @@ pub const MAX_PAGES: usize = 8;
 /// Requests that wait at most; a page that sends faster is disconnected.
 const MAX_WAITING: usize = 256;
 
-/// What a page's connection reports.
+/// Message of a page's connection.
 #[derive(Debug)]
 enum FromPage {
     Requested(Request),
@@ -31,7 +32,7 @@ enum FromPage {
     Gone,
 }
 
-/// What the connections share.
+/// State that the connections share.
 #[derive(Debug)]
 pub struct SharedState {
     state: Mutex<State>,
@@ -44,7 +45,7 @@ pub struct SharedState {
     next_page: AtomicU64,
 }
 
-/// What supervision shows to the pages.
+/// State that supervision shows to the pages.
 #[derive(Debug, Default)]
 struct Shown {
     holder: Option<PageId>,
@@ -156,7 +157,7 @@ impl Live {
                 }
                 return;
             }
-            // Of an update that the connection has not sent.
+            // Heartbeat for an update that the connection has not sent.
             Request::Heartbeat(_) => return,
             Request::Home => UserCommand::Home,
             Request::Tare => UserCommand::Tare,
@@ -245,7 +246,8 @@ impl PageConnection {
         }
     }
 
-    /// What the device has sent since the last call, as it went over the link; at first of the last half minute.
+    /// Bytes of the device since the last call, as they went over the link; at first those of the last half
+    /// minute.
     pub fn frames(&mut self) -> Vec<u8> {
         let (bytes, next) = lock(&self.feed.frames).since(self.reached);
         // Before the first frame the page has none.
@@ -262,7 +264,7 @@ impl PageConnection {
 impl Drop for PageConnection {
     fn drop(&mut self) {
         self.feed.pages.fetch_sub(1, Ordering::AcqRel);
-        // Where supervision has ended there is no device any more.
+        // If supervision has ended there is no device any more.
         let _ = self.feed.requests.send((self.page, FromPage::Gone));
     }
 }

@@ -9,7 +9,7 @@ const MAX_BYTES: u64 = 16 << 20;
 const POLICY: [&str; 2] = ["<meta http-equiv=\"Content-Security-Policy\" content=\"", "\">"];
 /// Stands in the page in place of the policy, which is sent as a header field then.
 const SERVED: &str = "<meta name=\"served\" content=\"guide.web/1\">";
-/// What the served page may do beyond the one from disk, and that no other page shows it.
+/// Permissions of the served page beyond those of the one from disk; no other page may show it.
 const ADDED: &str = "connect-src 'self'; frame-ancestors 'none'";
 
 /// The page and its policy.
@@ -57,14 +57,14 @@ impl Page {
 
     fn of(text: &str, version: &str) -> Option<Self> {
         let is_own = text.contains(&format!("<meta name=\"generator\" content=\"guide {version}\">"));
-        let [from, to] = POLICY;
-        let (before, rest) = text.split_once(from)?;
-        let (policy, after) = rest.split_once(to)?;
+        let [original_policy, served_policy] = POLICY;
+        let (head, tail) = text.split_once(original_policy)?;
+        let (policy, page_end) = tail.split_once(served_policy)?;
         let is_strict = policy.starts_with("default-src 'none'; ") && !policy.contains("connect-src");
         let is_one_line = policy.chars().all(|one| (' '..='~').contains(&one));
         let fits = text.len() as u64 <= MAX_BYTES;
         (is_own && is_strict && is_one_line && fits)
-            .then(|| Self { text: format!("{before}{SERVED}{after}"), policy: format!("{policy}; {ADDED}") })
+            .then(|| Self { text: format!("{head}{SERVED}{page_end}"), policy: format!("{policy}; {ADDED}") })
     }
 }
 

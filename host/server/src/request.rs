@@ -1,4 +1,4 @@
-//! What the page requests over the socket.
+//! Requests of the page over the socket.
 
 use serde::Deserialize;
 
@@ -45,7 +45,6 @@ impl Request {
     /// Reads a message; none where it is not one of the page's.
     pub fn read(text: &str) -> Option<Self> {
         let Message { action, update, x_mm, y_mm, program } = serde_json::from_str(text).ok()?;
-        let is_jog = |value: &f64| value.is_finite() && value.abs() <= MAX_JOG_MM;
         match (action.as_str(), update, x_mm, y_mm, program) {
             ("stop", None, None, None, None) => Some(Self::Stop),
             ("take", None, None, None, None) => Some(Self::Take),
@@ -55,9 +54,10 @@ impl Request {
             ("clear", None, None, None, None) => Some(Self::Clear),
             ("retreat", None, None, None, None) => Some(Self::Retreat),
             ("heartbeat", Some(update), None, None, None) => Some(Self::Heartbeat(update)),
-            ("jog", None, Some(x_mm), Some(y_mm), None) => {
-                [x_mm, y_mm].iter().all(is_jog).then_some(Self::Jog([x_mm, y_mm]))
-            }
+            ("jog", None, Some(x_mm), Some(y_mm), None) => [x_mm, y_mm]
+                .iter()
+                .all(|value| value.is_finite() && value.abs() <= MAX_JOG_MM)
+                .then_some(Self::Jog([x_mm, y_mm])),
             ("run", None, None, None, Some(program)) => Some(Self::Run(program)),
             _ => None,
         }

@@ -7,11 +7,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// What makes a folder a session.
+/// File that makes a folder a session.
 const SESSION: &str = "session.toml";
 /// Types of the files of a session.
 const KINDS: [&str; 2] = ["toml", "csv"];
-/// How far below the folder sessions are searched for, how many entries are visited, and how many sessions are listed.
+/// Depth to which sessions are searched below the folder, number of entries that are visited, and number of sessions
+/// that are listed.
 const MAX_DEPTH: usize = 6;
 const MAX_ENTRIES: usize = 20_000;
 const MAX_SESSIONS: usize = 500;
@@ -27,7 +28,7 @@ pub struct Sessions {
     handle: Arc<File>,
 }
 
-/// What the page lists, schema `guide.sessions/1`.
+/// Sessions that the page lists, schema `guide.sessions/1`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct List {
     schema: &'static str,
@@ -51,7 +52,7 @@ pub struct Entry {
 }
 
 impl Sessions {
-    /// Of a folder that is there.
+    /// Sessions of an existing folder.
     ///
     /// # Errors
     /// The operating system's, also where it is not a folder.
@@ -70,7 +71,7 @@ impl Sessions {
         let mut visited = 0;
         let mut waiting = vec![(self.root.clone(), String::new(), 0)];
         while let Some((folder, path, depth)) = waiting.pop() {
-            let mut found = Vec::new();
+            let mut sessions = Vec::new();
             let mut bytes = 0u64;
             for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
                 visited += 1;
@@ -78,26 +79,26 @@ impl Sessions {
                     list.more = true;
                     break;
                 }
-                // What is not UTF-8 cannot be named in an address.
+                // A name that is not UTF-8 cannot be part of an address.
                 let (Ok(kind), Ok(name)) = (entry.file_type(), entry.file_name().into_string()) else {
                     continue;
                 };
                 if kind.is_dir() && depth < MAX_DEPTH && !name.starts_with('.') {
-                    let below = if path.is_empty() { name.clone() } else { format!("{path}/{name}") };
-                    waiting.push((folder.join(&name), below, depth + 1));
+                    let relative_path = if path.is_empty() { name.clone() } else { format!("{path}/{name}") };
+                    waiting.push((folder.join(&name), relative_path, depth + 1));
                 } else if kind.is_file() && is_of_session(&name) {
                     bytes = bytes.saturating_add(entry.metadata().map_or(0, |about| about.len()));
-                    found.push(name);
+                    sessions.push(name);
                 }
             }
-            if found.iter().any(|name| name == SESSION) {
+            if sessions.iter().any(|name| name == SESSION) {
                 if list.sessions.len() == MAX_SESSIONS {
                     list.more = true;
                     break;
                 }
-                found.sort();
+                sessions.sort();
                 let name = folder.file_name().map_or("session".into(), |name| name.to_string_lossy());
-                list.sessions.push(Entry { path, name: name.into_owned(), files: found, bytes });
+                list.sessions.push(Entry { path, name: name.into_owned(), files: sessions, bytes });
             }
         }
         list.sessions.sort();
@@ -107,9 +108,10 @@ impl Sessions {
     /// A file of a session by its path below the folder, with its length. None where there is none, where the path leads through a
     /// link or out of the folder, and where the file is not one of a session.
     pub fn open(&self, path: &str) -> Option<(File, u64)> {
-        let is_plain =
-            |part: &str| !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0', ':']);
-        if !path.split('/').all(is_plain) {
+        if !path
+            .split('/')
+            .all(|part| !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0', ':']))
+        {
             return None;
         }
         let (folders, name) =
@@ -137,8 +139,8 @@ fn within(folder: &File, name: &str, flags: OFlags) -> Option<File> {
 /// A regular file of a folder, with its length.
 fn regular(folder: &File, name: &str) -> Option<(File, u64)> {
     let file = within(folder, name, OFlags::empty())?;
-    let about = file.metadata().ok()?;
-    about.is_file().then_some((file, about.len()))
+    let metadata = file.metadata().ok()?;
+    metadata.is_file().then_some((file, metadata.len()))
 }
 
 fn is_of_session(name: &str) -> bool {

@@ -15,9 +15,10 @@ use tungstenite::{Error, Message, WebSocket};
 pub const MAX_MESSAGE_BYTES: usize = 1_024;
 /// Messages of a page in a second; more end the connection.
 pub const MAX_MESSAGES_PER_S: usize = 100;
-/// How long one reading waits: requests are handled and updates sent within this.
+/// Time for which one reading waits: requests are handled and updates sent within this.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
-/// How long a page may leave an update unread; the system's buffers hold seconds of them before.
+/// Time for which a page may leave an update unread; the system's buffers hold seconds of them
+/// before.
 const WRITE_TIME: Duration = Duration::from_millis(1_000);
 /// Updates whose heartbeat still counts: more than fit into the heartbeat's limit.
 const MAX_REMEMBERED: usize = 64;
@@ -88,7 +89,7 @@ pub fn serve(stream: TcpStream, mut watcher: PageConnection, stop: &AtomicBool) 
     Ok(())
 }
 
-/// Nothing has arrived for the moment.
+/// Whether no data have arrived for the moment.
 fn is_pause(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }

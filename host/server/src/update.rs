@@ -1,4 +1,4 @@
-//! What a page receives of the device, about twenty times a second.
+//! Updates of the device for a page, about twenty times a second.
 
 use device::monitor::State;
 use device::monitor::report::Report;
@@ -35,7 +35,7 @@ pub struct Update {
     /// Its number, which the page's heartbeat names.
     pub(crate) update: u64,
     pub(crate) control: ControlHolder,
-    /// What supervision has done last.
+    /// Last action of supervision.
     pub(crate) notice: Option<String>,
     /// Outcome of the last command.
     pub(crate) outcome: Option<Outcome>,

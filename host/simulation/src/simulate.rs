@@ -53,7 +53,7 @@ impl Sensors {
     }
 }
 
-/// What a plan makes.
+/// Result of a simulated plan.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Simulated {
     /// Lateral runs.
@@ -82,15 +82,15 @@ impl SimulationPlan {
     /// [`ModelError`] where the forward model refuses the rig, the tissue or an effect.
     pub fn carry_out(&self, rig: &Rig, sensors: Sensors, seed: u64) -> Result<Simulated, ModelError> {
         let model = self.model(rig)?;
-        let mut made = Simulated::default();
+        let mut simulated = Simulated::default();
         for (number, plan) in (0..).zip(&self.lateral) {
-            made.lateral.push(plan.carry_out(&model, sensors, seed, number)?);
+            simulated.lateral.push(plan.carry_out(&model, sensors, seed, number)?);
         }
         for (number, plan) in (0..).zip(&self.insertion) {
             let noise = Random::numbered(seed, Stream::InsertionPlans, number);
-            made.insertion.push(insertion(&model, plan, sensors, noise)?);
+            simulated.insertion.push(insertion(&model, plan, sensors, noise)?);
         }
-        Ok(made)
+        Ok(simulated)
     }
 }
 
@@ -173,8 +173,8 @@ fn lateral(
     let rows = (end_s * plan.rate_hz + 1e-6).floor() as usize;
     let time_s: Vec<f64> = (0..=rows).map(|row| row as f64 / plan.rate_hz).collect();
     let drive = time_s.iter().map(|time_s| {
-        let at_m = plan.displacement_m(&holds, *time_s);
-        let [y_m, x_m] = if plan.axis == Axis::Y { [at_m, 0.0] } else { [0.0, at_m] };
+        let guide_m = plan.displacement_m(&holds, *time_s);
+        let [y_m, x_m] = if plan.axis == Axis::Y { [guide_m, 0.0] } else { [0.0, guide_m] };
         DriveSample { time_s: *time_s, y_m, x_m }
     });
     // In air all of the needle beyond guide 1 can be imaged.
@@ -194,8 +194,8 @@ fn lateral(
         }));
     }
     let (depth_m, drive) = (plan.depth_m, drive.collect());
-    let done = Lateral { depth_m, drive, shape: shape.clone(), reversal_m: [0.0; 2], order };
-    let Channels { displacement_m, force_n, shape_m, .. } = predict(model, &Experiment::Lateral(done))?;
+    let lateral = Lateral { depth_m, drive, shape: shape.clone(), reversal_m: [0.0; 2], order };
+    let Channels { displacement_m, force_n, shape_m, .. } = predict(model, &Experiment::Lateral(lateral))?;
     let mut measured = |values: Vec<f64>, sd: f64| -> Vec<f64> {
         values.into_iter().map(|value| value + sd * noise.draw()).collect()
     };
@@ -250,7 +250,7 @@ fn insertion(
         Some(turn_m) => Profile::new(vec![[turn_m, 0.0], [turn_m, PI]])?,
         None => Profile::default(),
     };
-    let done = Insertion {
+    let insertion = Insertion {
         depth_m: depth_m.clone(),
         rotation_rad,
         guide2_m: Some(Default::default()),
@@ -258,7 +258,7 @@ fn insertion(
         tip_direction: sensors.tip_direction_rad.is_some(),
         ..Insertion::default()
     };
-    let Channels { tip_m, tip_direction_rad, .. } = predict(model, &Experiment::Insertion(done))?;
+    let Channels { tip_m, tip_direction_rad, .. } = predict(model, &Experiment::Insertion(insertion))?;
     let mut measured = |values: Vec<f64>, sd: f64| -> Vec<f64> {
         values.into_iter().map(|value| value + sd * noise.draw()).collect()
     };

@@ -18,9 +18,10 @@ use std::time::{Duration, Instant};
 
 /// Bring a rig up: find what is wired or mounted wrong, before and with the first small motions
 ///
-/// Set both guides to the middle of their travel and mount the needle in both guides, in air. Each step first prints what it does. Before the
-/// position loop is closed, motors are driven in pulses of at most 50 ms, 0.3 mm and 1 N, which the device itself enforces. Nothing is stored
-/// on the device, except with --calibration after all other steps have passed.
+/// Set both guides to the middle of their travel and mount the needle in both guides, in air. Each step first prints
+/// what it does. Before the position loop is closed, motors are driven in pulses of at most 50 ms, 0.3 mm and 1 N,
+/// which the device itself enforces. The device stores no values, except with --calibration after all other steps have
+/// passed.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide bringup --port /dev/ttyACM0\n  guide bringup --port /dev/ttyACM0 --step motors --step loop"
@@ -75,7 +76,7 @@ impl From<StepName> for Step {
     }
 }
 
-/// How soon a prompt ends after an interrupt.
+/// Interval at which a prompt checks for an interrupt.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// The person at the terminal.

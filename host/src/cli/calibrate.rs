@@ -18,7 +18,7 @@ use std::path::PathBuf;
                   guide calibrate position gauge.csv --axis y --from unit-7.toml --out unit-7.toml"
 )]
 pub struct Args {
-    /// What was measured
+    /// Kind of measurement
     #[arg(value_enum)]
     kind: Kind,
     /// Readings: a CSV file with the columns load_x_n, load_y_n, force_x_n, force_y_n (force), or gauge_mm, position_mm in the order of
@@ -169,8 +169,8 @@ impl Display for Position {
             "residuals  sd {:.4} mm; the largest {:+.4} mm at reading {}",
             self.residual_sd_mm, self.worst_residual_mm, self.worst_reading
         )?;
-        let [from_mm, to_mm] = self.covered_mm;
-        writeln!(f, "covered    {from_mm:+.3} to {to_mm:+.3} mm; linear beyond")
+        let [lowest_mm, highest_mm] = self.covered_mm;
+        writeln!(f, "covered    {lowest_mm:+.3} to {highest_mm:+.3} mm; linear beyond")
     }
 }
 
@@ -194,9 +194,9 @@ impl Display for Document<'_> {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let before = calibration_file::read(&args.from)?;
+    let previous_record = calibration_file::read(&args.from)?;
     let of_readings = |error: CalibrateError| anyhow!("{}: {error}", args.readings.display());
-    let (readings, found, record) = match (args.kind, args.axis) {
+    let (readings, fit_json, record) = match (args.kind, args.axis) {
         (Kind::Force, Some(_)) => {
             return Err(anyhow!("--axis: expected with position only; loads have a column for each axis"));
         }
@@ -205,7 +205,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
                 .into_iter()
                 .map(|[load_n, reported_n]| ForceReading { load_n, reported_n })
                 .collect();
-            let fit = fit_force(&readings, &before).map_err(of_readings)?;
+            let fit = fit_force(&readings, &previous_record).map_err(of_readings)?;
             (readings.len(), Found::Force(Force::from(&fit)), fit.record)
         }
         (Kind::Position, axis) => {
@@ -214,7 +214,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
                 .into_iter()
                 .map(|[gauge_m, reported_m]| GaugeReading { gauge_m, reported_m })
                 .collect();
-            let fit = fit_position(&readings, axis as usize, &before).map_err(of_readings)?;
+            let fit = fit_position(&readings, axis as usize, &previous_record).map_err(of_readings)?;
             (readings.len(), Found::Position(Position::new(axis, &fit)), fit.record)
         }
     };
@@ -222,7 +222,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let document = Document {
         schema: "guide.calibrate/1",
         readings,
-        found,
+        found: fit_json,
         id: record.id.as_str(),
         written: args.out.display().to_string(),
     };

@@ -71,7 +71,7 @@ struct Document {
     image_to_probe: [f64; 16],
     place_sd_mm: f64,
     rotation_sd_deg: f64,
-    /// How much transforms lag behind images; none where the motion does not determine it.
+    /// Delay of transforms after images; `None` if the motion does not determine it.
     lag_s: Option<f64>,
     residual_mm: f64,
     used: ErrorEntry,
@@ -122,15 +122,15 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let count = sequence.header().count;
     let path = &args.sequence;
     let progress = out.progress();
-    let found = calibrate(&mut sequence, &phantom, &settings, |frame| {
+    let calibrated = calibrate(&mut sequence, &phantom, &settings, |frame| {
         progress.set_message(format!("{}: frame {} of {count}", path.display(), frame + 1));
     });
     progress.finish_and_clear();
-    let found = found.with_context(|| path.display().to_string())?;
-    draw(args, path, &found, out)?;
-    let document = document(args, &phantom, &found)?;
-    if let Some(to) = &args.out {
-        write_file(to, &file(args, &found, &document))?;
+    let calibration = calibrated.with_context(|| path.display().to_string())?;
+    draw(args, path, &calibration, out)?;
+    let document = document(args, &phantom, &calibration)?;
+    if let Some(output_path) = &args.out {
+        write_file(output_path, &file(args, &calibration, &document))?;
     }
     out.result(&document, &document)
 }
@@ -159,7 +159,7 @@ fn document(args: &Args, phantom: &Phantom, found: &Calibration) -> anyhow::Resu
     let solution = &found.solution;
     let count = |state: State| found.states.iter().filter(|one| **one == state).count();
     let states = State::ALL.into_iter().map(|state| (state.name(), count(state)));
-    let [used, validation] = found.errors.each_ref().map(ErrorEntry::new);
+    let [fit_errors, validation] = found.errors.each_ref().map(ErrorEntry::new);
     let per_frame = found.states.iter().enumerate().map(|(number, state)| {
         let cut = found.observations.iter().find(|one| one.frame == number);
         let wires_px = cut.map(|one| one.cut.iter().flatten().copied().collect());
@@ -181,7 +181,7 @@ fn document(args: &Args, phantom: &Phantom, found: &Calibration) -> anyhow::Resu
         rotation_sd_deg: solution.sd_rotation_rad.to_degrees(),
         lag_s: solution.lag_s,
         residual_mm: solution.residual_mm,
-        used,
+        used: fit_errors,
         validation,
         calibration: args.out.clone(),
         per_frame: per_frame.collect(),
@@ -204,14 +204,21 @@ fn draw(args: &Args, path: &Path, found: &Calibration, out: &Output) -> anyhow::
         .collect();
     let sequence_orientation = Sequence::open(path)?.header().orientation;
     let orientation = args.orientation.or(sequence_orientation).unwrap_or_default();
-    let picture = |number: usize, frame: imaging::frame::Frame| {
-        let cut = found.observations.iter().find(|one| one.frame == number).map(|one| one.cut.as_slice());
-        let places: Vec<[f64; 2]> = cut.unwrap_or_default().iter().flatten().copied().collect();
-        let used = found.states.get(number).is_some_and(|state| is_used(*state));
-        Picture::of_places(&frame.oriented(orientation), &places, used)
-    };
     let files = [path.to_owned()];
-    frame_pictures::draw(&args.pictures, &name_of(path), &files, &shown, picture, out).map(|_| ())
+    frame_pictures::draw(
+        &args.pictures,
+        &name_of(path),
+        &files,
+        &shown,
+        |number: usize, frame: imaging::frame::Frame| {
+            let cut = found.observations.iter().find(|one| one.frame == number).map(|one| one.cut.as_slice());
+            let echoes_px: Vec<[f64; 2]> = cut.unwrap_or_default().iter().flatten().copied().collect();
+            let frame_is_used = found.states.get(number).is_some_and(|state| is_used(*state));
+            Picture::of_places(&frame.oriented(orientation), &echoes_px, frame_is_used)
+        },
+        out,
+    )
+    .map(|_| ())
 }
 
 impl Display for Document {
@@ -253,23 +260,23 @@ mod tests {
     use crate::cli::call::call;
     use std::ffi::OsString;
 
-    /// What is written is what `guide import ultrasound --calibration` reads.
+    /// `guide import ultrasound --calibration` reads the written file.
     #[test]
     fn the_calibration_of_a_real_sequence_is_written_and_read() {
         let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("imaging/tests/data");
         let folder = tempfile::tempdir().expect("a folder");
-        let to = folder.path().join("image.toml");
+        let image_file = folder.path().join("image.toml");
         let arguments: [OsString; 6] = [
             "calibrate-image".into(),
             data.join("plus-nwire.igs.mha").into(),
             "--phantom".into(),
             data.join("plus-fcal.xml").into(),
             "--out".into(),
-            to.clone().into(),
+            image_file.clone().into(),
         ];
         let called = call(arguments, |_| {}).expect("calibrated");
         let document: serde_json::Value = serde_json::from_str(&called.document).expect("JSON");
-        let calibration = ImageCalibration::read(&to).expect("a calibration");
+        let calibration = ImageCalibration::read(&image_file).expect("a calibration");
         assert_eq!(document["image_to_probe"][3].as_f64(), calibration.image_to_probe.get(3).copied());
         assert_eq!(document["schema"], "guide.calibrate-image/1");
         assert_eq!(document["per_frame"].as_array().map(Vec::len), Some(24));

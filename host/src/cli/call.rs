@@ -10,7 +10,7 @@ use population::PopulationError;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// What a command has written.
+/// Output of a command.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Called {
     /// The JSON document, byte for byte as the command prints it.
@@ -21,7 +21,7 @@ pub struct Called {
     pub figures: Vec<(String, String)>,
 }
 
-/// What a failure is about.
+/// Kind of a failure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// An option or its value.
@@ -30,7 +30,7 @@ pub enum Kind {
     File,
     /// The device or the link to it.
     Device,
-    /// What the data do not allow.
+    /// The data do not allow the analysis.
     Analysis,
 }
 
@@ -53,11 +53,11 @@ pub struct FailedAt {
 pub struct CallError {
     /// One line: what was wrong, where, what is valid.
     pub message: String,
-    /// What it is about.
+    /// Kind of the failure.
     pub kind: Kind,
-    /// Where.
+    /// Place of the failure.
     pub place: FailedAt,
-    /// What was written before the failure: `guide check` prints its findings and then fails where there are errors.
+    /// Output before the failure: `guide check` prints its findings and then fails where there are errors.
     pub called: Box<Called>,
 }
 
@@ -79,9 +79,9 @@ pub fn call(
         Cli::from_arg_matches(&matches)
     });
     let cli = parsed.map_err(|error| wrong_use(&error))?;
-    let mut out = Output::to_memory(Box::new(on_step));
-    let outcome = run(&cli.command, &mut out);
-    let Memory { document, notes, figures, .. } = out.into_memory().unwrap_or_else(Memory::empty);
+    let mut output = Output::to_memory(Box::new(on_step));
+    let outcome = run(&cli.command, &mut output);
+    let Memory { document, notes, figures, .. } = output.into_memory().unwrap_or_else(Memory::empty);
     // A document is made of text.
     let document = String::from_utf8_lossy(&document).into_owned();
     let called = Called { document, notes: notes.into_inner(), figures: figures.into_inner() };
@@ -121,8 +121,8 @@ fn failure(error: &anyhow::Error, called: Called) -> CallError {
             }
         })
     };
-    let (kind, place) = kinds().unwrap_or((Kind::Analysis, FailedAt::default()));
-    CallError { message: one_line(&format!("{error:#}")), kind, place, called: Box::new(called) }
+    let (kind, location) = kinds().unwrap_or((Kind::Analysis, FailedAt::default()));
+    CallError { message: one_line(&format!("{error:#}")), kind, place: location, called: Box::new(called) }
 }
 
 fn one_line(text: &str) -> String {

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// How often what has arrived is taken.
+/// Interval at which messages that have arrived are taken.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Most different remarks: their words come from the peer.
 const MAX_NOTES: usize = 16;
@@ -31,10 +31,10 @@ pub struct Args {
     /// Device name of the IMAGE messages (default: that of the first)
     #[arg(long, value_name = "NAME")]
     image: Option<String>,
-    /// How long at most, seconds
+    /// Longest duration, seconds
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     duration_s: Option<f64>,
-    /// How many frames at most
+    /// Largest number of frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: Option<u32>,
     /// Folder in which the sequence is kept, under a new name

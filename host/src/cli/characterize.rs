@@ -36,10 +36,10 @@ pub struct Args {
     /// Report which parameters have changed since this file was written
     #[arg(long, value_name = "FILE")]
     since: Option<PathBuf>,
-    /// How well the force sensor's gain is known, relative standard deviation: 0.01 after a calibration with weights
+    /// Relative standard deviation of the force sensor's gain: 0.01 after a calibration with weights
     #[arg(long, value_name = "SHARE", value_parser = share)]
     force_gain_sd: Option<f64>,
-    /// How well the needle's stated bending stiffness is known, relative standard deviation
+    /// Relative standard deviation of the needle's stated bending stiffness
     #[arg(long, value_name = "SHARE", value_parser = share)]
     stiffness_sd: Option<f64>,
     #[command(flatten)]
@@ -70,11 +70,11 @@ struct Document {
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     // A file that cannot be read is found before anything moves.
-    let before = args.since.as_deref().map(ModelFile::read).transpose()?;
+    let earlier_rig = args.since.as_deref().map(ModelFile::read).transpose()?;
     let recorded = air::record(&args.air, &args.session, out)?;
     let session = Session::read(&args.session)?;
     let options = CharacterizeOptions { force_gain_sd: args.force_gain_sd, stiffness_sd: args.stiffness_sd };
-    let found = characterize(&session, &options)
+    let characterization = characterize(&session, &options)
         .with_context(|| format!("cannot characterise {}", args.session.display()))?;
     let name = match Labels::read(&args.session)? {
         Labels { name: Some(name), date: Some(date), .. } => format!("{name}, {date}"),
@@ -82,14 +82,15 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         _ => args.session.display().to_string(),
     };
     if let Some(path) = &args.out {
-        found.model(Some(name)).write(path)?;
+        characterization.model(Some(name)).write(path)?;
     }
     let document = Document {
         schema: "guide.characterize/1",
         session: args.session.display().to_string(),
         recorded,
-        moved_since: before.map(|before| moved_since(&KnownParameter::of_model(&before), &found)),
-        found,
+        moved_since: earlier_rig
+            .map(|earlier_rig| moved_since(&KnownParameter::of_model(&earlier_rig), &characterization)),
+        found: characterization,
         rig_file: args.out.as_ref().map(|path| path.display().to_string()),
     };
     out.result(&document, Text(&document))
@@ -100,7 +101,7 @@ struct Text<'a>(&'a Document);
 
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let found = &self.0.found;
+        let parameters = &self.0.found;
         for RunInAir { run, recorded } in self.0.recorded.iter().flatten() {
             let Recorded { samples, duration_s, sweeps, samples_missing, .. } = recorded;
             write!(f, "recorded     {run}: {samples} samples in {duration_s:.3} s, {sweeps} sweeps")?;
@@ -118,30 +119,34 @@ impl Display for Text<'_> {
                 }
             }
         }
-        writeln!(f, "runs         {} in air: {}", found.runs.len(), found.runs.join(", "))?;
-        for one in &found.parameters {
+        writeln!(f, "runs         {} in air: {}", parameters.runs.len(), parameters.runs.join(", "))?;
+        for one in &parameters.parameters {
             let [low, high] = one.ci95;
-            let what = format!("{} {}", one.effect, one.parameter);
+            let parameter_name = format!("{} {}", one.effect, one.parameter);
             match one.standing {
                 Standing::Identified => {
-                    writeln!(f, "{what:<46} {:>9.4} ({low:.4} to {high:.4})", one.value)?;
+                    writeln!(f, "{parameter_name:<46} {:>9.4} ({low:.4} to {high:.4})", one.value)?;
                 }
                 Standing::Stated => {
-                    writeln!(f, "{what:<46} {:>9.4} ({low:.4} to {high:.4}), as stated", one.value)?;
+                    writeln!(
+                        f,
+                        "{parameter_name:<46} {:>9.4} ({low:.4} to {high:.4}), as stated",
+                        one.value
+                    )?;
                 }
                 Standing::NotIdentifiable => {
-                    writeln!(f, "{what:<46} not identifiable from these runs")?;
-                    if let Some(by) = one.settled_by {
-                        writeln!(f, "             needs {by}")?;
+                    writeln!(f, "{parameter_name:<46} not identifiable from these runs")?;
+                    if let Some(remedy) = one.settled_by {
+                        writeln!(f, "             needs {remedy}")?;
                     }
                 }
             }
         }
-        if let Some(scatter_n) = found.tare_scatter_n {
+        if let Some(scatter_n) = parameters.tare_scatter_n {
             writeln!(f, "zero         scatters by {scatter_n:.4} N from run to run")?;
         }
-        writeln!(f, "fit          chi-square per reading {:.2}", found.chi_square_per_reading)?;
-        for warning in &found.warnings {
+        writeln!(f, "fit          chi-square per reading {:.2}", parameters.chi_square_per_reading)?;
+        for warning in &parameters.warnings {
             writeln!(f, "note         {warning}")?;
         }
         match &self.0.rig_file {

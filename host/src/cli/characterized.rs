@@ -1,4 +1,4 @@
-//! What is known of the rig: the file that a session names, or that the command line gives.
+//! Knowledge of the rig: the file that a session names, or that the command line gives.
 
 use formats::model_file::ModelFile;
 use formats::session::SessionError;
@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 /// The file of a characterised rig.
 #[derive(clap::Args)]
 pub struct CharacterizedArgs {
-    /// What is known of the rig (characterized.toml of `guide characterize --out`): its effects are in the model with their intervals (default: the
-    /// file that `characterized` in the session's [rig] names, if any)
+    /// Characterized rig (characterized.toml of `guide characterize --out`): its effects are in the model with their
+    /// intervals (default: the file that `characterized` in the session's [rig] names, if any)
     #[arg(long, value_name = "FILE")]
     characterized: Option<PathBuf>,
 }

@@ -19,19 +19,18 @@ pub struct Args {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let found = check(&args.dir);
-    out.result(&found, Text(&found))?;
+    let report = check(&args.dir);
+    out.result(&report, Text(&report))?;
     out.finish()?;
     let dir = args.dir.display();
-    let errors = found.errors();
+    let errors = report.errors();
     ensure!(errors == 0, "{dir}: {errors} {}", if errors == 1 { "error" } else { "errors" });
-    ensure!(found.usable, "{dir}: no command can use any of its runs");
-    let is_refused = |ability: &&Capability| {
+    ensure!(report.usable, "{dir}: no command can use any of its runs");
+    let refused = report.abilities.iter().find(|ability| {
         ability.command == "identify"
             && !ability.usable
             && ability.skipped.iter().any(|skipped| skipped.id.is_some())
-    };
-    let refused = found.abilities.iter().find(is_refused);
+    });
     ensure!(refused.is_none(), "{dir}: identify can use none of its lateral runs, for the reasons above");
     Ok(())
 }
@@ -43,21 +42,21 @@ const REMARKS: usize = 6;
 
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let found = self.0;
-        for finding in &found.findings {
+        let report = self.0;
+        for finding in &report.findings {
             let name = match finding.severity {
                 Severity::Error => "error",
                 Severity::Warning => "warning",
             };
             writeln!(f, "{name:<13}{finding}")?;
         }
-        if found.errors() > 0 && !found.abilities.is_empty() {
+        if report.errors() > 0 && !report.abilities.is_empty() {
             writeln!(f, "with what could be read, once the errors are corrected:")?;
         }
-        for ability in &found.abilities {
+        for ability in &report.abilities {
             write_ability(f, ability)?;
         }
-        if found.empty {
+        if report.empty {
             writeln!(f, "session      valid, without runs")?;
         }
         Ok(())

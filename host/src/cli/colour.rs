@@ -6,8 +6,8 @@ use ratatui::crossterm::style::force_color_output;
 use std::ffi::OsString;
 use std::io::{self, IsTerminal};
 
-/// What `--color` will be, before the command line is parsed: its own errors and help are coloured, or not, as well. What is no
-/// choice is left to the parser to refuse.
+/// Choice of `--color`, before the command line is parsed: its own errors and help are coloured, or not, as well. The
+/// parser refuses a value that is no choice.
 pub fn requested(arguments: impl IntoIterator<Item = OsString>) -> ColorChoice {
     let mut arguments = arguments.into_iter();
     let mut choice = ColorChoice::Auto;
@@ -67,13 +67,13 @@ fn on(
     }
 }
 
-/// How a remark begins, and the colour of that.
+/// Beginning of a remark, and its colour.
 const LABELS: [(&str, &str); 2] = [("error:", "\x1b[1;31m"), ("warning:", "\x1b[1;33m")];
 
 /// A line with its label coloured, where it has one.
 pub fn label(line: &str) -> String {
-    let found = LABELS.iter().find_map(|(label, colour)| Some((label, colour, line.strip_prefix(label)?)));
-    found.map_or_else(|| line.to_owned(), |(label, colour, rest)| format!("{colour}{label}\x1b[0m{rest}"))
+    let labelled = LABELS.iter().find_map(|(label, colour)| Some((label, colour, line.strip_prefix(label)?)));
+    labelled.map_or_else(|| line.to_owned(), |(label, colour, rest)| format!("{colour}{label}\x1b[0m{rest}"))
 }
 
 #[cfg(test)]

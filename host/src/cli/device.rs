@@ -12,7 +12,7 @@ use device::link::{Batch, Client, LinkError, Program, RunOptions, Telemetry, run
 use protocol::{CalibrationSource, Refusal, Request, Step};
 use std::sync::atomic::AtomicBool;
 
-/// How a motion is carried out.
+/// Manner of a motion.
 #[derive(Debug, Clone, Copy)]
 pub struct Motion<'a> {
     /// Move by the nominal calibration where the device has none stored.
@@ -56,7 +56,7 @@ impl Motion<'_> {
     }
 }
 
-/// What `guide status` prints.
+/// Text of `guide status`.
 ///
 /// # Errors
 /// Of the link.
@@ -123,8 +123,8 @@ pub fn retreat(client: &mut Client, interrupted: &AtomicBool) -> anyhow::Result<
 }
 
 fn document(report: impl FnOnce(&mut Output) -> anyhow::Result<()>) -> anyhow::Result<String> {
-    let mut out = Output::to_memory(Box::new(|_| {}));
-    report(&mut out)?;
-    let Memory { document, .. } = out.into_memory().unwrap_or_else(Memory::empty);
+    let mut output = Output::to_memory(Box::new(|_| {}));
+    report(&mut output)?;
+    let Memory { document, .. } = output.into_memory().unwrap_or_else(Memory::empty);
     Ok(String::from_utf8_lossy(&document).into_owned())
 }

@@ -68,19 +68,19 @@ pub struct Args {
 /// The id of an effect of the catalogue.
 fn catalogued(id: &str) -> Result<&'static str, String> {
     let ids: Vec<&'static str> = all().into_iter().map(Effect::id).collect();
-    let known = ids.iter().find(|known| **known == id).copied();
-    known.ok_or_else(|| format!("no such effect, expected one of {}", ids.join(", ")))
+    let known_id = ids.iter().find(|known| **known == id).copied();
+    known_id.ok_or_else(|| format!("no such effect, expected one of {}", ids.join(", ")))
 }
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let session = Session::read(&args.dir)?;
-    let given = args.model.as_deref().map(ModelFile::read).transpose()?;
+    let given_model = args.model.as_deref().map(ModelFile::read).transpose()?;
     let rig = args.rig.read(&args.dir)?.map(|(_, model)| model);
     let options = Options {
-        given: given.as_ref().map(ModelFile::effects).unwrap_or_default(),
+        given: given_model.as_ref().map(ModelFile::effects).unwrap_or_default(),
         known: Vec::new(),
-        discrepancy: given.map(|file| file.discrepancy).unwrap_or_default(),
+        discrepancy: given_model.map(|file| file.discrepancy).unwrap_or_default(),
         seed: args.seed,
         discovery: !args.no_discovery,
         left_out: args.leave_out.clone(),
@@ -93,30 +93,30 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     .with_rig(rig.as_ref());
     let progress = out.progress();
     if args.check {
-        let found = check(&session, &options, |step| progress.set_message(step.to_owned()));
+        let checked = check(&session, &options, |step| progress.set_message(step.to_owned()));
         progress.finish_and_clear();
-        let found = found.with_context(|| format!("cannot check {}", args.dir.display()))?;
-        return out.result(&found, CheckText(&found));
+        let report = checked.with_context(|| format!("cannot check {}", args.dir.display()))?;
+        return out.result(&report, CheckText(&report));
     }
-    let found = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
+    let diagnosed = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
-    let mut found = found.with_context(|| format!("cannot diagnose {}", args.dir.display()))?;
+    let mut diagnosis = diagnosed.with_context(|| format!("cannot diagnose {}", args.dir.display()))?;
     if let Some(path) = &args.out {
-        found.model().write(path)?;
-        found.model_file = Some(path.display().to_string());
+        diagnosis.model().write(path)?;
+        diagnosis.model_file = Some(path.display().to_string());
     }
     if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
-        if let Some(gap) = &found.gap {
+        if let Some(gap) = &diagnosis.gap {
             figures_file(folder, "residuals", &figures::residuals(gap)?, out)?;
             figures_file(folder, "gap", &figures::gap(gap)?, out)?;
         }
-        figures_file(folder, "ranking", &figures::ranking(&found)?, out)?;
+        figures_file(folder, "ranking", &figures::ranking(&diagnosis)?, out)?;
     }
     if let Some(path) = &args.json_out {
-        write_json(path, &found)?;
+        write_json(path, &diagnosis)?;
     }
-    args.draws.write(found.draws.as_ref(), out)?;
-    out.result(&found, Text(&found))
+    args.draws.write(diagnosis.draws.as_ref(), out)?;
+    out.result(&diagnosis, Text(&diagnosis))
 }
 
 /// A diagnosis for the eye: one screen.
@@ -127,69 +127,75 @@ const REGIONS: usize = 4;
 
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let found = self.0;
-        for one in &found.moved_since {
+        let diagnosis = self.0;
+        for one in &diagnosis.moved_since {
             writeln!(f, "changed      {one}")?;
         }
-        writeln!(f, "session      {}", found.split)?;
-        let noise: Vec<String> = found.noise.iter().map(|(name, sd)| quantity(name, *sd)).collect();
+        writeln!(f, "session      {}", diagnosis.split)?;
+        let noise: Vec<String> = diagnosis.noise.iter().map(|(name, sd)| quantity(name, *sd)).collect();
         writeln!(f, "noise        {} (one standard deviation of a reading)", noise.join(", "))?;
-        let tested = found.ranking.len() - found.not_identifiable.len().min(found.ranking.len());
-        let not_identifiable = if found.not_identifiable.is_empty() {
+        let tested = diagnosis.ranking.len() - diagnosis.not_identifiable.len().min(diagnosis.ranking.len());
+        let not_identifiable = if diagnosis.not_identifiable.is_empty() {
             String::new()
         } else {
-            format!("; not identifiable from these runs: {}", found.not_identifiable.join(", "))
+            format!("; not identifiable from these runs: {}", diagnosis.not_identifiable.join(", "))
         };
-        let given = if found.given.is_empty() {
+        let model_note = if diagnosis.given.is_empty() {
             String::new()
         } else {
-            format!(" beside {} in the model", found.given.join(", "))
+            format!(" beside {} in the model", diagnosis.given.join(", "))
         };
-        writeln!(f, "tested       {tested} effects{given}{not_identifiable}")?;
-        for (number, region) in found.regions.iter().take(REGIONS).enumerate() {
+        writeln!(f, "tested       {tested} effects{model_note}{not_identifiable}")?;
+        for (number, region) in diagnosis.regions.iter().take(REGIONS).enumerate() {
             let name = if number == 0 { "where" } else { "" };
             writeln!(f, "{name:<13}{region}")?;
         }
-        if found.regions.is_empty() {
+        if diagnosis.regions.is_empty() {
             writeln!(f, "where        no region has significant residuals")?;
         }
-        writeln!(f, "verdict      {}", found.verdict.explained())?;
-        for effect in &found.effects {
+        writeln!(f, "verdict      {}", diagnosis.verdict.explained())?;
+        for effect in &diagnosis.effects {
             write_effect(f, effect)?;
         }
-        if !found.partial.is_empty() {
+        if !diagnosis.partial.is_empty() {
             writeln!(
                 f,
                 "partial      {}: better by evidence, but leaves more than noise, or the larger part of the misfit, or does not improve held-out runs: a description and no name",
-                found.partial.join(", ")
+                diagnosis.partial.join(", ")
             )?;
         }
-        if !found.effects.is_empty() {
-            for (number, region) in found.left.iter().take(REGIONS).enumerate() {
+        if !diagnosis.effects.is_empty() {
+            for (number, region) in diagnosis.left.iter().take(REGIONS).enumerate() {
                 let name = if number == 0 { "left" } else { "" };
                 writeln!(f, "{name:<13}{region}")?;
             }
         }
-        write_remaining(f, found)?;
-        write_foundation(f, found)?;
-        write_reference(f, found)?;
-        write!(f, "model        K {}", found.k_status.modulus_text(found.k_kpa, found.k_ci95_kpa))?;
-        if let (Some(load_n), Some([low, high])) = (found.tip_load_n, found.tip_load_ci95_n) {
+        write_remaining(f, diagnosis)?;
+        write_foundation(f, diagnosis)?;
+        write_reference(f, diagnosis)?;
+        write!(
+            f,
+            "model        K {}",
+            diagnosis.k_status.modulus_text(diagnosis.k_kpa, diagnosis.k_ci95_kpa)
+        )?;
+        if let (Some(load_n), Some([low, high])) = (diagnosis.tip_load_n, diagnosis.tip_load_ci95_n) {
             write!(f, ", tip load {load_n:.3} N ({low:.3} to {high:.3})")?;
         }
         writeln!(f)?;
         if let Some(MeanModulus { to_depth_mm, modulus_kpa: Estimate { value, ci95: [low, high] } }) =
-            found.mean_modulus.filter(|_| found.effects.iter().any(|effect| effect.id.starts_with("tissue.")))
+            diagnosis
+                .mean_modulus
+                .filter(|_| diagnosis.effects.iter().any(|effect| effect.id.starts_with("tissue.")))
         {
             writeln!(
                 f,
                 "             mean modulus down to {to_depth_mm:.0} mm {value:.2} kPa ({low:.2} to {high:.2})"
             )?;
         }
-        if let Some(gap) = &found.gap {
+        if let Some(gap) = &diagnosis.gap {
             write_gap(f, gap)?;
         }
-        if let Some(next) = &found.next_measurement {
+        if let Some(next) = &diagnosis.next_measurement {
             writeln!(
                 f,
                 "next         {}: distinguishes {} (chi-square {:.0} expected)",
@@ -198,20 +204,20 @@ impl Display for Text<'_> {
                 next.expected_divergence
             )?;
         }
-        for limit in &found.limits {
+        for limit in &diagnosis.limits {
             writeln!(f, "limit        {limit}")?;
         }
-        for warning in &found.warnings {
+        for warning in &diagnosis.warnings {
             writeln!(f, "note         {warning}")?;
         }
-        match &found.model_file {
+        match &diagnosis.model_file {
             Some(path) => writeln!(f, "written      {path}"),
             None => Ok(()),
         }
     }
 }
 
-/// How much remains, whether it matters, and which imperfections are larger than usual.
+/// Remaining misfit, whether it matters, and imperfections that are larger than usual.
 fn write_remaining(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result {
     let remaining = &found.remaining;
     let size = match remaining.size {
@@ -232,7 +238,7 @@ fn write_remaining(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result
     Ok(())
 }
 
-/// What the tissue was taken for, and what the other foundation gives.
+/// Foundation of the tissue, and the result of the other one.
 fn write_foundation(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result {
     let foundation = &found.foundation;
     let Some(gain) = foundation.log_evidence_of_body else { return Ok(()) };
@@ -252,14 +258,14 @@ fn write_foundation(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Resul
     writeln!(f, "             log evidence of a body over springs, without effects: {gain:+.1}")
 }
 
-/// How the session differs from its reference.
+/// Differences of the session from its reference.
 fn write_reference(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result {
     let Some(reference) = &found.reference else { return Ok(()) };
     let name = reference.session.as_deref().unwrap_or("without a name");
-    let ([from, to], [low, high]) = (reference.modulus_kpa.ci95, reference.modulus_ratio.ci95);
+    let ([lowest_kpa, highest_kpa], [low, high]) = (reference.modulus_kpa.ci95, reference.modulus_ratio.ci95);
     writeln!(
         f,
-        "reference    {name}: modulus {:.2} kPa ({from:.2} to {to:.2}); this session has {:.3} times that ({low:.3} to {high:.3})",
+        "reference    {name}: modulus {:.2} kPa ({lowest_kpa:.2} to {highest_kpa:.2}); this session has {:.3} times that ({low:.3} to {high:.3})",
         reference.modulus_kpa.value, reference.modulus_ratio.value
     )
 }
@@ -276,9 +282,9 @@ fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result 
     if let Some(effect) = effect(&found.id) {
         writeln!(f, "             {}", effect.info().physics)?;
     }
-    let others = found.competing_effects();
-    if !others.is_empty() {
-        writeln!(f, "             or {}", others.join(", or "))?;
+    let competitors = found.competing_effects();
+    if !competitors.is_empty() {
+        writeln!(f, "             or {}", competitors.join(", or "))?;
     }
     Ok(())
 }
@@ -300,12 +306,12 @@ fn write_gap(f: &mut fmt::Formatter<'_>, gap: &HeldOutMisfit) -> fmt::Result {
     }
     writeln!(f)?;
     for (name, before) in &gap.before.rmse {
-        let after = gap.after.rmse.get(name).copied().unwrap_or(f64::NAN);
-        if (before - after).abs() > 1e-9 {
+        let rmse_after = gap.after.rmse.get(name).copied().unwrap_or(f64::NAN);
+        if (before - rmse_after).abs() > 1e-9 {
             let unit = unit(name);
             writeln!(
                 f,
-                "             {}: {before:.3} {unit} before, {after:.3} {unit} after",
+                "             {}: {before:.3} {unit} before, {rmse_after:.3} {unit} after",
                 channel(name)
             )?;
         }

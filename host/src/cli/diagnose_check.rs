@@ -3,7 +3,7 @@
 use inference::diagnose::{Check, Showable};
 use std::fmt::{self, Display};
 
-/// What a session could show, for the eye.
+/// Possible uses of a session, as text.
 pub(super) struct CheckText<'a>(pub &'a Check);
 
 impl Display for CheckText<'_> {
@@ -39,8 +39,9 @@ impl Display for CheckText<'_> {
 
 fn line(one: &Showable) -> String {
     let size = format!("{} {}", one.parameter, rounded(one.value));
-    let place = one.place.map_or(String::new(), |(name, place)| format!("{name} {}", rounded(place)));
-    format!("  {:<22}  {size:<34}  {place:<26}  {}", one.effect, one.alike.join(", "))
+    let parameter_text =
+        one.place.map_or(String::new(), |(name, place)| format!("{name} {}", rounded(place)));
+    format!("  {:<22}  {size:<34}  {parameter_text:<26}  {}", one.effect, one.alike.join(", "))
 }
 
 /// Three digits.

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Chains of a file of draws: as many as samplers usually have.
 const CHAINS: usize = 4;
 
-/// Where draws go, and how many there are.
+/// File and number of draws.
 #[derive(clap::Args)]
 pub struct DrawsArgs {
     /// Write draws from the posterior into this file, in the layout of ArviZ (InferenceData as JSON): four chains
@@ -22,7 +22,7 @@ pub struct DrawsArgs {
 }
 
 impl DrawsArgs {
-    /// How many draws are taken; nothing where there is no file for them.
+    /// Number of draws; `None` if there is no file for them.
     pub fn options(&self, seed: u64) -> Option<DrawOptions> {
         let draws = self.draws_per_chain as usize;
         self.draws.as_ref().map(|_| DrawOptions { chains: CHAINS, draws, seed })

@@ -50,8 +50,11 @@ struct Parameter {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let requested = |effect: &&dyn Effect| args.id.as_deref().is_none_or(|id| effect.id() == id);
-    let effects: Vec<One> = all().into_iter().filter(requested).map(One::new).collect();
+    let effects: Vec<One> = all()
+        .into_iter()
+        .filter(|effect| args.id.as_deref().is_none_or(|id| effect.id() == id))
+        .map(One::new)
+        .collect();
     if let Some(id) = &args.id {
         ensure!(!effects.is_empty(), "ID: \"{id}\" is not known, expected {}", expected_ids(id));
     }
@@ -65,47 +68,50 @@ fn width() -> Option<usize> {
     Some(usize::from(columns)).filter(|columns| *columns > 0)
 }
 
-/// Where the words of a line begin behind its label.
+/// Column at which the text of a line begins behind its label.
 const INDENT: usize = 15;
 
 /// A text whose lines fit a terminal: what is too long goes on below, behind the label.
 fn wrapped(text: &str, width: Option<usize>) -> String {
     let Some(width) = width.filter(|width| *width > 2 * INDENT) else { return text.to_owned() };
-    let mut all = String::with_capacity(text.len() + text.len() / 8);
+    let mut wrapped_text = String::with_capacity(text.len() + text.len() / 8);
     for line in text.lines() {
         let mut column = 0;
         for word in line.split_inclusive(' ') {
             let length = word.trim_end().chars().count();
             if column + length > width && column > INDENT {
-                all.truncate(all.trim_end_matches(' ').len());
-                all.push('\n');
-                all.push_str(&" ".repeat(INDENT));
+                wrapped_text.truncate(wrapped_text.trim_end_matches(' ').len());
+                wrapped_text.push('\n');
+                wrapped_text.push_str(&" ".repeat(INDENT));
                 column = INDENT;
             }
-            all.push_str(word);
+            wrapped_text.push_str(word);
             column += word.chars().count();
         }
-        all.push('\n');
+        wrapped_text.push('\n');
     }
-    all
+    wrapped_text
 }
 
 impl One {
     fn new(effect: &dyn Effect) -> Self {
-        let parameter = |info: &'static mechanics::effects::ParameterInfo| Parameter {
-            name: info.name,
-            unit: unit(info.name),
-            neutral: has_neutral_value(info).then_some(info.neutral),
-            range: info.range,
-            likely: info.likely,
-            prior_sd: info.prior_sd,
-            nodes: info.nodes,
-        };
         Self {
             id: effect.id(),
             physics: effect.info().physics,
             signature: effect.info().signature,
-            parameters: effect.parameters().iter().map(parameter).collect(),
+            parameters: effect
+                .parameters()
+                .iter()
+                .map(|info| Parameter {
+                    name: info.name,
+                    unit: unit(info.name),
+                    neutral: has_neutral_value(info).then_some(info.neutral),
+                    range: info.range,
+                    likely: info.likely,
+                    prior_sd: info.prior_sd,
+                    nodes: info.nodes,
+                })
+                .collect(),
         }
     }
 }

@@ -1,15 +1,15 @@
-//! How the force of a run followed a model (`--follow`), as results state it.
+//! Agreement of a run's force with a model (`--follow`), as results state it.
 
 use crate::follow::{Follower, Parted};
 use serde::Serialize;
 use std::fmt::{self, Display};
 
-/// How the force followed a model.
+/// Agreement of the force with a model.
 #[derive(Serialize)]
 pub(super) struct Followed {
     /// Whether guide 2 rested long enough for noise and zero to be known: without, nothing was compared.
     compared: bool,
-    /// Where it no longer did.
+    /// Points at which it no longer agreed.
     parted: Vec<Parted>,
 }
 
@@ -30,8 +30,8 @@ impl Display for Followed {
             writeln!(f, "model      the force follows it")?;
         }
         self.parted.iter().try_for_each(|parted| {
-            let since = format!("{:.1} s of the device's clock", parted.since_s);
-            writeln!(f, "warning    {}", parted.sentence(since))
+            let start_text = format!("{:.1} s of the device's clock", parted.since_s);
+            writeln!(f, "warning    {}", parted.sentence(start_text))
         })
     }
 }

@@ -1,4 +1,4 @@
-//! What the tissue is taken as: the same options wherever a modulus is estimated.
+//! Foundation of the tissue: the same options wherever a modulus is estimated.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use inference::diagnose::FoundationChoice;

@@ -9,7 +9,7 @@ use imaging::sheet::{Sheet, choose};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Where pictures go.
+/// Folder of pictures.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Pictures (ultrasound, camera)")]
 pub struct PictureArgs {
@@ -28,7 +28,7 @@ impl PictureArgs {
     }
 }
 
-/// What became of a frame, for its picture.
+/// Result of a frame, for its picture.
 pub struct Shown {
     /// Number of its state.
     pub kind: usize,
@@ -50,8 +50,9 @@ pub fn open(files: &[PathBuf]) -> anyhow::Result<Sequence> {
 
 /// Image files that are given one by one are one sequence; everything else is one of its own.
 pub fn sequences(paths: &[PathBuf]) -> Vec<Vec<PathBuf>> {
-    let is_png = |path: &PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
-    if paths.len() > 1 && paths.iter().all(is_png) {
+    if paths.len() > 1
+        && paths.iter().all(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")))
+    {
         return vec![paths.to_vec()];
     }
     paths.iter().map(|path| vec![path.clone()]).collect()
@@ -98,8 +99,9 @@ pub fn draw(
         out.note(format_args!("{} pictures in {}", frames.len(), folder.display()));
     }
     if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
-        let used = frames.iter().filter(|frame| frame.is_used).count();
-        let title = format!("{name}: {used} of {} frames are used; {} are shown", frames.len(), sheet.len());
+        let used_count = frames.iter().filter(|frame| frame.is_used).count();
+        let title =
+            format!("{name}: {used_count} of {} frames are used; {} are shown", frames.len(), sheet.len());
         figures_file(folder, &format!("{name}.frames"), &sheet.svg(&title)?, out)?;
     }
     Ok(Some(sheet.picture().png()?))

@@ -93,7 +93,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     nuisances.dedup_by_key(|effect| effect.id());
     let model = args.model.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
     let rig = args.rig.read(&args.dir)?.map(|(_, model)| model);
-    // What the command line states goes before what the model was learned on, and that before what the session states.
+    // The command line has precedence over the model's source, and this over the session's statement.
     let learned = match model.support {
         Some(Support::Body { poisson, .. }) => (Some(FoundationChoice::Body), Some(poisson)),
         Some(Support::Springs) => (Some(FoundationChoice::Springs), None),
@@ -135,9 +135,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             "--draws: {} has indentations alone, expected lateral runs",
             args.dir.display()
         );
-        let found =
+        let indentation =
             indentations(&session).with_context(|| format!("cannot identify {}", args.dir.display()))?;
-        return out.result(&found, IndentationsText(&found));
+        return out.result(&indentation, IndentationsText(&indentation));
     }
     let result =
         identify(&session, &options).with_context(|| format!("cannot identify {}", args.dir.display()))?;
@@ -152,7 +152,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What a prior has for the session in a folder.
+/// Prior for the session in a folder.
 pub(super) fn modulus_prior(path: &Path, dir: &Path) -> anyhow::Result<ModulusPrior> {
     let labels = Labels::read(dir)?;
     Ok(PriorFile::read(path)?.group(&labels, &dir.join("session.toml"))?.clone())
@@ -255,21 +255,22 @@ impl Display for Text<'_> {
                 "directions   K_y {y} kPa, K_x {x} kPa, ratio {ratio_x_to_y:.3} ({low:.3} to {high:.3})"
             )?;
         }
-        if let Some(found) = layers {
-            let Layers { upper, lower, k_ratio, boundary_mm, boundary_ci95_mm: [low, high], .. } = found;
-            let [least, most] = found.k_ratio_ci95;
-            let gain = match found.log_evidence_gain {
+        if let Some(layers_result) = layers {
+            let Layers { upper, lower, k_ratio, boundary_mm, boundary_ci95_mm: [low, high], .. } =
+                layers_result;
+            let [least, most] = layers_result.k_ratio_ci95;
+            let gain = match layers_result.log_evidence_gain {
                 Some(gain) => format!("log evidence {gain:+.1} nats against one layer"),
                 None => "intervals are those of noise alone".to_owned(),
             };
-            let modulus = if found.foundation == "body" { "E" } else { "K" };
+            let modulus = if layers_result.foundation == "body" { "E" } else { "K" };
             let (upper, lower) =
                 (estimate(upper.k_kpa, upper.ci95_kpa), estimate(lower.k_kpa, lower.ci95_kpa));
             writeln!(
                 f,
                 "layers       {modulus} {upper} kPa above, {lower} kPa below {boundary_mm:.1} mm ({low:.1} to {high:.1}), ratio \
                  {k_ratio:.2} ({least:.2} to {most:.2}); chi-square falls by {:.1}, {gain}",
-                found.chi_square_gain
+                layers_result.chi_square_gain
             )?;
         }
         for found in &pooled.nuisances {

@@ -1,4 +1,5 @@
-//! What the sub-commands share that speak OpenIGTLink: a tracker as the ultrasound, and publishing what is measured.
+//! Common parts of the sub-commands that use OpenIGTLink: a tracker as the ultrasound, and publishing what is
+//! measured.
 
 use super::import_shapes::{millimetres, vector};
 use super::output::Output;
@@ -69,7 +70,7 @@ impl TrackerArgs {
     }
 }
 
-/// How often clients receive the device's values.
+/// Rate at which clients receive the device's values.
 #[derive(clap::Args)]
 pub struct RateArgs {
     /// Updates for OpenIGTLink clients per second of the device's clock
@@ -127,7 +128,7 @@ pub struct PublishArgs {
     rate: RateArgs,
 }
 
-/// Where clients on this machine look for a server.
+/// Address at which clients on this machine look for a server.
 pub const USUAL: &str = "127.0.0.1:18944";
 
 impl PublishArgs {
@@ -148,8 +149,8 @@ impl PublishArgs {
 
 /// Modulus of the tissue as the session's lateral runs have it.
 fn modulus_pa(session: &Session) -> Option<f64> {
-    let found = identify(session, &identify::Options::default()).ok();
-    found.map(|found| 1e3 * found.pooled.k_kpa)
+    let identification = identify(session, &identify::Options::default()).ok();
+    identification.map(|identification| 1e3 * identification.pooled.k_kpa)
 }
 
 /// Has tip and shape published.

@@ -83,7 +83,7 @@ enum Kind {
     Camera,
 }
 
-/// What was imported.
+/// Imported run.
 #[derive(Serialize)]
 struct Imported {
     schema: &'static str,
@@ -171,18 +171,18 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         Kind::Fbg => return shapes(Source::Fbg, args, out),
         Kind::Ultrasound => {
             let setup = setup(args, out)?;
-            let Args { paths, shapes, frames, pictures, out: to, .. } = args;
-            return import_ultrasound::run(paths, shapes, frames, pictures, to, &setup, out);
+            let Args { paths, shapes, frames, pictures, out: output_dir, .. } = args;
+            return import_ultrasound::run(paths, shapes, frames, pictures, output_dir, &setup, out);
         }
         Kind::Camera => {
             let setup = setup(args, out)?;
-            let Args { paths, shapes, clip, pictures, out: to, .. } = args;
-            return import_camera::run(paths, shapes, clip, pictures, to, &setup, out);
+            let Args { paths, shapes, clip, pictures, out: output_dir, .. } = args;
+            return import_camera::run(paths, shapes, clip, pictures, output_dir, &setup, out);
         }
         Kind::Table => {
             let setup = setup(args, out)?;
-            let Args { paths, shapes, tables, out: to, rig, .. } = args;
-            return import_table::run(paths, shapes, tables, to, rig.as_deref(), &setup, out);
+            let Args { paths, shapes, tables, out: output_dir, rig, .. } = args;
+            return import_table::run(paths, shapes, tables, output_dir, rig.as_deref(), &setup, out);
         }
         Kind::Trajcontrol => {}
     }
@@ -253,17 +253,17 @@ impl One {
 
 /// Files as given, and the CSV files in folders, in order of their names.
 fn files(paths: &[PathBuf], skipped: &mut Vec<SkippedFile>) -> Vec<PathBuf> {
-    let mut found = Vec::new();
+    let mut files_found = Vec::new();
     for path in paths {
         if !path.is_dir() {
-            found.push(path.clone());
+            files_found.push(path.clone());
             continue;
         }
         let is_csv = |file: &Path| {
             let is_hidden = file.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
             !is_hidden && file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
         };
-        let mut inside: Vec<_> = match fs::read_dir(path) {
+        let mut entries_found: Vec<_> = match fs::read_dir(path) {
             Ok(entries) => {
                 entries.filter_map(Result::ok).map(|entry| entry.path()).filter(|file| is_csv(file)).collect()
             }
@@ -273,14 +273,14 @@ fn files(paths: &[PathBuf], skipped: &mut Vec<SkippedFile>) -> Vec<PathBuf> {
                 continue;
             }
         };
-        if inside.is_empty() {
+        if entries_found.is_empty() {
             let reason = format!("{}: no CSV files, expected recordings", path.display());
             skipped.push(SkippedFile { path: path.clone(), reason });
         }
-        inside.sort();
-        found.extend(inside);
+        entries_found.sort();
+        files_found.extend(entries_found);
     }
-    found
+    files_found
 }
 
 /// Imports files of points as one lateral run.
@@ -291,8 +291,8 @@ fn shapes(source: Source, args: &Args, out: &mut Output) -> anyhow::Result<()> {
 
 /// Needle and rig: as stated, as in the session that is added to, or usual ones.
 fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
-    let there = args.out.join("session.toml");
-    let file = args.rig.clone().or_else(|| there.exists().then_some(there));
+    let session_file = args.out.join("session.toml");
+    let file = args.rig.clone().or_else(|| session_file.exists().then_some(session_file));
     let mut setup = match &file {
         Some(path) => Setup::read(path)?,
         None => {

@@ -19,7 +19,7 @@ use series::{Axes, Series};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// How the camera shows guide 2.
+/// Camera that shows guide 2.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Clip (camera)")]
 pub struct CameraArgs {
@@ -75,8 +75,9 @@ pub(super) struct Scale {
 impl CameraArgs {
     /// Whether any of its options is given.
     pub fn is_requested(&self) -> bool {
-        let parts = self.template.is_some() || self.mark.is_some() || self.ruler.is_some() || self.mirrored;
-        parts
+        let has_camera_options =
+            self.template.is_some() || self.mark.is_some() || self.ruler.is_some() || self.mirrored;
+        has_camera_options
             || [self.mm_per_px, self.fps, self.start_s].iter().any(Option::is_some)
             || self.up_px.0 != [0.0, -1.0]
     }
@@ -101,18 +102,18 @@ impl CameraArgs {
     fn axes(&self, directions: Directions) -> anyhow::Result<Axes> {
         let Direction([up_x, up_y]) = self.up_px;
         let side = if self.mirrored { -1.0 } else { 1.0 };
-        let both = Axes { y: [up_x, up_y], x: Some([-side * up_y, side * up_x]) };
-        let (across, along) = match directions {
-            Directions::Both => return Ok(both),
+        let both_axes = Axes { y: [up_x, up_y], x: Some([-side * up_y, side * up_x]) };
+        let (x_axis, y_axis) = match directions {
+            Directions::Both => return Ok(both_axes),
             Directions::Vertical => (up_x, "columns"),
             Directions::Horizontal => (up_y, "rows"),
         };
         ensure!(
-            across.abs() <= MAX_SLANT,
-            "--template: motion is identifiable along the {along} of the image only, expected a part with edges across the session's y, which \
+            x_axis.abs() <= MAX_SLANT,
+            "--template: motion is identifiable along the {y_axis} of the image only, expected a part with edges across the session's y, which \
              is {up_x:.2},{up_y:.2} (--up-px)"
         );
-        Ok(Axes { x: None, ..both })
+        Ok(Axes { x: None, ..both_axes })
     }
 }
 
@@ -229,11 +230,17 @@ fn draw(
             }),
         })
         .collect();
-    let picture = |number: usize, frame| match clip.frames.get(number) {
-        Some(result) => Picture::of_camera(&frame, settings, result),
-        None => Picture::of_sweep(&frame, imaging::sweep::State::Used, None),
-    };
-    let sheet = frame_pictures::draw(args, id, files, &shown, picture, out)?;
+    let sheet = frame_pictures::draw(
+        args,
+        id,
+        files,
+        &shown,
+        |number: usize, frame| match clip.frames.get(number) {
+            Some(result) => Picture::of_camera(&frame, settings, result),
+            None => Picture::of_sweep(&frame, imaging::sweep::State::Used, None),
+        },
+        out,
+    )?;
     if let Some(folder) = args.plots.as_deref().and_then(|folder| out.figures_folder(Some(folder))) {
         let figure = figures::displacement(id, &series.figure(clip))?;
         figures_file(folder, &format!("{id}.displacement"), &figure, out)?;
@@ -262,11 +269,12 @@ fn ruler(text: &str) -> Result<Ruler, String> {
 }
 
 fn direction(text: &str) -> Result<Direction, String> {
-    let of = |[x, y]: [f64; 2]| {
-        let length = x.hypot(y);
-        (length > 1e-9).then(|| Direction([x / length, y / length]))
-    };
-    numbers(text).and_then(of).ok_or_else(|| "expected a direction: DX,DY".to_owned())
+    numbers(text)
+        .and_then(|[x, y]| {
+            let length = x.hypot(y);
+            (length > 1e-9).then(|| Direction([x / length, y / length]))
+        })
+        .ok_or_else(|| "expected a direction: DX,DY".to_owned())
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
-/// Where the needle is, in the coordinates of the files.
+/// Position of the needle, in the coordinates of the files.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Shapes (slicer, fbg; the last four for ultrasound too)")]
 pub struct ShapeArgs {
@@ -57,7 +57,7 @@ pub enum Units {
     M,
 }
 
-/// Where the points come from.
+/// Source of the points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// Markups of 3D Slicer, in patient coordinates.
@@ -71,7 +71,7 @@ const STRAIGHT_M: f64 = 0.01;
 /// Directions that may be up in a file: in a room with a lying patient, and in the frame of a needle.
 const UP: [[f64; 3]; 2] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// What became of the shapes.
+/// Result of the shapes.
 #[derive(Serialize)]
 pub struct Imported {
     schema: &'static str,
@@ -126,11 +126,13 @@ pub fn run(
         Units::Mm => Some(LengthUnit::Millimetres),
         Units::M => Some(LengthUnit::Metres),
     };
-    let read = |path: &PathBuf| match source {
-        Source::Slicer => slicer(path),
-        Source::Fbg => poses(path, unit),
-    };
-    let needles: Vec<NeedlePoints> = paths.iter().map(read).collect::<Result<_, _>>()?;
+    let needles: Vec<NeedlePoints> = paths
+        .iter()
+        .map(|path| match source {
+            Source::Slicer => slicer(path),
+            Source::Fbg => poses(path, unit),
+        })
+        .collect::<Result<_, _>>()?;
     let first = needles.first().context("PATH: no file, expected one or more")?;
     let entry_m = setup.rig.entry_m;
     let frame = Frame::new(&straight(source, args, entry_m), first)?;
@@ -144,9 +146,9 @@ pub fn run(
     }
     let mut shapes = Vec::new();
     for needle in &needles {
-        let (shape, behind) = frame.shape(needle)?;
-        if behind > 0 {
-            notes.push(format!("{}: {behind} points behind guide 1: skipped", needle.path.display()));
+        let (shape, points_behind) = frame.shape(needle)?;
+        if points_behind > 0 {
+            notes.push(format!("{}: {points_behind} points behind guide 1: skipped", needle.path.display()));
         }
         shapes.push(shape);
     }
@@ -173,7 +175,7 @@ pub fn run(
             file.display()
         ));
     }
-    let [origin_m, axis, up] = frame.parts();
+    let [origin_m, axis, up_axis] = frame.parts();
     let imported = Imported {
         schema: "guide.import/2",
         session: to.to_owned(),
@@ -186,7 +188,7 @@ pub fn run(
             has_force: args.force.is_some(),
             origin_mm: origin_m.map(|m| 1e3 * m),
             axis,
-            up,
+            up: up_axis,
         },
         notes,
     };
@@ -194,7 +196,7 @@ pub fn run(
     out.result(&imported, &imported)
 }
 
-/// What the user states of the straight needle, and what is usual otherwise.
+/// Straight needle by the user's statements, with usual values otherwise.
 fn straight(source: Source, args: &ShapeArgs, entry_m: f64) -> Straight {
     let fitted = args.straight_mm.map(|mm| Axis::Fitted(1e-3 * mm));
     let usual = match source {
@@ -207,7 +209,7 @@ fn straight(source: Source, args: &ShapeArgs, entry_m: f64) -> Straight {
         origin_m: origin_m.or(usual_origin),
         origin_z_m: args.origin_z_mm.map_or(entry_m, |mm| 1e-3 * mm),
         axis: args.axis.map(Axis::Given).or(fitted).unwrap_or(usual),
-        // What is given is meant, along the needle or not.
+        // A stated direction is used as it is, along the needle or not.
         up: args.up.map_or(UP, |up| [up, up]),
     }
 }
@@ -226,8 +228,8 @@ pub fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow
         .map(|path| Ok::<_, anyhow::Error>((path, ForceSeries::read(path)?)))
         .transpose()?;
     if !args.time_s.is_empty() {
-        let (given, wrong) = (args.time_s.len(), args.time_s.iter().find(|time_s| !time_s.is_finite()));
-        ensure!(given == count, "--time-s: {given} times, expected {count}: one for each file");
+        let (given_count, wrong) = (args.time_s.len(), args.time_s.iter().find(|time_s| !time_s.is_finite()));
+        ensure!(given_count == count, "--time-s: {given_count} times, expected {count}: one for each file");
         ensure!(wrong.is_none(), "--time-s: {}, expected seconds", wrong.copied().unwrap_or_default());
         return Ok(Some(args.time_s.clone()));
     }
@@ -239,12 +241,12 @@ pub fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow
             "--time-s: missing, expected a time for each of {count} files, or --force to take them from its holds"
         );
     };
-    let (displaced, all) = hold_times_s(path, force, id, depth_m);
-    [displaced.clone(), all.clone()].into_iter().find(|times_s| times_s.len() == count).map(Some).with_context(|| {
+    let (displaced, all_times_s) = hold_times_s(path, force, id, depth_m);
+    [displaced.clone(), all_times_s.clone()].into_iter().find(|times_s| times_s.len() == count).map(Some).with_context(|| {
         format!(
             "{}: {} holds, {} of them displaced, expected one for each of {count} files; or give --time-s",
             path.display(),
-            all.len(),
+            all_times_s.len(),
             displaced.len()
         )
     })
@@ -261,12 +263,12 @@ fn hold_times_s(path: &Path, force: ForceSeries, id: &str, depth_m: f64) -> (Vec
         force,
         shape: ShapeSeries::default(),
     };
-    let found = holds(&run, &HoldCriteria::default());
+    let detected_holds = holds(&run, &HoldCriteria::default());
     let middle = |[from_s, to_s]: [f64; 2]| 0.5 * (from_s + to_s);
-    let displaced = found.iter().filter(|level| level.path != LevelPath::Zero);
+    let displaced = detected_holds.iter().filter(|level| level.path != LevelPath::Zero);
     (
         displaced.map(|level| middle(level.time_s)).collect(),
-        found.iter().map(|level| middle(level.time_s)).collect(),
+        detected_holds.iter().map(|level| middle(level.time_s)).collect(),
     )
 }
 
@@ -275,12 +277,11 @@ pub fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
     let together = |column: fn(&ShapeSeries) -> &[f64]| -> Vec<f64> {
         shapes.iter().flat_map(|shape| column(shape).iter().copied()).collect()
     };
-    let repeated = |times_s: &[f64]| -> Vec<f64> {
-        let each = shapes.iter().zip(times_s);
-        each.flat_map(|(shape, time_s)| std::iter::repeat_n(*time_s, shape.z_m.len())).collect()
-    };
     ShapeSeries {
-        time_s: times_s.map(repeated),
+        time_s: times_s.map(|times_s| -> Vec<f64> {
+            let timed_shapes = shapes.iter().zip(times_s);
+            timed_shapes.flat_map(|(shape, time_s)| std::iter::repeat_n(*time_s, shape.z_m.len())).collect()
+        }),
         z_m: together(|shape| &shape.z_m),
         y_m: together(|shape| &shape.y_m),
         x_m: Some(together(|shape| shape.x_m.as_deref().unwrap_or_default())),

@@ -13,14 +13,14 @@ use std::fs;
 use std::io::{self, BufRead, IsTerminal, Write as _};
 use std::path::{Path, PathBuf};
 
-/// What the columns of tables are.
+/// Meaning of the columns of tables.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Tables (table)")]
 pub struct TableArgs {
-    /// What a column is, and its unit where the header does not state it: 'Force [g]=force_y_n:g'; a minus before the unit turns the
-    /// direction round; `#3` is the third column. Quantities: time_s, displacement_y_mm, force_y_n, displacement_x_mm, force_x_n; z_mm,
-    /// deflection_y_mm, deflection_x_mm of a shape; depth_mm, tip_y_mm, tip_x_mm, rotation_deg, guide2_y_mm, guide2_x_mm of an insertion
-    /// (default: found by names and units)
+    /// Quantity of a column, and its unit if the header does not state it: 'Force [g]=force_y_n:g'; a minus before the
+    /// unit turns the direction round; `#3` is the third column. Quantities: time_s, displacement_y_mm, force_y_n,
+    /// displacement_x_mm, force_x_n; z_mm, deflection_y_mm, deflection_x_mm of a shape; depth_mm, tip_y_mm, tip_x_mm,
+    /// rotation_deg, guide2_y_mm, guide2_x_mm of an insertion (default: found by names and units)
     #[arg(long = "map", value_name = "COLUMN=QUANTITY[:UNIT]", value_parser = choice)]
     maps: Vec<Choice>,
     /// Columns as a file states them that --save-map has written, or another hand
@@ -42,7 +42,7 @@ pub struct TableArgs {
     /// Rows a second, where there is no column of times
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate_hz: Option<f64>,
-    /// Where the displacement is 0 (auto: where the run begins, if it is never near 0)
+    /// Zero of the displacement (auto: where the run begins, if it is never near 0)
     #[arg(long, value_enum, default_value = "auto")]
     zero: ZeroArg,
     /// Every file is a run of its own (as the files of a folder are); otherwise all are parts of one
@@ -75,7 +75,7 @@ fn rate(text: &str) -> Result<f64, String> {
     hz.ok_or_else(|| "expected rows a second from 0.001 to 1000000".to_owned())
 }
 
-/// What was imported.
+/// Imported run.
 #[derive(Serialize)]
 struct Imported {
     schema: &'static str,
@@ -152,16 +152,16 @@ pub fn run(
         "--id: has no meaning for {} runs, expected it for one: their names are those of the files",
         groups.len()
     );
-    let mut found: Vec<(Run, Taken)> = Vec::new();
+    let mut imported_runs: Vec<(Run, Taken)> = Vec::new();
     for group in &groups {
-        let taken = taken(group, &mapping, &options)?;
+        let columns_used = taken(group, &mapping, &options)?;
         let first = group.first().context("PATH: no file, expected one or more")?;
         let id = shapes.id.clone().unwrap_or_else(|| id_of(first));
-        found.push((Run::new(id, &taken, shapes.depth_mm)?, taken));
+        imported_runs.push((Run::new(id, &columns_used, shapes.depth_mm)?, columns_used));
     }
-    let chosen = found.first().map(|(_, taken)| taken.mapping.clone()).unwrap_or_default();
+    let chosen = imported_runs.first().map(|(_, taken)| taken.mapping.clone()).unwrap_or_default();
     let again = again(paths, shapes, args, &chosen, to, rig);
-    for (run, _) in &found {
+    for (run, _) in &imported_runs {
         out.note(format_args!("{}", Echo(run)));
     }
     out.note(format_args!("again: {again}"));
@@ -172,13 +172,13 @@ pub fn run(
         fs::write(path, chosen.to_toml()).with_context(|| format!("{}: cannot write", path.display()))?;
     }
     let mut session = SessionWriter::open(to, setup)?;
-    for (run, taken) in &found {
+    for (run, taken) in &imported_runs {
         if let Err(error) = write(&mut session, run, taken) {
             session.undo();
             return Err(error);
         }
     }
-    let runs = found.into_iter().map(|(run, _)| run).collect();
+    let runs = imported_runs.into_iter().map(|(run, _)| run).collect();
     let imported = Imported { schema: "guide.import/2", session: to.to_owned(), runs, again };
     out.result(&imported, &imported)
 }
@@ -194,14 +194,18 @@ fn groups(paths: &[PathBuf], each: bool) -> anyhow::Result<Vec<Vec<PathBuf>>> {
     };
     for folder in folders {
         let entries = fs::read_dir(&folder).with_context(|| format!("{}: cannot read", folder.display()))?;
-        let is_table = |path: &PathBuf| {
-            let is_hidden = path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
-            let known = ["csv", "txt", "tsv", "dat", "xlsx", "xls", "ods", "mat", "mcap"];
-            !is_hidden
-                && path.extension().is_some_and(|e| known.iter().any(|known| e.eq_ignore_ascii_case(known)))
-        };
-        let mut files: Vec<PathBuf> =
-            entries.filter_map(Result::ok).map(|entry| entry.path()).filter(is_table).collect();
+        let mut files: Vec<PathBuf> = entries
+            .filter_map(Result::ok)
+            .map(|entry| entry.path())
+            .filter(|path| {
+                let is_hidden = path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
+                let extensions = ["csv", "txt", "tsv", "dat", "xlsx", "xls", "ods", "mat", "mcap"];
+                !is_hidden
+                    && path.extension().is_some_and(|e| {
+                        extensions.iter().any(|extensions| e.eq_ignore_ascii_case(extensions))
+                    })
+            })
+            .collect();
         ensure!(
             !files.is_empty(),
             "{}: no tables, expected files such as .csv, .txt or .xlsx",
@@ -325,7 +329,7 @@ fn again(
     join(words.iter().map(String::as_str))
 }
 
-/// What was taken for what.
+/// Quantities that columns were taken for.
 struct Echo<'a>(&'a Run);
 
 impl Display for Echo<'_> {

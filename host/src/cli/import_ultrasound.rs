@@ -25,7 +25,7 @@ use recorded::RecordedRun;
 use reference::refer_to_zero;
 use std::path::{Path, PathBuf};
 
-/// How frames show the needle.
+/// Frames that show the needle.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Frames (ultrasound)")]
 pub struct FrameArgs {
@@ -82,14 +82,14 @@ pub struct FrameArgs {
     /// those of its first hold at zero displacement
     #[arg(long, value_name = "ID", conflicts_with_all = ["paths", "id", "force", "depth_mm", "time_s"])]
     pub run: Option<String>,
-    /// How uncertain the position of the first frame is: an error that all points of the run share
+    /// Uncertainty of the position of the first frame: an error that all points of the run share
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = import_shapes::millimetres)]
     sweep_start_sd_mm: f64,
-    /// How uncertain the lag is that is given with --lag-s
+    /// Uncertainty of the lag of --lag-s
     #[arg(long, value_name = "SECONDS", requires = "lag_s")]
     lag_sd_s: Option<f64>,
-    /// How much positions lag behind images with the same time stamp; negative where images lag (default: estimated, where the probe
-    /// goes forth and back; otherwise 0)
+    /// Delay of positions after images with the same time stamp; negative if images are later (default: estimated,
+    /// where the probe goes forth and back; otherwise 0)
     #[arg(long, value_name = "SECONDS")]
     lag_s: Option<f64>,
 }
@@ -103,11 +103,11 @@ impl FrameArgs {
         let Self {
             straight, straight_px, spacing_mm, orientation, region, sweep_start_mm, lag_s, run, ..
         } = self;
-        let place =
+        let is_place_given =
             [&self.step_mm, &self.speed_mm_per_s, sweep_start_mm, lag_s].iter().any(|given| given.is_some());
         let image =
             straight_px.is_some() || spacing_mm.is_some() || orientation.is_some() || region.is_some();
-        place
+        is_place_given
             || image
             || straight.is_some()
             || run.is_some()
@@ -125,7 +125,7 @@ impl FrameArgs {
             "--tracker-to-guide: has no meaning without a pose of the probe, expected --transform or --calibration with it"
         );
         let start_mm = self.sweep_start_mm.unwrap_or(1e3 * setup.rig.entry_m);
-        let place = match (self.step_mm, self.speed_mm_per_s, &self.z_field, &self.transform) {
+        let frame_place = match (self.step_mm, self.speed_mm_per_s, &self.z_field, &self.transform) {
             (Some(step_mm), ..) => Place::Step { start_mm, step_mm },
             (_, Some(mm_per_s), ..) => Place::Speed { start_mm, mm_per_s },
             (_, _, Some(name), _) => {
@@ -153,7 +153,7 @@ impl FrameArgs {
             spacing_mm: calibration.map(|of| of.spacing_mm).or(self.spacing_mm),
             orientation: self.orientation,
             region: self.region,
-            place,
+            place: frame_place,
             lag_s: self.lag_s,
         })
     }
@@ -193,15 +193,16 @@ pub fn run(
     };
     // A straight needle that is given was imaged at another time: guide 2 is taken to have been at zero.
     let is_given = args.straight.is_some() || args.straight_px.is_some();
-    let own = recorded.as_ref().filter(|_| !is_given).and_then(|recorded| recorded.straight.as_ref());
-    let of_straight = args.straight.as_ref().or(own.map(|(path, _)| path));
+    let recorded_straight =
+        recorded.as_ref().filter(|_| !is_given).and_then(|recorded| recorded.straight.as_ref());
+    let of_straight = args.straight.as_ref().or(recorded_straight.map(|(path, _)| path));
     let mut of_straight =
         of_straight.map(|path| one(std::slice::from_ref(path), &settings, out)).transpose()?;
     let mut of_sweeps: Vec<(PathBuf, Sweep, Imaged)> =
         sweeps.iter().map(|files| one(files, &settings, out)).collect::<anyhow::Result<_>>()?;
     alike::check(of_straight.iter().chain(&of_sweeps).map(|(path, _, imaged)| (path, imaged)))?;
-    let all = of_straight.iter_mut().chain(&mut of_sweeps);
-    share_noise(&mut all.map(|(_, sweep, _)| sweep).collect::<Vec<_>>());
+    let all_sweeps = of_straight.iter_mut().chain(&mut of_sweeps);
+    share_noise(&mut all_sweeps.map(|(_, sweep, _)| sweep).collect::<Vec<_>>());
     let straight = of_straight.map(straight).transpose()?;
     let mut sheets: Vec<Vec<u8>> = Vec::new();
     let mut measured: Vec<(PathBuf, Sweep, Vec<Deflection>)> = Vec::new();
@@ -218,7 +219,7 @@ pub fn run(
         let points = deflections(&sweep.points(), &line);
         measured.push((path, sweep, points));
     }
-    if let (Some(recorded), Some((_, zero_hold))) = (&recorded, own) {
+    if let (Some(recorded), Some((_, zero_hold))) = (&recorded, recorded_straight) {
         let mut points: Vec<Vec<Deflection>> =
             measured.iter_mut().map(|(_, _, points)| std::mem::take(points)).collect();
         refer_to_zero(&mut points, &recorded.displacements_mm, *zero_hold);
@@ -253,7 +254,7 @@ pub fn run(
         *column = column.take().filter(|of| of.iter().any(|value| *value != 0.0));
     }
     let has_force = recorded.is_some() || shapes.force.is_some();
-    let straight_mm = own.map(|(_, zero_hold)| zero_hold.at_mm);
+    let straight_mm = recorded_straight.map(|(_, zero_hold)| zero_hold.at_mm);
     let mut document = Imported::new(to, &id, depth_mm, times_s, has_force, &measured, straight.as_ref())?;
     document.straight_displacement_mm = straight_mm;
     let mut session = SessionWriter::open(to, setup)?;
@@ -332,24 +333,26 @@ fn draw(
         })
         .collect();
     let Geometry { orientation, .. } = Geometry::new(open(files)?.header(), settings)?;
-    let picture = |number: usize, frame: imaging::frame::Frame| {
-        let result = sweep.frames.get(number);
-        let (state, candidate) =
-            result.map_or((State::Invalid, None), |result| (result.state, result.candidate.as_ref()));
-        Picture::of_sweep(&frame.oriented(orientation), state, candidate)
-    };
     let name = files.first().map(|path| name_of(path)).unwrap_or_default();
-    frame_pictures::draw(args, &name, files, &shown, picture, out)
+    frame_pictures::draw(
+        args,
+        &name,
+        files,
+        &shown,
+        |number: usize, frame: imaging::frame::Frame| {
+            let result = sweep.frames.get(number);
+            let (state, candidate) =
+                result.map_or((State::Invalid, None), |result| (result.state, result.candidate.as_ref()));
+            Picture::of_sweep(&frame.oriented(orientation), state, candidate)
+        },
+        out,
+    )
 }
 
 /// Columns of a sweep whose points share an error of their positions of this standard deviation.
 fn series(points: &[Deflection], shared_sd_mm: f64) -> ShapeSeries {
     let column =
         |of: fn(&Deflection) -> f64| -> Vec<f64> { points.iter().map(|point| 1e-3 * of(point)).collect() };
-    let image = |point: &Deflection| ShapeImage {
-        beam_rad: point.motion.beam_rad,
-        probe_m_per_s: 1e-3 * point.motion.mm_per_s,
-    };
     let shared = |axis: usize, error: usize| -> Option<Vec<f64>> {
         Some(points.iter().map(|point| 1e-3 * point.shared_mm[axis][error]).collect())
     };
@@ -360,7 +363,15 @@ fn series(points: &[Deflection], shared_sd_mm: f64) -> ShapeSeries {
         x_m: Some(column(|point| point.across_mm[0])),
         y_sd_m: Some(column(|point| point.sd_mm[1])),
         x_sd_m: Some(column(|point| point.sd_mm[0])),
-        images: Some(points.iter().map(image).collect()),
+        images: Some(
+            points
+                .iter()
+                .map(|point| ShapeImage {
+                    beam_rad: point.motion.beam_rad,
+                    probe_m_per_s: 1e-3 * point.motion.mm_per_s,
+                })
+                .collect(),
+        ),
         z_shared_sd_m: Some(vec![1e-3 * shared_sd_mm; points.len()]),
         // The vertical plane first.
         shared_m: [1, 0].map(|axis: usize| [0, 1, 2].map(|error: usize| shared(axis, error))),
@@ -369,9 +380,9 @@ fn series(points: &[Deflection], shared_sd_mm: f64) -> ShapeSeries {
 
 /// So many numbers, separated by commas or blanks.
 pub fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
-    let parts = text.split([',', ' ']).filter(|part| !part.is_empty());
+    let number_texts = text.split([',', ' ']).filter(|part| !part.is_empty());
     let numbers: Option<Vec<f64>> =
-        parts.map(|part| part.parse().ok().filter(|n: &f64| n.is_finite())).collect();
+        number_texts.map(|part| part.parse().ok().filter(|n: &f64| n.is_finite())).collect();
     numbers?.try_into().ok()
 }
 
@@ -407,8 +418,8 @@ pub fn orientation(text: &str) -> Result<Orientation, String> {
 
 /// A part of a frame: X,Y,W,H.
 pub fn region(text: &str) -> Result<Region, String> {
-    let parts: Option<Vec<usize>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-    match parts.as_deref() {
+    let pixels: Option<Vec<usize>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    match pixels.as_deref() {
         Some(&[x, y, width, height]) if width > 0 && height > 0 => Ok(Region { x, y, width, height }),
         _ => Err("expected whole pixels: X,Y,W,H".to_owned()),
     }
@@ -423,13 +434,13 @@ fn matrix(text: &str) -> Result<Matrix, String> {
 /// Share of rejected frames from which the user is warned.
 const MANY_REJECTED: f64 = 0.3;
 
-/// What is worth a warning about a sweep.
+/// Remarks about a sweep that deserve a warning.
 fn remarks(path: &Path, sweep: &Sweep) -> Vec<String> {
-    let (used, all) = (sweep.count(State::Used), sweep.frames.len());
+    let (used_count, frame_count) = (sweep.count(State::Used), sweep.frames.len());
     let mut remarks = Vec::new();
-    if ((all - used) as f64) > MANY_REJECTED * all as f64 {
+    if ((frame_count - used_count) as f64) > MANY_REJECTED * frame_count as f64 {
         remarks.push(format!(
-            "{}: {used} of {all} frames are used: see the states, and --overlay for pictures",
+            "{}: {used_count} of {frame_count} frames are used: see the states, and --overlay for pictures",
             path.display()
         ));
     }

@@ -41,23 +41,23 @@ const PLAN: &str = "plan.toml";
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let session = args.dir.join("session.toml");
-    let wanted: Vec<(PathBuf, &str)> = if args.example {
+    let files_to_write: Vec<(PathBuf, &str)> = if args.example {
         vec![(args.dir.join(PLAN), template::EXAMPLE_PLAN)]
     } else {
         let tables = template::TABLES.iter().map(|(name, text)| (args.dir.join(name), *text));
         std::iter::once((session.clone(), template::SESSION)).chain(tables).collect()
     };
-    for path in wanted.iter().map(|(path, _)| path).chain([&session]) {
+    for path in files_to_write.iter().map(|(path, _)| path).chain([&session]) {
         ensure!(!path.exists(), "{}: is there already, expected a folder without it", path.display());
     }
     let made_folder = !args.dir.exists();
     fs::create_dir_all(&args.dir).with_context(|| format!("{}: cannot create", args.dir.display()))?;
-    let mut made: Vec<&Path> = Vec::new();
-    let begun = wanted.iter().try_for_each(|(path, text)| {
+    let mut written_paths: Vec<&Path> = Vec::new();
+    let begun = files_to_write.iter().try_for_each(|(path, text)| {
         // Never replaces a file, not even one that has come up since.
         files::write_new(path, text.as_bytes())
             .with_context(|| format!("{}: cannot write", path.display()))?;
-        made.push(path);
+        written_paths.push(path);
         Ok(())
     });
     let begun = begun.and_then(|()| {
@@ -69,13 +69,13 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     });
     if let Err(error) = begun {
         // All of it or nothing, so that the same command works once there is room.
-        made.iter().for_each(|path| drop(fs::remove_file(path)));
+        written_paths.iter().for_each(|path| drop(fs::remove_file(path)));
         if made_folder {
             let _ = fs::remove_dir(&args.dir);
         }
         return Err(error);
     }
-    let mut files: Vec<PathBuf> = wanted.into_iter().map(|(path, _)| path).collect();
+    let mut files: Vec<PathBuf> = files_to_write.into_iter().map(|(path, _)| path).collect();
     if args.example {
         files.push(session);
     }

@@ -29,8 +29,8 @@ pub struct LiveArgs {
     /// Port of the device, as `guide ports` lists it, a socket, or tcp:HOST:PORT
     #[arg(long, value_name = "PORT", requires = "live")]
     port: Option<String>,
-    /// Where a tracker writes `depth_mm,tip_y_mm` line by line: a file, a pipe, or - for standard input; tracking
-    /// stops at its end
+    /// File in which a tracker writes `depth_mm,tip_y_mm` line by line: a file, a pipe, or - for standard input;
+    /// tracking stops at its end
     #[arg(long, value_name = "FILE", requires = "live")]
     tip: Option<String>,
     /// Motion program that the device runs meanwhile: a TOML file; tracking stops at its end
@@ -91,7 +91,7 @@ impl Display for Line {
     }
 }
 
-/// What the device has sent since the last line of the tracker.
+/// Mean of the device's samples since the last line of the tracker.
 #[derive(Debug, Clone, Copy, Default)]
 struct Mean {
     time_s: f64,
@@ -232,7 +232,7 @@ fn tip_lines(path: &str) -> anyhow::Result<Receiver<anyhow::Result<[f64; 2]>>> {
     Ok(receiver)
 }
 
-/// Nothing where the line is empty, a comment or the header.
+/// `None` if the line is empty, a comment or the header.
 fn parse(line: &str) -> anyhow::Result<Option<[f64; 2]>> {
     let line = line.trim();
     if line.is_empty() || line.starts_with('#') || line.starts_with("depth_mm") {

@@ -93,7 +93,7 @@ struct Cli {
     color: ColorChoice,
 }
 
-/// What `guide` can do.
+/// Commands of `guide`.
 #[derive(Subcommand)]
 enum Command {
     Ports(ports::Args),
@@ -247,8 +247,10 @@ mod tests {
             for part in command.get_subcommands() {
                 each(part, &[names, &[part.get_name()]].concat(), options);
             }
-            let of_value = |arg: &&clap::Arg| arg.get_action().takes_values() && !arg.is_require_equals_set();
-            for arg in command.get_arguments().filter(of_value) {
+            for arg in command
+                .get_arguments()
+                .filter(|arg| arg.get_action().takes_values() && !arg.is_require_equals_set())
+            {
                 let Some(long) = arg.get_long() else { continue };
                 let option = format!("--{long}");
                 let line = names.iter().copied().chain([option.as_str(), "-1"]);

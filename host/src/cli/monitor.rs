@@ -29,7 +29,7 @@ const LINE: Duration = Duration::from_millis(90);
 /// Device time that is streamed for one frame as text, seconds, and its size.
 const ONCE_S: f64 = 2.0;
 const ONCE_SIZE: (u16, u16) = (80, 24);
-/// How long that may take.
+/// Time limit of the command.
 const ONCE_LIMIT: Duration = Duration::from_secs(60);
 
 /// Watch the device live: force, position, stiffness, faults, link; jog, home, tare, stop and clear by keys
@@ -40,7 +40,7 @@ const ONCE_LIMIT: Duration = Duration::from_secs(60);
 pub struct Args {
     #[command(flatten)]
     port: PortArgs,
-    /// How long, seconds (default: until q or an interrupt)
+    /// Duration, seconds (default: until q or an interrupt)
     #[arg(long, value_name = "SECONDS", value_parser = duration_s)]
     duration_s: Option<f64>,
     /// Stream two seconds of the device's time, print the screen once as plain text, 80 by 24, and end
@@ -58,7 +58,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// What compares the force with a model, where one is given.
+    /// Comparison of the force with a model, if one is given.
     fn follower(&self) -> anyhow::Result<Option<Follower>> {
         let (Some(path), Some(rig), Some(depth_mm)) = (&self.follow, &self.rig, self.depth_mm) else {
             return Ok(None);
@@ -92,7 +92,7 @@ impl Watch {
         let worker = Worker::start(client, {
             let state = Arc::clone(&state);
             move |event| {
-                let found = match (&event, &mut follower) {
+                let departures = match (&event, &mut follower) {
                     (LinkEvent::Telemetry(Telemetry::Samples(batch)), Some(follower)) => {
                         follower.push(&batch.points)
                     }
@@ -100,7 +100,7 @@ impl Watch {
                 };
                 let (mut state, now_s) = (lock(&state), began.elapsed().as_secs_f64());
                 state.take(event, now_s);
-                for parted in found {
+                for parted in departures {
                     state.take(LinkEvent::Parted(parted.sentence(parted.time_of_day())), now_s);
                 }
             }
@@ -145,8 +145,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     }
     let watch = Watch::begin(args)?;
     let worker = Arc::downgrade(&watch.worker);
-    let stop = move || worker.upgrade().into_iter().for_each(|worker| worker.send(UserCommand::Stop));
-    ends_with_its_terminal(watch.interrupted, stop).context("cannot watch the terminal")?;
+    ends_with_its_terminal(watch.interrupted, move || {
+        worker.upgrade().into_iter().for_each(|worker| worker.send(UserCommand::Stop))
+    })
+    .context("cannot watch the terminal")?;
     // Has a panic restore the terminal too, before it prints its message.
     let mut terminal = ratatui::try_init().context("cannot use the terminal")?;
     let outcome = screen(&watch, &mut terminal);
@@ -178,8 +180,8 @@ fn once(watch: &Watch, out: &mut Output) -> anyhow::Result<()> {
     while watch.goes_on()? {
         {
             let state = watch.state();
-            if let Some(down) = state.down() {
-                bail!("{}", down.reason);
+            if let Some(disconnection) = state.down() {
+                bail!("{}", disconnection.reason);
             }
             if state.streamed_s() >= ONCE_S {
                 let (now_s, (width, height)) = (watch.now_s(), ONCE_SIZE);

@@ -1,4 +1,4 @@
-//! Where a sub-command's words go: results to standard output, remarks to standard error.
+//! Output of a sub-command: results to standard output, remarks to standard error.
 
 use super::colour;
 use crate::foreign::{Form, printable};
@@ -26,7 +26,7 @@ pub struct Output {
     sink: Sink,
 }
 
-/// Where results, remarks and figures go.
+/// Destination of results, remarks and figures.
 enum Sink {
     /// To the streams of this process, figures to files.
     Process(BufWriter<Stdout>),
@@ -34,7 +34,7 @@ enum Sink {
     Memory(Memory),
 }
 
-/// What a sub-command has written for its caller.
+/// Output of a sub-command for its caller.
 pub struct Memory {
     pub document: Vec<u8>,
     pub notes: RefCell<Vec<String>>,
@@ -56,7 +56,7 @@ impl Output {
         Self { json: true, coloured: false, sink: Sink::Memory(memory) }
     }
 
-    /// What was kept for the caller.
+    /// Output that was kept for the caller.
     pub fn into_memory(self) -> Option<Memory> {
         match self.sink {
             Sink::Process(_) => None,
@@ -127,7 +127,7 @@ impl Output {
 }
 
 impl Memory {
-    /// Nothing was written.
+    /// Memory without output.
     pub fn empty() -> Self {
         Self {
             document: Vec::new(),

@@ -19,20 +19,22 @@ pub fn define(arguments: &[OsString]) -> anyhow::Result<()> {
 
 /// Files that arguments name; nothing after `--`.
 fn files(arguments: &[OsString]) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    let mut rest = arguments.iter();
-    while let Some(argument) = rest.next() {
+    let mut effect_files = Vec::new();
+    let mut remaining_arguments = arguments.iter();
+    while let Some(argument) = remaining_arguments.next() {
         match argument.to_str() {
             Some("--") => break,
-            Some(OPTION) => found.extend(rest.next().map(PathBuf::from)),
+            Some(OPTION) => effect_files.extend(remaining_arguments.next().map(PathBuf::from)),
             Some(text) => {
-                let path = text.strip_prefix(OPTION).and_then(|rest| rest.strip_prefix('='));
-                found.extend(path.map(PathBuf::from));
+                let path = text
+                    .strip_prefix(OPTION)
+                    .and_then(|remaining_arguments| remaining_arguments.strip_prefix('='));
+                effect_files.extend(path.map(PathBuf::from));
             }
             None => {}
         }
     }
-    found
+    effect_files
 }
 
 #[cfg(test)]

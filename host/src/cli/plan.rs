@@ -102,9 +102,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         ("--youngs-kpa", &args.youngs_kpa, FoundationKind::Body)
     };
     if let Some(stated) = tissue.foundation.filter(|stated| *stated != kind) {
-        let other = if kind == FoundationKind::Body { "--k-kpa" } else { "--youngs-kpa" };
+        let conflicting_option = if kind == FoundationKind::Body { "--k-kpa" } else { "--youngs-kpa" };
         bail!(
-            "{option}: {} states foundation = \"{}\" in [tissue], expected {other}",
+            "{option}: {} states foundation = \"{}\" in [tissue], expected {conflicting_option}",
             args.rig.display(),
             stated.name()
         );
@@ -170,7 +170,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 struct Planned<'a> {
     #[serde(flatten)]
     plan: &'a Plan,
-    /// That run made twice, because what one run alone shows is not confirmed.
+    /// Check of that run made twice, because one run alone confirms no effect.
     #[serde(skip_serializing_if = "Option::is_none")]
     check: Option<&'a Check>,
 }
@@ -188,7 +188,8 @@ impl Display for Planned<'_> {
     }
 }
 
-/// What a run shows if it is made twice, of a modulus in the middle of the range: by a session that is simulated as planned.
+/// Expected result of a run that is made twice, with a modulus in the middle of the range: by a session that is
+/// simulated as planned.
 fn checked(args: &Args, question: &PlanInput, best: &Choice) -> anyhow::Result<Check> {
     let [least, most] = question.modulus_range_pa;
     let modulus_pa = Some((least * most).sqrt());
@@ -217,7 +218,7 @@ fn checked(args: &Args, question: &PlanInput, best: &Choice) -> anyhow::Result<C
         shape_m: Some(question.shape_sd_m),
         ..Noise::default()
     };
-    let made = plan.carry_out(&rig, Sensors::new(&noise), 1)?;
+    let simulated = plan.carry_out(&rig, Sensors::new(&noise), 1)?;
     let session = Session {
         dir: args.rig.clone(),
         name: None,
@@ -225,7 +226,7 @@ fn checked(args: &Args, question: &PlanInput, best: &Choice) -> anyhow::Result<C
         fixture_mass_kg: None,
         noise,
         tissue: Setup::read(&args.rig)?.tissue,
-        lateral: made.lateral,
+        lateral: simulated.lateral,
         insertion: Vec::new(),
         indentation: Vec::new(),
         steering: Vec::new(),

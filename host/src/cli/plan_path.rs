@@ -22,7 +22,8 @@ use steering::{
                   --guide-force-n 4 --plots figures"
 )]
 pub struct Args {
-    /// What a plant states (needle/1) as a JSON file, or a session folder: needle, guides, noise, and K of its lateral runs
+    /// Statement of a plant (needle/1) as a JSON file, or a session folder: needle, guides, noise, and K of its lateral
+    /// runs
     source: PathBuf,
     /// Target: across the needle's axis, and its depth beyond the surface, millimetres
     #[arg(long, value_name = "X,Y,DEPTH", value_parser = target, allow_hyphen_values = true)]
@@ -42,7 +43,7 @@ pub struct Args {
     /// Take K from this model file (model.toml) instead of the session's lateral runs
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// What is known of the rig (characterized.toml of `guide characterize --out`)
+    /// Characterized rig (characterized.toml of `guide characterize --out`)
     #[arg(long, value_name = "FILE")]
     characterized: Option<PathBuf>,
     /// Folder for figures: planned path, and the plane of the target, as SVG
@@ -50,8 +51,9 @@ pub struct Args {
     plots: Option<PathBuf>,
 }
 
-/// What a session does not state of a rig that steers: travel, mm; force, N; speeds, mm/s and degrees/s; tip sensor's noise, mm, delay, s,
-/// and rate, Hz; error of guide 2, mm; how much further a needle may go than a target, mm.
+/// Values of a rig that steers which a session does not state: travel, mm; force, N; speeds, mm/s and degrees/s; tip
+/// sensor's noise, mm, delay, s, and rate, Hz; error of guide 2, mm; how much further a needle may go than a target,
+/// mm.
 const TRAVEL_MM: f64 = 6.0;
 const FORCE_N: f64 = 8.0;
 const GUIDE_SPEED_MM_S: f64 = 2.0;
@@ -69,7 +71,7 @@ const DEEPEST_MM: f64 = 200.0;
 struct Document<'a> {
     schema: &'static str,
     source: String,
-    /// What was planned with.
+    /// Statement that was planned with.
     statement: &'a Statement,
     #[serde(flatten)]
     plan: &'a PathPlan,
@@ -132,7 +134,7 @@ fn of_file(path: &Path) -> anyhow::Result<Statement> {
     })
 }
 
-/// What a session states, and of a rig that steers what is usual.
+/// Statement of a session, with usual values for a rig that steers.
 fn of_session(session: &Session, args: &Args, warnings: &mut Vec<String>) -> anyhow::Result<Statement> {
     let rig = &session.rig;
     ensure!(
@@ -155,9 +157,9 @@ fn of_session(session: &Session, args: &Args, warnings: &mut Vec<String>) -> any
                 foundation: Some(FoundationChoice::Springs),
                 ..identify::Options::default()
             };
-            let found = identify(session, &springs)
+            let identification = identify(session, &springs)
                 .with_context(|| format!("{}: K of the lateral runs", session.dir.display()))?;
-            Some((found.pooled.k_kpa, found.pooled.sd_kpa / found.pooled.k_kpa))
+            Some((identification.pooled.k_kpa, identification.pooled.sd_kpa / identification.pooled.k_kpa))
         }
     };
     if foundation.is_none() {
@@ -268,8 +270,9 @@ impl Display for Text<'_> {
         }
         writeln!(f, "  depth     guide 2 from there on     tip expected there      sd")?;
         let guide = |depth_mm: f64| {
-            let at = plan.plan_depth_mm.iter().position(|one| (one - depth_mm).abs() < 1e-6);
-            at.and_then(|at| plan.plan_guide_mm.get(at))
+            let depth_index = plan.plan_depth_mm.iter().position(|one| (one - depth_mm).abs() < 1e-6);
+            depth_index
+                .and_then(|depth_index| plan.plan_guide_mm.get(depth_index))
                 .map_or_else(String::new, |[x, y]| format!("{x:+6.2}, {y:+6.2} mm"))
         };
         for one in &plan.path {

@@ -53,17 +53,17 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         draws: args.draws,
     };
     progress.set_message("effects and groups are compared".to_owned());
-    let found = summaries.and_then(|summaries| analyse(summaries, &options));
+    let analysed = summaries.and_then(|summaries| analyse(summaries, &options));
     progress.finish_and_clear();
-    let found = found.context("cannot analyse the population")?;
+    let population = analysed.context("cannot analyse the population")?;
     if let Some(path) = &args.out {
-        write_file(path, &prior_toml(&found))?;
+        write_file(path, &prior_toml(&population))?;
         out.note(format_args!("writing {}", path.display()));
     }
     if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
-        for (name, svg) in figures::population(&found)? {
+        for (name, svg) in figures::population(&population)? {
             figures_file(folder, &name, &svg, out)?;
         }
     }
-    out.result(&found, &found)
+    out.result(&population, &population)
 }

@@ -91,8 +91,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         Ok(())
     };
     in_range("--until", args.until, [5.0, 500.0])?;
-    if let Some(to) = args.to {
-        in_range("--to", to, [1.0, 500.0])?;
+    if let Some(end_mm) = args.to {
+        in_range("--to", end_mm, [1.0, 500.0])?;
     }
     let modulus_pa = match args.k_kpa.as_deref() {
         Some(&[k_kpa, sd_kpa]) => {
@@ -149,10 +149,10 @@ struct Text<'a> {
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let good: Vec<_> = self.result.insertions.iter().filter(|one| one.error.is_none()).collect();
-        let until_mm = good.first().map_or(0.0, |one| one.identified_until_mm);
+        let identified_until_mm = good.first().map_or(0.0, |one| one.identified_until_mm);
         writeln!(
             f,
-            "tip measured to {until_mm:.0} mm, predicted beyond (95 % band); tip load at that depth, before any rotation"
+            "tip measured to {identified_until_mm:.0} mm, predicted beyond (95 % band); tip load at that depth, before any rotation"
         )?;
         let width = good.iter().map(|one| one.id.chars().count()).fold(9, usize::max);
         writeln!(
@@ -168,12 +168,12 @@ impl Display for Text<'_> {
         if let Some(prior) = &self.result.prior {
             write_prior(f, prior, width)?;
         }
-        if let Some(found) = good.first().and_then(|one| one.learned.as_ref()?.k_per_ei.as_ref()) {
-            let [low, high] = found.ci95_per_m4;
+        if let Some(k_per_ei) = good.first().and_then(|one| one.learned.as_ref()?.k_per_ei.as_ref()) {
+            let [low, high] = k_per_ei.ci95_per_m4;
             writeln!(
                 f,
                 "K/(E I)      {:.3e} ({low:.3e} to {high:.3e}) 1/m^4; K is for E I = {:.4} N m^2",
-                found.k_per_ei_per_m4, found.reference_ei_n_m2
+                k_per_ei.k_per_ei_per_m4, k_per_ei.reference_ei_n_m2
             )?;
         }
         if self.compare {
@@ -191,7 +191,7 @@ fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usi
         (Some(n), Some(sd)) => format!("{:+.3} (sd {sd:.3}) N", unsigned_zero(n, 3)),
         _ => "-".to_owned(),
     };
-    // Where the prediction was last checked, or its end.
+    // Depth at which the prediction was last checked, or its end.
     let index = one.last_measured_mm.map_or(one.depth_mm.len().saturating_sub(1), |mm| mm.round() as usize);
     let at = |list: &[f64]| list.get(index).copied().unwrap_or(f64::NAN);
     let plane = |f: &mut fmt::Formatter<'_>,

@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// Where a recording goes.
+/// Destination of a recording.
 #[derive(clap::Args)]
 pub(super) struct SessionArgs {
     /// Session folder; a new run is added to one that exists
@@ -55,7 +55,7 @@ impl SessionArgs {
         Self { out, depth_mm: 0.0, rig, id: Some(id), raw: None, no_raw: false, follow: None }
     }
 
-    /// What follows the readings, where a model is given.
+    /// Comparison of the readings with a model, if one is given.
     fn follower(&self, setup: &Setup) -> anyhow::Result<Option<Follower>> {
         let Some(path) = &self.follow else { return Ok(None) };
         ensure!(self.depth_mm > 0.0, "--follow: in air no model has a force, expected a depth in tissue");
@@ -133,7 +133,7 @@ pub struct RecordArgs {
     port: PortArgs,
     #[command(flatten)]
     session: SessionArgs,
-    /// How long, seconds (default: until interrupted)
+    /// Duration, seconds (default: until interrupted)
     #[arg(long, value_name = "SECONDS", value_parser = duration_s)]
     duration_s: Option<f64>,
     #[command(flatten)]
@@ -154,7 +154,7 @@ struct Report<'a> {
     frames: Option<PathBuf>,
     /// Holds, sweeps and points that no result will use.
     unused: Vec<UnusedPart>,
-    /// How the force followed a model, where one was given.
+    /// Agreement of the force with a model, if one was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     followed: Option<Followed>,
 }
@@ -233,14 +233,15 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let live = args.publish.begin(&opened.setup.rig, &args.session.out, args.session.depth_mm, out)?;
     args.limit.set(&mut client)?;
     let options = args.start.options(true)?;
-    let about =
+    let conditions =
         Measured { command: "acquire", session: &args.session, tared, live, follower: follower.as_mut() };
     let id = opened.id.clone();
-    let (recorded, raw) = record_program(&mut client, opened, &program, ultrasound, options, about, out)?;
+    let (recorded, raw) =
+        record_program(&mut client, opened, &program, ultrasound, options, conditions, out)?;
     print("guide.acquire/1", &args.session, &id, recorded, raw.as_ref(), follower, out)
 }
 
-/// What a recorded program is recorded for.
+/// Conditions of a recorded program.
 pub(super) struct Measured<'a> {
     /// The sub-command.
     pub command: &'a str,
@@ -249,7 +250,7 @@ pub(super) struct Measured<'a> {
     pub tared: bool,
     /// Who follows it meanwhile.
     pub live: Option<Live>,
-    /// What compares it with a model.
+    /// Comparison with a model.
     pub follower: Option<&'a mut Follower>,
 }
 
@@ -314,7 +315,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
                 None => bail!(device::link::LinkError::Silent { port: args.port.port.clone() }),
             }
         }
-        // What comes after the last row is in neither.
+        // Telemetry after the last row is in neither.
         client.detach_tap();
         client.request(Request::Stream { enable: false })?;
         Ok(Recorded { link: client.losses(), ..recorder.recorded() })
@@ -341,8 +342,9 @@ impl AcquisitionObserver for Watch<'_> {
         if let Some(live) = &mut self.live {
             live.samples(batch);
         }
-        let found = self.follower.as_mut().map(|follower| follower.push(&batch.points)).unwrap_or_default();
-        for parted in found {
+        let departures =
+            self.follower.as_mut().map(|follower| follower.push(&batch.points)).unwrap_or_default();
+        for parted in departures {
             self.note(&format!("warning: {}", parted.sentence(parted.time_of_day())));
         }
     }
@@ -365,7 +367,7 @@ pub(super) struct Opened {
     pub setup: Setup,
 }
 
-/// Begins the raw recording, unless it is not wanted. Where its usual name is taken, by what is left of a run that never
+/// Begins the raw recording, unless it is not wanted. If its usual name is taken by remains of a run that never
 /// started, it gets another.
 fn start_raw(
     args: &SessionArgs,
@@ -383,8 +385,8 @@ fn start_raw(
         let mut names = std::iter::once(format!("{id}.mcap")).chain(again).map(|name| args.out.join(name));
         names.find(|path| !path.exists()).unwrap_or_default()
     });
-    let about = RecordingInfo::new(command, id, args.depth_mm, setup.to_toml(&path)?).with_tared(tared);
-    Ok(Some(RawRecorder::start(&path, about, client)?))
+    let info = RecordingInfo::new(command, id, args.depth_mm, setup.to_toml(&path)?).with_tared(tared);
+    Ok(Some(RawRecorder::start(&path, info, client)?))
 }
 
 /// Opens or creates the session and chooses the run's name.
@@ -409,9 +411,9 @@ pub(super) fn open_session(args: &SessionArgs) -> anyhow::Result<Opened> {
         session.characterized(&rig)?;
     }
     let id = args.id.clone().unwrap_or_else(|| {
-        let taken = session.lateral_ids();
+        let used_ids = session.lateral_ids();
         let name = |number: usize| format!("d{}-{number}", args.depth_mm);
-        (1..).map(name).find(|name| !taken.contains(name)).unwrap_or_default()
+        (1..).map(name).find(|name| !used_ids.contains(name)).unwrap_or_default()
     });
     Ok(Opened { session, id, setup })
 }
@@ -455,7 +457,8 @@ fn print(
     out.result(&report, &report)
 }
 
-/// What of a run no result will use. Where another run makes the session unreadable there is nothing to say here: `guide check` does.
+/// Rows of a run that no result will use. If another run makes the session unreadable there is no remark here: `guide
+/// check` does.
 fn unused_of(dir: &Path, id: &str) -> Vec<UnusedPart> {
     let Ok(session) = Session::read(dir) else { return Vec::new() };
     let run = session.lateral.iter().find(|run| run.id == id);

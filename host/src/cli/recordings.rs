@@ -66,7 +66,7 @@ enum Kind {
 #[derive(Serialize)]
 struct Report {
     schema: &'static str,
-    /// What was written.
+    /// Written file.
     #[serde(skip_serializing_if = "Option::is_none")]
     out: Option<PathBuf>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -168,8 +168,8 @@ pub fn run_info(args: &InfoArgs, out: &mut Output) -> anyhow::Result<()> {
 
 /// Runs `guide recover`.
 pub fn run_recover(args: &RecoverArgs, out: &mut Output) -> anyhow::Result<()> {
-    let to = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
-    let report = recovered("guide.recover/1", &args.file, &to)?;
+    let output_path = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
+    let report = recovered("guide.recover/1", &args.file, &output_path)?;
     out.result(&report, &report)
 }
 

@@ -35,13 +35,14 @@ pub struct Args {
     /// Edges of the block of tissue along x, y and the needle, millimetres (default: the rig file's; without any a half space)
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], requires = "sides")]
     body_mm: Option<Vec<f64>>,
-    /// Where the needle enters, from the corner of the block, millimetres (default: the middle)
+    /// Point at which the needle enters, from the corner of the block, millimetres (default: the
+    /// middle)
     #[arg(long, num_args = 2, value_names = ["X", "Y"], requires = "body_mm")]
     needle_at_mm: Option<Vec<f64>>,
-    /// How the sides of the block are
+    /// Mounting of the sides of the block
     #[arg(long, value_enum)]
     sides: Option<Sides>,
-    /// How the wall opposite to the surface is
+    /// Mounting of the wall opposite to the surface
     #[arg(long, value_enum, requires = "body_mm", value_name = "MOUNTING")]
     far_side: Option<Held>,
     /// Draw K/E over the size of a cube of tissue, with held and with free sides, as an SVG file
@@ -52,10 +53,10 @@ pub struct Args {
     table: bool,
 }
 
-/// How the sides of a block are.
+/// Mounting of a block's sides.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Sides {
-    /// Nothing touches them
+    /// The sides touch no wall
     Free,
     /// Bonded to a box
     Held,
@@ -63,10 +64,10 @@ enum Sides {
     Far,
 }
 
-/// How the far side of a block is.
+/// Mounting of a block's far side.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Held {
-    /// Nothing touches it
+    /// The far side touches no wall
     Free,
     /// Bonded to a plate
     Held,
@@ -119,7 +120,7 @@ struct Report {
     poisson: f64,
     /// The block that the tissue is; nothing for a half space.
     block: Option<BlockResult>,
-    /// Where no walls are stated.
+    /// Possible error if no walls are stated.
     not_stated: Option<UnknownWalls>,
     /// K/E over the size of a cube, where it is drawn.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -127,7 +128,7 @@ struct Report {
     /// K/E of a needle that does not bend.
     ratio_rigid: f64,
     relative_error: f64,
-    /// Of the columns for a needle that is held on one side only.
+    /// Relative error of the columns for a needle that is held on one side only.
     relative_error_one_sided: f64,
     /// Depths of this needle for which K/E is computed.
     depth_range_mm: [f64; 2],
@@ -214,19 +215,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let block = walls.and_then(Walls::block);
     let bonded = bonded.in_block(block)?;
     let one_sided = bonded.with_contact(Contact::OneSided);
-    let row = |youngs_kpa: &f64| -> anyhow::Result<Row> {
-        let k_kpa = |body: &Continuum| {
-            Ok::<f64, anyhow::Error>(1e-3 * foundation_modulus_pa(body, &rig, 1e3 * youngs_kpa, &measured)?)
-        };
-        let (k_kpa_bonded, k_kpa_one_sided) = (k_kpa(&bonded)?, k_kpa(&one_sided)?);
-        Ok(Row {
-            youngs_modulus_kpa: *youngs_kpa,
-            k_kpa_bonded,
-            ratio_bonded: k_kpa_bonded / youngs_kpa,
-            k_kpa_one_sided,
-            ratio_one_sided: k_kpa_one_sided / youngs_kpa,
-        })
-    };
     let of_block = if block.is_some() { Block::RELATIVE_ERROR } else { 0.0 };
     let relative_error = RELATIVE_ERROR.hypot(of_block);
     let report = Report {
@@ -244,7 +232,25 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         relative_error_one_sided: relative_error.hypot(Contact::OneSided.relative_error()),
         depth_range_mm,
         youngs_range_kpa,
-        rows: args.youngs_kpa.iter().map(row).collect::<anyhow::Result<_>>()?,
+        rows: args
+            .youngs_kpa
+            .iter()
+            .map(|youngs_kpa| -> anyhow::Result<Row> {
+                let k_kpa = |body: &Continuum| {
+                    Ok::<f64, anyhow::Error>(
+                        1e-3 * foundation_modulus_pa(body, &rig, 1e3 * youngs_kpa, &measured)?,
+                    )
+                };
+                let (k_kpa_bonded, k_kpa_one_sided) = (k_kpa(&bonded)?, k_kpa(&one_sided)?);
+                Ok(Row {
+                    youngs_modulus_kpa: *youngs_kpa,
+                    k_kpa_bonded,
+                    ratio_bonded: k_kpa_bonded / youngs_kpa,
+                    k_kpa_one_sided,
+                    ratio_one_sided: k_kpa_one_sided / youngs_kpa,
+                })
+            })
+            .collect::<anyhow::Result<_>>()?,
     };
     if let (Some(path), Some(cubes)) = (&args.plot, &report.cubes) {
         write_file(path, &figures::cubes(cubes)?)?;

@@ -92,8 +92,8 @@ fn page(args: &Args, dir: &Path, out: &mut Output) -> anyhow::Result<()> {
     let html = report.html();
     let path = args.out.clone().unwrap_or_else(|| dir.join("report.html"));
     write_file(&path, &html)?;
-    let done = Done::new(&session, &report, &analyses, &path, html.len());
-    out.result(&done, &done)
+    let written_report = Done::new(&session, &report, &analyses, &path, html.len());
+    out.result(&written_report, &written_report)
 }
 
 /// The command with what the report depends on: where it is written to, it does not.
@@ -109,7 +109,7 @@ fn command(args: &Args, dir: &Path) -> String {
     join(words.iter().map(String::as_str))
 }
 
-/// What was written.
+/// Written file.
 #[derive(Serialize)]
 struct Done<'a> {
     schema: &'static str,
@@ -125,7 +125,7 @@ struct Done<'a> {
     warnings: &'a [String],
 }
 
-/// How a section came out.
+/// State of a section.
 #[derive(Serialize)]
 struct SectionState<'a> {
     id: &'static str,

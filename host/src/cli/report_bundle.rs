@@ -22,7 +22,7 @@ pub fn make(session: &Session, wishes: &Wishes<'_>, path: &Path, out: &mut Outpu
     let bundle = bundle?;
     let bytes = bundle.archive(path)?;
     write_bytes(path, &bytes)?;
-    let made = Made {
+    let written_bundle = Made {
         schema: "guide.bundle_made/1",
         file: path.display().to_string(),
         bytes: bytes.len(),
@@ -30,7 +30,7 @@ pub fn make(session: &Session, wishes: &Wishes<'_>, path: &Path, out: &mut Outpu
         inputs: &bundle.list.inputs,
         results: &bundle.list.results,
     };
-    out.result(&made, &made)
+    out.result(&written_bundle, &written_bundle)
 }
 
 /// Verifies a bundle; the command fails where it is not as it was made, or gives other results here.
@@ -49,7 +49,7 @@ pub fn verify(path: &Path, out: &mut Output) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What was written.
+/// Written files.
 #[derive(Serialize)]
 struct Made<'a> {
     schema: &'static str,
@@ -71,7 +71,7 @@ impl Display for Made<'_> {
     }
 }
 
-/// How a bundle came out.
+/// Result of checking a bundle.
 #[derive(Serialize)]
 struct Checked<'a> {
     schema: &'static str,

@@ -1,4 +1,5 @@
-//! What the sub-commands that operate the rig share: port, interrupt, limit, running one step, reporting faults.
+//! Common parts of the sub-commands that operate the rig: port, interrupt, limit, running one step, reporting
+//! faults.
 
 use super::output::Output;
 use anyhow::bail;
@@ -104,7 +105,8 @@ fn confirmed() -> anyhow::Result<bool> {
     Ok(matches!(answer.trim(), "y" | "Y" | "yes"))
 }
 
-/// Where the guide has come to rest: means over the last readings of a motion, which ends when the guide has settled.
+/// Position at which the guide has come to rest: means over the last readings of a motion, which ends when the guide
+/// has settled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rest {
     /// Device time, seconds.

@@ -22,9 +22,10 @@ use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
-/// How often the program checks whether it is to end.
+/// Interval at which the program checks whether it is to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// How often the session's files are checked. They are read when they have not changed between two checks.
+/// Interval at which the session's files are checked. They are read when they have not changed between two
+/// checks.
 const FILE_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Publish results and live values over OpenIGTLink (3D Slicer, PLUS and others): guide, force, needle, tip, modulus, predicted path
@@ -57,7 +58,7 @@ pub struct Args {
     until: f64,
     #[command(flatten)]
     rate: RateArgs,
-    /// How long, seconds (default: until interrupted)
+    /// Duration, seconds (default: until interrupted)
     #[arg(long, value_name = "SECONDS", value_parser = super::record::duration_s)]
     duration_s: Option<f64>,
 }
@@ -126,7 +127,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 /// Publishes what the device streams; a lost connection is made again.
 fn follow(client: Client, live: &Arc<Mutex<Live>>, remarks: Sender<String>) -> anyhow::Result<Worker> {
     let live = Arc::clone(live);
-    let on_event = move |event| {
+    Worker::start(client, move |event| {
         let remark = match event {
             Event::Telemetry(Telemetry::Samples(batch)) => return lock(&live).samples(&batch),
             Event::Lost(reason) => format!("the connection to the device is lost: {reason}"),
@@ -135,10 +136,10 @@ fn follow(client: Client, live: &Arc<Mutex<Live>>, remarks: Sender<String>) -> a
                 return;
             }
         };
-        // Where there is no receiver left the program ends.
+        // If there is no receiver left the program ends.
         let _ = remarks.send(remark);
-    };
-    Worker::start(client, on_event).context("cannot start the link's thread")
+    })
+    .context("cannot start the link's thread")
 }
 
 /// The publisher, also where a thread has panicked while it held the lock: its state remains usable.
@@ -186,8 +187,9 @@ impl Results<'_> {
             }
         }
         if self.args.port.is_some() {
-            let found_kpa = found.map(|found| found.pooled.k_kpa);
-            let k_kpa = self.args.k_kpa.or(found_kpa).or(of_model.map(|[modulus_pa, _]| 1e-3 * modulus_pa));
+            let identified_kpa = found.map(|found| found.pooled.k_kpa);
+            let k_kpa =
+                self.args.k_kpa.or(identified_kpa).or(of_model.map(|[modulus_pa, _]| 1e-3 * modulus_pa));
             self.publish_tissue(&session, k_kpa, out);
         }
         lock(self.live).publisher().keep(&messages);
@@ -209,14 +211,14 @@ impl Results<'_> {
                 out,
             );
         };
-        let known = set_tissue_model(
+        let has_model = set_tissue_model(
             lock(self.live).scene(),
             &session.rig,
             1e3 * k_kpa,
             self.model.as_ref(),
             depth_mm,
         );
-        if let Err(error) = known {
+        if let Err(error) = has_model {
             self.note(format!("tip and shape of the needle are not published: {error:#}"), out);
         }
     }
@@ -250,12 +252,17 @@ impl FilesWatch {
 
     fn state(dir: &Path) -> Vec<(PathBuf, u64, SystemTime)> {
         let entries = std::fs::read_dir(dir).into_iter().flatten().flatten();
-        let of = |entry: std::fs::DirEntry| {
-            let about = entry.metadata().ok()?;
-            let is_one = entry.path().extension().is_some_and(|kind| kind == "csv" || kind == "toml");
-            (is_one && about.is_file()).then_some((entry.path(), about.len(), about.modified().ok()?))
-        };
-        let mut state: Vec<_> = entries.filter_map(of).collect();
+        let mut state: Vec<_> = entries
+            .filter_map(|entry| {
+                let metadata = entry.metadata().ok()?;
+                let is_one = entry.path().extension().is_some_and(|kind| kind == "csv" || kind == "toml");
+                (is_one && metadata.is_file()).then_some((
+                    entry.path(),
+                    metadata.len(),
+                    metadata.modified().ok()?,
+                ))
+            })
+            .collect();
         state.sort();
         state
     }

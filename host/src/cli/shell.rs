@@ -54,9 +54,9 @@ pub fn completions(args: &CompletionsArgs, out: &mut Output) -> anyhow::Result<(
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::command(), "guide", &mut script);
     let script = String::from_utf8(script).context("the completion script")?;
-    let found =
+    let completions =
         Completions { schema: "guide.completions/1", shell: args.shell.to_string(), script: script.clone() };
-    out.result(&found, script)
+    out.result(&completions, script)
 }
 
 /// Runs `guide man`.

@@ -43,7 +43,7 @@ pub struct Args {
     seed: u64,
 }
 
-/// What was simulated.
+/// Simulated session.
 #[derive(Serialize)]
 pub struct Made {
     schema: &'static str,
@@ -64,7 +64,7 @@ struct One {
     id: String,
     samples: usize,
     depth_mm: f64,
-    /// What is to be found: means over the inserted part.
+    /// True value: means over the inserted part.
     mean_stiffness_n_per_m2: f64,
     mean_damping_n_s_per_m2: f64,
 }
@@ -79,11 +79,11 @@ struct Recorded {
     shape_points: Option<usize>,
 }
 
-/// What is to be found in lateral runs and insertions.
+/// True values of lateral runs and insertions.
 #[derive(Serialize)]
 struct Truth {
     k_kpa: Option<f64>,
-    /// Of a body; nothing of springs.
+    /// Young's modulus of a body; `None` for springs.
     youngs_kpa: Option<f64>,
     poisson: Option<f64>,
     /// The block that the body is; nothing of a half space.
@@ -101,11 +101,11 @@ struct TrueEffect {
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let model = args.model.as_deref().map(ModelFile::read).transpose()?;
-    let made = make(&args.config, model.as_ref(), &args.out, args.seed)?;
-    if !made.runs.is_empty() && made.truth.as_ref().is_some_and(|truth| !truth.effects.is_empty()) {
+    let simulated = make(&args.config, model.as_ref(), &args.out, args.seed)?;
+    if !simulated.runs.is_empty() && simulated.truth.as_ref().is_some_and(|truth| !truth.effects.is_empty()) {
         out.note("the effects are those of the lateral runs and insertions: steering runs are without");
     }
-    out.result(&made, &made)
+    out.result(&simulated, &simulated)
 }
 
 /// Makes the session.
@@ -119,11 +119,11 @@ pub fn make(config: &Path, model: Option<&ModelFile>, folder: &Path, seed: u64) 
         "{name}:1:1: lateral, insertion, steering: missing, expected at least one [[lateral]], [[insertion]] or [[steering]]"
     );
     if setup.name.is_empty()
-        && let Some(own) = folder.file_name()
+        && let Some(folder_name) = folder.file_name()
     {
-        setup.name = own.to_string_lossy().into_owned();
+        setup.name = folder_name.to_string_lossy().into_owned();
     }
-    // What is simulated has walls only where they are stated.
+    // The simulated tissue has walls only if they are stated.
     setup.tissue.walls.get_or_insert(Walls::Far);
     let steered = steered(config, &setup, &steering, seed)?;
     let simulated = plan
@@ -170,11 +170,13 @@ fn steered(config: &Path, setup: &Setup, plan: &SteeringPlan, seed: u64) -> anyh
         tip_m: setup.noise.tip_m.unwrap_or(sensors::TIP_NOISE.mean()),
     };
     let rig = plan.rig(&setup.rig).with_context(|| format!("{name}: cannot simulate"))?;
-    let measured = |(number, run): (u64, &steering::Plan)| {
-        let truth = rig.carry_out(run).with_context(|| format!("{name}: steering {:?}", run.id))?;
-        Ok(truth.measure(sensors, seed, number))
-    };
-    (0..).zip(&plan.runs).map(measured).collect()
+    (0..)
+        .zip(&plan.runs)
+        .map(|(number, run)| {
+            let truth = rig.carry_out(run).with_context(|| format!("{name}: steering {:?}", run.id))?;
+            Ok(truth.measure(sensors, seed, number))
+        })
+        .collect()
 }
 
 impl One {

@@ -1,4 +1,5 @@
-//! What `guide status` and the commands that operate the rig report of the device, in the units of a user.
+//! Report of `guide status` and the commands that operate the rig about the device, in the units of a
+//! user.
 
 use super::output::Output;
 use super::rig_args::Rest;
@@ -11,10 +12,10 @@ use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::fmt::{self, Display};
 
-/// How much of it is printed as text.
+/// Amount of text that is printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Detail {
-    /// Where the guide is, and what has gone wrong.
+    /// Position of the guide, and errors.
     Brief,
     /// Everything.
     Full,
@@ -47,7 +48,7 @@ struct Report {
     condition: Condition,
     stiffness_x: Option<Slope>,
     stiffness_y: Option<Slope>,
-    /// Where the constants come from: stored, nominal, nominal and acknowledged.
+    /// Source of the constants: stored, nominal, nominal and acknowledged.
     calibration_source: &'static str,
     /// A tare was completed since the device started.
     tared: bool,

@@ -19,7 +19,7 @@ use device::steer::RigPlant;
 use device::words::split;
 use drawing::Readings;
 use formats::NORMAL_975;
-use formats::model_file::{LearnedEffect, ModelFile};
+use formats::model_file::ModelFile;
 use live::Live;
 use publish::Published;
 use serde::Serialize;
@@ -82,8 +82,8 @@ pub struct Args {
     /// Push and estimate without moving guide 2
     #[arg(long, conflicts_with = "replay")]
     unsteered: bool,
-    /// What is known of the rig (characterized.toml of `guide characterize --out`): its compliances and the needle's stiffness are in the model,
-    /// the play of guide 2 with its interval
+    /// Characterized rig (characterized.toml of `guide characterize --out`): its compliances and the needle's stiffness
+    /// are in the model, the play of guide 2 with its interval
     #[arg(long, value_name = "FILE", conflicts_with = "replay")]
     characterized: Option<PathBuf>,
     /// Publish target, planned path with its band and next action over OpenIGTLink meanwhile; to this machine alone unless an address
@@ -122,7 +122,7 @@ struct Document<'a> {
     replayed: bool,
     /// Name and cause, where the run ended by a fault.
     fault: Option<Fault>,
-    /// Nothing where the run ended by a fault.
+    /// `None` if the run ended by a fault.
     run: Option<&'a Run>,
 }
 
@@ -181,7 +181,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let (file, path) = create(dir)?;
     let record = Record::new(file);
     record.note("options", &options);
-    // What a replay reads, to the last bit.
+    // The options are those that a replay reads, to the last bit.
     let options = serde_json::from_str(&serde_json::to_string(&options)?)?;
     let mut closed = None;
     let prints = args.advise && !followed.live.is_shown();
@@ -206,27 +206,30 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     report(outcome, &options, Some(&path), false, out)
 }
 
-/// What a file states of the rig with intervals, those of a normal distribution.
+/// Intervals of a rig in a file, as normal distributions.
 pub fn known(rig: &ModelFile) -> Vec<KnownEffect> {
-    let of = |learned: &LearnedEffect| {
-        let sd = |ci95: &Option<[f64; 2]>| ci95.map_or(0.0, |[low, high]| (high - low) / (2.0 * NORMAL_975));
-        KnownEffect {
+    rig.effects
+        .iter()
+        .map(|learned| KnownEffect {
             id: learned.effect.id().to_owned(),
             values: learned.values.clone(),
-            sds: learned.ci95.iter().map(sd).collect(),
-        }
-    };
-    rig.effects.iter().map(of).collect()
+            sds: learned
+                .ci95
+                .iter()
+                .map(|ci95| ci95.map_or(0.0, |[low, high]| (high - low) / (2.0 * NORMAL_975)))
+                .collect(),
+        })
+        .collect()
 }
 
-/// What is kept and published of a run meanwhile.
+/// Records and published values of a run.
 struct Followed {
     readings: Readings,
     published: Published,
     live: Live,
 }
 
-/// What is steered.
+/// Plant that is steered.
 struct Driver {
     /// Program of the plant, or of the needle's side.
     words: Vec<String>,
@@ -236,7 +239,7 @@ struct Driver {
 }
 
 impl Driver {
-    /// Connects to the device, where there is one. Nothing has moved yet.
+    /// Connects to the device, where there is one. Driver before any motion.
     fn new(args: &Args) -> anyhow::Result<Self> {
         let (option, command) = match (&args.plant, &args.tip) {
             (Some(plant), _) => ("--plant", plant),

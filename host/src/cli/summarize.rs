@@ -29,7 +29,7 @@ pub struct Args {
 /// Name and version of the result.
 const SCHEMA: &str = "guide.summarize/1";
 
-/// What was written.
+/// Written file.
 #[derive(Serialize)]
 struct Written {
     schema: &'static str,
@@ -55,11 +55,11 @@ struct Record {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let mut known = HashSet::new();
+    let mut seen_paths = HashSet::new();
     for dir in &args.dirs {
-        ensure!(known.insert(dir), "{}: named twice, expected each session once", dir.display());
+        ensure!(seen_paths.insert(dir), "{}: named twice, expected each session once", dir.display());
     }
-    // What is not there stays: it fails as a session, so that a wrong name is seen.
+    // An entry for a missing session stays: it fails as a session, so that a wrong name is seen.
     let (skipped, sessions): (Vec<&PathBuf>, Vec<&PathBuf>) =
         args.dirs.iter().partition(|path| path.exists() && !path.join("session.toml").is_file());
     ensure!(

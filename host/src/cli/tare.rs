@@ -18,7 +18,7 @@ pub struct Args {
     port: PortArgs,
     #[command(flatten)]
     start: StartArgs,
-    /// How long to average, seconds
+    /// Averaging time, seconds
     #[arg(long, default_value_t = 1.0, value_name = "SECONDS")]
     duration_s: f64,
 }

@@ -22,17 +22,19 @@ pub fn ends_with_its_terminal(
     use std::time::Duration;
     /// Time that the program has to end by itself then.
     const GRACE: Duration = Duration::from_millis(500);
-    let watch = move || {
-        while !is_gone() {}
-        stop();
-        interrupted.store(true, Ordering::Release);
-        thread::sleep(GRACE);
-        std::process::exit(1);
-    };
-    thread::Builder::new().name("terminal".into()).spawn(watch).map(drop)
+    thread::Builder::new()
+        .name("terminal".into())
+        .spawn(move || {
+            while !is_gone() {}
+            stop();
+            interrupted.store(true, Ordering::Release);
+            thread::sleep(GRACE);
+            std::process::exit(1);
+        })
+        .map(drop)
 }
 
-/// Nothing is to be watched here.
+/// There is no terminal to watch here.
 #[cfg(not(unix))]
 pub fn ends_with_its_terminal(_: &'static AtomicBool, _: impl FnOnce() + Send + 'static) -> io::Result<()> {
     Ok(())
@@ -47,7 +49,7 @@ fn is_gone() -> bool {
     let mut terminal = [PollFd::new(&stdout, PollFlags::empty())];
     match poll(&mut terminal, Some(&LOOK)) {
         Ok(0) | Err(rustix::io::Errno::INTR) => false,
-        // Nothing was requested, so that only an end or an error is reported.
+        // No event was requested, so that only an end or an error is reported.
         Ok(_) | Err(_) => true,
     }
 }

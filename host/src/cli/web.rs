@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 /// Name of the page.
 const PAGE: &str = "guide.html";
-/// How often the program checks whether it is to end.
+/// Interval at which the program checks whether it is to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// The built-in programs.
 const BUILT_IN: [&str; 3] = ["displace", "staircase", "quick-staircase"];
@@ -39,7 +39,7 @@ pub struct Args {
     /// Port of the page's address (default: a free one)
     #[arg(long, value_name = "PORT", value_parser = clap::value_parser!(u16).range(1..))]
     http_port: Option<u16>,
-    /// How long, seconds (default: until interrupted)
+    /// Duration, seconds (default: until interrupted)
     #[arg(long, value_name = "SECONDS", value_parser = super::record::duration_s)]
     duration_s: Option<f64>,
 }
@@ -104,16 +104,17 @@ fn follow(port: &str, files: &[String]) -> anyhow::Result<Live> {
     Live::start(Client::connect(port)?, programs).context("cannot start the link's thread")
 }
 
-/// Where the page is: as stated; else beside the program; else where `cargo xtask web` puts it, beside the folder of the build.
+/// File of the page: as stated; else beside the program; else where `cargo xtask web` puts it, beside the folder of the
+/// build.
 fn page_file(stated: Option<&Path>, program: &Path) -> anyhow::Result<PathBuf> {
     if let Some(stated) = stated {
         return Ok(stated.to_owned());
     }
     let folder = program.parent().unwrap_or(Path::new("."));
-    let beside = folder.join(PAGE);
+    let sibling = folder.join(PAGE);
     let built = folder.parent().map(|target| target.join("web").join(PAGE));
-    let places = [Some(beside), built];
-    match places.iter().flatten().find(|place| place.is_file()) {
+    let candidates = [Some(sibling), built];
+    match candidates.iter().flatten().find(|place| place.is_file()) {
         Some(found) => Ok(found.clone()),
         None => bail!(
             "there is no {PAGE} beside the program ({}); make it with `cargo xtask web` in a checkout of the source and put it there, or name it with --page",

@@ -46,7 +46,7 @@ impl Work {
     /// The next reading, with what is wrong in newtons as a function of time and displacement.
     fn next(&mut self, fault: &dyn Fn(f64, f64) -> f64) -> Point {
         let phase = (self.time_s - 4.0).max(0.0) % 8.0;
-        let to_m = if self.time_s < 4.0 || phase >= 6.0 {
+        let target_m = if self.time_s < 4.0 || phase >= 6.0 {
             0.0
         } else if phase < 1.0 {
             1e-3 * phase
@@ -55,14 +55,16 @@ impl Work {
         } else {
             1e-3 * (6.0 - phase)
         };
-        let by_m = to_m - self.at_m;
-        self.at_m = to_m;
-        let rubs = if by_m == 0.0 { 0.0 } else { self.friction_n * by_m.signum() };
-        let force_n =
-            self.stiffness_n_per_m * to_m + rubs + fault(self.time_s, to_m) + NOISE_N * self.random.normal();
+        let shift_m = target_m - self.at_m;
+        self.at_m = target_m;
+        let rubs = if shift_m == 0.0 { 0.0 } else { self.friction_n * shift_m.signum() };
+        let force_n = self.stiffness_n_per_m * target_m
+            + rubs
+            + fault(self.time_s, target_m)
+            + NOISE_N * self.random.normal();
         let point = Point {
             time_s: self.time_s,
-            displacement_m: [0.0, to_m],
+            displacement_m: [0.0, target_m],
             force_n: [NOISE_N * self.random.normal(), force_n],
             repeats_force: false,
         };
@@ -71,17 +73,17 @@ impl Work {
     }
 }
 
-/// What is found within a time, with the time.
+/// Departures that are detected within a time, with that time.
 fn followed(seed: u64, until_s: f64, fault: &dyn Fn(f64, f64) -> f64) -> Vec<Parted> {
     let mut follower = Follower::new(&model(), &rig(), DEPTH_M).expect("a model to follow");
     let mut work = Work::new(seed);
-    let mut found = Vec::new();
+    let mut departures = Vec::new();
     while work.time_s < until_s {
-        found.extend(follower.push(&[work.next(fault)]));
+        departures.extend(follower.push(&[work.next(fault)]));
     }
     assert!(follower.is_following());
-    assert_eq!(follower.parted(), found);
-    found
+    assert_eq!(follower.parted(), departures);
+    departures
 }
 
 #[test]
@@ -105,8 +107,8 @@ fn faults_are_found_while_they_begin() {
         ("jumps", &jumps, 2.0),
         ("drifts", &drifts, 12.0),
     ] {
-        let found = followed(1, 90.0, fault);
-        let [parted] = found.as_slice() else { panic!("{name}: {found:?}") };
+        let departures = followed(1, 90.0, fault);
+        let [parted] = departures.as_slice() else { panic!("{name}: {departures:?}") };
         assert_eq!(parted.axis, "y", "{name}");
         assert!(parted.found_s >= began_s && parted.found_s < began_s + within_s, "{name}: {parted:?}");
         assert!(parted.since_s >= began_s - 1.0 && parted.since_s <= parted.found_s, "{name}: {parted:?}");

@@ -22,7 +22,7 @@ pub struct Live {
 }
 
 impl Live {
-    /// Nothing is streamed yet.
+    /// Stream before any value.
     pub fn new(publisher: Publisher, scene: Scene, rate_hz: f64) -> Self {
         Self { publisher, scene, every_s: 1.0 / rate_hz, last_s: None, stamps: ClockMapping::default() }
     }
@@ -32,7 +32,7 @@ impl Live {
         &self.publisher
     }
 
-    /// What is published.
+    /// Published scene.
     pub fn scene(&mut self) -> &mut Scene {
         &mut self.scene
     }

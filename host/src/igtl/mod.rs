@@ -1,4 +1,4 @@
-//! What clients receive over OpenIGTLink: [`scene`] has the messages, [`live`] when they are sent.
+//! Messages to clients over OpenIGTLink: [`scene`] has the messages, [`live`] when they are sent.
 
 pub mod live;
 pub mod scene;

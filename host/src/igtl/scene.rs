@@ -1,4 +1,5 @@
-//! What is published to clients: guide and force as they are measured, needle and tip as the model has them, results with their intervals.
+//! Values that are published to clients: guide and force as they are measured, needle and tip as the model has them,
+//! results with their intervals.
 //!
 //! The frame `Reference` is the session's: z along the straight needle from guide 1, x horizontal, y vertical. In it,
 //!
@@ -39,7 +40,7 @@ struct Needle {
     beam_x: Beam,
 }
 
-/// What is published of one rig.
+/// Published values of one rig.
 #[derive(Debug, Clone)]
 pub struct Scene {
     guide2_m: f64,
@@ -140,12 +141,13 @@ impl Scene {
 
     /// A sweep as it was measured.
     pub fn measured(rows: impl Iterator<Item = ShapeRow>, stamp: Duration) -> Message {
-        let point = |row: ShapeRow| ListPoint {
-            group: "measured".to_owned(),
-            position_mm: millimetres([row.deflection_x_m, row.deflection_y_m, row.z_m]),
-            ..ListPoint::default()
-        };
-        let points = rows.map(point).collect();
+        let points = rows
+            .map(|row| ListPoint {
+                group: "measured".to_owned(),
+                position_mm: millimetres([row.deflection_x_m, row.deflection_y_m, row.z_m]),
+                ..ListPoint::default()
+            })
+            .collect();
         Message { device: "MeasuredShape".to_owned(), stamp, content: Content::Points(points) }
     }
 
@@ -193,19 +195,23 @@ impl Scene {
         };
         let at = |values: &[f64], index: usize| values.get(index).copied().unwrap_or(0.0);
         let of = |values: &Option<Vec<f64>>, index| values.as_deref().map_or(0.0, |values| at(values, index));
-        let point = |(index, depth_mm): (usize, &f64)| {
-            let width_y = at(&last.hi95_y_mm, index) - at(&last.lo95_y_mm, index);
-            let width_x = of(&last.hi95_x_mm, index) - of(&last.lo95_x_mm, index);
-            let (x_mm, y_mm) = (of(&last.tip_x_mm, index), at(&last.tip_y_mm, index));
-            let measured = *depth_mm <= last.identified_until_mm;
-            ListPoint {
-                name: format!("{depth_mm} mm"),
-                group: if measured { "measured" } else { "predicted" }.to_owned(),
-                position_mm: [x_mm, y_mm, 1e3 * self.entry_m + depth_mm].map(|mm| mm as f32),
-                diameter_mm: width_y.max(width_x) as f32,
-            }
-        };
-        let points = last.depth_mm.iter().enumerate().map(point).collect();
+        let points = last
+            .depth_mm
+            .iter()
+            .enumerate()
+            .map(|(index, depth_mm)| {
+                let width_y = at(&last.hi95_y_mm, index) - at(&last.lo95_y_mm, index);
+                let width_x = of(&last.hi95_x_mm, index) - of(&last.lo95_x_mm, index);
+                let (x_mm, y_mm) = (of(&last.tip_x_mm, index), at(&last.tip_y_mm, index));
+                let measured = *depth_mm <= last.identified_until_mm;
+                ListPoint {
+                    name: format!("{depth_mm} mm"),
+                    group: if measured { "measured" } else { "predicted" }.to_owned(),
+                    position_mm: [x_mm, y_mm, 1e3 * self.entry_m + depth_mm].map(|mm| mm as f32),
+                    diameter_mm: width_y.max(width_x) as f32,
+                }
+            })
+            .collect();
         let message = |device: &str, content| Message { device: device.to_owned(), stamp, content };
         vec![message("Prediction", text(&document)), message("PredictedPath", Content::Points(points))]
     }
@@ -220,9 +226,9 @@ impl Needle {
         };
         let [x, y] = displacement_m;
         let ((x_m, slope_x), (y_m, slope_y)) = (in_plane(&self.beam_x, x), in_plane(&self.beam_y, y));
-        let along = Vector3::new(slope_x, slope_y, 1.0).normalize();
-        let across = Vector3::y().cross(&along).normalize();
-        let axes = [across, along.cross(&across), along].map(|axis| axis.cast::<f32>().into());
+        let tangent = Vector3::new(slope_x, slope_y, 1.0).normalize();
+        let normal = Vector3::y().cross(&tangent).normalize();
+        let axes = [normal, tangent.cross(&normal), tangent].map(|axis| axis.cast::<f32>().into());
         Pose { axes, position_mm: millimetres([x_m, y_m, z_m]) }
     }
 
@@ -230,15 +236,16 @@ impl Needle {
     fn points(&self, displacement_m: [f64; 2], entry_m: f64) -> Vec<ListPoint> {
         let tip_m = entry_m + self.depth_m;
         let steps = (tip_m / STEP_M).ceil().max(1.0) as u32;
-        let point = |step: u32| {
-            let z_m = tip_m * f64::from(step) / f64::from(steps);
-            ListPoint {
-                group: if z_m < entry_m { "outside" } else { "inside" }.to_owned(),
-                position_mm: self.pose(displacement_m, z_m).position_mm,
-                ..ListPoint::default()
-            }
-        };
-        (0..=steps).map(point).collect()
+        (0..=steps)
+            .map(|step| {
+                let z_m = tip_m * f64::from(step) / f64::from(steps);
+                ListPoint {
+                    group: if z_m < entry_m { "outside" } else { "inside" }.to_owned(),
+                    position_mm: self.pose(displacement_m, z_m).position_mm,
+                    ..ListPoint::default()
+                }
+            })
+            .collect()
     }
 }
 

@@ -23,7 +23,7 @@ use tempfile::TempDir;
 pub const SCHEMA: &str = "guide.bundle/1";
 /// The list of what a bundle holds.
 pub const LIST: &str = "bundle.json";
-/// What the models are called in it.
+/// Name of the models in it.
 const MODEL: &str = "model.toml";
 const RIG: &str = "characterized.toml";
 /// Draws of a bundle.
@@ -50,7 +50,7 @@ pub enum BundleError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What was to be done.
+        /// Action that failed.
         action: &'static str,
         /// Why it could not.
         cause: io::Error,
@@ -60,7 +60,7 @@ pub enum BundleError {
     Archive {
         /// The archive.
         path: PathBuf,
-        /// What is wrong, and what is expected.
+        /// Problem, and the expected content.
         what: String,
     },
     /// A session or a model file that cannot be read.
@@ -71,7 +71,7 @@ pub enum BundleError {
     Document(#[from] serde_json::Error),
 }
 
-/// What a bundle is made with.
+/// Inputs and results of a bundle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct List {
     /// Name and version of this form.
@@ -94,13 +94,13 @@ pub struct List {
     pub draws_per_chain: usize,
     /// Their seed.
     pub seed: u64,
-    /// What it was made from.
+    /// Files that it was made from.
     pub inputs: Vec<FileSum>,
-    /// What was made.
+    /// Files that were made.
     pub results: Vec<FileSum>,
 }
 
-/// What the user states of a bundle.
+/// Statements of the user about a bundle.
 pub struct Wishes<'a> {
     /// Depth up to which readings of insertions are used, mm.
     pub until_mm: f64,
@@ -218,7 +218,7 @@ impl Bundle {
     }
 }
 
-/// How a bundle came out.
+/// Result of verifying a bundle.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Verified {
     /// Number of files that are as they were made.
@@ -251,7 +251,7 @@ impl List {
         Ok(format!("{}\n", serde_json::to_string_pretty(self)?))
     }
 
-    /// What is wrong with a list that another program may have written; nothing for one that can be followed.
+    /// Fault of a list that another program may have written; `None` for one that can be followed.
     fn fault(&self) -> Option<String> {
         let is_name =
             matches!(Path::new(&self.session).components().collect::<Vec<_>>()[..], [Component::Normal(_)]);
@@ -313,9 +313,9 @@ impl List {
         add("draws/identify.json", drawn(identification.found().and_then(|found| found.draws.as_ref()))?);
         add("draws/predict.json", drawn(prediction.found().and_then(|found| found.draws.as_ref()))?);
         add("draws/diagnose.json", drawn(diagnosis.found().and_then(|found| found.draws.as_ref()))?);
-        if let Some(found) = diagnosis.found() {
+        if let Some(diagnosis_found) = diagnosis.found() {
             let path = root.path().join("learned.toml");
-            found.model().write(&path)?;
+            diagnosis_found.model().write(&path)?;
             let text = String::from_utf8_lossy(&read(&path)?).into_owned();
             add("results/model.toml", Some(text));
         }
@@ -339,14 +339,15 @@ impl List {
 
 /// A result as its command prints it with `--json`.
 fn document<T: Serialize>(outcome: &Outcome<T>) -> Result<Option<String>, BundleError> {
-    let text = |found: &T| Ok(format!("{}\n", printable(&serde_json::to_string_pretty(found)?, Form::Json)));
-    outcome.found().map(text).transpose()
+    outcome
+        .found()
+        .map(|found| Ok(format!("{}\n", printable(&serde_json::to_string_pretty(found)?, Form::Json))))
+        .transpose()
 }
 
 /// Draws as their command writes them.
 fn drawn(draws: Option<&Draws>) -> Result<Option<String>, BundleError> {
-    let text = |draws| Ok(format!("{}\n", printable(&serde_json::to_string(draws)?, Form::Json)));
-    draws.map(text).transpose()
+    draws.map(|draws| Ok(format!("{}\n", printable(&serde_json::to_string(draws)?, Form::Json)))).transpose()
 }
 
 /// A text without the folder from which it was computed.
@@ -373,10 +374,11 @@ fn folder_name(dir: &Path) -> String {
 
 /// A path below a folder, as it is written in a bundle.
 fn within(path: &Path, folder: &Path) -> Result<String, BundleError> {
-    let below = path.strip_prefix(folder).ok();
-    let is_plain = |below: &&Path| below.components().all(|part| matches!(part, Component::Normal(_)));
-    let below = below.filter(is_plain).ok_or_else(|| BundleError::Outside { path: path.to_owned() })?;
-    Ok(with_slashes(below))
+    let relative_path = path.strip_prefix(folder).ok();
+    let inner_path = relative_path
+        .filter(|relative_path| relative_path.components().all(|part| matches!(part, Component::Normal(_))))
+        .ok_or_else(|| BundleError::Outside { path: path.to_owned() })?;
+    Ok(with_slashes(inner_path))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, BundleError> {

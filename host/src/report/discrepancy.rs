@@ -40,7 +40,7 @@ pub(super) fn headline(found: &Diagnosis) -> Option<Fact> {
     })
 }
 
-/// What the results of the other sections lack; `None` where nothing is missing.
+/// Effects that the results of the other sections lack; `None` if none is missing.
 pub(super) fn warning(found: &Diagnosis) -> Option<String> {
     let names: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
     match found.verdict {
@@ -67,10 +67,11 @@ fn modulus(found: &Diagnosis) -> String {
     }
 }
 
-/// What adding the effects is worth.
+/// Benefit of adding the effects.
 fn removed(gap: &HeldOutMisfit) -> String {
-    let shares = gap.removed.zip(gap.removed_ci95).map(|(share, ends)| (share, ends.map(|end| 100.0 * end)));
-    match shares {
+    let removed_percent =
+        gap.removed.zip(gap.removed_ci95).map(|(share, ends)| (share, ends.map(|end| 100.0 * end)));
+    match removed_percent {
         Some((share, ends)) => {
             format!("{} % of the removable misfit removed", estimate(Some(100.0 * share), Some(ends), 0))
         }
@@ -92,7 +93,7 @@ pub(super) fn section(outcome: &Outcome<Diagnosis>) -> Section {
     })
 }
 
-/// What was done and found, in sentences.
+/// Summary of the diagnosis, in sentences.
 fn summary(found: &Diagnosis) -> String {
     let noise: Vec<String> = found.noise.iter().map(|(name, sd)| quantity(name, *sd)).collect();
     let mut text = format!(
@@ -115,9 +116,9 @@ fn summary(found: &Diagnosis) -> String {
             found.partial.join(", ")
         ));
     }
-    let left: Vec<String> = found.discrepancy.iter().map(|(name, sd)| quantity(name, *sd)).collect();
-    if !left.is_empty() {
-        more(format!("Smooth discrepancy that is left: {}.", left.join(", ")));
+    let remaining: Vec<String> = found.discrepancy.iter().map(|(name, sd)| quantity(name, *sd)).collect();
+    if !remaining.is_empty() {
+        more(format!("Smooth discrepancy that is left: {}.", remaining.join(", ")));
     }
     more(format!("Under the final model K is {}", modulus(found)));
     match found.tip_load_n {
@@ -129,7 +130,7 @@ fn summary(found: &Diagnosis) -> String {
     text
 }
 
-/// What to measure next, what is not identifiable from the session, remarks.
+/// Next measurements, quantities that are not identifiable from the session, and remarks.
 fn remarks(found: &Diagnosis) -> Vec<String> {
     let mut remarks = Vec::new();
     if let Some(next) = &found.next_measurement {
@@ -188,11 +189,11 @@ fn gap(gap: &HeldOutMisfit) -> Vec<Block> {
         "-".to_owned(),
     ]];
     rows.extend(gap.before.rmse.iter().map(|(name, before)| {
-        let after = gap.after.rmse.get(name).copied();
+        let rmse_after = gap.after.rmse.get(name).copied();
         vec![
             format!("{}, root mean square", channel(name)),
             value(Some(*before), 3),
-            value(after, 3),
+            value(rmse_after, 3),
             unit(name).to_owned(),
         ]
     }));

@@ -109,10 +109,10 @@ fn figure(figure: &Figure) -> Markup {
         .into_iter()
         .fold(svg.clone(), |svg, given| svg.replace(given, ""));
     // The drawing gets a title of its own; its text is escaped by the library that drew it.
-    let (opening, rest) = svg.split_once('>').unwrap_or(("<svg", "</svg>"));
+    let (opening, svg_body) = svg.split_once('>').unwrap_or(("<svg", "</svg>"));
     html! {
         figure {
-            (PreEscaped(opening)) (PreEscaped(" role=\"img\">")) title { (caption) } (PreEscaped(rest))
+            (PreEscaped(opening)) (PreEscaped(" role=\"img\">")) title { (caption) } (PreEscaped(svg_body))
             figcaption { (caption) }
         }
     }

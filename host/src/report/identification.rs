@@ -5,7 +5,7 @@ use super::page::{
 };
 use crate::figures;
 use formats::session::Session;
-use inference::identify::{DepthResult, Directions, Identification, IndentationResult, RunResult};
+use inference::identify::{Directions, Identification, RunResult};
 
 /// Shape points drawn of one run, and the least of one hold.
 const POINTS: usize = 300;
@@ -82,19 +82,23 @@ pub(super) fn section(session: &Session, outcome: &Outcome<Identification>) -> S
 }
 
 fn methods(found: &Identification) -> Block {
-    let of_run = |run: &RunResult| {
-        let methods = &run.methods;
-        let (best, shape, energy) = (&methods.likelihood, &methods.likelihood_without_force, &methods.energy);
-        vec![
-            run.id.clone(),
-            value(Some(run.depth_mm), 1),
-            estimate(best.k_kpa, best.ci95_kpa, 2),
-            estimate(shape.k_kpa, shape.ci95_kpa, 2),
-            estimate(energy.k_kpa, energy.ci95_kpa, 2),
-            value(methods.energy_as_printed.k_kpa, 2),
-        ]
-    };
-    let mut rows: Vec<_> = found.runs.iter().map(of_run).collect();
+    let mut rows: Vec<_> = found
+        .runs
+        .iter()
+        .map(|run| {
+            let methods = &run.methods;
+            let (best, shape, energy) =
+                (&methods.likelihood, &methods.likelihood_without_force, &methods.energy);
+            vec![
+                run.id.clone(),
+                value(Some(run.depth_mm), 1),
+                estimate(best.k_kpa, best.ci95_kpa, 2),
+                estimate(shape.k_kpa, shape.ci95_kpa, 2),
+                estimate(energy.k_kpa, energy.ci95_kpa, 2),
+                value(methods.energy_as_printed.k_kpa, 2),
+            ]
+        })
+        .collect();
     let mut last = vec!["pooled".to_owned(), "-".to_owned()];
     last.push(estimate(Some(found.pooled.k_kpa), Some(found.pooled.ci95_kpa), 2));
     last.extend(std::iter::repeat_n("-".to_owned(), 3));
@@ -112,23 +116,6 @@ fn methods(found: &Identification) -> Block {
 
 /// Noise that was taken, and how well each channel is met.
 fn fits(found: &Identification) -> Block {
-    let row = |run: &RunResult| {
-        let noise = run.noise.as_ref();
-        let channel = |name: &str| {
-            let of = run.fit.iter().find(|fit| fit.channel == name).filter(|fit| fit.count > 0);
-            value(of.map(|fit| fit.chi_square / fit.count as f64), 2)
-        };
-        vec![
-            run.id.clone(),
-            run.holds.iter().filter(|hold| hold.used).count().to_string(),
-            value(noise.map(|noise| noise.displacement_mm), 4),
-            value(noise.map(|noise| noise.force_n), 4),
-            value(noise.map(|noise| noise.shape_mm), 4),
-            channel("displacement"),
-            channel("force"),
-            channel("shape"),
-        ]
-    };
     let columns = [
         words("run"),
         number("holds used"),
@@ -141,7 +128,32 @@ fn fits(found: &Identification) -> Block {
     ];
     let caption =
         "Noise of a reading, and chi-square per value of the fit (about 1 or less where the model is right)";
-    Block::table(caption, columns, found.runs.iter().map(row).collect())
+    Block::table(
+        caption,
+        columns,
+        found
+            .runs
+            .iter()
+            .map(|run| {
+                let noise = run.noise.as_ref();
+                let channel = |name: &str| {
+                    let channel_fit =
+                        run.fit.iter().find(|fit| fit.channel == name).filter(|fit| fit.count > 0);
+                    value(channel_fit.map(|fit| fit.chi_square / fit.count as f64), 2)
+                };
+                vec![
+                    run.id.clone(),
+                    run.holds.iter().filter(|hold| hold.used).count().to_string(),
+                    value(noise.map(|noise| noise.displacement_mm), 4),
+                    value(noise.map(|noise| noise.force_n), 4),
+                    value(noise.map(|noise| noise.shape_mm), 4),
+                    channel("displacement"),
+                    channel("force"),
+                    channel("shape"),
+                ]
+            })
+            .collect(),
+    )
 }
 
 fn pooled(found: &Identification) -> Vec<Block> {
@@ -181,29 +193,6 @@ fn relations(found: &Identification) -> Block {
 
 fn reference(found: &Identification) -> Option<Vec<Block>> {
     let reference = found.reference.as_ref()?;
-    let indentation = |one: &IndentationResult| {
-        vec![
-            one.id.clone(),
-            one.indenter.to_owned(),
-            estimate(Some(one.youngs_modulus_kpa), one.ci95_kpa, 2),
-            value(one.contact_mm, 3),
-            value(one.force_offset_n, 4),
-            value(Some(one.nonlinearity_percent), 1),
-            value(Some(one.thickness_factor), 3),
-        ]
-    };
-    let depth = |one: &DepthResult| {
-        vec![
-            value(Some(one.depth_mm), 1),
-            one.runs.to_string(),
-            value(Some(one.k_kpa), 2),
-            value(one.k_sd_kpa, 2),
-            p_value(one.t_test_p),
-            value(one.youngs_modulus_kpa, 2),
-            value(one.youngs_modulus_sd_kpa, 2),
-            p_value(one.t_test_p_youngs),
-        ]
-    };
     let row = vec![
         "indentation".to_owned(),
         estimate(Some(reference.k_kpa), reference.ci95_kpa, 2),
@@ -241,11 +230,44 @@ fn reference(found: &Identification) -> Option<Vec<Block>> {
     ];
     Some(vec![
         Block::table("Independent indentation, and Welch's t-test against the runs", columns, vec![row]),
-        Block::table("Every indentation", of_one, reference.indentations.iter().map(indentation).collect()),
+        Block::table(
+            "Every indentation",
+            of_one,
+            reference
+                .indentations
+                .iter()
+                .map(|one| {
+                    vec![
+                        one.id.clone(),
+                        one.indenter.to_owned(),
+                        estimate(Some(one.youngs_modulus_kpa), one.ci95_kpa, 2),
+                        value(one.contact_mm, 3),
+                        value(one.force_offset_n, 4),
+                        value(Some(one.nonlinearity_percent), 1),
+                        value(Some(one.thickness_factor), 3),
+                    ]
+                })
+                .collect(),
+        ),
         Block::table(
             "The runs of every depth, mean and standard deviation, with Welch's t-test",
             of_depth,
-            reference.depths.iter().map(depth).collect(),
+            reference
+                .depths
+                .iter()
+                .map(|one| {
+                    vec![
+                        value(Some(one.depth_mm), 1),
+                        one.runs.to_string(),
+                        value(Some(one.k_kpa), 2),
+                        value(one.k_sd_kpa, 2),
+                        p_value(one.t_test_p),
+                        value(one.youngs_modulus_kpa, 2),
+                        value(one.youngs_modulus_sd_kpa, 2),
+                        p_value(one.t_test_p_youngs),
+                    ]
+                })
+                .collect(),
         ),
     ])
 }
@@ -258,8 +280,9 @@ fn figures_of(session: &Session, run: &RunResult) -> Vec<Block> {
             *list = thinned(list, of_hold);
         }
     }
-    let (shape, others): (Vec<_>, Vec<_>) = run.residuals.iter().partition(|one| one.channel == "shape");
-    drawn.residuals = others.into_iter().chain(thinned(&shape, POINTS)).collect();
+    let (shape, other_residuals): (Vec<_>, Vec<_>) =
+        run.residuals.iter().partition(|one| one.channel == "shape");
+    drawn.residuals = other_residuals.into_iter().chain(thinned(&shape, POINTS)).collect();
     let mut blocks = vec![
         Block::Heading(format!("Run {}", run.id)),
         Block::figure(

@@ -32,12 +32,15 @@ pub(super) fn section(session: &Session) -> Option<Section> {
         if let Some(camera) = of_camera.as_ref().and_then(|document| document.get("camera")) {
             clips.push(clip(&run.id, camera));
         }
-        let all = [of_shape.as_ref(), of_camera.as_ref()];
-        if all.iter().all(Option::is_none) {
+        let image_records = [of_shape.as_ref(), of_camera.as_ref()];
+        if image_records.iter().all(Option::is_none) {
             continue;
         }
-        for note in
-            all.into_iter().flatten().filter_map(|document| document.get("notes")?.as_array()).flatten()
+        for note in image_records
+            .into_iter()
+            .flatten()
+            .filter_map(|document| document.get("notes")?.as_array())
+            .flatten()
         {
             notes.extend(note.as_str().map(|note| format!("{}: {note}", run.id)));
         }
@@ -78,7 +81,7 @@ pub(super) fn section(session: &Session) -> Option<Section> {
     Some(Section { id: "images", title: "Images", content: Outcome::Found(blocks) })
 }
 
-/// What the import kept beside a run; none where there is none, or it is not readable.
+/// Record of the import beside a run; `None` if there is none, or it is not readable.
 fn record(folder: &Path, name: &str) -> Option<Value> {
     serde_json::from_slice(&bytes(&folder.join(name), MAX_BYTES)?).ok()
 }
@@ -92,7 +95,7 @@ fn bytes(path: &Path, most: u64) -> Option<Vec<u8>> {
 /// Used and rejected frames, and the file's name.
 fn counts(of: &Value) -> [String; 4] {
     let states = || of.get("states").and_then(Value::as_object).into_iter().flatten();
-    let used =
+    let used_text =
         states().find(|(state, _)| *state == "used").map_or_else(|| "0".to_owned(), |(_, n)| n.to_string());
     let rejected: Vec<String> = states()
         .filter(|(state, _)| *state != "used")
@@ -103,7 +106,7 @@ fn counts(of: &Value) -> [String; 4] {
     let name =
         Path::new(path).file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let frames = of.get("frames").map_or_else(String::new, Value::to_string);
-    [name, frames, used, rejected]
+    [name, frames, used_text, rejected]
 }
 
 fn quantity(of: &Value, name: &str, digits: usize) -> String {

@@ -92,15 +92,6 @@ pub(super) fn section(outcome: &Outcome<Prediction>) -> Section {
 }
 
 fn loads(good: &[&InsertionResult]) -> Block {
-    let row = |one: &&InsertionResult| {
-        vec![
-            one.id.clone(),
-            value(one.tip_force_n, 3),
-            value(one.tip_force_sd_n, 3),
-            value(one.tip_force_x_n, 3),
-            value(one.tip_force_x_sd_n, 3),
-        ]
-    };
     let columns = [
         words("insertion"),
         number("vertical, N"),
@@ -108,7 +99,21 @@ fn loads(good: &[&InsertionResult]) -> Block {
         number("horizontal, N"),
         number("sd, N"),
     ];
-    Block::table("Tip load", columns, good.iter().map(row).collect())
+    Block::table(
+        "Tip load",
+        columns,
+        good.iter()
+            .map(|one| {
+                vec![
+                    one.id.clone(),
+                    value(one.tip_force_n, 3),
+                    value(one.tip_force_sd_n, 3),
+                    value(one.tip_force_x_n, 3),
+                    value(one.tip_force_x_sd_n, 3),
+                ]
+            })
+            .collect(),
+    )
 }
 
 /// Predicted and measured tip at the last depth, plane by plane, and the distance over all depths.
@@ -116,7 +121,7 @@ fn errors(good: &[&InsertionResult]) -> Block {
     let mut rows = Vec::new();
     for one in good {
         let last = one.depth_mm.len().saturating_sub(1);
-        let at = one.last_measured_mm.map_or(last, |mm| mm.round() as usize);
+        let checked_index = one.last_measured_mm.map_or(last, |mm| mm.round() as usize);
         let planes = [
             (
                 "vertical",
@@ -134,13 +139,13 @@ fn errors(good: &[&InsertionResult]) -> Block {
             ),
         ];
         for (plane, tip_mm, low_mm, high_mm, measured_mm) in planes {
-            let of = |list: Option<&Vec<f64>>| list.and_then(|list| list.get(at)).copied();
+            let of = |list: Option<&Vec<f64>>| list.and_then(|list| list.get(checked_index)).copied();
             let Some(tip_mm) = of(tip_mm) else { continue };
-            let measured_mm = measured_mm.and_then(|list| list.get(at)).copied().flatten();
+            let measured_mm = measured_mm.and_then(|list| list.get(checked_index)).copied().flatten();
             rows.push(vec![
                 one.id.clone(),
                 plane.to_owned(),
-                at.to_string(),
+                checked_index.to_string(),
                 estimate(Some(tip_mm), of(low_mm).zip(of(high_mm)).map(|(low, high)| [low, high]), 2),
                 value(measured_mm, 2),
                 measured_mm.map_or("-".to_owned(), |measured_mm| format!("{:+.2}", tip_mm - measured_mm)),
@@ -164,11 +169,14 @@ fn errors(good: &[&InsertionResult]) -> Block {
     )
 }
 
-/// What others would predict from the same.
+/// Predictions of other methods from the same data.
 fn methods(good: &[&InsertionResult]) -> Option<Block> {
     let mean = |errors: Vec<Option<f64>>| {
-        let known: Vec<f64> = errors.into_iter().flatten().collect();
-        value((!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64), 2)
+        let known_errors: Vec<f64> = errors.into_iter().flatten().collect();
+        value(
+            (!known_errors.is_empty()).then(|| known_errors.iter().sum::<f64>() / known_errors.len() as f64),
+            2,
+        )
     };
     let names: Vec<&str> = good.first()?.compare.iter().map(|other| other.method).collect();
     let of_own = |of: fn(&InsertionResult) -> Option<f64>| mean(good.iter().map(|one| of(one)).collect());
@@ -196,8 +204,8 @@ fn learned(good: &[&InsertionResult]) -> Option<Block> {
         .iter()
         .filter_map(|one| {
             let learned = one.learned.as_ref()?;
-            let from = if learned.from.is_empty() { "-".to_owned() } else { learned.from.join(", ") };
-            let mut row = vec![one.id.clone(), from, learned.modulus_text(), learned.gap_text()];
+            let source_ids = if learned.from.is_empty() { "-".to_owned() } else { learned.from.join(", ") };
+            let mut row = vec![one.id.clone(), source_ids, learned.modulus_text(), learned.gap_text()];
             row.extend(has_rear.then(|| rears(one).unwrap_or_else(|| "-".to_owned())));
             Some(row)
         })

@@ -1,4 +1,4 @@
-//! Where a report comes from: program, command, date, and the files behind it with their checksums.
+//! Origin of a report: program, command, date, and the files behind it with their checksums.
 
 use super::page::{Block, Outcome, Section, number, words};
 use formats::files::with_slashes;
@@ -12,7 +12,7 @@ use std::time::SystemTime;
 use time::format_description::well_known::Iso8601;
 use time::{Date, OffsetDateTime};
 
-/// Where a report comes from. Nothing here is read from a clock unless the user requests it.
+/// Origin of a report. No value here is read from a clock unless the user requests it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Origin {
     /// The command that made it.
@@ -37,7 +37,7 @@ pub struct FileSum {
 /// The day that a report is of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Day {
-    /// That of the newest file behind it.
+    /// Time of the newest file behind it.
     #[default]
     NewestFile,
     /// A day that is given.
@@ -143,7 +143,7 @@ impl FileSum {
         Ok((Self::of_bytes(&name, &bytes), modified))
     }
 
-    /// Of a file with this content.
+    /// Checksum of a file with this content.
     pub(super) fn of_bytes(name: &str, bytes: &[u8]) -> Self {
         Self { name: name.to_owned(), bytes: bytes.len(), sha256: checksum(bytes) }
     }
@@ -164,6 +164,6 @@ fn day_of(date: Date) -> String {
 
 /// A time of a file, to the second.
 fn moment(time: SystemTime) -> String {
-    let at = OffsetDateTime::from(time);
-    format!("{} {:02}:{:02}:{:02} UTC", day_of(at.date()), at.hour(), at.minute(), at.second())
+    let utc = OffsetDateTime::from(time);
+    format!("{} {:02}:{:02}:{:02} UTC", day_of(utc.date()), utc.hour(), utc.minute(), utc.second())
 }

@@ -1,4 +1,5 @@
-//! What a report is made of, independent of how it is printed: facts, sections, tables, figures. All text is plain; the printer escapes it.
+//! Content of a report, independent of how it is printed: facts, sections, tables, figures. All text is plain; the
+//! printer escapes it.
 
 use crate::figures::FigureError;
 
@@ -36,7 +37,7 @@ impl Fact {
     }
 }
 
-/// How an analysis ended.
+/// Outcome of an analysis.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome<T> {
     /// The session has nothing for it; what it lacks.
@@ -79,7 +80,7 @@ pub struct Section {
     pub id: &'static str,
     /// Its heading.
     pub title: &'static str,
-    /// What it holds, or why it does not.
+    /// Content of the section, or the reason for its absence.
     pub content: Outcome<Vec<Block>>,
 }
 
@@ -115,7 +116,7 @@ pub enum Block {
 /// A table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// What it shows.
+    /// Description of the content.
     pub caption: String,
     /// Its columns.
     pub columns: Vec<Column>,
@@ -145,7 +146,7 @@ pub(super) const fn number(name: &'static str) -> Column {
 /// A figure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// What it shows, for those who do not see it too.
+    /// Description of the content, also for those who do not see it.
     pub caption: String,
     /// The drawing.
     pub svg: String,

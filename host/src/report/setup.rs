@@ -1,4 +1,4 @@
-//! What was there: needle, rig, sensors, and every run with what it was recorded with.
+//! Available data: needle, rig, sensors, and every run with what it was recorded with.
 
 use super::page::{Block, Outcome, Section, count, number, value, word, words};
 use formats::session::{LateralRun, Provenance, Session};
@@ -104,10 +104,10 @@ fn gaps(run: &LateralRun) -> String {
     }
 }
 
-/// What each run was recorded with; `None` where no run states it.
+/// Rig and program of each run; `None` if no run states them.
 fn recorded_with(session: &Session) -> Option<Block> {
-    let known = session.lateral.iter().filter(|run| run.provenance != Provenance::default());
-    let rows: Vec<Vec<String>> = known
+    let runs_with_provenance = session.lateral.iter().filter(|run| run.provenance != Provenance::default());
+    let rows: Vec<Vec<String>> = runs_with_provenance
         .map(|run| {
             let Provenance { calibration_id, calibration_crc, device, firmware, tared } = &run.provenance;
             let crc = calibration_crc.map_or("-".to_owned(), |crc| format!("{crc:08x}"));

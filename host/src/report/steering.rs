@@ -2,7 +2,7 @@
 
 use super::page::{Block, FIGURES, Fact, Outcome, Section, number, value, words};
 use crate::figures;
-use inference::track::results::{TrackResult, Tracking};
+use inference::track::results::Tracking;
 
 /// Facts for the summary.
 pub(super) fn facts(found: &Tracking) -> Vec<Fact> {
@@ -19,9 +19,10 @@ pub(super) fn facts(found: &Tracking) -> Vec<Fact> {
 
 /// Warnings of every run.
 pub(super) fn warnings(found: &Tracking) -> Vec<String> {
-    let own = found.runs.iter();
-    let own = own.flat_map(|run| run.warnings.iter().map(|warning| format!("{}: {warning}", run.id)));
-    found.warnings.iter().cloned().chain(own).collect()
+    let tracked_runs = found.runs.iter();
+    let run_warnings =
+        tracked_runs.flat_map(|run| run.warnings.iter().map(|warning| format!("{}: {warning}", run.id)));
+    found.warnings.iter().cloned().chain(run_warnings).collect()
 }
 
 /// The section.
@@ -53,18 +54,6 @@ pub(super) fn section(outcome: &Outcome<Tracking>) -> Section {
 }
 
 fn table(found: &Tracking) -> Block {
-    let row = |run: &TrackResult| {
-        let last = run.last.as_ref();
-        vec![
-            run.id.clone(),
-            value(last.map(|last| last.depth_mm), 0),
-            last.map_or("-".to_owned(), |last| last.stiffness_n_per_m2.words(1e-3, 1)),
-            last.map_or("-".to_owned(), |last| last.damping_n_s_per_m2.words(1e-3, 2)),
-            value(run.errors.rms_mm, 2),
-            value(run.errors.max_mm, 2),
-            value(run.errors.converged_at_mm, 0),
-        ]
-    };
     let columns = [
         words("run"),
         number("depth, mm"),
@@ -75,5 +64,24 @@ fn table(found: &Tracking) -> Block {
         number("from, mm"),
     ];
     let caption = "Mean over the inserted part at the end of each run; the tip simulated with the estimates at each time";
-    Block::table(caption, columns, found.runs.iter().map(row).collect())
+    Block::table(
+        caption,
+        columns,
+        found
+            .runs
+            .iter()
+            .map(|run| {
+                let last = run.last.as_ref();
+                vec![
+                    run.id.clone(),
+                    value(last.map(|last| last.depth_mm), 0),
+                    last.map_or("-".to_owned(), |last| last.stiffness_n_per_m2.words(1e-3, 1)),
+                    last.map_or("-".to_owned(), |last| last.damping_n_s_per_m2.words(1e-3, 2)),
+                    value(run.errors.rms_mm, 2),
+                    value(run.errors.max_mm, 2),
+                    value(run.errors.converged_at_mm, 0),
+                ]
+            })
+            .collect(),
+    )
 }

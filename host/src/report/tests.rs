@@ -112,12 +112,12 @@ fn a_report_has_the_numbers_of_the_analyses() {
     let html = Report::new(&session, &analyses, &origin()).html();
     assert_sound(&html);
 
-    let found = analyses.identification.found().expect("identified");
-    let [low, high] = found.pooled.ci95_kpa;
-    let k = format!("{:.2} ({low:.2} to {high:.2})", found.pooled.k_kpa);
-    let youngs = format!("{:.2} (", found.youngs_modulus_kpa.value.unwrap_or(f64::NAN));
+    let identification = analyses.identification.found().expect("identified");
+    let [low, high] = identification.pooled.ci95_kpa;
+    let k = format!("{:.2} ({low:.2} to {high:.2})", identification.pooled.k_kpa);
+    let youngs = format!("{:.2} (", identification.youngs_modulus_kpa.value.unwrap_or(f64::NAN));
     assert_has(&html, &["phantom A", &k, &youngs, "by continuum", "Poisson"]);
-    for run in &found.runs {
+    for run in &identification.runs {
         let k_kpa = run.methods.likelihood_without_force.k_kpa.expect("a modulus");
         assert_has(&html, &[&run.id, &format!(">{k_kpa:.2} (")]);
     }
@@ -131,7 +131,7 @@ fn a_report_has_the_numbers_of_the_analyses() {
     let k = format!("{:.2} ({low:.2} to {high:.2})", diagnosed.k_kpa);
     assert_has(&html, &[diagnosed.verdict.explained(), &k, "tip.rate", "the model lacks tip.rate"]);
     assert_has(&html, &["Skipped: the session has no steering runs.", "00ff00ff", "2025-03-01"]);
-    assert!(html.matches("<figure>").count() > found.runs.len() * 3 + predicted.insertions.len());
+    assert!(html.matches("<figure>").count() > identification.runs.len() * 3 + predicted.insertions.len());
     assert!(html.find("Warnings") < html.find("Summary"), "warnings come first");
 }
 
@@ -169,20 +169,20 @@ fn what_a_session_does_not_have_is_skipped() {
 fn what_fails_is_reported_in_its_section() {
     let mut bad = empty();
     let path = PathBuf::from("x.csv");
-    let (id, none) = ("x".to_owned(), None::<Vec<f64>>);
+    let (id, no_values) = ("x".to_owned(), None::<Vec<f64>>);
     bad.insertion.push(InsertionRun {
         id: id.clone(),
         path: path.clone(),
         depth_m: vec![0.0],
         tip_y_m: vec![0.0],
-        tip_x_m: none.clone(),
-        time_s: none.clone(),
-        rotation_rad: none.clone(),
-        guide2_y_m: none.clone(),
-        guide2_x_m: none.clone(),
-        base_force_y_n: none.clone(),
-        tip_direction_y_rad: none.clone(),
-        tip_direction_x_rad: none,
+        tip_x_m: no_values.clone(),
+        time_s: no_values.clone(),
+        rotation_rad: no_values.clone(),
+        guide2_y_m: no_values.clone(),
+        guide2_x_m: no_values.clone(),
+        base_force_y_n: no_values.clone(),
+        tip_direction_y_rad: no_values.clone(),
+        tip_direction_x_rad: no_values,
     });
     let list = || vec![0.0, 0.001];
     bad.steering.push(SteeringRun {
@@ -208,8 +208,8 @@ fn what_fails_is_reported_in_its_section() {
     bad.indentation.push(indentation);
     let analyses = Analyses::of(&bad, &Options::default(), |_| {});
     let failures = analyses.failures();
-    let of: Vec<_> = failures.iter().filter_map(|failure| failure.split(' ').next()).collect();
-    assert_eq!(of, ["prediction", "tracking", "diagnosis"], "{failures:?}");
+    let sections: Vec<_> = failures.iter().filter_map(|failure| failure.split(' ').next()).collect();
+    assert_eq!(sections, ["prediction", "tracking", "diagnosis"], "{failures:?}");
     let html = html_of(&bad);
     assert_has(
         &html,
@@ -230,8 +230,12 @@ fn days_are_given_or_those_of_files() {
 #[test]
 fn many_points_are_thinned() {
     let points: Vec<usize> = (0..1001).collect();
-    let kept = page::thinned(&points, 100);
-    assert!(kept.len() <= 100 && kept.len() > 80 && kept[0] == 0, "{}", kept.len());
+    let thinned_points = page::thinned(&points, 100);
+    assert!(
+        thinned_points.len() <= 100 && thinned_points.len() > 80 && thinned_points[0] == 0,
+        "{}",
+        thinned_points.len()
+    );
     assert_eq!(page::thinned(&points, 2000), points);
     assert!(page::thinned(&points, 0).len() <= 1);
 }

@@ -23,9 +23,11 @@ fn text_of(screen: impl Widget, width: u16, height: u16) -> String {
     let area = Rect::new(0, 0, width, height);
     let mut buffer = Buffer::empty(area);
     screen.render(area, &mut buffer);
-    let row = |y: u16| {
-        let line: String = (0..width).filter_map(|x| buffer.cell((x, y))).map(|cell| cell.symbol()).collect();
-        format!("{}\n", line.trim_end())
-    };
-    (0..height).map(row).collect()
+    (0..height)
+        .map(|y| {
+            let line: String =
+                (0..width).filter_map(|x| buffer.cell((x, y))).map(|cell| cell.symbol()).collect();
+            format!("{}\n", line.trim_end())
+        })
+        .collect()
 }

@@ -28,8 +28,8 @@ pub fn draw(state: &State, now_s: f64, area: Rect, buffer: &mut Buffer) {
 fn head(old: bool) -> Line<'static> {
     let text = format!("{:10}{:>12}{:>14}   {}", "", "position", "force", "stiffness on board (95 %)");
     let mark = if old { " OLD     " } else { "" };
-    let rest = text.get(mark.len()..).unwrap_or_default().to_owned();
-    Line::from(vec![mark.bold(), Span::from(rest).dark_gray()])
+    let tail = text.get(mark.len()..).unwrap_or_default().to_owned();
+    Line::from(vec![mark.bold(), Span::from(tail).dark_gray()])
 }
 
 fn label(text: &str) -> Span<'static> {

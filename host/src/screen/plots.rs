@@ -11,7 +11,7 @@ use ratatui::widgets::{Axis, Block, Borders, Chart, Dataset, GraphType, Widget};
 
 /// Colours of x and y.
 pub const COLOURS: [Color; 2] = [Color::Cyan, Color::Yellow];
-/// What is old.
+/// Colour of old values.
 pub const OLD: Color = Color::DarkGray;
 /// Width of the labels left of the axis.
 const LABEL_WIDTH: u16 = 8;
@@ -22,7 +22,7 @@ const DOTS: u16 = 2;
 
 /// One plot.
 pub struct Plot<'a> {
-    /// What it shows, with its unit.
+    /// Quantity, with its unit.
     pub title: &'a str,
     /// The channels of x and y.
     pub channels: [usize; 2],
@@ -44,9 +44,9 @@ impl Plot<'_> {
         let columns = usize::from(chart_area.width.saturating_sub(LABEL_WIDTH + 1).max(1) * DOTS);
         // Columns stay where they are while time goes on: their ends are whole numbers of columns.
         let column_s = self.window_s / columns as f64;
-        let to_s = (state.edge_s(now_s) / column_s).ceil() * column_s;
+        let end_s = (state.edge_s(now_s) / column_s).ceil() * column_s;
         let runs =
-            self.channels.map(|channel| state.traces.runs(channel, to_s - self.window_s, to_s, columns));
+            self.channels.map(|channel| state.traces.runs(channel, end_s - self.window_s, end_s, columns));
         let bounds = self.bounds(&runs);
         let old = state.is_old(now_s);
         let colours = if old { [OLD; 2] } else { COLOURS };
@@ -120,17 +120,17 @@ impl Plot<'_> {
         let rows = [0, 1].map(|axis: usize| {
             let last = runs.get(axis)?.last()?.last()?;
             // A line that has ended earlier is not named at the edge.
-            let near = last.place + columns / 20 + 2 >= columns;
+            let is_near_edge = last.place + columns / 20 + 2 >= columns;
             let value = 0.5 * (last.low + last.high) * self.per_si;
-            let share = ((high - value) / (high - low)).clamp(0.0, 1.0);
-            near.then_some((share * f64::from(height - 1)).round() as u16)
+            let height_fraction = ((high - value) / (high - low)).clamp(0.0, 1.0);
+            is_near_edge.then_some((height_fraction * f64::from(height - 1)).round() as u16)
         });
-        let same = rows.first() == rows.get(1);
+        let is_single_row = rows.first() == rows.get(1);
         for ((row, name), (colour, shift)) in rows.iter().zip(["x", "y"]).zip(colours.into_iter().zip([0, 1]))
         {
             let Some(row) = row else { continue };
             // Side by side where they meet.
-            let x = area.right() + if same { shift } else { 0 };
+            let x = area.right() + if is_single_row { shift } else { 0 };
             if let Some(cell) = buffer.cell_mut((x, area.top() + row)) {
                 cell.set_symbol(name).set_fg(colour);
             }

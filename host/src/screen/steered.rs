@@ -25,7 +25,7 @@ const COLOURS: [Color; 2] = [Color::Cyan, Color::Yellow];
 const TARGET: Color = Color::Red;
 const REACH: Color = Color::DarkGray;
 
-/// What the screen shows of a run: what has happened in it.
+/// View of a run on the screen: what has happened in it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SteerView {
     target_mm: [f64; 3],
@@ -40,7 +40,7 @@ pub struct SteerView {
     within: Vec<Probability>,
     decision: Option<Decision>,
     expected_mm: Vec<[f64; 2]>,
-    /// What is done next, or how the run ended.
+    /// Next action, or the outcome of the run.
     next: String,
 }
 
@@ -89,7 +89,7 @@ impl SteerView {
     }
 }
 
-/// What is done next by a decision, on one line of the smallest usual terminal.
+/// Next action by a decision, on one line of the smallest usual terminal.
 fn next(decision: &Decision, target_depth_mm: f64) -> String {
     let cue = decision.cue(target_depth_mm);
     let [x, y] = decision.guide_to_mm;
@@ -193,8 +193,8 @@ impl SteerScreen<'_> {
         };
         let (planned, low, high) = (edge(0.0), edge(-HALF_BAND_SD), edge(HALF_BAND_SD));
         let target = [(view.target_mm[2], view.target_mm[plane])];
-        let all = [&read, &low, &high].into_iter().flatten().chain(&target).map(|(_, mm)| *mm);
-        let limits = [[0.0, (1.02 * view.target_mm[2]).max(1.0)], bounds(all)];
+        let shown_mm = [&read, &low, &high].into_iter().flatten().chain(&target).map(|(_, mm)| *mm);
+        let limits = [[0.0, (1.02 * view.target_mm[2]).max(1.0)], bounds(shown_mm)];
         let grey = Style::new().fg(REACH);
         let datasets = vec![
             line(&low, grey),
@@ -238,13 +238,14 @@ impl SteerScreen<'_> {
             let limit = view.force_limit_n.map_or_else(String::new, |limit| format!(" of {limit:.1}"));
             format!("   force {n:.2}{limit} N")
         });
-        let within: Vec<String> = view
+        let probabilities: Vec<String> = view
             .within
             .iter()
             .take(3)
             .map(|one| format!("{:.0} % within {} mm", 100.0 * one.probability, one.radius_mm))
             .collect();
-        let within = if within.is_empty() { "not stated".to_owned() } else { within.join(", ") };
+        let probability_text =
+            if probabilities.is_empty() { "not stated".to_owned() } else { probabilities.join(", ") };
         let expected = view.decision.as_ref().map_or_else(
             || "expected     not planned yet".to_owned(),
             |decision| {
@@ -261,7 +262,7 @@ impl SteerScreen<'_> {
         let limited = limited_by.map_or_else(String::new, |by| format!("; the move is limited by {by}"));
         let lines = vec![
             Line::from(format!("depth        {:.1} mm   guide 2 {x:+.2}, {y:+.2} mm{force}", view.depth_mm)),
-            Line::from(format!("probability  {within}")),
+            Line::from(format!("probability  {probability_text}")),
             Line::from(expected),
             Line::from(format!("readings     {} of the tip{limited}", view.readings_mm.len())),
             Line::from(vec!["next         ".bold(), Span::from(view.next.clone()).bold()]),

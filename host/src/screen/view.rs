@@ -27,7 +27,7 @@ const TIME_ROWS: u16 = 2;
 /// Most rows of words in an alarm.
 const MAX_ALARM_ROWS: usize = 5;
 
-/// What every key does.
+/// Effect of every key.
 const HELP: [(&str, &str); 10] = [
     ("arrow keys", "jog: left and right along x, up and down along y, 1 mm/s"),
     ("[ and ]", "shorter and longer step of a jog, 0.05 to 2 mm"),
@@ -41,7 +41,7 @@ const HELP: [(&str, &str); 10] = [
     ("q or Ctrl-C", "quit; a motion that runs is stopped"),
 ];
 
-/// What the user has chosen.
+/// Choices of the user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
     window: usize,
@@ -62,7 +62,7 @@ impl Settings {
         WINDOWS_S.get(self.window).copied().unwrap_or(10.0)
     }
 
-    /// How far a jog goes, metres.
+    /// Length of a jog, metres.
     pub fn jog_step_m(&self) -> f64 {
         1e-3 * JOG_STEPS_MM.get(self.jog_step).copied().unwrap_or(0.5)
     }
@@ -85,9 +85,9 @@ fn moved(at: usize, up: bool, count: usize) -> usize {
 /// The whole screen.
 #[derive(Debug, Clone, Copy)]
 pub struct Screen<'a> {
-    /// What is known.
+    /// State of the device.
     pub state: &'a State,
-    /// What the user has chosen.
+    /// Choices of the user.
     pub settings: Settings,
     /// Now, by the clock of the state.
     pub now_s: f64,
@@ -146,15 +146,15 @@ impl Screen<'_> {
         Line::from(spans)
     }
 
-    /// What must not be overlooked.
+    /// Alarms that must not be overlooked.
     fn alarms(&self) -> Vec<Alarm> {
         let state = self.state;
         let mut alarms = Vec::new();
-        if let Some(down) = state.down() {
-            let silent_s = state.silent_s(self.now_s).unwrap_or(self.now_s - down.since_s);
+        if let Some(disconnection) = state.down() {
+            let silent_s = state.silent_s(self.now_s).unwrap_or(self.now_s - disconnection.since_s);
             alarms.push(Alarm {
                 title: format!("NO CONNECTION for {silent_s:.0} s: values are old, trying again"),
-                lines: vec![down.reason.clone()],
+                lines: vec![disconnection.reason.clone()],
                 colour: Color::Magenta,
             });
         }
@@ -287,14 +287,14 @@ fn wrapped(text: &str, width: usize) -> Vec<String> {
 fn help(area: Rect, buffer: &mut Buffer) {
     let width = area.width.min(76);
     let height = area.height.min(HELP.len() as u16 + 2);
-    let place =
+    let help_area =
         Rect { x: area.x + (area.width - width) / 2, y: area.y + (area.height - height) / 2, width, height };
     let lines: Vec<Line> = HELP
         .iter()
         .map(|(key, what)| Line::from(vec![format!("{key:>12}  ").bold(), Span::from(*what)]))
         .collect();
-    Clear.render(place, buffer);
-    Paragraph::new(lines).block(Block::bordered().title(" keys ")).render(place, buffer);
+    Clear.render(help_area, buffer);
+    Paragraph::new(lines).block(Block::bordered().title(" keys ")).render(help_area, buffer);
 }
 
 #[cfg(test)]

@@ -6,12 +6,12 @@ use steering::{Event, Options, steer};
 use worlds::steering::{Kind, SimulatedPlant, reachable_target, target_by_rotations, world};
 
 const DEPTH_MM: f64 = 100.0;
-/// What the needles are drawn from.
+/// Seed of the needles.
 const SEED: u64 = 4417;
 /// A force limit that holds many moves back, N.
 const LOW_LIMIT_N: f64 = 4.0;
 
-/// How often each run is made.
+/// Number of repetitions of each run.
 const REPEATS: usize = 4;
 
 /// Median and worst replan of a run, s.
@@ -31,18 +31,19 @@ fn main() {
     for (name, rotations, limit_n) in
         [("guided", 0, None), ("guided, 4 N", 0, Some(LOW_LIMIT_N)), ("held by hand", 2, None)]
     {
-        let of = |number: u64| {
-            let mut plant = world(Kind::Plain, SEED, number);
-            let target_mm = if rotations > 0 {
-                plant.stated.limits.guide_travel_mm = 0.0;
-                target_by_rotations(&plant, DEPTH_MM, SEED, number).ok()?
-            } else {
-                reachable_target(&plant, DEPTH_MM, SEED, number).ok()?
-            };
-            plant.stated.limits.guide_force_n = limit_n.or(plant.stated.limits.guide_force_n);
-            times_s(&plant, &Options { rotations, ..Options::new(target_mm) })
-        };
-        let times: Vec<[f64; 2]> = (0..count).filter_map(of).collect();
+        let times: Vec<[f64; 2]> = (0..count)
+            .filter_map(|number| {
+                let mut plant = world(Kind::Plain, SEED, number);
+                let target_mm = if rotations > 0 {
+                    plant.stated.limits.guide_travel_mm = 0.0;
+                    target_by_rotations(&plant, DEPTH_MM, SEED, number).ok()?
+                } else {
+                    reachable_target(&plant, DEPTH_MM, SEED, number).ok()?
+                };
+                plant.stated.limits.guide_force_n = limit_n.or(plant.stated.limits.guide_force_n);
+                times_s(&plant, &Options { rotations, ..Options::new(target_mm) })
+            })
+            .collect();
         let mut medians: Vec<f64> = times.iter().map(|[median, _]| *median).collect();
         medians.sort_by(f64::total_cmp);
         let median_s = medians.get(medians.len() / 2).copied().unwrap_or(f64::NAN);

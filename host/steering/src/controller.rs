@@ -47,7 +47,7 @@ const LAST_AUTHORITY: f64 = 0.75;
 /// allowed for, and some worse. Found on plants of seeds 11 and 12 of `cargo xtask study steer`, checked on others (manual, validation).
 const FORECAST: [[f64; 2]; 2] = [[0.92, 0.155], [0.08, 3.9]];
 
-/// What is requested.
+/// Options of a steered insertion.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Options {
     /// Target: x, y, depth, mm.
@@ -56,7 +56,7 @@ pub struct Options {
     pub rest_every_mm: f64,
     /// Speed of pushing, mm/s, where the plant allows it.
     pub push_speed_mm_s: f64,
-    /// How many times the uncertain part of the squared miss counts.
+    /// Weight of the uncertain part of the squared miss.
     pub caution: f64,
     /// Squared miss per squared move at the start; it falls towards the target's depth, where little is left to be corrected.
     pub effort: f64,
@@ -65,14 +65,14 @@ pub struct Options {
     /// Whether the tissue is taken as the prior's mean, whatever the readings are: what a controller without identification does.
     #[serde(default)]
     pub tissue_known: bool,
-    /// How often the needle may be turned, where the plant can; 0: guide moves only.
+    /// Number of turns of the needle that are allowed, if the plant can; 0: guide moves only.
     #[serde(default)]
     pub rotations: usize,
     /// Whether tip cutting at an angle is considered.
     pub cut_angle: bool,
     /// Whether anything is moved.
     pub steered: bool,
-    /// What is known of the rig from its runs in air.
+    /// Rig as characterized by its runs in air.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub rig: Vec<KnownEffect>,
 }
@@ -112,7 +112,7 @@ pub enum SteerError {
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What is valid.
+        /// Valid content.
         expected: String,
     },
     /// Readings of the tip far from where the model has it.
@@ -120,7 +120,7 @@ pub enum SteerError {
         "{count} consecutive tip readings lie outside the band that the model predicts at {depth_mm:.1} mm"
     )]
     TipOutsideBand {
-        /// How many.
+        /// Number of them.
         count: usize,
         /// Depth.
         depth_mm: f64,
@@ -130,7 +130,7 @@ pub enum SteerError {
         "the last {count} tip readings are the same to the digit: the tracker repeats its last value; is its view blocked?"
     )]
     TipFrozen {
-        /// How many.
+        /// Number of them.
         count: usize,
     },
     /// Readings that were taken long before they arrive.
@@ -139,7 +139,7 @@ pub enum SteerError {
          connection to it lags"
     )]
     TipLate {
-        /// How many.
+        /// Number of them.
         count: usize,
         /// Age of the last, s.
         age_s: f64,
@@ -291,16 +291,16 @@ impl<'a> Controller<'a> {
         let history = History::new(target_m, 0.5e-3 * options.rest_every_mm, bevel_rad);
         let expected = laws[0].paths(&history)?;
         let every_m = 1e-3 * options.rest_every_mm;
-        let mut rests: Vec<usize> = Vec::new();
-        let mut at_m = every_m;
-        while at_m < target_m - 0.5 * every_m {
-            let near = history.depths_m.partition_point(|m| *m < at_m - 1e-6);
-            if near < history.depths_m.len() - 1 {
-                rests.push(near);
+        let mut rest_nodes: Vec<usize> = Vec::new();
+        let mut stop_m = every_m;
+        while stop_m < target_m - 0.5 * every_m {
+            let node = history.depths_m.partition_point(|m| *m < stop_m - 1e-6);
+            if node < history.depths_m.len() - 1 {
+                rest_nodes.push(node);
             }
-            at_m += every_m;
+            stop_m += every_m;
         }
-        rests.dedup();
+        rest_nodes.dedup();
         Ok(Self {
             plant,
             stated,
@@ -316,7 +316,7 @@ impl<'a> Controller<'a> {
             still_force: ([0.0; 2], 0.0),
             peak_force_n: None,
             decisions: Vec::new(),
-            rests,
+            rests: rest_nodes,
             within_before: Vec::new(),
             limits_before: Vec::new(),
             reachable_m: Vec::new(),
@@ -367,31 +367,32 @@ impl<'a> Controller<'a> {
     }
 
     fn best(&self) -> usize {
-        let of = |i: &usize| self.laws[*i].ln_evidence;
-        (0..self.laws.len()).max_by(|a, b| of(a).total_cmp(&of(b))).unwrap_or(0)
+        let ln_evidence_of = |i: &usize| self.laws[*i].ln_evidence;
+        (0..self.laws.len()).max_by(|a, b| ln_evidence_of(a).total_cmp(&ln_evidence_of(b))).unwrap_or(0)
     }
 
     /// Takes all readings in; gains are those of the rests given.
     fn update(&mut self, rests: &[usize]) -> Result<Posterior, SteerError> {
-        let mut at = Vec::with_capacity(self.laws.len());
+        let mut posteriors = Vec::with_capacity(self.laws.len());
         for law in &mut self.laws {
-            at.push(law.update(&self.readings.bins, &self.history, rests)?);
+            posteriors.push(law.update(&self.readings.bins, &self.history, rests)?);
         }
         let most = self.laws.iter().map(|law| law.ln_evidence).fold(f64::NEG_INFINITY, f64::max);
         let weights: Vec<f64> = self.laws.iter().map(|law| (law.ln_evidence - most).exp()).collect();
         let total: f64 = weights.iter().sum();
-        let at = at.into_iter().zip(weights).map(|(at, weight)| (weight / total, at));
-        let at = at.filter(|(weight, _)| *weight > 1e-3).collect();
+        let weighted =
+            posteriors.into_iter().zip(weights).map(|(posteriors, weight)| (weight / total, posteriors));
+        let weighted_posteriors = weighted.filter(|(weight, _)| *weight > 1e-3).collect();
         self.refresh()?;
-        Ok(Posterior { at })
+        Ok(Posterior { at: weighted_posteriors })
     }
 
     fn result(&mut self, outcome: Outcome, tip_m: [f64; 2], covariance_m2: [f64; 3], end: End) -> Run {
         let target_mm = self.options.target_mm;
         let tip_mm = tip_m.map(|m| 1e3 * m);
         let truth = end.true_tip_x_mm.zip(end.true_tip_y_mm);
-        let at = truth.map_or(tip_mm, |(x, y)| [x, y]);
-        let miss_mm = (at[0] - target_mm[0]).hypot(at[1] - target_mm[1]);
+        let tip = truth.map_or(tip_mm, |(x, y)| [x, y]);
+        let miss_mm = (tip[0] - target_mm[0]).hypot(tip[1] - target_mm[1]);
         let mut replans_s = std::mem::take(&mut self.replans_s);
         replans_s.sort_by(f64::total_cmp);
         Run {

@@ -1,4 +1,5 @@
-//! What guide moves do to needle, guide and tissue at the stops to come, as shares of their limits (theory, eq. 79).
+//! Effect of guide moves on needle, guide and tissue at the stops to come, as fractions of their limits (theory, eq.
+//! 79).
 //!
 //! By the one forward model every bending moment, the force of guide 2 and the compression of the tissue are linear in the moves,
 //! and so they are constraints of the plan: each the
@@ -25,8 +26,8 @@ const QUANTILE: f64 = 3.09;
 const MODEL_ERROR: f64 = 0.05;
 /// Up to this share of a limit the posterior is not looked at: it would have to be wrong by more than the value itself.
 const FAR_FROM_LIMIT: f64 = 0.3;
-/// How much deeper the tip is when readings have told three quarters of what was unknown of the target (halved its standard
-/// deviation), m: so it is from 10 mm on in simulated runs.
+/// Increase of the tip's depth within which readings halve the target's standard deviation, m: so it is from 10 mm on
+/// in simulated runs.
 const KNOWN_AFTER_M: f64 = 0.020;
 /// Share by which a solution may exceed a limit that it keeps.
 pub(crate) const SOLVED: f64 = 5e-4;
@@ -36,7 +37,7 @@ const COMPRESSED_AT_M: [f64; 3] = [0.0, 0.010, 0.025];
 /// Radius of the needle where none is stated, m: 18 gauge.
 const RADIUS_M: f64 = 0.635e-3;
 
-/// What limits a plan.
+/// Limit of a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Limit {
     /// Bending strain of the needle.
@@ -100,9 +101,9 @@ impl Limits {
         self.moment_n_m.is_none() && self.force_n.is_none() && self.compression_m.is_none()
     }
 
-    /// What is limited with the tip at a node, with its limit.
+    /// Limited quantities with the tip at a node, with their limits.
     fn asked(&self, history: &History, node: usize) -> Vec<(Limit, Inner, f64)> {
-        let near = |depths_m: &[f64]| {
+        let near_nodes = |depths_m: &[f64]| {
             let mut nodes: Vec<usize> =
                 depths_m.iter().map(|m| history.depths_m.partition_point(|at| *at < m - 1e-6)).collect();
             nodes.dedup();
@@ -114,7 +115,7 @@ impl Limits {
             for inner in [Inner::MomentAtGuide1, Inner::MomentAtGuide2, Inner::MomentAtSurface] {
                 asked.push((Limit::Strain, inner, limit));
             }
-            for at in near(&BENT_AT_M) {
+            for at in near_nodes(&BENT_AT_M) {
                 asked.push((Limit::Strain, Inner::MomentInTissue(at), limit));
             }
         }
@@ -122,7 +123,7 @@ impl Limits {
             asked.push((Limit::Force, Inner::Guide2Force, limit));
         }
         if let Some(limit) = self.compression_m {
-            for at in near(&COMPRESSED_AT_M) {
+            for at in near_nodes(&COMPRESSED_AT_M) {
                 asked.push((Limit::Compression, Inner::Compression(at), limit));
             }
         }
@@ -138,9 +139,9 @@ type At = (usize, usize);
 pub(crate) struct Cone {
     /// Its limit.
     pub limit: Limit,
-    /// Where.
+    /// Position of the limited quantity.
     at: At,
-    /// Which quantity of that place.
+    /// Number of the quantity at that position.
     number: usize,
     /// Share of the limit, x and y, if the guide stays.
     pub stay: [f64; 2],
@@ -148,7 +149,8 @@ pub(crate) struct Cone {
     pub per_move: Vec<f64>,
     /// Largest share that is allowed.
     pub bound: f64,
-    /// What correcting the tip at the target by a metre, by moves that are still to be made, takes of the limit, 1/m.
+    /// Fraction of the limit that a correction of the tip at the target by a metre takes, by moves that are still to
+    /// be made, 1/m.
     pub per_correction: f64,
 }
 
@@ -179,7 +181,7 @@ impl Cone {
         x.hypot(y) + self.per_correction * corrected_m - self.bound
     }
 
-    /// Which of them stand for the same place and limit.
+    /// Identity of the position and limit.
     pub fn group(&self) -> (usize, usize, Limit) {
         (self.at.0, self.at.1, self.limit)
     }
@@ -222,39 +224,40 @@ impl Envelope {
         measured: Measured,
     ) -> Result<Self, ModelError> {
         let first = stops.first().copied().unwrap_or(1).max(1);
-        let mut this = Self { cones: Vec::new(), limits, now: (first, 1), measured };
+        let mut envelope = Self { cones: Vec::new(), limits, now: (first, 1), measured };
         if limits.is_empty() {
-            return Ok(this);
+            return Ok(envelope);
         }
         let moved: Vec<Vec<TipState>> = stops.iter().map(|node| tables.moved_at(*node)).collect();
         let last = history.depths_m.len() - 1;
         for node in stops.iter().copied().chain([last]).filter(|node| *node >= 1) {
             let asked = limits.asked(history, node);
             let inner: Vec<Inner> = asked.iter().map(|(_, inner, _)| *inner).collect();
-            let found = tables.held.at(node, &inner)?;
-            for (number, ((limit, _, most), influence)) in asked.iter().zip(&found).enumerate() {
+            let quantities = tables.held.at(node, &inner)?;
+            for (number, ((limit, _, most), influence)) in asked.iter().zip(&quantities).enumerate() {
                 for side in 0..2 {
                     if (node == first && side == 0) || (node == last && side == 1) {
                         continue;
                     }
-                    let at = (node, side);
+                    let location = (node, side);
                     let mut stay = [0, 1].map(|plane: usize| {
-                        value(influence, &bent[plane].states, bent[plane].guide_m[node][side], at) / most
+                        value(influence, &bent[plane].states, bent[plane].guide_m[node][side], location)
+                            / most
                     });
                     let per_move = moved.iter().zip(stops).map(|(states, from)| {
-                        value(influence, states, tables::moved_from(*from, node)[side], at) / most
+                        value(influence, states, tables::moved_from(*from, node)[side], location) / most
                     });
                     if *limit == Limit::Force {
-                        let shift = this.force_shift(tables, bent)?;
+                        let shift = envelope.force_shift(tables, bent)?;
                         (0..2).for_each(|plane| stay[plane] += shift[plane] / most);
                     }
                     let per_move = per_move.collect();
-                    let cone = Cone::new(*limit, at, stay, per_move, bound(0.0));
-                    this.cones.push(Cone { number, ..cone });
+                    let cone = Cone::new(*limit, location, stay, per_move, bound(0.0));
+                    envelope.cones.push(Cone { number, ..cone });
                 }
             }
         }
-        Ok(this)
+        Ok(envelope)
     }
 
     /// Measured force less that of the model, now: what is measured counts, and the model only for what changes it.
@@ -262,22 +265,22 @@ impl Envelope {
         let Some((measured_n, _)) = self.measured else { return Ok([0.0; 2]) };
         let (node, side) = self.now;
         let force = tables.held.at(node, &[Inner::Guide2Force])?;
-        let of = |plane: usize| {
+        let plane_shift = |plane: usize| {
             force.iter().map(move |force| {
                 value(force, &bent[plane].states, bent[plane].guide_m[node][side], self.now)
             })
         };
-        Ok([0, 1].map(|plane| measured_n[plane] - of(plane).sum::<f64>()))
+        Ok([0, 1].map(|plane| measured_n[plane] - plane_shift(plane).sum::<f64>()))
     }
 
-    /// What corrections take of the limits that are made when most of the deviation is known: moves from the stop on that is
-    /// [`KNOWN_AFTER_M`] deeper, each in proportion to its
-    /// gain at the target (the least squares of the plan itself).
+    /// Fractions of the limits for corrections that are made when most of the deviation is known: moves from the stop
+    /// on that is [`KNOWN_AFTER_M`] deeper, each in proportion to its gain at the target (the least squares of the plan
+    /// itself).
     pub fn reserve(&mut self, history: &History, stops: &[usize], gains: &[f64], effort: f64) {
         let now_m = stops.first().map_or(0.0, |node| history.depths_m[*node]);
         let is_later = |node: &usize| history.depths_m[*node] >= now_m + KNOWN_AFTER_M - 1e-6;
-        let later = |(node, gain): (&usize, &f64)| if is_later(node) { *gain } else { 0.0 };
-        let gains: Vec<f64> = stops.iter().zip(gains).map(later).collect();
+        let gains: Vec<f64> =
+            stops.iter().zip(gains).map(|(node, gain)| if is_later(node) { *gain } else { 0.0 }).collect();
         let square = effort + gains.iter().map(|gain| gain * gain).sum::<f64>();
         for cone in &mut self.cones {
             let product: f64 = cone.per_move.iter().zip(&gains).map(|(per_move, gain)| per_move * gain).sum();
@@ -299,9 +302,11 @@ impl Envelope {
         let next = stops.get(1).copied().unwrap_or(history.depths_m.len() - 1);
         let soon = [self.now, (next, 0)];
         let moves_m = moves(now_m, guide_m);
-        let limited =
-            |cone: &Cone| soon.contains(&cone.at) && cone.used(&moves_m) * cone.bound > FAR_FROM_LIMIT;
-        if !self.cones.iter().any(limited) {
+        if !self
+            .cones
+            .iter()
+            .any(|cone| soon.contains(&cone.at) && cone.used(&moves_m) * cone.bound > FAR_FROM_LIMIT)
+        {
             return Ok(());
         }
         let mut planned = history.clone();
@@ -310,32 +315,34 @@ impl Envelope {
             let asked = self.limits.asked(history, at.0);
             let inner: Vec<Inner> = asked.iter().map(|(_, inner, _)| *inner).collect();
             let subtracted = self.measured.is_some();
-            let shares = |tables: &Tables, values: &[f64]| -> Result<Vec<f64>, ModelError> {
-                let bent = tables::bent(tables, &law.unknowns, values, &planned);
-                let before = tables::bent(tables, &law.unknowns, values, history);
-                let found = tables.held.at(at.0, &inner)?;
-                let force = tables.held.at(self.now.0, &[Inner::Guide2Force])?;
-                let mut shares = Vec::with_capacity(2 * found.len());
-                for plane in 0..2 {
-                    let (then, now) = (&bent[plane], &before[plane]);
-                    let now_n = force.first().map_or(0.0, |force| {
-                        value(force, &now.states, now.guide_m[self.now.0][self.now.1], self.now)
-                    });
-                    for ((limit, _, most), influence) in asked.iter().zip(&found) {
-                        let own = value(influence, &then.states, then.guide_m[at.0][at.1], at);
-                        let less = if *limit == Limit::Force && subtracted { now_n } else { 0.0 };
-                        shares.push((own - less) / most);
+            let rows = law.derivatives(
+                history,
+                |tables: &Tables, values: &[f64]| -> Result<Vec<f64>, ModelError> {
+                    let bent = tables::bent(tables, &law.unknowns, values, &planned);
+                    let bent_before = tables::bent(tables, &law.unknowns, values, history);
+                    let quantities = tables.held.at(at.0, &inner)?;
+                    let force = tables.held.at(self.now.0, &[Inner::Guide2Force])?;
+                    let mut fractions = Vec::with_capacity(2 * quantities.len());
+                    for plane in 0..2 {
+                        let (then, now) = (&bent[plane], &bent_before[plane]);
+                        let now_n = force.first().map_or(0.0, |force| {
+                            value(force, &now.states, now.guide_m[self.now.0][self.now.1], self.now)
+                        });
+                        for ((limit, _, most), influence) in asked.iter().zip(&quantities) {
+                            let own_value = value(influence, &then.states, then.guide_m[at.0][at.1], at);
+                            let less = if *limit == Limit::Force && subtracted { now_n } else { 0.0 };
+                            fractions.push((own_value - less) / most);
+                        }
                     }
-                }
-                Ok(shares)
-            };
-            let rows = law.derivatives(history, shares)?;
+                    Ok(fractions)
+                },
+            )?;
             let variance = |number: usize| {
-                let of = |plane: usize| {
+                let plane_row = |plane: usize| {
                     let row = rows.column(plane * asked.len() + number);
                     row.dot(&(covariance * row))
                 };
-                of(0).max(of(1)).max(0.0)
+                plane_row(0).max(plane_row(1)).max(0.0)
             };
             for cone in self.cones.iter_mut().filter(|cone| cone.at == at) {
                 let most = asked.get(cone.number).map_or(f64::INFINITY, |(_, _, most)| *most);
@@ -355,28 +362,28 @@ impl Envelope {
         self.cones.iter().any(|cone| cone.used(&moves_m) > 1.0 + SOLVED)
     }
 
-    /// Where the guide may go now on the way to a planned position, m: as far as no limit that it would exceed is exceeded there,
-    /// or further than before.
+    /// Farthest allowed position of the guide now on the way to a planned position, m: as far as no limit that it would
+    /// exceed is exceeded there, or further than before.
     pub fn allowed(&self, now_m: [f64; 2], to_m: [f64; 2]) -> ([f64; 2], Option<Limit>) {
         const STEPS: i32 = 20;
-        let own: Vec<&Cone> = self.cones.iter().filter(|cone| cone.at == self.now).collect();
+        let present_cones: Vec<&Cone> = self.cones.iter().filter(|cone| cone.at == self.now).collect();
         let exceeded = |share: f64| {
             let moves_m = [[0, 1].map(|plane: usize| share * (to_m[plane] - now_m[plane]))];
-            let over = own.iter().find(|cone| {
-                let used = cone.used(&moves_m);
-                used > 1.0 + SOLVED && used > cone.used(&[])
+            let exceeded_cone = present_cones.iter().find(|cone| {
+                let used_fraction = cone.used(&moves_m);
+                used_fraction > 1.0 + SOLVED && used_fraction > cone.used(&[])
             });
-            over.map(|cone| cone.limit)
+            exceeded_cone.map(|cone| cone.limit)
         };
         let Some(limit) = exceeded(1.0) else { return (to_m, None) };
-        let share = (0..STEPS).rev().map(|step| f64::from(step) / f64::from(STEPS));
-        let share = share.into_iter().find(|share| exceeded(*share).is_none()).unwrap_or(0.0);
-        ([0, 1].map(|plane: usize| now_m[plane] + share * (to_m[plane] - now_m[plane])), Some(limit))
+        let fractions = (0..STEPS).rev().map(|step| f64::from(step) / f64::from(STEPS));
+        let fraction = fractions.into_iter().find(|fractions| exceeded(*fractions).is_none()).unwrap_or(0.0);
+        ([0, 1].map(|plane: usize| now_m[plane] + fraction * (to_m[plane] - now_m[plane])), Some(limit))
     }
 }
 
 /// Moves between positions, m.
 pub(crate) fn moves(now_m: [f64; 2], guide_m: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let before = std::iter::once(&now_m).chain(guide_m);
-    guide_m.iter().zip(before).map(|(to, from)| [to[0] - from[0], to[1] - from[1]]).collect()
+    let previous_positions = std::iter::once(&now_m).chain(guide_m);
+    guide_m.iter().zip(previous_positions).map(|(to, from)| [to[0] - from[0], to[1] - from[1]]).collect()
 }

@@ -31,7 +31,7 @@ const STIFFNESS_ERROR: f64 = 0.15;
 /// The stiffness that guide 2 has felt in a move at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Felt {
-    /// Where.
+    /// Number of the node.
     pub node: usize,
     /// Logarithm of the force per displacement, N/m.
     pub ln_n_per_m: f64,
@@ -69,7 +69,7 @@ pub(crate) struct Hypothesis {
     linearised: Option<Arc<Linearised>>,
 }
 
-/// What the posterior states of the tip at the target.
+/// Posterior of the tip at the target.
 pub(crate) struct AtTarget {
     /// Tip of both planes if nothing more is moved, m.
     pub tip_m: [f64; 2],
@@ -116,11 +116,10 @@ impl Hypothesis {
     /// The same per unknown: those of before as long as the tissue is near them, since they take most of a replan's time.
     fn linearise(&mut self, history: &History, here: &Arc<Tables>) -> Result<Arc<Linearised>, ModelError> {
         let tissue = self.tissue();
-        if let Some(linearised) = &self.linearised {
-            let near = |(now, then): (&f64, &f64)| (now - then).abs() <= STALE;
-            if tissue.iter().zip(&linearised.at).all(near) {
-                return Ok(linearised.clone());
-            }
+        if let Some(linearised) = &self.linearised
+            && tissue.iter().zip(&linearised.at).all(|(now, then)| (now - then).abs() <= STALE)
+        {
+            return Ok(linearised.clone());
         }
         let unknown = if self.tissue_known { 0 } else { TISSUE };
         let mut raised = Vec::with_capacity(unknown);
@@ -157,16 +156,20 @@ impl Hypothesis {
             let paths = tables::paths(&tables, &self.unknowns, &self.values, history);
             let last_round = round >= ROUNDS || bins.is_empty();
             // Differences for the tissue, where it was linearised.
-            let of = |tables: &Tables| tables::paths(tables, &self.unknowns, &self.values, history);
-            let base =
-                if Arc::ptr_eq(&linearised.base, &tables) { paths.clone() } else { of(&linearised.base) };
-            let changed: Vec<[tables::Path; 2]> = linearised.raised.iter().map(|raised| of(raised)).collect();
+            let paths_by = |tables: &Tables| tables::paths(tables, &self.unknowns, &self.values, history);
+            let base = if Arc::ptr_eq(&linearised.base, &tables) {
+                paths.clone()
+            } else {
+                paths_by(&linearised.base)
+            };
+            let changed: Vec<[tables::Path; 2]> =
+                linearised.raised.iter().map(|raised| paths_by(raised)).collect();
             let row = |place: Place, depth_m: f64, plane: usize| {
                 let mut row = DVector::zeros(count);
                 columns.fill(&self.unknowns, place, depth_m, plane, row.as_mut_slice());
-                let here = tables::at(&base[plane], place);
+                let tip_here = tables::at(&base[plane], place);
                 for (tissue, moved) in changed.iter().enumerate() {
-                    row[tissue] = (tables::at(&moved[plane], place) - here) / DIFFERENCE;
+                    row[tissue] = (tables::at(&moved[plane], place) - tip_here) / DIFFERENCE;
                 }
                 row
             };
@@ -191,13 +194,13 @@ impl Hypothesis {
             }
             for felt in self.felt.iter().filter(|_| !self.tissue_known) {
                 let ln = |tables: &Tables| tables.stiffness_n_per_m(felt.node).map(f64::ln);
-                let (Some(here), Some(base)) = (ln(&tables), ln(&linearised.base)) else { continue };
+                let (Some(tip_here), Some(base)) = (ln(&tables), ln(&linearised.base)) else { continue };
                 let mut row = DVector::zeros(count);
                 for (unknown, raised) in linearised.raised.iter().enumerate() {
                     row[unknown] = ln(raised).map_or(0.0, |raised| (raised - base) / DIFFERENCE);
                 }
                 let variance = STIFFNESS_ERROR.powi(2) * self.felt.len() as f64 + felt.sd * felt.sd;
-                let residual = felt.ln_n_per_m - here;
+                let residual = felt.ln_n_per_m - tip_here;
                 ln_likelihood -= 0.5 * residual * residual / variance + 0.5 * variance.ln();
                 information.ger(1.0 / variance, &row, &row, 1.0);
                 right.axpy(residual / variance, &row, 1.0);
@@ -207,8 +210,11 @@ impl Hypothesis {
                 let step = cholesky.solve(&right);
                 // A long step of the tissue is not linear.
                 let furthest = step.rows(0, TISSUE).amax();
-                let share = if furthest > 1.0 { 1.0 / furthest } else { 1.0 };
-                self.values.iter_mut().zip(step.iter()).for_each(|(value, step)| *value += share * step);
+                let step_fraction = if furthest > 1.0 { 1.0 / furthest } else { 1.0 };
+                self.values
+                    .iter_mut()
+                    .zip(step.iter())
+                    .for_each(|(value, step)| *value += step_fraction * step);
                 // Near the top one step is enough.
                 round = if furthest < 0.1 { ROUNDS } else { round + 1 };
                 continue;
@@ -255,8 +261,8 @@ impl Hypothesis {
         quantities: impl Fn(&Tables, &[f64]) -> Result<Vec<f64>, ModelError>,
     ) -> Result<DMatrix<f64>, ModelError> {
         let tables = self.tables(history)?;
-        let here = quantities(&tables, &self.values)?;
-        let mut rows = DMatrix::zeros(self.values.len(), here.len());
+        let base_quantities = quantities(&tables, &self.values)?;
+        let mut rows = DMatrix::zeros(self.values.len(), base_quantities.len());
         let mut fill = |unknown: usize, raised: Vec<f64>, base: &[f64]| {
             for (column, (raised, base)) in raised.iter().zip(base).enumerate() {
                 rows[(unknown, column)] = (raised - base) / DIFFERENCE;
@@ -273,7 +279,7 @@ impl Hypothesis {
         let mut values = self.values.clone();
         for unknown in self.unknowns.guide_offset()..count {
             values[unknown] += DIFFERENCE;
-            fill(unknown, quantities(&tables, &values)?, &here);
+            fill(unknown, quantities(&tables, &values)?, &base_quantities);
             values[unknown] = self.values[unknown];
         }
         Ok(rows)

@@ -1,4 +1,4 @@
-//! What was done so far, at the nodes of depth on which the needle is solved.
+//! Course of the run so far, at the nodes of depth on which the needle is solved.
 
 use crate::protocol::Answer;
 
@@ -43,7 +43,7 @@ pub(crate) struct Moment {
     pub bevel_rad: f64,
 }
 
-/// Where a reading belongs.
+/// Location of a reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Place {
     /// At rest at a node, on arriving (0) or on leaving (1).
@@ -77,13 +77,13 @@ impl History {
             }
         }
         let resting = (self.depths_m[self.reached] - depth_m).abs() <= 2e-5;
-        let left = AtNode {
+        let rest_state = AtNode {
             guide_m: guide_m.map(|m| [m; 2]),
             play: [0, 1].map(|plane: usize| [self.axis[plane].side; 2]),
             bevel_rad: [bevel_rad; 2],
         };
         // On the way to the next node the guide is where it was left; at a node it may move again.
-        let from = self.reached + usize::from(!resting);
+        let first_node = self.reached + usize::from(!resting);
         if let Some(node) = self.nodes.get_mut(self.reached).filter(|_| resting) {
             for (plane, now_m) in guide_m.into_iter().enumerate() {
                 node.guide_m[plane][1] = now_m;
@@ -91,18 +91,18 @@ impl History {
             }
             node.bevel_rad[1] = bevel_rad;
         }
-        let deeper = from + usize::from(resting);
-        self.nodes.iter_mut().skip(deeper).for_each(|node| *node = left);
+        let deeper = first_node + usize::from(resting);
+        self.nodes.iter_mut().skip(deeper).for_each(|node| *node = rest_state);
         self.times.push(Moment { t_s: answer.t_s, depth_m, guide_m, bevel_rad });
     }
 
     /// Puts the guide where a plan has it from each node on, m; its play lies where the move goes.
     pub fn plan(&mut self, moves: impl Iterator<Item = (usize, [f64; 2])>) {
         for (from, to_m) in moves {
-            let Some(before) = self.nodes.get(from).copied() else { continue };
+            let Some(previous_node) = self.nodes.get(from).copied() else { continue };
             for (plane, now_m) in to_m.into_iter().enumerate() {
-                let moved_m = now_m - before.guide_m[plane][1];
-                let side = if moved_m.abs() > 2e-6 { moved_m.signum() } else { before.play[plane][1] };
+                let moved_m = now_m - previous_node.guide_m[plane][1];
+                let side = if moved_m.abs() > 2e-6 { moved_m.signum() } else { previous_node.play[plane][1] };
                 for (number, node) in self.nodes.iter_mut().enumerate().skip(from) {
                     let first = usize::from(number == from);
                     node.guide_m[plane][first..].fill(now_m);
@@ -114,9 +114,9 @@ impl History {
 
     /// Turns the needle at a depth, to stay turned.
     pub fn plan_rotation(&mut self, depth_m: f64, bevel_rad: f64) {
-        let from = self.depths_m.partition_point(|m| *m < depth_m - 1e-6);
-        for (number, node) in self.nodes.iter_mut().enumerate().skip(from) {
-            node.bevel_rad[usize::from(number == from)..].fill(bevel_rad);
+        let first_node = self.depths_m.partition_point(|m| *m < depth_m - 1e-6);
+        for (number, node) in self.nodes.iter_mut().enumerate().skip(first_node) {
+            node.bevel_rad[usize::from(number == first_node)..].fill(bevel_rad);
         }
     }
 
@@ -125,8 +125,8 @@ impl History {
         let next = self.times.partition_point(|moment| moment.t_s < t_s);
         match (next.checked_sub(1).and_then(|i| self.times.get(i)), self.times.get(next)) {
             (Some(a), Some(b)) => {
-                let share = (t_s - a.t_s) / (b.t_s - a.t_s);
-                let mix = |a: f64, b: f64| a + share * (b - a);
+                let fraction = (t_s - a.t_s) / (b.t_s - a.t_s);
+                let mix = |a: f64, b: f64| a + fraction * (b - a);
                 Moment {
                     t_s,
                     depth_m: mix(a.depth_m, b.depth_m),
@@ -139,7 +139,7 @@ impl History {
         }
     }
 
-    /// Where a reading taken at a time belongs; nothing while the guide moves or the needle turns.
+    /// Location of a reading by its time; `None` while the guide moves or the needle turns.
     pub fn place(&self, t_s: f64) -> Option<Place> {
         let Moment { depth_m, guide_m, bevel_rad, .. } = self.at(t_s);
         let next = self.depths_m.partition_point(|node_m| *node_m <= depth_m + 2e-5);
@@ -149,16 +149,16 @@ impl History {
                 && (at.bevel_rad[side] - bevel_rad).abs() < 1e-3
         };
         if (self.depths_m[node] - depth_m).abs() <= 2e-5 {
-            let at = &self.nodes[node];
-            return if is(at, 1) && at != &AtNode::default() && !is(at, 0) {
+            let node_state = &self.nodes[node];
+            return if is(node_state, 1) && node_state != &AtNode::default() && !is(node_state, 0) {
                 Some(Place::Rest(node, 1))
-            } else if is(at, 0) {
+            } else if is(node_state, 0) {
                 Some(Place::Rest(node, 0))
             } else {
                 None
             };
         }
-        let (from_m, to_m) = (self.depths_m[node], *self.depths_m.get(next)?);
-        Some(Place::Between(node, (depth_m - from_m) / (to_m - from_m)))
+        let (node_m, next_m) = (self.depths_m[node], *self.depths_m.get(next)?);
+        Some(Place::Between(node, (depth_m - node_m) / (next_m - node_m)))
     }
 }

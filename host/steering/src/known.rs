@@ -1,4 +1,4 @@
-//! What is known of the rig from its runs in air, in the controller's model.
+//! Parameters of the rig from its runs in air, in the controller's model.
 //!
 //! Compliances and the needle's stiffness become part of the forward model; the play between guide 2 and its sensor is a prior with
 //! its own spread, in place of the share of the stated guide error that stands for it otherwise.
@@ -30,7 +30,7 @@ impl KnownEffect {
         effect(&self.id).filter(|effect| effect.parameters().len() == self.values.len())
     }
 
-    /// What is loose with these values, m.
+    /// Clearance with these values, m.
     fn loose_m(&self, values: &[f64]) -> f64 {
         let mut drive = Drive::default();
         if let Some(effect) = self.effect() {
@@ -49,8 +49,7 @@ pub(crate) fn apply(
     is_stiffness_stated: bool,
     problem: &mut BeamProblem,
 ) -> Result<(), ModelError> {
-    let counts = |one: &&KnownEffect| is_stiffness_stated || one.id != OF_STATED_STIFFNESS;
-    for one in known.iter().filter(counts) {
+    for one in known.iter().filter(|one| is_stiffness_stated || one.id != OF_STATED_STIFFNESS) {
         if let Some(effect) = one.effect() {
             effect.beam(&one.values, Plane::Y, problem)?;
         }
@@ -60,21 +59,20 @@ pub(crate) fn apply(
 
 /// Spread of the logarithm of the rotation in guide 1 per moment; nothing where none is known.
 pub(crate) fn clamp_sd(known: &[KnownEffect]) -> Option<f64> {
-    let one = known.iter().find(|one| one.id == OF_CLAMP)?;
-    let (value, sd) = (one.values.first()?, one.sds.first()?);
+    let clamp_effect = known.iter().find(|one| one.id == OF_CLAMP)?;
+    let (value, sd) = (clamp_effect.values.first()?, clamp_effect.sds.first()?);
     (*value > 0.0).then(|| (sd / value).max(1e-3))
 }
 
 /// Half of the play of guide 2 and its standard deviation, m; nothing where none is known.
 pub(crate) fn play_m(known: &[KnownEffect]) -> Option<[f64; 2]> {
-    let of = |one: &KnownEffect| {
+    let clearances_m = known.iter().filter_map(|one| {
         let mean_m = one.loose_m(&one.values);
-        let beyond: Vec<f64> = one.values.iter().zip(&one.sds).map(|(value, sd)| value + sd).collect();
-        let sd_m = one.loose_m(&beyond) - mean_m;
+        let upper_values: Vec<f64> = one.values.iter().zip(&one.sds).map(|(value, sd)| value + sd).collect();
+        let sd_m = one.loose_m(&upper_values) - mean_m;
         (sd_m > 0.0).then_some([mean_m, sd_m])
-    };
-    let found = known.iter().filter_map(of);
-    found.reduce(|[mean_m, sd_m], [more_m, more_sd_m]| [mean_m + more_m, sd_m.hypot(more_sd_m)])
+    });
+    clearances_m.reduce(|[mean_m, sd_m], [more_m, more_sd_m]| [mean_m + more_m, sd_m.hypot(more_sd_m)])
 }
 
 #[cfg(test)]
@@ -88,7 +86,7 @@ mod tests {
 
     #[test]
     fn what_gives_way_is_in_the_problem_and_what_is_loose_is_a_prior() {
-        let all = [
+        let all_known = [
             known("rig.frame_compliance", 0.06, 0.01),
             known("rig.clamp_compliance", 0.3, 0.1),
             known("needle.stiffness", 0.05, 0.01),
@@ -100,17 +98,17 @@ mod tests {
         let tissue = Foundation::uniform(1e4).expect("a tissue");
         let plain = BeamProblem::new(&rig, tissue, 0.1);
         let mut problem = plain.clone();
-        apply(&all, true, &mut problem).expect("possible");
+        apply(&all_known, true, &mut problem).expect("possible");
         assert!((problem.guide2_compliance_m_per_n - 6e-5).abs() < 1e-12);
         assert!((problem.clamp_compliance_rad_per_n_m - 0.3).abs() < 1e-12);
         assert!((problem.bending_stiffness_n_m2 / plain.bending_stiffness_n_m2 - 1.05).abs() < 1e-12);
         let mut unstated = plain.clone();
-        apply(&all, false, &mut unstated).expect("possible");
+        apply(&all_known, false, &mut unstated).expect("possible");
         assert_eq!(unstated.bending_stiffness_n_m2, plain.bending_stiffness_n_m2);
-        let [mean_m, sd_m] = play_m(&all).expect("loose");
+        let [mean_m, sd_m] = play_m(&all_known).expect("loose");
         assert!((mean_m - 0.15e-3).abs() < 1e-12 && (sd_m - 1e-5_f64.hypot(2e-5)).abs() < 1e-12);
-        assert_eq!(play_m(&all[..3]), None);
-        assert!((clamp_sd(&all).expect("known") - 0.1 / 0.3).abs() < 1e-12);
-        assert_eq!(clamp_sd(&all[2..]), None);
+        assert_eq!(play_m(&all_known[..3]), None);
+        assert!((clamp_sd(&all_known).expect("known") - 0.1 / 0.3).abs() < 1e-12);
+        assert_eq!(clamp_sd(&all_known[2..]), None);
     }
 }

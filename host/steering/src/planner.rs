@@ -1,16 +1,13 @@
 //! Guide moves that minimise the expected squared miss at the target, under limits (theory, eq. 79).
 //!
-//! The tip at the target is `a + sum_j g_j (p_j - p_(j-1))` for positions `p_j` of the guide at the rests to come, linear in
-//! them, with
-//! `a` and `g` normally distributed by the posterior of each law. The expected squared miss is a quadratic function of the
-//! positions:
-//! its uncertain part grows with the moves, so that a large move whose gain is not known costs what it may miss. Travel bounds
-//! each
-//! position; the largest move, and strain, force and compression at every stop to come ([`Cone`]), bound the length of a vector:
-//! a program with second-order cones, solved
-//! by the interior-point method of `clarabel`. Of the hundreds of cones few matter: those that a solution exceeds are added, and
-//! it is solved again.
-//! A cone may be exceeded at a price above any that a target has, where nothing within it can be reached any more.
+//! The tip at the target is `a + sum_j g_j (p_j - p_(j-1))` for positions `p_j` of the guide at the rests to come,
+//! linear in them, with `a` and `g` normally distributed by the posterior of each law. The expected squared miss is a
+//! quadratic function of the positions: its uncertain part grows with the moves, so that a large move whose gain is not
+//! known costs what it may miss. Travel bounds each position; the largest move, and strain, force and compression at
+//! every stop to come ([`Cone`]), bound the length of a vector: a program with second-order cones, solved by the
+//! interior-point method of `clarabel`. Only a few of the hundreds of cones are active: those that a solution exceeds
+//! are added, and it is solved again. A cone may be exceeded at a price above any that a target has, where nothing
+//! within it can be reached any more.
 
 use crate::envelope::{Cone, Limit, SOLVED, moves};
 use crate::estimator::AtTarget;
@@ -29,23 +26,23 @@ pub(crate) struct Weighted<'a> {
     pub at: &'a AtTarget,
 }
 
-/// How it is planned.
+/// Weights of the plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Weights {
-    /// How many times the uncertain part of the squared miss counts.
+    /// Weight of the uncertain part of the squared miss.
     pub caution: f64,
     /// Squared miss per squared move.
     pub effort: f64,
 }
 
-/// Where the guide may be.
+/// Range of the guide.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Bounds<'a> {
     /// Largest displacement along either axis, m.
     pub travel_m: f64,
     /// Largest move at the first rest, m.
     pub largest_move_m: Option<f64>,
-    /// What is limited at the stops to come.
+    /// Limited quantities at the stops to come.
     pub cones: &'a [Cone],
     /// Deviation of the tip at the target that later moves shall be able to correct, m: as much of it as limits leave.
     pub deviation_m: f64,
@@ -72,8 +69,8 @@ pub(crate) struct Plan {
     pub tip_m: [f64; 2],
     /// Covariance of the tip there: xx, xy, yy, m^2.
     pub covariance_m2: [f64; 3],
-    /// What keeps the plan from coming nearer to the target, by how much a tenth more of it would bring the squared miss down,
-    /// mm^2; the largest first.
+    /// Limits that keep the plan from coming nearer to the target, and the reduction of the squared miss by a tenth
+    /// more of each, mm^2; the largest first.
     pub limited_by: Vec<(Limit, f64)>,
 }
 
@@ -86,7 +83,7 @@ impl Plan {
     }
 }
 
-/// The plan from where the guide is now, m. Where the program is not solved the guide stays.
+/// The plan from where the guide is now, m. If the program has no solution, the guide stays.
 pub(crate) fn plan(
     laws: &[Weighted],
     now_m: [f64; 2],
@@ -100,16 +97,19 @@ pub(crate) fn plan(
         let mut quadratic = vec![vec![0.0; holds]; holds];
         let mut linear = vec![0.0; holds];
         for law in laws {
-            let at = law.at;
-            let error_m = at.tip_m[plane] - target_m[plane];
+            let law_posterior = law.at;
+            let error_m = law_posterior.tip_m[plane] - target_m[plane];
             // Covariance of what is now predicted with the gains, and of the gains.
-            let spread: Vec<DVector<f64>> = at.gain_rows.iter().map(|row| spread_of(at, row)).collect();
+            let spread: Vec<DVector<f64>> =
+                law_posterior.gain_rows.iter().map(|row| spread_of(law_posterior, row)).collect();
             for j in 0..holds {
-                let own = weights.caution * at.rows[plane].dot(&spread[j]);
-                linear[j] += law.weight * (at.gains[j] * error_m + own);
-                for ((to, gain_row), gain) in quadratic[j].iter_mut().zip(&at.gain_rows).zip(&at.gains) {
-                    let both: f64 = (0..TISSUE).map(|i| gain_row[i] * spread[j][i]).sum();
-                    *to += law.weight * (at.gains[j] * gain + weights.caution * both);
+                let tip_spread = weights.caution * law_posterior.rows[plane].dot(&spread[j]);
+                linear[j] += law.weight * (law_posterior.gains[j] * error_m + tip_spread);
+                for ((to, gain_row), gain) in
+                    quadratic[j].iter_mut().zip(&law_posterior.gain_rows).zip(&law_posterior.gains)
+                {
+                    let gain_spread: f64 = (0..TISSUE).map(|i| gain_row[i] * spread[j][i]).sum();
+                    *to += law.weight * (law_posterior.gains[j] * gain + weights.caution * gain_spread);
                 }
             }
         }
@@ -124,7 +124,7 @@ pub(crate) fn plan(
     Plan { guide_m, tip_m, covariance_m2, limited_by }
 }
 
-/// What limits a plan, and by how much each limit is used.
+/// Limits of a plan, and the fraction of each that is used.
 type Limited = Vec<(Limit, f64)>;
 
 /// Positions within all cones, and what limits them.
@@ -133,14 +133,14 @@ fn within(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds) -> Option<(Ve
     let mut solved = solve(squares, now_m, bounds, &active)?;
     for _ in 0..ROUNDS {
         let moves_m = moves(now_m, &solved.0);
-        // Of what is limited at a place, where it is exceeded most.
+        // Largest excess of a limited quantity at each location.
         let mut worst: BTreeMap<(usize, usize, Limit), (f64, &Cone)> = BTreeMap::new();
         for cone in bounds.cones {
-            let used = cone.excess(&moves_m, bounds.deviation_m - solved.2);
-            if used > SOLVED && !active.iter().any(|one| std::ptr::eq(*one, cone)) {
-                let entry = worst.entry(cone.group()).or_insert((used, cone));
-                if used > entry.0 {
-                    *entry = (used, cone);
+            let cone_excess = cone.excess(&moves_m, bounds.deviation_m - solved.2);
+            if cone_excess > SOLVED && !active.iter().any(|one| std::ptr::eq(*one, cone)) {
+                let entry = worst.entry(cone.group()).or_insert((cone_excess, cone));
+                if cone_excess > entry.0 {
+                    *entry = (cone_excess, cone);
                 }
             }
         }
@@ -168,9 +168,9 @@ impl Square {
         let entry = |i: usize, j: usize| {
             self.quadratic.get(i).and_then(|row| row.get(j)).copied().unwrap_or_default()
         };
-        let both = entry(i, j) - entry(i, j + 1) - entry(i + 1, j) + entry(i + 1, j + 1);
+        let interaction = entry(i, j) - entry(i, j + 1) - entry(i + 1, j) + entry(i + 1, j + 1);
         let linear = |i: usize| self.linear.get(i).map_or(0.0, |linear| linear - entry(i, 0) * now_m);
-        (both, linear(i) - linear(i + 1))
+        (interaction, linear(i) - linear(i + 1))
     }
 }
 
@@ -254,13 +254,14 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
     solver.solve();
     let solution = &solver.solution;
     let solved = matches!(solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved);
-    let at = |hold: usize| {
-        [0, 1].map(|plane: usize| {
-            let mm = solution.x.get(variable(hold, plane)).copied().unwrap_or(f64::NAN);
-            (mm / MM).clamp(-bounds.travel_m, bounds.travel_m)
+    let guide_m: Vec<[f64; 2]> = (0..holds)
+        .map(|hold| {
+            [0, 1].map(|plane: usize| {
+                let mm = solution.x.get(variable(hold, plane)).copied().unwrap_or(f64::NAN);
+                (mm / MM).clamp(-bounds.travel_m, bounds.travel_m)
+            })
         })
-    };
-    let guide_m: Vec<[f64; 2]> = (0..holds).map(at).collect();
+        .collect();
     // The multiplier of a bound is what half of the squared miss falls by per unit of it.
     let mut limited: BTreeMap<Limit, f64> = BTreeMap::new();
     for (limit, row, bound) in limits {
@@ -270,8 +271,8 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
     let mut limited: Vec<(Limit, f64)> = limited.into_iter().filter(|(_, mm2)| *mm2 > MATTERS_MM2).collect();
     limited.sort_by(|a, b| b.1.total_cmp(&a.1));
     (solved && guide_m.iter().flatten().all(|m| m.is_finite())).then(|| {
-        let left_mm = solution.x.get(uncorrected).copied().unwrap_or(0.0);
-        (guide_m, limited, left_mm / MM)
+        let uncorrected_mm = solution.x.get(uncorrected).copied().unwrap_or(0.0);
+        (guide_m, limited, uncorrected_mm / MM)
     })
 }
 
@@ -304,19 +305,19 @@ fn spread_of(at: &AtTarget, row: &[f64; TISSUE]) -> DVector<f64> {
 pub(crate) fn outcome(laws: &[Weighted], now_m: [f64; 2], guide_m: &[[f64; 2]]) -> ([f64; 2], [f64; 3]) {
     let (mut mean, mut square) = ([0.0; 2], [0.0; 3]);
     for law in laws {
-        let at = law.at;
-        let mut rows = at.rows.clone();
-        let mut tip_m = at.tip_m;
-        let mut before_m = now_m;
+        let law_posterior = law.at;
+        let mut rows = law_posterior.rows.clone();
+        let mut tip_m = law_posterior.tip_m;
+        let mut previous_m = now_m;
         for (hold, to_m) in guide_m.iter().enumerate() {
             for plane in 0..2 {
-                let moved_m = to_m[plane] - before_m[plane];
-                tip_m[plane] += at.gains[hold] * moved_m;
-                (0..TISSUE).for_each(|i| rows[plane][i] += at.gain_rows[hold][i] * moved_m);
+                let moved_m = to_m[plane] - previous_m[plane];
+                tip_m[plane] += law_posterior.gains[hold] * moved_m;
+                (0..TISSUE).for_each(|i| rows[plane][i] += law_posterior.gain_rows[hold][i] * moved_m);
             }
-            before_m = *to_m;
+            previous_m = *to_m;
         }
-        let spread = [0, 1].map(|plane: usize| &at.covariance * &rows[plane]);
+        let spread = [0, 1].map(|plane: usize| &law_posterior.covariance * &rows[plane]);
         let covariance = [rows[0].dot(&spread[0]), rows[0].dot(&spread[1]), rows[1].dot(&spread[1])];
         for (i, [a, b]) in [[0, 0], [0, 1], [1, 1]].into_iter().enumerate() {
             square[i] += law.weight * (covariance[i] + tip_m[a] * tip_m[b]);

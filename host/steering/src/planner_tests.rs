@@ -12,10 +12,10 @@ fn squares(error_mm: [f64; 2]) -> [Square; 2] {
 }
 
 fn cost(squares: &[Square; 2], now_m: [f64; 2], at_m: &[[f64; 2]]) -> f64 {
-    let of = |plane: usize| {
-        let mut before = now_m[plane];
+    let plane_cost = |plane: usize| {
+        let mut previous = now_m[plane];
         let moves: Vec<f64> =
-            at_m.iter().map(|at| at[plane] - std::mem::replace(&mut before, at[plane])).collect();
+            at_m.iter().map(|at| at[plane] - std::mem::replace(&mut previous, at[plane])).collect();
         let Square { quadratic, linear } = &squares[plane];
         let rows = quadratic.iter().zip(&moves).zip(linear);
         rows.map(|((row, own), linear)| {
@@ -23,7 +23,7 @@ fn cost(squares: &[Square; 2], now_m: [f64; 2], at_m: &[[f64; 2]]) -> f64 {
         })
         .sum::<f64>()
     };
-    1e6 * (of(0) + of(1))
+    1e6 * (plane_cost(0) + plane_cost(1))
 }
 
 /// A limit at a stop that moves up to there take part in, the earlier the less: of a mean that is there anyway.
@@ -39,33 +39,35 @@ fn plan_of(error_mm: [f64; 2], now_m: [f64; 2], bounds: &Bounds) -> Option<Vec<[
 #[test]
 fn the_plan_costs_least_among_neighbours_within_travel_and_limits() {
     let now_m = [0.3e-3, 0.1e-3];
-    let all: Vec<Cone> = (0..12).map(|stop| cone(stop, [0.3, -0.1])).collect();
+    let start_cones: Vec<Cone> = (0..12).map(|stop| cone(stop, [0.3, -0.1])).collect();
     for (error_mm, cones, largest_move_m) in [
-        ([0.5, -0.3], &all[..0], None),
-        ([9.0, -7.0], &all[..0], Some(3e-3)),
-        ([6.0, 5.0], &all[..], Some(0.4e-3)),
-        ([2.0, -3.0], &all[..], None),
+        ([0.5, -0.3], &start_cones[..0], None),
+        ([9.0, -7.0], &start_cones[..0], Some(3e-3)),
+        ([6.0, 5.0], &start_cones[..], Some(0.4e-3)),
+        ([2.0, -3.0], &start_cones[..], None),
     ] {
         let bounds = Bounds { travel_m: 2e-3, largest_move_m, cones, deviation_m: 0.0 };
         let squares = squares(error_mm);
-        let (found, limits) = within(&squares, now_m, &bounds).expect("solved");
+        let (optimum, limits) = within(&squares, now_m, &bounds).expect("solved");
         assert_eq!(limits.iter().any(|(limit, _)| *limit == Limit::Strain), !cones.is_empty(), "{limits:?}");
         let allowed = |at_m: &[[f64; 2]], slack: f64| {
-            let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+            let distance_between = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
             at_m.iter().flatten().all(|m| m.abs() <= bounds.travel_m + 1e-3 * slack)
                 && cones.iter().all(|cone| cone.used(&moves(now_m, at_m)) <= 1.0 + slack)
-                && bounds.largest_move_m.is_none_or(|most| far(at_m[0], now_m) <= most + 1e-3 * slack)
+                && bounds
+                    .largest_move_m
+                    .is_none_or(|most| distance_between(at_m[0], now_m) <= most + 1e-3 * slack)
         };
-        assert!(allowed(&found, 2.0 * SOLVED), "{found:?}");
-        let best = cost(&squares, now_m, &found);
+        assert!(allowed(&optimum, 2.0 * SOLVED), "{optimum:?}");
+        let best = cost(&squares, now_m, &optimum);
         for hold in 0..12 {
             for tail in [false, true] {
                 for angle in 0..24 {
                     let (sin, cos) = (0.2618 * f64::from(angle)).sin_cos();
-                    let mut other = found.clone();
-                    let moved = if tail { &mut other[hold..] } else { &mut other[hold..=hold] };
+                    let mut neighbour = optimum.clone();
+                    let moved = if tail { &mut neighbour[hold..] } else { &mut neighbour[hold..=hold] };
                     moved.iter_mut().for_each(|at| *at = [at[0] + 0.02e-3 * cos, at[1] + 0.02e-3 * sin]);
-                    assert!(!allowed(&other, 0.0) || cost(&squares, now_m, &other) >= best - 1e-3);
+                    assert!(!allowed(&neighbour, 0.0) || cost(&squares, now_m, &neighbour) >= best - 1e-3);
                 }
             }
         }
@@ -77,11 +79,12 @@ fn the_plan_costs_least_among_neighbours_within_travel_and_limits() {
 fn a_limit_that_is_exceeded_anyway_is_exceeded_as_little_as_can_be() {
     let cones = [cone(0, [3.0, 0.0])];
     let bounds = Bounds { travel_m: 1e-3, largest_move_m: None, cones: &cones, deviation_m: 0.0 };
-    let found = plan_of([1.0, 1.0], [0.0; 2], &bounds).expect("solved");
-    assert!(found[0][0] < -0.99e-3, "back as far as it goes: {found:?}");
+    let optimum = plan_of([1.0, 1.0], [0.0; 2], &bounds).expect("solved");
+    assert!(optimum[0][0] < -0.99e-3, "back as far as it goes: {optimum:?}");
 }
 
-/// What may have to be corrected later is kept free: the guide goes earlier where later the limit will be needed for corrections.
+/// Capacity for later corrections is kept free: the guide goes earlier where later the limit will be needed for
+/// corrections.
 #[test]
 fn with_a_deviation_to_come_the_later_part_of_the_way_is_less_loaded() {
     let mut cones: Vec<Cone> = (0..12).map(|stop| cone(stop, [0.2, 0.0])).collect();
@@ -92,8 +95,8 @@ fn with_a_deviation_to_come_the_later_part_of_the_way_is_less_loaded() {
         let moves_m = moves([0.0; 2], &guide_m);
         cones.iter().skip(4).map(|cone| cone.used(&moves_m)).fold(0.0, f64::max)
     };
-    let (without, with) = (loaded(0.0), loaded(1.5e-3));
-    assert!(with < 0.95 * without, "{with} of the limit, {without} without");
+    let (free_plan, reserved_plan) = (loaded(0.0), loaded(1.5e-3));
+    assert!(reserved_plan < 0.95 * free_plan, "{reserved_plan} of the limit, {free_plan} without");
 }
 
 #[test]

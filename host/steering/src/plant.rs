@@ -1,4 +1,4 @@
-//! What is steered: a plant of any kind, and what can go wrong with it.
+//! Plant that is steered: a plant of any kind, and what can go wrong with it.
 
 use crate::protocol::{Answer, Command, End, Statement, VERSION};
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use std::borrow::Cow;
 
 /// Something that takes commands step by step and answers each.
 pub trait Plant {
-    /// What it states about itself; called once, first.
+    /// Statement of the plant about itself; called once, first.
     ///
     /// # Errors
     /// [`PlantError`].
@@ -25,7 +25,7 @@ pub trait Plant {
     fn end(&mut self) -> Result<End, PlantError>;
 }
 
-/// What is wrong with the device that moves guide 2.
+/// Fault of the device that moves guide 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DeviceFault {
@@ -63,8 +63,8 @@ impl DeviceFault {
     }
 }
 
-/// Why a plant cannot be steered any further. Nothing more is sent to it. What its lines do not state is recorded, so that a replay
-/// ends by the same.
+/// Why a plant cannot be steered any further. No further request is sent to it. An error that its lines do not
+/// state is recorded, so that a replay ends by the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum PlantError {
@@ -79,9 +79,9 @@ pub enum PlantError {
     /// Its output ended before its last line.
     #[error("the plant's output ended, expected {expected}: {how}")]
     Ended {
-        /// What should have come.
+        /// Expected answer.
         expected: Cow<'static, str>,
-        /// What became of the program, and what to do.
+        /// End of the program, and the remedy.
         how: Cow<'static, str>,
     },
     /// The user interrupted the run.
@@ -90,7 +90,7 @@ pub enum PlantError {
     /// No line came in time.
     #[error("no {expected} within {limit_s} s")]
     Silent {
-        /// What should have come.
+        /// Expected answer.
         expected: Cow<'static, str>,
         /// Within which time of the wall's clock.
         limit_s: f64,
@@ -100,9 +100,9 @@ pub enum PlantError {
     Malformed {
         /// Its number.
         line: u64,
-        /// What it should be.
+        /// Expected content.
         expected: Cow<'static, str>,
-        /// What is wrong with it.
+        /// Problem of the content.
         problem: String,
     },
     /// A number is not finite or out of range.
@@ -112,7 +112,7 @@ pub enum PlantError {
         field: Cow<'static, str>,
         /// Its value.
         value: f64,
-        /// What is valid.
+        /// Valid content.
         expected: Cow<'static, str>,
     },
     /// Another protocol.
@@ -121,15 +121,15 @@ pub enum PlantError {
     /// The answer is to another step.
     #[error("the answer's t_s is {answered} s, expected the step's {commanded} s")]
     Time {
-        /// What came.
+        /// Answered value.
         answered: f64,
-        /// What was commanded.
+        /// Commanded value.
         commanded: f64,
     },
     /// The device that moves guide 2.
     #[error("{cause}")]
     Device {
-        /// What is wrong with it.
+        /// Fault of the device.
         fault: DeviceFault,
         /// Cause and remedy.
         cause: String,
@@ -139,7 +139,7 @@ pub enum PlantError {
     Differs {
         /// Number of the step, from 1.
         step: usize,
-        /// What differs.
+        /// Difference.
         difference: String,
     },
 }

@@ -10,10 +10,11 @@ pub(crate) fn probability_within(miss_m: [f64; 2], covariance_m2: [f64; 3], radi
     let sds = [(middle + root).max(1e-16).sqrt(), (middle - root).max(1e-16).sqrt()];
     let turn = 0.5 * xy.atan2(half);
     let (sin, cos) = turn.sin_cos();
-    let at = [cos * miss_m[0] + sin * miss_m[1], -sin * miss_m[0] + cos * miss_m[1]];
+    let rotated_mm = [cos * miss_m[0] + sin * miss_m[1], -sin * miss_m[0] + cos * miss_m[1]];
     // Midpoints over the first axis, exactly over the second.
     let count = 400;
-    let [low, high] = [(-radius_m).max(at[0] - 8.0 * sds[0]), radius_m.min(at[0] + 8.0 * sds[0])];
+    let [low, high] =
+        [(-radius_m).max(rotated_mm[0] - 8.0 * sds[0]), radius_m.min(rotated_mm[0] + 8.0 * sds[0])];
     if high <= low {
         return 0.0;
     }
@@ -22,10 +23,10 @@ pub(crate) fn probability_within(miss_m: [f64; 2], covariance_m2: [f64; 3], radi
         .map(|i| {
             let x = low + width * (f64::from(i) + 0.5);
             let half_chord = (radius_m * radius_m - x * x).max(0.0).sqrt();
-            let density =
-                (-0.5 * ((x - at[0]) / sds[0]).powi(2)).exp() / (sds[0] * std::f64::consts::TAU.sqrt());
-            let below = |y: f64| normal_cdf((y - at[1]) / sds[1]);
-            width * density * (below(half_chord) - below(-half_chord))
+            let density = (-0.5 * ((x - rotated_mm[0]) / sds[0]).powi(2)).exp()
+                / (sds[0] * std::f64::consts::TAU.sqrt());
+            let mass_below = |y: f64| normal_cdf((y - rotated_mm[1]) / sds[1]);
+            width * density * (mass_below(half_chord) - mass_below(-half_chord))
         })
         .sum::<f64>()
         .clamp(0.0, 1.0)

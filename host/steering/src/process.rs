@@ -23,9 +23,9 @@ const MAX_LINE: usize = 1 << 20;
 #[cfg(windows)]
 const NEW_PROCESS_GROUP: u32 = 0x200;
 
-/// How often a wait checks whether the user interrupts.
+/// Interval at which a wait checks whether the user interrupts.
 const POLL: Duration = Duration::from_millis(50);
-/// How long the end of a program is waited for whose output has ended.
+/// Time to wait for a program to end once its output has ended.
 const EXIT: Duration = Duration::from_millis(500);
 
 /// A running plant. It has a process group of its own: an interrupt at the terminal ends the run, and not the plant before the run.
@@ -106,7 +106,7 @@ impl ProcessPlant {
                 how: "its input was closed after an error".into(),
             }));
         };
-        // Where the plant has ended, what it last wrote has the reason: the answer's reading reports it.
+        // If the plant has ended, its last line has the reason: the answer's reading reports it.
         let _ = writeln!(input, "{line}").and_then(|()| input.flush());
         Ok(())
     }
@@ -125,7 +125,7 @@ impl ProcessPlant {
             Err(error) => Err(self.record.failure(error)),
         };
         if received.is_err() {
-            // Nothing more is sent.
+            // No further request is sent.
             self.input = None;
         }
         received
@@ -136,11 +136,11 @@ impl ProcessPlant {
         let began = Instant::now();
         let limit = Duration::from_secs_f64(limit_s);
         loop {
-            let left = limit.saturating_sub(began.elapsed());
-            match self.lines.recv_timeout(left.min(POLL)) {
+            let remaining = limit.saturating_sub(began.elapsed());
+            match self.lines.recv_timeout(remaining.min(POLL)) {
                 Ok(line) => return Ok(line),
                 Err(_) if self.interrupted.load(Ordering::Acquire) => return Err(PlantError::Interrupted),
-                Err(RecvTimeoutError::Timeout) if left > POLL => {}
+                Err(RecvTimeoutError::Timeout) if remaining > POLL => {}
                 Err(RecvTimeoutError::Timeout) => {
                     return Err(PlantError::Silent { expected: expected.into(), limit_s });
                 }
@@ -151,7 +151,7 @@ impl ProcessPlant {
         }
     }
 
-    /// How the program ended, and what to do about it.
+    /// End of the program, and the remedy.
     fn end_of_program(&mut self) -> std::borrow::Cow<'static, str> {
         let began = Instant::now();
         let mut status = None;

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 const STATEMENT: &str = r#"{"plant":"needle/1","needle":{"EI_n_m2":0.0157,"outer_diameter_mm":1.27},"rig":{"guide1_to_guide2_mm":60,"guide2_to_surface_mm":20,"move_while_pushing":false,"can_rotate":false},"limits":{"guide_travel_mm":6,"guide_speed_mm_s":4,"guide_force_n":null,"push_speed_mm_s":5,"rotation_speed_deg_s":90},"max_depth_mm":120,"depth_step_mm":1,"tip_noise_mm":0.1,"tip_delay_s":0.2,"tip_rate_hz":10,"guide_error_mm":0.1,"bevel_deg":0,"extra":"ignored"}"#;
 const ANSWER: &str = r#"{"t_s":0.1,"depth_mm":0,"guide_x_mm":0,"guide_y_mm":0,"bevel_deg":0,"tip_seq":0,"tip_x_mm":0,"tip_y_mm":0,"valid":false}"#;
 
-/// What is written where, for a test to read.
+/// Written bytes, for a test to read.
 #[derive(Clone, Default)]
 struct Kept(Arc<Mutex<Vec<u8>>>);
 
@@ -31,12 +31,13 @@ static NONE: AtomicBool = AtomicBool::new(false);
 
 /// The fault of a shell script as a plant, and what was recorded.
 fn fault(script: &str) -> (SteerError, String) {
-    let kept = Kept::default();
+    let written = Kept::default();
     let arguments = ["-c".to_owned(), script.to_owned()];
-    let mut plant = ProcessPlant::with_limits("sh", &arguments, Record::new(kept.clone()), [0.5, 0.5], &NONE)
-        .expect("starts");
+    let mut plant =
+        ProcessPlant::with_limits("sh", &arguments, Record::new(written.clone()), [0.5, 0.5], &NONE)
+            .expect("starts");
     let fault = steer(&mut plant, &Options::new([1.0, 0.0, 50.0]), &mut |_| {}).expect_err("a fault");
-    (fault, kept.text())
+    (fault, written.text())
 }
 
 /// A statement, then what is given as the answer to the first step.
@@ -46,13 +47,21 @@ fn answered(answer: &str) -> SteerError {
 
 #[test]
 fn every_error_of_a_plant_ends_the_run_by_its_name() {
-    let without = |text: &str, field: &str| text.replace(field, "");
+    let without_field = |text: &str, field: &str| text.replace(field, "");
     for (error, name, part) in [
         (answered(r#"{"error":"the needle broke"}"#), "plant_error", "the needle broke"),
         (answered("not json"), "plant_line_malformed", "line 2 of the plant is no answer"),
         (answered("[1,2]"), "plant_line_malformed", "not a JSON object"),
-        (answered(&without(ANSWER, r#""depth_mm":0,"#)), "plant_line_malformed", "missing field `depth_mm`"),
-        (answered(&without(ANSWER, r#","valid":false"#)), "plant_line_malformed", "missing field `valid`"),
+        (
+            answered(&without_field(ANSWER, r#""depth_mm":0,"#)),
+            "plant_line_malformed",
+            "missing field `depth_mm`",
+        ),
+        (
+            answered(&without_field(ANSWER, r#","valid":false"#)),
+            "plant_line_malformed",
+            "missing field `valid`",
+        ),
         (answered(&ANSWER.replace(r#""tip_x_mm":0"#, r#""tip_x_mm":NaN"#)), "plant_line_malformed", "line 2"),
         (
             answered(&ANSWER.replace(r#""t_s":0.1"#, r#""t_s":0.3"#)),
@@ -74,7 +83,7 @@ fn every_error_of_a_plant_ends_the_run_by_its_name() {
             "tip_rate_hz of the plant is 0",
         ),
         (
-            fault(&format!("echo '{}'", without(STATEMENT, r#""max_depth_mm":120,"#))).0,
+            fault(&format!("echo '{}'", without_field(STATEMENT, r#""max_depth_mm":120,"#))).0,
             "plant_line_malformed",
             "missing field `max_depth_mm`",
         ),
@@ -91,13 +100,15 @@ fn every_error_of_a_plant_ends_the_run_by_its_name() {
 fn nothing_is_sent_after_an_error() {
     // The plant writes what it still receives after its error.
     let folder = tempfile::tempdir().expect("a folder");
-    let after = folder.path().join("after");
-    let script =
-        format!("echo '{STATEMENT}'; read line; echo '{{\"error\":\"x\"}}'; cat > '{}'", after.display());
+    let marker_file = folder.path().join("after");
+    let script = format!(
+        "echo '{STATEMENT}'; read line; echo '{{\"error\":\"x\"}}'; cat > '{}'",
+        marker_file.display()
+    );
     let (error, record) = fault(&script);
     assert_eq!(error.name(), "plant_error");
     assert_eq!(record.matches("{\"command\":").count(), 1, "{record}");
-    assert_eq!(std::fs::read_to_string(after).expect("read"), "");
+    assert_eq!(std::fs::read_to_string(marker_file).expect("read"), "");
 }
 
 #[test]
@@ -132,8 +143,8 @@ fn a_program_that_ends_at_once_is_reported_with_its_exit_code_and_a_remedy() {
 fn an_interrupt_is_no_end_of_the_plant_and_can_be_replayed() {
     for before_a_command in [false, true] {
         let interrupted: &'static AtomicBool = Box::leak(Box::new(AtomicBool::new(before_a_command)));
-        let kept = Kept::default();
-        let record = Record::new(kept.clone());
+        let written = Kept::default();
+        let record = Record::new(written.clone());
         let options = Options::new([1.0, 0.0, 50.0]);
         record.note("options", &options);
         // The first answer never comes.
@@ -141,7 +152,7 @@ fn an_interrupt_is_no_end_of_the_plant_and_can_be_replayed() {
         let mut plant =
             ProcessPlant::with_limits("sh", &arguments, record, [1e3, 1e3], interrupted).expect("starts");
         let error = std::thread::scope(|scope| {
-            let text = kept.clone();
+            let text = written.clone();
             scope.spawn(move || {
                 while !before_a_command && !text.text().contains("\"command\"") {
                     std::thread::sleep(Duration::from_millis(5));
@@ -151,7 +162,7 @@ fn an_interrupt_is_no_end_of_the_plant_and_can_be_replayed() {
             steer(&mut plant, &options, &mut |_| {}).expect_err("interrupted")
         });
         assert_eq!((error.name(), &error), ("interrupted", &SteerError::Plant(PlantError::Interrupted)));
-        let text = kept.text();
+        let text = written.text();
         assert_eq!(text.contains("\"command\""), !before_a_command, "{text}");
         let mut replayed = ReplayPlant::new(&text).expect("a record");
         assert_eq!(steer(&mut replayed, &options, &mut |_| {}), Err(error));

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// Version of the protocol.
 pub const VERSION: &str = "needle/1";
 
-/// What a plant states once, at the start.
+/// Statement of a plant at the start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Statement {
     /// [`VERSION`].
@@ -18,7 +18,7 @@ pub struct Statement {
     pub needle: NeedleStatement,
     /// Guides and surface.
     pub rig: RigStatement,
-    /// What must not be exceeded.
+    /// Limits that must not be exceeded.
     pub limits: Limits,
     /// Depth that can be reached, mm.
     pub max_depth_mm: f64,
@@ -40,7 +40,7 @@ pub struct Statement {
     pub guide_error_mm: f64,
     /// Direction of the tip's sideways load, from +x towards +y, degrees.
     pub bevel_deg: f64,
-    /// What is known of tissue and tip beforehand.
+    /// Prior of tissue and tip.
     #[serde(default)]
     pub prior: Option<PriorStatement>,
 }
@@ -90,12 +90,13 @@ pub struct Limits {
     /// Bending strain of the needle.
     #[serde(default)]
     pub needle_strain: Option<f64>,
-    /// How far the needle may press the tissue aside, from where the tip has cut it, mm.
+    /// Largest distance by which the needle may press the tissue aside, from the path that the tip
+    /// has cut, mm.
     #[serde(default)]
     pub tissue_compression_mm: Option<f64>,
 }
 
-/// What is known beforehand: values, and ranges as factors of the value before them.
+/// Prior of the plant: values, and ranges as factors of the value before them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PriorStatement {
     /// Foundation modulus K, kPa.
@@ -178,15 +179,15 @@ pub struct Done {
 /// A plant's last line.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct End {
-    /// Where the tip really is, mm; nothing where the plant has no truth.
+    /// True position of the tip, mm; `None` if the plant has no truth.
     #[serde(default)]
     pub true_tip_x_mm: Option<f64>,
-    /// Where the tip really is, mm.
+    /// True position of the tip, mm.
     #[serde(default)]
     pub true_tip_y_mm: Option<f64>,
     /// Depth reached, mm.
     pub depth_mm: f64,
-    /// How often each limit was exceeded.
+    /// Number of times each limit was exceeded.
     #[serde(default)]
     pub limits_broken: Option<LimitViolations>,
     /// Rotations made.
@@ -200,7 +201,7 @@ pub struct End {
     pub peak_strain: Option<f64>,
 }
 
-/// How often each limit was exceeded.
+/// Number of times each limit was exceeded.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LimitViolations {
@@ -221,7 +222,7 @@ pub struct LimitViolations {
 }
 
 impl LimitViolations {
-    /// Of all kinds together.
+    /// Sum of all kinds.
     pub fn total(&self) -> u64 {
         self.travel
             + self.speed

@@ -47,13 +47,13 @@ pub(crate) struct Readings {
     pub last_good_s: f64,
     /// Readings taken in this interval are of a guide that moves.
     pub skip_s: [f64; 2],
-    /// Of all that arrived: new, rejected.
+    /// Counts of all that arrived: new, rejected.
     pub counts: [usize; 2],
     /// Bad readings since the last good one.
     pub in_series: Series,
 }
 
-/// What became of an answer's reading.
+/// Use of an answer's reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ReadingStatus {
     /// The same again, or one that was taken while the guide moved.
@@ -111,13 +111,13 @@ impl Readings {
             return ReadingStatus::Rejected;
         }
         let moment = history.at(time_s.max(0.0));
-        let Some(place) = history.place(time_s.max(0.0)) else {
+        let Some(location) = history.place(time_s.max(0.0)) else {
             // Taken while the guide moved: it cannot be compared, so that it is no evidence of a good sensor either.
             return ReadingStatus::Old;
         };
-        let (expected_m, sd_m) = expected(place);
-        let far_m = (tip_m[0] - expected_m[0]).hypot(tip_m[1] - expected_m[1]);
-        if far_m > 5.0 * self.noise_m.hypot(sd_m) + 0.3e-3 {
+        let (expected_m, sd_m) = expected(location);
+        let distance_m = (tip_m[0] - expected_m[0]).hypot(tip_m[1] - expected_m[1]);
+        if distance_m > 5.0 * self.noise_m.hypot(sd_m) + 0.3e-3 {
             self.counts[1] += 1;
             self.in_series.far += 1;
             return ReadingStatus::Far;
@@ -126,29 +126,36 @@ impl Readings {
         if time_s > self.skip_s[0] && time_s < self.skip_s[1] {
             return ReadingStatus::Good;
         }
-        self.add(place, moment.depth_m, tip_m, history);
+        self.add(location, moment.depth_m, tip_m, history);
         ReadingStatus::Good
     }
 
     fn add(&mut self, place: Place, depth_m: f64, tip_m: [f64; 2], history: &History) {
-        let same = |bin: &&mut Bin| match (bin.place, place) {
+        let is_same_bin = |bin: &&mut Bin| match (bin.place, place) {
             (Place::Between(a, _), Place::Between(b, _)) => a == b,
             (a, b) => a == b,
         };
-        let own = [tip_m[0], tip_m[1], depth_m];
-        match self.bins.iter_mut().rev().take(4).find(same) {
-            Some(bin) => bin.own.push(own),
-            None => self.bins.push(Bin { place, depth_m, tip_m, variance_m2: 0.0, count: 0, own: vec![own] }),
+        let coordinates = [tip_m[0], tip_m[1], depth_m];
+        match self.bins.iter_mut().rev().take(4).find(is_same_bin) {
+            Some(bin) => bin.own.push(coordinates),
+            None => self.bins.push(Bin {
+                place,
+                depth_m,
+                tip_m,
+                variance_m2: 0.0,
+                count: 0,
+                own: vec![coordinates],
+            }),
         }
         let noise_m = self.noise_m;
-        if let Some(bin) = self.bins.iter_mut().rev().take(4).find(same) {
+        if let Some(bin) = self.bins.iter_mut().rev().take(4).find(is_same_bin) {
             bin.average(noise_m, &history.depths_m);
         }
     }
 }
 
 impl Bin {
-    /// What so many readings at a place would be, of a tip there.
+    /// Expected reading of so many at a location, of a tip there.
     pub fn forecast(place: Place, depth_m: f64, tip_m: [f64; 2], noise_m: f64, count: f64) -> Self {
         let variance_m2 = noise_m * noise_m / count;
         Self { place, depth_m, tip_m, variance_m2, count: count as usize, own: Vec::new() }
@@ -162,16 +169,19 @@ impl Bin {
             values[values.len() / 2]
         };
         let middle_m = [median(0), median(1)];
-        let near = |own: &&[f64; 3]| {
-            self.own.len() < 4 || (0..2).all(|plane| (own[plane] - middle_m[plane]).abs() < 3.5 * noise_m)
-        };
-        let good: Vec<&[f64; 3]> = self.own.iter().filter(near).collect();
+        let good: Vec<&[f64; 3]> = self
+            .own
+            .iter()
+            .filter(|own| {
+                self.own.len() < 4 || (0..2).all(|plane| (own[plane] - middle_m[plane]).abs() < 3.5 * noise_m)
+            })
+            .collect();
         let count = good.len().max(1) as f64;
         let mean = |i: usize| good.iter().map(|own| own[i]).sum::<f64>() / count;
         (self.tip_m, self.depth_m) = ([mean(0), mean(1)], mean(2));
         if let Place::Between(node, _) = self.place {
-            let [from_m, to_m] = [nodes_m[node], nodes_m[(node + 1).min(nodes_m.len() - 1)]];
-            self.place = Place::Between(node, ((self.depth_m - from_m) / (to_m - from_m)).clamp(0.0, 1.0));
+            let [node_m, next_m] = [nodes_m[node], nodes_m[(node + 1).min(nodes_m.len() - 1)]];
+            self.place = Place::Between(node, ((self.depth_m - node_m) / (next_m - node_m)).clamp(0.0, 1.0));
         }
         self.count = good.len();
         self.variance_m2 = noise_m * noise_m / count;

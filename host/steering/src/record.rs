@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use std::io::Write;
 use std::sync::{Arc, Mutex};
 
-/// Where a run is recorded.
+/// File in which a run is recorded.
 #[derive(Clone, Default)]
 pub struct Record {
     to: Option<Arc<Mutex<Writing>>>,
@@ -101,8 +101,8 @@ impl ReplayPlant {
                 expected: "line of a record".into(),
                 problem: problem.to_owned(),
             };
-            let inside = line.strip_prefix("{\"").and_then(|rest| rest.strip_suffix('}'));
-            let (kind, json) = inside
+            let members = line.strip_prefix("{\"").and_then(|rest| rest.strip_suffix('}'));
+            let (kind, json) = members
                 .and_then(|rest| rest.split_once("\":"))
                 .ok_or_else(|| malformed("not {\"kind\":..}"))?;
             match kind {
@@ -197,7 +197,7 @@ impl Plant for ReplayPlant {
 pub struct Recorded<P> {
     /// The plant.
     pub plant: P,
-    /// Where it is recorded.
+    /// File in which it is recorded.
     pub record: Record,
 }
 
@@ -221,7 +221,7 @@ impl<P: Plant> Plant for Recorded<P> {
 }
 
 impl<P> Recorded<P> {
-    /// What is steered is what a replay reads, to the last bit.
+    /// The plant is steered by exactly the values that a replay reads, to the last bit.
     fn reparsed<T: Serialize + serde::de::DeserializeOwned>(
         &self,
         message: &T,

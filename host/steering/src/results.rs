@@ -1,4 +1,4 @@
-//! What a run leaves behind: its decisions and its outcome.
+//! Results of a run: its decisions and its outcome.
 
 use crate::protocol::{Answer, Command, End, Statement};
 use serde::Serialize;
@@ -45,16 +45,16 @@ pub struct PlannedRotation {
     pub bevel_deg: f64,
 }
 
-/// What was decided at a rest, and from which posterior.
+/// Decision at a rest, and its posterior.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Decision {
     /// Time of the plant, s.
     pub t_s: f64,
     /// Depth, mm.
     pub depth_mm: f64,
-    /// Where guide 2 was, x and y, mm.
+    /// Position of guide 2, x and y, mm.
     pub guide_from_mm: [f64; 2],
-    /// Where it is moved to, mm.
+    /// Target position of guide 2, mm.
     pub guide_to_mm: [f64; 2],
     /// Direction of the tip's load from here on, degrees.
     pub bevel_deg: f64,
@@ -82,7 +82,8 @@ pub struct Decision {
     pub cut_angle_probability: f64,
     /// Squared residuals of the tip readings over what noise and model error explain.
     pub misfit: f64,
-    /// What limits the plan most, where something does: `strain`, `force`, `compression`, `travel` or `largest_move`.
+    /// Limit that affects the plan most, if there is one: `strain`, `force`, `compression`, `travel` or
+    /// `largest_move`.
     pub limited_by: Option<&'static str>,
     /// All that limits the plan, in words, with the miss that is expected for it.
     pub limits: Option<String>,
@@ -97,7 +98,7 @@ impl Decision {
         self.rotations.first().filter(|rotation| (rotation.depth_mm - self.depth_mm).abs() < 1e-3).copied()
     }
 
-    /// What an operator does next: turn, then push to the next stop, or to the target's depth.
+    /// Next action of an operator: turn, then push to the next stop, or to the target's depth.
     pub fn cue(&self, target_depth_mm: f64) -> Cue {
         let turn = self.turn();
         Cue {
@@ -110,10 +111,10 @@ impl Decision {
     }
 }
 
-/// What an operator who holds the needle does next.
+/// Next action of an operator who holds the needle.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cue {
-    /// Where the needle is, mm.
+    /// Depth of the needle, mm.
     pub depth_mm: f64,
     /// First turn it by this angle, from +x towards +y, degrees.
     pub turn_by_deg: Option<f64>,
@@ -121,7 +122,7 @@ pub struct Cue {
     pub bevel_deg: f64,
     /// Then push it to this depth, mm.
     pub push_to_mm: f64,
-    /// What keeps the needle from its target, in words: [`Decision::limits`].
+    /// Limits that keep the needle from its target, in words: [`Decision::limits`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub limits: Option<String>,
 }
@@ -129,15 +130,15 @@ pub struct Cue {
 impl std::fmt::Display for Cue {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "at {:.1} mm: ", self.depth_mm)?;
-        if let Some(by_deg) = self.turn_by_deg {
-            write!(f, "turn by {by_deg:+.0} degrees (bevel at {:.0} degrees), then ", self.bevel_deg)?;
+        if let Some(rotation_deg) = self.turn_by_deg {
+            write!(f, "turn by {rotation_deg:+.0} degrees (bevel at {:.0} degrees), then ", self.bevel_deg)?;
         }
         write!(f, "push to {:.1} mm", self.push_to_mm)?;
         self.limits.as_ref().map_or(Ok(()), |limits| write!(f, " ({limits})"))
     }
 }
 
-/// What happened in a run, in order.
+/// Event of a run, in order.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Event<'a> {
@@ -147,13 +148,13 @@ pub enum Event<'a> {
     Command(&'a Command),
     /// Its answer.
     Answer(&'a Answer),
-    /// What is stated before the first push.
+    /// Forecast before the first push.
     Forecast {
         /// Corners of what can be reached at the target's depth, x and y, mm; empty where guide 2 is not moved.
         reachable_mm: Vec<[f64; 2]>,
         /// Probability of ending within some radii; empty where none is stated.
         within: Vec<Probability>,
-        /// What may keep the needle from its target.
+        /// Limits that may keep the needle from its target.
         limits: Vec<LimitRisk>,
     },
     /// A decision.
@@ -169,7 +170,7 @@ pub enum Event<'a> {
     },
 }
 
-/// How a run ended.
+/// Outcome of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Outcome {
@@ -186,9 +187,9 @@ pub enum Outcome {
     Refused {
         /// The nearest point at the target's depth that can be, x and y, mm.
         nearest_mm: [f64; 2],
-        /// How far from the target that is, mm.
+        /// Distance from the target, mm.
         distance_mm: f64,
-        /// What limits the guide, in words.
+        /// Limit of the guide, in words.
         limited_by: Option<String>,
         /// The cause in words.
         cause: String,
@@ -208,7 +209,7 @@ pub struct Spread {
     pub tissue: f64,
     /// Offset and play of guide 2.
     pub guide: f64,
-    /// What the path does that no model has.
+    /// Part of the path that no model describes.
     pub irregularity: f64,
 }
 
@@ -227,24 +228,24 @@ impl Spread {
     }
 }
 
-/// What is planned before anything moves ([`plan_path`](crate::plan_path)).
+/// Plan before any motion ([`plan_path`](crate::plan_path)).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PathPlan {
     /// Target: x, y, depth, mm.
     pub target_mm: [f64; 3],
     /// Whether the target can be reached, by what is known beforehand: [`steer`](crate::steer) refuses it otherwise.
     pub is_reachable: bool,
-    /// Where it cannot: the nearest point at its depth that can be.
+    /// Nearest point if it cannot: the nearest point at its depth that can be.
     pub nearest_mm: Option<[f64; 2]>,
-    /// How far from the target that is, mm.
+    /// Distance from the target, mm.
     pub beyond_reach_mm: Option<f64>,
     /// Corners of what can be reached at the target's depth, x and y, mm; empty where guide 2 is not moved.
     pub reachable_mm: Vec<[f64; 2]>,
-    /// What limits the guide there, in words.
+    /// Limit of the guide there, in words.
     pub limited_by: Option<String>,
     /// Probability of ending within some radii, with readings on the way; empty where none is stated.
     pub within: Vec<Probability>,
-    /// What may keep the needle from its target.
+    /// Limits that may keep the needle from its target.
     pub limits: Vec<LimitRisk>,
     /// Tip at the target's depth if nothing is moved, mm.
     pub unsteered_tip_mm: [f64; 2],
@@ -257,7 +258,7 @@ pub struct PathPlan {
 /// A whole run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Run {
-    /// How it ended.
+    /// Outcome of the run.
     pub outcome: Outcome,
     /// Target: x, y, depth, mm.
     pub target_mm: [f64; 3],
@@ -267,7 +268,7 @@ pub struct Run {
     pub miss_mm: Option<f64>,
     /// Whether the miss is that of tip readings, as the plant has no truth.
     pub miss_is_measured: bool,
-    /// Where the tip is, x and y, mm, by all readings.
+    /// Position of the tip, x and y, mm, by all readings.
     pub estimated_tip_mm: [f64; 2],
     /// Covariance of that: xx, xy, yy, mm^2.
     pub covariance_mm2: [f64; 3],
@@ -277,7 +278,7 @@ pub struct Run {
     pub reachable_mm: Vec<[f64; 2]>,
     /// Probability of ending within some radii, as stated before the first push.
     pub within_before: Vec<Probability>,
-    /// What may keep the needle from its target, as stated before the first push.
+    /// Limits that may keep the needle from its target, as forecast before the first push.
     pub limits_before: Vec<LimitRisk>,
     /// The probabilities on arrival.
     pub within_after: Vec<Probability>,

@@ -20,7 +20,7 @@ pub(crate) struct Tables {
     law: CuttingLaw,
 }
 
-/// What acts in one plane, at a node on arriving and on leaving.
+/// Loads in one plane, at a node on arriving and on leaving.
 #[derive(Clone, Copy)]
 pub(crate) struct Input<'a> {
     /// Displacement of guide 2, m.
@@ -41,11 +41,13 @@ impl Tables {
 
     /// Force of guide 2 per displacement of it while the tip rests at a node, N/m; nothing where it cannot be computed.
     pub fn stiffness_n_per_m(&self, node: usize) -> Option<f64> {
-        let of = || {
-            let found = self.held.at(node, &[Inner::Guide2Force]);
-            found.ok().and_then(|found| Some(found.first()?.guide2)).unwrap_or(f64::NAN)
-        };
-        let stiffness = *self.stiffness_n_per_m.get(node)?.get_or_init(of);
+        let stiffness = *self.stiffness_n_per_m.get(node)?.get_or_init(|| {
+            let force_response = self.held.at(node, &[Inner::Guide2Force]);
+            force_response
+                .ok()
+                .and_then(|force_response| Some(force_response.first()?.guide2))
+                .unwrap_or(f64::NAN)
+        });
         (stiffness > 0.0).then_some(stiffness)
     }
 
@@ -102,8 +104,8 @@ pub(crate) fn at(path: &Path, place: Place) -> f64 {
 /// Weights of the knots at a depth: linear between them.
 pub(crate) fn hats(depth_m: f64, knots: usize) -> [(usize, f64); 2] {
     let x = (depth_m / KNOT_M).clamp(0.0, (knots - 1) as f64);
-    let from = (x.floor() as usize).min(knots.saturating_sub(2));
-    [(from, 1.0 - (x - from as f64)), ((from + 1).min(knots - 1), x - from as f64)]
+    let first_knot = (x.floor() as usize).min(knots.saturating_sub(2));
+    [(first_knot, 1.0 - (x - first_knot as f64)), ((first_knot + 1).min(knots - 1), x - first_knot as f64)]
 }
 
 /// Sum of what acts at the knots at a depth.
@@ -120,27 +122,30 @@ pub(crate) struct Bent {
     pub states: Vec<TipState>,
 }
 
-/// How the needle is bent in both planes by a vector of unknowns.
+/// Deflection of the needle in both planes by a vector of unknowns.
 pub(crate) fn bent(tables: &Tables, unknowns: &Unknowns, values: &[f64], history: &History) -> [Bent; 2] {
     // Load or angle in the needle's frame, per node.
-    let own: Vec<[f64; 2]> = history
+    let knot_values: Vec<[f64; 2]> = history
         .depths_m
         .iter()
         .map(|m| [0, 1].map(|direction| at_knots(unknowns, values, |knot| unknowns.tip(direction, knot), *m)))
         .collect();
-    let beside = [0, 1].map(|direction| unknowns.value(values, unknowns.beside() + direction));
+    let lateral_cut = [0, 1].map(|direction| unknowns.value(values, unknowns.beside() + direction));
     [0, 1].map(|plane| {
         let offset_m = unknowns.value(values, unknowns.guide_offset() + plane);
         let play_m = unknowns.value(values, unknowns.backlash() + plane);
-        let true_m = |at: &crate::history::AtNode| {
-            [0, 1].map(|side| at.guide_m[plane][side] + offset_m - play_m * at.play[plane][side])
-        };
-        let guide_m: Vec<[f64; 2]> = history.nodes.iter().map(true_m).collect();
-        let tip = |node: usize| history.nodes[node].bevel_rad.map(|turn| turned(own[node], turn, plane));
+        let guide_m: Vec<[f64; 2]> = history
+            .nodes
+            .iter()
+            .map(|at| [0, 1].map(|side| at.guide_m[plane][side] + offset_m - play_m * at.play[plane][side]))
+            .collect();
+        let tip =
+            |node: usize| history.nodes[node].bevel_rad.map(|turn| turned(knot_values[node], turn, plane));
         let mut states = tables.states(Input { guide_m: &|node| guide_m[node], tip: &tip });
         if unknowns.law == CuttingLaw::Load {
-            let angle = |node: usize| history.nodes[node].bevel_rad.map(|turn| turned(beside, turn, plane));
-            for (to, more) in states.iter_mut().zip(tables.beside(angle)) {
+            for (to, more) in states.iter_mut().zip(tables.beside(|node: usize| {
+                history.nodes[node].bevel_rad.map(|turn| turned(lateral_cut, turn, plane))
+            })) {
                 for side in 0..2 {
                     to.tip_m[side] += more.tip_m[side];
                     to.load_n[side] += more.load_n[side];
@@ -176,29 +181,33 @@ pub(crate) fn after(
     node: usize,
 ) -> [f64; 2] {
     let last = Place::Rest(history.depths_m.len() - 1, 0);
-    let from = |at: usize, value: f64| moved_from(node, at).map(|share| share * value);
+    let moved_weight = |at: usize, value: f64| moved_from(node, at).map(|share| share * value);
     [0, 1].map(|direction| {
         let own = |at_node: usize| {
             let depth_m = history.depths_m[at_node];
             let knots = hats(depth_m, unknowns.knots);
-            let value = |(knot, weight): &(usize, f64)| {
-                weight * unknowns.value(values, unknowns.tip(direction, *knot))
-            };
-            from(at_node, knots.iter().map(value).sum())
+            moved_weight(
+                at_node,
+                knots
+                    .iter()
+                    .map(|(knot, weight)| weight * unknowns.value(values, unknowns.tip(direction, *knot)))
+                    .sum(),
+            )
         };
         let path = tables.path(Input { guide_m: &|_| [0.0; 2], tip: &own });
-        let beside = match unknowns.law {
+        let lateral_cut = match unknowns.law {
             CuttingLaw::Load => {
                 let angle = unknowns.value(values, unknowns.beside() + direction);
-                at(&tips(&tables.beside(|at_node| from(at_node, angle))), last)
+                at(&tips(&tables.beside(|at_node| moved_weight(at_node, angle))), last)
             }
             CuttingLaw::Angle => 0.0,
         };
-        at(&path, last) + beside
+        at(&path, last) + lateral_cut
     })
 }
 
-/// What is fixed to the needle (along and across the bevel) in plane x (0) or y (1), turned by an angle.
+/// Component in plane x (0) or y (1) of a vector that is fixed to the needle (along and across the
+/// bevel), turned by an angle.
 pub(crate) fn turned([along, across]: [f64; 2], angle_rad: f64, plane: usize) -> f64 {
     let (sin, cos) = angle_rad.sin_cos();
     [cos * along - sin * across, sin * along + cos * across][plane]
@@ -218,12 +227,12 @@ pub(crate) struct Columns {
 
 impl Columns {
     pub fn new(tables: &Tables, unknowns: &Unknowns, history: &History) -> Self {
-        let none = |_: usize| [0.0; 2];
+        let zero_pair = |_: usize| [0.0; 2];
         let play = [0, 1].map(|plane| {
             let guide_m = |node: usize| history.nodes[node].play[plane].map(|side| -side);
-            tables.path(Input { guide_m: &guide_m, tip: &none })
+            tables.path(Input { guide_m: &guide_m, tip: &zero_pair })
         });
-        let parts = |node: usize, part: usize| {
+        let tip_part = |node: usize, part: usize| {
             history.nodes[node].bevel_rad.map(|turn| if part == 0 { turn.cos() } else { turn.sin() })
         };
         let tip = (0..unknowns.knots)
@@ -233,18 +242,23 @@ impl Columns {
                         let weights = hats(history.depths_m[node], unknowns.knots);
                         let weight: f64 =
                             weights.iter().filter(|(at, _)| *at == knot).map(|(_, weight)| weight).sum();
-                        parts(node, part).map(|part| weight * part)
+                        tip_part(node, part).map(|part| weight * part)
                     };
-                    tables.path(Input { guide_m: &none, tip: &hat })
+                    tables.path(Input { guide_m: &zero_pair, tip: &hat })
                 })
             })
             .collect();
-        let beside = match unknowns.law {
-            CuttingLaw::Load => [0, 1].map(|part| tips(&tables.beside(|node| parts(node, part)))),
+        let lateral_responses = match unknowns.law {
+            CuttingLaw::Load => [0, 1].map(|part| tips(&tables.beside(|node| tip_part(node, part)))),
             CuttingLaw::Angle => [0, 1].map(|_| vec![[0.0; 2]; history.depths_m.len()]),
         };
         let unit = |_: usize| [1.0; 2];
-        Self { guide: tables.path(Input { guide_m: &unit, tip: &none }), play, tip, beside }
+        Self {
+            guide: tables.path(Input { guide_m: &unit, tip: &zero_pair }),
+            play,
+            tip,
+            beside: lateral_responses,
+        }
     }
 
     /// Derivatives of the tip in a plane at a place and depth with respect to the unknowns (counted in standard deviations), into
@@ -255,12 +269,12 @@ impl Columns {
         set(unknowns.offset() + plane, 1.0);
         set(unknowns.guide_offset() + plane, at(&self.guide, place));
         set(unknowns.backlash() + plane, at(&self.play[plane], place));
-        let turned = |[cos, sin]: [f64; 2]| if plane == 0 { [cos, -sin] } else { [sin, cos] };
+        let rotated = |[cos, sin]: [f64; 2]| if plane == 0 { [cos, -sin] } else { [sin, cos] };
         for (knot, parts) in self.tip.iter().enumerate() {
-            let values = turned([0, 1].map(|part: usize| at(&parts[part], place)));
+            let values = rotated([0, 1].map(|part: usize| at(&parts[part], place)));
             (0..2).for_each(|direction| set(unknowns.tip(direction, knot), values[direction]));
         }
-        let values = turned([0, 1].map(|part: usize| at(&self.beside[part], place)));
+        let values = rotated([0, 1].map(|part: usize| at(&self.beside[part], place)));
         (0..2).for_each(|direction| set(unknowns.beside() + direction, values[direction]));
         for (knot, weight) in hats(depth_m, unknowns.knots) {
             if weight > 0.0 {

@@ -1,4 +1,4 @@
-//! What is not known of needle, tissue and rig, in which order it stands in vectors, and what is known of it beforehand.
+//! Unknowns of needle, tissue and rig, their order in vectors, and their priors.
 //!
 //! Every unknown is counted in standard deviations of its prior from the prior's mean, so that the prior's covariance is a matrix of
 //! correlations. The first [`TISSUE`] unknowns change the needle's responses (modulus of five layers, skin, gap, rotation in guide 1); the path is linear in
@@ -25,7 +25,7 @@ pub(crate) const TISSUE: usize = LAYERS + 3;
 /// Distance of knots of the tip's load and of the path's irregularity, m.
 pub(crate) const KNOT_M: f64 = 0.010;
 
-/// How the tip cuts.
+/// Law by which the tip cuts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum CuttingLaw {
     /// It takes a load and goes where that bends the needle.
@@ -108,7 +108,7 @@ impl Unknowns {
         let [play_m, play_sd_m] = known::play_m(known).unwrap_or([rig::STAGE_BACKLASH.sd() * error_m; 2]);
 
         let knots = (target_m / KNOT_M).ceil() as usize + 1;
-        let mut this = Self {
+        let mut model = Self {
             law,
             problem,
             modulus_pa,
@@ -118,36 +118,36 @@ impl Unknowns {
             precision: DMatrix::zeros(0, 0),
             ln_determinant: 0.0,
         };
-        let count = this.count();
-        (this.sd, this.mean) = (vec![0.0; count], vec![0.0; count]);
+        let count = model.count();
+        (model.sd, model.mean) = (vec![0.0; count], vec![0.0; count]);
         let mut correlation = DMatrix::identity(count, count);
 
         let middle_m = |layer: usize| {
             let top_m = layer.checked_sub(1).map_or(0.0, |above| FACES_M[above]);
             0.5 * (top_m + FACES_M.get(layer).copied().unwrap_or(0.1))
         };
-        this.sd[..LAYERS].fill(modulus_sd.hypot(tissue::LAYER_MODULUS.sd()));
-        (this.sd[SKIN], this.sd[GAP], this.sd[CLAMP]) =
+        model.sd[..LAYERS].fill(modulus_sd.hypot(tissue::LAYER_MODULUS.sd()));
+        (model.sd[SKIN], model.sd[GAP], model.sd[CLAMP]) =
             (tissue::SKIN.sd(), tissue::GAP_OF_STAGE.sd(), clamp_sd);
         for i in 0..LAYERS {
             for j in 0..LAYERS {
                 let alike = (-(middle_m(i) - middle_m(j)).abs() / tissue::LAYER_LENGTH.mean()).exp();
                 correlation[(i, j)] =
-                    (modulus_sd.powi(2) + tissue::LAYER_MODULUS.sd().powi(2) * alike) / this.sd[i].powi(2);
+                    (modulus_sd.powi(2) + tissue::LAYER_MODULUS.sd().powi(2) * alike) / model.sd[i].powi(2);
             }
         }
         for (start, sd, mean) in [
-            (this.slope(), slope.max(1e-4), 0.0),
-            (this.offset(), sensors::STEERED_TIP_ZERO.sd(), 0.0),
-            (this.guide_offset(), (rig::STAGE_ERROR.sd() * error_m).max(1e-6), 0.0),
-            (this.backlash(), play_sd_m.max(1e-6), play_m),
-            (this.beside(), tip::CUT_ANGLE_BESIDE_LOAD.sd(), 0.0),
+            (model.slope(), slope.max(1e-4), 0.0),
+            (model.offset(), sensors::STEERED_TIP_ZERO.sd(), 0.0),
+            (model.guide_offset(), (rig::STAGE_ERROR.sd() * error_m).max(1e-6), 0.0),
+            (model.backlash(), play_sd_m.max(1e-6), play_m),
+            (model.beside(), tip::CUT_ANGLE_BESIDE_LOAD.sd(), 0.0),
         ] {
-            this.sd[start..start + 2].fill(sd);
-            this.mean[start..start + 2].fill(mean);
+            model.sd[start..start + 2].fill(sd);
+            model.mean[start..start + 2].fill(mean);
         }
         // The common part of the load or angle and what varies about it.
-        let [along, across] = match law {
+        let [along_sd, across_sd] = match law {
             CuttingLaw::Load => [
                 [load_sd * load_factor.max(0.3) * load_n, tip::STEERED_PROCESS_NOISE.sd() * load_n],
                 [tip::LOAD_ACROSS.sd() * load_n, tip::PROCESS_NOISE_ACROSS.sd() * load_n],
@@ -157,28 +157,28 @@ impl Unknowns {
                 [tip::CUT_ANGLE_ACROSS.sd(), tip::CUT_ANGLE_NOISE.sd()],
             ],
         };
-        for (direction, [common, varying]) in [along, across].into_iter().enumerate() {
-            let start = this.tip(direction, 0);
+        for (direction, [common, varying]) in [along_sd, across_sd].into_iter().enumerate() {
+            let start = model.tip(direction, 0);
             let sd = common.hypot(varying).max(1e-9);
             let mean = if law == CuttingLaw::Load && direction == 0 { load_factor * load_n } else { 0.0 };
-            let correlated = |apart_m: f64| {
+            model.fill_knots(&mut correlation, start, sd, mean, |apart_m: f64| {
                 (common * common + varying * varying * (-apart_m / tip::STEERED_LOAD_MEMORY.mean()).exp())
                     / (sd * sd)
-            };
-            this.fill_knots(&mut correlation, start, sd, mean, correlated);
+            });
         }
         for plane in 0..2 {
-            let start = this.irregularity(plane, 0);
-            let correlated = |apart_m: f64| (-(apart_m / tip::IRREGULARITY_LENGTH.mean()).powi(2)).exp();
-            this.fill_knots(&mut correlation, start, tip::STEERED_IRREGULARITY.sd(), 0.0, correlated);
+            let start = model.irregularity(plane, 0);
+            model.fill_knots(&mut correlation, start, tip::STEERED_IRREGULARITY.sd(), 0.0, |apart_m: f64| {
+                (-(apart_m / tip::IRREGULARITY_LENGTH.mean()).powi(2)).exp()
+            });
         }
         for i in 0..count {
             correlation[(i, i)] += 1e-6;
         }
         let cholesky = correlation.cholesky().ok_or(ModelError::Singular)?;
-        this.ln_determinant = -2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        this.precision = cholesky.inverse();
-        Ok(this)
+        model.ln_determinant = -2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        model.precision = cholesky.inverse();
+        Ok(model)
     }
 
     fn fill_knots(
@@ -247,9 +247,11 @@ impl Unknowns {
     pub fn problem(&self, unknowns: &[f64]) -> Result<BeamProblem, ModelError> {
         // Further from the prior than this no tissue is; the search may step there.
         let ln = |place: usize| (self.sd[place] * unknowns[place].clamp(-6.0, 6.0)).exp();
-        let layer =
-            |(i, bottom_m): (usize, &f64)| Layer { bottom_m: *bottom_m, modulus_pa: self.modulus_pa * ln(i) };
-        let layers = FACES_M.iter().enumerate().map(layer).collect();
+        let layers = FACES_M
+            .iter()
+            .enumerate()
+            .map(|(i, bottom_m)| Layer { bottom_m: *bottom_m, modulus_pa: self.modulus_pa * ln(i) })
+            .collect();
         let foundation = Foundation::layered(layers, self.modulus_pa * ln(LAYERS - 1))?;
         let gap_m = self.problem.entry_m - self.problem.guide2_m;
         let entry_m = self.problem.guide2_m + (gap_m + self.value(unknowns, GAP)).max(0.2 * gap_m);

@@ -36,7 +36,7 @@ fn targets_at_the_edge_of_the_strain_limit_are_reached_within_it() {
     assert!(median_mm < 0.2, "{median_mm} mm: {misses_mm:?}");
 }
 
-/// What a limit leaves of a plan is stated in words at the stop, with the name of the limit.
+/// The effect of a limit on a plan is stated in words at the stop, with the name of the limit.
 #[test]
 fn a_limit_that_keeps_the_needle_from_its_target_is_stated_in_words() {
     let mut limited = 0;
@@ -84,9 +84,9 @@ fn a_limit_of_the_tissues_compression_limits_the_guide() {
         (plan.nearest_mm.expect("out of reach")[0], plan.limited_by)
     };
     let (free_mm, _) = reach_mm(None);
-    let (limited_mm, by) = reach_mm(Some(0.5));
+    let (limited_mm, limiting) = reach_mm(Some(0.5));
     assert!(limited_mm < 0.8 * free_mm, "{limited_mm} mm with the limit, {free_mm} mm without");
-    assert!(by.is_some_and(|by| by.contains("compression")));
+    assert!(limiting.is_some_and(|limiting| limiting.contains("compression")));
 }
 
 /// A plant of which the true strain is looked at with every answer.

@@ -23,11 +23,11 @@ fn it_states_what_a_run_states_before_the_first_push() {
     // It leads to the target by its own account, and starts at the first stop.
     let last = plan.plan.path.last().expect("a path");
     assert_eq!(last.depth_mm, DEPTH_MM);
-    let away_mm =
+    let miss_mm =
         (0..2).map(|i| (plan.plan.expected_tip_mm[i] - options.target_mm[i]).abs()).fold(0.0, f64::max);
     let unsteered_mm =
         (0..2).map(|i| (plan.unsteered_tip_mm[i] - options.target_mm[i]).abs()).fold(0.0, f64::max);
-    assert!(away_mm < 0.3 * unsteered_mm.max(1.0), "{away_mm} of {unsteered_mm} mm");
+    assert!(miss_mm < 0.3 * unsteered_mm.max(1.0), "{miss_mm} of {unsteered_mm} mm");
     assert_eq!(plan.plan.plan_depth_mm.first(), Some(&5.0));
 }
 

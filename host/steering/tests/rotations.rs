@@ -33,28 +33,28 @@ impl Write for Kept {
 
 #[test]
 fn at_most_two_rotations_bring_needles_nearer_than_none_within_limits() {
-    let (mut turned_mm, mut still_mm) = (0.0, 0.0);
+    let (mut rotated_mm, mut still_mm) = (0.0, 0.0);
     for number in 0..4 {
         let (plant, options) = drawn(number);
         let still = Options { steered: false, ..options.clone() };
         still_mm += steer(&mut plant.clone(), &still, &mut |_| {}).unwrap().miss_mm.unwrap();
         let run = steer(&mut plant.clone(), &options, &mut |_| {}).unwrap();
         assert_eq!(run.outcome, Outcome::Arrived);
-        turned_mm += run.miss_mm.unwrap();
-        let made = run.decisions.iter().filter_map(Decision::turn).count();
-        assert!(made == run.rotations && made <= 2, "{made}");
+        rotated_mm += run.miss_mm.unwrap();
+        let turn_count = run.decisions.iter().filter_map(Decision::turn).count();
+        assert!(turn_count == run.rotations && turn_count <= 2, "{turn_count}");
         assert_eq!(run.end.unwrap().limits_broken.unwrap().total(), 0);
         assert!(run.decisions.iter().all(|one| one.guide_to_mm == [0.0; 2]));
         assert!(run.within_before.is_empty());
     }
-    assert!(turned_mm < 0.4 * still_mm, "{turned_mm} mm with rotations, {still_mm} mm without");
+    assert!(rotated_mm < 0.4 * still_mm, "{rotated_mm} mm with rotations, {still_mm} mm without");
 }
 
 #[test]
 fn cues_lead_from_stop_to_stop_to_the_target_and_the_record_replays() {
     let (plant, options) = drawn(1);
-    let kept = Kept::default();
-    let record = Record::new(kept.clone());
+    let written = Kept::default();
+    let record = Record::new(written.clone());
     record.note("options", &options);
     let (mut cues, mut bevels) = (Vec::new(), BTreeSet::new());
     let mut recorded = Recorded { plant, record: record.clone() };
@@ -77,7 +77,7 @@ fn cues_lead_from_stop_to_stop_to_the_target_and_the_record_replays() {
         assert!(cue.to_string().contains("turn by "), "{cue}");
         assert!(bevels.contains(&((1e6 * cue.bevel_deg).round() as i64)), "{cue} was not commanded");
     }
-    let text = String::from_utf8(kept.0.lock().unwrap().clone()).unwrap();
+    let text = String::from_utf8(written.0.lock().unwrap().clone()).unwrap();
     let mut replay = ReplayPlant::new(&text).unwrap();
     let again = steer(&mut replay, &options, &mut |_| {}).unwrap();
     assert_eq!((again.decisions, again.miss_mm), (run.decisions, run.miss_mm));

@@ -78,8 +78,8 @@ fn the_needle_arrives_nearer_than_without_steering_and_within_limits() {
 #[test]
 fn a_replay_repeats_every_command_and_decision() {
     let (plant, options) = drawn(4);
-    let kept = Kept::default();
-    let record = Record::new(kept.clone());
+    let written = Kept::default();
+    let record = Record::new(written.clone());
     record.note("options", &options);
     let options: Options =
         serde_json::from_str(&serde_json::to_string(&options).expect("text")).expect("the same");
@@ -90,7 +90,7 @@ fn a_replay_repeats_every_command_and_decision() {
         }
     })
     .expect("a run");
-    let text = String::from_utf8(kept.0.lock().expect("not poisoned").clone()).expect("text");
+    let text = String::from_utf8(written.0.lock().expect("not poisoned").clone()).expect("text");
     let mut replayed = ReplayPlant::new(&text).expect("a record");
     let options = replayed.options().clone();
     let again = carried_out(&mut replayed, &options).expect("the same run");
@@ -112,13 +112,13 @@ fn a_tip_sensor_that_fails_holds_the_needle_and_is_named() {
     };
     let frozen: Fails = |answer, last| (answer.tip_x_mm, answer.tip_y_mm) = (last.tip_x_mm, last.tip_y_mm);
     let invalid: Fails = |answer, _| answer.valid = false;
-    let far: Fails = |answer, _| answer.tip_x_mm += 25.0;
+    let jump_far: Fails = |answer, _| answer.tip_x_mm += 25.0;
     let late: Fails = |answer, _| answer.tip_t_s = Some(answer.t_s - 3.0);
     for (fails, name) in [
         (silent, "tip_silent"),
         (frozen, "tip_frozen"),
         (invalid, "tip_silent"),
-        (far, "tip_outside_band"),
+        (jump_far, "tip_outside_band"),
         (late, "tip_late"),
     ] {
         let (plant, options) = drawn(1);
@@ -131,10 +131,11 @@ fn a_tip_sensor_that_fails_holds_the_needle_and_is_named() {
         let error = carried_out(&mut plant, &options).expect_err("a fault");
         assert_eq!(error.name(), name, "{error}");
         let deepest_mm = plant.commands.last().expect("commands").depth_mm;
-        let held = plant.commands.iter().rev().take_while(|command| command.depth_mm == deepest_mm);
-        let held_s =
-            held.last().map_or(0.0, |first| plant.commands[plant.commands.len() - 1].t_s - first.t_s);
-        assert!((1.8..4.5).contains(&held_s), "{name}: held for {held_s} s");
+        let held_commands = plant.commands.iter().rev().take_while(|command| command.depth_mm == deepest_mm);
+        let held_duration_s = held_commands
+            .last()
+            .map_or(0.0, |first| plant.commands[plant.commands.len() - 1].t_s - first.t_s);
+        assert!((1.8..4.5).contains(&held_duration_s), "{name}: held for {held_duration_s} s");
         // Pushed for about two seconds at most: 2 s times 4 mm/s beyond 22 mm, rests not counted.
         assert!(deepest_mm < 22.0 + 12.0, "{name}: stopped at {deepest_mm} mm");
     }
@@ -162,8 +163,8 @@ fn guide_moves_are_one_step_where_the_rig_states_it() {
     let moves = |plant: &SimulatedPlant| {
         let mut plant = Changed { plant: plant.clone(), change: |_: &mut Answer| {}, commands: Vec::new() };
         let run = carried_out(&mut plant, &options).expect("a run");
-        let at = |command: &Command| (command.guide_x_mm, command.guide_y_mm);
-        let steps = plant.commands.windows(2).filter(|pair| at(&pair[0]) != at(&pair[1])).count();
+        let guide_of = |command: &Command| (command.guide_x_mm, command.guide_y_mm);
+        let steps = plant.commands.windows(2).filter(|pair| guide_of(&pair[0]) != guide_of(&pair[1])).count();
         (steps, run.decisions.iter().filter(|one| one.guide_from_mm != one.guide_to_mm).count())
     };
     let (steps, decided) = moves(&plant);

@@ -1,4 +1,5 @@
-//! What can be read and still may not be meant: units mixed up, gaps, calibrations mixed, noise not stated, files used twice.
+//! Readable content that may not be meant: units mixed up, gaps, calibrations mixed, noise not stated, files used
+//! twice.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
@@ -49,7 +50,7 @@ const LENGTH_SD_MM: [f64; 2] = [1e-4, 2.0];
 /// And of slopes of the needle, milliradians.
 const DIRECTION_SD_MRAD: [f64; 2] = [0.01, 50.0];
 
-/// How much a finding matters.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
@@ -62,7 +63,7 @@ pub enum Severity {
 /// An error or a suspicion.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// How much it matters.
+    /// Severity of the finding.
     pub severity: Severity,
     /// The file.
     pub file: String,
@@ -70,14 +71,14 @@ pub struct Finding {
     pub line: Option<usize>,
     /// Column in characters, from 1.
     pub column: Option<usize>,
-    /// What is there.
+    /// Content that was found.
     pub what: String,
-    /// What was expected.
+    /// Expected content.
     pub expected: Option<String>,
 }
 
 impl Finding {
-    /// What makes a session unreadable.
+    /// Finding for an error that makes a session unreadable.
     pub fn error(fault: &SessionError) -> Self {
         match fault {
             SessionError::Field { place, field, problem, expected } => Self {
@@ -105,10 +106,10 @@ impl Finding {
 
     /// A name that the format does not have.
     pub fn unknown(place: &Place, name: &str) -> Self {
-        let what = format!("{name}: not part of the format, ignored");
+        let message = format!("{name}: not part of the format, ignored");
         Self {
             expected: Some("a name that the format has (guide init shows them)".to_owned()),
-            ..Self::at(Severity::Warning, place, what)
+            ..Self::at(Severity::Warning, place, message)
         }
     }
 
@@ -147,38 +148,43 @@ impl fmt::Display for Finding {
 
 /// All suspicions.
 pub fn of(session: &Session) -> Vec<Finding> {
-    let mut found = Found { findings: Vec::new() };
+    let mut collected = Found { findings: Vec::new() };
     let file = session.dir.join("session.toml");
-    found.needle(session, &file);
-    found.noise(session, &file);
-    found.calibrations(session, &file);
-    found.shared_files(session);
+    collected.needle(session, &file);
+    collected.noise(session, &file);
+    collected.calibrations(session, &file);
+    collected.shared_files(session);
     for run in &session.lateral {
-        found.lateral(session, run, &file);
-        found.unused(session, run);
+        collected.lateral(session, run, &file);
+        collected.unused(session, run);
     }
-    session.insertion.iter().for_each(|run| found.insertion(run));
-    session.steering.iter().for_each(|run| found.steering(run));
-    session.indentation.iter().for_each(|run| found.indentation(run));
-    found.findings
+    session.insertion.iter().for_each(|run| collected.insertion(run));
+    session.steering.iter().for_each(|run| collected.steering(run));
+    session.indentation.iter().for_each(|run| collected.indentation(run));
+    collected.findings
 }
 
 /// Suspected errors of units and sizes in what `identify` reads; noise that is merely not stated is no part of it.
 pub fn suspicions_of_identification(session: &Session) -> Vec<String> {
-    let mut found = Found { findings: Vec::new() };
+    let mut collected = Found { findings: Vec::new() };
     let file = session.dir.join("session.toml");
-    found.needle(session, &file);
-    found.noise(session, &file);
+    collected.needle(session, &file);
+    collected.noise(session, &file);
     for run in &session.lateral {
-        found.lateral(session, run, &file);
+        collected.lateral(session, run, &file);
     }
-    session.indentation.iter().for_each(|run| found.indentation(run));
+    session.indentation.iter().for_each(|run| collected.indentation(run));
     // Gaps and losses are reported with the holds that they spoil.
-    let is_unit = |finding: &&Finding| {
-        let of_series = ["lost_before:", "time_s: no rows"].iter().any(|what| finding.what.starts_with(what));
-        finding.expected.is_some() && !of_series
-    };
-    found.findings.iter().filter(is_unit).map(ToString::to_string).collect()
+    collected
+        .findings
+        .iter()
+        .filter(|finding| {
+            let of_series =
+                ["lost_before:", "time_s: no rows"].iter().any(|what| finding.what.starts_with(what));
+            finding.expected.is_some() && !of_series
+        })
+        .map(ToString::to_string)
+        .collect()
 }
 
 struct Found {
@@ -192,8 +198,8 @@ impl Found {
 
     fn when(&mut self, is_suspect: bool, file: &Path, words: impl FnOnce() -> (String, &'static str)) {
         if is_suspect {
-            let (what, expected) = words();
-            self.warn(file, what, expected);
+            let (message, expected) = words();
+            self.warn(file, message, expected);
         }
     }
 
@@ -227,16 +233,16 @@ impl Found {
         let missing: Vec<&str> =
             stated.iter().filter(|(_, sd, used, ..)| sd.is_none() && *used).map(|(name, ..)| *name).collect();
         if !missing.is_empty() {
-            let what =
+            let message =
                 format!("noise: {} not stated: estimated, and intervals are wider", missing.join(", "));
-            self.findings.push(Finding::warning(file, what, None));
+            self.findings.push(Finding::warning(file, message, None));
         }
         for (name, sd, _, [least, most], unit) in stated {
             if let Some(sd) = sd.filter(|sd| !(least..=most).contains(sd)) {
-                let what = format!("noise.{name}: {sd}");
+                let message = format!("noise.{name}: {sd}");
                 self.warn(
                     file,
-                    what,
+                    message,
                     &format!("that of a sensor, {least} to {most} {unit}: is the unit right?"),
                 );
             }
@@ -250,8 +256,8 @@ impl Found {
                 .iter()
                 .map(|(crc, runs)| format!("{} with {crc:08x}", runs.join(", ")))
                 .collect();
-            let what = format!("lateral.calibration_crc: runs differ: {}", named.join("; "));
-            self.warn(file, what, "runs recorded with one calibration");
+            let message = format!("lateral.calibration_crc: runs differ: {}", named.join("; "));
+            self.warn(file, message, "runs recorded with one calibration");
         }
     }
 
@@ -261,14 +267,14 @@ impl Found {
         });
         let insertion = session.insertion.iter().map(|run| (run.id.as_str(), run.path.as_path()));
         let steering = session.steering.iter().map(|run| (run.id.as_str(), run.path.as_path()));
-        let mut used: Vec<(&str, &Path)> = Vec::new();
+        let mut used_files: Vec<(&str, &Path)> = Vec::new();
         for (id, path) in lateral.chain(insertion).chain(steering) {
-            match used.iter().find(|(_, other)| *other == path) {
+            match used_files.iter().find(|(_, other)| *other == path) {
                 Some((first, _)) => {
-                    let what = format!("used by {first} and {id}");
-                    self.warn(path, what, "a file for every run: the same data count twice");
+                    let message = format!("used by {first} and {id}");
+                    self.warn(path, message, "a file for every run: the same data count twice");
                 }
-                None => used.push((id, path)),
+                None => used_files.push((id, path)),
             }
         }
     }
@@ -296,11 +302,12 @@ impl Found {
         if reach_mm < 1.0 {
             self.warn(shape_path, format!("z_mm: {reach_mm} at most"), "millimetres: is this in metres?");
         } else if reach_m < entry_m && !run.is_in_air() {
-            let what = format!("z_mm: {reach_mm:.1} at most, all before the surface at {:.1}", 1e3 * entry_m);
-            self.warn(shape_path, what, "positions from guide 1: are these from the surface?");
+            let message =
+                format!("z_mm: {reach_mm:.1} at most, all before the surface at {:.1}", 1e3 * entry_m);
+            self.warn(shape_path, message, "positions from guide 1: are these from the surface?");
         } else if reach_m > tip_m + 2e-3 && !run.is_in_air() {
-            let what = format!("z_mm: {reach_mm:.1} is beyond the tip at {:.1}", 1e3 * tip_m);
-            self.warn(shape_path, what, "positions on the needle: is depth_mm or entry_mm right?");
+            let message = format!("z_mm: {reach_mm:.1} is beyond the tip at {:.1}", 1e3 * tip_m);
+            self.warn(shape_path, message, "positions on the needle: is depth_mm or entry_mm right?");
         }
         let bent_m = largest(&shape.y_m).max(shape.x_m.as_deref().map_or(0.0, largest));
         let bent_mm = mm(bent_m);
@@ -308,17 +315,16 @@ impl Found {
             (format!("deflection_y_mm: {bent_mm} at most"), "millimetres: is this in metres?")
         });
         self.when(moved_m > MOVED_M && bent_m > MAX_DEFLECTION * moved_m, shape_path, || {
-            let what =
+            let message =
                 format!("deflection_y_mm: {bent_mm:.2} at most, guide 2 moved by {:.2} mm", 1e3 * moved_m);
-            (what, "millimetres from the straight needle")
+            (message, "millimetres from the straight needle")
         });
     }
 
     /// Holds, sweeps and points that no result uses: one line for each reason, with what to do about it.
     fn unused(&mut self, session: &Session, run: &LateralRun) {
         let lines = summary(&unused(run, &session.rig, &HoldCriteria::default()));
-        let finding = |line: &String| Finding::warning(&run.shape_path, line.clone(), None);
-        self.findings.extend(lines.iter().map(finding));
+        self.findings.extend(lines.iter().map(|line| Finding::warning(&run.shape_path, line.clone(), None)));
     }
 
     fn force(&mut self, force: &ForceSeries, moved_m: f64, path: &Path) {
@@ -328,8 +334,8 @@ impl Found {
             (format!("force_y_n: {most_n:.1} N at most"), "a few newtons: are these millinewtons, or codes?")
         });
         self.when(moved_m > MOVED_M && most_n < MIN_FORCE_N, path, || {
-            let what = format!("force_y_n: {most_n} N at most while guide 2 moves by {moved_mm:.2} mm");
-            (what, "a measurable force: newtons, a sensor that is connected")
+            let message = format!("force_y_n: {most_n} N at most while guide 2 moves by {moved_mm:.2} mm");
+            (message, "a measurable force: newtons, a sensor that is connected")
         });
         self.when(moved_m > 0.0 && moved_m < MIN_MOTION_M, path, || {
             (format!("displacement_y_mm: {moved_mm} at most"), "millimetres: is this in metres?")
@@ -351,8 +357,8 @@ impl Found {
         steps_s.sort_by(f64::total_cmp);
         let Some(usual_s) = steps_s.get(steps_s.len() / 2).copied() else { return };
         if usual_s > LONGEST_PERIOD_S {
-            let what = format!("time_s: {usual_s} s from row to row");
-            self.warn(path, what, "seconds: are these milliseconds?");
+            let message = format!("time_s: {usual_s} s from row to row");
+            self.warn(path, message, "seconds: are these milliseconds?");
             return;
         }
         let is_gap = |step_s: f64| step_s > (GAP_TIMES * usual_s).max(GAP_S);
@@ -362,10 +368,10 @@ impl Found {
             .filter(|(from_s, to_s)| is_gap(*to_s - *from_s))
             .map(|(from_s, to_s)| (*from_s, *to_s))
             .collect();
-        if let Some((from_s, to_s)) = gaps.first() {
+        if let Some((start_s, end_s)) = gaps.first() {
             let more = if gaps.len() > 1 { format!(" and {} more", gaps.len() - 1) } else { String::new() };
-            let what = format!("time_s: no rows from {from_s:.2} to {to_s:.2} s{more}");
-            self.warn(path, what, "rows at a steady rate");
+            let message = format!("time_s: no rows from {start_s:.2} to {end_s:.2} s{more}");
+            self.warn(path, message, "rows at a steady rate");
         }
     }
 
@@ -378,22 +384,22 @@ impl Found {
             (format!("depth_mm: {} at most", mm(deepest_m)), "millimetres: is this in metres?")
         });
         self.when(deepest_m >= 1e-3 && aside_m > deepest_m, path, || {
-            let what = format!("tip_y_mm: {aside_mm:.1} at most in {:.1} mm of depth", 1e3 * deepest_m);
-            (what, "distances from the straight needle's line, not positions in the room")
+            let message = format!("tip_y_mm: {aside_mm:.1} at most in {:.1} mm of depth", 1e3 * deepest_m);
+            (message, "distances from the straight needle's line, not positions in the room")
         });
         self.when(deepest_m >= 20e-3 && aside_m < MIN_MOTION_M, path, || {
             (format!("tip_y_mm: {aside_mm} at most"), "millimetres: is this in metres?")
         });
         let Ok(tip_path) = TipPath::new(run) else { return };
-        if let Some([from_m, to_m]) = tip_path.gaps_m.first() {
-            let what = format!("depth_mm: no rows from {:.0} to {:.0} mm", 1e3 * from_m, 1e3 * to_m);
-            self.warn(path, what, "a row every few millimetres");
+        if let Some([start_m, end_m]) = tip_path.gaps_m.first() {
+            let message = format!("depth_mm: no rows from {:.0} to {:.0} mm", 1e3 * start_m, 1e3 * end_m);
+            self.warn(path, message, "a row every few millimetres");
         }
         let (skipped, rows) = (tip_path.rows_skipped, run.depth_m.len());
         self.when(skipped as f64 > MAX_SKIPPED * rows as f64, path, || {
-            let what =
+            let message =
                 format!("depth_mm: {skipped} of {rows} rows are before the surface, drawn back, or misread");
-            (what, "rows that go into the tissue")
+            (message, "rows that go into the tissue")
         });
     }
 

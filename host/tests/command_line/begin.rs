@@ -10,21 +10,21 @@ fn a_template_is_checked_and_never_overwritten() {
     let begun = json(&["init", path(&dir), "--json"]);
     assert_eq!(begun["schema"], "guide.init/1");
     assert_eq!(begun["files"].as_array().map(Vec::len), Some(6));
-    let found = json(&["check", path(&dir), "--json"]);
-    assert_eq!(found["schema"], "guide.check/2");
-    assert_eq!((&found["usable"], &found["empty"]), (&true.into(), &true.into()));
-    assert!(found["findings"].as_array().expect("a list").is_empty());
+    let report = json(&["check", path(&dir), "--json"]);
+    assert_eq!(report["schema"], "guide.check/2");
+    assert_eq!((&report["usable"], &report["empty"]), (&true.into(), &true.into()));
+    assert!(report["findings"].as_array().expect("a list").is_empty());
     assert!(failure(&["init", path(&dir)]).contains("session.toml: is there already"));
     assert!(failure(&["init", path(&dir), "--example"]).contains("session.toml: is there already"));
     assert_eq!(guide(&["init", path(&dir), "--seed", "2"]).status.code(), Some(2));
 
     // A file of the user's is as safe as a session.
-    let other = folder.path().join("other");
-    fs::create_dir(&other).expect("a folder");
-    fs::write(other.join("i1.csv"), "mine").expect("written");
-    assert!(failure(&["init", path(&other)]).contains("i1.csv: is there already"));
-    assert_eq!(fs::read_to_string(other.join("i1.csv")).expect("there"), "mine");
-    assert!(!other.join("session.toml").exists());
+    let other_path = folder.path().join("other");
+    fs::create_dir(&other_path).expect("a folder");
+    fs::write(other_path.join("i1.csv"), "mine").expect("written");
+    assert!(failure(&["init", path(&other_path)]).contains("i1.csv: is there already"));
+    assert_eq!(fs::read_to_string(other_path.join("i1.csv")).expect("there"), "mine");
+    assert!(!other_path.join("session.toml").exists());
 }
 
 #[test]
@@ -33,9 +33,9 @@ fn the_example_has_something_for_every_command() {
     let dir = folder.path().join("playground");
     let begun = json(&["init", "--example", path(&dir), "--json"]);
     assert_eq!(begun["example"], true);
-    let found = json(&["check", path(&dir), "--json"]);
-    assert!(found["findings"].as_array().expect("a list").is_empty(), "{}", found["findings"]);
-    for ability in found["abilities"].as_array().expect("a list") {
+    let report = json(&["check", path(&dir), "--json"]);
+    assert!(report["findings"].as_array().expect("a list").is_empty(), "{}", report["findings"]);
+    for ability in report["abilities"].as_array().expect("a list") {
         assert_eq!(ability["usable"], true, "{ability}");
     }
     let shown = text(&guide(&["check", path(&dir)]).stdout);

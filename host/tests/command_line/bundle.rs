@@ -13,21 +13,22 @@ fn bundled(folder: &Path) -> (std::path::PathBuf, Value) {
     let dir = folder.join("phantom");
     add_lateral_run(&mut writer(&dir));
     let file = folder.join("phantom.zip");
-    let made = json(&["report", path(&dir), "--bundle", path(&file), "--json"]);
-    (file, made)
+    let bundle_json = json(&["report", path(&dir), "--bundle", path(&file), "--json"]);
+    (file, bundle_json)
 }
 
 /// The files of an archive.
 fn unpacked(file: &Path) -> Vec<(String, Vec<u8>)> {
     let mut zip = ZipArchive::new(File::open(file).expect("there")).expect("a zip file");
     let count = zip.len();
-    let entry = |number: usize| {
-        let mut entry = zip.by_index(number).expect("an entry");
-        let mut bytes = Vec::new();
-        entry.read_to_end(&mut bytes).expect("read");
-        (entry.name().to_owned(), bytes)
-    };
-    (0..count).map(entry).collect()
+    (0..count)
+        .map(|number| {
+            let mut entry = zip.by_index(number).expect("an entry");
+            let mut bytes = Vec::new();
+            entry.read_to_end(&mut bytes).expect("read");
+            (entry.name().to_owned(), bytes)
+        })
+        .collect()
 }
 
 fn packed(file: &Path, entries: &[(String, Vec<u8>)]) {
@@ -48,22 +49,22 @@ fn refused(file: &Path) -> Value {
 
 #[test]
 fn a_bundle_is_verified_elsewhere_and_a_changed_byte_is_named() {
-    let here = folder();
-    let (file, made) = bundled(here.path());
-    assert_eq!(made["schema"], "guide.bundle_made/1");
+    let first_folder = folder();
+    let (file, bundle_json) = bundled(first_folder.path());
+    assert_eq!(bundle_json["schema"], "guide.bundle_made/1");
     // The same session gives the same bytes.
-    let again = here.path().join("again.zip");
-    let dir = here.path().join("phantom");
+    let again = first_folder.path().join("again.zip");
+    let dir = first_folder.path().join("phantom");
     json(&["report", path(&dir), "--bundle", path(&again), "--json"]);
     assert!(fs::read(&file).expect("there") == fs::read(&again).expect("there"));
     // Elsewhere, and without the session.
-    let there = folder();
-    let copy = there.path().join("copy.zip");
+    let second_folder = folder();
+    let copy = second_folder.path().join("copy.zip");
     fs::copy(&file, &copy).expect("copied");
     fs::remove_dir_all(&dir).expect("removed");
     let verified = json(&["report", "--verify", path(&copy), "--json"]);
     assert_eq!(verified["verdict"], "verified");
-    assert_eq!(verified["sha256_of_list"], made["sha256_of_list"]);
+    assert_eq!(verified["sha256_of_list"], bundle_json["sha256_of_list"]);
     assert_eq!(verified["different"], Value::Array(Vec::new()));
     let entries = unpacked(&copy);
     assert_eq!(verified["unchanged"], entries.len() - 1);
@@ -72,7 +73,7 @@ fn a_bundle_is_verified_elsewhere_and_a_changed_byte_is_named() {
         assert!(names.contains(&name), "{name} is not in {names:?}");
     }
     // One byte of a file: it is named, and nothing else is.
-    let changed = there.path().join("changed.zip");
+    let changed = second_folder.path().join("changed.zip");
     let is_tried = |name: &str| name.starts_with("phantom/") || name == "report.html";
     for number in (1..entries.len()).filter(|number| is_tried(&entries[*number].0)) {
         let mut altered = entries.clone();
@@ -83,13 +84,14 @@ fn a_bundle_is_verified_elsewhere_and_a_changed_byte_is_named() {
         let document = refused(&changed);
         assert_eq!(document["changed"], serde_json::json!([name]));
         assert_eq!(document["verdict"], "changed");
-        // Nothing is computed from inputs that are not what they were.
+        // No result is computed from inputs that have changed.
         assert_eq!(document["different"].is_null(), name.starts_with("phantom/"), "{name}");
     }
     // A file less and one more, and a list that states something else than it did.
-    let mut others: Vec<_> = entries.iter().filter(|(name, _)| name != "report.html").cloned().collect();
-    others.push(("phantom/more.csv".to_owned(), b"1\n".to_vec()));
-    packed(&changed, &others);
+    let mut without_report: Vec<_> =
+        entries.iter().filter(|(name, _)| name != "report.html").cloned().collect();
+    without_report.push(("phantom/more.csv".to_owned(), b"1\n".to_vec()));
+    packed(&changed, &without_report);
     let document = refused(&changed);
     assert_eq!(document["missing"], serde_json::json!(["report.html"]));
     assert_eq!(document["added"], serde_json::json!(["phantom/more.csv"]));

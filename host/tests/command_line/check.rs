@@ -1,4 +1,4 @@
-//! What sessions and plans could show, before they are asked.
+//! Tests of the expected uses of sessions and plans.
 
 use super::{add_lateral_run, folder, guide, json, path, text, writer};
 use serde_json::Value;
@@ -18,13 +18,13 @@ fn a_session_states_from_which_size_on_it_would_name_each_effect() {
     assert_eq!(check["probability"], 0.9);
     let skin = value(&check, "tissue.skin").expect("a size");
     assert!(skin > 0.0 && skin < 5.0, "{skin}");
-    // What lateral runs never show is not promised.
+    // Effects that lateral runs never show are not promised.
     let not_shown = check["not_shown"].as_array().expect("a list");
     assert!(not_shown.contains(&"tip.load_slope".into()), "{not_shown:?}");
-    let told = guide(&["diagnose", path(folder.path()), "--check"]);
-    let told = text(&told.stdout);
-    assert!(told.contains("named with 90 % probability from this size on"), "{told}");
-    assert!(told.lines().any(|line| line.trim_start().starts_with("tissue.skin ")), "{told}");
+    let output = guide(&["diagnose", path(folder.path()), "--check"]);
+    let output_text = text(&output.stdout);
+    assert!(output_text.contains("named with 90 % probability from this size on"), "{output_text}");
+    assert!(output_text.lines().any(|line| line.trim_start().starts_with("tissue.skin ")), "{output_text}");
 }
 
 #[test]

@@ -41,8 +41,11 @@ fn two_files_of_one_clock_or_two_give_the_modulus() {
         "--map",
         "%time=time_s",
     ];
-    let done = imported(&native, "topics", &[&wrench, &joints], &maps, 5e-3);
-    assert!(done["runs"][0]["offset_s"].is_null() && notes(&done).contains("since 1970"), "{done}");
+    let import_json = imported(&native, "topics", &[&wrench, &joints], &maps, 5e-3);
+    assert!(
+        import_json["runs"][0]["offset_s"].is_null() && notes(&import_json).contains("since 1970"),
+        "{import_json}"
+    );
 
     // A load cell and a stage that were started one after the other: 7.3 s, found by the ramp.
     let scale = native.file("scale.csv", "Time (ms),Force (kg)\n", |_, t, _, f| {
@@ -51,22 +54,22 @@ fn two_files_of_one_clock_or_two_give_the_modulus() {
     let stage = native
         .file("stage.csv", "Time [s];Stage X\n", |_, t, x, _| format!("{:.3};{:.6}", t + 7.3, 1e-3 * x));
     let maps = ["--map", "Force (kg)=force_y_n", "--map", "Stage X=displacement_y_mm:m"];
-    let done = imported(&native, "clocks", &[&scale, &stage], &maps, 1e-2);
-    let of = |name: &str| done["runs"][0][name].as_f64().expect(name);
-    let off = of("offset_s") + 7.3;
+    let import_json = imported(&native, "clocks", &[&scale, &stage], &maps, 1e-2);
+    let of = |name: &str| import_json["runs"][0][name].as_f64().expect(name);
+    let offset_error_s = of("offset_s") + 7.3;
     assert!(
-        off.abs() < 3.0 * of("offset_sd_s") && of("offset_sd_s") < 0.05,
-        "{off} of {}",
+        offset_error_s.abs() < 3.0 * of("offset_sd_s") && of("offset_sd_s") < 0.05,
+        "{offset_error_s} of {}",
         of("offset_sd_s")
     );
-    assert!(notes(&done).contains("clocks of their own"), "{done}");
+    assert!(notes(&import_json).contains("clocks of their own"), "{import_json}");
     // One clock by its name, although both count from their start.
-    let both = native
+    let combined_file = native
         .file("both.csv", "Time (ms),Stage X\n", |_, t, x, _| format!("{:.0},{:.6}", 1e3 * t, 1e-3 * x));
     let named = [&maps[..], &["--merge-on", "Time (ms)"]].concat();
-    let done = imported(&native, "named", &[&scale, &both], &named, 5e-3);
-    assert!(done["runs"][0]["offset_s"].is_null(), "{done}");
+    let import_json = imported(&native, "named", &[&scale, &combined_file], &named, 5e-3);
+    assert!(import_json["runs"][0]["offset_s"].is_null(), "{import_json}");
     // Or as it is known.
-    let known = [&maps[..], &["--offset-s", "-7.3"]].concat();
-    imported(&native, "known", &[&scale, &stage], &known, 5e-3);
+    let offset_maps = [&maps[..], &["--offset-s", "-7.3"]].concat();
+    imported(&native, "known", &[&scale, &stage], &offset_maps, 5e-3);
 }

@@ -59,15 +59,18 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
         ["plan.toml", "model.toml", "made"].map(|name| path(&folder.path().join(name)).to_owned());
     fs::write(&config, PLAN).expect("written");
     fs::write(&model, MODEL).expect("written");
-    let made = json(&["simulate", "--config", &config, "--model", &model, "--out", &dir, "--json"]);
-    assert_eq!(made["schema"], "guide.simulate/1");
-    let truth = &made["truth"];
+    let simulated = json(&["simulate", "--config", &config, "--model", &model, "--out", &dir, "--json"]);
+    assert_eq!(simulated["schema"], "guide.simulate/1");
+    let truth = &simulated["truth"];
     assert_eq!((&truth["k_kpa"], &truth["tip_load_n"]), (&12.0.into(), &0.2.into()));
     let ids: Vec<_> = truth["effects"].as_array().expect("a list").iter().map(|one| &one["id"]).collect();
     assert_eq!(ids, ["tissue.layers", "tissue.gradient"]);
     assert_eq!(truth["effects"][0]["parameters"]["boundary_mm"], 12.0);
-    assert_eq!((&made["lateral"][0]["id"], &made["insertion"][0]["id"]), (&"y25".into(), &"i1".into()));
-    assert_eq!(made["runs"].as_array().map(Vec::len), Some(0));
+    assert_eq!(
+        (&simulated["lateral"][0]["id"], &simulated["insertion"][0]["id"]),
+        (&"y25".into(), &"i1".into())
+    );
+    assert_eq!(simulated["runs"].as_array().map(Vec::len), Some(0));
     let again = path(&folder.path().join("again")).to_owned();
     let printed = guide(&["simulate", "--config", &config, "--model", &model, "--out", &again]);
     let printed = text(&printed.stdout);
@@ -79,13 +82,13 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
     let csv = |dir: &str| fs::read_to_string(Path::new(dir).join("y25.force.csv")).expect("written");
     assert_eq!(csv(&dir), csv(&again), "the same seed");
 
-    let with = json(&["identify", &dir, "--model", &model, "--json", "--relation", "vesic"]);
-    assert_eq!(with["effects"], serde_json::json!(["tissue.layers"]));
-    let [low, high] = k_kpa(&with);
+    let with_model = json(&["identify", &dir, "--model", &model, "--json", "--relation", "vesic"]);
+    assert_eq!(with_model["effects"], serde_json::json!(["tissue.layers"]));
+    let [low, high] = k_kpa(&with_model);
     assert!(low < 12.0 && 12.0 < high, "{low} to {high}");
-    let without = json(&["identify", &dir, "--json", "--relation", "vesic"]);
-    assert!(without.get("effects").is_none());
-    assert!(k_kpa(&without)[0] > 12.5, "{without}");
+    let without_model = json(&["identify", &dir, "--json", "--relation", "vesic"]);
+    assert!(without_model.get("effects").is_none());
+    assert!(k_kpa(&without_model)[0] > 12.5, "{without_model}");
     let printed = text(&guide(&["identify", &dir, "--model", &model, "--relation", "vesic"]).stdout);
     assert!(
         printed.contains("model with   tissue.layers") && printed.contains("models no effects"),
@@ -114,8 +117,9 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
         tip.iter().map(|mm| mm.as_f64().expect("a number")).collect()
     };
     assert!(path_of(&by_file).iter().zip(path_of(&by_option)).all(|(a, b)| (a - b).abs() < 1e-6));
-    let other = json(&["predict", &alone, "--model", &model, "--effect", "tissue.layers=1,12", "--json"]);
-    assert_ne!(path_of(&by_file), path_of(&other));
+    let other_prediction =
+        json(&["predict", &alone, "--model", &model, "--effect", "tissue.layers=1,12", "--json"]);
+    assert_ne!(path_of(&by_file), path_of(&other_prediction));
     assert!(failure(&["predict", &alone, "--model", &model, "--layers"]).contains("in the model already"));
 
     fs::write(&model, MODEL.replace("tissue.layers", "tissue.layer")).expect("written");
@@ -131,12 +135,12 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
 fn plan_faults_name_their_place() {
     let folder = folder();
     let config = folder.path().join("plan.toml");
-    let out = folder.path().join("out");
+    let output_path = folder.path().join("out");
     let fails = |text: &str, expected: &str| {
         fs::write(&config, text).expect("written");
-        let printed = failure(&["simulate", "--config", path(&config), "--out", path(&out)]);
+        let printed = failure(&["simulate", "--config", path(&config), "--out", path(&output_path)]);
         assert!(printed.contains(expected), "{printed}");
-        assert!(!out.exists(), "nothing is left behind");
+        assert!(!output_path.exists(), "nothing is left behind");
     };
     fails(&PLAN.replace("k_kpa = 9.0", ""), "plan.toml:11:1: tissue.k_kpa: missing");
     fails(&PLAN.replace("depth_mm = 25", "depth_cm = 2.5"), "lateral.depth_cm: \"depth_cm\" is not known");
@@ -148,9 +152,9 @@ fn plan_faults_name_their_place() {
 
 #[test]
 fn effects_are_listed() {
-    let all = json(&["effects", "--json"]);
-    assert_eq!(all["schema"], "guide.effects/1");
-    let effects = all["effects"].as_array().expect("a list");
+    let all_effects = json(&["effects", "--json"]);
+    assert_eq!(all_effects["schema"], "guide.effects/1");
+    let effects = all_effects["effects"].as_array().expect("a list");
     assert_eq!(effects.len(), mechanics::effects::EFFECTS.len());
     for parameter in effects.iter().flat_map(|one| one["parameters"].as_array().expect("a list")) {
         // A name without a unit at its end is a ratio, a share, a logarithm, or the like.
@@ -159,9 +163,9 @@ fn effects_are_listed() {
         let bare = ends.iter().any(|end| name.ends_with(end));
         assert_eq!(bare, unit == "1", "{name} {unit}");
     }
-    let one = json(&["effects", "tissue.layers", "--json"]);
-    assert_eq!(one["effects"].as_array().map(Vec::len), Some(1));
-    let [ratio, boundary] = [0, 1].map(|i| one["effects"][0]["parameters"][i].clone());
+    let layers_effect = json(&["effects", "tissue.layers", "--json"]);
+    assert_eq!(layers_effect["effects"].as_array().map(Vec::len), Some(1));
+    let [ratio, boundary] = [0, 1].map(|i| layers_effect["effects"][0]["parameters"][i].clone());
     assert_eq!(
         (&ratio["neutral"], &ratio["unit"], &ratio["range"][1]),
         (&1.0.into(), &"1".into(), &50.0.into())
@@ -195,18 +199,22 @@ fn a_missing_layer_is_named_and_its_model_explains_the_session() {
     }
     fs::write(&config, plan).expect("written");
     guide(&["simulate", "--config", &config, "--out", &dir]);
-    let found = json(&["diagnose", &dir, "--out", &model, "--plots", &plots, "--json"]);
-    assert_eq!(found["schema"], "guide.diagnose/2");
+    let diagnosis = json(&["diagnose", &dir, "--out", &model, "--plots", &plots, "--json"]);
+    assert_eq!(diagnosis["schema"], "guide.diagnose/2");
     // At three depths a gradient or a gap may stand for a layer; nothing else.
-    assert!(found["verdict"] == "named" || found["verdict"] == "ambiguous", "{}", found["verdict"]);
-    assert_eq!(found["effects"][0]["id"], "tissue.layers");
-    let class = found["effects"][0]["class"].as_array().expect("a class");
+    assert!(
+        diagnosis["verdict"] == "named" || diagnosis["verdict"] == "ambiguous",
+        "{}",
+        diagnosis["verdict"]
+    );
+    assert_eq!(diagnosis["effects"][0]["id"], "tissue.layers");
+    let class = diagnosis["effects"][0]["class"].as_array().expect("a class");
     assert!(class.iter().all(|id| id.as_str().is_some_and(|id| id.starts_with("tissue."))), "{class:?}");
-    assert_eq!(found["gap"]["heldout_runs"], serde_json::json!(["d"]));
+    assert_eq!(diagnosis["gap"]["heldout_runs"], serde_json::json!(["d"]));
     // The share is null where the held-out misfit was not above chance.
-    assert!(found["gap"]["removed"].as_f64().is_none_or(|share| share > 0.9), "{}", found["gap"]);
-    let misfit = |side: &str| found["gap"][side]["chi2_reduced"].as_f64().expect("a chi-square");
-    assert!(misfit("after") < misfit("before"), "{}", found["gap"]);
+    assert!(diagnosis["gap"]["removed"].as_f64().is_none_or(|share| share > 0.9), "{}", diagnosis["gap"]);
+    let misfit = |side: &str| diagnosis["gap"][side]["chi2_reduced"].as_f64().expect("a chi-square");
+    assert!(misfit("after") < misfit("before"), "{}", diagnosis["gap"]);
     for figure in ["residuals", "gap", "ranking"] {
         let svg = fs::read_to_string(Path::new(&plots).join(format!("{figure}.svg"))).expect("a figure");
         assert!(svg.contains("</svg>"), "{figure}");

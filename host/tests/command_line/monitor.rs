@@ -29,8 +29,19 @@ fn a_model_that_cannot_be_followed_is_refused_before_the_device_is_touched() {
     let follow = ["--json", "--follow", model, "--rig", rig, "--depth-mm", "30"];
     let line = failure(&[&["monitor"], &port[..], &follow[..]].concat());
     assert!(line.ends_with("model.toml: cannot be followed: [tissue]: no modulus, expected that of a model file of `guide diagnose --out`"), "{line}");
-    let out = folder.path().join("phantom");
-    let record =
-        ["record", "--out", path(&out), "--rig", rig, "--depth-mm", "0", "--follow", model, port[0], port[1]];
+    let output_path = folder.path().join("phantom");
+    let record = [
+        "record",
+        "--out",
+        path(&output_path),
+        "--rig",
+        rig,
+        "--depth-mm",
+        "0",
+        "--follow",
+        model,
+        port[0],
+        port[1],
+    ];
     assert!(failure(&record).contains("--follow: in air no model has a force"));
 }

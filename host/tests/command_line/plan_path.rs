@@ -52,8 +52,11 @@ fn the_way_to_a_target_is_planned_from_a_statement_and_from_a_session() {
         let svg = fs::read_to_string(folder.path().join("figures").join(name)).expect("drawn");
         assert!(svg.starts_with("<svg") && !svg.contains(">tip<"), "{name}");
     }
-    let turned = text(&guide(&["plan-path", &plant, target, "--rotations", "2"]).stdout);
-    assert!(turned.contains("turn         by ") && !turned.contains("\nbefore "), "{turned}");
+    let rotated_plan = text(&guide(&["plan-path", &plant, target, "--rotations", "2"]).stdout);
+    assert!(
+        rotated_plan.contains("turn         by ") && !rotated_plan.contains("\nbefore "),
+        "{rotated_plan}"
+    );
 
     fs::write(&config, SESSION).expect("written");
     json(&["simulate", "--config", &config, "--out", &dir, "--json"]);
@@ -92,10 +95,10 @@ fn what_cannot_be_planned_is_rejected_in_one_line() {
         assert!(printed.contains(part), "{part} is not in {printed}");
     }
     // Out of reach is a result, with the nearest point.
-    let far = guide(&["plan-path", &plant, "--target-mm=80,0,100"]);
-    let printed = text(&far.stdout);
+    let unreachable = guide(&["plan-path", &plant, "--target-mm=80,0,100"]);
+    let printed = text(&unreachable.stdout);
     assert!(
-        far.status.success() && printed.contains("out of reach") && printed.contains("nearest point"),
+        unreachable.status.success() && printed.contains("out of reach") && printed.contains("nearest point"),
         "{printed}"
     );
 }
@@ -120,6 +123,6 @@ fn the_last_screen_of_a_run_is_printed_where_there_is_no_terminal() {
     let record = format!("{dir}/steer.jsonl");
     let again = text(&guide(&["steer", "--replay", &record, "--screen"]).stdout);
     assert_eq!(again.lines().take(24).collect::<Vec<_>>(), printed.lines().take(24).collect::<Vec<_>>());
-    let both = failure(&["steer", "--replay", &record, "--screen", "--json"]);
-    assert!(both.contains("--screen: drawn for the eye, expected without --json"), "{both}");
+    let conflict = failure(&["steer", "--replay", &record, "--screen", "--json"]);
+    assert!(conflict.contains("--screen: drawn for the eye, expected without --json"), "{conflict}");
 }

@@ -32,8 +32,8 @@ fn every_command_reports_a_sweep_that_was_taken_while_the_guide_moved() {
             "{command:?}: {shown}"
         );
     }
-    let made = guide(&["report", path(&dir), "--out", path(&report)]);
-    assert!(made.status.success(), "{}", text(&made.stderr));
+    let written_report = guide(&["report", path(&dir), "--out", path(&report)]);
+    assert!(written_report.status.success(), "{}", text(&written_report.stderr));
     let page = fs::read_to_string(&report).expect("written");
     assert!(page.contains(remedy));
     let unused = &json(&["identify", path(&dir), "--json"])["unused"];

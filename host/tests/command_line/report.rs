@@ -21,17 +21,17 @@ fn a_report_has_the_numbers_of_the_other_commands() {
     let folder = folder();
     session(folder.path());
     let dir = path(folder.path());
-    let done = json(&["report", dir, "--json"]);
-    assert_eq!(done["schema"], "guide.report/2");
+    let report_json = json(&["report", dir, "--json"]);
+    assert_eq!(report_json["schema"], "guide.report/2");
     let states: Vec<_> =
-        done["sections"].as_array().expect("a list").iter().map(|one| &one["state"]).collect();
+        report_json["sections"].as_array().expect("a list").iter().map(|one| &one["state"]).collect();
     assert_eq!(states, ["done", "done", "done", "skipped", "done", "done"]);
     let html = fs::read_to_string(folder.path().join("report.html")).expect("written");
-    assert_eq!(done["bytes"], html.len());
+    assert_eq!(report_json["bytes"], html.len());
     assert!(html.len() < 2_000_000);
-    let found = json(&["identify", dir, "--json"]);
-    assert_eq!(done["k_kpa"], found["pooled"]["k_kpa"]);
-    let k_kpa = found["pooled"]["k_kpa"].as_f64().expect("a modulus");
+    let identification = json(&["identify", dir, "--json"]);
+    assert_eq!(report_json["k_kpa"], identification["pooled"]["k_kpa"]);
+    let k_kpa = identification["pooled"]["k_kpa"].as_f64().expect("a modulus");
     assert!((k_kpa / (1e-3 * K_PA) - 1.0).abs() < 0.02);
     let load_n = json(&["predict", dir, "--json"])["insertions"][0]["tip_force_n"].as_f64().expect("a load");
     for part in
@@ -39,7 +39,7 @@ fn a_report_has_the_numbers_of_the_other_commands() {
     {
         assert!(html.contains(&part), "{part} is not in the report");
     }
-    assert_eq!(done["verdict"], json(&["diagnose", dir, "--json"])["verdict"]);
+    assert_eq!(report_json["verdict"], json(&["diagnose", dir, "--json"])["verdict"]);
 }
 
 #[cfg(unix)]
@@ -54,8 +54,8 @@ fn a_report_is_not_written_through_a_link() {
     assert!(line.contains("report.html: cannot write: it is a link"), "{line}");
     assert_eq!(fs::read(&theirs).expect("there"), b"theirs");
     fs::remove_file(&link).expect("removed");
-    let told = guide(&["report", path(folder.path()), "--out", "/dev/stdout"]);
-    assert!(told.status.success(), "{}", text(&told.stderr));
+    let refusal = guide(&["report", path(folder.path()), "--out", "/dev/stdout"]);
+    assert!(refusal.status.success(), "{}", text(&refusal.stderr));
 }
 
 #[test]
@@ -67,18 +67,27 @@ fn a_report_is_the_same_bytes_each_time() {
     assert_eq!(first["sections"][2]["why"], "the session has no insertions");
     let html = fs::read_to_string(folder.path().join("report.html")).expect("written");
     // The report in the folder is no part of the session, and where it is written to changes nothing.
-    let out = folder.path().join("again.html");
-    let printed = guide(&["report", dir, "--out", path(&out)]);
+    let output_path = folder.path().join("again.html");
+    let printed = guide(&["report", dir, "--out", path(&output_path)]);
     assert!(
         printed.status.success() && text(&printed.stdout).contains("again.html"),
         "{}",
         text(&printed.stderr)
     );
-    assert_eq!(fs::read_to_string(&out).expect("written"), html);
-    let dated =
-        json(&["report", dir, "--out", path(&out), "--date", "2025-03-01", "--until", "60", "--json"]);
+    assert_eq!(fs::read_to_string(&output_path).expect("written"), html);
+    let dated = json(&[
+        "report",
+        dir,
+        "--out",
+        path(&output_path),
+        "--date",
+        "2025-03-01",
+        "--until",
+        "60",
+        "--json",
+    ]);
     assert_eq!(dated["date"], "2025-03-01");
-    assert!(fs::read_to_string(&out).expect("written").contains("--until 60"));
+    assert!(fs::read_to_string(&output_path).expect("written").contains("--until 60"));
 }
 
 #[test]

@@ -20,8 +20,8 @@ fn in_room(session: &Session, origin: [f64; 3]) -> Vec<[f64; 3]> {
     let points = run.shape.z_m.iter().zip(&run.shape.y_m).zip(x_m);
     points
         .map(|((z_m, y_m), x_m)| {
-            let along = 1e3 * (z_m - session.rig.entry_m);
-            [0, 1, 2].map(|i| origin[i] + along * z[i] + 1e3 * y_m * y[i] + 1e3 * x_m * x[i])
+            let distance_mm = 1e3 * (z_m - session.rig.entry_m);
+            [0, 1, 2].map(|i| origin[i] + distance_mm * z[i] + 1e3 * y_m * y[i] + 1e3 * x_m * x[i])
         })
         .collect()
 }
@@ -50,26 +50,30 @@ fn a_curve_of_slicer_gives_the_same_modulus() {
     let file = folder.path().join("hold.mrk.json");
     fs::write(&file, curve + "]}]}").expect("written");
     let (force, rig) = (native.join("d30-1.force.csv"), native.join("session.toml"));
-    let [_, up, along] = axes();
-    let (origin, up, along) = (list(origin), list(up), list(along));
-    let out = folder.path().join("imported");
-    let import = ["import", "slicer", path(&file), "--out", path(&out), "--rig", path(&rig)];
-    let placed = ["--origin-mm", &origin, "--axis", &along, "--up", &up, "--depth-mm", "30"];
+    let [_, up_axis, needle_axis] = axes();
+    let (origin, up_axis, needle_axis) = (list(origin), list(up_axis), list(needle_axis));
+    let output_path = folder.path().join("imported");
+    let import = ["import", "slicer", path(&file), "--out", path(&output_path), "--rig", path(&rig)];
+    let frame_options =
+        ["--origin-mm", &origin, "--axis", &needle_axis, "--up", &up_axis, "--depth-mm", "30"];
     let with_force = ["--force", path(&force), "--json"];
-    let done = json(&[&import[..], &placed, &with_force].concat());
-    assert_eq!((&done["schema"], &done["lateral"]["id"]), (&"guide.import/2".into(), &"hold".into()));
-    assert_eq!(done["lateral"]["points"], 30);
-    let (native_kpa, imported_kpa) = (modulus(&native), modulus(&out));
+    let import_json = json(&[&import[..], &frame_options, &with_force].concat());
+    assert_eq!(
+        (&import_json["schema"], &import_json["lateral"]["id"]),
+        (&"guide.import/2".into(), &"hold".into())
+    );
+    assert_eq!(import_json["lateral"]["points"], 30);
+    let (native_kpa, imported_kpa) = (modulus(&native), modulus(&output_path));
     assert!((imported_kpa / native_kpa - 1.0).abs() < 1e-6, "{imported_kpa} and {native_kpa}");
-    assert!(failure(&[&import[..], &placed, &with_force].concat()).contains("\"hold\" is taken"));
+    assert!(failure(&[&import[..], &frame_options, &with_force].concat()).contains("\"hold\" is taken"));
     // Without force the run is there, and waits for it; the rig is that of the session.
-    let again = ["import", "slicer", path(&file), "--out", path(&out), "--id", "bare"];
-    let output = guide(&[&again[..], &placed].concat());
+    let again = ["import", "slicer", path(&file), "--out", path(&output_path), "--id", "bare"];
+    let output = guide(&[&again[..], &frame_options].concat());
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stderr).contains("bare.force.csv: has a header only"));
-    assert_eq!(Session::read(&out).expect("reads").lateral.len(), 2);
-    // Where nothing is stated, the first part is straight.
-    let drawn = ["import", "slicer", path(&file), "--out", path(&out), "--id", "drawn"];
+    assert_eq!(Session::read(&output_path).expect("reads").lateral.len(), 2);
+    // Without a statement, the first part is straight.
+    let drawn = ["import", "slicer", path(&file), "--out", path(&output_path), "--id", "drawn"];
     let output = guide(&drawn);
     assert!(text(&output.stderr).contains("is fitted to the first part of"), "{}", text(&output.stderr));
 }
@@ -91,18 +95,26 @@ fn poses_of_a_fibre_give_the_same_modulus() {
         folder.path().join(name)
     });
     let (force, rig) = (native.join("d30-1.force.csv"), native.join("session.toml"));
-    let out = folder.path().join("imported");
-    let common = ["--out", path(&out), "--rig", path(&rig), "--force", path(&force), "--depth-mm", "30"];
-    let done = json(&[&["import", "fbg", path(&bent), "--json"], &common[..]].concat());
-    assert!(done["notes"][0].as_str().expect("a note").contains("taken as metres"), "{}", done["notes"]);
-    let (native_kpa, imported_kpa) = (modulus(&native), modulus(&out));
+    let output_path = folder.path().join("imported");
+    let common =
+        ["--out", path(&output_path), "--rig", path(&rig), "--force", path(&force), "--depth-mm", "30"];
+    let import_json = json(&[&["import", "fbg", path(&bent), "--json"], &common[..]].concat());
+    assert!(
+        import_json["notes"][0].as_str().expect("a note").contains("taken as metres"),
+        "{}",
+        import_json["notes"]
+    );
+    let (native_kpa, imported_kpa) = (modulus(&native), modulus(&output_path));
     assert!((imported_kpa / native_kpa - 1.0).abs() < 1e-6, "{imported_kpa} and {native_kpa}");
 
     // A sweep for each of its two holds; for three there is no hold.
     let two = ["import", "fbg", path(&straight), path(&bent), "--id", "two", "--json"];
-    let done = json(&[&two[..], &common].concat());
-    assert_eq!((&done["lateral"]["sweeps"], &done["lateral"]["points"]), (&2.into(), &60.into()));
-    let times = done["lateral"]["time_s"].as_array().expect("times");
+    let import_json = json(&[&two[..], &common].concat());
+    assert_eq!(
+        (&import_json["lateral"]["sweeps"], &import_json["lateral"]["points"]),
+        (&2.into(), &60.into())
+    );
+    let times = import_json["lateral"]["time_s"].as_array().expect("times");
     assert!(times[0].as_f64() < Some(3.0) && times[1].as_f64() > Some(4.0), "{times:?}");
     let three = ["import", "fbg", path(&bent), path(&bent), path(&bent), "--id", "three"];
     let printed = failure(&[&three[..], &common].concat());
@@ -120,7 +132,7 @@ fn poses_of_a_fibre_give_the_same_modulus() {
         let printed = failure(&[&["import", "fbg", path(&straight), path(&bent)], wrong, &common].concat());
         assert!(printed.contains(expected), "{printed}");
     }
-    let mixed = ["import", "trajcontrol", path(&bent), "--out", path(&out), "--up", "0,1,0"];
+    let mixed = ["import", "trajcontrol", path(&bent), "--out", path(&output_path), "--up", "0,1,0"];
     assert!(failure(&mixed).contains("options that are for shapes"));
     for wrong in [["--axis", "0,1"], ["--origin-mm", "a,b,c"], ["--depth-mm", "-3"], ["--units", "ft"]] {
         let output = guide(&[&["import", "fbg", path(&bent)][..], &wrong, &common[..6]].concat());

@@ -33,7 +33,7 @@ fn completions_know_every_sub_command() {
     assert_eq!(guide(&["completions", "cmd.exe"]).status.code(), Some(2));
 }
 
-/// Where there is a bash, it reads the script.
+/// A bash, if there is one, reads the script.
 fn is_bash(script: &str) {
     let bash = Command::new("bash").arg("-n").stdin(Stdio::piped()).stderr(Stdio::piped()).spawn();
     let Ok(mut bash) = bash else { return };
@@ -72,9 +72,9 @@ fn colours_are_for_terminals_and_those_who_ask() {
     };
     let coloured = |bytes: &[u8]| bytes.contains(&0x1b);
     // Help, a result, wrong use, a failure: what clap prints, and what guide prints.
-    let all: [&[&str]; 4] =
+    let commands: [&[&str]; 4] =
         [&["identify", "--help"], &["effects"], &["effects", "--jason"], &["identify", "no/such/folder"]];
-    for arguments in all {
+    for arguments in commands {
         for variable in [None, Some(("NO_COLOR", "1")), Some(("TERM", "xterm-256color"))] {
             assert!(!coloured(&printed(arguments, variable)), "{arguments:?} {variable:?}");
         }

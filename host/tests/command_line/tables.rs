@@ -75,13 +75,14 @@ pub(super) fn imported(
     options: &[&str],
     within: f64,
 ) -> serde_json::Value {
-    let (out, rig, shape) =
+    let (output_dir, rig, shape) =
         (native.dir(&format!("out-{name}")), native.dir("native/session.toml"), native.shape());
-    let common = ["--depth-mm", "30", "--rig", path(&rig), "--out", path(&out), "--yes", "--json"];
-    let done = json(&[&["import", "table"], files, &[shape.as_str()], options, &SHAPE, &common].concat());
-    let (native_kpa, imported_kpa) = (modulus(&native.dir("native")), modulus(&out));
+    let common = ["--depth-mm", "30", "--rig", path(&rig), "--out", path(&output_dir), "--yes", "--json"];
+    let import_json =
+        json(&[&["import", "table"], files, &[shape.as_str()], options, &SHAPE, &common].concat());
+    let (native_kpa, imported_kpa) = (modulus(&native.dir("native")), modulus(&output_dir));
     assert!((imported_kpa / native_kpa - 1.0).abs() < within, "{name}: {imported_kpa} and {native_kpa}");
-    done
+    import_json
 }
 
 pub(super) fn notes(done: &serde_json::Value) -> String {
@@ -92,7 +93,7 @@ pub(super) fn notes(done: &serde_json::Value) -> String {
 fn one_file_of_any_layout_gives_the_modulus() {
     let native = Native::new();
     let mts = |value: f64| format!("{value:.8}").replace('.', ",");
-    // Where the user states force and displacement; the rest is found.
+    // The user states force and displacement; the other columns are recognized.
     let of = |force: &str, moved: &str| -> Vec<String> {
         ["--map", force, "--map", moved].map(str::to_owned).to_vec()
     };
@@ -203,18 +204,18 @@ fn one_file_of_any_layout_gives_the_modulus() {
     for (name, file, options) in &layouts {
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         let id = name.split([' ', ',', ':']).next().unwrap_or_default();
-        let done = imported(&native, id, &[file], &options, 5e-3);
+        let import_json = imported(&native, id, &[file], &options, 5e-3);
         // The echo: what was taken for what, and the command that repeats it.
-        let taken: Vec<&str> = done["runs"][0]["columns"]
+        let column_names: Vec<&str> = import_json["runs"][0]["columns"]
             .as_array()
             .expect("columns")
             .iter()
             .filter_map(|one| one["is"].as_str())
             .collect();
         for quantity in ["force_y_n", "displacement_y_mm", "z_mm", "deflection_y_mm"] {
-            assert!(taken.contains(&quantity), "{name}: {taken:?}");
+            assert!(column_names.contains(&quantity), "{name}: {column_names:?}");
         }
-        let again = done["again"].as_str().expect("a command line");
+        let again = import_json["again"].as_str().expect("a command line");
         assert!(again.starts_with("guide import table") && again.contains("--map"), "{name}: {again}");
     }
 }
@@ -226,11 +227,12 @@ fn the_echo_states_what_was_taken_and_the_command_that_repeats_it() {
         native.file("my test.csv", "Time (s),Extension (mm),Load (N),Temp (C),Comment\n", |_, t, x, f| {
             format!("{t},{:.6},{f:.6},21.5,ok", x + 40.0)
         });
-    let (out, rig, map) = (native.dir("out"), native.dir("native/session.toml"), native.dir("map.toml"));
-    let common = ["--depth-mm", "30", "--rig", path(&rig), "--out", path(&out)];
+    let (output_dir, rig, map) =
+        (native.dir("out"), native.dir("native/session.toml"), native.dir("map.toml"));
+    let common = ["--depth-mm", "30", "--rig", path(&rig), "--out", path(&output_dir)];
     // A script that does not confirm writes nothing.
     let silent = failure(&[&["import", "table", file.as_str()], &common[..]].concat());
-    assert!(silent.contains("expected --yes") && !out.exists(), "{silent}");
+    assert!(silent.contains("expected --yes") && !output_dir.exists(), "{silent}");
     // Everything is found by names and units.
     let shown = guide(
         &[&["import", "table", file.as_str(), "--yes", "--save-map", path(&map)], &common[..]].concat(),
@@ -256,23 +258,23 @@ fn the_echo_states_what_was_taken_and_the_command_that_repeats_it() {
         "{}",
         text(&shown.stdout)
     );
-    let first = Session::read(&out).expect("reads").lateral.remove(0);
+    let first = Session::read(&output_dir).expect("reads").lateral.remove(0);
     // The command line that is shown, in another folder.
     let again = echo.lines().find_map(|line| line.split_once("again: guide ")).expect("a command line").1;
     let words = shlex::split(again).expect("words");
-    let other = native.dir("other");
+    let other_dir = native.dir("other");
     let words: Vec<&str> =
-        words.iter().map(|word| if word == path(&out) { path(&other) } else { word }).collect();
+        words.iter().map(|word| if word == path(&output_dir) { path(&other_dir) } else { word }).collect();
     assert!(guide(&words).status.success());
-    assert_eq!(Session::read(&other).expect("reads").lateral[0].force, first.force);
+    assert_eq!(Session::read(&other_dir).expect("reads").lateral[0].force, first.force);
     // The map for a folder: a run for each of its tables.
     let many = native.dir("many");
     fs::create_dir(&many).expect("a folder");
     for name in ["a.csv", "b.csv", "._a.csv"] {
         fs::copy(&file, many.join(name)).expect("a copy");
     }
-    let all = native.dir("all");
-    let done = json(&[
+    let all_dir = native.dir("all");
+    let import_json = json(&[
         "import",
         "table",
         path(&many),
@@ -283,21 +285,21 @@ fn the_echo_states_what_was_taken_and_the_command_that_repeats_it() {
         "--rig",
         path(&rig),
         "--out",
-        path(&all),
+        path(&all_dir),
         "--yes",
         "--json",
     ]);
-    assert_eq!(done["runs"].as_array().map(Vec::len), Some(2));
-    assert_eq!(Session::read(&all).expect("reads").lateral[1].force, first.force);
+    assert_eq!(import_json["runs"].as_array().map(Vec::len), Some(2));
+    assert_eq!(Session::read(&all_dir).expect("reads").lateral[1].force, first.force);
 }
 
 #[test]
 fn what_is_not_known_is_asked_for_by_name() {
     let native = Native::new();
-    let out = native.dir("out");
+    let output_dir = native.dir("out");
     let with = |name: &str, before: &str, options: &[&str]| {
         let file = native.file(name, before, |_, t, x, f| format!("{t},{x:.6},{f:.6}"));
-        failure(&[&["import", "table", file.as_str(), "--out", path(&out), "--yes"], options].concat())
+        failure(&[&["import", "table", file.as_str(), "--out", path(&output_dir), "--yes"], options].concat())
     };
     let depth = ["--depth-mm", "30"];
     for (before, options, words) in [
@@ -340,7 +342,7 @@ fn what_is_not_known_is_asked_for_by_name() {
         ("Load=force_y_n:mm", "\"mm\" is no unit of force"),
         ("Load", "no =, expected COLUMN=QUANTITY:UNIT"),
     ] {
-        let output = guide(&["import", "table", "x.csv", "--out", path(&out), "--map", map]);
+        let output = guide(&["import", "table", "x.csv", "--out", path(&output_dir), "--map", map]);
         assert!(
             output.status.code() == Some(2) && text(&output.stderr).contains(words),
             "{}",
@@ -348,16 +350,18 @@ fn what_is_not_known_is_asked_for_by_name() {
         );
     }
     // A clock that steps back, and a cell that is no number, at their lines.
-    let back = native.file("back.csv", "Time (s),Extension (mm),Load (N)\n", |i, t, x, f| {
+    let returning = native.file("back.csv", "Time (s),Extension (mm),Load (N)\n", |i, t, x, f| {
         format!("{:.3},{x:.6},{f:.6}", if i < 200 { t + 20.0 } else { t })
     });
-    let printed = failure(&["import", "table", &back, "--out", path(&out), "--yes", "--depth-mm", "30"]);
+    let printed =
+        failure(&["import", "table", &returning, "--out", path(&output_dir), "--yes", "--depth-mm", "30"]);
     assert!(printed.contains("back.csv:202: Time (s): 19.980000 s before the row before"), "{printed}");
     let word = native.file("word.csv", "Time (s),Extension (mm),Load (N)\n", |i, t, x, f| {
         if i == 9 { format!("{t},{x},over") } else { format!("{t},{x},{f}") }
     });
-    let printed = failure(&["import", "table", &word, "--out", path(&out), "--yes", "--depth-mm", "30"]);
+    let printed =
+        failure(&["import", "table", &word, "--out", path(&output_dir), "--yes", "--depth-mm", "30"]);
     assert!(printed.contains("word.csv:11: Load (N): \"over\" is not a number"), "{printed}");
-    let mixed = failure(&["import", "fbg", &word, "--out", path(&out), "--map", "Load (N)=force_y_n"]);
+    let mixed = failure(&["import", "fbg", &word, "--out", path(&output_dir), "--map", "Load (N)=force_y_n"]);
     assert!(mixed.contains("options that are for tables"), "{mixed}");
 }

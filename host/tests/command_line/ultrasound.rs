@@ -49,8 +49,8 @@ fn frames_of_a_shape_give_its_modulus() {
     let mut points: Vec<(f64, f64)> = shape.z_m.iter().copied().zip(shape.y_m.iter().copied()).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     let at = |z_m: f64| {
-        let after = points.partition_point(|(at_m, _)| *at_m < z_m).clamp(1, points.len() - 1);
-        let ((a, u), (b, v)) = (points[after - 1], points[after]);
+        let next_index = points.partition_point(|(at_m, _)| *at_m < z_m).clamp(1, points.len() - 1);
+        let ((a, u), (b, v)) = (points[next_index - 1], points[next_index]);
         1e3 * (u + (v - u) * (z_m - a) / (b - a))
     };
     let count = 60;
@@ -59,10 +59,19 @@ fn frames_of_a_shape_give_its_modulus() {
     write_frames(&hold, &bent);
     write_frames(&zero, &vec![0.0; bent.len()]);
     let (force, rig) = (native.join("d30-1.force.csv"), native.join("session.toml"));
-    let (out, pictures) = (folder.path().join("imported"), folder.path().join("pictures"));
-    let import =
-        ["import", "ultrasound", path(&hold), "--out", path(&out), "--rig", path(&rig), "--step-mm", "0.5"];
-    let rest = [
+    let (output_dir, pictures) = (folder.path().join("imported"), folder.path().join("pictures"));
+    let import = [
+        "import",
+        "ultrasound",
+        path(&hold),
+        "--out",
+        path(&output_dir),
+        "--rig",
+        path(&rig),
+        "--step-mm",
+        "0.5",
+    ];
+    let common_options = [
         "--straight",
         path(&zero),
         "--force",
@@ -72,25 +81,25 @@ fn frames_of_a_shape_give_its_modulus() {
         "--overlay",
         path(&pictures),
     ];
-    let done = json(&[&import[..], &rest, &["--json"]].concat());
-    assert_eq!(done["schema"], "guide.import/2");
+    let import_json = json(&[&import[..], &common_options, &["--json"]].concat());
+    assert_eq!(import_json["schema"], "guide.import/2");
     assert!(
-        done["sweeps"][0]["states"]["used"].as_u64().expect("a count") >= 55,
+        import_json["sweeps"][0]["states"]["used"].as_u64().expect("a count") >= 55,
         "{}",
-        done["sweeps"][0]["states"]
+        import_json["sweeps"][0]["states"]
     );
     assert_eq!(fs::read_dir(&pictures).expect("a folder").count(), 60);
-    assert!(out.join("hold.frames.json").exists());
-    let written = Session::read(&out).expect("reads").lateral[0].shape.clone();
+    assert!(output_dir.join("hold.frames.json").exists());
+    let written = Session::read(&output_dir).expect("reads").lateral[0].shape.clone();
     assert!(written.y_sd_m.is_some_and(|sd_m| sd_m.iter().all(|sd_m| (1e-8..1e-4).contains(sd_m))));
     let pooled = |dir: &Path| json(&["identify", path(dir), "--json"])["pooled"].clone();
-    let (native, imported) = (pooled(&native), pooled(&out));
+    let (native, imported) = (pooled(&native), pooled(&output_dir));
     let k_kpa = native["k_kpa"].as_f64().expect("a modulus");
     let bound = |i: usize| imported["ci95_kpa"][i].as_f64().expect("a bound");
     assert!((bound(0)..bound(1)).contains(&k_kpa), "{imported} and {native}");
-    // What is missing is named.
+    // A missing statement is named.
     assert!(failure(&import).contains("the straight needle: missing, expected --straight"));
-    let nowhere = ["import", "ultrasound", path(&hold), "--out", path(&out)];
+    let nowhere = ["import", "ultrasound", path(&hold), "--out", path(&output_dir)];
     assert!(
         failure(&nowhere)
             .contains("expected --step-mm, --speed-mm-per-s, --z-field, --transform or --calibration")
@@ -108,11 +117,12 @@ fn run_with_frames(session: &Path) {
     let beam =
         Beam::solve(&super::rig(), &Foundation::uniform(12e3).expect("a modulus"), 0.03).expect("solves");
     let scans = [(0.0, "zero"), (1.2e-3, "hold")].map(|(pushed_m, name)| {
-        let point = |i: i32| {
-            let z_mm = 70.5 + 0.25 * f64::from(i);
-            [z_mm, 0.0, if pushed_m > 0.0 { 1e3 * beam.deflection_m(pushed_m, 1e-3 * z_mm) } else { 0.0 }]
-        };
-        let axis_mm = (0..=116).map(point).collect();
+        let axis_mm = (0..=116)
+            .map(|i| {
+                let z_mm = 70.5 + 0.25 * f64::from(i);
+                [z_mm, 0.0, if pushed_m > 0.0 { 1e3 * beam.deflection_m(pushed_m, 1e-3 * z_mm) } else { 0.0 }]
+            })
+            .collect();
         let scan = Scan { scanner: ScannerConfig::default(), seed: 5, needle_mm: 1.27, axis_mm };
         let file = session.join(format!("{name}.igs.mha"));
         assert!(scan.write(&file).expect("written") > 100);
@@ -142,12 +152,12 @@ fn frames_of_a_run_become_its_shape() {
     run_with_frames(session);
     let import =
         ["import", "ultrasound", "--run", "d30-1", "--out", path(session), "--z-field", "ProbePosition"];
-    let place = ["--sweep-start-mm", "70.5", "--sweep-start-sd-mm", "0.02", "--json"];
-    let done = json(&[&import[..], &place].concat());
-    let sweep = &done["sweeps"][0];
-    assert!(done["straight"]["path"].as_str().expect("a path").ends_with("zero.igs.mha"));
-    let used = sweep["states"]["used"].as_u64().expect("a count");
-    assert!(used >= 100 && used < sweep["frames"].as_u64().expect("a count"), "{sweep}");
+    let frame_options = ["--sweep-start-mm", "70.5", "--sweep-start-sd-mm", "0.02", "--json"];
+    let import_json = json(&[&import[..], &frame_options].concat());
+    let sweep = &import_json["sweeps"][0];
+    assert!(import_json["straight"]["path"].as_str().expect("a path").ends_with("zero.igs.mha"));
+    let used_count = sweep["states"]["used"].as_u64().expect("a count");
+    assert!(used_count >= 100 && used_count < sweep["frames"].as_u64().expect("a count"), "{sweep}");
     // The scanner's frames are 0.1 s late.
     let [lag_s, sd_s] = ["lag_s", "lag_sd_s"].map(|name| sweep[name].as_f64().expect("a lag"));
     assert!((lag_s - 0.1).abs() < 4.0 * sd_s && sd_s < 0.02, "{lag_s} (sd {sd_s})");
@@ -162,7 +172,7 @@ fn frames_of_a_run_become_its_shape() {
     let bound = |i: usize| pooled["ci95_kpa"][i].as_f64().expect("a bound");
     assert!((bound(0)..bound(1)).contains(&12.0), "{pooled}");
     // Once more, as after another choice of options.
-    json(&[&import[..], &place].concat());
+    json(&[&import[..], &frame_options].concat());
     assert!(
         failure(&[&import[..2], &["--run", "d31", "--out", path(session), "--step-mm", "1"]].concat())
             .contains("no lateral run of")

@@ -56,40 +56,40 @@ pub fn recording() -> Vec<u8> {
 fn a_disk_that_fills_up_while_a_run_is_recorded_stops_the_guide_and_keeps_whole_rows() {
     let undisturbed = bench();
     assert!(run(undisturbed.path(), &device(60), None, ACQUIRE).status.success());
-    let made = files(&undisturbed.path().join("made"));
-    let size = |name: &str| made.get(Path::new(name)).map_or(0, |content| content.len() as u64);
+    let made_files = files(&undisturbed.path().join("made"));
+    let size = |name: &str| made_files.get(Path::new(name)).map_or(0, |content| content.len() as u64);
     let mcap = size("d20-1.mcap");
     let rows = size("d20-1.force.csv");
     assert!(mcap > 10_000 && rows > 10_000, "{mcap} and {rows} bytes");
     let limits: BTreeSet<u64> =
         [0, 1, size("session.toml") - 1, rows / 3, rows - 1, mcap * 3 / 4].into_iter().collect();
     for bytes in limits {
-        let what = format!("acquire with {bytes} bytes a file");
+        let context = format!("acquire with {bytes} bytes a file");
         let folder = bench();
         let fake = device(60);
-        let line = failure(&run(folder.path(), &fake, Some(bytes), ACQUIRE), &what);
-        assert!(line.contains("File too large"), "{what}: {line}");
+        let line = failure(&run(folder.path(), &fake, Some(bytes), ACQUIRE), &context);
+        assert!(line.contains("File too large"), "{context}: {line}");
         let executed = fake.executed();
         let runs = executed.iter().any(|request| matches!(request, Request::Run { .. }));
         // A disk that is full from the beginning lets nothing run; one that fills up during the run ends it; the last bytes come after it.
-        assert_eq!(runs, bytes > 1, "{what}: {line}; {executed:?}");
+        assert_eq!(runs, bytes > 1, "{context}: {line}; {executed:?}");
         if runs && bytes <= rows / 3 {
-            assert!(executed.contains(&Request::Stop), "{what}: {line}; {executed:?}");
+            assert!(executed.contains(&Request::Stop), "{context}: {line}; {executed:?}");
         }
         let session = folder.path().join("made");
         if session.join("session.toml").exists() {
             let read = Session::read(&session);
-            let read = read.unwrap_or_else(|error| panic!("{what}: {error}"));
+            let read = read.unwrap_or_else(|error| panic!("{context}: {error}"));
             let times_s = read.lateral.first().map_or(&[][..], |run| run.force.time_s.as_slice());
-            assert!(times_s.windows(2).all(|pair| pair[1] > pair[0]), "{what}: whole rows in order");
+            assert!(times_s.windows(2).all(|pair| pair[1] > pair[0]), "{context}: whole rows in order");
             let text = fs::read_to_string(session.join("d20-1.force.csv")).unwrap_or_default();
-            assert!(text.is_empty() || text.ends_with('\n'), "{what}: the last row is whole");
+            assert!(text.is_empty() || text.ends_with('\n'), "{context}: the last row is whole");
         } else {
-            assert!(!session.exists(), "{what}: a folder without a session");
+            assert!(!session.exists(), "{context}: a folder without a session");
         }
         // Once there is room, the same command works.
         let again = run(folder.path(), &device(60), None, ACQUIRE);
-        assert!(again.status.success(), "{what}, then again: {}", String::from_utf8_lossy(&again.stderr));
+        assert!(again.status.success(), "{context}, then again: {}", String::from_utf8_lossy(&again.stderr));
     }
 }
 
@@ -111,7 +111,7 @@ fn signal(child: &Child, name: &str) {
     assert!(sent.expect("a shell").success());
 }
 
-/// What ends a command.
+/// Event that ends a command.
 #[derive(Debug, Clone, Copy)]
 enum End {
     Signal(&'static str),
@@ -178,7 +178,6 @@ const WITHIN: Duration = Duration::from_millis(1_000 + 4_000);
 #[test]
 #[ignore = "takes half a minute: cargo xtask test --all runs it"]
 fn what_ends_a_program_in_mid_motion_stops_the_guide_and_is_reported_in_one_line() {
-    let runs = |request: &Request| matches!(request, Request::Run { .. });
     let mut longest = Duration::ZERO;
     for command in [
         "home",
@@ -189,35 +188,38 @@ fn what_ends_a_program_in_mid_motion_stops_the_guide_and_is_reported_in_one_line
     ] {
         for end in ENDS {
             let folder = bench();
-            let (output, executed, took) = ended(folder.path(), command, end, runs);
-            let what = format!("{command}, {end:?}");
+            let (output, executed, took) = ended(folder.path(), command, end, |request: &Request| {
+                matches!(request, Request::Run { .. })
+            });
+            let context = format!("{command}, {end:?}");
             if matches!(end, End::Signal(_)) {
-                assert_eq!(failure(&output, &what), "error: interrupted: the guide was stopped");
+                assert_eq!(failure(&output, &context), "error: interrupted: the guide was stopped");
                 // The bring-up in air states before what it is going to do.
                 let lines = if command.starts_with("characterize") { 2 } else { 1 };
-                assert_eq!(String::from_utf8_lossy(&output.stderr).lines().count(), lines, "{what}");
+                assert_eq!(String::from_utf8_lossy(&output.stderr).lines().count(), lines, "{context}");
             }
-            assert!(took < WITHIN, "{what}: {took:?}");
+            assert!(took < WITHIN, "{context}: {took:?}");
             longest = longest.max(took);
-            assert!(executed.contains(&Request::Stop), "{what}: {executed:?}");
+            assert!(executed.contains(&Request::Stop), "{context}: {executed:?}");
             if command.starts_with("acquire") {
                 let read = Session::read(&folder.path().join("made")).expect("a session");
-                assert_eq!(read.lateral.first().map(|run| run.force.time_s.len()), Some(32), "{what}");
+                assert_eq!(read.lateral.first().map(|run| run.force.time_s.len()), Some(32), "{context}");
             }
         }
     }
     println!("{longest:?} at most");
 }
 
-/// Nothing moves, and nothing that they keep alive or hold stays.
+/// The device does not move, and neither keepalive nor hold continues.
 #[test]
 #[ignore = "takes some seconds: cargo xtask test --all runs it"]
 fn what_ends_a_program_that_follows_the_device_ends_it_at_once() {
-    let streams = |request: &Request| matches!(request, Request::Stream { enable: true });
     for command in ["record --out made --rig rig.toml --depth-mm 20", "serve . --igtl=127.0.0.1:0"] {
         for end in ENDS {
             let folder = if command.starts_with("serve") { folder() } else { bench() };
-            let (_, executed, took) = ended(folder.path(), command, end, streams);
+            let (_, executed, took) = ended(folder.path(), command, end, |request: &Request| {
+                matches!(request, Request::Stream { enable: true })
+            });
             assert!(took < WITHIN, "{command}, {end:?}: {took:?}");
             let runs = executed.iter().any(|request| matches!(request, Request::Run { .. }));
             assert!(!runs, "{command}, {end:?}: {executed:?}");

@@ -86,8 +86,8 @@ fn figures_of_a_run_that_a_full_disk_does_not_take_are_reported_in_one_line() {
     for bytes in [0, 1_000] {
         let line = failure(&replayed("part", Some(bytes)), "replay");
         assert!(line.contains("part/steer."), "{line}");
-        let left = files(&folder.path().join("part"));
-        assert!(left.is_empty(), "{:?}", left.keys());
+        let remaining_files = files(&folder.path().join("part"));
+        assert!(remaining_files.is_empty(), "{:?}", remaining_files.keys());
     }
     assert!(replayed("part", None).status.success());
     let content =

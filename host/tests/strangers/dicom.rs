@@ -115,8 +115,8 @@ pub fn file(clip: Clip, frames: &[Vec<u8>], sample: impl Fn(u8) -> u16) -> Vec<u
     data.text((0x0008, 0x0060), "CS", "US");
     data.text((0x0018, 0x1063), "DS", "40.0");
     if let Some(unit) = clip.unit {
-        let all = [Some(clip.delta_cm), clip.second_delta_cm].into_iter().flatten();
-        let items: Vec<u8> = all.flat_map(|delta_cm| region(clip.big, unit, delta_cm)).collect();
+        let deltas_cm = [Some(clip.delta_cm), clip.second_delta_cm].into_iter().flatten();
+        let items: Vec<u8> = deltas_cm.flat_map(|delta_cm| region(clip.big, unit, delta_cm)).collect();
         data.element(0x18, 0x6011, "SQ", &items);
     }
     data.number((0x28, 0x0002), 1);
@@ -190,8 +190,7 @@ fn seconds_are_no_size_of_a_pixel() {
 
 #[test]
 fn the_retired_order_of_bytes() {
-    let words = |grey: u8| u16::from(grey) * 16;
-    let answer = clip(Clip { big: true, stored_bits: 12, ..PLAIN }, &[], words);
+    let answer = clip(Clip { big: true, stored_bits: 12, ..PLAIN }, &[], |grey: u8| u16::from(grey) * 16);
     assert_right_or_rejected(&answer, &["1.2.840.10008.1.2.2", "big"], assert_path);
 }
 
@@ -205,8 +204,10 @@ fn overlays_in_the_bits_that_are_not_stored() {
 
 #[test]
 fn signed_samples_with_an_intercept() {
-    let sample = |grey: u8| (i16::from(grey) - 128) as u16;
-    let answer = clip(Clip { stored_bits: 16, signed: true, intercept: Some("128"), ..PLAIN }, &[], sample);
+    let answer =
+        clip(Clip { stored_bits: 16, signed: true, intercept: Some("128"), ..PLAIN }, &[], |grey: u8| {
+            (i16::from(grey) - 128) as u16
+        });
     assert_right_or_rejected(
         &answer,
         &["signed", "PixelRepresentation", "pixel representation"],

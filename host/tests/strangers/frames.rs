@@ -114,8 +114,9 @@ fn a_stack_in_which_white_is_zero() {
 #[test]
 fn a_stack_that_is_upside_down() {
     let answer = sweep(".tif", &SPACING, |path, frames| {
-        let turned: Vec<Vec<u8>> = frames.iter().map(|frame| frame.iter().rev().copied().collect()).collect();
-        fs::write(path, tiff(&turned, false, 3)).expect("written");
+        let rotated_frames: Vec<Vec<u8>> =
+            frames.iter().map(|frame| frame.iter().rev().copied().collect()).collect();
+        fs::write(path, tiff(&rotated_frames, false, 3)).expect("written");
     });
     assert_right_or_rejected(&answer, &["orientation", "274"], assert_path);
 }

@@ -72,8 +72,9 @@ fn in_room(along_mm: f64) -> [f64; 3] {
 }
 
 fn slicer(name: &str, content: &str) -> Answer {
-    let placed = ["--origin-mm", "12,-40,5", "--axis", "0,0,1", "--up", "0,1,0", "--origin-z-mm", "70"];
-    import(with_file(name, content), &[&["slicer", name, "--depth-mm", "30"][..], &placed].concat())
+    let frame_options =
+        ["--origin-mm", "12,-40,5", "--axis", "0,0,1", "--up", "0,1,0", "--origin-z-mm", "70"];
+    import(with_file(name, content), &[&["slicer", name, "--depth-mm", "30"][..], &frame_options].concat())
 }
 
 fn right(answer: &Answer) {
@@ -82,10 +83,10 @@ fn right(answer: &Answer) {
 
 /// Control points of the first 30 mm, every 2.5 mm, in LPS times a factor.
 fn control_points(factor: f64) -> Vec<String> {
-    let along = (0..13).map(|index| 2.5 * f64::from(index));
-    along
-        .map(|along| {
-            let [x, y, z] = in_room(along).map(|value| factor * value);
+    let distances_mm = (0..13).map(|index| 2.5 * f64::from(index));
+    distances_mm
+        .map(|distances_mm| {
+            let [x, y, z] = in_room(distances_mm).map(|value| factor * value);
             format!("{{\"position\": [{}, {}, {z}], \"positionStatus\": \"defined\"}}", -x, -y)
         })
         .collect()

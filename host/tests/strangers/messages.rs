@@ -66,12 +66,14 @@ const TURNED: [f32; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
 /// Seven points of the needle; one of them may be without a number.
 fn points(missing: Option<usize>) -> Vec<u8> {
-    let point = |index: usize| {
-        let z = if missing == Some(index) { f32::NAN } else { 70.0 + 5.0 * index as f32 };
-        let place = [0.0, 0.1 * index as f32, z, 1.0].map(f32::to_be_bytes).concat();
-        [padded("p", 64), padded("needle", 32), vec![255, 0, 0, 255], place, padded("", 20)].concat()
-    };
-    (0..7).flat_map(point).collect()
+    (0..7)
+        .flat_map(|index| {
+            let z = if missing == Some(index) { f32::NAN } else { 70.0 + 5.0 * index as f32 };
+            let position_bytes = [0.0, 0.1 * index as f32, z, 1.0].map(f32::to_be_bytes).concat();
+            [padded("p", 64), padded("needle", 32), vec![255, 0, 0, 255], position_bytes, padded("", 20)]
+                .concat()
+        })
+        .collect()
 }
 
 /// Rows of the shape that is recorded while these messages arrive, and everything that is printed.
@@ -88,18 +90,18 @@ fn recorded(messages: impl Fn() -> Vec<Vec<u8>> + Send + 'static) -> (Vec<[f64; 
     let device = FakeDevice::start(Script { program, is_patient: true, ..Script::default() });
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();
-    let over = Arc::new(AtomicBool::new(false));
+    let is_finished = Arc::new(AtomicBool::new(false));
     let server = std::thread::spawn({
-        let over = Arc::clone(&over);
+        let is_finished = Arc::clone(&is_finished);
         move || {
             for client in listener.incoming() {
                 let Ok(mut client) = client else { continue };
-                while !over.load(Ordering::Relaxed)
+                while !is_finished.load(Ordering::Relaxed)
                     && messages().iter().all(|message| client.write_all(message).is_ok())
                 {
                     std::thread::sleep(Duration::from_millis(25));
                 }
-                if over.load(Ordering::Relaxed) {
+                if is_finished.load(Ordering::Relaxed) {
                     return;
                 }
             }
@@ -111,7 +113,7 @@ fn recorded(messages: impl Fn() -> Vec<Vec<u8>> + Send + 'static) -> (Vec<[f64; 
         .args(["--program", "push.toml", "--no-tare", "--no-raw", "--id", "a", "--igtl", &address])
         .output()
         .expect("guide starts");
-    over.store(true, Ordering::Relaxed);
+    is_finished.store(true, Ordering::Relaxed);
     // The server leaves the wait for a client.
     let _ = std::net::TcpStream::connect(&address);
     server.join().expect("the server ends");
@@ -171,9 +173,9 @@ fn a_point_without_a_number() {
 fn tracking_data_of_several_tools() {
     let result = recorded(|| {
         let tool = |name: &str, matrix: Vec<u8>| [padded(name, 20), vec![2, 0], matrix].concat();
-        let mut other = transform(TURNED);
-        other.splice(40..44, 9.0_f32.to_be_bytes());
-        vec![message("TDATA", "Tracker", &[tool("Probe", other), tool(TIP, transform(TURNED))].concat())]
+        let mut other_tool = transform(TURNED);
+        other_tool.splice(40..44, 9.0_f32.to_be_bytes());
+        vec![message("TDATA", "Tracker", &[tool("Probe", other_tool), tool(TIP, transform(TURNED))].concat())]
     });
     if result.0.is_empty() { assert_unused(&result, "TDATA") } else { assert_tip(&result) }
 }

@@ -42,8 +42,8 @@ pub fn insertion(content: &str) -> Answer {
 
 /// The insertion's rows in the session.
 fn path(answer: &Answer) -> Vec<[f64; 3]> {
-    let out = answer.folder.path().join("out");
-    let file = fs::read_dir(out)
+    let output_path = answer.folder.path().join("out");
+    let file = fs::read_dir(output_path)
         .expect("a session")
         .map(|entry| entry.expect("an entry").path())
         .find(|file| file.extension().is_some_and(|ending| ending == "csv"))
@@ -111,9 +111,9 @@ fn clip() -> Vec<Vec<u8>> {
         .map(|frame| {
             let top = 20.0 - 0.1 * f64::from(frame);
             let pixel = |x: f64, y: f64| {
-                let inside = edge(x - 14.0) * edge(27.0 - x) * edge(y - top) * edge(top + 11.0 - y);
+                let is_inside = edge(x - 14.0) * edge(27.0 - x) * edge(y - top) * edge(top + 11.0 - y);
                 let grain = 3.0 * (0.9 * x).sin() * (1.3 * y).cos();
-                (40.0 + 160.0 * inside + if inside < 0.01 { grain } else { 0.0 }).round() as u8
+                (40.0 + 160.0 * is_inside + if is_inside < 0.01 { grain } else { 0.0 }).round() as u8
             };
             (0..48 * 41).map(|index| pixel(f64::from(index % 41), f64::from(index / 41))).collect()
         })
@@ -132,9 +132,9 @@ pub fn avi(frames: &[Vec<u8>], width: usize, rate: u32, scale: u32) -> Vec<u8> {
     let list = |name: &[u8], content: Vec<u8>| chunk(b"LIST", [name.to_vec(), content].concat());
     let size = (stride * height) as u32;
     let numbers = |values: &[u32]| values.iter().flat_map(|value| word(*value)).collect::<Vec<u8>>();
-    let us = u32::try_from(1_000_000_u64 * u64::from(scale) / u64::from(rate)).expect("fits");
+    let period_us = u32::try_from(1_000_000_u64 * u64::from(scale) / u64::from(rate)).expect("fits");
     let count = frames.len() as u32;
-    let main = numbers(&[us, 0, 0, 0x10, count, 0, 1, size, width as u32, height as u32, 0, 0, 0, 0]);
+    let main = numbers(&[period_us, 0, 0, 0x10, count, 0, 1, size, width as u32, height as u32, 0, 0, 0, 0]);
     let stream =
         [b"vidsDIB ".to_vec(), numbers(&[0, 0, 0, scale, rate, 0, count, size, 0, 0, 0, 0])].concat();
     let mut bitmap = numbers(&[40, width as u32, height as u32]);

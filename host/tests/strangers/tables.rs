@@ -123,8 +123,8 @@ fn a_typographic_minus() {
 fn overload_of_a_meter() {
     let mut number = 0;
     let content = rows_as("time_s,displacement_y_mm,force_y_n\n", |[t, d, f]| {
-        let over = (8.0..8.25).contains(t);
-        format!("{t},{d},{}", if over { "9.90000000E+37".to_owned() } else { f.to_string() })
+        let is_overloaded = (8.0..8.25).contains(t);
+        format!("{t},{d},{}", if is_overloaded { "9.90000000E+37".to_owned() } else { f.to_string() })
     });
     number += content.matches("E+37").count();
     assert_eq!(number, 3);

@@ -87,18 +87,18 @@ fn sizes_that_contradict_each_other_are_named() {
 
 #[test]
 fn a_straight_sweep_of_another_setting_is_no_reference() {
-    let other = sweep(".mha", &[], |path, frames| {
+    let other_sweep = sweep(".mha", &[], |path, frames| {
         let lines = if path.ends_with("zero.mha") { "ElementSpacing = 0.2 0.2 1\n" } else { STATED };
         fs::write(path, metaimage(lines, frames)).expect("written");
     });
-    assert_rejected(&other, &["0.2 x 0.2"]);
-    let other = sweep(".mha", &SPACING, |path, frames| {
+    assert_rejected(&other_sweep, &["0.2 x 0.2"]);
+    let other_sweep = sweep(".mha", &SPACING, |path, frames| {
         let depth = if path.ends_with("zero.mha") { 40 } else { 60 };
         let fields: String =
             (0..FRAMES).map(|frame| format!("Seq_Frame{frame:04}_DepthMm = {depth}\n")).collect();
         fs::write(path, metaimage(&fields, frames)).expect("written");
     });
-    assert_rejected(&other, &["DepthMm"]);
+    assert_rejected(&other_sweep, &["DepthMm"]);
 }
 
 #[test]
@@ -154,9 +154,9 @@ fn a_list_of_frames_as_the_first_axis() {
             let (dimension, kinds) =
                 if depth.is_empty() { (3, "list domain domain") } else { (4, "list domain domain domain") };
             let spacings = if depth.is_empty() { "nan 0.1 0.1" } else { "nan 0.1 0.1 1" };
-            let after = if depth.is_empty() { "" } else { " 1" };
+            let list_size = if depth.is_empty() { "" } else { " 1" };
             let header = format!(
-                "NRRD0004\ntype: ushort\nendian: big\ndimension: {dimension}\nsizes: {FRAMES} {WIDTH} {HEIGHT}{after}\nkinds: {kinds}\nspacings: {spacings}\nencoding: raw\n\n"
+                "NRRD0004\ntype: ushort\nendian: big\ndimension: {dimension}\nsizes: {FRAMES} {WIDTH} {HEIGHT}{list_size}\nkinds: {kinds}\nspacings: {spacings}\nencoding: raw\n\n"
             );
             let pixels = (0..WIDTH * HEIGHT).flat_map(|pixel| frames.iter().map(move |frame| frame[pixel]));
             let samples = pixels.flat_map(|grey| (16 * u16::from(grey)).to_be_bytes());
@@ -258,8 +258,7 @@ fn a_stack_of_imagej_in_which_white_is_zero() {
 
 #[test]
 fn runs_are_named_after_files_of_any_name() {
-    let line = |z: i32| format!("0.0 {} {z}\n", 1e-4 * f64::from(z * z));
-    let content: String = (0..=100).map(line).collect();
+    let content: String = (0..=100).map(|z| format!("0.0 {} {z}\n", 1e-4 * f64::from(z * z))).collect();
     for (name, id) in [("Nadel Führung 2.csv", "Nadel-Fuehrung-2"), ("aiguille n° 3 (été).txt", "aiguille")]
     {
         let answer = import(

@@ -49,7 +49,7 @@ fn workbook(properties: &str, sheets: &[(&str, Vec<Vec<String>>)]) -> Vec<u8> {
     let package = "http://schemas.openxmlformats.org/package/2006";
     let (mut list, mut links, mut types, mut files) =
         (String::new(), String::new(), String::new(), Vec::new());
-    let part = "application/vnd.openxmlformats-officedocument.spreadsheetml";
+    let content_prefix = "application/vnd.openxmlformats-officedocument.spreadsheetml";
     for (index, (name, rows)) in sheets.iter().enumerate() {
         let number = index + 1;
         let _ = write!(list, "<sheet name=\"{name}\" sheetId=\"{number}\" r:id=\"r{number}\"/>");
@@ -58,13 +58,16 @@ fn workbook(properties: &str, sheets: &[(&str, Vec<Vec<String>>)]) -> Vec<u8> {
             links,
             "<Relationship Id=\"r{number}\" Type=\"{relations}/worksheet\" Target=\"{target}\"/>"
         );
-        let _ = write!(types, "<Override PartName=\"/xl/{target}\" ContentType=\"{part}.worksheet+xml\"/>");
+        let _ = write!(
+            types,
+            "<Override PartName=\"/xl/{target}\" ContentType=\"{content_prefix}.worksheet+xml\"/>"
+        );
         let mut cells = String::new();
         for (row, values) in rows.iter().enumerate() {
             let _ = write!(cells, "<row r=\"{}\">", row + 1);
             for (column, value) in values.iter().enumerate() {
-                let place = format!("<c r=\"{}{}\"", char::from(b'A' + column as u8), row + 1);
-                cells.push_str(&value.replacen("<c", &place, 1));
+                let cell_start = format!("<c r=\"{}{}\"", char::from(b'A' + column as u8), row + 1);
+                cells.push_str(&value.replacen("<c", &cell_start, 1));
             }
             cells.push_str("</row>");
         }
@@ -85,17 +88,17 @@ fn workbook(properties: &str, sheets: &[(&str, Vec<Vec<String>>)]) -> Vec<u8> {
     let root =
         format!("<Relationship Id=\"b\" Type=\"{relations}/officeDocument\" Target=\"xl/workbook.xml\"/>");
     let content_types = format!(
-        "{head}<Types xmlns=\"{package}/content-types\"><Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/><Default Extension=\"xml\" ContentType=\"application/xml\"/><Override PartName=\"/xl/workbook.xml\" ContentType=\"{part}.sheet.main+xml\"/><Override PartName=\"/xl/styles.xml\" ContentType=\"{part}.styles+xml\"/>{types}</Types>"
+        "{head}<Types xmlns=\"{package}/content-types\"><Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/><Default Extension=\"xml\" ContentType=\"application/xml\"/><Override PartName=\"/xl/workbook.xml\" ContentType=\"{content_prefix}.sheet.main+xml\"/><Override PartName=\"/xl/styles.xml\" ContentType=\"{content_prefix}.styles+xml\"/>{types}</Types>"
     );
-    let mut all = vec![
+    let mut workbook_files = vec![
         ("[Content_Types].xml", content_types),
         ("_rels/.rels", related(&root)),
         ("xl/workbook.xml", book),
         ("xl/_rels/workbook.xml.rels", related(&links)),
         ("xl/styles.xml", styles),
     ];
-    all.extend(files.iter().map(|(name, sheet)| (name.as_str(), sheet.clone())));
-    archive(&all)
+    workbook_files.extend(files.iter().map(|(name, sheet)| (name.as_str(), sheet.clone())));
+    archive(&workbook_files)
 }
 
 fn text(content: &str) -> String {

@@ -23,7 +23,7 @@ type Square = SMatrix<f64, STATE, STATE>;
 type Coordinates = SVector<f64, X>;
 type Overlaps = SMatrix<f64, X, X>;
 
-/// Which of the two.
+/// Choice of the filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// Jacobians.
@@ -39,9 +39,9 @@ pub struct FilterConfig {
     pub start: [f64; 2],
     /// Standard deviations of base, force and tip.
     pub base_sd_m: f64,
-    /// Of the force.
+    /// Noise of the force.
     pub force_sd_n: f64,
-    /// Of the tip.
+    /// Noise of the tip.
     pub tip_sd_m: f64,
 }
 
@@ -76,7 +76,7 @@ pub struct Kalman {
     model: MeanModel,
 }
 
-/// What the inserted part is in one step.
+/// Inserted part of the needle in one step.
 struct Inserted {
     step_s: f64,
     force_n: f64,
@@ -147,10 +147,10 @@ impl Kalman {
         let load = self.base * inserted.force_n + inserted.pull * stiffness - springs * position;
         let inverse = matrix.try_inverse()?;
         let next = inverse * (self.mass * velocity + load * step_s);
-        let mut after = *state;
-        after.fixed_rows_mut::<X>(0).copy_from(&(position + next * step_s));
-        after.fixed_rows_mut::<X>(X).copy_from(&next);
-        Some((after, inverse))
+        let mut next_state = *state;
+        next_state.fixed_rows_mut::<X>(0).copy_from(&(position + next * step_s));
+        next_state.fixed_rows_mut::<X>(X).copy_from(&next);
+        Some((next_state, inverse))
     }
 
     /// Derivatives of [`Kalman::advance`], by differentiating its equation.
@@ -168,8 +168,8 @@ impl Kalman {
         let mut block = |column: usize, by: &dyn Fn(usize) -> f64, of_position: bool| {
             for i in 0..X {
                 jacobian[(X + i, column)] = by(i);
-                let own = f64::from(u8::from(of_position && column == i));
-                jacobian[(i, column)] = own + step_s * by(i);
+                let identity_term = f64::from(u8::from(of_position && column == i));
+                jacobian[(i, column)] = identity_term + step_s * by(i);
             }
         };
         for j in 0..X {
@@ -184,14 +184,14 @@ impl Kalman {
     fn process_noise(&self, inserted: &Inserted, inverse: &Overlaps, step_m: f64) -> Square {
         let mut noise = Square::zeros();
         let kick = inverse * self.base * (inserted.step_s * self.config.force_sd_n);
-        let mut along = Vector::zeros();
-        along.fixed_rows_mut::<X>(0).copy_from(&(kick * inserted.step_s));
-        along.fixed_rows_mut::<X>(X).copy_from(&kick);
-        noise += along * along.transpose();
+        let mut input_direction = Vector::zeros();
+        input_direction.fixed_rows_mut::<X>(0).copy_from(&(kick * inserted.step_s));
+        input_direction.fixed_rows_mut::<X>(X).copy_from(&kick);
+        noise += input_direction * input_direction.transpose();
         for i in 0..2 {
             noise[(2 * X + i, 2 * X + i)] += LOG_WALK.powi(2) * step_m;
         }
-        // What the modes omit and the path's trapezoid leave: a hundredth of a millimetre.
+        // Errors by the omitted modes and by the path's trapezoid: a hundredth of a millimetre.
         for i in 0..X {
             noise[(X + i, X + i)] += 1e-12;
         }
@@ -220,14 +220,14 @@ impl Kalman {
         measured: Vector2<f64>,
         noise: Matrix2<f64>,
     ) -> Option<()> {
-        let (after, inverse) = self.advance(&self.state, inserted)?;
-        let jacobian = self.jacobian(&self.state, &after, &inverse, inserted);
+        let (predicted_state, inverse) = self.advance(&self.state, inserted)?;
+        let jacobian = self.jacobian(&self.state, &predicted_state, &inverse, inserted);
         let covariance = jacobian * self.covariance * jacobian.transpose()
             + self.process_noise(inserted, &inverse, step_m);
         let rows = self.output_rows();
         let spread = rows * covariance * rows.transpose() + noise;
         let gain = covariance * rows.transpose() * spread.try_inverse()?;
-        self.state = after + gain * (measured - self.outputs(&after));
+        self.state = predicted_state + gain * (measured - self.outputs(&predicted_state));
         // Joseph's form: stays positive.
         let keep = Square::identity() - gain * rows;
         self.covariance = keep * covariance * keep.transpose() + gain * noise * gain.transpose();
@@ -269,10 +269,10 @@ impl Kalman {
         let mut spread = noise;
         let mut cross = SMatrix::<f64, STATE, 2>::zeros();
         for (i, (point, output)) in points.iter().zip(&outputs).enumerate() {
-            let (off, output_off) = (point - mean, output - expected);
-            covariance += off * off.transpose() * spread_weight(i);
+            let (state_deviation, output_off) = (point - mean, output - expected);
+            covariance += state_deviation * state_deviation.transpose() * spread_weight(i);
             spread += output_off * output_off.transpose() * spread_weight(i);
-            cross += off * output_off.transpose() * spread_weight(i);
+            cross += state_deviation * output_off.transpose() * spread_weight(i);
         }
         // The process noise is in the outputs too.
         let rows = self.output_rows();

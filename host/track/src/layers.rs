@@ -23,9 +23,12 @@ pub struct LayeredTracker {
 impl LayeredTracker {
     /// For runs to `settings.reach_m`; `None` where the layout does not fit.
     pub fn new(settings: Settings<f64, MODES>) -> Option<Self> {
-        let of_share =
-            |share: f64| OnlineTracker::new(Settings { segment_m: share * settings.reach_m, ..settings });
-        Some(Self { followed: FOLLOWED.into_iter().map(of_share).collect::<Option<_>>()? })
+        Some(Self {
+            followed: FOLLOWED
+                .into_iter()
+                .map(|share| OnlineTracker::new(Settings { segment_m: share * settings.reach_m, ..settings }))
+                .collect::<Option<_>>()?,
+        })
     }
 
     /// Takes a sample; as the estimator's own.
@@ -33,15 +36,17 @@ impl LayeredTracker {
     /// # Errors
     /// [`SampleError`]; the sample is skipped and nothing else changes.
     pub fn update(&mut self, sample: &Sample<f64>) -> Result<Option<Estimate<f64>>, SampleError> {
-        let mut found = Vec::with_capacity(self.followed.len());
+        let mut followed_results = Vec::with_capacity(self.followed.len());
         for tracker in &mut self.followed {
             if let Some(estimate) = tracker.update(sample)? {
-                found.push((estimate, tracker.evidence()));
+                followed_results.push((estimate, tracker.evidence()));
             }
         }
-        let wide = found.iter().map(|(_, evidence)| evidence.wide).fold(f64::INFINITY, f64::min);
-        let logs: Vec<f64> = found.iter().map(|(_, evidence)| -0.5 * evidence.squares / wide).collect();
-        let estimates: Vec<Estimate<f64>> = found.into_iter().map(|(estimate, _)| estimate).collect();
+        let wide = followed_results.iter().map(|(_, evidence)| evidence.wide).fold(f64::INFINITY, f64::min);
+        let logs: Vec<f64> =
+            followed_results.iter().map(|(_, evidence)| -0.5 * evidence.squares / wide).collect();
+        let estimates: Vec<Estimate<f64>> =
+            followed_results.into_iter().map(|(estimate, _)| estimate).collect();
         Ok(mixed(&estimates, &weights(&logs)))
     }
 

@@ -61,14 +61,14 @@ const SEGMENTS: usize = 2;
 /// Fewest cells of a segment.
 const MIN_CELLS: f64 = 2.0;
 
-/// What is requested.
+/// Options of the run.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
     /// Length of the needle from the fixture to the tip, instead of what the session states.
     pub length_m: Option<f64>,
     /// Mass of the fixture, instead of what the session states.
     pub fixture_mass_kg: Option<f64>,
-    /// Where the search starts: stiffness, N/m^2, and damping, N s/m^2.
+    /// Start of the search: stiffness, N/m^2, and damping, N s/m^2.
     pub start: Option<[f64; 2]>,
     /// Depth at which stiffness and damping may jump, as from one layer to the next; without it the depth is an unknown.
     pub segment_m: Option<f64>,
@@ -180,7 +180,7 @@ fn one(session: &Session, options: &Options, run: &SteeringRun) -> Result<TrackR
     Ok(result)
 }
 
-/// What the other estimators make of the same run.
+/// Estimates of the other methods from the same run.
 fn compare(
     session: &Session,
     options: &Options,

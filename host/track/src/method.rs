@@ -1,11 +1,11 @@
-//! What all estimators have in common: samples in, mean stiffness and damping out.
+//! Common interface of all estimators: samples in, mean stiffness and damping out.
 
 use estimator::Sample;
 use formats::session::SteeringRun;
 use mechanics::steering::{BaseForce, MovingNeedle};
 use mechanics::{Dynamics, Foundation, ModelError, Needle};
 
-/// What an estimator reports after a sample.
+/// Report of an estimator after a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Report {
     /// Insertion depth, m.
@@ -18,7 +18,7 @@ pub struct Report {
     pub damping: Option<f64>,
     /// Its 95 % interval; from 0 where only an upper bound is known.
     pub damping_ci95: Option<[f64; 2]>,
-    /// Where the model's tip is with what was known before this sample, m.
+    /// Predicted position of the model's tip before this sample, m.
     pub tip_m: f64,
 }
 

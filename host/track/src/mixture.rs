@@ -35,8 +35,8 @@ pub(super) fn mixed_stiffness(values: &[Value<f64>], weights: &[f64]) -> Value<f
         .iter()
         .zip(weights)
         .map(|(value, weight)| {
-            let own = 0.5 * (value.high / value.low).ln() / NORMAL_975;
-            weight * (own.powi(2) + (value.value.ln() - mean).powi(2))
+            let ln_sd = 0.5 * (value.high / value.low).ln() / NORMAL_975;
+            weight * (ln_sd.powi(2) + (value.value.ln() - mean).powi(2))
         })
         .sum();
     let sd = variance.sqrt();
@@ -52,13 +52,13 @@ fn mixed_damping(values: &[Value<f64>], weights: &[f64], identifiability: Identi
     };
     let mean = sum(&|value| value.value);
     let apart = |value: &Value<f64>| (NORMAL_975 * (value.value - mean)).powi(2);
-    let below = sum(&|value| (value.value - value.low).powi(2) + apart(value)).sqrt();
-    let above = sum(&|value| (value.high - value.value).powi(2) + apart(value)).sqrt();
-    let low = (mean - below).max(0.0);
+    let lower_sd = sum(&|value| (value.value - value.low).powi(2) + apart(value)).sqrt();
+    let upper_sd = sum(&|value| (value.high - value.value).powi(2) + apart(value)).sqrt();
+    let low = (mean - lower_sd).max(0.0);
     let identifiability = if identifiability == Identifiability::Identified && low <= 0.0 {
         Identifiability::UpperBound
     } else {
         identifiability
     };
-    Value { value: mean, low, high: mean + above, identifiability }
+    Value { value: mean, low, high: mean + upper_sd, identifiability }
 }

@@ -23,18 +23,17 @@ pub fn settings<T: RealField + Copy>(
     dynamics: &Dynamics,
 ) -> Result<Settings<T, MODES>, ModelError> {
     let modes = free_modes(&dynamics.clamped(needle), MODES)?;
-    let mode = |index: usize| {
-        let mode = &modes[index];
-        Mode {
-            wave_number_per_m: convert(mode.wave_number_per_m),
-            frequency_rad_s: convert(mode.frequency_rad_s),
-            factors: mode.factors.map(convert),
-        }
-    };
     Ok(Settings::new(
         convert(dynamics.length_m),
         convert(dynamics.moving_mass_kg()),
-        std::array::from_fn(mode),
+        std::array::from_fn(|index: usize| {
+            let mode = &modes[index];
+            Mode {
+                wave_number_per_m: convert(mode.wave_number_per_m),
+                frequency_rad_s: convert(mode.frequency_rad_s),
+                factors: mode.factors.map(convert),
+            }
+        }),
     ))
 }
 
@@ -45,7 +44,7 @@ pub struct OnlineEstimator<T: RealField> {
 }
 
 impl<T: RealField + Copy> OnlineEstimator<T> {
-    /// Nothing where the settings' layout does not fit.
+    /// `None` if the settings' layout does not fit.
     pub fn new(settings: Settings<T, MODES>) -> Option<Self> {
         Some(Self { tracker: OnlineTracker::new(settings)? })
     }

@@ -1,10 +1,11 @@
-//! Where two layers meet: posterior of the boundary's depth, over how much the layers vary within
-//! (theory, eq. 56).
+//! Boundary between two layers: posterior of the boundary's depth, over how much the layers vary
+//! within (theory, eq. 56).
 //!
-//! A hypothesis is a depth of the boundary, or none, and a standard deviation of what varies within a layer. The rows of the run are
-//! fitted again under each (Gauss-Newton over all rows); weights are those of the evidence by Laplace's method (Bayesian model averaging; Hoeting,
-//! Madigan, Raftery and Volinsky, 1999). How much layers vary has to be an unknown too: layers that may vary freely imitate a boundary
-//! that is centimetres away, and uniform ones are not what every tissue has.
+//! A hypothesis is a depth of the boundary, or none, and a standard deviation of what varies within a layer. The rows
+//! of the run are fitted again under each (Gauss-Newton over all rows); weights are those of the evidence by Laplace's
+//! method (Bayesian model averaging; Hoeting, Madigan, Raftery and Volinsky, 1999). The variation of layers has to be
+//! an unknown too: layers that may vary freely imitate a boundary that is centimetres away, and uniform ones are not
+//! what every tissue has.
 
 use super::mixture::{mixed, mixed_stiffness, weights};
 use super::online::{CELLS, OnlineTracker};
@@ -36,14 +37,14 @@ pub struct Boundary {
     pub stiffness_ratio: f64,
 }
 
-/// What is known at the end of a run.
+/// Estimates at the end of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layered {
     /// As the estimator gives it.
     pub estimate: Estimate<f64>,
     /// Probability that the tissue jumps somewhere; even odds before the run.
     pub boundary_probability: f64,
-    /// Where; `None` where no boundary is established.
+    /// Position of the boundary; `None` if no boundary is established.
     pub boundary: Option<Boundary>,
     /// Stiffness of every cell that was reached.
     pub field: Vec<Value<f64>>,
@@ -78,13 +79,15 @@ pub(super) fn posterior(tracker: &OnlineTracker<f64>, reach_m: f64) -> Option<La
     let [first_m, last_m] = SEARCHED.map(|share| share * reach_m);
     let count = ((last_m - first_m) / (COARSE_CELLS * cell_m)).ceil().max(1.0) as usize;
     let coarse_m = (last_m - first_m) / count as f64;
-    let places = (0..=count).map(|i| Some(first_m + coarse_m * i as f64)).chain([None]);
-    let all =
-        |boundary_m| (0..FIELD_VARIATIONS.len()).map(move |variation| Hypothesis { boundary_m, variation });
-    let mut found = fit(places.flat_map(all).collect());
-    let likely: Vec<Hypothesis> = found
+    let boundaries = (0..=count).map(|i| Some(first_m + coarse_m * i as f64)).chain([None]);
+    let mut fits = fit(boundaries
+        .flat_map(|boundary_m| {
+            (0..FIELD_VARIATIONS.len()).map(move |variation| Hypothesis { boundary_m, variation })
+        })
+        .collect());
+    let likely: Vec<Hypothesis> = fits
         .iter()
-        .zip(probabilities(&found, [first_m, last_m]))
+        .zip(probabilities(&fits, [first_m, last_m]))
         .filter(|(one, weight)| one.hypothesis.boundary_m.is_some() && *weight >= LIKELY_WEIGHT)
         .map(|(one, _)| one.hypothesis)
         .collect();
@@ -94,19 +97,22 @@ pub(super) fn posterior(tracker: &OnlineTracker<f64>, reach_m: f64) -> Option<La
         let mut finer: Vec<Hypothesis> = Vec::new();
         for one in &likely {
             for step in (1 - steps..steps).filter(|step| *step != 0) {
-                let Some(at_m) = one.boundary_m.map(|at_m| at_m + f64::from(step) * fine_m) else { continue };
-                let known = |other: &Hypothesis| {
-                    other.variation == one.variation
-                        && other.boundary_m.is_some_and(|m| (m - at_m).abs() < 0.1 * fine_m)
+                let Some(boundary_m) = one.boundary_m.map(|at_m| at_m + f64::from(step) * fine_m) else {
+                    continue;
                 };
-                if (first_m..=last_m).contains(&at_m) && !finer.iter().any(known) {
-                    finer.push(Hypothesis { boundary_m: Some(at_m), variation: one.variation });
+                if (first_m..=last_m).contains(&boundary_m)
+                    && !finer.iter().any(|other| {
+                        other.variation == one.variation
+                            && other.boundary_m.is_some_and(|m| (m - boundary_m).abs() < 0.1 * fine_m)
+                    })
+                {
+                    finer.push(Hypothesis { boundary_m: Some(boundary_m), variation: one.variation });
                 }
             }
         }
-        found.extend(fit(finer));
+        fits.extend(fit(finer));
     }
-    averaged(&found, [first_m, last_m], cell_m)
+    averaged(&fits, [first_m, last_m], cell_m)
 }
 
 /// Cells of about the settings' length with a face at the boundary.
@@ -118,18 +124,20 @@ fn cell_length_m(cell_m: f64, boundary_m: f64, reach_m: f64) -> f64 {
 }
 
 fn fitted(tracker: &OnlineTracker<f64>, hypothesis: Hypothesis, reach_m: f64) -> Option<Fitted> {
-    let own_m = tracker.settings().cell_m;
+    let tracker_cell_m = tracker.settings().cell_m;
     let Hypothesis { boundary_m, variation } = hypothesis;
-    let cell_m = boundary_m.map_or(own_m, |boundary_m| cell_length_m(own_m, boundary_m, reach_m));
+    let cell_m =
+        boundary_m.map_or(tracker_cell_m, |boundary_m| cell_length_m(tracker_cell_m, boundary_m, reach_m));
     let segment_m = boundary_m.unwrap_or(2.0 * reach_m);
     let mut tracker = tracker.resegmented(segment_m, cell_m, FIELD_VARIATIONS.get(variation)?.0.mean());
     let estimate = tracker.finish()?;
-    let cells = ((reach_m / own_m).ceil() as usize).min(CELLS);
+    let cells = ((reach_m / tracker_cell_m).ceil() as usize).min(CELLS);
     let at = |depth_m: f64| tracker.stiffness_at(((depth_m / cell_m) as usize).min(CELLS - 1));
-    let field: Vec<Value<f64>> = (0..cells).filter_map(|cell| at(own_m * (cell as f64 + 0.5))).collect();
+    let field: Vec<Value<f64>> =
+        (0..cells).filter_map(|cell| at(tracker_cell_m * (cell as f64 + 0.5))).collect();
     let log_ratio = boundary_m.map_or(Some(0.0), |boundary_m| {
-        let [above, below] = [-0.5, 0.5].map(|cells| at(boundary_m + cells * cell_m));
-        Some((below?.value / above?.value).ln())
+        let [above_value, below_value] = [-0.5, 0.5].map(|cells| at(boundary_m + cells * cell_m));
+        Some((below_value?.value / above_value?.value).ln())
     })?;
     Some(Fitted { hypothesis, evidence: tracker.evidence(), estimate, field, log_ratio })
 }
@@ -137,14 +145,14 @@ fn fitted(tracker: &OnlineTracker<f64>, hypothesis: Hypothesis, reach_m: f64) ->
 /// The part of the depth that a place stands for: half the way to its neighbours of the same variation.
 fn part_m(found: &[Fitted], index: usize, [first_m, last_m]: [f64; 2]) -> Option<[f64; 2]> {
     let Hypothesis { boundary_m, variation } = found.get(index)?.hypothesis;
-    let at_m = boundary_m?;
-    let others = found.iter().map(|one| one.hypothesis).filter(|one| one.variation == variation);
+    let position_m = boundary_m?;
+    let other_boundaries = found.iter().map(|one| one.hypothesis).filter(|one| one.variation == variation);
     let (mut low_m, mut high_m) = (first_m, last_m);
-    for other_m in others.filter_map(|one| one.boundary_m) {
-        if other_m < at_m {
-            low_m = low_m.max(0.5 * (other_m + at_m));
-        } else if other_m > at_m {
-            high_m = high_m.min(0.5 * (other_m + at_m));
+    for other_m in other_boundaries.filter_map(|one| one.boundary_m) {
+        if other_m < position_m {
+            low_m = low_m.max(0.5 * (other_m + position_m));
+        } else if other_m > position_m {
+            high_m = high_m.min(0.5 * (other_m + position_m));
         }
     }
     Some([low_m, high_m])
@@ -153,14 +161,19 @@ fn part_m(found: &[Fitted], index: usize, [first_m, last_m]: [f64; 2]) -> Option
 /// Probabilities of the hypotheses: even odds for a boundary and for none, and for all depths.
 fn probabilities(found: &[Fitted], range_m: [f64; 2]) -> Vec<f64> {
     let wide = found.iter().map(|one| one.evidence.wide).fold(f64::INFINITY, f64::min);
-    let log = |(index, one): (usize, &Fitted)| {
-        let Evidence { cost, occam, .. } = one.evidence;
-        let share =
-            part_m(found, index, range_m).map_or(1.0, |[low, high]| (high - low) / (range_m[1] - range_m[0]));
-        let odds = FIELD_VARIATIONS.get(one.hypothesis.variation).map_or(0.0, |(_, odds)| *odds);
-        -0.5 * cost / wide - occam + (odds * share).ln()
-    };
-    weights(&found.iter().enumerate().map(log).collect::<Vec<_>>())
+    weights(
+        &found
+            .iter()
+            .enumerate()
+            .map(|(index, one)| {
+                let Evidence { cost, occam, .. } = one.evidence;
+                let range_fraction = part_m(found, index, range_m)
+                    .map_or(1.0, |[low, high]| (high - low) / (range_m[1] - range_m[0]));
+                let odds = FIELD_VARIATIONS.get(one.hypothesis.variation).map_or(0.0, |(_, odds)| *odds);
+                -0.5 * cost / wide - occam + (odds * range_fraction).ln()
+            })
+            .collect::<Vec<_>>(),
+    )
 }
 
 /// The mixture of all hypotheses.
@@ -169,20 +182,23 @@ fn averaged(found: &[Fitted], range_m: [f64; 2], cell_m: f64) -> Option<Layered>
     let estimates: Vec<Estimate<f64>> = found.iter().map(|one| one.estimate).collect();
     let estimate = mixed(&estimates, &weights)?;
     let cells = found.iter().map(|one| one.field.len()).min()?;
-    let of_cell = |cell: usize| {
-        let values: Vec<Value<f64>> = found.iter().filter_map(|one| one.field.get(cell).copied()).collect();
-        mixed_stiffness(&values, &weights)
-    };
-    let field: Vec<Value<f64>> = (0..cells).map(of_cell).collect();
-    let parts: Vec<([f64; 2], f64)> = (0..found.len())
+    let field: Vec<Value<f64>> = (0..cells)
+        .map(|cell| {
+            let values: Vec<Value<f64>> =
+                found.iter().filter_map(|one| one.field.get(cell).copied()).collect();
+            mixed_stiffness(&values, &weights)
+        })
+        .collect();
+    let weighted_ends: Vec<([f64; 2], f64)> = (0..found.len())
         .zip(&weights)
         .filter_map(|(index, weight)| Some((part_m(found, index, range_m)?, *weight)))
         .collect();
-    let probability: f64 = parts.iter().map(|(_, weight)| weight).sum();
+    let probability: f64 = weighted_ends.iter().map(|(_, weight)| weight).sum();
     let boundary = (probability >= REPORTED).then(|| {
-        let [low_m, depth_m, high_m] = [0.025, 0.5, 0.975].map(|share| quantile(&parts, share * probability));
-        let with = found.iter().zip(&weights).filter(|(one, _)| one.hypothesis.boundary_m.is_some());
-        let log_ratio: f64 = with.map(|(one, weight)| weight * one.log_ratio).sum();
+        let [low_m, depth_m, high_m] =
+            [0.025, 0.5, 0.975].map(|share| quantile(&weighted_ends, share * probability));
+        let with_boundary = found.iter().zip(&weights).filter(|(one, _)| one.hypothesis.boundary_m.is_some());
+        let log_ratio: f64 = with_boundary.map(|(one, weight)| weight * one.log_ratio).sum();
         Boundary { depth_m, ci95_m: [low_m, high_m], stiffness_ratio: (log_ratio / probability).exp() }
     });
     Some(Layered { estimate, boundary_probability: probability, boundary, field, cell_m })
@@ -191,11 +207,13 @@ fn averaged(found: &[Fitted], range_m: [f64; 2], cell_m: f64) -> Option<Layered>
 /// Depth above which the boundary lies with probability `share`, each part's probability spread evenly over it.
 fn quantile(parts: &[([f64; 2], f64)], share: f64) -> f64 {
     let below = |depth_m: f64| -> f64 {
-        let of_part = |([low_m, high_m], weight): &([f64; 2], f64)| {
-            let length_m = (high_m - low_m).max(f64::MIN_POSITIVE);
-            weight * ((depth_m - low_m) / length_m).clamp(0.0, 1.0)
-        };
-        parts.iter().map(of_part).sum()
+        parts
+            .iter()
+            .map(|([low_m, high_m], weight)| {
+                let length_m = (high_m - low_m).max(f64::MIN_POSITIVE);
+                weight * ((depth_m - low_m) / length_m).clamp(0.0, 1.0)
+            })
+            .sum()
     };
     let least_m = parts.iter().map(|([low_m, _], _)| *low_m).fold(f64::INFINITY, f64::min);
     let most_m = parts.iter().map(|([_, high_m], _)| *high_m).fold(f64::NEG_INFINITY, f64::max);
@@ -214,9 +232,9 @@ mod tests {
     #[test]
     fn quantiles_are_those_of_the_mixture_of_even_parts() {
         // A quarter of the probability on 0 to 1, three on 1 to 4.
-        let parts = [([0.0, 1.0], 0.25), ([1.0, 4.0], 0.75)];
+        let weighted_ranges = [([0.0, 1.0], 0.25), ([1.0, 4.0], 0.75)];
         for (share, expected) in [(0.125, 0.5), (0.25, 1.0), (0.5, 2.0), (1.0, 4.0)] {
-            assert!((quantile(&parts, share) - expected).abs() < 1e-9, "{share}");
+            assert!((quantile(&weighted_ranges, share) - expected).abs() < 1e-9, "{share}");
         }
     }
 

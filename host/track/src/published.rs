@@ -39,7 +39,7 @@ impl Default for PublishedSettings {
     }
 }
 
-/// How old rows are forgotten.
+/// Rule by which old rows are forgotten.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Forgetting {
     /// Always by this factor.
@@ -144,17 +144,17 @@ impl Published {
 
     /// The regression (8) and the step (10).
     fn learn(&mut self, now: &Past, depth_m: f64) {
-        let [before, last] = match self.past.as_slice() {
+        let [earlier, last] = match self.past.as_slice() {
             [before, last] => [before, last],
             _ => return,
         };
-        let step_s = last.time_s - before.time_s;
-        let modes = self.to_modes * before.outputs;
-        let known = 2.0 * last.outputs - before.outputs
-            + step_s.powi(2) * self.from_load * (self.base * before.force_n - self.elastic * modes);
-        let difference = last.outputs - before.outputs;
-        let damper = -step_s * self.from_load * before.overlap * self.to_modes * difference;
-        let spring = step_s.powi(2) * self.from_load * (before.pull - before.overlap * modes);
+        let step_s = last.time_s - earlier.time_s;
+        let modes = self.to_modes * earlier.outputs;
+        let extrapolated = 2.0 * last.outputs - earlier.outputs
+            + step_s.powi(2) * self.from_load * (self.base * earlier.force_n - self.elastic * modes);
+        let difference = last.outputs - earlier.outputs;
+        let damper = -step_s * self.from_load * earlier.overlap * self.to_modes * difference;
+        let spring = step_s.powi(2) * self.from_load * (earlier.pull - earlier.overlap * modes);
         let count = self.settings.order + 1;
         let s_m = depth_m - self.segment as f64 * self.settings.segment_m;
         let mut regressor = DMatrix::zeros(2 * count, 2);
@@ -166,10 +166,10 @@ impl Published {
             }
             power *= s_m;
         }
-        let residual = DVector::from_column_slice((now.outputs - known).as_slice())
+        let residual = DVector::from_column_slice((now.outputs - extrapolated).as_slice())
             - regressor.transpose() * &self.parameters;
-        let along = &self.covariance * &regressor;
-        let spread = regressor.transpose() * &along;
+        let covariance_regressor = &self.covariance * &regressor;
+        let spread = regressor.transpose() * &covariance_regressor;
         let forgetting = match self.settings.forgetting {
             Forgetting::Constant(factor) => factor,
             Forgetting::Variable(kept) => {
@@ -178,9 +178,9 @@ impl Published {
             }
         };
         let Some(inverse) = (spread + DMatrix::identity(2, 2) * forgetting).try_inverse() else { return };
-        let gain = &along * inverse;
+        let gain = &covariance_regressor * inverse;
         self.parameters += &gain * residual;
-        self.covariance = (&self.covariance - &gain * along.transpose()) / forgetting;
+        self.covariance = (&self.covariance - &gain * covariance_regressor.transpose()) / forgetting;
     }
 }
 

@@ -27,7 +27,7 @@ pub struct Tracking {
     pub warnings: Vec<String>,
 }
 
-/// How far the simulated tip is from the measured one.
+/// Differences between the simulated and the measured tip.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Errors {
     /// Root mean square after convergence.
@@ -44,7 +44,7 @@ pub struct Errors {
 pub struct TrackResult {
     /// Its name.
     pub id: String,
-    /// How far the simulated tip is from the measured one.
+    /// Differences between the simulated and the measured tip.
     #[serde(flatten)]
     pub errors: Errors,
     /// Insertion depth.
@@ -63,21 +63,21 @@ pub struct TrackResult {
     pub damping_hi95_n_s_per_m2: Vec<f64>,
     /// Correlation of the two: near -1 only a combination of them is known.
     pub correlation: Vec<f64>,
-    /// Where the simulated tip was, before the row was used.
+    /// Positions of the simulated tip, before the row was used.
     pub tip_y_mm: Vec<f64>,
-    /// Where the measured tip was, without the sensor's offset.
+    /// Positions of the measured tip, without the sensor's offset.
     pub measured_tip_y_mm: Vec<f64>,
     /// Simulated force at the base.
     pub base_force_y_n: Vec<f64>,
     /// Measured force at the base, without the sensor's offset.
     pub measured_base_force_y_n: Vec<f64>,
-    /// What is known at the end.
+    /// Estimates at the end.
     pub last: Option<LastResult>,
     /// The tissue against depth at the end.
     pub field: Option<FieldResult>,
-    /// Where it jumps; `None` where the segments were stated.
+    /// Layers, with their boundary; `None` if the segments were stated.
     pub layers: Option<LayersResult>,
-    /// What other estimators make of the same.
+    /// Estimates of other methods from the same data.
     pub compare: Vec<CompareResult>,
     /// Warnings about this run.
     pub warnings: Vec<String>,
@@ -121,7 +121,7 @@ fn identified_value(value: Value<f64>) -> Option<f64> {
     (value.identifiability == Identifiability::Identified).then_some(value.value)
 }
 
-/// What is known at the end of a run.
+/// Estimates at the end of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LastResult {
     /// Insertion depth.
@@ -158,7 +158,7 @@ impl FieldResult {
         Self::new(&values, cell_m)
     }
 
-    /// Of the values of cells from the surface down.
+    /// Result for the values of cells from the surface down.
     pub(super) fn new(values: &[Value<f64>], cell_m: f64) -> Self {
         Self {
             depth_mm: (0..values.len()).map(|cell| 1e3 * cell_m * (cell as f64 + 0.5)).collect(),
@@ -183,7 +183,7 @@ pub struct LayersResult {
 }
 
 impl LayersResult {
-    /// Of the end of a run.
+    /// Result for the end of a run.
     pub(super) fn new(found: &Layered) -> Self {
         let boundary = found.boundary;
         Self {
@@ -195,12 +195,12 @@ impl LayersResult {
     }
 }
 
-/// What another estimator makes of the same run.
+/// Estimate of another method from the same run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompareResult {
-    /// Which.
+    /// Name of the method.
     pub method: &'static str,
-    /// How far its simulated tip is from the measured one.
+    /// Differences between its simulated tip and the measured one.
     #[serde(flatten)]
     pub errors: Errors,
     /// Mean stiffness at the end.
@@ -210,8 +210,8 @@ pub struct CompareResult {
 }
 
 impl TrackResult {
-    /// Of the estimates of a run, in order, and what is known at its end.
-    /// `is_sound`: whether units and signs are not what is wrong with it; else no warning is about tissue or motion.
+    /// Result for the estimates of a run, in order, with those of its end. `is_sound`: whether units and signs are
+    /// not what is wrong with it; else no warning is about tissue or motion.
     pub(super) fn new(
         id: &str,
         estimates: &[Estimate<f64>],
@@ -277,16 +277,18 @@ impl TrackResult {
     }
 }
 
-/// Of deviations against depth, both in m.
+/// Differences, from deviations against depth, both in m.
 pub(super) fn errors(offs: &[[f64; 2]]) -> Errors {
-    let far = |[_, off_m]: &[f64; 2]| off_m.is_nan() || 1e3 * off_m.abs() > CONVERGED_MM;
-    let from = offs.iter().rposition(far).map_or(0, |last| last + 1);
-    let after = offs.get(from..).unwrap_or_default();
-    let Some([depth_m, _]) = after.first() else { return Errors::default() };
-    let square = after.iter().map(|[_, off_m]| off_m * off_m).sum::<f64>() / after.len() as f64;
+    let first_index = offs
+        .iter()
+        .rposition(|[_, off_m]| off_m.is_nan() || 1e3 * off_m.abs() > CONVERGED_MM)
+        .map_or(0, |last| last + 1);
+    let later_errors = offs.get(first_index..).unwrap_or_default();
+    let Some([depth_m, _]) = later_errors.first() else { return Errors::default() };
+    let square = later_errors.iter().map(|[_, off_m]| off_m * off_m).sum::<f64>() / later_errors.len() as f64;
     Errors {
         rms_mm: Some(1e3 * square.sqrt()),
-        max_mm: Some(1e3 * after.iter().fold(0.0, |most: f64, [_, off_m]| most.max(off_m.abs()))),
+        max_mm: Some(1e3 * later_errors.iter().fold(0.0, |most: f64, [_, off_m]| most.max(off_m.abs()))),
         converged_at_mm: Some(1e3 * depth_m),
     }
 }

@@ -56,8 +56,8 @@ fn matching(modes: usize, period_s: f64) -> SteeringRun {
     let time_s: Vec<f64> = (0..(16.0 / period_s) as usize).map(|i| i as f64 * period_s).collect();
     let depth_m: Vec<f64> = time_s.iter().map(|time_s| 0.005 * time_s).collect();
     // To and fro, so that springs and dampers differ.
-    let lateral = |time_s: &f64| 2e-3 * (1.0 - (1.5 * time_s).cos());
-    let drive = BaseDrive::Position(time_s.iter().map(lateral).collect());
+    let drive =
+        BaseDrive::Position(time_s.iter().map(|time_s| 2e-3 * (1.0 - (1.5 * time_s).cos())).collect());
     let mut model = Model::uniform(rig(), 2e4).expect("valid");
     let damping = Foundation::uniform(2e3).expect("valid");
     // A twentieth of the period follows a motion of seconds.
@@ -81,8 +81,8 @@ fn last(method: &mut dyn Method, run: &SteeringRun) -> Report {
 }
 
 fn near(found: Option<f64>, expected: f64, share: f64) {
-    let found = found.expect("identified");
-    assert!((found / expected - 1.0).abs() < share, "{found} is not {expected}");
+    let identified = found.expect("identified");
+    assert!((identified / expected - 1.0).abs() < share, "{identified} is not {expected}");
 }
 
 /// Without noise, and on its own model, the printed regression finds what is there.
@@ -172,7 +172,7 @@ fn single_precision_agrees() {
     assert!(rows > 60);
 }
 
-/// Nothing moves sideways: nothing is identifiable, and nothing identified.
+/// Guide 2 does not move sideways: nothing is identifiable, and nothing identified.
 #[test]
 fn straight_insertions_identify_nothing() {
     let run = run(&plan(4.0, 0.0, 0.0), ORDINARY, 4);
@@ -216,14 +216,14 @@ fn rests_and_offsets_are_taken() {
     let mut run = run(&plan(4.0, 20.0, 0.0), ORDINARY, 6);
     run.tip_y_m.iter_mut().for_each(|tip_m| *tip_m += 0.3e-3);
     run.base_force_y_n.iter_mut().for_each(|force_n| *force_n += 0.01);
-    let rest = run.time_s.len() / 2;
+    let rest_index = run.time_s.len() / 2;
     let pause_s = 3.0;
     let mut tracker =
         OnlineTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
     for (i, sample) in samples(&run).enumerate() {
-        let shift_s = if i > rest { pause_s } else { 0.0 };
+        let shift_s = if i > rest_index { pause_s } else { 0.0 };
         tracker.update(&Sample { time_s: sample.time_s + shift_s, ..sample }).expect("taken");
-        if i == rest {
+        if i == rest_index {
             for j in 1..100 {
                 let time_s = sample.time_s + pause_s * f64::from(j) / 100.0;
                 tracker
@@ -282,9 +282,9 @@ fn signs_and_units_are_diagnosed_before_tissue() {
         (&|run| times(&mut run.depth_m, 1e-3), "depth_mm: 0.08"),
     ];
     // A wrong run is tracked once more for every change in question: with the boundary known, which is a tenth of the work.
-    let known = super::Options { segment_m: Some(0.04), ..super::Options::default() };
+    let known_segments = super::Options { segment_m: Some(0.04), ..super::Options::default() };
     for (change, expected) in cases {
-        let warnings = warned(change, &known);
+        let warnings = warned(change, &known_segments);
         assert!(warnings.first().is_some_and(|what| what.contains(expected)), "{expected}: {warnings:?}");
         assert!(!warnings.iter().any(|what| what.contains("move the base")), "{warnings:?}");
     }
@@ -300,8 +300,8 @@ fn boundaries_are_found_and_stated_segments_are_taken() {
         second.stiffness_n_per_m2 = 3.0 * first.stiffness_n_per_m2;
         tissue.inclusions.clear();
         let session = session(run_in(&tissue, &plan(8.0, 20.0, 0.0), ORDINARY, number));
-        let found = super::track(&session, &super::Options::default()).expect("tracked");
-        let layers = found.runs[0].layers.clone().expect("layers");
+        let tracked = super::track(&session, &super::Options::default()).expect("tracked");
+        let layers = tracked.runs[0].layers.clone().expect("layers");
         assert!(layers.probability > 0.9, "layers that differ by a factor of three: {layers:?}");
         let [low, high] = layers.boundary_ci95_mm.expect("an interval");
         let at = layers.boundary_mm.expect("a boundary");
@@ -312,9 +312,9 @@ fn boundaries_are_found_and_stated_segments_are_taken() {
         assert!((1.7..5.3).contains(&ratio), "{layers:?}");
         let stated = super::Options { segment_m: Some(1e-3 * boundary_mm), ..super::Options::default() };
         let field = |options: &super::Options| {
-            let found = super::track(&session, options).expect("tracked");
-            assert!(found.warnings.is_empty(), "{:?}", found.warnings);
-            found.runs[0].field.clone().expect("a field").stiffness_n_per_m2
+            let segments = super::track(&session, options).expect("tracked");
+            assert!(segments.warnings.is_empty(), "{:?}", segments.warnings);
+            segments.runs[0].field.clone().expect("a field").stiffness_n_per_m2
         };
         let elsewhere = super::Options { segment_m: Some(0.033), ..super::Options::default() };
         assert_ne!(field(&stated), field(&elsewhere), "segments are as they are stated");

@@ -1,7 +1,7 @@
 //! Units and signs of a steering run that the model cannot follow: they are diagnosed before tissue or motion is judged.
 //!
-//! Where force and tip are further off than [`GROSS_MISFIT`] times their noise, the run is tracked again with each sign turned and each
-//! column in another unit; what makes most of the misfit go away is named.
+//! If force and tip differ by more than [`GROSS_MISFIT`] times their noise, the run is tracked again with each sign
+//! turned and each column in another unit; the change that removes most of the misfit is named.
 
 use super::{Options, TrackError, run_through};
 use formats::session::{Session, SteeringRun};
@@ -94,25 +94,25 @@ pub(super) fn explain(
             1e3 * tip_m
         )));
     }
-    let Some(off) = misfit.map(f64::sqrt).filter(|off| *off > GROSS_MISFIT) else { return Ok(None) };
+    let Some(misfit_sigma) = misfit.map(f64::sqrt).filter(|off| *off > GROSS_MISFIT) else { return Ok(None) };
     let mut best: Option<(f64, &'static str)> = None;
     for Change { question, apply } in &CHANGES {
         let mut changed = run.clone();
         apply(&mut changed);
         let left = run_through(session, options, &changed)?.last.map(|last| last.misfit.sqrt());
-        if let Some(left) =
+        if let Some(remaining_sigma) =
             left.filter(|left| left.is_finite() && best.is_none_or(|(least, _)| *left < least))
         {
-            best = Some((left, question));
+            best = Some((remaining_sigma, question));
         }
     }
-    Ok(Some(match best.filter(|(left, _)| *left < EXPLAINS * off) {
+    Ok(Some(match best.filter(|(left, _)| *left < EXPLAINS * misfit_sigma) {
         Some((left, question)) => format!(
-            "force and tip are off from the model by {off:.0} times their noise, and by {left:.1} times {question} Stiffness and damping \
+            "force and tip are off from the model by {misfit_sigma:.0} times their noise, and by {left:.1} times {question} Stiffness and damping \
              of this run are wrong until that is settled"
         ),
         None => format!(
-            "force and tip are off from the model by {off:.0} times their noise: no estimate of this run holds. Check signs and units \
+            "force and tip are off from the model by {misfit_sigma:.0} times their noise: no estimate of this run holds. Check signs and units \
              of its columns, [needle], length_mm, fixture_mass_kg and [noise]"
         ),
     }))

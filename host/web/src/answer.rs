@@ -20,9 +20,9 @@ pub enum AnswerError {
     Value {
         /// Field of the request.
         name: &'static str,
-        /// What it is.
+        /// Value that was given.
         value: String,
-        /// What is valid.
+        /// Valid values.
         expected: String,
     },
     /// The session cannot be read.

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Depths that can be chosen: what some cube has room for.
 const DEPTHS_MM: [f64; 2] = [10.0, 150.0];
 
-/// Which needle, how deep, in what.
+/// Needle, depth and block.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BlocksRequest {
@@ -35,8 +35,8 @@ pub fn blocks(request: &BlocksRequest) -> Result<String, AnswerError> {
         Some(dir) => Setup::read(&dir.join("session.toml"))?,
         None => Setup::parse(Path::new("standard rig"), template::SESSION)?,
     };
-    let found = Cubes::new(&setup.rig.needle, 1e-3 * request.depth_mm, request.poisson)?;
+    let cubes = Cubes::new(&setup.rig.needle, 1e-3 * request.depth_mm, request.poisson)?;
     let title = "K/E over the size of a cube of tissue, with held and with free sides".to_owned();
-    let drawn = vec![Figure::new("blocks".to_owned(), title, figures::cubes(&found)?)];
-    json(found, drawn)
+    let drawn = vec![Figure::new("blocks".to_owned(), title, figures::cubes(&cubes)?)];
+    json(cubes, drawn)
 }

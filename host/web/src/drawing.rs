@@ -10,9 +10,9 @@ use serde::Serialize;
 /// A figure as SVG text.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Figure {
-    /// Which figure, as the program's files are named.
+    /// Name of the figure, as the program's files are named.
     pub name: String,
-    /// What it shows, for those who cannot see it.
+    /// Description of the figure, for those who cannot see it.
     pub title: String,
     /// The figure.
     pub svg: String,
@@ -24,7 +24,7 @@ impl Figure {
     }
 }
 
-/// Of every run its shape, its forces and its residuals.
+/// Shape, forces and residuals of every run.
 pub fn identification(session: &Session, found: &Identification) -> Result<Vec<Figure>, FigureError> {
     let mut drawn = Vec::new();
     for run in found.runs.iter().filter(|run| run.error.is_none()) {
@@ -58,9 +58,9 @@ pub fn diagnosis(found: &Diagnosis) -> Result<Vec<Figure>, FigureError> {
 /// Path and tip load of every insertion.
 pub fn prediction(found: &Prediction) -> Result<Vec<Figure>, FigureError> {
     let good = found.insertions.iter().filter(|one| one.error.is_none());
-    let of = |one: &inference::predict::InsertionResult| {
+    good.map(|one| {
         let title = format!("Insertion {}: path of the tip with its band, and tip load", one.id);
         Ok(Figure::new(format!("{}.path", one.id), title, figures::insertion(one)?))
-    };
-    good.map(of).collect()
+    })
+    .collect()
 }

@@ -1,5 +1,5 @@
-//! What the device sends, decoded in the page: raw frames of the link become extremes of force and position per short time, and losses are
-//! counted as the program counts them.
+//! Decodes the bytes of the device in the page: raw frames of the link become extremes of force and position per short
+//! time, and losses are counted as the program counts them.
 
 use crate::answer::AnswerError;
 use protocol::{
@@ -82,12 +82,11 @@ struct Followed {
 impl Follower {
     /// Takes the bytes of a file.
     pub fn take(&mut self, file: &Path) -> Result<String, AnswerError> {
-        let cannot = |cause: std::io::Error| AnswerError::Value {
+        let bytes = fs::read(file).map_err(|cause| AnswerError::Value {
             name: "file",
             value: file.display().to_string(),
             expected: format!("frames of the device ({cause})"),
-        };
-        let bytes = fs::read(file).map_err(cannot)?;
+        })?;
         let columns = self.columns(&bytes);
         let (totals, losses) = (self.tracker.totals(), self.receiver.losses());
         Ok(serde_json::to_string(&Followed {

@@ -1,4 +1,5 @@
-//! What interval a run will give, over depth and displacement: the plan of the program for the rig of a session, or for a standard one.
+//! Expected interval of a run, over depth and displacement: the plan of the program for the rig of a session, or for a
+//! standard one.
 
 use crate::answer::AnswerError;
 use crate::drawing::Figure;
@@ -18,7 +19,7 @@ const LEVELS: [f64; 2] = [0.0, 1.0];
 const MAX_VALUES: usize = 40;
 const MM: f64 = 1e-3;
 
-/// What to plan for: the range of the modulus, the runs of the map, and limits.
+/// Request of a plan: the range of the modulus, the runs of the map, and limits.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlanRequest {
@@ -103,10 +104,10 @@ impl PlanRequest {
     }
 }
 
-/// What `guide plan` computes.
+/// Result of `guide plan`.
 pub fn plan(request: &PlanRequest) -> Result<String, AnswerError> {
-    let found = planned(&request.input()?)?;
+    let plan_result = planned(&request.input()?)?;
     let title = "Half-width of the 95 % interval over insertion depth, for every displacement".to_owned();
-    let drawn = vec![Figure::new("plan".to_owned(), title, figures::plan(&found)?)];
-    json(found, drawn)
+    let drawn = vec![Figure::new("plan".to_owned(), title, figures::plan(&plan_result)?)];
+    json(plan_result, drawn)
 }

@@ -20,7 +20,7 @@ const CYCLE_S: f64 = 16.0;
 const STEP_M: f64 = 2e-3;
 const MM: f64 = 1e-3;
 
-/// What the sliders state.
+/// State of the sliders.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlayInput {
@@ -50,7 +50,7 @@ struct Play {
     without: Option<Side>,
 }
 
-/// What the sensors read.
+/// Readings of the sensors.
 #[derive(Serialize)]
 struct Side {
     /// Force at the largest displacement.
@@ -85,14 +85,14 @@ fn values(id: &str, given: &BTreeMap<String, f64>) -> Result<(&'static dyn Effec
     for (name, value) in given {
         let infos = effect.parameters().iter().zip(values.iter_mut());
         let names = || effect.parameters().iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
-        let found = infos.into_iter().find(|(info, _)| info.name == name);
-        let (info, slot) = found.ok_or_else(|| fault("effects", name, names()))?;
+        let effect_parameter = infos.into_iter().find(|(info, _)| info.name == name);
+        let (info, slot) = effect_parameter.ok_or_else(|| fault("effects", name, names()))?;
         *slot = within(info.name, *value, info.range)?;
     }
     Ok((effect, values))
 }
 
-/// What the sensors would read.
+/// Expected readings of the sensors.
 pub fn play(input: &PlayInput) -> Result<String, AnswerError> {
     let k_pa = 1e3 * within("k_kpa", input.k_kpa, [0.1, 1000.0])?;
     let depth_m = MM * within("depth_mm", input.depth_mm, [5.0, 150.0])?;
@@ -106,13 +106,14 @@ pub fn play(input: &PlayInput) -> Result<String, AnswerError> {
     model.tip = TipLaw::load([load_n, 0.0]);
     let plain = model.clone();
     model.effects = effects;
-    let without = if model.effects.is_empty() { None } else { Some(side(&plain, depth_m, displacement_m)?) };
+    let without_effects =
+        if model.effects.is_empty() { None } else { Some(side(&plain, depth_m, displacement_m)?) };
     Ok(serde_json::to_string(&Play {
         guide2_mm: 1e3 * GUIDE2_M,
         entry_mm: 1e3 * entry_m,
         outer_diameter_mm,
         with: side(&model, depth_m, displacement_m)?,
-        without,
+        without: without_effects,
     })?)
 }
 
@@ -122,7 +123,7 @@ fn side(model: &Model, depth_m: f64, displacement_m: f64) -> Result<Side, ModelE
         .map(|sample| {
             let phase = sample as f64 / QUARTER as f64;
             // Out, back through zero to the other side, and back.
-            let share = if phase <= 1.0 {
+            let phase_fraction = if phase <= 1.0 {
                 phase
             } else if phase <= 3.0 {
                 2.0 - phase
@@ -130,7 +131,7 @@ fn side(model: &Model, depth_m: f64, displacement_m: f64) -> Result<Side, ModelE
                 phase - 4.0
             };
             let time_s = CYCLE_S * sample as f64 / samples as f64;
-            DriveSample { time_s, y_m: share * displacement_m, x_m: 0.0 }
+            DriveSample { time_s, y_m: phase_fraction * displacement_m, x_m: 0.0 }
         })
         .collect();
     let top_s = 0.25 * CYCLE_S;

@@ -9,22 +9,22 @@ use std::path::{Path, PathBuf};
 /// Seed of a record's bootstraps: that of `guide summarize`.
 const SEED: u64 = 1;
 
-/// What `guide summarize` writes of a session.
+/// Record of a session, as `guide summarize` writes it.
 pub fn summarize(dir: &Path) -> Result<String, AnswerError> {
     Ok(serde_json::to_string(&inference::summarize(dir, SEED))?)
 }
 
-/// What `guide population` finds.
+/// Result of `guide population`.
 pub fn population(files: &[PathBuf], by: &[String]) -> Result<String, AnswerError> {
     let options = Options { by: by.to_vec(), ..Options::default() };
-    let found = analyse(read_summaries(files)?, &options)?;
-    let drawn = figures::population(&found)?;
+    let analysed = analyse(read_summaries(files)?, &options)?;
+    let drawn = figures::population(&analysed)?;
     let drawn = drawn.into_iter().map(|(name, svg)| {
         let title = title_of(&name);
         Figure::new(name, title, svg)
     });
     let drawn = drawn.collect();
-    json(found, drawn)
+    json(analysed, drawn)
 }
 
 fn title_of(name: &str) -> String {

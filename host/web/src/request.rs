@@ -1,4 +1,4 @@
-//! What the page can request.
+//! Requests of the page.
 
 use crate::blocks::BlocksRequest;
 use crate::plan::PlanRequest;
@@ -18,12 +18,12 @@ const NAME: &str = "do";
 pub enum Request {
     /// The catalogue of effects.
     Effects {},
-    /// What is wrong with a session, and what can be done with it.
+    /// Faults of a session, and its possible uses.
     Check {
         /// Folder of the session.
         dir: PathBuf,
     },
-    /// What was measured, for drawing.
+    /// Measurements, for drawing.
     Session {
         /// Folder of the session.
         dir: PathBuf,
@@ -40,7 +40,7 @@ pub enum Request {
         #[serde(default)]
         foundation: Option<String>,
     },
-    /// What the model lacks.
+    /// Effects that the model lacks.
     Diagnose {
         /// Folder of the session.
         dir: PathBuf,
@@ -61,7 +61,7 @@ pub enum Request {
         /// Ids.
         effects: Vec<String>,
     },
-    /// What interval a run will give, over depth and displacement.
+    /// Expected interval of a run, over depth and displacement.
     Plan(PlanRequest),
     /// K/E over the size of a block of tissue.
     Blocks(BlocksRequest),
@@ -70,7 +70,7 @@ pub enum Request {
         /// Folder of the session.
         dir: PathBuf,
     },
-    /// What many sessions have in common.
+    /// Common properties of many sessions.
     Population {
         /// Files of records.
         files: Vec<PathBuf>,
@@ -78,7 +78,7 @@ pub enum Request {
         #[serde(default)]
         by: Vec<String>,
     },
-    /// What the device has sent since the last time, as it went over the link.
+    /// Bytes of the device since the last time, as they went over the link.
     Follow {
         /// File with the bytes.
         file: PathBuf,
@@ -95,9 +95,9 @@ pub enum Request {
         #[serde(default)]
         connection: Option<u32>,
     },
-    /// What a needle would do.
+    /// Response of a needle to the sliders.
     Play(PlayInput),
-    /// What tables of others hold, and the session that becomes of them.
+    /// Content of foreign tables, and the session that they become.
     Table(TableRequest),
 }
 

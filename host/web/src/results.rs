@@ -74,12 +74,12 @@ pub fn effects() -> Result<String, AnswerError> {
     Ok(serde_json::to_string(&EFFECTS.map(EffectEntry::from)[..])?)
 }
 
-/// What `guide check` finds.
+/// Result of `guide check`.
 pub fn check(dir: &Path) -> Result<String, AnswerError> {
     json(inference::check::check(dir), Vec::new())
 }
 
-/// What `guide identify --relation` finds.
+/// Result of `guide identify --relation`.
 pub fn identification(
     dir: &Path,
     relation: Option<&str>,
@@ -87,19 +87,23 @@ pub fn identification(
 ) -> Result<String, AnswerError> {
     let foundation = foundation.map(foundation_of).transpose()?.map(|kind| Some(kind).into());
     let session = Session::read(dir)?;
-    let of_name = |name: &str| {
-        let names = || YoungsMethod::ALL.map(YoungsMethod::name).join(", ");
-        let fault = || AnswerError::Value { name: "relation", value: name.to_owned(), expected: names() };
-        YoungsMethod::ALL.into_iter().find(|one| one.name() == name).ok_or_else(fault)
-    };
-    let relation = relation.map(of_name).transpose()?.unwrap_or(YoungsMethod::Continuum(Contact::Bonded));
+    let relation =
+        relation
+            .map(|name| {
+                let names = || YoungsMethod::ALL.map(YoungsMethod::name).join(", ");
+                YoungsMethod::ALL.into_iter().find(|one| one.name() == name).ok_or_else(|| {
+                    AnswerError::Value { name: "relation", value: name.to_owned(), expected: names() }
+                })
+            })
+            .transpose()?
+            .unwrap_or(YoungsMethod::Continuum(Contact::Bonded));
     let options = identify::Options { relation, foundation, ..Default::default() };
-    let found = identify(&session, &options.with_rig(rig(dir)?.as_ref()))?;
-    let drawn = drawing::identification(&session, &found)?;
-    json(found, drawn)
+    let identification = identify(&session, &options.with_rig(rig(dir)?.as_ref()))?;
+    let drawn = drawing::identification(&session, &identification)?;
+    json(identification, drawn)
 }
 
-/// What the tissue is taken for.
+/// Foundation by its name.
 fn foundation_of(name: &str) -> Result<FoundationKind, AnswerError> {
     match name {
         "springs" => Ok(FoundationKind::Springs),
@@ -111,7 +115,7 @@ fn foundation_of(name: &str) -> Result<FoundationKind, AnswerError> {
     }
 }
 
-/// What is known of the rig, where the session names a file of it.
+/// Rig of the session, if the session names a file of it.
 fn rig(dir: &Path) -> Result<Option<ModelFile>, AnswerError> {
     Ok(ModelFile::of_session_rig(dir)?.map(|(_, rig)| rig))
 }
@@ -125,16 +129,16 @@ fn diagnose_options(session: &Session) -> diagnose::Options {
     }
 }
 
-/// What `guide diagnose` finds.
+/// Result of `guide diagnose`.
 pub fn diagnosis(dir: &Path, on_progress: impl FnMut(&str)) -> Result<String, AnswerError> {
     let session = Session::read(dir)?;
     let options = diagnose_options(&session).with_rig(rig(dir)?.as_ref());
-    let found = diagnose(&session, &options, on_progress)?;
-    let drawn = drawing::diagnosis(&found)?;
-    json(found, drawn)
+    let diagnosis = diagnose(&session, &options, on_progress)?;
+    let drawn = drawing::diagnosis(&diagnosis)?;
+    json(diagnosis, drawn)
 }
 
-/// What `guide predict --until` finds.
+/// Result of `guide predict --until`.
 pub fn prediction(dir: &Path, until_mm: f64) -> Result<String, AnswerError> {
     let [least, most] = UNTIL_MM;
     if !(least..=most).contains(&until_mm) {
@@ -143,9 +147,9 @@ pub fn prediction(dir: &Path, until_mm: f64) -> Result<String, AnswerError> {
     }
     let session = Session::read(dir)?;
     let options = predict::Options { until_m: 1e-3 * until_mm, ..Default::default() };
-    let found = predict(&session, &options.with_rig(rig(dir)?.as_ref()))?;
-    let drawn = drawing::prediction(&found)?;
-    json(found, drawn)
+    let prediction = predict(&session, &options.with_rig(rig(dir)?.as_ref()))?;
+    let drawn = drawing::prediction(&prediction)?;
+    json(prediction, drawn)
 }
 
 /// A trial, with the residuals that were held out under both models.
@@ -173,11 +177,14 @@ pub fn trial(
     effects: &[String],
 ) -> Result<String, AnswerError> {
     let choice = Some(foundation_of(foundation)?).into();
-    let mut wanted = Vec::new();
+    let mut trial_effects = Vec::new();
     for id in effects {
         let expected = || "the id of an effect".to_owned();
-        let unknown = || AnswerError::Value { name: "effects", value: id.clone(), expected: expected() };
-        wanted.push(effect(id).ok_or_else(unknown)?);
+        trial_effects.push(effect(id).ok_or_else(|| AnswerError::Value {
+            name: "effects",
+            value: id.clone(),
+            expected: expected(),
+        })?);
     }
     let is_prepared = bench.as_ref().is_some_and(|(of, on, _)| of == dir && on == foundation);
     if !is_prepared {
@@ -189,7 +196,7 @@ pub fn trial(
     let Some((.., prepared)) = bench else {
         return Err(AnswerError::Diagnose(inference::FitError::Undetermined.into()));
     };
-    let trial = prepared.fit(&wanted)?;
+    let trial = prepared.fit(&trial_effects)?;
     let held_out = trial.held_out.iter().flat_map(|gap| &gap.points);
     let held_out_points = held_out.map(|point| HeldOutPoint {
         channel: point.channel.name(),

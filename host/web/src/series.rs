@@ -1,4 +1,4 @@
-//! What was measured, in as many points as a picture needs.
+//! Measurements, in as many points as a picture needs.
 
 use crate::answer::AnswerError;
 use formats::session::{InsertionRun, LateralRun, Session};

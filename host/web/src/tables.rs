@@ -39,7 +39,7 @@ pub struct TableRequest {
     /// Between the files' clocks.
     #[serde(default)]
     pub offset_s: Option<f64>,
-    /// Where there is no column of times.
+    /// Rate of the rows if there is no column of times.
     #[serde(default)]
     pub rate_hz: Option<f64>,
     /// Tables `[needle]`, `[rig]` and `[noise]` of a session.
@@ -51,11 +51,11 @@ pub struct TableRequest {
 struct Answer {
     /// Columns of numbers of all files.
     columns: Vec<ColumnEntry>,
-    /// What a column can be.
+    /// Possible quantities of a column.
     quantities: Vec<QuantityEntry>,
-    /// What they are, by the request and by names and units, as `--map` states it.
+    /// Maps of the request, and those by names and units, as `--map` states them.
     maps: Vec<String>,
-    /// What was made of them; nothing where there is a problem.
+    /// Columns of the session that were made of them; empty if there is a problem.
     taken: Vec<TakenColumn>,
     others: Vec<String>,
     forms: Vec<String>,
@@ -94,7 +94,7 @@ struct QuantityEntry {
     units: &'static str,
 }
 
-/// What the files hold, and the run that the choices make of them.
+/// Content of the files, and the run that the choices make of them.
 pub fn table(request: &TableRequest) -> Result<String, AnswerError> {
     let setup = Setup::parse(Path::new("rig"), request.rig.as_deref().unwrap_or(RIG))?;
     let mut tables = Vec::new();
@@ -107,7 +107,7 @@ pub fn table(request: &TableRequest) -> Result<String, AnswerError> {
     let outcome = take(&tables, &mapping, &options)
         .map_err(|error| error.to_string())
         .and_then(|taken| Ok((request.files_of(&setup, &taken)?, taken)));
-    let (problem, made, taken) = match outcome {
+    let (problem, session_files, columns_used) = match outcome {
         Ok((made, taken)) => (None, made, taken),
         Err(problem) => (
             Some(problem),
@@ -115,15 +115,15 @@ pub fn table(request: &TableRequest) -> Result<String, AnswerError> {
             Taken { mapping: mapping.completed(&tables), ..Taken::default() },
         ),
     };
-    let drawn = match (&taken.force, &taken.insertion) {
+    let drawn = match (&columns_used.force, &columns_used.insertion) {
         (Some(force), _) => {
             Drawn { x: thinned(&force.displacement_y_m, 1e3), y: thinned(&force.force_y_n, 1.0) }
         }
         (None, Some(run)) => Drawn { x: thinned(&run.depth_m, 1e3), y: thinned(&run.tip_y_m, 1e3) },
         (None, None) => Drawn::default(),
     };
-    let rows = taken.force.as_ref().map(|force| force.time_s.len());
-    let kind = match (&taken.force, &taken.insertion) {
+    let rows = columns_used.force.as_ref().map(|force| force.time_s.len());
+    let kind = match (&columns_used.force, &columns_used.insertion) {
         (Some(_), _) => Some("lateral"),
         (None, Some(_)) => Some("insertion"),
         (None, None) => None,
@@ -138,17 +138,17 @@ pub fn table(request: &TableRequest) -> Result<String, AnswerError> {
             .iter()
             .map(|target| QuantityEntry { name: target.name, units: target.quantity.examples() })
             .collect(),
-        maps: taken.mapping.choices.iter().map(Choice::text).collect(),
-        map_file: taken.mapping.to_toml(),
-        rows: rows.or(taken.insertion.as_ref().map(|run| run.depth_m.len())).unwrap_or(0),
-        taken: taken.columns,
-        others: taken.others,
-        forms: taken.forms,
-        notes: taken.notes,
+        maps: columns_used.mapping.choices.iter().map(Choice::text).collect(),
+        map_file: columns_used.mapping.to_toml(),
+        rows: rows.or(columns_used.insertion.as_ref().map(|run| run.depth_m.len())).unwrap_or(0),
+        taken: columns_used.columns,
+        others: columns_used.others,
+        forms: columns_used.forms,
+        notes: columns_used.notes,
         problem,
         kind,
         drawn,
-        files: made.into_iter().collect(),
+        files: session_files.into_iter().collect(),
     })?)
 }
 
@@ -198,11 +198,10 @@ impl TableRequest {
     fn files_of(&self, setup: &Setup, taken: &Taken) -> Result<SessionFiles, String> {
         let first = self.files.first().map_or(Path::new("run"), PathBuf::as_path);
         let id = self.id.clone().unwrap_or_else(|| id_of(first));
-        let made = match (&taken.force, &taken.insertion) {
+        let written_files = match (&taken.force, &taken.insertion) {
             (Some(force), _) => {
                 let [least_mm, most_mm] = DEPTH_RANGE_MM;
-                let is_depth = |mm: &f64| *mm == 0.0 || (least_mm..=most_mm).contains(mm);
-                let depth_mm = self.depth_mm.filter(is_depth).ok_or_else(|| {
+                let depth_mm = self.depth_mm.filter(|mm| *mm == 0.0 || (least_mm..=most_mm).contains(mm)).ok_or_else(|| {
                     format!("the length of the needle in the tissue is missing, expected 0 (in air) or {least_mm} to {most_mm} mm")
                 })?;
                 setup.with_lateral(&id, 1e-3 * depth_mm, force, taken.shape.as_ref())
@@ -210,6 +209,6 @@ impl TableRequest {
             (None, Some(insertion)) => setup.with_insertion(&InsertionRun { id, ..insertion.clone() }),
             (None, None) => return Err("no run in these files".to_owned()),
         };
-        made.map_err(|error| error.to_string())
+        written_files.map_err(|error| error.to_string())
     }
 }

@@ -33,10 +33,10 @@ fn example(folder: &Path) -> String {
     let mut plan = SimulationPlan::read(&plan_file, None).expect("a plan");
     plan.lateral = vec![plan.lateral[0].clone(), plan.lateral[2].clone()];
     plan.insertion.truncate(2);
-    let made = plan.carry_out(&setup.rig, Sensors::new(&setup.noise), 1).expect("simulated");
+    let simulated = plan.carry_out(&setup.rig, Sensors::new(&setup.noise), 1).expect("simulated");
     let dir = folder.join("example");
     let mut session = SessionWriter::open(&dir, &setup).expect("a session");
-    made.write(&mut session).expect("written");
+    simulated.write(&mut session).expect("written");
     dir.display().to_string()
 }
 
@@ -48,18 +48,18 @@ fn documents_are_those_of_the_program_with_figures() {
     let check = ok(engine, &json!({"do": "check", "dir": dir}));
     assert_eq!(check["document"]["schema"], "guide.check/2");
     assert_eq!(check["document"]["usable"], true);
-    let found = ok(engine, &json!({"do": "identify", "dir": dir, "relation": "vesic"}));
-    assert_eq!(found["document"]["pooled"]["runs"], 2);
-    assert_eq!(found["figures"].as_array().map(Vec::len), Some(6));
+    let reply = ok(engine, &json!({"do": "identify", "dir": dir, "relation": "vesic"}));
+    assert_eq!(reply["document"]["pooled"]["runs"], 2);
+    assert_eq!(reply["figures"].as_array().map(Vec::len), Some(6));
     // K that is shown first is the one that the document has.
     let first =
         ok(engine, &json!({"do": "identify", "dir": dir, "relation": "vesic", "foundation": "springs"}));
     for shown in ["pooled", "runs"] {
-        assert_eq!(first["document"][shown], found["document"][shown]);
+        assert_eq!(first["document"][shown], reply["document"][shown]);
     }
     assert!(
         first["document"]["foundation"]["body"].is_null()
-            && !found["document"]["foundation"]["body"].is_null()
+            && !reply["document"]["foundation"]["body"].is_null()
     );
     let path = ok(engine, &json!({"do": "predict", "dir": dir, "until_mm": 50}));
     assert_eq!(path["document"]["insertions"].as_array().map(Vec::len), Some(2));
@@ -112,9 +112,9 @@ fn a_plan_is_narrower_where_more_is_displaced_and_states_what_breaks_a_limit() {
         "do": "plan", "modulus_kpa": [5, 30], "depth_mm": [20, 40], "displacement_mm": [0.4, 1.2], "hold_s": 3,
         "force_limit_n": 4, "strain_limit_percent": 0.2, "deflection_limit_mm": 2.5
     });
-    let found = ok(engine, &request);
-    assert_eq!(found["document"]["schema"], "guide.plan/1");
-    let choices = found["document"]["choices"].as_array().expect("a list");
+    let reply = ok(engine, &request);
+    assert_eq!(reply["document"]["schema"], "guide.plan/1");
+    let choices = reply["document"]["choices"].as_array().expect("a list");
     assert_eq!(choices.len(), 4);
     let percent = |choice: &Value| choice["half_width_percent"].as_f64().expect("a number");
     assert!(percent(&choices[1]) < percent(&choices[0]) && percent(&choices[3]) < percent(&choices[2]));
@@ -129,14 +129,17 @@ fn a_plan_is_narrower_where_more_is_displaced_and_states_what_breaks_a_limit() {
 #[test]
 fn blocks_have_k_over_e_over_their_size_and_a_figure() {
     let engine = &mut Engine::default();
-    let found = ok(engine, &json!({"do": "blocks", "depth_mm": 30, "poisson": 0.5}));
-    let list = |name: &str| found["document"][name].as_array().expect("a list").clone();
-    let far = found["document"]["half_space"].as_f64().expect("a number");
+    let reply = ok(engine, &json!({"do": "blocks", "depth_mm": 30, "poisson": 0.5}));
+    let list = |name: &str| reply["document"][name].as_array().expect("a list").clone();
+    let half_space = reply["document"]["half_space"].as_f64().expect("a number");
     let is = |all: Vec<Value>, holds: fn(f64, f64) -> bool| {
-        !all.is_empty() && all.iter().all(|ratio| holds(ratio.as_f64().expect("a number"), far))
+        !all.is_empty() && all.iter().all(|ratio| holds(ratio.as_f64().expect("a number"), half_space))
     };
-    assert!(is(list("held"), |ratio, far| ratio > far) && is(list("free"), |ratio, far| ratio < far));
-    assert!(found["figures"][0]["svg"].as_str().is_some_and(|svg| svg.starts_with("<svg")));
+    assert!(
+        is(list("held"), |ratio, half_space| ratio > half_space)
+            && is(list("free"), |ratio, half_space| ratio < half_space)
+    );
+    assert!(reply["figures"][0]["svg"].as_str().is_some_and(|svg| svg.starts_with("<svg")));
     let deep = error(&json!({"do": "blocks", "depth_mm": 400, "poisson": 0.5}));
     assert!(deep.contains("depth_mm: 400, expected 10 to 150"), "{deep}");
     let odd = error(&json!({"do": "blocks", "depth_mm": 30, "poisson": 0.7}));
@@ -158,10 +161,10 @@ fn records_of_sessions_become_a_population_with_figures() {
         record.to_string()
     });
     fs::write(&file, lines.join("\n")).expect("written");
-    let found = ok(engine, &json!({"do": "population", "files": [file], "by": ["tissue"]}));
-    assert_eq!(found["document"]["schema"], "guide.population/2");
-    assert_eq!(found["document"]["groups"][0]["group"], "gel");
-    assert!(found["figures"].as_array().is_some_and(|all| all.len() >= 4));
+    let reply = ok(engine, &json!({"do": "population", "files": [file], "by": ["tissue"]}));
+    assert_eq!(reply["document"]["schema"], "guide.population/2");
+    assert_eq!(reply["document"]["groups"][0]["group"], "gel");
+    assert!(reply["figures"].as_array().is_some_and(|all| all.len() >= 4));
     let wrong = error(&json!({"do": "population", "files": [file], "by": ["colour"]}));
     assert!(wrong.contains("colour"), "{wrong}");
     let gone = error(&json!({"do": "population", "files": ["gone.jsonl"]}));
@@ -204,12 +207,12 @@ fn frames_of_the_device_are_decoded_and_what_is_missing_is_counted() {
     };
     let whole = frames(1..=50);
     // Cut anywhere, in the middle of a frame too.
-    let (begin, rest) = whole.split_at(whole.len() / 2 + 3);
+    let (begin, tail) = whole.split_at(whole.len() / 2 + 3);
     follow(begin, true);
-    let found = follow(rest, false);
-    assert_eq!(found["samples"], 1_000);
-    assert_eq!((&found["samples_missing"], &found["frames_missing"]), (&json!(0), &json!(0)));
-    let columns = found["columns"].as_array().expect("a list");
+    let later_reply = follow(tail, false);
+    assert_eq!(later_reply["samples"], 1_000);
+    assert_eq!((&later_reply["samples_missing"], &later_reply["frames_missing"]), (&json!(0), &json!(0)));
+    let columns = later_reply["columns"].as_array().expect("a list");
     // Twentieths of a second: from the one in which the first half ends, each once, to that of the last sample at 1.019 s.
     let indices: Vec<i64> = columns.iter().filter_map(|one| one["index"].as_i64()).collect();
     assert!(indices.windows(2).all(|pair| pair[1] == pair[0] + 1), "{indices:?}");
@@ -221,9 +224,12 @@ fn frames_of_the_device_are_decoded_and_what_is_missing_is_counted() {
     let last = damaged.len() - 10;
     // Never 0, which would end the frame there and make two of it.
     damaged[last] = damaged[last].checked_add(1).unwrap_or(1);
-    let found = follow(&damaged, true);
-    assert_eq!((&found["frames_missing"], &found["samples_missing"]), (&json!(3), &json!(60)));
-    assert_eq!(found["frames_corrupt"], 1);
+    let damaged_reply = follow(&damaged, true);
+    assert_eq!(
+        (&damaged_reply["frames_missing"], &damaged_reply["samples_missing"]),
+        (&json!(3), &json!(60))
+    );
+    assert_eq!(damaged_reply["frames_corrupt"], 1);
     assert!(error(&json!({"do": "follow", "file": "gone"})).contains("file: gone"));
 }
 
@@ -238,11 +244,11 @@ fn a_device_at_a_port_of_the_browser_is_requested_for_samples_and_nothing_else()
         }
     };
     assert_eq!(requested(&json!({"do": "ask", "id": 3})), (3, 0, Request::Hello));
-    let wanted = json!({"do": "ask", "id": 4, "connection": 77});
-    assert_eq!(requested(&wanted), (4, 77, Request::Stream { enable: true }));
+    let request = json!({"do": "ask", "id": 4, "connection": 77});
+    assert_eq!(requested(&request), (4, 77, Request::Stream { enable: true }));
     assert!(error(&json!({"do": "ask", "id": 1, "request": "Run"})).contains("unknown field"));
 
-    // What it answers.
+    // Answers of the engine.
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("frames");
     let mut bytes = Vec::new();
@@ -253,16 +259,16 @@ fn a_device_at_a_port_of_the_browser_is_requested_for_samples_and_nothing_else()
         bytes.extend_from_slice(encode_envelope(&envelope, &mut buffer).expect("encoded"));
     }
     fs::write(&file, &bytes).expect("written");
-    let found = ok(engine, &json!({"do": "follow", "file": file, "fresh": true}));
-    assert_eq!((&found["connection"], &found["state"]), (&json!(77), &json!("Faulted")));
-    assert_eq!(found["fault"], json!({"number": Fault::Stall as u8, "name": "Stall"}));
-    assert!(found["other_version"].is_null());
+    let first_reply = ok(engine, &json!({"do": "follow", "file": file, "fresh": true}));
+    assert_eq!((&first_reply["connection"], &first_reply["state"]), (&json!(77), &json!("Faulted")));
+    assert_eq!(first_reply["fault"], json!({"number": Fault::Stall as u8, "name": "Stall"}));
+    assert!(first_reply["other_version"].is_null());
     let mut buffer = [0; MAX_FRAME_TO_HOST];
     let hello = Hello { protocol_version: protocol::VERSION + 1, ..fake_device::hello() };
     let envelope = Envelope { boot_id: 7, sequence: 2, message: Message::Hello(hello) };
     fs::write(&file, encode_envelope(&envelope, &mut buffer).expect("encoded")).expect("written");
-    let found = ok(engine, &json!({"do": "follow", "file": file, "fresh": false}));
-    assert_eq!(found["other_version"], json!(protocol::VERSION + 1));
+    let next_reply = ok(engine, &json!({"do": "follow", "file": file, "fresh": false}));
+    assert_eq!(next_reply["other_version"], json!(protocol::VERSION + 1));
 }
 
 #[test]
@@ -279,11 +285,11 @@ fn every_effect_of_the_catalogue_can_be_played_with() {
             "do": "play", "k_kpa": 12, "depth_mm": 50, "displacement_mm": 1.5, "gap_mm": 10, "tip_load_n": 0.2,
             "effects": {id: values}
         });
-        let made = ok(engine, &request);
+        let reply = ok(engine, &request);
         assert!(
-            made["with"]["force_n"].as_f64().is_some_and(f64::is_finite),
+            reply["with"]["force_n"].as_f64().is_some_and(f64::is_finite),
             "{id}: {}",
-            made["with"]["force_n"]
+            reply["with"]["force_n"]
         );
     }
 }
@@ -313,27 +319,27 @@ fn a_table_of_others_is_shown_asked_about_and_becomes_a_session() {
     assert_eq!(first["files"], json!({}));
     assert_eq!(first["columns"][1]["name"], "Weg");
     assert_eq!(first["columns"][1]["values"], json!([0.0, 0.0, 0.0]));
-    // What is found is offered, and what is missing can be chosen.
+    // Recognized columns are offered, and missing ones can be chosen.
     let maps = json!(["t=time_s:s", "Weg=displacement_y_mm:mm", "Kraft [mN]=force_y_n"]);
     let shallow = ok(engine, &request(maps.clone(), json!({})));
     assert!(
         shallow["problem"].as_str().is_some_and(|problem| problem.contains("length of the needle")),
         "{shallow}"
     );
-    let done = ok(
+    let reply = ok(
         engine,
         &request(
             maps,
             json!({"depth_mm": 30, "rig": "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.5\ninner_diameter_mm = 1.0\n[rig]\nguide2_mm = 50.0\nentry_mm = 65.0\n"}),
         ),
     );
-    assert_eq!(done["problem"], Value::Null, "{done}");
-    assert_eq!((&done["kind"], &done["rows"]), (&json!("lateral"), &json!(400)));
-    assert_eq!(done["taken"][2]["range"], json!([0.0, 2.88]));
-    assert!(done["map_file"].as_str().is_some_and(|map| map.contains("is = \"force_y_n\"")), "{done}");
+    assert_eq!(reply["problem"], Value::Null, "{reply}");
+    assert_eq!((&reply["kind"], &reply["rows"]), (&json!("lateral"), &json!(400)));
+    assert_eq!(reply["taken"][2]["range"], json!([0.0, 2.88]));
+    assert!(reply["map_file"].as_str().is_some_and(|map| map.contains("is = \"force_y_n\"")), "{reply}");
     let session = folder.path().join("session");
     fs::create_dir(&session).expect("a folder");
-    for (name, text) in done["files"].as_object().expect("files") {
+    for (name, text) in reply["files"].as_object().expect("files") {
         fs::write(session.join(name), text.as_str().expect("text")).expect("written");
     }
     let read = Session::read(&session).expect("reads");

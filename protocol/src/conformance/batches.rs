@@ -76,13 +76,13 @@ fn round_trip(count: u64, reading: impl Fn(u64) -> Sample) -> Result<u64, &'stat
 }
 
 pub(super) fn extreme_samples_survive() -> Verdict {
-    let extremes = |index: u64| match index % 4 {
+    round_trip(1_000, |index: u64| match index % 4 {
         0 => sample(i32::MIN, i32::MAX, 0, -1),
         1 => sample(i32::MAX, i32::MIN, i32::MIN, i32::MAX),
         2 => sample(0, 0, i32::MAX, i32::MIN),
         _ => sample(-1, 1, i32::MIN, i32::MIN),
-    };
-    round_trip(1_000, extremes).map(|_| ())
+    })
+    .map(|_| ())
 }
 
 pub(super) fn batch_closes_when_full() -> Verdict {
@@ -119,11 +119,11 @@ pub(super) fn batch_closes_when_the_sample_does_not_continue_it() -> Verdict {
         (0, State::Holding, 2, 200),
         (u64::MAX, State::Holding, 2, 200),
     ];
-    let (before, after) = (sample(1, 2, 3, 4), sample(5, 6, 7, 8));
+    let (earlier, later) = (sample(1, 2, 3, 4), sample(5, 6, 7, 8));
     for (t_us, state, step, dropped) in discontinuities {
         let mut packer = Packer::new(PERIOD_US);
-        check(push(&mut packer, 0, before).is_none(), "a batch closed early")?;
-        let first = packer.push(t_us, state, step, dropped, after).ok_or("a batch went on across a break")?;
+        check(push(&mut packer, 0, earlier).is_none(), "a batch closed early")?;
+        let first = packer.push(t_us, state, step, dropped, later).ok_or("a batch went on across a break")?;
         let second = packer.flush().ok_or("the sample after a break was lost")?;
         check((first.t_us, first.count) == (T_US, 1), "the batch before a break is another")?;
         check(
@@ -131,7 +131,7 @@ pub(super) fn batch_closes_when_the_sample_does_not_continue_it() -> Verdict {
             "the batch after a break has another head",
         )?;
         let unpacked = second.unpack(PERIOD_US).map_err(|_| "the batch after a break was refused")?;
-        check(unpacked.eq([(t_us, after)]), "the batch after a break has another sample")?;
+        check(unpacked.eq([(t_us, later)]), "the batch after a break has another sample")?;
     }
     Ok(())
 }

@@ -20,10 +20,14 @@ fn flips<T: Incoming, const N: usize>(golden: &[Golden<T>]) -> Verdict {
         let mut buffer = BUFFER;
         let frame = bytes(frame, &mut buffer)?;
         for bit in 0..frame.len() * 8 {
-            let flip = |(at, &byte): (usize, &u8)| byte ^ if at == bit / 8 { 1 << (bit % 8) } else { 0 };
             let mut receiver = Receiver::<T, N>::new();
             let mut events = 0;
-            for byte in frame.iter().enumerate().map(flip).chain([0]) {
+            for byte in frame
+                .iter()
+                .enumerate()
+                .map(|(at, &byte)| byte ^ if at == bit / 8 { 1 << (bit % 8) } else { 0 })
+                .chain([0])
+            {
                 match receiver.push(byte) {
                     None => {}
                     Some(Received::Corrupt | Received::Overlong) => events += 1,
@@ -100,7 +104,7 @@ fn sandwich<T: Incoming + PartialEq, const N: usize>(
     check(receiver.losses() == cost, "bad bytes were counted as something else")
 }
 
-/// What becomes of a golden frame, given its length; `N` is the receiver's capacity. Returns the new length.
+/// Change of a golden frame, given its length; `N` is the receiver's capacity. Returns the new length.
 type Spoil<'a> = &'a dyn Fn(&mut Buffer, usize) -> usize;
 
 fn sandwiches_of<T: Incoming + PartialEq, const N: usize>(
@@ -139,7 +143,7 @@ pub(super) fn good_flipped_good() -> Verdict {
 }
 
 pub(super) fn good_truncated_good() -> Verdict {
-    // Nothing but the opening delimiter is nothing lost; otherwise the next opening delimiter ends what is left.
+    // An opening delimiter alone is no loss; otherwise the next opening delimiter ends the remainder.
     sandwiches(&|_, _| 1, Losses::default())?;
     for kept in 2..16 {
         sandwiches(&|_, length| kept.min(length - 2), CORRUPT)?;
@@ -293,8 +297,8 @@ pub(super) fn hello_of_another_version_gives_its_version() -> Verdict {
     let hello = payload(&(1_u32, 2_u32, 0_u32, 2_u16, "fields of version two"), &mut buffer)?;
     let version = unreadable::<Envelope, MAX_BODY_TO_HOST>(hello)?;
     check(version == Some(2), "the version of another hello was not read")?;
-    let other = payload(&(1_u32, 2_u32, 200_u32, 2_u16), &mut buffer)?;
-    let version = unreadable::<Envelope, MAX_BODY_TO_HOST>(other)?;
+    let other_version = payload(&(1_u32, 2_u32, 200_u32, 2_u16), &mut buffer)?;
+    let version = unreadable::<Envelope, MAX_BODY_TO_HOST>(other_version)?;
     check(version.is_none(), "a version was read from something other than a hello")
 }
 

@@ -28,9 +28,9 @@ fn is_current(name: &str, made: &str) {
         fs::write(&path, made).expect("writes");
         println!("wrote {path}");
     }
-    let there = fs::read_to_string(&path).unwrap_or_default();
+    let committed = fs::read_to_string(&path).unwrap_or_default();
     assert!(
-        there == made,
+        committed == made,
         "{path} differs from the code: NEEDLE_GUIDE_WRITE_SPEC=1 cargo test -p protocol spec"
     );
 }
@@ -98,8 +98,9 @@ fn members(fields: &[&NamedValue], all: &mut Map<String, Value>) -> Value {
 
 #[test]
 fn the_schema_for_other_languages_is_current() {
-    let mut all = Map::new();
-    let (command, envelope) = (describe(Command::SCHEMA, &mut all), describe(Envelope::SCHEMA, &mut all));
+    let mut definitions = Map::new();
+    let (command, envelope) =
+        (describe(Command::SCHEMA, &mut definitions), describe(Envelope::SCHEMA, &mut definitions));
     let [silence_least, silence_most] = SILENCE_LIMIT_MS;
     let schema = json!({
         "format": "needle-guide.protocol-schema/1",
@@ -125,23 +126,25 @@ fn the_schema_for_other_languages_is_current() {
             "allows_retreat": fault.allows_retreat(),
             "may_come_of_calibration": fault.may_come_of_calibration(),
         })),
-        "types": all,
+        "types": definitions,
     });
     is_current("schema.json", &text(&schema));
 }
 
 fn vectors<T: Serialize>(golden: &[Golden<T>], is_batch: impl Fn(&T) -> bool) -> Vec<Value> {
     let mut buffer = BUFFER;
-    let vector = |Golden { message, frame }: &Golden<T>| {
-        let frame = hexadecimal(bytes(frame, &mut buffer).expect("golden bytes"));
-        let message = message();
-        let content = serde_json::to_value(&message).expect("JSON");
-        match is_batch(&message) {
-            true => json!({ "frame_hex": frame, "message": content }),
-            false => json!({ "frame_hex": frame, "message": content, "is_batch": false }),
-        }
-    };
-    golden.iter().map(vector).collect()
+    golden
+        .iter()
+        .map(|Golden { message, frame }| {
+            let frame = hexadecimal(bytes(frame, &mut buffer).expect("golden bytes"));
+            let message = message();
+            let content = serde_json::to_value(&message).expect("JSON");
+            match is_batch(&message) {
+                true => json!({ "frame_hex": frame, "message": content }),
+                false => json!({ "frame_hex": frame, "message": content, "is_batch": false }),
+            }
+        })
+        .collect()
 }
 
 /// Samples that can be unpacked, or no samples.
@@ -200,8 +203,8 @@ fn the_test_vectors_for_other_languages_are_current() {
 #[test]
 fn the_chapter_names_every_number() {
     let chapter = fs::read_to_string(format!("{FOLDER}/protocol.md")).expect("the chapter");
-    let mut all = Map::new();
-    let _ = (describe(Command::SCHEMA, &mut all), describe(Envelope::SCHEMA, &mut all));
+    let mut definitions = Map::new();
+    let _ = (describe(Command::SCHEMA, &mut definitions), describe(Envelope::SCHEMA, &mut definitions));
     let lists = [
         "Request",
         "Step",
@@ -215,7 +218,7 @@ fn the_chapter_names_every_number() {
         "PulseOutcome",
     ];
     for list in lists {
-        let variants = all[list]["enum"].as_array().expect("an enum");
+        let variants = definitions[list]["enum"].as_array().expect("an enum");
         for variant in variants {
             let row = format!("| {} | `{}` |", variant["number"], variant["name"].as_str().expect("a name"));
             assert!(chapter.contains(&row), "{list}: no row {row}");

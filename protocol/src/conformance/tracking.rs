@@ -1,4 +1,4 @@
-//! What the tracker reports as missing.
+//! Tests of the losses that the tracker reports.
 
 use super::{Verdict, check};
 use crate::{
@@ -93,10 +93,10 @@ pub(super) fn sequence_wraps() -> Verdict {
 
 pub(super) fn duplicates_and_late_frames_are_counted() -> Verdict {
     let mut tracker = begun();
-    let before = tracker.totals();
+    let totals_before = tracker.totals();
     check(tracker.observe(&batch(1, 1, 0, 0)) == in_order(Order::Duplicate), "a duplicate was not one")?;
     check(tracker.observe(&hello(1, 0)) == in_order(Order::Late), "a late frame was not late")?;
-    check(tracker.totals() == Totals { duplicates: 1, late: 1, ..before }, "totals are wrong")?;
+    check(tracker.totals() == Totals { duplicates: 1, late: 1, ..totals_before }, "totals are wrong")?;
     check(tracker.observe(&batch(1, 2, 10, 0)) == NEXT, "a late frame disturbed the order")
 }
 

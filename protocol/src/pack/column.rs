@@ -11,13 +11,13 @@ const DIFFERENCES: u8 = 0x80;
 /// Most bits of a reading.
 const MAX_WIDTH: u8 = 32;
 
-/// How one channel of a batch is written: every reading, or every difference from the one before, as what it has more than the
-/// least of them (`base`), in `width` bits.
+/// Encoding of one channel of a batch: every reading, or every difference from the one before, as what it has more than
+/// the least of them (`base`), in `width` bits.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Column {
     /// Bits of each reading, at most 32.
     pub width: u8,
-    /// What is added to each.
+    /// Base that is added to each reading.
     pub base: i32,
     /// For differences: what the first is added to.
     pub start: Option<i32>,
@@ -26,17 +26,17 @@ pub(super) struct Column {
 impl Column {
     /// Reads a head, and gives what follows it.
     pub fn read(bytes: &[u8]) -> Option<(Self, &[u8])> {
-        let (first, rest) = bytes.split_first()?;
+        let (first, tail) = bytes.split_first()?;
         let width = first & !DIFFERENCES;
         if width > MAX_WIDTH {
             return None;
         }
-        let (base, rest) = postcard::take_from_bytes(rest).ok()?;
+        let (base, tail) = postcard::take_from_bytes(tail).ok()?;
         if first & DIFFERENCES == 0 {
-            return Some((Self { width, base, start: None }, rest));
+            return Some((Self { width, base, start: None }, tail));
         }
-        let (start, rest) = postcard::take_from_bytes(rest).ok()?;
-        Some((Self { width, base, start: Some(start) }, rest))
+        let (start, tail) = postcard::take_from_bytes(tail).ok()?;
+        Some((Self { width, base, start: Some(start) }, tail))
     }
 
     /// Writes the head.
@@ -72,12 +72,12 @@ pub(super) struct Readings {
 }
 
 impl Readings {
-    /// What is written for the next reading; less than 2 to the power of the width.
+    /// Code of the next reading; less than 2 to the power of the width.
     #[inline]
     pub fn written(&mut self, reading: i32) -> u32 {
-        let before = (self.last & self.keep).wrapping_add(self.base);
+        let predicted = (self.last & self.keep).wrapping_add(self.base);
         self.last = reading;
-        reading.wrapping_sub(before) as u32
+        reading.wrapping_sub(predicted) as u32
     }
 
     /// The next reading, for which this was written.
@@ -116,7 +116,7 @@ impl Range {
     }
 }
 
-/// What must be known of a channel's readings to write them.
+/// Range of a channel's readings, from which its encoding follows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Spread {
     first: i32,
@@ -126,7 +126,7 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    /// Of one reading.
+    /// Range of one reading.
     pub const fn of(reading: i32) -> Self {
         Self { first: reading, readings: Range::of(reading), differences: None }
     }
@@ -157,7 +157,8 @@ impl Spread {
     }
 }
 
-/// Writes bytes, then bits, the lowest first, from the start of a buffer. What does not fit is omitted: see [`Writer::end`].
+/// Writes bytes, then bits, the lowest first, from the start of a buffer. Readings that do not fit are omitted: see
+/// [`Writer::end`].
 pub(super) struct Writer<'a> {
     buffer: &'a mut [u8],
     length: usize,
@@ -171,8 +172,8 @@ impl<'a> Writer<'a> {
     }
 
     fn byte(&mut self, byte: u8) {
-        if let Some(place) = self.buffer.get_mut(self.length) {
-            *place = byte;
+        if let Some(slot) = self.buffer.get_mut(self.length) {
+            *slot = byte;
         }
         self.length += 1;
     }
@@ -229,7 +230,7 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// Of columns in their order.
+    /// Writers of columns in their order.
     pub fn of(columns: &[Column; CHANNELS]) -> [Self; CHANNELS] {
         let mut shift = 0;
         columns.map(|column| {

@@ -71,7 +71,7 @@ fn files(folder: &Path) -> Result<BTreeMap<String, String>> {
         let path = entry.with_context(cannot)?.path();
         let name =
             path.file_name().and_then(|name| name.to_str()).context("a file name that is not UTF-8")?;
-        // What is to be found stays hidden.
+        // The true parameters stay hidden.
         if name != "plan.toml" {
             let text =
                 fs::read_to_string(&path).with_context(|| format!("{}: cannot read", path.display()))?;
@@ -177,8 +177,8 @@ mod tests {
         let example = BTreeMap::from([("session.toml".to_owned(), "[session]".to_owned())]);
         let page = page_of(b"engine", &example, "{}").expect("a page");
         let between = |from: &str, to: &str| {
-            let (_, rest) = page.rsplit_once(from).expect("there");
-            rest.split_once(to).expect("there").0.to_owned()
+            let (_, page_tail) = page.rsplit_once(from).expect("there");
+            page_tail.split_once(to).expect("there").0.to_owned()
         };
         assert!(page.contains(&hash(&between("<script>", "</script>"))));
         // The first one: a script writes another into pages that are saved.

@@ -12,23 +12,24 @@ fn main() -> std::io::Result<()> {
     const BATCH: u64 = 32;
     let seconds: u64 = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(0);
     let cycles = seconds * 1_000 / BATCH;
-    let held = (0..cycles).flat_map(|_| [Act::Batch(BATCH as usize), Act::Wait(BATCH)]);
-    let program = std::iter::once(Act::Batch(BATCH as usize)).chain(held).chain([Act::Complete]).collect();
+    let hold_acts = (0..cycles).flat_map(|_| [Act::Batch(BATCH as usize), Act::Wait(BATCH)]);
+    let program =
+        std::iter::once(Act::Batch(BATCH as usize)).chain(hold_acts).chain([Act::Complete]).collect();
     let script = Script { silence_limit_ms: 500, program, ..Script::default() };
     let device = match std::env::args().nth(2) {
         Some(address) => FakeDevice::start_at(&address, script),
         None => FakeDevice::start(script),
     };
-    let mut out = std::io::stdout();
-    writeln!(out, "{}", device.port)?;
-    out.flush()?;
+    let mut output = std::io::stdout();
+    writeln!(output, "{}", device.port)?;
+    output.flush()?;
     let mut reported = 0;
     for line in std::io::stdin().lock().lines() {
         line?;
         let executed = device.executed();
         let names = executed.iter().skip(reported).map(|request| format!("{request:?}"));
-        writeln!(out, "{}", names.collect::<Vec<_>>().join("; "))?;
-        out.flush()?;
+        writeln!(output, "{}", names.collect::<Vec<_>>().join("; "))?;
+        output.flush()?;
         reported = executed.len();
     }
     Ok(())

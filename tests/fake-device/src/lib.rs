@@ -22,7 +22,7 @@ pub use script::{Act, Script};
 const PERIOD_US: u32 = 1_000;
 /// Token of its first connection; the next ones follow.
 const FIRST_CONNECTION: u32 = 0xC0FF_EE00;
-/// How many connections a device has at once, as the firmware.
+/// Number of connections that a device has at once, as the firmware.
 const CONNECTIONS: u32 = 4;
 /// The boot that a new fake claims.
 pub const BOOT_ID: u32 = 77;
@@ -84,7 +84,7 @@ impl FakeDevice {
         self.executed.lock().expect("the device runs").clone()
     }
 
-    /// How often the status has been requested.
+    /// Number of requests of the status.
     pub fn questions(&self) -> usize {
         self.questions.load(Ordering::Acquire)
     }
@@ -250,8 +250,8 @@ impl Device {
         match command.request {
             Request::Limits { force_mn, silence_ms } => self.limits = [force_mn, silence_ms],
             Request::LoadCalibration { piece, bytes } => {
-                let from = usize::from(piece) * PIECE_BYTES;
-                self.loaded[from..from + PIECE_BYTES].copy_from_slice(&bytes);
+                let piece_start = usize::from(piece) * PIECE_BYTES;
+                self.loaded[piece_start..piece_start + PIECE_BYTES].copy_from_slice(&bytes);
             }
             Request::StoreCalibration { length, crc } => {
                 let meant = CalibrationRecord::decode(&self.loaded[..usize::from(length)]);
@@ -300,8 +300,8 @@ impl Device {
                 self.dropped += u32::try_from(count).expect("few");
             }
             Act::Wait(pause_ms) => {
-                let until = Instant::now() + Duration::from_millis(pause_ms);
-                while Instant::now() < until {
+                let pause_end = Instant::now() + Duration::from_millis(pause_ms);
+                while Instant::now() < pause_end {
                     for command in self.receive(far) {
                         self.handle_command(&command, far);
                     }
@@ -343,10 +343,10 @@ impl Device {
         for _ in 0..count {
             assert!(closed.is_none(), "more samples than a batch holds");
             self.t_us += u64::from(PERIOD_US);
-            let at = i32::try_from(self.t_us / 1_000).expect("a short test");
+            let elapsed_ms = i32::try_from(self.t_us / 1_000).expect("a short test");
             let sample = Sample {
-                position_counts: [0, at],
-                force_counts: [0, 10 * at],
+                position_counts: [0, elapsed_ms],
+                force_counts: [0, 10 * elapsed_ms],
                 repeats_force: self.is_saturated,
             };
             closed = self.packer.push(self.t_us, State::Holding, 0, self.dropped, sample);

@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
-/// How long a read waits.
+/// Waiting time of a read.
 const PATIENCE: Duration = Duration::from_millis(5);
 
 /// The device's end.
@@ -20,12 +20,12 @@ pub(crate) trait Line: Send {
 #[cfg(unix)]
 pub(crate) fn usual() -> (Box<dyn Line>, String) {
     use serialport::{SerialPort, TTYPort};
-    let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
-    let port = near.name().expect("the port has a name");
+    let (mut far_port, near_port) = TTYPort::pair().expect("a pseudo terminal");
+    let port = near_port.name().expect("the port has a name");
     // Opened again by its name; kept open here it would be in use.
-    drop(near);
-    far.set_timeout(PATIENCE).expect("a timeout");
-    (Box::new(far), port)
+    drop(near_port);
+    far_port.set_timeout(PATIENCE).expect("a timeout");
+    (Box::new(far_port), port)
 }
 
 /// A line, and the name of the port that leads to it.

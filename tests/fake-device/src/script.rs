@@ -1,8 +1,8 @@
-//! What a fake device does, and how it misbehaves.
+//! Behaviour of a fake device, and its faults.
 
 use protocol::{CalibrationSource, Fault, Refusal};
 
-/// What the device does when a program is started, in order.
+/// Acts of the device when a program is started, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Act {
     /// A batch of this many samples.
@@ -31,7 +31,7 @@ pub enum Act {
     Vanish,
 }
 
-/// How the device behaves.
+/// Behaviour of the device.
 #[derive(Debug, Clone)]
 pub struct Script {
     /// Protocol version it claims.
@@ -55,13 +55,13 @@ pub struct Script {
     /// States that limit, and never ends a program for it: what a test of the host's times counts then does not depend on how often a
     /// busy machine lets the host run.
     pub is_patient: bool,
-    /// Where its calibration comes from.
+    /// Source of its calibration.
     pub source: CalibrationSource,
     /// Was tared since its start.
     pub tared: bool,
     /// Restarts with the calibration it had, also after a command to keep another.
     pub keeps_no_calibration: bool,
-    /// What running a program does.
+    /// Acts of a running program.
     pub program: Vec<Act>,
 }
 

@@ -33,25 +33,25 @@ impl Entry {
 /// # Errors
 /// Where the folder or a file cannot be read.
 pub fn entries(folder: &Path) -> Result<Vec<Entry>> {
-    let mut found = Vec::new();
+    let mut entries_found = Vec::new();
     let mut waiting = vec![(folder.to_owned(), String::new())];
-    while let Some((folder, below)) = waiting.pop() {
+    while let Some((folder, current_folder)) = waiting.pop() {
         let cannot = || format!("{}: cannot read", folder.display());
         for entry in fs::read_dir(&folder).with_context(cannot)? {
             let path = entry.with_context(cannot)?.path();
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let is_program = name == "guide" || name == "guide.exe";
-            let name = if below.is_empty() { name } else { format!("{below}/{name}") };
+            let name = if current_folder.is_empty() { name } else { format!("{current_folder}/{name}") };
             if path.is_dir() {
                 waiting.push((path, name));
             } else {
                 let content = fs::read(&path).with_context(|| format!("{}: cannot read", path.display()))?;
-                found.push(Entry { name, content, is_program });
+                entries_found.push(Entry { name, content, is_program });
             }
         }
     }
-    found.sort_by(|a, b| a.name.cmp(&b.name));
-    Ok(found)
+    entries_found.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(entries_found)
 }
 
 /// A compressed tape archive of the entries, all in a folder of the archive's name.
@@ -159,10 +159,10 @@ mod tests {
         ] {
             let file = folder.path().join(name);
             fs::write(&file, &bytes).unwrap();
-            let into = folder.path().join(format!("{name}.unpacked"));
-            fs::create_dir(&into).unwrap();
-            unpack(&file, &into).unwrap();
-            let top = into.join(name.split('.').next().unwrap());
+            let destination = folder.path().join(format!("{name}.unpacked"));
+            fs::create_dir(&destination).unwrap();
+            unpack(&file, &destination).unwrap();
+            let top = destination.join(name.split('.').next().unwrap());
             assert_eq!(entries(&top).unwrap(), sample());
         }
         let program = folder.path().join("a.tar.gz.unpacked/a/guide");
@@ -189,9 +189,9 @@ mod tests {
         file.start_file("../outside", SimpleFileOptions::default()).unwrap();
         let archive = folder.path().join("bad.zip");
         fs::write(&archive, file.finish().unwrap().into_inner()).unwrap();
-        let into = folder.path().join("into");
-        fs::create_dir(&into).unwrap();
-        assert!(unpack(&archive, &into).is_err());
+        let destination = folder.path().join("into");
+        fs::create_dir(&destination).unwrap();
+        assert!(unpack(&archive, &destination).is_err());
         assert!(!folder.path().join("outside").exists());
     }
 }

@@ -1,4 +1,4 @@
-//! What is in a bundle: `MANIFEST.json`, and the checksums as `sha256sum --check` reads them.
+//! Content of a bundle: `MANIFEST.json`, and the checksums as `sha256sum --check` reads them.
 
 use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
@@ -37,13 +37,13 @@ pub struct Manifest {
 /// A file of the bundle.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct File {
-    /// What it is, and for which system.
+    /// Kind of the file, and its system.
     pub is: String,
     /// Its size.
     pub bytes: u64,
     /// Its checksum, hexadecimal.
     pub sha256: String,
-    /// Where it is an archive: what it holds.
+    /// Content of an archive: what it holds.
     #[serde(skip_serializing_if = "BTreeMap::is_empty", default)]
     pub holds: BTreeMap<String, Held>,
 }

@@ -1,4 +1,4 @@
-//! What a sequence consists of.
+//! Acts of a sequence.
 
 use super::judge::is_turned;
 use super::random::Random;
@@ -15,7 +15,8 @@ use protocol::{
 const TRIES: u32 = 40;
 /// Longest retreat, micrometres.
 const RETREAT_UM: f32 = protocol::RETREAT_LIMIT_UM as f32;
-/// What presses on a guide within this of the middle is the offset of the cell, or a tare, micrometres: 0.17 N of it are the needle.
+/// Largest load on a guide near the middle that is the cell's offset or a tare, micrometres: 0.17 N of it are the
+/// needle.
 const MIDDLE_UM: f32 = 150.0;
 /// Up to this [`Condition::zero_per_limit`] a limit is met at the middle: a retreat ends with 0.85 of it left, and cells have offsets.
 const MET: f32 = 0.5;
@@ -35,7 +36,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         Self { random, target, faults_cleared: 0 }
     }
 
-    /// How many acts it has.
+    /// Number of acts.
     pub fn length(&mut self) -> u32 {
         1 + self.random.below(MAX_ACTS)
     }
@@ -158,9 +159,9 @@ impl<'a, T: Target> Sequence<'a, T> {
     /// A little further each time, with a tare.
     fn creep_by_tares(&mut self) -> Checked<()> {
         let mut y_um = self.target.condition()?.position_um[1] as i32;
-        let by_um = if self.random.one_in(2) { 250 } else { -250 };
+        let shift_um = if self.random.one_in(2) { 250 } else { -250 };
         for _ in 0..10 {
-            y_um = (y_um + by_um).clamp(-9_000, 9_000);
+            y_um = (y_um + shift_um).clamp(-9_000, 9_000);
             self.run(&[
                 Step::Move { x_um: 0, y_um, speed_um_s: 2_000 },
                 Step::Hold { duration_ms: 60 },
@@ -177,9 +178,9 @@ impl<'a, T: Target> Sequence<'a, T> {
         let y_um = if self.random.one_in(2) { 8_000 } else { -8_000 };
         let x_um = [0, 0, 8_000, -8_000][self.random.below(4) as usize];
         if self.random.one_in(2) {
-            let away_um = -y_um / 16;
+            let retreat_um = -y_um / 16;
             self.run(&[
-                Step::Move { x_um: 0, y_um: away_um, speed_um_s: 2_000 },
+                Step::Move { x_um: 0, y_um: retreat_um, speed_um_s: 2_000 },
                 Step::Hold { duration_ms: 60 },
                 Step::Tare { duration_ms: 60 },
             ])?;
@@ -193,8 +194,8 @@ impl<'a, T: Target> Sequence<'a, T> {
         let (crosses, saturates) = (self.random.one_in(2), self.random.one_in(6));
         let (turns, wait_ms) = if self.random.one_in(4) { (60, 40) } else { (16, 900) };
         for turn in 0..turns {
-            let across_um = if x_um < 0 { -300 } else { 300 };
-            let x_um = if crosses && turn % 2 == 0 { across_um } else { 0 };
+            let sideways_um = if x_um < 0 { -300 } else { 300 };
+            let x_um = if crosses && turn % 2 == 0 { sideways_um } else { 0 };
             let y_um = if x_um == 0 { y_um.signum() * 1_000 } else { 0 };
             self.request(Request::Retreat { x_um, y_um })?;
             if turn == 1 && saturates {
@@ -218,12 +219,12 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.run(&[Step::Move { x_um, y_um, speed_um_s }])?;
         let tries = if self.target.is_patient() { 2_000 } else { 20 };
         let by_um = |um: i32| -um.signum() * 1_000;
-        let out = match x_um != 0 && self.random.one_in(2) {
+        let request = match x_um != 0 && self.random.one_in(2) {
             true => Request::Retreat { x_um: by_um(x_um), y_um: 0 },
             false => Request::Retreat { x_um: 0, y_um: by_um(y_um) },
         };
         for _ in 0..tries {
-            if self.target.request(out)?.is_ok() {
+            if self.target.request(request)?.is_ok() {
                 break;
             }
         }
@@ -277,8 +278,8 @@ impl<'a, T: Target> Sequence<'a, T> {
     fn calibrate(&mut self) -> Checked<()> {
         let mut record = Calibration::nominal_record();
         let mut scale = |times: f64| {
-            let scaled = |pn: i32| (f64::from(pn) * times) as i32;
-            record.force_pn_per_code = record.force_pn_per_code.map(|row| row.map(scaled));
+            record.force_pn_per_code =
+                record.force_pn_per_code.map(|row| row.map(|pn| (f64::from(pn) * times) as i32));
         };
         match self.random.below(7) {
             0 => scale(10_f64.powi([-3, -2, -1, 1, 2, 3][self.random.below(6) as usize])),
@@ -314,10 +315,15 @@ impl<'a, T: Target> Sequence<'a, T> {
         if count == 0 {
             return Ok(());
         }
-        let at = self.random.below(count) as usize;
-        let mut old = self.target.sent()[at];
-        let is_run = |command: &&Command| matches!(command.request, Request::Run { .. });
-        let latest = self.target.sent().iter().rev().find(is_run).copied();
+        let frame_index = self.random.below(count) as usize;
+        let mut old = self.target.sent()[frame_index];
+        let latest = self
+            .target
+            .sent()
+            .iter()
+            .rev()
+            .find(|command| matches!(command.request, Request::Run { .. }))
+            .copied();
         if self.random.one_in(2)
             && let Some(run) = latest
         {
@@ -395,11 +401,11 @@ impl<'a, T: Target> Sequence<'a, T> {
         Err(Violation(format!("no recovery in {TRIES} tries: {condition:?}")))
     }
 
-    /// Towards the middle of the travel. Where the limit is not met there, a higher one; where the tables have the wrong sign, and the
-    /// middle lies in the other direction, other ones, or a higher limit.
+    /// Towards the middle of the travel. If the limit is not met there, a higher one; if the tables have the wrong
+    /// sign, and the middle lies in the other direction, other ones, or a higher limit.
     fn unload(&mut self, fault: Fault, condition: &Condition) -> Checked<()> {
-        let turned = is_turned(self.target.record());
-        if turned && fault.may_come_of_calibration() {
+        let is_reversed = is_turned(self.target.record());
+        if is_reversed && fault.may_come_of_calibration() {
             return self.store(&Calibration::nominal_record());
         }
         let [x_um, y_um] = condition.position_um.map(|um| match um.abs() < MIDDLE_UM {
@@ -407,7 +413,7 @@ impl<'a, T: Target> Sequence<'a, T> {
             false => -um.clamp(-RETREAT_UM, RETREAT_UM) as i32,
         });
         // The middle is a load from the zero of a tare that is far from it.
-        if turned || [x_um, y_um] == [0; 2] || condition.zero_per_limit() > MET {
+        if is_reversed || [x_um, y_um] == [0; 2] || condition.zero_per_limit() > MET {
             let force_mn = self.target.record().force_range_mn;
             self.request(Request::Stop)?;
             return self.request(Request::Limits { force_mn, silence_ms: 2_000 });

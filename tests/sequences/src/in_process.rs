@@ -78,7 +78,7 @@ impl Bench {
         bench
     }
 
-    /// What was done so far.
+    /// Acts so far.
     pub fn tally(&self) -> CampaignCounts {
         CampaignCounts { device_ms: (self.before_us + self.now_us) / 1_000, ..self.tally }
     }
@@ -163,7 +163,7 @@ impl Bench {
     /// The device starts again with what the board has kept.
     fn restart(&mut self, restarted: bool) -> Checked<()> {
         self.tally.restarts += 1;
-        let before = (self.controller.retained_state().fault, self.used());
+        let state_before = (self.controller.retained_state().fault, self.used());
         let retained = ControllerState::from_bytes(&self.controller.retained_state().to_bytes());
         self.boot_id += 1;
         let start = Start { retained, origin: self.origin, restarted, ..Start::ordinary(self.boot_id) };
@@ -173,7 +173,7 @@ impl Bench {
         self.before_us += self.now_us;
         self.now_us = 0;
         self.fault = self.controller.retained_state().fault;
-        self.judge.kept(before, (self.fault, self.used()), 1e-3)?;
+        self.judge.kept(state_before, (self.fault, self.used()), 1e-3)?;
         self.judge.started(&self.record, self.rig.position_um());
         self.period(Some(HELLO)).map(drop)
     }

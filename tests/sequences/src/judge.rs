@@ -1,4 +1,4 @@
-//! What must hold for any commands.
+//! Conditions that must hold for any commands.
 
 use super::{Checked, Violation};
 use control::calibration::Calibration;
@@ -12,22 +12,22 @@ const STOPPED_REST_UM: f32 = 150.0;
 const RELEASED_REST_UM: f32 = 300.0;
 /// Motion the wrong way before it is noticed, micrometres: 0.3 mm with the actuator as designed, and what one with less friction rolls on.
 const WRONG_WAY_UM: f32 = 330.0;
-/// What a guide may still move after its fault was cleared and before it is driven again, micrometres: 50 periods after the drive a lag
-/// of 12 periods leaves 1.6 % of full speed, 4 um; the rest is for the noise of a reading.
+/// Largest motion of a guide after its fault was cleared and before it is driven again, micrometres: 50 periods after
+/// the drive a lag of 12 periods leaves 1.6 % of full speed, 4 um; the rest is for the noise of a reading.
 const CLEARED_UM: f32 = 20.0;
 /// Time without drive after which a guide rests, milliseconds.
 const REST_MS: u64 = 100;
-/// What a motor rolls on between the first reading that exceeds a limit and its rest, micrometres: 2 periods until the fault, one
-/// until the bridge is off, one of sampling, and a lag of 12 periods, at full speed.
+/// Coasting distance of a motor from the first reading that exceeds a limit to its rest, micrometres: 2 periods until
+/// the fault, one until the bridge is off, one of sampling, and a lag of 12 periods, at full speed.
 pub const ROLLS_ON_UM: f32 = 320.0;
 /// Share of that by which it may be more where a force channel fails: evidence takes up to 10 readings instead of 2
 /// (`control::limits`), 160 um.
 const LATER: f32 = 0.5;
-/// What retreats may add in all where they lead into the load, newtons: twice 1 % of the rated range of 5 N, two means of 25 um on 1.1 N/mm,
-/// and what the motor rolls on.
+/// Largest sum that retreats may add if they lead into the load, newtons: twice 1 % of the rated range of 5 N, two
+/// means of 25 um on 1.1 N/mm, and what the motor rolls on.
 const RETREATS_N: f32 = 0.22;
 
-/// What was observed since the last check.
+/// Observation since the last check.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
     /// Device time, milliseconds; it need not begin at 0, but must not go back.
@@ -48,23 +48,23 @@ pub struct Observation {
     pub cleared: bool,
     /// Programs that started.
     pub started: u32,
-    /// How a program ended.
+    /// Outcome of a program.
     pub ended: Option<Outcome>,
 }
 
 /// Follows one device and its rig.
 #[derive(Debug)]
 pub struct LimitChecker {
-    /// What the force may exceed the limit by, newtons.
+    /// Allowed excess of the force above the limit, newtons.
     overshoot_n: f32,
-    /// What it may more since a force channel has failed.
+    /// Further allowed excess since a force channel has failed.
     later_n: f32,
     /// A potentiometer has failed: where the guide is cannot be known.
     lost: bool,
     /// True force per measured one, by the calibration.
     gain: f32,
     limit_n: f32,
-    /// What the force may be: the limit, or what there was when it was set; it never grows but by a command.
+    /// Allowed force: the limit, or what there was when it was set; it never grows but by a command.
     allowed_n: f32,
     travel_um: f32,
     /// The guide has been within this travel.
@@ -75,15 +75,15 @@ pub struct LimitChecker {
     runs: u32,
     starts: u32,
     from_um: [f32; 2],
-    /// Where the guide was when its fault was cleared, until it is driven again.
+    /// Position of the guide when its fault was cleared, until it is driven again.
     cleared_um: Option<[f32; 2]>,
     driven_ms: u64,
-    /// How the last program ended that drove a motor: holds alone leave the guide where it is.
+    /// Outcome of the last program that drove a motor: holds alone leave the guide where it is.
     ended: Option<Outcome>,
     /// A bridge has driven since the last program ended.
     drove: bool,
     now_ms: u64,
-    /// Where a pulse began, from rest, that is the last motion so far.
+    /// Start of a pulse, from rest, that is the last motion so far.
     pulsed_from_um: Option<[f32; 2]>,
 }
 
@@ -123,7 +123,7 @@ impl LimitChecker {
         self.turned = is_turned(record);
         (self.from_um, self.cleared_um, self.ended, self.pulsed_from_um) = (position_um, None, None, None);
         self.drove = false;
-        // Four fifths of the rated range until it is set. What there was before is no licence for more.
+        // Four fifths of the rated range until it is set. An earlier load does not permit a larger one.
         self.limit_n = (record.force_range_mn / 5 * 4) as f32 * 1e-3 * self.gain;
         self.allowed_n = self.allowed_n.max(self.limit_n);
     }
@@ -159,7 +159,7 @@ impl LimitChecker {
         if matches!(request, Request::Run { .. } | Request::Retreat { .. } | Request::Pulse { .. }) {
             (self.from_um, self.cleared_um) = (position_um, None);
         }
-        // What moves on in the period of the answer still counts as the motion before.
+        // Coasting in the period of the answer still counts as the motion before.
         if matches!(request, Request::Run { .. } | Request::Retreat { .. }) {
             self.pulsed_from_um = None;
         }
@@ -179,8 +179,8 @@ impl LimitChecker {
             }
             Request::Limits { force_mn, .. } if accepted => self.limited(force_mn, force_n),
             Request::Pulse { .. } if accepted => {
-                let rests = self.now_ms >= self.driven_ms + REST_MS;
-                self.pulsed_from_um = rests.then_some(self.from_um);
+                let is_at_rest = self.now_ms >= self.driven_ms + REST_MS;
+                self.pulsed_from_um = is_at_rest.then_some(self.from_um);
             }
             _ => {}
         }
@@ -194,9 +194,9 @@ impl LimitChecker {
     pub fn observe(&mut self, observed: &Observation) -> Checked<()> {
         let violated = |text| Err(Violation(text));
         self.now_ms = observed.now_ms;
-        let from_um = self.pulsed_from_um.unwrap_or(observed.position_um);
+        let start_um = self.pulsed_from_um.unwrap_or(observed.position_um);
         let pulsed_um =
-            observed.position_um.iter().zip(from_um).map(|(um, from)| (um - from).abs()).fold(0.0, f32::max);
+            observed.position_um.iter().zip(start_um).map(|(um, from)| (um - from).abs()).fold(0.0, f32::max);
         if pulsed_um > PULSE_BOUND_UM as f32 {
             return violated(format!("moved {pulsed_um} um by a pulse"));
         }
@@ -252,17 +252,20 @@ impl LimitChecker {
         if self.turned || self.lost || observed.now_ms < self.driven_ms + REST_MS {
             return Ok(());
         }
-        let at_um = observed.position_um.iter().map(|um| um.abs()).fold(0.0, f32::max);
+        let distance_um = observed.position_um.iter().map(|um| um.abs()).fold(0.0, f32::max);
         let margin_um = match self.ended {
             Some(Outcome::Completed) => REST_UM,
             Some(Outcome::Stopped | Outcome::TareRejected) => STOPPED_REST_UM,
             // A restart in motion is no end that is reported.
             Some(Outcome::Faulted) | None => RELEASED_REST_UM,
         };
-        if self.inside && at_um > self.travel_um + margin_um {
-            return Err(Violation(format!("rests at {at_um} um beyond a travel of {} um", self.travel_um)));
+        if self.inside && distance_um > self.travel_um + margin_um {
+            return Err(Violation(format!(
+                "rests at {distance_um} um beyond a travel of {} um",
+                self.travel_um
+            )));
         }
-        self.inside |= at_um <= self.travel_um;
+        self.inside |= distance_um <= self.travel_um;
         Ok(())
     }
 }

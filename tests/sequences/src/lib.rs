@@ -1,10 +1,11 @@
 //! Random sequences of commands of the protocol, with loads, tares, calibrations, faults, restarts and old frames, against
 //! what must hold for any sequence; and the plant on which they are carried out.
 //!
-//! A sequence is one to [`MAX_ACTS`] acts ([`acts`]), each a few commands and causes, and then the recovery from any latched fault.
-//! It depends on its seed alone, or on the bytes of a fuzzer, and is carried out by a [`Target`]: the controller in this process
-//! ([`in_process`]), or the firmware in QEMU. Both have the same [`rig`]: a [`plant`] that knows the true force and position, written from
-//! the documents and without the simulated rig, and [`sensors`] that drop out, freeze, saturate and hum. What must hold is in [`judge`]:
+//! A sequence is one to [`MAX_ACTS`] acts ([`acts`]), each a few commands and causes, and then the recovery from any
+//! latched fault. It depends on its seed alone, or on the bytes of a fuzzer, and is carried out by a [`Target`]: the
+//! controller in this process ([`in_process`]), or the firmware in QEMU. Both have the same [`rig`]: a [`plant`] that
+//! knows the true force and position, written from the documents and without the simulated rig, and [`sensors`] that
+//! drop out, freeze, saturate and hum. The conditions are in [`judge`]:
 //!
 //! * no force beyond the limit, counted from the calibration's zero, by more than the stated overshoot;
 //! * no rest beyond the travel, and no motion that is the wrong way for more than 0.3 mm;
@@ -42,7 +43,7 @@ use std::fmt;
 /// Most acts of a sequence.
 pub const MAX_ACTS: u32 = 12;
 
-/// What does not hold.
+/// Condition that does not hold.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Violation(pub String);
 
@@ -57,24 +58,24 @@ impl std::error::Error for Violation {}
 /// Outcome of something that must hold throughout.
 pub type Checked<T> = Result<T, Violation>;
 
-/// What acts on the rig beside the commands.
+/// Disturbances of the rig beside the commands.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Disturbances {
     /// The emergency stop is pressed.
     pub emergency_stop: bool,
     /// The wire of this potentiometer is open.
     pub potentiometer_open: Option<usize>,
-    /// What the force converter does.
+    /// Behaviour of the force converter.
     pub converter: Converter,
-    /// How the force channels fail.
+    /// Failure of the force channels.
     pub force: Option<Failing>,
-    /// How the potentiometers fail.
+    /// Failure of the potentiometers.
     pub potentiometers: Option<Failing>,
     /// Hum of the mains on the force channels, newtons.
     pub hum_n: f64,
 }
 
-/// What the force converter does.
+/// Behaviour of the force converter.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Converter {
     /// It measures.
@@ -88,7 +89,7 @@ pub enum Converter {
     SaturatedOnce,
 }
 
-/// What is known of the device and its rig at one time.
+/// State of the device and its rig at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Condition {
     /// Device time, microseconds.
@@ -167,7 +168,7 @@ pub trait Target {
     fn is_patient(&self) -> bool;
 }
 
-/// What was done.
+/// Counts of a campaign.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct CampaignCounts {
     /// Sequences.

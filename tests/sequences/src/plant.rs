@@ -93,7 +93,7 @@ pub struct Build {
     pub potentiometer_noise_codes: f64,
     /// Force that the converter reads without a load, newtons.
     pub zero_n: [f64; 2],
-    /// Which way a motor moves its guide, 1 or -1: leads may be reversed.
+    /// Direction in which a motor moves its guide, 1 or -1: leads may be reversed.
     pub polarity: [f64; 2],
     /// Speed at full duty without a load, millimetres per second.
     pub full_speed_mm_s: f64,
@@ -102,7 +102,8 @@ pub struct Build {
 }
 
 impl Build {
-    /// How far a guide rolls on from a speed when its bridge is off, millimetres: dry friction alone brakes it.
+    /// Coasting distance of a guide from a speed when its bridge is off, millimetres: dry friction alone brakes
+    /// it.
     pub fn rolls_on_mm(&self, speed_mm_s: f64) -> f64 {
         speed_mm_s.powi(2) / (2.0 * self.friction_duty * self.full_speed_mm_s / LAG_S)
     }
@@ -130,7 +131,7 @@ impl Default for Build {
 /// The rig, with what is true of it.
 #[derive(Debug, Clone)]
 pub struct Plant {
-    /// What it is built of; may be changed at any time.
+    /// Parameters of its build; may be changed at any time.
     pub build: Build,
     /// The needle's clamp is closed; open, nothing acts on the guide.
     pub clamped: bool,
@@ -158,7 +159,7 @@ impl Plant {
     pub fn step(&mut self, bridges: [Inputs; 2]) {
         self.time_s += STEP_S;
         let load_n = self.force_n();
-        let (share, time_s) = self.build.relaxing;
+        let (fraction, time_s) = self.build.relaxing;
         let full_mm_s = self.build.full_speed_mm_s;
         let friction = self.build.friction_duty * full_mm_s / LAG_S * STEP_S;
         for (axis, actuator) in self.actuators.iter_mut().enumerate() {
@@ -167,8 +168,9 @@ impl Plant {
             // A load opposes the motion towards it; one that helps is held by the thread.
             let opposed = (load_n[axis] * driven.signum() / STALL_N).max(0.0);
             let pulled = driven - driven.signum() * opposed.min(driven.abs());
-            let wanted = (pulled * full_mm_s - bridge.connected() * actuator.speed_mm_s) / LAG_S * STEP_S;
-            let free = actuator.speed_mm_s + wanted;
+            let force_speed =
+                (pulled * full_mm_s - bridge.connected() * actuator.speed_mm_s) / LAG_S * STEP_S;
+            let free = actuator.speed_mm_s + force_speed;
             actuator.speed_mm_s = free - free.clamp(-friction, friction);
             let reached_mm = actuator.nut_mm + actuator.speed_mm_s * STEP_S;
             actuator.nut_mm = reached_mm.clamp(-STOP_MM, STOP_MM);
@@ -177,7 +179,7 @@ impl Plant {
             }
             let half_mm = self.build.play_mm / 2.0;
             actuator.guide_mm = actuator.guide_mm.clamp(actuator.nut_mm - half_mm, actuator.nut_mm + half_mm);
-            actuator.relaxed_mm += (share * actuator.guide_mm - actuator.relaxed_mm) * STEP_S / time_s;
+            actuator.relaxed_mm += (fraction * actuator.guide_mm - actuator.relaxed_mm) * STEP_S / time_s;
         }
     }
 
@@ -189,8 +191,8 @@ impl Plant {
             self.build.stiffness_n_per_mm[axis] * bent_mm
         };
         let [x, y] = [of_needle(0), of_needle(1)];
-        let (share, [more_x, more_y]) = (self.build.cross_talk, self.external_n);
-        [x + share * y + more_x, y + share * x + more_y]
+        let (cross_talk, [more_x, more_y]) = (self.build.cross_talk, self.external_n);
+        [x + cross_talk * y + more_x, y + cross_talk * x + more_y]
     }
 
     /// True position of the guide along x and y, millimetres.
@@ -252,9 +254,9 @@ mod tests {
         // Programs move at 10 mm/s at most, and 0.24 mm are stated.
         run(&mut free, Inputs::of_duty(0.5 + 0.15), 200);
         assert!((free.speed_mm_s()[0] - 10.0).abs() < 0.1, "{}", free.speed_mm_s()[0]);
-        let before_mm = free.position_mm()[0];
+        let start_mm = free.position_mm()[0];
         run(&mut free, Inputs::OFF, 200);
-        let rolled_mm = free.position_mm()[0] - before_mm;
+        let rolled_mm = free.position_mm()[0] - start_mm;
         assert!(rolled_mm > 0.1 && rolled_mm < 0.24, "{rolled_mm}");
         assert!((rolled_mm - free.build.rolls_on_mm(10.0)).abs() < 0.02, "{rolled_mm}");
         assert_eq!(free.speed_mm_s(), [0.0; 2]);

@@ -14,9 +14,9 @@ const MAINS_HZ: f64 = 50.0;
 /// Codes of one period as they leave the sensors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Codes {
-    /// Of the potentiometers.
+    /// Codes of the potentiometers.
     pub potentiometer: [u16; 2],
-    /// Of the force channels.
+    /// Codes of the force channels.
     pub force: [i32; 2],
     /// The force converter has no new reading.
     pub silent: bool,
@@ -25,7 +25,7 @@ pub struct Codes {
 }
 
 impl Codes {
-    /// What a board's drivers make of them: the end of the converter's range is a saturated reading.
+    /// Readings by a board's drivers: the end of the converter's range is a saturated reading.
     pub fn readings(&self) -> Readings {
         let most = FORCE_CODE_MAX as i32;
         let saturated = self.force.iter().position(|code| *code >= most || *code < -most);
@@ -45,7 +45,7 @@ impl Codes {
 /// A plant, its sensors and what fails of them.
 #[derive(Debug, Clone)]
 pub struct Rig {
-    /// What is true.
+    /// True plant.
     pub plant: Plant,
     causes: Disturbances,
     force: Contacts,
@@ -96,7 +96,7 @@ impl Rig {
         self.plant.build.hum = (causes.hum_n, MAINS_HZ);
     }
 
-    /// What acts on it.
+    /// Disturbances of the rig.
     pub fn causes(&self) -> &Disturbances {
         &self.causes
     }
@@ -106,7 +106,7 @@ impl Rig {
         self.plant.step(bridges);
     }
 
-    /// What is sensed now.
+    /// Present codes of the sensors.
     pub fn codes(&mut self) -> Codes {
         self.periods += 1;
         let potentiometers = self.plant.potentiometer_codes().map(i32::from);

@@ -2,16 +2,16 @@
 
 use crate::random::Random;
 
-/// What a channel reads when it fails.
+/// Reading of a channel when it fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effect {
-    /// Nothing at all.
+    /// Zero.
     Zero,
-    /// What it read when it began to fail.
+    /// Reading when it began to fail.
     Frozen,
     /// The same, with its last bit alive.
     LastBit,
-    /// What it read when it was last in order: a converter that skips conversions.
+    /// Last reading when it was in order: a converter that skips conversions.
     Held,
     /// The end of its range.
     Saturated,
@@ -31,14 +31,14 @@ pub enum Pattern {
     Percent(u8),
 }
 
-/// How the two channels of a sensor fail.
+/// Failure of the two channels of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Failing {
-    /// What they read.
+    /// Their reading.
     pub effect: Effect,
     /// In which readings.
     pub pattern: Pattern,
-    /// Which of them.
+    /// Failing channels.
     pub channels: [bool; 2],
 }
 
@@ -91,7 +91,7 @@ impl Contacts {
         Self { failing, random: Random::new(seed), readings: 0, began: None, latest: [0; 2] }
     }
 
-    /// What is read of these codes, where `most` is the end of the range.
+    /// Reading of these codes, where `most` is the end of the range.
     pub fn read(&mut self, codes: [i32; 2], most: i32) -> [i32; 2] {
         let Some(Failing { effect, pattern, channels }) = self.failing else { return codes };
         let first = self.began.is_none();
@@ -129,7 +129,7 @@ impl Contacts {
 mod tests {
     use super::*;
 
-    /// What is read of the codes 10, 20, 30 and so on.
+    /// Reading of the codes 10, 20, 30 and so on.
     fn read(effect: Effect, pattern: Pattern) -> Vec<i32> {
         let mut contacts = Contacts::new(Some(Failing { effect, pattern, channels: [true, false] }), 1);
         (1..=6)

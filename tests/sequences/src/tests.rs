@@ -45,9 +45,9 @@ fn each_disabled_measure_is_found() {
     let found_here = Mutation::ALL.into_iter().filter(|measure| !RARE.contains(measure));
     for (measure, (named, seed)) in found_here.zip(FOUND_BY) {
         assert_eq!(measure, named);
-        let found = Mutation::without(measure, || run_in_process(seed).err());
-        let found = found.unwrap_or_else(|| panic!("{measure:?}: sequence {seed} finds nothing"));
-        println!("{measure:?}: {found}");
+        let violation = Mutation::without(measure, || run_in_process(seed).err());
+        let violation = violation.unwrap_or_else(|| panic!("{measure:?}: sequence {seed} finds nothing"));
+        println!("{measure:?}: {violation}");
     }
 }
 

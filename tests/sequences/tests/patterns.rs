@@ -9,8 +9,8 @@ use sequences::plant::{Build, Inputs as Bridge};
 use sequences::rig::Rig;
 use sequences::sensors::{Effect, Failing, Pattern};
 
-/// What the guide may move after the force has reached its limit where a force channel fails, millimetres: as the interlock's table and
-/// the manual state it.
+/// Largest motion of the guide after the force has reached its limit while a force channel fails, millimetres: as the
+/// interlock's table and the manual state it.
 const STATED_MM: f64 = 0.48;
 /// Periods between the force at its limit and the bridges off, with sound force channels: reading, evidence and bridge.
 const SOUND_PERIODS: f64 = 4.0;
@@ -135,14 +135,14 @@ fn drive_into(build: Build, speed_um_s: u32, to_um: [i32; 2], share: f64, causes
     session.finish(3_000);
     assert_eq!(session.ended, Some(Outcome::Completed), "{:?}", session.fault);
     session.start(&[Step::Move { x_um: to_um[0], y_um: to_um[1], speed_um_s }]);
-    let from_n = share * LIMIT_N;
-    let mut left = 12_000;
-    while session.rig.most_n() < from_n as f32 && left > 0 && session.ended.is_none() {
+    let load_n = share * LIMIT_N;
+    let mut remaining_ms = 12_000;
+    while session.rig.most_n() < load_n as f32 && remaining_ms > 0 && session.ended.is_none() {
         session.period(None);
-        left -= 1;
+        remaining_ms -= 1;
     }
     session.rig.set(causes);
-    session.finish(left);
+    session.finish(remaining_ms);
     session.wait(100);
     session.request(Request::Status);
     session
@@ -164,10 +164,10 @@ fn no_pattern_of_failing_force_channels_lets_the_force_exceed_its_limit() {
                 let Session { most_n, fault, most_mm_s: speed_mm_s, .. } =
                     drive_into(stiff(stiffness), speed_um_s, to_um, share, causes);
                 most_mm_s = most_mm_s.max(speed_mm_s);
-                let beyond_mm = (most_n - LIMIT_N) / stiffness;
-                most_mm = most_mm.max(beyond_mm);
+                let overshoot_mm = (most_n - LIMIT_N) / stiffness;
+                most_mm = most_mm.max(overshoot_mm);
                 assert!(
-                    beyond_mm < STATED_MM && fault.is_some(),
+                    overshoot_mm < STATED_MM && fault.is_some(),
                     "{failing:?} from {share}, {stiffness} N/mm, {speed_um_s} um/s: {most_n} N, {fault:?}"
                 );
             }
@@ -178,15 +178,16 @@ fn no_pattern_of_failing_force_channels_lets_the_force_exceed_its_limit() {
     println!("at most {most_mm:.3} mm beyond the limit, at up to {most_mm_s:.1} mm/s");
 }
 
-/// Where missing and repeated readings count for nothing, a pattern leads beyond the stated overshoot: the test above is one that can fail.
+/// If missing and repeated readings were not counted, a pattern would lead beyond the stated overshoot: the test above
+/// is one that can fail.
 #[test]
 fn without_the_rule_of_false_readings_a_pattern_hides_a_load() {
-    let hides = |failing| {
+    assert!(Failing::all().any(|failing| {
         let causes = Disturbances { force: Some(failing), ..Disturbances::default() };
-        let drive = || drive_into(stiff(1.0), 10_000, [0, 9_500], 0.5, causes);
-        Mutation::without(Mutation::FalseReadings, drive).most_n > LIMIT_N + STATED_MM
-    };
-    assert!(Failing::all().any(hides));
+        Mutation::without(Mutation::FalseReadings, || drive_into(stiff(1.0), 10_000, [0, 9_500], 0.5, causes))
+            .most_n
+            > LIMIT_N + STATED_MM
+    }));
 }
 
 #[test]
@@ -251,19 +252,19 @@ fn hum_and_noise_do_not_keep_a_load_beyond_the_range() {
         while session.rig.most_n() > LIMIT_N as f32 {
             tries += 1;
             assert!(tries < 8, "{hum_n} N of hum: {} N after {tries} retreats", session.rig.most_n());
-            let before_n = session.rig.most_n();
+            let load_before_n = session.rig.most_n();
             session.request(Request::Retreat { x_um: 0, y_um: -1_000 * side as i32 });
             session.wait(5_000);
             assert!(
-                session.rig.most_n() < before_n - 0.5,
-                "a retreat of 1 mm takes {before_n} N to {}",
+                session.rig.most_n() < load_before_n - 0.5,
+                "a retreat of 1 mm takes {load_before_n} N to {}",
                 session.rig.most_n()
             );
         }
     }
 }
 
-/// What the device itself promises of a pulse of one motor, on as stiff a tissue as the promise is about.
+/// The device's own promise about a pulse of one motor, on tissue as stiff as the promise covers.
 #[test]
 fn a_pulse_changes_no_force_by_more_than_is_promised() {
     const PROMISED_N: f64 = 1.0;

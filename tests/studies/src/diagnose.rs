@@ -1,8 +1,9 @@
 //! The blind study: how often the workflow is right on sessions of a generator that shares nothing with the forward model.
 //!
-//! Effects at three strengths, sessions that lack nothing, pairs, and effects outside the catalogue. What is identifiable at
-//! all is computed, not judged by the outcome: the truth's predictions without noise take the place of the readings, and the fits of
-//! all competing effects to them give the expected gain of chi-square and the expected log evidence over the nearest competitor.
+//! Effects at three strengths, sessions that lack nothing, pairs, and effects outside the catalogue. Identifiability is
+//! computed, not judged by the outcome: the truth's predictions without noise take the place of the readings, and the
+//! fits of all competing effects to them give the expected gain of chi-square and the expected log evidence over the
+//! nearest competitor.
 
 use formats::session::Session;
 use inference::diagnose::{Diagnosis, Expected, Options, Truth as Hypothetical, Verdict, diagnose, expected};
@@ -13,10 +14,10 @@ use serde::Serialize;
 use std::time::Instant;
 use worlds::{self as blind, Design, Foreign, Truth, strengths};
 
-/// What is hidden in a session.
+/// Hidden effects of a session.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub enum Hidden {
-    /// Nothing.
+    /// No effect.
     Nothing,
     /// An effect at a strength, 0 to 2.
     One(&'static str, usize),
@@ -24,24 +25,24 @@ pub enum Hidden {
     Pair(&'static str, &'static str),
     /// Something the catalogue has no name for.
     Foreign(&'static str),
-    /// Nothing, in a session that states how the shape was imaged.
+    /// No effect, in a session that states how the shape was imaged.
     NothingImaged,
 }
 
-/// How a session was diagnosed.
+/// Result of a diagnosed session.
 #[derive(Debug, Clone, Serialize)]
 pub struct Outcome {
-    /// What was hidden.
+    /// Hidden effects.
     pub hidden: Hidden,
-    /// What the session was drawn from.
+    /// Seed of the session.
     pub seed: u64,
     /// The verdict.
     pub verdict: Verdict,
-    /// What was named, with its class.
+    /// Named effects, with their class.
     pub named: Vec<(String, Vec<String>)>,
     /// For every parameter of what was hidden and found: its id and whether the interval holds the truth.
     pub covered: Vec<(String, bool)>,
-    /// What was found: parameters with their intervals.
+    /// Estimated parameters: parameters with their intervals.
     pub found: Vec<(String, f64, [f64; 2])>,
     /// Share of the gap removed on held-out runs, and reduced chi-square after.
     pub removed: Option<f64>,
@@ -55,26 +56,26 @@ pub struct Outcome {
     pub competitor: Option<String>,
     /// Probability of the smooth structure left, before and after.
     pub p: [f64; 2],
-    /// What improved the fit without explaining it.
+    /// Effects that improved the fit without explaining it.
     pub partial: Vec<String>,
     /// Log evidence of the first effect named and what the search needed.
     pub gain: Option<f64>,
-    /// What the search needed.
+    /// Margin that the search needed.
     pub margin: f64,
     /// Time on one core.
     pub seconds: f64,
 }
 
-/// How often each kind of session is drawn.
+/// Number of sessions of each kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size {
     /// Sessions that lack nothing.
     pub nothing: usize,
-    /// Of every effect at every strength.
+    /// Number of sessions of every effect at every strength.
     pub one: usize,
     /// Pairs.
     pub pairs: usize,
-    /// Of every effect outside the catalogue.
+    /// Number of sessions of every effect outside the catalogue.
     pub foreign: usize,
 }
 
@@ -123,23 +124,23 @@ pub fn run(cases: &[(Hidden, u64)], on_progress: impl Fn(usize) + Sync) -> Vec<O
 pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
-    let at = |id: &'static str, strength: usize| {
+    let effect_of = |id: &'static str, strength: usize| {
         (id, strengths(id).map(|all| all[strength].clone()).unwrap_or_default())
     };
     let effects = match hidden {
         Hidden::Nothing | Hidden::NothingImaged | Hidden::Foreign(_) => Vec::new(),
-        Hidden::One(id, strength) => vec![at(id, *strength)],
-        Hidden::Pair(a, b) => vec![at(a, 1), at(b, 1)],
+        Hidden::One(id, strength) => vec![effect_of(id, *strength)],
+        Hidden::Pair(a, b) => vec![effect_of(a, 1), effect_of(b, 1)],
     };
     let foreign = match hidden {
         Hidden::Foreign(name) => Foreign::ALL.into_iter().find(|foreign| foreign.name() == *name),
         _ => None,
     };
     let needs_insertions = effects.iter().any(|(id, _)| id.starts_with("tip."));
-    let both = matches!(hidden, Hidden::Nothing) && uniform(0.0, 1.0) < 0.3;
-    let is_imaging = |(id, _): &(&str, Vec<f64>)| blind::imaging_ids().any(|imaging| imaging == *id);
-    let is_imaged = matches!(hidden, Hidden::NothingImaged) || effects.iter().any(is_imaging);
-    let design = match (needs_insertions || both, is_imaged) {
+    let has_image_noise = matches!(hidden, Hidden::Nothing) && uniform(0.0, 1.0) < 0.3;
+    let is_imaged = matches!(hidden, Hidden::NothingImaged)
+        || effects.iter().any(|(id, _)| blind::imaging_ids().any(|imaging| imaging == *id));
+    let design = match (needs_insertions || has_image_noise, is_imaged) {
         (true, _) => Design::insertions(),
         (false, true) => Design::imaged(),
         (false, false) => Design::nine_runs(),
@@ -151,7 +152,7 @@ pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
 fn outcome(hidden: &Hidden, seed: u64) -> Option<Outcome> {
     let (session, truth) = make(hidden, seed);
     let started = Instant::now();
-    let found = diagnose(&session, &Options { seed, ..Options::default() }, |_| {}).ok()?;
+    let diagnosis = diagnose(&session, &Options { seed, ..Options::default() }, |_| {}).ok()?;
     let seconds = started.elapsed().as_secs_f64();
     let expected: Option<Expected> = match hidden {
         Hidden::One(..) => expected_of(&session, &truth),
@@ -160,26 +161,28 @@ fn outcome(hidden: &Hidden, seed: u64) -> Option<Outcome> {
     Some(Outcome {
         hidden: hidden.clone(),
         seed,
-        verdict: found.verdict,
-        named: found.effects.iter().map(|effect| (effect.id.clone(), effect.class.clone())).collect(),
-        covered: covered(&found, &truth),
-        found: found
+        verdict: diagnosis.verdict,
+        named: diagnosis.effects.iter().map(|effect| (effect.id.clone(), effect.class.clone())).collect(),
+        covered: covered(&diagnosis, &truth),
+        found: diagnosis
             .effects
             .iter()
             .flat_map(|effect| {
-                let of = effect.parameters.iter();
-                of.map(|(name, found)| (format!("{} {name}", effect.id), found.value, found.ci95))
+                let parameter_truths = effect.parameters.iter();
+                parameter_truths.map(|(name, diagnosis)| {
+                    (format!("{} {name}", effect.id), diagnosis.value, diagnosis.ci95)
+                })
             })
             .collect(),
-        removed: found.gap.as_ref().and_then(|gap| gap.removed),
-        chi2_after: found.gap.as_ref().map(|gap| gap.after.chi2_reduced),
+        removed: diagnosis.gap.as_ref().and_then(|gap| gap.removed),
+        chi2_after: diagnosis.gap.as_ref().map(|gap| gap.after.chi2_reduced),
         expected_gain: expected.as_ref().map(|expected| expected.gain),
         expected_apart: expected.as_ref().map(|expected| expected.apart),
         competitor: expected.and_then(|expected| expected.competitor),
-        p: [found.adequacy[0].p, found.adequacy[1].p],
-        partial: found.partial,
-        gain: found.effects.first().map(|effect| effect.log_evidence_gain),
-        margin: found.margin,
+        p: [diagnosis.adequacy[0].p, diagnosis.adequacy[1].p],
+        partial: diagnosis.partial,
+        gain: diagnosis.effects.first().map(|effect| effect.log_evidence_gain),
+        margin: diagnosis.margin,
         seconds,
     })
 }
@@ -188,12 +191,13 @@ fn outcome(hidden: &Hidden, seed: u64) -> Option<Outcome> {
 fn covered(found: &Diagnosis, truth: &Truth) -> Vec<(String, bool)> {
     let mut covered = Vec::new();
     for (id, values) in &truth.effects {
-        let (Some(found), Some(effect)) = (found.effects.iter().find(|effect| effect.id == *id), effect(id))
+        let (Some(named_effect), Some(effect)) =
+            (found.effects.iter().find(|effect| effect.id == *id), effect(id))
         else {
             continue;
         };
         for (info, value) in effect.parameters().iter().zip(values) {
-            if let Some(estimate) = found.parameters.get(info.name) {
+            if let Some(estimate) = named_effect.parameters.get(info.name) {
                 let [low, high] = estimate.ci95;
                 covered.push((format!("{id} {}", info.name), (low..=high).contains(value)));
             }
@@ -202,7 +206,7 @@ fn covered(found: &Diagnosis, truth: &Truth) -> Vec<(String, bool)> {
     covered
 }
 
-/// What is to be expected of a session that hides one effect.
+/// Expected result of a session that hides one effect.
 fn expected_of(session: &Session, truth: &Truth) -> Option<Expected> {
     let (id, values) = truth.effects.first()?;
     let truth =

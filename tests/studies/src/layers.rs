@@ -26,11 +26,12 @@ const JUDGED_MM: f64 = 10.0;
 /// Counts over the runs of one motion.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Row {
-    /// How the needle was moved.
+    /// Motion of the needle.
     pub motion: &'static str,
     /// Runs.
     pub runs: usize,
-    /// Of runs whose layers differ by half or more: boundary reported, within 3 mm, in its interval; and their number.
+    /// Results of runs whose layers differ by half or more: boundary reported, within 3 mm, in its interval; and their
+    /// number.
     pub boundary: [usize; 4],
     /// Intervals of the mean stiffness, of the mean damping and of the stiffness of cells that hold the truth, and their number.
     pub held: [[usize; 2]; 3],
@@ -52,27 +53,27 @@ fn of_motion(motion: Motion, runs: usize, seed: u64) -> Result<Row, TrackError> 
     for number in 0..runs {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(number as u64);
-        let mut between = |low: f64, high: f64| low * (high / low).powf(random.random::<f64>());
-        let boundary_mm =
-            DEPTH_MM * (BOUNDARY[0] + (BOUNDARY[1] - BOUNDARY[0]) * between(1.0, std::f64::consts::E).ln());
+        let mut log_uniform = |low: f64, high: f64| low * (high / low).powf(random.random::<f64>());
+        let boundary_mm = DEPTH_MM
+            * (BOUNDARY[0] + (BOUNDARY[1] - BOUNDARY[0]) * log_uniform(1.0, std::f64::consts::E).ln());
         let mut layer = |bottom_mm: f64| TissueLayer {
             bottom_mm,
-            stiffness_n_per_m2: between(8e3, 5e4),
-            damping_n_s_per_m2: between(2e2, 3e3),
+            stiffness_n_per_m2: log_uniform(8e3, 5e4),
+            damping_n_s_per_m2: log_uniform(2e2, 3e3),
         };
         let tissue = Tissue { layers: vec![layer(boundary_mm), layer(DEPTH_MM)], inclusions: Vec::new() };
         let tip_sd_mm = TIP_SD_MM[number % 2];
         let run = simulated(&tissue, motion, SPEEDS_MM_S[number % 3], tip_sd_mm, seed, number as u64)?;
-        let found = track(&run, &Options::default())?;
-        let Some(result) = found.runs.first() else { continue };
+        let tracked = track(&run, &Options::default())?;
+        let Some(result) = tracked.runs.first() else { continue };
         let [upper, lower] = [0, 1].map(|i| tissue.layers[i].stiffness_n_per_m2);
         let layers = result.layers.as_ref();
         if (lower / upper).ln().abs() >= DISTINCT.ln() {
             row.boundary[3] += 1;
             let reported = layers.and_then(|layers| layers.boundary_mm.zip(layers.boundary_ci95_mm));
-            if let Some((at_mm, [low_mm, high_mm])) = reported {
+            if let Some((interval_mm, [low_mm, high_mm])) = reported {
                 row.boundary[0] += 1;
-                row.boundary[1] += usize::from((at_mm - boundary_mm).abs() <= NEAR_MM);
+                row.boundary[1] += usize::from((interval_mm - boundary_mm).abs() <= NEAR_MM);
                 row.boundary[2] += usize::from((low_mm..=high_mm).contains(&boundary_mm));
             }
         }

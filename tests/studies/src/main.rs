@@ -13,12 +13,17 @@ use studies::predict::{Cell, METHODS, study};
 #[derive(Parser)]
 #[command(name = "cargo xtask study", bin_name = "cargo xtask study")]
 struct Args {
-    /// Which: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's deflection (part of the forward
-    /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
-    /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), K from ultrasound frames (`images`), or what `guide plan`
-    /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, steering to a target
-    /// (`steer`), statistics over many sessions, their intervals where subjects have several (`nesting`), rigs in air (`characterize`), steered insertions that were recorded (`recorded`), rigs stated beside the truth (`stated`), what is in no catalogue (`open`), nothing hidden over the noise and sampling of laboratories (`clean`), steering within tight limits (`limits`), Young's modulus of gels that are blocks (`blocks`), or from synthetic indentations (`indentation`), runs until what is hidden has its name (`investigate`); without a name all that the documentation quotes, as it quotes them, written
-    /// where it has them
+    /// Name of the study: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's
+    /// deflection (part of the forward model), the prediction of insertions, the coverage of tip load, K and gap, the
+    /// online estimators on steering runs, the blind study of the diagnosis, the same with imperfections, the end of
+    /// the demonstration for many seeds (`demo`), K from ultrasound frames (`images`), or what `guide plan` promises
+    /// against what simulated sessions scatter by, layers and gradients, tracked and identified, steering to a target
+    /// (`steer`), statistics over many sessions, their intervals where subjects have several (`nesting`), rigs in air
+    /// (`characterize`), steered insertions that were recorded (`recorded`), rigs stated beside the truth (`stated`),
+    /// what is in no catalogue (`open`), nothing hidden over the noise and sampling of laboratories (`clean`), steering
+    /// within tight limits (`limits`), Young's modulus of gels that are blocks (`blocks`), or from synthetic
+    /// indentations (`indentation`), runs until a hidden effect has its name (`investigate`); without a name all that the documentation quotes, as it quotes them, written where
+    /// it has them
     #[arg(value_parser = [
         "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers", "steer",
         "population", "nesting", "characterize", "recorded", "stated", "open", "clean", "limits",
@@ -28,7 +33,7 @@ struct Args {
     /// Sessions of insertions, imperfect ones of all kinds, or rigs in air
     #[arg(long, default_value_t = 40)]
     sessions: usize,
-    /// What they are drawn from
+    /// Seed of the sessions
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Steering runs of each kind for the estimators of others, or sessions of a population
@@ -49,7 +54,7 @@ struct Args {
     /// Seed of a second column of the blind study; drawn again without it
     #[arg(long)]
     fresh_seed: Option<u64>,
-    /// Of the blind study only the sessions without imperfections, of one seed, printed instead of written
+    /// Only the sessions of the blind study without imperfections, of one seed, printed instead of written
     #[arg(long)]
     pure: bool,
     #[command(flatten)]
@@ -164,7 +169,7 @@ fn steered(args: &Args) -> Result<()> {
     let hidden = Kind::HIDDEN
         .into_iter()
         .flat_map(|kind| [Controller::None, Controller::Posterior].map(|who| (kind, who)));
-    // What runs in air show.
+    // Parameters that runs in air determine.
     let of_rig = [Kind::Backlash, Kind::Frame, Kind::Clamp].map(|kind| (kind, Controller::Characterized));
     // A whole name is that one alone.
     let is_named = |who: Controller| who.name() == args.method;
@@ -183,7 +188,7 @@ fn steered(args: &Args) -> Result<()> {
         if matches!(controller, Controller::None | Controller::HandHeldNone | Controller::StraightNone) {
             unsteered = Some(row.clone());
         }
-        // Of the same plant and target; half a millimetre is not noise.
+        // Difference on the same plant and target; half a millimetre is not noise.
         let worse = unsteered.as_ref().map_or(0, |none| {
             let pairs =
                 row.runs.iter().zip(&none.runs).filter_map(|(own, none)| Some((own.miss_mm?, none.miss_mm?)));
@@ -191,9 +196,9 @@ fn steered(args: &Args) -> Result<()> {
         });
         if args.verbose {
             for (number, run) in row.runs.iter().enumerate() {
-                let none = unsteered.as_ref().and_then(|none| none.runs.get(number)?.miss_mm);
+                let unsteered_miss_mm = unsteered.as_ref().and_then(|none| none.runs.get(number)?.miss_mm);
                 eprintln!(
-                    "{} {number}: {:.2?} mm, unsteered {none:.2?} mm, expected by its last plan {:.2} mm, limited at {} stops ({}), guide {:.1?}",
+                    "{} {number}: {:.2?} mm, unsteered {unsteered_miss_mm:.2?} mm, expected by its last plan {:.2} mm, limited at {} stops ({}), guide {:.1?}",
                     controller.name(),
                     run.miss_mm,
                     run.expected_mm,
@@ -243,14 +248,16 @@ fn tracked_layers(args: &Args) -> Result<()> {
          mean stiffness off (RMS) |\n|---|---|---|---|---|---|---|---|"
     );
     for row in studies::layers::layers_study(args.runs, args.seed)? {
-        let [reported, near, held, distinct] = row.boundary;
-        let share = |[held, all]: [usize; 2]| format!("{:.0} %", 100.0 * held as f64 / all.max(1) as f64);
+        let [reported, near_count, covered_count, distinct] = row.boundary;
+        let percent_of = |[covered_count, all]: [usize; 2]| {
+            format!("{:.0} %", 100.0 * covered_count as f64 / all.max(1) as f64)
+        };
         println!(
-            "| {} | {reported} of {distinct} | {near} | {held} | {} | {} | {} | {:.1} % |",
+            "| {} | {reported} of {distinct} | {near_count} | {covered_count} | {} | {} | {} | {:.1} % |",
             row.motion,
-            share(row.held[0]),
-            share(row.held[1]),
-            share(row.held[2]),
+            percent_of(row.held[0]),
+            percent_of(row.held[1]),
+            percent_of(row.held[2]),
             100.0 * row.stiffness_rms
         );
     }
@@ -314,9 +321,9 @@ fn insertion(args: &Args) -> Result<()> {
     let cells = study(args.sessions, args.seed)?;
     print!("{}", table(&cells));
     let mean = |method: &str| {
-        let of: Vec<f64> =
+        let errors_mm: Vec<f64> =
             cells.iter().filter(|cell| cell.method == method).map(|cell| cell.mae_mm[0]).collect();
-        of.iter().sum::<f64>() / of.len() as f64
+        errors_mm.iter().sum::<f64>() / errors_mm.len() as f64
     };
     for method in &METHODS[1..] {
         println!(
@@ -333,37 +340,40 @@ fn steering(args: &Args) -> Result<()> {
     for (option, runs) in [("--runs", args.runs), ("--track-runs", args.track_runs)] {
         ensure!((1..=100_000).contains(&runs), "{option} is {runs}, expected 1 to 100000");
     }
-    let runs = |method: &str| match method {
-        _ if !method.starts_with(&args.method) => 0,
-        _ if method.starts_with("guide track") => args.track_runs,
-        _ => args.runs,
-    };
-    let cells = studies::track::study(runs, 20, args.seed)?;
+    let cells = studies::track::study(
+        |method: &str| match method {
+            _ if !method.starts_with(&args.method) => 0,
+            _ if method.starts_with("guide track") => args.track_runs,
+            _ => args.runs,
+        },
+        20,
+        args.seed,
+    )?;
     println!(
         "| method | motion | tip noise, mm | converged | from, mm | tip error RMS, mm | largest, mm | stiffness off by | damping off by | covered: stiffness, damping |\n\
          |---|---|---|---|---|---|---|---|---|---|"
     );
     for cell in &cells {
-        let share =
+        let percent_text =
             |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.0} %", 100.0 * share));
-        let held = match cell.coverage {
+        let coverage_text = match cell.coverage {
             [None, None] => "-".to_owned(),
-            [stiffness, damping] => format!("{}, {}", share(stiffness), share(damping)),
+            [stiffness, damping] => format!("{}, {}", percent_text(stiffness), percent_text(damping)),
         };
         let error = |i: usize| {
-            let share = if cell.identified[i] < 1.0 {
+            let identified_text = if cell.identified[i] < 1.0 {
                 format!(" (identified in {:.0} %)", 100.0 * cell.identified[i])
             } else {
                 String::new()
             };
             if cell.identified[i] > 0.0 {
-                format!("{:.0} %{share}", 100.0 * cell.error[i])
+                format!("{:.0} %{identified_text}", 100.0 * cell.error[i])
             } else {
                 "not identified".to_owned()
             }
         };
         println!(
-            "| {} | {} | {} | {} of {} | {:.0} | {:.2} | {:.2} | {} | {} | {held} |",
+            "| {} | {} | {} | {} of {} | {:.0} | {:.2} | {:.2} | {} | {} | {coverage_text} |",
             cell.method,
             cell.motion.name,
             cell.tip_sd_mm,
@@ -391,11 +401,11 @@ fn table(cells: &[Cell]) -> String {
             .to_owned();
     for cell in cells {
         let pair = |[mean, sd]: [f64; 2]| format!("{mean:.2} +- {sd:.2}");
-        let held = cell.coverage.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+        let coverage_text = cell.coverage.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
         let (predicted, real, error) = (pair(cell.predicted_mm), pair(cell.true_mm), pair(cell.mae_mm));
         let _ = writeln!(
             text,
-            "| {} | {} | {} | {predicted} | {real} | {error} | {held} |",
+            "| {} | {} | {} | {predicted} | {real} | {error} | {coverage_text} |",
             cell.method, cell.until_mm, cell.depth_mm
         );
     }

@@ -96,24 +96,24 @@ pub struct Outcome {
 
 /// Draws and analyses populations.
 pub fn study(design: &Design, repeats: usize, seed: u64) -> Outcome {
-    let of = |number: usize| {
+    let outcome_of = |number: usize| {
         let mut random = ChaCha8Rng::seed_from_u64(seed.wrapping_mul(1_000_003).wrapping_add(number as u64));
         let data = design.draw(&mut random);
         let next = MEAN + design.subject_sd * normal(&mut random);
         random_effects(&data)
             .map(|found| (of_one(design, &found, next), found.degrees_of_freedom, found.listed() > 0))
     };
-    let all: Vec<_> = (0..repeats).into_par_iter().filter_map(of).collect();
-    let share = |of: &dyn Fn(usize) -> Option<bool>| {
-        let stated: Vec<bool> = (0..all.len()).filter_map(of).collect();
+    let outcomes: Vec<_> = (0..repeats).into_par_iter().filter_map(outcome_of).collect();
+    let coverage_of = |outcome_of: &dyn Fn(usize) -> Option<bool>| {
+        let stated: Vec<bool> = (0..outcomes.len()).filter_map(outcome_of).collect();
         (!stated.is_empty()).then(|| stated.iter().filter(|held| **held).count() as f64 / stated.len() as f64)
     };
-    let mut freedom: Vec<f64> = all.iter().map(|(_, freedom, _)| *freedom).collect();
+    let mut freedom: Vec<f64> = outcomes.iter().map(|(_, freedom, _)| *freedom).collect();
     freedom.sort_by(f64::total_cmp);
     Outcome {
-        covered: std::array::from_fn(|what| share(&|number| all[number].0[what])),
+        covered: std::array::from_fn(|what| coverage_of(&|number| outcomes[number].0[what])),
         freedom: freedom.get(freedom.len() / 2).copied().unwrap_or(f64::NAN),
-        with_listed: share(&|number| Some(all[number].2)).unwrap_or(0.0),
+        with_listed: coverage_of(&|number| Some(outcomes[number].2)).unwrap_or(0.0),
     }
 }
 

@@ -40,7 +40,7 @@ pub struct StudyProtocol {
     pub sensors: Sensors,
 }
 
-/// What was promised, and what came.
+/// Promised and observed interval.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StudyRow {
     /// Name of the protocol.
@@ -186,13 +186,14 @@ impl StudyProtocol {
             sweep_levels: SweepLevels::Extremes,
             spacing_m: self.spacing_m,
         };
-        let made = SimulationPlan { model, lateral: vec![lateral], insertion: Vec::new() };
-        let mut made = made.carry_out(&self.rig(), self.sensors, seed).ok()?;
-        // What the zero drifts after a tare.
+        let simulation_plan = SimulationPlan { model, lateral: vec![lateral], insertion: Vec::new() };
+        let mut simulated = simulation_plan.carry_out(&self.rig(), self.sensors, seed).ok()?;
+        // Drift of the zero after a tare.
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let drawn: f64 = StandardNormal.sample(&mut random);
         let zero_n = ZERO_SD_N * drawn;
-        made.lateral
+        simulated
+            .lateral
             .iter_mut()
             .flat_map(|run| &mut run.force.force_y_n)
             .for_each(|force_n| *force_n += zero_n);
@@ -210,7 +211,7 @@ impl StudyProtocol {
                 tip_direction_rad: None,
             },
             tissue: Default::default(),
-            lateral: made.lateral,
+            lateral: simulated.lateral,
             insertion: Vec::new(),
             indentation: Vec::new(),
             steering: Vec::new(),
@@ -227,9 +228,9 @@ impl StudyProtocol {
         let (mut logs, mut covered) = (Vec::new(), 0);
         for number in 0..sessions as u64 {
             let session = self.session(seed.wrapping_mul(1_000_003).wrapping_add(number))?;
-            let found = identify(&session, &options).ok()?.pooled;
-            logs.push((found.k_kpa / truth_kpa).ln());
-            covered += usize::from((found.ci95_kpa[0]..=found.ci95_kpa[1]).contains(&truth_kpa));
+            let pooled = identify(&session, &options).ok()?.pooled;
+            logs.push((pooled.k_kpa / truth_kpa).ln());
+            covered += usize::from((pooled.ci95_kpa[0]..=pooled.ci95_kpa[1]).contains(&truth_kpa));
         }
         let (_, sd) = inference::modulus::mean_and_sd(&logs)?;
         let observed_percent = 100.0 * ((NORMAL_975 * sd).exp() - 1.0);
@@ -259,9 +260,9 @@ mod tests {
             assert!((0.68..1.5).contains(&ratio(row)), "{row:?}");
             assert!(row.covered >= 19, "{row:?}");
         }
-        let together = (rows.iter().map(|row| ratio(row).ln()).sum::<f64>() / rows.len() as f64).exp();
-        assert!((0.86..1.16).contains(&together), "{together}");
-        // What is promised to be half as wide comes out narrower.
+        let mean_ratio = (rows.iter().map(|row| ratio(row).ln()).sum::<f64>() / rows.len() as f64).exp();
+        assert!((0.86..1.16).contains(&mean_ratio), "{mean_ratio}");
+        // An interval that is promised to be half as wide is narrower.
         for (a, b) in rows.iter().flat_map(|a| rows.iter().map(move |b| (a, b))) {
             if a.promised_percent < 0.6 * b.promised_percent {
                 assert!(a.observed_percent < b.observed_percent, "{a:?} {b:?}");

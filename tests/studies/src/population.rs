@@ -21,7 +21,7 @@ const FIRST_DAY: f64 = 2_461_000.0;
 /// The effect that two rigs have.
 pub const EFFECT: &str = "sensor.force_gain";
 
-/// What a population is drawn with.
+/// True parameters of a population.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Truth {
     /// Sessions.
@@ -71,7 +71,7 @@ struct Template {
 impl Template {
     fn new(record: &Summary) -> Option<Self> {
         let result = record.result.as_ref()?;
-        let all = &result.amplitudes;
+        let amplitudes = &result.amplitudes;
         let correlation = |i: usize, j: usize| {
             let (low, high) = (i.min(j), i.max(j));
             if low == high {
@@ -80,15 +80,15 @@ impl Template {
                 1e-3 * f64::from(result.correlation_per_mille[high * (high - 1) / 2 + low])
             }
         };
-        let information = DMatrix::from_fn(all.len(), all.len(), |i, j| {
-            correlation(i, j) * (all[i].information * all[j].information).sqrt()
+        let information = DMatrix::from_fn(amplitudes.len(), amplitudes.len(), |i, j| {
+            correlation(i, j) * (amplitudes[i].information * amplitudes[j].information).sqrt()
         });
         // Rounded correlations may leave tiny negative eigenvalues.
         let eigen = information.clone().symmetric_eigen();
         let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
         Some(Self {
             root: eigen.eigenvectors * DMatrix::from_diagonal(&roots),
-            effect: all.iter().position(|one| one.effect == EFFECT),
+            effect: amplitudes.iter().position(|one| one.effect == EFFECT),
             record: record.clone(),
             information,
         })
@@ -134,35 +134,36 @@ pub fn draw(
 ) -> Vec<(Summary, bool)> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let templates: Vec<Template> = templates.iter().filter_map(Template::new).collect();
-    let of = |number: usize| {
-        let (tissue, mean_kpa, tau) = TISSUES[number % TISSUES.len()];
-        let (rig, day) = (random.random_range(0..RIGS), random.random_range(0..DAYS));
-        let ln_k = mean_kpa.ln() + tau * Distribution::<f64>::sample(&StandardNormal, &mut random);
-        let gain: f64 = match rig {
-            0 => truth.gain,
-            1 if day >= DAYS / 2 => truth.step,
-            _ => 1.0,
-        };
-        let is_foreign = !foreign.is_empty() && random.random::<f64>() < truth.foreign;
-        let mut record = if is_foreign {
-            let mut record = foreign[random.random_range(0..foreign.len())].clone();
-            if let Some(result) = &mut record.result {
-                let off = result.ln_k_kpa - foreign_k_kpa.ln();
-                set_k(result, ln_k + off);
-            }
-            record
-        } else {
-            let template = &templates[random.random_range(0..templates.len())];
-            template.draw(ln_k, gain.ln(), &mut random)
-        };
-        record.session = format!("s{number:06}");
-        record.rig = Some(format!("r{rig:02}"));
-        record.tissue = Some(tissue.to_owned());
-        record.subject = Some(format!("p{number:06}"));
-        record.date = population::date_of(FIRST_DAY + day as f64);
-        (record, is_foreign)
-    };
-    (0..truth.sessions).map(of).collect()
+    (0..truth.sessions)
+        .map(|number| {
+            let (tissue, mean_kpa, tau) = TISSUES[number % TISSUES.len()];
+            let (rig, day) = (random.random_range(0..RIGS), random.random_range(0..DAYS));
+            let ln_k = mean_kpa.ln() + tau * Distribution::<f64>::sample(&StandardNormal, &mut random);
+            let gain: f64 = match rig {
+                0 => truth.gain,
+                1 if day >= DAYS / 2 => truth.step,
+                _ => 1.0,
+            };
+            let is_foreign = !foreign.is_empty() && random.random::<f64>() < truth.foreign;
+            let mut record = if is_foreign {
+                let mut record = foreign[random.random_range(0..foreign.len())].clone();
+                if let Some(result) = &mut record.result {
+                    let ln_error = result.ln_k_kpa - foreign_k_kpa.ln();
+                    set_k(result, ln_k + ln_error);
+                }
+                record
+            } else {
+                let template = &templates[random.random_range(0..templates.len())];
+                template.draw(ln_k, gain.ln(), &mut random)
+            };
+            record.session = format!("s{number:06}");
+            record.rig = Some(format!("r{rig:02}"));
+            record.tissue = Some(tissue.to_owned());
+            record.subject = Some(format!("p{number:06}"));
+            record.date = population::date_of(FIRST_DAY + day as f64);
+            (record, is_foreign)
+        })
+        .collect()
 }
 
 /// Draws and analyses populations.
@@ -182,8 +183,9 @@ pub fn study(
         let records = draw(truth, templates, foreign.0, foreign.1, seed);
         let is_foreign: Vec<bool> = records.iter().map(|(_, foreign)| *foreign).collect();
         let options = Options { by: vec!["tissue".to_owned()], ..Options::default() };
-        let found = analyse(records.into_iter().map(|(record, _)| record).collect::<Vec<_>>(), &options)?;
-        outcome.add(&found, truth, &is_foreign, seed);
+        let population =
+            analyse(records.into_iter().map(|(record, _)| record).collect::<Vec<_>>(), &options)?;
+        outcome.add(&population, truth, &is_foreign, seed);
     }
     Ok(outcome)
 }
@@ -204,29 +206,31 @@ impl Outcome {
             }
         }
         let began = population::date_of(FIRST_DAY + (DAYS / 2) as f64);
-        let (mut gain, mut drift, mut step, mut held, mut other) = (false, false, false, false, false);
+        let (mut gain, mut drift, mut step, mut was_covered, mut other_effect) =
+            (false, false, false, false, false);
         for one in &found.shared_effects {
-            let is_effect = one.effect == EFFECT || one.class.iter().any(|other| other.effect == EFFECT);
+            let is_effect =
+                one.effect == EFFECT || one.class.iter().any(|other_effect| other_effect.effect == EFFECT);
             match one.group.as_str() {
                 "r00" if is_effect && truth.gain != 1.0 => gain = true,
                 "r01" if is_effect && truth.step != 1.0 => {
                     drift = true;
                     step |= one.kind == SharedKind::Step;
-                    held |= one
+                    was_covered |= one
                         .began_ci95
                         .as_ref()
                         .zip(began.as_ref())
                         .is_some_and(|([from, to], began)| from <= began && began <= to);
                 }
-                _ => other = true,
+                _ => other_effect = true,
             }
         }
         self.repetitions += 1;
         self.gains += usize::from(gain);
         self.drifts += usize::from(drift);
         self.steps[0] += usize::from(step);
-        self.steps[1] += usize::from(held);
-        self.others += usize::from(other);
+        self.steps[1] += usize::from(was_covered);
+        self.others += usize::from(other_effect);
         for (index, is_foreign) in is_foreign.iter().enumerate() {
             let name = format!("s{index:06}");
             let listed =

@@ -21,12 +21,12 @@ use worlds::reciprocal::{STEP_M, STEPS_PER_MM, cut, influence, insertion_session
 const INSERTIONS: usize = 6;
 /// Depths of the table, mm.
 pub const DEPTHS_MM: [usize; 4] = [80, 100, 120, 140];
-/// Where the identification ends, mm.
+/// Depths at which the identification ends, mm.
 pub const UNTIL_MM: [usize; 2] = [50, 70];
 /// Standard deviation of the modulus that the prediction is given, as a share of the true one.
 const MODULUS_SD: f64 = 0.17;
-/// How far the effective gap is from the stated one (standard deviation of the logarithm), the needle's angle to the axis of depth
-/// in all insertions of a session and in each, the tip load's variation about its mean and its memory.
+/// Standard deviation of the logarithm of the ratio of effective to stated gap, the needle's angle to the axis of depth
+/// in all insertions of a session and in each, the tip load's
 const GAP_SD_LN: f64 = 0.3;
 const SHARED_ANGLE_SD_RAD: f64 = 3e-3;
 const ANGLE_SD_RAD: f64 = 2e-3;
@@ -40,11 +40,11 @@ pub const METHODS: [&str; 3] = ["published", "this insertion alone", "learned fr
 /// One cell of the table: one method at one depth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cell {
-    /// Which method.
+    /// Name of the method.
     pub method: &'static str,
-    /// Where the identification ended.
+    /// Depth at which the identification ended.
     pub until_mm: usize,
-    /// Where the prediction is judged.
+    /// Depth at which the prediction is judged.
     pub depth_mm: usize,
     /// Mean and standard deviation of the predicted tip, mm.
     pub predicted_mm: [f64; 2],
@@ -64,38 +64,41 @@ pub struct Cell {
 /// Where the model cannot be evaluated, which it can for these rigs.
 pub fn study(sessions: usize, seed: u64) -> Result<Vec<Cell>, PredictError> {
     let mut samples: Vec<Vec<Sample>> = vec![Vec::new(); METHODS.len() * UNTIL_MM.len() * DEPTHS_MM.len()];
-    let of_session = |number: usize| {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        rng.set_stream(number as u64);
-        let drawn = draw(&mut rng)?;
-        let mut placed = Vec::new();
-        for (row, until_mm) in UNTIL_MM.into_iter().enumerate() {
-            for (method, sample, insertion) in drawn.judge(until_mm)? {
-                for (column, depth_mm) in DEPTHS_MM.into_iter().enumerate() {
-                    let index = (method * UNTIL_MM.len() + row) * DEPTHS_MM.len() + column;
-                    let true_mm = 1e3 * drawn.truth_m[insertion][depth_mm];
-                    placed.push((index, Sample { true_mm, ..sample(depth_mm) }));
+    let of_sessions: Vec<Vec<(usize, Sample)>> = (0..sessions)
+        .into_par_iter()
+        .map(|number| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(number as u64);
+            let drawn = draw(&mut rng)?;
+            let mut placed_samples = Vec::new();
+            for (row, until_mm) in UNTIL_MM.into_iter().enumerate() {
+                for (method, sample, insertion) in drawn.judge(until_mm)? {
+                    for (column, depth_mm) in DEPTHS_MM.into_iter().enumerate() {
+                        let index = (method * UNTIL_MM.len() + row) * DEPTHS_MM.len() + column;
+                        let true_mm = 1e3 * drawn.truth_m[insertion][depth_mm];
+                        placed_samples.push((index, Sample { true_mm, ..sample(depth_mm) }));
+                    }
                 }
             }
-        }
-        Ok(placed)
-    };
-    let of_sessions: Vec<Vec<(usize, Sample)>> =
-        (0..sessions).into_par_iter().map(of_session).collect::<Result<_, PredictError>>()?;
+            Ok(placed_samples)
+        })
+        .collect::<Result<_, PredictError>>()?;
     of_sessions.into_iter().flatten().for_each(|(index, sample)| samples[index].push(sample));
     let cells = samples.iter().enumerate().map(|(index, samples)| {
         let (row, column) = (index / DEPTHS_MM.len(), index % DEPTHS_MM.len());
-        let (method, until) = (row / UNTIL_MM.len(), row % UNTIL_MM.len());
-        let of = |value: &dyn Fn(&Sample) -> f64| mean_and_sd(samples.iter().map(value).collect());
-        let held: Option<Vec<bool>> = samples.iter().map(|sample| sample.held).collect();
+        let (method, until_index) = (row / UNTIL_MM.len(), row % UNTIL_MM.len());
+        let mean_of = |value: &dyn Fn(&Sample) -> f64| mean_and_sd(samples.iter().map(value).collect());
+        let covered: Option<Vec<bool>> = samples.iter().map(|sample| sample.held).collect();
         Cell {
             method: METHODS[method],
-            until_mm: UNTIL_MM[until],
+            until_mm: UNTIL_MM[until_index],
             depth_mm: DEPTHS_MM[column],
-            predicted_mm: of(&|s| s.predicted_mm),
-            true_mm: of(&|s| s.true_mm),
-            mae_mm: of(&|s| (s.predicted_mm - s.true_mm).abs()),
-            coverage: held.map(|held| held.iter().filter(|held| **held).count() as f64 / held.len() as f64),
+            predicted_mm: mean_of(&|s| s.predicted_mm),
+            true_mm: mean_of(&|s| s.true_mm),
+            mae_mm: mean_of(&|s| (s.predicted_mm - s.true_mm).abs()),
+            coverage: covered.map(|covered| {
+                covered.iter().filter(|covered| **covered).count() as f64 / covered.len() as f64
+            }),
             count: samples.len(),
         }
     });
@@ -130,30 +133,38 @@ type Judged<'a> = (usize, Box<dyn Fn(usize) -> Sample + 'a>, usize);
 impl Drawn {
     /// Prediction of every method for every insertion, as functions of depth.
     fn judge(&self, until_mm: usize) -> Result<Vec<Judged<'_>>, PredictError> {
-        let until_m = 1e-3 * until_mm as f64;
+        let limit_m = 1e-3 * until_mm as f64;
         let model = Model::uniform(self.session.rig.clone(), self.given_pa)?;
         let mut judged: Vec<Judged<'_>> = Vec::new();
         for (number, run) in self.session.insertion.iter().enumerate() {
-            let tracked = TipPath::new(run).and_then(|path| path.until(until_m));
+            let tracked = TipPath::new(run).and_then(|path| path.until(limit_m));
             let Ok(tracked) = tracked else { continue };
-            let found = published(&model, &tracked, [0.0; 2], [0.03, until_m, 1e-3 * LAST_MM as f64])?;
-            let path_m = found.tip_m.into_iter().next().unwrap_or_default();
-            let sample =
-                move |depth_mm: usize| Sample { predicted_mm: 1e3 * path_m[depth_mm], ..Sample::default() };
-            judged.push((0, Box::new(sample), number));
+            let baseline = published(&model, &tracked, [0.0; 2], [0.03, limit_m, 1e-3 * LAST_MM as f64])?;
+            let path_m = baseline.tip_m.into_iter().next().unwrap_or_default();
+            judged.push((
+                0,
+                Box::new(move |depth_mm: usize| Sample {
+                    predicted_mm: 1e3 * path_m[depth_mm],
+                    ..Sample::default()
+                }),
+                number,
+            ));
         }
         for (method, learn) in [(1, false), (2, true)] {
             let modulus_pa = Some([self.given_pa, MODULUS_SD * self.given_pa]);
-            let options = Options { until_m, learn, modulus_pa, ..Options::default() };
+            let options = Options { until_m: limit_m, learn, modulus_pa, ..Options::default() };
             for (number, result) in predict(&self.session, &options)?.insertions.into_iter().enumerate() {
-                let sample = move |depth_mm: usize| Sample {
-                    predicted_mm: result.tip_y_mm[depth_mm],
-                    held: result.measured_y_mm[depth_mm].map(|measured_mm| {
-                        (result.lo95_y_mm[depth_mm]..=result.hi95_y_mm[depth_mm]).contains(&measured_mm)
+                judged.push((
+                    method,
+                    Box::new(move |depth_mm: usize| Sample {
+                        predicted_mm: result.tip_y_mm[depth_mm],
+                        held: result.measured_y_mm[depth_mm].map(|measured_mm| {
+                            (result.lo95_y_mm[depth_mm]..=result.hi95_y_mm[depth_mm]).contains(&measured_mm)
+                        }),
+                        ..Sample::default()
                     }),
-                    ..Sample::default()
-                };
-                judged.push((method, Box::new(sample), number));
+                    number,
+                ));
             }
         }
         Ok(judged)
@@ -172,7 +183,7 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
     let effective = Rig { entry_m: guide2_m + gap_m * normal(GAP_SD_LN, rng).exp(), ..rig.clone() };
     let shared_angle_rad = normal(SHARED_ANGLE_SD_RAD, rng);
     let modulus_pa = uniform(6e3, 18e3, rng);
-    let given_pa = modulus_pa * normal(MODULUS_SD, rng).exp();
+    let stated_modulus_pa = modulus_pa * normal(MODULUS_SD, rng).exp();
     let noise_m = uniform(0.05e-3, 0.2e-3, rng);
     let level_n = uniform(0.15, 0.25, rng);
     let lines = influence(&effective, modulus_pa, LAST_MM)?;
@@ -199,7 +210,11 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
         recorded.push((tip_m.iter().map(|u_m| u_m + normal(noise_m, rng)).collect(), None, None));
         truth_m.push(tip_m);
     }
-    Ok(Drawn { session: insertion_session(rig, Some(noise_m), recorded), given_pa, truth_m })
+    Ok(Drawn {
+        session: insertion_session(rig, Some(noise_m), recorded),
+        given_pa: stated_modulus_pa,
+        truth_m,
+    })
 }
 
 #[cfg(test)]
@@ -208,12 +223,12 @@ mod tests {
 
     #[test]
     fn the_table_does_not_depend_on_the_number_of_threads() {
-        let on = |threads: usize| {
+        let study_on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             // Written out, numbers differ where any of their bits does.
             pool.install(|| format!("{:?}", study(2, 1).expect("a study")))
         };
-        assert_eq!(on(1), on(4));
+        assert_eq!(study_on(1), study_on(4));
     }
 
     /// The table of the study on a few sessions: better than the published method, bands that hold. `cargo xtask study insertion`
@@ -222,15 +237,15 @@ mod tests {
     fn the_study_holds_on_a_few_sessions() {
         let cells = study(4, 1).expect("a study");
         let mean = |method: &str| {
-            let of: Vec<f64> =
+            let errors_mm: Vec<f64> =
                 cells.iter().filter(|cell| cell.method == method).map(|cell| cell.mae_mm[0]).collect();
-            of.iter().sum::<f64>() / of.len() as f64
+            errors_mm.iter().sum::<f64>() / errors_mm.len() as f64
         };
         let (published, learned) = (mean(METHODS[0]), mean(METHODS[2]));
         assert!(learned < 0.75 * published, "{learned} mm against {published} mm");
         assert!(mean(METHODS[1]) < published);
-        let held: Vec<f64> = cells.iter().filter_map(|cell| cell.coverage).collect();
-        let held = held.iter().sum::<f64>() / held.len() as f64;
-        assert!((0.88..=1.0).contains(&held), "{held}");
+        let coverages: Vec<f64> = cells.iter().filter_map(|cell| cell.coverage).collect();
+        let mean_coverage = coverages.iter().sum::<f64>() / coverages.len() as f64;
+        assert!((0.88..=1.0).contains(&mean_coverage), "{mean_coverage}");
     }
 }

@@ -26,16 +26,16 @@ const PUSH_M: f64 = 4e-3;
 /// Stops up to which the published controller plans ahead.
 const HORIZON: usize = 4;
 
-/// What is predicted.
+/// Predicted quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Quantity {
-    /// What a guide move at rest does to the tip, mm.
+    /// Displacement of the tip by a guide move at rest, mm.
     Move,
-    /// What it does to the slope of the needle at the tip, mrad.
+    /// Change of the needle's slope at the tip by it, mrad.
     MoveDirection,
-    /// Where the tip goes from there to the next stop, mm.
+    /// Displacement of the tip from there to the next stop, mm.
     NextStop,
-    /// Where it goes within four stops, all moves made as they were, mm.
+    /// Displacement within four stops, all moves made as they were, mm.
     FourStops,
 }
 
@@ -57,7 +57,7 @@ impl Quantity {
 /// One quantity in one plane, recorded and predicted, in the unit of its name.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Compared {
-    /// What it is.
+    /// Predicted quantity.
     pub quantity: Quantity,
     /// As recorded.
     pub recorded: f64,
@@ -86,22 +86,28 @@ fn stops(path: &TipPath) -> Vec<Stop> {
     let mut depths_m: Vec<f64> =
         planes.iter().flat_map(|plane| plane.jumps_m().collect::<Vec<_>>()).collect();
     depths_m.sort_by(f64::total_cmp);
-    let near = |depth_m: f64, leaving: bool| {
-        let at = path.bins.iter().filter(|bin| bin.leaving == leaving);
-        let away_m = |bin: &Bin| (bin.depth_m - depth_m).abs();
-        at.filter(|bin| away_m(bin) < AT_STOP_M).min_by(|a, b| away_m(a).total_cmp(&away_m(b))).copied()
+    let nearest_bin = |depth_m: f64, leaving: bool| {
+        let stop_bins = path.bins.iter().filter(|bin| bin.leaving == leaving);
+        let distance_m = |bin: &Bin| (bin.depth_m - depth_m).abs();
+        stop_bins
+            .filter(|bin| distance_m(bin) < AT_STOP_M)
+            .min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)))
+            .copied()
     };
-    let stop = |depths_m: &[f64]| {
-        let (first_m, last_m) = (*depths_m.first()?, *depths_m.last()?);
-        let guide_m = [
-            [0, 1].map(|plane: usize| planes[plane].before(first_m)),
-            [0, 1].map(|plane: usize| planes[plane].after(last_m)),
-        ];
-        let moved_m = (0..2).map(|plane| (guide_m[1][plane] - guide_m[0][plane]).abs()).fold(0.0, f64::max);
-        let bins = [near(first_m, false)?, near(last_m, true)?];
-        (moved_m > SMALLEST_MOVE_M).then_some(Stop { depths_m: [first_m, last_m], guide_m, bins })
-    };
-    depths_m.chunk_by(|a, b| b - a < AT_STOP_M).filter_map(stop).collect()
+    depths_m
+        .chunk_by(|a, b| b - a < AT_STOP_M)
+        .filter_map(|depths_m| {
+            let (first_m, last_m) = (*depths_m.first()?, *depths_m.last()?);
+            let guide_m = [
+                [0, 1].map(|plane: usize| planes[plane].before(first_m)),
+                [0, 1].map(|plane: usize| planes[plane].after(last_m)),
+            ];
+            let moved_m =
+                (0..2).map(|plane| (guide_m[1][plane] - guide_m[0][plane]).abs()).fold(0.0, f64::max);
+            let bins = [nearest_bin(first_m, false)?, nearest_bin(last_m, true)?];
+            (moved_m > SMALLEST_MOVE_M).then_some(Stop { depths_m: [first_m, last_m], guide_m, bins })
+        })
+        .collect()
 }
 
 /// Compares all insertions of a session in which guide 2 moves.
@@ -119,51 +125,56 @@ pub fn compare(session: &Session) -> Result<Vec<Compared>> {
         if stops.is_empty() {
             continue;
         }
-        let others: Vec<usize> = (0..paths.len()).filter(|other| *other != number).collect();
-        let recordings: Vec<(&InsertionRun, f64)> =
-            others.iter().filter_map(|other| Some((session.insertion.get(*other)?, f64::INFINITY))).collect();
+        let other_paths: Vec<usize> = (0..paths.len()).filter(|other| *other != number).collect();
+        let recordings: Vec<(&InsertionRun, f64)> = other_paths
+            .iter()
+            .filter_map(|other| Some((session.insertion.get(*other)?, f64::INFINITY)))
+            .collect();
         let noise = noise(session, &recordings);
-        let learned = learn(&candidates, &paths, &others, number, noise);
+        let learned = learn(&candidates, &paths, &other_paths, number, noise);
         let of_others = |until: Until| {
             let mut posterior = Posterior::new(&candidates, &learned);
             until.of(path).iter().for_each(|bin| posterior.update(bin));
             posterior
         };
         let of_itself = |until: Until| -> Posterior<'_> {
-            let mut known = paths.clone();
-            known[number] = path.with_bins(until.of(path));
-            let learned = learn(&candidates, &known, &[], number, noise);
+            let mut known_paths = paths.clone();
+            known_paths[number] = path.with_bins(until.of(path));
+            let learned = learn(&candidates, &known_paths, &[], number, noise);
             let mut posterior = Posterior::new(&candidates, &learned);
-            posterior.update_all(&known[number]);
+            posterior.update_all(&known_paths[number]);
             posterior
         };
         let jacobians = jacobians(path, &stops);
         for (at, stop) in stops.iter().enumerate() {
-            let before = Until { depth_m: stop.bins[0].depth_m, leaving: false };
-            if before.of(path).len() < FEWEST_BINS {
+            let before_move = Until { depth_m: stop.bins[0].depth_m, leaving: false };
+            if before_move.of(path).len() < FEWEST_BINS {
                 continue;
             }
             let [jacobian_before, jacobian_after] = &jacobians[at];
-            let after = Until { depth_m: stop.bins[1].depth_m, leaving: true };
+            let after_move = Until { depth_m: stop.bins[1].depth_m, leaving: true };
             let moved_m = [0, 1].map(|plane: usize| stop.guide_m[1][plane] - stop.guide_m[0][plane]);
             let [arriving, leaving] = [(stop.depths_m[0], false), (stop.depths_m[1], true)];
-            let before = [of_others(before), of_itself(before)];
-            let after = [of_others(after), of_itself(after)];
+            let posteriors_before = [of_others(before_move), of_itself(before_move)];
+            let posteriors_after = [of_others(after_move), of_itself(after_move)];
             let mut add =
                 |quantity: Quantity, recorded: Recorded, predicted: [Vec<Moments>; 2], rows: [f64; 2]| {
                     let direction = quantity == Quantity::MoveDirection;
                     let sd = if direction { noise.direction_rad } else { noise.position_m };
                     for (plane, by_jacobian) in rows.into_iter().enumerate().take(paths[number].planes) {
-                        let of = |moments: &Vec<Moments>| {
-                            let one = moments.get(plane).copied().unwrap_or_default();
-                            [1e3 * one.mean, 1e3 * one.sd.hypot(sd * recorded.readings.sqrt())]
+                        let moments_in_plane = |moments: &Vec<Moments>| {
+                            let plane_moments = moments.get(plane).copied().unwrap_or_default();
+                            [
+                                1e3 * plane_moments.mean,
+                                1e3 * plane_moments.sd.hypot(sd * recorded.readings.sqrt()),
+                            ]
                         };
                         let Some(change) = recorded.change[plane] else { continue };
                         compared.push(Compared {
                             quantity,
                             recorded: 1e3 * change,
-                            posterior: of(&predicted[0]),
-                            alone: of(&predicted[1]),
+                            posterior: moments_in_plane(&predicted[0]),
+                            alone: moments_in_plane(&predicted[1]),
                             broyden: by_jacobian,
                         });
                     }
@@ -172,28 +183,43 @@ pub fn compare(session: &Session) -> Result<Vec<Compared>> {
                 change: [0, 1].map(|plane: usize| Some(to.tip_m[plane] - from.tip_m[plane])),
                 readings: to.rows.recip() + from.rows.recip(),
             };
-            let [from, to] = &stop.bins;
-            let of = |posteriors: &[Posterior; 2], from, to| {
-                posteriors.each_ref().map(|one| one.tip_change_m(from, to))
+            let [bin_before, bin_after] = &stop.bins;
+            let posterior_in_plane = |posteriors: &[Posterior; 2], bin_before, bin_after| {
+                posteriors.each_ref().map(|one| one.tip_change_m(bin_before, bin_after))
             };
-            let by = |jacobian: &Jacobian<4>, moved_m: [f64; 2], way_m: f64| {
-                let all = jacobian.change([moved_m[0], moved_m[1], way_m].map(|m| 1e3 * m));
-                [[all[0], all[1]], [all[2], all[3]]]
+            let change_by = |jacobian: &Jacobian<4>, moved_m: [f64; 2], way_m: f64| {
+                let predicted_change = jacobian.change([moved_m[0], moved_m[1], way_m].map(|m| 1e3 * m));
+                [[predicted_change[0], predicted_change[1]], [predicted_change[2], predicted_change[3]]]
             };
-            let [tip, slope] = by(jacobian_before, moved_m, 0.0);
-            add(Quantity::Move, change(to, from), of(&before, arriving, leaving), tip);
-            let directions = before.each_ref().map(|one| one.direction_change_rad(arriving, leaving));
-            if let [Some(others), Some(alone)] = directions {
-                let turned = |plane: usize| Some(to.direction_rad[plane]? - from.direction_rad[plane]?);
-                let recorded = Recorded { change: [0, 1].map(turned), readings: change(to, from).readings };
-                add(Quantity::MoveDirection, recorded, [others, alone], slope);
+            let [tip, slope] = change_by(jacobian_before, moved_m, 0.0);
+            add(
+                Quantity::Move,
+                change(bin_after, bin_before),
+                posterior_in_plane(&posteriors_before, arriving, leaving),
+                tip,
+            );
+            let directions =
+                posteriors_before.each_ref().map(|one| one.direction_change_rad(arriving, leaving));
+            if let [Some(from_others), Some(alone)] = directions {
+                let recorded = Recorded {
+                    change: [0, 1].map(|plane| {
+                        Some(bin_after.direction_rad[plane]? - bin_before.direction_rad[plane]?)
+                    }),
+                    readings: change(bin_after, bin_before).readings,
+                };
+                add(Quantity::MoveDirection, recorded, [from_others, alone], slope);
             }
             for (quantity, ahead) in [(Quantity::NextStop, 1), (Quantity::FourStops, HORIZON)] {
                 let Some(next) = stops.get(at + ahead) else { continue };
                 let then = (next.depths_m[0], false);
                 let moved_m = [0, 1].map(|plane: usize| next.guide_m[0][plane] - stop.guide_m[1][plane]);
-                let [tip, _] = by(jacobian_after, moved_m, next.depths_m[0] - stop.depths_m[1]);
-                add(quantity, change(&next.bins[0], to), of(&after, leaving, then), tip);
+                let [tip, _] = change_by(jacobian_after, moved_m, next.depths_m[0] - stop.depths_m[1]);
+                add(
+                    quantity,
+                    change(&next.bins[0], bin_after),
+                    posterior_in_plane(&posteriors_after, leaving, then),
+                    tip,
+                );
             }
         }
     }
@@ -205,27 +231,30 @@ pub fn compare(session: &Session) -> Result<Vec<Compared>> {
     Ok(compared)
 }
 
-/// What was recorded, per plane, and the sum of the reciprocal numbers of readings behind it.
+/// Recorded path, per plane, and the sum of the reciprocal numbers of readings behind it.
 struct Recorded {
     change: [Option<f64>; 2],
     readings: f64,
 }
 
-/// How far a recording is used.
+/// Used extent of a recording.
 #[derive(Clone, Copy)]
 struct Until {
     depth_m: f64,
-    /// What was read after the move at that depth too.
+    /// Whether readings after the move at that depth are included.
     leaving: bool,
 }
 
 impl Until {
     fn of(self, path: &TipPath) -> Vec<Bin> {
-        let is_used = |bin: &&Bin| {
-            bin.depth_m < self.depth_m - 1e-9
-                || (bin.depth_m < self.depth_m + 1e-9 && (self.leaving || !bin.leaving))
-        };
-        path.bins.iter().filter(is_used).copied().collect()
+        path.bins
+            .iter()
+            .filter(|bin| {
+                bin.depth_m < self.depth_m - 1e-9
+                    || (bin.depth_m < self.depth_m + 1e-9 && (self.leaving || !bin.leaving))
+            })
+            .copied()
+            .collect()
     }
 }
 
@@ -255,7 +284,7 @@ fn jacobians(path: &TipPath, stops: &[Stop]) -> Vec<[Jacobian<4>; 2]> {
     };
     let mut last = path.bins.first().map(|bin| (state(bin, [0.0; 2]), bin.depth_m));
     let mut guide_m = [0.0; 2];
-    let mut found = Vec::with_capacity(stops.len());
+    let mut jacobians = Vec::with_capacity(stops.len());
     for stop in stops {
         let mut take = |bin: &Bin, guide_m: [f64; 2]| {
             let now = state(bin, guide_m);
@@ -268,18 +297,18 @@ fn jacobians(path: &TipPath, stops: &[Stop]) -> Vec<[Jacobian<4>; 2]> {
         // Pushes without a move before this stop.
         let [arriving, leaving] = &stop.bins;
         let mut reached_m =
-            path.bins.first().map_or(0.0, |bin| bin.depth_m).max(found.last().map_or(0.0, depth_of));
+            path.bins.first().map_or(0.0, |bin| bin.depth_m).max(jacobians.last().map_or(0.0, depth_of));
         for bin in path.bins.iter().filter(|bin| !bin.moving) {
             if bin.depth_m > reached_m + PUSH_M && bin.depth_m < arriving.depth_m - PUSH_M {
                 reached_m = take(bin, guide_m).1;
             }
         }
-        let before = take(arriving, stop.guide_m[0]).0;
-        let after = take(leaving, stop.guide_m[1]).0;
+        let arriving_state = take(arriving, stop.guide_m[0]).0;
+        let leaving_state = take(leaving, stop.guide_m[1]).0;
         guide_m = stop.guide_m[1];
-        found.push(([before, after], leaving.depth_m));
+        jacobians.push(([arriving_state, leaving_state], leaving.depth_m));
     }
-    found.into_iter().map(|(pair, _)| pair).collect()
+    jacobians.into_iter().map(|(pair, _)| pair).collect()
 }
 
 fn depth_of(found: &([Jacobian<4>; 2], f64)) -> f64 {

@@ -26,16 +26,17 @@ fn moves_recorded_in_parts_are_one_and_have_readings_on_both_sides() {
 
 #[test]
 fn the_posterior_predicts_moves_better_than_nothing_and_its_intervals_hold_them() {
-    let all = compare(&session(5)).expect("compared");
+    let comparisons = compare(&session(5)).expect("compared");
     for quantity in [Quantity::Move, Quantity::NextStop] {
-        let of: Vec<&Compared> = all.iter().filter(|one| one.quantity == quantity).collect();
+        let of_quantity: Vec<&Compared> = comparisons.iter().filter(|one| one.quantity == quantity).collect();
         let rms = |value: &dyn Fn(&Compared) -> f64| {
-            (of.iter().map(|one| value(one).powi(2)).sum::<f64>() / of.len() as f64).sqrt()
+            (of_quantity.iter().map(|one| value(one).powi(2)).sum::<f64>() / of_quantity.len() as f64).sqrt()
         };
         let (recorded, error) = (rms(&|one| one.recorded), rms(&|one| one.recorded - one.posterior[0]));
-        assert!(!of.is_empty() && error < 0.7 * recorded, "{quantity:?}: {error} of {recorded}");
-        let held = of.iter().filter(|one| (one.recorded - one.posterior[0]).abs() < 2.6 * one.posterior[1]);
-        assert!(held.count() * 10 >= of.len() * 8, "{quantity:?}");
+        assert!(!of_quantity.is_empty() && error < 0.7 * recorded, "{quantity:?}: {error} of {recorded}");
+        let covered =
+            of_quantity.iter().filter(|one| (one.recorded - one.posterior[0]).abs() < 2.6 * one.posterior[1]);
+        assert!(covered.count() * 10 >= of_quantity.len() * 8, "{quantity:?}");
     }
 }
 

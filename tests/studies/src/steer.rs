@@ -131,7 +131,7 @@ pub struct Ended {
 }
 
 impl Ended {
-    /// Nothing is known but that it ended so.
+    /// Result of a run of which only the end is known.
     fn with_miss(miss_mm: Option<f64>, broken: u64) -> Self {
         Self {
             miss_mm,
@@ -150,7 +150,7 @@ impl Ended {
 /// Runs of one controller on plants of one kind.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// What is hidden besides.
+    /// Further hidden effect.
     pub kind: &'static str,
     /// Who steered.
     pub controller: Controller,
@@ -175,8 +175,8 @@ impl Row {
     /// Miss that this share of the runs does not exceed, mm.
     pub fn quantile_mm(&self, share: f64) -> f64 {
         let misses = self.misses_mm();
-        let at = (share * misses.len().saturating_sub(1) as f64).round() as usize;
-        misses.get(at).copied().unwrap_or(f64::NAN)
+        let quantile_index = (share * misses.len().saturating_sub(1) as f64).round() as usize;
+        misses.get(quantile_index).copied().unwrap_or(f64::NAN)
     }
 
     /// Share of misses above a size.
@@ -188,15 +188,20 @@ impl Row {
     /// Stated and observed probability of a miss below each radius, mm.
     pub fn calibration(&self) -> Vec<[f64; 3]> {
         let radii = self.runs.iter().find(|run| !run.stated.is_empty()).map(|run| run.stated.clone());
-        let of = |(i, [radius, _]): (usize, [f64; 2])| {
-            let both: Vec<(f64, f64)> =
-                self.runs.iter().filter_map(|run| Some((run.miss_mm?, run.stated.get(i)?[1]))).collect();
-            let count = both.len().max(1) as f64;
-            let stated = both.iter().map(|(_, stated)| stated).sum::<f64>() / count;
-            let observed = both.iter().filter(|(miss, _)| *miss <= radius).count() as f64 / count;
-            [radius, stated, observed]
-        };
-        radii.unwrap_or_default().into_iter().enumerate().map(of).collect()
+        radii
+            .unwrap_or_default()
+            .into_iter()
+            .enumerate()
+            .map(|(i, [radius, _])| {
+                let stated_and_miss: Vec<(f64, f64)> =
+                    self.runs.iter().filter_map(|run| Some((run.miss_mm?, run.stated.get(i)?[1]))).collect();
+                let count = stated_and_miss.len().max(1) as f64;
+                let stated = stated_and_miss.iter().map(|(_, stated)| stated).sum::<f64>() / count;
+                let observed =
+                    stated_and_miss.iter().filter(|(miss, _)| *miss <= radius).count() as f64 / count;
+                [radius, stated, observed]
+            })
+            .collect()
     }
 }
 
@@ -272,14 +277,15 @@ fn one(
     }
 }
 
-/// What runs in air have determined of a plant's rig: the truth within standard deviations that they have.
+/// Parameters of a plant's rig that runs in air have determined: the truth within standard deviations that
+/// they have.
 fn known(plant: &SimulatedPlant, seed: u64, number: u64) -> Vec<KnownEffect> {
     let mut random = ChaCha8Rng::seed_from_u64(seed ^ number.wrapping_mul(0x9E37_79B9_7F4A_7C15));
-    let mut of = |(id, value): (&str, f64), sd: f64| {
+    let mut known_effect = |(id, value): (&str, f64), sd: f64| {
         let error: f64 = StandardNormal.sample(&mut random);
         KnownEffect { id: id.to_owned(), values: vec![(value + sd * error).max(0.0)], sds: vec![sd] }
     };
-    plant.rig().into_iter().zip(KNOWN_SD).map(|(effect, sd)| of(effect, sd)).collect()
+    plant.rig().into_iter().zip(KNOWN_SD).map(|(effect, sd)| known_effect(effect, sd)).collect()
 }
 
 fn ended(run: &Run) -> Ended {
@@ -296,8 +302,8 @@ fn ended(run: &Run) -> Ended {
             (first.map_or(0, |_| 1 + limited.count()), first.unwrap_or(""))
         },
         expected_mm: run.decisions.last().map_or(f64::NAN, |last| {
-            let away = |plane: usize| last.expected_tip_mm[plane] - run.target_mm[plane];
-            away(0).hypot(away(1))
+            let miss_in = |plane: usize| last.expected_tip_mm[plane] - run.target_mm[plane];
+            miss_in(0).hypot(miss_in(1))
         }),
         guide_mm: run.decisions.iter().map(|one| one.guide_to_mm).collect(),
     }

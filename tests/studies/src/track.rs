@@ -18,7 +18,7 @@ use simulation::rig::steering::{Inclusion, Plan, Sensors, SteeringRig, Tissue, T
 
 /// Speeds of insertion, mm/s.
 pub(super) const SPEEDS_MM_S: [f64; 3] = [8.0, 4.0, 2.0];
-/// How the needle is moved.
+/// Motion of the needle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
     /// In words.
@@ -61,9 +61,9 @@ pub const METHODS: [&str; 7] = [
 /// One cell of the table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// Which method.
+    /// Name of the method.
     pub method: &'static str,
-    /// How the needle was moved.
+    /// Motion of the needle.
     pub motion: Motion,
     /// Noise of the tip, mm.
     pub tip_sd_mm: f64,
@@ -110,17 +110,18 @@ pub fn study(runs: impl Fn(&str) -> usize, tissues: usize, seed: u64) -> Result<
             for (method, runs) in
                 METHODS.map(|method| (method, runs(method))).into_iter().filter(|(_, runs)| *runs > 0)
             {
-                let of_run = |number: usize| {
-                    let (tissue, truth) = &truths[number % truths.len()];
-                    let run = truth.measure(sensors, seed, number as u64);
-                    let mut estimator = make(method, &rig.needle, &dynamics, sensors)?;
-                    let reports: Vec<Report> =
-                        samples(&run).filter_map(|sample| estimator.update(&sample)).collect();
-                    let last = estimator.finish().or(reports.last().copied());
-                    Ok(judge(tissue, truth, motion.straight_mm, &reports, last))
-                };
-                let judged: Vec<Judged> =
-                    (0..runs).into_par_iter().map(of_run).collect::<Result<_, TrackError>>()?;
+                let judged: Vec<Judged> = (0..runs)
+                    .into_par_iter()
+                    .map(|number| {
+                        let (tissue, truth) = &truths[number % truths.len()];
+                        let run = truth.measure(sensors, seed, number as u64);
+                        let mut estimator = make(method, &rig.needle, &dynamics, sensors)?;
+                        let reports: Vec<Report> =
+                            samples(&run).filter_map(|sample| estimator.update(&sample)).collect();
+                        let last = estimator.finish().or(reports.last().copied());
+                        Ok(judge(tissue, truth, motion.straight_mm, &reports, last))
+                    })
+                    .collect::<Result<_, TrackError>>()?;
                 cells.push(summarise(method, motion, tip_sd_mm, &judged));
             }
         }
@@ -181,11 +182,11 @@ fn make(
 fn draw(seed: u64, number: u64) -> Tissue {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(number);
-    let mut between = |low: f64, high: f64| low * (high / low).powf(random.random::<f64>());
+    let mut log_uniform = |low: f64, high: f64| low * (high / low).powf(random.random::<f64>());
     let mut layer = |bottom_mm: f64| TissueLayer {
         bottom_mm,
-        stiffness_n_per_m2: between(8e3, 5e4),
-        damping_n_s_per_m2: between(2e2, 3e3),
+        stiffness_n_per_m2: log_uniform(8e3, 5e4),
+        damping_n_s_per_m2: log_uniform(2e2, 3e3),
     };
     let layers = vec![layer(40.0), layer(80.0)];
     let mut even = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
@@ -215,37 +216,39 @@ fn judge(
     last: Option<Report>,
 ) -> Judged {
     let run = &truth.run;
-    let off_mm = |report: &Report| {
-        let after =
+    let error_mm = |report: &Report| {
+        let next_row =
             run.depth_m.partition_point(|depth_m| *depth_m < report.depth_m).min(run.depth_m.len() - 1);
-        let before = after.saturating_sub(1);
-        let step_m = run.depth_m[after] - run.depth_m[before];
-        let share = if step_m > 0.0 { (report.depth_m - run.depth_m[before]) / step_m } else { 1.0 };
-        let tip_m = run.tip_y_m[before] + share * (run.tip_y_m[after] - run.tip_y_m[before]);
+        let previous_row = next_row.saturating_sub(1);
+        let step_m = run.depth_m[next_row] - run.depth_m[previous_row];
+        let fraction = if step_m > 0.0 { (report.depth_m - run.depth_m[previous_row]) / step_m } else { 1.0 };
+        let tip_m =
+            run.tip_y_m[previous_row] + fraction * (run.tip_y_m[next_row] - run.tip_y_m[previous_row]);
         1e3 * (report.tip_m - tip_m)
     };
-    let offs: Vec<(f64, f64)> = reports.iter().map(|report| (1e3 * report.depth_m, off_mm(report))).collect();
+    let offs: Vec<(f64, f64)> =
+        reports.iter().map(|report| (1e3 * report.depth_m, error_mm(report))).collect();
     let failed = offs.iter().any(|(_, off)| !off.is_finite())
         || reports
             .iter()
             .any(|r| !r.stiffness.is_none_or(f64::is_finite) || !r.damping.is_none_or(f64::is_finite));
     let last_off = offs.iter().rposition(|(_, off)| off.is_nan() || off.abs() > CONVERGED_MM);
     let converged = !failed && last_off.is_none_or(|last| last + 1 < offs.len());
-    let from = last_off.map_or(0, |last| last + 1);
-    let after: Vec<f64> = offs[from.min(offs.len())..]
+    let first_index = last_off.map_or(0, |last| last + 1);
+    let later_errors: Vec<f64> = offs[first_index.min(offs.len())..]
         .iter()
         .filter(|(depth_mm, _)| *depth_mm > straight_mm)
         .map(|(_, off)| *off)
         .collect();
     let distance_mm = last_off.map_or(0.0, |last| (offs[last].0 - straight_mm).max(0.0));
-    let mut held = [[0; 2]; 2];
+    let mut covered = [[0; 2]; 2];
     for report in reports.iter().filter(|report| 1e3 * report.depth_m > straight_mm + JUDGED_MM) {
         let mean = tissue.mean(report.depth_m);
         let intervals = [report.stiffness_ci95, report.damping_ci95];
-        for ((held, interval), mean) in held.iter_mut().zip(intervals).zip(mean) {
+        for ((covered, interval), mean) in covered.iter_mut().zip(intervals).zip(mean) {
             if let Some([low, high]) = interval {
-                held[0] += usize::from(low <= mean && mean <= high);
-                held[1] += 1;
+                covered[0] += usize::from(low <= mean && mean <= high);
+                covered[1] += 1;
             }
         }
     }
@@ -256,12 +259,12 @@ fn judge(
     Judged {
         converged,
         failed,
-        squares: after.iter().map(|off| off * off).sum(),
-        count: after.len(),
-        largest_mm: after.iter().fold(0.0, |largest, off| largest.max(off.abs())),
+        squares: later_errors.iter().map(|off| off * off).sum(),
+        count: later_errors.len(),
+        largest_mm: later_errors.iter().fold(0.0, |largest, off| largest.max(off.abs())),
         distance_mm,
         error,
-        held,
+        held: covered,
     }
 }
 
@@ -273,9 +276,9 @@ fn summarise(method: &'static str, motion: Motion, tip_sd_mm: f64, judged: &[Jud
     let identified = [0, 1]
         .map(|i| judged.iter().filter(|one| one.error[i].is_some()).count() as f64 / judged.len() as f64);
     let coverage = [0, 1].map(|i| {
-        let [held, all] =
+        let [covered_count, judged_count] =
             judged.iter().fold([0, 0], |sum, one| [sum[0] + one.held[i][0], sum[1] + one.held[i][1]]);
-        (all > 0).then(|| held as f64 / all as f64)
+        (judged_count > 0).then(|| covered_count as f64 / judged_count as f64)
     });
     Cell {
         method,

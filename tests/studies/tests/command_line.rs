@@ -11,9 +11,9 @@ fn an_unknown_study_and_impossible_numbers_are_refused() {
     let unknown = studies(&["dance"]);
     assert_eq!(unknown.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&unknown.stderr).contains("possible values: modulus-relation"));
-    let none = studies(&["plan", "--sessions", "1"]);
-    assert_eq!(none.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&none.stderr).contains("--sessions is 1, expected 2 to 100000"));
+    let unknown_study = studies(&["plan", "--sessions", "1"]);
+    assert_eq!(unknown_study.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&unknown_study.stderr).contains("--sessions is 1, expected 2 to 100000"));
 }
 
 #[test]

@@ -15,7 +15,7 @@ use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 use tempfile::TempDir;
 
-/// What is simulated, and how it is reached.
+/// Simulated session, and its report.
 struct Setup {
     board: Board,
     line: Line,
@@ -204,10 +204,10 @@ pub(crate) fn lay_out(folder: &Path, pages: &[&[u8]]) -> Result<()> {
 
 /// A number that no other board has: a host must not take a new rig for the one before.
 fn unique_id() -> [u8; 12] {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    let unix_time = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     let mut bytes = [0; 12];
     let (time, process) = bytes.split_at_mut(8);
-    time.copy_from_slice(&(since.as_nanos() as u64).to_le_bytes());
+    time.copy_from_slice(&(unix_time.as_nanos() as u64).to_le_bytes());
     process.copy_from_slice(&std::process::id().to_le_bytes());
     bytes
 }

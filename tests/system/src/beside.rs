@@ -1,7 +1,7 @@
 //! `cargo xtask bench`: run times of the guide's programs, beside those of alternative libraries, and how they scale, on one page.
 //!
-//! What is compared with is built here and nowhere else: the package has a workspace of its own, and the peers in Python an
-//! environment in the target folder. Where Python or the network is missing they are skipped, with the reason.
+//! References of the comparison are built here and nowhere else: the package has a workspace of its own, and the peers
+//! in Python an environment in the target folder. Without Python or a network they are skipped, with the reason.
 
 use crate::images;
 use anyhow::{Context, Result, ensure};

@@ -39,7 +39,7 @@ pub struct Options {
     verbose: bool,
 }
 
-/// How one fault was found.
+/// Score of one fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Score {
     /// By its name, alone.
@@ -48,20 +48,21 @@ pub enum Score {
     InTwo,
     /// Something was found, and not this.
     OtherNamed,
-    /// Nothing was found.
+    /// The fault was missed.
     Missed,
 }
 
 /// One bring-up, and what the rig did.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
-    /// What it reported.
+    /// Report of the bring-up.
     pub report: Report,
     /// Time of the rig, seconds.
     pub time_s: f64,
-    /// How far a motor moved before the loop's step, in one axis from the start, millimetres; over every control period.
+    /// Largest motion of a motor before the loop's step, in one axis from the start, millimetres; over every control
+    /// period.
     pub moved_mm: f64,
-    /// How much the force on the needle changed before the loop's step, along one axis, newtons.
+    /// Largest change of the force on the needle before the loop's step, along one axis, newtons.
     pub force_n: f64,
 }
 
@@ -77,7 +78,7 @@ impl Trial {
 struct Player<'a> {
     rig: &'a Cosim,
     clock_ratio: f64,
-    /// What the clock returned last.
+    /// Last time that the clock returned.
     returned_ms: u64,
     /// Until the loop may move.
     reach: Option<Reach>,
@@ -145,17 +146,17 @@ pub fn trial(faults: &[Fault], seed: u64) -> Result<Trial> {
     Ok(Trial { report, time_s, moved_mm: 1e3 * reach.position_m, force_n: reach.force_n })
 }
 
-/// How a fault was found among these.
+/// Score of a fault by these findings.
 pub fn score<'a>(kind: Kind, findings: impl Iterator<Item = &'a Finding>) -> Score {
     let mut best = Score::Missed;
     for finding in findings {
-        let this = match (finding.id == kind.id(), finding.or_else.as_slice()) {
+        let outcome = match (finding.id == kind.id(), finding.or_else.as_slice()) {
             (true, []) => Score::Named,
             (true, [_]) => Score::InTwo,
             (false, [other]) if *other == kind.id() => Score::InTwo,
             _ => Score::OtherNamed,
         };
-        best = best.min(this);
+        best = best.min(outcome);
     }
     best
 }
@@ -163,22 +164,22 @@ pub fn score<'a>(kind: Kind, findings: impl Iterator<Item = &'a Finding>) -> Sco
 /// Every fault in each of its sizes, its axis drawn.
 pub fn faults(seed: u64) -> Vec<Fault> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut all = Vec::new();
+    let mut all_faults = Vec::new();
     for kind in Kind::ALL {
         let sizes = if kind.sizes().is_empty() { &[0.0] } else { kind.sizes() };
         for size in sizes {
             let axis = if kind.has_axis() { usize::from(random.random::<bool>()) } else { 0 };
-            all.push(Fault { kind, axis, size: *size });
+            all_faults.push(Fault { kind, axis, size: *size });
         }
     }
-    all
+    all_faults
 }
 
 /// Two faults of different findings, drawn: what is alone in [`faults`], in one of its sizes each.
 pub fn pair(seed: u64) -> [Fault; 2] {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let all = faults(seed);
-    let mut drawn = || all[random.random_range(0..all.len())];
+    let all_faults = faults(seed);
+    let mut drawn = || all_faults[random.random_range(0..all_faults.len())];
     let first = drawn();
     loop {
         let second = drawn();
@@ -193,11 +194,11 @@ fn blocks(fault: &Fault) -> bool {
     CATALOGUE.iter().any(|known| known.id == fault.kind.id() && known.blocks)
 }
 
-/// What the rigs with two faults gave.
+/// Results of the rigs with two faults.
 #[derive(Debug, Default)]
 struct Pairs {
     count: u32,
-    /// Of at least one of the two the name was found, alone or in a class of two.
+    /// Number of rigs with at least one of the two named, alone or in a class of two.
     named: u32,
     /// The loop moved the guide although one of the two is of a kind that forbids it.
     moved_on: u32,
@@ -207,34 +208,35 @@ struct Pairs {
 
 impl Pairs {
     fn of(options: &Options) -> Result<Self> {
-        let mut this = Self::default();
+        let mut results = Self::default();
         let count = if options.only.is_none() { options.pairs } else { 0 };
         for seed in options.from..options.from + count {
             let faults = pair(seed);
             let Some(trial) = attempt(&faults, seed)? else { continue };
-            let is_named = |fault: &Fault| score(fault.kind, trial.report.findings()) <= Score::InTwo;
-            let (named, moved_on) =
-                (faults.iter().any(is_named), trial.loop_ran() && faults.iter().any(blocks));
-            let what = match (named, moved_on) {
+            let (named, moved_on) = (
+                faults.iter().any(|fault| score(fault.kind, trial.report.findings()) <= Score::InTwo),
+                trial.loop_ran() && faults.iter().any(blocks),
+            );
+            let result_name = match (named, moved_on) {
                 (true, false) => "Named",
                 (false, false) => "NotNamed",
                 (_, true) => "MovedOn",
             };
             println!(
-                "{:32} {what}: {}",
+                "{:32} {result_name}: {}",
                 faults.map(|fault| fault.to_string()).join(" and "),
                 summary(&trial)
             );
             if options.verbose {
                 println!("{}", trial.report);
             }
-            this.count += 1;
-            this.named += u32::from(named);
-            this.moved_on += u32::from(moved_on);
-            this.furthest_mm = this.furthest_mm.max(trial.moved_mm);
-            this.largest_n = this.largest_n.max(trial.force_n);
+            results.count += 1;
+            results.named += u32::from(named);
+            results.moved_on += u32::from(moved_on);
+            results.furthest_mm = results.furthest_mm.max(trial.moved_mm);
+            results.largest_n = results.largest_n.max(trial.force_n);
         }
-        Ok(this)
+        Ok(results)
     }
 }
 
@@ -248,9 +250,11 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let mut counts: BTreeMap<Score, u32> = BTreeMap::new();
     let (mut furthest_mm, mut largest_n) = (0.0_f64, 0.0_f64);
-    let wanted =
-        |fault: &Fault| options.only.as_ref().is_none_or(|only| fault.to_string().contains(only.as_str()));
-    for (number, fault) in faults(options.from).into_iter().filter(wanted).enumerate() {
+    for (number, fault) in faults(options.from)
+        .into_iter()
+        .filter(|fault| options.only.as_ref().is_none_or(|only| fault.to_string().contains(only.as_str())))
+        .enumerate()
+    {
         let Some(trial) = attempt(&[fault], options.from + number as u64)? else { continue };
         let score = score(fault.kind, trial.report.findings());
         furthest_mm = furthest_mm.max(trial.moved_mm);
@@ -317,8 +321,8 @@ fn summary(trial: &Trial) -> String {
         .findings()
         .map(|finding| {
             let axis = finding.axis.map_or(String::new(), |axis| format!(" {axis}"));
-            let others: String = finding.or_else.iter().map(|other| format!(" or {other}")).collect();
-            format!("{}{axis}{others}", finding.id)
+            let alternatives: String = finding.or_else.iter().map(|other| format!(" or {other}")).collect();
+            format!("{}{axis}{alternatives}", finding.id)
         })
         .collect();
     if names.is_empty() { "nothing found".to_owned() } else { names.join(", ") }

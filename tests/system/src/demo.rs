@@ -42,10 +42,10 @@ const SPEED: f64 = 4.0;
 /// Options of `cargo xtask demo`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// What tissue, actuators and noise are drawn from
+    /// Seed of tissue, actuators and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Where rig file and session are kept
+    /// Folder of rig file and session
     #[arg(long, value_name = "DIR", default_value = "target/demo")]
     out: PathBuf,
 }
@@ -53,7 +53,7 @@ pub struct Args {
 /// Options of `cargo xtask rig`.
 #[derive(clap::Args)]
 pub struct RigArgs {
-    /// What tissue, actuators and noise are drawn from
+    /// Seed of tissue, actuators and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Rig file with an optional table `[simulation]` (default: the demonstration's rig)
@@ -67,7 +67,7 @@ pub struct RigArgs {
     fault: Vec<Fault>,
 }
 
-/// What the demonstration found, against what was true.
+/// Results of the demonstration, beside the truth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// `guide identify --json`.
@@ -76,15 +76,15 @@ pub struct Outcome {
     pub predicted: Value,
     /// The session it recorded.
     pub session: Session,
-    /// What `guide import ultrasound` wrote of the frames.
+    /// Report of `guide import ultrasound` about the frames.
     pub imported: Value,
-    /// What the rig really was.
+    /// True parameters of the rig.
     pub truth: Truth,
     /// From the start of QEMU to the result.
     pub elapsed: Duration,
 }
 
-/// What became of the ultrasound frames.
+/// Use of the ultrasound frames.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Frames {
     /// In the shape, or in the straight needle.
@@ -113,7 +113,7 @@ impl Outcome {
 
     /// Share of the measured tip positions beyond the last reading used that lie inside the predicted bands.
     pub fn share_inside(&self) -> f64 {
-        let (mut inside, mut all) = (0.0, 0.0);
+        let (mut inside_weight, mut total_weight) = (0.0, 0.0);
         for one in self.predicted["insertions"].as_array().into_iter().flatten() {
             for plane in ["y", "x"] {
                 let list =
@@ -124,13 +124,13 @@ impl Outcome {
                     if let (Some(measured), Some(low), Some(high)) =
                         (measured.as_f64(), number(&low), number(&high))
                     {
-                        all += 1.0;
-                        inside += f64::from(u8::from((low..=high).contains(&measured)));
+                        total_weight += 1.0;
+                        inside_weight += f64::from(u8::from((low..=high).contains(&measured)));
                     }
                 }
             }
         }
-        inside / all
+        inside_weight / total_weight
     }
 
     /// Mean error of a predicted path, millimetres; `method` is one of those compared, or none for this one.
@@ -152,7 +152,7 @@ impl Outcome {
         self.session.lateral.iter().flat_map(|run| run.force.lost_before.iter().flatten()).sum()
     }
 
-    /// What became of the frames of all sweeps.
+    /// Use of the frames of all sweeps.
     ///
     /// # Errors
     /// Where the import states no frames.
@@ -192,10 +192,11 @@ pub fn run(args: &Args) -> Result<()> {
     println!(
         "another rig, characterised in air; then it hides an effect, and the firmware runs the diagnostic staircase at three depths:\n"
     );
-    let found = hidden::diagnosis(&this_program()?, args.seed, &args.out, hidden::AFTER_AIR, &mut |text| {
-        print!("{text}")
-    })?;
-    println!("{}", found.summary(args.seed));
+    let diagnosis =
+        hidden::diagnosis(&this_program()?, args.seed, &args.out, hidden::AFTER_AIR, &mut |text| {
+            print!("{text}")
+        })?;
+    println!("{}", diagnosis.summary(args.seed));
     println!("figures and the augmented model are in {}", args.out.display());
     println!("\na needle is steered to a target; the firmware moves guide 2, another program pushes:\n");
     let steered = steered::steered(&this_program()?, args.seed, &args.out, &mut |text| print!("{text}"))?;
@@ -215,7 +216,7 @@ fn brought_up(seed: u64, out: &Path, show: &mut dyn FnMut(&str)) -> Result<()> {
     images::build(images::Image::Qemu)?;
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let record = out.join("bringup.toml");
-    // Of an earlier demonstration, whose rig was another one.
+    // The file is that of an earlier demonstration, with another rig.
     if record.exists() {
         fs::remove_file(&record).with_context(|| format!("cannot remove {}", record.display()))?;
     }
@@ -227,20 +228,20 @@ fn brought_up(seed: u64, out: &Path, show: &mut dyn FnMut(&str)) -> Result<()> {
     Ok(())
 }
 
-/// What was found against what was true, in words.
+/// Comparison of the results with the truth, in words.
 ///
 /// # Errors
 /// Where the result lacks a number.
 pub fn judgement(outcome: &Outcome, seed: u64, out: &Path) -> Result<String> {
     let true_kpa = outcome.truth.modulus_pa * 1e-3;
-    let found_kpa = outcome.number("likelihood", "k_kpa")?;
+    let likelihood_kpa = outcome.number("likelihood", "k_kpa")?;
     let [low_kpa, high_kpa] = outcome.interval_kpa()?;
     let frames = outcome.frames()?;
     let verdict = if (low_kpa..=high_kpa).contains(&true_kpa) { "contains" } else { "misses" };
     Ok(format!(
         "ground truth, hidden from the estimator (seed {seed}):
   true K           {true_kpa:.2} kPa
-  identified K     {found_kpa:.2} kPa, error {:+.1} %
+  identified K     {likelihood_kpa:.2} kPa, error {:+.1} %
   95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K
   frames           {} used, {} rejected
   start of QEMU to K: {:.1} s
@@ -302,8 +303,8 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, show: &mut dyn FnMut(&str)
     guide.shown(&[&acquire[..], &recording].concat())?;
     (guide.show)("(the frames are simulated: a needle in speckle, some without contact or echo)\n\n");
     let start_mm = (1e3 * user_rig.entry_m + SCAN_MARGIN_MM).to_string();
-    let place = ["--z-field", "ProbePosition", "--sweep-start-mm", &start_mm];
-    guide.shown(&[&["import", "ultrasound", "--run", RUN, "--out", session][..], &place].concat())?;
+    let frame_options = ["--z-field", "ProbePosition", "--sweep-start-mm", &start_mm];
+    guide.shown(&[&["import", "ultrasound", "--run", RUN, "--out", session][..], &frame_options].concat())?;
     let truth = bench.rig().rig(|rig| rig.truth());
     let insertions = bench.rig().rig(|rig| rig.insertions(&user_rig, seed, INSERTIONS))?;
     bench.stop()?;

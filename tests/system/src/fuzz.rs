@@ -1,7 +1,8 @@
 //! `cargo xtask fuzz`: the fuzz targets of `tests/fuzz`, each for a while, and what was found.
 //!
-//! The targets are built by `cargo fuzz` with the address sanitizer, which a nightly compiler has. What each does is in
-//! [`crate::fuzzed`]; its kept inputs are in `tests/fuzz/corpus`, to which nothing is added here: new inputs stay in the build folder.
+//! The targets are built by `cargo fuzz` with the address sanitizer, which a nightly compiler has. The targets are in
+//! [`crate::fuzzed`]; their kept inputs are in `tests/fuzz/corpus`, to which no input is added here: new inputs stay in
+//! the build folder.
 
 use crate::fuzzed::{TARGETS, Target};
 use crate::images::{root, target_dir};
@@ -20,7 +21,7 @@ const MAX_MEMORY_MB: u32 = 1_024;
 /// Options of `cargo xtask fuzz`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
-    /// How long each target runs
+    /// Duration of each target
     #[arg(long, default_value_t = 60, value_name = "SECONDS")]
     pub seconds: u32,
     /// Seed of the inputs
@@ -35,7 +36,7 @@ fn names() -> impl Into<clap::builder::ValueParser> {
     clap::builder::PossibleValuesParser::new(TARGETS.map(|target| target.name))
 }
 
-/// What a target has done.
+/// Result of a target.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 struct Outcome {
     executions: u64,
@@ -53,14 +54,15 @@ pub fn run(args: &Args) -> Result<()> {
     let host = nightly_host()?;
     let cargo_fuzz = ensure_cargo_fuzz()?;
     let folder = std::path::absolute(target_dir().join("fuzz"))?;
-    let is_chosen =
-        |target: &&Target| args.targets.is_empty() || args.targets.iter().any(|name| name == target.name);
-    let chosen: Vec<&Target> = TARGETS.iter().filter(is_chosen).collect();
+    let chosen: Vec<&Target> = TARGETS
+        .iter()
+        .filter(|target| args.targets.is_empty() || args.targets.iter().any(|name| name == target.name))
+        .collect();
     for target in &chosen {
         build(&cargo_fuzz, &folder, target)?;
     }
     println!("{}", Row(["target", "executions", "executions/s", "coverage", "crashes"].map(str::to_owned)));
-    let mut found = Vec::new();
+    let mut failures = Vec::new();
     for target in chosen {
         let program = folder.join(&host).join("release").join(target.name);
         let outcome = fuzz(&program, &folder, target, args)?;
@@ -69,12 +71,17 @@ pub fn run(args: &Args) -> Result<()> {
         let numbers = [executions, per_second, coverage, crashes].map(|number| number.to_string());
         let [executions, per_second, coverage, crashes] = numbers;
         println!("{}", Row([target.name.to_owned(), executions, per_second, coverage, crashes]));
-        found.extend(outcome.found.map(|input| format!("{input}\n  again: {} {input}", program.display())));
+        failures
+            .extend(outcome.found.map(|input| format!("{input}\n  again: {} {input}", program.display())));
     }
-    if found.is_empty() {
+    if failures.is_empty() {
         return Ok(());
     }
-    bail!("{} found:\n{}", if found.len() == 1 { "an input was" } else { "inputs were" }, found.join("\n"))
+    bail!(
+        "{} found:\n{}",
+        if failures.len() == 1 { "an input was" } else { "inputs were" },
+        failures.join("\n")
+    )
 }
 
 /// One row of the table.
@@ -111,8 +118,8 @@ fn ensure_cargo_fuzz() -> Result<PathBuf> {
         return Ok(installed);
     }
     let tools = std::path::absolute(target_dir().join("tools"))?;
-    let own = tools.join("bin").join("cargo-fuzz");
-    if !works(&own) {
+    let program = tools.join("bin").join("cargo-fuzz");
+    if !works(&program) {
         eprintln!("xtask: installing cargo-fuzz into {} (it builds the fuzz targets)", tools.display());
         let mut install = crate::images::cargo();
         install.args(["install", "--quiet", "--locked", "cargo-fuzz", "--root"]).arg(&tools);
@@ -121,7 +128,7 @@ fn ensure_cargo_fuzz() -> Result<PathBuf> {
             bail!("cannot install cargo-fuzz; by hand: cargo install cargo-fuzz");
         }
     }
-    Ok(own)
+    Ok(program)
 }
 
 fn build(cargo_fuzz: &Path, folder: &Path, target: &Target) -> Result<()> {
@@ -143,7 +150,7 @@ fn build(cargo_fuzz: &Path, folder: &Path, target: &Target) -> Result<()> {
 
 /// Runs one target for its time.
 fn fuzz(program: &Path, folder: &Path, target: &Target, args: &Args) -> Result<Outcome> {
-    let kept = root().join("tests/fuzz/corpus").join(target.name);
+    let corpus = root().join("tests/fuzz/corpus").join(target.name);
     let dictionary = root().join("tests/fuzz/dictionaries").join(format!("{}.dict", target.name));
     let new = folder.join("corpus").join(target.name);
     let artifacts = folder.join("artifacts").join(target.name);
@@ -152,7 +159,7 @@ fn fuzz(program: &Path, folder: &Path, target: &Target, args: &Args) -> Result<O
     }
     let mut command = Command::new(program);
     // The first folder takes what is new.
-    command.args([&new, &kept]);
+    command.args([&new, &corpus]);
     command.args([
         format!("-max_total_time={}", args.seconds),
         format!("-seed={}", args.seed),
@@ -188,12 +195,12 @@ fn outcome(stderr: &str) -> Outcome {
         let mut numbers = lines.filter_map(|(_, after)| number(after.split_whitespace().next()?));
         numbers.next_back().unwrap_or(0)
     };
-    let found = stderr.lines().find_map(|line| line.split_once("Test unit written to "));
+    let crash_input = stderr.lines().find_map(|line| line.split_once("Test unit written to "));
     Outcome {
         executions: last("stat::number_of_executed_units:"),
         per_second: last("stat::average_exec_per_sec:"),
         coverage: last(" cov: "),
-        found: found.map(|(_, file)| file.trim().to_owned()),
+        found: crash_input.map(|(_, file)| file.trim().to_owned()),
     }
 }
 

@@ -26,7 +26,7 @@ const MARGIN_MM: f64 = 0.5;
 const STEP_MM: f64 = 0.25;
 /// The start of a sweep is stated wrong by this, to see what that does to K.
 const START_OFF_MM: f64 = 0.1;
-/// What the true shape is stated to be right to.
+/// Stated standard deviation of the true shape.
 const TRUE_SD_M: f64 = 1e-6;
 
 /// Options of `cargo xtask study images`.
@@ -35,7 +35,7 @@ pub struct Options {
     /// Runs, each with a sweep along the straight and one along the displaced needle
     #[arg(long, default_value_t = 40)]
     sessions: u64,
-    /// What they are drawn from
+    /// Seed of the sessions
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Print every run
@@ -101,7 +101,7 @@ pub fn run(options: &Options) -> Result<()> {
         options.sessions
     );
     let guide = images::build_guide()?;
-    let mut all = Vec::new();
+    let mut results = Vec::new();
     for number in 0..options.sessions {
         let passing = tempfile::tempdir()?;
         let folder = match &options.keep {
@@ -109,13 +109,13 @@ pub fn run(options: &Options) -> Result<()> {
             None => passing.path().to_owned(),
         };
         std::fs::create_dir_all(&folder).with_context(|| format!("{}: cannot make", folder.display()))?;
-        let one = imaged(&guide, &folder, options.seed, number)?;
+        let result = imaged(&guide, &folder, options.seed, number)?;
         if options.verbose {
-            println!("{}", line(number, &one));
+            println!("{}", line(number, &result));
         }
-        all.push(one);
+        results.push(result);
     }
-    println!("{}", table(&all));
+    println!("{}", table(&results));
     Ok(())
 }
 
@@ -237,26 +237,28 @@ fn sweeps_of(run: &LateralRun) -> Vec<(f64, Vec<[f64; 3]>)> {
 /// The needle's axis in fine steps.
 fn axis_mm(points: &[[f64; 3]], [from_mm, to_mm]: [f64; 2]) -> Vec<[f64; 3]> {
     let steps = ((to_mm - from_mm) / STEP_MM + 1e-9) as usize;
-    let at = |step: usize| {
-        let z_mm = from_mm + STEP_MM * step as f64;
-        let [x_mm, y_mm] = between(points, z_mm);
-        [z_mm, x_mm, y_mm]
-    };
-    (0..=steps).map(at).collect()
+    (0..=steps)
+        .map(|step| {
+            let z_mm = from_mm + STEP_MM * step as f64;
+            let [x_mm, y_mm] = between(points, z_mm);
+            [z_mm, x_mm, y_mm]
+        })
+        .collect()
 }
 
 /// x and y at a position: on the line through the two nearest points, beyond the ends too.
 fn between(points: &[[f64; 3]], z_mm: f64) -> [f64; 2] {
     let last = points.len().saturating_sub(2);
-    let from = points.partition_point(|point| point[0] <= z_mm).saturating_sub(1).min(last);
-    let (Some([a_mm, a_x, a_y]), Some([b_mm, b_x, b_y])) = (points.get(from), points.get(from + 1)) else {
+    let segment = points.partition_point(|point| point[0] <= z_mm).saturating_sub(1).min(last);
+    let (Some([a_mm, a_x, a_y]), Some([b_mm, b_x, b_y])) = (points.get(segment), points.get(segment + 1))
+    else {
         return [f64::NAN; 2];
     };
-    let share = (z_mm - a_mm) / (b_mm - a_mm);
-    [a_x + share * (b_x - a_x), a_y + share * (b_y - a_y)]
+    let fraction = (z_mm - a_mm) / (b_mm - a_mm);
+    [a_x + fraction * (b_x - a_x), a_y + fraction * (b_y - a_y)]
 }
 
-/// How the shape of a session is given.
+/// Source of a session's shape.
 enum Shape<'a> {
     Frames(&'a [FrameSweep]),
     Exact(&'a LateralRun),
@@ -310,18 +312,18 @@ fn write(folder: &Path, session: &Session, run: &LateralRun, shape: &Shape<'_>) 
     Ok(rows.finish()?)
 }
 
-/// What `guide identify` finds by the likelihood.
+/// Modulus that `guide identify` finds by the likelihood.
 fn identified(guide: &Path, session: &Path) -> Result<Modulus> {
-    let found = json(guide, &["identify", &session.display().to_string(), "--json"])?;
+    let identification = json(guide, &["identify", &session.display().to_string(), "--json"])?;
     let number = |field: &str| {
-        let value = found.pointer(&format!("/runs/0/methods/likelihood/{field}"));
+        let value = identification.pointer(&format!("/runs/0/methods/likelihood/{field}"));
         value.and_then(Value::as_f64).with_context(|| format!("identify gave no {field}"))
     };
     Ok(Modulus { k_kpa: number("k_kpa")?, interval_kpa: [number("ci95_kpa/0")?, number("ci95_kpa/1")?] })
 }
 
 fn json(guide: &Path, arguments: &[&str]) -> Result<Value> {
-    let done = Command::new(guide).args(arguments).output().context("cannot run guide")?;
-    ensure!(done.status.success(), "guide {arguments:?}: {}", String::from_utf8_lossy(&done.stderr));
-    serde_json::from_slice(&done.stdout).context("guide printed no JSON")
+    let output = Command::new(guide).args(arguments).output().context("cannot run guide")?;
+    ensure!(output.status.success(), "guide {arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).context("guide printed no JSON")
 }

@@ -64,7 +64,7 @@ impl Board {
 /// A firmware image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Image {
-    /// What is flashed to the board.
+    /// Image that is flashed to the board.
     Flash,
     /// The same with the trap-and-emulate layer, for QEMU.
     Qemu,
@@ -108,8 +108,8 @@ impl Image {
 
 /// Root of the workspace.
 pub fn root() -> &'static Path {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    here.ancestors().nth(2).unwrap_or(here)
+    let manifest_folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    manifest_folder.ancestors().nth(2).unwrap_or(manifest_folder)
 }
 
 /// Folder of everything that is built.
@@ -149,7 +149,8 @@ fn run_build(board: Board, image: Image) -> Result<PathBuf> {
         .args(["--features", &format!("{},{}", image.features(), board.name())])
         .arg("--target-dir")
         .arg(&folder)
-        // What several images depend on is built once; only what is built last has a folder of its own.
+        // Common dependencies of several images are built once; only the final crates have a folder of
+        // their own.
         .env("CARGO_BUILD_BUILD_DIR", target_dir().join("image-parts"))
         .stdin(Stdio::null())
         .stderr(Stdio::piped())

@@ -67,13 +67,13 @@ enum Task {
     Rig(demo::RigArgs),
     /// Print one ultrasound sweep of a simulated rig as CSV
     Sweep {
-        /// Where the rig serves its sweeps
+        /// Socket on which the rig serves its sweeps
         #[arg(long, value_name = "SOCKET")]
         socket: PathBuf,
     },
     /// Save the ultrasound frames of one sweep of a simulated rig, and print the file's path
     Frames {
-        /// Where the rig serves its scans
+        /// Socket on which the rig serves its scans
         #[arg(long, value_name = "SOCKET")]
         socket: PathBuf,
         /// Folder in which they are saved
@@ -138,13 +138,13 @@ fn run(task: Task) -> Result<()> {
         Task::Rig(args) => demo::rig(&args),
         Task::Needle(args) => needle::run(&args),
         Task::Frames { socket, out } => {
-            let (path, _taken) = cosim::take_frames(&socket, &out)?;
+            let (path, _frame_count) = cosim::take_frames(&socket, &out)?;
             println!("{}", path.display());
             std::io::stdout().flush().context("cannot print the path")
         }
         Task::Sweep { socket } => {
-            let taken = cosim::take_sweep(&socket, true)?;
-            print!("{}", taken.text);
+            let sweep = cosim::take_sweep(&socket, true)?;
+            print!("{}", sweep.text);
             std::io::stdout().flush().context("cannot print the sweep")
         }
     }

@@ -14,7 +14,7 @@ use std::process::{Command, Stdio};
 
 /// The feature with which the workspace builds the module.
 pub const FEATURE: &str = "needle-guide/extension";
-/// What the tests need from PyPI: the module's own dependency, and theirs.
+/// Packages that the tests need from PyPI: the module's own dependency, and theirs.
 const PACKAGES: [&str; 7] = [
     "numpy>=1.24",
     "pandas>=2",
@@ -27,10 +27,10 @@ const PACKAGES: [&str; 7] = [
 /// The module's compiled part, in the folder of a build: a copy, because every later build of the workspace replaces cargo's own with one
 /// that Python cannot load.
 const MODULE: &str = "extension/libneedle_guide_core.so";
-/// What an entry point of the package is.
+/// Program behind an entry point of the package.
 const PROGRAM: &str = "import sys\nfrom needle_guide._program import main\nsys.exit(main())\n";
 
-/// How a run of pytest ended.
+/// Outcome of a run of pytest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Outcome {
     /// Tests that passed.
@@ -64,8 +64,8 @@ pub fn installed(target: &Path) -> Result<Result<Installed, String>> {
     }
 }
 
-/// Runs them; `target` is the folder in which the module, built with [`FEATURE`], is. Where the environment cannot be made (no PyPI), the
-/// reason is printed and nothing is counted.
+/// Runs them; `target` is the folder in which the module, built with [`FEATURE`], is. If the environment cannot be made
+/// (no PyPI), the reason is printed and no test is counted.
 ///
 /// # Errors
 /// Where the package cannot be laid out, or pytest ended without a count.
@@ -107,8 +107,9 @@ pub fn run(target: &Path) -> Result<Outcome> {
 /// Puts the package where that Python finds it, with the program beside the interpreter; the package's folder.
 fn lay_out(target: &Path, python: &Path) -> Result<PathBuf> {
     let query = "import sysconfig; print(sysconfig.get_path('platlib'))";
-    let found = Command::new(python).args(["-c", query]).output().context("cannot run the interpreter")?;
-    let libraries = String::from_utf8(found.stdout)?.trim().to_owned();
+    let query_output =
+        Command::new(python).args(["-c", query]).output().context("cannot run the interpreter")?;
+    let libraries = String::from_utf8(query_output.stdout)?.trim().to_owned();
     ensure!(!libraries.is_empty(), "{}: has no folder of packages", python.display());
     let package = Path::new(&libraries).join("needle_guide");
     if package.exists() {

@@ -16,15 +16,15 @@ use worlds::steering::{Kind, SimulatedPlant, reachable_target, world};
 const FORCE_N: f64 = 4.0;
 /// Depth of the targets of the demonstration, mm.
 pub const DEPTH_MM: f64 = 100.0;
-/// What the needle of a seed misses its target by where guide 2 is not moved is at least this, mm: otherwise there is nothing to steer.
+/// Least miss of a seed's needle if guide 2 is not moved, mm: otherwise there is nothing to steer.
 pub const UNSTEERED_MM: f64 = 1.0;
-/// How many needles are drawn at most until one misses by so much.
+/// Largest number of needles that are drawn until one misses by so much.
 const DRAWS: u64 = 100;
-/// How far guide 2 is moved to find how its force grows, mm, and in which time, s.
+/// Displacement of guide 2 with which the growth of its force is measured, mm, and its duration, s.
 const DIFFERENCE_MM: f64 = 0.05;
 const DIFFERENCE_S: f64 = 0.05;
 
-/// What the tracker or the push does wrong from a depth on.
+/// Failure of the tracker or the push from a depth on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Failure {
     /// The tracker sends nothing.
@@ -42,13 +42,13 @@ pub enum Failure {
 /// Options of `cargo xtask needle`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Where the rig serves guide 2
+    /// Socket on which the rig serves guide 2
     #[arg(long, value_name = "SOCKET")]
     socket: PathBuf,
-    /// What needle, tissue and sensor are drawn from
+    /// Seed of needle, tissue and sensor
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// What goes wrong
+    /// Failure of the run
     #[arg(long, value_name = "WHAT", requires = "beyond_mm")]
     fails: Option<Failure>,
     /// From this depth on, millimetres
@@ -64,13 +64,13 @@ pub fn command(xtask: &Path, socket: &Path, seed: u64) -> String {
 /// Needle and tissue of a seed, with a target.
 #[derive(Debug, Clone)]
 pub struct Drawn {
-    /// What is steered.
+    /// Plant that is steered.
     pub plant: SimulatedPlant,
-    /// Which of the seed's needles it is.
+    /// Number of the needle among those of the seed.
     pub number: u64,
     /// A target at [`DEPTH_MM`] that this needle reaches with some guide moves within limits: x, y, depth, mm.
     pub target_mm: [f64; 3],
-    /// How far from it the needle ends where guide 2 is not moved, mm.
+    /// Distance at which the needle ends if guide 2 is not moved, mm.
     pub unsteered_mm: f64,
 }
 
@@ -84,10 +84,10 @@ pub fn drawn(seed: u64) -> Result<Drawn> {
         plant.stated.limits.guide_force_n = Some(FORCE_N);
         let target_mm @ [x_mm, y_mm, _] = reachable_target(&plant, DEPTH_MM, seed, number)?;
         let mut pushed = plant.clone();
-        let mut at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
-        while at.depth_mm < DEPTH_MM {
-            at = Command { t_s: at.t_s + 0.25, depth_mm: at.depth_mm + 1.0, ..at };
-            pushed.step(&at)?;
+        let mut command = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
+        while command.depth_mm < DEPTH_MM {
+            command = Command { t_s: command.t_s + 0.25, depth_mm: command.depth_mm + 1.0, ..command };
+            pushed.step(&command)?;
         }
         let [tip_x_mm, tip_y_mm] = pushed.tip_mm();
         let unsteered_mm = (tip_x_mm - x_mm).hypot(tip_y_mm - y_mm);
@@ -147,11 +147,11 @@ fn load(needle: &SimulatedPlant, command: &Command, guide_m: [f64; 2]) -> Result
     let force_n = moved.needle.force_n;
     let mut later = Command { t_s: command.t_s + DIFFERENCE_S, ..*command };
     step(&mut moved, &later, guide_m)?;
-    let before_n = moved.needle.force_n;
+    let previous_n = moved.needle.force_n;
     later.t_s += DIFFERENCE_S;
     let [x_m, y_m] = guide_m;
     step(&mut moved, &later, [x_m + 1e-3 * DIFFERENCE_MM, y_m])?;
-    let stiffness_n_per_m = (moved.needle.force_n[0] - before_n[0]) / (1e-3 * DIFFERENCE_MM);
+    let stiffness_n_per_m = (moved.needle.force_n[0] - previous_n[0]) / (1e-3 * DIFFERENCE_MM);
     Ok(NeedleLoad { at_m: guide_m, force_n, stiffness_n_per_m: stiffness_n_per_m.max(0.0) })
 }
 
@@ -169,6 +169,6 @@ fn fail(failure: Failure, answer: &mut Answer, last: &Answer) {
 }
 
 fn print(line: &str) -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    writeln!(out, "{line}").and_then(|()| out.flush()).context("cannot print")
+    let mut output = std::io::stdout().lock();
+    writeln!(output, "{line}").and_then(|()| output.flush()).context("cannot print")
 }

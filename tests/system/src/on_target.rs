@@ -1,5 +1,5 @@
-//! What `cargo xtask test` runs beside cargo's tests: programs on the target, in QEMU, and with the second tier the Python module and the
-//! sizes of the images. Ends with `N passed, N failed`.
+//! Tests that `cargo xtask test` runs beside cargo's tests: programs on the target, in QEMU, and with the second tier
+//! the Python module and the sizes of the images. Ends with `N passed, N failed`.
 
 use crate::images::{self, Board, Image};
 use crate::qemu::{HANGS, Line, Qemu, turn};

@@ -1,5 +1,5 @@
-//! Where the board's image can panic, and which of its functions can call themselves: both are read from the linked image, so that
-//! nothing that the compiler has removed counts, and nothing that a library brings is overlooked.
+//! Finds places at which the board's image can panic, and functions that can call themselves: both are read from the
+//! linked image, so that nothing that the compiler has removed counts, and nothing that a library brings is overlooked.
 //!
 //! A panic names its place: `core::panic::Location`, four words among the constants (address and length of the file's name, line,
 //! column). Direct calls and jumps of Thumb-2 code are decoded (Arm Architecture Reference Manual ARMv7-M, A7.7.12, A7.7.18); calls
@@ -28,10 +28,10 @@ pub fn sources(image: &[u8]) -> Result<BTreeMap<String, usize>> {
         let (start, data) = constants
             .iter()
             .find(|(start, data)| (*start..start + data.len() as u64).contains(&u64::from(address)))?;
-        let from = (u64::from(address) - start) as usize;
-        std::str::from_utf8(data.get(from..from + length as usize)?).ok()
+        let byte_offset = (u64::from(address) - start) as usize;
+        std::str::from_utf8(data.get(byte_offset..byte_offset + length as usize)?).ok()
     };
-    let mut places = BTreeSet::new();
+    let mut locations = BTreeSet::new();
     for (_, data) in &constants {
         let words: Vec<u32> =
             data.as_chunks::<4>().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
@@ -44,24 +44,24 @@ pub fn sources(image: &[u8]) -> Result<BTreeMap<String, usize>> {
             if let Some(name) = name.map(|name| name.trim_end_matches('\0'))
                 && name.ends_with(".rs")
             {
-                places.insert((name, line, column));
+                locations.insert((name, line, column));
             }
         }
     }
-    let mut found = BTreeMap::new();
-    for (name, ..) in places {
-        *found.entry(source(name)).or_default() += 1;
+    let mut functions = BTreeMap::new();
+    for (name, ..) in locations {
+        *functions.entry(source(name)).or_default() += 1;
     }
-    Ok(found)
+    Ok(functions)
 }
 
 /// A file of this project as it is; of a library its name without its version.
 fn source(file: &str) -> String {
-    if let Some((_, within)) = file.split_once("/library/") {
-        return within.split('/').next().unwrap_or(within).to_owned();
+    if let Some((_, library_path)) = file.split_once("/library/") {
+        return library_path.split('/').next().unwrap_or(library_path).to_owned();
     }
-    let Some((_, within)) = file.split_once("/registry/src/") else { return file.to_owned() };
-    let package = within.split('/').nth(1).unwrap_or(within);
+    let Some((_, registry_path)) = file.split_once("/registry/src/") else { return file.to_owned() };
+    let package = registry_path.split('/').nth(1).unwrap_or(registry_path);
     package.rsplit_once('-').map_or(package, |(name, _)| name).to_owned()
 }
 
@@ -87,15 +87,21 @@ pub fn recursive(image: &[u8]) -> Result<BTreeSet<String>> {
     let called: BTreeMap<u64, BTreeSet<u64>> = functions
         .iter()
         .map(|(start, (_, code))| {
-            let outside = |target: &u64| *target == *start || owner(*target) != Some(*start);
-            (*start, targets(*start, code).into_iter().filter(outside).filter_map(owner).collect())
+            (
+                *start,
+                targets(*start, code)
+                    .into_iter()
+                    .filter(|target| *target == *start || owner(*target) != Some(*start))
+                    .filter_map(owner)
+                    .collect(),
+            )
         })
         .collect();
     let reaches_itself = |start: &u64| {
-        let (mut reached, mut left) = (BTreeSet::new(), vec![*start]);
-        while let Some(next) = left.pop() {
+        let (mut reached, mut pending) = (BTreeSet::new(), vec![*start]);
+        while let Some(next) = pending.pop() {
             let unreached = called.get(&next).into_iter().flatten().filter(|target| reached.insert(**target));
-            left.extend(unreached.copied().collect::<Vec<_>>());
+            pending.extend(unreached.copied().collect::<Vec<_>>());
         }
         reached.contains(start)
     };
@@ -106,33 +112,33 @@ pub fn recursive(image: &[u8]) -> Result<BTreeSet<String>> {
         .collect())
 }
 
-/// Where direct calls and unconditional jumps of a function lead.
+/// Targets of a function's direct calls and unconditional jumps.
 fn targets(start: u64, code: &[u8]) -> Vec<u64> {
     let halves: Vec<u32> =
         code.as_chunks::<2>().0.iter().map(|bytes| u16::from_le_bytes(*bytes).into()).collect();
-    let mut found = Vec::new();
-    let mut at = 0;
-    while let Some(&first) = halves.get(at) {
-        let next = start + 2 * at as u64 + 4;
-        let second = halves.get(at + 1).copied().filter(|_| matches!(first >> 11, 0b11101..=0b11111));
+    let mut branch_targets = Vec::new();
+    let mut offset = 0;
+    while let Some(&first) = halves.get(offset) {
+        let next = start + 2 * offset as u64 + 4;
+        let second = halves.get(offset + 1).copied().filter(|_| matches!(first >> 11, 0b11101..=0b11111));
         match second {
             // BL (T1) and B.W (T4).
             Some(second) if first & 0xF800 == 0xF000 && matches!(second & 0xD000, 0xD000 | 0x9000) => {
                 let sign = first >> 10 & 1;
                 let [i1, i2] = [second >> 13, second >> 11].map(|j| 1 ^ (j & 1) ^ sign);
                 let bits = sign << 24 | i1 << 23 | i2 << 22 | (first & 0x3FF) << 12 | (second & 0x7FF) << 1;
-                found.push(next.wrapping_add_signed(signed(bits, 25)));
+                branch_targets.push(next.wrapping_add_signed(signed(bits, 25)));
             }
             Some(_) => {}
             // B (T2).
             None if first >> 11 == 0b11100 => {
-                found.push(next.wrapping_add_signed(signed((first & 0x7FF) << 1, 12)));
+                branch_targets.push(next.wrapping_add_signed(signed((first & 0x7FF) << 1, 12)));
             }
             None => {}
         }
-        at += if second.is_some() { 2 } else { 1 };
+        offset += if second.is_some() { 2 } else { 1 };
     }
-    found
+    branch_targets
 }
 
 /// The number that so many bits are in two's complement.

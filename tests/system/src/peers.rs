@@ -1,7 +1,7 @@
 //! Other people's OpenIGTLink: `pyigtl` for Python, and the C++ library's examples as Debian packages them; and environments for Python.
 //!
-//! They are set up in `target/peers` when they are first needed; where they cannot be had, the reason is reported instead. Nothing is
-//! installed in the system.
+//! They are set up in `target/peers` when they are first needed; where they cannot be had, the reason is reported
+//! instead. No file is installed in the system.
 
 use crate::images::root;
 use std::fs;
@@ -43,7 +43,7 @@ fn made_in(
     let complete = folder.join("complete");
     if !fs::read_to_string(&complete).is_ok_and(|before| before == made_of) {
         let cannot = |error: std::io::Error| format!("{}: {error}", folder.display());
-        // What an earlier attempt has left.
+        // Remains of an earlier attempt are deleted.
         let _ = fs::remove_dir_all(folder);
         fs::create_dir_all(folder).map_err(cannot)?;
         make(folder)?;
@@ -79,12 +79,12 @@ pub fn python() -> Result<PathBuf, String> {
 /// # Errors
 /// Why there is none.
 pub fn environment(name: &str, packages: &[&str]) -> Result<PathBuf, String> {
-    let made = folder(name, &packages.join("\n"), |folder| {
+    let ready = folder(name, &packages.join("\n"), |folder| {
         run(Command::new("python3").args(["-m", "venv"]).arg(folder))?;
         let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
         run(Command::new(folder.join("bin/python")).args(pip).args(packages)).map(|_| ())
     })?;
-    Ok(made.join("bin/python"))
+    Ok(ready.join("bin/python"))
 }
 
 /// Scripts for that Python.
@@ -134,14 +134,14 @@ mod tests {
     #[test]
     fn a_set_up_is_made_once_and_again_where_its_list_has_changed_or_it_was_not_completed() {
         let base = tempfile::tempdir().expect("a folder");
-        let at = base.path().join("environment");
+        let environment = base.path().join("environment");
         let set_up = |made_of: &str, succeeds: bool| {
-            let mut made = false;
-            let outcome = made_in(&at, made_of, |_| {
-                made = true;
+            let mut was_made = false;
+            let outcome = made_in(&environment, made_of, |_| {
+                was_made = true;
                 if succeeds { Ok(()) } else { Err("no network".to_owned()) }
             });
-            (made, outcome.is_ok())
+            (was_made, outcome.is_ok())
         };
         assert_eq!(set_up("numpy", true), (true, true));
         assert_eq!(set_up("numpy", true), (false, true));

@@ -17,7 +17,7 @@ pub(crate) struct Pty {
     pub(crate) master: OwnedFd,
     /// Kept open, so that the master can be read whether the terminal is open or not.
     pub(crate) slave: OwnedFd,
-    /// Where it is opened.
+    /// Name under which it is opened.
     pub(crate) name: String,
 }
 

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 /// The QEMU program.
 const QEMU: &str = "qemu-system-arm";
-/// Where a process sets how its session stands back behind others, on kernels that can.
+/// File in which a process sets the priority of its session, on kernels that can.
 const AUTOGROUP: &str = "/proc/self/autogroup";
 /// Nanoseconds of virtual time per instruction, as a power of two: 4 ns, three times as fast as the real part. An emulated
 /// register access takes 200 instructions; at this rate a control period has the share of a millisecond it has on the board.
@@ -23,14 +23,14 @@ const ICOUNT_SHIFT: u32 = 2;
 pub const HANGS: Duration = Duration::from_secs(1_800);
 /// Name of the pipe in QEMU's working folder that gets a copy of what leaves the serial port, where it is there.
 pub(crate) const OUTPUT_PIPE: &str = "serial.out";
-/// How often the end of QEMU is polled.
+/// Interval at which the end of QEMU is polled.
 const POLL: Duration = Duration::from_millis(20);
 
 /// Lines of the firmware's log that are kept, so that a run of hours takes no more memory than one of minutes.
 #[cfg(feature = "firmware-log")]
 const LOG_LINES: usize = 2_000;
 
-/// What the firmware's serial port leads to. Its path is `serial` in the working folder.
+/// Other end of the firmware's serial port. Its path is `serial` in the working folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Line {
     /// A socket.
@@ -186,7 +186,7 @@ impl Qemu {
         }
     }
 
-    /// How it ended; `None` while it runs.
+    /// Exit status; `None` while it runs.
     ///
     /// # Errors
     /// Where the system does not report it.

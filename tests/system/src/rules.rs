@@ -60,8 +60,12 @@ fn packages() -> Vec<Value> {
         .iter()
         .filter_map(|node| node["id"].as_str())
         .collect();
-    let all = metadata["packages"].as_array().unwrap();
-    all.iter().filter(|package| resolved.contains(package["id"].as_str().unwrap())).cloned().collect()
+    let all_packages = metadata["packages"].as_array().unwrap();
+    all_packages
+        .iter()
+        .filter(|package| resolved.contains(package["id"].as_str().unwrap()))
+        .cloned()
+        .collect()
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! How much flash and RAM the image of each board takes, compared with committed figures, so that growth is noticed.
+//! Compares flash and RAM of each board's image with committed figures, so that growth is noticed.
 
 use crate::images::{self, Board, Image};
 use anyhow::{Context, Result, bail};
@@ -11,7 +11,7 @@ use std::path::PathBuf;
 const TOLERANCE_PERCENT: u64 = 2;
 const FLASH_BYTES: u64 = 1 << 20;
 const RAM_BYTES: u64 = 96 << 10;
-/// What the image may take at most, so that it fits smaller parts of the family.
+/// Largest size of the image, so that it fits smaller parts of the family.
 const FLASH_LIMIT_BYTES: u64 = 128 << 10;
 const RAM_LIMIT_BYTES: u64 = 32 << 10;
 
@@ -23,7 +23,7 @@ pub struct Args {
     save: bool,
 }
 
-/// What an image takes.
+/// Size of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Size {
@@ -79,13 +79,13 @@ pub fn run(args: &Args) -> Result<()> {
         return Ok(());
     }
     let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let before: BTreeMap<String, Size> =
+    let committed: BTreeMap<String, Size> =
         serde_json::from_str(&text).with_context(|| format!("{} holds no sizes", path.display()))?;
     for (board, size) in &sizes {
-        let before = before.get(board).with_context(|| {
+        let board_size = committed.get(board).with_context(|| {
             format!("{} has no figures of {board}; commit those of `cargo xtask size --save`", path.display())
         })?;
-        compare(board, size, before)?;
+        compare(board, size, board_size)?;
     }
     Ok(())
 }
@@ -132,8 +132,8 @@ mod tests {
 
     #[test]
     fn growth_of_more_than_the_tolerance_is_an_error_for_flash_and_for_memory() {
-        let before = Size { flash_bytes: 100_000, ram_bytes: 20_000 };
-        let grown = |flash_bytes, ram_bytes| compare("a board", &Size { flash_bytes, ram_bytes }, &before);
+        let committed = Size { flash_bytes: 100_000, ram_bytes: 20_000 };
+        let grown = |flash_bytes, ram_bytes| compare("a board", &Size { flash_bytes, ram_bytes }, &committed);
         assert!(grown(102_000, 20_400).is_ok());
         assert!(grown(102_001, 20_000).unwrap_err().to_string().contains("flash has grown"));
         assert!(grown(90_000, 20_401).unwrap_err().to_string().contains("RAM has grown"));

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 /// Between two bytes.
 const PAUSE: Duration = Duration::from_millis(5);
-/// How often the thread checks whether it is to end.
+/// Interval at which the thread checks whether it is to end.
 const TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 /// A byte that is kept for longer can cost an answer: a client waits for 600 ms.
 const STALLED: Duration = Duration::from_millis(500);

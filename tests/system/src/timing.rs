@@ -13,7 +13,7 @@ const CLOCKS_PER_INSTRUCTION: f64 = 1.5;
 /// Share of the processor that the longest period may take.
 const SHARE: f64 = 0.25;
 
-/// What the target has printed.
+/// Output of the target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Timing {
     /// Control periods measured.

@@ -14,8 +14,8 @@ use std::fmt::{self, Display};
 use std::fs;
 use std::path::Path;
 
-/// The run takes a few seconds in QEMU.
-/// How far the target may be from the host: stiffness as a share of its interval's half-width, tip in m.
+/// The run takes a few seconds in QEMU. Largest difference between target and host: stiffness as a share
+/// of its interval's half-width, tip in m.
 const STIFFNESS_SHARE: f64 = 0.25;
 const TIP_M: f64 = 0.05e-3;
 /// Instructions that one period of the controller has: a millisecond at 80 MHz, one and a half cycles each.
@@ -23,7 +23,7 @@ const BUDGET: u64 = 80_000 * 2 / 3;
 const LENGTH_M: f64 = 0.13;
 const FIXTURE_KG: f64 = 0.3;
 
-/// What the target has printed.
+/// Output of the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tracked {
     /// Estimates.

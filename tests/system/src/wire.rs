@@ -1,8 +1,8 @@
 //! A line with errors between the firmware's serial port and its host.
 //!
 //! [`NoisyWire`] opens the firmware's line and offers a pseudo terminal in its stead. Bytes go through unchanged and at
-//! once, unless set otherwise: bits flip at a given rate, the cable is cut and mended, a faulty host sends random bytes. What flips comes
-//! from a seed; where it falls depends on nothing but the number of bits that went before.
+//! once, unless set otherwise: bits flip at a given rate, the cable is cut and mended, a faulty host sends random
+//! bytes. The flipped bits come from a seed; their positions depend only on the number of bits before them.
 
 use crate::pty::{self, Pty, wait};
 use anyhow::{Context, Result};
@@ -17,14 +17,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// How often the threads read the controls while no bytes come.
+/// Interval at which the threads read the controls while no bytes come.
 const TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 5_000_000 };
 /// The same while a host babbles.
 const BABBLE_TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 1_000_000 };
 /// Most bytes taken at once.
 const CHUNK_BYTES: usize = 1024;
 
-/// Where bytes go.
+/// Direction of bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
     /// From the host to the firmware.
@@ -33,7 +33,7 @@ pub enum Direction {
     ToHost,
 }
 
-/// What has passed in a direction.
+/// Counts of a direction.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Bytes that came out at the other end, babble not included.
@@ -148,7 +148,7 @@ impl NoisyWire {
         *lock(&self.shared.babble_per_ms) = bytes_per_ms;
     }
 
-    /// What has passed in a direction.
+    /// Counts of a direction.
     pub fn counters(&self, direction: Direction) -> Counters {
         self.shared.lane(direction).counters
     }
@@ -173,11 +173,11 @@ fn to_device(shared: &Shared, device: BorrowedFd<'_>, host: BorrowedFd<'_>, seed
     let mut random = stream(seed, 2);
     let (mut last, mut owed) = (Instant::now(), 0.0);
     while !shared.stops() {
-        let per_ms = *lock(&shared.babble_per_ms);
-        let timeout = if per_ms > 0.0 { &BABBLE_TIMEOUT } else { &TIMEOUT };
+        let babble_rate = *lock(&shared.babble_per_ms);
+        let timeout = if babble_rate > 0.0 { &BABBLE_TIMEOUT } else { &TIMEOUT };
         carry(shared, Direction::ToDevice, host, device, timeout);
         let now = Instant::now();
-        owed += per_ms * (now - last).as_secs_f64() * 1e3;
+        owed += babble_rate * (now - last).as_secs_f64() * 1e3;
         last = now;
         let mut nonsense = vec![0; (owed as usize).min(CHUNK_BYTES)];
         owed -= owed.floor();
@@ -212,22 +212,22 @@ fn carry(
         return;
     }
     let flipped = shared.lane(direction).errors.apply(bytes);
-    let mut left = &*bytes;
-    while !left.is_empty() && !shared.is_cut() && !shared.stops() {
+    let mut unsent = &*bytes;
+    while !unsent.is_empty() && !shared.is_cut() && !shared.stops() {
         if wait(to, PollFlags::OUT, timeout) {
             // Held while they are written: what has been read is counted.
             let mut lane = shared.lane(direction);
-            let taken = rustix::io::write(to, left).unwrap_or_default();
-            left = &left[taken..];
-            lane.counters.bytes += taken as u64;
-            lane.counters.flipped_bits += if left.is_empty() { flipped } else { 0 };
+            let written = rustix::io::write(to, unsent).unwrap_or_default();
+            unsent = &unsent[written..];
+            lane.counters.bytes += written as u64;
+            lane.counters.flipped_bits += if unsent.is_empty() { flipped } else { 0 };
         }
     }
-    shared.lane(direction).counters.dropped += left.len() as u64;
+    shared.lane(direction).counters.dropped += unsent.len() as u64;
 }
 
-/// Which bits flip: each with the same probability, independent of all others. The distance to the next one is drawn
-/// instead of every bit.
+/// Rule for the bits that flip: each with the same probability, independent of all others. The distance to the next
+/// one is drawn instead of every bit.
 #[derive(Debug)]
 struct BitErrors {
     rate: f64,
@@ -260,13 +260,13 @@ impl BitErrors {
     fn apply(&mut self, bytes: &mut [u8]) -> u64 {
         let bits = 8 * bytes.len() as u64;
         let mut flipped = 0;
-        let mut at = self.right_bits;
-        while at < bits {
-            bytes[(at / 8) as usize] ^= 1 << (at % 8);
+        let mut bit_position = self.right_bits;
+        while bit_position < bits {
+            bytes[(bit_position / 8) as usize] ^= 1 << (bit_position % 8);
             flipped += 1;
-            at = self.draw().saturating_add(at + 1);
+            bit_position = self.draw().saturating_add(bit_position + 1);
         }
-        self.right_bits = if self.rate > 0.0 { at - bits } else { u64::MAX };
+        self.right_bits = if self.rate > 0.0 { bit_position - bits } else { u64::MAX };
         flipped
     }
 }
@@ -313,12 +313,12 @@ mod tests {
 
     /// Sends through one end and returns what comes out at the other.
     fn through(from: BorrowedFd<'_>, to: BorrowedFd<'_>, bytes: &[u8]) -> Vec<u8> {
-        let mut out = Vec::new();
+        let mut passed = Vec::new();
         for chunk in bytes.chunks(512) {
             assert_eq!(rustix::io::write(from, chunk), Ok(chunk.len()));
-            out.extend(receive(to, chunk.len()));
+            passed.extend(receive(to, chunk.len()));
         }
-        out
+        passed
     }
 
     fn pattern(count: usize) -> Vec<u8> {
@@ -371,10 +371,10 @@ mod tests {
         };
         assert_eq!(flip(3, 4_000), flip(3, 7));
         assert_ne!(flip(3, 4_000), flip(4, 4_000));
-        let mut all = BitErrors::new(5, 0);
-        all.set_rate(1.0);
+        let mut whole_stream = BitErrors::new(5, 0);
+        whole_stream.set_rate(1.0);
         let mut bytes = [0; 3];
-        assert_eq!((all.apply(&mut bytes), bytes), (24, [0xFF; 3]));
+        assert_eq!((whole_stream.apply(&mut bytes), bytes), (24, [0xFF; 3]));
     }
 
     #[test]

@@ -139,7 +139,7 @@ impl Imperfection {
 pub struct Background {
     /// Kinds with their sizes; none twice.
     pub parts: Vec<(Imperfection, f64)>,
-    /// What their signs, phases and places are drawn from.
+    /// Seed of their signs, phases and positions.
     pub seed: u64,
 }
 
@@ -151,8 +151,8 @@ impl Background {
 
     /// The same, so many times as large.
     pub fn times(&self, factor: f64) -> Self {
-        let parts = self.parts.iter().map(|(kind, size)| (*kind, factor * size)).collect();
-        Self { parts, seed: self.seed }
+        let scaled_parts = self.parts.iter().map(|(kind, size)| (*kind, factor * size)).collect();
+        Self { parts: scaled_parts, seed: self.seed }
     }
 
     /// Size of a kind; 0 where it is not there.

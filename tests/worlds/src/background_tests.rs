@@ -1,4 +1,5 @@
-//! What imperfections do to a session: each its own, none when absent, together too little to be noticed.
+//! Effects of imperfections on a session: each its own, none when absent, together too little to be
+//! noticed.
 
 use super::gap::misfit;
 use super::*;
@@ -50,8 +51,8 @@ fn every_imperfection_shows_where_it_should_and_nowhere_else() {
     for kind in Imperfection::all() {
         let [low, high] = kind.sizes();
         assert!(0.0 < low && low < high, "{}", kind.name());
-        let with = session_on(&truth(vec![]), &Background::of(kind, high, 3), &design, 1);
-        let [force_n, displacement_m, shape_m, tip_m] = changes(&plain, &with);
+        let imperfect = session_on(&truth(vec![]), &Background::of(kind, high, 3), &design, 1);
+        let [force_n, displacement_m, shape_m, tip_m] = changes(&plain, &imperfect);
         let [lateral, insertion] = kind.shows_in();
         let is_lateral = force_n > 1e-4 || displacement_m > 1e-6 || shape_m > 1e-6;
         assert_eq!(is_lateral, lateral, "{} {force_n} {displacement_m} {shape_m}", kind.name());
@@ -71,15 +72,15 @@ fn every_imperfection_shows_where_it_should_and_nowhere_else() {
 fn imperfections_keep_to_themselves() {
     let design = quiet(small());
     let alone = Background::of(Imperfection::ForceZero, 0.01, 5);
-    let mut together = alone.clone();
-    together.parts.push((Imperfection::ShapeWobble, 0.015));
-    let [a, b] = [&alone, &together].map(|background| session_on(&truth(vec![]), background, &design, 1));
+    let mut combined = alone.clone();
+    combined.parts.push((Imperfection::ShapeWobble, 0.015));
+    let [a, b] = [&alone, &combined].map(|background| session_on(&truth(vec![]), background, &design, 1));
     let [force_n, displacement_m, shape_m, _] = changes(&a, &b);
     assert_eq!([force_n, displacement_m], [0.0, 0.0]);
     assert!(shape_m > 1e-6);
     assert_eq!(a, session_on(&truth(vec![]), &alone, &design, 1));
-    let other = Background { seed: 6, ..alone };
-    assert_ne!(a, session_on(&truth(vec![]), &other, &design, 1));
+    let other_seed = Background { seed: 6, ..alone };
+    assert_ne!(a, session_on(&truth(vec![]), &other_seed, &design, 1));
 }
 
 #[test]
@@ -101,15 +102,16 @@ fn a_drawn_background_would_not_be_noticed() {
 
 #[test]
 fn misfit_is_what_an_effect_explains() {
-    let (design, nothing) = (Design::four_runs(), Background::default());
+    let (design, no_background) = (Design::four_runs(), Background::default());
     // Another modulus is no misfit, a layer is, and it is gone with the layer.
     let softer = Truth { k_kpa: 9.0, ..truth(vec![]) };
-    assert!(misfit(&softer, &nothing, &truth(vec![]), &design).chi2 < 1e-3);
+    assert!(misfit(&softer, &no_background, &truth(vec![]), &design).chi2 < 1e-3);
     let layered = truth(vec![("tissue.layers", vec![2.2, 15.0])]);
-    let left = misfit(&layered, &nothing, &truth(vec![]), &design);
-    assert!(left.chi2 > 400.0 && left.per_reading > 0.0, "{left:?}");
-    let none = misfit(&Truth { k_kpa: 11.0, ..layered.clone() }, &nothing, &layered, &design);
-    assert!(none.chi2 < 1e-3, "{none:?}");
+    let layered_misfit = misfit(&layered, &no_background, &truth(vec![]), &design);
+    assert!(layered_misfit.chi2 > 400.0 && layered_misfit.per_reading > 0.0, "{layered_misfit:?}");
+    let rescaled_misfit =
+        misfit(&Truth { k_kpa: 11.0, ..layered.clone() }, &no_background, &layered, &design);
+    assert!(rescaled_misfit.chi2 < 1e-3, "{rescaled_misfit:?}");
 }
 
 #[test]
@@ -122,15 +124,15 @@ fn touched_modulus_weighs_what_the_force_responds_to() {
     assert!((softer - expected).abs() < 1e-12, "{softer} {expected}");
     // The stiffness at guide 2 follows it: a small ripple moves K as identified by force as much.
     let ripple = Background::of(Imperfection::ModulusOverDepth, 0.03, 4);
-    let one = Design { lateral: vec![design.lateral[0].clone()], ..design };
-    let factor = touched_modulus(&truth(vec![]), &ripple, &one);
+    let single_run = Design { lateral: vec![design.lateral[0].clone()], ..design };
+    let factor = touched_modulus(&truth(vec![]), &ripple, &single_run);
     let force = |background: &Background, k_kpa: f64| {
         let truth = Truth { k_kpa, ..truth(vec![]) };
-        session_on(&truth, background, &quiet(one.clone()), 1).lateral[0].force.force_y_n[240]
+        session_on(&truth, background, &quiet(single_run.clone()), 1).lateral[0].force.force_y_n[240]
     };
-    let nothing = Background::default();
-    let (rippled_n, equivalent_n) = (force(&ripple, 14.0), force(&nothing, 14.0 * factor));
-    let change_n = rippled_n - force(&nothing, 14.0);
+    let no_background = Background::default();
+    let (rippled_n, equivalent_n) = (force(&ripple, 14.0), force(&no_background, 14.0 * factor));
+    let change_n = rippled_n - force(&no_background, 14.0);
     assert!(change_n.abs() > 1e-4, "{change_n}");
     assert!((rippled_n - equivalent_n).abs() < 0.1 * change_n.abs(), "{rippled_n} {equivalent_n} {change_n}");
 }

@@ -84,9 +84,9 @@ impl Band {
         for node in 0..count {
             let (mut diagonal, mut next) = (self.diagonal[node], self.next[node]);
             if node >= 1 {
-                let above = factor.diagonal[node - 1] * factor.next[node - 1];
-                diagonal -= above * factor.next[node - 1];
-                next -= above * factor.second[node - 1];
+                let coupling = factor.diagonal[node - 1] * factor.next[node - 1];
+                diagonal -= coupling * factor.next[node - 1];
+                next -= coupling * factor.second[node - 1];
             }
             if node >= 2 {
                 diagonal -= factor.diagonal[node - 2] * factor.second[node - 2] * factor.second[node - 2];
@@ -102,26 +102,26 @@ impl Band {
 impl Factor {
     /// Deflections under forces on the nodes.
     pub fn solve(&self, force: &[f64]) -> Vec<f64> {
-        let mut at = force.to_vec();
-        let count = at.len();
+        let mut solution = force.to_vec();
+        let count = solution.len();
         for node in 0..count {
             if node >= 1 {
-                at[node] -= self.next[node - 1] * at[node - 1];
+                solution[node] -= self.next[node - 1] * solution[node - 1];
             }
             if node >= 2 {
-                at[node] -= self.second[node - 2] * at[node - 2];
+                solution[node] -= self.second[node - 2] * solution[node - 2];
             }
         }
         for node in (0..count).rev() {
-            at[node] /= self.diagonal[node];
+            solution[node] /= self.diagonal[node];
             if node + 1 < count {
-                at[node] -= self.next[node] * at[node + 1];
+                solution[node] -= self.next[node] * solution[node + 1];
             }
             if node + 2 < count {
-                at[node] -= self.second[node] * at[node + 2];
+                solution[node] -= self.second[node] * solution[node + 2];
             }
         }
-        at
+        solution
     }
 }
 
@@ -197,8 +197,8 @@ pub(super) fn between(places: &[f64], values: &[f64], place: f64, goes_on: bool)
     if places.len() < 2 {
         return values[0];
     }
-    let place = if goes_on { place } else { place.clamp(*first, *last) };
-    let right = places.partition_point(|at| *at < place).clamp(1, places.len() - 1);
-    let share = (place - places[right - 1]) / (places[right] - places[right - 1]);
-    values[right - 1] + share * (values[right] - values[right - 1])
+    let clamped = if goes_on { place } else { place.clamp(*first, *last) };
+    let right = places.partition_point(|at| *at < clamped).clamp(1, places.len() - 1);
+    let fraction = (clamped - places[right - 1]) / (places[right] - places[right - 1]);
+    values[right - 1] + fraction * (values[right] - values[right - 1])
 }

@@ -10,23 +10,26 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub fn on_all_cores<T: Send>(count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let next = AtomicUsize::new(0);
     let some = || {
-        let mut done = Vec::new();
+        let mut completed = Vec::new();
         loop {
             let number = next.fetch_add(1, Ordering::Relaxed);
             if number >= count {
-                return done;
+                return completed;
             }
-            done.push((number, of(number)));
+            completed.push((number, of(number)));
         }
     };
-    let alone = || match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
-        Ok(pool) => pool.install(some),
-        Err(_) => some(),
-    };
-    let mut all: Vec<_> = std::thread::scope(|scope| {
-        let cores: Vec<_> = (0..rayon::current_num_threads()).map(|_| scope.spawn(alone)).collect();
+    let mut per_core: Vec<_> = std::thread::scope(|scope| {
+        let cores: Vec<_> = (0..rayon::current_num_threads())
+            .map(|_| {
+                scope.spawn(|| match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+                    Ok(pool) => pool.install(some),
+                    Err(_) => some(),
+                })
+            })
+            .collect();
         cores.into_iter().flat_map(|core| core.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
     });
-    all.sort_by_key(|(number, _)| *number);
-    all.into_iter().map(|(_, result)| result).collect()
+    per_core.sort_by_key(|(number, _)| *number);
+    per_core.into_iter().map(|(_, result)| result).collect()
 }

@@ -1,4 +1,4 @@
-//! What is measured and how precisely.
+//! Measurements and their precision.
 
 use super::MM;
 use formats::session::Noise;
@@ -12,7 +12,7 @@ pub struct Design {
     pub insertion: Vec<InsertionPlan>,
     /// Its instruments.
     pub noise: NoisePlan,
-    /// How the shape is imaged, where the session states it.
+    /// Images of the shape, if the session states them.
     pub images: Option<ImagePlan>,
 }
 
@@ -43,7 +43,7 @@ pub struct LateralPlan {
     pub axis: usize,
     /// Displacements that are held.
     pub levels_mm: Vec<f64>,
-    /// How long each is held.
+    /// Duration of each hold.
     pub hold_s: f64,
     /// Speed between them.
     pub ramp_mm_per_s: f64,
@@ -54,22 +54,23 @@ pub struct LateralPlan {
 pub struct InsertionPlan {
     /// Name of the run.
     pub id: String,
-    /// How deep; rounded to the grid of half a millimetre.
+    /// Final depth; rounded to the grid of half a millimetre.
     pub depth_mm: f64,
-    /// How fast.
+    /// Speed.
     pub speed_mm_per_s: f64,
-    /// Where the needle is turned by 180 degrees, at rest; the row at this depth is from before the turn.
+    /// Depth at which the needle is turned by 180 degrees, at rest; the row at this depth is from before
+    /// the turn.
     pub turn_at_mm: Option<f64>,
-    /// What guide 2 does at rest, in order of depth; each step has a row before it and one after it.
+    /// Steps of guide 2 at rest, in order of depth; each step has a row before it and one after it.
     pub guide2_steps: Vec<GuideStep>,
 }
 
 /// A step of guide 2 at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GuideStep {
-    /// Where the tip is; rounded to the grid of half a millimetre.
+    /// Depth of the tip; rounded to the grid of half a millimetre.
     pub depth_mm: f64,
-    /// Where guide 2 goes, vertically and horizontally.
+    /// Target of guide 2, vertically and horizontally.
     pub to_mm: [f64; 2],
 }
 

@@ -52,12 +52,13 @@ impl Draw {
     /// Waves of these lengths with a root mean square of 1 together.
     fn waves(&mut self, count: usize, lengths: [f64; 2]) -> Vec<Wave> {
         let amplitude = (2.0 / count as f64).sqrt();
-        let wave = |_| Wave {
-            amplitude,
-            per_length: TAU / self.within(lengths),
-            phase: TAU * self.within([0.0, 1.0]),
-        };
-        (0..count).map(wave).collect()
+        (0..count)
+            .map(|_| Wave {
+                amplitude,
+                per_length: TAU / self.within(lengths),
+                phase: TAU * self.within([0.0, 1.0]),
+            })
+            .collect()
     }
 }
 
@@ -83,12 +84,12 @@ impl<'a> Flaws<'a> {
         Draw(random)
     }
 
-    /// What all runs share.
+    /// Draw that all runs share.
     fn shared(&self, kind: I, part: u64) -> Draw {
         Self { run: SHARED, ..*self }.draw(kind, part)
     }
 
-    /// What tissue varies by, of a lateral run (0) or an insertion (1).
+    /// Variation of the tissue, of a lateral run (0) or an insertion (1).
     pub fn tissue(&self, scope: usize) -> Inhomogeneity {
         let mut tissue = Inhomogeneity::default();
         if let Some(size) = self.size(I::ModulusOverDepth) {
@@ -120,7 +121,7 @@ impl<'a> Flaws<'a> {
         tissue
     }
 
-    /// What really is in the run, lateral (0) or insertion (1).
+    /// True world of the run, lateral (0) or insertion (1).
     pub fn world(&self, world: &World, scope: usize) -> World {
         let mut world = World { tissue: self.tissue(scope), ..world.clone() };
         if let Some(size) = self.size(I::BendingStiffness) {
@@ -146,37 +147,39 @@ impl<'a> Flaws<'a> {
     pub fn mix(&self, planes: &mut [&mut [f64]; 2]) {
         let Some(size) = self.size(I::Axes) else { return };
         let mut draw = self.shared(I::Axes, 0);
-        let into = [0, 1].map(|_| size * draw.sign() * draw.within([0.5, 1.0]));
+        let mixing = [0, 1].map(|_| size * draw.sign() * draw.within([0.5, 1.0]));
         let [y, x] = planes;
         for (y, x) in y.iter_mut().zip(x.iter_mut()) {
-            [*y, *x] = [*y + into[0] * *x, *x + into[1] * *y];
+            [*y, *x] = [*y + mixing[0] * *x, *x + mixing[1] * *y];
         }
     }
 
-    /// What the force sensor of a plane makes of its signal.
+    /// Reading of the force sensor of a plane for its signal.
     pub fn force(&self, plane: u64, time_s: &[f64], force_n: &mut [f64]) {
         let largest_n = force_n.iter().fold(1e-9, |most: f64, force| most.max(force.abs()));
         let duration_s = time_s.last().copied().unwrap_or(0.0).max(1e-9);
         if let Some(size) = self.size(I::ForceNonlinearity) {
             let turn = TAU * self.shared(I::ForceNonlinearity, 0).within([0.0, 1.0]);
             for force in force_n.iter_mut() {
-                let share = *force / largest_n;
-                *force += size * largest_n * (turn.cos() * share.powi(2) + turn.sin() * share.powi(3));
+                let relative_force = *force / largest_n;
+                *force += size
+                    * largest_n
+                    * (turn.cos() * relative_force.powi(2) + turn.sin() * relative_force.powi(3));
             }
         }
         if let Some(size) = self.size(I::ForceHysteresis) {
-            let (play_n, mut held_n) = (size * largest_n, 0.0f64);
+            let (play_n, mut hysteresis_n) = (size * largest_n, 0.0f64);
             for force in force_n.iter_mut() {
-                held_n = held_n.clamp(*force - play_n, *force + play_n);
-                *force = 2.0 * *force - held_n;
+                hysteresis_n = hysteresis_n.clamp(*force - play_n, *force + play_n);
+                *force = 2.0 * *force - hysteresis_n;
             }
         }
         if let Some(size) = self.size(I::ForceCreep) {
             let tau_s = self.shared(I::ForceCreep, 0).within(CREEP_S);
-            let (mut before_s, mut slow_n) = (0.0, 0.0);
+            let (mut previous_s, mut slow_n) = (0.0, 0.0);
             for (force, now_s) in force_n.iter_mut().zip(time_s) {
-                slow_n += (*force - slow_n) * (1.0 - (-(now_s - before_s) / tau_s).exp());
-                before_s = *now_s;
+                slow_n += (*force - slow_n) * (1.0 - (-(now_s - previous_s) / tau_s).exp());
+                previous_s = *now_s;
                 *force += size * slow_n;
             }
         }
@@ -194,14 +197,15 @@ impl<'a> Flaws<'a> {
             drift.iter_mut().for_each(|wave| wave.amplitude *= size);
             added.push(drift);
         }
-        let zero = |size: f64| size * self.draw(I::ForceZero, plane).within([-1.0, 1.0]);
-        let zero_n = self.size(I::ForceZero).map_or(0.0, zero);
+        let zero_n = self
+            .size(I::ForceZero)
+            .map_or(0.0, |size| size * self.draw(I::ForceZero, plane).within([-1.0, 1.0]));
         for (force, now_s) in force_n.iter_mut().zip(time_s) {
             *force += zero_n + added.iter().map(|waves| sum(waves, *now_s)).sum::<f64>();
         }
     }
 
-    /// What the displacement sensor of a plane makes of guide 2's position.
+    /// Reading of the displacement sensor of a plane for guide 2's position.
     pub fn displacement(&self, plane: u64, time_s: &[f64], at_m: &mut [f64]) {
         if let Some(size) = self.size(I::DisplacementPeriodic) {
             let mut draw = self.shared(I::DisplacementPeriodic, plane);
@@ -218,7 +222,7 @@ impl<'a> Flaws<'a> {
         }
     }
 
-    /// What the image makes of a plane's deflections at depths below the surface.
+    /// Image of a plane's deflections at depths below the surface.
     pub fn shape(&self, plane: u64, depths_m: &[f64], deflection_m: &mut [f64]) {
         let mut add = |kind: I, share: &dyn Fn(f64, f64) -> f64| {
             let Some(size) = self.size(kind) else { return };
@@ -235,7 +239,7 @@ impl<'a> Flaws<'a> {
         add(I::ShapePattern, &|depth_m, _| sum(&waves, depth_m));
     }
 
-    /// What the tracker adds to a plane's tip positions at these depths.
+    /// Error of the tracker in a plane's tip positions at these depths.
     pub fn tip(&self, plane: u64, depths_m: &[f64], tip_m: &mut [f64]) {
         if let Some(size) = self.size(I::TrackerTilt) {
             let tilt_rad = size * self.shared(I::TrackerTilt, plane).within([-1.0, 1.0]);

@@ -19,7 +19,8 @@ fn commanded() -> [Profile; 2] {
     [y, x].map(|knots| Profile::new(knots).expect("a profile"))
 }
 
-/// Where the needle is in guide 2: of the commanded places, with a clearance on either side that is taken up first.
+/// Position of the needle in guide 2: of the commanded places, with a clearance on either side that is taken up
+/// first.
 fn followed(plane: usize, clearance_m: f64, depth_m: f64, leaving: bool) -> f64 {
     let is_past = |at_m: f64| depth_m > at_m + 1e-9 || (leaving && depth_m > at_m - 1e-9);
     match plane {
@@ -81,13 +82,13 @@ fn bent_needles_loose_guides_and_soft_frames_meet_the_forward_model() {
             guide2_m: Some(commanded()),
             ..Insertion::default()
         };
-        let found = predict(&model, &Experiment::Insertion(insertion)).expect("predicts").tip_m;
-        let found = [found.y, found.x.expect("two planes")];
+        let predicted_m = predict(&model, &Experiment::Insertion(insertion)).expect("predicts").tip_m;
+        let plane_paths = [predicted_m.y, predicted_m.x.expect("two planes")];
         let size_m = expected.iter().flatten().fold(0.0, |most: f64, m| most.max(m.abs()));
-        for (found, expected) in found.iter().flatten().zip(expected.iter().flatten()) {
-            assert!((found - expected).abs() < 2e-3 * size_m, "{effects:?}: {found} {expected}");
+        for (plane_paths, expected) in plane_paths.iter().flatten().zip(expected.iter().flatten()) {
+            assert!((plane_paths - expected).abs() < 2e-3 * size_m, "{effects:?}: {plane_paths} {expected}");
         }
-        // What is compared is what the effect does: far beyond the agreement.
+        // The comparison uses the effect of the flaw: far beyond the agreement.
         match &plain {
             None => plain = Some(expected),
             Some(plain) => {

@@ -1,4 +1,4 @@
-//! How far what is measured lies from what a simpler truth would give, by the generator alone: no noise, no forward model.
+//! Distance of the measurements from those of a simpler truth, by the generator alone: no noise, no forward model.
 
 use super::design::{Design, NoisePlan};
 use super::sensors::{CORRELATED_FORCE, CORRELATED_SHAPE, SAMPLE_SPACING_M};
@@ -21,15 +21,15 @@ pub struct Misfit {
     pub per_reading: f64,
 }
 
-/// What a model that is `model` but for modulus and tip load, which adapt, leaves of a session of `truth` on a background.
+/// Misfit of a session of `truth` on a background to a model that is `model` but for modulus and tip load, which adapt.
 pub fn misfit(truth: &Truth, background: &Background, model: &Truth, design: &Design) -> Misfit {
     let quiet = Design { noise: design.noise.none(), ..design.clone() };
     let measured = session_on(truth, background, &quiet, 1);
-    let nothing = Background::default();
+    let no_background = Background::default();
     let predict = |[modulus, load]: [f64; 2]| {
         let model =
             Truth { k_kpa: model.k_kpa * modulus, tip_load_n: model.tip_load_n * load, ..model.clone() };
-        session_on(&model, &nothing, &quiet, 1)
+        session_on(&model, &no_background, &quiet, 1)
     };
     misfit_of(&measured, &predict, &design.noise)
 }
@@ -57,12 +57,12 @@ pub fn misfit_of(measured: &Session, model: &dyn Fn([f64; 2]) -> Session, noise:
             break;
         };
         let step: Vec<f64> = step.iter().map(|step| step.clamp(-MAX_CHANGE, MAX_CHANGE)).collect();
-        let tried: Vec<f64> = values.iter().zip(&step).map(|(value, step)| value - step).collect();
-        let left = off(&tried);
-        if left.norm_squared() > residuals.norm_squared() {
+        let trial: Vec<f64> = values.iter().zip(&step).map(|(value, step)| value - step).collect();
+        let trial_misfit = off(&trial);
+        if trial_misfit.norm_squared() > residuals.norm_squared() {
             break;
         }
-        (values, residuals) = (tried, left);
+        (values, residuals) = (trial, trial_misfit);
         if step.iter().all(|step| step.abs() < STILL) {
             break;
         }

@@ -11,12 +11,12 @@ struct Cut {
     springs_n_per_m: [f64; 2],
 }
 
-/// What acts on the needle in a plane at a step, on arriving and on leaving.
+/// Loads on the needle in a plane at a step, on arriving and on leaving.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Acting {
     /// Load on the tip.
     pub load_n: [f64; 2],
-    /// Where guide 2 takes the needle.
+    /// Position to which guide 2 takes the needle.
     pub guide2_m: [f64; 2],
     /// Curvature of the needle by itself.
     pub bend_per_m: [f64; 2],
@@ -37,35 +37,36 @@ pub(super) fn tip_path(
     let mut chain = Chain::new(world, entry, world.axial_n, world.frame_m_per_n);
     let mut cuts: Vec<Cut> = Vec::new();
     // Forces of the tissue that is cut already, on a needle at zero.
-    let mut past_n = vec![0.0; entry];
+    let mut past_forces_n = vec![0.0; entry];
     for step in 0..=node_at(depth_m) + early {
         let tip = entry + step;
-        let at_m = (step as f64 - early as f64) * STEP_M;
+        let depth_m = (step as f64 - early as f64) * STEP_M;
         let half = |from_m: f64| world.springs_n_per_m(plane, from_m, from_m + 0.5 * STEP_M);
         let skin = if step == early { world.skin_n_per_m } else { 0.0 };
-        let above = skin + if step == 0 { 0.0 } else { half(at_m - 0.5 * STEP_M) };
-        past_n.push(0.0);
-        // What the newest piece of path does to the needle, per metre of it.
+        let integral_above = skin + if step == 0 { 0.0 } else { half(depth_m - 0.5 * STEP_M) };
+        past_forces_n.push(0.0);
+        // Effect of the newest piece of path on the needle, per metre of it.
         let mut newest = vec![0.0; tip + 1];
-        newest[tip] = above;
+        newest[tip] = integral_above;
         if let Some(cut) = cuts.last() {
             chain.grow();
             chain.add_slope(tip, world.shear_n);
             chain.band.add_spring(tip - 1, cut.springs_n_per_m[1]);
-            past_n[tip - 1] += cut.springs_n_per_m[1] * cut.tip_m[1] + shear * cut.tip_m[1];
-            past_n[tip] -= shear * cut.tip_m[1];
+            past_forces_n[tip - 1] += cut.springs_n_per_m[1] * cut.tip_m[1] + shear * cut.tip_m[1];
+            past_forces_n[tip] -= shear * cut.tip_m[1];
             newest[tip] += shear;
             newest[tip - 1] -= shear;
         }
-        chain.band.add_spring(tip, above);
+        chain.band.add_spring(tip, integral_above);
         let factor = chain.band.factor();
         // In air nothing loads the bevel.
-        let is_cutting = at_m >= surface_m || surface_m <= 0.0;
+        let is_cutting = depth_m >= surface_m || surface_m <= 0.0;
         let Acting { load_n, guide2_m, bend_per_m } = acting(step.saturating_sub(early));
         let load_n = if is_cutting { load_n } else { [0.0; 2] };
-        // Of the tip, the guide (which may be beside the line of the clamp) and the needle itself, beside what is past.
-        let forces_n = |past_n: &[f64], side: usize| {
-            let mut force_n = past_n.to_vec();
+        // Forces of the tip, the guide (which may be beside the line of the clamp) and the needle itself, beside the
+        // past ones.
+        let forces_n = |past_forces_n: &[f64], side: usize| {
+            let mut force_n = past_forces_n.to_vec();
             force_n[tip] += load_n[side];
             if let Some((node, stiffness)) = chain.guide {
                 force_n[node] += stiffness * (world.guide_offset_m[plane] + guide2_m[side]);
@@ -74,31 +75,31 @@ pub(super) fn tip_path(
             force_n
         };
         // The newest path is where the tip is: the tip follows from both, without a step of lag.
-        let arriving_m = factor.solve(&forces_n(&past_n, 0))[tip] / (1.0 - factor.solve(&newest)[tip]);
-        past_n.iter_mut().zip(&newest).for_each(|(force, newest)| *force += newest * arriving_m);
+        let arriving_m = factor.solve(&forces_n(&past_forces_n, 0))[tip] / (1.0 - factor.solve(&newest)[tip]);
+        past_forces_n.iter_mut().zip(&newest).for_each(|(force, newest)| *force += newest * arriving_m);
         let changes = [load_n, guide2_m, bend_per_m].into_iter().any(|[before, after]| before != after);
-        let leaving_m = if changes { factor.solve(&forces_n(&past_n, 1))[tip] } else { arriving_m };
-        cuts.push(Cut { tip_m: [arriving_m, leaving_m], springs_n_per_m: [above, half(at_m)] });
+        let leaving_m = if changes { factor.solve(&forces_n(&past_forces_n, 1))[tip] } else { arriving_m };
+        cuts.push(Cut { tip_m: [arriving_m, leaving_m], springs_n_per_m: [integral_above, half(depth_m)] });
     }
     cuts.into_iter().skip(early).map(|cut| cut.tip_m).collect()
 }
 
-/// Where guide 2 is commanded to be at a step, on arriving and on leaving.
+/// Commanded position of guide 2 at a step, on arriving and on leaving.
 pub(super) fn commanded_m(steps: &[GuideStep], step: usize) -> [[f64; 2]; 2] {
-    let at = |leaving: bool| {
-        let done = steps.iter().rfind(|one| is_past(node_at(MM * one.depth_mm), step, leaving));
-        done.map_or([0.0; 2], |one| one.to_mm.map(|mm| MM * mm))
-    };
-    [false, true].map(at)
+    [false, true].map(|leaving| {
+        let last_step = steps.iter().rfind(|one| is_past(node_at(MM * one.depth_mm), step, leaving));
+        last_step.map_or([0.0; 2], |one| one.to_mm.map(|mm| MM * mm))
+    })
 }
 
-/// Where it takes the needle: to within its clearance of every place to which it has been commanded so far.
+/// Position to which it takes the needle: to within its clearance of every place to which it has been
+/// commanded so far.
 fn taken_m(world: &World, steps: &[GuideStep], step: usize, leaving: bool) -> [f64; 2] {
     let mut needle_m = [0.0_f64; 2];
     for one in steps.iter().filter(|one| is_past(node_at(MM * one.depth_mm), step, leaving)) {
         for (at_m, to_mm) in needle_m.iter_mut().zip(one.to_mm) {
-            let off_m = MM * to_mm - *at_m;
-            *at_m += (off_m.abs() - world.clearance_m - world.play_m).max(0.0).copysign(off_m);
+            let play_m = MM * to_mm - *at_m;
+            *at_m += (play_m.abs() - world.clearance_m - world.play_m).max(0.0).copysign(play_m);
         }
     }
     needle_m
@@ -109,7 +110,7 @@ fn is_past(at: usize, step: usize, leaving: bool) -> bool {
     step > at || (leaving && step == at)
 }
 
-/// What acts in both planes at a step of an insertion, on arriving and on leaving.
+/// Loads in both planes at a step of an insertion, on arriving and on leaving.
 pub(super) fn acting(world: &World, plan: &InsertionPlan, step: usize) -> [Acting; 2] {
     let speed_m_per_s = MM * plan.speed_mm_per_s;
     let turn = plan.turn_at_mm.map(|turn_mm| node_at(MM * turn_mm));

@@ -15,7 +15,7 @@ const OTHER_SIDE: f64 = 0.5;
 const STILL_M: f64 = 1e-11;
 const MAX_STEPS: usize = 50;
 
-/// What really happens in one plane.
+/// True motion in one plane.
 #[derive(Debug, Clone)]
 pub(super) struct Motion {
     /// Force of guide 2 on the needle at every sample.
@@ -36,7 +36,8 @@ struct Tissue<'a> {
     largest_m: Vec<f64>,
     /// Whether the last sample made it larger anywhere.
     grows: bool,
-    /// What one sample leaves of the relaxing force, and how much of a change of it arrives at its end.
+    /// Fraction of the relaxing force that remains after one sample, and of a change of it that arrives
+    /// at its end.
     decay: f64,
     arrival: f64,
 }
@@ -102,11 +103,11 @@ pub(super) fn prestress(world: &World, plane: usize) -> (f64, impl Fn(f64) -> f6
     let per_bending = force_n / world.bending_n_m2;
     let shape = move |z_m: f64| {
         // Beyond the guide the force has no moment: the curve goes on from its slope there.
-        let held_m = z_m.min(guide2_m);
-        let beyond_m = z_m - held_m;
-        let by_force = per_bending * (0.5 * guide2_m * held_m * held_m - held_m.powi(3) / 6.0);
-        let slope = per_bending * (guide2_m * held_m - 0.5 * held_m * held_m);
-        0.5 * bend_per_m * z_m * z_m + by_force + slope * beyond_m
+        let clamped_m = z_m.min(guide2_m);
+        let beyond_guide_m = z_m - clamped_m;
+        let by_force = per_bending * (0.5 * guide2_m * clamped_m * clamped_m - clamped_m.powi(3) / 6.0);
+        let slope = per_bending * (guide2_m * clamped_m - 0.5 * clamped_m * clamped_m);
+        0.5 * bend_per_m * z_m * z_m + by_force + slope * beyond_guide_m
     };
     (force_n, shape)
 }
@@ -126,8 +127,8 @@ pub(super) fn march(
     (entry + 1..=last).for_each(|node| chain.add_slope(node, world.shear_n));
     chain.band.add_spring(entry, world.skin_n_per_m);
     let mut tissue = tissue(world, plane, [entry, last], period_s);
-    let (rest_n, rest_m) = prestress(world, plane);
-    let rest_m: Vec<f64> = (0..=last).map(|node| rest_m(node as f64 * STEP_M)).collect();
+    let (prestress_n, prestress_shape_m) = prestress(world, plane);
+    let prestress_m: Vec<f64> = (0..=last).map(|node| prestress_shape_m(node as f64 * STEP_M)).collect();
     let mut deflection_m = vec![0.0; last + 1];
     let mut play_m: f64 = 0.0;
     let mut factor: Option<(Vec<f64>, Factor)> = None;
@@ -139,7 +140,7 @@ pub(super) fn march(
         let touches = guided_m.abs() > world.clearance_m || world.clearance_m <= 0.0;
         guided_m = if touches { guided_m - world.clearance_m * guided_m.signum() } else { 0.0 };
         // The frame gives way to the force that is there at rest, too.
-        let guided_m = guided_m - if touches { world.frame_m_per_n * rest_n } else { 0.0 };
+        let guided_m = guided_m - if touches { world.frame_m_per_n * prestress_n } else { 0.0 };
         if solved_m != Some(guided_m) || tissue.creeps() {
             settle(&chain, &tissue, guided_m, &mut deflection_m, &mut factor);
             tissue.pass(&deflection_m);
@@ -149,26 +150,34 @@ pub(super) fn march(
             Some((node, stiffness)) if touches => stiffness * (guided_m - deflection_m[node]),
             _ => 0.0,
         };
-        motion.force_n.push(rest_n + pushed_n);
+        motion.force_n.push(prestress_n + pushed_n);
         for _ in keep.iter().filter(|kept| **kept == sample) {
-            motion.shape_m.push(deflection_m.iter().zip(&rest_m).map(|(now, rest)| now + rest).collect());
+            motion
+                .shape_m
+                .push(deflection_m.iter().zip(&prestress_m).map(|(now, rest)| now + rest).collect());
         }
     }
     motion
 }
 
 fn tissue<'a>(world: &'a World, plane: usize, [entry, last]: [usize; 2], period_s: f64) -> Tissue<'a> {
-    let springs = |node: usize| {
-        let depth_m = STEP_M * (node as f64 - entry as f64);
-        let end_m = STEP_M * (last as f64 - entry as f64);
-        // Above the surface there are no springs, wherever the surface really is.
-        let (from_m, to_m) = (depth_m - 0.5 * STEP_M, (depth_m + 0.5 * STEP_M).min(end_m));
-        if to_m > from_m { world.springs_n_per_m(plane, from_m, to_m) } else { 0.0 }
-    };
     let decay = (-period_s / world.tau_s).exp();
     Tissue {
         world,
-        springs_n_per_m: (0..=last).map(springs).collect(),
+        springs_n_per_m: (0..=last)
+            .map(|node| {
+                let depth_m = STEP_M * (node as f64 - entry as f64);
+                let end_m = STEP_M * (last as f64 - entry as f64);
+                // Above the surface there are no springs, wherever the surface really is.
+                let (from_depth_m, to_depth_m) =
+                    (depth_m - 0.5 * STEP_M, (depth_m + 0.5 * STEP_M).min(end_m));
+                if to_depth_m > from_depth_m {
+                    world.springs_n_per_m(plane, from_depth_m, to_depth_m)
+                } else {
+                    0.0
+                }
+            })
+            .collect(),
         relaxing_n: vec![0.0; last + 1],
         before_m: vec![0.0; last + 1],
         largest_m: vec![0.0; last + 1],
@@ -183,12 +192,12 @@ fn tissue<'a>(world: &'a World, plane: usize, [entry, last]: [usize; 2], period_
 pub(super) fn touched(world: &World, plane: usize, depth_m: f64, of: &dyn Fn(f64) -> f64) -> f64 {
     let motion = march(world, plane, depth_m, &[MM], 1.0, &[0]);
     let entry = node_at(world.entry_m);
-    let (mut weighted, mut all) = (0.0, 0.0);
+    let (mut weighted, mut total_weight) = (0.0, 0.0);
     for (node, deflection_m) in motion.shape_m.iter().flatten().enumerate().skip(entry) {
         weighted += deflection_m * deflection_m * of((node - entry) as f64 * STEP_M);
-        all += deflection_m * deflection_m;
+        total_weight += deflection_m * deflection_m;
     }
-    weighted / all
+    weighted / total_weight
 }
 
 /// Newton's method from the last deflection.

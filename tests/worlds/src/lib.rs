@@ -1,9 +1,9 @@
 //! Synthetic measurement sessions for blind tests of the diagnosis, from a generator of its own.
 //!
-//! A test that makes its data with the model that later explains them shows little. So nothing here calls the forward model: the
-//! beam is a chain of finite differences in energy form, the tissue a row of springs with state that is marched through time, the
-//! needle grows through the tissue step by step, and the noise is correlated, rounded and has outliers. What is shared are plain
-//! data: the recorded columns and the rig.
+//! A test that makes its data with the model that later explains them shows little. So nothing here calls the forward
+//! model: the beam is a chain of finite differences in energy form, the tissue a row of springs with state that is
+//! marched through time, the needle grows through the tissue step by step, and the noise is correlated, rounded and has
+//! outliers. The shared types are plain data: the recorded columns and the rig.
 //!
 //! | file | has |
 //! |---|---|
@@ -109,7 +109,7 @@ impl Foreign {
     }
 }
 
-/// What a laboratory that carries out this design would record. The same arguments give the same session on every machine.
+/// Session that a laboratory with this design would record. The same arguments give the same session on every machine.
 ///
 /// # Panics
 /// Where an effect has an unknown id, no value or too many values, or a plan has an axis other than 0 and 1: a blind test of a
@@ -134,8 +134,8 @@ pub fn session_on(truth: &Truth, background: &Background, design: &Design, seed:
             lateral::march(&world, plane, depth_m, commanded_m, 1.0 / noise.rate_hz, keep)
         };
         let images = design.images.as_ref();
-        let part = LateralPart { world: &world, flaws: &flaws, plan, noise, images, seed, run };
-        sensors::lateral_run(&part, &march)
+        let lateral_part = LateralPart { world: &world, flaws: &flaws, plan, noise, images, seed, run };
+        sensors::lateral_run(&lateral_part, &march)
     });
     let insertion = (0..).zip(&design.insertion).map(|(run, plan)| {
         let flaws = Flaws::new(background, run);

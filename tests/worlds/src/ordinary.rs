@@ -6,7 +6,7 @@ use super::{Design, Truth};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// How many kinds come together.
+/// Number of kinds that come together.
 const TOGETHER: [usize; 2] = [4, 7];
 /// Excess of chi-square per reading, the modulus adapted, that passes unnoticed.
 const UNNOTICED: f64 = 0.07;
@@ -35,15 +35,16 @@ impl Background {
         }
         if !design.insertion.is_empty() {
             let more = chosen(&mut random, 1);
-            let is_new =
-                |(kind, _): &(Imperfection, f64)| lateral.parts.iter().all(|(other, _)| other != kind);
-            let more: Vec<_> = more.into_iter().filter(is_new).collect();
+            let more: Vec<_> = more
+                .into_iter()
+                .filter(|(kind, _)| lateral.parts.iter().all(|(other, _)| other != kind))
+                .collect();
             lateral.parts.extend(more);
         }
         lateral
     }
 
-    /// What it adds to the chi-square per reading of a session after the modulus has adapted.
+    /// Increase of the chi-square per reading of a session after the modulus has adapted.
     pub fn excess(&self, truth: &Truth, design: &Design) -> f64 {
         let misfit = misfit(truth, self, truth, design);
         misfit.per_reading
@@ -52,13 +53,14 @@ impl Background {
 
 /// Some kinds of lateral runs (0) or of insertions (1), with sizes.
 fn chosen(random: &mut ChaCha8Rng, scope: usize) -> Vec<(Imperfection, f64)> {
-    let mut left: Vec<Imperfection> = Imperfection::all().filter(|kind| kind.shows_in()[scope]).collect();
+    let mut remaining: Vec<Imperfection> =
+        Imperfection::all().filter(|kind| kind.shows_in()[scope]).collect();
     let count = random.random_range(TOGETHER[0]..=TOGETHER[1]);
-    let mut parts = Vec::new();
-    while parts.len() < count && !left.is_empty() {
-        let kind = left.swap_remove(random.random_range(0..left.len()));
+    let mut imperfections = Vec::new();
+    while imperfections.len() < count && !remaining.is_empty() {
+        let kind = remaining.swap_remove(random.random_range(0..remaining.len()));
         let [low, high] = kind.sizes();
-        parts.push((kind, low + (high - low) * random.random::<f64>()));
+        imperfections.push((kind, low + (high - low) * random.random::<f64>()));
     }
-    parts
+    imperfections
 }

@@ -1,5 +1,5 @@
 //! Paths of insertions by influence lines: every depth is solved by the exact beam, and the cut path is integrated against its
-//! influence line in steps of a quarter of a millimetre. No grid of the forward model's insertions is in it.
+//! influence line in steps of a quarter of a millimetre. The beam is that of the forward model, its insertions are not.
 
 use formats::session::{InsertionRun, Noise, Session};
 use mechanics::{Beam, Foundation, ModelError, Rig};
@@ -25,25 +25,11 @@ pub fn truth(
     Ok(cut(&lines, modulus_pa, &load_n).into_iter().step_by(STEPS_PER_MM).collect())
 }
 
-/// What one insertion recorded at every millimetre: vertical and horizontal tip, rotation.
+/// Record of one insertion at every millimetre: vertical and horizontal tip, rotation.
 pub type Recorded = (Vec<f64>, Option<Vec<f64>>, Option<Vec<f64>>);
 
 /// A session of insertions recorded at every millimetre.
 pub fn insertion_session(rig: Rig, tip_sd_m: Option<f64>, recorded: Vec<Recorded>) -> Session {
-    let run = |(number, (tip_y_m, tip_x_m, rotation_rad)): (usize, Recorded)| InsertionRun {
-        id: format!("i{}", number + 1),
-        path: PathBuf::from(format!("i{}.csv", number + 1)),
-        depth_m: (0..tip_y_m.len()).map(|mm| 1e-3 * mm as f64).collect(),
-        tip_y_m,
-        tip_x_m,
-        time_s: None,
-        rotation_rad,
-        guide2_y_m: None,
-        guide2_x_m: None,
-        base_force_y_n: None,
-        tip_direction_y_rad: None,
-        tip_direction_x_rad: None,
-    };
     Session {
         dir: PathBuf::new(),
         name: None,
@@ -52,7 +38,24 @@ pub fn insertion_session(rig: Rig, tip_sd_m: Option<f64>, recorded: Vec<Recorded
         noise: Noise { tip_m: tip_sd_m, ..Noise::default() },
         tissue: Default::default(),
         lateral: Vec::new(),
-        insertion: recorded.into_iter().enumerate().map(run).collect(),
+        insertion: recorded
+            .into_iter()
+            .enumerate()
+            .map(|(number, (tip_y_m, tip_x_m, rotation_rad))| InsertionRun {
+                id: format!("i{}", number + 1),
+                path: PathBuf::from(format!("i{}.csv", number + 1)),
+                depth_m: (0..tip_y_m.len()).map(|mm| 1e-3 * mm as f64).collect(),
+                tip_y_m,
+                tip_x_m,
+                time_s: None,
+                rotation_rad,
+                guide2_y_m: None,
+                guide2_x_m: None,
+                base_force_y_n: None,
+                tip_direction_y_rad: None,
+                tip_direction_x_rad: None,
+            })
+            .collect(),
         indentation: Vec::new(),
         steering: Vec::new(),
     }
@@ -69,10 +72,10 @@ pub fn influence(rig: &Rig, modulus_pa: f64, last_mm: usize) -> Result<Vec<Vec<f
     for step in 0..=last_mm * STEPS_PER_MM {
         let beam = Beam::solve(rig, &foundation, STEP_M * step as f64)?;
         let (tip, guide) = (beam.tip_force(), beam.guide2_force());
-        let held = tip.deflection_m(rig.guide2_m) / guide.deflection_m(rig.guide2_m);
+        let guide_ratio = tip.deflection_m(rig.guide2_m) / guide.deflection_m(rig.guide2_m);
         let line = (0..=step).map(|i| {
             let z_m = rig.entry_m + STEP_M * i as f64;
-            tip.deflection_m(z_m) - held * guide.deflection_m(z_m)
+            tip.deflection_m(z_m) - guide_ratio * guide.deflection_m(z_m)
         });
         lines.push(line.collect());
     }

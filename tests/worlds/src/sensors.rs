@@ -1,4 +1,4 @@
-//! What is commanded, and what the instruments make of what then happens.
+//! Simulates commands, motion and the readings of the instruments.
 
 use super::chain::{STEP_M, between, node_at};
 use super::design::{ImagePlan, InsertionPlan, LateralPlan, NoisePlan};
@@ -80,16 +80,17 @@ impl Random {
         let (correlated, white) = (spread.correlated.sqrt(), (1.0 - spread.correlated).sqrt());
         let renewed = (1.0 - spread.neighbours * spread.neighbours).sqrt();
         let mut slow = self.normal();
-        let error = |_| {
-            let mut error = correlated * slow + white * self.normal();
-            slow = spread.neighbours * slow + renewed * self.normal();
-            if self.uniform() < spread.outlier_share {
-                let size = OUTLIER_SD[0] + (OUTLIER_SD[1] - OUTLIER_SD[0]) * self.uniform();
-                error += if self.uniform() < 0.5 { -size } else { size };
-            }
-            spread.sd * error
-        };
-        (0..count).map(error).collect()
+        (0..count)
+            .map(|_| {
+                let mut error = correlated * slow + white * self.normal();
+                slow = spread.neighbours * slow + renewed * self.normal();
+                if self.uniform() < spread.outlier_share {
+                    let size = OUTLIER_SD[0] + (OUTLIER_SD[1] - OUTLIER_SD[0]) * self.uniform();
+                    error += if self.uniform() < 0.5 { -size } else { size };
+                }
+                spread.sd * error
+            })
+            .collect()
     }
 }
 
@@ -118,17 +119,17 @@ struct DisplacementHistory {
 impl DisplacementHistory {
     fn new(plan: &LateralPlan) -> Self {
         let mut course = Self { time_s: vec![0.0], at_m: vec![0.0], holds: Vec::new() };
-        let (mut now_s, mut at_m) = (0.0, 0.0);
+        let (mut now_s, mut position_m) = (0.0, 0.0);
         for level_mm in &plan.levels_mm {
             let level_m = MM * level_mm;
-            for duration_s in [(level_m - at_m).abs() / (MM * plan.ramp_mm_per_s), plan.hold_s] {
+            for duration_s in [(level_m - position_m).abs() / (MM * plan.ramp_mm_per_s), plan.hold_s] {
                 if duration_s > 0.0 {
                     now_s += duration_s;
                     course.time_s.push(now_s);
                     course.at_m.push(level_m);
                 }
             }
-            at_m = level_m;
+            position_m = level_m;
             course.holds.push(Hold { level_m, middle_s: now_s - 0.5 * plan.hold_s });
         }
         course
@@ -152,27 +153,33 @@ impl DisplacementHistory {
         let last_zero = self.holds.iter().rposition(|hold| hold.level_m == 0.0);
         let chosen =
             [first(0.0), last_zero, first(highest_m), first(highest_m).map(|i| i + 1), first(lowest_m)];
-        let is_chosen = |(i, _): &(usize, &Hold)| chosen.contains(&Some(*i));
-        self.holds.iter().enumerate().filter(is_chosen).map(|(_, hold)| hold.middle_s).collect()
+        self.holds
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| chosen.contains(&Some(*i)))
+            .map(|(_, hold)| hold.middle_s)
+            .collect()
     }
 }
 
 /// Sign of the last motion at every sample.
 fn directions(commanded_m: &[f64]) -> Vec<f64> {
-    let mut before_m = 0.0;
+    let mut previous_m = 0.0;
     let mut direction = 0.0;
-    let of_sample = |at_m: &f64| {
-        let change_m: f64 = at_m - before_m;
-        before_m = *at_m;
-        if change_m.abs() > 1e-12 {
-            direction = change_m.signum();
-        }
-        direction
-    };
-    commanded_m.iter().map(of_sample).collect()
+    commanded_m
+        .iter()
+        .map(|at_m| {
+            let change_m: f64 = at_m - previous_m;
+            previous_m = *at_m;
+            if change_m.abs() > 1e-12 {
+                direction = change_m.signum();
+            }
+            direction
+        })
+        .collect()
 }
 
-/// What the force sensor makes of the forces in both planes, without noise.
+/// Reading of the force sensor for the forces in both planes, without noise.
 fn read_forces(
     world: &World,
     time_s: &[f64],
@@ -190,23 +197,26 @@ fn read_forces(
     }
     let end_s = time_s.last().copied().unwrap_or(0.0).max(f64::MIN_POSITIVE);
     [0, 1].map(|plane| {
-        let [own_n, other_n] = [&force_n[plane], &force_n[1 - plane]];
+        let [plane_n, cross_n] = [&force_n[plane], &force_n[1 - plane]];
         let mixed_n: Vec<f64> =
-            own_n.iter().zip(other_n).map(|(own, other)| own + world.crosstalk * other).collect();
-        let read = |now_s: &f64| {
-            let mut force_n = (1.0 + world.gain) * between(time_s, &mixed_n, now_s - world.delay_s, false);
-            force_n += world.bias_n[plane] + world.drift_n_per_s[plane] * now_s;
-            if world.has(Foreign::SinusoidalDrift) {
-                let turns = SINES_PER_RUN * now_s / end_s + phase + 0.2 * plane as f64;
-                force_n += SINE_N * (TAU * turns).sin();
-            }
-            force_n
-        };
-        time_s.iter().map(read).collect()
+            plane_n.iter().zip(cross_n).map(|(own, other)| own + world.crosstalk * other).collect();
+        time_s
+            .iter()
+            .map(|now_s| {
+                let mut force_n =
+                    (1.0 + world.gain) * between(time_s, &mixed_n, now_s - world.delay_s, false);
+                force_n += world.bias_n[plane] + world.drift_n_per_s[plane] * now_s;
+                if world.has(Foreign::SinusoidalDrift) {
+                    let turns = SINES_PER_RUN * now_s / end_s + phase + 0.2 * plane as f64;
+                    force_n += SINE_N * (TAU * turns).sin();
+                }
+                force_n
+            })
+            .collect()
     })
 }
 
-/// What a lateral run is made of.
+/// Parts of a lateral run.
 #[derive(Clone, Copy)]
 pub(super) struct LateralPart<'a> {
     pub world: &'a World,
@@ -219,7 +229,8 @@ pub(super) struct LateralPart<'a> {
     pub run: u64,
 }
 
-/// What moves guide 2 in a plane through displacements and keeps the shape at some samples.
+/// Function that moves guide 2 in a plane through displacements and keeps the shape at some
+/// samples.
 type March<'a> = dyn Fn(usize, &[f64], &[usize]) -> Motion + 'a;
 
 /// A lateral run as recorded; `march` moves guide 2 in a plane through these displacements and keeps the shape at some samples.
@@ -315,57 +326,64 @@ fn shape(
     );
     let (mut time_s, mut z_m) = (Vec::new(), Vec::new());
     let mut planes_m = [Vec::new(), Vec::new()];
-    let mut taken = Vec::new();
+    let mut sweep_points = Vec::new();
     for (sweep, at_s) in sweeps_s.iter().enumerate() {
         time_s.extend(std::iter::repeat_n(*at_s, count));
         z_m.extend(depths_m.iter().map(|depth_m| world.entry_m + depth_m));
         // Forth in one hold, back in the next.
-        let way = if sweep % 2 == 0 { 1.0 } else { -1.0 };
-        let probe_m_per_s = images.map_or(0.0, |plan| way * MM * plan.speed_mm_per_s);
+        let direction = if sweep % 2 == 0 { 1.0 } else { -1.0 };
+        let probe_m_per_s = images.map_or(0.0, |plan| direction * MM * plan.speed_mm_per_s);
         let beam_rad = images.map_or(0.0, |plan| plan.beam_deg.to_radians());
-        taken.extend(std::iter::repeat_n(ShapeImage { beam_rad, probe_m_per_s }, count));
-        // Where the plane of a frame really was.
+        sweep_points.extend(std::iter::repeat_n(ShapeImage { beam_rad, probe_m_per_s }, count));
+        // True position of a frame's plane.
         let frame_m =
             |at_m: f64| world.entry_m + at_m + world.depth_shift_m + world.image_lag_s * probe_m_per_s;
-        let places_m: Vec<f64> = (0..shapes_m[0][sweep].len()).map(|node| node as f64 * STEP_M).collect();
+        let positions_m: Vec<f64> = (0..shapes_m[0][sweep].len()).map(|node| node as f64 * STEP_M).collect();
         let needle_m =
-            |plane: usize, at_m: f64| between(&places_m, &shapes_m[plane][sweep], frame_m(at_m), true);
+            |plane: usize, at_m: f64| between(&positions_m, &shapes_m[plane][sweep], frame_m(at_m), true);
         for (plane, plane_m) in planes_m.iter_mut().enumerate() {
-            let measured = |at_m: &f64| {
-                let needle_m = match images {
-                    Some(_) => scanned_m(world, beam_rad, [0, 1].map(|plane| needle_m(plane, *at_m)))[plane],
-                    None => needle_m(plane, *at_m),
-                };
-                (1.0 + world.shape_scale) * needle_m
-                    + world.shape_offset_m[plane]
-                    + warp_m(world, at_m / depth_m)
-            };
-            let mut values_m: Vec<f64> = depths_m.iter().map(measured).collect();
+            let mut values_m: Vec<f64> = depths_m
+                .iter()
+                .map(|at_m| {
+                    let needle_m = match images {
+                        Some(_) => {
+                            scanned_m(world, beam_rad, [0, 1].map(|plane| needle_m(plane, *at_m)))[plane]
+                        }
+                        None => needle_m(plane, *at_m),
+                    };
+                    (1.0 + world.shape_scale) * needle_m
+                        + world.shape_offset_m[plane]
+                        + warp_m(world, at_m / depth_m)
+                })
+                .collect();
             flaws.shape(plane as u64, &depths_m, &mut values_m);
             add(&mut values_m, random.errors(&spread, count), MM * noise.pixel_mm);
             plane_m.extend(values_m);
         }
     }
     let [y_m, x_m] = planes_m;
-    let images = images.map(|_| taken);
+    let images = images.map(|_| sweep_points);
     ShapeSeries { time_s: Some(time_s), z_m, y_m, x_m: Some(x_m), images, ..ShapeSeries::default() }
 }
 
 /// Deflection `[y, x]` as a scanner shows it that turns the time of an echo into a distance from its face, and has shown the straight
 /// needle in the same way.
 fn scanned_m(world: &World, beam_rad: f64, needle_m: [f64; 2]) -> [f64; 2] {
-    let (down, across) = beam_rad.sin_cos();
-    let from_face_m = |[y_m, x_m]: [f64; 2]| PROBE_M + y_m * down + x_m * across;
-    let aside_m = needle_m[1] * down - needle_m[0] * across;
+    let (axial_part, lateral_part) = beam_rad.sin_cos();
+    let from_face_m = |[y_m, x_m]: [f64; 2]| PROBE_M + y_m * axial_part + x_m * lateral_part;
+    let aside_m = needle_m[1] * axial_part - needle_m[0] * lateral_part;
     let echo_m = |place_m: [f64; 2]| (1.0 + world.sound_scale) * from_face_m(place_m);
-    let along_m = echo_m(needle_m) - echo_m([0.0; 2]) + world.echo_offset_m;
-    [along_m * down - aside_m * across, along_m * across + aside_m * down]
+    let displacement_m = echo_m(needle_m) - echo_m([0.0; 2]) + world.echo_offset_m;
+    [
+        displacement_m * axial_part - aside_m * lateral_part,
+        displacement_m * lateral_part + aside_m * axial_part,
+    ]
 }
 
 /// Legendre's cubic over the needle in the tissue: no offset, tilt or curvature of the whole is similar to it.
 fn warp_m(world: &World, share: f64) -> f64 {
-    let place = 2.0 * share - 1.0;
-    let cubic = 0.5 * (5.0 * place.powi(3) - 3.0 * place);
+    let centred = 2.0 * share - 1.0;
+    let cubic = 0.5 * (5.0 * centred.powi(3) - 3.0 * centred);
     if world.has(Foreign::ImageWarp) { WARP_M * cubic } else { 0.0 }
 }
 
@@ -390,14 +408,13 @@ pub(super) fn insertion_run(
     let [tip_y_m, tip_x_m] = [0, 1].map(|plane| {
         let path = tip_path(world, plane, MM * plan.depth_mm, |step| acting(world, plan, step)[plane]);
         let straight = world.entry_angle_rad[plane];
-        let places = rows.iter().zip(&depth_m);
+        let positions = rows.iter().zip(&depth_m);
         let mut tip_m: Vec<f64> =
-            places.map(|((step, side), depth_m)| path[*step][*side] + straight * depth_m).collect();
+            positions.map(|((step, side), depth_m)| path[*step][*side] + straight * depth_m).collect();
         flaws.tip(plane as u64, &depth_m, &mut tip_m);
         add(&mut tip_m, random.errors(&spread, rows.len()), 0.0);
         tip_m
     });
-    let turned = |(step, _): &(usize, usize)| if turn.is_some_and(|at| *step > at) { PI } else { 0.0 };
     let guide2 = |plane: usize| {
         let commanded = rows.iter().map(|(step, side)| commanded_m(&plan.guide2_steps, *step)[*side][plane]);
         (!plan.guide2_steps.is_empty()).then(|| commanded.collect())
@@ -408,7 +425,9 @@ pub(super) fn insertion_run(
         tip_y_m,
         tip_x_m: Some(tip_x_m),
         time_s: Some(depth_m.iter().map(|depth_m| depth_m / (MM * plan.speed_mm_per_s)).collect()),
-        rotation_rad: Some(rows.iter().map(turned).collect()),
+        rotation_rad: Some(
+            rows.iter().map(|(step, _)| if turn.is_some_and(|at| *step > at) { PI } else { 0.0 }).collect(),
+        ),
         guide2_y_m: guide2(0),
         guide2_x_m: guide2(1),
         base_force_y_n: None,

@@ -122,19 +122,19 @@ fn the_tip_meets_the_exact_path() {
         let error = arriving_m / exact_m - 1.0;
         assert!(error.abs() < 2e-3, "{arriving_m} {exact_m} {error:e}");
     };
-    let held = path(10.36, 0.07, Some(0.06), 1.0);
+    let two_guides = path(10.36, 0.07, Some(0.06), 1.0);
     for (depth_m, exact_m) in
         [(0.01, 0.00010956798017770746), (0.05, 0.0012967586780219227), (0.14, 0.007638295678198378)]
     {
-        close(held[node_at(depth_m)], exact_m);
+        close(two_guides[node_at(depth_m)], exact_m);
     }
     close(path(12.61, 0.09, Some(0.06), 1.0)[node_at(0.1)], 0.005697196567407374);
     close(path(16.0, 0.07, None, 1.0)[node_at(0.1)], 0.008851159079261442);
-    let turned = path(10.36, 0.042, None, 0.07);
+    let rotated = path(10.36, 0.042, None, 0.07);
     for (depth_m, exact_m) in [(0.07, 0.003568821172216439), (0.08, 0.002073532932077765)] {
-        close(turned[node_at(depth_m)], exact_m);
+        close(rotated[node_at(depth_m)], exact_m);
     }
-    let [_, leaving_m] = turned[node_at(0.07)];
+    let [_, leaving_m] = rotated[node_at(0.07)];
     close([leaving_m, 0.0], 0.002038004820363318);
 }
 
@@ -236,9 +236,9 @@ fn histories_are_as_described() {
     assert!((framed_n[at(12.0)] - expected_n).abs() < 1e-6);
     // A bent needle rests with a known force, straight at guide 2, at a slope of a quarter of its bend there.
     let (_, bent_n) = force_n(vec![("needle.prebend", vec![0.2])]);
-    let rest_n = -3.0 * Needle::gauge_18().bending_stiffness_n_m2() * 0.2 / 0.12;
+    let prestress_n = -3.0 * Needle::gauge_18().bending_stiffness_n_m2() * 0.2 / 0.12;
     let added_n = [1.0, 12.0].map(|now_s| bent_n[at(now_s)] - plain_n[at(now_s)]);
-    assert!(added_n.iter().all(|added_n| (added_n - rest_n).abs() < 1e-9), "{added_n:?} {rest_n}");
+    assert!(added_n.iter().all(|added_n| (added_n - prestress_n).abs() < 1e-9), "{added_n:?} {prestress_n}");
     let bent = march(&world(&truth(vec![("needle.prebend", vec![0.2])])), 0, 0.03, &[0.0], 0.05, &[0]);
     let tip_m = 0.25 * 0.2 * 0.06 * 0.04 + 0.5 * 0.2 * 0.04 * 0.04;
     assert!(bent.shape_m[0][node_at(0.06)].abs() < 1e-12);
@@ -278,8 +278,8 @@ fn noise_is_as_planned() {
     // Outliers: six standard deviations and more, one in two hundred.
     design.noise.outlier_share = 0.005;
     let spoilt = channels(&session(&truth(vec![]), &design, 3));
-    let far = spoilt[0].iter().zip(&clean[0]).filter(|(a, b)| (*a - *b).abs() > 0.09).count();
-    assert!((far as f64 / force.len() as f64 - 0.005).abs() < 0.002, "{far} of {}", force.len());
+    let spikes = spoilt[0].iter().zip(&clean[0]).filter(|(a, b)| (*a - *b).abs() > 0.09).count();
+    assert!((spikes as f64 / force.len() as f64 - 0.005).abs() < 0.002, "{spikes} of {}", force.len());
 }
 
 #[test]

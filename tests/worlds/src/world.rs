@@ -24,7 +24,7 @@ impl Wave {
 /// A gradient leaves at least this share of the modulus at the surface.
 const SOFTEST: f64 = 0.1;
 
-/// How the tissue of a run differs a little from what it should be.
+/// Small deviation of a run's tissue from its nominal value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Inhomogeneity {
     /// Factor of the whole.
@@ -91,7 +91,7 @@ pub(super) struct World {
     pub shape_offset_m: [f64; 2],
     pub shape_scale: f64,
     pub depth_shift_m: f64,
-    /// What the scanner makes of a length along the beam more than it is, as a share; how late frames are; how far echoes are off.
+    /// Relative error of the scanner's lengths along the beam; delay of frames; error of echoes.
     pub sound_scale: f64,
     pub image_lag_s: f64,
     pub echo_offset_m: f64,
@@ -114,12 +114,12 @@ impl World {
     pub fn new(truth: &Truth, rig: &Rig) -> Self {
         for (id, values) in &truth.effects {
             let most = strengths(id).map_or(0, |[weak, ..]| weak.len());
-            let known = (1..=most).contains(&values.len());
-            assert!(known, "effect {id} with {} values, expected 1 to {most}", values.len());
+            let is_valid = (1..=most).contains(&values.len());
+            assert!(is_valid, "effect {id} with {} values, expected 1 to {most}", values.len());
         }
         let value = |id: &str, number: usize, neutral: f64| {
-            let found = truth.effects.iter().find(|(name, _)| *name == id);
-            found.and_then(|(_, values)| values.get(number)).copied().unwrap_or(neutral)
+            let named_effect = truth.effects.iter().find(|(name, _)| *name == id);
+            named_effect.and_then(|(_, values)| values.get(number)).copied().unwrap_or(neutral)
         };
         let one = |id: &str| value(id, 0, 0.0);
         let pair = |id: &str, unit: f64| [unit * value(id, 0, 0.0), unit * value(id, 1, 0.0)];
@@ -177,12 +177,12 @@ impl World {
     /// Stiffness of the tissue between two depths below the stated surface, for deflections in a plane, N/m: the integral of K.
     /// The depths may lie outside the tissue, where there is none.
     pub fn springs_n_per_m(&self, plane: usize, from_m: f64, to_m: f64) -> f64 {
-        let [from_m, to_m] = [from_m, to_m].map(|depth_m| depth_m - self.tissue.surface_m);
+        let [local_from_m, local_to_m] = [from_m, to_m].map(|depth_m| depth_m - self.tissue.surface_m);
         let mut faces_m: Vec<f64> = [0.0, self.gap_m, self.layer_boundary_m]
             .into_iter()
             .chain(INCLUSION_M)
-            .filter(|face_m| *face_m > from_m && *face_m < to_m)
-            .chain([from_m, to_m])
+            .filter(|face_m| *face_m > local_from_m && *face_m < local_to_m)
+            .chain([local_from_m, local_to_m])
             .collect();
         faces_m.sort_by(f64::total_cmp);
         // K is linear in every piece, or smooth over much more than its length: its middle gives the integral.
@@ -194,7 +194,7 @@ impl World {
         ratio * pieces.sum::<f64>()
     }
 
-    /// What a gradient makes of the modulus at a depth: tissue that gets softer still is tissue.
+    /// Factor of the modulus at a depth by a gradient: tissue that gets softer still is tissue.
     pub(super) fn growth(&self, depth_m: f64) -> f64 {
         (1.0 + self.gradient_per_m * depth_m).max(SOFTEST)
     }

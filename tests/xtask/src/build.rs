@@ -11,7 +11,7 @@ use std::thread;
 /// Features of the firmware's image that most tests and the demonstration boot.
 pub const FIRST_IMAGE: &str = "qemu,conformance,b-l475e-iot01a";
 
-/// What `cargo xtask demo` does, before it does it.
+/// Announces the steps of `cargo xtask demo`.
 pub fn announce_demo() {
     eprintln!(
         "xtask: 1. the Rust target and QEMU for the firmware, if they are missing\n\
@@ -35,24 +35,25 @@ pub fn system(task: &str, arguments: &[OsString]) -> Result<ExitCode> {
 /// # Errors
 /// As [`system`].
 pub fn demo(arguments: &[OsString]) -> Result<ExitCode> {
-    // What it does not show is omitted: live screens, the page in the browser, DICOM, and everything of `system` that tests need.
+    // Parts that it does not show are omitted: live screens, the page in the browser, DICOM, and everything of `system`
+    // that tests need.
     let programs = ["build", "--package", "host", "--package", "system", "--bin", "guide", "--bin", "system"];
     with_image(|| cargo(&[&programs[..], &["--no-default-features"]].concat()))?;
     run_system("demo", arguments)
 }
 
-/// Builds the image that the demonstration and most tests boot beside another build: each has stretches that occupy one processor only.
-/// What boots it checks it again.
+/// Builds the image that the demonstration and most tests boot beside another build: each has stretches that occupy one
+/// processor only. The start of QEMU checks it again.
 ///
 /// # Errors
 /// Where one of them fails.
 pub fn with_image(build: impl FnOnce() -> Result<()>) -> Result<()> {
     let image = thread::spawn(|| {
-        let (folder, parts) = (target_dir().join("image-qemu"), image_parts());
+        let (folder, parts_dir) = (target_dir().join("image-qemu"), image_parts());
         let image = ["image", "--bin", "firmware", "--features", FIRST_IMAGE, "--target-dir"];
         cargo_with(
             &[&image[..], &[&*folder.to_string_lossy()]].concat(),
-            &[("CARGO_BUILD_BUILD_DIR", &parts.to_string_lossy())],
+            &[("CARGO_BUILD_BUILD_DIR", &parts_dir.to_string_lossy())],
         )
     });
     build()?;

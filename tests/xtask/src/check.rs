@@ -3,6 +3,7 @@
 
 use crate::build::{FIRST_IMAGE, cargo, cargo_with, image_parts, root, target_dir};
 use crate::setup::{self, TARGET};
+use crate::wording;
 use anyhow::{Context, Result, bail};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -28,12 +29,13 @@ pub fn all() -> Result<()> {
     rest()
 }
 
-/// Format: seconds, without a build.
+/// Format and wording: seconds, without a build.
 ///
 /// # Errors
 /// Where there is anything to complain about.
 pub fn texts() -> Result<()> {
-    cargo(&["fmt", "--all", "--check"])
+    cargo(&["fmt", "--all", "--check"])?;
+    wording::check()
 }
 
 /// Lints of the host's code, and of the firmware's that the host compiles too.
@@ -44,7 +46,7 @@ pub fn lints() -> Result<()> {
     cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])
 }
 
-/// What the second tier checks: documentation, the firmware's images, manual and licences.
+/// Checks of the second tier: documentation, the firmware's images, manual and licences.
 ///
 /// # Errors
 /// Where there is anything to complain about.
@@ -72,11 +74,12 @@ fn image(features: &str) -> Result<()> {
         "--features",
         features,
     ];
-    let parts = image_parts().display().to_string();
-    cargo(&[&of_image[..], &["--target-dir", &parts, "--", "-D", "warnings"]].concat())
+    let parts_dir = image_parts().display().to_string();
+    cargo(&[&of_image[..], &["--target-dir", &parts_dir, "--", "-D", "warnings"]].concat())
 }
 
-/// That the program compiles for Windows, which needs no linker; `cargo xtask release` links and runs it.
+/// Checks that the program compiles for Windows, which needs no linker; `cargo xtask release` links and
+/// runs it.
 fn other_system() -> Result<()> {
     setup::ensure_rust_target(WINDOWS, "to check the program for Windows")?;
     cargo(&["check", "--package", "host", "--bin", "guide", "--target", WINDOWS])

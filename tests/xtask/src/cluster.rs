@@ -1,6 +1,6 @@
 //! `cargo xtask cluster`: runs the workflow for many sessions on Slurm, with this machine as the only node.
 //!
-//! Slurm and Munge are Debian's; their daemons run while the task runs. What is checked is in `host/python/tests/slurm.py`.
+//! Slurm and Munge are Debian's; their daemons run while the task runs. The checks are in `host/python/tests/slurm.py`.
 
 use crate::build::{root, target_dir};
 use crate::{setup, wheel};
@@ -9,7 +9,7 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// What is installed with apt, and a program of each.
+/// Packages that apt installs, and a program of each.
 const PACKAGES: [(&str, &str); 2] = [("slurm-wlm", "slurmctld"), ("munge", "munge")];
 
 /// Help of the task.
@@ -57,9 +57,9 @@ fn announce() {
 /// Installs Slurm and Munge where they are missing.
 fn ensure_slurm() -> Result<()> {
     let is_there = |program: &str| {
-        let found =
+        let lookup =
             Command::new("sh").args(["-c", &format!("command -v {program}")]).stdout(Stdio::null()).status();
-        found.is_ok_and(|status| status.success())
+        lookup.is_ok_and(|status| status.success())
     };
     let names = PACKAGES.map(|(package, _)| package).join(" and ");
     if !setup::can_install() {

@@ -8,18 +8,18 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Where the build looks for it: `license-files` of `pyproject.toml`.
+/// File in which the build looks for it: `license-files` of `pyproject.toml`.
 pub const FILE: &str = "THIRD-PARTY.txt";
 /// Licence files of a package begin with one of these, in any case.
 const NAMES: [&str; 6] = ["license", "licence", "copying", "unlicense", "notice", "copyright"];
 /// The compiled module: of Unix, of Windows.
 pub const MODULES: [&str; 2] = ["needle_guide/_core.abi3.so", "needle_guide/_core.pyd"];
-/// Of the wheel's own description.
+/// Files of the wheel's own description.
 const DESCRIPTION: [&str; 4] = ["METADATA", "WHEEL", "RECORD", "entry_points.txt"];
-/// What stands before the registry's name, and that before a package's, in the paths that the compiler leaves in a library.
+/// Prefix of the registry's name, and of a package's, in the paths that the compiler leaves in a library.
 const REGISTRY: &str = "registry/src/";
 
-/// What is compiled.
+/// Compiled program.
 #[derive(Debug, Clone, Copy)]
 pub struct Built<'a> {
     /// Package of the workspace.
@@ -61,8 +61,7 @@ pub struct Licences {
 impl Licences {
     /// A line `name version|licence` for each package.
     pub fn lines(&self) -> String {
-        let line = |one: &Package| format!("{} {}|{}\n", one.name, one.version, one.licence);
-        self.packages.iter().map(line).collect()
+        self.packages.iter().map(|one| format!("{} {}|{}\n", one.name, one.version, one.licence)).collect()
     }
 }
 
@@ -100,7 +99,7 @@ pub fn collect(built: &Built) -> Result<Licences> {
     Ok(Licences { text, packages })
 }
 
-/// What cargo compiles in: no macros, no build scripts, none of this workspace.
+/// Packages that cargo compiles in: no macros, no build scripts, none of this workspace.
 fn packages(built: &Built) -> Result<BTreeSet<Package>> {
     let output = Command::new(program())
         .current_dir(root())
@@ -119,7 +118,7 @@ fn packages(built: &Built) -> Result<BTreeSet<Package>> {
 
 /// Lines like `serde v1.0.228|MIT OR Apache-2.0`; of packages of the workspace with a path, and `(*)` where one is repeated.
 fn parse(tree: &str) -> Result<BTreeSet<Package>> {
-    let mut found = BTreeSet::new();
+    let mut packages = BTreeSet::new();
     for line in tree.lines().filter(|line| !line.is_empty()) {
         let (package, licence) = line.split_once('|').with_context(|| format!("cargo tree: `{line}`"))?;
         let licence = licence.trim_end_matches("(*)").trim();
@@ -133,13 +132,13 @@ fn parse(tree: &str) -> Result<BTreeSet<Package>> {
             bail!("cargo tree: `{line}`, expected a name and a version");
         };
         ensure!(!licence.is_empty(), "{name} {version}: states no licence");
-        found.insert(Package {
+        packages.insert(Package {
             name: name.to_owned(),
             version: version.to_owned(),
             licence: licence.to_owned(),
         });
     }
-    Ok(found)
+    Ok(packages)
 }
 
 /// Folders of the sources that cargo has unpacked.
@@ -206,7 +205,7 @@ fn is_licence(inside: &str) -> bool {
 
 /// Packages of a registry whose paths are in a library, as the compiler puts them there for the messages of panics.
 fn traces(library: &[u8]) -> BTreeSet<String> {
-    let mut found = BTreeSet::new();
+    let mut traces = BTreeSet::new();
     let begins =
         library.windows(REGISTRY.len()).enumerate().filter(|(_, window)| *window == REGISTRY.as_bytes());
     for (at, _) in begins {
@@ -214,12 +213,12 @@ fn traces(library: &[u8]) -> BTreeSet<String> {
         let printable = path.iter().take(300).take_while(|byte| byte.is_ascii_graphic());
         let path: String = printable.map(|byte| char::from(*byte)).collect();
         // The registry's folder, then the package's; what follows ends it.
-        let mut parts = path.split(['/', '\\']).skip(1);
-        if let (Some(package), Some(_)) = (parts.next(), parts.next()) {
-            found.insert(package.to_owned());
+        let mut components = path.split(['/', '\\']).skip(1);
+        if let (Some(package), Some(_)) = (components.next(), components.next()) {
+            traces.insert(package.to_owned());
         }
     }
-    found
+    traces
 }
 
 #[cfg(test)]
@@ -254,9 +253,9 @@ mod tests {
         {
             assert!(fails(&[listed.clone(), vec![name.to_owned()]].concat(), library).starts_with(name));
         }
-        let other =
+        let library =
             b"registry/src/index-1a2b/serde-1.0.228/src/lib.rs\0registry/src/index-1a2b/ring-0.17.8/src/a.rs";
-        assert!(fails(&listed, other).starts_with("ring-0.17.8: is compiled into the module"));
+        assert!(fails(&listed, library).starts_with("ring-0.17.8: is compiled into the module"));
         assert!(fails(&listed, b"stripped").contains("names none"));
     }
 

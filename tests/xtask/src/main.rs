@@ -1,8 +1,8 @@
 //! `cargo xtask`: installs what is missing, builds what is needed with cargo's own progress on the screen, and runs it.
 //!
-//! It depends on nothing of the product and on two small packages, so that it is built in seconds and prints what it does before the
-//! long builds. What it runs: `system` (the whole system in QEMU), `studies` (Monte Carlo tables), cargo itself. Options belong to what
-//! is run: `cargo xtask demo --help` prints those of the demonstration.
+//! It depends on nothing of the product and on two small packages, so that it is built in seconds and prints what it
+//! does before the long builds. Programs that it runs: `system` (the whole system in QEMU), `studies` (Monte Carlo
+//! tables), cargo itself. Options belong to what is run: `cargo xtask demo --help` prints those of the demonstration.
 
 mod build;
 mod check;
@@ -14,26 +14,27 @@ mod setup;
 mod tiers;
 mod web;
 mod wheel;
+mod wording;
 
 use anyhow::{Result, bail};
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// What a task needs before it is run by the program `system`.
+/// Prerequisite of a task before it is run by the program `system`.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Needs {
     /// The program alone.
     Nothing,
     /// The microcontroller's Rust target.
     Target,
-    /// That and QEMU.
+    /// The target and QEMU.
     Qemu,
     /// It is carried out here.
     Here,
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 22] = [
+const TASKS: [(&str, Needs, &str); 23] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",
@@ -49,6 +50,11 @@ const TASKS: [(&str, Needs, &str); 22] = [
         "setup",
         Needs::Here,
         "Install what is missing: the microcontroller's Rust target, QEMU (--no-install: only name it)",
+    ),
+    (
+        "wording",
+        Needs::Here,
+        "Count vague names, comments that begin with a clause and named closures, per crate (--list CRATE: where)",
     ),
     ("wheel", Needs::Here, "Build the Python wheel and test it in a fresh virtual environment"),
     (
@@ -155,7 +161,8 @@ fn run(name: &str, needs: Needs, arguments: &[OsString]) -> Result<ExitCode> {
     let wants_help = arguments.iter().any(|argument| argument == "--help" || argument == "-h");
     match needs {
         _ if wants_help
-            && !["test", "lint", "setup", "study", "web", "wheel", "cluster", "release"].contains(&name) => {}
+            && !["test", "lint", "setup", "study", "web", "wheel", "cluster", "release", "wording"]
+                .contains(&name) => {}
         Needs::Target => setup::ensure_target()?,
         Needs::Qemu => setup::ensure_all()?,
         Needs::Nothing => {}
@@ -173,12 +180,13 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
             build::demo(arguments)
         }
         "study" => build::study(arguments),
-        "wheel" | "cluster" | "release"
+        "wheel" | "cluster" | "release" | "wording"
             if arguments.iter().any(|argument| argument == "--help" || argument == "-h") =>
         {
             let help = match name {
                 "wheel" => wheel::HELP,
                 "cluster" => cluster::HELP,
+                "wording" => wording::HELP,
                 _ => release::HELP,
             };
             print!("{help}");
@@ -187,6 +195,7 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
         "release" => release::release(arguments),
         "cluster" => cluster::cluster(arguments).map(|()| ExitCode::SUCCESS),
         "wheel" => wheel::wheel(arguments).map(|()| ExitCode::SUCCESS),
+        "wording" => wording::wording(arguments).map(|()| ExitCode::SUCCESS),
         "web" => web::web(arguments),
         "setup" => {
             let only_name = arguments == ["--no-install"];

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 /// After so long without a line one states what still runs: half of what a reader of a log waits before it seems to hang.
 const QUIET: Duration = Duration::from_secs(15);
 
-/// Which output of a program is read.
+/// Output of a program that is read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Output {
     /// Its results.

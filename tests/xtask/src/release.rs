@@ -27,7 +27,7 @@ pub const HELP: &str = "Make the bundle of a release in target/release-bundle: `
       --test         Then unpack the bundle into a fresh folder and run what is in it, here and under Wine, with the unit tests for Windows\n\n\
     SOURCE_DATE_EPOCH dates the files; else the commit does.\n";
 
-/// What is requested.
+/// Requested options.
 struct Options {
     only: Vec<String>,
     profile: &'static str,
@@ -71,11 +71,11 @@ fn options(arguments: &[OsString]) -> Result<Options> {
             Some("--test") => options.test = true,
             Some("--only") => {
                 let name = arguments.next().and_then(|name| name.to_str()).unwrap_or_default();
-                let known: Vec<&str> = SYSTEMS.iter().map(|system| system.name).collect();
+                let system_names: Vec<&str> = SYSTEMS.iter().map(|system| system.name).collect();
                 ensure!(
-                    known.contains(&name),
+                    system_names.contains(&name),
                     "--only: `{name}` is not known, expected {}",
-                    known.join(", ")
+                    system_names.join(", ")
                 );
                 options.only.push(name.to_owned());
             }
@@ -85,7 +85,7 @@ fn options(arguments: &[OsString]) -> Result<Options> {
     Ok(options)
 }
 
-/// What all parts of a bundle have in common.
+/// Common parts of a bundle.
 pub struct Release {
     /// Profile of cargo.
     profile: &'static str,
@@ -93,9 +93,9 @@ pub struct Release {
     commit: String,
     /// Seconds since 1970 that the files are dated by.
     time: String,
-    /// Where it is put together.
+    /// Folder in which it is put together.
     stage: PathBuf,
-    /// Where programs are built.
+    /// Folder in which programs are built.
     target: PathBuf,
     /// Programs that only the release needs.
     tools: PathBuf,
@@ -132,14 +132,14 @@ impl Release {
         let home = home.or_else(|| Some(std::env::home_dir()?.join(".cargo"))).context("no home folder")?;
         let root = fs::canonicalize(root())?;
         // A later one comes before an earlier one where both begin a path.
-        let places = [
+        let replacements = [
             (home, "/cargo"),
             (root, "/needle-guide"),
             (self.target.clone(), "/target"),
             (std::path::absolute(target_dir())?, "/target"),
         ];
         let flags =
-            places.iter().map(|(path, name)| format!("--remap-path-prefix={}={name}", path.display()));
+            replacements.iter().map(|(path, name)| format!("--remap-path-prefix={}={name}", path.display()));
         let flags = flags.chain(linker.iter().map(|option| format!("-Clink-arg={option}")));
         let list = flags.map(|flag| format!("{flag:?}")).collect::<Vec<_>>().join(", ");
         Ok(vec!["--config".to_owned(), format!("target.{target}.rustflags=[{list}]")])

@@ -1,7 +1,8 @@
-//! What a fresh machine needs: the microcontroller's Rust target and a QEMU that has the board.
+//! Prerequisites of a fresh machine: the microcontroller's Rust target and a QEMU that has the
+//! board.
 //!
-//! What is missing is installed where that takes no decision of the user (a Rust target through rustup; QEMU through apt where
-//! this runs as root); otherwise one line states what to install.
+//! A missing prerequisite is installed if that takes no decision of the user (a Rust target through rustup; QEMU
+//! through apt where this runs as root); otherwise one line states what to install.
 
 use anyhow::{Context, Result, bail};
 use std::fs;
@@ -81,32 +82,33 @@ fn has_target(target: &str) -> Result<bool> {
 /// # Errors
 /// States which version is needed and where to get it, where it cannot be installed.
 pub fn ensure_qemu() -> Result<()> {
-    let found = qemu_version();
-    if found.is_some_and(|version| version >= QEMU_NEEDED) {
+    let installed_version = qemu_version();
+    if installed_version.is_some_and(|version| version >= QEMU_NEEDED) {
         return Ok(());
     }
     let (major, minor) = QEMU_NEEDED;
-    let have = found.map_or("there is none".to_owned(), |(major, minor)| format!("there is {major}.{minor}"));
-    let wanted = format!("{QEMU} {major}.{minor} or newer is needed ({have})");
+    let have = installed_version
+        .map_or("there is none".to_owned(), |(major, minor)| format!("there is {major}.{minor}"));
+    let requirement = format!("{QEMU} {major}.{minor} or newer is needed ({have})");
     let by_hand = "install it from your distribution (Debian 13, Ubuntu 25.04, Fedora 42, Homebrew have one; \
                    Debian 12 has one in its backports)";
     if !can_install() {
-        bail!("{wanted}: {by_hand}");
+        bail!("{requirement}: {by_hand}");
     }
     log(format_args!(
-        "{wanted}: installing it with apt (to run the firmware); `cargo xtask setup --no-install` only reports what is missing"
+        "{requirement}: installing it with apt (to run the firmware); `cargo xtask setup --no-install` only reports what is missing"
     ));
-    apt(&["update"]).with_context(|| format!("{wanted}: {by_hand}"))?;
+    apt(&["update"]).with_context(|| format!("{requirement}: {by_hand}"))?;
     let release = if candidate_version()? >= Some(QEMU_NEEDED) { None } else { add_backports()? };
     let mut arguments = vec!["install", "--yes", "--no-install-recommends"];
     if let Some(release) = &release {
         arguments.extend(["--target-release", release]);
     }
     arguments.push(QEMU);
-    apt(&arguments).with_context(|| format!("{wanted}: {by_hand}"))?;
+    apt(&arguments).with_context(|| format!("{requirement}: {by_hand}"))?;
     match qemu_version() {
         Some(version) if version >= QEMU_NEEDED => Ok(()),
-        _ => bail!("{wanted}, and apt has none that new: {by_hand}"),
+        _ => bail!("{requirement}, and apt has none that new: {by_hand}"),
     }
 }
 
@@ -242,13 +244,13 @@ mod tests {
     fn the_archive_is_found_in_both_forms_of_source_files() {
         let one_line =
             "# comment\ndeb [arch=amd64 signed-by=/k.gpg] http://mirror.example/debian trixie main\n";
-        let found = archive_in(one_line, "trixie");
-        assert_eq!(found, Some(("http://mirror.example/debian".into(), Some("/k.gpg".into()))));
+        let archive_line = archive_in(one_line, "trixie");
+        assert_eq!(archive_line, Some(("http://mirror.example/debian".into(), Some("/k.gpg".into()))));
         assert_eq!(archive_in(one_line, "bookworm"), None);
         let stanzas = "Types: deb\nURIs: http://s.example/sec\nSuites: trixie-security\n\n\
                        Types: deb\nURIs: http://m.example/debian\nSuites: trixie trixie-updates\nSigned-By: /k.gpg\n";
-        let found = archive_in(stanzas, "trixie");
-        assert_eq!(found, Some(("http://m.example/debian".into(), Some("/k.gpg".into()))));
+        let archive_line = archive_in(stanzas, "trixie");
+        assert_eq!(archive_line, Some(("http://m.example/debian".into(), Some("/k.gpg".into()))));
         assert_eq!(archive_in("deb http://m.example/debian trixie main\n", "trixie").unwrap().1, None);
     }
 }

@@ -71,9 +71,9 @@ pub fn run(arguments: &[OsString]) -> Result<ExitCode> {
     }
     if second && counts.failed == 0 {
         let began = Instant::now();
-        let rest = second_tier()?;
-        println!("second tier: {} in {:.1} min", summary(rest), minutes(began));
-        counts += rest;
+        let second_result = second_tier()?;
+        println!("second tier: {} in {:.1} min", summary(second_result), minutes(began));
+        counts += second_result;
     }
     println!("\n{}", summary(counts));
     Ok(if counts.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
@@ -116,9 +116,9 @@ fn second_tier() -> Result<Counts> {
 /// Copies the Python module to where its tests have it from: what tests build next replaces it with one that Python cannot load.
 fn keep_module() -> Result<()> {
     let folder = build::target_dir().join("debug");
-    let kept = folder.join("extension");
-    fs::create_dir_all(&kept)?;
-    fs::copy(folder.join("deps").join(MODULE), kept.join(MODULE))?;
+    let extension_dir = folder.join("extension");
+    fs::create_dir_all(&extension_dir)?;
+    fs::copy(folder.join("deps").join(MODULE), extension_dir.join(MODULE))?;
     Ok(())
 }
 
@@ -135,7 +135,8 @@ fn on_target(options: &[&str]) -> Result<Counts> {
     counted(command.arg("on-target").args(options))
 }
 
-/// Runs a program and adds up the counts in its lines. Where it fails without a failed test it could not run them.
+/// Runs a program and adds up the counts in its lines. A failure without a failed test means that it could not run
+/// them.
 fn counted(command: &mut Command) -> Result<Counts> {
     let mut counts = Counts::default();
     command.env(build::PROGRAM, build::guide());

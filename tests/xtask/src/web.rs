@@ -10,7 +10,7 @@ use std::process::{Command, ExitCode, Stdio};
 
 /// Target of the engine.
 pub const TARGET: &str = "wasm32-wasip1";
-/// What the test in a browser needs, as Debian and its relatives name it.
+/// Packages of the test in a browser, as Debian and its relatives name them.
 const PACKAGES: [&str; 2] = ["chromium", "chromium-driver"];
 const PROGRAMS: [&str; 2] = ["chromium", "chromedriver"];
 /// The engine's entry point, which the page calls once per request.
@@ -21,12 +21,12 @@ const ENTRY: &str = "link-arg=--export=__main_void";
 /// # Errors
 /// Where something cannot be installed or built, or the arguments are not known.
 pub fn web(arguments: &[OsString]) -> Result<ExitCode> {
-    let (is_test, rest) = match arguments.split_first() {
+    let (is_test, page_options) = match arguments.split_first() {
         Some((first, rest)) if first == "--test" => (true, rest),
         _ => (false, arguments),
     };
     let (is_manual, arguments) = match arguments.split_first() {
-        Some((first, rest)) if first == "--manual" => (true, rest),
+        Some((first, page_options)) if first == "--manual" => (true, page_options),
         _ => (false, arguments),
     };
     if !is_test && arguments.iter().any(|argument| argument == "--help" || argument == "-h") {
@@ -47,16 +47,16 @@ pub fn web(arguments: &[OsString]) -> Result<ExitCode> {
     }
     let page = make(&[])?;
     if is_manual {
-        let beside = root().join("host/manual/src/guide.html");
-        fs::copy(&page, &beside).with_context(|| format!("{}: cannot write", beside.display()))?;
-        println!("beside the manual: {}", beside.display());
+        let manual_page = root().join("host/manual/src/guide.html");
+        fs::copy(&page, &manual_page).with_context(|| format!("{}: cannot write", manual_page.display()))?;
+        println!("beside the manual: {}", manual_page.display());
     }
     if !is_test {
         println!("open {} in a browser", page.display());
         return Ok(ExitCode::SUCCESS);
     }
     let program = target_dir().join("debug").join("browser");
-    run(&program, [OsStr::new("--page"), page.as_os_str()], rest)
+    run(&program, [OsStr::new("--page"), page.as_os_str()], page_options)
 }
 
 fn announce(is_test: bool) {
@@ -92,17 +92,17 @@ pub fn make(options: &[String]) -> Result<PathBuf> {
     }
     fs::create_dir_all(&folder).with_context(|| format!("{}: cannot create", folder.display()))?;
     let debug = target_dir().join("debug");
-    let made = Command::new(debug.join("guide"))
+    let exit_status = Command::new(debug.join("guide"))
         .args(["init", "--example"])
         .arg(&example)
         .stdout(Stdio::null())
         .status()
         .context("cannot run guide")?;
-    ensure!(made.success(), "guide init failed");
+    ensure!(exit_status.success(), "guide init failed");
     let engine = target_dir().join(TARGET).join("web").join("engine.wasm");
     let records = records(&folder, &debug.join("guide"))?;
-    let parts = [engine.as_os_str(), example.as_os_str(), records.as_os_str(), page.as_os_str()];
-    let code = run(&debug.join("web-pack"), parts, &[])?;
+    let pack_arguments = [engine.as_os_str(), example.as_os_str(), records.as_os_str(), page.as_os_str()];
+    let code = run(&debug.join("web-pack"), pack_arguments, &[])?;
     ensure!(code == ExitCode::SUCCESS, "the page could not be put together");
     Ok(page)
 }
@@ -141,13 +141,13 @@ fn records(folder: &Path, guide: &Path) -> Result<PathBuf> {
     let plan = fs::read_to_string(&plan).with_context(|| format!("{}: cannot read", plan.display()))?;
     let (setup, _) = plan.split_once("[[effect]]").context("the plan of the example has no effect")?;
     let guide_in = |folder: &Path, arguments: &[&OsStr]| {
-        let made = Command::new(guide)
+        let exit_status = Command::new(guide)
             .args(arguments)
             .current_dir(folder)
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .status();
-        ensure!(made.context("cannot run guide")?.success(), "guide {:?} failed", arguments);
+        ensure!(exit_status.context("cannot run guide")?.success(), "guide {:?} failed", arguments);
         Ok(())
     };
     let mut summarize: Vec<OsString> = vec!["summarize".into()];
@@ -182,12 +182,11 @@ fn records(folder: &Path, guide: &Path) -> Result<PathBuf> {
 
 /// Installs Chromium and its driver where they are missing.
 fn ensure_browser() -> Result<()> {
-    let is_there = |program: &&str| {
+    if PROGRAMS.iter().all(|program| {
         let version =
             Command::new(program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
         version.is_ok_and(|status| status.success())
-    };
-    if PROGRAMS.iter().all(is_there) {
+    }) {
         return Ok(());
     }
     let packages = PACKAGES.join(" and ");

@@ -1,7 +1,7 @@
 //! `cargo xtask wheel`: builds the Python wheel and tests it in a fresh virtual environment.
 //!
-//! What is needed from PyPI (maturin, pytest and what the tests name) goes into environments below `target/wheel`; nothing is installed
-//! elsewhere.
+//! Packages from PyPI (maturin, pytest and those that the tests name) go into environments below `target/wheel`; no
+//! package is installed elsewhere.
 
 use crate::build::{cargo, root, target_dir};
 use crate::licences::{self, Licences, MODULES};
@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 
 /// First Python that the wheel works with.
 const PYTHON_NEEDED: (u32, u32) = (3, 10);
-/// Where pip finds the program that builds wheels.
+/// Requirement by which pip finds the program that builds wheels.
 pub const MATURIN: &str = "maturin>=1.9,<2";
 
 /// Help of the task.
@@ -61,7 +61,7 @@ pub fn python() -> Result<PathBuf> {
     Ok(name.into())
 }
 
-/// Which wheel.
+/// Kind of the wheel.
 pub struct Kind<'a> {
     /// Profile of cargo.
     pub profile: &'a str,
@@ -132,16 +132,16 @@ fn holds_what_it_states(python: &Path, wheel: &Path, licences: &Licences) -> Res
 
 /// Files below a folder, from a root.
 fn files(root: &Path, folder: &Path) -> Result<Vec<String>> {
-    let mut found = Vec::new();
+    let mut wheel_files = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if path.is_dir() {
-            found.extend(files(root, &path)?);
+            wheel_files.extend(files(root, &path)?);
         } else {
-            found.push(path.strip_prefix(root)?.to_string_lossy().into_owned());
+            wheel_files.push(path.strip_prefix(root)?.to_string_lossy().into_owned());
         }
     }
-    Ok(found)
+    Ok(wheel_files)
 }
 
 /// Tests, documentation examples, types and stubs of an installed wheel.

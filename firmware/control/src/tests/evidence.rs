@@ -1,4 +1,5 @@
-//! Readings that no motion explains. What patterns of failing sensors do to the true force is in the crate `sequences`.
+//! Readings that no motion explains. The crate `sequences` has the effect of patterns of failing sensors on the true
+//! force.
 
 use super::*;
 

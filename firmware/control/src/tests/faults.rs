@@ -60,7 +60,7 @@ fn a_fault_is_cleared_only_at_rest() {
     }
     assert!((20..=2 * u32::from(crate::axis::STILL_PERIODS)).contains(&waited), "{waited} periods");
     assert_eq!(bench.periods(50).state, State::Idle);
-    // What is no fault is no matter of rest: a clear ends a program, as before.
+    // A condition that is no fault does not depend on rest: a clear ends a program, as before.
     bench.run(&[Step::Move { x_um: 0, y_um: 0, speed_um_s: 1_000 }]);
     assert!(matches!(bench.periods(300).drive, Drive::Duty(_)));
     bench.command(Request::ClearFault).expect("nothing is latched");
@@ -117,8 +117,8 @@ fn a_force_sensor_that_falls_silent() {
     let mut bench = moving();
     bench.force_fault = Some(ForceFault::Crc);
     // Noise may have repeated a code before.
-    let within = DOUBTFUL_READINGS - 2..=DOUBTFUL_READINGS;
-    assert!(within.contains(&periods_to(&mut bench, Fault::ForceSensor, 100)));
+    let latch_readings = DOUBTFUL_READINGS - 2..=DOUBTFUL_READINGS;
+    assert!(latch_readings.contains(&periods_to(&mut bench, Fault::ForceSensor, 100)));
     clears_only_without(&mut bench, |bench| bench.force_fault = None);
 }
 
@@ -205,7 +205,8 @@ fn a_silent_host_ends_a_program_and_only_a_program() {
     bench.command(Request::ClearFault).expect("it speaks again");
 }
 
-/// What another program sends, with a token that never was one, with a valid one of its own, or as a new connection.
+/// Commands of another program, with a token that never was one, with a valid one of its own, or as a new
+/// connection.
 #[test]
 fn only_the_conversation_that_started_a_program_keeps_it_alive() {
     let mut bench = Bench::new();
@@ -221,18 +222,20 @@ fn only_the_conversation_that_started_a_program_keeps_it_alive() {
         bench.command(Request::Stop).expect("it speaks");
         fault
     };
-    let mut other = 0;
+    let mut other_conversation = 0;
     let refused = kept(&mut |bench| {
         let status = Command { id: 1, connection: 77, request: Request::Status };
         assert_eq!(bench.answer(status), Err(Refusal::OtherBoot));
     });
-    let another = kept(&mut |bench| {
-        if other == 0 {
-            other = bench.controller.conversation.begin();
+    let other_keeps_alive = kept(&mut |bench| {
+        if other_conversation == 0 {
+            other_conversation = bench.controller.conversation.begin();
         }
         let id = bench.next_id;
         bench.next_id += 1;
-        bench.answer(Command { id, connection: other, request: Request::Status }).expect("a valid token");
+        bench
+            .answer(Command { id, connection: other_conversation, request: Request::Status })
+            .expect("a valid token");
     });
     let mut hellos = 0;
     let hello = kept(&mut |bench| {
@@ -244,7 +247,7 @@ fn only_the_conversation_that_started_a_program_keeps_it_alive() {
     });
     let its_own = kept(&mut |bench| bench.command(Request::Status).expect("answered"));
     let silent = Some(Fault::HostSilent);
-    assert_eq!([refused, another, hello, its_own], [silent, silent, silent, None]);
+    assert_eq!([refused, other_keeps_alive, hello, its_own], [silent, silent, silent, None]);
 }
 
 #[test]
@@ -290,12 +293,12 @@ fn a_motor_that_never_rests_is_locked_out_until_it_has_cooled() {
     let periods = periods_to(&mut bench, Fault::MotorHot, 200_000);
     assert!((ON_LIMIT_PERIODS..ON_LIMIT_PERIODS + 5_000).contains(&periods), "{periods} periods");
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
-    let mut rest_s = 0;
+    let mut resting_s = 0;
     while bench.command(Request::ClearFault).is_err() {
         bench.periods(1_000);
-        rest_s += 1;
+        resting_s += 1;
     }
-    assert!((200..300).contains(&rest_s), "{rest_s} s of rest for {COOLED_SHARE} of the limit");
+    assert!((200..300).contains(&resting_s), "{resting_s} s of rest for {COOLED_SHARE} of the limit");
 }
 
 #[test]

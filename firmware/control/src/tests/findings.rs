@@ -40,8 +40,8 @@ fn store(bench: &mut Bench, record: &CalibrationRecord) -> Result<(), Refusal> {
 
 /// Starts again as the device does after storing, with what the board has kept.
 fn restart(bench: &mut Bench, record: CalibrationRecord) {
-    let kept = ControllerState::from_bytes(&bench.controller.retained_state().to_bytes());
-    let start = Start { retained: kept, ..Start::ordinary(BOOT + 1) };
+    let restored = ControllerState::from_bytes(&bench.controller.retained_state().to_bytes());
+    let start = Start { retained: restored, ..Start::ordinary(BOOT + 1) };
     let calibration = Calibration::new(record).expect("it was accepted");
     (bench.controller, bench.connection) = connected(calibration, start);
     bench.next_id = 1;
@@ -135,17 +135,18 @@ fn a_load_that_does_not_fall_ends_the_retreat_near_where_it_began() {
     assert!(bench.position_um[1] > 1_750.0, "{:?}", bench.position_um);
 }
 
-/// What a motor rolls on before a retreat is no part of it: counted from before, the load would have risen on its way out.
+/// Coasting of a motor before a retreat is no part of it: counted from before, the load would have risen on its way
+/// out.
 #[test]
 fn a_retreat_sets_out_when_the_guide_is_at_rest() {
     let mut bench = at_home();
     assert_eq!(ended(&mut bench, &[to_y(6_000)]), Outcome::Faulted);
-    let before_n = force_n(&bench);
+    let load_before_n = force_n(&bench);
     bench.runaway = Some(0.2);
     bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }).expect("it is accepted");
     let rolls = bench.periods(30);
     assert_eq!((rolls.state, rolls.drive), (State::Retreating, Drive::Release));
-    assert!(force_n(&bench) > before_n + 0.1, "more than a load may rise: {}", force_n(&bench));
+    assert!(force_n(&bench) > load_before_n + 0.1, "more than a load may rise: {}", force_n(&bench));
     bench.runaway = None;
     assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }), Err(Refusal::Busy));
     // The filter follows, the axes are at rest, and the load is measured.
@@ -214,7 +215,7 @@ fn a_saturated_converter_is_unloaded_towards_the_straight_needle_only() {
     assert_eq!(bench.command(Request::Retreat { x_um: 500, y_um: 0 }), Err(Refusal::OutOfTravel));
     assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::Moved));
     assert!((bench.position_um[1] - 2_000.0).abs() < 60.0, "{:?}", bench.position_um);
-    // Where no axis has shown that it moves the way it is driven, the middle may lie in the other direction.
+    // If no axis has shown that it moves the way it is driven, the middle may lie in the other direction.
     let record = Calibration::nominal_record();
     restart(&mut bench, record);
     bench.periods(100);
@@ -256,8 +257,8 @@ fn storing_a_calibration_wipes_neither_a_fault_nor_the_heat_of_the_motors() {
     let run = Request::Run { steps: 1, crc: program_crc(&[hold]), start_us: 0 };
     assert_eq!(bench.command(run), Err(Refusal::Busy), "it is about to restart");
     restart(&mut bench, record);
-    let used = bench.controller.budgets[1].used();
-    assert!(used > 0.5, "{used}");
+    let budget_used = bench.controller.budgets[1].used();
+    assert!(budget_used > 0.5, "{budget_used}");
 }
 
 #[test]
@@ -280,9 +281,10 @@ fn a_calibration_slipped_by_a_unit_is_refused() {
     let mut bench = at_home();
     let nominal = Calibration::nominal_record();
     for power in [-3, -2, -1, 1, 2, 3] {
-        let slip = |pn: i32| (f64::from(pn) * 10_f64.powi(power)) as i32;
         let record = CalibrationRecord {
-            force_pn_per_code: nominal.force_pn_per_code.map(|row| row.map(slip)),
+            force_pn_per_code: nominal
+                .force_pn_per_code
+                .map(|row| row.map(|pn| (f64::from(pn) * 10_f64.powi(power)) as i32)),
             ..nominal.clone()
         };
         assert_eq!(store(&mut bench, &record), Err(Refusal::CalibrationInvalid), "gains times 1e{power}");
@@ -380,12 +382,12 @@ fn a_ramp_as_the_last_step_rests_within_the_travel() {
                 most_um = most_um.max(bench.position_um[1].abs());
             }
             assert_eq!(bench.controller.interlock.latched(), None);
-            let rests_um = bench.position_um[1];
-            assert!((rests_um - y_um as f32).abs() <= REENGAGE_ERROR_UM, "{rests_um} for {y_um}");
-            let over_um = most_um - y_um.abs() as f32;
+            let final_um = bench.position_um[1];
+            assert!((final_um - y_um as f32).abs() <= REENGAGE_ERROR_UM, "{final_um} for {y_um}");
+            let distance_left_um = most_um - y_um.abs() as f32;
             assert!(
-                over_um < if last || y_um.abs() > 9_000 { 60.0 } else { 250.0 },
-                "{over_um} beyond {y_um}"
+                distance_left_um < if last || y_um.abs() > 9_000 { 60.0 } else { 250.0 },
+                "{distance_left_um} beyond {y_um}"
             );
         }
     }
@@ -410,10 +412,16 @@ fn a_frame_from_before_never_moves_the_guide_again() {
     // The same id with another content.
     let clear = Command { request: Request::ClearFault, ..run };
     assert_eq!(bench.answer(clear), Err(Refusal::IdUsed));
-    let starts = |note: &&OutboundMessage| {
-        matches!(note, OutboundMessage::Event(Event { kind: EventKind::StepStarted { .. }, .. }))
-    };
-    assert_eq!(bench.notes.iter().filter(starts).count(), 1);
+    assert_eq!(
+        bench
+            .notes
+            .iter()
+            .filter(|note| {
+                matches!(note, OutboundMessage::Event(Event { kind: EventKind::StepStarted { .. }, .. }))
+            })
+            .count(),
+        1
+    );
 }
 
 #[test]

@@ -81,10 +81,10 @@ fn the_chapters_matrix_is_what_the_controller_answers() {
             .collect();
         table.push(format!("| {name} | {} |", cells.join(" | ")));
     }
-    let made = table.join("\n");
-    let there = CHAPTER
+    let generated = table.join("\n");
+    let written = CHAPTER
         .split("<!-- matrix -->\n")
         .nth(1)
         .and_then(|rest| rest.split("\n<!-- matrix ends -->").next());
-    assert!(there == Some(made.as_str()), "the controller answers:\n{made}");
+    assert!(written == Some(generated.as_str()), "the controller answers:\n{generated}");
 }

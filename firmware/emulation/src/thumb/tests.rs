@@ -16,8 +16,8 @@ fn registers() -> [u32; 16] {
 /// Expected access in short: direction, width, signed, register, address.
 fn check(first: u16, second: u16, expected: (Direction, Width, bool, u8, u32)) -> Access {
     let access = decode(first, second, &registers()).unwrap();
-    let found = (access.direction, access.width, access.signed, access.register, access.address);
-    assert_eq!(found, expected, "{first:04x} {second:04x}");
+    let decoded = (access.direction, access.width, access.signed, access.register, access.address);
+    assert_eq!(decoded, expected, "{first:04x} {second:04x}");
     access
 }
 

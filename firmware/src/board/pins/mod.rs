@@ -84,5 +84,5 @@ fn pwm<T: GeneralInstance4Channel>(
     SimplePwm::new(timer, ch1, None, ch3, ch4, PWM_FREQUENCY, CountingMode::EdgeAlignedUp).split()
 }
 
-/// How the bridges' inputs are driven.
+/// Output type of the bridges' inputs.
 const BRIDGE_OUTPUT: OutputType = OutputType::PushPull;

@@ -121,7 +121,7 @@ pub(crate) const REGISTERS: [Register; 9] = [
     register("USART2.BRR", || SERIAL.brr().read().0, 0xFFFF, 174),
 ];
 
-/// Where the emulation in QEMU finds the signals.
+/// Pins at which the emulation in QEMU finds the signals.
 #[cfg(feature = "qemu")]
 pub(crate) mod emulated {
     use embassy_stm32::pac::GPIOA;

@@ -34,9 +34,9 @@ const CFGR_REFUSED: u32 = 1 << 0 | 1 << 13;
 
 /// The converter.
 pub(crate) struct Adc {
-    /// What the potentiometers stand at.
+    /// Codes of the potentiometers.
     pub(crate) potentiometer_codes: [u16; 2],
-    /// What a conversion takes, microseconds; [`NEVER`] for one that does not end.
+    /// Duration of a conversion, microseconds; [`NEVER`] for one that does not end.
     pub(crate) conversion_us: u16,
     /// When the running conversion ends, device time.
     due_us: Option<u64>,
@@ -67,10 +67,10 @@ impl Adc {
 
     /// A write to the control register: its command bits act and are done at once.
     fn control(&mut self, value: u32) -> Result<(), Unmodelled> {
-        let known = CR_ADEN | CR_ADSTART | CR_ADVREGEN | CR_DEEPPWD | CR_ADCAL;
+        let known_bits = CR_ADEN | CR_ADSTART | CR_ADVREGEN | CR_DEEPPWD | CR_ADCAL;
         let regulated = value & (CR_ADVREGEN | CR_DEEPPWD) == CR_ADVREGEN;
         let acts = value & (CR_ADEN | CR_ADSTART | CR_ADCAL) != 0;
-        if value & !known != 0 || acts && !regulated {
+        if value & !known_bits != 0 || acts && !regulated {
             return Err(Unmodelled);
         }
         if value & CR_ADEN != 0 && self.cr & CR_ADEN == 0 {

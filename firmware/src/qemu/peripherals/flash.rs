@@ -14,7 +14,7 @@ pub(crate) const PAGE: u32 = 0x080F_E000;
 /// Marks the pages' memory as valid.
 const MAGIC: u32 = 0x7061_6765;
 
-/// What the pages keep.
+/// Content of the pages.
 struct Memory {
     magic: u32,
     pages: Pages,

@@ -1,7 +1,7 @@
 //! Registers that only have to keep what is written, or hold a constant: power control, unique number.
 //!
-//! The drivers set the write permission of the backup domain and the supply of the second I/O group, and read them back.
-//! Nothing here acts.
+//! The drivers set the write permission of the backup domain and the supply of the second I/O group, and read them
+//! back. These peripherals have no effect.
 
 use crate::qemu::{Registers, Unmodelled};
 use emulation::thumb::Width;

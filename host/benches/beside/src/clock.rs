@@ -7,7 +7,7 @@ use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What criterion keeps of a measurement: calls of every sample, and nanoseconds.
+/// Samples that criterion keeps of a measurement: calls of every sample, and nanoseconds.
 #[derive(Deserialize)]
 struct Samples {
     iters: Vec<f64>,
@@ -31,15 +31,15 @@ impl Clock {
         Self { criterion, folder: folder.to_owned() }
     }
 
-    /// Seconds that a call takes. What it returns is used, so that the work is done.
+    /// Seconds that a call takes. The returned value is used, so that the work is done.
     pub fn seconds<T>(&mut self, name: &str, mut work: impl FnMut() -> T) -> Result<f64> {
         let id: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
         self.criterion.bench_function(&id, |bencher| bencher.iter(&mut work));
         let path = self.folder.join(&id).join("new").join("sample.json");
         let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
         let Samples { iters, times } = serde_json::from_str(&text)?;
-        let each = times.iter().zip(&iters).map(|(nanoseconds, calls)| 1e-9 * nanoseconds / calls);
-        each.min_by(f64::total_cmp).with_context(|| format!("{}: no samples", path.display()))
+        let call_times_s = times.iter().zip(&iters).map(|(nanoseconds, calls)| 1e-9 * nanoseconds / calls);
+        call_times_s.min_by(f64::total_cmp).with_context(|| format!("{}: no samples", path.display()))
     }
 
     /// The same of work that takes a second or so: the least of ten calls.

@@ -73,7 +73,7 @@ pub fn steered() -> (Rig, Dynamics) {
     (rig, dynamics)
 }
 
-/// What its sensors are off by.
+/// Errors of its sensors.
 pub const SENSORS: Sensors = Sensors { base_m: 2e-5, force_n: 0.05, tip_m: 2e-4 };
 
 /// A whole steering run of 1001 samples: 80 mm at 4 mm/s, one every 20 ms.
@@ -128,27 +128,28 @@ pub struct PredictionSize {
 pub fn paths() -> Result<Vec<TipPath>> {
     let problem = insertion_model().problem(0.14)?;
     let growth = GrowingBeam::new(&problem, grid_m(0.14, 1e-3, &[]), Guide2Grip::Holding)?;
-    let path = |number: usize| {
-        let load_n = 0.2 + 0.01 * (3.0 * number as f64).sin();
-        let states = growth.under_load(|_| NodeLoads { load_n: [load_n; 2], guide2_m: [0.0; 2] });
-        let error = |row: usize| 1e-4 * (2.0 * (row + 100 * number) as f64).sin();
-        let run = InsertionRun {
-            id: format!("i{number}"),
-            path: format!("i{number}.csv").into(),
-            depth_m: growth.depths_m().to_vec(),
-            tip_y_m: states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect(),
-            tip_x_m: None,
-            time_s: None,
-            rotation_rad: None,
-            guide2_y_m: None,
-            guide2_x_m: None,
-            base_force_y_n: None,
-            tip_direction_y_rad: None,
-            tip_direction_x_rad: None,
-        };
-        TipPath::new(&run).context("an insertion")
-    };
-    (0..6).map(path).collect()
+    (0..6)
+        .map(|number| {
+            let load_n = 0.2 + 0.01 * (3.0 * number as f64).sin();
+            let states = growth.under_load(|_| NodeLoads { load_n: [load_n; 2], guide2_m: [0.0; 2] });
+            let error = |row: usize| 1e-4 * (2.0 * (row + 100 * number) as f64).sin();
+            let run = InsertionRun {
+                id: format!("i{number}"),
+                path: format!("i{number}.csv").into(),
+                depth_m: growth.depths_m().to_vec(),
+                tip_y_m: states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect(),
+                tip_x_m: None,
+                time_s: None,
+                rotation_rad: None,
+                guide2_y_m: None,
+                guide2_x_m: None,
+                base_force_y_n: None,
+                tip_direction_y_rad: None,
+                tip_direction_x_rad: None,
+            };
+            TipPath::new(&run).context("an insertion")
+        })
+        .collect()
 }
 
 /// One reading taken in, then the path to 140 mm with its band; seconds, and the size of it.
@@ -179,9 +180,9 @@ pub fn prediction(clock: &mut Clock) -> Result<(f64, PredictionSize)> {
         live.push(0.07, black_box([2e-3, 0.0]));
         live.posterior().tip_m(&depths_m)
     })?;
-    let [parts, different] = learned.counts();
+    let [part_count, different] = learned.counts();
     let size = PredictionSize {
-        parts,
+        parts: part_count,
         candidates: different,
         unknowns: candidates.layout.unknowns(),
         depths: depths_m.len(),
@@ -192,6 +193,7 @@ pub fn prediction(clock: &mut Clock) -> Result<(f64, PredictionSize)> {
 /// The diagnosis of a session of nine runs that lacks an effect.
 pub fn diagnosis(clock: &mut Clock) -> Result<f64> {
     let (session, _) = make(&Hidden::One("tissue.layers", 1), 1);
-    let work = || diagnose(black_box(&session), &Options::default(), |_| {}).map(|found| found.margin).ok();
-    clock.seconds_of_long("diagnosis", work)
+    clock.seconds_of_long("diagnosis", || {
+        diagnose(black_box(&session), &Options::default(), |_| {}).map(|found| found.margin).ok()
+    })
 }

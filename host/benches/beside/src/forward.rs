@@ -18,7 +18,7 @@ const SHAPE_SD_M: f64 = 25e-6;
 /// Deepest tip of the insertion.
 const INSERTION_M: f64 = 0.14;
 
-/// What one of our programs took, and what came out of it: compared with what peers give.
+/// Time and result of one of our programs: compared with what peers give.
 pub struct Own {
     /// Seconds.
     pub seconds: f64,
@@ -36,7 +36,8 @@ pub fn rig() -> Rig {
     Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
-/// Where the shape is computed: the centres of so many cells of the needle in the tissue.
+/// Positions at which the shape is computed: the centres of so many cells of the needle in the
+/// tissue.
 fn places(count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |i| 0.07 + DEPTH_M * (i as f64 + 0.5) / count as f64)
 }
@@ -47,8 +48,8 @@ pub fn beam(clock: &mut Clock) -> Result<Own> {
     Own::of(clock, "beam solve", || {
         let beam = Beam::solve(black_box(&rig), &foundation, DEPTH_M).expect("solves");
         let response = beam.guide2_force();
-        let all: Vec<f64> = [rig.guide2_m].into_iter().chain(places(SAMPLES)).collect();
-        response.deflections_m(&all)
+        let positions_m: Vec<f64> = [rig.guide2_m].into_iter().chain(places(SAMPLES)).collect();
+        response.deflections_m(&positions_m)
     })
 }
 
@@ -108,7 +109,7 @@ pub fn insertion(clock: &mut Clock) -> Result<Own> {
     })
 }
 
-/// How many needles the identification solves.
+/// Number of needles that the identification solves.
 pub fn model_runs() -> Result<usize> {
     struct Counted(LateralData, Cell<usize>);
     impl Block for Counted {

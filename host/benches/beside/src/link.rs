@@ -10,7 +10,7 @@ pub const SAMPLES: usize = 3200;
 pub const BATCH: usize = 32;
 /// Time between them.
 pub const PERIOD_US: u32 = 1000;
-/// Of the frames' device.
+/// Boot id of the frames' device.
 pub const BOOT_ID: u32 = 0xA1B2_C3D4;
 
 /// Readings at rest: 10,000 and -5,000 counts of position with noise of 3, 200,000 and 0 counts of force with noise of 100.
@@ -25,12 +25,13 @@ pub fn samples(seed: u32) -> Vec<Sample> {
             .sum();
         ((sum - 6 * 65_536) * sd / 65_536) as i32
     };
-    let sample = |_| Sample {
-        position_counts: [10_000 + noise(3), -5_000 + noise(3)],
-        force_counts: [200_000 + noise(100), noise(100)],
-        repeats_force: false,
-    };
-    (0..SAMPLES).map(sample).collect()
+    (0..SAMPLES)
+        .map(|_| Sample {
+            position_counts: [10_000 + noise(3), -5_000 + noise(3)],
+            force_counts: [200_000 + noise(100), noise(100)],
+            repeats_force: false,
+        })
+        .collect()
 }
 
 /// Device time of a sample.

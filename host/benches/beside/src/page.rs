@@ -14,7 +14,7 @@ use time::macros::format_description;
 const BAUD: f64 = 460_800.0;
 const LINE: f64 = BAUD / 10.0;
 
-/// What was measured.
+/// Measurements.
 pub struct Page<'a> {
     pub machine: &'a Machine,
     pub python: Option<String>,
@@ -78,13 +78,13 @@ impl Page<'_> {
                 None => ("-", "-".to_owned(), "-".to_owned()),
             };
             let (limit, least_s) = &row.limit;
-            let (limit, far) = match least_s {
+            let (limit, target_text) = match least_s {
                 Some(least_s) => (format!("{limit}: {}", time(*least_s)), digits(row.ours_s / least_s)),
                 None => (limit.clone(), "-".to_owned()),
             };
             writeln!(
                 page,
-                "| {} | {} | {name} | {seconds} | {ratio} | {limit} | {far} |",
+                "| {} | {} | {name} | {seconds} | {ratio} | {limit} | {target_text} |",
                 row.name,
                 time(row.ours_s)
             )?;
@@ -123,14 +123,14 @@ impl Page<'_> {
         )?;
         for row in self.rows {
             for peer in &row.peers {
-                let off = peer.off.map_or_else(|| "-".to_owned(), |off| format!("{off:.0e}"));
+                let error_text = peer.off.map_or_else(|| "-".to_owned(), |off| format!("{off:.0e}"));
                 let (seconds, ratio) = match &peer.seconds {
                     Ok(seconds) => (time(*seconds), digits(seconds / row.ours_s)),
                     Err(why) => (format!("does not run here: {why}"), "-".to_owned()),
                 };
                 writeln!(
                     page,
-                    "| {} | {} | {seconds} | {ratio} | {off} | {} |",
+                    "| {} | {} | {seconds} | {ratio} | {error_text} | {} |",
                     row.name, peer.name, row.same
                 )?;
             }
@@ -199,7 +199,7 @@ impl Page<'_> {
         Ok(())
     }
 
-    /// What was set out to be reached, and whether it is.
+    /// Goals, and whether they are reached.
     fn goals(&self, page: &mut String) -> Result<()> {
         writeln!(page, "\n## Goals\n\n| goal | measured | |\n|---|---|---|")?;
         let mut goal = |what: &str, measured: f64, least: f64, why: &str| {
@@ -210,12 +210,12 @@ impl Page<'_> {
             let Some(row) = self.rows.iter().find(|row| row.name == name) else { continue };
             for peer in &row.peers {
                 let Ok(seconds) = peer.seconds else { continue };
-                let wanted_s = seconds / least;
-                let beyond = row.limit.1.filter(|limit_s| wanted_s < *limit_s).map(|limit_s| {
-                    format!(": {} would be less than the limit, {}", time(wanted_s), time(limit_s))
+                let goal_s = seconds / least;
+                let shortfall = row.limit.1.filter(|limit_s| goal_s < *limit_s).map(|limit_s| {
+                    format!(": {} would be less than the limit, {}", time(goal_s), time(limit_s))
                 });
-                let what = format!("{name}: {least} times faster than {}", peer.name);
-                goal(&what, seconds / row.ours_s, least, &beyond.unwrap_or_default())?;
+                let goal_text = format!("{name}: {least} times faster than {}", peer.name);
+                goal(&goal_text, seconds / row.ours_s, least, &shortfall.unwrap_or_default())?;
             }
         }
         let Some(ours) = self.wire.first() else { return Ok(()) };

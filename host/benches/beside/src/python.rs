@@ -6,10 +6,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What a peer took and gave.
+/// Time and result of a peer.
 #[derive(Debug, Deserialize)]
 pub struct Peer {
-    /// What it is.
+    /// Name.
     pub name: String,
     /// Seconds, where it runs here.
     pub seconds: Option<f64>,
@@ -33,17 +33,17 @@ impl Python {
     /// # Errors
     /// Where Python or the network is missing.
     pub fn new(scripts: &Path, cache: &Path) -> Result<Self> {
-        let wanted = fs::read_to_string(scripts.join("requirements.txt"))?;
+        let requirements = fs::read_to_string(scripts.join("requirements.txt"))?;
         let environment = cache.join("python");
         let stamp = environment.join("requirements.txt");
         let program = environment.join("bin").join("python");
-        if fs::read_to_string(&stamp).ok().as_ref() != Some(&wanted) {
-            println!("Python: installing {}", wanted.split_whitespace().collect::<Vec<_>>().join(", "));
+        if fs::read_to_string(&stamp).ok().as_ref() != Some(&requirements) {
+            println!("Python: installing {}", requirements.split_whitespace().collect::<Vec<_>>().join(", "));
             run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&environment))?;
             run(Command::new(&program)
                 .args(["-m", "pip", "install", "--quiet", "-r"])
                 .arg(scripts.join("requirements.txt")))?;
-            fs::write(&stamp, wanted)?;
+            fs::write(&stamp, requirements)?;
         }
         Ok(Self { program, scripts: scripts.to_owned(), cache: cache.to_owned() })
     }

@@ -11,21 +11,21 @@ use std::path::Path;
 
 /// One operation.
 pub struct Row {
-    /// What is done.
+    /// Name of the operation.
     pub name: &'static str,
     /// Seconds that ours takes.
     pub ours_s: f64,
-    /// What does it elsewhere.
+    /// Peers that do the same.
     pub peers: Vec<Beside>,
-    /// What of the two is the same.
+    /// Common part of the two.
     pub same: String,
-    /// What the time is compared with, in words, and seconds; `None` where nothing meaningful can be stated.
+    /// Reference of the time, in words, and seconds; `None` if no meaningful one can be stated.
     pub limit: (String, Option<f64>),
 }
 
 /// A peer.
 pub struct Beside {
-    /// What it is.
+    /// Name.
     pub name: String,
     /// Seconds; or why it does not run here.
     pub seconds: Result<f64, String>,
@@ -83,9 +83,9 @@ fn beside(peer: Peer, own: &Own, nearness: f64) -> Result<Beside> {
     );
     let scale = own.result.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
     let differences = own.result.iter().zip(&peer.result).map(|(a, b)| (a - b).abs() / scale);
-    let off = compared.then(|| differences.fold(0.0, f64::max));
-    ensure!(off.is_none_or(|off| off < nearness), "{} is off by {off:?} of ours", peer.name);
-    Ok(Beside { name: peer.name, seconds: Ok(seconds), off })
+    let largest_difference = compared.then(|| differences.fold(0.0, f64::max));
+    ensure!(largest_difference.is_none_or(|largest_difference| largest_difference < nearness), "{} is off by {largest_difference:?} of ours", peer.name);
+    Ok(Beside { name: peer.name, seconds: Ok(seconds), off: largest_difference })
 }
 
 /// Measures all of them.
@@ -136,12 +136,12 @@ pub fn measure(
     let flops = size.parts as f64 * (6.0 * unknowns * unknowns + 2.0 * unknowns * size.depths as f64)
         + size.candidates as f64 * 2.0 * unknowns * (unknowns + 1.0) * size.depths as f64;
     let limit = by_flops(machine, flops, "update and means of every part, variances of every candidate");
-    let own = Own { seconds, result: Vec::new() };
-    let same = format!(
+    let own_result = Own { seconds, result: Vec::new() };
+    let common_part = format!(
         "size: {} parts, {} unknowns, {} depths; other numbers, and a covariance per part, ours sums those of one candidate",
         size.parts, size.unknowns, size.depths
     );
-    table.row("prediction, one reading and the path again", "predict", &size, (&own, 1.0), &same, limit)?;
+    table.row("prediction, one reading and the path again", "predict", &size, (&own_result, 1.0), &common_part, limit)?;
 
     let rows = estimators::rows(seed);
     let recursive = estimators::recursive(clock, &rows)?;
@@ -179,11 +179,11 @@ pub fn measure(
     let loaded = session::load(clock, &folder)?;
     let limit =
         (format!("{:.1} MB read from memory", 1e-6 * bytes as f64), Some(bytes as f64 / machine.bytes));
-    let given = serde_json::json!({ "folder": folder });
+    let request = serde_json::json!({ "folder": folder });
     table.row(
         "session load",
         "session",
-        &given,
+        &request,
         (&loaded, 1e-9),
         "files, columns, units; ours also checks every cell",
         limit,

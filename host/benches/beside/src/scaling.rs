@@ -1,4 +1,4 @@
-//! How cost grows: times at four or five sizes, and the exponent by least squares in logarithms with its 95 % interval.
+//! Growth of cost: times at four or five sizes, and the exponent by least squares in logarithms with its 95 % interval.
 
 use crate::clock::Clock;
 use crate::{forward, session};
@@ -17,7 +17,7 @@ use std::path::Path;
 
 /// One law of growth.
 pub struct Growing {
-    /// What grows.
+    /// Quantity that grows.
     pub name: &'static str,
     /// Its sizes.
     pub sizes: Vec<usize>,
@@ -39,8 +39,7 @@ fn exponent(sizes: &[usize], seconds: &[f64]) -> Result<[f64; 2]> {
     let (mean_x, mean_y) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
     let square: f64 = x.iter().map(|x| (x - mean_x).powi(2)).sum();
     let slope = x.iter().zip(&y).map(|(x, y)| (x - mean_x) * (y - mean_y)).sum::<f64>() / square;
-    let off = |(x, y): (&f64, &f64)| (y - mean_y - slope * (x - mean_x)).powi(2);
-    let variance = x.iter().zip(&y).map(off).sum::<f64>() / (n - 2.0);
+    let variance = x.iter().zip(&y).map(|(x, y)| (y - mean_y - slope * (x - mean_x)).powi(2)).sum::<f64>() / (n - 2.0);
     let quantile = StudentsT::new(0.0, 1.0, n - 2.0)?.inverse_cdf(0.975);
     Ok([slope, quantile * (variance / square).sqrt()])
 }

@@ -16,7 +16,7 @@ use std::hint::black_box;
 
 /// One way to send samples.
 pub struct Measured {
-    /// What it is.
+    /// Name.
     pub name: String,
     /// Bytes on the line, per sample.
     pub bytes: f64,
@@ -79,7 +79,7 @@ fn sums_of(way: &dyn Codec, line: &[u8]) -> Sums {
 /// Measures all ways; ours is first.
 pub fn measure(clock: &mut Clock, seed: u32) -> Result<Vec<Measured>> {
     let samples = samples(seed);
-    let ways: [&dyn Codec; 8] = [
+    let codecs: [&dyn Codec; 8] = [
         &Ours,
         &proto::Columns,
         &proto::Batch,
@@ -89,9 +89,9 @@ pub fn measure(clock: &mut Clock, seed: u32) -> Result<Vec<Measured>> {
         &json::Batch,
         &json::Single,
     ];
-    let mut all = Vec::new();
+    let mut rows = Vec::new();
     let mut first = None;
-    for way in ways {
+    for way in codecs {
         let mut line = Vec::new();
         way.encode(&samples, &mut line);
         let sums = sums_of(way, &line);
@@ -108,12 +108,12 @@ pub fn measure(clock: &mut Clock, seed: u32) -> Result<Vec<Measured>> {
             line.len()
         })?;
         let of_sample = |seconds: f64| seconds / SAMPLES as f64;
-        all.push(Measured {
+        rows.push(Measured {
             name: way.name().to_owned(),
             bytes,
             encode_s: of_sample(encode_s),
             decode_s: of_sample(decode_s),
         });
     }
-    Ok(all)
+    Ok(rows)
 }

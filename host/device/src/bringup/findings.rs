@@ -1,4 +1,4 @@
-//! What a bring-up can find: names, remedies, and which findings block further steps.
+//! Findings that a bring-up can report: names, remedies, and which findings block further steps.
 
 use crate::link::error::explain_fault;
 use protocol::Fault;
@@ -9,11 +9,11 @@ use serde::Serialize;
 pub struct CatalogueEntry {
     /// Its name in documents.
     pub id: &'static str,
-    /// What is wrong.
+    /// Description of the fault.
     pub what: &'static str,
-    /// What to do.
+    /// Remedy.
     pub remedy: &'static str,
-    /// Nothing that depends on the step may run.
+    /// No step that depends on this one may run.
     pub blocks: bool,
 }
 
@@ -263,11 +263,11 @@ pub struct Finding {
     pub id: &'static str,
     /// Axis `x` or `y`; `None` where it is of neither or both.
     pub axis: Option<&'static str>,
-    /// What is wrong.
+    /// Description of the fault.
     pub what: &'static str,
-    /// What was measured.
+    /// Measured values.
     pub measured: String,
-    /// What to do.
+    /// Remedy.
     pub remedy: &'static str,
     /// Other names that explain what was measured as well.
     pub or_else: Vec<&'static str>,
@@ -276,9 +276,9 @@ pub struct Finding {
 impl Finding {
     /// The finding of this name.
     pub(super) fn new(id: &'static str, axis: Option<usize>, measured: String) -> Self {
-        let known = CatalogueEntry::of(id);
+        let entry = CatalogueEntry::of(id);
         let axis = axis.map(|axis| if axis == 0 { "x" } else { "y" });
-        Self { id, axis, what: known.what, measured, remedy: known.remedy, or_else: Vec::new() }
+        Self { id, axis, what: entry.what, measured, remedy: entry.remedy, or_else: Vec::new() }
     }
 
     /// The same with another explanation.
@@ -287,7 +287,7 @@ impl Finding {
         self
     }
 
-    /// Nothing that depends on the step may run.
+    /// No step that depends on this one may run.
     pub fn blocks(&self) -> bool {
         CatalogueEntry::of(self.id).blocks
     }

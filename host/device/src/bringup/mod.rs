@@ -1,8 +1,9 @@
 //! Bring-up of a rig: from a soldered board to the first motion, step by step, with every fault named.
 //!
-//! Each step measures something and judges it; a finding names what is wrong, what was measured and the remedy. A step with a
-//! blocking finding keeps those that depend on it from running, so that nothing moves on wiring that is known to be wrong. What moves
-//! before the loop is known to work moves in the device's own bounded pulses ([`protocol::Request::Pulse`]).
+//! Each step measures something and judges it; a finding names what is wrong, what was measured and the remedy. A step
+//! with a blocking finding keeps those that depend on it from running, so that nothing moves on wiring that is known to
+//! be wrong. Motions before the loop is known to work are the device's own bounded pulses
+//! ([`protocol::Request::Pulse`]).
 //!
 //! | step | module |
 //! |---|---|
@@ -14,8 +15,8 @@
 //! | calibration stored and read back | [`session`] |
 //! | their order | [`sequence`] |
 //!
-//! What a person does (press the emergency stop, clear the way) is requested through [`Operator`], so that tests stand in for the
-//! person.
+//! A person's actions (press the emergency stop, clear the way) are requested through [`Operator`], so that tests stand
+//! in for the person.
 
 mod findings;
 mod moves;
@@ -88,7 +89,7 @@ impl Step {
         }
     }
 
-    /// What it does, for the operator: what moves, how far and with which force at most.
+    /// Announcement for the operator: what moves, how far and with which force at most.
     pub const fn announcement(self) -> &'static str {
         match self {
             Self::Link => "streams samples for 3 s; nothing moves",
@@ -118,7 +119,7 @@ impl Step {
     }
 }
 
-/// What is requested of the person at the rig.
+/// Requests to the person at the rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Prompt {
     /// Press the emergency stop and hold it.

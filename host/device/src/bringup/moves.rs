@@ -1,7 +1,7 @@
 //! The position loop in small moves, and the force channels against them.
 //!
-//! A needle of round section presses back equally in every direction: the matrix of force against motion has to be one number times
-//! the unit matrix. What it is instead names the fault of the force channels.
+//! A needle of round section presses back equally in every direction: the matrix of force against motion has to be one
+//! number times the unit matrix. The measured difference names the fault of the force channels.
 
 use super::findings::Finding;
 use super::report::StepReport;
@@ -33,7 +33,7 @@ pub(super) struct Moves {
     matrix_n_per_m: [[f64; 2]; 2],
 }
 
-/// What was read in one hold.
+/// Readings of one hold.
 #[derive(Debug, Clone, Copy, Default)]
 struct Held {
     time_s: f64,
@@ -58,15 +58,16 @@ impl Held {
 pub(super) fn run(session: &mut Session, report: &mut StepReport) -> Result<Option<Moves>, LinkError> {
     let mut matrix_n_per_m = [[0.0; 2]; 2];
     for axis in 0..2 {
-        let Some(held) = axis_moves(session, axis, report)? else { return Ok(None) };
+        let Some(hold_readings) = axis_moves(session, axis, report)? else { return Ok(None) };
         for (force, row) in matrix_n_per_m.iter_mut().enumerate() {
-            row[axis] = stiffness(&held, axis, force);
+            row[axis] = stiffness(&hold_readings, axis, force);
         }
     }
     Ok(Some(Moves { matrix_n_per_m }))
 }
 
-/// Up, down and back along an axis: the holds above, below and back. Nothing where a fault ended it, which is found.
+/// Up, down and back along an axis: the holds above, below and back. Empty if a fault ended it; the fault is a
+/// finding.
 fn axis_moves(
     session: &mut Session,
     axis: usize,
@@ -75,29 +76,30 @@ fn axis_moves(
     let home_m =
         session.client.status().map(|status| session.client.displacement_m(status.position_counts))?;
     let home_um = home_m.map(|m| (1e6 * m).round() as i32);
-    let target = |by_um: i32| {
-        let mut at_um = home_um;
-        at_um[axis] += by_um;
-        at_um
-    };
-    let targets_um = [target(MOVE_UM), target(-MOVE_UM), home_um];
+    fn target(by_um: i32, home_um: &[i32; 2], axis: usize) -> [i32; 2] {
+        let mut target_um = *home_um;
+        target_um[axis] += by_um;
+        target_um
+    }
+    let targets_um = [target(MOVE_UM, &home_um, axis), target(-MOVE_UM, &home_um, axis), home_um];
     let name = ["x", "y"][axis];
     let steps = targets_um.into_iter().flat_map(|[x_um, y_um]| {
         [DeviceStep::Move { x_um, y_um, speed_um_s: SPEED_UM_S }, DeviceStep::Hold { duration_ms: HOLD_MS }]
     });
     let steps = steps.map(|step| PlannedStep { step, sweep: false }).collect();
     let program = Program { name: format!("moves along {name}"), steps };
-    let mut held = [Held::default(); 3];
+    let mut hold_readings = [Held::default(); 3];
     let mut furthest_m = [0.0_f64; 3];
     let mut observe = |step: u8, point: &Point| {
         let (turn, is_hold) = (usize::from(step) / 2, step % 2 == 1);
-        let way = [1.0, -1.0, home_um[axis].signum().into()][turn.min(2)];
-        let beyond_m = way * (point.displacement_m[axis] - 1e-6 * f64::from(targets_um[turn.min(2)][axis]));
+        let direction = [1.0, -1.0, home_um[axis].signum().into()][turn.min(2)];
+        let overshoot_m =
+            direction * (point.displacement_m[axis] - 1e-6 * f64::from(targets_um[turn.min(2)][axis]));
         if turn < 2 {
-            furthest_m[turn] = furthest_m[turn].max(beyond_m);
+            furthest_m[turn] = furthest_m[turn].max(overshoot_m);
         }
         if is_hold && turn < 3 {
-            held[turn].add(point);
+            hold_readings[turn].add(point);
         }
     };
     while session.client.waiting().is_some() {}
@@ -119,9 +121,9 @@ fn axis_moves(
         }
         Err(error) => return Err(error),
     }
-    let [up, down, back] = held;
-    let error_m = [(up, targets_um[0]), (down, targets_um[1])]
-        .map(|(held, target_um)| held.position_m[axis] - 1e-6 * f64::from(target_um[axis]));
+    let [first, second, third] = hold_readings;
+    let error_m = [(first, targets_um[0]), (second, targets_um[1])]
+        .map(|(hold_readings, target_um)| hold_readings.position_m[axis] - 1e-6 * f64::from(target_um[axis]));
     let worst_m = error_m.into_iter().map(f64::abs).fold(0.0, f64::max);
     let overshoot_m = furthest_m[0].max(furthest_m[1]);
     report.measure(format!("error_at_rest_{name}_mm"), 1e3 * worst_m);
@@ -131,15 +133,17 @@ fn axis_moves(
             format!("{:.3} mm off at rest, {:.3} mm beyond the target", 1e3 * worst_m, 1e3 * overshoot_m);
         report.find(Finding::new("loop.inaccurate", Some(axis), measured));
     }
-    if held.iter().any(|held| held.count < 50.0)
-        || (up.position_m[axis] - down.position_m[axis]).abs() < 0.5e-3
+    if hold_readings.iter().any(|hold_readings| hold_readings.count < 50.0)
+        || (first.position_m[axis] - second.position_m[axis]).abs() < 0.5e-3
     {
-        let measured =
-            format!("{:.0}, {:.0} and {:.0} samples of the holds arrived", up.count, down.count, back.count);
+        let measured = format!(
+            "{:.0}, {:.0} and {:.0} samples of the holds arrived",
+            first.count, second.count, third.count
+        );
         report.find(Finding::new("link.lossy", None, measured));
         return Ok(None);
     }
-    Ok(Some(held))
+    Ok(Some(hold_readings))
 }
 
 /// Change of a force per motion along an axis, newtons per metre: of the plane in position and time through three holds, so that a drift of
@@ -150,8 +154,8 @@ fn stiffness([up, down, back]: &[Held; 3], axis: usize, force: usize) -> f64 {
             (held.position_m[axis] - up.position_m[axis], held.force_n[force] - up.force_n[force]);
         (moved_m, held.time_s - up.time_s, force_n)
     };
-    let ((down_m, down_s, down_n), (back_m, back_s, back_n)) = (from_up(down), from_up(back));
-    (down_n * back_s - back_n * down_s) / (down_m * back_s - back_m * down_s)
+    let ((second_m, second_s, second_n), (third_m, third_s, third_n)) = (from_up(down), from_up(back));
+    (second_n * third_s - third_n * second_s) / (second_m * third_s - third_m * second_s)
 }
 
 pub(super) fn force(moves: &Moves, report: &mut StepReport) {
@@ -174,10 +178,9 @@ pub(super) fn force(moves: &Moves, report: &mut StepReport) {
     }
 }
 
-/// What a matrix of force against motion means for the force channels.
+/// Faults of the force channels that a matrix of force against motion implies.
 fn classify(m: [[f64; 2]; 2]) -> Vec<(&'static str, Option<usize>)> {
-    let size = |row: [f64; 2]| row[0].hypot(row[1]);
-    let [x, y] = m.map(size);
+    let [x, y] = m.map(|row| row[0].hypot(row[1]));
     let stiffness = x.max(y);
     if stiffness < LEAST_N_PER_M {
         return vec![("force.no_response", None)];
@@ -189,27 +192,27 @@ fn classify(m: [[f64; 2]; 2]) -> Vec<(&'static str, Option<usize>)> {
     if xy.abs() > 3.0 * xx.abs() && yx.abs() > 3.0 * yy.abs() {
         return vec![("force.swapped", None)];
     }
-    let mut found = Vec::new();
+    let mut faults = Vec::new();
     // Signs first: what is left is judged as if they were right.
     let signs = [xx, yy].map(|own| if own < 0.0 { -1.0 } else { 1.0 });
     for (axis, sign) in signs.iter().enumerate() {
         if *sign < 0.0 {
-            found.push(("force.sign", Some(axis)));
+            faults.push(("force.sign", Some(axis)));
         }
     }
-    let (own, xy, yx) = ([xx * signs[0], yy * signs[1]], xy * signs[0], yx * signs[1]);
-    let scale = 0.5 * (own[0] + own[1]);
-    let (turned, common) = (0.5 * (yx - xy), 0.5 * (yx + xy));
-    if turned.abs() > TOLERANCE * scale && common.abs() < 0.4 * turned.abs() {
-        found.push(("force.turned", None));
+    let (diagonal, xy, yx) = ([xx * signs[0], yy * signs[1]], xy * signs[0], yx * signs[1]);
+    let scale = 0.5 * (diagonal[0] + diagonal[1]);
+    let (rotation, common) = (0.5 * (yx - xy), 0.5 * (yx + xy));
+    if rotation.abs() > TOLERANCE * scale && common.abs() < 0.4 * rotation.abs() {
+        faults.push(("force.turned", None));
     } else if xy.abs().max(yx.abs()) > TOLERANCE * scale {
-        found.push(("force.crosstalk", Some(usize::from(yx.abs() > xy.abs()))));
+        faults.push(("force.crosstalk", Some(usize::from(yx.abs() > xy.abs()))));
     }
-    let ratio = own[0] / own[1];
+    let ratio = diagonal[0] / diagonal[1];
     if !(1.0 - GAIN_TOLERANCE..=1.0 / (1.0 - GAIN_TOLERANCE)).contains(&ratio) {
-        found.push(("force.gain", None));
+        faults.push(("force.gain", None));
     }
-    found
+    faults
 }
 
 #[cfg(test)]
@@ -223,11 +226,14 @@ mod tests {
 
     #[test]
     fn a_drift_is_no_stiffness() {
-        let held = [(0.0, 8e-4), (1.2, -8e-4), (2.3, 1e-5)].map(|(time_s, at_m)| {
+        let hold_readings = [(0.0, 8e-4), (1.2, -8e-4), (2.3, 1e-5)].map(|(time_s, at_m)| {
             let force_n = [0.1 * time_s, 400.0 * at_m + 0.1 * time_s - 0.3];
             Held { time_s, position_m: [0.0, at_m], force_n, count: 400.0 }
         });
-        assert!(stiffness(&held, 1, 0).abs() < 1e-9 && (stiffness(&held, 1, 1) - 400.0).abs() < 1e-9);
+        assert!(
+            stiffness(&hold_readings, 1, 0).abs() < 1e-9
+                && (stiffness(&hold_readings, 1, 1) - 400.0).abs() < 1e-9
+        );
     }
 
     #[test]

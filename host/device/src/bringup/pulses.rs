@@ -18,10 +18,10 @@ use std::time::{Duration, Instant};
 const MOVED_UM: f64 = 40.0;
 /// Change of force that answers a motion, newtons: four times the noise of the mean over two pulses.
 const ANSWERED_N: f64 = 5e-3;
-/// How long an event is awaited, by the host's clock.
+/// Time for which an event is awaited, by the host's clock.
 const EVENT_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// What pulses of one motor did, up and down.
+/// Results of the pulses of one motor, up and down.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Tried {
     /// Motion of x and y, micrometres, in the pulse upwards and downwards.
@@ -53,19 +53,19 @@ fn mean_of(up: f64, down: f64, least: f64) -> f64 {
 }
 
 pub(super) fn run(session: &mut Session, report: &mut StepReport) -> Result<(), LinkError> {
-    let mut tried = Vec::new();
+    let mut motors = Vec::new();
     for axis in 0..2 {
         match both_ways(session, axis)? {
-            Ok(outcome) => tried.push(outcome),
+            Ok(outcome) => motors.push(outcome),
             Err(finding) => {
                 report.find(finding);
                 return Ok(());
             }
         }
     }
-    if let [x, y] = tried.as_slice() {
-        for (name, tried) in [("x", x), ("y", y)] {
-            for (way, moved_um) in ["up", "down"].iter().zip(tried.moved_um) {
+    if let [x, y] = motors.as_slice() {
+        for (name, motors) in [("x", x), ("y", y)] {
+            for (way, moved_um) in ["up", "down"].iter().zip(motors.moved_um) {
                 report.measure(format!("pulse_{name}_{way}_moves_x_mm"), 1e-3 * moved_um[0]);
                 report.measure(format!("pulse_{name}_{way}_moves_y_mm"), 1e-3 * moved_um[1]);
             }
@@ -78,30 +78,29 @@ pub(super) fn run(session: &mut Session, report: &mut StepReport) -> Result<(), 
 /// A pulse up and one down; a finding where the device refuses. One that a bring-up before this has interrupted between both leaves the
 /// first direction used up: then the other is tried first.
 fn both_ways(session: &mut Session, axis: usize) -> Result<Result<Tried, Finding>, LinkError> {
-    let mut tried = Tried { moved_um: [[0.0; 2]; 2], force_n: [[0.0; 2]; 2], pressed: false };
-    let mut left = vec![(0, 1), (1, -1)];
+    let mut motor = Tried { moved_um: [[0.0; 2]; 2], force_n: [[0.0; 2]; 2], pressed: false };
+    let mut pending = vec![(0, 1), (1, -1)];
     let mut refused = 0;
-    while let Some((way, sign)) = left.first().copied() {
-        left.remove(0);
+    while let Some((direction, sign)) = pending.first().copied() {
+        pending.remove(0);
         let Some(pulse) = one(session, axis, sign)? else {
             refused += 1;
             let fault = session.client.status()?.fault;
             if fault.is_none() && refused == 1 {
-                left.push((way, sign));
+                pending.push((direction, sign));
                 continue;
             }
-            let off_middle = || {
+            return Ok(Err(fault.map_or_else(|| {
                 let measured =
                     "a pulse would leave the travel, or earlier pulses have used up what is allowed in this direction".to_owned();
                 Finding::new("potentiometer.off_middle", Some(axis), measured)
-            };
-            return Ok(Err(fault.map_or_else(off_middle, of_fault)));
+            }, of_fault)));
         };
-        tried.moved_um[way] = session.client.displacement_m(pulse.moved_counts).map(|m| 1e6 * m);
-        tried.force_n[way] = session.client.force_n(pulse.force_counts);
-        tried.pressed |= pulse.outcome == PulseOutcome::Force;
+        motor.moved_um[direction] = session.client.displacement_m(pulse.moved_counts).map(|m| 1e6 * m);
+        motor.force_n[direction] = session.client.force_n(pulse.force_counts);
+        motor.pressed |= pulse.outcome == PulseOutcome::Force;
     }
-    Ok(Ok(tried))
+    Ok(Ok(motor))
 }
 
 /// One pulse; `None` where it was refused or a fault ended it.
@@ -142,41 +141,59 @@ fn judge(tried: [Tried; 2], report: &mut StepReport) {
     // A needle that answers the other axis is mounted: a guide that moves meets it.
     let is_mounted = [1, 0].map(|other: usize| tried[other].answer_n(other).abs() > ANSWERED_N);
     for (axis, tried) in tried.iter().enumerate() {
-        let [up, down] = tried.moved_um.map(|moved_um| moved_um[axis]);
-        let moves = [up.abs() >= MOVED_UM, down.abs() >= MOVED_UM];
-        let along_um = tried.along_um(axis);
+        let [first_um, second_um] = tried.moved_um.map(|moved_um| moved_um[axis]);
+        let moves = [first_um.abs() >= MOVED_UM, second_um.abs() >= MOVED_UM];
+        let axis_um = tried.along_um(axis);
         let answer_n = tried.answer_n(axis);
         let measured = format!(
             "up {:+.3} mm, down {:+.3} mm, force {:+.1} mN for upwards",
-            1e-3 * up,
-            1e-3 * down,
+            1e-3 * first_um,
+            1e-3 * second_um,
             1e3 * answer_n
         );
-        let finding = |id| Finding::new(id, Some(axis), measured.clone());
+        fn finding(id: &'static str, axis: usize, measured: &str) -> Finding {
+            Finding::new(id, Some(axis), measured.to_owned())
+        }
         match moves {
-            [false, false] if tried.pressed => report.find(finding("motor.presses")),
-            [false, false] if answer_n.abs() > ANSWERED_N => report.find(finding("potentiometer.stuck")),
-            [false, false] if is_mounted[axis] => report.find(finding("motor.does_not_move")),
-            [false, false] => report.find(finding("motor.does_not_move").or("potentiometer.stuck")),
-            [false, true] if along_um > 0.0 => report.find(finding("motor.dead_up")),
-            [true, false] if along_um > 0.0 => report.find(finding("motor.dead_down")),
+            [false, false] if tried.pressed => report.find(finding("motor.presses", axis, &measured)),
+            [false, false] if answer_n.abs() > ANSWERED_N => {
+                report.find(finding("potentiometer.stuck", axis, &measured))
+            }
+            [false, false] if is_mounted[axis] => {
+                report.find(finding("motor.does_not_move", axis, &measured))
+            }
+            [false, false] => {
+                report.find(finding("motor.does_not_move", axis, &measured).or("potentiometer.stuck"))
+            }
+            [false, true] if axis_um > 0.0 => report.find(finding("motor.dead_up", axis, &measured)),
+            [true, false] if axis_um > 0.0 => report.find(finding("motor.dead_down", axis, &measured)),
             // The bridge's other half, where the leads are reversed as well.
             [false, true] | [true, false] => {
-                report.find(finding("motor.leads_reversed").or("motor.dead_up").or("motor.dead_down"));
+                report.find(
+                    finding("motor.leads_reversed", axis, &measured)
+                        .or("motor.dead_up")
+                        .or("motor.dead_down"),
+                );
             }
-            [true, true] if along_um > 0.0 => {}
-            [true, true] if answer_n > ANSWERED_N => report.find(finding("potentiometer.reversed")),
-            [true, true] if answer_n < -ANSWERED_N => report.find(finding("motor.leads_reversed")),
-            [true, true] => report.find(finding("motor.leads_reversed").or("potentiometer.reversed")),
+            [true, true] if axis_um > 0.0 => {}
+            [true, true] if answer_n > ANSWERED_N => {
+                report.find(finding("potentiometer.reversed", axis, &measured))
+            }
+            [true, true] if answer_n < -ANSWERED_N => {
+                report.find(finding("motor.leads_reversed", axis, &measured))
+            }
+            [true, true] => {
+                report.find(finding("motor.leads_reversed", axis, &measured).or("potentiometer.reversed"))
+            }
         }
     }
 }
 
 /// Each drive moves the other axis' potentiometer.
 fn swapped([x, y]: &[Tried; 2], report: &mut StepReport) -> bool {
-    let other = |tried: &Tried, axis: usize| {
+    fn other(tried: &Tried, axis: usize) -> bool {
         tried.along_um(1 - axis).abs() > MOVED_UM && tried.along_um(axis).abs() < MOVED_UM
-    };
+    }
     if !(other(x, 0) && other(y, 1)) {
         return false;
     }
@@ -186,15 +203,17 @@ fn swapped([x, y]: &[Tried; 2], report: &mut StepReport) -> bool {
         1e-3 * y.along_um(0)
     );
     // The force of the driven axis answers where only the readings are swapped.
-    let own_n = x.answer_n(0).abs() + y.answer_n(1).abs();
-    let other_n = x.answer_n(1).abs() + y.answer_n(0).abs();
-    let finding = |id| Finding::new(id, None, measured.clone());
-    report.find(if own_n > 2.0 * other_n && own_n > ANSWERED_N {
-        finding("potentiometer.swapped")
-    } else if other_n > 2.0 * own_n && other_n > ANSWERED_N {
-        finding("motor.swapped")
+    let same_axis_n = x.answer_n(0).abs() + y.answer_n(1).abs();
+    let cross_axis_n = x.answer_n(1).abs() + y.answer_n(0).abs();
+    fn finding(id: &'static str, measured: &str) -> Finding {
+        Finding::new(id, None, measured.to_owned())
+    }
+    report.find(if same_axis_n > 2.0 * cross_axis_n && same_axis_n > ANSWERED_N {
+        finding("potentiometer.swapped", &measured)
+    } else if cross_axis_n > 2.0 * same_axis_n && cross_axis_n > ANSWERED_N {
+        finding("motor.swapped", &measured)
     } else {
-        finding("motor.swapped").or("potentiometer.swapped")
+        finding("motor.swapped", &measured).or("potentiometer.swapped")
     });
     true
 }
@@ -204,9 +223,12 @@ mod tests {
     use super::*;
     use crate::bringup::Step;
 
-    /// What pulses of a motor do: potentiometer and force matrices of what really moves, micrometres and newtons for upwards.
+    /// Interpretation of the pulses of a motor: potentiometer and force matrices of what really moves, micrometres and
+    /// newtons for upwards.
     fn tried(moved_um: [f64; 2], force_n: [f64; 2]) -> Tried {
-        let down = |up: [f64; 2]| up.map(|value| -value);
+        fn down(up: [f64; 2]) -> [f64; 2] {
+            up.map(|value| -value)
+        }
         Tried { moved_um: [moved_um, down(moved_um)], force_n: [force_n, down(force_n)], pressed: false }
     }
 
@@ -230,7 +252,9 @@ mod tests {
         assert_eq!(found(tried([0.0, -150.0], [0.0, 0.001])), [("motor.leads_reversed", 1)]);
         assert_eq!(found(tried([0.0, 3.0], [0.0, 0.06])), [("potentiometer.stuck", 0)]);
         assert_eq!(found(tried([0.0, 3.0], [0.0, 0.0])), [("motor.does_not_move", 0)]);
-        let bare = |moved_um| tried(moved_um, [0.0; 2]);
+        fn bare(moved_um: [f64; 2]) -> Tried {
+            tried(moved_um, [0.0; 2])
+        }
         let mut report = StepReport::new(Step::Motors);
         judge([bare([150.0, 0.0]), bare([0.0, 3.0])], &mut report);
         assert_eq!(report.findings[0].or_else, ["potentiometer.stuck"], "no needle is mounted");
@@ -248,13 +272,14 @@ mod tests {
 
     #[test]
     fn the_force_separates_swapped_motors_from_swapped_potentiometers() {
-        let judged = |x: Tried, y: Tried| {
+        fn judged(x: Tried, y: Tried) -> Vec<(&'static str, usize)> {
             let mut report = StepReport::new(Step::Motors);
             judge([x, y], &mut report);
             report.findings.iter().map(|finding| (finding.id, finding.or_else.len())).collect::<Vec<_>>()
-        };
-        let motors =
-            |force_n: f64| judged(tried([0.0, 150.0], [0.0, force_n]), tried([150.0, 0.0], [force_n, 0.0]));
+        }
+        fn motors(force_n: f64) -> Vec<(&'static str, usize)> {
+            judged(tried([0.0, 150.0], [0.0, force_n]), tried([150.0, 0.0], [force_n, 0.0]))
+        }
         assert_eq!(motors(0.06), [("motor.swapped", 0)]);
         assert_eq!(motors(0.0), [("motor.swapped", 1)]);
         let readings = judged(tried([0.0, 150.0], [0.06, 0.0]), tried([150.0, 0.0], [0.0, 0.06]));

@@ -4,7 +4,7 @@ use super::{Finding, Step};
 use serde::Serialize;
 use std::fmt;
 
-/// What a bring-up found.
+/// Report of a bring-up.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     /// `guide.bringup/1`.
@@ -41,21 +41,21 @@ pub struct Device {
 pub struct StepReport {
     /// Its name.
     pub step: &'static str,
-    /// How it went.
+    /// Result of the step.
     pub result: StepResult,
     /// Why it did not run.
     pub because: Option<String>,
-    /// What was measured.
+    /// Measured values.
     pub measured: Vec<Measure>,
-    /// What is wrong.
+    /// Faults that were found.
     pub findings: Vec<Finding>,
 }
 
-/// How a step went.
+/// Result of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StepResult {
-    /// Nothing was found.
+    /// The step has no finding.
     Passed,
     /// Something is wrong.
     Failed,
@@ -68,7 +68,7 @@ pub enum StepResult {
 /// A measured value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Measure {
-    /// What it is, with its unit at the end.
+    /// Name of the quantity, with its unit at the end.
     pub name: String,
     /// The value.
     pub value: f64,

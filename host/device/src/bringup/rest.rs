@@ -1,4 +1,4 @@
-//! What the sensors read while nothing moves.
+//! Checks the sensors' readings while the rig is at rest.
 
 use super::findings::{Finding, of_fault};
 use super::report::StepReport;
@@ -7,7 +7,8 @@ use super::session::Session;
 use crate::link::{LinkError, Point};
 use protocol::{Counters, Fault, Status};
 
-/// How long is recorded, seconds of the device: a multiple of the mains' periods, and a resolution of 0.25 Hz.
+/// Duration of the recording, seconds of the device: a multiple of the mains' periods, and a resolution of
+/// 0.25 Hz.
 const RECORD_S: f64 = 4.0;
 /// Noise of one force reading above which a channel is noisy: three times the cell's and the converter's together, newtons.
 const NOISY_N: f64 = 0.015;
@@ -37,43 +38,45 @@ fn channel(points: &[Point], value: impl Fn(&Point) -> f64) -> Option<Rest> {
 
 pub(super) fn converter(session: &mut Session, report: &mut StepReport) -> Result<(), LinkError> {
     session.clear()?;
-    let before = session.client.status()?;
+    let first_status = session.client.status()?;
     let points = session.record(RECORD_S)?;
-    let after = session.client.status()?;
-    if let Some(finding) = broken(&before, &after) {
+    let last_status = session.client.status()?;
+    if let Some(finding) = broken(&first_status, &last_status) {
         report.find(finding);
         return Ok(());
     }
     for axis in 0..2 {
-        if let Some(rest) = channel(&points, |point| point.force_n[axis]) {
-            judge_force(axis, &rest, report);
+        if let Some(statistics) = channel(&points, |point| point.force_n[axis]) {
+            judge_force(axis, &statistics, report);
         }
     }
     Ok(())
 }
 
-/// What the converter's counters and the fault say.
+/// Fault that the converter's counters and the latched fault imply.
 fn broken(before: &Status, after: &Status) -> Option<Finding> {
     let periods = (after.t_us - before.t_us) as f64 * 1e-3;
-    let counted = |count: fn(&Counters) -> u32| f64::from(count(&after.counters) - count(&before.counters));
-    let missing = counted(|c| c.force_missing);
-    let corrupt = counted(|c| c.force_corrupt);
-    let resets = counted(|c| c.force_resets);
-    let saturated = counted(|c| c.force_saturated);
-    let finding = |id, what: &str, count: f64| {
+    fn counted(count: fn(&Counters) -> u32, after_counters: &Counters, before_counters: &Counters) -> f64 {
+        f64::from(count(after_counters) - count(before_counters))
+    }
+    let missing = counted(|c| c.force_missing, &after.counters, &before.counters);
+    let corrupt = counted(|c| c.force_corrupt, &after.counters, &before.counters);
+    let resets = counted(|c| c.force_resets, &after.counters, &before.counters);
+    let saturated = counted(|c| c.force_saturated, &after.counters, &before.counters);
+    fn finding(id: &'static str, what: &str, count: f64, periods: f64) -> Option<Finding> {
         Some(Finding::new(id, None, format!("{what} in {count:.0} of {periods:.0} periods")))
-    };
+    }
     if saturated > 0.5 * periods {
-        return finding("force.saturated", "saturated", saturated);
+        return finding("force.saturated", "saturated", saturated, periods);
     }
     if corrupt > DAMAGED_SHARE * periods {
-        return finding("force.corrupt", "a damaged frame", corrupt);
+        return finding("force.corrupt", "a damaged frame", corrupt, periods);
     }
     if resets > 0.0 {
-        return finding("force.resets", "a reset", resets);
+        return finding("force.resets", "a reset", resets, periods);
     }
     if missing > 0.5 * periods {
-        return finding("force.silent", "no reading", missing);
+        return finding("force.silent", "no reading", missing, periods);
     }
     after.fault.filter(is_of_force).map(of_fault)
 }
@@ -124,17 +127,17 @@ pub(super) fn potentiometers(session: &mut Session, report: &mut StepReport) -> 
     let mut sound = true;
     for (axis, mean_m) in means_m.iter_mut().enumerate() {
         let name = ["x", "y"][axis];
-        let Some(rest) = channel(&points, |point| point.displacement_m[axis]) else { continue };
-        *mean_m = rest.mean;
-        let noise_m = rest.sd.hypot(rest.mains.1);
-        report.measure(format!("position_{name}_mm"), 1e3 * rest.mean);
+        let Some(statistics) = channel(&points, |point| point.displacement_m[axis]) else { continue };
+        *mean_m = statistics.mean;
+        let noise_m = statistics.sd.hypot(statistics.mains.1);
+        report.measure(format!("position_{name}_mm"), 1e3 * statistics.mean);
         report.measure(format!("position_noise_{name}_mm"), 1e3 * noise_m);
-        let at = format!("{:+.2} mm at rest", 1e3 * rest.mean);
-        if rest.mean > TRACK_END_M {
-            report.find(Finding::new("potentiometer.open", Some(axis), at));
+        let mean_text = format!("{:+.2} mm at rest", 1e3 * statistics.mean);
+        if statistics.mean > TRACK_END_M {
+            report.find(Finding::new("potentiometer.open", Some(axis), mean_text));
             sound = false;
-        } else if rest.mean < -TRACK_END_M {
-            report.find(Finding::new("potentiometer.shorted", Some(axis), at));
+        } else if statistics.mean < -TRACK_END_M {
+            report.find(Finding::new("potentiometer.shorted", Some(axis), mean_text));
             sound = false;
         } else if noise_m > WIPER_M {
             let measured = format!(
@@ -150,8 +153,10 @@ pub(super) fn potentiometers(session: &mut Session, report: &mut StepReport) -> 
     }
     let fault = session.clear()?;
     // Those of the force channels and of the emergency stop are found in their own steps.
-    let own = |fault: &Fault| !is_of_force(fault) && *fault != Fault::EmergencyStop;
-    if let Some(fault) = fault.filter(own).filter(|_| report.findings.is_empty()) {
+    if let Some(fault) = fault
+        .filter(|fault| !is_of_force(fault) && *fault != Fault::EmergencyStop)
+        .filter(|_| report.findings.is_empty())
+    {
         report.find(of_fault(fault));
     }
     Ok(())
@@ -160,7 +165,9 @@ pub(super) fn potentiometers(session: &mut Session, report: &mut StepReport) -> 
 /// Both guides were set to the middle: where the tables place them far from it, their supply or their mounting is wrong.
 fn middle(means_m: [f64; 2], report: &mut StepReport) {
     let [x, y] = means_m;
-    let ratio = |mean_m: f64| (mean_m + HALF_TRACK_M) / HALF_TRACK_M;
+    fn ratio(mean_m: f64) -> f64 {
+        (mean_m + HALF_TRACK_M) / HALF_TRACK_M
+    }
     if x.abs() > MIDDLE_M && y.abs() > MIDDLE_M && (x - y).abs() < MIDDLE_M {
         let measured = format!(
             "x {:+.1} mm, y {:+.1} mm at the middle: {:.2} of the reference",
@@ -201,7 +208,9 @@ mod tests {
 
     #[test]
     fn a_channel_at_rest_is_judged_by_its_noise_its_lines_and_its_drift() {
-        let judged = |rest: Rest| found(|report| judge_force(0, &rest, report));
+        fn judged(rest: Rest) -> Vec<&'static str> {
+            found(|report| judge_force(0, &rest, report))
+        }
         assert!(judged(SOUND).is_empty());
         assert_eq!(judged(Rest { sd: 7e-4, ..SOUND }), ["force.dead"]);
         assert_eq!(judged(Rest { sd: 0.02, ..SOUND }), ["force.noisy"]);
@@ -211,7 +220,9 @@ mod tests {
 
     #[test]
     fn a_common_ratio_is_the_supply_and_one_axis_is_its_mounting() {
-        let judged = |means_mm: [f64; 2]| found(|report| middle(means_mm.map(|mm| mm * 1e-3), report));
+        fn judged(means_mm: [f64; 2]) -> Vec<&'static str> {
+            found(|report| middle(means_mm.map(|mm| mm * 1e-3), report))
+        }
         assert!(judged([1.5, -1.5]).is_empty());
         assert_eq!(judged([-8.5, -7.9]), ["potentiometer.supply"]);
         assert_eq!(judged([10.2, 0.3]), ["potentiometer.off_middle"]);

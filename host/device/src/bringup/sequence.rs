@@ -32,11 +32,13 @@ pub fn run(
         interrupted_in: None,
         steps: Vec::new(),
     };
-    // Of the loop's step, for the force's.
+    // Moves of the loop's step, for the force's step.
     let mut moves = None;
-    let is_due = |step: &Step| steps.contains(step) && (*step != Step::Store || calibration.is_some());
     let mut is_lossy = false;
-    for step in Step::ALL.into_iter().filter(is_due) {
+    for step in Step::ALL
+        .into_iter()
+        .filter(|step| steps.contains(step) && (*step != Step::Store || calibration.is_some()))
+    {
         if is_lossy {
             let because = "the line loses frames: correct it first".to_owned();
             report.steps.push(StepReport::without(step, StepResult::Blocked, because));
@@ -47,7 +49,7 @@ pub fn run(
             (!repeated && failed.contains(needed))
                 || report.steps.iter().any(|before| before.step == name && before.blocks())
         });
-        let done = match blocking {
+        let step_report = match blocking {
             Some(needed) => {
                 let because = format!("`{}` has to pass first", needed.name());
                 StepReport::without(step, StepResult::Blocked, because)
@@ -59,39 +61,41 @@ pub fn run(
                     session = session.stored(record)?;
                     report.device = device(session.client.hello());
                 }
-                let mut done = carry_out(step, &mut session, &mut moves);
-                if matches!(done, Err(LinkError::Restarted { .. })) {
+                let mut step_report = carry_out(step, &mut session, &mut moves);
+                if matches!(step_report, Err(LinkError::Restarted { .. })) {
                     session = session.reconnected()?;
                     let mut restarted = StepReport::new(step);
                     restarted.find(wires::reset_finding(session.client.hello(), "in this step"));
-                    done = Ok(restarted);
+                    step_report = Ok(restarted);
                 }
                 // The device is there and answers, but not enough of it arrives: nothing more can be measured.
-                let lost =
-                    done.as_ref().err().filter(|error| matches!(error, LinkError::AnswerMissing { .. }));
+                let lost = step_report
+                    .as_ref()
+                    .err()
+                    .filter(|error| matches!(error, LinkError::AnswerMissing { .. }));
                 let lost = lost.map(ToString::to_string);
                 if let Some(measured) = lost {
                     is_lossy = true;
                     let _ = session.client.request(Request::Stop);
                     let mut lossy = StepReport::new(step);
                     lossy.find(Finding::new("link.lossy", None, measured));
-                    done = Ok(lossy);
+                    step_report = Ok(lossy);
                 }
-                if done.is_err() || session.operator.is_interrupted() {
-                    // Where the link is gone the stop cannot arrive; the device ends the motion by itself and holds.
+                if step_report.is_err() || session.operator.is_interrupted() {
+                    // Without a link the stop cannot arrive; the device ends the motion by itself and holds.
                     let _ = session.client.request(Request::Stop);
                 }
                 if session.operator.is_interrupted() {
                     return Err(BringupError::Interrupted { step: step.name() });
                 }
-                done?
+                step_report?
             }
         };
-        report.steps.push(done);
+        report.steps.push(step_report);
     }
     let _ = session.client.request(Request::Stop);
-    let failed = |report: &StepReport| matches!(report.result, StepResult::Failed | StepResult::Blocked);
-    report.passed = !report.steps.iter().any(failed);
+    report.passed =
+        !report.steps.iter().any(|report| matches!(report.result, StepResult::Failed | StepResult::Blocked));
     report.interrupted_in = None;
     Ok(report)
 }

@@ -23,7 +23,8 @@ pub(super) struct Rest {
 const HARMONICS: u32 = 3;
 
 impl Rest {
-    /// Of values at these times, seconds. Nothing where there are too few for a line of the mains.
+    /// Statistics of values at these times, seconds. `None` if there are too few for a line of the
+    /// mains.
     pub fn of(time_s: &[f64], values: &[f64]) -> Option<Self> {
         let (first, last) = (time_s.first()?, time_s.last()?);
         let count = time_s.len().min(values.len());
@@ -31,25 +32,27 @@ impl Rest {
             return None;
         }
         let n = count as f64;
-        let mean_of = |series: &[f64]| series.iter().sum::<f64>() / n;
-        let (mean_s, mean) = (mean_of(time_s), mean_of(values));
+        fn mean_of(series: &[f64], n: f64) -> f64 {
+            series.iter().sum::<f64>() / n
+        }
+        let (mean_s, mean) = (mean_of(time_s, n), mean_of(values, n));
         let spread: f64 = time_s.iter().map(|t| (t - mean_s).powi(2)).sum();
         let slope = time_s.iter().zip(values).map(|(t, v)| (t - mean_s) * (v - mean)).sum::<f64>() / spread;
-        let mut left: Vec<f64> =
+        let mut residuals: Vec<f64> =
             time_s.iter().zip(values).map(|(t, v)| v - mean - slope * (t - mean_s)).collect();
-        let strongest = [50.0, 60.0].into_iter().map(|hertz| (hertz, line(time_s, &left, hertz).0));
+        let strongest = [50.0, 60.0].into_iter().map(|hertz| (hertz, line(time_s, &residuals, hertz).0));
         let (hertz, _) = strongest.max_by(|a, b| a.1.total_cmp(&b.1))?;
         let mut amplitudes = [0.0; HARMONICS as usize];
         for (harmonic, amplitude) in (1..=HARMONICS).zip(&mut amplitudes) {
-            let at = hertz * f64::from(harmonic);
-            let (size, cos, sin) = line(time_s, &left, at);
+            let frequency_hz = hertz * f64::from(harmonic);
+            let (size, cos, sin) = line(time_s, &residuals, frequency_hz);
             *amplitude = size;
-            for (left, t) in left.iter_mut().zip(time_s) {
-                let (s, c) = (TAU * at * t).sin_cos();
-                *left -= cos * c + sin * s;
+            for (residuals, t) in residuals.iter_mut().zip(time_s) {
+                let (s, c) = (TAU * frequency_hz * t).sin_cos();
+                *residuals -= cos * c + sin * s;
             }
         }
-        let sd = (left.iter().map(|v| v * v).sum::<f64>() / (n - 2.0)).sqrt();
+        let sd = (residuals.iter().map(|v| v * v).sum::<f64>() / (n - 2.0)).sqrt();
         let [fundamental, second, third] = amplitudes;
         Some(Self {
             mean,
@@ -93,14 +96,15 @@ mod tests {
     fn finds_the_line_the_trend_and_the_noise_beside_each_other() {
         for (hertz, amplitude, slope) in [(50.0, 0.0, 0.0), (50.0, 0.02, 0.01), (60.0, 0.2, -0.05)] {
             let (times, values) = series(hertz, amplitude, slope);
-            let rest = Rest::of(&times, &values).expect("enough");
-            assert!((rest.sd / 0.005 - 1.0).abs() < 0.1, "{rest:?}");
+            let statistics = Rest::of(&times, &values).expect("enough");
+            assert!((statistics.sd / 0.005 - 1.0).abs() < 0.1, "{statistics:?}");
             assert!(
-                (rest.slope_per_s - slope).abs() < 5.0 * rest.slope_error_per_s + 1e-3 * amplitude,
-                "{rest:?}"
+                (statistics.slope_per_s - slope).abs()
+                    < 5.0 * statistics.slope_error_per_s + 1e-3 * amplitude,
+                "{statistics:?}"
             );
-            assert!((rest.mains.1 - amplitude).abs() < 0.002 + 0.01 * amplitude, "{rest:?}");
-            assert!(amplitude == 0.0 || rest.mains.0 == hertz, "{rest:?}");
+            assert!((statistics.mains.1 - amplitude).abs() < 0.002 + 0.01 * amplitude, "{statistics:?}");
+            assert!(amplitude == 0.0 || statistics.mains.0 == hertz, "{statistics:?}");
         }
     }
 

@@ -7,13 +7,14 @@ use protocol::{CalibrationRecord, CalibrationSource, Fault, Request, State, Stat
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// How long the host waits for device time to pass, by its own clock: far more than any link needs.
+/// Time for which the host waits for device time to pass, by its own clock: far more than any link
+/// needs.
 const TIMEOUT: Duration = Duration::from_secs(120);
-/// How long one poll for telemetry waits: short, so that an interrupt is handled soon.
+/// Time for which one poll for telemetry waits: short, so that an interrupt is handled soon.
 pub(super) const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// How often a clear is tried.
+/// Largest number of attempts to clear.
 const CLEAR_TRIES: u32 = 10;
-/// How long a device that restarts may take until it answers again.
+/// Time within which a device that restarts has to answer again.
 const RESTART_TIME: Duration = Duration::from_secs(20);
 
 /// A bring-up under way.
@@ -71,12 +72,12 @@ impl<'a> Session<'a> {
 
     /// Lets device time pass, seconds; the status after that.
     pub fn wait(&mut self, time_s: f64) -> Result<Status, LinkError> {
-        let from = self.client.status()?;
-        let until_us = from.t_us + (time_s * 1e6) as u64;
+        let first_status = self.client.status()?;
+        let deadline_us = first_status.t_us + (time_s * 1e6) as u64;
         let deadline = Instant::now() + TIMEOUT;
         loop {
             let status = self.client.status()?;
-            if status.t_us >= until_us {
+            if status.t_us >= deadline_us {
                 return Ok(status);
             }
             if Instant::now() > deadline || self.operator.is_interrupted() {
@@ -93,10 +94,12 @@ impl<'a> Session<'a> {
         let mut points: Vec<Point> = Vec::new();
         let mut silence = Silence::default();
         let deadline = Instant::now() + TIMEOUT;
-        let span_s = |points: &[Point]| match points {
-            [first, .., last] => last.time_s - first.time_s,
-            _ => 0.0,
-        };
+        fn span_s(points: &[Point]) -> f64 {
+            match points {
+                [first, .., last] => last.time_s - first.time_s,
+                _ => 0.0,
+            }
+        }
         while span_s(&points) < time_s {
             if let Some(Telemetry::Samples(batch)) = silence.next(&mut self.client, POLL_INTERVAL)? {
                 points.extend(batch.points);

@@ -7,7 +7,7 @@ use super::{Prompt, Step};
 use crate::link::LinkError;
 use protocol::Fault;
 
-/// How long after the hand the line is read, seconds of the device.
+/// Delay between the operator's action and the reading of the line, seconds of the device.
 const SETTLE_S: f64 = 0.2;
 
 /// The line is at stop; `None` where another fault is latched, behind which the line is not reported.
@@ -25,14 +25,17 @@ pub(super) fn run(session: &mut Session, mut report: StepReport) -> Result<StepR
         let because = "another fault is latched, which hides the line: clear that first".to_owned();
         return Ok(StepReport::without(Step::EmergencyStop, StepResult::Skipped, because));
     };
-    let tried = session.operator.confirm(Prompt::PressStop);
-    if !tried && !released {
+    let is_pressed = session.operator.confirm(Prompt::PressStop);
+    if !is_pressed && !released {
         let because = "the emergency stop was not pressed: it is untested".to_owned();
         return Ok(StepReport::without(Step::EmergencyStop, StepResult::Skipped, because));
     }
-    let pressed = if tried { stops(session)? } else { None };
-    let again = if tried && session.operator.confirm(Prompt::ReleaseStop) { stops(session)? } else { None };
-    let level = |stops: bool| if stops { "stop" } else { "run" };
+    let pressed = if is_pressed { stops(session)? } else { None };
+    let again =
+        if is_pressed && session.operator.confirm(Prompt::ReleaseStop) { stops(session)? } else { None };
+    fn level(stops: bool) -> &'static str {
+        if stops { "stop" } else { "run" }
+    }
     let measured = format!(
         "line released: {}, pressed: {}",
         level(again.unwrap_or(released)),

@@ -7,7 +7,7 @@ use crate::link::{LinkError, display};
 use protocol::{Fault, Hello, ResetReason, Status};
 use std::time::{Duration, Instant};
 
-/// How long samples are streamed, seconds of the device.
+/// Duration of the stream of samples, seconds of the device.
 const STREAM_S: f64 = 3.0;
 /// Round trips that are timed.
 const ROUND_TRIPS: u32 = 20;
@@ -17,20 +17,20 @@ const DATED_ANSWERS: u32 = 5;
 const CLOCK_TOLERANCE: f64 = 0.03;
 
 pub(super) fn link(session: &mut Session, report: &mut StepReport) -> Result<(), LinkError> {
-    let from = dated(session, DATED_ANSWERS)?;
+    let first_answer = dated(session, DATED_ANSWERS)?;
     let (lost_before, bytes_before) = (session.client.losses(), session.client.bytes());
     let points = session.record(STREAM_S)?;
     let began = Instant::now();
-    let to = dated(session, ROUND_TRIPS)?;
+    let last_answer = dated(session, ROUND_TRIPS)?;
     let round_trip_ms = began.elapsed().as_secs_f64() * 1e3 / f64::from(ROUND_TRIPS);
-    let device_s = (to.status.t_us - from.status.t_us) as f64 * 1e-6;
+    let device_s = (last_answer.status.t_us - first_answer.status.t_us) as f64 * 1e-6;
     let lost = session.client.losses();
     let damaged = [
         lost.frames_corrupt - lost_before.frames_corrupt,
         lost.frames_missing - lost_before.frames_missing,
         lost.frames_unreadable - lost_before.frames_unreadable,
-        u64::from(to.status.counters.frames_corrupt - from.status.counters.frames_corrupt),
-        u64::from(to.status.counters.line_errors - from.status.counters.line_errors),
+        u64::from(last_answer.status.counters.frames_corrupt - first_answer.status.counters.frames_corrupt),
+        u64::from(last_answer.status.counters.line_errors - first_answer.status.counters.line_errors),
     ];
     report.measure("samples", points.len() as f64);
     report.measure("samples_missing", (lost.samples_missing - lost_before.samples_missing) as f64);
@@ -44,9 +44,10 @@ pub(super) fn link(session: &mut Session, report: &mut StepReport) -> Result<(),
         );
         report.find(Finding::new("link.lossy", None, measured));
     }
-    if let (Some(before), Some(after)) = (from.within, to.within) {
+    if let (Some(first_window), Some(last_window)) = (first_answer.within, last_answer.within) {
         // The host's time between the two answers: at least, at most.
-        let host_s = [after[0].saturating_sub(before[1]), after[1].saturating_sub(before[0])];
+        let host_s =
+            [last_window[0].saturating_sub(first_window[1]), last_window[1].saturating_sub(first_window[0])];
         let [most, least] = host_s.map(|time| device_s / time.as_secs_f64());
         let ratio = 2.0 * device_s / (host_s[0] + host_s[1]).as_secs_f64();
         report.measure("clock_ratio", ratio);
@@ -65,16 +66,17 @@ struct Dated {
     within: Option<[Duration; 2]>,
 }
 
-/// Of so many answers the one that came back soonest.
+/// The answer with the shortest round trip among so many.
 fn dated(session: &mut Session, answers: u32) -> Result<Dated, LinkError> {
     let mut best: Option<(Duration, Dated)> = None;
     for _ in 0..answers {
-        let before = session.operator.clock();
+        let clock_before = session.operator.clock();
         let status = session.client.status()?;
-        let within = before.zip(session.operator.clock()).map(|(before, after)| [before, after]);
-        let took = within.map_or(Duration::ZERO, |[before, after]| after.saturating_sub(before));
+        let window =
+            clock_before.zip(session.operator.clock()).map(|(clock_before, after)| [clock_before, after]);
+        let took = window.map_or(Duration::ZERO, |[clock_before, after]| after.saturating_sub(clock_before));
         if best.as_ref().is_none_or(|(least, _)| took <= *least) {
-            best = Some((took, Dated { status, within }));
+            best = Some((took, Dated { status, within: window }));
         }
     }
     match best {

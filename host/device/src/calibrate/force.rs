@@ -23,12 +23,12 @@ pub struct ForceReading {
     pub reported_n: [f64; 2],
 }
 
-/// What the readings say.
+/// Calibration that the readings determine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceFit {
     /// Reported over true force; rows: reported x, y; columns: load along x, y. 1 and 0 for a sensor that is right.
     pub response: [[Estimate; 2]; 2],
-    /// What is reported without load, newtons.
+    /// Force that is reported without load, newtons.
     pub offset_n: [Estimate; 2],
     /// Angle by which the sensor is turned, degrees, from x towards y.
     pub turned_deg: f64,
@@ -57,15 +57,20 @@ pub fn fit_force(readings: &[ForceReading], before: &CalibrationRecord) -> Resul
     let reported = DMatrix::from_fn(count, 2, |row, column| readings[row].reported_n[column]);
     let normal: Matrix3<f64> = (design.transpose() * &design).fixed_view::<3, 3>(0, 0).into_owned();
     let inverse = normal.try_inverse().ok_or(CalibrateError::TooFew { count, least: UNKNOWNS })?;
-    let found = inverse * (design.transpose() * &reported).fixed_view::<3, 2>(0, 0);
-    let residuals = reported - &design * DMatrix::from_fn(UNKNOWNS, 2, |row, column| found[(row, column)]);
+    let coefficients = inverse * (design.transpose() * &reported).fixed_view::<3, 2>(0, 0);
+    let residuals =
+        reported - &design * DMatrix::from_fn(UNKNOWNS, 2, |row, column| coefficients[(row, column)]);
     let freedom = 2 * (count - UNKNOWNS);
     let variance = if freedom > 0 { residuals.norm_squared() / freedom as f64 } else { 0.0 };
     let of = |unknown: usize, channel: usize| {
-        Estimate::new(found[(unknown, channel)], (variance * inverse[(unknown, unknown)]).sqrt(), freedom)
+        Estimate::new(
+            coefficients[(unknown, channel)],
+            (variance * inverse[(unknown, unknown)]).sqrt(),
+            freedom,
+        )
     };
     let response = [[of(0, 0), of(1, 0)], [of(0, 1), of(1, 1)]];
-    let matrix = Matrix2::from_fn(|row, column| found[(column, row)]);
+    let matrix = Matrix2::from_fn(|row, column| coefficients[(column, row)]);
     let determinant = matrix.determinant();
     let correction = matrix.try_inverse().filter(|_| determinant.abs() > LEAST_DETERMINANT);
     let correction = correction.ok_or(CalibrateError::Unrelated { determinant })?;
@@ -100,11 +105,11 @@ fn check_directions(readings: &[ForceReading]) -> Result<(), CalibrateError> {
     let eigen = SymmetricEigen::new(scatter);
     let main = eigen.eigenvalues.imax();
     let sds_n = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
-    let (along_n, across_n) = (sds_n[main], sds_n[1 - main]);
-    if across_n <= ACROSS_SHARE * along_n {
+    let (main_n, cross_n) = (sds_n[main], sds_n[1 - main]);
+    if cross_n <= ACROSS_SHARE * main_n {
         let direction = eigen.eigenvectors.column(main);
         let main_deg = direction[1].atan2(direction[0]).to_degrees().rem_euclid(180.0);
-        return Err(CalibrateError::OneDirection { along_n, across_n, main_deg });
+        return Err(CalibrateError::OneDirection { along_n: main_n, across_n: cross_n, main_deg });
     }
     Ok(())
 }

@@ -84,7 +84,7 @@ impl Estimate {
 pub struct WorstReading {
     /// Its number, from 0.
     pub index: usize,
-    /// What it is off by, newtons or metres.
+    /// Residual of the reading, newtons or metres.
     pub residual: f64,
 }
 

@@ -1,8 +1,9 @@
 //! A potentiometer's table from a gauge.
 //!
-//! Readings are taken in the order of the motion, up and down again. What the gauge shows beyond the table of before is fitted, as a
-//! function of the converter's code that is linear between the knots of the table, with a constant more on the way down where there
-//! are readings of it (the play). Knots that no reading is near go on along a straight line: a weak penalty on second differences.
+//! Readings are taken in the order of the motion, up and down again. The difference between the gauge and the previous
+//! table is fitted as a function of the converter's code that is linear between the knots of the table, with a further
+//! constant on the way down if there are readings of it (the play). Knots that no reading is near go on along a
+//! straight line: a weak penalty on second differences.
 
 use super::{CalibrateError, Estimate, WorstReading};
 use nalgebra::{DMatrix, DVector};
@@ -30,10 +31,10 @@ pub struct GaugeReading {
     pub reported_m: f64,
 }
 
-/// What the readings say.
+/// Calibration that the readings determine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PositionFit {
-    /// What the gauge shows beyond the reported position, at most, metres.
+    /// Largest difference between the gauge and the reported position, metres.
     pub largest_error_m: f64,
     /// Ratio of the gauge's to the reported displacements.
     pub scale: f64,
@@ -64,26 +65,30 @@ pub fn fit_position(
         return Err(too_few);
     };
     let reported_um: Vec<f64> = readings.iter().map(|reading| UM * reading.reported_m).collect();
-    let [from_um, to_um] = range(reported_um.iter().copied());
-    if to_um - from_um < 1e3 * LEAST_RANGE_MM {
-        let (from_mm, to_mm) = (1e-3 * from_um, 1e-3 * to_um);
-        return Err(CalibrateError::ShortRange { from_mm, to_mm, least_mm: LEAST_RANGE_MM });
+    let [lowest_um, highest_um] = range(reported_um.iter().copied());
+    if highest_um - lowest_um < 1e3 * LEAST_RANGE_MM {
+        let (lowest_mm, highest_mm) = (1e-3 * lowest_um, 1e-3 * highest_um);
+        return Err(CalibrateError::ShortRange {
+            from_mm: lowest_mm,
+            to_mm: highest_mm,
+            least_mm: LEAST_RANGE_MM,
+        });
     }
     let rises = directions(&reported_um);
     let falling = rises.iter().filter(|rises| !**rises).count();
-    let both = falling.min(count - falling) >= LEAST_OF_DIRECTION;
-    let unknowns = KNOTS + usize::from(both);
+    let has_both_directions = falling.min(count - falling) >= LEAST_OF_DIRECTION;
+    let unknowns = KNOTS + usize::from(has_both_directions);
     // One row per reading, then the second differences.
     let rows = count + KNOTS - 2;
-    let (mut design, mut wanted) = (DMatrix::zeros(rows, unknowns), DVector::zeros(rows));
+    let (mut design, mut targets) = (DMatrix::zeros(rows, unknowns), DVector::zeros(rows));
     for (row, ((reading, rises), reported_um)) in readings.iter().zip(&rises).zip(&reported_um).enumerate() {
-        let (knot, share) = place(if *rises { &table.rising_um } else { &table.falling_um }, *reported_um);
-        design[(row, knot)] = 1.0 - share;
-        design[(row, knot + 1)] = share;
-        if both && !rises {
+        let (knot, fraction) = place(if *rises { &table.rising_um } else { &table.falling_um }, *reported_um);
+        design[(row, knot)] = 1.0 - fraction;
+        design[(row, knot + 1)] = fraction;
+        if has_both_directions && !rises {
             design[(row, KNOTS)] = 1.0;
         }
-        wanted[row] = UM * reading.gauge_m - reported_um;
+        targets[row] = UM * reading.gauge_m - reported_um;
     }
     for knot in 0..KNOTS - 2 {
         for (offset, weight) in [1.0, -2.0, 1.0].into_iter().enumerate() {
@@ -91,11 +96,11 @@ pub fn fit_position(
         }
     }
     let inverse = (design.transpose() * &design).try_inverse().ok_or(too_few)?;
-    let found = &inverse * (design.transpose() * &wanted);
-    let residuals = (&wanted - &design * &found).rows(0, count).into_owned();
+    let coefficients = &inverse * (design.transpose() * &targets);
+    let residuals = (&targets - &design * &coefficients).rows(0, count).into_owned();
     // A straight line and the play are what every reading shares; knots between readings take up hardly more.
-    let used = (design.rows(0, count) * &inverse * design.rows(0, count).transpose()).trace();
-    let freedom = (count as f64 - used).round().max(0.0) as usize;
+    let fitted_count = (design.rows(0, count) * &inverse * design.rows(0, count).transpose()).trace();
+    let freedom = (count as f64 - fitted_count).round().max(0.0) as usize;
     let variance = residuals.norm_squared() / freedom.max(1) as f64;
     let (index, residual) = residuals
         .iter()
@@ -104,14 +109,14 @@ pub fn fit_position(
         .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
         .unwrap_or_default();
 
-    let change = if both { found[KNOTS] } else { 0.0 };
-    let moved = |knots_um: &[i16; KNOTS], more_um: f64| {
-        std::array::from_fn(|knot| (f64::from(knots_um[knot]) + found[knot] + more_um).round() as i16)
-    };
+    let change = if has_both_directions { coefficients[KNOTS] } else { 0.0 };
+    fn moved(knots_um: &[i16; KNOTS], more_um: f64, coefficients: &nalgebra::DVector<f64>) -> [i16; 9] {
+        std::array::from_fn(|knot| (f64::from(knots_um[knot]) + coefficients[knot] + more_um).round() as i16)
+    }
     let mut record = before.clone();
     record.potentiometers[axis] = PotentiometerTable {
-        rising_um: moved(&table.rising_um, 0.0),
-        falling_um: moved(&table.falling_um, change),
+        rising_um: moved(&table.rising_um, 0.0, &coefficients),
+        falling_um: moved(&table.falling_um, change, &coefficients),
         ..*table
     };
     let new = &record.potentiometers[axis];
@@ -123,11 +128,11 @@ pub fn fit_position(
     record.check()?;
     let middle = KNOTS / 2;
     let play_um = f64::from(new.rising_um[middle]) - f64::from(new.falling_um[middle]);
-    let play = || Estimate::new(play_um / UM, (variance * inverse[(KNOTS, KNOTS)]).sqrt() / UM, freedom);
     Ok(PositionFit {
-        largest_error_m: wanted.rows(0, count).amax() / UM,
+        largest_error_m: targets.rows(0, count).amax() / UM,
         scale,
-        play_m: both.then(play),
+        play_m: has_both_directions
+            .then(|| Estimate::new(play_um / UM, (variance * inverse[(KNOTS, KNOTS)]).sqrt() / UM, freedom)),
         residual_sd_m: variance.sqrt() / UM,
         worst: WorstReading { index, residual: residual / UM },
         covered_m: range(gauge_um()).map(|um| um / UM),
@@ -138,26 +143,30 @@ pub fn fit_position(
 /// Whether each reading was taken on the way up.
 fn directions(reported_um: &[f64]) -> Vec<bool> {
     let mut turns: Vec<Option<bool>> = Vec::new();
-    let mut from_um = reported_um.first().copied().unwrap_or(0.0);
-    let mut way = None;
+    let mut turn_um = reported_um.first().copied().unwrap_or(0.0);
+    let mut direction = None;
     for um in reported_um {
-        if (um - from_um).abs() > TURN_UM {
-            (way, from_um) = (Some(*um > from_um), *um);
+        if (um - turn_um).abs() > TURN_UM {
+            (direction, turn_um) = (Some(*um > turn_um), *um);
         }
-        turns.push(way);
+        turns.push(direction);
     }
     // The first readings belong to the motion that follows.
     let first = turns.iter().copied().flatten().next().unwrap_or(true);
-    turns.into_iter().map(|way| way.unwrap_or(first)).collect()
+    turns.into_iter().map(|direction| direction.unwrap_or(first)).collect()
 }
 
 /// The knot before a position in a monotonic table, and the share of the way to the next; beyond the ends along the outermost lines.
 fn place(knots_um: &[i16; KNOTS], um: f64) -> (usize, f64) {
     let rises = knots_um.first() < knots_um.last();
-    let beyond = |knot: &&i16| (f64::from(**knot) <= um) == rises;
-    let knot = knots_um.iter().take_while(beyond).count().saturating_sub(1).min(KNOTS - 2);
-    let (from_um, to_um) = (f64::from(knots_um[knot]), f64::from(knots_um[knot + 1]));
-    (knot, (um - from_um) / (to_um - from_um))
+    let knot = knots_um
+        .iter()
+        .take_while(|knot| (f64::from(**knot) <= um) == rises)
+        .count()
+        .saturating_sub(1)
+        .min(KNOTS - 2);
+    let (lower_um, upper_um) = (f64::from(knots_um[knot]), f64::from(knots_um[knot + 1]));
+    (knot, (um - lower_um) / (upper_um - lower_um))
 }
 
 fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
@@ -167,7 +176,9 @@ fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
 
 /// Slope of a straight line by least squares.
 fn slope(x: &[f64], y: &[f64]) -> f64 {
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    fn mean(values: &[f64]) -> f64 {
+        values.iter().sum::<f64>() / values.len() as f64
+    }
     let (mean_x, mean_y) = (mean(x), mean(y));
     let products = x.iter().zip(y).map(|(x, y)| [(x - mean_x) * (y - mean_y), (x - mean_x).powi(2)]);
     let [xy, xx] = products.fold([0.0; 2], |[a, b], [xy, xx]| [a + xy, b + xx]);

@@ -47,7 +47,7 @@ fn known_loads_give_the_matrix_that_reports_them() {
     let fit = fit_force(&readings, &before()).unwrap();
     let [[a, b], [c, d]] = fit.record.force_pn_per_code.map(|row| row.map(f64::from));
     for reading in &readings {
-        // What the channels gave, by the old matrix, times the new one.
+        // Codes that correspond to the reported forces by the old matrix, times the new one.
         let codes = [0, 1].map(|axis| (reading.reported_n[axis] - OFFSET_N[axis]) / 931_323e-12);
         let now_n = [a * codes[0] + b * codes[1], c * codes[0] + d * codes[1]].map(|pn| 1e-12 * pn);
         for (now_n, load_n) in now_n.into_iter().zip(reading.load_n) {
@@ -60,33 +60,33 @@ fn known_loads_give_the_matrix_that_reports_them() {
 #[test]
 fn intervals_of_the_response_hold_the_truth_as_often_as_stated() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
-    let (mut held, repeats) = (0, 1_000);
+    let (mut covered, repeats) = (0, 1_000);
     for _ in 0..repeats {
         let readings: Vec<_> = LOADS_N.iter().map(|load_n| loaded(*load_n, 0.01, &mut random)).collect();
         let fit = fit_force(&readings, &before()).unwrap();
         for (row, truth) in fit.response.iter().zip(RESPONSE) {
             for (estimate, truth) in row.iter().zip(truth) {
                 let [low, high] = estimate.ci95.unwrap();
-                held += u32::from((low..=high).contains(&truth));
+                covered += u32::from((low..=high).contains(&truth));
             }
         }
     }
-    let share = f64::from(held) / f64::from(4 * repeats);
-    assert!((0.93..0.97).contains(&share), "{share}");
+    let coverage = f64::from(covered) / f64::from(4 * repeats);
+    assert!((0.93..0.97).contains(&coverage), "{coverage}");
 }
 
 #[test]
 fn loads_along_one_line_and_too_few_are_refused_with_what_is_missing() {
     let mut random = ChaCha8Rng::seed_from_u64(3);
-    let mut of = |loads: &[[f64; 2]]| {
-        let readings: Vec<_> = loads.iter().map(|load_n| loaded(*load_n, 1e-3, &mut random)).collect();
+    fn of(loads: &[[f64; 2]], random: &mut ChaCha8Rng) -> Result<Option<f64>, CalibrateError> {
+        let readings: Vec<_> = loads.iter().map(|load_n| loaded(*load_n, 1e-3, random)).collect();
         fit_force(&readings, &before()).map(|fit| fit.residual_sd_n)
-    };
-    assert_eq!(of(&LOADS_N[..2]), Err(CalibrateError::TooFew { count: 2, least: 3 }));
-    let error = of(&[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [-1.0, 0.0]]).unwrap_err();
+    }
+    assert_eq!(of(&LOADS_N[..2], &mut random), Err(CalibrateError::TooFew { count: 2, least: 3 }));
+    let error = of(&[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [-1.0, 0.0]], &mut random).unwrap_err();
     assert!(matches!(error, CalibrateError::OneDirection { main_deg, .. } if main_deg < 1.0), "{error}");
     // Three readings determine it, and nothing remains for an interval.
-    assert_eq!(of(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), Ok(None));
+    assert_eq!(of(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], &mut random), Ok(None));
 }
 
 #[test]
@@ -106,9 +106,10 @@ fn true_um(reported_um: f64, rises: bool) -> f64 {
 }
 
 fn gauged(noise_um: f64, both_ways: bool, random: &mut ChaCha8Rng) -> Vec<GaugeReading> {
-    let up = (-10..=10).map(|step| (1_000.0 * f64::from(step), true));
-    let down = (-10..=10).rev().map(|step| (1_000.0 * f64::from(step) - 50.0, false));
-    up.chain(down.filter(|_| both_ways))
+    let upward = (-10..=10).map(|step| (1_000.0 * f64::from(step), true));
+    let downward = (-10..=10).rev().map(|step| (1_000.0 * f64::from(step) - 50.0, false));
+    upward
+        .chain(downward.filter(|_| both_ways))
         .map(|(reported_um, rises)| GaugeReading {
             gauge_m: 1e-6 * (true_um(reported_um, rises) + noise_um * normal(random)),
             reported_m: 1e-6 * reported_um,
@@ -124,11 +125,11 @@ fn a_gauge_gives_the_table_within_its_travel_and_the_play() {
     let table = &fit.record.potentiometers[1];
     // Knots within the travel; the bend between them is what straight lines leave.
     for knot in 3..KNOTS - 3 {
-        let before_um = f64::from(before().potentiometers[1].rising_um[knot]);
-        let off_um = f64::from(table.rising_um[knot]) - true_um(before_um, true);
-        assert!(off_um.abs() < 45.0, "{off_um} um at {before_um}");
-        let off_um = f64::from(table.falling_um[knot]) - true_um(before_um, false);
-        assert!(off_um.abs() < 45.0, "{off_um} um at {before_um}, falling");
+        let old_um = f64::from(before().potentiometers[1].rising_um[knot]);
+        let error_um = f64::from(table.rising_um[knot]) - true_um(old_um, true);
+        assert!(error_um.abs() < 45.0, "{error_um} um at {old_um}");
+        let error_um = f64::from(table.falling_um[knot]) - true_um(old_um, false);
+        assert!(error_um.abs() < 45.0, "{error_um} um at {old_um}, falling");
     }
     let play = fit.play_m.unwrap();
     let [low_m, high_m] = play.ci95.unwrap();
@@ -139,7 +140,7 @@ fn a_gauge_gives_the_table_within_its_travel_and_the_play() {
 #[test]
 fn intervals_of_the_play_hold_the_truth_as_often_as_stated() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
-    let (mut held, repeats) = (0, 600);
+    let (mut covered, repeats) = (0, 600);
     for _ in 0..repeats {
         let readings: Vec<_> = gauged(10.0, true, &mut random)
             .into_iter()
@@ -152,10 +153,10 @@ fn intervals_of_the_play_hold_the_truth_as_often_as_stated() {
         let fit = fit_position(&readings, 0, &before()).unwrap();
         let [low_m, high_m] = fit.play_m.unwrap().ci95.unwrap();
         // The table holds whole micrometres.
-        held += u32::from((low_m - 1e-6..=high_m + 1e-6).contains(&80e-6));
+        covered += u32::from((low_m - 1e-6..=high_m + 1e-6).contains(&80e-6));
     }
-    let share = f64::from(held) / f64::from(repeats);
-    assert!((0.92..=0.99).contains(&share), "{share}");
+    let coverage = f64::from(covered) / f64::from(repeats);
+    assert!((0.92..=0.99).contains(&coverage), "{coverage}");
 }
 
 #[test]
@@ -163,12 +164,12 @@ fn one_way_gives_no_play_and_a_gauge_of_the_wrong_sign_no_table() {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let readings = gauged(5.0, false, &mut random);
     assert_eq!(fit_position(&readings, 0, &before()).unwrap().play_m, None);
-    let turned: Vec<_> =
+    let reversed: Vec<_> =
         readings.iter().map(|reading| GaugeReading { gauge_m: -reading.gauge_m, ..*reading }).collect();
-    assert_eq!(fit_position(&turned, 0, &before()).unwrap_err(), CalibrateError::Opposite);
-    let near: Vec<_> =
+    assert_eq!(fit_position(&reversed, 0, &before()).unwrap_err(), CalibrateError::Opposite);
+    let repeated: Vec<_> =
         readings.iter().filter(|reading| reading.reported_m.abs() < 1e-9).cycle().take(5).copied().collect();
-    assert!(matches!(fit_position(&near, 0, &before()), Err(CalibrateError::ShortRange { .. })));
+    assert!(matches!(fit_position(&repeated, 0, &before()), Err(CalibrateError::ShortRange { .. })));
     assert!(matches!(
         fit_position(&readings[..3], 0, &before()),
         Err(CalibrateError::TooFew { count: 3, .. })

@@ -22,13 +22,13 @@ pub struct Capture {
     layout: Option<Layout>,
     spacing_mm: [f64; 2],
     fields: String,
-    /// Of all frames that have come.
+    /// Stamps of all frames that have come.
     stamps_s: Vec<f64>,
     frames: usize,
     other: u64,
 }
 
-/// What has been written.
+/// Counts of the frames that have been written.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Captured {
     /// The sequence.
@@ -110,7 +110,7 @@ impl Capture {
         Ok(self.stamps_s.len() < MAX_FRAMES)
     }
 
-    /// Writes the header. Nothing is left where no frame has come.
+    /// Writes the header. No file remains if no frame has come.
     ///
     /// # Errors
     /// As reported by the operating system.
@@ -147,11 +147,16 @@ fn losses(stamps_s: &[f64]) -> (Option<f64>, u64) {
     let mut sorted_s = intervals_s.clone();
     sorted_s.sort_by(f64::total_cmp);
     let Some(usual_s) = sorted_s.get(sorted_s.len().saturating_sub(1) / 2).copied() else { return (None, 0) };
-    let missing = |interval_s: &f64| match interval_s / usual_s {
-        times if times >= GAP => times.round() as u64 - 1,
-        _ => 0,
-    };
-    (Some(1.0 / usual_s), intervals_s.iter().map(missing).sum())
+    (
+        Some(1.0 / usual_s),
+        intervals_s
+            .iter()
+            .map(|interval_s| match interval_s / usual_s {
+                times if times >= GAP => times.round() as u64 - 1,
+                _ => 0,
+            })
+            .sum(),
+    )
 }
 
 #[cfg(test)]

@@ -14,12 +14,12 @@ use std::time::Instant;
 
 /// The usual name of the tip's TRANSFORM.
 pub const TIP_DEVICE_NAME: &str = "NeedleTipToReference";
-/// What [`Settings::delay_s`] may be.
+/// Range of [`Settings::delay_s`].
 pub const DELAY_RANGE_S: [f64; 2] = [0.0, 10.0];
 /// Most different remarks: their words come from the peer.
 const MAX_NOTES: usize = 32;
 
-/// What is taken from a tracker, and where the needle is for it.
+/// Settings of a tracker, and the needle's position for it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Device name of the POINT messages that are the needle's shape; any where none is given.
@@ -32,10 +32,10 @@ pub struct Settings {
     pub frame: Frame,
 }
 
-/// What the tracker has sent.
+/// Data that the tracker has sent.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Observation {
-    /// Where the needle was; its samples have the times.
+    /// Shape of the needle at the times of its samples.
     Shape(Sweep),
     /// A remark for the user; each is reported once.
     Note(String),
@@ -69,7 +69,8 @@ impl Channel {
         self.clocks.samples(batch, Instant::now());
     }
 
-    /// What has arrived since the last poll, in the order of arrival. Never waits. Nothing is a shape before the first sample.
+    /// Observations since the last poll, in the order of arrival. Never waits. There is no shape before the first
+    /// sample.
     pub fn poll(&mut self) -> Vec<Observation> {
         let news: Vec<ConnectionEvent> = self.source.news().collect();
         let mut observed = Vec::new();
@@ -129,12 +130,15 @@ impl Channel {
         }
     }
 
-    /// How many messages were not used though they were of the needle, by name: a remark for the end of a recording.
+    /// Numbers of messages that were not used though they were of the needle, by name: a remark for the end of a
+    /// recording.
     pub fn unused(&self) -> Vec<String> {
-        let of = |(device, count)| {
-            format!("OpenIGTLink: {count} messages of `{device}` are no measurement and are not used")
-        };
-        self.tracked.unused().map(of).collect()
+        self.tracked
+            .unused()
+            .map(|(device, count)| {
+                format!("OpenIGTLink: {count} messages of `{device}` are no measurement and are not used")
+            })
+            .collect()
     }
 
     /// The needle's points in a message; `None` where it was before the first sample; an error where it cannot be used.
@@ -201,7 +205,7 @@ impl Channel {
                     1e3 * z_m
                 ));
             }
-            // What is behind guide 1 is of no use.
+            // Points behind guide 1 are not used.
             if z_m >= 0.0 {
                 rows.push(ShapeRow { time_s, z_m, deflection_y_m, deflection_x_m, image: None });
             }

@@ -1,8 +1,8 @@
 //! When a message was, on the device's clock. Three clocks meet here: the sender's, this machine's and the device's.
 //!
-//! Neither link reports how long it takes, only when things arrive. What arrives has been under way for the least time now and then; the
-//! offset between two clocks is therefore the least difference between arrival and stamp in the last seconds, so that drift is followed
-//! and jitter is not.
+//! Neither link reports how long it takes, only when things arrive. Some messages arrive with almost no delay; the
+//! offset between two clocks is therefore the least difference between arrival and stamp in the last seconds, so that
+//! drift is followed and jitter is not.
 
 use crate::link::Batch;
 use std::collections::VecDeque;
@@ -12,11 +12,12 @@ use std::time::{Duration, Instant};
 const WINDOW: Duration = Duration::from_secs(10);
 /// Most differences that are kept.
 const MAX_KEPT: usize = 1_024;
-/// What arrives this late comes from a clock that was set.
+/// A message that arrives this late comes from a clock that was set.
 const SET_S: f64 = 1.0;
-/// How much faster or slower than the device's clock stamps go to follow this machine's: twice what two crystals differ by.
+/// Largest rate at which stamps run faster or slower than the device's clock to follow this machine's: twice what two
+/// crystals differ by.
 const FOLLOWING: f64 = 200e-6;
-/// How far the device's clock can be ahead of the newest sample: the most that a batch is late.
+/// Largest lead of the device's clock over the newest sample: the most that a batch is late.
 const AHEAD_S: f64 = 0.05;
 
 /// The least of the differences in a window of time.
@@ -32,8 +33,12 @@ impl Least {
             self.kept.pop_back();
         }
         self.kept.push_back((at, difference_s));
-        let old = |(then, _): &(Instant, f64)| at.saturating_duration_since(*then) > WINDOW;
-        while self.kept.len() > MAX_KEPT || self.kept.front().is_some_and(old) {
+        while self.kept.len() > MAX_KEPT
+            || self
+                .kept
+                .front()
+                .is_some_and(|(then, _): &(Instant, f64)| at.saturating_duration_since(*then) > WINDOW)
+        {
             self.kept.pop_front();
         }
         self.least().unwrap_or(difference_s)
@@ -55,7 +60,7 @@ pub struct Clocks {
 }
 
 impl Clocks {
-    /// Nothing is known yet. `began` is the zero of this machine's clock here.
+    /// Clocks whose offset is still unknown. `began` is the zero of this machine's clock here.
     pub fn new(began: Instant) -> Self {
         Self { began, sender: Least::default(), device: Least::default(), newest: None }
     }
@@ -122,8 +127,8 @@ impl ClockMapping {
 
     /// The time since 1970; zero before anything has arrived.
     pub fn stamp(&self, time_s: f64) -> Duration {
-        let since_s = self.zero.map_or(0.0, |(zero_s, _)| zero_s + time_s);
-        Duration::try_from_secs_f64(since_s).unwrap_or_default()
+        let device_time_s = self.zero.map_or(0.0, |(zero_s, _)| zero_s + time_s);
+        Duration::try_from_secs_f64(device_time_s).unwrap_or_default()
     }
 }
 
@@ -154,14 +159,14 @@ mod tests {
         let mut worst_s = 0.0f64;
         for step in 0..6_000 {
             let now_s = f64::from(step) * 0.01;
-            let at = began + Duration::from_secs_f64(now_s);
-            clocks.samples(&batch(device(now_s)), at);
+            let arrival = began + Duration::from_secs_f64(now_s);
+            clocks.samples(&batch(device(now_s)), arrival);
             if step % 7 == 0 {
                 let waited_s = jitter_s * random.random::<f64>().powi(2);
                 let stamp = Duration::from_secs_f64(sender(now_s - waited_s));
-                let found_s = clocks.device_s(stamp, at).unwrap();
+                let device_time_s = clocks.device_s(stamp, arrival).unwrap();
                 if now_s > warm_s {
-                    worst_s = worst_s.max((found_s - device(now_s - waited_s)).abs());
+                    worst_s = worst_s.max((device_time_s - device(now_s - waited_s)).abs());
                 }
             }
         }
@@ -171,17 +176,24 @@ mod tests {
     #[test]
     fn jitter_and_drift_of_all_clocks_are_followed() {
         // The sender is decades ahead and 50 ppm fast, the device 100 ppm slow: half a millisecond and a millisecond in the window.
-        let sender = |now_s: f64| 1.7e9 + now_s * (1.0 + 50e-6);
-        let device = |now_s: f64| 3.0 + now_s * (1.0 - 100e-6);
-        let worst_s = greatest_error_s(device, sender, 0.2, 5.0);
+        let worst_s = greatest_error_s(
+            |now_s: f64| 3.0 + now_s * (1.0 - 100e-6),
+            |now_s: f64| 1.7e9 + now_s * (1.0 + 50e-6),
+            0.2,
+            5.0,
+        );
         assert!(worst_s < 4e-3, "{worst_s} s");
     }
 
     #[test]
     fn the_offset_of_a_sender_whose_clock_is_set_is_estimated_again_at_once() {
         for jump_s in [-3_600.0, 3_600.0] {
-            let sender = |now_s: f64| 1.7e9 + now_s + if now_s > 30.0 { jump_s } else { 0.0 };
-            let worst_s = greatest_error_s(|now_s| now_s, sender, 0.0, 1.0);
+            let worst_s = greatest_error_s(
+                |now_s| now_s,
+                |now_s: f64| 1.7e9 + now_s + if now_s > 30.0 { jump_s } else { 0.0 },
+                0.0,
+                1.0,
+            );
             assert!(worst_s < 1e-3, "{worst_s} s after {jump_s} s");
         }
     }
@@ -200,7 +212,7 @@ mod tests {
         let began = Instant::now();
         let mut stamps = ClockMapping::default();
         let mut random = ChaCha8Rng::seed_from_u64(2);
-        let (mut worst_s, mut uneven, mut before) = (0.0f64, 0.0f64, None);
+        let (mut worst_s, mut uneven, mut previous) = (0.0f64, 0.0f64, None);
         for step in 0..14_400 {
             let true_s = f64::from(step) * 6.0;
             let device_s = 3.0 + rate * true_s;
@@ -212,11 +224,11 @@ mod tests {
             if true_s > 3_600.0 {
                 worst_s = worst_s.max((stamp_s - true_s).abs());
             }
-            if let Some((stamp_before_s, device_before_s)) = before {
+            if let Some((stamp_before_s, device_before_s)) = previous {
                 let steps_s: [f64; 2] = [stamp_s - stamp_before_s, device_s - device_before_s];
                 uneven = uneven.max((steps_s[0] / steps_s[1] - 1.0).abs());
             }
-            before = Some((stamp_s, device_s));
+            previous = Some((stamp_s, device_s));
         }
         (worst_s, uneven)
     }
@@ -248,7 +260,7 @@ mod tests {
         let mut clocks = Clocks::new(began);
         assert_eq!(clocks.device_s(Duration::from_secs(5), began), None);
         clocks.samples(&batch(7.0), began + Duration::from_millis(100));
-        let found_s = clocks.device_s(Duration::ZERO, began + Duration::from_millis(120)).unwrap();
-        assert!((found_s - 7.02).abs() < 1e-9, "{found_s}");
+        let device_time_s = clocks.device_s(Duration::ZERO, began + Duration::from_millis(120)).unwrap();
+        assert!((device_time_s - 7.02).abs() < 1e-9, "{device_time_s}");
     }
 }

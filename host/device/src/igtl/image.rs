@@ -24,14 +24,14 @@ impl Sample {
     }
 }
 
-/// How the pixels of a frame are written: the same in all frames of a sequence.
+/// Format of the pixels of a frame: the same in all frames of a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
     /// Pixels of a row, and rows.
     pub size_px: [usize; 2],
     /// Samples of a pixel: 1, or 3 for colour.
     pub channels: usize,
-    /// What each of them is.
+    /// Type of each sample.
     pub sample: Sample,
     /// Whether the first byte of a sample of 16 bit is the more significant one.
     pub is_big_endian: bool,
@@ -40,7 +40,7 @@ pub struct Layout {
 /// A frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
-    /// How the pixels are written.
+    /// Format of the pixels.
     pub layout: Layout,
     /// Size of a pixel along rows and columns, millimetres.
     pub spacing_mm: [f64; 2],
@@ -55,8 +55,8 @@ struct Fields<'a>(&'a [u8]);
 
 impl Fields<'_> {
     fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (field, rest) = self.0.split_first_chunk::<N>()?;
-        self.0 = rest;
+        let (field, tail) = self.0.split_first_chunk::<N>()?;
+        self.0 = tail;
         Some(*field)
     }
 
@@ -94,7 +94,7 @@ impl Image {
         let size = fields.sizes().ok_or(SHORT)?;
         let mut vector = || fields.vector().ok_or(SHORT);
         let (along_row, along_column, _normal, middle) = (vector()?, vector()?, vector()?, vector()?);
-        let (from, part) = (fields.sizes().ok_or(SHORT)?, fields.sizes().ok_or(SHORT)?);
+        let (first_sizes, part_sizes) = (fields.sizes().ok_or(SHORT)?, fields.sizes().ok_or(SHORT)?);
         let sample = match sample {
             2 | 3 => Sample::Byte,
             4 => Sample::Signed,
@@ -105,7 +105,7 @@ impl Image {
             return Err("neither 1 nor 3 samples for each pixel, expected grey or colour");
         }
         let [columns, rows, planes] = size;
-        if planes != 1 || part != size || from != [0; 3] {
+        if planes != 1 || part_sizes != size || first_sizes != [0; 3] {
             return Err("a volume or a part of an image, expected whole images of one plane");
         }
         let layout = Layout {
@@ -121,7 +121,9 @@ impl Image {
         if fields.0.len() != bytes {
             return Err("another number of bytes than its size needs");
         }
-        let length = |vector: [f64; 3]| vector.iter().map(|part| part * part).sum::<f64>().sqrt();
+        fn length(vector: [f64; 3]) -> f64 {
+            vector.iter().map(|part_sizes| part_sizes * part_sizes).sum::<f64>().sqrt()
+        }
         let spacing_mm = [length(along_row), length(along_column)];
         let is_finite =
             spacing_mm.iter().all(|mm| mm.is_finite() && *mm > 0.0) && middle.iter().all(|mm| mm.is_finite());
@@ -130,16 +132,19 @@ impl Image {
         }
         // Coordinates to the left and to posterior, where they are not to the right and to anterior.
         let signs = if coordinates == 2 { [-1.0, -1.0, 1.0] } else { [1.0; 3] };
-        let (x, y) =
-            (along_row.map(|part| part / spacing_mm[0]), along_column.map(|part| part / spacing_mm[1]));
+        let (x, y) = (
+            along_row.map(|part_sizes| part_sizes / spacing_mm[0]),
+            along_column.map(|part_sizes| part_sizes / spacing_mm[1]),
+        );
         let normal = across(x, y);
         let mut pose = [0.0; 12];
         for (row, sign) in signs.into_iter().enumerate() {
-            // What is sent is the place of the middle.
+            // The message has the position of the middle.
             let half_mm = [columns, rows].map(|pixels| 0.5 * (pixels as f64 - 1.0));
             let first_mm = middle[row] - along_row[row] * half_mm[0] - along_column[row] * half_mm[1];
-            pose[4 * row..4 * row + 4]
-                .copy_from_slice(&[x[row], y[row], normal[row], first_mm].map(|part| sign * part));
+            pose[4 * row..4 * row + 4].copy_from_slice(
+                &[x[row], y[row], normal[row], first_mm].map(|part_sizes| sign * part_sizes),
+            );
         }
         Ok(Self { layout, spacing_mm, pose, pixels: fields.0.to_vec() })
     }
@@ -200,15 +205,15 @@ mod tests {
     #[test]
     fn impossible_images_are_refused_with_what_is_expected() {
         let whole = image().write();
-        let with = |at: usize, byte: u8| {
-            let mut body = whole.clone();
+        fn with(at: usize, byte: u8, whole: &[u8]) -> &'static str {
+            let mut body = whole.to_vec();
             body[at] = byte;
             Image::read(&body).expect_err("refused")
-        };
-        assert!(with(2, 2).contains("neither 1 nor 3"));
-        assert!(with(3, 10).contains("8 or 16 bit"));
-        assert!(with(7, 9).contains("part of an image"));
-        assert!(with(11, 2).contains("one plane"));
+        }
+        assert!(with(2, 2, &whole).contains("neither 1 nor 3"));
+        assert!(with(3, 10, &whole).contains("8 or 16 bit"));
+        assert!(with(7, 9, &whole).contains("part of an image"));
+        assert!(with(11, 2, &whole).contains("one plane"));
         assert!(Image::read(&whole[..60]).expect_err("refused").contains("shorter"));
         assert!(Image::read(&whole[..80]).expect_err("refused").contains("bytes than its size"));
         let mut flat = whole.clone();

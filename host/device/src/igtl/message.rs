@@ -82,11 +82,11 @@ impl Pose {
 pub struct Point {
     /// Its name.
     pub name: String,
-    /// What it is part of.
+    /// Group that it belongs to.
     pub group: String,
-    /// Where it is, millimetres.
+    /// Position, millimetres.
     pub position_mm: [f32; 3],
-    /// How large it is to be shown, millimetres.
+    /// Diameter at which it is shown, millimetres.
     pub diameter_mm: f32,
 }
 
@@ -102,7 +102,7 @@ pub enum MessageError {
         device: String,
         /// Bytes there.
         found: usize,
-        /// What the type has.
+        /// Content that the type has.
         expected: &'static str,
     },
     /// Not a number.
@@ -118,7 +118,7 @@ pub enum MessageError {
     Text {
         /// Device name.
         device: String,
-        /// What is wrong, and what was expected.
+        /// Problem, and the expected content.
         problem: &'static str,
     },
     /// An image that cannot be read.
@@ -126,7 +126,7 @@ pub enum MessageError {
     Image {
         /// Device name.
         device: String,
-        /// What is wrong, and what was expected.
+        /// Problem, and the expected content.
         problem: &'static str,
     },
     /// The checksum does not fit.
@@ -174,27 +174,32 @@ impl Content {
             found: body.len(),
             expected,
         };
-        let finite = |content: Self, numbers: Vec<f32>| {
+        fn finite(
+            content: Content,
+            numbers: Vec<f32>,
+            kind: &'static str,
+            device: &str,
+        ) -> Result<Content, MessageError> {
             if numbers.into_iter().all(f32::is_finite) {
                 Ok(content)
             } else {
                 Err(MessageError::NotFinite { kind, device: device.to_owned() })
             }
-        };
+        }
         Some(match kind {
             "TRANSFORM" => floats::<12>(body).ok_or_else(|| length("48")).and_then(|f| {
                 let axes = [[f[0], f[1], f[2]], [f[3], f[4], f[5]], [f[6], f[7], f[8]]];
                 let pose = Pose { axes, position_mm: [f[9], f[10], f[11]] };
-                finite(Self::Transform(pose), f.to_vec())
+                finite(Self::Transform(pose), f.to_vec(), kind, device)
             }),
             "POSITION" | "QTRANS" => position(body).ok_or_else(|| length("12, 24 or 28")).and_then(|pose| {
-                let all = pose.axes.into_iter().flatten().chain(pose.position_mm).collect();
-                finite(Self::Position(pose), all)
+                let numbers = pose.axes.into_iter().flatten().chain(pose.position_mm).collect();
+                finite(Self::Position(pose), numbers, kind, device)
             }),
             "POINT" => match points(body) {
                 Some(points) => {
-                    let all = points.iter().flat_map(|point| point.position_mm).collect();
-                    finite(Self::Points(points), all)
+                    let coordinates = points.iter().flat_map(|point| point.position_mm).collect();
+                    finite(Self::Points(points), coordinates, kind, device)
                 }
                 None => Err(length("136 for each of at most 1900 points")),
             },
@@ -265,9 +270,9 @@ impl Message {
         bytes.extend(1u16.to_be_bytes());
         bytes.extend(padded::<TYPE_BYTES>(self.content.kind()));
         bytes.extend(padded::<DEVICE_BYTES>(&self.device));
-        // A second has 2^32 parts. What is later than the latest time is sent as that.
-        let parts = (u64::from(self.stamp.subsec_nanos()) << 32) / 1_000_000_000;
-        let stamp = u32::try_from(self.stamp.as_secs()).map(|seconds| [seconds, parts as u32]);
+        // A second has 2^32 parts. A stamp beyond the latest time is sent as the latest time.
+        let fraction_bits = (u64::from(self.stamp.subsec_nanos()) << 32) / 1_000_000_000;
+        let stamp = u32::try_from(self.stamp.as_secs()).map(|seconds| [seconds, fraction_bits as u32]);
         bytes.extend(stamp.unwrap_or([u32::MAX; 2]).into_iter().flat_map(u32::to_be_bytes));
         bytes.extend((body.len() as u64).to_be_bytes());
         bytes.extend(CRC.checksum(&body).to_be_bytes());
@@ -291,7 +296,7 @@ fn cut(text: &str, most: usize) -> &str {
     text.get(..end.unwrap_or(0)).unwrap_or_default()
 }
 
-/// The text of a padded field. What is no UTF-8 is shown as such.
+/// The text of a padded field. Bytes that are no UTF-8 are shown as such.
 pub(super) fn unpadded(field: &[u8]) -> String {
     let text = field.split(|byte| *byte == 0).next().unwrap_or_default();
     String::from_utf8_lossy(text).trim_end().to_owned()
@@ -299,15 +304,15 @@ pub(super) fn unpadded(field: &[u8]) -> String {
 
 /// A body of exactly so many floats.
 fn floats<const N: usize>(body: &[u8]) -> Option<[f32; N]> {
-    let (chunks, rest) = body.as_chunks::<4>();
+    let (chunks, tail) = body.as_chunks::<4>();
     let chunks: &[[u8; 4]; N] = chunks.try_into().ok()?;
-    rest.is_empty().then(|| chunks.map(f32::from_be_bytes))
+    tail.is_empty().then(|| chunks.map(f32::from_be_bytes))
 }
 
 /// Position with no, three or four parts of a quaternion; the fourth follows from three.
 fn position(body: &[u8]) -> Option<Pose> {
-    let (place, turn) = body.split_at_checked(12)?;
-    let position_mm = floats::<3>(place)?;
+    let (position_bytes, turn) = body.split_at_checked(12)?;
+    let position_mm = floats::<3>(position_bytes)?;
     let [i, j, k, w] = match turn.len() {
         0 => [0.0, 0.0, 0.0, 1.0],
         12 => {
@@ -330,41 +335,46 @@ fn points(body: &[u8]) -> Option<Vec<Point>> {
     if !rest.is_empty() || chunks.len() > MAX_POINTS {
         return None;
     }
-    let read = |chunk: &[u8; POINT_BYTES]| {
-        let (name, after) = chunk.split_first_chunk::<64>()?;
-        let (group, after) = after.split_first_chunk::<32>()?;
-        let (_colour, after) = after.split_first_chunk::<4>()?;
-        let (numbers, _owner) = after.split_first_chunk::<16>()?;
-        let [x, y, z, diameter_mm] = floats::<4>(numbers)?;
-        Some(Point { name: unpadded(name), group: unpadded(group), position_mm: [x, y, z], diameter_mm })
-    };
-    chunks.iter().map(read).collect()
+    chunks
+        .iter()
+        .map(|chunk| {
+            let (name, tail) = chunk.split_first_chunk::<64>()?;
+            let (group, tail) = tail.split_first_chunk::<32>()?;
+            let (_colour, tail) = tail.split_first_chunk::<4>()?;
+            let (numbers, _owner) = tail.split_first_chunk::<16>()?;
+            let [x, y, z, diameter_mm] = floats::<4>(numbers)?;
+            Some(Point { name: unpadded(name), group: unpadded(group), position_mm: [x, y, z], diameter_mm })
+        })
+        .collect()
 }
 
 /// A text with its encoding and length.
 fn text(device: &str, body: &[u8]) -> Result<String, MessageError> {
-    let fault = |problem| MessageError::Text { device: device.to_owned(), problem };
+    fn fault(problem: &'static str, device: &str) -> MessageError {
+        MessageError::Text { device: device.to_owned(), problem }
+    }
     let header = body.split_first_chunk::<2>().and_then(|(encoding, rest)| {
         rest.split_first_chunk::<2>().map(|(length, text)| {
             (u16::from_be_bytes(*encoding), usize::from(u16::from_be_bytes(*length)), text)
         })
     });
-    let (encoding, length, bytes) = header.ok_or_else(|| fault("shorter than its header of 4 bytes"))?;
+    let (encoding, length, bytes) =
+        header.ok_or_else(|| fault("shorter than its header of 4 bytes", device))?;
     if encoding != ASCII && encoding != UTF_8 {
-        return Err(fault("its encoding is neither ASCII (3) nor UTF-8 (106)"));
+        return Err(fault("its encoding is neither ASCII (3) nor UTF-8 (106)", device));
     }
     // Some senders count a closing zero or none, or fill the body or the text up.
-    let bytes = bytes.get(..length).ok_or_else(|| fault("its text is longer than the body"))?;
+    let bytes = bytes.get(..length).ok_or_else(|| fault("its text is longer than the body", device))?;
     let end = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
     String::from_utf8(bytes.get(..end).unwrap_or_default().to_vec())
-        .map_err(|_| fault("its text is no UTF-8"))
+        .map_err(|_| fault("its text is no UTF-8", device))
 }
 
 /// Code, sub-code, name of the error, words.
 fn status(body: &[u8]) -> Option<Content> {
-    let (code, rest) = body.split_first_chunk::<2>()?;
-    let (_sub_code, rest) = rest.split_first_chunk::<8>()?;
-    let (name, words) = rest.split_first_chunk::<20>()?;
+    let (code, tail) = body.split_first_chunk::<2>()?;
+    let (_sub_code, tail) = tail.split_first_chunk::<8>()?;
+    let (name, words) = tail.split_first_chunk::<20>()?;
     let words = format!("{} {}", unpadded(name), unpadded(words));
     Some(Content::Status { code: u16::from_be_bytes(*code), words: words.trim().to_owned() })
 }
@@ -372,7 +382,7 @@ fn status(body: &[u8]) -> Option<Content> {
 /// Values of a sensor.
 fn sensor(body: &[u8]) -> Option<Vec<f64>> {
     let (header, values) = body.split_first_chunk::<10>()?;
-    let (values, rest) = values.as_chunks::<8>();
-    let fits = rest.is_empty() && values.len() == usize::from(header[0]);
+    let (values, tail) = values.as_chunks::<8>();
+    let fits = tail.is_empty() && values.len() == usize::from(header[0]);
     fits.then(|| values.iter().map(|value| f64::from_be_bytes(*value)).collect())
 }

@@ -7,9 +7,9 @@
 //! * [`source`]: a tracker that sends where the needle is; [`clock`]: when that was, on the device's clock; [`channel`]: both as the
 //!   ultrasound of a recording; [`tracked`]: what of it is no measurement.
 //!
-//! Nothing that arrives is trusted: sizes are limited before anything is kept, checksums are compared, a peer that stops in the
-//! middle of a message is left. Messages are written as protocol version 1 and 2 have them (header version 1, which every peer reads);
-//! header version 2 with its metadata is read too. Coordinates on the wire are millimetres.
+//! No input is trusted: sizes are limited before anything is kept, checksums are compared, a peer that stops in the
+//! middle of a message is left. Messages are written as protocol version 1 and 2 have them (header version 1, which
+//! every peer reads); header version 2 with its metadata is read too. Coordinates on the wire are millimetres.
 
 pub mod capture;
 pub mod channel;
@@ -35,15 +35,15 @@ pub enum IgtlError {
     /// No address.
     #[error("`{text}`: {problem}, expected HOST or HOST:PORT")]
     Address {
-        /// What was given.
+        /// Text of the option.
         text: String,
-        /// What is wrong with it.
+        /// Problem of the text.
         problem: String,
     },
     /// No server is there.
     #[error("cannot connect to OpenIGTLink at {address}: {cause}")]
     Connect {
-        /// Where.
+        /// Address.
         address: String,
         /// The system's error.
         cause: std::io::Error,
@@ -51,7 +51,7 @@ pub enum IgtlError {
     /// The address cannot be served at.
     #[error("cannot serve OpenIGTLink at {address}: {cause}")]
     Serve {
-        /// Where.
+        /// Address.
         address: String,
         /// The system's error.
         cause: std::io::Error,
@@ -66,11 +66,14 @@ pub enum IgtlError {
 /// # Errors
 /// [`IgtlError::Address`].
 pub fn host_and_port(text: &str) -> Result<(String, u16), IgtlError> {
-    let fault = |problem: &str| IgtlError::Address { text: text.to_owned(), problem: problem.to_owned() };
+    fn fault(problem: &str, text: &str) -> IgtlError {
+        IgtlError::Address { text: text.to_owned(), problem: problem.to_owned() }
+    }
     let (host, port) = match text.strip_prefix('[') {
         Some(rest) => {
-            let (host, after) = rest.split_once(']').ok_or_else(|| fault("a bracket is not closed"))?;
-            (host, (!after.is_empty()).then(|| after.strip_prefix(':').unwrap_or(after)))
+            let (host, port_text) =
+                rest.split_once(']').ok_or_else(|| fault("a bracket is not closed", text))?;
+            (host, (!port_text.is_empty()).then(|| port_text.strip_prefix(':').unwrap_or(port_text)))
         }
         // More than one colon: an IPv6 address without a port.
         None => match text.split_once(':') {
@@ -79,10 +82,10 @@ pub fn host_and_port(text: &str) -> Result<(String, u16), IgtlError> {
         },
     };
     if host.is_empty() {
-        return Err(fault("no host"));
+        return Err(fault("no host", text));
     }
     let port = match port {
-        Some(port) => port.parse().map_err(|_| fault("the port is no number from 0 to 65535"))?,
+        Some(port) => port.parse().map_err(|_| fault("the port is no number from 0 to 65535", text))?,
         None => PORT,
     };
     Ok((host.to_owned(), port))

@@ -1,8 +1,8 @@
 //! A server that sends all its clients the same, and waits for none of them.
 //!
-//! Every client has a thread that writes and one that reads. What is live waits in a short queue per client: where a client is slow,
-//! the oldest is dropped. What stays true (results) is kept, and sent to those who come later. A client that does not take a message
-//! within [`TIMEOUT`], or sends what is no OpenIGTLink, is left.
+//! Every client has a thread that writes and one that reads. Live messages wait in a short queue per client: where a
+//! client is slow, the oldest is dropped. Messages that stay true (results) are kept, and sent to those who come later.
+//! A client that does not take a message within [`TIMEOUT`], or sends what is no OpenIGTLink, is left.
 
 use super::IgtlError;
 use super::message::Message;
@@ -25,9 +25,9 @@ const RECEIVED_PER_S: usize = 256 << 10;
 const MAX_CHANGES: usize = 64;
 /// Updates that wait for a client.
 const QUEUE: usize = 16;
-/// How long a client may not take anything.
+/// Time for which a client may take no data.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// How often threads check whether they are to end.
+/// Interval at which threads check whether they are to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// A server under way. Dropping it closes every connection.
@@ -38,7 +38,7 @@ pub struct Publisher {
     accepting: Option<JoinHandle<()>>,
 }
 
-/// What has happened to a client.
+/// Change of a client's connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ClientChange {
     /// It is connected.
@@ -49,7 +49,7 @@ pub enum ClientChange {
     Rejected,
 }
 
-/// What server and clients share.
+/// State that server and clients share.
 #[derive(Debug, Default)]
 struct Shared {
     state: Mutex<PublisherState>,
@@ -58,12 +58,12 @@ struct Shared {
     dropped: AtomicU64,
 }
 
-/// What clients are sent.
+/// Messages for the clients.
 #[derive(Debug, Default)]
 struct PublisherState {
     /// Results by device name, as bytes.
     kept: BTreeMap<String, Arc<[u8]>>,
-    /// What waits for each client, by its number.
+    /// Messages that wait for each client, by its number.
     queues: BTreeMap<u64, VecDeque<Arc<[u8]>>>,
     next: u64,
     /// Connections that were opened and closed since they were last taken.
@@ -101,15 +101,15 @@ impl Publisher {
         listener.set_nonblocking(true).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let shared = Arc::new(Shared::default());
-        let own = shared.clone();
+        let thread_state = shared.clone();
         let accepting = std::thread::Builder::new()
             .name("igtl server".into())
-            .spawn(move || accept(&listener, &own, max_clients.min(MAX_CLIENTS)))
+            .spawn(move || accept(&listener, &thread_state, max_clients.min(MAX_CLIENTS)))
             .map_err(IgtlError::Thread)?;
         Ok(Self { address, shared, accepting: Some(accepting) })
     }
 
-    /// Where it listens.
+    /// Address at which it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -180,13 +180,13 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>, max_clients: usize) {
         threads.retain(|thread| !thread.is_finished());
         match listener.accept() {
             Ok((stream, address)) if threads.len() < max_clients => {
-                let own = shared.clone();
+                let thread_state = shared.clone();
                 let named = std::thread::Builder::new().name("igtl client".into());
-                // Where there is no thread there is no client.
+                // Without a thread there is no client.
                 threads.extend(named.spawn(move || {
-                    own.changed(address, ClientChange::Connected);
-                    serve(stream, &own);
-                    own.changed(address, ClientChange::Left);
+                    thread_state.changed(address, ClientChange::Connected);
+                    serve(stream, &thread_state);
+                    thread_state.changed(address, ClientChange::Left);
                 }));
                 std::thread::sleep(Duration::from_secs(1) / ACCEPTED_PER_S);
             }
@@ -211,8 +211,8 @@ fn serve(stream: TcpStream, shared: &Shared) {
         let mut state = shared.state();
         let number = state.next;
         state.next += 1;
-        let kept = state.kept.values().cloned().collect();
-        state.queues.insert(number, kept);
+        let kept_messages = state.kept.values().cloned().collect();
+        state.queues.insert(number, kept_messages);
         number
     };
     let gone = AtomicBool::new(false);
@@ -258,14 +258,14 @@ fn receive(mut stream: &TcpStream, shared: &Shared, gone: &AtomicBool) -> io::Re
     stream.set_read_timeout(Some(POLL_INTERVAL))?;
     let mut decoder = Decoder::default();
     let mut bytes = [0; 4096];
-    let (mut since, mut received) = (Instant::now(), 0);
+    let (mut last_byte, mut received) = (Instant::now(), 0);
     while !shared.has_ended() && !gone.load(Ordering::Acquire) {
         match stream.read(&mut bytes) {
             Ok(0) => return Ok(()),
             Ok(count) => {
                 let new = bytes.get(..count).unwrap_or_default();
-                if since.elapsed() >= Duration::from_secs(1) {
-                    (since, received) = (Instant::now(), 0);
+                if last_byte.elapsed() >= Duration::from_secs(1) {
+                    (last_byte, received) = (Instant::now(), 0);
                 }
                 received += count;
                 if received > RECEIVED_PER_S {
@@ -294,7 +294,10 @@ pub fn address(text: &str) -> Result<SocketAddr, IgtlError> {
         Some(port) => super::host_and_port(&format!("127.0.0.1:{port}"))?,
         None => super::host_and_port(text)?,
     };
-    let fault = |problem: String| IgtlError::Address { text: text.to_owned(), problem };
-    let mut found = (host.as_str(), port).to_socket_addrs().map_err(|error| fault(error.to_string()))?;
-    found.next().ok_or_else(|| fault("no such host".to_owned()))
+    fn fault(problem: String, text: &str) -> IgtlError {
+        IgtlError::Address { text: text.to_owned(), problem }
+    }
+    let mut addresses =
+        (host.as_str(), port).to_socket_addrs().map_err(|error| fault(error.to_string(), text))?;
+    addresses.next().ok_or_else(|| fault("no such host".to_owned(), text))
 }

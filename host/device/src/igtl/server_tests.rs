@@ -43,25 +43,33 @@ fn is_closed(stream: &mut TcpStream) -> bool {
 #[test]
 fn more_clients_than_allowed_are_rejected_and_every_change_is_reported() {
     let publisher = serve(2);
-    let connect = || TcpStream::connect(publisher.address()).expect("connects");
-    let first = connect();
-    let _second = connect();
+    fn connect(publisher: &Publisher) -> TcpStream {
+        TcpStream::connect(publisher.address()).expect("connects")
+    }
+    let first = connect(&publisher);
+    let _second = connect(&publisher);
     eventually("two clients", || publisher.clients() == 2);
-    let mut third = connect();
+    let mut third = connect(&publisher);
     eventually("the third is rejected", || is_closed(&mut third));
-    let left = first.local_addr().expect("an address");
+    let first_address = first.local_addr().expect("an address");
     drop(first);
     eventually("one has left", || publisher.clients() == 1);
-    let _fourth = connect();
+    let _fourth = connect(&publisher);
     eventually("its place is taken", || publisher.clients() == 2);
     let mut changes = Vec::new();
     eventually("five changes", || {
         changes.extend(publisher.client_changes());
         changes.len() == 5
     });
-    let count = |wanted| changes.iter().filter(|(_, change)| *change == wanted).count();
-    assert_eq!((count(ClientChange::Connected), count(ClientChange::Rejected)), (3, 1), "{changes:?}");
-    assert!(changes.contains(&(left, ClientChange::Left)), "{changes:?}");
+    fn count(wanted: ClientChange, changes: &[(std::net::SocketAddr, ClientChange)]) -> usize {
+        changes.iter().filter(|(_, change)| *change == wanted).count()
+    }
+    assert_eq!(
+        (count(ClientChange::Connected, &changes), count(ClientChange::Rejected, &changes)),
+        (3, 1),
+        "{changes:?}"
+    );
+    assert!(changes.contains(&(first_address, ClientChange::Left)), "{changes:?}");
 }
 
 #[test]
@@ -91,8 +99,8 @@ fn peers_that_send_parts_of_messages_do_not_disturb_others() {
     for number in 1..=MESSAGES {
         let mut bytes = text(number).to_bytes();
         for _ in 0..random.random_range(0..4) {
-            let at = random.random_range(0..bytes.len());
-            bytes[at] = random.random();
+            let flipped = random.random_range(0..bytes.len());
+            bytes[flipped] = random.random();
         }
         bytes.truncate(random.random_range(0..=bytes.len()));
         let mut peer = TcpStream::connect(publisher.address()).expect("connects");

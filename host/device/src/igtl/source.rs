@@ -12,20 +12,20 @@ use std::sync::mpsc::{self, Receiver, SyncSender, TrySendError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long a connection may take.
+/// Time within which a connection has to be made.
 const CONNECT: Duration = Duration::from_secs(3);
 /// Time between two attempts.
 const RECONNECT: Duration = Duration::from_secs(1);
-/// How long a peer may stop in the middle of a message.
+/// Time for which a peer may stop in the middle of a message.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// How often the thread checks whether it is to end.
+/// Interval at which the thread checks whether it is to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Most that waits to be taken: seconds of a quick tracker.
 const QUEUE: usize = 256;
 /// The same of images, each of up to 16 MB: half a second of a quick scanner.
 const IMAGE_QUEUE: usize = 16;
 
-/// What has happened on the connection.
+/// Event of the connection.
 #[derive(Debug)]
 pub enum ConnectionEvent {
     /// A message, and when it had arrived.
@@ -93,14 +93,14 @@ impl Source {
     fn connect_as(address: &str, has_images: bool) -> Result<Self, IgtlError> {
         let (host, port) = host_and_port(address)?;
         let address = if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") };
-        let cannot = |cause| IgtlError::Connect { address: address.clone(), cause };
-        let stream = open(&host, port).map_err(cannot)?;
+        let stream =
+            open(&host, port).map_err(|cause| IgtlError::Connect { address: address.clone(), cause })?;
         let (sender, news) = mpsc::sync_channel(if has_images { IMAGE_QUEUE } else { QUEUE });
         let shared = Arc::new(Shared::default());
-        let own = shared.clone();
+        let thread_state = shared.clone();
         let thread = std::thread::Builder::new()
             .name("igtl source".into())
-            .spawn(move || run(stream, (&host, port), has_images, &sender, &own))
+            .spawn(move || run(stream, (&host, port), has_images, &sender, &thread_state))
             .map_err(IgtlError::Thread)?;
         Ok(Self { address, news, shared, thread: Some(thread) })
     }
@@ -110,7 +110,7 @@ impl Source {
         &self.address
     }
 
-    /// What has happened since the last poll. Never waits.
+    /// Events since the last poll. Never waits.
     pub fn news(&self) -> impl Iterator<Item = ConnectionEvent> + '_ {
         self.news.try_iter()
     }

@@ -51,9 +51,9 @@ fn another_implementations_bytes_are_read_and_written() {
     assert_eq!(guide.to_bytes(), bytes(TRANSFORM));
     let tip = message("Tip", 1_000_500, Content::Transform(POSE));
     let note = message("Note", 2_250, Content::Text("E = 16,4 kPa".to_owned()));
-    let all: Vec<u8> = [TRANSFORM, TRANSFORM_2, STRING].into_iter().flat_map(bytes).collect();
-    for piece in [1, 7, 58, all.len()] {
-        let (arrivals, outcome, _) = decoded(&all, piece);
+    let stream_bytes: Vec<u8> = [TRANSFORM, TRANSFORM_2, STRING].into_iter().flat_map(bytes).collect();
+    for piece in [1, 7, 58, stream_bytes.len()] {
+        let (arrivals, outcome, _) = decoded(&stream_bytes, piece);
         let expected = [&guide, &tip, &note].map(|message| Arrival::Message(message.clone()));
         assert_eq!((arrivals, outcome), (expected.to_vec(), Ok(())), "in pieces of {piece}");
     }
@@ -69,27 +69,29 @@ fn a_quaternion_becomes_axes() {
             panic!("{arrivals:?}");
         };
         assert_eq!(read.position_mm, pose.position_mm);
-        let off = read.axes.iter().flatten().zip(pose.axes.iter().flatten()).map(|(a, b)| (a - b).abs());
-        assert!(off.fold(0.0, f32::max) < 1e-6, "{read:?}");
+        let deviation =
+            read.axes.iter().flatten().zip(pose.axes.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(deviation.fold(0.0, f32::max) < 1e-6, "{read:?}");
     }
 }
 
 #[test]
 fn a_quaternion_of_any_length_is_turned_into_axes_or_refused() {
     for (length, is_read) in [(1e30_f32, true), (1e-30, true), (0.0, false), (f32::INFINITY, false)] {
-        let mut turned = message("Tip", 1, Content::Position(POSE)).to_bytes();
-        let body = turned.split_off(HEADER_BYTES);
+        let mut rotated = message("Tip", 1, Content::Position(POSE)).to_bytes();
+        let body = rotated.split_off(HEADER_BYTES);
         let half = [0.0, 0.0, length, length].into_iter().flat_map(f32::to_be_bytes);
         let body: Vec<u8> = body[..12].iter().copied().chain(half).collect();
-        turned[50..58].copy_from_slice(&super::message::CRC.checksum(&body).to_be_bytes());
-        turned.extend(body);
-        let (arrivals, ..) = decoded(&turned, 64);
+        rotated[50..58].copy_from_slice(&super::message::CRC.checksum(&body).to_be_bytes());
+        rotated.extend(body);
+        let (arrivals, ..) = decoded(&rotated, 64);
         let [Arrival::Message(Message { content: Content::Position(read), .. })] = &arrivals[..] else {
             assert!(!is_read && matches!(arrivals[..], [Arrival::Unreadable(_)]), "{length}: {arrivals:?}");
             continue;
         };
-        let off = read.axes.iter().flatten().zip(POSE.axes.iter().flatten()).map(|(a, b)| (a - b).abs());
-        assert!(is_read && off.fold(0.0, f32::max) < 1e-6, "{length}: {read:?}");
+        let deviation =
+            read.axes.iter().flatten().zip(POSE.axes.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(is_read && deviation.fold(0.0, f32::max) < 1e-6, "{length}: {read:?}");
     }
 }
 
@@ -171,8 +173,8 @@ fn hosts_and_ports_are_distinguished() {
 
 fn content() -> impl Strategy<Value = Content> {
     let number = -1e6f32..1e6;
-    let place = prop::array::uniform3(number.clone());
-    let point = ("[a-z ]{0,70}", "[a-zé]{0,20}", place.clone(), number).prop_map(
+    let position = prop::array::uniform3(number.clone());
+    let point = ("[a-z ]{0,70}", "[a-zé]{0,20}", position.clone(), number).prop_map(
         |(name, group, position_mm, diameter_mm)| Point {
             name: name.trim_end().chars().take(64).collect::<String>().trim_end().to_owned(),
             group: group.chars().take(16).collect(),
@@ -181,7 +183,7 @@ fn content() -> impl Strategy<Value = Content> {
         },
     );
     prop_oneof![
-        (prop::array::uniform3(place.clone()), place)
+        (prop::array::uniform3(position.clone()), position)
             .prop_map(|(axes, position_mm)| Content::Transform(Pose { axes, position_mm })),
         prop::collection::vec(point, 0..20).prop_map(Content::Points),
         ".{0,200}".prop_map(|text| Content::Text(text.trim_end_matches('\0').to_owned())),
@@ -207,7 +209,8 @@ proptest! {
         }
     }
 
-    /// Nothing panics, nothing grows, for any input: bytes of messages that are changed here and there.
+    /// Arbitrary input causes neither a panic nor unbounded memory: bytes of messages that are changed
+    /// here and there.
     #[test]
     fn any_bytes_are_borne(
         content in content(),
@@ -290,9 +293,9 @@ fn results_are_sent_to_later_clients_and_live_values_to_connected_ones() {
     drop(late);
     eventually("the client is gone", || publisher.clients() == 1);
     drop(publisher);
-    let mut rest = Vec::new();
+    let mut unread = Vec::new();
     early.stream.set_read_timeout(Some(Duration::from_secs(20))).expect("a timeout");
-    assert!(early.stream.read_to_end(&mut rest).is_ok(), "the connection is closed");
+    assert!(early.stream.read_to_end(&mut unread).is_ok(), "the connection is closed");
 }
 
 #[test]
@@ -354,7 +357,9 @@ fn a_tracker_becomes_sweeps_in_the_frame_of_the_session() {
     let mut channel = Channel::connect(&address, settings()).expect("connects");
     let (mut tracker, _) = listener.accept().expect("accepts");
     channel.samples(&samples(5.0));
-    let point = |position_mm| Point { position_mm, ..Point::default() };
+    fn point(position_mm: [f32; 3]) -> Point {
+        Point { position_mm, ..Point::default() }
+    }
     let shape = Content::Points(vec![point([10.0, -0.5, 0.25]), point([-80.0, 0.0, 0.0])]);
     for (device, content) in [
         ("Curve", shape),
@@ -369,8 +374,8 @@ fn a_tracker_becomes_sweeps_in_the_frame_of_the_session() {
     let [
         Observation::Shape(curve),
         Observation::Shape(tip),
-        Observation::Note(other),
-        Observation::Note(far),
+        Observation::Note(other_note),
+        Observation::Note(far_note),
     ] = &observed[..]
     else {
         panic!("{observed:?}");
@@ -378,7 +383,9 @@ fn a_tracker_becomes_sweeps_in_the_frame_of_the_session() {
     let rows: Vec<_> = curve.rows(0.0).collect();
     // Behind guide 1 is nothing.
     assert_eq!(rows.len(), 1);
-    let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
+    fn near(a: f64, b: f64) -> bool {
+        (a - b).abs() < 1e-9
+    }
     // y = up = z, x = y cross z = z cross x = y.
     assert!(
         near(rows[0].z_m, 0.08)
@@ -389,8 +396,8 @@ fn a_tracker_becomes_sweeps_in_the_frame_of_the_session() {
     assert!(rows[0].time_s >= 5.0 && rows[0].time_s < 25.0, "{rows:?}");
     let tip: Vec<_> = tip.rows(0.0).collect();
     assert!(near(tip[0].z_m, 0.1) && near(tip[0].deflection_y_m, 1e-3), "{tip:?}");
-    assert!(other.contains("TRANSFORM `ProbeToTracker` is not used"), "{other}");
-    assert!(far.contains("point 1 is 900.0 mm off the straight needle"), "{far}");
+    assert!(other_note.contains("TRANSFORM `ProbeToTracker` is not used"), "{other_note}");
+    assert!(far_note.contains("point 1 is 900.0 mm off the straight needle"), "{far_note}");
 }
 
 #[test]
@@ -411,7 +418,7 @@ fn a_tracker_that_disconnects_or_sends_invalid_bytes_is_tried_again() {
     let observed = observations(&mut channel, 4);
     let [
         Observation::Note(babbled),
-        Observation::Note(back),
+        Observation::Note(reconnected),
         Observation::Note(closed),
         Observation::Shape(_),
     ] = &observed[..]
@@ -419,7 +426,10 @@ fn a_tracker_that_disconnects_or_sends_invalid_bytes_is_tried_again() {
         panic!("{observed:?}");
     };
     assert!(babbled.contains("header version 21331, expected 1 or 2"), "{babbled}");
-    assert!(back.contains("there again") && closed.contains("closed the connection"), "{back}; {closed}");
+    assert!(
+        reconnected.contains("there again") && closed.contains("closed the connection"),
+        "{reconnected}; {closed}"
+    );
 }
 
 #[test]

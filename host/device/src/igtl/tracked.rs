@@ -15,17 +15,19 @@ const MAX_NAMES: usize = 64;
 /// Axes of a frame are unit vectors at right angles, as far as a sender rounds them.
 const ROUNDING: f32 = 1e-2;
 
-/// What the metadata of a message state of its validity: the field and its value, where it is not valid.
+/// Statement about validity in the metadata of a message: the field and its value, where it is not
+/// valid.
 pub(super) fn stated_invalid(device: &str, metadata: &[(String, String)]) -> Option<String> {
     let bad = metadata.iter().find(|(key, value)| {
         let key = key.trim();
-        let is_of = |ending: &str| {
+        fn is_of(ending: &str, key: &str, device: &str) -> bool {
             let name = key.strip_suffix(ending);
             name.is_some_and(|name| ["", "Transform", "Image", "Position", "Point", device].contains(&name))
-        };
+        }
         let value = value.trim();
         let is_yes = ["true", "1", "yes", "ok"].iter().any(|yes| value.eq_ignore_ascii_case(yes));
-        is_of("Status") && !value.eq_ignore_ascii_case("OK") || is_of("Valid") && !is_yes
+        is_of("Status", key, device) && !value.eq_ignore_ascii_case("OK")
+            || is_of("Valid", key, device) && !is_yes
     });
     bad.map(|(key, value)| format!("{} = {}", short(key), short(value)))
 }
@@ -34,7 +36,7 @@ fn short(text: &str) -> String {
     text.trim().chars().take(40).collect()
 }
 
-/// How stamps of one name go on.
+/// Relation of consecutive stamps of one name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Clock {
     /// Later than before, or not stated.
@@ -45,7 +47,7 @@ pub(super) enum Clock {
     Back,
 }
 
-/// What is known of the poses that a tracker sends.
+/// State of the poses that a tracker sends.
 #[derive(Debug, Default)]
 pub(super) struct Tracked {
     stamps: BTreeMap<String, Duration>,
@@ -65,18 +67,18 @@ impl Tracked {
         }
     }
 
-    /// What the last STATUS of this name, or of the whole tracker, states where it is not OK.
+    /// Message of the last STATUS of this name, or of the whole tracker, if it is not OK.
     pub fn bad_status(&self, device: &str) -> Option<&str> {
         self.statuses.get(device).or_else(|| self.statuses.get("")).map(String::as_str)
     }
 
-    /// How a stamp follows the one before of its name.
+    /// Relation of a stamp to the previous one of its name.
     pub fn clock(&mut self, device: &str, stamp: Duration) -> Clock {
         if stamp.is_zero() || self.stamps.len() >= MAX_NAMES && !self.stamps.contains_key(device) {
             return Clock::On;
         }
-        let before = self.stamps.insert(device.to_owned(), stamp);
-        match before.map(|before| stamp.cmp(&before)) {
+        let previous = self.stamps.insert(device.to_owned(), stamp);
+        match previous.map(|previous| stamp.cmp(&previous)) {
             Some(std::cmp::Ordering::Equal) => Clock::Same,
             Some(std::cmp::Ordering::Less) => Clock::Back,
             _ => Clock::On,
@@ -98,7 +100,9 @@ impl Tracked {
 
 /// Why a content is no measurement, as far as it shows that itself.
 pub(super) fn problem(content: &Content) -> Option<&'static str> {
-    let is_zero = |position_mm: [f32; 3]| position_mm == [0.0; 3];
+    fn is_zero(position_mm: [f32; 3]) -> bool {
+        position_mm == [0.0; 3]
+    }
     match content {
         Content::Transform(pose) | Content::Position(pose) if is_zero(pose.position_mm) => {
             Some("its position is 0, 0, 0: the tracker does not see it")
@@ -116,6 +120,6 @@ pub(super) fn problem(content: &Content) -> Option<&'static str> {
 /// Whether the axes of a pose are those of a rotation.
 fn is_rotation(pose: &Pose) -> bool {
     let axes = nalgebra::Matrix3::from_columns(&pose.axes.map(Into::into));
-    let off = axes.transpose() * axes - nalgebra::Matrix3::identity();
-    off.amax() < ROUNDING && axes.determinant() > 0.0
+    let deviation = axes.transpose() * axes - nalgebra::Matrix3::identity();
+    deviation.amax() < ROUNDING && axes.determinant() > 0.0
 }

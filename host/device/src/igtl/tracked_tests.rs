@@ -1,4 +1,5 @@
-//! What trackers send while they do not see the needle: none of it becomes a sweep, and the reason is reported once.
+//! Messages that trackers send while they do not see the needle: none of it becomes a sweep, and the reason is
+//! reported once.
 
 use super::channel::{Channel, Observation, Settings, TIP_DEVICE_NAME};
 use super::message::{CRC, Content, Message, Point, Pose, STATUS_OK};
@@ -89,8 +90,11 @@ fn a_pose_whose_metadata_state_that_it_is_none_is_no_sweep() {
         ("Status", "OUT_OF_VOLUME"),
         ("NeedleTipToReferenceStatus", "REQ_TIMEOUT"),
     ] {
-        let of = |stamp_ms| extended(&tip(stamp_ms), &[("MRMLNodeName", "Tip"), (key, value)]);
-        let (sweeps, notes, unused) = sent(&[of(1000), of(1100), of(1200)]);
+        fn of(stamp_ms: u64, key: &str, value: &str) -> Vec<u8> {
+            extended(&tip(stamp_ms), &[("MRMLNodeName", "Tip"), (key, value)])
+        }
+        let (sweeps, notes, unused) =
+            sent(&[of(1000, key, value), of(1100, key, value), of(1200, key, value)]);
         assert_eq!((sweeps, notes.len()), (0, 1), "{key} {value}: {notes:?}");
         assert!(
             notes[0].contains(&format!(
@@ -106,10 +110,10 @@ fn a_pose_whose_metadata_state_that_it_is_none_is_no_sweep() {
 
 #[test]
 fn a_list_of_points_and_a_quaternion_are_judged_alike() {
-    let points = |position_mm| {
+    fn points(position_mm: [f32; 3]) -> Message {
         let point = Point { position_mm, ..Point::default() };
         Message { device: "NeedleShape".to_owned(), ..at(0, Content::Points(vec![point; 3])) }
-    };
+    }
     let missing = [("Status", "MISSING")];
     assert_eq!(
         sent(&[extended(&points([10.0, 0.0, 0.0]), &missing), points([10.0, 0.0, 0.0]).to_bytes()]).0,
@@ -126,21 +130,25 @@ fn a_list_of_points_and_a_quaternion_are_judged_alike() {
 
 #[test]
 fn a_status_message_holds_until_the_next_one() {
-    let poses = |from_ms: u64| [tip(from_ms).to_bytes(), tip(from_ms + 100).to_bytes()].concat();
+    fn poses(from_ms: u64) -> Vec<u8> {
+        [tip(from_ms).to_bytes(), tip(from_ms + 100).to_bytes()].concat()
+    }
     for device in [TIP_DEVICE_NAME, ""] {
         let (sweeps, notes, unused) =
             sent(&[poses(1000), status(device, 13), poses(2000), status(device, STATUS_OK), poses(3000)]);
         assert_eq!((sweeps, unused.len()), (4, 1), "{device}: {notes:?}");
         assert!(notes.iter().any(|note| note.contains("STATUS 13")), "{notes:?}");
     }
-    // That of another tool is reported and changes nothing here.
+    // The status of another tool is reported and changes no sweep.
     let (sweeps, notes, unused) = sent(&[status("Probe", 13), poses(1000)]);
     assert_eq!((sweeps, notes.len(), unused.len()), (2, 1, 0), "{notes:?}");
 }
 
 #[test]
 fn a_pose_at_zero_or_without_a_rotation_is_no_sweep() {
-    let of = |pose| at(1000, Content::Transform(pose)).to_bytes();
+    fn of(pose: Pose) -> Vec<u8> {
+        at(1000, Content::Transform(pose)).to_bytes()
+    }
     let unit = Pose::at([30.0, 0.5, 1.0]);
     // Packed row by row, as some senders do by mistake: the position would be 0, 0, 1.
     let rows =
@@ -165,8 +173,8 @@ fn stamps_that_stay_are_the_last_reading_again_and_stamps_that_step_back_a_new_c
     let (sweeps, notes, unused) = sent(&constant);
     assert_eq!((sweeps, notes.len()), (1, 1), "{notes:?}");
     assert!(notes[0].contains("time stamp stays the same") && unused[0].contains("9 messages"), "{unused:?}");
-    let back: Vec<Vec<u8>> = [30_000, 30_100, 10_000, 10_100].map(|ms| tip(ms).to_bytes()).to_vec();
-    let (sweeps, notes, _) = sent(&back);
+    let stepped_back: Vec<Vec<u8>> = [30_000, 30_100, 10_000, 10_100].map(|ms| tip(ms).to_bytes()).to_vec();
+    let (sweeps, notes, _) = sent(&stepped_back);
     assert_eq!(sweeps, 4);
     assert!(notes.len() == 1 && notes[0].contains("step back"), "{notes:?}");
     // Without stamps the arrival counts.

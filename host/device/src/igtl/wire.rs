@@ -1,4 +1,4 @@
-//! What arrives on a connection, cut into messages: has no socket, so that anything can be fed to it.
+//! Divides the bytes of a connection into messages: has no socket, so that anything can be fed to it.
 
 use super::image;
 use super::message::{CRC, Content, HEADER_BYTES, MAX_POINTS, Message, MessageError, POINT_BYTES, unpadded};
@@ -21,7 +21,7 @@ pub enum StreamError {
     Size(u64),
 }
 
-/// What has come of the bytes.
+/// Result of receiving bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Arrival {
     /// A message.
@@ -55,15 +55,15 @@ struct Header {
 
 impl Header {
     fn read(bytes: &[u8; HEADER_BYTES]) -> Option<Self> {
-        let (version, after) = bytes.split_first_chunk::<2>()?;
-        let (kind, after) = after.split_first_chunk::<12>()?;
-        let (device, after) = after.split_first_chunk::<20>()?;
-        let (seconds, after) = after.split_first_chunk::<4>()?;
-        let (parts, after) = after.split_first_chunk::<4>()?;
-        let (body_bytes, after) = after.split_first_chunk::<8>()?;
-        let crc = after.first_chunk::<8>()?;
+        let (version, tail) = bytes.split_first_chunk::<2>()?;
+        let (kind, tail) = tail.split_first_chunk::<12>()?;
+        let (device, tail) = tail.split_first_chunk::<20>()?;
+        let (seconds, tail) = tail.split_first_chunk::<4>()?;
+        let (fraction, tail) = tail.split_first_chunk::<4>()?;
+        let (body_bytes, tail) = tail.split_first_chunk::<8>()?;
+        let crc = tail.first_chunk::<8>()?;
         // A second has 2^32 parts; to the nearest nanosecond, so that a stamp is read as it was meant.
-        let nanoseconds = (u64::from(u32::from_be_bytes(*parts)) * 1_000_000_000 + (1 << 31)) >> 32;
+        let nanoseconds = (u64::from(u32::from_be_bytes(*fraction)) * 1_000_000_000 + (1 << 31)) >> 32;
         Some(Self {
             version: u16::from_be_bytes(*version),
             kind: unpadded(kind),
@@ -105,8 +105,8 @@ type Extended<'b> = (&'b [u8], Vec<(String, String)>);
 /// The content between extended header and metadata, as header version 2 has them, and the metadata.
 fn within_extended(body: &[u8]) -> Option<Extended<'_>> {
     let (header, after) = body.split_first_chunk::<2>()?;
-    let (metadata_header, rest) = after.split_first_chunk::<2>()?;
-    let metadata = rest.first_chunk::<4>()?;
+    let (metadata_header, tail) = after.split_first_chunk::<2>()?;
+    let metadata = tail.first_chunk::<4>()?;
     let header_bytes = usize::from(u16::from_be_bytes(*metadata_header));
     let metadata_bytes = usize::try_from(u32::from_be_bytes(*metadata)).ok()?.checked_add(header_bytes)?;
     let end = body.len().checked_sub(metadata_bytes)?;
@@ -124,17 +124,20 @@ fn entries(metadata: &[u8], header_bytes: usize) -> Option<Vec<(String, String)>
     let count = usize::from(u16::from_be_bytes(*count)).min(MAX_ENTRIES);
     // Size of the key (2 bytes), encoding of the value (2), size of the value (4).
     let (sizes, _) = sizes.as_chunks::<8>();
-    let mut take = |bytes: usize| {
-        let (text, rest) = texts.split_at_checked(bytes)?;
-        texts = rest;
+    fn take(bytes: usize, texts: &mut &[u8]) -> Option<String> {
+        let (text, tail) = texts.split_at_checked(bytes)?;
+        *texts = tail;
         Some(unpadded(text))
-    };
-    let entry = |[a, b, _, _, c, d, e, f]: &[u8; 8]| {
-        let key = take(usize::from(u16::from_be_bytes([*a, *b])))?;
-        let value = take(usize::try_from(u32::from_be_bytes([*c, *d, *e, *f])).ok()?)?;
-        Some((key, value))
-    };
-    sizes.get(..count)?.iter().map(entry).collect()
+    }
+    sizes
+        .get(..count)?
+        .iter()
+        .map(|[a, b, _, _, c, d, e, f]| {
+            let key = take(usize::from(u16::from_be_bytes([*a, *b])), &mut texts)?;
+            let value = take(usize::try_from(u32::from_be_bytes([*c, *d, *e, *f])).ok()?, &mut texts)?;
+            Some((key, value))
+        })
+        .collect()
 }
 
 impl Decoder {
@@ -155,10 +158,10 @@ impl Decoder {
                 bytes = bytes.get(passed..).unwrap_or_default();
                 continue;
             }
-            let wanted = HEADER_BYTES + self.header().map_or(0, |header| header.body_bytes as usize);
-            let (taken, rest) = bytes.split_at(wanted.saturating_sub(self.kept.len()).min(bytes.len()));
-            self.kept.extend_from_slice(taken);
-            bytes = rest;
+            let wanted_bytes = HEADER_BYTES + self.header().map_or(0, |header| header.body_bytes as usize);
+            let (chunk, tail) = bytes.split_at(wanted_bytes.saturating_sub(self.kept.len()).min(bytes.len()));
+            self.kept.extend_from_slice(chunk);
+            bytes = tail;
             if let Some(arrival) = self.complete()? {
                 on_arrival(arrival);
             }
@@ -180,7 +183,7 @@ impl Decoder {
         self.kept.first_chunk().and_then(Header::read)
     }
 
-    /// What the bytes that are kept amount to.
+    /// Message that the kept bytes complete.
     fn complete(&mut self) -> Result<Option<Arrival>, StreamError> {
         let Some(header) = self.header() else { return Ok(None) };
         if !(1..=2).contains(&header.version) {

@@ -1,20 +1,20 @@
 //! The device from the host's side: commands that are answered, and a stream of what it sends unsolicited.
 //!
-//! A command is sent again when no answer comes, a bounded number of times; the device carries it out once. What arrives
-//! while an answer is awaited is kept in order and handed out by [`Client::next`].
+//! A command is sent again when no answer comes, a bounded number of times; the device carries it out once. Telemetry
+//! that arrives while an answer is awaited is kept in order and handed out by [`Client::next`].
 
 use super::display::request_name;
 use super::error::LinkError;
 use super::timeouts::{ANSWER_TIMEOUT, REQUESTS, TRIES};
 use super::wire::{LinkLosses, OpenPort, Received, Tap};
 use protocol::{
-    CalibrationRecord, Command, Description, Envelope, EventKind, Hello, Message, Request, Safety, Sample,
-    Samples, State, Status,
+    CalibrationRecord, Command, Description, Envelope, EventKind, Hello, Message, Request, Safety, Samples,
+    State, Status,
 };
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// What the device sends unsolicited.
+/// Messages that the device sends unsolicited.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Telemetry {
     /// Samples in SI units.
@@ -39,7 +39,7 @@ impl Telemetry {
 /// Consecutive samples of one state and step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Batch {
-    /// What the controller was doing.
+    /// State of the controller.
     pub state: State,
     /// Program step; `None` outside a program.
     pub step: Option<u8>,
@@ -98,8 +98,8 @@ impl Client {
         for id in 0..tries.max(1) {
             wire.send(&Command { id: id as u16, connection: 0, request: Request::Hello })?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
-            while let Some(left) = deadline.checked_duration_since(Instant::now()) {
-                let frame = match wire.receive(left)? {
+            while let Some(remaining) = deadline.checked_duration_since(Instant::now()) {
+                let frame = match wire.receive(remaining)? {
                     Received::Frame { frame, .. } => *frame,
                     Received::HelloOfVersion(theirs) => return Err(other_version(port, theirs)),
                     Received::Nothing => continue,
@@ -146,7 +146,7 @@ impl Client {
         self.wire.name()
     }
 
-    /// Which start of the device this is.
+    /// Number of the device's start.
     pub fn boot_id(&self) -> u32 {
         self.boot_id
     }
@@ -176,7 +176,7 @@ impl Client {
         self.wire.bytes()
     }
 
-    /// What has been lost so far.
+    /// Losses so far.
     pub fn losses(&self) -> LinkLosses {
         self.wire.losses()
     }
@@ -232,7 +232,7 @@ impl Client {
         Err(self.nothing_but_acks("safety"))
     }
 
-    /// What the device was built for.
+    /// Description of the device's build.
     ///
     /// # Errors
     /// As [`Self::request`].
@@ -265,11 +265,13 @@ impl Client {
 
     /// Forgets ends of programs that have been received and not been taken yet: before a program is accepted they are those of others.
     pub(super) fn forget_ends(&mut self) {
-        let is_end = |telemetry: &Telemetry| matches!(telemetry, Telemetry::Event(event) if matches!(event.kind, EventKind::ProgramEnded { .. }));
+        fn is_end(telemetry: &Telemetry) -> bool {
+            matches!(telemetry, Telemetry::Event(event) if matches!(event.kind, EventKind::ProgramEnded { .. }))
+        }
         self.inbox.retain(|telemetry| !is_end(telemetry));
     }
 
-    /// What the device sends next unsolicited; `None` where it sends nothing in time.
+    /// Next unsolicited message of the device; `None` if it sends none in time.
     ///
     /// # Errors
     /// [`LinkError::Gone`], [`LinkError::Restarted`].
@@ -278,8 +280,8 @@ impl Client {
             return Ok(Some(telemetry));
         }
         let deadline = Instant::now() + timeout;
-        while let Some(left) = deadline.checked_duration_since(Instant::now()) {
-            self.receive(left)?;
+        while let Some(remaining) = deadline.checked_duration_since(Instant::now()) {
+            self.receive(remaining)?;
             if let Some(telemetry) = self.inbox.pop_front() {
                 return Ok(Some(telemetry));
             }
@@ -287,8 +289,8 @@ impl Client {
         Ok(None)
     }
 
-    /// What the device has sent unsolicited and was not taken yet, without waiting for more. What is wrong with the link does
-    /// not matter here: this is how the last messages of a device that has gone are received.
+    /// Unsolicited messages that were not taken yet, without waiting for more. Errors of the link do not matter
+    /// here: this is how the last messages of a device that has gone are received.
     pub fn waiting(&mut self) -> Option<Telemetry> {
         while self.inbox.is_empty() {
             match self.receive(Duration::ZERO) {
@@ -322,11 +324,13 @@ impl Client {
         for _ in 0..TRIES {
             self.wire.send(&command)?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
-            while let Some(left) = deadline.checked_duration_since(Instant::now()) {
-                match self.receive(left)? {
+            while let Some(remaining) = deadline.checked_duration_since(Instant::now()) {
+                match self.receive(remaining)? {
                     Some(Message::Ack { id: answered }) if answered == id => {
-                        let before = self.sequence.wrapping_sub(1);
-                        return Ok(last.and_then(|(sequence, answer)| (sequence == before).then_some(answer)));
+                        let previous = self.sequence.wrapping_sub(1);
+                        return Ok(
+                            last.and_then(|(sequence, answer)| (sequence == previous).then_some(answer))
+                        );
                     }
                     Some(Message::Refused { id: answered, refusal }) if answered == id => {
                         return Err(LinkError::Refused { command: request_name(&request), refusal });
@@ -366,8 +370,8 @@ impl Client {
                 request: Request::Hello,
             })?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
-            while let Some(left) = deadline.checked_duration_since(Instant::now()) {
-                if let Some(Message::Connected { connection }) = self.receive(left)? {
+            while let Some(remaining) = deadline.checked_duration_since(Instant::now()) {
+                if let Some(Message::Connected { connection }) = self.receive(remaining)? {
                     (self.connection, self.next_id, self.open_request) = (connection, 0, None);
                     return Ok(());
                 }
@@ -421,14 +425,15 @@ impl Client {
 
 /// A batch in SI units; `None` where its packed bytes are broken.
 pub(crate) fn to_batch(hello: &Hello, samples: &Samples, lost_before: u64) -> Option<Batch> {
-    let point = |(t_us, sample): (u64, Sample)| Point {
-        time_s: t_us as f64 * 1e-6,
-        displacement_m: displacement_m(hello, sample.position_counts),
-        force_n: force_n(hello, sample.force_counts),
-        repeats_force: sample.repeats_force,
-    };
     let unpacked = samples.unpack(hello.sample_period_us).ok()?;
-    let points = unpacked.map(point).collect();
+    let points = unpacked
+        .map(|(t_us, sample)| Point {
+            time_s: t_us as f64 * 1e-6,
+            displacement_m: displacement_m(hello, sample.position_counts),
+            force_n: force_n(hello, sample.force_counts),
+            repeats_force: sample.repeats_force,
+        })
+        .collect();
     let step = (samples.step != u8::MAX).then_some(samples.step);
     Some(Batch { state: samples.state, step, lost_before, points })
 }

@@ -28,7 +28,9 @@ pub struct Condition {
 
 impl From<&Status> for Condition {
     fn from(status: &Status) -> Self {
-        let percent = |permille: u16| f64::from(permille) / 10.0;
+        fn percent(permille: u16) -> f64 {
+            f64::from(permille) / 10.0
+        }
         let [motor_duty_used_x_percent, motor_duty_used_y_percent] =
             status.motor_budget_permille.map(percent);
         Self {
@@ -45,7 +47,7 @@ impl From<&Status> for Condition {
     }
 }
 
-/// What has gone wrong since the device started: the protocol's counters under self-contained names.
+/// Counters of errors since the device started: the protocol's counters under self-contained names.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[expect(missing_docs, reason = "each is the protocol's counter of nearly that name")]
 pub struct ErrorCounters {

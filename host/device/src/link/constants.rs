@@ -1,16 +1,16 @@
-//! What the device keeps: the limits of its interlocks and the calibration of its rig.
+//! Constants that the device keeps: the limits of its interlocks and the calibration of its rig.
 
 use super::client::Client;
 use super::error::LinkError;
 use protocol::{CalibrationRecord, MAX_CALIBRATION, PIECE_BYTES, Request, SILENCE_LIMIT_MS};
 use std::time::{Duration, Instant};
 
-/// How long a device that restarts may take until it answers again.
+/// Time within which a device that restarts has to answer again.
 const RESTART_TIME: Duration = Duration::from_secs(8);
 /// Pause between two attempts to reach it.
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
 
-/// What the interlocks compare with, until the device starts again.
+/// Limits of the interlocks, until the device starts again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// Largest force along either axis, from the tare and from the calibration's zero, newtons.

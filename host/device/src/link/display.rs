@@ -2,7 +2,7 @@
 
 use protocol::{CalibrationSource, Counters, Request, ResetReason, State};
 
-/// What the controller is doing.
+/// Text for the controller's state.
 pub fn state(state: State) -> &'static str {
     match state {
         State::Idle => "idle",
@@ -15,7 +15,7 @@ pub fn state(state: State) -> &'static str {
     }
 }
 
-/// What the device was last started by.
+/// Text for the cause of the device's last start.
 pub fn reset_reason(reason: ResetReason) -> &'static str {
     match reason {
         ResetReason::PowerOn => "power-on",
@@ -27,7 +27,7 @@ pub fn reset_reason(reason: ResetReason) -> &'static str {
     }
 }
 
-/// Where the constants of the rig come from.
+/// Text for the source of the rig's constants.
 pub fn calibration_source(source: CalibrationSource) -> &'static str {
     match source {
         CalibrationSource::Stored => "stored",

@@ -1,11 +1,11 @@
-//! What can go wrong between this program and the device, each with its cause and its remedy in one line.
+//! Errors between this program and the device, each with its cause and its remedy in one line.
 
 use super::port::{self, PortError};
 use super::timeouts::{ANSWER_TIMEOUT, SILENCE_LIMIT};
 use protocol::{Fault, Refusal, RetreatOutcome, TARE_CHANGE_PERCENT, TARE_ZERO_PERCENT, TareProblem};
 use std::io;
 
-/// What went wrong with a link.
+/// Error of a link.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// The port cannot be opened.
@@ -58,7 +58,7 @@ pub enum LinkError {
         port: String,
         /// The command.
         command: &'static str,
-        /// How often it was sent.
+        /// Number of times it was sent.
         tries: u32,
     },
     /// A request was acknowledged, but its answer did not come.
@@ -71,7 +71,7 @@ pub enum LinkError {
         port: String,
         /// The request.
         command: &'static str,
-        /// How often it was requested.
+        /// Number of times it was requested.
         tries: u32,
     },
     /// A command was refused.
@@ -127,7 +127,7 @@ pub enum LinkError {
     /// A limit that the device cannot take.
     #[error("limit of the {name}: {value} {unit}, expected {least} to {most} {unit}")]
     Limit {
-        /// Which.
+        /// Name of the constant.
         name: &'static str,
         /// The requested value.
         value: f64,
@@ -221,9 +221,9 @@ pub fn explain_refusal(refusal: Refusal) -> String {
 /// A fault in words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FaultText {
-    /// What happened.
+    /// Cause of the fault.
     pub cause: &'static str,
-    /// What to do about it, before `guide clear`.
+    /// Remedy, before `guide clear`.
     pub remedy: &'static str,
 }
 
@@ -299,14 +299,14 @@ pub fn explain_latched(fault: Fault) -> String {
 
 /// A rejected tare in words, with what to do.
 fn explain_tare(problem: Option<TareProblem>, [x_n, y_n]: [f64; 2]) -> String {
-    let found = format!("x {x_n:+.3} N, y {y_n:+.3} N from the calibration's zero");
+    let offsets = format!("x {x_n:+.3} N, y {y_n:+.3} N from the calibration's zero");
     match problem {
         Some(TareProblem::FarFromZero) => format!(
-            "the tare was rejected ({found}): the zero may lie within {TARE_ZERO_PERCENT} % of the rated range; unload the needle, \
+            "the tare was rejected ({offsets}): the zero may lie within {TARE_ZERO_PERCENT} % of the rated range; unload the needle, \
              or correct the force sensor's offset"
         ),
         Some(TareProblem::Settling) => format!(
-            "the tare was rejected ({found}): the force changed by more than {TARE_CHANGE_PERCENT} % of the rated range meanwhile; \
+            "the tare was rejected ({offsets}): the force changed by more than {TARE_CHANGE_PERCENT} % of the rated range meanwhile; \
              wait until it has settled"
         ),
         None => {

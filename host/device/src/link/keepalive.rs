@@ -9,7 +9,7 @@ pub const INTERVAL: Duration = Duration::from_millis(250);
 /// Part of the device's limit after which it receives something, by its own clock: three of four may be lost.
 const SHARE: u64 = 4;
 
-/// What the device has received, and what its clock showed.
+/// Counts of messages that the device has received, and the time of its clock.
 #[derive(Debug, Clone, Copy)]
 pub struct Keepalive {
     sent: Instant,

@@ -8,10 +8,10 @@ use std::time::Duration;
 
 /// Line rate of the firmware, bits per second. A virtual port (USB CDC, a pty) ignores it.
 pub const BAUD: u32 = 460_800;
-/// How long one read or write waits; short, so that a closing link is noticed soon.
+/// Time for which one read or write waits; short, so that a closing link is noticed soon.
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
 
-/// What to do about a port that another program has.
+/// Remedy for a port that another program has open.
 const IN_USE: &str = if cfg!(windows) { "close it" } else { "close it, or see who has it with `lsof PORT`" };
 
 /// Why a port cannot be opened.
@@ -86,9 +86,9 @@ fn by_number(name: &str) -> (String, u32) {
 fn describe(kind: &SerialPortType) -> String {
     match kind {
         SerialPortType::UsbPort(usb) => {
-            let parts = [&usb.manufacturer, &usb.product, &usb.serial_number];
-            let parts: Vec<&str> = parts.into_iter().filter_map(|part| part.as_deref()).collect();
-            format!("USB {:04x}:{:04x} {}", usb.vid, usb.pid, parts.join(" ")).trim_end().to_owned()
+            let names = [&usb.manufacturer, &usb.product, &usb.serial_number];
+            let known_names: Vec<&str> = names.into_iter().filter_map(|part| part.as_deref()).collect();
+            format!("USB {:04x}:{:04x} {}", usb.vid, usb.pid, known_names.join(" ")).trim_end().to_owned()
         }
         SerialPortType::PciPort => "PCI".to_owned(),
         SerialPortType::BluetoothPort => "Bluetooth".to_owned(),
@@ -109,21 +109,23 @@ pub(super) struct Ends {
 
 /// Opens a port: a serial one for this program alone, its buffers emptied; or a socket.
 pub(super) fn open(name: &str) -> Result<Ends, PortError> {
-    let port = || name.to_owned();
+    fn port(name: &str) -> String {
+        name.to_owned()
+    }
     if let Some(connected) = socket::connect(name) {
-        return connected.map_err(|cause| PortError::NoServer { port: port(), cause });
+        return connected.map_err(|cause| PortError::NoServer { port: port(name), cause });
     }
     let serial = serialport::new(name, BAUD).timeout(READ_TIMEOUT).open();
     let serial = serial.map_err(|cause| match cause.kind() {
         // On Unix this kind means that the port is locked, and a port that is not there is an I/O error; on Windows it means either.
-        ErrorKind::NoDevice if cfg!(unix) || is_listed(name) => PortError::InUse { port: port() },
+        ErrorKind::NoDevice if cfg!(unix) || is_listed(name) => PortError::InUse { port: port(name) },
         ErrorKind::NoDevice | ErrorKind::Io(std::io::ErrorKind::NotFound) => {
-            PortError::NotThere { port: port() }
+            PortError::NotThere { port: port(name) }
         }
-        ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => PortError::Permission { port: port() },
-        _ => PortError::Other { port: port(), cause },
+        ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => PortError::Permission { port: port(name) },
+        _ => PortError::Other { port: port(name), cause },
     })?;
-    let other = |cause| PortError::Other { port: port(), cause };
+    let other = |cause| PortError::Other { port: port(name), cause };
     serial.clear(ClearBuffer::All).map_err(other)?;
     let reader = serial.try_clone().map_err(other)?;
     Ok(Ends { reader: Box::new(reader), writer: Box::new(serial) })

@@ -38,7 +38,7 @@ const BUILT_IN: [(&str, &str); 3] = [
 /// One step with what the host does during it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedStep {
-    /// What the device does.
+    /// Step that the device carries out.
     pub step: Step,
     /// Take an ultrasound sweep.
     pub sweep: bool,
@@ -68,21 +68,21 @@ pub enum ProgramError {
     /// A step makes no sense.
     #[error("{place}: step {number}: {problem}")]
     Step {
-        /// Where the step begins.
+        /// Position at which the step begins.
         place: Place,
         /// Number of the step, from 1.
         number: usize,
-        /// What is wrong and what was expected.
+        /// Problem, and the expected text.
         problem: &'static str,
     },
     /// No steps or too many, with staircases as the moves and holds that they stand for.
     #[error("{place}: {count} steps{}, expected 1 to {MAX_STEPS}", expanded(*count, *written))]
     Length {
-        /// Where the step begins that is too many; where there is none, the file.
+        /// Position of the first step beyond the limit; the file if there is none.
         place: Place,
-        /// How many there are for the device.
+        /// Number of steps for the device.
         count: usize,
-        /// How many the file has.
+        /// Number of steps in the file.
         written: usize,
     },
 }
@@ -174,19 +174,19 @@ impl Program {
             if count > MAX_STEPS {
                 too_many.get_or_insert(place);
             }
-            // What the device cannot hold is counted only.
+            // Steps that the device cannot hold are only counted.
             steps.extend(planned.into_iter().take(MAX_STEPS.saturating_sub(steps.len())));
         }
         if (1..=MAX_STEPS).contains(&count) {
             Ok(Self { name: title, steps })
         } else {
-            let place = too_many.cloned().unwrap_or_else(|| Place::at(Path::new(name), "", 0));
-            Err(ProgramError::Length { place, count, written: written.len() })
+            let location = too_many.cloned().unwrap_or_else(|| Place::at(Path::new(name), "", 0));
+            Err(ProgramError::Length { place: location, count, written: written.len() })
         }
     }
 }
 
-/// Where a step leads, micrometres.
+/// Target of a step, micrometres.
 fn target(step: Step) -> Option<[i32; 2]> {
     match step {
         Step::Move { x_um, y_um, .. } | Step::Ramp { x_um, y_um, .. } => Some([x_um, y_um]),
@@ -229,9 +229,9 @@ impl FileStep {
 
     /// The device's steps for this one, after a step that led to `from_um`.
     fn plan(self, from_um: [i32; 2]) -> Result<Vec<PlannedStep>, &'static str> {
-        let pair = |x: Option<f64>, y: Option<f64>| {
+        fn pair(x: Option<f64>, y: Option<f64>) -> Option<[f64; 2]> {
             (x.is_some() || y.is_some()).then(|| [x.unwrap_or(0.0), y.unwrap_or(0.0)])
-        };
+        }
         let move_mm = pair(self.move_x_mm, self.move_y_mm);
         let ramp_mm = pair(self.ramp_x_mm, self.ramp_y_mm);
         let staircase_mm = pair(self.staircase_x_mm, self.staircase_y_mm);
@@ -281,12 +281,12 @@ impl FileStep {
             return Err("a staircase must lead to another place than it starts from");
         }
         let hold = PlannedStep { step: Step::Hold { duration_ms: milliseconds(hold_s)? }, sweep: self.sweep };
-        let from_mm = from_um.map(|um| f64::from(um) * 1e-3);
+        let start_mm = from_um.map(|um| f64::from(um) * 1e-3);
         let mut steps = Vec::new();
         for level in 1..=levels {
-            let share = f64::from(level) / f64::from(levels);
-            let at_mm = [0, 1].map(|axis| from_mm[axis] + share * (target_mm[axis] - from_mm[axis]));
-            steps.push(PlannedStep { step: move_to(at_mm, speed_mm_s)?, sweep: false });
+            let fraction = f64::from(level) / f64::from(levels);
+            let level_mm = [0, 1].map(|axis| start_mm[axis] + fraction * (target_mm[axis] - start_mm[axis]));
+            steps.push(PlannedStep { step: move_to(level_mm, speed_mm_s)?, sweep: false });
             steps.push(hold);
         }
         Ok(steps)

@@ -1,4 +1,4 @@
-//! Which way a retreat goes where none is given.
+//! Default direction of a retreat.
 
 use super::{Client, LinkError};
 use protocol::{RETREAT_LIMIT_UM, Request};
@@ -15,18 +15,18 @@ impl Client {
     pub fn retreat_to_middle(&mut self) -> Result<Option<[i32; 2]>, LinkError> {
         let position_counts = self.status()?.position_counts;
         let position_um = self.displacement_m(position_counts).map(|metres| metres * 1e6);
-        let Some(by_um @ [x_um, y_um]) = to_middle(position_um) else { return Ok(None) };
+        let Some(shift_um @ [x_um, y_um]) = to_middle(position_um) else { return Ok(None) };
         self.request(Request::Retreat { x_um, y_um })?;
-        Ok(Some(by_um))
+        Ok(Some(shift_um))
     }
 }
 
 /// Displacement on the straight line to the middle, micrometres.
 fn to_middle(position_um: [f64; 2]) -> Option<[i32; 2]> {
-    let away_um = position_um.map(|um| if um.abs() < MIDDLE_UM { 0.0 } else { um });
-    let farther_um = away_um.into_iter().map(f64::abs).fold(0.0, f64::max);
-    let share = (f64::from(RETREAT_LIMIT_UM) / farther_um).min(1.0);
-    (farther_um > 0.0).then(|| away_um.map(|um| -(share * um).round() as i32))
+    let distance_um = position_um.map(|um| if um.abs() < MIDDLE_UM { 0.0 } else { um });
+    let farther_um = distance_um.into_iter().map(f64::abs).fold(0.0, f64::max);
+    let fraction = (f64::from(RETREAT_LIMIT_UM) / farther_um).min(1.0);
+    (farther_um > 0.0).then(|| distance_um.map(|um| -(fraction * um).round() as i32))
 }
 
 #[cfg(test)]

@@ -13,10 +13,10 @@ use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, Stat
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long one poll for telemetry waits: short, so that an interrupt is handled soon.
+/// Time for which one poll for telemetry waits: short, so that an interrupt is handled soon.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// How to run a program.
+/// Options of a run of a program.
 #[derive(Debug, Clone, Copy)]
 pub struct RunOptions<'a> {
     /// Device time at which to start, microseconds; `None`: at once.
@@ -42,9 +42,10 @@ pub fn run<E: From<LinkError>>(
         .and_then(|accepted| follow(client, &accepted, options, &mut observe));
     let mut answers = true;
     if outcome.is_err() {
-        // Where the link is gone the stop cannot arrive; the device ends the program by itself and holds.
+        // Without a link the stop cannot arrive; the device ends the program by itself and holds.
         answers = client.request(Request::Stop).is_ok();
-        // What had arrived before the failure was noticed belongs to the run; the failure itself is reported already.
+        // Telemetry that arrived before the failure was noticed belongs to the run; the failure itself is reported
+        // already.
         while let Some(telemetry) = client.waiting() {
             if observe(client, &telemetry).is_err() {
                 break;

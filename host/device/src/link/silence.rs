@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 pub(crate) struct Silence(Duration);
 
 impl Silence {
-    /// What the device sends next; nothing where it sends nothing within `poll`.
+    /// Next message of the device; `None` if it sends none within `poll`.
     ///
     /// # Errors
     /// Those of the link; [`LinkError::Silent`] where nothing has come for [`SILENCE_LIMIT`].

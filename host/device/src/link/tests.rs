@@ -149,8 +149,8 @@ fn no_answer_and_another_protocol_are_distinguished() {
     assert!(matches!(mute, LinkError::NoAnswer { tries: 1, bytes: 0, .. }), "{mute}");
     let newer = connect_error(Script { version: protocol::VERSION + 1, ..Script::default() });
     assert!(matches!(newer, LinkError::OtherVersion { .. }), "{newer}");
-    let other = connect_error(Script { schema_hash: [9; 8], ..Script::default() });
-    assert!(matches!(&other, LinkError::OtherSchema { commit, .. } if commit == "fake"), "{other}");
+    let mismatch = connect_error(Script { schema_hash: [9; 8], ..Script::default() });
+    assert!(matches!(&mismatch, LinkError::OtherSchema { commit, .. } if commit == "fake"), "{mismatch}");
 }
 
 /// The bytes of a hello of version 3, as its firmware sends them.

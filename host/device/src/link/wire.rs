@@ -13,7 +13,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// What has been lost on the way from the device.
+/// Losses on the way from the device.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
 pub struct LinkLosses {
     /// Frames that were sent by the sequence numbers and did not arrive.
@@ -26,14 +26,14 @@ pub struct LinkLosses {
     pub samples_missing: u64,
 }
 
-/// What the reader thread hands over.
+/// Messages of the reader thread.
 enum Incoming {
     Frame(Box<Envelope>),
     HelloOfVersion(u16),
     Closed(io::Error),
 }
 
-/// What a caller gets from [`OpenPort::receive`].
+/// Result of [`OpenPort::receive`].
 #[derive(Debug)]
 pub enum Received {
     /// A frame.
@@ -45,7 +45,7 @@ pub enum Received {
     },
     /// A hello of a device that speaks this other version of the protocol.
     HelloOfVersion(u16),
-    /// Nothing came in time.
+    /// No message came in time.
     Nothing,
 }
 
@@ -80,7 +80,6 @@ impl OpenPort {
     /// Opens a port and starts reading it.
     pub fn open(name: &str) -> Result<Self, LinkError> {
         let Ends { reader: reading, writer } = port::open(name)?;
-        let gone = |cause: io::Error| LinkError::Gone { port: name.to_owned(), cause };
         let counters = Arc::new(Counters::default());
         let (sender, incoming) = mpsc::channel();
         let reader = std::thread::Builder::new()
@@ -89,7 +88,7 @@ impl OpenPort {
                 let counters = Arc::clone(&counters);
                 move || read_frames(reading, &sender, &counters)
             })
-            .map_err(gone)?;
+            .map_err(|cause| LinkError::Gone { port: name.to_owned(), cause })?;
         Ok(Self {
             name: name.to_owned(),
             writer,
@@ -159,7 +158,7 @@ impl OpenPort {
         self.counters.bytes.load(Ordering::Relaxed)
     }
 
-    /// What has been lost so far.
+    /// Losses so far.
     pub fn losses(&self) -> LinkLosses {
         let totals = self.tracker.totals();
         LinkLosses {

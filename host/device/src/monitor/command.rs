@@ -1,4 +1,4 @@
-//! What the user has the device do.
+//! Commands of the user to the device.
 
 use crate::link::Program;
 use std::sync::Arc;

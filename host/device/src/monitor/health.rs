@@ -1,4 +1,4 @@
-//! How the link does: rates over the last second, and what was lost since the monitor began.
+//! Condition of the link: rates over the last second, and what was lost since the monitor began.
 
 use crate::link::LinkLosses;
 use std::collections::VecDeque;
@@ -13,7 +13,7 @@ const ENTRY_S: f64 = 0.05;
 pub struct LinkTotals {
     /// Bytes from the device.
     pub bytes: u64,
-    /// What was lost on the way.
+    /// Losses on the way.
     pub losses: LinkLosses,
 }
 
@@ -83,8 +83,10 @@ impl LinkHealth {
         match (self.history.front(), self.history.back()) {
             (Some(first), Some(last)) if last.at_s > first.at_s => {
                 let span_s = last.at_s - first.at_s;
-                let rate = |first: u64, last: u64| last.saturating_sub(first) as f64 / span_s;
-                [rate(first.bytes, last.bytes), rate(first.samples, last.samples)]
+                fn rate(first: u64, last: u64, span_s: f64) -> f64 {
+                    last.saturating_sub(first) as f64 / span_s
+                }
+                [rate(first.bytes, last.bytes, span_s), rate(first.samples, last.samples, span_s)]
             }
             _ => [0.0; 2],
         }

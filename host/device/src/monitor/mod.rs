@@ -1,4 +1,4 @@
-//! What the device does, live, as `guide monitor` shows it.
+//! Live state of the device, as `guide monitor` shows it.
 //!
 //! The [`worker`] owns the link and reports what happens on it; the [`State`] is what follows from that. Drawing it is the program's.
 

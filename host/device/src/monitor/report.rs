@@ -1,4 +1,4 @@
-//! What is known of the device as one document for machines: `guide monitor --json`.
+//! State of the device as one document for machines: `guide monitor --json`.
 
 use super::state::State;
 use crate::link::LinkLosses;
@@ -7,7 +7,7 @@ use crate::link::display;
 use crate::link::error::fault_text;
 use serde::Serialize;
 
-/// One line of `guide monitor --json`, schema `guide.monitor/1`. What is not known is `null`.
+/// One line of `guide monitor --json`, schema `guide.monitor/1`. Unknown values are `null`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     schema: &'static str,
@@ -65,7 +65,7 @@ struct Device {
 }
 
 impl Report {
-    /// What is known now.
+    /// Report of the present state.
     pub fn new(state: &State, now_s: f64) -> Self {
         let mean = state.mean();
         let position_mm = mean.map(|(displacement_m, _)| displacement_m.map(|metres| metres * 1e3));

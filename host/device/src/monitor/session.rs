@@ -12,21 +12,21 @@ use protocol::{
 };
 use std::time::{Duration, Instant};
 
-/// How long one poll for telemetry waits: short, so that commands are handled soon.
+/// Time for which one poll for telemetry waits: short, so that commands are handled soon.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 /// A status that has not come unsolicited for this long is requested.
 const STATUS: Duration = Duration::from_millis(100);
 /// Limit of a device that has not stated its own yet, milliseconds.
 const LIMIT_MS: u32 = 2_000;
-/// How often the link's counters are reported.
+/// Interval at which the link's counters are reported.
 const CARRIED: Duration = Duration::from_millis(100);
 /// Speeds of jogs and of homing, millimetres per second.
 const JOG_MM_S: f64 = 1.0;
 const HOME_MM_S: f64 = 2.0;
-/// How long a tare averages, milliseconds.
+/// Averaging time of a tare, milliseconds.
 const TARE_MS: u32 = 1_000;
 
-/// What runs that was started here.
+/// Program or move that was started here.
 struct Running {
     name: String,
     is_jog: bool,
@@ -45,7 +45,7 @@ pub(super) struct Session<'a> {
     active: bool,
     fault: Option<Fault>,
     running: Option<Running>,
-    /// Where guide 2 was last sent, metres; none where that is not where it went.
+    /// Last commanded position of guide 2, metres; `None` if guide 2 did not go there.
     sent_to_m: Option<[f64; 2]>,
     /// A jog that waits for the end of the one that runs, metres.
     next_jog_m: Option<[f64; 2]>,
@@ -144,7 +144,7 @@ impl<'a> Session<'a> {
     fn status(&mut self) -> Result<Status, LinkError> {
         let status = self.client.status()?;
         self.keepalive.sent(Instant::now());
-        // What was sent before the answer comes first; the answer is among it.
+        // Answers to earlier commands come first; this answer is among them.
         self.catch_up()?;
         match status.state {
             State::Idle => self.ended(End::Completed)?,
@@ -183,14 +183,14 @@ impl<'a> Session<'a> {
             }
             return Ok(());
         }
-        let from_m = match self.sent_to_m {
+        let start_m = match self.sent_to_m {
             Some(sent_to_m) => sent_to_m,
             None => {
                 let status = self.status()?;
                 self.client.displacement_m(status.position_counts)
             }
         };
-        let ([x, y], [dx, dy]) = (from_m, by_m);
+        let ([x, y], [dx, dy]) = (start_m, by_m);
         let [x_m, y_m] = [x + dx, y + dy];
         let name = format!("jog to x {:+.3} mm, y {:+.3} mm", x_m * 1e3, y_m * 1e3);
         self.go(name, [x_m, y_m], JOG_MM_S, true)
@@ -278,8 +278,8 @@ impl<'a> Session<'a> {
                     format!(", noise x {x:.4} N, y {y:.4} N (sd of one reading)")
                 });
                 self.report(&format!("{name}: done{}", noise.unwrap_or_default()), true);
-                if let Some(by_m) = next_jog_m {
-                    return self.handle_command(UserCommand::Jog(by_m));
+                if let Some(jog_m) = next_jog_m {
+                    return self.handle_command(UserCommand::Jog(jog_m));
                 }
             }
             End::TareRejected => {

@@ -1,4 +1,4 @@
-//! What is known of the device from what has happened on its link. It has neither terminal nor clock: times are passed in.
+//! State of the device, from the events on its link. It has neither terminal nor clock: times are passed in.
 
 use super::health::{LinkHealth, LinkTotals};
 use super::traces::Traces;
@@ -16,12 +16,12 @@ const OLD_S: f64 = 1.0;
 /// Least width of the gap that a restart leaves in the plots, seconds.
 const RESTART_GAP_S: f64 = 0.1;
 
-/// What can happen on the link.
+/// Event on the link.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// The device has answered the hello.
     Connected {
-        /// Which start of the device this is.
+        /// Number of the device's start.
         boot_id: u32,
         /// Who it is.
         hello: Box<Hello>,
@@ -38,7 +38,7 @@ pub enum Event {
     Parted(String),
 }
 
-/// What became of a command.
+/// Result of a command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Outcome {
     /// In words.
@@ -74,12 +74,12 @@ pub struct Stiffness {
     pub ci95_n_per_m: [f64; 2],
 }
 
-/// What is known of the device.
+/// State of the device.
 #[derive(Debug, Clone, Default)]
 pub struct State {
     /// Port of the device.
     pub port: String,
-    /// What the device reported of itself when it was connected.
+    /// Hello that the device sent when it was connected.
     pub hello: Option<Box<Hello>>,
     /// Number of its start.
     pub boot_id: Option<u32>,
@@ -95,7 +95,7 @@ pub struct State {
     pub restart: Option<Restart>,
     /// Outcome of the last command, or what has been noticed since.
     pub outcome: Option<Outcome>,
-    /// Where the force no longer follows a model, in words.
+    /// Descriptions of the axes whose force no longer follows a model.
     pub parted: Vec<String>,
     /// Force and displacement over time.
     pub traces: Traces,
@@ -108,13 +108,13 @@ pub struct State {
     received_s: Option<f64>,
     /// Device time of the first sample of this connection.
     streamed_from_s: Option<f64>,
-    /// What to add to device time for the time of the plots, which goes on when the device starts again from zero.
+    /// Offset from device time to the time of the plots, which goes on when the device starts again from zero.
     offset_s: f64,
     news: u64,
 }
 
 impl State {
-    /// Nothing is known yet of the device at this port.
+    /// State before any event of the device at this port.
     pub fn new(port: &str) -> Self {
         Self { port: port.to_owned(), ..Self::default() }
     }
@@ -126,8 +126,8 @@ impl State {
             Event::Telemetry(telemetry) => self.telemetry(telemetry, now_s),
             Event::LinkTotals(totals) => self.health.update(totals, now_s),
             Event::Lost(reason) => {
-                let since_s = self.down.as_ref().map_or(now_s, |down| down.since_s);
-                self.down = Some(ConnectionLoss { reason, since_s });
+                let silent_since_s = self.down.as_ref().map_or(now_s, |down| down.since_s);
+                self.down = Some(ConnectionLoss { reason, since_s: silent_since_s });
                 self.news += 1;
             }
             Event::Command(outcome) => self.outcome = Some(outcome),
@@ -195,8 +195,9 @@ impl State {
         self.streamed_from_s.get_or_insert(point.time_s);
         self.traces.push(point.time_s + self.offset_s, [force_x, force_y, x, y]);
         self.recent.push_back(point);
-        let old = |first: &Point| point.time_s - first.time_s >= MEAN_S;
-        while self.recent.len() > MEAN_SAMPLES || self.recent.front().is_some_and(old) {
+        while self.recent.len() > MEAN_SAMPLES
+            || self.recent.front().is_some_and(|first: &Point| point.time_s - first.time_s >= MEAN_S)
+        {
             self.recent.pop_front();
         }
     }
@@ -238,7 +239,9 @@ impl State {
             return Some((mean(|point| point.displacement_m), mean(|point| point.force_n)));
         }
         let (hello, status) = (self.hello.as_ref()?, self.status.as_ref()?);
-        let si = |counts: [i32; 2], nano: u32| counts.map(|count| f64::from(count) * f64::from(nano) * 1e-9);
+        fn si(counts: [i32; 2], nano: u32) -> [f64; 2] {
+            counts.map(|count| f64::from(count) * f64::from(nano) * 1e-9)
+        }
         let displacement_m = si(status.position_counts, hello.scales.position_nm_per_count);
         Some((displacement_m, si(status.force_counts, hello.scales.force_nn_per_count)))
     }

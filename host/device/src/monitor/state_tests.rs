@@ -1,4 +1,4 @@
-//! What is known after what has happened.
+//! Tests of the state after events.
 
 use super::*;
 use crate::link::LinkLosses;
@@ -63,10 +63,10 @@ fn a_lost_connection_keeps_the_values_and_marks_them_old() {
     let mut state = running(5);
     assert!(!state.is_old(5.5));
     assert!(state.is_old(6.5), "nothing received for longer than a second");
-    let before = state.mean();
+    let first_mean = state.mean();
     state.take(Event::Lost("unplugged".to_owned()), 5.5);
     state.take(Event::Lost("no such port".to_owned()), 6.5);
-    assert!(state.is_old(6.5) && state.mean() == before);
+    assert!(state.is_old(6.5) && state.mean() == first_mean);
     assert_eq!(state.down(), Some(&ConnectionLoss { reason: "no such port".to_owned(), since_s: 5.5 }));
     assert!((state.edge_s(8.0) - 8.0).abs() < 0.01, "the plots go on");
 }
@@ -143,9 +143,9 @@ fn every_status_and_every_change_of_the_connection_is_news() {
 #[test]
 fn what_no_longer_follows_a_model_is_shown_and_kept() {
     let mut state = State::new("port");
-    let before = state.news();
+    let first_news = state.news();
     state.take(Event::Parted("the force along y no longer follows".to_owned()), 1.0);
-    assert!(state.news() > before);
+    assert!(state.news() > first_news);
     assert!(state.outcome.as_ref().is_some_and(|outcome| !outcome.good && outcome.text.contains("along y")));
     // A command's outcome takes its line, and not its place in the document.
     state.take(Event::Command(Outcome { text: "home: done".to_owned(), good: true }), 2.0);

@@ -1,4 +1,4 @@
-//! What the monitor's tests share: a device in ordinary operation.
+//! Helpers that the monitor's tests share: a device in ordinary operation.
 
 use device::link::{Batch, Point, Telemetry};
 use device::monitor::state::{Event, State};
@@ -40,24 +40,25 @@ pub fn status(t_us: u64, fault: Option<Fault>) -> Status {
 
 /// One batch of samples from a device time on: a push along y.
 pub fn batch(from_ms: u64, count: u64) -> Telemetry {
-    let point = |t_ms: u64| {
-        let y_m = 1.2e-3 * (t_ms % 4_000) as f64 / 4_000.0;
-        Point {
-            time_s: t_ms as f64 * 1e-3,
-            displacement_m: [-0.25e-3, y_m],
-            force_n: [0.001, 1_530.0 * y_m],
-            repeats_force: false,
-        }
-    };
     Telemetry::Samples(Batch {
         state: Phase::Holding,
         step: Some(2),
         lost_before: 0,
-        points: (from_ms..from_ms + count).map(point).collect(),
+        points: (from_ms..from_ms + count)
+            .map(|t_ms| {
+                let y_m = 1.2e-3 * (t_ms % 4_000) as f64 / 4_000.0;
+                Point {
+                    time_s: t_ms as f64 * 1e-3,
+                    displacement_m: [-0.25e-3, y_m],
+                    force_n: [0.001, 1_530.0 * y_m],
+                    repeats_force: false,
+                }
+            })
+            .collect(),
     })
 }
 
-/// What is known of a device that has been streaming for some seconds, by a host whose clock shows the same.
+/// State of a device that has been streaming for some seconds, by a host whose clock shows the same.
 pub fn running(seconds: u64) -> State {
     let mut state = State::new("/dev/ttyACM0");
     state.take(Event::Connected { boot_id: 7, hello: hello(0, None) }, 0.0);

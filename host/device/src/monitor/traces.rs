@@ -1,4 +1,5 @@
-//! What the plots are drawn from: least and greatest value of every channel per short bin of time, for the last two minutes.
+//! Series from which the plots are drawn: least and greatest value of every channel per short bin of time, for the last
+//! two minutes.
 //!
 //! A spike of one sample stays visible at any scale because only extremes are kept and merged, never means.
 
@@ -8,7 +9,7 @@ use std::collections::VecDeque;
 pub const CHANNELS: usize = 4;
 /// Length of a bin, seconds: shorter than a dot of the shortest window is wide.
 pub const BIN_S: f64 = 0.005;
-/// How much is kept, seconds: the longest window.
+/// Duration that is kept, seconds: the longest window.
 pub const HISTORY_S: f64 = 120.0;
 /// Bins that are kept at most.
 pub const MAX_BINS: usize = (HISTORY_S / BIN_S) as usize;
@@ -21,7 +22,7 @@ pub type Values = [f64; CHANNELS];
 /// Extremes of one channel over one column of a plot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Column {
-    /// Which column it is, from 0.
+    /// Number of the column, from 0.
     pub place: usize,
     /// Least value.
     pub low: f64,
@@ -91,7 +92,7 @@ impl Traces {
         self.bins.len()
     }
 
-    /// Nothing has been taken yet.
+    /// Whether no value has been taken yet.
     pub fn is_empty(&self) -> bool {
         self.bins.is_empty()
     }
@@ -116,21 +117,21 @@ impl Traces {
             if !(low.is_finite() && high.is_finite()) {
                 continue;
             }
-            let place = ((begin_s - from_s) / width_s).max(0.0) as usize;
-            let place = place.min(columns.max(1) - 1);
+            let column_index = ((begin_s - from_s) / width_s).max(0.0) as usize;
+            let clamped = column_index.min(columns.max(1) - 1);
             let joined = last.is_some_and(|(index, _)| bin.index.saturating_sub(index) <= GAP_BINS);
-            let same = last.is_some_and(|(_, column)| column == place);
+            let is_same = last.is_some_and(|(_, column)| column == clamped);
             match runs.last_mut() {
                 Some(run) if joined => match run.last_mut() {
-                    Some(column) if same => {
+                    Some(column) if is_same => {
                         column.low = column.low.min(*low);
                         column.high = column.high.max(*high);
                     }
-                    _ => run.push(Column { place, low: *low, high: *high }),
+                    _ => run.push(Column { place: clamped, low: *low, high: *high }),
                 },
-                _ => runs.push(vec![Column { place, low: *low, high: *high }]),
+                _ => runs.push(vec![Column { place: clamped, low: *low, high: *high }]),
             }
-            last = Some((bin.index, place));
+            last = Some((bin.index, clamped));
         }
         runs
     }
@@ -217,14 +218,14 @@ mod tests {
                 points.push((time_s, value));
                 prop_assert!(traces.len() <= MAX_BINS);
             }
-            let to_s = time_us as f64 * 1e-6;
-            let from_s = (to_s - HISTORY_S + 2.0 * BIN_S).max(0.0);
-            let runs = traces.runs(0, from_s, to_s, columns);
-            let inside = points.iter().filter(|(time_s, _)| *time_s >= from_s);
-            let (low, high) = inside.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), (_, v)| (l.min(*v), h.max(*v)));
+            let end_s = time_us as f64 * 1e-6;
+            let start_s = (end_s - HISTORY_S + 2.0 * BIN_S).max(0.0);
+            let runs = traces.runs(0, start_s, end_s, columns);
+            let kept_points = points.iter().filter(|(time_s, _)| *time_s >= start_s);
+            let (low, high) = kept_points.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), (_, v)| (l.min(*v), h.max(*v)));
             let (least, greatest) = extremes(&runs);
             prop_assert!(least <= low && greatest >= high);
-            // Nothing is added either.
+            // No value is added either.
             prop_assert!(points.iter().any(|(_, v)| *v == least) && points.iter().any(|(_, v)| *v == greatest));
             // In order of time, and at most one entry per column of a run.
             let places: Vec<usize> = runs.iter().flatten().map(|column| column.place).collect();

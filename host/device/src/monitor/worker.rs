@@ -55,7 +55,7 @@ impl Worker {
     /// Has something done; its outcome is reported.
     pub fn send(&self, command: UserCommand) {
         if let Some(commands) = &self.commands {
-            // Where the thread has ended the command is lost; `is_running` reports it.
+            // If the thread has ended, the command is lost; `is_running` reports it.
             let _ = commands.send(command);
         }
     }
@@ -75,7 +75,7 @@ impl Drop for Worker {
     }
 }
 
-/// What the thread holds.
+/// State of the thread.
 struct Link {
     port: String,
     commands: Receiver<UserCommand>,
@@ -96,7 +96,7 @@ impl Link {
                 return;
             }
             connected = Client::connect_within(&self.port, 1);
-            // What was ordered meanwhile was meant for what was on the screen then.
+            // Commands given meanwhile referred to an older screen.
             if self.has_quit_within(Duration::ZERO) {
                 return;
             }

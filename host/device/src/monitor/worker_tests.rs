@@ -13,11 +13,14 @@ const TIMEOUT: Duration = Duration::from_secs(10);
 fn started(port: &str) -> (Worker, Receiver<Event>) {
     let (sender, events) = mpsc::channel();
     let client = Client::connect(port).expect("connects");
-    let on_event = move |event| {
-        // The test may have ended.
-        let _ = sender.send(event);
-    };
-    (Worker::start(client, on_event).expect("a thread"), events)
+    (
+        Worker::start(client, move |event| {
+            // The test may have ended.
+            let _ = sender.send(event);
+        })
+        .expect("a thread"),
+        events,
+    )
 }
 
 fn with_program(program: &[Act]) -> (FakeDevice, Worker, Receiver<Event>) {
@@ -30,9 +33,9 @@ fn with_program(program: &[Act]) -> (FakeDevice, Worker, Receiver<Event>) {
 fn wait_for<T>(events: &Receiver<Event>, mut wanted: impl FnMut(Event) -> Option<T>) -> T {
     let deadline = Instant::now() + TIMEOUT;
     loop {
-        let left = deadline.saturating_duration_since(Instant::now());
-        if let Some(found) = wanted(events.recv_timeout(left).expect("the event comes in time")) {
-            return found;
+        let remaining = deadline.saturating_duration_since(Instant::now());
+        if let Some(event) = wanted(events.recv_timeout(remaining).expect("the event comes in time")) {
+            return event;
         }
     }
 }
@@ -151,7 +154,9 @@ fn in_a_fault_under_load_jogs_are_retreats_and_a_key_leads_to_the_middle() {
     worker.send(UserCommand::Jog([2e-3, 0.0]));
     assert_eq!(outcome(&events), ("retreat by x +1.000 mm, y +0.000 mm ...".to_owned(), true));
     assert_eq!(outcome(&events), ("retreat: unloaded: `guide clear` clears the fault".to_owned(), true));
-    let retreats = |request: &&Request| matches!(request, Request::Retreat { .. });
+    fn retreats(request: &&Request) -> bool {
+        matches!(request, Request::Retreat { .. })
+    }
     assert_eq!(device.executed().iter().filter(retreats).count(), 1);
     assert_eq!(moves(&device).len(), 1, "only the way home before the fault");
 }
@@ -184,9 +189,9 @@ fn a_device_that_restarts_is_connected_again_at_once() {
     assert_eq!(connected(&events), BOOT_ID);
     worker.send(UserCommand::Home);
     assert!(lost(&events).contains("restarted"));
-    let before = Instant::now();
+    let started = Instant::now();
     assert_eq!(connected(&events), BOOT_ID + 1);
-    assert!(before.elapsed() < RECONNECT);
+    assert!(started.elapsed() < RECONNECT);
 }
 
 /// Another device at the same name is a link to another pseudo terminal.
@@ -195,13 +200,13 @@ fn a_device_that_restarts_is_connected_again_at_once() {
 fn a_device_that_is_plugged_in_again_is_found_and_orders_meanwhile_are_not_kept() {
     let folder = tempfile::tempdir().expect("a folder");
     let port = folder.path().join("port");
-    let lead_to = |device: &FakeDevice| {
-        let _ = std::fs::remove_file(&port);
-        std::os::unix::fs::symlink(Path::new(&device.port), &port).expect("a link");
-    };
+    fn lead_to(device: &FakeDevice, port: &std::path::PathBuf) {
+        let _ = std::fs::remove_file(port);
+        std::os::unix::fs::symlink(Path::new(&device.port), port).expect("a link");
+    }
     let program = vec![Act::Batch(32), Act::Wait(200), Act::Vanish];
     let first = FakeDevice::start(Script { program, ..Script::default() });
-    lead_to(&first);
+    lead_to(&first, &port);
     let (worker, events) = started(port.to_str().expect("UTF-8"));
     connected(&events);
     worker.send(UserCommand::Home);
@@ -211,7 +216,7 @@ fn a_device_that_is_plugged_in_again_is_found_and_orders_meanwhile_are_not_kept(
     drop(first);
     lost(&events);
     let second = FakeDevice::start(Script::default());
-    lead_to(&second);
+    lead_to(&second, &port);
     assert_eq!(connected(&events), BOOT_ID);
     drop(worker);
     assert!(moves(&second).is_empty(), "an command from before the connection was carried out");

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 /// Time a hold has lasted before a sweep is taken: the guide has settled before, the tissue's quickest creep follows.
 const SWEEP_DELAY_S: f64 = 0.3;
-/// How far a tracker's shape can be ahead of the samples that have arrived.
+/// Largest lead of a tracker's shape over the samples that have arrived.
 const AHEAD_S: f64 = 0.1;
 
 /// Follows a program and takes its sweeps.
@@ -19,7 +19,7 @@ pub(super) struct Sweeps<'a> {
     under_way: Option<(SweepTask<Taken>, u8, f64)>,
 }
 
-/// What a command has taken.
+/// Result of a command that takes a sweep.
 enum Taken {
     Sweep(Sweep),
     Frames(PathBuf),
@@ -28,8 +28,8 @@ enum Taken {
 impl<'a> Sweeps<'a> {
     pub fn new(program: &Program, ultrasound: Ultrasound<'a>) -> Self {
         let has_one = !matches!(ultrasound, Ultrasound::Absent);
-        let wanted = (0u8..).zip(&program.steps).filter(|(_, step)| step.sweep && has_one);
-        Self { wanted: wanted.map(|(index, _)| (index, None)).collect(), ultrasound, under_way: None }
+        let sweep_steps = (0u8..).zip(&program.steps).filter(|(_, step)| step.sweep && has_one);
+        Self { wanted: sweep_steps.map(|(index, _)| (index, None)).collect(), ultrasound, under_way: None }
     }
 
     /// Takes samples, after they have been recorded.
@@ -42,8 +42,8 @@ impl<'a> Sweeps<'a> {
         if let (Some(first), Some(last)) = (batch.points.first(), batch.points.last())
             && let Some(span) = batch.step.and_then(|step| self.wanted.get_mut(&step))
         {
-            let [from_s, _] = span.unwrap_or([first.time_s, first.time_s]);
-            *span = Some([from_s, last.time_s]);
+            let [start_s, _] = span.unwrap_or([first.time_s, first.time_s]);
+            *span = Some([start_s, last.time_s]);
         }
         match &mut self.ultrasound {
             Ultrasound::Absent => Ok(()),
@@ -51,11 +51,11 @@ impl<'a> Sweeps<'a> {
             Ultrasound::Tracker(tracker) => {
                 tracker.samples(batch);
                 let times_s = recorder.track(tracker, observer)?;
-                let is_tracked = |span: &Option<[f64; 2]>| {
-                    let [from_s, to_s] = span.unwrap_or([f64::INFINITY; 2]);
-                    times_s.iter().any(|time_s| (from_s..=to_s + AHEAD_S).contains(time_s))
-                };
-                self.wanted.retain(|_, span| !is_tracked(span));
+                fn is_tracked(span: &Option<[f64; 2]>, times_s: &[f64]) -> bool {
+                    let [start_s, end_s] = span.unwrap_or([f64::INFINITY; 2]);
+                    times_s.iter().any(|time_s| (start_s..=end_s + AHEAD_S).contains(time_s))
+                }
+                self.wanted.retain(|_, span| !is_tracked(span, &times_s));
                 Ok(())
             }
         }
@@ -89,12 +89,13 @@ impl<'a> Sweeps<'a> {
                 Err(_) => return Err(RecordError::HoldTooShort { number: usize::from(step) + 1 }),
             }
         }
-        let Some((step, [from_s, _])) = batch.step.and_then(|step| Some((step, (*self.wanted.get(&step)?)?)))
+        let Some((step, [start_s, _])) =
+            batch.step.and_then(|step| Some((step, (*self.wanted.get(&step)?)?)))
         else {
             return Ok(());
         };
         // The sample is chosen by its own time: where batches begin and end differs from run to run.
-        let due = batch.points.iter().find(|point| point.time_s >= from_s + SWEEP_DELAY_S);
+        let due = batch.points.iter().find(|point| point.time_s >= start_s + SWEEP_DELAY_S);
         let Some(due) = due else { return Ok(()) };
         let task = match &self.ultrasound {
             Ultrasound::Command(command) => {
@@ -120,7 +121,9 @@ impl<'a> Sweeps<'a> {
 
     /// Whether every hold that wanted a sweep had one.
     pub fn check_complete(&self) -> Result<(), RecordError> {
-        let number = |step: &u8| usize::from(*step) + 1;
+        fn number(step: &u8) -> usize {
+            usize::from(*step) + 1
+        }
         if let Some((_, step, _)) = &self.under_way {
             return Err(RecordError::HoldTooShort { number: number(step) });
         }

@@ -132,8 +132,8 @@ fn samples_sweeps_and_losses_are_in_the_session() {
     assert_eq!(recorded.duration_s, 0.403);
     let run = &session.lateral[0];
     assert_eq!(samples(run), 384);
-    let held = Mark { step: Some(0), moving: Some(false) };
-    assert_eq!(run.force.marks.as_deref(), Some(&[held; 384][..]));
+    let hold_mark = Mark { step: Some(0), moving: Some(false) };
+    assert_eq!(run.force.marks.as_deref(), Some(&[hold_mark; 384][..]));
     assert_eq!(run.provenance.calibration_crc, Some(fake::calibration().crc()));
     assert_eq!(run.provenance.calibration_id.as_deref(), Some("fake-1"));
     assert_eq!(run.provenance.firmware.as_deref(), Some("0.0.0 (fake)"));

@@ -3,9 +3,10 @@
 //! `/frames` is the recording: the exact bytes of every intact frame, each with its own checksum. Everything else is a view of it
 //! for people and tools, regenerated from the frames by `guide recover`.
 //!
-//! Samples are messages of their own, because a plot over time needs a time per value, which arrays of a batch do not have. They
-//! are in the encoding of ROS 1: plain fields without padding, whose schema is a text that every reader of recordings has. A
-//! sample takes 23 bytes; as JSON it would take 150, a thousand times a second. What comes rarely is JSON, which needs no tool.
+//! Samples are messages of their own, because a plot over time needs a time per value, which arrays of a batch do not
+//! have. They are in the encoding of ROS 1: plain fields without padding, whose schema is a text that every reader of
+//! recordings has. A sample takes 23 bytes; as JSON it would take 150, a thousand times a second. Rare messages are
+//! JSON, which needs no tool.
 
 use super::format::{op, record, sized};
 
@@ -24,11 +25,11 @@ pub enum Channel {
     Hello,
     /// A command that this program sent.
     Command,
-    /// What is recorded, with what rig; repeated too.
+    /// Description of the run and its rig; repeated too.
     RecordingInfo,
 }
 
-/// How many channels there are.
+/// Number of channels.
 pub const COUNT: usize = 7;
 
 impl Channel {

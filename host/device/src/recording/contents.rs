@@ -1,4 +1,4 @@
-//! What a recording holds, and what it does not hold any more.
+//! Contents and damage of a recording.
 
 use super::error::RecordingError;
 use super::replay::{DamageSummary, Replay, ReplayItem};
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// Most faults that are listed.
 const LISTED_FAULTS: usize = 50;
 
-/// What is in a recording.
+/// Contents of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Contents {
     /// The file.
@@ -21,7 +21,7 @@ pub struct Contents {
     pub command: Option<String>,
     /// Name of the run in its session.
     pub run: Option<String>,
-    /// How far the needle is in the tissue, millimetres.
+    /// Insertion depth of the needle, millimetres.
     pub depth_mm: Option<f64>,
     /// The device.
     pub device: Option<Device>,
@@ -45,14 +45,14 @@ pub struct Contents {
     pub restarts: u64,
     /// Faults that were latched: the first of them.
     pub faults: Vec<RecordedFault>,
-    /// What is wrong with the file.
+    /// Damage of the file.
     pub damage: DamageSummary,
 }
 
 /// The device of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Device {
-    /// Which start of it.
+    /// Number of the device's start.
     pub boot_id: u32,
     /// Board.
     pub board: String,
@@ -113,8 +113,8 @@ impl Survey {
         if let Some(batch) = batch
             && let (Some(first), Some(last)) = (batch.points.first(), batch.points.last())
         {
-            let [from_s, _] = self.times_s.unwrap_or([first.time_s; 2]);
-            self.times_s = Some([from_s, last.time_s]);
+            let [start_s, _] = self.times_s.unwrap_or([first.time_s; 2]);
+            self.times_s = Some([start_s, last.time_s]);
         }
         let (t_us, fault) = match &envelope.message {
             Message::Event(event) => match event.kind {
@@ -140,14 +140,14 @@ impl Survey {
             Message::Hello(hello) => Some(Device::new(envelope.boot_id, hello)),
             _ => None,
         });
-        let about = replay.about();
+        let info = replay.about();
         let [first_s, last_s] = self.times_s.unwrap_or_default();
         Contents {
             file: replay.path().to_owned(),
             bytes: replay.bytes(),
-            command: about.map(|about| about.command.clone()),
-            run: about.map(|about| about.run.clone()),
-            depth_mm: about.map(|about| about.depth_mm),
+            command: info.map(|info| info.command.clone()),
+            run: info.map(|info| info.run.clone()),
+            depth_mm: info.map(|info| info.depth_mm),
             device,
             first_s: self.times_s.map(|_| first_s),
             last_s: self.times_s.map(|_| last_s),

@@ -1,4 +1,4 @@
-//! What can be wrong with a recording, and where.
+//! Errors of a recording, with their position.
 
 use formats::session::SessionError;
 use std::path::PathBuf;
@@ -11,9 +11,9 @@ pub enum RecordingError {
     Io {
         /// The file.
         path: PathBuf,
-        /// Where in the file.
+        /// Position in the file.
         offset: u64,
-        /// What was tried.
+        /// Action that failed.
         action: &'static str,
         /// The operating system's error.
         cause: std::io::Error,
@@ -29,7 +29,7 @@ pub enum RecordingError {
     Compressed {
         /// The file.
         path: PathBuf,
-        /// Where the chunk begins.
+        /// Position at which the chunk begins.
         offset: u64,
         /// The compression.
         name: String,
@@ -54,7 +54,7 @@ pub enum RecordingError {
         /// The version in the file.
         theirs: u16,
     },
-    /// What the counts mean is not known.
+    /// Without a hello the meaning of the counts is unknown.
     #[error("{}: no intact hello of the device is in it, so what its counts mean is not known", path.display())]
     NoHello {
         /// The file.
@@ -65,7 +65,7 @@ pub enum RecordingError {
     Unknown {
         /// The file.
         path: PathBuf,
-        /// What is missing.
+        /// Missing content.
         what: &'static str,
         /// The option that gives it.
         option: &'static str,
@@ -93,7 +93,7 @@ pub enum RecordingError {
     },
 }
 
-/// Where something failed; the beginning of the file is not mentioned.
+/// Position of an error; the beginning of the file is not mentioned.
 fn at_byte(offset: u64) -> String {
     if offset == 0 { String::new() } else { format!(" at byte {offset}") }
 }

@@ -12,21 +12,22 @@ use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// What a session needs and the recording may not have; what is given goes before what is recorded.
+/// Options for content that a session needs and the recording may lack; an option has precedence
+/// over recorded content.
 #[derive(Debug, Clone, Default)]
 pub struct RunOptions {
     /// Name of the run.
     pub id: Option<String>,
-    /// How far the needle is in the tissue, millimetres.
+    /// Insertion depth of the needle, millimetres.
     pub depth_mm: Option<f64>,
     /// Needle, guides and noise.
     pub setup: Option<Setup>,
 }
 
-/// What was exported.
+/// Result of an export.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exported {
-    /// What is in the recording.
+    /// Contents of the recording.
     pub contents: Contents,
     /// Name of the run in the session.
     pub run: Option<String>,
@@ -46,22 +47,27 @@ pub fn to_session(
     progress: &mut dyn FnMut(u64),
 ) -> Result<Exported, RecordingError> {
     let mut replay = Replay::open(from)?;
-    let unknown = |what, option| RecordingError::Unknown { path: from.to_owned(), what, option };
+    fn unknown(what: &'static str, option: &'static str, from: &Path) -> RecordingError {
+        RecordingError::Unknown { path: from.to_owned(), what, option }
+    }
     let tared = replay.about().and_then(|about| about.tared);
     let made_with = match replay.hello() {
         Some(hello) => provenance(hello, tared),
         None => return Err(RecordingError::NoHello { path: from.to_owned() }),
     };
-    let about = replay.about().cloned();
-    let depth_mm = options.depth_mm.or(about.as_ref().map(|about| about.depth_mm));
-    let depth_mm = depth_mm.ok_or_else(|| unknown("the depth", "--depth-mm MM"))?;
-    let recorded_setup = about.as_ref().map(|about| Setup::parse(from, &about.rig_toml)).transpose()?;
+    let info = replay.about().cloned();
+    let depth_mm = options.depth_mm.or(info.as_ref().map(|info| info.depth_mm));
+    let depth_mm = depth_mm.ok_or_else(|| unknown("the depth", "--depth-mm MM", from))?;
+    let recorded_setup = info.as_ref().map(|info| Setup::parse(from, &info.rig_toml)).transpose()?;
     let setup = options.setup.clone().or(recorded_setup);
-    let setup = setup.ok_or_else(|| unknown("the rig", "--rig FILE"))?;
-    let recorded_id = || about.as_ref().map(|about| about.run.clone());
-    let id = options.id.clone().or_else(recorded_id).unwrap_or_else(|| format!("d{depth_mm}-1"));
+    let setup = setup.ok_or_else(|| unknown("the rig", "--rig FILE", from))?;
+    let id = options
+        .id
+        .clone()
+        .or_else(|| info.as_ref().map(|info| info.run.clone()))
+        .unwrap_or_else(|| format!("d{depth_mm}-1"));
     // A program's recording has its own states only; the time before its start and after its end is not part of the run.
-    let program_only = about.is_some_and(|about| about.command == "acquire");
+    let program_only = info.is_some_and(|info| info.command == "acquire");
 
     let mut session = SessionWriter::open(dir, &setup)?;
     let export = || {
@@ -69,9 +75,9 @@ pub fn to_session(
         writer.made_with(made_with);
         let mut recorder = Recorder::new(&mut writer);
         let contents = each_batch(&mut replay, progress, |batch| {
-            let outside =
+            let is_outside_run =
                 matches!(batch.state, State::Idle | State::Pending | State::Faulted | State::Retreating);
-            if program_only && outside { Ok(()) } else { Ok(recorder.batch(batch)?) }
+            if program_only && is_outside_run { Ok(()) } else { Ok(recorder.batch(batch)?) }
         })?;
         let rows = recorder.recorded().samples;
         writer.finish()?;

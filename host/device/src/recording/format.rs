@@ -38,12 +38,12 @@ pub const MAX_CHUNK_BYTES: u64 = 16 << 20;
 /// Appends a record.
 pub fn record(out: &mut Vec<u8>, opcode: u8, content: impl FnOnce(&mut Vec<u8>)) {
     out.push(opcode);
-    let at = out.len();
+    let length_index = out.len();
     out.extend_from_slice(&[0; 8]);
     content(out);
-    let length = (out.len() - at - 8) as u64;
-    if let Some(place) = out.get_mut(at..at + 8) {
-        place.copy_from_slice(&length.to_le_bytes());
+    let length = (out.len() - length_index - 8) as u64;
+    if let Some(length_bytes) = out.get_mut(length_index..length_index + 8) {
+        length_bytes.copy_from_slice(&length.to_le_bytes());
     }
 }
 
@@ -59,8 +59,8 @@ pub struct Fields<'a>(pub &'a [u8]);
 
 impl<'a> Fields<'a> {
     pub fn bytes(&mut self, length: usize) -> Option<&'a [u8]> {
-        let (head, rest) = self.0.split_at_checked(length)?;
-        self.0 = rest;
+        let (head, tail) = self.0.split_at_checked(length)?;
+        self.0 = tail;
         Some(head)
     }
 

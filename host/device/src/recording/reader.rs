@@ -1,8 +1,8 @@
 //! Reading the container: intact chunks, one at a time, and what can be saved between them.
 //!
-//! Only what a checksum covers is accepted; in files without chunks these are the checksums of the frames. Where the records do not follow each other as they should, everything from the end of
-//! the last one that was sound is searched for the next intact chunk; the frames in between are found by the same receiver
-//! that finds them on the line.
+//! Only what a checksum covers is accepted; in files without chunks these are the checksums of the frames. If records
+//! do not follow each other as they should, the reader searches from the end of the last valid one for the next intact
+//! chunk; the receiver of the serial line finds the frames in between.
 
 use super::error::RecordingError;
 use super::format::{
@@ -18,7 +18,7 @@ const WINDOW_BYTES: u64 = 64 << 10;
 /// Bytes that a chunk's head takes, its record's included.
 const HEAD_BYTES: u64 = RECORD_HEAD + CHUNK_HEAD;
 
-/// What the reader finds, in the order of the file.
+/// Items of a recording, in the order of the file.
 #[derive(Debug)]
 pub enum ReadItem {
     /// The records of an intact chunk, or an intact record outside of chunks.
@@ -32,7 +32,7 @@ pub enum ReadItem {
 /// A damaged or missing part of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct Damage {
-    /// Where it begins.
+    /// Position at which it begins.
     pub offset: u64,
     /// Its length.
     pub bytes: u64,
@@ -44,7 +44,7 @@ pub struct Reader {
     path: PathBuf,
     file: File,
     length: u64,
-    /// Where to read on.
+    /// Position from which reading continues.
     at: u64,
     /// End of the last record whose content was checked.
     sound: u64,
@@ -60,7 +60,7 @@ struct Search {
     receiver: EnvelopeReceiver,
 }
 
-/// What is at a position of the file.
+/// Content at a position of the file.
 enum Place {
     Chunk { records: Vec<u8>, end: u64 },
     Passed { end: u64, checked: bool },
@@ -101,7 +101,7 @@ impl Reader {
         self.length
     }
 
-    /// How far it has been read.
+    /// Number of bytes that have been read.
     pub fn position(&self) -> u64 {
         self.at
     }
@@ -140,7 +140,7 @@ impl Reader {
                     (self.at, self.finished) = (self.length, true);
                 }
                 Place::DataEnd { .. } | Place::Nothing => {
-                    // What was passed unchecked may have led here by a wrong length.
+                    // A wrong length in unchecked bytes may have led here.
                     self.at = self.sound;
                     self.search = Some(Search { from: self.sound, receiver: EnvelopeReceiver::new() });
                 }
@@ -157,13 +157,13 @@ impl Reader {
         let window = self.bytes(self.at, WINDOW_BYTES + HEAD_BYTES)?;
         let last = usize::try_from(WINDOW_BYTES).unwrap_or(usize::MAX).min(window.len());
         let mut end = last;
-        let mut found = false;
+        let mut is_candidate = false;
         for start in 0..last {
             let head = window.get(start..).unwrap_or_default();
             if ChunkHead::read(head).is_some()
                 && matches!(self.place(self.at + start as u64)?, Place::Chunk { .. })
             {
-                (end, found) = (start, true);
+                (end, is_candidate) = (start, true);
                 break;
             }
         }
@@ -174,7 +174,7 @@ impl Reader {
         });
         let saved: Vec<_> = frames.collect();
         self.at += end as u64;
-        if !found {
+        if !is_candidate {
             self.search = Some(search);
             return Ok(ReadItem::Saved(saved));
         }
@@ -187,7 +187,7 @@ impl Reader {
         Ok(ReadItem::Saved(saved))
     }
 
-    /// What is at this position.
+    /// Content at this position.
     fn place(&mut self, at: u64) -> Result<Place, RecordingError> {
         let head = self.bytes(at, HEAD_BYTES)?;
         let mut fields = Fields(&head);
@@ -263,11 +263,11 @@ impl Reader {
     /// Checksum of a part of the file.
     fn checksum(&mut self, from: u64, to: u64) -> Result<u32, RecordingError> {
         let mut digest = CRC.digest();
-        let mut at = from;
-        while at < to {
-            let bytes = self.bytes(at, WINDOW_BYTES.min(to - at))?;
+        let mut chunk_start = from;
+        while chunk_start < to {
+            let bytes = self.bytes(chunk_start, WINDOW_BYTES.min(to - chunk_start))?;
             digest.update(&bytes);
-            at += WINDOW_BYTES;
+            chunk_start += WINDOW_BYTES;
         }
         Ok(digest.finalize())
     }
@@ -290,8 +290,8 @@ fn is_channel(content: &[u8]) -> bool {
     fields.bytes(4).is_some() && fields.sized().is_some_and(|topic| topic.starts_with(b"/"))
 }
 
-/// Whether a record outside of chunks is a message of a recording: an intact frame, or a document. What a damaged length makes of other
-/// records is neither.
+/// Whether a record outside of chunks is a message of a recording: an intact frame, or a document. Records that follow
+/// from a damaged length are neither.
 fn is_message(content: &[u8]) -> bool {
     // Channel, sequence, two times.
     let data = content.get(22..).unwrap_or_default();

@@ -1,7 +1,8 @@
 //! Recording a link while it is used: a thread of its own writes, so that a slow disk does not hold up the link.
 //!
-//! What has arrived is on the disk within a fifth of a second, in whole chunks with their checksums. What waits between the
-//! link and the thread is bounded; where the disk stalls for longer, the link's own queue holds what arrives.
+//! Data are on the disk within a fifth of a second of their arrival, in whole chunks with their checksums. The queue
+//! between the link and the thread is bounded; if the disk stalls for longer, the link's own queue holds the data
+//! that arrive.
 
 use super::error::RecordingError;
 use super::transcript::Transcript;
@@ -27,13 +28,13 @@ pub struct RawRecorder {
     worker: JoinHandle<Result<u64, RecordingError>>,
 }
 
-/// What is handed to the thread.
+/// Message to the thread.
 enum Entry {
     /// From the device, at this time of this machine's clock.
     Received(Box<Envelope>, u64),
     /// From this program.
     Sent(Command),
-    /// Nothing further.
+    /// End of the recording.
     End,
 }
 
@@ -67,7 +68,7 @@ impl RawRecorder {
     /// # Errors
     /// What went wrong with the file since it was begun.
     pub fn finish(self) -> Result<RawFile, RecordingError> {
-        // Where the thread has ended by an error, it reports that.
+        // If the thread has ended with an error, it reports that error.
         let _ = self.sender.send(Entry::End);
         match self.worker.join() {
             Ok(outcome) => outcome.map(|bytes| RawFile { path: self.path, bytes }),

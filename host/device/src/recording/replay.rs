@@ -33,12 +33,12 @@ pub enum ReplayItem {
     Command(Command),
 }
 
-/// What is wrong with the file.
+/// Damage of the file.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
 pub struct DamageSummary {
     /// Places, in order: the first of them.
     pub places: Vec<Damage>,
-    /// How many there are.
+    /// Number of damaged places.
     pub count: u64,
     /// Their length altogether.
     pub bytes: u64,
@@ -48,7 +48,7 @@ pub struct DamageSummary {
     pub unfinished: bool,
 }
 
-/// What a message of a chunk means here.
+/// Meaning of a message of a chunk.
 #[derive(Debug)]
 enum Entry {
     Frame(Box<Envelope>, Option<u64>),
@@ -73,24 +73,24 @@ impl Replay {
     /// Opens a recording, clean or damaged, and finds which device it is.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let mut first = Self::from_start(path)?;
-        let (mut about, mut hello, mut other, mut frames) = (None, None, None, false);
-        while (about.is_none() || hello.is_none())
+        let (mut info, mut hello, mut other_protocol, mut frames) = (None, None, None, false);
+        while (info.is_none() || hello.is_none())
             && let Some(entry) = first.entry()?
         {
             match entry {
-                Entry::RecordingInfo(found) => about = about.or(Some(found)),
+                Entry::RecordingInfo(found) => info = info.or(Some(found)),
                 Entry::Hello(found, anchor_ns) => hello = hello.or(Some((found, anchor_ns))),
                 Entry::Frame(..) => frames = true,
-                Entry::OtherVersion(version) => other = other.or(Some(version)),
+                Entry::OtherVersion(version) => other_protocol = other_protocol.or(Some(version)),
                 Entry::Command(_) => {}
             }
         }
         let path = path.to_owned();
-        match other {
+        match other_protocol {
             Some(theirs) if !frames => return Err(RecordingError::OtherVersion { path, theirs }),
             _ if !frames && hello.is_none() => {
                 let bytes = first.reader.length();
-                let is_mcap = first.reader.finished() || about.is_some() || first.reader.begins_well();
+                let is_mcap = first.reader.finished() || info.is_some() || first.reader.begins_well();
                 return Err(if is_mcap {
                     RecordingError::NoFrames { path, bytes }
                 } else {
@@ -103,7 +103,7 @@ impl Replay {
         if let Some((hello, _)) = &hello {
             replay.stream.prime(hello);
         }
-        (replay.about, replay.hello) = (about, hello);
+        (replay.about, replay.hello) = (info, hello);
         Ok(replay)
     }
 
@@ -119,7 +119,7 @@ impl Replay {
         })
     }
 
-    /// What is recorded, where the recording states it.
+    /// Description of the run, if the recording has one.
     pub fn about(&self) -> Option<&RecordingInfo> {
         self.about.as_ref()
     }
@@ -144,30 +144,30 @@ impl Replay {
         self.reader.length()
     }
 
-    /// How far it has been read, bytes.
+    /// Number of bytes that have been read.
     pub fn position(&self) -> u64 {
         self.reader.position()
     }
 
-    /// What the tracker has counted so far, as it counts on the link.
+    /// Counts of the tracker so far, as it counts on the link.
     pub fn totals(&self) -> Totals {
         self.stream.totals()
     }
 
-    /// What is wrong with the file. Known at the end.
+    /// Damage of the file. Known at the end.
     pub fn damages(&self) -> DamageSummary {
         DamageSummary { unfinished: !self.reader.finished(), ..self.damages.clone() }
     }
 
-    /// What went over the link next; nothing at the end.
+    /// Next item of the link; `None` at the end.
     pub fn next(&mut self) -> Result<Option<ReplayItem>, RecordingError> {
         while let Some(entry) = self.entry()? {
             match entry {
                 Entry::Frame(envelope, anchor_ns) => {
                     let order = self.stream.observe(&envelope);
-                    let used = !matches!(order, Order::Duplicate | Order::Late);
+                    let is_used = !matches!(order, Order::Duplicate | Order::Late);
                     let batch = match (&envelope.message, self.stream.hello()) {
-                        (Message::Samples(samples), Some(hello)) if used => {
+                        (Message::Samples(samples), Some(hello)) if is_used => {
                             to_batch(hello, samples, self.stream.lost_before)
                         }
                         _ => None,
@@ -209,7 +209,7 @@ impl Replay {
     }
 }
 
-/// Which number a channel has in this file: other tools number again.
+/// Number of a channel in this file: other tools number again.
 #[derive(Debug)]
 struct Channels {
     ids: [u16; COUNT],
@@ -222,10 +222,10 @@ impl Default for Channels {
 }
 
 impl Channels {
-    /// What the messages of a chunk mean; those of other channels mean nothing here.
+    /// Entries of the messages of a chunk; messages of other channels have none.
     fn entries(&mut self, records: &[u8], entries: &mut VecDeque<Entry>) {
-        let mut rest = Fields(records);
-        while let Some((opcode, mut fields)) = rest.record() {
+        let mut remaining = Fields(records);
+        while let Some((opcode, mut fields)) = remaining.record() {
             match opcode {
                 op::CHANNEL => {
                     self.channel(fields);
@@ -254,8 +254,8 @@ impl Channels {
     fn channel(&mut self, mut fields: Fields<'_>) -> Option<()> {
         let (id, _schema) = (fields.u16()?, fields.u16()?);
         let channel = Channel::of_topic(fields.sized()?)?;
-        if let Some(known) = self.ids.get_mut(channel.place()) {
-            *known = id;
+        if let Some(channel_id) = self.ids.get_mut(channel.place()) {
+            *channel_id = id;
         }
         Some(())
     }
@@ -283,7 +283,7 @@ fn entry(channel: Channel, anchor_ns: u64, data: &[u8]) -> Option<Entry> {
     }
 }
 
-/// What a receiver finds in the bytes of one frame.
+/// Message that a receiver finds in the bytes of one frame.
 fn only_frame(bytes: &[u8]) -> Option<Received<Envelope>> {
     EnvelopeReceiver::new().feed(bytes).next()
 }

@@ -153,8 +153,8 @@ impl Transcript {
         }
         self.announced = Some(chunk);
         self.writer.announce();
-        if let Some(about) = &self.about {
-            let view = views::json(about)?;
+        if let Some(info) = &self.about {
+            let view = views::json(info)?;
             self.write(Channel::RecordingInfo, self.device_us, &view)?;
         }
         if let Some(Envelope { boot_id, message: Message::Hello(hello), .. }) = &self.stream.hello {
@@ -176,7 +176,7 @@ impl Transcript {
     }
 }
 
-/// What the link has of the stream: order, losses, and what the counts mean.
+/// State of the stream on the link: order, losses, and what the counts mean.
 #[derive(Debug, Default)]
 pub struct StreamState {
     tracker: SequenceTracker,

@@ -10,7 +10,7 @@ use protocol::{
 };
 use serde::{Deserialize, Serialize};
 
-/// What is recorded, and with what.
+/// Description of a recording and its rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RecordingInfo {
     /// `guide.recording/1`.
@@ -19,7 +19,7 @@ pub struct RecordingInfo {
     pub command: String,
     /// Name of the run in its session.
     pub run: String,
-    /// How far the needle is in the tissue, millimetres.
+    /// Insertion depth of the needle, millimetres.
     pub depth_mm: f64,
     /// Needle, guides and noise, as a session states them.
     pub rig_toml: String,
@@ -71,8 +71,9 @@ impl EventView {
     /// The view of an event; forces in newtons only where a hello has stated what a count is.
     pub fn new(event: &Event, hello: Option<&Hello>) -> Self {
         let view = Self { time_s: seconds(event.t_us), ..Self::default() };
-        let newtons =
-            |counts: f64| hello.map(|hello| counts * f64::from(hello.scales.force_nn_per_count) * 1e-9);
+        fn newtons(counts: f64, hello: &Option<&Hello>) -> Option<f64> {
+            hello.map(|hello| counts * f64::from(hello.scales.force_nn_per_count) * 1e-9)
+        }
         match event.kind {
             EventKind::StepStarted { index } => Self { kind: "step_started", step: Some(index), ..view },
             EventKind::StepEnded { index } => Self { kind: "step_ended", step: Some(index), ..view },
@@ -108,10 +109,10 @@ impl EventView {
             }
             EventKind::Tared(tare) => Self {
                 kind: "tared",
-                zero_x_n: newtons(f64::from(tare.zero_counts[0])),
-                zero_y_n: newtons(f64::from(tare.zero_counts[1])),
-                sd_x_n: newtons(f64::from(tare.sd_counts[0])),
-                sd_y_n: newtons(f64::from(tare.sd_counts[1])),
+                zero_x_n: newtons(f64::from(tare.zero_counts[0]), &hello),
+                zero_y_n: newtons(f64::from(tare.zero_counts[1]), &hello),
+                sd_x_n: newtons(f64::from(tare.sd_counts[0]), &hello),
+                sd_y_n: newtons(f64::from(tare.sd_counts[1]), &hello),
                 readings: Some(tare.readings),
                 ..view
             },
@@ -153,8 +154,12 @@ pub struct StatusView {
 impl StatusView {
     /// The view of a status.
     pub fn new(status: &Status, hello: &Hello) -> Self {
-        let mm = |counts: i32| f64::from(counts) * f64::from(hello.scales.position_nm_per_count) * 1e-6;
-        let newtons = |counts: i32| f64::from(counts) * f64::from(hello.scales.force_nn_per_count) * 1e-9;
+        fn mm(counts: i32, hello_scales_position_nm_per_count: u32) -> f64 {
+            f64::from(counts) * f64::from(hello_scales_position_nm_per_count) * 1e-6
+        }
+        fn newtons(counts: i32, hello_scales_force_nn_per_count: u32) -> f64 {
+            f64::from(counts) * f64::from(hello_scales_force_nn_per_count) * 1e-9
+        }
         let [position_x, position_y] = status.position_counts;
         let [force_x, force_y] = status.force_counts;
         let [stiffness_x, stiffness_y] =
@@ -164,10 +169,10 @@ impl StatusView {
             state: display::state(status.state),
             step: step(status.step),
             fault: status.fault.map(|fault| fault as u8),
-            displacement_x_mm: mm(position_x),
-            displacement_y_mm: mm(position_y),
-            force_x_n: newtons(force_x),
-            force_y_n: newtons(force_y),
+            displacement_x_mm: mm(position_x, hello.scales.position_nm_per_count),
+            displacement_y_mm: mm(position_y, hello.scales.position_nm_per_count),
+            force_x_n: newtons(force_x, hello.scales.force_nn_per_count),
+            force_y_n: newtons(force_y, hello.scales.force_nn_per_count),
             streaming: status.streaming,
             condition: status.into(),
             stiffness_x_n_per_mm: stiffness_x,
@@ -234,11 +239,13 @@ impl HelloFrame {
         let digits: Option<Vec<u8>> =
             self.frame_hex.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect();
         let digits = digits.filter(|digits| digits.len() <= 2 * MAX_FRAME_TO_HOST)?;
-        let pair = |pair: &[u8]| match pair {
-            [high, low] => Some(high << 4 | low),
-            _ => None,
-        };
-        digits.chunks(2).map(pair).collect()
+        digits
+            .chunks(2)
+            .map(|pair| match pair {
+                [high, low] => Some(high << 4 | low),
+                _ => None,
+            })
+            .collect()
     }
 }
 

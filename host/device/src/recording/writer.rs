@@ -1,7 +1,7 @@
 //! Writing the container: messages gather in a chunk of bounded size, which reaches the operating system in one piece.
 //!
-//! Nothing is kept per message or per chunk once a chunk is written, however long the recording becomes. The index that lets
-//! readers seek is made at the end, by going through the heads of the chunks in the file itself.
+//! Memory does not grow with messages or chunks that are written, however long the recording becomes. The index that
+//! lets readers seek is made at the end, by going through the heads of the chunks in the file itself.
 
 use super::channels::{COUNT, Channel};
 use super::error::RecordingError;
@@ -34,7 +34,7 @@ pub struct Writer {
     log_ns: Option<[u64; 2]>,
     counts: [u64; COUNT],
     chunks: u32,
-    /// What is about to be written; kept for its memory.
+    /// Buffer of the next bytes to write; kept for its memory.
     out: Vec<u8>,
 }
 
@@ -113,7 +113,7 @@ impl Writer {
         publish_ns: u64,
         data: &[u8],
     ) -> Result<(), RecordingError> {
-        let place = self.records.len() as u64;
+        let message_offset = self.records.len() as u64;
         if let Some(count) = self.counts.get_mut(channel.place()) {
             let sequence = *count as u32;
             *count += 1;
@@ -126,7 +126,7 @@ impl Writer {
             });
         }
         if let Some(index) = self.index.get_mut(channel.place()) {
-            index.push([log_ns, place]);
+            index.push([log_ns, message_offset]);
         }
         for bounds in [&mut self.chunk_log_ns, &mut self.log_ns] {
             let [first, last] = bounds.unwrap_or([log_ns; 2]);
@@ -148,13 +148,13 @@ impl Writer {
             record(&mut self.out, op::MESSAGE_INDEX, |out| {
                 out.extend_from_slice(&channel.id().to_le_bytes());
                 sized(out, &[]);
-                let at = out.len() - 4;
+                let length_index = out.len() - 4;
                 for value in index.iter().flatten() {
                     out.extend_from_slice(&value.to_le_bytes());
                 }
-                let length = (out.len() - at - 4) as u32;
-                if let Some(place) = out.get_mut(at..at + 4) {
-                    place.copy_from_slice(&length.to_le_bytes());
+                let length = (out.len() - length_index - 4) as u32;
+                if let Some(length_bytes) = out.get_mut(length_index..length_index + 4) {
+                    length_bytes.copy_from_slice(&length.to_le_bytes());
                 }
             });
             index.clear();
@@ -200,40 +200,40 @@ impl Writer {
 
     /// Channels, counts, the places of the chunks, footer.
     fn summary(&self, data_end: u64, summary_start: u64, summary: &mut Summary) -> std::io::Result<()> {
-        let mut out = Vec::new();
+        let mut footer = Vec::new();
         for channel in Channel::ALL {
-            channel.announce(&mut out);
+            channel.announce(&mut footer);
         }
-        record(&mut out, op::STATISTICS, |out| {
+        record(&mut footer, op::STATISTICS, |footer| {
             let [first_ns, last_ns] = self.log_ns.unwrap_or_default();
             let schemas = COUNT as u16 - 1;
-            out.extend_from_slice(&self.counts.iter().sum::<u64>().to_le_bytes());
-            out.extend_from_slice(&schemas.to_le_bytes());
-            out.extend_from_slice(&(COUNT as u32).to_le_bytes());
+            footer.extend_from_slice(&self.counts.iter().sum::<u64>().to_le_bytes());
+            footer.extend_from_slice(&schemas.to_le_bytes());
+            footer.extend_from_slice(&(COUNT as u32).to_le_bytes());
             // Attachments and metadata.
-            out.extend_from_slice(&[0; 8]);
-            out.extend_from_slice(&self.chunks.to_le_bytes());
-            out.extend_from_slice(&first_ns.to_le_bytes());
-            out.extend_from_slice(&last_ns.to_le_bytes());
-            out.extend_from_slice(&(10 * COUNT as u32).to_le_bytes());
+            footer.extend_from_slice(&[0; 8]);
+            footer.extend_from_slice(&self.chunks.to_le_bytes());
+            footer.extend_from_slice(&first_ns.to_le_bytes());
+            footer.extend_from_slice(&last_ns.to_le_bytes());
+            footer.extend_from_slice(&(10 * COUNT as u32).to_le_bytes());
             for (channel, count) in Channel::ALL.into_iter().zip(self.counts) {
-                out.extend_from_slice(&channel.id().to_le_bytes());
-                out.extend_from_slice(&count.to_le_bytes());
+                footer.extend_from_slice(&channel.id().to_le_bytes());
+                footer.extend_from_slice(&count.to_le_bytes());
             }
         });
-        summary.write(&out)?;
+        summary.write(&footer)?;
         self.chunk_indexes(data_end, summary)?;
-        out.clear();
-        record(&mut out, op::FOOTER, |out| {
-            out.extend_from_slice(&summary_start.to_le_bytes());
+        footer.clear();
+        record(&mut footer, op::FOOTER, |footer| {
+            footer.extend_from_slice(&summary_start.to_le_bytes());
             // No offsets of groups.
-            out.extend_from_slice(&[0; 8]);
+            footer.extend_from_slice(&[0; 8]);
         });
         // The checksum is a part of the footer and covers what is before it, the footer's length included.
-        if let Some(place) = out.get_mut(1..9) {
-            place.copy_from_slice(&FOOTER_BYTES.to_le_bytes());
+        if let Some(length_bytes) = footer.get_mut(1..9) {
+            length_bytes.copy_from_slice(&FOOTER_BYTES.to_le_bytes());
         }
-        summary.write(&out)?;
+        summary.write(&footer)?;
         let crc = summary.digest.clone().finalize();
         summary.write(&crc.to_le_bytes())?;
         summary.write(&MAGIC)
@@ -243,33 +243,33 @@ impl Writer {
     fn chunk_indexes(&self, data_end: u64, summary: &mut Summary) -> std::io::Result<()> {
         let mut file =
             BufReader::new(File::open(self.unnamed.as_ref().map_or(self.path.as_path(), NewFile::hidden))?);
-        let mut at = MAGIC.len() as u64;
-        file.seek(SeekFrom::Start(at))?;
+        let mut offset = MAGIC.len() as u64;
+        file.seek(SeekFrom::Start(offset))?;
         let mut chunk: Option<(u64, u64, ChunkHead)> = None;
         let mut indexes: Vec<(u16, u64)> = Vec::with_capacity(COUNT);
         let mut head = [0; (RECORD_HEAD + CHUNK_HEAD) as usize];
-        while at < data_end {
-            let (start, rest) = head.split_at_mut(RECORD_HEAD as usize);
+        while offset < data_end {
+            let (start, tail) = head.split_at_mut(RECORD_HEAD as usize);
             file.read_exact(start)?;
             let mut fields = Fields(start);
             let (opcode, length) = (fields.u8().unwrap_or_default(), fields.u64().unwrap_or_default());
-            let end = at + RECORD_HEAD + length;
+            let end = offset + RECORD_HEAD + length;
             let more = match opcode {
                 op::CHUNK => CHUNK_HEAD,
                 op::MESSAGE_INDEX => 2,
                 _ => 0,
             };
-            let more = rest.get_mut(..more as usize).unwrap_or_default();
+            let more = tail.get_mut(..more as usize).unwrap_or_default();
             file.read_exact(more)?;
             if opcode == op::MESSAGE_INDEX {
-                indexes.push((Fields(more).u16().unwrap_or_default(), at));
+                indexes.push((Fields(more).u16().unwrap_or_default(), offset));
             }
             file.seek_relative((length - more.len() as u64) as i64)?;
             if opcode == op::CHUNK {
-                write_chunk_index(chunk.take(), &mut indexes, at, summary)?;
-                chunk = ChunkHead::read(&head).map(|head| (at, end, head));
+                write_chunk_index(chunk.take(), &mut indexes, offset, summary)?;
+                chunk = ChunkHead::read(&head).map(|head| (offset, end, head));
             }
-            at = end;
+            offset = end;
         }
         write_chunk_index(chunk, &mut indexes, data_end, summary)
     }
@@ -283,22 +283,22 @@ fn write_chunk_index(
     summary: &mut Summary,
 ) -> std::io::Result<()> {
     let Some((start, end, head)) = chunk else { return Ok(()) };
-    let mut out = Vec::with_capacity(256);
-    record(&mut out, op::CHUNK_INDEX, |out| {
+    let mut index_record = Vec::with_capacity(256);
+    record(&mut index_record, op::CHUNK_INDEX, |index_record| {
         for value in [head.log_ns[0], head.log_ns[1], start, end - start] {
-            out.extend_from_slice(&value.to_le_bytes());
+            index_record.extend_from_slice(&value.to_le_bytes());
         }
-        out.extend_from_slice(&(10 * indexes.len() as u32).to_le_bytes());
+        index_record.extend_from_slice(&(10 * indexes.len() as u32).to_le_bytes());
         for (channel, at) in indexes.drain(..) {
-            out.extend_from_slice(&channel.to_le_bytes());
-            out.extend_from_slice(&at.to_le_bytes());
+            index_record.extend_from_slice(&channel.to_le_bytes());
+            index_record.extend_from_slice(&at.to_le_bytes());
         }
-        out.extend_from_slice(&(indexes_end - end).to_le_bytes());
-        sized(out, b"");
-        out.extend_from_slice(&head.records_bytes.to_le_bytes());
-        out.extend_from_slice(&head.records_bytes.to_le_bytes());
+        index_record.extend_from_slice(&(indexes_end - end).to_le_bytes());
+        sized(index_record, b"");
+        index_record.extend_from_slice(&head.records_bytes.to_le_bytes());
+        index_record.extend_from_slice(&head.records_bytes.to_le_bytes());
     });
-    summary.write(&out)
+    summary.write(&index_record)
 }
 
 /// The end of the file, with its checksum.

@@ -12,9 +12,10 @@ use protocol::{Fault, SPEED_LIMIT_UM_S, State, Status};
 use std::sync::atomic::{AtomicBool, Ordering};
 use steering::{Answer, Command, DeviceFault, End, GUIDE_SETTLING_S, Plant, PlantError, Statement};
 
-/// How far from its straight-needle position guide 2 may stand when a run begins, mm.
+/// Largest distance of guide 2 from its straight-needle position at the begin of a run, mm.
 const HOME_MM: f64 = 0.1;
-/// How far guide 2 may be from where a move left it, mm: several times the noise of a single reading.
+/// Largest distance of guide 2 from its position after a move, mm: several times the noise of a
+/// single reading.
 const SLIP_MM: f64 = 0.3;
 /// Readings at the end of a move whose means are where guide 2 came to rest: as many as the device itself waits before a motion counts
 /// as settled.
@@ -61,8 +62,8 @@ impl<N: Plant> RigPlant<N> {
 
     /// Has the device make one move, to its end; what was measured there.
     fn move_guide(&mut self, to_mm: [f64; 2], time_s: f64) -> Result<(), PlantError> {
-        let way_mm = (to_mm[0] - self.commanded_mm[0]).hypot(to_mm[1] - self.commanded_mm[1]);
-        let speed_mm_s = (way_mm / time_s).clamp(SLOWEST_MM_S, 1e-3 * f64::from(SPEED_LIMIT_UM_S));
+        let distance_mm = (to_mm[0] - self.commanded_mm[0]).hypot(to_mm[1] - self.commanded_mm[1]);
+        let speed_mm_s = (distance_mm / time_s).clamp(SLOWEST_MM_S, 1e-3 * f64::from(SPEED_LIMIT_UM_S));
         let step = move_to(to_mm, speed_mm_s)
             .map_err(|problem| PlantError::Device { fault: DeviceFault::Other, cause: problem.to_owned() })?;
         let mut points: Vec<Point> = Vec::new();
@@ -110,8 +111,9 @@ impl<N: Plant> Plant for RigPlant<N> {
         let mut stated = self.needle.start()?;
         let scales = self.client.hello().scales;
         let limits = &mut stated.limits;
-        let least =
-            |stated: f64, of_device: f64| if stated > 0.0 { stated.min(of_device) } else { of_device };
+        fn least(stated: f64, of_device: f64) -> f64 {
+            if stated > 0.0 { stated.min(of_device) } else { of_device }
+        }
         limits.guide_travel_mm = least(limits.guide_travel_mm, 1e-3 * f64::from(scales.travel_um));
         limits.guide_speed_mm_s = least(limits.guide_speed_mm_s, 1e-3 * f64::from(SPEED_LIMIT_UM_S));
         let force_n = 1e-3 * f64::from(status.force_limit_mn);
@@ -125,18 +127,18 @@ impl<N: Plant> Plant for RigPlant<N> {
         if self.interrupted.load(Ordering::Acquire) {
             return Err(PlantError::Interrupted);
         }
-        let to_mm = [command.guide_x_mm, command.guide_y_mm];
-        if to_mm != self.commanded_mm {
-            self.move_guide(to_mm, (command.t_s - self.t_s - GUIDE_SETTLING_S).max(1e-3))?;
+        let target_mm = [command.guide_x_mm, command.guide_y_mm];
+        if target_mm != self.commanded_mm {
+            self.move_guide(target_mm, (command.t_s - self.t_s - GUIDE_SETTLING_S).max(1e-3))?;
         }
         let status = self.at_rest()?;
         let now_mm = self.position_mm(&status);
-        let off_mm = (now_mm[0] - self.reached_mm[0]).hypot(now_mm[1] - self.reached_mm[1]);
-        if off_mm > SLIP_MM {
+        let slip_mm = (now_mm[0] - self.reached_mm[0]).hypot(now_mm[1] - self.reached_mm[1]);
+        if slip_mm > SLIP_MM {
             return Err(PlantError::Device {
                 fault: DeviceFault::Slipped,
                 cause: format!(
-                    "guide 2 has moved by {off_mm:.2} mm since its last move had ended, expected at most {SLIP_MM} mm: does its lead \
+                    "guide 2 has moved by {slip_mm:.2} mm since its last move had ended, expected at most {SLIP_MM} mm: does its lead \
                      screw hold it, does another host move it?"
                 ),
             });
@@ -169,7 +171,7 @@ fn latched(fault: Fault) -> PlantError {
     PlantError::Device { fault: kind, cause: explain_latched(fault) }
 }
 
-/// What is wrong with the link or the device as the fault of a run.
+/// Converts an error of the link or the device into the fault of a run.
 fn failed(error: LinkError) -> PlantError {
     let fault = match &error {
         LinkError::Interrupted => return PlantError::Interrupted,

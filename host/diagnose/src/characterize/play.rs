@@ -1,9 +1,10 @@
 //! Play and friction of a rig where no shape is measured.
 //!
-//! In the force a play and a friction of the other sign are the same but for what follows a reversal: a friction turns round at once, a
-//! play only once twice its width has been travelled. How far they are apart so grows with the play, and the likelihood is nothing like that of
-//! a linear model, is flat over many plays and may have more than one maximum. So everything else is fitted at every play, and intervals
-//! are those of the profile: all values that are not less likely than the likeliest by more than a normal distribution allows for 95 %.
+//! In the force a play and a friction of the other sign are the same but for what follows a reversal: a friction turns
+//! round at once, a play only once twice its width has been travelled. Their distance grows with the play, and the
+//! likelihood is far from that of a linear model, is flat over many plays and may have more than one maximum. So
+//! everything else is fitted at every play, and intervals are those of the profile: all values that are not less likely
+//! than the likeliest by more than a normal distribution allows for 95 %.
 
 use crate::evidence::Patterns;
 use crate::known::KnownParameter;
@@ -48,36 +49,36 @@ pub(super) fn over_plays(
         return Ok(fitted);
     };
     let Some(info) = layout.effects[index].parameters().first() else { return Ok(fitted) };
-    let before = prior(info);
-    let at = |play_mm: f64| -> Result<Node, FitError> {
+    let prior_before = prior(info);
+    let node_at = |play_mm: f64| -> Result<Node, FitError> {
         let mut values = fitted.values().to_vec();
         values[layout.first_of(index)] = play_mm;
-        let given = KnownParameter {
+        let fixed_play = KnownParameter {
             effect: EFFECT.to_owned(),
             parameter: info.name.to_owned(),
             value: play_mm,
             sd: GIVEN_SD_MM,
         };
-        let known = layout.known.iter().filter(|known| !known.is_of(EFFECT, info.name)).cloned();
-        let layout = Layout { known: known.chain([given]).collect(), ..layout.clone() };
+        let other_known = layout.known.iter().filter(|known| !known.is_of(EFFECT, info.name)).cloned();
+        let layout = Layout { known: other_known.chain([fixed_play]).collect(), ..layout.clone() };
         let fit = Fitted::new(&layout, runs, patterns, &values, &fitted.sizes, MAX_ROUNDS)?;
-        let ln_density = fit.log_evidence - 0.5 * ((play_mm - before.mean) / before.sd).powi(2);
+        let ln_density = fit.log_evidence - 0.5 * ((play_mm - prior_before.mean) / prior_before.sd).powi(2);
         Ok(Node { play_mm, ln_density, fit })
     };
     // Those around the free fit, too, which may have found a larger one.
-    let (own_mm, sd_mm) = (fitted.values()[layout.first_of(index)], fitted.sd(layout.first_of(index)));
-    let around = AROUND_SD.map(|sds| (own_mm + sds * sd_mm).clamp(info.range[0], info.range[1]));
-    let mut first_mm: Vec<f64> = FIRST_MM.into_iter().chain(around).collect();
+    let (own_play_mm, sd_mm) = (fitted.values()[layout.first_of(index)], fitted.sd(layout.first_of(index)));
+    let nearby_mm = AROUND_SD.map(|sds| (own_play_mm + sds * sd_mm).clamp(info.range[0], info.range[1]));
+    let mut first_mm: Vec<f64> = FIRST_MM.into_iter().chain(nearby_mm).collect();
     first_mm.sort_by(f64::total_cmp);
     first_mm.dedup_by(|a, b| (*a - *b).abs() < SAME_MM);
-    let mut nodes = first_mm.into_iter().map(&at).collect::<Result<Vec<_>, _>>()?;
+    let mut nodes = first_mm.into_iter().map(&node_at).collect::<Result<Vec<_>, _>>()?;
     loop {
-        let between_mm = to_refine(&nodes);
-        if between_mm.is_empty() || nodes.len() + between_mm.len() > MAX_PLAYS {
+        let refinements_mm = to_refine(&nodes);
+        if refinements_mm.is_empty() || nodes.len() + refinements_mm.len() > MAX_PLAYS {
             break;
         }
-        for play_mm in between_mm {
-            nodes.push(at(play_mm)?);
+        for play_mm in refinements_mm {
+            nodes.push(node_at(play_mm)?);
         }
         nodes.sort_by(|a, b| a.play_mm.total_cmp(&b.play_mm));
     }
@@ -94,23 +95,24 @@ pub(super) fn over_plays(
 /// Middle of every parameter's interval, and its standard deviation were it that of a normal distribution; `own` is the play itself.
 fn profile(nodes: &[Node], own: usize) -> (Vec<f64>, Vec<f64>) {
     let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
-    // What is left of the square of 1.96 at a play.
-    let left = |ln_density: f64| NORMAL_975 * NORMAL_975 - 2.0 * (most - ln_density);
-    let of = |i: usize| {
-        let ends = nodes.iter().filter(|node| left(node.ln_density) >= 0.0).map(|node| {
-            let half = left(node.ln_density).sqrt() * node.fit.sd(i);
+    // Remainder of the square of 1.96 at a play.
+    let remainder_at = |ln_density: f64| NORMAL_975 * NORMAL_975 - 2.0 * (most - ln_density);
+    let end_of = |i: usize| {
+        let ends = nodes.iter().filter(|node| remainder_at(node.ln_density) >= 0.0).map(|node| {
+            let half = remainder_at(node.ln_density).sqrt() * node.fit.sd(i);
             [node.fit.values()[i] - half, node.fit.values()[i] + half]
         });
         ends.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], [low, high]| [l.min(low), h.max(high)])
     };
     let count = nodes.first().map_or(0, |node| node.fit.values().len());
-    let mut intervals: Vec<[f64; 2]> = (0..count).map(of).collect();
+    let mut intervals: Vec<[f64; 2]> = (0..count).map(end_of).collect();
     // The ends of the play lie between two plays.
     if let Some([low, high]) = intervals.get_mut(own) {
         for (a, b) in nodes.iter().zip(nodes.iter().skip(1)) {
-            let (from, to) = (left(a.ln_density), left(b.ln_density));
-            if from * to < 0.0 {
-                let end_mm = a.play_mm + (b.play_mm - a.play_mm) * from / (from - to);
+            let (start_remainder, end_remainder) = (remainder_at(a.ln_density), remainder_at(b.ln_density));
+            if start_remainder * end_remainder < 0.0 {
+                let end_mm =
+                    a.play_mm + (b.play_mm - a.play_mm) * start_remainder / (start_remainder - end_remainder);
                 (*low, *high) = (low.min(end_mm), high.max(end_mm));
             }
         }
@@ -123,8 +125,9 @@ fn to_refine(nodes: &[Node]) -> Vec<f64> {
     let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
     let weights = weights(nodes);
     let mean_mm: f64 = nodes.iter().zip(&weights).map(|(node, weight)| weight * node.play_mm).sum();
-    let off = nodes.iter().zip(&weights).map(|(node, weight)| weight * (node.play_mm - mean_mm).powi(2));
-    let sd_mm = off.sum::<f64>().sqrt();
+    let deviation_mm =
+        nodes.iter().zip(&weights).map(|(node, weight)| weight * (node.play_mm - mean_mm).powi(2));
+    let sd_mm = deviation_mm.sum::<f64>().sqrt();
     let pairs = nodes.iter().zip(nodes.iter().skip(1));
     let coarse = pairs.filter(|(a, b)| {
         let is_likely = a.ln_density.max(b.ln_density) > most - LIKELY;
@@ -137,12 +140,12 @@ fn to_refine(nodes: &[Node]) -> Vec<f64> {
 /// Probability of every play: its density over the stretch that it stands for.
 fn weights(nodes: &[Node]) -> Vec<f64> {
     let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
-    let of = |(i, node): (usize, &Node)| {
-        let before = i.checked_sub(1).and_then(|i| nodes.get(i)).unwrap_or(node);
-        let after = nodes.get(i + 1).unwrap_or(node);
-        (node.ln_density - most).exp() * (after.play_mm - before.play_mm)
+    let node_weight = |(i, node): (usize, &Node)| {
+        let earlier = i.checked_sub(1).and_then(|i| nodes.get(i)).unwrap_or(node);
+        let later = nodes.get(i + 1).unwrap_or(node);
+        (node.ln_density - most).exp() * (later.play_mm - earlier.play_mm)
     };
-    let weights: Vec<f64> = nodes.iter().enumerate().map(of).collect();
+    let weights: Vec<f64> = nodes.iter().enumerate().map(node_weight).collect();
     let sum: f64 = weights.iter().sum();
     weights.into_iter().map(|weight| weight / sum).collect()
 }
@@ -157,8 +160,8 @@ fn moments(nodes: &[Node]) -> DMatrix<f64> {
     }
     let mut covariance = DMatrix::zeros(count, count);
     for (node, weight) in nodes.iter().zip(&weights) {
-        let off = DVector::from_column_slice(node.fit.values()) - &mean;
-        covariance += *weight * (&node.fit.covariance + &off * off.transpose());
+        let deviation = DVector::from_column_slice(node.fit.values()) - &mean;
+        covariance += *weight * (&node.fit.covariance + &deviation * deviation.transpose());
     }
     covariance
 }

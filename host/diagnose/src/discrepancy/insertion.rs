@@ -106,8 +106,8 @@ fn under_load(around: &Around<'_>, share: &dyn Fn(f64) -> f64) -> Result<Vec<f64
     around.slope(1.0, |model, _| {
         if let Cutting::Load(planes) = &mut model.tip.cutting {
             for profile in planes {
-                let at = |depth_m: f64| [depth_m, profile.before(depth_m) * (1.0 + share(depth_m))];
-                let knots = (0..=count).map(|i| at(last_m * i as f64 / count as f64));
+                let loaded_point = |depth_m: f64| [depth_m, profile.before(depth_m) * (1.0 + share(depth_m))];
+                let knots = (0..=count).map(|i| loaded_point(last_m * i as f64 / count as f64));
                 *profile = Profile::new(knots.collect())?;
             }
         }
@@ -117,14 +117,14 @@ fn under_load(around: &Around<'_>, share: &dyn Fn(f64) -> f64) -> Result<Vec<f64
 
 /// In each plane the path and the needle turned by an angle.
 fn linear(around: &Around<'_>) -> Vec<Vec<f64>> {
-    let of = |plane: usize| {
+    let plane_linear = |plane: usize| {
         around.each(|_, datum| match datum.source {
             _ if datum.channel.plane() != plane => 0.0,
             Source::Direction(_) => 1.0,
             _ => datum.place.depth_m,
         })
     };
-    [0, 1].into_iter().map(of).collect()
+    [0, 1].into_iter().map(plane_linear).collect()
 }
 
 /// In each plane the measured direction turned by an angle.
@@ -144,7 +144,7 @@ fn smooth_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
 
 /// In each plane the direction larger by a share that is smooth in depth.
 fn proportional_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
-    let of = |(plane, k): (usize, usize)| {
+    let plane_direction = |(plane, k): (usize, usize)| {
         around.each(|i, datum| match datum.source {
             Source::Direction(_) if datum.channel.plane() == plane => {
                 around.predicted[i] * (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos()
@@ -152,23 +152,27 @@ fn proportional_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
             _ => 0.0,
         })
     };
-    [0, 1].into_iter().flat_map(|plane| (0..DIRECTION_WAVES).map(move |k| (plane, k))).map(of).collect()
+    [0, 1]
+        .into_iter()
+        .flat_map(|plane| (0..DIRECTION_WAVES).map(move |k| (plane, k)))
+        .map(plane_direction)
+        .collect()
 }
 
 /// Waves over depth of these numbers in each plane, in some of the data.
 fn waves(around: &Around<'_>, numbers: Range<usize>, shows: impl Fn(&Datum) -> bool) -> Vec<Vec<f64>> {
-    let of = |(plane, k): (usize, usize)| {
+    let plane_wave = |(plane, k): (usize, usize)| {
         around.each(|_, datum| {
             let wave = (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos();
             if datum.channel.plane() == plane && shows(datum) { wave } else { 0.0 }
         })
     };
-    [0, 1].into_iter().flat_map(|plane| numbers.clone().map(move |k| (plane, k))).map(of).collect()
+    [0, 1].into_iter().flat_map(|plane| numbers.clone().map(move |k| (plane, k))).map(plane_wave).collect()
 }
 
 /// In each plane guide 2 is off by a constant.
 fn guide2(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
-    let of = |plane: usize| {
+    let guide_shift = |plane: usize| {
         around.slope(SHIFT_STEP_M, |_, experiment| {
             if let Experiment::Insertion(Insertion { guide2_m: Some(planes), .. }) = experiment
                 && let Some(profile) = planes.get_mut(plane)
@@ -178,5 +182,5 @@ fn guide2(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
             Ok(())
         })
     };
-    [0, 1].into_iter().map(of).collect()
+    [0, 1].into_iter().map(guide_shift).collect()
 }

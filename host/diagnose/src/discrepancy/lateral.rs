@@ -96,13 +96,17 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
     let wave = |k: usize, depth_m: f64| (k as f64 * PI * depth_m / SMOOTH_M).cos();
     add(&size::SMOOTH_SHAPE, Scope::Shared, Cause::Physics, &mut |_, around| {
-        let of = |(plane, k): (usize, usize)| {
+        let plane_pattern = |(plane, k): (usize, usize)| {
             around.each(|i, datum| {
-                let here = part(around, i);
-                if !here.force && here.plane == plane { wave(k, datum.place.depth_m) } else { 0.0 }
+                let is_part = part(around, i);
+                if !is_part.force && is_part.plane == plane { wave(k, datum.place.depth_m) } else { 0.0 }
             })
         };
-        Ok([0, 1].into_iter().flat_map(|plane| (0..SMOOTH).map(move |k| (plane, k))).map(of).collect())
+        Ok([0, 1]
+            .into_iter()
+            .flat_map(|plane| (0..SMOOTH).map(move |k| (plane, k)))
+            .map(plane_pattern)
+            .collect())
     })?;
     let proportional = |around: &Around<'_>, k: usize| {
         around.each(|i, datum| {
@@ -116,25 +120,25 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         Ok((0..SMOOTH_OF_RUN).map(|k| proportional(around, k)).collect())
     })?;
     add(&size::SHAPE_OFFSET, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
-        let of = |(driven, k): (bool, usize)| {
+        let driven_pattern = |(driven, k): (bool, usize)| {
             around.each(|i, datum| {
-                let here = part(around, i);
-                if !here.force && here.driven == driven { wave(k, datum.place.depth_m) } else { 0.0 }
+                let is_part = part(around, i);
+                if !is_part.force && is_part.driven == driven { wave(k, datum.place.depth_m) } else { 0.0 }
             })
         };
-        Ok([(true, 0), (true, 1), (false, 0)].into_iter().map(of).collect())
+        Ok([(true, 0), (true, 1), (false, 0)].into_iter().map(driven_pattern).collect())
     })?;
 
     // Guides and sensors.
     add(&size::AXES, Scope::Shared, Cause::INSTRUMENT, &mut |_, around| axes(around))?;
     add(&sensors::FORCE_ZERO, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
-        let of = |plane: usize| {
+        let plane_pattern = |plane: usize| {
             around.each(|i, _| {
-                let here = part(around, i);
-                if here.force && here.plane == plane { 1.0 } else { 0.0 }
+                let is_part = part(around, i);
+                if is_part.force && is_part.plane == plane { 1.0 } else { 0.0 }
             })
         };
-        Ok([0, 1].into_iter().map(of).collect())
+        Ok([0, 1].into_iter().map(plane_pattern).collect())
     })?;
     let force = |around: &Around<'_>, of: &dyn Fn(f64) -> f64| {
         around.each(|i, _| if part(around, i).force { of(around.predicted[i]) } else { 0.0 })
@@ -155,26 +159,26 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     depths_mm.dedup();
     add(&size::FORCE_HYSTERESIS, Scope::Shared, Cause::Physics, &mut |_, around| {
         let most_n = largest_force_n(around);
-        let of = |depth: &i64| {
-            let here = depth_mm(around) == *depth;
+        let depth_pattern = |depth: &i64| {
+            let is_depth = depth_mm(around) == *depth;
             around.each(|i, datum| match part(around, i) {
-                Part { force: true, driven: true, .. } if here => most_n * datum.place.direction,
+                Part { force: true, driven: true, .. } if is_depth => most_n * datum.place.direction,
                 _ => 0.0,
             })
         };
-        Ok(depths_mm.iter().map(of).collect())
+        Ok(depths_mm.iter().map(depth_pattern).collect())
     })?;
     add(&size::FORCE_CREEP, Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(CREEP_S.map(|time_s| lag_n(around, time_s)).to_vec())
     })?;
     add(&size::FORCE_OF_HOLD, Scope::Own, Cause::Physics, &mut |_, around| {
-        let of = |hold: usize| {
+        let hold_pattern = |hold: usize| {
             around.each(|i, datum| match part(around, i) {
                 Part { force: true, driven: true, .. } if datum.part == hold => 1.0,
                 _ => 0.0,
             })
         };
-        Ok((0..around.run.parts()).map(of).collect())
+        Ok((0..around.run.parts()).map(hold_pattern).collect())
     })?;
     add(&size::FORCE_ON_THE_WAY, Scope::Own, Cause::Physics, &mut |_, around| {
         Ok(vec![around.each(|i, datum| match part(around, i) {
@@ -184,16 +188,20 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
     add(&size::FORCE_DRIFT, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
         let length_s = around.run.data.iter().map(|d| d.place.time_s).fold(1e-3, f64::max);
-        let of = |plane: usize| {
+        let plane_pattern = |plane: usize| {
             around.each(|i, datum| {
-                let here = part(around, i);
-                if here.force && here.plane == plane { datum.place.time_s / length_s - 0.5 } else { 0.0 }
+                let is_part = part(around, i);
+                if is_part.force && is_part.plane == plane {
+                    datum.place.time_s / length_s - 0.5
+                } else {
+                    0.0
+                }
             })
         };
-        Ok([0, 1].into_iter().map(of).collect())
+        Ok([0, 1].into_iter().map(plane_pattern).collect())
     })?;
 
-    // What is stated of the rig is not exact.
+    // A statement about the rig is not exact.
     if let Some(first) = all.iter().find(|a| lateral(a)) {
         let rig = &first.model.rig;
         // With two guides it is an unknown of the model; only what a remounted needle changes is left to a pattern.
@@ -246,8 +254,8 @@ fn lag_n(around: &Around<'_>, smoothed_s: f64) -> Vec<f64> {
     let mut lag_n = vec![0.0; around.predicted.len()];
     for plane in [0, 1] {
         let is_here = |i: &usize| {
-            let here = part(around, *i);
-            here.force && here.plane == plane
+            let is_part = part(around, *i);
+            is_part.force && is_part.plane == plane
         };
         let time_s = |i: usize| around.run.data[i].place.time_s;
         let mut order: Vec<usize> = (0..around.predicted.len()).filter(is_here).collect();
@@ -259,8 +267,8 @@ fn lag_n(around: &Around<'_>, smoothed_s: f64) -> Vec<f64> {
             let smoothed_n = match last {
                 Some((before_s, before_n, smoothed_n)) if now_s > before_s => {
                     let ramp_n = (force_n - before_n) * smoothed_s / (now_s - before_s);
-                    let left = (-(now_s - before_s) / smoothed_s).exp();
-                    force_n - ramp_n + (smoothed_n - before_n + ramp_n) * left
+                    let remaining_fraction = (-(now_s - before_s) / smoothed_s).exp();
+                    force_n - ramp_n + (smoothed_n - before_n + ramp_n) * remaining_fraction
                 }
                 Some((.., smoothed_n)) => smoothed_n,
                 None => force_n,
@@ -282,8 +290,8 @@ fn by_ln_modulus(around: &Around<'_>) -> Result<Vec<f64>, ModelError> {
 /// Slices of the modulus that are partly alike: amplitudes of unit variance times this have neighbours in common.
 fn slices_alike(count: usize) -> DMatrix<f64> {
     let covariance = DMatrix::from_fn(count, count, |i, j| {
-        let apart_m = SLICE_M * (i as f64 - j as f64);
-        let alike = ALIKE * (-0.5 * (apart_m / ALIKE_M).powi(2)).exp();
+        let distance_m = SLICE_M * (i as f64 - j as f64);
+        let alike = ALIKE * (-0.5 * (distance_m / ALIKE_M).powi(2)).exp();
         if i == j { 1.0 } else { alike }
     });
     covariance.cholesky().map_or_else(|| DMatrix::identity(count, count), |factor| factor.unpack())
@@ -309,8 +317,12 @@ fn by_slices(around: &Around<'_>, mix: &DMatrix<f64>) -> Result<Vec<Vec<f64>>, M
             Ok::<_, ModelError>(predicted(around.run, &channels))
         };
         let uniform = predict(Foundation::uniform(modulus_pa)?)?;
-        let (to, from) = (predict(Foundation::layered(layers, modulus_pa)?)?, uniform);
-        Ok(to.iter().zip(from).map(|(to, from)| (to - from) / LN_STEP).collect())
+        let (layered, uniform_predicted) = (predict(Foundation::layered(layers, modulus_pa)?)?, uniform);
+        Ok(layered
+            .iter()
+            .zip(uniform_predicted)
+            .map(|(layered, uniform_predicted)| (layered - uniform_predicted) / LN_STEP)
+            .collect())
     };
     let slopes: Vec<Vec<f64>> = (0..mix.nrows()).map(of_slice).collect::<Result<_, ModelError>>()?;
     let mixed = |column: usize| {
@@ -325,8 +337,8 @@ fn by_slices(around: &Around<'_>, mix: &DMatrix<f64>) -> Result<Vec<Vec<f64>>, M
 
 /// The plane that is not driven reads a share of the driven one: force and shape, alike and opposite in runs along both axes.
 fn axes(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
-    // What the driven plane does, as it would be read in the other one.
-    let turned = around.slope(1.0, |_, experiment| {
+    // Reading of the driven plane's motion in the other plane.
+    let rotated = around.slope(1.0, |_, experiment| {
         if let Experiment::Lateral(lateral) = experiment {
             for sample in &mut lateral.drive {
                 (sample.y_m, sample.x_m) = (sample.y_m + sample.x_m, sample.x_m + sample.y_m);
@@ -335,11 +347,11 @@ fn axes(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
         Ok(())
     })?;
     let sign = if around.run.axis == 0 { 1.0 } else { -1.0 };
-    let of = |(force, factor): (bool, f64)| {
+    let axis_pattern = |(force, factor): (bool, f64)| {
         around.each(|i, _| {
-            let here = part(around, i);
-            if here.force == force && !here.driven { factor * turned[i] } else { 0.0 }
+            let is_part = part(around, i);
+            if is_part.force == force && !is_part.driven { factor * rotated[i] } else { 0.0 }
         })
     };
-    Ok([(true, 1.0), (true, sign), (false, 1.0), (false, sign)].into_iter().map(of).collect())
+    Ok([(true, 1.0), (true, sign), (false, 1.0), (false, sign)].into_iter().map(axis_pattern).collect())
 }

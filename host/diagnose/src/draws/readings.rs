@@ -31,7 +31,7 @@ impl Readings<'_> {
     pub fn add(&self, drawn: &Deviations<'_>, stream: u64, draws: &mut Draws) -> Result<(), FitError> {
         let mut random = Random::new(drawn.options.seed, stream);
         let count = drawn.options.count();
-        let mut all: OfRuns =
+        let mut run_values: OfRuns =
             self.runs.iter().map(|run| [(); 2].map(|()| DMatrix::zeros(run.run.data.len(), count))).collect();
         for (number, (_, fitted)) in drawn.models.iter().enumerate() {
             let chosen: Vec<usize> =
@@ -40,15 +40,15 @@ impl Readings<'_> {
                 continue;
             }
             let of_model = self.of_model(fitted, drawn, &chosen, &mut random)?;
-            for (run, columns) in all.iter_mut().zip(&of_model) {
-                for (all, columns) in run.iter_mut().zip(columns) {
+            for (run, columns) in run_values.iter_mut().zip(&of_model) {
+                for (run_values, columns) in run.iter_mut().zip(columns) {
                     for (column, draw) in columns.column_iter().zip(&chosen) {
-                        all.set_column(*draw, &column);
+                        run_values.set_column(*draw, &column);
                     }
                 }
             }
         }
-        for (run, [predicted, likely]) in self.runs.iter().zip(&all) {
+        for (run, [predicted, likely]) in self.runs.iter().zip(&run_values) {
             add_run(run, predicted, likely, draws);
         }
         Ok(())
@@ -82,9 +82,9 @@ impl Readings<'_> {
         let amplitudes = DMatrix::from_fn(inverse.count(), chosen.len(), |_, _| random.normal());
         let discrepancy = inverse.of_amplitudes(&amplitudes);
         let ln_two_pi = std::f64::consts::TAU.ln();
-        let mut all = Vec::with_capacity(self.runs.len());
-        let parts = white.into_iter().zip(weighted).zip(diagonal).zip(discrepancy);
-        for ((((white, mut weighted), diagonal), discrepancy), run) in parts.zip(self.runs) {
+        let mut run_values = Vec::with_capacity(self.runs.len());
+        let run_parts = white.into_iter().zip(weighted).zip(diagonal).zip(discrepancy);
+        for ((((white, mut weighted), diagonal), discrepancy), run) in run_parts.zip(self.runs) {
             for (mut row, own) in weighted.row_iter_mut().zip(diagonal.iter()) {
                 row.apply(|g| *g = 0.5 * (own.ln() - ln_two_pi - *g * *g / own));
             }
@@ -95,9 +95,9 @@ impl Readings<'_> {
                 let data = run.run.data.iter();
                 column.iter_mut().zip(data).for_each(|(value, datum)| *value = datum.measured - *value);
             }
-            all.push([predicted, weighted]);
+            run_values.push([predicted, weighted]);
         }
-        Ok(all)
+        Ok(run_values)
     }
 }
 

@@ -10,9 +10,9 @@ const OPTIONS: DrawOptions = DrawOptions { chains: 4, draws: 500, seed: 1 };
 fn a_named_effect_is_drawn_as_its_interval_states() {
     let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
     let options = Options { draws: Some(OPTIONS), ..Options::default() };
-    let mut found = diagnose(&session, &options, |_| {}).expect("a diagnosis");
-    let draws = found.draws.take().expect("draws");
-    let effect = found.effects.first().expect("a name");
+    let mut diagnosis = diagnose(&session, &options, |_| {}).expect("a diagnosis");
+    let draws = diagnosis.draws.take().expect("draws");
+    let effect = diagnosis.effects.first().expect("a name");
     let (parameter, estimate) = effect.parameters.first_key_value().expect("a parameter");
     let values = |name: &str| draws.values(Group::Posterior, name).expect("a variable");
     let of_parameter = values(&format!("{}.{parameter}", effect.id));
@@ -25,32 +25,32 @@ fn a_named_effect_is_drawn_as_its_interval_states() {
         .collect();
     assert!(of_first.len() > 1000, "{}", of_first.len());
     let [low, high] = estimate.ci95;
-    let share =
+    let coverage =
         of_first.iter().filter(|value| (low..=high).contains(*value)).count() as f64 / of_first.len() as f64;
-    assert!(share > 0.93, "{share} within {low} to {high}");
+    assert!(coverage > 0.93, "{coverage} within {low} to {high}");
     // Readings: what was taken is as likely as what is predicted.
     let names: Vec<&str> = draws.variables(Group::ObservedData).collect();
     assert!(names.len() >= 8, "{names:?}");
     for name in names {
         let count = draws.values(Group::ObservedData, name).expect("readings").len();
         let mean = |group: Group| {
-            let all = draws.values(group, name).expect("draws");
-            assert_eq!(all.len(), count * OPTIONS.count());
-            all.iter().sum::<f64>() / all.len() as f64
+            let effect_draws = draws.values(group, name).expect("draws");
+            assert_eq!(effect_draws.len(), count * OPTIONS.count());
+            effect_draws.iter().sum::<f64>() / effect_draws.len() as f64
         };
         assert!(mean(Group::LogLikelihood).is_finite());
         let observed = draws.values(Group::ObservedData, name).expect("readings");
         let observed = observed.iter().sum::<f64>() / count as f64;
         let spread = {
-            let all = draws.values(Group::PosteriorPredictive, name).expect("draws");
+            let reading_draws = draws.values(Group::PosteriorPredictive, name).expect("draws");
             let of_means: Vec<f64> =
-                all.chunks(count).map(|row| row.iter().sum::<f64>() / count as f64).collect();
+                reading_draws.chunks(count).map(|row| row.iter().sum::<f64>() / count as f64).collect();
             let mean = of_means.iter().sum::<f64>() / of_means.len() as f64;
             let square = of_means.iter().map(|one| (one - mean).powi(2)).sum::<f64>();
             (square / of_means.len() as f64).sqrt()
         };
-        let away = (observed - mean(Group::PosteriorPredictive)).abs();
-        assert!(away < 4.0 * spread, "{name}: {away} {spread}");
+        let distance = (observed - mean(Group::PosteriorPredictive)).abs();
+        assert!(distance < 4.0 * spread, "{name}: {distance} {spread}");
     }
 }
 
@@ -63,15 +63,17 @@ fn densities_of_readings_given_all_others_are_those_of_dense_matrices() {
     let amplitudes = DMatrix::identity(inverse.count(), inverse.count());
     let patterns = inverse.of_amplitudes(&amplitudes);
     let rows: usize = patterns.iter().map(DMatrix::nrows).sum();
-    let mut all = DMatrix::zeros(rows, inverse.count());
+    let mut dense_columns = DMatrix::zeros(rows, inverse.count());
     let mut first = 0;
     for part in &patterns {
-        all.rows_mut(first, part.nrows()).copy_from(part);
+        dense_columns.rows_mut(first, part.nrows()).copy_from(part);
         first += part.nrows();
     }
-    let dense = (DMatrix::identity(rows, rows) + &all * all.transpose()).try_inverse().expect("regular");
-    let found: Vec<f64> = inverse.diagonal().iter().flat_map(|part| part.iter().copied()).collect();
-    for (found, expected) in found.iter().zip(dense.diagonal().iter()) {
-        assert!((found - expected).abs() < 1e-8, "{found} {expected}");
+    let dense = (DMatrix::identity(rows, rows) + &dense_columns * dense_columns.transpose())
+        .try_inverse()
+        .expect("regular");
+    let diagonal: Vec<f64> = inverse.diagonal().iter().flat_map(|part| part.iter().copied()).collect();
+    for (diagonal, expected) in diagonal.iter().zip(dense.diagonal().iter()) {
+        assert!((diagonal - expected).abs() < 1e-8, "{diagonal} {expected}");
     }
 }

@@ -28,14 +28,14 @@ impl Patterns {
         let parameters = products.among.ncols().checked_sub(1)?;
         let reduced = self.reduced(sizes, products, parameters)?;
         let shared = self.shared_groups.len();
-        let kept = shared + parameters;
+        let kept_count = shared + parameters;
         let root = inverse_root(&reduced.factor);
         let covariance = root.transpose() * &root;
         let amplitudes = &covariance * reduced.right.column(0);
-        let own: usize = self.runs.iter().map(|run| run.own_groups.len()).sum();
+        let own_count: usize = self.runs.iter().map(|run| run.own_groups.len()).sum();
         // Patterns of runs first, then shared ones.
-        let count = own + shared;
-        let mut by_shared = DMatrix::zeros(own, kept);
+        let count = own_count + shared;
+        let mut by_shared = DMatrix::zeros(own_count, kept_count);
         let mut inverse = DMatrix::zeros(count, count);
         let mut mean = DVector::zeros(count);
         let mut groups = Vec::with_capacity(count);
@@ -54,37 +54,41 @@ impl Patterns {
         }
         groups.extend_from_slice(&self.shared_groups);
         let spread = &by_shared * &covariance;
-        inverse.view_mut((0, 0), (own, own)).gemm(1.0, &spread, &by_shared.transpose(), 1.0);
-        let across = spread.columns(0, shared);
-        inverse.view_mut((0, own), (own, shared)).copy_from(&(-across));
-        inverse.view_mut((own, 0), (shared, own)).copy_from(&(-across.transpose()));
-        inverse.view_mut((own, own), (shared, shared)).copy_from(&covariance.view((0, 0), (shared, shared)));
-        mean.rows_mut(own, shared).copy_from(&amplitudes.rows(0, shared));
+        inverse.view_mut((0, 0), (own_count, own_count)).gemm(1.0, &spread, &by_shared.transpose(), 1.0);
+        let shared_spread = spread.columns(0, shared);
+        inverse.view_mut((0, own_count), (own_count, shared)).copy_from(&(-shared_spread));
+        inverse.view_mut((own_count, 0), (shared, own_count)).copy_from(&(-shared_spread.transpose()));
+        inverse
+            .view_mut((own_count, own_count), (shared, shared))
+            .copy_from(&covariance.view((0, 0), (shared, shared)));
+        mean.rows_mut(own_count, shared).copy_from(&amplitudes.rows(0, shared));
 
-        let mut all = DMatrix::zeros(self.groups.len(), self.groups.len());
+        let mut curvature_matrix = DMatrix::zeros(self.groups.len(), self.groups.len());
         for (k, h) in groups.iter().enumerate() {
             let column = inverse.column(k);
-            all[(*h, *h)] += 2.0 * (column[k] + mean[k] * mean[k]);
+            curvature_matrix[(*h, *h)] += 2.0 * (column[k] + mean[k] * mean[k]);
             for (j, g) in groups.iter().enumerate() {
                 let value = column[j];
-                all[(*g, *h)] -= 2.0 * value * (value + 2.0 * mean[j] * mean[k]);
+                curvature_matrix[(*g, *h)] -= 2.0 * value * (value + 2.0 * mean[j] * mean[k]);
             }
         }
         let free: Vec<usize> = (0..self.groups.len()).filter(|g| self.groups[*g].tail.is_some()).collect();
-        let mut curvature = DMatrix::from_fn(free.len(), free.len(), |i, j| all[(free[i], free[j])]);
+        let mut curvature =
+            DMatrix::from_fn(free.len(), free.len(), |i, j| curvature_matrix[(free[i], free[j])]);
         for (i, g) in free.iter().enumerate() {
             let group = &self.groups[*g];
-            let share = sizes[*g] / group.everyday;
+            let size_ratio = sizes[*g] / group.everyday;
             curvature[(i, i)] += match group.tail {
-                Some(tail) if share >= 1.0 => share * (2.0 * share - 1.0) / (tail * tail),
+                Some(tail) if size_ratio >= 1.0 => size_ratio * (2.0 * size_ratio - 1.0) / (tail * tail),
                 _ => 1.0 / (SMALLER_SIZE_SD_LN * SMALLER_SIZE_SD_LN),
             };
         }
         Some((free, curvature))
     }
 
-    /// What integrating over the sizes around their likeliest values adds to the log evidence, up to what all hypotheses share; nothing
-    /// where a size makes no sense. A size that the data determine is worth less than one that may be anything that is ordinary.
+    /// Addition to the log evidence by integrating over the sizes around their likeliest values, up to a common part of
+    /// all hypotheses; `None` if a size is not valid. A size that the data determine is worth less than one that may be
+    /// anything that is ordinary.
     pub fn ln_volume_of_sizes(&self, sizes: &[f64], products: &Products) -> Option<f64> {
         let (_, curvature) = self.curvature(sizes, products)?;
         if curvature.is_empty() {
@@ -97,16 +101,18 @@ impl Patterns {
     /// Covariance of the parameters, in units of their priors, with the sizes integrated over; that at the likeliest sizes where the
     /// integral makes no sense.
     pub fn integrated_covariance(&self, sizes: &[f64], products: &Products) -> Option<DMatrix<f64>> {
-        let here = self.evidence(sizes, products)?;
-        let Some((free, curvature)) = self.curvature(sizes, products) else { return Some(here.covariance) };
+        let base_evidence = self.evidence(sizes, products)?;
+        let Some((free, curvature)) = self.curvature(sizes, products) else {
+            return Some(base_evidence.covariance);
+        };
         if free.is_empty() {
-            return Some(here.covariance);
+            return Some(base_evidence.covariance);
         }
         let eigen = curvature.symmetric_eigen();
-        let mut total = here.covariance.clone();
+        let mut total = base_evidence.covariance.clone();
         for (axis, value) in eigen.eigenvectors.column_iter().zip(eigen.eigenvalues.iter()) {
             let sd = value.max(MIN_CURVATURE).sqrt().recip();
-            let at = |sign: f64| {
+            let shifted_evidence = |sign: f64| {
                 let mut moved = sizes.to_vec();
                 for (group, along) in free.iter().zip(axis.iter()) {
                     moved[*group] *= (sign * POINT_SD * sd * along).exp();
@@ -115,16 +121,16 @@ impl Patterns {
             };
             let points: Vec<(f64, Evidence)> = [-1.0, 1.0]
                 .into_iter()
-                .filter_map(at)
-                .map(|evidence| (POINT_WEIGHT * skew(&here, &evidence), evidence))
+                .filter_map(shifted_evidence)
+                .map(|evidence| (POINT_WEIGHT * skew(&base_evidence, &evidence), evidence))
                 .collect();
             let weights = 1.0 - 2.0 * POINT_WEIGHT + points.iter().map(|(weight, _)| weight).sum::<f64>();
             for (weight, evidence) in &points {
-                total += moments_beyond(&here, evidence) * (weight / weights);
+                total += moments_beyond(&base_evidence, evidence) * (weight / weights);
             }
         }
         let is_valid = total.clone().cholesky().is_some();
-        Some(if is_valid { total } else { here.covariance })
+        Some(if is_valid { total } else { base_evidence.covariance })
     }
 }
 
@@ -134,8 +140,8 @@ fn skew(here: &Evidence, there: &Evidence) -> f64 {
     (here.minus_ln + normal - there.minus_ln).exp().clamp(MAX_SKEW.recip(), MAX_SKEW)
 }
 
-/// What the second moments around the values at the likeliest sizes are larger by at a point.
+/// Excess of the second moments at a point over the values at the likeliest sizes.
 fn moments_beyond(here: &Evidence, there: &Evidence) -> DMatrix<f64> {
-    let apart = &there.mean - &here.mean;
-    &there.covariance - &here.covariance + &apart * apart.transpose()
+    let mean_difference = &there.mean - &here.mean;
+    &there.covariance - &here.covariance + &mean_difference * mean_difference.transpose()
 }

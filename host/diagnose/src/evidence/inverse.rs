@@ -5,7 +5,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// `S^-1` with `S = I + Phi diag(s^2) Phi^T`.
 pub struct Inverse {
-    /// Of each run: its readings by all patterns, one standard deviation of each.
+    /// Patterns of each run: its readings by all patterns, one standard deviation of each.
     patterns: Vec<DMatrix<f64>>,
     factor: Cholesky<f64, Dyn>,
 }
@@ -17,7 +17,7 @@ impl Patterns {
         let shared = self.shared_groups.len();
         let count = shared + self.runs.iter().map(|run| run.own_groups.len()).sum::<usize>();
         let mut normal = DMatrix::identity(count, count);
-        let mut all = Vec::with_capacity(self.runs.len());
+        let mut run_inverses = Vec::with_capacity(self.runs.len());
         let mut first = shared;
         for run in &self.runs {
             let mut patterns = DMatrix::zeros(run.own.nrows(), count);
@@ -31,9 +31,9 @@ impl Patterns {
             }
             first += run.own.ncols();
             normal.gemm_tr(1.0, &patterns, &patterns, 1.0);
-            all.push(patterns);
+            run_inverses.push(patterns);
         }
-        Some(Inverse { patterns: all, factor: normal.cholesky()? })
+        Some(Inverse { patterns: run_inverses, factor: normal.cholesky()? })
     }
 }
 
@@ -43,7 +43,7 @@ impl Inverse {
         self.factor.l_dirty().nrows()
     }
 
-    /// What amplitudes of the patterns, in standard deviations, do to the readings of each run.
+    /// Effect of amplitudes of the patterns, in standard deviations, on the readings of each run.
     pub fn of_amplitudes(&self, amplitudes: &DMatrix<f64>) -> Vec<DMatrix<f64>> {
         self.patterns.iter().map(|patterns| patterns * amplitudes).collect()
     }
@@ -51,11 +51,11 @@ impl Inverse {
     /// `S^-1 C` of columns with one part per run.
     pub fn of(&self, columns: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
         let width = columns.first().map_or(0, DMatrix::ncols);
-        let mut along = DMatrix::zeros(self.count(), width);
+        let mut run_columns = DMatrix::zeros(self.count(), width);
         for (patterns, part) in self.patterns.iter().zip(columns) {
-            along.gemm_tr(1.0, patterns, part, 1.0);
+            run_columns.gemm_tr(1.0, patterns, part, 1.0);
         }
-        let amplitudes = self.factor.solve(&along);
+        let amplitudes = self.factor.solve(&run_columns);
         self.patterns.iter().zip(columns).map(|(patterns, part)| part - patterns * &amplitudes).collect()
     }
 

@@ -1,11 +1,11 @@
-//! What is stated of a rig: mostly right within a tolerance, and now and then not (theory, eq. 84).
+//! Statements about a rig: mostly right within a tolerance, and now and then not (theory, eq. 84).
 
 /// A place that is stated of the rig and unknown within a tolerance.
 #[derive(Debug, Clone, Copy)]
 pub struct StatedPlace {
-    /// Which parameter: how much further from guide 1 it is than stated, m.
+    /// Number of the parameter: how much further from guide 1 it is than stated, m.
     pub parameter: usize,
-    /// What it is.
+    /// Name of the quantity.
     pub name: &'static str,
     /// The effect that it is by name.
     pub effect: &'static str,
@@ -51,12 +51,13 @@ impl HeavyTailed {
         let count = (reach / step).ceil() as i32;
         let (mut weights, mut first, mut second) = (0.0, 0.0, 0.0);
         for number in -count..=count {
-            let at = f64::from(number) * step;
-            let ln_tail = -0.5 * (Self::FREEDOM + 1.0) * ((at / self.scale).powi(2) / Self::FREEDOM).ln_1p();
-            let weight = (ln_tail - 0.5 * ((at - mean) / sd).powi(2)).exp();
+            let node = f64::from(number) * step;
+            let ln_tail =
+                -0.5 * (Self::FREEDOM + 1.0) * ((node / self.scale).powi(2) / Self::FREEDOM).ln_1p();
+            let weight = (ln_tail - 0.5 * ((node - mean) / sd).powi(2)).exp();
             weights += weight;
-            first += weight * at;
-            second += weight * at * at;
+            first += weight * node;
+            second += weight * node * node;
         }
         let mean = first / weights;
         let variance = second / weights - mean * mean;
@@ -65,10 +66,10 @@ impl HeavyTailed {
 
     pub fn ln_over_normal(&self, value: f64) -> f64 {
         let sd = self.sd_at(value);
-        let at = value / self.scale;
-        // Of three degrees of freedom: 2 / (pi sqrt(3)).
+        let normalized = value / self.scale;
+        // Density for three degrees of freedom: 2 / (pi sqrt(3)).
         let ln_peak = (2.0 / (std::f64::consts::PI * 3f64.sqrt() * self.scale)).ln();
-        let ln_tail = -0.5 * (Self::FREEDOM + 1.0) * (at * at / Self::FREEDOM).ln_1p();
+        let ln_tail = -0.5 * (Self::FREEDOM + 1.0) * (normalized * normalized / Self::FREEDOM).ln_1p();
         let ln_normal = -0.5 * (value / sd).powi(2) - (sd * std::f64::consts::TAU.sqrt()).ln();
         ln_peak + ln_tail - ln_normal
     }

@@ -1,4 +1,4 @@
-//! What a fit states of quantities, in their own units and with their intervals.
+//! Estimates of a fit, in their own units and with their intervals.
 
 use super::Fitted;
 use crate::Multiples;
@@ -22,21 +22,22 @@ impl Fitted {
             return (f64::NAN, [f64::NAN; 2]);
         };
         let scale = Scale::of(info);
-        let at = self.layout.first_of(effect) + parameter;
-        let (value, sd) = (self.values[at], self.sd(at));
+        let parameter_index = self.layout.first_of(effect) + parameter;
+        let (value, sd) = (self.values[parameter_index], self.sd(parameter_index));
         let [least, most] = info.range;
-        let at = scale.outside(value);
+        let outside_value = scale.outside(value);
         let is_depth = !info.nodes.is_empty() && info.name == "depth_mm" && !of.info().observable_in.lateral;
-        let spacing = if is_depth { self.layout.spacing_m(MM * at).unwrap_or(0.0) / MM } else { 0.0 };
+        let spacing =
+            if is_depth { self.layout.spacing_m(MM * outside_value).unwrap_or(0.0) / MM } else { 0.0 };
         let end = |sds: f64| {
             let end = scale.outside(value + sds * sd);
-            let wider = || at + (end - at).hypot(spacing).copysign(sds);
+            let wider = || outside_value + (end - outside_value).hypot(spacing).copysign(sds);
             if spacing > 0.0 { wider() } else { end }.clamp(least, most)
         };
-        (at, [end(-NORMAL_975), end(NORMAL_975)])
+        (outside_value, [end(-NORMAL_975), end(NORMAL_975)])
     }
 
-    /// Of the modulus, Pa.
+    /// Estimate of the modulus, Pa.
     pub fn modulus_pa(&self) -> (f64, [f64; 2]) {
         let (value, sd) = (self.values[0], self.sd(0));
         (value.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (value + sds * sd).exp()))
@@ -53,7 +54,7 @@ impl Fitted {
     /// The same with its slopes along the parameters.
     pub fn ln_mean_modulus_slopes(&self, depth_m: f64) -> Option<(f64, DVector<f64>)> {
         let kind = if self.layout.kinds[0] { Kind::Lateral } else { Kind::Insertion };
-        let at = |values: &[f64]| {
+        let mean_modulus = |values: &[f64]| {
             let problem = self.layout.model(values, kind).and_then(|model| model.problem(depth_m)).ok()?;
             Some(problem.foundation.mean_pa(depth_m).ln()).filter(|ln| ln.is_finite())
         };
@@ -62,12 +63,12 @@ impl Fitted {
             let moved = |by: f64| {
                 let mut values = self.values.clone();
                 values[i] += by;
-                at(&values)
+                mean_modulus(&values)
             };
             Some((moved(step)? - moved(-step)?) / (2.0 * step))
         };
         let slopes: Option<Vec<f64>> = (0..self.values.len()).map(slope).collect();
-        Some((at(&self.values)?, DVector::from_vec(slopes?)))
+        Some((mean_modulus(&self.values)?, DVector::from_vec(slopes?)))
     }
 
     /// The tip load, N, with its slopes along the parameters.
@@ -75,7 +76,7 @@ impl Fitted {
         self.layout.tip_load_slopes(&self.values)
     }
 
-    /// Of the tip load, N, where there are insertions.
+    /// Estimate of the tip load, N, if there are insertions.
     pub fn tip_load_n(&self) -> Option<(f64, [f64; 2])> {
         let (value, sd) = self.layout.tip_load_n(&self.values, &self.covariance)?;
         Some((value, [-NORMAL_975, NORMAL_975].map(|sds| value + sds * sd)))
@@ -83,19 +84,19 @@ impl Fitted {
 
     /// Groups of the discrepancy that are larger than in an ordinary rig, as multiples of that.
     pub fn multiples(&self, patterns: &Patterns) -> Multiples {
-        let found = patterns.groups.iter().zip(&self.sizes).filter(|(group, _)| group.tail.is_some());
-        let multiples =
-            found.map(|(group, size)| (group.name.to_owned(), group.multiple * size / group.everyday));
+        let tailed_groups = patterns.groups.iter().zip(&self.sizes).filter(|(group, _)| group.tail.is_some());
+        let multiples = tailed_groups
+            .map(|(group, size)| (group.name.to_owned(), group.multiple * size / group.everyday));
         multiples.filter(|(_, multiple)| *multiple > LARGER).collect()
     }
 
     /// Ratio of the modulus to that of the reference, and the reference's modulus, Pa; each with its interval of 95 %.
     pub fn beside_reference(&self) -> Option<[(f64, [f64; 2]); 2]> {
-        let at = self.layout.ratio()?;
+        let ratio_parameter = self.layout.ratio()?;
         let ends = |ln: f64, sd: f64| (ln.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (ln + sds * sd).exp()));
-        let [of_modulus, of_ratio] = [0, at].map(|i| self.covariance[(i, i)]);
-        let variance = of_modulus + of_ratio - 2.0 * self.covariance[(0, at)];
-        let of_reference = ends(self.values[0] - self.values[at], variance.max(0.0).sqrt());
-        Some([ends(self.values[at], of_ratio.sqrt()), of_reference])
+        let [of_modulus, of_ratio] = [0, ratio_parameter].map(|i| self.covariance[(i, i)]);
+        let variance = of_modulus + of_ratio - 2.0 * self.covariance[(0, ratio_parameter)];
+        let of_reference = ends(self.values[0] - self.values[ratio_parameter], variance.max(0.0).sqrt());
+        Some([ends(self.values[ratio_parameter], of_ratio.sqrt()), of_reference])
     }
 }

@@ -105,7 +105,7 @@ impl Scores {
             let (_, hypotheses) = &self.hypotheses[other];
             hypotheses.iter().flat_map(|one| &one.columns).any(|other| {
                 let (theirs, common) = (self.gram[(*other, *other)], self.gram[(column, *other)]);
-                // What the other one cannot do of it.
+                // Part of it that the other one cannot produce.
                 theirs > 0.0 && amplitude * amplitude * (own - common * common / theirs) < indistinct()
             })
         };

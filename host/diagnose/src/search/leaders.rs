@@ -26,7 +26,7 @@ const NEGLIGIBLE: f64 = -7.0;
 struct Pair(Site, Scope, Regressor);
 
 impl Pair {
-    /// Nothing of an effect with a name.
+    /// `None` for an effect with a name.
     fn of(effect: &dyn Effect) -> Option<Self> {
         let law = effect.as_law().filter(|_| effect.is_unnamed())?;
         Some(Self(law.site, law.scope, law.regressor))
@@ -42,7 +42,7 @@ impl Search<'_> {
     /// Fits the leaders of what is scored, best first, and weighs them.
     pub fn weigh(&self, base: &Fitted, ranked: Vec<Score>, prior: &ModelPrior) -> Vec<Candidate> {
         let best = ranked.first().map_or(0.0, |score| score.log_evidence);
-        // What has the evidence of a name by its score is fitted however far behind it is.
+        // A hypothesis whose score has the evidence of a name is fitted however far behind it is.
         let near = leading(best).min(stated_ln_odds());
         // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
         let least = |score: &Score| if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
@@ -128,7 +128,7 @@ impl Search<'_> {
             let mut starts = base.values().to_vec();
             let infos = score.effect.parameters().iter().zip(values);
             starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-            // What the rest of the model does is much the same with the effect: good enough to judge what it is worth.
+            // The rest of the model changes little with the effect: good enough to judge what it is worth.
             Fitted::beside(&layout, self.runs, self.patterns, &starts, &sizes, FIRST_ROUNDS, &base.jacobian)
                 .ok()
         };

@@ -1,4 +1,4 @@
-//! What can be wrong with a session, and where.
+//! Errors of a session, with their place.
 
 use std::fmt;
 use std::fs::File;
@@ -13,7 +13,7 @@ pub enum SessionError {
     Io {
         /// File or folder.
         path: PathBuf,
-        /// What was tried.
+        /// Action that failed.
         action: &'static str,
         /// Error of the operating system.
         cause: std::io::Error,
@@ -21,13 +21,13 @@ pub enum SessionError {
     /// Something in a file is not what the format requires.
     #[error("{place}: {field}: {problem}, expected {expected}")]
     Field {
-        /// Where.
+        /// Place of the error.
         place: Place,
         /// Name of the field or column, with its table.
         field: String,
-        /// What is there.
+        /// Content of the place.
         problem: Problem,
-        /// What should be there.
+        /// Expected content.
         expected: String,
     },
     /// A run cannot join a session recorded with other hardware.
@@ -69,9 +69,9 @@ pub enum SessionError {
         path: PathBuf,
         /// The requested id.
         id: String,
-        /// What is wrong with it.
+        /// Problem of the content.
         problem: &'static str,
-        /// What is accepted.
+        /// Accepted content.
         expected: &'static str,
     },
     /// A value to be written is one that the format does not have.
@@ -110,14 +110,14 @@ pub struct Place {
 impl Place {
     /// The place `offset` bytes into `text`, the content of the file at `path`.
     pub fn at(path: &Path, text: &str, offset: usize) -> Self {
-        let before = text.get(..offset).unwrap_or(text);
+        let preceding_text = text.get(..offset).unwrap_or(text);
         let (mut line, mut line_start) = (1, 0);
-        for (at, end) in before.match_indices(['\n', '\r']) {
+        for (at, end) in preceding_text.match_indices(['\n', '\r']) {
             line_start = at + end.len();
-            // Of a carriage return and a newline the newline counts.
+            // A carriage return followed by a newline counts as one line.
             line += usize::from(end == "\n" || !text.get(line_start..).is_some_and(|t| t.starts_with('\n')));
         }
-        let column = before.get(line_start..).unwrap_or_default().chars().count() + 1;
+        let column = preceding_text.get(line_start..).unwrap_or_default().chars().count() + 1;
         Self { path: path.to_owned(), line, column }
     }
 }
@@ -128,10 +128,10 @@ impl fmt::Display for Place {
     }
 }
 
-/// What is there instead of the expected.
+/// Content in place of the expected one.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Problem {
-    /// Nothing.
+    /// Missing.
     #[error("missing")]
     Missing,
     /// An empty cell or string.
@@ -158,7 +158,7 @@ pub enum Problem {
     /// A number with a fraction where there can be none.
     #[error("{0} is not a whole number")]
     NotWhole(f64),
-    /// Nothing of this name, but of a similar one.
+    /// Missing, but a similar name is there.
     #[error("missing, but there is \"{0}\"")]
     Misspelt(String),
     /// A file that is named here cannot be read: its path, and the error of the operating system.
@@ -187,11 +187,11 @@ fn article(noun: &str) -> &'static str {
 
 /// The two halves of a parser's message: what is wrong, and what was expected where it is stated.
 pub fn split_message(message: &str, otherwise: &str) -> (Problem, String) {
-    let (what, expected) = match message.strip_prefix("expected ") {
+    let (problem, expected) = match message.strip_prefix("expected ") {
         Some(expected) => ("unexpected text", expected),
         None => message.split_once(", expected ").unwrap_or((message, otherwise)),
     };
-    (Problem::Syntax(what.trim().to_owned()), expected.trim().to_owned())
+    (Problem::Syntax(problem.trim().to_owned()), expected.trim().to_owned())
 }
 
 /// Most bytes that are read of what has no end of its own, such as a device.
@@ -204,12 +204,14 @@ pub fn read_text(path: &Path) -> Result<String, SessionError> {
         action: "read",
         cause,
     })?;
-    let fault = |place, what: &str, expected: &str| SessionError::Field {
-        place,
-        field: "text".to_owned(),
-        problem: Problem::Syntax(what.to_owned()),
-        expected: expected.to_owned(),
-    };
+    fn fault(place: Place, what: &str, expected: &str) -> SessionError {
+        SessionError::Field {
+            place,
+            field: "text".to_owned(),
+            problem: Problem::Syntax(what.to_owned()),
+            expected: expected.to_owned(),
+        }
+    }
     if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
         return Err(fault(Place::at(path, "", 0), "this is UTF-16", "UTF-8 text (save it as UTF-8)"));
     }

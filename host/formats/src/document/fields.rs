@@ -12,7 +12,7 @@ pub struct Fields<'d> {
     text: &'d str,
     /// Name of the table with those it is in, as in `[[lateral]]`; empty for the whole file.
     name: String,
-    /// Where the table starts.
+    /// Start of the table.
     offset: usize,
     table: &'d DeTable<'d>,
 }
@@ -27,8 +27,8 @@ impl<'d> Fields<'d> {
         let document = DeTable::parse(text).map_err(|error| {
             let offset = error.span().map_or(0, |span| span.start);
             let (problem, expected) = syntax(error.message(), text, offset);
-            let place = Place::at(path, text, offset);
-            SessionError::Field { place, field: "syntax".to_owned(), problem, expected }
+            let location = Place::at(path, text, offset);
+            SessionError::Field { place: location, field: "syntax".to_owned(), problem, expected }
         })?;
         use_fields(&Fields { path, text, name: String::new(), offset: 0, table: document.get_ref() })
     }
@@ -61,13 +61,14 @@ impl<'d> Fields<'d> {
 
     /// A fault of a field that is missing, with the place of one of a similar name.
     fn missing(&self, field: &str, expected: impl Into<String>) -> SessionError {
-        let found = misspelt(field, self.names()).map(str::to_owned);
-        let key = found.as_ref().and_then(|found| self.table.iter().find(|(key, _)| key.get_ref() == found));
+        let similar = misspelt(field, self.names()).map(str::to_owned);
+        let key =
+            similar.as_ref().and_then(|similar| self.table.iter().find(|(key, _)| key.get_ref() == similar));
         let offset = key.map_or(self.offset, |(key, _)| key.span().start);
-        self.fault(offset, field, found.map_or(Problem::Missing, Problem::Misspelt), expected)
+        self.fault(offset, field, similar.map_or(Problem::Missing, Problem::Misspelt), expected)
     }
 
-    /// Where the table starts.
+    /// Start of the table.
     pub fn place(&self) -> Place {
         Place::at(self.path, self.text, self.offset)
     }
@@ -92,7 +93,7 @@ impl<'d> Fields<'d> {
         Err(self.field_fault("format", problem, EXPECTED))
     }
 
-    /// Reads the file that a field names, in `dir`. That it cannot be read is a fault of the field.
+    /// Reads the file that a field names, in `dir`. An unreadable file is an error of the field.
     pub fn file<T>(
         &self,
         dir: &Path,
@@ -112,12 +113,14 @@ impl<'d> Fields<'d> {
 
     /// Refuses fields that are not among `known`, for tables in which a misspelt field must not be ignored.
     pub fn only(&self, known: &[&str]) -> Result<(), SessionError> {
-        let names = || if known.is_empty() { "nothing here".to_owned() } else { known.join(", ") };
+        fn names(known: &[&str]) -> String {
+            if known.is_empty() { "nothing here".to_owned() } else { known.join(", ") }
+        }
         let unknown = self.table.iter().filter(|(key, _)| !known.contains(&key.get_ref().as_ref()));
         match unknown.min_by_key(|(key, _)| key.span().start) {
             Some((key, _)) => {
                 let name = key.get_ref().to_string();
-                Err(self.fault(key.span().start, &name, Problem::Unknown(name.clone()), names()))
+                Err(self.fault(key.span().start, &name, Problem::Unknown(name.clone()), names(known)))
             }
             None => Ok(()),
         }
@@ -125,8 +128,9 @@ impl<'d> Fields<'d> {
 
     /// Refuses a field that is not among `known` and similar to one that is and is missing; others are ignored.
     pub fn none_misspelt(&self, known: &[&str]) -> Result<(), SessionError> {
-        let own = || self.names().filter(|name| !known.contains(name));
-        match known.iter().find(|name| self.get(name).is_none() && misspelt(name, own()).is_some()) {
+        let unknown_names = || self.names().filter(|name| !known.contains(name));
+        match known.iter().find(|name| self.get(name).is_none() && misspelt(name, unknown_names()).is_some())
+        {
             Some(name) => Err(self.missing(name, "this name, or one that is not similar")),
             None => Ok(()),
         }
@@ -134,12 +138,12 @@ impl<'d> Fields<'d> {
 
     /// Fields that are not among `known`, with their places.
     pub fn others(&self, known: &[&str]) -> Vec<(Place, String)> {
-        let others = self.table.iter().filter(|(key, _)| !known.contains(&key.get_ref().as_ref()));
+        let unknown_fields = self.table.iter().filter(|(key, _)| !known.contains(&key.get_ref().as_ref()));
         let dot = if self.name.is_empty() { "" } else { "." };
-        others
+        unknown_fields
             .map(|(key, _)| {
-                let place = Place::at(self.path, self.text, key.span().start);
-                (place, format!("{}{dot}{}", self.name, key.get_ref()))
+                let location = Place::at(self.path, self.text, key.span().start);
+                (location, format!("{}{dot}{}", self.name, key.get_ref()))
             })
             .collect()
     }
@@ -199,13 +203,15 @@ impl<'d> Fields<'d> {
             self.fault(value.span().start, field, problem, "a list of lists of numbers")
         };
         let DeValue::Array(rows) = value.get_ref() else { return Err(wrong(value)) };
-        let row = |row: &Spanned<DeValue<'_>>| match row.get_ref() {
-            DeValue::Array(items) => {
-                items.iter().map(|item| self.scaled(field, item, range, power)).collect()
-            }
-            _ => Err(wrong(row)),
-        };
-        rows.iter().map(row).collect::<Result<_, _>>().map(Some)
+        rows.iter()
+            .map(|row| match row.get_ref() {
+                DeValue::Array(items) => {
+                    items.iter().map(|item| self.scaled(field, item, range, power)).collect()
+                }
+                _ => Err(wrong(row)),
+            })
+            .collect::<Result<_, _>>()
+            .map(Some)
     }
 
     /// A list of strings, where there is one.
@@ -216,11 +222,14 @@ impl<'d> Fields<'d> {
             self.fault(value.span().start, field, problem, "a list of strings")
         };
         let DeValue::Array(items) = value.get_ref() else { return Err(wrong(value)) };
-        let text = |item: &Spanned<DeValue<'_>>| match item.get_ref() {
-            DeValue::String(text) => Ok(text.to_string()),
-            _ => Err(wrong(item)),
-        };
-        items.iter().map(text).collect::<Result<_, _>>().map(Some)
+        items
+            .iter()
+            .map(|item| match item.get_ref() {
+                DeValue::String(text) => Ok(text.to_string()),
+                _ => Err(wrong(item)),
+            })
+            .collect::<Result<_, _>>()
+            .map(Some)
     }
 
     /// An interval `[low, high]` within `[least, most]` times a power of ten, where there is one.
@@ -288,8 +297,8 @@ impl<'d> Fields<'d> {
 
     /// A number within `[least, most]`.
     pub fn number(&self, field: &str, [least, most]: [f64; 2]) -> Result<f64, SessionError> {
-        let missing = || self.missing(field, format!("a number from {least} to {most}"));
-        self.optional_number(field, [least, most])?.ok_or_else(missing)
+        self.optional_number(field, [least, most])?
+            .ok_or_else(|| self.missing(field, format!("a number from {least} to {most}")))
     }
 
     /// 0 or a number within `[least, most]`.
@@ -365,8 +374,8 @@ impl<'d> Fields<'d> {
     /// A table such as `[rig]`.
     pub fn table(&self, name: &str) -> Result<Fields<'d>, SessionError> {
         let dot = if self.name.is_empty() { "" } else { "." };
-        let missing = || self.missing(name, format!("a table [{}{dot}{name}]", self.name));
-        self.optional_table(name)?.ok_or_else(missing)
+        self.optional_table(name)?
+            .ok_or_else(|| self.missing(name, format!("a table [{}{dot}{name}]", self.name)))
     }
 
     /// The tables of an array such as `[[lateral]]`; none where there is no such array.
@@ -401,16 +410,18 @@ impl<'d> Fields<'d> {
 
 /// A fault of the syntax in words, better ones than the parser's where it misleads.
 fn syntax(message: &str, text: &str, offset: usize) -> (Problem, String) {
-    let digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
-    let (at, before) = (text.as_bytes().get(offset..), offset.checked_sub(1));
-    let at = at.unwrap_or_default();
-    let (what, expected) = if at.first() == Some(&b',')
-        && digit(at.get(1))
-        && digit(before.and_then(|before| text.as_bytes().get(before)))
+    fn digit(byte: Option<&u8>) -> bool {
+        byte.is_some_and(u8::is_ascii_digit)
+    }
+    let (offending, preceding) = (text.as_bytes().get(offset..), offset.checked_sub(1));
+    let remaining_bytes = offending.unwrap_or_default();
+    let (problem, expected) = if remaining_bytes.first() == Some(&b',')
+        && digit(remaining_bytes.get(1))
+        && digit(preceding.and_then(|preceding| text.as_bytes().get(preceding)))
     {
         ("a comma in a number", "a decimal point")
     } else if message.starts_with("string values must be quoted") {
-        match at.iter().find(|byte| !matches!(byte, b' ' | b'\t')) {
+        match remaining_bytes.iter().find(|byte| !matches!(byte, b' ' | b'\t')) {
             None | Some(b'\n' | b'\r' | b'#') => ("no value", "a number, a list, or text in quotation marks"),
             Some(_) => ("text without quotation marks", "a number, a list, or text in straight ones (\")"),
         }
@@ -421,7 +432,7 @@ fn syntax(message: &str, text: &str, offset: usize) -> (Problem, String) {
     } else {
         return split_message(message, "TOML");
     };
-    (Problem::Syntax(what.to_owned()), expected.to_owned())
+    (Problem::Syntax(problem.to_owned()), expected.to_owned())
 }
 
 /// The number that a decimal text times a power of ten is nearest to.

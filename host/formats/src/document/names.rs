@@ -5,12 +5,15 @@ use strsim::levenshtein;
 /// The candidate that is probably a misspelt `wanted`: it differs in case alone, or in two of five characters at
 /// most, and never in more than two.
 pub fn misspelt<'c>(wanted: &str, candidates: impl IntoIterator<Item = &'c str>) -> Option<&'c str> {
-    let near = |candidate: &str| {
-        let off = levenshtein(&wanted.to_lowercase(), &candidate.to_lowercase());
-        (off <= 2 && 5 * off <= 2 * wanted.len()).then_some(off)
-    };
-    let found = candidates.into_iter().filter(|candidate| candidate.len() <= 2 * wanted.len());
-    found.filter_map(|candidate| Some((near(candidate)?, candidate))).min().map(|(_, candidate)| candidate)
+    fn near(candidate: &str, wanted: &str) -> Option<usize> {
+        let edit_distance = levenshtein(&wanted.to_lowercase(), &candidate.to_lowercase());
+        (edit_distance <= 2 && 5 * edit_distance <= 2 * wanted.len()).then_some(edit_distance)
+    }
+    let closest = candidates.into_iter().filter(|candidate| candidate.len() <= 2 * wanted.len());
+    closest
+        .filter_map(|candidate| Some((near(candidate, wanted)?, candidate)))
+        .min()
+        .map(|(_, candidate)| candidate)
 }
 
 #[cfg(test)]

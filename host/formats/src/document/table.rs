@@ -91,7 +91,7 @@ pub struct Table {
     columns: Vec<(&'static str, Vec<f64>)>,
     /// Line of the header.
     pub(crate) header_line: usize,
-    /// What was subtracted from its times, whole seconds.
+    /// Origin that was subtracted from its times, whole seconds.
     pub(crate) origin_s: i64,
 }
 
@@ -179,18 +179,20 @@ impl Table {
             .flexible(true)
             .comment(Some(b'#'))
             .from_reader(text.as_bytes());
-        let is_blank = |cell: &str| cell.trim().is_empty();
+        fn is_blank(cell: &str) -> bool {
+            cell.trim().is_empty()
+        }
         let mut record = csv::StringRecord::new();
-        let place = |record: &csv::StringRecord, index: usize| {
+        let location = |record: &csv::StringRecord, index: usize| {
             let start = record.position().map_or(0, csv::Position::byte) as usize;
             Place::at(path, text, cell_offset(text, start, index))
         };
         let fault = |record: &csv::StringRecord, index: usize, field: &str, problem, expected: String| {
-            SessionError::Field { place: place(record, index), field: field.to_owned(), problem, expected }
+            SessionError::Field { place: location(record, index), field: field.to_owned(), problem, expected }
         };
         // The next line that is not blank.
         let mut next = |record: &mut csv::StringRecord| loop {
-            let there = reader.read_record(record).map_err(|error| {
+            let has_record = reader.read_record(record).map_err(|error| {
                 let offset = error.position().map_or(0, csv::Position::byte) as usize;
                 SessionError::Field {
                     place: Place::at(path, text, offset),
@@ -204,24 +206,24 @@ impl Table {
                 let problem = Problem::Syntax("a quotation mark that is not closed on its line".to_owned());
                 return Err(fault(record, index, "row", problem, "quotation marks in pairs".to_owned()));
             }
-            if !there || record.len() != 1 || !record.get(0).is_some_and(is_blank) {
-                return Ok(there);
+            if !has_record || record.len() != 1 || !record.get(0).is_some_and(is_blank) {
+                return Ok(has_record);
             }
         };
 
         next(&mut record)?;
         let mut header = record.clone();
         header.trim();
-        let mut found = Vec::new();
+        let mut columns_read = Vec::new();
         for column in known {
-            let mut places =
+            let mut column_indices =
                 header.iter().enumerate().filter(|(_, name)| *name == column.name).map(|(i, _)| i);
-            match (places.next(), places.next()) {
+            match (column_indices.next(), column_indices.next()) {
                 (Some(_), Some(again)) => {
                     let problem = Problem::Duplicate(column.name.to_owned());
                     return Err(fault(&header, again, "header", problem, "each column once".to_owned()));
                 }
-                (Some(index), None) => found.push((index, *column, Vec::new())),
+                (Some(index), None) => columns_read.push((index, *column, Vec::new())),
                 (None, _) if column.required => {
                     let Absent { index, problem, expected } = absent(&header, column, known);
                     return Err(fault(&header, index, column.name, problem, expected));
@@ -233,18 +235,18 @@ impl Table {
         let (mut rows, mut origin_s) = (0, 0);
         while next(&mut record)? {
             rows += 1;
-            let beyond = record.iter().skip(width).any(|cell| !is_blank(cell));
-            let short = found.iter().any(|(index, ..)| *index >= record.len());
-            if beyond || short {
+            let has_extra_cells = record.iter().skip(width).any(|cell| !is_blank(cell));
+            let short = columns_read.iter().any(|(index, ..)| *index >= record.len());
+            if has_extra_cells || short {
                 let problem = Problem::Syntax(match record.len() {
                     1 => "1 cell".to_owned(),
                     count => format!("{count} cells"),
                 });
-                let comma = if beyond { "; numbers with a decimal point, not a comma" } else { "" };
+                let comma = if has_extra_cells { "; numbers with a decimal point, not a comma" } else { "" };
                 let expected = format!("{width}, one for each column of the header{comma}");
                 return Err(fault(&record, width.min(record.len()), "row", problem, expected));
             }
-            for (index, column, values) in &mut found {
+            for (index, column, values) in &mut columns_read {
                 // Here, and not by the reader, which would make a new record of every row.
                 let text = record.get(*index).map(str::trim);
                 if rows == 1 && column.name == TIME {
@@ -278,17 +280,17 @@ impl Table {
                 "at least one row below the header".to_owned(),
             ));
         }
-        let columns = found
+        let columns = columns_read
             .into_iter()
             .map(|(_, c, values)| (c.name, values.iter().map(|v| v * c.to_si).collect()))
             .collect();
-        Ok(Self { columns, header_line: place(&header, 0).line, origin_s })
+        Ok(Self { columns, header_line: location(&header, 0).line, origin_s })
     }
 }
 
 /// The last line of a table, cut off.
 pub(crate) struct CutRow {
-    /// Where it begins.
+    /// Position at which it begins.
     pub offset: usize,
     /// The same as a place.
     pub place: Place,
@@ -297,10 +299,14 @@ pub(crate) struct CutRow {
 /// The last line of a text where it has no line end and fewer cells than the header.
 pub(crate) fn cut_row(path: &Path, text: &str) -> Option<CutRow> {
     let offset = text.rfind(['\n', '\r']).map_or(0, |end| end + 1);
-    let is_row = |line: &&str| !line.starts_with('#') && !line.trim().is_empty();
-    let (before, last) = text.split_at_checked(offset)?;
-    let header = before.split(['\n', '\r']).find(is_row)?;
-    let cells = |line: &str| line.matches(',').count();
+    fn is_row(line: &&str) -> bool {
+        !line.starts_with('#') && !line.trim().is_empty()
+    }
+    let (preceding_text, last) = text.split_at_checked(offset)?;
+    let header = preceding_text.split(['\n', '\r']).find(is_row)?;
+    fn cells(line: &str) -> usize {
+        line.matches(',').count()
+    }
     let cut = is_row(&last) && cells(last) < cells(header);
     cut.then(|| CutRow { offset, place: Place::at(path, text, offset) })
 }
@@ -312,23 +318,30 @@ pub(crate) fn misspelt_columns(
     text: &str,
     known: &[Column],
 ) -> Vec<(Place, String, &'static str)> {
-    let is_comment = |line: &str| line.starts_with('#') || line.trim().is_empty();
+    fn is_comment(line: &str) -> bool {
+        line.starts_with('#') || line.trim().is_empty()
+    }
     let mut start = 0;
     let header = text.split_inclusive(['\n', '\r']).find(|line| {
-        let found = !is_comment(line);
-        start += if found { 0 } else { line.len() };
-        found
+        let is_header = !is_comment(line);
+        start += if is_header { 0 } else { line.len() };
+        is_header
     });
     let names: Vec<&str> =
         header.unwrap_or_default().split(',').map(|name| name.trim().trim_matches('"')).collect();
-    let others = || names.iter().copied().filter(|name| known.iter().all(|column| column.name != *name));
-    let mut found = Vec::new();
+    let unknown_names =
+        || names.iter().copied().filter(|name| known.iter().all(|column| column.name != *name));
+    let mut misspelt_names = Vec::new();
     for column in known.iter().filter(|column| !column.required && !names.contains(&column.name)) {
-        let Some(name) = misspelt(column.name, others()) else { continue };
+        let Some(name) = misspelt(column.name, unknown_names()) else { continue };
         let index = names.iter().position(|other| *other == name).unwrap_or_default();
-        found.push((Place::at(path, text, cell_offset(text, start, index)), name.to_owned(), column.name));
+        misspelt_names.push((
+            Place::at(path, text, cell_offset(text, start, index)),
+            name.to_owned(),
+            column.name,
+        ));
     }
-    found
+    misspelt_names
 }
 
 /// A required column that is not in the header: which cell shows it, what is wrong and what was expected.
@@ -352,8 +365,8 @@ fn absent(header: &csv::StringRecord, column: &Column, known: &[Column]) -> Abse
     }
     let names: Vec<_> = known.iter().filter(|c| c.required).map(|c| c.name).collect();
     let expected = format!("a header with {}", names.join(", "));
-    let others = header.iter().filter(|name| known.iter().all(|column| column.name != *name));
-    let meant = misspelt(column.name, others);
+    let unknown_names = header.iter().filter(|name| known.iter().all(|column| column.name != *name));
+    let meant = misspelt(column.name, unknown_names);
     match meant.and_then(|meant| Some((meant, header.iter().position(|name| name == meant)?))) {
         Some((meant, index)) => Absent { index, problem: Problem::Misspelt(meant.to_owned()), expected },
         None => Absent { index: 0, problem: Problem::Missing, expected },
@@ -371,12 +384,13 @@ fn cell(text: Option<&str>, column: &Column, before: Option<f64>, origin: i64) -
         return Ok(value);
     }
     let counted = if origin == 0 { value } else { less(text, value, origin) };
-    let is_behind = |before: f64| column.increasing && counted <= before || column.steady && counted < before;
     if !value.is_finite() {
         Err(Problem::NotFinite)
     } else if !(least..=most).contains(&value) {
         Err(Problem::OutOfRange(value))
-    } else if before.is_some_and(is_behind) {
+    } else if before
+        .is_some_and(|before| column.increasing && counted <= before || column.steady && counted < before)
+    {
         Err(Problem::NotIncreasing(value))
     } else if column.whole && value.fract() != 0.0 {
         Err(Problem::NotWhole(value))

@@ -19,10 +19,12 @@ pub(super) struct Unit([i32; BASE.len()]);
 impl Unit {
     /// The unit that a name ends with, as `stiffening_n_per_mm3`; none where it ends otherwise.
     pub fn of_name(name: &str) -> Self {
-        let mut parts: Vec<&str> = name.split('_').collect();
+        let mut name_parts: Vec<&str> = name.split('_').collect();
         // The first word is the name itself.
-        parts.remove(0);
-        (0..parts.len()).find_map(|from| Self::of_parts(&parts[from..])).unwrap_or(Self([0; BASE.len()]))
+        name_parts.remove(0);
+        (0..name_parts.len())
+            .find_map(|from| Self::of_parts(&name_parts[from..]))
+            .unwrap_or(Self([0; BASE.len()]))
     }
 
     fn of_parts(parts: &[&str]) -> Option<Self> {
@@ -56,14 +58,18 @@ impl Unit {
 
 impl Display for Unit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let with = |(power, (_, name)): (&i32, &(&str, &str))| match power {
-            0 => None,
-            1 => Some((*name).to_owned()),
-            power => Some(format!("{name}^{power}")),
-        };
-        let all: Vec<String> = self.0.iter().zip(&BASE).filter_map(with).collect();
-        f.write_str(if all.is_empty() { "no unit" } else { "" })?;
-        f.write_str(&all.join(" "))
+        let powers: Vec<String> = self
+            .0
+            .iter()
+            .zip(&BASE)
+            .filter_map(|(power, (_, name))| match power {
+                0 => None,
+                1 => Some((*name).to_owned()),
+                power => Some(format!("{name}^{power}")),
+            })
+            .collect();
+        f.write_str(if powers.is_empty() { "no unit" } else { "" })?;
+        f.write_str(&powers.join(" "))
     }
 }
 
@@ -77,10 +83,11 @@ pub(super) fn agree(
 ) -> bool {
     let scaled: Vec<f64> = sizes.iter().zip(units).map(|(size, unit)| size * unit.factor()).collect();
     PLACES.iter().all(|x| {
-        let here = value(sizes, *x) * of_value.factor();
-        let there = value(&scaled, x * of_x.factor());
-        // Where a formula has no value at one of the places it has none in other units either.
-        (here - there).abs() <= ROUNDING * here.abs() || (here.is_nan() && there.is_nan())
+        let original_value = value(sizes, *x) * of_value.factor();
+        let scaled_value = value(&scaled, x * of_x.factor());
+        // A formula without a value at one of the points has none in other units either.
+        (original_value - scaled_value).abs() <= ROUNDING * original_value.abs()
+            || (original_value.is_nan() && scaled_value.is_nan())
     })
 }
 
@@ -90,7 +97,9 @@ mod tests {
 
     #[test]
     fn names_end_with_their_units() {
-        let text = |name: &str| Unit::of_name(name).to_string();
+        fn text(name: &str) -> String {
+            Unit::of_name(name).to_string()
+        }
         assert_eq!(text("stiffening_n_per_mm3"), "N mm^-3");
         assert_eq!(text("half_width_mm"), "mm");
         assert_eq!(text("share"), "no unit");
@@ -101,14 +110,15 @@ mod tests {
     #[test]
     fn units_have_to_agree() {
         let [a, mm] = ["a_n_per_mm", "b_mm"].map(Unit::of_name);
-        let none = Unit::of_name("c");
+        let dimensionless = Unit::of_name("c");
         let force = Unit::of_name("f_n");
-        let of =
-            |value: &dyn Fn(&[f64], f64) -> f64| agree(value, (&[a, mm, none], &[0.3, 1.2, 0.5]), mm, force);
-        assert!(of(&|p, x| p[0] * x));
-        assert!(of(&|p, x| p[0] * p[1] * (x / p[1]).tanh() * p[2]));
-        assert!(!of(&|p, x| p[0] * x * x));
-        assert!(!of(&|p, x| p[0] * x + p[2]));
-        assert!(!of(&|p, x| p[0] * p[1] * x.tanh()));
+        let agrees_on = |value: &dyn Fn(&[f64], f64) -> f64| {
+            agree(value, (&[a, mm, dimensionless], &[0.3, 1.2, 0.5]), mm, force)
+        };
+        assert!(agrees_on(&|p, x| p[0] * x));
+        assert!(agrees_on(&|p, x| p[0] * p[1] * (x / p[1]).tanh() * p[2]));
+        assert!(!agrees_on(&|p, x| p[0] * x * x));
+        assert!(!agrees_on(&|p, x| p[0] * x + p[2]));
+        assert!(!agrees_on(&|p, x| p[0] * p[1] * x.tanh()));
     }
 }

@@ -1,8 +1,8 @@
 //! The offset between two clocks from what both have recorded: force follows displacement, so that their ramps fall together at one offset.
 //!
-//! With independent noise the log likelihood of an offset is `-n/2 ln(1 - r^2)`, where `r` is the correlation of both series at it and `n`
-//! the number of independent readings; its curvature gives the standard deviation. What relaxes in the tissue within a reading is not
-//! separated from an offset.
+//! With independent noise the log likelihood of an offset is `-n/2 ln(1 - r^2)`, where `r` is the correlation of both
+//! series at it and `n` the number of independent readings; its curvature gives the standard deviation. Relaxation of
+//! the tissue within a reading is not separated from an offset.
 
 use super::apply::Series;
 
@@ -30,7 +30,7 @@ pub struct Offset {
 /// Why there is none.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OffsetError {
-    /// Nothing in common.
+    /// The series have nothing in common.
     #[error(
         "the two clocks: displacement explains {:.0} % of the force at best, expected ramps in both files: --merge-on COLUMN where they share a \
          clock, or --offset-s", 100.0 * r2
@@ -57,40 +57,47 @@ pub enum OffsetError {
 /// # Errors
 /// [`OffsetError`].
 pub(super) fn estimate(force: &Series, displacement: &Series) -> Result<Offset, OffsetError> {
-    let none = OffsetError::Unlike { r2: 0.0 };
+    let no_offset = OffsetError::Unlike { r2: 0.0 };
     let ([f0_s, f1_s], [d0_s, d1_s]) =
-        (force.span_s().ok_or(none.clone())?, displacement.span_s().ok_or(none.clone())?);
+        (force.span_s().ok_or(no_offset.clone())?, displacement.span_s().ok_or(no_offset.clone())?);
     let (f_span_s, d_span_s) = (f1_s - f0_s, d1_s - d0_s);
     let overlap_s = OVERLAP * f_span_s.min(d_span_s);
     let [least_s, most_s] = [f0_s + overlap_s - d1_s, f1_s - overlap_s - d0_s];
     let step_s = (f_span_s.max(d_span_s) / COARSE as f64).max(1e-9);
     let count = ((most_s - least_s) / step_s).ceil() as usize;
-    let tried: Vec<(f64, f64)> = (0..=count)
+    let candidates: Vec<(f64, f64)> = (0..=count)
         .map(|i| least_s + step_s * i as f64)
         .filter_map(|offset_s| Some((offset_s, correlated(force, displacement, offset_s, COARSE)?.r2)))
         .collect();
     let peak = |(offset_s, _): (f64, f64)| refined(force, displacement, offset_s, step_s);
-    let best = tried.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).ok_or(none.clone())?;
-    let found = peak(best).ok_or(none)?;
-    if found.offset.r2 < LEAST_R2 {
-        return Err(OffsetError::Unlike { r2: found.offset.r2 });
+    let best = candidates.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).ok_or(no_offset.clone())?;
+    let best_offset = peak(best).ok_or(no_offset)?;
+    if best_offset.offset.r2 < LEAST_R2 {
+        return Err(OffsetError::Unlike { r2: best_offset.offset.r2 });
     }
     // The best of the other peaks.
-    let is_peak = |at: usize| {
-        let r2 = |at: usize| tried.get(at).map_or(f64::NEG_INFINITY, |(_, r2)| *r2);
+    fn is_peak(at: usize, candidates: &[(f64, f64)]) -> bool {
+        let r2 = |at: usize| candidates.get(at).map_or(f64::NEG_INFINITY, |(_, r2)| *r2);
         r2(at) >= r2(at.wrapping_sub(1)) && r2(at) >= r2(at + 1)
-    };
-    let is_far = |offset_s: f64| (offset_s - best.0).abs() > 2.5 * step_s;
-    let others = tried.iter().enumerate().filter(|(at, (offset_s, _))| is_peak(*at) && is_far(*offset_s));
-    let second = others.map(|(_, one)| *one).max_by(|a, b| a.1.total_cmp(&b.1)).and_then(peak);
+    }
+    fn is_far(offset_s: f64, step_s: f64, best_0: f64) -> bool {
+        (offset_s - best_0).abs() > 2.5 * step_s
+    }
+    let other_peaks = candidates
+        .iter()
+        .enumerate()
+        .filter(|(at, (offset_s, _))| is_peak(*at, &candidates) && is_far(*offset_s, step_s, best.0));
+    let second = other_peaks.map(|(_, one)| *one).max_by(|a, b| a.1.total_cmp(&b.1)).and_then(peak);
     if let Some(second) = second
-        && 0.5 * found.independent * ((1.0 - second.offset.r2) / (1.0 - found.offset.r2).max(1e-12)).ln()
+        && 0.5
+            * best_offset.independent
+            * ((1.0 - second.offset.r2) / (1.0 - best_offset.offset.r2).max(1e-12)).ln()
             < ALIKE
     {
-        let [first_s, second_s] = [found, second].map(|one| one.offset.offset_s);
+        let [first_s, second_s] = [best_offset, second].map(|one| one.offset.offset_s);
         return Err(OffsetError::Ambiguous { first_s, second_s });
     }
-    Ok(found.offset)
+    Ok(best_offset.offset)
 }
 
 #[derive(Clone, Copy)]
@@ -101,28 +108,35 @@ struct Peak {
 
 /// The offset with the greatest correlation near one, by a parabola through the log likelihood.
 fn refined(force: &Series, displacement: &Series, near_s: f64, step_s: f64) -> Option<Peak> {
-    let at = |offset_s: f64| correlated(force, displacement, offset_s, FINE);
+    fn at(offset_s: f64, force: &Series, displacement: &Series) -> Option<Correlation> {
+        correlated(force, displacement, offset_s, FINE)
+    }
     let (mut centre_s, mut reach_s) = (near_s, step_s);
-    let mut found = None;
+    let mut finest = None;
     // Halved until it is within a sixteenth of the search's step.
     for _ in 0..5 {
         let five: Vec<(f64, Correlation)> = (-2..=2)
             .filter_map(|i| {
                 let offset_s = centre_s + 0.5 * reach_s * f64::from(i);
-                Some((offset_s, at(offset_s)?))
+                Some((offset_s, at(offset_s, force, displacement)?))
             })
             .collect();
         let best = five.iter().copied().max_by(|a, b| a.1.r2.total_cmp(&b.1.r2))?;
         centre_s = best.0;
         reach_s *= 0.5;
-        found = Some(best);
+        finest = Some(best);
     }
-    let (_, best) = found?;
+    let (_, best) = finest?;
     let spread_s = step_s;
-    let loss = |c: Correlation| 0.5 * best.independent * (1.0 - c.r2).max(1e-12).ln();
-    let (before, after) = (loss(at(centre_s - spread_s)?), loss(at(centre_s + spread_s)?));
-    let bend = (before - 2.0 * loss(best) + after) / (spread_s * spread_s);
-    let slope = (after - before) / (2.0 * spread_s);
+    fn loss(c: Correlation, best_independent: f64) -> f64 {
+        0.5 * best_independent * (1.0 - c.r2).max(1e-12).ln()
+    }
+    let (lower_loss, upper_loss) = (
+        loss(at(centre_s - spread_s, force, displacement)?, best.independent),
+        loss(at(centre_s + spread_s, force, displacement)?, best.independent),
+    );
+    let bend = (lower_loss - 2.0 * loss(best, best.independent) + upper_loss) / (spread_s * spread_s);
+    let slope = (upper_loss - lower_loss) / (2.0 * spread_s);
     let (shift_s, sd_s) = if bend > 0.0 {
         ((-slope / bend).clamp(-0.5 * reach_s, 0.5 * reach_s), bend.sqrt().recip())
     } else {
@@ -141,24 +155,26 @@ struct Correlation {
     independent: f64,
 }
 
-/// How the force follows the displacement at an offset, by so many readings of their overlap.
+/// Correlation of force and displacement at an offset, over so many readings of their overlap.
 fn correlated(force: &Series, displacement: &Series, offset_s: f64, most: usize) -> Option<Correlation> {
     let ([f0_s, f1_s], [d0_s, d1_s]) = (force.span_s()?, displacement.span_s()?);
-    let (from_s, to_s) = (f0_s.max(d0_s + offset_s), f1_s.min(d1_s + offset_s));
-    let period_s = force.period_s().max(displacement.period_s()).max((to_s - from_s) / most as f64);
-    let count = ((to_s - from_s) / period_s).floor().max(0.0) as usize;
+    let (start_s, end_s) = (f0_s.max(d0_s + offset_s), f1_s.min(d1_s + offset_s));
+    let period_s = force.period_s().max(displacement.period_s()).max((end_s - start_s) / most as f64);
+    let count = ((end_s - start_s) / period_s).floor().max(0.0) as usize;
     let pairs: Vec<(f64, f64)> = (0..=count)
         .filter_map(|i| {
-            let at_s = from_s + period_s * i as f64;
-            Some((displacement.at(at_s - offset_s)?, force.at(at_s)?))
+            let sample_s = start_s + period_s * i as f64;
+            Some((displacement.at(sample_s - offset_s)?, force.at(sample_s)?))
         })
         .collect();
     let n = pairs.len() as f64;
     if n < 10.0 {
         return None;
     }
-    let mean = |of: fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
-    let (x0, y0) = (mean(|pair| pair.0), mean(|pair| pair.1));
+    fn mean(of: fn(&(f64, f64)) -> f64, pairs: &[(f64, f64)], n: f64) -> f64 {
+        pairs.iter().map(of).sum::<f64>() / n
+    }
+    let (x0, y0) = (mean(|pair| pair.0, &pairs, n), mean(|pair| pair.1, &pairs, n));
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
     for (x, y) in &pairs {
         (xx, xy, yy) = (xx + (x - x0).powi(2), xy + (x - x0) * (y - y0), yy + (y - y0).powi(2));

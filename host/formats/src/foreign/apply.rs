@@ -17,7 +17,7 @@ use clock::Timed;
 use rows::{insertion, shape};
 pub(super) use series::Series;
 
-/// What the user states beside the mapping.
+/// Options of the user beside the mapping.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Options {
     /// Rows a second of tables without a column of times.
@@ -26,7 +26,7 @@ pub struct Options {
     pub merge_on: Option<String>,
     /// To be added to the displacement's times; estimated where it is none and the files have clocks of their own.
     pub offset_s: Option<f64>,
-    /// What is zero displacement.
+    /// Choice of zero displacement.
     pub zero: Zero,
     /// From where positions along the needle are.
     pub z_from: Option<ZOrigin>,
@@ -34,13 +34,13 @@ pub struct Options {
     pub entry_m: f64,
 }
 
-/// What is zero displacement.
+/// Choice of zero displacement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Zero {
-    /// Where the run begins, where it is never near 0; as it is written otherwise.
+    /// Start of the run if it is never near 0; as it is written otherwise.
     #[default]
     Auto,
-    /// Where the run begins.
+    /// Start of the run.
     First,
     /// As it is written.
     Written,
@@ -110,39 +110,42 @@ pub(super) struct Part<'t> {
 /// [`TableError`].
 pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result<Taken, TableError> {
     let complete = mapping.completed(tables);
-    let mut taken = Taken::default();
-    let mut parts: Vec<Part> = Vec::new();
+    let mut result = Taken::default();
+    let mut columns_used: Vec<Part> = Vec::new();
     for choice in &complete.choices {
-        let found = found(tables, choice)?;
-        if found.len() > 1 && choice.target.quantity != Quantity::Time {
+        let candidates = found(tables, choice)?;
+        if candidates.len() > 1 && choice.target.quantity != Quantity::Time {
             let files: Vec<String> =
-                found.iter().map(|(table, _)| table.path.display().to_string()).collect();
+                candidates.iter().map(|(table, _)| table.path.display().to_string()).collect();
             return Err(map_fault(
                 choice,
                 &format!("{} have such a column", files.join(" and ")),
                 "a name that one file has",
             ));
         }
-        for (table, column) in found {
+        for (table, column) in candidates {
             let unit = if choice.target.quantity == Quantity::Time {
-                clock::unit(table, column, choice, &mut taken.notes)?
+                clock::unit(table, column, choice, &mut result.notes)?
             } else {
                 unit(column, choice)?
             };
-            let own = Choice { unit: Some(unit.clone()).filter(|_| !column.is_stamp), ..choice.clone() };
-            if !taken.mapping.choices.contains(&own) {
-                taken.mapping.choices.push(own);
+            let complete_choice =
+                Choice { unit: Some(unit.clone()).filter(|_| !column.is_stamp), ..choice.clone() };
+            if !result.mapping.choices.contains(&complete_choice) {
+                result.mapping.choices.push(complete_choice);
             }
-            parts.push(Part { table, column, target: choice.target, unit });
+            columns_used.push(Part { table, column, target: choice.target, unit });
         }
     }
-    for (at, part) in parts.iter().enumerate() {
-        let is_twice = |other: &Part| {
-            other.target == part.target
-                && (other.target.quantity != Quantity::Time || std::ptr::eq(other.table, part.table))
-        };
-        if let Some(other) = parts.iter().skip(at + 1).find(|other| is_twice(other)) {
-            let (a, b) = (&part.column.header, &other.column.header);
+    for (at, part) in columns_used.iter().enumerate() {
+        fn is_twice(other: &Part, part_target: &Target, part_table: &RawTable) -> bool {
+            other.target == *part_target
+                && (other.target.quantity != Quantity::Time || std::ptr::eq(other.table, part_table))
+        }
+        if let Some(duplicate) =
+            columns_used.iter().skip(at + 1).find(|other| is_twice(other, &part.target, part.table))
+        {
+            let (a, b) = (&part.column.header, &duplicate.column.header);
             return Err(TableError::Map {
                 choice: part.target.name.to_owned(),
                 problem: format!("both \"{a}\" and \"{b}\" are taken for it"),
@@ -150,20 +153,20 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
             });
         }
     }
-    taken.describe(tables, &parts);
+    result.describe(tables, &columns_used);
     let timed: Vec<Timed> = tables
         .iter()
-        .map(|table| Timed::new(table, &parts, options, &mut taken.notes))
+        .map(|table| Timed::new(table, &columns_used, options, &mut result.notes))
         .collect::<Result<_, _>>()?;
-    let has = |name: &str| parts.iter().any(|part| part.target.name == name);
+    let has = |name: &str| columns_used.iter().any(|part| part.target.name == name);
     if has("depth_mm") {
-        taken.insertion = Some(insertion(&parts, &timed)?);
+        result.insertion = Some(insertion(&columns_used, &timed)?);
     } else if has("force_y_n") && has("displacement_y_mm") {
-        lateral(&mut taken, &parts, &timed, options)?;
+        lateral(&mut result, &columns_used, &timed, options)?;
     } else {
-        return Err(nothing(tables, &parts));
+        return Err(nothing(tables, &columns_used));
     }
-    Ok(taken)
+    Ok(result)
 }
 
 /// The column of a choice in each table that has it.
@@ -171,20 +174,25 @@ fn found<'t>(
     tables: &'t [RawTable],
     choice: &Choice,
 ) -> Result<Vec<(&'t RawTable, &'t RawColumn)>, TableError> {
-    let mut found = Vec::new();
+    let mut matching = Vec::new();
     for table in tables {
-        let at = table.find(&choice.column).map_err(|problem| map_fault(choice, &problem, "one column"))?;
-        found.extend(at.and_then(|at| table.columns.get(at)).map(|column| (table, column)));
+        let column_number =
+            table.find(&choice.column).map_err(|problem| map_fault(choice, &problem, "one column"))?;
+        matching.extend(
+            column_number
+                .and_then(|column_number| table.columns.get(column_number))
+                .map(|column| (table, column)),
+        );
     }
     // A number is meant for a file without names.
     let unnamed = choice.column.strip_prefix('#').map(|number| format!("column {number}"));
-    if unnamed.as_ref().is_some_and(|name| found.iter().any(|(_, column)| column.header == *name)) {
-        found.retain(|(_, column)| Some(&column.header) == unnamed.as_ref());
+    if unnamed.as_ref().is_some_and(|name| matching.iter().any(|(_, column)| column.header == *name)) {
+        matching.retain(|(_, column)| Some(&column.header) == unnamed.as_ref());
     }
-    if found.is_empty() {
+    if matching.is_empty() {
         let frames = choice.column.split_once(':').map(|(topic, _)| format!("{topic}@"));
-        let all = tables.iter().flat_map(|table| &table.columns).map(|column| &column.header);
-        let of_frames: Vec<&str> = all
+        let headers = tables.iter().flat_map(|table| &table.columns).map(|column| &column.header);
+        let of_frames: Vec<&str> = headers
             .filter(|header| frames.as_ref().is_some_and(|start| header.starts_with(start)))
             .map(String::as_str)
             .collect();
@@ -195,7 +203,7 @@ fn found<'t>(
                 &format!("the column of one frame: one of {}", of_frames.join(", ")),
             ));
         }
-        let known: Vec<String> = tables
+        let column_names: Vec<String> = tables
             .iter()
             .flat_map(|table| &table.columns)
             .map(|column| format!("\"{}\"", column.header))
@@ -203,10 +211,10 @@ fn found<'t>(
         return Err(map_fault(
             choice,
             "no file has such a column of numbers",
-            &format!("one of {}", known.join(", ")),
+            &format!("one of {}", column_names.join(", ")),
         ));
     }
-    Ok(found)
+    Ok(matching)
 }
 
 fn map_fault(choice: &Choice, problem: &str, expected: &str) -> TableError {
@@ -245,9 +253,9 @@ impl Taken {
                 });
             let missing = table.lines.len() - values.clone().count();
             if missing > 0 {
-                let all = table.lines.len();
+                let row_count = table.lines.len();
                 self.notes.push(format!(
-                    "{}: {missing} of {all} rows have no number in \"{}\", and are skipped",
+                    "{}: {missing} of {row_count} rows have no number in \"{}\", and are skipped",
                     table.path.display(),
                     column.header
                 ));
@@ -278,11 +286,12 @@ impl Taken {
 /// Force and displacement on the clock of the force, with the shape.
 fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options) -> Result<(), TableError> {
     let series = |name: &str| -> Result<Option<(usize, Series)>, TableError> {
-        let Some(part) = parts.iter().find(|part| part.target.name == name) else { return Ok(None) };
-        let at = timed.iter().position(|timed| std::ptr::eq(timed.table, part.table)).unwrap_or(0);
-        let own = timed.get(at).and_then(|timed| timed.times_s.as_deref());
-        let times_s = own.ok_or_else(|| clock::missing(part.table))?;
-        Ok(Some((at, Series::new(part, times_s)?)))
+        let Some(named_part) = parts.iter().find(|part| part.target.name == name) else { return Ok(None) };
+        let table_number =
+            timed.iter().position(|timed| std::ptr::eq(timed.table, named_part.table)).unwrap_or(0);
+        let table_times_s = timed.get(table_number).and_then(|timed| timed.times_s.as_deref());
+        let times_s = table_times_s.ok_or_else(|| clock::missing(named_part.table))?;
+        Ok(Some((table_number, Series::new(named_part, times_s)?)))
     };
     let required = |name: &str| -> Result<(usize, Series), TableError> {
         series(name)?.ok_or_else(|| nothing(&[], parts))
@@ -318,14 +327,16 @@ fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options
     let rows: Vec<(f64, [f64; 4])> = force
         .readings()
         .filter_map(|(time_s, force_n)| {
-            let of = |series: &Option<Series>| series.as_ref().map_or(Some(0.0), |series| series.at(time_s));
-            Some((time_s, [force_n, moved.at(time_s)?, of(&force_x)?, of(&moved_x)?]))
+            fn of(series: &Option<Series>, time_s: f64) -> Option<f64> {
+                series.as_ref().map_or(Some(0.0), |series| series.at(time_s))
+            }
+            Some((time_s, [force_n, moved.at(time_s)?, of(&force_x, time_s)?, of(&moved_x, time_s)?]))
         })
         .collect();
     if rows.len() < 10 {
-        let span = |series: &Series| {
+        fn span(series: &Series) -> String {
             series.span_s().map_or_else(String::new, |[a, b]| format!("{a:.3} to {b:.3} s"))
-        };
+        }
         return Err(TableError::Map {
             choice: "time_s".to_owned(),
             problem: format!(
@@ -337,16 +348,18 @@ fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options
             expected: "10 or more: one clock (--merge-on COLUMN), or --offset-s".to_owned(),
         });
     }
-    let left = force.len() - rows.len();
-    if left > 0 {
+    let dropped_rows = force.len() - rows.len();
+    if dropped_rows > 0 {
         taken.notes.push(format!(
-            "{left} of {} rows of the force have no displacement at their time, and are skipped",
+            "{dropped_rows} of {} rows of the force have no displacement at their time, and are skipped",
             force.len()
         ));
     }
     let origin_s = rows.first().map_or(0.0, |(time_s, _)| *time_s);
-    let column = |at: usize| -> Vec<f64> { rows.iter().map(|(_, values)| values[at]).collect() };
-    let (mut y_m, mut x_m) = (column(1), moved_x.is_some().then(|| column(3)));
+    fn column(at: usize, rows: &[(f64, [f64; 4])]) -> Vec<f64> {
+        rows.iter().map(|(_, values)| values[at]).collect()
+    }
+    let (mut y_m, mut x_m) = (column(1, &rows), moved_x.is_some().then(|| column(3, &rows)));
     for (name, values) in
         [Some(("displacement_y_mm", &mut y_m)), x_m.as_mut().map(|x_m| ("displacement_x_mm", x_m))]
             .into_iter()
@@ -355,19 +368,19 @@ fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options
         series::refer_to_zero(name, values, options.zero, &mut taken.notes);
     }
     series::check_range("displacement_y_mm", &y_m, 0.05)?;
-    series::check_range("force_y_n", &column(0), 200.0)?;
-    series::check_sign(&column(0), &y_m, &mut taken.notes);
+    series::check_range("force_y_n", &column(0, &rows), 200.0)?;
+    series::check_sign(&column(0, &rows), &y_m, &mut taken.notes);
     taken.force = Some(ForceSeries {
         time_s: rows.iter().map(|(time_s, _)| time_s - origin_s).collect(),
         displacement_y_m: y_m,
-        force_y_n: column(0),
+        force_y_n: column(0, &rows),
         displacement_x_m: x_m.filter(|_| force_x.is_some()),
-        force_x_n: (force_x.is_some() && moved_x.is_some()).then(|| column(2)),
+        force_x_n: (force_x.is_some() && moved_x.is_some()).then(|| column(2, &rows)),
         ..ForceSeries::default()
     });
     taken.shape = shape(parts, timed, options, |at| {
-        let own = if at == moved_at { Some(moved_shift_s) } else { shift_s(at) };
-        own.map(|shift_s| shift_s - origin_s)
+        let own_shift_s = if at == moved_at { Some(moved_shift_s) } else { shift_s(at) };
+        own_shift_s.map(|shift_s| shift_s - origin_s)
     })?;
     if taken.shape.is_none() {
         taken.notes.push(
@@ -378,9 +391,9 @@ fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options
     Ok(())
 }
 
-/// What is missing for any run.
+/// Error for columns that every run needs.
 fn nothing(tables: &[RawTable], parts: &[Part]) -> TableError {
-    let known: Vec<String> = tables
+    let column_names: Vec<String> = tables
         .iter()
         .flat_map(|table| &table.columns)
         .map(|column| {
@@ -388,14 +401,14 @@ fn nothing(tables: &[RawTable], parts: &[Part]) -> TableError {
             format!("\"{}\"{unit}", column.header)
         })
         .collect();
-    let taken: Vec<&str> = parts.iter().map(|part| part.target.name).collect();
+    let mapped_names: Vec<&str> = parts.iter().map(|part| part.target.name).collect();
     let path = tables.first().map_or(Path::new(""), |table| table.path.as_path());
     TableError::File {
         path: path.to_owned(),
         problem: format!(
             "columns {} of which {} could be told",
-            known.join(", "),
-            if taken.is_empty() { "none".to_owned() } else { taken.join(", ") }
+            column_names.join(", "),
+            if mapped_names.is_empty() { "none".to_owned() } else { mapped_names.join(", ") }
         ),
         expected: "force_y_n and displacement_y_mm of a lateral run, or depth_mm and tip_y_mm of an insertion: --map 'COLUMN=QUANTITY:UNIT' for each".to_owned(),
     }

@@ -108,7 +108,9 @@ where
     fn read<M: DeserializeOwned, T: byteorder::ByteOrder>(body: &[u8]) -> Result<M, cdr_encoding::Error> {
         cdr_encoding::from_bytes::<M, T>(body).map(|(message, _)| message)
     }
-    let at = |header: &Header| i128::from(header.seconds) * 1_000_000_000 + i128::from(header.nanoseconds);
+    fn at(header: &Header) -> i128 {
+        i128::from(header.seconds) * 1_000_000_000 + i128::from(header.nanoseconds)
+    }
     let vector = |name: &str, unit: Option<&'static str>, of: &Vector| -> Vec<Field> {
         [("x", of.x), ("y", of.y), ("z", of.z)]
             .map(|(axis, value)| (format!("{name}.{axis}"), unit, value))
@@ -135,16 +137,15 @@ where
         }
         Kind::Joints => {
             let JointState { header, name, position, velocity, effort } = read::<_, T>(body)?;
-            let mut all = Vec::new();
+            let mut all_tables = Vec::new();
             for (at, name) in name.iter().take(MAX_JOINTS).enumerate() {
-                let of = [("position", &position), ("velocity", &velocity), ("effort", &effort)];
-                all.extend(
-                    of.into_iter()
-                        .filter_map(|(of, values)| Some((format!("{name}.{of}"), None, *values.get(at)?))),
-                );
+                let joint_series = [("position", &position), ("velocity", &velocity), ("effort", &effort)];
+                all_tables.extend(joint_series.into_iter().filter_map(|(joint_series, values)| {
+                    Some((format!("{name}.{joint_series}"), None, *values.get(at)?))
+                }));
             }
             // Joints are in no frame.
-            (at(&header), String::new(), all)
+            (at(&header), String::new(), all_tables)
         }
     })
 }
@@ -169,26 +170,25 @@ struct Messages {
 /// Reads the topics of a bag.
 pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
     let io = |cause| TableError::Io { path: path.to_owned(), cause };
-    let fault = |problem: String, expected: &str| TableError::File {
-        path: path.to_owned(),
-        problem,
-        expected: expected.to_owned(),
-    };
+    fn fault(problem: String, expected: &str, path: &Path) -> TableError {
+        TableError::File { path: path.to_owned(), problem, expected: expected.to_owned() }
+    }
     let size = fs::metadata(path).map_err(io)?.len();
     if size > MAX_BYTES {
         return Err(fault(
             format!("{size} bytes"),
             "a bag of at most 2 GiB: ros2 bag convert keeps single topics",
+            path,
         ));
     }
     let bytes = fs::read(path).map_err(io)?;
     let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
-    let mut others: BTreeMap<String, String> = BTreeMap::new();
+    let mut unused_topics: BTreeMap<String, String> = BTreeMap::new();
     let mut notes = Vec::new();
     // A bag whose recorder was interrupted has no end: what is there is read.
     let options = mcap::read::Options::IgnoreEndMagic;
     let stream = mcap::MessageStream::new_with_options(&bytes, options.into())
-        .map_err(|cause| fault(cause.to_string(), "an MCAP file"))?;
+        .map_err(|cause| fault(cause.to_string(), "an MCAP file", path))?;
     for (count, message) in stream.enumerate() {
         let message = match message {
             Ok(message) => message,
@@ -196,20 +196,21 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
                 return Err(fault(
                     format!("chunks compressed with {name}"),
                     "a bag without compression: mcap compress --compression none, or ros2 bag convert",
+                    path,
                 ));
             }
             Err(cause) if count > 0 => {
                 notes.push(format!("the bag ends early or is damaged behind message {count}: {cause}"));
                 break;
             }
-            Err(cause) => return Err(fault(cause.to_string(), "an MCAP file with messages")),
+            Err(cause) => return Err(fault(cause.to_string(), "an MCAP file with messages", path)),
         };
         let channel = &message.channel;
         let schema = channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
         let kind = Kind::of(schema).filter(|_| channel.message_encoding == "cdr");
         let Some(kind) = kind else {
-            if others.len() < MAX_TOPICS {
-                others.entry(channel.topic.clone()).or_insert_with(|| schema.to_owned());
+            if unused_topics.len() < MAX_TOPICS {
+                unused_topics.entry(channel.topic.clone()).or_insert_with(|| schema.to_owned());
             }
             continue;
         };
@@ -220,17 +221,21 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
         topic.add(&message.data, i128::from(message.log_time));
     }
     if topics.is_empty() {
-        let there: Vec<String> = others.iter().map(|(topic, schema)| format!("{topic} ({schema})")).collect();
-        let there =
-            if there.is_empty() { "no messages".to_owned() } else { format!("topics {}", there.join(", ")) };
-        return Err(fault(there, "WrenchStamped, PoseStamped, PointStamped or JointState in CDR"));
+        let topics: Vec<String> =
+            unused_topics.iter().map(|(topic, schema)| format!("{topic} ({schema})")).collect();
+        let topic_text = if topics.is_empty() {
+            "no messages".to_owned()
+        } else {
+            format!("topics {}", topics.join(", "))
+        };
+        return Err(fault(topic_text, "WrenchStamped, PoseStamped, PointStamped or JointState in CDR", path));
     }
-    let others: Vec<String> = others.into_keys().collect();
+    let topic_names: Vec<String> = unused_topics.into_keys().collect();
     let mut tables: Vec<RawTable> =
         topics.into_iter().flat_map(|(name, topic)| topic.tables(path, &name)).collect();
     if let Some(first) = tables.first_mut() {
         first.notes.extend(notes);
-        first.words = others;
+        first.words = topic_names;
     }
     Ok(tables)
 }
@@ -267,9 +272,14 @@ impl Topic {
     /// The topic as a table; as `topic@frame` for each where it has several frames.
     fn tables(self, path: &Path, topic: &str) -> Vec<RawTable> {
         let is_one = self.frames.len() <= 1;
-        let named = |frame: &str| if is_one { topic.to_owned() } else { format!("{topic}@{frame}") };
-        let all = self.frames.into_iter().map(|(frame, messages)| messages.table(path, &named(&frame)));
-        let mut tables: Vec<RawTable> = all.collect();
+        fn named(frame: &str, is_one: bool, topic: &str) -> String {
+            if is_one { topic.to_owned() } else { format!("{topic}@{frame}") }
+        }
+        let frame_tables = self
+            .frames
+            .into_iter()
+            .map(|(frame, messages)| messages.table(path, &named(&frame, is_one, topic)));
+        let mut tables: Vec<RawTable> = frame_tables.collect();
         if let Some(first) = tables.first_mut() {
             if !is_one {
                 first
@@ -306,25 +316,33 @@ impl Messages {
         let seconds = |row: usize| {
             times_ns.get(row).map_or(f64::NAN, |time_ns| (time_ns - origin * 1_000_000_000) as f64 / 1e9)
         };
-        let column = |name: &str, number: usize, unit: Option<Unit>, values: Vec<f64>| RawColumn {
-            name: name.to_owned(),
-            header: format!("{topic}:{name}"),
-            unit,
-            number,
-            is_stamp: false,
-            origin: 0,
-            values,
-            bad: None,
-            has_values: true,
-        };
+        fn column(
+            name: &str,
+            number: usize,
+            unit: Option<Unit>,
+            values: Vec<f64>,
+            topic: &&str,
+        ) -> RawColumn {
+            RawColumn {
+                name: name.to_owned(),
+                header: format!("{topic}:{name}"),
+                unit,
+                number,
+                is_stamp: false,
+                origin: 0,
+                values,
+                bad: None,
+                has_values: true,
+            }
+        }
         let mut columns = vec![RawColumn {
             is_stamp: true,
             origin: i64::try_from(origin).unwrap_or(0),
-            ..column("time", 1, None, sorted(&seconds))
+            ..column("time", 1, None, sorted(&seconds), &topic)
         }];
         for (at, (name, (unit, values))) in fields.into_iter().enumerate() {
-            let of = |row: usize| values.get(row).copied().unwrap_or(f64::NAN);
-            columns.push(column(&name, at + 2, unit.and_then(Unit::parse), sorted(&of)));
+            let value_at = |row: usize| values.get(row).copied().unwrap_or(f64::NAN);
+            columns.push(column(&name, at + 2, unit.and_then(Unit::parse), sorted(&value_at), &topic));
         }
         RawTable {
             path: PathBuf::from(format!("{}#{topic}", path.display())),

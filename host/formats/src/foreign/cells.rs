@@ -3,12 +3,12 @@
 use super::stamp;
 use std::borrow::Cow;
 
-/// What a cell holds.
+/// Content of a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Number {
     /// Whole part, as far as it is exact.
     pub whole: i64,
-    /// What is to be added to it.
+    /// Remainder to be added to it.
     pub rest: f64,
     /// Whether it is a time of day or a date.
     pub is_stamp: bool,
@@ -26,8 +26,8 @@ impl Number {
         let text = text.trim();
         let plain = || Some(Self { whole: 0, rest: number(text, has_decimal_comma)?, is_stamp: false });
         plain().map(Self::exact(text, has_decimal_comma)).or_else(|| {
-            let (whole, rest) = stamp::parse(text)?;
-            Some(Self { whole, rest, is_stamp: true })
+            let (whole, whole_seconds) = stamp::parse(text)?;
+            Some(Self { whole, rest: whole_seconds, is_stamp: true })
         })
     }
 
@@ -41,12 +41,14 @@ impl Number {
         move |number| {
             let point = if has_decimal_comma { ',' } else { '.' };
             let (whole, fraction) = text.split_once(point).unwrap_or((text, ""));
-            let is_digits = |part: &str| part.bytes().all(|digit| digit.is_ascii_digit());
+            fn is_digits(part: &str) -> bool {
+                part.bytes().all(|digit| digit.is_ascii_digit())
+            }
             let whole: Option<i64> =
                 whole.parse().ok().filter(|_| is_digits(fraction) && !text.starts_with('-'));
-            let rest = format!("0.{fraction}0").parse();
-            match (whole, rest) {
-                (Some(whole), Ok(rest)) => Self { whole, rest, ..number },
+            let fraction_seconds = format!("0.{fraction}0").parse();
+            match (whole, fraction_seconds) {
+                (Some(whole), Ok(fraction_seconds)) => Self { whole, rest: fraction_seconds, ..number },
                 _ => number,
             }
         }

@@ -13,16 +13,15 @@ const DAY_S: f64 = 86_400.0;
 
 /// Reads a sheet, the first one where none is named.
 pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError> {
-    let fault = |problem: String, expected: &str| TableError::File {
-        path: path.to_owned(),
-        problem,
-        expected: expected.to_owned(),
-    };
+    fn fault(problem: String, expected: &str, path: &Path) -> TableError {
+        TableError::File { path: path.to_owned(), problem, expected: expected.to_owned() }
+    }
     let size = fs::metadata(path).map_err(|cause| TableError::Io { path: path.to_owned(), cause })?.len();
     if size > MAX_BYTES {
-        return Err(fault(format!("{size} bytes"), "a workbook of at most 128 MiB, or CSV"));
+        return Err(fault(format!("{size} bytes"), "a workbook of at most 128 MiB, or CSV", path));
     }
-    let mut workbook = open_workbook_auto(path).map_err(|cause| fault(cause.to_string(), "a workbook"))?;
+    let mut workbook =
+        open_workbook_auto(path).map_err(|cause| fault(cause.to_string(), "a workbook", path))?;
     let names = workbook.sheet_names();
     let name = match sheet {
         Some(name) => names.iter().find(|known| *known == name),
@@ -30,10 +29,11 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
     };
     let name = name.cloned().ok_or_else(|| {
         let expected = format!("one of the sheets {}", names.join(", "));
-        fault(format!("no sheet {}", sheet.unwrap_or_default()), &expected)
+        fault(format!("no sheet {}", sheet.unwrap_or_default()), &expected, path)
     })?;
-    let range =
-        workbook.worksheet_range(&name).map_err(|cause| fault(cause.to_string(), "a sheet of cells"))?;
+    let range = workbook
+        .worksheet_range(&name)
+        .map_err(|cause| fault(cause.to_string(), "a sheet of cells", path))?;
     let first = range.start().map_or(0, |(row, _)| row as usize);
     let rows = range
         .rows()
@@ -41,11 +41,11 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         .map(|(at, cells)| (first + at + 1, cells.iter().map(text).collect::<Vec<String>>()))
         .filter(|(_, cells)| cells.iter().any(|cell| !cell.is_empty()))
         .collect();
-    let others: Vec<&str> = names.iter().filter(|other| **other != name).map(String::as_str).collect();
-    let form = if others.is_empty() || sheet.is_some() {
+    let other_sheets: Vec<&str> = names.iter().filter(|other| **other != name).map(String::as_str).collect();
+    let form = if other_sheets.is_empty() || sheet.is_some() {
         format!("workbook, sheet \"{name}\"")
     } else {
-        format!("workbook, sheet \"{name}\", not {}", others.join(", "))
+        format!("workbook, sheet \"{name}\", not {}", other_sheets.join(", "))
     };
     let path = if sheet.is_some() { format!("{}#{name}", path.display()).into() } else { path.to_owned() };
     Ok(Grid { path, rows, has_decimal_comma: false, form })
@@ -81,8 +81,8 @@ mod tests {
     fn sheets_of_a_workbook_hold_the_values_they_were_made_of() {
         for (name, within_s) in [("push.xlsx", 1e-3), ("push.xlsx#Seconds", 1e-9)] {
             let tables = RawTable::read(&data(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
-            let taken = take(&tables, &Mapping::default(), &Options::default()).expect("a run");
-            let force = taken.force.expect("a force");
+            let lateral_run = take(&tables, &Mapping::default(), &Options::default()).expect("a run");
+            let force = lateral_run.force.expect("a force");
             assert_eq!(force.time_s.len(), 60, "{name}");
             for (at, ((t, y_m), f)) in
                 force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n).enumerate()

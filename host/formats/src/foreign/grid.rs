@@ -122,10 +122,10 @@ fn split_sheet(path: &Path) -> (PathBuf, Option<String>) {
 
 /// Text of bytes: UTF-16 by its mark, UTF-8, else the encoding of Western Windows, of which every byte is a letter.
 fn decoded(bytes: &[u8]) -> (String, &'static str) {
-    let wide = |rest: &[u8], of: fn([u8; 2]) -> u16| {
+    fn wide(rest: &[u8], of: fn([u8; 2]) -> u16) -> String {
         let units = rest.as_chunks::<2>().0.iter().map(|pair| of(*pair));
         char::decode_utf16(units).map(|letter| letter.unwrap_or('\u{fffd}')).collect::<String>()
-    };
+    }
     match bytes {
         [0xFF, 0xFE, rest @ ..] => (wide(rest, u16::from_le_bytes), "UTF-16"),
         [0xFE, 0xFF, rest @ ..] => (wide(rest, u16::from_be_bytes), "UTF-16"),
@@ -146,24 +146,25 @@ fn separator(sample: &[&str]) -> Option<(char, bool)> {
             }
             let (mut cells, mut numbers, mut lines) = (0usize, 0usize, 0usize);
             for line in sample {
-                let parts = split(line, separator);
-                let found = parts.iter().filter(|cell| Number::is_one(cell, has_decimal_comma)).count();
-                let filled = parts.iter().filter(|cell| !cell.is_empty()).count();
+                let split_cells = split(line, separator);
+                let number_count =
+                    split_cells.iter().filter(|cell| Number::is_one(cell, has_decimal_comma)).count();
+                let filled = split_cells.iter().filter(|cell| !cell.is_empty()).count();
                 cells += filled;
-                if found >= 2 {
-                    numbers += found;
+                if number_count >= 2 {
+                    numbers += number_count;
                     lines += 1;
                 }
             }
             if lines == 0 {
                 continue;
             }
-            let share = numbers as f64 / cells as f64;
-            // What reads as many cells as numbers and finds more of them; decimal points first.
+            let numeric_fraction = numbers as f64 / cells as f64;
+            // The convention that reads most cells as numbers is chosen; decimal points first.
             if best.is_none_or(|(most, count, _)| {
-                share > most + 1e-9 || (share - most).abs() <= 1e-9 && numbers > count
+                numeric_fraction > most + 1e-9 || (numeric_fraction - most).abs() <= 1e-9 && numbers > count
             }) {
-                best = Some((share, numbers, (separator, has_decimal_comma)));
+                best = Some((numeric_fraction, numbers, (separator, has_decimal_comma)));
             }
         }
     }

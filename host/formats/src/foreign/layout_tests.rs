@@ -22,7 +22,7 @@ fn lines(before: &str, row: impl Fn(usize, f64, f64, f64) -> String) -> Vec<u8> 
     (before.to_owned() + &rows.collect::<String>()).into_bytes()
 }
 
-/// What a file becomes by its maps.
+/// Session content of a file by its maps.
 fn taken(bytes: &[u8], maps: &[&str], rate_hz: Option<f64>) -> Result<Taken, TableError> {
     let table = Grid::parse(Path::new("t.csv"), bytes).and_then(RawTable::new)?;
     let choices = maps.iter().map(|map| Choice::parse(map)).collect::<Result<Vec<_>, _>>()?;
@@ -34,14 +34,14 @@ fn comma(value: f64) -> String {
 }
 
 fn same(name: &str, bytes: &[u8], maps: &[&str], rate_hz: Option<f64>) {
-    let taken = taken(bytes, maps, rate_hz).unwrap_or_else(|error| panic!("{name}: {error}"));
-    let force = taken.force.expect("a force");
-    assert_eq!(force.time_s.len(), 400, "{name}: {:?}", taken.notes);
+    let lateral_run = taken(bytes, maps, rate_hz).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let force = lateral_run.force.expect("a force");
+    assert_eq!(force.time_s.len(), 400, "{name}: {:?}", lateral_run.notes);
     for i in 0..400 {
         let [t, x, f] = truth(i);
-        let found = [force.time_s[i], 1e3 * force.displacement_y_m[i], force.force_y_n[i]];
-        let off = found.iter().zip([t, x, f]).all(|(a, b)| (a - b).abs() < 2e-5);
-        assert!(off, "{name}, row {i}: {found:?} and {:?}", [t, x, f]);
+        let values = [force.time_s[i], 1e3 * force.displacement_y_m[i], force.force_y_n[i]];
+        let is_equal = values.iter().zip([t, x, f]).all(|(a, b)| (a - b).abs() < 2e-5);
+        assert!(is_equal, "{name}, row {i}: {values:?} and {:?}", [t, x, f]);
     }
 }
 
@@ -131,7 +131,9 @@ fn ten_layouts_give_the_series_they_were_made_of() {
 
 #[test]
 fn what_is_not_known_is_asked_for_by_name() {
-    let plain = |before: &str| lines(before, |_, t, x, f| format!("{t},{x:.6},{f:.6}"));
+    fn plain(before: &str) -> Vec<u8> {
+        lines(before, |_, t, x, f| format!("{t},{x:.6},{f:.6}"))
+    }
     for (before, maps, words) in [
         ("Time (s),Extension,Load (N)\n", &[][..], "'Extension=displacement_y_mm': no unit is stated"),
         ("Time (s),Extension (mm),Load (V)\n", &[], "'Load (V)=force_y_n': no unit is stated"),

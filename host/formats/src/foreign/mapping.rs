@@ -1,4 +1,4 @@
-//! Which column is which quantity of the session: as the user states it, and as names and units show.
+//! Assigns columns to quantities of the session: as the user states it, and as names and units show.
 
 use super::TableError;
 use super::raw::{RawColumn, RawTable};
@@ -12,7 +12,7 @@ use std::path::Path;
 pub struct Target {
     /// Its column in the session.
     pub name: &'static str,
-    /// What it is.
+    /// Quantity of the column.
     pub quantity: Quantity,
     /// SI to the unit of that column.
     pub from_si: i32,
@@ -57,7 +57,7 @@ impl Target {
 pub struct Choice {
     /// Name of the column, or `#3`.
     pub column: String,
-    /// What it is.
+    /// Target of the column.
     pub target: Target,
     /// Its unit, where the user states it; a minus before it turns the direction.
     pub unit: Option<Unit>,
@@ -69,28 +69,35 @@ impl Choice {
     /// # Errors
     /// [`TableError::Map`].
     pub fn parse(text: &str) -> Result<Self, TableError> {
-        let fault = |problem: String, expected: String| TableError::Map {
-            choice: text.to_owned(),
-            problem,
-            expected,
-        };
-        let form = || "COLUMN=QUANTITY:UNIT, such as 'Force [g]=force_y_n:g'".to_owned();
-        let (column, rest) = text.rsplit_once('=').ok_or_else(|| fault("no =".to_owned(), form()))?;
-        let (name, unit) = rest.split_once(':').map_or((rest, None), |(name, unit)| (name, Some(unit)));
+        fn fault(problem: String, expected: String, text: &str) -> TableError {
+            TableError::Map { choice: text.to_owned(), problem, expected }
+        }
+        fn form() -> String {
+            "COLUMN=QUANTITY:UNIT, such as 'Force [g]=force_y_n:g'".to_owned()
+        }
+        let (column, unit_text) =
+            text.rsplit_once('=').ok_or_else(|| fault("no =".to_owned(), form(), text))?;
+        let (name, unit) =
+            unit_text.split_once(':').map_or((unit_text, None), |(name, unit)| (name, Some(unit)));
         let target = Target::named(name.trim()).ok_or_else(|| {
-            let known = Target::ALL.map(|target| target.name);
+            let target_names = Target::ALL.map(|target| target.name);
             let meant =
-                misspelt(name.trim(), known).map_or_else(String::new, |meant| format!("{meant}, or "));
+                misspelt(name.trim(), target_names).map_or_else(String::new, |meant| format!("{meant}, or "));
             fault(
                 format!("\"{}\" is no quantity", name.trim()),
-                format!("{meant}one of {}", known.join(", ")),
+                format!("{meant}one of {}", target_names.join(", ")),
+                text,
             )
         })?;
         let unit = unit.map(|unit| {
-            let known = Unit::parse(unit).filter(|known| known.quantity == target.quantity);
-            let of = target.quantity;
-            known.ok_or_else(|| {
-                fault(format!("\"{}\" is no unit of {of}", unit.trim()), of.examples().to_owned())
+            let matching_unit = Unit::parse(unit).filter(|known| known.quantity == target.quantity);
+            let quantity = target.quantity;
+            matching_unit.ok_or_else(|| {
+                fault(
+                    format!("\"{}\" is no unit of {quantity}", unit.trim()),
+                    quantity.examples().to_owned(),
+                    text,
+                )
             })
         });
         Ok(Self { column: column.trim().to_owned(), target, unit: unit.transpose()? })
@@ -145,7 +152,9 @@ impl Mapping {
 
     /// The file's text.
     pub fn to_toml(&self) -> String {
-        let quoted = |text: &str| toml::Value::from(text).to_string();
+        fn quoted(text: &str) -> String {
+            toml::Value::from(text).to_string()
+        }
         let mut text = "# What the columns of a table are: guide import table FILE --map-file THIS\n[table]\nformat = 1\n".to_owned();
         for Choice { column, target, unit } in &self.choices {
             let _ = write!(text, "\n[[column]]\nname = {}\nis = \"{}\"\n", quoted(column), target.name);
@@ -179,7 +188,7 @@ impl Mapping {
                     unit: time.unit.clone().filter(|_| !time.is_stamp),
                 });
             }
-            // What the user states of one quantity is meant for all of them.
+            // The user's statement about one quantity applies to all of them.
             if !self.choices.iter().all(|choice| choice.target.quantity == Quantity::Time) {
                 continue;
             }
@@ -188,8 +197,7 @@ impl Mapping {
                 if choices.iter().any(|choice| choice.target == target) {
                     continue;
                 }
-                let of = |column: &RawColumn| is_of(column, quantity, words);
-                if let Some(column) = only(&free, of) {
+                if let Some(column) = only(&free, |column: &RawColumn| is_of(column, quantity, words)) {
                     choices.push(Choice { column: column.own_name(), target, unit: column.unit.clone() });
                 }
             }
@@ -228,8 +236,8 @@ fn is_named(column: &RawColumn, name: &str) -> bool {
 
 /// The one of which it is true.
 fn only<'c>(columns: &[&'c RawColumn], is: impl Fn(&RawColumn) -> bool) -> Option<&'c RawColumn> {
-    let mut found = columns.iter().filter(|column| is(column));
-    match (found.next(), found.next()) {
+    let mut matching_columns = columns.iter().filter(|column| is(column));
+    match (matching_columns.next(), matching_columns.next()) {
         (Some(one), None) => Some(one),
         _ => None,
     }

@@ -20,7 +20,7 @@ const MAX_COLUMNS: usize = 1024;
 const MAX_DEPTH: usize = 4;
 /// Length of the header; order of bytes and version are at its end.
 const HEADER: usize = 128;
-/// How files of version 7.3 begin, which are HDF5 behind the same header.
+/// Beginning of files of version 7.3, which are HDF5 behind the same header.
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 /// Types of elements.
 const MATRIX: u32 = 14;
@@ -29,7 +29,7 @@ const COMPRESSED: u32 = 15;
 const STRUCTURE: u8 = 2;
 const NUMERIC: std::ops::RangeInclusive<u8> = 6..=15;
 
-/// What stands in for a file that is not read.
+/// Alternative to a file that is not read.
 const EXPECTED: &str = "a file of version 7 or older: save('run.mat', ..., '-v7') in MATLAB; or CSV, in Python from version 7.3: \
     import h5py, pandas; pandas.DataFrame({k: v[()].ravel() for k, v in h5py.File('run.mat').items() if v.dtype.kind in 'fiu'}).to_csv('run.csv')";
 
@@ -43,33 +43,31 @@ struct Array {
 /// Reads the arrays of a file.
 pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
     let io = |cause| TableError::Io { path: path.to_owned(), cause };
-    let fault = |problem: String, expected: &str| TableError::File {
-        path: path.to_owned(),
-        problem,
-        expected: expected.to_owned(),
-    };
+    fn fault(problem: String, expected: &str, path: &Path) -> TableError {
+        TableError::File { path: path.to_owned(), problem, expected: expected.to_owned() }
+    }
     let size = fs::metadata(path).map_err(io)?.len();
     if size > MAX_BYTES as u64 {
-        return Err(fault(format!("{size} bytes"), "at most 512 MiB, or CSV"));
+        return Err(fault(format!("{size} bytes"), "at most 512 MiB, or CSV", path));
     }
     let bytes = fs::read(path).map_err(io)?;
     let (header, body) = bytes
         .split_at_checked(HEADER)
-        .ok_or_else(|| fault("is shorter than a header".to_owned(), EXPECTED))?;
+        .ok_or_else(|| fault("is shorter than a header".to_owned(), EXPECTED, path))?;
     let is_big = match header.get(HEADER - 2..) {
         Some(b"IM") => false,
         Some(b"MI") => true,
-        _ => return Err(fault("is no file of MATLAB, version 5 to 7".to_owned(), EXPECTED)),
+        _ => return Err(fault("is no file of MATLAB, version 5 to 7".to_owned(), EXPECTED, path)),
     };
     let start = bytes.get(512..520).or(bytes.get(..8));
     if start == Some(HDF5) || header.starts_with(b"MATLAB 7.3") {
-        return Err(fault("a file of MATLAB, version 7.3".to_owned(), EXPECTED));
+        return Err(fault("a file of MATLAB, version 7.3".to_owned(), EXPECTED, path));
     }
-    let mut found = Found { is_big, left: MAX_BYTES, arrays: Vec::new(), others: Vec::new() };
-    let is_whole = found.elements(body, false);
-    let tables = found.tables(path, is_whole);
+    let mut variables = Found { is_big, left: MAX_BYTES, arrays: Vec::new(), others: Vec::new() };
+    let is_whole = variables.elements(body, false);
+    let tables = variables.tables(path, is_whole);
     if tables.is_empty() {
-        return Err(fault("no numeric arrays of two values or more".to_owned(), "columns of numbers"));
+        return Err(fault("no numeric arrays of two values or more".to_owned(), "columns of numbers", path));
     }
     Ok(tables)
 }
@@ -92,7 +90,7 @@ impl<'a> Cursor<'a> {
         Some(if self.is_big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
     }
 
-    /// The next element: its type and content. What is at most four bytes long may stand in the tag.
+    /// The next element: its type and content. An element of at most four bytes may lie in the tag.
     fn element(&mut self) -> Option<(u32, &'a [u8])> {
         let tag = self.u32()?;
         let (kind, short) = (tag & 0xFFFF, (tag >> 16) as usize);
@@ -143,7 +141,7 @@ fn numbers(kind: u32, content: &[u8], is_big: bool) -> Option<Vec<f64>> {
     })
 }
 
-/// What is found in a file.
+/// Variables of a file.
 struct Found {
     is_big: bool,
     /// Bytes that may still be decompressed.
@@ -160,7 +158,8 @@ impl Found {
         while !cursor.bytes.is_empty() {
             let is_read = match cursor.element() {
                 Some((MATRIX, content)) => self.array(content, "", 0).is_some(),
-                // What is decompressed holds nothing compressed: it would have no end where it holds itself.
+                // Decompressed content holds no compressed element: it would have no end where it holds
+                // itself.
                 Some((COMPRESSED, content)) if !is_packed => {
                     let mut plain = Vec::new();
                     let limit = self.left as u64;
@@ -230,12 +229,12 @@ impl Found {
     /// A table for each length.
     fn tables(self, path: &Path, is_whole: bool) -> Vec<RawTable> {
         let mut by_rows: BTreeMap<usize, Vec<RawColumn>> = BTreeMap::new();
-        let mut others = self.others;
+        let mut unreadable = self.others;
         for Array { name, sides: [high, wide], values } in self.arrays {
             let (rows, width) = (high.max(wide), high.min(wide));
             let columns = by_rows.entry(rows).or_default();
             if width > MAX_WIDTH || columns.len() + width > MAX_COLUMNS {
-                others.push(name);
+                unreadable.push(name);
                 continue;
             }
             for at in 0..width {
@@ -253,14 +252,14 @@ impl Found {
             }
         }
         let is_one = by_rows.len() == 1;
-        let named = |rows: usize| {
+        fn named(rows: usize, is_one: bool, path: &Path) -> PathBuf {
             if is_one { path.to_owned() } else { PathBuf::from(format!("{}#{rows}", path.display())) }
-        };
+        }
         let mut tables: Vec<RawTable> = by_rows
             .into_iter()
             .filter(|(_, columns)| !columns.is_empty())
             .map(|(rows, columns)| RawTable {
-                path: named(rows),
+                path: named(rows, is_one, path),
                 form: "MATLAB".to_owned(),
                 columns,
                 words: Vec::new(),
@@ -269,7 +268,7 @@ impl Found {
             })
             .collect();
         if let Some(first) = tables.first_mut() {
-            first.words = others;
+            first.words = unreadable;
             if !is_whole {
                 first
                     .notes

@@ -5,7 +5,8 @@
 //! 3. [`Mapping`]: which column is which quantity of the session, as the user states it and as names and units show.
 //! 4. [`Taken`]: the series of a run, on one clock and in SI, with what was taken for what.
 //!
-//! Nothing is assumed in silence: a column without a unit is an error that asks for it, and [`Taken`] states everything that was found.
+//! Every assumption is stated: a column without a unit is an error that asks for it, and [`Taken`] states everything
+//! that was found.
 
 mod align;
 mod apply;
@@ -31,7 +32,7 @@ pub use unit::{Quantity, Unit};
 
 use std::path::PathBuf;
 
-/// What is read as a table: names of files, and what of their formats.
+/// Formats that are read as a table: names of files, and what of their formats.
 pub const READ: &[[&str; 2]] = &[
     [
         ".csv, .txt, .tsv, any name",
@@ -59,7 +60,7 @@ pub enum TableError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the operating system reported.
+        /// Report of the operating system.
         cause: std::io::Error,
     },
     /// Something in a file is not what was expected there.
@@ -71,9 +72,9 @@ pub enum TableError {
         line: usize,
         /// Column.
         field: String,
-        /// What is there.
+        /// Content of the file.
         problem: String,
-        /// What is valid.
+        /// Valid content.
         expected: String,
     },
     /// A file as a whole.
@@ -81,9 +82,9 @@ pub enum TableError {
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Problem.
         problem: String,
-        /// What is valid.
+        /// Valid content.
         expected: String,
     },
     /// A mapping that means nothing here.
@@ -91,9 +92,9 @@ pub enum TableError {
     Map {
         /// The choice, as it was given.
         choice: String,
-        /// What is wrong.
+        /// Problem.
         problem: String,
-        /// What is valid.
+        /// Valid content.
         expected: String,
     },
     /// Two clocks that cannot be brought together.

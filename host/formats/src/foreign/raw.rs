@@ -1,4 +1,4 @@
-//! Where the numbers of a table are, and what its columns are named.
+//! Finds the numbers of a table, and the names of its columns.
 
 use super::cells::{Number, is_missing};
 use super::grid::Grid;
@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// Rows by which columns of numbers are told from others.
 const SAMPLE: usize = 50;
-/// What instruments with SCPI commands send in place of a reading that is out of range (9.9e37) or none at all (9.91e37), and anything
-/// larger.
+/// Value that instruments with SCPI commands send in place of a reading that is out of range (9.9e37) or missing
+/// (9.91e37), and anything larger.
 const OVERLOAD: f64 = 9.89e37;
 /// Rows above the first numbers in which the names may be.
 const HEADER: usize = 4;
@@ -27,7 +27,7 @@ pub struct RawColumn {
     pub number: usize,
     /// Whether it holds dates or times of day; its values are seconds then.
     pub is_stamp: bool,
-    /// What is to be added to its values.
+    /// Origin to be added to its values.
     pub origin: i64,
     /// A value for each row; NaN where there is none.
     pub values: Vec<f64>,
@@ -57,7 +57,7 @@ pub struct RawTable {
     pub words: Vec<String>,
     /// Line of each row.
     pub lines: Vec<usize>,
-    /// What was left out.
+    /// Notes on content that was left out.
     pub notes: Vec<String>,
 }
 
@@ -97,9 +97,13 @@ impl RawTable {
     /// [`TableError`] where there are none.
     pub fn new(grid: Grid) -> Result<Self, TableError> {
         let Grid { path, rows, has_decimal_comma, form } = grid;
-        let is_number = |cell: &String| Number::parse(cell, has_decimal_comma).is_some();
-        let numbers: Vec<usize> =
-            rows.iter().map(|(_, cells)| cells.iter().filter(|cell| is_number(cell)).count()).collect();
+        fn is_number(cell: &str, has_decimal_comma: bool) -> bool {
+            Number::parse(cell, has_decimal_comma).is_some()
+        }
+        let numbers: Vec<usize> = rows
+            .iter()
+            .map(|(_, cells)| cells.iter().filter(|cell| is_number(cell, has_decimal_comma)).count())
+            .collect();
         // As many cells as most rows of two numbers or more have.
         let mut widths: Vec<usize> = rows
             .iter()
@@ -113,20 +117,29 @@ impl RawTable {
             .max_by_key(|same| same.len())
             .and_then(|same| same.first().copied());
         // As many numbers as most of these rows have: words with a number or two among them are a preamble.
-        let is_wide = |at: usize| rows.get(at).is_some_and(|(_, cells)| Some(cells.len()) == width);
-        let mut counts: Vec<usize> =
-            numbers.iter().enumerate().filter(|(at, _)| is_wide(*at)).map(|(_, count)| *count).collect();
+        fn is_wide(at: usize, rows: &[(usize, Vec<String>)], width: &Option<usize>) -> bool {
+            rows.get(at).is_some_and(|(_, cells)| Some(cells.len()) == *width)
+        }
+        let mut counts: Vec<usize> = numbers
+            .iter()
+            .enumerate()
+            .filter(|(at, _)| is_wide(*at, &rows, &width))
+            .map(|(_, count)| *count)
+            .collect();
         counts.sort_unstable();
         let usual = counts
             .chunk_by(|a, b| a == b)
             .max_by_key(|same| same.len())
             .and_then(|same| same.first().copied());
         let least = (3 * usual.unwrap_or(0)).div_ceil(4).max(2);
-        let is_data = |at: usize| is_wide(at) && numbers.get(at).is_some_and(|count| *count >= least);
+        let is_data =
+            |at: usize| is_wide(at, &rows, &width) && numbers.get(at).is_some_and(|count| *count >= least);
         let is_filled = |at: usize| {
-            let missing = |cells: &Vec<String>| cells.iter().filter(|cell| is_missing(cell)).count();
+            fn missing(cells: &[String]) -> usize {
+                cells.iter().filter(|cell| is_missing(cell)).count()
+            }
             let filled = numbers.get(at).copied().unwrap_or(0);
-            is_wide(at)
+            is_wide(at, &rows, &width)
                 && filled > 0
                 && rows.get(at).is_some_and(|(_, cells)| filled + missing(cells) >= least)
         };
@@ -145,16 +158,16 @@ impl RawTable {
         let mut words = Vec::new();
         for index in 0..width {
             let cells: Vec<&String> = sample.clone().filter_map(|(_, cells)| cells.get(index)).collect();
-            let found = cells.iter().filter(|cell| is_number(cell)).count();
+            let number_count = cells.iter().filter(|cell| is_number(cell, has_decimal_comma)).count();
             let filled = cells.iter().filter(|cell| !is_missing(cell)).count();
             let header = names.get(index).filter(|name| !name.is_empty()).cloned();
             let header = header.unwrap_or_else(|| format!("column {}", index + 1));
-            if found == 0 || 2 * found < filled {
+            if number_count == 0 || 2 * number_count < filled {
                 words.push(header);
                 continue;
             }
-            let (name, own) = split_name(&header);
-            let unit = units.get(index).cloned().flatten().or(own);
+            let (name, header_unit) = split_name(&header);
+            let unit = units.get(index).cloned().flatten().or(header_unit);
             let values = Vec::with_capacity(rows.len() - first);
             columns.push(RawColumn {
                 name,
@@ -192,8 +205,8 @@ impl RawTable {
             notes.push(format!("rows without numbers: {}, from line {line} on, skipped", skipped.len()));
         }
         for column in &mut table.columns {
-            let over = column.values.iter_mut().filter(|value| value.abs() >= OVERLOAD);
-            let count = over.map(|value| *value = f64::NAN).count();
+            let overloads = column.values.iter_mut().filter(|value| value.abs() >= OVERLOAD);
+            let count = overloads.map(|value| *value = f64::NAN).count();
             if count > 0 {
                 notes.push(format!(
                     "\"{}\": {count} readings beyond the range of the instrument (9.9e37)",
@@ -211,14 +224,14 @@ impl RawTable {
 
     /// Adds a row; not where it has no number at all.
     fn add(&mut self, line: usize, cells: &[String], has_decimal_comma: bool) -> bool {
-        let read = |column: &RawColumn| {
+        fn read(column: &RawColumn, has_decimal_comma: bool, cells: &[String]) -> Option<Number> {
             cells.get(column.number - 1).and_then(|cell| Number::parse(cell, has_decimal_comma))
-        };
-        if self.columns.iter().all(|column| read(column).is_none()) {
+        }
+        if self.columns.iter().all(|column| read(column, has_decimal_comma, cells).is_none()) {
             return false;
         }
         for column in &mut self.columns {
-            let number = read(column);
+            let number = read(column, has_decimal_comma, cells);
             let cell = cells.get(column.number - 1).map_or("", String::as_str);
             let value = match number {
                 Some(number) => {
@@ -260,13 +273,14 @@ impl RawTable {
         let matching = |is: &dyn Fn(&RawColumn) -> bool| -> Vec<usize> {
             self.columns.iter().enumerate().filter(|(_, column)| is(column)).map(|(at, _)| at).collect()
         };
-        let by = |same: &dyn Fn(&str, &str) -> bool| {
+        let matching_by = |same: &dyn Fn(&str, &str) -> bool| {
             let whole = matching(&|column| same(&column.header, name));
             if whole.is_empty() { matching(&|column| same(&column.name, name)) } else { whole }
         };
-        let exact = by(&|a, b| a == b);
-        let found = if exact.is_empty() { by(&|a, b| a.to_lowercase() == b.to_lowercase()) } else { exact };
-        match found.as_slice() {
+        let exact = matching_by(&|a, b| a == b);
+        let matching_columns =
+            if exact.is_empty() { matching_by(&|a, b| a.to_lowercase() == b.to_lowercase()) } else { exact };
+        match matching_columns.as_slice() {
             [] => Ok(None),
             [one] => Ok(Some(*one)),
             several => {
@@ -295,16 +309,16 @@ fn names(above: &[(usize, Vec<String>)], width: usize, has_decimal_comma: bool) 
         if !is_as_wide || !is_words || !has_letters {
             continue;
         }
-        let own: Vec<Option<Unit>> = cells.iter().map(|cell| bare_unit(cell)).collect();
+        let cell_units: Vec<Option<Unit>> = cells.iter().map(|cell| bare_unit(cell)).collect();
         let is_units = cells
             .iter()
-            .zip(&own)
+            .zip(&cell_units)
             .all(|(cell, unit)| unit.is_some() || is_missing(&bare(cell)) || bare(cell).len() <= 3);
         // Names differ; what repeats (`count`, `count`, `N`, `um`) is none.
         let repeats =
             cells.iter().enumerate().any(|(i, cell)| cells.iter().take(i).any(|other| other == cell));
-        if (is_units || repeats) && own.iter().any(Option::is_some) && units.is_empty() {
-            units = own;
+        if (is_units || repeats) && cell_units.iter().any(Option::is_some) && units.is_empty() {
+            units = cell_units;
             continue;
         }
         return (cells, units, Some(*line));

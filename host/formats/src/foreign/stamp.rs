@@ -5,14 +5,14 @@ use time::{Date, Month};
 /// Seconds since 1970, or since midnight where there is no date: whole ones and the rest.
 pub(super) fn parse(text: &str) -> Option<(i64, f64)> {
     let text = text.trim();
-    let (date, rest) = match text.split_once(['T', ' ']) {
+    let (date, time_text) = match text.split_once(['T', ' ']) {
         Some((date, rest)) if !date.contains(':') => (Some(date), rest.trim()),
         _ => (None, text),
     };
-    let (day, is_later) = match rest.to_uppercase() {
-        upper if upper.ends_with("PM") => (rest.get(..rest.len() - 2)?, Some(true)),
-        upper if upper.ends_with("AM") => (rest.get(..rest.len() - 2)?, Some(false)),
-        _ => (rest, None),
+    let (day, is_later) = match time_text.to_uppercase() {
+        upper if upper.ends_with("PM") => (time_text.get(..time_text.len() - 2)?, Some(true)),
+        upper if upper.ends_with("AM") => (time_text.get(..time_text.len() - 2)?, Some(false)),
+        _ => (time_text, None),
     };
     // The zone is the same for all rows.
     let day = day.trim().trim_end_matches(['Z', 'z']);
@@ -21,30 +21,31 @@ pub(super) fn parse(text: &str) -> Option<(i64, f64)> {
         Some((day, _)) => day,
         None => day,
     };
-    let (whole, rest) = time_of_day(day, is_later)?;
+    let (whole, whole_seconds) = time_of_day(day, is_later)?;
     let days = match date {
         Some(date) => i64::from(calendar(date)?.to_julian_day() - JULIAN_1970),
         None => 0,
     };
-    Some((86_400 * days + whole, rest))
+    Some((86_400 * days + whole, whole_seconds))
 }
 
 /// Julian day of 1970-01-01.
 const JULIAN_1970: i32 = 2_440_588;
 
 fn time_of_day(text: &str, is_later: Option<bool>) -> Option<(i64, f64)> {
-    let parts: Vec<&str> = text.split(':').collect();
-    let (&[hours, minutes], seconds) = parts.split_first_chunk::<2>()?;
+    let clock_fields: Vec<&str> = text.split(':').collect();
+    let (&[hours, minutes], seconds) = clock_fields.split_first_chunk::<2>()?;
     let seconds = match seconds {
         [] => "0".to_owned(),
         [seconds] => seconds.replacen(',', ".", 1),
         // Milliseconds behind another colon, as some loggers write them.
-        [seconds, parts] => format!("{seconds}.{parts}"),
+        [seconds, clock_fields] => format!("{seconds}.{clock_fields}"),
         _ => return None,
     };
     let (whole, fraction) = seconds.split_once('.').unwrap_or((&seconds, "0"));
-    let number =
-        |text: &str, most: i64| text.parse::<i64>().ok().filter(|number| (0..=most).contains(number));
+    fn number(text: &str, most: i64) -> Option<i64> {
+        text.parse::<i64>().ok().filter(|number| (0..=most).contains(number))
+    }
     let (mut hours, minutes, whole) = (number(hours, 24)?, number(minutes, 59)?, number(whole, 60)?);
     if !fraction.bytes().all(|digit| digit.is_ascii_digit()) {
         return None;
@@ -60,13 +61,15 @@ fn time_of_day(text: &str, is_later: Option<bool>) -> Option<(i64, f64)> {
 /// A day: year first, or last. With slashes the month is first, unless it cannot be: only differences of times matter.
 fn calendar(text: &str) -> Option<Date> {
     let separator = ['-', '.', '/'].into_iter().find(|separator| text.contains(*separator))?;
-    let parts: Vec<&str> = text.split(separator).collect();
-    let [a, b, c] = <[&str; 3]>::try_from(parts).ok()?;
-    let number = |text: &str| text.parse::<u16>().ok();
-    let of = |year: u16, month: u16, day: u16| {
+    let date_fields: Vec<&str> = text.split(separator).collect();
+    let [a, b, c] = <[&str; 3]>::try_from(date_fields).ok()?;
+    fn number(text: &str) -> Option<u16> {
+        text.parse::<u16>().ok()
+    }
+    fn of(year: u16, month: u16, day: u16) -> Option<Date> {
         let month = Month::try_from(u8::try_from(month).ok()?).ok()?;
         Date::from_calendar_date(year.into(), month, u8::try_from(day).ok()?).ok()
-    };
+    }
     if a.len() == 4 {
         return of(number(a)?, number(b)?, number(c)?);
     }

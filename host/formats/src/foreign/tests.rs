@@ -39,9 +39,9 @@ fn separators_decimal_commas_and_names_are_found() {
         "t;F\n(s);(N)\n0;1.5\n1;2.5\n2;3.5\n",
         "\u{feff}Test 5; of 2024\n\nt [s];F [N];\n0;1,5;\n1;2,5;\n2;3,5;\n",
     ] {
-        let found = table(text);
-        assert_eq!(names(&found), two, "{text}");
-        assert_eq!(values(&found.columns[1]), [1.5, 2.5, 3.5], "{text}");
+        let parsed_table = table(text);
+        assert_eq!(names(&parsed_table), two, "{text}");
+        assert_eq!(values(&parsed_table.columns[1]), [1.5, 2.5, 3.5], "{text}");
     }
     let bare = table("0 1.5\n1 2.5\n2 3.5\n");
     assert_eq!(names(&bare), [("column 1", None), ("column 2", None)]);
@@ -50,15 +50,15 @@ fn separators_decimal_commas_and_names_are_found() {
 
 #[test]
 fn rows_without_numbers_and_a_cut_last_row_are_left_out_and_noted() {
-    let found = table("t,f,word\n0,1,a\n1,,b\nnan,3,c\nStopped by user,,\n4,5,d\n5,6");
-    assert_eq!(found.lines, [2, 3, 4, 6]);
-    assert!(found.columns[1].values[1].is_nan() && found.columns[0].values[2].is_nan());
-    assert_eq!(found.words, ["word"]);
+    let parsed_table = table("t,f,word\n0,1,a\n1,,b\nnan,3,c\nStopped by user,,\n4,5,d\n5,6");
+    assert_eq!(parsed_table.lines, [2, 3, 4, 6]);
+    assert!(parsed_table.columns[1].values[1].is_nan() && parsed_table.columns[0].values[2].is_nan());
+    assert_eq!(parsed_table.words, ["word"]);
     assert!(
-        found.notes[0].contains("line 7: the last row is cut off")
-            && found.notes[1].contains("from line 5 on"),
+        parsed_table.notes[0].contains("line 7: the last row is cut off")
+            && parsed_table.notes[1].contains("from line 5 on"),
         "{:?}",
-        found.notes
+        parsed_table.notes
     );
     for bytes in [&b""[..], b"\n\n", b"only words\nand more\n", b"\0\0\0\0", b"1\n2\n3\n"] {
         let outcome = Grid::parse(Path::new("t.csv"), bytes).and_then(RawTable::new);
@@ -78,12 +78,12 @@ fn push(header: &str, line: impl Fn(f64, f64, f64) -> String) -> RawTable {
 
 #[test]
 fn adding_a_constant_to_all_times_changes_nothing() {
-    let of = |origin: i64| {
+    fn of(origin: i64) -> crate::session::ForceSeries {
         let table = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
             format!("{}.{:02},{x},{f}", origin + t as i64, (100.0 * t).round() as i64 % 100)
         });
         take(&[table], &Mapping::default(), &Options::default()).expect("a run").force.expect("a force")
-    };
+    }
     assert_eq!(of(0), of(1_764_000_000));
     assert_eq!(of(0), of(12_345));
 }
@@ -92,19 +92,19 @@ fn adding_a_constant_to_all_times_changes_nothing() {
 fn a_clock_of_the_day_passes_midnight_and_one_that_is_set_back_is_an_error() {
     let clock = |shift_s: f64| {
         move |t: f64, x: f64, f: f64| {
-            let at = (86_399.0 + t + if t > 2.0 { shift_s } else { 0.0 }) % 86_400.0;
-            let (h, m, s) = ((at / 3600.0) as u32, (at / 60.0) as u32 % 60, at % 60.0);
+            let clock_s = (86_399.0 + t + if t > 2.0 { shift_s } else { 0.0 }) % 86_400.0;
+            let (h, m, s) = ((clock_s / 3600.0) as u32, (clock_s / 60.0) as u32 % 60, clock_s % 60.0);
             format!("{h:02}:{m:02}:{s:06.3},{x},{f}")
         }
     };
-    let taken =
+    let lateral_run =
         take(&[push("Time,Stage (mm),Load (N)", clock(0.0))], &Mapping::default(), &Options::default())
             .expect("a run");
-    let times_s = taken.force.expect("a force").time_s;
+    let times_s = lateral_run.force.expect("a force").time_s;
     assert!(
-        (times_s[299] - 2.99).abs() < 1e-9 && taken.notes.iter().any(|note| note.contains("midnight")),
+        (times_s[299] - 2.99).abs() < 1e-9 && lateral_run.notes.iter().any(|note| note.contains("midnight")),
         "{:?}",
-        taken.notes
+        lateral_run.notes
     );
     let error =
         take(&[push("Time,Stage (mm),Load (N)", clock(-0.7))], &Mapping::default(), &Options::default());
@@ -117,12 +117,12 @@ fn rows_of_one_time_are_one_reading_and_missing_ones_are_interpolated() {
     let coarse = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
         format!("{:.1},{x},{f}", (10.0 * t + 1e-9).floor() / 10.0)
     });
-    let taken = take(&[coarse], &Mapping::default(), &Options::default()).expect("a run");
-    assert_eq!(taken.force.expect("a force").time_s.len(), 30);
+    let lateral_run = take(&[coarse], &Mapping::default(), &Options::default()).expect("a run");
+    assert_eq!(lateral_run.force.expect("a force").time_s.len(), 30);
     assert!(
-        taken.notes.iter().any(|note| note.contains("270 rows have the time of the row before")),
+        lateral_run.notes.iter().any(|note| note.contains("270 rows have the time of the row before")),
         "{:?}",
-        taken.notes
+        lateral_run.notes
     );
     // Sensors in turn: every row has one of them.
     let turns = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
@@ -142,20 +142,22 @@ fn offsets_of_two_clocks_are_within_their_intervals() {
     for offset_s in [0.0, 0.004, 3.217, -12.3456, 250.0] {
         let force = push("Time (s),Load (N)", |t, _, f| format!("{t:.4},{f:.6}"));
         let moved = push("Time (s),Stage (mm)", |t, x, _| format!("{:.4},{x:.6}", t + offset_s));
-        let taken = take(&[force, moved], &mapping, &options).expect("a run");
-        let offset = taken.offset.expect("an offset");
+        let lateral_run = take(&[force, moved], &mapping, &options).expect("a run");
+        let offset = lateral_run.offset.expect("an offset");
         assert!(
             (offset.offset_s + offset_s).abs() < 2.5 * offset.sd_s && offset.sd_s < 0.01,
             "{offset_s}: {offset:?}"
         );
     }
     // Ramps that repeat fit at several offsets, and noise at none.
-    let wave = |header: &str, of: fn(f64) -> f64| push(header, move |t, _, _| format!("{t:.4},{:.6}", of(t)));
-    let both = [
+    fn wave(header: &str, of: fn(f64) -> f64) -> RawTable {
+        push(header, move |t, _, _| format!("{t:.4},{:.6}", of(t)))
+    }
+    let two_tables = [
         wave("Time (s),Load (N)", |t| (12.0 * t).sin() + 0.05 * (1e5 * t * t).sin()),
         wave("Time (s),Stage (mm)", |t| (12.0 * t).sin() + 0.05 * (3e4 * t * t).cos()),
     ];
-    let error = take(&both, &mapping, &options).expect_err("repeats").to_string();
+    let error = take(&two_tables, &mapping, &options).expect_err("repeats").to_string();
     assert!(error.contains("fit alike") && error.contains("--merge-on"), "{error}");
     let noise = [
         wave("Time (s),Load (N)", |t| (1e5 * t * t).sin()),
@@ -190,15 +192,18 @@ fn a_map_is_written_and_read_again() {
 #[test]
 fn a_position_and_a_force_against_it_are_noticed() {
     let stage = push("Time (s),Stage (mm),Load (N)", |t, x, f| format!("{t},{},{}", 112.5 + x, -f));
-    let notes = |zero| {
+    fn notes(zero: Zero, stage: &RawTable) -> Result<(String, Vec<f64>), TableError> {
         let options = Options { zero, ..Options::default() };
-        let taken = take(std::slice::from_ref(&stage), &Mapping::default(), &options);
-        taken.map(|taken| (taken.notes.join("; "), taken.force.expect("a force").displacement_y_m))
-    };
-    let (said, moved_m) = notes(Zero::Auto).expect("a run");
-    assert!(said.contains("never near 0") && said.contains("falls where the displacement rises"), "{said}");
+        let result = take(std::slice::from_ref(stage), &Mapping::default(), &options);
+        result.map(|result| (result.notes.join("; "), result.force.expect("a force").displacement_y_m))
+    }
+    let (zero_note, moved_m) = notes(Zero::Auto, &stage).expect("a run");
+    assert!(
+        zero_note.contains("never near 0") && zero_note.contains("falls where the displacement rises"),
+        "{zero_note}"
+    );
     assert!(moved_m[0].abs() < 1e-12 && (moved_m[299] - 1e-3).abs() < 1e-12);
-    assert!(notes(Zero::Written).expect_err("112 mm").to_string().contains("is the unit right?"));
+    assert!(notes(Zero::Written, &stage).expect_err("112 mm").to_string().contains("is the unit right?"));
 }
 
 proptest! {
@@ -217,11 +222,11 @@ proptest! {
         let (separator, comma) = [(",", false), (";", false), (";", true), ("\t", true), ("|", false), (" ", true)][form];
         let number = |value: f64| { let text = format!("{value:.6}"); if comma { text.replace('.', ",") } else { text } };
         let lines: String = rows.iter().map(|(a, b, c)| [number(*a), number(*b), number(*c)].join(separator) + "\n").collect();
-        let found = table(&lines);
-        prop_assert_eq!(found.columns.len(), 3);
+        let parsed_table = table(&lines);
+        prop_assert_eq!(parsed_table.columns.len(), 3);
         for (row, (a, b, c)) in rows.iter().enumerate() {
             for (column, value) in [a, b, c].into_iter().enumerate() {
-                let read = found.columns[column].origin as f64 + found.columns[column].values[row];
+                let read = parsed_table.columns[column].origin as f64 + parsed_table.columns[column].values[row];
                 prop_assert!((read - value).abs() < 1e-6, "{} {}", read, value);
             }
         }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// What a unit measures.
+/// Quantity of a unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// Seconds.
@@ -20,7 +20,7 @@ pub enum Quantity {
 pub struct Unit {
     /// As it is written.
     pub name: String,
-    /// What it measures.
+    /// Quantity that it measures.
     pub quantity: Quantity,
     /// SI units in one of it.
     pub to_si: f64,
@@ -83,8 +83,9 @@ impl Unit {
             _ => None,
         };
         let lower = plain.to_lowercase();
-        let known = UNITS.iter().find(|(names, ..)| names.contains(&lower.as_str()));
-        let (quantity, to_si) = exact.or_else(|| known.map(|(_, quantity, to_si)| (*quantity, *to_si)))?;
+        let unit_entry = UNITS.iter().find(|(names, ..)| names.contains(&lower.as_str()));
+        let (quantity, to_si) =
+            exact.or_else(|| unit_entry.map(|(_, quantity, to_si)| (*quantity, *to_si)))?;
         Some(Self { name: name.to_owned(), quantity, to_si: sign * to_si })
     }
 
@@ -127,9 +128,9 @@ impl fmt::Display for Quantity {
 pub(super) fn split_name(header: &str) -> (String, Option<Unit>) {
     let header = header.trim();
     for (open, close) in [('[', ']'), ('(', ')'), ('{', '}'), ('<', '>')] {
-        if let Some((name, rest)) = header.rsplit_once(open)
-            && let Some((inside, _)) = rest.split_once(close)
-            && let Some(unit) = Unit::parse(inside)
+        if let Some((name, unit_tail)) = header.rsplit_once(open)
+            && let Some((unit_text, _)) = unit_tail.split_once(close)
+            && let Some(unit) = Unit::parse(unit_text)
         {
             return (name.trim().to_owned(), Some(unit));
         }
@@ -168,8 +169,8 @@ mod tests {
             ("Current (A)", "Current (A)", None),
             ("Load (MN)", "Load (MN)", None),
         ] {
-            let (found, stated) = split_name(header);
-            assert_eq!(found, name, "{header}");
+            let (header_unit, stated) = split_name(header);
+            assert_eq!(header_unit, name, "{header}");
             match (stated, unit) {
                 (None, None) => {}
                 (Some(stated), Some((unit, to_si))) => {

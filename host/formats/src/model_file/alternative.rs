@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// Probabilities of models.
 const PROBABILITY: [f64; 2] = [0.0, 1.0];
-/// How far the sum of the probabilities may be above 1 by rounding.
+/// Largest excess of the sum of the probabilities above 1, by rounding.
 const ROUNDING: f64 = 1e-9;
 
 /// Another model of the same runs.
@@ -21,19 +21,19 @@ pub struct Alternative {
 
 /// The tables `[[alternative]]` of a file.
 pub(super) fn read(file: &Fields<'_>) -> Result<Vec<Alternative>, SessionError> {
-    let mut left = 1.0 + ROUNDING;
-    let mut found = Vec::new();
+    let mut remaining_probability = 1.0 + ROUNDING;
+    let mut alternatives = Vec::new();
     for fields in file.tables("alternative")? {
         fields.only(&["probability", "tissue", "tip", "discrepancy", "effect"])?;
         let probability = fields.number("probability", PROBABILITY)?;
-        left -= probability;
-        if left < 0.0 {
+        remaining_probability -= probability;
+        if remaining_probability < 0.0 {
             let expected = "probabilities of all alternatives whose sum is at most 1";
             return Err(fields.field_fault("probability", Problem::OutOfRange(probability), expected));
         }
-        found.push(Alternative { probability, model: ModelFile::tables(&fields, &[])? });
+        alternatives.push(Alternative { probability, model: ModelFile::tables(&fields, &[])? });
     }
-    Ok(found)
+    Ok(alternatives)
 }
 
 impl Alternative {

@@ -36,6 +36,6 @@ pub const DISCREPANCY_NAMES: [&str; 30] = [
     "direction proportional to itself, of one insertion",
 ];
 
-/// Sizes of groups by name, as multiples of what an ordinary rig has: found in another session, or stated in a model file. What is
-/// larger there than usual is so in this session.
+/// Sizes of groups by name, as multiples of what an ordinary rig has: found in another session, or stated in a model
+/// file. A multiple above 1 applies to this session.
 pub type Multiples = BTreeMap<String, f64>;

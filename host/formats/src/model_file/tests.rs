@@ -40,8 +40,9 @@ fn a_model_has_the_values_of_its_file() {
     assert_eq!((model.tip_load_n, model.tip_load_ci95_n), (Some(0.2), None));
     // In the catalogue layers come before the force sensor.
     let effects = model.effects();
-    let found: Vec<_> = effects.iter().map(|(effect, values)| (effect.id(), values.as_slice())).collect();
-    assert_eq!(found, [("tissue.layers", &[2.1, 14.8][..]), ("sensor.force_bias", &[0.0, 0.1])]);
+    let effect_values: Vec<_> =
+        effects.iter().map(|(effect, values)| (effect.id(), values.as_slice())).collect();
+    assert_eq!(effect_values, [("tissue.layers", &[2.1, 14.8][..]), ("sensor.force_bias", &[0.0, 0.1])]);
     assert_eq!(model.effects[1].ci95, [Some([1.8, 2.4]), None]);
     assert_eq!(model.effects[1].log_evidence_gain, Some(57.1));
     assert_eq!(read("[model]\nformat = 1\n").expect("reads"), ModelFile::default());
@@ -49,29 +50,29 @@ fn a_model_has_the_values_of_its_file() {
 
 #[test]
 fn one_model_replaces_the_values_of_another_that_it_states() {
-    let other = read(
+    let stated = read(
         "[model]\nformat = 1\n[tip]\nload_n = 0.3\n[[effect]]\nid = \"tissue.skin\"\n[effect.parameters]\nstiffness_n_per_mm = { value = 1 }\n",
     );
-    let other = other.expect("reads");
-    let both = read(GOOD).expect("reads").replaced_by(&other);
-    assert_eq!((both.modulus_pa, both.tip_load_n), (Some(12_100.0), Some(0.3)));
-    assert_eq!(both.effects.len(), 3);
-    assert_eq!(other.clone().replaced_by(&other), other);
+    let stated_model = stated.expect("reads");
+    let replaced = read(GOOD).expect("reads").replaced_by(&stated_model);
+    assert_eq!((replaced.modulus_pa, replaced.tip_load_n), (Some(12_100.0), Some(0.3)));
+    assert_eq!(replaced.effects.len(), 3);
+    assert_eq!(stated_model.clone().replaced_by(&stated_model), stated_model);
 }
 
 #[test]
 fn faults_are_named_with_their_place() {
-    let fails = |text: String, place: &str, words: &[&str]| {
+    fn fails(text: String, place: &str, words: &[&str]) {
         let message = read(&text).expect_err("a fault").to_string();
         assert!(message.contains(&format!("model.toml:{place}")), "{place} in {message}");
         for word in words {
             assert!(message.contains(word), "{word} in {message}");
         }
-    };
-    let with = |from: &str, to: &str| {
+    }
+    fn with(from: &str, to: &str) -> String {
         assert!(GOOD.contains(from), "{from}");
         GOOD.replacen(from, to, 1)
-    };
+    }
     fails(
         with("tissue.layers", "tissue.layer"),
         "13:6",
@@ -93,10 +94,10 @@ fn faults_are_named_with_their_place() {
     fails(with("value = 14.8", "value = \"deep\""), "19:9", &["this is a string", "a number from 1 to 200"]);
     fails(with("value = 14.8", "valeu = 14.8"), "19:1", &["\"valeu\" is not known", "value, ci95"]);
     // A ratio without a boundary means nothing; a boundary without a ratio means that there is no second layer.
-    let without = with("[effect.parameters.boundary_mm]\nvalue = 14.8\n", "");
-    fails(without, "", &["effect.parameters.boundary_mm: missing, expected a table with value, 1 to 200"]);
-    let without = with("[effect.parameters.k_ratio]\nvalue = 2.1\nci95 = [1.8, 2.4]\n", "");
-    assert_eq!(read(&without).expect("reads").effects[1].values, [1.0, 14.8]);
+    let incomplete = with("[effect.parameters.boundary_mm]\nvalue = 14.8\n", "");
+    fails(incomplete, "", &["effect.parameters.boundary_mm: missing, expected a table with value, 1 to 200"]);
+    let incomplete = with("[effect.parameters.k_ratio]\nvalue = 2.1\nci95 = [1.8, 2.4]\n", "");
+    assert_eq!(read(&incomplete).expect("reads").effects[1].values, [1.0, 14.8]);
     fails(with("bias_x_n = { value = 0.1 }", ""), "11:14", &["empty, expected bias_n, bias_x_n"]);
     fails(with("parameters = { bias_x_n = { value = 0.1 } }\n", ""), "", &["effect.parameters: missing"]);
     let twice = "[[effect]]\nid = \"tissue.layers\"\nparameters = { boundary_mm = { value = 3 } }\n";
@@ -122,23 +123,23 @@ fn faults_are_named_with_their_place() {
 
 #[test]
 fn alternatives_have_effects_of_their_own_and_share_one_probability() {
-    let other = |probability: &str| {
+    fn other(probability: &str) -> String {
         format!(
             "[[alternative]]\nprobability = {probability}\n[alternative.tissue]\nk_kpa = 9.5\n[[alternative.effect]]\nid = \"tissue.gradient\"\n\
              parameters = {{ gradient_per_mm = {{ value = 0.04 }} }}\n"
         )
-    };
+    }
     let model = read(&format!("{GOOD}{}", other("0.4"))).expect("reads");
-    let [found] = model.alternatives.as_slice() else { panic!("one alternative") };
-    assert_eq!((found.probability, found.model.modulus_pa), (0.4, Some(9_500.0)));
-    assert_eq!(found.model.effects().first().map(|(effect, values)| (effect.id(), values.clone())), {
+    let [alternative] = model.alternatives.as_slice() else { panic!("one alternative") };
+    assert_eq!((alternative.probability, alternative.model.modulus_pa), (0.4, Some(9_500.0)));
+    assert_eq!(alternative.model.effects().first().map(|(effect, values)| (effect.id(), values.clone())), {
         Some(("tissue.gradient", vec![0.04]))
     });
     assert_eq!(model.effects.len(), 2);
-    let fails = |more: &str, words: &str| {
+    fn fails(more: &str, words: &str) {
         let message = read(&format!("{GOOD}{more}")).expect_err("a fault").to_string();
         assert!(message.contains(words), "{words} in {message}");
-    };
+    }
     fails(
         &other("1.1"),
         "21:15: alternative.probability: 1.1 is out of range, expected a number from 0 to 1",
@@ -171,15 +172,19 @@ fn interval() -> impl Strategy<Value = Option<[f64; 2]>> {
 fn learned(index: usize) -> impl Strategy<Value = LearnedEffect> {
     let effect = EFFECTS[index];
     let count = effect.parameters().len();
-    let shares = proptest::collection::vec(0.0..=1.0f64, count);
+    let probabilities = proptest::collection::vec(0.0..=1.0f64, count);
     let intervals = proptest::collection::vec(interval(), count);
-    (shares, intervals, proptest::option::of(-1e3..1e3f64)).prop_map(
-        move |(shares, ci95, log_evidence_gain)| {
-            let within = |(info, share): (&ParameterInfo, f64)| {
-                let [least, most] = info.range;
-                (least + share * (most - least)).clamp(least, most)
-            };
-            let values = effect.parameters().iter().zip(shares).map(within).collect();
+    (probabilities, intervals, proptest::option::of(-1e3..1e3f64)).prop_map(
+        move |(probabilities, ci95, log_evidence_gain)| {
+            let values = effect
+                .parameters()
+                .iter()
+                .zip(probabilities)
+                .map(|(info, share)| {
+                    let [least, most] = info.range;
+                    (least + share * (most - least)).clamp(least, most)
+                })
+                .collect();
             LearnedEffect { effect, values, ci95, log_evidence_gain }
         },
     )
@@ -218,7 +223,7 @@ prop_compose! {
 }
 
 prop_compose! {
-    /// Where it was learned is stated for a file, not for each of its models.
+    /// The source is stated for a file, not for each of its models.
     fn model()(own in of_one(), others in proptest::collection::vec((of_one(), 0.0..0.3f64), 0..3)) -> ModelFile {
         let alternatives = others.into_iter().map(|(model, probability)| {
             Alternative { probability, model: ModelFile { learned_from: None, ..model } }

@@ -1,10 +1,11 @@
-//! What a session states of the tissue's walls: `body_mm`, `needle_at_mm`, `sides` and `far_side` of `[tissue]`.
+//! Statement of a session about the tissue's walls: `body_mm`, `needle_at_mm`, `sides` and `far_side` of
+//! `[tissue]`.
 
 use crate::document::{Fields, Problem, SessionError};
 use mechanics::{Block, ModelError, Mounting};
 use std::fmt::Write as _;
 
-/// What holds the tissue at its ends.
+/// Mounting of the tissue at its ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Walls {
     /// They are so far from the needle that the tissue is a half space.
@@ -27,7 +28,7 @@ impl Walls {
     pub fn read(fields: &Fields<'_>) -> Result<Option<Self>, SessionError> {
         let [least_mm, most_mm] = Block::EDGE_RANGE_M.map(|m| 1e3 * m);
         let body_m = list::<3>(fields, "body_mm", [least_mm, most_mm], "[x, y, z], the edges of the block")?;
-        let at_m = list::<2>(
+        let entry_xy_m = list::<2>(
             fields,
             "needle_at_mm",
             [0.0, most_mm],
@@ -54,7 +55,7 @@ impl Walls {
                 "body_mm and sides beside it",
             )
         };
-        let stated = [("needle_at_mm", at_m.is_some()), ("far_side", far_side.is_some())];
+        let stated = [("needle_at_mm", entry_xy_m.is_some()), ("far_side", far_side.is_some())];
         match (body_m, sides.as_deref()) {
             (None, Some(FAR)) | (None, None) => {
                 if let Some((field, _)) = stated.into_iter().find(|(_, is_stated)| *is_stated) {
@@ -71,7 +72,7 @@ impl Walls {
             (Some(size_m), Some(name)) => {
                 let block = Block {
                     size_m,
-                    needle_at_m: at_m.unwrap_or([0.5 * size_m[0], 0.5 * size_m[1]]),
+                    needle_at_m: entry_xy_m.unwrap_or([0.5 * size_m[0], 0.5 * size_m[1]]),
                     sides: mounting("sides", name, SIDES)?,
                     far_side: far_side.unwrap_or(Mounting::Held),
                 };
@@ -104,8 +105,9 @@ impl Walls {
     pub(super) fn to_toml(self) -> String {
         let Self::Block(block) = self else { return format!("sides = \"{FAR}\"\n") };
         // Millimetres that were read as metres are decimal numbers again.
-        let mm = |m: &f64| format!("{:?}", (1e12 * m).round() / 1e9);
-        let list = |all_m: &[f64]| all_m.iter().map(mm).collect::<Vec<_>>().join(", ");
+        fn list(all_m: &[f64]) -> String {
+            all_m.iter().map(|m| format!("{:?}", (1e12 * m).round() / 1e9)).collect::<Vec<_>>().join(", ")
+        }
         let mut text = String::new();
         let _ = writeln!(text, "body_mm = [{}]", list(&block.size_m));
         let _ = writeln!(text, "needle_at_mm = [{}]", list(&block.needle_at_m));
@@ -122,8 +124,8 @@ fn list<const N: usize>(
     range: [f64; 2],
     expected: &'static str,
 ) -> Result<Option<[f64; N]>, SessionError> {
-    let Some(found) = fields.optional_list(field, range, -3)? else { return Ok(None) };
-    let count = found.len();
-    let fixed: Result<[f64; N], _> = found.try_into();
+    let Some(numbers) = fields.optional_list(field, range, -3)? else { return Ok(None) };
+    let count = numbers.len();
+    let fixed: Result<[f64; N], _> = numbers.try_into();
     fixed.map(Some).map_err(|_| fields.field_fault(field, Problem::Count(count), expected))
 }

@@ -14,7 +14,7 @@ pub struct FrameSweep {
     pub frames: PathBuf,
 }
 
-/// Where the sweeps of a run are listed.
+/// Path of the list of a run's sweeps.
 pub fn sweeps_file(session: &Path, id: &str) -> PathBuf {
     session.join(format!("{id}.sweeps.toml"))
 }
@@ -28,12 +28,15 @@ impl FrameSweep {
         let path = sweeps_file(session, id);
         let text = read_text(&path)?;
         Fields::parse(&path, &text, |file| {
-            let one = |fields: &Fields<'_>| {
-                fields.only(&["time_s", "frames"])?;
-                let time_s = fields.number("time_s", [-1e10, 1e10])?;
-                Ok(Self { time_s, frames: session.join(fields.text("frames")?) })
-            };
-            let sweeps: Vec<Self> = file.tables("sweep")?.iter().map(one).collect::<Result<_, _>>()?;
+            let sweeps: Vec<Self> = file
+                .tables("sweep")?
+                .iter()
+                .map(|fields| {
+                    fields.only(&["time_s", "frames"])?;
+                    let time_s = fields.number("time_s", [-1e10, 1e10])?;
+                    Ok(Self { time_s, frames: session.join(fields.text("frames")?) })
+                })
+                .collect::<Result<_, _>>()?;
             if sweeps.is_empty() {
                 return Err(file.field_fault(
                     "sweep",
@@ -91,26 +94,29 @@ mod tests {
     fn sweeps_are_listed_relative_to_the_session_and_read_again() {
         let (session, elsewhere) =
             (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        let [here, there] = [session.path(), elsewhere.path()].map(|folder| folder.join("sweep '1'.mha"));
-        for file in [&here, &there] {
+        let [session_sweep, other_sweep] =
+            [session.path(), elsewhere.path()].map(|folder| folder.join("sweep '1'.mha"));
+        for file in [&session_sweep, &other_sweep] {
             fs::write(file, "frames").expect("a file");
         }
-        let sweeps =
-            [FrameSweep { time_s: 1.25, frames: here.clone() }, FrameSweep { time_s: 7.5, frames: there }];
+        let sweeps = [
+            FrameSweep { time_s: 1.25, frames: session_sweep.clone() },
+            FrameSweep { time_s: 7.5, frames: other_sweep },
+        ];
         let text = FrameSweep::to_toml(session.path(), "d30-1", &sweeps);
         assert!(text.contains("frames = \"sweep '1'.mha\""), "{text}");
         fs::write(sweeps_file(session.path(), "d30-1"), text).expect("a file");
         let read = FrameSweep::read(session.path(), "d30-1").expect("reads");
-        assert_eq!((read.len(), read[0].time_s, &read[0].frames), (2, 1.25, &here));
+        assert_eq!((read.len(), read[0].time_s, &read[0].frames), (2, 1.25, &session_sweep));
         assert!(read[1].frames.is_absolute());
     }
 
     #[test]
     fn what_is_below_the_session_is_listed_with_slashes_on_every_system() {
         let session = tempfile::tempdir().expect("a folder");
-        let below = session.path().join("frames").join("d30-1");
-        fs::create_dir_all(&below).expect("a folder");
-        assert_eq!(inside(session.path(), &below), "frames/d30-1");
+        let frame_folder = session.path().join("frames").join("d30-1");
+        fs::create_dir_all(&frame_folder).expect("a folder");
+        assert_eq!(inside(session.path(), &frame_folder), "frames/d30-1");
     }
 
     #[test]

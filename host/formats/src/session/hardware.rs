@@ -14,7 +14,7 @@ const ROTATION_N_M_PER_RAD: [f64; 2] = [1e-4, 1e4];
 /// A guide or a surface whose place is not known to a centimetre, and a diameter not to a millimetre, are not measured.
 const LARGEST_PLACE_ERROR_MM: f64 = 10.0;
 const LARGEST_DIAMETER_ERROR_MM: f64 = 1.0;
-/// What is stated of something that is not known.
+/// Uncertainty of a parameter that is not exactly known.
 const UNKNOWN: &str = "unknown";
 
 pub(super) fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
@@ -23,7 +23,7 @@ pub(super) fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
     Ok(Rig { needle, guide2_m, entry_m, guides: guides(file)?, tolerances: tolerances(file)? })
 }
 
-/// How well needle and guides are known, where that is stated.
+/// Uncertainty of needle and guides, if it is stated.
 pub(super) fn tolerances(file: &Fields<'_>) -> Result<Tolerances, SessionError> {
     let (needle, rig) = (file.table("needle")?, file.table("rig")?);
     let sd_m = |table: &Fields<'_>, field, most_mm| {
@@ -48,7 +48,7 @@ pub(super) fn needle(file: &Fields<'_>) -> Result<Needle, SessionError> {
             needle.number("youngs_modulus_gpa", MODULUS_GPA)?,
         )
     } else {
-        // What is computed refers to the usual needle then, or to one of the stated diameter that is as hollow.
+        // Results refer to the usual needle then, or to one of the stated diameter that is as hollow.
         let usual = Needle::gauge_18();
         let hollow = usual.inner_diameter_m / usual.outer_diameter_m;
         let outer_mm = needle.optional_number("outer_diameter_mm", OUTER_MM)?;
@@ -106,22 +106,22 @@ pub(super) fn guides_m(file: &Fields<'_>) -> Result<[f64; 2], SessionError> {
     Ok([MM * guide2_mm, MM * entry_mm])
 }
 
-/// How many guides there are.
+/// Number of guides.
 fn count(rig: &Fields<'_>) -> Result<usize, SessionError> {
     Ok(rig.optional_whole("guides", [1.0, 2.0])?.map_or(2, |count| count as usize))
 }
 
-/// What holds the needle.
+/// Mounting of the needle.
 pub(super) fn guides(file: &Fields<'_>) -> Result<Guides, SessionError> {
     const FIELDS: [&str; 2] = ["rear_rotation_y_n_m_per_rad", "rear_rotation_x_n_m_per_rad"];
     let rig = file.table("rig")?;
-    let one = count(&rig)? == 1;
+    let has_one_guide = count(&rig)? == 1;
     let mut stiffness = [None; 2];
     for (field, stiffness) in FIELDS.into_iter().zip(&mut stiffness) {
         if !rig.names().any(|name| name == field) {
             continue;
         }
-        if !one {
+        if !has_one_guide {
             let problem = Problem::Unknown(field.to_owned());
             return Err(rig.field_fault(field, problem, "nothing here, or guides = 1: guide 1 is a clamp"));
         }
@@ -133,7 +133,7 @@ pub(super) fn guides(file: &Fields<'_>) -> Result<Guides, SessionError> {
             Err(_) => Some(rig.number(field, ROTATION_N_M_PER_RAD)?),
         };
     }
-    Ok(if one { Guides::One { rear_rotation_n_m_per_rad: stiffness } } else { Guides::Two })
+    Ok(if has_one_guide { Guides::One { rear_rotation_n_m_per_rad: stiffness } } else { Guides::Two })
 }
 
 pub(super) fn fixture_mass_kg(file: &Fields<'_>) -> Result<Option<f64>, SessionError> {
@@ -169,7 +169,9 @@ mod tests {
 
     #[test]
     fn reads_a_rig_with_one_guide() {
-        let read = |rest: &str| setup(&format!("{NEEDLE}[rig]\nguides = 1\nentry_mm = 28.0\n{rest}"));
+        fn read(rest: &str) -> Result<Setup, String> {
+            setup(&format!("{NEEDLE}[rig]\nguides = 1\nentry_mm = 28.0\n{rest}"))
+        }
         let rig = read("rear_rotation_y_n_m_per_rad = 2.5\n").expect("reads").rig;
         assert_eq!(rig.guides, Guides::One { rear_rotation_n_m_per_rad: [Some(2.5), None] });
         assert_eq!((rig.guide2_m, rig.entry_m), (0.0, 0.028));
@@ -195,7 +197,9 @@ mod tests {
 
     #[test]
     fn reads_a_needle_of_unknown_stiffness() {
-        let read = |needle: &str| setup(&format!("[needle]\n{needle}[rig]\nguide2_mm = 60\nentry_mm = 70\n"));
+        fn read(needle: &str) -> Result<Setup, String> {
+            setup(&format!("[needle]\n{needle}[rig]\nguide2_mm = 60\nentry_mm = 70\n"))
+        }
         let needle = read("bending_stiffness = \"unknown\"\n").expect("reads").rig.needle;
         assert_eq!(needle, Needle { stiffness_known: false, ..Needle::gauge_18() });
         let thick =
@@ -209,7 +213,8 @@ mod tests {
         assert!(read("").expect_err("refused").contains("needle.outer_diameter_mm: missing"));
     }
 
-    /// What is written is what is read, and a session takes no run of another kind of rig.
+    /// The written table is the one that is read, and a session takes no run of another kind of
+    /// rig.
     #[test]
     fn rigs_of_others_are_written_as_they_are_read() {
         let text = "[session]\nformat = 1\n[needle]\nbending_stiffness = \"unknown\"\n[rig]\nguides = 1\nentry_mm = 28.0\n\
@@ -225,13 +230,13 @@ mod tests {
             ("\"unknown\"", "\"unknown\"\nyoungs_modulus_gpa = 70.0"),
             ("0.75", "0.5"),
         ] {
-            let other = text.replace(from, to);
-            let other = if from.starts_with("guides") {
-                other.replace("rear_rotation_x_n_m_per_rad = 0.75\n", "")
+            let changed_rig = text.replace(from, to);
+            let expected_rig = if from.starts_with("guides") {
+                changed_rig.replace("rear_rotation_x_n_m_per_rad = 0.75\n", "")
             } else {
-                other
+                changed_rig
             };
-            assert!(SessionWriter::open(dir.path(), &setup(&other).expect("reads")).is_err(), "{to}");
+            assert!(SessionWriter::open(dir.path(), &setup(&expected_rig).expect("reads")).is_err(), "{to}");
         }
         assert!(fs::read_to_string(dir.path().join("session.toml")).expect("text").contains("guides = 1"));
     }

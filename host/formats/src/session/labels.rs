@@ -1,5 +1,5 @@
-//! What a session states of itself beside its measurements: of which subject, with which rig and needle, in which tissue, where and when;
-//! and free covariates. Statistics over many sessions group by them.
+//! Labels of a session beside its measurements: of which subject, with which rig and needle, in which tissue, where and
+//! when; and free covariates. Statistics over many sessions group by them.
 //!
 //! | field | meaning |
 //! |---|---|
@@ -26,22 +26,22 @@ pub enum Covariate {
     Text(String),
 }
 
-/// What a session states of itself; nothing of what is not stated.
+/// Labels of a session; empty if none are stated.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Labels {
     /// Name of the session.
     pub name: Option<String>,
     /// Day of the measurement.
     pub date: Option<Date>,
-    /// Where it was measured.
+    /// Place of the measurement.
     pub site: Option<String>,
     /// Phantom, animal or patient.
     pub subject: Option<String>,
-    /// Which rig.
+    /// Name of the rig.
     pub rig: Option<String>,
-    /// Which needle.
+    /// Name of the needle.
     pub needle: Option<String>,
-    /// Which tissue.
+    /// Name of the tissue.
     pub tissue: Option<String>,
     /// Covariates by name.
     pub covariates: BTreeMap<String, Covariate>,
@@ -85,22 +85,24 @@ impl Labels {
 
     /// The labels in a session file.
     pub(super) fn of(file: &Fields<'_>) -> Result<Self, SessionError> {
-        let text = |table: &str, field: &str| match file.optional_table(table)? {
-            Some(fields) => fields.optional_text(field),
-            None => Ok(None),
-        };
+        fn text(table: &str, field: &str, file: &Fields<'_>) -> Result<Option<String>, SessionError> {
+            match file.optional_table(table)? {
+                Some(fields) => fields.optional_text(field),
+                None => Ok(None),
+            }
+        }
         let date = match file.optional_table("session")? {
             Some(session) => date(&session)?,
             None => None,
         };
         Ok(Self {
-            name: text("session", "name")?,
+            name: text("session", "name", file)?,
             date,
-            site: text("session", "site")?,
-            subject: text("subject", "id")?,
-            rig: text("rig", "id")?,
-            needle: text("needle", "id")?,
-            tissue: text("tissue", "id")?,
+            site: text("session", "site", file)?,
+            subject: text("subject", "id", file)?,
+            rig: text("rig", "id", file)?,
+            needle: text("needle", "id", file)?,
+            tissue: text("tissue", "id", file)?,
             covariates: covariates(file)?,
         })
     }
@@ -118,14 +120,14 @@ fn date(session: &Fields<'_>) -> Result<Option<Date>, SessionError> {
 
 fn covariates(file: &Fields<'_>) -> Result<BTreeMap<String, Covariate>, SessionError> {
     let Some(table) = file.optional_table("covariates")? else { return Ok(BTreeMap::new()) };
-    let of = |name: &str| {
+    let text_label = |name: &str| {
         let value = match table.optional_text(name) {
             Ok(text) => text.map(Covariate::Text),
             Err(_) => table.optional_number(name, ANY)?.map(Covariate::Number),
         };
         Ok(value.map(|value| (name.to_owned(), value)))
     };
-    table.names().filter_map(|name| of(name).transpose()).collect()
+    table.names().filter_map(|name| text_label(name).transpose()).collect()
 }
 
 #[cfg(test)]

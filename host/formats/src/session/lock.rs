@@ -112,12 +112,12 @@ fn is_vanishing(path: &Path) -> bool {
 
 impl Drop for SessionLock {
     fn drop(&mut self) {
-        // What cannot be removed is no lock once the file is closed.
+        // A file that cannot be removed is no lock once it is closed.
         let _ = fs::remove_file(&self.path);
     }
 }
 
-/// What a lock's file states of its holder.
+/// Holder of a lock, as its file states it.
 fn holder(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap_or_default();
     let first = text.lines().next().filter(|line| !line.is_empty());

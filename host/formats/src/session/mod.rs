@@ -49,7 +49,7 @@ pub struct Session {
     pub fixture_mass_kg: Option<f64>,
     /// Standard deviations of the sensors, where they are stated.
     pub noise: Noise,
-    /// What is stated of the tissue.
+    /// Statements about the tissue.
     pub tissue: Tissue,
     /// Lateral runs.
     pub lateral: Vec<LateralRun>,
@@ -89,7 +89,7 @@ pub struct LateralRun {
     pub force_path: PathBuf,
     /// File of the shape, for messages.
     pub shape_path: PathBuf,
-    /// What it was recorded with, where that is stated.
+    /// Recorder and rig, if they are stated.
     pub provenance: Provenance,
     /// Displacement and force against time.
     pub force: ForceSeries,
@@ -104,7 +104,7 @@ impl LateralRun {
     }
 }
 
-/// What a run was recorded with.
+/// Recorder and rig of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Provenance {
     /// Name of the device's calibration.
@@ -137,21 +137,20 @@ impl Session {
     /// first, and for one that is not of this session.
     pub fn order_of(&self, id: &str) -> f64 {
         let lateral = self.lateral.iter().position(|run| run.id == id);
-        let insertion = || self.insertion.iter().position(|run| run.id == id);
-        lateral.or_else(insertion).unwrap_or_default() as f64
+        lateral.or_else(|| self.insertion.iter().position(|run| run.id == id)).unwrap_or_default() as f64
     }
 
     /// The calibrations with which its lateral runs were recorded, each with its runs' ids, in order of appearance.
     pub fn calibrations(&self) -> Vec<(u32, Vec<&str>)> {
-        let mut found: Vec<(u32, Vec<&str>)> = Vec::new();
+        let mut calibrations: Vec<(u32, Vec<&str>)> = Vec::new();
         for run in &self.lateral {
             let Some(crc) = run.provenance.calibration_crc else { continue };
-            match found.iter_mut().find(|(known, _)| *known == crc) {
+            match calibrations.iter_mut().find(|(known, _)| *known == crc) {
                 Some((_, ids)) => ids.push(&run.id),
-                None => found.push((crc, vec![&run.id])),
+                None => calibrations.push((crc, vec![&run.id])),
             }
         }
-        found
+        calibrations
     }
 }
 
@@ -174,7 +173,7 @@ pub struct ForceSeries {
     pub displacement_x_sd_m: Option<Vec<f64>>,
     /// Samples lost just before each row, where the recorder counted them.
     pub lost_before: Option<Vec<f64>>,
-    /// What the device was doing at each row, where the recorder has it of any.
+    /// State of the device at each row, if the recorder has it of any.
     pub marks: Option<Vec<Mark>>,
 }
 
@@ -192,7 +191,7 @@ fn root_mean_square<'a>(values: impl Iterator<Item = &'a f64>) -> Option<f64> {
     (count > 0.0).then(|| (squares / count).sqrt())
 }
 
-/// What the device was doing when a row was taken.
+/// State of the device when a row was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Mark {
     /// Step of the motion program; none outside a program.
@@ -216,7 +215,7 @@ pub struct ShapeSeries {
     pub y_sd_m: Option<Vec<f64>>,
     /// Standard deviation of each horizontal deflection.
     pub x_sd_m: Option<Vec<f64>>,
-    /// How each point was imaged, where the file has it.
+    /// Image of each point, if the file has it.
     pub images: Option<Vec<ShapeImage>>,
     /// Standard deviation of an error of the positions that all points of the run share, at each point, where the file has it.
     pub z_shared_sd_m: Option<Vec<f64>>,
@@ -235,13 +234,13 @@ impl ShapeSeries {
         self.z_shared_sd_m.as_ref().and_then(|sd_m| sd_m.get(index)).copied().unwrap_or(0.0)
     }
 
-    /// What one standard deviation of each shared error does to the deflection of a point, in each plane; 0 where none is stated.
+    /// Deflection of a point by one standard deviation of each shared error, in each plane; 0 if none is stated.
     pub fn shared_errors_m(&self, index: usize) -> [[f64; SHARED_ERRORS]; 2] {
-        let at = |column: &Option<Vec<f64>>| column.as_ref().and_then(|of| of.get(index)).copied();
-        self.shared_m.each_ref().map(|plane| plane.each_ref().map(|column| at(column).unwrap_or(0.0)))
+        let value_at = |column: &Option<Vec<f64>>| column.as_ref().and_then(|of| of.get(index)).copied();
+        self.shared_m.each_ref().map(|plane| plane.each_ref().map(|column| value_at(column).unwrap_or(0.0)))
     }
 
-    /// How a point was imaged, where that is known.
+    /// Image of a point, if it is known.
     pub fn image(&self, index: usize) -> Option<ShapeImage> {
         self.images.as_ref()?.get(index).copied()
     }

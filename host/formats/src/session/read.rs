@@ -134,12 +134,12 @@ impl ForceSeries {
             lost_before: table.take("lost_before"),
             marks,
         };
-        let (missing, beside) = match (&force.displacement_x_m, &force.force_x_n) {
+        let (missing, present) = match (&force.displacement_x_m, &force.force_x_n) {
             (None, Some(_)) => ("displacement_x_mm", "force_x_n"),
             (Some(_), None) => ("force_x_n", "displacement_x_mm"),
             _ => return Ok(force),
         };
-        Err(without_partner(path, &table, missing, beside))
+        Err(without_partner(path, &table, missing, present))
     }
 }
 
@@ -163,8 +163,12 @@ impl ShapeSeries {
     fn of(path: &Path, mut shape: Table) -> Result<Self, SessionError> {
         let images = match (shape.take("beam_deg"), shape.take("probe_mm_per_s")) {
             (Some(beam), Some(probe)) => {
-                let both = beam.into_iter().zip(probe);
-                Some(both.map(|(beam_rad, probe_m_per_s)| ShapeImage { beam_rad, probe_m_per_s }).collect())
+                let both_bendings = beam.into_iter().zip(probe);
+                Some(
+                    both_bendings
+                        .map(|(beam_rad, probe_m_per_s)| ShapeImage { beam_rad, probe_m_per_s })
+                        .collect(),
+                )
             }
             (None, None) => None,
             (None, _) => return Err(without_partner(path, &shape, "beam_deg", "probe_mm_per_s")),

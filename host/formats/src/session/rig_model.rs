@@ -18,7 +18,7 @@ const FIELD: &str = "characterized";
 const FILE: &str = "characterized.toml";
 
 impl ModelFile {
-    /// What is known of the rig of the session in a folder, with its file; `None` where the session names none.
+    /// Rig of the session in a folder, with its file; `None` if the session names none.
     ///
     /// # Errors
     /// [`SessionError`] for the first fault found, with its place: in the session file, or in the file that it names.
@@ -36,7 +36,7 @@ impl ModelFile {
     }
 }
 
-/// What a session file names, in the folder of that file.
+/// Path that a session file names, in the folder of that file.
 pub(super) fn in_file(path: &Path, file: &Fields<'_>) -> Result<Option<(PathBuf, ModelFile)>, SessionError> {
     let Some(rig) = file.optional_table("rig")? else { return Ok(None) };
     if rig.optional_text(FIELD)?.is_none() {
@@ -78,9 +78,9 @@ mod tests {
         if let Some(text) = file {
             fs::write(folder.path().join("characterized.toml"), text).expect("written");
         }
-        let found = ModelFile::of_session_rig(folder.path()).map(|found| format!("{found:?}"));
+        let model_text = ModelFile::of_session_rig(folder.path()).map(|found| format!("{found:?}"));
         let prefix = format!("{}{}", folder.path().display(), std::path::MAIN_SEPARATOR);
-        found.expect_err("rejected").to_string().replace(&prefix, "")
+        model_text.expect_err("rejected").to_string().replace(&prefix, "")
     }
 
     #[test]
@@ -117,10 +117,10 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         fs::write(folder.path().join("session.toml"), format!("{SESSION}{named}\n")).expect("written");
         fs::write(folder.path().join("characterized.toml"), PLAY).expect("written");
-        let (path, found) = ModelFile::of_session_rig(folder.path()).expect("read").expect("named");
+        let (path, rig_model) = ModelFile::of_session_rig(folder.path()).expect("read").expect("named");
         assert_eq!(path, folder.path().join("characterized.toml"));
         assert_eq!(
-            found.effects.first().map(|one| (one.effect.id(), one.values.clone())),
+            rig_model.effects.first().map(|one| (one.effect.id(), one.values.clone())),
             Some(("rig.play", vec![0.05]))
         );
     }

@@ -1,4 +1,5 @@
-//! What the format has: columns of its tables with the values that can be right, fields of its documents.
+//! Content of the format: columns of its tables with the values that can be right, fields of its
+//! documents.
 
 use super::SHARED_ERRORS;
 use crate::document::table::Column;

@@ -1,4 +1,4 @@
-//! What is known of a rig before anything is recorded with it: the tables that a session begins with.
+//! Statement of a rig before its first recording: the tables that a session begins with.
 
 use super::hardware::{fixture_mass_kg, noise, rig};
 use super::schema::{NEEDLE, NOISE, RIG, TISSUE};
@@ -19,7 +19,7 @@ pub struct Setup {
     pub fixture_mass_kg: Option<f64>,
     /// Standard deviations of the sensors, where they are known.
     pub noise: Noise,
-    /// What is stated of the tissue.
+    /// Statements about the tissue.
     pub tissue: Tissue,
 }
 
@@ -112,7 +112,7 @@ impl Setup {
                 Some(session) => session.optional_text("name")?,
                 None => None,
             };
-            // What is omitted here has a default, and no check follows: a misspelt name must not pass for that.
+            // Omitted fields have a default, and no check follows: a misspelt name must not pass for that.
             file.none_misspelt(&["needle", "rig", "noise", "tissue"])?;
             for (table, known) in
                 [("needle", &NEEDLE[..]), ("rig", &RIG), ("noise", &NOISE), ("tissue", &TISSUE)]

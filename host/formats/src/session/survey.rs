@@ -12,10 +12,10 @@ use std::path::{Component, Path};
 /// Result of reading a session.
 #[derive(Debug, Default)]
 pub struct Survey {
-    /// What could be read; `None` where needle, guides or the whole file could not.
+    /// Readable content; `None` if needle, guides or the whole file could not be read.
     pub session: Option<Session>,
-    /// What is wrong, at most one fault per table of the session file and per CSV file. Where there is none, [`Session::read`] reads
-    /// the same session.
+    /// Faults, at most one per table of the session file and per CSV file. Without faults, [`Session::read`] reads the
+    /// same session.
     pub faults: Vec<SessionError>,
     /// Fields that are not part of the format, which are ignored: a misspelt one is among them.
     pub unknown: Vec<(Place, String)>,
@@ -135,7 +135,7 @@ impl Survey {
         let name = self.keep(head).flatten();
         let needle = self.keep(hardware::needle(file));
         let guides_m = self.keep(hardware::guides_m(file));
-        // What is wrong with both is reported once.
+        // A fault of both is reported once.
         let guides = guides_m.and_then(|_| self.keep(hardware::guides(file)));
         // A table that is missing has been reported already.
         let tolerances = match (&needle, &guides_m) {
@@ -149,7 +149,7 @@ impl Survey {
         self.keep(rig_model::in_file(&dir.join("session.toml"), file));
         let noise = self.keep(hardware::noise(file)).unwrap_or_default();
         let tissue = self.keep(Tissue::read(file)).unwrap_or_default();
-        // What is wrong with a table that others read too is reported once.
+        // A fault of a table that others read too is reported once.
         if let Err(fault) = Labels::of(file)
             && !self.faults.iter().any(|known| known.to_string() == fault.to_string())
         {
@@ -203,12 +203,14 @@ impl Survey {
         runs
     }
 
-    /// What may be a mistake in a run's files.
+    /// Possible mistakes in a run's files.
     fn files(&mut self, dir: &Path, fields: &Fields<'_>, kind: &Kind) {
         for (name, columns, recording) in kind.files {
             let Ok(file) = fields.text(name) else { continue };
-            let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
-            if !Path::new(&file).components().all(inside) {
+            if !Path::new(&file)
+                .components()
+                .all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
+            {
                 self.outside.push((fields.place_of(name), format!("{}.{name}", kind.name)));
             }
             let path = dir.join(file);
@@ -229,7 +231,7 @@ impl Survey {
 
     /// Every fault of a run's parts; `first` is the one at which reading it stopped.
     fn parts(&mut self, dir: &Path, fields: &Fields<'_>, kind: &Kind, first: SessionError) {
-        let before = self.faults.len();
+        let fault_count = self.faults.len();
         if kind.name == LATERAL.name {
             self.keep(read::depth_mm(fields));
         }
@@ -243,8 +245,8 @@ impl Survey {
         if kind.name == LATERAL.name {
             self.keep(read::provenance(fields));
         }
-        // What is wrong between parts that are right each for itself.
-        if self.faults.len() == before {
+        // Faults between parts that are valid each for itself.
+        if self.faults.len() == fault_count {
             self.faults.push(first);
         }
     }

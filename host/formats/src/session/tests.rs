@@ -203,9 +203,9 @@ fn runs_are_added_and_nothing_else_is_touched() {
     assert!(matches!(run.force(&nan), Err(SessionError::NotFinite { field: "force_y_n", .. })));
 
     drop(writer);
-    let mut other = setup();
-    other.rig.entry_m = 0.075;
-    let error = SessionWriter::open(dir.path(), &other).expect_err("refused");
+    let mut other_setup = setup();
+    other_setup.rig.entry_m = 0.075;
+    let error = SessionWriter::open(dir.path(), &other_setup).expect_err("refused");
     assert!(matches!(error, SessionError::OtherRig { field: "entry_mm", .. }), "{error}");
 }
 
@@ -363,8 +363,8 @@ proptest! {
         let dir = folder(TOML, FORCE, SHAPE);
         let mut toml = toml;
         if !toml.is_empty() {
-            let at = cut.index(toml.len());
-            toml[at] = byte;
+            let cut_index = cut.index(toml.len());
+            toml[cut_index] = byte;
         }
         let write = |name: &str, bytes: &[u8]| fs::write(Path::join(dir.path(), name), bytes).expect("a file");
         write("session.toml", &toml);
@@ -373,8 +373,8 @@ proptest! {
         write("a.force.csv", &csv);
         let _ = Session::read(dir.path());
         let mut force = FORCE.as_bytes().to_vec();
-        let at = cut.index(force.len());
-        force[at] = byte;
+        let cut_index = cut.index(force.len());
+        force[cut_index] = byte;
         write("a.force.csv", &force);
         let _ = Session::read(dir.path());
     }

@@ -1,4 +1,5 @@
-//! What a session states of its tissue: `[tissue]` with `foundation`, `poisson` and `poisson_sd`, and its walls.
+//! Statement of a session about its tissue: `[tissue]` with `foundation`, `poisson` and `poisson_sd`, and its
+//! walls.
 //!
 //! The table of a simulation's plan has the same name and further fields; those are left alone here.
 
@@ -11,7 +12,7 @@ use std::fmt::Write as _;
 /// Standard deviations that a Poisson's ratio can have: that of a uniform one over its whole range is 0.14.
 const POISSON_SD: [f64; 2] = [0.0, 0.2];
 
-/// What tissue is modelled as.
+/// Model of the tissue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FoundationKind {
     /// Independent springs (Winkler).
@@ -33,10 +34,10 @@ impl FoundationKind {
     }
 }
 
-/// What is stated of the tissue; nothing of what is not.
+/// Statements about the tissue; empty if there are none.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tissue {
-    /// What it is modelled as; without it the evidence of the runs decides.
+    /// Model of the tissue; without it the evidence of the runs decides.
     pub foundation: Option<FoundationKind>,
     /// Poisson's ratio, 0 to 0.5.
     pub poisson: Option<f64>,
@@ -56,8 +57,8 @@ impl Tissue {
         let foundation = match fields.optional_text("foundation")? {
             None => None,
             Some(name) => {
-                let found = FoundationKind::ALL.into_iter().find(|kind| kind.name() == name);
-                Some(found.ok_or_else(|| {
+                let foundation = FoundationKind::ALL.into_iter().find(|kind| kind.name() == name);
+                Some(foundation.ok_or_else(|| {
                     let name = name.chars().take(40).collect();
                     fields.field_fault("foundation", Problem::Unknown(name), "\"springs\" or \"body\"")
                 })?)

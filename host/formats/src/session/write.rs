@@ -1,7 +1,8 @@
 //! Writing a session: a new folder, or one more run into an existing one.
 //!
-//! Rows go to the run's CSV files as they come; the run is entered in `session.toml` when it is finished. What others
-//! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
+//! Rows go to the run's CSV files as they come; the run is entered in `session.toml` when it is finished. Text that
+//! others wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old
+//! one.
 
 mod imported;
 mod insertion;
@@ -57,13 +58,13 @@ impl SessionWriter {
         if path.exists() {
             let session = Session::read(dir)?;
             same_rig(&path, &session.rig, &setup.rig)?;
-            if let Some((field, [there, new])) = session.tissue.contradicts(setup.tissue) {
-                return Err(SessionError::OtherTissue { path, field, there, new });
+            if let Some((field, [stated, new])) = session.tissue.contradicts(setup.tissue) {
+                return Err(SessionError::OtherTissue { path, field, there: stated, new });
             }
             let lateral_ids = session.lateral.into_iter().map(|run| run.id).collect();
             let insertion_ids = session.insertion.into_iter().map(|run| run.id).collect();
             let steering_ids = session.steering.into_iter().map(|run| run.id).collect();
-            let before = Some(fs::read_to_string(&path).map_err(io(&path, "read"))?);
+            let previous_text = Some(fs::read_to_string(&path).map_err(io(&path, "read"))?);
             let dir = dir.to_owned();
             return Ok(Self {
                 dir,
@@ -72,7 +73,7 @@ impl SessionWriter {
                 insertion_ids,
                 steering_ids,
                 made: Vec::new(),
-                before,
+                before: previous_text,
                 made_folder: false,
             });
         }
@@ -155,11 +156,11 @@ impl SessionWriter {
         let names: Vec<_> = columns.iter().map(|(name, ..)| *name).collect();
         let mut rows = format!("{}\n", names.join(","));
         for row in 0..columns.first().map_or(0, |(_, values, _)| values.len()) {
-            let at = |(name, values, factor): &(&'static str, Vec<f64>, f64)| {
-                (*name, factor * values.get(row).copied().unwrap_or(f64::NAN))
-            };
-            let cells: Result<Vec<_>, _> =
-                columns.iter().map(at).map(|(name, value)| number(path, name, value)).collect();
+            let cells: Result<Vec<_>, _> = columns
+                .iter()
+                .map(|(name, values, factor)| (*name, factor * values.get(row).copied().unwrap_or(f64::NAN)))
+                .map(|(name, value)| number(path, name, value))
+                .collect();
             rows.push_str(&cells?.join(","));
             rows.push('\n');
         }
@@ -171,10 +172,10 @@ impl SessionWriter {
         &mut self,
         write: impl FnOnce(&mut Self) -> Result<(), SessionError>,
     ) -> Result<(), SessionError> {
-        let before = self.made.len();
+        let made_count = self.made.len();
         let outcome = write(self);
         if outcome.is_err() {
-            for path in self.made.drain(before..) {
+            for path in self.made.drain(made_count..) {
                 let _ = fs::remove_file(path);
             }
         }
@@ -188,8 +189,8 @@ impl SessionWriter {
         Ok(())
     }
 
-    /// Takes back everything that was written since the session was opened, after a failure: files of runs, entries, and the folder
-    /// where this made it. What cannot be removed stays.
+    /// Takes back everything that was written since the session was opened, after a failure: files of runs, entries,
+    /// and the folder where this made it. A file that cannot be removed stays.
     pub fn undo(self) {
         // The entries go first, so that none of them names a file that is gone.
         let session = self.dir.join("session.toml");
@@ -231,14 +232,17 @@ fn check_name(path: &Path, id: &str) -> Result<(), SessionError> {
     Err(SessionError::Id { path: path.to_owned(), id: id.to_owned(), problem, expected })
 }
 
-/// What an id may be.
+/// Valid form of an id.
 pub const FILE_NAME: &str =
     "up to 100 of letters, digits, - _ ., and no device of Windows (con, nul, com1, ...)";
 
 /// Whether an id can be part of a file name, on every system that a session may go to.
 pub fn is_file_name(id: &str) -> bool {
-    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-    !id.is_empty() && !id.starts_with('.') && id.len() <= 100 && id.chars().all(plain) && !is_device(id)
+    !id.is_empty()
+        && !id.starts_with('.')
+        && id.len() <= 100
+        && id.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.'))
+        && !is_device(id)
 }
 
 /// Whether a file of this name is a device on Windows, whatever follows behind a dot.

@@ -1,4 +1,4 @@
-//! What the tissue is taken as, and the body's modulus.
+//! Model of the tissue, and the body's modulus.
 
 use serde::Serialize;
 
@@ -13,7 +13,7 @@ pub struct FoundationResult {
     /// Logarithm of the evidence of the body less that of the springs, with the everyday discrepancy that a diagnosis allows for;
     /// nothing where they were not compared.
     pub log_evidence_gain: Option<f64>,
-    /// What the gain has to exceed for the body to be used; `None` where they were not compared.
+    /// Gain above which the body is used; `None` if they were not compared.
     pub log_evidence_margin: Option<f64>,
     /// Logarithm of the evidence of a modulus that varies with depth, as springs or as a body, less that of the better of the two with
     /// one modulus; 0 where it promises less than 5, `None` where they were not compared.

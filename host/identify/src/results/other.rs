@@ -3,7 +3,7 @@
 use serde::Serialize;
 use std::fmt::{self, Display};
 
-/// What another model makes of the same runs.
+/// Result of another model for the same runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OtherResult {
     /// Ids of its effects.

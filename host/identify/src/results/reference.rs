@@ -41,7 +41,7 @@ pub struct Indentations {
     pub ci95_kpa: Option<[f64; 2]>,
     /// Every indentation.
     pub indentations: Vec<IndentationResult>,
-    /// What was skipped, and what is to be measured.
+    /// Skipped parts, and measurements that are needed.
     pub warnings: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What is found in one run: methods, holds, noise, fit.
+//! Result of one run: methods, holds, noise, fit.
 
 use crate::ResidualResult;
 use formats::session::LateralRun;
@@ -18,14 +18,14 @@ pub struct RunResult {
     pub holds: Vec<HoldResult>,
     /// Standard deviations used.
     pub noise: Option<NoiseResult>,
-    /// How well the likelihood's model meets each channel.
+    /// Fit of each channel by the likelihood's model.
     pub fit: Vec<ChannelResult>,
     /// The shape as measured and as fitted, hold by hold.
     pub shape: Vec<ShapeResult>,
-    /// What the fit leaves of every reading, for figures.
+    /// Residuals of every reading, for figures.
     #[serde(skip)]
     pub residuals: Vec<ResidualResult>,
-    /// What was found of the nuisance effects' parameters.
+    /// Estimates of the nuisance effects' parameters.
     pub nuisances: Vec<NuisanceResult>,
     /// Sum of squared residuals of the likelihood.
     pub chi_square: Option<f64>,
@@ -186,19 +186,19 @@ pub struct HoldResult {
 pub struct NoiseResult {
     /// Force.
     pub force_n: f64,
-    /// Where it comes from.
+    /// Source of the force.
     pub force_source: &'static str,
     /// Displacement.
     pub displacement_mm: f64,
-    /// Where it comes from.
+    /// Source of the displacement.
     pub displacement_source: &'static str,
     /// Shape.
     pub shape_mm: f64,
-    /// Where it comes from.
+    /// Source of the shape.
     pub shape_source: &'static str,
 }
 
-/// How well one channel is met.
+/// Fit of one channel.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ChannelResult {
     /// `displacement`, `force` or `shape`.

@@ -31,8 +31,8 @@ fn on(model: ModelFile, depths_mm: &[f64], seed: u64) -> Session {
     let lateral = depths_mm.iter().chain(depths_mm).enumerate().map(plan).collect();
     let plan = SimulationPlan { model, lateral, insertion: Vec::new() };
     let empty = session(Vec::new());
-    let made = plan.carry_out(&empty.rig, Sensors::new(&stated), seed).expect("simulates");
-    Session { noise: stated, lateral: made.lateral, ..empty }
+    let simulated = plan.carry_out(&empty.rig, Sensors::new(&stated), seed).expect("simulates");
+    Session { noise: stated, lateral: simulated.lateral, ..empty }
 }
 
 fn body(poisson: f64) -> ModelFile {
@@ -51,12 +51,16 @@ fn holds_truth(youngs: &YoungsModulus) -> bool {
 fn k_of_several_depths_goes_through_the_relation_of_each() {
     let session = on(body(0.5), &[20.0, 40.0], 5);
     let options = Options { relation: YoungsMethod::Continuum(Contact::Bonded), ..on_springs() };
-    let found = identify(&session, &options).expect("identifies");
-    assert_eq!(found.youngs_modulus_kpa.relation, "continuum");
-    assert!(holds_truth(&found.youngs_modulus_kpa), "{:?}", found.youngs_modulus_kpa);
-    assert!(!found.warnings.iter().any(|what| what.contains("from depth to depth")), "{:?}", found.warnings);
+    let identification = identify(&session, &options).expect("identifies");
+    assert_eq!(identification.youngs_modulus_kpa.relation, "continuum");
+    assert!(holds_truth(&identification.youngs_modulus_kpa), "{:?}", identification.youngs_modulus_kpa);
+    assert!(
+        !identification.warnings.iter().any(|what| what.contains("from depth to depth")),
+        "{:?}",
+        identification.warnings
+    );
     // One K for both depths is another matter: springs cannot have one.
-    assert!(found.pooled.heterogeneity.expect("four runs").p < 0.01);
+    assert!(identification.pooled.heterogeneity.expect("four runs").p < 0.01);
 }
 
 #[test]
@@ -73,9 +77,12 @@ fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
         "{sentences}"
     );
     let springs = ModelFile { modulus_pa: Some(16e3), ..ModelFile::default() };
-    let found = identify(&on(springs, &[20.0, 40.0], 7), &options).expect("identifies");
-    assert_eq!(found.foundation.used, "springs", "{:?}", found.foundation);
-    let sentences = found.foundation.sentences(&found.pooled, &found.youngs_modulus_kpa).join("; ");
+    let identification = identify(&on(springs, &[20.0, 40.0], 7), &options).expect("identifies");
+    assert_eq!(identification.foundation.used, "springs", "{:?}", identification.foundation);
+    let sentences = identification
+        .foundation
+        .sentences(&identification.pooled, &identification.youngs_modulus_kpa)
+        .join("; ");
     assert!(sentences.contains("as an elastic body: E"), "{sentences}");
 }
 
@@ -83,9 +90,9 @@ fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
 fn one_modulus_that_cannot_decide_the_foundation_is_warned_of() {
     let options = Options { relation: YoungsMethod::Continuum(Contact::Bonded), ..Options::default() };
     let warns = |model: ModelFile| {
-        let found = identify(&on(model, &[20.0, 30.0, 40.0], 11), &options).expect("identifies");
-        let varied = found.foundation.log_evidence_of_varied.expect("compared");
-        let warned = found.warnings.iter().any(|what| what.contains("one modulus does not decide"));
+        let identification = identify(&on(model, &[20.0, 30.0, 40.0], 11), &options).expect("identifies");
+        let varied = identification.foundation.log_evidence_of_varied.expect("compared");
+        let warned = identification.warnings.iter().any(|what| what.contains("one modulus does not decide"));
         assert_eq!(warned, varied >= 5.0, "{varied}");
         warned
     };
@@ -144,19 +151,23 @@ fn a_box_around_the_gel_is_in_e_and_not_in_k() {
         foundation: Some(FoundationChoice::Body),
         ..Options::default()
     };
-    let stating = |walls: Option<Walls>| {
+    let [stated, far_walls, unknown] = [Some(Walls::Block(block)), Some(Walls::Far), None].map(|walls| {
         let session = Session { tissue: Tissue { walls, ..Tissue::default() }, ..session.clone() };
         identify(&session, &options).expect("identifies")
-    };
-    let [stated, far, unknown] = [Some(Walls::Block(block)), Some(Walls::Far), None].map(stating);
+    });
     let youngs = |found: &Identification| found.youngs_modulus_kpa.value.expect("E");
     assert!(holds_truth(&stated.youngs_modulus_kpa), "{:?}", stated.youngs_modulus_kpa);
-    assert!(youngs(&far) > 1.15 * YOUNGS_KPA, "{}", youngs(&far));
+    assert!(youngs(&far_walls) > 1.15 * YOUNGS_KPA, "{}", youngs(&far_walls));
     assert!(holds_truth(&unknown.youngs_modulus_kpa), "{:?}", unknown.youngs_modulus_kpa);
-    assert!(!holds_truth(&far.youngs_modulus_kpa));
-    let notes =
-        |found: &Identification| found.warnings.iter().filter(|what| what.contains("body_mm")).count();
-    assert_eq!([&stated, &far, &unknown].map(notes), [0, 0, 1]);
+    assert!(!holds_truth(&far_walls.youngs_modulus_kpa));
+    assert_eq!(
+        [&stated, &far_walls, &unknown].map(|found| found
+            .warnings
+            .iter()
+            .filter(|what| what.contains("body_mm"))
+            .count()),
+        [0, 0, 1]
+    );
     assert_eq!(stated.pooled.k_kpa, unknown.pooled.k_kpa);
     // By K of every depth through the relation of that depth in the block.
     let options = Options { foundation: Some(FoundationChoice::Springs), ..options };

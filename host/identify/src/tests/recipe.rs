@@ -9,7 +9,7 @@ const HOLD_S: f64 = 3.0;
 /// Modulus of the tissue that recipes have unless they state otherwise.
 pub const K_KPA: f64 = 16.0;
 
-/// How a run is made; millimetres, newtons, kilopascals.
+/// Parameters of a synthetic run; millimetres, newtons, kilopascals.
 #[derive(Clone)]
 pub struct Recipe {
     pub k_kpa: f64,
@@ -71,11 +71,11 @@ impl Recipe {
         let beam = problem.solve().expect("solves");
         let two_planes = self.direction[1] != 0.0;
         let (mut force, mut shape) = (ForceSeries::default(), ShapeSeries::default());
-        let (mut time_s, mut at_mm) = (0.0, 0.0);
+        let (mut time_s, mut position_mm) = (0.0, 0.0);
         let (mut force_x, mut displacement_x, mut shape_x, mut shape_t) = (vec![], vec![], vec![], vec![]);
-        let mut sample = |time_s: f64, at_mm: f64, noise: &mut Noise| {
+        let mut sample = |time_s: f64, position_mm: f64, noise: &mut Noise| {
             let mut measured = |part: f64| {
-                let displacement_m = 1e-3 * at_mm * part;
+                let displacement_m = 1e-3 * position_mm * part;
                 let measured_m = displacement_m + 1e-3 * self.displacement_sd_mm * noise.normal();
                 (measured_m, beam.force_n(displacement_m) + self.offset_n + self.force_sd_n * noise.normal())
             };
@@ -88,13 +88,13 @@ impl Recipe {
             force_x.push(x_n);
         };
         for level_mm in &self.levels_mm {
-            while (level_mm - at_mm).abs() > 1e-9 {
-                at_mm += (level_mm - at_mm).clamp(-2.0 / RATE_HZ, 2.0 / RATE_HZ);
-                sample(time_s, at_mm, noise);
+            while (level_mm - position_mm).abs() > 1e-9 {
+                position_mm += (level_mm - position_mm).clamp(-2.0 / RATE_HZ, 2.0 / RATE_HZ);
+                sample(time_s, position_mm, noise);
                 time_s += 1.0 / RATE_HZ;
             }
             for _ in 0..(HOLD_S * RATE_HZ) as usize {
-                sample(time_s, at_mm, noise);
+                sample(time_s, position_mm, noise);
                 time_s += 1.0 / RATE_HZ;
             }
             for point in 0..self.depth_mm as usize {
@@ -102,7 +102,7 @@ impl Recipe {
                 let mut measured = |part: f64| {
                     let really_m = z_m + 1e-3 * self.shape_shift_mm;
                     let noise_mm = self.shape_offset_mm + self.shape_sd_mm * noise.normal();
-                    beam.deflection_m(1e-3 * at_mm * part, really_m) + 1e-3 * noise_mm
+                    beam.deflection_m(1e-3 * position_mm * part, really_m) + 1e-3 * noise_mm
                 };
                 shape_t.push(time_s - 0.5 * HOLD_S);
                 shape.z_m.push(z_m);

@@ -35,8 +35,8 @@ fn a_hold_with_lost_samples_is_not_used() {
     lost[250] = 4.0;
     run.force.lost_before = Some(lost);
     let result = identified(&session(vec![run]));
-    let used: Vec<bool> = result.runs[0].holds.iter().map(|hold| hold.used).collect();
-    assert_eq!(used, [true, false, true]);
+    let hold_used: Vec<bool> = result.runs[0].holds.iter().map(|hold| hold.used).collect();
+    assert_eq!(hold_used, [true, false, true]);
     assert!(result.warnings.iter().any(|warning| warning.contains("lost 4 samples")));
 }
 
@@ -74,8 +74,8 @@ fn every_reason_why_a_run_cannot_be_identified_is_named() {
     limp.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= 1e-3);
     assert!(matches!(only_error(limp), RunError::AtBound { .. } | RunError::Fit { .. }));
 
-    let none = identify(&session(Vec::new()), &Options::default());
-    assert!(matches!(none, Err(IdentifyError::NoRuns { .. })));
+    let empty_result = identify(&session(Vec::new()), &Options::default());
+    assert!(matches!(empty_result, Err(IdentifyError::NoRuns { .. })));
 }
 
 #[test]
@@ -85,11 +85,11 @@ fn a_run_that_fails_is_skipped_with_a_warning() {
     let mut bad = Recipe::default().run("bad", &mut noise);
     bad.shape = ShapeSeries::default();
     let alone = identified(&session(vec![good.clone()]));
-    let both = identified(&session(vec![good, bad]));
-    assert_eq!(both.pooled, alone.pooled);
-    assert!(both.runs[1].error.as_ref().expect("a reason").contains("bad.shape.csv"));
-    assert_eq!(both.runs[1].methods.likelihood.k_kpa, None);
-    assert!(both.warnings.iter().any(|warning| warning.starts_with("run bad is skipped")));
+    let both_runs = identified(&session(vec![good, bad]));
+    assert_eq!(both_runs.pooled, alone.pooled);
+    assert!(both_runs.runs[1].error.as_ref().expect("a reason").contains("bad.shape.csv"));
+    assert_eq!(both_runs.runs[1].methods.likelihood.k_kpa, None);
+    assert!(both_runs.warnings.iter().any(|warning| warning.starts_with("run bad is skipped")));
 }
 
 /// A run whose shape belongs to another depth does not move the pooled modulus of the others.
@@ -102,20 +102,27 @@ fn a_run_that_cannot_belong_is_excluded_by_rule() {
         // A shape in centimetres for millimetres.
         outlying.shape.y_m.iter_mut().for_each(|y_m| *y_m *= 10.0);
         let mut alone = session(good.clone());
-        let mut both = session([good, vec![outlying]].concat());
+        let mut both_runs = session([good, vec![outlying]].concat());
         if is_stated {
             alone.noise = Recipe::default().stated();
-            both.noise = alone.noise;
+            both_runs.noise = alone.noise;
         }
-        let (alone, both) = (identified(&alone), identified(&both));
-        assert!(both.runs[4].skipped.is_some() || both.runs[4].error.is_some(), "{:?}", both.warnings);
-        assert_eq!(both.pooled, alone.pooled);
-        let unused = both.unused.iter().find(|unused| unused.run == "outlying").expect("listed");
+        let (alone, with_outlier) = (identified(&alone), identified(&both_runs));
+        assert!(
+            with_outlier.runs[4].skipped.is_some() || with_outlier.runs[4].error.is_some(),
+            "{:?}",
+            with_outlier.warnings
+        );
+        assert_eq!(with_outlier.pooled, alone.pooled);
+        let unused = with_outlier.unused.iter().find(|unused| unused.run == "outlying").expect("listed");
         assert_eq!(unused.part, "run");
-        let reported = |what: &String| {
-            ["skipped", "excluded"].iter().any(|how| what.contains(&format!("run outlying is {how}")))
-        };
-        assert!(both.warnings.iter().any(reported), "{:?}", both.warnings);
+        assert!(
+            with_outlier.warnings.iter().any(|what| {
+                ["skipped", "excluded"].iter().any(|how| what.contains(&format!("run outlying is {how}")))
+            }),
+            "{:?}",
+            with_outlier.warnings
+        );
         assert!(alone.unused.is_empty() && alone.runs.iter().all(|run| run.skipped.is_none()));
     }
     // Two that differ: neither is the outlying one.
@@ -125,7 +132,8 @@ fn a_run_that_cannot_belong_is_excluded_by_rule() {
     assert!(pair.runs.iter().all(|run| run.skipped.is_none()));
 }
 
-/// What `check` suspects of units comes with the numbers, and before the reasons where there are none.
+/// Suspected units that `check` reports come with the numbers, and before the reasons if there are
+/// none.
 #[test]
 fn suspected_units_come_first() {
     let mut session = session(vec![Recipe::default().run("a", &mut Noise::new(15))]);
@@ -140,9 +148,9 @@ fn suspected_units_come_first() {
         depth_m: vec![1e-6, 2e-6, 3e-6],
         force_n: vec![0.1, 0.2, 0.3],
     }];
-    let found = identified(&session);
-    assert!(found.warnings[0].contains("is this in metres?"), "{:?}", found.warnings);
-    assert_eq!(found.reference, None);
+    let identification = identified(&session);
+    assert!(identification.warnings[0].contains("is this in metres?"), "{:?}", identification.warnings);
+    assert_eq!(identification.reference, None);
     session.lateral[0].force.displacement_y_m.iter_mut().for_each(|m| *m *= 1e-3);
     let why = identify(&session, &Options::default()).expect_err("not displaced").to_string();
     let (units, physics) = (why.find("is this in metres?"), why.find("no hold is displaced"));

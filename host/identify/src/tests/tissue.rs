@@ -9,15 +9,16 @@ use modulus::punch_modulus_pa;
 fn directions_are_distinguished() {
     let mut noise = Noise::new(41);
     let oblique = Recipe { direction: [0.8, 0.6], ..Recipe::default() };
-    let same = identified(&session(vec![oblique.run("xy", &mut noise)])).directions.expect("both planes");
-    let [low, high] = same.ratio_ci95;
-    assert!(low < 1.0 && 1.0 < high && high < 1.3, "{same:?}");
+    let same_tissue =
+        identified(&session(vec![oblique.run("xy", &mut noise)])).directions.expect("both planes");
+    let [low, high] = same_tissue.ratio_ci95;
+    assert!(low < 1.0 && 1.0 < high && high < 1.3, "{same_tissue:?}");
 
     let stiff_x = Recipe { k_kpa: 1.5 * K_KPA, direction: [0.0, 1.0], ..Recipe::default() };
     let runs = vec![Recipe::default().run("y", &mut noise), stiff_x.run("x", &mut noise)];
-    let apart = identified(&session(runs)).directions.expect("both planes");
-    let [low, high] = apart.ratio_ci95;
-    assert!(low > 1.2 && (low..=high).contains(&1.5), "{apart:?}");
+    let anisotropic = identified(&session(runs)).directions.expect("both planes");
+    let [low, high] = anisotropic.ratio_ci95;
+    assert!(low > 1.2 && (low..=high).contains(&1.5), "{anisotropic:?}");
     assert_eq!(identified(&session(vec![Recipe::default().run("y", &mut noise)])).directions, None);
 }
 
@@ -78,15 +79,15 @@ fn two_layers_are_found_from_runs_at_four_depths() {
             recipe.run(&format!("d{depth_mm}"), noise)
         };
         let runs = [10.0, 20.0, 30.0, 40.0].map(|depth_mm| run(depth_mm, &mut noise)).to_vec();
-        let found = identify(&session(runs), &options).expect("identifies").layers.expect("two layers");
-        assert!(found.chi_square_gain > 30.0, "{found:?}");
+        let layers = identify(&session(runs), &options).expect("identifies").layers.expect("two layers");
+        assert!(layers.chi_square_gain > 30.0, "{layers:?}");
         let intervals = [
-            found.upper.ci95_kpa.expect("an interval"),
-            found.lower.ci95_kpa.expect("an interval"),
-            found.k_ratio_ci95,
-            found.boundary_ci95_mm,
+            layers.upper.ci95_kpa.expect("an interval"),
+            layers.lower.ci95_kpa.expect("an interval"),
+            layers.k_ratio_ci95,
+            layers.boundary_ci95_mm,
         ];
-        assert!(found.log_evidence_gain.is_none());
+        assert!(layers.log_evidence_gain.is_none());
         for ((covered, [low, high]), truth) in covered.iter_mut().zip(intervals).zip([8.0, 24.0, 3.0, 18.0]) {
             *covered += usize::from((low..=high).contains(&truth));
         }
@@ -99,17 +100,20 @@ fn two_layers_are_found_from_runs_at_four_depths() {
     assert!(result.layers.is_none() && result.warnings.iter().any(|warning| warning.contains("two layers")));
 }
 
-/// Where imperfections are allowed for, intervals are wider than those of noise and hold the truth; in tissue of one layer the evidence is
-/// against a second.
+/// If imperfections are allowed for, intervals are wider than those of noise and hold the truth; in tissue of one layer
+/// the evidence is against a second.
 #[test]
 fn model_error_is_in_the_intervals_of_layers() {
     let mut noise = Noise::new(62);
     let mut runs = |second_layer: Option<(f64, f64)>| {
-        let run = |depth_mm: f64| {
-            let recipe = Recipe { depth_mm, k_kpa: 8.0, second_layer, ..Recipe::default() };
-            recipe.run(&format!("d{depth_mm}"), &mut noise)
-        };
-        session([10.0, 20.0, 40.0].map(run).to_vec())
+        session(
+            [10.0, 20.0, 40.0]
+                .map(|depth_mm| {
+                    let recipe = Recipe { depth_mm, k_kpa: 8.0, second_layer, ..Recipe::default() };
+                    recipe.run(&format!("d{depth_mm}"), &mut noise)
+                })
+                .to_vec(),
+        )
     };
     let layered = runs(Some((18.0, 24.0)));
     let found = |session: &Session, model_error: bool| {
@@ -157,8 +161,8 @@ fn youngs_modulus_by_the_continuum_lies_between_the_published_ones() {
     let [k_low, k_high] = result.pooled.ci95_kpa;
     assert!(high / low > k_high / k_low && high / low > 1.039, "the relation's own uncertainty is in it");
     let by = |name: &str| {
-        let found = youngs.relations.iter().find(|relation| relation.relation == name);
-        found.expect("the relation").youngs_modulus_kpa
+        let continuum = youngs.relations.iter().find(|relation| relation.relation == name);
+        continuum.expect("the relation").youngs_modulus_kpa
     };
     assert!((1.4..1.65).contains(&(by("continuum-one-sided") / by("continuum"))));
     assert!(Some(by("rigid-cylinder")) < youngs.value && youngs.value < Some(by("vesic")));
@@ -189,16 +193,16 @@ fn indentations_alone_give_youngs_modulus_at_any_scale() {
     };
     let mut session = session(Vec::new());
     session.indentation = vec![probe("1"), probe("2")];
-    let found = indentations(&session).expect("a modulus");
-    let [low, high] = found.ci95_kpa.expect("an interval");
+    let youngs = indentations(&session).expect("a modulus");
+    let [low, high] = youngs.ci95_kpa.expect("an interval");
     // Student's t of two values.
-    assert!((low..=high).contains(&(1e-3 * youngs_pa)) && high < 1.4 * low, "{found:?}");
-    assert!(!found.warnings.iter().any(|what| what.contains("metres")), "{:?}", found.warnings);
-    let in_metres = |run: IndentationRun| IndentationRun {
-        depth_m: run.depth_m.iter().map(|d| 1e-3 * d).collect(),
-        ..run
-    };
-    session.indentation = session.indentation.into_iter().map(in_metres).collect();
+    assert!((low..=high).contains(&(1e-3 * youngs_pa)) && high < 1.4 * low, "{youngs:?}");
+    assert!(!youngs.warnings.iter().any(|what| what.contains("metres")), "{:?}", youngs.warnings);
+    session.indentation = session
+        .indentation
+        .into_iter()
+        .map(|run| IndentationRun { depth_m: run.depth_m.iter().map(|d| 1e-3 * d).collect(), ..run })
+        .collect();
     let why = indentations(&session).expect_err("refused").to_string();
     assert!(why.contains("is this in metres?"), "{why}");
     session.indentation.clear();

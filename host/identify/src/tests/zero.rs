@@ -55,8 +55,8 @@ fn the_warning_states_the_zero_that_is_assumed_and_what_to_do() {
     let mut warned = |tared: Option<bool>| {
         let mut run = recipe.run("a", &mut noise);
         run.provenance.tared = tared;
-        let found = identify(&session(vec![run]), &on_springs()).expect("identifies");
-        found.runs[0].warnings.iter().find(|line| line.contains("force's zero")).cloned()
+        let identification = identify(&session(vec![run]), &on_springs()).expect("identifies");
+        identification.runs[0].warnings.iter().find(|line| line.contains("force's zero")).cloned()
     };
     let assumes = |line: Option<String>, parts: [&str; 2]| {
         let line = line.expect("a warning");
@@ -66,6 +66,10 @@ fn the_warning_states_the_zero_that_is_assumed_and_what_to_do() {
     assumes(warned(Some(false)), ["within 0.1 N", "record a hold at zero displacement"]);
     assumes(warned(Some(true)), ["within 0.01 N", "after a tare"]);
     let measured = Recipe::default().run("a", &mut noise);
-    let found = identify(&session(vec![measured]), &on_springs()).expect("identifies");
-    assert!(found.runs[0].warnings.iter().all(|line| !line.contains("zero")), "{:?}", found.runs[0].warnings);
+    let identification = identify(&session(vec![measured]), &on_springs()).expect("identifies");
+    assert!(
+        identification.runs[0].warnings.iter().all(|line| !line.contains("zero")),
+        "{:?}",
+        identification.runs[0].warnings
+    );
 }

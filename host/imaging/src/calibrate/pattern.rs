@@ -1,4 +1,4 @@
-//! Which echoes of a frame are which wires of an N-wire phantom.
+//! Assigns the echoes of a frame to the wires of an N-wire phantom.
 
 use super::phantom::Phantom;
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
@@ -23,16 +23,16 @@ pub fn assign(places: &[[f64; 2]], phantom: &Phantom, about_mm: f64) -> Option<C
     let triples: Vec<Vec<[usize; 3]>> =
         section.outer.iter().map(|[a, b]| collinear(&mm, (b - a).norm())).collect();
     let mut best: Option<(f64, Vec<[usize; 3]>)> = None;
-    let mut tried = 0;
+    let mut attempts = 0;
     combine(&triples, &mut Vec::new(), &mut |chosen| {
-        tried += 1;
+        attempts += 1;
         let misfit = section.misfit(&mm, chosen);
         if let Some(misfit) = misfit.filter(|misfit| *misfit <= MAX_MISFIT_MM)
             && best.as_ref().is_none_or(|(least, _)| misfit < *least)
         {
             best = Some((misfit, chosen.to_vec()));
         }
-        tried < MAX_COMBINATIONS
+        attempts < MAX_COMBINATIONS
     });
     let (_, chosen) = best?;
     chosen.iter().map(|triple| Some(triple.map(|i| places.get(i).copied().unwrap_or_default()))).collect()
@@ -61,7 +61,7 @@ fn combine(
 
 /// Triples of echoes on a line with the outer two at about this distance, in both orders.
 fn collinear(mm: &[Vector2<f64>], apart_mm: f64) -> Vec<[usize; 3]> {
-    let mut found = Vec::new();
+    let mut lines = Vec::new();
     for (i, a) in mm.iter().enumerate() {
         for (k, c) in mm.iter().enumerate().filter(|(k, _)| *k != i) {
             let span = c - a;
@@ -69,17 +69,17 @@ fn collinear(mm: &[Vector2<f64>], apart_mm: f64) -> Vec<[usize; 3]> {
             if (length / apart_mm - 1.0).abs() > TOLERANCE {
                 continue;
             }
-            let along = span / length;
+            let direction = span / length;
             for (j, b) in mm.iter().enumerate().filter(|(j, _)| *j != i && *j != k) {
-                let at = (b - a).dot(&along);
-                let off = (b - a - along * at).norm();
-                if off <= MAX_OFF_LINE_MM && (0.01..0.99).contains(&(at / length)) {
-                    found.push([i, j, k]);
+                let distance_along = (b - a).dot(&direction);
+                let distance_to_line = (b - a - direction * distance_along).norm();
+                if distance_to_line <= MAX_OFF_LINE_MM && (0.01..0.99).contains(&(distance_along / length)) {
+                    lines.push([i, j, k]);
                 }
             }
         }
     }
-    found
+    lines
 }
 
 /// The phantom's outer wires across their direction.
@@ -89,10 +89,10 @@ struct Section {
 
 impl Section {
     fn new(phantom: &Phantom) -> Self {
-        let along = Vector3::from(phantom.along());
-        let helper = if along.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
-        let first = (helper - along * helper.dot(&along)).normalize();
-        let second = along.cross(&first);
+        let wire_direction = Vector3::from(phantom.along());
+        let helper = if wire_direction.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+        let first = (helper - wire_direction * helper.dot(&wire_direction)).normalize();
+        let second = wire_direction.cross(&first);
         let flat = |point: [f64; 3]| {
             Vector2::new(Vector3::from(point).dot(&first), Vector3::from(point).dot(&second))
         };

@@ -28,7 +28,7 @@ pub struct Wire {
 /// A phantom of N-shaped wires.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Phantom {
-    /// Of each pattern an outer wire, the slanted one, and the other outer one.
+    /// Outer wire, slanted wire and other outer wire of each pattern.
     pub patterns: Vec<[Wire; 3]>,
     /// Names of references, with the transform from the phantom.
     registrations: Vec<(String, Pose)>,
@@ -120,9 +120,9 @@ impl Phantom {
             let expected = "two or more <Pattern Type=\"NWire\"> of three wires each";
             return Err(ImagingError::invalid(path, "Pattern", problem, expected));
         }
-        let along = phantom.along();
+        let wire_direction = phantom.along();
         let outer = phantom.patterns.iter().flat_map(|[first, _, last]| [first, last]);
-        if outer.into_iter().any(|wire| sine(wire.direction(), along) > MAX_SKEW) {
+        if outer.into_iter().any(|wire| sine(wire.direction(), wire_direction) > MAX_SKEW) {
             let expected = "outer wires of all patterns that are parallel";
             return Err(ImagingError::invalid(
                 path,
@@ -145,20 +145,21 @@ impl Phantom {
     }
 
     fn transform(&mut self, path: &Path, element: &BytesStart<'_>) -> Result<(), ImagingError> {
-        let (from, to) = (attribute(path, element, "From")?, attribute(path, element, "To")?);
-        let (from, to) = (from.unwrap_or_default(), to.unwrap_or_default());
-        if from != "Phantom" && to != "Phantom" {
+        let (source_frame, target_frame) =
+            (attribute(path, element, "From")?, attribute(path, element, "To")?);
+        let (source_name, target_name) = (source_frame.unwrap_or_default(), target_frame.unwrap_or_default());
+        if source_name != "Phantom" && target_name != "Phantom" {
             return Ok(());
         }
         let text = attribute(path, element, "Matrix")?.unwrap_or_default();
         let numbers: Option<Vec<f64>> =
             text.split_whitespace().map(|part| part.parse().ok().filter(|n: &f64| n.is_finite())).collect();
         let pose: Option<Pose> = numbers.and_then(|numbers| numbers.try_into().ok());
-        let pose = if from == "Phantom" { pose } else { pose.and_then(|pose| inverse(&pose)) };
-        let field = format!("Transform From=\"{from}\" To=\"{to}\"");
+        let pose = if source_name == "Phantom" { pose } else { pose.and_then(|pose| inverse(&pose)) };
+        let field = format!("Transform From=\"{source_name}\" To=\"{target_name}\"");
         let expected = "16 numbers of a homogeneous transform";
         let pose = pose.ok_or_else(|| ImagingError::invalid(path, field, "no transform", expected))?;
-        self.registrations.push((if from == "Phantom" { to } else { from }, pose));
+        self.registrations.push((if source_name == "Phantom" { target_name } else { source_name }, pose));
         Ok(())
     }
 }

@@ -34,17 +34,18 @@ pub struct Solution {
     pub image_to_probe: Pose,
     /// Standard deviations of the place, millimetres, of the rotation, radians, and of the sizes of a pixel, relative.
     pub sd_place_mm: f64,
-    /// Of the rotation.
+    /// Standard deviation of the rotation.
     pub sd_rotation_rad: f64,
-    /// Of the sizes of a pixel.
+    /// Standard deviations of the sizes of a pixel.
     pub sd_spacing: [f64; 2],
-    /// How much transforms lag behind images with the same time stamp; none where there are no times or the motion does not determine it.
+    /// Delay of transforms after images with the same time stamp; `None` if there are no times or the motion does not
+    /// determine it.
     pub lag_s: Option<f64>,
     /// Standard deviation of a wire's distance in the plane, in one direction.
     pub residual_mm: f64,
 }
 
-/// How far wires are from where the plane cuts them.
+/// Distances of wires from the points at which the plane cuts them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Errors {
     /// Frames.
@@ -73,18 +74,18 @@ fn transformed(pose: &Pose, point: [f64; 3]) -> Vector3<f64> {
 }
 
 impl Plane {
-    /// Where a pixel is, in the probe's frame.
+    /// Position of a pixel, in the probe's frame.
     fn at(&self, px: [f64; 2]) -> Vector3<f64> {
         self.place + self.rotation * Vector3::new(px[0] * self.spacing.x, px[1] * self.spacing.y, 0.0)
     }
 
     /// Distance in the plane, millimetres, between an echo and where the plane cuts a wire.
     fn off(&self, px: [f64; 2], front: Vector3<f64>, back: Vector3<f64>) -> Vector2<f64> {
-        let (front, back) =
+        let (front, back_point) =
             (self.rotation.inverse() * (front - self.place), self.rotation.inverse() * (back - self.place));
-        let rise = back.z - front.z;
-        let share = if rise.abs() > 1e-9 { -front.z / rise } else { 0.0 };
-        let cut = front + (back - front) * share;
+        let rise = back_point.z - front.z;
+        let fraction = if rise.abs() > 1e-9 { -front.z / rise } else { 0.0 };
+        let cut = front + (back_point - front) * fraction;
         Vector2::new(px[0] * self.spacing.x - cut.x, px[1] * self.spacing.y - cut.y)
     }
 
@@ -97,13 +98,14 @@ impl Plane {
         }
     }
 
-    /// Of every frame: the distances of all wires in the plane, and those of the slanted wires in space.
+    /// Residuals of every frame: the distances of all wires in the plane, and those of the slanted wires
+    /// in space.
     fn residuals(&self, observations: &[Observation], phantom: &Phantom) -> Vec<f64> {
         let mut residuals = Vec::new();
         for observation in observations {
             for (point, px) in slanted_points(observation, phantom) {
-                let off = self.rotation.inverse() * (self.at(px) - point);
-                residuals.extend([off.x, off.y, off.z]);
+                let residual = self.rotation.inverse() * (self.at(px) - point);
+                residuals.extend([residual.x, residual.y, residual.z]);
             }
             residuals.extend(self.in_plane(observation, phantom));
         }
@@ -116,8 +118,9 @@ impl Plane {
             for (cut, wires) in observation.cut.iter().zip(&phantom.patterns) {
                 for (px, wire) in cut.iter().zip(wires) {
                     let pose = &observation.phantom_to_probe;
-                    let off = self.off(*px, transformed(pose, wire.front), transformed(pose, wire.back));
-                    residuals.extend([off.x, off.y]);
+                    let residual_px =
+                        self.off(*px, transformed(pose, wire.front), transformed(pose, wire.back));
+                    residuals.extend([residual_px.x, residual_px.y]);
                 }
             }
         }
@@ -169,33 +172,37 @@ impl Solution {
         }
         slanted.sort_by(f64::total_cmp);
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-        let at = (0.95 * slanted.len() as f64) as usize;
+        let quantile_index = (0.95 * slanted.len() as f64) as usize;
         Errors {
             frames,
             slanted_mean_mm: mean(&slanted),
-            slanted_p95_mm: slanted.get(at.min(slanted.len().saturating_sub(1))).copied().unwrap_or(f64::NAN),
+            slanted_p95_mm: slanted
+                .get(quantile_index.min(slanted.len().saturating_sub(1)))
+                .copied()
+                .unwrap_or(f64::NAN),
             plane_mean_mm: mean(&in_plane),
         }
     }
 }
 
-/// Where the slanted wires are cut, in the probe's frame, from where their echoes are between the outer ones: with parallel outer wires the
-/// share of the way from one to the other is the same in the phantom.
+/// Points at which the slanted wires are cut, in the probe's frame, from the positions of their echoes between the
+/// outer ones: with parallel outer wires the share of the way from one to the other is the same in the phantom.
 fn slanted_points(observation: &Observation, phantom: &Phantom) -> Vec<(Vector3<f64>, [f64; 2])> {
     let mut points = Vec::new();
     for ([a, b, c], [first, middle, last]) in observation.cut.iter().zip(&phantom.patterns) {
-        let (span, own) = ([c[0] - a[0], c[1] - a[1]], [b[0] - a[0], b[1] - a[1]]);
-        let share = (span[0] * own[0] + span[1] * own[1]) / (span[0].powi(2) + span[1].powi(2)).max(1e-9);
+        let (span, own_vector) = ([c[0] - a[0], c[1] - a[1]], [b[0] - a[0], b[1] - a[1]]);
+        let fraction = (span[0] * own_vector[0] + span[1] * own_vector[1])
+            / (span[0].powi(2) + span[1].powi(2)).max(1e-9);
         // The share across the wires of a point of the slanted wire goes linearly from its front to its back.
         let across = |point: [f64; 3]| {
-            let across = Vector3::from(last.front) - Vector3::from(first.front);
-            let along = Vector3::from(first.back) - Vector3::from(first.front);
-            let across = across - along * (across.dot(&along) / along.norm_squared());
-            (Vector3::from(point) - Vector3::from(first.front)).dot(&across) / across.norm_squared()
+            let separation = Vector3::from(last.front) - Vector3::from(first.front);
+            let direction = Vector3::from(first.back) - Vector3::from(first.front);
+            let normal = separation - direction * (separation.dot(&direction) / direction.norm_squared());
+            (Vector3::from(point) - Vector3::from(first.front)).dot(&normal) / normal.norm_squared()
         };
-        let (front, back) = (across(middle.front), across(middle.back));
-        if (back - front).abs() > 1e-6 {
-            let point = middle.at((share - front) / (back - front));
+        let (front, back_point) = (across(middle.front), across(middle.back));
+        if (back_point - front).abs() > 1e-6 {
+            let point = middle.at((fraction - front) / (back_point - front));
             points.push((transformed(&observation.phantom_to_probe, point), *b));
         }
     }
@@ -206,22 +213,22 @@ fn slanted_points(observation: &Observation, phantom: &Phantom) -> Vec<(Vector3<
 fn first(observations: &[Observation], phantom: &Phantom) -> Option<Plane> {
     let (mut normal, mut right) = (Matrix3::zeros(), Matrix3::zeros());
     let mut weights: Vec<f64> = Vec::new();
-    let all: Vec<(Vector3<f64>, [f64; 2])> =
+    let points: Vec<(Vector3<f64>, [f64; 2])> =
         observations.iter().flat_map(|observation| slanted_points(observation, phantom)).collect();
     let mut map = Matrix3::zeros();
     for round in 0..10 {
         if round > 0 {
-            let off: Vec<f64> = all
+            let distances: Vec<f64> = points
                 .iter()
                 .map(|(point, px)| (map * Vector3::new(px[0], px[1], 1.0) - point).norm())
                 .collect();
-            let mut sorted = off.clone();
+            let mut sorted = distances.clone();
             sorted.sort_by(f64::total_cmp);
             let width = 3.0 * sorted.get(sorted.len() / 2)?.max(1e-3);
-            weights = off.iter().map(|off| biweight(off / width)).collect();
+            weights = distances.iter().map(|distances| biweight(distances / width)).collect();
         }
         (normal, right) = (normal * 0.0, right * 0.0);
-        for (number, (point, px)) in all.iter().enumerate() {
+        for (number, (point, px)) in points.iter().enumerate() {
             let row = Vector3::new(px[0], px[1], 1.0);
             let weight = weights.get(number).copied().unwrap_or(1.0);
             normal += row * row.transpose() * weight;
@@ -268,11 +275,13 @@ fn refine(
             const STEP: f64 = 1e-5;
             let mut step = DVector::zeros(UNKNOWNS);
             step[unknown] = STEP;
-            let ahead = plane.moved(&step).residuals(observations, phantom);
+            let forward_residuals = plane.moved(&step).residuals(observations, phantom);
             step[unknown] = -STEP;
-            let behind = plane.moved(&step).residuals(observations, phantom);
-            for (row, (ahead, behind)) in ahead.iter().zip(&behind).enumerate() {
-                jacobian[(row, unknown)] = (ahead - behind) / (2.0 * STEP);
+            let backward_residuals = plane.moved(&step).residuals(observations, phantom);
+            for (row, (forward_residuals, backward_residuals)) in
+                forward_residuals.iter().zip(&backward_residuals).enumerate()
+            {
+                jacobian[(row, unknown)] = (forward_residuals - backward_residuals) / (2.0 * STEP);
             }
         }
         let (mut normal, mut right) = (DMatrix::zeros(UNKNOWNS, UNKNOWNS), DVector::zeros(UNKNOWNS));
@@ -311,12 +320,12 @@ fn refine(
 /// Observations with the transforms of another time, interpolated in all there are; without those at gaps.
 pub(super) fn delayed(observations: &[Observation], series: &[(f64, Pose)], lag_s: f64) -> Vec<Observation> {
     let at = |time_s: f64| -> Option<Pose> {
-        let behind = series.partition_point(|(own_s, _)| *own_s < time_s);
-        let (before, after) = (series.get(behind.checked_sub(1)?)?, series.get(behind)?);
-        let span_s = after.0 - before.0;
-        let share = (time_s - before.0) / span_s;
-        let mut pose = before.1;
-        pose.iter_mut().zip(after.1).for_each(|(value, after)| *value += share * (after - *value));
+        let next_index = series.partition_point(|(own_s, _)| *own_s < time_s);
+        let (earlier, later) = (series.get(next_index.checked_sub(1)?)?, series.get(next_index)?);
+        let span_s = later.0 - earlier.0;
+        let fraction = (time_s - earlier.0) / span_s;
+        let mut pose = earlier.1;
+        pose.iter_mut().zip(later.1).for_each(|(value, later)| *value += fraction * (later - *value));
         (span_s > 0.0 && span_s <= MAX_GAP_S).then_some(pose)
     };
     observations
@@ -331,7 +340,7 @@ pub(super) fn delayed(observations: &[Observation], series: &[(f64, Pose)], lag_
 /// The lag with the least distances; none where the motion does not determine it.
 fn lag(plane: Plane, observations: &[Observation], series: &[(f64, Pose)], phantom: &Phantom) -> Option<f64> {
     let steps = (MAX_LAG_S / LAG_STEP_S).round() as i64;
-    let tried: Vec<(f64, f64)> = (-steps..=steps)
+    let costs_by_lag: Vec<(f64, f64)> = (-steps..=steps)
         .filter_map(|step| {
             let lag_s = LAG_STEP_S * step as f64;
             let shifted = delayed(observations, series, lag_s);
@@ -344,13 +353,17 @@ fn lag(plane: Plane, observations: &[Observation], series: &[(f64, Pose)], phant
             Some((lag_s, cost / residuals.len().max(1) as f64))
         })
         .collect();
-    let best = tried.iter().enumerate().min_by(|a, b| a.1.1.total_cmp(&b.1.1))?.0;
+    let best = costs_by_lag.iter().enumerate().min_by(|a, b| a.1.1.total_cmp(&b.1.1))?.0;
     let reach = 3;
-    let (before, at, after) =
-        (tried.get(best.checked_sub(reach)?)?, tried.get(best)?, tried.get(best + reach)?);
-    let is_clear = before.1.min(after.1) > LAG_CONTRAST * at.1;
-    let bend = before.1 - 2.0 * at.1 + after.1;
-    is_clear.then(|| at.0 - 0.25 * (after.0 - before.0) * (after.1 - before.1) / bend)
+    let (lower_cost, best_cost, upper_cost) = (
+        costs_by_lag.get(best.checked_sub(reach)?)?,
+        costs_by_lag.get(best)?,
+        costs_by_lag.get(best + reach)?,
+    );
+    let is_clear = lower_cost.1.min(upper_cost.1) > LAG_CONTRAST * best_cost.1;
+    let bend = lower_cost.1 - 2.0 * best_cost.1 + upper_cost.1;
+    is_clear
+        .then(|| best_cost.0 - 0.25 * (upper_cost.0 - lower_cost.0) * (upper_cost.1 - lower_cost.1) / bend)
 }
 
 /// Calibrates from observations, with the poses of all frames in order of time; none where they do not determine the plane.
@@ -369,10 +382,10 @@ pub fn solve(
     let shifted = lag_s.map(|lag_s| delayed(observations, series, lag_s));
     let observations = shifted.as_deref().unwrap_or(observations);
     let (plane, covariance, _) = refine(start, observations, phantom, MAX_STEPS)?;
-    let mut off: Vec<f64> =
+    let mut residuals: Vec<f64> =
         observations.iter().flat_map(|one| plane.in_plane(one, phantom)).map(f64::abs).collect();
-    off.sort_by(f64::total_cmp);
-    let residual_mm = (1.4826 * off.get(off.len() / 2)?).max(1e-6);
+    residuals.sort_by(f64::total_cmp);
+    let residual_mm = (1.4826 * residuals.get(residuals.len() / 2)?).max(1e-6);
     let sd = |i: usize| covariance[(i, i)].max(0.0).sqrt();
     let largest = |range: std::ops::Range<usize>| range.map(sd).fold(0.0, f64::max);
     Some(Solution {

@@ -28,11 +28,11 @@ fn settings() -> Settings {
 #[test]
 fn a_real_sequence_over_n_wires_calibrates_as_well_as_in_plus() {
     let mut sequence = Sequence::open(&data("plus-nwire.igs.mha")).expect("frames");
-    let found = calibrate(&mut sequence, &phantom(), &settings(), |_| {}).expect("a plane");
-    let [used, validation] = found.errors;
-    assert!(found.observations.len() >= 22 && validation.frames >= 9, "{:?}", found.states);
-    assert!(validation.slanted_mean_mm < 0.65 && used.slanted_mean_mm < 0.65, "{:?}", found.errors);
-    let [x, y] = found.solution.spacing_mm;
+    let plane = calibrate(&mut sequence, &phantom(), &settings(), |_| {}).expect("a plane");
+    let [fit_errors, validation] = plane.errors;
+    assert!(plane.observations.len() >= 22 && validation.frames >= 9, "{:?}", plane.states);
+    assert!(validation.slanted_mean_mm < 0.65 && fit_errors.slanted_mean_mm < 0.65, "{:?}", plane.errors);
+    let [x, y] = plane.solution.spacing_mm;
     // As fCal's own calibration of the probe has it, 0.0796 and 0.0745 mm.
     assert!((x - 0.0796).abs() < 0.0016 && (y - 0.0745).abs() < 0.0015, "{x} {y}");
 }
@@ -83,17 +83,19 @@ fn a_simulated_plane_is_found_where_it_is() {
             1.,
         ]);
         let image_to_phantom = base * pose([turn(0.12), turn(0.12), turn(0.06)], [turn(1.0), turn(1.0), 0.0]);
-        let back = image_to_phantom.try_inverse().expect("rigid");
+        let phantom_to_image = image_to_phantom.try_inverse().expect("rigid");
         let mut spots = Vec::new();
         for wire in phantom.patterns.iter().flatten() {
-            let [a, b] = [wire.front, wire.back].map(|p| back * Vector4::new(p[0], p[1], p[2], 1.0));
+            let [a, b] =
+                [wire.front, wire.back].map(|p| phantom_to_image * Vector4::new(p[0], p[1], p[2], 1.0));
             let cut = a + (b - a) * (-a.z / (b.z - a.z));
             spots.push([cut.x / SPACING[0], cut.y / SPACING[1]]);
         }
         for i in 0..SIZE[0] * SIZE[1] {
             let (x, y) = ((i % SIZE[0]) as f64, (i / SIZE[0]) as f64);
-            let near = spots.iter().map(|[sx, sy]| ((x - sx) / 6.0).powi(2) + ((y - sy) / 3.0).powi(2));
-            let least = near.fold(f64::INFINITY, f64::min);
+            let spot_distances =
+                spots.iter().map(|[sx, sy]| ((x - sx) / 6.0).powi(2) + ((y - sy) / 3.0).powi(2));
+            let least = spot_distances.fold(f64::INFINITY, f64::min);
             pixels.push((10.0 + 200.0 * (-0.5 * least).exp()) as u8);
         }
         let probe_to_reference =
@@ -112,11 +114,12 @@ fn a_simulated_plane_is_found_where_it_is() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("nwire.mha");
     std::fs::write(&path, [header.into_bytes(), pixels].concat()).expect("a file");
-    let given = Settings { about_mm_per_px: Some(0.1), ..settings() };
-    let found =
-        calibrate(&mut Sequence::open(&path).expect("frames"), &phantom, &given, |_| {}).expect("a plane");
-    let solution = &found.solution;
-    assert!(found.observations.len() >= 20, "{:?}", found.states);
+    let approximate_settings = Settings { about_mm_per_px: Some(0.1), ..settings() };
+    let plane =
+        calibrate(&mut Sequence::open(&path).expect("frames"), &phantom, &approximate_settings, |_| {})
+            .expect("a plane");
+    let solution = &plane.solution;
+    assert!(plane.observations.len() >= 20, "{:?}", plane.states);
     for (spacing, truth) in solution.spacing_mm.iter().zip(SPACING) {
         assert!((spacing / truth - 1.0).abs() < 2e-3, "{solution:?}");
     }
@@ -125,7 +128,7 @@ fn a_simulated_plane_is_found_where_it_is() {
         let tolerance = if i % 4 == 3 { 0.1 } else { 0.005 };
         assert!((solution.image_to_probe[i] - truth).abs() < tolerance, "{i}: {solution:?}, {truth}");
     }
-    assert!(found.errors[1].slanted_mean_mm < 0.1, "{:?}", found.errors);
+    assert!(plane.errors[1].slanted_mean_mm < 0.1, "{:?}", plane.errors);
 }
 
 #[test]

@@ -72,8 +72,8 @@ impl Image {
         let mut pixels = vec![0.0f32; width * height];
         for (row, of_row) in pixels.chunks_exact_mut(width.max(1)).enumerate() {
             for y in row * by..(row + 1) * by {
-                let from = frame.pixels.get(y * frame.width..(y + 1) * frame.width).unwrap_or_default();
-                for (pixel, part) in of_row.iter_mut().zip(from.chunks_exact(by)) {
+                let row_pixels = frame.pixels.get(y * frame.width..(y + 1) * frame.width).unwrap_or_default();
+                for (pixel, part) in of_row.iter_mut().zip(row_pixels.chunks_exact(by)) {
                     *pixel += part.iter().map(|value| f32::from(*value)).sum::<f32>();
                 }
             }
@@ -101,18 +101,22 @@ impl Template {
     pub(super) fn new(frame: &Frame, region: Region) -> Self {
         let image = Image::reduced(frame, 1);
         let side = region.width.min(region.height);
-        let by = (side / REDUCED_SIDE).clamp(1, MAX_REDUCTION);
-        let small = Image::reduced(frame, by);
+        let factor = (side / REDUCED_SIDE).clamp(1, MAX_REDUCTION);
+        let small = Image::reduced(frame, factor);
         // Whole squares inside the template.
-        let at = [region.x.div_ceil(by), region.y.div_ceil(by)];
-        let size = [(region.x + region.width) / by - at[0], (region.y + region.height) / by - at[1]];
-        let inside = Region { x: at[0], y: at[1], width: size[0], height: size[1] };
+        let reduced_corner = [region.x.div_ceil(factor), region.y.div_ceil(factor)];
+        let size = [
+            (region.x + region.width) / factor - reduced_corner[0],
+            (region.y + region.height) / factor - reduced_corner[1],
+        ];
+        let reduced_region =
+            Region { x: reduced_corner[0], y: reduced_corner[1], width: size[0], height: size[1] };
         Self {
             region,
             full: Values::new(&image, region),
-            by,
-            reduced_at: at,
-            reduced: Values::new(&small, inside),
+            by: factor,
+            reduced_at: reduced_corner,
+            reduced: Values::new(&small, reduced_region),
         }
     }
 
@@ -125,24 +129,24 @@ impl Template {
     pub(super) fn anywhere(&self, frame: &Frame, free: [bool; 2]) -> Option<Match> {
         let small = Image::reduced(frame, self.by);
         let coarse = best(&self.reduced, &small, self.reduced_at, free, |_| true)?;
-        let by = self.by as i64;
-        let shift = coarse.shift.map(|shift| shift * by);
-        self.around(&Image::reduced(frame, 1), shift, free, by.max(2), None)
+        let factor = self.by as i64;
+        let shift = coarse.shift.map(|shift| shift * factor);
+        self.around(&Image::reduced(frame, 1), shift, free, factor.max(2), None)
     }
 
     /// The best place in the template's own frame that does not overlap it by more than half.
     pub(super) fn elsewhere(&self, frame: &Frame) -> Option<Match> {
         let small = Image::reduced(frame, self.by);
         let half = [self.reduced.width as i64 / 2, self.reduced.height as i64 / 2];
-        let is_other =
-            |shift: [i64; 2]| shift.iter().zip(half).any(|(shift, half)| shift.abs() > half.max(1));
-        let coarse = best(&self.reduced, &small, self.reduced_at, [true; 2], is_other)?;
-        let by = self.by as i64;
+        let coarse = best(&self.reduced, &small, self.reduced_at, [true; 2], |shift: [i64; 2]| {
+            shift.iter().zip(half).any(|(shift, half)| shift.abs() > half.max(1))
+        })?;
+        let factor = self.by as i64;
         self.around(
             &Image::reduced(frame, 1),
-            coarse.shift.map(|shift| shift * by),
+            coarse.shift.map(|shift| shift * factor),
             [true; 2],
-            by.max(2),
+            factor.max(2),
             Some(NEAR / 8),
         )
     }
@@ -156,7 +160,7 @@ impl Template {
         reach: i64,
         apart: Option<i64>,
     ) -> Option<Match> {
-        let mut found: Option<Match> = None;
+        let mut best_match: Option<Match> = None;
         let span = |axis: usize| if free.get(axis).copied().unwrap_or(true) { reach } else { 0 };
         let [reach_x, reach_y] = [span(0), span(1)];
         for dy in -reach_y..=reach_y {
@@ -172,14 +176,14 @@ impl Template {
                     continue;
                 }
                 let score = self.full.at(image, x, y);
-                if found.is_none_or(|found| score > found.score) {
+                if best_match.is_none_or(|best_match| score > best_match.score) {
                     let is_at_edge =
                         (reach_x > 0 && dx.abs() == reach_x) || (reach_y > 0 && dy.abs() == reach_y);
-                    found = Some(Match { shift, score, is_at_edge });
+                    best_match = Some(Match { shift, score, is_at_edge });
                 }
             }
         }
-        found
+        best_match
     }
 }
 
@@ -197,7 +201,7 @@ fn best(
     };
     let columns = range(0, values.width, own[0], image.width)?;
     let rows = range(1, values.height, own[1], image.height)?;
-    let mut found: Option<Match> = None;
+    let mut best_match: Option<Match> = None;
     for y in rows {
         for x in columns.clone() {
             let shift = [x as i64 - own[0] as i64, y as i64 - own[1] as i64];
@@ -205,10 +209,10 @@ fn best(
                 continue;
             }
             let score = values.at(image, x, y);
-            if found.is_none_or(|found| score > found.score) {
-                found = Some(Match { shift, score, is_at_edge: false });
+            if best_match.is_none_or(|best_match| score > best_match.score) {
+                best_match = Some(Match { shift, score, is_at_edge: false });
             }
         }
     }
-    found
+    best_match
 }

@@ -20,10 +20,10 @@ const SETTLED_PX: f64 = 1e-4;
 const MAX_AWAY_PX: f64 = 1.5;
 /// Distance over which residuals may be correlated, pixels.
 const CORRELATED: i64 = 2;
-/// What interpolation adds, pixels: the error on a real image that is shifted without noise.
+/// Error by interpolation, pixels: the error on a real image that is shifted without noise.
 const INTERPOLATION_PX: f64 = 8e-4;
 
-/// Where a template is.
+/// Translation of a template.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Translation {
     /// Pixels from its place in its own frame, along rows and columns; 0 along a direction without texture.
@@ -60,7 +60,7 @@ pub(super) struct Patch {
 }
 
 impl Patch {
-    /// Of a part of a frame.
+    /// Template from a region of a frame.
     ///
     /// # Errors
     /// [`CameraError::NoTexture`].
@@ -89,7 +89,7 @@ impl Patch {
 
     /// In its own frame it is where it is, to the rounding of brightness.
     pub(super) fn own(&self) -> Translation {
-        let mut own = Translation {
+        let mut self_match = Translation {
             shift_px: [0.0; 2],
             covariance_px2: [[0.0; 2]; 2],
             score: 1.0,
@@ -98,9 +98,9 @@ impl Patch {
         };
         let variance = 2.0 * ROUNDING * ROUNDING;
         if let Some(inverse) = self.limited(self.products).try_inverse() {
-            own.covariance_px2 = self.reported(inverse * variance);
+            self_match.covariance_px2 = self.reported(inverse * variance);
         }
-        own
+        self_match
     }
 
     /// Refuses a template of which the residuals of its frames show that its gradients are those of noise.
@@ -113,12 +113,12 @@ impl Patch {
         let Some(median) = sorted.get(sorted.len() / 2) else { return Ok(()) };
         // A residual has the noise of two images.
         let noise = (median / 2f64.sqrt()).max(ROUNDING);
-        let found = directions(&self.products, self.values.len(), noise, option)?;
-        let lost = self.directions.free().iter().zip(found.free()).any(|(was, is)| *was && !is);
+        let texture = directions(&self.products, self.values.len(), noise, option)?;
+        let lost = self.directions.free().iter().zip(texture.free()).any(|(was, is)| *was && !is);
         if !lost {
             return Ok(());
         }
-        let direction = if found == Directions::Vertical { "rows" } else { "columns" };
+        let direction = if texture == Directions::Vertical { "rows" } else { "columns" };
         let direction = format!("the {direction} of the image");
         Err(CameraError::NoTexture { option, direction, sd_px: f64::INFINITY })
     }
@@ -129,9 +129,9 @@ impl Patch {
         let reach = MAX_AWAY_PX.ceil() as i64;
         let bound =
             |from: usize, shift: i64, size: usize| (from as i64 + shift + size as i64).max(0) as usize;
-        let from = [bound(x, near[0] - reach, 0), bound(y, near[1] - reach, 0)];
-        let to = [bound(x, near[0] + reach + 1, width), bound(y, near[1] + reach + 1, height)];
-        let spline = Spline::new(frame, from, to);
+        let first_shift = [bound(x, near[0] - reach, 0), bound(y, near[1] - reach, 0)];
+        let end_shift = [bound(x, near[0] + reach + 1, width), bound(y, near[1] + reach + 1, height)];
+        let spline = Spline::new(frame, first_shift, end_shift);
         let mut shift = Vector2::new(near[0] as f64, near[1] as f64);
         let start = shift;
         for _ in 0..MAX_STEPS {
@@ -213,10 +213,16 @@ impl Patch {
                 let columns = (-dx).max(0) as usize..width.saturating_sub(dx.max(0) as usize);
                 for row in 0..height.saturating_sub(dy as usize) {
                     for column in columns.clone() {
-                        let at = row * width + column;
-                        let other = ((row as i64 + dy) * width as i64 + column as i64 + dx) as usize;
-                        let (Some(a), Some(b)) = (residuals.get(at), residuals.get(other)) else { continue };
-                        let (Some(j), Some(k)) = (self.gradients.get(at), self.gradients.get(other)) else {
+                        let pixel_index = row * width + column;
+                        let neighbour_index =
+                            ((row as i64 + dy) * width as i64 + column as i64 + dx) as usize;
+                        let (Some(a), Some(b)) = (residuals.get(pixel_index), residuals.get(neighbour_index))
+                        else {
+                            continue;
+                        };
+                        let (Some(j), Some(k)) =
+                            (self.gradients.get(pixel_index), self.gradients.get(neighbour_index))
+                        else {
                             continue;
                         };
                         correlation += a * b;
@@ -225,8 +231,8 @@ impl Patch {
                     }
                 }
                 if count > 0.0 {
-                    let share = correlation / (count * squares.max(1e-9));
-                    sum += (products + products.transpose()) * (share * variance);
+                    let noise_fraction = correlation / (count * squares.max(1e-9));
+                    sum += (products + products.transpose()) * (noise_fraction * variance);
                 }
             }
         }

@@ -23,15 +23,18 @@ pub(super) struct Sample {
 }
 
 impl Spline {
-    /// Of columns and rows `from..to`, and the margin that the frame has around them.
+    /// Spline of columns and rows `from..to`, and the margin that the frame has around them.
     pub(super) fn new(frame: &Frame, from: [usize; 2], to: [usize; 2]) -> Self {
-        let from = from.map(|from| from.saturating_sub(MARGIN));
-        let to = [(to[0] + MARGIN).min(frame.width), (to[1] + MARGIN).min(frame.height)];
-        let (width, height) = (to[0].saturating_sub(from[0]), to[1].saturating_sub(from[1]));
+        let margin_start = from.map(|from| from.saturating_sub(MARGIN));
+        let margin_end = [(to[0] + MARGIN).min(frame.width), (to[1] + MARGIN).min(frame.height)];
+        let (width, height) =
+            (margin_end[0].saturating_sub(margin_start[0]), margin_end[1].saturating_sub(margin_start[1]));
         let mut coefficients = Vec::with_capacity(width * height);
-        for y in from[1]..to[1] {
-            let row =
-                frame.pixels.get(y * frame.width + from[0]..y * frame.width + to[0]).unwrap_or_default();
+        for y in margin_start[1]..margin_end[1] {
+            let row = frame
+                .pixels
+                .get(y * frame.width + margin_start[0]..y * frame.width + margin_end[0])
+                .unwrap_or_default();
             let mut row: Vec<f64> = row.iter().map(|pixel| f64::from(*pixel)).collect();
             smooth(&mut row);
             filter(&mut row);
@@ -46,9 +49,9 @@ impl Spline {
                 .skip(x)
                 .step_by(width.max(1))
                 .zip(column)
-                .for_each(|(to, from)| *to = from);
+                .for_each(|(margin_end, margin_start)| *margin_end = margin_start);
         }
-        Self { from, width, height, coefficients }
+        Self { from: margin_start, width, height, coefficients }
     }
 
     /// Brightness and gradient at a place of the frame; nothing outside of what there are coefficients for. A place on the last pixel
@@ -60,13 +63,13 @@ impl Spline {
             return None;
         }
         let (column, row) = (x.floor(), y.floor());
-        let (across, slope_x) = weights(x - column);
-        let (along, slope_y) = weights(y - row);
+        let (row_weights, slope_x) = weights(x - column);
+        let (column_weights, slope_y) = weights(y - row);
         let mut sample = Sample::default();
-        for ((weight_y, slope_y), dy) in along.iter().zip(slope_y).zip(-1i64..) {
+        for ((weight_y, slope_y), dy) in column_weights.iter().zip(slope_y).zip(-1i64..) {
             let start = mirrored(row as i64 + dy, self.height) * self.width;
             let (mut value, mut slope) = (0.0, 0.0);
-            for ((weight_x, slope_x), dx) in across.iter().zip(slope_x).zip(-1i64..) {
+            for ((weight_x, slope_x), dx) in row_weights.iter().zip(slope_x).zip(-1i64..) {
                 let coefficient = *self.coefficients.get(start + mirrored(column as i64 + dx, self.width))?;
                 value += weight_x * coefficient;
                 slope += slope_x * coefficient;
@@ -82,8 +85,8 @@ impl Spline {
 /// A number reflected at the first and last of so many.
 fn mirrored(at: i64, count: usize) -> usize {
     let last = count as i64 - 1;
-    let at = if at < 0 { -at } else { at };
-    (if at > last { 2 * last - at } else { at }).max(0) as usize
+    let reflected = if at < 0 { -at } else { at };
+    (if reflected > last { 2 * last - reflected } else { reflected }).max(0) as usize
 }
 
 /// Weights of the four coefficients around a place, and their derivatives.
@@ -102,13 +105,13 @@ fn weights(t: f64) -> ([f64; 4], [f64; 4]) {
 /// Means of a sample and its neighbours with weights 1, 2, 1, reflected at both ends: without it the finest texture, of which a spline
 /// between pixels is wrong, would move the result by up to a hundredth of a pixel.
 fn smooth(values: &mut [f64]) {
-    let Some(mut before) = values.get(1).or(values.first()).copied() else { return };
+    let Some(mut previous) = values.get(1).or(values.first()).copied() else { return };
     for at in 0..values.len() {
-        let next = values.get(at + 1).copied().unwrap_or(before);
+        let next = values.get(at + 1).copied().unwrap_or(previous);
         if let Some(value) = values.get_mut(at) {
-            let own = *value;
-            *value = 0.25 * before + 0.5 * own + 0.25 * next;
-            before = own;
+            let current = *value;
+            *value = 0.25 * previous + 0.5 * current + 0.25 * next;
+            previous = current;
         }
     }
 }
@@ -138,8 +141,10 @@ fn filter(values: &mut [f64]) {
         }
         *value = last;
     }
-    let (Some(end), Some(before)) = (values.last().copied(), values.get(count - 2).copied()) else { return };
-    let mut last = POLE / (POLE * POLE - 1.0) * (end + POLE * before);
+    let (Some(end), Some(previous)) = (values.last().copied(), values.get(count - 2).copied()) else {
+        return;
+    };
+    let mut last = POLE / (POLE * POLE - 1.0) * (end + POLE * previous);
     for (at, value) in values.iter_mut().rev().enumerate() {
         if at > 0 {
             last = POLE * (last - *value);
@@ -156,7 +161,7 @@ mod tests {
         100.0 + 50.0 * (0.7 * x).sin() * (0.4 * y + 0.3).cos()
     }
 
-    /// What the mean of neighbours with weights 1, 2, 1 leaves of the wave's amplitude.
+    /// Fraction of the wave's amplitude after a mean of neighbours with weights 1, 2, 1.
     fn smoothed() -> f64 {
         0.25 * (1.0 + 0.7f64.cos()) * (1.0 + 0.4f64.cos())
     }

@@ -33,24 +33,26 @@ fn shifted(frame: &Frame, shift: [f64; 2], noise_sd: f64, random: &mut ChaCha8Rn
         raw.into_iter().map(|weight| weight / sum).collect()
     };
     let mirrored = |at: i64, size: usize| {
-        let at = at.rem_euclid(2 * size as i64 - 2);
-        at.min(2 * size as i64 - 2 - at) as usize
+        let folded = at.rem_euclid(2 * size as i64 - 2);
+        folded.min(2 * size as i64 - 2 - folded) as usize
     };
     let (width, height) = (frame.width, frame.height);
     let whole = shift.map(|s| s.round());
-    let [across, along] = [0, 1].map(|axis: usize| weights(shift[axis] - whole[axis]));
+    let [across_weights, down_weights] = [0, 1].map(|axis: usize| weights(shift[axis] - whole[axis]));
     let mut rows = vec![0.0; width * height];
     for (i, value) in rows.iter_mut().enumerate() {
         let (x, y) = ((i % width) as i64 - whole[0] as i64, i / width);
         *value = (-REACH..=REACH)
-            .zip(&across)
+            .zip(&across_weights)
             .map(|(k, w)| w * f64::from(frame.at(mirrored(x + k, width), y)))
             .sum();
     }
     let pixels = (0..width * height).map(|i| {
         let (x, y) = (i % width, (i / width) as i64 - whole[1] as i64);
-        let value: f64 =
-            (-REACH..=REACH).zip(&along).map(|(k, w)| w * rows[mirrored(y + k, height) * width + x]).sum();
+        let value: f64 = (-REACH..=REACH)
+            .zip(&down_weights)
+            .map(|(k, w)| w * rows[mirrored(y + k, height) * width + x])
+            .sum();
         let noise: f64 = StandardNormal.sample(random);
         (value + noise_sd * noise).round().clamp(0.0, 255.0) as u8
     });
@@ -92,11 +94,11 @@ fn errors(seeds: std::ops::Range<u64>, noise_sd: f64, settings: &Settings) -> ([
         let clip = follow(&frames, settings).expect("a clip");
         assert_eq!(clip.count(State::Used), 5);
         for (frame, shift) in clip.frames.iter().skip(1).zip(&shifts) {
-            let found = frame.template.expect("found");
+            let template_match = frame.template.expect("found");
             for axis in 0..2 {
-                let error = found.shift_px[axis] - shift[axis];
+                let error = template_match.shift_px[axis] - shift[axis];
                 errors[axis] += error * error;
-                squares[axis] += error * error / found.covariance_px2[axis][axis];
+                squares[axis] += error * error / template_match.covariance_px2[axis][axis];
             }
             count += 1.0;
         }
@@ -123,9 +125,12 @@ fn a_lamp_that_changes_moves_nothing() {
     let mut dimmed = shifted(&first, [0.4, -0.3], 0.5, &mut random);
     dimmed.pixels.iter_mut().for_each(|pixel| *pixel = (0.6 * f64::from(*pixel) + 20.0).round() as u8);
     let clip = follow(&[shifted(&first, [0.0; 2], 0.5, &mut random), dimmed], &end()).expect("a clip");
-    let found = clip.frames[1].template.expect("found");
-    assert!((found.shift_px[0] - 0.4).abs() < 0.02 && (found.shift_px[1] + 0.3).abs() < 0.02, "{found:?}");
-    assert!((found.gain - 0.6).abs() < 0.02, "{found:?}");
+    let template_match = clip.frames[1].template.expect("found");
+    assert!(
+        (template_match.shift_px[0] - 0.4).abs() < 0.02 && (template_match.shift_px[1] + 0.3).abs() < 0.02,
+        "{template_match:?}"
+    );
+    assert!((template_match.gain - 0.6).abs() < 0.02, "{template_match:?}");
 }
 
 /// The beam vibrates by a tenth of a pixel: its end and its middle, which share no pixel, move up and down alike.
@@ -160,9 +165,12 @@ fn motion_along_an_edge_is_not_reported() {
         Ok(clip) => {
             assert_eq!(clip.directions, Directions::Vertical);
             for (frame, truth) in clip.frames.iter().zip([0.0, 0.5, -0.4]) {
-                let found = frame.template.expect("found");
-                assert!(found.shift_px[0] == 0.0 && found.covariance_px2[0][0] == 0.0, "{found:?}");
-                assert!((found.shift_px[1] - truth).abs() < 0.02, "{found:?}");
+                let template_match = frame.template.expect("found");
+                assert!(
+                    template_match.shift_px[0] == 0.0 && template_match.covariance_px2[0][0] == 0.0,
+                    "{template_match:?}"
+                );
+                assert!((template_match.shift_px[1] - truth).abs() < 0.02, "{template_match:?}");
             }
         }
         Err(error) => panic!("vertical edges are there: {error}"),
@@ -199,10 +207,13 @@ fn the_mark_takes_out_the_shake_of_the_camera() {
     let frames: Vec<Frame> = shakes.iter().map(|shake| shifted(&wide, *shake, 1.0, &mut random)).collect();
     let clip = follow(&frames, &settings).expect("a clip");
     for (frame, shake) in clip.frames.iter().zip(shakes) {
-        let (found, mark) = (frame.template.expect("found"), frame.mark.expect("a mark"));
+        let (template_match, mark) = (frame.template.expect("found"), frame.mark.expect("a mark"));
         for (axis, shake) in shake.into_iter().enumerate() {
             assert!((mark.shift_px[axis] - shake).abs() < 0.03, "{mark:?}");
-            assert!((found.shift_px[axis] - mark.shift_px[axis]).abs() < 0.03, "{found:?} {mark:?}");
+            assert!(
+                (template_match.shift_px[axis] - mark.shift_px[axis]).abs() < 0.03,
+                "{template_match:?} {mark:?}"
+            );
         }
     }
 }
@@ -213,8 +224,8 @@ fn bad_frames_have_their_state_and_the_template_is_found_again() {
     let first = first();
     let noisy = |shift: [f64; 2], random: &mut ChaCha8Rng| shifted(&first, shift, 1.5, random);
     let mut frames = vec![noisy([0.0; 2], &mut random), noisy([0.2, 0.4], &mut random)];
-    let same = frames[1].clone();
-    frames.push(same);
+    let repeated_frame = frames[1].clone();
+    frames.push(repeated_frame);
     frames.push(Frame { pixels: vec![0; first.pixels.len()], ..first.clone() });
     frames.push(Frame { pixels: vec![255; first.pixels.len()], ..first.clone() });
     let flat = Frame { pixels: vec![100; first.pixels.len()], ..first.clone() };

@@ -59,25 +59,29 @@ pub(super) fn directions(
     // Noise has gradients too; what is left of a strength that is mostly noise is uncertain by its own scatter.
     let sd_px = |strength: f64| {
         let scatter = 3.0 * of_noise * (2.0 / pixels.max(1) as f64).sqrt();
-        let own = strength - of_noise - scatter;
-        if own > 0.0 { (2.0 * noise * noise / own).sqrt() } else { f64::INFINITY }
+        let signal = strength - of_noise - scatter;
+        if signal > 0.0 { (2.0 * noise * noise / signal).sqrt() } else { f64::INFINITY }
     };
     let weak = usize::from(eigen.eigenvalues[1] < eigen.eigenvalues[0]);
     let (weak_sd_px, strong_sd_px) = (sd_px(eigen.eigenvalues[weak]), sd_px(eigen.eigenvalues[1 - weak]));
     if weak_sd_px <= MAX_SD_PX {
         return Ok(Directions::Both);
     }
-    let along: Vector2<f64> = eigen.eigenvectors.column(weak).into_owned();
+    let weak_direction: Vector2<f64> = eigen.eigenvectors.column(weak).into_owned();
     let none = |direction: String, sd_px: f64| Err(CameraError::NoTexture { option, direction, sd_px });
     if strong_sd_px > MAX_SD_PX {
         return none("any direction".to_owned(), strong_sd_px);
     }
-    if along.y.abs() <= MAX_SLANT {
+    if weak_direction.y.abs() <= MAX_SLANT {
         Ok(Directions::Vertical)
-    } else if along.x.abs() <= MAX_SLANT {
+    } else if weak_direction.x.abs() <= MAX_SLANT {
         Ok(Directions::Horizontal)
     } else {
-        let [x, y] = if along.x < 0.0 { [-along.x, -along.y] } else { [along.x, along.y] };
+        let [x, y] = if weak_direction.x < 0.0 {
+            [-weak_direction.x, -weak_direction.y]
+        } else {
+            [weak_direction.x, weak_direction.y]
+        };
         none(format!("the direction {x:.2},{y:.2} of the image"), weak_sd_px)
     }
 }
@@ -88,11 +92,11 @@ pub(super) fn noise(frame: &Frame, around: Region) -> f64 {
     let mut blocks: Vec<f64> = Vec::new();
     let grid = |from: usize, to: usize| (from + 1..to.saturating_sub(BLOCK)).step_by(BLOCK);
     let reach = 4 * BLOCK;
-    let (left, top) = (around.x.saturating_sub(reach), around.y.saturating_sub(reach));
+    let (left_edge, top) = (around.x.saturating_sub(reach), around.y.saturating_sub(reach));
     let right = (around.x + around.width + reach).min(frame.width);
     let bottom = (around.y + around.height + reach).min(frame.height);
     for y in grid(top, bottom) {
-        for x in grid(left, right) {
+        for x in grid(left_edge, right) {
             let mut sum = 0.0;
             let mut is_clipped = false;
             for (column, row) in (0..BLOCK * BLOCK).map(|i| (x + i % BLOCK, y + i / BLOCK)) {

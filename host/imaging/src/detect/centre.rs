@@ -1,9 +1,11 @@
-//! Centre of an echo to a fraction of a pixel, by adaptive moments: the centroid under a Gaussian weight that has the echo's own size
-//! and place (Bernstein and Jarvis, Astronomical Journal 123:583, 2002). What is far from the core, a tail or a neighbour, has no weight.
+//! Centre of an echo to a fraction of a pixel, by adaptive moments: the centroid under a Gaussian weight that has the
+//! echo's own size and place (Bernstein and Jarvis, Astronomical Journal 123:583, 2002). Pixels far from the core, such
+//! as a tail or a neighbour, have no weight.
 
 use crate::frame::Frame;
 
-/// What rounding to whole levels and a lossy recording add to brightness, as a share of the echo's.
+/// Error of brightness by rounding to whole levels and by a lossy recording, as a fraction of the
+/// echo's.
 const ROUNDING: f64 = 0.003;
 /// Range of the logarithm that scanners show, decibels; usual ones are 45 to 70.
 const RANGE_DB: f64 = 50.0;
@@ -34,8 +36,9 @@ pub struct Centre {
     pub saturated: f64,
 }
 
-/// Brightness without the scanner's logarithm. There speckle adds to an echo; in the logarithm the weak flanks of an echo count as much
-/// as its core, and speckle moves them most. Where the range is not the assumed one the centre is still that of an even echo.
+/// Brightness without the scanner's logarithm. There speckle adds to an echo; in the logarithm the weak flanks of an
+/// echo count as much as its core, and speckle moves them most. If the range is not the assumed one the centre is still
+/// that of an even echo.
 pub(super) struct Linear([f64; 256]);
 
 impl Linear {
@@ -73,12 +76,13 @@ impl Speckle {
             }
         }
         let variance = if count > 1.0 { sum_squares / count - (sum / count).powi(2) } else { 0.0 };
-        let length = |squares: f64| {
-            // E (a - b)^2 = 2 variance (1 - rho), rho = exp(-1 / (2 l^2)).
-            let rho = if variance > 0.0 { 1.0 - squares / count / (2.0 * variance) } else { 0.0 };
-            if rho <= 0.01 { 0.3 } else { (-0.5 / rho.min(0.995).ln()).sqrt() }
-        };
-        Self { length_px: squares.map(length) }
+        Self {
+            length_px: squares.map(|squares| {
+                // E (a - b)^2 = 2 variance (1 - rho), rho = exp(-1 / (2 l^2)).
+                let rho = if variance > 0.0 { 1.0 - squares / count / (2.0 * variance) } else { 0.0 };
+                if rho <= 0.01 { 0.3 } else { (-0.5 / rho.min(0.995).ln()).sqrt() }
+            }),
+        }
     }
 }
 
@@ -92,7 +96,7 @@ pub(super) fn refine(
 ) -> Option<Centre> {
     let [mut x, mut y] = start.map(|at| at as f64);
     let [mut sx, mut sy] = core.map(|half| (0.7 * half as f64).max(1.0));
-    let (beside, scatter) = around(frame, start, core, linear)?;
+    let (background, scatter) = around(frame, start, core, linear)?;
     let mut amplitude = 0.0;
     let mut saturated = 0.0;
     for _ in 0..ITERATIONS {
@@ -102,7 +106,7 @@ pub(super) fn refine(
         let (mut sum, mut weights, mut clipped, mut inner) = (0.0, 0.0, 0.0, 0.0);
         let (mut first, mut second) = ([0.0; 2], [0.0; 2]);
         // Distance, its square in standard deviations, and weight of every column: the same in all rows.
-        let across: Vec<[f64; 3]> = columns
+        let normalized: Vec<[f64; 3]> = columns
             .clone()
             .map(|column| {
                 let dx = column as f64 - x;
@@ -114,14 +118,14 @@ pub(super) fn refine(
             let start = row * frame.width;
             let pixels = frame.pixels.get(start + columns.start..start + columns.end)?;
             let of_row = (-0.5 * (dy / sy).powi(2)).exp();
-            let along = (dy / sy).powi(2);
-            for ([dx, squared, of_column], pixel) in across.iter().zip(pixels) {
-                let squared = squared + along;
+            let y_term = (dy / sy).powi(2);
+            for ([dx, squared, of_column], pixel) in normalized.iter().zip(pixels) {
+                let squared = squared + y_term;
                 if squared > REACH {
                     continue;
                 }
                 let weight = of_row * of_column;
-                let bright = weight * (linear.of(*pixel) - beside);
+                let bright = weight * (linear.of(*pixel) - background);
                 sum += bright;
                 weights += weight * weight;
                 first[0] += bright * dx;
@@ -146,8 +150,8 @@ pub(super) fn refine(
         let grown =
             |second: f64, sd: f64| (2.0 * second / sum).max(0.25 * sd * sd).sqrt().clamp(0.7 * sd, 1.4 * sd);
         (sx, sy) = (grown(second[0], sx).max(0.6), grown(second[1], sy).max(0.6));
-        let away = [x - start[0] as f64, y - start[1] as f64];
-        let is_near = (0..2).all(|axis| away[axis].abs() <= 3.0 * core[axis] as f64 + 3.0);
+        let shift = [x - start[0] as f64, y - start[1] as f64];
+        let is_near = (0..2).all(|axis| shift[axis].abs() <= 3.0 * core[axis] as f64 + 3.0);
         if !is_near || sx > 4.0 * core[0] as f64 + 4.0 || sy > 4.0 * core[1] as f64 + 4.0 {
             return None;
         }
@@ -155,7 +159,7 @@ pub(super) fn refine(
             break;
         }
     }
-    let residual = residual(frame, [x, y], [sx, sy], amplitude, beside, linear)?;
+    let residual = residual(frame, [x, y], [sx, sy], amplitude, background, linear)?;
     let [sd_x_px, sd_y_px] = deviations(amplitude, scatter.max(residual), [sx, sy], speckle.length_px);
     (amplitude > 0.0).then_some(Centre {
         x_px: x,
@@ -185,8 +189,8 @@ fn residual(
         for column in columns.clone() {
             let (dx, dy) = ((column as f64 - x) / sx, (row as f64 - y) / sy);
             let weight = (-0.5 * (dx * dx + dy * dy)).exp();
-            let off = linear.of(frame.at(column, row)) - beside - amplitude * weight;
-            squares += weight * off * off;
+            let residual = linear.of(frame.at(column, row)) - beside - amplitude * weight;
+            squares += weight * residual * residual;
             weights += weight;
         }
     }
@@ -220,11 +224,11 @@ fn around(
 ) -> Option<(f64, f64)> {
     let mut histogram = [0usize; 256];
     let rows = y.saturating_sub(4 * half_y + 2)..=(y + half_y).min(frame.height.checked_sub(1)?);
-    let (from, to) =
+    let (first, last_pixel) =
         (x.saturating_sub(4 * half_x + 2), (x + 4 * half_x + 2).min(frame.width.checked_sub(1)?));
     for row in rows {
         let near_row = row.abs_diff(y) <= 2 * half_y;
-        for column in (from..=to).filter(|column| !(near_row && column.abs_diff(x) <= 2 * half_x)) {
+        for column in (first..=last_pixel).filter(|column| !(near_row && column.abs_diff(x) <= 2 * half_x)) {
             if let Some(count) = histogram.get_mut(usize::from(frame.at(column, row))) {
                 *count += 1;
             }
@@ -232,11 +236,11 @@ fn around(
     }
     let total: usize = histogram.iter().sum();
     let quantile = |share: f64| {
-        let mut left = (share * total as f64) as usize;
+        let mut remaining_count = (share * total as f64) as usize;
         histogram.iter().position(|count| {
-            let found = *count > left;
-            left = left.saturating_sub(*count);
-            found
+            let is_reached = *count > remaining_count;
+            remaining_count = remaining_count.saturating_sub(*count);
+            is_reached
         })
     };
     let [low, middle, high] =
@@ -246,7 +250,7 @@ fn around(
 
 /// Pixels within a reach of a place.
 fn span(at: f64, reach: f64, size: usize) -> Option<std::ops::Range<usize>> {
-    let from = (at - reach).ceil().max(0.0) as usize;
-    let to = ((at + reach).floor() + 1.0).clamp(0.0, size as f64) as usize;
-    (from < to).then_some(from..to)
+    let first_pixel = (at - reach).ceil().max(0.0) as usize;
+    let end_pixel = ((at + reach).floor() + 1.0).clamp(0.0, size as f64) as usize;
+    (first_pixel < end_pixel).then_some(first_pixel..end_pixel)
 }

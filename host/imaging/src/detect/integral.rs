@@ -16,14 +16,14 @@ impl Integral {
         let stride = width + 1;
         let mut sums = vec![[0u32; 2]; stride * (height + 1)];
         for (row, pixels) in frame.pixels.chunks_exact(width.max(1)).enumerate() {
-            let (above, below) = sums.split_at_mut((row + 1) * stride);
-            let above = above.get(row * stride + 1..).unwrap_or_default();
+            let (upper_rows, lower_rows) = sums.split_at_mut((row + 1) * stride);
+            let upper_row = upper_rows.get(row * stride + 1..).unwrap_or_default();
             let mut of_row = [0u32; 2];
-            for ((sum, above), pixel) in below.iter_mut().skip(1).zip(above).zip(pixels) {
+            for ((sum, upper_row), pixel) in lower_rows.iter_mut().skip(1).zip(upper_row).zip(pixels) {
                 let value = u32::from(*pixel);
                 of_row[0] = of_row[0].wrapping_add(value);
                 of_row[1] = of_row[1].wrapping_add(value * value);
-                *sum = [above[0].wrapping_add(of_row[0]), above[1].wrapping_add(of_row[1])];
+                *sum = [upper_row[0].wrapping_add(of_row[0]), upper_row[1].wrapping_add(of_row[1])];
             }
         }
         Self { width, height, sums }

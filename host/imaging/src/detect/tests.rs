@@ -18,26 +18,34 @@ fn frame(size: [usize; 2], at: [f64; 2], amplitude: f64, noise_sd: f64, seed: u6
             norm += weight * weight;
             for (i, value) in noise.iter_mut().enumerate() {
                 let (x, y) = ((i % width) as i64 + dx, (i / width) as i64 + dy);
-                let at = y.rem_euclid(height as i64) * width as i64 + x.rem_euclid(width as i64);
-                *value += weight * white[at as usize];
+                let pixel_index = y.rem_euclid(height as i64) * width as i64 + x.rem_euclid(width as i64);
+                *value += weight * white[pixel_index as usize];
             }
         }
     }
-    let pixel = |(i, noise): (usize, &f64)| {
-        let (dx, dy) = ((i % width) as f64 - at[0], (i / width) as f64 - at[1]);
-        let echo = amplitude * (-0.5 * ((dx / 8.0).powi(2) + (dy / 4.0).powi(2))).exp();
-        let envelope = (30.0 + echo + noise_sd * noise / norm.sqrt()).abs() / (1.2 * (amplitude + 30.0));
-        (255.0 * (1.0 + 20.0 * envelope.log10() / 60.0)).round().clamp(0.0, 255.0) as u8
-    };
-    Frame { width, height, pixels: noise.iter().enumerate().map(pixel).collect() }
+    Frame {
+        width,
+        height,
+        pixels: noise
+            .iter()
+            .enumerate()
+            .map(|(i, noise)| {
+                let (dx, dy) = ((i % width) as f64 - at[0], (i / width) as f64 - at[1]);
+                let echo = amplitude * (-0.5 * ((dx / 8.0).powi(2) + (dy / 4.0).powi(2))).exp();
+                let envelope =
+                    (30.0 + echo + noise_sd * noise / norm.sqrt()).abs() / (1.2 * (amplitude + 30.0));
+                (255.0 * (1.0 + 20.0 * envelope.log10() / 60.0)).round().clamp(0.0, 255.0) as u8
+            })
+            .collect(),
+    }
 }
 
 #[test]
 fn finds_an_echo_to_a_hundredth_of_a_pixel_where_nothing_disturbs_it() {
     for (x, y) in [(70.0, 60.0), (70.37, 60.81), (69.5, 61.5)] {
-        let found =
+        let detected =
             Detector::new(1.27, [0.051; 2], None).candidates(&frame([140, 120], [x, y], 1000.0, 0.0, 1));
-        let centre = found.first().expect("an echo").centre;
+        let centre = detected.first().expect("an echo").centre;
         assert!((centre.x_px - x).abs() < 0.01 && (centre.y_px - y).abs() < 0.01, "{centre:?} for {x}, {y}");
     }
 }
@@ -49,17 +57,17 @@ fn standard_deviations_are_those_of_the_errors() {
     let mut count = 0.0;
     for seed in 0..60 {
         let noise_sd = [6.0, 12.0, 20.0][seed % 3];
-        let at = [70.0 + 0.13 * seed as f64 % 1.0, 60.0 + 0.29 * seed as f64 % 1.0];
-        let found = Detector::new(1.27, [0.051; 2], None).candidates(&frame(
+        let position_px = [70.0 + 0.13 * seed as f64 % 1.0, 60.0 + 0.29 * seed as f64 % 1.0];
+        let detected = Detector::new(1.27, [0.051; 2], None).candidates(&frame(
             [140, 120],
-            at,
+            position_px,
             400.0,
             noise_sd,
             seed as u64,
         ));
-        let centre = found.first().expect("an echo").centre;
-        squares[0] += ((centre.x_px - at[0]) / centre.sd_x_px).powi(2);
-        squares[1] += ((centre.y_px - at[1]) / centre.sd_y_px).powi(2);
+        let centre = detected.first().expect("an echo").centre;
+        squares[0] += ((centre.x_px - position_px[0]) / centre.sd_x_px).powi(2);
+        squares[1] += ((centre.y_px - position_px[1]) / centre.sd_y_px).powi(2);
         count += 1.0;
     }
     for axis in squares {
@@ -143,10 +151,11 @@ fn dots_of_real_frames_are_where_another_program_finds_them() {
     let mut off_px: [Vec<[f64; 2]>; 6] = Default::default();
     for dots in of_plus {
         let frame = sequence.next_frame().expect("readable").expect("six frames");
-        let found = detector.candidates(&frame);
+        let detected = detector.candidates(&frame);
         for ([x_px, y_px], off_px) in dots.into_iter().zip(&mut off_px) {
-            let off = found.iter().map(|echo| [echo.centre.x_px - x_px, echo.centre.y_px - y_px]);
-            let nearest = off.min_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1]))).expect("an echo");
+            let differences = detected.iter().map(|echo| [echo.centre.x_px - x_px, echo.centre.y_px - y_px]);
+            let nearest =
+                differences.min_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1]))).expect("an echo");
             off_px.push(nearest);
         }
     }
@@ -154,13 +163,14 @@ fn dots_of_real_frames_are_where_another_program_finds_them() {
         values.sort_by(f64::total_cmp);
         values[values.len() / 2]
     };
-    let far = median(off_px.iter().flatten().map(|off| off[0].hypot(off[1])).collect());
-    // What is the same in all frames of a wire is how the middle of an echo that is not even is defined.
-    let own = off_px.iter().flat_map(|off_px| {
+    let median_px = median(off_px.iter().flatten().map(|off| off[0].hypot(off[1])).collect());
+    // An offset that all frames of a wire share is a matter of definition of the middle of an uneven
+    // echo.
+    let scatter_px = off_px.iter().flat_map(|off_px| {
         let mean =
             [0, 1].map(|axis: usize| off_px.iter().map(|off| off[axis]).sum::<f64>() / off_px.len() as f64);
         off_px.iter().map(move |off| (off[0] - mean[0]).hypot(off[1] - mean[1]))
     });
-    let moved = median(own.collect());
-    assert!(far < 1.3 && moved < 0.2, "{far} {moved} px");
+    let moved = median(scatter_px.collect());
+    assert!(median_px < 1.3 && moved < 0.2, "{median_px} {moved} px");
 }

@@ -17,7 +17,7 @@ const MAX_LEVELS: usize = 8;
 /// Most chunks that are walked over: frames, sound, indices.
 const MAX_CHUNKS: usize = 8 * MAX_FRAMES;
 
-/// How pixels are written.
+/// Format of pixels.
 #[derive(Debug, Clone, PartialEq)]
 enum Pixels {
     Jpeg,
@@ -41,7 +41,7 @@ enum Pixels {
     },
 }
 
-/// What is found while walking.
+/// Content that is found while walking.
 #[derive(Default)]
 struct Found {
     /// Seconds of a frame, by the header of the whole file and that of the stream.
@@ -58,9 +58,9 @@ struct Found {
 pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let mut bytes = BufReader::new(File::open(path).map_err(ImagingError::io(path))?);
     let end = bytes.seek(SeekFrom::End(0)).map_err(ImagingError::io(path))?;
-    let mut found = Found::default();
-    walk(path, &mut bytes, end, &mut found)?;
-    let Found { step_s, format, mut frames, .. } = found;
+    let mut contents = Found::default();
+    walk(path, &mut bytes, end, &mut contents)?;
+    let Found { step_s, format, mut frames, .. } = contents;
     let mut notes = Vec::new();
     // A recorder that is stopped by a power cut leaves the frames before whole.
     if frames.len() > 1 && frames.pop_if(|(place, size)| *place + u64::from(*size) > end).is_some() {
@@ -75,8 +75,9 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let count = frames.len();
     check_size(path, "strf", [width, height, count])?;
     let times = step_s.map(|step_s| {
-        let field = |frame| FrameFields { time_s: Some(step_s * frame as f64), ..FrameFields::default() };
-        (0..count).map(field).collect()
+        (0..count)
+            .map(|frame| FrameFields { time_s: Some(step_s * frame as f64), ..FrameFields::default() })
+            .collect()
     });
     let frames_of = times.unwrap_or_default();
     let header = Header { width, height, count, frames: frames_of, notes, ..Header::default() };
@@ -91,14 +92,14 @@ fn walk(path: &Path, bytes: &mut BufReader<File>, end: u64, found: &mut Found) -
         |problem: String| ImagingError::invalid(path, "header", problem, "an AVI film: RIFF ... AVI");
     // Ends of the lists that are open.
     let mut lists: Vec<u64> = Vec::new();
-    let mut at = 0u64;
+    let mut chunk_index = 0u64;
     for _ in 0..MAX_CHUNKS {
-        while lists.last().is_some_and(|list_end| at >= *list_end) {
+        while lists.last().is_some_and(|list_end| chunk_index >= *list_end) {
             lists.pop();
         }
-        bytes.seek(SeekFrom::Start(at)).map_err(ImagingError::io(path))?;
+        bytes.seek(SeekFrom::Start(chunk_index)).map_err(ImagingError::io(path))?;
         let mut header = [0u8; 8];
-        let is_first = at == 0;
+        let is_first = chunk_index == 0;
         match bytes.read_exact(&mut header) {
             Ok(()) => {}
             Err(_) if is_first => return Err(problem("shorter than 8 bytes".to_owned())),
@@ -106,7 +107,7 @@ fn walk(path: &Path, bytes: &mut BufReader<File>, end: u64, found: &mut Found) -
         }
         let [a, b, c, d, size @ ..] = header;
         let (name, size) = ([a, b, c, d], u32::from_le_bytes(size));
-        let body = at + 8;
+        let body = chunk_index + 8;
         if is_first && name != *b"RIFF" {
             return Err(problem("no RIFF".to_owned()));
         }
@@ -127,7 +128,7 @@ fn walk(path: &Path, bytes: &mut BufReader<File>, end: u64, found: &mut Found) -
                     found.streams += 1;
                 }
                 lists.push(body.saturating_add(size.into()));
-                at = body + 4;
+                chunk_index = body + 4;
                 continue;
             }
         } else {
@@ -136,8 +137,8 @@ fn walk(path: &Path, bytes: &mut BufReader<File>, end: u64, found: &mut Found) -
                 return check_size(path, "movi", [1, 1, found.frames.len()]);
             }
         }
-        at = body + u64::from(size) + u64::from(size & 1);
-        if at >= end {
+        chunk_index = body + u64::from(size) + u64::from(size & 1);
+        if chunk_index >= end {
             return Ok(());
         }
     }
@@ -189,8 +190,8 @@ fn chunk(
         [tens, ones, b'd', b'b' | b'c'] if found.format.is_some() => {
             let digit = |byte: &u8| char::from(*byte).to_digit(16).map(|digit| digit as usize);
             if digit(tens).zip(digit(ones)).is_some_and(|(tens, ones)| 16 * tens + ones == found.video) {
-                let place = bytes.stream_position().map_err(ImagingError::io(path))?;
-                found.frames.push((place, size));
+                let chunk_start = bytes.stream_position().map_err(ImagingError::io(path))?;
+                found.frames.push((chunk_start, size));
             }
         }
         _ => {}
@@ -263,14 +264,15 @@ impl FrameReader for Avi {
         let problem = |problem: String| {
             ImagingError::invalid(&self.path, &*field, problem, "a whole frame of the film")
         };
-        let (place, size) = self.frames.get(number).copied().ok_or_else(|| problem("missing".to_owned()))?;
+        let (frame_offset, size) =
+            self.frames.get(number).copied().ok_or_else(|| problem("missing".to_owned()))?;
         if size == 0 {
             return self.last.clone().ok_or_else(|| problem("no bytes".to_owned()));
         }
         if size as usize > 8 * MAX_PIXELS {
             return Err(problem(format!("{size} bytes")));
         }
-        self.bytes.seek(SeekFrom::Start(place)).map_err(ImagingError::io(&self.path))?;
+        self.bytes.seek(SeekFrom::Start(frame_offset)).map_err(ImagingError::io(&self.path))?;
         let mut bytes = Vec::new();
         (&mut self.bytes).take(size.into()).read_to_end(&mut bytes).map_err(ImagingError::io(&self.path))?;
         if bytes.len() as u64 != u64::from(size) {
@@ -307,10 +309,10 @@ impl Avi {
                 colours.chunks_exact_mut(*bytes).for_each(|pixel| pixel.swap(0, 2));
                 grey(colours, *bytes)
             }
-            Pixels::Palette { brightness, is_top_down } => {
-                let of = |index: u8| brightness.get(usize::from(index)).copied().unwrap_or(0);
-                rows(1, *is_top_down).into_iter().map(of).collect()
-            }
+            Pixels::Palette { brightness, is_top_down } => rows(1, *is_top_down)
+                .into_iter()
+                .map(|index| brightness.get(usize::from(index)).copied().unwrap_or(0))
+                .collect(),
             Pixels::Planes { bytes: needed } if bytes.len() < *needed => Vec::new(),
             Pixels::Planes { .. } => bytes.get(..width * height).unwrap_or_default().to_vec(),
             Pixels::Packed { first } => {

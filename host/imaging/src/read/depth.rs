@@ -1,7 +1,7 @@
 //! Samples of 16 bit as the 8 bit that detection has: shifted by what the brightest sample of the sequence needs, so that a scanner's 10 or
 //! 12 bit in 16 are not dark.
 
-/// How samples are kept in a file.
+/// Format of samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Depth {
     /// One byte.

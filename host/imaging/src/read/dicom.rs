@@ -52,7 +52,7 @@ const INTERCEPT: Tag = Tag(0x0028, 0x1052);
 const SIGNED: Tag = Tag(0x0028, 0x0103);
 const FRAME_TIME_MS: Tag = Tag(0x0018, 0x1063);
 const FRAME_TIMES_MS: Tag = Tag(0x0018, 0x1065);
-/// What is read of the data set.
+/// Values that are read of the data set.
 const VALUES: [Tag; 15] = [
     INSTANCE,
     FRAMES,
@@ -79,7 +79,7 @@ const DELTAS: [Tag; 2] = [Tag(0x0018, 0x602C), Tag(0x0018, 0x602E)];
 /// Values by their tag.
 type Values = BTreeMap<Tag, Vec<u8>>;
 
-/// How the data set is written.
+/// Transfer syntax of the data set.
 struct Syntax {
     coding: Coding,
     is_explicit: bool,
@@ -150,11 +150,11 @@ fn syntax(path: &Path, file: &mut BufReader<File>) -> Result<(Syntax, u64), Imag
     let problem = |problem: &str| ImagingError::invalid(path, "header", problem.to_owned(), expected);
     let mut start = [0u8; 144];
     file.read_exact(&mut start).map_err(|_| problem("shorter than 144 bytes"))?;
-    let (&[.., a, b, c, d], rest) = start.split_first_chunk::<132>().ok_or_else(|| problem("too short"))?;
+    let (&[.., a, b, c, d], tail) = start.split_first_chunk::<132>().ok_or_else(|| problem("too short"))?;
     if [a, b, c, d] != *b"DICM" {
         return Err(problem("no DICM behind 128 bytes"));
     }
-    let (first, length) = rest.split_first_chunk::<8>().ok_or_else(|| problem("too short"))?;
+    let (first, length) = tail.split_first_chunk::<8>().ok_or_else(|| problem("too short"))?;
     if *first != [2, 0, 0, 0, b'U', b'L', 4, 0] {
         return Err(problem("no length of the file information"));
     }
@@ -214,11 +214,11 @@ fn value(decoder: &mut impl StatefulDecode, length: u32) -> Result<Vec<u8>, Stri
     Ok(bytes)
 }
 
-/// What of a data set matters.
+/// Values of a data set that are used.
 struct DataSet {
     values: Values,
     regions: Vec<Values>,
-    /// Where the pixels are, and how many bytes they have where that is stated.
+    /// Position of the pixels, and their number of bytes if it is stated.
     pixels: (u64, Option<u64>),
 }
 
@@ -272,15 +272,15 @@ fn data_set(
             LazyDataToken::ElementHeader(_) => true,
             LazyDataToken::LazyValue { header, mut decoder } => {
                 let is_region = levels == [Level::Sequence(REGIONS), Level::Item];
-                let into = match levels.len() {
+                let destination = match levels.len() {
                     0 if VALUES.contains(&header.tag) => Some(&mut values),
                     2 if is_region => regions.last_mut(),
                     _ => None,
                 };
-                match into {
-                    Some(into) => {
+                match destination {
+                    Some(destination) => {
                         let value = value(&mut decoder, header.len.0).map_err(|cause| problem(&cause))?;
-                        into.insert(header.tag, value);
+                        destination.insert(header.tag, value);
                     }
                     None => decoder.skip_bytes(header.len.0).map_err(|cause| problem(&cause.to_string()))?,
                 }
@@ -314,22 +314,22 @@ fn region(header: &Attributes, regions: &[Values]) -> (Result<Option<[f64; 2]>, 
     let mut stated: Option<Result<[f64; 2], Unclear>> = None;
     let mut region: Option<Region> = None;
     for values in regions {
-        let of = Attributes { values, ..*header };
-        let is_2d = of.number(FORMAT) == Some(TWO_D);
-        if !is_2d || UNITS.iter().any(|tag| of.number(*tag) != Some(CENTIMETRES)) {
+        let region_attributes = Attributes { values, ..*header };
+        let is_2d = region_attributes.number(FORMAT) == Some(TWO_D);
+        if !is_2d || UNITS.iter().any(|tag| region_attributes.number(*tag) != Some(CENTIMETRES)) {
             continue;
         }
-        let corners: Option<Vec<usize>> = CORNERS.iter().map(|tag| of.number(*tag)).collect();
-        let Some(&[left, top, right, bottom]) = corners.as_deref() else { continue };
+        let corners: Option<Vec<usize>> = CORNERS.iter().map(|tag| region_attributes.number(*tag)).collect();
+        let Some(&[left_px, top, right, bottom]) = corners.as_deref() else { continue };
         // One that is not inside is of the image before it was resized, and so is its size of a pixel.
         if header.number(COLUMNS).is_none_or(|columns| right >= columns)
             || header.number(ROWS).is_none_or(|rows| bottom >= rows)
         {
             continue;
         }
-        let own = of.deltas();
-        stated = Some(match (stated, own) {
-            (None, own) => own,
+        let region_deltas = region_attributes.deltas();
+        stated = Some(match (stated, region_deltas) {
+            (None, region_deltas) => region_deltas,
             (Some(Ok(known)), Ok(mm)) if !super::header::is_same(known, mm) => {
                 let problem = format!("pixels of {} x {} and {} x {} mm", known[0], known[1], mm[0], mm[1]);
                 let expected = "2D regions with one size of a pixel; or --spacing-mm and --region".to_owned();
@@ -338,13 +338,13 @@ fn region(header: &Attributes, regions: &[Values]) -> (Result<Option<[f64; 2]>, 
             (Some(Err(unclear)), _) | (Some(Ok(_)), Err(unclear)) => Err(unclear),
             (Some(Ok(known)), Ok(_)) => Ok(known),
         });
-        let (width, height) = ((right + 1).saturating_sub(left), (bottom + 1).saturating_sub(top));
-        let own = Region { x: left, y: top, width, height };
+        let (width, height) = ((right + 1).saturating_sub(left_px), (bottom + 1).saturating_sub(top));
+        let image_region = Region { x: left_px, y: top, width, height };
         // Two images beside each other: --region chooses.
-        region = Some(region.map_or(own, |whole| {
-            let (x, y) = (whole.x.min(own.x), whole.y.min(own.y));
-            let right = (whole.x + whole.width).max(own.x + own.width);
-            let bottom = (whole.y + whole.height).max(own.y + own.height);
+        region = Some(region.map_or(image_region, |whole| {
+            let (x, y) = (whole.x.min(image_region.x), whole.y.min(image_region.y));
+            let right = (whole.x + whole.width).max(image_region.x + image_region.width);
+            let bottom = (whole.y + whole.height).max(image_region.y + image_region.height);
             Region { x, y, width: right - x, height: bottom - y }
         }));
     }
@@ -419,13 +419,13 @@ impl Attributes<'_> {
                 .collect()
         };
         let times_s: Vec<f64> = match (numbers(FRAME_TIMES_MS), numbers(FRAME_TIME_MS).as_deref()) {
-            (Some(steps), _) if steps.len() == count => {
-                let sum = |time: &mut f64, step_ms: f64| {
+            (Some(steps), _) if steps.len() == count => steps
+                .into_iter()
+                .scan(0.0, |time: &mut f64, step_ms: f64| {
                     *time += 1e-3 * step_ms;
                     Some(*time)
-                };
-                steps.into_iter().scan(0.0, sum).collect()
-            }
+                })
+                .collect(),
             (_, Some(&[step_ms, ..])) if step_ms > 0.0 => {
                 (0..count).map(|frame| 1e-3 * step_ms * frame as f64).collect()
             }

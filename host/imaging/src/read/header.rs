@@ -23,10 +23,10 @@ pub(super) fn line(
     read: &mut u64,
 ) -> Result<Option<String>, ImagingError> {
     let mut line = Vec::new();
-    let left = MAX_HEADER.saturating_sub(*read);
-    let count = bytes.take(left).read_until(b'\n', &mut line).map_err(ImagingError::io(path))?;
+    let remaining_bytes = MAX_HEADER.saturating_sub(*read);
+    let count = bytes.take(remaining_bytes).read_until(b'\n', &mut line).map_err(ImagingError::io(path))?;
     *read += count as u64;
-    if count as u64 == left {
+    if count as u64 == remaining_bytes {
         return Err(ImagingError::invalid(
             path,
             "header",
@@ -87,9 +87,9 @@ pub(super) fn two(text: &str) -> Option<[f64; 2]> {
 
 /// One size of a pixel of several statements of it, the first of which has precedence; those that differ contradict each other.
 pub(super) fn one_of(stated: &[(&str, Option<[f64; 2]>)]) -> Result<Option<[f64; 2]>, Unclear> {
-    let mut found: Option<(&str, [f64; 2])> = None;
+    let mut statement: Option<(&str, [f64; 2])> = None;
     for (field, mm) in stated.iter().filter_map(|(field, mm)| Some((*field, (*mm)?))) {
-        match found {
+        match statement {
             Some((first, known)) if !is_same(known, mm) => {
                 let of = |field: &str, [x, y]: [f64; 2]| format!("{field} {x} x {y} mm");
                 let problem = format!("{} and {}", of(first, known), of(field, mm));
@@ -100,10 +100,10 @@ pub(super) fn one_of(stated: &[(&str, Option<[f64; 2]>)]) -> Result<Option<[f64;
                 });
             }
             Some(_) => {}
-            None => found = Some((field, mm)),
+            None => statement = Some((field, mm)),
         }
     }
-    Ok(found.map(|(_, mm)| mm))
+    Ok(statement.map(|(_, mm)| mm))
 }
 
 pub(super) fn is_same(a: [f64; 2], b: [f64; 2]) -> bool {
@@ -123,11 +123,11 @@ pub(super) fn orientation(header: &mut Header, field: &str, value: &str) {
     }
 }
 
-/// What a file states of its frames, in any order of its lines.
+/// Fields of the frames in a file, in any order of its lines.
 #[derive(Default)]
 pub(super) struct Frames(Vec<Stated>);
 
-/// What is stated of a frame.
+/// Fields of a frame.
 #[derive(Default, Clone)]
 struct Stated {
     fields: FrameFields,
@@ -182,15 +182,15 @@ impl Frames {
             }
             let matrix =
                 matrix(value).ok_or_else(|| invalid("16 numbers of a homogeneous transform, row by row"))?;
-            let before = frame.fields.transforms.insert(transform.to_owned(), matrix);
-            before.is_none_or(|before| before == matrix)
+            let previous = frame.fields.transforms.insert(transform.to_owned(), matrix);
+            previous.is_none_or(|previous| previous == matrix)
         } else if matches!(name, "ElementSpacing" | "ElementSize" | "Spacing") {
             let mm = spacing(key, two(value), value).map_err(|unclear| invalid(&unclear.expected))?;
-            let before = std::mem::replace(&mut frame.spacing_mm, mm);
-            before.is_none() || before == mm
+            let previous = std::mem::replace(&mut frame.spacing_mm, mm);
+            previous.is_none() || previous == mm
         } else if let Some(number) = value.parse().ok().filter(|number: &f64| number.is_finite()) {
-            let before = frame.fields.numbers.insert(name.to_owned(), number);
-            before.is_none_or(|before| before == number)
+            let previous = frame.fields.numbers.insert(name.to_owned(), number);
+            previous.is_none_or(|previous| previous == number)
         } else {
             true
         };
@@ -217,12 +217,11 @@ impl Frames {
         let setting = |frame: &Stated, name: &str| frame.fields.numbers.get(name).copied();
         let first = SCANNER_SETTINGS.map(|name| frames.iter().find_map(|frame| setting(frame, name)));
         for frame in &mut frames {
-            let other_mm =
-                frame.spacing_mm.zip(first_mm).is_some_and(|(mm, first_mm)| !is_same(mm, first_mm));
+            let differs = frame.spacing_mm.zip(first_mm).is_some_and(|(mm, first_mm)| !is_same(mm, first_mm));
             let other_setting = SCANNER_SETTINGS.iter().zip(first).any(|(name, first)| {
                 setting(frame, name).zip(first).is_some_and(|(value, first)| value != first)
             });
-            frame.fields.is_other_depth = other_mm || other_setting;
+            frame.fields.is_other_depth = differs || other_setting;
             let invalid = &frame.invalid;
             frame.fields.transforms.retain(|name, matrix| {
                 !(invalid.contains(name) || *matrix == pose::IDENTITY && moved.contains(name))

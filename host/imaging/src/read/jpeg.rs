@@ -53,12 +53,12 @@ fn with_tables(bytes: &[u8]) -> Cow<'_, [u8]> {
 
 /// Markers before the scan with what belongs to them; what is damaged ends them.
 fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
-    let mut left = bytes;
+    let mut remaining = bytes;
     std::iter::from_fn(move || {
-        let (&[0xFF, marker, high, low], _) = left.split_first_chunk::<4>()? else { return None };
+        let (&[0xFF, marker, high, low], _) = remaining.split_first_chunk::<4>()? else { return None };
         let length = 2 + usize::from(u16::from_be_bytes([high, low]));
-        let content = left.get(4..length).unwrap_or_default();
-        left = left.get(length..).unwrap_or_default();
+        let content = remaining.get(4..length).unwrap_or_default();
+        remaining = remaining.get(length..).unwrap_or_default();
         Some((marker, content))
     })
 }
@@ -71,8 +71,8 @@ fn has_tables(bytes: &[u8]) -> bool {
 
 /// EXIF data of a file.
 pub(super) fn exif(bytes: &[u8]) -> Option<&[u8]> {
-    let parts = segments(bytes.strip_prefix(&[0xFF, 0xD8])?);
-    parts
+    let jpeg_segments = segments(bytes.strip_prefix(&[0xFF, 0xD8])?);
+    jpeg_segments
         .take_while(|(marker, _)| *marker != 0xDA)
         .filter(|(marker, _)| *marker == 0xE1)
         .find_map(|(_, content)| content.strip_prefix(b"Exif\0\0"))

@@ -38,10 +38,10 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     };
     let single = |names: &[&str], known: &[&str]| -> Result<Option<usize>, ImagingError> {
         let Some((key, value)) = fields.get(names) else { return Ok(None) };
-        let at = known.iter().position(|known| known.eq_ignore_ascii_case(value));
-        let problem =
-            || ImagingError::invalid(path, key, format!("\"{}\"", short(value)), known.join(" or "));
-        at.map(Some).ok_or_else(problem)
+        let known_index = known.iter().position(|known| known.eq_ignore_ascii_case(value));
+        known_index.map(Some).ok_or_else(|| {
+            ImagingError::invalid(path, key, format!("\"{}\"", short(value)), known.join(" or "))
+        })
     };
     let is_true = |names: &[&str]| Ok::<_, ImagingError>(single(names, &["False", "True"])? == Some(1));
     let channels = [1, 3][single(&["ElementNumberOfChannels"], &["1", "3"])?.unwrap_or(0).min(1)];
@@ -74,21 +74,20 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         0 => Depth::Eight,
         other => Depth::Sixteen { is_big_endian, is_signed: other == 2, shift: 8 },
     };
-    let before = fields.get(&["HeaderSize"]).map(|(key, value)| {
+    let header_bytes = fields.get(&["HeaderSize"]).map(|(key, value)| {
         let bytes: Option<i64> = value.parse().ok().filter(|bytes| *bytes >= -1);
-        let problem = || ImagingError::invalid(path, key, format!("\"{}\"", short(value)), "bytes, or -1");
-        bytes.ok_or_else(problem)
+        bytes.ok_or_else(|| ImagingError::invalid(path, key, format!("\"{}\"", short(value)), "bytes, or -1"))
     });
-    let before = before.transpose()?.unwrap_or(0);
+    let data_start = header_bytes.transpose()?.unwrap_or(0);
     let raw: Box<dyn Read> = if data.eq_ignore_ascii_case("LOCAL") {
-        if before != 0 {
+        if data_start != 0 {
             let expected = "0, as the data follow this header";
-            return Err(ImagingError::invalid(path, "HeaderSize", before.to_string(), expected));
+            return Err(ImagingError::invalid(path, "HeaderSize", data_start.to_string(), expected));
         }
         Box::new(bytes)
     } else {
         let needed = (width * height * count * channels * depth.bytes()) as u64;
-        Box::new(beside(path, &data, before, needed, compressed)?)
+        Box::new(beside(path, &data, data_start, needed, compressed)?)
     };
     let bytes: Box<dyn Read> = if compressed { Box::new(ZlibDecoder::new(raw)) } else { raw };
     Ok((header, Source::Stream { bytes, channels, depth }))
@@ -104,11 +103,11 @@ fn beside(
 ) -> Result<BufReader<File>, ImagingError> {
     // The name is a file's own: it may not lead out of its folder. A pattern has a number in it, and a list follows.
     let plain = !data.is_empty() && !data.contains(['/', '\\', '%']) && !data.starts_with("LIST");
-    let beside = path.parent().map(|folder| folder.join(data)).filter(|_| plain).ok_or_else(|| {
+    let data_path = path.parent().map(|folder| folder.join(data)).filter(|_| plain).ok_or_else(|| {
         let problem = format!("\"{}\"", short(data));
         ImagingError::invalid(path, "ElementDataFile", problem, "LOCAL or a file beside this one")
     })?;
-    let mut file = BufReader::new(File::open(&beside).map_err(ImagingError::io(&beside))?);
+    let mut file = BufReader::new(File::open(&data_path).map_err(ImagingError::io(&data_path))?);
     let start = match u64::try_from(before) {
         Ok(bytes) => bytes,
         Err(_) if compressed => {
@@ -116,26 +115,26 @@ fn beside(
             return Err(ImagingError::invalid(path, "HeaderSize", "-1", expected));
         }
         Err(_) => {
-            let end = file.seek(SeekFrom::End(0)).map_err(ImagingError::io(&beside))?;
+            let end = file.seek(SeekFrom::End(0)).map_err(ImagingError::io(&data_path))?;
             end.checked_sub(needed).ok_or_else(|| {
                 let expected = format!("{needed} bytes of frames");
-                ImagingError::invalid(&beside, "size", format!("{end} bytes"), expected)
+                ImagingError::invalid(&data_path, "size", format!("{end} bytes"), expected)
             })?
         }
     };
-    file.seek(SeekFrom::Start(start)).map_err(ImagingError::io(&beside))?;
+    file.seek(SeekFrom::Start(start)).map_err(ImagingError::io(&data_path))?;
     Ok(file)
 }
 
 /// The distance of pixels; their size where that is not stated. A size that differs from the distance contradicts it.
 fn stated_spacing(fields: &Fields) -> Result<Option<[f64; 2]>, Unclear> {
-    let to_mm = match fields.get(&["DistanceUnits"]) {
+    let millimetres_per_unit = match fields.get(&["DistanceUnits"]) {
         None => 1.0,
         Some((field, value)) => millimetres(value).ok_or_else(|| unit(field, value))?,
     };
     let stated = |field: &'static str| {
         let Some((field, value)) = fields.get(&[field]) else { return Ok((field, None)) };
-        let mm = two(value).map(|sizes| sizes.map(|size| to_mm * size));
+        let mm = two(value).map(|sizes| sizes.map(|size| millimetres_per_unit * size));
         Ok((field, spacing(field, mm, value)?))
     };
     one_of(&[stated("ElementSpacing")?, stated("ElementSize")?])

@@ -21,7 +21,7 @@ use depth::Depth;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// What is read of frames: names of files, and what of their formats.
+/// Formats of frames that are read: names of files, and what of their formats.
 pub const READ: &[[&str; 2]] = &[
     [
         ".mha, .mhd",
@@ -55,7 +55,7 @@ pub struct Sequence {
     next: usize,
 }
 
-/// Where the frames come from.
+/// Source of the frames.
 enum Source {
     /// One frame behind the other, so many samples for each pixel.
     Stream { bytes: Box<dyn Read>, channels: usize, depth: Depth },
@@ -121,7 +121,7 @@ impl Sequence {
         Ok(Self { path, header, source, next: 0 })
     }
 
-    /// What the file states.
+    /// Header of the file.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -181,7 +181,7 @@ fn twice(
     let row = header.width * *channels * depth.bytes();
     let mut samples = vec![0; row];
     let mut greatest = 0;
-    // What ends early is reported with the number of its frame, when it is reached.
+    // A file that ends early is reported with the number of its frame, when it is reached.
     for _ in 0..header.height * header.count {
         if bytes.read_exact(&mut samples).is_err() {
             break;
@@ -211,7 +211,7 @@ fn whole(path: &Path, field: &str, size: [usize; 2], pixels: Vec<u8>) -> Result<
     Err(ImagingError::invalid(path, field, format!("{} pixels", pixels.len()), expected))
 }
 
-/// Brightness of pixels of several channels. Where a pixel has a colour it is part of the screen's overlay, and no echo: black.
+/// Brightness of pixels of several channels. A coloured pixel is part of the screen's overlay, and no echo: black.
 fn grey(pixels: Vec<u8>, channels: usize) -> Vec<u8> {
     /// Channels of a grey pixel of a lossy recording differ by less.
     const COLOUR: u8 = 64;

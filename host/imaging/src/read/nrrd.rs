@@ -1,7 +1,7 @@
 //! NRRD sequences (`.nrrd`), raw or gzip, as PLUS and 3D Slicer write them. Format: <https://teem.sourceforge.net/nrrd/format.html>.
 //!
-//! 3D Slicer writes the list of frames as the first axis or as the last one. Where it is the first, samples of all frames alternate, and the
-//! frames are kept whole, up to [`MAX_KEPT`].
+//! 3D Slicer writes the list of frames as the first axis or as the last one. If it is the first, samples of all frames
+//! alternate, and the frames are kept whole, up to [`MAX_KEPT`].
 
 use super::depth::{Depth, shift_for};
 use super::header::{Fields, Frames, line, one_of, orientation, short, sizes, spacing};
@@ -126,13 +126,13 @@ fn fields(path: &Path, bytes: &mut BufReader<File>, header: &mut Header) -> Resu
     Ok(fields)
 }
 
-/// What the axes of the data are.
+/// Meaning of the axes of the data.
 struct Axes {
     channels: usize,
     is_list_first: bool,
     /// Width, height (and depth 1), frames.
     sizes: Vec<usize>,
-    /// Where width and height are among all axes.
+    /// Positions of width and height among all axes.
     plane: [usize; 2],
     all: usize,
 }
@@ -156,8 +156,8 @@ impl Axes {
     /// Values of the plane's axes, where there is one for each axis.
     fn plane<'t>(&self, values: &[&'t str]) -> Option<[&'t str; 2]> {
         // Units and vectors of space have no entry for axes that are none of it.
-        let at = if values.len() == self.all { self.plane } else { [0, 1] };
-        let [x, y] = at.map(|at| values.get(at).copied());
+        let plane_axes = if values.len() == self.all { self.plane } else { [0, 1] };
+        let [x, y] = plane_axes.map(|plane_axes| values.get(plane_axes).copied());
         Some([x?, y?])
     }
 }
@@ -168,11 +168,10 @@ fn stated_spacing(fields: &Fields, axes: &Axes) -> Result<Option<[f64; 2]>, Uncl
         let Some((field, value)) = fields.get(names) else { return Ok([1.0; 2]) };
         let units: Vec<&str> = value.split('"').skip(1).step_by(2).collect();
         let Some(units) = axes.plane(&units) else { return Ok([1.0; 2]) };
-        let known = |name: &str| match name {
+        match units.map(|name| match name {
             "" | "???" => Some(1.0),
             name => millimetres(name),
-        };
-        match units.map(known) {
+        }) {
             [Some(x), Some(y)] => Ok([x, y]),
             _ => Err(unit(field, value)),
         }
@@ -209,7 +208,7 @@ fn lengths(value: &str) -> Option<[f64; 2]> {
     lengths?.try_into().ok()
 }
 
-/// How samples are kept.
+/// Format of samples.
 fn depth(path: &Path, fields: &Fields) -> Result<Depth, ImagingError> {
     let expected = "uint8, uint16 or int16";
     let Some((key, value)) = fields.get(&["type"]) else {
@@ -313,8 +312,13 @@ impl FrameReader for Alternating {
         let [width, height] = self.size;
         let (bytes, number) = (self.depth.bytes(), self.next);
         self.next += 1;
-        let own = self.samples.chunks_exact(bytes).skip(number).step_by(self.count.max(1));
-        let own: Vec<u8> = own.flatten().copied().collect();
-        super::whole(&self.path, &format!("frame {}", number + 1), [width, height], self.depth.samples(own))
+        let frame_samples = self.samples.chunks_exact(bytes).skip(number).step_by(self.count.max(1));
+        let frame_bytes: Vec<u8> = frame_samples.flatten().copied().collect();
+        super::whole(
+            &self.path,
+            &format!("frame {}", number + 1),
+            [width, height],
+            self.depth.samples(frame_bytes),
+        )
     }
 }

@@ -34,8 +34,8 @@ fn films_of_ffmpeg_show_the_frames_they_were_made_of() {
     ] {
         let (header, frames) = frames(name).expect(name);
         assert_eq!((header.count, frames.len()), (count, count), "{name}");
-        let off = difference(&frames[0], &source);
-        assert!(off <= most, "{name}: {off}");
+        let difference_levels = difference(&frames[0], &source);
+        assert!(difference_levels <= most, "{name}: {difference_levels}");
         assert!(difference(&frames[0], &frames[2]) > 100, "{name}");
         let time_s = header.frames[2].time_s.expect("a time");
         assert!((time_s - 0.08).abs() < 1e-6, "{name}: {time_s}");
@@ -49,10 +49,10 @@ fn films_of_ffmpeg_show_the_frames_they_were_made_of() {
 fn pictures_of_imagemagick_show_the_frames_they_were_made_of() {
     let source = frames("src-00.png").expect("a picture").1.remove(0);
     for (name, count, most) in [("im-zip.tif", 3, 0), ("im-16.tif", 3, 0), ("im.jpg", 1, 10)] {
-        let found = frames(name).expect(name).1;
-        assert_eq!(found.len(), count, "{name}");
-        let off = difference(&found[0], &source);
-        assert!(off <= most, "{name}: {off}");
+        let decoded_frames = frames(name).expect(name).1;
+        assert_eq!(decoded_frames.len(), count, "{name}");
+        let difference_levels = difference(&decoded_frames[0], &source);
+        assert!(difference_levels <= most, "{name}: {difference_levels}");
     }
 }
 
@@ -72,13 +72,18 @@ fn dicom_plain_packed_and_in_either_order_are_the_same() {
 #[cfg(feature = "dicom")]
 #[test]
 fn dicom_of_several_frames_in_colour_and_jpeg_is_read() {
-    let found = frames("SC_rgb_rle_2frame.dcm").expect("a DICOM file").1;
-    assert_eq!(found.len(), 2);
+    let decoded_frames = frames("SC_rgb_rle_2frame.dcm").expect("a DICOM file").1;
+    assert_eq!(decoded_frames.len(), 2);
     // Red, white, dark grey.
-    assert_eq!([found[0].at(50, 5), found[0].at(50, 95), found[0].at(50, 75)], [0, 255, 64]);
-    let (header, found) = frames("ybr-color-3.dcm").expect("an ultrasound");
-    assert_eq!((found.len(), found[0].width, found[0].height), (3, 320, 240));
-    assert!(found[0].pixels.iter().any(|pixel| *pixel > 100) && found[0] != found[2]);
+    assert_eq!(
+        [decoded_frames[0].at(50, 5), decoded_frames[0].at(50, 95), decoded_frames[0].at(50, 75)],
+        [0, 255, 64]
+    );
+    let (header, decoded_frames) = frames("ybr-color-3.dcm").expect("an ultrasound");
+    assert_eq!((decoded_frames.len(), decoded_frames[0].width, decoded_frames[0].height), (3, 320, 240));
+    assert!(
+        decoded_frames[0].pixels.iter().any(|pixel| *pixel > 100) && decoded_frames[0] != decoded_frames[2]
+    );
     // Its region is larger than the frame: the size of a pixel is not that of these pixels.
     assert_eq!((header.spacing_mm, header.region), (None, None));
     assert!(header.frames[2].time_s.is_some_and(|time_s| (time_s - 0.066_666).abs() < 1e-4));

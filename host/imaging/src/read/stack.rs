@@ -50,35 +50,40 @@ impl Image {
 /// The image files in a folder, in the order of the numbers in their names; hidden ones are left out.
 pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingError> {
     let entries = fs::read_dir(folder).map_err(ImagingError::io(folder))?;
-    let is_image = |path: &PathBuf| !super::is_hidden(path) && is_image(path);
     let mut files: Vec<PathBuf> = entries
         .filter_map(Result::ok)
         .map(|entry| entry.path())
-        .filter(is_image)
+        .filter(|path| !super::is_hidden(path) && is_image(path))
         .take(MAX_FRAMES + 1)
         .collect();
     files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
     Ok(files)
 }
 
-/// Refuses names that count frames and leave some out: places along the needle are counted from the first one. Where the distances of
-/// numbers are no multiples of the smallest one they are times or something else.
+/// Refuses names that count frames and leave some out: places along the needle are counted from the first one. If the
+/// distances of numbers are no multiples of the smallest one they are times or another quantity.
 pub(super) fn check_numbers(folder: &Path, files: &[PathBuf]) -> Result<(), ImagingError> {
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let parts: Vec<_> = files.iter().map(|path| natural(&name(path))).collect();
-    let Some(first) = parts.first().filter(|first| parts.iter().all(|parts| parts.len() == first.len()))
+    let number_parts: Vec<_> = files.iter().map(|path| natural(&name(path))).collect();
+    let Some(first) = number_parts
+        .first()
+        .filter(|first| number_parts.iter().all(|number_parts| number_parts.len() == first.len()))
     else {
         return Ok(());
     };
-    let is_changing = |at: &usize| {
-        let of = |parts: &Vec<(String, u128, usize)>| {
-            parts.get(*at).map(|(text, number, _)| (text.clone(), *number))
-        };
-        parts.iter().any(|parts| of(parts) != first.get(*at).map(|(text, number, _)| (text.clone(), *number)))
-    };
-    let changing: Vec<usize> = (0..first.len()).filter(is_changing).collect();
+    let changing: Vec<usize> = (0..first.len())
+        .filter(|at| {
+            let of = |number_parts: &Vec<(String, u128, usize)>| {
+                number_parts.get(*at).map(|(text, number, _)| (text.clone(), *number))
+            };
+            number_parts.iter().any(|number_parts| {
+                of(number_parts) != first.get(*at).map(|(text, number, _)| (text.clone(), *number))
+            })
+        })
+        .collect();
     let &[column] = changing.as_slice() else { return Ok(()) };
-    let numbers: Vec<u128> = parts.iter().filter_map(|parts| Some(parts.get(column)?.1)).collect();
+    let numbers: Vec<u128> =
+        number_parts.iter().filter_map(|number_parts| Some(number_parts.get(column)?.1)).collect();
     let steps: Vec<u128> = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
     let smallest = steps.iter().copied().min().unwrap_or(0);
     if smallest == 0 || steps.iter().any(|step| step % smallest != 0) {
@@ -86,15 +91,15 @@ pub(super) fn check_numbers(folder: &Path, files: &[PathBuf]) -> Result<(), Imag
     }
     let usual = 2 * steps.iter().filter(|step| **step == smallest).count() > steps.len();
     let Some(gap) = steps.iter().position(|step| usual && *step > smallest) else { return Ok(()) };
-    let (before, after) = (files.get(gap).map(&name), files.get(gap + 1).map(&name));
+    let (previous_name, next_name) = (files.get(gap).map(&name), files.get(gap + 1).map(&name));
     let problem = format!(
         "{} between {} and {}",
         match steps.get(gap).map_or(0, |step| step / smallest - 1) {
             1 => "a frame is missing".to_owned(),
             count => format!("{count} frames are missing"),
         },
-        before.unwrap_or_default(),
-        after.unwrap_or_default()
+        previous_name.unwrap_or_default(),
+        next_name.unwrap_or_default()
     );
     let expected = "a frame for each number, as they are counted along the needle: leave out those behind the gap, or number them anew";
     Err(ImagingError::invalid(folder, "names", problem, expected))
@@ -108,12 +113,12 @@ fn is_image(path: &Path) -> bool {
 
 /// A name as text and numbers, so that `frame-10` is behind `frame-9`.
 pub(super) fn natural(name: &str) -> Vec<(String, u128, usize)> {
-    let mut parts: Vec<(String, u128, usize)> = vec![Default::default()];
+    let mut name_parts: Vec<(String, u128, usize)> = vec![Default::default()];
     let mut in_number = false;
     for letter in name.chars() {
         match letter.to_digit(10) {
             Some(digit) => {
-                if let Some((_, number, digits)) = parts.last_mut() {
+                if let Some((_, number, digits)) = name_parts.last_mut() {
                     *number = number.saturating_mul(10).saturating_add(u128::from(digit));
                     *digits += 1;
                 }
@@ -121,16 +126,16 @@ pub(super) fn natural(name: &str) -> Vec<(String, u128, usize)> {
             }
             None => {
                 if in_number {
-                    parts.push(Default::default());
+                    name_parts.push(Default::default());
                 }
                 in_number = false;
-                if let Some((text, ..)) = parts.last_mut() {
+                if let Some((text, ..)) = name_parts.last_mut() {
                     text.push(letter);
                 }
             }
         }
     }
-    parts
+    name_parts
 }
 
 pub(super) fn open(path: &Path, files: Vec<PathBuf>) -> Result<(Header, Source), ImagingError> {
@@ -190,11 +195,14 @@ impl Stack {
 
     /// The greatest sample of all frames of 16 bit. A frame that cannot be read is reported when it is reached.
     fn greatest(&mut self) -> u16 {
-        let of = |image: Image| match image.samples {
-            Samples::Sixteen(samples) => samples.into_iter().max().unwrap_or(0),
-            Samples::Eight(_) => 0,
-        };
-        (0..self.pages.len()).filter_map(|number| self.image(number).ok()).map(of).max().unwrap_or(0)
+        (0..self.pages.len())
+            .filter_map(|number| self.image(number).ok())
+            .map(|image| match image.samples {
+                Samples::Sixteen(samples) => samples.into_iter().max().unwrap_or(0),
+                Samples::Eight(_) => 0,
+            })
+            .max()
+            .unwrap_or(0)
     }
 }
 

@@ -1,4 +1,5 @@
-//! What files state of their frames is followed as the formats have it, or refused by the field's name: never passed over.
+//! Statements of files about their frames are followed as the formats define them, or refused by the field's name:
+//! never passed over.
 
 use super::*;
 use crate::frame::{Orientation, Statement};
@@ -9,10 +10,10 @@ use std::io::Write;
 /// Frame by frame 0 to 7, 8 to 15, 16 to 23.
 const PIXELS: [u8; 24] = {
     let mut pixels = [0; 24];
-    let mut at = 0;
-    while at < 24 {
-        pixels[at] = at as u8;
-        at += 1;
+    let mut offset = 0;
+    while offset < 24 {
+        pixels[offset] = offset as u8;
+        offset += 1;
     }
     pixels
 };
@@ -91,7 +92,7 @@ fn a_tool_that_is_neither_turned_nor_moved_in_some_frames_was_not_seen_there() {
     let has =
         |name: &str| -> Vec<bool> { header.frames.iter().map(|f| f.transforms.contains_key(name)).collect() };
     assert_eq!(has("ProbeToTracker"), [false, true, true]);
-    // What is so in all frames may be meant.
+    // An orientation that all frames share may be intended.
     assert_eq!(has("ImageToImage"), [true, true, false]);
 }
 
@@ -103,8 +104,8 @@ fn a_transform_by_columns_is_turned_and_one_without_a_last_row_refused() {
         header.frames[0].transforms["ProbeToTracker"],
         [1.0, 0.0, 0.0, 3.0, 0.0, 0.0, -1.0, 4.0, 0.0, 1.0, 0.0, 5.0, 0.0, 0.0, 0.0, 1.0]
     );
-    let none = "Seq_Frame0000_ProbeToTrackerTransform = 1 0 0 3 0 1 0 4 0 0 1 5 1 1 1 1\n";
-    let error = mha(none).expect_err("no transform");
+    let no_last_row = "Seq_Frame0000_ProbeToTrackerTransform = 1 0 0 3 0 1 0 4 0 0 1 5 1 1 1 1\n";
+    let error = mha(no_last_row).expect_err("no transform");
     assert!(
         error.contains("Seq_Frame0000_ProbeToTrackerTransform") && error.contains("row by row"),
         "{error}"
@@ -165,11 +166,11 @@ fn data_beside_a_header_begin_where_it_states() {
         }
         Ok::<_, String>(read)
     };
-    let behind = [&b"header"[..], &PIXELS].concat();
-    assert_eq!(with("HeaderSize = 6\n", "s.raw", &behind), Ok(frames()));
-    assert_eq!(with("HeaderSize = -1\n", "s.raw", &behind), Ok(frames()));
+    let with_header = [&b"header"[..], &PIXELS].concat();
+    assert_eq!(with("HeaderSize = 6\n", "s.raw", &with_header), Ok(frames()));
+    assert_eq!(with("HeaderSize = -1\n", "s.raw", &with_header), Ok(frames()));
     assert_eq!(with("", "my sweep 1.raw", &PIXELS), Ok(frames()), "a name with blanks");
-    assert!(with("HeaderSize = -5\n", "s.raw", &behind).expect_err("negative").contains("HeaderSize"));
+    assert!(with("HeaderSize = -5\n", "s.raw", &with_header).expect_err("negative").contains("HeaderSize"));
     assert!(with("HeaderSize = -1\n", "s.raw", &[1, 2]).expect_err("short").contains("24 bytes"));
     let header = "NDims = 3\nDimSize = 4 2 3\nElementType = MET_UCHAR\nElementDataFile = Local\n";
     assert_eq!(opened("s.mha", &[header.as_bytes(), &PIXELS].concat()).expect("Local is LOCAL").1, frames());
@@ -271,9 +272,9 @@ fn axes_that_are_not_known_wait_for_those_of_the_user() {
         let line = format!("ultrasound image orientation:={letters}\nencoding: raw");
         assert!(nrrd(&line, &PIXELS).expect(letters).0.unclear(Statement::Orientation).is_some());
     }
-    let known = mha("UltrasoundImageOrientation = UNA\n").expect("known").0;
+    let header_known = mha("UltrasoundImageOrientation = UNA\n").expect("known").0;
     assert_eq!(
-        (known.orientation, known.unclear.len()),
+        (header_known.orientation, header_known.unclear.len()),
         (Some(Orientation { flip_x: true, flip_y: true }), 0)
     );
 }

@@ -47,9 +47,9 @@ fn reads_raw_and_compressed_frames_alike() {
     ];
     for (name, bytes) in files {
         let (_folder, path) = written(name, &bytes);
-        let found = frames(&path).expect(name);
-        assert_eq!(found.len(), 3, "{name}");
-        assert_eq!(found[2].pixels, (16..24).collect::<Vec<u8>>(), "{name}");
+        let decoded_frames = frames(&path).expect(name);
+        assert_eq!(decoded_frames.len(), 3, "{name}");
+        assert_eq!(decoded_frames[2].pixels, (16..24).collect::<Vec<u8>>(), "{name}");
         assert_eq!(Sequence::open(&path).expect(name).header().spacing_mm, Some([0.1, 0.2]), "{name}");
     }
 }

@@ -41,19 +41,19 @@ pub(super) fn pages(path: &Path) -> Result<usize, ImagingError> {
 
 /// One of the images; `open` is kept for the next one.
 pub(super) fn image(open: &mut Option<Open>, path: &Path, page: usize) -> Result<Image, ImagingError> {
-    let mut at = match open.take() {
+    let mut reader = match open.take() {
         Some(open) if open.path == path && open.page <= page => open,
         _ => Open::new(path)?,
     };
     // All images of such a stack are behind the first one.
-    let stacked = if at.decoder.more_images() || page == 0 { None } else { at.stacked()? };
-    while at.page < page && stacked.is_none() {
-        at.decoder.next_image().map_err(damaged(path))?;
-        at.page += 1;
+    let stacked = if reader.decoder.more_images() || page == 0 { None } else { reader.stacked()? };
+    while reader.page < page && stacked.is_none() {
+        reader.decoder.next_image().map_err(damaged(path))?;
+        reader.page += 1;
     }
-    let orientation = at.decoder.find_tag_unsigned::<u16>(Tag::Orientation).map_err(damaged(path))?;
-    let image = at.image(if stacked.is_some() { page } else { 0 })?.turned(orientation.unwrap_or(1));
-    *open = Some(at);
+    let orientation = reader.decoder.find_tag_unsigned::<u16>(Tag::Orientation).map_err(damaged(path))?;
+    let image = reader.image(if stacked.is_some() { page } else { 0 })?.turned(orientation.unwrap_or(1));
+    *open = Some(reader);
     Ok(image)
 }
 
@@ -166,8 +166,8 @@ impl Open {
         let file = self.decoder.inner();
         for (at, count) in pieces {
             file.seek(SeekFrom::Start(at)).map_err(ImagingError::io(&path))?;
-            let left = (needed - raw.len()) as u64;
-            file.take(count.min(left)).read_to_end(&mut raw).map_err(ImagingError::io(&path))?;
+            let missing_bytes = (needed - raw.len()) as u64;
+            file.take(count.min(missing_bytes)).read_to_end(&mut raw).map_err(ImagingError::io(&path))?;
         }
         if raw.len() < needed {
             let problem = format!("{} bytes", raw.len());
@@ -181,11 +181,14 @@ impl Open {
         if is_palette {
             let colours = self.decoder.get_tag_u16_vec(Tag::ColorMap).map_err(damaged(&path))?;
             let brightness = brightness(&colours);
-            let of = |index: u8| brightness.get(usize::from(index)).copied().unwrap_or(0);
             return Ok(Image {
                 size: [width, height],
                 channels: 1,
-                samples: Samples::Eight(raw.into_iter().map(of).collect()),
+                samples: Samples::Eight(
+                    raw.into_iter()
+                        .map(|index| brightness.get(usize::from(index)).copied().unwrap_or(0))
+                        .collect(),
+                ),
             });
         }
         if photometric == Some(PhotometricInterpretation::WhiteIsZero.to_u16()) {
@@ -195,11 +198,16 @@ impl Open {
         let samples = if bytes == 1 {
             Samples::Eight(raw)
         } else {
-            let of = |pair: &[u8; 2]| match byte_order {
-                ByteOrder::LittleEndian => u16::from_le_bytes(*pair),
-                ByteOrder::BigEndian => u16::from_be_bytes(*pair),
-            };
-            Samples::Sixteen(raw.as_chunks::<2>().0.iter().map(of).collect())
+            Samples::Sixteen(
+                raw.as_chunks::<2>()
+                    .0
+                    .iter()
+                    .map(|pair| match byte_order {
+                        ByteOrder::LittleEndian => u16::from_le_bytes(*pair),
+                        ByteOrder::BigEndian => u16::from_be_bytes(*pair),
+                    })
+                    .collect(),
+            )
         };
         Ok(Image { size: [width, height], channels: 1, samples })
     }

@@ -15,7 +15,7 @@ impl Image {
         let Self { size: [width, height], channels, samples } = self;
         let is_exchanged = orientation >= 5;
         let size = if is_exchanged { [height, width] } else { [width, height] };
-        // Where the row and the column of a stored pixel count from its other end.
+        // Whether the row and the column of a stored pixel count from its other end.
         let (from_bottom, from_right) =
             (matches!(orientation, 3 | 4 | 6 | 7), matches!(orientation, 2 | 3 | 7 | 8));
         let stored = |x: usize, y: usize| {
@@ -24,11 +24,11 @@ impl Image {
             let row = if from_bottom { height - 1 - row } else { row };
             row * width + column
         };
-        let places: Vec<usize> =
+        let sources: Vec<usize> =
             (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y))).map(|(x, y)| stored(x, y)).collect();
         let samples = match samples {
-            Samples::Eight(samples) => Samples::Eight(taken(&samples, &places, channels)),
-            Samples::Sixteen(samples) => Samples::Sixteen(taken(&samples, &places, channels)),
+            Samples::Eight(samples) => Samples::Eight(taken(&samples, &sources, channels)),
+            Samples::Sixteen(samples) => Samples::Sixteen(taken(&samples, &sources, channels)),
         };
         Self { size, channels, samples }
     }

@@ -66,9 +66,9 @@ fn a_film_whose_last_frame_is_cut_off_has_the_frames_before() {
     for (name, count) in [("others/ffmpeg-mjpeg.avi", 10), ("others/ffmpeg-gray.avi", 3)] {
         let whole = data(name);
         let (_folder, path) = written("film.avi", &whole);
-        let all = frames(&path).expect(name).1;
-        assert_eq!(all.len(), count);
-        // Where the last frame begins is found by its absence: the index behind the frames is of no use.
+        let all_frames = frames(&path).expect(name).1;
+        assert_eq!(all_frames.len(), count);
+        // The start of the last frame is found by its absence: the index behind the frames is of no use.
         let movi = whole.windows(4).rposition(|name| name == b"00dc" || name == b"00db");
         let index = whole.windows(4).rposition(|name| name == b"idx1").expect("an index");
         let last =
@@ -77,7 +77,7 @@ fn a_film_whose_last_frame_is_cut_off_has_the_frames_before() {
         for cut in [last + 8 + 20, index - 8] {
             let (_folder, path) = written("film.avi", &whole[..cut]);
             let (header, read) = frames(&path).expect(name);
-            assert_eq!(read, all[..count - 1], "{name} cut at {cut}");
+            assert_eq!(read, all_frames[..count - 1], "{name} cut at {cut}");
             assert!(header.notes[0].contains("the last frame is cut off"), "{:?}", header.notes);
         }
     }
@@ -91,9 +91,9 @@ fn a_frame_of_a_film_without_huffman_tables_has_the_standard_ones() {
     let length = file[begin..].windows(2).position(|at| at == [0xFF, 0xD9]).expect("its end") + 2;
     let whole = &file[begin..begin + length];
     let mut bare = whole[..2].to_vec();
-    let mut rest = &whole[2..];
+    let mut remaining_bytes = &whole[2..];
     let mut tables = 0;
-    while let [0xFF, marker, high, low, ..] = *rest {
+    while let [0xFF, marker, high, low, ..] = *remaining_bytes {
         let length = 2 + usize::from(u16::from_be_bytes([high, low]));
         if marker == 0xDA {
             break;
@@ -101,17 +101,17 @@ fn a_frame_of_a_film_without_huffman_tables_has_the_standard_ones() {
         if marker == 0xC4 {
             tables += 1;
         } else {
-            bare.extend(&rest[..length]);
+            bare.extend(&remaining_bytes[..length]);
         }
-        rest = &rest[length..];
+        remaining_bytes = &remaining_bytes[length..];
     }
-    bare.extend(rest);
+    bare.extend(remaining_bytes);
     assert!(tables > 0, "there were tables");
     let decoded = |bytes: &[u8]| {
         jpeg::decode(Path::new("film.avi"), "frame 1", bytes, false).map_err(|error| error.to_string())
     };
-    let with = decoded(whole).expect("decodes");
-    assert_eq!(decoded(&bare).as_ref(), Ok(&with));
+    let with_tables = decoded(whole).expect("decodes");
+    assert_eq!(decoded(&bare).as_ref(), Ok(&with_tables));
     assert!(decoded(&bare[..200]).is_err());
 }
 
@@ -148,12 +148,12 @@ fn dicom_is_known_by_its_content_and_a_folder_of_it_is_a_sequence() {
         whole.windows(6).rposition(|at| at == [0xE0, 0x7F, 0x10, 0, b'O', b'W']).expect("pixels") + 12;
     let folder = tempfile::tempdir().expect("a folder");
     for (name, instance) in [("1.2.3.9", 1u8), ("1.2.3.4", 3), ("1.2.3.7", 2)] {
-        let mut one = whole.clone();
-        one[number + 8..number + 8 + length].fill(b' ');
-        one[number + 8] = b'0' + instance;
+        let mut one_frame = whole.clone();
+        one_frame[number + 8..number + 8 + length].fill(b' ');
+        one_frame[number + 8] = b'0' + instance;
         // 15 bit of 16: the low byte shows nothing, the high one the number.
-        one[pixels + 1] = 16 * instance;
-        fs::write(folder.path().join(name), one).expect("a file");
+        one_frame[pixels + 1] = 16 * instance;
+        fs::write(folder.path().join(name), one_frame).expect("a file");
     }
     fs::write(folder.path().join("DICOMDIR"), &whole).expect("a file");
     fs::write(folder.path().join(".DS_Store"), b"x").expect("a file");
@@ -172,7 +172,7 @@ fn tiff(tags: &[(u16, u16, Vec<u32>)], text: &str, pixels: &[u8]) -> Vec<u8> {
     }
     tags.sort_by_key(|(tag, ..)| *tag);
     let mut bytes = [&b"II*\0"[..], &(8 + pixels.len() as u32).to_le_bytes(), pixels].concat();
-    let mut behind = Vec::new();
+    let mut trailing_data = Vec::new();
     let end = bytes.len() + 2 + 12 * tags.len() + 4;
     bytes.extend((tags.len() as u16).to_le_bytes());
     for (tag, kind, values) in tags {
@@ -187,15 +187,15 @@ fn tiff(tags: &[(u16, u16, Vec<u32>)], text: &str, pixels: &[u8]) -> Vec<u8> {
         bytes.extend(kind.to_le_bytes());
         bytes.extend((values.len() as u32).to_le_bytes());
         if value.len() > 4 {
-            bytes.extend(((end + behind.len()) as u32).to_le_bytes());
-            behind.extend(value);
+            bytes.extend(((end + trailing_data.len()) as u32).to_le_bytes());
+            trailing_data.extend(value);
         } else {
             value.resize(4, 0);
             bytes.extend(value);
         }
     }
     bytes.extend([0; 4]);
-    bytes.extend(behind);
+    bytes.extend(trailing_data);
     bytes
 }
 
@@ -226,15 +226,16 @@ fn a_palette_gives_the_brightness_of_its_colours() {
 
 #[test]
 fn planes_that_are_apart_are_put_together() {
-    let mut own = tags(8, 2, 8);
-    own.retain(|(tag, ..)| ![258, 277, 279].contains(tag));
-    own.extend([(258, 3, vec![8; 3]), (277, 3, vec![3]), (279, 4, vec![8; 3]), (284, 3, vec![2])]);
+    let mut plane_tags = tags(8, 2, 8);
+    plane_tags.retain(|(tag, ..)| ![258, 277, 279].contains(tag));
+    plane_tags.extend([(258, 3, vec![8; 3]), (277, 3, vec![3]), (279, 4, vec![8; 3]), (284, 3, vec![2])]);
     let grey = [10, 20, 30, 40, 50, 60, 70, 80];
-    let mut file = tiff(&own, "", &[grey, grey, grey].concat());
+    let mut file = tiff(&plane_tags, "", &[grey, grey, grey].concat());
     // Its offsets are three, and the helper writes one.
-    let at = file.windows(4).position(|tag| tag == [17, 1, 4, 0]).expect("StripOffsets");
-    let place = file.len() as u32;
-    file[at + 4..at + 12].copy_from_slice(&[3u32.to_le_bytes(), place.to_le_bytes()].concat());
+    let tag_offset = file.windows(4).position(|tag| tag == [17, 1, 4, 0]).expect("StripOffsets");
+    let data_offset = file.len() as u32;
+    file[tag_offset + 4..tag_offset + 12]
+        .copy_from_slice(&[3u32.to_le_bytes(), data_offset.to_le_bytes()].concat());
     file.extend([8u32, 16, 24].iter().flat_map(|offset| offset.to_le_bytes()));
     let (_folder, path) = written("p.tif", &file);
     assert_eq!(frames(&path).expect("planes").1[0].pixels, grey);

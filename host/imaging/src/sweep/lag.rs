@@ -18,7 +18,7 @@ const SHARED_MM: f64 = 3.0;
 /// An estimated lag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lag {
-    /// How much readings of the position lag behind images, seconds; negative where images lag.
+    /// Delay of position readings after images, seconds; negative if images are later.
     pub lag_s: f64,
     /// Its standard deviation.
     pub sd_s: f64,
@@ -30,10 +30,10 @@ pub(super) fn estimate(track: &Track, poses: &Poses, echoes: &dyn Fn(f64) -> Vec
         return None;
     }
     let squares = |lag_s: f64| -> Option<f64> {
-        let placed = echoes(lag_s);
-        let used = used_echoes(&placed, &track.decisions);
+        let placed_echoes = echoes(lag_s);
+        let echoes_used = used_echoes(&placed_echoes, &track.decisions);
         let of_axis = |axis: usize| {
-            let knots: Vec<Knot> = used
+            let knots: Vec<Knot> = echoes_used
                 .iter()
                 .map(|echo| Knot { z_mm: echo.z_mm, value_mm: echo.across_mm[axis], sd_mm: echo.sd_mm[axis] })
                 .collect();
@@ -48,23 +48,26 @@ pub(super) fn estimate(track: &Track, poses: &Poses, echoes: &dyn Fn(f64) -> Vec
         Some(x.1 * x.0.max(f64::MIN_POSITIVE).ln() + y.1 * y.0.max(f64::MIN_POSITIVE).ln())
     };
     let count = ((RANGE_S[1] - RANGE_S[0]) / STEP_S).round() as usize;
-    let tried: Vec<(f64, f64)> = (0..=count)
+    let costs_by_lag: Vec<(f64, f64)> = (0..=count)
         .filter_map(|i| {
             let lag_s = RANGE_S[0] + STEP_S * i as f64;
             Some((lag_s, squares(lag_s)?))
         })
         .collect();
-    let best = tried.iter().enumerate().min_by(|a, b| a.1.1.total_cmp(&b.1.1))?.0;
+    let best = costs_by_lag.iter().enumerate().min_by(|a, b| a.1.1.total_cmp(&b.1.1))?.0;
     // A parabola through points that lie far enough apart to be above the roughness of a changing choice of knots.
     let reach = 4;
-    let (before, at, after) =
-        (tried.get(best.checked_sub(reach)?)?, tried.get(best)?, tried.get(best + reach)?);
-    let bend = (before.1 - 2.0 * at.1 + after.1) / (reach as f64 * STEP_S).powi(2);
-    let slope = (after.1 - before.1) / (2.0 * reach as f64 * STEP_S);
+    let (lower_cost, best_cost, upper_cost) = (
+        costs_by_lag.get(best.checked_sub(reach)?)?,
+        costs_by_lag.get(best)?,
+        costs_by_lag.get(best + reach)?,
+    );
+    let bend = (lower_cost.1 - 2.0 * best_cost.1 + upper_cost.1) / (reach as f64 * STEP_S).powi(2);
+    let slope = (upper_cost.1 - lower_cost.1) / (2.0 * reach as f64 * STEP_S);
     if bend <= 0.0 {
         return None;
     }
-    let lag_s = at.0 - slope / bend;
+    let lag_s = best_cost.0 - slope / bend;
     // Minus twice the log likelihood, where the noise is estimated too.
     let sd_s = (2.0 * alike(track, poses, lag_s, &echoes(lag_s)) / bend).sqrt();
     (sd_s < MAX_SD_S).then_some(Lag { lag_s, sd_s })
@@ -88,31 +91,33 @@ fn goes_both_ways(along_mm: impl Iterator<Item = f64>) -> bool {
 /// signs: what they share at one place, since speckle stays where it is, cancels, and what frames of one way share with their neighbours
 /// does not.
 fn alike(track: &Track, poses: &Poses, lag_s: f64, placed: &[Vec<Echo>]) -> f64 {
-    let used = placed.iter().zip(&track.decisions).enumerate().filter_map(|(number, (echoes, decision))| {
-        let Decision::Used { echo } = decision else { return None };
-        let way = poses.motion(number, lag_s).map_or(0.0, |motion| motion.mm_per_s.signum());
-        Some((*echoes.get(*echo)?, way))
-    });
-    let mut used: Vec<(Echo, f64)> = used.collect();
-    used.sort_by(|a, b| a.0.z_mm.total_cmp(&b.0.z_mm));
+    let echo_directions =
+        placed.iter().zip(&track.decisions).enumerate().filter_map(|(number, (echoes, decision))| {
+            let Decision::Used { echo } = decision else { return None };
+            let scan_direction = poses.motion(number, lag_s).map_or(0.0, |motion| motion.mm_per_s.signum());
+            Some((*echoes.get(*echo)?, scan_direction))
+        });
+    let mut directed_echoes: Vec<(Echo, f64)> = echo_directions.collect();
+    directed_echoes.sort_by(|a, b| a.0.z_mm.total_cmp(&b.0.z_mm));
     let longest = [0, 1].map(|axis: usize| {
         let knot = |(echo, _): &(Echo, f64)| Knot {
             z_mm: echo.z_mm,
             value_mm: echo.across_mm[axis],
             sd_mm: echo.sd_mm[axis],
         };
-        let knots: Vec<Knot> = used.iter().map(knot).collect();
+        let knots: Vec<Knot> = directed_echoes.iter().map(knot).collect();
         let Some(curve) = Curve::fit(&knots) else { return 1.0 };
-        let off: Vec<(f64, f64)> = knots
+        let deviations: Vec<(f64, f64)> = knots
             .iter()
-            .zip(&used)
+            .zip(&directed_echoes)
             .map(|(knot, (_, way))| (knot.z_mm, way * (knot.value_mm - curve.at(knot.z_mm)) / knot.sd_mm))
             .collect();
-        let squares: f64 = off.iter().map(|(_, r)| r * r).sum();
+        let squares: f64 = deviations.iter().map(|(_, r)| r * r).sum();
         let mut shared = 0.0;
-        for (number, (z_mm, r)) in off.iter().enumerate() {
-            let near = off.iter().skip(number + 1).take_while(|(other_mm, _)| other_mm - z_mm < SHARED_MM);
-            shared += near.map(|(_, other)| r * other).sum::<f64>();
+        for (number, (z_mm, r)) in deviations.iter().enumerate() {
+            let neighbours =
+                deviations.iter().skip(number + 1).take_while(|(other_mm, _)| other_mm - z_mm < SHARED_MM);
+            shared += neighbours.map(|(_, other)| r * other).sum::<f64>();
         }
         1.0 + 2.0 * shared / squares.max(f64::MIN_POSITIVE)
     });

@@ -30,30 +30,30 @@ const MAX_WIDTH_MM: f64 = 2.0;
 impl Sweep {
     /// Points of the shape, along the needle. Frames of one point were taken on the same way: a lag moves those forth and those back apart.
     pub fn points(&self) -> Vec<Point> {
-        let together = self.track.correlated_frames().ceil() as usize;
-        let mut used: Vec<Used> = self
+        let group_size = self.track.correlated_frames().ceil() as usize;
+        let mut used_frames: Vec<Used> = self
             .frames
             .iter()
             .filter(|frame| frame.state == State::Used)
             .filter_map(|frame| Some((frame.place_mm?, frame.sd_mm?, frame.motion.unwrap_or_default())))
             .collect();
-        let mut speeds: Vec<f64> = used.iter().map(|(.., motion)| motion.mm_per_s.abs()).collect();
+        let mut speeds: Vec<f64> = used_frames.iter().map(|(.., motion)| motion.mm_per_s.abs()).collect();
         speeds.sort_by(f64::total_cmp);
         let still = STILL * speeds.get(speeds.len() / 2).copied().unwrap_or(0.0);
         let way = |(.., motion): &Used| {
             if motion.mm_per_s.abs() <= still { 0 } else { motion.mm_per_s.signum() as i8 }
         };
-        used.sort_by(|a, b| way(a).cmp(&way(b)).then(a.0[2].total_cmp(&b.0[2])));
+        used_frames.sort_by(|a, b| way(a).cmp(&way(b)).then(a.0[2].total_cmp(&b.0[2])));
         let mut points = Vec::new();
-        for mut rest in used.chunk_by(|a, b| way(a) == way(b)) {
+        for mut rest in used_frames.chunk_by(|a, b| way(a) == way(b)) {
             while let Some(first) = rest.first() {
-                let near = rest
+                let near_count = rest
                     .iter()
                     .take_while(|frame| frame.0[2] - first.0[2] <= MAX_WIDTH_MM)
-                    .take(together)
+                    .take(group_size)
                     .count();
-                let (group, others) = rest.split_at(near.max(1));
-                rest = others;
+                let (group, later_frames) = rest.split_at(near_count.max(1));
+                rest = later_frames;
                 points.extend(mean(group, self.track.noise.map(|noise| noise.correlated_frames)));
             }
         }
@@ -66,7 +66,7 @@ impl Sweep {
 fn mean(group: &[Used], correlated: [f64; 2]) -> Option<Point> {
     let count = group.len() as f64;
     let weights = |axis: usize| group.iter().map(move |(_, sd_mm, _)| sd_mm[axis].powi(-2));
-    let across_mm = [0, 1].map(|axis: usize| {
+    let mean_mm = [0, 1].map(|axis: usize| {
         let sum: f64 =
             group.iter().zip(weights(axis)).map(|((place, ..), weight)| weight * place[axis]).sum();
         sum / weights(axis).sum::<f64>()
@@ -78,7 +78,7 @@ fn mean(group: &[Used], correlated: [f64; 2]) -> Option<Point> {
         beam_rad: beam(f64::sin).atan2(beam(f64::cos)),
         mm_per_s: group.iter().map(|(.., motion)| motion.mm_per_s).sum::<f64>() / count,
     };
-    (count > 0.0).then_some(Point { z_mm, across_mm, sd_mm, frames: group.len(), motion })
+    (count > 0.0).then_some(Point { z_mm, across_mm: mean_mm, sd_mm, frames: group.len(), motion })
 }
 
 /// The straight needle: a line for each axis.
@@ -161,10 +161,10 @@ pub fn deflections(points: &[Point], straight: &Line) -> Vec<Deflection> {
     points
         .iter()
         .map(|point| {
-            let at_mm = straight.at(point.z_mm);
+            let straight_mm = straight.at(point.z_mm);
             Deflection {
                 z_mm: point.z_mm,
-                across_mm: [0, 1].map(|axis: usize| point.across_mm[axis] - at_mm[axis]),
+                across_mm: [0, 1].map(|axis: usize| point.across_mm[axis] - straight_mm[axis]),
                 sd_mm: point.sd_mm,
                 shared_mm: straight.errors(point.z_mm).map(|[offset, slope]| [offset, slope, 0.0]),
                 frames: point.frames,

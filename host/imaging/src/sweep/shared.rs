@@ -1,6 +1,6 @@
-//! What sweeps of one scanner have in common.
+//! Errors that sweeps of one scanner share.
 
-use super::{FrameResult, State, Sweep};
+use super::{State, Sweep};
 use crate::track::{Echo, Noise};
 
 /// Gives sweeps of one scanner, of the same needle with the same settings, the one noise that all of them show.
@@ -22,13 +22,14 @@ impl Sweep {
     /// Echoes of the used frames along the needle, with the deviations along an axis that their images state.
     fn used_echoes(&self, axis: usize) -> Vec<Echo> {
         let scale = self.track.noise[axis].scale;
-        let used = self.frames.iter().filter(|frame| frame.state == State::Used);
-        let echo = |frame: &FrameResult| {
-            let ([x, y, z_mm], sd_mm) = (frame.place_mm?, frame.sd_mm?);
-            let score = frame.candidate.map_or(0.0, |candidate| candidate.score);
-            Some(Echo { across_mm: [x, y], z_mm, sd_mm: sd_mm.map(|sd_mm| sd_mm / scale), score })
-        };
-        let mut echoes: Vec<Echo> = used.filter_map(echo).collect();
+        let used_frames = self.frames.iter().filter(|frame| frame.state == State::Used);
+        let mut echoes: Vec<Echo> = used_frames
+            .filter_map(|frame| {
+                let ([x, y, z_mm], sd_mm) = (frame.place_mm?, frame.sd_mm?);
+                let score = frame.candidate.map_or(0.0, |candidate| candidate.score);
+                Some(Echo { across_mm: [x, y], z_mm, sd_mm: sd_mm.map(|sd_mm| sd_mm / scale), score })
+            })
+            .collect();
         echoes.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
         echoes
     }

@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 const PX_MM: f64 = 0.051;
 const SIZE: usize = 150;
 
-/// Where the axis of the simulated needle is in frame `k`, pixels: 1.2 mm of deflection that decays, 1 mm from frame to frame.
+/// Position of the simulated needle's axis in frame `k`, pixels: 1.2 mm of deflection that decays, 1 mm from frame to
+/// frame.
 fn axis_px(k: usize) -> [f64; 2] {
     let z_mm = k as f64;
     let u_mm = 1.2 * (-z_mm / 15.0).exp() * (z_mm / 15.0).cos();
@@ -30,8 +31,8 @@ fn speckle(random: &mut ChaCha8Rng, psf: [f64; 2]) -> Vec<[f64; 2]> {
             .map(|at| {
                 let mut sum = [0.0; 2];
                 for (i, tap) in taps.iter().enumerate() {
-                    let from = field[(at + total + i * step - reach * step) % total];
-                    sum = [sum[0] + tap * from[0], sum[1] + tap * from[1]];
+                    let field_value = field[(at + total + i * step - reach * step) % total];
+                    sum = [sum[0] + tap * field_value[0], sum[1] + tap * field_value[1]];
                 }
                 sum.map(|value| value / norm)
             })
@@ -45,20 +46,23 @@ fn frame(random: &mut ChaCha8Rng, echo_px: Option<[f64; 2]>, contrast: f64) -> V
     let psf = [4.0, 2.0];
     let field = speckle(random, psf);
     let phase = random.random_range(0.0..TAU);
-    let pixel = |(at, noise): (usize, &[f64; 2])| {
-        let (x, y) = ((at % SIZE) as f64, (at / SIZE) as f64);
-        let mut echo = 0.0;
-        if let Some([cx, cy]) = echo_px {
-            for (share, below) in [(1.0, 0.0), (0.12, 14.0), (0.06, 24.0)] {
-                let (dx, dy) = ((x - cx) / 7.0, (y - cy - below) / 2.5);
-                echo += share * (-0.25 * (dx * dx + dy * dy)).exp();
+    field
+        .iter()
+        .enumerate()
+        .map(|(at, noise)| {
+            let (x, y) = ((at % SIZE) as f64, (at / SIZE) as f64);
+            let mut echo = 0.0;
+            if let Some([cx, cy]) = echo_px {
+                for (share, below) in [(1.0, 0.0), (0.12, 14.0), (0.06, 24.0)] {
+                    let (dx, dy) = ((x - cx) / 7.0, (y - cy - below) / 2.5);
+                    echo += share * (-0.25 * (dx * dx + dy * dy)).exp();
+                }
             }
-        }
-        let value = [noise[0] + contrast * echo * phase.cos(), noise[1] + contrast * echo * phase.sin()];
-        let decibel = 20.0 * (value[0].hypot(value[1]) / (1.3 * contrast)).log10();
-        (255.0 * (1.0 + decibel / 50.0)).clamp(0.0, 255.0) as u8
-    };
-    field.iter().enumerate().map(pixel).collect()
+            let value = [noise[0] + contrast * echo * phase.cos(), noise[1] + contrast * echo * phase.sin()];
+            let decibel = 20.0 * (value[0].hypot(value[1]) / (1.3 * contrast)).log10();
+            (255.0 * (1.0 + decibel / 50.0)).clamp(0.0, 255.0) as u8
+        })
+        .collect()
 }
 
 fn write(folder: &Path, frames: &[Vec<u8>]) -> PathBuf {
@@ -71,8 +75,15 @@ fn write(folder: &Path, frames: &[Vec<u8>]) -> PathBuf {
 }
 
 fn settings() -> Settings {
-    let place = Place::Step { start_mm: 0.0, step_mm: 1.0 };
-    Settings { needle_mm: 1.27, spacing_mm: None, orientation: None, region: None, place, lag_s: None }
+    let step_place = Place::Step { start_mm: 0.0, step_mm: 1.0 };
+    Settings {
+        needle_mm: 1.27,
+        spacing_mm: None,
+        orientation: None,
+        region: None,
+        place: step_place,
+        lag_s: None,
+    }
 }
 
 /// Ten of a hundred frames are bad; none of them is used, the others are right, and their deviations say how right.
@@ -98,10 +109,10 @@ fn a_needle_in_speckle_is_measured_as_well_as_its_deviations_say() {
         assert!(matches!(sweep.frames[41].state, State::Outlier | State::NoEcho), "{:?}", sweep.frames[41]);
         assert!(sweep.count(State::Used) >= 40, "{}", sweep.count(State::Used));
         for (k, frame) in sweep.frames.iter().enumerate().filter(|(_, frame)| frame.state == State::Used) {
-            let (place, sd) = (frame.place_mm.expect("a place"), frame.sd_mm.expect("a deviation"));
+            let (position, sd) = (frame.place_mm.expect("a place"), frame.sd_mm.expect("a deviation"));
             let [x, y] = axis_px(k);
             for (axis, truth_mm) in [PX_MM * x, -PX_MM * y].into_iter().enumerate() {
-                let error = place[axis] - truth_mm;
+                let error = position[axis] - truth_mm;
                 errors[axis] += error * error;
                 squares[axis] += (error / sd[axis]).powi(2);
             }
@@ -118,9 +129,11 @@ fn a_needle_in_speckle_is_measured_as_well_as_its_deviations_say() {
 #[test]
 fn a_real_wire_is_straight_and_its_lag_is_found() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/plus-wire5.igs.mha");
-    let place = Place::Field { name: "ProbePosition".to_owned(), start_mm: 0.0, sign: 1.0 };
-    let given = Settings { spacing_mm: Some([0.14709615, 0.14239371]), place, ..settings() };
-    let sweep = measure(&mut Sequence::open(&path).expect("frames"), &given, |_| {}).expect("a wire");
+    let sensor_place = Place::Field { name: "ProbePosition".to_owned(), start_mm: 0.0, sign: 1.0 };
+    let known_settings =
+        Settings { spacing_mm: Some([0.14709615, 0.14239371]), place: sensor_place, ..settings() };
+    let sweep =
+        measure(&mut Sequence::open(&path).expect("frames"), &known_settings, |_| {}).expect("a wire");
     assert!(sweep.count(State::Used) >= 100, "{}", sweep.count(State::Used));
     let lag = sweep.lag.expect("the probe goes forth and back");
     assert!((0.09..0.15).contains(&lag.lag_s) && lag.sd_s < 0.03, "{lag:?}");
@@ -134,10 +147,11 @@ fn a_needle_of_another_simulator_is_where_it_was_put() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/pymust-clean.mha");
     let mut sequence = Sequence::open(&path).expect("frames");
     let (width, height) = (sequence.header().width as f64, sequence.header().height as f64);
-    let place = Place::Step { start_mm: 0.0, step_mm: 2.0 };
-    let sweep = measure(&mut sequence, &Settings { place, ..settings() }, |_| {}).expect("a needle");
+    let step_place = Place::Step { start_mm: 0.0, step_mm: 2.0 };
+    let sweep =
+        measure(&mut sequence, &Settings { place: step_place, ..settings() }, |_| {}).expect("a needle");
     assert_eq!(sweep.count(State::Used), 20);
-    let off: Vec<[f64; 2]> = sweep
+    let differences: Vec<[f64; 2]> = sweep
         .frames
         .iter()
         .map(|frame| {
@@ -151,7 +165,9 @@ fn a_needle_of_another_simulator_is_where_it_was_put() {
         })
         .collect();
     for axis in 0..2 {
-        let mean = |of: &dyn Fn(f64) -> f64| off.iter().map(|off| of(off[axis])).sum::<f64>() / 20.0;
+        let mean = |of: &dyn Fn(f64) -> f64| {
+            differences.iter().map(|differences| of(differences[axis])).sum::<f64>() / 20.0
+        };
         let constant_mm = mean(&|off_mm| off_mm);
         let rms_mm = mean(&|off_mm| (off_mm - constant_mm).powi(2)).sqrt();
         assert!(constant_mm.abs() < 0.006 && rms_mm < 0.001, "{axis}: {constant_mm} {rms_mm} mm");
@@ -166,9 +182,9 @@ fn a_file_without_the_size_of_a_pixel_is_refused() {
     assert!(error.to_string().contains("--spacing-mm"), "{error}");
     let folder = tempfile::tempdir().expect("a folder");
     let path = write(folder.path(), &[vec![0; SIZE * SIZE]]);
-    let other = Settings { spacing_mm: Some([0.1; 2]), ..settings() };
+    let other_settings = Settings { spacing_mm: Some([0.1; 2]), ..settings() };
     let geometry =
-        Geometry::new(Sequence::open(&path).expect("frames").header(), &other).expect("a geometry");
+        Geometry::new(Sequence::open(&path).expect("frames").header(), &other_settings).expect("a geometry");
     assert_eq!(geometry.spacing_mm, [0.1; 2], "an option takes the place of what the file states");
 }
 
@@ -186,8 +202,8 @@ fn marks_of_the_screen_are_not_followed() {
     let path = write(folder.path(), &frames);
     let sweep = measure(&mut Sequence::open(&path).expect("frames"), &settings(), |_| {}).expect("a needle");
     for (k, frame) in sweep.frames.iter().enumerate().filter(|(_, frame)| frame.state == State::Used) {
-        let place = frame.place_mm.expect("a place");
-        assert!((place[0] - PX_MM * axis_px(k)[0]).abs() < 0.3, "{k}: {place:?}");
+        let echo_mm = frame.place_mm.expect("a place");
+        assert!((echo_mm[0] - PX_MM * axis_px(k)[0]).abs() < 0.3, "{k}: {echo_mm:?}");
     }
 }
 
@@ -205,10 +221,12 @@ fn an_error_of_the_straight_needle_is_in_all_points() {
     assert!((line.slope()[0] - 0.1).abs() < 1e-12);
     assert!((line.errors(4.5)[1][0] - 0.03 / 10f64.sqrt()).abs() < 1e-12);
     let bent: Vec<Point> = (0..10).map(|i| point(f64::from(i), 0.01)).collect();
-    let found = deflections(&bent, &line);
-    assert!(found.iter().all(|point| point.across_mm[0].abs() < 1e-9 && point.across_mm[1].abs() < 1e-9));
+    let bent_points = deflections(&bent, &line);
+    assert!(
+        bent_points.iter().all(|point| point.across_mm[0].abs() < 1e-9 && point.across_mm[1].abs() < 1e-9)
+    );
     // Their own error does not contain it.
-    for (i, point) in found.iter().enumerate() {
+    for (i, point) in bent_points.iter().enumerate() {
         let [offset, slope, free] = point.shared_mm[0];
         // The slope's variance is that of ten points, 82.5 mm2 of squares from the middle.
         let slope_mm = 0.03 / 82.5f64.sqrt() * (i as f64 - 4.5);

@@ -23,7 +23,7 @@ const BLOCK: usize = 128;
 /// Errors along one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {
-    /// What standard deviations from images have to be multiplied with.
+    /// Factor of the standard deviations from images.
     pub scale: f64,
     /// Successive frames that share their error: by so much a mean of many has more variance than one of independent frames.
     pub correlated_frames: f64,
@@ -32,9 +32,9 @@ pub struct Noise {
 /// One assumption about the errors, and what follows from it for a sequence.
 #[derive(Default)]
 struct Assumed {
-    /// Of the errors' correlation and of the curve.
+    /// Determinant of the errors' correlation and of the curve.
     log_determinant: f64,
-    /// What the curve leaves.
+    /// Sum of squares about the curve.
     squares: f64,
     freedom: usize,
     /// Sum over the frames of how many share the error of each.
@@ -50,7 +50,8 @@ struct Sequence {
 }
 
 impl Noise {
-    /// Of echoes in the order of their positions along the needle; nothing where they are too few.
+    /// Noise of echoes in the order of their positions along the needle; `None` if they are too
+    /// few.
     pub fn of(echoes: &[Echo], axis: usize) -> Option<Self> {
         Self::of_all(&[echoes], axis)
     }
@@ -61,19 +62,19 @@ impl Noise {
         let sequences: Vec<Sequence> =
             sequences.iter().filter_map(|echoes| Sequence::of(echoes, axis)).collect();
         // As likely beforehand as that something is shared.
-        let ways = (WIDTHS_MM.len() * SHARES.len()) as f64;
-        let own = assumed(&sequences, WIDTHS_MM[0], 0.0).map(|own| (ways.ln(), own));
+        let width_and_share_count = (WIDTHS_MM.len() * SHARES.len()) as f64;
+        let white = assumed(&sequences, WIDTHS_MM[0], 0.0).map(|own| (width_and_share_count.ln(), own));
         let shared = WIDTHS_MM.into_iter().flat_map(|width_mm| SHARES.map(|share| (width_mm, share)));
         let shared = shared.filter_map(|(mm, share)| Some((0.0, assumed(&sequences, mm, share)?)));
-        let all: Vec<(f64, Assumed)> = own.into_iter().chain(shared).collect();
+        let models: Vec<(f64, Assumed)> = white.into_iter().chain(shared).collect();
         let log_likelihood = |(prior, one): &(f64, Assumed)| prior + one.log_likelihood();
-        let best = all.iter().map(log_likelihood).reduce(f64::max)?;
+        let best = models.iter().map(log_likelihood).reduce(f64::max)?;
         let [weights, variance, correlated] =
-            all.iter().fold([0.0; 3], |[sum, variance, correlated], one| {
+            models.iter().fold([0.0; 3], |[sum, variance, correlated], one| {
                 let weight = (log_likelihood(one) - best).exp();
-                let (_, one) = one;
-                let weighted = weight * one.squares / one.freedom as f64;
-                [sum + weight, variance + weighted, correlated + weighted * one.shared / one.frames as f64]
+                let (_, best) = one;
+                let weighted = weight * best.squares / best.freedom as f64;
+                [sum + weight, variance + weighted, correlated + weighted * best.shared / best.frames as f64]
             });
         let noise =
             Self { scale: (variance / weights).sqrt(), correlated_frames: (correlated / variance).max(1.0) };
@@ -89,7 +90,7 @@ impl Assumed {
 }
 
 impl Sequence {
-    /// Nothing where the echoes are too few for a curve.
+    /// `None` if the echoes are too few for a curve.
     fn of(echoes: &[Echo], axis: usize) -> Option<Self> {
         let (first, last) = (echoes.first()?, echoes.last()?);
         let most = (echoes.len() / FRAMES_PER_INTERVAL).max(1);
@@ -98,9 +99,9 @@ impl Sequence {
         let freedom = echoes.len().checked_sub(columns + 2).filter(|freedom| *freedom > 0)?;
         let mut rows = DMatrix::<f64>::zeros(echoes.len(), columns + 1);
         for (number, echo) in echoes.iter().enumerate() {
-            let (from, basis) = splines.at(echo.z_mm);
+            let (first_knot, basis) = splines.at(echo.z_mm);
             for (offset, value) in basis.into_iter().enumerate() {
-                rows[(number, from + offset)] = value / echo.sd_mm[axis];
+                rows[(number, first_knot + offset)] = value / echo.sd_mm[axis];
             }
             rows[(number, columns)] = echo.across_mm[axis] / echo.sd_mm[axis];
         }
@@ -111,7 +112,7 @@ impl Sequence {
     fn fitted(&self, width_mm: f64, share: f64) -> Option<Assumed> {
         let columns = self.rows.ncols() - 1;
         let mut products = DMatrix::<f64>::zeros(columns + 1, columns + 1);
-        let (mut log_determinant, mut shared, mut from) = (0.0, 0.0, 0);
+        let (mut log_determinant, mut shared, mut first_echo) = (0.0, 0.0, 0);
         for places_mm in self.places_mm.chunks(BLOCK) {
             let count = places_mm.len();
             let alike = |i: usize, j: usize| {
@@ -121,9 +122,9 @@ impl Sequence {
             shared += covariance.sum();
             let factor = covariance.cholesky()?;
             log_determinant += 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
-            let block = self.rows.rows(from, count).into_owned();
+            let block = self.rows.rows(first_echo, count).into_owned();
             products += block.transpose() * factor.solve(&block);
-            from += count;
+            first_echo += count;
         }
         let normal = products.view((0, 0), (columns, columns)).into_owned().cholesky()?;
         let right: DVector<f64> = products.view((0, columns), (columns, 1)).column(0).into_owned();
@@ -139,18 +140,18 @@ impl Sequence {
     }
 }
 
-/// What follows for all sequences together, each with a curve of its own.
+/// Fit of all sequences together, each with a curve of its own.
 fn assumed(sequences: &[Sequence], width_mm: f64, share: f64) -> Option<Assumed> {
-    let mut all = Assumed::default();
+    let mut total = Assumed::default();
     for sequence in sequences {
-        let one = sequence.fitted(width_mm, share)?;
-        all.log_determinant += one.log_determinant;
-        all.squares += one.squares;
-        all.freedom += one.freedom;
-        all.shared += one.shared;
-        all.frames += one.frames;
+        let sequence_fit = sequence.fitted(width_mm, share)?;
+        total.log_determinant += sequence_fit.log_determinant;
+        total.squares += sequence_fit.squares;
+        total.freedom += sequence_fit.freedom;
+        total.shared += sequence_fit.shared;
+        total.frames += sequence_fit.frames;
     }
-    (all.frames > 0 && all.log_likelihood().is_finite()).then_some(all)
+    (total.frames > 0 && total.log_likelihood().is_finite()).then_some(total)
 }
 
 #[cfg(test)]
@@ -203,16 +204,16 @@ mod tests {
                     .enumerate()
                     .map(|(number, error)| {
                         let z_mm = 30.0 + STEP_MM * number as f64;
-                        let across_mm = 5.0 + 1.2 * (-z_mm / 28.0).exp() * (z_mm / 28.0).cos() + error;
-                        Echo { across_mm: [across_mm, 0.0], z_mm, sd_mm: [SD_MM; 2], score: 3.0 }
+                        let echo_mm = 5.0 + 1.2 * (-z_mm / 28.0).exp() * (z_mm / 28.0).cos() + error;
+                        Echo { across_mm: [echo_mm, 0.0], z_mm, sd_mm: [SD_MM; 2], score: 3.0 }
                     })
                     .collect();
                 (errors, echoes)
             };
-            let all: Vec<_> = (0..together).map(|_| sequence()).collect();
-            let echoes: Vec<&[Echo]> = all.iter().map(|(_, echoes)| echoes.as_slice()).collect();
+            let sequences: Vec<_> = (0..together).map(|_| sequence()).collect();
+            let echoes: Vec<&[Echo]> = sequences.iter().map(|(_, echoes)| echoes.as_slice()).collect();
             let noise = Noise::of_all(&echoes, 0).expect("enough frames");
-            let (errors, _) = &all[0];
+            let (errors, _) = &sequences[0];
             let weight = |number: usize| (number as f64 / count as f64 * std::f64::consts::PI).sin();
             let error: f64 = errors.iter().enumerate().map(|(number, error)| weight(number) * error).sum();
             let squares: f64 = (0..count).map(|number| weight(number).powi(2)).sum();
@@ -272,8 +273,8 @@ mod tests {
     fn a_short_sequence_beside_a_long_one_changes_nothing() {
         let mut random = ChaCha8Rng::seed_from_u64(20);
         let mut echo = |number: usize| {
-            let across_mm = [5.0 + SD_MM * normal(&mut random), 0.0];
-            Echo { across_mm, z_mm: 30.0 + STEP_MM * number as f64, sd_mm: [SD_MM; 2], score: 3.0 }
+            let echo_mm = [5.0 + SD_MM * normal(&mut random), 0.0];
+            Echo { across_mm: echo_mm, z_mm: 30.0 + STEP_MM * number as f64, sd_mm: [SD_MM; 2], score: 3.0 }
         };
         let long: Vec<Echo> = (0..60).map(&mut echo).collect();
         assert_eq!(Noise::of_all(&[&long, &long[..3]], 0), Noise::of(&long, 0));

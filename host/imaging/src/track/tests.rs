@@ -9,9 +9,9 @@ fn sweep(random: &mut ChaCha8Rng) -> Vec<Vec<Echo>> {
     (0..50)
         .map(|frame| {
             let z_mm = f64::from(frame);
-            let mut across_mm = needle(z_mm);
-            across_mm.iter_mut().for_each(|value| *value += 0.02 * (random.random_range(0.0..1.0) - 0.5));
-            vec![Echo { across_mm, z_mm, sd_mm: [0.01; 2], score: 3.0 }]
+            let mut needle_mm = needle(z_mm);
+            needle_mm.iter_mut().for_each(|value| *value += 0.02 * (random.random_range(0.0..1.0) - 0.5));
+            vec![Echo { across_mm: needle_mm, z_mm, sd_mm: [0.01; 2], score: 3.0 }]
         })
         .collect()
 }
@@ -22,19 +22,20 @@ fn clutter_brighter_than_the_needle_is_not_followed() {
     let mut frames = sweep(&mut random);
     for echoes in &mut frames {
         for _ in 0..8 {
-            let across_mm = [random.random_range(-8.0..8.0), random.random_range(-30.0..-10.0)];
-            echoes.push(Echo { across_mm, score: 5.0, ..echoes[0] });
+            let clutter_mm = [random.random_range(-8.0..8.0), random.random_range(-30.0..-10.0)];
+            echoes.push(Echo { across_mm: clutter_mm, score: 5.0, ..echoes[0] });
         }
         echoes.reverse();
     }
     let track = follow(&frames, 0).expect("a needle");
     for (echoes, decision) in frames.iter().zip(&track.decisions) {
         let Decision::Used { echo } = decision else { continue };
-        let at_mm = needle(echoes[*echo].z_mm);
-        assert!(distance(&echoes[*echo], at_mm) < 0.05, "{:?}", echoes[*echo]);
+        let needle_mm = needle(echoes[*echo].z_mm);
+        assert!(distance(&echoes[*echo], needle_mm) < 0.05, "{:?}", echoes[*echo]);
     }
-    let used = track.decisions.iter().filter(|decision| matches!(decision, Decision::Used { .. })).count();
-    assert!(used >= 45, "{used}");
+    let used_count =
+        track.decisions.iter().filter(|decision| matches!(decision, Decision::Used { .. })).count();
+    assert!(used_count >= 45, "{used_count}");
 }
 
 /// As in frames of tissue whose speckle is about as bright as the needle. With three echoes drawn, all of the needle in one of some thousands of
@@ -47,13 +48,18 @@ fn a_needle_among_twenty_echoes_of_each_frame_is_found_in_every_sequence() {
         for echoes in &mut frames {
             echoes[0].score = random.random_range(1.5..2.0);
             for _ in 0..19 {
-                let across_mm = [random.random_range(-8.0..8.0), random.random_range(-30.0..-10.0)];
-                echoes.push(Echo { across_mm, score: random.random_range(1.0..2.0), ..echoes[0] });
+                let clutter_mm = [random.random_range(-8.0..8.0), random.random_range(-30.0..-10.0)];
+                echoes.push(Echo {
+                    across_mm: clutter_mm,
+                    score: random.random_range(1.0..2.0),
+                    ..echoes[0]
+                });
             }
         }
         let track = follow(&frames, 0).unwrap_or_else(|error| panic!("sequence {seed}: {error}"));
-        let used = track.decisions.iter().filter(|decision| matches!(decision, Decision::Used { echo: 0 }));
-        assert!(used.count() >= 40, "sequence {seed}");
+        let used_frames =
+            track.decisions.iter().filter(|decision| matches!(decision, Decision::Used { echo: 0 }));
+        assert!(used_frames.count() >= 40, "sequence {seed}");
     }
 }
 
@@ -89,8 +95,8 @@ fn noise_without_a_needle_has_no_track() {
     let mut random = ChaCha8Rng::seed_from_u64(8);
     let frames: Vec<Vec<Echo>> = (0..60)
         .map(|frame| {
-            let across_mm = [random.random_range(-10.0..10.0), random.random_range(-30.0..-5.0)];
-            vec![Echo { across_mm, z_mm: f64::from(frame), sd_mm: [0.01; 2], score: 2.0 }]
+            let clutter_mm = [random.random_range(-10.0..10.0), random.random_range(-30.0..-5.0)];
+            vec![Echo { across_mm: clutter_mm, z_mm: f64::from(frame), sd_mm: [0.01; 2], score: 2.0 }]
         })
         .collect();
     assert!(matches!(follow(&frames, 0), Err(TrackError::NoNeedle { .. })));

@@ -1,4 +1,4 @@
-//! What each workflow could do with a session: its own first check of every run, without a fit.
+//! Abilities of each workflow with a session: its own first check of every run, without a fit.
 
 use super::{Capability, Skipped};
 use diagnose::{DiagnoseError, data_split};
@@ -14,9 +14,9 @@ const MIN_BINS: usize = 3;
 
 /// The workflows, in the order in which they are used.
 pub fn of(session: &Session) -> Vec<Capability> {
-    let mut all = vec![identify(session), predict(session), track(session), diagnose(session)];
+    let mut abilities = vec![identify(session), predict(session), track(session), diagnose(session)];
     let able: Vec<String> =
-        all.iter().filter(|ability| ability.usable).map(|ability| ability.command.to_owned()).collect();
+        abilities.iter().filter(|ability| ability.usable).map(|ability| ability.command.to_owned()).collect();
     let mut report = Capability::new("report");
     report.usable = !able.is_empty();
     if able.is_empty() {
@@ -24,8 +24,8 @@ pub fn of(session: &Session) -> Vec<Capability> {
     } else {
         report.remarks.push(format!("includes {}", able.join(", ")));
     }
-    all.push(report);
-    all
+    abilities.push(report);
+    abilities
 }
 
 impl Capability {
@@ -82,7 +82,7 @@ fn predict(session: &Session) -> Capability {
         ability.lacks("no [[insertion]]".to_owned());
     }
     // The first and last depth up to which every insertion can be observed.
-    let (mut from_mm, mut to_mm) = (MIN_UNTIL_MM, f64::INFINITY);
+    let (mut from_depth_mm, mut to_depth_mm) = (MIN_UNTIL_MM, f64::INFINITY);
     for run in &session.insertion {
         let path = match TipPath::new(run) {
             Ok(path) => path,
@@ -92,19 +92,19 @@ fn predict(session: &Session) -> Capability {
             }
         };
         let Some(begins) = path.bins.get(MIN_BINS - 1) else {
-            let found = path.bins.len();
-            ability.skips(&run.id, format!("{found} depths, expected {MIN_BINS} or more"));
+            let bin_count = path.bins.len();
+            ability.skips(&run.id, format!("{bin_count} depths, expected {MIN_BINS} or more"));
             continue;
         };
-        from_mm = from_mm.max((1e3 * begins.depth_m).ceil());
-        to_mm = to_mm.min((1e3 * path.deepest_m).floor());
+        from_depth_mm = from_depth_mm.max((1e3 * begins.depth_m).ceil());
+        to_depth_mm = to_depth_mm.min((1e3 * path.deepest_m).floor());
         ability.runs.push(run.id.clone());
     }
     ability.usable = !ability.runs.is_empty();
-    if ability.usable && from_mm < to_mm {
+    if ability.usable && from_depth_mm < to_depth_mm {
         ability.remarks.push(format!(
-            "--until {from_mm:.0} to {:.0} mm leaves something to compare with in every insertion",
-            (to_mm - 1.0).max(from_mm)
+            "--until {from_depth_mm:.0} to {:.0} mm leaves something to compare with in every insertion",
+            (to_depth_mm - 1.0).max(from_depth_mm)
         ));
     } else if ability.usable {
         ability.remarks.push("the insertions have no depth in common for --until".to_owned());

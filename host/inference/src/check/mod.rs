@@ -1,5 +1,5 @@
-//! Whether a session is right, and what can be done with it: every fault of every file, what can be read but is suspect, and
-//! which workflow can use which run. Nothing is fitted.
+//! Whether a session is right, and what can be done with it: every fault of every file, what can be read but is
+//! suspect, and which workflow can use which run. There is no fit.
 
 mod capabilities;
 
@@ -13,7 +13,7 @@ use suspicions;
 /// Version of the result.
 const SCHEMA: &str = "guide.check/2";
 
-/// What a workflow could do with the session.
+/// Ability of a workflow with the session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Capability {
     /// The sub-command of `guide`.
@@ -50,7 +50,7 @@ pub struct Check {
     pub empty: bool,
     /// Errors first.
     pub findings: Vec<Finding>,
-    /// What each command would be able to do, with what could be read.
+    /// Abilities of each command, with the content that could be read.
     pub abilities: Vec<Capability>,
 }
 

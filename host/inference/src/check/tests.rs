@@ -12,11 +12,11 @@ fn example() -> TempDir {
     let plan = folder.path().join("plan.toml");
     fs::write(&plan, template::EXAMPLE_PLAN).expect("written");
     let setup = Setup::read(&plan).expect("a rig");
-    let made = SimulationPlan::read(&plan, None)
+    let simulated = SimulationPlan::read(&plan, None)
         .expect("a plan")
         .carry_out(&setup.rig, Sensors::new(&setup.noise), 1)
         .expect("simulated");
-    made.write(&mut SessionWriter::open(folder.path(), &setup).expect("a session")).expect("written");
+    simulated.write(&mut SessionWriter::open(folder.path(), &setup).expect("a session")).expect("written");
     folder
 }
 
@@ -33,11 +33,11 @@ fn ability(check: &Check, command: &str) -> Capability {
 /// The example's findings after a file of it has been changed; the file is put back.
 fn changed(folder: &TempDir, file: &str, change: impl FnOnce(String) -> String) -> Vec<String> {
     let path = folder.path().join(file);
-    let before = fs::read_to_string(&path).expect("a file");
-    fs::write(&path, change(before.clone())).expect("written");
-    let found = findings(folder);
-    fs::write(&path, before).expect("written");
-    found
+    let original = fs::read_to_string(&path).expect("a file");
+    fs::write(&path, change(original.clone())).expect("written");
+    let reported = findings(folder);
+    fs::write(&path, original).expect("written");
+    reported
 }
 
 /// A table with one column times a factor, plus something.
@@ -45,42 +45,42 @@ fn column(text: &str, name: &str, change: impl Fn(f64) -> f64) -> String {
     let mut lines = text.lines();
     let header = lines.next().expect("a header");
     let index = header.split(',').position(|column| column == name).expect("the column");
-    let mut out = format!("{header}\n");
+    let mut csv = format!("{header}\n");
     for line in lines {
         let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
         cells[index] = format!("{:.12}", change(cells[index].parse().expect("a number")));
-        out += &(cells.join(",") + "\n");
+        csv += &(cells.join(",") + "\n");
     }
-    out
+    csv
 }
 
 #[test]
 fn the_example_is_right_and_of_use() {
     let folder = example();
-    let found = check(folder.path());
-    assert!(found.usable && !found.empty, "{found:?}");
-    assert_eq!(found.findings, []);
+    let report = check(folder.path());
+    assert!(report.usable && !report.empty, "{report:?}");
+    assert_eq!(report.findings, []);
     for (command, runs) in [("identify", 4), ("predict", 4), ("diagnose", 8)] {
-        let ability = ability(&found, command);
+        let ability = ability(&report, command);
         assert!(ability.usable && ability.skipped.is_empty(), "{ability:?}");
         assert_eq!(ability.runs.len(), runs, "{command}");
     }
-    let track = ability(&found, "track");
+    let track = ability(&report, "track");
     assert!(!track.usable && track.skipped[0].reason.contains("no [[steering]]"), "{track:?}");
-    assert!(ability(&found, "predict").remarks[0].contains("--until 5 to 99 mm"));
-    assert!(ability(&found, "diagnose").remarks[0].contains("d20-2, d40-2"));
-    assert!(ability(&found, "report").remarks[0].contains("identify, predict, diagnose"));
+    assert!(ability(&report, "predict").remarks[0].contains("--until 5 to 99 mm"));
+    assert!(ability(&report, "diagnose").remarks[0].contains("d20-2, d40-2"));
+    assert!(ability(&report, "report").remarks[0].contains("identify, predict, diagnose"));
 }
 
 #[test]
 fn a_template_is_valid_and_empty_and_nothing_is_not() {
     let folder = tempdir().expect("a folder");
-    let nothing = check(folder.path());
-    assert!(!nothing.usable && nothing.errors() == 1 && nothing.abilities.is_empty());
+    let empty_report = check(folder.path());
+    assert!(!empty_report.usable && empty_report.errors() == 1 && empty_report.abilities.is_empty());
     fs::write(folder.path().join("session.toml"), template::SESSION).expect("written");
-    let found = check(folder.path());
-    assert!(found.usable && found.empty && found.findings.is_empty(), "{found:?}");
-    assert!(found.abilities.iter().all(|ability| !ability.usable));
+    let report = check(folder.path());
+    assert!(report.usable && report.empty && report.findings.is_empty(), "{report:?}");
+    assert!(report.abilities.iter().all(|ability| !ability.usable));
 }
 
 #[test]
@@ -88,14 +88,14 @@ fn every_error_is_reported_with_its_place() {
     let folder = example();
     fs::write(folder.path().join("i2.csv"), "depth_mm,tip_y_mm\n1,x\n").expect("written");
     fs::remove_file(folder.path().join("i3.csv")).expect("removed");
-    let found = check(folder.path());
-    assert!(!found.usable && found.errors() == 2);
-    let first = &found.findings[0];
+    let report = check(folder.path());
+    assert!(!report.usable && report.errors() == 2);
+    let first = &report.findings[0];
     assert_eq!((first.line, first.column), (Some(2), Some(3)));
     assert_eq!(first.what, "tip_y_mm: \"x\" is not a number");
     assert_eq!(first.expected.as_deref(), Some("a number from -200 to 200"));
     assert!(findings(&folder)[1].contains(": insertion.path: cannot read i3.csv: "));
-    assert_eq!(ability(&found, "predict").runs, ["i1", "i4"]);
+    assert_eq!(ability(&report, "predict").runs, ["i1", "i4"]);
 }
 
 #[test]
@@ -113,22 +113,22 @@ fn units_that_are_mixed_up_are_suspected() {
         ("i1.csv", "depth_mm", 1e-3, "i1.csv: depth_mm: 0.1 at most, expected millimetres"),
         ("i1.csv", "tip_y_mm", 1e-3, "i1.csv: tip_y_mm: 0.00"),
     ] {
-        let found = changed(&folder, file, |text| {
+        let reported = changed(&folder, file, |text| {
             let text = column(&text, name, |value| factor * value);
             // Who mixes up units does so in both planes.
-            let other = name.replace("_y_", "_x_");
-            if other == name { text } else { column(&text, &other, |value| factor * value) }
+            let x_name = name.replace("_y_", "_x_");
+            if x_name == name { text } else { column(&text, &x_name, |value| factor * value) }
         });
-        assert!(found.iter().any(|line| line.contains(expected)), "{name} x {factor}: {found:#?}");
+        assert!(reported.iter().any(|line| line.contains(expected)), "{name} x {factor}: {reported:#?}");
     }
     for (file, name, plus, expected) in [
         ("d20-1.shape.csv", "z_mm", -70.0, "expected positions from guide 1: are these from the surface?"),
         ("d20-1.shape.csv", "z_mm", 10.0, "is beyond the tip at 90.0"),
         ("i1.csv", "tip_y_mm", 150.0, "expected distances from the straight needle's line"),
     ] {
-        let change = |text: String| column(&text, name, |value| (plus + value).max(0.0));
-        let found = changed(&folder, file, change);
-        assert!(found.iter().any(|line| line.contains(expected)), "{name} + {plus}: {found:#?}");
+        let reported =
+            changed(&folder, file, |text: String| column(&text, name, |value| (plus + value).max(0.0)));
+        assert!(reported.iter().any(|line| line.contains(expected)), "{name} + {plus}: {reported:#?}");
     }
 }
 
@@ -145,11 +145,11 @@ fn what_the_session_file_states_is_checked() {
         ("d20-2.force.csv", "d20-1.force.csv", "d20-1.force.csv: used by d20-1 and d20-2"),
         ("depth_mm = 20.0", "depth_mm = 2.0", "lateral.depth_mm: 2 in run d20-1"),
     ] {
-        let found = changed(&folder, "session.toml", |text| {
+        let reported = changed(&folder, "session.toml", |text| {
             assert!(text.contains(from), "{text}");
             text.replacen(from, to, 1)
         });
-        assert!(found.iter().any(|line| line.contains(expected)), "{expected}: {found:#?}");
+        assert!(reported.iter().any(|line| line.contains(expected)), "{expected}: {reported:#?}");
     }
     let mixed = changed(&folder, "session.toml", |text| {
         let crc = |crc: &str| format!("calibration_crc = \"{crc}\"\nid = ");
@@ -163,17 +163,21 @@ fn what_the_session_file_states_is_checked() {
 fn gaps_are_reported() {
     let folder = example();
     let cut = |text: String, out: std::ops::Range<usize>| -> String {
-        let kept = text.lines().enumerate().filter(|(line, _)| !out.contains(line));
-        kept.map(|(_, line)| format!("{line}\n")).collect()
+        let kept_lines = text.lines().enumerate().filter(|(line, _)| !out.contains(line));
+        kept_lines.map(|(_, line)| format!("{line}\n")).collect()
     };
-    let found = changed(&folder, "d20-1.force.csv", |text| cut(text, 100..130));
-    assert!(found[0].starts_with("d20-1.force.csv: time_s: no rows from 4.90 to 6.45 s"), "{found:#?}");
-    let found = changed(&folder, "d20-1.force.csv", |text| column(&text, "lost_before", |value| value + 1.0));
-    assert!(found[0].contains("samples are missing"), "{found:#?}");
-    let found = changed(&folder, "i1.csv", |text| cut(text, 61..121));
-    assert!(found[0].starts_with("i1.csv: depth_mm: no rows from"), "{found:#?}");
-    let found = changed(&folder, "i1.csv", |text| text + &"1,20,0,10000\n".repeat(100));
-    assert!(found[0].contains("rows are before the surface, drawn back, or misread"), "{found:#?}");
+    let lost_rows = changed(&folder, "d20-1.force.csv", |text| cut(text, 100..130));
+    assert!(
+        lost_rows[0].starts_with("d20-1.force.csv: time_s: no rows from 4.90 to 6.45 s"),
+        "{lost_rows:#?}"
+    );
+    let lost_samples =
+        changed(&folder, "d20-1.force.csv", |text| column(&text, "lost_before", |value| value + 1.0));
+    assert!(lost_samples[0].contains("samples are missing"), "{lost_samples:#?}");
+    let missing_rows = changed(&folder, "i1.csv", |text| cut(text, 61..121));
+    assert!(missing_rows[0].starts_with("i1.csv: depth_mm: no rows from"), "{missing_rows:#?}");
+    let reported = changed(&folder, "i1.csv", |text| text + &"1,20,0,10000\n".repeat(100));
+    assert!(reported[0].contains("rows are before the surface, drawn back, or misread"), "{reported:#?}");
 }
 
 #[test]
@@ -189,10 +193,10 @@ fn a_run_that_is_no_use_is_named() {
     }
     run.shape(&ShapeRow { z_m: 0.08, ..ShapeRow::default() }).expect("a point");
     run.finish().expect("written");
-    let found = check(folder.path());
-    assert!(!found.usable && found.errors() == 0, "{found:#?}");
-    let identify = ability(&found, "identify");
+    let report = check(folder.path());
+    assert!(!report.usable && report.errors() == 0, "{report:#?}");
+    let identify = ability(&report, "identify");
     assert_eq!(identify.skipped[0].id.as_deref(), Some("short"));
     assert!(identify.skipped[0].reason.contains("no hold found"), "{identify:?}");
-    assert!(!ability(&found, "report").usable);
+    assert!(!ability(&report, "report").usable);
 }

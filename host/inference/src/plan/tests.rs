@@ -11,7 +11,7 @@ fn question() -> PlanInput {
         poisson_sd: 0.0,
         walls: None,
         modulus_range_pa: [16e3, 16e3],
-        // Of a mean of 18 readings: 0.1 N and 15 um.
+        // Noise of one of 18 readings, from that of their mean: 0.1 N and 15 um.
         force_sd_n: 0.1 * 18f64.sqrt(),
         displacement_sd_m: 15e-6 * 18f64.sqrt(),
         shape_sd_m: 25e-6,
@@ -49,8 +49,8 @@ fn the_worst_of_the_range_counts_and_limits_are_kept() {
     }
     let gentle = PlanInput { limits: Limits { force_n: 1.4, ..question().limits }, ..question() };
     assert_eq!(plan(&gentle).expect("a plan").best.expect("a best").depth_mm, 30.0);
-    let nothing = PlanInput { limits: Limits { force_n: 0.1, ..question().limits }, ..question() };
-    assert_eq!(plan(&nothing).expect("a plan").best, None);
+    let impossible = PlanInput { limits: Limits { force_n: 0.1, ..question().limits }, ..question() };
+    assert_eq!(plan(&impossible).expect("a plan").best, None);
 }
 
 /// Without tissue guide 2 bends a cantilever of its own length: a moment of `3 EI u / L^2` at the clamp.
@@ -58,8 +58,8 @@ fn the_worst_of_the_range_counts_and_limits_are_kept() {
 fn needle_strain_is_that_of_a_cantilever_where_there_is_no_tissue() {
     let air = PlanInput { modulus_range_pa: [10.0, 10.0], force_sd_n: 1e-9, ..question() };
     let expected = 100.0 * 0.5 * Needle::gauge_18().outer_diameter_m * 3.0 * 1.2e-3 / 0.06f64.powi(2);
-    let found = plan(&air).expect("air is a foundation too").choices[0].needle_strain_percent;
-    assert!((found / expected - 1.0).abs() < 5e-3, "{found} {expected}");
+    let choice = plan(&air).expect("air is a foundation too").choices[0].needle_strain_percent;
+    assert!((choice / expected - 1.0).abs() < 5e-3, "{choice} {expected}");
 }
 
 #[test]
@@ -81,11 +81,11 @@ fn readings_average_and_an_unknown_zero_widens() {
     // Four times the readings halve what comes from force and displacement; the shape stays.
     let longer = width(&PlanInput { hold_s: 0.1 + 4.0 * 0.9, ..question() });
     assert!((0.5..0.9).contains(&(longer / plain)), "{longer} {plain}");
-    // What a hold at zero displacement measures takes the place of what a tare leaves, 0.01 N: the mean of a hold is known as well
-    // here, five times better with a quiet sensor, and five times worse with a noisy one.
+    // The measured force of a hold at zero displacement replaces the uncertainty after a tare, 0.01 N: the mean of a
+    // hold is known as well here, five times better with a quiet sensor, and five times worse with a noisy one.
     let zero_helps = |force_sd_n: f64| {
-        let of = |levels: Vec<f64>| width(&PlanInput { force_sd_n, levels, ..question() });
-        of(vec![0.0, 1.0]) / of(vec![1.0])
+        let width_of = |levels: Vec<f64>| width(&PlanInput { force_sd_n, levels, ..question() });
+        width_of(vec![0.0, 1.0]) / width_of(vec![1.0])
     };
     let mean_of_hold = 18f64.sqrt();
     assert!((0.95..1.08).contains(&zero_helps(0.01 * mean_of_hold)), "{}", zero_helps(0.01 * mean_of_hold));
@@ -167,15 +167,15 @@ fn a_prior_narrows_every_interval_as_precisions_add_up_beside_the_run_alone() {
         degrees_of_freedom: 1e6,
     };
     let sd = |percent: f64| (1e-2 * percent).ln_1p() / NORMAL_975;
-    let with = alone.clone().with_prior(&prior(0.1));
-    for (alone, with) in alone.choices.iter().zip(&with.choices) {
-        assert_eq!(alone.half_width_percent.to_bits(), with.half_width_percent.to_bits());
-        let own =
+    let with_prior = alone.clone().with_prior(&prior(0.1));
+    for (alone, with_prior) in alone.choices.iter().zip(&with_prior.choices) {
+        assert_eq!(alone.half_width_percent.to_bits(), with_prior.half_width_percent.to_bits());
+        let run_precision =
             if alone.half_width_percent.is_finite() { sd(alone.half_width_percent).powi(-2) } else { 0.0 };
-        let found = sd(with.half_width_with_prior_percent.expect("with the prior"));
-        assert!((found.powi(-2) / (own + 100.0) - 1.0).abs() < 1e-3, "sd {found}");
+        let combined_sd = sd(with_prior.half_width_with_prior_percent.expect("with the prior"));
+        assert!((combined_sd.powi(-2) / (run_precision + 100.0) - 1.0).abs() < 1e-3, "sd {combined_sd}");
     }
     let vague = alone.with_prior(&prior(10.0)).best.expect("a best");
-    let apart = vague.half_width_with_prior_percent.expect("with the prior") / vague.half_width_percent;
-    assert!((apart - 1.0).abs() < 1e-3, "ratio {apart}");
+    let width_ratio = vague.half_width_with_prior_percent.expect("with the prior") / vague.half_width_percent;
+    assert!((width_ratio - 1.0).abs() < 1e-3, "ratio {width_ratio}");
 }

@@ -1,8 +1,9 @@
 //! Insertions through one guide that rests, of a needle whose rear is not known.
 //!
-//! Nothing that is known in size then acts on the needle: any modulus explains a path with another load and another rear, and what a
-//! likelihood prefers among them is the form of the load that a model assumes (one that is constant but for its process noise), not a
-//! measurement. Modulus and gap are those assumed beforehand, and the load is that over the moduli assumed beforehand.
+//! No load of known size then acts on the needle: any modulus explains a path with another load and another rear, and
+//! what a likelihood prefers among them is the form of the load that a model assumes (one that is constant but for its
+//! process noise), not a measurement. Modulus and gap are those assumed beforehand, and the load is that over the
+//! moduli assumed beforehand.
 
 use super::Options;
 use insertion::{
@@ -33,8 +34,7 @@ pub(super) fn resting(tissue: &Tissue, paths: &[TipPath], options: &Options) -> 
         true => paths[other].moves_guide2(options.until_m),
         false => options.learn && paths[other].moves_guide2(f64::INFINITY),
     };
-    let rests = |number: usize| is_open && !(0..paths.len()).any(|other| moves(number, other));
-    (0..paths.len()).map(rests).collect()
+    (0..paths.len()).map(|number| is_open && !(0..paths.len()).any(|other| moves(number, other))).collect()
 }
 
 impl AtRest {
@@ -43,16 +43,21 @@ impl AtRest {
     /// # Errors
     /// As [`Candidates::new`].
     pub fn new(tissue: &Tissue, paths: &[TipPath], last_m: f64) -> Result<Self, ModelError> {
-        let of_modulus = |(sds, weight): (f64, f64)| {
-            let mut held = tissue.clone();
-            held.model.foundation = held.model.foundation.scaled((sds * tissue.modulus_sd_ln).exp())?;
-            held.modulus_sd_ln = HELD_LN;
-            Ok((weight, Candidates::new(&held, paths, last_m)?))
-        };
-        Ok(Self { of_moduli: POINTS.into_iter().map(of_modulus).collect::<Result<_, ModelError>>()? })
+        Ok(Self {
+            of_moduli: POINTS
+                .into_iter()
+                .map(|(sds, weight)| {
+                    let mut fixed_tissue = tissue.clone();
+                    fixed_tissue.model.foundation =
+                        fixed_tissue.model.foundation.scaled((sds * tissue.modulus_sd_ln).exp())?;
+                    fixed_tissue.modulus_sd_ln = HELD_LN;
+                    Ok((weight, Candidates::new(&fixed_tissue, paths, last_m)?))
+                })
+                .collect::<Result<_, ModelError>>()?,
+        })
     }
 
-    /// What is known of one insertion under each modulus, with the weight of that.
+    /// Posterior of one insertion under each modulus, with its weight.
     ///
     /// # Errors
     /// [`PathError::Unexplained`] where a modulus explains it with no likelihood.
@@ -63,7 +68,7 @@ impl AtRest {
         number: usize,
         noise: ReadingNoise,
     ) -> Result<OfModuli<'_>, PathError> {
-        let mut all = Vec::new();
+        let mut candidate_posteriors = Vec::new();
         for (weight, candidates) in &self.of_moduli {
             let learned: Learned = learn_from(candidates, known, earlier, number, noise, None);
             let mut posterior = Posterior::new(candidates, &learned);
@@ -71,25 +76,25 @@ impl AtRest {
             if !posterior.is_sound() {
                 return Err(PathError::Unexplained);
             }
-            all.push((*weight, posterior));
+            candidate_posteriors.push((*weight, posterior));
         }
-        Ok(all)
+        Ok(candidate_posteriors)
     }
 }
 
-/// What is known of an insertion under each of a few moduli, from the softest to the stiffest, with their weights.
+/// Posteriors of an insertion under each of a few moduli, from the softest to the stiffest, with their weights.
 pub(super) type OfModuli<'a> = Vec<(f64, Posterior<'a>)>;
 
 /// Tip load of one insertion at each depth, per plane, over the moduli assumed beforehand.
 pub(super) fn load_n(of_moduli: &OfModuli<'_>, depths_m: &[f64]) -> Vec<Vec<Moments>> {
     let mut sums: Vec<Vec<Moments>> = Vec::new();
     for (weight, posterior) in of_moduli {
-        let found = posterior.load_n(depths_m);
+        let mean_load = posterior.load_n(depths_m);
         if sums.is_empty() {
-            sums = found.iter().map(|planes| vec![Moments::default(); planes.len()]).collect();
+            sums = mean_load.iter().map(|planes| vec![Moments::default(); planes.len()]).collect();
         }
         // Until all are there: mean and mean square.
-        for (sum, one) in sums.iter_mut().flatten().zip(found.iter().flatten()) {
+        for (sum, one) in sums.iter_mut().flatten().zip(mean_load.iter().flatten()) {
             sum.mean += weight * one.mean;
             sum.sd += weight * (one.mean * one.mean + one.sd * one.sd);
         }
@@ -109,15 +114,19 @@ pub(super) fn draw_loads(
     depths_m: &[f64],
 ) -> Vec<Vec<Vec<f64>>> {
     let normal = Normal::standard();
-    let stands_for = |standard: &f64| {
-        let mut left = normal.cdf(*standard);
-        let reaches = |(weight, _): &(f64, Posterior<'_>)| {
-            left -= weight;
-            left < 0.0
-        };
-        of_moduli.iter().position(reaches).unwrap_or(of_moduli.len().saturating_sub(1))
-    };
-    let moduli: Vec<usize> = standard.iter().map(stands_for).collect();
+    let moduli: Vec<usize> = standard
+        .iter()
+        .map(|standard| {
+            let mut remaining_probability = normal.cdf(*standard);
+            of_moduli
+                .iter()
+                .position(|(weight, _)| {
+                    remaining_probability -= weight;
+                    remaining_probability < 0.0
+                })
+                .unwrap_or(of_moduli.len().saturating_sub(1))
+        })
+        .collect();
     let mut of_each: Vec<_> = of_moduli
         .iter()
         .enumerate()
@@ -126,6 +135,5 @@ pub(super) fn draw_loads(
             posterior.draws(count, random, &[], depths_m).into_iter()
         })
         .collect();
-    let next = |modulus: &usize| of_each.get_mut(*modulus)?.next().map(|path| path.load_n);
-    moduli.iter().filter_map(next).collect()
+    moduli.iter().filter_map(|modulus| of_each.get_mut(*modulus)?.next().map(|path| path.load_n)).collect()
 }

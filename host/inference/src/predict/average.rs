@@ -22,50 +22,65 @@ type Part = (f64, f64, f64);
 /// Predicts by the model of the options and by the others, and averages.
 pub(super) fn predict(session: &Session, options: &Options) -> Result<Prediction, PredictError> {
     let alone = Options { others: Vec::new(), ..options.clone() };
-    let others = different(options);
-    let Some(left) = others.as_slice().first().map(|_| 1.0 - sum(&others)) else {
+    let other_models = different(options);
+    let Some(own_weight) = other_models.as_slice().first().map(|_| 1.0 - sum(&other_models)) else {
         return predict_by_one(session, &alone);
     };
-    let of_other = |other: &OtherModel| {
-        let effects = other.effects.clone();
-        predict_by_one(session, &Options { effects, modulus_pa: other.modulus_pa, ..alone.clone() })
-    };
-    let (own, found): (_, Vec<_>) =
-        rayon::join(|| predict_by_one(session, &alone), || others.par_iter().map(of_other).collect());
-    let mut own = own?;
-    let mut parts = Vec::new();
-    for (other, result) in others.iter().zip(found) {
+    let (own_prediction, other_predictions): (_, Vec<_>) = rayon::join(
+        || predict_by_one(session, &alone),
+        || {
+            other_models
+                .par_iter()
+                .map(|other| {
+                    let effects = other.effects.clone();
+                    predict_by_one(
+                        session,
+                        &Options { effects, modulus_pa: other.modulus_pa, ..alone.clone() },
+                    )
+                })
+                .collect()
+        },
+    );
+    let mut combined = own_prediction?;
+    let mut weighted_results = Vec::new();
+    for (other, result) in other_models.iter().zip(other_predictions) {
         match result {
-            Ok(result) => parts.push((other.probability, result)),
+            Ok(result) => weighted_results.push((other.probability, result)),
             Err(why) => {
-                own.warnings.push(format!("the model with {} is skipped: {why}", names(&other.effects)));
+                combined.warnings.push(format!("the model with {} is skipped: {why}", names(&other.effects)));
             }
         }
     }
     let ids = |effects: &Effects| effects.iter().map(|(of, _)| of.id().to_owned()).collect();
-    own.models = std::iter::once((left, &options.effects))
-        .chain(others.iter().map(|other| (other.probability, &other.effects)))
+    combined.models = std::iter::once((own_weight, &options.effects))
+        .chain(other_models.iter().map(|other| (other.probability, &other.effects)))
         .map(|(probability, effects)| ModelResult { effects: ids(effects), probability })
         .collect();
-    for one in own.insertions.iter_mut().filter(|one| one.error.is_none()) {
-        let same = |(weight, result): &(f64, Prediction)| {
-            let found = result.insertions.iter().find(|other| other.id == one.id && other.error.is_none())?;
-            Some((*weight, found.clone()))
-        };
-        let beside: Vec<(f64, InsertionResult)> = parts.iter().filter_map(same).collect();
-        average(one, left, &beside);
+    for one in combined.insertions.iter_mut().filter(|one| one.error.is_none()) {
+        let same_insertions: Vec<(f64, InsertionResult)> = weighted_results
+            .iter()
+            .filter_map(|(weight, result)| {
+                let other_insertion =
+                    result.insertions.iter().find(|other| other.id == one.id && other.error.is_none())?;
+                Some((*weight, other_insertion.clone()))
+            })
+            .collect();
+        average(one, own_weight, &same_insertions);
     }
-    if let Some(draws) = &mut own.draws {
-        let others: Vec<(f64, &Draws)> =
-            parts.iter().filter_map(|(weight, result)| Some((*weight, result.draws.as_ref()?))).collect();
-        draws.mixed_with(&others);
-        let names = own.models.iter().enumerate().map(|(number, model)| match model.effects.as_slice() {
-            [] => format!("{number}: no effects"),
-            effects => format!("{number}: {}", effects.join(" with ")),
-        });
+    if let Some(draws) = &mut combined.draws {
+        let weighted_draws: Vec<(f64, &Draws)> = weighted_results
+            .iter()
+            .filter_map(|(weight, result)| Some((*weight, result.draws.as_ref()?)))
+            .collect();
+        draws.mixed_with(&weighted_draws);
+        let names =
+            combined.models.iter().enumerate().map(|(number, model)| match model.effects.as_slice() {
+                [] => format!("{number}: no effects"),
+                effects => format!("{number}: {}", effects.join(" with ")),
+            });
         draws.attribute("models", names.collect::<Vec<_>>().join("; "));
     }
-    Ok(own)
+    Ok(combined)
 }
 
 fn names(effects: &Effects) -> String {
@@ -82,25 +97,28 @@ fn sum(others: &[OtherModel]) -> f64 {
 /// The other models that predict something else: what differs only in effects that no prediction applies is the same model.
 fn different(options: &Options) -> Vec<OtherModel> {
     fn applied(effects: &Effects) -> Vec<(&'static str, &[f64])> {
-        let of = effects.iter().map(|(effect, values)| (effect.id(), values.as_slice()));
-        let mut applied: Vec<_> = of.filter(|(id, _)| !id.starts_with(TIP) && *id != YIELD).collect();
+        let by_effect = effects.iter().map(|(effect, values)| (effect.id(), values.as_slice()));
+        let mut applied: Vec<_> = by_effect.filter(|(id, _)| !id.starts_with(TIP) && *id != YIELD).collect();
         applied.sort_by_key(|(id, _)| *id);
         applied
     }
-    let own = applied(&options.effects);
-    let differs =
-        |other: &&OtherModel| applied(&other.effects) != own || other.modulus_pa != options.modulus_pa;
-    options.others.iter().filter(differs).cloned().collect()
+    let own_effects = applied(&options.effects);
+    options
+        .others
+        .iter()
+        .filter(|other| applied(&other.effects) != own_effects || other.modulus_pa != options.modulus_pa)
+        .cloned()
+        .collect()
 }
 
 /// One insertion as all models have it.
 fn average(own: &mut InsertionResult, weight: f64, others: &[(f64, InsertionResult)]) {
-    let all: Vec<(f64, InsertionResult)> =
+    let all_results: Vec<(f64, InsertionResult)> =
         std::iter::once((weight, own.clone())).chain(others.iter().cloned()).collect();
     let scalar = |value: fn(&InsertionResult) -> Option<f64>, sd: fn(&InsertionResult) -> Option<f64>| {
-        let parts: Option<Vec<Part>> =
-            all.iter().map(|(weight, one)| Some((*weight, value(one)?, sd(one)?))).collect();
-        parts.map(|parts| (moments(&parts), mixture_interval(&parts)))
+        let weighted_values: Option<Vec<Part>> =
+            all_results.iter().map(|(weight, one)| Some((*weight, value(one)?, sd(one)?))).collect();
+        weighted_values.map(|weighted_values| (moments(&weighted_values), mixture_interval(&weighted_values)))
     };
     if let Some(((mean, sd), ends)) = scalar(|one| one.tip_force_n, |one| one.tip_force_sd_n) {
         (own.tip_force_n, own.tip_force_sd_n, own.tip_force_ci95_n) = (Some(mean), Some(sd), ends);
@@ -108,22 +126,24 @@ fn average(own: &mut InsertionResult, weight: f64, others: &[(f64, InsertionResu
     if let Some(((mean, sd), ends)) = scalar(|one| one.tip_force_x_n, |one| one.tip_force_x_sd_n) {
         (own.tip_force_x_n, own.tip_force_x_sd_n, own.tip_force_x_ci95_n) = (Some(mean), Some(sd), ends);
     }
-    let of = |one: &InsertionResult| [one.lo95_y_mm.clone(), one.hi95_y_mm.clone()];
-    [own.tip_y_mm, own.lo95_y_mm, own.hi95_y_mm] = bands(all.iter().map(|(w, one)| (*w, of(one))));
-    let of = |one: &InsertionResult| Some([one.lo95_x_mm.clone()?, one.hi95_x_mm.clone()?]);
-    let across: Option<Vec<_>> = all.iter().map(|(weight, one)| Some((*weight, of(one)?))).collect();
-    if let Some(across) = across {
-        let [tip, low, high] = bands(across.into_iter());
+    let band_y = |one: &InsertionResult| [one.lo95_y_mm.clone(), one.hi95_y_mm.clone()];
+    [own.tip_y_mm, own.lo95_y_mm, own.hi95_y_mm] =
+        bands(all_results.iter().map(|(w, one)| (*w, band_y(one))));
+    let band_of_x = |one: &InsertionResult| Some([one.lo95_x_mm.clone()?, one.hi95_x_mm.clone()?]);
+    let weighted_paths_x: Option<Vec<_>> =
+        all_results.iter().map(|(weight, one)| Some((*weight, band_of_x(one)?))).collect();
+    if let Some(weighted_paths) = weighted_paths_x {
+        let [tip, low, high] = bands(weighted_paths.into_iter());
         (own.tip_x_mm, own.lo95_x_mm, own.hi95_x_mm) = (Some(tip), Some(low), Some(high));
     }
-    own.load_y = loads(all.iter().map(|(weight, one)| (*weight, &one.load_y)));
-    let across: Option<Vec<_>> =
-        all.iter().map(|(weight, one)| Some((*weight, one.load_x.as_ref()?))).collect();
-    own.load_x = across.map(|planes| loads(planes.into_iter()));
-    let beside: Option<Vec<_>> =
-        all.iter().map(|(weight, one)| Some((*weight, one.learned.as_ref()?))).collect();
-    if let (Some(learned), Some(beside)) = (own.learned.as_mut(), beside) {
-        of_tissue(learned, &beside);
+    own.load_y = loads(all_results.iter().map(|(weight, one)| (*weight, &one.load_y)));
+    let weighted_loads: Option<Vec<_>> =
+        all_results.iter().map(|(weight, one)| Some((*weight, one.load_x.as_ref()?))).collect();
+    own.load_x = weighted_loads.map(|planes| loads(planes.into_iter()));
+    let weighted_insertions: Option<Vec<_>> =
+        all_results.iter().map(|(weight, one)| Some((*weight, one.learned.as_ref()?))).collect();
+    if let (Some(learned), Some(weighted_learned)) = (own.learned.as_mut(), weighted_insertions) {
+        of_tissue(learned, &weighted_learned);
     }
     let measured = Measured {
         until_mm: own.identified_until_mm,
@@ -131,8 +151,8 @@ fn average(own: &mut InsertionResult, weight: f64, others: &[(f64, InsertionResu
         x_mm: own.measured_x_mm.as_deref(),
     };
     (own.mae_mm, own.last_error_mm) = measured.errors(&own.tip_y_mm, own.tip_x_mm.as_deref());
-    let across = own.lo95_x_mm.as_deref().zip(own.hi95_x_mm.as_deref());
-    [own.band_readings, own.band_held] = measured.held([&own.lo95_y_mm, &own.hi95_y_mm], across);
+    let band_x = own.lo95_x_mm.as_deref().zip(own.hi95_x_mm.as_deref());
+    [own.band_readings, own.band_held] = measured.held([&own.lo95_y_mm, &own.hi95_y_mm], band_x);
     for warning in others.iter().flat_map(|(_, one)| &one.warnings) {
         if !own.warnings.contains(warning) {
             own.warnings.push(warning.clone());
@@ -140,16 +160,20 @@ fn average(own: &mut InsertionResult, weight: f64, others: &[(f64, InsertionResu
     }
 }
 
-/// Modulus and gap: mixtures on the scale of their logarithms. What only has a bound by one of the models is left as the first has it.
+/// Modulus and gap: mixtures on the scale of their logarithms. A bound that only one of the models has stays as in the
+/// first.
 fn of_tissue(own: &mut LearnedResult, all: &[(f64, &LearnedResult)]) {
     let mixture = |of: fn(&LearnedResult) -> (f64, [f64; 2], &'static str)| {
-        let part = |(weight, learned): &(f64, &LearnedResult)| {
-            let (value, [low, high], status) = of(learned);
-            (status == "identified").then(|| (*weight, value.ln(), (high / low).ln() / (2.0 * NORMAL_975)))
-        };
-        let parts: Vec<Part> = all.iter().map(part).collect::<Option<_>>()?;
-        let ends = mixture_interval(&parts)?;
-        Some((moments(&parts).0.exp(), ends.map(f64::exp)))
+        let weighted_moments: Vec<Part> = all
+            .iter()
+            .map(|(weight, learned)| {
+                let (value, [low, high], status) = of(learned);
+                (status == "identified")
+                    .then(|| (*weight, value.ln(), (high / low).ln() / (2.0 * NORMAL_975)))
+            })
+            .collect::<Option<_>>()?;
+        let ends = mixture_interval(&weighted_moments)?;
+        Some((moments(&weighted_moments).0.exp(), ends.map(f64::exp)))
     };
     let modulus = mixture(|learned| (learned.k_kpa, learned.k_ci95_kpa, learned.k_status));
     let gap = mixture(|learned| (learned.gap_mm, learned.gap_ci95_mm, learned.gap_status));
@@ -165,39 +189,54 @@ fn of_tissue(own: &mut LearnedResult, all: &[(f64, &LearnedResult)]) {
 fn moments(parts: &[Part]) -> (f64, f64) {
     let total: f64 = parts.iter().map(|(weight, ..)| weight).sum();
     let mean = parts.iter().map(|(weight, value, _)| weight * value).sum::<f64>() / total;
-    let variance = |(weight, value, sd): &Part| weight * (sd * sd + (value - mean).powi(2));
-    (mean, (parts.iter().map(variance).sum::<f64>() / total).sqrt())
+    (
+        mean,
+        (parts.iter().map(|(weight, value, sd)| weight * (sd * sd + (value - mean).powi(2))).sum::<f64>()
+            / total)
+            .sqrt(),
+    )
 }
 
 /// Mean, and ends of the 95 % band, of mixtures at every depth, from the bands of each model.
 fn bands(all: impl Iterator<Item = (f64, [Vec<f64>; 2])>) -> [Vec<f64>; 3] {
-    let all: Vec<_> = all.collect();
-    let depths = all.iter().map(|(_, [low, high])| low.len().min(high.len())).min().unwrap_or(0);
-    let mut found: [Vec<f64>; 3] = Default::default();
+    let weighted_bands: Vec<_> = all.collect();
+    let depths = weighted_bands.iter().map(|(_, [low, high])| low.len().min(high.len())).min().unwrap_or(0);
+    let mut band_columns: [Vec<f64>; 3] = Default::default();
     for at in 0..depths {
-        let part = |(weight, [low, high]): &(f64, [Vec<f64>; 2])| {
-            (*weight, 0.5 * (low[at] + high[at]), (high[at] - low[at]) / (2.0 * NORMAL_975))
-        };
-        let parts: Vec<Part> = all.iter().map(part).collect();
-        let (mean, sd) = moments(&parts);
+        let weighted_points: Vec<Part> = weighted_bands
+            .iter()
+            .map(|(weight, [low, high])| {
+                (*weight, 0.5 * (low[at] + high[at]), (high[at] - low[at]) / (2.0 * NORMAL_975))
+            })
+            .collect();
+        let (mean, sd) = moments(&weighted_points);
         let [low, high] =
-            mixture_interval(&parts).unwrap_or([mean - NORMAL_975 * sd, mean + NORMAL_975 * sd]);
-        for (list, value) in found.iter_mut().zip([mean, low, high]) {
+            mixture_interval(&weighted_points).unwrap_or([mean - NORMAL_975 * sd, mean + NORMAL_975 * sd]);
+        for (list, value) in band_columns.iter_mut().zip([mean, low, high]) {
             list.push(value);
         }
     }
-    found
+    band_columns
 }
 
 /// Mean and standard deviation of the load at every depth.
 fn loads<'a>(all: impl Iterator<Item = (f64, &'a PlaneResult)>) -> PlaneResult {
-    let all: Vec<_> = all.collect();
-    let depths = all.iter().map(|(_, plane)| plane.force_n.len().min(plane.sd_n.len())).min().unwrap_or(0);
-    let at = |at: usize| {
-        let part = |(weight, plane): &(f64, &PlaneResult)| (*weight, plane.force_n[at], plane.sd_n[at]);
-        moments(&all.iter().map(part).collect::<Vec<Part>>())
-    };
-    let (force_n, sd_n) = (0..depths).map(at).unzip();
+    let weighted_load_results: Vec<_> = all.collect();
+    let depths = weighted_load_results
+        .iter()
+        .map(|(_, plane)| plane.force_n.len().min(plane.sd_n.len()))
+        .min()
+        .unwrap_or(0);
+    let (force_n, sd_n) = (0..depths)
+        .map(|at| {
+            moments(
+                &weighted_load_results
+                    .iter()
+                    .map(|(weight, plane)| (*weight, plane.force_n[at], plane.sd_n[at]))
+                    .collect::<Vec<Part>>(),
+            )
+        })
+        .unzip();
     PlaneResult { force_n, sd_n }
 }
 
@@ -224,39 +263,41 @@ mod tests {
         let session = layered();
         let (gradient, layers) =
             (of_effect("tissue.gradient", vec![0.04]), of_effect("tissue.layers", vec![2.0, 15.0]));
-        let other = |probability: f64| OtherModel { probability, effects: layers.clone(), modulus_pa: None };
-        let by = |others: Vec<OtherModel>| {
+        let alternative =
+            |probability: f64| OtherModel { probability, effects: layers.clone(), modulus_pa: None };
+        let predicted_with = |others: Vec<OtherModel>| {
             let options = Options { effects: gradient.clone(), others, ..Options::default() };
             super::predict(&session, &options).expect("predicts")
         };
-        let alone = by(Vec::new());
+        let alone = predicted_with(Vec::new());
         let layered = super::predict(&session, &Options { effects: layers.clone(), ..Options::default() });
         let layered = layered.expect("predicts");
-        let both = by(vec![other(0.4)]);
-        assert_eq!(both.models.iter().map(|of| of.probability).collect::<Vec<_>>(), [0.6, 0.4]);
+        let mixed = predicted_with(vec![alternative(0.4)]);
+        assert_eq!(mixed.models.iter().map(|of| of.probability).collect::<Vec<_>>(), [0.6, 0.4]);
         assert!(alone.models.is_empty());
         let load = |of: &Prediction| {
-            let one = &of.insertions[0];
-            (one.tip_force_n.expect("a load"), one.tip_force_sd_n.expect("its sd"))
+            let insertion = &of.insertions[0];
+            (insertion.tip_force_n.expect("a load"), insertion.tip_force_sd_n.expect("its sd"))
         };
-        let ((first, first_sd), (second, second_sd), (found, sd)) =
-            (load(&alone), load(&layered), load(&both));
-        assert!((found - (0.6 * first + 0.4 * second)).abs() < 1e-12, "{first} {second} {found}");
+        let ((first, first_sd), (second, second_sd), (mixed_load, sd)) =
+            (load(&alone), load(&layered), load(&mixed));
+        assert!((mixed_load - (0.6 * first + 0.4 * second)).abs() < 1e-12, "{first} {second} {mixed_load}");
         // Law of total variance.
-        let within = 0.6 * first_sd.powi(2) + 0.4 * second_sd.powi(2);
-        let between = 0.24 * (first - second).powi(2);
-        assert!((sd - (within + between).sqrt()).abs() < 1e-12, "{sd}");
-        let [low, high] = both.insertions[0].tip_force_ci95_n.expect("an interval");
+        let variance_within = 0.6 * first_sd.powi(2) + 0.4 * second_sd.powi(2);
+        let variance_between = 0.24 * (first - second).powi(2);
+        assert!((sd - (variance_within + variance_between).sqrt()).abs() < 1e-12, "{sd}");
+        let [low, high] = mixed.insertions[0].tip_force_ci95_n.expect("an interval");
         assert!(low < first.min(second) && first.max(second) < high, "{low} to {high}");
-        // What is certain is the model alone, and what is improbable changes nothing.
-        let (certain, _) = load(&by(vec![other(1.0)]));
+        // A certain alternative replaces the model, and an improbable one changes no value.
+        let (certain, _) = load(&predicted_with(vec![alternative(1.0)]));
         assert!((certain - second).abs() < 1e-12);
-        let (nothing, _) = load(&by(vec![other(0.0)]));
-        assert!((nothing - first).abs() < 1e-12);
+        let (unchanged, _) = load(&predicted_with(vec![alternative(0.0)]));
+        assert!((unchanged - first).abs() < 1e-12);
         // A model that differs in what a prediction does not apply is the same one.
         let mut of_tip = gradient.clone();
         of_tip.extend(of_effect("tip.load_step", vec![0.05, 60.0]));
-        let same = by(vec![OtherModel { probability: 0.4, effects: of_tip, modulus_pa: None }]);
-        assert_eq!(same.insertions, alone.insertions);
+        let same_modulus =
+            predicted_with(vec![OtherModel { probability: 0.4, effects: of_tip, modulus_pa: None }]);
+        assert_eq!(same_modulus.insertions, alone.insertions);
     }
 }

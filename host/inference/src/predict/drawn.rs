@@ -64,7 +64,7 @@ pub(super) struct DrawnInsertion<'a> {
     pub id: &'a str,
     pub tissue: &'a Tissue,
     pub grid: &'a Grid,
-    /// Of each draw; its tip load is at [`loads_at_m`].
+    /// Path of each draw; its tip load is at [`loads_at_m`].
     pub paths: &'a [PathDraw],
     pub assumed: &'a Assumed,
     /// Whether modulus and gap are those assumed beforehand.
@@ -113,8 +113,13 @@ impl DrawnInsertion<'_> {
                 paths.iter().filter_map(|path| path.load_n.get(plane).map(Vec::as_slice)).collect();
             let at_end: Vec<f64> = loads.iter().filter_map(|load| load.last().copied()).collect();
             draws.scalar(Group::Posterior, &name(&format!("tip_force_{axis}_n")), at_end);
-            let along = loads.iter().filter_map(|load| Some(load.split_last()?.1.to_vec())).collect();
-            draws.list(Group::Posterior, &name(&format!("load_{axis}_n")), &name("load_depth_mm"), along);
+            let load_paths = loads.iter().filter_map(|load| Some(load.split_last()?.1.to_vec())).collect();
+            draws.list(
+                Group::Posterior,
+                &name(&format!("load_{axis}_n")),
+                &name("load_depth_mm"),
+                load_paths,
+            );
             self.add_path(plane, axis, &mut noise, draws);
         }
     }
@@ -133,32 +138,45 @@ impl DrawnInsertion<'_> {
                 tip_m.iter().map(|tip_m| 1e3 * tip_m + sd_mm(path) * noise.normal()).collect()
             })
             .collect();
-        let is_measured = |at: &usize| measured_mm.get(*at).copied().flatten().is_some();
-        let (taken, not_taken): (Vec<usize>, Vec<usize>) =
-            (0..self.grid.depth_m.len()).partition(is_measured);
+        let (measured_points, not_taken): (Vec<usize>, Vec<usize>) =
+            (0..self.grid.depth_m.len()).partition(|at| measured_mm.get(*at).copied().flatten().is_some());
         let depths_mm = |places: &[usize]| places.iter().map(|at| *at as f64).collect::<Vec<_>>();
         let rows = |places: &[usize]| -> Vec<Vec<f64>> {
-            let row = |path: &Vec<f64>| places.iter().filter_map(|at| path.get(*at).copied()).collect();
-            readings.iter().map(row).collect()
+            readings
+                .iter()
+                .map(|path| places.iter().filter_map(|at| path.get(*at).copied()).collect())
+                .collect()
         };
         let name = format!("{}.tip_{axis}_mm", self.id);
         let dimension = format!("{}.tip_{axis}.depth_mm", self.id);
-        draws.coordinate(&dimension, depths_mm(&taken));
-        draws.list(Group::PosteriorPredictive, &name, &dimension, rows(&taken));
-        let of_taken = || taken.iter().filter_map(|at| measured_mm.get(*at).copied().flatten());
+        draws.coordinate(&dimension, depths_mm(&measured_points));
+        draws.list(Group::PosteriorPredictive, &name, &dimension, rows(&measured_points));
+        let of_taken = || measured_points.iter().filter_map(|at| measured_mm.get(*at).copied().flatten());
         draws.list(Group::ObservedData, &name, &dimension, vec![of_taken().collect()]);
-        let likely = |path: &PathDraw| -> Vec<f64> {
-            let tip_m = path.tip_m.get(plane).map(Vec::as_slice).unwrap_or_default();
-            let sd_mm = sd_mm(path);
-            let ln_density = |(at, measured): (&usize, f64)| {
-                let off = (measured - 1e3 * tip_m.get(*at).copied().unwrap_or(f64::NAN)) / sd_mm;
-                -0.5 * (off * off + std::f64::consts::TAU.ln()) - sd_mm.ln()
-            };
-            taken.iter().zip(of_taken()).map(ln_density).collect()
-        };
-        draws.list(Group::LogLikelihood, &name, &dimension, self.paths.iter().map(likely).collect());
-        let ahead = format!("{}.tip_{axis}.depth_ahead_mm", self.id);
-        draws.coordinate(&ahead, depths_mm(&not_taken));
-        draws.list(Group::Predictions, &name, &ahead, rows(&not_taken));
+        draws.list(
+            Group::LogLikelihood,
+            &name,
+            &dimension,
+            self.paths
+                .iter()
+                .map(|path| -> Vec<f64> {
+                    let tip_m = path.tip_m.get(plane).map(Vec::as_slice).unwrap_or_default();
+                    let sd_mm = sd_mm(path);
+                    measured_points
+                        .iter()
+                        .zip(of_taken())
+                        .map(|(at, measured)| {
+                            let standard_residual =
+                                (measured - 1e3 * tip_m.get(*at).copied().unwrap_or(f64::NAN)) / sd_mm;
+                            -0.5 * (standard_residual * standard_residual + std::f64::consts::TAU.ln())
+                                - sd_mm.ln()
+                        })
+                        .collect()
+                })
+                .collect(),
+        );
+        let ahead_name = format!("{}.tip_{axis}.depth_ahead_mm", self.id);
+        draws.coordinate(&ahead_name, depths_mm(&not_taken));
+        draws.list(Group::Predictions, &name, &ahead_name, rows(&not_taken));
     }
 }

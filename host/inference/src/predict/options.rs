@@ -1,4 +1,4 @@
-//! What the user may choose of a prediction.
+//! Choices of the user for a prediction.
 
 use diagnose::models::{self, OtherModel};
 use diagnose::{KnownParameter, Multiples};
@@ -7,7 +7,7 @@ use formats::prior_file::ModulusPrior;
 use mechanics::effects::Effect;
 use readings::draws::DrawOptions;
 
-/// What the user may choose.
+/// Choices of the user.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Depth up to which an insertion is observed.
@@ -24,11 +24,11 @@ pub struct Options {
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     /// Other models that explain what these effects were learned from: the prediction is averaged over all.
     pub others: Vec<OtherModel>,
-    /// How well the values of those of the rig are known: in the interval of the modulus of the lateral runs.
+    /// Uncertainty of the values of the rig: in the interval of the modulus of the lateral runs.
     pub known: Vec<KnownParameter>,
-    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
+    /// Sizes of the discrepancy above those of an ordinary rig, as multiples.
     pub discrepancy: Multiples,
-    /// What many sessions predict of K; the result without it is reported too. Not for two layers.
+    /// Prior of K from many sessions; the result without it is reported too. Not for two layers.
     pub prior: Option<ModulusPrior>,
     /// Draws from the posterior beside the result.
     pub draws: Option<DrawOptions>,

@@ -25,7 +25,7 @@ pub(super) fn predict_with(
         Some(own) => (PriorResult::new(prior, Some(own)), "lateral"),
         None => (of_paths(prior, &plain), "insertions"),
     };
-    let without = plain.insertions.iter().map(WithoutPrior::of).collect();
+    let without_prior = plain.insertions.iter().map(WithoutPrior::of).collect();
     let mut result = match modulus.with_prior {
         Some(with) => {
             let modulus_pa = 1e3 * with.k_kpa;
@@ -36,19 +36,19 @@ pub(super) fn predict_with(
         }
         None => plain,
     };
-    result.prior = Some(PredictionPrior { modulus, compared_with, without });
+    result.prior = Some(PredictionPrior { modulus, compared_with, without: without_prior });
     Ok(result)
 }
 
 /// The prior alone, from which every path then updates K; it is checked against K of the insertion that identifies it best.
 fn of_paths(prior: &ModulusPrior, plain: &Prediction) -> PriorResult {
     let identified = plain.insertions.iter().filter_map(|one| one.learned.as_ref());
-    let own = identified.filter(|learned| learned.k_status == "identified").map(|learned| {
+    let identified_modulus = identified.filter(|learned| learned.k_status == "identified").map(|learned| {
         let [low, high] = learned.k_ci95_kpa;
         ((1e3 * learned.k_kpa).ln(), (high / low).ln() / (2.0 * NORMAL_975))
     });
-    let own = own.filter(|(_, sd)| *sd > 0.0).min_by(|a, b| a.1.total_cmp(&b.1));
-    let (checked, alone) = (PriorResult::new(prior, own), PriorResult::new(prior, None));
+    let most_precise = identified_modulus.filter(|(_, sd)| *sd > 0.0).min_by(|a, b| a.1.total_cmp(&b.1));
+    let (checked, alone) = (PriorResult::new(prior, most_precise), PriorResult::new(prior, None));
     // The paths are data of the prediction itself: they must not count twice.
     let with_prior = alone.with_prior.filter(|_| checked.used);
     PriorResult { with_prior, ..checked }

@@ -27,7 +27,7 @@ pub struct Prediction {
     pub schema: &'static str,
     /// Name of the session.
     pub session: Option<String>,
-    /// What many sessions predict of K, and what is predicted without it; `None` where it was not given.
+    /// Prior of K from many sessions, and the prediction without it; `None` if it was not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PredictionPrior>,
     /// The models that it is averaged over, with their probabilities; empty where there is one model only.
@@ -48,7 +48,7 @@ pub struct PredictionPrior {
     /// The prior, and K of prior and data together, from which the insertions are predicted.
     #[serde(flatten)]
     pub modulus: PriorResult,
-    /// What the check compares it with: `lateral` runs or a stated modulus, or the paths of the `insertions`.
+    /// Reference of the check: `lateral` runs or a stated modulus, or the paths of the `insertions`.
     pub compared_with: &'static str,
     /// The insertions predicted without it, in the order of the session.
     pub without: Vec<WithoutPrior>,
@@ -107,14 +107,17 @@ impl Prediction {
             }
         }
         let predicted = self.insertions.iter().filter(|one| one.error.is_none()).count();
-        let about = |(text, ids): (&str, Vec<&str>)| {
-            if ids.len() == predicted && predicted > 2 {
-                format!("all {predicted} insertions: {text}")
-            } else {
-                format!("{}: {text}", ids.join(", "))
-            }
-        };
-        self.warnings.iter().cloned().chain(messages.into_iter().map(about)).collect()
+        self.warnings
+            .iter()
+            .cloned()
+            .chain(messages.into_iter().map(|(text, ids)| {
+                if ids.len() == predicted && predicted > 2 {
+                    format!("all {predicted} insertions: {text}")
+                } else {
+                    format!("{}: {text}", ids.join(", "))
+                }
+            }))
+            .collect()
     }
 }
 
@@ -172,15 +175,15 @@ pub struct InsertionResult {
     pub mae_mm: Option<f64>,
     /// Distance at the last depth measured beyond the observed part.
     pub last_error_mm: Option<f64>,
-    /// That depth.
+    /// Last measured depth.
     pub last_measured_mm: Option<f64>,
     /// Measured values beyond the observed part, of both planes.
     pub band_readings: usize,
-    /// How many of these lie in their 95 % band.
+    /// Number of these values in their 95 % band.
     pub band_held: usize,
     /// Posterior of rig and tissue.
     pub learned: Option<LearnedResult>,
-    /// What others would predict from the same.
+    /// Predictions of other methods from the same data.
     pub compare: Vec<CompareResult>,
     /// Warnings about this insertion.
     pub warnings: Vec<String>,
@@ -216,10 +219,9 @@ pub struct CompareResult {
 
 impl CompareResult {
     pub(super) fn new(method: &'static str, grid: &Grid, planes_m: Vec<Vec<f64>>) -> Self {
-        let on_grid = |path_m: Vec<f64>| -> Vec<f64> {
+        let mut planes = planes_m.into_iter().map(|path_m| -> Vec<f64> {
             path_m.into_iter().take(grid.depth_m.len()).map(|u_m| 1e3 * u_m).collect()
-        };
-        let mut planes = planes_m.into_iter().map(on_grid);
+        });
         let tip_y_mm = planes.next().unwrap_or_default();
         let tip_x_mm = planes.next();
         let (mae_mm, last_error_mm) = grid.measured().errors(&tip_y_mm, tip_x_mm.as_deref());

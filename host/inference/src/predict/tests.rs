@@ -42,15 +42,15 @@ fn steady() -> (Session, Vec<[f64; 2]>) {
 fn a_constant_load_and_its_path_are_found() {
     let (session, loads) = steady();
     let options = Options { modulus_pa: Some([11e3, 0.5e3]), ..UNTIL_50 };
-    let found = predict(&session, &options).expect("predicts");
-    for (one, [y, x]) in found.insertions.iter().zip(loads) {
+    let prediction = predict(&session, &options).expect("predicts");
+    for (one, [y, x]) in prediction.insertions.iter().zip(loads) {
         assert_eq!(one.depth_mm.len(), 121);
         assert!(one.mae_mm.expect("measured") < 0.1, "{:?}", one.mae_mm);
-        for (found, sd, expected) in
+        for (prediction, sd, expected) in
             [(one.tip_force_n, one.tip_force_sd_n, y), (one.tip_force_x_n, one.tip_force_x_sd_n, x)]
         {
-            let (found, sd) = (found.expect("a load"), sd.expect("its sd"));
-            assert!((found - expected).abs() < 3.0 * sd + 1e-3, "{found} +- {sd} is not {expected}");
+            let (load, sd) = (prediction.expect("a load"), sd.expect("its sd"));
+            assert!((load - expected).abs() < 3.0 * sd + 1e-3, "{load} +- {sd} is not {expected}");
         }
     }
 }
@@ -68,8 +68,8 @@ fn load_modulus_and_gap_are_found_together() {
         });
         let mut session = insertion_session(rig.clone(), Some(0.05e-3), paths.collect());
         session.rig.entry_m = 0.085;
-        let found = predict(&session, &UNTIL_50).expect("predicts");
-        for one in &found.insertions {
+        let prediction = predict(&session, &UNTIL_50).expect("predicts");
+        for one in &prediction.insertions {
             let (load_n, sd_n) = (one.tip_force_n.expect("a load"), one.tip_force_sd_n.expect("its sd"));
             assert!((load_n - 0.2).abs() < 2.5 * sd_n && sd_n < 0.05, "{load_n} +- {sd_n} N");
             let learned = one.learned.as_ref().expect("learned");
@@ -83,14 +83,17 @@ fn load_modulus_and_gap_are_found_together() {
     }
 }
 
-/// Where the path does not determine the modulus its value is not given as found.
+/// If the path does not determine the modulus, no estimate of it is reported.
 #[test]
 fn what_is_not_identifiable_is_not_given_as_found() {
     let mut noise = Noise::new(12);
-    let path = |_| ((0..=60).map(|_| 0.3e-3 * noise.normal()).collect(), None, None);
-    let session = insertion_session(rig(), Some(0.3e-3), (0..4).map(path).collect());
-    let found = predict(&session, &UNTIL_50).expect("predicts");
-    for one in &found.insertions {
+    let session = insertion_session(
+        rig(),
+        Some(0.3e-3),
+        (0..4).map(|_| ((0..=60).map(|_| 0.3e-3 * noise.normal()).collect(), None, None)).collect(),
+    );
+    let prediction = predict(&session, &UNTIL_50).expect("predicts");
+    for one in &prediction.insertions {
         let learned = one.learned.as_ref().expect("learned");
         assert_ne!(learned.k_status, "identified", "{:?}", learned.k_ci95_kpa);
         assert!(!learned.modulus_text().starts_with(|c: char| c.is_ascii_digit()));
@@ -99,13 +102,14 @@ fn what_is_not_identifiable_is_not_given_as_found() {
 
 #[test]
 fn a_message_is_given_once_with_its_insertions() {
-    let one = |id: &str, warnings: &[&str]| InsertionResult {
+    let insertion_with = |id: &str, warnings: &[&str]| InsertionResult {
         id: id.to_owned(),
         warnings: warnings.iter().map(|text| (*text).to_owned()).collect(),
         ..InsertionResult::default()
     };
-    let insertions = vec![one("a", &["x", "y"]), one("b", &["x"]), one("c", &["x"])];
-    let found = Prediction {
+    let insertions =
+        vec![insertion_with("a", &["x", "y"]), insertion_with("b", &["x"]), insertion_with("c", &["x"])];
+    let prediction = Prediction {
         schema: "",
         session: None,
         prior: None,
@@ -114,25 +118,28 @@ fn a_message_is_given_once_with_its_insertions() {
         warnings: vec!["first".to_owned()],
         draws: None,
     };
-    assert_eq!(found.messages(), ["first", "all 3 insertions: x", "a: y"]);
+    assert_eq!(prediction.messages(), ["first", "all 3 insertions: x", "a: y"]);
 }
 
 /// Not a digit of the prediction depends on where this insertion went beyond the observed part.
 #[test]
 fn nothing_beyond_is_used() {
     let (mut session, _) = steady();
-    let before = predict(&session, &UNTIL_50).expect("predicts");
+    let short_prediction = predict(&session, &UNTIL_50).expect("predicts");
     let run = &mut session.insertion[1];
     for (depth_m, tip_m) in run.depth_m.iter().zip(&mut run.tip_y_m) {
         if *depth_m > 0.05 {
             *tip_m += 5e-3;
         }
     }
-    let after = predict(&session, &UNTIL_50).expect("predicts");
-    let (a, b) = (&before.insertions[1], &after.insertions[1]);
+    let long_prediction = predict(&session, &UNTIL_50).expect("predicts");
+    let (a, b) = (&short_prediction.insertions[1], &long_prediction.insertions[1]);
     assert!((&a.tip_y_mm, &a.lo95_y_mm, &a.tip_x_mm) == (&b.tip_y_mm, &b.lo95_y_mm, &b.tip_x_mm));
     assert_ne!(a.measured_y_mm, b.measured_y_mm);
-    assert_ne!(before.insertions[0].tip_y_mm, after.insertions[0].tip_y_mm, "the others learn from it");
+    assert_ne!(
+        short_prediction.insertions[0].tip_y_mm, long_prediction.insertions[0].tip_y_mm,
+        "the others learn from it"
+    );
 }
 
 /// Two half turns, one before and one after the prediction starts: the truth is inside the band.
@@ -140,11 +147,11 @@ fn nothing_beyond_is_used() {
 fn a_needle_turned_twice_stays_inside_its_band() {
     let mut noise = Noise::new(5);
     // The needle is turned at rest, after the tip was measured.
-    let turned = |step: usize| step > 40 * STEPS_PER_MM && step <= 90 * STEPS_PER_MM;
+    let is_rotated = |step: usize| step > 40 * STEPS_PER_MM && step <= 90 * STEPS_PER_MM;
     let paths = (0..4).map(|_| {
         let load_n = 0.2 + 0.01 * noise.normal();
-        let load = |step: usize| if turned(step) { -load_n } else { load_n };
-        let exact = truth(&rig(), 11e3, 140, load).expect("solves");
+        let exact = truth(&rig(), 11e3, 140, |step: usize| if is_rotated(step) { -load_n } else { load_n })
+            .expect("solves");
         let measured: Vec<f64> = exact.iter().map(|u_m| u_m + 0.1e-3 * noise.normal()).collect();
         let rotation = (0..=140).map(|mm| if mm > 40 && mm <= 90 { PI } else { 0.0 }).collect();
         (exact, (measured, None, Some(rotation)))
@@ -153,17 +160,18 @@ fn a_needle_turned_twice_stays_inside_its_band() {
     let session = insertion_session(rig(), Some(0.1e-3), recorded);
     for learn in [true, false] {
         let options = Options { modulus_pa: Some([12e3, 2e3]), learn, ..UNTIL_50 };
-        let found = predict(&session, &options).expect("predicts");
-        let (mut inside, mut all) = (0, 0);
-        for (one, exact) in found.insertions.iter().zip(&exact) {
+        let prediction = predict(&session, &options).expect("predicts");
+        let (mut inside_count, mut point_count) = (0, 0);
+        for (one, exact) in prediction.insertions.iter().zip(&exact) {
             for (mm, exact_m) in exact.iter().enumerate().skip(51) {
-                all += 1;
-                inside += usize::from((one.lo95_y_mm[mm]..=one.hi95_y_mm[mm]).contains(&(1e3 * exact_m)));
+                point_count += 1;
+                inside_count +=
+                    usize::from((one.lo95_y_mm[mm]..=one.hi95_y_mm[mm]).contains(&(1e3 * exact_m)));
             }
             let wide = one.hi95_y_mm[140] - one.lo95_y_mm[140];
             assert!(wide < if learn { 2.0 } else { 5.0 }, "a band of {wide} mm is of no use");
         }
-        assert!(inside as f64 > 0.9 * f64::from(all), "{inside} of {all}");
+        assert!(inside_count as f64 > 0.9 * f64::from(point_count), "{inside_count} of {point_count}");
     }
 }
 
@@ -171,8 +179,8 @@ fn a_needle_turned_twice_stays_inside_its_band() {
 fn what_cannot_be_predicted_is_reported() {
     let (mut session, _) = steady();
     let keep = session.insertion.split_off(0);
-    let none = predict(&session, &UNTIL_50).expect_err("no insertion").to_string();
-    assert!(none.contains("session.toml: insertion: missing"), "{none}");
+    let no_insertion = predict(&session, &UNTIL_50).expect_err("no insertion").to_string();
+    assert!(no_insertion.contains("session.toml: insertion: missing"), "{no_insertion}");
 
     // One sample, depths in metres, nothing before the depth requested: each is reported; the good one is predicted.
     let mut bad = keep.clone();
@@ -180,27 +188,33 @@ fn what_cannot_be_predicted_is_reported() {
     bad[0].tip_y_m.truncate(1);
     bad[1].depth_m.iter_mut().for_each(|depth_m| *depth_m *= 1e-3);
     session.insertion = bad;
-    let found = predict(&session, &UNTIL_50).expect("one is good");
-    let error = |i: usize| found.insertions[i].error.clone().unwrap_or_default();
+    let two_predictions = predict(&session, &UNTIL_50).expect("one is good");
+    let error = |i: usize| two_predictions.insertions[i].error.clone().unwrap_or_default();
     assert!(error(0).contains("i1.csv: depth_mm: 1 of 1 rows advance"), "{}", error(0));
     assert!(error(1).contains("is this in millimetres?"), "{}", error(1));
-    assert!(found.insertions[2].error.is_none() && found.warnings.len() == 2);
+    assert!(two_predictions.insertions[2].error.is_none() && two_predictions.warnings.len() == 2);
 
     session.insertion.truncate(2);
-    let all = predict(&session, &UNTIL_50).expect_err("none is good").to_string();
-    assert!(all.contains("no insertion can be predicted: i1.csv"), "{all}");
+    let all_failed = predict(&session, &UNTIL_50).expect_err("none is good").to_string();
+    assert!(all_failed.contains("no insertion can be predicted: i1.csv"), "{all_failed}");
 
     session.insertion = keep;
     session.insertion[0].depth_m.iter_mut().for_each(|depth_m| *depth_m += 0.06);
-    let found = predict(&session, &UNTIL_50).expect("two are good");
-    let error = found.insertions[0].error.clone().unwrap_or_default();
+    let prediction = predict(&session, &UNTIL_50).expect("two are good");
+    let error = prediction.insertions[0].error.clone().unwrap_or_default();
     assert!(error.contains("0 depths up to 50 mm, expected 3 or more"), "{error}");
 }
 
 /// Columns of a recording as the reader lets them pass: any depth, tip, rotation and guide position in range.
 fn columns() -> impl Strategy<Value = Vec<[f64; 5]>> {
-    let near = |most: f64| prop_oneof![3 => -0.1 * most..most, 1 => -most..most, 1 => Just(0.0)];
-    let row = (near(0.1), near(0.01), near(0.2), prop_oneof![Just(0.0), Just(PI), -1e5..1e5], near(0.05));
+    let small_range = |most: f64| prop_oneof![3 => -0.1 * most..most, 1 => -most..most, 1 => Just(0.0)];
+    let row = (
+        small_range(0.1),
+        small_range(0.01),
+        small_range(0.2),
+        prop_oneof![Just(0.0), Just(PI), -1e5..1e5],
+        small_range(0.05),
+    );
     let advancing = (0usize..60).prop_flat_map(move |rows| proptest::collection::vec(row.clone(), rows));
     (advancing, any::<bool>()).prop_map(|(rows, sorted)| {
         let mut rows: Vec<[f64; 5]> =
@@ -220,7 +234,8 @@ proptest! {
     fn any_recording_is_predicted_or_refused(
         first in columns(), second in columns(), planes in 0u8..4, until_m in 0.005f64..0.15, learn in any::<bool>(),
     ) {
-        let run = |(number, rows): (usize, Vec<[f64; 5]>)| {
+        let mut session = insertion_session(rig(), None, Vec::new());
+        session.insertion = [first, second].into_iter().enumerate().map(|(number, rows)| {
             let column = |i: usize| rows.iter().map(|row| row[i]).collect::<Vec<f64>>();
             formats::session::InsertionRun {
                 id: format!("i{number}"),
@@ -236,12 +251,10 @@ proptest! {
                 tip_direction_y_rad: None,
                 tip_direction_x_rad: None,
             }
-        };
-        let mut session = insertion_session(rig(), None, Vec::new());
-        session.insertion = [first, second].into_iter().enumerate().map(run).collect();
+        }).collect();
         let options = Options { until_m, learn, modulus_pa: Some([1e4, 1e3]), ..UNTIL_50 };
-        if let Ok(found) = predict(&session, &options) {
-            for one in found.insertions.iter().filter(|one| one.error.is_none()) {
+        if let Ok(prediction) = predict(&session, &options) {
+            for one in prediction.insertions.iter().filter(|one| one.error.is_none()) {
                 let numbers = one.tip_y_mm.iter().chain(&one.lo95_y_mm).chain(&one.hi95_y_mm).chain(&one.tip_force_n);
                 prop_assert!(numbers.into_iter().all(|number| number.is_finite()));
             }
@@ -264,74 +277,81 @@ fn a_rear_that_is_not_stated_is_found_in_each_axis() {
         tolerances: mechanics::Tolerances::default(),
     };
     let mut noise = Noise::new(11);
-    let run = |number: usize| {
-        let known = Rig { guides: guides(rear.map(Some)), ..rig.clone() };
-        let mut model = Model::uniform(known, 14e3).expect("a model");
-        model.tip = TipLaw { entry_angle_rad: [4e-3 * number as f64, -3e-3], ..TipLaw::load([0.2, 0.03]) };
-        let steps = |to_m: f64| {
-            let knots = vec![
-                [0.0, 0.0],
-                [0.0304, 0.0],
-                [0.0304, to_m],
-                [0.0552, to_m],
-                [0.0552, -to_m],
-                [0.1, -to_m],
-            ];
-            Profile::new(knots).expect("a profile")
-        };
-        let to_m = 1e-3 * (2.0 - number as f64 * 0.5);
-        // The step itself is read before and after it.
-        let depth_m: Vec<f64> = (0..=100)
-            .flat_map(|mm| match mm {
-                30 => vec![0.030, 0.0304, 0.0304],
-                55 => vec![0.055, 0.0552, 0.0552],
-                _ => vec![1e-3 * f64::from(mm)],
-            })
-            .collect();
-        let guide2_m = [steps(to_m), steps(-0.7 * to_m)];
-        let leaves = |i: usize| i > 0 && depth_m[i] == depth_m[i - 1];
-        let at = |profile: &Profile, i: usize| {
-            if leaves(i) { profile.after(depth_m[i]) } else { profile.before(depth_m[i]) }
-        };
-        let held: [Vec<f64>; 2] =
-            guide2_m.each_ref().map(|plane| (0..depth_m.len()).map(|i| at(plane, i)).collect());
-        // The forward model reads on arriving: after a step is a hair beyond it.
-        let read_m = (0..depth_m.len()).map(|i| depth_m[i] + if leaves(i) { 1e-8 } else { 0.0 }).collect();
-        let done = Insertion {
-            depth_m: read_m,
-            guide2_m: Some(guide2_m),
-            tip_direction: true,
-            ..Insertion::default()
-        };
-        let channels = forward(&model, &Experiment::Insertion(done)).expect("predicts");
-        let mut noisy =
-            |values: Vec<f64>, sd: f64| values.into_iter().map(|value| value + sd * noise.normal()).collect();
-        let [y_m, x_m] = held;
-        formats::session::InsertionRun {
-            id: format!("i{number}"),
-            path: format!("i{number}.csv").into(),
-            tip_y_m: noisy(channels.tip_m.y, 0.05e-3),
-            tip_x_m: channels.tip_m.x.map(|x| noisy(x, 0.05e-3)),
-            tip_direction_y_rad: Some(noisy(channels.tip_direction_rad.y, 1e-3)),
-            tip_direction_x_rad: channels.tip_direction_rad.x.map(|x| noisy(x, 1e-3)),
-            guide2_y_m: Some(y_m),
-            guide2_x_m: Some(x_m),
-            depth_m,
-            time_s: None,
-            rotation_rad: None,
-            base_force_y_n: None,
-        }
-    };
-    let insertion = (0..3).map(run).collect();
+    let insertion = (0..3)
+        .map(|number| {
+            let known_rear_rig = Rig { guides: guides(rear.map(Some)), ..rig.clone() };
+            let mut model = Model::uniform(known_rear_rig, 14e3).expect("a model");
+            model.tip =
+                TipLaw { entry_angle_rad: [4e-3 * number as f64, -3e-3], ..TipLaw::load([0.2, 0.03]) };
+            let steps = |to_m: f64| {
+                let knots = vec![
+                    [0.0, 0.0],
+                    [0.0304, 0.0],
+                    [0.0304, to_m],
+                    [0.0552, to_m],
+                    [0.0552, -to_m],
+                    [0.1, -to_m],
+                ];
+                Profile::new(knots).expect("a profile")
+            };
+            let target_m = 1e-3 * (2.0 - number as f64 * 0.5);
+            // The step itself is read before and after it.
+            let depth_m: Vec<f64> = (0..=100)
+                .flat_map(|mm| match mm {
+                    30 => vec![0.030, 0.0304, 0.0304],
+                    55 => vec![0.055, 0.0552, 0.0552],
+                    _ => vec![1e-3 * f64::from(mm)],
+                })
+                .collect();
+            let guide2_m = [steps(target_m), steps(-0.7 * target_m)];
+            let leaves = |i: usize| i > 0 && depth_m[i] == depth_m[i - 1];
+            let profile_value = |profile: &Profile, i: usize| {
+                if leaves(i) { profile.after(depth_m[i]) } else { profile.before(depth_m[i]) }
+            };
+            let held_positions: [Vec<f64>; 2] = guide2_m
+                .each_ref()
+                .map(|plane| (0..depth_m.len()).map(|i| profile_value(plane, i)).collect());
+            // The forward model reads on arriving: after a step is a hair beyond it.
+            let read_m =
+                (0..depth_m.len()).map(|i| depth_m[i] + if leaves(i) { 1e-8 } else { 0.0 }).collect();
+            let insertion_done = Insertion {
+                depth_m: read_m,
+                guide2_m: Some(guide2_m),
+                tip_direction: true,
+                ..Insertion::default()
+            };
+            let channels = forward(&model, &Experiment::Insertion(insertion_done)).expect("predicts");
+            let mut noisy = |values: Vec<f64>, sd: f64| {
+                values.into_iter().map(|value| value + sd * noise.normal()).collect()
+            };
+            let [y_m, x_m] = held_positions;
+            formats::session::InsertionRun {
+                id: format!("i{number}"),
+                path: format!("i{number}.csv").into(),
+                tip_y_m: noisy(channels.tip_m.y, 0.05e-3),
+                tip_x_m: channels.tip_m.x.map(|x| noisy(x, 0.05e-3)),
+                tip_direction_y_rad: Some(noisy(channels.tip_direction_rad.y, 1e-3)),
+                tip_direction_x_rad: channels.tip_direction_rad.x.map(|x| noisy(x, 1e-3)),
+                guide2_y_m: Some(y_m),
+                guide2_x_m: Some(x_m),
+                depth_m,
+                time_s: None,
+                rotation_rad: None,
+                base_force_y_n: None,
+            }
+        })
+        .collect();
     let (empty, _) = steady();
     let session = Session { rig, insertion, ..empty };
-    let found = predict(&session, &UNTIL_50).expect("predicts");
-    for one in &found.insertions {
+    let prediction = predict(&session, &UNTIL_50).expect("predicts");
+    for one in &prediction.insertions {
         let learned = one.learned.as_ref().expect("learned");
-        for (found, stiffness) in [&learned.rear_rotation_y, &learned.rear_rotation_x].into_iter().zip(rear) {
-            let found = found.as_ref().expect("a rear");
-            let [low, high] = found.ci95_n_m_per_rad;
-            assert!(0.8 * low <= stiffness && stiffness <= 1.25 * high, "{found:?} is not {stiffness}");
+        for (prediction, stiffness) in
+            [&learned.rear_rotation_y, &learned.rear_rotation_x].into_iter().zip(rear)
+        {
+            let rear = prediction.as_ref().expect("a rear");
+            let [low, high] = rear.ci95_n_m_per_rad;
+            assert!(0.8 * low <= stiffness && stiffness <= 1.25 * high, "{rear:?} is not {stiffness}");
         }
         let soft = learned.rear_rotation_x.as_ref().expect("a rear");
         assert_eq!(soft.status, "identified", "{soft:?}");
@@ -340,25 +360,28 @@ fn a_rear_that_is_not_stated_is_found_in_each_axis() {
     }
 }
 
-/// What a model file states of a clearance or a bent needle is in the prediction: the paths were made by another solution of the same
-/// physics.
+/// A clearance or a bent needle in a model file is part of the prediction: the paths were made by another solution of
+/// the same physics.
 #[test]
 fn clearance_and_bend_of_the_model_are_in_the_path() {
     use worlds::{Design, Truth, session};
-    let known = [("rig.backlash", vec![0.3]), ("needle.prebend", vec![0.5, 0.2])];
-    for (id, values) in known {
+    let known_effects = [("rig.backlash", vec![0.3]), ("needle.prebend", vec![0.5, 0.2])];
+    for (id, values) in known_effects {
         let truth =
             Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: vec![(id, values.clone())], foreign: None };
         let session = session(&truth, &Design::moved_insertions(), 3);
         let error_mm = |effects: Vec<(&'static dyn Effect, Vec<f64>)>| {
             let options = Options { modulus_pa: Some([12e3, 0.6e3]), learn: false, effects, ..UNTIL_50 };
-            let found = predict(&session, &options).expect("predicts");
-            let all = found.insertions.iter().map(|one| one.mae_mm.expect("measured"));
-            all.sum::<f64>() / found.insertions.len() as f64
+            let prediction = predict(&session, &options).expect("predicts");
+            let errors_mm = prediction.insertions.iter().map(|one| one.mae_mm.expect("measured"));
+            errors_mm.sum::<f64>() / prediction.insertions.len() as f64
         };
         let effect = mechanics::effects::effect(id).expect("an effect");
-        let (with, without) = (error_mm(vec![(effect, values)]), error_mm(Vec::new()));
-        assert!(with < 0.7 * without, "{id}: {with} mm with it, {without} mm without");
+        let (error_with, error_without) = (error_mm(vec![(effect, values)]), error_mm(Vec::new()));
+        assert!(
+            error_with < 0.7 * error_without,
+            "{id}: {error_with} mm with it, {error_without} mm without"
+        );
     }
 }
 
@@ -370,8 +393,8 @@ fn a_guide_that_rests_leaves_the_modulus_as_it_was_assumed() {
     let one_guide = |rig: Rig| Rig { guides, ..rig };
     let mut session = steady().0;
     session.rig = one_guide(Rig { guide2_m: 0.0, entry_m: 0.025, ..session.rig });
-    let found = predict(&session, &UNTIL_50).expect("predicts");
-    for one in &found.insertions {
+    let prediction = predict(&session, &UNTIL_50).expect("predicts");
+    for one in &prediction.insertions {
         let learned = one.learned.as_ref().expect("learned");
         assert_eq!((learned.k_status, learned.gap_status), ("not_identified", "not_identified"));
         let [low, high] = learned.k_ci95_kpa;
@@ -410,20 +433,20 @@ fn a_prior_near_the_truth_is_used_with_the_prediction_without_it_beside_and_one_
         scale_ln: 0.05,
         degrees_of_freedom: 30.0,
     };
-    let with = |k_kpa: f64| {
+    let predicted_with = |k_kpa: f64| {
         predict(&session, &Options { prior: Some(prior(k_kpa)), ..UNTIL_50 }).expect("predicted")
     };
-    let near = with(learned.k_kpa);
-    let found = near.prior.as_ref().expect("a prior");
-    assert!(found.modulus.used, "{found:?}");
-    assert_eq!(found.without.len(), plain.insertions.len());
-    assert_eq!(found.without[0].last_error_mm, plain.insertions[0].last_error_mm);
-    let [low, high] = near.insertions[0].learned.as_ref().expect("learned").k_ci95_kpa;
+    let near_prior = predicted_with(learned.k_kpa);
+    let applied_prior = near_prior.prior.as_ref().expect("a prior");
+    assert!(applied_prior.modulus.used, "{applied_prior:?}");
+    assert_eq!(applied_prior.without.len(), plain.insertions.len());
+    assert_eq!(applied_prior.without[0].last_error_mm, plain.insertions[0].last_error_mm);
+    let [low, high] = near_prior.insertions[0].learned.as_ref().expect("learned").k_ci95_kpa;
     let [wide_low, wide_high] = learned.k_ci95_kpa;
     assert!(high / low < wide_high / wide_low, "{low} to {high}, without {wide_low} to {wide_high}");
     if learned.k_status == "identified" {
-        let far = with(100.0 * learned.k_kpa);
-        assert!(far.prior.as_ref().is_some_and(|prior| !prior.modulus.used));
-        assert_eq!(far.insertions, plain.insertions);
+        let far_prior = predicted_with(100.0 * learned.k_kpa);
+        assert!(far_prior.prior.as_ref().is_some_and(|prior| !prior.modulus.used));
+        assert_eq!(far_prior.insertions, plain.insertions);
     }
 }

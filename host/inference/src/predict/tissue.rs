@@ -1,4 +1,4 @@
-//! What is known of tissue, guides and the needle's rear before the first reading of an insertion.
+//! Prior of tissue, guides and the needle's rear before the first reading of an insertion.
 
 use super::{Options, PredictError};
 use formats::session::Session;
@@ -23,7 +23,7 @@ pub fn tissue(
     warnings: &mut Vec<String>,
 ) -> Result<Tissue, PredictError> {
     let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(MIN_GAP_M);
-    let with = |foundation: Foundation, sd_ln: f64| {
+    let candidate_with = |foundation: Foundation, sd_ln: f64| {
         let mut model = Model::uniform(session.rig.clone(), 0.0)?;
         model.foundation = foundation;
         model.effects = options.effects.clone();
@@ -36,7 +36,7 @@ pub fn tissue(
         })
     };
     if let Some((foundation, sd_ln)) = stated_or_lateral(session, options, warnings)? {
-        return with(foundation, sd_ln.hypot(unknowns::tissue::INSERTION_MODULUS.sd()));
+        return candidate_with(foundation, sd_ln.hypot(unknowns::tissue::INSERTION_MODULUS.sd()));
     }
     let modulus = if session.rig.needle.stiffness_known {
         unknowns::tissue::MODULUS
@@ -48,7 +48,7 @@ pub fn tissue(
         );
         unknowns::tissue::MODULUS_OF_REFERENCE_NEEDLE
     };
-    with(Foundation::uniform(modulus.mean())?, modulus.sd())
+    candidate_with(Foundation::uniform(modulus.mean())?, modulus.sd())
 }
 
 /// Foundation and standard deviation of its logarithm as requested, or from the lateral runs; nothing where there are none.

@@ -1,12 +1,11 @@
 //! Continuity and boundary conditions of the pieces, solved by two sweeps (theory, eq. 4).
 //!
-//! What lies beyond a section acts on it as a spring with a load: with `m = u''` and `q = u''' + (P - G)/EI u'`,
-//! `m = b u + c u' + m_0` and `q = s u - b u' + q_0`; three numbers, as springs are symmetric. At the tip all but `q_0` are 0.
-//! From the tip to guide 1 every piece makes a spring and a load at its start of those at its end; from guide 1 back to the tip
-//! every piece hands on deflection and slope. Neither way magnifies rounding, as no growing solution is followed: long needles in
-//! stiff tissue are no harder than others.
-//! The spring is finite unless what lies beyond the section, clamped there, buckles; that does not happen before the whole needle
-//! buckles.
+//! The part beyond a section acts on it as a spring with a load: with `m = u''` and `q = u''' + (P - G)/EI u'`, `m = b
+//! u + c u' + m_0` and `q = s u - b u' + q_0`; three numbers, as springs are symmetric. At the tip all but `q_0` are 0.
+//! From the tip to guide 1 every piece makes a spring and a load at its start of those at its end; from guide 1 back to
+//! the tip every piece hands on deflection and slope. Neither way magnifies rounding, as no growing solution is
+//! followed: long needles in stiff tissue are no harder than others. The spring is finite unless what lies beyond the
+//! section, clamped there, buckles; that does not happen before the whole needle buckles.
 //!
 //! Within a piece lengths are in units of the piece's: state `[u, h u', h^2 m, h^3 q]`. `[G0, G1, G2, G3]` being value and derivatives at
 //! the end of the fundamental solution, the state at the start is that at the end times
@@ -20,12 +19,12 @@
 
 use crate::series::Equation;
 
-/// How many loads are solved for at once: at guide 2 and at the tip.
+/// Number of loads that are solved for at once: at guide 2 and at the tip.
 pub(super) const LOADS: usize = 2;
 /// A number per load.
 pub(super) type PerLoad = [f64; LOADS];
 
-/// What lies beyond a section, as it acts on it.
+/// Spring and load of the part beyond a section.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Beyond {
     /// b, c and s.
@@ -56,36 +55,39 @@ impl Beyond {
 
     /// Slope of a needle that is held here by a bearing that turns by `compliance` per m.
     pub fn slope(&self, compliance: f64) -> PerLoad {
-        let turned = compliance / (1.0 - compliance * self.spring[1]);
-        self.moment.map(|m| turned * m)
+        let rotation_compliance = compliance / (1.0 - compliance * self.spring[1]);
+        self.moment.map(|m| rotation_compliance * m)
     }
 
     /// Deflection and slope of a needle that begins here, free to move, in a bearing that turns by `compliance` per m: `q = 0` and
     /// `u' = compliance m`. Not finite where nothing holds it.
     pub fn free(&self, compliance: f64) -> (PerLoad, PerLoad) {
         let [b, c, s] = self.spring;
-        let turned = compliance / (1.0 - compliance * c);
+        let rotation_compliance = compliance / (1.0 - compliance * c);
         let deflection: PerLoad = std::array::from_fn(|load| {
-            (b * turned * self.moment[load] - self.shear[load]) / (s - b * b * turned)
+            (b * rotation_compliance * self.moment[load] - self.shear[load])
+                / (s - b * b * rotation_compliance)
         });
-        let slope = std::array::from_fn(|load| turned * (b * deflection[load] + self.moment[load]));
+        let slope =
+            std::array::from_fn(|load| rotation_compliance * (b * deflection[load] + self.moment[load]));
         (deflection, slope)
     }
 }
 
-/// How a piece hands on deflection and slope; in units of its length.
+/// Transfer of deflection and slope over a piece; in units of its length.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Link {
-    /// What acts at its start.
+    /// Spring and load at its start.
     start: Beyond,
     /// Deflection and slope at the end by those at the start, without load.
     onward: [[f64; 2]; 2],
-    /// What the load at the end does to deflection and slope at the start if those at the end are 0.
+    /// Effect of the load at the end on deflection and slope at the start if those at the end are 0.
     loaded: [PerLoad; 2],
 }
 
 impl Link {
-    /// Of a piece, and what acts at its start, given what acts at its end; `None` where the equations have no unique solution.
+    /// Transfer of a piece, and the spring and load at its start, given those at its end; `None` if the equations have
+    /// no unique solution.
     pub fn new(
         equation: Equation,
         fundamental: [f64; 4],

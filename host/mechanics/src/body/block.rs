@@ -1,8 +1,9 @@
 //! The needle in a block: the half space's stiffness with what the walls change (theory, eq. 15).
 //!
-//! The walls are far from the needle beside its radius, so that what they do to it is a smooth field: a displacement along the needle per
-//! force on it, which adds to that in the half space, `c = (T^-1 + A) F`. Where the needle is not in the middle a block that bends would move
-//! it along its axis too; its guides hold it, and the force that takes is eliminated.
+//! The walls are far from the needle beside its radius, so that what they do to it is a smooth field: a displacement
+//! along the needle per force on it, which adds to that in the half space, `c = (T^-1 + A) F`. If the needle is not in
+//! the middle, a block that bends would move it along its axis too; its guides hold it, and the required force is
+//! eliminated.
 
 mod half_space;
 mod walls;
@@ -24,8 +25,8 @@ const BLOCKS_KEPT: usize = 64;
 /// Flexibilities that are kept, of a kilobyte each.
 const DEPTHS_KEPT: usize = 4000;
 
-/// What walls add to the flexibility against the coefficients of lateral forces, that between these and a uniform force along the needle, and
-/// of the latter.
+/// Flexibility that walls add against the coefficients of lateral forces, that between these and a uniform force along
+/// the needle, and that of the latter.
 #[derive(Debug, Clone, Copy)]
 struct Added {
     lateral: Matrix,
@@ -36,8 +37,8 @@ struct Added {
 impl Added {
     /// With a needle that is held along its axis, in a half space that gives there by `axial`.
     fn held(&self, axial: f64) -> Matrix {
-        let by = |i: usize, j: usize| self.mixed[i] * self.mixed[j] / (axial + self.axial);
-        std::array::from_fn(|i| std::array::from_fn(|j| self.lateral[i][j] - by(i, j)))
+        let coupled = |i: usize, j: usize| self.mixed[i] * self.mixed[j] / (axial + self.axial);
+        std::array::from_fn(|i| std::array::from_fn(|j| self.lateral[i][j] - coupled(i, j)))
     }
 }
 
@@ -66,16 +67,16 @@ fn key(block: &Block, poisson: f64) -> [u64; 6] {
 
 fn kernel(block: &Block, poisson: f64) -> Result<Arc<Kernel>, ModelError> {
     let key = key(block, poisson);
-    // Nothing panics under the lock.
-    if let Some(known) = KERNELS.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
-        return Ok(known.clone());
+    // No code under the lock can panic.
+    if let Some(cached) = KERNELS.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
+        return Ok(cached.clone());
     }
     let kernel = Arc::new(Kernel::solve(block, poisson)?);
-    let mut kept = KERNELS.write().unwrap_or_else(PoisonError::into_inner);
-    if kept.len() >= BLOCKS_KEPT {
-        kept.clear();
+    let mut cache = KERNELS.write().unwrap_or_else(PoisonError::into_inner);
+    if cache.len() >= BLOCKS_KEPT {
+        cache.clear();
     }
-    kept.insert(key, kernel.clone());
+    cache.insert(key, kernel.clone());
     Ok(kernel)
 }
 
@@ -101,18 +102,18 @@ pub(crate) fn flexibility_per_m(
     )?;
     let key = (key(block, poisson), [top, tip].map(f64::to_bits));
     let axial = length_m * axial_per_m(poisson, radius_m, depth_m);
-    let per_m = |unit: &Added| unit.held(axial).map(|row| row.map(|value| value / length_m));
-    if let Some(known) = FLEXIBILITIES.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
-        return Ok(per_m(known));
+    let held_per_m = |unit: &Added| unit.held(axial).map(|row| row.map(|value| value / length_m));
+    if let Some(cached) = FLEXIBILITIES.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
+        return Ok(held_per_m(cached));
     }
     let kernel = kernel(block, poisson)?;
     let unit = flexibility(&kernel, top, tip);
-    let mut kept = FLEXIBILITIES.write().unwrap_or_else(PoisonError::into_inner);
-    if kept.len() >= DEPTHS_KEPT {
-        kept.clear();
+    let mut cache = FLEXIBILITIES.write().unwrap_or_else(PoisonError::into_inner);
+    if cache.len() >= DEPTHS_KEPT {
+        cache.clear();
     }
-    kept.insert(key, unit);
-    Ok(per_m(&unit))
+    cache.insert(key, unit);
+    Ok(held_per_m(&unit))
 }
 
 /// The walls' response against line loads that are Legendre polynomials of unit moment, between two depths.
@@ -121,23 +122,23 @@ fn flexibility(kernel: &Kernel, top: f64, tip: f64) -> Added {
     for panel in 0..PANELS {
         let end = |panel: usize| -1.0 + 2.0 * panel as f64 / PANELS as f64;
         for (x, weight) in points(end(panel), end(panel + 1)) {
-            let at = weights(DEPTHS, kernel.count, top + 0.5 * (1.0 + x) * (tip - top));
+            let depth_weights = weights(DEPTHS, kernel.count, top + 0.5 * (1.0 + x) * (tip - top));
             for degree in 0..MODES {
                 let [value, _] = legendre(degree, x);
                 // Over the length the weights are halves of those over (-1, 1).
                 let load = (2 * degree + 1) as f64 * 0.5 * weight * value;
-                for (node, share) in at.iter().enumerate() {
+                for (node, share) in depth_weights.iter().enumerate() {
                     loads[(degree, node)] += load * share;
                 }
             }
         }
     }
     let count = kernel.count;
-    let part = |row: usize, column: usize| {
+    let flexibility_part = |row: usize, column: usize| {
         let response = kernel.response.view((row * count, column * count), (count, count));
         &loads * response * loads.transpose()
     };
-    let (lateral, mixed, axial) = (part(0, 0), part(0, 1), part(1, 1));
+    let (lateral, mixed, axial) = (flexibility_part(0, 0), flexibility_part(0, 1), flexibility_part(1, 1));
     Added {
         lateral: std::array::from_fn(|i| std::array::from_fn(|j| lateral[(i, j)])),
         mixed: std::array::from_fn(|i| mixed[(i, 0)]),
@@ -153,8 +154,8 @@ pub(crate) fn with_walls(stiffness: &Matrix, flexibility: &Matrix) -> Result<Mat
     let matrix = |of: &Matrix| SMatrix::<f64, MODES, MODES>::from_fn(|i, j| of[i][j]);
     let (stiff, added) = (matrix(stiffness), matrix(flexibility));
     let system = SMatrix::<f64, MODES, MODES>::identity() + stiff * added;
-    let found = system.lu().solve(&stiff).ok_or(ModelError::Singular)?;
-    Ok(std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (found[(i, j)] + found[(j, i)]))))
+    let solution = system.lu().solve(&stiff).ok_or(ModelError::Singular)?;
+    Ok(std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (solution[(i, j)] + solution[(j, i)]))))
 }
 
 /// As [`with_walls`], of a body whose stiffness is against deflections at nodes, for which `patterns` has the polynomials (a row per node).

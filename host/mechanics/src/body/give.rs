@@ -22,22 +22,22 @@ pub(super) fn with_give(
         return Ok(stiffness);
     }
     let mut motion = [0.0; MODES];
-    let at = |depth_m: f64| 1.0 - give.turn_per_m * depth_m;
+    let turn_factor = |depth_m: f64| 1.0 - give.turn_per_m * depth_m;
     // A line over (-1, 1): its mean, and half its rise.
-    let (top, tip) = (at(from_m), at(from_m + depth_m));
+    let (top, tip) = (turn_factor(from_m), turn_factor(from_m + depth_m));
     (motion[0], motion[1]) = (0.5 * (top + tip), 0.5 * (tip - top));
     let forces: [f64; MODES] =
         std::array::from_fn(|i| stiffness[i].iter().zip(&motion).map(|(s, v)| s * v).sum());
-    let per_n = give.per_m / modulus_pa;
-    let share = 1.0 + per_n * forces.iter().zip(&motion).map(|(f, v)| f * v).sum::<f64>();
+    let give_per_n = give.per_m / modulus_pa;
+    let reduction = 1.0 + give_per_n * forces.iter().zip(&motion).map(|(f, v)| f * v).sum::<f64>();
     check(
         "give_per_m",
         give.per_m,
         "walls that hold the needle to five times its stiffness at most",
-        share > LEAST_SHARE,
+        reduction > LEAST_SHARE,
     )?;
     Ok(std::array::from_fn(|i| {
-        std::array::from_fn(|j| stiffness[i][j] - per_n * forces[i] * forces[j] / share)
+        std::array::from_fn(|j| stiffness[i][j] - give_per_n * forces[i] * forces[j] / reduction)
     }))
 }
 
@@ -55,18 +55,18 @@ mod tests {
     fn one_give_is_a_box_at_several_depths() {
         for (edge_m, tolerance) in [(0.06, 0.1), (0.1, 0.03)] {
             let block = Block::cube(edge_m, Mounting::Held);
-            let per_m = |depth_m: f64| {
+            let flexibility_of = |depth_m: f64| {
                 flexibility_per_m(&block, 0.5, RADIUS_M, [0.0, depth_m]).expect("solves")[0][0]
             };
-            let give = Give { per_m: per_m(0.03), turn_per_m: 0.0 };
+            let give = Give { per_m: flexibility_of(0.03), turn_per_m: 0.0 };
             for depth_m in [0.02, 0.03, 0.04] {
                 let half_space = uniform(depth_m / RADIUS_M, 0.5).map(|row| row.map(|value| value * depth_m));
-                let given = with_give(half_space, give, 1.0, [0.0, depth_m]).expect("a body");
+                let with_box = with_give(half_space, give, 1.0, [0.0, depth_m]).expect("a body");
                 let added = flexibility_per_m(&block, 0.5, RADIUS_M, [0.0, depth_m]).expect("solves");
                 let walls = super::super::block::with_walls(&half_space, &added).expect("a body");
-                let ratio = given[0][0] / walls[0][0];
+                let ratio = with_box[0][0] / walls[0][0];
                 assert!((ratio - 1.0).abs() < tolerance, "{edge_m} {depth_m}: {ratio}");
-                assert!(given[0][0] > 1.1 * half_space[0][0]);
+                assert!(with_box[0][0] > 1.1 * half_space[0][0]);
             }
         }
     }
@@ -74,21 +74,21 @@ mod tests {
     #[test]
     fn a_column_turns_about_its_foot_and_walls_do_not_hold_without_end() {
         let half_space = uniform(0.03 / RADIUS_M, 0.5).map(|row| row.map(|value| 16e3 * 0.03 * value));
-        let with = |per_m: f64, turn_per_m: f64| {
+        let body_with = |per_m: f64, turn_per_m: f64| {
             with_give(half_space, Give { per_m, turn_per_m }, 16e3, [0.0, 0.03])
         };
-        assert_eq!(with(0.0, 5.0), Ok(half_space));
+        assert_eq!(body_with(0.0, 5.0), Ok(half_space));
         // Springs in series: of the needle in the half space, and of the tissue around it.
-        let found = with(40.0, 0.0).expect("a body");
+        let column = body_with(40.0, 0.0).expect("a body");
         let series = 1.0 / (1.0 / half_space[0][0] + 40.0 / 16e3);
         assert!(
-            found[0][0] < half_space[0][0] && (found[0][0] / series - 1.0).abs() < 0.05,
+            column[0][0] < half_space[0][0] && (column[0][0] / series - 1.0).abs() < 0.05,
             "{}",
-            found[0][0]
+            column[0][0]
         );
-        // What turns about the tip moves half as far on average.
-        let turning = with(40.0, 1.0 / 0.03).expect("a body");
-        assert!(turning[0][0] > found[0][0] && turning[0][0] < half_space[0][0]);
-        assert!(matches!(with(-60.0, 0.0), Err(ModelError::OutOfRange { name: "give_per_m", .. })));
+        // A body that turns about the tip moves half as far on average.
+        let turning = body_with(40.0, 1.0 / 0.03).expect("a body");
+        assert!(turning[0][0] > column[0][0] && turning[0][0] < half_space[0][0]);
+        assert!(matches!(body_with(-60.0, 0.0), Err(ModelError::OutOfRange { name: "give_per_m", .. })));
     }
 }

@@ -54,7 +54,7 @@ pub(crate) struct Ritz {
     /// First coefficient, and number of unknowns.
     first: usize,
     count: usize,
-    /// Where the body begins, and how far down it holds the needle.
+    /// Start of the body, and the depth to which it holds the needle.
     body_m: f64,
     depth_m: f64,
     /// Deflection at the surface.
@@ -78,13 +78,13 @@ impl Ritz {
     /// # Errors
     /// [`ModelError::OutOfRange`], [`ModelError::Singular`] where an axial load buckles a piece.
     pub fn new(problem: &BeamProblem) -> Result<Option<Self>, ModelError> {
-        let from_m = super::surface_m(&problem.foundation);
-        let depth_m = problem.depth_m - from_m;
+        let surface_m = super::surface_m(&problem.foundation);
+        let depth_m = problem.depth_m - surface_m;
         if depth_m <= MIN_M {
             return Ok(None);
         }
-        let tissue = Self::tissue(problem, [from_m, depth_m])?;
-        Self::with_tissue(problem, from_m, tissue).map(Some)
+        let tissue = Self::tissue(problem, [surface_m, depth_m])?;
+        Self::with_tissue(problem, surface_m, tissue).map(Some)
     }
 
     /// The same where a short piece between the surface and the body belongs to the polynomial of the needle in the body: by itself it
@@ -94,11 +94,11 @@ impl Ritz {
     /// As [`Self::new`].
     pub fn joining_short_gap(problem: &BeamProblem) -> Result<Option<Self>, ModelError> {
         let gap_m = super::surface_m(&problem.foundation);
-        let held_m = problem.depth_m - gap_m;
-        if gap_m <= 0.0 || gap_m >= SHORT_GAP * held_m {
+        let held_depth_m = problem.depth_m - gap_m;
+        if gap_m <= 0.0 || gap_m >= SHORT_GAP * held_depth_m {
             return Self::new(problem);
         }
-        let tissue = Self::tissue(problem, [gap_m, held_m])?;
+        let tissue = Self::tissue(problem, [gap_m, held_depth_m])?;
         Self::with_tissue(problem, 0.0, lengthened(&tissue, gap_m / problem.depth_m)).map(Some)
     }
 
@@ -139,8 +139,12 @@ impl Ritz {
             self.count += 1;
         }
         let first_guide = problem.only_guide.then(|| start.clone());
-        let (outside_n, inside_n) = (problem.axial_load_n, problem.axial_load_n - problem.shear_n);
-        let faces = [(problem.guide2_m, outside_n), (problem.entry_m, outside_n), (self.body_m, inside_n)];
+        let (free_axial_n, tissue_axial_n) = (problem.axial_load_n, problem.axial_load_n - problem.shear_n);
+        let faces = [
+            (problem.guide2_m, free_axial_n),
+            (problem.entry_m, free_axial_n),
+            (self.body_m, tissue_axial_n),
+        ];
         let ends: Vec<f64> = faces
             .iter()
             .map(|(face_m, _)| *face_m)
@@ -192,7 +196,7 @@ impl Ritz {
         self.count = self.first + MODES;
         self.add_product(&self.surface[0].clone(), &self.surface[0].clone(), problem.skin_n_per_m);
         let bending = 8.0 * problem.bending_stiffness_n_m2 / self.depth_m.powi(3);
-        let tension = -2.0 * inside_n / self.depth_m;
+        let tension = -2.0 * tissue_axial_n / self.depth_m;
         let Energies { slopes, curvatures } = &*ENERGIES;
         for i in 0..MODES {
             for j in 0..MODES {
@@ -223,9 +227,13 @@ impl Ritz {
             let shear = third + axial * state[1];
             let forces = [shear, -second, -shear, second * g3 + third * g2];
             for (row, force) in forces.into_iter().enumerate() {
-                let of = |i: usize| &piece.ends[i / 2][i % 2];
+                let end_vector = |i: usize| &piece.ends[i / 2][i % 2];
                 let turn = |i: usize| if i % 2 == 1 { length_m } else { 1.0 };
-                self.add_product(of(row), of(column), unit * force * turn(row) * turn(column));
+                self.add_product(
+                    end_vector(row),
+                    end_vector(column),
+                    unit * force * turn(row) * turn(column),
+                );
             }
         }
         self.pieces.push(piece);
@@ -256,13 +264,13 @@ impl Ritz {
         }
         for i in 0..self.count {
             for j in 0..=i {
-                let (above, below) = factor.split_at_mut(i);
-                let row = &mut below[0];
-                let other = if j < i { above[j] } else { *row };
-                let known: f64 = row[..j].iter().zip(&other[..j]).map(|(a, b)| a * b).sum();
-                let value = row[j] - known;
+                let (factored, current_rows) = factor.split_at_mut(i);
+                let row = &mut current_rows[0];
+                let other_row = if j < i { factored[j] } else { *row };
+                let solved_sum: f64 = row[..j].iter().zip(&other_row[..j]).map(|(a, b)| a * b).sum();
+                let value = row[j] - solved_sum;
                 row[j] = if j < i {
-                    value / other[j]
+                    value / other_row[j]
                 } else if value > 0.0 && value.is_finite() {
                     value.sqrt()
                 } else {
@@ -296,17 +304,17 @@ impl Ritz {
     /// The needle under loads on its unknowns.
     pub fn solve(&self, Solved { factor }: &Solved, mut right: Unknowns) -> Shape {
         for i in 0..self.count {
-            let known: f64 = factor[i][..i].iter().zip(&right[..i]).map(|(a, b)| a * b).sum();
-            right[i] = (right[i] - known) / factor[i][i];
+            let solved_sum: f64 = factor[i][..i].iter().zip(&right[..i]).map(|(a, b)| a * b).sum();
+            right[i] = (right[i] - solved_sum) / factor[i][i];
         }
         for i in (0..self.count).rev() {
-            let known: f64 = (i + 1..self.count).map(|k| factor[k][i] * right[k]).sum();
-            right[i] = (right[i] - known) / factor[i][i];
+            let solved_sum: f64 = (i + 1..self.count).map(|k| factor[k][i] * right[k]).sum();
+            right[i] = (right[i] - solved_sum) / factor[i][i];
         }
         Shape(right)
     }
 
-    /// What a unit load measures of a shape: its deflection or slope there.
+    /// Projection of a shape on a unit load: its deflection or slope there.
     pub fn work(&self, load: Load, shape: &Shape) -> f64 {
         self.load(load).iter().zip(&shape.0).map(|(a, b)| a * b).sum()
     }
@@ -318,22 +326,22 @@ impl Ritz {
 
     /// Loads on the coefficients as loads on all unknowns.
     pub fn on_coefficients(&self, loads: &[f64; MODES]) -> Unknowns {
-        let mut all = [0.0; MAX_UNKNOWNS];
-        all[self.first..].iter_mut().zip(loads).for_each(|(to, load)| *to = *load);
-        all
+        let mut coefficients_all = [0.0; MAX_UNKNOWNS];
+        coefficients_all[self.first..].iter_mut().zip(loads).for_each(|(to, load)| *to = *load);
+        coefficients_all
     }
 
     /// Largest difference of two shapes' coefficients.
     pub fn distance(&self, a: &Shape, b: &Shape) -> f64 {
-        let both = a.0[self.first..self.count].iter().zip(&b.0[self.first..self.count]);
-        both.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        let coefficient_pairs = a.0[self.first..self.count].iter().zip(&b.0[self.first..self.count]);
+        coefficient_pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     }
 
     /// Deflection and slope at a place on the needle.
     pub fn at(&self, shape: &Shape, z_m: f64) -> [f64; 2] {
         let in_body = z_m >= self.body_m;
-        let outside = self.pieces(shape).take_while(|(start_m, ..)| *start_m <= z_m).last();
-        match outside.filter(|_| !in_body) {
+        let free_piece = self.pieces(shape).take_while(|(start_m, ..)| *start_m <= z_m).last();
+        match free_piece.filter(|_| !in_body) {
             Some((start_m, length_m, equation, start)) => {
                 let mut series = Default::default();
                 equation.expand(start, &mut series);
@@ -358,7 +366,7 @@ impl Ritz {
         self.tissue.map(|row| row.iter().zip(coefficients).map(|(t, c)| t * c).sum())
     }
 
-    /// Where the body begins along the needle, and how far down it holds the needle.
+    /// Start of the body along the needle, and the depth to which it holds the needle.
     pub fn body_m(&self) -> [f64; 2] {
         [self.body_m, self.depth_m]
     }
@@ -391,17 +399,17 @@ fn lengthened(stiffness: &Matrix, share: f64) -> Matrix {
             share * of[k] + from_below + from_above
         })
     };
-    let mut part = [[0.0; MODES]; MODES];
-    part[0][0] = 1.0;
+    let mut powers = [[0.0; MODES]; MODES];
+    powers[0][0] = 1.0;
     for n in 0..MODES - 1 {
-        let next = times_x(&part[n]);
+        let next = times_x(&powers[n]);
         for k in 0..MODES {
-            let before = if n > 0 { n as f64 * part[n - 1][k] } else { 0.0 };
-            part[n + 1][k] = ((2 * n + 1) as f64 * next[k] - before) / (n + 1) as f64;
+            let preceding = if n > 0 { n as f64 * powers[n - 1][k] } else { 0.0 };
+            powers[n + 1][k] = ((2 * n + 1) as f64 * next[k] - preceding) / (n + 1) as f64;
         }
     }
-    let forces = part.map(|of| stiffness.map(|row| row.iter().zip(&of).map(|(t, c)| t * c).sum::<f64>()));
-    part.map(|of| std::array::from_fn(|j| of.iter().zip(&forces[j]).map(|(c, f)| c * f).sum()))
+    let forces = powers.map(|of| stiffness.map(|row| row.iter().zip(&of).map(|(t, c)| t * c).sum::<f64>()));
+    powers.map(|of| std::array::from_fn(|j| of.iter().zip(&forces[j]).map(|(c, f)| c * f).sum()))
 }
 
 impl Piece {
@@ -437,8 +445,8 @@ static ENERGIES: LazyLock<Energies> = LazyLock::new(|| {
     // Derivatives are sums of Legendre polynomials of lower degree: P_n' = sum (2k + 1) P_k over k = n - 1, n - 3 and so on.
     let derivative = |coefficients: &[f64; MODES]| -> [f64; MODES] {
         std::array::from_fn(|k| {
-            let above = coefficients.iter().skip(k + 1).step_by(2).sum::<f64>();
-            (2 * k + 1) as f64 * above
+            let higher_sum = coefficients.iter().skip(k + 1).step_by(2).sum::<f64>();
+            (2 * k + 1) as f64 * higher_sum
         })
     };
     let unit = |n: usize| std::array::from_fn(|k| if k == n { 1.0 } else { 0.0 });

@@ -20,7 +20,7 @@ const PANELS: usize = 3;
 /// A needle in a body that stiffens.
 #[derive(Debug)]
 pub(crate) struct Stiffened {
-    /// Nothing where no body holds the needle.
+    /// `None` if no body holds the needle.
     ritz: Option<Ritz>,
     problem: BeamProblem,
     /// `k / u0^2` times the weight, and the polynomials, at every Gauss point.
@@ -34,7 +34,7 @@ impl Stiffened {
     /// As [`Ritz::new`].
     pub fn new(problem: &BeamProblem) -> Result<Self, ModelError> {
         let ritz = Ritz::new(problem)?;
-        let mut at = Vec::new();
+        let mut stiffened_points = Vec::new();
         if let Some(ritz) = &ritz {
             let [_, depth_m] = ritz.body_m();
             let rigid = std::array::from_fn(|i| if i == 0 { 1.0 } else { 0.0 });
@@ -43,11 +43,12 @@ impl Stiffened {
             for panel in 0..PANELS {
                 let ends = [panel, panel + 1].map(|end| -1.0 + 2.0 * end as f64 / PANELS as f64);
                 // The weights of (-1, 1) are halves of those over the depth.
-                at.extend(points(ends[0], ends[1]).map(|(x, w)| (0.5 * w * whole * per_m2, legendre(x))));
+                stiffened_points
+                    .extend(points(ends[0], ends[1]).map(|(x, w)| (0.5 * w * whole * per_m2, legendre(x))));
             }
             debug_assert!(depth_m > 0.0);
         }
-        Ok(Self { ritz, problem: problem.clone(), points: at })
+        Ok(Self { ritz, problem: problem.clone(), points: stiffened_points })
     }
 
     /// The needle while guide 2 is held at a displacement, with or without what stiffening adds.
@@ -97,9 +98,9 @@ impl Stiffened {
         for (weight, polynomials) in &self.points {
             let u: f64 = polynomials.iter().zip(coefficients).map(|(p, c)| p * c).sum();
             for (i, row) in tangent.iter_mut().enumerate() {
-                let at = weight * u * u * polynomials[i];
-                row.iter_mut().zip(polynomials).for_each(|(value, p)| *value += 3.0 * at * p);
-                forces[i] += at * u;
+                let weighted = weight * u * u * polynomials[i];
+                row.iter_mut().zip(polynomials).for_each(|(value, p)| *value += 3.0 * weighted * p);
+                forces[i] += weighted * u;
             }
         }
         (tangent, forces)
@@ -119,12 +120,12 @@ fn sampled(length_m: f64, force_n: f64, at: impl Fn(f64) -> [f64; 2]) -> Deforme
 
 /// Legendre polynomials at a place in (-1, 1).
 fn legendre(x: f64) -> [f64; MODES] {
-    let (mut before, mut now) = (0.0, 1.0);
+    let (mut previous, mut now) = (0.0, 1.0);
     std::array::from_fn(|n| {
         let value = now;
         let n = n as f64;
-        now = ((2.0 * n + 1.0) * x * now - n * before) / (n + 1.0);
-        before = value;
+        now = ((2.0 * n + 1.0) * x * now - n * previous) / (n + 1.0);
+        previous = value;
         value
     })
 }

@@ -17,7 +17,8 @@ const ENTRIES: usize = MODES * (MODES + 1) / 2;
 const FIELD_ENTRIES: usize = FIELDS * (FIELDS + 1) / 2;
 /// Fields that leave the needle where it is.
 const INNER: usize = FIELDS - MODES;
-/// How many interpolated matrices a thread keeps: a fit needs the same few depths again and again.
+/// Number of interpolated matrices that a thread keeps: a fit needs the same few depths again and
+/// again.
 const KEPT: usize = 8;
 
 static TEXT: &str = include_str!("../continuum/uniform.csv");
@@ -57,7 +58,7 @@ fn roots<const COUNT: usize>(entries: &[f64], poisson: f64) -> [f64; COUNT] {
     std::array::from_fn(|i| (entries[place(i, i)].exp() * by_poisson(poisson)).sqrt())
 }
 
-/// What the stiffness of a long needle depends on Poisson's ratio by; what is left of the dependence is nearly a straight line.
+/// Main dependence of a long needle's stiffness on Poisson's ratio; the remaining dependence is nearly a straight line.
 fn by_poisson(poisson: f64) -> f64 {
     (1.0 - poisson) / ((1.0 + poisson) * (3.0 - 4.0 * poisson))
 }
@@ -66,20 +67,20 @@ fn by_poisson(poisson: f64) -> f64 {
 fn of_poisson(poisson: f64) -> Vec<[f64; ENTRIES]> {
     let [ratios, count] = UNIFORM;
     let weights = weights(POISSON, count, poisson);
-    let mut found = vec![[0.0; ENTRIES]; ratios];
-    for (entries, rows) in found.iter_mut().zip(UNIFORM_TABLE.chunks_exact(count)) {
+    let mut table = vec![[0.0; ENTRIES]; ratios];
+    for (entries, rows) in table.iter_mut().zip(UNIFORM_TABLE.chunks_exact(count)) {
         for (row, weight) in rows.iter().zip(&weights) {
             entries.iter_mut().zip(row).for_each(|(entry, value)| *entry += weight * value);
         }
     }
-    found
+    table
 }
 
 thread_local! {
     static RECENT: RefCell<Recent> = RefCell::default();
 }
 
-/// What a thread interpolated recently.
+/// Recent interpolations of a thread.
 #[derive(Default)]
 struct Recent {
     by_poisson: Vec<(f64, Arc<Vec<[f64; ENTRIES]>>)>,
@@ -89,7 +90,7 @@ struct Recent {
 /// Interpolated fields by the bits of ratio and Poisson's ratio: an insertion needs those of all its depths again and again, and
 /// each is a sum over the whole table. All threads share them; emptied when full.
 static RECENT_FIELDS: LazyLock<RwLock<HashMap<[u64; 2], Arc<Varied>>>> = LazyLock::new(RwLock::default);
-/// How many are kept: of 30 kB each.
+/// Number that is kept: of 30 kB each.
 const FIELDS_KEPT: usize = 1500;
 
 /// A value that was computed recently, or computed again.
@@ -163,9 +164,9 @@ impl Varied {
     /// Interpolated for a ratio of depth to radius and a Poisson's ratio.
     pub fn at(ratio: f64, poisson: f64) -> Arc<Self> {
         let key = [ratio, poisson].map(f64::to_bits);
-        // Nothing panics under the lock.
-        if let Some(known) = RECENT_FIELDS.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
-            return known.clone();
+        // No code under the lock can panic.
+        if let Some(cached) = RECENT_FIELDS.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
+            return cached.clone();
         }
         let fields = Arc::new(Self::interpolated(ratio, poisson));
         let mut recent = RECENT_FIELDS.write().unwrap_or_else(PoisonError::into_inner);
@@ -211,8 +212,8 @@ impl Varied {
         let mut outer = [[0.0; INNER]; MODES];
         for i in 0..INNER {
             for j in 0..=i {
-                let known: f64 = (0..j).map(|k| factor[i][k] * factor[j][k]).sum();
-                let value = entries[place(MODES + i, MODES + j)] - known;
+                let solved_sum: f64 = (0..j).map(|k| factor[i][k] * factor[j][k]).sum();
+                let value = entries[place(MODES + i, MODES + j)] - solved_sum;
                 factor[i][j] = if i > j {
                     value / factor[j][j]
                 } else if value > 0.0 {
@@ -224,8 +225,8 @@ impl Varied {
         }
         for (mode, row) in outer.iter_mut().enumerate() {
             for i in 0..INNER {
-                let known: f64 = (0..i).map(|k| factor[i][k] * row[k]).sum();
-                row[i] = (entries[place(MODES + i, mode)] - known) / factor[i][i];
+                let solved_sum: f64 = (0..i).map(|k| factor[i][k] * row[k]).sum();
+                row[i] = (entries[place(MODES + i, mode)] - solved_sum) / factor[i][i];
             }
         }
         let mut matrix = symmetric(&entries);

@@ -19,8 +19,9 @@ fn problem(foundation: Foundation, poisson: f64, depth_m: f64) -> BeamProblem {
 /// Stiffness per unit of depth by the tables.
 fn tabulated(foundation: &Foundation, poisson: f64, depth_m: f64) -> Matrix {
     let support = Support::half_space(poisson);
-    let found = stiffness(foundation, support, Give::NONE, 0.635e-3, [0.0, depth_m]).expect("a stiffness");
-    found.map(|row| row.map(|value| value / depth_m))
+    let stiffness_table =
+        stiffness(foundation, support, Give::NONE, 0.635e-3, [0.0, depth_m]).expect("a stiffness");
+    stiffness_table.map(|row| row.map(|value| value / depth_m))
 }
 
 /// Between the nodes of the table, in depth and in Poisson's ratio, on a finer mesh than the table's.
@@ -28,15 +29,16 @@ fn tabulated(foundation: &Foundation, poisson: f64, depth_m: f64) -> Matrix {
 fn the_table_is_the_direct_solution() {
     let (depth, poisson) = (12.0, 0.43);
     let expected = direct(depth, poisson, |_| 1.0, &[], 1.3).expect("solves");
-    let found = tabulated(&Foundation::uniform(1.0).expect("a modulus"), poisson, depth * 0.635e-3);
+    let tabulated_stiffness =
+        tabulated(&Foundation::uniform(1.0).expect("a modulus"), poisson, depth * 0.635e-3);
     // Patterns that a needle takes: to a part in a thousand; the others are worth less the stiffer the needle is against them.
     for i in 0..3 {
         for j in 0..=i {
             let scale = (expected[(i, i)] * expected[(j, j)]).sqrt();
             assert!(
-                (found[i][j] - expected[(i, j)]).abs() < 1e-3 * scale,
+                (tabulated_stiffness[i][j] - expected[(i, j)]).abs() < 1e-3 * scale,
                 "{i} {j}: {} {}",
-                found[i][j],
+                tabulated_stiffness[i][j],
                 expected[(i, j)]
             );
         }
@@ -52,10 +54,10 @@ fn layers_agree_with_the_direct_solution() {
         let expected = direct(depth, 0.5, modulus, &[boundary * depth], COARSE).expect("solves");
         let layer = Layer { bottom_m: boundary * depth * 0.635e-3, modulus_pa: 1.0 };
         let foundation = Foundation::layered(vec![layer], ratio).expect("layers");
-        let found = tabulated(&foundation, 0.5, depth * 0.635e-3);
+        let tabulated_stiffness = tabulated(&foundation, 0.5, depth * 0.635e-3);
         for i in 0..2 {
-            let off = found[i][i] / expected[(i, i)] - 1.0;
-            assert!((-0.01..0.03).contains(&off), "{boundary} {ratio} {i}: {off}");
+            let relative_error = tabulated_stiffness[i][i] / expected[(i, i)] - 1.0;
+            assert!((-0.01..0.03).contains(&relative_error), "{boundary} {ratio} {i}: {relative_error}");
         }
     }
 }
@@ -70,10 +72,10 @@ fn gradients_agree_with_the_direct_solution() {
         let modulus = |z: f64| (1.0 + slope * z.min(ends)).max(0.1);
         let expected = direct(depth, 0.5, modulus, &[ends], COARSE).expect("solves");
         let foundation = Foundation::uniform(1.0).expect("a modulus").graded(slope / 0.635e-3);
-        let found = tabulated(&foundation.expect("a gradient"), 0.5, depth * 0.635e-3);
+        let tabulated_stiffness = tabulated(&foundation.expect("a gradient"), 0.5, depth * 0.635e-3);
         for i in 0..2 {
-            let off = found[i][i] / expected[(i, i)] - 1.0;
-            assert!((-0.01..0.02).contains(&off), "{at_tip} {i}: {off}");
+            let relative_error = tabulated_stiffness[i][i] / expected[(i, i)] - 1.0;
+            assert!((-0.01..0.02).contains(&relative_error), "{at_tip} {i}: {relative_error}");
         }
     }
 }
@@ -86,8 +88,8 @@ const STIFFNESS: [(f64, f64); 1] = [(0.02, 930.9846)];
 fn lateral_stiffness_agrees_with_a_solution_without_tables() {
     for (depth_m, expected) in STIFFNESS {
         let beam = Model::body(rig(), 20e3, 0.5).expect("a model").beam(depth_m).expect("solves");
-        let found = beam.lateral_stiffness_n_per_m();
-        assert!((found / expected - 1.0).abs() < 5e-4, "{depth_m}: {found} {expected}");
+        let beam_stiffness = beam.lateral_stiffness_n_per_m();
+        assert!((beam_stiffness / expected - 1.0).abs() < 5e-4, "{depth_m}: {beam_stiffness} {expected}");
     }
 }
 
@@ -103,8 +105,8 @@ fn deflection_and_slope_are_continuous_and_forces_reciprocal() {
         assert!((unit.slope(z_m - 1e-9) / unit.slope(z_m + 1e-9) - 1.0).abs() < 1e-6);
         assert!((unit.deflection_m(z_m - 1e-12) / unit.deflection_m(z_m) - 1.0).abs() < 1e-9);
     }
-    let there = unit.deflection_m(beam.length_m());
-    assert!((beam.tip_force().deflection_m(0.06) / there - 1.0).abs() < 1e-9);
+    let tip_deflection_m = unit.deflection_m(beam.length_m());
+    assert!((beam.tip_force().deflection_m(0.06) / tip_deflection_m - 1.0).abs() < 1e-9);
 }
 
 /// A body without stiffness is none, for any table: the cantilever with a load at guide 2.
@@ -135,17 +137,20 @@ fn the_smallest_gaps_change_the_force_in_proportion() {
             let gap = Foundation::uniform(20e3).expect("a modulus").with_gap(gap_m).expect("a gap");
             problem(gap, 0.495, depth_m).solve().expect("solves").lateral_stiffness_n_per_m()
         };
-        let (none, short_m) = (stiffness(0.0), 0.019 * depth_m);
-        let per_m = (none - stiffness(short_m)) / short_m;
-        assert!(per_m > 0.0);
+        let (without_gap, short_m) = (stiffness(0.0), 0.019 * depth_m);
+        let slope_per_m = (without_gap - stiffness(short_m)) / short_m;
+        assert!(slope_per_m > 0.0);
         for gap_m in [1e-9, 1e-7, 3e-6, 1e-5, 1e-4] {
-            let fallen = none - stiffness(gap_m);
-            assert!((fallen - per_m * gap_m).abs() < 0.05 * per_m * gap_m + 1e-9 * none, "{gap_m}: {fallen}");
+            let fallen = without_gap - stiffness(gap_m);
+            assert!(
+                (fallen - slope_per_m * gap_m).abs() < 0.05 * slope_per_m * gap_m + 1e-9 * without_gap,
+                "{gap_m}: {fallen}"
+            );
         }
         // A piece of its own instead of a part of the polynomial makes no difference.
-        let beside = [0.0199, 0.0201].map(|share| stiffness(share * depth_m / (1.0 + share)));
-        let fallen = beside[0] - beside[1];
-        assert!((fallen / (per_m * 0.0002 * depth_m) - 1.0).abs() < 0.3, "{beside:?}");
+        let neighbouring = [0.0199, 0.0201].map(|share| stiffness(share * depth_m / (1.0 + share)));
+        let fallen = neighbouring[0] - neighbouring[1];
+        assert!((fallen / (slope_per_m * 0.0002 * depth_m) - 1.0).abs() < 0.3, "{neighbouring:?}");
     }
 }
 
@@ -165,7 +170,7 @@ fn insertions_converge_with_the_step() {
     assert!((coarse / fine - 1.0).abs() < 1e-3, "{coarse} {fine}");
 }
 
-/// What the tables do not hold is refused, with the reason.
+/// Values beyond the tables are refused, with the reason.
 #[test]
 fn what_is_not_tabulated_is_refused() {
     let two = |below_pa: f64| {

@@ -50,11 +50,11 @@ pub fn rigid_ratio(
     let half_space = table::uniform(ratio.max(least), poisson);
     let Some(block) = block else { return Ok(half_space[0][0]) };
     let added = flexibility_per_m(block, poisson, 0.5 * needle.outer_diameter_m, [0.0, depth_m])?;
-    let found = with_walls(&half_space, &added.map(|row| row.map(|value| value * depth_m)))?;
-    Ok(found[0][0])
+    let with_block = with_walls(&half_space, &added.map(|row| row.map(|value| value * depth_m)))?;
+    Ok(with_block[0][0])
 }
 
-/// What Young's modulus of a half space is off by at most where walls are not stated: factors on it if the block is one of
+/// Largest error of a half space's Young's modulus if walls are not stated: factors on it if the block is one of
 /// [`Block::around`] the depth whose sides are held, and if they are free.
 ///
 /// # Errors
@@ -74,7 +74,7 @@ fn wall(radius_m: f64, depth_m: f64, poisson: f64) -> WallStiffness {
     let body = DMatrix::from_fn(MODES, MODES, |i, j| body[i][j]);
     // Clenshaw and Curtis: nodes at both ends, closer there, where the body's force changes most.
     let angle = |node: usize| PI * (PIECES - node) as f64 / PIECES as f64;
-    let places: Vec<f64> = (0..=PIECES).map(|node| angle(node).cos()).collect();
+    let angle_cosines: Vec<f64> = (0..=PIECES).map(|node| angle(node).cos()).collect();
     let weight = |node: usize| {
         let of_term = |k: usize| {
             let last = if 2 * k == PIECES { 1.0 } else { 2.0 };
@@ -83,11 +83,11 @@ fn wall(radius_m: f64, depth_m: f64, poisson: f64) -> WallStiffness {
         let end = if node == 0 || node == PIECES { 1.0 } else { 2.0 };
         end / PIECES as f64 * (1.0 - (1..=PIECES / 2).map(of_term).sum::<f64>())
     };
-    let coefficients = DMatrix::from_fn(MODES, places.len(), |degree, node| {
-        (degree as f64 + 0.5) * weight(node) * legendre(degree, places[node])[0]
+    let coefficients = DMatrix::from_fn(MODES, angle_cosines.len(), |degree, node| {
+        (degree as f64 + 0.5) * weight(node) * legendre(degree, angle_cosines[node])[0]
     });
     WallStiffness {
-        depths_m: places.iter().map(|x| 0.5 * depth_m * (1.0 + x)).collect(),
+        depths_m: angle_cosines.iter().map(|x| 0.5 * depth_m * (1.0 + x)).collect(),
         matrix_m: coefficients.tr_mul(&(body * &coefficients)) * depth_m,
     }
 }
@@ -110,12 +110,14 @@ mod tests {
         {
             let elements =
                 Continuum::solve(&rig.needle, depth_m, poisson, Contact::OneSided, ELEMENTS).expect("solves");
-            let found = tabulated(&rig.needle, depth_m, poisson, Contact::OneSided).expect("in the table");
-            let rigid = found.rigid_ratio().expect("a ratio") / elements.rigid_ratio().expect("a ratio");
+            let tabulated_stiffness =
+                tabulated(&rig.needle, depth_m, poisson, Contact::OneSided).expect("in the table");
+            let rigid = tabulated_stiffness.rigid_ratio().expect("a ratio")
+                / elements.rigid_ratio().expect("a ratio");
             assert!((rigid - 1.0).abs() < 5e-3, "{depth_m} {poisson}: {rigid}");
             for youngs_kpa in moduli_kpa {
-                let [a, b] =
-                    [&found, &elements].map(|body| body.response(&rig, 1e3 * youngs_kpa).expect("solves"));
+                let [a, b] = [&tabulated_stiffness, &elements]
+                    .map(|body| body.response(&rig, 1e3 * youngs_kpa).expect("solves"));
                 for z_m in [0.06, 0.07, 0.07 + 0.4 * depth_m, 0.07 + 0.9 * depth_m] {
                     let [a, b] = [&a, &b].map(|shape| shape.deflection_m(z_m) / a.deflection_m(rig.guide2_m));
                     assert!((a - b).abs() < 5e-3 * b.abs().max(0.5), "{depth_m} {youngs_kpa} {z_m}: {a} {b}");

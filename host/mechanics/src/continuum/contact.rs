@@ -28,8 +28,9 @@ const NODES: [usize; 2] = [5, 4];
 const HARMONICS: usize = 8;
 /// Elements of the table.
 const RESOLUTION: Resolution = Resolution { first: 0.5, growth: 1.5, reach: 200.0 };
-/// Relative error of the share, at 95 %, see the tests: mesh and harmonics 1 %, and that a needle bends. Where the tip moves against
-/// the surface by 40 % of the surface's motion, as that of a long thin needle in stiff tissue does not, the share is 15 % less.
+/// Relative error of the share, at 95 %, see the tests: mesh and harmonics 1 %, and that a needle bends. If the tip
+/// moves against the surface by 40 % of the surface's motion, as that of a long thin needle in stiff tissue does not,
+/// the share is 15 % less.
 pub(super) const RELATIVE_ERROR: f64 = 0.06;
 /// Most rounds of the search for the contact.
 const MAX_ROUNDS: usize = 60;
@@ -64,7 +65,7 @@ pub fn one_sided_share(
     Ok(one_sided_work(&compliances, &rigid)? / bonded)
 }
 
-/// Of the first so many harmonics.
+/// Compliances of the first so many harmonics.
 fn wall_compliances(mesh: &Mesh, poisson: f64, harmonics: usize) -> Result<Vec<DMatrix<f64>>, ModelError> {
     (0..harmonics).into_par_iter().map(|harmonic| wall_compliance(mesh, harmonic, poisson)).collect()
 }
@@ -73,25 +74,28 @@ fn wall_compliances(mesh: &Mesh, poisson: f64, harmonics: usize) -> Result<Vec<D
 /// of the harmonics: twice the energy.
 fn one_sided_work(compliances: &[DMatrix<f64>], deflection: &DVector<f64>) -> Result<f64, ContactError> {
     let angles = compliances.len();
-    let along = deflection.len();
+    let contact_count = deflection.len();
     let angle = |k: usize| (k as f64 + 0.5) * PI / angles as f64;
     let cosine = DMatrix::from_fn(angles, angles, |harmonic, k| (harmonic as f64 * angle(k)).cos());
     // Node forces per angle make amplitudes of the harmonics; these make displacements, which add up again.
-    let size = along * angles;
+    let size = contact_count * angles;
     let mut compliance = DMatrix::zeros(size, size);
     for (harmonic, of_harmonic) in compliances.iter().enumerate() {
         let scale = if harmonic == 0 { 1.0 } else { 2.0 } / angles as f64;
         for k in 0..angles {
             for l in 0..angles {
                 let factor = scale * cosine[(harmonic, k)] * cosine[(harmonic, l)];
-                let mut block = compliance.view_mut((k * along, l * along), (along, along));
+                let mut block = compliance
+                    .view_mut((k * contact_count, l * contact_count), (contact_count, contact_count));
                 block.zip_apply(of_harmonic, |sum, value| *sum += factor * value);
             }
         }
     }
-    let imposed = DVector::from_fn(size, |place, _| deflection[place % along] * angle(place / along).cos());
+    let imposed = DVector::from_fn(size, |place, _| {
+        deflection[place % contact_count] * angle(place / contact_count).cos()
+    });
     let force = contact(&compliance, &imposed)?;
-    // Of the forces per angle the first harmonic is lateral.
+    // The first harmonic of the forces per angle is lateral.
     Ok(PI * 2.0 / angles as f64 * force.dot(&imposed))
 }
 
@@ -102,13 +106,13 @@ fn contact(compliance: &DMatrix<f64>, imposed: &DVector<f64>) -> Result<DVector<
     let scale = (0..size).map(|i| compliance[(i, i)]).fold(0.0, f64::max).recip();
     let mut closed: Vec<usize> = (0..size).filter(|i| imposed[*i] > 0.0).collect();
     for _ in 0..MAX_ROUNDS {
-        let own = DMatrix::from_fn(closed.len(), closed.len(), |i, j| {
+        let closed_compliance = DMatrix::from_fn(closed.len(), closed.len(), |i, j| {
             0.5 * (compliance[(closed[i], closed[j])] + compliance[(closed[j], closed[i])])
         });
         let right = DVector::from_iterator(closed.len(), closed.iter().map(|i| imposed[*i]));
-        let found = own.cholesky().ok_or(ModelError::Singular)?.solve(&right);
+        let contact_forces = closed_compliance.cholesky().ok_or(ModelError::Singular)?.solve(&right);
         let mut force = DVector::zeros(size);
-        closed.iter().zip(found.iter()).for_each(|(i, value)| force[*i] = *value);
+        closed.iter().zip(contact_forces.iter()).for_each(|(i, value)| force[*i] = *value);
         let gap = compliance * &force - imposed;
         let next: Vec<usize> = (0..size).filter(|i| force[*i] - scale * gap[*i] > 1e-12 * scale).collect();
         if next == closed {
@@ -164,15 +168,15 @@ impl Numbering {
         let mut displacements = Vec::with_capacity(columns * rows);
         for row in 0..rows {
             for column in 0..columns {
-                let far = column == columns - 1 || row == rows - 1;
+                let is_far = column == columns - 1 || row == rows - 1;
                 let in_needle = column < 2 && row < 2 * mesh.needle.1;
                 displacements.push(match (column, harmonic) {
-                    _ if far || in_needle => [None; 3],
+                    _ if is_far || in_needle => [None; 3],
                     // On the axis a displacement along it is the same at all angles, one across it has one direction.
                     (0, 0) => [None, None, next()],
                     (0, 1) => {
-                        let across = next();
-                        [across, across.map(|(sign, index)| (-sign, index)), None]
+                        let across_unknown = next();
+                        [across_unknown, across_unknown.map(|(sign, index)| (-sign, index)), None]
                     }
                     (0, _) => [None; 3],
                     (_, 0) => [next(), None, next()],
@@ -217,8 +221,8 @@ pub fn table(progress: impl Fn(f64, f64) + Sync) -> Result<String, ContactError>
     for ratio in of_ratio {
         for poisson in nodes(POISSON, NODES[1]) {
             progress(ratio, poisson);
-            let share = one_sided_share(ratio, poisson, RESOLUTION, HARMONICS)?;
-            let _ = writeln!(text, "{ratio:.9},{poisson:.9},{share:.6}");
+            let held_share = one_sided_share(ratio, poisson, RESOLUTION, HARMONICS)?;
+            let _ = writeln!(text, "{ratio:.9},{poisson:.9},{held_share:.6}");
         }
     }
     Ok(text)
@@ -232,8 +236,8 @@ static SHARES: LazyLock<Vec<f64>> = LazyLock::new(|| {
 
 /// [`one_sided_share`] interpolated in the committed table; the ends of its range stand for what lies beyond them.
 pub(super) fn tabulated_share(ratio: f64, poisson: f64) -> f64 {
-    let at = ratio.clamp(RATIOS[0], RATIOS[1]).ln();
-    let of_ratio = super::operator::weights(RATIOS.map(f64::ln), NODES[0], at);
+    let ln_ratio = ratio.clamp(RATIOS[0], RATIOS[1]).ln();
+    let of_ratio = super::operator::weights(RATIOS.map(f64::ln), NODES[0], ln_ratio);
     let of_poisson = super::operator::weights(POISSON, NODES[1], poisson.clamp(POISSON[0], POISSON[1]));
     let weights = of_ratio.iter().flat_map(|a| of_poisson.iter().map(move |b| a * b));
     weights.zip(SHARES.iter()).map(|(weight, share)| weight * share).sum()
@@ -261,8 +265,11 @@ mod tests {
     #[test]
     fn the_table_holds_the_shares_of_another_solution() {
         for (depth_mm, poisson, expected) in [(20.0, 0.5, 0.655), (40.0, 0.49, 0.688), (20.0, 0.3, 0.676)] {
-            let found = tabulated_share(depth_mm / 0.635, poisson);
-            assert!((found / expected - 1.0).abs() < 0.005, "{depth_mm} {poisson}: {found} {expected}");
+            let table_share = tabulated_share(depth_mm / 0.635, poisson);
+            assert!(
+                (table_share / expected - 1.0).abs() < 0.005,
+                "{depth_mm} {poisson}: {table_share} {expected}"
+            );
         }
     }
 
@@ -270,9 +277,9 @@ mod tests {
     #[test]
     fn the_table_is_the_direct_solution() {
         let coarse = Resolution { first: 0.7, growth: 1.6, reach: 200.0 };
-        let found = one_sided_share(14.0, 0.4, coarse, 6).expect("solves");
+        let direct_share = one_sided_share(14.0, 0.4, coarse, 6).expect("solves");
         let tabulated = tabulated_share(14.0, 0.4);
-        assert!((found / tabulated - 1.0).abs() < 0.01, "{found} {tabulated}");
+        assert!((direct_share / tabulated - 1.0).abs() < 0.01, "{direct_share} {tabulated}");
     }
 
     /// A needle that bends is held by nearly the same share; one that turns, touching on one side above and on the other below, by less.
@@ -281,19 +288,19 @@ mod tests {
         let mesh = Mesh::new(1.0, 20.0, Resolution { first: 1.0, growth: 2.0, reach: 100.0 }, false);
         let bonded = wall_stiffness(&mesh, 0.5).expect("solves");
         let compliances = wall_compliances(&mesh, 0.5, 5).expect("solves");
-        let share = |shape: &dyn Fn(f64) -> f64| {
-            let along = bonded.depths_m.iter().map(|depth| shape(depth / 20.0));
-            let deflection = DVector::from_iterator(bonded.depths_m.len(), along);
+        let work_ratio = |shape: &dyn Fn(f64) -> f64| {
+            let tapered = bonded.depths_m.iter().map(|depth| shape(depth / 20.0));
+            let deflection = DVector::from_iterator(bonded.depths_m.len(), tapered);
             let work = (deflection.transpose() * &bonded.matrix_m * &deflection)[0];
             one_sided_work(&compliances, &deflection).expect("solves") / work
         };
-        let rigid = share(&|_| 1.0);
+        let rigid = work_ratio(&|_| 1.0);
         for shape in [&(|x: f64| 1.0 - 0.7 * x) as &dyn Fn(f64) -> f64, &|x: f64| (-2.0 * x).exp()] {
-            let ratio = share(shape) / rigid;
+            let ratio = work_ratio(shape) / rigid;
             println!("{ratio:.4}");
             assert!((ratio - 1.0).abs() < RELATIVE_ERROR, "{ratio}");
         }
-        let turned = share(&|x| 1.0 - 1.4 * x) / rigid;
-        assert!((0.8..0.95).contains(&turned), "{turned}");
+        let rotating_share = work_ratio(&|x| 1.0 - 1.4 * x) / rigid;
+        assert!((0.8..0.95).contains(&rotating_share), "{rotating_share}");
     }
 }

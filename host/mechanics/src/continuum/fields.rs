@@ -42,30 +42,31 @@ impl Fields {
         let mut matrix = Sparse::new(numbering.free);
         let mut load = DMatrix::zeros(numbering.free, patterns.len());
         for (radial, axial) in tissue(mesh) {
-            let own = scaled(cell(mesh, radial, axial, poisson), modulus[axial]);
+            let cell_stiffness = scaled(cell(mesh, radial, axial, poisson), modulus[axial]);
             let unknowns = numbering.of_cell(mesh, radial, axial);
-            let given: Vec<[f64; LOCAL]> =
+            let imposed_values: Vec<[f64; LOCAL]> =
                 patterns.iter().map(|pattern| given(mesh, radial, axial, pattern)).collect();
-            for (row, of_row) in unknowns.iter().zip(&own) {
+            for (row, of_row) in unknowns.iter().zip(&cell_stiffness) {
                 let Unknown::Free(a, i) = *row else { continue };
                 for (column, value) in unknowns.iter().zip(of_row) {
                     if let Unknown::Free(b, j) = *column {
                         matrix.add(i, j, a * b * value);
                     }
                 }
-                for (pattern, given) in given.iter().enumerate() {
-                    load[(i, pattern)] -= a * of_row.iter().zip(given).map(|(k, u)| k * u).sum::<f64>();
+                for (pattern, imposed_values) in imposed_values.iter().enumerate() {
+                    load[(i, pattern)] -=
+                        a * of_row.iter().zip(imposed_values).map(|(k, u)| k * u).sum::<f64>();
                 }
             }
         }
-        let found = matrix.solve(&load)?;
+        let solution = matrix.solve(&load)?;
         let cells = tissue(mesh).map(|(radial, axial)| {
             let unknowns = numbering.of_cell(mesh, radial, axial);
             let of_pattern = |(number, pattern): (usize, &Pattern<'_>)| {
                 let mut values = given(mesh, radial, axial, pattern);
                 for (value, unknown) in values.iter_mut().zip(&unknowns) {
                     if let Unknown::Free(sign, index) = *unknown {
-                        *value = sign * found[(index, number)];
+                        *value = sign * solution[(index, number)];
                     }
                 }
                 values[MOTIONS..].iter_mut().for_each(|pressure| *pressure /= modulus[axial]);
@@ -139,7 +140,7 @@ fn scaled(mut matrix: [[f64; LOCAL]; LOCAL], modulus: f64) -> [[f64; LOCAL]; LOC
     matrix
 }
 
-/// What the needle makes of the nodes of a cell that lie on it; 0 elsewhere.
+/// Displacements that the needle imposes on the nodes of a cell that lie on it; 0 elsewhere.
 fn given(mesh: &Mesh, radial: usize, axial: usize, pattern: &Pattern<'_>) -> [f64; LOCAL] {
     let mut values = [0.0; LOCAL];
     if radial > 0 && radial != 1 {

@@ -1,7 +1,7 @@
 //! The mesh of the meridian plane: a tensor product of radial and axial lines, fine at the needle's wall, at the surface and at
 //! the tip, coarsening geometrically outwards.
 
-/// How fine a mesh is, and how far it reaches.
+/// Element size and extent of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resolution {
     /// First element at wall, surface and tip, in needle radii.
@@ -72,10 +72,10 @@ impl Mesh {
         depths_m.extend(half.iter().rev().map(|z_m| depth_m - z_m));
         snap(&mut depths_m, faces_m);
         let bottom = depths_m.len() - 1;
-        let mut below: Vec<f64> =
+        let mut depth_lines: Vec<f64> =
             graded(first_m, growth, reach * depth_m).into_iter().map(|z_m| depth_m + z_m).collect();
-        snap(&mut below, faces_m);
-        depths_m.extend(below.into_iter().skip(1));
+        snap(&mut depth_lines, faces_m);
+        depths_m.extend(depth_lines.into_iter().skip(1));
         Self { radii_m, depths_m, needle: (0, bottom) }
     }
 
@@ -117,13 +117,13 @@ fn graded(first: f64, growth: f64, end: f64) -> Vec<f64> {
 /// From 0 to `end` in steps that grow geometrically from `first` until they are `longest`.
 fn capped(first: f64, growth: f64, longest: f64, end: f64) -> Vec<f64> {
     let mut lines = vec![0.0];
-    let (mut at, mut step) = (0.0, first);
-    while at < end {
-        at += step;
+    let (mut distance, mut step) = (0.0, first);
+    while distance < end {
+        distance += step;
         step = (step * growth).min(longest);
-        lines.push(at);
+        lines.push(distance);
     }
-    lines.into_iter().map(|line| line * end / at).collect()
+    lines.into_iter().map(|line| line * end / distance).collect()
 }
 
 /// Lines closer than this share of the last one's place are one line.
@@ -133,21 +133,21 @@ const SAME: f64 = 1e-9;
 fn snap(lines: &mut Vec<f64>, faces: &[f64]) {
     let (Some(first), Some(last)) = (lines.first().copied(), lines.last().copied()) else { return };
     for face in faces.iter().copied().filter(|face| *face > first && *face < last) {
-        let far = |line: &f64| (line - face).abs();
-        if let Some(same) = lines.iter_mut().find(|line| far(line) <= SAME * face.abs()) {
-            *same = face;
+        let face_distance = |line: &f64| (line - face).abs();
+        if let Some(same_line) = lines.iter_mut().find(|line| face_distance(line) <= SAME * face.abs()) {
+            *same_line = face;
             continue;
         }
         let movable = |line: &f64| *line > first && *line < last && faces.iter().all(|other| other != line);
         let nearest = (0..lines.len()).filter(|i| movable(&lines[*i]));
-        let nearest = nearest.min_by(|a, b| far(&lines[*a]).total_cmp(&far(&lines[*b])));
+        let nearest = nearest.min_by(|a, b| face_distance(&lines[*a]).total_cmp(&face_distance(&lines[*b])));
         let ordered =
             |at: usize| at > 0 && lines[at - 1] < face && lines.get(at + 1).is_none_or(|next| *next > face);
         match nearest.filter(|at| ordered(*at)) {
             Some(at) => lines[at] = face,
             None => {
-                let at = lines.partition_point(|line| *line < face);
-                lines.insert(at, face);
+                let insert_index = lines.partition_point(|line| *line < face);
+                lines.insert(insert_index, face);
             }
         }
     }

@@ -54,8 +54,8 @@ pub fn nodes([from, to]: [f64; 2], count: usize) -> Vec<f64> {
 /// Weights of Chebyshev's nodes at a place: barycentric interpolation.
 pub(crate) fn weights(range: [f64; 2], count: usize, at: f64) -> Vec<f64> {
     let nodes = nodes(range, count);
-    if let Some(same) = nodes.iter().position(|node| *node == at) {
-        return (0..count).map(|i| if i == same { 1.0 } else { 0.0 }).collect();
+    if let Some(exact_node) = nodes.iter().position(|node| *node == at) {
+        return (0..count).map(|i| if i == exact_node { 1.0 } else { 0.0 }).collect();
     }
     let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
     let raw = nodes.iter().enumerate().map(|(i, node)| {
@@ -69,12 +69,12 @@ pub(crate) fn weights(range: [f64; 2], count: usize, at: f64) -> Vec<f64> {
 
 /// Value and derivative of the Legendre polynomial of a degree.
 pub(crate) fn legendre(degree: usize, x: f64) -> [f64; 2] {
-    let (mut before, mut now) = ([0.0, 0.0], [1.0, 0.0]);
+    let (mut previous, mut now) = ([0.0, 0.0], [1.0, 0.0]);
     for n in 0..degree {
         let n = n as f64;
-        let value = ((2.0 * n + 1.0) * x * now[0] - n * before[0]) / (n + 1.0);
-        let slope = ((2.0 * n + 1.0) * (now[0] + x * now[1]) - n * before[1]) / (n + 1.0);
-        (before, now) = (now, [value, slope]);
+        let value = ((2.0 * n + 1.0) * x * now[0] - n * previous[0]) / (n + 1.0);
+        let slope = ((2.0 * n + 1.0) * (now[0] + x * now[1]) - n * previous[1]) / (n + 1.0);
+        (previous, now) = (now, [value, slope]);
     }
     now
 }
@@ -166,11 +166,11 @@ pub fn uniform_table(progress: impl Fn(f64, f64) + Sync) -> Result<String, Model
 /// # Errors
 /// [`ModelError::Singular`].
 pub fn varied_table(progress: impl Fn(f64, f64) + Sync) -> Result<Vec<u8>, ModelError> {
-    let found = cases(VARIED_RATIOS, VARIED_POISSON, VARIED, |ratio, poisson| {
+    let table = cases(VARIED_RATIOS, VARIED_POISSON, VARIED, |ratio, poisson| {
         progress(ratio, poisson);
         reduced(ratio, poisson)
     })?;
-    let values = found.iter().flat_map(|(.., slices)| slices.iter().flat_map(lower));
+    let values = table.iter().flat_map(|(.., slices)| slices.iter().flat_map(lower));
     Ok(planes(&values.map(|value| value as f32).collect::<Vec<_>>()))
 }
 
@@ -214,7 +214,10 @@ fn cases(
 ) -> Result<Vec<Found>, ModelError> {
     let of_ratio = nodes(ratios.map(f64::ln), of_ratio);
     let of_poisson = nodes(poisson, of_poisson);
-    let all: Vec<[f64; 2]> =
+    let solved_cases: Vec<[f64; 2]> =
         of_ratio.iter().flat_map(|ln| of_poisson.iter().map(|poisson| [ln.exp(), *poisson])).collect();
-    all.into_par_iter().map(|[ratio, poisson]| Ok((ratio, poisson, solve(ratio, poisson)?))).collect()
+    solved_cases
+        .into_par_iter()
+        .map(|[ratio, poisson]| Ok((ratio, poisson, solve(ratio, poisson)?)))
+        .collect()
 }

@@ -93,13 +93,13 @@ fn wall_depths_m(mesh: &Mesh) -> Vec<f64> {
     depths_m
 }
 
-/// Which unknown every degree of freedom is.
+/// Unknown of every degree of freedom.
 pub(super) struct Numbering {
     /// U, V, W of every node of the quadratic mesh, row by row of depth.
     displacements: Vec<[Unknown; 3]>,
     /// Pressure of every corner.
     pressures: Vec<Unknown>,
-    /// How many unknowns are free.
+    /// Number of free unknowns.
     pub(super) free: usize,
     walls: usize,
 }
@@ -117,10 +117,10 @@ impl Numbering {
         let mut displacements = Vec::with_capacity(columns * rows);
         for row in 0..rows {
             for column in 0..columns {
-                let outside = column == columns - 1 || row == rows - 1 || (full_space && row == 0);
+                let is_boundary = column == columns - 1 || row == rows - 1 || (full_space && row == 0);
                 // Inside the needle nothing is assembled, so that its degrees of freedom do not count.
                 let on_needle = column <= 2 && (top..=bottom).contains(&row);
-                displacements.push(if outside {
+                displacements.push(if is_boundary {
                     [Unknown::Fixed; 3]
                 } else if on_needle {
                     let node = row - top;
@@ -188,8 +188,8 @@ pub(super) fn cell_matrix(
                 divergence[3 * node..3 * node + 3].copy_from_slice(&[by_r + n_r, order * n_r, by_z]);
             }
             let pressure: [f64; 4] = std::array::from_fn(|corner| {
-                let part = |at: f64, high: bool| 0.5 * if high { 1.0 + at } else { 1.0 - at };
-                part(x, corner % 2 == 1) * part(y, corner / 2 == 1)
+                let linear_weight = |at: f64, high: bool| 0.5 * if high { 1.0 + at } else { 1.0 - at };
+                linear_weight(x, corner % 2 == 1) * linear_weight(y, corner / 2 == 1)
             });
             let moduli = [2.0, 2.0, 2.0, 1.0, 1.0, 1.0].map(|factor| factor * shear * weight);
             for i in 0..27 {

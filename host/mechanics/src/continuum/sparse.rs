@@ -60,11 +60,11 @@ impl Sparse {
     fn compressed(mut self) -> Sprs<f64> {
         self.entries.sort_unstable_by_key(|(column, row, _)| (*column, *row));
         self.entries.dedup_by(|next, kept| {
-            let same = (next.0, next.1) == (kept.0, kept.1);
-            if same {
+            let is_same_entry = (next.0, next.1) == (kept.0, kept.1);
+            if is_same_entry {
                 kept.2 += next.2;
             }
-            same
+            is_same_entry
         });
         let mut matrix = Sprs::zeros(self.size, self.size, self.entries.len());
         for (at, (column, row, value)) in self.entries.into_iter().enumerate() {
@@ -99,8 +99,8 @@ mod tests {
         }
         let right = DMatrix::from_fn(size, 3, |_, _| noise.normal());
         let expected = dense.lu().solve(&right).expect("regular");
-        let found = sparse.solve(&right).expect("regular");
-        assert!((found - &expected).amax() < 1e-9 * expected.amax());
+        let solution = sparse.solve(&right).expect("regular");
+        assert!((solution - &expected).amax() < 1e-9 * expected.amax());
     }
 
     #[test]

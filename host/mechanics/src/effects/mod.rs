@@ -97,7 +97,7 @@ pub struct EffectInfo {
     pub id: &'static str,
     /// Its physics, in one line.
     pub physics: &'static str,
-    /// How the data change with it, in one line.
+    /// Change of the data with it, in one line.
     pub signature: &'static str,
     /// Kinds of runs in whose data it can appear.
     pub observable_in: RunKinds,
@@ -116,7 +116,7 @@ pub struct ObservationContext<'a> {
     pub commanded_m: [&'a [f64]; 2],
     /// Motion back by this or less is noise of the displacement, vertical and horizontal: guide 2 has not turned round.
     pub reversal_m: [f64; 2],
-    /// How every point of the shape was imaged; empty where that is known of none.
+    /// Image of every point of the shape; empty if none is known.
     pub images: &'a [Option<ShapeImage>],
     /// Depth of the needle and number of the run.
     pub conditions: Conditions,
@@ -302,8 +302,8 @@ pub fn place_of(id: &str) -> usize {
 
 /// All effects by name: those of the catalogue, and those that persons have written.
 pub fn all() -> Vec<&'static dyn Effect> {
-    let own = super::terms::own().into_iter().map(|law| law as &'static dyn Effect);
-    EFFECTS.into_iter().chain(own).collect()
+    let own_laws = super::terms::own().into_iter().map(|law| law as &'static dyn Effect);
+    EFFECTS.into_iter().chain(own_laws).collect()
 }
 
 /// The effect of an id: of the catalogue, or a [term](super::terms).
@@ -315,8 +315,8 @@ pub fn effect(id: &str) -> Option<&'static dyn Effect> {
 /// A series at a time: linear between its samples, constant beyond its ends.
 pub(super) fn series_at(times_s: &[f64], values: &[f64], time_s: f64) -> f64 {
     let next = times_s.partition_point(|sample_s| *sample_s <= time_s);
-    let before = next.checked_sub(1).and_then(|i| Some((times_s.get(i)?, values.get(i)?)));
-    match (before, times_s.get(next).zip(values.get(next))) {
+    let earlier = next.checked_sub(1).and_then(|i| Some((times_s.get(i)?, values.get(i)?)));
+    match (earlier, times_s.get(next).zip(values.get(next))) {
         (Some((a_s, a)), Some((b_s, b))) => a + (b - a) * (time_s - a_s) / (b_s - a_s),
         (Some((_, only)), None) | (None, Some((_, only))) => *only,
         (None, None) => f64::NAN,

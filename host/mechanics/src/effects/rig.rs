@@ -119,8 +119,8 @@ impl Effect for RearRotation {
     }
 
     fn beam(&self, values: &[f64], plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
-        let at = if plane == Plane::Y { 0 } else { 1 };
-        problem.clamp_compliance_rad_per_n_m += values.get(at).copied().unwrap_or_default();
+        let axis = if plane == Plane::Y { 0 } else { 1 };
+        problem.clamp_compliance_rad_per_n_m += values.get(axis).copied().unwrap_or_default();
         Ok(())
     }
 }

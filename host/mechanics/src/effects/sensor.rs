@@ -88,8 +88,8 @@ impl Effect for ForceDrift {
 
     fn observe(&self, values: &[f64], context: &ObservationContext<'_>, channels: &mut Channels) {
         let start_s = first(context.time_s);
-        let since_s = |i: usize| context.time_s.get(i).map_or(0.0, |time_s| time_s - start_s);
-        each(&mut channels.force_n, |plane, i, force_n| *force_n += of_plane(values, plane) * since_s(i));
+        let elapsed_s = |i: usize| context.time_s.get(i).map_or(0.0, |time_s| time_s - start_s);
+        each(&mut channels.force_n, |plane, i, force_n| *force_n += of_plane(values, plane) * elapsed_s(i));
     }
 }
 

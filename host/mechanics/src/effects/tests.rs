@@ -21,21 +21,21 @@ fn lateral(depth_m: f64) -> Experiment {
         [[0.0, 0.0], [0.6e-3, 0.0], [1.2e-3, -0.4e-3], [0.0, 0.0], [-1.0e-3, 0.4e-3]].into_iter().enumerate()
     {
         for i in 0..20 {
-            let share = (f64::from(i) / 10.0).min(1.0);
+            let ramp = (f64::from(i) / 10.0).min(1.0);
             let time_s = level as f64 * 2.0 + 0.1 * f64::from(i);
             let sample =
-                DriveSample { time_s, y_m: y_m + share * (to_y_m - y_m), x_m: x_m + share * (to_x_m - x_m) };
+                DriveSample { time_s, y_m: y_m + ramp * (to_y_m - y_m), x_m: x_m + ramp * (to_x_m - x_m) };
             drive.push(sample);
         }
         (y_m, x_m) = (to_y_m, to_x_m);
     }
-    let at = |time_s: f64| {
+    let points_at = |time_s: f64| {
         [0.072, 0.08, 0.085, 0.099]
             .map(|z_m| ShapePoint { image: Some(IMAGE), ..ShapePoint::new(time_s, z_m) })
             .into_iter()
             .filter(move |p| p.z_m <= ENTRY_M + depth_m)
     };
-    let shape = at(5.5).chain(at(7.0)).chain(at(9.7)).collect();
+    let shape = points_at(5.5).chain(points_at(7.0)).chain(points_at(9.7)).collect();
     Experiment::Lateral(Lateral { depth_m, drive, shape, reversal_m: [0.0; 2], order: 0.0 })
 }
 
@@ -65,7 +65,7 @@ fn plain() -> Model {
     model
 }
 
-/// What an effect is beside: springs, or a body where only that has it.
+/// Model to which an effect is added: springs, or a body where only that has it.
 fn plain_for(id: &str) -> Model {
     let plain = plain();
     let is_of_body = id == "tissue.finite_body";
@@ -110,12 +110,12 @@ fn neutral_effects_do_nothing_and_others_do_something() {
     let experiments = [lateral(0.03), moved_insertion()];
     for effect in EFFECTS {
         let neutral = with(effect.id(), &neutral(effect));
-        let other = with(effect.id(), &typical(effect));
+        let other_model = with(effect.id(), &typical(effect));
         let shows = effect.info().observable_in;
         for (experiment, shows) in experiments.iter().zip([shows.lateral, shows.insertion]) {
             let expected = channels(&plain_for(effect.id()), experiment);
             assert_eq!(channels(&neutral, experiment), expected, "{}", effect.id());
-            assert_eq!(channels(&other, experiment) != expected, shows, "{}", effect.id());
+            assert_eq!(channels(&other_model, experiment) != expected, shows, "{}", effect.id());
         }
     }
 }
@@ -127,11 +127,11 @@ fn the_catalogue_is_consistent() {
         assert!(EFFECTS.iter().skip(index + 1).all(|b| a.id() != b.id()));
         assert!(!a.info().physics.is_empty() && !a.info().signature.is_empty());
         for parameter in a.parameters() {
-            let inside = |[least, most]: [f64; 2], value: f64| (least..=most).contains(&value);
-            assert!(inside(parameter.range, parameter.neutral) && parameter.prior_sd > 0.0);
-            assert!(parameter.likely.into_iter().all(|end| inside(parameter.range, end)), "{}", a.id());
-            assert!(inside(parameter.likely, parameter.neutral), "{}", a.id());
-            assert!(parameter.nodes.iter().all(|node| inside(parameter.likely, *node)), "{}", a.id());
+            let is_inside = |[least, most]: [f64; 2], value: f64| (least..=most).contains(&value);
+            assert!(is_inside(parameter.range, parameter.neutral) && parameter.prior_sd > 0.0);
+            assert!(parameter.likely.into_iter().all(|end| is_inside(parameter.range, end)), "{}", a.id());
+            assert!(is_inside(parameter.likely, parameter.neutral), "{}", a.id());
+            assert!(parameter.nodes.iter().all(|node| is_inside(parameter.likely, *node)), "{}", a.id());
         }
     }
     assert!(effect("nothing").is_none());
@@ -141,20 +141,21 @@ fn the_catalogue_is_consistent() {
 #[test]
 fn sensitivities_do_not_depend_on_the_step() {
     for effect in EFFECTS {
-        let at = typical(effect);
+        let typical_values = typical(effect);
         for (index, parameter) in effect.parameters().iter().enumerate() {
             let slope = |step: f64| -> Vec<f64> {
-                let [above, below] = [step, -step].map(|step| {
-                    let mut values = at.clone();
+                let [increased, decreased] = [step, -step].map(|step| {
+                    let mut values = typical_values.clone();
                     values[index] += step;
                     numbers(&with(effect.id(), &values))
                 });
-                above.iter().zip(&below).map(|(a, b)| (a - b) / (2.0 * step)).collect()
+                increased.iter().zip(&decreased).map(|(a, b)| (a - b) / (2.0 * step)).collect()
             };
             // A delay and a clearance pass over samples of the ramps: their answer has kinks there, none at these values.
             // A place moves the nodes of the grid, which is worth a few per cent of its effect.
-            let (share, tolerance) = if parameter.nodes.is_empty() { (1e-3, 2e-3) } else { (5e-2, 5e-2) };
-            let step = share * parameter.prior_sd;
+            let (step_fraction, tolerance) =
+                if parameter.nodes.is_empty() { (1e-3, 2e-3) } else { (5e-2, 5e-2) };
+            let step = step_fraction * parameter.prior_sd;
             let (coarse, fine) = (slope(2.0 * step), slope(step));
             let size = fine.iter().map(|v| v.abs()).fold(0.0, f64::max);
             for (a, b) in coarse.iter().zip(&fine) {
@@ -203,19 +204,19 @@ fn sensors_map_what_they_measure() {
 fn images_are_wrong_along_the_beam() {
     let experiment = lateral(0.03);
     let plain_shape = channels(&plain(), &experiment).shape_m;
-    let both = |shape: &Series, i: usize| [shape.y[i], shape.x.as_ref().expect("two planes")[i]];
+    let plane_values = |shape: &Series, i: usize| [shape.y[i], shape.x.as_ref().expect("two planes")[i]];
     let [along_y, along_x] = IMAGE.along();
     assert!(along_y < -0.9 && along_x > 0.3);
     for (id, value) in [("imaging.sound_speed", 0.05), ("imaging.echo_offset", 0.3)] {
         let shape = channels(&with(id, &[value]), &experiment).shape_m;
         for i in 0..shape.y.len() {
-            let ([y, x], [plain_y, plain_x]) = (both(&shape, i), both(&plain_shape, i));
+            let ([y, x], [plain_y, plain_x]) = (plane_values(&shape, i), plane_values(&plain_shape, i));
             let deflected_m = plain_y * along_y + plain_x * along_x;
             let more_m = (y - plain_y) * along_y + (x - plain_x) * along_x;
-            let across_m = (x - plain_x) * along_y - (y - plain_y) * along_x;
+            let perpendicular_m = (x - plain_x) * along_y - (y - plain_y) * along_x;
             let expected_m = if id == "imaging.sound_speed" { 0.05 * deflected_m } else { 0.3e-3 };
             assert!((more_m - expected_m).abs() < 1e-15, "{id} {i}: {more_m} {expected_m}");
-            assert!(across_m.abs() < 1e-15, "{id} {i}: {across_m}");
+            assert!(perpendicular_m.abs() < 1e-15, "{id} {i}: {perpendicular_m}");
         }
     }
     // The second point is at 80 mm, the third at 85: at 2 mm/s a lag of 2.5 s shows the one for the other.
@@ -330,15 +331,15 @@ fn tissue_effects_act_as_described() {
     let cantilever = 3.0 * Needle::gauge_18().bending_stiffness_n_m2() / GUIDE2_M.powi(3) * 1.2e-3;
     assert_close(run("tissue.entry_gap", &[30.0]).force_n.y[59], cantilever, 1e-9);
     // Layers with nothing above are a gap.
-    let mut above = with("tissue.layers", &[1e9, 5.0]);
-    above.foundation = above.foundation.scaled(1e-9).expect("a foundation");
+    let mut layered = with("tissue.layers", &[1e9, 5.0]);
+    layered.foundation = layered.foundation.scaled(1e-9).expect("a foundation");
     let gap = run("tissue.entry_gap", &[5.0]);
-    assert_close(channels(&above, &experiment).force_n.y[59], gap.force_n.y[59], 1e-6);
+    assert_close(channels(&layered, &experiment).force_n.y[59], gap.force_n.y[59], 1e-6);
     // A hard skin holds the needle where it enters.
     let skin = run("tissue.skin", &[1e6]);
-    let held =
+    let held_beam =
         BeamProblem { guide2_m: GUIDE2_M, ..with("tissue.skin", &[1e6]).problem(0.03).expect("a problem") };
-    assert!(held.solve().expect("solves").deflection_m(1e-3, ENTRY_M).abs() < 1e-7);
+    assert!(held_beam.solve().expect("solves").deflection_m(1e-3, ENTRY_M).abs() < 1e-7);
     assert!(skin.force_n.y[59] > plain.force_n.y[59]);
     // Anisotropy by two is twice the modulus, horizontally.
     let twice = channels(&Model { foundation: plain_foundation(32e3), ..self::plain() }, &experiment);
@@ -372,8 +373,8 @@ fn tissue_that_yields_gives_way() {
     let springs = |depth_m: f64, stretch_m: f64| {
         // 50 N/m at the surface, e times as much every 8 mm.
         let linear_n_per_m = 16e3 * stretch_m;
-        let share = linear_n_per_m / (50.0 * (depth_m / 8e-3).exp());
-        let root = (1.0 + share * share).sqrt();
+        let yielding_share = linear_n_per_m / (50.0 * (depth_m / 8e-3).exp());
+        let root = (1.0 + yielding_share * yielding_share).sqrt();
         crate::elements::Reaction { force_n_per_m: linear_n_per_m / root, tangent_pa: 16e3 / root.powi(3) }
     };
     let shape = vec![ShapePoint::new(0.0, 0.09)];
@@ -387,8 +388,8 @@ fn tissue_that_yields_gives_way() {
             order: 0.0,
         });
         let measured = channels(&model, &pushed);
-        let held = crate::elements::Guide2::Held(held_m);
-        let expected = elements.solve(&springs, |_| 0.0, held, 0.0).expect("solves");
+        let held_guide = crate::elements::Guide2::Held(held_m);
+        let expected = elements.solve(&springs, |_| 0.0, held_guide, 0.0).expect("solves");
         assert_close(measured.force_n.y[0], expected.guide2_force_n, 2e-3);
         assert_close(measured.shape_m.y[0], expected.deflection_m(0.09), 2e-3);
         let linear = channels(&plain(), &pushed).force_n.y[0];

@@ -40,10 +40,10 @@ impl Effect for Layers {
         }
         let bottom_m = boundary_mm * MM;
         let mut layers = problem.foundation.layers_above(bottom_m);
-        let above_pa = problem.foundation.layer_pa(bottom_m * (1.0 - 1e-12));
-        layers.push(Layer { bottom_m, modulus_pa: above_pa });
-        let below_pa = ratio * problem.foundation.layer_pa(bottom_m);
-        let changed = Foundation::layered(layers, below_pa)?;
+        let upper_pa = problem.foundation.layer_pa(bottom_m * (1.0 - 1e-12));
+        layers.push(Layer { bottom_m, modulus_pa: upper_pa });
+        let lower_pa = ratio * problem.foundation.layer_pa(bottom_m);
+        let changed = Foundation::layered(layers, lower_pa)?;
         problem.foundation =
             changed.graded(problem.foundation.gradient_per_m())?.with_gap(problem.foundation.gap_m())?;
         Ok(())
@@ -140,9 +140,9 @@ impl Effect for Relaxation {
     }
 
     fn beam(&self, values: &[f64], _plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
-        let &[share, tau_s] = values else { return Ok(()) };
-        if share > 0.0 {
-            problem.law.relaxing_share = share;
+        let &[relaxing_fraction, tau_s] = values else { return Ok(()) };
+        if relaxing_fraction > 0.0 {
+            problem.law.relaxing_share = relaxing_fraction;
             problem.law.relaxation_s = tau_s;
         }
         Ok(())
@@ -345,10 +345,10 @@ impl Effect for FiniteBody {
             Plane::Y => give_ln_y,
             Plane::X => give_ln_x,
         };
-        let per_m = NEAREST_GIVE_PER_M * give_ln.exp_m1();
-        if per_m != 0.0 {
+        let give_per_m = NEAREST_GIVE_PER_M * give_ln.exp_m1();
+        if give_per_m != 0.0 {
             check("foot_mm", foot_mm, "more than 0", foot_mm > 0.0)?;
-            problem.give = Give { per_m, turn_per_m: 1.0 / (foot_mm * MM) };
+            problem.give = Give { per_m: give_per_m, turn_per_m: 1.0 / (foot_mm * MM) };
         }
         Ok(())
     }

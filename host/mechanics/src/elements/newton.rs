@@ -1,9 +1,10 @@
 //! Newton's method on the needle in elements.
 //!
-//! Everything that does not depend on the deflection is had once: the stiffness of needle, supports and tension, and at each Gauss point
-//! the shape functions, the tissue and where its springs are at rest. Where the tip is cutting, the springs of the newest end are at
-//! rest on a line that ends in the tip: its deflection acts on them through one column of the tangent, which the formula of Sherman and
-//! Morrison adds to the symmetric factor, so that convergence stays quadratic.
+//! Everything that does not depend on the deflection is had once: the stiffness of needle, supports and tension, and at
+//! each Gauss point the shape functions, the tissue and where its springs are at rest. While the tip is cutting, the
+//! springs of the newest end are at rest on a line that ends in the tip: its deflection acts on them through one column
+//! of the tangent, which the formula of Sherman and Morrison adds to the symmetric factor, so that convergence stays
+//! quadratic.
 
 use super::super::ModelError;
 use super::super::banded::Banded;
@@ -32,7 +33,7 @@ struct Point<P> {
     /// Length that it stands for, m.
     measure_m: f64,
     place: P,
-    /// Where its springs are at rest, less what the tip's deflection does, m.
+    /// Rest position of its springs, less the effect of the tip's deflection, m.
     rest_m: f64,
     /// Share of the tip's deflection in that.
     by_tip: f64,
@@ -44,7 +45,8 @@ struct Problem<'a, S: Springs> {
     embedded: Vec<Embedded<S::Place>>,
     /// Stiffness of everything but the tissue, as the tangent has it.
     linear: Banded,
-    /// That of every element by itself: differences of neighbours that are nearly the same lose fewer digits so.
+    /// Matrix of every element by itself: differences of neighbours that are nearly the same lose fewer digits
+    /// so.
     elements: Vec<[[f64; 4]; 4]>,
     /// And of what holds single unknowns.
     holders: Vec<(usize, f64)>,
@@ -72,37 +74,38 @@ impl Elements {
         near: Option<&Deformed>,
     ) -> Result<Deformed, ModelError> {
         let size = 2 * self.nodes_m.len();
-        let held = match guide2 {
+        let held_unknown = match guide2 {
             Guide2::Held(_) => Some(2 * self.guide2),
             Guide2::Force(_) | Guide2::Sprung { .. } => None,
         };
         let rigid = self.clamp_compliance_rad_per_n_m == 0.0;
         let clamped = !self.only_guide;
         let fixed: Vec<usize> =
-            [clamped.then_some(0), rigid.then_some(1), held].into_iter().flatten().collect();
+            [clamped.then_some(0), rigid.then_some(1), held_unknown].into_iter().flatten().collect();
 
         let mut unknowns = near.map_or_else(|| vec![0.0; size], |near| near.states_at(&self.nodes_m));
         fixed.iter().filter(|index| **index < 2).for_each(|index| unknowns[*index] = 0.0);
-        if let (Guide2::Held(displacement_m), Some(index)) = (guide2, held) {
+        if let (Guide2::Held(displacement_m), Some(index)) = (guide2, held_unknown) {
             unknowns[index] = displacement_m;
         }
         let problem = self.problem(springs, path, guide2, tip_force_n);
         let mut balance = problem.balance(&unknowns, &fixed);
         for _ in 0..MAX_ITERATIONS {
             let step = balance.step(&fixed).ok_or(ModelError::Singular)?;
-            let before = norm(&balance.rest, &fixed);
-            let mut share = 1.0;
+            let residual_before = norm(&balance.rest, &fixed);
+            let mut step_fraction = 1.0;
             loop {
-                let tried: Vec<f64> = unknowns.iter().zip(&step).map(|(u, s)| u + share * s).collect();
-                let is_last = is_small(&step, &tried);
-                let next = problem.balance(&tried, &fixed);
+                let trial: Vec<f64> =
+                    unknowns.iter().zip(&step).map(|(u, s)| u + step_fraction * s).collect();
+                let is_last = is_small(&step, &trial);
+                let next = problem.balance(&trial, &fixed);
                 // A full step is right where the springs are linear; beyond that, half of it until the balance improves.
-                let improves = norm(&next.rest, &fixed) <= before.max(f64::MIN_POSITIVE);
-                if improves || share < MIN_SHARE || is_last {
-                    (unknowns, balance) = (tried, next);
+                let improves = norm(&next.rest, &fixed) <= residual_before.max(f64::MIN_POSITIVE);
+                if improves || step_fraction < MIN_SHARE || is_last {
+                    (unknowns, balance) = (trial, next);
                     break;
                 }
-                share *= 0.5;
+                step_fraction *= 0.5;
             }
             if is_small(&step, &unknowns) {
                 let guide2_force_n = match guide2 {
@@ -152,36 +155,45 @@ impl Elements {
         let mut elements = Vec::with_capacity(self.nodes_m.len());
         for (element, ends) in self.nodes_m.windows(2).enumerate() {
             let (start_m, length_m) = (ends[0], ends[1] - ends[0]);
-            let at = 2 * element;
-            let inside = start_m >= self.entry_m - 1e-12;
-            let share = self.stiffness_share(start_m, length_m);
-            let mut bending = bending_stiffness(self.bending_stiffness_n_m2 * share, length_m);
-            let pull_n = if inside { self.shear_n } else { 0.0 } - self.axial_load_n;
+            let first_unknown = 2 * element;
+            let is_in_tissue = start_m >= self.entry_m - 1e-12;
+            let element_share = self.stiffness_share(start_m, length_m);
+            let mut bending = bending_stiffness(self.bending_stiffness_n_m2 * element_share, length_m);
+            let pull_n = if is_in_tissue { self.shear_n } else { 0.0 } - self.axial_load_n;
             add_tension(&mut bending, pull_n, length_m);
-            if inside && start_m <= self.entry_m + 1e-12 {
+            if is_in_tissue && start_m <= self.entry_m + 1e-12 {
                 bending[0][0] += self.skin_n_per_m;
-                load[at] += self.skin_n_per_m * (path.path_m)(start_m);
+                load[first_unknown] += self.skin_n_per_m * (path.path_m)(start_m);
             }
             for (i, row) in bending.iter().enumerate() {
-                row.iter().enumerate().take(i + 1).for_each(|(j, value)| linear.add(at + i, at + j, *value));
+                row.iter()
+                    .enumerate()
+                    .take(i + 1)
+                    .for_each(|(j, value)| linear.add(first_unknown + i, first_unknown + j, *value));
             }
             elements.push(bending);
-            if !inside {
+            if !is_in_tissue {
                 continue;
             }
             let points = GAUSS.map(|(x, weight)| {
                 let z_m = start_m + x * length_m;
-                let (rest_m, by_tip) = match path.newest {
+                let (path_rest_m, by_tip) = match path.newest {
                     Some(Newest { from_z_m, from_m }) if z_m > from_z_m => {
                         let by_tip = (z_m - from_z_m) / (tip_z_m - from_z_m);
                         (from_m * (1.0 - by_tip), by_tip)
                     }
                     _ => ((path.path_m)(z_m), 0.0),
                 };
-                let place = springs.place(z_m - self.entry_m);
-                Point { shape: hermite(x, length_m), measure_m: weight * length_m, place, rest_m, by_tip }
+                let spring_properties = springs.place(z_m - self.entry_m);
+                Point {
+                    shape: hermite(x, length_m),
+                    measure_m: weight * length_m,
+                    place: spring_properties,
+                    rest_m: path_rest_m,
+                    by_tip,
+                }
             });
-            embedded.push(Embedded { at, points });
+            embedded.push(Embedded { at: first_unknown, points });
         }
         Problem { springs, embedded, linear, elements, holders, load }
     }
@@ -192,18 +204,20 @@ impl<S: Springs> Problem<'_, S> {
     fn balance(&self, unknowns: &[f64], fixed: &[usize]) -> Balance {
         let size = unknowns.len();
         let mut tangent = self.linear.clone();
-        let mut rest = self.load.clone();
-        self.holders.iter().for_each(|(index, stiffness)| rest[*index] -= stiffness * unknowns[*index]);
+        let mut residual = self.load.clone();
+        self.holders.iter().for_each(|(index, stiffness)| residual[*index] -= stiffness * unknowns[*index]);
         for (element, stiffness) in self.elements.iter().enumerate() {
-            let Some((local, rest)) = of_element(unknowns, &mut rest, 2 * element) else { continue };
-            for (rest, row) in rest.iter_mut().zip(stiffness) {
-                *rest -= row.iter().zip(local).map(|(k, u)| k * u).sum::<f64>();
+            let Some((local, residual_tail)) = of_element(unknowns, &mut residual, 2 * element) else {
+                continue;
+            };
+            for (residual_tail, row) in residual_tail.iter_mut().zip(stiffness) {
+                *residual_tail -= row.iter().zip(local).map(|(k, u)| k * u).sum::<f64>();
             }
         }
         let tip_m = unknowns[size - 2];
         let mut by_tip: Option<Vec<f64>> = None;
         for Embedded { at, points } in &self.embedded {
-            let Some((local, rest)) = of_element(unknowns, &mut rest, *at) else { continue };
+            let Some((local, residual_tail)) = of_element(unknowns, &mut residual, *at) else { continue };
             let Some(block) = tangent.block_mut(*at) else { continue };
             for Point { shape, measure_m, place, rest_m, by_tip: share } in points {
                 let deflection_m: f64 = shape.iter().zip(local).map(|(n, u)| n * u).sum();
@@ -214,7 +228,7 @@ impl<S: Springs> Problem<'_, S> {
                     for j in 0..=i {
                         block[i][i - j] += stiffness * shape[i] * shape[j];
                     }
-                    rest[i] -= measure_m * force_n_per_m * shape[i];
+                    residual_tail[i] -= measure_m * force_n_per_m * shape[i];
                 }
                 if *share > 0.0 {
                     let column = by_tip.get_or_insert_with(|| vec![0.0; size]);
@@ -224,7 +238,7 @@ impl<S: Springs> Problem<'_, S> {
             }
         }
         fixed.iter().for_each(|index| tangent.fix(*index));
-        Balance { tangent, by_tip, rest }
+        Balance { tangent, by_tip, rest: residual }
     }
 }
 
@@ -233,19 +247,27 @@ impl Balance {
     fn step(&mut self, fixed: &[usize]) -> Option<Vec<f64>> {
         let is_fixed = |index: usize| fixed.contains(&index);
         let free = |(index, value): (usize, &f64)| if is_fixed(index) { 0.0 } else { *value };
-        let rest = self.rest.iter().enumerate().map(free);
+        let free_residual = self.rest.iter().enumerate().map(free);
         let factor = self.tangent.factor()?;
-        let Some(along) = self.by_tip.take() else {
-            let mut step: Vec<[f64; 1]> = rest.map(|rest| [rest]).collect();
+        let Some(tip_direction) = self.by_tip.take() else {
+            let mut step: Vec<[f64; 1]> = free_residual.map(|free_residual| [free_residual]).collect();
             factor.solve(&mut step);
             return Some(step.into_flattened());
         };
-        let along = along.iter().enumerate().map(free);
-        let mut both: Vec<[f64; 2]> = rest.zip(along).map(|(rest, along)| [rest, along]).collect();
-        factor.solve(&mut both);
-        let [of_rest, of_tip] = both[both.len() - 2];
-        let share = of_rest / (1.0 - of_tip);
-        Some(both.into_iter().map(|[step, along]| step + share * along).collect())
+        let free_direction = tip_direction.iter().enumerate().map(free);
+        let mut combined_right: Vec<[f64; 2]> = free_residual
+            .zip(free_direction)
+            .map(|(free_residual, free_direction)| [free_residual, free_direction])
+            .collect();
+        factor.solve(&mut combined_right);
+        let [of_rest, of_tip] = combined_right[combined_right.len() - 2];
+        let tip_step = of_rest / (1.0 - of_tip);
+        Some(
+            combined_right
+                .into_iter()
+                .map(|[step, free_direction]| step + tip_step * free_direction)
+                .collect(),
+        )
     }
 }
 
@@ -259,9 +281,9 @@ fn of_element<'a>(
 }
 
 fn norm(rest: &[f64], fixed: &[usize]) -> f64 {
-    let all: f64 = rest.iter().map(|r| r * r).sum();
+    let squares: f64 = rest.iter().map(|r| r * r).sum();
     let of_fixed: f64 = fixed.iter().map(|index| rest[*index] * rest[*index]).sum();
-    (all - of_fixed).max(0.0).sqrt()
+    (squares - of_fixed).max(0.0).sqrt()
 }
 
 /// Whether a step is small enough to be the last.

@@ -1,7 +1,8 @@
 //! The needle in an elastic body at every depth of an insertion: at each the operator of that depth acts on `u - u_t`.
 //!
-//! What the cut path does to the tip follows from the needle's shape under a unit load at the tip (reciprocity): the body's line
-//! load on that shape is the weight of the path. The path is projected on the polynomials of the deflection.
+//! The effect of the cut path on the tip follows from the needle's shape under a unit load at the tip (reciprocity):
+//! the body's line load on that shape is the weight of the path. The path is projected on the polynomials of the
+//! deflection.
 
 use super::memory::{Kind, STATES, Step, weights};
 use super::{GrowingBeam, Guide2Grip, Response, Row};
@@ -24,7 +25,7 @@ pub(super) fn solved(
     let free = BeamProblem { support: Support::Springs, foundation: Foundation::none(), ..problem.clone() };
     let GrowingBeam { mut rows, steps: of_bare, .. } =
         GrowingBeam::solved(&free, depths_m[..bare].to_vec(), grip, slopes)?;
-    // What a shear layer or a skin above the body does is no moment of the path.
+    // The effect of a shear layer or a skin above the body is no moment of the path.
     let is_dense = problem.shear_n > 0.0 || (bare > 1 && problem.skin_n_per_m > 0.0);
     for (node, row) in rows.iter_mut().enumerate() {
         for response in [&mut row.deflection, &mut row.slope] {
@@ -37,13 +38,13 @@ pub(super) fn solved(
         row.steps = node;
     }
     let moments = Moments::new(&depths_m, from_m);
-    let mut at = problem.clone();
+    let mut problem_at_depth = problem.clone();
     for node in bare..depths_m.len() {
-        at.depth_m = depths_m[node];
-        let Some(ritz) = Ritz::new(&at)? else { return Err(ModelError::Singular) };
+        problem_at_depth.depth_m = depths_m[node];
+        let Some(ritz) = Ritz::new(&problem_at_depth)? else { return Err(ModelError::Singular) };
         let solved = ritz.factor()?;
         let pushed = ritz.shape(&solved, Load::Guide2);
-        // Of needle and frame in series.
+        // Stiffness of needle and frame in series.
         let stiffness = (ritz.work(Load::Guide2, &pushed) + problem.guide2_compliance_m_per_n).recip();
         let response = |load: Load| {
             let mut shape = ritz.shape(&solved, load);
@@ -53,11 +54,12 @@ pub(super) fn solved(
                 shape = shape.plus(&pushed.scaled(-moved * stiffness));
                 guide2 = ritz.work(load, &pushed) * stiffness;
             }
-            let along = Path { ritz: &ritz, problem: &at, moments: &moments };
-            let path = along.states(&shape);
-            let dense = if is_dense { along.weights(&path, &shape, &depths_m[..=node]) } else { Vec::new() };
-            let turned = ritz.work(Load::TipMoment, &shape) - ritz.at(&shape, 0.0)[1];
-            let curvature = problem.bending_stiffness_n_m2 * turned;
+            let path_effect = Path { ritz: &ritz, problem: &problem_at_depth, moments: &moments };
+            let path = path_effect.states(&shape);
+            let dense =
+                if is_dense { path_effect.weights(&path, &shape, &depths_m[..=node]) } else { Vec::new() };
+            let moment_work = ritz.work(Load::TipMoment, &shape) - ritz.at(&shape, 0.0)[1];
+            let curvature = problem.bending_stiffness_n_m2 * moment_work;
             Response { load: ritz.work(Load::Tip, &shape), guide2, curvature, path, dense }
         };
         let slope = if slopes { response(Load::TipMoment) } else { Response::default() };
@@ -81,15 +83,15 @@ impl Moments {
         let of_element = |ends: &[f64]| {
             let (start_m, end_m) = (ends[0], ends[1]);
             let mut moments = [[0.0; 2]; MODES];
-            let inside_m = start_m.max(from_m);
-            if inside_m < end_m {
+            let tissue_start_m = start_m.max(from_m);
+            if tissue_start_m < end_m {
                 for (x, share) in GAUSS {
-                    let s_m = inside_m + x * (end_m - inside_m);
-                    let along = (s_m - start_m) / (end_m - start_m);
-                    let mut power = share * (end_m - inside_m);
+                    let s_m = tissue_start_m + x * (end_m - tissue_start_m);
+                    let segment_position = (s_m - start_m) / (end_m - start_m);
+                    let mut power = share * (end_m - tissue_start_m);
                     for moment in &mut moments {
-                        moment[0] += power * (1.0 - along);
-                        moment[1] += power * along;
+                        moment[0] += power * (1.0 - segment_position);
+                        moment[1] += power * segment_position;
                         power *= (s_m - from_m) / unit_m;
                     }
                 }
@@ -99,7 +101,8 @@ impl Moments {
         Self { unit_m, of_elements: nodes_m.windows(2).map(of_element).collect() }
     }
 
-    /// What every element leaves in the memory of the path: its moments, and, of the first one, the place where the tip entered.
+    /// Contribution of every element to the memory of the path: its moments, and, of the first one, the place where the
+    /// tip entered.
     fn steps(&self) -> Vec<Step> {
         let step = |(element, moments): (usize, &[[f64; 2]; MODES])| {
             let (mut start, mut end) = ([0.0; STATES], [0.0; STATES]);
@@ -115,7 +118,7 @@ impl Moments {
     }
 }
 
-/// What the cut path does to the needle at one depth.
+/// Effect of the cut path on the needle at one depth.
 struct Path<'a> {
     ritz: &'a Ritz,
     problem: &'a BeamProblem,
@@ -123,7 +126,8 @@ struct Path<'a> {
 }
 
 impl Path<'_> {
-    /// What the needle has of every moment of the path, and of the place where the tip entered.
+    /// Functionals of the needle for every moment of the path, and for the point where the tip
+    /// entered.
     fn states(&self, shape: &super::super::body::Shape) -> [f64; STATES] {
         let Self { ritz, problem, moments } = *self;
         let [_, depth_m] = ritz.body_m();
@@ -152,14 +156,14 @@ impl Path<'_> {
         nodes_m: &[f64],
     ) -> Vec<[f64; 2]> {
         let Self { ritz, problem, moments } = *self;
-        let mut all: Vec<[f64; 2]> = Vec::with_capacity(nodes_m.len().saturating_sub(1));
+        let mut node_weights: Vec<[f64; 2]> = Vec::with_capacity(nodes_m.len().saturating_sub(1));
         for of_element in moments.of_elements.iter().take(nodes_m.len().saturating_sub(1)) {
             let mut weight = [0.0; 2];
             for (term, [start, end]) in states.iter().zip(of_element) {
                 weight[0] += term * start;
                 weight[1] += term * end;
             }
-            all.push(weight);
+            node_weights.push(weight);
         }
         if problem.shear_n > 0.0 {
             let ([body_m, _], in_body) = (ritz.body_m(), ritz.in_body(shape));
@@ -169,16 +173,16 @@ impl Path<'_> {
             };
             let deflections_m: Vec<f64> = nodes_m.iter().map(deflection_m).collect();
             for ((weight, ends), deflection_m) in
-                all.iter_mut().zip(nodes_m.windows(2)).zip(deflections_m.windows(2))
+                node_weights.iter_mut().zip(nodes_m.windows(2)).zip(deflections_m.windows(2))
             {
                 let pull_n = problem.shear_n * (deflection_m[0] - deflection_m[1]) / (ends[1] - ends[0]);
                 weight[0] += pull_n;
                 weight[1] -= pull_n;
             }
         }
-        if let Some(first) = all.first_mut() {
+        if let Some(first) = node_weights.first_mut() {
             first[0] += states[MODES];
         }
-        all
+        node_weights
     }
 }

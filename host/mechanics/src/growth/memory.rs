@@ -1,4 +1,4 @@
-//! What the cut path does to the tip, in as few numbers as it has.
+//! Effect of the cut path on the tip, in as few numbers as it has.
 //!
 //! Among springs the unknowns of a node of the needle follow from those of the next one, `x_k = B_k x_{k+1}`, whatever acts on the tip.
 //! So all weights of the path at a node n are those of two numbers, `w_j = q_j . B_j ... B_{n-1} x_n`, and their sum over the path is
@@ -24,7 +24,7 @@ pub(super) struct Step {
     pub end: [f64; STATES],
 }
 
-/// How a memory is carried on.
+/// Rule by which a memory is continued.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Two numbers that follow the needle's unknowns.
@@ -35,7 +35,7 @@ pub(super) enum Kind {
     Dense,
 }
 
-/// What the path that is cut so far does.
+/// Effect of the path that is cut so far.
 pub(super) struct Memory {
     kind: Kind,
     /// Elements in it.
@@ -46,7 +46,7 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// Of no path.
+    /// Memory of no path.
     pub fn new(kind: Kind) -> Self {
         Self { kind, count: 0, states: [0.0; STATES], cut: Vec::new() }
     }
@@ -54,9 +54,11 @@ impl Memory {
     /// Takes in all elements whose ends are among these states.
     pub fn extend(&mut self, steps: &[Step], states: &[TipState]) {
         while let Some(step) = steps.get(self.count) {
-            let [from, to] = step.nodes;
-            let (Some(from), Some(to)) = (states.get(from), states.get(to)) else { break };
-            let ends = [from.tip_m[1], to.tip_m[0]];
+            let [start_node, end_node] = step.nodes;
+            let (Some(start_state), Some(end_state)) = (states.get(start_node), states.get(end_node)) else {
+                break;
+            };
+            let ends = [start_state.tip_m[1], end_state.tip_m[0]];
             self.count += 1;
             if self.kind == Kind::Dense {
                 self.cut.push(ends);
@@ -84,7 +86,7 @@ impl Memory {
         states
     }
 
-    /// What a functional of the needle has of the path in this memory.
+    /// Value of a functional of the needle for the path in this memory.
     pub fn of(&self, path: &[f64; STATES], dense: &[[f64; 2]]) -> f64 {
         match self.kind {
             Kind::Dense => weighted(dense, &self.cut),
@@ -100,9 +102,9 @@ impl Memory {
                 (weighted(dense, &self.cut) + start * start_m, end)
             }
             _ => {
-                let known =
+                let product_before =
                     self.product(path, &self.before(step)) + self.product(path, &step.start) * start_m;
-                (known, self.product(path, &step.end))
+                (product_before, self.product(path, &step.end))
             }
         }
     }
@@ -114,16 +116,18 @@ impl Memory {
 
 /// Weights of every element of a path among springs, from the numbers that stand for all of them.
 pub(super) fn weights(steps: &[Step], path: &[f64; STATES]) -> Vec<[f64; 2]> {
-    let mut at = [path[0], path[1]];
+    let mut position_state = [path[0], path[1]];
     let weight = |step: &Step| {
-        let by = |acts: &[f64; STATES]| acts[0] * at[0] + acts[1] * at[1];
-        let weights = [by(&step.start), by(&step.end)];
-        at = step.per_next.map(|[deflection, slope]| deflection * at[0] + slope * at[1]);
+        let weighted_sum = |acts: &[f64; STATES]| acts[0] * position_state[0] + acts[1] * position_state[1];
+        let weights = [weighted_sum(&step.start), weighted_sum(&step.end)];
+        position_state = step
+            .per_next
+            .map(|[deflection, slope]| deflection * position_state[0] + slope * position_state[1]);
         weights
     };
-    let mut all: Vec<[f64; 2]> = steps.iter().rev().map(weight).collect();
-    all.reverse();
-    all
+    let mut state_weights: Vec<[f64; 2]> = steps.iter().rev().map(weight).collect();
+    state_weights.reverse();
+    state_weights
 }
 
 /// Sum of products of pairs, as many as both have.

@@ -98,11 +98,11 @@ impl<'p> SpringBeam<'p> {
         if length_m <= 0.0 {
             return;
         }
-        let at = self.rows - 2;
+        let first_row = self.rows - 2;
         self.stiffness.grow(2);
         self.rows += 2;
         self.length_m += length_m;
-        self.factored_rows = self.factored_rows.min(at);
+        self.factored_rows = self.factored_rows.min(first_row);
         let mut local = bending_stiffness(self.problem.bending_stiffness_n_m2, length_m);
         let shear_n = if depth_m.is_some() { self.problem.shear_n } else { 0.0 };
         add_tension(&mut local, shear_n - self.problem.axial_load_n, length_m);
@@ -110,10 +110,10 @@ impl<'p> SpringBeam<'p> {
         if let Some(depth_m) = depth_m {
             let (mut springs, mut path) = self.springs(depth_m, length_m);
             // The shear layer rests on the cut path too, which is straight over an element.
-            let per_m = shear_n / length_m;
+            let shear_per_m = shear_n / length_m;
             for (row, sign) in [(0, 1.0), (2, -1.0)] {
-                path[row][0] += sign * per_m;
-                path[row][1] -= sign * per_m;
+                path[row][0] += sign * shear_per_m;
+                path[row][1] -= sign * shear_per_m;
             }
             if self.is_at_surface() {
                 // The spring at the surface rests where the tip entered.
@@ -128,7 +128,7 @@ impl<'p> SpringBeam<'p> {
         let mut coupling = [0.0; 4];
         for (i, values) in local.iter().enumerate() {
             for (j, value) in values.iter().enumerate().take(i + 1) {
-                let (row, column) = (at + i, at + j);
+                let (row, column) = (first_row + i, first_row + j);
                 match (self.is_fixed(row), self.is_fixed(column)) {
                     (false, false) => self.stiffness.add(row, column, *value),
                     (false, true) if self.held == Some(column) => coupling[i] += value,
@@ -150,14 +150,14 @@ impl<'p> SpringBeam<'p> {
     fn springs(&self, depth_m: f64, length_m: f64) -> ([[f64; 4]; 4], [[f64; 2]; 4]) {
         let (mut springs, mut path) = ([[0.0; 4]; 4], [[0.0; 2]; 4]);
         let end_m = depth_m + length_m;
-        let inside = self.faces_m.iter().copied().filter(|face_m| *face_m > depth_m && *face_m < end_m);
+        let inner_faces = self.faces_m.iter().copied().filter(|face_m| *face_m > depth_m && *face_m < end_m);
         let mut start_m = depth_m;
-        for face_m in inside.chain([end_m]) {
+        for face_m in inner_faces.chain([end_m]) {
             for (x, weight) in GAUSS {
-                let at_m = start_m + x * (face_m - start_m);
-                let x = (at_m - depth_m) / length_m;
+                let quadrature_m = start_m + x * (face_m - start_m);
+                let x = (quadrature_m - depth_m) / length_m;
                 let shape = hermite(x, length_m);
-                let measure = weight * (face_m - start_m) * self.problem.foundation.modulus_pa(at_m);
+                let measure = weight * (face_m - start_m) * self.problem.foundation.modulus_pa(quadrature_m);
                 for i in 0..4 {
                     for j in 0..4 {
                         springs[i][j] += measure * shape[i] * shape[j];
@@ -179,9 +179,10 @@ impl<'p> SpringBeam<'p> {
         for Added { coupling, path } in std::mem::take(&mut self.added) {
             let per_next = self.factor.per_next(2 * self.node).ok_or(ModelError::Singular)?;
             let handed_on = |at: [f64; 2], [first, second, third, fourth]: [f64; 4]| {
-                let before = [at[0] + first, at[1] + second];
-                let by = |column: usize| per_next[0][column] * before[0] + per_next[1][column] * before[1];
-                [by(0) + third, by(1) + fourth]
+                let preceding = [at[0] + first, at[1] + second];
+                let combination =
+                    |column: usize| per_next[0][column] * preceding[0] + per_next[1][column] * preceding[1];
+                [combination(0) + third, combination(1) + fourth]
             };
             // By reciprocity what guide 2 does to the tip is its reaction to the load there: of the frame's spring, or of what holds it.
             self.guide2 = handed_on(self.guide2, coupling.map(|value| -value));

@@ -101,13 +101,14 @@ const CONSTANT_LOAD: [Case; 6] = [
 #[test]
 fn constant_load_matches_the_reference() {
     for (modulus_pa, entry_m, guide2, expected) in CONSTANT_LOAD {
-        let (guide2_m, held) = match guide2 {
+        let (guide2_m, held_slopes) = match guide2 {
             Some((guide2_m, slope)) => (guide2_m, Some([ramp(slope), Profile::default()])),
             None => (0.5 * entry_m, None),
         };
         let mut model = model(modulus_pa, guide2_m, entry_m);
         model.tip = TipLaw::load([0.2, 0.0]);
-        let insertion = Insertion { depth_m: DEPTHS_M.to_vec(), guide2_m: held, ..Insertion::default() };
+        let insertion =
+            Insertion { depth_m: DEPTHS_M.to_vec(), guide2_m: held_slopes, ..Insertion::default() };
         assert_within_spread(&tip(&model, insertion), &expected);
     }
 }
@@ -244,11 +245,11 @@ fn a_cut_angle_matches_the_reference() {
             _ => 0.02,
         };
         let states = growth.at_cut_angle(|node| [sign(node, false), sign(node, true)], |_| 0.0);
-        let at = |depth_m: f64| {
+        let path_value = |depth_m: f64| {
             let node = growth.depths_m().partition_point(|m| *m < depth_m - 1e-9);
             states[node].load_n[0]
         };
-        assert_within_spread(&DEPTHS_M.map(at), &load_n);
+        assert_within_spread(&DEPTHS_M.map(path_value), &load_n);
     }
 }
 

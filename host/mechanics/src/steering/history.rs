@@ -23,7 +23,7 @@ impl ShapeFunctions {
         Self { length_m, wave_numbers_per_m }
     }
 
-    /// How many there are.
+    /// Number of functions.
     pub fn count(&self) -> usize {
         1 + 4 * self.wave_numbers_per_m.len()
     }
@@ -55,16 +55,16 @@ impl ShapeFunctions {
     pub fn derivative(&self) -> DMatrix<f64> {
         let mut matrix = DMatrix::zeros(self.count(), self.count());
         for (i, &l) in self.wave_numbers_per_m.iter().enumerate() {
-            let at = 1 + 4 * i;
-            matrix[(at, at + 1)] = -l;
-            matrix[(at + 1, at)] = l;
-            matrix[(at + 2, at + 2)] = l;
-            matrix[(at + 3, at + 3)] = -l;
+            let first_column = 1 + 4 * i;
+            matrix[(first_column, first_column + 1)] = -l;
+            matrix[(first_column + 1, first_column)] = l;
+            matrix[(first_column + 2, first_column + 2)] = l;
+            matrix[(first_column + 3, first_column + 3)] = -l;
         }
         matrix
     }
 
-    /// What a step of `h` towards the base does to the functions: `r(x - h)` in terms of `r(x)`.
+    /// Effect of a step of `h` towards the base on the functions: `r(x - h)` in terms of `r(x)`.
     fn shift(&self, h_m: f64) -> Shift {
         Shift {
             turns: self
@@ -104,7 +104,7 @@ pub struct SupportMatrix {
 }
 
 impl SupportMatrix {
-    /// Nothing inserted yet.
+    /// Path before any insertion.
     pub fn new(functions: &ShapeFunctions) -> Self {
         let count = functions.count();
         Self { functions: functions.clone(), matrix: DMatrix::zeros(count, count) }
@@ -152,7 +152,7 @@ pub struct CutPathForce {
 }
 
 impl CutPathForce {
-    /// Nothing cut yet.
+    /// Path before any cut.
     pub fn new(functions: &ShapeFunctions) -> Self {
         let tip = functions.at(functions.length_m);
         Self { functions: functions.clone(), sum: DVector::zeros(functions.count()), tip }

@@ -99,10 +99,10 @@ fn modes_are_orthogonal() {
                 product(&value, &|_| 1.0) / (fixture_kg + needle.density_kg_per_m * 0.13).sqrt();
             assert!(translation.abs() < 1e-9, "{fixture_kg} kg, mode {i}: {translation}");
             for (j, other) in modes.iter().enumerate() {
-                let found = product(&value, &|x| other.value(x));
+                let overlap = product(&value, &|x| other.value(x));
                 assert!(
-                    (found - f64::from(u8::from(i == j))).abs() < 1e-9,
-                    "{fixture_kg} kg, {i} {j}: {found}"
+                    (overlap - f64::from(u8::from(i == j))).abs() < 1e-9,
+                    "{fixture_kg} kg, {i} {j}: {overlap}"
                 );
             }
         }
@@ -151,20 +151,23 @@ fn overlap_of_the_inserted_part() {
         for steps in [1, 400] {
             let mut overlap = SupportMatrix::new(&functions);
             for i in 0..steps {
-                let at = |i: i32| depth_m * f64::from(i) / f64::from(steps);
-                overlap.advance(at(i), at(i + 1), std::iter::once((at(i + 1) - at(i), 1.0)));
+                let grid_m = |i: i32| depth_m * f64::from(i) / f64::from(steps);
+                overlap.advance(grid_m(i), grid_m(i + 1), std::iter::once((grid_m(i + 1) - grid_m(i), 1.0)));
             }
-            let found = &factors * overlap.matrix() * factors.transpose();
+            let transformed = &factors * overlap.matrix() * factors.transpose();
             let mut expected = upper.iter();
             for i in 0..4 {
                 for j in i..4 {
                     let expected = expected.next().expect("ten values");
                     assert!(
-                        (found[(i, j)] / expected - 1.0).abs() < 1e-9,
+                        (transformed[(i, j)] / expected - 1.0).abs() < 1e-9,
                         "{depth_m} {i} {j} {}",
-                        found[(i, j)]
+                        transformed[(i, j)]
                     );
-                    assert!((found[(i, j)] - found[(j, i)]).abs() < 1e-9 * found[(i, i)].abs().max(1.0));
+                    assert!(
+                        (transformed[(i, j)] - transformed[(j, i)]).abs()
+                            < 1e-9 * transformed[(i, i)].abs().max(1.0)
+                    );
                 }
             }
         }
@@ -215,7 +218,7 @@ fn simulation_is(modes: usize, convective: bool, reference: [[f64; 2]; 5], withi
     let (stiffness, dynamics) = tissue(modes);
     let dynamics = Dynamics { convective, step_s: 1.0, ..dynamics };
     let times_s = [0.5, 1.0, 2.0, 3.0, 4.0];
-    let at = |step_s: f64| -> Vec<f64> {
+    let simulated_with = |step_s: f64| -> Vec<f64> {
         let channels = simulate(&needle(), &stiffness, &dynamics, &run(step_s, 4.0)).expect("simulates");
         let index = |time_s: f64| (time_s / step_s).round() as usize;
         times_s
@@ -225,7 +228,7 @@ fn simulation_is(modes: usize, convective: bool, reference: [[f64; 2]; 5], withi
     };
     let mut table: Vec<Vec<f64>> = Vec::new();
     for halvings in 0..4 {
-        let mut row = at(1.0 / 256.0 / f64::from(1 << halvings));
+        let mut row = simulated_with(1.0 / 256.0 / f64::from(1 << halvings));
         let mut factor = 1.0;
         for previous in &mut table {
             factor *= 4.0;

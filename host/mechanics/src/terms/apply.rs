@@ -1,4 +1,4 @@
-//! What terms do inside the forward model.
+//! Effect of terms inside the forward model.
 
 use super::acting::{ActingLaw, MIN_SHARE};
 use super::{Conditions, Law, Regressor, Site};

@@ -35,7 +35,7 @@ pub enum Form {
     Bump,
     /// `a sin(2 pi x / b) + c (cos(2 pi x / b) - 1)`.
     Sine,
-    /// What a person has written ([`define`](super::define)).
+    /// Function that a person has written ([`define`](super::define)).
     Own,
     /// A cubic, by Legendre's polynomials over the typical range: so each of its parameters has the size of what it does.
     Polynomial,
@@ -231,7 +231,7 @@ impl Form {
         }
     }
 
-    /// How much larger an amplitude is than what is overlooked of its site: a needle feels the mean modulus over some
+    /// Ratio of an amplitude to the negligible amplitude of its site: a needle feels the mean modulus over some
     /// [`FELT_MM`], and a bump does that much to the mean.
     fn spread(self, site: Site, regressor: Regressor) -> f64 {
         if (self, site, regressor) == (Self::Bump, Site::Modulus, Regressor::Place) {

@@ -5,19 +5,19 @@ use crate::effects::{EFFECTS, EffectInfo, ParameterInfo, RunKinds};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-/// What ids of terms begin with.
+/// Prefix of the ids of terms.
 const PREFIX: &str = "law.";
 
 /// A term: where it acts, what it depends on, and how.
 #[derive(Debug, Clone, Copy)]
 pub struct Law {
-    /// Where it acts.
+    /// Site of the term.
     pub site: Site,
     /// In which planes.
     pub scope: Scope,
-    /// What it depends on.
+    /// Regressor of the term.
     pub regressor: Regressor,
-    /// How it does.
+    /// Form of the dependence.
     pub form: Form,
     pub(super) info: &'static EffectInfo,
     /// Its function where a person has written it.
@@ -31,7 +31,7 @@ pub type FunctionOf = dyn Fn(&[f64], f64) -> f64 + Send + Sync;
 pub struct OwnFunction {
     /// As it was written.
     pub formula: String,
-    /// What it is.
+    /// Value of the function.
     pub value: Box<FunctionOf>,
 }
 
@@ -46,15 +46,15 @@ impl std::fmt::Debug for OwnFunction {
 pub struct OwnLaw {
     /// Its id.
     pub id: String,
-    /// What it is, in one line.
+    /// Description in one line.
     pub physics: String,
-    /// Where it acts.
+    /// Site of the term.
     pub site: Site,
     /// In which planes.
     pub scope: Scope,
-    /// What it depends on.
+    /// Regressor of the term.
     pub regressor: Regressor,
-    /// How it does.
+    /// Function of the dependence.
     pub function: OwnFunction,
     /// Its parameters, in the order in which the function takes them.
     pub parameters: Vec<ParameterInfo>,
@@ -73,7 +73,7 @@ pub enum DefineError {
         site: &'static str,
         /// Name of the regressor.
         regressor: &'static str,
-        /// What the site depends on.
+        /// Regressors that the site allows.
         expected: Vec<&'static str>,
     },
 }

@@ -1,8 +1,8 @@
-//! Where a term acts, and on what it depends.
+//! Sites of terms, and their regressors.
 
 use crate::effects::RunKinds;
 
-/// Where a term acts.
+/// Site of a term.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Site {
     /// The reading of the lateral force: `F + f`, newtons.
@@ -13,9 +13,9 @@ pub enum Site {
     Shape,
     /// Its gain: `u (1 + f)`.
     ShapeGain,
-    /// Where along the needle it is measured: at `z + f`, millimetres.
+    /// Position along the needle at which the shape is measured: at `z + f`, millimetres.
     ShapePosition,
-    /// What reaches the needle of the displacement of guide 2: `d + f`, millimetres.
+    /// Part of guide 2's displacement that reaches the needle: `d + f`, millimetres.
     Guide,
     /// The modulus of the tissue: `K (1 + f)`.
     Modulus,
@@ -39,10 +39,10 @@ pub enum Site {
     Clamp,
 }
 
-/// What a term depends on.
+/// Regressor of a term.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Regressor {
-    /// Nothing.
+    /// No regressor.
     Constant,
     /// Depth below the surface of the place where it acts, millimetres.
     Place,
@@ -94,7 +94,7 @@ impl Scope {
         }
     }
 
-    /// What a site's name ends with.
+    /// Suffix of a site's name.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Both => "",
@@ -156,7 +156,7 @@ impl Site {
         }
     }
 
-    /// What it changes, in words.
+    /// Changed quantity, in words.
     pub fn words(self) -> &'static str {
         match self {
             Self::Force => "the force reads more",
@@ -178,7 +178,7 @@ impl Site {
         }
     }
 
-    /// How it is written in formulas, and the function in it.
+    /// Symbol in formulas, and the function in it.
     pub fn symbol(self) -> &'static str {
         match self {
             Self::Force => "F_read = F +",
@@ -253,7 +253,7 @@ impl Site {
         }
     }
 
-    /// What it may depend on, and in which planes.
+    /// Allowed regressors, and their planes.
     pub(super) fn regressors(self) -> &'static [(Regressor, &'static [Scope])] {
         use Regressor::{
             Along, Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share, Time,
@@ -362,7 +362,7 @@ impl Regressor {
         }
     }
 
-    /// How it is written in formulas.
+    /// Symbol in formulas.
     pub fn symbol(self) -> &'static str {
         match self {
             Self::Constant => "",

@@ -93,6 +93,6 @@ section! {
     }
 }
 
-/// How a layer's stiffness may vary within, each with its probability before a run.
+/// Variation of a layer's stiffness within, each with its probability before a run.
 pub const FIELD_VARIATIONS: [(Unknown, f64); 3] =
     [(FIELD_UNIFORM, 0.6), (FIELD_NEARLY_UNIFORM, 0.3), (FIELD_VARIED, 0.1)];

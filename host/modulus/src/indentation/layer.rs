@@ -62,7 +62,7 @@ fn contact(ratio: f64, poisson: f64) -> Option<Contact> {
     Some(Contact { sums: [sums[0], sums[1]], edges: [solved[(count - 1, 0)], solved[(count - 1, 1)]] })
 }
 
-/// Hayes' factor for a flat punch: force over that of a half space, for a radius over thickness `ratio`. Nothing beyond
+/// Hayes' factor for a flat punch: force over that of a half space, for a radius over thickness `ratio`. `None` beyond
 /// [`MAX_RADIUS_TO_THICKNESS`].
 pub fn punch_factor(ratio: f64, poisson: f64) -> Option<f64> {
     if !(0.0..=MAX_RADIUS_TO_THICKNESS).contains(&ratio) {
@@ -83,7 +83,7 @@ impl SphereFactor {
     /// [`MAX_RADIUS_TO_THICKNESS`] thicknesses.
     pub fn new(radius_m: f64, thickness_m: f64, most_m: f64, poisson: f64) -> Option<Self> {
         const STEPS: i32 = 24;
-        let wanted = radius_m * most_m / thickness_m.powi(2);
+        let largest_ratio = radius_m * most_m / thickness_m.powi(2);
         let mut table = vec![[0.0, 1.0]];
         // Contact radii that grow by even factors up to the largest; stop beyond what is wanted.
         for step in 0..=STEPS {
@@ -94,7 +94,7 @@ impl SphereFactor {
             let reduced = ratio * ratio * depth;
             let force = 2.0 * ratio.powi(3) * (depth * sums[0] - sums[1]);
             table.push([reduced, force / (4.0 / 3.0 * reduced.powf(1.5))]);
-            if reduced > wanted {
+            if reduced > largest_ratio {
                 return Some(Self { table });
             }
         }
@@ -103,12 +103,13 @@ impl SphereFactor {
 
     /// The factor: linear in the square root, as which it begins.
     pub fn at(&self, reduced: f64) -> f64 {
-        let after = self.table.partition_point(|[at, _]| *at <= reduced).clamp(1, self.table.len() - 1);
-        let [Some([x0, y0]), Some([x1, y1])] = [self.table.get(after - 1), self.table.get(after)] else {
+        let next_index = self.table.partition_point(|[at, _]| *at <= reduced).clamp(1, self.table.len() - 1);
+        let [Some([x0, y0]), Some([x1, y1])] = [self.table.get(next_index - 1), self.table.get(next_index)]
+        else {
             return 1.0;
         };
-        let share = (reduced.max(0.0).sqrt() - x0.sqrt()) / (x1.sqrt() - x0.sqrt());
-        y0 + share * (y1 - y0)
+        let fraction = (reduced.max(0.0).sqrt() - x0.sqrt()) / (x1.sqrt() - x0.sqrt());
+        y0 + fraction * (y1 - y0)
     }
 }
 
@@ -125,26 +126,30 @@ mod tests {
             (0.50, [1.281, 1.683, 2.211, 3.609, 9.069]),
         ] {
             for (ratio, expected) in [0.2, 0.4, 0.6, 1.0, 2.0].into_iter().zip(values) {
-                let found = punch_factor(ratio, poisson).expect("in range");
+                let tabulated = punch_factor(ratio, poisson).expect("in range");
                 // The digits of 1972 deviate by more the wider the contact: 0.9 % at a / h = 2, where this solution has converged.
                 let tolerance = 1e-3 + 2.5e-3 * ratio * ratio;
-                assert!((found / expected - 1.0).abs() < tolerance, "{poisson} {ratio}: {found} {expected}");
+                assert!(
+                    (tabulated / expected - 1.0).abs() < tolerance,
+                    "{poisson} {ratio}: {tabulated} {expected}"
+                );
             }
         }
         assert!((punch_factor(1e-4, 0.5).expect("in range") - 1.0).abs() < 2e-4);
         assert_eq!(punch_factor(6.0, 0.5), None);
     }
 
-    /// Garcia and Garcia, Biophys. J. 114 (2018) 2923: series to the fourth order for bonded incompressible layers. (That of
-    /// Dimitriadis and others, Biophys. J. 82 (2002) 2798, has the same first term and is 12 % lower at the last of these.)
+    /// Garcia and Garcia, Biophys. J. 114 (2018) 2923: series to the fourth order for bonded incompressible layers.
+    /// (The series by Dimitriadis and others, Biophys. J. 82 (2002) 2798, has the same first term and is 12 % lower at
+    /// the last of these.)
     #[test]
     fn sphere_factors_agree_with_the_series_of_garcia() {
         let factor = SphereFactor::new(1.0, 1.0, 1.0, 0.5).expect("in range");
         for reduced in [0.01_f64, 0.04, 0.09, 0.16, 0.25, 0.36] {
             let x = reduced.sqrt();
             let series = 1.0 + 1.133 * x + 1.497 * x * x + 1.469 * x.powi(3) + 0.755 * x.powi(4);
-            let found = factor.at(reduced);
-            assert!((found / series - 1.0).abs() < 0.025, "{reduced}: {found} {series}");
+            let tabulated = factor.at(reduced);
+            assert!((tabulated / series - 1.0).abs() < 0.025, "{reduced}: {tabulated} {series}");
         }
         assert!((factor.at(1e-8) - 1.0).abs() < 1e-3);
         assert_eq!(SphereFactor::new(1.0, 1e-2, 1.0, 0.5), None);

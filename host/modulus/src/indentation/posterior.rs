@@ -24,7 +24,7 @@ const REACH: f64 = 12.0;
 const HALVINGS: usize = 26;
 const IMPROBABLE: f64 = 1e-5;
 
-/// What is known of the modulus for one contact point.
+/// Posterior of the modulus for one contact point.
 #[derive(Clone)]
 pub(super) struct Given {
     pub contact_m: f64,
@@ -77,30 +77,30 @@ impl Rows<'_> {
             with_prior[(2, 2)] += (noise / DRIFT).powi(2);
             let inverse = with_prior.try_inverse()?;
             // Drift and a straight curve differ by the prior alone: the residual gives the digits back.
-            let mut found = inverse * right;
-            found += inverse * (right - with_prior * found);
-            let squares = (total - right.dot(&found)).max(0.0);
-            Some((found, inverse, squares, with_prior.determinant()))
+            let mut coefficients = inverse * right;
+            coefficients += inverse * (right - with_prior * coefficients);
+            let squares = (total - right.dot(&coefficients)).max(0.0);
+            Some((coefficients, inverse, squares, with_prior.determinant()))
         };
         let unknowns = if self.has_contact { 3.0 } else { 2.0 };
         let freedom = (n as f64 - unknowns).max(1.0);
         // The weight of the drift's prior needs the noise: once as if the readings were as good as they can be, then with it.
         let (_, _, squares, _) = solve(RESOLVED)?;
         let noise = (squares / freedom * self.worth).sqrt().max(RESOLVED);
-        let (found, inverse, squares, determinant) = solve(noise)?;
-        let slope_pa = found[1] * span_n / scale;
+        let (solution, inverse, squares, determinant) = solve(noise)?;
+        let slope_pa = solution[1] * span_n / scale;
         if !(slope_pa > 0.0 && slope_pa.is_finite() && determinant > 0.0) {
             return None;
         }
         let floor = freedom * RESOLVED.powi(2);
         let effective = (freedom / self.worth).max(2.0);
-        // Of a modulus that is flat in its logarithm: the scale of the curve drops out.
-        let ln_weight = -0.5 * effective * (squares + floor).ln() - 0.5 * determinant.ln() - found[1].ln();
+        // Weight of a modulus that is flat in its logarithm: the scale of the curve drops out.
+        let ln_weight = -0.5 * effective * (squares + floor).ln() - 0.5 * determinant.ln() - solution[1].ln();
         Some(Given {
             contact_m,
             slope_pa,
-            offset_n: middle_n + span_n * (found[0] - 0.5 * found[2]),
-            drift_n: span_n * found[2],
+            offset_n: middle_n + span_n * (solution[0] - 0.5 * solution[2]),
+            drift_n: span_n * solution[2],
             slope_sd_pa: noise * inverse[(1, 1)].max(0.0).sqrt() * span_n / scale,
             freedom: effective,
             squares,
@@ -108,14 +108,17 @@ impl Rows<'_> {
         })
     }
 
-    /// What a fit leaves of every row.
+    /// Residual of every row.
     pub fn residuals_n(&self, given: &Given) -> Vec<f64> {
         let last = (self.rows.len() - 1).max(1) as f64;
-        let row = |(i, [d, f]): (usize, &[f64; 2])| {
-            let force_n = given.slope_pa * self.curve.at(d - given.contact_m);
-            f - given.offset_n - force_n - given.drift_n * i as f64 / last
-        };
-        self.rows.iter().enumerate().map(row).collect()
+        self.rows
+            .iter()
+            .enumerate()
+            .map(|(i, [d, f])| {
+                let force_n = given.slope_pa * self.curve.at(d - given.contact_m);
+                f - given.offset_n - force_n - given.drift_n * i as f64 / last
+            })
+            .collect()
     }
 
     /// The best contact point between two, by squares.
@@ -123,10 +126,10 @@ impl Rows<'_> {
         let mut best: Option<Given> = None;
         for _ in 0..ROUNDS {
             let step_m = (to_m - from_m) / (POINTS - 1) as f64;
-            let all = (0..POINTS).filter_map(|i| self.given(from_m + i as f64 * step_m));
-            let found = all.min_by(|a, b| a.squares.total_cmp(&b.squares))?;
-            (from_m, to_m) = (found.contact_m - 2.0 * step_m, found.contact_m + 2.0 * step_m);
-            best = Some(found);
+            let candidates = (0..POINTS).filter_map(|i| self.given(from_m + i as f64 * step_m));
+            let best_fit = candidates.min_by(|a, b| a.squares.total_cmp(&b.squares))?;
+            (from_m, to_m) = (best_fit.contact_m - 2.0 * step_m, best_fit.contact_m + 2.0 * step_m);
+            best = Some(best_fit);
         }
         best
     }
@@ -139,40 +142,44 @@ impl Rows<'_> {
         span_m: f64,
     ) -> Option<Posterior> {
         if !self.has_contact {
-            let given = self.given(earliest_m)?;
-            return Some(Posterior { parts: vec![(1.0, given)] });
+            let earliest_fit = self.given(earliest_m)?;
+            return Some(Posterior { parts: vec![(1.0, earliest_fit)] });
         }
         // As a way from the latest one, in orders of magnitude where it is longer than the curve.
         let coordinate = |contact_m: f64| ((latest_m - contact_m) / span_m).asinh();
         let place_m = |at: f64| latest_m - span_m * at.sinh();
-        let [mut from, mut to] = [0.0, coordinate(earliest_m)];
-        let mut parts: Vec<(f64, Given)> = Vec::new();
+        let [mut from_position, mut to_position] = [0.0, coordinate(earliest_m)];
+        let mut components: Vec<(f64, Given)> = Vec::new();
         for _ in 0..ROUNDS {
-            let step = (to - from) / (POINTS - 1) as f64;
-            let of = |i: usize| {
-                let at = from + i as f64 * step;
-                let given = self.given(place_m(at))?;
-                let before = ((first_m - given.contact_m) / span_m).max(0.0);
-                // Uniform in depth within the curve, in the logarithm before it.
-                let prior = (at.cosh() / (1.0 + before)).ln();
-                Some((at, given.ln_weight + prior, given))
-            };
-            let found: Vec<(f64, f64, Given)> = (0..POINTS).filter_map(of).collect();
-            let most = found.iter().map(|(_, weight, _)| *weight).fold(f64::NEG_INFINITY, f64::max);
+            let step = (to_position - from_position) / (POINTS - 1) as f64;
+            let grid_fits: Vec<(f64, f64, Given)> = (0..POINTS)
+                .filter_map(|i| {
+                    let grid_position = from_position + i as f64 * step;
+                    let contact_fit = self.given(place_m(grid_position))?;
+                    let before_ratio = ((first_m - contact_fit.contact_m) / span_m).max(0.0);
+                    // Uniform in depth within the curve, in the logarithm before it.
+                    let prior = (grid_position.cosh() / (1.0 + before_ratio)).ln();
+                    Some((grid_position, contact_fit.ln_weight + prior, contact_fit))
+                })
+                .collect();
+            let most = grid_fits.iter().map(|(_, weight, _)| *weight).fold(f64::NEG_INFINITY, f64::max);
             let possible: Vec<f64> =
-                found.iter().filter(|(_, w, _)| most - w < NOT_POSSIBLE).map(|(at, ..)| *at).collect();
+                grid_fits.iter().filter(|(_, w, _)| most - w < NOT_POSSIBLE).map(|(at, ..)| *at).collect();
             let (least, greatest) = (possible.first().copied()?, possible.last().copied()?);
-            let total: f64 = found.iter().map(|(_, weight, _)| (weight - most).exp()).sum();
-            parts =
-                found.into_iter().map(|(_, weight, given)| ((weight - most).exp() / total, given)).collect();
-            let is_resolved = greatest - least > 0.5 * (to - from);
-            [from, to] = [(least - step).max(0.0), (greatest + step).min(coordinate(earliest_m))];
+            let total: f64 = grid_fits.iter().map(|(_, weight, _)| (weight - most).exp()).sum();
+            components = grid_fits
+                .into_iter()
+                .map(|(_, weight, given)| ((weight - most).exp() / total, given))
+                .collect();
+            let is_resolved = greatest - least > 0.5 * (to_position - from_position);
+            [from_position, to_position] =
+                [(least - step).max(0.0), (greatest + step).min(coordinate(earliest_m))];
             if is_resolved {
                 break;
             }
         }
-        parts.retain(|(weight, _)| *weight > IMPROBABLE);
-        Some(Posterior { parts })
+        components.retain(|(weight, _)| *weight > IMPROBABLE);
+        Some(Posterior { parts: components })
     }
 }
 
@@ -184,18 +191,20 @@ pub(super) struct Posterior {
 
 impl Posterior {
     fn below(&self, youngs_pa: f64) -> f64 {
-        let part = |(weight, given): &(f64, Given)| {
-            let sd_pa = given.slope_sd_pa.max(1e-12 * given.slope_pa);
-            let distribution = StudentsT::new(given.slope_pa, sd_pa, given.freedom);
-            weight * distribution.map_or(f64::NAN, |of| of.cdf(youngs_pa))
-        };
-        self.parts.iter().map(part).sum()
+        self.parts
+            .iter()
+            .map(|(weight, given)| {
+                let sd_pa = given.slope_sd_pa.max(1e-12 * given.slope_pa);
+                let distribution = StudentsT::new(given.slope_pa, sd_pa, given.freedom);
+                weight * distribution.map_or(f64::NAN, |of| of.cdf(youngs_pa))
+            })
+            .sum()
     }
 
     /// The modulus below which it is with a probability.
     pub fn quantile_pa(&self, probability: f64) -> f64 {
-        if let ([(_, given)], true) = (self.parts.as_slice(), probability == 0.5) {
-            return given.slope_pa;
+        if let ([(_, only_fit)], true) = (self.parts.as_slice(), probability == 0.5) {
+            return only_fit.slope_pa;
         }
         let [mut low, mut high] =
             self.parts.iter().fold([f64::INFINITY, 0.0f64], |[low, high], (_, given)| {
@@ -216,11 +225,11 @@ impl Posterior {
         ordered.sort_by(|a, b| a.0.total_cmp(&b.0));
         let at = |wanted: f64| {
             let mut sum = 0.0;
-            let found = ordered.iter().find(|(_, weight)| {
+            let quantile_row = ordered.iter().find(|(_, weight)| {
                 sum += weight;
                 sum >= wanted
             });
-            found.or(ordered.last()).map_or(f64::NAN, |(contact_m, _)| *contact_m)
+            quantile_row.or(ordered.last()).map_or(f64::NAN, |(contact_m, _)| *contact_m)
         };
         [at(0.025), at(0.975)]
     }

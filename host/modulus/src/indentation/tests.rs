@@ -44,16 +44,17 @@ fn modulus_offset_and_contact_are_found_and_covered() {
             let offset_n = 0.05 * noise.normal();
             let (depth_m, force_n) =
                 pressed(&contact, [-0.3, 3.0], [contact_mm, offset_n, 0.003], |_| 1.0, &mut noise);
-            let found = indented(&contact, &depth_m, &force_n).expect("a modulus");
-            let [low, high] = found.ci95_pa.expect("an interval");
+            let result = indented(&contact, &depth_m, &force_n).expect("a modulus");
+            let [low, high] = result.ci95_pa.expect("an interval");
             covered += usize::from((low..=high).contains(&YOUNGS_PA));
-            sum += found.youngs_pa / 60.0;
-            let (at_m, zero_n) = (found.contact_m.expect("a contact"), found.offset_n.expect("an offset"));
-            assert!((1e3 * at_m - contact_mm).abs() < 0.12, "{indenter:?}: {at_m} {contact_mm}");
+            sum += result.youngs_pa / 60.0;
+            let (contact_m, zero_n) =
+                (result.contact_m.expect("a contact"), result.offset_n.expect("an offset"));
+            assert!((1e3 * contact_m - contact_mm).abs() < 0.12, "{indenter:?}: {contact_m} {contact_mm}");
             assert!((zero_n - offset_n).abs() < 0.006, "{indenter:?}: {zero_n} {offset_n}");
             assert!(
-                found.fits_other_form.is_none()
-                    && found.nonlinearity.abs() < 4.0 * found.nonlinearity_se + 0.02
+                result.fits_other_form.is_none()
+                    && result.nonlinearity.abs() < 4.0 * result.nonlinearity_se + 0.02
             );
         }
         assert!((sum / YOUNGS_PA - 1.0).abs() < 0.01, "{indenter:?}: {sum}");
@@ -66,14 +67,15 @@ fn modulus_offset_and_contact_are_found_and_covered() {
 fn a_punch_in_contact_from_the_first_row_needs_no_contact_point() {
     let contact = contact(Indenter::Flat);
     let (depth_m, force_n) = pressed(&contact, [0.1, 3.0], [0.0, 0.2, 0.0], |_| 1.0, &mut Noise::new(3));
-    let found = indented(&contact, &depth_m, &force_n).expect("a modulus");
-    assert!((found.youngs_pa / YOUNGS_PA - 1.0).abs() < 1e-6, "{found:?}");
-    assert_eq!((found.contact_m, found.offset_n), (None, None));
-    // What comes back is not used, though the force is less then.
-    let back: Vec<f64> = depth_m.iter().rev().copied().collect();
+    let result = indented(&contact, &depth_m, &force_n).expect("a modulus");
+    assert!((result.youngs_pa / YOUNGS_PA - 1.0).abs() < 1e-6, "{result:?}");
+    assert_eq!((result.contact_m, result.offset_n), (None, None));
+    // The way back is not used, though the force is less then.
+    let retraction_m: Vec<f64> = depth_m.iter().rev().copied().collect();
     let less: Vec<f64> = force_n.iter().rev().map(|force_n| 0.7 * force_n).collect();
-    let both = indented(&contact, &[depth_m, back].concat(), &[force_n, less].concat()).expect("a modulus");
-    assert!((both.youngs_pa / found.youngs_pa - 1.0).abs() < 1e-9);
+    let round_trip =
+        indented(&contact, &[depth_m, retraction_m].concat(), &[force_n, less].concat()).expect("a modulus");
+    assert!((round_trip.youngs_pa / result.youngs_pa - 1.0).abs() < 1e-9);
 }
 
 /// Hayes' table for the punch, the series of Dimitriadis for the sphere: layers that this module did not compute.
@@ -81,25 +83,30 @@ fn a_punch_in_contact_from_the_first_row_needs_no_contact_point() {
 fn thin_tissue_is_not_taken_for_stiff_tissue() {
     let punch = Contact { thickness_m: Some(15e-3), ..contact(Indenter::Flat) };
     let (depth_m, force_n) = pressed(&punch, [-0.2, 2.0], [0.0, 0.0, 0.0], |_| 1.281, &mut Noise::new(4));
-    let found = indented(&punch, &depth_m, &force_n).expect("a modulus");
-    assert!((found.youngs_pa / YOUNGS_PA - 1.0).abs() < 3e-3, "{found:?}");
-    assert!((found.thickness_factor - 1.281).abs() < 2e-3);
+    let result = indented(&punch, &depth_m, &force_n).expect("a modulus");
+    assert!((result.youngs_pa / YOUNGS_PA - 1.0).abs() < 3e-3, "{result:?}");
+    assert!((result.thickness_factor - 1.281).abs() < 2e-3);
     let thick = indented(&contact(Indenter::Flat), &depth_m, &force_n).expect("a modulus");
     assert!(thick.youngs_pa > 1.25 * YOUNGS_PA);
 
     let sphere = Contact { thickness_m: Some(10e-3), ..contact(Indenter::Sphere) };
-    let series = |x_m: f64| {
-        let x = (3e-3 * x_m).sqrt() / 10e-3;
-        1.0 + 1.133 * x + 1.283 * x * x + 0.769 * x.powi(3) + 0.0975 * x.powi(4)
-    };
-    let (depth_m, force_n) = pressed(&sphere, [-0.2, 1.0], [0.0, 0.0, 0.0], series, &mut Noise::new(5));
-    let found = indented(&sphere, &depth_m, &force_n).expect("a modulus");
-    assert!((found.youngs_pa / YOUNGS_PA - 1.0).abs() < 0.04, "{found:?}");
+    let (depth_m, force_n) = pressed(
+        &sphere,
+        [-0.2, 1.0],
+        [0.0, 0.0, 0.0],
+        |x_m: f64| {
+            let x = (3e-3 * x_m).sqrt() / 10e-3;
+            1.0 + 1.133 * x + 1.283 * x * x + 0.769 * x.powi(3) + 0.0975 * x.powi(4)
+        },
+        &mut Noise::new(5),
+    );
+    let result = indented(&sphere, &depth_m, &force_n).expect("a modulus");
+    assert!((result.youngs_pa / YOUNGS_PA - 1.0).abs() < 0.04, "{result:?}");
 
     let paper = Contact { thickness_m: Some(1.5e-3), ..contact(Indenter::Flat) };
     let why = indented(&paper, &depth_m, &force_n);
     assert!(
-        why.is_ok_and(|found| found.thickness_factor > 5.0),
+        why.is_ok_and(|result| result.thickness_factor > 5.0),
         "a thin layer is solved as long as it is one"
     );
     let gone = Contact { thickness_m: Some(0.9e-3), ..contact(Indenter::Flat) };
@@ -110,12 +117,12 @@ fn thin_tissue_is_not_taken_for_stiff_tissue() {
 fn the_wrong_form_and_bent_curves_are_noticed() {
     let sphere = contact(Indenter::Sphere);
     let (depth_m, force_n) = pressed(&sphere, [0.0, 3.0], [0.0, 0.0, 0.001], |_| 1.0, &mut Noise::new(6));
-    let taken = indented(&contact(Indenter::Flat), &depth_m, &force_n).expect("a modulus");
-    assert!(taken.fits_other_form.is_some() && taken.nonlinearity > 0.2, "{taken:?}");
+    let misjudged = indented(&contact(Indenter::Flat), &depth_m, &force_n).expect("a modulus");
+    assert!(misjudged.fits_other_form.is_some() && misjudged.nonlinearity > 0.2, "{misjudged:?}");
     let flat = contact(Indenter::Flat);
     let (depth_m, force_n) = pressed(&flat, [0.0, 3.0], [0.0, 0.0, 0.001], |_| 1.0, &mut Noise::new(7));
-    let taken = indented(&sphere, &depth_m, &force_n).expect("a modulus");
-    assert_eq!(taken.fits_other_form, Some(Indenter::Flat), "{taken:?}");
+    let misjudged = indented(&sphere, &depth_m, &force_n).expect("a modulus");
+    assert_eq!(misjudged.fits_other_form, Some(Indenter::Flat), "{misjudged:?}");
     // Strain hardening: twice the slope at the end.
     let (depth_m, force_n) =
         pressed(&flat, [-0.3, 3.0], [0.0, 0.0, 0.001], |x_m| 1.0 + 0.5 * x_m / 3e-3, &mut Noise::new(8));
@@ -146,17 +153,20 @@ fn the_interval_covers_whether_contact_was_recorded_or_not() {
             let (mut covered, mut late, mut early) = (0, Vec::new(), Vec::new());
             for _ in 0..20 {
                 let contact_mm = scale * (0.6 * noise.uniform() - 0.3);
-                let mut none = Noise::new(1);
+                let mut no_noise = Noise::new(1);
                 let (depth_m, exact_n) =
-                    pressed(&contact, [0.0, 1.2 * scale], [contact_mm, 0.0, 0.0], |_| 1.0, &mut none);
+                    pressed(&contact, [0.0, 1.2 * scale], [contact_mm, 0.0, 0.0], |_| 1.0, &mut no_noise);
                 let span_n = exact_n.iter().copied().fold(0.0, f64::max);
                 let (offset_n, drift_n) = (span_n * noise.normal(), 0.01 * span_n * noise.normal());
-                let row = |(i, force_n): (usize, &f64)| {
-                    force_n + offset_n + drift_n * i as f64 / 119.0 + 0.01 * span_n * noise.normal()
-                };
-                let force_n: Vec<f64> = exact_n.iter().enumerate().map(row).collect();
-                let found = indented(&contact, &depth_m, &force_n).expect("a modulus");
-                let [low, high] = found.ci95_pa.expect("an interval");
+                let force_n: Vec<f64> = exact_n
+                    .iter()
+                    .enumerate()
+                    .map(|(i, force_n)| {
+                        force_n + offset_n + drift_n * i as f64 / 119.0 + 0.01 * span_n * noise.normal()
+                    })
+                    .collect();
+                let result = indented(&contact, &depth_m, &force_n).expect("a modulus");
+                let [low, high] = result.ci95_pa.expect("an interval");
                 covered += usize::from((low..=high).contains(&YOUNGS_PA));
                 if contact_mm > 0.0 { &mut late } else { &mut early }.push((high / low).ln());
             }

@@ -89,9 +89,9 @@ fn gives_back(relation_of: Resolution, finer: Resolution) {
         ] {
             let test = Run { spacing_m: 0.8e-3, displacement_m: 1.5e-3, ..run };
             let modulus_pa = foundation_modulus_pa(&body, &rig, youngs_pa, &test).expect("a modulus");
-            let found_pa = youngs_modulus_pa(&relation, &rig, modulus_pa, &run).expect("a modulus");
-            println!("{outer_mm} {depth_m}: {poisson} {found_pa:.0} of {youngs_pa:.0} Pa");
-            assert_close(found_pa, youngs_pa, 0.05);
+            let recovered_pa = youngs_modulus_pa(&relation, &rig, modulus_pa, &run).expect("a modulus");
+            println!("{outer_mm} {depth_m}: {poisson} {recovered_pa:.0} of {youngs_pa:.0} Pa");
+            assert_close(recovered_pa, youngs_pa, 0.05);
         }
     }
 }

@@ -26,18 +26,20 @@ pub struct Cubes {
 }
 
 impl Cubes {
-    /// Of a needle at a depth.
+    /// Cubes for a needle at a depth.
     ///
     /// # Errors
     /// As [`rigid_ratio`].
     pub fn new(needle: &Needle, depth_m: f64, poisson: f64) -> Result<Self, ModelError> {
-        let is_reached = |edge_mm: &f64| 1e-3 * edge_mm * Block::DEEPEST >= depth_m;
-        let edge_mm: Vec<f64> = EDGES_MM.into_iter().filter(is_reached).collect();
+        let edge_mm: Vec<f64> =
+            EDGES_MM.into_iter().filter(|edge_mm| 1e-3 * edge_mm * Block::DEEPEST >= depth_m).collect();
         let ratios = |sides: Mounting| -> Result<Vec<f64>, ModelError> {
-            let ratio = |edge_mm: &f64| {
-                rigid_ratio(needle, depth_m, poisson, Some(&Block::cube(1e-3 * edge_mm, sides)))
-            };
-            edge_mm.iter().map(ratio).collect()
+            edge_mm
+                .iter()
+                .map(|edge_mm| {
+                    rigid_ratio(needle, depth_m, poisson, Some(&Block::cube(1e-3 * edge_mm, sides)))
+                })
+                .collect()
         };
         Ok(Self {
             depth_mm: 1e3 * depth_m,
@@ -63,7 +65,7 @@ mod tests {
         assert!(cubes.free.iter().all(|ratio| *ratio < cubes.half_space));
         // The manual's table.
         assert!((cubes.held[2] - 1.24).abs() < 0.01 && (cubes.free[2] - 0.42).abs() < 0.01, "{cubes:?}");
-        let none = Cubes::new(&Needle::gauge_18(), 0.29, 0.5).expect("a half space");
-        assert!(none.edge_mm.is_empty());
+        let deep = Cubes::new(&Needle::gauge_18(), 0.29, 0.5).expect("a half space");
+        assert!(deep.edge_mm.is_empty());
     }
 }

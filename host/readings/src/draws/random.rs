@@ -36,12 +36,14 @@ impl Random {
     pub fn choices(&mut self, weights: &[f64], count: usize) -> Vec<usize> {
         let total: f64 = weights.iter().map(|weight| weight.max(0.0)).sum();
         let mut choice = || {
-            let mut left = self.0.random::<f64>() * total;
-            let passes = |weight: &f64| {
-                left -= weight.max(0.0);
-                left < 0.0
-            };
-            weights.iter().position(passes).unwrap_or_default()
+            let mut remaining_weight = self.0.random::<f64>() * total;
+            weights
+                .iter()
+                .position(|weight| {
+                    remaining_weight -= weight.max(0.0);
+                    remaining_weight < 0.0
+                })
+                .unwrap_or_default()
         };
         (0..count).map(|_| choice()).collect()
     }
@@ -56,7 +58,7 @@ impl Random {
     pub fn root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
         let sds = covariance.diagonal().map(|variance| variance.max(0.0).sqrt());
         let count = sds.len();
-        let correlation = |i: usize, j: usize| {
+        let unit = DMatrix::from_fn(count, count, |i: usize, j: usize| {
             let scale = sds[i] * sds[j];
             if i == j {
                 1.0
@@ -65,8 +67,7 @@ impl Random {
             } else {
                 0.0
             }
-        };
-        let unit = DMatrix::from_fn(count, count, correlation);
+        });
         let factor = JITTERS.iter().find_map(|jitter| {
             let wider = &unit + DMatrix::identity(count, count) * *jitter;
             wider.cholesky().map(|factor| factor.unpack())

@@ -25,7 +25,8 @@ fn a_document_has_chains_of_draws_and_names_its_dimensions() {
     assert_eq!(document["pred_coords"], serde_json::json!({"run.depth_mm": [0.0, 1.0]}));
     assert_eq!(document["attrs"]["seed"], "7");
     assert_eq!(document["attrs"]["inference_library_version"], env!("CARGO_PKG_VERSION"));
-    // What has not one value for each draw is not taken: ArviZ would refuse the whole document.
+    // A variable without one value for each draw is not taken: ArviZ would refuse the whole
+    // document.
     draws.scalar(Group::Posterior, "short", vec![1.0]);
     draws.list(Group::Posterior, "ragged", "run.depth_mm", vec![vec![1.0], vec![1.0, 2.0]]);
     assert_eq!(draws.variables(Group::Posterior).collect::<Vec<_>>(), ["k_kpa"]);
@@ -34,25 +35,29 @@ fn a_document_has_chains_of_draws_and_names_its_dimensions() {
 #[test]
 fn a_mixture_takes_whole_draws_by_their_weights() {
     let options = DrawOptions { chains: 4, draws: 500, seed: 3 };
-    let of = |value: f64| {
-        let mut draws = Draws::new(options, "guide test");
+    fn of(value: f64, options: &DrawOptions) -> Draws {
+        let mut draws = Draws::new(*options, "guide test");
         draws.scalar(Group::Posterior, "a", vec![value; options.count()]);
         draws.scalar(Group::Posterior, "b", vec![value; options.count()]);
         draws
-    };
-    let mut mixed = of(0.0);
-    mixed.mixed_with(&[(0.3, &of(1.0))]);
-    let values = |name: &str| mixed.values(Group::Posterior, name).expect("a variable").to_vec();
-    assert_eq!(values("a"), values("b"));
-    assert_eq!(values("a"), values("model"));
+    }
+    let mut mixed = of(0.0, &options);
+    mixed.mixed_with(&[(0.3, &of(1.0, &options))]);
+    fn values(name: &str, mixed: &Draws) -> Vec<f64> {
+        mixed.values(Group::Posterior, name).expect("a variable").to_vec()
+    }
+    assert_eq!(values("a", &mixed), values("b", &mixed));
+    assert_eq!(values("a", &mixed), values("model", &mixed));
     // Five standard deviations of a binomial share.
-    let share = values("a").iter().sum::<f64>() / 2000.0;
-    assert!((share - 0.3).abs() < 5.0 * (0.21f64 / 2000.0).sqrt(), "{share}");
+    let first_fraction = values("a", &mixed).iter().sum::<f64>() / 2000.0;
+    assert!((first_fraction - 0.3).abs() < 5.0 * (0.21f64 / 2000.0).sqrt(), "{first_fraction}");
 }
 
 #[test]
 fn a_two_piece_quantity_has_the_ends_of_its_interval() {
-    let at = |standard: f64| two_piece(10.0, [8.0, 15.0], standard, NORMAL_975);
+    fn at(standard: f64) -> f64 {
+        two_piece(10.0, [8.0, 15.0], standard, NORMAL_975)
+    }
     for (standard, expected) in [(0.0, 10.0), (-NORMAL_975, 8.0), (NORMAL_975, 15.0)] {
         assert!((at(standard) - expected).abs() < 1e-12, "{standard}: {}", at(standard));
     }

@@ -16,7 +16,8 @@ pub(super) const NEGLIGIBLE: f64 = 1e-3;
 /// After a step of so many differences the minimum is near: the next one may be the last.
 pub(super) const NEAR: f64 = 100.0;
 
-/// How derivatives are taken: on the way one-sided differences do, from the point itself, which has been tried.
+/// Scheme by which derivatives are taken: on the way one-sided differences do, from the point itself, which has
+/// been tried.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Differences {
     OneSided,
@@ -46,7 +47,7 @@ impl Step {
 
 /// The normal equations of one block.
 struct BlockNormal {
-    /// Of its nuisances.
+    /// Normal matrix of its nuisances.
     own: DMatrix<f64>,
     /// By the shared parameters and, in the last column, the gradient.
     right: DMatrix<f64>,
@@ -54,7 +55,8 @@ struct BlockNormal {
 
 /// The normal equations of all blocks.
 pub(super) struct Normal {
-    /// Of the shared parameters, with the gradient in the last column (and row, as the residuals are one more column of the Jacobian).
+    /// Normal matrix of the shared parameters, with the gradient in the last column (and row, as the residuals are one
+    /// more column of the Jacobian).
     shared: DMatrix<f64>,
     blocks: Vec<BlockNormal>,
 }
@@ -102,12 +104,14 @@ impl Normal {
             let (value, Parameter { least, most, .. }) = (values[i], &parameters[i]);
             [least - value, most - value]
         })?;
-        let of_block = |solved: DMatrix<f64>| {
-            let mut own = solved.column(last).into_owned();
-            own.gemv(-1.0, &solved.columns(0, last), &shared, 1.0);
-            own
-        };
-        let nuisances = solved.into_iter().map(of_block).collect();
+        let nuisances = solved
+            .into_iter()
+            .map(|solved| {
+                let mut solution = solved.column(last).into_owned();
+                solution.gemv(-1.0, &solved.columns(0, last), &shared, 1.0);
+                solution
+            })
+            .collect();
         Some(Step { shared, nuisances })
     }
 
@@ -130,27 +134,28 @@ impl Normal {
     }
 }
 
-/// Solves symmetric equations whose last column is their right-hand side (their last row is not used), keeping every step within its room: one
-/// that would leave it goes to its end, and the others go where they are best with it there. Nothing where they are not positive definite.
+/// Solves symmetric equations whose last column is their right-hand side (their last row is not used), keeping every
+/// step within its room: one that would leave it goes to its end, and the others go where they are best with it there.
+/// `None` if they are not positive definite.
 pub fn bounded_step(mut equations: DMatrix<f64>, room: impl Fn(usize) -> [f64; 2]) -> Option<DVector<f64>> {
     let last = equations.nrows().checked_sub(1)?;
     loop {
         let matrix = equations.view((0, 0), (last, last)).into_owned();
         let mut step = equations.view((0, last), (last, 1)).column(0).into_owned();
         matrix.cholesky()?.solve_mut(&mut step);
-        let beyond = step.iter().enumerate().find(|(i, step)| {
+        let limiting = step.iter().enumerate().find(|(i, step)| {
             let [least, most] = room(*i);
             **step < least || **step > most
         });
-        let Some((index, beyond)) = beyond else { return Some(step) };
+        let Some((index, step_length)) = limiting else { return Some(step) };
         let [least, most] = room(index);
         // A step that is known: its column moves to the right-hand side. The margin keeps rounding from finding it again.
-        let known = beyond.clamp(least, most) * (1.0 - 1e-12);
+        let clamped_step = step_length.clamp(least, most) * (1.0 - 1e-12);
         for row in 0..last {
-            equations[(row, last)] -= equations[(row, index)] * known;
+            equations[(row, last)] -= equations[(row, index)] * clamped_step;
             (equations[(row, index)], equations[(index, row)]) = (0.0, 0.0);
         }
-        (equations[(index, index)], equations[(index, last)]) = (1.0, known);
+        (equations[(index, index)], equations[(index, last)]) = (1.0, clamped_step);
     }
 }
 
@@ -174,18 +179,20 @@ fn columns(
     let mut jacobian = Vec::with_capacity(rows * (values.len() + 1));
     let mut shifted = values.to_vec();
     for (column, (value, parameter)) in values.iter().zip(parameters).enumerate() {
-        let mut at = |end: f64| {
+        let mut evaluated = |end: f64| {
             if end == *value {
                 return Ok(Cow::Borrowed(here));
             }
             shifted[column] = end;
             finite(residuals(&shifted)?).map(Cow::Owned)
         };
-        let [from, to] = differences.ends(*value, parameter);
-        let (below, above) = (at(from)?, at(to)?);
-        let per_unit = 1.0 / (to - from);
-        let pairs = below.iter().zip(above.iter()).take(rows);
-        jacobian.extend(pairs.map(|(below, above)| (below - above) * per_unit));
+        let [lower_value, upper_value] = differences.ends(*value, parameter);
+        let (lower_residuals, upper_residuals) = (evaluated(lower_value)?, evaluated(upper_value)?);
+        let per_unit = 1.0 / (upper_value - lower_value);
+        let pairs = lower_residuals.iter().zip(upper_residuals.iter()).take(rows);
+        jacobian.extend(
+            pairs.map(|(lower_residuals, upper_residuals)| (lower_residuals - upper_residuals) * per_unit),
+        );
         jacobian.resize(rows * (column + 1), 0.0);
         shifted[column] = *value;
     }
@@ -201,12 +208,12 @@ mod tests {
         let mean = DVector::from_vec(vec![1.0, -0.5, 0.2]);
         let covariance = DMatrix::from_row_slice(3, 3, &[1.0, 0.8, 0.1, 0.8, 1.0, -0.2, 0.1, -0.2, 0.5]);
         let information = covariance.try_inverse().expect("regular");
-        let within = |room: [[f64; 2]; 3]| {
+        let bounded_by = |room: [[f64; 2]; 3]| {
             let mut equations = information.clone().resize(4, 4, 0.0);
             equations.view_mut((0, 3), (3, 1)).copy_from(&(&information * &mean));
             bounded_step(equations, |i| room[i]).expect("positive definite")
         };
-        let step = within([[-10.0, 10.0], [0.0, 10.0], [-10.0, 0.1]]);
+        let step = bounded_by([[-10.0, 10.0], [0.0, 10.0], [-10.0, 0.1]]);
         // Beside the best of a fine grid.
         let misfit = |x: &DVector<f64>| (x - &mean).dot(&(&information * (x - &mean)));
         let mut best = (f64::INFINITY, DVector::zeros(3));
@@ -220,6 +227,6 @@ mod tests {
         assert!((&step - &best.1).amax() < 6e-3, "{step} {}", best.1);
         assert!(misfit(&step) <= best.0 + 1e-9);
         // With room enough nothing ends anywhere.
-        assert!((within([[-10.0, 10.0]; 3]) - mean).amax() < 1e-12);
+        assert!((bounded_by([[-10.0, 10.0]; 3]) - mean).amax() < 1e-12);
     }
 }

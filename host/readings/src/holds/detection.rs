@@ -2,14 +2,14 @@
 //!
 //! The series is averaged into bins of about a twentieth of a second. A hold is a stretch of bins that stay within a
 //! tolerance of their mean in every plane, is long enough, and has no significant slope over its whole length (a slow
-//! ramp has). Where the recorder marked the steps of a motion program, each hold lies within one step, and steps that move have
-//! none. The tolerance follows the noise, which is taken from second differences: those vanish on ramps.
+//! ramp has). If the recorder marked the steps of a motion program, each hold lies within one step, and steps that move
+//! have none. The tolerance follows the noise, which is taken from second differences: those vanish on ramps.
 
 use super::median::median;
 use formats::session::Mark;
 use std::ops::Range;
 
-/// What counts as a hold.
+/// Criteria for a hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HoldCriteria {
     /// Shortest hold.
@@ -37,7 +37,8 @@ pub struct HoldSpan {
 
 /// Length of a bin.
 pub(super) const BIN_S: f64 = 0.05;
-/// How much detection cuts off a hold, at both ends together, where rows come with this period: a bin, or a row, at either end.
+/// Time that detection cuts off a hold, at both ends together, if rows come with this period: a bin, or a row, at
+/// either end.
 pub fn trimmed_s(period_s: f64) -> f64 {
     2.0 * BIN_S.max(period_s)
 }
@@ -61,7 +62,7 @@ pub fn find_marked_holds(
     marks: &[Mark],
     criteria: &HoldCriteria,
 ) -> Vec<HoldSpan> {
-    let mut parts = Vec::new();
+    let mut sections = Vec::new();
     let mut row = 0;
     for same in marks.get(..time_s.len()).unwrap_or(marks).chunk_by(|a, b| a == b) {
         let kind = match same.first() {
@@ -70,10 +71,10 @@ pub fn find_marked_holds(
             Some(Mark { step: Some(_), moving: None }) => Kind::Step,
             Some(Mark { step: None, .. }) | None => Kind::Unmarked,
         };
-        parts.push(Part { rows: row..row + same.len(), kind });
+        sections.push(Part { rows: row..row + same.len(), kind });
         row += same.len();
     }
-    search(time_s, planes_m, &parts, criteria)
+    search(time_s, planes_m, &sections, criteria)
 }
 
 /// Rows between which no hold reaches over.
@@ -82,10 +83,10 @@ struct Part {
     kind: Kind,
 }
 
-/// What is known of a part.
+/// Mark of a section.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// Nothing.
+    /// No mark.
     Unmarked,
     /// It is one step of a program.
     Step,
@@ -177,9 +178,9 @@ impl Bins {
         if stretch.end > end {
             return None;
         }
-        let none = Some(start..start);
+        let no_growth = Some(start..start);
         if !self.within(&stretch, stretch.clone()) || !self.still(&stretch, criteria) {
-            return none;
+            return no_growth;
         }
         // One bin out of tolerance is a spike; two end the hold.
         loop {
@@ -200,20 +201,21 @@ impl Bins {
         let (Some(first_s), Some(last_s)) =
             (self.time_s.get(stretch.start), self.time_s.get(stretch.end - 1))
         else {
-            return none;
+            return no_growth;
         };
         let long = last_s - first_s + BIN_S >= 0.9 * criteria.min_duration_s;
-        if long && !ramp && self.still(&stretch, criteria) { Some(stretch) } else { none }
+        if long && !ramp && self.still(&stretch, criteria) { Some(stretch) } else { no_growth }
     }
 
     /// Whether the bins `part` lie within tolerance of the mean of the bins `of`, in every plane.
     fn within(&self, of: &Range<usize>, part: Range<usize>) -> bool {
         self.planes_m.iter().zip(&self.tolerance_m).all(|(plane, tolerance_m)| {
-            let (Some(of), Some(part)) = (plane.get(of.clone()), plane.get(part.clone())) else {
+            let (Some(whole_values), Some(part_values)) = (plane.get(of.clone()), plane.get(part.clone()))
+            else {
                 return false;
             };
-            let mean = of.iter().sum::<f64>() / of.len() as f64;
-            part.iter().all(|bin| (bin - mean).abs() <= *tolerance_m)
+            let mean = whole_values.iter().sum::<f64>() / whole_values.len() as f64;
+            part_values.iter().all(|bin| (bin - mean).abs() <= *tolerance_m)
         })
     }
 
@@ -227,15 +229,16 @@ impl Bins {
 
     /// Whether the series goes on before and after the stretch as it moves within it: then it is part of a ramp.
     fn goes_on(&self, part: &Range<usize>, criteria: &HoldCriteria) -> bool {
-        let Some(before) = part.start.checked_sub(FLANK) else { return false };
+        let Some(flank_start) = part.start.checked_sub(FLANK) else { return false };
         self.planes_m.iter().zip(&self.noise_m).any(|(plane, noise_m)| {
             let flank =
                 |range: Range<usize>| plane.get(range).map(|bins| bins.iter().sum::<f64>() / FLANK as f64);
-            let (Some(before), Some(after)) = (flank(before..part.start), flank(part.end..part.end + FLANK))
+            let (Some(flank_before), Some(flank_after)) =
+                (flank(flank_start..part.start), flank(part.end..part.end + FLANK))
             else {
                 return false;
             };
-            let chord = (after - before) * part.len() as f64 / (part.len() + FLANK) as f64;
+            let chord = (flank_after - flank_before) * part.len() as f64 / (part.len() + FLANK) as f64;
             let drift = drift(plane, part);
             drift.abs() > criteria.still_m && chord.abs() > 2.0 * noise_m && drift / chord > 0.4
         })
@@ -243,17 +246,17 @@ impl Bins {
 
     /// Cuts off bins at both ends that belong to the ramps: off by more than the noise, and one more.
     fn trim(&self, stretch: &mut Range<usize>) {
-        let off = |stretch: &Range<usize>, bin: usize| {
+        let is_apart = |stretch: &Range<usize>, bin: usize| {
             self.planes_m.iter().zip(&self.noise_m).any(|(plane, noise_m)| {
                 let middle = median(plane.get(stretch.clone()).unwrap_or_default().to_vec());
                 plane.get(bin).is_some_and(|value| (value - middle).abs() > (2.0 * noise_m).max(1e-6))
             })
         };
         let whole = stretch.clone();
-        while stretch.len() > MIN_BINS && off(&whole, stretch.start) {
+        while stretch.len() > MIN_BINS && is_apart(&whole, stretch.start) {
             stretch.start += 1;
         }
-        while stretch.len() > MIN_BINS && off(&whole, stretch.end - 1) {
+        while stretch.len() > MIN_BINS && is_apart(&whole, stretch.end - 1) {
             stretch.end -= 1;
         }
         if stretch.len() > 2 * MIN_BINS {
@@ -268,7 +271,7 @@ impl Bins {
     }
 }
 
-/// How far a straight line through the bins `part` moves over them; bins are equally long.
+/// Drift of a straight line through the bins `part`; bins are equally long.
 fn drift(plane: &[f64], part: &Range<usize>) -> f64 {
     let bins = plane.get(part.clone()).unwrap_or_default();
     let n = bins.len() as f64;

@@ -20,7 +20,7 @@ pub use unused::{BEYOND_TIP_M, UnusedPart, summary, unused, unused_of_session};
 use formats::session::LateralRun;
 use sweeps::UnassignedPoints;
 
-/// Where a level lies in the motion of guide 2.
+/// Position of a level in the motion of guide 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Path {
     /// Guide 2 where it does not push: the reference for force.
@@ -89,9 +89,9 @@ fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<Unassign
         None => find_holds(&force.time_s, &planes, criteria),
     };
     let of_holds = |values: &[f64]| {
-        let parts: Vec<&[f64]> =
+        let hold_values: Vec<&[f64]> =
             holds.iter().map(|hold| values.get(hold.rows.clone()).unwrap_or_default()).collect();
-        means(&parts).into_iter()
+        means(&hold_values).into_iter()
     };
     let mut displacement_y_m = of_holds(&force.displacement_y_m);
     let mut force_y_n = of_holds(&force.force_y_n);
@@ -101,8 +101,8 @@ fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<Unassign
         .iter()
         .filter_map(|hold| {
             // Rows lost before the first row of the hold were lost on the way to it.
-            let inside = hold.rows.start + 1..hold.rows.end.max(hold.rows.start + 1);
-            let lost = force.lost_before.as_deref().and_then(|lost| lost.get(inside)).unwrap_or_default();
+            let interior = hold.rows.start + 1..hold.rows.end.max(hold.rows.start + 1);
+            let lost = force.lost_before.as_deref().and_then(|lost| lost.get(interior)).unwrap_or_default();
             Some(Hold {
                 time_s: hold.time_s,
                 path: Path::Zero,
@@ -125,19 +125,19 @@ fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<Unassign
 fn name_paths(levels: &mut [Hold], criteria: &HoldCriteria) {
     let largest_m = levels.iter().map(Hold::distance_m).fold(0.0, f64::max);
     let zero_m = criteria.zero_m.min(0.1 * largest_m).max(criteria.still_m);
-    let mut before = [0.0; 2];
+    let mut previous_level = [0.0; 2];
     for level in levels {
         let [y, x] = level.displacement_m();
         // Further out along the present direction: a reversal through zero is loading again.
-        let along = y * before[0] + x * before[1];
+        let projection = y * previous_level[0] + x * previous_level[1];
         level.path = if level.distance_m() <= zero_m {
             Path::Zero
-        } else if along <= 0.0 || level.distance_m() >= before[0].hypot(before[1]) {
+        } else if projection <= 0.0 || level.distance_m() >= previous_level[0].hypot(previous_level[1]) {
             Path::Loading
         } else {
             Path::Unloading
         };
-        before = [y, x];
+        previous_level = [y, x];
     }
 }
 

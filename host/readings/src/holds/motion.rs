@@ -1,4 +1,4 @@
-//! How far guide 2 has to come back before it has turned round, and not its sensor's noise.
+//! Distance that guide 2 has to come back before a turn is distinguished from its sensor's noise.
 
 use super::detection::noise;
 use super::median::median;
@@ -12,13 +12,17 @@ const BEYOND_SD: f64 = 1.0;
 /// Standard deviation of a plane's readings with its holds: that of second differences (which vanish on ramps) or the median scatter
 /// within holds (which has slow noise too), whichever is larger.
 pub fn reading_sd_m(readings_m: &[f64], holds: &[Range<usize>]) -> f64 {
-    let scatter = |hold: &Range<usize>| {
-        let rows = readings_m.get(hold.clone()).unwrap_or_default();
-        let n = rows.len() as f64;
-        let mean = rows.iter().sum::<f64>() / n;
-        (n > 1.0).then(|| (rows.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt())
-    };
-    noise(readings_m).max(median(holds.iter().filter_map(scatter).collect()))
+    noise(readings_m).max(median(
+        holds
+            .iter()
+            .filter_map(|hold| {
+                let rows = readings_m.get(hold.clone()).unwrap_or_default();
+                let n = rows.len() as f64;
+                let mean = rows.iter().sum::<f64>() / n;
+                (n > 1.0).then(|| (rows.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt())
+            })
+            .collect(),
+    ))
 }
 
 /// Motion back by less than this is noise of the displacement, for a plane's readings with its holds: the largest and the least of `n`

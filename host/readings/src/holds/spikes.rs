@@ -18,23 +18,27 @@ pub fn without_spikes(values: &[f64]) -> Vec<f64> {
     }
     // The first and last ones are kept: what drifts is far from the median of neighbours on one side.
     let windows = || values.windows(2 * BESIDE + 1);
-    let beside = windows().map(|window| {
-        let (before, rest) = window.split_at(BESIDE);
-        let (own, after) = rest.split_at(1);
-        (own.iter().sum::<f64>() - median([before, after].concat())).abs()
+    let neighbour_medians = windows().map(|window| {
+        let (preceding, remainder) = window.split_at(BESIDE);
+        let (centre, following) = remainder.split_at(1);
+        (centre.iter().sum::<f64>() - median([preceding, following].concat())).abs()
     });
-    let farthest = farthest(beside);
+    let farthest = farthest(neighbour_medians);
     // Readings that are rounded to few values have none: nothing is known of their noise.
     if farthest <= 0.0 {
         return values.to_vec();
     }
     // With the reading itself: where readings step, the ones beside the step are close to those on their side.
     let middles: Vec<f64> = windows().map(|window| median(window.to_vec())).collect();
-    let is_kept = |(at, value): &(usize, &f64)| {
-        let middle = at.checked_sub(BESIDE).and_then(|place| middles.get(place));
-        middle.is_none_or(|middle| (*value - middle).abs() <= farthest)
-    };
-    values.iter().enumerate().filter(is_kept).map(|(_, value)| *value).collect()
+    values
+        .iter()
+        .enumerate()
+        .filter(|(at, value)| {
+            let middle = at.checked_sub(BESIDE).and_then(|place| middles.get(place));
+            middle.is_none_or(|middle| (*value - middle).abs() <= farthest)
+        })
+        .map(|(_, value)| *value)
+        .collect()
 }
 
 #[cfg(test)]
@@ -55,19 +59,21 @@ mod tests {
         values.insert(20, 9.0);
         values.insert(41, -11.0);
         assert_eq!(without_spikes(&values), clean);
-        let kept: usize = (2..200).map(|seed| without_spikes(&noisy(seed, 60)).len()).sum();
-        assert!(198 * 60 - kept <= 3, "{} of {}", 198 * 60 - kept, 198 * 60);
+        let unspiked_count: usize = (2..200).map(|seed| without_spikes(&noisy(seed, 60)).len()).sum();
+        assert!(198 * 60 - unspiked_count <= 3, "{} of {}", 198 * 60 - unspiked_count, 198 * 60);
     }
 
     #[test]
     fn what_relaxes_drifts_or_steps_has_no_spikes() {
         let noise = noisy(3, 200);
-        let of = |shape: &dyn Fn(f64) -> f64| -> Vec<f64> {
+        let residuals_of = |shape: &dyn Fn(f64) -> f64| -> Vec<f64> {
             noise.iter().enumerate().map(|(i, n)| shape(i as f64) + n).collect()
         };
-        for values in
-            [of(&|i| 50.0 * (-i / 10.0).exp()), of(&|i| 0.5 * i), of(&|i| if i < 80.0 { 0.0 } else { 30.0 })]
-        {
+        for values in [
+            residuals_of(&|i| 50.0 * (-i / 10.0).exp()),
+            residuals_of(&|i| 0.5 * i),
+            residuals_of(&|i| if i < 80.0 { 0.0 } else { 30.0 }),
+        ] {
             assert_eq!(without_spikes(&values), values);
         }
     }

@@ -77,14 +77,14 @@ pub fn mean(values: &[f64]) -> Mean {
 /// ends early by chance. So the autocorrelation is the median of those of all stretches, with what their means take of it (the variance of a mean,
 /// found by iteration), and a stretch has as many independent samples as that leaves, or as it shows itself where that is fewer: it may drift.
 pub fn means(stretches: &[&[f64]]) -> Vec<Mean> {
-    let kept: Vec<Vec<f64>> = stretches.iter().map(|values| without_spikes(values)).collect();
-    let mut own: Vec<Mean> = kept.iter().map(|values| mean(values)).collect();
-    let time = pooled_time(&kept);
-    for (mean, values) in own.iter_mut().zip(stretches) {
+    let unspiked: Vec<Vec<f64>> = stretches.iter().map(|values| without_spikes(values)).collect();
+    let mut hold_means: Vec<Mean> = unspiked.iter().map(|values| mean(values)).collect();
+    let time = pooled_time(&unspiked);
+    for (mean, values) in hold_means.iter_mut().zip(stretches) {
         mean.spikes = values.len() - mean.samples;
         mean.effective_samples = mean.effective_samples.min(mean.samples as f64 / time).max(1.0);
     }
-    own
+    hold_means
 }
 
 /// Most iterations for the variance of a mean, which changes the autocorrelation that it is computed from.
@@ -92,7 +92,8 @@ const ITERATIONS: usize = 20;
 /// Variance of a mean beside that of a sample, at most: beyond that the samples say nothing of it.
 const MOST_OF_MEAN: f64 = 0.5;
 
-/// How many samples of a stretch are worth one independent sample, 1 or more, from all stretches together.
+/// Number of samples of a stretch that are worth one independent sample, 1 or more, from all stretches
+/// together.
 fn pooled_time(stretches: &[Vec<f64>]) -> f64 {
     let scaled: Vec<Vec<f64>> = stretches.iter().filter_map(|values| scaled(values)).collect();
     let Some(shortest) = scaled.iter().map(Vec::len).min() else { return 1.0 };
@@ -111,8 +112,8 @@ fn pooled_time(stretches: &[Vec<f64>]) -> f64 {
                 sums.push(median(of_each.collect()));
             }
             // The mean that was subtracted took as much of every autocovariance.
-            let Some(own) = sums.get(pair) else { break };
-            let of_pair = (own + 2.0 * of_mean) / (1.0 + of_mean);
+            let Some(pair_sum) = sums.get(pair) else { break };
+            let of_pair = (pair_sum + 2.0 * of_mean) / (1.0 + of_mean);
             if of_pair <= 0.0 {
                 break;
             }

@@ -1,4 +1,4 @@
-//! Which shape points belong to which hold, and which to none.
+//! Assigns shape points to holds.
 //!
 //! A point belongs to the hold during which it was measured. Clocks of two instruments are rounded to their own sampling and the
 //! detection of holds cuts off what may still be motion, so a point stamped a little before or after a hold belongs to it too,
@@ -46,21 +46,21 @@ pub(super) fn assign(
     let tolerance_s = TOLERANCE_PERIODS * BIN_S.max(median_step(&force.time_s));
     let mut strays = Vec::new();
     for sweep in sweeps(times_s, &shape.z_m) {
-        let mut outside: Vec<f64> = Vec::new();
+        let mut stray_times_s: Vec<f64> = Vec::new();
         let points = sweep.len();
         for (index, time_s) in sweep.clone().zip(times_s.get(sweep).unwrap_or_default()) {
             match hold_of(levels, force, *time_s, tolerance_s, criteria).and_then(|at| levels.get_mut(at)) {
                 Some(level) => level.shape.push(index),
-                None => outside.push(*time_s),
+                None => stray_times_s.push(*time_s),
             }
         }
-        if !outside.is_empty() {
-            let first_s = outside.iter().copied().fold(f64::INFINITY, f64::min);
-            let last_s = outside.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if !stray_times_s.is_empty() {
+            let first_s = stray_times_s.iter().copied().fold(f64::INFINITY, f64::min);
+            let last_s = stray_times_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             strays.push(UnassignedPoints {
                 time_s: [first_s, last_s],
-                points: outside.len(),
-                is_part: outside.len() < points,
+                points: stray_times_s.len(),
+                is_part: stray_times_s.len() < points,
                 reason: reason(levels, force, [first_s, last_s]),
             });
         }
@@ -92,15 +92,15 @@ fn hold_of(
     let nearest =
         (0..levels.len()).min_by(|a, b| outside_s(&levels[*a]).total_cmp(&outside_s(&levels[*b])))?;
     let level = levels.get(nearest)?;
-    let off_s = outside_s(level);
-    if off_s == 0.0 {
+    let distance_s = outside_s(level);
+    if distance_s == 0.0 {
         return Some(nearest);
     }
     // The reading at or before the stamp, and the one next to it: the guide moved no earlier than after the former.
-    let after = force.time_s.partition_point(|row_s| *row_s <= time_s);
-    let before = after.saturating_sub(1);
+    let next_row = force.time_s.partition_point(|row_s| *row_s <= time_s);
+    let previous_row = next_row.saturating_sub(1);
     let gap_s = |row: usize| force.time_s.get(row).map_or(f64::INFINITY, |row_s| (row_s - time_s).abs());
-    let next = if gap_s(after) < gap_s(before) { after } else { before };
+    let next = if gap_s(next_row) < gap_s(previous_row) { next_row } else { previous_row };
     let stands = |row: usize| {
         let planes = [
             (Some(&force.displacement_y_m), Some(level.displacement_y_m)),
@@ -113,7 +113,7 @@ fn hold_of(
             _ => true,
         })
     };
-    (off_s <= tolerance_s * (1.0 + 1e-9) && (stands(before) || stands(next))).then_some(nearest)
+    (distance_s <= tolerance_s * (1.0 + 1e-9) && (stands(previous_row) || stands(next))).then_some(nearest)
 }
 
 /// The sweeps of a shape series: points of one stamp where stamps repeat, else points without a pause and without a jump back.
@@ -136,21 +136,21 @@ fn sweeps(times_s: &[f64], z_m: &[f64]) -> Vec<Range<usize>> {
         }
         (t1_s - t0_s).abs() > pause_s || (z1_m - z0_m).abs() > 0.5 * (high_m - low_m)
     };
-    let mut found = Vec::new();
+    let mut sweeps_found = Vec::new();
     let mut start = 0;
     for row in 1..=rows {
         if row == rows || is_new(row) {
-            found.push(start..row);
+            sweeps_found.push(start..row);
             start = row;
         }
     }
-    found.retain(|sweep: &Range<usize>| !sweep.is_empty());
-    found
+    sweeps_found.retain(|sweep: &Range<usize>| !sweep.is_empty());
+    sweeps_found
 }
 
 /// Median of the positive steps of time; 0 where there is none.
 fn median_step(times_s: &[f64]) -> f64 {
     let steps = times_s.iter().zip(times_s.iter().skip(1)).map(|(a, b)| (b - a).abs());
-    // Nothing of fewer than two sweeps.
+    // 0 for fewer than two sweeps.
     super::median::median(steps.filter(|step_s| *step_s > 0.0).collect()).max(0.0)
 }

@@ -15,23 +15,23 @@ fn staircase(
     step_mm: f64,
 ) -> LateralRun {
     let mut noise = Noise::new(7);
-    let (mut time_s, mut at_mm) = (0.0, levels_mm[0]);
+    let (mut time_s, mut position_mm) = (0.0, levels_mm[0]);
     let mut force = ForceSeries::default();
-    let mut push = |time_s: f64, at_mm: f64| {
-        let measured = at_mm + noise_mm * noise.normal();
+    let mut push = |time_s: f64, position_mm: f64| {
+        let measured = position_mm + noise_mm * noise.normal();
         let measured = if step_mm > 0.0 { (measured / step_mm).round() * step_mm } else { measured };
         force.time_s.push(time_s);
         force.displacement_y_m.push(1e-3 * measured);
-        force.force_y_n.push(0.8 * at_mm + 0.05 * noise.normal());
+        force.force_y_n.push(0.8 * position_mm + 0.05 * noise.normal());
     };
     for level_mm in levels_mm {
-        while (level_mm - at_mm).abs() > 1e-9 {
-            at_mm += (level_mm - at_mm).clamp(-speed_mm_s / rate_hz, speed_mm_s / rate_hz);
-            push(time_s, at_mm);
+        while (level_mm - position_mm).abs() > 1e-9 {
+            position_mm += (level_mm - position_mm).clamp(-speed_mm_s / rate_hz, speed_mm_s / rate_hz);
+            push(time_s, position_mm);
             time_s += 1.0 / rate_hz;
         }
         for _ in 0..(hold_s * rate_hz) as usize {
-            push(time_s, at_mm);
+            push(time_s, position_mm);
             time_s += 1.0 / rate_hz;
         }
     }
@@ -53,11 +53,11 @@ fn staircases_are_found_at_any_rate_speed_and_rounding() {
         for speed_mm_s in [0.2, 1.0, 5.0] {
             for (noise_mm, step_mm) in [(0.0, 0.0), (0.02, 0.0), (0.005, 0.01), (0.002, 0.05), (0.02, 0.02)] {
                 let run = staircase(&steps, 3.0, speed_mm_s, rate_hz, noise_mm, step_mm);
-                let found = holds(&run, &HoldCriteria::default());
+                let detected = holds(&run, &HoldCriteria::default());
                 let case = format!("{rate_hz} Hz, {speed_mm_s} mm/s, noise {noise_mm}, rounding {step_mm}");
-                let means: Vec<f64> = found.iter().map(|l| 1e3 * l.displacement_y_m.value).collect();
-                assert_eq!(found.len(), steps.len(), "{case}: {means:.3?}");
-                for (level, expected_mm) in found.iter().zip(steps) {
+                let means: Vec<f64> = detected.iter().map(|l| 1e3 * l.displacement_y_m.value).collect();
+                assert_eq!(detected.len(), steps.len(), "{case}: {means:.3?}");
+                for (level, expected_mm) in detected.iter().zip(steps) {
                     let error_mm = 1e3 * level.displacement_y_m.value - expected_mm;
                     assert!(
                         error_mm.abs() < 0.015 + 0.5 * step_mm,
@@ -67,7 +67,7 @@ fn staircases_are_found_at_any_rate_speed_and_rounding() {
                     assert!((2.2..=3.7).contains(&length_s), "{case}: {expected_mm} held {length_s} s");
                 }
                 use Path::{Loading, Unloading, Zero};
-                let paths: Vec<Path> = found.iter().map(|level| level.path).collect();
+                let paths: Vec<Path> = detected.iter().map(|level| level.path).collect();
                 let expected = [Zero, Loading, Loading, Loading, Unloading, Zero, Loading, Loading, Zero];
                 assert_eq!(paths, expected, "{case}");
             }
@@ -80,8 +80,8 @@ fn a_ramp_is_no_hold() {
     for speed_mm_s in [0.2, 0.5, 1.0] {
         for rate_hz in [10.0, 100.0, 1000.0] {
             let run = staircase(&[0.0, 3.0], 0.0, speed_mm_s, rate_hz, 0.02, 0.0);
-            let found = holds(&run, &HoldCriteria::default());
-            assert!(found.is_empty(), "{speed_mm_s} mm/s at {rate_hz} Hz: {} holds", found.len());
+            let detected = holds(&run, &HoldCriteria::default());
+            assert!(detected.is_empty(), "{speed_mm_s} mm/s at {rate_hz} Hz: {} holds", detected.len());
         }
     }
 }
@@ -118,18 +118,20 @@ fn means_of_short_holds_err_as_much_as_stated() {
             let stretches: Vec<Vec<f64>> = (0..holds)
                 .map(|_| {
                     let mut slow = noise.normal();
-                    let reading = |_| {
-                        slow = neighbours * slow + (1.0 - neighbours * neighbours).sqrt() * noise.normal();
-                        0.5f64.sqrt() * (slow + noise.normal())
-                    };
-                    (0..60).map(reading).collect()
+                    (0..60)
+                        .map(|_| {
+                            slow =
+                                neighbours * slow + (1.0 - neighbours * neighbours).sqrt() * noise.normal();
+                            0.5f64.sqrt() * (slow + noise.normal())
+                        })
+                        .collect()
                 })
                 .collect();
-            let parts: Vec<&[f64]> = stretches.iter().map(Vec::as_slice).collect();
-            let found = means(&parts);
-            let freedom = found.len() as f64;
-            let scatter = (found.iter().map(|mean| mean.scatter.powi(2)).sum::<f64>() / freedom).sqrt();
-            squares += found.iter().map(|m| (m.value / m.standard_error(scatter)).powi(2)).sum::<f64>();
+            let slices: Vec<&[f64]> = stretches.iter().map(Vec::as_slice).collect();
+            let hold_means = means(&slices);
+            let freedom = hold_means.len() as f64;
+            let scatter = (hold_means.iter().map(|mean| mean.scatter.powi(2)).sum::<f64>() / freedom).sqrt();
+            squares += hold_means.iter().map(|m| (m.value / m.standard_error(scatter)).powi(2)).sum::<f64>();
             count += freedom;
         }
         let ratio = squares / count;
@@ -142,9 +144,9 @@ fn a_hold_that_drifts_has_fewer_independent_samples_than_the_others() {
     let mut noise = Noise::new(6);
     let quiet: Vec<f64> = (0..400).map(|_| noise.normal()).collect();
     let drifting: Vec<f64> = (0..400).map(|i| 0.02 * f64::from(i) + noise.normal()).collect();
-    let found = means(&[&quiet, &quiet, &quiet, &drifting]);
-    assert!(found[3].effective_samples < 0.2 * found[0].effective_samples, "{found:?}");
-    assert_eq!(found[3].value, mean(&drifting).value);
+    let hold_means = means(&[&quiet, &quiet, &quiet, &drifting]);
+    assert!(hold_means[3].effective_samples < 0.2 * hold_means[0].effective_samples, "{hold_means:?}");
+    assert_eq!(hold_means[3].value, mean(&drifting).value);
     assert_eq!(means(&[&[2.0, 2.0], &[]])[0].effective_samples, 2.0);
 }
 
@@ -192,12 +194,12 @@ fn marks(levels_mm: &[f64], hold_s: f64, speed_mm_s: f64, rate_hz: f64, kinds: b
     let mut push = |step: u32, moving: bool, rows: usize| {
         marks.extend(std::iter::repeat_n(Mark { step: Some(step), moving: kinds.then_some(moving) }, rows));
     };
-    let mut at_mm = levels_mm[0];
+    let mut position_mm = levels_mm[0];
     for (level_mm, step) in levels_mm.iter().zip(0..) {
-        let move_rows = ((level_mm - at_mm).abs() / speed_mm_s * rate_hz - 1e-6).ceil() as usize;
+        let move_rows = ((level_mm - position_mm).abs() / speed_mm_s * rate_hz - 1e-6).ceil() as usize;
         push(2 * step, true, move_rows);
         push(2 * step + 1, false, (hold_s * rate_hz) as usize);
-        at_mm = *level_mm;
+        position_mm = *level_mm;
     }
     marks
 }
@@ -215,11 +217,12 @@ fn marked_holds_lie_within_their_steps() {
             let spans = find_marked_holds(&run.force.time_s, &planes, &marks, &HoldCriteria::default());
             assert_eq!(spans.len(), steps.len(), "{rate_hz} Hz, {speed_mm_s} mm/s");
             for (hold, step) in spans.iter().zip(0..) {
-                let within = marks[hold.rows.clone()].iter().all(|mark| mark.step == Some(2 * step + 1));
-                assert!(within, "{rate_hz} Hz, {speed_mm_s} mm/s: {hold:?}");
+                let is_within_step =
+                    marks[hold.rows.clone()].iter().all(|mark| mark.step == Some(2 * step + 1));
+                assert!(is_within_step, "{rate_hz} Hz, {speed_mm_s} mm/s: {hold:?}");
             }
-            let found = holds(&run, &HoldCriteria::default());
-            for (level, expected_mm) in found.iter().zip(steps) {
+            let detected = holds(&run, &HoldCriteria::default());
+            for (level, expected_mm) in detected.iter().zip(steps) {
                 assert!((1e3 * level.displacement_y_m.value - expected_mm).abs() < 0.01, "{expected_mm}");
             }
         }
@@ -233,8 +236,8 @@ fn two_steps_at_one_place_are_two_holds_and_a_move_is_none() {
     let mark = |step, moving| Mark { step: Some(step), moving: Some(moving) };
     let marks = [[mark(0, false); 200], [mark(1, true); 200], [mark(2, false); 200]].concat();
     run.force.marks = Some(marks);
-    let found = holds(&run, &HoldCriteria::default());
-    let times: Vec<[f64; 2]> = found.iter().map(|level| level.time_s).collect();
+    let detected = holds(&run, &HoldCriteria::default());
+    let times: Vec<[f64; 2]> = detected.iter().map(|level| level.time_s).collect();
     assert_eq!(times.len(), 2, "{times:?}");
     assert!(times[0][1] < 2.0 && times[1][0] >= 4.0, "{times:?}");
 }
@@ -254,9 +257,9 @@ fn a_hold_after_a_ramp_that_has_not_settled_is_found() {
     let mark = |step, moving| Mark { step: Some(step), moving: Some(moving) };
     run.force.marks =
         Some([vec![mark(0, false); 200], vec![mark(1, true); 70], vec![mark(2, false); 230]].concat());
-    let found = holds(&run, &HoldCriteria::default());
-    assert_eq!(found.len(), 2);
-    assert!((1e3 * found[1].displacement_y_m.value - 1.0).abs() < 0.002, "{:?}", found[1]);
+    let detected = holds(&run, &HoldCriteria::default());
+    assert_eq!(detected.len(), 2);
+    assert!((1e3 * detected[1].displacement_y_m.value - 1.0).abs() < 0.002, "{:?}", detected[1]);
 }
 
 /// Time of the last row of every hold of [`staircase`].
@@ -275,7 +278,7 @@ fn a_sweep_stamped_within_the_last_sample_of_a_hold_belongs_to_it() {
             let mut run = staircase(&steps, 3.0, speed_mm_s, rate_hz, 0.01, 0.0);
             let ends_s = hold_ends_s(&steps, 3.0, speed_mm_s, rate_hz);
             for share in [-1.0, 0.0, 0.5, 0.9] {
-                // Where a move takes less than a sample the stamp is that of the next hold as well.
+                // If a move takes less than a sample the stamp is that of the next hold as well.
                 if share > 0.5 && 0.4 / speed_mm_s * rate_hz < 1.0 {
                     continue;
                 }
@@ -286,10 +289,10 @@ fn a_sweep_stamped_within_the_last_sample_of_a_hold_belongs_to_it() {
                     y_m: vec![0.0; 4 * steps.len()],
                     ..ShapeSeries::default()
                 };
-                let (found, strays) = survey(&run, &HoldCriteria::default());
+                let (detected, strays) = survey(&run, &HoldCriteria::default());
                 let case = format!("{rate_hz} Hz, {speed_mm_s} mm/s, {share} samples after the last");
                 assert_eq!(strays, [], "{case}");
-                for (number, level) in found.iter().enumerate() {
+                for (number, level) in detected.iter().enumerate() {
                     assert_eq!(level.shape, (4 * number..4 * number + 4).collect::<Vec<_>>(), "{case}");
                     let observed_s = level.observed_s(ends_s[number] + share / rate_hz);
                     // A slow ramp is still within the tolerance of a hold for a while.
@@ -324,21 +327,24 @@ fn sweeps_that_no_hold_takes_are_listed_with_their_reasons() {
     lost[last] = 2.0;
     run.force.lost_before = Some(lost);
     let rig = mechanics::Rig::two_guides(mechanics::Needle::gauge_18(), 0.06, 0.07);
-    let found = unused(&run, &rig, &HoldCriteria::default());
-    let parts: Vec<(&str, usize)> = found.iter().map(|part| (part.part, part.count)).collect();
+    let unused_parts = unused(&run, &rig, &HoldCriteria::default());
+    let counts: Vec<(&str, usize)> = unused_parts.iter().map(|part| (part.part, part.count)).collect();
     let hold = holds(&run, &HoldCriteria::default())[2].displacement_y_m.samples;
     assert_eq!(
-        parts,
+        counts,
         [("hold", hold), ("points", 3), ("sweep", 1), ("sweep", 1), ("points", 1)],
-        "{found:#?}"
+        "{unused_parts:#?}"
     );
     let reasons =
         ["lost 2 samples", "guide 2 moves", "guide 2 moves", "both clocks", "100.0 mm from guide 1"];
-    for (part, reason) in found.iter().zip(reasons) {
+    for (part, reason) in unused_parts.iter().zip(reasons) {
         assert!(part.reason.contains(reason), "{part}");
     }
-    assert_eq!(summary(&found).len(), 5);
-    assert_eq!(summary(&[found[2].clone(), found[2].clone()])[0].split(" (").next(), Some("2 sweeps"));
+    assert_eq!(summary(&unused_parts).len(), 5);
+    assert_eq!(
+        summary(&[unused_parts[2].clone(), unused_parts[2].clone()])[0].split(" (").next(),
+        Some("2 sweeps")
+    );
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! What of a recording no result uses, with the reason: every run, hold, sweep and shape point is either used or in this list.
+//! Rows of a recording that no result uses, with the reason: every run, hold, sweep and shape point is either used or
+//! in this list.
 
 use super::{Hold, HoldCriteria, sweeps::UnassignedPoints};
 use formats::session::{LateralRun, Session};
@@ -33,8 +34,8 @@ impl fmt::Display for UnusedPart {
             Some([from_s, to_s]) => write!(f, "from {from_s:.2} to {to_s:.2} s ")?,
             None => {}
         }
-        let what = if *part == "hold" { "samples" } else { "points" };
-        write!(f, "({count} {what}) not used: {reason}")
+        let samples_or_points = if *part == "hold" { "samples" } else { "points" };
+        write!(f, "({count} {samples_or_points}) not used: {reason}")
     }
 }
 
@@ -45,11 +46,12 @@ impl UnusedPart {
     }
 }
 
-/// What of a run is not used: holds with lost samples, sweeps and points of sweeps that belong to no hold or lie off the needle.
+/// Rows of a run that are not used: holds with lost samples, sweeps and points of sweeps that belong to no hold or lie
+/// off the needle.
 pub fn unused(run: &LateralRun, rig: &Rig, criteria: &HoldCriteria) -> Vec<UnusedPart> {
     let (levels, strays) = super::survey(run, criteria);
     let of_holds = levels.iter().enumerate().filter(|(_, level)| level.lost_samples > 0);
-    let mut found: Vec<UnusedPart> = of_holds
+    let mut parts_found: Vec<UnusedPart> = of_holds
         .map(|(number, level)| UnusedPart {
             run: run.id.clone(),
             part: "hold",
@@ -62,32 +64,34 @@ pub fn unused(run: &LateralRun, rig: &Rig, criteria: &HoldCriteria) -> Vec<Unuse
             ),
         })
         .collect();
-    found.extend(strays.into_iter().map(|UnassignedPoints { time_s, points, is_part, reason }| UnusedPart {
-        run: run.id.clone(),
-        part: if is_part { "points" } else { "sweep" },
-        time_s: Some(time_s),
-        count: points,
-        reason: reason.to_owned(),
+    parts_found.extend(strays.into_iter().map(|UnassignedPoints { time_s, points, is_part, reason }| {
+        UnusedPart {
+            run: run.id.clone(),
+            part: if is_part { "points" } else { "sweep" },
+            time_s: Some(time_s),
+            count: points,
+            reason: reason.to_owned(),
+        }
     }));
-    found.extend(levels.iter().filter_map(|level| off_needle(run, rig, level)));
-    found
+    parts_found.extend(levels.iter().filter_map(|level| off_needle(run, rig, level)));
+    parts_found
 }
 
-/// What of all lateral runs of a session is not used.
+/// Rows of all lateral runs of a session that are not used.
 pub fn unused_of_session(session: &Session, criteria: &HoldCriteria) -> Vec<UnusedPart> {
     session.lateral.iter().flat_map(|run| unused(run, &session.rig, criteria)).collect()
 }
 
-/// What of one run is not used: one line for every part and reason, however many there are.
+/// Unused rows of one run as text: one line for every part and reason, however many there are.
 pub fn summary(unused: &[UnusedPart]) -> Vec<String> {
     let mut lines = Vec::new();
-    let mut done: Vec<(&str, &str)> = Vec::new();
+    let mut reported: Vec<(&str, &str)> = Vec::new();
     for first in unused {
         let key = (first.part, first.reason.as_str());
-        if done.contains(&key) {
+        if reported.contains(&key) {
             continue;
         }
-        done.push(key);
+        reported.push(key);
         let alike = || unused.iter().filter(|other| (other.part, other.reason.as_str()) == key);
         if alike().count() == 1 {
             lines.push(first.to_string());
@@ -108,17 +112,21 @@ pub fn summary(unused: &[UnusedPart]) -> Vec<String> {
 /// Points of a hold that lie behind guide 1 or beyond the tip.
 fn off_needle(run: &LateralRun, rig: &Rig, level: &Hold) -> Option<UnusedPart> {
     let tip_m = rig.entry_m + run.depth_m;
-    let is_off = |index: &&usize| {
-        run.shape.z_m.get(**index).is_some_and(|z_m| !(0.0..=tip_m + BEYOND_TIP_M).contains(z_m))
-    };
-    let off: Vec<usize> = level.shape.iter().filter(is_off).copied().collect();
-    let times_s = off.iter().filter_map(|index| run.shape.time_s.as_ref()?.get(*index)).copied();
+    let off_points: Vec<usize> = level
+        .shape
+        .iter()
+        .filter(|index| {
+            run.shape.z_m.get(**index).is_some_and(|z_m| !(0.0..=tip_m + BEYOND_TIP_M).contains(z_m))
+        })
+        .copied()
+        .collect();
+    let times_s = off_points.iter().filter_map(|index| run.shape.time_s.as_ref()?.get(*index)).copied();
     let time_s = times_s.clone().next().map(|first_s| [first_s, times_s.last().unwrap_or(first_s)]);
-    (!off.is_empty()).then(|| UnusedPart {
+    (!off_points.is_empty()).then(|| UnusedPart {
         run: run.id.clone(),
         part: "points",
         time_s,
-        count: off.len(),
+        count: off_points.len(),
         reason: format!("not on the needle, which ends {:.1} mm from guide 1", 1e3 * tip_m),
     })
 }

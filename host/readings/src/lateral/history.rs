@@ -1,10 +1,10 @@
 //! A run's whole course: what some effects depend on.
 //!
-//! Levels are means over holds, but tissue relaxes, sensors drift and lag, and friction and clearance depend on the path. Where
-//! such effects are given, the forward model is driven along the recorded displacement, the rows of every hold at that hold's true
-//! displacement, and its force is averaged over the rows of the hold as the measured one was.
+//! Levels are means over holds, but tissue relaxes, sensors drift and lag, and friction and clearance depend on the
+//! path. If such effects are given, the forward model is driven along the recorded displacement, the rows of every hold
+//! at that hold's true displacement, and its force is averaged over the rows of the hold as the measured one was.
 
-use super::{HoldData, ShapeDatum};
+use super::HoldData;
 use mechanics::effects::Effect;
 use mechanics::{Channels, DriveSample, Series, ShapePoint};
 use std::ops::Range;
@@ -14,7 +14,7 @@ use std::ops::Range;
 pub struct Fixed {
     /// Effects with the values of their parameters.
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
-    /// What was done in the run.
+    /// Motion of guide 2 in the run.
     pub course: DisplacementHistory,
     /// Plane that the first plane of the data is: 0 for y, and 1 where the data are those of x alone.
     pub first_plane: usize,
@@ -22,7 +22,7 @@ pub struct Fixed {
     pub order: f64,
 }
 
-/// What was done in a run, and which part of it is which level.
+/// Motion of guide 2 in a run, and the rows of each level.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct DisplacementHistory {
     /// Time of every row.
@@ -45,11 +45,11 @@ impl Fixed {
         for (plane, column) in planes_m.iter_mut().enumerate() {
             for (level, hold) in course.holds.iter().enumerate() {
                 let Some(rows) = column.get_mut(hold.clone()) else { continue };
-                let known = plane.checked_sub(self.first_plane).filter(|own| *own < planes);
-                let unknown = known.and_then(|own| displacements_m.get(level * planes + own));
+                let effect_plane = plane.checked_sub(self.first_plane).filter(|own| *own < planes);
+                let unknown = effect_plane.and_then(|own| displacements_m.get(level * planes + own));
                 // A plane that is no part of the data rests at the mean of what was read.
-                let at_m = unknown.copied().unwrap_or_else(|| mean(rows));
-                rows.fill(at_m);
+                let level_m = unknown.copied().unwrap_or_else(|| mean(rows));
+                rows.fill(level_m);
             }
         }
         let [y_m, x_m] = &planes_m;
@@ -60,12 +60,9 @@ impl Fixed {
     /// When and where the shape of these levels was measured.
     pub(super) fn shape(&self, levels: &[HoldData]) -> Vec<ShapePoint> {
         let points = levels.iter().flat_map(|level| &level.shape).zip(&self.course.shape_time_s);
-        let at = |(point, time_s): (&ShapeDatum, &f64)| ShapePoint {
-            time_s: *time_s,
-            z_m: point.z_m,
-            image: point.image,
-        };
-        points.map(at).collect()
+        points
+            .map(|(point, time_s)| ShapePoint { time_s: *time_s, z_m: point.z_m, image: point.image })
+            .collect()
     }
 
     /// Furthest recorded displacement.
@@ -73,14 +70,14 @@ impl Fixed {
         self.course.displacement_m.iter().flatten().fold(0.0, |most: f64, m| most.max(m.abs()))
     }
 
-    /// What the sensors should read at the levels, of what they should read all along.
+    /// Expected readings at the levels, from the expected readings of all rows.
     pub(super) fn at_levels(&self, observed: Channels) -> Channels {
         let holds = &self.course.holds;
         let levels = |series: Series| {
-            let of = |values: &[f64]| -> Vec<f64> {
+            let level_means = |values: &[f64]| -> Vec<f64> {
                 holds.iter().map(|hold| mean(values.get(hold.clone()).unwrap_or_default())).collect()
             };
-            self.ordered(Series { y: of(&series.y), x: series.x.as_deref().map(of) })
+            self.ordered(Series { y: level_means(&series.y), x: series.x.as_deref().map(level_means) })
         };
         Channels {
             displacement_m: levels(observed.displacement_m),

@@ -7,12 +7,13 @@ use smallvec::SmallVec;
 /// None of the errors that points share.
 pub(super) const NO_ERRORS: [[f64; SHARED_ERRORS]; 2] = [[0.0; SHARED_ERRORS]; 2];
 
-/// Where errors that all points of a run share are expected, in their standard deviations: zero, but in data that are drawn around a fit.
+/// Expected values of the errors that all points of a run share, in their standard deviations: zero, but in data that
+/// are drawn around a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SharedErrors {
-    /// Of the positions ([`super::ShapeDatum::z_shared_sd_m`]).
+    /// Error of the positions ([`super::ShapeDatum::z_shared_sd_m`]).
     pub z: f64,
-    /// Of the deflections in each plane ([`super::ShapeDatum::shared_m`]).
+    /// Errors of the deflections in each plane ([`super::ShapeDatum::shared_m`]).
     pub deflection: [[f64; SHARED_ERRORS]; 2],
 }
 
@@ -25,18 +26,17 @@ impl LateralData {
     /// The errors of the deflections that its points share, which are nuisances then: plane and number of each.
     pub(crate) fn shared_deflections(&self) -> SmallVec<[(usize, usize); 6]> {
         let points = || self.levels.iter().flat_map(|level| &level.shape);
-        let is_there = |(plane, error): &(usize, usize)| {
-            points().any(|point| {
-                point.shared_m.get(*plane).and_then(|of| of.get(*error)).is_some_and(|m| *m != 0.0)
-            })
-        };
         (0..self.planes)
             .flat_map(|plane| (0..SHARED_ERRORS).map(move |error| (plane, error)))
-            .filter(is_there)
+            .filter(|(plane, error)| {
+                points().any(|point| {
+                    point.shared_m.get(*plane).and_then(|of| of.get(*error)).is_some_and(|m| *m != 0.0)
+                })
+            })
             .collect()
     }
 
-    /// Where these are expected.
+    /// Expected values of these errors.
     pub(super) fn expected(&self) -> impl Iterator<Item = f64> {
         let expected = self.shared.deflection;
         self.shared_deflections().into_iter().map(move |(plane, error)| expected[plane][error])

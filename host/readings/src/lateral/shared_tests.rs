@@ -4,7 +4,7 @@ use super::*;
 use crate::{Fit, fit};
 use mechanics::{Beam, Foundation, Needle};
 
-// Where a shift of the shape along the needle changes K most: by 0.4 % for each 0.1 mm.
+// Rig in which a shift of the shape along the needle changes K most: by 0.4 % for each 0.1 mm.
 const K_PA: f64 = 24e3;
 const DEPTH_M: f64 = 0.04;
 const POINTS: usize = 79;
@@ -20,16 +20,17 @@ fn exact() -> LateralData {
 fn shifted(shift_m: f64, z_shared_sd_m: f64) -> LateralData {
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let beam = Beam::solve(&rig, &Foundation::uniform(K_PA).expect("a modulus"), DEPTH_M).expect("solves");
-    let at_m = 1.2e-3;
-    let point = |i: usize| {
-        let z_m = 0.0705 + 0.5e-3 * i as f64;
-        let deflection_m = [beam.deflection_m(at_m, z_m + shift_m), 0.0];
-        ShapeDatum { z_shared_sd_m, ..ShapeDatum::new(z_m, deflection_m) }
-    };
+    let level_m = 1.2e-3;
     let level = HoldData {
-        displacement_m: vec![Measured { value: at_m, sd: 1e-6 }],
-        force_n: vec![Measured { value: beam.force_n(at_m), sd: 0.1 }],
-        shape: (0..POINTS).map(point).collect(),
+        displacement_m: vec![Measured { value: level_m, sd: 1e-6 }],
+        force_n: vec![Measured { value: beam.force_n(level_m), sd: 0.1 }],
+        shape: (0..POINTS)
+            .map(|i| {
+                let z_m = 0.0705 + 0.5e-3 * i as f64;
+                let deflection_m = [beam.deflection_m(level_m, z_m + shift_m), 0.0];
+                ShapeDatum { z_shared_sd_m, ..ShapeDatum::new(z_m, deflection_m) }
+            })
+            .collect(),
     };
     LateralData {
         rig,
@@ -67,7 +68,7 @@ fn a_shift_of_the_whole_shape_is_in_the_interval_where_it_is_stated() {
         off_stated.abs() < 2.0 * sd_stated && sd_stated > 1.2 * sd_unstated,
         "{off_stated} (sd {sd_stated})"
     );
-    // Where it is stated how large the shift may be, the fit finds most of it.
+    // If the size of the shift is stated, the fit finds most of it.
     assert!(off_stated.abs() < off_unstated.abs(), "{off_stated} {off_unstated}");
 }
 
@@ -77,8 +78,8 @@ fn a_right_shape_stays_right() {
     let (plain, shared) = (fitted(&shifted(0.0, 0.0)), fitted(&shifted(0.0, 0.1e-3)));
     assert!((shared.shared[0] - K_PA.ln()).abs() < 1e-4 && shared.chi_square < 1e-3);
     assert_eq!(plain.degrees_of_freedom, shared.degrees_of_freedom);
-    let found = shared.nuisances[0].last().copied().expect("the shift");
-    assert!(found.abs() < 0.01, "{found}");
+    let shift = shared.nuisances[0].last().copied().expect("the shift");
+    assert!(shift.abs() < 0.01, "{shift}");
     assert_eq!(shape_fits(&shifted(0.0, 0.1e-3), &shared, 0).len(), POINTS);
 }
 
@@ -113,7 +114,7 @@ fn an_error_of_the_straight_needle_is_in_the_interval_where_it_is_stated() {
 /// The straight needle as points of its own, fitted together with the others, gives the same of K as its stated error.
 #[test]
 fn a_stated_error_is_that_of_a_joint_fit() {
-    let known = |sd_m: f64| {
+    let known_within = |sd_m: f64| {
         let mut data = exact();
         for point in data.levels.iter_mut().flat_map(|level| &mut level.shape) {
             point.shared_m[0] = [sd_m, 0.0, 0.0];
@@ -121,18 +122,18 @@ fn a_stated_error_is_that_of_a_joint_fit() {
         fitted(&data).covariance[(0, 0)].sqrt()
     };
     // An offset that nothing is known of takes from the points what a mean takes; one that is known takes nothing.
-    let (exactly, little, nothing) = (known(1e-9), known(3e-6), known(1e-2));
-    assert!(exactly < little && little < nothing, "{exactly} {little} {nothing}");
+    let (exactly, little, unknown_shift) = (known_within(1e-9), known_within(3e-6), known_within(1e-2));
+    assert!(exactly < little && little < unknown_shift, "{exactly} {little} {unknown_shift}");
     assert!((exactly / fitted(&exact()).covariance[(0, 0)].sqrt() - 1.0).abs() < 1e-3);
-    assert!((known(1.0) / nothing - 1.0).abs() < 1e-3);
+    assert!((known_within(1.0) / unknown_shift - 1.0).abs() < 1e-3);
 }
 
 /// The planes of a run, taken apart, are the run: each keeps its own readings, standard deviations and stated errors.
 #[test]
 fn planes_taken_apart_have_the_residuals_of_the_run() {
-    let mut both = LateralData { planes: 2, force_zero: ForceZero::Assumed(ZEROS), ..exact() };
-    both.shared.deflection = [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]];
-    let level = &mut both.levels[0];
+    let mut biplanar = LateralData { planes: 2, force_zero: ForceZero::Assumed(ZEROS), ..exact() };
+    biplanar.shared.deflection = [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]];
+    let level = &mut biplanar.levels[0];
     level.displacement_m.push(Measured { value: 0.7e-3, sd: 2e-6 });
     level.force_n.push(Measured { value: 0.5, sd: 0.2 });
     for (i, point) in level.shape.iter_mut().enumerate() {
@@ -143,17 +144,20 @@ fn planes_taken_apart_have_the_residuals_of_the_run() {
     let residuals = |data: &LateralData| {
         let nuisances: Vec<f64> = data.nuisances().iter().map(|nuisance| nuisance.start).collect();
         let ready = data.prepare(&[K_PA.ln()]).expect("a needle");
-        let mut found = data.residuals(&ready, &nuisances).expect("residuals");
+        let mut joint_residuals = data.residuals(&ready, &nuisances).expect("residuals");
         // The order of a plane alone is another one.
-        found.sort_by(f64::total_cmp);
-        found
+        joint_residuals.sort_by(f64::total_cmp);
+        joint_residuals
     };
-    let mut apart: Vec<f64> =
-        (0..2).flat_map(|plane| residuals(&both.in_plane(plane, 0.0).expect("displaced"))).collect();
-    apart.sort_by(f64::total_cmp);
-    let together = residuals(&both);
-    assert_eq!(together.len(), apart.len());
-    for (together, apart) in together.iter().zip(&apart) {
-        assert!((together - apart).abs() < 1e-9 * together.abs().max(1.0), "{together} {apart}");
+    let mut plane_residuals: Vec<f64> =
+        (0..2).flat_map(|plane| residuals(&biplanar.in_plane(plane, 0.0).expect("displaced"))).collect();
+    plane_residuals.sort_by(f64::total_cmp);
+    let biplanar_residuals = residuals(&biplanar);
+    assert_eq!(biplanar_residuals.len(), plane_residuals.len());
+    for (biplanar_residuals, plane_residuals) in biplanar_residuals.iter().zip(&plane_residuals) {
+        assert!(
+            (biplanar_residuals - plane_residuals).abs() < 1e-9 * biplanar_residuals.abs().max(1.0),
+            "{biplanar_residuals} {plane_residuals}"
+        );
     }
 }

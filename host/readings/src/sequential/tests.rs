@@ -29,8 +29,8 @@ impl Noise {
 
 /// Half a minute of rest, from which the noise is learned.
 fn learned(noise: &mut Noise) -> StepNoise {
-    let rest: Vec<f64> = (0..300).map(|_| noise.next()).collect();
-    StepNoise::of_rest(&rest).expect("noise")
+    let history: Vec<f64> = (0..300).map(|_| noise.next()).collect();
+    StepNoise::of_rest(&history).expect("noise")
 }
 
 #[test]
@@ -43,10 +43,11 @@ fn no_false_alarm_in_a_day_of_noise_friction_and_a_modulus_that_is_off() {
             let phase = (step % 400) as f64 / 400.0;
             let (load, direction) =
                 if phase < 0.5 { (20.0 * phase, 1.0) } else { (20.0 * (1.0 - phase), -1.0) };
-            let off = 3.0 * direction + 0.25 * load;
+            let model_error = 3.0 * direction + 0.25 * load;
             let turns = if step % 200 == 0 { 6.0 } else { 0.0 };
-            let found = detector.step(noise.next() + off, 3.0 + 0.3 * load, turns + 0.3 * 20.0 / 400.0);
-            assert_eq!(found, None, "correlation {correlation}, step {step}");
+            let departure =
+                detector.step(noise.next() + model_error, 3.0 + 0.3 * load, turns + 0.3 * 20.0 / 400.0);
+            assert_eq!(departure, None, "correlation {correlation}, step {step}");
         }
     }
 }
@@ -80,16 +81,16 @@ fn a_fault_of_five_sigma_is_found_within_two_seconds_and_its_beginning_is_named(
             let mut detector = Detector::new(learned(&mut noise), STEP_S, PER_HOUR);
             let sign = if seed % 2 == 0 { 1.0 } else { -1.0 };
             let (tolerance, fault_at) = (1.0, 500);
-            let found = (0..fault_at + 20).find_map(|step| {
+            let first_departure = (0..fault_at + 20).find_map(|step| {
                 let fault = if step < fault_at { 0.0 } else { sign * (tolerance + 5.0) };
                 detector.step(noise.next() + fault, tolerance, 0.0).map(|found| (step, found))
             });
-            let (step, found) =
-                found.unwrap_or_else(|| panic!("seed {seed}, {correlation}: not found in 2 s"));
+            let (step, departure) =
+                first_departure.unwrap_or_else(|| panic!("seed {seed}, {correlation}: not found in 2 s"));
             assert!(step >= fault_at, "seed {seed}: a false alarm");
             slowest = slowest.max(step - fault_at + 1);
-            assert!(found.since.abs_diff(fault_at) <= 3, "{found:?}");
-            assert!(found.sigma * sign > 5.0 && found.mean * sign > 2.0, "{found:?}");
+            assert!(departure.since.abs_diff(fault_at) <= 3, "{departure:?}");
+            assert!(departure.sigma * sign > 5.0 && departure.mean * sign > 2.0, "{departure:?}");
         }
     }
     assert!(slowest as f64 * STEP_S <= 2.0, "{slowest} steps");
@@ -100,13 +101,13 @@ fn a_drift_is_found_before_it_is_large() {
     let mut noise = Noise::new(5, 0.5);
     let mut detector = Detector::new(learned(&mut noise), STEP_S, PER_HOUR);
     // 1 standard deviation a minute.
-    let found = (0..3600).find_map(|step| {
+    let first_departure = (0..3600).find_map(|step| {
         let drift = step as f64 / 600.0;
         detector.step(noise.next() + drift, 0.0, 0.0).map(|found| (drift, found))
     });
-    let (drift, found) = found.expect("found in six minutes");
+    let (drift, departure) = first_departure.expect("found in six minutes");
     assert!(drift < 4.0, "{drift}");
-    assert!(found.mean > 0.0 && found.sigma > 4.0);
+    assert!(departure.mean > 0.0 && departure.sigma > 4.0);
 }
 
 #[test]

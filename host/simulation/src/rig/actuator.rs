@@ -46,11 +46,12 @@ impl Actuator {
     pub fn step(&mut self, inputs: [f64; 2], period_s: f64) {
         let [in1, in2] = inputs;
         let duty = in1 - in2;
-        let share = ((duty.abs() - self.dead_band) / (1.0 - self.dead_band)).max(0.0);
-        let wanted = share.copysign(duty) * self.full_speed_m_per_s;
+        let drive_fraction = ((duty.abs() - self.dead_band) / (1.0 - self.dead_band)).max(0.0);
+        let target_speed = drive_fraction.copysign(duty) * self.full_speed_m_per_s;
         // Exact solution of the first-order lag over the period.
-        self.speed_m_per_s = wanted + (self.speed_m_per_s - wanted) * (-period_s / self.lag_s).exp();
-        if wanted == 0.0 && self.speed_m_per_s.abs() < STICTION_M_PER_S {
+        self.speed_m_per_s =
+            target_speed + (self.speed_m_per_s - target_speed) * (-period_s / self.lag_s).exp();
+        if target_speed == 0.0 && self.speed_m_per_s.abs() < STICTION_M_PER_S {
             self.speed_m_per_s = 0.0;
         }
         let rod_m = self.rod_m + self.speed_m_per_s * period_s;
@@ -65,7 +66,7 @@ impl Actuator {
         self.rod_m - self.zero_m
     }
 
-    /// What the 12-bit converter reads at the potentiometer.
+    /// Code of the 12-bit converter at the potentiometer.
     pub fn potentiometer_code(&mut self) -> u16 {
         let ideal = self.rod_m / self.stroke_m * (POTENTIOMETER_CODE_MAX + 1.0);
         (ideal + self.noise_codes * self.noise.draw()).round().clamp(0.0, POTENTIOMETER_CODE_MAX) as u16

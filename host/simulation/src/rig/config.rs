@@ -30,7 +30,7 @@ pub struct RigConfig {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Simulation {
-    /// How far the needle is in the tissue, millimetres; 0 in air.
+    /// Insertion depth of the needle, millimetres; 0 in air.
     pub depth_mm: f64,
     /// Foundation modulus of the tissue, kilopascals.
     pub modulus_kpa: Range,
@@ -44,7 +44,7 @@ pub struct Simulation {
     pub scanner: ScannerConfig,
     /// Effects that are hidden from the user of the rig.
     pub effects: Vec<HiddenEffect>,
-    /// What is a little off beside them.
+    /// Small imperfections beside them.
     pub imperfections: Imperfections,
 }
 
@@ -113,7 +113,7 @@ pub struct ActuatorConfig {
     pub full_speed_mm_s: Range,
     /// Time constant of the speed, seconds.
     pub lag_s: f64,
-    /// How far from the middle the rod may be at the start, millimetres.
+    /// Largest distance of the rod from the middle at the start, millimetres.
     pub start_spread_mm: f64,
     /// Standard deviation of one potentiometer reading, converter codes.
     pub potentiometer_noise_codes: f64,
@@ -186,13 +186,13 @@ pub enum ConfigError {
     Parse {
         /// The file.
         path: String,
-        /// Where and why.
+        /// Place and cause.
         cause: Box<toml::de::Error>,
     },
     /// An effect that a rig cannot have.
     #[error("[simulation] effects: {id:?} with {count} values, expected one of {}", HIDDEN.map(|(id, values)| format!("{id} ({} values)", values.len())).join(", "))]
     Effect {
-        /// What was given.
+        /// Text that was given.
         id: String,
         /// Number of its values.
         count: usize,
@@ -202,9 +202,9 @@ pub enum ConfigError {
     Value {
         /// Name as in the file.
         field: &'static str,
-        /// What was given.
+        /// Value that was given.
         value: f64,
-        /// What is possible.
+        /// Possible values.
         expected: &'static str,
     },
 }

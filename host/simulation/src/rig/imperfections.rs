@@ -1,4 +1,4 @@
-//! What is a little off in every rig: no effect to be named, and not in the forward model.
+//! Small imperfections of every rig: no effect to be named, and not in the forward model.
 
 use super::{Noise, Stream};
 use serde::Deserialize;
@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 pub struct Imperfections {
     /// The tissue's modulus at this start as a multiple of the one that the seed draws.
     pub modulus_factor: f64,
-    /// Where the unloaded bridge ends up against where it started, along x and y, newtons: what a tare at the start is off by.
+    /// Change of the unloaded bridge from start to end, along x and y, newtons: what a tare at the start is off by.
     pub force_drift_n: [f64; 2],
     /// Time constant of that, seconds.
     pub force_drift_s: f64,
@@ -48,8 +48,8 @@ impl Imperfections {
     /// Those of a rig of this seed at one of its starts: the pattern stays, zero and modulus differ from start to start.
     pub fn of_seed(seed: u64, start: u64) -> Self {
         let mut rig = Noise::numbered(seed, Stream::Imperfections, 0);
-        let mut this = Noise::numbered(seed, Stream::Imperfections, start + 1);
-        let mut normal = || this.draw().clamp(-MAX_SD, MAX_SD);
+        let mut imperfections = Noise::numbered(seed, Stream::Imperfections, start + 1);
+        let mut normal = || imperfections.draw().clamp(-MAX_SD, MAX_SD);
         let mut within = |[low, high]: [f64; 2]| low + (high - low) * rig.uniform();
         Self {
             modulus_factor: 1.0 + MODULUS_SD * normal(),
@@ -63,8 +63,8 @@ impl Imperfections {
 
     /// Added to the unloaded bridge of x and y so long after the start, newtons.
     pub(super) fn drift_n(&self, time_s: f64) -> [f64; 2] {
-        let share = 1.0 - (-time_s / self.force_drift_s).exp();
-        self.force_drift_n.map(|drift_n| drift_n * share)
+        let fraction = 1.0 - (-time_s / self.force_drift_s).exp();
+        self.force_drift_n.map(|drift_n| drift_n * fraction)
     }
 
     /// Added to the deflections along x and y at a position along the needle, metres.
@@ -128,19 +128,19 @@ mod tests {
 
     #[test]
     fn each_imperfection_acts_where_it_should() {
-        let with = Imperfections {
+        let imperfections = Imperfections {
             modulus_factor: 1.02,
             force_drift_n: [0.01, -0.02],
             shape_pattern_mm: 0.012,
             ..Imperfections::default()
         };
-        let (mut plain, mut off) = (rig(Imperfections::default()), rig(with));
-        assert!((off.truth().modulus_pa / plain.truth().modulus_pa - 1.02).abs() < 1e-12);
+        let (mut plain, mut imperfect) = (rig(Imperfections::default()), rig(imperfections));
+        assert!((imperfect.truth().modulus_pa / plain.truth().modulus_pa - 1.02).abs() < 1e-12);
         // The zero is off in the end by the drift, and not at the start; a stiffer tissue pushes back a little more.
         let code_per_n = 6.0 / 9.375 / 5.0 * 8_388_607.0;
         let mut gap_n = |steps: usize| {
-            let mut codes = [off.step(REST, 1e-3), plain.step(REST, 1e-3)];
-            (1..steps).for_each(|_| codes = [off.step(REST, 1e-3), plain.step(REST, 1e-3)]);
+            let mut codes = [imperfect.step(REST, 1e-3), plain.step(REST, 1e-3)];
+            (1..steps).for_each(|_| codes = [imperfect.step(REST, 1e-3), plain.step(REST, 1e-3)]);
             [0, 1].map(|i| f64::from(codes[0].bridge[i] - codes[1].bridge[i]) / code_per_n)
         };
         let (first_n, last_n) = (gap_n(1), gap_n(60_000));
@@ -148,8 +148,8 @@ mod tests {
             assert!((last_n[i] - first_n[i] - drift_n).abs() < 1e-4, "{first_n:?} {last_n:?}");
         }
         // The pattern is in every sweep alike.
-        let mut softer = rig(Imperfections { shape_pattern_mm: 0.0, ..with });
-        let (a, b, c) = (off.sweep(), off.sweep(), softer.sweep());
+        let mut softer = rig(Imperfections { shape_pattern_mm: 0.0, ..imperfections });
+        let (a, b, c) = (imperfect.sweep(), imperfect.sweep(), softer.sweep());
         assert_eq!(a, b);
         let largest =
             a.iter().zip(&c).map(|(a, c)| (a.deflection_m[1] - c.deflection_m[1]).abs()).fold(0.0, f64::max);

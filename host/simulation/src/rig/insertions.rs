@@ -21,7 +21,7 @@ const PROCESS_NOISE_SD_N: f64 = 0.005;
 const BEVEL_SD_RAD: f64 = 0.1;
 const AXIS_SD_RAD: f64 = 0.01;
 const ANGLE_SD_RAD: f64 = 0.003;
-/// How far the effective gap between guide 2 and tissue is from the drawn one, logarithm.
+/// Spread of the effective gap between guide 2 and tissue about the drawn one, logarithm.
 const GAP_LN: f64 = 0.6;
 const GAP_SD_LN: f64 = 0.2;
 /// Noise of the tracker, m.
@@ -68,7 +68,7 @@ fn tip(noise: &mut Noise, entry_angle_rad: [f64; 2]) -> Result<TipLaw, ModelErro
     })
 }
 
-/// What is recorded: a row in every push, and rows while the needle rests.
+/// Recorded rows: a row in every push, and rows while the needle rests.
 fn insert(
     model: &Model,
     noise: &mut Noise,
@@ -77,15 +77,15 @@ fn insert(
 ) -> Result<InsertionRun, ModelError> {
     let mut depths_m: Vec<f64> = Vec::new();
     for stop in 0..=LAST_MM / PUSH_MM {
-        let rest_m = 1e-3 * (stop * PUSH_MM) as f64;
+        let rest_depth_m = 1e-3 * (stop * PUSH_MM) as f64;
         if stop > 0 {
-            depths_m.push(rest_m + (0.5e-3 * noise.draw()).abs());
+            depths_m.push(rest_depth_m + (0.5e-3 * noise.draw()).abs());
         }
-        depths_m.extend((0..READINGS).map(|_| (rest_m + 0.05e-3 * noise.draw()).max(0.0)));
+        depths_m.extend((0..READINGS).map(|_| (rest_depth_m + 0.05e-3 * noise.draw()).max(0.0)));
     }
-    let done =
+    let insertion =
         Insertion { depth_m: depths_m.clone(), guide2_m: Some(Default::default()), ..Insertion::default() };
-    let tip_m = predict(model, &Experiment::Insertion(done))?.tip_m;
+    let tip_m = predict(model, &Experiment::Insertion(insertion))?.tip_m;
     let mut measured = |path_m: Vec<f64>, plane: usize| -> Vec<f64> {
         path_m.iter().map(|u_m| u_m + offset_m[plane] + TIP_SD_M * noise.draw()).collect()
     };

@@ -1,9 +1,9 @@
 //! A simulated rig: two actuators, the needle in tissue by the forward model, the force chain and an ultrasound sweep.
 //!
-//! It stands on the far side of the electronics: bridge inputs in, converter codes out, one call of [`SimulatedRig::step`] per
-//! control period. Everything random comes from one seed, each part from its own stream, so that a rig repeats exactly and
-//! more noise drawn in one part changes nothing in another. What the estimator is to find (the tissue's modulus) is drawn
-//! from the seed too and available only from [`SimulatedRig::truth`].
+//! It stands on the far side of the electronics: bridge inputs in, converter codes out, one call of
+//! [`SimulatedRig::step`] per control period. Everything random comes from one seed, each part from its own stream, so
+//! that a rig repeats exactly and more noise drawn in one part changes nothing in another. The tissue's modulus, which
+//! the estimator is to find, is drawn from the seed too and available only from [`SimulatedRig::truth`].
 //!
 //! | part | models |
 //! |---|---|
@@ -38,10 +38,10 @@ pub const SCAN_MARGIN_MM: f64 = 0.5;
 /// Distance of the points of the axis that it is rendered from.
 const SCAN_STEP_MM: f64 = 0.25;
 
-/// What the bridges' inputs were in one period: share of the period that IN1 and IN2 of x and y were high, 0 to 1.
+/// Inputs of the bridges in one period: share of the period that IN1 and IN2 of x and y were high, 0 to 1.
 pub type BridgeInputs = [[f64; 2]; 2];
 
-/// What the converters read at the end of one period.
+/// Codes of the converters at the end of one period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Codes {
     /// Potentiometers of x and y, 12 bit.
@@ -59,7 +59,7 @@ pub struct ShapeSample {
     pub deflection_m: [f64; 2],
 }
 
-/// What the rig really is.
+/// True parameters of the rig.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Truth {
     /// Foundation modulus of the tissue, pascals.
@@ -70,7 +70,8 @@ pub struct Truth {
     pub stiffness_n_per_m: f64,
 }
 
-/// What a needle that someone else computes does to guide 2, about a position: its force is linear there.
+/// Load on guide 2 by a needle that another program computes, about a position: its force is linear
+/// there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NeedleLoad {
     /// Position of guide 2 along x and y, metres.
@@ -109,7 +110,7 @@ pub struct SimulatedRig {
     beam: Beam,
     /// Between the actuators and the needle.
     drive: Drive,
-    /// What is hidden from the user.
+    /// Effects that are hidden from the user.
     effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     actuators: [Actuator; 2],
     bridge_offset_n: [f64; 2],
@@ -190,16 +191,15 @@ impl SimulatedRig {
         let Simulation { ultrasound, imperfections, .. } = &self.simulation;
         let (spacing_m, pixel_m) = (ultrasound.spacing_mm * 1e-3, ultrasound.pixel_mm * 1e-3);
         let is_in_air = self.truth.depth_m == 0.0;
-        let (from_m, length_m) =
+        let (start_m, length_m) =
             if is_in_air { (0.0, self.entry_m) } else { (self.entry_m, self.truth.depth_m) };
         let count = (length_m / spacing_m + 1e-9) as usize;
-        let at_m = |index: usize| from_m + index as f64 * spacing_m;
-        let places_m: Vec<f64> = (1..=count).map(at_m).collect();
+        let positions_m: Vec<f64> = (1..=count).map(|index| start_m + index as f64 * spacing_m).collect();
         let noise_m = ultrasound.noise_mm * 1e-3;
-        let bent_m = self.bent_m(&places_m);
+        let bent_m = self.bent_m(&positions_m);
         bent_m
             .into_iter()
-            .zip(places_m)
+            .zip(positions_m)
             .map(|([x_m, y_m], z_m)| {
                 let [x_off_m, y_off_m] = imperfections.pattern_m(z_m);
                 let deflection_m = [x_m + x_off_m, y_m + y_off_m].map(|bent_m| {
@@ -229,22 +229,26 @@ impl SimulatedRig {
     /// from the scan ([`Scan::frames`]).
     pub fn scan(&mut self) -> Scan {
         self.scans += 1;
-        let from_mm = 1e3 * self.entry_m + SCAN_MARGIN_MM;
+        let start_mm = 1e3 * self.entry_m + SCAN_MARGIN_MM;
         let length_mm = (1e3 * self.truth.depth_m - 2.0 * SCAN_MARGIN_MM).max(SCAN_STEP_MM);
         let steps = (length_mm / SCAN_STEP_MM + 1e-9) as usize;
-        let places_m: Vec<f64> =
-            (0..=steps).map(|step| 1e-3 * (from_mm + SCAN_STEP_MM * step as f64)).collect();
+        let positions_m: Vec<f64> =
+            (0..=steps).map(|step| 1e-3 * (start_mm + SCAN_STEP_MM * step as f64)).collect();
         let imperfections = &self.simulation.imperfections;
-        let point = |([x_m, y_m], z_m): ([f64; 2], &f64)| {
-            let [x_off_m, y_off_m] = imperfections.pattern_m(*z_m);
-            [1e3 * z_m, 1e3 * (x_m + x_off_m), 1e3 * (y_m + y_off_m)]
-        };
         Scan {
             scanner: self.simulation.scanner.clone(),
             // Apart from those of other scans and rigs.
             seed: stream(self.seed.wrapping_add(self.scans << 32), Stream::Scans).random(),
             needle_mm: 1e3 * self.needle_m,
-            axis_mm: self.bent_m(&places_m).into_iter().zip(&places_m).map(point).collect(),
+            axis_mm: self
+                .bent_m(&positions_m)
+                .into_iter()
+                .zip(&positions_m)
+                .map(|([x_m, y_m], z_m)| {
+                    let [x_off_m, y_off_m] = imperfections.pattern_m(*z_m);
+                    [1e3 * z_m, 1e3 * (x_m + x_off_m), 1e3 * (y_m + y_off_m)]
+                })
+                .collect(),
         }
     }
 
@@ -266,7 +270,7 @@ impl SimulatedRig {
         self.position_m().map(|position_m| self.beam.force_n(self.drive.beyond_clearance_m(position_m)))
     }
 
-    /// What the rig really is.
+    /// True parameters of the rig.
     pub fn truth(&self) -> Truth {
         self.truth
     }
@@ -274,9 +278,9 @@ impl SimulatedRig {
     fn bridge_code(&mut self, force_n: f64) -> i32 {
         let force = &self.simulation.force;
         let measured_n = force_n + force.noise_n * self.force_noise.draw();
-        let share = measured_n / force.range_n * force.share_of_full_scale;
+        let relative_force = measured_n / force.range_n * force.share_of_full_scale;
         // The cast saturates at nothing: the clamp keeps it within the converter's 24 bits.
-        (share * BRIDGE_CODE_MAX).round().clamp(-BRIDGE_CODE_MAX - 1.0, BRIDGE_CODE_MAX) as i32
+        (relative_force * BRIDGE_CODE_MAX).round().clamp(-BRIDGE_CODE_MAX - 1.0, BRIDGE_CODE_MAX) as i32
     }
 }
 

@@ -55,7 +55,7 @@ pub struct ScannerConfig {
     pub assumed_m_per_s: f64,
     /// Speed of sound in the tissue, metres per second.
     pub sound_m_per_s: f64,
-    /// How much later frames are than their time stamps, seconds.
+    /// Delay of frames after their time stamps, seconds.
     pub lag_s: f64,
     /// Strength of the needle's echo above the speckle, decibel.
     pub echo_db: f64,
@@ -124,7 +124,7 @@ impl ScannerConfig {
 pub struct Scan {
     /// The scanner.
     pub scanner: ScannerConfig,
-    /// What speckle and bad frames are drawn from.
+    /// Seed of speckle and bad frames.
     pub seed: u64,
     /// Outer diameter of the needle, millimetres.
     pub needle_mm: f64,
@@ -158,19 +158,20 @@ impl Scan {
 
     /// Position of the probe at a time.
     fn probe_mm(&self, time_s: f64) -> f64 {
-        let [from_mm, to_mm] = self.ends_mm();
-        let (way_mm, length_mm) = ((self.scanner.probe_mm_per_s * time_s).max(0.0), to_mm - from_mm);
-        from_mm + if way_mm <= length_mm { way_mm } else { (2.0 * length_mm - way_mm).max(0.0) }
+        let [start_mm, end_mm] = self.ends_mm();
+        let (travelled_mm, length_mm) = ((self.scanner.probe_mm_per_s * time_s).max(0.0), end_mm - start_mm);
+        start_mm
+            + if travelled_mm <= length_mm { travelled_mm } else { (2.0 * length_mm - travelled_mm).max(0.0) }
     }
 
     /// The needle's axis at a position, x and y.
     fn axis_at(&self, z_mm: f64) -> [f64; 2] {
         let next = self.axis_mm.partition_point(|point| point[0] <= z_mm);
-        let before = next.checked_sub(1).and_then(|before| self.axis_mm.get(before));
-        match (before, self.axis_mm.get(next)) {
+        let previous = next.checked_sub(1).and_then(|before| self.axis_mm.get(before));
+        match (previous, self.axis_mm.get(next)) {
             (Some([a_mm, a_x, a_y]), Some([b_mm, b_x, b_y])) => {
-                let share = (z_mm - a_mm) / (b_mm - a_mm);
-                [a_x + share * (b_x - a_x), a_y + share * (b_y - a_y)]
+                let fraction = (z_mm - a_mm) / (b_mm - a_mm);
+                [a_x + fraction * (b_x - a_x), a_y + fraction * (b_y - a_y)]
             }
             (Some([_, x, y]), None) | (None, Some([_, x, y])) => [*x, *y],
             (None, None) => [0.0; 2],
@@ -183,29 +184,30 @@ impl Scan {
         [[-sin, cos], [cos, sin]]
     }
 
-    /// Where the needle's near wall shows at a position, pixels.
+    /// Position at which the needle's near wall appears, pixels.
     fn echo_px(&self, z_mm: f64) -> [f64; 2] {
         let scanner = &self.scanner;
         let [x_mm, y_mm] = self.axis_at(z_mm);
-        let [across, along] = self.axes().map(|[x, y]| x * x_mm + y * y_mm);
+        let [across_px, along_px] = self.axes().map(|[x, y]| x * x_mm + y * y_mm);
         let slower = scanner.assumed_m_per_s / scanner.sound_m_per_s;
-        let far_mm = slower * (scanner.distance_mm + along - 0.5 * self.needle_mm);
-        [0.5 * scanner.size_px[0] as f64 + across / scanner.pixel_mm, far_mm / scanner.pixel_mm]
+        let far_wall_mm = slower * (scanner.distance_mm + along_px - 0.5 * self.needle_mm);
+        [0.5 * scanner.size_px[0] as f64 + across_px / scanner.pixel_mm, far_wall_mm / scanner.pixel_mm]
     }
 
     /// Its frames.
     pub fn frames(&self) -> Vec<ScanFrame> {
         let scanner = &self.scanner;
-        let [from_mm, to_mm] = self.ends_mm();
-        let count = (2.0 * (to_mm - from_mm) / scanner.probe_mm_per_s * scanner.rate_hz) as usize + 1;
+        let [start_mm, end_mm] = self.ends_mm();
+        let count = (2.0 * (end_mm - start_mm) / scanner.probe_mm_per_s * scanner.rate_hz) as usize + 1;
         let mut speckle = Speckle { scan: self, planes: BTreeMap::new() };
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
-        let frame = |number: usize| {
-            let time_s = number as f64 / scanner.rate_hz;
-            let pixels = speckle.frame(self.probe_mm(time_s + scanner.lag_s), &mut random);
-            ScanFrame { time_s, probe_mm: self.probe_mm(time_s), pixels }
-        };
-        (0..count).map(frame).collect()
+        (0..count)
+            .map(|number| {
+                let time_s = number as f64 / scanner.rate_hz;
+                let pixels = speckle.frame(self.probe_mm(time_s + scanner.lag_s), &mut random);
+                ScanFrame { time_s, probe_mm: self.probe_mm(time_s), pixels }
+            })
+            .collect()
     }
 
     /// Writes it as a sequence file of PLUS (`.igs.mha`), with the probe's position and pose at every frame; the number of frames.
@@ -269,26 +271,28 @@ impl Speckle<'_> {
                 [size * phase.cos(), size * phase.sin()],
             );
         }
-        let brightness = |[re, im]: &[f64; 2]| {
-            let mut noise = || -> f64 { StandardNormal.sample(&mut *random) };
-            let size = (re + ELECTRONICS * noise()).hypot(im + ELECTRONICS * noise());
-            let decibel = 20.0 * (size / (1.3 * strength)).log10();
-            // The cast saturates at nothing: the clamp keeps it within 8 bits.
-            (255.0 * (1.0 + decibel / RANGE_DB)).clamp(0.0, 255.0) as u8
-        };
-        field.iter().map(brightness).collect()
+        field
+            .iter()
+            .map(|[re, im]| {
+                let mut noise = || -> f64 { StandardNormal.sample(&mut *random) };
+                let size = (re + ELECTRONICS * noise()).hypot(im + ELECTRONICS * noise());
+                let decibel = 20.0 * (size / (1.3 * strength)).log10();
+                // The cast saturates at nothing: the clamp keeps it within 8 bits.
+                (255.0 * (1.0 + decibel / RANGE_DB)).clamp(0.0, 255.0) as u8
+            })
+            .collect()
     }
 
     /// Speckle at a position, of unit variance in both parts.
     fn field(&mut self, z_mm: f64) -> Vec<[f64; 2]> {
         let [width, height] = self.scan.scanner.size_px;
         let middle = (z_mm / PLANE_MM).round() as i64;
-        let near: Vec<(i64, f64)> = (middle - PLANES..=middle + PLANES)
+        let plane_weights: Vec<(i64, f64)> = (middle - PLANES..=middle + PLANES)
             .map(|plane| (plane, (-0.5 * ((plane as f64 * PLANE_MM - z_mm) / SLICE_MM).powi(2)).exp()))
             .collect();
-        let norm = near.iter().map(|(_, weight)| weight * weight).sum::<f64>().sqrt();
+        let norm = plane_weights.iter().map(|(_, weight)| weight * weight).sum::<f64>().sqrt();
         let mut field = vec![[0.0; 2]; width * height];
-        for (plane, weight) in near {
+        for (plane, weight) in plane_weights {
             let scan = self.scan;
             let speckle = self.planes.entry(plane).or_insert_with(|| scan.plane(plane));
             for (sum, value) in field.iter_mut().zip(speckle.iter()) {
@@ -325,18 +329,21 @@ fn smoothed(
     let taps: Vec<f64> =
         (0..=2 * reach).map(|i| (-0.5 * ((i as f64 - reach as f64) / sd_px).powi(2)).exp()).collect();
     let norm = taps.iter().map(|tap| tap * tap).sum::<f64>().sqrt();
-    let at = |index: usize| {
-        let here = place(index);
-        let first = index - here * step;
-        let mut sum = [0.0; 2];
-        for (i, tap) in taps.iter().enumerate() {
-            let from =
-                field.get(first + (here + length + i - reach) % length * step).copied().unwrap_or_default();
-            sum.iter_mut().zip(from).for_each(|(sum, value)| *sum += tap / norm * value);
-        }
-        sum
-    };
-    (0..field.len()).map(at).collect()
+    (0..field.len())
+        .map(|index| {
+            let position = place(index);
+            let first = index - position * step;
+            let mut sum = [0.0; 2];
+            for (i, tap) in taps.iter().enumerate() {
+                let field_value = field
+                    .get(first + (position + length + i - reach) % length * step)
+                    .copied()
+                    .unwrap_or_default();
+                sum.iter_mut().zip(field_value).for_each(|(sum, value)| *sum += tap / norm * value);
+            }
+            sum
+        })
+        .collect()
 }
 
 /// Adds an echo with its tail around a place.

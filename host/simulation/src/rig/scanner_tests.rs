@@ -1,4 +1,4 @@
-//! Where echoes are, what speckle is like, and that a scan repeats.
+//! Tests of the positions of echoes, of speckle, and that a scan repeats.
 
 use super::*;
 
@@ -46,15 +46,15 @@ fn echoes_are_where_the_needle_is_when_a_frame_is_taken() {
 /// From above, y up is towards the probe; from the side, x is away from it; slower sound is further away.
 #[test]
 fn the_beam_and_the_speed_of_sound_are_as_stated() {
-    let above = scan(ScannerConfig::default());
+    let reference = scan(ScannerConfig::default());
     let place_mm = |scan: &Scan| scan.echo_px(70.0).map(|px| px * scan.scanner.pixel_mm);
-    let [x, y] = place_mm(&above);
+    let [x, y] = place_mm(&reference);
     assert!((x - 6.1).abs() < 1e-9 && (y - (6.0 - 0.635 - 0.8)).abs() < 1e-9, "{x} {y}");
     let aside = scan(ScannerConfig { beam_deg: 0.0, ..ScannerConfig::default() });
     let [x, y] = place_mm(&aside);
     assert!((x - 6.8).abs() < 1e-9 && (y - (6.0 - 0.635 + 0.1)).abs() < 1e-9, "{x} {y}");
     let slow = scan(ScannerConfig { sound_m_per_s: 1400.0, ..ScannerConfig::default() });
-    assert!((place_mm(&slow)[1] / place_mm(&above)[1] - 1.1).abs() < 1e-9);
+    assert!((place_mm(&slow)[1] / place_mm(&reference)[1] - 1.1).abs() < 1e-9);
 }
 
 #[test]
@@ -65,8 +65,8 @@ fn a_scan_repeats_exactly_and_some_frames_are_bad() {
     let black = frames.iter().filter(|frame| frame.pixels.iter().all(|pixel| *pixel == 0)).count();
     let lost = frames.iter().filter(|frame| bright_px(&scan, frame).is_none()).count();
     assert!((1..25).contains(&black) && lost > black, "{black} {lost}");
-    let other = Scan { seed: 4, ..scan };
-    assert_ne!(other.frames(), frames);
+    let another_seed = Scan { seed: 4, ..scan };
+    assert_ne!(another_seed.frames(), frames);
 }
 
 #[test]

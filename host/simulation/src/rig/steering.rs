@@ -28,7 +28,7 @@ pub struct TissueLayer {
 /// An inclusion or a cavity: stiffness and damping times `1 + (factor - 1)` of a bell of this width.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inclusion {
-    /// Where its middle is.
+    /// Position of its middle.
     pub depth_mm: f64,
     /// Standard deviation of the bell.
     pub width_mm: f64,
@@ -36,7 +36,7 @@ pub struct Inclusion {
     pub factor: f64,
 }
 
-/// What the tissue really is.
+/// True parameters of the tissue.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tissue {
     /// From the surface down; at least one.
@@ -126,22 +126,22 @@ impl Tissue {
     }
 }
 
-/// What is done in one run.
+/// Motion of one run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Name of the run.
     pub id: String,
     /// Speed of insertion.
     pub speed_mm_s: f64,
-    /// How deep.
+    /// Final depth.
     pub depth_mm: f64,
-    /// How far sideways the base goes, evenly, until the needle is in.
+    /// Final sideways displacement of the base, reached evenly during the insertion.
     pub lateral_mm: f64,
     /// The needle is supported: it goes in straight this far before it is moved sideways.
     pub straight_mm: f64,
     /// The base moves to and fro by this much too, which separates damping from stiffness.
     pub wobble_mm: f64,
-    /// How often.
+    /// Frequency of the sideways oscillation.
     pub wobble_hz: f64,
     /// Time between samples.
     pub period_ms: f64,
@@ -190,7 +190,7 @@ impl SteeringRig {
         Ok(Self { model })
     }
 
-    /// What happens when the plan is carried out.
+    /// Simulates the plan.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] for a plan that no rig can carry out.
@@ -207,15 +207,23 @@ impl SteeringRig {
         let count = (plan.depth_mm / plan.speed_mm_s / period_s).floor() as usize;
         let time_s: Vec<f64> = (0..=count).map(|i| i as f64 * period_s).collect();
         let depth_mm = |time_s: &f64| (plan.speed_mm_s * time_s).min(plan.depth_mm);
-        let lateral = |time_s: &f64| {
-            let share = (depth_mm(time_s) - plan.straight_mm) / (plan.depth_mm - plan.straight_mm);
-            let wobble_mm =
-                if share > 0.0 { plan.wobble_mm * (TAU * plan.wobble_hz * time_s).sin() } else { 0.0 };
-            1e-3 * (plan.lateral_mm * share.max(0.0) + wobble_mm)
-        };
         let run = mechanics::Steering {
             depth_m: time_s.iter().map(|time_s| 1e-3 * depth_mm(time_s)).collect(),
-            drive: BaseDrive::Position(time_s.iter().map(lateral).collect()),
+            drive: BaseDrive::Position(
+                time_s
+                    .iter()
+                    .map(|time_s| {
+                        let fraction =
+                            (depth_mm(time_s) - plan.straight_mm) / (plan.depth_mm - plan.straight_mm);
+                        let wobble_mm = if fraction > 0.0 {
+                            plan.wobble_mm * (TAU * plan.wobble_hz * time_s).sin()
+                        } else {
+                            0.0
+                        };
+                        1e-3 * (plan.lateral_mm * fraction.max(0.0) + wobble_mm)
+                    })
+                    .collect(),
+            ),
             time_s,
         };
         let depth_m = run.depth_m.clone();
@@ -241,7 +249,7 @@ const RINGING_S: f64 = 0.25;
 const RINGING_HZ: f64 = 6.0;
 
 impl Truth {
-    /// What the sensors record. `seed` and `number` make the noise.
+    /// Readings of the sensors. `seed` and `number` make the noise.
     pub fn measure(&self, sensors: Sensors, seed: u64, number: u64) -> SteeringRun {
         let mut noise = Noise::numbered(seed, Stream::Steering, number);
         let mut run = self.run.clone();
@@ -253,11 +261,11 @@ impl Truth {
             run.base_force_y_n[i] += sensors.force_n * noise.draw();
             run.tip_y_m[i] += sensors.tip_m * noise.draw();
             for &(start_s, sign) in &jerks {
-                let since_s = run.time_s[i] - start_s;
-                if since_s >= 0.0 {
-                    let ringing = (-since_s / RINGING_S).exp() * (TAU * RINGING_HZ * since_s).sin();
+                let elapsed_s = run.time_s[i] - start_s;
+                if elapsed_s >= 0.0 {
+                    let ringing = (-elapsed_s / RINGING_S).exp() * (TAU * RINGING_HZ * elapsed_s).sin();
                     run.tip_y_m[i] += sign * JERK_M * ringing;
-                    if since_s < 2.0 * self.period_s {
+                    if elapsed_s < 2.0 * self.period_s {
                         run.base_force_y_n[i] += sign * KNOCK_N;
                     }
                 }

@@ -20,9 +20,9 @@ fn a_seed_repeats_exactly_and_another_differs() {
 
 #[test]
 fn a_sweep_changes_nothing_in_the_force_noise() {
-    let (mut with, mut without) = (rig(1), rig(1));
-    with.sweep();
-    assert_eq!(with.step(REST, PERIOD_S), without.step(REST, PERIOD_S));
+    let (mut with_sweep, mut without_sweep) = (rig(1), rig(1));
+    with_sweep.sweep();
+    assert_eq!(with_sweep.step(REST, PERIOD_S), without_sweep.step(REST, PERIOD_S));
 }
 
 #[test]
@@ -98,12 +98,12 @@ fn unsound_configurations_are_refused_by_name() {
 #[test]
 fn a_needle_of_someone_else_loads_the_guide_until_it_is_taken_away() {
     let mut rig = SimulatedRig::new(RigConfig::default(), 3).expect("a rig");
-    let own_n = rig.force_n();
+    let needle_force_n = rig.force_n();
     let [x_m, y_m] = rig.position_m();
     let load = NeedleLoad { at_m: [x_m - 1e-3, y_m], force_n: [0.5, -0.2], stiffness_n_per_m: 300.0 };
     rig.set_load(Some(load));
     let [x_n, y_n] = rig.force_n();
     assert!((x_n - 0.8).abs() < 1e-12 && (y_n + 0.2).abs() < 1e-12, "{x_n} N, {y_n} N");
     rig.set_load(None);
-    assert_eq!(rig.force_n(), own_n);
+    assert_eq!(rig.force_n(), needle_force_n);
 }

@@ -1,4 +1,5 @@
-//! What is to be simulated: tissue, tip and effects as in a model file, lateral runs and insertions.
+//! Plan of a simulated session: tissue, tip and effects as in a model file, lateral runs and
+//! insertions.
 
 use formats::document::Fields;
 use formats::model_file::ModelFile;
@@ -63,9 +64,9 @@ pub struct LateralPlan {
 pub struct InsertionPlan {
     /// Name of the run.
     pub id: String,
-    /// How deep.
+    /// Final depth.
     pub depth_m: f64,
-    /// How fast.
+    /// Speed.
     pub speed_m_per_s: f64,
     /// Depth at which the needle is turned by half a turn.
     pub turn_at_m: Option<f64>,
@@ -73,7 +74,7 @@ pub struct InsertionPlan {
     pub step_m: f64,
 }
 
-/// What is to be simulated.
+/// Plan of a simulated session.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SimulationPlan {
     /// Tissue, tip and effects.
@@ -219,8 +220,9 @@ impl LateralPlan {
             ("rate_hz", (end_s * plan.rate_hz).ceil(), "rows", "levels_mm, hold_s and rate_hz make them"),
             ("spacing_mm", points.ceil(), "shape points", "depth_mm, levels_mm and spacing_mm make them"),
         ];
-        if let Some((field, count, what, why)) = sizes.into_iter().find(|(_, count, ..)| *count > MAX_ROWS) {
-            let problem = Problem::Syntax(format!("{count} {what}"));
+        if let Some((field, count, subject, why)) = sizes.into_iter().find(|(_, count, ..)| *count > MAX_ROWS)
+        {
+            let problem = Problem::Syntax(format!("{count} {subject}"));
             return Err(fields.field_fault(field, problem, format!("at most {MAX_ROWS} in a run: {why}")));
         }
         Ok(plan)
@@ -228,29 +230,31 @@ impl LateralPlan {
 
     /// When each level is held.
     pub(super) fn holds(&self) -> Vec<Hold> {
-        let mut from_s = 0.0;
-        let mut before_m: Option<f64> = None;
-        let hold = |level_m: &f64| {
-            let way_m = before_m.map_or(0.0, |before_m| (level_m - before_m).abs());
-            from_s += way_m / self.ramp_m_per_s + before_m.map_or(0.0, |_| self.hold_s);
-            before_m = Some(*level_m);
-            Hold { from_s, level_m: *level_m }
-        };
-        self.levels_m.iter().map(hold).collect()
+        let mut start_s = 0.0;
+        let mut previous_m: Option<f64> = None;
+        self.levels_m
+            .iter()
+            .map(|level_m| {
+                let distance_m = previous_m.map_or(0.0, |previous_m| (level_m - previous_m).abs());
+                start_s += distance_m / self.ramp_m_per_s + previous_m.map_or(0.0, |_| self.hold_s);
+                previous_m = Some(*level_m);
+                Hold { from_s: start_s, level_m: *level_m }
+            })
+            .collect()
     }
 
-    /// Where guide 2 is.
+    /// Position of guide 2.
     pub(super) fn displacement_m(&self, holds: &[Hold], time_s: f64) -> f64 {
         let next = holds.partition_point(|hold| hold.from_s <= time_s);
         let now = next.checked_sub(1).and_then(|now| holds.get(now));
         match (now, holds.get(next)) {
             (Some(now), Some(next)) => {
-                let left_s = now.from_s + self.hold_s;
-                let share = ((time_s - left_s) / (next.from_s - left_s)).max(0.0);
-                if time_s <= left_s {
+                let hold_end_s = now.from_s + self.hold_s;
+                let fraction = ((time_s - hold_end_s) / (next.from_s - hold_end_s)).max(0.0);
+                if time_s <= hold_end_s {
                     now.level_m
                 } else {
-                    now.level_m + share * (next.level_m - now.level_m)
+                    now.level_m + fraction * (next.level_m - now.level_m)
                 }
             }
             (Some(only), None) | (None, Some(only)) => only.level_m,

@@ -97,16 +97,21 @@ fn tissue(fields: &Fields<'_>) -> Result<Tissue, SessionError> {
             damping_n_s_per_m2: layer.number("damping_n_s_per_m2", DAMPING)?,
         });
     }
-    let inclusion = |one: &Fields<'_>| {
-        one.only(&["depth_mm", "width_mm", "factor"])?;
-        Ok(Inclusion {
-            depth_mm: one.number("depth_mm", DEPTH_MM)?,
-            width_mm: one.number("width_mm", [0.1, 100.0])?,
-            factor: one.number("factor", [0.0, 100.0])?,
-        })
-    };
     let inclusions = fields.tables("inclusions")?;
-    Ok(Tissue { layers, inclusions: inclusions.iter().map(inclusion).collect::<Result<_, SessionError>>()? })
+    Ok(Tissue {
+        layers,
+        inclusions: inclusions
+            .iter()
+            .map(|one| {
+                one.only(&["depth_mm", "width_mm", "factor"])?;
+                Ok(Inclusion {
+                    depth_mm: one.number("depth_mm", DEPTH_MM)?,
+                    width_mm: one.number("width_mm", [0.1, 100.0])?,
+                    factor: one.number("factor", [0.0, 100.0])?,
+                })
+            })
+            .collect::<Result<_, SessionError>>()?,
+    })
 }
 
 fn run(fields: &Fields<'_>, id: String) -> Result<Plan, SessionError> {

@@ -45,11 +45,11 @@ fn a_lateral_plan_goes_through_its_levels() {
     // 30 points in the holds at 0 (three), at 1.2 and at -1.2 mm; at the tip too.
     assert_eq!(run.shape.z_m.len(), 5 * 30);
     assert!((run.shape.z_m[29] - 0.1).abs() < 1e-12);
-    let all =
+    let all_levels =
         made(&(LATERAL.to_owned() + "sweep_levels = \"all\"\naxis = \"x\"\n"), NONE, 1).lateral.remove(0);
-    assert_eq!(all.shape.z_m.len(), 9 * 30);
-    assert_eq!(all.force.force_x_n.expect("both planes"), run.force.force_y_n);
-    assert!(all.force.force_y_n.iter().all(|force_n| *force_n == 0.0));
+    assert_eq!(all_levels.shape.z_m.len(), 9 * 30);
+    assert_eq!(all_levels.force.force_x_n.expect("both planes"), run.force.force_y_n);
+    assert!(all_levels.force.force_y_n.iter().all(|force_n| *force_n == 0.0));
 }
 
 #[test]
@@ -58,9 +58,13 @@ fn an_insertion_plan_is_carried_out() {
     let run = made(text, NONE, 1).insertion.remove(0);
     // Every half millimetre, the turn and the end.
     assert_eq!(run.depth_m.len(), 43);
-    let turned = run.rotation_rad.as_deref().expect("turned");
-    let count =
-        run.depth_m.iter().zip(turned).filter(|(m, turn)| (**m > 0.0103 + 1e-9) == (**turn > 3.0)).count();
+    let rotation_rad = run.rotation_rad.as_deref().expect("turned");
+    let count = run
+        .depth_m
+        .iter()
+        .zip(rotation_rad)
+        .filter(|(m, turn)| (**m > 0.0103 + 1e-9) == (**turn > 3.0))
+        .count();
     assert_eq!(count, 43);
     assert!((run.time_s.as_deref().expect("times")[42] - 4.04).abs() < 1e-9);
     let straight = made(&text.replace("turn_at_mm = 10.3\n", ""), NONE, 1).insertion.remove(0);
@@ -109,14 +113,19 @@ fn what_is_written_is_read() {
     let read = Session::read(folder.path()).expect("reads");
     let close =
         |a: &[f64], b: &[f64]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
-    let (found, made) = (&read.lateral[0], &simulated.lateral[0]);
-    assert!(close(&found.force.force_y_n, &made.force.force_y_n) && close(&found.shape.y_m, &made.shape.y_m));
-    assert!(close(found.shape.x_m.as_deref().expect("x"), made.shape.x_m.as_deref().expect("x")));
-    let (found, made) = (&read.insertion[0], &simulated.insertion[0]);
-    assert!(close(&found.tip_y_m, &made.tip_y_m) && close(&found.depth_m, &made.depth_m));
+    let (read_run, simulated_run) = (&read.lateral[0], &simulated.lateral[0]);
+    assert!(
+        close(&read_run.force.force_y_n, &simulated_run.force.force_y_n)
+            && close(&read_run.shape.y_m, &simulated_run.shape.y_m)
+    );
+    assert!(close(read_run.shape.x_m.as_deref().expect("x"), simulated_run.shape.x_m.as_deref().expect("x")));
+    let (read_run, simulated_run) = (&read.insertion[0], &simulated.insertion[0]);
+    assert!(
+        close(&read_run.tip_y_m, &simulated_run.tip_y_m) && close(&read_run.depth_m, &simulated_run.depth_m)
+    );
     assert!(close(
-        found.rotation_rad.as_deref().expect("turned"),
-        made.rotation_rad.as_deref().expect("turned")
+        read_run.rotation_rad.as_deref().expect("turned"),
+        simulated_run.rotation_rad.as_deref().expect("turned")
     ));
 }
 
@@ -172,8 +181,8 @@ fn session(text: &str) -> Session {
 /// The modulus is found by a model that has the effect, and missed by one that has not.
 #[track_caller]
 fn needs(id: &str, values: &[f64], lateral: &str) {
-    let one = effect(id).expect("an effect");
-    let parameters: Vec<String> = one
+    let tested = effect(id).expect("an effect");
+    let parameters: Vec<String> = tested
         .parameters()
         .iter()
         .zip(values)
@@ -188,15 +197,18 @@ fn needs(id: &str, values: &[f64], lateral: &str) {
         let options = Options { fixed, model_error: false, ..Options::default() };
         identify(&session, &options).expect("identified")
     };
-    let with = found(vec![(one, values.to_vec())]);
-    let [low, high] = with.pooled.ci95_kpa;
+    let with_effect = found(vec![(tested, values.to_vec())]);
+    let [low, high] = with_effect.pooled.ci95_kpa;
     assert!(low < 12.0 && 12.0 < high && high / low < 1.25, "{id}: {low} to {high} with it");
-    assert_eq!(with.effects, [id]);
-    assert!(with.warnings.iter().any(|warning| warning.contains("energy method models no effects")));
-    let without = found(Vec::new());
-    let [low, high] = without.pooled.ci95_kpa;
+    assert_eq!(with_effect.effects, [id]);
+    assert!(with_effect.warnings.iter().any(|warning| warning.contains("energy method models no effects")));
+    let without_effect = found(Vec::new());
+    let [low, high] = without_effect.pooled.ci95_kpa;
     assert!(high < 12.0 || low > 12.0, "{id}: {low} to {high} without it");
-    assert!(without.effects.is_empty() && !without.warnings.iter().any(|w| w.contains("models no effects")));
+    assert!(
+        without_effect.effects.is_empty()
+            && !without_effect.warnings.iter().any(|w| w.contains("models no effects"))
+    );
 }
 
 const DEEP: &str = "[[lateral]]\nid = \"a\"\ndepth_mm = 30\n";
@@ -212,7 +224,7 @@ fn clearance_in_the_model_gives_the_modulus() {
     needs("rig.backlash", &[0.15], DEEP);
 }
 
-/// What was held decays with time: this needs the course of the run, not its levels.
+/// The force of a hold decays with time: this needs the course of the run, not its levels.
 #[test]
 fn relaxation_in_the_model_gives_the_modulus() {
     needs("tissue.relaxation", &[0.5, 4.0], DEEP);
@@ -225,14 +237,14 @@ fn relaxation_in_the_model_gives_the_modulus() {
 fn an_effect_that_does_nothing_changes_nothing() {
     let session = session(LATERAL);
     let k_kpa = |fixed: Vec<(&'static dyn Effect, Vec<f64>)>| {
-        let found = identify(&session, &Options { fixed, model_error: false, ..Options::default() })
+        let identification = identify(&session, &Options { fixed, model_error: false, ..Options::default() })
             .expect("identified");
-        [found.pooled.k_kpa, found.pooled.sd_kpa]
+        [identification.pooled.k_kpa, identification.pooled.sd_kpa]
     };
-    let none = effect("tissue.gradient").expect("an effect");
-    let (with, without) = (k_kpa(vec![(none, vec![0.0])]), k_kpa(Vec::new()));
-    for (with, without) in with.iter().zip(without) {
-        assert!((with / without - 1.0).abs() < 1e-6, "{with} {without}");
+    let gradient = effect("tissue.gradient").expect("an effect");
+    let (k_with_kpa, k_without_kpa) = (k_kpa(vec![(gradient, vec![0.0])]), k_kpa(Vec::new()));
+    for (k_with_kpa, k_without_kpa) in k_with_kpa.iter().zip(k_without_kpa) {
+        assert!((k_with_kpa / k_without_kpa - 1.0).abs() < 1e-6, "{k_with_kpa} {k_without_kpa}");
     }
 }
 

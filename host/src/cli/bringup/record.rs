@@ -48,12 +48,14 @@ impl Record {
 
     /// Steps that found something, were kept from running by one that did, or ended early.
     pub fn failed(&self) -> Vec<Step> {
-        let failed = |step: &Step| {
-            let result = self.steps().find(|kept| name_of(kept) == Some(step.name()));
-            let result = result.and_then(|kept| kept.get("result")?.as_str());
-            matches!(result, Some("failed" | "blocked" | INTERRUPTED))
-        };
-        Step::ALL.into_iter().filter(failed).collect()
+        Step::ALL
+            .into_iter()
+            .filter(|step| {
+                let result = self.steps().find(|kept| name_of(kept) == Some(step.name()));
+                let result = result.and_then(|kept| kept.get("result")?.as_str());
+                matches!(result, Some("failed" | "blocked" | INTERRUPTED))
+            })
+            .collect()
     }
 
     fn steps(&self) -> impl Iterator<Item = &Value> {
@@ -66,7 +68,7 @@ impl Record {
     /// Where the file cannot be written; the one before is left then.
     pub fn keep(&mut self, report: &Report) -> io::Result<()> {
         let mut table = Table::try_from(report).map_err(io::Error::other)?;
-        let done = table.get("steps").and_then(Value::as_array).cloned().unwrap_or_default();
+        let earlier_steps = table.get("steps").and_then(Value::as_array).cloned().unwrap_or_default();
         let find = |steps: &[Value], name| steps.iter().find(|kept| name_of(kept) == Some(name)).cloned();
         let earlier: Vec<Value> = self.steps().cloned().collect();
         // It counts as interrupted until its own result takes its place.
@@ -77,11 +79,13 @@ impl Record {
         let under_way: Vec<Value> = under_way.into_iter().collect();
         let names = Step::ALL.into_iter().map(Step::name);
         let steps: Vec<Value> = names
-            .filter_map(|name| [&done, &under_way, &earlier].into_iter().find_map(|steps| find(steps, name)))
+            .filter_map(|name| {
+                [&earlier_steps, &under_way, &earlier].into_iter().find_map(|steps| find(steps, name))
+            })
             .collect();
-        let sound =
-            |kept: &Value| matches!(kept.get("result").and_then(Value::as_str), Some("passed" | "skipped"));
-        let passed = steps.iter().all(sound);
+        let passed = steps
+            .iter()
+            .all(|kept| matches!(kept.get("result").and_then(Value::as_str), Some("passed" | "skipped")));
         table.insert("passed".to_owned(), passed.into());
         table.insert("steps".to_owned(), steps.into());
         let text = toml::to_string_pretty(&table).map_err(io::Error::other)?;

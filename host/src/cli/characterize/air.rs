@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 /// Runs of each axis unless another number is requested: their zeros show how far a tare scatters.
 const RUNS: u8 = 2;
 
-/// What is recorded before it is characterised.
+/// Run in air before the rig is characterised.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Recording the runs on a device")]
 pub struct AirArgs {
@@ -75,11 +75,11 @@ pub fn record(args: &AirArgs, session: &Path, out: &Output) -> anyhow::Result<Op
     let tare = tare_program().map_err(|problem| anyhow!("{problem}"))?;
     // The setup file is of a new session; later runs find it there.
     let mut rig = args.rig.clone();
-    let mut done = Vec::new();
+    let mut completed_runs = Vec::new();
     for (axis, number) in ids {
         let id = format!("air-{}-{number}", axis.name());
-        let place = SessionArgs::in_air(session.to_owned(), rig.take(), id.clone());
-        let opened = open_session(&place)?;
+        let destination = SessionArgs::in_air(session.to_owned(), rig.take(), id.clone());
+        let opened = open_session(&destination)?;
         if !opened.setup.rig.needle.stiffness_known {
             // Before anything moves.
             bail!(CharacterizeError::NeedleUnknown {
@@ -90,7 +90,7 @@ pub fn record(args: &AirArgs, session: &Path, out: &Output) -> anyhow::Result<Op
             Some(reach_mm) => reach_mm,
             None => reach_of(&opened.setup)?,
         };
-        if done.is_empty() {
+        if completed_runs.is_empty() {
             out.note(format_args!(
                 "guide 2 goes to {reach_mm:.1} mm on both sides of zero, in both axes; the needle is in both guides and in nothing else"
             ));
@@ -98,13 +98,19 @@ pub fn record(args: &AirArgs, session: &Path, out: &Output) -> anyhow::Result<Op
         let program = run_program(axis, reach_mm).map_err(|problem| anyhow!("{problem}"))?;
         run(&mut client, &tare, at(timetable.start_s(&tare)), |_, _| Ok::<(), LinkError>(()))?;
         let ultrasound = args.sweep_command.as_deref().map_or(Ultrasound::Absent, Ultrasound::Command);
-        let about =
-            Measured { command: "characterize", session: &place, tared: true, live: None, follower: None };
+        let conditions = Measured {
+            command: "characterize",
+            session: &destination,
+            tared: true,
+            live: None,
+            follower: None,
+        };
         let options = at(timetable.start_s(&program));
-        let (recorded, _) = record_program(&mut client, opened, &program, ultrasound, options, about, out)?;
-        done.push(RunInAir { run: id, recorded });
+        let (recorded, _) =
+            record_program(&mut client, opened, &program, ultrasound, options, conditions, out)?;
+        completed_runs.push(RunInAir { run: id, recorded });
     }
-    Ok(Some(done))
+    Ok(Some(completed_runs))
 }
 
 /// Runs in air of another time would be characterised with the new ones, as if the rig were the same.
@@ -123,7 +129,7 @@ fn refuse_other_runs(session: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// How far a run goes with this needle, millimetres.
+/// Largest displacement of a run with this needle, millimetres.
 fn reach_of(setup: &Setup) -> Result<f64, ModelError> {
     // Without tissue its modulus does not matter.
     let beam = Model::uniform(setup.rig.clone(), 1e3)?.beam(0.0)?;

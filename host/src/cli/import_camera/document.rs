@@ -1,4 +1,4 @@
-//! What `guide import camera` reports, and keeps beside the run.
+//! Report of `guide import camera`, which is kept beside the run.
 
 use super::super::import_ultrasound::checksum;
 use super::Scale;
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
-/// What became of the frames.
+/// Result of the frames.
 #[derive(Serialize)]
 pub struct Imported {
     schema: &'static str,
@@ -59,7 +59,7 @@ struct Camera {
     sd_x_mm: Option<f64>,
     largest_y_mm: f64,
     largest_x_mm: Option<f64>,
-    /// Of the last frame.
+    /// Displacement in the last frame.
     last_y_mm: f64,
     last_x_mm: Option<f64>,
     mark: Option<MarkMotion>,
@@ -113,7 +113,6 @@ impl Imported {
         let states = State::ALL.into_iter().map(|state| (state.name(), clip.count(state)));
         let y = |row: &Row| Some(row.y);
         let x = |row: &Row| row.x;
-        let entry = |(frame, time_s): (&FrameResult, &f64)| FrameEntry::new(frame, *time_s);
         let camera = Camera {
             id: id.to_owned(),
             path: path.to_owned(),
@@ -147,7 +146,12 @@ impl Imported {
                 last_y_mm: *last_y_mm,
                 last_x_mm: *last_x_mm,
             }),
-            per_frame: clip.frames.iter().zip(&series.times_s).map(entry).collect(),
+            per_frame: clip
+                .frames
+                .iter()
+                .zip(&series.times_s)
+                .map(|(frame, time_s)| FrameEntry::new(frame, *time_s))
+                .collect(),
         };
         let notes = notes(&camera, clip, run.as_ref());
         let lateral = run.map(|run| Lateral {
@@ -182,9 +186,11 @@ fn largest(series: &Series, of: impl Fn(&Row) -> Option<Reading>) -> Option<f64>
 
 fn notes(camera: &Camera, clip: &Clip, run: Option<&Run>) -> Vec<String> {
     let mut notes = Vec::new();
-    let (used, all) = (clip.count(State::Used), clip.frames.len());
-    if ((all - used) as f64) > MANY_REJECTED * all as f64 {
-        notes.push(format!("{used} of {all} frames are used: see the states, and --overlay for pictures"));
+    let (used_count, frame_count) = (clip.count(State::Used), clip.frames.len());
+    if ((frame_count - used_count) as f64) > MANY_REJECTED * frame_count as f64 {
+        notes.push(format!(
+            "{used_count} of {frame_count} frames are used: see the states, and --overlay for pictures"
+        ));
     }
     if camera.directions != "both" {
         notes.push(

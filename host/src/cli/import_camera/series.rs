@@ -30,9 +30,9 @@ pub struct Row {
 
 /// Displacement over time.
 pub struct Series {
-    /// Of every frame: its time on the clock of the force series.
+    /// Times of every frame: its time on the clock of the force series.
     pub times_s: Vec<f64>,
-    /// Of every frame that is used.
+    /// Rows of every frame that is used.
     pub rows: Vec<Row>,
     /// Motion of the mark, millimetres, `[y, x]`, of every frame in which it was found.
     pub mark_mm: Vec<[f64; 2]>,
@@ -49,7 +49,7 @@ pub struct Joined {
 const MAX_GAP: f64 = 3.5;
 
 impl Series {
-    /// Of a clip with pixels of this size. The first frame is at `start_s`.
+    /// Document of a clip with pixels of this size. The first frame is at `start_s`.
     pub fn new(
         clip: &Clip,
         axes: &Axes,
@@ -58,24 +58,25 @@ impl Series {
         start_s: Option<f64>,
     ) -> anyhow::Result<Self> {
         let stamped: Option<Vec<f64>> = clip.frames.iter().map(|frame| frame.time_s).collect();
-        let own_s: Vec<f64> = match (fps, stamped) {
+        let frame_times_s: Vec<f64> = match (fps, stamped) {
             (Some(fps), _) => (0..clip.frames.len()).map(|number| number as f64 / fps).collect(),
             (None, Some(stamped)) => stamped,
             (None, None) => bail!("no time stamps in the file, expected the frames per second: --fps"),
         };
         ensure!(
-            own_s.windows(2).all(|pair| pair[1] > pair[0]),
+            frame_times_s.windows(2).all(|pair| pair[1] > pair[0]),
             "time stamps of the frames do not increase, expected the frames per second: --fps"
         );
-        let first_s = own_s.first().copied().unwrap_or(0.0);
+        let first_s = frame_times_s.first().copied().unwrap_or(0.0);
         let start_s = start_s.unwrap_or(0.0);
-        let times_s: Vec<f64> = own_s.iter().map(|time_s| time_s - first_s + start_s).collect();
+        let times_s: Vec<f64> = frame_times_s.iter().map(|time_s| time_s - first_s + start_s).collect();
         let along = |frame: &FrameResult, direction: [f64; 2]| -> Option<Reading> {
-            let found = frame.template?;
+            let template_match = frame.template?;
             let mark = frame.mark;
-            let px = |axis: usize| found.shift_px[axis] - mark.map_or(0.0, |mark| mark.shift_px[axis]);
+            let px =
+                |axis: usize| template_match.shift_px[axis] - mark.map_or(0.0, |mark| mark.shift_px[axis]);
             let variance = |i: usize, j: usize| {
-                found.covariance_px2[i][j] + mark.map_or(0.0, |mark| mark.covariance_px2[i][j])
+                template_match.covariance_px2[i][j] + mark.map_or(0.0, |mark| mark.covariance_px2[i][j])
             };
             let [a, b] = direction;
             let squared = a * a * variance(0, 0) + 2.0 * a * b * variance(0, 1) + b * b * variance(1, 1);
@@ -91,12 +92,15 @@ impl Series {
                     Some(Row { time_s: *time_s, y: along(frame, axes.y)?, x })
                 },
             );
-        let of_mark = |frame: &FrameResult| {
-            let mark = frame.mark?;
-            let along = |[a, b]: [f64; 2]| mm_per_px * (a * mark.shift_px[0] + b * mark.shift_px[1]);
-            Some([along(axes.y), axes.x.map_or(0.0, along)])
-        };
-        let mark_mm = clip.frames.iter().filter_map(of_mark).collect();
+        let mark_mm = clip
+            .frames
+            .iter()
+            .filter_map(|frame| {
+                let mark = frame.mark?;
+                let along = |[a, b]: [f64; 2]| mm_per_px * (a * mark.shift_px[0] + b * mark.shift_px[1]);
+                Some([along(axes.y), axes.x.map_or(0.0, along)])
+            })
+            .collect();
         Ok(Self { rows: rows.collect(), mark_mm, times_s })
     }
 
@@ -114,30 +118,31 @@ impl Series {
         periods.sort_by(f64::total_cmp);
         let max_gap_s = MAX_GAP * periods.get(periods.len() / 2).copied().unwrap_or(0.0);
         let at = |time_s: f64| -> Option<Row> {
-            let after = self.rows.partition_point(|row| row.time_s <= time_s);
-            let before = self.rows.get(after.checked_sub(1)?)?;
-            let Some(after) = self.rows.get(after) else {
-                return (before.time_s == time_s).then_some(*before);
+            let next_index = self.rows.partition_point(|row| row.time_s <= time_s);
+            let earlier_row = self.rows.get(next_index.checked_sub(1)?)?;
+            let Some(later_row) = self.rows.get(next_index) else {
+                return (earlier_row.time_s == time_s).then_some(*earlier_row);
             };
-            let gap_s = after.time_s - before.time_s;
-            (gap_s <= max_gap_s).then(|| between(before, after, time_s, (time_s - before.time_s) / gap_s))
+            let gap_s = later_row.time_s - earlier_row.time_s;
+            (gap_s <= max_gap_s)
+                .then(|| between(earlier_row, later_row, time_s, (time_s - earlier_row.time_s) / gap_s))
         };
-        let kept: Vec<(usize, Row)> =
+        let kept_rows: Vec<(usize, Row)> =
             force.time_s.iter().enumerate().filter_map(|(row, time_s)| Some((row, at(*time_s)?))).collect();
         let span = |first: Option<f64>, last: Option<f64>| {
             format!("{:.3} to {:.3} s", first.unwrap_or(f64::NAN), last.unwrap_or(f64::NAN))
         };
         ensure!(
-            kept.len() >= 2,
+            kept_rows.len() >= 2,
             "the clip ({}) and the force series ({}) have less than two rows in common, expected the same clock: --start-s",
             span(self.rows.first().map(|row| row.time_s), self.rows.last().map(|row| row.time_s)),
             span(force.time_s.first().copied(), force.time_s.last().copied())
         );
         let of_rows = |column: &[f64]| -> Vec<f64> {
-            kept.iter().filter_map(|(row, _)| column.get(*row).copied()).collect()
+            kept_rows.iter().filter_map(|(row, _)| column.get(*row).copied()).collect()
         };
         let of_clip = |value: fn(&Row) -> Option<f64>| -> Option<Vec<f64>> {
-            kept.iter().map(|(_, row)| value(row)).collect()
+            kept_rows.iter().map(|(_, row)| value(row)).collect()
         };
         let has_x = force.force_x_n.is_some();
         let only_x = |values: Option<Vec<f64>>| values.filter(|_| has_x).map(metres);
@@ -157,7 +162,7 @@ impl Series {
             Some(_) => series,
             None => ForceSeries { force_x_n: None, ..series },
         };
-        Ok(Joined { dropped: force.time_s.len() - kept.len(), series })
+        Ok(Joined { dropped: force.time_s.len() - kept_rows.len(), series })
     }
 
     /// A row for every frame that is used.
@@ -175,7 +180,7 @@ impl Series {
         text
     }
 
-    /// What a figure of it shows.
+    /// Displacement for its figure.
     pub fn figure(&self, clip: &Clip) -> Displacement {
         let rejected_s = clip
             .frames

@@ -34,17 +34,17 @@ fn force(folder: &Path) -> PathBuf {
 #[test]
 fn a_clip_becomes_the_displacement_of_a_run_with_its_deviation() {
     let folder = tempfile::tempdir().expect("a folder");
-    let (to, load) = (folder.path().join("session"), force(folder.path()));
+    let (session_dir, load) = (folder.path().join("session"), force(folder.path()));
     let pictures = folder.path().join("pictures");
     let options = format!(
         "{CLIP} --force {} --depth-mm 40 --start-s 10.1 --overlay {}",
         load.display(),
         pictures.display()
     );
-    let document = import(&options, &beam(), &to).expect("imported");
+    let document = import(&options, &beam(), &session_dir).expect("imported");
     assert_eq!(document["camera"]["states"]["used"], 15, "{document}");
     assert_eq!(document["camera"]["files"][0]["sha256"].as_str().map(str::len), Some(64));
-    let run = &Session::read(&to).expect("a session").lateral[0];
+    let run = &Session::read(&session_dir).expect("a session").lateral[0];
     let sd_m = run.force.displacement_y_sd_m.as_ref().expect("deviations");
     // Rows from the first frame at 10.1 s to the last 0.467 s later; the force has no horizontal part.
     assert_eq!(run.force.time_s.first(), Some(&10.1));
@@ -57,18 +57,22 @@ fn a_clip_becomes_the_displacement_of_a_run_with_its_deviation() {
     assert_eq!(document["lateral"]["rows_without_displacement"], 53);
     assert!(run.force.displacement_x_m.is_none() && run.shape.z_m.is_empty());
     assert!(
-        Session::read(&to).expect("a session").stated_noise().displacement_m.is_some_and(|sd_m| sd_m < 2e-6)
+        Session::read(&session_dir)
+            .expect("a session")
+            .stated_noise()
+            .displacement_m
+            .is_some_and(|sd_m| sd_m < 2e-6)
     );
     assert_eq!(fs::read_dir(&pictures).expect("pictures").count(), 15);
-    let sheet = fs::read(to.join("beam.frames.png")).expect("a sheet");
+    let sheet = fs::read(session_dir.join("beam.frames.png")).expect("a sheet");
     assert!(sheet.starts_with(b"\x89PNG"));
-    let csv = fs::read_to_string(to.join("beam.camera.csv")).expect("a file");
+    let csv = fs::read_to_string(session_dir.join("beam.camera.csv")).expect("a file");
     assert_eq!(csv.lines().count(), 16);
     // Up in the image is up; turned by 180 degrees it is down.
     let largest = |document: &Value| document["camera"]["largest_y_mm"].as_f64().expect("a number");
-    let turned =
+    let rotated_import =
         import(&format!("{CLIP} --up-px 0,1"), &beam(), &folder.path().join("turned")).expect("imported");
-    assert!((largest(&document) + largest(&turned)).abs() < 1e-9, "{document} {turned}");
+    assert!((largest(&document) + largest(&rotated_import)).abs() < 1e-9, "{document} {rotated_import}");
 }
 
 #[test]
@@ -106,10 +110,10 @@ fn wrong_clips_and_options_are_refused_with_one_line() {
         (&late, beam(), "--start-s"),
         (CLIP, PathBuf::from("no-such.avi"), "no-such.avi"),
     ] {
-        let to = folder.path().join("nothing");
-        let error = import(options, &clip, &to).expect_err(options);
+        let output_path = folder.path().join("nothing");
+        let error = import(options, &clip, &output_path).expect_err(options);
         assert!(error.contains(expected) && !error.contains('\n'), "{options}: {error}");
-        assert!(!to.exists(), "{options}");
+        assert!(!output_path.exists(), "{options}");
     }
     let frames = [&image, &image].map(|path| path.display().to_string()).join(" ");
     let error = import(

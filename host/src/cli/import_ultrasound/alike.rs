@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// Numbers that are equal but for how programs write them.
 const ROUNDING: f64 = 1e-6;
 
-/// How a sequence shows its image plane.
+/// Image plane of a sequence.
 pub struct Imaged {
     geometry: Geometry,
     size_px: [usize; 2],
@@ -21,7 +21,7 @@ pub struct Imaged {
 }
 
 impl Imaged {
-    /// Of a file.
+    /// Image plane of a file.
     pub fn new(header: &Header, settings: &Settings) -> Result<Self, SweepError> {
         let (mut scanner, mut from_image) = (BTreeMap::new(), BTreeMap::new());
         for frame in &header.frames {
@@ -35,44 +35,47 @@ impl Imaged {
         Ok(Self { geometry, size_px: [header.width, header.height], scanner, from_image })
     }
 
-    /// What differs from another sequence: here, and there.
+    /// Difference from another sequence: here, and there.
     fn difference(&self, other: &Self) -> Option<[String; 2]> {
-        let (own, its) = (&self.geometry, &other.geometry);
+        let (own_geometry, other_geometry) = (&self.geometry, &other.geometry);
         let spacing = |[x, y]: [f64; 2]| format!("pixels of {x} x {y} mm");
-        let off = own.spacing_mm.iter().zip(its.spacing_mm).any(|(a, b)| (a / b - 1.0).abs() > 1e-3);
-        if off {
-            return Some([own, its].map(|of| spacing(of.spacing_mm)));
+        let spacing_differs = own_geometry
+            .spacing_mm
+            .iter()
+            .zip(other_geometry.spacing_mm)
+            .any(|(a, b)| (a / b - 1.0).abs() > 1e-3);
+        if spacing_differs {
+            return Some([own_geometry, other_geometry].map(|of| spacing(of.spacing_mm)));
         }
         if self.size_px != other.size_px {
             return Some(
                 [self, other].map(|of| format!("frames of {} x {} pixels", of.size_px[0], of.size_px[1])),
             );
         }
-        if own.orientation != its.orientation {
-            let letters = |of: &Geometry| {
+        if own_geometry.orientation != other_geometry.orientation {
+            return Some([own_geometry, other_geometry].map(|of| {
                 let (x, y) = (of.orientation.flip_x, of.orientation.flip_y);
                 format!("axes {}{}", if x { 'U' } else { 'M' }, if y { 'N' } else { 'F' })
-            };
-            return Some([own, its].map(letters));
+            }));
         }
-        if own.region != its.region {
-            let region = |of: &Geometry| {
+        if own_geometry.region != other_geometry.region {
+            return Some([own_geometry, other_geometry].map(|of| {
                 of.region.map_or_else(
                     || "no region".to_owned(),
                     |r| format!("region {},{},{},{}", r.x, r.y, r.width, r.height),
                 )
-            };
-            return Some([own, its].map(region));
+            }));
         }
         let differ = self.scanner.iter().find_map(|(name, value)| {
-            let there = other.scanner.get(name).filter(|there| *there != value)?;
-            Some([value, there].map(|value| format!("{name} {value}")))
+            let other_value = other.scanner.get(name).filter(|there| *there != value)?;
+            Some([value, other_value].map(|value| format!("{name} {value}")))
         });
         differ.or_else(|| {
             self.from_image.iter().find_map(|(name, matrix)| {
-                let there = other.from_image.get(name)?;
-                let off = matrix.iter().zip(there).any(|(a, b)| (a - b).abs() > ROUNDING * a.abs().max(1.0));
-                off.then(|| [format!("another {name}Transform"), format!("that {name}Transform")])
+                let other_matrix = other.from_image.get(name)?;
+                let matrix_differs =
+                    matrix.iter().zip(other_matrix).any(|(a, b)| (a - b).abs() > ROUNDING * a.abs().max(1.0));
+                matrix_differs.then(|| [format!("another {name}Transform"), format!("that {name}Transform")])
             })
         })
     }
@@ -82,10 +85,10 @@ impl Imaged {
 pub fn check<'i>(mut sweeps: impl Iterator<Item = (&'i PathBuf, &'i Imaged)>) -> anyhow::Result<()> {
     let Some((first_path, first)) = sweeps.next() else { return Ok(()) };
     for (path, imaged) in sweeps {
-        if let Some([here, there]) = imaged.difference(first) {
+        if let Some([own_setting, other_setting]) = imaged.difference(first) {
             let name = |path: &Path| path.display().to_string();
             bail!(
-                "{}: {here}, expected {there} as in {}: deflections are measured between sweeps of one scanner with one setting",
+                "{}: {own_setting}, expected {other_setting} as in {}: deflections are measured between sweeps of one scanner with one setting",
                 name(path),
                 name(first_path)
             );
@@ -101,8 +104,15 @@ mod tests {
     use imaging::pose::Place;
 
     fn settings() -> Settings {
-        let place = Place::Step { start_mm: 70.0, step_mm: 0.5 };
-        Settings { needle_mm: 1.27, spacing_mm: None, orientation: None, region: None, place, lag_s: None }
+        let step_place = Place::Step { start_mm: 70.0, step_mm: 0.5 };
+        Settings {
+            needle_mm: 1.27,
+            spacing_mm: None,
+            orientation: None,
+            region: None,
+            place: step_place,
+            lag_s: None,
+        }
     }
 
     fn header() -> Header {
@@ -124,9 +134,9 @@ mod tests {
     fn sweeps_with_another_setting_are_refused_and_both_are_named() {
         assert_eq!(compared(&header(), &settings()), Ok(()));
         let with = |change: fn(&mut Header)| {
-            let mut other = header();
-            change(&mut other);
-            compared(&other, &settings()).expect_err("differs")
+            let mut changed_header = header();
+            change(&mut changed_header);
+            compared(&changed_header, &settings()).expect_err("differs")
         };
         for (message, words) in [
             (
@@ -153,14 +163,17 @@ mod tests {
         ] {
             assert!(message.contains(words), "{message}");
         }
-        // Where the probe is differs from frame to frame, and is none of the image.
+        // The position of the probe differs from frame to frame, and belongs to no image.
         let mut moved = header();
         moved.frames[0].transforms.insert("ProbeToTracker".to_owned(), [2.0; 16]);
         moved.frames[0].numbers.insert("ProbePosition".to_owned(), 5.0);
         assert_eq!(compared(&moved, &settings()), Ok(()));
-        // What the user states takes the place of what the files state.
-        let mut other = header();
-        other.spacing_mm = Some([0.2; 2]);
-        assert_eq!(compared(&other, &Settings { spacing_mm: Some([0.15; 2]), ..settings() }), Ok(()));
+        // The user's statement replaces that of the files.
+        let mut changed_header = header();
+        changed_header.spacing_mm = Some([0.2; 2]);
+        assert_eq!(
+            compared(&changed_header, &Settings { spacing_mm: Some([0.15; 2]), ..settings() }),
+            Ok(())
+        );
     }
 }

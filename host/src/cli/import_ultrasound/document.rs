@@ -1,4 +1,4 @@
-//! What `guide import ultrasound` reports, and keeps beside the shape.
+//! Report of `guide import ultrasound`, which is kept beside the shape.
 
 use super::remarks;
 use anyhow::Context;
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// The sweep along the straight needle, and the line through it.
 pub type Straight = (PathBuf, Sweep, Line);
 
-/// What became of the frames.
+/// Result of the frames.
 #[derive(Serialize)]
 pub struct Imported {
     schema: &'static str,
@@ -41,7 +41,7 @@ struct Lateral {
 #[derive(Serialize)]
 struct SweepResult {
     path: PathBuf,
-    /// Of a single file.
+    /// Checksum of a single file.
     sha256: Option<String>,
     frames: usize,
     /// Frames in each state.
@@ -51,9 +51,9 @@ struct SweepResult {
     sd_x_mm: f64,
     sd_y_mm: f64,
     lag_s: f64,
-    /// Of the estimate; none where it was given or is not identifiable.
+    /// Standard deviation of the estimate; `None` if the lag was given or is not identifiable.
     lag_sd_s: Option<f64>,
-    /// What deviations from images are multiplied with, so that they explain the residuals.
+    /// Factor of the deviations from images with which they explain the residuals.
     noise_scale_x: f64,
     noise_scale_y: f64,
     correlated_frames: f64,

@@ -5,7 +5,7 @@ use formats::session::{ForceSeries, FrameSweep, LateralRun, Session};
 use inference::holds::{Hold, HoldCriteria, Mean, Path as LevelPath, holds};
 use std::path::{Path, PathBuf};
 
-/// Where guide 2 stood in a hold, `[x, y]`.
+/// Position of guide 2 in a hold, `[x, y]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ZeroHold {
     /// Displacement, millimetres.
@@ -22,7 +22,7 @@ pub struct RecordedRun {
     pub straight: Option<(PathBuf, ZeroHold)>,
     /// All others.
     pub sweeps: Vec<FrameSweep>,
-    /// Where guide 2 stood in each of these, `[x, y]`; nothing outside of every hold.
+    /// Position of guide 2 in each of these, `[x, y]`; `None` outside of every hold.
     pub displacements_mm: Vec<Option<[f64; 2]>>,
 }
 
@@ -31,9 +31,9 @@ impl RecordedRun {
     pub fn read(session: &Path, id: &str) -> anyhow::Result<Self> {
         let read = Session::read(session)?;
         let stated_m = read.noise.displacement_m;
-        let known = read.lateral;
-        let ids: Vec<String> = known.iter().map(|run| run.id.clone()).collect();
-        let run = known.into_iter().find(|run| run.id == id);
+        let known_runs = read.lateral;
+        let ids: Vec<String> = known_runs.iter().map(|run| run.id.clone()).collect();
+        let run = known_runs.into_iter().find(|run| run.id == id);
         let run = run.with_context(|| {
             format!(
                 "--run: \"{id}\" is no lateral run of {}, expected one of: {}",

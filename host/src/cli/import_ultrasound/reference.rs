@@ -1,4 +1,4 @@
-//! Where guide 2 stood while the straight needle was imaged.
+//! Position of guide 2 while the straight needle was imaged.
 //!
 //! A drive comes to rest some micrometres from zero, so that the needle of the straight sweep is deflected a little, and every deflection from
 //! it is too small by that: 10 of 1200 micrometres are 0.8 % of the shape, and 2 % of K. The force series has the displacement, and the
@@ -23,15 +23,17 @@ pub fn refer_to_zero(
     straight: ZeroHold,
 ) {
     let straight_mm = straight.at_mm;
-    let own = [0, 1].map(|axis: usize| per_largest(sweeps, displacements_mm, straight_mm, axis));
+    let axis_shapes = [0, 1].map(|axis: usize| per_largest(sweeps, displacements_mm, straight_mm, axis));
     for axis in [0, 1] {
         // A plane in which guide 2 was not moved bends like the other one.
-        let Some((largest_mm, curve)) = own[axis].as_ref().or(own[1 - axis].as_ref()) else { continue };
+        let Some((largest_mm, curve)) = axis_shapes[axis].as_ref().or(axis_shapes[1 - axis].as_ref()) else {
+            continue;
+        };
         for points in sweeps.iter_mut() {
             for point in points {
-                let per_mm = curve.at(point.z_mm) / largest_mm;
-                point.across_mm[axis] += straight_mm[axis] * per_mm;
-                point.shared_mm[axis][ZERO_DISPLACEMENT] = straight.sd_mm[axis] * per_mm;
+                let relative_deflection = curve.at(point.z_mm) / largest_mm;
+                point.across_mm[axis] += straight_mm[axis] * relative_deflection;
+                point.shared_mm[axis][ZERO_DISPLACEMENT] = straight.sd_mm[axis] * relative_deflection;
             }
         }
     }
@@ -77,32 +79,34 @@ mod tests {
 
     /// A sweep while guide 2 is at a displacement, from the needle at another one.
     fn sweep(at_mm: [f64; 2], straight_mm: [f64; 2]) -> Vec<Deflection> {
-        let point = |i: i32| {
-            let z_mm = 70.0 + f64::from(i);
-            let across_mm = [0, 1].map(|axis: usize| (at_mm[axis] - straight_mm[axis]) * per_mm(z_mm));
-            Deflection {
-                z_mm,
-                across_mm,
-                sd_mm: [0.005; 2],
-                shared_mm: [[0.0; 3]; 2],
-                frames: 1,
-                motion: Motion::default(),
-            }
-        };
-        (0..30).map(point).collect()
+        (0..30)
+            .map(|i| {
+                let z_mm = 70.0 + f64::from(i);
+                let deflection_mm =
+                    [0, 1].map(|axis: usize| (at_mm[axis] - straight_mm[axis]) * per_mm(z_mm));
+                Deflection {
+                    z_mm,
+                    across_mm: deflection_mm,
+                    sd_mm: [0.005; 2],
+                    shared_mm: [[0.0; 3]; 2],
+                    frames: 1,
+                    motion: Motion::default(),
+                }
+            })
+            .collect()
     }
 
     #[test]
     fn deflections_are_those_from_zero() {
         let straight_mm = [-0.008, 0.015];
-        let at_mm = [[0.0, 1.2], [0.004, -0.003], [0.0, 0.5]];
-        let mut sweeps = at_mm.map(|at_mm| sweep(at_mm, straight_mm));
-        refer_to_zero(&mut sweeps, &at_mm.map(Some), ZeroHold { at_mm: straight_mm, sd_mm: [0.0, 0.003] });
-        for (points, at_mm) in sweeps.iter().zip(at_mm) {
+        let guide_mm = [[0.0, 1.2], [0.004, -0.003], [0.0, 0.5]];
+        let mut sweeps = guide_mm.map(|guide_mm| sweep(guide_mm, straight_mm));
+        refer_to_zero(&mut sweeps, &guide_mm.map(Some), ZeroHold { at_mm: straight_mm, sd_mm: [0.0, 0.003] });
+        for (points, guide_mm) in sweeps.iter().zip(guide_mm) {
             for point in points {
                 for axis in [0, 1] {
-                    let off_mm = point.across_mm[axis] - at_mm[axis] * per_mm(point.z_mm);
-                    assert!(off_mm.abs() < 1e-4, "{at_mm:?} {axis} {}: {off_mm}", point.z_mm);
+                    let error_mm = point.across_mm[axis] - guide_mm[axis] * per_mm(point.z_mm);
+                    assert!(error_mm.abs() < 1e-4, "{guide_mm:?} {axis} {}: {error_mm}", point.z_mm);
                     // All points share the error of that displacement, and have their own besides.
                     let shared_mm = [0.0, 0.003 * per_mm(point.z_mm)][axis];
                     assert!((point.shared_mm[axis][2] - shared_mm).abs() < 2e-5, "{axis}: {point:?}");
@@ -114,9 +118,9 @@ mod tests {
 
     #[test]
     fn without_a_displaced_sweep_nothing_is_changed() {
-        let before = [sweep([0.0, 1.2], [0.0, 0.01])];
-        let mut sweeps = before.clone();
+        let original = [sweep([0.0, 1.2], [0.0, 0.01])];
+        let mut sweeps = original.clone();
         refer_to_zero(&mut sweeps, &[None], ZeroHold { at_mm: [0.0, 0.01], sd_mm: [0.0, 0.003] });
-        assert_eq!(sweeps, before);
+        assert_eq!(sweeps, original);
     }
 }

@@ -17,11 +17,11 @@ const FRAME: Duration = Duration::from_millis(50);
 /// Size of the screen as text.
 const TEXT_SIZE: (u16, u16) = (80, 24);
 
-/// What of a run is shown.
+/// Live view of a run.
 pub struct Live {
     view: SteerView,
     shown: bool,
-    /// Where the output is a terminal.
+    /// Terminal, if the output is one.
     terminal: Option<Alternate>,
     drawn: Option<Instant>,
 }
@@ -38,7 +38,7 @@ impl Alternate {
 
 impl Drop for Alternate {
     fn drop(&mut self) {
-        // Nothing can be done about a terminal that is gone.
+        // An error of a closed terminal has no remedy.
         let _ = execute!(io::stdout(), LeaveAlternateScreen, Show);
     }
 }

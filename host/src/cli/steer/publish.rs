@@ -7,10 +7,10 @@ use device::igtl::{Content, Message, Publisher};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use steering::{Cue, Decision};
 
-/// What all points are part of.
+/// Group that all points belong to.
 const GROUP: &str = "steering";
 
-/// What is published of a run, to all clients and to those who come later.
+/// Values of a run that are published to all clients and to those who come later.
 pub struct Published {
     publisher: Option<Publisher>,
 }
@@ -18,9 +18,9 @@ pub struct Published {
 impl Published {
     /// To the clients of a server, or to nobody.
     pub fn new(publisher: Option<Publisher>, target_mm: [f64; 3]) -> Self {
-        let this = Self { publisher };
-        this.keep(&[target(target_mm, now())]);
-        this
+        let published = Self { publisher };
+        published.keep(&[target(target_mm, now())]);
+        published
     }
 
     /// The plan of a decision.
@@ -28,7 +28,7 @@ impl Published {
         self.keep(&[path(decision, now())]);
     }
 
-    /// What is done next.
+    /// Next action.
     pub fn cue(&self, cue: &Cue) {
         self.keep(&[message("NextAction", Content::Text(cue.to_string()), now())]);
     }

@@ -7,10 +7,9 @@ use steering::{LimitRisk, Outcome, Probability, Run};
 /// Smallest and largest coordinates of corners.
 fn extent(corners: &[[f64; 2]]) -> Option<[[f64; 2]; 2]> {
     let first = *corners.first()?;
-    let grow = |[low, high]: [[f64; 2]; 2], corner: &[f64; 2]| {
+    Some(corners.iter().fold([first, first], |[low, high]: [[f64; 2]; 2], corner: &[f64; 2]| {
         [[low[0].min(corner[0]), low[1].min(corner[1])], [high[0].max(corner[0]), high[1].max(corner[1])]]
-    };
-    Some(corners.iter().fold([first, first], grow))
+    }))
 }
 
 /// Writes what is stated before the first push.
@@ -20,9 +19,12 @@ pub fn write_before(
     limits: &[LimitRisk],
     reachable_mm: &[[f64; 2]],
 ) -> fmt::Result {
-    let of = |one: &Probability| format!("{:.0} % within {} mm", 100.0 * one.probability, one.radius_mm);
     if !within.is_empty() {
-        let list: Vec<String> = within.iter().take(4).map(of).collect();
+        let list: Vec<String> = within
+            .iter()
+            .take(4)
+            .map(|one| format!("{:.0} % within {} mm", 100.0 * one.probability, one.radius_mm))
+            .collect();
         writeln!(f, "before       {}", list.join(", "))?;
     }
     for LimitRisk { words, probability, .. } in limits {
@@ -68,18 +70,20 @@ impl Display for Text<'_> {
             )?;
         }
         let limited = || run.decisions.iter().filter_map(|one| Some((one.depth_mm, one.limits.as_ref()?)));
-        if let (Some((from_mm, _)), Some((to_mm, limits))) = (limited().next(), limited().next_back()) {
-            let (count, all) = (limited().count(), run.decisions.len());
+        if let (Some((first_limit_mm, _)), Some((last_limit_mm, limits))) =
+            (limited().next(), limited().next_back())
+        {
+            let (count, decision_count) = (limited().count(), run.decisions.len());
             writeln!(
                 f,
-                "limits       at {count} of {all} stops from {from_mm:.1} mm on; at {to_mm:.1} mm, {limits}"
+                "limits       at {count} of {decision_count} stops from {first_limit_mm:.1} mm on; at {last_limit_mm:.1} mm, {limits}"
             )?;
         }
         if let (Outcome::Arrived | Outcome::Stopped { .. }, Some(miss_mm)) = (&run.outcome, run.miss_mm) {
-            let by = if run.miss_is_measured { "measured" } else { "true" };
+            let miss_kind = if run.miss_is_measured { "measured" } else { "true" };
             writeln!(
                 f,
-                "at {:.1} mm   {miss_mm:.2} mm from the target ({by}); {:.2} mm had guide 2 not been moved (estimated)",
+                "at {:.1} mm   {miss_mm:.2} mm from the target ({miss_kind}); {:.2} mm had guide 2 not been moved (estimated)",
                 run.depth_mm, run.unsteered_miss_mm
             )?;
             let turns = run.decisions.iter().filter_map(steering::Decision::turn);

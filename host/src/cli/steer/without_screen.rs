@@ -4,7 +4,7 @@ use crate::cli::output::Output;
 use anyhow::ensure;
 use steering::{Event, Run, SteerError};
 
-/// Nothing of a run is shown but lines of text.
+/// Live view without a screen: a run prints only lines of text.
 pub struct Live;
 
 impl Live {

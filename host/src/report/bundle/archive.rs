@@ -22,9 +22,9 @@ impl Bundle {
         let failed = |why: ZipError| archive(path, format!("cannot be written: {why}"));
         let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
         let options = SimpleFileOptions::default().last_modified_time(DateTime::default());
-        let all = [(LIST, self.text.as_bytes())].into_iter();
+        let archive_files = [(LIST, self.text.as_bytes())].into_iter();
         for (name, bytes) in
-            all.chain(self.files.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())))
+            archive_files.chain(self.files.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())))
         {
             zip.start_file(name, options).map_err(failed)?;
             zip.write_all(bytes).map_err(|why| failed(why.into()))?;
@@ -47,7 +47,7 @@ impl Bundle {
         if zip.len() > MOST_FILES {
             return Err(archive(path, format!("{} files, expected at most {MOST_FILES}", zip.len())));
         }
-        let (mut files, mut names, mut left) = (Files::new(), BTreeSet::new(), MOST_BYTES);
+        let (mut files, mut names, mut remaining_bytes) = (Files::new(), BTreeSet::new(), MOST_BYTES);
         for number in 0..zip.len() {
             let entry = zip
                 .by_index(number)
@@ -64,9 +64,9 @@ impl Bundle {
                 ));
             }
             let mut bytes = Vec::new();
-            let read = entry.take(left.saturating_add(1)).read_to_end(&mut bytes);
+            let read = entry.take(remaining_bytes.saturating_add(1)).read_to_end(&mut bytes);
             read.map_err(|why| archive(path, format!("{name}: damaged: {why}")))?;
-            left = left
+            remaining_bytes = remaining_bytes
                 .checked_sub(bytes.len() as u64)
                 .ok_or_else(|| archive(path, format!("more than {MOST_BYTES} bytes")))?;
             files.insert(name, bytes);

@@ -2,7 +2,7 @@
 
 use super::limits::Request;
 use super::{Controller, MISS_THAT_STOPS_MM, Posterior, SMALLEST_MOVE_MM, SteerError};
-use crate::estimator::{AtTarget, Hypothesis};
+
 use crate::history::Place;
 use crate::planner::{Plan, Weights};
 use crate::results::{Decision, Event, Outcome, PathPoint, PlannedRotation};
@@ -23,7 +23,7 @@ impl Controller<'_> {
         (self.on_event)(&Event::Decision(&decision));
         let stopped = self.is_worse_than_none(&decision);
         let turn = decision.turn();
-        let [from_mm, to_mm] = [decision.guide_from_mm, decision.guide_to_mm];
+        let [start_mm, end_mm] = [decision.guide_from_mm, decision.guide_to_mm];
         self.decisions.push(decision);
         if stopped.is_some() {
             return Ok(stopped);
@@ -32,40 +32,42 @@ impl Controller<'_> {
             self.turn(turn.bevel_deg)?;
             return Ok(None);
         }
-        if (to_mm[0] - from_mm[0]).hypot(to_mm[1] - from_mm[1]) > SMALLEST_MOVE_MM {
-            self.move_guide(to_mm)?;
+        if (end_mm[0] - start_mm[0]).hypot(end_mm[1] - start_mm[1]) > SMALLEST_MOVE_MM {
+            self.move_guide(end_mm)?;
         }
         Ok(None)
     }
 
     /// Estimates and plans at a rest: what is to be done there and after it.
     pub(super) fn planned(&mut self, node: usize) -> Result<Decision, SteerError> {
-        let rests: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
-        let posterior = self.update(&rests)?;
+        let rest_nodes: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
+        let posterior = self.update(&rest_nodes)?;
         let laws = posterior.weighted();
         let now_m = [1e-3 * self.last.guide_x_mm, 1e-3 * self.last.guide_y_mm];
         let target_m = [1e-3 * self.options.target_mm[0], 1e-3 * self.options.target_mm[1]];
-        let left = 1.2 - self.history.depths_m[node] / (1e-3 * self.options.target_mm[2]);
-        let weights = Weights { caution: self.options.caution, effort: left * self.options.effort };
+        let remaining_fraction = 1.2 - self.history.depths_m[node] / (1e-3 * self.options.target_mm[2]);
+        let weights =
+            Weights { caution: self.options.caution, effort: remaining_fraction * self.options.effort };
         let steered = self.options.steered && self.stated.limits.guide_travel_mm > 0.0 && !self.rotates();
         let mut plan = if steered {
             let largest_move_m = Some(1e-3 * self.options.largest_move_mm);
-            let request = Request { stops: &rests, laws: &laws, now_m, target_m, largest_move_m, weights };
+            let request =
+                Request { stops: &rest_nodes, laws: &laws, now_m, target_m, largest_move_m, weights };
             self.limited_plan(&request)?
         } else {
-            Plan::staying(&laws, now_m, rests.len())
+            Plan::staying(&laws, now_m, rest_nodes.len())
         };
-        let to_m = plan.guide_m.first().copied().unwrap_or(now_m);
+        let target_m = plan.guide_m.first().copied().unwrap_or(now_m);
         let mut rotations = Vec::new();
         if self.rotates() {
             (rotations, plan.tip_m) = self.plan_rotations(node, &posterior.at, sd_m(plan.covariance_m2))?;
         }
-        let known_rests = rests;
+        let known_rests = rest_nodes;
         self.stop_at(&rotations);
-        let rests: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
-        plan.guide_m.resize(rests.len(), to_m);
-        let mut decision = self.decision(node, &rests, &plan, to_m, &posterior)?;
-        decision.path = self.way(&known_rests, &rests, &plan, &rotations, &posterior)?;
+        let rest_nodes: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
+        plan.guide_m.resize(rest_nodes.len(), target_m);
+        let mut decision = self.decision(node, &rest_nodes, &plan, target_m, &posterior)?;
+        decision.path = self.way(&known_rests, &rest_nodes, &plan, &rotations, &posterior)?;
         decision.rotations = rotations;
         Ok(decision)
     }
@@ -113,10 +115,10 @@ impl Controller<'_> {
         for rotation in rotations {
             let depth_m = 1e-3 * rotation.depth_mm;
             let node = self.history.depths_m.partition_point(|m| *m < depth_m - 1e-6);
-            let place = self.rests.partition_point(|rest| *rest < node);
+            let stop_index = self.rests.partition_point(|rest| *rest < node);
             // The stop of an earlier plan stays: a reading more.
-            if self.rests.get(place) != Some(&node) && node > self.history.reached {
-                self.rests.insert(place, node);
+            if self.rests.get(stop_index) != Some(&node) && node > self.history.reached {
+                self.rests.insert(stop_index, node);
             }
         }
     }
@@ -163,11 +165,12 @@ impl Controller<'_> {
             .iter()
             .map(|(knot, weight)| weight * law.unknowns.value(&law.values, law.unknowns.tip(0, *knot)))
             .sum();
-        let angle = |(law, (weight, _)): (&Hypothesis, &(f64, AtTarget))| {
-            if law.law() == CuttingLaw::Angle { *weight } else { 0.0 }
-        };
         let cut_angle_probability = if posterior.at.len() == self.laws.len() {
-            self.laws.iter().zip(&posterior.at).map(angle).sum()
+            self.laws
+                .iter()
+                .zip(&posterior.at)
+                .map(|(law, (weight, _))| if law.law() == CuttingLaw::Angle { *weight } else { 0.0 })
+                .sum()
         } else {
             f64::from(u8::from(law.law() == CuttingLaw::Angle))
         };
@@ -195,14 +198,15 @@ impl Controller<'_> {
         })
     }
 
-    /// What keeps the needle from its target, in words.
+    /// Limits that keep the needle from its target, in words.
     fn limits_in_words(&self, plan: &Plan) -> Option<String> {
         let limits: Vec<String> = plan.limited_by.iter().map(|(limit, _)| limit.to_string()).collect();
-        let away = |i: usize| 1e3 * plan.tip_m[i] - self.options.target_mm[i];
-        let (away_mm, verb) = (away(0).hypot(away(1)), if limits.len() == 1 { "keeps" } else { "keep" });
+        let difference_mm = |i: usize| 1e3 * plan.tip_m[i] - self.options.target_mm[i];
+        let (miss_mm, verb) =
+            (difference_mm(0).hypot(difference_mm(1)), if limits.len() == 1 { "keeps" } else { "keep" });
         (!limits.is_empty()).then(|| {
             format!(
-                "{} {verb} guide 2 from moving further: the tip is expected {away_mm:.2} mm from the target",
+                "{} {verb} guide 2 from moving further: the tip is expected {miss_mm:.2} mm from the target",
                 limits.join(" and ")
             )
         })

@@ -1,4 +1,4 @@
-//! What is stated before the first push.
+//! Forecast before the first push.
 
 use super::{Controller, FORECAST, LAST_AUTHORITY, MISS_THAT_STOPS_MM, Posterior, RADII_MM, SteerError};
 use crate::envelope::Limit;
@@ -41,11 +41,11 @@ fn reachable(laws: &[Weighted], bounds: &Bounds) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// What limits leave of the way to the target, for one needle of the prior.
+/// Remaining distance to the target within the limits, for one needle of the prior.
 struct Left {
     /// Tip less target, m.
     miss_m: [f64; 2],
-    /// What limits most.
+    /// Limit with the largest effect.
     limit: Option<Limit>,
 }
 
@@ -56,23 +56,22 @@ impl Left {
 }
 
 impl Controller<'_> {
-    /// What is stated before the first push: the probability of a hit, from the posterior that readings up to the last depth from
-    /// which
-    /// the guide still moves the tip will leave; and whether the target can be reached at all.
+    /// Forecast before the first push: the probability of a hit, from the posterior that readings up to the last depth
+    /// from which the guide still moves the tip will leave; and whether the target can be reached at all.
     pub(super) fn forecast(&mut self) -> Result<Option<Outcome>, SteerError> {
-        let rests = self.rests.clone();
-        let before = self.update(&rests)?;
+        let rest_nodes = self.rests.clone();
+        let prior_posterior = self.update(&rest_nodes)?;
         let target_m = [1e-3 * self.options.target_mm[0], 1e-3 * self.options.target_mm[1]];
         let steered = self.options.steered && self.stated.limits.guide_travel_mm > 0.0 && !self.rotates();
-        let laws = before.weighted();
-        let mut left = Vec::new();
+        let laws = prior_posterior.weighted();
+        let mut misses = Vec::new();
         if self.rotates() {
-            let still = Plan::staying(&laws, [0.0; 2], rests.len());
-            let (_, tip_m) = self.plan_rotations(0, &before.at, 0.0)?;
-            let away_m = (tip_m[0] - target_m[0]).hypot(tip_m[1] - target_m[1]);
+            let still = Plan::staying(&laws, [0.0; 2], rest_nodes.len());
+            let (_, tip_m) = self.plan_rotations(0, &prior_posterior.at, 0.0)?;
+            let distance_m = (tip_m[0] - target_m[0]).hypot(tip_m[1] - target_m[1]);
             // Uncertainty of what can be reached: that of the needle that is not moved.
             let [xx, _, yy] = still.covariance_m2;
-            if away_m > 1e-3 * MISS_THAT_STOPS_MM + 2.0 * (xx + yy).max(0.0).sqrt() {
+            if distance_m > 1e-3 * MISS_THAT_STOPS_MM + 2.0 * (xx + yy).max(0.0).sqrt() {
                 return Ok(Some(self.refused(&Plan { tip_m, ..still }, target_m)));
             }
             // The needle is turned towards the end, and how far it then misses is not calibrated: no probability is stated.
@@ -80,46 +79,53 @@ impl Controller<'_> {
         }
         let plan = if steered {
             let law = &self.laws[self.best()];
-            let envelope = self.envelope(law, &*law.tables(&self.history)?, &law.values, &rests)?;
+            let envelope = self.envelope(law, &*law.tables(&self.history)?, &law.values, &rest_nodes)?;
             let bounds = self.free_bounds(&envelope);
             self.reachable_m = reachable(&laws, &bounds);
-            left = self.left_by_limits(&before, &rests, target_m)?;
+            misses = self.left_by_limits(&prior_posterior, &rest_nodes, target_m)?;
             planner::plan(&laws, [0.0; 2], target_m, &bounds, NEAREST)
         } else {
-            Plan::staying(&laws, [0.0; 2], rests.len())
+            Plan::staying(&laws, [0.0; 2], rest_nodes.len())
         };
-        let near = left.iter().filter(|left| left.mm() <= MISS_THAT_STOPS_MM).count();
-        if steered && (near as f64) < FEWEST * left.len() as f64 {
+        let near_count = misses.iter().filter(|misses| misses.mm() <= MISS_THAT_STOPS_MM).count();
+        if steered && (near_count as f64) < FEWEST * misses.len() as f64 {
             return Ok(Some(self.refused(&plan, target_m)));
         }
-        self.limits_before = risks(&left);
+        self.limits_before = risks(&misses);
         let last_m = LAST_AUTHORITY * self.history.depths_m[self.history.depths_m.len() - 1];
         let paths = self.expected.clone();
         let noise_m = 1e-3 * self.stated.tip_noise_mm;
         let count = (self.settling() - self.stated.tip_delay_s) * self.stated.tip_rate_hz;
         let mut bins = Vec::new();
         for (node, depth_m) in self.history.depths_m.iter().enumerate().filter(|(_, m)| **m <= last_m) {
-            let place = Place::Rest(node, 0);
-            let tip_m = [0, 1].map(|plane: usize| tables::at(&paths[plane], place));
-            let count = if rests.contains(&node) { 1.6 * count } else { 2.0 };
-            bins.push(crate::readings::Bin::forecast(place, *depth_m, tip_m, noise_m, count.max(1.0)));
+            let location = Place::Rest(node, 0);
+            let tip_m = [0, 1].map(|plane: usize| tables::at(&paths[plane], location));
+            let count = if rest_nodes.contains(&node) { 1.6 * count } else { 2.0 };
+            bins.push(crate::readings::Bin::forecast(location, *depth_m, tip_m, noise_m, count.max(1.0)));
         }
-        let at = self.laws[0].clone().update(&bins, &self.history, &[])?;
-        let after = Posterior { at: vec![(1.0, at)] };
-        let (_, covariance_m2) = planner::outcome(&after.weighted(), [0.0; 2], &[]);
+        let updated_law = self.laws[0].clone().update(&bins, &self.history, &[])?;
+        let updated = Posterior { at: vec![(1.0, updated_law)] };
+        let (_, covariance_m2) = planner::outcome(&updated.weighted(), [0.0; 2], &[]);
         self.within_before = if steered {
-            let of = |radius_mm: f64| {
-                let within = |left: &Left| {
-                    let mixed = |[share, factor]: [f64; 2]| {
-                        let covariance_m2 = covariance_m2.map(|m2| factor * m2);
-                        share * probability_within(left.miss_m, covariance_m2, 1e-3 * radius_mm)
-                    };
-                    FORECAST.into_iter().map(mixed).sum::<f64>()
-                };
-                let probability = left.iter().map(within).sum::<f64>() / left.len().max(1) as f64;
-                Probability { radius_mm, probability }
-            };
-            RADII_MM.into_iter().map(of).collect()
+            RADII_MM
+                .into_iter()
+                .map(|radius_mm| {
+                    let probability = misses
+                        .iter()
+                        .map(|misses| {
+                            FORECAST
+                                .into_iter()
+                                .map(|[share, factor]| {
+                                    let covariance_m2 = covariance_m2.map(|m2| factor * m2);
+                                    share * probability_within(misses.miss_m, covariance_m2, 1e-3 * radius_mm)
+                                })
+                                .sum::<f64>()
+                        })
+                        .sum::<f64>()
+                        / misses.len().max(1) as f64;
+                    Probability { radius_mm, probability }
+                })
+                .collect()
         } else {
             self.within(plan.tip_m, plan.covariance_m2)
         };
@@ -132,13 +138,13 @@ impl Controller<'_> {
         let distance_mm = 1e3 * (plan.tip_m[0] - target_m[0]).hypot(plan.tip_m[1] - target_m[1]);
         let limits: Vec<String> = plan.limited_by.iter().map(|(limit, _)| limit.to_string()).collect();
         let limited_by = (!limits.is_empty()).then(|| limits.join(" and "));
-        let by = limited_by.as_ref().map_or_else(String::new, |limits| format!(" within {limits}"));
+        let limit_text = limited_by.as_ref().map_or_else(String::new, |limits| format!(" within {limits}"));
         Outcome::Refused {
             nearest_mm: [x_mm, y_mm],
             distance_mm,
             limited_by,
             cause: format!(
-                "the target cannot be reached{by}: the nearest point that can be is {x_mm:.2}, {y_mm:.2} mm, \
+                "the target cannot be reached{limit_text}: the nearest point that can be is {x_mm:.2}, {y_mm:.2} mm, \
                  {distance_mm:.1} mm from it"
             ),
         }
@@ -152,63 +158,69 @@ impl Controller<'_> {
         target_m: [f64; 2],
     ) -> Result<Vec<Left>, SteerError> {
         let mut rng = ChaCha8Rng::seed_from_u64(SCENARIO_SEED);
-        let mut left = Vec::with_capacity(SCENARIOS);
+        let mut misses = Vec::with_capacity(SCENARIOS);
         let last = Place::Rest(self.history.depths_m.len() - 1, 0);
         for (number, (weight, at)) in before.at.iter().enumerate() {
             let law = self.laws.get(number).unwrap_or(&self.laws[self.best()]);
             let Some(cholesky) = at.covariance.clone().cholesky() else { continue };
             for _ in 0..(weight * SCENARIOS as f64).round() as usize {
                 let draw = DVector::from_fn(at.covariance.nrows(), |_, _| StandardNormal.sample(&mut rng));
-                let off = cholesky.l() * draw;
-                let values: Vec<f64> =
-                    law.values.iter().zip(off.iter()).map(|(mean, off)| mean + off).collect();
+                let deviation = cholesky.l() * draw;
+                let values: Vec<f64> = law
+                    .values
+                    .iter()
+                    .zip(deviation.iter())
+                    .map(|(mean, deviation)| mean + deviation)
+                    .collect();
                 let tables = Tables::new(&law.unknowns, &values, &self.history.depths_m)?;
                 let paths = tables::paths(&tables, &law.unknowns, &values, &self.history);
-                let none = DVector::zeros(off.len());
+                let zeros = DVector::zeros(deviation.len());
                 let needle = AtTarget {
                     tip_m: [0, 1].map(|plane: usize| tables::at(&paths[plane], last)),
-                    rows: [none.clone(), none],
+                    rows: [zeros.clone(), zeros],
                     way_rows: Vec::new(),
                     gains: rests.iter().map(|rest| gain(&tables, *rest, &self.history)).collect(),
                     gain_rows: vec![[0.0; TISSUE]; rests.len()],
-                    covariance: DMatrix::zeros(off.len(), off.len()),
+                    covariance: DMatrix::zeros(deviation.len(), deviation.len()),
                 };
                 let envelope = self.envelope(law, &tables, &values, rests)?;
                 let bounds = self.free_bounds(&envelope);
                 let certain = [Weighted { weight: 1.0, at: &needle }];
                 let plan = planner::plan(&certain, [0.0; 2], target_m, &bounds, NEAREST);
-                left.push(Left {
+                misses.push(Left {
                     miss_m: [0, 1].map(|plane: usize| plan.tip_m[plane] - target_m[plane]),
                     limit: plan.limited_by.first().map(|(limit, _)| *limit),
                 });
             }
         }
-        Ok(left)
+        Ok(misses)
     }
 
     pub(super) fn within(&self, tip_m: [f64; 2], covariance_m2: [f64; 3]) -> Vec<Probability> {
         let miss_m = [0, 1].map(|plane: usize| tip_m[plane] - 1e-3 * self.options.target_mm[plane]);
-        let of = |radius_mm: f64| Probability {
-            radius_mm,
-            probability: probability_within(miss_m, covariance_m2, 1e-3 * radius_mm),
-        };
-        RADII_MM.into_iter().map(of).collect()
+        RADII_MM
+            .into_iter()
+            .map(|radius_mm| Probability {
+                radius_mm,
+                probability: probability_within(miss_m, covariance_m2, 1e-3 * radius_mm),
+            })
+            .collect()
     }
 }
 
-/// Which limits keep how many needles from the target, the most frequent first.
+/// Number of needles that each limit keeps from the target, the most frequent first.
 fn risks(left: &[Left]) -> Vec<LimitRisk> {
     let mut counts: BTreeMap<Limit, usize> = BTreeMap::new();
     for limit in left.iter().filter(|left| left.mm() > KEPT_OFF_MM).filter_map(|left| left.limit) {
         *counts.entry(limit).or_default() += 1;
     }
-    let share = |count: usize| count as f64 / left.len().max(1) as f64;
+    let fraction_of = |count: usize| count as f64 / left.len().max(1) as f64;
     let mut risks: Vec<LimitRisk> = counts
         .into_iter()
         .map(|(limit, count)| LimitRisk {
             limit: limit.name(),
             words: limit.to_string(),
-            probability: share(count),
+            probability: fraction_of(count),
         })
         .collect();
     risks.sort_by(|a, b| b.probability.total_cmp(&a.probability));

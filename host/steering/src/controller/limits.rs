@@ -1,4 +1,4 @@
-//! What is limited at the stops to come, as the controller knows it.
+//! Limited quantities at the stops to come, by the controller's posterior.
 
 use super::decide::sd_m;
 use super::{Controller, SHARE_OF_TRAVEL, SHARE_THAT_STOPS, SteerError};
@@ -8,19 +8,19 @@ use crate::planner::{self, Bounds, Plan, Weighted, Weights};
 use crate::tables;
 use mechanics::ModelError;
 
-/// What a plan is made from.
+/// Inputs of a plan.
 pub(super) struct Request<'a> {
     /// Stops to come.
     pub stops: &'a [usize],
     /// Predictions of all laws.
     pub laws: &'a [Weighted<'a>],
-    /// Where the guide is, m.
+    /// Position of the guide, m.
     pub now_m: [f64; 2],
     /// Target, m.
     pub target_m: [f64; 2],
     /// Largest move at the first stop, m.
     pub largest_move_m: Option<f64>,
-    /// Of miss and effort.
+    /// Weights of miss and effort.
     pub weights: Weights,
 }
 
@@ -56,9 +56,8 @@ impl Controller<'_> {
         (count > 0.0).then(|| (mean_n, noise_n * noise_n / count))
     }
 
-    /// The plan within all limits by the likeliest law, first by its values, then with what is uncertain of them up to the next
-    /// stop. What is planned now is allowed by the
-    /// limits, or is no worse than staying.
+    /// The plan within all limits by the likeliest law, first by its values, then with what is uncertain of them up to
+    /// the next stop. A plan is allowed by the limits, or is no worse than staying.
     pub(super) fn limited_plan(&self, request: &Request) -> Result<Plan, SteerError> {
         let Request { stops, laws, now_m, target_m, largest_move_m, weights } = *request;
         let law = &self.laws[self.best()];
@@ -84,8 +83,8 @@ impl Controller<'_> {
                 planned = plan(&envelope);
             }
         }
-        let to_m = planned.guide_m.first().copied().unwrap_or(now_m);
-        if let (allowed_m, Some(limit)) = envelope.allowed(now_m, to_m) {
+        let target_m = planned.guide_m.first().copied().unwrap_or(now_m);
+        if let (allowed_m, Some(limit)) = envelope.allowed(now_m, target_m) {
             if let Some(first) = planned.guide_m.first_mut() {
                 *first = allowed_m;
             }

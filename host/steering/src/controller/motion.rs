@@ -20,8 +20,8 @@ impl Controller<'_> {
 
     /// Time after which enough readings of a resting needle are there, s.
     pub(super) fn settling(&self) -> f64 {
-        let wanted = (self.stated.tip_noise_mm / 0.06).powi(2).ceil().clamp(6.0, 20.0);
-        self.stated.tip_delay_s + (wanted / self.stated.tip_rate_hz).clamp(0.2, 4.0)
+        let reading_count = (self.stated.tip_noise_mm / 0.06).powi(2).ceil().clamp(6.0, 20.0);
+        self.stated.tip_delay_s + (reading_count / self.stated.tip_rate_hz).clamp(0.2, 4.0)
     }
 
     /// One step.
@@ -43,13 +43,14 @@ impl Controller<'_> {
         self.last = to;
         self.history.record(&answer);
         let expected = &self.expected;
-        let at = |place: Place| ([0, 1].map(|plane: usize| tables::at(&expected[plane], place)), 0.4e-3);
-        let taken = self.readings.take(&answer, &self.history, at);
-        if taken == ReadingStatus::Good {
+        let reading_status = self.readings.take(&answer, &self.history, |place: Place| {
+            ([0, 1].map(|plane: usize| tables::at(&expected[plane], place)), 0.4e-3)
+        });
+        if reading_status == ReadingStatus::Good {
             self.pushed_blind_s = 0.0;
         }
         self.take_force(&answer);
-        Ok(taken)
+        Ok(reading_status)
     }
 
     pub(super) fn take_force(&mut self, answer: &Answer) {
@@ -80,15 +81,16 @@ impl Controller<'_> {
     /// Pushes to a node.
     pub(super) fn push_to(&mut self, node: usize) -> Result<(), SteerError> {
         let speed = self.options.push_speed_mm_s.min(0.95 * self.stated.limits.push_speed_mm_s);
-        let to_mm = 1e3 * self.history.depths_m[node];
-        let way_mm = to_mm - self.last.depth_mm;
-        let steps = (way_mm / speed / self.period_s())
-            .max(way_mm / (0.99 * self.stated.depth_step_mm))
+        let target_mm = 1e3 * self.history.depths_m[node];
+        let distance_mm = target_mm - self.last.depth_mm;
+        let steps = (distance_mm / speed / self.period_s())
+            .max(distance_mm / (0.99 * self.stated.depth_step_mm))
             .ceil()
             .max(1.0);
-        let (from_mm, step_s) = (self.last.depth_mm, (way_mm / speed / steps).max(1e-3));
+        let (start_mm, step_s) = (self.last.depth_mm, (distance_mm / speed / steps).max(1e-3));
         for step in 1..=steps as usize {
-            let depth_mm = if step as f64 >= steps { to_mm } else { from_mm + way_mm * step as f64 / steps };
+            let depth_mm =
+                if step as f64 >= steps { target_mm } else { start_mm + distance_mm * step as f64 / steps };
             self.step(Command { t_s: self.last.t_s + step_s, depth_mm, ..self.last })?;
             self.watch_tip()?;
             self.watch_force()?;
@@ -102,10 +104,10 @@ impl Controller<'_> {
         if silence_s < SILENCE_S {
             return Ok(());
         }
-        let since_s = self.last.t_s;
-        while self.last.t_s - since_s < SILENCE_S {
+        let start_time_s = self.last.t_s;
+        while self.last.t_s - start_time_s < SILENCE_S {
             self.rest(self.period_s())?;
-            if self.readings.last_good_s > since_s {
+            if self.readings.last_good_s > start_time_s {
                 return Ok(());
             }
         }
@@ -139,64 +141,67 @@ impl Controller<'_> {
         let problem = self.laws[0].unknowns.problem(&self.laws[0].values)?;
         let depth_m = self.history.depths_m[self.history.reached].max(1e-3);
         let stiffness = mechanics::BeamProblem { depth_m, ..problem }.solve()?.lateral_stiffness_n_per_m();
-        let back_mm = 1e3 * (size_n - SHARE_OF_FORCE * limit_n) / stiffness;
-        let to = [0, 1].map(|plane: usize| {
+        let retreat_mm = 1e3 * (size_n - SHARE_OF_FORCE * limit_n) / stiffness;
+        let target = [0, 1].map(|plane: usize| {
             let now_mm = [self.last.guide_x_mm, self.last.guide_y_mm][plane];
-            now_mm - back_mm * force_n[plane] / size_n
+            now_mm - retreat_mm * force_n[plane] / size_n
         });
-        self.move_guide(to)
+        self.move_guide(target)
     }
 
     /// Moves the guide at rest and waits until the tip's reading shows it.
     pub(super) fn move_guide(&mut self, to_mm: [f64; 2]) -> Result<(), SteerError> {
         let travel_mm = SHARE_OF_TRAVEL * self.stated.limits.guide_travel_mm;
-        let to_mm = to_mm.map(|mm| mm.clamp(-travel_mm, travel_mm));
-        let from_mm = [self.last.guide_x_mm, self.last.guide_y_mm];
-        let way_mm = (to_mm[0] - from_mm[0]).abs().max((to_mm[1] - from_mm[1]).abs());
+        let target_mm = to_mm.map(|mm| mm.clamp(-travel_mm, travel_mm));
+        let start_mm = [self.last.guide_x_mm, self.last.guide_y_mm];
+        let distance_mm = (target_mm[0] - start_mm[0]).abs().max((target_mm[1] - start_mm[1]).abs());
         let period_s = self.period_s();
-        let time_s = way_mm / (SHARE_OF_SPEED * self.stated.limits.guide_speed_mm_s);
+        let time_s = distance_mm / (SHARE_OF_SPEED * self.stated.limits.guide_speed_mm_s);
         let steps = if self.stated.rig.guide_moves_in_one_step { 1.0 } else { (time_s / period_s).ceil() };
         let steps = steps.max(1.0);
         // A rig that makes each move to its end needs time to come to rest there.
         let settling_s = if self.stated.rig.guide_moves_in_one_step { GUIDE_SETTLING_S } else { 0.0 };
         let step_s = (time_s / steps).max(0.02) + settling_s;
         self.readings.skip_s = [self.last.t_s + 1e-6, f64::INFINITY];
-        let before = self.resting_force();
+        let initial_force = self.resting_force();
         for step in 1..=steps as usize {
-            let share = step as f64 / steps;
-            let at = |plane: usize| from_mm[plane] + share * (to_mm[plane] - from_mm[plane]);
-            let (guide_x_mm, guide_y_mm) = (at(0), at(1));
+            let fraction = step as f64 / steps;
+            let guide_at = |plane: usize| start_mm[plane] + fraction * (target_mm[plane] - start_mm[plane]);
+            let (guide_x_mm, guide_y_mm) = (guide_at(0), guide_at(1));
             self.step(Command { t_s: self.last.t_s + step_s, guide_x_mm, guide_y_mm, ..self.last })?;
         }
         self.readings.skip_s[1] = self.last.t_s + 0.05;
         self.refresh()?;
         self.rest(0.6 * self.settling() + self.stated.tip_delay_s)?;
-        self.feel([to_mm[0] - from_mm[0], to_mm[1] - from_mm[1]], before);
+        self.feel([target_mm[0] - start_mm[0], target_mm[1] - start_mm[1]], initial_force);
         Ok(())
     }
 
     /// Takes in the stiffness that guide 2 has felt in a move: it tells clamp and tissue apart, of which the tip alone knows little.
     fn feel(&mut self, moved_mm: [f64; 2], before: Measured) {
-        let (Some((before_n, before_n2)), Some((after_n, after_n2))) = (before, self.resting_force()) else {
+        let (Some((force_before, before_n2)), Some((force_after, after_n2))) = (before, self.resting_force())
+        else {
             return;
         };
         let node = self.history.reached;
         let Some(sides) = self.history.nodes.get(node).map(|at| at.play) else { return };
         let law = &self.laws[self.best()];
         // A guide that turns round goes through its play first.
-        let turned = [0, 1].map(|plane: usize| sides[plane][1] - sides[plane][0]);
+        let force_change = [0, 1].map(|plane: usize| sides[plane][1] - sides[plane][0]);
         let moved_mm = [0, 1].map(|plane: usize| {
             let play_mm = 1e3 * law.unknowns.value(&law.values, law.unknowns.backlash() + plane);
-            moved_mm[plane] - play_mm * turned[plane]
+            moved_mm[plane] - play_mm * force_change[plane]
         });
-        let play_sd_mm = 1e3 * law.unknowns.sd[law.unknowns.backlash()] * turned[0].hypot(turned[1]);
-        let way_mm = moved_mm[0].hypot(moved_mm[1]);
-        let along_n: f64 = (0..2).map(|i| (after_n[i] - before_n[i]) * moved_mm[i]).sum::<f64>() / way_mm;
+        let play_sd_mm =
+            1e3 * law.unknowns.sd[law.unknowns.backlash()] * force_change[0].hypot(force_change[1]);
+        let distance_mm = moved_mm[0].hypot(moved_mm[1]);
+        let parallel_n: f64 =
+            (0..2).map(|i| (force_after[i] - force_before[i]) * moved_mm[i]).sum::<f64>() / distance_mm;
         let noise_n = (before_n2 + after_n2).sqrt();
-        let sd = (noise_n / along_n).hypot(play_sd_mm / way_mm);
-        let is_felt = along_n > 3.0 * noise_n && sd < 0.5 && node > 0;
+        let sd = (noise_n / parallel_n).hypot(play_sd_mm / distance_mm);
+        let is_felt = parallel_n > 3.0 * noise_n && sd < 0.5 && node > 0;
         if is_felt {
-            let felt = Felt { node, ln_n_per_m: (1e3 * along_n / way_mm).ln(), sd };
+            let felt = Felt { node, ln_n_per_m: (1e3 * parallel_n / distance_mm).ln(), sd };
             self.laws.iter_mut().for_each(|law| law.felt.push(felt));
         }
     }

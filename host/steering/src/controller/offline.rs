@@ -72,20 +72,23 @@ impl Controller<'_> {
         let law = &self.laws[self.best()];
         let likeliest = posterior.at.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| at);
         let sd_mm = |is_of: &dyn Fn(&Unknowns, usize) -> bool| {
-            let Some(at) = likeliest else { return f64::NAN };
-            let of = |row: &nalgebra::DVector<f64>| {
-                let mut part = row.clone();
-                part.iter_mut()
+            let Some(posterior) = likeliest else { return f64::NAN };
+            let miss_variance = |row: &nalgebra::DVector<f64>| {
+                let mut row_part = row.clone();
+                row_part
+                    .iter_mut()
                     .enumerate()
                     .filter(|(i, _)| !is_of(&law.unknowns, *i))
                     .for_each(|(_, x)| *x = 0.0);
-                part.dot(&(&at.covariance * &part))
+                row_part.dot(&(&posterior.covariance * &row_part))
             };
-            1e3 * (0.5 * (of(&at.rows[0]) + of(&at.rows[1]))).max(0.0).sqrt()
+            1e3 * (0.5 * (miss_variance(&posterior.rows[0]) + miss_variance(&posterior.rows[1])))
+                .max(0.0)
+                .sqrt()
         };
-        let all_mm = 1e3 * super::decide::sd_m(covariance_m2);
+        let total_sd_mm = 1e3 * super::decide::sd_m(covariance_m2);
         let spread = Spread {
-            all: all_mm,
+            all: total_sd_mm,
             slope: sd_mm(&|unknowns, i| (unknowns.slope()..unknowns.guide_offset()).contains(&i)),
             tip: sd_mm(&|unknowns, i| (unknowns.beside()..unknowns.irregularity(0, 0)).contains(&i)),
             tissue: sd_mm(&|_, i| i < TISSUE),

@@ -1,9 +1,10 @@
 //! Rotations of the needle: at which depths and to which angles a few of them bring the tip to the target.
 //!
-//! What is fixed to the needle (load, cut angle) turns with it. With `A_j` the effect at the target of what is fixed to the needle from
-//! node `j` on, in the needle's frame, rotations at nodes `j` and `k` to the angles `a` and `b` change the tip there by
-//! `(R(a) - R(now)) A_j + (R(b) - R(a)) A_k`. Pairs of nodes are enumerated with a grid of first angles; the angles then follow in closed
-//! form, each for the other. The cost has, beside the squared miss, what the load may do after the last rotation: a share of `A_k`.
+//! Load and cut angle are fixed to the needle and turn with it. With `A_j` the effect at the target of what is fixed to
+//! the needle from node `j` on, in the needle's frame, rotations at nodes `j` and `k` to the angles `a` and `b` change
+//! the tip there by `(R(a) - R(now)) A_j + (R(b) - R(a)) A_k`. Pairs of nodes are enumerated with a grid of first
+//! angles; the angles then follow in closed form, each for the other. The cost has, beside the squared miss, what the
+//! load may do after the last rotation: a share of `A_k`.
 
 use super::{Controller, SHARE_OF_SPEED, SteerError};
 use crate::estimator::{AtTarget, Hypothesis};
@@ -47,12 +48,13 @@ impl Response {
     /// Tip at the target after these rotations.
     fn tip(&self, now_rad: f64, turns: &[Turn]) -> [f64; 2] {
         let mut tip_m = self.tip_m;
-        let mut from_rad = now_rad;
+        let mut start_rad = now_rad;
         for (candidate, to_rad) in turns {
-            let after_m = self.after_m.get(*candidate).copied().unwrap_or_default();
-            let (to, from) = (turned(after_m, to_rad.sin_cos()), turned(after_m, from_rad.sin_cos()));
-            tip_m = [tip_m[0] + to[0] - from[0], tip_m[1] + to[1] - from[1]];
-            from_rad = *to_rad;
+            let moved_m = self.after_m.get(*candidate).copied().unwrap_or_default();
+            let (end_offset, start_offset) =
+                (turned(moved_m, to_rad.sin_cos()), turned(moved_m, start_rad.sin_cos()));
+            tip_m = [tip_m[0] + end_offset[0] - start_offset[0], tip_m[1] + end_offset[1] - start_offset[1]];
+            start_rad = *to_rad;
         }
         tip_m
     }
@@ -68,7 +70,7 @@ pub(super) fn expected(responses: &[Response], now_rad: f64, turns: &[Turn]) -> 
     mean_m
 }
 
-/// What is to be reached.
+/// Aim of a rotation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Aim {
     /// Direction of the load now, rad.
@@ -81,25 +83,28 @@ pub(super) struct Aim {
 
 fn cost(responses: &[Response], turns: &[Turn], aim: Aim) -> f64 {
     let Aim { now_rad, target_m, doubt } = aim;
-    let away = |m: [f64; 2]| (m[0] - target_m[0]).hypot(m[1] - target_m[1]);
-    let of = |response: &Response| {
-        let after = |candidate: usize| response.after_m.get(candidate).copied().unwrap_or_default();
-        let last = turns.last().map_or(0, |(candidate, _)| *candidate);
-        let left_m = after(last);
-        let mut sum = away(response.tip(now_rad, turns)).powi(2)
-            + (doubt.max(UNCERTAIN) * left_m[0].hypot(left_m[1])).powi(2);
-        if let [(first, to_rad), _] = turns {
-            // One more rotation reaches about what lies in a circle through the tip without it.
-            let own_m = after(*first);
-            let (tip_m, arm_m) = (response.tip(now_rad, &turns[..1]), turned(own_m, to_rad.sin_cos()));
-            let reach_m = own_m[0].hypot(own_m[1]);
-            let off_m = away([tip_m[0] - arm_m[0], tip_m[1] - arm_m[1]]);
-            sum += (off_m - (1.0 - MARGIN * doubt).max(0.0) * reach_m).max(0.0).powi(2);
-            sum += (EARLY * doubt * reach_m).powi(2);
-        }
-        response.weight * sum
-    };
-    responses.iter().map(of).sum::<f64>() + ROTATION_M * ROTATION_M * turns.len() as f64
+    let distance_m = |m: [f64; 2]| (m[0] - target_m[0]).hypot(m[1] - target_m[1]);
+    responses
+        .iter()
+        .map(|response| {
+            let tip_after = |candidate: usize| response.after_m.get(candidate).copied().unwrap_or_default();
+            let last = turns.last().map_or(0, |(candidate, _)| *candidate);
+            let miss_m = tip_after(last);
+            let mut sum = distance_m(response.tip(now_rad, turns)).powi(2)
+                + (doubt.max(UNCERTAIN) * miss_m[0].hypot(miss_m[1])).powi(2);
+            if let [(first, end_rad), _] = turns {
+                // One more rotation reaches about what lies in a circle through the tip without it.
+                let moved_m = tip_after(*first);
+                let (tip_m, arm_m) = (response.tip(now_rad, &turns[..1]), turned(moved_m, end_rad.sin_cos()));
+                let reach_m = moved_m[0].hypot(moved_m[1]);
+                let target_offset_m = distance_m([tip_m[0] - arm_m[0], tip_m[1] - arm_m[1]]);
+                sum += (target_offset_m - (1.0 - MARGIN * doubt).max(0.0) * reach_m).max(0.0).powi(2);
+                sum += (EARLY * doubt * reach_m).powi(2);
+            }
+            response.weight * sum
+        })
+        .sum::<f64>()
+        + ROTATION_M * ROTATION_M * turns.len() as f64
 }
 
 /// Puts one of the rotations to the angle that is best for the others.
@@ -108,13 +113,13 @@ fn improve(responses: &[Response], now_rad: f64, turns: &mut [Turn], which: usiz
     let Some(&(candidate, angle_rad)) = turns.get(which) else { return };
     let next = turns.get(which + 1).map(|(candidate, _)| *candidate);
     for response in responses {
-        let own_m = response.after_m.get(candidate).copied().unwrap_or_default();
+        let moved_m = response.after_m.get(candidate).copied().unwrap_or_default();
         let next_m = next.and_then(|next| response.after_m.get(next).copied()).unwrap_or_default();
-        // What turns with this angle, and the tip without it.
-        let arm_m = [own_m[0] - next_m[0], own_m[1] - next_m[1]];
+        // Part of the tip's position that turns with this angle, and the part without it.
+        let arm_m = [moved_m[0] - next_m[0], moved_m[1] - next_m[1]];
         let tip_m = response.tip(now_rad, turns);
-        let with_m = turned(arm_m, angle_rad.sin_cos());
-        let [x, y] = [0, 1].map(|plane: usize| target_m[plane] - tip_m[plane] + with_m[plane]);
+        let rotated_m = turned(arm_m, angle_rad.sin_cos());
+        let [x, y] = [0, 1].map(|plane: usize| target_m[plane] - tip_m[plane] + rotated_m[plane]);
         cosine += response.weight * (x * arm_m[0] + y * arm_m[1]);
         sine += response.weight * (y * arm_m[0] - x * arm_m[1]);
     }
@@ -132,9 +137,9 @@ pub(super) fn plan(responses: &[Response], aim: Aim, left: usize) -> Vec<Turn> {
         for _ in 0..ROUNDS {
             (0..turns.len()).for_each(|which| improve(responses, now_rad, turns, which, target_m));
         }
-        let of = cost(responses, turns, aim);
-        if of < best.0 {
-            best = (of, turns.to_vec());
+        let plan_cost = cost(responses, turns, aim);
+        if plan_cost < best.0 {
+            best = (plan_cost, turns.to_vec());
         }
     };
     for first in 0..candidates {
@@ -162,14 +167,14 @@ impl Controller<'_> {
     /// Responses of all laws to rotations at the nodes from this one on but the last.
     pub(super) fn responses(&self, node: usize, at: &[(f64, AtTarget)]) -> Result<Vec<Response>, SteerError> {
         let nodes: Vec<usize> = (node..self.history.depths_m.len() - 1).collect();
-        let of = |law: &Hypothesis, weight: f64, at: &AtTarget| -> Result<Response, SteerError> {
+        let response_of = |law: &Hypothesis, weight: f64, at: &AtTarget| -> Result<Response, SteerError> {
             Ok(Response { weight, tip_m: at.tip_m, after_m: law.after(&self.history, &nodes)? })
         };
         if at.len() == self.laws.len() {
-            self.laws.iter().zip(at).map(|(law, (weight, at))| of(law, *weight, at)).collect()
+            self.laws.iter().zip(at).map(|(law, (weight, at))| response_of(law, *weight, at)).collect()
         } else {
             let most = at.iter().max_by(|a, b| a.0.total_cmp(&b.0));
-            most.iter().map(|(_, at)| of(&self.laws[self.best()], 1.0, at)).collect()
+            most.iter().map(|(_, at)| response_of(&self.laws[self.best()], 1.0, at)).collect()
         }
     }
 
@@ -181,39 +186,41 @@ impl Controller<'_> {
         sd_m: f64,
     ) -> Result<(Vec<PlannedRotation>, [f64; 2]), SteerError> {
         let responses = self.responses(node, at)?;
-        let ahead = |one: &Response| one.after_m.first().map_or(0.0, |m| one.weight * m[0].hypot(m[1]));
-        let ahead_m: f64 = responses.iter().map(ahead).sum();
+        let lever_m: f64 = responses
+            .iter()
+            .map(|one| one.after_m.first().map_or(0.0, |m| one.weight * m[0].hypot(m[1])))
+            .sum();
         let now_rad = self.last.bevel_deg.to_radians();
         let target_m = [1e-3 * self.options.target_mm[0], 1e-3 * self.options.target_mm[1]];
-        let left = self.options.rotations.saturating_sub(self.rotations_made).min(MAX_AHEAD);
-        let doubt = (sd_m / ahead_m.max(1e-6)).min(0.5);
-        let mut turns = plan(&responses, Aim { now_rad, target_m, doubt }, left);
+        let turns_left = self.options.rotations.saturating_sub(self.rotations_made).min(MAX_AHEAD);
+        let doubt = (sd_m / lever_m.max(1e-6)).min(0.5);
+        let mut turns = plan(&responses, Aim { now_rad, target_m, doubt }, turns_left);
         turns.retain(|(_, to_rad)| {
             (to_rad - now_rad).sin().hypot(1.0 - (to_rad - now_rad).cos()) > SMALLEST_RAD
         });
         let tip_m = expected(&responses, now_rad, &turns);
-        let mut from_deg = self.last.bevel_deg;
+        let mut start_deg = self.last.bevel_deg;
         let planned = turns.iter().filter_map(|(candidate, to_rad)| {
             let depth_m = self.history.depths_m.get(node + candidate)?;
             // The shorter way round.
-            let by_deg = (to_rad.to_degrees() - from_deg + 180.0).rem_euclid(360.0) - 180.0;
-            from_deg += by_deg;
-            Some(PlannedRotation { depth_mm: 1e3 * depth_m, by_deg, bevel_deg: from_deg })
+            let rotation_deg = (to_rad.to_degrees() - start_deg + 180.0).rem_euclid(360.0) - 180.0;
+            start_deg += rotation_deg;
+            Some(PlannedRotation { depth_mm: 1e3 * depth_m, by_deg: rotation_deg, bevel_deg: start_deg })
         });
         Ok((planned.collect(), tip_m))
     }
 
     /// Turns the needle at rest.
     pub(super) fn turn(&mut self, to_deg: f64) -> Result<(), SteerError> {
-        let from_deg = self.last.bevel_deg;
+        let start_deg = self.last.bevel_deg;
         let period_s = self.period_s();
-        let time_s = (to_deg - from_deg).abs() / (SHARE_OF_SPEED * self.stated.limits.rotation_speed_deg_s);
+        let time_s = (to_deg - start_deg).abs() / (SHARE_OF_SPEED * self.stated.limits.rotation_speed_deg_s);
         let steps = (time_s / period_s).ceil().max(1.0);
         let step_s = (time_s / steps).max(0.02);
         self.readings.skip_s = [self.last.t_s + 1e-6, f64::INFINITY];
         for step in 1..=steps as usize {
-            let share = step as f64 / steps;
-            let bevel_deg = from_deg + share * (to_deg - from_deg);
+            let fraction = step as f64 / steps;
+            let bevel_deg = start_deg + fraction * (to_deg - start_deg);
             self.step(Command { t_s: self.last.t_s + step_s, bevel_deg, ..self.last })?;
         }
         self.readings.skip_s[1] = self.last.t_s + 0.05;
@@ -229,8 +236,8 @@ mod tests {
 
     /// A path whose curvature follows the load: the effect left at depth s of L falls as (1 - s/L)^2.
     fn response(tip_m: [f64; 2]) -> Response {
-        let after_m = (0..40).map(|i| [8e-3 * (1.0 - f64::from(i) / 40.0).powi(2), 0.4e-3]).collect();
-        Response { weight: 1.0, tip_m, after_m }
+        let remaining_m = (0..40).map(|i| [8e-3 * (1.0 - f64::from(i) / 40.0).powi(2), 0.4e-3]).collect();
+        Response { weight: 1.0, tip_m, after_m: remaining_m }
     }
 
     fn aim(now_rad: f64, target_m: [f64; 2]) -> Aim {
@@ -260,12 +267,12 @@ mod tests {
     fn a_single_rotation_is_the_best_of_a_fine_grid() {
         let responses = [response([8e-3, 0.4e-3])];
         let target_m = [3e-3, 5e-3];
-        let found = plan(&responses, aim(0.2, target_m), 1);
-        let of = |turns: &[Turn]| cost(&responses, turns, aim(0.2, target_m));
+        let best_plan = plan(&responses, aim(0.2, target_m), 1);
+        let cost_of = |turns: &[Turn]| cost(&responses, turns, aim(0.2, target_m));
         for candidate in 0..40 {
             for angle in 0..360 {
                 let turn = (candidate, f64::from(angle).to_radians());
-                assert!(of(&found) <= of(&[turn]) + 1e-15);
+                assert!(cost_of(&best_plan) <= cost_of(&[turn]) + 1e-15);
             }
         }
     }

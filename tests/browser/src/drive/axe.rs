@@ -35,6 +35,6 @@ pub fn script(folder: &Path) -> Result<Option<String>> {
 /// What the browser reports.
 pub fn violations(browser: &Browser, script: &str) -> Result<Vec<String>> {
     browser.run(script, json!([]))?;
-    let found = browser.wait_for(REPORT, json!([]))?;
-    Ok(found.as_array().into_iter().flatten().map(ToString::to_string).collect())
+    let report = browser.wait_for(REPORT, json!([]))?;
+    Ok(report.as_array().into_iter().flatten().map(ToString::to_string).collect())
 }

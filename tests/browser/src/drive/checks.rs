@@ -1,4 +1,4 @@
-//! What is checked in the browser.
+//! Checks of the page in the browser.
 
 use crate::axe;
 use crate::driver::Browser;
@@ -48,7 +48,7 @@ pub const WIDTHS: [u32; 3] = [768, 1280, 1920];
 /// A WebAssembly program that stops at once: as an engine that panics.
 const STOPS: &str = "new Uint8Array([0,97,115,109,1,0,0,0,1,4,1,96,0,0,3,2,1,0,5,3,1,0,1,7,19,2,6,95,115,116,97,114,116,0,0,6,109,101,109,111,114,121,2,0,10,5,1,3,0,0,11])";
 
-/// Which checks run, and what they write.
+/// Choice of checks, and of their output.
 #[derive(Debug, Default)]
 pub struct Options {
     /// Checks whose names contain this.
@@ -75,7 +75,7 @@ pub struct Checks<'a> {
 }
 
 impl<'a> Checks<'a> {
-    /// Of this page; what is made goes into the folder.
+    /// Checks of this page; files that are made go into the folder.
     pub fn new(browser: &'a Browser, page: &Path, folder: PathBuf, options: Options) -> Self {
         let address = format!("file://{}", page.display());
         Self { browser, address, page: page.to_owned(), folder, options, passed: 0, failed: 0 }
@@ -210,25 +210,25 @@ impl<'a> Checks<'a> {
         self.browser.press("#main .primary", "\u{e007}")?;
         self.browser.until("document.querySelector('#diagnose-numbers')?.dataset.after")?;
         let plain = self.number("document.querySelector('#diagnose-numbers').dataset.after")?;
-        // What the view before has begun would count too.
+        // Requests of the earlier view would count too.
         self.browser.wait_for("await Promise.all(state.results.values());", json!([]))?;
         let switched = |effect: &str, shown: &str| -> Result<String> {
-            let before_s = self.browser.engine_s();
+            let engine_before_s = self.browser.engine_s();
             self.browser.press(effect, " ")?;
             self.browser
                 .until(&format!("document.querySelector('#diagnose-numbers').dataset.effects{shown}"))?;
             let took_ms = self.number("document.querySelector('#diagnose-numbers').dataset.took")?;
-            let took_s = self.browser.engine_s() - before_s;
+            let took_s = self.browser.engine_s() - engine_before_s;
             Ok(format!("{took_ms:.0} ms (processor {:.0} ms)", 1e3 * took_s))
         };
         let first = switched("#effect-tissue\\.layers", " === 'tissue.layers'")?;
-        let after = self.number("document.querySelector('#diagnose-numbers').dataset.after")?;
-        ensure!(after < 0.5 * plain, "chi-square per reading {plain} before and {after} after");
+        let gap_after = self.number("document.querySelector('#diagnose-numbers').dataset.after")?;
+        ensure!(gap_after < 0.5 * plain, "chi-square per reading {plain} before and {gap_after} after");
         let second = switched("#effect-tissue\\.entry_gap", ".includes(',')")?;
-        let back = switched("#effect-tissue\\.entry_gap", " === 'tissue.layers'")?;
+        let switched_back = switched("#effect-tissue\\.entry_gap", " === 'tissue.layers'")?;
         Ok(format!(
-            "K {k_kpa:.3} kPa {:.0} ms after the key (processor {:.0} ms); chi-square per reading {plain:.2} to {after:.2}; fitted again \
-             in {first}, with a second effect in {second}, without it again in {back}",
+            "K {k_kpa:.3} kPa {:.0} ms after the key (processor {:.0} ms); chi-square per reading {plain:.2} to {gap_after:.2}; fitted again \
+             in {first}, with a second effect in {second}, without it again in {switched_back}",
             shown_ms - began_ms,
             1e3 * (shown_s - began_s)
         ))
@@ -238,13 +238,13 @@ impl<'a> Checks<'a> {
         self.open("view=predict&session=example&until=50")?;
         self.browser.until("document.querySelector('#predict-facts')?.dataset.until === '50'")?;
         let half = "document.querySelector('#predict-facts').textContent";
-        let before = self.browser.run(&format!("return {half};"), json!([]))?;
+        let half_before = self.browser.run(&format!("return {half};"), json!([]))?;
         let start = Instant::now();
         self.browser.press("#predict-until", "\u{e014}\u{e014}\u{e014}\u{e014}\u{e014}")?;
         self.browser.until("document.querySelector('#predict-facts')?.dataset.until === '55'")?;
         let took_ms = start.elapsed().as_millis();
-        let after = self.browser.run(&format!("return {half};"), json!([]))?;
-        ensure!(before != after, "nothing has changed: {before}");
+        let half_after = self.browser.run(&format!("return {half};"), json!([]))?;
+        ensure!(half_before != half_after, "nothing has changed: {half_before}");
         ensure!(
             self.browser.run("return location.hash.includes('until=55');", json!([]))? == json!(true),
             "the address"
@@ -256,22 +256,22 @@ impl<'a> Checks<'a> {
         self.open("view=play")?;
         self.browser.until("document.querySelector('.rig')")?;
         let force = "document.querySelector('#play-force').textContent";
-        let before = self.browser.run(&format!("return {force};"), json!([]))?;
+        let force_before = self.browser.run(&format!("return {force};"), json!([]))?;
         self.browser.press("#play-k_kpa", "\u{e014}")?;
-        self.browser.until(&format!("{force} !== {before}"))?;
+        self.browser.until(&format!("{force} !== {force_before}"))?;
         let script = "const times = []; for (let i = 0; i < 120; i += 1) { const start = performance.now(); \
             await engine.request('quick', { do: 'play', k_kpa: 10 + 0.1 * i, depth_mm: 50, displacement_mm: 1.5, gap_mm: 10, tip_load_n: 0.2, effects: arguments[0] }); \
             times.push(performance.now() - start); } times.sort((a, b) => a - b); return times[Math.floor(0.5 * times.length)];";
-        let mut found = Vec::new();
+        let mut seen_effects = Vec::new();
         for (name, effects) in [
             ("plain", json!({})),
             ("backlash", json!({"rig.backlash": {"clearance_mm": 0.3}})),
             ("layers", json!({"tissue.layers": {"k_ratio": 2, "boundary_mm": 15}})),
         ] {
             let median_ms = self.browser.wait_for(script, json!([effects]))?.as_f64().context("a time")?;
-            found.push(format!("{name} {median_ms:.1} ms"));
+            seen_effects.push(format!("{name} {median_ms:.1} ms"));
         }
-        Ok(format!("an answer takes (median of 120) {}", found.join(", ")))
+        Ok(format!("an answer takes (median of 120) {}", seen_effects.join(", ")))
     }
 
     fn bad_input(&self) -> Result<String> {

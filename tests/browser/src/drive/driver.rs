@@ -8,12 +8,12 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// How long the page may take for anything.
+/// Time limit of the page.
 const TIMEOUT: Duration = Duration::from_secs(240);
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// How the browser names the threads of workers.
+/// Name by which the browser lists the threads of workers.
 const WORKER: &str = "DedicatedWorker";
-/// Nothing that the browser does by itself.
+/// Switches off activity of the browser that the page does not request.
 const ARGUMENTS: [&str; 9] = [
     "--headless",
     "--no-sandbox",
@@ -46,20 +46,20 @@ impl Browser {
             .context("cannot start chromedriver")?;
         let output = driver.stdout.take().context("chromedriver has no output")?;
         let port = BufReader::new(output).lines().map_while(Result::ok).find_map(|line| {
-            let (_, rest) = line.split_once("successfully on port ")?;
-            rest.trim_end_matches('.').parse().ok()
+            let (_, port_text) = line.split_once("successfully on port ")?;
+            port_text.trim_end_matches('.').parse().ok()
         });
         let mut browser = Self { driver, port: port.unwrap_or(0), session: String::new() };
         ensure!(port.is_some(), "chromedriver ended without a port");
         let mut arguments: Vec<String> = ARGUMENTS.map(str::to_owned).to_vec();
         arguments.push(format!("--user-data-dir={}", profile.display()));
-        let wanted = json!({"capabilities": {"alwaysMatch": {
+        let capabilities = json!({"capabilities": {"alwaysMatch": {
             "goog:chromeOptions": {"args": arguments},
             "goog:loggingPrefs": {"browser": "ALL"},
             "timeouts": {"script": TIMEOUT.as_millis() as u64},
         }}});
-        let made = browser.send("POST", "/session", &wanted)?;
-        let id = made["sessionId"].as_str().context("the driver gave no session")?;
+        let session_reply = browser.send("POST", "/session", &capabilities)?;
+        let id = session_reply["sessionId"].as_str().context("the driver gave no session")?;
         browser.session = format!("/session/{id}");
         Ok(browser)
     }
@@ -123,8 +123,8 @@ impl Browser {
     /// # Errors
     /// Where there is none.
     pub fn press(&self, selector: &str, keys: &str) -> Result<()> {
-        let found = self.post("element", &json!({"using": "css selector", "value": selector}))?;
-        let id = found.as_object().and_then(|found| found.values().next()).and_then(Value::as_str);
+        let element = self.post("element", &json!({"using": "css selector", "value": selector}))?;
+        let id = element.as_object().and_then(|element| element.values().next()).and_then(Value::as_str);
         let id = id.with_context(|| format!("{selector}: not on the page"))?;
         self.post(&format!("element/{id}/value"), &json!({"text": keys})).map(drop)
     }
@@ -145,12 +145,12 @@ impl Browser {
     /// # Errors
     /// Where the browser reports one.
     pub fn picture(&self) -> Result<Vec<u8>> {
-        let taken = self.devtools("Page.captureScreenshot", json!({"format": "png"}))?;
-        let text = taken["data"].as_str().context("no picture")?;
+        let screenshot = self.devtools("Page.captureScreenshot", json!({"format": "png"}))?;
+        let text = screenshot["data"].as_str().context("no picture")?;
         decoded(text).context("a picture that is no base 64")
     }
 
-    /// What the scripts of the page keep, after its garbage is collected.
+    /// Memory that the page's scripts keep, after garbage collection.
     ///
     /// # Errors
     /// Where the browser reports one.
@@ -165,14 +165,16 @@ impl Browser {
         self.family().iter().map(|process| process.2).sum()
     }
 
-    /// Processor time of the workers in which the engine runs, s: it depends less than the time that passes on what else the machine
-    /// does. Of what the browser does besides, as compiling and drawing, it has nothing.
+    /// Processor time of the workers in which the engine runs, s: it depends less than the time that passes on what
+    /// else the machine does. Time of the browser's other work, as compiling and drawing, is not included.
     pub fn engine_s(&self) -> f64 {
-        let of_process = |process: &(u32, u32, u64)| -> f64 {
-            let threads = std::fs::read_dir(format!("/proc/{}/task", process.0)).into_iter().flatten();
-            threads.filter_map(|thread| worker_s(&thread.ok()?.path())).sum()
-        };
-        self.family().iter().map(of_process).sum()
+        self.family()
+            .iter()
+            .map(|process| -> f64 {
+                let threads = std::fs::read_dir(format!("/proc/{}/task", process.0)).into_iter().flatten();
+                threads.filter_map(|thread| worker_s(&thread.ok()?.path())).sum()
+            })
+            .sum()
     }
 
     /// All processes of the browser and its driver, as [`process`] has them.
@@ -183,15 +185,15 @@ impl Browser {
             .filter_map(|entry| process(&entry.ok()?.path().join("status")))
             .collect();
         let mut family = vec![self.driver.id()];
-        let mut at = 0;
-        while let Some(parent) = family.get(at).copied() {
+        let mut process_index = 0;
+        while let Some(parent) = family.get(process_index).copied() {
             family.extend(processes.iter().filter(|process| process.1 == parent).map(|process| process.0));
-            at += 1;
+            process_index += 1;
         }
         processes.into_iter().filter(|process| family.contains(&process.0)).collect()
     }
 
-    /// What the page has logged since the last call.
+    /// Log of the page since the last call.
     ///
     /// # Errors
     /// Where the browser reports one.

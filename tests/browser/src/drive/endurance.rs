@@ -28,7 +28,7 @@ const WATCH: &str = "const of = window.measured = { waiting: [], decoded: [], de
     const draw = plot; \
     plot = (...content) => { draw(...content); const now = performance.now(); of.decoded.forEach((then) => { of.delays[Math.min(2000, Math.round(now - then))] += 1; }); of.decoded = []; };";
 
-/// Nothing is lost, memory does not grow, and the picture follows.
+/// Checks that no data are lost, memory does not grow, and the picture follows.
 ///
 /// # Errors
 /// What is otherwise.
@@ -56,22 +56,22 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path, minutes: u64) -> Res
         }
     }
     let seconds = began.elapsed().as_secs_f64();
-    let found =
+    let measured_text =
         browser.run("return JSON.stringify({ counts: live.counts, delays: measured.delays });", json!([]))?;
-    let found: Value = serde_json::from_str(found.as_str().context("no counts")?)?;
-    let counts = &found["counts"];
+    let measured: Value = serde_json::from_str(measured_text.as_str().context("no counts")?)?;
+    let counts = &measured["counts"];
     for lost in ["frames_missing", "samples_missing", "frames_corrupt", "frames_unreadable"] {
         ensure!(counts[lost] == json!(0), "{lost}: {counts}");
     }
     let samples = counts["samples"].as_f64().context("no samples")?;
-    let delays: Vec<u64> = serde_json::from_value(found["delays"].clone())?;
+    let delays: Vec<u64> = serde_json::from_value(measured["delays"].clone())?;
     let total: u64 = delays.iter().sum();
     let quantile = |share: f64| {
-        let wanted = share * total as f64;
+        let wanted_count = share * total as f64;
         let mut sum = 0;
         delays.iter().position(|count| {
             sum += count;
-            sum as f64 >= wanted
+            sum as f64 >= wanted_count
         })
     };
     let mut text = format!(

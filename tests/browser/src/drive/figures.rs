@@ -26,9 +26,9 @@ pub fn check(browser: &Browser, folder: &Path, pictures: Option<&Path>) -> Resul
     browser.appear(WIDTH, HEIGHT, "light")?;
     let mut heights = Vec::new();
     for (text, name) in FIGURES {
-        let (_, rest) =
+        let (_, figure_text) =
             text.split_once("<figure data-view=\"").with_context(|| format!("{name}: no figure"))?;
-        let (view, _) = rest.split_once('"').context("no view")?;
+        let (view, _) = figure_text.split_once('"').context("no view")?;
         ensure!(text.contains(&format!("live/{name})")), "{name}: not the picture of the figure");
         let page = format!(
             "<!doctype html><title>Manual</title><script>const path_to_root = '';</script>\
@@ -38,7 +38,7 @@ pub fn check(browser: &Browser, folder: &Path, pictures: Option<&Path>) -> Resul
         fs::write(&file, page)?;
         browser.open(&format!("file://{}", file.display()))?;
         browser.until("document.querySelector('figure p').hidden").with_context(|| name.to_owned())?;
-        // What arrives later changes the height.
+        // Content that arrives later changes the height.
         browser.wait_for("await new Promise((yes) => setTimeout(yes, 600));", json!([]))?;
         let height = browser.run("return document.querySelector('iframe').clientHeight;", json!([]))?;
         ensure!(height.as_f64().is_some_and(|height| height > 200.0), "{name}: {height} pixels high");

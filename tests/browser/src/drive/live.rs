@@ -59,19 +59,19 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path, is_pictured: bool) -
         ensure!(counts[lost] == json!(expected), "{lost}: {counts}");
     }
     let stops = || count(|request| *request == Request::Stop);
-    let before = stops();
+    let stops_before = stops();
     browser.press("#live-take", " ")?;
-    wait("stop by the space bar", &|| stops() > before)?;
+    wait("stop by the space bar", &|| stops() > stops_before)?;
 
-    // What is damaged or missing is counted, and nothing grows: the same frames again and again.
-    // The page's own decoding rests meanwhile.
+    // Damaged or missing content is counted, and memory does not grow: the same frames again and
+    // again. The page's own decoding rests meanwhile.
     let grows = "while (live.isFollowing) await new Promise((yes) => setTimeout(yes, 5)); live.isFollowing = true; \
         const bytes = new Uint8Array(20000).fill(7); const first = await engine.follow(bytes, true); \
         let last = first; for (let i = 0; i < 300; i += 1) last = await engine.follow(bytes, false); \
         live.isFollowing = false; \
         return [first.bytes, last.bytes, last.frames, last.columns.length];";
-    let found = browser.wait_for(grows, json!([]))?;
-    ensure!(found == json!([20_000, 6_020_000, 0, 0]), "{found}");
+    let grown = browser.wait_for(grows, json!([]))?;
+    ensure!(grown == json!([20_000, 6_020_000, 0, 0]), "{grown}");
 
     // Another page in front: this one is hidden.
     browser.run("Object.defineProperty(document, 'visibilityState', { value: 'hidden', configurable: true }); document.dispatchEvent(new Event('visibilitychange'));", json!([]))?;
@@ -79,7 +79,8 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path, is_pictured: bool) -
 
     let mut accessible = "not checked by axe-core, which is not available";
     if let Some(script) = axe::script(folder)? {
-        // With the motions on offer. What follows takes longer than a heartbeat may: control is lost, and nothing needs it any more.
+        // With the motions on offer. The next run takes longer than a heartbeat may: control is lost, and nothing needs
+        // it any more.
         browser.run(
             "Object.defineProperty(document, 'visibilityState', { value: 'visible', configurable: true });",
             json!([]),

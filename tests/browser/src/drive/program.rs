@@ -1,4 +1,4 @@
-//! What the program prints for the same session, and how far two documents are apart.
+//! Output of the program for the same session, and the distance of two documents.
 
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
@@ -19,14 +19,13 @@ pub fn document(folder: &Path, arguments: &[&str]) -> Result<Value> {
 
 /// The same on one thread, by another program where it is given, and the processor time that it took, s.
 ///
-/// # Errors
-/// Where there is no program. What the program reports is in the result.
+/// # Errors Where there is no program. The result has the program's report.
 pub fn timed(folder: &Path, arguments: &[&str], program: Option<&Path>) -> Result<(Result<Value>, f64)> {
     let mut command = Command::new(program.map_or_else(tested, |program| Ok(program.into()))?);
     command.env("RAYON_NUM_THREADS", "1");
-    let before_s = children_s();
+    let children_before_s = children_s();
     let document = printed(command, folder, arguments);
-    Ok((document, children_s() - before_s))
+    Ok((document, children_s() - children_before_s))
 }
 
 fn tested() -> Result<OsString> {
@@ -49,14 +48,14 @@ fn children_s() -> f64 {
     ticks / TICKS_PER_S
 }
 
-/// How far two documents are apart.
+/// Distance of two documents.
 #[derive(Debug, Default)]
 pub struct Distance {
     /// Numbers that were compared.
     pub numbers: usize,
     /// Largest difference, as a share of the number, or of the largest number of its list.
     pub largest: f64,
-    /// Where it is.
+    /// Place of the largest difference.
     pub place: String,
 }
 
@@ -77,24 +76,25 @@ fn walk(page: &Value, program: &Value, place: &str, of_list: f64, distance: &mut
     match (page, program) {
         (Value::Object(a), Value::Object(b)) => {
             ensure!(a.keys().eq(b.keys()), "{place}: other fields");
-            let both = a.iter().zip(b.values());
-            both.into_iter()
+            let value_pairs = a.iter().zip(b.values());
+            value_pairs
+                .into_iter()
                 .try_for_each(|((key, a), b)| walk(a, b, &format!("{place}.{key}"), 0.0, distance))
         }
         (Value::Array(a), Value::Array(b)) => {
             ensure!(a.len() == b.len(), "{place}: {} values, the program has {}", a.len(), b.len());
             let largest =
                 b.iter().filter_map(Value::as_f64).fold(0.0, |most: f64, number| most.max(number.abs()));
-            let mut both = a.iter().zip(b).enumerate();
-            both.try_for_each(|(i, (a, b))| walk(a, b, &format!("{place}[{i}]"), largest, distance))
+            let mut element_pairs = a.iter().zip(b).enumerate();
+            element_pairs.try_for_each(|(i, (a, b))| walk(a, b, &format!("{place}[{i}]"), largest, distance))
         }
         (Value::Number(a), Value::Number(b)) => {
             let (a, b) = (a.as_f64().unwrap_or(f64::NAN), b.as_f64().unwrap_or(f64::NAN));
             let size = a.abs().max(b.abs()).max(of_list);
-            let apart = if size < ZERO { 0.0 } else { (a - b).abs() / size };
+            let relative_difference = if size < ZERO { 0.0 } else { (a - b).abs() / size };
             distance.numbers += 1;
-            if apart > distance.largest {
-                (distance.largest, distance.place) = (apart, place.to_owned());
+            if relative_difference > distance.largest {
+                (distance.largest, distance.place) = (relative_difference, place.to_owned());
             }
             Ok(())
         }
@@ -112,10 +112,10 @@ mod tests {
 
     #[test]
     fn the_largest_relative_difference_is_found_with_its_place() {
-        let found = compare(&json!({"a": [1.0, 2.0], "b": "x"}), &json!({"a": [1.0, 2.0002], "b": "x"}))
+        let distance = compare(&json!({"a": [1.0, 2.0], "b": "x"}), &json!({"a": [1.0, 2.0002], "b": "x"}))
             .expect("alike");
-        assert_eq!((found.numbers, found.place.as_str()), (2, ".a[1]"));
-        assert!((found.largest - 1e-4).abs() < 1e-6);
+        assert_eq!((distance.numbers, distance.place.as_str()), (2, ".a[1]"));
+        assert!((distance.largest - 1e-4).abs() < 1e-6);
         assert!(compare(&json!({"a": 1}), &json!({"b": 1})).is_err());
         assert!(compare(&json!(["x"]), &json!(["y"])).is_err());
     }

@@ -27,7 +27,7 @@ pub fn equal(browser: &Browser, address: &str, session: &Path, program: Option<&
         "await engine.ready; await engine.open(arguments[0].map(([name, text]) => [name, new TextEncoder().encode(text)]));",
         json!([files]),
     )?;
-    let mut found = Vec::new();
+    let mut differences = Vec::new();
     for (request, arguments, bound) in [
         (json!({"do": "check", "dir": name}), vec!["check", name.as_str()], SAME),
         (json!({"do": "identify", "dir": name}), vec!["identify", &name], SAME),
@@ -42,9 +42,9 @@ pub fn equal(browser: &Browser, address: &str, session: &Path, program: Option<&
         let (of_program, program_s) = timed(parent, &arguments, program)?;
         // As text: the driver's own numbers have fewer digits.
         let script = "return JSON.stringify((await engine.request('compared', arguments[0])).document);";
-        let before_s = browser.engine_s();
+        let engine_before_s = browser.engine_s();
         let of_page = browser.wait_for(script, json!([request]));
-        let page_s = browser.engine_s() - before_s;
+        let page_s = browser.engine_s() - engine_before_s;
         match (of_page, of_program) {
             (Ok(page), Ok(program)) => {
                 let document: Value = serde_json::from_str(page.as_str().unwrap_or_default())?;
@@ -55,7 +55,7 @@ pub fn equal(browser: &Browser, address: &str, session: &Path, program: Option<&
                     distance.largest,
                     distance.place
                 );
-                found.push(format!(
+                differences.push(format!(
                     "{command} {} numbers within {:.0e}, processor time {page_s:.2} s, program {program_s:.2} s",
                     distance.numbers, distance.largest
                 ));
@@ -65,7 +65,7 @@ pub fn equal(browser: &Browser, address: &str, session: &Path, program: Option<&
                 // The program names the folder too.
                 let reason = page.split_once(": ").map_or(page.as_str(), |(_, reason)| reason);
                 ensure!(program.contains(reason), "{command}: \"{page}\", the program has \"{program}\"");
-                found.push(format!("{command}: the same error"));
+                differences.push(format!("{command}: the same error"));
             }
             (Err(page), Ok(_)) => return Err(page.context(format!("{command}: the page alone fails"))),
             (Ok(_), Err(program)) => {
@@ -73,7 +73,7 @@ pub fn equal(browser: &Browser, address: &str, session: &Path, program: Option<&
             }
         }
     }
-    Ok(found.join("; "))
+    Ok(differences.join("; "))
 }
 
 /// The text files of a session, with the names that the page gives them.

@@ -67,13 +67,13 @@ pub fn check(browser: &Browser, address: &str) -> Result<String> {
     browser.press("#watch", ENTER)?;
     browser.until(&format!("live.counts && live.counts.samples === {}", BATCH * BATCHES))?;
     browser.until("document.querySelector('#main table').textContent.includes('0, 1 N') && document.querySelector('#main .plot .line')")?;
-    let found = browser.run(
+    let port_text = browser.run(
         "return JSON.stringify([port.written, port.options.baudRate, live.counts, document.getElementById('watched').textContent, \
             document.querySelectorAll('fieldset, .motion').length, document.getElementById('fault').hidden]);",
         json!([]),
     )?;
-    let found: Value = serde_json::from_str(found.as_str().context("no answer")?)?;
-    let written: Vec<Vec<u8>> = serde_json::from_value(found[0].clone())?;
+    let port_state: Value = serde_json::from_str(port_text.as_str().context("no answer")?)?;
+    let written: Vec<Vec<u8>> = serde_json::from_value(port_state[0].clone())?;
     let mut receiver = CommandReceiver::new();
     let mut requests = Vec::new();
     for received in receiver.feed(&written.concat()) {
@@ -81,25 +81,30 @@ pub fn check(browser: &Browser, address: &str) -> Result<String> {
         requests.push((command.connection, command.request));
     }
     // A page that is given no processor time for long takes the device for silent and greets it again.
-    let wanted = [(0, Request::Hello), (CONNECTION, Request::Stream { enable: true })];
+    let wanted_requests = [(0, Request::Hello), (CONNECTION, Request::Stream { enable: true })];
     ensure!(
-        requests.starts_with(&wanted) && requests.iter().all(|request| wanted.contains(request)),
+        requests.starts_with(&wanted_requests)
+            && requests.iter().all(|request| wanted_requests.contains(request)),
         "requested: {requests:?}"
     );
-    ensure!(found[1] == json!(460_800), "rate {}", found[1]);
-    ensure!(found[2]["state"] == json!("Idle") && found[2]["samples_missing"] == json!(0), "{}", found[2]);
-    ensure!(found[3] == json!("Watching."), "{}", found[3]);
-    ensure!(found[4] == json!(0), "motion is offered without the program");
-    ensure!(found[5] == json!(true), "a port that was not chosen is reported as a fault");
+    ensure!(port_state[1] == json!(460_800), "rate {}", port_state[1]);
+    ensure!(
+        port_state[2]["state"] == json!("Idle") && port_state[2]["samples_missing"] == json!(0),
+        "{}",
+        port_state[2]
+    );
+    ensure!(port_state[3] == json!("Watching."), "{}", port_state[3]);
+    ensure!(port_state[4] == json!(0), "motion is offered without the program");
+    ensure!(port_state[5] == json!(true), "a port that was not chosen is reported as a fault");
     browser.press("#watch", ENTER)?;
     browser
         .until("!port.isOpen && document.getElementById('watched').textContent === 'The port is closed.'")?;
 
     let version = protocol::VERSION + 1;
-    let other = Message::Hello(Hello { protocol_version: version, ..fake_device::hello() });
+    let other_version = Message::Hello(Hello { protocol_version: version, ..fake_device::hello() });
     browser.open(address)?;
     browser.until("document.querySelector('#open-example')")?;
-    browser.run(PORT, json!([[frames([other])?]]))?;
+    browser.run(PORT, json!([[frames([other_version])?]]))?;
     browser.press("#watch", ENTER)?;
     browser.until(&format!(
         "!port.isOpen && document.getElementById('watched').textContent.includes('protocol version {version}')"

@@ -53,11 +53,11 @@ pub fn plans(browser: &Browser, address: &str, folder: &Path) -> Result<String> 
         "do": "plan", "dir": "example", "modulus_kpa": [5, 30], "depth_mm": [20, 40, 60], "displacement_mm": [0.4, 1.2],
         "hold_s": 3, "force_limit_n": 4, "strain_limit_percent": 0.2, "deflection_limit_mm": 2.5
     });
-    let found = of_engine(browser, "await engine.request('quick', arguments[0])", json!([request]))?;
+    let plan_result = of_engine(browser, "await engine.request('quick', arguments[0])", json!([request]))?;
     let arguments =
         ["plan", "--rig", "example/session.toml", "--k-kpa", "5", "30", "--depth-mm", "20", "40", "60"];
     let program = document(folder, &[&arguments[..], &["--displacement-mm", "0.4", "1.2"]].concat())?;
-    let distance = compare(&found, &program)?;
+    let distance = compare(&plan_result, &program)?;
     ensure!(distance.largest < SAME, "{:.1e} apart at {}", distance.largest, distance.place);
 
     let percent = || {
@@ -65,14 +65,14 @@ pub fn plans(browser: &Browser, address: &str, folder: &Path) -> Result<String> 
             .run("return Number(document.querySelector('#plan-facts').dataset.percent);", json!([]))?;
         value.as_f64().context("no half-width")
     };
-    let before = percent()?;
+    let percent_before = percent()?;
     browser.press("#plan-depth", DOWN)?;
     browser.until("location.hash.includes('depth=50')")?;
-    let after = percent()?;
-    ensure!(before != after, "another depth has the same half-width {before}");
+    let percent_after = percent()?;
+    ensure!(percent_before != percent_after, "another depth has the same half-width {percent_before}");
     browser.press("#plan-best", ENTER)?;
     browser.until("document.querySelectorAll('#main .map .chosen').length === 1")?;
-    ensure!(percent()? < after, "the best run is not narrower");
+    ensure!(percent()? < percent_after, "the best run is not narrower");
     let took_ms = browser.wait_for(
         "const start = performance.now(); document.querySelector('#plan-hold_s').stepUp(); document.querySelector('#plan-hold_s').dispatchEvent(new Event('input')); \
          const was = document.querySelector('#plan-facts'); while (document.querySelector('#plan-facts') === was) await new Promise((yes) => setTimeout(yes, 5)); \
@@ -80,7 +80,7 @@ pub fn plans(browser: &Browser, address: &str, folder: &Path) -> Result<String> 
         json!([]),
     )?;
     Ok(format!(
-        "{} numbers within {:.0e}; 50 mm deep {after:.2} %; the map of 80 runs in {:.0} ms",
+        "{} numbers within {:.0e}; 50 mm deep {percent_after:.2} %; the map of 80 runs in {:.0} ms",
         distance.numbers,
         distance.largest,
         took_ms.as_f64().unwrap_or(f64::NAN)
@@ -96,9 +96,10 @@ pub fn compares(browser: &Browser, address: &str, folder: &Path) -> Result<Strin
     browser.until("document.querySelector('#use-records')")?;
     browser.press("#use-records", ENTER)?;
     browser.until("document.querySelectorAll('#population-groups tbody tr').length === 2")?;
-    let found = of_engine(browser, "await engine.population(state.records.files, ['tissue'])", json!([]))?;
+    let population =
+        of_engine(browser, "await engine.population(state.records.files, ['tissue'])", json!([]))?;
     let program = document(folder, &["population", "example.jsonl", "--by", "tissue"])?;
-    let distance = compare(&found, &program)?;
+    let distance = compare(&population, &program)?;
     ensure!(distance.largest < SAME, "{:.1e} apart at {}", distance.largest, distance.place);
     // One group by keyboard.
     browser.press("#population-by", "\u{e011}")?;
@@ -189,9 +190,9 @@ pub fn saves(browser: &Browser, address: &str, folder: &Path) -> Result<String> 
             const colours = new Set(new Uint32Array(drawn.getImageData(0, 0, bitmap.width, Math.min(bitmap.height, 1500)).data.buffer)); \
             if (bitmap.width < 300 || colours.size < 8) wrong.push('PNG'); \
             return [wrong, of('image/svg+xml'), of('text/html')];";
-        let found = browser.wait_for(sound, json!([])).with_context(|| (*name).to_owned())?;
-        ensure!(found[0] == json!([]), "{name}: not saved correctly: {}", found[0]);
-        for (content, ending) in [(&found[1], "svg"), (&found[2], "html")] {
+        let saved_files = browser.wait_for(sound, json!([])).with_context(|| (*name).to_owned())?;
+        ensure!(saved_files[0] == json!([]), "{name}: not saved correctly: {}", saved_files[0]);
+        for (content, ending) in [(&saved_files[1], "svg"), (&saved_files[2], "html")] {
             let text = content.as_str().context("no text")?;
             bytes += text.len();
             fs::write(saved.join(format!("{name}.{ending}")), text)?;

@@ -1,4 +1,5 @@
-//! What runs until it is ended: the page in the browser, and the live view of a device behind a TCP address.
+//! Programs that run until they are ended: the page in the browser, and the live view of a device behind a
+//! TCP address.
 
 use crate::Checks;
 use crate::program::Program;

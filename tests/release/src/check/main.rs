@@ -18,7 +18,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// What the command line states.
+/// Arguments of the command line.
 struct Args {
     bundle: PathBuf,
     wine: Option<PathBuf>,
@@ -31,9 +31,9 @@ fn main() -> Result<ExitCode> {
     let manifest = manifest::verify(&args.bundle)?;
     checks.report("every file has the size and the checksum that the manifest states", Ok(()));
     let folder = tempfile::tempdir().context("no folder for temporary files")?;
-    let here = unpacked(&args.bundle, &manifest.files, "linux-x86_64", folder.path())?;
-    let here = Program::native(here.join("guide"), folder.path());
-    checks.report("the program runs without the repository", here.states(&manifest.version));
+    let unpacked_dir = unpacked(&args.bundle, &manifest.files, "linux-x86_64", folder.path())?;
+    let native_program = Program::native(unpacked_dir.join("guide"), folder.path());
+    checks.report("the program runs without the repository", native_program.states(&manifest.version));
     let wine = match &args.wine {
         Some(prefix) => {
             let windows = unpacked(&args.bundle, &manifest.files, "windows-x86_64", folder.path())?;
@@ -44,8 +44,8 @@ fn main() -> Result<ExitCode> {
             None
         }
     };
-    sessions::check(&mut checks, &here, wine.as_ref(), folder.path())?;
-    live::check(&mut checks, &here)?;
+    sessions::check(&mut checks, &native_program, wine.as_ref(), folder.path())?;
+    live::check(&mut checks, &native_program)?;
     if let Some(wine) = &wine {
         checks.report("the program for Windows runs", wine.states(&manifest.version));
         live::check(&mut checks, wine)?;
@@ -53,7 +53,7 @@ fn main() -> Result<ExitCode> {
     match &args.python {
         Some(python) => checks.report(
             "the wheel in a fresh environment gives the program's numbers",
-            wheel::check(&args.bundle, &manifest, python, &here, folder.path()),
+            wheel::check(&args.bundle, &manifest, python, &native_program, folder.path()),
         ),
         None => println!("skipped: the Python wheel (no Python 3.10 or later)"),
     }
@@ -89,9 +89,10 @@ fn unpacked(
     archive::unpack(&bundle.join(archive), folder)?;
     let top = archive.trim_end_matches(".tar.gz").trim_end_matches(".zip");
     // With a space in its name, as folders of Windows have.
-    let to = folder.join(format!("unpacked {system}"));
-    fs::rename(folder.join(top), &to).with_context(|| format!("{archive}: expected the folder {top}"))?;
-    Ok(to)
+    let destination = folder.join(format!("unpacked {system}"));
+    fs::rename(folder.join(top), &destination)
+        .with_context(|| format!("{archive}: expected the folder {top}"))?;
+    Ok(destination)
 }
 
 /// Outcomes.

@@ -70,7 +70,7 @@ impl Program {
         Ok(errors)
     }
 
-    /// That it states its version.
+    /// Checks that the program states its version.
     pub fn states(&self, version: &str) -> Result<()> {
         let stated = self.call(&["--version"])?;
         ensure!(stated.starts_with(&format!("guide {version}")), "it states `{}`", stated.trim());

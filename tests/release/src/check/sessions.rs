@@ -9,7 +9,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-/// What is computed from a session, and from what it is called with.
+/// Analyses of a session, with their arguments.
 const ANALYSES: [(&str, &[&str]); 5] = [
     ("check", &[]),
     ("identify", &[]),
@@ -27,8 +27,8 @@ const CRLF: &str = "crlf";
 /// Where a folder cannot be written; what a program does wrong is counted.
 pub fn check(checks: &mut Checks, here: &Program, wine: Option<&Program>, folder: &Path) -> Result<()> {
     for program in [Some(here), wine].into_iter().flatten() {
-        let made = program.call(&["init", "--example", program.system()]).map(drop);
-        checks.report(&format!("guide init --example ({})", program.system()), made);
+        let initialized = program.call(&["init", "--example", program.system()]).map(drop);
+        checks.report(&format!("guide init --example ({})", program.system()), initialized);
     }
     with_line_ends_of_windows(&folder.join("Linux"), &folder.join(CRLF))?;
     let native = here.system();
@@ -117,8 +117,11 @@ fn reports(here: &Program, wine: &Program, folder: &Path) -> Result<()> {
 fn paths(here: &Program, wine: &Program, folder: &Path) -> Result<()> {
     let expected = here.call(&["check", "Linux"])?;
     for path in [wine.path(&folder.join("Linux")), ".\\Linux".to_owned()] {
-        let found = wine.call(&["check", &path])?;
-        ensure!(found.lines().count() == expected.lines().count(), "guide check {path}: {found}");
+        let check_output = wine.call(&["check", &path])?;
+        ensure!(
+            check_output.lines().count() == expected.lines().count(),
+            "guide check {path}: {check_output}"
+        );
     }
     let written = wine.call(&["summarize", "Lin*", "crl*", "--out", "records.jsonl"])?;
     let records = fs::read_to_string(folder.join("records.jsonl"))?;

@@ -30,8 +30,8 @@ pub fn check(bundle: &Path, manifest: &Manifest, python: &Path, here: &Program, 
     run(Command::new(fresh.join("bin/pip")).args(["install", "--quiet"]).arg(&wheel))?;
     let version = run(Command::new(fresh.join("bin/guide")).arg("--version"))?;
     ensure!(version.starts_with(&format!("guide {}", manifest.version)), "{version}");
-    let found = run(Command::new(fresh.join("bin/python")).args(["-c", IDENTIFY, "Linux"]))?;
-    let found: Value = serde_json::from_str(&found).context("the module's document")?;
+    let module_output = run(Command::new(fresh.join("bin/python")).args(["-c", IDENTIFY, "Linux"]))?;
+    let module_json: Value = serde_json::from_str(&module_output).context("the module's document")?;
     let expected: Value = serde_json::from_str(&here.call(&["identify", "Linux", "--json"])?)?;
-    same(&expected, &found, 0.0)
+    same(&expected, &module_json, 0.0)
 }

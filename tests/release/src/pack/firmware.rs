@@ -1,4 +1,5 @@
-//! What is flashed: the image as probes read it and as plain bytes, the calibration that it starts with, and instructions.
+//! Image that is flashed: the image as probes read it and as plain bytes, the calibration that it starts with, and
+//! instructions.
 
 use anyhow::{Context, Result, ensure};
 use control::calibration::Calibration;
@@ -9,12 +10,12 @@ use object::read::elf::{ElfFile32, ProgramHeader};
 use release::archive::{self, Entry};
 use std::path::Path;
 
-/// Where the flash begins, and its length: STM32L47x with 1 MiB.
+/// Start of the flash, and its length: STM32L47x with 1 MiB.
 const FLASH: u64 = 0x0800_0000;
 const FLASH_BYTES: u64 = 1 << 20;
 /// Both memories that a stack can be in begin with these.
 const MEMORIES: [u32; 2] = [0x2000_0000, 0x1000_0000];
-/// What erased flash reads as.
+/// Byte of erased flash.
 const ERASED: u8 = 0xff;
 const INSTRUCTIONS: &str = include_str!("../../texts/FLASHING.txt");
 const CALIBRATION: &str = "calibration-nominal.toml";
@@ -43,7 +44,7 @@ pub fn entries(folder: &Path, version: &str) -> Result<Vec<Entry>> {
     Ok(entries)
 }
 
-/// What the flash holds from its first byte on.
+/// Content of the flash from its first byte on.
 fn flashed(elf: &[u8]) -> Result<Vec<u8>> {
     let file = ElfFile32::<Endianness>::parse(elf).context("no ELF file of a 32-bit processor")?;
     let order = file.endian();

@@ -60,15 +60,18 @@ impl Bundle<'_> {
         let path = self.folder.join(name);
         fs::write(&path, content).with_context(|| format!("{}: cannot write", path.display()))?;
         println!("{name:<58}{:>9.1} MB", content.len() as f64 / 1e6);
-        let held = |entry: &Entry| {
-            let held = Held { bytes: entry.content.len() as u64, sha256: sha256(&entry.content) };
-            (entry.name.clone(), held)
-        };
         let file = File {
             is: is.to_owned(),
             bytes: content.len() as u64,
             sha256: sha256(content),
-            holds: entries.iter().map(held).collect(),
+            holds: entries
+                .iter()
+                .map(|entry| {
+                    let manifest_entry =
+                        Held { bytes: entry.content.len() as u64, sha256: sha256(&entry.content) };
+                    (entry.name.clone(), manifest_entry)
+                })
+                .collect(),
         };
         ensure!(self.files.insert(name.to_owned(), file).is_none(), "{name}: two files of this name");
         Ok(())
@@ -109,9 +112,9 @@ impl Bundle<'_> {
         if !folder.exists() {
             return Ok(());
         }
-        let one = manual::one_page(folder, self.version)?;
+        let single_page = manual::one_page(folder, self.version)?;
         let name = format!("needle-guide-{}-manual.html", self.version);
-        self.add(&name, "the manual as one page", one.as_bytes(), &[])?;
+        self.add(&name, "the manual as one page", single_page.as_bytes(), &[])?;
         let entries = archive::entries(folder)?;
         let top = format!("needle-guide-{}-manual", self.version);
         let content = archive::zip(&top, &entries, self.time)?;
@@ -163,18 +166,20 @@ fn sub_folders(folder: &Path) -> Result<Vec<String>> {
 }
 
 fn packages(folder: &Path) -> Result<BTreeMap<String, BTreeMap<String, String>>> {
-    let mut all = BTreeMap::new();
+    let mut package_files = BTreeMap::new();
     for entry in archive::entries(folder)? {
         let text = String::from_utf8(entry.content).with_context(|| format!("{}: is no text", entry.name))?;
-        let line = |line: &str| {
-            let (package, licence) = line.split_once('|')?;
-            Some((package.to_owned(), licence.to_owned()))
-        };
-        let packages: Option<BTreeMap<String, String>> = text.lines().map(line).collect();
+        let packages: Option<BTreeMap<String, String>> = text
+            .lines()
+            .map(|line| {
+                let (package, licence) = line.split_once('|')?;
+                Some((package.to_owned(), licence.to_owned()))
+            })
+            .collect();
         let packages =
             packages.with_context(|| format!("{}: expected `name version|licence`", entry.name))?;
         ensure!(!packages.is_empty(), "{}: names no package", entry.name);
-        all.insert(entry.name.trim_end_matches(".txt").to_owned(), packages);
+        package_files.insert(entry.name.trim_end_matches(".txt").to_owned(), packages);
     }
-    Ok(all)
+    Ok(package_files)
 }

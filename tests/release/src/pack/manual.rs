@@ -33,18 +33,19 @@ pub fn one_page(site: &Path, version: &str) -> Result<String> {
 }
 
 fn between<'t>(text: &'t str, begin: &str, end: &str) -> Option<&'t str> {
-    let (_, behind) = text.split_once(begin)?;
-    Some(behind.rsplit_once(end)?.0)
+    let (_, text_after) = text.split_once(begin)?;
+    Some(text_after.rsplit_once(end)?.0)
 }
 
 /// Pictures take the place of their addresses.
 fn with_pictures(text: &str, site: &Path) -> Result<String> {
     const SOURCE: &str = "src=\"";
     let mut page = String::with_capacity(2 * text.len());
-    let mut left = text;
-    while let Some((before, behind)) = left.split_once(SOURCE) {
-        let (address, after) = behind.split_once('"').context("a picture without an end of its address")?;
-        page.push_str(before);
+    let mut remaining_text = text;
+    while let Some((text_before, text_after)) = remaining_text.split_once(SOURCE) {
+        let (address, source_tail) =
+            text_after.split_once('"').context("a picture without an end of its address")?;
+        page.push_str(text_before);
         page.push_str(SOURCE);
         match address.rsplit_once('.') {
             Some((_, "svg")) if !address.contains("://") => {
@@ -57,13 +58,13 @@ fn with_pictures(text: &str, site: &Path) -> Result<String> {
             _ => page.push_str(address),
         }
         page.push('"');
-        left = after;
+        remaining_text = source_tail;
     }
-    page.push_str(left);
+    page.push_str(remaining_text);
     Ok(page)
 }
 
-/// What an address may not have, and what would end it, as `%` and two digits.
+/// Characters that an address may not have, and those that would end it, as `%` and two digits.
 fn encoded(text: &str) -> String {
     let mut address = String::with_capacity(text.len() + text.len() / 4);
     for byte in text.bytes() {
@@ -80,39 +81,39 @@ fn encoded(text: &str) -> String {
 fn without_pages(text: &str) -> String {
     const LINK: &str = "href=\"";
     let mut page = String::with_capacity(text.len());
-    let mut left = text;
-    while let Some((before, behind)) = left.split_once(LINK) {
-        let (address, after) = behind.split_once('"').unwrap_or((behind, ""));
-        page.push_str(before);
+    let mut remaining_text = text;
+    while let Some((text_before, text_after)) = remaining_text.split_once(LINK) {
+        let (address, link_tail) = text_after.split_once('"').unwrap_or((text_after, ""));
+        page.push_str(text_before);
         page.push_str(LINK);
-        let (file, place) = address.split_once('#').unwrap_or((address, ""));
+        let (file, page_file) = address.split_once('#').unwrap_or((address, ""));
         let is_page = file.ends_with(".html") && !file.contains("://");
-        match (is_page, place) {
+        match (is_page, page_file) {
             (true, "") => {
                 let name = file.rsplit('/').next().unwrap_or(file).trim_end_matches(".html");
                 let _ = write!(page, "#{name}");
             }
-            (true, place) => {
-                let _ = write!(page, "#{place}");
+            (true, page_file) => {
+                let _ = write!(page, "#{page_file}");
             }
             (false, _) => page.push_str(address),
         }
         page.push('"');
-        left = after;
+        remaining_text = link_tail;
     }
-    page.push_str(left);
+    page.push_str(remaining_text);
     page
 }
 
 /// The chapters' headings with their places.
 fn headings(chapters: &str) -> Vec<(&str, String)> {
     let heads = chapters.split("<h1 id=\"").skip(1);
-    let found = heads.filter_map(|head| {
-        let (id, behind) = head.split_once('"')?;
-        let inside = behind.split_once('>')?.1.split("</h1>").next()?;
-        Some((id, plain(inside)))
+    let heading_ids = heads.filter_map(|head| {
+        let (id, heading_tail) = head.split_once('"')?;
+        let heading_text = heading_tail.split_once('>')?.1.split("</h1>").next()?;
+        Some((id, plain(heading_text)))
     });
-    found.collect()
+    heading_ids.collect()
 }
 
 /// A text without tags.

@@ -11,12 +11,12 @@ use rand_chacha::ChaCha8Rng;
 use worlds::body::{BlockStiffness, DEGREES};
 use worlds::{Design, LateralPlan, NoisePlan, on_all_cores};
 
-/// What the elements found: the blocks that the forward model was compared with, and others.
+/// Results of the finite elements: the blocks that the forward model was compared with, and others.
 const ELEMENTS: [&str; 2] = [
     include_str!("../../../../host/mechanics/src/body/block/elements.csv"),
     include_str!("../../finite_elements/more.csv"),
 ];
-/// What is stated of the walls.
+/// Statements about the walls.
 const STATED: [&str; 3] = ["the block", "that no wall is near (wrong)", "nothing"];
 /// Repeats of a run in a session.
 const RUNS: usize = 4;
@@ -74,7 +74,7 @@ impl Judged {
     }
 }
 
-/// What a session gives with each statement.
+/// Results of a session with each statement.
 fn judged(solved: &Solved, seed: u64, number: usize) -> Result<[Judged; STATED.len()]> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(number as u64);
@@ -92,13 +92,13 @@ fn judged(solved: &Solved, seed: u64, number: usize) -> Result<[Judged; STATED.l
     let session = solved.stiffness.session(truth, &design, random.random())?;
     let relation = YoungsMethod::Continuum(Contact::Bonded);
     let options = Options { poisson: Some(solved.poisson), relation, ..Options::default() };
-    let of = |walls: Option<Walls>| -> Result<Judged> {
+    let judged_with = |walls: Option<Walls>| -> Result<Judged> {
         let session = Session { tissue: Tissue { walls, ..session.tissue }, ..session.clone() };
         let youngs = identify(&session, &options)?.youngs_modulus_kpa;
         let (value, ends) = youngs.value.zip(youngs.ci95).context("no Young's modulus")?;
         Ok(Judged { value, ends, truth })
     };
-    Ok([of(Some(Walls::Block(solved.block)))?, of(Some(Walls::Far))?, of(None)?])
+    Ok([judged_with(Some(Walls::Block(solved.block)))?, judged_with(Some(Walls::Far))?, judged_with(None)?])
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -112,18 +112,18 @@ fn median(mut values: Vec<f64>) -> f64 {
 /// Where a block cannot be read or a session has no modulus.
 pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
     let lines = ELEMENTS.iter().flat_map(|text| text.lines()).filter(|line| !line.starts_with('#'));
-    let all: Vec<Solved> =
+    let solved_blocks: Vec<Solved> =
         lines.map(|line| Solved::read(line).with_context(|| line.to_owned())).collect::<Result<_>>()?;
-    ensure!(!all.is_empty(), "no block was solved");
-    let found = on_all_cores(sessions, |number| {
-        let solved = &all[number % all.len()];
+    ensure!(!solved_blocks.is_empty(), "no block was solved");
+    let judged_blocks = on_all_cores(sessions, |number| {
+        let solved = &solved_blocks[number % solved_blocks.len()];
         judged(solved, seed, number)
             .map_err(|error| anyhow!("session {number}, {:?}: {error:#}", solved.block))
     });
-    let found: Vec<[Judged; STATED.len()]> = found.into_iter().collect::<Result<_>>()?;
+    let judged_statements: Vec<[Judged; STATED.len()]> = judged_blocks.into_iter().collect::<Result<_>>()?;
     if verbose {
-        for (number, all_of) in found.iter().enumerate() {
-            let Solved { block, depth_mm, .. } = &all[number % all.len()];
+        for (number, all_of) in judged_statements.iter().enumerate() {
+            let Solved { block, depth_mm, .. } = &solved_blocks[number % solved_blocks.len()];
             let texts = all_of
                 .iter()
                 .map(|Judged { value, ends: [low, high], .. }| format!("{value:.2} ({low:.2} to {high:.2})"));
@@ -142,19 +142,25 @@ pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
     );
     println!("|---|---|---|---|---|");
     for (index, stated) in STATED.iter().enumerate() {
-        let of: Vec<Judged> = found.iter().map(|all_of| all_of[index]).collect();
-        let covered = of.iter().filter(|one| one.is_covered()).count();
-        let errors: Vec<f64> = of.iter().map(|one| 100.0 * (one.value / one.truth - 1.0).abs()).collect();
+        let statement_results: Vec<Judged> = judged_statements.iter().map(|all_of| all_of[index]).collect();
+        let covered = statement_results.iter().filter(|one| one.is_covered()).count();
+        let errors: Vec<f64> =
+            statement_results.iter().map(|one| 100.0 * (one.value / one.truth - 1.0).abs()).collect();
         let largest = errors.iter().copied().fold(0.0, f64::max);
-        let widths = of.iter().map(|Judged { value, ends: [low, high], .. }| 100.0 * (high - low) / value);
+        let widths = statement_results
+            .iter()
+            .map(|Judged { value, ends: [low, high], .. }| 100.0 * (high - low) / value);
         println!(
             "| {stated} | {covered} of {} | {:.0} % | {:.1} % | {largest:.1} % |",
-            of.len(),
+            statement_results.len(),
             median(widths.collect()),
             median(errors),
         );
     }
-    println!("{sessions} sessions of {RUNS} runs in {} blocks by finite elements, seed {seed}", all.len());
+    println!(
+        "{sessions} sessions of {RUNS} runs in {} blocks by finite elements, seed {seed}",
+        solved_blocks.len()
+    );
     Ok(())
 }
 
@@ -169,9 +175,11 @@ mod tests {
         let solved = Solved::read(line).expect("a block");
         assert_eq!((solved.block.sides, solved.depth_mm), (Mounting::Held, 21.7));
         assert!(solved.stiffness.matrix[2][1] == solved.stiffness.matrix[1][2]);
-        let [stated, far, none] = judged(&solved, 1, 0).expect("a session");
+        let [stated, far_walls, not_stated] = judged(&solved, 1, 0).expect("a session");
         assert!(stated.is_covered() && (stated.value / stated.truth - 1.0).abs() < 0.04);
-        assert!(!far.is_covered() && none.is_covered() && far.value > 1.05 * far.truth);
+        assert!(
+            !far_walls.is_covered() && not_stated.is_covered() && far_walls.value > 1.05 * far_walls.truth
+        );
         assert!(Solved::read("1,2,3").is_err());
     }
 }

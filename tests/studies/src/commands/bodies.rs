@@ -34,7 +34,7 @@ impl Tissue {
         }
     }
 
-    /// What is judged.
+    /// Judged quantities.
     fn quantities(self) -> &'static [&'static str] {
         match self {
             Self::LayeredSprings => &["K above", "K below", "ratio", "boundary"],
@@ -59,7 +59,7 @@ struct Judged {
     truth: f64,
 }
 
-/// What became of a session: nothing where the tissue's course was not identifiable.
+/// Result of a session: nothing where the tissue's course was not identifiable.
 struct Outcome {
     line: String,
     is_right_foundation: bool,
@@ -115,12 +115,17 @@ fn layers(drawn: &Drawn) -> Result<Option<Found>> {
         layers: true,
         ..identify::Options::default()
     };
-    let Some(found) = identify(&drawn.session, &options)?.layers else { return Ok(None) };
-    let of = |likelihood: &identify::Likelihood| likelihood.k_kpa.zip(likelihood.ci95_kpa);
-    let values = of(&found.upper).zip(of(&found.lower)).map(|(upper, lower)| {
-        vec![upper, lower, (found.k_ratio, found.k_ratio_ci95), (found.boundary_mm, found.boundary_ci95_mm)]
+    let Some(layers) = identify(&drawn.session, &options)?.layers else { return Ok(None) };
+    let interval_of = |likelihood: &identify::Likelihood| likelihood.k_kpa.zip(likelihood.ci95_kpa);
+    let values = interval_of(&layers.upper).zip(interval_of(&layers.lower)).map(|(upper, lower)| {
+        vec![
+            upper,
+            lower,
+            (layers.k_ratio, layers.k_ratio_ci95),
+            (layers.boundary_mm, layers.boundary_ci95_mm),
+        ]
     });
-    Ok(values.map(|values| (found.foundation, values)))
+    Ok(values.map(|values| (layers.foundation, values)))
 }
 
 fn gradient(drawn: &Drawn, seed: u64) -> Result<Option<Found>> {
@@ -132,25 +137,28 @@ fn gradient(drawn: &Drawn, seed: u64) -> Result<Option<Found>> {
         poisson: drawn.poisson,
         ..diagnose::Options::default()
     };
-    let found = diagnose(&drawn.session, &options, |_| {})?;
-    let of = |estimate: &diagnose::Estimate| (estimate.value, estimate.ci95);
-    let slope = found.given_effects.first().and_then(|given| given.parameters.values().next());
-    let youngs = found.foundation.youngs_modulus_kpa.as_ref();
-    let (Some(youngs), Some(mean), Some(slope)) = (youngs, &found.mean_modulus, slope) else {
+    let diagnosis = diagnose(&drawn.session, &options, |_| {})?;
+    let estimate_of = |estimate: &diagnose::Estimate| (estimate.value, estimate.ci95);
+    let slope = diagnosis.given_effects.first().and_then(|given| given.parameters.values().next());
+    let youngs = diagnosis.foundation.youngs_modulus_kpa.as_ref();
+    let (Some(youngs), Some(mean), Some(slope)) = (youngs, &diagnosis.mean_modulus, slope) else {
         return Ok(None);
     };
-    Ok(Some((found.foundation.used, vec![of(youngs), of(&mean.modulus_kpa), of(slope)])))
+    Ok(Some((
+        diagnosis.foundation.used,
+        vec![estimate_of(youngs), estimate_of(&mean.modulus_kpa), estimate_of(slope)],
+    )))
 }
 
 fn outcome(tissue: Tissue, seed: u64, number: usize, bodies: &Bodies) -> Result<Outcome> {
     let drawn = drawn(tissue, seed, number, bodies)?;
-    let found = match tissue {
+    let estimates = match tissue {
         Tissue::GradedBody => gradient(&drawn, seed)?,
         _ => layers(&drawn)?,
     };
     let expected = if tissue == Tissue::LayeredSprings { "springs" } else { "body" };
-    let foundation = found.as_ref().map(|(foundation, _)| *foundation);
-    let values = found.map(|(_, values)| values).unwrap_or_default();
+    let foundation = estimates.as_ref().map(|(foundation, _)| *foundation);
+    let values = estimates.map(|(_, values)| values).unwrap_or_default();
     let judged: Vec<Judged> = values
         .into_iter()
         .zip(&drawn.truth)
@@ -192,27 +200,33 @@ pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
             outcomes.iter().for_each(|outcome| eprintln!("{}", outcome.line));
         }
         for (number, quantity) in tissue.quantities().iter().enumerate() {
-            let of: Vec<&Judged> = outcomes.iter().filter_map(|outcome| outcome.judged.get(number)).collect();
-            let covered = of.iter().filter(|one| (one.ends[0]..=one.ends[1]).contains(&one.truth)).count();
-            let mut errors: Vec<f64> = of.iter().map(|one| (one.value - one.truth).abs()).collect();
+            let judged_quantity: Vec<&Judged> =
+                outcomes.iter().filter_map(|outcome| outcome.judged.get(number)).collect();
+            let covered =
+                judged_quantity.iter().filter(|one| (one.ends[0]..=one.ends[1]).contains(&one.truth)).count();
+            let mut errors: Vec<f64> =
+                judged_quantity.iter().map(|one| (one.value - one.truth).abs()).collect();
             errors.sort_by(f64::total_cmp);
             let median = errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN);
             let error = match *quantity {
                 "boundary" => format!("{median:.2} mm"),
                 "gradient" => format!("{median:.4} per mm"),
                 _ => {
-                    let mut shares: Vec<f64> =
-                        of.iter().map(|one| (one.value / one.truth - 1.0).abs()).collect();
-                    shares.sort_by(f64::total_cmp);
-                    format!("{:.1} %", 100.0 * shares.get(shares.len() / 2).copied().unwrap_or(f64::NAN))
+                    let mut relative_errors: Vec<f64> =
+                        judged_quantity.iter().map(|one| (one.value / one.truth - 1.0).abs()).collect();
+                    relative_errors.sort_by(f64::total_cmp);
+                    format!(
+                        "{:.1} %",
+                        100.0 * relative_errors.get(relative_errors.len() / 2).copied().unwrap_or(f64::NAN)
+                    )
                 }
             };
             let right = outcomes.iter().filter(|outcome| outcome.is_right_foundation).count();
             println!(
                 "| {} | {quantity} | {covered} of {} | {error} | {} of {sessions} | {right} of {sessions} |",
                 tissue.name(),
-                of.len(),
-                of.len(),
+                judged_quantity.len(),
+                judged_quantity.len(),
             );
         }
     }

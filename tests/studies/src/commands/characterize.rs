@@ -11,7 +11,7 @@ use rand_distr::{Distribution, StandardNormal};
 use std::collections::BTreeMap;
 use worlds::{Design, Truth, on_all_cores, session, strengths};
 
-/// What a rig may have; each has half of them.
+/// Possible effects of a rig; each has half of them.
 const EFFECTS: [&str; 8] = [
     "rig.clamp_compliance",
     "rig.frame_compliance",
@@ -31,7 +31,8 @@ const FAR_SD: f64 = 4.0;
 /// Half-width of a 95 % interval.
 const NORMAL_975: f64 = 1.959_963_984_540_054;
 
-/// What one rig gave of a parameter: error, half-width of the interval, whether it holds the truth.
+/// Estimate of a parameter from one rig: error, half-width of the interval, whether it holds the
+/// truth.
 struct Estimate {
     name: String,
     error: f64,
@@ -54,10 +55,11 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
 }
 
 fn intervals(sessions: usize, seed: u64) {
-    let all = on_all_cores(sessions, |number| one(seed.wrapping_mul(1_000_003).wrapping_add(number as u64)));
+    let rig_estimates =
+        on_all_cores(sessions, |number| one(seed.wrapping_mul(1_000_003).wrapping_add(number as u64)));
     let mut rows: BTreeMap<String, Vec<Estimate>> = BTreeMap::new();
     let mut failed = 0;
-    for rig in all {
+    for rig in rig_estimates {
         match rig {
             Some(estimates) => estimates.into_iter().for_each(|one| {
                 rows.entry(one.name.clone()).or_default().push(one);
@@ -73,15 +75,15 @@ fn intervals(sessions: usize, seed: u64) {
     for (name, estimates) in &rows {
         let identified: Vec<&Estimate> = estimates.iter().filter(|one| one.identified).collect();
         let count = identified.len().max(1) as f64;
-        let held = identified.iter().filter(|one| one.held).count();
-        sums = [sums[0] + held, sums[1] + identified.len()];
+        let covered_count = identified.iter().filter(|one| one.held).count();
+        sums = [sums[0] + covered_count, sums[1] + identified.len()];
         let rms = (identified.iter().map(|one| one.error * one.error).sum::<f64>() / count).sqrt();
         let half = identified.iter().map(|one| one.half_width).sum::<f64>() / count;
         println!(
             "| {name} | {} | {} | {:.1} % | {rms:.5} | {half:.5} | {:.2} |",
             estimates.len(),
             identified.len(),
-            100.0 * held as f64 / count,
+            100.0 * covered_count as f64 / count,
             half / (NORMAL_975 * rms)
         );
     }
@@ -96,14 +98,14 @@ fn intervals(sessions: usize, seed: u64) {
 /// Effects of a rig with their values.
 type Effects = Vec<(&'static str, Vec<f64>)>;
 
-/// What a rig has.
+/// Effects of a rig.
 fn drawn_rig(random: &mut ChaCha8Rng) -> Option<Effects> {
     let mut effects = Effects::new();
     for id in EFFECTS {
         let [weak, _, strong] = strengths(id)?;
-        let share: f64 = random.random();
+        let quantile: f64 = random.random();
         if random.random::<f64>() < 0.5 {
-            effects.push((id, weak.iter().zip(&strong).map(|(a, b)| a + share * (b - a)).collect()));
+            effects.push((id, weak.iter().zip(&strong).map(|(a, b)| a + quantile * (b - a)).collect()));
         }
     }
     let mut normal = |sd: f64| sd * Distribution::<f64>::sample(&StandardNormal, random);
@@ -112,7 +114,7 @@ fn drawn_rig(random: &mut ChaCha8Rng) -> Option<Effects> {
     Some(effects)
 }
 
-/// What is stated of it.
+/// Statements about the rig.
 fn options() -> CharacterizeOptions {
     CharacterizeOptions { force_gain_sd: Some(GAIN_SD), ..CharacterizeOptions::default() }
 }
@@ -121,32 +123,37 @@ fn options() -> CharacterizeOptions {
 fn one(seed: u64) -> Option<Vec<Estimate>> {
     let effects = drawn_rig(&mut ChaCha8Rng::seed_from_u64(seed))?;
     let truth = Truth { k_kpa: 10.0, tip_load_n: 0.2, effects: effects.clone(), foreign: None };
-    let found = characterize(&session(&truth, &Design::in_air(), seed), &options()).ok()?;
-    let own = effects.iter().map(|(id, values)| format!("{id} {values:.4?}"));
-    let own = own.collect::<Vec<_>>().join(", ");
-    let mut before = "";
+    let characterization = characterize(&session(&truth, &Design::in_air(), seed), &options()).ok()?;
+    let effect_texts = effects.iter().map(|(id, values)| format!("{id} {values:.4?}"));
+    let effect_text = effect_texts.collect::<Vec<_>>().join(", ");
+    let mut previous_effect = "";
     let mut index = 0;
-    let estimate = |one: &inference::diagnose::CharacterizedParameter| {
-        index = if one.effect == before { index + 1 } else { 0 };
-        before = one.effect;
-        let truth = value_of(&effects, one.effect, index);
-        let [low, high] = one.ci95;
-        let sds = (one.value - truth) / one.sd;
-        if sds.abs() > FAR_SD {
-            eprintln!(
-                "{seed}: {} {} {:.5} for {truth:.5}, {sds:+.1} sd; {own}",
-                one.effect, one.parameter, one.value
-            );
-        }
-        Estimate {
-            name: format!("{} {}", one.effect, one.parameter),
-            error: one.value - truth,
-            half_width: NORMAL_975 * one.sd,
-            held: (low..=high).contains(&truth),
-            identified: one.standing != Standing::NotIdentifiable,
-        }
-    };
-    Some(found.parameters.iter().map(estimate).collect())
+    Some(
+        characterization
+            .parameters
+            .iter()
+            .map(|one| {
+                index = if one.effect == previous_effect { index + 1 } else { 0 };
+                previous_effect = one.effect;
+                let truth = value_of(&effects, one.effect, index);
+                let [low, high] = one.ci95;
+                let sds = (one.value - truth) / one.sd;
+                if sds.abs() > FAR_SD {
+                    eprintln!(
+                        "{seed}: {} {} {:.5} for {truth:.5}, {sds:+.1} sd; {effect_text}",
+                        one.effect, one.parameter, one.value
+                    );
+                }
+                Estimate {
+                    name: format!("{} {}", one.effect, one.parameter),
+                    error: one.value - truth,
+                    half_width: NORMAL_975 * one.sd,
+                    held: (low..=high).contains(&truth),
+                    identified: one.standing != Standing::NotIdentifiable,
+                }
+            })
+            .collect(),
+    )
 }
 
 /// A true value in the catalogue's terms: there the crosstalk acts on a drift too, in the generator the drift comes after it.

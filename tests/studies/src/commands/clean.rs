@@ -1,7 +1,8 @@
 //! `cargo xtask study clean`: sessions in which nothing is hidden, over the noise and the sampling that laboratories have.
 //!
-//! Displacements that scatter by 0 to 0.1 mm, forces by 0.005 to 0.1 N, 20 to 1000 rows a second, all as the session states them. Half of the
-//! sessions are those of `guide simulate`, half those of a generator that shares nothing with the forward model. Nothing may be named.
+//! Displacements that scatter by 0 to 0.1 mm, forces by 0.005 to 0.1 N, 20 to 1000 rows a second, all as the session
+//! states them. Half of the sessions are those of `guide simulate`, half those of a generator that shares nothing with
+//! the forward model. No effect may be named.
 
 use anyhow::Result;
 use formats::model_file::ModelFile;
@@ -74,14 +75,14 @@ fn simulated(k_kpa: f64, noise: &NoisePlan, seed: u64) -> Result<Session> {
         shape_m: Some(MM * noise.shape_mm),
         ..Noise::default()
     };
-    let made = plan.carry_out(&rig, Sensors::new(&stated), seed)?;
+    let simulated = plan.carry_out(&rig, Sensors::new(&stated), seed)?;
     Ok(Session {
         dir: "simulated".into(),
         name: Some("simulated".to_owned()),
         fixture_mass_kg: None,
         noise: stated,
         tissue: Tissue { walls: Some(formats::session::Walls::Far), ..Tissue::default() },
-        lateral: made.lateral,
+        lateral: simulated.lateral,
         insertion: Vec::new(),
         indentation: Vec::new(),
         steering: Vec::new(),
@@ -104,9 +105,9 @@ fn outcome(generator: Generator, number: usize, seed: u64) -> Result<Outcome> {
     let [force_n, rate_hz] = [FORCE_N, RATE_HZ].map(|range| uniform(range.map(f64::ln)).exp());
     let noise = NoisePlan { displacement_mm, force_n, rate_hz: rate_hz.round(), ..NoisePlan::default() };
     let session = generator.session(k_kpa, &noise, random.random())?;
-    let found = diagnose(&session, &Options::default(), |_| {})?;
-    let [low, high] = found.k_ci95_kpa;
-    let named: Vec<String> = found
+    let diagnosis = diagnose(&session, &Options::default(), |_| {})?;
+    let [low, high] = diagnosis.k_ci95_kpa;
+    let named: Vec<String> = diagnosis
         .effects
         .iter()
         .map(|effect| {
@@ -120,13 +121,13 @@ fn outcome(generator: Generator, number: usize, seed: u64) -> Result<Outcome> {
         .collect();
     Ok(Outcome {
         displacement_mm,
-        verdict: found.verdict,
+        verdict: diagnosis.verdict,
         holds_k: (low..=high).contains(&k_kpa),
         line: format!(
             "{} #{number}: displacement {displacement_mm:.4} mm, force {force_n:.4} N, {:.0} Hz, K {k_kpa:.2} ({low:.2} to {high:.2}), {:?} {}",
             generator.name(),
             noise.rate_hz,
-            found.verdict,
+            diagnosis.verdict,
             named.join(", ")
         ),
     })
@@ -143,13 +144,13 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
         if !generator.name().contains(only) {
             continue;
         }
-        let done = AtomicUsize::new(0);
+        let finished = AtomicUsize::new(0);
         let outcomes = on_all_cores(sessions, |number| {
             let outcome = outcome(generator, number, seed.wrapping_add(7919 * place as u64));
-            let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+            let finished_count = 1 + finished.fetch_add(1, Ordering::Relaxed);
             match &outcome {
                 Ok(one) if one.verdict != Verdict::Adequate => eprintln!("{}", one.line),
-                _ if done.is_multiple_of(20) => eprintln!("{done} of {sessions}"),
+                _ if finished_count.is_multiple_of(20) => eprintln!("{finished_count} of {sessions}"),
                 _ => {}
             }
             outcome
@@ -157,13 +158,13 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
         let outcomes = outcomes.into_iter().collect::<Result<Vec<Outcome>>>()?;
         let mut least_mm = 0.0;
         for most_mm in BANDS_MM {
-            let within: Vec<&Outcome> =
+            let outcomes_within: Vec<&Outcome> =
                 outcomes.iter().filter(|one| (least_mm..most_mm).contains(&one.displacement_mm)).collect();
-            let count = |is: &dyn Fn(&Outcome) -> bool| within.iter().filter(|one| is(one)).count();
+            let count = |is: &dyn Fn(&Outcome) -> bool| outcomes_within.iter().filter(|one| is(one)).count();
             println!(
                 "| {} | {least_mm} to {most_mm} | {} | {} | {} | {} |",
                 generator.name(),
-                within.len(),
+                outcomes_within.len(),
                 count(&|one| matches!(one.verdict, Verdict::Named | Verdict::Ambiguous)),
                 count(&|one| one.verdict == Verdict::Unexplained),
                 count(&|one| one.holds_k)

@@ -65,11 +65,11 @@ fn outcomes(repeats: usize, seed: u64, only: &str) -> Result<Vec<Outcome>> {
     let size = Size { nothing: 40 * repeats, one: repeats, pairs: 12 * repeats, foreign: 2 * repeats };
     let mut cases = cases(size, seed);
     cases.retain(|(hidden, _)| name(hidden).contains(only));
-    let done = AtomicUsize::new(0);
+    let finished = AtomicUsize::new(0);
     let outcomes = run_cases(&cases, |_| {
-        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        if done.is_multiple_of(20) {
-            eprintln!("{done} of {} sessions", cases.len());
+        let finished_count = finished.fetch_add(1, Ordering::Relaxed) + 1;
+        if finished_count.is_multiple_of(20) {
+            eprintln!("{finished_count} of {} sessions", cases.len());
         }
     });
     ensure!(outcomes.len() == cases.len(), "{} sessions fail", cases.len() - outcomes.len());
@@ -110,7 +110,7 @@ fn is_surprise(outcome: &Outcome) -> bool {
     }
 }
 
-/// How many of some, as a share.
+/// Count of some and of all, as a share.
 struct Share(usize, usize);
 
 impl Share {
@@ -123,8 +123,8 @@ impl Share {
 
 impl std::fmt::Display for Share {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self(good, all) = self;
-        write!(f, "{:.1} % ({good} of {all})", 100.0 * *good as f64 / (*all).max(1) as f64)
+        let Self(good, total) = self;
+        write!(f, "{:.1} % ({good} of {total})", 100.0 * *good as f64 / (*total).max(1) as f64)
     }
 }
 
@@ -146,47 +146,41 @@ fn goals(sets: &[(u64, &[Outcome])]) -> String {
 
 /// Measure, goal and what was reached.
 fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); MEASURES] {
-    let ones = || {
+    let single_effects = || {
         outcomes.iter().filter_map(|o| if let Hidden::One(id, _) = &o.hidden { Some((o, *id)) } else { None })
     };
     let id_of = |o: &Outcome| if let Hidden::One(id, _) = &o.hidden { *id } else { "" };
-    let nothing = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Nothing | Hidden::NothingImaged));
+    let clean_sessions =
+        || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Nothing | Hidden::NothingImaged));
     let foreign = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Foreign(_)));
     let pairs = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Pair(..)));
-    let identifiable =
-        || ones().filter(|(o, _)| o.expected_apart.is_some_and(|apart| apart > APART)).map(|(o, _)| o);
+    let identifiable = || {
+        single_effects().filter(|(o, _)| o.expected_apart.is_some_and(|apart| apart > APART)).map(|(o, _)| o)
+    };
     let detectable =
-        || ones().filter(|(o, _)| o.expected_gain.is_some_and(|gain| gain >= GAIN)).map(|(o, _)| o);
+        || single_effects().filter(|(o, _)| o.expected_gain.is_some_and(|gain| gain >= GAIN)).map(|(o, _)| o);
     let classes: Vec<usize> =
-        ones().flat_map(|(o, _)| o.named.iter().map(|(_, class)| class.len())).collect();
+        single_effects().flat_map(|(o, _)| o.named.iter().map(|(_, class)| class.len())).collect();
     let class_size = classes.iter().sum::<usize>() as f64 / classes.len().max(1) as f64;
-    let both = |o: &Outcome| match &o.hidden {
-        Hidden::Pair(a, b) => [a, b].iter().all(|id| o.named.iter().any(|(named, _)| named == *id)),
-        _ => false,
-    };
-    let both_in_class = |o: &Outcome| match &o.hidden {
-        Hidden::Pair(a, b) => [a, b].iter().all(|id| is_in_class(o, id)),
-        _ => false,
-    };
     let covered: Vec<bool> = outcomes.iter().flat_map(|o| o.covered.iter().map(|(_, good)| *good)).collect();
-    let held = Share(covered.iter().filter(|good| **good).count(), covered.len());
+    let coverage = Share(covered.iter().filter(|good| **good).count(), covered.len());
     let removed: Vec<f64> =
         outcomes.iter().filter(|o| !o.named.is_empty()).filter_map(|o| o.removed).collect();
     let mean_removed = removed.iter().sum::<f64>() / removed.len().max(1) as f64;
     let named = || outcomes.iter().filter(|o| !o.named.is_empty());
-    let after: Vec<f64> = named().filter_map(|o| o.chi2_after).collect();
-    let mean_after = after.iter().sum::<f64>() / after.len().max(1) as f64;
-    let below = Share(after.iter().filter(|chi2| **chi2 <= 1.2).count(), after.len());
-    let over = Share(removed.iter().filter(|share| **share >= 0.9).count(), removed.len());
+    let chi2_after: Vec<f64> = named().filter_map(|o| o.chi2_after).collect();
+    let mean_after = chi2_after.iter().sum::<f64>() / chi2_after.len().max(1) as f64;
+    let explained = Share(chi2_after.iter().filter(|chi2| **chi2 <= 1.2).count(), chi2_after.len());
+    let mostly_removed = Share(removed.iter().filter(|share| **share >= 0.9).count(), removed.len());
     let seconds: Vec<f64> =
-        ones().filter(|(_, id)| !id.starts_with("tip.")).map(|(o, _)| o.seconds).collect();
+        single_effects().filter(|(_, id)| !id.starts_with("tip.")).map(|(o, _)| o.seconds).collect();
     let mean_seconds = seconds.iter().sum::<f64>() / seconds.len().max(1) as f64;
     let slowest = seconds.iter().copied().fold(0.0, f64::max);
     [
         (
             "false alarm on effect-free sessions",
             "<= 2 %",
-            Share::of(nothing(), |o| o.verdict != Verdict::Adequate).to_string(),
+            Share::of(clean_sessions(), |o| o.verdict != Verdict::Adequate).to_string(),
         ),
         (
             "true effect named (class of one) where it is identifiable",
@@ -209,17 +203,24 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); MEASU
             ">= 80 %",
             format!(
                 "{}, both in their classes {}",
-                Share::of(pairs(), both),
-                Share::of(pairs(), both_in_class)
+                Share::of(pairs(), |o: &Outcome| match &o.hidden {
+                    Hidden::Pair(a, b) =>
+                        [a, b].iter().all(|id| o.named.iter().any(|(named, _)| named == *id)),
+                    _ => false,
+                }),
+                Share::of(pairs(), |o: &Outcome| match &o.hidden {
+                    Hidden::Pair(a, b) => [a, b].iter().all(|id| is_in_class(o, id)),
+                    _ => false,
+                })
             ),
         ),
-        ("95 % intervals cover the true parameters", "90-98 %", held.to_string()),
+        ("95 % intervals cover the true parameters", "90-98 %", coverage.to_string()),
         (
             "removable misfit removed on held-out runs",
             ">= 90 %",
-            format!("mean {:.1} %, at least 90 % in {over}", 100.0 * mean_removed),
+            format!("mean {:.1} %, at least 90 % in {mostly_removed}", 100.0 * mean_removed),
         ),
-        ("reduced chi-square after", "<= 1.2", format!("mean {mean_after:.2}, at most 1.2 in {below}")),
+        ("reduced chi-square after", "<= 1.2", format!("mean {mean_after:.2}, at most 1.2 in {explained}")),
         (
             "time for one session of nine runs, one core",
             "<= 2 s",
@@ -252,25 +253,26 @@ fn confusion(outcomes: &[Outcome]) -> String {
         let named = count(&|o| !truth(o).is_empty() && truth(o).iter().all(|id| is_named(o, id)));
         let classed =
             count(&|o| !truth(o).is_empty() && truth(o).iter().all(|id| is_in_class(o, id))) - named;
-        let mut others: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut wrong_names: BTreeMap<&str, usize> = BTreeMap::new();
         for outcome in &of_row {
             let mentioned = outcome.named.iter().flat_map(|(_, class)| class);
             for id in mentioned.filter(|id| !truth(outcome).contains(&id.as_str())) {
-                *others.entry(id).or_default() += 1;
+                *wrong_names.entry(id).or_default() += 1;
             }
         }
         let intervals: Vec<bool> =
             of_row.iter().flat_map(|o| o.covered.iter().map(|(_, good)| *good)).collect();
-        let held = intervals.iter().filter(|good| **good).count();
-        let others: Vec<String> = others.iter().map(|(id, count)| format!("{id} {count}")).collect();
+        let covered_count = intervals.iter().filter(|good| **good).count();
+        let wrong_texts: Vec<String> =
+            wrong_names.iter().map(|(id, count)| format!("{id} {count}")).collect();
         let _ = writeln!(
             text,
-            "| {row} | {} | {named} | {classed} | {} | {} | {held} of {} | {} |",
+            "| {row} | {} | {named} | {classed} | {} | {} | {covered_count} of {} | {} |",
             of_row.len(),
             count(&|o| o.verdict == Verdict::Adequate),
             count(&|o| o.verdict == Verdict::Unexplained),
             intervals.len(),
-            others.join(", ")
+            wrong_texts.join(", ")
         );
     }
     text

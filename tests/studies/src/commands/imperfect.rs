@@ -36,12 +36,12 @@ pub struct Options {
 
 /// Cases of a study of about this many sessions.
 fn drawn_cases(options: &Options, sessions: usize, seed: u64) -> Vec<Case> {
-    let shares = Kind::value_variants().iter().map(|kind| match (options.kind, kind) {
+    let kind_shares = Kind::value_variants().iter().map(|kind| match (options.kind, kind) {
         (Some(only), kind) => (*kind, if only == *kind { sessions } else { 0 }),
         (None, Kind::Effects) => (*kind, sessions.div_ceil(2)),
         (None, _) => (*kind, sessions.div_ceil(6)),
     });
-    shares.flat_map(|(kind, count)| draw(kind, count, seed, options.factor)).collect()
+    kind_shares.flat_map(|(kind, count)| draw(kind, count, seed, options.factor)).collect()
 }
 
 /// Diagnoses sessions on all cores.
@@ -49,13 +49,13 @@ fn drawn_cases(options: &Options, sessions: usize, seed: u64) -> Vec<Case> {
 /// # Errors
 /// Where a session cannot be drawn.
 fn judged(cases: &[Case]) -> Result<Vec<Outcome>> {
-    let (bodies, done) = (Bodies::default(), AtomicUsize::new(0));
+    let (bodies, finished) = (Bodies::default(), AtomicUsize::new(0));
     let outcomes = on_all_cores(cases.len(), |number| {
         let case = &cases[number];
         let outcome = case.drawn(&bodies).map(|drawn| Outcome::of(case, &drawn));
-        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        if done.is_multiple_of(20) {
-            eprintln!("{done} of {} sessions", cases.len());
+        let finished_count = finished.fetch_add(1, Ordering::Relaxed) + 1;
+        if finished_count.is_multiple_of(20) {
+            eprintln!("{finished_count} of {} sessions", cases.len());
         }
         outcome.with_context(|| format!("#{} {}", case.number, case.name()))
     });
@@ -142,7 +142,8 @@ fn write(session: &Session, name: &str, folder: &Path) -> Result<()> {
 }
 
 fn write_lateral(writer: &mut SessionWriter, run: &LateralRun) -> Result<()> {
-    let at = |values: &Option<Vec<f64>>, i: usize| values.as_ref().and_then(|values| values.get(i)).copied();
+    let value_at =
+        |values: &Option<Vec<f64>>, i: usize| values.as_ref().and_then(|values| values.get(i)).copied();
     let (force, shape) = (&run.force, &run.shape);
     let mut rows = writer.lateral(&run.id, run.depth_m)?;
     let series = force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n);
@@ -151,17 +152,17 @@ fn write_lateral(writer: &mut SessionWriter, run: &LateralRun) -> Result<()> {
             time_s: *time_s,
             displacement_y_m: *displacement_y_m,
             force_y_n: *force_y_n,
-            displacement_x_m: at(&force.displacement_x_m, i).unwrap_or(0.0),
-            force_x_n: at(&force.force_x_n, i).unwrap_or(0.0),
+            displacement_x_m: value_at(&force.displacement_x_m, i).unwrap_or(0.0),
+            force_x_n: value_at(&force.force_x_n, i).unwrap_or(0.0),
             ..ForceRow::default()
         })?;
     }
     for (i, (z_m, deflection_y_m)) in shape.z_m.iter().zip(&shape.y_m).enumerate() {
         rows.shape(&ShapeRow {
-            time_s: at(&shape.time_s, i).unwrap_or(0.0),
+            time_s: value_at(&shape.time_s, i).unwrap_or(0.0),
             z_m: *z_m,
             deflection_y_m: *deflection_y_m,
-            deflection_x_m: at(&shape.x_m, i).unwrap_or(0.0),
+            deflection_x_m: value_at(&shape.x_m, i).unwrap_or(0.0),
             image: shape.image(i),
         })?;
     }
@@ -178,9 +179,8 @@ mod tests {
         let cases = drawn_cases(&options, 12, 3);
         assert_eq!(cases, drawn_cases(&options, 12, 3));
         assert_ne!(cases, drawn_cases(&options, 12, 4));
-        let count = |kind| cases.iter().filter(|case| case.kind == kind).count();
         let kinds = [Kind::Effects, Kind::Background, Kind::Body, Kind::Insertions, Kind::ByHand];
-        assert_eq!(kinds.map(count), [6, 2, 2, 2, 2]);
+        assert_eq!(kinds.map(|kind| cases.iter().filter(|case| case.kind == kind).count()), [6, 2, 2, 2, 2]);
         for case in &cases {
             let needs_one = case.kind == Kind::Effects;
             assert!(!needs_one || case.hidden().is_some());

@@ -36,8 +36,8 @@ fn judged(indenter: Indenter, is_before: bool, random: &mut ChaCha8Rng) -> Judge
         poisson: 0.5,
         thickness_m: None,
     };
-    let away_m = scale * 0.3e-3 * random.random::<f64>();
-    let contact_m = if is_before { -away_m } else { away_m };
+    let gap_m = scale * 0.3e-3 * random.random::<f64>();
+    let contact_m = if is_before { -gap_m } else { gap_m };
     let last_m = scale * 1e-3 * (0.4 + 0.4 * random.random::<f64>());
     let depth_m: Vec<f64> = (0..ROWS).map(|row| last_m * f64::from(row) / f64::from(ROWS - 1)).collect();
     let exact: Vec<f64> = depth_m.iter().map(|m| force_n(&contact, youngs_pa, m - contact_m)).collect();
@@ -51,8 +51,8 @@ fn judged(indenter: Indenter, is_before: bool, random: &mut ChaCha8Rng) -> Judge
             exact_n + offset_n + drift_n * f64::from(row) / f64::from(ROWS - 1) + 0.01 * span_n * normal()
         })
         .collect();
-    let found = indented(&contact, &depth_m, &forces).ok()?;
-    found.ci95_pa.map(|ends| (ends, youngs_pa))
+    let indentation = indented(&contact, &depth_m, &forces).ok()?;
+    indentation.ci95_pa.map(|ends| (ends, youngs_pa))
 }
 
 /// Prints the table.
@@ -67,10 +67,12 @@ pub fn run(curves: usize, seed: u64) -> Result<()> {
         for (is_before, when) in [(false, "recorded"), (true, "before the first row")] {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             random.set_stream(2 * number + u64::from(is_before));
-            let all: Vec<Judged> = (0..curves).map(|_| judged(indenter, is_before, &mut random)).collect();
-            let found: Vec<([f64; 2], f64)> = all.into_iter().flatten().collect();
-            let covered = found.iter().filter(|([low, high], truth)| (*low..=*high).contains(truth)).count();
-            let mut ratios: Vec<f64> = found.iter().map(|([low, high], _)| high / low).collect();
+            let judged_curves: Vec<Judged> =
+                (0..curves).map(|_| judged(indenter, is_before, &mut random)).collect();
+            let estimates: Vec<([f64; 2], f64)> = judged_curves.into_iter().flatten().collect();
+            let covered =
+                estimates.iter().filter(|([low, high], truth)| (*low..=*high).contains(truth)).count();
+            let mut ratios: Vec<f64> = estimates.iter().map(|([low, high], _)| high / low).collect();
             ratios.sort_by(f64::total_cmp);
             let median = ratios.get(ratios.len() / 2).copied().unwrap_or(f64::NAN);
             println!("| {} | {when} | {covered} of {curves} | {median:.2} |", indenter.name());

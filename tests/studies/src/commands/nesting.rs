@@ -11,10 +11,10 @@ pub fn run(repeats: usize, seed: u64) -> Result<()> {
          |---|---|---|---|---|---|---|---|---|---|---|"
     );
     for design in DESIGNS {
-        let found = study(&design, repeats, seed);
+        let result = study(&design, repeats, seed);
         let percent =
             |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
-        let covered = found.covered.map(percent).join(" | ");
+        let covered = result.covered.map(percent).join(" | ");
         let sds = [design.subject_sd, design.session_sd, design.error_sd]
             .map(|sd| format!("{:.0}", 100.0 * sd))
             .join(", ");
@@ -24,8 +24,8 @@ pub fn run(repeats: usize, seed: u64) -> Result<()> {
             if design.is_balanced { "" } else { "about " },
             design.sessions,
             if design.far > 0.0 { "1 of 30" } else { "none" },
-            found.freedom,
-            percent(Some(found.with_listed))
+            result.freedom,
+            percent(Some(result.with_listed))
         );
     }
     Ok(())

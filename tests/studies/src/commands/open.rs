@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use worlds::{Background, Design, Foreign, Truth, on_all_cores, session_on, touched_modulus};
 
-/// What ids of the class begin with where the answer is right.
+/// Prefixes of the ids of the class for which the answer is right.
 fn right(foreign: Option<Foreign>) -> &'static [&'static str] {
     match foreign {
         None => &[],
@@ -44,8 +44,7 @@ fn outcome(foreign: Option<Foreign>, number: usize, seed: u64) -> Result<Outcome
     let k_kpa = k_kpa * touched_modulus(&truth, &background, &design);
     let Diagnosis { k_ci95_kpa: [low, high], verdict, effects, gap, .. } =
         diagnose(&session, &Options::default(), |_| {})?;
-    let found = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
-    let is_right = |id: &String| right(foreign).iter().any(|start| id.starts_with(start));
+    let is_identified = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
     let classes: Vec<String> = effects
         .iter()
         .map(|effect| {
@@ -55,8 +54,12 @@ fn outcome(foreign: Option<Foreign>, number: usize, seed: u64) -> Result<Outcome
     let removed = gap.and_then(|gap| gap.removed);
     let name = foreign.map_or("nothing", Foreign::name);
     Ok(Outcome {
-        found,
-        right: found && effects.iter().flat_map(|effect| &effect.class).any(is_right),
+        found: is_identified,
+        right: is_identified
+            && effects
+                .iter()
+                .flat_map(|effect| &effect.class)
+                .any(|id| right(foreign).iter().any(|start| id.starts_with(start))),
         held: (low..=high).contains(&k_kpa),
         removed,
         line: format!(
@@ -79,8 +82,11 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
         if !name.contains(only) {
             continue;
         }
-        let of = |number: usize| outcome(foreign, number, seed.wrapping_add(7919 * place as u64));
-        let outcomes = on_all_cores(sessions, of).into_iter().collect::<Result<Vec<Outcome>>>()?;
+        let outcomes = on_all_cores(sessions, |number: usize| {
+            outcome(foreign, number, seed.wrapping_add(7919 * place as u64))
+        })
+        .into_iter()
+        .collect::<Result<Vec<Outcome>>>()?;
         let count = |is: &dyn Fn(&Outcome) -> bool| outcomes.iter().filter(|one| is(one)).count();
         let mut removed: Vec<f64> = outcomes.iter().filter_map(|one| one.removed).collect();
         removed.sort_by(f64::total_cmp);

@@ -11,7 +11,7 @@ use worlds::{Background, Design, Foreign, Truth as World, on_all_cores};
 const TEMPLATES: usize = 12;
 const K_KPA: f64 = 12.0;
 
-/// What is repeated: a name and the population.
+/// Repeated populations: a name and the population.
 const POPULATIONS: [(&str, f64, f64, f64); 3] = [
     ("gain 1.03 of one rig, 1.03 of another from a date on, 3 % foreign", 1.03, 1.03, 0.03),
     ("gain 1.015 of one rig", 1.015, 1.0, 0.0),
@@ -32,11 +32,11 @@ pub fn run(repetitions: usize, sessions: usize, seed: u64) -> Result<()> {
         summarize_session(format!("template {number}"), &session, &Labels::default(), number)
     };
     let count = TEMPLATES + 2 * Foreign::ALL.len();
-    let all = on_all_cores(count, |number| {
+    let drawn_sessions = on_all_cores(count, |number| {
         let foreign = number.checked_sub(TEMPLATES).map(|number| Foreign::ALL[number % Foreign::ALL.len()]);
         record(foreign, number)
     });
-    let (templates, foreign) = all.split_at(TEMPLATES);
+    let (templates, foreign) = drawn_sessions.split_at(TEMPLATES);
     println!(
         "| population | mean covered | sd covered | new subjects covered | gain named | step's rig named | as a step | its date covered | others named | foreign listed | clean listed |\n\
          |---|---|---|---|---|---|---|---|---|---|---|"
@@ -52,15 +52,15 @@ pub fn run(repetitions: usize, sessions: usize, seed: u64) -> Result<()> {
 fn row(outcome: &Outcome, truth: &Truth) -> String {
     let percent = |some: usize, all: usize| format!("{:.1} %", 100.0 * some as f64 / all.max(1) as f64);
     let groups = 3 * outcome.repetitions;
-    let of =
+    let detected_percent =
         |there: bool, some: usize| if there { percent(some, outcome.repetitions) } else { "-".to_owned() };
     [
         percent(outcome.means, groups),
         percent(outcome.taus, groups),
         percent(outcome.predicted, 100 * groups),
-        of(truth.gain != 1.0, outcome.gains),
-        of(truth.step != 1.0, outcome.drifts),
-        of(truth.step != 1.0, outcome.steps[0]),
+        detected_percent(truth.gain != 1.0, outcome.gains),
+        detected_percent(truth.step != 1.0, outcome.drifts),
+        detected_percent(truth.step != 1.0, outcome.steps[0]),
         if truth.step != 1.0 { percent(outcome.steps[1], outcome.steps[0]) } else { "-".to_owned() },
         percent(outcome.others, outcome.repetitions),
         if truth.foreign > 0.0 { percent(outcome.foreign[1], outcome.foreign[0]) } else { "-".to_owned() },

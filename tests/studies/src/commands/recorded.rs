@@ -20,34 +20,40 @@ pub fn run(sessions: &[PathBuf]) -> Result<()> {
     );
     for dir in sessions {
         let session = Session::read(dir)?;
-        let all = compare(&session).with_context(|| format!("cannot compare {}", dir.display()))?;
+        let comparisons = compare(&session).with_context(|| format!("cannot compare {}", dir.display()))?;
         let name = dir
             .file_name()
             .map_or_else(|| dir.display().to_string(), |name| name.to_string_lossy().into_owned());
         for quantity in Quantity::ALL {
-            let of: Vec<&Compared> = all.iter().filter(|one| one.quantity == quantity).collect();
-            if of.is_empty() {
+            let of_quantity: Vec<&Compared> =
+                comparisons.iter().filter(|one| one.quantity == quantity).collect();
+            if of_quantity.is_empty() {
                 continue;
             }
             let rms = |value: &dyn Fn(&Compared) -> f64| {
-                (of.iter().map(|one| value(one).powi(2)).sum::<f64>() / of.len() as f64).sqrt()
+                (of_quantity.iter().map(|one| value(one).powi(2)).sum::<f64>() / of_quantity.len() as f64)
+                    .sqrt()
             };
-            let held = |value: &dyn Fn(&Compared) -> [f64; 2]| {
-                let is_held = |one: &&&Compared| {
-                    let [mean, sd] = value(one);
-                    (one.recorded - mean).abs() <= HALF_SD * sd
-                };
-                100.0 * of.iter().filter(is_held).count() as f64 / of.len() as f64
+            let covered_fraction = |value: &dyn Fn(&Compared) -> [f64; 2]| {
+                100.0
+                    * of_quantity
+                        .iter()
+                        .filter(|one| {
+                            let [mean, sd] = value(one);
+                            (one.recorded - mean).abs() <= HALF_SD * sd
+                        })
+                        .count() as f64
+                    / of_quantity.len() as f64
             };
             println!(
                 "| {name} | {} | {} | {:.2} | {:.2} | {:.0} % | {:.2} | {:.0} % | {:.2} |",
                 quantity.name(),
-                of.len(),
+                of_quantity.len(),
                 rms(&|one| one.recorded),
                 rms(&|one| one.recorded - one.posterior[0]),
-                held(&|one| one.posterior),
+                covered_fraction(&|one| one.posterior),
                 rms(&|one| one.recorded - one.alone[0]),
-                held(&|one| one.alone),
+                covered_fraction(&|one| one.alone),
                 rms(&|one| one.recorded - one.broyden),
             );
         }

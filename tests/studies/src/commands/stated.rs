@@ -1,8 +1,9 @@
 //! `cargo xtask study stated`: sessions in which one number that is stated of the rig is wrong.
 //!
-//! An ordinary laboratory, its imperfections with it, measures a plain tissue and states guide 2, the surface or a diameter of the needle
-//! beside the truth. What counts is whether the interval of K holds the modulus of the touched tissue, and whether a diagnosis that calls
-//! the model adequate states such an interval. The sessions' generator shares nothing with the forward model.
+//! An ordinary laboratory, its imperfections with it, measures a plain tissue and states guide 2, the surface or a
+//! diameter of the needle beside the truth. The study counts whether the interval of K holds the modulus of the touched
+//! tissue, and whether a diagnosis that calls the model adequate states such an interval. The sessions' generator
+//! shares nothing with the forward model.
 
 use anyhow::Result;
 use formats::session::Session;
@@ -14,7 +15,7 @@ use worlds::{Background, Design, Truth, on_all_cores, session_on, touched_modulu
 
 const MM: f64 = 1e-3;
 
-/// What is stated beside the truth, and by how many millimetres.
+/// Statement that differs from the truth, and by how many millimetres.
 #[derive(Debug, Clone, Copy)]
 enum Stated {
     Guide2(f64),
@@ -63,7 +64,7 @@ impl Stated {
     }
 }
 
-/// What became of one session.
+/// Result of one session.
 struct Outcome {
     held: [bool; 2],
     width: [f64; 2],
@@ -83,24 +84,24 @@ fn outcome(stated: Stated, number: usize, seed: u64) -> Result<Outcome> {
     stated.state(&mut session, sign);
     let k_kpa = k_kpa * touched_modulus(&truth, &background, &design);
     let holds = |[low, high]: [f64; 2]| (low..=high).contains(&k_kpa);
-    let found = identify(&session, &identify::Options::default())?;
+    let identification = identify(&session, &identify::Options::default())?;
     let Diagnosis { k_ci95_kpa, verdict, effects, .. } =
         diagnose(&session, &inference::diagnose::Options::default(), |_| {})?;
-    let by_identify = found.pooled.ci95_kpa;
-    let held = [holds(by_identify), holds(k_ci95_kpa)];
+    let by_identify = identification.pooled.ci95_kpa;
+    let coverage = [holds(by_identify), holds(k_ci95_kpa)];
     let in_class =
         effects.iter().flat_map(|effect| &effect.class).any(|id| stated.effect().contains(&id.as_str()));
     let named: Vec<String> = effects.iter().map(|effect| effect.class.join("|")).collect();
-    let rests = found.pooled.rests_on.map_or("nothing", |rests| rests.assumption);
+    let widest_assumption = identification.pooled.rests_on.map_or("nothing", |rests| rests.assumption);
     Ok(Outcome {
-        held,
+        held: coverage,
         width: [by_identify, k_ci95_kpa].map(|[low, high]| (high - low) / (high + low)),
         in_class,
-        adequate_and_missed: verdict == Verdict::Adequate && !held[1],
+        adequate_and_missed: verdict == Verdict::Adequate && !coverage[1],
         line: format!(
-            "{} #{number}: K {k_kpa:.2}, identify {:.2} ({:.2} to {:.2}) on {rests}, diagnose {:.2} to {:.2}, {verdict:?} {}",
+            "{} #{number}: K {k_kpa:.2}, identify {:.2} ({:.2} to {:.2}) on {widest_assumption}, diagnose {:.2} to {:.2}, {verdict:?} {}",
             stated.name(),
-            found.pooled.k_kpa,
+            identification.pooled.k_kpa,
             by_identify[0],
             by_identify[1],
             k_ci95_kpa[0],
@@ -122,13 +123,16 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
     for (place, stated) in
         Stated::ALL.into_iter().enumerate().filter(|(_, stated)| stated.name().contains(only))
     {
-        let of = |number: usize| outcome(stated, number, seed.wrapping_add(7919 * place as u64));
-        let outcomes = on_all_cores(sessions, of).into_iter().collect::<Result<Vec<Outcome>>>()?;
+        let outcomes = on_all_cores(sessions, |number: usize| {
+            outcome(stated, number, seed.wrapping_add(7919 * place as u64))
+        })
+        .into_iter()
+        .collect::<Result<Vec<Outcome>>>()?;
         let count = |is: &dyn Fn(&Outcome) -> bool| outcomes.iter().filter(|one| is(one)).count();
         let median = |at: usize| {
-            let mut all: Vec<f64> = outcomes.iter().map(|one| one.width[at]).collect();
-            all.sort_by(f64::total_cmp);
-            1e2 * all.get(all.len() / 2).copied().unwrap_or(f64::NAN)
+            let mut widths: Vec<f64> = outcomes.iter().map(|one| one.width[at]).collect();
+            widths.sort_by(f64::total_cmp);
+            1e2 * widths.get(widths.len() / 2).copied().unwrap_or(f64::NAN)
         };
         println!(
             "| {} | {} of {sessions} | {} | {:.1}, {:.1} | {} | {} |",

@@ -9,7 +9,7 @@ use worlds::steering::{SimulatedPlant, TiedNeedle, Tissues, far_target, tied_sib
 /// Share of its limits within which a needle has reached its target.
 const SHARE: f64 = 0.8;
 
-/// Which limit is half of what it usually is.
+/// Limit that is half of its usual value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Halved {
     /// None.
@@ -65,7 +65,7 @@ impl Halved {
 pub enum Target {
     /// The needle's own, within 0.8 of its limits.
     Own,
-    /// That of another needle of the same prior: this one may not reach it.
+    /// Move for another needle of the same prior: this one may not reach it.
     Other,
 }
 
@@ -97,45 +97,51 @@ pub fn limited(
     count: u64,
     seed: u64,
 ) -> Result<Vec<LimitedRun>, PlantError> {
-    let of = |number: u64| {
-        let mut plant = tied_world(tissues, seed, number);
-        halved.apply(&mut plant);
-        let target_mm = match target {
-            Target::Own => far_target(&plant, SHARE, DEPTH_MM, seed, number)?,
-            Target::Other => {
-                let mut other = tied_sibling(tissues, seed, number, 1);
-                halved.apply(&mut other);
-                far_target(&other, SHARE, DEPTH_MM, seed, number)?
+    (0..count)
+        .into_par_iter()
+        .map(|number| {
+            let mut plant = tied_world(tissues, seed, number);
+            halved.apply(&mut plant);
+            let target_mm = match target {
+                Target::Own => far_target(&plant, SHARE, DEPTH_MM, seed, number)?,
+                Target::Other => {
+                    let mut sibling = tied_sibling(tissues, seed, number, 1);
+                    halved.apply(&mut sibling);
+                    far_target(&sibling, SHARE, DEPTH_MM, seed, number)?
+                }
+            };
+            match steer(&mut plant, &Options::new(target_mm), &mut |_| {}) {
+                Ok(run) => {
+                    let refused = matches!(run.outcome, Outcome::Refused { .. });
+                    Ok(LimitedRun {
+                        miss_mm: run.miss_mm.filter(|_| !refused),
+                        refused,
+                        stopped: matches!(run.outcome, Outcome::Stopped { .. }),
+                        broken: run
+                            .end
+                            .as_ref()
+                            .and_then(|end| end.limits_broken)
+                            .map_or(0, |broken| broken.total()),
+                        stated: run
+                            .within_before
+                            .iter()
+                            .map(|one| [one.radius_mm, one.probability])
+                            .collect(),
+                        named: run.decisions.iter().any(|one| one.limits.is_some()),
+                    })
+                }
+                Err(SteerError::Plant(error)) => Err(error),
+                Err(_) => Ok(LimitedRun {
+                    miss_mm: None,
+                    refused: false,
+                    stopped: true,
+                    broken: 0,
+                    stated: Vec::new(),
+                    named: true,
+                }),
             }
-        };
-        match steer(&mut plant, &Options::new(target_mm), &mut |_| {}) {
-            Ok(run) => {
-                let refused = matches!(run.outcome, Outcome::Refused { .. });
-                Ok(LimitedRun {
-                    miss_mm: run.miss_mm.filter(|_| !refused),
-                    refused,
-                    stopped: matches!(run.outcome, Outcome::Stopped { .. }),
-                    broken: run
-                        .end
-                        .as_ref()
-                        .and_then(|end| end.limits_broken)
-                        .map_or(0, |broken| broken.total()),
-                    stated: run.within_before.iter().map(|one| [one.radius_mm, one.probability]).collect(),
-                    named: run.decisions.iter().any(|one| one.limits.is_some()),
-                })
-            }
-            Err(SteerError::Plant(error)) => Err(error),
-            Err(_) => Ok(LimitedRun {
-                miss_mm: None,
-                refused: false,
-                stopped: true,
-                broken: 0,
-                stated: Vec::new(),
-                named: true,
-            }),
-        }
-    };
-    (0..count).into_par_iter().map(of).collect()
+        })
+        .collect()
 }
 
 /// A radius in millimetres with the probability that was stated for it, and what a run missed by.
@@ -147,17 +153,17 @@ pub fn row(tissues: Tissues, halved: Halved, target: Target, runs: &[LimitedRun]
     misses.sort_by(f64::total_cmp);
     let count = |is: &dyn Fn(&LimitedRun) -> bool| runs.iter().filter(|run| is(run)).count();
     let quantile = |share: f64| {
-        let at = (share * misses.len().saturating_sub(1) as f64).round() as usize;
-        misses.get(at).copied().unwrap_or(f64::NAN)
+        let quantile_index = (share * misses.len().saturating_sub(1) as f64).round() as usize;
+        misses.get(quantile_index).copied().unwrap_or(f64::NAN)
     };
     let calibration = |i: usize| {
-        let both: Vec<Judged> =
+        let stated_and_miss: Vec<Judged> =
             runs.iter().filter_map(|run| Some((*run.stated.get(i)?, run.miss_mm?))).collect();
-        let of = |value: fn(&Judged) -> f64| {
-            100.0 * both.iter().map(value).sum::<f64>() / both.len().max(1) as f64
+        let mean_percent = |value: fn(&Judged) -> f64| {
+            100.0 * stated_and_miss.iter().map(value).sum::<f64>() / stated_and_miss.len().max(1) as f64
         };
-        let observed = of(|([radius_mm, _], miss_mm)| f64::from(u8::from(miss_mm <= radius_mm)));
-        format!("{:.0} / {observed:.0}", of(|([_, stated], _)| *stated))
+        let observed = mean_percent(|([radius_mm, _], miss_mm)| f64::from(u8::from(miss_mm <= radius_mm)));
+        format!("{:.0} / {observed:.0}", mean_percent(|([_, stated], _)| *stated))
     };
     let silent = |run: &LimitedRun| run.miss_mm.is_some_and(|mm| mm > 0.5) && !run.named && !run.stopped;
     format!(

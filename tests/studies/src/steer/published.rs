@@ -20,8 +20,8 @@ struct Pushed {
 
 impl Pushed {
     fn new(plant: SimulatedPlant) -> Self {
-        let at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
-        Self { plant, at }
+        let command = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
+        Self { plant, at: command }
     }
 
     fn push_to(&mut self, depth_mm: usize) -> Result<(), PlantError> {
@@ -57,12 +57,12 @@ impl Pushed {
     }
 
     fn move_guide(&mut self, to_mm: [f64; 2]) -> Result<(), PlantError> {
-        let from_mm = self.guide_mm();
+        let start_mm = self.guide_mm();
         for step in 1..=MOVE_STEPS {
-            let share = f64::from(step) / f64::from(MOVE_STEPS);
+            let fraction = f64::from(step) / f64::from(MOVE_STEPS);
             self.at.t_s += 0.1;
-            self.at.guide_x_mm = from_mm[0] + share * (to_mm[0] - from_mm[0]);
-            self.at.guide_y_mm = from_mm[1] + share * (to_mm[1] - from_mm[1]);
+            self.at.guide_x_mm = start_mm[0] + fraction * (to_mm[0] - start_mm[0]);
+            self.at.guide_y_mm = start_mm[1] + fraction * (to_mm[1] - start_mm[1]);
             self.plant.step(&self.at)?;
         }
         Ok(())
@@ -95,16 +95,16 @@ pub(super) fn proportional(
         pushed.push_to(depth)?;
         let tip_mm = pushed.tip_mm()?;
         let (now_mm, travel_mm) = (pushed.guide_mm(), pushed.travel_mm());
-        let to_mm = [0, 1].map(|plane: usize| {
-            let way_mm = target_mm[plane] * depth as f64 / DEPTH_MM;
-            (now_mm[plane] + SHARE * (tip_mm[plane] - way_mm)).clamp(-travel_mm, travel_mm)
+        let command_mm = [0, 1].map(|plane: usize| {
+            let line_mm = target_mm[plane] * depth as f64 / DEPTH_MM;
+            (now_mm[plane] + SHARE * (tip_mm[plane] - line_mm)).clamp(-travel_mm, travel_mm)
         });
-        pushed.move_guide(to_mm)?;
+        pushed.move_guide(command_mm)?;
     }
     pushed.end(target_mm)
 }
 
-/// What the published controller aims at on the way.
+/// Aim of the published controller on the way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Aim {
     /// The target's x and y from the first step on, as published: its targets lay straight ahead.
@@ -113,14 +113,15 @@ pub(super) enum Aim {
     Line,
 }
 
-/// What is not learned but taken from the plant itself: where the published controller fails, which of its parts does.
+/// Quantity that is not learned but taken from the plant itself: where the published controller fails, which of its
+/// parts does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Given {
-    /// Nothing.
+    /// No quantity.
     Nothing,
-    /// What a guide move does to the tip at the next stop: the Jacobian that it learns, without error.
+    /// Effect of a guide move on the tip at the next stop: the Jacobian that it learns, without error.
     NextStop,
-    /// What it does at the target's depth, and where the tip ends there if the guide stays by the learned Jacobian.
+    /// Effect at the target's depth, and the tip's end there by the learned Jacobian if the guide stays.
     AtTarget,
     /// Both.
     AtTargetWithPath,
@@ -129,7 +130,7 @@ pub(super) enum Given {
 /// Guide move by which a plant's response is found, mm.
 const PROBE_MM: f64 = 0.2;
 
-/// Where a copy of the plant has its tip at a depth if the guide is moved by so much now, mm.
+/// Tip of a copy of the plant at a depth if the guide is moved by so much now, mm.
 fn ahead_mm(pushed: &Pushed, moved_mm: f64, depth_mm: usize) -> Result<[f64; 2], PlantError> {
     let mut copy = Pushed { plant: pushed.plant.clone(), at: pushed.at };
     let now_mm = copy.guide_mm();
@@ -162,8 +163,8 @@ pub(super) fn broyden(
         let input = [x_mm, y_mm, depth as f64];
         jacobian.update(last, (tip_mm, input));
         last = (tip_mm, input);
-        // Where the tip will be at the next stop if the guide stays.
-        let ahead = jacobian.change([0.0, 0.0, EVERY_MM as f64]);
+        // Position of the tip at the next stop if the guide stays.
+        let change_ahead = jacobian.change([0.0, 0.0, EVERY_MM as f64]);
         let gain = |input: usize| jacobian.change([0, 1, 2].map(|i: usize| f64::from(u8::from(i == input))));
         let [of_x, of_y] = [gain(0), gain(1)];
         let (ahead_depth, is_known) = match given {
@@ -176,34 +177,34 @@ pub(super) fn broyden(
             let still_mm = self::ahead_mm(&pushed, 0.0, ahead_depth)?;
             let moved_mm = self::ahead_mm(&pushed, PROBE_MM, ahead_depth)?;
             let gain = [0, 1].map(|plane: usize| (moved_mm[plane] - still_mm[plane]) / PROBE_MM);
-            let left_mm = (ahead_depth - depth) as f64;
+            let remaining_mm = (ahead_depth - depth) as f64;
             let still_mm = match given {
                 Given::AtTargetWithPath => still_mm,
                 _ => {
-                    let ahead = jacobian.change([0.0, 0.0, left_mm]);
-                    [0, 1].map(|plane: usize| tip_mm[plane] + ahead[plane])
+                    let change_ahead = jacobian.change([0.0, 0.0, remaining_mm]);
+                    [0, 1].map(|plane: usize| tip_mm[plane] + change_ahead[plane])
                 }
             };
-            let to_mm = [0, 1].map(|plane: usize| {
+            let command_mm = [0, 1].map(|plane: usize| {
                 let missing_mm = target_mm[plane] - still_mm[plane];
                 let now_mm = [x_mm, y_mm][plane];
                 let move_mm = if gain[plane].abs() > 1e-3 { missing_mm / gain[plane] } else { 0.0 };
                 (now_mm + move_mm).clamp(-pushed.travel_mm(), pushed.travel_mm())
             });
-            pushed.move_guide(to_mm)?;
+            pushed.move_guide(command_mm)?;
             let tip_mm = pushed.tip_mm()?;
-            let input = [to_mm[0], to_mm[1], depth as f64];
+            let input = [command_mm[0], command_mm[1], depth as f64];
             jacobian.update(last, (tip_mm, input));
             last = (tip_mm, input);
             continue;
         }
-        let share = match aim {
+        let aim_fraction = match aim {
             Aim::Target => 1.0,
             Aim::Line => (depth + EVERY_MM) as f64 / DEPTH_MM,
         };
         let missing = [0, 1].map(|plane: usize| {
-            let still_mm = tip_mm[plane] + ahead[plane];
-            share * target_mm[plane] - still_mm + of_x[plane] * x_mm + of_y[plane] * y_mm
+            let still_mm = tip_mm[plane] + change_ahead[plane];
+            aim_fraction * target_mm[plane] - still_mm + of_x[plane] * x_mm + of_y[plane] * y_mm
         });
         let guide = [0, 1].map(|plane: usize| [of_x[plane], of_y[plane]]);
         pushed.move_guide(nearest(guide, missing, pushed.travel_mm()))?;
@@ -229,7 +230,7 @@ impl<const N: usize> Jacobian<N> {
         Self(rows)
     }
 
-    /// What the readings change by where guide and depth change by so much.
+    /// Change of the readings for such changes of guide and depth.
     pub fn change(&self, moved: [f64; 3]) -> [f64; N] {
         self.0.map(|row| row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum())
     }
@@ -253,17 +254,18 @@ impl<const N: usize> Jacobian<N> {
 /// The guide position within its travel whose effect is nearest to what is requested: a quadratic program of two variables, by
 /// coordinate descent.
 fn nearest(gain: [[f64; 2]; 2], requested: [f64; 2], travel_mm: f64) -> [f64; 2] {
-    let mut at = [0.0; 2];
+    let mut guide_mm = [0.0; 2];
     for _ in 0..200 {
         for i in 0..2 {
-            let other = 1 - i;
-            let rest = [0, 1].map(|plane: usize| requested[plane] - gain[plane][other] * at[other]);
+            let other_axis = 1 - i;
+            let residual =
+                [0, 1].map(|plane: usize| requested[plane] - gain[plane][other_axis] * guide_mm[other_axis]);
             let square = gain[0][i].powi(2) + gain[1][i].powi(2);
-            let along = gain[0][i] * rest[0] + gain[1][i] * rest[1];
-            at[i] = if square > 0.0 { (along / square).clamp(-travel_mm, travel_mm) } else { 0.0 };
+            let gradient = gain[0][i] * residual[0] + gain[1][i] * residual[1];
+            guide_mm[i] = if square > 0.0 { (gradient / square).clamp(-travel_mm, travel_mm) } else { 0.0 };
         }
     }
-    at
+    guide_mm
 }
 
 #[cfg(test)]
@@ -272,19 +274,21 @@ mod tests {
 
     #[test]
     fn broydens_rule_explains_its_share_of_the_last_step_and_changes_nothing_across_it() {
-        let before = [[-0.5, 0.1, 0.0], [0.0, -0.4, 0.02]];
-        let mut jacobian = Jacobian::new(before);
-        let (from, to) = (([0.1, 0.2], [1.0, -1.0, 10.0]), ([0.5, -0.3], [2.0, -1.5, 15.0]));
-        jacobian.update(from, to);
+        let initial = [[-0.5, 0.1, 0.0], [0.0, -0.4, 0.02]];
+        let mut jacobian = Jacobian::new(initial);
+        let (earlier_state, later_state) =
+            (([0.1, 0.2], [1.0, -1.0, 10.0]), ([0.5, -0.3], [2.0, -1.5, 15.0]));
+        jacobian.update(earlier_state, later_state);
         let moved = [1.0, -0.5, 5.0];
         for (plane, row) in jacobian.0.iter().enumerate() {
             let predicted: f64 = row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
-            let before_mm: f64 = before[plane].iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
-            let missing_mm = to.0[plane] - from.0[plane] - before_mm;
-            assert!((predicted - before_mm - 0.65 * missing_mm).abs() < 1e-9);
+            let predicted_mm: f64 =
+                initial[plane].iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
+            let missing_mm = later_state.0[plane] - earlier_state.0[plane] - predicted_mm;
+            assert!((predicted - predicted_mm - 0.65 * missing_mm).abs() < 1e-9);
             // Across the step: (0.5, 1, 0) is perpendicular to it.
-            let across = |row: &[f64; 3]| 0.5 * row[0] + row[1];
-            assert!((across(row) - across(&before[plane])).abs() < 1e-12);
+            let product = |row: &[f64; 3]| 0.5 * row[0] + row[1];
+            assert!((product(row) - product(&initial[plane])).abs() < 1e-12);
         }
     }
 
@@ -296,13 +300,13 @@ mod tests {
         assert!((gain[1][0] * x + gain[1][1] * y - 0.6).abs() < 1e-9);
         // Out of reach: no point of a grid within the travel is nearer.
         let requested = [-9.0, 1.0];
-        let far = |at: [f64; 2]| {
+        let distance_from = |at: [f64; 2]| {
             (0..2).map(|i| (gain[i][0] * at[0] + gain[i][1] * at[1] - requested[i]).powi(2)).sum::<f64>()
         };
-        let best = far(nearest(gain, requested, 6.0));
+        let best = distance_from(nearest(gain, requested, 6.0));
         for i in -60..=60 {
             for j in -60..=60 {
-                assert!(far([0.1 * f64::from(i), 0.1 * f64::from(j)]) >= best - 1e-9);
+                assert!(distance_from([0.1 * f64::from(i), 0.1 * f64::from(j)]) >= best - 1e-9);
             }
         }
     }

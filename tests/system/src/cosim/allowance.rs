@@ -6,7 +6,7 @@
 use super::gate::Waiting;
 use protocol::Message;
 
-/// How far device time may go. Periods count from the start.
+/// Time to which device time may advance. Periods count from the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Allowance {
     until_step: u64,
@@ -61,8 +61,8 @@ mod tests {
         let mut late = Allowance::new(400, Some(7));
         late.receive(500, &Message::Ack { id: 7 });
         assert_eq!(late.waiting(450), WAITS, "an answer allows nothing");
-        let mut other = Allowance::new(400, None);
-        other.receive(30, &Message::Ack { id: 7 });
-        assert_eq!(other.waiting(31), None, "a wait is not ended by an answer");
+        let mut timed = Allowance::new(400, None);
+        timed.receive(30, &Message::Ack { id: 7 });
+        assert_eq!(timed.waiting(31), None, "a wait is not ended by an answer");
     }
 }

@@ -29,9 +29,11 @@ pub(super) const CRAWL: Duration = Duration::from_millis(10);
 pub(super) const SWEEP_CRAWL: Duration = Duration::from_millis(20);
 /// The same beyond what the host allows ([`super::allowance`]).
 const ALLOWANCE_CRAWL: Duration = Duration::from_millis(2);
-/// How long before its start a program that was announced has to have been accepted, milliseconds of the device.
+/// Time before its start within which an announced program has to have been accepted, milliseconds of the
+/// device.
 const START_RESERVE_MS: u64 = 2_000;
-/// How far into a hold its sweep has to have been taken, milliseconds of the device. Hosts take it after 0.3 s.
+/// Time within a hold at which its sweep has to have been taken, milliseconds of the device. Hosts take it
+/// after 0.3 s.
 const SWEEP_RESERVE_MS: u64 = 500;
 /// Wall-clock time at a crawl after which a silent host is let be silent. A program whose thread is ready to run gets processor
 /// time within a fraction of this, also where ten others compete for it.
@@ -61,7 +63,7 @@ impl Appointment {
     }
 }
 
-/// What device time waits for.
+/// Event that device time waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Waiting {
     /// A command of the host.
@@ -70,7 +72,7 @@ pub(super) enum Waiting {
     Start,
     /// An ultrasound sweep.
     Sweep,
-    /// That the host allows it to go on.
+    /// Permission of the host to go on.
     Allowance,
 }
 
@@ -84,7 +86,7 @@ impl Waiting {
         }
     }
 
-    /// How often to check whether it still has to.
+    /// Interval at which to check whether it still has to.
     pub(super) fn poll_interval(self) -> Duration {
         match self {
             Self::Host | Self::Start | Self::Sweep => POLL_INTERVAL,
@@ -209,23 +211,24 @@ impl Gate {
         (self.active, self.ended_us, self.hold_ms) = (false, at_us, None);
     }
 
-    /// What device time has to wait for in this period.
+    /// Event that device time has to wait for in this period.
     pub(super) fn waiting(&mut self, now_ms: u64, now: Instant) -> Option<Waiting> {
         if self.under_way > 0 || self.hold_ms.is_some_and(|from_ms| now_ms >= from_ms + SWEEP_RESERVE_MS) {
             return Some(Waiting::Sweep);
         }
-        let is_due = |next: &Appointment| {
-            (next.start_ms.saturating_sub(START_RESERVE_MS)..next.start_ms).contains(&now_ms)
-        };
-        if !self.active && self.appointments.front().is_some_and(is_due) {
+        if !self.active
+            && self.appointments.front().is_some_and(|next| {
+                (next.start_ms.saturating_sub(START_RESERVE_MS)..next.start_ms).contains(&now_ms)
+            })
+        {
             return Some(Waiting::Start);
         }
         let is_late = now_ms.saturating_sub(self.answered_ms) >= self.silence_limit_ms / 2;
         if !self.active || self.may_be_silent || !is_late {
             return None;
         }
-        let since = *self.waiting_since.get_or_insert(now);
-        (now.saturating_duration_since(since) < TIMEOUT).then_some(Waiting::Host)
+        let waiting_start = *self.waiting_since.get_or_insert(now);
+        (now.saturating_duration_since(waiting_start) < TIMEOUT).then_some(Waiting::Host)
     }
 }
 
@@ -287,7 +290,7 @@ mod tests {
         gate.receive(2_200, &status(2_200, State::Moving, 300));
         gate.receive(2_200, &Message::Ack { id: 3 });
         assert_eq!(first_wait(&mut gate, 2_200..3_000, now), Some((2_350, Waiting::Host)));
-        // What the device sends without a request is no sign of the host.
+        // An unsolicited message of the device is no sign of the host.
         gate.receive(2_360, &status(2_360, State::Moving, 300));
         gate.receive(2_360, &event(2_360, EventKind::StepStarted { index: 1 }));
         assert_eq!(gate.waiting(2_361, now), Some(Waiting::Host));

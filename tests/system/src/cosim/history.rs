@@ -1,4 +1,4 @@
-//! What passed between rig and firmware in each of the last periods, for comparison with what the firmware reports.
+//! Exchange of rig and firmware in each of the last periods, for comparison with the firmware's reports.
 
 use std::collections::VecDeque;
 
@@ -31,16 +31,16 @@ pub struct History {
 }
 
 impl History {
-    /// Nothing before this period. All memory is taken and touched at once.
+    /// History that begins with this period. All memory is taken and touched at once.
     pub fn new(from: u64) -> Self {
-        let none = Period {
+        let no_period = Period {
             potentiometer_codes: [u16::MAX; 2],
             force_codes: [i32::MIN; 2],
             released: true,
             slow: false,
             force_repeats: false,
         };
-        Self { next: from, kept: 0, ring: VecDeque::from(vec![none; KEPT_PERIODS]) }
+        Self { next: from, kept: 0, ring: VecDeque::from(vec![no_period; KEPT_PERIODS]) }
     }
 
     /// One more period.
@@ -53,8 +53,8 @@ impl History {
 
     /// A period, while it is kept.
     pub fn get(&self, period: u64) -> Option<Period> {
-        let back = usize::try_from(self.next.checked_sub(period)?).ok()?;
-        if (1..=self.kept).contains(&back) { self.ring.get(KEPT_PERIODS - back).copied() } else { None }
+        let age = usize::try_from(self.next.checked_sub(period)?).ok()?;
+        if (1..=self.kept).contains(&age) { self.ring.get(KEPT_PERIODS - age).copied() } else { None }
     }
 }
 

@@ -1,4 +1,5 @@
-//! What tests do to the electronics between rig and firmware, and how soon the firmware lets go of the motors.
+//! Faults of the electronics between rig and firmware for tests, and the firmware's time to release the
+//! motors.
 
 use super::PERIOD_S;
 use super::line::{LINE_BAUD, Line};
@@ -7,7 +8,7 @@ use emulation::plant::{FORCE_CODE_MAX, FULL_SCALE, POTENTIOMETER_CODE_MAX, Plant
 use sequences::sensors::{Contacts, Failing};
 use simulation::rig::{BridgeInputs, Codes};
 
-/// What is injected; by default nothing. Axes are 0 for x and 1 for y.
+/// Injected faults; none by default. Axes are 0 for x and 1 for y.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Injection {
     /// The emergency stop is pressed.
@@ -32,9 +33,9 @@ pub struct Injection {
     pub potentiometer_short: Option<usize>,
     /// Added to the potentiometers' codes.
     pub potentiometer_jump_codes: [i32; 2],
-    /// How the force channels fail.
+    /// Failure of the force channels.
     pub force_fails: Option<Failing>,
-    /// How the potentiometers fail.
+    /// Failure of the potentiometers.
     pub potentiometers_fail: Option<Failing>,
     /// Hum of the mains on the force channels at 50 Hz, newtons.
     pub hum_n: f64,
@@ -57,8 +58,8 @@ pub struct Injection {
     pub stack_overflow: bool,
     /// The firmware gets no answer: time stands still.
     pub freeze: bool,
-    /// It is over by itself after so many periods; by default it lasts until another one begins. What must not last longer on a
-    /// computer that lets the test wait ends by the device's time.
+    /// It is over by itself after so many periods; by default it lasts until another one begins. An injection that must
+    /// not last longer on a computer that lets the test wait ends by the device's time.
     pub for_periods: Option<u64>,
 }
 
@@ -83,7 +84,7 @@ pub enum Trigger {
     },
 }
 
-/// How the firmware took an injection. Periods count from the start, over all resets.
+/// Reaction of the firmware to an injection. Periods count from the start, over all resets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reaction {
     /// The period whose reply was the first with the injection.
@@ -106,9 +107,9 @@ impl Reaction {
 pub(super) struct Electronics {
     codes_per_n: f64,
     injection: Injection,
-    /// What is injected from the next period on.
+    /// Injection from the next period on.
     next: Option<Injection>,
-    /// What waits for something.
+    /// Injection that waits for its trigger.
     pending: Option<(Trigger, Injection)>,
     reaction: Option<Reaction>,
     /// The period in which what is injected is over by itself.
@@ -117,7 +118,7 @@ pub(super) struct Electronics {
     driven_periods: u64,
     /// No input has been high from this period on.
     released_since: Option<u64>,
-    /// What happens once and has not yet.
+    /// Reset that happens once and is still to come.
     reset_force: bool,
     saturates_once: bool,
     brown_out: bool,
@@ -259,8 +260,8 @@ impl Electronics {
             let low = 1.0 - duty.abs();
             inputs[axis] = if duty > 0.0 { [1.0, low] } else { [low, 1.0] };
         }
-        if let Some((axis, share)) = weak {
-            inputs[axis] = inputs[axis].map(|high| high * share);
+        if let Some((axis, weak_axis)) = weak {
+            inputs[axis] = inputs[axis].map(|high| high * weak_axis);
         }
         if let Some(axis) = jammed {
             inputs[axis] = [0.0; 2];
@@ -268,7 +269,7 @@ impl Electronics {
         inputs
     }
 
-    /// What the firmware senses at the end of the period.
+    /// Values that the firmware senses at the end of the period.
     pub(super) fn sense(&mut self, step: u32, codes: Codes, power_off: bool) -> PlantReply {
         let injection = self.injection;
         let codes = self.wiring.codes(codes);

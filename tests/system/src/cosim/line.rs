@@ -10,7 +10,8 @@ pub const BITS_PER_BYTE: u32 = 10;
 /// The line of a rig.
 #[derive(Debug, Default)]
 pub(super) struct Line {
-    /// Of a byte that the line was sending when the period ended: bits times microseconds per second.
+    /// Number of bits that were sent of a byte when the period ended: bits times microseconds per
+    /// second.
     sent: u64,
 }
 

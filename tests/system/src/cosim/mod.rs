@@ -59,7 +59,7 @@ const PERIOD_S: f64 = 1e-3;
 /// Names of the sockets on which sweeps and scans are served.
 const SWEEPS: &str = "ultrasound";
 const SCANS: &str = "scanner";
-/// How often the rig, while it waits, checks whether what it waits for has come.
+/// Interval at which the waiting rig checks whether its event has come.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 #[derive(Debug)]
@@ -72,14 +72,14 @@ struct State {
     resets: u64,
     /// Period in which the firmware started last.
     started: u64,
-    /// How far guide 2 really was from the middle and how hard it was pressed, at most since this was last read.
+    /// Largest true distance of guide 2 from the middle, and largest load on it, since this was last read.
     reach: Reach,
-    /// How far each axis went from where it stood, and how its force changed, where that is watched.
+    /// Motion of each axis from its start, and change of its force, if they are watched.
     watched: Option<Watched>,
-    /// What passed in each of the last periods, if it is to be kept.
+    /// Exchange in each of the last periods, if it is to be kept.
     history: Option<History>,
     gate: Gate,
-    /// How far the host lets device time go, where it does so step by step.
+    /// Time to which the host lets device time advance, if it does so step by step.
     allowance: Option<Allowance>,
     /// Bytes that the device had sent over its line before the period.
     sent_bytes: u64,
@@ -94,7 +94,8 @@ pub struct Reach {
     pub force_n: f64,
 }
 
-/// What is watched from a moment on: where the guide stood then, and the most of its motion and of the force's change since.
+/// Motion that is watched from a moment on: where the guide stood then, and the most of its motion and of the force's
+/// change since.
 #[derive(Debug, Clone, Copy)]
 struct Watched {
     from_m: [f64; 2],
@@ -220,7 +221,7 @@ impl Cosim {
         lock(&self.state).electronics.press(pressed);
     }
 
-    /// How the firmware took the last injection that was one; `None` where there was none yet.
+    /// Reaction of the firmware to the last injection; `None` if there was none yet.
     pub fn reaction(&self) -> Option<Reaction> {
         lock(&self.state).electronics.reaction()
     }
@@ -239,11 +240,11 @@ impl Cosim {
     /// From now on what passes is kept, for the last [`KEPT_PERIODS`].
     pub fn keep_history(&self) {
         let mut state = lock(&self.state);
-        let from = state.steps;
-        state.history.get_or_insert_with(|| History::new(from));
+        let first_step = state.steps;
+        state.history.get_or_insert_with(|| History::new(first_step));
     }
 
-    /// What passed in a period since the start; `None` where it has not been yet, or is not kept.
+    /// Exchange in a period since the start; `None` if the period is still to come, or is not kept.
     pub fn period(&self, step: u64) -> Option<Period> {
         lock(&self.state).history.as_ref()?.get(step)
     }
@@ -258,7 +259,7 @@ impl Cosim {
         lock(&self.state).electronics.released_since()
     }
 
-    /// How far the guide went and how hard it was pressed since this was last read.
+    /// Motion of the guide and load on it since this was last read.
     pub fn take_reach(&self) -> Reach {
         std::mem::take(&mut lock(&self.state).reach)
     }
@@ -274,7 +275,7 @@ impl Cosim {
         lock(&self.state).watched.take().map(|watched| watched.most)
     }
 
-    /// How often the firmware has started again.
+    /// Number of times the firmware has started again.
     pub fn resets(&self) -> u64 {
         lock(&self.state).resets
     }
@@ -284,17 +285,17 @@ impl Cosim {
         lock(&self.state).electronics.bridges_driven()
     }
 
-    /// Where sweeps are served.
+    /// Socket on which sweeps are served.
     pub fn ultrasound(&self) -> PathBuf {
         self.folder.join(SWEEPS)
     }
 
-    /// Where scans are served, from which frames are rendered.
+    /// Socket on which scans are served, from which frames are rendered.
     pub fn scanner(&self) -> PathBuf {
         self.folder.join(SCANS)
     }
 
-    /// Where a needle of another program is joined to guide 2.
+    /// Socket on which a needle of another program is joined to guide 2.
     pub fn needle(&self) -> PathBuf {
         self.folder.join("needle")
     }

@@ -1,4 +1,4 @@
-//! What the device sends on its serial line, in step with its periods.
+//! Sends the device's bytes on its serial line, in step with its periods.
 //!
 //! QEMU copies each byte that leaves the serial port into a named pipe before the firmware goes on. So when the firmware requests
 //! the next period, all that it sent before has arrived here, whether a host has the port open or not, and however much
@@ -38,7 +38,8 @@ impl Output {
         Ok(Self { pipe, receiver: EnvelopeReceiver::new() })
     }
 
-    /// Hands out the messages since the last call, in order; returns of how many bytes. What is no message is skipped.
+    /// Hands out the messages since the last call, in order; returns of how many bytes. Bytes that are no message are
+    /// skipped.
     pub(crate) fn drain(&mut self, mut take: impl FnMut(&Message)) -> u64 {
         let (mut bytes, mut count) = ([0; 1024], 0);
         while let Ok(length @ 1..) = self.pipe.read(&mut bytes) {
@@ -105,9 +106,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut output = Output::open(folder.path()).unwrap();
         let mut drained = || {
-            let mut found = Vec::new();
-            let bytes = output.drain(|message| found.push(message.clone()));
-            (found, bytes)
+            let mut messages = Vec::new();
+            let bytes = output.drain(|message| messages.push(message.clone()));
+            (messages, bytes)
         };
         assert_eq!(drained(), (vec![], 0), "no writer yet");
         let mut device = OpenOptions::new().write(true).open(folder.path().join(OUTPUT_PIPE)).unwrap();
@@ -119,13 +120,13 @@ mod tests {
                 encode_envelope(&envelope, &mut buffer).unwrap().to_vec()
             })
             .collect();
-        let (first, rest) = frames.split_at(5);
+        let (first, later_frames) = frames.split_at(5);
         device.write_all(first).unwrap();
         assert_eq!(drained(), (vec![], 5), "a part of a message");
-        device.write_all(rest).unwrap();
+        device.write_all(later_frames).unwrap();
         let (messages, bytes) = drained();
         assert_eq!(messages, [Message::Ack { id: 3 }, Message::Ack { id: 4 }]);
-        assert_eq!(bytes, rest.len() as u64);
+        assert_eq!(bytes, later_frames.len() as u64);
         drop(device);
         assert_eq!(drained(), (vec![], 0), "no writer any more");
     }

@@ -4,8 +4,9 @@ use std::time::{Duration, Instant};
 
 /// The rig runs in bursts of this many periods and sleeps between them: a sleep per period would mostly be overhead.
 const BURST_PERIODS: u32 = 5;
-/// How far the rig may have fallen behind and catch up: sleeps end late by less than this. What it lost beyond, because it was
-/// given no processor time or waited for a host, is lost: a host that lost the same time would find the device racing ahead.
+/// Delay of the rig that it can make up: sleeps end late by less than this. A longer delay, because it was given no
+/// processor time or waited for a host, is not made up: a host that lost the same time would find the device racing
+/// ahead.
 const CATCH_UP: Duration = Duration::from_millis(5);
 
 /// When the next burst is due.
@@ -43,12 +44,12 @@ mod tests {
 
     /// Runs so many periods, each of which takes `work`, with sleeps as requested; the total time.
     fn run(pace: &mut Pace, now: &mut Instant, periods: u32, work: Duration) -> Duration {
-        let from = *now;
+        let start_step = *now;
         for _ in 0..periods {
             *now += work;
             *now += pace.period(*now);
         }
-        *now - from
+        *now - start_step
     }
 
     #[test]

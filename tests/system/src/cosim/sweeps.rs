@@ -19,11 +19,11 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long device time waits for a program that takes a sweep, by the computer's clock: one that hangs, or that is never reaped, must
-/// not keep it for ever.
+/// Time for which device time waits for a program that takes a sweep, by the computer's clock: one that hangs, or that
+/// is never reaped, must not keep it for ever.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
-/// What is given of the rig as it is now.
+/// Function that reads the present rig.
 type Taken = fn(&mut SimulatedRig) -> String;
 
 pub(super) fn serve(
@@ -53,8 +53,8 @@ pub(super) fn serve(
 fn give(mut stream: UnixStream, state: &Mutex<State>, stop: &AtomicBool, taken: Taken) {
     let text = taken(&mut lock(state).rig);
     // A client that has gone away takes no sweep; the next one will.
-    let given = stream.write_all(text.as_bytes()).and_then(|()| stream.shutdown(Shutdown::Write));
-    if given.is_err() || stream.set_read_timeout(Some(POLL_INTERVAL)).is_err() {
+    let sent = stream.write_all(text.as_bytes()).and_then(|()| stream.shutdown(Shutdown::Write));
+    if sent.is_err() || stream.set_read_timeout(Some(POLL_INTERVAL)).is_err() {
         return;
     }
     let began = Instant::now();
@@ -103,13 +103,13 @@ pub(super) fn sweep_csv(rig: &mut SimulatedRig) -> String {
 /// # Errors
 /// Where there is no server, or the file cannot be written.
 pub fn take_frames(socket: &Path, folder: &Path) -> Result<(PathBuf, TakenSweep)> {
-    let taken = take_sweep(socket, true)?;
-    let scan: Scan = serde_json::from_str(&taken.text).context("what the rig serves is no scan")?;
+    let sweep = take_sweep(socket, true)?;
+    let scan: Scan = serde_json::from_str(&sweep.text).context("what the rig serves is no scan")?;
     fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let mut names = (1..).map(|number: u32| folder.join(format!("sweep-{number}.igs.mha")));
     let path = names.find(|path| !path.exists()).unwrap_or_default();
     scan.write(&path).with_context(|| format!("cannot write {}", path.display()))?;
-    Ok((path, taken))
+    Ok((path, sweep))
 }
 
 /// A sweep that is being taken. The rig waits until this is dropped: the program that prints the text keeps it until that is done.
@@ -184,10 +184,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (socket, state, stop) = served(folder.path());
         assert!(!waits(&state));
-        let taken = take_sweep(&socket, false).unwrap();
-        assert!(taken.text.lines().count() > 10, "{}", taken.text);
+        let sweep = take_sweep(&socket, false).unwrap();
+        assert!(sweep.text.lines().count() > 10, "{}", sweep.text);
         assert!(waits(&state), "until it is dropped");
-        drop(taken);
+        drop(sweep);
         eventually(|| !waits(&state));
         stop.store(true, Ordering::Release);
     }

@@ -1,4 +1,4 @@
-//! What is wired, mounted or built wrong on a rig: faults that are there from the start and do not go away.
+//! Faults of wiring, mounting and build of a rig: faults that are there from the start and do not go away.
 //!
 //! They act between the simulated rig and the firmware's drivers, so that the firmware reads and drives what it would on a bench with
 //! that fault. [`Kind::ALL`] lists them; [`Fault`] has an axis where the kind has one, and a size where it can be small or large.
@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 use std::fmt;
 use std::str::FromStr;
 
-/// What can be wrong.
+/// Kind of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     /// The leads of a motor are reversed.
@@ -208,7 +208,7 @@ impl Kind {
 /// A fault of a rig.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fault {
-    /// What is wrong.
+    /// Kind of the fault.
     pub kind: Kind,
     /// Its axis, 0 for x and 1 for y; of no meaning where the kind has none.
     pub axis: usize,
@@ -234,13 +234,13 @@ impl FromStr for Fault {
 
     /// `KIND`, `KIND:x`, `KIND:0.05`, `KIND:y:0.05`; without a size the middling one.
     fn from_str(text: &str) -> Result<Self, String> {
-        let mut parts = text.split(':');
-        let name = parts.next().unwrap_or_default();
+        let mut fields = text.split(':');
+        let name = fields.next().unwrap_or_default();
         let kind = Kind::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
             format!("{name:?} is no fault; expected one of {}", Kind::ALL.map(Kind::name).join(", "))
         })?;
         let mut fault = Self { kind, axis: 0, size: kind.sizes().get(1).copied().unwrap_or(0.0) };
-        for part in parts {
+        for part in fields {
             match (part, part.parse::<f64>()) {
                 ("x", _) if kind.has_axis() => fault.axis = 0,
                 ("y", _) if kind.has_axis() => fault.axis = 1,
@@ -265,7 +265,7 @@ pub(super) struct Wiring {
     kept: Option<[i32; 2]>,
 }
 
-/// What a converter without its bridge reads, as a share of the ordinary noise: the cell's own is the larger part.
+/// Noise of a converter without its bridge, relative to the ordinary noise: the cell's own is the larger part.
 const BARE_NOISE: f64 = 0.15;
 /// A line that is corrupted fails so often: once in this many frames.
 const CORRUPT_EVERY: u64 = 4;
@@ -287,7 +287,7 @@ impl Wiring {
         self.faults.iter().any(|fault| fault.kind == kind)
     }
 
-    /// What the motors get of what the bridges are commanded.
+    /// Inputs of the motors for the commands to the bridges.
     pub(super) fn motors(&mut self, commanded: BridgeInputs, period_s: f64) -> BridgeInputs {
         self.time_s += period_s;
         let is_driven = commanded.iter().any(|[in1, in2]| in1 != in2);
@@ -319,7 +319,7 @@ impl Wiring {
         sags
     }
 
-    /// What the converters read of what there is.
+    /// Codes of the converters with the fault.
     pub(super) fn codes(&mut self, codes: Codes) -> Codes {
         let mut potentiometer = codes.potentiometer.map(f64::from);
         let mut bridge = codes.bridge.map(f64::from);
@@ -357,7 +357,7 @@ impl Wiring {
             Kind::ForceSaturated => codes[axis] = f64::from(FORCE_CODE_MAX),
             Kind::Hum50 | Kind::Hum60 => {
                 let hertz = if kind == Kind::Hum50 { 50.0 } else { 60.0 };
-                // What couples into both leads of the cell, and its third harmonic.
+                // Interference that couples into both leads of the cell, and its third harmonic.
                 let turns = hertz * self.time_s;
                 let hum = size * self.codes_per_n * ((TAU * turns).sin() + 0.3 * (TAU * 3.0 * turns).sin());
                 *codes = [x + hum, y + 0.7 * hum];

@@ -42,8 +42,9 @@ pub(super) fn characterized(
     let (port, sweep) = (bench.port(), sweep_command(xtask, &bench));
     let mut guide = Typist { program, show };
     guide.output(&["home", "--port", &port, "--at-s", &HOME_AT_S.to_string()])?;
-    let at_s = AIR_AT_S.to_string();
-    let device = ["characterize", "--port", &port, "--at-s", &at_s, "--runs", "1", "--rig", path(rig_file)?];
+    let time_text = AIR_AT_S.to_string();
+    let device =
+        ["characterize", "--port", &port, "--at-s", &time_text, "--runs", "1", "--rig", path(rig_file)?];
     let files = ["--session", path(session)?, "--out", path(out)?, "--sweep-command", &sweep];
     guide.echo(&[&device[..], &files].concat());
     let printed = guide.output(&[&device[..], &files, &["--json"]].concat())?;
@@ -55,16 +56,16 @@ pub(super) fn characterized(
 fn appointments(stiffness_n_per_m: f64) -> Result<Vec<Appointment>> {
     let named = |program: Result<Program, &'static str>| program.map_err(|problem| anyhow::anyhow!(problem));
     let mut timetable = Timetable::new(Some(f64::from(AIR_AT_S)));
-    let mut all = Vec::new();
+    let mut bench_runs = Vec::new();
     for axis in [Axis::Y, Axis::X] {
         for program in [named(tare_program())?, named(run_program(axis, reach_mm(stiffness_n_per_m)))?] {
             let start_s = timetable.start_s(&program).context("runs in air without a start")?;
             let sweeps =
                 (0..).zip(&program.steps).filter(|(_, planned)| planned.sweep).map(|(index, _)| index);
-            all.push(Appointment::at_s(start_s as u32).with_sweeps(sweeps.collect()));
+            bench_runs.push(Appointment::at_s(start_s as u32).with_sweeps(sweeps.collect()));
         }
     }
-    Ok(all)
+    Ok(bench_runs)
 }
 
 /// Ranges from which a rig's effects are drawn, each of them with a probability of a half.
@@ -92,10 +93,10 @@ pub(super) fn study(xtask: &Path, seeds: std::ops::Range<u64>, folder: &Path) ->
         let of = |name: &str| folder.join(format!("{seed}-{name}"));
         let rig_file = of("rig.toml");
         std::fs::write(&rig_file, super::rig_toml(&config.rig))?;
-        let found =
+        let characterized_rig =
             characterized(xtask, seed, config, [&rig_file, &of("air"), &of("out.toml")], &mut |_| {})?;
-        println!("{}", line(seed, &effects, &found));
-        for one in found["parameters"].as_array().into_iter().flatten() {
+        println!("{}", line(seed, &effects, &characterized_rig));
+        for one in characterized_rig["parameters"].as_array().into_iter().flatten() {
             if let Some((name, estimate)) = estimate(one, &effects) {
                 rows.entry(name).or_default().push(estimate);
             }
@@ -116,14 +117,14 @@ pub(super) fn study(xtask: &Path, seeds: std::ops::Range<u64>, folder: &Path) ->
     Ok(())
 }
 
-/// What a rig has.
+/// Hidden effects of a rig.
 fn drawn(seed: u64) -> Vec<HiddenEffect> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut effects = Vec::new();
     for (id, [low, high]) in DRAWN {
-        let (share, is_there): (f64, f64) = (random.random(), random.random());
+        let (strength, is_there): (f64, f64) = (random.random(), random.random());
         if is_there < 0.5 {
-            effects.push(HiddenEffect { id: id.to_owned(), values: vec![low + share * (high - low)] });
+            effects.push(HiddenEffect { id: id.to_owned(), values: vec![low + strength * (high - low)] });
         }
     }
     effects

@@ -19,28 +19,28 @@ const FIRST_AT_S: u32 = 15;
 const EVERY_S: u32 = 24;
 /// The motion program.
 const PROGRAM: &str = "quick-staircase";
-/// What is known of the rig, beside its file.
+/// File of the characterized rig, beside its rig file.
 const CHARACTERIZED: &str = "characterized.toml";
 /// Depths of the needle, millimetres, and staircases at each.
 pub const PLAN: [(f64, usize); 3] = [(20.0, 1), (30.0, 2), (40.0, 1)];
 /// The diagnosis of a rig of which nothing is known beside what is stated.
 pub const AS_STATED: (&[(f64, usize)], RigKnown) = (&PLAN, RigKnown::AsStated);
-/// That of the demonstration: after runs in air.
+/// Plan of the demonstration: after runs in air.
 pub const AFTER_AIR: (&[(f64, usize)], RigKnown) = (&PLAN, RigKnown::InAir);
 
-/// What the diagnosis has of the rig beside what is stated.
+/// Knowledge of the rig for the diagnosis beside its statements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RigKnown {
-    /// Nothing.
+    /// No more than the statements.
     AsStated,
-    /// What the device's runs in air determine, before the rig hides its effect.
+    /// Parameters that the device's runs in air determine, before the rig hides its effect.
     InAir,
 }
 
-/// What was hidden and what was found.
+/// Hidden and found effects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
-    /// What the rig hid.
+    /// Effect that the rig hid.
     pub hidden: HiddenEffect,
     /// Modulus of the tissue, the mean over the staircases: it differs a little from start to start.
     pub true_k_kpa: f64,
@@ -88,8 +88,7 @@ impl Found {
 
     /// Classes that are named and do not hold the hidden effect.
     pub fn further(&self) -> Vec<Vec<&str>> {
-        let is_other = |class: &Vec<&str>| !class.contains(&self.hidden.id.as_str());
-        self.classes().into_iter().filter(is_other).collect()
+        self.classes().into_iter().filter(|class| !class.contains(&self.hidden.id.as_str())).collect()
     }
 
     /// The modulus that the diagnosis reports, against the true one, as a share, and whether its interval holds that.
@@ -100,13 +99,13 @@ impl Found {
         Some((error, (low..=high).contains(&self.true_k_kpa)))
     }
 
-    /// What was hidden and what came of it, in words.
+    /// Hidden effect and result, in words.
     pub fn summary(&self, seed: u64) -> String {
         let values: Vec<String> = self.hidden.values.iter().map(f64::to_string).collect();
         let list = |classes: Vec<Vec<&str>>| {
             classes.iter().map(|class| class.join(" or ")).collect::<Vec<_>>().join("; ")
         };
-        let found = if self.is_named() && self.has_moved(&self.hidden.id) {
+        let verdict = if self.is_named() && self.has_moved(&self.hidden.id) {
             "found: the rig has changed by it since it was characterised".to_owned()
         } else if self.is_named() {
             "found: named".to_owned()
@@ -128,7 +127,7 @@ impl Found {
             further if further.is_empty() || !self.is_in_class() => String::new(),
             further => format!("; named beside it, and not there: {}", list(further)),
         };
-        format!("hidden effect (seed {seed}): {} {}\n{found}{further}", self.hidden.id, values.join(", "))
+        format!("hidden effect (seed {seed}): {} {}\n{verdict}{further}", self.hidden.id, values.join(", "))
     }
 
     /// Share of the removable misfit that is removed on runs that no fit has used.
@@ -162,7 +161,7 @@ pub fn diagnosis(
     let plain = rig_toml(&RigConfig::default().rig);
     fs::write(&rig_file, &plain)?;
     if known == RigKnown::InAir {
-        // What a seed hides has come since: in air the rig has its imperfections only.
+        // Later versions hide other effects for a seed: in air the rig has its imperfections only.
         let mut config = RigConfig::default();
         config.simulation.depth_mm = 0.0;
         config.simulation.imperfections = Imperfections::of_seed(seed, air::START);
@@ -191,8 +190,8 @@ pub fn diagnosis(
         guide.output(&["home", "--port", &port, "--at-s", &HOME_AT_S.to_string()])?;
         guide.output(&["tare", "--port", &port, "--at-s", &TARE_AT_S.to_string()])?;
         for at_s in starts_s {
-            let (at_s, depth_mm) = (at_s.to_string(), depth_mm.to_string());
-            let acquire = ["acquire", "--port", &port, "--at-s", &at_s, "--program", PROGRAM];
+            let (time_text, depth_mm) = (at_s.to_string(), depth_mm.to_string());
+            let acquire = ["acquire", "--port", &port, "--at-s", &time_text, "--program", PROGRAM];
             let recording = ["--rig", rig_file, "--depth-mm", &depth_mm, "--out", session];
             let arguments = [&acquire[..], &recording, &["--sweep-command", &sweep]].concat();
             guide.echo(&arguments);

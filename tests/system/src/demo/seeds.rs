@@ -21,8 +21,8 @@ pub struct Seeds {
     /// First of these seeds
     #[arg(long, default_value_t = 1)]
     pub from: u64,
-    /// Which part: rigs that hide an effect, the same after the device has characterised them in air, rigs in air that the device
-    /// characterises, K from ultrasound frames, or needles that are steered
+    /// Part of the demonstration: rigs that hide an effect, the same after the device has characterised them in air,
+    /// rigs in air that the device characterises, K from ultrasound frames, or needles that are steered
     #[arg(long, default_value = "hidden", value_parser = ["hidden", "known", "air", "images", "steered"])]
     pub part: String,
     /// Keep the sessions in this folder, those of each seed by its number
@@ -40,42 +40,42 @@ pub fn run(options: &Seeds) -> Result<()> {
     let folder = options.keep.as_deref().unwrap_or_else(|| temporary.path());
     fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     if options.part == "steered" {
-        let mut all = Vec::new();
+        let mut results = Vec::new();
         for seed in options.from..options.from.saturating_add(options.seeds) {
-            let one = steered(&xtask, seed, &folder.join(seed.to_string()), &mut |_| {})?;
-            println!("{}", one.summary(seed));
-            all.push(one);
+            let result = steered(&xtask, seed, &folder.join(seed.to_string()), &mut |_| {})?;
+            println!("{}", result.summary(seed));
+            results.push(result);
         }
-        println!("{}", steered_summary(&all));
+        println!("{}", steered_summary(&results));
         return Ok(());
     }
     if options.part == "air" {
         return air::study(&xtask, options.from..options.from.saturating_add(options.seeds), folder);
     }
     if options.part == "images" {
-        let mut all = Vec::new();
+        let mut results = Vec::new();
         for seed in options.from..options.from.saturating_add(options.seeds) {
-            let out = folder.join(seed.to_string());
-            let one = Imaged::of(&procedure(&xtask, seed, &out, &mut |_| {})?)?;
-            println!("{}", one.summary(seed));
-            all.push(one);
+            let output_dir = folder.join(seed.to_string());
+            let result = Imaged::of(&procedure(&xtask, seed, &output_dir, &mut |_| {})?)?;
+            println!("{}", result.summary(seed));
+            results.push(result);
         }
-        println!("{}", imaged_summary(&all));
+        println!("{}", imaged_summary(&results));
         return Ok(());
     }
     let plan = if options.part == "known" { AFTER_AIR } else { AS_STATED };
-    let mut all = Vec::new();
+    let mut results = Vec::new();
     for seed in options.from..options.from.saturating_add(options.seeds) {
-        let out = folder.join(seed.to_string());
-        let found = diagnosis(&xtask, seed, &out, plan, &mut |_| {})?;
+        let output_dir = folder.join(seed.to_string());
+        let found = diagnosis(&xtask, seed, &output_dir, plan, &mut |_| {})?;
         let modulus = found.modulus_error().map_or("no modulus".to_owned(), |(error, holds)| {
             let interval = if holds { "in its interval" } else { "not in its interval" };
             format!("modulus off by {:+.1} %, the true one {interval}", 100.0 * error)
         });
         println!("{}; {modulus}", found.summary(seed).replace('\n', ": "));
-        all.push(found);
+        results.push(found);
     }
-    println!("{}", summary(&all));
+    println!("{}", summary(&results));
     Ok(())
 }
 
@@ -119,13 +119,14 @@ impl Imaged {
 /// K from frames as a table.
 fn imaged_summary(all: &[Imaged]) -> String {
     let count = all.len();
-    let held = all.iter().filter(|one| one.holds()).count();
+    let covered_count = all.iter().filter(|one| one.holds()).count();
     let mean = |of: &dyn Fn(&Imaged) -> f64| all.iter().map(of).sum::<f64>() / count.max(1) as f64;
     let rms = mean(&|one| (one.found_kpa / one.true_kpa - 1.0).powi(2)).sqrt();
-    let [used, rejected] = [mean(&|one| one.frames.used as f64), mean(&|one| one.frames.rejected as f64)];
+    let [used_mean, rejected] =
+        [mean(&|one| one.frames.used as f64), mean(&|one| one.frames.rejected as f64)];
     format!(
-        "| K from simulated ultrasound frames | rigs |\n|---|---|\n| true K in its 95 % interval | {held} of {count} |\n\
-         | error of K, rms | {:.2} % |\n| half width of the interval, mean | {:.2} % |\n| frames used, rejected, mean | {used:.0}, {rejected:.1} |",
+        "| K from simulated ultrasound frames | rigs |\n|---|---|\n| true K in its 95 % interval | {covered_count} of {count} |\n\
+         | error of K, rms | {:.2} % |\n| half width of the interval, mean | {:.2} % |\n| frames used, rejected, mean | {used_mean:.0}, {rejected:.1} |",
         100.0 * rms,
         100.0 * mean(&Imaged::half_width),
     )

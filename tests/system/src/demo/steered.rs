@@ -14,7 +14,7 @@ use std::path::Path;
 /// Rig seconds per second: as fast as the machine can. The controller's time is that of the needle.
 const SPEED: f64 = 50.0;
 
-/// What came of it.
+/// Result of the run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Steered {
     /// Miss of the steered needle, mm, or why the run was stopped.
@@ -24,7 +24,7 @@ pub struct Steered {
 }
 
 impl Steered {
-    /// What came of it, in words.
+    /// Result in words.
     pub fn summary(&self, seed: u64) -> String {
         let steered = match &self.miss_mm {
             Ok(mm) => format!("{mm:.2} mm from the target"),

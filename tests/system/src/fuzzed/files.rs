@@ -23,10 +23,10 @@ use std::path::Path;
 pub fn run(data: &[u8]) {
     let Some((&kind, content)) = data.split_first() else { return };
     let folder = folder();
-    let (path, other) = (folder.path().join("file"), folder.path().join("other"));
+    let (path, second_path) = (folder.path().join("file"), folder.path().join("other"));
     fs::write(&path, content).expect("writes");
     match kind % 13 {
-        0 => model(&path, &other),
+        0 => model(&path, &second_path),
         1 => {
             if let Ok(config) = RigConfig::read(&path) {
                 assert!(Setup::read(&path).is_ok(), "{config:?}");
@@ -36,7 +36,7 @@ pub fn run(data: &[u8]) {
         3 => {
             let _ = SimulationPlan::read(&path, None);
         }
-        4 => calibration(&path, &other),
+        4 => calibration(&path, &second_path),
         5 => shape(slicer(&path).ok()),
         6 => {
             shape(poses(&path, None).ok());
@@ -58,8 +58,8 @@ pub fn run(data: &[u8]) {
         }
         9 => tables(Grid::parse(&path, content).and_then(RawTable::new).map(|table| vec![table]).ok()),
         // Binary files of tables are known by their endings.
-        other => {
-            let ending = match other {
+        second_path => {
+            let ending = match second_path {
                 10 => "mcap",
                 11 => "mat",
                 _ => "xlsx",
@@ -83,8 +83,8 @@ fn tables(tables: Option<Vec<RawTable>>) {
         let options = Options { z_from: Some(ZOrigin::Surface), entry_m: 0.07, ..Options::default() };
         let Ok(Taken { force: Some(force), .. }) = take(&tables, &mapping, &options) else { continue };
         assert!(force.time_s.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", force.time_s);
-        let all = force.time_s.iter().chain(&force.displacement_y_m).chain(&force.force_y_n);
-        assert!(all.clone().all(|value| value.is_finite()), "{force:?}");
+        let finite_values = force.time_s.iter().chain(&force.displacement_y_m).chain(&force.force_y_n);
+        assert!(finite_values.clone().all(|value| value.is_finite()), "{force:?}");
     }
 }
 
@@ -117,9 +117,9 @@ fn calibration(path: &Path, other: &Path) {
 /// A needle's points as a shape of a session.
 fn shape(needle: Option<NeedlePoints>) {
     let Some(needle) = needle else { return };
-    let up = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
+    let up_directions = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
     for axis in [Axis::Given([0.0, 0.0, 1.0]), Axis::Fitted(0.06)] {
-        let straight = Straight { origin_m: None, origin_z_m: 0.0, axis, up };
+        let straight = Straight { origin_m: None, origin_z_m: 0.0, axis, up: up_directions };
         if let Ok((shape, _)) = Frame::new(&straight, &needle).and_then(|frame| frame.shape(&needle)) {
             assert!(shape.z_m.iter().chain(&shape.y_m).all(|value| value.is_finite()), "{shape:?}");
         }

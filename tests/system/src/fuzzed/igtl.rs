@@ -13,8 +13,8 @@ use device::igtl::wire::{Arrival, Decoder, MAX_BODY_BYTES, StreamError};
 /// # Panics
 /// Where it keeps more than a message, pieces matter, or what is read is not what is read again after it was written.
 pub fn run(data: &[u8]) {
-    let Some((&piece, rest)) = data.split_first() else { return };
-    let stream = if piece & 1 == 0 { rest.to_vec() } else { messages(Bytes(rest)) };
+    let Some((&piece, pieces)) = data.split_first() else { return };
+    let stream = if piece & 1 == 0 { pieces.to_vec() } else { messages(Bytes(pieces)) };
     let (whole, outcome) = decoded(&stream, usize::MAX);
     assert_eq!((words(&whole), outcome), {
         let (arrivals, outcome) = decoded(&stream, usize::from(piece >> 1) + 1);
@@ -40,7 +40,7 @@ fn decoded(stream: &[u8], piece: usize) -> (Vec<Arrival>, Result<(), StreamError
     (arrivals, Ok(()))
 }
 
-/// What can be compared: a number that is none is not equal to itself.
+/// Comparable text of arrivals: a number that is none is not equal to itself.
 fn words(arrivals: &[Arrival]) -> Vec<String> {
     arrivals.iter().map(|arrival| format!("{arrival:?}")).collect()
 }
@@ -54,11 +54,13 @@ fn written(message: &Message) {
     let again = read_again(message);
     // A name that is no UTF-8 is shown with longer characters and cut; a position is turned by the rounding of its quaternion.
     let shown = format!("{message:?}");
-    if let (Content::Position(before), Content::Position(after)) = (&message.content, &again.content) {
-        assert_eq!(before.position_mm, after.position_mm);
-        let both = before.axes.iter().flatten().zip(after.axes.iter().flatten());
-        let off = both.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        assert!(off < 1e-3, "{message:?} is turned: {again:?}");
+    if let (Content::Position(first_pose), Content::Position(second_pose)) =
+        (&message.content, &again.content)
+    {
+        assert_eq!(first_pose.position_mm, second_pose.position_mm);
+        let axis_pairs = first_pose.axes.iter().flatten().zip(second_pose.axes.iter().flatten());
+        let difference = axis_pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(difference < 1e-3, "{message:?} is turned: {again:?}");
     } else if !shown.contains('\u{fffd}') {
         assert_eq!(format!("{again:?}"), shown);
     }
@@ -93,7 +95,7 @@ fn messages(mut bytes: Bytes) -> Vec<u8> {
 fn crc64(bytes: &[u8]) -> u64 {
     const POLYNOMIAL: u64 = 0x42F0_E1EB_A9EA_3693;
     bytes.iter().fold(0, |crc, byte| {
-        let with = crc ^ u64::from(*byte) << 56;
-        (0..8).fold(with, |crc, _| if crc >> 63 == 0 { crc << 1 } else { crc << 1 ^ POLYNOMIAL })
+        let mixed = crc ^ u64::from(*byte) << 56;
+        (0..8).fold(mixed, |crc, _| if crc >> 63 == 0 { crc << 1 } else { crc << 1 ^ POLYNOMIAL })
     })
 }

@@ -26,7 +26,7 @@ pub fn run(data: &[u8]) {
     }
 }
 
-/// What the one event of a frame is.
+/// The only event of a frame.
 fn only<T>(mut events: impl Iterator<Item = T>) -> T {
     let event = events.next().expect("a frame is an event");
     assert!(events.next().is_none(), "a frame is one event");
@@ -34,7 +34,7 @@ fn only<T>(mut events: impl Iterator<Item = T>) -> T {
 }
 
 fn command(payload: &[u8]) {
-    // What is longer than any command is over-long.
+    // A payload longer than any command is over-long.
     let received = CommandReceiver::new().feed(&sealed(payload)).next();
     let Some(Received::Frame(command)) = received else { return };
     let mut buffer = [0; MAX_FRAME_TO_DEVICE];
@@ -54,7 +54,7 @@ fn envelope(payload: &[u8]) {
     }
 }
 
-/// What a batch holds is packed again to batches that hold the same.
+/// The samples of a batch are packed again to batches with the same samples.
 fn unpacked(samples: &Samples) {
     const PERIOD_US: u32 = 1_000;
     let Ok(unpacked) = samples.unpack(PERIOD_US) else { return };

@@ -1,5 +1,5 @@
-//! What the fuzz targets do with bytes. `cargo xtask fuzz` makes the bytes; the ordinary tests run those that are kept in
-//! `tests/fuzz/corpus`.
+//! Fuzz targets, as functions of bytes. `cargo xtask fuzz` makes the bytes; the ordinary tests run those that are kept
+//! in `tests/fuzz/corpus`.
 //!
 //! | target | what is fed | what must hold beside that nothing panics, hangs or grows |
 //! |---|---|---|
@@ -24,7 +24,7 @@ pub mod session;
 pub struct Target {
     /// Name of the target, of its program and of its folder in the corpus.
     pub name: &'static str,
-    /// What it does with an input. It panics where something is wrong.
+    /// Function of an input. It panics where something is wrong.
     pub run: fn(&[u8]),
     /// Most bytes of an input: what is longer takes time and finds nothing new.
     pub most_bytes: usize,
@@ -51,8 +51,8 @@ impl<'a> Bytes<'a> {
     }
 
     pub(crate) fn take(&mut self, length: usize) -> &'a [u8] {
-        let (head, rest) = self.0.split_at(length.min(self.0.len()));
-        self.0 = rest;
+        let (head, tail) = self.0.split_at(length.min(self.0.len()));
+        self.0 = tail;
         head
     }
 
@@ -145,17 +145,17 @@ mod tests {
             for round in 0..ROUNDS {
                 let (path, input) = &inputs[random.random_range(0..inputs.len())];
                 println!("{}, round {round}", path.display());
-                let (_, other) = &inputs[random.random_range(0..inputs.len())];
+                let (_, other_input) = &inputs[random.random_range(0..inputs.len())];
                 let mut damaged = input.clone();
                 match round % 3 {
                     0 => damaged.truncate(random.random_range(0..=input.len())),
-                    1 => damaged.extend(&other[random.random_range(0..=other.len())..]),
+                    1 => damaged.extend(&other_input[random.random_range(0..=other_input.len())..]),
                     _ => {}
                 }
                 for _ in 0..random.random_range(0..4) {
                     if !damaged.is_empty() {
-                        let at = random.random_range(0..damaged.len());
-                        damaged[at] = random.random();
+                        let byte_index = random.random_range(0..damaged.len());
+                        damaged[byte_index] = random.random();
                     }
                 }
                 damaged.truncate(target.most_bytes);

@@ -67,9 +67,9 @@ where
     let longer = bodies.iter().chain([&last]).filter(|body| body.len() > N).count();
     assert_eq!(longer, expected.overlong as usize);
 
-    let after: Vec<_> = receiver.feed(frame).collect();
+    let events: Vec<_> = receiver.feed(frame).collect();
     assert_eq!(
-        after.last(),
+        events.last(),
         Some(&Received::Frame(sound.clone())),
         "a sound frame after a zero byte arrives"
     );
@@ -83,20 +83,20 @@ where
 /// The books of the loss accounting over these envelopes.
 fn tracked(envelopes: &[Envelope]) {
     let mut tracker = SequenceTracker::new();
-    let (mut used, mut skipped, mut samples, mut missing) = (0, 0, 0, 0_u64);
+    let (mut used_count, mut skipped, mut samples, mut missing) = (0, 0, 0, 0_u64);
     for envelope in envelopes {
         let arrival = tracker.observe(envelope);
         if matches!(arrival.order, Order::Duplicate | Order::Late) {
             skipped += 1;
             continue;
         }
-        used += 1;
+        used_count += 1;
         missing = missing.saturating_add(arrival.samples_missing);
         if let Message::Samples(batch) = &envelope.message {
             samples += u64::from(batch.count);
         }
     }
     let totals = tracker.totals();
-    assert_eq!((totals.frames, totals.duplicates + totals.late), (used, skipped));
+    assert_eq!((totals.frames, totals.duplicates + totals.late), (used_count, skipped));
     assert_eq!((totals.samples, totals.samples_missing), (samples, missing));
 }

@@ -20,25 +20,25 @@ const FRAMES: u16 = 1;
 /// # Panics
 /// Where what is recovered is damaged or holds something else.
 pub fn run(data: &[u8]) {
-    let Some((&made, rest)) = data.split_first() else { return };
-    let file = if made & 1 == 0 { rest.to_vec() } else { parts(Bytes(rest)) };
+    let Some((&kind_byte, tail)) = data.split_first() else { return };
+    let file = if kind_byte & 1 == 0 { tail.to_vec() } else { parts(Bytes(tail)) };
     let folder = folder();
-    let (from, to) = (folder.path().join("run.mcap"), folder.path().join("clean.mcap"));
-    fs::write(&from, file).expect("writes");
+    let (run_path, clean_path) = (folder.path().join("run.mcap"), folder.path().join("clean.mcap"));
+    fs::write(&run_path, file).expect("writes");
 
-    let contents = Contents::read(&from, &mut |_| {});
-    let recovered = recover(&from, &to, &mut |_| {});
+    let contents = Contents::read(&run_path, &mut |_| {});
+    let recovered = recover(&run_path, &clean_path, &mut |_| {});
     assert_eq!(contents.is_ok(), recovered.is_ok(), "{contents:?}, {recovered:?}");
     let options = RunOptions { depth_mm: Some(20.0), ..RunOptions::default() };
-    let _ = to_session(&from, &folder.path().join("session"), &options, &mut |_| {});
-    let _ = to_npy(&from, &folder.path().join("run.npy"), &mut |_| {});
+    let _ = to_session(&run_path, &folder.path().join("session"), &options, &mut |_| {});
+    let _ = to_npy(&run_path, &folder.path().join("run.npy"), &mut |_| {});
 
-    let (Ok(before), Ok(_)) = (contents, recovered) else { return };
-    let after = Contents::read(&to, &mut |_| {}).expect("what was recovered is read");
-    assert!(after.damage.bytes == 0 && !after.damage.unfinished, "{after:?}");
-    assert_eq!((after.frames, after.samples), (before.frames, before.samples));
-    assert_eq!((after.frames_missing, after.restarts), (before.frames_missing, before.restarts));
-    assert_eq!(after.faults, before.faults);
+    let (Ok(original), Ok(_)) = (contents, recovered) else { return };
+    let cleaned = Contents::read(&clean_path, &mut |_| {}).expect("what was recovered is read");
+    assert!(cleaned.damage.bytes == 0 && !cleaned.damage.unfinished, "{cleaned:?}");
+    assert_eq!((cleaned.frames, cleaned.samples), (original.frames, original.samples));
+    assert_eq!((cleaned.frames_missing, cleaned.restarts), (original.frames_missing, original.restarts));
+    assert_eq!(cleaned.faults, original.faults);
 }
 
 /// A file of parts: frames, messages and records in chunks, and bytes between them.

@@ -36,19 +36,21 @@ fn lay(data: &[u8], folder: &Path) {
     const END: &[u8] = b" <==\n";
     let find = |bytes: &[u8], what: &[u8]| bytes.windows(what.len()).position(|window| window == what);
     let mut name = "session.toml".to_owned();
-    let mut rest = data;
+    let mut remaining = data;
     for _ in 0..=MAX_FILES {
-        let end = find(rest, BEGIN);
-        let content = &rest[..end.map_or(rest.len(), |end| end + 1)];
+        let end = find(remaining, BEGIN);
+        let content = &remaining[..end.map_or(remaining.len(), |end| end + 1)];
         fs::write(folder.join(&name), content).expect("writes");
         let Some(end) = end else { break };
-        rest = &rest[end + BEGIN.len()..];
-        let Some(length) = find(rest, END) else { break };
-        name = String::from_utf8_lossy(&rest[..length]).into_owned();
-        let is_plain = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
-        if name.starts_with('.') || !(1..=64).contains(&name.len()) || !name.chars().all(is_plain) {
+        remaining = &remaining[end + BEGIN.len()..];
+        let Some(length) = find(remaining, END) else { break };
+        name = String::from_utf8_lossy(&remaining[..length]).into_owned();
+        if name.starts_with('.')
+            || !(1..=64).contains(&name.len())
+            || !name.chars().all(|c| c.is_ascii_alphanumeric() || ".-_".contains(c))
+        {
             break;
         }
-        rest = &rest[length + END.len()..];
+        remaining = &remaining[length + END.len()..];
     }
 }

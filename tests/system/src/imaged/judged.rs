@@ -10,7 +10,7 @@ use std::path::Path;
 /// A used frame that is further off is one of something else.
 const WRONG_MM: f64 = 0.3;
 
-/// What used frames show beside where the needle was.
+/// Results of used frames beside the needle's position.
 pub(super) struct Judged {
     /// Used frames that show something else.
     pub wrong: usize,
@@ -31,7 +31,7 @@ struct Off {
 
 /// Frames of all sweeps, each beside the needle that its file shows.
 pub(super) fn judged(imported: &Value, scans: &[(FrameSweep, Scan)]) -> Result<Judged> {
-    let mut off: Vec<Off> = Vec::new();
+    let mut errors: Vec<Off> = Vec::new();
     let mut wrong = 0;
     for sweep in imported["sweeps"].as_array().into_iter().flatten().chain([&imported["straight"]]) {
         let path = sweep["path"].as_str().context("a sweep states no path")?;
@@ -39,22 +39,22 @@ pub(super) fn judged(imported: &Value, scans: &[(FrameSweep, Scan)]) -> Result<J
             .iter()
             .find(|(taken, _)| taken.frames == Path::new(path))
             .with_context(|| format!("{path} is none of the scans"))?;
-        let (of_sweep, other) = off_mm(sweep, scan);
-        wrong += other;
+        let (of_sweep, other_count) = off_mm(sweep, scan);
+        wrong += other_count;
         // The same constant in all points of a sweep is one of the picture's corner, not of a frame.
         let count = of_sweep.len().max(1) as f64;
         let mean_mm =
             [0, 1].map(|axis: usize| of_sweep.iter().map(|one| one.frame_mm[axis]).sum::<f64>() / count);
         let less = |mm: [f64; 2]| [0, 1].map(|axis: usize| mm[axis] - mean_mm[axis]);
-        off.extend(of_sweep.into_iter().map(|one| Off {
+        errors.extend(of_sweep.into_iter().map(|one| Off {
             frame_mm: less(one.frame_mm),
             curve_mm: less(one.curve_mm),
             ..one
         }));
     }
-    let count = off.len().max(1) as f64;
+    let count = errors.len().max(1) as f64;
     let mean_square = |value: &dyn Fn(&Off, usize) -> f64| {
-        [0, 1].map(|axis: usize| off.iter().map(|one| value(one, axis).powi(2)).sum::<f64>() / count)
+        [0, 1].map(|axis: usize| errors.iter().map(|one| value(one, axis).powi(2)).sum::<f64>() / count)
     };
     Ok(Judged {
         wrong,
@@ -66,17 +66,17 @@ pub(super) fn judged(imported: &Value, scans: &[(FrameSweep, Scan)]) -> Result<J
 
 /// Errors of a sweep's used frames, and how many show something else.
 fn off_mm(sweep: &Value, scan: &Scan) -> (Vec<Off>, usize) {
-    let mut off: Vec<Off> = Vec::new();
+    let mut errors: Vec<Off> = Vec::new();
     let mut wrong = 0;
     for frame in sweep["per_frame"].as_array().into_iter().flatten().filter(|frame| frame["state"] == "used")
     {
         let numbers = |fields: [&str; 2]| -> Option<[f64; 2]> {
             Some([frame[fields[0]].as_f64()?, frame[fields[1]].as_f64()?])
         };
-        let (place_mm, from_curve_mm) = (numbers(["x_mm", "y_mm"]), numbers(["off_x_mm", "off_y_mm"]));
+        let (position_mm, from_curve_mm) = (numbers(["x_mm", "y_mm"]), numbers(["off_x_mm", "off_y_mm"]));
         let (sd_mm, z_mm) = (numbers(["sd_x_mm", "sd_y_mm"]), frame["z_mm"].as_f64());
         let (Some([x_mm, y_mm]), Some(from_curve_mm), Some(sd_mm), Some(z_mm)) =
-            (place_mm, from_curve_mm, sd_mm, z_mm)
+            (position_mm, from_curve_mm, sd_mm, z_mm)
         else {
             continue;
         };
@@ -89,10 +89,10 @@ fn off_mm(sweep: &Value, scan: &Scan) -> (Vec<Off>, usize) {
             wrong += 1;
         } else {
             let curve_mm = [off_x_mm - from_curve_mm[0], off_y_mm - from_curve_mm[1]];
-            off.push(Off { frame_mm: [off_x_mm, off_y_mm], sd_mm, curve_mm });
+            errors.push(Off { frame_mm: [off_x_mm, off_y_mm], sd_mm, curve_mm });
         }
     }
-    (off, wrong)
+    (errors, wrong)
 }
 
 #[cfg(test)]
@@ -126,10 +126,12 @@ mod tests {
             frame(0.1, "used", 1.0, 76.0),
             frame(0.1, "outlier", 2.0, 77.0),
         ];
-        let (off, wrong) = off_mm(&serde_json::json!({ "per_frame": frames }), &scan("a", 0.1).1);
-        assert_eq!((off.len(), wrong), (2, 1));
+        let (errors, wrong) = off_mm(&serde_json::json!({ "per_frame": frames }), &scan("a", 0.1).1);
+        assert_eq!((errors.len(), wrong), (2, 1));
         assert!(
-            off.iter().all(|one| one.frame_mm[0].abs() < 1e-6 && (one.frame_mm[1].abs() - 0.01).abs() < 1e-6)
+            errors
+                .iter()
+                .all(|one| one.frame_mm[0].abs() < 1e-6 && (one.frame_mm[1].abs() - 0.01).abs() < 1e-6)
         );
     }
 
@@ -143,15 +145,19 @@ mod tests {
         };
         let imported =
             serde_json::json!({"straight": sweep("straight", 0.0), "sweeps": [sweep("displaced", 0.2)]});
-        let found = judged(&imported, &scans).expect("all files are scans");
-        assert_eq!(found.wrong, 0);
-        assert!(found.squares[0] < 1e-12 && (found.squares[1] - 1e-4).abs() < 1e-9, "{:?}", found.squares);
-        assert!((found.normalised[1] - 1.0).abs() < 1e-6, "{:?}", found.normalised);
+        let judged_sweeps = judged(&imported, &scans).expect("all files are scans");
+        assert_eq!(judged_sweeps.wrong, 0);
+        assert!(
+            judged_sweeps.squares[0] < 1e-12 && (judged_sweeps.squares[1] - 1e-4).abs() < 1e-9,
+            "{:?}",
+            judged_sweeps.squares
+        );
+        assert!((judged_sweeps.normalised[1] - 1.0).abs() < 1e-6, "{:?}", judged_sweeps.normalised);
         // The curve is half as far off as the frames.
         assert!(
-            found.of_curve[0] < 1e-12 && (found.of_curve[1] - 0.25e-4).abs() < 1e-9,
+            judged_sweeps.of_curve[0] < 1e-12 && (judged_sweeps.of_curve[1] - 0.25e-4).abs() < 1e-9,
             "{:?}",
-            found.of_curve
+            judged_sweeps.of_curve
         );
         let foreign = serde_json::json!({"straight": sweep("another", 0.0), "sweeps": []});
         assert!(judged(&foreign, &scans).is_err());

@@ -2,7 +2,7 @@
 
 use super::{Imaged, Modulus};
 
-/// What all runs together show.
+/// Table of all runs together.
 pub(super) fn table(all: &[Imaged]) -> String {
     let count = all.len();
     let of = |good: &dyn Fn(&Imaged) -> bool| all.iter().filter(|one| good(one)).count();

@@ -2,11 +2,11 @@
 
 use anyhow::{Result, ensure};
 
-/// How much a process may grow in [`WINDOW_MS`], bytes: less than a hundredth of the samples of that time.
+/// Largest growth of a process in [`WINDOW_MS`], bytes: less than a hundredth of the samples of that time.
 pub(super) const GROWTH_LIMIT_BYTES: u64 = 512 * 1024;
 /// Time over which growth is checked, milliseconds of the rig's.
 const WINDOW_MS: u64 = 600_000;
-/// How often the size is sampled.
+/// Interval at which the size is sampled.
 const SAMPLE_INTERVAL_MS: u64 = 1_000;
 
 /// The size of a process over time.
@@ -40,14 +40,14 @@ impl Memory {
         self.last_bytes = resident_bytes(self.process);
         let Some(bytes) = self.last_bytes else { return Ok(()) };
         self.first_bytes.get_or_insert(bytes);
-        let &mut (since_ms, least) = self.window.get_or_insert((self.from_ms, bytes));
+        let &mut (window_start_ms, least) = self.window.get_or_insert((self.from_ms, bytes));
         ensure!(
             bytes <= least + GROWTH_LIMIT_BYTES,
             "process {} has grown from {least} to {bytes} bytes in {} s of the rig",
             self.process,
-            (now_ms - since_ms) / 1_000
+            (now_ms - window_start_ms) / 1_000
         );
-        if now_ms >= since_ms + WINDOW_MS {
+        if now_ms >= window_start_ms + WINDOW_MS {
             self.window = Some((now_ms, bytes));
         }
         Ok(())

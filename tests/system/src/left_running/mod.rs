@@ -54,7 +54,7 @@ const UNPLUGGED: std::ops::Range<u64> = 100..2_500;
 const SECOND_PROGRAM_MS: u64 = 10_000;
 /// Share of its time by which stamps may go faster or slower than the rig: what they may follow the computer's clock by, and more.
 const DRIFT: f64 = 300e-6;
-/// What an update may be late by on a busy computer, seconds.
+/// Largest delay of an update on a busy computer, seconds.
 const LATE_S: f64 = 2.0;
 /// Keys of the screen that are pressed: motions, stop, clear, window, help.
 const KEYS: [&[u8]; 10] = [b"\x1b[A", b"\x1b[B", b"\x1b[C", b"\x1b[D", b"s", b"c", b"+", b"-", b"?", b"h"];
@@ -65,7 +65,7 @@ const TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
 /// Options of `cargo xtask left-running`.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Args {
-    /// How long, minutes of the device's time
+    /// Duration, minutes of the device's time
     #[arg(long, default_value_t = 60.0, value_name = "MINUTES", value_parser = minutes, allow_negative_numbers = true)]
     pub minutes: f64,
     /// Seed of the rig and of all that is done to it
@@ -73,7 +73,7 @@ pub struct Args {
     pub seed: u64,
 }
 
-/// What came of it.
+/// Result of the run.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Served {
     /// Time of the rig, seconds.
@@ -88,7 +88,7 @@ pub struct Served {
     pub strangers: u64,
     /// Second programs that reported that the port is in use.
     pub refused: u32,
-    /// How often the port came back under another name.
+    /// Number of times the port came back under another name.
     pub replugged: u32,
     /// Keys pressed on the screen.
     pub keys: u32,
@@ -134,9 +134,9 @@ pub fn run(args: Args) -> Result<Served> {
     let began = Instant::now();
     let guide = build_guide()?;
     let session = bench.folder().join("session");
-    let made =
+    let example =
         Command::new(&guide).args(["init", "--example"]).arg(&session).stdout(Stdio::null()).status()?;
-    ensure!(made.success(), "guide init --example fails");
+    ensure!(example.success(), "guide init --example fails");
     let half_ms = (args.minutes * 30e3) as u64;
     let mut rig = Desk {
         bench: &bench,
@@ -219,8 +219,8 @@ impl Desk<'_> {
             }
             if self.now_ms() >= unplug_ms {
                 self.replug()?;
-                let before = viewer.last().updates;
-                self.await_updates(&viewer, before + 2, &mut program)?;
+                let updates_before = viewer.last().updates;
+                self.await_updates(&viewer, updates_before + 2, &mut program)?;
                 unplug_ms = self.now_ms() + self.random.random_range(PLUGGED_MS);
             }
             thread::sleep(POLL);
@@ -228,8 +228,8 @@ impl Desk<'_> {
         // At least once, however short the run is.
         self.second_program()?;
         self.replug()?;
-        let before = viewer.last().updates;
-        self.await_updates(&viewer, before + 2, &mut program)?;
+        let updates_before = viewer.last().updates;
+        self.await_updates(&viewer, updates_before + 2, &mut program)?;
         let (last, last_ms) = (viewer.last(), self.now_ms());
         let rig_s = (last_ms - first_ms) as f64 * 1e-3;
         let drift_s = last.stamp.as_secs_f64() - first.stamp.as_secs_f64() - rig_s;
@@ -357,7 +357,7 @@ impl Program {
         Ok(Self { child, memory, ended: false })
     }
 
-    /// Where it serves, from its first line; the rest of what it prints is read and dropped.
+    /// Address at which it serves, from its first line; its further output is read and dropped.
     fn address(&mut self) -> Result<SocketAddr> {
         let mut lines = BufReader::new(self.child.stdout.take().context("no output")?).lines();
         let line = lines.next().context("guide serve ended at once")??;

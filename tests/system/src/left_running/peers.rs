@@ -15,10 +15,10 @@ use std::time::Duration;
 
 /// The message that every update of the device has.
 const UPDATE: &str = "GuideToReference";
-/// How often a client checks whether it is to end.
+/// Interval at which a client checks whether it is to end.
 const TIMEOUT: Duration = Duration::from_millis(50);
 
-/// What a viewer has received.
+/// Values that a viewer has received.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Received {
     /// Updates of the device.
@@ -127,15 +127,15 @@ fn disturb(mut stream: TcpStream, random: &mut ChaCha8Rng) -> std::io::Result<()
         3 => bytes.iter_mut().skip(42).take(8).for_each(|byte| *byte = 0xFF),
         // A bit that has flipped.
         4 => {
-            let at = random.random_range(0..bytes.len());
-            if let Some(byte) = bytes.get_mut(at) {
+            let byte_index = random.random_range(0..bytes.len());
+            if let Some(byte) = bytes.get_mut(byte_index) {
                 *byte ^= 1 << random.random_range(0..8);
             }
         }
-        // Nothing is wrong.
+        // The update is valid.
         _ => {}
     }
-    // Where it is disconnected in between, that is an answer.
+    // A disconnection in between is a valid answer.
     let _ = stream.write_all(&bytes);
     thread::sleep(Duration::from_millis(random.random_range(0..300)));
     Ok(())

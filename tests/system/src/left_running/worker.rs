@@ -20,7 +20,7 @@ impl<T: Send + 'static> Worker<T> {
         Self { stop, thread }
     }
 
-    /// What it has come to; `None` where it panicked.
+    /// Result of the thread; `None` if it panicked.
     pub(super) fn end(self) -> Option<T> {
         self.stop.store(true, Ordering::Release);
         self.thread.join().ok()

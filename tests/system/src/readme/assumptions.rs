@@ -25,7 +25,7 @@ fn number(value: f64) -> String {
     format!("{rounded}")
 }
 
-/// What is assumed of a quantity, in words.
+/// Assumption about a quantity, in words.
 fn assumed(unknown: &Unknown) -> String {
     let (unit, per_si) = shown(unknown.unit);
     let in_unit = |value: f64| format!("{}{unit}", number(per_si * value));
@@ -54,11 +54,13 @@ pub fn table(title: &str) -> Result<String> {
         .iter()
         .find(|(section, _)| *section == title)
         .with_context(|| format!("{title}: no section of the table of unknowns, expected {}", titles()))?;
-    let row = |unknown: &Unknown| {
-        let Unknown { name, used_by, why, .. } = unknown;
-        format!("| {name} | {} | {used_by} | {why} |\n", assumed(unknown))
-    };
-    let rows: String = entries.iter().map(row).collect();
+    let rows: String = entries
+        .iter()
+        .map(|unknown| {
+            let Unknown { name, used_by, why, .. } = unknown;
+            format!("| {name} | {} | {used_by} | {why} |\n", assumed(unknown))
+        })
+        .collect();
     Ok(format!("| quantity | assumed | used by | why |\n|---|---|---|---|\n{rows}"))
 }
 

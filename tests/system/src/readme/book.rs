@@ -4,7 +4,7 @@ use super::page::{Block, Page};
 use anyhow::{Context, Result, bail, ensure};
 use std::path::Path;
 
-/// Where the manual is, from the root.
+/// Folder of the manual, from the root.
 pub const MANUAL: &str = "host/manual/src";
 /// The list of its pages.
 const SUMMARY: &str = "SUMMARY.md";
@@ -76,10 +76,10 @@ impl Book {
     /// Where a page cannot be written.
     pub fn replace(&mut self, root: &Path, fresh: Vec<(Block, String)>, today: &str) -> Result<()> {
         for page in &mut self.pages {
-            let own: Vec<(Block, String)> =
+            let page_blocks: Vec<(Block, String)> =
                 fresh.iter().filter(|(block, _)| block.page() == page.name()).cloned().collect();
-            if !own.is_empty() {
-                page.replace(own, today);
+            if !page_blocks.is_empty() {
+                page.replace(page_blocks, today);
                 page.write(root)?;
             }
         }
@@ -95,18 +95,18 @@ fn linked(summary: &str) -> Vec<String> {
 
 /// Pages in a folder, with those of its folders.
 fn files(folder: &Path) -> Result<Vec<String>> {
-    let mut found = Vec::new();
+    let mut paths = Vec::new();
     let entries = std::fs::read_dir(folder).with_context(|| format!("{}: cannot list", folder.display()))?;
     for entry in entries {
         let entry = entry?;
         let name = entry.file_name().to_string_lossy().into_owned();
         if entry.file_type()?.is_dir() {
-            found.extend(files(&entry.path())?.iter().map(|inner| format!("{name}/{inner}")));
+            paths.extend(files(&entry.path())?.iter().map(|inner| format!("{name}/{inner}")));
         } else if name.ends_with(".md") {
-            found.push(name);
+            paths.push(name);
         }
     }
-    Ok(found)
+    Ok(paths)
 }
 
 #[cfg(test)]

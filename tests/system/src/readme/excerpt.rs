@@ -8,17 +8,17 @@ use super::page::{Block, Made};
 /// Marks omitted lines.
 const OMITTED: &str = "...";
 
-/// What is wrong with the excerpts among these blocks.
+/// Faults of the excerpts among these blocks.
 pub fn complaints(blocks: &[Block]) -> Vec<String> {
     blocks.iter().filter_map(|block| complaint(block, blocks)).collect()
 }
 
 fn complaint(block: &Block, all: &[Block]) -> Option<String> {
-    let Made::Excerpt(part) = &block.made else { return None };
+    let Made::Excerpt(excerpt_part) = &block.made else { return None };
     let sources: Vec<&Block> = all
         .iter()
-        .filter(|other| match (part, &other.made) {
-            (Some(part), Made::Rig(name)) => part == name,
+        .filter(|other| match (excerpt_part, &other.made) {
+            (Some(excerpt_part), Made::Rig(name)) => excerpt_part == name,
             (Some(_), _) | (None, Made::Excerpt(_) | Made::File(_)) => false,
             (None, _) => true,
         })
@@ -32,30 +32,32 @@ fn complaint(block: &Block, all: &[Block]) -> Option<String> {
         .iter()
         .map(|source| in_order(&pieces, source.lines()))
         .max_by_key(|found| found.as_ref().map_or_else(|line| *line, |()| usize::MAX));
-    let whose = part.as_ref().map_or("in any output".to_owned(), |part| format!("in part {part}"));
+    let location = excerpt_part
+        .as_ref()
+        .map_or("in any output".to_owned(), |excerpt_part| format!("in part {excerpt_part}"));
     match reached {
         Some(Ok(())) => None,
         Some(Err(line)) => {
-            let place = block.place_of(line);
+            let position = block.place_of(line);
             let text = block.lines().get(line).map_or("", String::as_str);
-            Some(format!("{place}: `{text}` does not follow {whose} at this place"))
+            Some(format!("{position}: `{text}` does not follow {location} at this place"))
         }
-        None => Some(format!("{}: no block to compare with {whose}", block.place())),
+        None => Some(format!("{}: no block to compare with {location}", block.place())),
     }
 }
 
 /// Whether the pieces are in the text one after the other, else the excerpt's line from which on they are not.
 fn in_order(pieces: &[&[String]], text: &[String]) -> Result<(), usize> {
-    let (mut from, mut line) = (0, 0);
+    let (mut offset, mut line) = (0, 0);
     for piece in pieces {
         if !piece.is_empty() {
-            let found = (from..text.len()).find(|start| text[*start..].starts_with(piece));
-            let Some(found) = found else {
-                let longest = (from..text.len())
+            let match_offset = (offset..text.len()).find(|start| text[*start..].starts_with(piece));
+            let Some(match_offset) = match_offset else {
+                let longest = (offset..text.len())
                     .map(|start| piece.iter().zip(&text[start..]).take_while(|(a, b)| a == b).count());
                 return Err(line + longest.max().unwrap_or(0));
             };
-            from = found + piece.len();
+            offset = match_offset + piece.len();
         }
         line += piece.len() + 1;
     }
@@ -87,8 +89,8 @@ mod tests {
             ("one", "excerpt other", "no block to compare with in part other"),
             ("...", "excerpt", "without lines"),
         ] {
-            let found = of(excerpt, mark).join("\n");
-            assert!(found.contains(word), "{excerpt:?}: {found}");
+            let complaints = of(excerpt, mark).join("\n");
+            assert!(complaints.contains(word), "{excerpt:?}: {complaints}");
         }
     }
 }

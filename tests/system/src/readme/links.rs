@@ -5,7 +5,7 @@ use crate::images;
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What a page links to, and what can be linked to in it.
+/// Targets of a page's links, and anchors of the page.
 #[derive(Debug, Default)]
 struct Ends {
     links: Vec<String>,
@@ -14,21 +14,21 @@ struct Ends {
 
 /// As `mdbook` and GitHub make the anchor of a heading.
 fn anchor(heading: &str) -> String {
-    let kept = heading.trim().chars().filter_map(|c| match c {
+    let anchor_characters = heading.trim().chars().filter_map(|c| match c {
         c if c.is_alphanumeric() || c == '_' || c == '-' => Some(c),
         c if c.is_whitespace() => Some('-'),
         _ => None,
     });
-    kept.flat_map(char::to_lowercase).collect()
+    anchor_characters.flat_map(char::to_lowercase).collect()
 }
 
 fn ends(text: &str) -> Ends {
-    let mut found = Ends::default();
+    let mut ends = Ends::default();
     let mut heading: Option<String> = None;
     for event in Parser::new_ext(text, Options::ENABLE_TABLES) {
         match event {
             Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => {
-                found.links.push(dest_url.into_string());
+                ends.links.push(dest_url.into_string());
             }
             Event::Start(Tag::Heading { .. }) => heading = Some(String::new()),
             Event::Text(part) | Event::Code(part) => {
@@ -41,40 +41,40 @@ fn ends(text: &str) -> Ends {
                 // A second heading of the same name gets a number.
                 let twice = (1..).map(|count| format!("{name}-{count}"));
                 let free =
-                    std::iter::once(name.clone()).chain(twice).find(|name| !found.anchors.contains(name));
-                found.anchors.extend(free);
+                    std::iter::once(name.clone()).chain(twice).find(|name| !ends.anchors.contains(name));
+                ends.anchors.extend(free);
             }
             Event::Html(html) | Event::InlineHtml(html) => {
                 let named = html.split("id=\"").skip(1).filter_map(|rest| rest.split_once('"'));
-                found.anchors.extend(named.map(|(name, _)| name.to_owned()));
+                ends.anchors.extend(named.map(|(name, _)| name.to_owned()));
             }
             _ => {}
         }
     }
-    found
+    ends
 }
 
 /// The path from the root that a link on this page means.
 fn resolved(page: &str, link: &str) -> String {
-    let mut parts: Vec<&str> = page.split('/').collect();
-    parts.pop();
+    let mut segments: Vec<&str> = page.split('/').collect();
+    segments.pop();
     for part in link.split('/') {
         match part {
             "" | "." => {}
-            ".." if parts.last().is_some_and(|last| *last != "..") => {
-                parts.pop();
+            ".." if segments.last().is_some_and(|last| *last != "..") => {
+                segments.pop();
             }
-            part => parts.push(part),
+            part => segments.push(part),
         }
     }
-    parts.join("/")
+    segments.join("/")
 }
 
-/// What is wrong with the links of these pages.
+/// Faults of these pages' links.
 fn complaints(book: &Book) -> Vec<String> {
     let ends: BTreeMap<&str, Ends> =
         book.pages().iter().map(|page| (page.name(), ends(&page.text()))).collect();
-    let mut found = Vec::new();
+    let mut complaints = Vec::new();
     for (page, of_page) in &ends {
         for link in &of_page.links {
             if link.contains("://") {
@@ -84,24 +84,24 @@ fn complaints(book: &Book) -> Vec<String> {
             let target = if path.is_empty() { (*page).to_owned() } else { resolved(page, path) };
             let is_there = ends.contains_key(target.as_str()) || images::root().join(&target).exists();
             if !is_there || target.starts_with("..") {
-                found.push(format!("{page}: {link}: no file {target}"));
+                complaints.push(format!("{page}: {link}: no file {target}"));
             } else if page.starts_with(MANUAL) && !target.starts_with(MANUAL) {
                 // The manual as a site has nothing beside its own folder.
-                found.push(format!("{page}: {link}: leads out of the manual"));
+                complaints.push(format!("{page}: {link}: leads out of the manual"));
             } else if let (Some(fragment), Some(target)) = (fragment, ends.get(target.as_str()))
                 && !target.anchors.contains(fragment)
             {
-                found.push(format!("{page}: {link}: no heading or anchor {fragment}"));
+                complaints.push(format!("{page}: {link}: no heading or anchor {fragment}"));
             }
         }
     }
-    found
+    complaints
 }
 
 #[test]
 fn every_link_leads_somewhere() {
-    let found = complaints(&Book::read(images::root()).unwrap());
-    assert!(found.is_empty(), "{}", found.join("\n"));
+    let broken_links = complaints(&Book::read(images::root()).unwrap());
+    assert!(broken_links.is_empty(), "{}", broken_links.join("\n"));
 }
 
 #[test]
@@ -110,12 +110,12 @@ fn links_that_lead_nowhere_are_named() {
     let page = "# A `b`: c\n\n## Twice\n\n## Twice\n\n<a id=\"eq-1\"></a>\n\n\
                 [1](#a-b-c) [2](#twice-1) [3](other.md#eq-1) [4](../README.md) [5](https://example.org/#x)\n\n\
                 ```\n[not a link](nowhere.md)\n```\n\n[6](#d) [7](gone.md) [8](other.md#eq-2) ![9](gone.svg)\n";
-    let inside = format!("{MANUAL}/a.md");
-    let other = Page::of("host/other.md", "<a id=\"eq-1\"></a>\n");
-    let out = Page::of(&inside, "[10](../../../README.md)\n");
-    let found = complaints(&Book::of(vec![Page::of("host/a.md", page), other, out]));
+    let inner_path = format!("{MANUAL}/a.md");
+    let other_page = Page::of("host/other.md", "<a id=\"eq-1\"></a>\n");
+    let outer_page = Page::of(&inner_path, "[10](../../../README.md)\n");
+    let broken_links = complaints(&Book::of(vec![Page::of("host/a.md", page), other_page, outer_page]));
     assert_eq!(
-        found,
+        broken_links,
         [
             "host/a.md: #d: no heading or anchor d",
             "host/a.md: gone.md: no file host/gone.md",
@@ -126,7 +126,8 @@ fn links_that_lead_nowhere_are_named() {
     );
 }
 
-/// Where an identifier of the literature is a link, text and target are the same one, in the form that the registry prescribes.
+/// A link of an identifier of the literature has the same identifier as text and target, in the form that the registry
+/// prescribes.
 #[test]
 fn every_doi_is_its_own_link() {
     let book = Book::read(images::root()).unwrap();

@@ -44,7 +44,7 @@ use page::{Block, Made};
 use shell::Shell;
 use std::process::Stdio;
 
-/// Where the pictures of the pages are, from the root.
+/// Folder of the pages' pictures, from the root.
 pub const PICTURES: &str = "host/manual/src/pictures";
 
 /// Options of `cargo xtask readme`.
@@ -66,7 +66,7 @@ pub struct Args {
 pub enum Group {
     /// `guide` on simulated data: seconds
     Quick,
-    /// What needs the firmware in QEMU: minutes
+    /// The group of blocks that need the firmware in QEMU: minutes
     Rig,
     /// Tables of studies and timing: up to hours
     Long,
@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> Result<()> {
     if selected(Group::Long) {
         fresh.extend(long(&blocks, &args.only)?);
     }
-    // What takes long states when it was made last, though it is the same.
+    // A long output has the date of its last run, though it is the same.
     fresh.retain(|(block, text)| {
         matches!(block.made, Made::Long(_)) && !args.check || !same::same(block, text)
     });
@@ -218,7 +218,7 @@ fn long<'a>(blocks: &'a [Block], only: &str) -> Result<Vec<Fresh<'a>>> {
     Ok(fresh)
 }
 
-/// What a cargo command prints.
+/// Output of a cargo command.
 fn cargo(command: &str) -> Result<String> {
     let words = shlex::split(command).unwrap_or_default();
     let [program, arguments @ ..] = words.as_slice() else { bail!("no command") };

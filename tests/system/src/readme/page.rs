@@ -9,12 +9,12 @@ use std::path::Path;
 /// Begin of the line that states when a block was made.
 const SIGNED: &str = "Made on ";
 
-/// What makes a block.
+/// Source of a block.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Made {
     /// Its own commands, without a rig.
     Quick,
-    /// Nothing: it is a file that later commands read.
+    /// No command: it is a file that later commands read.
     File(String),
     /// A part of what a rig shows.
     Rig(String),
@@ -29,11 +29,11 @@ pub enum Made {
 /// A marked block: what stands in a fence, or a table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Block {
-    /// What makes it.
+    /// Source of the block.
     pub made: Made,
     /// Its commands fail.
     pub fails: bool,
-    /// How far its numbers may be from those of the command.
+    /// Allowed difference of its numbers from those of the command.
     pub tolerance: Tolerance,
     /// Its page, from the root.
     page: String,
@@ -128,7 +128,7 @@ impl Page {
                 continue;
             }
             let (what, fails) = mark.strip_suffix(" fails").map_or((mark, false), |what| (what, true));
-            let made = match what.split_once(' ') {
+            let maker = match what.split_once(' ') {
                 None if what == "quick" => Made::Quick,
                 None if what == "excerpt" => Made::Excerpt(None),
                 Some(("excerpt", part)) => Made::Excerpt(Some(part.to_owned())),
@@ -145,7 +145,7 @@ impl Page {
             let range = self.block_after(number).with_context(place)?;
             ensure!(!range.is_empty(), "{}: the block is empty", place());
             let lines = self.lines[range.clone()].to_vec();
-            blocks.push(Block { made, fails, tolerance, page: self.name.clone(), range, lines });
+            blocks.push(Block { made: maker, fails, tolerance, page: self.name.clone(), range, lines });
         }
         Ok(blocks)
     }
@@ -183,9 +183,9 @@ impl Page {
 
     /// Puts a line below a block that ends before this one, in the place of an earlier one.
     fn sign(&mut self, end: usize, words: &str) {
-        let below = end + usize::from(self.lines.get(end).is_some_and(|line| line == "```"));
-        let is_signed = self.lines.get(below + 1).is_some_and(|line| line.starts_with(SIGNED));
-        let replaced = if is_signed { below..below + 2 } else { below..below };
+        let next_line = end + usize::from(self.lines.get(end).is_some_and(|line| line == "```"));
+        let is_signed = self.lines.get(next_line + 1).is_some_and(|line| line.starts_with(SIGNED));
+        let replaced = if is_signed { next_line..next_line + 2 } else { next_line..next_line };
         self.lines.splice(replaced, [String::new(), words.to_owned()]);
     }
 

@@ -23,7 +23,7 @@ fn shown(book: &Book) -> BTreeSet<String> {
     names.collect()
 }
 
-/// What is wrong with the committed pictures, if these were drawn now.
+/// Faults of the committed pictures, if these were drawn now.
 pub fn differing(book: &Book, drawn: &Path) -> Vec<String> {
     let folder = images::root().join(PICTURES);
     let shown = shown(book);
@@ -42,8 +42,8 @@ pub fn differing(book: &Book, drawn: &Path) -> Vec<String> {
             _ => {}
         }
     }
-    let kept = fs::read_dir(&folder).into_iter().flatten().flatten();
-    let names = kept.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let committed = fs::read_dir(&folder).into_iter().flatten().flatten();
+    let names = committed.map(|entry| entry.file_name().to_string_lossy().into_owned());
     complaints.extend(
         names
             .filter(|name| !shown.contains(name))
@@ -57,8 +57,9 @@ pub fn take(book: &Book, drawn: &Path) -> Result<()> {
     let folder = images::root().join(PICTURES);
     fs::create_dir_all(&folder)?;
     for name in shown(book) {
-        let (from, to) = (drawn.join(&name), folder.join(&name));
-        fs::copy(&from, &to).with_context(|| format!("no command of the pages draws figures/{name}"))?;
+        let (drawn_picture, committed_picture) = (drawn.join(&name), folder.join(&name));
+        fs::copy(&drawn_picture, &committed_picture)
+            .with_context(|| format!("no command of the pages draws figures/{name}"))?;
     }
     Ok(())
 }

@@ -3,7 +3,8 @@
 use super::sources::sources;
 use regex::Regex;
 
-/// Where a prior may stand: the table, and the catalogue, which is its part for effects.
+/// Folders in which a prior may be stated: the table, and the catalogue, which is its part for
+/// effects.
 const TABLE: [&str; 2] = ["host/mechanics/src/unknowns", "host/mechanics/src/effects"];
 /// Generators of truths, studies and tests have numbers of their own: one that took them from the table would confirm it.
 const GENERATORS: [&str; 5] =
@@ -92,22 +93,22 @@ fn stated(name: &str, text: &str) -> Vec<String> {
 
 #[test]
 fn no_other_file_states_a_prior() {
-    let mut known: Vec<&str> = OTHERS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
+    let mut known_names: Vec<&str> = OTHERS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
     let sources = sources().into_iter().filter(|(name, _)| is_of_the_program(name));
-    let mut found: Vec<String> = sources.flat_map(|(name, text)| stated(&name, &text)).collect();
-    found.retain(|place| match known.iter().position(|other| other == place) {
+    let mut violations: Vec<String> = sources.flat_map(|(name, text)| stated(&name, &text)).collect();
+    violations.retain(|place| match known_names.iter().position(|other| other == place) {
         Some(at) => {
-            known.swap_remove(at);
+            known_names.swap_remove(at);
             false
         }
         None => true,
     });
     assert!(
-        found.is_empty(),
+        violations.is_empty(),
         "priors outside of the table of unknowns (mechanics::unknowns):\n{}",
-        found.join("\n")
+        violations.join("\n")
     );
-    assert!(known.is_empty(), "listed here and not in the source: {}", known.join(", "));
+    assert!(known_names.is_empty(), "listed here and not in the source: {}", known_names.join(", "));
 }
 
 #[test]

@@ -18,9 +18,9 @@ use anyhow::{Result, bail};
 use simulation::rig::config::RigConfig;
 use std::path::{Path, PathBuf};
 
-/// What the rig of the pages is drawn from.
+/// Seed of the pages' rig.
 pub const SEED: u64 = 1;
-/// Where the demonstration keeps its files, from the folder it runs in.
+/// Folder of the demonstration's files, from the folder it runs in.
 const OUT: &str = "target/demo";
 /// The program that takes sweeps, as the demonstration names it when it is called from the root.
 const XTASK: &str = "target/debug/system";
@@ -35,12 +35,12 @@ pub fn quiet() -> RigConfig {
     config
 }
 
-/// Where the demonstration keeps its files if it runs in this folder.
+/// Folder of the demonstration's files if it runs in this folder.
 pub fn out(folder: &Path) -> PathBuf {
     folder.join(OUT)
 }
 
-/// What a run printed, as it prints it where `folder` is the working folder and `xtask` was built by cargo.
+/// Output of a run, as it prints it if `folder` is the working folder and `xtask` was built by cargo.
 pub fn as_shown(printed: &str, folder: &Path, xtask: &Path) -> String {
     let printed = printed.replace(&format!("{}/", folder.display()), "");
     let printed = printed.replace(&xtask.display().to_string(), XTASK);
@@ -52,17 +52,17 @@ pub fn as_shown(printed: &str, folder: &Path, xtask: &Path) -> String {
 /// All parts, with what they show now.
 pub(super) fn all(blocks: &[Block]) -> Result<Vec<(&Block, String)>> {
     let (folder, xtask) = (tempfile::tempdir()?, std::env::current_exe()?);
-    let out = out(folder.path());
+    let output_dir = out(folder.path());
     let shell = Shell::new(images::build_guide()?, folder.path());
     let of = |part: &str| {
-        let part = Made::Rig(part.to_owned());
-        blocks.iter().filter(move |block| block.made == part)
+        let rig_part = Made::Rig(part.to_owned());
+        blocks.iter().filter(move |block| block.made == rig_part)
     };
     let mut fresh = Vec::new();
     eprintln!("the procedure of the demonstration");
     let mut printed = String::new();
-    let outcome = procedure(&xtask, SEED, &out, &mut |text| printed.push_str(text))?;
-    printed.push_str(&judgement(&outcome, SEED, &out)?);
+    let outcome = procedure(&xtask, SEED, &output_dir, &mut |text| printed.push_str(text))?;
+    printed.push_str(&judgement(&outcome, SEED, &output_dir)?);
     let printed = as_shown(&printed, folder.path(), &xtask);
     fresh.extend(of("demo").map(|block| (block, printed.clone())));
     for block in of("recording") {
@@ -70,8 +70,9 @@ pub(super) fn all(blocks: &[Block]) -> Result<Vec<(&Block, String)>> {
     }
     eprintln!("the rig that hides an effect");
     let mut printed = String::new();
-    let found = hidden::diagnosis(&xtask, SEED, &out, hidden::AFTER_AIR, &mut |text| printed.push_str(text))?;
-    printed.push_str(&found.summary(SEED));
+    let diagnosis =
+        hidden::diagnosis(&xtask, SEED, &output_dir, hidden::AFTER_AIR, &mut |text| printed.push_str(text))?;
+    printed.push_str(&diagnosis.summary(SEED));
     let printed = as_shown(&printed, folder.path(), &xtask);
     fresh.extend(of("hidden").map(|block| (block, printed.clone())));
     eprintln!("a new rig");
@@ -90,10 +91,10 @@ pub(super) fn all(blocks: &[Block]) -> Result<Vec<(&Block, String)>> {
     }
     bench.stop()?;
     for block in blocks {
-        if let Made::Rig(part) = &block.made
-            && !["demo", "recording", "hidden", "new", "live"].contains(&part.as_str())
+        if let Made::Rig(rig_part) = &block.made
+            && !["demo", "recording", "hidden", "new", "live"].contains(&rig_part.as_str())
         {
-            bail!("{}: no part {part}", block.place());
+            bail!("{}: no part {rig_part}", block.place());
         }
     }
     Ok(fresh)

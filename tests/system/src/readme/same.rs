@@ -5,7 +5,7 @@ use regex::Regex;
 use similar::TextDiff;
 use std::sync::LazyLock;
 
-/// What differs by nature, and what stands for it on the page too.
+/// Patterns of text that differs between runs, and their replacement on the page too.
 const SHOWN: [(&str, &str); 2] = [
     // The folder of a run of the rig.
     (r"[^\s']*/needle-guide-\w{6}/", "/tmp/needle-guide-AbCdEf/"),
@@ -13,7 +13,7 @@ const SHOWN: [(&str, &str); 2] = [
     (r"(firmware \d+\.\d+\.\d+) \([^)]*\)", "$1 (1a2b3c4d5)"),
 ];
 
-/// What differs by nature, and what stands for it in a comparison.
+/// Patterns of text that differs between runs, and their replacement in a comparison.
 const COMPARED: [(&str, &str); 6] = [
     // A free port of this machine.
     (r"(OpenIGTLink at 127\.0\.0\.1):\d+", "$1:0"),
@@ -21,7 +21,7 @@ const COMPARED: [(&str, &str); 6] = [
     (r"http://127\.0\.0\.1:\d+/[0-9a-f]{32}/", "http://127.0.0.1:0/0/"),
     // Seconds of this machine.
     (r"(start of QEMU to K:) [0-9.]+ s", "$1 0 s"),
-    // How long a raw recording is depends on when the host requested the stream.
+    // The length of a raw recording depends on when the host requested the stream.
     (r"\d+ bytes", "0 bytes"),
     (r"(?m)^samples    .* of the device's clock$", "samples"),
     // And so is how many of its first frames came before the port was read; samples are requested later, and none is missing.
@@ -38,8 +38,7 @@ const LIVE_PART: &str = "live";
 type Stand = Vec<(Regex, &'static str)>;
 
 fn compiled(list: &[(&str, &'static str)]) -> Stand {
-    let one = |(pattern, with): &(&str, _)| (Regex::new(pattern).expect("patterns are constants"), *with);
-    list.iter().map(one).collect()
+    list.iter().map(|(pattern, with)| (Regex::new(pattern).expect("patterns are constants"), *with)).collect()
 }
 
 fn replaced(text: &str, stand: &Stand) -> String {
@@ -94,9 +93,9 @@ mod tests {
     fn only_values_that_differ_between_runs_are_ignored() {
         let shown = block("rig demo", "$ guide home --port /tmp/needle-guide-KP2mC9/serial\nK 14.44 kPa");
         assert!(same(&shown, "$ guide home --port /var/needle-guide-a1b2c3/serial\nK 14.44 kPa\n"));
-        let other = "$ guide home --port /tmp/needle-guide-KP2mC9/serial\nK 14.45 kPa\n";
-        assert!(!same(&shown, other));
-        let difference = difference(&shown, other);
+        let other_port = "$ guide home --port /tmp/needle-guide-KP2mC9/serial\nK 14.45 kPa\n";
+        assert!(!same(&shown, other_port));
+        let difference = difference(&shown, other_port);
         assert!(
             difference.starts_with("a.md:3: ") && difference.contains("-K 14.44 kPa\n+K 14.45 kPa"),
             "{difference}"

@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 /// The port of a running rig, as the pages show it.
 const PORT: &str = "/tmp/needle-guide-AbCdEf/serial";
 
-/// Where the commands of console blocks run, and what stands for what the page names.
+/// Working folder of the commands of console blocks, and replacements of the page's names.
 #[derive(Debug, Clone)]
 pub struct Shell {
     guide: PathBuf,
@@ -41,8 +41,9 @@ impl Shell {
         let mut text = String::new();
         let mut printed_before = false;
         for command in commands(block.lines()) {
-            let place = || format!("{}: `{}`", block.place_of(command.line), command.joined);
-            let printed = self.output(&command.joined, block.fails).with_context(place)?;
+            let printed = self
+                .output(&command.joined, block.fails)
+                .with_context(|| format!("{}: `{}`", block.place_of(command.line), command.joined))?;
             if printed_before {
                 text.push('\n');
             }
@@ -60,11 +61,10 @@ impl Shell {
         let words = shlex::split(command).context("quotes without an end")?;
         let [program, arguments @ ..] = words.as_slice() else { bail!("no command") };
         ensure!(program == "guide", "only commands of `guide` are run");
-        let port = |argument: &String| match &self.port {
+        let arguments = arguments.iter().map(|argument| match &self.port {
             Some(port) if argument == PORT => port.clone(),
             _ => argument.clone(),
-        };
-        let arguments = arguments.iter().map(port);
+        });
         let output = Command::new(&self.guide)
             .args(arguments)
             .current_dir(&self.folder)
@@ -85,7 +85,7 @@ impl Shell {
 }
 
 struct Typed {
-    /// Of the block, counted from 0.
+    /// Line of the block, counted from 0.
     line: usize,
     shown: Vec<String>,
     joined: String,
@@ -93,19 +93,19 @@ struct Typed {
 
 /// The commands of a console block: lines after `$ `, with those that a backslash continues.
 fn commands(lines: &[String]) -> Vec<Typed> {
-    let mut found: Vec<Typed> = Vec::new();
+    let mut commands: Vec<Typed> = Vec::new();
     let mut goes_on = false;
     for (number, line) in lines.iter().enumerate() {
         let typed = line.strip_prefix("$ ");
         if let Some(text) = typed {
-            found.push(Typed { line: number, shown: vec![line.clone()], joined: text.to_owned() });
-        } else if goes_on && let Some(last) = found.last_mut() {
+            commands.push(Typed { line: number, shown: vec![line.clone()], joined: text.to_owned() });
+        } else if goes_on && let Some(last) = commands.last_mut() {
             last.shown.push(line.clone());
             last.joined = format!("{} {}", last.joined.trim_end_matches('\\').trim_end(), line.trim_start());
         }
         goes_on = (typed.is_some() || goes_on) && line.ends_with('\\');
     }
-    found
+    commands
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
-//! What the source names has its place in the manual: equations, JSON documents, faults; and the other way round.
+//! Every name of the source has its section in the manual: equations, JSON documents, faults; and the other way
+//! round.
 
 use super::book::{Book, MANUAL};
 use crate::images;
@@ -7,7 +8,7 @@ use regex::Regex;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Where the crates are.
+/// Folders of the crates.
 const FOLDERS: [&str; 4] = ["firmware", "host", "protocol", "tests"];
 
 fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
@@ -29,24 +30,33 @@ pub(super) fn sources() -> Vec<(String, String)> {
     let mut files = Vec::new();
     FOLDERS.iter().for_each(|folder| rust_files(&root.join(folder), &mut files));
     let goes_on = Regex::new(r"\n[ \t]*//[/!]?[ \t]+").unwrap();
-    let text = |path: PathBuf| {
-        let text = std::fs::read_to_string(&path).unwrap();
-        (path.strip_prefix(root).unwrap().display().to_string(), goes_on.replace_all(&text, " ").into_owned())
-    };
-    files.into_iter().map(text).collect()
+    files
+        .into_iter()
+        .map(|path| {
+            let text = std::fs::read_to_string(&path).unwrap();
+            (
+                path.strip_prefix(root).unwrap().display().to_string(),
+                goes_on.replace_all(&text, " ").into_owned(),
+            )
+        })
+        .collect()
 }
 
 /// Numbers of the equations on the pages about the theory, with their page.
 fn equations(book: &Book) -> BTreeMap<u32, String> {
     let anchor = Regex::new(r#"<a id="eq-(\d+)">"#).unwrap();
-    let mut found = BTreeMap::new();
+    let mut equations = BTreeMap::new();
     for page in book.pages().iter().filter(|page| page.name().starts_with(&format!("{MANUAL}/theory"))) {
         for number in anchor.captures_iter(&page.text()) {
             let number = number[1].parse().unwrap();
-            assert_eq!(found.insert(number, page.name().to_owned()), None, "equation {number} stands twice");
+            assert_eq!(
+                equations.insert(number, page.name().to_owned()),
+                None,
+                "equation {number} stands twice"
+            );
         }
     }
-    found
+    equations
 }
 
 #[test]
@@ -71,14 +81,16 @@ fn every_equation_that_a_comment_names_is_in_the_theory() {
 /// Whether a path as `module::Type::function` names something: all behind the module is defined in one file of it, or all of a path
 /// that begins with a type in one file.
 fn is_defined(path: &str, defined: &[(String, BTreeSet<String>)]) -> bool {
-    let mut parts: Vec<&str> = path.split("::").collect();
-    let module = parts[0].starts_with(char::is_lowercase).then(|| parts.remove(0));
+    let mut segments: Vec<&str> = path.split("::").collect();
+    let module = segments[0].starts_with(char::is_lowercase).then(|| segments.remove(0));
     let is_of_module = |name: &str| {
         module.is_none_or(|module| {
             name.contains(&format!("/{module}/")) || name.ends_with(&format!("/{module}.rs"))
         })
     };
-    defined.iter().any(|(name, items)| is_of_module(name) && parts.iter().all(|part| items.contains(*part)))
+    defined
+        .iter()
+        .any(|(name, items)| is_of_module(name) && segments.iter().all(|part| items.contains(*part)))
 }
 
 #[test]
@@ -115,8 +127,10 @@ fn every_json_document_has_its_place() {
     let book = Book::read(images::root()).unwrap();
     let headings = headings(&book, "json.md");
     // Other programs have documents of their own.
-    let of_the_program = |(name, _): &(String, String)| name.starts_with("host/") && !name.contains("test");
-    let sources: Vec<(String, String)> = sources().into_iter().filter(of_the_program).collect();
+    let sources: Vec<(String, String)> = sources()
+        .into_iter()
+        .filter(|(name, _)| name.starts_with("host/") && !name.contains("test"))
+        .collect();
     for (name, text) in &sources {
         for found in schema.captures_iter(text) {
             let heading = format!("### `{}`", &found[1]);
@@ -144,11 +158,10 @@ fn every_fault_of_a_steered_run_has_its_place() {
     let book = Book::read(images::root()).unwrap();
     let text = |name: &str| book.page(&format!("{MANUAL}/{name}")).unwrap().text();
     let pages = text("plants.md") + &text("commands/steer.md");
-    let of_the_run = |(name, _): &&(String, String)| {
-        ["host/steering/src/plant.rs", "host/steering/src/controller.rs"].contains(&name.as_str())
-    };
     let mut count = 0;
-    for (file, text) in sources().iter().filter(of_the_run) {
+    for (file, text) in sources().iter().filter(|(name, _)| {
+        ["host/steering/src/plant.rs", "host/steering/src/controller.rs"].contains(&name.as_str())
+    }) {
         for found in name.captures_iter(text) {
             let row = format!("\n| `{}` | ", &found[1]);
             assert!(pages.contains(&row), "{file}: no row of plants.md or steer.md is about {}", &found[1]);

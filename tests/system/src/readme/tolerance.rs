@@ -13,7 +13,7 @@ const MARK: &str = "numbers within ";
 /// More would hide what a reader sees.
 const MOST_PERCENT: f64 = 5.0;
 
-/// How far the decimal numbers of a page's outputs may be from those that it shows.
+/// Allowed difference of the decimal numbers of a page's outputs.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Tolerance {
     /// As a share of the number; zero where the page states none.
@@ -67,7 +67,7 @@ impl Tolerance {
 
 /// A line, taken apart.
 struct Line<'a> {
-    /// What is between the numbers, with single spaces.
+    /// Text between the numbers, with single spaces.
     words: Vec<String>,
     numbers: Vec<&'a str>,
 }

@@ -15,7 +15,7 @@ use sequences::{CampaignCounts, Checked, Condition, Disturbances, Target, Violat
 
 /// Device time in which the device starts and has its first period, milliseconds.
 const RESTART_MS: u64 = 1_000;
-/// How often a command is sent.
+/// Number of times a command is sent.
 const TRIES: u32 = 8;
 /// Device time between two signs of life, milliseconds.
 const STATUS_INTERVAL_MS: u64 = 400;
@@ -157,8 +157,8 @@ impl Device {
     fn damaged(&mut self, command: &Command) -> Result<()> {
         let mut buffer = [0; MAX_FRAME_TO_DEVICE];
         let mut frame = encode_command(command, &mut buffer)?.to_vec();
-        let place = self.noise.below(frame.len() as u32) as usize;
-        frame[place] ^= 1 << self.noise.below(8);
+        let byte_index = self.noise.below(frame.len() as u32) as usize;
+        frame[byte_index] ^= 1 << self.noise.below(8);
         self.firmware.send_bytes(&frame)
     }
 
@@ -259,9 +259,9 @@ impl Device {
 
     /// Waits for the next start and connects.
     fn restarted(&mut self, resets: u64, before: &Status) -> Checked<()> {
-        let from_ms = self.firmware.periods;
+        let start_ms = self.firmware.periods;
         while self.firmware.resets == resets {
-            if self.firmware.periods > from_ms + RESTART_MS {
+            if self.firmware.periods > start_ms + RESTART_MS {
                 return Err(Violation("the device does not restart".to_owned()));
             }
             self.period()?;
@@ -290,7 +290,7 @@ fn broken<T>(outcome: Result<T>) -> Checked<T> {
 
 impl Target for Device {
     fn request(&mut self, request: Request) -> Checked<Result<(), Refusal>> {
-        let before = self.check()?;
+        let state_before = self.check()?;
         let resets = self.firmware.resets;
         self.judge.sends(&request, self.firmware.rig.position_um());
         let answer = self.command(request)?;
@@ -299,7 +299,7 @@ impl Target for Device {
         self.cleared |=
             answer.is_ok() && matches!(request, Request::ClearFault | Request::AcknowledgeCalibration);
         if matches!(request, Request::StoreCalibration { .. }) && answer.is_ok() {
-            self.restarted(resets, &before)?;
+            self.restarted(resets, &state_before)?;
         }
         self.check()?;
         Ok(answer)
@@ -316,9 +316,9 @@ impl Target for Device {
     }
 
     fn pass(&mut self, ms: u32) -> Checked<()> {
-        let until_ms = self.firmware.periods + u64::from(ms);
-        while self.firmware.periods < until_ms {
-            let next_ms = until_ms.min(self.firmware.periods + STATUS_INTERVAL_MS);
+        let end_ms = self.firmware.periods + u64::from(ms);
+        while self.firmware.periods < end_ms {
+            let next_ms = end_ms.min(self.firmware.periods + STATUS_INTERVAL_MS);
             while self.firmware.periods < next_ms {
                 self.period()?;
             }
@@ -341,10 +341,10 @@ impl Target for Device {
     }
 
     fn reset(&mut self) -> Checked<()> {
-        let (before, resets) = (self.check()?, self.firmware.resets);
-        let upset = if before.t_us.is_multiple_of(2_000) { Upset::BrownOut } else { Upset::Panic };
+        let (state_before, resets) = (self.check()?, self.firmware.resets);
+        let upset = if state_before.t_us.is_multiple_of(2_000) { Upset::BrownOut } else { Upset::Panic };
         self.firmware.upset = Some(upset);
-        self.restarted(resets, &before)
+        self.restarted(resets, &state_before)
     }
 
     fn condition(&mut self) -> Checked<Condition> {

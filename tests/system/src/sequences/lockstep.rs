@@ -36,7 +36,7 @@ const BUSY: Duration = Duration::from_millis(2);
 /// Periods without an answer after which there is none.
 pub const ANSWER_PERIODS: u32 = 1_500;
 
-/// What happens to the core once.
+/// Event of the core.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Upset {
     /// The supply sags.
@@ -57,7 +57,7 @@ pub struct Lockstep {
     pub rig: Rig,
     /// Time of a potentiometer's conversion beyond its normal one, microseconds.
     pub conversion_us: u16,
-    /// What happens in the next period.
+    /// Event of the next period.
     pub upset: Option<Upset>,
     /// Largest force since it was taken, as the cell has it, newtons.
     pub most_n: f32,
@@ -117,7 +117,7 @@ impl Lockstep {
             waiting: VecDeque::new(),
             power_off: false,
         };
-        // What comes before its serial port is set up is lost.
+        // Bytes before its serial port is set up are lost.
         for _ in 0..START_PERIODS {
             firmware.period()?;
         }
@@ -174,7 +174,7 @@ impl Lockstep {
         };
         self.periods += 1;
         self.since_start += 1;
-        // Where it has ended meanwhile, the next period reports it.
+        // If it has ended meanwhile, the next period reports it.
         let _ = self.replies.write_all(&reply.to_bytes());
         Ok(())
     }
@@ -198,8 +198,8 @@ impl Lockstep {
     /// Codes that the device read for the sample of this time since its start, milliseconds, while they are kept.
     pub fn codes_at(&self, ms: u64) -> Option<Codes> {
         // The reading of a period is the reply to the request before, whose number is one less.
-        let back = usize::try_from(self.since_start.checked_sub(ms)?).ok()?;
-        self.codes.get(self.codes.len().checked_sub(back + 1)?).copied()
+        let age = usize::try_from(self.since_start.checked_sub(ms)?).ok()?;
+        self.codes.get(self.codes.len().checked_sub(age + 1)?).copied()
     }
 
     /// Puts bytes on the line to the device.

@@ -1,6 +1,6 @@
-//! `cargo xtask sequences`: random sequences of commands, loads, tares, calibrations, faults of sensors, restarts and old frames, by the
-//! million on the controller in this process and by the thousand on the firmware in QEMU. What must hold is in the crate [`sequences`],
-//! and so is the plant of both.
+//! `cargo xtask sequences`: random sequences of commands, loads, tares, calibrations, faults of sensors, restarts and
+//! old frames, by the million on the controller in this process and by the thousand on the firmware in QEMU. The
+//! conditions are in the crate [`sequences`], and so is the plant of both.
 //!
 //! | part | does |
 //! |---|---|
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 
 /// Sequences of a power-on in QEMU: a violation is reproduced from the first of them.
 const SEQUENCES_PER_BOOT: u64 = 50;
-/// How often the progress is reported.
+/// Interval at which the progress is reported.
 const REPORT_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Options of `cargo xtask sequences`.
@@ -37,7 +37,7 @@ pub struct Args {
     pub seed: u64,
 }
 
-/// What was done without a violation.
+/// Counts without a violation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Survived {
     /// In this process, and the time that took.
@@ -85,17 +85,17 @@ fn in_process(seed: u64, sequences: u64) -> Result<CampaignCounts> {
 
 /// On all processors, a device with its power-on at a time.
 fn in_qemu(seed: u64, sequences: u64) -> Result<CampaignCounts> {
-    let (done, reported) = (AtomicU64::new(0), Mutex::new(Instant::now()));
+    let (finished, reported) = (AtomicU64::new(0), Mutex::new(Instant::now()));
     on_all_processors(sequences.div_ceil(SEQUENCES_PER_BOOT), |boot| {
         let first = boot * SEQUENCES_PER_BOOT;
         let count = SEQUENCES_PER_BOOT.min(sequences - first);
         let tally = device::boot(seed.wrapping_add(first), count)?;
-        let done = done.fetch_add(count, Ordering::Relaxed) + count;
+        let finished_count = finished.fetch_add(count, Ordering::Relaxed) + count;
         if let Ok(mut reported) = reported.lock()
             && reported.elapsed() > REPORT_INTERVAL
         {
             *reported = Instant::now();
-            eprintln!("{done} of {sequences} sequences in QEMU");
+            eprintln!("{finished_count} of {sequences} sequences in QEMU");
         }
         Ok(tally)
     })
@@ -126,17 +126,17 @@ fn on_all_processors(
         }
         tally
     };
-    let mut all = CampaignCounts::default();
+    let mut totals = CampaignCounts::default();
     thread::scope(|scope| -> Result<()> {
         let count = thread::available_parallelism()?.get();
         let workers: Vec<_> = (0..count).map(|_| scope.spawn(worker)).collect();
         for worker in workers {
-            all.add(worker.join().map_err(|_| anyhow!("a sequence panicked"))?);
+            totals.add(worker.join().map_err(|_| anyhow!("a sequence panicked"))?);
         }
         Ok(())
     })?;
     match failed.into_inner() {
-        Ok(None) => Ok(all),
+        Ok(None) => Ok(totals),
         Ok(Some(error)) => Err(error),
         Err(_) => bail!("a sequence panicked"),
     }

@@ -129,16 +129,18 @@ fn options(help: &str) -> BTreeSet<String> {
 /// The long options in a text.
 fn options_in(text: &str) -> Vec<String> {
     let words = text.split(|c: char| !(c.is_ascii_alphanumeric() || c == '-'));
-    let is_option = |word: &&str| {
-        word.strip_prefix("--").is_some_and(|name| name.starts_with(|c: char| c.is_ascii_lowercase()))
-    };
-    words.filter(is_option).map(str::to_owned).collect()
+    words
+        .filter(|word| {
+            word.strip_prefix("--").is_some_and(|name| name.starts_with(|c: char| c.is_ascii_lowercase()))
+        })
+        .map(str::to_owned)
+        .collect()
 }
 
-/// What is typed on a page: code in a line, and the lines of fenced blocks, joined where they go on, and
-/// the commands of marks; with the line's number.
+/// Typed commands of a page: code in a line, and the lines of fenced blocks, joined where they go on,
+/// and the commands of marks; with the line's number.
 fn typed(page: &Page) -> Vec<(usize, String)> {
-    let mut found: Vec<(usize, String)> = Vec::new();
+    let mut commands: Vec<(usize, String)> = Vec::new();
     let (mut fenced, mut goes_on) = (false, false);
     for (number, line) in page.lines().iter().enumerate() {
         // Blocks of a list's items are indented.
@@ -147,25 +149,25 @@ fn typed(page: &Page) -> Vec<(usize, String)> {
             fenced = !fenced;
         } else if fenced {
             let text = line.strip_prefix("$ ").unwrap_or(line).split(" #").next().unwrap_or_default();
-            match found.last_mut().filter(|_| goes_on) {
+            match commands.last_mut().filter(|_| goes_on) {
                 Some((_, last)) => *last = format!("{} {}", last.trim_end_matches('\\'), text.trim_start()),
-                None => found.push((number + 1, text.to_owned())),
+                None => commands.push((number + 1, text.to_owned())),
             }
             goes_on = text.ends_with('\\');
         } else if let Some(command) = line.strip_prefix("<!-- readme: long ") {
-            found.push((number + 1, command.trim_end_matches(" -->").to_owned()));
+            commands.push((number + 1, command.trim_end_matches(" -->").to_owned()));
         } else {
-            // What is broken over two lines would be read the wrong way round.
+            // A command that is broken over two lines would be read the wrong way round.
             assert!(
                 line.matches('`').count().is_multiple_of(2),
                 "{}:{}: code has no end",
                 page.name(),
                 number + 1
             );
-            found.extend(line.split('`').skip(1).step_by(2).map(|code| (number + 1, code.to_owned())));
+            commands.extend(line.split('`').skip(1).step_by(2).map(|code| (number + 1, code.to_owned())));
         }
     }
-    found
+    commands
 }
 
 #[test]
@@ -176,19 +178,19 @@ fn every_command_and_option_of_the_pages_exists() {
     let mut wrong = Vec::new();
     let typed = book.pages().iter().flat_map(|page| typed(page).into_iter().map(move |typed| (page, typed)));
     for (page, (number, text)) in typed.filter(|(_, (_, text))| !of_others(text)) {
-        let known = match (text.strip_prefix("guide "), text.strip_prefix("cargo xtask ")) {
-            // What is drawn as `guide 1 ...` is a part of the rig.
+        let is_known = match (text.strip_prefix("guide "), text.strip_prefix("cargo xtask ")) {
+            // A label that is drawn as `guide 1 ...` is a part of the rig.
             (Some(rest), _) if rest.starts_with(|c: char| c.is_ascii_lowercase()) => {
                 Some(guide.options(rest))
             }
             (_, Some(rest)) => Some(xtask.options(rest)),
             _ => None,
         };
-        // What is quoted is the text of an option, and may be a command of its own.
+        // Quoted text is that of an option, and may be a command of its own.
         let words = shlex::split(&text).unwrap_or_else(|| vec![text.clone()]);
-        let named = words.iter().filter(|word| known.is_none() || word.starts_with("--"));
+        let named = words.iter().filter(|word| is_known.is_none() || word.starts_with("--"));
         for option in named.flat_map(|word| options_in(word)) {
-            let fault = match &known {
+            let fault = match &is_known {
                 Some(None) => continue,
                 // Every command has it, and help does not list it as an option of its own.
                 Some(Some(_)) if option == "--help" => continue,
@@ -199,7 +201,7 @@ fn every_command_and_option_of_the_pages_exists() {
             };
             wrong.push(format!("{}:{number}: `{text}`: {fault}", page.name()));
         }
-        if known == Some(None) {
+        if is_known == Some(None) {
             wrong.push(format!("{}:{number}: `{text}`: no such command", page.name()));
         }
     }
@@ -257,9 +259,10 @@ fn the_table_of_commands_is_that_of_the_program() {
         };
         let mut of_row = Vec::new();
         for code in codes(names) {
-            let rest = code.strip_prefix("guide ").unwrap_or(&code).to_owned();
-            let (name, options) = guide.options(&rest).unwrap_or_else(|| panic!("{row}: no command {rest}"));
-            let unknown = options_in(&rest).into_iter().find(|option| !options.contains(option));
+            let command_name = code.strip_prefix("guide ").unwrap_or(&code).to_owned();
+            let (name, options) =
+                guide.options(&command_name).unwrap_or_else(|| panic!("{row}: no command {command_name}"));
+            let unknown = options_in(&command_name).into_iter().find(|option| !options.contains(option));
             assert_eq!(unknown, None, "{row}: not an option of {name}");
             named.push(name.split(' ').next().unwrap().to_owned());
             of_row.push(name);

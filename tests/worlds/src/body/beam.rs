@@ -4,7 +4,7 @@ use super::BodyError;
 use super::wall::Wall;
 use nalgebra::{DMatrix, DVector};
 
-/// What holds the needle.
+/// Mounting of the needle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Holding {
     pub bending_n_m2: f64,
@@ -69,12 +69,12 @@ impl Bent {
     /// Deflection at a position along the needle per displacement of guide 2.
     pub fn at(&self, z_m: f64) -> f64 {
         let right = self.nodes_m.partition_point(|node_m| *node_m < z_m).clamp(1, self.nodes_m.len() - 1);
-        let (from_m, to_m) = (self.nodes_m[right - 1], self.nodes_m[right]);
-        let length_m = to_m - from_m;
+        let (left_m, right_m) = (self.nodes_m[right - 1], self.nodes_m[right]);
+        let length_m = right_m - left_m;
         if length_m <= 0.0 {
             return self.states[right][0];
         }
-        let s = (z_m - from_m) / length_m;
+        let s = (z_m - left_m) / length_m;
         let ([u0, slope0], [u1, slope1]) = (self.states[right - 1], self.states[right]);
         let (s2, s3) = (s * s, s * s * s);
         (1.0 - 3.0 * s2 + 2.0 * s3) * u0
@@ -95,11 +95,11 @@ pub(super) fn element_matrix(bending_n_m2: f64, axial_n: f64, length_m: f64) -> 
         [-12.0, -6.0 * l, 12.0, -6.0 * l],
         [6.0 * l, 2.0 * l * l, -6.0 * l, 4.0 * l * l],
     ];
-    let turned = [
+    let integrals = [
         [36.0, 3.0 * l, -36.0, 3.0 * l],
         [3.0 * l, 4.0 * l * l, -3.0 * l, -l * l],
         [-36.0, -3.0 * l, 36.0, -3.0 * l],
         [3.0 * l, -l * l, -3.0 * l, 4.0 * l * l],
     ];
-    std::array::from_fn(|i| std::array::from_fn(|j| bending * bent[i][j] - axial * turned[i][j]))
+    std::array::from_fn(|i| std::array::from_fn(|j| bending * bent[i][j] - axial * integrals[i][j]))
 }

@@ -34,7 +34,8 @@ pub struct BlockStiffness {
 }
 
 impl BlockStiffness {
-    /// What a laboratory would record in it: runs along y, all at the depth that the matrix is for.
+    /// Session that a laboratory would record in it: runs along y, all at the depth that the matrix
+    /// is for.
     ///
     /// # Errors
     /// [`BodyError::Singular`].
@@ -47,7 +48,7 @@ impl BlockStiffness {
             let depth_m = STEP_M * node_at(MM * plan.depth_mm) as f64;
             let flaws = Flaws::new(&background, run);
             let bent = self.bent(&super::holding(&world, 0), depth_m)?;
-            let part = LateralPart {
+            let lateral_part = LateralPart {
                 world: &world,
                 flaws: &flaws,
                 plan,
@@ -57,7 +58,7 @@ impl BlockStiffness {
                 run,
             };
             lateral.push(sensors::lateral_run(
-                &part,
+                &lateral_part,
                 &|plane: usize, commanded_m: &[f64], keep: &[usize]| {
                     march(&world, plane, &bent, depth_m, commanded_m, keep)
                 },
@@ -78,21 +79,21 @@ impl BlockStiffness {
             }
         }
         let at_surface = polynomials(-1.0);
-        let (per_m, half_m) = (2.0 / depth_m, 0.5 * depth_m);
+        let (slope_factor, half_m) = (2.0 / depth_m, 0.5 * depth_m);
         let tied = DMatrix::from_fn(4, size, |row, column| match (row, column) {
             (0 | 1, _) => f64::from(u8::from(row == column)),
             (2, degree) if degree >= ABOVE => at_surface[degree - ABOVE][0],
-            (3, degree) if degree >= ABOVE => per_m * at_surface[degree - ABOVE][1],
+            (3, degree) if degree >= ABOVE => slope_factor * at_surface[degree - ABOVE][1],
             _ => 0.0,
         });
         let second =
             element_matrix(holding.bending_n_m2, holding.axial_n, holding.entry_m - holding.guide2_m);
         stiffness += tied.tr_mul(&(DMatrix::from_fn(4, 4, |i, j| second[i][j]) * &tied));
         for [x, weight] in GAUSS {
-            let all = polynomials(x);
+            let values = polynomials(x);
             for i in 0..DEGREES {
                 for j in 0..DEGREES {
-                    let curved = all[i][2] * all[j][2] * per_m.powi(4);
+                    let curved = values[i][2] * values[j][2] * slope_factor.powi(4);
                     stiffness[(ABOVE + i, ABOVE + j)] += holding.bending_n_m2 * weight * half_m * curved;
                 }
             }
@@ -114,7 +115,7 @@ impl BlockStiffness {
                 polynomials(x).iter().enumerate().map(|(i, of)| scaled[ABOVE + i] * of[derivative]).sum()
             };
             nodes_m.push(holding.entry_m + half_m * (1.0 + x));
-            states.push([sum(0), per_m * sum(1)]);
+            states.push([sum(0), slope_factor * sum(1)]);
         }
         Ok(Bent { stiffness_n_per_m, nodes_m, states })
     }
@@ -122,18 +123,18 @@ impl BlockStiffness {
 
 /// Legendre polynomials with two derivatives.
 fn polynomials(x: f64) -> [[f64; 3]; DEGREES] {
-    let mut all = [[0.0; 3]; DEGREES];
-    (all[0], all[1]) = ([1.0, 0.0, 0.0], [x, 1.0, 0.0]);
+    let mut values_and_slopes = [[0.0; 3]; DEGREES];
+    (values_and_slopes[0], values_and_slopes[1]) = ([1.0, 0.0, 0.0], [x, 1.0, 0.0]);
     for n in 1..DEGREES - 1 {
         let degree = n as f64;
         let factor = 2.0 * degree + 1.0;
-        all[n + 1] = [
-            (factor * x * all[n][0] - degree * all[n - 1][0]) / (degree + 1.0),
-            all[n - 1][1] + factor * all[n][0],
-            all[n - 1][2] + factor * all[n][1],
+        values_and_slopes[n + 1] = [
+            (factor * x * values_and_slopes[n][0] - degree * values_and_slopes[n - 1][0]) / (degree + 1.0),
+            values_and_slopes[n - 1][1] + factor * values_and_slopes[n][0],
+            values_and_slopes[n - 1][2] + factor * values_and_slopes[n][1],
         ];
     }
-    all
+    values_and_slopes
 }
 
 #[cfg(test)]
@@ -149,8 +150,8 @@ mod tests {
         let mesh = Mesh::new(0.635e-3, depth_m, &[0.0], Fineness::COARSE);
         let body = wall::solve(&mesh, 0.49, &|_| 1.0).expect("a body");
         let patterns = DMatrix::from_fn(2 * body.depths_m.len(), DEGREES, |row, degree| {
-            let of = polynomials(2.0 * body.depths_m[row / 2] / depth_m - 1.0)[degree];
-            if row % 2 == 0 { of[0] } else { 2.0 / depth_m * of[1] }
+            let values = polynomials(2.0 * body.depths_m[row / 2] / depth_m - 1.0)[degree];
+            if row % 2 == 0 { values[0] } else { 2.0 / depth_m * values[1] }
         });
         let projected = patterns.tr_mul(&(&body.stiffness * &patterns)) / depth_m;
         let block =

@@ -1,6 +1,6 @@
 //! Lines of the meridian plane: fine at the needle's wall, the surface, the tip and faces of layers, coarse far away.
 
-/// How fine and how large a mesh is.
+/// Element size and extent of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fineness {
     /// Length of the elements at wall, surface, tip and faces, in needle radii.
@@ -62,12 +62,14 @@ impl Mesh {
         let mut depths_m = vec![0.0];
         for pair in ends_m.windows(2) {
             let half = graded(first_m, fineness.increase, 0.5 * (pair[1] - pair[0]));
-            let there = half.iter().skip(1).map(|distance_m| pair[0] + distance_m);
-            let back = half.iter().rev().skip(1).map(|distance_m| pair[1] - distance_m);
-            for to_m in there.chain(back) {
-                let from_m = depths_m[depths_m.len() - 1];
-                let parts = ((to_m - from_m) / fineness.longest_m).ceil().max(1.0) as usize;
-                depths_m.extend((1..=parts).map(|i| from_m + (to_m - from_m) * i as f64 / parts as f64));
+            let from_left = half.iter().skip(1).map(|distance_m| pair[0] + distance_m);
+            let from_right = half.iter().rev().skip(1).map(|distance_m| pair[1] - distance_m);
+            for to_m in from_left.chain(from_right) {
+                let start_m = depths_m[depths_m.len() - 1];
+                let element_count = ((to_m - start_m) / fineness.longest_m).ceil().max(1.0) as usize;
+                depths_m.extend(
+                    (1..=element_count).map(|i| start_m + (to_m - start_m) * i as f64 / element_count as f64),
+                );
             }
         }
         let axial = depths_m.len() - 1;
@@ -80,8 +82,7 @@ impl Mesh {
 fn graded(first: f64, increase: f64, end: f64) -> Vec<f64> {
     let cells = ((1.0 + increase * end / first).ln() / increase).ceil().max(1.0);
     let factor = (1.0 + increase * end / first).powf(1.0 / cells);
-    let place = |cell: usize| first / increase * (factor.powi(cell as i32) - 1.0);
-    (0..=cells as usize).map(place).collect()
+    (0..=cells as usize).map(|cell| first / increase * (factor.powi(cell as i32) - 1.0)).collect()
 }
 
 /// Distances from the needle to the outer boundary.
@@ -89,11 +90,11 @@ fn outward(first_m: f64, fineness: Fineness, size_m: f64) -> Vec<f64> {
     let mut distances_m = graded(first_m, fineness.increase, NEAR * size_m);
     let last = distances_m.len() - 1;
     let mut step_m = distances_m[last] - distances_m[last - 1];
-    let mut at_m = distances_m[last];
-    while at_m < fineness.reach * size_m {
+    let mut distance_m = distances_m[last];
+    while distance_m < fineness.reach * size_m {
         step_m *= 1.0 + (FAR_GROWTH - 1.0) * (fineness.increase / Fineness::FINE.increase).min(1.0);
-        at_m += step_m;
-        distances_m.push(at_m);
+        distance_m += step_m;
+        distances_m.push(distance_m);
     }
     distances_m
 }

@@ -31,7 +31,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use wall::Wall;
 
-/// What is really there.
+/// True body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
     /// Young's modulus; with layers or a gradient that at the surface.
@@ -115,15 +115,15 @@ impl Bodies {
         }
         let mesh = Mesh::new(radius_m, length_m, &[world.gap_m, boundary_m], fineness);
         let wall = Arc::new(wall::solve(&mesh, poisson, &modulus)?);
-        let mut kept = kept();
-        if kept.len() >= MAX_KEPT {
-            kept.clear();
+        let mut kept_unknowns = kept();
+        if kept_unknowns.len() >= MAX_KEPT {
+            kept_unknowns.clear();
         }
-        kept.insert(key, Arc::clone(&wall));
+        kept_unknowns.insert(key, Arc::clone(&wall));
         Ok(wall)
     }
 
-    /// What a laboratory would record with this body; lateral runs only.
+    /// Session that a laboratory would record with this body; lateral runs only.
     ///
     /// # Errors
     /// [`BodyError`].
@@ -140,8 +140,12 @@ impl Bodies {
         if !design.insertion.is_empty() {
             return Err(BodyError::Insertion);
         }
-        let is_impossible = |id: &&str| IMPOSSIBLE.contains(id) || id.starts_with("tip.");
-        if let Some(id) = body.effects.iter().map(|(id, _)| *id).find(is_impossible) {
+        if let Some(id) = body
+            .effects
+            .iter()
+            .map(|(id, _)| *id)
+            .find(|id| IMPOSSIBLE.contains(id) || id.starts_with("tip."))
+        {
             return Err(BodyError::Effect(id));
         }
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
@@ -163,11 +167,11 @@ impl Bodies {
             let [y, x] = bent;
             let bent = [y?, x?];
             let images = design.images.as_ref();
-            let part = LateralPart { world: &world, flaws: &flaws, plan, noise, images, seed, run };
+            let lateral_part = LateralPart { world: &world, flaws: &flaws, plan, noise, images, seed, run };
             let march = |plane: usize, commanded_m: &[f64], keep: &[usize]| {
                 march(&world, plane, &bent[plane], depth_m, commanded_m, keep)
             };
-            lateral.push(sensors::lateral_run(&part, &march));
+            lateral.push(sensors::lateral_run(&lateral_part, &march));
         }
         Ok(recorded(rig, noise, lateral))
     }
@@ -224,24 +228,27 @@ fn march(
     commanded_m: &[f64],
     keep: &[usize],
 ) -> Motion {
-    let (rest_n, rest_m) = prestress(world, plane);
+    let (prestress_n, prestress_shape_m) = prestress(world, plane);
     let count = node_at(world.entry_m) + node_at(depth_m) + 1;
-    let places_m: Vec<f64> = (0..count).map(|node| node as f64 * STEP_M).collect();
-    let per_m: Vec<f64> = places_m.iter().map(|z_m| bent.at(*z_m)).collect();
+    let positions_m: Vec<f64> = (0..count).map(|node| node as f64 * STEP_M).collect();
+    let shape_per_m: Vec<f64> = positions_m.iter().map(|z_m| bent.at(*z_m)).collect();
     let mut motion = Motion { force_n: Vec::with_capacity(commanded_m.len()), shape_m: Vec::new() };
     // Frame and needle share what guide 2 is moved by; the frame gives way to the force that is there at rest, too.
     let frame = 1.0 + world.frame_m_per_n * bent.stiffness_n_per_m;
-    let mut at_m = 0.0_f64;
+    let mut guide_m = 0.0_f64;
     for (sample, measured_m) in commanded_m.iter().enumerate() {
-        at_m = at_m.clamp(measured_m - world.play_m, measured_m + world.play_m);
-        let beyond_m = (at_m.abs() - world.clearance_m).max(0.0) * at_m.signum();
-        let touches = beyond_m != 0.0 || world.clearance_m <= 0.0;
-        let given_m = if touches { world.frame_m_per_n * rest_n } else { 0.0 };
-        let moved_m = (beyond_m - given_m) / frame;
+        guide_m = guide_m.clamp(measured_m - world.play_m, measured_m + world.play_m);
+        let pushed_m = (guide_m.abs() - world.clearance_m).max(0.0) * guide_m.signum();
+        let touches = pushed_m != 0.0 || world.clearance_m <= 0.0;
+        let yielded_m = if touches { world.frame_m_per_n * prestress_n } else { 0.0 };
+        let moved_m = (pushed_m - yielded_m) / frame;
         let pushed_n = if touches { bent.stiffness_n_per_m * moved_m } else { 0.0 };
-        motion.force_n.push(rest_n + pushed_n);
+        motion.force_n.push(prestress_n + pushed_n);
         for _ in keep.iter().filter(|kept| **kept == sample) {
-            let shape = per_m.iter().zip(&places_m).map(|(per_m, z_m)| moved_m * per_m + rest_m(*z_m));
+            let shape = shape_per_m
+                .iter()
+                .zip(&positions_m)
+                .map(|(shape_per_m, z_m)| moved_m * shape_per_m + prestress_shape_m(*z_m));
             motion.shape_m.push(shape.collect());
         }
     }

@@ -47,10 +47,10 @@ fn elements_meet_the_cylinder_in_a_tube_and_do_not_lock() {
             }
         }
         let free = 2..2 * (columns - 1);
-        let inside = stiffness.view((free.start, free.start), (free.len(), free.len())).into_owned();
+        let free_block = stiffness.view((free.start, free.start), (free.len(), free.len())).into_owned();
         let moved = DVector::from_vec(vec![1.0, -1.0]);
         let load = -(stiffness.view((free.start, 0), (free.len(), 2)) * &moved);
-        let solution = inside.cholesky().expect("positive").solve(&load);
+        let solution = free_block.cholesky().expect("positive").solve(&load);
         let reaction = stiffness.view((0, 0), (2, 2)) * &moved
             + stiffness.view((0, free.start), (2, free.len())) * solution;
         let force = PI * moved.dot(&reaction);
@@ -81,9 +81,9 @@ fn stiffness(depth_m: f64, poisson: f64, fineness: Fineness) -> f64 {
 fn a_coarse_mesh_is_within_a_percent_of_the_project_s_other_solver() {
     use mechanics::continuum::{Contact, Continuum, Resolution};
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
-    let other =
+    let continuum =
         Continuum::solve(&rig.needle, 0.02, 0.49, Contact::Bonded, Resolution::DEFAULT).expect("solves");
-    let expected = other.lateral_stiffness_n_per_m(&rig, 20e3).expect("a stiffness");
+    let expected = continuum.lateral_stiffness_n_per_m(&rig, 20e3).expect("a stiffness");
     close("20 mm", stiffness(0.02, 0.49, Fineness::COARSE), expected, 1e-2);
 }
 
@@ -92,8 +92,8 @@ fn a_coarse_mesh_is_within_a_percent_of_the_project_s_other_solver() {
 fn the_fine_mesh_is_within_a_thousandth_of_finer_and_larger_ones() {
     let fine = stiffness(0.02, 0.5, Fineness::FINE);
     close("halved", fine, stiffness(0.02, 0.5, Fineness::FINE.halved()), 1e-3);
-    let far = Fineness { reach: 4.0 * Fineness::FINE.reach, ..Fineness::FINE };
-    close("further", fine, stiffness(0.02, 0.5, far), 1e-3);
+    let extended = Fineness { reach: 4.0 * Fineness::FINE.reach, ..Fineness::FINE };
+    close("further", fine, stiffness(0.02, 0.5, extended), 1e-3);
 }
 
 fn body(effects: Vec<(&'static str, Vec<f64>)>) -> Body {
@@ -157,9 +157,12 @@ fn backgrounds_act_on_bodies_and_nothing_else_is_accepted() {
         let change = (force(&make(&Background::of(kind, size, 2))) / force(&plain) - 1.0).abs();
         assert!(change > 1e-4 && change < 0.06, "{} {change}", kind.name());
     }
-    let nothing = Background::default();
-    let refused = |effects| bodies.session(&body(effects), &nothing, &one_run(), 1);
+    let no_background = Background::default();
+    let refused = |effects| bodies.session(&body(effects), &no_background, &one_run(), 1);
     assert_eq!(refused(vec![("tissue.shear", vec![1.0])]).unwrap_err(), BodyError::Effect("tissue.shear"));
     let insertions = Design { insertion: Design::insertions().insertion, ..one_run() };
-    assert_eq!(bodies.session(&body(vec![]), &nothing, &insertions, 1).unwrap_err(), BodyError::Insertion);
+    assert_eq!(
+        bodies.session(&body(vec![]), &no_background, &insertions, 1).unwrap_err(),
+        BodyError::Insertion
+    );
 }

@@ -1,9 +1,9 @@
 //! Stiffness of an elastic body against a needle in it, by finite elements of the first circumferential harmonic.
 //!
-//! `u_r = U cos t`, `u_t = V sin t`, `u_z = W cos t`; nine-node quadrilaterals with three pressures of their own (Q2/P-1), which
-//! are eliminated element by element, so that the system stays positive definite and nothing locks. The needle's sections are rigid
-//! discs that move and tilt: `U = u`, `V = -u`, `W = -r u'` on wall and tip. What is left when the body's own unknowns are eliminated
-//! is its stiffness against `u` and `u'` at the nodes of the wall.
+//! `u_r = U cos t`, `u_t = V sin t`, `u_z = W cos t`; nine-node quadrilaterals with three pressures of their own
+//! (Q2/P-1), which are eliminated element by element, so that the system stays positive definite and nothing locks. The
+//! needle's sections are rigid discs that move and tilt: `U = u`, `V = -u`, `W = -r u'` on wall and tip. Elimination of
+//! the body's own unknowns leaves its stiffness against `u` and `u'` at the nodes of the wall.
 
 use super::BodyError;
 use super::mesh::Mesh;
@@ -29,7 +29,7 @@ pub(super) struct Wall {
     pub stiffness: DMatrix<f64>,
 }
 
-/// What a displacement of a node is: nothing, a multiple of one of the body's own unknowns, or of one of the wall's.
+/// Kind of a node's displacement: nothing, a multiple of one of the body's own unknowns, or of one of the wall's.
 #[derive(Debug, Clone, Copy)]
 enum Unknown {
     Fixed,
@@ -42,11 +42,11 @@ enum Unknown {
 /// # Errors
 /// [`BodyError::Singular`].
 pub(super) fn solve(mesh: &Mesh, poisson: f64, modulus: &dyn Fn(f64) -> f64) -> Result<Wall, BodyError> {
-    let (unknowns, own, depths_m) = numbered(mesh);
+    let (unknowns, own_count, depths_m) = numbered(mesh);
     let walls = 2 * depths_m.len();
     let rows = 2 * mesh.depths_m.len() - 1;
     let mut entries: Vec<(usize, usize, f64)> = Vec::new();
-    let mut coupling = DMatrix::zeros(own, walls);
+    let mut coupling = DMatrix::zeros(own_count, walls);
     let mut stiffness = DMatrix::zeros(walls, walls);
     for radial in 0..mesh.radii_m.len() - 1 {
         for axial in 0..mesh.depths_m.len() - 1 {
@@ -55,10 +55,11 @@ pub(super) fn solve(mesh: &Mesh, poisson: f64, modulus: &dyn Fn(f64) -> f64) -> 
             }
             let ends = |lines: &[f64], cell: usize| [lines[cell], lines[cell + 1]];
             let element = element(ends(&mesh.radii_m, radial), ends(&mesh.depths_m, axial), poisson, modulus);
-            let of_node = |node: usize| unknowns[(2 * radial + node / 3) * rows + 2 * axial + node % 3];
-            let of: Vec<Unknown> = (0..9).flat_map(of_node).collect();
-            for (i, row) in of.iter().enumerate() {
-                for (j, column) in of.iter().enumerate() {
+            let element_unknowns: Vec<Unknown> = (0..9)
+                .flat_map(|node| unknowns[(2 * radial + node / 3) * rows + 2 * axial + node % 3])
+                .collect();
+            for (i, row) in element_unknowns.iter().enumerate() {
+                for (j, column) in element_unknowns.iter().enumerate() {
                     let value = element[(i, j)];
                     match (*row, *column) {
                         (Unknown::Own(a, i), Unknown::Own(b, j)) => entries.push((j, i, a * b * value)),
@@ -70,7 +71,7 @@ pub(super) fn solve(mesh: &Mesh, poisson: f64, modulus: &dyn Fn(f64) -> f64) -> 
             }
         }
     }
-    let followed = followed(own, entries, &coupling)?;
+    let followed = followed(own_count, entries, &coupling)?;
     let folded = coupling.tr_mul(&followed);
     stiffness -= 0.5 * (&folded + folded.transpose());
     // The square of the harmonic over the circumference.
@@ -79,7 +80,8 @@ pub(super) fn solve(mesh: &Mesh, poisson: f64, modulus: &dyn Fn(f64) -> f64) -> 
     if is_finite { Ok(Wall { depths_m, stiffness }) } else { Err(BodyError::Singular) }
 }
 
-/// How the body's own unknowns follow those of the wall, by Cholesky. Entries are column, row and value; those at one place add up.
+/// Body's own unknowns as functions of those of the wall, by Cholesky. Entries are column, row and value; those at one
+/// place add up.
 fn followed(
     own: usize,
     mut entries: Vec<(usize, usize, f64)>,
@@ -117,8 +119,8 @@ fn followed(
     Ok(solved)
 }
 
-/// What the displacements of every node are, how many unknowns the body has, and the depths of the wall's nodes. Nodes are numbered
-/// down each line of the quadratic mesh, and from the axis outwards.
+/// Unknowns of every node, number of the body's unknowns, and depths of the wall's nodes. Nodes are numbered down each
+/// line of the quadratic mesh, and from the axis outwards.
 fn numbered(mesh: &Mesh) -> (Vec<[Unknown; 3]>, usize, Vec<f64>) {
     let middles = |lines: &[f64]| -> Vec<f64> {
         let mut nodes = vec![lines[0]];
@@ -127,10 +129,10 @@ fn numbered(mesh: &Mesh) -> (Vec<[Unknown; 3]>, usize, Vec<f64>) {
     };
     let (radii_m, depths_m) = (middles(&mesh.radii_m), middles(&mesh.depths_m));
     let [wall, tip] = mesh.needle.map(|cells| 2 * cells);
-    let mut own = 0;
+    let mut own_count = 0;
     let mut next = || {
-        own += 1;
-        own - 1
+        own_count += 1;
+        own_count - 1
     };
     let mut unknowns = Vec::with_capacity(radii_m.len() * depths_m.len());
     for (column, radius_m) in radii_m.iter().enumerate() {
@@ -149,7 +151,7 @@ fn numbered(mesh: &Mesh) -> (Vec<[Unknown; 3]>, usize, Vec<f64>) {
             });
         }
     }
-    (unknowns, own, depths_m[..=tip].to_vec())
+    (unknowns, own_count, depths_m[..=tip].to_vec())
 }
 
 /// Values and derivatives of the three quadratic functions at a place.

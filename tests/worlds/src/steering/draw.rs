@@ -9,10 +9,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// What is hidden in a plant besides what all have.
+/// Hidden effect of a plant besides those that all have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// Nothing.
+    /// No effect.
     Plain,
     /// The path leaves the needle at an angle.
     CutAngle,
@@ -129,13 +129,13 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
     let [stiff, size, angle] = [uniform(0.5, 1.0), uniform(0.5, 1.0), uniform(0.0, std::f64::consts::TAU)];
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
     flaws.slope = [0.010 * normal(), 0.010 * normal()];
-    let (mut along, mut across) = (normal(), normal());
-    let kept = (-1.0 / memory_mm).exp();
-    let fresh = (1.0 - kept * kept).sqrt();
+    let (mut parallel, mut perpendicular) = (normal(), normal());
+    let persistence = (-1.0 / memory_mm).exp();
+    let fresh = (1.0 - persistence * persistence).sqrt();
     for _ in 0..=200 {
-        flaws.load_n.push([mean_n * (1.0 + 0.15 * along), mean_n * 0.1 * across]);
-        along = kept * along + fresh * normal();
-        across = kept * across + fresh * normal();
+        flaws.load_n.push([mean_n * (1.0 + 0.15 * parallel), mean_n * 0.1 * perpendicular]);
+        parallel = persistence * parallel + fresh * normal();
+        perpendicular = persistence * perpendicular + fresh * normal();
     }
     let mut tip = Tip::Load;
     let mut needle = Needle::new(tissue, tip, 1e-3 * gap_mm);
@@ -152,8 +152,8 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
         }
         Kind::Shear => needle.tissue.shear_n = 4.0 * size,
         Kind::LoadStep => {
-            let from = (20.0 + 50.0 * stiff) as usize;
-            flaws.load_n.iter_mut().skip(from).for_each(|n| n[0] += signs[0] * 0.4 * size * mean_n);
+            let stiff_start_mm = (20.0 + 50.0 * stiff) as usize;
+            flaws.load_n.iter_mut().skip(stiff_start_mm).for_each(|n| n[0] += signs[0] * 0.4 * size * mean_n);
         }
         Kind::Roll => flaws.roll_rad = signs[0] * 0.5 * size,
         Kind::SensorTilt => flaws.sensor_tilt = [0.003 * size * angle.cos(), 0.003 * size * angle.sin()],
@@ -219,17 +219,18 @@ pub fn target_by_rotations(
 ) -> Result<[f64; 3], PlantError> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0070_7247);
     rng.set_stream(number);
-    let at_mm = [rng.random_range(15.0..45.0_f64), rng.random_range(50.0..75.0_f64)].map(f64::round);
-    let by_deg = [rng.random_range(-180.0..180.0), rng.random_range(-180.0..180.0)];
+    let turn_depths_mm = [rng.random_range(15.0..45.0_f64), rng.random_range(50.0..75.0_f64)].map(f64::round);
+    let turns_deg = [rng.random_range(-180.0..180.0), rng.random_range(-180.0..180.0)];
     let mut scout = plant.clone();
-    let mut at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
+    let mut command = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
     for step in 1..=depth_mm.round() as usize {
-        at = Command { t_s: at.t_s + 0.25, depth_mm: step as f64, ..at };
-        scout.step(&at)?;
-        for (turn_mm, by_deg) in at_mm.iter().zip(by_deg) {
-            if (at.depth_mm - turn_mm).abs() < 1e-9 {
-                at = Command { t_s: at.t_s + 2.0, bevel_deg: at.bevel_deg + by_deg, ..at };
-                scout.step(&at)?;
+        command = Command { t_s: command.t_s + 0.25, depth_mm: step as f64, ..command };
+        scout.step(&command)?;
+        for (turn_mm, turns_deg) in turn_depths_mm.iter().zip(turns_deg) {
+            if (command.depth_mm - turn_mm).abs() < 1e-9 {
+                command =
+                    Command { t_s: command.t_s + 2.0, bevel_deg: command.bevel_deg + turns_deg, ..command };
+                scout.step(&command)?;
             }
         }
     }
@@ -264,23 +265,28 @@ pub fn reachable_within<N: Body + Clone>(
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x007a_26e7);
     rng.set_stream(number);
     let angle: f64 = rng.random_range(0.0..std::f64::consts::TAU);
-    let mut way_mm =
+    let mut sideways_mm =
         f64::min(rng.random_range(1.5..3.5), share_of_limits * plant.stated.limits.guide_travel_mm);
-    let from_mm = rng.random_range(8.0..20.0);
-    let over_mm = rng.random_range(10.0..30.0);
+    let start_mm = rng.random_range(8.0..20.0);
+    let length_mm = rng.random_range(10.0..30.0);
     let steps = depth_mm.round() as usize;
     loop {
         let mut scout = plant.clone();
-        let mut at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
+        let mut command = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
         for step in 1..=steps {
             let depth = depth_mm * step as f64 / steps as f64;
-            at = Command { t_s: at.t_s + 0.25, depth_mm: depth, ..at };
-            scout.step(&at)?;
-            let share = ((depth - from_mm) / over_mm).clamp(0.0, 1.0);
-            let to = [way_mm * share * angle.cos(), way_mm * share * angle.sin()];
-            if (to[0] - at.guide_x_mm).hypot(to[1] - at.guide_y_mm) > 1e-9 {
-                at = Command { t_s: at.t_s + 0.5, guide_x_mm: to[0], guide_y_mm: to[1], ..at };
-                scout.step(&at)?;
+            command = Command { t_s: command.t_s + 0.25, depth_mm: depth, ..command };
+            scout.step(&command)?;
+            let fraction = ((depth - start_mm) / length_mm).clamp(0.0, 1.0);
+            let target = [sideways_mm * fraction * angle.cos(), sideways_mm * fraction * angle.sin()];
+            if (target[0] - command.guide_x_mm).hypot(target[1] - command.guide_y_mm) > 1e-9 {
+                command = Command {
+                    t_s: command.t_s + 0.5,
+                    guide_x_mm: target[0],
+                    guide_y_mm: target[1],
+                    ..command
+                };
+                scout.step(&command)?;
             }
         }
         let end = scout.end()?;
@@ -292,6 +298,6 @@ pub fn reachable_within<N: Body + Clone>(
             let [x, y] = scout.tip_mm();
             return Ok([x, y, depth_mm]);
         }
-        way_mm *= 0.8;
+        sideways_mm *= 0.8;
     }
 }

@@ -7,7 +7,7 @@
 //! [`TiedNeedle`] is a second needle by another method, drawn by [`tied_world`] with a strain limit that matters and a load that
 //! wanders.
 //!
-//! Nothing here calls the forward model.
+//! No part of this module calls the forward model.
 
 mod draw;
 mod needle;

@@ -7,7 +7,7 @@ const SPRING_M: f64 = 0.5e-3;
 /// Length of the elements in the tissue, m.
 const ELEMENT_M: f64 = 1e-3;
 
-/// What the tissue is.
+/// Parameters of the tissue.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tissue {
     /// Modulus against depth: value, and values from depths on, Pa and m.
@@ -32,7 +32,7 @@ pub struct Tissue {
     pub shear_n: f64,
 }
 
-/// How the tip cuts.
+/// Law by which the tip cuts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Tip {
     /// Under a load.
@@ -59,7 +59,7 @@ pub struct Needle {
     pub gap_m: f64,
     /// Rotation in guide 1 per moment, rad/(N m).
     pub clamp_rad_per_n_m: f64,
-    /// How far the frame of guide 2 gives per force, m/N.
+    /// Compliance of guide 2's frame, m/N.
     pub frame_m_per_n: f64,
     /// Radius of the needle, m.
     pub radius_m: f64,
@@ -69,7 +69,7 @@ pub struct Needle {
     pub axial_n: f64,
     /// The tissue.
     pub tissue: Tissue,
-    /// How the tip cuts.
+    /// Law by which the tip cuts.
     pub tip: Tip,
     springs: Vec<Spring>,
     /// Tip in both planes, its slope, force at guide 2.
@@ -118,8 +118,8 @@ impl Needle {
             .filter(|[from_m, _]| depth_m >= *from_m)
             .map(|[_, f]| f)
             .product::<f64>();
-        let across = if plane == 1 { self.tissue.anisotropy } else { 1.0 };
-        self.tissue.modulus_pa * factor * across * (1.0 + self.tissue.gradient_per_m * depth_m).max(0.05)
+        let anisotropy = if plane == 1 { self.tissue.anisotropy } else { 1.0 };
+        self.tissue.modulus_pa * factor * anisotropy * (1.0 + self.tissue.gradient_per_m * depth_m).max(0.05)
     }
 
     fn settle(
@@ -131,11 +131,11 @@ impl Needle {
         bevel_rad: f64,
         pushed: bool,
     ) {
-        let way_m = depth_m - self.depth_m;
-        let held = match self.tip {
+        let push_m = depth_m - self.depth_m;
+        let held_tip = match self.tip {
             Tip::Angle(angle_rad) if pushed && !self.springs.is_empty() => {
                 let angle = [angle_rad * bevel_rad.cos(), angle_rad * bevel_rad.sin()];
-                Some([0, 1].map(|i: usize| self.tip_m[i] + way_m * (self.slope[i] + angle[i])))
+                Some([0, 1].map(|i: usize| self.tip_m[i] + push_m * (self.slope[i] + angle[i])))
             }
             _ => None,
         };
@@ -172,24 +172,28 @@ impl Needle {
                     frame.right[1] -= moment;
                 }
                 for (i, spring) in self.springs.iter().enumerate() {
-                    let at_m = SPRING_M * i as f64;
-                    if at_m > depth_m + 1e-9 {
+                    let spring_m = SPRING_M * i as f64;
+                    if spring_m > depth_m + 1e-9 {
                         break;
                     }
-                    let width_m =
-                        if i == 0 { 0.5 * SPRING_M } else { SPRING_M.min(depth_m - at_m + 0.5 * SPRING_M) };
-                    let (stiff, rest_m) = self.spring(i, width_m, plane, time_s, spring);
+                    let width_m = if i == 0 {
+                        0.5 * SPRING_M
+                    } else {
+                        SPRING_M.min(depth_m - spring_m + 0.5 * SPRING_M)
+                    };
+                    let (stiff, spring_rest_m) = self.spring(i, width_m, plane, time_s, spring);
                     let element =
-                        nodes.partition_point(|z| *z < entry_m + at_m - 1e-9).clamp(1, nodes.len() - 1) - 1;
+                        nodes.partition_point(|z| *z < entry_m + spring_m - 1e-9).clamp(1, nodes.len() - 1)
+                            - 1;
                     let length_m = nodes[element + 1] - nodes[element];
-                    let x = ((entry_m + at_m - nodes[element]) / length_m).clamp(0.0, 1.0);
-                    frame.spring(2 * element, x, length_m, stiff, rest_m);
+                    let x = ((entry_m + spring_m - nodes[element]) / length_m).clamp(0.0, 1.0);
+                    frame.spring(2 * element, x, length_m, stiff, spring_rest_m);
                 }
                 frame.right[tip - 2] += load_n[plane];
-                let held_n_per_m = 1e7;
-                if let Some(held) = held {
-                    frame.add(tip - 2, tip - 2, held_n_per_m);
-                    frame.right[tip - 2] += held_n_per_m * held[plane] - load_n[plane];
+                let tip_n_per_m = 1e7;
+                if let Some(tip_m) = held_tip {
+                    frame.add(tip - 2, tip - 2, tip_n_per_m);
+                    frame.right[tip - 2] += tip_n_per_m * tip_m[plane] - load_n[plane];
                 }
                 let guide_n_per_m = if self.frame_m_per_n > 0.0 { 1.0 / self.frame_m_per_n } else { 1e8 };
                 frame.add(24, 24, guide_n_per_m);
@@ -203,8 +207,8 @@ impl Needle {
                 let u = frame.solve();
                 (self.tip_m[plane], self.slope[plane]) = (u[tip - 2], u[tip - 1]);
                 self.force_n[plane] = guide_n_per_m * (guide_m[plane] - u[24]);
-                if let Some(held) = held {
-                    self.held_n[plane] = held_n_per_m * (held[plane] - u[tip - 2]);
+                if let Some(tip_m) = held_tip {
+                    self.held_n[plane] = tip_n_per_m * (tip_m[plane] - u[tip - 2]);
                 }
                 for (i, ends) in nodes.windows(2).enumerate() {
                     let l = ends[1] - ends[0];
@@ -213,7 +217,7 @@ impl Needle {
                 }
                 solved[plane] = u;
             }
-            // What is loaded beyond its limit gives, and is solved again.
+            // A tie that is loaded beyond its limit gives, and the needle is solved again.
             if !self.give(depth_m, &nodes, &solved, time_s) || pass == 2 {
                 break;
             }
@@ -224,8 +228,8 @@ impl Needle {
 
     /// Stiffness of a spring over this step, and the place where it would rest.
     fn spring(&self, i: usize, width_m: f64, plane: usize, time_s: f64, spring: &Spring) -> (f64, f64) {
-        let at_m = SPRING_M * i as f64;
-        let mut stiff = width_m * self.modulus_pa(at_m, plane);
+        let spring_m = SPRING_M * i as f64;
+        let mut stiff = width_m * self.modulus_pa(spring_m, plane);
         if i == 0 {
             stiff += self.tissue.skin_n_per_m;
         }
@@ -234,9 +238,9 @@ impl Needle {
             return (stiff, spring.rest_m[plane]);
         }
         // The part that flows, implicitly over the step.
-        let kept = relaxation_s / (relaxation_s + time_s);
-        let effective = stiff * (1.0 - relaxing) + stiff * relaxing * kept;
-        let rest_m = spring.rest_m[plane] + stiff * relaxing * kept * spring.flow_m[plane] / effective;
+        let persistence = relaxation_s / (relaxation_s + time_s);
+        let effective = stiff * (1.0 - relaxing) + stiff * relaxing * persistence;
+        let rest_m = spring.rest_m[plane] + stiff * relaxing * persistence * spring.flow_m[plane] / effective;
         (effective, rest_m)
     }
 
@@ -259,16 +263,16 @@ impl Needle {
             return false;
         }
         for i in 0..self.springs.len() {
-            let at_m = SPRING_M * i as f64;
-            if at_m > depth_m + 1e-9 {
+            let spring_m = SPRING_M * i as f64;
+            if spring_m > depth_m + 1e-9 {
                 break;
             }
             let stretch = self.stretch(i, nodes, solved);
             let load = [0, 1].map(|plane: usize| {
-                let (stiff, rest_m) = self.spring(i, SPRING_M, plane, time_s, &self.springs[i]);
-                stiff * (stretch[plane] - (rest_m - self.springs[i].rest_m[plane]))
+                let (stiff, spring_rest_m) = self.spring(i, SPRING_M, plane, time_s, &self.springs[i]);
+                stiff * (stretch[plane] - (spring_rest_m - self.springs[i].rest_m[plane]))
             });
-            let most_n = SPRING_M * self.tissue.yield_n_per_m * (at_m / self.tissue.yield_depth_m).exp()
+            let most_n = SPRING_M * self.tissue.yield_n_per_m * (spring_m / self.tissue.yield_depth_m).exp()
                 + if i == 0 { 1e6 * self.tissue.skin_n_per_m } else { 0.0 };
             let size = load[0].hypot(load[1]);
             if size > 1.02 * most_n {
@@ -286,14 +290,14 @@ impl Needle {
         if self.tissue.relaxing <= 0.0 {
             return;
         }
-        let share = time_s / (self.tissue.relaxation_s + time_s);
+        let fraction = time_s / (self.tissue.relaxation_s + time_s);
         for i in 0..self.springs.len() {
             if SPRING_M * i as f64 > depth_m + 1e-9 {
                 break;
             }
             let stretch = self.stretch(i, nodes, solved);
             for (flow_m, stretch_m) in self.springs[i].flow_m.iter_mut().zip(stretch) {
-                *flow_m += share * (stretch_m - *flow_m);
+                *flow_m += fraction * (stretch_m - *flow_m);
             }
         }
     }
@@ -305,16 +309,16 @@ impl Body for Needle {
             self.settle(depth_m.min(self.depth_m), time_s, guide_m, load_n, bevel_rad, false);
             return;
         }
-        let (from_m, way_m) = (self.depth_m, depth_m - self.depth_m);
+        let (start_m, push_m) = (self.depth_m, depth_m - self.depth_m);
         loop {
             let next_m = SPRING_M * self.springs.len() as f64;
-            let to_m = next_m.min(depth_m);
-            let share = (to_m - self.depth_m) / way_m;
-            self.settle(to_m, share * time_s, guide_m, load_n, bevel_rad, true);
+            let step_end_m = next_m.min(depth_m);
+            let fraction = (step_end_m - self.depth_m) / push_m;
+            self.settle(step_end_m, fraction * time_s, guide_m, load_n, bevel_rad, true);
             if next_m <= depth_m {
                 self.springs.push(Spring { rest_m: self.tip_m, flow_m: [0.0; 2] });
             }
-            if to_m >= depth_m || self.depth_m - from_m >= way_m {
+            if step_end_m >= depth_m || self.depth_m - start_m >= push_m {
                 break;
             }
         }

@@ -22,7 +22,7 @@ pub trait Body {
     fn strain(&self) -> f64;
 }
 
-/// What actuators and sensors do wrong, and the load of the tip.
+/// Errors of actuators and sensors, and the load of the tip.
 #[derive(Debug, Clone, Default)]
 pub struct Flaws {
     /// Constant error of the guide, mm.
@@ -55,15 +55,15 @@ pub struct Flaws {
 /// The plant.
 #[derive(Debug, Clone)]
 pub struct SimulatedPlant<N = Needle> {
-    /// What it states.
+    /// Statement of the plant.
     pub stated: Statement,
     /// The needle in its tissue.
     pub needle: N,
-    /// What actuators and sensors do wrong.
+    /// Errors of actuators and sensors.
     pub flaws: Flaws,
     rng: ChaCha8Rng,
     now: Command,
-    /// Where the guide truly is, mm.
+    /// True position of the guide, mm.
     true_guide_mm: [f64; 2],
     arriving: VecDeque<(f64, [f64; 2], bool)>,
     shown: (i64, f64, [f64; 2], bool),
@@ -74,8 +74,8 @@ pub struct SimulatedPlant<N = Needle> {
 }
 
 impl SimulatedPlant {
-    /// What its rig has of its own: half of the play of guide 2, what the frame gives, what the clamp gives; ids and units of the catalogue's
-    /// parameters.
+    /// Parameters of its rig: half of the play of guide 2, what the frame gives, what the clamp gives; ids and units of
+    /// the catalogue's parameters.
     pub fn rig(&self) -> [(&'static str, f64); 3] {
         [
             ("rig.play", self.flaws.play_mm),
@@ -111,11 +111,13 @@ impl<N: Body> SimulatedPlant<N> {
     }
 
     fn load_n(&self, depth_mm: f64, bevel_rad: f64, speed_mm_s: f64) -> [f64; 2] {
-        let at = (depth_mm.floor() as usize).min(self.flaws.load_n.len().saturating_sub(2));
-        let share = (depth_mm - at as f64).clamp(0.0, 1.0);
+        let first_mm = (depth_mm.floor() as usize).min(self.flaws.load_n.len().saturating_sub(2));
+        let fraction = (depth_mm - first_mm as f64).clamp(0.0, 1.0);
         let factor = 1.0 + self.flaws.load_per_speed * speed_mm_s;
         let of = |i: usize| {
-            factor * (self.flaws.load_n[at][i] * (1.0 - share) + self.flaws.load_n[at + 1][i] * share)
+            factor
+                * (self.flaws.load_n[first_mm][i] * (1.0 - fraction)
+                    + self.flaws.load_n[first_mm + 1][i] * fraction)
         };
         let (sin, cos) = (bevel_rad + self.flaws.roll_rad).sin_cos();
         [cos * of(0) - sin * of(1), sin * of(0) + cos * of(1)]
@@ -135,12 +137,12 @@ impl<N: Body> SimulatedPlant<N> {
                 self.broken.travel += 1;
             }
             *to_mm = to_mm.clamp(-limits.guide_travel_mm, limits.guide_travel_mm);
-            let way_mm = *to_mm - was_mm;
+            let step_mm = *to_mm - was_mm;
             let most_mm = limits.guide_speed_mm_s * time_s;
-            if way_mm.abs() > most_mm + 1e-9 {
+            if step_mm.abs() > most_mm + 1e-9 {
                 self.broken.speed += 1;
             }
-            *to_mm = was_mm + way_mm.clamp(-most_mm, most_mm);
+            *to_mm = was_mm + step_mm.clamp(-most_mm, most_mm);
         }
         let pushed_mm = to.depth_mm - self.now.depth_mm;
         if pushed_mm > limits.push_speed_mm_s * time_s + 1e-9 {
@@ -150,20 +152,20 @@ impl<N: Body> SimulatedPlant<N> {
         if pushed_mm > 1e-9 && moved && !self.stated.rig.move_while_pushing {
             self.broken.moved_while_pushed += 1;
         }
-        let turned = (to.bevel_deg - self.now.bevel_deg).abs();
-        if turned > limits.rotation_speed_deg_s * time_s + 1e-9 {
+        let rotated_deg = (to.bevel_deg - self.now.bevel_deg).abs();
+        if rotated_deg > limits.rotation_speed_deg_s * time_s + 1e-9 {
             self.broken.rotation_speed += 1;
         }
-        if turned > 1e-9 {
-            self.turns += turned / 180.0;
+        if rotated_deg > 1e-9 {
+            self.turns += rotated_deg / 180.0;
         }
         let play_mm = self.flaws.play_mm;
         for (i, to_mm) in guide_mm.into_iter().enumerate() {
             let driven_mm = to_mm * (1.0 + self.flaws.lead) + self.flaws.guide_offset_mm[i];
             self.true_guide_mm[i] = self.true_guide_mm[i].clamp(driven_mm - play_mm, driven_mm + play_mm);
         }
-        let before_mm = self.tip_mm();
-        let (from_s, bevel_rad) = (self.now.t_s, to.bevel_deg.to_radians());
+        let old_tip_mm = self.tip_mm();
+        let (start_s, bevel_rad) = (self.now.t_s, to.bevel_deg.to_radians());
         let load_n = self.load_n(to.depth_mm, bevel_rad, pushed_mm / time_s);
         self.needle.advance(
             1e-3 * to.depth_mm,
@@ -173,7 +175,7 @@ impl<N: Body> SimulatedPlant<N> {
             bevel_rad,
         );
         self.now = Command { guide_x_mm: guide_mm[0], guide_y_mm: guide_mm[1], ..*to };
-        let after_mm = self.tip_mm();
+        let new_tip_mm = self.tip_mm();
         let [force_x_n, force_y_n] = self.needle.force_n();
         let force = force_x_n.hypot(force_y_n);
         if limits.guide_force_n.is_some_and(|most| force > most) {
@@ -185,16 +187,16 @@ impl<N: Body> SimulatedPlant<N> {
         self.end.peak_force_n = Some(self.end.peak_force_n.unwrap_or(0.0).max(force));
         self.end.peak_strain = Some(self.end.peak_strain.unwrap_or(0.0).max(self.needle.strain()));
         while self.next_sample_s <= to.t_s + 1e-9 {
-            let at_s = self.next_sample_s;
+            let sample_s = self.next_sample_s;
             self.next_sample_s += 1.0 / self.stated.tip_rate_hz;
-            let share = ((at_s - from_s) / time_s).clamp(0.0, 1.0);
+            let fraction = ((sample_s - start_s) / time_s).clamp(0.0, 1.0);
             let depth_mm = self.now.depth_mm;
             let noise = self.stated.tip_noise_mm;
             let mut read_mm = [0, 1].map(|i: usize| {
-                let tip = before_mm[i] + share * (after_mm[i] - before_mm[i]);
+                let tip = old_tip_mm[i] + fraction * (new_tip_mm[i] - old_tip_mm[i]);
                 (1.0 + self.flaws.sensor_scale) * tip
                     + depth_mm * self.flaws.sensor_tilt[i]
-                    + at_s * self.flaws.sensor_drift_mm_s[i]
+                    + sample_s * self.flaws.sensor_drift_mm_s[i]
             });
             read_mm.iter_mut().for_each(|mm| *mm += noise * self.normal());
             let mut valid = true;
@@ -202,19 +204,20 @@ impl<N: Body> SimulatedPlant<N> {
                 match self.rng.random_range(0..3) {
                     0 => valid = false,
                     1 => {
-                        let far_mm = self.rng.random_range(1.0..15.0);
+                        let outlier_mm = self.rng.random_range(1.0..15.0);
                         let angle: f64 = self.rng.random_range(0.0..std::f64::consts::TAU);
-                        read_mm = [read_mm[0] + far_mm * angle.cos(), read_mm[1] + far_mm * angle.sin()];
+                        read_mm =
+                            [read_mm[0] + outlier_mm * angle.cos(), read_mm[1] + outlier_mm * angle.sin()];
                     }
                     _ => read_mm = self.arriving.back().map_or(read_mm, |(_, tip, _)| *tip),
                 }
             }
-            self.arriving.push_back((at_s, read_mm, valid));
+            self.arriving.push_back((sample_s, read_mm, valid));
         }
         while self.arriving.front().is_some_and(|(at_s, ..)| at_s + self.stated.tip_delay_s <= to.t_s + 1e-9)
         {
-            if let Some((at_s, tip_mm, valid)) = self.arriving.pop_front() {
-                self.shown = (self.shown.0 + 1, at_s, tip_mm, valid);
+            if let Some((sample_s, tip_mm, valid)) = self.arriving.pop_front() {
+                self.shown = (self.shown.0 + 1, sample_s, tip_mm, valid);
             }
         }
     }
@@ -233,7 +236,7 @@ impl<N: Body> Plant for SimulatedPlant<N> {
                 .map(|sd| plant.needle.force_n()[i] + plant.flaws.force_offset_n[i] + sd * plant.normal())
         };
         let (force_x_n, force_y_n) = (force(self, 0), force(self, 1));
-        let (tip_seq, at_s, tip_mm, valid) = self.shown;
+        let (tip_seq, sample_s, tip_mm, valid) = self.shown;
         Ok(Answer {
             t_s: self.now.t_s,
             depth_mm: self.now.depth_mm,
@@ -245,7 +248,7 @@ impl<N: Body> Plant for SimulatedPlant<N> {
             tip_seq,
             tip_x_mm: tip_mm[0],
             tip_y_mm: tip_mm[1],
-            tip_t_s: Some(at_s),
+            tip_t_s: Some(sample_s),
             valid,
             tip_slope_x_mrad: None,
             tip_slope_y_mrad: None,

@@ -17,7 +17,7 @@ const SHEAR_N: f64 = 9e4;
 /// Supports, N/m and N m.
 const RIGID: f64 = 1e8;
 
-/// What the tissue of a tied needle is.
+/// Tissue of a tied needle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ties {
     /// Modulus at the surface, Pa, and what it is multiplied by from depths on: m, factor.
@@ -47,7 +47,7 @@ pub struct TiedNeedle {
     pub radius_m: f64,
     /// The tissue.
     pub ties: Ties,
-    /// Where each tie rests, x and y, m, and what of it has flowed.
+    /// Rest position of each tie, x and y, m, and its plastic part.
     rests_m: Vec<[f64; 2]>,
     flowed_m: Vec<[f64; 2]>,
     tip_m: [f64; 2],
@@ -92,8 +92,8 @@ impl TiedNeedle {
             .filter(|[from_m, _]| depth_m >= *from_m)
             .map(|[_, factor]| factor)
             .product();
-        let above_m = if tie == 0 { 0.0 } else { 0.5 * ELEMENT_M };
-        let width_m = above_m + (self.depth_m - depth_m).clamp(0.0, 0.5 * ELEMENT_M);
+        let upper_half_m = if tie == 0 { 0.0 } else { 0.5 * ELEMENT_M };
+        let width_m = upper_half_m + (self.depth_m - depth_m).clamp(0.0, 0.5 * ELEMENT_M);
         self.ties.modulus_pa * factor * width_m + if tie == 0 { self.ties.skin_n_per_m } else { 0.0 }
     }
 
@@ -114,7 +114,7 @@ impl TiedNeedle {
             nodes_m.push(entry_m + depth_m);
         }
         let ties = self.rests_m.len().min(nodes_m.len() - entry);
-        // What yields moves its rest, and is solved again.
+        // A tie that yields moves its rest, and the needle is solved again.
         for _ in 0..4 {
             let shapes = [0, 1].map(|plane: usize| {
                 let mut nodes = self.elements(&nodes_m);
@@ -163,11 +163,11 @@ impl TiedNeedle {
             };
             add(&mut nodes[i].own, [1.0, 1.0]);
             add(&mut nodes[i + 1].own, [-1.0, -1.0]);
-            let (to, next) = (&mut nodes[i].next, [1.0, -1.0]);
-            to[0][0] += next[0] * next[1] * shear;
-            to[0][1] += h * shear;
-            to[1][0] += next[1] * h * shear;
-            to[1][1] += h * h * shear - bend;
+            let (successor, next) = (&mut nodes[i].next, [1.0, -1.0]);
+            successor[0][0] += next[0] * next[1] * shear;
+            successor[0][1] += h * shear;
+            successor[1][0] += next[1] * h * shear;
+            successor[1][1] += h * h * shear - bend;
         }
         nodes
     }
@@ -203,7 +203,7 @@ impl TiedNeedle {
         if surface.is_infinite() {
             return false;
         }
-        let mut any = false;
+        let mut has_yielded = false;
         for tie in 1..ties {
             let stretch = [0, 1].map(|plane: usize| {
                 shapes[plane][entry + tie][0] - self.rests_m[tie][plane] - self.flowed_m[tie][plane]
@@ -212,17 +212,17 @@ impl TiedNeedle {
             let load = modulus * stretch[0].hypot(stretch[1]);
             let most = surface + per_depth * ELEMENT_M * tie as f64;
             if load > 1.01 * most {
-                any = true;
-                let share = 1.0 - most / load;
-                (0..2).for_each(|plane| self.rests_m[tie][plane] += share * stretch[plane]);
+                has_yielded = true;
+                let excess = 1.0 - most / load;
+                (0..2).for_each(|plane| self.rests_m[tie][plane] += excess * stretch[plane]);
             }
         }
-        any
+        has_yielded
     }
 
     fn relax(&mut self, entry: usize, ties: usize, shapes: &[Vec<[f64; 2]>; 2], time_s: f64) {
-        let [share, relaxation_s] = self.ties.relaxing;
-        if share <= 0.0 {
+        let [relaxing_fraction, relaxation_s] = self.ties.relaxing;
+        if relaxing_fraction <= 0.0 {
             return;
         }
         let step = 1.0 - (-time_s / relaxation_s).exp();
@@ -230,7 +230,7 @@ impl TiedNeedle {
             for (plane, shape) in shapes.iter().enumerate() {
                 let stretch = shape[entry + tie][0] - self.rests_m[tie][plane];
                 let flowed = &mut self.flowed_m[tie][plane];
-                *flowed += step * (share * stretch - *flowed);
+                *flowed += step * (relaxing_fraction * stretch - *flowed);
             }
         }
     }
@@ -238,19 +238,19 @@ impl TiedNeedle {
 
 impl Body for TiedNeedle {
     fn advance(&mut self, depth_m: f64, time_s: f64, guide_m: [f64; 2], load_n: [f64; 2], _bevel_rad: f64) {
-        let (from_m, way_m) = (self.depth_m, depth_m - self.depth_m);
-        if way_m <= 1e-9 {
+        let (start_m, push_m) = (self.depth_m, depth_m - self.depth_m);
+        if push_m <= 1e-9 {
             return self.settle(self.depth_m, time_s, guide_m, load_n);
         }
         loop {
             let next_m = ELEMENT_M * self.rests_m.len() as f64;
-            let to_m = next_m.clamp(self.depth_m, depth_m);
-            self.settle(to_m, time_s * (to_m - self.depth_m) / way_m, guide_m, load_n);
+            let step_end_m = next_m.clamp(self.depth_m, depth_m);
+            self.settle(step_end_m, time_s * (step_end_m - self.depth_m) / push_m, guide_m, load_n);
             if next_m <= depth_m + 1e-9 {
                 self.rests_m.push(self.tip_m);
                 self.flowed_m.push([0.0; 2]);
             }
-            if to_m >= depth_m || self.depth_m - from_m >= way_m {
+            if step_end_m >= depth_m || self.depth_m - start_m >= push_m {
                 return;
             }
         }
@@ -274,25 +274,26 @@ fn solved(mut nodes: Vec<Node>) -> Vec<[f64; 2]> {
     for i in 0..nodes.len().saturating_sub(1) {
         let Node { own, next, right } = nodes[i];
         let inverse = inverted(own);
-        // What remains of the next node: own - next' inverse next.
-        let by = times(inverse, next);
-        let after = &mut nodes[i + 1];
+        // Schur complement of the next node: own - next' inverse next.
+        let factor = times(inverse, next);
+        let following = &mut nodes[i + 1];
         let [a, b] = applied(inverse, right);
-        let [above, below] = next;
-        let rows = after.own.iter_mut().zip(&mut after.right).zip(above.into_iter().zip(below));
-        for ((own, right), (above, below)) in rows {
-            for (own, (first, second)) in own.iter_mut().zip(by[0].into_iter().zip(by[1])) {
-                *own -= above * first + below * second;
+        let [upper_block, lower_block] = next;
+        let rows =
+            following.own.iter_mut().zip(&mut following.right).zip(upper_block.into_iter().zip(lower_block));
+        for ((own, right), (upper_block, lower_block)) in rows {
+            for (own, (first, second)) in own.iter_mut().zip(factor[0].into_iter().zip(factor[1])) {
+                *own -= upper_block * first + lower_block * second;
             }
-            *right -= above * a + below * b;
+            *right -= upper_block * a + lower_block * b;
         }
     }
     let mut shape = vec![[0.0; 2]; nodes.len()];
-    let mut after = [0.0; 2];
+    let mut solution = [0.0; 2];
     for (i, node) in nodes.iter().enumerate().rev() {
-        let pulled = applied(node.next, after);
-        after = applied(inverted(node.own), [node.right[0] - pulled[0], node.right[1] - pulled[1]]);
-        shape[i] = after;
+        let pulled = applied(node.next, solution);
+        solution = applied(inverted(node.own), [node.right[0] - pulled[0], node.right[1] - pulled[1]]);
+        shape[i] = solution;
     }
     shape
 }

@@ -12,7 +12,7 @@ use rand_distr::{Distribution, StandardNormal};
 /// Growth of the load's random walk, share of the load per square root of a millimetre.
 const WANDER: f64 = 0.015;
 
-/// What the tissue of a tied needle has.
+/// Tissue of a tied needle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tissues {
     /// One modulus.
@@ -67,11 +67,11 @@ pub fn tied_sibling(tissues: Tissues, seed: u64, number: u64, hidden: u64) -> Si
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
     // A needle's angle beyond 10 mrad would be seen before it is pushed.
     flaws.slope = [0, 1].map(|_| (0.005 * normal()).clamp(-0.01, 0.01));
-    let (mut along, mut across) = (1.0, 0.0);
+    let (mut parallel, mut perpendicular) = (1.0, 0.0);
     for _ in 0..=200 {
-        flaws.load_n.push([mean_n * along, mean_n * across]);
-        along += WANDER * normal();
-        across += WANDER * normal();
+        flaws.load_n.push([mean_n * parallel, mean_n * perpendicular]);
+        parallel += WANDER * normal();
+        perpendicular += WANDER * normal();
     }
     let stated = Statement {
         plant: ::steering::VERSION.to_owned(),
@@ -134,15 +134,15 @@ pub fn far_target<N: Body + Clone>(
     let mut size = 1.0;
     loop {
         let mut scout = plant.clone();
-        let mut at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
+        let mut command = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
         for step in 1..=depth_mm.round() as usize {
-            at = Command { t_s: at.t_s + 0.25, depth_mm: step as f64, ..at };
-            scout.step(&at)?;
+            command = Command { t_s: command.t_s + 0.25, depth_mm: step as f64, ..command };
+            scout.step(&command)?;
             for (from_mm, to) in moves {
-                if (at.depth_mm - from_mm).abs() < 1e-9 {
+                if (command.depth_mm - from_mm).abs() < 1e-9 {
                     let [guide_x_mm, guide_y_mm] = to.map(|share| size * share * travel_mm);
-                    at = Command { t_s: at.t_s + 6.0, guide_x_mm, guide_y_mm, ..at };
-                    scout.step(&at)?;
+                    command = Command { t_s: command.t_s + 6.0, guide_x_mm, guide_y_mm, ..command };
+                    scout.step(&command)?;
                 }
             }
         }

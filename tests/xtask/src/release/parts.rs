@@ -1,4 +1,4 @@
-//! What is the same for all systems: page, firmware, manual.
+//! Common content of the bundles for all systems: page, firmware, manual.
 
 use super::systems::copy;
 use super::{Release, tools};
@@ -43,10 +43,10 @@ pub fn firmware(release: &Release) -> Result<()> {
         let folder = target_dir().join(format!("image-release-{board}"));
         let features = format!("flash,{board}");
         let image = ["image", "--locked", "--bin", "firmware", "--features", &features, "--target-dir"];
-        let parts = image_parts();
+        let parts_dir = image_parts();
         cargo_with(
             &[&image[..], &[&*folder.to_string_lossy()], &flags].concat(),
-            &[("CARGO_BUILD_BUILD_DIR", &parts.to_string_lossy())],
+            &[("CARGO_BUILD_BUILD_DIR", &parts_dir.to_string_lossy())],
         )?;
         copy(&folder.join(setup::TARGET).join("firmware/firmware"), &stage.join(format!("{board}.elf")))?;
         let licences =

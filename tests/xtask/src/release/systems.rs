@@ -19,7 +19,7 @@ pub struct System {
     linker: Linker,
 }
 
-/// What links the program.
+/// Linker of the program.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Linker {
     /// Zig, with the version of glibc that the program needs at least.
@@ -135,11 +135,11 @@ fn program(
     let verb = if system.linker == Linker::Mingw { "build" } else { "zigbuild" };
     let folder = release.target.to_string_lossy();
     let first = [verb, "--locked", "--package", "host", "--bin", "guide", "--profile", release.profile];
-    let place = ["--target", &target, "--target-dir", &folder];
+    let target_options = ["--target", &target, "--target-dir", &folder];
     let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
     let environment: Vec<(&str, &str)> =
         environment.iter().filter_map(|(name, value)| Some((*name, value.to_str()?))).collect();
-    cargo_with(&[&first[..], &place, &flags].concat(), &environment)
+    cargo_with(&[&first[..], &target_options, &flags].concat(), &environment)
 }
 
 /// Completions and manual pages, from the program that was built for this system.

@@ -1,4 +1,5 @@
-//! What only a release needs: linkers for other systems, mdBook, Wine. Installed where that takes no decision of the user.
+//! Tools that only a release needs: linkers for other systems, mdBook, Wine. Installed where that takes no decision of
+//! the user.
 
 use super::Release;
 use crate::build::{cargo, root};
@@ -34,8 +35,8 @@ pub fn zig(release: &Release, python: &Path) -> Result<OsString> {
         eprintln!("xtask: {} from PyPI (to link for older Linux and for macOS)", ZIG.join(", "));
         pip(&tools, &[ZIG.map(OsString::from).to_vec(), vec![crate::wheel::MATURIN.into()]].concat())?;
     }
-    let before = std::env::var_os("PATH").unwrap_or_default();
-    let folders = std::iter::once(tools.join("bin")).chain(std::env::split_paths(&before));
+    let old_path = std::env::var_os("PATH").unwrap_or_default();
+    let folders = std::iter::once(tools.join("bin")).chain(std::env::split_paths(&old_path));
     std::env::join_paths(folders).context("PATH")
 }
 
@@ -73,7 +74,7 @@ pub fn wine(release: &Release) -> Result<Option<PathBuf>> {
     if !prefix.join("system.reg").exists() {
         fs::create_dir_all(&prefix)?;
         eprintln!("xtask: settings of Wine in {}", prefix.display());
-        let made = Command::new("wineboot")
+        let exit_status = Command::new("wineboot")
             .arg("--init")
             .env("WINEPREFIX", &prefix)
             .env("WINEDEBUG", "-all")
@@ -82,7 +83,7 @@ pub fn wine(release: &Release) -> Result<Option<PathBuf>> {
             .stderr(Stdio::null())
             .status()
             .context("cannot run wineboot")?;
-        ensure!(made.success(), "wineboot: {made}");
+        ensure!(exit_status.success(), "wineboot: {exit_status}");
     }
     random_numbers(&prefix)?;
     Ok(Some(prefix))
@@ -95,14 +96,14 @@ fn random_numbers(prefix: &Path) -> Result<()> {
     if library.exists() {
         return Ok(());
     }
-    let made = Command::new(MINGW.0)
+    let exit_status = Command::new(MINGW.0)
         .args(["-shared", "-o"])
         .arg(&library)
         .arg(root().join(SOURCE))
         .arg("-ladvapi32")
         .status()
         .with_context(|| format!("cannot run {}", MINGW.0))?;
-    ensure!(made.success(), "{SOURCE}: {made}");
+    ensure!(exit_status.success(), "{SOURCE}: {exit_status}");
     Ok(())
 }
 

@@ -104,8 +104,8 @@ impl Codec for Single {
 
     fn decode(&self, line: &[u8], sums: &mut Sums) {
         for line in lines(line) {
-            let one: One = serde_json::from_slice(line).expect("a sample");
-            sums.take(one.t_us, sample(one.sample));
+            let single: One = serde_json::from_slice(line).expect("a sample");
+            sums.take(single.t_us, sample(single.sample));
         }
     }
 }

@@ -56,8 +56,8 @@ impl Message for Telemetry {
         let mut bytes = BytesMut::new(payload);
         bytes.put_u64_le(self.t_us);
         bytes.put_u32_le(self.dropped);
-        let places = if self.id == BATCH_ID { MAX_SAMPLES } else { 1 };
-        self.samples[..places].iter().flatten().for_each(|number| bytes.put_i32_le(*number));
+        let field_count = if self.id == BATCH_ID { MAX_SAMPLES } else { 1 };
+        self.samples[..field_count].iter().flatten().for_each(|number| bytes.put_i32_le(*number));
         if self.id == BATCH_ID {
             bytes.put_u8(self.count as u8);
         }
@@ -68,15 +68,15 @@ impl Message for Telemetry {
     }
 
     fn parse(_version: MavlinkVersion, id: u32, payload: &[u8]) -> Result<Self, ParserError> {
-        // What was cut off are zeros.
+        // The bytes that were cut off are zeros.
         let mut whole = [0; 255];
         whole[..payload.len()].copy_from_slice(payload);
         let mut bytes = Bytes::new(&whole);
         let mut telemetry = Self { id, count: 1, ..Self::default() };
         telemetry.t_us = bytes.get_u64_le()?;
         telemetry.dropped = bytes.get_u32_le()?;
-        let places = if id == BATCH_ID { MAX_SAMPLES } else { 1 };
-        for number in telemetry.samples[..places].iter_mut().flatten() {
+        let field_count = if id == BATCH_ID { MAX_SAMPLES } else { 1 };
+        for number in telemetry.samples[..field_count].iter_mut().flatten() {
             *number = bytes.get_i32_le()?;
         }
         if id == BATCH_ID {

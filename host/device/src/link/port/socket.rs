@@ -1,15 +1,16 @@
 //! Ports that are sockets: a server, on this machine or another one, that passes the bytes of a serial port on, or a simulated device.
 //!
-//! `tcp:HOST:PORT` is a TCP connection, the path of a Unix domain socket is one to that. Nothing but the device's bytes goes over either.
+//! `tcp:HOST:PORT` is a TCP connection, the path of a Unix domain socket is one to that. Only the device's bytes go
+//! over either.
 
 use super::{Ends, READ_TIMEOUT};
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
-/// What the names of TCP ports begin with.
+/// Prefix of the names of TCP ports.
 const TCP: &str = "tcp:";
-/// How long a server may take to accept a connection.
+/// Time within which a server has to accept a connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Connects to the socket of this name; `None` where the name is not one of a socket.

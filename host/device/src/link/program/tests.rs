@@ -7,7 +7,7 @@ fn the_built_in_programs_are_valid() {
     for (name, _) in BUILT_IN {
         let program = Program::load(name).unwrap();
         assert!(program.steps.iter().any(|step| step.sweep), "{name} takes no sweep");
-        // What is held at the end is held at rest.
+        // Holds at the end are holds at rest.
         let mut steps = program.steps.iter().rev().map(|planned| planned.step);
         let last = steps.find(|step| matches!(step, Step::Move { .. }));
         assert!(matches!(last, Some(Step::Move { x_um: 0, y_um: 0, .. })), "{name}");
@@ -22,10 +22,12 @@ fn a_move_names_its_axes_and_speed() {
 
 #[test]
 fn mistakes_name_the_step_or_the_line() {
-    let message = |text: &str| Program::parse("p.toml", text).unwrap_err().to_string();
-    let both = "name = 'p'\n[[step]]\nhold_s = 1\n[[step]]\nhold_s = 1\ntare_s = 1\n";
+    fn message(text: &str) -> String {
+        Program::parse("p.toml", text).unwrap_err().to_string()
+    }
+    let two_actions = "name = 'p'\n[[step]]\nhold_s = 1\n[[step]]\nhold_s = 1\ntare_s = 1\n";
     assert_eq!(
-        message(both),
+        message(two_actions),
         "p.toml:4:1: step 2: expected exactly one of `move_x_mm`/`move_y_mm`, `ramp_x_mm`/`ramp_y_mm`, \
          `staircase_x_mm`/`staircase_y_mm`, `hold_s`, `tare_s`"
     );
@@ -55,7 +57,9 @@ fn ramps_and_staircases() {
     let text = "name = 'p'\n[[step]]\nramp_x_mm = 0.4\nduration_s = 2.5\n[[step]]\nstaircase_y_mm = 0.9\nlevels = 3\n\
                 hold_s = 1\nspeed_mm_s = 2\nsweep = true\n[[step]]\nstaircase_x_mm = -1\nlevels = 1\nhold_s = 0.5\n";
     let program = Program::parse("p", text).unwrap();
-    let move_to = |x_um, y_um, speed_um_s| Step::Move { x_um, y_um, speed_um_s };
+    fn move_to(x_um: i32, y_um: i32, speed_um_s: u32) -> Step {
+        Step::Move { x_um, y_um, speed_um_s }
+    }
     let (long, short) = (Step::Hold { duration_ms: 1_000 }, Step::Hold { duration_ms: 500 });
     assert_eq!(
         program.device_steps(),

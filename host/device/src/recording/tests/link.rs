@@ -47,8 +47,8 @@ fn an_export_has_the_very_files_that_were_written_beside_the_recording() {
     ];
     let device = FakeDevice::start(Script { program: acts.to_vec(), ..Script::default() });
     let mut client = Client::connect(&device.port).expect("connects");
-    let about = RecordingInfo::new("acquire", "d30-1", 30.0, setup().to_toml(&raw_path).expect("finite"));
-    let raw = RawRecorder::start(&raw_path, about, &mut client).expect("begins");
+    let info = RecordingInfo::new("acquire", "d30-1", 30.0, setup().to_toml(&raw_path).expect("finite"));
+    let raw = RawRecorder::start(&raw_path, info, &mut client).expect("begins");
     let mut session = SessionWriter::open(&direct, &setup()).expect("opens");
     let mut writer = session.lateral("d30-1", 0.03).expect("starts");
     writer.made_with(provenance(client.hello(), None));
@@ -66,14 +66,16 @@ fn an_export_has_the_very_files_that_were_written_beside_the_recording() {
     let losses = client.losses();
     let file = raw.finish().expect("finishes");
 
-    let made = to_session(&raw_path, &exported, &RunOptions::default(), &mut |_| {}).expect("exports");
+    let exported_run =
+        to_session(&raw_path, &exported, &RunOptions::default(), &mut |_| {}).expect("exports");
     for name in ["session.toml", "d30-1.force.csv", "d30-1.shape.csv"] {
-        let both = [&direct, &exported].map(|session| fs::read_to_string(session.join(name)).expect(name));
-        assert_eq!(both[0], both[1], "{name}");
+        let file_texts =
+            [&direct, &exported].map(|session| fs::read_to_string(session.join(name)).expect(name));
+        assert_eq!(file_texts[0], file_texts[1], "{name}");
     }
-    let contents = made.contents;
+    let contents = exported_run.contents;
     assert_eq!(contents.bytes, file.bytes);
-    assert_eq!(made.rows, 71);
+    assert_eq!(exported_run.rows, 71);
     assert_eq!(
         (contents.samples_missing, contents.frames_missing),
         (losses.samples_missing, losses.frames_missing)

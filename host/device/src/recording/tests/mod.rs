@@ -45,7 +45,8 @@ fn hello() -> Hello {
     }
 }
 
-/// What a device sends from its hello on: batches, ten statuses a second, an event of every kind. It never ends.
+/// Messages of a device from its hello on: batches, ten statuses a second, an event of every kind. It never
+/// ends.
 struct Stream {
     noise: Noise,
     packer: Packer,
@@ -153,16 +154,17 @@ struct Read {
 fn messages(path: &Path) -> Vec<Read> {
     let bytes = fs::read(path).expect("reads");
     let stream = mcap::MessageStream::new(&bytes).expect("a recording");
-    let read = |message: mcap::McapResult<mcap::Message>| {
-        let message = message.expect("intact");
-        Read {
-            topic: message.channel.topic.clone(),
-            log_ns: message.log_time,
-            publish_ns: message.publish_time,
-            data: message.data.into_owned(),
-        }
-    };
-    stream.map(read).collect()
+    stream
+        .map(|message| {
+            let message = message.expect("intact");
+            Read {
+                topic: message.channel.topic.clone(),
+                log_ns: message.log_time,
+                publish_ns: message.publish_time,
+                data: message.data.into_owned(),
+            }
+        })
+        .collect()
 }
 
 fn encoded(envelope: &Envelope) -> Vec<u8> {

@@ -1,4 +1,4 @@
-//! What is written is what the format's own reader reads, and takes no more memory the longer it lasts.
+//! The format's own reader reads the written file, and memory does not grow with its duration.
 
 use super::*;
 use crate::link::client::to_batch;
@@ -44,9 +44,11 @@ fn the_reference_reader_reads_every_frame_and_view() {
         assert_eq!(sample.publish_ns, (point.time_s * 1e6).round() as u64 * 1_000);
         assert_eq!(sample.log_ns, HOST_NS + sample.publish_ns - 1_000 * HELLO_US);
         assert_eq!(sample.data.len(), 23);
-        let float = |at: usize| f32::from_le_bytes(sample.data[at..at + 4].try_into().expect("four bytes"));
-        assert_eq!(float(4), (1e3 * point.displacement_m[1]) as f32);
-        assert_eq!(float(12), point.force_n[1] as f32);
+        fn float(at: usize, sample_data: &[u8]) -> f32 {
+            f32::from_le_bytes(sample_data[at..at + 4].try_into().expect("four bytes"))
+        }
+        assert_eq!(float(4, &sample.data), (1e3 * point.displacement_m[1]) as f32);
+        assert_eq!(float(12, &sample.data), point.force_n[1] as f32);
         assert_eq!(sample.data[16..], [2, 0, State::Holding as u8, 0, 0, 0, 0]);
     }
 }
@@ -57,7 +59,7 @@ fn every_field_of_a_json_message_is_in_its_schema() {
     let path = folder.path().join("a.mcap");
     record(&path, &Stream::new().take(200).collect::<Vec<_>>());
     let bytes = fs::read(&path).expect("reads");
-    let mut found: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    let mut fields: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).expect("a recording") {
         let message = message.expect("intact");
         if message.channel.message_encoding != "json" {
@@ -65,9 +67,9 @@ fn every_field_of_a_json_message_is_in_its_schema() {
         }
         let schema = message.channel.schema.as_ref().expect("a schema");
         let schema: serde_json::Value = serde_json::from_slice(&schema.data).expect("JSON");
-        let keys = |value: &serde_json::Value| -> BTreeSet<String> {
+        fn keys(value: &serde_json::Value) -> BTreeSet<String> {
             value.as_object().expect("an object").keys().cloned().collect()
-        };
+        }
         let view: serde_json::Value = serde_json::from_slice(&message.data).expect("JSON");
         assert_eq!(keys(&view), keys(&schema["properties"]), "{}", message.channel.topic);
         for (name, value) in view.as_object().expect("an object") {
@@ -83,9 +85,9 @@ fn every_field_of_a_json_message_is_in_its_schema() {
             };
             assert!(fits || value.is_null(), "{} {name}: {value}", message.channel.topic);
         }
-        found.entry(message.channel.topic.clone()).or_default().extend(keys(&view));
+        fields.entry(message.channel.topic.clone()).or_default().extend(keys(&view));
     }
-    let topics: Vec<_> = found.keys().map(String::as_str).collect();
+    let topics: Vec<_> = fields.keys().map(String::as_str).collect();
     assert_eq!(
         topics,
         ["/guide/command", "/guide/event", "/guide/hello", "/guide/recording", "/guide/status"]
@@ -97,7 +99,7 @@ fn ten_minutes_take_no_more_memory_than_one() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("long.mcap");
     let mut transcript = begun(&path);
-    let mut held = [0; 2];
+    let mut held_bytes = [0; 2];
     let mut stream = Stream::new();
     let mut count = 0;
     while stream.t_us < 600_000_000 {
@@ -107,10 +109,10 @@ fn ten_minutes_take_no_more_memory_than_one() {
             transcript.flush().expect("writes");
         }
         let after_a_minute = usize::from(stream.t_us > 60_000_000);
-        held[after_a_minute] = held[after_a_minute].max(transcript.held());
+        held_bytes[after_a_minute] = held_bytes[after_a_minute].max(transcript.held());
     }
-    assert_eq!(held[0], held[1], "bytes in the first minute and in all others");
-    assert!(held[1] < 100_000, "{} bytes", held[1]);
+    assert_eq!(held_bytes[0], held_bytes[1], "bytes in the first minute and in all others");
+    assert!(held_bytes[1] < 100_000, "{} bytes", held_bytes[1]);
     let bytes = transcript.finish().expect("finishes");
     assert_eq!(fs::metadata(&path).expect("there").len(), bytes);
     let contents = Contents::read(&path, &mut |_| {}).expect("reads");
@@ -124,7 +126,7 @@ fn ten_minutes_take_no_more_memory_than_one() {
 fn a_host_clock_that_is_set_by_an_hour_moves_nothing_that_is_recorded() {
     const HOUR_NS: i64 = 3_600_000_000_000;
     let folder = tempfile::tempdir().expect("a folder");
-    let record = |name: &str, step_ns: i64| {
+    fn record(name: &str, step_ns: i64, folder: &tempfile::TempDir) -> Vec<(String, u64, u64)> {
         let path = folder.path().join(name);
         let mut transcript = begun(&path);
         for (index, envelope) in Stream::new().take(120).enumerate() {
@@ -133,11 +135,11 @@ fn a_host_clock_that_is_set_by_an_hour_moves_nothing_that_is_recorded() {
         }
         transcript.finish().expect("finishes");
         messages(&path).into_iter().map(|read| (read.topic, read.log_ns, read.publish_ns)).collect::<Vec<_>>()
-    };
-    let steady = record("steady.mcap", 0);
+    }
+    let steady = record("steady.mcap", 0, &folder);
     assert!(steady.len() > 120, "{} messages", steady.len());
-    assert!(record("ahead.mcap", HOUR_NS) == steady, "set forward");
-    assert!(record("back.mcap", -HOUR_NS) == steady, "set back");
+    assert!(record("ahead.mcap", HOUR_NS, &folder) == steady, "set forward");
+    assert!(record("back.mcap", -HOUR_NS, &folder) == steady, "set back");
 }
 
 #[test]

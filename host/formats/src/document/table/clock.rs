@@ -18,7 +18,7 @@ pub(crate) enum Clock {
 }
 
 impl Clock {
-    /// What is to be subtracted where this is the first time.
+    /// Origin to subtract if this is the first time.
     pub(super) fn origin_s(self, first: Option<&str>) -> i64 {
         match self {
             Self::AsWritten => 0,

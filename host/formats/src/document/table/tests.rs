@@ -2,28 +2,33 @@ use super::*;
 
 #[test]
 fn times_of_a_computers_clock_are_counted_from_their_first_second() {
-    let known = [Column::required("time_s", 1.0, [-1e10, 1e10]).increasing()];
-    let read = |times: &str, clock| {
-        let table = Table::parse_on(Path::new("a.csv"), &format!("time_s\n{times}\n"), &known, 0, clock);
+    let time_column = [Column::required("time_s", 1.0, [-1e10, 1e10]).increasing()];
+    fn read(times: &str, clock: Clock, time_column: &[Column; 1]) -> (i64, Vec<f64>) {
+        let table = Table::parse_on(Path::new("a.csv"), &format!("time_s\n{times}\n"), time_column, 0, clock);
         let mut table = table.expect("reads");
         (table.origin_s, table.take("time_s").expect("times"))
-    };
-    let plain = read("0.02\n0.07\n10.1000007", Clock::FromFirst);
+    }
+    let plain = read("0.02\n0.07\n10.1000007", Clock::FromFirst, &time_column);
     assert_eq!(plain, (0, vec![0.02, 0.07, 10.1000007]));
     // Not by subtraction: 1764000000.07 as a double is 1e-7 s beside it.
     assert_eq!(
-        read("1764000000.02\n1764000000.07\n1764000010.1000007", Clock::FromFirst),
+        read("1764000000.02\n1764000000.07\n1764000010.1000007", Clock::FromFirst, &time_column),
         (1_764_000_000, plain.1)
     );
-    assert_eq!(read("1764000000\n1764000001", Clock::From(1_764_000_001)).1, [-1.0, 0.0]);
-    assert_eq!(read("1.764e9\n1.764000001e9", Clock::FromFirst).1, [0.0, 1.0]);
-    assert_eq!(read("99.5\n1000", Clock::FromFirst).0, 0, "seconds since a device was started");
-    assert_eq!(read("1764000000.5\n1764000001", Clock::AsWritten).1, [1_764_000_000.5, 1_764_000_001.0]);
+    assert_eq!(read("1764000000\n1764000001", Clock::From(1_764_000_001), &time_column).1, [-1.0, 0.0]);
+    assert_eq!(read("1.764e9\n1.764000001e9", Clock::FromFirst, &time_column).1, [0.0, 1.0]);
+    assert_eq!(read("99.5\n1000", Clock::FromFirst, &time_column).0, 0, "seconds since a device was started");
+    assert_eq!(
+        read("1764000000.5\n1764000001", Clock::AsWritten, &time_column).1,
+        [1_764_000_000.5, 1_764_000_001.0]
+    );
 }
 
 #[test]
 fn a_last_row_is_cut_off_where_it_has_no_end_and_too_few_cells() {
-    let at = |text: &str| cut_row(Path::new("a.csv"), text).map(|cut| (cut.offset, cut.place.line));
+    fn at(text: &str) -> Option<(usize, usize)> {
+        cut_row(Path::new("a.csv"), text).map(|cut| (cut.offset, cut.place.line))
+    }
     assert_eq!(at("# c\na,b\n1,2\n3"), Some((12, 4)));
     assert_eq!(at("a,b\n1,2\n3,"), None, "its last number may be incomplete, but it is there");
     assert_eq!(at("a,b\n1,2\n3\n"), None, "a whole line with too few cells is a fault");

@@ -88,24 +88,26 @@ impl<'t> Timed<'t> {
         options: &Options,
         notes: &mut Vec<String>,
     ) -> Result<Self, TableError> {
-        let own = parts
+        let time_part = parts
             .iter()
             .find(|part| part.target.quantity == Quantity::Time && std::ptr::eq(part.table, table));
-        let Some(part) = own else {
+        let Some(time_column) = time_part else {
             // A shape has no rate.
-            let is_series = |part: &Part| {
-                let is_own = std::ptr::eq(part.table, table);
-                is_own && ["force_", "displacement_"].iter().any(|start| part.target.name.starts_with(start))
-            };
-            let rate_hz = options.rate_hz.filter(|_| parts.iter().any(is_series));
+            let rate_hz = options.rate_hz.filter(|_| {
+                parts.iter().any(|part| {
+                    let is_own = std::ptr::eq(part.table, table);
+                    is_own
+                        && ["force_", "displacement_"].iter().any(|start| part.target.name.starts_with(start))
+                })
+            });
             let times_s = rate_hz.map(|hz| (0..table.lines.len()).map(|row| row as f64 / hz).collect());
             return Ok(Self { table, times_s, names: Vec::new(), origin: 0, to_si: 1.0, is_shared: false });
         };
-        let column = part.column;
+        let column = time_column.column;
         if let Some((line, text)) = &column.bad {
             return Err(super::series::bad(table, column, *line, text));
         }
-        let to_si = part.unit.to_si;
+        let to_si = time_column.unit.to_si;
         let mut times_s: Vec<f64> = column.values.iter().map(|value| value * to_si).collect();
         let is_of_day = column.is_stamp && column.origin < DAY_S as i64;
         let mut days = 0.0;
@@ -146,13 +148,16 @@ impl<'t> Timed<'t> {
         Ok(Self { table, times_s: Some(times_s), names, origin: column.origin, to_si, is_shared })
     }
 
-    /// What is to be added to its times for those of another table, where both have one clock.
+    /// Shift from its times to those of another table, if both have one clock.
     pub(super) fn shift_to(&self, base: &Self, options: &Options) -> Option<f64> {
         if std::ptr::eq(self.table, base.table) {
             return Some(0.0);
         }
-        let is_named = |name: &String| [self, base].iter().all(|timed| timed.names.contains(name));
-        let is_one = options.merge_on.as_ref().is_some_and(is_named) || self.is_shared && base.is_shared;
+        let is_one = options
+            .merge_on
+            .as_ref()
+            .is_some_and(|name| [self, base].iter().all(|timed| timed.names.contains(name)))
+            || self.is_shared && base.is_shared;
         is_one.then(|| self.origin_shift_s(base))
     }
 

@@ -1,4 +1,4 @@
-//! What has no common clock: shapes and insertions, row by row.
+//! Tables without a common clock: shapes and insertions, row by row.
 
 use super::clock::Timed;
 use super::{Options, Part, ZOrigin, series};
@@ -12,8 +12,8 @@ pub(super) fn shape(
     options: &Options,
     shift_s: impl Fn(usize) -> Option<f64>,
 ) -> Result<Option<ShapeSeries>, TableError> {
-    let part = |name: &str| parts.iter().find(|part| part.target.name == name);
-    let (Some(z), Some(y)) = (part("z_mm"), part("deflection_y_mm")) else { return Ok(None) };
+    let part_named = |name: &str| parts.iter().find(|part| part.target.name == name);
+    let (Some(z), Some(y)) = (part_named("z_mm"), part_named("deflection_y_mm")) else { return Ok(None) };
     let origin_m = match options.z_from {
         Some(ZOrigin::Guide1) => 0.0,
         Some(ZOrigin::Surface) => options.entry_m,
@@ -25,15 +25,15 @@ pub(super) fn shape(
             });
         }
     };
-    let x = part("deflection_x_mm");
+    let x = part_named("deflection_x_mm");
     for other in [Some(y), x].into_iter().flatten() {
         series::same_table(z, other)?;
     }
-    let at = timed.iter().position(|timed| std::ptr::eq(timed.table, z.table)).unwrap_or(0);
-    let times_s = match timed.get(at).and_then(|timed| timed.times_s.as_ref()) {
+    let table_index = timed.iter().position(|timed| std::ptr::eq(timed.table, z.table)).unwrap_or(0);
+    let times_s = match timed.get(table_index).and_then(|timed| timed.times_s.as_ref()) {
         None => None,
         Some(times_s) => {
-            let shift_s = shift_s(at).ok_or_else(|| TableError::Map {
+            let shift_s = shift_s(table_index).ok_or_else(|| TableError::Map {
                 choice: "--merge-on".to_owned(),
                 problem: format!("{} has a clock of its own", z.table.path.display()),
                 expected: "the column of times that it shares with the force; or no column of times, for a shape of the last hold".to_owned(),
@@ -43,50 +43,52 @@ pub(super) fn shape(
     };
     let columns: Vec<Vec<f64>> =
         [Some(z), Some(y), x].into_iter().flatten().map(series::values).collect::<Result<_, _>>()?;
-    let is_whole =
-        |row: &usize| columns.iter().all(|column| column.get(*row).is_some_and(|value| value.is_finite()));
-    let rows: Vec<usize> = (0..z.column.values.len()).filter(is_whole).collect();
+    let rows: Vec<usize> = (0..z.column.values.len())
+        .filter(|row| columns.iter().all(|column| column.get(*row).is_some_and(|value| value.is_finite())))
+        .collect();
     let pick =
         |values: &Vec<f64>| -> Vec<f64> { rows.iter().filter_map(|row| values.get(*row).copied()).collect() };
-    let of = |at: usize| columns.get(at).map(pick);
+    let picked = |table_index: usize| columns.get(table_index).map(pick);
     Ok(Some(ShapeSeries {
         time_s: times_s.as_ref().map(pick),
-        z_m: of(0).unwrap_or_default().into_iter().map(|z_m| z_m + origin_m).collect(),
-        y_m: of(1).unwrap_or_default(),
-        x_m: x.and_then(|_| of(2)),
+        z_m: picked(0).unwrap_or_default().into_iter().map(|z_m| z_m + origin_m).collect(),
+        y_m: picked(1).unwrap_or_default(),
+        x_m: x.and_then(|_| picked(2)),
         ..ShapeSeries::default()
     }))
 }
 
 /// Tip over depth.
 pub(super) fn insertion(parts: &[Part], timed: &[Timed]) -> Result<InsertionRun, TableError> {
-    let part = |name: &str| parts.iter().find(|part| part.target.name == name);
-    let (Some(depth), Some(tip)) = (part("depth_mm"), part("tip_y_mm")) else {
+    let part_named = |name: &str| parts.iter().find(|part| part.target.name == name);
+    let (Some(depth), Some(tip)) = (part_named("depth_mm"), part_named("tip_y_mm")) else {
         return Err(TableError::Map {
             choice: "depth_mm".to_owned(),
             problem: "without tip_y_mm".to_owned(),
             expected: "both for an insertion; --depth-mm is the depth of a lateral run".to_owned(),
         });
     };
-    let optional = ["tip_x_mm", "rotation_deg", "guide2_y_mm", "guide2_x_mm"].map(part);
+    let optional = ["tip_x_mm", "rotation_deg", "guide2_y_mm", "guide2_x_mm"].map(part_named);
     let columns: Vec<Option<Vec<f64>>> = [Some(depth), Some(tip)]
         .into_iter()
         .chain(optional)
-        .map(|part| {
-            part.map(|part| {
-                series::same_table(depth, part)?;
-                series::values(part)
-            })
-            .transpose()
+        .map(|part_named| {
+            part_named
+                .map(|part_named| {
+                    series::same_table(depth, part_named)?;
+                    series::values(part_named)
+                })
+                .transpose()
         })
         .collect::<Result<_, _>>()?;
-    let is_whole = |row: &usize| {
-        columns.iter().flatten().all(|column| column.get(*row).is_some_and(|value| value.is_finite()))
-    };
-    let rows: Vec<usize> = (0..depth.column.values.len()).filter(is_whole).collect();
+    let rows: Vec<usize> = (0..depth.column.values.len())
+        .filter(|row| {
+            columns.iter().flatten().all(|column| column.get(*row).is_some_and(|value| value.is_finite()))
+        })
+        .collect();
     let pick =
         |values: &Vec<f64>| -> Vec<f64> { rows.iter().filter_map(|row| values.get(*row).copied()).collect() };
-    let of = |at: usize| columns.get(at).and_then(Option::as_ref).map(pick);
+    let picked = |at: usize| columns.get(at).and_then(Option::as_ref).map(pick);
     let times_s = timed
         .iter()
         .find(|timed| std::ptr::eq(timed.table, depth.table))
@@ -96,12 +98,12 @@ pub(super) fn insertion(parts: &[Part], timed: &[Timed]) -> Result<InsertionRun,
         times_s.into_iter().map(|time_s| time_s - first_s).collect()
     });
     Ok(InsertionRun {
-        depth_m: of(0).unwrap_or_default(),
-        tip_y_m: of(1).unwrap_or_default(),
-        tip_x_m: of(2),
-        rotation_rad: of(3),
-        guide2_y_m: of(4),
-        guide2_x_m: of(5),
+        depth_m: picked(0).unwrap_or_default(),
+        tip_y_m: picked(1).unwrap_or_default(),
+        tip_x_m: picked(2),
+        rotation_rad: picked(3),
+        guide2_y_m: picked(4),
+        guide2_x_m: picked(5),
         time_s: times_s,
         path: depth.table.path.clone(),
         ..InsertionRun::default()

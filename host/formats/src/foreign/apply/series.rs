@@ -24,15 +24,15 @@ impl Series {
     /// The readings of a column, in SI. Those of one time are one.
     pub fn new(part: &Part, times_s: &[f64]) -> Result<Self, TableError> {
         let values = values(part)?;
-        let both = times_s
+        let finite_pairs = times_s
             .iter()
             .copied()
             .zip(values)
             .filter(|(time_s, value)| time_s.is_finite() && value.is_finite());
-        Ok(Self::of(both.collect()))
+        Ok(Self::of(finite_pairs.collect()))
     }
 
-    /// Of readings whose times never step back.
+    /// Series of readings whose times never step back.
     pub fn of(all: Vec<(f64, f64)>) -> Self {
         let readings: Vec<(f64, f64)> = all
             .chunk_by(|a, b| a.0 == b.0)
@@ -73,16 +73,17 @@ impl Series {
 
     /// The value at a time, linearly between readings; none outside of them and in gaps.
     pub fn at(&self, time_s: f64) -> Option<f64> {
-        let after = self.readings.partition_point(|(reading_s, _)| *reading_s <= time_s);
-        let (before_s, before) = *self.readings.get(after.checked_sub(1)?)?;
-        let Some((after_s, after)) = self.readings.get(after).copied() else {
-            return (time_s == before_s).then_some(before);
+        let next_index = self.readings.partition_point(|(reading_s, _)| *reading_s <= time_s);
+        let (earlier_s, earlier_value) = *self.readings.get(next_index.checked_sub(1)?)?;
+        let Some((later_s, later_value)) = self.readings.get(next_index).copied() else {
+            return (time_s == earlier_s).then_some(earlier_value);
         };
-        if before_s == time_s {
-            return Some(before);
+        if earlier_s == time_s {
+            return Some(earlier_value);
         }
-        let gap_s = after_s - before_s;
-        (gap_s <= MAX_GAP * self.period_s).then(|| before + (after - before) * (time_s - before_s) / gap_s)
+        let gap_s = later_s - earlier_s;
+        (gap_s <= MAX_GAP * self.period_s)
+            .then(|| earlier_value + (later_value - earlier_value) * (time_s - earlier_s) / gap_s)
     }
 }
 

@@ -39,8 +39,13 @@ fn bag(messages: &[Sent], chunked: bool) -> Vec<u8> {
     for (sequence, (topic, schema, stamp_ns, data)) in messages.iter().enumerate() {
         let schema = writer.add_schema(schema, "ros2msg", b"").expect("a schema");
         let channel_id = writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).expect("a channel");
-        let at = (*stamp_ns + 5_000_000) as u64;
-        let header = MessageHeader { channel_id, sequence: sequence as u32, log_time: at, publish_time: at };
+        let log_time_ns = (*stamp_ns + 5_000_000) as u64;
+        let header = MessageHeader {
+            channel_id,
+            sequence: sequence as u32,
+            log_time: log_time_ns,
+            publish_time: log_time_ns,
+        };
         writer.write_to_known_channel(&header, data).expect("a message");
     }
     writer.finish().expect("finished");
@@ -53,7 +58,9 @@ const START_NS: i64 = 1_764_000_000_123_456_789;
 /// Force, stage and tip of a push, each at a rate of its own.
 fn push(is_big: bool) -> Vec<Sent> {
     let mut messages: Vec<Sent> = Vec::new();
-    let y = |t: f64| 1.2e-3 * (t - 1.0).clamp(0.0, 1.0);
+    fn y(t: f64) -> f64 {
+        1.2e-3 * (t - 1.0).clamp(0.0, 1.0)
+    }
     for i in 0..300 {
         let (ns, t) = (10_000_000 * i, 0.01 * i as f64);
         let (force, torque): (Three, Three) = ([0.1, 250.0 * y(t), -0.2], [0.0; 3]);
@@ -72,13 +79,13 @@ fn push(is_big: bool) -> Vec<Sent> {
     }
     for i in 0..3 {
         let ns = 1_000_000_000 * i + 900_000_000;
-        let place: Three = [0.0, 0.5 * y(1e-9 * ns as f64), 0.03];
+        let position: Three = [0.0, 0.5 * y(1e-9 * ns as f64), 0.03];
         let turn: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
         messages.push((
             "/tip",
             "geometry_msgs/msg/PoseStamped",
             START_NS + ns,
-            cdr(&(stamp(START_NS + ns), place, turn), is_big),
+            cdr(&(stamp(START_NS + ns), position, turn), is_big),
         ));
     }
     messages.push(("/log", "rcl_interfaces/msg/Log", START_NS, vec![0, 1, 0, 0]));
@@ -115,25 +122,30 @@ fn wrench_joints_and_tip_are_what_was_written() {
         let tables = read_bytes(&bag(&messages, chunked)).expect("reads");
         assert_eq!(tables.len(), 3);
         let options = Options { z_from: Some(ZOrigin::Surface), entry_m: 0.07, ..Options::default() };
-        let taken = take(&tables, &mapping(), &options).expect("a run");
-        let force = taken.force.expect("a force");
+        let lateral_run = take(&tables, &mapping(), &options).expect("a run");
+        let force = lateral_run.force.expect("a force");
         // Rows from the first to the last of the stage's 60.
         assert_eq!(force.time_s.len(), 295);
         for ((t, y_m), f) in force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n) {
             // The first row with a displacement is the second of the force.
-            let at = t + 0.01;
-            let true_m = 1.2e-3 * (at - 1.0).clamp(0.0, 1.0);
-            assert!((f - 250.0 * true_m).abs() < 1e-9, "{at}: {f}");
+            let shifted_s = t + 0.01;
+            let true_m = 1.2e-3 * (shifted_s - 1.0).clamp(0.0, 1.0);
+            assert!((f - 250.0 * true_m).abs() < 1e-9, "{shifted_s}: {f}");
             // Linear between readings but for the corners of the ramp.
-            assert!((y_m - true_m).abs() < 3e-5, "{at}: {y_m}");
+            assert!((y_m - true_m).abs() < 3e-5, "{shifted_s}: {y_m}");
         }
-        let shape = taken.shape.expect("a shape");
+        let shape = lateral_run.shape.expect("a shape");
         assert_eq!(shape.z_m, [0.1; 3]);
         assert!((shape.y_m[1] - 0.5 * 1.2e-3 * 0.9).abs() < 1e-12 && (shape.y_m[2] - 0.6e-3).abs() < 1e-12);
         let times_s = shape.time_s.expect("times");
         assert!((times_s[1] - 1.89).abs() < 1e-6, "{times_s:?}");
-        assert_eq!(taken.notes.iter().any(|note| note.contains("another order")), late, "{:?}", taken.notes);
-        assert!(taken.others.iter().any(|other| other.contains("/log")), "{:?}", taken.others);
+        assert_eq!(
+            lateral_run.notes.iter().any(|note| note.contains("another order")),
+            late,
+            "{:?}",
+            lateral_run.notes
+        );
+        assert!(lateral_run.others.iter().any(|other| other.contains("/log")), "{:?}", lateral_run.others);
     }
 }
 
@@ -182,19 +194,21 @@ fn bags_of_other_writers_hold_the_values_they_were_made_of() {
             choice.column = choice.column.replace("/tip:position", &format!("/tip:{tip}"));
         }
         let options = Options { z_from: Some(ZOrigin::Guide1), ..Options::default() };
-        let taken = take(&tables, &mapping, &options).expect("a run");
-        let force = taken.force.expect("a force");
+        let lateral_run = take(&tables, &mapping, &options).expect("a run");
+        let force = lateral_run.force.expect("a force");
         assert_eq!(force.time_s.len(), 59, "{name}");
-        let truth_m = |t: f64| 1.2e-3 * (t - 1.0).clamp(0.0, 1.0);
+        fn truth_m(t: f64) -> f64 {
+            1.2e-3 * (t - 1.0).clamp(0.0, 1.0)
+        }
         for ((t, y_m), f) in force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n) {
             // The first row of the force is before the first of the stage.
-            let at = t + 0.05;
+            let shifted_s = t + 0.05;
             assert!(
-                (f - 250.0 * truth_m(at)).abs() < 1e-9 && (y_m - truth_m(at)).abs() < 3e-5,
-                "{name} {at}: {f} {y_m}"
+                (f - 250.0 * truth_m(shifted_s)).abs() < 1e-9 && (y_m - truth_m(shifted_s)).abs() < 3e-5,
+                "{name} {shifted_s}: {f} {y_m}"
             );
         }
-        let shape = taken.shape.expect("a shape");
+        let shape = lateral_run.shape.expect("a shape");
         assert_eq!(shape.z_m, [0.03; 3]);
         assert!((shape.y_m[1] - 0.5 * truth_m(1.9)).abs() < 1e-12, "{name}: {:?}", shape.y_m);
         assert!((shape.time_s.expect("times")[1] - 1.85).abs() < 1e-6);

@@ -57,8 +57,10 @@ fn head(is_big: bool, class: u32, name: &str, sides: [u32; 2]) -> Writer {
 /// A matrix of doubles, by columns.
 fn doubles(is_big: bool, name: &str, sides: [u32; 2], values: &[f64]) -> Vec<u8> {
     let mut writer = head(is_big, 6, name, sides);
-    let order = |value: &f64| if is_big { value.to_be_bytes() } else { value.to_le_bytes() };
-    let content: Vec<u8> = values.iter().flat_map(order).collect();
+    let content: Vec<u8> = values
+        .iter()
+        .flat_map(|value| if is_big { value.to_be_bytes() } else { value.to_le_bytes() })
+        .collect();
     writer.element(9, &content);
     writer.bytes
 }
@@ -129,10 +131,10 @@ fn assert_truth(name: &str, taken: &Taken) {
     assert_eq!(force.time_s.len(), ROWS, "{name}");
     for row in 0..ROWS {
         let [t, x, f] = truth(row);
-        let near = (force.time_s[row] - t).abs() < 1e-6
+        let matches_row = (force.time_s[row] - t).abs() < 1e-6
             && (force.displacement_y_m[row] - 1e-3 * x).abs() < 1e-9
             && (force.force_y_n[row] - f).abs() < 1e-9;
-        assert!(near, "{name}: row {row}");
+        assert!(matches_row, "{name}: row {row}");
     }
 }
 
@@ -152,12 +154,12 @@ fn arrays_structures_and_matrices_hold_what_was_written() {
             doubles(is_big, "rate", [1, 1], &[20.0]),
             doubles(is_big, "force_mN", [ROWS as u32, 1], &f.iter().map(|f| 1e3 * f).collect::<Vec<f64>>()),
         ];
-        let made = taken(
+        let result = taken(
             &file(is_big, is_packed, &vectors),
             ["t=time_s", "disp=displacement_y_mm:mm", "force_mN=force_y_n"],
         );
-        assert_truth(&name, &made);
-        assert!(made.others.iter().any(|other| other.ends_with("note, rate")), "{:?}", made.others);
+        assert_truth(&name, &result);
+        assert!(result.others.iter().any(|other| other.ends_with("note, rate")), "{:?}", result.others);
         // A matrix by columns in a structure, one by rows beside it.
         let columns = [t.clone(), x.clone(), f.clone()].concat();
         let rows: Vec<f64> = (0..ROWS).flat_map(|row| truth(row)[..2].to_vec()).collect();
@@ -232,8 +234,8 @@ proptest::proptest! {
     fn damaged_files_are_borne(at in 100_usize..400, byte: u8, is_packed: bool, is_big: bool) {
         let nested = structure(is_big, "d", &[("a", doubles(is_big, "", [4, 2], &[1.0; 8]))]);
         let mut bytes = file(is_big, is_packed, &[nested, doubles(is_big, "x", [5, 1], &[2.0; 5])]);
-        let at = at % bytes.len();
-        bytes[at] = byte;
+        let byte_index = at % bytes.len();
+        bytes[byte_index] = byte;
         let _ = read_bytes(&bytes);
     }
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 const MIN_POINTS: usize = 3;
 /// The vertical has to differ from the needle's direction by this, as the sine of the angle.
 const MIN_SINE: f64 = 0.1;
-/// What a session's shape can hold: position along the needle and deflection, metres.
+/// Limits of a session's shape: position along the needle and deflection, metres.
 const Z_M: [f64; 2] = [0.0, 2.0];
 const MAX_DEFLECTION_M: f64 = 0.2;
 
@@ -20,7 +20,7 @@ pub struct NeedlePoints {
     pub path: PathBuf,
     /// Positions in the frame of the file, metres.
     pub points_m: Vec<[f64; 3]>,
-    /// What was assumed or skipped, for people.
+    /// Notes for people on assumed or skipped content.
     pub notes: Vec<String>,
 }
 
@@ -38,15 +38,15 @@ pub enum FrameError {
     /// A direction of no length.
     #[error("{name}: {given:?}, expected a direction: three numbers that are not all zero")]
     Zero {
-        /// Which one.
+        /// Name of the option.
         name: &'static str,
-        /// What was given.
+        /// Text that was given.
         given: [f64; 3],
     },
     /// The vertical along the needle.
     #[error("up: {up:?} is along the needle, expected a direction across it")]
     UpAlongAxis {
-        /// What was given.
+        /// Text that was given.
         up: [f64; 3],
     },
     /// Hardly any point.
@@ -63,7 +63,7 @@ pub enum FrameError {
     FarOff {
         /// The file.
         path: PathBuf,
-        /// Which point, from 1.
+        /// Number of the point, from 1.
         number: usize,
         /// Distance from the axis.
         off_mm: f64,
@@ -72,7 +72,7 @@ pub enum FrameError {
     },
 }
 
-/// What is known of the straight needle in the frame of the file.
+/// Position and direction of the straight needle in the frame of the file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Straight {
     /// A point of it, metres; the first point of the shape where there is none.
@@ -90,7 +90,7 @@ pub struct Straight {
 pub enum Axis {
     /// Known.
     Given([f64; 3]),
-    /// That of a line through the first part of the shape, of this length, metres.
+    /// Direction of a line through the first part of the shape, of this length, metres.
     Fitted(f64),
 }
 
@@ -110,8 +110,10 @@ impl Frame {
     /// # Errors
     /// [`FrameError`] where there is no such frame.
     pub fn new(straight: &Straight, first: &NeedlePoints) -> Result<Self, FrameError> {
-        let too_few = || FrameError::NoDirection { path: first.path.clone(), found: first.points_m.len() };
-        let begins = Vector3::from(*first.points_m.first().ok_or_else(too_few)?);
+        let begins = Vector3::from(*first.points_m.first().ok_or_else(|| FrameError::NoDirection {
+            path: first.path.clone(),
+            found: first.points_m.len(),
+        })?);
         let (z, on_line) = match straight.axis {
             Axis::Given(axis) => {
                 let unit = Vector3::from(axis).try_normalize(1e-12);
@@ -149,13 +151,15 @@ impl Frame {
         z: Vector3<f64>,
         ups: &[[f64; 3]],
     ) -> Result<Self, FrameError> {
-        let across = |up: &[f64; 3]| {
-            let unit = Vector3::from(*up).try_normalize(1e-12)?;
-            let across = unit - z * z.dot(&unit);
-            (across.norm() > MIN_SINE).then(|| across.normalize())
-        };
-        let up = ups.first().copied().unwrap_or_default();
-        let y = ups.iter().find_map(across).ok_or(FrameError::UpAlongAxis { up })?;
+        let stated_up = ups.first().copied().unwrap_or_default();
+        let y = ups
+            .iter()
+            .find_map(|stated_up| {
+                let unit = Vector3::from(*stated_up).try_normalize(1e-12)?;
+                let perpendicular = unit - z * z.dot(&unit);
+                (perpendicular.norm() > MIN_SINE).then(|| perpendicular.normalize())
+            })
+            .ok_or(FrameError::UpAlongAxis { up: stated_up })?;
         Ok(Self { origin_m, origin_z_m, z, y, x: y.cross(&z) })
     }
 
@@ -175,7 +179,7 @@ impl Frame {
     /// # Errors
     /// [`FrameError`] where these points are on no needle under this guide.
     pub fn shape(&self, needle: &NeedlePoints) -> Result<(ShapeSeries, usize), FrameError> {
-        let (mut shape, mut x_m, mut behind) = (ShapeSeries::default(), Vec::new(), 0);
+        let (mut shape, mut x_m, mut points_behind) = (ShapeSeries::default(), Vec::new(), 0);
         for (index, point_m) in needle.points_m.iter().enumerate() {
             let [z_m, off_y_m, off_x_m] = self.point(*point_m);
             if !Self::is_near([z_m, off_y_m, off_x_m]) {
@@ -187,7 +191,7 @@ impl Frame {
                 });
             }
             if z_m < Z_M[0] {
-                behind += 1;
+                points_behind += 1;
                 continue;
             }
             shape.z_m.push(z_m);
@@ -198,7 +202,7 @@ impl Frame {
             return Err(FrameError::TooFew { path: needle.path.clone(), found: shape.z_m.len() });
         }
         shape.x_m = Some(x_m);
-        Ok((shape, behind))
+        Ok((shape, points_behind))
     }
 
     /// Origin in metres, axis, up, in the frame of the file.
@@ -210,25 +214,29 @@ impl Frame {
 /// Direction of, and a point on, the line through the first part of a shape.
 fn line(needle: &NeedlePoints, length_m: f64) -> Result<(Vector3<f64>, Vector3<f64>), FrameError> {
     let points: Vec<Vector3<f64>> = needle.points_m.iter().copied().map(Vector3::from).collect();
-    let mut way_m = 0.0;
+    let mut path_length_m = 0.0;
     let mut count = points.len().min(1);
     for (from, to) in points.iter().zip(points.iter().skip(1)) {
-        way_m += (to - from).norm();
+        path_length_m += (to - from).norm();
         // The two first points always count: a curve may have long steps.
-        if way_m > length_m * (1.0 + 1e-9) && count >= 2 {
+        if path_length_m > length_m * (1.0 + 1e-9) && count >= 2 {
             break;
         }
         count += 1;
     }
-    let used = points.get(..count).unwrap_or_default();
-    let none = || FrameError::NoDirection { path: needle.path.clone(), found: count };
-    let mean = used.iter().sum::<Vector3<f64>>() / count.max(1) as f64;
-    let spread: Matrix3<f64> = used.iter().map(|point| (point - mean) * (point - mean).transpose()).sum();
-    let parts = spread.symmetric_eigen();
-    let longest = parts.eigenvectors.column(parts.eigenvalues.imax()).into_owned();
-    let along = used.last().zip(used.first()).map_or_else(Vector3::zeros, |(last, first)| last - first);
-    let towards_tip = longest * longest.dot(&along).signum();
-    let unit = towards_tip.try_normalize(1e-12).filter(|_| along.norm() > 1e-9).ok_or_else(none)?;
+    let used_points = points.get(..count).unwrap_or_default();
+    let mean = used_points.iter().sum::<Vector3<f64>>() / count.max(1) as f64;
+    let spread: Matrix3<f64> =
+        used_points.iter().map(|point| (point - mean) * (point - mean).transpose()).sum();
+    let eigen = spread.symmetric_eigen();
+    let longest = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let chord =
+        used_points.last().zip(used_points.first()).map_or_else(Vector3::zeros, |(last, first)| last - first);
+    let towards_tip = longest * longest.dot(&chord).signum();
+    let unit = towards_tip
+        .try_normalize(1e-12)
+        .filter(|_| chord.norm() > 1e-9)
+        .ok_or_else(|| FrameError::NoDirection { path: needle.path.clone(), found: count })?;
     Ok((unit, mean))
 }
 

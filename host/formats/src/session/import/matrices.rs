@@ -7,11 +7,11 @@ use nalgebra::Matrix3;
 /// Axes are unit vectors at right angles, as far as programs round them.
 const ROUNDING: f64 = 1e-2;
 
-/// What is valid, for messages.
+/// Valid text, for messages.
 pub(super) const MATRIX: &str =
     "a rotation and a position, row by row (r11 r12 r13 x r21 ...) or column by column (r11 r21 r31 r12 ...)";
 
-/// How the numbers of a matrix follow each other.
+/// Order of the numbers of a matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Order {
     Rows,
@@ -39,16 +39,18 @@ impl Matrices {
     /// # Errors
     /// Where it is no pose in the order that those before have.
     pub fn add(&mut self, numbers: &[f64]) -> Result<(), String> {
-        let at = |index: usize| numbers.get(index).copied().unwrap_or(f64::NAN);
-        let rows = Matrix3::from_fn(|row, column| at(4 * row + column));
+        let number_at = |index: usize| numbers.get(index).copied().unwrap_or(f64::NAN);
+        let rows = Matrix3::from_fn(|row, column| number_at(4 * row + column));
         // Columns of four numbers where there are 16, of three where there are 12.
         let length = numbers.len() / 4;
-        let columns = Matrix3::from_fn(|row, column| at(length * column + row));
+        let columns = Matrix3::from_fn(|row, column| number_at(length * column + row));
         let is_last =
             |row: [f64; 4]| row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < ROUNDING);
         let whole = numbers.len() == 16;
-        let by_rows = is_rotation(&rows) && (!whole || is_last([at(12), at(13), at(14), at(15)]));
-        let by_columns = is_rotation(&columns) && (!whole || is_last([at(3), at(7), at(11), at(15)]));
+        let by_rows = is_rotation(&rows)
+            && (!whole || is_last([number_at(12), number_at(13), number_at(14), number_at(15)]));
+        let by_columns = is_rotation(&columns)
+            && (!whole || is_last([number_at(3), number_at(7), number_at(11), number_at(15)]));
         let is_pose = by_rows || by_columns;
         self.fits = [self.fits[0] && by_rows, self.fits[1] && by_columns];
         if self.fits == [false; 2] {
@@ -59,7 +61,10 @@ impl Matrices {
             });
         }
         let last = 3 * length;
-        self.positions.push([[at(3), at(7), at(11)], [at(last), at(last + 1), at(last + 2)]]);
+        self.positions.push([
+            [number_at(3), number_at(7), number_at(11)],
+            [number_at(last), number_at(last + 1), number_at(last + 2)],
+        ]);
         Ok(())
     }
 
@@ -86,8 +91,8 @@ impl Matrices {
 }
 
 fn is_rotation(matrix: &Matrix3<f64>) -> bool {
-    let off = matrix.transpose() * matrix - Matrix3::identity();
-    off.iter().all(|value| value.abs() < ROUNDING) && matrix.determinant() > 0.0
+    let deviation = matrix.transpose() * matrix - Matrix3::identity();
+    deviation.iter().all(|value| value.abs() < ROUNDING) && matrix.determinant() > 0.0
 }
 
 #[cfg(test)]
@@ -126,8 +131,8 @@ mod tests {
             }
             prop_assert!(matrices.add(&numbers(turn.matrix(), place, order, count)).is_ok());
             prop_assert_eq!(matrices.order(), Ok(Some(order)));
-            let found = Vector3::from(matrices.positions(order).last().expect("one"));
-            prop_assert!((found - Vector3::from(place)).amax() < 1e-12);
+            let translation = Vector3::from(matrices.positions(order).last().expect("one"));
+            prop_assert!((translation - Vector3::from(place)).amax() < 1e-12);
         }
     }
 
@@ -138,18 +143,18 @@ mod tests {
             let problem = Matrices::default().add(&numbers(&bad, [5.0, 6.0, 7.0], Order::Rows, 12));
             assert!(problem.expect_err("no rotation").contains("no matrix of a pose"));
         }
-        let (unit, place) = (Matrix3::identity(), [5.0, 6.0, 7.0]);
+        let (unit, translation) = (Matrix3::identity(), [5.0, 6.0, 7.0]);
         let mut matrices = Matrices::default();
-        assert_eq!(matrices.add(&numbers(&unit, place, Order::Rows, 12)), Ok(()));
-        let other = matrices.add(&numbers(&unit, place, Order::Columns, 12)).expect_err("two orders");
-        assert!(other.contains("another order"), "{other}");
+        assert_eq!(matrices.add(&numbers(&unit, translation, Order::Rows, 12)), Ok(()));
+        let refusal = matrices.add(&numbers(&unit, translation, Order::Columns, 12)).expect_err("two orders");
+        assert!(refusal.contains("another order"), "{refusal}");
         // A last row that is no part of a pose.
-        let mut sixteen = numbers(&unit, place, Order::Rows, 16);
+        let mut sixteen = numbers(&unit, translation, Order::Rows, 16);
         sixteen[12] = 0.5;
         assert!(Matrices::default().add(&sixteen).is_err());
         // One that is a pose either way, at two different places.
-        let mut both = Matrices::default();
-        assert_eq!(both.add(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), Ok(()));
-        assert_eq!(both.order(), Ok(Some(Order::Columns)));
+        let mut mixed_orders = Matrices::default();
+        assert_eq!(mixed_orders.add(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), Ok(()));
+        assert_eq!(mixed_orders.order(), Ok(Some(Order::Columns)));
     }
 }

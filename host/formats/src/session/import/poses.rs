@@ -38,14 +38,14 @@ const SHORTEST_M: f64 = 5e-3;
 /// A step so many times the usual one, and this long, metres, is a jump: a row is missing, or misread.
 const JUMP_TIMES: f64 = 10.0;
 const JUMP_M: f64 = 5e-3;
-/// How far a quaternion's length may be from 1.
+/// Largest difference of a quaternion's length from 1.
 const ROUNDING: f64 = 1e-2;
 const WIDTHS: &str = "3 (x y z), 7 (with a quaternion), 12 or 16 numbers (a matrix)";
 
 /// A number's text and where it starts in its line.
 type Cell<'t> = (usize, &'t str);
 
-/// Which numbers of a line are the position.
+/// Columns of the position in a line.
 enum Layout {
     Positions([usize; 3]),
     /// By the number of numbers.
@@ -69,7 +69,7 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
     let mut header_to_m = None;
     let (mut width, mut missing) = (None, 0);
     // Each point with the offset of its line.
-    let mut found: Vec<(usize, [f64; 3])> = Vec::new();
+    let mut located: Vec<(usize, [f64; 3])> = Vec::new();
     let mut start = 0;
     for line in text.split_inclusive('\n') {
         let offset = start;
@@ -138,29 +138,32 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
                 position.map_err(|(problem, expected)| fault(offset, "pose", problem, &expected))?
             }
         };
-        found.extend(position.map(|position| (offset, position)));
+        located.extend(position.map(|position| (offset, position)));
     }
     let end = text.len();
     if let Some(order) =
         matrices.order().map_err(|ambiguous| fault(0, "pose", Problem::Syntax(ambiguous), ORDER))?
     {
-        found.iter_mut().zip(matrices.positions(order)).for_each(|((_, point), position)| *point = position);
+        located
+            .iter_mut()
+            .zip(matrices.positions(order))
+            .for_each(|((_, point), position)| *point = position);
     }
-    if found.len() < 2 {
+    if located.len() < 2 {
         let problem =
-            Problem::Syntax(format!("{} in the file", if found.is_empty() { "none" } else { "one" }));
+            Problem::Syntax(format!("{} in the file", if located.is_empty() { "none" } else { "one" }));
         return Err(fault(end, "pose", problem, "two poses or more"));
     }
 
     let steps: Vec<f64> =
-        found.iter().zip(found.iter().skip(1)).map(|((_, a), (_, b))| distance(*a, *b)).collect();
+        located.iter().zip(located.iter().skip(1)).map(|((_, a), (_, b))| distance(*a, *b)).collect();
     let length: f64 = steps.iter().sum();
     let mut notes = Vec::new();
     if missing > 0 {
         notes.push(format!("{}: {missing} rows without numbers (nan) are skipped", path.display()));
     }
     let stated_to_m = unit.map(LengthUnit::to_m).or(header_to_m);
-    let to_m = stated_to_m.unwrap_or_else(|| {
+    let to_metres = stated_to_m.unwrap_or_else(|| {
         let (unit, name) = if length > LONGEST {
             (LengthUnit::Millimetres, "millimetres")
         } else {
@@ -169,7 +172,7 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
         notes.push(format!("{}: taken as {name}, of which the needle is {length:.3} long", path.display()));
         unit.to_m()
     });
-    let length_m = to_m * length;
+    let length_m = to_metres * length;
     if !(SHORTEST_M..=LONGEST).contains(&length_m) {
         let expected =
             format!("a needle {} to {} mm long: is the unit right?", 1e3 * SHORTEST_M, 1e3 * LONGEST);
@@ -183,18 +186,18 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
     let mut sorted = steps.clone();
     sorted.sort_by(f64::total_cmp);
     let usual = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
-    let jump = steps.iter().position(|step| *step > JUMP_TIMES * usual && to_m * step > JUMP_M);
-    if let Some((index, (offset, _))) = jump.and_then(|index| Some((index, found.get(index + 1)?))) {
-        let step_mm = 1e3 * to_m * steps.get(index).copied().unwrap_or_default();
+    let jump = steps.iter().position(|step| *step > JUMP_TIMES * usual && to_metres * step > JUMP_M);
+    if let Some((index, (offset, _))) = jump.and_then(|index| Some((index, located.get(index + 1)?))) {
+        let step_mm = 1e3 * to_metres * steps.get(index).copied().unwrap_or_default();
         let problem = Problem::Syntax(format!("{step_mm:.2} mm from the pose before"));
         return Err(fault(
             *offset,
             "pose",
             problem,
-            &format!("about {:.2} mm as elsewhere", 1e3 * to_m * usual),
+            &format!("about {:.2} mm as elsewhere", 1e3 * to_metres * usual),
         ));
     }
-    let points_m = found.into_iter().map(|(_, point)| point.map(|value| to_m * value)).collect();
+    let points_m = located.into_iter().map(|(_, point)| point.map(|value| to_metres * value)).collect();
     Ok(NeedlePoints { path: path.to_owned(), points_m, notes })
 }
 
@@ -210,44 +213,44 @@ fn cells(line: &str) -> Vec<Cell<'_>> {
         is_quoted ^= c == '"';
         Some(c) == separator && !is_quoted
     };
-    let parts: Vec<Cell<'_>> = match separator {
+    let cells: Vec<Cell<'_>> = match separator {
         Some(_) => line
             .split(&mut parts_at)
             .map(|cell| {
-                let at = start + (cell.len() - cell.trim_start().len());
+                let column = start + (cell.len() - cell.trim_start().len());
                 start += cell.len() + 1;
-                (at, cell.trim())
+                (column, cell.trim())
             })
             .collect(),
         None => line
             .split(char::is_whitespace)
             .map(|cell| {
-                let at = start;
+                let column = start;
                 // Every white space is of one to three bytes; the next cell is found, not counted.
                 start += cell.len()
                     + line
                         .get(start + cell.len()..)
                         .and_then(|rest| rest.chars().next())
                         .map_or(0, char::len_utf8);
-                (at, cell)
+                (column, cell)
             })
             .filter(|(_, cell)| !cell.is_empty())
             .collect(),
     };
-    parts
+    cells
 }
 
 /// Whether every word of a line is a number with one comma: "1,5 2,25 3,0" are three numbers.
 fn decimal_commas(line: &str) -> bool {
-    let is_one = |word: &str| {
-        let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
-        let whole_and_rest = word.trim_start_matches(['-', '+']).split_once(',');
-        whole_and_rest.is_some_and(|(whole, rest)| digits(whole) && digits(rest))
-    };
-    line.split_whitespace().count() > 1 && line.split_whitespace().all(is_one)
+    line.split_whitespace().count() > 1
+        && line.split_whitespace().all(|word| {
+            let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
+            let whole_and_rest = word.trim_start_matches(['-', '+']).split_once(',');
+            whole_and_rest.is_some_and(|(whole, rest)| digits(whole) && digits(rest))
+        })
 }
 
-/// What decides the order of numbers.
+/// Evidence for the order of numbers.
 const ORDER: &str = "matrices whose rotation part shows whether they are row by row or column by column; or columns x, y and z";
 
 /// Columns of a header (none where it has no position) and the unit that it states; `None` where this is no header.

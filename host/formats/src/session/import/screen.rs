@@ -1,4 +1,4 @@
-//! Which rows of a recording are readings of a needle that goes in: each row that is not is skipped for a stated reason.
+//! Rows of a recording that are readings of a needle that goes in: each row that is not is skipped for a stated reason.
 
 use serde::Serialize;
 use std::fmt;
@@ -42,7 +42,7 @@ impl fmt::Display for SkipReason {
 pub struct Skipped {
     /// Why.
     pub reason: SkipReason,
-    /// How many.
+    /// Number of rows.
     pub rows: usize,
     /// The first of them; rows count from 1 below the header.
     pub first_row: usize,
@@ -122,14 +122,14 @@ fn kept(reasons: &[Option<SkipReason>]) -> Vec<usize> {
 
 /// Real readings scatter: one that is the same bit for bit as the one before is that one.
 fn repeated(readings: &[Reading], reasons: &mut [Option<SkipReason>]) {
-    let same = |a: usize, b: usize| {
+    let is_repeated = |a: usize, b: usize| {
         let (a, b) = (readings[a], readings[b]);
         a.tip_m == b.tip_m && a.orientation == b.orientation
     };
-    for group in kept(reasons).chunk_by(|a, b| same(*a, *b)) {
+    for group in kept(reasons).chunk_by(|a, b| is_repeated(*a, *b)) {
         let moved_m = |plane: usize| {
-            let at_m = group.iter().map(|row| readings[*row].guide_m[plane]);
-            let (low_m, high_m) = at_m.fold((f64::MAX, f64::MIN), |(l, h), m| (l.min(m), h.max(m)));
+            let plane_m = group.iter().map(|row| readings[*row].guide_m[plane]);
+            let (low_m, high_m) = plane_m.fold((f64::MAX, f64::MIN), |(l, h), m| (l.min(m), h.max(m)));
             high_m - low_m
         };
         let frozen = moved_m(0).max(moved_m(1)) > GUIDE_STILL_M;
@@ -141,30 +141,33 @@ fn repeated(readings: &[Reading], reasons: &mut [Option<SkipReason>]) {
 /// Positions far from the last good one that come back to it.
 fn jumps(readings: &[Reading], reasons: &mut [Option<SkipReason>]) {
     let rows = kept(reasons);
-    let far = |a: usize, b: usize| {
+    let jump_size = |a: usize, b: usize| {
         let (a, b) = (readings[a].tip_m, readings[b].tip_m);
         a.iter().zip(b).any(|(a, b)| (a - b).abs() > JUMP_M)
     };
     // The first good one is near the one after it.
-    let Some(start) = (0..rows.len()).find(|i| rows.get(i + 1).is_some_and(|next| !far(rows[*i], *next)))
+    let Some(start) =
+        (0..rows.len()).find(|i| rows.get(i + 1).is_some_and(|next| !jump_size(rows[*i], *next)))
     else {
         return;
     };
     rows[..start].iter().for_each(|row| reasons[*row] = Some(SkipReason::Jump));
     let mut good = start;
-    let mut at = start + 1;
-    while at < rows.len() {
-        let ahead = rows.iter().skip(at + 1).take(JUMP_ROWS);
-        let returns = far(rows[good], rows[at])
-            && ahead.clone().any(|later| !far(rows[good], *later) && far(rows[at], *later));
+    let mut row_index = start + 1;
+    while row_index < rows.len() {
+        let next_rows = rows.iter().skip(row_index + 1).take(JUMP_ROWS);
+        let returns = jump_size(rows[good], rows[row_index])
+            && next_rows
+                .clone()
+                .any(|later| !jump_size(rows[good], *later) && jump_size(rows[row_index], *later));
         // The last row of all cannot come back: a needle that is drawn out goes on from there, a misreading does not.
-        let alone = at + 1 == rows.len() && far(rows[good], rows[at]);
+        let alone = row_index + 1 == rows.len() && jump_size(rows[good], rows[row_index]);
         if returns || alone {
-            reasons[rows[at]] = Some(SkipReason::Jump);
+            reasons[rows[row_index]] = Some(SkipReason::Jump);
         } else {
-            good = at;
+            good = row_index;
         }
-        at += 1;
+        row_index += 1;
     }
 }
 
@@ -223,10 +226,10 @@ mod tests {
         let depth = [-300.0, 0.0, 5.0, 70.0, 71.0, 6.0, 9.0, 14.0, 40.0, 45.0, 50.0, -50.5];
         let rows = readings(&depth.map(|mm| [mm, 0.0]));
         assert_eq!(reasons(&rows), [Skipped { reason: SkipReason::Jump, rows: 4, first_row: 1 }]);
-        let kept: Vec<usize> =
+        let kept_rows: Vec<usize> =
             (0..rows.len()).filter(|row| screen(&rows, |_| true)[*row].is_none()).collect();
         // From 14 to 40 mm it went on: the needle was pushed while nothing was recorded.
-        assert_eq!(kept, [1, 2, 5, 6, 7, 8, 9, 10]);
+        assert_eq!(kept_rows, [1, 2, 5, 6, 7, 8, 9, 10]);
     }
 
     #[test]

@@ -26,8 +26,7 @@ fn simulated() -> Vec<[f64; 3]> {
 fn in_room(shape: &[[f64; 3]]) -> (Vec<Vector3<f64>>, Rotation3<f64>, Vector3<f64>) {
     let turn = Rotation3::from_euler_angles(0.3, -0.7, 1.9);
     let origin = Vector3::new(12.0, -40.0, -85.5);
-    let place = |[z, y, x]: &[f64; 3]| origin + turn * Vector3::new(*x, *y, z - 70.0);
-    (shape.iter().map(place).collect(), turn, origin)
+    (shape.iter().map(|[z, y, x]| origin + turn * Vector3::new(*x, *y, z - 70.0)).collect(), turn, origin)
 }
 
 fn markups(system: &str, points: &[Vector3<f64>]) -> String {
@@ -54,8 +53,8 @@ fn written<T>(name: &str, text: &str, read: impl FnOnce(&Path) -> T) -> T {
 }
 
 fn same(frame: &Frame, needle: &NeedlePoints, shape: &[[f64; 3]], within_mm: f64) {
-    let (read, behind) = frame.shape(needle).expect("a shape");
-    assert_eq!((behind, read.z_m.len()), (0, shape.len()));
+    let (read, points_behind) = frame.shape(needle).expect("a shape");
+    assert_eq!((points_behind, read.z_m.len()), (0, shape.len()));
     let x_m = read.x_m.expect("x");
     for (index, [z, y, x]) in shape.iter().enumerate() {
         for (read_m, mm) in [(read.z_m[index], z), (read.y_m[index], y), (x_m[index], x)] {
@@ -65,12 +64,12 @@ fn same(frame: &Frame, needle: &NeedlePoints, shape: &[[f64; 3]], within_mm: f64
 }
 
 fn given(turn: &Rotation3<f64>, origin: Vector3<f64>) -> Straight {
-    let up = (turn * Vector3::y()).into();
+    let up_direction = (turn * Vector3::y()).into();
     Straight {
         origin_m: Some((1e-3 * origin).into()),
         origin_z_m: 0.07,
         axis: Axis::Given((3.0 * (turn * Vector3::z())).into()),
-        up: [up, up],
+        up: [up_direction, up_direction],
     }
 }
 
@@ -125,8 +124,8 @@ fn faults_of_markups_name_their_place() {
             written("n.mrk.json", &good.replacen(from, to, 1), slicer).expect_err("refused").to_string();
         assert!(message.contains(&format!("n.mrk.json:{line}:")) && message.contains(expected), "{message}");
     }
-    let none = written("n.mrk.json", "{\"markups\": []}", slicer).expect_err("refused").to_string();
-    assert!(none.contains("markups: a list of 0, expected one curve per file"), "{none}");
+    let refusal = written("n.mrk.json", "{\"markups\": []}", slicer).expect_err("refused").to_string();
+    assert!(refusal.contains("markups: a list of 0, expected one curve per file"), "{refusal}");
 }
 
 /// The frame of the needle's base: along z, y up.
@@ -231,29 +230,29 @@ fn frames_that_are_none_are_refused() {
     let two = needle(&[[0.0; 3], [0.0, 0.0, 0.01]]);
     let zero = Straight { axis: Axis::Given([0.0; 3]), ..base() };
     assert!(matches!(Frame::new(&zero, &two), Err(FrameError::Zero { .. })));
-    let along = Straight { up: [[0.0, 0.0, 1.0]; 2], ..base() };
-    assert!(matches!(Frame::new(&along, &two), Err(FrameError::UpAlongAxis { .. })));
+    let parallel = Straight { up: [[0.0, 0.0, 1.0]; 2], ..base() };
+    assert!(matches!(Frame::new(&parallel, &two), Err(FrameError::UpAlongAxis { .. })));
     let fitted = Straight { axis: Axis::Fitted(0.01), ..base() };
     for points in [&[][..], &[[0.0; 3]], &[[1.0; 3], [1.0; 3], [1.0; 3]]] {
         assert!(matches!(Frame::new(&fitted, &needle(points)), Err(FrameError::NoDirection { .. })));
     }
     let frame = Frame::new(&base(), &two).expect("a frame");
     assert!(matches!(frame.shape(&two), Err(FrameError::TooFew { found: 2, .. })));
-    let far = needle(&[[0.0; 3], [0.3, 0.0, 0.0], [0.0; 3]]);
-    let message = frame.shape(&far).expect_err("refused").to_string();
+    let distant = needle(&[[0.0; 3], [0.3, 0.0, 0.0], [0.0; 3]]);
+    let message = frame.shape(&distant).expect_err("refused").to_string();
     assert!(
         message.contains("n.csv: point 2 is 300.0 mm off the straight needle, 70.0 mm from guide 1"),
         "{message}"
     );
     // Behind guide 1 there is no needle to be measured.
-    let behind = needle(&[[0.0, 0.0, -0.08], [0.0; 3], [0.0, 0.0, 0.01], [0.0, 0.0, 0.02]]);
-    assert_eq!(frame.shape(&behind).expect("a shape").1, 1);
+    let behind_needle = needle(&[[0.0, 0.0, -0.08], [0.0; 3], [0.0, 0.0, 0.01], [0.0, 0.0, 0.02]]);
+    assert_eq!(frame.shape(&behind_needle).expect("a shape").1, 1);
     // Anterior is up, and superior where the needle goes that way.
-    let [_, _, up] = frame.parts();
-    assert_eq!(up, [0.0, 1.0, 0.0]);
+    let [_, _, up_axis] = frame.parts();
+    assert_eq!(up_axis, [0.0, 1.0, 0.0]);
     let upright = Straight { axis: Axis::Given([0.0, -1.0, 0.0]), ..base() };
-    let [_, _, up] = Frame::new(&upright, &two).expect("a frame").parts();
-    assert_eq!(up, [0.0, 0.0, 1.0]);
+    let [_, _, up_axis] = Frame::new(&upright, &two).expect("a frame").parts();
+    assert_eq!(up_axis, [0.0, 0.0, 1.0]);
 }
 
 #[test]

@@ -37,7 +37,7 @@ struct ControlPoint {
     position_status: Option<String>,
 }
 
-/// Which way x and y point: left and posterior, or right and anterior; z is superior in both.
+/// Directions of x and y: left and posterior, or right and anterior; z is superior in both.
 #[derive(Clone, Copy)]
 enum System {
     Lps,
@@ -57,18 +57,18 @@ struct Position([f64; 3]);
 /// [`SessionError`] with file, line and column.
 pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
     let text = read_text(path)?;
-    let place = |line, column| Place { path: path.to_owned(), line, column };
+    let location_at = |line, column| Place { path: path.to_owned(), line, column };
     let file: Markups = serde_json::from_str(&text).map_err(|error| {
         // The place is separated from the words.
         let words = error.to_string();
         let words = words.rsplit_once(" at line ").map_or(words.as_str(), |(words, _)| words).to_owned();
         let words = words.replace("EOF while parsing", "the file ends in");
         let (problem, expected) = split_message(&words, "a markups file of 3D Slicer (.mrk.json)");
-        let place = place(error.line().max(1), error.column().max(1));
-        SessionError::Field { place, field: "markups".to_owned(), problem, expected }
+        let location = location_at(error.line().max(1), error.column().max(1));
+        SessionError::Field { place: location, field: "markups".to_owned(), problem, expected }
     })?;
     let fault = |field: &str, problem, expected: String| {
-        Err(SessionError::Field { place: place(1, 1), field: field.to_owned(), problem, expected })
+        Err(SessionError::Field { place: location_at(1, 1), field: field.to_owned(), problem, expected })
     };
     let markup = match file.markups.as_slice() {
         [markup] => markup,

@@ -61,47 +61,50 @@ pub fn trajcontrol(path: &Path) -> Result<Recording, SessionError> {
     let mut column = |name: &str| table.take(name).unwrap_or_default();
     let (seconds, nanoseconds) = (column("Timestamp sec"), column("Timestamp nanosec"));
     let tip = [column("Tip x"), column("Tip y"), column("Tip z")];
-    let turned = ["Tip qw", "Tip qx", "Tip qy", "Tip qz"].map(&mut column);
+    let quaternion = ["Tip qw", "Tip qx", "Tip qy", "Tip qz"].map(&mut column);
     let robot = [column("Robot x"), column("Robot z")];
-    let at = |values: &[f64], i: usize| values.get(i).copied().unwrap_or_default();
+    let value_at = |values: &[f64], i: usize| values.get(i).copied().unwrap_or_default();
 
     // The guide's first position is where the straight needle points; before it has one, it has not moved.
     let has_guide = |i: usize| {
-        let values = robot.each_ref().map(|values| at(values, i));
+        let values = robot.each_ref().map(|values| value_at(values, i));
         values.iter().all(|m| m.is_finite()) && values.iter().any(|m| *m != 0.0)
     };
     let first = (0..seconds.len()).find(|i| has_guide(*i));
-    let [zero_x_m, zero_z_m] = [0, 1].map(|side| first.map_or(0.0, |i| at(&robot[side], i)));
+    let [zero_x_m, zero_z_m] = [0, 1].map(|side| first.map_or(0.0, |i| value_at(&robot[side], i)));
     let mut guide_m = [zero_x_m, zero_z_m];
     let mut readings = Vec::with_capacity(seconds.len());
     for i in 0..seconds.len() {
         if has_guide(i) {
-            guide_m = [at(&robot[0], i), at(&robot[1], i)];
+            guide_m = [value_at(&robot[0], i), value_at(&robot[1], i)];
         }
-        let [x_m, y_m, z_m] = [0, 1, 2].map(|side| at(&tip[side], i));
+        let [x_m, y_m, z_m] = [0, 1, 2].map(|side| value_at(&tip[side], i));
         readings.push(Reading {
             tip_m: [-y_m, z_m, x_m],
-            orientation: [0, 1, 2, 3].map(|part| at(&turned[part], i)),
+            orientation: [0, 1, 2, 3].map(|part| value_at(&quaternion[part], i)),
             guide_m: [guide_m[1] - zero_z_m, guide_m[0] - zero_x_m],
         });
     }
     // Whole seconds since 1970 lose nothing next to nanoseconds when the start is taken off first.
-    let time_s = |i: usize| at(&seconds, i) - at(&seconds, 0) + (at(&nanoseconds, i) - at(&nanoseconds, 0));
+    let time_s = |i: usize| {
+        value_at(&seconds, i) - value_at(&seconds, 0)
+            + (value_at(&nanoseconds, i) - value_at(&nanoseconds, 0))
+    };
     if let Some(row) = (1..seconds.len()).find(|i| time_s(*i) < time_s(i - 1)) {
-        let (now_s, before_s) = (time_s(row), time_s(row - 1));
+        let (now_s, earlier_s) = (time_s(row), time_s(row - 1));
         return Err(SessionError::Field {
             place: row_place(path, &text, row),
             field: "Timestamp sec".to_owned(),
-            problem: Problem::Syntax(format!("{:.3} s before the row before", before_s - now_s)),
+            problem: Problem::Syntax(format!("{:.3} s before the row before", earlier_s - now_s)),
             expected: "times that never step back: was the clock set, or are two recordings joined?"
                 .to_owned(),
         });
     }
-    let all = run(path, &readings, [zero_z_m, zero_x_m], (0..readings.len()).map(time_s).collect());
-    let reasons = screen(&readings, |row| all.check_row(row, path).is_ok());
+    let all_readings = run(path, &readings, [zero_z_m, zero_x_m], (0..readings.len()).map(time_s).collect());
+    let reasons = screen(&readings, |row| all_readings.check_row(row, path).is_ok());
     let skipped = count(&reasons);
     let mut recording =
-        Recording { run: all.only(|row| reasons[row].is_none()), skipped, remarks: Vec::new() };
+        Recording { run: all_readings.only(|row| reasons[row].is_none()), skipped, remarks: Vec::new() };
     if recording.run.depth_m.is_empty() {
         let skipped: Vec<String> = recording.skipped.iter().map(Skipped::to_string).collect();
         return Err(SessionError::Field {
@@ -114,7 +117,7 @@ pub fn trajcontrol(path: &Path) -> Result<Recording, SessionError> {
     if first.is_none() {
         (recording.run.guide2_y_m, recording.run.guide2_x_m) = (None, None);
     }
-    recording.direction(turned.iter().any(|part| !part.is_empty()));
+    recording.direction(quaternion.iter().any(|part| !part.is_empty()));
     Ok(recording)
 }
 
@@ -146,21 +149,22 @@ fn slopes([w, x, y, z]: [f64; 4]) -> [f64; 2] {
     // The sensor's z axis, turned: the third column of the rotation matrix, times the square of the norm.
     let tangent = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z];
     let [slope_y, slope_x] = [tangent[2] / -tangent[1], tangent[0] / -tangent[1]];
-    let ahead = tangent[1] < 0.0 && slope_y.hypot(slope_x) < STEEPEST;
-    if (square - 1.0).abs() < NORM && ahead { [slope_y, slope_x] } else { [f64::NAN; 2] }
+    let is_forward = tangent[1] < 0.0 && slope_y.hypot(slope_x) < STEEPEST;
+    if (square - 1.0).abs() < NORM && is_forward { [slope_y, slope_x] } else { [f64::NAN; 2] }
 }
 
 impl Recording {
     /// Keeps the tip's direction where most readings have one.
     fn direction(&mut self, there: bool) {
         let rows = self.run.depth_m.len();
-        let with = self.run.tip_direction_y_rad.iter().flatten().filter(|slope| slope.is_finite()).count();
-        if 2 * with >= rows {
+        let direction_count =
+            self.run.tip_direction_y_rad.iter().flatten().filter(|slope| slope.is_finite()).count();
+        if 2 * direction_count >= rows {
             return;
         }
         if there {
             self.remarks.push(format!(
-                "tip direction skipped: the sensor's z axis is within 30 degrees of the insertion in {with} of {rows} rows only"
+                "tip direction skipped: the sensor's z axis is within 30 degrees of the insertion in {direction_count} of {rows} rows only"
             ));
         }
         (self.run.tip_direction_y_rad, self.run.tip_direction_x_rad) = (None, None);
@@ -170,15 +174,15 @@ impl Recording {
 impl InsertionRun {
     /// The same with some of its rows.
     fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
-        let all = |values: &Vec<f64>| -> Vec<f64> {
+        let kept_values = |values: &Vec<f64>| -> Vec<f64> {
             values.iter().enumerate().filter(|(row, _)| keep(*row)).map(|(_, value)| *value).collect()
         };
-        let column = |values: &Option<Vec<f64>>| values.as_ref().map(all);
+        let column = |values: &Option<Vec<f64>>| values.as_ref().map(kept_values);
         Self {
             id: self.id.clone(),
             path: self.path.clone(),
-            depth_m: all(&self.depth_m),
-            tip_y_m: all(&self.tip_y_m),
+            depth_m: kept_values(&self.depth_m),
+            tip_y_m: kept_values(&self.tip_y_m),
             tip_x_m: column(&self.tip_x_m),
             time_s: column(&self.time_s),
             rotation_rad: column(&self.rotation_rad),
@@ -191,10 +195,14 @@ impl InsertionRun {
     }
 }
 
-/// Where a row below the header begins.
+/// Position at which a row below the header begins.
 fn row_place(path: &Path, text: &str, row: usize) -> Place {
-    let is_row = |(_, line): &(usize, &str)| !line.starts_with('#') && !line.trim().is_empty();
-    let line = text.lines().enumerate().filter(is_row).nth(row + 1).map_or(0, |(line, _)| line);
+    let line = text
+        .lines()
+        .enumerate()
+        .filter(|(_, line)| !line.starts_with('#') && !line.trim().is_empty())
+        .nth(row + 1)
+        .map_or(0, |(line, _)| line);
     Place { path: path.to_owned(), line: line + 1, column: 1 }
 }
 
@@ -203,9 +211,9 @@ fn whole_lines(text: &str) -> &str {
     let cells = |line: &str| line.matches(',').count();
     match text.trim_end_matches('\n').rfind('\n') {
         Some(newline) if !text.ends_with('\n') => {
-            let (before, last) = text.split_at(newline + 1);
-            let header = before.lines().next().unwrap_or_default();
-            if cells(last) < cells(header) { before } else { text }
+            let (complete_lines, last) = text.split_at(newline + 1);
+            let header = complete_lines.lines().next().unwrap_or_default();
+            if cells(last) < cells(header) { complete_lines } else { text }
         }
         _ => text,
     }
@@ -250,7 +258,7 @@ mod tests {
         let time_s = run.time_s.as_ref().expect("time");
         assert!((time_s[1] - 0.5).abs() < 1e-6 && time_s[0] == 0.0);
         assert_eq!(recording.skipped, [Skipped { reason: SkipReason::Silent, rows: 1, first_row: 1 }]);
-        // What is no unit quaternion has no direction.
+        // A quaternion whose length is not 1 has no direction.
         assert_eq!(run.tip_direction_x_rad, None);
         assert!(recording.remarks[0].contains("0 of 2 rows"), "{:?}", recording.remarks);
     }
@@ -271,12 +279,13 @@ mod tests {
         let recording = read(&rows.concat()).expect("reads");
         assert_eq!(recording.skipped, [Skipped { reason: SkipReason::Missing, rows: 3, first_row: 2 }]);
         assert_eq!(recording.run.time_s, Some(vec![0.0, 2.0, 5.0]));
-        // Where the guide was is known from the row before.
+        // The previous row has the position of the guide.
         let guide_m = recording.run.guide2_y_m.expect("a guide");
         assert!(guide_m[1] == 0.0 && (guide_m[2] - 1e-3).abs() < 1e-12, "{guide_m:?}");
         // A quaternion without numbers is no direction, and no reason to refuse its row.
-        let turned = row(6, "-25.3,-4.0,22.0", "-0.025,0.021").replace("0.7,0,0,0", "nan,nan,nan,nan");
-        assert_eq!(read(&(rows.concat() + &turned)).expect("reads").run.depth_m.len(), 4);
+        let without_rotation =
+            row(6, "-25.3,-4.0,22.0", "-0.025,0.021").replace("0.7,0,0,0", "nan,nan,nan,nan");
+        assert_eq!(read(&(rows.concat() + &without_rotation)).expect("reads").run.depth_m.len(), 4);
     }
 
     #[test]
@@ -321,15 +330,15 @@ mod tests {
             q[axis] = (0.5 * rad).sin();
             q
         };
-        let ahead = turn(1, FRAC_PI_2);
+        let forward = turn(1, FRAC_PI_2);
         // About -x by 0.1: -y towards z. About z by 0.05: -y towards x.
         for (q, y, x) in [
-            (ahead, 0.0, 0.0),
-            (product(turn(1, -0.1), ahead), 0.1f64.tan(), 0.0),
-            (product(turn(3, 0.05), ahead), 0.0, 0.05f64.tan()),
+            (forward, 0.0, 0.0),
+            (product(turn(1, -0.1), forward), 0.1f64.tan(), 0.0),
+            (product(turn(3, 0.05), forward), 0.0, 0.05f64.tan()),
             // A turn about the needle's own axis changes nothing.
-            (product(product(turn(1, -0.1), ahead), turn(3, 1.0)), 0.1f64.tan(), 0.0),
-            (product(turn(3, 0.05), product(ahead, turn(3, -2.0))).map(|part| -part), 0.0, 0.05f64.tan()),
+            (product(product(turn(1, -0.1), forward), turn(3, 1.0)), 0.1f64.tan(), 0.0),
+            (product(turn(3, 0.05), product(forward, turn(3, -2.0))).map(|part| -part), 0.0, 0.05f64.tan()),
         ] {
             let [found_y, found_x] = slopes(q);
             assert!((found_y - y).abs() < 1e-12 && (found_x - x).abs() < 1e-12, "{found_y} {found_x}");
@@ -337,7 +346,7 @@ mod tests {
         assert!(slopes(turn(1, -FRAC_PI_2))[0].is_nan(), "a needle that points out of the tissue");
         assert!(slopes([0.0; 4])[0].is_nan());
 
-        let [w, x, y, z] = product(turn(1, -0.1), ahead);
+        let [w, x, y, z] = product(turn(1, -0.1), forward);
         let rows = format!("1,0,0,1,-5,2,{w},{x},{y},{z},0.01,0.01\n2,0,0,1,-6,2.01,0.5,0,0,0,0.01,0.01\n");
         let recording = read(&rows).expect("reads");
         let directions = recording.run.tip_direction_y_rad.expect("directions");

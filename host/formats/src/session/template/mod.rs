@@ -56,14 +56,14 @@ mod tests {
         let session = Session::read(folder.path()).expect("a valid session");
         assert!(session.lateral.is_empty() && session.insertion.is_empty());
         // Parts to use begin with # alone.
-        let used: String = SESSION
+        let example: String = SESSION
             .lines()
             .map(|line| match line.strip_prefix('#') {
                 Some(part) if !part.starts_with(' ') && !part.is_empty() => format!("{part}\n"),
                 _ => format!("{line}\n"),
             })
             .collect();
-        write("session.toml", &used);
+        write("session.toml", &example);
         for (name, text) in TABLES {
             let columns = text.lines().last().expect("a header").split(',').count();
             write(name, &format!("{text}{}\n", vec!["1"; columns].join(",")));

@@ -129,9 +129,9 @@ mod tests {
     fn tip_directions_and_their_noise_read_back_with_readings_missing() {
         let dir = tempfile::tempdir().expect("a folder");
         let mut writer = SessionWriter::open(dir.path(), &setup()).expect("opens");
-        let mut one = run(vec![0.0, 1e-3, 2e-3]);
-        one.tip_direction_x_rad = Some(vec![-0.0125, f64::NAN, 0.25]);
-        writer.insertion(&one).expect("writes");
+        let mut single_run = run(vec![0.0, 1e-3, 2e-3]);
+        single_run.tip_direction_x_rad = Some(vec![-0.0125, f64::NAN, 0.25]);
+        writer.insertion(&single_run).expect("writes");
         let session = Session::read(dir.path()).expect("reads");
         assert_eq!(session.noise.tip_direction_rad, Some(0.8e-3));
         let read = &session.insertion[0];

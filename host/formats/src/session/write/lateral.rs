@@ -41,11 +41,11 @@ pub struct ShapeRow {
     pub deflection_y_m: f64,
     /// Horizontal deflection.
     pub deflection_x_m: f64,
-    /// How the point was imaged; written where the run is one of images ([`LateralWriter::imaged`]).
+    /// Image of the point; written if the run is one of images ([`LateralWriter::imaged`]).
     pub image: Option<ShapeImage>,
 }
 
-/// A lateral run being written. What has been flushed is a part of the session, even if this program is killed.
+/// A lateral run being written. Flushed rows are a part of the session, even if this program is killed.
 #[derive(Debug)]
 pub struct LateralWriter<'a> {
     session: &'a mut SessionWriter,
@@ -183,7 +183,7 @@ impl<'a> LateralWriter<'a> {
         let is_new = self.force.file.is_none();
         let force = self.force.flush();
         if is_new && self.force.bytes == 0 {
-            // Nothing was recorded: nothing is left that would be in the way of the next attempt.
+            // The run has no rows: nothing is left that would be in the way of the next attempt.
             if self.force.file.take().is_some() {
                 let _ = fs::remove_file(&self.force.path);
             }
@@ -191,12 +191,12 @@ impl<'a> LateralWriter<'a> {
         }
         let flushed = force.and(self.shape.flush());
         if is_new {
-            let made = [&self.force, &self.shape].into_iter().filter(|csv| csv.file.is_some());
-            self.session.made.extend(made.map(|csv| csv.path.clone()));
+            let series_files = [&self.force, &self.shape].into_iter().filter(|csv| csv.file.is_some());
+            self.session.made.extend(series_files.map(|csv| csv.path.clone()));
         }
-        // What there is of a run is a part of the session, also where not all of it could be written.
-        let both = self.force.file.is_some() && self.shape.file.is_some();
-        if is_new && (flushed.is_ok() || both) {
+        // The rows of a run that could be written are a part of the session.
+        let has_both = self.force.file.is_some() && self.shape.file.is_some();
+        if is_new && (flushed.is_ok() || has_both) {
             let entered = self.enter();
             if entered.is_err() {
                 // Files that the session does not name are no part of it, and would be in the way of the next attempt.
@@ -291,19 +291,19 @@ impl CsvFile {
     }
 }
 
-/// What became of rows to be written.
+/// Result of writing rows.
 struct Written {
     /// Whole rows that were written, bytes.
     bytes: usize,
     outcome: std::io::Result<()>,
 }
 
-/// Appends rows. Where not all of them can be written, as on a full disk, those count that are whole.
+/// Appends rows. If some of them cannot be written, as on a full disk, those that are complete count.
 fn write_whole(file: &mut impl Write, rows: &[u8]) -> Written {
     let mut bytes = 0;
     let outcome = loop {
-        let Some(rest) = rows.get(bytes..).filter(|rest| !rest.is_empty()) else { break Ok(()) };
-        match file.write(rest) {
+        let Some(unwritten) = rows.get(bytes..).filter(|rest| !rest.is_empty()) else { break Ok(()) };
+        match file.write(unwritten) {
             Ok(0) => break Err(std::io::ErrorKind::WriteZero.into()),
             Ok(count) => bytes += count,
             Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}

@@ -11,11 +11,10 @@ use std::path::{Path, PathBuf};
 /// The DICOM files in a folder, whatever their names are, but for a directory of them.
 pub(in super::super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingError> {
     let entries = fs::read_dir(folder).map_err(ImagingError::io(folder))?;
-    let is_frame = |path: &PathBuf| {
+    let paths = entries.filter_map(Result::ok).map(|entry| entry.path()).filter(|path| {
         let is_list = path.file_name().is_some_and(|name| name == "DICOMDIR");
         !is_list && !is_hidden(path) && path.is_file() && is_dicom(path)
-    };
-    let paths = entries.filter_map(Result::ok).map(|entry| entry.path()).filter(is_frame);
+    });
     let mut files: Vec<PathBuf> = paths.take(MAX_FRAMES + 1).collect();
     files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
     Ok(files)
@@ -64,10 +63,10 @@ struct Files {
 impl FrameReader for Files {
     fn next(&mut self) -> Result<Frame, ImagingError> {
         loop {
-            if let Some((opened, left)) = &mut self.open
-                && *left > 0
+            if let Some((opened, remaining_frames)) = &mut self.open
+                && *remaining_frames > 0
             {
-                *left -= 1;
+                *remaining_frames -= 1;
                 return opened.pixels.next();
             }
             let Some((path, count)) = self.files.next() else {

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// Longest compressed frame, bytes.
 const MAX_FRAME: usize = 4 * MAX_PIXELS;
 
-/// How pixels are compressed.
+/// Compression of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Coding {
     Plain,
@@ -22,7 +22,7 @@ pub(super) enum Coding {
     Jpeg,
 }
 
-/// What the samples of a pixel are.
+/// Meaning of a pixel's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Colours {
     Grey,
@@ -35,7 +35,7 @@ enum Colours {
     Ybr422,
 }
 
-/// How a frame is laid out.
+/// Layout of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
     size: [usize; 2],
@@ -81,11 +81,11 @@ impl Layout {
         let depth = match allocated {
             Some(8) => Depth::Eight,
             Some(16) if (1..=16).contains(&stored) => {
-                let used = if is_signed { stored - 1 } else { stored };
+                let value_bits = if is_signed { stored - 1 } else { stored };
                 Depth::Sixteen {
                     is_big_endian: header.is_big,
                     is_signed,
-                    shift: (used as u32).saturating_sub(8),
+                    shift: (value_bits as u32).saturating_sub(8),
                 }
             }
             _ => {
@@ -97,10 +97,10 @@ impl Layout {
         if depth != Depth::Eight && !matches!(colours, Colours::Grey | Colours::Inverted) {
             return invalid("BitsAllocated", "16 with colours".to_owned(), "8 with colours");
         }
-        let below = header
+        let shift_bits = header
             .number(HIGH_BIT)
             .map_or(0, |high| (high + 1).saturating_sub(stored).min(16 - stored.min(16)));
-        let stored = [stored as u32, below as u32];
+        let stored = [stored as u32, shift_bits as u32];
         Ok(Self { size, colours, depth, stored, is_planar: header.number(PLANAR) == Some(1) })
     }
 
@@ -119,7 +119,7 @@ impl Layout {
 
     /// The samples without the bits that are none of them.
     fn used(self, mut bytes: Vec<u8>) -> Vec<u8> {
-        let [stored, below] = self.stored;
+        let [stored, shift_bits] = self.stored;
         let Depth::Sixteen { is_big_endian, is_signed, .. } = self.depth else { return bytes };
         if stored == 16 {
             return bytes;
@@ -127,7 +127,7 @@ impl Layout {
         for pair in bytes.as_chunks_mut::<2>().0 {
             let value = if is_big_endian { u16::from_be_bytes(*pair) } else { u16::from_le_bytes(*pair) };
             // To the upper end, which is where a sign is, and down again.
-            let upper = (value >> below) << (16 - stored);
+            let upper = (value >> shift_bits) << (16 - stored);
             let value = if is_signed {
                 (upper.cast_signed() >> (16 - stored)).cast_unsigned()
             } else {
@@ -215,13 +215,12 @@ impl Pixels {
 
     /// The bytes of a compressed frame. One of JPEG may have several fragments: the next one begins with its marker.
     fn compressed(&mut self, field: &str) -> Result<Vec<u8>, ImagingError> {
-        let missing = || {
-            let expected = format!("a fragment for each of {} frames", self.count);
-            ImagingError::invalid(&self.path, field, "missing", expected)
-        };
         let mut whole = match self.ahead.take() {
             Some(ahead) => ahead,
-            None => fragment(&self.path, &mut self.bytes, field)?.ok_or_else(missing)?,
+            None => fragment(&self.path, &mut self.bytes, field)?.ok_or_else(|| {
+                let expected = format!("a fragment for each of {} frames", self.count);
+                ImagingError::invalid(&self.path, field, "missing", expected)
+            })?,
         };
         if self.coding == Coding::Rle {
             return Ok(whole);
@@ -254,17 +253,17 @@ impl Pixels {
         }
         let mut frame = vec![0; segments * pixels];
         for segment in 0..segments {
-            let from = words.get(segment + 1).copied().unwrap_or(0);
-            let to = if segment + 1 < segments { words.get(segment + 2).copied() } else { None };
+            let segment_start = words.get(segment + 1).copied().unwrap_or(0);
+            let segment_end = if segment + 1 < segments { words.get(segment + 2).copied() } else { None };
             let packed = bytes
-                .get(from..to.unwrap_or(bytes.len()))
+                .get(segment_start..segment_end.unwrap_or(bytes.len()))
                 .ok_or_else(|| problem("a segment beyond its end"))?;
             // Samples lie pixel by pixel, the low byte of one first.
             let (sample, byte) = (segment / size, size - 1 - segment % size);
             let mut slots = frame.iter_mut().skip(sample * size + byte).step_by(segments);
             let mut packed = packed.iter().copied();
-            let mut left = pixels;
-            while left > 0 {
+            let mut remaining_pixels = pixels;
+            while remaining_pixels > 0 {
                 let count = packed.next().ok_or_else(|| problem("a segment ends early"))?.cast_signed();
                 let run = 1 + usize::from(count.unsigned_abs());
                 let mut put = |value: Option<u8>| -> Result<(), ImagingError> {
@@ -276,13 +275,13 @@ impl Pixels {
                 };
                 match count {
                     i8::MIN => continue,
-                    0.. => (0..run.min(left)).try_for_each(|_| put(packed.next()))?,
+                    0.. => (0..run.min(remaining_pixels)).try_for_each(|_| put(packed.next()))?,
                     _ => {
                         let value = packed.next();
-                        (0..run.min(left)).try_for_each(|_| put(value))?;
+                        (0..run.min(remaining_pixels)).try_for_each(|_| put(value))?;
                     }
                 }
-                left -= run.min(left);
+                remaining_pixels -= run.min(remaining_pixels);
             }
         }
         Ok(frame)

@@ -25,44 +25,48 @@ impl Grid {
         let count = (1e3 * last_m + 1e-6).floor().max(0.0) as usize;
         let depth_m: Vec<f64> = (0..=count).map(|i| 1e-3 * i as f64).collect();
         let medians = |values: &[f64]| -> Vec<Option<f64>> {
-            let near = |at_m: &f64| {
-                let rows = run.depth_m.iter().zip(values).filter(|(m, _)| (*m - at_m).abs() <= NEAR_M);
-                let median_m = median(rows.map(|(_, value)| *value).collect());
-                median_m.is_finite().then_some(1e3 * median_m)
-            };
-            depth_m.iter().map(near).collect()
+            depth_m
+                .iter()
+                .map(|at_m| {
+                    let rows = run.depth_m.iter().zip(values).filter(|(m, _)| (*m - at_m).abs() <= NEAR_M);
+                    let median_m = median(rows.map(|(_, value)| *value).collect());
+                    median_m.is_finite().then_some(1e3 * median_m)
+                })
+                .collect()
         };
         let measured_y_mm = medians(&run.tip_y_m);
         let measured_x_mm = run.tip_x_m.as_deref().map(medians);
-        let rows_near =
-            |at_m: &f64| run.depth_m.iter().filter(|m| (*m - at_m).abs() <= NEAR_M).count() as f64;
-        let counts =
-            depth_m.iter().filter(|at_m| **at_m <= until_m).map(rows_near).filter(|rows| *rows > 0.0);
+        let counts = depth_m
+            .iter()
+            .filter(|at_m| **at_m <= until_m)
+            .map(|at_m| run.depth_m.iter().filter(|m| (*m - at_m).abs() <= NEAR_M).count() as f64)
+            .filter(|rows| *rows > 0.0);
         let rows = median(counts.collect()).max(1.0);
         Self { depth_m, until_m, measured_y_mm, measured_x_mm, rows }
     }
 
     /// The observed part as a careful user would tabulate it: medians at every fifth millimetre, where the needle rests.
     pub fn stops(&self, planes: usize) -> Vec<Bin> {
-        let at = |list: &[Option<f64>], i: usize| list.get(i).copied().flatten();
-        let observed =
-            |i: &usize| self.depth_m.get(*i).is_some_and(|depth_m| *depth_m <= self.until_m + 1e-9);
-        let stop = |i: usize| {
-            let y_mm = at(&self.measured_y_mm, i)?;
-            let x_mm = if planes == 2 { at(self.measured_x_mm.as_deref()?, i)? } else { 0.0 };
-            Some(Bin {
-                depth_m: self.depth_m[i],
-                tip_m: [1e-3 * y_mm, 1e-3 * x_mm],
-                direction_rad: [None; 2],
-                rows: 1.0,
-                moving: false,
-                leaving: false,
+        let value_at = |list: &[Option<f64>], i: usize| list.get(i).copied().flatten();
+        (0..)
+            .step_by(5)
+            .take_while(|i| self.depth_m.get(*i).is_some_and(|depth_m| *depth_m <= self.until_m + 1e-9))
+            .filter_map(|i| {
+                let y_mm = value_at(&self.measured_y_mm, i)?;
+                let x_mm = if planes == 2 { value_at(self.measured_x_mm.as_deref()?, i)? } else { 0.0 };
+                Some(Bin {
+                    depth_m: self.depth_m[i],
+                    tip_m: [1e-3 * y_mm, 1e-3 * x_mm],
+                    direction_rad: [None; 2],
+                    rows: 1.0,
+                    moving: false,
+                    leaving: false,
+                })
             })
-        };
-        (0..).step_by(5).take_while(observed).filter_map(stop).collect()
+            .collect()
     }
 
-    /// What was measured, for comparison with a prediction.
+    /// Measured path, for comparison with a prediction.
     pub fn measured(&self) -> Measured<'_> {
         Measured {
             until_mm: 1e3 * self.until_m,
@@ -97,22 +101,25 @@ impl Grid {
         load_n: &[Vec<Moments>],
         reading_m: f64,
     ) -> InsertionResult {
-        let until_m = self.until_m;
+        let end_m = self.until_m;
         // The band is that of the values measured.
         let noise_m = self.noise_m(observed, posterior, reading_m);
         let two_planes = run.tip_x_m.is_some();
         let tips = posterior.tip_m(&self.depth_m);
-        let of = |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {
-            list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
+        let plane_values =
+            |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {
+                list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
+            };
+        let tip = |plane: usize, sds: f64| {
+            plane_values(&tips, plane, &|m| 1e3 * (m.mean + sds * m.sd.hypot(noise_m)))
         };
-        let tip = |plane: usize, sds: f64| of(&tips, plane, &|m| 1e3 * (m.mean + sds * m.sd.hypot(noise_m)));
         let loads = load_n.get(..self.depth_m.len()).unwrap_or_default();
         let load = |plane: usize| PlaneResult {
-            force_n: of(loads, plane, &|m| m.mean),
-            sd_n: of(loads, plane, &|m| m.sd),
+            force_n: plane_values(loads, plane, &|m| m.mean),
+            sd_n: plane_values(loads, plane, &|m| m.sd),
         };
-        let both = tips.first().is_some_and(|planes| planes.len() == 2);
-        let x = |sds: f64| (two_planes && both).then(|| tip(1, sds));
+        let has_two_planes = tips.first().is_some_and(|planes| planes.len() == 2);
+        let x = |sds: f64| (two_planes && has_two_planes).then(|| tip(1, sds));
         let tip_y_mm = tip(0, 0.0);
         let tip_x_mm = x(0.0);
         let at_end = load_n.last().cloned().unwrap_or_default();
@@ -121,15 +128,15 @@ impl Grid {
         let last_measured_mm = measured.last_mm();
         let (lo95_y_mm, hi95_y_mm) = (tip(0, -NORMAL_975), tip(0, NORMAL_975));
         let (lo95_x_mm, hi95_x_mm) = (x(-NORMAL_975), x(NORMAL_975));
-        let across = lo95_x_mm.as_deref().zip(hi95_x_mm.as_deref());
-        let [band_readings, band_held] = measured.held([&lo95_y_mm, &hi95_y_mm], across);
+        let band_x = lo95_x_mm.as_deref().zip(hi95_x_mm.as_deref());
+        let [band_readings, band_held] = measured.held([&lo95_y_mm, &hi95_y_mm], band_x);
         let interval = |plane: usize| {
             let load: &Moments = at_end.get(plane)?;
             Some([-NORMAL_975, NORMAL_975].map(|sds| load.mean + sds * load.sd))
         };
         InsertionResult {
             id: run.id.clone(),
-            identified_until_mm: 1e3 * until_m,
+            identified_until_mm: 1e3 * end_m,
             tip_force_n: at_end.first().map(|m| m.mean),
             tip_force_sd_n: at_end.first().map(|m| m.sd),
             tip_force_x_n: at_end.get(1).map(|m| m.mean),
@@ -143,7 +150,7 @@ impl Grid {
             lo95_x_mm,
             hi95_x_mm,
             load_y: load(0),
-            load_x: both.then(|| load(1)),
+            load_x: has_two_planes.then(|| load(1)),
             mae_mm,
             last_error_mm,
             last_measured_mm,

@@ -12,7 +12,8 @@ pub struct LearnedResult {
     pub from: Vec<String>,
     /// Foundation modulus just below the surface, of this insertion: what all insertions share and its own difference.
     pub k_kpa: f64,
-    /// Its 95 % interval. Of a bound: the value that holds with 95 %, and the end of the range.
+    /// Its 95 % interval. Bounds in place of an interval: the value that holds with 95 %, and the
+    /// end of the range.
     pub k_ci95_kpa: [f64; 2],
     /// K over the needle's bending stiffness, where that is not known; K itself then refers to the reference needle.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -62,13 +63,17 @@ pub struct RearResult {
 impl RearResult {
     /// From the difference of the share, which grows as the stiffness falls.
     fn new((share, determined): (Moments, Identifiability), rear: &Rear) -> Self {
-        let at = |sds: f64| rear.stiffness_n_m_per_rad(share.mean + sds * share.sd);
+        let stiffness_at = |sds: f64| rear.stiffness_n_m_per_rad(share.mean + sds * share.sd);
         let ends = match determined {
             Identifiability::LowerBound => [NORMAL_95, f64::NEG_INFINITY],
             Identifiability::UpperBound => [f64::INFINITY, -NORMAL_95],
             Identifiability::Identified | Identifiability::NotIdentified => [NORMAL_975, -NORMAL_975],
         };
-        Self { n_m_per_rad: at(0.0), ci95_n_m_per_rad: ends.map(at), status: determined.name() }
+        Self {
+            n_m_per_rad: stiffness_at(0.0),
+            ci95_n_m_per_rad: ends.map(stiffness_at),
+            status: determined.name(),
+        }
     }
 
     /// As text.
@@ -95,19 +100,19 @@ impl LearnedResult {
         let [k_determined, gap_determined] = posterior.determined();
         let [[k_low, k_high], [gap_low, gap_high]] = posterior.range();
         let interval = |ln: Moments, determined: Identifiability, unit: f64, [low, high]: [f64; 2]| {
-            let at = |sds: f64| unit * (ln.mean + sds * ln.sd).exp();
+            let modulus_at = |sds: f64| unit * (ln.mean + sds * ln.sd).exp();
             match determined {
-                Identifiability::LowerBound => [at(-NORMAL_95), (unit * high).max(at(0.0))],
-                Identifiability::UpperBound => [(unit * low).min(at(0.0)), at(NORMAL_95)],
+                Identifiability::LowerBound => [modulus_at(-NORMAL_95), (unit * high).max(modulus_at(0.0))],
+                Identifiability::UpperBound => [(unit * low).min(modulus_at(0.0)), modulus_at(NORMAL_95)],
                 Identifiability::Identified | Identifiability::NotIdentified => {
-                    [at(-NORMAL_975), at(NORMAL_975)]
+                    [modulus_at(-NORMAL_975), modulus_at(NORMAL_975)]
                 }
             }
         };
         let angles = posterior.entry_angle_rad();
         let rear = |plane: usize| {
-            let found = posterior.rear_share()?[plane]?;
-            Some(RearResult::new(found, tissue.rear.as_ref()?))
+            let rear_estimate = posterior.rear_share()?[plane]?;
+            Some(RearResult::new(rear_estimate, tissue.rear.as_ref()?))
         };
         let k_kpa = surface_kpa * factor.mean.exp();
         let k_ci95_kpa = interval(factor, k_determined, surface_kpa, [k_low, k_high]);

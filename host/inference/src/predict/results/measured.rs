@@ -1,9 +1,9 @@
-//! How far a prediction is from what was measured beyond the observed part.
+//! Difference between prediction and measurement beyond the observed part.
 
 /// Rounding of a depth.
 const ROUNDING_MM: f64 = 1e-6;
 
-/// What was measured at every millimetre from 0 on, beside the depth up to which it was observed.
+/// Measured path at every millimetre from 0 on, and the depth up to which it was observed.
 #[derive(Clone, Copy)]
 pub(in crate::predict) struct Measured<'a> {
     pub until_mm: f64,
@@ -21,29 +21,31 @@ impl Measured<'_> {
         let miss = |tip: &[f64], measured: &[Option<f64>], at: usize| {
             Some(tip.get(at)? - measured.get(at).copied().flatten()?)
         };
-        let distance = |at: usize| {
-            let y = miss(tip_y_mm, self.y_mm, at)?;
-            let x = match (tip_x_mm, self.x_mm) {
-                (Some(tip), Some(measured)) => miss(tip, measured, at)?,
-                _ => 0.0,
-            };
-            Some(y.hypot(x))
-        };
-        let beyond = (0..self.y_mm.len()).filter(|at| self.is_beyond(*at));
-        let distances: Vec<f64> = beyond.filter_map(distance).collect();
+        let beyond_indices = (0..self.y_mm.len()).filter(|at| self.is_beyond(*at));
+        let distances: Vec<f64> = beyond_indices
+            .filter_map(|at| {
+                let y = miss(tip_y_mm, self.y_mm, at)?;
+                let x = match (tip_x_mm, self.x_mm) {
+                    (Some(tip), Some(measured)) => miss(tip, measured, at)?,
+                    _ => 0.0,
+                };
+                Some(y.hypot(x))
+            })
+            .collect();
         let mean = distances.iter().sum::<f64>() / distances.len() as f64;
         ((!distances.is_empty()).then_some(mean), distances.last().copied())
     }
 
-    /// How many values are measured beyond the observed part in all planes, and how many of them lie in their band of low and high ends.
+    /// Number of values measured beyond the observed part in all planes, and of those in their band of low and high
+    /// ends.
     pub fn held(&self, y_mm: [&[f64]; 2], x_mm: Option<(&[f64], &[f64])>) -> [usize; 2] {
-        let mut held = [0; 2];
+        let mut held_counts = [0; 2];
         let mut plane = |measured_mm: &[Option<f64>], [low_mm, high_mm]: [&[f64]; 2]| {
             let bands = low_mm.iter().zip(high_mm).zip(measured_mm).enumerate();
             for (at, ((low_mm, high_mm), measured_mm)) in bands {
                 if let (Some(measured_mm), true) = (measured_mm, self.is_beyond(at)) {
-                    held[0] += 1;
-                    held[1] += usize::from((low_mm..=high_mm).contains(&measured_mm));
+                    held_counts[0] += 1;
+                    held_counts[1] += usize::from((low_mm..=high_mm).contains(&measured_mm));
                 }
             }
         };
@@ -51,12 +53,14 @@ impl Measured<'_> {
         if let (Some(measured_mm), Some((low_mm, high_mm))) = (self.x_mm, x_mm) {
             plane(measured_mm, [low_mm, high_mm]);
         }
-        held
+        held_counts
     }
 
     /// The last depth measured beyond the observed part.
     pub fn last_mm(&self) -> Option<f64> {
-        let measured = |at: &usize| self.is_beyond(*at) && self.y_mm.get(*at).copied().flatten().is_some();
-        (0..self.y_mm.len()).rev().find(measured).map(|at| at as f64)
+        (0..self.y_mm.len())
+            .rev()
+            .find(|at| self.is_beyond(*at) && self.y_mm.get(*at).copied().flatten().is_some())
+            .map(|at| at as f64)
     }
 }

@@ -96,12 +96,12 @@ impl Field {
     /// Stress on a plane across an axis.
     pub fn traction(&self, axis: usize, poisson: f64) -> [f64; 3] {
         let shear = 0.5 / (1.0 + poisson);
-        // Of a nearly incompressible body the dilatation is small in itself, so that the product keeps its digits.
+        // The dilatation of a nearly incompressible body is small in itself, so that the product keeps its digits.
         let lambda = poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
         let dilatation: f64 = (0..3).map(|i| self.0[i].slope[i]).sum();
         std::array::from_fn(|i| {
-            let own = if i == axis { lambda * dilatation } else { 0.0 };
-            own + shear * (self.0[i].slope[axis] + self.0[axis].slope[i])
+            let dilatation_part = if i == axis { lambda * dilatation } else { 0.0 };
+            dilatation_part + shear * (self.0[i].slope[axis] + self.0[axis].slope[i])
         })
     }
 }
@@ -116,32 +116,32 @@ pub(super) fn point_forces(place: [f64; 3], source: [f64; 3], poisson: f64) -> [
     let x = Jet::along(0, place[0] - source[0]);
     let y = Jet::along(1, place[1] - source[1]);
     let z = Jet::along(2, place[2]);
-    let (below, above) = (-c + z, c + z);
+    let (depth_difference, depth_sum) = (-c + z, c + z);
     let flat = x * x + y * y;
-    let r1 = (flat + below * below).sqrt().recip();
-    let r2_length = (flat + above * above).sqrt();
+    let r1 = (flat + depth_difference * depth_difference).sqrt().recip();
+    let r2_length = (flat + depth_sum * depth_sum).sqrt();
     let r2 = r2_length.recip();
     let (r1_3, r2_3) = (r1 * r1 * r1, r2 * r2 * r2);
     let cz = c * z;
     let cz_5 = 6.0 * (cz * r2_3 * (r2 * r2));
-    let edge = (r2_length + above).recip();
-    // What a product of two horizontal coordinates is multiplied by, and what is added along the force.
+    let edge = (r2_length + depth_sum).recip();
+    // Factor of a product of two horizontal coordinates, and the term that is added along the force.
     let product = r1_3 + k * r2_3 - cz_5 - surface * (r2 * (edge * edge));
-    let along = k * r1 + r2 + 2.0 * (cz * r2_3) + surface * edge;
+    let along_force = k * r1 + r2 + 2.0 * (cz * r2_3) + surface * edge;
     // Vertical displacement of a horizontal force per coordinate, and horizontal displacement of a vertical force.
-    let plain = below * r1_3 + k * (below * r2_3);
-    let bent = cz_5 * above - surface * (r2 * edge);
-    let (down, out) = (plain - bent, plain + bent);
+    let plain = depth_difference * r1_3 + k * (depth_difference * r2_3);
+    let bent = cz_5 * depth_sum - surface * (r2 * edge);
+    let (axial_part, radial_part) = (plain - bent, plain + bent);
     let vertical = k * r1
         + (8.0 * (1.0 - poisson).powi(2) - k) * r2
-        + below * below * r1_3
-        + (k * (above * above) - 2.0 * cz) * r2_3
-        + cz_5 * (above * above);
+        + depth_difference * depth_difference * r1_3
+        + (k * (depth_sum * depth_sum) - 2.0 * cz) * r2_3
+        + cz_5 * (depth_sum * depth_sum);
     let scaled = |field: [Jet; 3]| Field(field.map(|jet| unit * jet));
     [
-        scaled([along + x * x * product, x * y * product, x * down]),
-        scaled([x * y * product, along + y * y * product, y * down]),
-        scaled([x * out, y * out, vertical]),
+        scaled([along_force + x * x * product, x * y * product, x * axial_part]),
+        scaled([x * y * product, along_force + y * y * product, y * axial_part]),
+        scaled([x * radial_part, y * radial_part, vertical]),
     ]
 }
 
@@ -161,12 +161,12 @@ mod tests {
             for axis in 0..3 {
                 for side in [-1.0, 1.0] {
                     for i in 0..count * count {
-                        let at = |i: usize| half * (-1.0 + 2.0 * (i as f64 + 0.5) / count as f64);
-                        let mut place = source;
-                        place[axis] += side * half;
-                        place[(axis + 1) % 3] += at(i / count);
-                        place[(axis + 2) % 3] += at(i % count);
-                        let stress = point_forces(place, source, POISSON)[force].traction(axis, POISSON);
+                        let midpoint = |i: usize| half * (-1.0 + 2.0 * (i as f64 + 0.5) / count as f64);
+                        let mut shifted = source;
+                        shifted[axis] += side * half;
+                        shifted[(axis + 1) % 3] += midpoint(i / count);
+                        shifted[(axis + 2) % 3] += midpoint(i % count);
+                        let stress = point_forces(shifted, source, POISSON)[force].traction(axis, POISSON);
                         let area = (2.0 * half / count as f64).powi(2);
                         sum.iter_mut().zip(stress).for_each(|(sum, t)| *sum += side * area * t);
                     }
@@ -184,11 +184,15 @@ mod tests {
     #[test]
     fn forces_are_reciprocal_and_the_field_in_equilibrium() {
         let (a, b) = ([0.3, 0.1, 0.4], [-0.5, 0.2, 1.1]);
-        let (there, back) = (point_forces(a, b, POISSON), point_forces(b, a, POISSON));
-        for (i, there) in there.iter().enumerate() {
-            for (j, back) in back.iter().enumerate() {
-                let [one, other] = [there.displacement()[j], back.displacement()[i]];
-                assert!((one - other).abs() < 1e-12, "{i} {j}: {one} {other}");
+        let (forward_field, backward_field) = (point_forces(a, b, POISSON), point_forces(b, a, POISSON));
+        for (i, forward_field) in forward_field.iter().enumerate() {
+            for (j, backward_field) in backward_field.iter().enumerate() {
+                let [forward_value, backward_value] =
+                    [forward_field.displacement()[j], backward_field.displacement()[i]];
+                assert!(
+                    (forward_value - backward_value).abs() < 1e-12,
+                    "{i} {j}: {forward_value} {backward_value}"
+                );
             }
         }
         let step = 1e-4;
@@ -196,12 +200,12 @@ mod tests {
             for i in 0..3 {
                 let sum: f64 = (0..3)
                     .map(|axis| {
-                        let at = |side: f64| {
-                            let mut place = a;
-                            place[axis] += side * step;
-                            point_forces(place, b, POISSON)[force].traction(axis, POISSON)[i]
+                        let shifted_by = |side: f64| {
+                            let mut shifted = a;
+                            shifted[axis] += side * step;
+                            point_forces(shifted, b, POISSON)[force].traction(axis, POISSON)[i]
                         };
-                        (at(1.0) - at(-1.0)) / (2.0 * step)
+                        (shifted_by(1.0) - shifted_by(-1.0)) / (2.0 * step)
                     })
                     .sum();
                 assert!(sum.abs() < 1e-6, "{force} {i}: {sum}");

@@ -33,9 +33,9 @@ fn compared_with_elements(every: usize) -> [f64; 2] {
         );
         let (depth_m, poisson) = (1e-3 * number(5), number(6));
         let added = added(&block, poisson, depth_m).map(|row| row.map(|value| value * depth_m));
-        let found = with_walls(&uniform(depth_m / RADIUS_M, poisson), &added).expect("a body");
+        let with_block = with_walls(&uniform(depth_m / RADIUS_M, poisson), &added).expect("a body");
         for (i, worst) in worst.iter_mut().enumerate() {
-            *worst = worst.max((found[i][i] / number(9 + i * (i + 3) / 2) - 1.0).abs());
+            *worst = worst.max((with_block[i][i] / number(9 + i * (i + 3) / 2) - 1.0).abs());
         }
     }
     worst
@@ -70,8 +70,11 @@ fn a_box_of_twice_the_width_gives_as_a_coaxial_shell_does() {
         let shear = 0.5 / (1.0 + poisson);
         let expected =
             (3.0 - 4.0 * poisson) * 2f64.ln() / (8.0 * std::f64::consts::PI * shear * (1.0 - poisson));
-        let found = middle_per_load(60.0) - middle_per_load(30.0);
-        assert!((found / expected - 1.0).abs() < 0.01, "{poisson}: {found} {expected}");
+        let middle_difference = middle_per_load(60.0) - middle_per_load(30.0);
+        assert!(
+            (middle_difference / expected - 1.0).abs() < 0.01,
+            "{poisson}: {middle_difference} {expected}"
+        );
     }
 }
 
@@ -83,21 +86,21 @@ fn a_free_column_bends_and_shears() {
     let arm_m: f64 = length_m - 0.5 * depth_m;
     let bending = arm_m.powi(3) / (3.0 * edge_m.powi(4) / 12.0);
     let shearing = arm_m / (5.0 / 6.0 * 0.5 / (1.0 + poisson) * edge_m * edge_m);
-    let found = added(&column, poisson, depth_m)[0][0];
-    assert!((found / (bending + shearing) - 1.0).abs() < 0.06, "{found} {bending} {shearing}");
+    let flexibility = added(&column, poisson, depth_m)[0][0];
+    assert!((flexibility / (bending + shearing) - 1.0).abs() < 0.06, "{flexibility} {bending} {shearing}");
 }
 
 /// Far walls change nothing, the flexibility is symmetric, and a block seen from the other plane is itself.
 #[test]
 fn far_walls_change_nothing_and_planes_are_alike() {
     let depth_m = 0.03;
-    let far = added(&Block::cube(2.0, Mounting::Held), 0.5, depth_m);
-    let own = uniform(depth_m / RADIUS_M, 0.5)[0][0] * depth_m;
-    assert!((far[0][0] * own).abs() < 0.02, "{}", far[0][0] * own);
+    let distant = added(&Block::cube(2.0, Mounting::Held), 0.5, depth_m);
+    let half_space_stiffness = uniform(depth_m / RADIUS_M, 0.5)[0][0] * depth_m;
+    assert!((distant[0][0] * half_space_stiffness).abs() < 0.02, "{}", distant[0][0] * half_space_stiffness);
     let oblong = block([60.0, 90.0, 50.0], [20.0, 40.0], Mounting::Held, Mounting::Free);
     let y = added(&oblong, 0.49, depth_m);
-    let turned = added(&oblong.turned().turned(), 0.49, depth_m);
-    assert_eq!(y, turned);
+    let turned_twice = added(&oblong.turned().turned(), 0.49, depth_m);
+    assert_eq!(y, turned_twice);
     assert!((y[1][2] - y[2][1]).abs() < 1e-9 * y[0][0].abs());
     // The wall that is nearer stiffens more.
     let x = added(&oblong.turned(), 0.49, depth_m);

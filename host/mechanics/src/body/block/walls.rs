@@ -1,4 +1,5 @@
-//! What the walls of a block change: the displacement along the needle under a point force on it, less that in a half space.
+//! Effect of the walls of a block: the displacement along the needle under a point force on it, less that in a half
+//! space.
 //!
 //! Method of fundamental solutions: outside the block, point forces in the half space ([`point_forces`]), so that the surface stays
 //! free; their strengths are those that leave least of displacement on held walls and of traction on free ones (theory, eq. 15).
@@ -76,20 +77,20 @@ impl Kernel {
         let folded = |at_m: f64, edge_m: f64| at_m.min(edge_m - at_m) / length;
         let needle = [folded(block.needle_at_m[0], width), folded(block.needle_at_m[1], height)];
         let quarter = Quarter { half, needle, sides: block.sides, far_side: block.far_side };
-        let near = needle[0].min(needle[1]);
+        let nearest_side = needle[0].min(needle[1]);
         // Forces next to each other move the needle alike as far as the walls are away.
-        let count = (1.6 / near).ceil().clamp(20.0, 48.0) as usize;
-        let along = nodes(DEPTHS, count);
+        let count = (1.6 / nearest_side).ceil().clamp(20.0, 48.0) as usize;
+        let depth_nodes = nodes(DEPTHS, count);
         let mut spacing = SPACING;
         while quarter.sources(spacing).len() > MAX_SOURCES {
             spacing *= 1.1;
         }
         let (sources, walls) = (quarter.sources(spacing), quarter.points(spacing / DENSER));
-        let sums = quarter.sums(poisson, &sources, &walls, &along);
+        let sums = quarter.sums(poisson, &sources, &walls, &depth_nodes);
         let of_class = |class: usize| sums.of_class(class, &walls);
-        let all: Result<Vec<DMatrix<f64>>, ModelError> =
+        let class_systems: Result<Vec<DMatrix<f64>>, ModelError> =
             (0..CLASSES.len()).into_par_iter().map(of_class).collect();
-        let sum = all?.into_iter().fold(DMatrix::zeros(2 * count, 2 * count), |sum, one| sum + one);
+        let sum = class_systems?.into_iter().fold(DMatrix::zeros(2 * count, 2 * count), |sum, one| sum + one);
         let response = 0.5 * (&sum + sum.transpose());
         Ok(Self { count, response })
     }
@@ -97,7 +98,7 @@ impl Kernel {
 
 /// Places between two ends and the spacing at each, which is `apart` there.
 fn graded([from, to]: [f64; 2], apart: impl Fn(f64) -> f64) -> Vec<[f64; 2]> {
-    // How many places there are up to each of many: the trapezoidal rule over the density.
+    // Number of positions up to each of many: the trapezoidal rule over the density.
     let fine = |i: usize| from + (to - from) * i as f64 / FINE as f64;
     let step = (to - from) / FINE as f64;
     let mut up_to = vec![0.0];
@@ -105,13 +106,13 @@ fn graded([from, to]: [f64; 2], apart: impl Fn(f64) -> f64) -> Vec<[f64; 2]> {
         up_to.push(up_to[i] + 0.5 * step * (apart(fine(i)).recip() + apart(fine(i + 1)).recip()));
     }
     let count = up_to[FINE].ceil().max(2.0);
-    let each = up_to[FINE] / count;
+    let cell_length = up_to[FINE] / count;
     (0..count as usize)
         .map(|place| {
-            let wanted = (place as f64 + 0.5) * each;
-            let i = up_to.partition_point(|n| *n < wanted).clamp(1, FINE);
-            let x = fine(i - 1) + step * (wanted - up_to[i - 1]) / (up_to[i] - up_to[i - 1]);
-            [x, each * apart(x)]
+            let target_length = (place as f64 + 0.5) * cell_length;
+            let i = up_to.partition_point(|n| *n < target_length).clamp(1, FINE);
+            let x = fine(i - 1) + step * (target_length - up_to[i - 1]) / (up_to[i] - up_to[i - 1]);
+            [x, cell_length * apart(x)]
         })
         .collect()
 }
@@ -131,24 +132,28 @@ impl Quarter {
     fn grid(&self, axis: usize, near: f64, spacing: f64, beyond: f64) -> Vec<([f64; 2], [f64; 2], f64)> {
         let least = (2.0 * self.half[0]).min(2.0 * self.half[1]).min(1.0);
         // A wall resolves what the needle does to it, how the block deforms as a whole, and more of that at its edges.
-        let apart = |from_needle: f64, from_edge: f64| {
+        let distance_scale = |from_needle: f64, from_edge: f64| {
             spacing * near.hypot(from_needle).min(least * WHOLE).min(least * EDGE + from_edge)
         };
         let edge = -beyond * least * EDGE;
-        let across =
-            |axis: usize| graded([edge, self.half[axis]], |x| apart(x - self.needle[axis], x.max(0.0)));
-        let (first, second) = match axis {
-            0 | 1 => (across(1 - axis), graded([0.0, 1.0 - edge], |z| apart(0.0, z.min(1.0 - z).max(0.0)))),
-            _ => (across(0), across(1)),
+        let axis_nodes = |axis: usize| {
+            graded([edge, self.half[axis]], |x| distance_scale(x - self.needle[axis], x.max(0.0)))
         };
-        let off = |axis: usize, at: f64| at - self.needle[axis];
+        let (first, second) = match axis {
+            0 | 1 => (
+                axis_nodes(1 - axis),
+                graded([0.0, 1.0 - edge], |z| distance_scale(0.0, z.min(1.0 - z).max(0.0))),
+            ),
+            _ => (axis_nodes(0), axis_nodes(1)),
+        };
+        let offset_along = |axis: usize, at: f64| at - self.needle[axis];
         first
             .iter()
             .flat_map(|a| second.iter().map(move |b| (*a, *b)))
             .map(|([a, apart_a], [b, apart_b]): ([f64; 2], [f64; 2])| {
                 let distance = match axis {
-                    0 | 1 => near.hypot(off(1 - axis, a)),
-                    _ => near.hypot(off(0, a)).hypot(off(1, b)),
+                    0 | 1 => near.hypot(offset_along(1 - axis, a)),
+                    _ => near.hypot(offset_along(0, a)).hypot(offset_along(1, b)),
                 };
                 ([a, b], [apart_a, apart_b], distance)
             })
@@ -166,8 +171,8 @@ impl Quarter {
     fn sources(&self, spacing: f64) -> Vec<[f64; 3]> {
         let of_wall = |(axis, near, _): (usize, f64, Mounting)| {
             self.grid(axis, near, spacing, 0.5 * spacing).into_iter().map(move |(at, apart, _)| {
-                let outside = OUTSIDE * apart[0].max(apart[1]);
-                Self::place(axis, if axis == 2 { 1.0 + outside } else { -outside }, at)
+                let source_distance = OUTSIDE * apart[0].max(apart[1]);
+                Self::place(axis, if axis == 2 { 1.0 + source_distance } else { -source_distance }, at)
             })
         };
         self.walls().into_iter().flat_map(of_wall).collect()
@@ -186,7 +191,7 @@ impl Quarter {
         self.walls().into_iter().flat_map(of_wall).collect()
     }
 
-    /// What is measured at a place of unit forces along x, y and z at a source and its images, in every class.
+    /// Measurement at a position for unit forces along x, y and z at a source and its images, in every class.
     fn symmetric<const N: usize>(
         &self,
         place: [f64; 3],
@@ -196,19 +201,19 @@ impl Quarter {
     ) -> [[[f64; N]; 3]; 4] {
         let mut sums = [[[0.0; N]; 3]; 4];
         for is_image in [[false, false], [true, false], [false, true], [true, true]] {
-            let mut at = source;
+            let mut image = source;
             for axis in 0..2 {
                 if is_image[axis] {
-                    at[axis] = 2.0 * self.half[axis] - source[axis];
+                    image[axis] = 2.0 * self.half[axis] - source[axis];
                 }
             }
-            for (force, field) in point_forces(place, at, poisson).iter().enumerate() {
+            for (force, field) in point_forces(place, image, poisson).iter().enumerate() {
                 let values = measured(field);
                 // The image of a force across its own direction points back.
-                let turned = if force < 2 && is_image[force] { -1.0 } else { 1.0 };
+                let orientation = if force < 2 && is_image[force] { -1.0 } else { 1.0 };
                 for (sum, class) in sums.iter_mut().zip(CLASSES) {
                     let parity: f64 = (0..2).filter(|axis| is_image[*axis]).map(|axis| class[axis]).product();
-                    let sign = turned * parity;
+                    let sign = orientation * parity;
                     sum[force].iter_mut().zip(values).for_each(|(sum, value)| *sum += sign * value);
                 }
             }
@@ -222,8 +227,9 @@ impl Quarter {
         let of_point = |point: &Point| {
             let measured = |field: &Field| {
                 let (moved, stress) = (field.displacement(), field.traction(point.axis, poisson));
-                let [wanted, other] = if point.is_held { [moved, stress] } else { [stress, moved] };
-                std::array::from_fn::<f64, 6, _>(|i| if i < 3 { wanted[i] } else { other[i - 3] })
+                let [imposed, remaining_field] =
+                    if point.is_held { [moved, stress] } else { [stress, moved] };
+                std::array::from_fn::<f64, 6, _>(|i| if i < 3 { imposed[i] } else { remaining_field[i - 3] })
             };
             let of_sources =
                 sources.iter().map(|source| self.symmetric(point.place, *source, poisson, measured));
@@ -265,7 +271,7 @@ impl Sums {
     fn of_class(&self, class: usize, walls: &[Point]) -> Result<DMatrix<f64>, ModelError> {
         let (rows, depths) = (3 * walls.len(), self.on_needle.len());
         let columns = 3 * self.of_sources.first().map_or(0, Vec::len);
-        let part = |other: usize| {
+        let class_matrix = |other: usize| {
             let matrix = DMatrix::from_fn(rows, columns, |row, column| {
                 self.of_sources[row / 3][column / 3][class][column % 3][row % 3 + other]
             });
@@ -276,9 +282,9 @@ impl Sums {
             });
             (matrix, loads)
         };
-        let (wanted, loads) = part(0);
+        let (imposed_rows, loads) = class_matrix(0);
         let weight = |point: &Point| if point.is_held { 1.0 } else { self.slenderness * point.distance };
-        let mut weighted = wanted.clone();
+        let mut weighted = imposed_rows.clone();
         let mut right = -&loads;
         for row in 0..rows {
             weighted.row_mut(row).scale_mut(weight(&walls[row / 3]));
@@ -302,16 +308,18 @@ impl Sums {
         let on_needle = DMatrix::from_fn(2 * depths, columns, |row, column| {
             self.on_needle[row % depths][column / 3][class][column % 3][row / depths]
         });
-        // What the walls are left with does work on the field of the other force (Betti): an error of first order becomes one of second.
-        let (others, other_loads) = part(3);
-        let (mut left, reached) = (wanted * &strengths + loads, others * &strengths + other_loads);
+        // The remaining tractions of the walls do work on the field of the other force (Betti): an error of first order
+        // becomes one of second.
+        let (other_rows, other_loads) = class_matrix(3);
+        let (mut residual, reached) =
+            (imposed_rows * &strengths + loads, other_rows * &strengths + other_loads);
         for row in 0..rows {
             let point = &walls[row / 3];
             // Walls of the quarter lie across the negative axes but for the far side.
             let outward = if point.axis == 2 { 1.0 } else { -1.0 };
             let sign = if point.is_held { outward } else { -outward };
-            left.row_mut(row).scale_mut(4.0 * sign * point.area);
+            residual.row_mut(row).scale_mut(4.0 * sign * point.area);
         }
-        Ok(on_needle * strengths + reached.tr_mul(&left))
+        Ok(on_needle * strengths + reached.tr_mul(&residual))
     }
 }

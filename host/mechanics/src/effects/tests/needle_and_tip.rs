@@ -15,8 +15,8 @@ fn a_bent_needle_pushes_at_rest() {
         1e-12,
     );
     // At zero displacement (7 s): slope at guide 2 is kappa c2 / 4.
-    let beyond_m = 0.085 - GUIDE2_M;
-    let expected_m = 0.2 * (0.25 * GUIDE2_M * beyond_m + 0.5 * beyond_m * beyond_m);
+    let beyond_guide_m = 0.085 - GUIDE2_M;
+    let expected_m = 0.2 * (0.25 * GUIDE2_M * beyond_guide_m + 0.5 * beyond_guide_m * beyond_guide_m);
     assert_close(measured.shape_m.y[6], expected_m, 1e-12);
     assert_eq!(measured.shape_m.y.len(), 12);
 }
@@ -30,15 +30,16 @@ fn a_bent_needle_is_held_at_zero_where_guide_1_gives() {
     still.effects.push((clamp, vec![compliance_rad_per_n_m]));
     let measured = channels(&still, &lateral(0.03));
     let (ei, force_n) = (Needle::gauge_18().bending_stiffness_n_m2(), measured.force_n.y[0]);
-    // What turns and bends the needle at guide 2: guide 1, its curvature, the force.
-    let turned = compliance_rad_per_n_m * force_n * GUIDE2_M;
+    // Moments and forces that turn and bend the needle at guide 2: guide 1, its curvature, the
+    // force.
+    let rotation_m = compliance_rad_per_n_m * force_n * GUIDE2_M;
     let by_curvature_m = 0.5 * curvature_per_m * GUIDE2_M.powi(2);
-    let at_guide2_m = turned * GUIDE2_M + by_curvature_m + force_n * GUIDE2_M.powi(3) / (3.0 * ei);
+    let at_guide2_m = rotation_m * GUIDE2_M + by_curvature_m + force_n * GUIDE2_M.powi(3) / (3.0 * ei);
     assert!(at_guide2_m.abs() < 1e-12 * by_curvature_m, "{at_guide2_m} of {by_curvature_m}");
     // At zero displacement (7 s).
-    let slope = turned + curvature_per_m * GUIDE2_M + 0.5 * force_n * GUIDE2_M.powi(2) / ei;
-    let beyond_m = 0.085 - GUIDE2_M;
-    let expected_m = slope * beyond_m + 0.5 * curvature_per_m * beyond_m * beyond_m;
+    let slope = rotation_m + curvature_per_m * GUIDE2_M + 0.5 * force_n * GUIDE2_M.powi(2) / ei;
+    let beyond_guide_m = 0.085 - GUIDE2_M;
+    let expected_m = slope * beyond_guide_m + 0.5 * curvature_per_m * beyond_guide_m * beyond_guide_m;
     assert_close(measured.shape_m.y[6], expected_m, 1e-9);
 }
 
@@ -53,18 +54,19 @@ fn a_bent_needle_turns_with_its_bend() {
         let rotation_rad = Profile::new(vec![[0.045, 0.0], [0.045, quarter]]).expect("a profile");
         let depth_m = vec![0.0, 0.03, 0.06];
         let guide2_m = Some(Default::default());
-        let done = Insertion { depth_m, rotation_rad, guide2_m, tip_direction: true, ..Insertion::default() };
-        let measured = channels(&model, &Experiment::Insertion(done));
+        let insertion =
+            Insertion { depth_m, rotation_rad, guide2_m, tip_direction: true, ..Insertion::default() };
+        let measured = channels(&model, &Experiment::Insertion(insertion));
         let (x, direction_x) =
             (measured.tip_m.x.expect("two planes"), measured.tip_direction_rad.x.expect("two planes"));
         for (i, (depth_m, turned)) in [(0.0, false), (0.03, false), (0.06, true)].into_iter().enumerate() {
-            let beyond_m = ENTRY_M + depth_m - GUIDE2_M;
+            let beyond_guide_m = ENTRY_M + depth_m - GUIDE2_M;
             // A quarter turn brings (y, x) to (-x, y).
             let [y_per_m, x_per_m] = if turned { [0.1, 0.2] } else { [0.2, -0.1] };
-            let per_curvature_m = 0.25 * GUIDE2_M * beyond_m + 0.5 * beyond_m * beyond_m;
+            let per_curvature_m = 0.25 * GUIDE2_M * beyond_guide_m + 0.5 * beyond_guide_m * beyond_guide_m;
             assert_close(measured.tip_m.y[i], y_per_m * per_curvature_m, 1e-6);
             assert_close(x[i], x_per_m * per_curvature_m, 1e-6);
-            let per_curvature = 0.25 * GUIDE2_M + beyond_m;
+            let per_curvature = 0.25 * GUIDE2_M + beyond_guide_m;
             assert_close(measured.tip_direction_rad.y[i], y_per_m * per_curvature, 1e-6);
             assert_close(direction_x[i], x_per_m * per_curvature, 1e-6);
         }
@@ -104,8 +106,8 @@ fn the_tip_takes_other_loads() {
     // A slope is the sum of many steps.
     let mut stairs = plain();
     for i in 0..200 {
-        let at_mm = 0.25 + 0.5 * f64::from(i);
-        stairs.effects.push((effect("tip.load_step").expect("an effect"), vec![0.5e-3, at_mm]));
+        let depth_mm = 0.25 + 0.5 * f64::from(i);
+        stairs.effects.push((effect("tip.load_step").expect("an effect"), vec![0.5e-3, depth_mm]));
     }
     let slope = path(&with("tip.load_slope", &[1e-3]));
     assert_close(path(&stairs).y[3], slope.y[3], 2e-3);
@@ -127,19 +129,19 @@ fn a_cut_angle_is_the_slope_of_the_path_beside_the_needles() {
             ..Insertion::default()
         };
         let measured = channels(&model, &Experiment::Insertion(inserted));
-        let off = |tip_m: &[f64], rad: &[f64]| {
+        let angle_error = |tip_m: &[f64], rad: &[f64]| {
             (tip_m[2] - tip_m[0]) / (2.0 * h_m) - (0.25 * rad[0] + 0.5 * rad[1] + 0.25 * rad[2])
         };
         let (tip, rad) = (measured.tip_m, measured.tip_direction_rad);
-        [off(&tip.y, &rad.y), off(&tip.x.expect("x"), &rad.x.expect("x"))]
+        [angle_error(&tip.y, &rad.y), angle_error(&tip.x.expect("x"), &rad.x.expect("x"))]
     };
-    let before = run(None, 0.0);
-    let after = run(Some(&[0.04, -0.01]), 0.0);
-    assert!((after[0] - before[0] - 0.04).abs() < 1e-6, "{after:?} {before:?}");
-    assert!((after[1] - before[1] + 0.01).abs() < 1e-6, "{after:?} {before:?}");
+    let straight_cut = run(None, 0.0);
+    let angled_cut = run(Some(&[0.04, -0.01]), 0.0);
+    assert!((angled_cut[0] - straight_cut[0] - 0.04).abs() < 1e-6, "{angled_cut:?} {straight_cut:?}");
+    assert!((angled_cut[1] - straight_cut[1] + 0.01).abs() < 1e-6, "{angled_cut:?} {straight_cut:?}");
     // A quarter turn: what was upwards is to the side.
     let quarter = std::f64::consts::FRAC_PI_2;
-    let (before, after) = (run(None, quarter), run(Some(&[0.04, -0.01]), quarter));
-    assert!((after[0] - before[0] - 0.01).abs() < 1e-6, "{after:?} {before:?}");
-    assert!((after[1] - before[1] - 0.04).abs() < 1e-6, "{after:?} {before:?}");
+    let (straight_cut, angled_cut) = (run(None, quarter), run(Some(&[0.04, -0.01]), quarter));
+    assert!((angled_cut[0] - straight_cut[0] - 0.01).abs() < 1e-6, "{angled_cut:?} {straight_cut:?}");
+    assert!((angled_cut[1] - straight_cut[1] - 0.04).abs() < 1e-6, "{angled_cut:?} {straight_cut:?}");
 }

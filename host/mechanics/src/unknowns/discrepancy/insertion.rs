@@ -1,4 +1,4 @@
-//! In insertions. What happens once tells nothing of its size, so that this is known.
+//! In insertions. A single event determines no size, so that this is known.
 
 use crate::unknowns::{Prior, Unknown};
 

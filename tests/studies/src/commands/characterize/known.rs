@@ -31,7 +31,7 @@ struct Short {
     held: bool,
 }
 
-/// What was hidden, and the diagnoses without and with what is known of the rig.
+/// Hidden effects, and the diagnoses without and with the characterized rig.
 struct Pair {
     hidden: Option<&'static str>,
     without: Short,
@@ -53,19 +53,19 @@ pub fn run(sessions: usize, seed: u64) -> Result<()> {
         ("the rig in air (`characterized.toml`)", |pair| pair.with),
     ] {
         let hidden: Vec<Short> = pairs.iter().filter(|pair| pair.hidden.is_some()).map(of).collect();
-        let all: Vec<Short> = pairs.iter().map(of).collect();
-        let share = |count: usize, of: usize| {
+        let summaries: Vec<Short> = pairs.iter().map(of).collect();
+        let fraction_text = |count: usize, of: usize| {
             format!("{count} of {of} ({:.0} %)", 100.0 * count as f64 / of.max(1) as f64)
         };
         let count = |is: &dyn Fn(&Short) -> bool, list: &[Short]| list.iter().filter(|one| is(one)).count();
         println!(
             "| {name} | {} | {} | {} | {} | {} | {:.1} % |",
             hidden.len(),
-            share(count(&|one| one.class.is_some(), &hidden), hidden.len()),
-            share(count(&|one| one.class == Some(1), &hidden), hidden.len()),
-            share(count(&|one| one.is_false, &all), all.len()),
-            share(count(&|one| one.held, &all), all.len()),
-            100.0 * all.iter().map(|one| one.half_width).sum::<f64>() / all.len() as f64
+            fraction_text(count(&|one| one.class.is_some(), &hidden), hidden.len()),
+            fraction_text(count(&|one| one.class == Some(1), &hidden), hidden.len()),
+            fraction_text(count(&|one| one.is_false, &summaries), summaries.len()),
+            fraction_text(count(&|one| one.held, &summaries), summaries.len()),
+            100.0 * summaries.iter().map(|one| one.half_width).sum::<f64>() / summaries.len() as f64
         );
     }
     let classes = pairs.iter().filter_map(|pair| Some((pair.without.class?, pair.with.class?)));
@@ -87,7 +87,7 @@ pub fn run(sessions: usize, seed: u64) -> Result<()> {
     Ok(())
 }
 
-/// What a rig does not have of its own.
+/// Whether an effect is one that a rig does not have of its own.
 fn is_hideable(id: &str) -> bool {
     id.starts_with("tissue.") || id == "needle.axial_load"
 }
@@ -106,17 +106,17 @@ fn one(seed: u64) -> Option<Pair> {
     let k_kpa = random.random_range(8.0..20.0);
     let truth = |effects| Truth { k_kpa, tip_load_n: 0.2, effects, foreign: None };
     let in_air = session(&truth(rig.clone()), &Design::in_air(), seed);
-    let known = characterize(&in_air, &options()).ok()?.model(None);
+    let known_rig = characterize(&in_air, &options()).ok()?.model(None);
     let effects = rig.iter().cloned().chain(hidden.clone()).collect();
     let in_tissue = session(&truth(effects), &Design::nine_runs(), seed ^ 1);
     let plain = Options { seed, ..Options::default() };
-    let without = diagnose(&in_tissue, &plain, |_| {}).ok()?;
-    let with = diagnose(&in_tissue, &plain.with_rig(Some(&known)), |_| {}).ok()?;
+    let without_rig = diagnose(&in_tissue, &plain, |_| {}).ok()?;
+    let with_rig = diagnose(&in_tissue, &plain.with_rig(Some(&known_rig)), |_| {}).ok()?;
     let hidden = hidden.map(|(id, _)| id);
-    let own: Vec<&str> = rig.iter().map(|(id, _)| *id).collect();
+    let rig_ids: Vec<&str> = rig.iter().map(|(id, _)| *id).collect();
     // The modulus of tissue that varies is no single number.
-    let short = |found: &Diagnosis| short(found, hidden, &own, k_kpa);
-    Some(Pair { hidden, without: short(&without), with: short(&with) })
+    let short = |found: &Diagnosis| short(found, hidden, &rig_ids, k_kpa);
+    Some(Pair { hidden, without: short(&without_rig), with: short(&with_rig) })
 }
 
 fn short(found: &Diagnosis, hidden: Option<&str>, own: &[&str], k_kpa: f64) -> Short {

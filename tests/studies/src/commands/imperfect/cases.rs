@@ -33,7 +33,7 @@ pub enum Kind {
 enum Tissue {
     Springs(Truth),
     Body(Body),
-    /// That of a world of one guide.
+    /// Truth of a world of one guide.
     ByHand(Hand),
 }
 
@@ -76,9 +76,9 @@ pub struct Case {
     pub number: usize,
     /// Its kind.
     pub kind: Kind,
-    /// What noise is drawn from.
+    /// Seed of the noise.
     pub seed: u64,
-    /// What lies behind.
+    /// Background of the effect.
     pub background: Background,
     tissue: Tissue,
     design: Design,
@@ -86,7 +86,7 @@ pub struct Case {
 
 /// A session with what it hides.
 pub struct Drawn {
-    /// What is recorded.
+    /// Recorded session.
     pub session: Session,
     /// Chi-square that the hidden effect explains, and its share of all that a plain model leaves.
     pub expected: Option<[f64; 2]>,
@@ -116,13 +116,13 @@ pub fn draw(kind: Kind, count: usize, seed: u64, factor: f64) -> Vec<Case> {
     (0..count).map(|number| case(kind, number, &mut random, factor)).collect()
 }
 
-/// What insertions by hand hide: nothing in every other one.
+/// Hidden effects of insertions by hand: nothing in every other one.
 fn by_hand(number: usize, factor: f64, uniform: &mut impl FnMut(f64, f64) -> f64) -> Hand {
-    let (share, place) = (uniform(0.0, 1.0), uniform(0.0, 1.0));
+    let (fraction, position) = (uniform(0.0, 1.0), uniform(0.0, 1.0));
     let effect = match number % 6 {
-        1 => Some(("tissue.skin", vec![0.5 * 4f64.powf(share)])),
-        3 => Some(("tissue.layers", vec![2.0 + 3.0 * share, 10.0 + 15.0 * place])),
-        5 => Some(("tip.load_step", vec![0.05 + 0.1 * share, 35.0 + 40.0 * place])),
+        1 => Some(("tissue.skin", vec![0.5 * 4f64.powf(fraction)])),
+        3 => Some(("tissue.layers", vec![2.0 + 3.0 * fraction, 10.0 + 15.0 * position])),
+        5 => Some(("tip.load_step", vec![0.05 + 0.1 * fraction, 35.0 + 40.0 * position])),
         _ => None,
     };
     Hand { effects: effect.into_iter().collect(), factor }
@@ -165,10 +165,10 @@ fn case(kind: Kind, number: usize, random: &mut ChaCha8Rng, factor: f64) -> Case
     let id = ids.get((uniform(0.0, 1.0) * ids.len() as f64) as usize).copied();
     let effects: Vec<_> = id.into_iter().map(|id| (id, values(id, &mut uniform))).collect();
     let truth = Truth { k_kpa, tip_load_n, effects: effects.clone(), foreign: None };
-    // What a background may be is judged by springs of about the same stiffness, with ordinary instruments.
+    // A background is judged by springs of about the same stiffness, with ordinary instruments.
     let ordinary = Design { noise: NoisePlan::default(), ..design.clone() };
-    let without = kind == Kind::Body && number % 8 < 4;
-    let background = if without {
+    let hides_none = kind == Kind::Body && number % 8 < 4;
+    let background = if hides_none {
         Background::default()
     } else {
         Background::drawn(&Truth { effects: Vec::new(), ..truth.clone() }, &ordinary, seed).times(factor)
@@ -183,11 +183,16 @@ fn case(kind: Kind, number: usize, random: &mut ChaCha8Rng, factor: f64) -> Case
 /// Sizes that a careful laboratory might overlook, between weak and strong, of either sign where that is possible.
 fn values(id: &'static str, uniform: &mut impl FnMut(f64, f64) -> f64) -> Vec<f64> {
     let (Some([weak, _, strong]), Some(effect)) = (strengths(id), effect(id)) else { return Vec::new() };
-    let share = uniform(0.0, 1.0);
-    let between = |weak: &f64, strong: &f64| {
-        if weak * strong > 0.0 { weak * (strong / weak).powf(share) } else { weak + share * (strong - weak) }
+    let fraction = uniform(0.0, 1.0);
+    let strength_between = |weak: &f64, strong: &f64| {
+        if weak * strong > 0.0 {
+            weak * (strong / weak).powf(fraction)
+        } else {
+            weak + fraction * (strong - weak)
+        }
     };
-    let mut values: Vec<f64> = weak.iter().zip(&strong).map(|(weak, strong)| between(weak, strong)).collect();
+    let mut values: Vec<f64> =
+        weak.iter().zip(&strong).map(|(weak, strong)| strength_between(weak, strong)).collect();
     let other_side = uniform(0.0, 1.0) < 0.4;
     match id {
         "tissue.layers" => values[1] = uniform(10.0, 20.0),
@@ -199,8 +204,11 @@ fn values(id: &'static str, uniform: &mut impl FnMut(f64, f64) -> f64) -> Vec<f6
         // Tissue that gets softer still is tissue at the deepest tip.
         "tissue.gradient" => values[0] = if other_side { -values[0].min(0.012) } else { values[0] },
         _ if other_side && effect.parameters().first().is_some_and(|info| info.is_two_sided()) => {
-            let places = effect.parameters().iter().map(|info| !info.nodes.is_empty());
-            values.iter_mut().zip(places).for_each(|(value, place)| *value *= if place { 1.0 } else { -1.0 });
+            let has_nodes = effect.parameters().iter().map(|info| !info.nodes.is_empty());
+            values
+                .iter_mut()
+                .zip(has_nodes)
+                .for_each(|(value, place)| *value *= if place { 1.0 } else { -1.0 });
         }
         _ => {}
     }
@@ -208,7 +216,7 @@ fn values(id: &'static str, uniform: &mut impl FnMut(f64, f64) -> f64) -> Vec<f6
 }
 
 impl Case {
-    /// What is hidden.
+    /// Hidden effects.
     pub fn effects(&self) -> &[(&'static str, Vec<f64>)] {
         match &self.tissue {
             Tissue::Springs(truth) => &truth.effects,
@@ -224,19 +232,19 @@ impl Case {
 
     /// Its name in tables.
     pub fn name(&self) -> String {
-        let of = match &self.tissue {
+        let tissue_prefix = match &self.tissue {
             Tissue::Springs(_) => "",
             Tissue::Body(_) => "body, ",
             Tissue::ByHand(_) => "by hand, ",
         };
-        let what = match (self.hidden(), self.background.parts.is_empty()) {
+        let hidden_name = match (self.hidden(), self.background.parts.is_empty()) {
             (Some(id), _) => id,
             (None, true) if self.kind == Kind::Body => "homogeneous",
             (None, true) => "background alone",
             (None, false) => "background alone",
         };
         let scope = if self.kind == Kind::Insertions { "insertions, " } else { "" };
-        format!("{scope}{of}{what}")
+        format!("{scope}{tissue_prefix}{hidden_name}")
     }
 
     /// Everything about it in a line.
@@ -246,9 +254,9 @@ impl Case {
             Tissue::Body(body) => format!("E {:.3} kPa, Poisson {}", body.youngs_kpa, body.poisson),
             Tissue::ByHand(hand) => format!("by hand, imperfections times {}", hand.factor),
         };
-        let parts: Vec<String> =
+        let part_texts: Vec<String> =
             self.background.parts.iter().map(|(kind, size)| format!("{} {size:.4}", kind.name())).collect();
-        format!("{tissue}; {:?}; background {}", self.effects(), parts.join(", "))
+        format!("{tissue}; {:?}; background {}", self.effects(), part_texts.join(", "))
     }
 
     /// The session and what can be expected of it.
@@ -256,14 +264,14 @@ impl Case {
     /// # Errors
     /// [`BodyError`].
     pub fn drawn(&self, bodies: &Bodies) -> Result<Drawn, BodyError> {
-        let (design, nothing) = (&self.design, Background::default());
-        let shares = |before: f64, after: f64| [before - after, 1.0 - after / before.max(1e-9)];
+        let (design, no_background) = (&self.design, Background::default());
+        let gain_and_fraction = |before: f64, after: f64| [before - after, 1.0 - after / before.max(1e-9)];
         let is_hidden = self.hidden().is_some();
         match &self.tissue {
             Tissue::Springs(truth) => {
                 let plain = Truth { effects: Vec::new(), ..truth.clone() };
-                let left = |model: &Truth| misfit(truth, &self.background, model, design).chi2;
-                let expected = is_hidden.then(|| shares(left(&plain), left(truth)));
+                let misfit_by = |model: &Truth| misfit(truth, &self.background, model, design).chi2;
+                let expected = is_hidden.then(|| gain_and_fraction(misfit_by(&plain), misfit_by(truth)));
                 let touched = touched_modulus(&plain, &self.background, design);
                 let session = session_on(truth, &self.background, design, self.seed);
                 Ok(Drawn { session, expected, touched_kpa: truth.k_kpa * touched })
@@ -277,15 +285,16 @@ impl Case {
                 let quiet = Design { noise: design.noise.none(), ..design.clone() };
                 let plain = Body { effects: Vec::new(), ..body.clone() };
                 let measured = bodies.session(body, &self.background, &quiet, 1)?;
-                let left = |model: &Body| {
+                let misfit_by_body = |model: &Body| {
                     // The model's body was solved once before without an error, so that there is always a session.
                     let predict = |[modulus, _]: [f64; 2]| {
                         let model = Body { youngs_kpa: model.youngs_kpa * modulus, ..model.clone() };
-                        bodies.session(&model, &nothing, &quiet, 1).unwrap_or_else(|_| measured.clone())
+                        bodies.session(&model, &no_background, &quiet, 1).unwrap_or_else(|_| measured.clone())
                     };
                     misfit_of(&measured, &predict, &design.noise).chi2
                 };
-                let expected = is_hidden.then(|| shares(left(&plain), left(body)));
+                let expected =
+                    is_hidden.then(|| gain_and_fraction(misfit_by_body(&plain), misfit_by_body(body)));
                 let springs =
                     Truth { k_kpa: body.youngs_kpa, tip_load_n: 0.0, effects: Vec::new(), foreign: None };
                 let touched = touched_modulus(&springs, &self.background, design);

@@ -1,4 +1,4 @@
-//! What the diagnosis made of a session, against what was hidden in it.
+//! Compares the diagnosis of a session with its hidden effects.
 
 use super::cases::{Case, Drawn};
 use inference::diagnose::{Options, diagnose};
@@ -21,9 +21,10 @@ const GROWN: f64 = 1.01;
 const SHARE: f64 = 0.8;
 const GAIN: f64 = 40.0;
 
-/// What a laboratory states of a rig is not exact: standard deviations of what imitates an effect, in the unit of its first parameters.
-/// Axes that are not square and a shape in proportion to itself (1 %) belong to every rig. The needle's stiffness (2 %) and the force gain (1 %) act alike in lateral runs; a tilt of the tracker (4 mrad) and the angle of
-/// entry (3 mrad) in insertions, and the roll of the bevel is known to 0.03 rad.
+/// A laboratory's statement of a rig is not exact: standard deviations of what imitates an effect, in the unit of its
+/// first parameters. Axes that are not square and a shape in proportion to itself (1 %) belong to every rig. The
+/// needle's stiffness (2 %) and the force gain (1 %) act alike in lateral runs; a tilt of the tracker (4 mrad) and the
+/// angle of entry (3 mrad) in insertions, and the roll of the bevel is known to 0.03 rad.
 const TOLERANCES: [(&str, f64); 7] = [
     ("needle.stiffness", 0.0224),
     ("sensor.force_gain", 0.0224),
@@ -57,11 +58,11 @@ impl Outcome {
         let started = Instant::now();
         let default = Options { seed: case.seed, ..Options::default() };
         let options = Options { poisson: case.poisson().unwrap_or(default.poisson), ..default };
-        let found = diagnose(&drawn.session, &options, |_| {});
+        let diagnosed = diagnose(&drawn.session, &options, |_| {});
         let seconds = started.elapsed().as_secs_f64();
-        let diagnosis = found
+        let diagnosis = diagnosed
             .map_err(|error| error.to_string())
-            .and_then(|found| serde_json::to_value(&found).map_err(|error| error.to_string()));
+            .and_then(|diagnosed| serde_json::to_value(&diagnosed).map_err(|error| error.to_string()));
         Self {
             case: case.clone(),
             expected: drawn.expected,
@@ -170,8 +171,8 @@ impl Outcome {
         Some((self.field(value)?.as_f64()?, self.interval(interval)?))
     }
 
-    /// Whether the modulus is in its interval. Where another effect of the tissue is named than the one that is hidden, the modulus is
-    /// that at another place, and its coverage is undefined.
+    /// Whether the modulus is in its interval. If another effect of the tissue is named than the hidden one, the
+    /// modulus is that at another place, and its coverage is undefined.
     pub fn is_modulus_covered(&self) -> Option<bool> {
         let stands_in =
             self.named().iter().any(|(id, _)| Some(*id) != self.case.hidden() && id.starts_with("tissue."));
@@ -190,17 +191,18 @@ impl Outcome {
         else {
             return Vec::new();
         };
-        let found = effects.iter().find(|effect| effect["id"] == *id).filter(|_| !self.named().is_empty());
-        let (Some(found), Some(effect)) = (found, effect(id)) else { return Vec::new() };
-        let of = effect.parameters().iter().zip(values).filter_map(|(info, truth)| {
-            let interval = &found["parameters"][info.name]["ci95"];
+        let named_effect =
+            effects.iter().find(|effect| effect["id"] == *id).filter(|_| !self.named().is_empty());
+        let (Some(estimate), Some(effect)) = (named_effect, effect(id)) else { return Vec::new() };
+        let intervals = effect.parameters().iter().zip(values).filter_map(|(info, truth)| {
+            let interval = &estimate["parameters"][info.name]["ci95"];
             let (low, high) = (interval.get(0)?.as_f64()?, interval.get(1)?.as_f64()?);
             Some((info.name.to_owned(), (low..=high).contains(truth)))
         });
-        of.collect()
+        intervals.collect()
     }
 
-    /// What the diagnosis took the tissue for, springs or a body.
+    /// Foundation by the diagnosis, springs or a body.
     pub fn foundation(&self) -> Option<&str> {
         self.field("/foundation/used")?.as_str()
     }
@@ -214,7 +216,7 @@ impl Outcome {
 
     /// Everything in a line.
     pub fn line(&self) -> String {
-        let [gain, share] = self.expected.unwrap_or([f64::NAN; 2]);
+        let [gain, removed_fraction] = self.expected.unwrap_or([f64::NAN; 2]);
         let modulus = self.modulus().map_or("no modulus".to_owned(), |(value, [low, high])| {
             format!("{value:.3} ({low:.3} to {high:.3}) for {:.3} kPa", self.touched_kpa)
         });
@@ -233,7 +235,7 @@ impl Outcome {
         let partial = self.field("/partial").map(Value::to_string).unwrap_or_default();
         let remaining = self.field("/remaining").map(Value::to_string).unwrap_or_default();
         format!(
-            "#{} {}: {} {:?}; explains chi-square {gain:.0}, share {share:.2}; held out {:.2} -> {:.2}; modulus {modulus}; \
+            "#{} {}: {} {:?}; explains chi-square {gain:.0}, share {removed_fraction:.2}; held out {:.2} -> {:.2}; modulus {modulus}; \
              intervals missed {missed:?}; {}; partial {partial}; remaining {remaining}; {:.2} s; truth {}",
             self.case.number,
             self.case.name(),

@@ -155,15 +155,16 @@ pub fn confusion(outcomes: &[Outcome]) -> String {
     );
     for (name, of_row) in rows {
         let count = |good: &dyn Fn(&Outcome) -> bool| of_row.iter().filter(|o| good(o)).count();
-        let mut others: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut wrong_names: BTreeMap<&str, usize> = BTreeMap::new();
         for outcome in &of_row {
             let classes = outcome.named();
             let mentioned = classes.iter().flat_map(|(_, class)| class);
             for id in mentioned.filter(|id| Some(**id) != outcome.case.hidden()) {
-                *others.entry(id).or_default() += 1;
+                *wrong_names.entry(id).or_default() += 1;
             }
         }
-        let others: Vec<String> = others.iter().map(|(id, count)| format!("{id} {count}")).collect();
+        let wrong_texts: Vec<String> =
+            wrong_names.iter().map(|(id, count)| format!("{id} {count}")).collect();
         let fraction = |share: Share| format!("{} of {}", share.good, share.all);
         let intervals: Share = of_row.iter().flat_map(|o| o.covered()).map(|(_, good)| good).collect();
         let modulus: Share = of_row.iter().filter_map(|o| o.is_modulus_covered()).collect();
@@ -179,7 +180,7 @@ pub fn confusion(outcomes: &[Outcome]) -> String {
             count(&|o| o.is_further_wrong()),
             fraction(intervals),
             fraction(modulus),
-            others.join(", "),
+            wrong_texts.join(", "),
         );
     }
     text

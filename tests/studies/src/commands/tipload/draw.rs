@@ -14,17 +14,17 @@ pub const TIP_SD_M: f64 = 0.05 * MM;
 /// Noise of a reading of the tip's direction.
 const DIRECTION_SD_RAD: f64 = 1e-3;
 const GUIDE2_M: f64 = 0.06;
-/// How far the gap that the session states is from the true one (standard deviation of the logarithm).
+/// Standard deviation of the logarithm of the ratio of stated to true gap.
 const STATED_GAP_SD_LN: f64 = 0.3;
 
-/// What kind of world.
+/// Kind of the world.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Kind {
     /// One guide, with a rear of which nothing is stated and a tip whose direction is measured, instead of two.
     pub one_guide: bool,
     /// Sizes of the imperfections.
     pub imperfections: Imperfections,
-    /// What the catalogue has a name for.
+    /// Hidden effect that the catalogue has a name for.
     pub hidden: Hidden,
 }
 
@@ -85,7 +85,7 @@ impl Imperfections {
     }
 }
 
-/// What one insertion really was.
+/// True parameters of one insertion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
     /// Vertical tip load, N.
@@ -110,8 +110,8 @@ struct Random(ChaCha8Rng);
 
 impl Random {
     fn uniform(&mut self, least: f64, most: f64) -> f64 {
-        let share = (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-        least + share * (most - least)
+        let fraction = (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+        least + fraction * (most - least)
     }
 
     /// Standard normal, by Box and Muller.
@@ -171,26 +171,26 @@ pub fn world(seed: u64, number: usize, kind: Kind) -> World {
     for run in 0..count {
         let scattered = |random: &mut Random, share: f64| 1.0 + share * random.normal();
         let entry_off_m = imperfections.entry_m * random.normal();
-        let own = Truth {
+        let insertion_truth = Truth {
             load_n: load_n * scattered(random, imperfections.load),
             modulus_pa: modulus_pa * scattered(random, imperfections.modulus),
             gap_m: on_node((gap_m + entry_off_m).max(2.0 * STEP_M)),
         };
-        // Where the tissue begins later, the needle is less deep in it than its stated depth.
-        let late_m = own.gap_m - gap_m;
+        // If the tissue begins later, the needle is less deep in it than its stated depth.
+        let late_m = insertion_truth.gap_m - gap_m;
         let kind = match (one_guide, run % 2) {
             (true, _) => 2,
             (false, 0) => number % 3,
             _ => 0,
         };
         let lengths_m = [depth_m, late_m, imperfections.drift_m];
-        let recorded = record(random, &own, &shared, bending_n_m2, lengths_m, kind, hidden);
+        let recorded = record(random, &insertion_truth, &shared, bending_n_m2, lengths_m, kind, hidden);
         insertion.push(InsertionRun {
             id: format!("i{}", run + 1),
             path: format!("i{}.csv", run + 1).into(),
             ..recorded
         });
-        truth.push(own);
+        truth.push(insertion_truth);
     }
     let session = Session {
         dir: PathBuf::new(),
@@ -211,7 +211,7 @@ pub fn world(seed: u64, number: usize, kind: Kind) -> World {
     World { session, truth }
 }
 
-/// What all insertions of a session have in common besides needle and tissue.
+/// Common parameters of all insertions of a session besides needle and tissue.
 struct Shared {
     tilt_rad: [f64; 3],
     guide2_m: [f64; 2],
@@ -239,8 +239,9 @@ fn record(
     hidden: Hidden,
 ) -> InsertionRun {
     let needle = |plane: usize| {
-        let held = shared.rear_n_m.map_or(Held::TwoGuides(GUIDE2_M), |rear| Held::OneGuide(rear[plane]));
-        let plain = Needle { bending_n_m2, held, gap_m: own.gap_m, modulus_pa: own.modulus_pa, ..PLAIN };
+        let mounting = shared.rear_n_m.map_or(Held::TwoGuides(GUIDE2_M), |rear| Held::OneGuide(rear[plane]));
+        let plain =
+            Needle { bending_n_m2, held: mounting, gap_m: own.gap_m, modulus_pa: own.modulus_pa, ..PLAIN };
         match hidden {
             Hidden::Nothing | Hidden::LoadStep(..) => plain,
             Hidden::Skin(skin_n_per_m) => Needle { skin_n_per_m, ..plain },
@@ -262,16 +263,18 @@ fn record(
     let own_angle_rad = [0; 2].map(|_| own_sd_rad * random.normal());
     let own_tilt_rad = [0; 2].map(|_| 2e-3 * random.normal());
     let commanded_m = |depth: usize, leaving: bool| {
-        let of = |(at_m, by_m): (f64, f64)| {
-            let at = node_at(at_m);
-            if depth > at || (leaving && depth == at) { by_m } else { 0.0 }
-        };
-        steps_m.into_iter().map(of).sum::<f64>()
+        steps_m
+            .into_iter()
+            .map(|(at_m, by_m)| {
+                let node = node_at(at_m);
+                if depth > node || (leaving && depth == node) { by_m } else { 0.0 }
+            })
+            .sum::<f64>()
     };
-    let turned = |depth: usize, leaving: bool| depth > turn_at || (leaving && depth == turn_at);
+    let is_rotated = |depth: usize, leaving: bool| depth > turn_at || (leaving && depth == turn_at);
     let stated_depth = |step: usize| (step as i64 + late).max(0) as usize;
     let plane = |plane: usize| {
-        let part = if plane == 0 { shared.roll_rad.cos() } else { shared.roll_rad.sin() };
+        let load_component = if plane == 0 { shared.roll_rad.cos() } else { shared.roll_rad.sin() };
         let acting: Vec<NodeLoads> = (0..=nodes)
             .map(|step| {
                 let depth = stated_depth(step);
@@ -285,7 +288,7 @@ fn record(
                 };
                 NodeLoads {
                     load_n: [false, true].map(|leaving| {
-                        load_n(leaving) * part * if turned(depth, leaving) { -1.0 } else { 1.0 }
+                        load_n(leaving) * load_component * if is_rotated(depth, leaving) { -1.0 } else { 1.0 }
                     }),
                     guide2_m: [false, true].map(|leaving| {
                         shared.guide2_m[plane] + if plane == 0 { commanded_m(depth, leaving) } else { 0.0 }
@@ -302,7 +305,7 @@ fn record(
     for depth in (0..=node_at(depth_m)).step_by(2) {
         let depth_at_m = STEP_M * depth as f64;
         let step = (depth as i64 - late).max(0) as usize;
-        // What is done at rest is recorded by a second row at its depth.
+        // A motion at rest is recorded by a second row at its depth.
         let moved =
             depth == turn_at || (kind == 2 && steps_m.iter().any(|(at_m, _)| node_at(*at_m) == depth));
         for leaving in [false, true].into_iter().take(if moved { 2 } else { 1 }) {
@@ -332,7 +335,7 @@ fn record(
                 let read_rad = slope_rad + straight_rad + tilt_rad + DIRECTION_SD_RAD * random.normal();
                 columns[5 + plane].push(read_rad);
             }
-            columns[3].push(if turned(depth, leaving) { PI } else { 0.0 });
+            columns[3].push(if is_rotated(depth, leaving) { PI } else { 0.0 });
             columns[4].push(commanded_m(depth, leaving));
         }
     }
@@ -361,8 +364,8 @@ mod tests {
     #[test]
     fn a_session_follows_from_its_seed_and_number() {
         let kind = Kind { imperfections: Imperfections::small(), ..Kind::default() };
-        let [a, b, other] = [(1, 4), (1, 4), (1, 5)].map(|(seed, number)| world(seed, number, kind));
-        assert!(a.session == b.session && a.truth == b.truth && a.session != other.session);
+        let [a, b, other_world] = [(1, 4), (1, 4), (1, 5)].map(|(seed, number)| world(seed, number, kind));
+        assert!(a.session == b.session && a.truth == b.truth && a.session != other_world.session);
     }
 
     /// Half of the insertions are turned, or guide 2 is moved: each motion at rest has a second row at its depth.

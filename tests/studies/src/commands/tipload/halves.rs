@@ -16,7 +16,7 @@ struct Estimate {
     sd: f64,
 }
 
-/// How two halves compare.
+/// Agreement of two halves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Agreement {
     /// Whether the 95 % intervals overlap: tip load, modulus.
@@ -39,19 +39,19 @@ pub fn agreement(world: &World, options: &Options) -> Result<Option<Agreement>> 
     let (Some(first), Some(second)) = (first?, second?) else { return Ok(None) };
     let mut agreement = Agreement { overlap: [false; 2], difference: [0.0; 2] };
     for (i, (a, b)) in first.into_iter().zip(second).enumerate() {
-        let apart = (a.ln - b.ln).abs();
-        agreement.overlap[i] = apart <= NORMAL_975 * (a.sd + b.sd);
-        agreement.difference[i] = apart / a.sd.hypot(b.sd);
+        let ln_distance = (a.ln - b.ln).abs();
+        agreement.overlap[i] = ln_distance <= NORMAL_975 * (a.sd + b.sd);
+        agreement.difference[i] = ln_distance / a.sd.hypot(b.sd);
     }
     Ok(Some(agreement))
 }
 
-/// Tip load and modulus of some insertions of a session, as these alone give them. What is not known is mostly common to them: the
-/// standard deviation is that of one, not of a mean of independent ones.
+/// Tip load and modulus of some insertions of a session, as these alone give them. Most unknown parameters are common
+/// to them: the standard deviation is that of one, not of a mean of independent ones.
 fn half(session: &Session, numbers: Range<usize>, options: &Options) -> Result<Option<[Estimate; 2]>> {
     let insertion = session.insertion.get(numbers).unwrap_or_default().to_vec();
-    let found = predict(&Session { insertion, ..session.clone() }, options)?;
-    let each: Vec<[Estimate; 2]> = found
+    let prediction = predict(&Session { insertion, ..session.clone() }, options)?;
+    let estimates: Vec<[Estimate; 2]> = prediction
         .insertions
         .iter()
         .filter_map(|one| {
@@ -65,10 +65,10 @@ fn half(session: &Session, numbers: Range<usize>, options: &Options) -> Result<O
             Some([Estimate { ln: load_n.ln(), sd: sd_n / load_n }, modulus])
         })
         .collect();
-    let count = each.len() as f64;
-    let of = |i: usize| Estimate {
-        ln: each.iter().map(|one| one[i].ln).sum::<f64>() / count,
-        sd: (each.iter().map(|one| one[i].sd.powi(2)).sum::<f64>() / count).sqrt(),
+    let count = estimates.len() as f64;
+    let mean_estimate = |i: usize| Estimate {
+        ln: estimates.iter().map(|one| one[i].ln).sum::<f64>() / count,
+        sd: (estimates.iter().map(|one| one[i].sd.powi(2)).sum::<f64>() / count).sqrt(),
     };
-    Ok((!each.is_empty()).then(|| [of(0), of(1)]))
+    Ok((!estimates.is_empty()).then(|| [mean_estimate(0), mean_estimate(1)]))
 }

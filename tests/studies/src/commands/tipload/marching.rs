@@ -1,13 +1,14 @@
 //! The tip's path by finite differences: a needle that grows node by node through tissue whose springs rest where the tip has cut.
 //!
-//! Nothing here calls the forward model. The bending energy is that of second differences, the tissue a row of springs; each node of
-//! the cut path carries the spring of the half cell before it, at rest where the tip arrived, and of the half cell after it, at rest
-//! where the tip was when it left. The equilibrium at every depth is solved again with a pentadiagonal factorisation.
+//! No part of this module calls the forward model. The bending energy is that of second differences, the tissue a row
+//! of springs; each node of the cut path carries the spring of the half cell before it, at rest where the tip arrived,
+//! and of the half cell after it, at rest where the tip was when it left. The equilibrium at every depth is solved
+//! again with a pentadiagonal factorisation.
 
 /// Distance of nodes, m.
 pub const STEP_M: f64 = 0.5e-3;
 
-/// What holds a needle outside the tissue.
+/// Mounting of a needle outside the tissue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Held {
     /// A clamp in guide 1, and guide 2 at this distance from it, m.
@@ -21,13 +22,13 @@ pub enum Held {
 pub struct Needle {
     /// Bending stiffness, N m^2.
     pub bending_n_m2: f64,
-    /// What holds it.
+    /// Mounting of the needle.
     pub held: Held,
     /// From the guide that moves to the tissue, m.
     pub gap_m: f64,
     /// Foundation modulus, Pa.
     pub modulus_pa: f64,
-    /// How deep the tissue is softer, m, and how many times; 0 and 1 where it is uniform.
+    /// Depth of the softer tissue, m, and its factor; 0 and 1 if it is uniform.
     pub softer: [f64; 2],
     /// Stiffness of the skin, at rest where it was cut, N/m.
     pub skin_n_per_m: f64,
@@ -43,7 +44,7 @@ pub const PLAIN: Needle = Needle {
     skin_n_per_m: 0.0,
 };
 
-/// What acts at one node, on arriving there and on leaving: tip load, N, and displacement of guide 2, m.
+/// Loads at one node, on arriving there and on leaving: tip load, N, and displacement of guide 2, m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct NodeLoads {
     /// Tip load, N.
@@ -75,7 +76,7 @@ impl Needle {
         };
         let (guide, entry) = (node_at(guide2_m), node_at(guide2_m + self.gap_m));
         let [soft_m, times] = self.softer;
-        // Of the half cell with its middle at this many steps.
+        // Stiffness of the half cell with its middle at this many steps.
         let half_n_per_m =
             |steps: f64| 0.5 * STEP_M * self.modulus_pa / if steps * STEP_M < soft_m { times } else { 1.0 };
         let mut path: Vec<Tip> = Vec::with_capacity(acting.len());
@@ -97,8 +98,8 @@ impl Needle {
                     beam.spring(entry, self.skin_n_per_m, *cut_m);
                 }
                 // The newest spring is at rest where the tip arrives, and pulls back when it is moved from there.
-                if let (Some(own_m), true) = (own_m, step > 0) {
-                    beam.spring(tip, half_n_per_m(step as f64 - 0.25), own_m);
+                if let (Some(insertion_depth_m), true) = (own_m, step > 0) {
+                    beam.spring(tip, half_n_per_m(step as f64 - 0.25), insertion_depth_m);
                 }
                 beam.force_n[tip] += now.load_n[side];
                 beam.hold(guide, now.guide2_m[side]);
@@ -107,8 +108,8 @@ impl Needle {
             let arriving = solve(0, None);
             let moved = now.load_n[0] != now.load_n[1] || now.guide2_m[0] != now.guide2_m[1];
             let leaving = if moved { solve(1, Some(arriving[0])) } else { arriving };
-            let [at_m, slope_rad] = [0, 1].map(|i| [arriving[i], leaving[i]]);
-            path.push(Tip { at_m, slope_rad });
+            let [tip_m, slope_rad] = [0, 1].map(|i| [arriving[i], leaving[i]]);
+            path.push(Tip { at_m: tip_m, slope_rad });
         }
         path
     }
@@ -149,9 +150,9 @@ impl Beam {
     /// Keeps a node at a place.
     fn hold(&mut self, node: usize, at_m: f64) {
         for distance in 1..=2 {
-            if let Some(before) = node.checked_sub(distance) {
-                self.force_n[before] -= self.bands[before][distance] * at_m;
-                self.bands[before][distance] = 0.0;
+            if let Some(previous_node) = node.checked_sub(distance) {
+                self.force_n[previous_node] -= self.bands[previous_node][distance] * at_m;
+                self.bands[previous_node][distance] = 0.0;
             }
             if node + distance < self.force_n.len() {
                 self.force_n[node + distance] -= self.bands[node][distance] * at_m;
@@ -179,10 +180,10 @@ impl Beam {
         }
         let last_m = self.force_n[count - 1] / self.bands[count - 1][0];
         let [diagonal, next, _] = self.bands[count - 2];
-        let before_m = (self.force_n[count - 2] - next * last_m) / diagonal;
+        let previous_m = (self.force_n[count - 2] - next * last_m) / diagonal;
         let [diagonal, next, second] = self.bands[count - 3];
-        let earlier_m = (self.force_n[count - 3] - next * before_m - second * last_m) / diagonal;
-        [last_m, (1.5 * last_m - 2.0 * before_m + 0.5 * earlier_m) / STEP_M]
+        let earlier_m = (self.force_n[count - 3] - next * previous_m - second * last_m) / diagonal;
+        [last_m, (1.5 * last_m - 2.0 * previous_m + 0.5 * earlier_m) / STEP_M]
     }
 }
 
@@ -254,16 +255,19 @@ mod tests {
         let mut model = Model::uniform(rig, 12e3).expect("a model");
         model.tip = TipLaw::load([0.2, 0.0]);
         let jump = |at: f64, to: f64| Profile::new(vec![[at, 0.0], [at, to]]).expect("a profile");
-        let done = Insertion {
+        let insertion = Insertion {
             depth_m: vec![0.02, 0.05, 0.09],
             rotation_rad: jump(0.04, std::f64::consts::PI),
             guide2_m: Some([jump(0.06, 1e-3), Profile::default()]),
             ..Insertion::default()
         };
-        let model_m = predict(&model, &Experiment::Insertion(done)).expect("predicts").tip_m.y;
+        let model_m = predict(&model, &Experiment::Insertion(insertion)).expect("predicts").tip_m.y;
         for (depth_mm, expected_m) in [20, 50, 90].into_iter().zip(model_m) {
-            let found_m = path_m[2 * depth_mm][0];
-            assert!((found_m - expected_m).abs() < 8e-6, "{found_m} is not {expected_m} at {depth_mm} mm");
+            let marched_m = path_m[2 * depth_mm][0];
+            assert!(
+                (marched_m - expected_m).abs() < 8e-6,
+                "{marched_m} is not {expected_m} at {depth_mm} mm"
+            );
         }
     }
 
@@ -293,15 +297,15 @@ mod tests {
         let mut model = Model::uniform(rig, 12e3).expect("a model");
         model.tip = TipLaw::load([0.2, 0.0]);
         let jump = Profile::new(vec![[0.03, 0.0], [0.03, 2e-3]]).expect("a profile");
-        let done = Insertion {
+        let insertion = Insertion {
             depth_m: vec![0.02, 0.05, 0.09],
             guide2_m: Some([jump, Profile::default()]),
             tip_direction: true,
             ..Insertion::default()
         };
-        let channels = predict(&model, &Experiment::Insertion(done)).expect("predicts");
-        let both = channels.tip_m.y.iter().zip(&channels.tip_direction_rad.y);
-        for (depth_mm, (expected_m, expected_rad)) in [20, 50, 90].into_iter().zip(both) {
+        let channels = predict(&model, &Experiment::Insertion(insertion)).expect("predicts");
+        let position_and_direction = channels.tip_m.y.iter().zip(&channels.tip_direction_rad.y);
+        for (depth_mm, (expected_m, expected_rad)) in [20, 50, 90].into_iter().zip(position_and_direction) {
             let Tip { at_m, slope_rad } = path[2 * depth_mm];
             assert!((at_m[0] - expected_m).abs() < 8e-6, "{at_m:?} is not {expected_m} at {depth_mm} mm");
             assert!((slope_rad[0] - expected_rad).abs() < 3e-4, "{slope_rad:?} is not {expected_rad}");
@@ -337,12 +341,12 @@ mod tests {
         let depth_m: Vec<f64> = (0..=70).map(|mm| 1e-3 * f64::from(mm)).collect();
         let moved = Profile::new(vec![[0.0, 0.0], [0.03, 0.0], [0.03, 2e-3]]).expect("a profile");
         let guide2_m = Some([moved, Profile::default()]);
-        let done = Insertion { depth_m, guide2_m, ..Insertion::default() };
-        let found = predict(&model, &Experiment::Insertion(done)).expect("predicts");
-        let most_m = found.tip_m.y.iter().fold(0.0, |most: f64, tip_m| most.max(tip_m.abs()));
-        for (mm, tip_m) in found.tip_m.y.iter().enumerate() {
-            let apart_m = (tip_m - marched[2 * mm][0]).abs();
-            assert!(apart_m < 5e-3 * most_m, "{mm} mm: {tip_m} and {}", marched[2 * mm][0]);
+        let insertion = Insertion { depth_m, guide2_m, ..Insertion::default() };
+        let predicted = predict(&model, &Experiment::Insertion(insertion)).expect("predicts");
+        let most_m = predicted.tip_m.y.iter().fold(0.0, |most: f64, tip_m| most.max(tip_m.abs()));
+        for (mm, tip_m) in predicted.tip_m.y.iter().enumerate() {
+            let difference_m = (tip_m - marched[2 * mm][0]).abs();
+            assert!(difference_m < 5e-3 * most_m, "{mm} mm: {tip_m} and {}", marched[2 * mm][0]);
         }
     }
 }

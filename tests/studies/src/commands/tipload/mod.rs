@@ -17,10 +17,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::Instant;
 
-/// Where the identification ends, mm.
+/// Depths at which the identification ends, mm.
 const UNTIL_MM: [f64; 2] = [50.0, 70.0];
 
-/// What one insertion showed.
+/// Result of one insertion.
 #[derive(Debug, Clone, Copy)]
 struct Judged {
     load: bool,
@@ -36,7 +36,7 @@ struct Judged {
     bands: [usize; 2],
 }
 
-/// What one session showed.
+/// Result of one session.
 struct Found {
     number: usize,
     judged: Vec<Judged>,
@@ -61,27 +61,36 @@ struct Line {
 pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> {
     ensure!((1..=10_000).contains(&sessions), "--sessions is {sessions}, expected 1 to 10000");
     let mut lines = Vec::new();
-    let (none, small) = (Imperfections::default(), Imperfections::small());
+    let (no_imperfections, small) = (Imperfections::default(), Imperfections::small());
     let two_guides = |imperfections: Imperfections| Kind { imperfections, ..Kind::default() };
     let one_guide = |imperfections: Imperfections| Kind { one_guide: true, ..two_guides(imperfections) };
     let worlds = [
-        ("plain", two_guides(none)),
+        ("plain", two_guides(no_imperfections)),
         ("imperfect", two_guides(small)),
         ("twice as imperfect", two_guides(small.times(2.0))),
-        ("loads 10 % apart", two_guides(Imperfections { load: 0.1, ..none })),
+        ("loads 10 % apart", two_guides(Imperfections { load: 0.1, ..no_imperfections })),
         // Single imperfections, as large as in the worlds that are twice as imperfect.
-        ("tilted tracker", two_guides(Imperfections { tilt_rad: 2.0 * small.tilt_rad, ..none })),
-        ("guide 2 off", two_guides(Imperfections { guide2_m: 2.0 * small.guide2_m, ..none })),
-        ("surfaces apart", two_guides(Imperfections { entry_m: 2.0 * small.entry_m, ..none })),
-        ("drifting tracker", two_guides(Imperfections { drift_m: 2.0 * small.drift_m, ..none })),
-        ("one guide", one_guide(none)),
+        ("tilted tracker", two_guides(Imperfections { tilt_rad: 2.0 * small.tilt_rad, ..no_imperfections })),
+        ("guide 2 off", two_guides(Imperfections { guide2_m: 2.0 * small.guide2_m, ..no_imperfections })),
+        ("surfaces apart", two_guides(Imperfections { entry_m: 2.0 * small.entry_m, ..no_imperfections })),
+        ("drifting tracker", two_guides(Imperfections { drift_m: 2.0 * small.drift_m, ..no_imperfections })),
+        ("one guide", one_guide(no_imperfections)),
         ("one guide, imperfect", one_guide(small)),
-        ("one guide, tilted tracker", one_guide(Imperfections { tilt_rad: small.tilt_rad, ..none })),
-        ("one guide, guide off", one_guide(Imperfections { guide2_m: small.guide2_m, ..none })),
-        ("one guide, moduli apart", one_guide(Imperfections { modulus: small.modulus, ..none })),
-        ("one guide, loads apart", one_guide(Imperfections { load: small.load, ..none })),
-        ("one guide, surfaces apart", one_guide(Imperfections { entry_m: small.entry_m, ..none })),
-        ("one guide, drifting tracker", one_guide(Imperfections { drift_m: small.drift_m, ..none })),
+        (
+            "one guide, tilted tracker",
+            one_guide(Imperfections { tilt_rad: small.tilt_rad, ..no_imperfections }),
+        ),
+        ("one guide, guide off", one_guide(Imperfections { guide2_m: small.guide2_m, ..no_imperfections })),
+        ("one guide, moduli apart", one_guide(Imperfections { modulus: small.modulus, ..no_imperfections })),
+        ("one guide, loads apart", one_guide(Imperfections { load: small.load, ..no_imperfections })),
+        (
+            "one guide, surfaces apart",
+            one_guide(Imperfections { entry_m: small.entry_m, ..no_imperfections }),
+        ),
+        (
+            "one guide, drifting tracker",
+            one_guide(Imperfections { drift_m: small.drift_m, ..no_imperfections }),
+        ),
     ];
     for (name, kind) in worlds {
         for until_mm in UNTIL_MM.into_iter().filter(|until_mm| format!("{name} {until_mm}").contains(only)) {
@@ -102,37 +111,41 @@ fn line(
     verbose: bool,
 ) -> Result<Line> {
     let next = AtomicUsize::new(0);
-    let found: Mutex<Vec<Found>> = Mutex::new(Vec::new());
-    let work = || -> Result<()> {
-        loop {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            if number >= sessions {
-                return Ok(());
-            }
-            let world = world(seed, number, kind);
-            let start = Instant::now();
-            let judged = judge(&world, until_mm)?;
-            let seconds = start.elapsed().as_secs_f64();
-            if verbose {
-                print!("{}", details(name, number, until_mm, &world, &judged, seconds));
-            }
-            let halves = agreement(&world, &options(until_mm))?;
-            let mut found = found.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            found.push(Found { number, judged, seconds, halves });
-        }
-    };
+    let found_results: Mutex<Vec<Found>> = Mutex::new(Vec::new());
     let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
     thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
+        let workers: Vec<_> = (0..cores)
+            .map(|_| {
+                scope.spawn(|| -> Result<()> {
+                    loop {
+                        let number = next.fetch_add(1, Ordering::Relaxed);
+                        if number >= sessions {
+                            return Ok(());
+                        }
+                        let world = world(seed, number, kind);
+                        let start = Instant::now();
+                        let judged = judge(&world, until_mm)?;
+                        let seconds = start.elapsed().as_secs_f64();
+                        if verbose {
+                            print!("{}", details(name, number, until_mm, &world, &judged, seconds));
+                        }
+                        let halves = agreement(&world, &options(until_mm))?;
+                        let mut locked_results =
+                            found_results.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                        locked_results.push(Found { number, judged, seconds, halves });
+                    }
+                })
+            })
+            .collect();
         workers
             .into_iter()
             .try_for_each(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     })?;
-    let mut found = found.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    found.sort_by_key(|one| one.number);
-    let seconds = found.iter().map(|one| one.seconds).sum();
-    let halves = found.iter().filter_map(|one| one.halves).collect();
-    let judged = found.into_iter().flat_map(|one| one.judged).collect();
+    let mut results = found_results.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    results.sort_by_key(|one| one.number);
+    let seconds = results.iter().map(|one| one.seconds).sum();
+    let halves = results.iter().filter_map(|one| one.halves).collect();
+    let judged = results.into_iter().flat_map(|one| one.judged).collect();
     Ok(Line { name, until_mm, judged, halves, seconds, sessions })
 }
 
@@ -141,11 +154,11 @@ fn options(until_mm: f64) -> Options {
 }
 
 fn judge(world: &World, until_mm: f64) -> Result<Vec<Judged>> {
-    let found = predict(&world.session, &options(until_mm))?;
-    let good = found.insertions.iter().zip(&world.truth).filter(|(one, _)| one.error.is_none());
+    let prediction = predict(&world.session, &options(until_mm))?;
+    let good = prediction.insertions.iter().zip(&world.truth).filter(|(one, _)| one.error.is_none());
     let judged = good.filter_map(|(one, truth)| {
         let learned = one.learned.as_ref()?;
-        let within = |interval: [f64; 2], truth: f64| (interval[0]..=interval[1]).contains(&truth);
+        let is_covered = |interval: [f64; 2], truth: f64| (interval[0]..=interval[1]).contains(&truth);
         let (load_n, sd_n) = (one.tip_force_n?, one.tip_force_sd_n?);
         // The vertical part of a load whose bevel is rolled a little: the roll is not part of the truth that is compared.
         let (x_n, x_sd_n) = (one.tip_force_x_n?, one.tip_force_x_sd_n?);
@@ -153,8 +166,8 @@ fn judge(world: &World, until_mm: f64) -> Result<Vec<Judged>> {
         let whole_sd_n = (load_n * sd_n).hypot(x_n * x_sd_n) / whole_n;
         Some(Judged {
             load: (whole_n - truth.load_n).abs() <= NORMAL_975 * whole_sd_n,
-            modulus: within(learned.k_ci95_kpa, 1e-3 * truth.modulus_pa),
-            gap: within(learned.gap_ci95_mm, 1e3 * truth.gap_m),
+            modulus: is_covered(learned.k_ci95_kpa, 1e-3 * truth.modulus_pa),
+            gap: is_covered(learned.gap_ci95_mm, 1e3 * truth.gap_m),
             gap_mm: [learned.gap_mm, learned.gap_ci95_mm[0], learned.gap_ci95_mm[1]],
             load_error: whole_n / truth.load_n - 1.0,
             modulus_error: 1e3 * learned.k_kpa / truth.modulus_pa - 1.0,
@@ -224,7 +237,7 @@ fn table(lines: &[Line]) -> String {
                     |---|---|---|---|---|---|---|---|---|---|---|\n"
         .to_owned();
     for line in lines {
-        let share = |of: &dyn Fn(&Judged) -> bool| {
+        let percent_of = |of: &dyn Fn(&Judged) -> bool| {
             100.0 * line.judged.iter().filter(|one| of(one)).count() as f64 / line.judged.len() as f64
         };
         let counts =
@@ -234,9 +247,9 @@ fn table(lines: &[Line]) -> String {
             "| {} | {:.0} | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.3} ({:.2}) | {}, {} | {:.2} |",
             line.name,
             line.until_mm,
-            share(&|one| one.load),
-            share(&|one| one.modulus),
-            share(&|one| one.gap),
+            percent_of(&|one| one.load),
+            percent_of(&|one| one.modulus),
+            percent_of(&|one| one.gap),
             100.0 * counts[1] as f64 / counts[0] as f64,
             100.0 * median(line.judged.iter().map(|one| one.load_error.abs()).collect()),
             100.0 * median(line.judged.iter().map(|one| one.modulus_error.abs()).collect()),
@@ -254,7 +267,7 @@ fn table(lines: &[Line]) -> String {
 /// deviations.
 fn overlap(halves: &[Agreement], number: usize) -> String {
     let count = halves.len() as f64;
-    let share = halves.iter().filter(|one| one.overlap[number]).count() as f64 / count;
+    let coverage = halves.iter().filter(|one| one.overlap[number]).count() as f64 / count;
     let square = halves.iter().map(|one| one.difference[number].powi(2)).sum::<f64>() / count;
-    format!("{:.0} % ({:.1})", 100.0 * share, square.sqrt())
+    format!("{:.0} % ({:.1})", 100.0 * coverage, square.sqrt())
 }

@@ -1,4 +1,4 @@
-//! What is injected reaches the readings as it is stated.
+//! An injected fault reaches the readings as it is stated.
 
 use super::*;
 
@@ -63,8 +63,8 @@ fn force_injections_change_the_codes() {
     electronics.inject_when(Trigger::Now, Injection { force_stuck: true, ..Injection::default() });
     run(&mut electronics, 0, &[RELEASED]);
     electronics.command(1, &request(RELEASED), [0.0; 2]);
-    let other = Codes { bridge: [7, 7], ..CODES };
-    assert_eq!(electronics.sense(1, other, false).force_codes, [0; 2]);
+    let other_codes = Codes { bridge: [7, 7], ..CODES };
+    assert_eq!(electronics.sense(1, other_codes, false).force_codes, [0; 2]);
 }
 
 #[test]

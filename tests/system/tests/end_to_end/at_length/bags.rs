@@ -28,9 +28,9 @@ fn bags_and_arrays_of_other_writers_become_sessions_with_their_values() {
     };
     let guide = build_guide().unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let made =
+    let script =
         Command::new(python).arg(peers::scripts().join("bags.py")).arg(folder.path()).output().unwrap();
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    assert!(script.status.success(), "{}", String::from_utf8_lossy(&script.stderr));
     let of_bag = |tip: &str| -> Vec<String> {
         ["/ft:force.y=force_y_n", "/joint_states:guide.position=displacement_y_mm:m"]
             .map(str::to_owned)
@@ -46,7 +46,7 @@ fn bags_and_arrays_of_other_writers_become_sessions_with_their_values() {
         ("plain.mat", of_arrays(), 60, 0.0),
         ("packed.mat", of_arrays(), 60, 0.0),
     ] {
-        let out = folder.path().join(format!("session-{name}"));
+        let session_path = folder.path().join(format!("session-{name}"));
         let mut import = Command::new(&guide);
         import.current_dir(folder.path()).args([
             "import",
@@ -57,13 +57,13 @@ fn bags_and_arrays_of_other_writers_become_sessions_with_their_values() {
             "--yes",
             "--out",
         ]);
-        import.arg(&out).args(maps.iter().flat_map(|map| ["--map", map.as_str()]));
+        import.arg(&session_path).args(maps.iter().flat_map(|map| ["--map", map.as_str()]));
         if rows == 59 {
             import.args(["--z-from", "guide1"]);
         }
         let output = import.output().unwrap();
         assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
-        let run = Session::read(&out).unwrap().lateral.remove(0);
+        let run = Session::read(&session_path).unwrap().lateral.remove(0);
         assert_eq!(run.force.time_s.len(), rows, "{name}");
         for ((t, y_m), f) in
             run.force.time_s.iter().zip(&run.force.displacement_y_m).zip(&run.force.force_y_n)

@@ -26,9 +26,9 @@ fn the_nucleo_moves_where_it_is_sent_and_stops_when_it_has_to() {
     let options = RunOptions { start_us: None, stream: false, interrupted: &NEVER };
     run(&mut client, &program, options, |_, _| Ok::<(), LinkError>(())).unwrap();
     // Each axis on its own bridge and its own potentiometer: swapped ones would end elsewhere.
-    let at_m = bench.rig().rig(|rig| rig.position_m());
-    for (at_m, sent_um) in at_m.into_iter().zip([-400.0, 900.0]) {
-        assert!((at_m * 1e6 - sent_um).abs() < 30.0, "{at_m} m, sent to {sent_um} um");
+    let position_m = bench.rig().rig(|rig| rig.position_m());
+    for (position_m, sent_um) in position_m.into_iter().zip([-400.0, 900.0]) {
+        assert!((position_m * 1e6 - sent_um).abs() < 30.0, "{position_m} m, sent to {sent_um} um");
     }
     let counters = client.status().unwrap().counters;
     assert_eq!(counters, Default::default(), "no loss, no bad reading, no late period");

@@ -66,26 +66,29 @@ fn the_page_shows_a_rig_without_a_fault() {
 fn the_command_writes_its_result_and_fails_where_something_is_found() {
     let run = |fault: &str| {
         let bench = Bench::wired(RigConfig::default(), 7, 8.0, vec![fault.parse().unwrap()]).unwrap();
-        let out = bench.folder().join("bringup.toml");
+        let output_path = bench.folder().join("bringup.toml");
         let guide = build_guide().unwrap();
         let output = Command::new(guide)
             .args(["bringup", "--json", "--yes", "--no-clock", "--port", &bench.port(), "--out"])
-            .arg(&out)
+            .arg(&output_path)
             .output()
             .unwrap();
         let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-        let kept = std::fs::read_to_string(out).unwrap();
+        let kept_text = std::fs::read_to_string(output_path).unwrap();
         bench.stop().unwrap();
-        (output.status.code(), document, kept)
+        (output.status.code(), document, kept_text)
     };
-    let (code, document, kept) = run("leads-reversed:x");
+    let (code, document, kept_text) = run("leads-reversed:x");
     assert_eq!(code, Some(1));
     let motors = &document["steps"][5];
     assert_eq!((&motors["step"], &motors["result"]), (&"motors".into(), &"failed".into()), "{document:#}");
     assert_eq!(motors["findings"][0]["id"], "motor.leads_reversed");
     assert_eq!(document["steps"][6]["result"], "blocked");
     assert_eq!(document["steps"][2]["result"], "skipped");
-    assert!(kept.contains("id = \"motor.leads_reversed\"") && kept.contains("passed = false"), "{kept}");
+    assert!(
+        kept_text.contains("id = \"motor.leads_reversed\"") && kept_text.contains("passed = false"),
+        "{kept_text}"
+    );
 }
 
 #[test]
@@ -93,11 +96,11 @@ fn the_command_writes_its_result_and_fails_where_something_is_found() {
 fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_others_from_running() {
     let bench = Bench::wired(RigConfig::default(), 9, 8.0, vec![]).unwrap();
     let wire = NoisyWire::connect(Path::new(&bench.port()), 9).unwrap();
-    let out = bench.folder().join("bringup.toml");
+    let output_path = bench.folder().join("bringup.toml");
     let guide = build_guide().unwrap();
     let start = |steps: &[&str]| {
         let mut command = Command::new(&guide);
-        command.args(["bringup", "--yes", "--no-clock", "--port", &wire.port(), "--out"]).arg(&out);
+        command.args(["bringup", "--yes", "--no-clock", "--port", &wire.port(), "--out"]).arg(&output_path);
         for step in steps {
             command.args(["--step", step]);
         }
@@ -112,15 +115,15 @@ fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_ot
         act(child.id());
         let texts: Vec<String> = lines.collect();
         let code = child.wait().unwrap().code();
-        let since = bench.rig().steps();
-        eventually("it is at rest", || bench.rig().steps() > since + 3_000 && !driven());
+        let start_step = bench.rig().steps();
+        eventually("it is at rest", || bench.rig().steps() > start_step + 3_000 && !driven());
         (code, texts.join("\n"))
     };
     let interrupt =
         |id: u32| assert!(Command::new("kill").args(["-INT", &id.to_string()]).status().unwrap().success());
     let (code, text) = end(start(&["motors", "loop"]), "loop:", &interrupt);
     assert!(code == Some(1) && text.contains("interrupted in `loop`"), "{code:?} {text}");
-    assert!(std::fs::read_to_string(&out).unwrap().contains("interrupted_in = \"loop\""));
+    assert!(std::fs::read_to_string(&output_path).unwrap().contains("interrupted_in = \"loop\""));
 
     let blocked = start(&["force"]).wait_with_output().unwrap();
     let text = String::from_utf8(blocked.stderr).unwrap();
@@ -129,7 +132,7 @@ fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_ot
 
     let (code, text) = end(start(&["loop"]), "loop:", &|_| wire.cut());
     assert_eq!(code, Some(1), "{text}");
-    assert!(std::fs::read_to_string(&out).unwrap().contains("interrupted_in = \"loop\""));
+    assert!(std::fs::read_to_string(&output_path).unwrap().contains("interrupted_in = \"loop\""));
     bench.stop().unwrap();
 }
 
@@ -138,7 +141,7 @@ fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_ot
 fn the_last_step_stores_a_calibration_and_reads_it_back_and_one_that_is_cut_off_is_named_by_the_next_start() {
     let bench = Bench::wired(RigConfig::default(), 10, 8.0, vec![]).unwrap();
     let wire = NoisyWire::connect(Path::new(&bench.port()), 10).unwrap();
-    let (out, file) = (bench.folder().join("bringup.toml"), bench.folder().join("unit-7.toml"));
+    let (output_path, file) = (bench.folder().join("bringup.toml"), bench.folder().join("unit-7.toml"));
     let guide = build_guide().unwrap();
     let device = || Client::connect(&wire.port()).unwrap().calibration().unwrap();
     let nominal = device();
@@ -147,7 +150,7 @@ fn the_last_step_stores_a_calibration_and_reads_it_back_and_one_that_is_cut_off_
     let bringup = |steps: &[&str]| {
         let mut command = Command::new(&guide);
         command.args(["bringup", "--yes", "--no-clock", "--port", &wire.port(), "--calibration"]).arg(&file);
-        command.arg("--out").arg(&out).args(steps.iter().flat_map(|step| ["--step", step]));
+        command.arg("--out").arg(&output_path).args(steps.iter().flat_map(|step| ["--step", step]));
         command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
     };
     // The plug is pulled as the step begins: the device has one calibration or the other, whole.
@@ -156,10 +159,10 @@ fn the_last_step_stores_a_calibration_and_reads_it_back_and_one_that_is_cut_off_
     lines.find(|text| text.starts_with("store:")).expect("the step begins");
     wire.cut();
     assert_eq!((cut.wait().unwrap().code(), lines.next().is_some()), (Some(1), true));
-    assert!(std::fs::read_to_string(&out).unwrap().contains("interrupted_in = \"store\""));
+    assert!(std::fs::read_to_string(&output_path).unwrap().contains("interrupted_in = \"store\""));
     wire.mend();
-    let kept = device();
-    assert!(kept == nominal || kept == unit, "{kept:?}");
+    let stored = device();
+    assert!(stored == nominal || stored == unit, "{stored:?}");
 
     let again = bringup(&["link", "store"]).wait_with_output().unwrap();
     let [stdout, stderr] = [again.stdout, again.stderr].map(|text| String::from_utf8(text).unwrap());

@@ -9,7 +9,7 @@ use system::images::build_guide;
 use system::qemu::HANGS;
 
 const XTASK: &str = env!("CARGO_BIN_EXE_system");
-/// What is loose at guide 2, millimetres.
+/// Clearance at guide 2, millimetres.
 const CLEARANCE_MM: f64 = 0.12;
 
 fn characterize(bench: &Bench, arguments: &[&str]) -> Output {
@@ -54,10 +54,10 @@ fn the_runs_that_the_device_makes_show_what_is_loose_in_the_rig() {
         assert_eq!((&run["samples_missing"], &run["sweeps"]), (&0.into(), &5.into()), "{run:#}");
     }
     let backlash = parameter(&document, "rig.backlash");
-    // How often its interval holds the truth is measured by the study of rigs in air; one rig must be found to a twentieth.
+    // The study of rigs in air measures the coverage of its interval; one rig must be found to a twentieth.
     let [low, high] = [0, 1].map(|end| backlash["ci95"][end].as_f64().unwrap());
-    let off_mm = (0.5 * (low + high) - CLEARANCE_MM).abs();
-    assert!(off_mm < 0.05 * CLEARANCE_MM && high - low < 0.06, "{backlash:#}");
+    let error_mm = (0.5 * (low + high) - CLEARANCE_MM).abs();
+    assert!(error_mm < 0.05 * CLEARANCE_MM && high - low < 0.06, "{backlash:#}");
     assert_eq!(backlash["standing"], "identified");
 
     // Each run has its own zero, from a tare at rest, and both are in the session in any case.
@@ -67,7 +67,7 @@ fn the_runs_that_the_device_makes_show_what_is_loose_in_the_rig() {
     assert!(zero_n.abs() < 0.02, "the run begins at {zero_n} N");
     assert!(std::fs::read_to_string(bench.folder().join("found.toml")).unwrap().contains("rig.backlash"));
 
-    // What is characterised is one rig at one time.
+    // A characterization is valid for one rig at one time.
     let again = characterize(&bench, &[]);
     let stderr = String::from_utf8_lossy(&again.stderr);
     assert!(!again.status.success() && stderr.contains("has runs in air already (air-y-1)"), "{stderr}");

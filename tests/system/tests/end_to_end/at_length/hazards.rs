@@ -26,7 +26,7 @@ fn a_motor_that_never_rests_is_locked_out() {
     assert!(!bench.rig().bridges_driven());
     let status = client.status().unwrap();
     assert_eq!(status.motor_budget_permille[1], 1_000);
-    // Of 60 s of driving at a stretch 12 s have to leave the window of 300 s.
+    // 12 s of 60 s of uninterrupted driving have to leave the window of 300 s.
     let cools_in_s = client.safety().unwrap().cools_in_s;
     assert!(cools_in_s[0] == 0 && (200..=310).contains(&cools_in_s[1]), "{cools_in_s:?} s");
     let refusal = client.request(Request::ClearFault).unwrap_err();
@@ -63,8 +63,8 @@ fn a_bad_cable_loses_samples_that_are_counted_and_nothing_else() {
             6 => wire.mend(),
             _ => {}
         }
-        let until = bench.rig().steps() + 300;
-        while bench.rig().steps() < until {
+        let end_step = bench.rig().steps() + 300;
+        while bench.rig().steps() < end_step {
             let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() else {
                 continue;
             };
@@ -104,7 +104,7 @@ fn programs_that_are_left_running_come_back_to_their_device_and_are_not_disturbe
     let args = system::left_running::Args { minutes: 0.4, seed: 1 };
     let served = system::left_running::run(args).unwrap();
     println!("{served}");
-    // How much is done in the time depends on the computer; that everything is done does not.
+    // The number of updates in the time depends on the computer; that every kind occurs does not.
     assert!(served.updates >= 4 && served.replugged > 0 && served.refused > 0, "{served}");
     assert!(served.strangers > 0 && served.keys > 0, "{served}");
 }

@@ -11,13 +11,13 @@ const XTASK: &str = env!("CARGO_BIN_EXE_system");
 #[test]
 #[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn the_procedure_finds_the_modulus_of_another_rig() {
-    let [first, other] = [readme::rig::SEED, 4].map(|seed| {
+    let [first, first_run] = [readme::rig::SEED, 4].map(|seed| {
         let folder = tempfile::tempdir().unwrap();
         procedure(Path::new(XTASK), seed, &folder.path().join("demo"), &mut |_| {}).unwrap()
     });
-    assert_ne!(first.truth, other.truth);
-    assert_ne!(first.identified["pooled"], other.identified["pooled"]);
-    assert!(other.error().unwrap().abs() < 0.1, "{:?}", other.identified);
+    assert_ne!(first.truth, first_run.truth);
+    assert_ne!(first.identified["pooled"], first_run.identified["pooled"]);
+    assert!(first_run.error().unwrap().abs() < 0.1, "{:?}", first_run.identified);
 }
 
 /// Seeds of rigs whose hidden effect has to be found, beside the one that the pages show: each of another effect.
@@ -27,15 +27,15 @@ const HIDING_SEEDS: [u64; 3] = [53_003, 53_012, 53_019];
 #[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn a_hidden_effect_is_found_from_what_the_firmware_records() {
     let folder = tempfile::tempdir().unwrap();
-    let (out, mut printed) = (readme::rig::out(folder.path()), String::new());
+    let (output_dir, mut printed) = (readme::rig::out(folder.path()), String::new());
     let seed = readme::rig::SEED;
     let mut show = |text: &str| printed.push_str(text);
-    let found = diagnosis(Path::new(XTASK), seed, &out, AFTER_AIR, &mut show).unwrap();
-    printed.push_str(&found.summary(seed));
+    let start_step = diagnosis(Path::new(XTASK), seed, &output_dir, AFTER_AIR, &mut show).unwrap();
+    printed.push_str(&start_step.summary(seed));
     readme::check_part("hidden", &readme::rig::as_shown(&printed, folder.path(), Path::new(XTASK))).unwrap();
-    assert!(found.is_in_class(), "{found:#?}");
-    assert!(found.removed().unwrap() > 0.9, "{found:#?}");
-    assert!(out.join("model.toml").exists() && out.join("figures/residuals.svg").exists());
+    assert!(start_step.is_in_class(), "{start_step:#?}");
+    assert!(start_step.removed().unwrap() > 0.9, "{start_step:#?}");
+    assert!(output_dir.join("model.toml").exists() && output_dir.join("figures/residuals.svg").exists());
 }
 
 #[test]

@@ -33,8 +33,8 @@ fn had<T>(peer: Result<T, String>) -> Option<T> {
 
 /// Starts a program whose standard output goes to a file.
 fn start(command: &mut Command, out: &Path) -> Running {
-    let out = File::create(out).unwrap();
-    Running(command.stdin(Stdio::null()).stdout(out).stderr(Stdio::null()).spawn().unwrap())
+    let log_file = File::create(out).unwrap();
+    Running(command.stdin(Stdio::null()).stdout(log_file).stderr(Stdio::null()).spawn().unwrap())
 }
 
 /// Waits until a port has a server.
@@ -46,11 +46,11 @@ fn await_port(port: u16) {
     }
 }
 
-/// What a viewer has printed of one device.
+/// Output of a viewer for one device.
 fn received(lines: &Path, device: &str) -> Vec<Value> {
     let text = fs::read_to_string(lines).unwrap();
-    let all = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
-    all.filter(|message| message["device"] == device).collect()
+    let messages = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    messages.filter(|message| message["device"] == device).collect()
 }
 
 fn json(command: &mut Command) -> Value {
@@ -105,11 +105,11 @@ fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_it
         command.args(["127.0.0.1", &port]).stdout(errors.try_clone().unwrap()).stderr(errors);
         (Running(command.stdin(Stdio::null()).spawn().unwrap()), folder)
     });
-    let (done, stderr) = finished(acquiring);
-    assert!(done, "{stderr}");
+    let (exit_status, stderr) = finished(acquiring);
+    assert!(exit_status, "{stderr}");
     drop(viewer);
 
-    // What the viewers received.
+    // Values that the viewers received.
     let recorded = Session::read(&session).unwrap();
     let run = &recorded.lateral[0];
     let documents = received(&path("viewer.txt"), "Guide");
@@ -124,9 +124,9 @@ fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_it
             ("position_y_mm", &run.force.displacement_y_m, 1e3),
             ("position_x_mm", run.force.displacement_x_m.as_ref().unwrap(), 1e3),
         ] {
-            let off = document[field].as_f64().unwrap() - unit * series[row];
+            let value_error = document[field].as_f64().unwrap() - unit * series[row];
             // The session's files have nine decimals.
-            assert!(off.abs() < 1e-9, "{field} is off by {off} at {time_s} s");
+            assert!(value_error.abs() < 1e-9, "{field} is off by {value_error} at {time_s} s");
         }
     }
     assert!(compared > 50, "{compared} of {} updates are of the run", documents.len());
@@ -146,8 +146,8 @@ fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_it
                 .into_iter()
                 .enumerate()
         {
-            let off_mm = matrix[row][3].as_f64().unwrap() - expected_mm;
-            assert!(off_mm.abs() < 1e-5, "row {row} of {matrix} is off by {off_mm} mm");
+            let error_mm = matrix[row][3].as_f64().unwrap() - expected_mm;
+            assert!(error_mm.abs() < 1e-5, "row {row} of {matrix} is off by {error_mm} mm");
         }
         posed += 1;
     }
@@ -161,7 +161,7 @@ fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_it
         assert!(text.contains("guide.igtl/1") && text.contains("60"), "{text}");
     }
 
-    // What the tracker sent.
+    // Values that the tracker sent.
     let measured = run.shape.time_s.as_ref().unwrap();
     let mut times_s = measured.clone();
     times_s.dedup();
@@ -172,20 +172,22 @@ fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_it
     let mut exact = String::from("time_s,z_mm,deflection_y_mm,deflection_x_mm\n");
     for time_s in times_s {
         let rows: Vec<usize> = (0..measured.len()).filter(|row| measured[*row] == time_s).collect();
-        let is_it = |sweep: &Vec<[f64; 3]>| {
-            sweep.len() == rows.len()
-                && sweep.iter().zip(&rows).all(|([z_mm, y_mm, x_mm], row)| {
-                    let x_m = run.shape.x_m.as_ref().unwrap()[*row];
-                    let at_m = [run.shape.z_m[*row], run.shape.y_m[*row], x_m];
-                    // Single precision on the wire.
-                    at_m.iter().zip([z_mm, y_mm, x_mm]).all(|(m, mm)| (1e3 * m - mm).abs() < 1e-5)
-                })
-        };
-        let found = sent[next..].iter().position(is_it).expect("each sweep is one that was sent, in order");
-        for [z_mm, y_mm, x_mm] in &sent[next + found] {
+        let matching = sent[next..]
+            .iter()
+            .position(|sweep| {
+                sweep.len() == rows.len()
+                    && sweep.iter().zip(&rows).all(|([z_mm, y_mm, x_mm], row)| {
+                        let x_m = run.shape.x_m.as_ref().unwrap()[*row];
+                        let point_m = [run.shape.z_m[*row], run.shape.y_m[*row], x_m];
+                        // Single precision on the wire.
+                        point_m.iter().zip([z_mm, y_mm, x_mm]).all(|(m, mm)| (1e3 * m - mm).abs() < 1e-5)
+                    })
+            })
+            .expect("each sweep is one that was sent, in order");
+        for [z_mm, y_mm, x_mm] in &sent[next + matching] {
             exact += &format!("{time_s},{z_mm},{y_mm},{x_mm}\n");
         }
-        next += found + 1;
+        next += matching + 1;
     }
 
     // The same modulus as from the shapes in the tracker's own files.
@@ -249,11 +251,14 @@ fn sweep(path: &Path) -> Option<Vec<[f64; 3]>> {
     let names: Vec<&str> = lines.next()?.split(',').collect();
     let column = |name: &str| names.iter().position(|known| *known == name);
     let columns = [column("z_mm")?, column("deflection_y_mm")?, column("deflection_x_mm")?];
-    let row = |line: &str| {
-        let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
-        columns.map(|column| cells[column])
-    };
-    Some(lines.map(row).collect())
+    Some(
+        lines
+            .map(|line| {
+                let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+                columns.map(|column| cells[column])
+            })
+            .collect(),
+    )
 }
 
 /// A sequence that was captured, as `guide capture --json` states it.
@@ -287,11 +292,11 @@ fn frames_of_a_foreign_scanner_become_a_sequence_and_lost_ones_are_counted() {
     scanner.arg(peers::scripts().join("scanner.py")).arg(port.to_string()).args(["90", "7", "8", "40"]);
     let _scanner = start(&mut scanner, &folder.path().join("scanner.txt"));
     let frames = folder.path().join("frames");
-    let found = captured(port, &frames, &["--frames", "87"]);
-    assert_eq!((&found["image"], &found["frames"]), (&"Probe".into(), &87.into()), "{found}");
-    assert_eq!(found["lost"].as_u64().unwrap(), 3, "{found}");
-    assert!((found["rate_hz"].as_f64().unwrap() - 30.0).abs() < 0.1, "{found}");
-    let sequence = Sequence::open(Path::new(found["path"].as_str().unwrap())).unwrap();
+    let capture = captured(port, &frames, &["--frames", "87"]);
+    assert_eq!((&capture["image"], &capture["frames"]), (&"Probe".into(), &87.into()), "{capture}");
+    assert_eq!(capture["lost"].as_u64().unwrap(), 3, "{capture}");
+    assert!((capture["rate_hz"].as_f64().unwrap() - 30.0).abs() < 0.1, "{capture}");
+    let sequence = Sequence::open(Path::new(capture["path"].as_str().unwrap())).unwrap();
     let header = sequence.header();
     let spacing_mm = header.spacing_mm.unwrap();
     assert!((spacing_mm[0] - 0.1).abs() < 1e-6 && (spacing_mm[1] - 0.2).abs() < 1e-6, "{spacing_mm:?}");
@@ -312,9 +317,9 @@ fn frames_of_the_library_s_own_server_become_a_sequence() {
     let mut server = Command::new(examples.join("ImagerServer"));
     server.arg(port.to_string()).arg("30").arg(&images);
     let _server = start(&mut server, &folder.path().join("server.txt"));
-    let found = captured(port, &folder.path().join("frames"), &["--frames", "60"]);
-    assert_eq!(found["frames"].as_u64().unwrap(), 60, "{found}");
-    let mut sequence = Sequence::open(Path::new(found["path"].as_str().unwrap())).unwrap();
+    let capture = captured(port, &folder.path().join("frames"), &["--frames", "60"]);
+    assert_eq!(capture["frames"].as_u64().unwrap(), 60, "{capture}");
+    let mut sequence = Sequence::open(Path::new(capture["path"].as_str().unwrap())).unwrap();
     assert_eq!([sequence.header().width, sequence.header().height], [256, 256]);
     let mut read = 0;
     while let Some(frame) = sequence.next_frame().unwrap() {

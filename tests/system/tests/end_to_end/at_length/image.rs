@@ -11,37 +11,39 @@ fn image() -> Vec<u8> {
 /// Sources and numbers of places of the manual's table; no number for a library.
 fn listed() -> BTreeMap<String, Option<usize>> {
     let page = std::fs::read_to_string(images::root().join("host/manual/src/panics.md")).unwrap();
-    let row = |line: &str| {
-        let mut cells = line.strip_prefix("| `")?.split(" | ");
-        let source = cells.next()?.trim_end_matches('`').to_owned();
-        let places = cells.next()?.parse().ok();
-        cells.next().map(|_why| (source, places))
-    };
-    page.lines().filter_map(row).collect()
+    page.lines()
+        .filter_map(|line| {
+            let mut cells = line.strip_prefix("| `")?.split(" | ");
+            let source = cells.next()?.trim_end_matches('`').to_owned();
+            let count = cells.next()?.parse().ok();
+            cells.next().map(|_why| (source, count))
+        })
+        .collect()
 }
 
 #[test]
 #[ignore = "needs the firmware's toolchain: cargo xtask test --all runs it"]
 fn every_place_that_can_panic_is_listed_with_the_reason_why_it_is_not_reached() {
-    let (found, listed) = (panics::sources(&image()).unwrap(), listed());
-    assert!(found.values().sum::<usize>() > 50, "the search finds them: {found:?}");
-    for (source, places) in &found {
-        let most =
-            listed.get(source).unwrap_or_else(|| panic!("{source} can panic and is not listed: {found:#?}"));
+    let (panic_sites, listed) = (panics::sources(&image()).unwrap(), listed());
+    assert!(panic_sites.values().sum::<usize>() > 50, "the search finds them: {panic_sites:?}");
+    for (source, places) in &panic_sites {
+        let most = listed
+            .get(source)
+            .unwrap_or_else(|| panic!("{source} can panic and is not listed: {panic_sites:#?}"));
         assert!(most.is_none_or(|most| *places <= most), "{source}: {places} places, {most:?} are listed");
     }
     for source in listed.keys() {
-        assert!(found.contains_key(source), "{source} is listed, and nothing in it panics");
+        assert!(panic_sites.contains_key(source), "{source} is listed, and nothing in it panics");
     }
 }
 
 #[test]
 #[ignore = "needs the firmware's toolchain: cargo xtask test --all runs it"]
 fn nothing_calls_itself_but_a_panic_and_the_log() {
-    let found = panics::recursive(&image()).unwrap();
-    println!("{found:#?}");
+    let recursive = panics::recursive(&image()).unwrap();
+    println!("{recursive:#?}");
     let is_expected =
         |name: &&String| ["panic", "rust_begin_unwind", "defmt"].iter().any(|part| name.contains(part));
-    let others: Vec<_> = found.iter().filter(|name| !is_expected(name)).collect();
-    assert!(others.is_empty(), "{others:#?} can call themselves");
+    let unexpected: Vec<_> = recursive.iter().filter(|name| !is_expected(name)).collect();
+    assert!(unexpected.is_empty(), "{unexpected:#?} can call themselves");
 }

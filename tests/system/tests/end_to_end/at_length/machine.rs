@@ -16,30 +16,31 @@ fn a_line_filled_to_nine_tenths_loses_nothing() {
     let (mut samples, mut lost) = (0, 0);
     // Bytes and periods while it receives.
     let mut receive = |client: &mut Client, periods: u64| {
-        let (from, sent) = bench.rig().sent();
-        while bench.rig().steps() < from + periods {
+        let (first_step, sent) = bench.rig().sent();
+        while bench.rig().steps() < first_step + periods {
             if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
                 (samples, lost) = (samples + batch.points.len() as u64, lost + batch.lost_before);
             }
         }
-        let (to, all) = bench.rig().sent();
-        (all - sent, to - from)
+        let (last_step, sent_total) = bench.rig().sent();
+        (sent_total - sent, last_step - first_step)
     };
     let (bytes, periods) = receive(&mut client, 4_000);
     let needed_baud = (bytes * u64::from(BITS_PER_BYTE) * 1_000).div_ceil(periods) as u32;
     let line_baud = needed_baud * 100 / 96;
     bench.rig().inject(Injection { line_baud: Some(line_baud), ..Injection::default() });
     let (bytes, periods) = receive(&mut client, 40_000);
-    let used = (bytes * u64::from(BITS_PER_BYTE) * 1_000) as f64 / periods as f64 / f64::from(line_baud);
+    let used_fraction =
+        (bytes * u64::from(BITS_PER_BYTE) * 1_000) as f64 / periods as f64 / f64::from(line_baud);
     let counters = client.status().unwrap().counters;
     bench.rig().inject(Injection::default());
     client.request(Request::Stream { enable: false }).unwrap();
-    assert!((0.9..1.0).contains(&used), "{used} of {line_baud} baud are used");
+    assert!((0.9..1.0).contains(&used_fraction), "{used_fraction} of {line_baud} baud are used");
     assert!(samples > 43_000, "{samples} samples");
     assert_eq!(
         (lost, counters.samples_dropped, counters.messages_dropped),
         (0, 0, 0),
-        "at {used} of {line_baud} baud"
+        "at {used_fraction} of {line_baud} baud"
     );
     assert_eq!(client.losses(), Default::default());
     drop(client);

@@ -43,13 +43,13 @@ fn a_guide_whose_interpreter_is_killed_stops_and_names_the_cause() {
     let limit_ms = 2_000;
     eventually("its limit is over", || bench.rig().steps() > killed_ms + limit_ms + 1_000);
     assert!(bench.rig().released_since().is_some(), "a bridge still drives");
-    let rests_m = bench.rig().rig(|rig| rig.position_m());
+    let final_m = bench.rig().rig(|rig| rig.position_m());
     let mut client = Client::connect(&bench.port()).unwrap();
     let status = client.status().unwrap();
     assert_eq!((status.state, status.fault), (State::Faulted, Some(Fault::HostSilent)));
     let now_ms = bench.rig().steps();
     eventually("time passes", || bench.rig().steps() > now_ms + 1_000);
     let moved_m = bench.rig().rig(|rig| rig.position_m());
-    assert_eq!(moved_m, rests_m, "it moves on");
+    assert_eq!(moved_m, final_m, "it moves on");
     bench.stop().unwrap();
 }

@@ -17,7 +17,7 @@ use system::qemu::HANGS;
 const XTASK: &str = env!("CARGO_BIN_EXE_system");
 /// Rig seconds per second: as fast as it goes.
 const SPEED: f64 = 50.0;
-/// What needle and rig are drawn from.
+/// Seed of needle and rig.
 const SEED: u64 = 26;
 
 fn guide(arguments: &[&str]) -> Output {
@@ -87,7 +87,8 @@ fn await_decisions(bench: &Bench, before: &Path, count: usize) {
     }
 }
 
-/// What every fault has to leave: its name, a complete record, a needle and a guide that are held, and a replay that ends by the same.
+/// Checks the state that every fault has to leave: its name, a complete record, a needle and a guide that are held, and
+/// a replay that ends by the same.
 fn assert_held(bench: &Bench, (document, succeeded, stderr): (Value, bool, String), name: &str) {
     assert!(!succeeded && document["fault"]["name"] == name, "{name}: {document} {stderr}");
     assert!(stderr.contains(&format!("error: {name}: ")), "{stderr}");
@@ -98,7 +99,7 @@ fn assert_held(bench: &Bench, (document, succeeded, stderr): (Value, bool, Strin
     // Every command but a last one that failed is answered, and the needle stays where it was commanded last.
     let (commands, answers) = (lines(&record, "command"), lines(&record, "plant"));
     assert!(answers.len() - 1 == commands.len() || answers.len() == commands.len(), "{name}");
-    // The guide: no bridge is driven any more. Where the plug was pulled nothing drives it.
+    // The guide: no bridge is driven any more. If the plug was pulled the guide is not driven.
     let released = bench.rig().released_since().is_some();
     assert!(released || name == "device_gone", "{name}: a bridge is driven");
     let again = guide(&["steer", "--replay", record.to_str().unwrap(), "--json"]);
@@ -144,42 +145,42 @@ fn whatever_fails_ends_in_a_hold_with_its_name() {
         assert_held(&bench, ended(failing), name);
         succeeds(&["home", "--port", &bench.port()]);
     }
-    // Where guide 2 is not at home nothing begins.
+    // If guide 2 is not at home no run begins.
     succeeds(&["move", "--port", &bench.port(), "--y-mm", "1"]);
     let (document, succeeded, stderr) = ended(steering(&bench, SEED, ""));
     assert!(!succeeded && document["fault"]["name"] == "guide_not_home", "{document}");
     assert!(stderr.contains("run `guide home` first"), "{stderr}");
-    let mut before = newest(&bench);
+    let mut previous = newest(&bench);
     succeeds(&["home", "--port", &bench.port()]);
     // The emergency stop is pressed on the way.
     let child = steering(&bench, SEED, "");
-    await_decisions(&bench, &before, 3);
+    await_decisions(&bench, &previous, 3);
     bench.rig().press_stop(true);
     assert_held(&bench, ended(child), "emergency_stop");
-    before = newest(&bench);
+    previous = newest(&bench);
     bench.rig().press_stop(false);
     succeeds(&["clear", "--port", &bench.port()]);
     succeeds(&["home", "--port", &bench.port()]);
     // An interlock: the force leaps beyond its limit while the needle is steered.
     let child = steering(&bench, SEED, "");
-    await_decisions(&bench, &before, 3);
+    await_decisions(&bench, &previous, 3);
     bench.rig().inject(Injection { force_spike_n: Some([4.5, 0.0]), ..Injection::default() });
     assert_held(&bench, ended(child), "device_fault");
-    before = newest(&bench);
+    previous = newest(&bench);
     bench.rig().inject(Injection::default());
     succeeds(&["clear", "--port", &bench.port()]);
     succeeds(&["home", "--port", &bench.port()]);
     // The user interrupts.
     let child = steering(&bench, SEED, "");
-    await_decisions(&bench, &before, 3);
+    await_decisions(&bench, &previous, 3);
     rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT)
         .unwrap();
     assert_held(&bench, ended(child), "interrupted");
-    before = newest(&bench);
+    previous = newest(&bench);
     succeeds(&["home", "--port", &bench.port()]);
     // The plug is pulled.
     let child = steering(&bench, SEED, "");
-    await_decisions(&bench, &before, 3);
+    await_decisions(&bench, &previous, 3);
     bench.pull_the_plug();
     assert_held(&bench, ended(child), "device_gone");
 }

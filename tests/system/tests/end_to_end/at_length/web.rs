@@ -24,9 +24,9 @@ struct Tab(WebSocket<TcpStream>);
 
 impl Tab {
     fn open(address: &str) -> Self {
-        let rest = address.strip_prefix("http://").unwrap();
-        let (host, _) = rest.split_once('/').unwrap();
-        let mut request = format!("ws://{rest}live").into_client_request().unwrap();
+        let address_tail = address.strip_prefix("http://").unwrap();
+        let (host, _) = address_tail.split_once('/').unwrap();
+        let mut request = format!("ws://{address_tail}live").into_client_request().unwrap();
         request.headers_mut().insert("Origin", format!("http://{host}").parse().unwrap());
         let stream = TcpStream::connect(host).unwrap();
         stream.set_read_timeout(Some(HANGS)).unwrap();
@@ -62,16 +62,15 @@ impl Tab {
 
     /// Takes control and has the guide move; the device as it moves.
     fn moves(&mut self) -> Value {
-        let from_mm = self.until(true, |update| update["device"]["state"] == "idle");
-        let from_mm = from_mm["device"]["position_y_mm"].as_f64().unwrap();
+        let start_update = self.until(true, |update| update["device"]["state"] == "idle");
+        let start_mm = start_update["device"]["position_y_mm"].as_f64().unwrap();
         self.send(json!({"do": "take"}));
         self.send(json!({"do": "run", "program": "slow"}));
-        let moved = |update: &Value| {
+        let update = self.until(true, |update: &Value| {
             let device = &update["device"];
             device["state"] == "moving"
-                && device["position_y_mm"].as_f64().is_some_and(|y_mm| (y_mm - from_mm).abs() > 0.1)
-        };
-        let update = self.until(true, moved);
+                && device["position_y_mm"].as_f64().is_some_and(|y_mm| (y_mm - start_mm).abs() > 0.1)
+        });
         assert_eq!(update["control"], "this");
         update["device"].clone()
     }

@@ -84,18 +84,18 @@ fn the_guide_goes_where_it_is_sent_and_the_force_is_that_of_the_model() {
             .unwrap();
         for axis in [0, 1] {
             let target_m = f64::from([x_um, y_um][axis]) * 1e-6;
-            let off_m = true_m[axis] - target_m;
+            let error_m = true_m[axis] - target_m;
             assert!(
-                off_m.abs() < f64::from(REENGAGE_ERROR_UM) * 1e-6,
-                "axis {axis} rests {off_m:e} m off its target"
+                error_m.abs() < f64::from(REENGAGE_ERROR_UM) * 1e-6,
+                "axis {axis} rests {error_m:e} m off its target"
             );
             // A code is 12 um; the mean of a second of noisy codes is far better than one, and offset by half at most.
             let measured_off_m = measured_m[axis] - true_m[axis];
             assert!(measured_off_m.abs() < 7e-6, "axis {axis} is measured {measured_off_m:e} m off");
             // Both the tare and the hold average 1000 readings of 5 mN: 0.16 mN each; counts are 0.05 mN.
             let expected_n = beam.force_n(true_m[axis]) - beam.force_n(at_tare_m[axis]);
-            let off_n = force_n[axis] - expected_n;
-            assert!(off_n.abs() < 1e-3, "axis {axis}: {off_n:e} N off the model's {expected_n} N");
+            let error_n = force_n[axis] - expected_n;
+            assert!(error_n.abs() < 1e-3, "axis {axis}: {error_n:e} N off the model's {expected_n} N");
         }
     }
     assert_eq!(client.losses(), Default::default());

@@ -1,5 +1,5 @@
-//! The machine under the firmware when it fails: resets, slow conversions, a slow line. What the firmware makes of it is
-//! tested elsewhere.
+//! The machine under the firmware when it fails: resets, slow conversions, a slow line. Other tests check the
+//! firmware's response.
 
 use device::link::{Client, Telemetry};
 use protocol::Request;
@@ -28,9 +28,9 @@ fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
 
 /// Waits until so many periods have passed; returns how many really have.
 fn pass(bench: &Bench, periods: u64) -> u64 {
-    let from = bench.rig().steps();
-    eventually("time goes on", || bench.rig().steps() >= from + periods);
-    bench.rig().steps() - from
+    let start_step = bench.rig().steps();
+    eventually("time goes on", || bench.rig().steps() >= start_step + periods);
+    bench.rig().steps() - start_step
 }
 
 #[test]
@@ -38,11 +38,11 @@ fn pass(bench: &Bench, periods: u64) -> u64 {
 fn a_supply_that_sags_starts_the_firmware_again_with_the_same_rig() {
     let bench = bench(31);
     let boot_id = Client::connect(&bench.port()).unwrap().boot_id();
-    let at = bench.rig().steps() + 50;
+    let injection_step = bench.rig().steps() + 50;
     let sag = Injection { brown_out: true, ..Injection::default() };
-    bench.rig().inject_when(Trigger::AtStep(at), sag);
+    bench.rig().inject_when(Trigger::AtStep(injection_step), sag);
     eventually("the firmware starts again", || bench.rig().resets() == 1);
-    assert_eq!(bench.rig().reaction().unwrap().injected_at_step, at);
+    assert_eq!(bench.rig().reaction().unwrap().injected_at_step, injection_step);
     pass(&bench, 200);
     let mut client = Client::connect(&bench.port()).unwrap();
     assert_ne!(client.boot_id(), boot_id);
@@ -58,11 +58,11 @@ fn slow_conversions_cost_the_device_the_time_they_take() {
     let bench = bench(33);
     let mut client = Client::connect(&bench.port()).unwrap();
     let mut overruns = |conversion_us| {
-        let before = client.status().unwrap().counters.control_overruns;
+        let overruns_before = client.status().unwrap().counters.control_overruns;
         bench.rig().inject(Injection { conversion_us, ..Injection::default() });
         pass(&bench, 60);
         bench.rig().inject(Injection::default());
-        client.status().unwrap().counters.control_overruns - before
+        client.status().unwrap().counters.control_overruns - overruns_before
     };
     // The driver converts four times per period.
     assert_eq!(overruns(200), 0, "800 us fit in");
@@ -80,10 +80,10 @@ fn the_line_carries_no_more_than_its_rate() {
     let line = |line_baud| bench.rig().inject(Injection { line_baud, ..Injection::default() });
     line(Some(30_000));
     pass(&bench, 50);
-    let (from, sent) = bench.rig().sent();
+    let (first_step, sent) = bench.rig().sent();
     pass(&bench, 200);
-    let (to, all) = bench.rig().sent();
-    let (bytes, periods) = (all - sent, to - from);
+    let (last_step, sent_total) = bench.rig().sent();
+    let (bytes, periods) = (sent_total - sent, last_step - first_step);
     // A byte may be on the line at either end; without a limit it would be thousands of bytes.
     assert!((3 * periods - 3..=3 * periods + 3).contains(&bytes), "{bytes} bytes in {periods} periods");
     line(None);
@@ -93,7 +93,8 @@ fn the_line_carries_no_more_than_its_rate() {
     bench.stop().unwrap();
 }
 
-/// What the line cannot carry is dropped in whole batches, each of which both ends count, and control does not notice.
+/// Samples beyond the line's capacity are dropped in whole batches, each of which both ends count, and control does
+/// not notice.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_line_too_slow_for_the_samples_drops_whole_batches() {
@@ -102,8 +103,8 @@ fn a_line_too_slow_for_the_samples_drops_whole_batches() {
     client.request(Request::Stream { enable: true }).unwrap();
     let mut received = Vec::new();
     let mut receive = |client: &mut Client, periods: u64| {
-        let until = bench.rig().steps() + periods;
-        while bench.rig().steps() < until {
+        let end_step = bench.rig().steps() + periods;
+        while bench.rig().steps() < end_step {
             if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
                 received.push((batch.lost_before, batch.points));
             }

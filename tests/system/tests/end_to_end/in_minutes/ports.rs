@@ -27,18 +27,18 @@ fn status_fails(port: &str) -> String {
 
 /// Does something with a pty's far end while `guide` tries the near one.
 fn with_far_end(answer: impl Fn(&ToDevice) -> Option<Envelope> + Send + Sync) -> String {
-    let (mut far, near) = TTYPort::pair().unwrap();
-    let port = near.name().unwrap();
+    let (mut far_port, near_port) = TTYPort::pair().unwrap();
+    let port = near_port.name().unwrap();
     // `guide` opens the near end by its name; until then the far one reads errors.
-    drop(near);
-    far.set_timeout(Duration::from_millis(20)).unwrap();
-    let done = AtomicBool::new(false);
+    drop(near_port);
+    far_port.set_timeout(Duration::from_millis(20)).unwrap();
+    let is_finished = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
             let mut receiver = CommandReceiver::new();
             let mut bytes = [0; 64];
-            while !done.load(Ordering::Acquire) {
-                let Ok(length) = far.read(&mut bytes) else {
+            while !is_finished.load(Ordering::Acquire) {
+                let Ok(length) = far_port.read(&mut bytes) else {
                     std::thread::sleep(Duration::from_millis(2));
                     continue;
                 };
@@ -46,13 +46,13 @@ fn with_far_end(answer: impl Fn(&ToDevice) -> Option<Envelope> + Send + Sync) ->
                     let Received::Frame(command) = received else { continue };
                     if let Some(envelope) = answer(&command) {
                         let mut buffer = [0; MAX_FRAME_TO_HOST];
-                        far.write_all(encode_envelope(&envelope, &mut buffer).unwrap()).unwrap();
+                        far_port.write_all(encode_envelope(&envelope, &mut buffer).unwrap()).unwrap();
                     }
                 }
             }
         });
         let message = status_fails(&port);
-        done.store(true, Ordering::Release);
+        is_finished.store(true, Ordering::Release);
         message
     })
 }
@@ -108,9 +108,9 @@ fn a_device_with_other_message_types() {
 fn a_port_in_use() {
     let bench = Bench::at_terminal(RigConfig::default(), 31, 4.0, HANGS).unwrap();
     let port = bench.port();
-    let held = device::link::Client::connect(&port).unwrap();
+    let first_client = device::link::Client::connect(&port).unwrap();
     let message = status_fails(&port);
     assert!(message.contains("in use by another program"), "{message}");
-    drop(held);
+    drop(first_client);
     bench.stop().unwrap();
 }

@@ -15,18 +15,19 @@ use system::readme::{self, shell::Shell};
 
 const XTASK: &str = env!("CARGO_BIN_EXE_system");
 
-/// What the procedure finds, its recording, and what the pages show of it.
+/// Results of the procedure, its recording, and its output on the pages.
 fn run_procedure(seed: u64) -> (Outcome, String, String) {
     let folder = tempfile::tempdir().unwrap();
-    let out = readme::rig::out(folder.path());
+    let output_path = readme::rig::out(folder.path());
     let mut printed = String::new();
-    let outcome = procedure(Path::new(XTASK), seed, &out, &mut |text| printed.push_str(text)).unwrap();
-    printed.push_str(&judgement(&outcome, seed, &out).unwrap());
+    let outcome =
+        procedure(Path::new(XTASK), seed, &output_path, &mut |text| printed.push_str(text)).unwrap();
+    printed.push_str(&judgement(&outcome, seed, &output_path).unwrap());
     if seed == readme::rig::SEED {
         let shell = Shell::new(build_guide().unwrap(), folder.path());
         readme::check_console("recording", &shell).unwrap();
     }
-    let force = std::fs::read_to_string(out.join("phantom/d30-1.force.csv")).unwrap();
+    let force = std::fs::read_to_string(output_path.join("phantom/d30-1.force.csv")).unwrap();
     (outcome, force, readme::rig::as_shown(&printed, folder.path(), Path::new(XTASK)))
 }
 
@@ -63,8 +64,8 @@ fn the_procedure_finds_the_hidden_modulus_and_repeats_exactly() {
     let true_kpa = outcome.truth.modulus_pa * 1e-3;
     let [low_kpa, high_kpa] = outcome.interval_kpa().unwrap();
     assert!((low_kpa..=high_kpa).contains(&true_kpa), "{true_kpa} kPa is not in {low_kpa} to {high_kpa} kPa");
-    let found_kpa = outcome.number("likelihood", "k_kpa").unwrap();
-    assert!((found_kpa / true_kpa - 1.0).abs() < 0.1, "{found_kpa} kPa instead of {true_kpa} kPa");
+    let likelihood_kpa = outcome.number("likelihood", "k_kpa").unwrap();
+    assert!((likelihood_kpa / true_kpa - 1.0).abs() < 0.1, "{likelihood_kpa} kPa instead of {true_kpa} kPa");
     assert!(outcome.number("energy", "k_kpa").unwrap() > 0.0);
     assert_eq!(outcome.lost_samples(), 0.0);
     let run = &outcome.session.lateral[0];
@@ -108,8 +109,8 @@ fn a_move_by_hand_arrives() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     for (field, target_mm) in [("position_x_mm", -0.5), ("position_y_mm", 0.7)] {
-        let off_mm = report[field].as_f64().unwrap() - target_mm;
-        assert!(off_mm.abs() < 0.06, "{field} is {off_mm} mm off");
+        let error_mm = report[field].as_f64().unwrap() - target_mm;
+        assert!(error_mm.abs() < 0.06, "{field} is {error_mm} mm off");
     }
     bench.stop().unwrap();
 }
@@ -126,7 +127,7 @@ fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_loses_nothing_recorded()
         assert!(began.elapsed() < HANGS, "nothing is recorded");
         thread::sleep(Duration::from_millis(20));
     }
-    let before = rows();
+    let rows_before = rows();
     bench.pull_the_plug();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1));
@@ -136,7 +137,7 @@ fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_loses_nothing_recorded()
 
     let read = Session::read(&session).unwrap();
     let times_s = &read.lateral[0].force.time_s;
-    assert!(times_s.len() + 1 >= before, "{} of {before} rows are left", times_s.len());
+    assert!(times_s.len() + 1 >= rows_before, "{} of {rows_before} rows are left", times_s.len());
     let gaps = times_s.windows(2).filter(|pair| (pair[1] - pair[0] - 1e-3).abs() > 1e-6).count();
     assert_eq!(gaps, 0, "every sample up to the end is there");
 }
@@ -158,11 +159,11 @@ fn a_host_that_is_suspended_in_mid_run_loses_nothing_recorded_and_names_the_faul
         assert!(began.elapsed() < HANGS, "nothing is recorded");
         thread::sleep(Duration::from_millis(20));
     }
-    let before = rows();
+    let rows_before = rows();
     signal("STOP");
     // Twice the device's 2 s, by its own clock.
-    let from = bench.rig().steps();
-    while bench.rig().steps() < from + 5_000 {
+    let start_step = bench.rig().steps();
+    while bench.rig().steps() < start_step + 5_000 {
         assert!(began.elapsed() < HANGS, "the rig stands");
         thread::sleep(Duration::from_millis(20));
     }
@@ -175,7 +176,7 @@ fn a_host_that_is_suspended_in_mid_run_loses_nothing_recorded_and_names_the_faul
     assert!(stderr_text.contains("host") || stderr_text.contains("silent"), "{stderr_text}");
     let read = Session::read(&session).unwrap();
     let force = &read.lateral[0].force;
-    assert!(force.time_s.len() + 1 >= before, "{} of {before} rows are left", force.time_s.len());
+    assert!(force.time_s.len() + 1 >= rows_before, "{} of {rows_before} rows are left", force.time_s.len());
     assert!(force.time_s.windows(2).all(|pair| pair[1] > pair[0]), "the device's clock goes on");
     bench.stop().unwrap();
 }
@@ -267,8 +268,8 @@ fn a_retreat_that_is_interrupted_stops_on_its_way() {
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
     let bench = Bench::start(readme::rig::quiet(), 24, 4.0, HANGS).unwrap();
-    let before = guide(&bench, &["calibration"]);
-    assert_eq!(before["id"], "nominal");
+    let calibration_before = guide(&bench, &["calibration"]);
+    assert_eq!(calibration_before["id"], "nominal");
     // Shifted by 2 mm along y, twice the force along x.
     let file = bench.folder().join("unit-7.toml");
     std::fs::write(
@@ -279,16 +280,19 @@ fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
          [potentiometer.y]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-23.0, 27.0]\n",
     )
     .unwrap();
-    let here = guide(&bench, &["status"]);
+    let status_before = guide(&bench, &["status"]);
     let stored = guide(&bench, &["calibration", "--store", file.to_str().unwrap()]);
     assert_eq!(stored["id"], "unit-7");
-    let there = guide(&bench, &["status"]);
-    assert_eq!((&there["calibration_id"], &there["calibration_crc"]), (&stored["id"], &stored["crc"]));
-    assert_eq!((&there["state"], &there["fault"]), (&Value::from("idle"), &Value::Null));
+    let status_after = guide(&bench, &["status"]);
+    assert_eq!(
+        (&status_after["calibration_id"], &status_after["calibration_crc"]),
+        (&stored["id"], &stored["crc"])
+    );
+    assert_eq!((&status_after["state"], &status_after["fault"]), (&Value::from("idle"), &Value::Null));
     let number = |report: &Value, field: &str| report[field].as_f64().unwrap();
-    let shift_mm = number(&there, "position_y_mm") - number(&here, "position_y_mm");
+    let shift_mm = number(&status_after, "position_y_mm") - number(&status_before, "position_y_mm");
     assert!((shift_mm - 2.0).abs() < 0.15, "shifted by {shift_mm} mm");
-    let ratio = number(&there, "force_x_n") / number(&here, "force_x_n");
+    let ratio = number(&status_after, "force_x_n") / number(&status_before, "force_x_n");
     assert!((ratio - 2.0).abs() < 0.2, "{ratio} of the force");
     bench.rig().inject(system::cosim::Injection { brown_out: true, ..Default::default() });
     let began = Instant::now();
@@ -311,8 +315,11 @@ fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
     )
     .unwrap();
     let session = bench.folder().join("session");
-    let (out, rig) = (session.to_str().unwrap(), rig_file.to_str().unwrap());
-    guide(&bench, &["record", "--out", out, "--rig", rig, "--depth-mm", "30", "--duration-s", "0.5"]);
+    let (session_text, rig) = (session.to_str().unwrap(), rig_file.to_str().unwrap());
+    guide(
+        &bench,
+        &["record", "--out", session_text, "--rig", rig, "--depth-mm", "30", "--duration-s", "0.5"],
+    );
     let text = std::fs::read_to_string(session.join("session.toml")).unwrap();
     let crc = stored["crc"].as_str().unwrap();
     assert!(text.contains("calibration_id = \"unit-7\"") && text.contains(crc), "{text}");

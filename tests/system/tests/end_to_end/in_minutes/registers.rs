@@ -12,12 +12,13 @@ pub fn registers(board: Board) -> BTreeMap<String, u32> {
         bench.log().iter().any(|line| line.contains("register FLASH.OPTR"))
     });
     let log = bench.stop().unwrap();
-    let named = |line: &String| {
-        let (name, value) = line.split_once("register ")?.1.split_once(" 0x")?;
-        let digits = value.get(..8)?;
-        Some((name.to_owned(), u32::from_str_radix(digits, 16).ok()?))
-    };
-    log.iter().filter_map(named).collect()
+    log.iter()
+        .filter_map(|line| {
+            let (name, value) = line.split_once("register ")?.1.split_once(" 0x")?;
+            let digits = value.get(..8)?;
+            Some((name.to_owned(), u32::from_str_radix(digits, 16).ok()?))
+        })
+        .collect()
 }
 
 #[test]
@@ -65,7 +66,7 @@ pub fn baud(divider: u32) {
     assert!((baud / 460_800.0 - 1.0).abs() < 0.005, "{baud}");
 }
 
-/// What is the same on every board.
+/// Contents that are the same on every board.
 pub fn shared(bits: &dyn Fn(&str, u32, u32) -> u32) {
     // Clock tree: HSI16 / M * N / R; the system clock is the PLL's, undivided; range 1 and four wait states carry it.
     assert_eq!(bits("RCC.PLLCFGR", 0, 2), 0b10, "the PLL runs from the 16 MHz oscillator");
@@ -86,9 +87,13 @@ pub fn shared(bits: &dyn Fn(&str, u32, u32) -> u32) {
 
     assert_eq!(bits("RCC.CCIPR", 28, 2), 0b11, "the converter runs from the system clock");
     assert_eq!(bits("ADC1.CFGR", 3, 2), 0, "twelve bits");
-    let (on, ratio, shift) =
+    let (oversampling, ratio, shift) =
         (bits("ADC1.CFGR2", 0, 1), 2 << bits("ADC1.CFGR2", 2, 3), bits("ADC1.CFGR2", 5, 4));
-    assert_eq!((on, ratio >> shift), (1, 1), "the sum of {ratio} conversions is shifted to their mean");
+    assert_eq!(
+        (oversampling, ratio >> shift),
+        (1, 1),
+        "the sum of {ratio} conversions is shifted to their mean"
+    );
 
     // Bridges: 20 kHz, edge-aligned, counting up, PWM mode 1, active high: a pin that is low or floating is off.
     for timer in ["TIM3", "TIM2"] {

@@ -21,10 +21,11 @@ fn the_nominal_calibration_reads_the_simulated_rig() {
         let position_um = calibration.position_um(codes.potentiometer, [0.5; 2]);
         let counts = calibration.force_counts(codes.bridge);
         for axis in [0, 1] {
-            let off_um = f64::from(position_um[axis]) - rig.position_m()[axis] * 1e6;
-            assert!(off_um.abs() < 6.2, "axis {axis} reads {off_um} um off: more than half a code");
-            let off_n = f64::from(counts[axis]) * f64::from(FORCE_NN_PER_COUNT) * 1e-9 - rig.force_n()[axis];
-            assert!(off_n.abs() < 5e-5, "axis {axis} reads {off_n} N off: more than a count");
+            let error_um = f64::from(position_um[axis]) - rig.position_m()[axis] * 1e6;
+            assert!(error_um.abs() < 6.2, "axis {axis} reads {error_um} um off: more than half a code");
+            let error_n =
+                f64::from(counts[axis]) * f64::from(FORCE_NN_PER_COUNT) * 1e-9 - rig.force_n()[axis];
+            assert!(error_n.abs() < 5e-5, "axis {axis} reads {error_n} N off: more than a count");
         }
     }
 }

@@ -37,8 +37,8 @@ fn storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors() {
         ended(&mut client, &[move_y(0, 2_000), move_y(1_500, 1_000), move_y(-1_500, 1_000)]),
         Outcome::Completed
     );
-    let used = client.status().unwrap().motor_budget_permille[1];
-    assert!(used > 50, "{used}");
+    let budget_used = client.status().unwrap().motor_budget_permille[1];
+    assert!(budget_used > 50, "{budget_used}");
     bench.rig().inject(Injection { emergency_stop: true, ..NOTHING });
     await_fault(&mut client, Fault::EmergencyStop);
     let record = Calibration::nominal_record();
@@ -54,7 +54,11 @@ fn storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors() {
     let mut client = restarted(&bench, client, resets);
     let status = client.status().unwrap();
     assert_eq!((status.state, status.fault), (State::Faulted, Some(Fault::Potentiometer)));
-    assert!(status.motor_budget_permille[1] >= used, "{} of {used}", status.motor_budget_permille[1]);
+    assert!(
+        status.motor_budget_permille[1] >= budget_used,
+        "{} of {budget_used}",
+        status.motor_budget_permille[1]
+    );
     client.request(Request::ClearFault).unwrap();
     drop(client);
     bench.stop().unwrap();
@@ -66,8 +70,8 @@ fn a_calibration_that_no_rig_has_is_refused() {
     let (bench, mut client) = bench(RigConfig::default());
     for power in [-3, -1, 1, 3] {
         let mut record = Calibration::nominal_record();
-        let slip = |pn: i32| (f64::from(pn) * 10_f64.powi(power)) as i32;
-        record.force_pn_per_code = record.force_pn_per_code.map(|row| row.map(slip));
+        record.force_pn_per_code =
+            record.force_pn_per_code.map(|row| row.map(|pn| (f64::from(pn) * 10_f64.powi(power)) as i32));
         assert_eq!(
             refusal(store(&mut client, &record)),
             Refusal::CalibrationInvalid,
@@ -80,11 +84,11 @@ fn a_calibration_that_no_rig_has_is_refused() {
 
 /// Tables of the wrong sign, as stored.
 fn turned() -> Vec<u8> {
-    let mut turned = Calibration::nominal_record();
-    for table in &mut turned.potentiometers {
+    let mut reversed = Calibration::nominal_record();
+    for table in &mut reversed.potentiometers {
         (table.rising_um, table.falling_um) = (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
     }
-    to_stored(&turned, 3).to_vec()
+    to_stored(&reversed, 3).to_vec()
 }
 
 /// Each is too short for the fault of the wrong way. Without a force to follow no axis moves that has not moved the way it was driven;
@@ -98,12 +102,12 @@ fn short_retreats_by_tables_of_the_wrong_sign_do_not_add_up() {
     bench.rig().inject(Injection { force_saturated: Some(0), ..Injection::default() });
     eventually("the saturation is a fault", || client.status().unwrap().fault == Some(Fault::ForceRange));
     let at_mm = || bench.rig().rig(|rig| rig.position_m()).map(|m| 1e3 * m);
-    let from_mm = at_mm();
-    let here_um = client.status().unwrap().position_counts;
-    let axis = usize::from(here_um[1].abs() > here_um[0].abs());
-    let mut by_um = [0; 2];
-    by_um[axis] = -here_um[axis].signum() * here_um[axis].abs().min(1_000);
-    let [x_um, y_um] = by_um;
+    let start_mm = at_mm();
+    let position_um = client.status().unwrap().position_counts;
+    let axis = usize::from(position_um[1].abs() > position_um[0].abs());
+    let mut retreat_um = [0; 2];
+    retreat_um[axis] = -position_um[axis].signum() * position_um[axis].abs().min(1_000);
+    let [x_um, y_um] = retreat_um;
     assert_eq!(refusal(client.request(Request::Retreat { x_um, y_um })), Refusal::OutOfTravel);
     // Beyond the range by something else.
     let sign = bench.rig().rig(|rig| rig.force_n())[axis].signum();
@@ -115,8 +119,8 @@ fn short_retreats_by_tables_of_the_wrong_sign_do_not_add_up() {
             eventually("it has ended", || client.status().unwrap().state == State::Faulted);
         }
     }
-    let moved_mm = (at_mm()[axis] - from_mm[axis]).abs();
-    println!("{moved_mm} mm in {ATTEMPTS} retreats of {by_um:?} um from {from_mm:?} mm");
+    let moved_mm = (at_mm()[axis] - start_mm[axis]).abs();
+    println!("{moved_mm} mm in {ATTEMPTS} retreats of {retreat_um:?} um from {start_mm:?} mm");
     assert!(moved_mm < 0.4, "{moved_mm} mm in {ATTEMPTS} retreats");
     drop(client);
     bench.stop().unwrap();
@@ -128,13 +132,13 @@ fn an_axis_that_moves_the_wrong_way_is_stopped_at_once() {
     let stored = turned();
     let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, HANGS, &[&stored]).unwrap();
     let mut client = Client::connect(&bench.port()).unwrap();
-    let from_m = bench.rig().rig(|rig| rig.position_m());
-    let here_um = client.status().unwrap().position_counts;
-    let to = Step::Move { x_um: here_um[0], y_um: here_um[1] + 2_000, speed_um_s: 4_000 };
-    assert_eq!(ended(&mut client, &[to]), Outcome::Faulted);
+    let start_m = bench.rig().rig(|rig| rig.position_m());
+    let position_um = client.status().unwrap().position_counts;
+    let target = Step::Move { x_um: position_um[0], y_um: position_um[1] + 2_000, speed_um_s: 4_000 };
+    assert_eq!(ended(&mut client, &[target]), Outcome::Faulted);
     assert_eq!(client.status().unwrap().fault, Some(Fault::WrongWay));
-    let to_m = bench.rig().rig(|rig| rig.position_m());
-    let moved_mm = [0, 1].map(|axis| (to_m[axis] - from_m[axis]).abs() * 1e3);
+    let end_m = bench.rig().rig(|rig| rig.position_m());
+    let moved_mm = [0, 1].map(|axis| (end_m[axis] - start_m[axis]).abs() * 1e3);
     assert!(moved_mm.iter().all(|mm| *mm < 0.3), "moved by {moved_mm:?} mm");
     println!("moved by {moved_mm:?} mm");
     // The recovery: the right tables, which the fault survives, and a clear.

@@ -18,26 +18,30 @@ fn the_emergency_stop_is_pressed() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn the_force_converter_falls_silent() {
-    let within = u64::from(DOUBTFUL_READINGS);
-    in_motion(Injection { force_silent: true, ..NOTHING }, Fault::ForceSensor, within..=within);
+    let latch_periods = u64::from(DOUBTFUL_READINGS);
+    in_motion(Injection { force_silent: true, ..NOTHING }, Fault::ForceSensor, latch_periods..=latch_periods);
 }
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_converter_that_was_saturated_once_and_is_silent_then_is_no_load() {
-    let within = u64::from(DOUBTFUL_READINGS);
+    let latch_periods = u64::from(DOUBTFUL_READINGS);
     in_motion(
         Injection { force_saturated_once: Some(0), ..NOTHING },
         Fault::ForceSensor,
-        within..=within + 1,
+        latch_periods..=latch_periods + 1,
     );
 }
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn the_force_converters_frames_are_corrupt() {
-    let within = u64::from(DOUBTFUL_READINGS);
-    in_motion(Injection { corrupt_force: true, ..NOTHING }, Fault::ForceSensor, within..=within);
+    let latch_periods = u64::from(DOUBTFUL_READINGS);
+    in_motion(
+        Injection { corrupt_force: true, ..NOTHING },
+        Fault::ForceSensor,
+        latch_periods..=latch_periods,
+    );
 }
 
 #[test]
@@ -88,8 +92,12 @@ fn a_force_spike_exceeds_the_limit() {
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn the_force_converter_is_stuck() {
     // The last good reading is the first of the equal ones.
-    let within = u64::from(DOUBTFUL_READINGS);
-    in_motion(Injection { force_stuck: true, ..NOTHING }, Fault::ForceStuck, within..=within + 1);
+    let latch_periods = u64::from(DOUBTFUL_READINGS);
+    in_motion(
+        Injection { force_stuck: true, ..NOTHING },
+        Fault::ForceStuck,
+        latch_periods..=latch_periods + 1,
+    );
 }
 
 /// Along y, in motion into the tissue.
@@ -100,8 +108,12 @@ fn failing(effect: Effect, pattern: Pattern) -> Injection {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn the_force_converter_is_stuck_but_for_its_last_bit() {
-    let within = u64::from(DOUBTFUL_READINGS);
-    in_motion(failing(Effect::LastBit, Pattern::AllButOneOf(0)), Fault::ForceStuck, within - 1..=within + 1);
+    let latch_periods = u64::from(DOUBTFUL_READINGS);
+    in_motion(
+        failing(Effect::LastBit, Pattern::AllButOneOf(0)),
+        Fault::ForceStuck,
+        latch_periods - 1..=latch_periods + 1,
+    );
 }
 
 #[test]
@@ -209,9 +221,9 @@ fn samples_and_states_of_a_saturated_converter_are_marked() {
     let (bench, mut client) = bench(unloaded());
     client.request(Request::Stream { enable: true }).unwrap();
     let marked = |client: &mut Client| {
-        let until = bench.rig().steps() + 400;
+        let end_step = bench.rig().steps() + 400;
         let (mut samples, mut marked) = (0, 0);
-        while bench.rig().steps() < until {
+        while bench.rig().steps() < end_step {
             if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
                 samples += batch.points.len();
                 marked += batch.points.iter().filter(|point| point.repeats_force).count();

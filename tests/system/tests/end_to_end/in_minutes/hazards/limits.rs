@@ -61,11 +61,11 @@ fn hasty_retreats_leave_the_way_out_open() {
         assert_eq!(rustix::io::write(&port, frame), Ok(frame.len()));
     };
     let mut pass = |steps: u64| {
-        let since = bench.rig().steps();
-        while bench.rig().steps() < since + steps {
+        let start_step = bench.rig().steps();
+        while bench.rig().steps() < start_step + steps {
             request_retreat();
-            let at = bench.rig().steps();
-            while bench.rig().steps() < at + 2 {
+            let step = bench.rig().steps();
+            while bench.rig().steps() < step + 2 {
                 std::thread::sleep(Duration::from_micros(100));
             }
         }
@@ -78,7 +78,7 @@ fn hasty_retreats_leave_the_way_out_open() {
     let mut client = Client::connect(&bench.port()).unwrap();
     eventually("the short one has ended", || client.status().unwrap().state == State::Faulted);
     match client.request(Request::Retreat { x_um: 0, y_um: -1_000 }) {
-        // Where the computer is busy several short ones were accepted.
+        // Several short ones were accepted if the computer is busy.
         Err(LinkError::Refused { refusal: Refusal::NotUnderLoad, .. }) => {}
         answered => answered.unwrap(),
     }
@@ -96,17 +96,18 @@ fn a_limit_that_no_position_meets_is_rejected_and_changes_nothing() {
     assert_eq!(ended(&mut client, &tare), Outcome::Completed);
     let zero_counts = client.safety().unwrap().zero_counts;
     let zero_n = client.force_n(zero_counts).map(f64::abs).into_iter().fold(0.0, f64::max);
-    let before = client.limits().unwrap();
+    let limits_before = client.limits().unwrap();
     let error = client.set_limits(Some(0.9 * zero_n), None).unwrap_err();
     assert!(matches!(error, LinkError::LimitBelowZero { .. }), "{error}");
-    assert_eq!(client.limits().unwrap(), before);
+    assert_eq!(client.limits().unwrap(), limits_before);
     client.set_limits(Some(1.5 * zero_n), None).unwrap();
     assert_eq!(client.status().unwrap().fault, None);
     drop(client);
     bench.stop().unwrap();
 }
 
-/// Nothing is left to follow: both axes have moved the way they were driven, so the middle is where the tables have it.
+/// No reading is left to follow: both axes have moved the way they were driven, so the middle is where the tables have
+/// it.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_converter_that_saturates_in_a_retreat_is_left_towards_the_middle() {
@@ -114,11 +115,11 @@ fn a_converter_that_saturates_in_a_retreat_is_left_towards_the_middle() {
     client.request(Request::Limits { force_mn: 2_000, silence_ms: SILENCE_MS }).unwrap();
     assert_eq!(ended(&mut client, &[move_y(6_000, 2_000)]), Outcome::Faulted);
     let y_mm = || 1e3 * bench.rig().rig(|rig| rig.position_m()[1]);
-    let from_mm = y_mm();
+    let start_mm = y_mm();
     client.request(Request::Retreat { x_um: 0, y_um: -500 }).unwrap();
     bench.rig().inject(Injection { force_saturated: Some(1), ..Injection::default() });
     assert_eq!(retreat_ended(&mut client), RetreatOutcome::Moved);
-    assert!((from_mm - y_mm() - 0.5).abs() < 0.1, "from {from_mm} mm to {} mm", y_mm());
+    assert!((start_mm - y_mm() - 0.5).abs() < 0.1, "from {start_mm} mm to {} mm", y_mm());
     assert_eq!(refusal(client.request(Request::Retreat { x_um: 0, y_um: 500 })), Refusal::OutOfTravel);
     bench.rig().inject(Injection::default());
     eventually("the fault is cleared", || {
@@ -213,12 +214,12 @@ fn a_ramp_to_the_end_of_the_travel_rests_within_it() {
     let ramp = Step::Ramp { x_um: 0, y_um: 10_000, duration_ms: 1_000 };
     assert_eq!(ended(&mut client, &[ramp]), Outcome::Completed);
     eventually("it has come to rest", || !bench.rig().bridges_driven());
-    let since = bench.rig().steps();
-    eventually("time passes", || bench.rig().steps() > since + 300);
-    let rests_mm = bench.rig().rig(|rig| rig.position_m()[1]) * 1e3;
+    let start_step = bench.rig().steps();
+    eventually("time passes", || bench.rig().steps() > start_step + 300);
+    let final_mm = bench.rig().rig(|rig| rig.position_m()[1]) * 1e3;
     let most_mm = bench.rig().take_reach().position_m * 1e3;
-    println!("rests at {rests_mm} mm, at most {most_mm} mm");
-    assert!(rests_mm < 10.06 && most_mm < 10.1, "rests at {rests_mm} mm, at most {most_mm} mm");
+    println!("rests at {final_mm} mm, at most {most_mm} mm");
+    assert!(final_mm < 10.06 && most_mm < 10.1, "rests at {final_mm} mm, at most {most_mm} mm");
     drop(client);
     bench.stop().unwrap();
 }
@@ -246,8 +247,8 @@ fn a_frame_from_before_does_not_move_the_guide_again() {
         for frame in &old {
             assert_eq!(rustix::io::write(&port, frame), Ok(frame.len()));
         }
-        let since = bench.rig().steps();
-        eventually("they have arrived", || bench.rig().steps() > since + 3_000);
+        let start_step = bench.rig().steps();
+        eventually("they have arrived", || bench.rig().steps() > start_step + 3_000);
         drop(port);
         Client::connect(&bench.port()).unwrap().status().unwrap()
     };

@@ -26,7 +26,7 @@ use system::wire::NoisyWire;
 const SPEED: f64 = 8.0;
 /// The host's silence that the tests allow: long enough for a test that is not scheduled for a while.
 const SILENCE_MS: u32 = 20_000;
-/// What injections do when they are over.
+/// Injections at their end.
 const NOTHING: Injection = Injection {
     emergency_stop: false,
     corrupt_force: false,
@@ -101,9 +101,9 @@ fn until<T>(client: &mut Client, mut found: impl FnMut(EventKind) -> Option<T>) 
         assert!(began.elapsed() < HANGS, "no such event");
         client.request_status().unwrap();
         if let Some(Telemetry::Event(event)) = client.next(Duration::from_millis(100)).unwrap()
-            && let Some(found) = found(event.kind)
+            && let Some(value) = found(event.kind)
         {
-            return found;
+            return value;
         }
     }
 }
@@ -140,8 +140,8 @@ pub fn await_fault(client: &mut Client, fault: Fault) -> f64 {
 
 /// Asserts that the bridges went off in time and stayed off, and prints how soon.
 fn assert_released(bench: &Bench, within: std::ops::RangeInclusive<u64>) {
-    let since = bench.rig().steps();
-    eventually("time passes", || bench.rig().steps() > since + 200);
+    let start_step = bench.rig().steps();
+    eventually("time passes", || bench.rig().steps() > start_step + 200);
     let reaction = bench.rig().reaction().expect("something was injected");
     let periods = reaction.periods().expect("the bridges are off");
     println!("bridges off after {periods} periods");

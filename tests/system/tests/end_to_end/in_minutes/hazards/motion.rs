@@ -56,8 +56,8 @@ fn a_fault_is_cleared_only_at_rest() {
     await_fault(&mut client, Fault::EmergencyStop);
     bench.rig().inject(Injection { runaway: Some((1, 0.4)), ..NOTHING });
     let y_mm = || 1e3 * bench.rig().rig(|rig| rig.position_m()[1]);
-    let from_mm = y_mm();
-    eventually("the axis moves on", || y_mm() > from_mm + 1.0);
+    let start_mm = y_mm();
+    eventually("the axis moves on", || y_mm() > start_mm + 1.0);
     assert_eq!(refusal(client.request(Request::ClearFault)), Refusal::CauseRemains);
     clears(&bench, &mut client);
     assert_eq!(ended(&mut client, &[move_y(0, 4_000)]), Outcome::Completed);

@@ -7,7 +7,7 @@ use std::collections::HashSet;
 
 const UP: Request = Request::Pulse { axis: 1, duty_permille: 350, duration_ms: 50 };
 const DOWN: Request = Request::Pulse { axis: 1, duty_permille: -350, duration_ms: 50 };
-/// What may move in all while wires are wrong, millimetres.
+/// Largest sum of motions while wires are wrong, millimetres.
 const BOUND_MM: f64 = 0.3;
 
 /// A rig with a fault, fresh from the solder, its constants acknowledged.
@@ -21,7 +21,7 @@ fn wired(fault: &str) -> (Bench, Client) {
 
 /// One pulse: its report, and how far the rig really moved along x and y, millimetres.
 fn pulse(bench: &Bench, client: &mut Client, request: Request) -> (PulseReport, [f64; 2]) {
-    let before_m = bench.rig().rig(|rig: &mut SimulatedRig| rig.position_m());
+    let start_m = bench.rig().rig(|rig: &mut SimulatedRig| rig.position_m());
     bench.rig().keep_history();
     bench.rig().take_reach();
     client.request(request).unwrap();
@@ -29,11 +29,11 @@ fn pulse(bench: &Bench, client: &mut Client, request: Request) -> (PulseReport, 
         EventKind::PulseEnded(report) => Some(report),
         _ => None,
     });
-    let since = bench.rig().steps();
-    eventually("time passes", || bench.rig().steps() > since + 100);
+    let start_step = bench.rig().steps();
+    eventually("time passes", || bench.rig().steps() > start_step + 100);
     assert!(!bench.rig().bridges_driven(), "driven after a pulse");
-    let after_m = bench.rig().rig(|rig| rig.position_m());
-    (report, [0, 1].map(|axis| 1e3 * (after_m[axis] - before_m[axis])))
+    let end_m = bench.rig().rig(|rig| rig.position_m());
+    (report, [0, 1].map(|axis| 1e3 * (end_m[axis] - start_m[axis])))
 }
 
 #[test]
@@ -76,7 +76,7 @@ fn pulses_do_not_add_up_and_are_refused_without_an_acknowledged_calibration_and_
     let mut client = Client::connect(&bench.port()).unwrap();
     assert_eq!(refusal(client.request(UP)), Refusal::CalibrationNotAcknowledged);
     client.request(Request::AcknowledgeCalibration).unwrap();
-    let from_m = bench.rig().rig(|rig| rig.position_m());
+    let start_m = bench.rig().rig(|rig| rig.position_m());
     for restarts in 0..3 {
         for pulse in 0..4 {
             match client.request(UP) {
@@ -87,8 +87,8 @@ fn pulses_do_not_add_up_and_are_refused_without_an_acknowledged_calibration_and_
                 Err(error) => assert_eq!(refusal(Err(error)), Refusal::OutOfTravel),
             }
         }
-        let to_m = bench.rig().rig(|rig| rig.position_m());
-        let moved_mm = 1e3 * (to_m[1] - from_m[1]);
+        let end_m = bench.rig().rig(|rig| rig.position_m());
+        let moved_mm = 1e3 * (end_m[1] - start_m[1]);
         assert!((0.08..=BOUND_MM).contains(&moved_mm.abs()), "{moved_mm} mm");
         // The device restarts by itself and remembers.
         bench.rig().inject(Injection { brown_out: true, ..NOTHING });
@@ -134,35 +134,37 @@ fn no_command_moves_reversed_leads_or_feedback_by_more_than_the_bound() {
         ("store", vec![load, Request::StoreCalibration { length: 8, crc: 0 }]),
         ("acknowledge", vec![Request::AcknowledgeCalibration]),
     ];
-    let tried: HashSet<_> = commands.iter().flat_map(|(_, requests)| requests).map(name).collect();
+    let tested_requests: HashSet<_> = commands.iter().flat_map(|(_, requests)| requests).map(name).collect();
     // Connecting is the last one.
-    assert_eq!(tried.len() + 1, COMMANDS, "every command of the protocol: {tried:?}");
+    assert_eq!(tested_requests.len() + 1, COMMANDS, "every command of the protocol: {tested_requests:?}");
     for fault in ["leads-reversed:y", "potentiometer-reversed:y"] {
         let bench = Bench::wired(RigConfig::default(), 5, SPEED, vec![fault.parse().unwrap()]).unwrap();
         let mut client = Client::connect(&bench.port()).unwrap();
         client.request(Request::Limits { force_mn: 4_000, silence_ms: SILENCE_MS }).unwrap();
         // Before the bring-up: nobody has acknowledged its constants, and nothing moves.
         let from_m = bench.rig().rig(|rig| rig.position_m());
-        let all = commands.iter().flat_map(|(_, requests)| requests);
-        for request in all.filter(|request| **request != Request::AcknowledgeCalibration) {
+        let all_requests = commands.iter().flat_map(|(_, requests)| requests);
+        for request in all_requests.filter(|request| **request != Request::AcknowledgeCalibration) {
             let _ = client.request(*request);
             assert!(!bench.rig().bridges_driven(), "{fault}, {request:?} before the bring-up");
         }
-        let since = bench.rig().steps();
-        eventually("time passes", || bench.rig().steps() > since + 500);
+        let start_step = bench.rig().steps();
+        eventually("time passes", || bench.rig().steps() > start_step + 500);
         let to_m = bench.rig().rig(|rig| rig.position_m());
         assert!((to_m[1] - from_m[1]).abs() < 1e-9, "{fault}, before the bring-up: {from_m:?} to {to_m:?}");
         let _ = client.request(Request::ClearFault);
         client.request(Request::AcknowledgeCalibration).unwrap();
         let mut ran = 0;
         for (name, requests) in &commands {
-            let before_m = bench.rig().rig(|rig| rig.position_m());
+            let start_m = bench.rig().rig(|rig| rig.position_m());
             let accepted = requests.iter().map(|request| client.request(*request).is_ok()).last();
-            let since = bench.rig().steps();
-            eventually("it ends", || bench.rig().steps() > since + 1_500 && !bench.rig().bridges_driven());
-            let after_m = bench.rig().rig(|rig| rig.position_m());
+            let start_step = bench.rig().steps();
+            eventually("it ends", || {
+                bench.rig().steps() > start_step + 1_500 && !bench.rig().bridges_driven()
+            });
+            let end_m = bench.rig().rig(|rig| rig.position_m());
             // Along x, which is sound, the guide may well go where it is sent.
-            let moved_mm = 1e3 * (after_m[1] - before_m[1]);
+            let moved_mm = 1e3 * (end_m[1] - start_m[1]);
             let fault_after = client.status().unwrap().fault;
             println!("{fault:26} {name:18} {accepted:?}, moved {moved_mm:.3} mm, {fault_after:?}");
             assert!(moved_mm.abs() <= BOUND_MM, "{fault}, {name}: {moved_mm} mm");
@@ -177,7 +179,7 @@ fn no_command_moves_reversed_leads_or_feedback_by_more_than_the_bound() {
     }
 }
 
-/// How many commands the protocol has.
+/// Number of commands of the protocol.
 const COMMANDS: usize = 16;
 
 /// A command by its name: the compiler requires a new one here.

@@ -72,8 +72,9 @@ fn a_slow_converter_makes_control_late() {
     bench.rig().inject_when(Trigger::Driving { for_periods: 100 }, slow);
     start(&mut client, &[move_y(2_500, 1_000)]);
     // No command is handled while control takes all the time there is.
-    let released = || bench.rig().reaction().is_some_and(|reaction| reaction.periods().is_some());
-    eventually("the bridges are off", released);
+    eventually("the bridges are off", || {
+        bench.rig().reaction().is_some_and(|reaction| reaction.periods().is_some())
+    });
     bench.rig().inject(NOTHING);
     await_fault(&mut client, Fault::Overrun);
     // Two conversions of 0.7 ms make a period 0.5 ms too long, so that every other one begins late, and the second is the fault.
@@ -95,8 +96,8 @@ fn converters_that_stay_slow_or_hang_leave_a_device_that_answers() {
         let released = || bench.rig().reaction().is_some_and(|reaction| reaction.periods().is_some());
         eventually("the bridges are off", released);
         // By now it has found out what it can do.
-        let from = bench.rig().steps();
-        eventually("time goes on", || bench.rig().steps() > from + 1_500);
+        let start_step = bench.rig().steps();
+        eventually("time goes on", || bench.rig().steps() > start_step + 1_500);
         drop(client);
         let mut client = None;
         eventually("it answers", || {
@@ -119,8 +120,8 @@ fn converters_that_stay_slow_or_hang_leave_a_device_that_answers() {
                 "{refusal}"
             );
         }
-        let from = bench.rig().steps();
-        eventually("time goes on", || bench.rig().steps() > from + 1_000);
+        let start_step = bench.rig().steps();
+        eventually("time goes on", || bench.rig().steps() > start_step + 1_000);
         assert_eq!(bench.rig().resets(), resets, "{conversion_us} us: it restarts no more");
         assert!(!bench.rig().bridges_driven());
         // Repaired, and reset or switched on again, it works.
