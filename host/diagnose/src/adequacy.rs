@@ -9,8 +9,8 @@
 //!   beside noise and the imperfections that every rig has, its significance corrected for the number of intervals tried.
 
 use super::data::{Channel, Datum, Kind};
-use super::evidence::Patterns;
-use super::layout::Prepared;
+use super::evidence::{Group, Patterns};
+use super::layout::{NORMAL_975, Prepared};
 use super::posterior::Fitted;
 use super::score::{NOISE_TOLERANCE, stacked};
 use nalgebra::{DMatrix, DVector};
@@ -319,13 +319,39 @@ pub(super) fn regions(
     runs: &[Prepared],
     patterns: &Patterns,
 ) -> Result<Vec<Region>, FitError> {
+    regions_at(fitted, runs, patterns, &patterns.everyday())
+}
+
+/// Whether any region is left where the discrepancy has the sizes that the fit gives it, up to those that the prior of a size allows with 95 %: a
+/// verdict may not rest on imperfections of the usual size alone.
+///
+/// # Errors
+/// Where the discrepancy's covariance has no factor.
+pub(super) fn has_regions_beyond_prior(
+    fitted: &Fitted,
+    runs: &[Prepared],
+    patterns: &Patterns,
+) -> Result<bool, FitError> {
+    let allowed = |(group, size): (&Group, &f64)| {
+        let largest = group.everyday * (1.0 + NORMAL_975 * group.tail.unwrap_or(0.0));
+        size.clamp(group.everyday, largest)
+    };
+    let sizes: Vec<f64> = patterns.groups.iter().zip(&fitted.sizes).map(allowed).collect();
+    Ok(!regions_at(fitted, runs, patterns, &sizes)?.is_empty())
+}
+
+fn regions_at(
+    fitted: &Fitted,
+    runs: &[Prepared],
+    patterns: &Patterns,
+    sizes: &[f64],
+) -> Result<Vec<Region>, FitError> {
     let (scans, mut columns) = scans(runs);
     let tried_intervals: usize = scans.iter().map(|scan| scan.edges.len() * (scan.edges.len() + 1) / 2).sum();
     columns.push(stacked(&fitted.residuals));
     let residuals = columns.len() - 1;
     let products = fitted.products_beside_parameters(patterns, &by_run(runs, &columns));
-    let (eliminated, _) =
-        fitted.eliminated(patterns, &patterns.everyday(), &products).ok_or(FitError::Undetermined)?;
+    let (eliminated, _) = fitted.eliminated(patterns, sizes, &products).ok_or(FitError::Undetermined)?;
     let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / tried_intervals.max(1) as f64);
     let region = |scan: &Scan| {
         let (first_bin, last_bin, sigma, mean) =

@@ -102,7 +102,7 @@ pub(super) fn choose(
 /// The search for what is missing on a foundation.
 fn on<'a>(start: &'a Start, judge: &'a Judge, catalogue: Catalogue<'a>) -> Search<'a> {
     let Start { runs, patterns, fitted } = start;
-    Search { start: fitted, runs, patterns, judge, catalogue }
+    Search::new(fitted, runs, patterns, judge, catalogue)
 }
 
 /// Whether a law without a name was found on the first foundation, and the second has an effect that by its score may be what it stands in for:

@@ -83,13 +83,7 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     let misfit = posterior::misfit(&tolerances, &everyday, &fit(&tolerances, &everyday)?.residuals)?;
     let scores = Scores::new(&plain, &prepared, &patterns).ok()?;
     let judge = held_out.judge(&plain, &noise, &Multiples::new()).ok()?;
-    let search = Search {
-        start: &plain,
-        runs: &prepared,
-        patterns: &patterns,
-        judge: &judge,
-        catalogue: Catalogue::WHOLE,
-    };
+    let search = Search::new(&plain, &prepared, &patterns, &judge, Catalogue::WHOLE);
     let ranked = scores.ranked();
     let prior = ModelPrior::new(ranked.len(), 1);
     let candidates = search.weigh(&plain, ranked, &prior);

@@ -274,8 +274,8 @@ fn workflow<T>(
     let Choice { foundation, start, found, beside: other_foundation } =
         choose(start, &judge, options, &session.tissue, &mut on_progress)?;
     let more = beside(&start)?;
-    let without_search = found.around_itself(&start, &judge, &multiples);
-    let (statement_is_wrong, is_stated_wrong) = without_search.with_names_of_stated(&start, &judge)?;
+    let search_result = found.around_itself(&start, &judge, &multiples);
+    let (search_result, is_stated_wrong) = search_result.with_names_of_stated(&start, &judge)?;
     // If the rig has changed since it was characterized, model and measurement disagree by that: it is part of the gap,
     // and no name is needed for what is in the model already.
     let as_known = match as_known {
@@ -289,22 +289,23 @@ fn workflow<T>(
     let regions = |of: &Start| regions(&of.fitted, &of.runs, &of.patterns);
     let where_start = regions(&start)?;
     let where_before = as_known.as_ref().map_or_else(|| Ok(where_start.clone()), regions)?;
-    let where_left = adequacy::regions(&statement_is_wrong.fitted, &start.runs, &start.patterns)?;
-    let is_adequate = adequacy_before.is_adequate() && where_start.is_empty();
+    let where_left = adequacy::regions(&search_result.fitted, &start.runs, &start.patterns)?;
+    let is_explained = !adequacy::has_regions_beyond_prior(&start.fitted, &start.runs, &start.patterns)?;
+    let is_adequate = adequacy_before.is_adequate() && is_explained;
     let compared = compared.fitted.clone();
     let Start { runs: prepared, patterns, fitted: start } = start;
-    let adequacy_after = Adequacy::of(&statement_is_wrong.fitted, &prepared, &patterns)?;
+    let adequacy_after = Adequacy::of(&search_result.fitted, &prepared, &patterns)?;
 
     on_progress("the runs that were held out are compared");
-    let gap_of_found = judge.gap(&compared, &statement_is_wrong.fitted, options.seed)?;
+    let gap_of_found = judge.gap(&compared, &search_result.fitted, options.seed)?;
     // A misfit that the reference has too is no gap between them.
     let judged = gap_of_found.as_ref().filter(|_| options.reference.is_none());
-    let verdict = verdict(&statement_is_wrong, is_adequate, judged);
+    let verdict = verdict(&search_result, is_adequate, judged);
     let is_large = || Remaining::of(&adequacy_before, &start, &patterns, None).size == RemainingSize::Large;
     // A misfit that moves the modulus beyond its interval is not usual, however smooth it is.
     let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };
     let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
-    let final_fit = if is_named { &statement_is_wrong.fitted } else { &start };
+    let final_fit = if is_named { &search_result.fitted } else { &start };
     let gap = if is_named { gap_of_found } else { judge.gap(&compared, final_fit, options.seed)? };
     let remaining = Remaining::of(
         if is_named { &adequacy_after } else { &adequacy_before },
@@ -319,9 +320,9 @@ fn workflow<T>(
         options,
         all: &all_runs,
         start: &start,
-        found: &statement_is_wrong,
+        found: &search_result,
         final_fit: &final_fit,
-        averaged: Averaged::over(&final_fit, &statement_is_wrong, is_named, &patterns, touched_m(&all_runs)),
+        averaged: Averaged::over(&final_fit, &search_result, is_named, &patterns, touched_m(&all_runs)),
         other_foundation,
         noise: &noise,
         adequacy: [&adequacy_before, &adequacy_after],
@@ -334,6 +335,10 @@ fn workflow<T>(
     };
     let mut result =
         report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
+    if verdict == Verdict::Adequate {
+        // Imperfections no larger than their prior allows explain them.
+        result.regions.clear();
+    }
     result.left =
         if is_named { where_left.iter().map(report::region).collect() } else { result.regions.clone() };
     result.moved_since = moved_since;

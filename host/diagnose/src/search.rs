@@ -19,6 +19,7 @@ use super::split::Judge;
 use super::weights::{ModelPrior, NO_WEIGHT, indistinct, is_refuted, ln_sum, smallest_set, stated_ln_odds};
 use mechanics::effects::{Effect, all};
 use readings::FitError;
+use std::sync::{Mutex, PoisonError};
 
 /// Effects that are added at most: every further one costs the whole search again.
 const MAX_EFFECTS: usize = 3;
@@ -32,6 +33,16 @@ pub(super) struct Search<'a> {
     pub patterns: &'a Patterns,
     pub judge: &'a Judge,
     pub catalogue: Catalogue<'a>,
+    /// Candidates beside the models that were searched around already: what may be in the place of an effect is asked beside models of
+    /// which most were steps of the search.
+    memo: Mutex<Vec<Asked>>,
+}
+
+/// Candidates beside a model of these effects.
+struct Asked {
+    effects: Vec<&'static str>,
+    with_laws: bool,
+    candidates: Vec<Candidate>,
 }
 
 /// Effects that the search may find.
@@ -52,12 +63,41 @@ impl Catalogue<'_> {
     }
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    /// Around a start.
+    pub fn new(
+        start: &'a Fitted,
+        runs: &'a [Prepared],
+        patterns: &'a Patterns,
+        judge: &'a Judge,
+        catalogue: Catalogue<'a>,
+    ) -> Self {
+        Self { start, runs, patterns, judge, catalogue, memo: Mutex::default() }
+    }
+
     /// Every name that may be missing beside a fit, and every law where laws are searched for: the likeliest first.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
     fn candidates(
+        &self,
+        base: &Fitted,
+        prior: &ModelPrior,
+        with_laws: bool,
+    ) -> Result<Vec<Candidate>, FitError> {
+        let mut effects: Vec<&'static str> = base.layout.effects.iter().map(|effect| effect.id()).collect();
+        effects.sort_unstable();
+        let memo = || self.memo.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_same = |asked: &&Asked| asked.effects == effects && asked.with_laws == with_laws;
+        if let Some(asked) = memo().iter().find(is_same) {
+            return Ok(asked.candidates.clone());
+        }
+        let candidates = self.candidates_anew(base, prior, with_laws)?;
+        memo().push(Asked { effects, with_laws, candidates: candidates.clone() });
+        Ok(candidates)
+    }
+
+    fn candidates_anew(
         &self,
         base: &Fitted,
         prior: &ModelPrior,

@@ -138,13 +138,8 @@ impl Workbench {
                 (fitted, gain) = (cached_fit.clone(), *of_known);
                 continue;
             }
-            let search = Search {
-                start: &self.start.fitted,
-                runs: &self.start.runs,
-                patterns: &self.start.patterns,
-                judge: &self.judge,
-                catalogue: Catalogue::WHOLE,
-            };
+            let Start { fitted: start, runs, patterns } = &self.start;
+            let search = Search::new(start, runs, patterns, &self.judge, Catalogue::WHOLE);
             let (next, more) = search.with_effect(&fitted, *effect)?.ok_or(FitError::Undetermined)?;
             (fitted, gain) = (next, gain + more);
             self.tried.insert(key.clone(), (fitted.clone(), gain));
