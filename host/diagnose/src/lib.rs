@@ -335,7 +335,7 @@ fn workflow<T>(
     };
     let mut result =
         report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
-    if verdict == Verdict::Adequate {
+    if verdict == Verdict::Adequate && disagreement.is_none() {
         // Imperfections no larger than their prior allows explain them.
         result.regions.clear();
     }
