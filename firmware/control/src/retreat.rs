@@ -4,24 +4,21 @@
 //! the middle of the travel, where the needle is straight, and nowhere else. It ends once the load is below the limit, and where
 //! moving on does not help: then the needle's clamp has to be opened.
 //!
-//! * **The load** is the size of the force from the calibration's zero, as a mean over [`BLOCK_PERIODS`]: whole periods
-//! of the mains at
-//! 50 Hz and at 60 Hz, so that hum is no part of it, and white noise of 0.02 N is one of 2 mN. Its size counts along
-//! both axes
-//! together: where these are coupled, it falls though the force along one of them rises.
-//! * **It rises**: no mean may exceed the least since the fault by [`RISE_PERCENT`] of the rated range. The first one
-//! of a retreat is taken at
-//! rest: what a motor rolls on is no part of it, and what a retreat has added that was stopped on its way is. If the
-//! load has risen twice, from there each time, no further retreat starts: once may be a sensor that failed meanwhile,
-//! and many would be a way into the load,
-//! where something else presses or the tables have the wrong sign. Coasting of the motor at the end of a retreat that
-//! has ended for a rise belongs to that one.
-//! * **It does not fall**: a straight line through the latest [`TREND_BLOCKS`] means, which is as many steps of 25 um,
-//! 0.3 mm and more than
-//! the play of the mechanism, has to fall by [`PROGRESS_PERCENT`] of the rated range: ten times the standard error of
-//! the line.
+//! * **The load** is the size of the force from the calibration's zero, as a mean over [`BLOCK_PERIODS`]: whole
+//!   periods of the mains at 50 Hz and at 60 Hz, so that hum is no part of it, and white noise of 0.02 N is one of 2
+//!   mN. Its size counts along both axes together: where these are coupled, it falls though the force along one of
+//!   them rises.
+//! * **It rises**: no mean may exceed the least since the fault by [`RISE_PERCENT`] of the rated range. The first
+//!   one of a retreat is taken at rest: what a motor rolls on is no part of it, and what a retreat has added that
+//!   was stopped on its way is. If the load has risen twice, from there each time, no further retreat starts: once
+//!   may be a sensor that failed meanwhile, and many would be a way into the load, where something else presses or
+//!   the tables have the wrong sign. Coasting of the motor at the end of a retreat that has ended for a rise belongs
+//!   to that one.
+//! * **It does not fall**: a straight line through the latest [`TREND_BLOCKS`] means, which is as many steps of 25
+//!   um, 0.3 mm and more than the play of the mechanism, has to fall by [`PROGRESS_PERCENT`] of the rated range: ten
+//!   times the standard error of the line.
 //! * **It is not known** while the converter is saturated. Then only axes that have moved the way they were driven
-//! retreat.
+//!   retreat.
 
 use super::axis::Axis;
 use super::force::ForceChannel;

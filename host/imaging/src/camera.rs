@@ -2,12 +2,11 @@
 //! covariance that comes from the texture of the template and the noise that is left.
 //!
 //! 1. Normalised correlation finds the template to the nearest pixel: near where it was last, and in the whole frame
-//! where it is not there.
-//! 2. Gauss-Newton steps find the translation to hundredths of a pixel ([`refine`]): the brightness of the template may
-//! have changed by a
-//! factor and an offset, nothing else of it.
+//!    where it is not there.
+//! 2. Gauss-Newton steps find the translation to hundredths of a pixel ([`refine`]): the brightness of the template
+//!    may have changed by a factor and an offset, nothing else of it.
 //! 3. If the template has no texture in a direction, motion along it is not identifiable, and none is reported
-//! ([`texture`]).
+//!    ([`texture`]).
 
 mod correlate;
 mod refine;

@@ -4,12 +4,12 @@
 //! bytes of every intact frame from the device; the other channels are views of it (`channels.rs`). Log and publish times
 //! are explained in `transcript.rs`.
 //!
-//! * **Written** in chunks with a checksum each, at least every fifth of a second, each in one piece and handed on to
-//! the disk.
-//! A chunk that is written takes no memory: the file's index is made from the file when it is finished.
+//! * **Written** in chunks with a checksum each, at least every fifth of a second, each in one piece and handed on
+//!   to the disk. A chunk that is written takes no memory: the file's index is made from the file when it is
+//!   finished.
 //! * **Read** chunk by chunk. If a chunk is damaged or cut off, the reader searches the next intact one, and takes
-//! from the bytes between them every frame whose own checksum is right. A frame that is not what the device sent is
-//! never read.
+//!   from the bytes between them every frame whose own checksum is right. A frame that is not what the device sent
+//!   is never read.
 // Invalid input cannot cause a panic.
 #![cfg_attr(
     not(test),
