@@ -163,7 +163,8 @@ impl Patterns {
         Some(less.iter().map(|part| part.column(0).into_owned()).collect())
     }
 
-    /// What the discrepancy that runs share is expected to be in the last run, by the others: `Phi diag(s^2) Phi^T c` of columns of these.
+    /// Expected value of the shared discrepancy in the last run, by the others: `Phi diag(s^2) Phi^T c` of columns of
+    /// these.
     pub fn expected_in_last(&self, sizes: &[f64], others: &[DVector<f64>]) -> Option<DVector<f64>> {
         let (last, before) = self.runs.split_last()?;
         let mut amplitudes = DVector::zeros(self.shared_groups.len());

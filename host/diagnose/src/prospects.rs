@@ -1,4 +1,5 @@
-//! What runs that were not made yet would tell (theory, eq. 90): which explanation is true, and how well the modulus is known.
+//! Expected information of runs that were not made yet (theory, eq. 90): which explanation is true, and how well the
+//! modulus is known.
 //!
 //! Every model that the runs leave in question predicts a planned run as a normal distribution: its value, noise and discrepancy, and what the runs so
 //! far leave open of its own parameters and of the discrepancy that runs share. The mutual information between the model and the planned
@@ -28,7 +29,7 @@ const MIN_PROBABILITY: f64 = 1e-3;
 /// Effects that are named as the reason for a run.
 const REASONS: usize = 3;
 
-/// What is in question, and what planned runs would tell about it.
+/// Hypotheses in question, and the expected information of planned runs about them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Prospects {
     /// Sets of effects that explain what the runs show, with their probabilities, likeliest first.
@@ -56,7 +57,7 @@ pub struct PossibleSet {
     pub probability: f64,
 }
 
-/// What a planned run would tell.
+/// Expected information of a planned run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Prospect {
     /// Name of the planned run.
@@ -71,7 +72,7 @@ pub struct Prospect {
     pub reasons: Vec<String>,
 }
 
-/// What the prospects are computed from.
+/// Inputs of the prospects.
 pub(super) struct Known<'a> {
     pub averaged: &'a Averaged,
     pub runs: &'a [Prepared],
@@ -99,7 +100,7 @@ struct Foreseen {
 }
 
 impl Known<'_> {
-    /// What these runs would tell.
+    /// Expected information of these runs.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -132,7 +133,8 @@ impl Known<'_> {
         let unseen = Scores::along(directions.clone(), base, self.patterns)?.unseen();
         let is_base = |fit: &Fitted| fit.layout.has_effects_of(&base.layout);
         let of_base: f64 = fits.iter().filter(|(_, fit)| is_base(fit)).map(|(weight, _)| weight).sum();
-        // That one of the names is missing is as likely beforehand as that none is, whether the runs so far can show it or not.
+        // The prior probability that one of the names is missing equals that of none, whether the runs so far can show
+        // it or not.
         let prior = of_base / all().len() as f64;
         let weights: Vec<f64> = unseen.iter().map(|one| prior * one.log_evidence.exp()).collect();
         let total: f64 = fits.iter().map(|(weight, _)| weight).chain(&weights).sum();
@@ -197,7 +199,7 @@ impl Known<'_> {
         };
         let distance = |i: usize, j: usize| match (i < count, j < count) {
             (true, true) => between(i, j),
-            // What is unseen lies beside the base, in a direction of its own.
+            // An unseen effect lies beside the base, in a direction of its own.
             (true, false) => unseen[j - count] + between(i, base_number),
             (false, true) => unseen[i - count] + between(j, base_number),
             (false, false) if i == j => 0.0,

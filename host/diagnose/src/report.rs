@@ -176,7 +176,7 @@ impl DiagnosisReport<'_> {
         Sources { averaged, beside: other_fits, plain: self.plain_ln(), runs, patterns }
     }
 
-    /// What the planned runs of the options would tell.
+    /// Expected information of the planned runs of the options.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.

@@ -35,7 +35,7 @@ pub struct Diagnosis {
     /// Draws from the posterior, where they were requested.
     #[serde(skip)]
     pub draws: Option<Draws>,
-    /// What runs that were not made yet would tell, where they were planned.
+    /// Expected information of runs that were not made yet, if they were planned.
     #[serde(skip)]
     pub prospects: Option<Prospects>,
     /// Name and version of this form.

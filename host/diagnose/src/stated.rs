@@ -68,7 +68,8 @@ impl Found {
     /// Where the model cannot be evaluated.
     pub fn with_names_of_stated(mut self, start: &Start, judge: &Judge) -> Result<(Self, bool), FitError> {
         let mut is_named = false;
-        // Where no model that was compared holds, their posterior of a place says nothing about that place.
+        // If no model that was compared holds, their posterior of a place has no information about that
+        // place.
         let adequacy = Adequacy::of(&self.fitted, &start.runs, &start.patterns)?;
         if !adequacy.is_adequate() && !judge.is_chance(&self.fitted) {
             return Ok((self, is_named));

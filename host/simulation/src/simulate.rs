@@ -109,7 +109,7 @@ impl LateralPlan {
         lateral(model, (self, number as f64), sensors, Random::numbered(seed, Stream::LateralPlans, number))
     }
 
-    /// What a model makes of this plan as the run of this number, without noise.
+    /// Prediction of a model for this plan as the run of this number, without noise.
     ///
     /// # Errors
     /// [`ModelError`] where the forward model refuses the plan.

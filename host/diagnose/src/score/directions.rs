@@ -1,4 +1,4 @@
-//! What amplitudes of effects do to the readings: one hypothesis per place or time at which an effect may act.
+//! Effect of amplitudes on the readings: one hypothesis per place or time at which an effect may act.
 
 use crate::data::Kind;
 use crate::layout::{Layout, Prepared, Scale, prior};
@@ -20,11 +20,11 @@ pub(in crate::score) struct Hypothesis {
     pub columns: Vec<usize>,
 }
 
-/// What every amplitude does to the whitened readings of every run.
+/// Effect of every amplitude on the whitened readings of every run.
 #[derive(Debug, Clone)]
 pub(crate) struct Directions {
     pub(in crate::score) hypotheses: Vec<(&'static dyn Effect, Vec<Hypothesis>)>,
-    /// Of every amplitude, per run.
+    /// Directions of every amplitude, per run.
     pub(in crate::score) directions: Vec<Vec<DVector<f64>>>,
 }
 

@@ -61,7 +61,7 @@ pub struct Explanation {
 pub struct Next {
     /// Its name.
     pub run: String,
-    /// What is done.
+    /// Action of the step.
     pub what: String,
     /// Minutes that it takes.
     pub minutes: f64,
@@ -95,7 +95,7 @@ pub enum LogError {
 }
 
 impl Log {
-    /// That of a session, to go on with; a new one where there is none.
+    /// Log of a session, to go on with; a new one if there is none.
     ///
     /// # Errors
     /// [`LogError`] where there is a file of this name that is none.

@@ -21,7 +21,7 @@ const DISPLACEMENT_MM: f64 = 1.2;
 /// Distance by which another depth is proposed beyond those measured, mm.
 const DEEPER_MM: f64 = 10.0;
 
-/// What the rig and the person can do.
+/// Runs that the rig and the person can make.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Menu {
     /// Depths to which the needle may be brought, mm.
@@ -39,7 +39,7 @@ pub struct Menu {
 /// A run of the menu.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedRun {
-    /// What is done.
+    /// Plan of the run.
     pub plan: LateralPlan,
     /// Minutes that it takes, with the change of depth before it.
     pub minutes: f64,

@@ -20,7 +20,7 @@ const DECIDED: f64 = 0.95;
 /// Entropy of a statement of that probability, nats: less than that is open of what is decided.
 const DECIDED_NATS: f64 = 0.198_515;
 
-/// What an investigation is for.
+/// Goal of an investigation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
     /// The name of what is missing.
@@ -47,9 +47,9 @@ impl FromStr for Goal {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
-    /// What is missing has its name.
+    /// The missing effect has its name.
     Named,
-    /// Nothing is missing, and no run of the menu is expected to show anything.
+    /// No effect is missing, and no run of the menu is expected to show one.
     NothingMissing,
     /// Something is missing, and no run of the menu is expected to tell what.
     NothingWouldTell,
@@ -76,7 +76,7 @@ impl Display for End {
     }
 }
 
-/// What to do next.
+/// Next step.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Decision {
     /// Make this run.
@@ -90,11 +90,11 @@ pub enum Decision {
 pub struct Choice {
     /// The run.
     pub run: PlannedRun,
-    /// What it would tell.
+    /// Expected information of the run.
     pub prospect: Prospect,
 }
 
-/// What bounds an investigation.
+/// Bounds of an investigation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// Runs that may still be made.
@@ -194,7 +194,7 @@ mod tests {
             .map(|axis| of(&|run| is_here(run) && run.plan.axis == axis));
         assert!(across.reasons.contains(&"tissue.anisotropy".to_owned()), "{across:?}");
         assert!(across.information_nats > 2.0 * repeat.information_nats, "{across:?} {repeat:?}");
-        // What is known of the modulus grows with every run, and less than in proportion to noise alone would.
+        // Knowledge of the modulus grows with every run, and less than in proportion to noise alone.
         assert!(
             repeat.modulus_nats > 0.0 && repeat.modulus_nats < 0.5 * std::f64::consts::LN_2,
             "{repeat:?}"

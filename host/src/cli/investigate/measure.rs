@@ -23,7 +23,7 @@ pub enum Rig<'a> {
     Person,
 }
 
-/// What came of a run.
+/// Result of a run.
 pub enum Measured {
     /// It is in the session.
     Done,

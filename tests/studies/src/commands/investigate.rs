@@ -32,7 +32,7 @@ struct Laboratory {
     noise_seed: u64,
 }
 
-/// How a programme ended.
+/// Result of a programme.
 struct Ended {
     runs: usize,
     minutes: f64,
