@@ -157,9 +157,13 @@ pub fn guide() -> PathBuf {
     target_dir().join("debug").join("guide")
 }
 
-/// Root of the workspace.
+/// Root of the workspace: of the one that cargo runs this in, which is another than it was compiled in where a checkout was copied with its
+/// target folder.
 pub fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+    let package = std::env::var_os("CARGO_MANIFEST_DIR");
+    let package = package.map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).to_owned(), PathBuf::from);
+    // Without `..`: these paths reach compilers, and what they write has to be the same wherever the checkout is.
+    package.ancestors().nth(2).map_or_else(|| package.join("../.."), Path::to_owned)
 }
 
 /// Folder of everything that is built.
