@@ -111,6 +111,37 @@ pub fn verify(folder: &Path) -> Result<Manifest> {
     Ok(manifest)
 }
 
+/// In what two bundles differ: the files by name, those in archives too, and what is stated of the whole.
+pub fn differences(one: &Manifest, other: &Manifest) -> Vec<String> {
+    let mut differing = Vec::new();
+    let stated =
+        |manifest: &Manifest| [&manifest.version, &manifest.commit, &manifest.date].map(String::clone);
+    for (a, b) in stated(one).iter().zip(&stated(other)).filter(|(a, b)| a != b) {
+        differing.push(format!("{MANIFEST}: {a} and {b}"));
+    }
+    if one.packages != other.packages {
+        differing.push(format!("{MANIFEST}: other packages are compiled in"));
+    }
+    for name in union(&one.files, &other.files) {
+        let (Some(a), Some(b)) = (one.files.get(name), other.files.get(name)) else {
+            differing.push(format!("{name}: is in one bundle only"));
+            continue;
+        };
+        if a == b {
+            continue;
+        }
+        differing.push(format!("{name}: {} and {} bytes", a.bytes, b.bytes));
+        let inside =
+            union(&a.holds, &b.holds).into_iter().filter(|held| a.holds.get(*held) != b.holds.get(*held));
+        differing.extend(inside.map(|held| format!("{name}: {held}")));
+    }
+    differing
+}
+
+fn union<'m, V>(one: &'m BTreeMap<String, V>, other: &'m BTreeMap<String, V>) -> BTreeSet<&'m String> {
+    one.keys().chain(other.keys()).collect()
+}
+
 fn names(folder: &Path) -> Result<BTreeSet<String>> {
     let cannot = || format!("{}: cannot read", folder.display());
     let entries = fs::read_dir(folder).with_context(cannot)?;
@@ -144,6 +175,21 @@ mod tests {
     fn a_bundle_as_it_was_made_is_accepted() {
         assert_eq!(verify(bundle().path()).unwrap().files.len(), 1);
         assert_eq!(sha256(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    }
+
+    #[test]
+    fn bundles_of_other_bytes_are_told_apart_down_to_the_file_in_an_archive() {
+        let manifest = verify(bundle().path()).unwrap();
+        assert_eq!(differences(&manifest, &manifest), Vec::<String>::new());
+        let mut other = manifest.clone();
+        other.commit = "abd".into();
+        let file = other.files.get_mut("a.html").unwrap();
+        file.sha256 = sha256(b"pagf");
+        file.holds.insert("guide".into(), Held { bytes: 1, sha256: sha256(b"g") });
+        let lines = ["MANIFEST.json: abc and abd", "a.html: 4 and 4 bytes", "a.html: guide"];
+        assert_eq!(differences(&manifest, &other), lines);
+        other.files.clear();
+        assert_eq!(differences(&manifest, &other)[1], "a.html: is in one bundle only");
     }
 
     #[test]

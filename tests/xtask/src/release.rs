@@ -20,11 +20,12 @@ use systems::SYSTEMS;
 
 /// Help of the task.
 pub const HELP: &str = "Make the bundle of a release in target/release-bundle: `guide` for Linux, Windows and macOS, Python wheels, guide.html, firmware, manual\n\n\
-    Usage: cargo xtask release [--only SYSTEM]... [--debug] [--test]\n\n\
+    Usage: cargo xtask release [--only SYSTEM]... [--debug] [--test] [--same-as BUNDLE]\n\n\
     Options:\n  \
-      --only SYSTEM  Only for this system: linux-x86_64, windows-x86_64, macos-x86_64 or macos-aarch64 (may be given more than once)\n  \
-      --debug        Build with the profile of tests: quickly, and slow to run\n  \
-      --test         Then unpack the bundle into a fresh folder and run what is in it, here and under Wine, with the unit tests for Windows\n\n\
+      --only SYSTEM     Only for this system: linux-x86_64, windows-x86_64, macos-x86_64 or macos-aarch64 (may be given more than once)\n  \
+      --debug           Build with the profile of tests: quickly, and slow to run\n  \
+      --test            Then unpack the bundle into a fresh folder and run what is in it, here and under Wine, with the unit tests for Windows\n  \
+      --same-as BUNDLE  Then compare its bytes with those of another bundle: one that was downloaded, or made in another checkout of the same commit\n\n\
     SOURCE_DATE_EPOCH dates the files; else the commit does.\n";
 
 /// Requested options.
@@ -32,6 +33,7 @@ struct Options {
     only: Vec<String>,
     profile: &'static str,
     test: bool,
+    same_as: Option<PathBuf>,
 }
 
 /// Runs the task.
@@ -59,16 +61,26 @@ pub fn release(arguments: &[OsString]) -> Result<ExitCode> {
     parts::firmware(&release)?;
     parts::manual(&release)?;
     pack(&release)?;
+    if let Some(other) = &options.same_as {
+        let same = build::run(&checker(), [OsStr::new(&bundle()), OsStr::new("--same-as")], &[other.into()])?;
+        if same != ExitCode::SUCCESS {
+            return Ok(same);
+        }
+    }
     if options.test { test(&release, python.as_deref()) } else { Ok(ExitCode::SUCCESS) }
 }
 
 fn options(arguments: &[OsString]) -> Result<Options> {
-    let mut options = Options { only: Vec::new(), profile: "release", test: false };
+    let mut options = Options { only: Vec::new(), profile: "release", test: false, same_as: None };
     let mut arguments = arguments.iter();
     while let Some(argument) = arguments.next() {
         match argument.to_str() {
             Some("--debug") => options.profile = "dev",
             Some("--test") => options.test = true,
+            Some("--same-as") => {
+                let other = arguments.next().context("--same-as: expected the folder of a bundle")?;
+                options.same_as = Some(std::path::absolute(other)?);
+            }
             Some("--only") => {
                 let name = arguments.next().and_then(|name| name.to_str()).unwrap_or_default();
                 let system_names: Vec<&str> = SYSTEMS.iter().map(|system| system.name).collect();
@@ -79,7 +91,10 @@ fn options(arguments: &[OsString]) -> Result<Options> {
                 );
                 options.only.push(name.to_owned());
             }
-            _ => bail!("release: unknown option {}, expected --only, --debug or --test", argument.display()),
+            _ => bail!(
+                "release: unknown option {}, expected --only, --debug, --test or --same-as",
+                argument.display()
+            ),
         }
     }
     Ok(options)
@@ -172,6 +187,11 @@ fn bundle() -> PathBuf {
     target_dir().join("release-bundle")
 }
 
+/// The program that tests a bundle.
+fn checker() -> PathBuf {
+    target_dir().join("debug/release-check")
+}
+
 /// Makes the bundle of what is staged.
 fn pack(release: &Release) -> Result<()> {
     cargo(&["build", "--package", "release", "--bins"])?;
@@ -198,7 +218,7 @@ fn test(release: &Release, python: Option<&std::path::Path>) -> Result<ExitCode>
         arguments.extend(["--python".into(), python.as_os_str().to_owned()]);
     }
     let bundle = std::path::absolute(bundle())?;
-    let checked = build::run(&target_dir().join("debug/release-check"), [OsStr::new(&bundle)], &arguments)?;
+    let checked = build::run(&checker(), [OsStr::new(&bundle)], &arguments)?;
     let units = match &wine {
         Some(prefix) => wine::unit_tests(release, prefix)?,
         None => ExitCode::SUCCESS,

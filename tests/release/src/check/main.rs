@@ -1,7 +1,7 @@
 //! Tests a bundle as a stranger uses it: unpacked into a fresh folder, without the repository in sight, on this system and under Wine.
 //!
 //! Usage: `release-check BUNDLE [--wine PREFIX] [--python PROGRAM]`. Without `--wine` the program for Windows is not run, without `--python` the
-//! wheel is not installed; a line states it.
+//! wheel is not installed; a line states it. `release-check BUNDLE --same-as OTHER` compares the bytes of two bundles, and runs nothing.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
@@ -23,10 +23,14 @@ struct Args {
     bundle: PathBuf,
     wine: Option<PathBuf>,
     python: Option<PathBuf>,
+    same_as: Option<PathBuf>,
 }
 
 fn main() -> Result<ExitCode> {
     let args = args()?;
+    if let Some(other) = &args.same_as {
+        return same(&args.bundle, other);
+    }
     let mut checks = Checks::default();
     let manifest = manifest::verify(&args.bundle)?;
     checks.report("every file has the size and the checksum that the manifest states", Ok(()));
@@ -64,17 +68,32 @@ fn main() -> Result<ExitCode> {
 fn args() -> Result<Args> {
     let mut arguments = std::env::args_os().skip(1);
     let bundle = arguments.next().context("expected the folder of a bundle")?.into();
-    let mut args = Args { bundle, wine: None, python: None };
+    let mut args = Args { bundle, wine: None, python: None, same_as: None };
     while let Some(option) = arguments.next() {
         let mut value =
             || arguments.next().map(PathBuf::from).with_context(|| format!("{}: no value", option.display()));
         match option.to_str() {
             Some("--wine") => args.wine = Some(value()?),
             Some("--python") => args.python = Some(value()?),
-            _ => bail!("unknown option {}, expected --wine or --python", option.display()),
+            Some("--same-as") => args.same_as = Some(value()?),
+            _ => bail!("unknown option {}, expected --wine, --python or --same-as", option.display()),
         }
     }
     Ok(args)
+}
+
+/// Prints in what two bundles differ.
+fn same(bundle: &Path, other: &Path) -> Result<ExitCode> {
+    let (one, other) = (manifest::verify(bundle)?, manifest::verify(other)?);
+    let differing = manifest::differences(&one, &other);
+    for line in &differing {
+        println!("differs: {line}");
+    }
+    if differing.is_empty() {
+        println!("the same bytes: {} files of {}", one.files.len(), one.commit);
+        return Ok(ExitCode::SUCCESS);
+    }
+    Ok(ExitCode::FAILURE)
 }
 
 /// Unpacks the archive of a system, and returns its folder.

@@ -85,7 +85,7 @@ pub fn stage(system: &System, release: &Release, page: &Path, python: Option<&Pa
     };
     setup::ensure_rust_target(system.target, "to build the program for it")?;
     eprintln!("xtask: the program for {}", system.name);
-    let flags = release.flags(system.target, &system.link(release)?)?;
+    let flags = flags(system.target, release)?;
     program(system, release, &flags, &environment)?;
     let folder = release.stage.join("systems").join(system.name);
     let ending = if system.is_windows() { ".exe" } else { "" };
@@ -108,6 +108,15 @@ pub fn stage(system: &System, release: &Release, page: &Path, python: Option<&Pa
             Ok(())
         }
     }
+}
+
+/// Options of cargo for all that is built for a system, by Rust's name of it.
+///
+/// # Errors
+/// Where what its linker needs cannot be written.
+pub fn flags(target: &str, release: &Release) -> Result<Vec<String>> {
+    let system = SYSTEMS.iter().find(|system| system.target == target);
+    release.flags(target, &system.map(|system| system.link(release)).transpose()?.unwrap_or_default())
 }
 
 /// Environment in which the linker of a system is found, or what is missing.

@@ -1,6 +1,6 @@
 //! Unit tests of what runs on Windows, under Wine.
 
-use super::Release;
+use super::{Release, systems};
 use crate::build::{program, root};
 use crate::check::WINDOWS;
 use anyhow::{Context, Result};
@@ -10,7 +10,7 @@ use std::process::{Command, ExitCode};
 /// Packages whose code depends on the system: files, locks, ports, sockets, processes, terminals; and what they use for computing.
 const PACKAGES: [&str; 9] =
     ["protocol", "formats", "mechanics", "readings", "population", "device", "server", "steering", "host"];
-/// Builds and runs them.
+/// Builds and runs them, with the profile and the flags of the program: what it is made of is not built again.
 ///
 /// # Errors
 /// Where cargo cannot be run.
@@ -19,8 +19,18 @@ pub fn unit_tests(release: &Release, prefix: &Path) -> Result<ExitCode> {
     let packages = PACKAGES.iter().flat_map(|name| ["--package", name]);
     let status = Command::new(program())
         .current_dir(root())
-        .args(["test", "--locked", "--lib", "--no-fail-fast", "--target", WINDOWS])
+        .args([
+            "test",
+            "--locked",
+            "--lib",
+            "--no-fail-fast",
+            "--target",
+            WINDOWS,
+            "--profile",
+            release.profile,
+        ])
         .args(packages)
+        .args(systems::flags(WINDOWS, release)?)
         .arg("--target-dir")
         .arg(&release.target)
         .env("CARGO_TARGET_X86_64_PC_WINDOWS_GNU_RUNNER", "wine")
