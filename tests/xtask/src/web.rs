@@ -169,14 +169,23 @@ fn records(folder: &Path, guide: &Path) -> Result<PathBuf> {
             &format!("[rig]\nid = \"{rig}\"\n"),
             1,
         );
-        let labels = format!("\n[tissue]\nid = \"{tissue}\"\n[subject]\nid = \"s{seed}\"\n");
-        fs::write(&session, text + &labels)
+        // A table that the simulation writes too has the label in it.
+        let (table, label) = ("[tissue]\n", format!("[tissue]\nid = \"{tissue}\"\n"));
+        let text = if text.contains(table) { text.replacen(table, &label, 1) } else { text + "\n" + &label };
+        fs::write(&session, text + &format!("\n[subject]\nid = \"s{seed}\"\n"))
             .with_context(|| format!("{}: cannot write", session.display()))?;
         summarize.push(name.into());
     }
     summarize.extend(["--out".into(), records.clone().into_os_string()]);
     let arguments: Vec<&OsStr> = summarize.iter().map(OsString::as_os_str).collect();
     guide_in(&sessions, &arguments)?;
+    // A session that cannot be read is a record with its error.
+    let text = fs::read_to_string(&records).with_context(|| format!("{}: cannot read", records.display()))?;
+    if let Some(record) = text.lines().find(|record| !record.contains("\"error\":null")) {
+        let record = record.to_owned();
+        fs::remove_file(&records).with_context(|| format!("{}: cannot remove", records.display()))?;
+        bail!("a session of the page's records cannot be summarized: {record}");
+    }
     Ok(records)
 }
 
