@@ -144,7 +144,7 @@ pub fn imports(browser: &Browser, address: &str) -> Result<String> {
     )?;
     browser.until("document.querySelectorAll('#tables-taken tbody tr').length === 3")?;
     let command = browser.run("return document.getElementById('tables-command').textContent;", json!([]))?;
-    let expected = "guide import table 'my run.csv' --map Weg=displacement_y_mm:mm --map Kraft=force_y_n:N";
+    let expected = "guide import table 'my run.csv' --map t=time_s:s --map Weg=displacement_y_mm:mm --map Kraft=force_y_n:N";
     ensure!(command.as_str().is_some_and(|text| text.starts_with(expected)), "{command}");
     browser.press("#tables-open", ENTER)?;
     browser.until("state.session === 'my-run' && document.querySelectorAll('#main .plot').length >= 2")?;
