@@ -281,3 +281,49 @@ fn the_table_of_commands_is_that_of_the_program() {
     assert_eq!(named.len(), named.iter().collect::<BTreeSet<_>>().len(), "named twice: {named:?}");
     assert_eq!(named.into_iter().collect::<BTreeSet<_>>(), guide.top());
 }
+
+/// The table of kinds names every kind of recording once, no other, and every ending that the program lists of frames and tables.
+#[test]
+fn the_table_of_kinds_is_that_of_the_program() {
+    let output = Command::new(build_guide().unwrap()).args(["import", "--help"]).output().unwrap();
+    let help = String::from_utf8(output.stdout).unwrap();
+    let kinds: Vec<&str> = help
+        .lines()
+        .skip_while(|line| line.trim() != "Possible values:")
+        .skip(1)
+        .take_while(|line| !line.trim().is_empty())
+        .filter_map(|line| Some(line.trim().strip_prefix("- ")?.split_once(':')?.0))
+        .collect();
+    let endings = |title: &str| -> BTreeSet<String> {
+        // The last of this title: the options have one of the same.
+        let from = help.rfind(&format!("\n{title}\n")).unwrap();
+        let list = help[from..].lines().skip(2);
+        let names = list.take_while(|line| !line.is_empty()).filter_map(|line| Some(line.split_once(':')?.0));
+        let names = names.flat_map(|names| names.trim().split(", ")).filter(|name| name.starts_with('.'));
+        names.map(|name| format!("`{name}`")).collect()
+    };
+    let book = Book::read(root()).unwrap();
+    let page = book.page(&format!("{MANUAL}/commands/import.md")).unwrap();
+    let rows: Vec<&String> = page
+        .lines()
+        .iter()
+        .skip_while(|line| *line != "| kind | reads | becomes |")
+        .skip(2)
+        .take_while(|line| line.starts_with('|'))
+        .collect();
+    let row = |kind: &str| rows.iter().find(|row| row.starts_with(&format!("| `{kind}` |"))).unwrap();
+    assert_eq!(rows.len(), kinds.len());
+    assert!(kinds.iter().all(|kind| row(kind).split(" | ").count() == 3), "{kinds:?}");
+    for (kind, title, least) in
+        [("ultrasound", "Frames (ultrasound, camera):", 9), ("table", "Tables (table):", 10)]
+    {
+        let endings = endings(title);
+        assert!(endings.len() >= least, "{title} {endings:?}");
+        let missing: Vec<&String> = endings.iter().filter(|ending| !row(kind).contains(*ending)).collect();
+        assert!(missing.is_empty(), "{kind}: the page has no {missing:?}");
+        let codes = row(kind).split('`').skip(1).step_by(2).map(|code| format!("`{code}`"));
+        let unknown: Vec<String> =
+            codes.filter(|code| code.starts_with("`.") && !endings.contains(code)).collect();
+        assert!(unknown.is_empty(), "{kind}: the program lists no {unknown:?}");
+    }
+}
