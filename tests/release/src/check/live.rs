@@ -42,11 +42,11 @@ fn serving(program: &Program, duration_s: &str) -> Result<(Child, String)> {
 }
 
 fn web(program: &Program) -> Result<()> {
-    let (mut child, address) = serving(program, "20")?;
+    let (mut child, address) = serving(program, "600")?;
     let outcome = (|| {
         let page = get(&address, "")?;
         ensure!(
-            page.contains("<!DOCTYPE html>") && page.len() > 1_000_000,
+            page.contains("<!doctype html>") && page.len() > 1_000_000,
             "the page has {} bytes",
             page.len()
         );
