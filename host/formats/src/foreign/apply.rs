@@ -138,13 +138,15 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
         }
     }
     for (at, part) in columns_used.iter().enumerate() {
-        fn is_twice(other: &Part, part_target: &Target, part_table: &RawTable) -> bool {
-            other.target == *part_target
-                && (other.target.quantity != Quantity::Time || std::ptr::eq(other.table, part_table))
+        // One name may be that of the same column in two choices, and a time may have its fraction in a column of its own.
+        fn is_twice(other: &Part, one: &Part) -> bool {
+            let is_elsewhere = !std::ptr::eq(other.table, one.table);
+            let is_of_time = other.target.quantity == Quantity::Time;
+            other.target == one.target
+                && !std::ptr::eq(other.column, one.column)
+                && !(is_of_time && (is_elsewhere || other.unit.to_si != one.unit.to_si))
         }
-        if let Some(duplicate) =
-            columns_used.iter().skip(at + 1).find(|other| is_twice(other, &part.target, part.table))
-        {
+        if let Some(duplicate) = columns_used.iter().skip(at + 1).find(|other| is_twice(other, part)) {
             let (a, b) = (&part.column.header, &duplicate.column.header);
             return Err(TableError::Map {
                 choice: part.target.name.to_owned(),

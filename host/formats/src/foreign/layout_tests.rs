@@ -156,3 +156,62 @@ fn what_is_not_known_is_asked_for_by_name() {
     let error = taken(&rows, &[], None).expect_err("a word").to_string();
     assert!(error.contains("t.csv:11: Load (N): \"over\" is not a number"), "{error}");
 }
+
+#[test]
+fn names_above_a_column_of_comments_are_those_of_labview() {
+    let before = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\nChannels\t2\t\nSamples\t400\t400\n\
+                  ***End_of_Header***\t\t\nX_Value\tDisplacement\tForce\tComment\n";
+    let bytes = lines(before, |_, t, x, f| format!("{t:.6}\t{x:.6}\t{f:.6}"));
+    same(
+        "lvm",
+        &bytes,
+        &["X_Value=time_s:s", "Displacement=displacement_y_mm:mm", "Force=force_y_n:N"],
+        None,
+    );
+    // Another surplus word is none that can be left out: it may be a unit behind its name.
+    let bytes = lines("Time X Force N\n", |_, t, x, f| format!("{t:.6} {x:.6} {f:.6}"));
+    assert!(taken(&bytes, &["Force=force_y_n:N"], None).is_err());
+}
+
+#[test]
+fn seconds_and_nanoseconds_of_one_stamp_are_one_time() {
+    let rows = |t: f64| {
+        let ns = (1e9 * t).round() as i64 + 1_764_000_000_900_000_000;
+        format!("{},{}", ns.div_euclid(1_000_000_000), ns.rem_euclid(1_000_000_000))
+    };
+    let row = |_, t: f64, x: f64, f: f64| format!("{},{:.9},{f:.6}", rows(t), 1e-3 * x);
+    let maps = ["w.force.y=force_y_n:N", "j.position=displacement_y_mm:m"];
+    for names in ["header.stamp.sec,header.stamp.nanosec", "secs,nsecs"] {
+        let bytes = lines(&format!("{names},j.position,w.force.y\n"), row);
+        same(names, &bytes, &maps, None);
+    }
+    let bytes = lines("a,b,j.position,w.force.y\n", row);
+    same("by maps", &bytes, &["a=time_s:s", "b=time_s:ns", maps[0], maps[1]], None);
+    // Two whole times are no time and its fraction, whatever their units.
+    let bytes = lines("a,b,x_mm,f_n\n", |_, t, x, f| format!("{t},{},{x},{f}", 1e3 * t));
+    let maps = ["a=time_s:s", "b=time_s:ms", "x_mm=displacement_y_mm", "f_n=force_y_n"];
+    let error = taken(&bytes, &maps, None).unwrap_err().to_string();
+    assert!(error.contains("beside a time in units of 1 s"), "{error}");
+}
+
+#[test]
+fn a_session_s_own_names_are_what_they_say() {
+    let force = Grid::parse(
+        Path::new("f.csv"),
+        &lines("Time,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n\n", |_, t, x, f| {
+            format!("{t},{x},{f},0.01,0.02")
+        }),
+    );
+    let shape =
+        "time_s,z_mm,deflection_y_mm,deflection_x_mm\n5.0,71.0,0.9,0.1\n5.5,72.0,0.8,0.1\n6.0,73.0,0.7,0.1\n";
+    let shape = Grid::parse(Path::new("s.csv"), shape.as_bytes());
+    let tables = [force, shape].map(|grid| grid.and_then(RawTable::new).expect("a table"));
+    let options =
+        Options { merge_on: Some("time".into()), z_from: Some(ZOrigin::Guide1), ..Options::default() };
+    let taken = take(&tables, &Mapping::default(), &options).expect("a run");
+    assert_eq!(taken.force.expect("a force").displacement_x_m.expect("both axes").len(), 400);
+    let shape = taken.shape.expect("a shape");
+    let millimetres = |values: &[f64]| values.iter().map(|m| (1e6 * m).round() / 1e3).collect::<Vec<_>>();
+    assert_eq!(millimetres(&shape.z_m), [71.0, 72.0, 73.0]);
+    assert_eq!(millimetres(&shape.y_m), [0.9, 0.8, 0.7]);
+}

@@ -188,6 +188,17 @@ impl Mapping {
                     unit: time.unit.clone().filter(|_| !time.is_stamp),
                 });
             }
+            if !has_time && let Some(pair) = seconds_and_fraction(&free) {
+                choices.extend(pair);
+            }
+            // The session's own names are what they say, in a table of which the user states nothing.
+            if table.columns.iter().filter(|column| is_taken(column)).all(is_time) {
+                for (column, target) in named_as_in_a_session(&free) {
+                    if choices.iter().all(|choice| choice.target != target) {
+                        choices.push(Choice { column: column.own_name(), target, unit: column.unit.clone() });
+                    }
+                }
+            }
             // The user's statement about one quantity applies to all of them.
             if !self.choices.iter().all(|choice| choice.target.quantity == Quantity::Time) {
                 continue;
@@ -241,6 +252,36 @@ fn only<'c>(columns: &[&'c RawColumn], is: impl Fn(&RawColumn) -> bool) -> Optio
         (Some(one), None) => Some(one),
         _ => None,
     }
+}
+
+/// Columns with the names of a session: of an insertion where depth and tip are among them, else of a lateral run.
+fn named_as_in_a_session<'c>(columns: &[&'c RawColumn]) -> Vec<(&'c RawColumn, Target)> {
+    let has = |name: &str| columns.iter().any(|column| column.header == name);
+    let is_insertion = has("depth_mm") && has("tip_y_mm");
+    let of_insertion = ["depth_", "tip_", "rotation_", "guide2_"];
+    let target = |column: &&'c RawColumn| {
+        let target = Target::named(&column.header)?;
+        let is_meant = of_insertion.iter().any(|start| target.name.starts_with(start)) == is_insertion;
+        (is_meant && target.quantity != Quantity::Time).then_some((*column, target))
+    };
+    columns.iter().filter_map(target).collect()
+}
+
+/// Seconds and nanoseconds in columns of their own, as stamps of ROS are written: `stamp.sec` and `stamp.nanosec`.
+fn seconds_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
+    let one = |unit: &str, endings: &[&str]| {
+        let is_one = |column: &RawColumn| {
+            words(&column.header).last().is_some_and(|word| endings.contains(&word.as_str()))
+        };
+        let column = only(columns, is_one)?;
+        let mut name = words(&column.header);
+        name.pop();
+        let unit = Some(Unit::parse(unit)?);
+        Some((name, Choice { column: column.own_name(), target: Target::ALL[0], unit }))
+    };
+    let (of_whole, whole) = one("s", &["sec", "secs", "seconds"])?;
+    let (of_fraction, fraction) = one("ns", &["nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"])?;
+    (of_whole == of_fraction).then_some([whole, fraction])
 }
 
 fn words(name: &str) -> Vec<String> {

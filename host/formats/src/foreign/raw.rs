@@ -301,9 +301,10 @@ fn names(above: &[(usize, Vec<String>)], width: usize, has_decimal_comma: bool) 
     let mut units: Vec<Option<Unit>> = Vec::new();
     for (line, cells) in above.iter().rev().take(HEADER) {
         let cells = without_mark(cells);
-        // Names may end before the last column, or behind it.
+        // Names may end before the last column, or behind it; LabVIEW names comments that its rows do not have.
+        let is_surplus = |cell: &String| cell.is_empty() || cell == "Comment";
         let is_as_wide =
-            cells.len() == width || cells.len() == width + 1 && cells.last().is_some_and(String::is_empty);
+            cells.len() == width || cells.len() == width + 1 && cells.last().is_some_and(is_surplus);
         let is_words = cells.iter().all(|cell| Number::parse(cell, has_decimal_comma).is_none());
         let has_letters = cells.iter().any(|cell| cell.chars().any(char::is_alphabetic));
         if !is_as_wide || !is_words || !has_letters {

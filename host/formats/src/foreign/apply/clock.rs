@@ -67,6 +67,33 @@ pub(super) fn missing(table: &RawTable) -> TableError {
     }
 }
 
+/// Adds what a column holds of a time beyond the whole units of another one, as `nanosec` does beside `sec`.
+fn add_fraction(
+    times_s: &mut [f64],
+    table: &RawTable,
+    fraction: &Part,
+    whole_to_si: f64,
+) -> Result<(), TableError> {
+    let (column, to_si) = (fraction.column, fraction.unit.to_si);
+    if let Some((line, text)) = &column.bad {
+        return Err(super::series::bad(table, column, *line, text));
+    }
+    for ((time_s, value), line) in times_s.iter_mut().zip(&column.values).zip(&table.lines) {
+        let part_s = (column.origin as f64 + value) * to_si;
+        if part_s < 0.0 || part_s >= whole_to_si {
+            return Err(TableError::Cell {
+                path: table.path.clone(),
+                line: *line,
+                field: column.header.clone(),
+                problem: format!("{part_s} s beside a time in units of {whole_to_si} s"),
+                expected: "one column of times, or a second one with the fraction of its unit".to_owned(),
+            });
+        }
+        *time_s += part_s;
+    }
+    Ok(())
+}
+
 /// A table with its times.
 pub(in super::super) struct Timed<'t> {
     pub table: &'t RawTable,
@@ -88,10 +115,11 @@ impl<'t> Timed<'t> {
         options: &Options,
         notes: &mut Vec<String>,
     ) -> Result<Self, TableError> {
-        let time_part = parts
-            .iter()
-            .find(|part| part.target.quantity == Quantity::Time && std::ptr::eq(part.table, table));
-        let Some(time_column) = time_part else {
+        let is_time =
+            |part: &&Part| part.target.quantity == Quantity::Time && std::ptr::eq(part.table, table);
+        let mut time_parts: Vec<&Part> = parts.iter().filter(is_time).collect();
+        time_parts.sort_by(|a, b| b.unit.to_si.total_cmp(&a.unit.to_si));
+        let Some((time_column, finer)) = time_parts.split_first() else {
             // A shape has no rate.
             let rate_hz = options.rate_hz.filter(|_| {
                 parts.iter().any(|part| {
@@ -109,6 +137,9 @@ impl<'t> Timed<'t> {
         }
         let to_si = time_column.unit.to_si;
         let mut times_s: Vec<f64> = column.values.iter().map(|value| value * to_si).collect();
+        for fraction in finer.iter().filter(|finer| !std::ptr::eq(finer.column, column)) {
+            add_fraction(&mut times_s, table, fraction, to_si)?;
+        }
         let is_of_day = column.is_stamp && column.origin < DAY_S as i64;
         let mut days = 0.0;
         let (mut latest_s, mut repeated) = (f64::NEG_INFINITY, 0usize);
@@ -153,10 +184,13 @@ impl<'t> Timed<'t> {
         if std::ptr::eq(self.table, base.table) {
             return Some(0.0);
         }
+        let has_name = |timed: &Self, name: &str| {
+            timed.names.iter().any(|known| known.to_lowercase() == name.to_lowercase())
+        };
         let is_one = options
             .merge_on
             .as_ref()
-            .is_some_and(|name| [self, base].iter().all(|timed| timed.names.contains(name)))
+            .is_some_and(|name| [self, base].iter().all(|timed| has_name(timed, name)))
             || self.is_shared && base.is_shared;
         is_one.then(|| self.origin_shift_s(base))
     }
