@@ -13,6 +13,7 @@
 //! | [`socket`] | the WebSocket of one page |
 //! | [`request`], [`update`] | what a page sends and receives over it |
 //! | [`control`] | which page may move the device, by its heartbeat |
+//! | `folder` | files of a folder, opened through no link |
 //! | `frames` | what the device sends, as it goes over the link, for every page |
 //! | [`live`] | the device, and the supervision of the page that moves it |
 //!
@@ -35,6 +36,7 @@
 
 pub mod access;
 pub mod control;
+mod folder;
 mod frames;
 pub mod http;
 pub mod listener;

@@ -1,6 +1,6 @@
 //! The sessions below a folder, and their files: read only, and nothing else of the folder.
 
-use rustix::fs::{Mode, OFlags, openat};
+use crate::folder::Folder;
 use serde::Serialize;
 use std::fs::{self, File};
 use std::io;
@@ -25,7 +25,7 @@ pub struct Sessions {
     /// Without links.
     root: PathBuf,
     /// The folder itself: files are opened from it on, so that nothing can be put in the place of its path meanwhile.
-    handle: Arc<File>,
+    handle: Arc<Folder>,
 }
 
 /// Sessions that the page lists, schema `guide.sessions/1`.
@@ -61,7 +61,7 @@ impl Sessions {
         if !root.is_dir() {
             return Err(io::Error::from(io::ErrorKind::NotADirectory));
         }
-        let handle = Arc::new(File::open(&root)?);
+        let handle = Arc::new(Folder::open(&root)?);
         Ok(Self { root, handle })
     }
 
@@ -122,25 +122,11 @@ impl Sessions {
         // Each part from the one before on and never through a link: what is compared is what is opened, whatever is renamed meanwhile.
         let mut folder = Arc::clone(&self.handle);
         for part in folders.into_iter().flat_map(|folders| folders.split('/')) {
-            folder = Arc::new(within(&folder, part, OFlags::DIRECTORY)?);
+            folder = Arc::new(folder.folder(part)?);
         }
-        regular(&folder, SESSION)?;
-        regular(&folder, name)
+        folder.file(SESSION)?;
+        folder.file(name)
     }
-}
-
-/// Opens what is in a folder, and no link.
-fn within(folder: &File, name: &str, flags: OFlags) -> Option<File> {
-    // Not blocking: a pipe would wait for its writer.
-    let flags = flags | OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    openat(folder, name, flags, Mode::empty()).ok().map(File::from)
-}
-
-/// A regular file of a folder, with its length.
-fn regular(folder: &File, name: &str) -> Option<(File, u64)> {
-    let file = within(folder, name, OFlags::empty())?;
-    let metadata = file.metadata().ok()?;
-    metadata.is_file().then_some((file, metadata.len()))
 }
 
 fn is_of_session(name: &str) -> bool {
