@@ -10,7 +10,8 @@
 mod play;
 
 use super::data::{Datum, Source};
-use super::evidence::{Group, Patterns, RunPatterns};
+use super::discrepancy::group_of;
+use super::evidence::{Patterns, RunPatterns};
 use super::known::KnownParameter;
 use super::layout::{Layout, Prepared, Scale, prior};
 use super::noise::Noise;
@@ -268,10 +269,10 @@ fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
 /// differs with the direction that it came from: that is stated.
 fn sensor_patterns(prepared: &[Prepared], stiffness_n_per_m: f64) -> Patterns {
     let groups = vec![
-        Group::of(&sensors::FORCE_ZERO),
-        Group::of(&sensors::FORCE_ZERO_SETTLING),
-        Group::of(&sensors::FORCE_OF_ONE_HOLD_IN_AIR),
-        Group::of(&rig::GUIDE2_CREEP),
+        group_of(&sensors::FORCE_ZERO),
+        group_of(&sensors::FORCE_ZERO_SETTLING),
+        group_of(&sensors::FORCE_OF_ONE_HOLD_IN_AIR),
+        group_of(&rig::GUIDE2_CREEP),
     ];
     let of_run = |prepared: &Prepared| {
         let data = &prepared.run.data;

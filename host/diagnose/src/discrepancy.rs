@@ -18,6 +18,7 @@ use super::Multiples;
 use super::data::{Datum, Kind, Run};
 use super::evidence::{Group, Patterns, RunPatterns};
 use super::layout::{Layout, Prepared};
+use mechanics::unknowns::{Family, SMALLER_SIZE_SD_LN, Unknown};
 use mechanics::{Cache, Channels, Experiment, Model, ModelError, predict_with};
 use nalgebra::DMatrix;
 
@@ -53,6 +54,13 @@ impl Cause {
     fn is_mounted(self) -> bool {
         matches!(self, Self::Mounting | Self::Instrument { mounted: true })
     }
+}
+
+/// The group of an entry of the table of unknowns: a size is found, an error's is known.
+pub(super) fn group_of(unknown: &Unknown) -> Group {
+    let tail = (unknown.prior.family == Family::Size).then_some(unknown.sd());
+    let (name, everyday) = (unknown.name, unknown.typical_sd());
+    Group { name, everyday, tail, smaller_sd_ln: SMALLER_SIZE_SD_LN, multiple: 1.0 }
 }
 
 /// A group with its patterns, in SI and in the order of the data of each run; empty where it does not show.

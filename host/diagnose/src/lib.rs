@@ -49,7 +49,6 @@ mod discover;
 mod discrepancy;
 pub mod display;
 mod draws;
-mod evidence;
 mod expected;
 mod found;
 mod foundation;
@@ -71,7 +70,6 @@ mod rounding;
 mod score;
 mod search;
 mod shapes;
-mod sizes;
 mod split;
 mod start;
 mod stated;
@@ -104,6 +102,7 @@ pub use results::{
 pub use two_layers::{Interval, TwoLayers, two_layers};
 pub use workbench::{Trial, TrialEffect, TrialPoint, Workbench};
 
+use ::discrepancy::evidence;
 use adequacy::{Adequacy, regions};
 use averaged::Averaged;
 use choice::{Choice, choose};

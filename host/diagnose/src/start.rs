@@ -62,7 +62,7 @@ pub(super) fn fit_start(
         runs.iter().map(of_run).collect()
     };
     let first = prepared(&first_values)?;
-    let no_patterns = Patterns::none(&first);
+    let no_patterns = Patterns::none(first.iter().map(|run| run.run.data.len()));
     let ends = layout.starts(&first_values);
     let mut ends: Vec<Fitted> = ends
         .par_iter()

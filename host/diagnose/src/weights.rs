@@ -13,28 +13,15 @@
 use super::foundation::FOUNDATION_MARGIN;
 use super::posterior::Fitted;
 use mechanics::effects::Effect;
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Probability from which on something is said to be so: a name is one where the effect is missing with this probability, and a class
-/// holds the smallest set of explanations with it.
-pub(super) const STATED_PROBABILITY: f64 = 0.95;
+pub(super) use ::discrepancy::weights::{
+    NO_WEIGHT, STATED_PROBABILITY, indistinct, is_refuted, limit_refused, ln_sum, smallest_set,
+    stated_ln_odds,
+};
+
 /// Odds beforehand that what a session lacks is a law without a name. Laboratories find effects that nobody had thought of in perhaps one
 /// of ten setups; Markov's bound above makes that one false law in two hundred sessions.
 const LAW_ODDS: f64 = 0.1;
-/// A model whose weight is a smaller share of the largest than `exp` of this shows in no digit of an interval: 6e-6.
-pub(super) const NO_WEIGHT: f64 = -12.0;
-
-/// Logarithm of the odds at [`STATED_PROBABILITY`].
-pub(super) fn stated_ln_odds() -> f64 {
-    (STATED_PROBABILITY / (1.0 - STATED_PROBABILITY)).ln()
-}
-
-/// Squared distance, in standard deviations of the noise, of predictions that no run tells apart: it gives odds of `exp` of its half,
-/// which would have to be those of [`STATED_PROBABILITY`].
-pub(super) fn indistinct() -> f64 {
-    2.0 * stated_ln_odds()
-}
-
 /// A parameter that cannot be on one side of its neutral value has all of its prior on the other.
 pub(super) fn one_sided(effect: &dyn Effect) -> f64 {
     let sides = effect.parameters().iter().filter(|info| info.nodes.is_empty() && !info.is_two_sided());
@@ -72,79 +59,5 @@ impl ModelPrior {
         let body = if fitted.layout.support.is_body() { FOUNDATION_MARGIN } else { 0.0 };
         let effects = added.map(|effect| one_sided(*effect) + self.ln_odds(*effect));
         fitted.log_evidence - body + effects.sum::<f64>()
-    }
-}
-
-/// `ln sum exp`; minus infinity of nothing.
-pub(super) fn ln_sum(ln_weights: impl Iterator<Item = f64> + Clone) -> f64 {
-    let largest = ln_weights.clone().fold(f64::NEG_INFINITY, f64::max);
-    if largest.is_finite() {
-        largest + ln_weights.map(|ln| (ln - largest).exp()).sum::<f64>().ln()
-    } else {
-        largest
-    }
-}
-
-/// Number of the first of these weights, largest first, that have [`STATED_PROBABILITY`] together.
-pub(super) fn smallest_set(ln_weights: &[f64]) -> usize {
-    let total = ln_sum(ln_weights.iter().copied());
-    let mut sum = 0.0;
-    let reaches = |ln: &f64| {
-        sum += (ln - total).exp();
-        sum >= STATED_PROBABILITY
-    };
-    ln_weights.iter().position(reaches).map_or(ln_weights.len(), |last| last + 1)
-}
-
-/// Lowers the weights of models that were refused for other reasons than their weight: all of them together are no more likely than the
-/// model that was taken, whose weight is `taken`.
-pub(super) fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f64) {
-    let mut refused: Vec<&mut f64> = ln_weights.filter(|ln| **ln > taken).collect();
-    let even = taken - (refused.len().max(1) as f64).ln();
-    refused.iter_mut().for_each(|ln| **ln = even);
-}
-
-/// Whether one model predicts what was held out worse than another beyond chance, by its losses part by part: the mean difference is above
-/// 0 with the stated probability, by Student's t over the parts, whatever correlates the readings within one (Vuong, "Likelihood ratio
-/// tests for model selection and non-nested hypotheses", Econometrica 57:307, 1989). Models that no run tells apart do not refute each other.
-pub(super) fn is_refuted(losses: &[f64], by: &[f64]) -> bool {
-    let differences: Vec<f64> = losses.iter().zip(by).map(|(worse, better)| worse - better).collect();
-    let count = differences.len() as f64;
-    let sum: f64 = differences.iter().sum();
-    let Ok(student) = StudentsT::new(0.0, 1.0, count - 1.0) else { return false };
-    let squares: f64 = differences.iter().map(|one| (one - sum / count).powi(2)).sum();
-    let sd_of_sum = (squares * count / (count - 1.0)).sqrt();
-    sum > indistinct() && sum > student.inverse_cdf(STATED_PROBABILITY) * sd_of_sum
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_smallest_set_has_what_is_stated() {
-        assert_eq!(smallest_set(&[0.0]), 1);
-        assert_eq!(smallest_set(&[0.0, -4.0]), 1);
-        assert_eq!(smallest_set(&[0.0, -2.0]), 2);
-        assert_eq!(smallest_set(&[-700.0, -700.0, -710.0]), 2);
-    }
-
-    #[test]
-    fn a_model_is_refuted_by_what_is_better_in_most_parts() {
-        let [worse, better] = [[30.0, 28.0, 35.0, 31.0, 29.0], [20.0, 21.0, 19.0, 22.0, 20.0]];
-        assert!(is_refuted(&worse, &better) && !is_refuted(&better, &worse));
-        // Better in one part alone, or within noise.
-        assert!(!is_refuted(&[90.0, 20.0, 20.0, 20.0], &[20.0, 20.0, 20.0, 20.0]));
-        assert!(!is_refuted(&[21.0, 21.0, 21.1, 21.0], &[20.0, 20.0, 20.0, 20.0]));
-        // A single part tells nothing of chance.
-        assert!(!is_refuted(&[90.0], &[20.0]) && !is_refuted(&[], &[]));
-    }
-
-    #[test]
-    fn refused_models_together_are_as_likely_as_the_one_taken() {
-        let mut weights = [3.0, 5.0, -1.0];
-        limit_refused(weights.iter_mut(), 1.0);
-        assert!((weights[0].exp() + weights[1].exp() - 1f64.exp()).abs() < 1e-12);
-        assert_eq!(weights[2], -1.0);
     }
 }

@@ -1,8 +1,8 @@
 //! Patterns in insertions: how pushes that are meant to be alike differ, and what tracker and guides are off by.
 
+use super::group_of;
 use super::{Around, Cause, GroupPatterns, Made, Scope};
 use crate::data::{Datum, Kind, Source};
-use crate::evidence::Group;
 use mechanics::insertion::Cutting;
 use mechanics::unknowns::discrepancy::insertion as size;
 use mechanics::unknowns::{Unknown, rig, sensors, tissue};
@@ -34,7 +34,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) }
         };
         let of_runs = all.iter().map(of_run).collect::<Result<_, _>>()?;
-        groups.push(GroupPatterns { group: Group::of(unknown), scope, of_runs, cause });
+        groups.push(GroupPatterns { group: group_of(unknown), scope, of_runs, cause });
         Ok(())
     };
     let modulus = |around: &Around<'_>| {

@@ -1,8 +1,8 @@
 //! Patterns in lateral runs: what a careful laboratory would not notice, in tissue, image, force sensor and guides.
 
+use super::group_of;
 use super::{Around, Cause, GroupPatterns, Made, Scope};
 use crate::data::{Kind, Source};
-use crate::evidence::Group;
 use crate::predicted::predicted;
 use mechanics::effects::effect;
 use mechanics::unknowns::discrepancy::lateral as size;
@@ -58,7 +58,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             if lateral(around) { of(number, around) } else { Ok(Vec::new()) }
         };
         let of_runs = all.iter().enumerate().map(of_run).collect::<Result<_, _>>()?;
-        groups.push(GroupPatterns { group: Group::of(unknown), scope, of_runs, cause });
+        groups.push(GroupPatterns { group: group_of(unknown), scope, of_runs, cause });
         Ok(())
     };
     let deepest_m = all.iter().filter(|a| lateral(a)).map(|a| a.run.depth_m).fold(0.0, f64::max);

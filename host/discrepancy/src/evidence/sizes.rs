@@ -1,6 +1,6 @@
 //! Search for the sizes of the discrepancy's groups at which the evidence is largest (theory, eq. 61).
 
-use super::evidence::{Patterns, Products};
+use super::{Patterns, Products};
 use argmin::core::{CostFunction, Executor, Gradient, State, TerminationReason};
 use argmin::solver::linesearch::MoreThuenteLineSearch;
 use argmin::solver::quasinewton::LBFGS;

@@ -15,10 +15,10 @@
 
 mod integrated;
 mod inverse;
+mod sizes;
 
-use super::layout::Prepared;
-use super::sizes;
-use mechanics::unknowns::{Family, SMALLER_SIZE_SD_LN, Unknown};
+pub use inverse::Inverse;
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// No size is smaller than this share of its everyday one: it has no influence there.
@@ -30,28 +30,23 @@ const BLOCK: usize = 32;
 
 /// Patterns whose amplitudes have one size.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Group {
-    /// Meaning of the size.
+pub struct Group {
+    /// What it stands for.
     pub name: &'static str,
     /// Size in an ordinary rig and tissue, in the unit of its patterns.
     pub everyday: f64,
     /// Standard deviation of a size above the everyday one, in everyday sizes; nothing where the size is known.
     pub tail: Option<f64>,
-    /// Ratio of `everyday` to that of an ordinary rig.
+    /// Standard deviation of the logarithm of a size below the everyday one.
+    pub smaller_sd_ln: f64,
+    /// How many times larger `everyday` is than in an ordinary rig.
     pub multiple: f64,
-}
-
-impl Group {
-    /// Size of an entry of the table of unknowns: a size is found, an error's is known.
-    pub fn of(unknown: &Unknown) -> Self {
-        let tail = (unknown.prior.family == Family::Size).then_some(unknown.sd());
-        Self { name: unknown.name, everyday: unknown.typical_sd(), tail, multiple: 1.0 }
-    }
 }
 
 /// The patterns of all runs, whitened.
 #[derive(Debug, Clone)]
-pub(super) struct Patterns {
+pub struct Patterns {
+    /// What the patterns stand for.
     pub groups: Vec<Group>,
     /// Group of each pattern that runs share.
     shared_groups: Vec<usize>,
@@ -61,7 +56,7 @@ pub(super) struct Patterns {
 
 /// The patterns in the data of one run.
 #[derive(Debug, Clone)]
-pub(super) struct RunPatterns {
+pub struct RunPatterns {
     /// Group of each pattern that is of this run alone.
     pub own_groups: Vec<usize>,
     /// Readings by patterns of this run.
@@ -101,13 +96,13 @@ impl Patterns {
         Self { groups, shared_groups, shared_gram, runs }
     }
 
-    /// No discrepancy at all: noise alone.
-    pub fn none(runs: &[Prepared]) -> Self {
-        let of_run = |run: &Prepared| {
-            let no_patterns = DMatrix::zeros(run.run.data.len(), 0);
-            RunPatterns::new(Vec::new(), no_patterns.clone(), no_patterns)
+    /// No discrepancy at all: noise alone, in runs of so many readings.
+    pub fn none(readings: impl Iterator<Item = usize>) -> Self {
+        let of_run = |count: usize| {
+            let none = DMatrix::zeros(count, 0);
+            RunPatterns::new(Vec::new(), none.clone(), none)
         };
-        Self::new(Vec::new(), Vec::new(), runs.iter().map(of_run).collect())
+        Self::new(Vec::new(), Vec::new(), readings.map(of_run).collect())
     }
 
     /// Only those of known size: the tolerances of what is stated. The others have size 0.
@@ -181,10 +176,10 @@ impl Patterns {
     pub fn size_prior(&self, sizes: &[f64]) -> (f64, Vec<f64>) {
         let of_group = |(group, size): (&Group, &f64)| {
             let Some(tail) = group.tail else { return (0.0, 0.0) };
-            let ratio = size / group.everyday;
-            if ratio < 1.0 {
-                let ln = ratio.ln() / SMALLER_SIZE_SD_LN;
-                (0.5 * ln * ln, ln / SMALLER_SIZE_SD_LN)
+            let share = size / group.everyday;
+            if share < 1.0 {
+                let ln = share.ln() / group.smaller_sd_ln;
+                (0.5 * ln * ln, ln / group.smaller_sd_ln)
             } else {
                 let excess = (ratio - 1.0) / tail;
                 (0.5 * excess * excess, excess * ratio / tail)
@@ -334,10 +329,11 @@ impl Patterns {
 
 /// Scalar products of columns with all patterns and with each other.
 #[derive(Debug, Clone)]
-pub(super) struct Products {
+pub struct Products {
     /// With the patterns of each run, in its order.
     own: Vec<DMatrix<f64>>,
     shared: DMatrix<f64>,
+    /// Of the columns with each other.
     pub among: DMatrix<f64>,
 }
 
@@ -356,11 +352,12 @@ struct Reduced {
 
 /// Evidence and what follows from it at some sizes.
 #[derive(Debug, Clone)]
-pub(super) struct Evidence {
+pub struct Evidence {
     /// Minus its logarithm, the prior of the sizes with it.
     pub minus_ln: f64,
-    /// Half the logarithm of the determinant of `M`, and minus the logarithm of the prior of the sizes: parts of it.
+    /// Half the logarithm of the determinant of `M`, a part of it.
     pub half_ln_determinant: f64,
+    /// Minus the logarithm of the prior of the sizes, another part.
     pub size_prior: f64,
     /// By the logarithms of the sizes.
     pub gradient: Vec<f64>,
@@ -408,5 +405,4 @@ fn inverse_root(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
 }
 
 #[cfg(test)]
-#[path = "evidence_tests.rs"]
 mod tests;

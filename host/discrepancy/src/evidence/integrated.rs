@@ -11,11 +11,8 @@
 //! integrated nested Laplace approximations", 2009).
 
 use super::{Evidence, Patterns, Products, inverse_root};
-use mechanics::unknowns::SMALLER_SIZE_SD_LN;
 use nalgebra::{DMatrix, DVector};
 
-/// Curvatures below this are taken for it: the prior alone has more below its everyday size, `1 / SMALLER_SIZE_SD_LN^2`.
-const MIN_CURVATURE: f64 = 0.5 / (SMALLER_SIZE_SD_LN * SMALLER_SIZE_SD_LN);
 /// Points on an axis, in standard deviations, and their weights for a normal density (Gauss and Hermite).
 const POINT_SD: f64 = 1.732_050_807_568_877_2;
 const POINT_WEIGHT: f64 = 1.0 / 6.0;
@@ -80,22 +77,27 @@ impl Patterns {
             let size_ratio = sizes[*g] / group.everyday;
             curvature[(i, i)] += match group.tail {
                 Some(tail) if size_ratio >= 1.0 => size_ratio * (2.0 * size_ratio - 1.0) / (tail * tail),
-                _ => 1.0 / (SMALLER_SIZE_SD_LN * SMALLER_SIZE_SD_LN),
+                _ => 1.0 / (group.smaller_sd_ln * group.smaller_sd_ln),
             };
         }
         Some((free, curvature))
     }
 
-    /// Addition to the log evidence by integrating over the sizes around their likeliest values, up to a common part of
-    /// all hypotheses; `None` if a size is not valid. A size that the data determine is worth less than one that may be
-    /// anything that is ordinary.
+    /// Curvatures below this are taken for it: the prior alone has more below its everyday size, `1 / smaller_sd_ln^2`.
+    fn min_curvature(&self) -> f64 {
+        let widest = self.groups.iter().map(|group| group.smaller_sd_ln).fold(0.0, f64::max);
+        0.5 / (widest * widest)
+    }
+
+    /// What integrating over the sizes around their likeliest values adds to the log evidence, up to what all hypotheses share; nothing
+    /// where a size makes no sense. A size that the data determine is worth less than one that may be anything that is ordinary.
     pub fn ln_volume_of_sizes(&self, sizes: &[f64], products: &Products) -> Option<f64> {
         let (_, curvature) = self.curvature(sizes, products)?;
         if curvature.is_empty() {
             return Some(0.0);
         }
-        let eigenvalues = curvature.symmetric_eigenvalues();
-        Some(-0.5 * eigenvalues.iter().map(|value| value.max(MIN_CURVATURE).ln()).sum::<f64>())
+        let (eigenvalues, least) = (curvature.symmetric_eigenvalues(), self.min_curvature());
+        Some(-0.5 * eigenvalues.iter().map(|value| value.max(least).ln()).sum::<f64>())
     }
 
     /// Covariance of the parameters, in units of their priors, with the sizes integrated over; that at the likeliest sizes where the
@@ -111,7 +113,7 @@ impl Patterns {
         let eigen = curvature.symmetric_eigen();
         let mut total = base_evidence.covariance.clone();
         for (axis, value) in eigen.eigenvectors.column_iter().zip(eigen.eigenvalues.iter()) {
-            let sd = value.max(MIN_CURVATURE).sqrt().recip();
+            let sd = value.max(self.min_curvature()).sqrt().recip();
             let shifted_evidence = |sign: f64| {
                 let mut moved = sizes.to_vec();
                 for (group, along) in free.iter().zip(axis.iter()) {

@@ -15,7 +15,7 @@ fn random(rng: &mut ChaCha8Rng, rows: usize, columns: usize) -> DMatrix<f64> {
 /// Patterns of three groups: one of single runs, one shared, one shared of known size. With the columns of parameters and residuals.
 fn drawn() -> (Patterns, Vec<DMatrix<f64>>) {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let group = |name, everyday, tail| Group { name, everyday, tail, multiple: 1.0 };
+    let group = |name, everyday, tail| Group { name, everyday, tail, smaller_sd_ln: 1.5, multiple: 1.0 };
     let groups =
         vec![group("own", 0.5, Some(1.0)), group("shared", 0.2, Some(0.5)), group("known", 0.3, None)];
     let runs =
