@@ -13,6 +13,7 @@ use super::evidence::{Group, Patterns};
 use super::layout::{NORMAL_975, Prepared};
 use super::posterior::Fitted;
 use super::score::{NOISE_TOLERANCE, stacked};
+use ::discrepancy::regions::{best_interval, bin_of, edges};
 use nalgebra::{DMatrix, DVector};
 use readings::FitError;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
@@ -354,9 +355,8 @@ fn regions_at(
     let (eliminated, _) = fitted.eliminated(patterns, sizes, &products).ok_or(FitError::Undetermined)?;
     let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / tried_intervals.max(1) as f64);
     let region = |scan: &Scan| {
-        let (first_bin, last_bin, sigma, mean) =
-            best_interval(&eliminated, scan.first, scan.edges.len(), residuals)?;
-        let (start, end) = (scan.edges[first_bin][0], scan.edges[last_bin][1]);
+        let (bins, sigma, mean) = best_interval(&eliminated, scan.first, scan.edges.len(), residuals)?;
+        let (start, end) = (scan.edges[bins.start][0], scan.edges[bins.end - 1][1]);
         let Scan { channel, coordinate, is_odd, .. } = *scan;
         Some(Region { channel, coordinate, from: start, to: end, mean, is_odd, sigma })
     };
@@ -383,7 +383,7 @@ fn scans(runs: &[Prepared]) -> (Vec<Scan>, Vec<DVector<f64>>) {
             let values: Vec<Option<f64>> = all_data(runs)
                 .map(|(run, d)| (d.channel == channel && is_tested(run)).then(|| value_of(run, d)).flatten())
                 .collect();
-            let edges = edges(&values);
+            let edges = edges(&values, BINS);
             if edges.len() < 2 {
                 continue;
             }
@@ -396,7 +396,7 @@ fn scans(runs: &[Prepared]) -> (Vec<Scan>, Vec<DVector<f64>>) {
                 scans.push(Scan { channel, coordinate, is_odd, edges: edges.clone(), first: columns.len() });
                 columns.extend((0..edges.len()).map(|bin| {
                     let member = |((_, d), value): ((&Prepared, &Datum), &Option<f64>)| match value {
-                        Some(value) if place(&edges, *value) == bin => sign(d),
+                        Some(value) if bin_of(&edges, *value) == bin => sign(d),
                         _ => 0.0,
                     };
                     let column: Vec<f64> = all_data(runs).zip(&values).map(member).collect();
@@ -418,53 +418,4 @@ fn by_run(runs: &[Prepared], columns: &[DVector<f64>]) -> Vec<DMatrix<f64>> {
         combined.rows(start - rows, rows).into_owned()
     };
     runs.iter().map(of_run).collect()
-}
-
-/// Bins of a coordinate: its distinct values where these are few, else equal counts; least and greatest of each.
-fn edges(values: &[Option<f64>]) -> Vec<[f64; 2]> {
-    let mut sorted: Vec<f64> = values.iter().flatten().copied().collect();
-    sorted.sort_by(f64::total_cmp);
-    let (Some(first), Some(last)) = (sorted.first(), sorted.last()) else { return Vec::new() };
-    let close = 1e-3 * (last - first);
-    let mut distinct: Vec<[f64; 2]> = Vec::new();
-    for value in &sorted {
-        match distinct.last_mut() {
-            Some([_, end]) if value - *end <= close => *end = *value,
-            _ => distinct.push([*value, *value]),
-        }
-    }
-    if distinct.len() <= BINS {
-        return distinct;
-    }
-    let sorted_value = |i: usize| sorted[(i * sorted.len() / BINS).min(sorted.len() - 1)];
-    (0..BINS).map(|bin| [sorted_value(bin), sorted_value(bin + 1)]).collect()
-}
-
-fn place(edges: &[[f64; 2]], value: f64) -> usize {
-    edges.iter().rposition(|[from, _]| *from <= value).unwrap_or(0)
-}
-
-/// The interval of bins that stands out most: first and last bin, standard deviations, mean. The bins are so many of
-/// the columns of scalar products from `first` on, and the residuals are another column.
-fn best_interval(
-    products: &DMatrix<f64>,
-    first: usize,
-    bins: usize,
-    residuals: usize,
-) -> Option<(usize, usize, f64, f64)> {
-    let mut best: Option<(usize, usize, f64, f64)> = None;
-    for from in 0..bins {
-        for to in from..bins {
-            let (start_column, count) = (first + from, to - from + 1);
-            let sum = products.view((start_column, residuals), (count, 1)).sum();
-            let square = products.view((start_column, start_column), (count, count)).sum();
-            if square > 1e-9 {
-                let sigma = sum / square.sqrt();
-                if best.is_none_or(|(_, _, other, _)| sigma.abs() > other.abs()) {
-                    best = Some((from, to, sigma, sum / square));
-                }
-            }
-        }
-    }
-    best
 }

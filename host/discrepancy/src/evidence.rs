@@ -176,9 +176,9 @@ impl Patterns {
     pub fn size_prior(&self, sizes: &[f64]) -> (f64, Vec<f64>) {
         let of_group = |(group, size): (&Group, &f64)| {
             let Some(tail) = group.tail else { return (0.0, 0.0) };
-            let share = size / group.everyday;
-            if share < 1.0 {
-                let ln = share.ln() / group.smaller_sd_ln;
+            let ratio = size / group.everyday;
+            if ratio < 1.0 {
+                let ln = ratio.ln() / group.smaller_sd_ln;
                 (0.5 * ln * ln, ln / group.smaller_sd_ln)
             } else {
                 let excess = (ratio - 1.0) / tail;

@@ -21,6 +21,11 @@ pub fn usage(py: Python<'_>, message: &str) -> PyErr {
     new(py, "UsageError", message, &FailedAt::default(), "")
 }
 
+/// What the data or a model do not allow.
+pub fn analysis(py: Python<'_>, message: &str) -> PyErr {
+    new(py, "AnalysisError", message, &FailedAt::default(), "")
+}
+
 /// A failed operation on the device.
 pub fn device(py: Python<'_>, error: &anyhow::Error) -> PyErr {
     let is_link = error.chain().any(|cause| cause.is::<LinkError>());

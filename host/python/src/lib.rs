@@ -8,6 +8,7 @@
 #![deny(missing_docs)]
 #![cfg(feature = "extension")]
 
+mod discrepancy;
 mod failure;
 mod forward;
 mod link;
@@ -26,6 +27,8 @@ use work::{Message, computed};
 mod _core {
     #[pymodule_export]
     const PARAMETERS: [&str; 9] = super::forward::PARAMETERS;
+    #[pymodule_export]
+    use super::discrepancy::{DiscrepancyTerms, discrepancy};
     #[pymodule_export]
     use super::forward::forward;
     #[pymodule_export]

@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PARAMETERS", "Link", "call", "forward", "program", "readable", "summarize"]
+__all__ = ["PARAMETERS", "DiscrepancyTerms", "Link", "call", "discrepancy", "forward", "program", "readable", "summarize"]
 
 PARAMETERS: list[str]
 
@@ -15,6 +15,16 @@ def call(
 ) -> tuple[str, list[str], list[tuple[str, str]]]: ...
 def summarize(folder: str, seed: int) -> str: ...
 def readable(folder: str) -> None: ...
+def discrepancy(
+    function: Callable[..., object],
+    runs: Sequence[dict[str, object]],
+    stated: str,
+    on_step: Callable[[str], object] | None,
+) -> tuple[str, str]: ...
+@final
+class DiscrepancyTerms:
+    def __call__(self, site: str, **regressors: float | NDArray[np.float64]) -> float | NDArray[np.float64]: ...
+
 def program(arguments: Sequence[str]) -> int: ...
 def forward(
     parameters: NDArray[np.float64], z_mm: NDArray[np.float64], columns: Sequence[int], first: int

@@ -1,0 +1,408 @@
+//! A model with its data, ready to be fitted: predictions and residuals under any set of laws.
+
+use super::data::{Data, Run};
+use super::form::{Form, Shape, Span};
+use super::model::{Error, ForwardModel, ModelFailure, Site};
+use super::noise::Segment;
+use super::term::{Stated, Term, Terms};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Means over blocks are fitted where a run has more readings than this: a law of ten numbers and a correlated noise need hundreds, and the work
+/// grows with them.
+const MAX_READINGS: usize = 800;
+/// Effect of a probing law on a channel, in its scale: small enough to be linear, large beside rounding.
+const PROBE_EFFECT: f64 = 1e-3;
+const MAX_PROBES: usize = 40;
+
+/// A law that may act: where, on what, in what form, and how large its amplitudes may be.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Law {
+    pub site: usize,
+    pub regressor: Option<usize>,
+    pub form: Form,
+    pub span: Span,
+    /// Standard deviations of the priors of its amplitudes.
+    pub amplitude_sds: Vec<f64>,
+}
+
+impl Law {
+    /// Whether it is the same kind of law.
+    pub fn is_like(&self, other: &Self) -> bool {
+        (self.site, self.regressor, self.form) == (other.site, other.regressor, other.form)
+    }
+
+    pub fn shape(&self) -> Option<Shape> {
+        self.form.shape(&self.span)
+    }
+
+    /// How many numbers it has.
+    pub fn len(&self) -> usize {
+        self.form.amplitudes().len() + usize::from(self.shape().is_some())
+    }
+}
+
+/// One number of a fit: its normal prior and its range.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Coordinate {
+    pub mean: f64,
+    pub sd: f64,
+    pub least: f64,
+    pub most: f64,
+}
+
+/// A run with its readings in blocks.
+pub(crate) struct Prepared<'a> {
+    pub run: &'a Run,
+    pub segments: Vec<Segment>,
+    /// Readings of each block, of all channels one after the other.
+    blocks: Vec<(usize, Vec<usize>)>,
+    measured: DVector<f64>,
+}
+
+impl Prepared<'_> {
+    pub fn rows(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// What was measured, in units of the channels' scales.
+    pub fn measured(&self) -> &DVector<f64> {
+        &self.measured
+    }
+
+    /// Means of values, one series per channel, over the blocks, in units of the channels' scales.
+    fn means<T: AsRef<[f64]>>(&self, channels: &[T], scales: &[f64]) -> DVector<f64> {
+        let of_block = |(channel, block): &(usize, Vec<usize>)| {
+            let values = channels.get(*channel).map_or(&[][..], AsRef::as_ref);
+            let sum: f64 = block.iter().filter_map(|i| values.get(*i)).sum();
+            sum / (block.len() as f64 * scales.get(*channel).copied().unwrap_or(1.0))
+        };
+        DVector::from_iterator(self.rows(), self.blocks.iter().map(of_block))
+    }
+
+    /// Means of a known column over the blocks of all channels.
+    pub fn column(&self, name: &str) -> Option<Vec<f64>> {
+        let values = self.run.column(name)?;
+        let of_block = |(_, block): &(usize, Vec<usize>)| {
+            block.iter().filter_map(|i| values.get(*i)).sum::<f64>() / block.len() as f64
+        };
+        Some(self.blocks.iter().map(of_block).collect())
+    }
+
+    /// Rows of a channel.
+    pub fn rows_of(&self, channel: usize) -> Range<usize> {
+        let first = self.blocks.iter().position(|(one, _)| *one == channel).unwrap_or(0);
+        first..first + self.blocks.iter().filter(|(one, _)| *one == channel).count()
+    }
+}
+
+fn prepare<'a>(run: &'a Run, scales: &[f64]) -> Prepared<'a> {
+    let (mut segments, mut blocks) = (Vec::new(), Vec::new());
+    for (number, channel) in run.channels.iter().enumerate() {
+        let valid: Vec<usize> =
+            channel.values.iter().enumerate().filter(|(_, v)| v.is_finite()).map(|(i, _)| i).collect();
+        let size = valid.len().div_ceil(MAX_READINGS).max(1);
+        let mean_sd = channel.sds.as_ref().map(|sds| sds.iter().sum::<f64>() / sds.len().max(1) as f64);
+        let mut segment = Segment { channel: number, time_s: Vec::new(), weights: Vec::new() };
+        for block in valid.chunks(size) {
+            let count = block.len() as f64;
+            let relative = |i: &usize| match (&channel.sds, mean_sd) {
+                (Some(sds), Some(mean)) => sds.get(*i).map_or(1.0, |sd| (sd / mean).powi(2)),
+                _ => 1.0,
+            };
+            let variance = block.iter().map(relative).sum::<f64>() / (count * count);
+            let instants = block.iter().filter_map(|i| run.time_s.get(*i));
+            segment.time_s.push(instants.sum::<f64>() / count);
+            segment.weights.push((variance * size as f64).sqrt());
+            blocks.push((number, block.to_vec()));
+        }
+        segments.push(segment);
+    }
+    let mut prepared = Prepared { run, segments, blocks, measured: DVector::zeros(0) };
+    let measured: Vec<&[f64]> = run.channels.iter().map(|channel| channel.values.as_slice()).collect();
+    prepared.measured = prepared.means(&measured, scales);
+    prepared
+}
+
+/// A model with its data.
+pub(crate) struct Bench<'a> {
+    pub model: &'a dyn ForwardModel,
+    pub data: &'a Data,
+    pub training: Vec<Prepared<'a>>,
+    pub held_out: Vec<Prepared<'a>>,
+    /// Scale of each channel.
+    pub scales: Vec<f64>,
+    /// What the regressors of each site are between.
+    pub spans: Vec<Vec<Span>>,
+    /// Amplitude of a constant at each site that changes some channel by [`PROBE_EFFECT`].
+    probes: Vec<f64>,
+}
+
+impl<'a> Bench<'a> {
+    /// # Errors
+    /// Where model and data do not belong together, or the model fails at its prior means.
+    pub fn new(model: &'a dyn ForwardModel, data: &'a Data) -> Result<Self, Error> {
+        super::model::check(model, data)?;
+        let scales: Vec<f64> = (0..data.channels().len()).map(|channel| data.scale(channel)).collect();
+        let training: Vec<Prepared<'a>> = data.training().map(|run| prepare(run, &scales)).collect();
+        let held_out = data.held_out().map(|run| prepare(run, &scales)).collect();
+        let mut bench =
+            Self { model, data, training, held_out, scales, spans: Vec::new(), probes: Vec::new() };
+        let start: Vec<f64> = model.parameters().iter().map(|parameter| parameter.mean).collect();
+        bench.spans = bench.find_spans(&start)?;
+        bench.probes =
+            model.sites().iter().map(|site| bench.probe(site, &start)).collect::<Result<_, _>>()?;
+        Ok(bench)
+    }
+
+    /// Ranges of all regressors: as declared, of the data, or as the model states them.
+    fn find_spans(&self, start: &[f64]) -> Result<Vec<Vec<Span>>, Error> {
+        let stated = Stated::default();
+        for prepared in &self.training {
+            self.predict(prepared.run, start, &[], Some(&stated))?;
+        }
+        let stated = stated.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let of_data = |name: &str| {
+            let values = self.training.iter().filter_map(|prepared| prepared.run.column(name)).flatten();
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], x| [least.min(*x), most.max(*x)])
+        };
+        let of_site = |site: &Site| {
+            let of_regressor = |regressor: &super::model::Regressor| {
+                let key = (site.name.clone(), regressor.name.clone());
+                let range = match (regressor.range, &site.adds_to) {
+                    (Some(range), _) => range,
+                    (None, Some(_)) => of_data(&regressor.name),
+                    (None, None) => stated.get(&key).copied().unwrap_or([0.0, 0.0]),
+                };
+                let [from, to] = range;
+                if to > from && (to - from).is_finite() {
+                    return Ok(Span { from, to, resolution: regressor.resolution });
+                }
+                Err(Error::Declaration {
+                    what: "regressor",
+                    name: format!("{}/{}", site.name, regressor.name),
+                    problem: "the model states no two values of it, and no range is declared".to_owned(),
+                    expected: "a range, or a model that states it where it adds the terms of the site"
+                        .to_owned(),
+                })
+            };
+            site.regressors.iter().map(of_regressor).collect::<Result<Vec<_>, _>>()
+        };
+        self.model.sites().iter().map(of_site).collect()
+    }
+
+    /// The amplitude of a constant at a site that is small and changes something.
+    fn probe(&self, site: &Site, start: &[f64]) -> Result<f64, Error> {
+        if let Some(channel) = &site.adds_to {
+            let channels = self.data.channels().iter().zip(&self.scales);
+            let scale = channels.filter(|(one, _)| one.name == *channel).map(|(_, scale)| *scale).next();
+            return Ok(PROBE_EFFECT * scale.unwrap_or(1.0));
+        }
+        let plain = self.residuals_of(&self.training, start, &[])?;
+        let mut amplitude = 1.0;
+        let mut has_effect = false;
+        for _ in 0..MAX_PROBES {
+            let span = Span { from: 0.0, to: 1.0, resolution: 0.0 };
+            let (name, form) = (site.name.clone(), Form::Constant);
+            let term = Term { site: name, regressor: None, form, values: vec![amplitude], span };
+            let effect = match self.residuals_of(&self.training, start, &[term]) {
+                Ok(moved) => Some(rms(moved.iter().zip(&plain).map(|(a, b)| a - b))),
+                Err(error) if error.is_of_these_values() => None,
+                Err(error) => return Err(error),
+            };
+            match effect {
+                Some(effect) if effect < 1e-3 * PROBE_EFFECT => amplitude *= 10.0,
+                Some(effect) if effect < 30.0 * PROBE_EFFECT => {
+                    has_effect = true;
+                    amplitude *= PROBE_EFFECT / effect;
+                    break;
+                }
+                _ => amplitude *= 0.1,
+            }
+        }
+        if has_effect { Ok(amplitude) } else { Err(Error::NoEffect { site: site.name.clone() }) }
+    }
+
+    /// The numbers of a fit with these laws.
+    pub fn coordinates(&self, laws: &[Law]) -> Vec<Coordinate> {
+        let whole = [f64::NEG_INFINITY, f64::INFINITY];
+        let of_model = self.model.parameters().iter().map(|parameter| {
+            let [least, most] = parameter.range.unwrap_or(whole);
+            Coordinate { mean: parameter.mean, sd: parameter.sd, least, most }
+        });
+        let of_laws = laws.iter().flat_map(|law| {
+            let amplitudes = law.amplitude_sds.iter().map(|sd| Coordinate {
+                mean: 0.0,
+                sd: *sd,
+                least: whole[0],
+                most: whole[1],
+            });
+            // A fraction of the range of a shape: uniform, with the moments of a uniform distribution.
+            let sd = 12f64.sqrt().recip();
+            let shape = law.shape().map(|_| Coordinate { mean: 0.5, sd, least: 0.0, most: 1.0 });
+            amplitudes.chain(shape).collect::<Vec<_>>()
+        });
+        of_model.chain(of_laws).collect()
+    }
+
+    /// Laws with their numbers as the model evaluates them; `values` are all numbers of a fit.
+    pub fn terms(&self, laws: &[Law], values: &[f64]) -> Vec<Term> {
+        let mut behind = values.get(self.model.parameters().len()..).unwrap_or(&[]);
+        let of_law = |law: &Law| {
+            let (own, others) = behind.split_at(law.len().min(behind.len()));
+            behind = others;
+            let amplitudes = law.form.amplitudes().len();
+            let mut values = own.to_vec();
+            if let (Some(shape), Some(fraction)) = (law.shape(), values.get_mut(amplitudes)) {
+                *fraction = shape.at(*fraction);
+            }
+            self.term(law, values)
+        };
+        laws.iter().map(of_law).collect()
+    }
+
+    /// A law with its numbers in their own units.
+    pub fn term(&self, law: &Law, values: Vec<f64>) -> Term {
+        let site = self.model.sites().get(law.site);
+        let regressor = law.regressor.and_then(|number| site?.regressors.get(number));
+        Term {
+            site: site.map_or_else(String::new, |site| site.name.clone()),
+            regressor: regressor.map(|regressor| regressor.name.clone()),
+            form: law.form,
+            values,
+            span: law.span,
+        }
+    }
+
+    /// All channels of a run under these laws.
+    fn predict(
+        &self,
+        run: &Run,
+        values: &[f64],
+        terms: &[Term],
+        stated: Option<&Stated>,
+    ) -> Result<Vec<Vec<f64>>, Error> {
+        let parameters = values.get(..self.model.parameters().len()).unwrap_or(values);
+        let added = |term: &Term| {
+            let site = self.model.sites().iter().find(|site| site.name == term.site)?;
+            run.channels.iter().position(|channel| Some(&channel.name) == site.adds_to.as_ref())
+        };
+        let inside: Vec<Term> = terms.iter().filter(|term| added(term).is_none()).cloned().collect();
+        let view = stated.map_or(Terms::new(&inside), |stated| Terms::recording(&inside, stated));
+        let at = || self.text(parameters);
+        let fault = |cause: ModelFailure| Error::Model { run: run.name.clone(), values: at(), cause };
+        let mut channels = self.model.predict(run, parameters, &view).map_err(fault)?;
+        let size = |found: String, expected: String| Error::Size { run: run.name.clone(), found, expected };
+        if channels.len() != run.channels.len() {
+            let expected = format!("{} channels", run.channels.len());
+            return Err(size(format!("{} channels", channels.len()), expected));
+        }
+        for (values, channel) in channels.iter().zip(&run.channels) {
+            if values.len() != run.time_s.len() {
+                let found = format!("{} values of {}", values.len(), channel.name);
+                return Err(size(found, format!("{}, one per instant", run.time_s.len())));
+            }
+            if let Some((i, value)) = values.iter().enumerate().find(|(_, value)| !value.is_finite()) {
+                return Err(Error::NotFinite {
+                    run: run.name.clone(),
+                    channel: channel.name.clone(),
+                    reading: i + 1,
+                    time_s: run.time_s.get(i).copied().unwrap_or(f64::NAN),
+                    value: *value,
+                    values: at(),
+                });
+            }
+        }
+        for term in terms {
+            let Some(values) = added(term).and_then(|channel| channels.get_mut(channel)) else { continue };
+            let name = term.regressor.as_deref().unwrap_or(super::data::TIME);
+            if let Some(x) = run.column(name) {
+                term.form.add(&term.values, x, &term.span, values);
+            }
+        }
+        Ok(channels)
+    }
+
+    fn text(&self, parameters: &[f64]) -> String {
+        let named = self.model.parameters().iter().zip(parameters);
+        named.map(|(parameter, value)| format!("{} {value}", parameter.name)).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Measured less predicted, in units of the channels' scales, run by run.
+    pub fn residuals_of(
+        &self,
+        runs: &[Prepared<'a>],
+        values: &[f64],
+        terms: &[Term],
+    ) -> Result<Vec<DVector<f64>>, Error> {
+        let of_run = |prepared: &Prepared<'a>| {
+            let predicted = self.predict(prepared.run, values, terms, None)?;
+            Ok(&prepared.measured - prepared.means(&predicted, &self.scales))
+        };
+        if self.model.is_parallel() {
+            runs.par_iter().map(of_run).collect()
+        } else {
+            runs.iter().map(of_run).collect()
+        }
+    }
+
+    /// The same of a set of laws over the runs that are fitted.
+    pub fn residuals(&self, laws: &[Law], values: &[f64]) -> Result<Vec<DVector<f64>>, Error> {
+        self.residuals_of(&self.training, values, &self.terms(laws, values))
+    }
+
+    /// Change of the predictions per unit of amplitudes of a law, beside laws that are there already: one matrix per run, with a column per
+    /// amplitude; `plain` are the residuals without it. Nothing where the model has no prediction with it.
+    pub fn columns(
+        &self,
+        law: &Law,
+        shape: Option<f64>,
+        values: &[f64],
+        terms: &[Term],
+        plain: &[DVector<f64>],
+    ) -> Result<Option<Vec<DMatrix<f64>>>, Error> {
+        let amplitudes = law.form.amplitudes().len();
+        let mut columns: Vec<DMatrix<f64>> =
+            plain.iter().map(|residuals| DMatrix::zeros(residuals.len(), amplitudes)).collect();
+        for number in 0..amplitudes {
+            let step = self.step(law, number, shape);
+            let mut numbers = vec![0.0; amplitudes];
+            if let Some(amplitude) = numbers.get_mut(number) {
+                *amplitude = step;
+            }
+            numbers.extend(shape);
+            let mut all = terms.to_vec();
+            all.push(self.term(law, numbers));
+            match self.residuals_of(&self.training, values, &all) {
+                Ok(moved) => {
+                    for ((matrix, moved), plain) in columns.iter_mut().zip(moved).zip(plain) {
+                        matrix.set_column(number, &((plain - moved) / step));
+                    }
+                }
+                Err(error) if error.is_of_these_values() => return Ok(None),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(Some(columns))
+    }
+
+    /// The amplitude with which a law is probed: its largest value is that of the constant which probes its site.
+    fn step(&self, law: &Law, amplitude: usize, shape: Option<f64>) -> f64 {
+        let probe = self.probes.get(law.site).copied().unwrap_or(PROBE_EFFECT);
+        let Span { from, to, .. } = law.span;
+        let value = |i: usize| {
+            let x = from + (to - from) * i as f64 / 32.0;
+            law.form.value(amplitude, x, shape.unwrap_or(1.0), &law.span).abs()
+        };
+        let largest = (0..=32).map(value).fold(0.0, f64::max);
+        if largest > 0.0 { probe / largest } else { probe }
+    }
+}
+
+/// Root of the mean square of columns of all runs.
+pub(crate) fn rms(parts: impl Iterator<Item = DVector<f64>>) -> f64 {
+    let (sum, count) =
+        parts.fold((0.0, 0), |(sum, count), part| (sum + part.norm_squared(), count + part.len()));
+    (sum / count.max(1) as f64).sqrt()
+}

@@ -1,0 +1,272 @@
+//! What was measured: runs of named channels with their places, and which runs judge.
+
+use serde::{Deserialize, Serialize};
+
+/// Readings of a channel that a fit needs at least.
+const MIN_READINGS: usize = 16;
+
+/// Values of one sensor in a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Channel {
+    /// Name, the same in all runs.
+    pub name: String,
+    /// Unit, for reports.
+    #[serde(default)]
+    pub unit: String,
+    /// One value per instant; NaN where the sensor has none.
+    pub values: Vec<f64>,
+    /// Standard deviations of the readings, relative to each other: their common scale is estimated. Nothing where all are alike.
+    #[serde(default)]
+    pub sds: Option<Vec<f64>>,
+}
+
+/// Values that are known and not predicted: an input, a place, a regressor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Column {
+    /// Name, the same in all runs.
+    pub name: String,
+    /// Unit, for reports.
+    #[serde(default)]
+    pub unit: String,
+    /// One value per instant.
+    pub values: Vec<f64>,
+}
+
+/// One experiment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Run {
+    /// Name, for reports and messages.
+    pub name: String,
+    /// Instants in seconds, increasing.
+    pub time_s: Vec<f64>,
+    /// What the model predicts.
+    pub channels: Vec<Channel>,
+    /// What is known.
+    #[serde(default)]
+    pub columns: Vec<Column>,
+    /// Whether it is held out of all fits and judges them.
+    #[serde(default)]
+    pub judges: bool,
+}
+
+impl Run {
+    /// Values of a known column, `time_s` among them.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        if name == TIME {
+            return Some(&self.time_s);
+        }
+        self.columns.iter().find(|column| column.name == name).map(|column| column.values.as_slice())
+    }
+
+    /// Values of a channel.
+    pub fn channel(&self, name: &str) -> Option<&[f64]> {
+        self.channels.iter().find(|channel| channel.name == name).map(|channel| channel.values.as_slice())
+    }
+}
+
+/// Name of the column that every run has.
+pub const TIME: &str = "time_s";
+
+/// Why data cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum DataError {
+    /// Nothing to fit.
+    #[error("there is no run to fit: {0}; at least one run must not judge")]
+    NoRuns(&'static str),
+    /// A run is unlike the first.
+    #[error("run {run}: its {what} are {found}, those of run {first} {expected}")]
+    Unlike {
+        /// Name of the run.
+        run: String,
+        /// Name of the run that it is compared with.
+        first: String,
+        /// Channels or columns.
+        what: &'static str,
+        /// Names of this run.
+        found: String,
+        /// Names of the first.
+        expected: String,
+    },
+    /// A name is used twice, or is empty.
+    #[error("run {run}: the name {name:?} is empty or used twice")]
+    Name {
+        /// Name of the run.
+        run: String,
+        /// The name.
+        name: String,
+    },
+    /// A column of another length.
+    #[error("run {run}, {column}: {found} values for {expected} instants")]
+    Length {
+        /// Name of the run.
+        run: String,
+        /// Name of the channel or column.
+        column: String,
+        /// Its length.
+        found: usize,
+        /// Number of instants.
+        expected: usize,
+    },
+    /// A value that cannot be.
+    #[error("run {run}, {column}, reading {reading}: {value}; expected {expected}")]
+    Value {
+        /// Name of the run.
+        run: String,
+        /// Name of the channel or column.
+        column: String,
+        /// Number of the reading, from 1.
+        reading: usize,
+        /// The value.
+        value: f64,
+        /// Which values are valid.
+        expected: &'static str,
+    },
+    /// Too little to fit.
+    #[error("channel {channel}: {found} readings in the runs to fit; at least {MIN_READINGS} are needed")]
+    TooFew {
+        /// Name of the channel.
+        channel: String,
+        /// Number of readings.
+        found: usize,
+    },
+    /// Nothing to explain.
+    #[error("channel {channel} has one value only: there is nothing to explain")]
+    Constant {
+        /// Name of the channel.
+        channel: String,
+    },
+}
+
+/// Runs that were found to be usable.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Data {
+    runs: Vec<Run>,
+}
+
+impl Data {
+    /// Of runs with the same channels and columns.
+    ///
+    /// # Errors
+    /// [`DataError`] with run, column and reading.
+    pub fn new(runs: Vec<Run>) -> Result<Self, DataError> {
+        let first = runs.first().ok_or(DataError::NoRuns("there are none at all"))?;
+        if first.channels.is_empty() {
+            return Err(DataError::NoRuns("they have no channel"));
+        }
+        if runs.iter().all(|run| run.judges) {
+            return Err(DataError::NoRuns("all of them judge"));
+        }
+        for run in &runs {
+            check_names(run, first)?;
+            check_values(run)?;
+        }
+        let data = Self { runs };
+        for (channel, one) in data.channels().iter().enumerate() {
+            let values: Vec<f64> = data.training().flat_map(|run| readings(run, channel)).collect();
+            if values.len() < MIN_READINGS {
+                return Err(DataError::TooFew { channel: one.name.clone(), found: values.len() });
+            }
+            if data.scale(channel) == 0.0 {
+                return Err(DataError::Constant { channel: one.name.clone() });
+            }
+        }
+        Ok(data)
+    }
+
+    /// All runs.
+    pub fn runs(&self) -> &[Run] {
+        &self.runs
+    }
+
+    /// The runs that are fitted.
+    pub fn training(&self) -> impl Iterator<Item = &Run> {
+        self.runs.iter().filter(|run| !run.judges)
+    }
+
+    /// The runs that judge.
+    pub fn held_out(&self) -> impl Iterator<Item = &Run> {
+        self.runs.iter().filter(|run| run.judges)
+    }
+
+    /// The channels, as the first run has them.
+    pub fn channels(&self) -> &[Channel] {
+        self.runs.first().map_or(&[], |run| run.channels.as_slice())
+    }
+
+    /// Standard deviation of a channel around its mean over the runs that are fitted: the size of what is measured.
+    pub fn scale(&self, channel: usize) -> f64 {
+        let values: Vec<f64> = self.training().flat_map(|run| readings(run, channel)).collect();
+        let count = values.len().max(1) as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt()
+    }
+}
+
+/// Readings of a channel that are there.
+fn readings(run: &Run, channel: usize) -> impl Iterator<Item = f64> {
+    let values = run.channels.get(channel).map_or(&[][..], |channel| channel.values.as_slice());
+    values.iter().copied().filter(|value| value.is_finite())
+}
+
+fn check_names(run: &Run, first: &Run) -> Result<(), DataError> {
+    let channels = |run: &Run| run.channels.iter().map(|channel| channel.name.clone()).collect::<Vec<_>>();
+    let columns = |run: &Run| run.columns.iter().map(|column| column.name.clone()).collect::<Vec<_>>();
+    let pairs = [("channels", channels(run), channels(first)), ("columns", columns(run), columns(first))];
+    for (what, found, expected) in &pairs {
+        if found != expected {
+            return Err(DataError::Unlike {
+                run: run.name.clone(),
+                first: first.name.clone(),
+                what,
+                found: found.join(", "),
+                expected: expected.join(", "),
+            });
+        }
+    }
+    let [(_, channels, _), (_, columns, _)] = pairs;
+    let all: Vec<String> = channels.into_iter().chain(columns).chain([TIME.to_owned()]).collect();
+    match all.iter().enumerate().find(|(i, name)| name.is_empty() || all[..*i].contains(name)) {
+        Some((_, name)) => Err(DataError::Name { run: run.name.clone(), name: name.clone() }),
+        None => Ok(()),
+    }
+}
+
+fn check_values(run: &Run) -> Result<(), DataError> {
+    let fault = |column: &str, reading: usize, value: f64, expected: &'static str| DataError::Value {
+        run: run.name.clone(),
+        column: column.to_owned(),
+        reading: reading + 1,
+        value,
+        expected,
+    };
+    let expected = run.time_s.len();
+    let length = |column: &str, found: usize| {
+        let fault =
+            || DataError::Length { run: run.name.clone(), column: column.to_owned(), found, expected };
+        if found == expected { Ok(()) } else { Err(fault()) }
+    };
+    if let Some((i, value)) = run.time_s.iter().enumerate().find(|(_, value)| !value.is_finite()) {
+        return Err(fault(TIME, i, *value, "a finite number"));
+    }
+    if let Some(i) = run.time_s.windows(2).position(|pair| pair[1] <= pair[0]) {
+        return Err(fault(TIME, i + 1, run.time_s[i + 1], "an instant after the one before"));
+    }
+    for channel in &run.channels {
+        length(&channel.name, channel.values.len())?;
+        if let Some((i, value)) = channel.values.iter().enumerate().find(|(_, value)| value.is_infinite()) {
+            return Err(fault(&channel.name, i, *value, "a finite number, or NaN where there is no reading"));
+        }
+        let Some(sds) = &channel.sds else { continue };
+        length(&format!("{} (sds)", channel.name), sds.len())?;
+        if let Some((i, sd)) = sds.iter().enumerate().find(|(_, sd)| !(sd.is_finite() && **sd > 0.0)) {
+            return Err(fault(&channel.name, i, *sd, "a standard deviation above 0"));
+        }
+    }
+    for column in &run.columns {
+        length(&column.name, column.values.len())?;
+        if let Some((i, value)) = column.values.iter().enumerate().find(|(_, value)| !value.is_finite()) {
+            return Err(fault(&column.name, i, *value, "a finite number"));
+        }
+    }
+    Ok(())
+}

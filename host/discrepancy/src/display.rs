@@ -1,0 +1,132 @@
+//! The result as text.
+
+use super::regions::Region;
+use super::report::{Estimate, LawName, Misfit, Report, Verdict};
+use std::fmt::{Display, Formatter, Result};
+
+/// Refused laws and regions that are listed.
+const LISTED: usize = 6;
+
+/// A number to three digits more than its standard deviation has.
+struct Number<'a>(&'a Estimate);
+
+impl Display for Number<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> Result {
+        let Estimate { name, unit, value, ci95: [low, high], sd } = self.0;
+        let digits = (1.0 - sd.max(1e-300).log10().floor()).clamp(0.0, 9.0) as usize;
+        write!(f, "{name} {value:.digits$} ({low:.digits$} to {high:.digits$})")?;
+        if unit.is_empty() { Ok(()) } else { write!(f, " {unit}") }
+    }
+}
+
+fn percent(f: &mut Formatter<'_>, misfit: &Misfit, unit: &str) -> Result {
+    let Misfit { before, after, measured } = misfit;
+    let of = |value: f64| 100.0 * value / measured.max(f64::MIN_POSITIVE);
+    let (from, to) = (of(*before), of(*after));
+    write!(
+        f,
+        "{before:.4} {unit} before, {after:.4} {unit} after ({from:.2} and {to:.2} % of what is measured)"
+    )
+}
+
+fn region(f: &mut Formatter<'_>, label: &str, region: &Region) -> Result {
+    let Region { channel, unit, coordinate, from, to, mean, sigma } = region;
+    writeln!(
+        f,
+        "{label:<12} {channel}: {mean:+.4} {unit} for {coordinate} {from:.4} to {to:.4} ({sigma:+.1} sd)"
+    )
+}
+
+impl Display for LawName {
+    fn fmt(&self, f: &mut Formatter<'_>) -> Result {
+        write!(f, "{}: {}", self.id(), self.formula)
+    }
+}
+
+impl Display for Report {
+    fn fmt(&self, f: &mut Formatter<'_>) -> Result {
+        let verdict = match self.verdict {
+            Verdict::Adequate => "adequate: nothing is missing",
+            Verdict::Explained => "explained: with these laws nothing is missing",
+            Verdict::Ambiguous => "ambiguous: several laws explain these runs equally well",
+            Verdict::Partial => "partial: something is missing beside these laws",
+            Verdict::Unexplained => "unexplained: something is missing that no candidate describes",
+        };
+        writeln!(f, "verdict      {verdict}")?;
+        for one in self.regions.iter().take(LISTED) {
+            region(f, "where", one)?;
+        }
+        for term in &self.terms {
+            let label = if term.is_named { "missing" } else { "one of" };
+            let probability = 100.0 * term.probability;
+            writeln!(
+                f,
+                "{label:<12} {}; probability {probability:.1} %, log odds {:+.1}",
+                term.law, term.ln_odds
+            )?;
+            for value in &term.values {
+                writeln!(f, "{:<12}   {}", "", Number(value))?;
+            }
+            for rival in &term.rivals {
+                writeln!(f, "{:<12}   or {} ({:.0} %)", "", rival.law, 100.0 * rival.probability)?;
+            }
+            if let Some(one) = &term.held_out {
+                let (gain, sd) = (100.0 * one.gain, 100.0 * one.gain_sd);
+                writeln!(
+                    f,
+                    "{:<12}   held out: squared error {gain:.1} % smaller (sd {sd:.1}), p {:.2e}",
+                    "", one.p
+                )?;
+            }
+        }
+        for offset in &self.offsets {
+            writeln!(f, "offset       {}, mean over the data", Number(offset))?;
+        }
+        for parameter in &self.parameters {
+            writeln!(
+                f,
+                "parameter    {}; before {}",
+                Number(&parameter.estimate),
+                Number(&parameter.before)
+            )?;
+        }
+        for channel in &self.channels {
+            let noise = &channel.noise;
+            let (sd, unit, correlated) = (noise.sd, &channel.unit, 100.0 * noise.correlated);
+            let memory = noise.memory_s;
+            writeln!(
+                f,
+                "noise        {}: sd {sd:.4} {unit}, {correlated:.0} % of it correlated over {memory:.3} s",
+                channel.name
+            )?;
+            write!(f, "misfit       {}: ", channel.name)?;
+            percent(f, &channel.training, unit)?;
+            writeln!(f)?;
+            if let Some(held_out) = &channel.held_out {
+                write!(f, "held out     {}: ", channel.name)?;
+                percent(f, held_out, unit)?;
+                writeln!(f)?;
+            }
+        }
+        for one in self.refused.iter().take(LISTED) {
+            write!(f, "refused      {}: {}, log odds {:+.1}", one.law.id(), one.reason, one.ln_odds)?;
+            match &one.held_out {
+                Some(held_out) => writeln!(
+                    f,
+                    ", squared error {:.2} % smaller (sd {:.2}), p {:.2}",
+                    100.0 * held_out.gain,
+                    100.0 * held_out.gain_sd,
+                    held_out.p
+                )?,
+                None => writeln!(f)?,
+            }
+        }
+        for one in self.remaining.iter().take(LISTED) {
+            region(f, "remaining", one)?;
+        }
+        for note in &self.notes {
+            writeln!(f, "note         {note}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,360 @@
+//! A set of laws fitted: parameters, noise, sizes of the discrepancy and evidence together.
+//!
+//! Gauss and Newton's method in the metric of noise and discrepancy. Every round finds the likeliest sizes and the likeliest noise for the
+//! linearised model, then takes a step that is halved until the objective falls. The evidence is that of Laplace's method at the end.
+
+use super::basis::Basis;
+use super::bench::{Bench, Coordinate, Law};
+use super::evidence::{Evidence, Patterns, Products, RunPatterns};
+use super::model::Error;
+use super::noise::{Noise, likeliest, whiten};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+/// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
+const SETTLED_SD: f64 = 0.05;
+/// Longest step, in standard deviations of the priors.
+const MAX_STEP_SD: f64 = 1.2;
+const MAX_HALVINGS: usize = 8;
+const MAX_ROUNDS: usize = 20;
+/// Rounds in which noise and sizes are found again; later ones refine the parameters alone.
+const ROUNDS_OF_NOISE: usize = 4;
+/// Steps of differences: of the prior's standard deviation at first, then of the posterior's.
+const FIRST_STEP: f64 = 1e-4;
+const STEP: f64 = 0.05;
+const MIN_STEP: f64 = 1e-7;
+/// Shortest memory of a correlated noise, in distances of readings, and longest, as a fraction of a run: neither shorter nor longer ones
+/// differ from white noise and from an offset of the run.
+const SHORTEST_MEMORY: f64 = 1.0;
+const LONGEST_MEMORY: f64 = 0.25;
+
+/// A fitted set of laws.
+#[derive(Clone)]
+pub(crate) struct Fitted {
+    pub laws: Vec<Law>,
+    pub values: Vec<f64>,
+    /// Of the numbers, the sizes of the discrepancy integrated over.
+    pub covariance: DMatrix<f64>,
+    pub residuals: Vec<DVector<f64>>,
+    pub jacobian: Vec<DMatrix<f64>>,
+    pub noises: Vec<Noise>,
+    pub sizes: Vec<f64>,
+    pub log_evidence: f64,
+    pub settled: bool,
+}
+
+/// Patterns and products once the noise is independent.
+struct Whitened {
+    patterns: Patterns,
+    products: Products,
+    ln_sds: f64,
+}
+
+/// What a fit starts from.
+#[derive(Clone)]
+pub(crate) struct Start {
+    pub values: Vec<f64>,
+    pub noises: Vec<Noise>,
+    pub sizes: Vec<f64>,
+}
+
+impl Start {
+    /// At the prior means, with noise of the size of the residuals.
+    pub fn plain(bench: &Bench<'_>, basis: &Basis) -> Self {
+        let values = bench.coordinates(&[]).iter().map(|coordinate| coordinate.mean).collect();
+        let memories = memories(bench);
+        let noise =
+            |range: &[f64; 2]| Noise { sd: 0.3, correlated: 0.5, memory_s: (range[0] * range[1]).sqrt() };
+        Self { values, noises: memories.iter().map(noise).collect(), sizes: basis.everyday() }
+    }
+}
+
+/// The range of memories of each channel's noise.
+fn memories(bench: &Bench<'_>) -> Vec<[f64; 2]> {
+    let of_channel = |channel: usize| {
+        let runs =
+            || bench.training.iter().flat_map(|run| &run.segments).filter(|one| one.channel == channel);
+        let length =
+            |times: &[f64]| times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
+        let longest = runs().map(|one| length(&one.time_s)).fold(0.0, f64::max);
+        let steps = runs().map(|one| length(&one.time_s) / one.time_s.len().saturating_sub(1).max(1) as f64);
+        let shortest = SHORTEST_MEMORY * steps.fold(f64::INFINITY, f64::min).clamp(1e-12, 1e12);
+        [shortest, (LONGEST_MEMORY * longest).max(2.0 * shortest)]
+    };
+    (0..bench.scales.len()).map(of_channel).collect()
+}
+
+/// Whitened patterns, and products of columns (one matrix per run) with them.
+pub(crate) fn whitened(
+    bench: &Bench<'_>,
+    basis: &Basis,
+    noises: &[Noise],
+    columns: &[DMatrix<f64>],
+) -> (Patterns, Products, f64) {
+    let (mut runs, mut right, mut ln_sds) = (Vec::new(), Vec::new(), 0.0);
+    for (((prepared, own), shared), columns) in
+        bench.training.iter().zip(&basis.own).zip(&basis.shared).zip(columns)
+    {
+        let (first, second) = (own.ncols(), shared.ncols());
+        let mut all = own.clone().resize_horizontally(first + second + columns.ncols(), 0.0);
+        all.columns_mut(first, second).copy_from(shared);
+        all.columns_mut(first + second, columns.ncols()).copy_from(columns);
+        ln_sds += whiten(&prepared.segments, noises, &mut all);
+        let groups = vec![basis.groups.len() - 1; first];
+        let (own, shared) = (all.columns(0, first).into_owned(), all.columns(first, second).into_owned());
+        runs.push(RunPatterns::new(groups, own, shared));
+        right.push(all.columns(first + second, columns.ncols()).into_owned());
+    }
+    let patterns = Patterns::new(basis.groups.clone(), basis.shared_groups.clone(), runs);
+    let products = patterns.products(&right);
+    (patterns, products, ln_sds)
+}
+
+/// A point with the residuals there.
+struct Point {
+    values: Vec<f64>,
+    residuals: Vec<DVector<f64>>,
+}
+
+/// Sensitivities in units of the priors, and the residuals of the prior means as far as the linearisation goes behind them.
+fn columns(coordinates: &[Coordinate], point: &Point, jacobian: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
+    let count = coordinates.len();
+    let of_run = |(jacobian, residuals): (&DMatrix<f64>, &DVector<f64>)| {
+        let mut columns = jacobian.clone().resize_horizontally(count + 1, 0.0);
+        let mut last = residuals.clone();
+        for (j, (coordinate, value)) in coordinates.iter().zip(&point.values).enumerate() {
+            let mut column = columns.column_mut(j);
+            column *= coordinate.sd;
+            last.axpy((value - coordinate.mean) / coordinate.sd, &column, 1.0);
+        }
+        columns.set_column(count, &last);
+        columns
+    };
+    jacobian.iter().zip(&point.residuals).map(of_run).collect()
+}
+
+/// Squares of the residuals in the metric and of the distances from the prior means.
+fn squares(
+    bench: &Bench<'_>,
+    basis: &Basis,
+    start: &Start,
+    coordinates: &[Coordinate],
+    point: &Point,
+) -> Option<f64> {
+    let residuals: Vec<DMatrix<f64>> = point
+        .residuals
+        .iter()
+        .map(|part| DMatrix::from_column_slice(part.len(), 1, part.as_slice()))
+        .collect();
+    let (patterns, products, _) = whitened(bench, basis, &start.noises, &residuals);
+    let misfit = patterns.in_metric(&start.sizes, &products)?[(0, 0)];
+    let away = |(coordinate, value): (&Coordinate, &f64)| ((value - coordinate.mean) / coordinate.sd).powi(2);
+    Some(misfit + coordinates.iter().zip(&point.values).map(away).sum::<f64>())
+}
+
+/// Derivatives of the predictions by all numbers, central where the range allows it.
+fn jacobian(
+    bench: &Bench<'_>,
+    laws: &[Law],
+    coordinates: &[Coordinate],
+    point: &Point,
+    steps: &[f64],
+) -> Result<Vec<DMatrix<f64>>, Error> {
+    let of_number = |(number, (coordinate, step)): (usize, (&Coordinate, &f64))| {
+        let value = point.values.get(number).copied().unwrap_or(coordinate.mean);
+        let moved = |to: f64| {
+            let mut values = point.values.clone();
+            if let Some(value) = values.get_mut(number) {
+                *value = to;
+            }
+            match bench.residuals(laws, &values) {
+                Ok(residuals) => Ok(Some((to, residuals))),
+                Err(error) if error.is_of_these_values() => Ok(None),
+                Err(error) => Err(error),
+            }
+        };
+        let here = || Some((value, point.residuals.clone()));
+        let below = moved((value - step).max(coordinate.least))?.or_else(here);
+        let above = moved((value + step).min(coordinate.most))?.or_else(here);
+        let parts = match (below, above) {
+            (Some((from, below)), Some((to, above))) if to > from => {
+                below.iter().zip(&above).map(|(below, above)| (below - above) / (to - from)).collect()
+            }
+            _ => point.residuals.iter().map(|part| DVector::zeros(part.len())).collect(),
+        };
+        Ok::<Vec<DVector<f64>>, Error>(parts)
+    };
+    let numbered = coordinates.iter().zip(steps).enumerate();
+    let parts: Vec<Vec<DVector<f64>>> = if bench.model.is_parallel() {
+        numbered.collect::<Vec<_>>().into_par_iter().map(of_number).collect::<Result<_, _>>()?
+    } else {
+        numbered.map(of_number).collect::<Result<_, _>>()?
+    };
+    let of_run = |run: usize| {
+        let rows = point.residuals.get(run).map_or(0, DVector::len);
+        let mut matrix = DMatrix::zeros(rows, parts.len());
+        for (number, part) in parts.iter().enumerate() {
+            if let Some(part) = part.get(run) {
+                matrix.set_column(number, part);
+            }
+        }
+        matrix
+    };
+    Ok((0..point.residuals.len()).map(of_run).collect())
+}
+
+impl Fitted {
+    /// Fits laws.
+    ///
+    /// # Errors
+    /// Where the model has no prediction at the start, or the data determine nothing.
+    pub fn new(bench: &Bench<'_>, basis: &Basis, laws: &[Law], start: &Start) -> Result<Self, Error> {
+        let undetermined = || Error::Undetermined("the covariance has no factor".to_owned());
+        let coordinates = bench.coordinates(laws);
+        let within =
+            |(value, coordinate): (&f64, &Coordinate)| value.clamp(coordinate.least, coordinate.most);
+        let values: Vec<f64> = start.values.iter().zip(&coordinates).map(within).collect();
+        let mut point = Point { residuals: bench.residuals(laws, &values)?, values };
+        let mut start = start.clone();
+        let mut steps: Vec<f64> = coordinates.iter().map(|one| FIRST_STEP * one.sd).collect();
+        let mut settled = false;
+        let mut round = 0;
+        loop {
+            let jacobian = jacobian(bench, laws, &coordinates, &point, &steps)?;
+            let columns = columns(&coordinates, &point, &jacobian);
+            round += 1;
+            let is_last = settled || round > MAX_ROUNDS;
+            if round <= ROUNDS_OF_NOISE || is_last {
+                improve(bench, basis, &columns, &mut start);
+            }
+            let (patterns, products, ln_sds) = whitened(bench, basis, &start.noises, &columns);
+            let evidence = patterns.evidence(&start.sizes, &products).ok_or_else(undetermined)?;
+            if is_last {
+                let whitened = Whitened { patterns, products, ln_sds };
+                let squares = squares(bench, basis, &start, &coordinates, &point).ok_or_else(undetermined)?;
+                return finish(
+                    laws,
+                    &coordinates,
+                    point,
+                    jacobian,
+                    start,
+                    &whitened,
+                    &evidence,
+                    squares,
+                    settled,
+                )
+                .ok_or_else(undetermined);
+            }
+            let sds: Vec<f64> = coordinates
+                .iter()
+                .enumerate()
+                .map(|(i, one)| evidence.covariance[(i, i)].max(0.0).sqrt() * one.sd)
+                .collect();
+            steps =
+                sds.iter().zip(&coordinates).map(|(sd, one)| (STEP * sd).max(MIN_STEP * one.sd)).collect();
+            let step = step(&coordinates, &point.values, &evidence);
+            let is_short = step.iter().zip(&sds).all(|(step, sd)| step.abs() <= SETTLED_SD * sd);
+            match descend(bench, basis, laws, &start, &coordinates, &point, &step)? {
+                Some(next) => {
+                    point = next;
+                    settled = is_short && round >= 2;
+                }
+                None => settled = true,
+            }
+        }
+    }
+
+    /// Standard deviation of a number.
+    pub fn sd(&self, number: usize) -> f64 {
+        self.covariance[(number, number)].max(0.0).sqrt()
+    }
+
+    /// Its values, noise and sizes, for a fit with further or fewer laws.
+    pub fn start(&self) -> Start {
+        Start { values: self.values.clone(), noises: self.noises.clone(), sizes: self.sizes.clone() }
+    }
+}
+
+/// Finds sizes and noise again for the linearised model.
+fn improve(bench: &Bench<'_>, basis: &Basis, columns: &[DMatrix<f64>], start: &mut Start) {
+    let (patterns, products, _) = whitened(bench, basis, &start.noises, columns);
+    start.sizes = patterns.likeliest_sizes(&start.sizes, &products);
+    start.noises = likeliest(&start.noises, &memories(bench), |noises| {
+        let (patterns, products, ln_sds) = whitened(bench, basis, noises, columns);
+        patterns.evidence(&start.sizes, &products).map(|evidence| evidence.minus_ln + ln_sds)
+    });
+}
+
+/// The step to the likeliest point of the linearised model, within the ranges and shortened where it is long.
+fn step(coordinates: &[Coordinate], values: &[f64], evidence: &Evidence) -> Vec<f64> {
+    let wanted = coordinates.iter().zip(values).zip(evidence.mean.iter());
+    let wanted: Vec<f64> = wanted.map(|((one, value), mean)| one.mean + one.sd * mean - value).collect();
+    let longest = wanted.iter().zip(coordinates).map(|(step, one)| step.abs() / one.sd).fold(0.0, f64::max);
+    let factor = (MAX_STEP_SD / longest.max(MAX_STEP_SD)).min(1.0);
+    let within = |((step, one), value): ((&f64, &Coordinate), &f64)| {
+        (value + factor * step).clamp(one.least, one.most) - value
+    };
+    wanted.iter().zip(coordinates).zip(values).map(within).collect()
+}
+
+/// The first of a step, its half, its quarter and so on that makes the objective smaller; nothing where none does.
+fn descend(
+    bench: &Bench<'_>,
+    basis: &Basis,
+    laws: &[Law],
+    start: &Start,
+    coordinates: &[Coordinate],
+    from: &Point,
+    step: &[f64],
+) -> Result<Option<Point>, Error> {
+    let before = squares(bench, basis, start, coordinates, from);
+    let mut fraction = 1.0;
+    for _ in 0..=MAX_HALVINGS {
+        let values: Vec<f64> =
+            from.values.iter().zip(step).map(|(value, step)| value + fraction * step).collect();
+        fraction *= 0.5;
+        let residuals = match bench.residuals(laws, &values) {
+            Ok(residuals) => residuals,
+            Err(error) if error.is_of_these_values() => continue,
+            Err(error) => return Err(error),
+        };
+        let point = Point { values, residuals };
+        let after = squares(bench, basis, start, coordinates, &point);
+        if before.zip(after).is_some_and(|(before, after)| after <= before) {
+            return Ok(Some(point));
+        }
+    }
+    Ok(None)
+}
+
+#[expect(clippy::too_many_arguments, reason = "the parts of one result")]
+fn finish(
+    laws: &[Law],
+    coordinates: &[Coordinate],
+    point: Point,
+    jacobian: Vec<DMatrix<f64>>,
+    start: Start,
+    whitened: &Whitened,
+    evidence: &Evidence,
+    squares: f64,
+    settled: bool,
+) -> Option<Fitted> {
+    let Whitened { patterns, products, ln_sds } = whitened;
+    let volume = patterns.ln_volume_of_sizes(&start.sizes, products)?;
+    let log_evidence = -0.5 * squares - evidence.half_ln_determinant - evidence.size_prior + volume - ln_sds;
+    let inner = patterns.integrated_covariance(&start.sizes, products)?;
+    let count = coordinates.len();
+    let sds: Vec<f64> = coordinates.iter().map(|one| one.sd).collect();
+    let covariance = DMatrix::from_fn(count, count, |i, j| sds[i] * inner[(i, j)] * sds[j]);
+    log_evidence.is_finite().then(|| Fitted {
+        laws: laws.to_vec(),
+        values: point.values,
+        covariance,
+        residuals: point.residuals,
+        jacobian,
+        noises: start.noises,
+        sizes: start.sizes,
+        log_evidence,
+        settled,
+    })
+}

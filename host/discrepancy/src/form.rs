@@ -1,0 +1,304 @@
+//! Forms of laws: functions of one regressor with a few numbers.
+//!
+//! A law is `sum_i a_i f_i(x; s)`: amplitudes, in which it is linear, and at most one number of shape (a level, a length, a period). What
+//! changes its side at zero does so over the regressor's resolution: with an error of standard deviation `e` the sign of `x` is `erf(x / (sqrt 2 e))` on the average.
+
+use serde::{Deserialize, Serialize};
+use statrs::function::erf::erf;
+
+/// Lengths of the grid on which a shape is searched.
+const GRID: usize = 8;
+
+/// A function of one regressor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// `a`.
+    Constant,
+    /// `a x`: viscous friction, a stiffness, a gain.
+    Proportional,
+    /// `a sign(x)`: dry friction.
+    Sign,
+    /// `a |x|`: half the difference between the slopes of both sides.
+    Asymmetry,
+    /// `a x^2`.
+    Square,
+    /// `a x |x|`: drag.
+    SignedSquare,
+    /// `a max(x - level, 0)`: an overflow, a stop.
+    AboveLevel,
+    /// `a max(level - x, 0)`.
+    BelowLevel,
+    /// `a` above the level, nothing below it.
+    Step,
+    /// `a sign(x) exp(-|x| / length)`: friction that falls with speed (Stribeck); where x has one sign, a toe.
+    Decay,
+    /// `a sin(2 pi x / period) + b cos(2 pi x / period)`: cogging, a run-out.
+    Sine,
+    /// `a z / width` with `z` following `x` within `-width` and `width`: a bristle or an elastoplastic contact; on a position with
+    /// `a = -width` it is play.
+    Bristle,
+    /// `a cos(k pi (x - from) / (to - from))`: a function of the discrepancy, no law of its own.
+    #[serde(skip)]
+    Cosine(u8),
+}
+
+/// How the number of a shape is searched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shape {
+    /// Name of the number.
+    pub name: &'static str,
+    /// Its range.
+    pub range: [f64; 2],
+    /// Whether its logarithm is uniform in the range, or the number itself.
+    pub is_logarithmic: bool,
+}
+
+impl Shape {
+    /// The number at a fraction of its range.
+    pub fn at(&self, fraction: f64) -> f64 {
+        let [from, to] = self.range;
+        if self.is_logarithmic { from * (to / from).powf(fraction) } else { from + fraction * (to - from) }
+    }
+
+    /// Fractions of the range at which it is searched.
+    pub fn grid() -> impl Iterator<Item = f64> {
+        (0..GRID).map(|i| (i as f64 + 0.5) / GRID as f64)
+    }
+}
+
+/// Values that a regressor takes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Span {
+    /// Least value.
+    pub from: f64,
+    /// Largest value.
+    pub to: f64,
+    /// Standard deviation of its error.
+    #[serde(default)]
+    pub resolution: f64,
+}
+
+impl Span {
+    /// Whether it takes values of both signs: each side is more than its resolution, and than a twentieth of the other.
+    pub fn has_both_signs(&self) -> bool {
+        let (below, above) = (-self.from, self.to);
+        below.min(above) > self.resolution.max(0.05 * below.max(above))
+    }
+
+    fn length(&self) -> f64 {
+        self.to - self.from
+    }
+}
+
+impl Form {
+    /// Those of the dictionary.
+    pub const ALL: [Self; 12] = [
+        Self::Constant,
+        Self::Proportional,
+        Self::Sign,
+        Self::Asymmetry,
+        Self::Square,
+        Self::SignedSquare,
+        Self::AboveLevel,
+        Self::BelowLevel,
+        Self::Step,
+        Self::Decay,
+        Self::Sine,
+        Self::Bristle,
+    ];
+
+    /// Its name in files, documents and messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Constant => "constant",
+            Self::Proportional => "proportional",
+            Self::Sign => "sign",
+            Self::Asymmetry => "asymmetry",
+            Self::Square => "square",
+            Self::SignedSquare => "signed_square",
+            Self::AboveLevel => "above_level",
+            Self::BelowLevel => "below_level",
+            Self::Step => "step",
+            Self::Decay => "decay",
+            Self::Sine => "sine",
+            Self::Bristle => "bristle",
+            Self::Cosine(_) => "cosine",
+        }
+    }
+
+    /// The form of a name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|form| form.name() == name)
+    }
+
+    /// Its formula, with `x` for the regressor.
+    pub fn formula(self) -> &'static str {
+        match self {
+            Self::Constant => "a",
+            Self::Proportional => "a x",
+            Self::Sign => "a sign(x)",
+            Self::Asymmetry => "a |x|",
+            Self::Square => "a x^2",
+            Self::SignedSquare => "a x |x|",
+            Self::AboveLevel => "a max(x - level, 0)",
+            Self::BelowLevel => "a max(level - x, 0)",
+            Self::Step => "a (x > level)",
+            Self::Decay => "a sign(x) exp(-|x| / length)",
+            Self::Sine => "a sin(2 pi x / period) + b cos(2 pi x / period)",
+            Self::Bristle => "a z / width, z follows x within the width",
+            Self::Cosine(_) => "a cos(k pi (x - from) / (to - from))",
+        }
+    }
+
+    /// Names of its amplitudes.
+    pub fn amplitudes(self) -> &'static [&'static str] {
+        if self == Self::Sine { &["a", "b"] } else { &["a"] }
+    }
+
+    /// Power of the regressor's unit in that of the amplitude: the amplitude has the site's unit divided by it.
+    pub fn power(self) -> u8 {
+        match self {
+            Self::Proportional | Self::Asymmetry | Self::AboveLevel | Self::BelowLevel => 1,
+            Self::Square | Self::SignedSquare => 2,
+            _ => 0,
+        }
+    }
+
+    /// Whether it depends on what the regressor was before.
+    pub fn has_history(self) -> bool {
+        self == Self::Bristle
+    }
+
+    /// Whether it is a law of its own over values of this span: what needs both signs does not repeat what needs none.
+    pub fn applies_to(self, span: &Span) -> bool {
+        match self {
+            Self::Sign | Self::Asymmetry | Self::SignedSquare => span.has_both_signs(),
+            _ => true,
+        }
+    }
+
+    /// Its number of shape over values of this span.
+    pub fn shape(self, span: &Span) -> Option<Shape> {
+        let length = span.length();
+        let scale = if span.has_both_signs() { span.to.abs().max(span.from.abs()) } else { length };
+        // Steps and levels in the outer tenths act on too little to be told from an end.
+        let level = Shape {
+            name: "level",
+            range: [span.from + 0.1 * length, span.to - 0.1 * length],
+            is_logarithmic: false,
+        };
+        let logarithmic = |name, least: f64, most: f64| Shape {
+            name,
+            range: [least.max(span.resolution).min(0.5 * most), most],
+            is_logarithmic: true,
+        };
+        match self {
+            Self::AboveLevel | Self::BelowLevel | Self::Step => Some(level),
+            // Shorter ones act on a fiftieth of the values, longer ones are a constant and a slope.
+            Self::Decay => Some(logarithmic("length", scale / 50.0, scale / 2.0)),
+            Self::Bristle => Some(logarithmic("width", length / 200.0, length / 4.0)),
+            Self::Sine => Some(logarithmic("period", length / 10.0, length)),
+            _ => None,
+        }
+    }
+
+    /// Its functions of unit amplitude at one value, for all forms without history.
+    pub fn value(self, amplitude: usize, x: f64, shape: f64, span: &Span) -> f64 {
+        let sign = |x: f64| match span.resolution {
+            e if e > 0.0 => erf(x / (std::f64::consts::SQRT_2 * e)),
+            _ if x == 0.0 => 0.0,
+            _ => x.signum(),
+        };
+        match self {
+            Self::Constant => 1.0,
+            Self::Proportional => x,
+            Self::Sign => sign(x),
+            Self::Asymmetry => x.abs(),
+            Self::Square => x * x,
+            Self::SignedSquare => x * x.abs(),
+            Self::AboveLevel => (x - shape).max(0.0),
+            Self::BelowLevel => (shape - x).max(0.0),
+            Self::Step => 0.5 * (1.0 + sign(x - shape)),
+            Self::Decay if span.has_both_signs() => sign(x) * (-x.abs() / shape).exp(),
+            Self::Decay => (-(x - span.from).max(0.0) / shape).exp(),
+            Self::Sine if amplitude == 0 => (std::f64::consts::TAU * x / shape).sin(),
+            Self::Sine => (std::f64::consts::TAU * x / shape).cos(),
+            Self::Bristle => (x / shape).clamp(-1.0, 1.0),
+            Self::Cosine(k) => {
+                let fraction = (x - span.from) / span.length().max(f64::MIN_POSITIVE);
+                (f64::from(k) * std::f64::consts::PI * fraction.clamp(0.0, 1.0)).cos()
+            }
+        }
+    }
+
+    /// Adds the law over a whole series, whose first value is where a history begins.
+    pub fn add(self, values: &[f64], x: &[f64], span: &Span, sum: &mut [f64]) {
+        let amplitudes = self.amplitudes().len();
+        let shape = values.get(amplitudes).copied().unwrap_or(1.0);
+        if self == Self::Bristle {
+            let amplitude = values.first().copied().unwrap_or(0.0);
+            let (mut bristle, mut before) = (0.0, x.first().copied().unwrap_or(0.0));
+            for (sum, x) in sum.iter_mut().zip(x) {
+                bristle = f64::clamp(bristle + x - before, -shape, shape);
+                before = *x;
+                *sum += amplitude * bristle / shape;
+            }
+            return;
+        }
+        for (number, amplitude) in values.iter().take(amplitudes).enumerate() {
+            for (sum, x) in sum.iter_mut().zip(x) {
+                *sum += amplitude * self.value(number, *x, shape, span);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SPAN: Span = Span { from: -2.0, to: 2.0, resolution: 0.0 };
+
+    #[test]
+    fn names_lead_back_to_their_forms() {
+        for form in Form::ALL {
+            assert_eq!(Form::named(form.name()), Some(form));
+        }
+        assert_eq!(Form::named("cosine"), None);
+    }
+
+    #[test]
+    fn a_bristle_follows_within_its_width_and_slips_beyond() {
+        let mut force = [0.0; 5];
+        Form::Bristle.add(&[3.0, 0.5], &[0.0, 0.25, 1.0, 0.75, -1.0], &SPAN, &mut force);
+        assert_eq!(force, [0.0, 1.5, 3.0, 1.5, -3.0]);
+    }
+
+    #[test]
+    fn a_sign_with_an_uncertain_regressor_is_its_mean() {
+        let uncertain = Span { resolution: 0.1, ..SPAN };
+        assert!((Form::Sign.value(0, 0.1, 1.0, &uncertain) - 0.682_689).abs() < 1e-5);
+        assert_eq!(Form::Sign.value(0, 1e-9, 1.0, &SPAN), 1.0);
+        assert_eq!(Form::Sign.value(0, 0.0, 1.0, &SPAN), 0.0);
+    }
+
+    #[test]
+    fn forms_of_two_sides_need_both() {
+        let one_sided = Span { from: 0.0, to: 1.0, resolution: 0.0 };
+        assert!(!Form::Sign.applies_to(&one_sided) && Form::Sign.applies_to(&SPAN));
+        // A toe begins at the least value.
+        assert_eq!(Form::Decay.value(0, 0.0, 0.1, &one_sided), 1.0);
+    }
+
+    #[test]
+    fn shapes_stay_in_their_ranges() {
+        for form in Form::ALL {
+            let Some(shape) = form.shape(&SPAN) else { continue };
+            for fraction in Shape::grid() {
+                let value = shape.at(fraction);
+                assert!(value >= shape.range[0] && value <= shape.range[1], "{}", form.name());
+            }
+        }
+    }
+}

@@ -1,0 +1,285 @@
+//! From a search to its document.
+
+use super::basis::Basis;
+use super::bench::{Bench, Law, Prepared};
+use super::fit::Fitted;
+use super::form::Form;
+use super::model::Error;
+use super::regions::regions;
+use super::report::{
+    ChannelReport, DiscrepancyReport, Estimate, LawName, Misfit, NoiseReport, ParameterReport, RefusedReport,
+    Report, Rival, TermReport, Verdict,
+};
+use super::search::{Found, Member, Refusal, Refused};
+use super::weights::STATED_PROBABILITY;
+use nalgebra::DVector;
+
+/// Half a 95 % interval in standard deviations.
+const NORMAL_975: f64 = 1.959_963_984_540_054;
+
+fn estimate(name: &str, unit: String, value: f64, variance: f64) -> Estimate {
+    let sd = variance.max(0.0).sqrt();
+    let ci95 = [value - NORMAL_975 * sd, value + NORMAL_975 * sd];
+    Estimate { name: name.to_owned(), unit, value, sd, ci95 }
+}
+
+fn law_name(bench: &Bench<'_>, law: &Law) -> LawName {
+    let site = bench.model.sites().get(law.site);
+    let regressor = law.regressor.and_then(|number| site?.regressors.get(number));
+    let regressor = regressor.map(|regressor| regressor.name.clone());
+    let formula = regressor.as_ref().map_or(law.form.formula().to_owned(), |name| {
+        law.form.formula().split(' ').map(|word| named(word, name)).collect::<Vec<_>>().join(" ")
+    });
+    LawName {
+        site: site.map_or_else(String::new, |site| site.name.clone()),
+        regressor,
+        form: law.form.name(),
+        formula,
+    }
+}
+
+/// A word of a formula with the regressor's name for `x`.
+fn named(word: &str, name: &str) -> String {
+    let is_part = |c: char| c.is_alphanumeric();
+    let mut parts = String::new();
+    for (i, c) in word.char_indices() {
+        let before = word[..i].chars().next_back();
+        let after = word[i + c.len_utf8()..].chars().next();
+        let is_x = c == 'x' && !before.is_some_and(is_part) && !after.is_some_and(is_part);
+        if is_x { parts.push_str(name) } else { parts.push(c) }
+    }
+    parts
+}
+
+/// The unit of a number of a law.
+fn unit_of(bench: &Bench<'_>, law: &Law, number: usize) -> String {
+    let Some(site) = bench.model.sites().get(law.site) else { return String::new() };
+    let regressor = law.regressor.and_then(|number| site.regressors.get(number));
+    let unit = regressor.map_or("", |regressor| regressor.unit.as_str());
+    if number >= law.form.amplitudes().len() {
+        return unit.to_owned();
+    }
+    match law.form.power() {
+        0 => site.unit.clone(),
+        _ if unit.is_empty() => site.unit.clone(),
+        1 => format!("{}/({unit})", site.unit),
+        power => format!("{}/({unit})^{power}", site.unit),
+    }
+}
+
+/// Where the numbers of a law begin among those of a fit.
+fn first_of(bench: &Bench<'_>, laws: &[Law], member: usize) -> usize {
+    bench.model.parameters().len() + laws.iter().take(member).map(Law::len).sum::<usize>()
+}
+
+fn term_report(bench: &Bench<'_>, fitted: &Fitted, number: usize, member: &Member) -> Option<TermReport> {
+    let law = fitted.laws.get(number)?;
+    let first = first_of(bench, &fitted.laws, number);
+    let values = bench.terms(&fitted.laws, &fitted.values).get(number)?.values.clone();
+    let amplitudes = law.form.amplitudes();
+    let of_number = |(i, value): (usize, &f64)| {
+        let (variance, unit) = (fitted.sd(first + i).powi(2), unit_of(bench, law, i));
+        match (amplitudes.get(i), law.shape()) {
+            (Some(name), _) => estimate(name, unit, *value, variance),
+            (None, Some(shape)) => {
+                let [from, to] = shape.range;
+                let slope = if shape.is_logarithmic { value * (to / from).ln() } else { to - from };
+                estimate(shape.name, unit, *value, slope * slope * variance)
+            }
+            (None, None) => estimate("", unit, *value, variance),
+        }
+    };
+    let mut sum = member.probability;
+    let mut rivals = Vec::new();
+    for (rival, probability) in &member.rivals {
+        if sum >= STATED_PROBABILITY {
+            break;
+        }
+        sum += probability;
+        let law = law_name(bench, rival.laws.last()?);
+        rivals.push(Rival { law, probability: *probability });
+    }
+    Some(TermReport {
+        law: law_name(bench, law),
+        is_named: member.probability >= STATED_PROBABILITY,
+        probability: member.probability,
+        ln_odds: member.ln_odds,
+        values: values.iter().enumerate().map(of_number).collect(),
+        rivals,
+        held_out: member.judgement,
+    })
+}
+
+/// Moments of the model's parameters over the final model and its rivals.
+fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<ParameterReport> {
+    let mut models: Vec<(f64, &Fitted)> = vec![(1.0, &found.fitted)];
+    for member in &found.members {
+        let relative =
+            |(rival, probability)| (probability / member.probability.max(f64::MIN_POSITIVE), rival);
+        models.extend(member.rivals.iter().map(|(rival, probability)| (rival, *probability)).map(relative));
+    }
+    let total: f64 = models.iter().map(|(weight, _)| weight).sum();
+    let report = |(number, parameter): (usize, &super::model::Parameter)| {
+        let value = |fitted: &Fitted| fitted.values.get(number).copied().unwrap_or(parameter.mean);
+        let mean = models.iter().map(|(weight, fitted)| weight * value(fitted)).sum::<f64>() / total;
+        let second = |(weight, fitted): &(f64, &Fitted)| {
+            weight * (fitted.sd(number).powi(2) + (value(fitted) - mean).powi(2))
+        };
+        let variance = models.iter().map(second).sum::<f64>() / total;
+        let made = |value, variance| estimate(&parameter.name, parameter.unit.clone(), value, variance);
+        let before = made(value(plain), plain.sd(number).powi(2));
+        ParameterReport { estimate: made(mean, variance), before }
+    };
+    bench.model.parameters().iter().enumerate().map(report).collect()
+}
+
+/// What the even laws of a site add on the average over the data.
+fn offsets(bench: &Bench<'_>, fitted: &Fitted) -> Vec<Estimate> {
+    let terms = bench.terms(&fitted.laws, &fitted.values);
+    let even = [Form::Constant, Form::Asymmetry, Form::Square];
+    let of_site = |(number, site): (usize, &super::model::Site)| {
+        let channel =
+            bench.data.channels().iter().position(|one| Some(&one.name) == site.adds_to.as_ref())?;
+        let (mut value, mut gradient) = (0.0, DVector::zeros(fitted.values.len()));
+        let mut has_constant = false;
+        for (i, (law, term)) in fitted.laws.iter().zip(&terms).enumerate() {
+            if law.site != number || !even.contains(&law.form) {
+                continue;
+            }
+            has_constant |= law.form == Form::Constant;
+            let first = first_of(bench, &fitted.laws, i);
+            let (mut sum, mut count) = (0.0, 0);
+            for (prepared, jacobian) in bench.training.iter().zip(&fitted.jacobian) {
+                for row in prepared.rows_of(channel) {
+                    sum += jacobian[(row, first)];
+                    count += 1;
+                }
+            }
+            let mean = sum / f64::from(count.max(1)) * bench.scales.get(channel)?;
+            *gradient.get_mut(first)? = mean;
+            value += mean * term.values.first()?;
+        }
+        let variance = (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)];
+        has_constant.then(|| estimate(&site.name, site.unit.clone(), value, variance))
+    };
+    bench.model.sites().iter().enumerate().filter_map(of_site).collect()
+}
+
+fn refused_reports(bench: &Bench<'_>, refused: &[Refused]) -> Vec<RefusedReport> {
+    let report = |refused: &Refused| {
+        let (reason, held_out) = match refused.reason {
+            Refusal::Unlikely => ("too unlikely beside the model without it", None),
+            Refusal::NotConfirmed(judgement) => ("not confirmed by held-out runs", Some(judgement)),
+        };
+        let law = law_name(bench, &refused.law);
+        RefusedReport { law, ln_odds: refused.ln_odds, reason: reason.to_owned(), held_out }
+    };
+    let mut reports: Vec<RefusedReport> = refused.iter().map(report).collect();
+    reports.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+    reports
+}
+
+/// Root mean squares of residuals of a channel, in its unit, with those of what is measured.
+fn misfit(
+    bench: &Bench<'_>,
+    runs: &[Prepared<'_>],
+    [before, after]: [&[DVector<f64>]; 2],
+    channel: usize,
+) -> Option<Misfit> {
+    let scale = *bench.scales.get(channel)?;
+    let root = |parts: &[DVector<f64>]| {
+        let rows = |(prepared, part): (&Prepared<'_>, &DVector<f64>)| {
+            let rows = prepared.rows_of(channel);
+            part.rows(rows.start, rows.len()).into_owned()
+        };
+        scale * super::bench::rms(runs.iter().zip(parts).map(rows))
+    };
+    let measured: Vec<DVector<f64>> = runs.iter().map(|run| run.measured().clone()).collect();
+    (!runs.is_empty()).then(|| Misfit { before: root(before), after: root(after), measured: root(&measured) })
+}
+
+fn channel_reports(bench: &Bench<'_>, plain: &Fitted, fitted: &Fitted) -> Result<Vec<ChannelReport>, Error> {
+    let held_out = |fitted: &Fitted| {
+        let terms = bench.terms(&fitted.laws, &fitted.values);
+        match bench.residuals_of(&bench.held_out, &fitted.values, &terms) {
+            Ok(residuals) => Ok(Some(residuals)),
+            Err(error) if error.is_of_these_values() => Ok(None),
+            Err(error) => Err(error),
+        }
+    };
+    let judged = held_out(plain)?.zip(held_out(fitted)?);
+    let report = |(number, channel): (usize, &super::data::Channel)| {
+        let (scale, noise) = (*bench.scales.get(number)?, *fitted.noises.get(number)?);
+        let judged = judged.as_ref().and_then(|(before, after)| {
+            misfit(bench, &bench.held_out, [before.as_slice(), after.as_slice()], number)
+        });
+        Some(ChannelReport {
+            name: channel.name.clone(),
+            unit: channel.unit.clone(),
+            noise: NoiseReport {
+                sd: scale * noise.sd,
+                correlated: noise.correlated,
+                memory_s: noise.memory_s,
+            },
+            training: misfit(bench, &bench.training, [&plain.residuals, &fitted.residuals], number)?,
+            held_out: judged,
+        })
+    };
+    Ok(bench.data.channels().iter().enumerate().filter_map(report).collect())
+}
+
+/// The document of a search.
+pub(crate) fn report(
+    bench: &Bench<'_>,
+    basis: &Basis,
+    plain: &Fitted,
+    found: &Found,
+    candidates: usize,
+) -> Result<Report, Error> {
+    let fitted = &found.fitted;
+    let undetermined = || Error::Undetermined("no covariance around the fit".to_owned());
+    // Both with the noise of the final model: that of the plain one holds what is missing.
+    let before = regions(bench, basis, plain, &fitted.noises).ok_or_else(undetermined)?;
+    let remaining = regions(bench, basis, fitted, &fitted.noises).ok_or_else(undetermined)?;
+    let members = found.members.iter().enumerate();
+    let terms: Vec<TermReport> =
+        members.filter_map(|(number, member)| term_report(bench, fitted, number, member)).collect();
+    let verdict = match (terms.is_empty(), remaining.is_empty()) {
+        (true, true) => Verdict::Adequate,
+        (true, false) => Verdict::Unexplained,
+        (false, false) => Verdict::Partial,
+        (false, true) if terms.iter().all(|term| term.is_named) => Verdict::Explained,
+        (false, true) => Verdict::Ambiguous,
+    };
+    let mut notes = Vec::new();
+    if bench.held_out.is_empty() {
+        notes.push("no run is held out: laws rest on the evidence alone".to_owned());
+    }
+    if !fitted.settled {
+        notes.push("the last fit has not come to its end: values and intervals are rough".to_owned());
+    }
+    let of_source = |(source, size): (&Option<(usize, usize)>, &f64)| {
+        let site = source.and_then(|(site, _)| bench.model.sites().get(site));
+        let regressor = source.and_then(|(_, regressor)| site?.regressors.get(regressor));
+        DiscrepancyReport {
+            site: site.map(|site| site.name.clone()),
+            regressor: regressor.map(|regressor| regressor.name.clone()),
+            size: *size,
+        }
+    };
+    Ok(Report {
+        schema: "discrepancy.diagnosis/1",
+        verdict,
+        regions: before,
+        terms,
+        offsets: offsets(bench, fitted),
+        parameters: parameter_reports(bench, plain, found),
+        channels: channel_reports(bench, plain, fitted)?,
+        refused: refused_reports(bench, &found.refused),
+        remaining,
+        discrepancy: basis.sources.iter().zip(&fitted.sizes).map(of_source).collect(),
+        candidates,
+        is_settled: fitted.settled && plain.settled,
+        notes,
+    })
+}

@@ -1,0 +1,170 @@
+//! Where measured and predicted differ: intervals of a coordinate in which residuals stand out.
+
+use super::basis::Basis;
+use super::bench::Bench;
+use super::data::TIME;
+use super::fit::{Fitted, whitened};
+use super::noise::Noise;
+use nalgebra::DMatrix;
+use serde::Serialize;
+use statrs::distribution::{ContinuousCDF, Normal};
+use std::ops::Range;
+
+/// Bins of a coordinate.
+const BINS: usize = 12;
+/// Probability that noise alone makes a region anywhere.
+const LEVEL: f64 = 0.01;
+
+/// An interval of a coordinate in which measured and predicted differ.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Region {
+    /// Channel.
+    pub channel: String,
+    /// Its unit.
+    pub unit: String,
+    /// Column of the data.
+    pub coordinate: String,
+    /// Where it begins.
+    pub from: f64,
+    /// Where it ends.
+    pub to: f64,
+    /// Measured less predicted, mean.
+    pub mean: f64,
+    /// The same in standard deviations of noise and everyday discrepancy.
+    pub sigma: f64,
+}
+
+/// Bins of one coordinate in one channel, and where their columns begin.
+struct Scan {
+    channel: usize,
+    coordinate: String,
+    edges: Vec<[f64; 2]>,
+    first: usize,
+}
+
+/// Regions of a fit in the runs that were fitted, most significant first, one per channel and coordinate; beside these noises.
+pub(crate) fn regions(
+    bench: &Bench<'_>,
+    basis: &Basis,
+    fitted: &Fitted,
+    noises: &[Noise],
+) -> Option<Vec<Region>> {
+    let coordinates = bench.coordinates(&fitted.laws);
+    let count = coordinates.len();
+    let mut columns: Vec<DMatrix<f64>> = fitted.jacobian.clone();
+    for matrix in &mut columns {
+        for (mut column, coordinate) in matrix.column_iter_mut().zip(&coordinates) {
+            column *= coordinate.sd;
+        }
+    }
+    let scans = scans(bench, count, &mut columns);
+    for (matrix, residuals) in columns.iter_mut().zip(&fitted.residuals) {
+        let last = matrix.ncols();
+        *matrix = std::mem::replace(matrix, DMatrix::zeros(0, 0)).insert_column(last, 0.0);
+        matrix.set_column(last, residuals);
+    }
+    let (patterns, products, _) = whitened(bench, basis, noises, &columns);
+    let all = patterns.in_metric(&basis.everyday(), &products)?;
+    let behind = all.nrows() - count;
+    let own = all.view((0, 0), (count, count)) + DMatrix::identity(count, count);
+    let across = all.view((0, count), (count, behind)).into_owned();
+    let mut left = all.view((count, count), (behind, behind)).into_owned();
+    left.gemm_tr(-1.0, &across, &own.cholesky()?.solve(&across), 1.0);
+    let tried: usize = scans.iter().map(|scan| scan.edges.len() * (scan.edges.len() + 1) / 2).sum();
+    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * LEVEL / tried.max(1) as f64);
+    let region = |scan: &Scan| {
+        let (bins, sigma, mean) = best_interval(&left, scan.first - count, scan.edges.len(), behind - 1)?;
+        let (from, to) = (scan.edges.get(bins.start)?[0], scan.edges.get(bins.end - 1)?[1]);
+        let channel = bench.data.channels().get(scan.channel)?;
+        let (name, unit) = (channel.name.clone(), channel.unit.clone());
+        let mean = mean * bench.scales.get(scan.channel)?;
+        let coordinate = scan.coordinate.clone();
+        (sigma.abs() > threshold).then_some(Region { channel: name, unit, coordinate, from, to, mean, sigma })
+    };
+    let mut regions: Vec<Region> = scans.iter().filter_map(region).collect();
+    regions.sort_by(|a, b| b.sigma.abs().total_cmp(&a.sigma.abs()));
+    Some(regions)
+}
+
+/// Adds a column per bin of every coordinate of every channel.
+fn scans(bench: &Bench<'_>, first: usize, columns: &mut [DMatrix<f64>]) -> Vec<Scan> {
+    let known = bench.data.runs().first().map_or(&[][..], |run| run.columns.as_slice());
+    let names = std::iter::once(TIME).chain(known.iter().map(|column| column.name.as_str()));
+    let (mut scans, mut next) = (Vec::new(), first);
+    for name in names {
+        let values: Vec<Vec<f64>> = bench.training.iter().filter_map(|run| run.column(name)).collect();
+        for channel in 0..bench.scales.len() {
+            let of_channel = bench.training.iter().zip(&values).flat_map(|(run, values)| {
+                let rows = run.rows_of(channel);
+                values.get(rows).unwrap_or(&[]).iter().map(|value| Some(*value))
+            });
+            let edges = edges(&of_channel.collect::<Vec<_>>(), BINS);
+            if edges.len() < 2 {
+                continue;
+            }
+            for ((run, values), matrix) in bench.training.iter().zip(&values).zip(columns.iter_mut()) {
+                let grown = std::mem::replace(matrix, DMatrix::zeros(0, 0));
+                *matrix = grown.resize_horizontally(next + edges.len(), 0.0);
+                for row in run.rows_of(channel) {
+                    if let Some(value) = values.get(row) {
+                        matrix[(row, next + bin_of(&edges, *value))] = 1.0;
+                    }
+                }
+            }
+            let count = edges.len();
+            scans.push(Scan { channel, coordinate: name.to_owned(), edges, first: next });
+            next += count;
+        }
+    }
+    scans
+}
+
+/// Bins of a coordinate: its distinct values where these are few, else equal counts; least and greatest of each.
+pub fn edges(values: &[Option<f64>], bins: usize) -> Vec<[f64; 2]> {
+    let mut sorted: Vec<f64> = values.iter().flatten().copied().collect();
+    sorted.sort_by(f64::total_cmp);
+    let (Some(first), Some(last)) = (sorted.first(), sorted.last()) else { return Vec::new() };
+    let close = 1e-3 * (last - first);
+    let mut distinct: Vec<[f64; 2]> = Vec::new();
+    for value in &sorted {
+        match distinct.last_mut() {
+            Some([_, end]) if value - *end <= close => *end = *value,
+            _ => distinct.push([*value, *value]),
+        }
+    }
+    if distinct.len() <= bins {
+        return distinct;
+    }
+    let at = |i: usize| sorted[(i * sorted.len() / bins).min(sorted.len() - 1)];
+    (0..bins).map(|bin| [at(bin), at(bin + 1)]).collect()
+}
+
+/// The bin of a value.
+pub fn bin_of(edges: &[[f64; 2]], value: f64) -> usize {
+    edges.iter().rposition(|[from, _]| *from <= value).unwrap_or(0)
+}
+
+/// The interval of bins that stands out most: its bins, standard deviations, mean. Of scalar products of columns the bins are so many from
+/// `first` on, the residuals are another column.
+pub fn best_interval(
+    products: &DMatrix<f64>,
+    first: usize,
+    bins: usize,
+    residuals: usize,
+) -> Option<(Range<usize>, f64, f64)> {
+    let mut best: Option<(Range<usize>, f64, f64)> = None;
+    for from in 0..bins {
+        for to in from..bins {
+            let (start, count) = (first + from, to - from + 1);
+            let sum = products.view((start, residuals), (count, 1)).sum();
+            let square = products.view((start, start), (count, count)).sum();
+            if square > 1e-9 {
+                let sigma = sum / square.sqrt();
+                if best.as_ref().is_none_or(|(_, other, _)| sigma.abs() > other.abs()) {
+                    best = Some((from..to + 1, sigma, sum / square));
+                }
+            }
+        }
+    }
+    best
+}

@@ -1,0 +1,193 @@
+//! The result as a document.
+
+use super::judge::Judgement;
+use super::regions::Region;
+use serde::Serialize;
+
+/// What a diagnosis comes to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Nothing is missing.
+    Adequate,
+    /// Laws are missing, and with them nothing is.
+    Explained,
+    /// A law is missing that the data do not tell from others.
+    Ambiguous,
+    /// Laws are missing, and something that none of the candidates describes.
+    Partial,
+    /// Something is missing that none of the candidates describes.
+    Unexplained,
+}
+
+/// A number with its interval.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Name.
+    pub name: String,
+    /// Unit.
+    pub unit: String,
+    /// Mean.
+    pub value: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// Interval that holds it with 95 % probability.
+    pub ci95: [f64; 2],
+}
+
+/// A parameter of the model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParameterReport {
+    /// In the model with the added laws, over the rivals of these.
+    #[serde(flatten)]
+    pub estimate: Estimate,
+    /// In the plain model.
+    pub before: Estimate,
+}
+
+/// Which law.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LawName {
+    /// Its site.
+    pub site: String,
+    /// What it depends on; nothing for a constant.
+    pub regressor: Option<String>,
+    /// Name of its form.
+    pub form: &'static str,
+    /// Formula.
+    pub formula: String,
+}
+
+impl LawName {
+    /// As `site/regressor/form`.
+    pub fn id(&self) -> String {
+        match &self.regressor {
+            Some(regressor) => format!("{}/{regressor}/{}", self.site, self.form),
+            None => format!("{}/{}", self.site, self.form),
+        }
+    }
+}
+
+/// Another law in the place of one.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rival {
+    /// The law.
+    #[serde(flatten)]
+    pub law: LawName,
+    /// Its probability.
+    pub probability: f64,
+}
+
+/// A law that was added.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TermReport {
+    /// The law.
+    #[serde(flatten)]
+    pub law: LawName,
+    /// Whether it has a name: its probability is above 95 %. Else it is one of a class.
+    pub is_named: bool,
+    /// Its probability, beside its rivals and the model without any of them.
+    pub probability: f64,
+    /// Logarithm of its odds beside the model without it.
+    pub ln_odds: f64,
+    /// Its numbers.
+    pub values: Vec<Estimate>,
+    /// Laws that the data do not tell from it, with the other 95 %.
+    pub rivals: Vec<Rival>,
+    /// What held-out runs say; nothing where none judge.
+    pub held_out: Option<Judgement>,
+}
+
+/// A law that was tried and not added.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RefusedReport {
+    /// The law.
+    #[serde(flatten)]
+    pub law: LawName,
+    /// Logarithm of its odds beside the model without it.
+    pub ln_odds: f64,
+    /// Why.
+    pub reason: String,
+    /// What held-out runs say, where these refuse it.
+    pub held_out: Option<Judgement>,
+}
+
+/// Root mean square of residuals, before and after laws were added.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Misfit {
+    /// Of the plain model.
+    pub before: f64,
+    /// With the added laws.
+    pub after: f64,
+    /// Root mean square of what is measured.
+    pub measured: f64,
+}
+
+/// Noise as the fit has found it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct NoiseReport {
+    /// Standard deviation, in the channel's unit.
+    pub sd: f64,
+    /// Fraction of the variance that is correlated in time.
+    pub correlated: f64,
+    /// Time after which the correlation is 1/e.
+    pub memory_s: f64,
+}
+
+/// A channel.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ChannelReport {
+    /// Name.
+    pub name: String,
+    /// Unit.
+    pub unit: String,
+    /// Noise of means over blocks, where a run has very many readings.
+    pub noise: NoiseReport,
+    /// Misfit in the runs that were fitted.
+    pub training: Misfit,
+    /// Misfit in the runs that judge.
+    pub held_out: Option<Misfit>,
+}
+
+/// What every model leaves at a site.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DiscrepancyReport {
+    /// Site; nothing for offsets of single runs.
+    pub site: Option<String>,
+    /// Regressor.
+    pub regressor: Option<String>,
+    /// Its effect on the channels, as a fraction of their standard deviation.
+    pub size: f64,
+}
+
+/// The result of a diagnosis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// `discrepancy.diagnosis/1`.
+    pub schema: &'static str,
+    /// What it comes to.
+    pub verdict: Verdict,
+    /// Where the plain model and the data differ.
+    #[serde(rename = "where")]
+    pub regions: Vec<Region>,
+    /// What was added.
+    pub terms: Vec<TermReport>,
+    /// Constant, and means over the data of even laws: what a site adds on the average of both signs of its regressors.
+    pub offsets: Vec<Estimate>,
+    /// Parameters of the model.
+    pub parameters: Vec<ParameterReport>,
+    /// Channels with their misfit.
+    pub channels: Vec<ChannelReport>,
+    /// What was tried and not added, the likeliest first.
+    pub refused: Vec<RefusedReport>,
+    /// Where the final model and the data still differ.
+    pub remaining: Vec<Region>,
+    /// What was left to the discrepancy.
+    pub discrepancy: Vec<DiscrepancyReport>,
+    /// Number of laws that were tried.
+    pub candidates: usize,
+    /// Whether all fits have come to their end.
+    pub is_settled: bool,
+    /// What to know of these results.
+    pub notes: Vec<String>,
+}

@@ -1,0 +1,309 @@
+//! Every candidate law scored around a fit without a fit of its own.
+//!
+//! Around a fit a law of amplitude a changes the predictions by `a d`. What the parameters could do about d is projected out, the rest is
+//! projected on the residuals, and with a normal prior of the amplitude its evidence is a closed form, averaged over its shapes (Rao's efficient
+//! score). An amplitude is as large beforehand as what moves a channel by that channel's own standard deviation.
+
+use super::basis::Basis;
+use super::bench::{Bench, Law};
+use super::fit::{Fitted, whitened};
+use super::form::{Form, Shape};
+use super::model::Error;
+use super::noise::Noise;
+use super::weights::ln_sum;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+/// A law is not identifiable where the parameters do all of its effect up to this fraction of its square: a thousandth of its size.
+const ALL_ELIMINATED: f64 = 1e-6;
+
+/// The score of a law.
+#[derive(Debug, Clone)]
+pub(crate) struct Score {
+    /// With the priors of its amplitudes at its best shape.
+    pub law: Law,
+    /// Likeliest amplitudes, then the fraction of the range of its shape.
+    pub numbers: Vec<f64>,
+    /// Log evidence over the fit, with noise as it is there and as if it were white.
+    pub log_evidence: [f64; 2],
+}
+
+/// Two laws together: each may be weak alone where the other hides it, as an offset and an asymmetry do.
+#[derive(Debug, Clone)]
+pub(crate) struct Pair {
+    /// Both, with the amplitudes that they have together.
+    pub scores: [Score; 2],
+    /// Log evidence over the fit, as of a score.
+    pub log_evidence: [f64; 2],
+}
+
+/// Where the columns of a law at its best shape are.
+struct Best {
+    score: Score,
+    columns: Vec<usize>,
+    sds: Vec<f64>,
+    fraction: Option<f64>,
+}
+
+/// A law at one shape.
+struct Direction {
+    fraction: Option<f64>,
+    sds: Vec<f64>,
+    /// One matrix per run, in prior standard deviations.
+    columns: Vec<DMatrix<f64>>,
+}
+
+/// All laws that the sites allow, with a prior that is not known yet.
+pub(crate) fn candidates(bench: &Bench<'_>, effects: &[Effect]) -> Vec<Law> {
+    let mut laws = Vec::new();
+    for (site, (declared, spans)) in bench.model.sites().iter().zip(&bench.spans).enumerate() {
+        let is_tried = |form: Form, regressor: Option<&str>| {
+            let is_declared = declared.forms.is_empty() || declared.forms.contains(&form);
+            let is_chosen = |effect: &Effect| effect.is_like(&declared.name, regressor, form);
+            is_declared && (effects.is_empty() || effects.iter().any(is_chosen))
+        };
+        let law = |regressor, form, span| Law { site, regressor, form, span, amplitude_sds: Vec::new() };
+        if is_tried(Form::Constant, None) {
+            let span = super::form::Span { from: 0.0, to: 1.0, resolution: 0.0 };
+            laws.push(law(None, Form::Constant, span));
+        }
+        for (number, (regressor, span)) in declared.regressors.iter().zip(spans).enumerate() {
+            for form in Form::ALL.into_iter().filter(|form| *form != Form::Constant) {
+                let is_possible = form.applies_to(span) && (!form.has_history() || declared.history);
+                if is_possible && is_tried(form, Some(&regressor.name)) {
+                    laws.push(law(Some(number), form, *span));
+                }
+            }
+        }
+    }
+    laws
+}
+
+/// An effect that is to be tried: `site/regressor/form`, where any part may be `*`; a constant is `site/constant`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Effect {
+    site: String,
+    regressor: Option<String>,
+    form: Option<Form>,
+}
+
+impl Effect {
+    /// Of its text.
+    ///
+    /// # Errors
+    /// [`Error::Declaration`] where it names no form.
+    pub fn parse(text: &str) -> Result<Self, Error> {
+        let fault = |problem: &str| Error::Declaration {
+            what: "effect",
+            name: text.to_owned(),
+            problem: problem.to_owned(),
+            expected: "site/regressor/form or site/constant, each part may be *".to_owned(),
+        };
+        let parts: Vec<&str> = text.split('/').collect();
+        let form = |name: &str| match name {
+            "*" => Ok(None),
+            name => Form::named(name).map(Some).ok_or_else(|| {
+                let names: Vec<&str> = Form::ALL.iter().map(|form| form.name()).collect();
+                fault(&format!("{name:?} is none of the forms {}", names.join(", ")))
+            }),
+        };
+        match parts.as_slice() {
+            [site, "constant"] => {
+                Ok(Self { site: (*site).to_owned(), regressor: None, form: Some(Form::Constant) })
+            }
+            [site, regressor, name] => Ok(Self {
+                site: (*site).to_owned(),
+                regressor: Some((*regressor).to_owned()),
+                form: form(name)?,
+            }),
+            _ => Err(fault("has not two or three parts")),
+        }
+    }
+
+    fn is_like(&self, site: &str, regressor: Option<&str>, form: Form) -> bool {
+        let is_regressor = match (self.regressor.as_deref(), regressor) {
+            (None, None) | (Some("*"), _) => true,
+            (Some(own), Some(other)) => own == other,
+            _ => false,
+        };
+        (self.site == "*" || self.site == site) && is_regressor && self.form.is_none_or(|own| own == form)
+    }
+}
+
+/// Standard deviation of an amplitude beforehand: one that moves some channel by its own standard deviation.
+fn prior_sd(bench: &Bench<'_>, columns: &[DMatrix<f64>], number: usize) -> Option<f64> {
+    let of_channel = |channel: usize| {
+        let parts = bench.training.iter().zip(columns).map(|(prepared, columns)| {
+            let rows = prepared.rows_of(channel);
+            columns.view((rows.start, number), (rows.len(), 1)).column(0).into_owned()
+        });
+        super::bench::rms(parts)
+    };
+    let largest = (0..bench.scales.len()).map(of_channel).fold(0.0, f64::max);
+    (largest.is_finite() && largest > 0.0).then(|| largest.recip())
+}
+
+/// The directions of a law over its shapes.
+fn directions(bench: &Bench<'_>, fitted: &Fitted, law: &Law) -> Result<Vec<Direction>, Error> {
+    let terms = bench.terms(&fitted.laws, &fitted.values);
+    let fractions: Vec<Option<f64>> =
+        if law.shape().is_some() { Shape::grid().map(Some).collect() } else { vec![None] };
+    let mut directions = Vec::new();
+    for fraction in fractions {
+        let shape = law.shape().zip(fraction).map(|(shape, fraction)| shape.at(fraction));
+        let columns = bench.columns(law, shape, &fitted.values, &terms, &fitted.residuals)?;
+        let Some(mut columns) = columns else { continue };
+        let count = law.form.amplitudes().len();
+        let sds: Option<Vec<f64>> = (0..count).map(|number| prior_sd(bench, &columns, number)).collect();
+        let Some(sds) = sds else { continue };
+        for matrix in &mut columns {
+            for (mut column, sd) in matrix.column_iter_mut().zip(&sds) {
+                column *= *sd;
+            }
+        }
+        directions.push(Direction { fraction, sds, columns });
+    }
+    Ok(directions)
+}
+
+/// Scores of laws around a fit and of pairs of them, those that cannot be identified left out.
+pub(crate) fn scores(
+    bench: &Bench<'_>,
+    basis: &Basis,
+    fitted: &Fitted,
+    laws: &[Law],
+) -> Result<(Vec<Score>, Vec<Pair>), Error> {
+    let of_law = |law: &Law| directions(bench, fitted, law);
+    let all: Vec<Vec<Direction>> = if bench.model.is_parallel() {
+        laws.par_iter().map(of_law).collect::<Result<_, _>>()?
+    } else {
+        laws.iter().map(of_law).collect::<Result<_, _>>()?
+    };
+    let coordinates = bench.coordinates(&fitted.laws);
+    let count = coordinates.len();
+    let joined = |run: usize| {
+        let directions = all.iter().flatten().filter_map(|direction| direction.columns.get(run));
+        let width: usize = directions.clone().map(DMatrix::ncols).sum();
+        let jacobian = fitted.jacobian.get(run).cloned().unwrap_or_else(|| DMatrix::zeros(0, 0));
+        let mut joined = jacobian.resize_horizontally(count + width + 1, 0.0);
+        for (j, coordinate) in coordinates.iter().enumerate() {
+            let mut column = joined.column_mut(j);
+            column *= coordinate.sd;
+        }
+        let mut first = count;
+        for columns in directions {
+            joined.columns_mut(first, columns.ncols()).copy_from(columns);
+            first += columns.ncols();
+        }
+        if let Some(residuals) = fitted.residuals.get(run) {
+            joined.set_column(first, residuals);
+        }
+        joined
+    };
+    let columns: Vec<DMatrix<f64>> = (0..fitted.residuals.len()).map(joined).collect();
+    let white: Vec<Noise> = fitted.noises.iter().map(|noise| noise.white()).collect();
+    let (found, as_white) = (
+        projected(bench, basis, fitted, &fitted.noises, &columns),
+        projected(bench, basis, fitted, &white, &columns),
+    );
+    let undetermined = || Error::Undetermined("no covariance around the fit".to_owned());
+    let metrics = [found.ok_or_else(undetermined)?, as_white.ok_or_else(undetermined)?];
+    let mut first = 0;
+    let mut all_best: Vec<Best> = Vec::new();
+    for (law, directions) in laws.iter().zip(&all) {
+        let mut best: Option<(f64, Best)> = None;
+        let mut sums = [Vec::new(), Vec::new()];
+        for direction in directions {
+            let columns: Vec<usize> = (first..first + direction.sds.len()).collect();
+            first += direction.sds.len();
+            let both = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
+            let [Some((here, amplitudes)), Some((as_white, _))] = both else { continue };
+            sums[0].push(here);
+            sums[1].push(as_white);
+            if best.as_ref().is_none_or(|(other, _)| here > *other) {
+                let law = Law { amplitude_sds: direction.sds.clone(), ..law.clone() };
+                let numbers = numbers(amplitudes.as_slice(), &direction.sds, direction.fraction);
+                let score = Score { law, numbers, log_evidence: [0.0; 2] };
+                let (sds, fraction) = (direction.sds.clone(), direction.fraction);
+                best = Some((here, Best { score, columns, sds, fraction }));
+            }
+        }
+        if let Some((_, mut best)) = best {
+            best.score.log_evidence =
+                sums.map(|sums| ln_sum(sums.iter().copied()) - (sums.len() as f64).ln());
+            all_best.push(best);
+        }
+    }
+    let pairs = pairs(&metrics, &all_best);
+    Ok((all_best.into_iter().map(|best| best.score).collect(), pairs))
+}
+
+/// Amplitudes in their own units, then the fraction of the range of a shape.
+fn numbers(amplitudes: &[f64], sds: &[f64], fraction: Option<f64>) -> Vec<f64> {
+    amplitudes.iter().zip(sds).map(|(a, sd)| a * sd).chain(fraction).collect()
+}
+
+/// All pairs of laws, each at the shape that is best alone.
+fn pairs(metrics: &[DMatrix<f64>; 2], all: &[Best]) -> Vec<Pair> {
+    let mut pairs = Vec::new();
+    for (i, one) in all.iter().enumerate() {
+        for other in all.iter().skip(i + 1) {
+            let columns: Vec<usize> = one.columns.iter().chain(&other.columns).copied().collect();
+            let both = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
+            let [Some((here, amplitudes)), Some((as_white, _))] = both else { continue };
+            let (first, second) = amplitudes.as_slice().split_at(one.columns.len());
+            let with = |best: &Best, amplitudes: &[f64]| Score {
+                numbers: numbers(amplitudes, &best.sds, best.fraction),
+                ..best.score.clone()
+            };
+            let scores = [with(one, first), with(other, second)];
+            pairs.push(Pair { scores, log_evidence: [here, as_white] });
+        }
+    }
+    pairs
+}
+
+/// Scalar products in the metric of noise and everyday discrepancy, the parameters projected out; directions that the parameters do
+/// alone have none.
+fn projected(
+    bench: &Bench<'_>,
+    basis: &Basis,
+    fitted: &Fitted,
+    noises: &[Noise],
+    columns: &[DMatrix<f64>],
+) -> Option<DMatrix<f64>> {
+    let (patterns, products, _) = whitened(bench, basis, noises, columns);
+    let sizes: Vec<f64> =
+        fitted.sizes.iter().zip(basis.everyday()).map(|(size, most)| size.min(most)).collect();
+    let all = patterns.in_metric(&sizes, &products)?;
+    let count = fitted.values.len();
+    let behind = all.nrows() - count;
+    let own = all.view((0, 0), (count, count)) + DMatrix::identity(count, count);
+    let across = all.view((0, count), (count, behind)).into_owned();
+    let follow = own.cholesky()?.solve(&across);
+    let before = all.view((count, count), (behind, behind)).into_owned();
+    let mut after = before.clone();
+    after.gemm_tr(-1.0, &across, &follow, 1.0);
+    for i in 0..behind {
+        if after[(i, i)] < ALL_ELIMINATED * before[(i, i)] {
+            after.row_mut(i).fill(0.0);
+            after.column_mut(i).fill(0.0);
+        }
+    }
+    Some(after)
+}
+
+/// Log evidence and amplitudes of directions among scalar products whose last column are the residuals; nothing where they are not
+/// identifiable.
+fn evidence_of(metric: &DMatrix<f64>, columns: &[usize]) -> Option<(f64, DVector<f64>)> {
+    let width = columns.len();
+    let gram = DMatrix::from_fn(width, width, |i, j| metric[(columns[i], columns[j])]);
+    if gram.diagonal().iter().any(|square| *square <= 0.0) {
+        return None;
+    }
+    let along = DVector::from_fn(width, |i, _| metric[(columns[i], metric.ncols() - 1)]);
+    let factor = (gram + DMatrix::identity(width, width)).cholesky()?;
+    let amplitudes = factor.solve(&along);
+    let ln_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum();
+    Some((0.5 * along.dot(&amplitudes) - ln_determinant, amplitudes))
+}

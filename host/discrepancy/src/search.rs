@@ -1,0 +1,296 @@
+//! The search: which laws explain the runs, with what probability.
+//!
+//! Around a fit every candidate is scored, the best are fitted, and each gets its weight: its evidence times its prior, in which some law is missing
+//! as likely as none is and every candidate has an equal part, times what held-out runs are worth. While a law is missing with the stated probability, the likeliest one is added that
+//! held-out runs do not refuse. Then every law is taken out again and replaced by its rivals: its probability is that of the models
+//! that have it among these.
+
+use super::basis::Basis;
+use super::bench::{Bench, Law};
+use super::fit::{Fitted, Start};
+use super::judge::{Judgement, judge, losses};
+use super::model::Error;
+use super::regions::regions;
+use super::score::{Score, scores};
+use super::weights::{ln_e_value, ln_sum, stated_ln_odds};
+use rayon::prelude::*;
+
+/// Laws that are added at most: every further one costs the whole search again.
+const MAX_LAWS: usize = 8;
+/// Exchanges of a law for a likelier rival: each is a better model, and a few end it.
+const MAX_EXCHANGES: usize = 4;
+/// Candidates that are fitted in a step: so many of each of the two rankings.
+const LEADERS: usize = 4;
+
+/// Why a law was not added.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Refusal {
+    /// Too unlikely beside the models without it.
+    Unlikely,
+    /// Held-out runs do not confirm it.
+    NotConfirmed(Judgement),
+}
+
+/// A law that was fitted and not added.
+#[derive(Clone)]
+pub(crate) struct Refused {
+    pub law: Law,
+    pub ln_odds: f64,
+    pub reason: Refusal,
+}
+
+/// How a model stands beside a smaller one.
+struct Standing {
+    /// Logarithm of its odds: evidence and prior, times what held-out runs are worth.
+    ln_odds: f64,
+    judgement: Option<Judgement>,
+}
+
+impl Standing {
+    /// Why it is refused; nothing where it is not.
+    fn refusal(&self) -> Option<Refusal> {
+        match self.judgement {
+            Some(judgement) if !judgement.is_confirmed() => Some(Refusal::NotConfirmed(judgement)),
+            _ => (self.ln_odds < stated_ln_odds()).then_some(Refusal::Unlikely),
+        }
+    }
+}
+
+/// A law of the final model.
+pub(crate) struct Member {
+    /// Logarithm of its odds beside the same model without it.
+    pub ln_odds: f64,
+    /// Probability of the models that have it, of those with it, with a rival, or with neither.
+    pub probability: f64,
+    /// Other laws in its place with their probabilities, likeliest first.
+    pub rivals: Vec<(Fitted, f64)>,
+    /// Held-out runs, with it beside without it.
+    pub judgement: Option<Judgement>,
+}
+
+/// What a search has found.
+pub(crate) struct Found {
+    pub fitted: Fitted,
+    /// One for each law.
+    pub members: Vec<Member>,
+    pub refused: Vec<Refused>,
+}
+
+/// A search with all that it needs.
+pub(crate) struct Search<'a> {
+    pub bench: &'a Bench<'a>,
+    pub basis: &'a Basis,
+    pub candidates: &'a [Law],
+    pub on_step: &'a (dyn Fn(&str) + Sync),
+}
+
+impl Search<'_> {
+    /// Logarithm of the weight of a model.
+    fn ln_weight(&self, fitted: &Fitted) -> f64 {
+        fitted.log_evidence - fitted.laws.len() as f64 * (self.candidates.len().max(1) as f64).ln()
+    }
+
+    /// Fits of a model with one further law each, the likeliest first; and with two of them, where singles are too weak.
+    fn extensions(&self, base: &Fitted, with_pairs: bool) -> Result<Vec<Fitted>, Error> {
+        let is_new = |law: &&Law| !base.laws.iter().any(|own| own.is_like(law));
+        let laws: Vec<Law> = self.candidates.iter().filter(is_new).cloned().collect();
+        let (scores, pairs) = scores(self.bench, self.basis, base, &laws)?;
+        let chosen: Vec<Vec<&Score>> = if with_pairs {
+            let leaders = leading(&pairs, |pair| pair.log_evidence);
+            leaders.into_iter().map(|pair| pair.scores.iter().collect()).collect()
+        } else {
+            leading(&scores, |score| score.log_evidence).into_iter().map(|score| vec![score]).collect()
+        };
+        let of_scores = |scores: Vec<&Score>| self.extended(base, &scores);
+        let fits: Vec<Option<Fitted>> = if self.bench.model.is_parallel() {
+            chosen.into_par_iter().map(of_scores).collect::<Result<_, _>>()?
+        } else {
+            chosen.into_iter().map(of_scores).collect::<Result<_, _>>()?
+        };
+        let mut fits: Vec<Fitted> = fits.into_iter().flatten().collect();
+        fits.sort_by(|a, b| self.ln_weight(b).total_cmp(&self.ln_weight(a)));
+        Ok(fits)
+    }
+
+    /// A model with further laws, from the numbers of their scores or, where the model has no prediction there, from nothing of them.
+    fn extended(&self, base: &Fitted, scores: &[&Score]) -> Result<Option<Fitted>, Error> {
+        let laws: Vec<Law> = base.laws.iter().chain(scores.iter().map(|score| &score.law)).cloned().collect();
+        for factor in [1.0, 0.0] {
+            let mut start = base.start();
+            for score in scores {
+                let amplitudes = score.law.form.amplitudes().len();
+                let scaled =
+                    |(i, number): (usize, &f64)| if i < amplitudes { factor * number } else { *number };
+                start.values.extend(score.numbers.iter().enumerate().map(scaled));
+            }
+            match Fitted::new(self.bench, self.basis, &laws, &start) {
+                Ok(fitted) => return Ok(Some(fitted)),
+                Err(error) if error.is_of_these_values() => {}
+                Err(Error::Undetermined(_)) => return Ok(None),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(None)
+    }
+
+    /// A model without one of its laws.
+    fn without(&self, fitted: &Fitted, member: usize) -> Result<Fitted, Error> {
+        let mut laws = fitted.laws.clone();
+        let removed = laws.remove(member);
+        let before: usize = laws.iter().take(member).map(Law::len).sum();
+        let first = self.bench.model.parameters().len() + before;
+        let mut start = fitted.start();
+        start.values.drain(first..first + removed.len());
+        Fitted::new(self.bench, self.basis, &laws, &start)
+    }
+
+    fn judge(&self, without: &Fitted, with: &Fitted) -> Result<Option<Judgement>, Error> {
+        let (other, model) = (losses(self.bench, without)?, losses(self.bench, with)?);
+        Ok(other.zip(model).map(|(other, model)| judge(&other, &model)))
+    }
+
+    /// Searches from a model on.
+    ///
+    /// # Errors
+    /// Where the model fails for other reasons than its values.
+    pub fn run(&self, start: Fitted) -> Result<Found, Error> {
+        let (mut current, mut refused) = self.grow(start)?;
+        while let Some((smaller, reason)) = self.shrink(&current)? {
+            refused.push(reason);
+            current = smaller;
+        }
+        for _ in 0..MAX_EXCHANGES {
+            let members = (0..current.laws.len()).map(|member| self.member(&current, member));
+            let members = members.collect::<Result<Vec<Member>, Error>>()?;
+            // A rival that is likelier than the law takes its place.
+            let likelier = members.iter().find_map(|member| {
+                let (rival, probability) = member.rivals.first()?;
+                (*probability > member.probability).then(|| rival.clone())
+            });
+            match likelier {
+                Some(rival) => current = rival,
+                None => return Ok(Found { fitted: current, members, refused }),
+            }
+        }
+        let members = (0..current.laws.len()).map(|member| self.member(&current, member));
+        let members = members.collect::<Result<Vec<Member>, Error>>()?;
+        Ok(Found { fitted: current, members, refused })
+    }
+
+    /// Adds laws while one is missing with the stated probability and held-out runs confirm it; two at once where none is alone and
+    /// something is left to explain.
+    fn grow(&self, mut current: Fitted) -> Result<(Fitted, Vec<Refused>), Error> {
+        loop {
+            if current.laws.len() >= MAX_LAWS {
+                return Ok((current, Vec::new()));
+            }
+            let (number, count) = (current.laws.len() + 1, self.candidates.len());
+            (self.on_step)(&format!("searching for law {number} among {count} candidates"));
+            let mut refused = Vec::new();
+            let singles = self.extensions(&current, false)?;
+            let mut next = self.likeliest(&current, singles, &mut refused)?;
+            let is_explained = || {
+                let left = regions(self.bench, self.basis, &current, &current.noises);
+                left.is_some_and(|left| left.is_empty())
+            };
+            let is_refused = refused.iter().any(|one| one.reason != Refusal::Unlikely);
+            if next.is_none() && (is_refused || !is_explained()) {
+                (self.on_step)("searching for two laws at once");
+                let pairs = self.extensions(&current, true)?;
+                next = self.likeliest(&current, pairs, &mut Vec::new())?;
+            }
+            match next {
+                Some(fitted) => current = fitted,
+                None => return Ok((current, refused)),
+            }
+        }
+    }
+
+    /// The likeliest of some larger models that is likely enough and that held-out runs confirm; the others are refused.
+    fn likeliest(
+        &self,
+        current: &Fitted,
+        larger: Vec<Fitted>,
+        refused: &mut Vec<Refused>,
+    ) -> Result<Option<Fitted>, Error> {
+        let mut best: Option<(f64, Fitted)> = None;
+        for fitted in larger {
+            let standing = self.standing(current, &fitted)?;
+            let Some(law) = fitted.laws.last().cloned() else { continue };
+            match standing.refusal() {
+                Some(reason) => refused.push(Refused { law, ln_odds: standing.ln_odds, reason }),
+                None if best.as_ref().is_some_and(|(other, _)| *other >= standing.ln_odds) => {}
+                None => best = Some((standing.ln_odds, fitted)),
+            }
+        }
+        Ok(best.map(|(_, fitted)| fitted))
+    }
+
+    /// How a model stands beside a smaller one.
+    fn standing(&self, smaller: &Fitted, larger: &Fitted) -> Result<Standing, Error> {
+        let judgement = self.judge(smaller, larger)?;
+        let of_judge = judgement.map_or(0.0, |one| ln_e_value(one.p));
+        let ln_odds = self.ln_weight(larger) - self.ln_weight(smaller) + of_judge;
+        Ok(Standing { ln_odds, judgement })
+    }
+
+    /// The model without the first law that it does not need, and why.
+    fn shrink(&self, current: &Fitted) -> Result<Option<(Fitted, Refused)>, Error> {
+        for member in 0..current.laws.len() {
+            let smaller = self.without(current, member)?;
+            let standing = self.standing(&smaller, current)?;
+            if let Some(reason) = standing.refusal() {
+                let law = current.laws[member].clone();
+                return Ok(Some((smaller, Refused { law, ln_odds: standing.ln_odds, reason })));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Takes a law out and puts others in its place.
+    fn member(&self, current: &Fitted, member: usize) -> Result<Member, Error> {
+        (self.on_step)(&format!("weighing law {} of {}", member + 1, current.laws.len()));
+        let without = self.without(current, member)?;
+        let is_other = |fitted: &Fitted| {
+            let last = fitted.laws.last();
+            last.is_some_and(|last| !current.laws[member].is_like(last))
+        };
+        let own = self.standing(&without, current)?;
+        let mut rivals = Vec::new();
+        for rival in self.extensions(&without, false)?.into_iter().filter(is_other) {
+            let ln_odds = self.standing(&without, &rival)?.ln_odds;
+            rivals.push((rival, ln_odds));
+        }
+        rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let ln_odds: Vec<f64> = rivals.iter().map(|(_, ln)| *ln).collect();
+        let total = ln_sum(ln_odds.into_iter().chain([own.ln_odds, 0.0]));
+        let rivals = rivals.into_iter().map(|(rival, ln)| (rival, (ln - total).exp())).collect();
+        let (ln_odds, judgement) = (own.ln_odds, own.judgement);
+        let probability = (ln_odds - total).exp();
+        Ok(Member { ln_odds, probability, rivals, judgement })
+    }
+}
+
+/// The leaders of both rankings of scores, without repeats.
+fn leading<T>(scores: &[T], log_evidence: impl Fn(&T) -> [f64; 2]) -> Vec<&T> {
+    let mut chosen: Vec<usize> = Vec::new();
+    for ranking in 0..2 {
+        let value = |i: usize| scores.get(i).map_or(f64::NEG_INFINITY, |score| log_evidence(score)[ranking]);
+        let mut order: Vec<usize> = (0..scores.len()).collect();
+        order.sort_by(|a, b| value(*b).total_cmp(&value(*a)));
+        chosen.extend(order.into_iter().take(LEADERS));
+    }
+    chosen.sort_unstable();
+    chosen.dedup();
+    chosen.into_iter().filter_map(|i| scores.get(i)).collect()
+}
+
+/// The plain model with the discrepancy around it: first around the prior means, then around the fit.
+pub(crate) fn plain(bench: &Bench<'_>, everyday: f64) -> Result<(Basis, Fitted), Error> {
+    let start: Vec<f64> = bench.coordinates(&[]).iter().map(|one| one.mean).collect();
+    let basis = Basis::new(bench, &[], &start, everyday)?;
+    let first = Fitted::new(bench, &basis, &[], &Start::plain(bench, &basis))?;
+    let basis = Basis::new(bench, &[], &first.values, everyday)?;
+    let plain = Fitted::new(bench, &basis, &[], &first.start())?;
+    Ok((basis, plain))
+}

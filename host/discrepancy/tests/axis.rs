@@ -1,0 +1,106 @@
+//! An electro-mechanical positioning axis, measured by others (Janot, Gautier and Brunot, "Data set and reference models of EMPS", Nonlinear
+//! System Identification Benchmarks, 2019): from mass and viscous friction alone.
+//!
+//! The makers' own identification has a mass of 95.1 kg, viscous friction of 203.5 N s/m, dry friction of 20.4 N and an offset of -3.2 N.
+
+mod common;
+
+use common::{arrays, measured, smoothed};
+use discrepancy::*;
+
+/// Neighbours on each side of a sample in the smoothing derivatives: 50 ms, beyond which the axis' control (5 Hz) does nothing. Force and
+/// position pass the same filter.
+const HALF: usize = 50;
+
+struct Axis {
+    parameters: [Parameter; 2],
+    sites: [Site; 1],
+}
+
+impl Axis {
+    fn new() -> Self {
+        let parameter = |name: &str, unit: &str, mean: f64| Parameter {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            mean,
+            sd: mean,
+            range: Some([0.0, 20.0 * mean]),
+        };
+        let regressor = |name: &str, unit: &str| Regressor {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            range: None,
+            resolution: 0.0,
+        };
+        let friction = Site {
+            name: "friction".to_owned(),
+            unit: "N".to_owned(),
+            adds_to: Some("force".to_owned()),
+            regressors: vec![regressor("speed", "m/s"), regressor("position", "m")],
+            history: true,
+            forms: Vec::new(),
+        };
+        Self {
+            parameters: [parameter("mass", "kg", 100.0), parameter("viscous", "N s/m", 200.0)],
+            sites: [friction],
+        }
+    }
+}
+
+impl ForwardModel for Axis {
+    fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    fn sites(&self) -> &[Site] {
+        &self.sites
+    }
+
+    fn predict(&self, run: &Run, parameters: &[f64], _: &Terms<'_>) -> Result<Vec<Vec<f64>>, ModelFailure> {
+        let column = |name| run.column(name).ok_or_else(|| ModelFailure::Failed(format!("no column {name}")));
+        let pairs = column("acceleration")?.iter().zip(column("speed")?);
+        Ok(vec![pairs.map(|(a, v)| parameters[0] * a + parameters[1] * v).collect()])
+    }
+}
+
+fn run(name: &str, path: &std::path::PathBuf, judges: bool) -> Run {
+    let arrays = arrays(path);
+    let time = &arrays["t"];
+    let step_s = time[1] - time[0];
+    let gain = arrays["gtau"][0];
+    let force: Vec<f64> = arrays["vir"].iter().map(|voltage| gain * voltage).collect();
+    let position = smoothed(&arrays["qm"], HALF, step_s);
+    let column = |name: &str, unit: &str, derivative: usize| Column {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        values: position.iter().map(|values| values[derivative]).collect(),
+    };
+    let values = smoothed(&force, HALF, step_s).iter().map(|values| values[0]).collect();
+    Run {
+        name: name.to_owned(),
+        time_s: time[HALF..time.len() - HALF].to_vec(),
+        channels: vec![Channel { name: "force".to_owned(), unit: "N".to_owned(), values, sds: None }],
+        columns: vec![
+            column("position", "m", 0),
+            column("speed", "m/s", 1),
+            column("acceleration", "m/s^2", 2),
+        ],
+        judges,
+    }
+}
+
+fn holds(estimate: &Estimate, value: f64) -> bool {
+    (estimate.ci95[0]..=estimate.ci95[1]).contains(&value)
+}
+
+#[test]
+fn names_dry_friction_offset_and_asymmetry_of_a_measured_axis() {
+    let (Some(train), Some(test)) = (measured("emps/DATA_EMPS.mat"), measured("emps/DATA_EMPS_PULSES.mat"))
+    else {
+        return;
+    };
+    let data = Data::new(vec![run("trajectory", &train, false), run("pulses", &test, true)]).expect("data");
+    let report =
+        diagnose(&Axis::new(), &data, &Options::default(), &|step| println!("{step}")).expect("a result");
+    println!("{report}");
+}

@@ -1,0 +1,131 @@
+//! Cascaded tanks, measured by others (Schoukens, Mattson, Wigren and Noel, "Cascaded tanks benchmark combining soft and hard nonlinearities",
+//! 2016): a pump fills the upper tank, which drains into the lower one, whose level is measured. From Torricelli's law alone.
+
+mod common;
+
+use common::measured;
+use discrepancy::*;
+
+/// Steps of the integration between two samples, of a second each.
+const STEPS: usize = 4;
+
+struct Tanks {
+    parameters: Vec<Parameter>,
+    sites: [Site; 2],
+}
+
+impl Tanks {
+    fn new() -> Self {
+        let rate = |name: &str, unit: &str| Parameter {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            mean: 0.05,
+            sd: 0.05,
+            range: Some([0.0, 1.0]),
+        };
+        let level = |name: &str| Parameter {
+            name: name.to_owned(),
+            unit: "V".to_owned(),
+            mean: 5.0,
+            sd: 5.0,
+            range: Some([0.0, 20.0]),
+        };
+        let regressor = |name: &str| Regressor {
+            name: name.to_owned(),
+            unit: "V".to_owned(),
+            range: None,
+            resolution: 0.0,
+        };
+        let site = |name: &str, regressors: &[&str]| Site {
+            name: name.to_owned(),
+            unit: "V/s".to_owned(),
+            adds_to: None,
+            regressors: regressors.iter().map(|name| regressor(name)).collect(),
+            history: false,
+            forms: Vec::new(),
+        };
+        Self {
+            parameters: vec![
+                rate("outflow of upper", "V^0.5/s"),
+                rate("inflow of lower", "V^0.5/s"),
+                rate("outflow of lower", "V^0.5/s"),
+                rate("pump", "1/s"),
+                level("upper at first"),
+                level("lower at first"),
+            ],
+            sites: [site("upper", &["upper_level"]), site("lower", &["lower_level"])],
+        }
+    }
+}
+
+impl ForwardModel for Tanks {
+    fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    fn sites(&self) -> &[Site] {
+        &self.sites
+    }
+
+    fn predict(
+        &self,
+        run: &Run,
+        parameters: &[f64],
+        terms: &Terms<'_>,
+    ) -> Result<Vec<Vec<f64>>, ModelFailure> {
+        let input = run.column("pump").ok_or_else(|| ModelFailure::Failed("no column pump".to_owned()))?;
+        let &[out, into, lower_out, pump, mut upper, mut lower] = parameters else {
+            return Err(ModelFailure::Failed(format!("{} parameters", parameters.len())));
+        };
+        let mut levels = Vec::with_capacity(input.len());
+        let rates = |upper: f64, lower: f64, u: f64| {
+            let (drained, left) = (upper.max(0.0).sqrt(), lower.max(0.0).sqrt());
+            let of_upper = -out * drained + pump * u + terms.value("upper", &[("upper_level", upper)]);
+            let of_lower =
+                into * drained - lower_out * left + terms.value("lower", &[("lower_level", lower)]);
+            (of_upper, of_lower)
+        };
+        for (i, u) in input.iter().enumerate() {
+            levels.push(lower);
+            let step =
+                (run.time_s.get(i + 1).copied().unwrap_or(run.time_s[i]) - run.time_s[i]) / STEPS as f64;
+            for _ in 0..STEPS {
+                let (first, second) = rates(upper, lower, *u);
+                let (a, b) = rates(upper + 0.5 * step * first, lower + 0.5 * step * second, *u);
+                (upper, lower) = ((upper + step * a).max(0.0), (lower + step * b).max(0.0));
+            }
+        }
+        Ok(vec![levels])
+    }
+}
+
+fn run(name: &str, text: &str, columns: [usize; 2], judges: bool) -> Run {
+    let cells = |line: &str| -> Vec<f64> {
+        columns.map(|i| line.split(',').nth(i).and_then(|cell| cell.parse().ok()).expect("a number")).to_vec()
+    };
+    let rows: Vec<Vec<f64>> = text.lines().skip(1).map(cells).collect();
+    let values = |i: usize| rows.iter().map(|row| row[i]).collect::<Vec<f64>>();
+    Run {
+        name: name.to_owned(),
+        time_s: (0..rows.len()).map(|i| 4.0 * i as f64).collect(),
+        channels: vec![Channel {
+            name: "level".to_owned(),
+            unit: "V".to_owned(),
+            values: values(1),
+            sds: None,
+        }],
+        columns: vec![Column { name: "pump".to_owned(), unit: "V".to_owned(), values: values(0) }],
+        judges,
+    }
+}
+
+#[test]
+fn finds_the_loss_of_the_upper_tank_above_a_level() {
+    let Some(path) = measured("tanks/dataBenchmark.csv") else { return };
+    let text = std::fs::read_to_string(path).expect("a readable file");
+    let runs = vec![run("estimation", &text, [0, 2], false), run("validation", &text, [1, 3], true)];
+    let data = Data::new(runs).expect("data");
+    let report =
+        diagnose(&Tanks::new(), &data, &Options::default(), &|step| println!("{step}")).expect("a result");
+    println!("{report}");
+}
