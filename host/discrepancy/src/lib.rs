@@ -37,13 +37,12 @@
 //! }
 //!
 //! let parameter = |name: &str, mean| Parameter { name: name.into(), unit: String::new(), mean, sd: mean, range: None };
-//! let speed = Regressor { name: "speed".into(), unit: "m/s".into(), range: None, resolution: 0.0 };
+//! let speed = Regressor { name: "speed".into(), unit: "m/s".into(), range: None, resolution: 0.0, history: false };
 //! let friction = Site {
 //!     name: "friction".into(),
 //!     unit: "N".into(),
 //!     adds_to: Some("force".into()),
 //!     regressors: vec![speed],
-//!     history: false,
 //!     forms: Vec::new(),
 //! };
 //! let model = Rail([parameter("mass", 2.0), parameter("viscous", 1.0)], [friction]);

@@ -36,6 +36,9 @@ pub struct Regressor {
     /// Standard deviation of the error of its values.
     #[serde(default)]
     pub resolution: f64,
+    /// Whether it is a displacement that a bristle or a play may follow: the model evaluates such a law over whole series, in the order of time.
+    #[serde(default)]
+    pub history: bool,
 }
 
 /// A place in the model at which a law may be missing.
@@ -51,9 +54,6 @@ pub struct Site {
     pub adds_to: Option<String>,
     /// What its laws may depend on.
     pub regressors: Vec<Regressor>,
-    /// Whether laws with a history may act: the model evaluates them over whole series, in the order of time.
-    #[serde(default)]
-    pub history: bool,
     /// Forms that are tried; all where it is empty.
     #[serde(default)]
     pub forms: Vec<Form>,
@@ -207,7 +207,7 @@ pub(crate) fn check(model: &dyn ForwardModel, data: &Data) -> Result<(), Error> 
                 "names of their own",
             );
         }
-        if !mean.is_finite() || !(sd.is_finite() && *sd > 0.0) {
+        if !(mean.is_finite() && sd.is_finite() && *sd > 0.0) {
             return fault(
                 "parameter",
                 name,
@@ -237,7 +237,7 @@ pub(crate) fn check(model: &dyn ForwardModel, data: &Data) -> Result<(), Error> 
         for regressor in &site.regressors {
             let Regressor { name, range, resolution, .. } = regressor;
             let is_valid = |[from, to]: [f64; 2]| from < to && from.is_finite() && to.is_finite();
-            if !range.is_none_or(is_valid) || !(resolution.is_finite() && *resolution >= 0.0) {
+            if !(range.is_none_or(is_valid) && resolution.is_finite() && *resolution >= 0.0) {
                 let problem = format!("range {range:?}, resolution {resolution}");
                 return fault(
                     "regressor",

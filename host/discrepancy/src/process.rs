@@ -189,10 +189,11 @@ impl ProcessModel {
         let mut pipes = Pipes { child, input, answers, runs: Vec::new() };
         pipes.send(&Request::Start { schema: SCHEMA })?;
         let declaration: Declaration = pipes.receive(timeout)?;
-        if let Some(site) = declaration.sites.iter().find(|site| site.history && site.adds_to.is_none()) {
+        let has_history =
+            |site: &&Site| site.regressors.iter().any(|one| one.history) && site.adds_to.is_none();
+        if let Some(Site { name, .. }) = declaration.sites.iter().find(has_history) {
             let text = format!(
-                "site {:?}: a law with a history has no table; expected history only where adds_to is",
-                site.name
+                "site {name:?}: a law with a history has no table; expected history only where adds_to is"
             );
             return Err(ModelFailure::Broken(text));
         }

@@ -69,7 +69,7 @@ pub(crate) fn candidates(bench: &Bench<'_>, effects: &[Effect]) -> Vec<Law> {
         }
         for (number, (regressor, span)) in declared.regressors.iter().zip(spans).enumerate() {
             for form in Form::ALL.into_iter().filter(|form| *form != Form::Constant) {
-                let is_possible = form.applies_to(span) && (!form.has_history() || declared.history);
+                let is_possible = form.applies_to(span) && (!form.has_history() || regressor.history);
                 if is_possible && is_tried(form, Some(&regressor.name)) {
                     laws.push(law(Some(number), form, *span));
                 }

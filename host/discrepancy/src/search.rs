@@ -17,8 +17,8 @@ use rayon::prelude::*;
 
 /// Laws that are added at most: every further one costs the whole search again.
 const MAX_LAWS: usize = 8;
-/// Exchanges of a law for a likelier rival: each is a better model, and a few end it.
-const MAX_EXCHANGES: usize = 4;
+/// Exchanges of a law for a likelier rival: each is a likelier model, so that no set comes back.
+const MAX_EXCHANGES: usize = 2 * MAX_LAWS;
 /// Candidates that are fitted in a step: so many of each of the two rankings.
 const LEADERS: usize = 4;
 
@@ -87,7 +87,12 @@ pub(crate) struct Search<'a> {
 impl Search<'_> {
     /// Logarithm of the weight of a model.
     fn ln_weight(&self, fitted: &Fitted) -> f64 {
-        fitted.log_evidence - fitted.laws.len() as f64 * (self.candidates.len().max(1) as f64).ln()
+        // A law with two more numbers is beforehand a quarter as likely: of each number there are as many laws as of all with more.
+        let of_law = |law: &Law| {
+            let more = law.len().saturating_sub(1) as f64;
+            (self.candidates.len().max(1) as f64).ln() + more * std::f64::consts::LN_2
+        };
+        fitted.log_evidence - fitted.laws.iter().map(of_law).sum::<f64>()
     }
 
     /// Fits of a model with one further law each, the likeliest first; and with two of them, where singles are too weak.
@@ -155,26 +160,26 @@ impl Search<'_> {
     /// Where the model fails for other reasons than its values.
     pub fn run(&self, start: Fitted) -> Result<Found, Error> {
         let (mut current, mut refused) = self.grow(start)?;
-        while let Some((smaller, reason)) = self.shrink(&current)? {
-            refused.push(reason);
-            current = smaller;
-        }
-        for _ in 0..MAX_EXCHANGES {
+        let mut exchanges = 0;
+        loop {
+            while let Some((smaller, reason)) = self.shrink(&current)? {
+                refused.push(reason);
+                current = smaller;
+            }
             let members = (0..current.laws.len()).map(|member| self.member(&current, member));
             let members = members.collect::<Result<Vec<Member>, Error>>()?;
-            // A rival that is likelier than the law takes its place.
-            let likelier = members.iter().find_map(|member| {
-                let (rival, probability) = member.rivals.first()?;
-                (*probability > member.probability).then(|| rival.clone())
-            });
-            match likelier {
-                Some(rival) => current = rival,
-                None => return Ok(Found { fitted: current, members, refused }),
+            let lead = |member: &Member| member.rivals.first().map(|(_, rival)| rival / member.probability);
+            let likelier = members.iter().filter_map(|member| Some((lead(member)?, member.rivals.first()?)));
+            let likeliest = likelier.max_by(|a, b| a.0.total_cmp(&b.0));
+            match likeliest {
+                // A rival that is likelier than the law takes its place, and the others are weighed again.
+                Some((lead, (rival, _))) if lead > 1.0 && exchanges < MAX_EXCHANGES => {
+                    current = rival.clone()
+                }
+                _ => return Ok(Found { fitted: current, members, refused }),
             }
+            exchanges += 1;
         }
-        let members = (0..current.laws.len()).map(|member| self.member(&current, member));
-        let members = members.collect::<Result<Vec<Member>, Error>>()?;
-        Ok(Found { fitted: current, members, refused })
     }
 
     /// Adds laws while one is missing with the stated probability and held-out runs confirm it; two at once where none is alone and

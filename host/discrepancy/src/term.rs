@@ -47,7 +47,7 @@ impl<'a> Terms<'a> {
     }
 
     /// What the laws of a site add at these values of its regressors, one instant alone. A law with a history is not evaluated here:
-    /// it acts where the model calls [`Terms::add`] and its site is declared so.
+    /// it acts where the model calls [`Terms::add`] and its regressor is declared so.
     pub fn value(&self, site: &str, regressors: &[(&str, f64)]) -> f64 {
         let mut sum = [0.0];
         self.record(site, regressors.iter().map(|(name, x)| (*name, std::slice::from_ref(x))));

@@ -5,12 +5,8 @@
 
 mod common;
 
-use common::{arrays, measured, smoothed};
+use common::{arrays, derivative, measured};
 use discrepancy::*;
-
-/// Neighbours on each side of a sample in the smoothing derivatives: 50 ms, beyond which the axis' control (5 Hz) does nothing. Force and
-/// position pass the same filter.
-const HALF: usize = 50;
 
 struct Axis {
     parameters: [Parameter; 2],
@@ -31,13 +27,13 @@ impl Axis {
             unit: unit.to_owned(),
             range: None,
             resolution: 0.0,
+            history: name == "position",
         };
         let friction = Site {
             name: "friction".to_owned(),
             unit: "N".to_owned(),
             adds_to: Some("force".to_owned()),
             regressors: vec![regressor("speed", "m/s"), regressor("position", "m")],
-            history: true,
             forms: Vec::new(),
         };
         Self {
@@ -69,21 +65,21 @@ fn run(name: &str, path: &std::path::PathBuf, judges: bool) -> Run {
     let step_s = time[1] - time[0];
     let gain = arrays["gtau"][0];
     let force: Vec<f64> = arrays["vir"].iter().map(|voltage| gain * voltage).collect();
-    let position = smoothed(&arrays["qm"], HALF, step_s);
-    let column = |name: &str, unit: &str, derivative: usize| Column {
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-        values: position.iter().map(|values| values[derivative]).collect(),
-    };
-    let values = smoothed(&force, HALF, step_s).iter().map(|values| values[0]).collect();
+    // Nothing is smoothed here: the workflow fits means over blocks, of force, acceleration and every law alike.
+    let speed = derivative(&arrays["qm"], step_s);
+    let acceleration = derivative(&speed, step_s);
+    let inner = |values: &[f64], cut: usize| values[cut..values.len() - cut].to_vec();
+    let column =
+        |name: &str, unit: &str, values| Column { name: name.to_owned(), unit: unit.to_owned(), values };
+    let values = inner(&force, 2);
     Run {
         name: name.to_owned(),
-        time_s: time[HALF..time.len() - HALF].to_vec(),
+        time_s: inner(time, 2),
         channels: vec![Channel { name: "force".to_owned(), unit: "N".to_owned(), values, sds: None }],
         columns: vec![
-            column("position", "m", 0),
-            column("speed", "m/s", 1),
-            column("acceleration", "m/s^2", 2),
+            column("position", "m", inner(&arrays["qm"], 2)),
+            column("speed", "m/s", inner(&speed, 1)),
+            column("acceleration", "m/s^2", acceleration),
         ],
         judges,
     }

@@ -35,13 +35,13 @@ impl Tanks {
             unit: "V".to_owned(),
             range: None,
             resolution: 0.0,
+            history: name == "position",
         };
         let site = |name: &str, regressors: &[&str]| Site {
             name: name.to_owned(),
             unit: "V/s".to_owned(),
             adds_to: None,
             regressors: regressors.iter().map(|name| regressor(name)).collect(),
-            history: false,
             forms: Vec::new(),
         };
         Self {
@@ -103,7 +103,8 @@ fn run(name: &str, text: &str, columns: [usize; 2], judges: bool) -> Run {
     let cells = |line: &str| -> Vec<f64> {
         columns.map(|i| line.split(',').nth(i).and_then(|cell| cell.parse().ok()).expect("a number")).to_vec()
     };
-    let rows: Vec<Vec<f64>> = text.lines().skip(1).map(cells).collect();
+    let lines = text.lines().skip(1).filter(|line| !line.trim_matches(',').is_empty());
+    let rows: Vec<Vec<f64>> = lines.map(cells).collect();
     let values = |i: usize| rows.iter().map(|row| row[i]).collect::<Vec<f64>>();
     Run {
         name: name.to_owned(),

@@ -13,7 +13,13 @@ fn column(name: &str, unit: &str, values: Vec<f64>) -> Column {
 }
 
 fn regressor(name: &str, unit: &str) -> Regressor {
-    Regressor { name: name.to_owned(), unit: unit.to_owned(), range: None, resolution: 0.0 }
+    Regressor {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        range: None,
+        resolution: 0.0,
+        history: name == "position",
+    }
 }
 
 fn parameter(name: &str, unit: &str, mean: f64, sd: f64) -> Parameter {
@@ -46,7 +52,6 @@ impl Cart {
             unit: "N".to_owned(),
             adds_to: Some("force".to_owned()),
             regressors: vec![regressor("speed", "m/s"), regressor("position", "m")],
-            history: true,
             forms: Vec::new(),
         };
         Self {
@@ -126,6 +131,7 @@ fn ids(report: &Report) -> Vec<String> {
 
 /// Nothing is hidden, and the noise has a memory: no name, and intervals hold.
 #[test]
+#[ignore = "second tier: Monte Carlo over a dozen seeds, up to a minute"]
 fn coloured_noise_gets_no_name_and_intervals_hold() {
     let (mut named, mut held) = (0, 0);
     for seed in 0..SEEDS {
@@ -140,8 +146,19 @@ fn coloured_noise_gets_no_name_and_intervals_hold() {
     assert!(named <= 1 && held >= 21, "{named} named, {held} held");
 }
 
+/// One seed of each of the two below and above, for the first tier.
+#[test]
+fn one_cart_with_and_one_without_dry_friction() {
+    let report = of_cart(3, &|v, _| 0.8 * v.signum());
+    assert_eq!((report.verdict, ids(&report)), (Verdict::Explained, vec!["friction/speed/sign".to_owned()]));
+    assert!(holds(&report.terms[0].values[0], 0.8), "{report}");
+    let report = of_cart(3, &|_, _| 0.0);
+    assert_eq!(report.verdict, Verdict::Adequate, "{report}");
+}
+
 /// Dry friction beside it: found by its name, with its size and the parameters in their intervals.
 #[test]
+#[ignore = "second tier: Monte Carlo over a dozen seeds, up to a minute"]
 fn dry_friction_is_found_and_its_interval_holds() {
     let (mut found, mut wrong, mut held) = (0, 0, 0);
     for seed in 0..SEEDS {
@@ -162,24 +179,27 @@ fn dry_friction_is_found_and_its_interval_holds() {
     assert!(found >= 11 && wrong <= 1 && held >= 30, "{found} found, {wrong} wrong, {held} held");
 }
 
-/// Dry friction, an offset and an asymmetry at once.
+/// Dry friction, an offset and an asymmetry at once, of which the last two hide each other: their sum has a mean of about zero.
 #[test]
+#[ignore = "second tier: Monte Carlo over a dozen seeds, up to a minute"]
 fn three_laws_at_once_are_found() {
     let (mut found, mut wrong) = (0, 0);
     for seed in 0..SEEDS {
         let report = of_cart(seed, &|v, _| 0.8 * v.signum() - 0.5 + 0.7 * v.abs());
         println!("seed {seed}: {:?} {:?}", report.verdict, ids(&report));
-        if report.terms.len() < 3 {
-            println!("{report}");
-        }
-        for id in ids(&report) {
-            let is_there = ["friction/speed/sign", "friction/constant", "friction/speed/asymmetry"]
-                .contains(&id.as_str());
-            if is_there { found += 1 } else { wrong += 1 }
-        }
+        let truth = ["friction/speed/sign", "friction/constant", "friction/speed/asymmetry"];
+        let explanations = |term: &TermReport| {
+            let rivals = term.rivals.iter().map(|rival| rival.law.id());
+            std::iter::once(term.law.id()).chain(rivals).collect::<Vec<_>>()
+        };
+        let in_a_class =
+            |law: &&&str| report.terms.iter().any(|term| explanations(term).iter().any(|id| id == **law));
+        found += truth.iter().filter(in_a_class).count();
+        let is_wrong = |term: &&TermReport| term.is_named && !truth.contains(&term.law.id().as_str());
+        wrong += report.terms.iter().filter(is_wrong).count();
     }
-    println!("found {found} of {}, wrong {wrong}", 3 * SEEDS);
-    assert!(found >= 30 && wrong <= 3, "{found} found, {wrong} wrong");
+    println!("named or in a class {found} of {}, named falsely {wrong}", 3 * SEEDS);
+    assert!(found >= 30 && wrong <= 2, "{found} found, {wrong} named falsely");
 }
 
 /// The level of a tank that drains; the model integrates with its terms inside.
@@ -195,7 +215,6 @@ impl Tank {
             unit: "cm/s".to_owned(),
             adds_to: None,
             regressors: vec![regressor("level", "cm")],
-            history: false,
             forms: Vec::new(),
         };
         Self {
@@ -279,6 +298,7 @@ fn of_tank(seed: u64, loss: f64) -> Report {
 
 /// An overflow inside the equations of a simulation, and the same tank without it.
 #[test]
+#[ignore = "second tier: Monte Carlo over a dozen seeds, up to a minute"]
 fn an_overflow_is_found_in_a_simulation_and_only_there() {
     let (mut found, mut wrong, mut held) = (0, 0, 0);
     for seed in 0..SEEDS {

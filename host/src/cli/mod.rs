@@ -20,6 +20,7 @@ mod colour;
 pub mod device;
 mod diagnose;
 mod diagnose_check;
+mod discrepancy;
 mod draws_args;
 mod effects;
 mod followed;
@@ -123,6 +124,7 @@ enum Command {
     Predict(predict::Args),
     Diagnose(diagnose::Args),
     Investigate(investigate::Args),
+    Discrepancy(discrepancy::Args),
     Summarize(summarize::Args),
     Population(population::Args),
     Report(report::Args),
@@ -212,6 +214,7 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Recover(args) => recordings::run_recover(args, out),
         Command::Export(args) => recordings::run_export(args, out),
         Command::Plan(args) => plan::run(args, out),
+        Command::Discrepancy(args) => discrepancy::run(args, out),
         Command::Relation(args) => relation::run(args, out),
         Command::Identify(args) => identify::run(args, out),
         Command::Predict(args) => predict::run(args, out),

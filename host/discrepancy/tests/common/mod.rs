@@ -69,23 +69,7 @@ pub fn arrays(path: &PathBuf) -> BTreeMap<String, Vec<f64>> {
     arrays
 }
 
-/// Value, first and second derivative of a cubic fitted to the neighbours of every sample (Savitzky and Golay, 1964), `half` of them on each
-/// side; at the ends, where there are fewer on one side, nothing.
-pub fn smoothed(values: &[f64], half: usize, step_s: f64) -> Vec<[f64; 3]> {
-    // Sums of powers of the offsets; odd ones vanish.
-    let power = |n: i32| -> f64 { (-(half as i32)..=half as i32).map(|k| f64::from(k).powi(n)).sum() };
-    let [s0, s2, s4, s6] = [0, 2, 4, 6].map(power);
-    let of_window = |window: &[f64]| {
-        let moment = |n: i32| -> f64 {
-            window.iter().enumerate().map(|(i, v)| (i as f64 - half as f64).powi(n) * v).sum()
-        };
-        let [m0, m1, m2, m3] = [0, 1, 2, 3].map(moment);
-        let even = s0 * s4 - s2 * s2;
-        let odd = s2 * s6 - s4 * s4;
-        let value = (s4 * m0 - s2 * m2) / even;
-        let slope = (s6 * m1 - s4 * m3) / odd;
-        let curvature = 2.0 * (s0 * m2 - s2 * m0) / even;
-        [value, slope / step_s, curvature / (step_s * step_s)]
-    };
-    values.windows(2 * half + 1).map(of_window).collect()
+/// Central differences, at every sample with two neighbours.
+pub fn derivative(values: &[f64], step_s: f64) -> Vec<f64> {
+    values.windows(3).map(|part| (part[2] - part[0]) / (2.0 * step_s)).collect()
 }

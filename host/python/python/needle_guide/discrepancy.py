@@ -139,8 +139,8 @@ def diagnose(
         model: the forward model; the same arguments have to give the same prediction.
         data: runs; those that judge confirm what is found in the others.
         parameters: by name the mean and standard deviation of the prior, or a mapping with ``mean``, ``sd``, ``unit`` and ``range``.
-        sites: by name the regressors, or a mapping with ``regressors`` (names, or mappings with ``name``, ``unit``, ``range`` and
-            ``resolution``), ``unit``, ``adds_to``, ``history`` and ``forms``.
+        sites: by name the regressors, or a mapping with ``regressors`` (names, or mappings with ``name``, ``unit``, ``range``,
+            ``resolution`` and ``history``), ``unit``, ``adds_to`` and ``forms``.
         effects: laws that are tried, as ``site/regressor/form``, ``*`` for any; all where there are none.
         everyday: what a model that is right may leave of each regressor, as a fraction of the standard deviation of a channel.
         timeout_s: longest time of one call of the model. A call that takes longer is an error once it returns; Ctrl-C ends one that does not.
