@@ -85,18 +85,28 @@ fn run(name: &str, path: &std::path::PathBuf, judges: bool) -> Run {
     }
 }
 
-fn holds(estimate: &Estimate, value: f64) -> bool {
-    (estimate.ci95[0]..=estimate.ci95[1]).contains(&value)
-}
-
+/// The makers' model is not the whole truth of the axis, so that what is asserted is coarser than the intervals: what is named and what is
+/// not, and how well the run that judges is predicted. The manual's page has all figures.
 #[test]
-fn names_dry_friction_offset_and_asymmetry_of_a_measured_axis() {
+fn names_dry_friction_of_a_measured_axis_and_refuses_what_does_not_help() {
     let (Some(train), Some(test)) = (measured("emps/DATA_EMPS.mat"), measured("emps/DATA_EMPS_PULSES.mat"))
     else {
         return;
     };
     let data = Data::new(vec![run("trajectory", &train, false), run("pulses", &test, true)]).expect("data");
-    let report =
-        diagnose(&Axis::new(), &data, &Options::default(), &|step| println!("{step}")).expect("a result");
+    let report = diagnose(&Axis::new(), &data, &Options::default(), &|_| ()).expect("a result");
     println!("{report}");
+    let ids: Vec<String> = report.terms.iter().map(|term| term.law.id()).collect();
+    let is_named = |id: &str| report.terms.iter().any(|term| term.is_named && term.law.id() == id);
+    assert!(is_named("friction/speed/sign"), "{ids:?}");
+    assert!(!ids.iter().any(|id| id.ends_with("/decay")), "{ids:?}");
+    // A bristle is followed in the first millimetres of a stroke; no function of the place on the axis is there.
+    let of_place = |id: &&String| id.starts_with("friction/position/") && !id.ends_with("/bristle");
+    assert_eq!(ids.iter().find(of_place), None);
+    let mass = &report.parameters[0].estimate;
+    assert!((mass.value - 95.1).abs() < 0.02 * 95.1, "{mass:?}");
+    let viscous = &report.parameters[1].estimate;
+    assert!((viscous.ci95[0]..=viscous.ci95[1]).contains(&203.5), "{viscous:?}");
+    let held_out = report.channels[0].held_out.expect("a run judges");
+    assert!(held_out.after < 0.06 * held_out.measured, "{held_out:?}");
 }

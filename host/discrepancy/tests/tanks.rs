@@ -120,13 +120,16 @@ fn run(name: &str, text: &str, columns: [usize; 2], judges: bool) -> Run {
     }
 }
 
+/// That the upper tank overflows is not found: the manual's page states it. What is added has to help where it was not fitted.
 #[test]
-fn finds_the_loss_of_the_upper_tank_above_a_level() {
+fn what_is_added_to_measured_tanks_helps_in_the_run_that_judges() {
     let Some(path) = measured("tanks/dataBenchmark.csv") else { return };
     let text = std::fs::read_to_string(path).expect("a readable file");
     let runs = vec![run("estimation", &text, [0, 2], false), run("validation", &text, [1, 3], true)];
     let data = Data::new(runs).expect("data");
-    let report =
-        diagnose(&Tanks::new(), &data, &Options::default(), &|step| println!("{step}")).expect("a result");
+    let report = diagnose(&Tanks::new(), &data, &Options::default(), &|_| ()).expect("a result");
     println!("{report}");
+    let held_out = report.channels[0].held_out.expect("a run judges");
+    assert!(!report.terms.is_empty() && held_out.after < 0.8 * held_out.before, "{held_out:?}");
+    assert!(report.terms.iter().all(|term| term.held_out.is_some_and(|one| one.is_confirmed())));
 }
