@@ -120,7 +120,9 @@ impl Function {
         let result = self.function.call1(py, (values, made.clone_ref(py), known))?;
         let stated = made.get().stated.lock().unwrap_or_else(PoisonError::into_inner);
         for ((site, name), range) in stated.iter() {
-            range.iter().filter(|x| x.is_finite()).for_each(|x| drop(terms.value(site, &[(name, *x)])));
+            for x in range.iter().filter(|x| x.is_finite()) {
+                terms.value(site, &[(name, *x)]);
+            }
         }
         let result = result.bind(py);
         let of_channel = |channel: &::discrepancy::Channel| match result.cast::<PyDict>() {
