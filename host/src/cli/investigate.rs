@@ -187,7 +187,7 @@ fn first(menu: &Menu) -> anyhow::Result<Decision> {
         force_n: 0.0,
         reasons: Vec::new(),
     };
-    Ok(Decision::Measure(Choice { run, prospect }))
+    Ok(Decision::Measure(Box::new(Choice { run, prospect })))
 }
 
 impl Args {

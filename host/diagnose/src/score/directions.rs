@@ -66,7 +66,7 @@ impl Directions {
     }
 
     /// With the readings of one more run, whose residuals are those of the fit.
-    pub fn with_run(mut self, fitted: &Fitted, run: &Prepared, residuals: &Vec<f64>) -> Self {
+    pub fn with_run(mut self, fitted: &Fitted, run: &Prepared, residuals: &[f64]) -> Self {
         for (effect, hypotheses) in &self.hypotheses {
             let layout = fitted.layout.with(*effect);
             for hypothesis in hypotheses {
@@ -97,7 +97,7 @@ fn direction(
     values: &[f64],
     effect: &dyn Effect,
     run: &Prepared,
-    plain: &Vec<f64>,
+    plain: &[f64],
 ) -> DVector<f64> {
     let shows = effect.info().observable_in;
     let is_shown = if run.run.kind == Kind::Insertion { shows.insertion } else { shows.lateral };

@@ -80,7 +80,7 @@ impl Display for End {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Decision {
     /// Make this run.
-    Measure(Choice),
+    Measure(Box<Choice>),
     /// Stop.
     Stop(End),
 }
@@ -142,7 +142,7 @@ pub fn decide(
     let per_minute = |choice: &Choice| nats(choice) / choice.run.minutes;
     let best = choices.filter(is_worth_it).max_by(|a, b| per_minute(a).total_cmp(&per_minute(b)));
     match best {
-        Some(choice) => Decision::Measure(choice),
+        Some(choice) => Decision::Measure(Box::new(choice)),
         None if diagnosis.verdict == Verdict::Adequate => Decision::Stop(End::NothingMissing),
         None => Decision::Stop(End::NothingWouldTell),
     }

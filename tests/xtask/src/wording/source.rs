@@ -235,9 +235,9 @@ fn literal_length(text: &str, before: Option<char>) -> Option<usize> {
     if text.starts_with('"') {
         return Some(to_end(escaped_end(text, '"')));
     }
-    if text.starts_with('\'') {
+    if let Some(quoted) = text.strip_prefix('\'') {
         // A lifetime has no second quotation mark.
-        let mut letters = text[1..].chars();
+        let mut letters = quoted.chars();
         let (first, second) = (letters.next()?, letters.next());
         let is_character = first == '\\' || second == Some('\'');
         return is_character.then(|| to_end(escaped_end(text, '\'')));
