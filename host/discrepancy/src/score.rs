@@ -93,31 +93,24 @@ impl Effect {
     /// # Errors
     /// [`Error::Declaration`] where it names no form.
     pub fn parse(text: &str) -> Result<Self, Error> {
-        let fault = |problem: &str| Error::Declaration {
-            what: "effect",
-            name: text.to_owned(),
-            problem: problem.to_owned(),
-            expected: "site/regressor/form or site/constant, each part may be *".to_owned(),
-        };
-        let parts: Vec<&str> = text.split('/').collect();
-        let form = |name: &str| match name {
-            "*" => Ok(None),
-            name => Form::named(name).map(Some).ok_or_else(|| {
-                let names: Vec<&str> = Form::ALL.iter().map(|form| form.name()).collect();
-                fault(&format!("{name:?} is none of the forms {}", names.join(", ")))
-            }),
-        };
-        match parts.as_slice() {
-            [site, "constant"] => {
-                Ok(Self { site: (*site).to_owned(), regressor: None, form: Some(Form::Constant) })
+        let words: Vec<&str> = text.split('/').collect();
+        let (site, regressor, form) = match words.as_slice() {
+            [site, "constant"] => (site, None, Some(Form::Constant)),
+            [site, regressor, "*"] => (site, Some(regressor), None),
+            [site, regressor, name] => {
+                let form = Form::named(name)
+                    .ok_or_else(|| not_an_effect(text, format!("{name:?} is none of the forms")))?;
+                (site, Some(regressor), Some(form))
             }
-            [site, regressor, name] => Ok(Self {
-                site: (*site).to_owned(),
-                regressor: Some((*regressor).to_owned()),
-                form: form(name)?,
-            }),
-            _ => Err(fault("has not two or three parts")),
-        }
+            [_, name] => {
+                let problem =
+                    format!("names no form: a law without a regressor is \"constant\", not {name:?}");
+                return Err(not_an_effect(text, problem));
+            }
+            _ => return Err(not_an_effect(text, "is not two or three names between slashes".to_owned())),
+        };
+        let regressor = regressor.map(|name| (*name).to_owned());
+        Ok(Self { site: (*site).to_owned(), regressor, form })
     }
 
     fn is_like(&self, site: &str, regressor: Option<&str>, form: Form) -> bool {
@@ -127,6 +120,19 @@ impl Effect {
             _ => false,
         };
         (self.site == "*" || self.site == site) && is_regressor && self.form.is_none_or(|own| own == form)
+    }
+}
+
+fn not_an_effect(text: &str, problem: String) -> Error {
+    let names: Vec<&str> = Form::ALL.iter().map(|form| form.name()).collect();
+    Error::Declaration {
+        what: "effect",
+        name: text.to_owned(),
+        problem,
+        expected: format!(
+            "site/regressor/form, each of them or *, or site/constant; forms are {}",
+            names.join(", ")
+        ),
     }
 }
 
@@ -306,4 +312,38 @@ fn evidence_of(metric: &DMatrix<f64>, columns: &[usize]) -> Option<(f64, DVector
     let amplitudes = factor.solve(&along);
     let ln_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum();
     Some((0.5 * along.dot(&amplitudes) - ln_determinant, amplitudes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_effect_without_a_form_is_told_which_forms_there_are() {
+        for (text, problem) in [
+            ("balance/x", "names no form: a law without a regressor is \"constant\", not \"x\""),
+            ("balance/level/x", "\"x\" is none of the forms"),
+            ("balance", "is not two or three names"),
+            ("a/b/sign/d", "is not two or three names"),
+        ] {
+            let message = Effect::parse(text).expect_err(text).to_string();
+            assert!(message.contains(problem), "{message}");
+            assert!(message.contains("site/regressor/form") && message.contains("above_level"), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_star_stands_for_any_part() {
+        let effect = Effect::parse("*/speed/*").expect("an effect");
+        assert!(effect.is_like("rail", Some("speed"), Form::Sign));
+        assert!(
+            !effect.is_like("rail", Some("place"), Form::Sign)
+                && !effect.is_like("rail", None, Form::Constant)
+        );
+        let constant = Effect::parse("rail/constant").expect("an effect");
+        assert!(
+            constant.is_like("rail", None, Form::Constant)
+                && !constant.is_like("rail", Some("speed"), Form::Sign)
+        );
+    }
 }
