@@ -23,10 +23,14 @@ pub(crate) struct Basis {
     /// Site and regressor of each group; nothing of the offsets of runs.
     pub sources: Vec<Option<(usize, usize)>>,
     pub shared_groups: Vec<usize>,
-    /// Of each run: readings by functions that runs share.
+    /// Readings of each run by functions that runs share.
     pub shared: Vec<DMatrix<f64>>,
-    /// Of each run: its own offsets, all of the last group.
+    /// Readings of each run by its own offsets, all of the last group.
     pub own: Vec<DMatrix<f64>>,
+}
+
+fn group(name: &'static str, everyday: f64) -> Group {
+    Group { name, everyday, tail: Some(TAIL), smaller_sd_ln: SMALLER_SD_LN, multiple: 1.0 }
 }
 
 impl Basis {
@@ -37,8 +41,6 @@ impl Basis {
     pub fn new(bench: &Bench<'_>, laws: &[Law], values: &[f64], everyday: f64) -> Result<Self, Error> {
         let terms = bench.terms(laws, values);
         let plain = bench.residuals(laws, values)?;
-        let group =
-            |name| Group { name, everyday, tail: Some(TAIL), smaller_sd_ln: SMALLER_SD_LN, multiple: 1.0 };
         let (mut groups, mut sources, mut shared_groups) = (Vec::new(), Vec::new(), Vec::new());
         let mut columns: Vec<Vec<DVector<f64>>> = vec![Vec::new(); plain.len()];
         for (site, spans) in bench.spans.iter().enumerate() {
@@ -47,25 +49,28 @@ impl Basis {
                 for k in 1..=FUNCTIONS {
                     let (form, amplitude_sds) = (Form::Cosine(k), vec![1.0]);
                     let law = Law { site, regressor: Some(regressor), form, span: *span, amplitude_sds };
-                    let Some(parts) = bench.columns(&law, None, values, &terms, &plain)? else { continue };
-                    functions
-                        .push(parts.iter().map(|part| part.column(0) / f64::from(k)).collect::<Vec<_>>());
+                    let Some(run_columns) = bench.columns(&law, None, values, &terms, &plain)? else {
+                        continue;
+                    };
+                    functions.push(
+                        run_columns.iter().map(|column| column.column(0) / f64::from(k)).collect::<Vec<_>>(),
+                    );
                 }
-                let squares = functions.iter().map(|parts| rms(parts.iter().cloned()).powi(2));
+                let squares = functions.iter().map(|run_columns| rms(run_columns.iter().cloned()).powi(2));
                 let size = squares.sum::<f64>().sqrt();
                 if size.is_finite() && size > 0.0 {
                     shared_groups.extend(std::iter::repeat_n(groups.len(), functions.len()));
-                    groups.push(group("function"));
+                    groups.push(group("function", everyday));
                     sources.push(Some((site, regressor)));
-                    for parts in functions {
-                        for (all, part) in columns.iter_mut().zip(parts) {
-                            all.push(part / size);
+                    for run_columns in functions {
+                        for (run_list, column) in columns.iter_mut().zip(run_columns) {
+                            run_list.push(column / size);
                         }
                     }
                 }
             }
         }
-        groups.push(group("offset of a run"));
+        groups.push(group("offset of a run", everyday));
         sources.push(None);
         let shared = columns.iter().zip(&plain).map(|(columns, residuals)| {
             if columns.is_empty() {
@@ -76,15 +81,15 @@ impl Basis {
         });
         // In a single run an offset of the run is a constant law: held-out runs tell whether it is one.
         let channels = if bench.training.len() > 1 { bench.scales.len() } else { 0 };
-        let own = bench.training.iter().map(|prepared| {
-            let mut own = DMatrix::zeros(prepared.rows(), channels);
+        let offsets = bench.training.iter().map(|prepared| {
+            let mut offsets = DMatrix::zeros(prepared.rows(), channels);
             for channel in 0..channels {
                 let rows = prepared.rows_of(channel);
-                own.view_mut((rows.start, channel), (rows.len(), 1)).fill(1.0);
+                offsets.view_mut((rows.start, channel), (rows.len(), 1)).fill(1.0);
             }
-            own
+            offsets
         });
-        Ok(Self { groups, sources, shared_groups, shared: shared.collect(), own: own.collect() })
+        Ok(Self { groups, sources, shared_groups, shared: shared.collect(), own: offsets.collect() })
     }
 
     /// Everyday sizes of all groups.

@@ -1,17 +1,16 @@
 //! A model with its data, ready to be fitted: predictions and residuals under any set of laws.
 
+mod prepared;
+
+pub(crate) use prepared::Prepared;
+
 use super::data::{Data, Run};
 use super::form::{Form, Shape, Span};
-use super::model::{Error, ForwardModel, ModelFailure, Site};
-use super::noise::Segment;
+use super::model::{Error, ForwardModel, Site};
 use super::term::{Stated, Term, Terms};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::ops::Range;
 
-/// Means over blocks are fitted where a run has more readings than this: a law of ten numbers and a correlated noise need hundreds, and the work
-/// grows with them.
-const MAX_READINGS: usize = 800;
 /// Effect of a probing law on a channel, in its scale: small enough to be linear, large beside rounding.
 const PROBE_EFFECT: f64 = 1e-3;
 const MAX_PROBES: usize = 40;
@@ -37,7 +36,7 @@ impl Law {
         self.form.shape(&self.span)
     }
 
-    /// How many numbers it has.
+    /// Count of its numbers.
     pub fn len(&self) -> usize {
         self.form.amplitudes().len() + usize::from(self.shape().is_some())
     }
@@ -52,79 +51,6 @@ pub(crate) struct Coordinate {
     pub most: f64,
 }
 
-/// A run with its readings in blocks.
-pub(crate) struct Prepared<'a> {
-    pub run: &'a Run,
-    pub segments: Vec<Segment>,
-    /// Readings of each block, of all channels one after the other.
-    blocks: Vec<(usize, Vec<usize>)>,
-    measured: DVector<f64>,
-}
-
-impl Prepared<'_> {
-    pub fn rows(&self) -> usize {
-        self.blocks.len()
-    }
-
-    /// What was measured, in units of the channels' scales.
-    pub fn measured(&self) -> &DVector<f64> {
-        &self.measured
-    }
-
-    /// Means of values, one series per channel, over the blocks, in units of the channels' scales.
-    fn means<T: AsRef<[f64]>>(&self, channels: &[T], scales: &[f64]) -> DVector<f64> {
-        let of_block = |(channel, block): &(usize, Vec<usize>)| {
-            let values = channels.get(*channel).map_or(&[][..], AsRef::as_ref);
-            let sum: f64 = block.iter().filter_map(|i| values.get(*i)).sum();
-            sum / (block.len() as f64 * scales.get(*channel).copied().unwrap_or(1.0))
-        };
-        DVector::from_iterator(self.rows(), self.blocks.iter().map(of_block))
-    }
-
-    /// Means of a known column over the blocks of all channels.
-    pub fn column(&self, name: &str) -> Option<Vec<f64>> {
-        let values = self.run.column(name)?;
-        let of_block = |(_, block): &(usize, Vec<usize>)| {
-            block.iter().filter_map(|i| values.get(*i)).sum::<f64>() / block.len() as f64
-        };
-        Some(self.blocks.iter().map(of_block).collect())
-    }
-
-    /// Rows of a channel.
-    pub fn rows_of(&self, channel: usize) -> Range<usize> {
-        let first = self.blocks.iter().position(|(one, _)| *one == channel).unwrap_or(0);
-        first..first + self.blocks.iter().filter(|(one, _)| *one == channel).count()
-    }
-}
-
-fn prepare<'a>(run: &'a Run, scales: &[f64]) -> Prepared<'a> {
-    let (mut segments, mut blocks) = (Vec::new(), Vec::new());
-    for (number, channel) in run.channels.iter().enumerate() {
-        let valid: Vec<usize> =
-            channel.values.iter().enumerate().filter(|(_, v)| v.is_finite()).map(|(i, _)| i).collect();
-        let size = valid.len().div_ceil(MAX_READINGS).max(1);
-        let mean_sd = channel.sds.as_ref().map(|sds| sds.iter().sum::<f64>() / sds.len().max(1) as f64);
-        let mut segment = Segment { channel: number, time_s: Vec::new(), weights: Vec::new() };
-        for block in valid.chunks(size) {
-            let count = block.len() as f64;
-            let relative = |i: &usize| match (&channel.sds, mean_sd) {
-                (Some(sds), Some(mean)) => sds.get(*i).map_or(1.0, |sd| (sd / mean).powi(2)),
-                _ => 1.0,
-            };
-            let variance = block.iter().map(relative).sum::<f64>() / (count * count);
-            let instants = block.iter().filter_map(|i| run.time_s.get(*i));
-            segment.time_s.push(instants.sum::<f64>() / count);
-            segment.weights.push((variance * size as f64).sqrt());
-            blocks.push((number, block.to_vec()));
-        }
-        segments.push(segment);
-    }
-    let mut prepared = Prepared { run, segments, blocks, measured: DVector::zeros(0) };
-    let measured: Vec<&[f64]> = run.channels.iter().map(|channel| channel.values.as_slice()).collect();
-    prepared.measured = prepared.means(&measured, scales);
-    prepared
-}
-
 /// A model with its data.
 pub(crate) struct Bench<'a> {
     pub model: &'a dyn ForwardModel,
@@ -133,7 +59,7 @@ pub(crate) struct Bench<'a> {
     pub held_out: Vec<Prepared<'a>>,
     /// Scale of each channel.
     pub scales: Vec<f64>,
-    /// What the regressors of each site are between.
+    /// Ranges of the regressors of each site.
     pub spans: Vec<Vec<Span>>,
     /// Amplitude of a constant at each site that changes some channel by [`PROBE_EFFECT`].
     probes: Vec<f64>,
@@ -145,8 +71,8 @@ impl<'a> Bench<'a> {
     pub fn new(model: &'a dyn ForwardModel, data: &'a Data) -> Result<Self, Error> {
         super::model::check(model, data)?;
         let scales: Vec<f64> = (0..data.channels().len()).map(|channel| data.scale(channel)).collect();
-        let training: Vec<Prepared<'a>> = data.training().map(|run| prepare(run, &scales)).collect();
-        let held_out = data.held_out().map(|run| prepare(run, &scales)).collect();
+        let training: Vec<Prepared<'a>> = data.training().map(|run| Prepared::new(run, &scales)).collect();
+        let held_out = data.held_out().map(|run| Prepared::new(run, &scales)).collect();
         let mut bench =
             Self { model, data, training, held_out, scales, spans: Vec::new(), probes: Vec::new() };
         let start: Vec<f64> = model.parameters().iter().map(|parameter| parameter.mean).collect();
@@ -175,9 +101,9 @@ impl<'a> Bench<'a> {
                     (None, Some(_)) => of_data(&regressor.name),
                     (None, None) => stated.get(&key).copied().unwrap_or([0.0, 0.0]),
                 };
-                let [from, to] = range;
-                if to > from && (to - from).is_finite() {
-                    return Ok(Span { from, to, resolution: regressor.resolution });
+                let [least, most] = range;
+                if most > least && (most - least).is_finite() {
+                    return Ok(Span { from: least, to: most, resolution: regressor.resolution });
                 }
                 Err(Error::Declaration {
                     what: "regressor",
@@ -248,12 +174,12 @@ impl<'a> Bench<'a> {
 
     /// Laws with their numbers as the model evaluates them; `values` are all numbers of a fit.
     pub fn terms(&self, laws: &[Law], values: &[f64]) -> Vec<Term> {
-        let mut behind = values.get(self.model.parameters().len()..).unwrap_or(&[]);
+        let mut unread = values.get(self.model.parameters().len()..).unwrap_or(&[]);
         let of_law = |law: &Law| {
-            let (own, others) = behind.split_at(law.len().min(behind.len()));
-            behind = others;
+            let (law_values, later_values) = unread.split_at(law.len().min(unread.len()));
+            unread = later_values;
             let amplitudes = law.form.amplitudes().len();
-            let mut values = own.to_vec();
+            let mut values = law_values.to_vec();
             if let (Some(shape), Some(fraction)) = (law.shape(), values.get_mut(amplitudes)) {
                 *fraction = shape.at(*fraction);
             }
@@ -284,24 +210,28 @@ impl<'a> Bench<'a> {
         stated: Option<&Stated>,
     ) -> Result<Vec<Vec<f64>>, Error> {
         let parameters = values.get(..self.model.parameters().len()).unwrap_or(values);
-        let added = |term: &Term| {
-            let site = self.model.sites().iter().find(|site| site.name == term.site)?;
-            run.channels.iter().position(|channel| Some(&channel.name) == site.adds_to.as_ref())
-        };
-        let inside: Vec<Term> = terms.iter().filter(|term| added(term).is_none()).cloned().collect();
-        let view = stated.map_or(Terms::new(&inside), |stated| Terms::recording(&inside, stated));
-        let at = || self.text(parameters);
-        let fault = |cause: ModelFailure| Error::Model { run: run.name.clone(), values: at(), cause };
-        let mut channels = self.model.predict(run, parameters, &view).map_err(fault)?;
-        let size = |found: String, expected: String| Error::Size { run: run.name.clone(), found, expected };
+        let model_terms: Vec<Term> =
+            terms.iter().filter(|term| self.channel_of(term, run).is_none()).cloned().collect();
+        let view = stated.map_or(Terms::new(&model_terms), |stated| Terms::recording(&model_terms, stated));
+        let mut channels = self.model.predict(run, parameters, &view).map_err(|cause| Error::Model {
+            run: run.name.clone(),
+            values: self.text(parameters),
+            cause,
+        })?;
         if channels.len() != run.channels.len() {
-            let expected = format!("{} channels", run.channels.len());
-            return Err(size(format!("{} channels", channels.len()), expected));
+            return Err(Error::Size {
+                run: run.name.clone(),
+                found: format!("{} channels", channels.len()),
+                expected: format!("{} channels", run.channels.len()),
+            });
         }
         for (values, channel) in channels.iter().zip(&run.channels) {
             if values.len() != run.time_s.len() {
-                let found = format!("{} values of {}", values.len(), channel.name);
-                return Err(size(found, format!("{}, one per instant", run.time_s.len())));
+                return Err(Error::Size {
+                    run: run.name.clone(),
+                    found: format!("{} values of {}", values.len(), channel.name),
+                    expected: format!("{}, one per instant", run.time_s.len()),
+                });
             }
             if let Some((i, value)) = values.iter().enumerate().find(|(_, value)| !value.is_finite()) {
                 return Err(Error::NotFinite {
@@ -310,18 +240,25 @@ impl<'a> Bench<'a> {
                     reading: i + 1,
                     time_s: run.time_s.get(i).copied().unwrap_or(f64::NAN),
                     value: *value,
-                    values: at(),
+                    values: self.text(parameters),
                 });
             }
         }
         for term in terms {
-            let Some(values) = added(term).and_then(|channel| channels.get_mut(channel)) else { continue };
+            let channel = self.channel_of(term, run).and_then(|number| channels.get_mut(number));
+            let Some(values) = channel else { continue };
             let name = term.regressor.as_deref().unwrap_or(super::data::TIME);
             if let Some(x) = run.column(name) {
                 term.form.add(&term.values, x, &term.span, values);
             }
         }
         Ok(channels)
+    }
+
+    /// Number of the channel to which the workflow adds a term; nothing where the model evaluates it.
+    fn channel_of(&self, term: &Term, run: &Run) -> Option<usize> {
+        let site = self.model.sites().iter().find(|site| site.name == term.site)?;
+        run.channels.iter().position(|channel| Some(&channel.name) == site.adds_to.as_ref())
     }
 
     fn text(&self, parameters: &[f64]) -> String {
@@ -338,7 +275,7 @@ impl<'a> Bench<'a> {
     ) -> Result<Vec<DVector<f64>>, Error> {
         let of_run = |prepared: &Prepared<'a>| {
             let predicted = self.predict(prepared.run, values, terms, None)?;
-            Ok(&prepared.measured - prepared.means(&predicted, &self.scales))
+            Ok(prepared.measured() - prepared.means(&predicted, &self.scales))
         };
         if self.model.is_parallel() {
             runs.par_iter().map(of_run).collect()
@@ -353,7 +290,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Change of the predictions per unit of amplitudes of a law, beside laws that are there already: one matrix per run, with a column per
-    /// amplitude; `plain` are the residuals without it. Nothing where the model has no prediction with it.
+    /// amplitude; `plain` are the residuals without it. The result is empty where the model has no prediction with it.
     pub fn columns(
         &self,
         law: &Law,
@@ -372,9 +309,9 @@ impl<'a> Bench<'a> {
                 *amplitude = step;
             }
             numbers.extend(shape);
-            let mut all = terms.to_vec();
-            all.push(self.term(law, numbers));
-            match self.residuals_of(&self.training, values, &all) {
+            let mut with_law = terms.to_vec();
+            with_law.push(self.term(law, numbers));
+            match self.residuals_of(&self.training, values, &with_law) {
                 Ok(moved) => {
                     for ((matrix, moved), plain) in columns.iter_mut().zip(moved).zip(plain) {
                         matrix.set_column(number, &((plain - moved) / step));

@@ -1,4 +1,4 @@
-//! What was measured: runs of named channels with their places, and which runs judge.
+//! Measurements: runs of named channels with their places, and which runs judge.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,7 @@ pub struct Channel {
     pub unit: String,
     /// One value per instant; NaN where the sensor has none.
     pub values: Vec<f64>,
-    /// Standard deviations of the readings, relative to each other: their common scale is estimated. Nothing where all are alike.
+    /// Standard deviations of the readings, relative to each other: their common scale is estimated. The field is empty where all are alike.
     #[serde(default)]
     pub sds: Option<Vec<f64>>,
 }
@@ -39,9 +39,9 @@ pub struct Run {
     pub name: String,
     /// Instants in seconds, increasing.
     pub time_s: Vec<f64>,
-    /// What the model predicts.
+    /// Channels that the model predicts.
     pub channels: Vec<Channel>,
-    /// What is known.
+    /// Columns of known values.
     #[serde(default)]
     pub columns: Vec<Column>,
     /// Whether it is held out of all fits and judges them.
@@ -70,7 +70,7 @@ pub const TIME: &str = "time_s";
 /// Why data cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DataError {
-    /// Nothing to fit.
+    /// No run can be fitted.
     #[error("there is no run to fit: {0}; at least one run must not judge")]
     NoRuns(&'static str),
     /// A run is unlike the first.
@@ -118,7 +118,7 @@ pub enum DataError {
         reading: usize,
         /// The value.
         value: f64,
-        /// Which values are valid.
+        /// Valid values.
         expected: &'static str,
     },
     /// Too little to fit.
@@ -129,7 +129,7 @@ pub enum DataError {
         /// Number of readings.
         found: usize,
     },
-    /// Nothing to explain.
+    /// A channel does not vary.
     #[error("channel {channel} has one value only: there is nothing to explain")]
     Constant {
         /// Name of the channel.
@@ -144,7 +144,7 @@ pub struct Data {
 }
 
 impl Data {
-    /// Of runs with the same channels and columns.
+    /// Takes runs with the same channels and columns.
     ///
     /// # Errors
     /// [`DataError`] with run, column and reading.
@@ -208,10 +208,19 @@ fn readings(run: &Run, channel: usize) -> impl Iterator<Item = f64> {
     values.iter().copied().filter(|value| value.is_finite())
 }
 
+fn channel_names(run: &Run) -> Vec<String> {
+    run.channels.iter().map(|channel| channel.name.clone()).collect()
+}
+
+fn column_names(run: &Run) -> Vec<String> {
+    run.columns.iter().map(|column| column.name.clone()).collect()
+}
+
 fn check_names(run: &Run, first: &Run) -> Result<(), DataError> {
-    let channels = |run: &Run| run.channels.iter().map(|channel| channel.name.clone()).collect::<Vec<_>>();
-    let columns = |run: &Run| run.columns.iter().map(|column| column.name.clone()).collect::<Vec<_>>();
-    let pairs = [("channels", channels(run), channels(first)), ("columns", columns(run), columns(first))];
+    let pairs = [
+        ("channels", channel_names(run), channel_names(first)),
+        ("columns", column_names(run), column_names(first)),
+    ];
     for (what, found, expected) in &pairs {
         if found != expected {
             return Err(DataError::Unlike {
@@ -224,11 +233,19 @@ fn check_names(run: &Run, first: &Run) -> Result<(), DataError> {
         }
     }
     let [(_, channels, _), (_, columns, _)] = pairs;
-    let all: Vec<String> = channels.into_iter().chain(columns).chain([TIME.to_owned()]).collect();
-    match all.iter().enumerate().find(|(i, name)| name.is_empty() || all[..*i].contains(name)) {
+    let names: Vec<String> = channels.into_iter().chain(columns).chain([TIME.to_owned()]).collect();
+    match names.iter().enumerate().find(|(i, name)| name.is_empty() || names[..*i].contains(name)) {
         Some((_, name)) => Err(DataError::Name { run: run.name.clone(), name: name.clone() }),
         None => Ok(()),
     }
+}
+
+fn check_length(run: &Run, column: &str, found: usize) -> Result<(), DataError> {
+    let expected = run.time_s.len();
+    if found == expected {
+        return Ok(());
+    }
+    Err(DataError::Length { run: run.name.clone(), column: column.to_owned(), found, expected })
 }
 
 fn check_values(run: &Run) -> Result<(), DataError> {
@@ -239,12 +256,6 @@ fn check_values(run: &Run) -> Result<(), DataError> {
         value,
         expected,
     };
-    let expected = run.time_s.len();
-    let length = |column: &str, found: usize| {
-        let fault =
-            || DataError::Length { run: run.name.clone(), column: column.to_owned(), found, expected };
-        if found == expected { Ok(()) } else { Err(fault()) }
-    };
     if let Some((i, value)) = run.time_s.iter().enumerate().find(|(_, value)| !value.is_finite()) {
         return Err(fault(TIME, i, *value, "a finite number"));
     }
@@ -252,18 +263,18 @@ fn check_values(run: &Run) -> Result<(), DataError> {
         return Err(fault(TIME, i + 1, run.time_s[i + 1], "an instant after the one before"));
     }
     for channel in &run.channels {
-        length(&channel.name, channel.values.len())?;
+        check_length(run, &channel.name, channel.values.len())?;
         if let Some((i, value)) = channel.values.iter().enumerate().find(|(_, value)| value.is_infinite()) {
             return Err(fault(&channel.name, i, *value, "a finite number, or NaN where there is no reading"));
         }
         let Some(sds) = &channel.sds else { continue };
-        length(&format!("{} (sds)", channel.name), sds.len())?;
+        check_length(run, &format!("{} (sds)", channel.name), sds.len())?;
         if let Some((i, sd)) = sds.iter().enumerate().find(|(_, sd)| !(sd.is_finite() && **sd > 0.0)) {
             return Err(fault(&channel.name, i, *sd, "a standard deviation above 0"));
         }
     }
     for column in &run.columns {
-        length(&column.name, column.values.len())?;
+        check_length(run, &column.name, column.values.len())?;
         if let Some((i, value)) = column.values.iter().enumerate().find(|(_, value)| !value.is_finite()) {
             return Err(fault(&column.name, i, *value, "a finite number"));
         }

@@ -21,11 +21,11 @@ impl Display for Number<'_> {
 
 fn percent(f: &mut Formatter<'_>, misfit: &Misfit, unit: &str) -> Result {
     let Misfit { before, after, measured } = misfit;
-    let of = |value: f64| 100.0 * value / measured.max(f64::MIN_POSITIVE);
-    let (from, to) = (of(*before), of(*after));
+    let [percent_before, percent_after] =
+        [before, after].map(|value| 100.0 * value / measured.max(f64::MIN_POSITIVE));
     write!(
         f,
-        "{before:.4} {unit} before, {after:.4} {unit} after ({from:.2} and {to:.2} % of what is measured)"
+        "{before:.4} {unit} before, {after:.4} {unit} after ({percent_before:.2} and {percent_after:.2} % of what is measured)"
     )
 }
 
@@ -70,12 +70,12 @@ impl Display for Report {
             for rival in &term.rivals {
                 writeln!(f, "{:<12}   or {} ({:.0} %)", "", rival.law, 100.0 * rival.probability)?;
             }
-            if let Some(one) = &term.held_out {
-                let (gain, sd) = (100.0 * one.gain, 100.0 * one.gain_sd);
+            if let Some(held_out) = &term.held_out {
+                let (gain, sd) = (100.0 * held_out.gain, 100.0 * held_out.gain_sd);
                 writeln!(
                     f,
                     "{:<12}   held out: squared error {gain:.1} % smaller (sd {sd:.1}), p {:.2e}",
-                    "", one.p
+                    "", held_out.p
                 )?;
             }
         }

@@ -13,25 +13,25 @@
 //! Kennedy and O'Hagan, "Bayesian calibration of computer models" (2001); Brynjarsdottir and O'Hagan, "Learning about physical
 //! parameters: the importance of model discrepancy" (2014).
 
+mod factor;
 mod integrated;
 mod inverse;
 mod sizes;
 
 pub use inverse::Inverse;
 
+use factor::{inverse_root, ln_diagonal, take_off_products};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// No size is smaller than this share of its everyday one: it has no influence there.
 const MIN_SHARE: f64 = 1e-4;
 /// Columns from which on a copy for products by blocks is worth its time.
 const MANY_COLUMNS: usize = 16;
-/// Columns of a block of products of which one triangle is needed.
-const BLOCK: usize = 32;
 
 /// Patterns whose amplitudes have one size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Group {
-    /// What it stands for.
+    /// Name of the imperfection or tolerance.
     pub name: &'static str,
     /// Size in an ordinary rig and tissue, in the unit of its patterns.
     pub everyday: f64,
@@ -39,14 +39,14 @@ pub struct Group {
     pub tail: Option<f64>,
     /// Standard deviation of the logarithm of a size below the everyday one.
     pub smaller_sd_ln: f64,
-    /// How many times larger `everyday` is than in an ordinary rig.
+    /// Factor by which `everyday` is larger than in an ordinary rig.
     pub multiple: f64,
 }
 
 /// The patterns of all runs, whitened.
 #[derive(Debug, Clone)]
 pub struct Patterns {
-    /// What the patterns stand for.
+    /// Groups of the patterns.
     pub groups: Vec<Group>,
     /// Group of each pattern that runs share.
     shared_groups: Vec<usize>,
@@ -99,8 +99,8 @@ impl Patterns {
     /// No discrepancy at all: noise alone, in runs of so many readings.
     pub fn none(readings: impl Iterator<Item = usize>) -> Self {
         let of_run = |count: usize| {
-            let none = DMatrix::zeros(count, 0);
-            RunPatterns::new(Vec::new(), none.clone(), none)
+            let no_patterns = DMatrix::zeros(count, 0);
+            RunPatterns::new(Vec::new(), no_patterns.clone(), no_patterns)
         };
         Self::new(Vec::new(), Vec::new(), readings.map(of_run).collect())
     }
@@ -161,9 +161,9 @@ impl Patterns {
     /// Expected value of the shared discrepancy in the last run, by the others: `Phi diag(s^2) Phi^T c` of columns of
     /// these.
     pub fn expected_in_last(&self, sizes: &[f64], others: &[DVector<f64>]) -> Option<DVector<f64>> {
-        let (last, before) = self.runs.split_last()?;
+        let (last, earlier_runs) = self.runs.split_last()?;
         let mut amplitudes = DVector::zeros(self.shared_groups.len());
-        for (run, column) in before.iter().zip(others) {
+        for (run, column) in earlier_runs.iter().zip(others) {
             amplitudes.gemv_tr(1.0, &run.shared, column, 1.0);
         }
         for (amplitude, group) in amplitudes.iter_mut().zip(&self.shared_groups) {
@@ -333,7 +333,7 @@ pub struct Products {
     /// With the patterns of each run, in its order.
     own: Vec<DMatrix<f64>>,
     shared: DMatrix<f64>,
-    /// Of the columns with each other.
+    /// Scalar products of the columns with each other.
     pub among: DMatrix<f64>,
 }
 
@@ -365,43 +365,6 @@ pub struct Evidence {
     pub mean: DVector<f64>,
     /// Their posterior covariance.
     pub covariance: DMatrix<f64>,
-}
-
-/// Takes the scalar products of columns off the lower triangle of a matrix in which they have these places, in increasing order; block by
-/// block, as one product would compute both triangles.
-fn take_off_products(from: &mut DMatrix<f64>, columns: &DMatrix<f64>, places: &[usize]) {
-    let transposed = columns.transpose();
-    let mut start = 0;
-    while start < places.len() {
-        let width = BLOCK.min(places.len() - start);
-        let products = transposed.rows_range(start..) * columns.columns(start, width);
-        for (j, column) in products.column_iter().enumerate() {
-            for (value, row) in column.iter().zip(&places[start..]).skip(j) {
-                from[(*row, places[start + j])] -= value;
-            }
-        }
-        start += width;
-    }
-}
-
-fn ln_diagonal(factor: &Cholesky<f64, Dyn>) -> f64 {
-    factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum()
-}
-
-/// Inverse of the lower triangle L of a factor: the inverse of `L L^T` is its transpose times itself. Most of the time of a diagnosis goes
-/// into these inverses; this takes a sixth of the operations of a solution of the unit matrix, and a product of matrices.
-fn inverse_root(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
-    let lower = factor.l_dirty();
-    let side = lower.nrows();
-    let mut root = DMatrix::identity(side, side);
-    for j in 0..side {
-        // A column of it begins on the diagonal.
-        let remaining_side = side - j;
-        lower
-            .view((j, j), (remaining_side, remaining_side))
-            .solve_lower_triangular_mut(&mut root.view_mut((j, j), (remaining_side, 1)));
-    }
-    root
 }
 
 #[cfg(test)]

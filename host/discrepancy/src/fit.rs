@@ -33,7 +33,7 @@ const LONGEST_MEMORY: f64 = 0.25;
 pub(crate) struct Fitted {
     pub laws: Vec<Law>,
     pub values: Vec<f64>,
-    /// Of the numbers, the sizes of the discrepancy integrated over.
+    /// Covariance of the numbers, the sizes of the discrepancy integrated over.
     pub covariance: DMatrix<f64>,
     pub residuals: Vec<DVector<f64>>,
     pub jacobian: Vec<DMatrix<f64>>,
@@ -50,7 +50,7 @@ struct Whitened {
     ln_sds: f64,
 }
 
-/// What a fit starts from.
+/// Start of a fit.
 #[derive(Clone)]
 pub(crate) struct Start {
     pub values: Vec<f64>,
@@ -69,15 +69,18 @@ impl Start {
     }
 }
 
+fn duration(times: &[f64]) -> f64 {
+    times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first)
+}
+
 /// The range of memories of each channel's noise.
 fn memories(bench: &Bench<'_>) -> Vec<[f64; 2]> {
     let of_channel = |channel: usize| {
         let runs =
             || bench.training.iter().flat_map(|run| &run.segments).filter(|one| one.channel == channel);
-        let length =
-            |times: &[f64]| times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
-        let longest = runs().map(|one| length(&one.time_s)).fold(0.0, f64::max);
-        let steps = runs().map(|one| length(&one.time_s) / one.time_s.len().saturating_sub(1).max(1) as f64);
+        let longest = runs().map(|one| duration(&one.time_s)).fold(0.0, f64::max);
+        let steps =
+            runs().map(|one| duration(&one.time_s) / one.time_s.len().saturating_sub(1).max(1) as f64);
         let shortest = SHORTEST_MEMORY * steps.fold(f64::INFINITY, f64::min).clamp(1e-12, 1e12);
         [shortest, (LONGEST_MEMORY * longest).max(2.0 * shortest)]
     };
@@ -96,14 +99,15 @@ pub(crate) fn whitened(
         bench.training.iter().zip(&basis.own).zip(&basis.shared).zip(columns)
     {
         let (first, second) = (own.ncols(), shared.ncols());
-        let mut all = own.clone().resize_horizontally(first + second + columns.ncols(), 0.0);
-        all.columns_mut(first, second).copy_from(shared);
-        all.columns_mut(first + second, columns.ncols()).copy_from(columns);
-        ln_sds += whiten(&prepared.segments, noises, &mut all);
+        let mut joined = own.clone().resize_horizontally(first + second + columns.ncols(), 0.0);
+        joined.columns_mut(first, second).copy_from(shared);
+        joined.columns_mut(first + second, columns.ncols()).copy_from(columns);
+        ln_sds += whiten(&prepared.segments, noises, &mut joined);
         let groups = vec![basis.groups.len() - 1; first];
-        let (own, shared) = (all.columns(0, first).into_owned(), all.columns(first, second).into_owned());
-        runs.push(RunPatterns::new(groups, own, shared));
-        right.push(all.columns(first + second, columns.ncols()).into_owned());
+        let (own_patterns, shared_patterns) =
+            (joined.columns(0, first).into_owned(), joined.columns(first, second).into_owned());
+        runs.push(RunPatterns::new(groups, own_patterns, shared_patterns));
+        right.push(joined.columns(first + second, columns.ncols()).into_owned());
     }
     let patterns = Patterns::new(basis.groups.clone(), basis.shared_groups.clone(), runs);
     let products = patterns.products(&right);
@@ -148,8 +152,9 @@ fn squares(
         .collect();
     let (patterns, products, _) = whitened(bench, basis, &start.noises, &residuals);
     let misfit = patterns.in_metric(&start.sizes, &products)?[(0, 0)];
-    let away = |(coordinate, value): (&Coordinate, &f64)| ((value - coordinate.mean) / coordinate.sd).powi(2);
-    Some(misfit + coordinates.iter().zip(&point.values).map(away).sum::<f64>())
+    let prior_square =
+        |(coordinate, value): (&Coordinate, &f64)| ((value - coordinate.mean) / coordinate.sd).powi(2);
+    Some(misfit + coordinates.iter().zip(&point.values).map(prior_square).sum::<f64>())
 }
 
 /// Derivatives of the predictions by all numbers, central where the range allows it.
@@ -173,34 +178,38 @@ fn jacobian(
                 Err(error) => Err(error),
             }
         };
-        let here = || Some((value, point.residuals.clone()));
-        let below = moved((value - step).max(coordinate.least))?.or_else(here);
-        let above = moved((value + step).min(coordinate.most))?.or_else(here);
-        let parts = match (below, above) {
-            (Some((from, below)), Some((to, above))) if to > from => {
-                below.iter().zip(&above).map(|(below, above)| (below - above) / (to - from)).collect()
+        let unmoved = || Some((value, point.residuals.clone()));
+        let lower = moved((value - step).max(coordinate.least))?.or_else(unmoved);
+        let upper = moved((value + step).min(coordinate.most))?.or_else(unmoved);
+        let derivatives = match (lower, upper) {
+            (Some((least, lower)), Some((most, upper))) if most > least => {
+                lower.iter().zip(&upper).map(|(lower, upper)| (lower - upper) / (most - least)).collect()
             }
             _ => point.residuals.iter().map(|part| DVector::zeros(part.len())).collect(),
         };
-        Ok::<Vec<DVector<f64>>, Error>(parts)
+        Ok::<Vec<DVector<f64>>, Error>(derivatives)
     };
     let numbered = coordinates.iter().zip(steps).enumerate();
-    let parts: Vec<Vec<DVector<f64>>> = if bench.model.is_parallel() {
+    let derivatives: Vec<Vec<DVector<f64>>> = if bench.model.is_parallel() {
         numbered.collect::<Vec<_>>().into_par_iter().map(of_number).collect::<Result<_, _>>()?
     } else {
         numbered.map(of_number).collect::<Result<_, _>>()?
     };
     let of_run = |run: usize| {
         let rows = point.residuals.get(run).map_or(0, DVector::len);
-        let mut matrix = DMatrix::zeros(rows, parts.len());
-        for (number, part) in parts.iter().enumerate() {
-            if let Some(part) = part.get(run) {
-                matrix.set_column(number, part);
+        let mut matrix = DMatrix::zeros(rows, derivatives.len());
+        for (number, by_run) in derivatives.iter().enumerate() {
+            if let Some(column) = by_run.get(run) {
+                matrix.set_column(number, column);
             }
         }
         matrix
     };
     Ok((0..point.residuals.len()).map(of_run).collect())
+}
+
+fn no_factor() -> Error {
+    Error::Undetermined("the covariance has no factor".to_owned())
 }
 
 impl Fitted {
@@ -209,11 +218,13 @@ impl Fitted {
     /// # Errors
     /// Where the model has no prediction at the start, or the data determine nothing.
     pub fn new(bench: &Bench<'_>, basis: &Basis, laws: &[Law], start: &Start) -> Result<Self, Error> {
-        let undetermined = || Error::Undetermined("the covariance has no factor".to_owned());
         let coordinates = bench.coordinates(laws);
-        let within =
-            |(value, coordinate): (&f64, &Coordinate)| value.clamp(coordinate.least, coordinate.most);
-        let values: Vec<f64> = start.values.iter().zip(&coordinates).map(within).collect();
+        let values: Vec<f64> = start
+            .values
+            .iter()
+            .zip(&coordinates)
+            .map(|(value, coordinate)| value.clamp(coordinate.least, coordinate.most))
+            .collect();
         let mut point = Point { residuals: bench.residuals(laws, &values)?, values };
         let mut start = start.clone();
         let mut steps: Vec<f64> = coordinates.iter().map(|one| FIRST_STEP * one.sd).collect();
@@ -228,10 +239,10 @@ impl Fitted {
                 improve(bench, basis, &columns, &mut start);
             }
             let (patterns, products, ln_sds) = whitened(bench, basis, &start.noises, &columns);
-            let evidence = patterns.evidence(&start.sizes, &products).ok_or_else(undetermined)?;
+            let evidence = patterns.evidence(&start.sizes, &products).ok_or_else(no_factor)?;
             if is_last {
                 let whitened = Whitened { patterns, products, ln_sds };
-                let squares = squares(bench, basis, &start, &coordinates, &point).ok_or_else(undetermined)?;
+                let squares = squares(bench, basis, &start, &coordinates, &point).ok_or_else(no_factor)?;
                 return finish(
                     laws,
                     &coordinates,
@@ -243,7 +254,7 @@ impl Fitted {
                     squares,
                     settled,
                 )
-                .ok_or_else(undetermined);
+                .ok_or_else(no_factor);
             }
             let sds: Vec<f64> = coordinates
                 .iter()
@@ -287,14 +298,17 @@ fn improve(bench: &Bench<'_>, basis: &Basis, columns: &[DMatrix<f64>], start: &m
 
 /// The step to the likeliest point of the linearised model, within the ranges and shortened where it is long.
 fn step(coordinates: &[Coordinate], values: &[f64], evidence: &Evidence) -> Vec<f64> {
-    let wanted = coordinates.iter().zip(values).zip(evidence.mean.iter());
-    let wanted: Vec<f64> = wanted.map(|((one, value), mean)| one.mean + one.sd * mean - value).collect();
-    let longest = wanted.iter().zip(coordinates).map(|(step, one)| step.abs() / one.sd).fold(0.0, f64::max);
+    let numbers = coordinates.iter().zip(values).zip(evidence.mean.iter());
+    let full_step: Vec<f64> = numbers.map(|((one, value), mean)| one.mean + one.sd * mean - value).collect();
+    let longest =
+        full_step.iter().zip(coordinates).map(|(step, one)| step.abs() / one.sd).fold(0.0, f64::max);
     let factor = (MAX_STEP_SD / longest.max(MAX_STEP_SD)).min(1.0);
-    let within = |((step, one), value): ((&f64, &Coordinate), &f64)| {
-        (value + factor * step).clamp(one.least, one.most) - value
-    };
-    wanted.iter().zip(coordinates).zip(values).map(within).collect()
+    full_step
+        .iter()
+        .zip(coordinates)
+        .zip(values)
+        .map(|((step, one), value)| (value + factor * step).clamp(one.least, one.most) - value)
+        .collect()
 }
 
 /// The first of a step, its half, its quarter and so on that makes the objective smaller; nothing where none does.
@@ -307,7 +321,7 @@ fn descend(
     from: &Point,
     step: &[f64],
 ) -> Result<Option<Point>, Error> {
-    let before = squares(bench, basis, start, coordinates, from);
+    let start_squares = squares(bench, basis, start, coordinates, from);
     let mut fraction = 1.0;
     for _ in 0..=MAX_HALVINGS {
         let values: Vec<f64> =
@@ -319,8 +333,8 @@ fn descend(
             Err(error) => return Err(error),
         };
         let point = Point { values, residuals };
-        let after = squares(bench, basis, start, coordinates, &point);
-        if before.zip(after).is_some_and(|(before, after)| after <= before) {
+        let moved_squares = squares(bench, basis, start, coordinates, &point);
+        if start_squares.zip(moved_squares).is_some_and(|(start, moved)| moved <= start) {
             return Ok(Some(point));
         }
     }

@@ -1,7 +1,7 @@
 //! Forms of laws: functions of one regressor with a few numbers.
 //!
-//! A law is `sum_i a_i f_i(x; s)`: amplitudes, in which it is linear, and at most one number of shape (a level, a length, a period). What
-//! changes its side at zero does so over the regressor's resolution: with an error of standard deviation `e` the sign of `x` is `erf(x / (sqrt 2 e))` on the average.
+//! A law is `sum_i a_i f_i(x; s)`: amplitudes, in which it is linear, and at most one number of shape (a level, a length, a period). A
+//! form that changes its side at zero does so over the regressor's resolution: with an error of standard deviation `e` the sign of `x` is `erf(x / (sqrt 2 e))` on the average.
 
 use serde::{Deserialize, Serialize};
 use statrs::function::erf::erf;
@@ -43,7 +43,7 @@ pub enum Form {
     Cosine(u8),
 }
 
-/// How the number of a shape is searched.
+/// The number of a shape with its range for the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shape {
     /// Name of the number.
@@ -57,8 +57,12 @@ pub struct Shape {
 impl Shape {
     /// The number at a fraction of its range.
     pub fn at(&self, fraction: f64) -> f64 {
-        let [from, to] = self.range;
-        if self.is_logarithmic { from * (to / from).powf(fraction) } else { from + fraction * (to - from) }
+        let [least, most] = self.range;
+        if self.is_logarithmic {
+            least * (most / least).powf(fraction)
+        } else {
+            least + fraction * (most - least)
+        }
     }
 
     /// Fractions of the range at which it is searched.
@@ -82,8 +86,8 @@ pub struct Span {
 impl Span {
     /// Whether it takes values of both signs: each side is more than its resolution, and than a twentieth of the other.
     pub fn has_both_signs(&self) -> bool {
-        let (below, above) = (-self.from, self.to);
-        below.min(above) > self.resolution.max(0.05 * below.max(above))
+        let (negative, positive) = (-self.from, self.to);
+        negative.min(positive) > self.resolution.max(0.05 * negative.max(positive))
     }
 
     fn length(&self) -> f64 {
@@ -238,10 +242,10 @@ impl Form {
         let shape = values.get(amplitudes).copied().unwrap_or(1.0);
         if self == Self::Bristle {
             let amplitude = values.first().copied().unwrap_or(0.0);
-            let (mut bristle, mut before) = (0.0, x.first().copied().unwrap_or(0.0));
+            let (mut bristle, mut previous_x) = (0.0, x.first().copied().unwrap_or(0.0));
             for (sum, x) in sum.iter_mut().zip(x) {
-                bristle = f64::clamp(bristle + x - before, -shape, shape);
-                before = *x;
+                bristle = f64::clamp(bristle + x - previous_x, -shape, shape);
+                previous_x = *x;
                 *sum += amplitude * bristle / shape;
             }
             return;

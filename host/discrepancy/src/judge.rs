@@ -1,4 +1,4 @@
-//! What held-out runs say of a law: whether it makes their misfit smaller beyond chance.
+//! Judgement of a law by held-out runs: whether it makes their misfit smaller beyond chance.
 //!
 //! Two models fitted to the other runs predict the held-out ones; the differences of their squared errors have a mean, and a variance of the
 //! mean. Errors of such rigs are correlated in time, so that a thousand readings may be worth twenty: the number of independent ones follows from
@@ -12,7 +12,7 @@ use super::weights::STATED_PROBABILITY;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// What held-out runs say of one model beside another.
+/// Judgement of one model beside another by held-out runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Judgement {
     /// By which fraction of the other's squared error the model's is smaller; negative where it is larger.
@@ -32,18 +32,26 @@ impl Judgement {
     }
 }
 
+/// Residuals of the held-out runs; nothing where the model cannot predict one.
+pub(crate) fn held_out_residuals(
+    bench: &Bench<'_>,
+    fitted: &Fitted,
+) -> Result<Option<Vec<nalgebra::DVector<f64>>>, Error> {
+    let terms = bench.terms(&fitted.laws, &fitted.values);
+    match bench.residuals_of(&bench.held_out, &fitted.values, &terms) {
+        Ok(residuals) => Ok(Some(residuals)),
+        Err(error) if error.is_of_these_values() => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
 /// Squared errors in held-out runs, one series per run and channel, in units of the channels' noises; nothing where no run judges or the
 /// model cannot predict one.
 pub(crate) fn losses(bench: &Bench<'_>, fitted: &Fitted) -> Result<Option<Vec<Vec<f64>>>, Error> {
     if bench.held_out.is_empty() {
         return Ok(None);
     }
-    let terms = bench.terms(&fitted.laws, &fitted.values);
-    let residuals = match bench.residuals_of(&bench.held_out, &fitted.values, &terms) {
-        Ok(residuals) => residuals,
-        Err(error) if error.is_of_these_values() => return Ok(None),
-        Err(error) => return Err(error),
-    };
+    let Some(residuals) = held_out_residuals(bench, fitted)? else { return Ok(None) };
     let of_run = |(prepared, residuals): (&super::bench::Prepared<'_>, &nalgebra::DVector<f64>)| {
         let of_channel = |channel: usize| {
             let rows = prepared.rows_of(channel);
@@ -68,13 +76,13 @@ fn moments(series: &[f64]) -> (f64, f64, f64) {
         return (sum, 0.0, count);
     }
     // Sums of neighbouring lags are positive for a stationary series and fall; noise of the estimate ends them.
-    let (mut inflation, mut before, mut lag) = (-1.0, f64::INFINITY, 0);
+    let (mut inflation, mut previous_pair, mut lag) = (-1.0, f64::INFINITY, 0);
     while lag + 1 < series.len() {
-        let pair = ((covariance(lag) + covariance(lag + 1)) / variance).min(before);
+        let pair = ((covariance(lag) + covariance(lag + 1)) / variance).min(previous_pair);
         if pair <= 0.0 {
             break;
         }
-        (inflation, before) = (inflation + 2.0 * pair, pair);
+        (inflation, previous_pair) = (inflation + 2.0 * pair, pair);
         lag += 2;
     }
     let inflation = inflation.max(1.0);
@@ -124,7 +132,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let (_, _, white) = moments(&series(&mut rng, 4000, 0.0));
         let (_, _, coloured) = moments(&series(&mut rng, 4000, 0.9));
-        // Of a first-order process: n (1 - r) / (1 + r).
+        // A first-order process has n (1 - r) / (1 + r).
         assert!(white > 3300.0 && (120.0..340.0).contains(&coloured), "{white} {coloured}");
     }
 

@@ -1,4 +1,4 @@
-//! Where a model and measurements disagree, which law is missing, and by how much it reduces the misfit: for any forward model.
+//! Diagnosis of any forward model by measurements: the regions where both disagree, the law that is missing, and by how much it reduces the misfit.
 //!
 //! Four steps, which a laboratory would take by hand:
 //!
@@ -113,10 +113,10 @@ use search::{Search, plain};
 /// Passes of the search: the second has the discrepancy around what the first has found.
 const PASSES: usize = 2;
 
-/// What a diagnosis may be told.
+/// Settings of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// What a model that is called right may leave of each regressor, as a fraction of the standard deviation of its channel. 1 % unless
+    /// Effect of each regressor that a model may leave and still be called right, as a fraction of the standard deviation of its channel. 1 % unless
     /// the laboratory knows better: sensors and drives of a class of 1 % are ordinary.
     pub everyday: f64,
     /// Effects that are tried; all that the sites allow where it is empty.
@@ -160,16 +160,16 @@ pub fn diagnose(
     }
     on_step("fitting the plain model");
     let (mut basis, base) = plain(&bench, options.everyday)?;
-    let mut found =
+    let mut outcome =
         Search { bench: &bench, basis: &basis, candidates: &candidates, on_step }.run(base.clone())?;
     for _ in 1..PASSES {
-        if found.fitted.laws.is_empty() {
+        if outcome.fitted.laws.is_empty() {
             break;
         }
-        basis = Basis::new(&bench, &found.fitted.laws, &found.fitted.values, options.everyday)?;
-        let start = Fitted::new(&bench, &basis, &found.fitted.laws, &found.fitted.start())?;
-        found = Search { bench: &bench, basis: &basis, candidates: &candidates, on_step }.run(start)?;
+        basis = Basis::new(&bench, &outcome.fitted.laws, &outcome.fitted.values, options.everyday)?;
+        let start = Fitted::new(&bench, &basis, &outcome.fitted.laws, &outcome.fitted.start())?;
+        outcome = Search { bench: &bench, basis: &basis, candidates: &candidates, on_step }.run(start)?;
     }
     on_step("writing the report");
-    made::report(&bench, &basis, &base, &found, candidates.len())
+    made::report(&bench, &basis, &base, &outcome, candidates.len())
 }

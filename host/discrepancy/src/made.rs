@@ -4,12 +4,14 @@ use super::basis::Basis;
 use super::bench::{Bench, Law, Prepared};
 use super::fit::Fitted;
 use super::form::Form;
-use super::model::Error;
+use super::judge::held_out_residuals;
+use super::model::{Error, Parameter};
 use super::regions::regions;
 use super::report::{
     ChannelReport, DiscrepancyReport, Estimate, LawName, Misfit, NoiseReport, ParameterReport, RefusedReport,
     Report, Rival, TermReport, Verdict,
 };
+use super::score::no_covariance;
 use super::search::{Found, Member, Refusal, Refused};
 use super::weights::STATED_PROBABILITY;
 use nalgebra::DVector;
@@ -40,15 +42,15 @@ fn law_name(bench: &Bench<'_>, law: &Law) -> LawName {
 
 /// A word of a formula with the regressor's name for `x`.
 fn named(word: &str, name: &str) -> String {
-    let is_part = |c: char| c.is_alphanumeric();
-    let mut parts = String::new();
+    let is_of_a_name = |c: char| c.is_alphanumeric();
+    let mut text = String::new();
     for (i, c) in word.char_indices() {
-        let before = word[..i].chars().next_back();
-        let after = word[i + c.len_utf8()..].chars().next();
-        let is_x = c == 'x' && !before.is_some_and(is_part) && !after.is_some_and(is_part);
-        if is_x { parts.push_str(name) } else { parts.push(c) }
+        let previous = word[..i].chars().next_back();
+        let next = word[i + c.len_utf8()..].chars().next();
+        let is_x = c == 'x' && !previous.is_some_and(is_of_a_name) && !next.is_some_and(is_of_a_name);
+        if is_x { text.push_str(name) } else { text.push(c) }
     }
-    parts
+    text
 }
 
 /// The unit of a number of a law.
@@ -67,7 +69,7 @@ fn unit_of(bench: &Bench<'_>, law: &Law, number: usize) -> String {
     }
 }
 
-/// Where the numbers of a law begin among those of a fit.
+/// Position of the first number of a law among those of a fit.
 fn first_of(bench: &Bench<'_>, laws: &[Law], member: usize) -> usize {
     bench.model.parameters().len() + laws.iter().take(member).map(Law::len).sum::<usize>()
 }
@@ -82,8 +84,8 @@ fn term_report(bench: &Bench<'_>, fitted: &Fitted, number: usize, member: &Membe
         match (amplitudes.get(i), law.shape()) {
             (Some(name), _) => estimate(name, unit, *value, variance),
             (None, Some(shape)) => {
-                let [from, to] = shape.range;
-                let slope = if shape.is_logarithmic { value * (to / from).ln() } else { to - from };
+                let [least, most] = shape.range;
+                let slope = if shape.is_logarithmic { value * (most / least).ln() } else { most - least };
                 estimate(shape.name, unit, *value, slope * slope * variance)
             }
             (None, None) => estimate("", unit, *value, variance),
@@ -114,26 +116,27 @@ fn term_report(bench: &Bench<'_>, fitted: &Fitted, number: usize, member: &Membe
 fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<ParameterReport> {
     let mut models: Vec<(f64, &Fitted)> = vec![(1.0, &found.fitted)];
     for member in &found.members {
-        let relative =
-            |(rival, probability)| (probability / member.probability.max(f64::MIN_POSITIVE), rival);
-        models.extend(member.rivals.iter().map(|(rival, probability)| (rival, *probability)).map(relative));
+        let most = member.probability.max(f64::MIN_POSITIVE);
+        models.extend(member.rivals.iter().map(|(rival, probability)| (probability / most, rival)));
     }
     let total: f64 = models.iter().map(|(weight, _)| weight).sum();
-    let report = |(number, parameter): (usize, &super::model::Parameter)| {
+    let report = |(number, parameter): (usize, &Parameter)| {
         let value = |fitted: &Fitted| fitted.values.get(number).copied().unwrap_or(parameter.mean);
         let mean = models.iter().map(|(weight, fitted)| weight * value(fitted)).sum::<f64>() / total;
         let second = |(weight, fitted): &(f64, &Fitted)| {
             weight * (fitted.sd(number).powi(2) + (value(fitted) - mean).powi(2))
         };
         let variance = models.iter().map(second).sum::<f64>() / total;
-        let made = |value, variance| estimate(&parameter.name, parameter.unit.clone(), value, variance);
-        let before = made(value(plain), plain.sd(number).powi(2));
-        ParameterReport { estimate: made(mean, variance), before }
+        let Parameter { name, unit, .. } = parameter;
+        ParameterReport {
+            estimate: estimate(name, unit.clone(), mean, variance),
+            before: estimate(name, unit.clone(), value(plain), plain.sd(number).powi(2)),
+        }
     };
     bench.model.parameters().iter().enumerate().map(report).collect()
 }
 
-/// What the even laws of a site add on the average over the data.
+/// Sums of the even laws of each site, averaged over the data.
 fn offsets(bench: &Bench<'_>, fitted: &Fitted) -> Vec<Estimate> {
     let terms = bench.terms(&fitted.laws, &fitted.values);
     let even = [Form::Constant, Form::Asymmetry, Form::Square];
@@ -199,15 +202,7 @@ fn misfit(
 }
 
 fn channel_reports(bench: &Bench<'_>, plain: &Fitted, fitted: &Fitted) -> Result<Vec<ChannelReport>, Error> {
-    let held_out = |fitted: &Fitted| {
-        let terms = bench.terms(&fitted.laws, &fitted.values);
-        match bench.residuals_of(&bench.held_out, &fitted.values, &terms) {
-            Ok(residuals) => Ok(Some(residuals)),
-            Err(error) if error.is_of_these_values() => Ok(None),
-            Err(error) => Err(error),
-        }
-    };
-    let judged = held_out(plain)?.zip(held_out(fitted)?);
+    let judged = held_out_residuals(bench, plain)?.zip(held_out_residuals(bench, fitted)?);
     let report = |(number, channel): (usize, &super::data::Channel)| {
         let (scale, noise) = (*bench.scales.get(number)?, *fitted.noises.get(number)?);
         let judged = judged.as_ref().and_then(|(before, after)| {
@@ -237,10 +232,9 @@ pub(crate) fn report(
     candidates: usize,
 ) -> Result<Report, Error> {
     let fitted = &found.fitted;
-    let undetermined = || Error::Undetermined("no covariance around the fit".to_owned());
     // Both with the noise of the final model: that of the plain one holds what is missing.
-    let before = regions(bench, basis, plain, &fitted.noises).ok_or_else(undetermined)?;
-    let remaining = regions(bench, basis, fitted, &fitted.noises).ok_or_else(undetermined)?;
+    let plain_regions = regions(bench, basis, plain, &fitted.noises).ok_or_else(no_covariance)?;
+    let remaining = regions(bench, basis, fitted, &fitted.noises).ok_or_else(no_covariance)?;
     let members = found.members.iter().enumerate();
     let terms: Vec<TermReport> =
         members.filter_map(|(number, member)| term_report(bench, fitted, number, member)).collect();
@@ -270,7 +264,7 @@ pub(crate) fn report(
     Ok(Report {
         schema: "discrepancy.diagnosis/1",
         verdict,
-        regions: before,
+        regions: plain_regions,
         terms,
         offsets: offsets(bench, fitted),
         parameters: parameter_reports(bench, plain, found),

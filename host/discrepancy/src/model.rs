@@ -22,7 +22,7 @@ pub struct Parameter {
     pub range: Option<[f64; 2]>,
 }
 
-/// What a law at a site may depend on.
+/// A quantity on which a law at a site may depend.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Regressor {
     /// Name: of a column of the data where the workflow evaluates the law, else of what the model states as it evaluates it.
@@ -52,7 +52,7 @@ pub struct Site {
     /// The channel to which a law is simply added, with columns of the data as regressors; nothing where the model evaluates the law.
     #[serde(default)]
     pub adds_to: Option<String>,
-    /// What its laws may depend on.
+    /// Quantities on which its laws may depend.
     pub regressors: Vec<Regressor>,
     /// Forms that are tried; all where it is empty.
     #[serde(default)]
@@ -87,10 +87,10 @@ impl ModelFailure {
 
 /// A forward model. It has no noise and no memory of its own: the same values give the same prediction.
 pub trait ForwardModel: Sync {
-    /// What every fit estimates.
+    /// Quantities that every fit estimates.
     fn parameters(&self) -> &[Parameter];
 
-    /// Where laws may be missing.
+    /// Places where laws may be missing.
     fn sites(&self) -> &[Site];
 
     /// The channels of a run in the order of its channels, one value per instant. A model with sites of its own adds
@@ -117,16 +117,16 @@ pub enum Error {
     /// The data cannot be used.
     #[error(transparent)]
     Data(#[from] super::data::DataError),
-    /// What is declared of parameters, sites or effects makes no sense.
+    /// A declaration of parameters, sites or effects makes no sense.
     #[error("{what} {name:?}: {problem}; expected {expected}")]
     Declaration {
         /// Kind of what is declared.
         what: &'static str,
         /// Its name.
         name: String,
-        /// What is wrong.
+        /// Its fault.
         problem: String,
-        /// What is valid.
+        /// Valid declarations.
         expected: String,
     },
     /// The model has no prediction where it has to have one.
@@ -152,7 +152,7 @@ pub enum Error {
         reading: usize,
         /// Its instant.
         time_s: f64,
-        /// What is predicted.
+        /// The prediction.
         value: f64,
         /// Values of the parameters.
         values: String,
@@ -191,11 +191,12 @@ impl Error {
     }
 }
 
+fn fault(what: &'static str, name: &str, problem: String, expected: &str) -> Result<(), Error> {
+    Err(Error::Declaration { what, name: name.to_owned(), problem, expected: expected.to_owned() })
+}
+
 /// Checks what a model declares against the data.
 pub(crate) fn check(model: &dyn ForwardModel, data: &Data) -> Result<(), Error> {
-    let fault = |what, name: &str, problem: String, expected: &str| {
-        Err(Error::Declaration { what, name: name.to_owned(), problem, expected: expected.to_owned() })
-    };
     for (number, parameter) in model.parameters().iter().enumerate() {
         let Parameter { name, mean, sd, range, .. } = parameter;
         let is_used_twice = model.parameters().iter().skip(number + 1).any(|other| other.name == *name);

@@ -54,10 +54,11 @@ pub fn whiten(segments: &[Segment], noises: &[Noise], columns: &mut DMatrix<f64>
         let white = (1.0 - noise.correlated) * noise.sd * noise.sd;
         let count = segment.time_s.len();
         let mut gains = Vec::with_capacity(count);
-        let (mut variance, mut before) = (stationary, None::<f64>);
+        let (mut variance, mut previous_time) = (stationary, None::<f64>);
         for (time, weight) in segment.time_s.iter().zip(&segment.weights) {
-            let decay = before.map_or(0.0, |before| (-(time - before) / noise.memory_s).exp());
-            before = Some(*time);
+            let decay =
+                previous_time.map_or(0.0, |previous_time| (-(time - previous_time) / noise.memory_s).exp());
+            previous_time = Some(*time);
             variance = decay * decay * variance + stationary * (1.0 - decay * decay);
             let total = (variance + white * weight * weight).max(f64::MIN_POSITIVE);
             let gain = variance / total;
@@ -107,12 +108,12 @@ impl<F: Fn(&[Noise]) -> Option<f64>> CostFunction for Cost<'_, F> {
         let noises: Vec<Noise> =
             x.chunks(3).zip(self.memories_s).map(|(x, memories)| from_coordinates(x, *memories)).collect();
         // Beyond the ends of a memory the objective would be flat.
-        let beyond = |(x, noise): (&[f64], &Noise)| {
+        let minus_ln_prior = |(x, noise): (&[f64], &Noise)| {
             let memory = x.get(2).map_or(0.0, |ln| ln - noise.memory_s.ln());
             let odds = x.get(1).map_or(0.0, |odds| odds / ODDS_SD);
             0.5 * (memory * memory + odds * odds)
         };
-        let priors: f64 = x.chunks(3).zip(&noises).map(beyond).sum();
+        let priors: f64 = x.chunks(3).zip(&noises).map(minus_ln_prior).sum();
         Ok((self.minus_ln)(&noises).map_or(1e12, |value| value + priors))
     }
 }
@@ -133,7 +134,7 @@ pub fn likeliest(
         simplex.push(corner);
     }
     let cost = Cost { minus_ln, memories_s };
-    let before = cost.cost(&first).unwrap_or(f64::INFINITY);
+    let start_cost = cost.cost(&first).unwrap_or(f64::INFINITY);
     let solver = NelderMead::new(simplex).with_sd_tolerance(MIN_DIFFERENCE);
     let run = solver.and_then(|solver| {
         Executor::new(cost, solver).configure(|state| state.max_iters(MAX_STEPS * start.len() as u64)).run()
@@ -141,7 +142,7 @@ pub fn likeliest(
     let Ok(run) = run else { return start.to_vec() };
     let state = run.state();
     match state.get_best_param() {
-        Some(best) if state.get_best_cost() <= before => {
+        Some(best) if state.get_best_cost() <= start_cost => {
             best.chunks(3).zip(memories_s).map(|(x, memories)| from_coordinates(x, *memories)).collect()
         }
         _ => start.to_vec(),

@@ -8,7 +8,7 @@
 //!
 //! Runs are numbered from 0. A term has `site`, `regressor` (`null` for a constant), `form`, `values`, and a table `x`, `y` of the law, so that a
 //! model needs no formulas: it interpolates linearly, beyond the ends along the last two nodes, and adds the result at the site.
-//! Fields of parameters and sites are those of [`Parameter`] and [`Site`]. What the process writes to standard error is passed on.
+//! Fields of parameters and sites are those of [`Parameter`] and [`Site`]. Its standard error is passed on.
 
 use super::data::Run;
 use super::form::{Form, Span};
@@ -41,14 +41,14 @@ pub struct Predicted {
     pub unit: String,
 }
 
-/// What a model says of itself.
+/// A model's description of itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Declaration {
-    /// What every fit estimates.
+    /// Quantities that every fit estimates.
     pub parameters: Vec<Parameter>,
-    /// Where laws may be missing.
+    /// Places where laws may be missing.
     pub sites: Vec<Site>,
-    /// What it predicts.
+    /// Channels that it predicts.
     pub channels: Vec<Predicted>,
 }
 
@@ -124,19 +124,20 @@ impl Drop for Pipes {
     }
 }
 
+fn no_input(error: &std::io::Error) -> ModelFailure {
+    ModelFailure::Broken(format!("the model process takes no input: {error}"))
+}
+
 impl Pipes {
     fn send(&mut self, request: &Request<'_>) -> Result<(), ModelFailure> {
-        let broken = |error: std::io::Error| {
-            ModelFailure::Broken(format!("the model process takes no input: {error}"))
-        };
-        let mut line = serde_json::to_string(request).map_err(|error| broken(error.into()))?;
+        let mut line = serde_json::to_string(request).map_err(|error| no_input(&error.into()))?;
         line.push('\n');
         self.input.write_all(line.as_bytes()).and_then(|()| self.input.flush()).map_err(|error| {
             match self.child.try_wait() {
                 Ok(Some(status)) => {
                     ModelFailure::Broken(format!("the model process has ended with {status}"))
                 }
-                _ => broken(error),
+                _ => no_input(&error),
             }
         })
     }
@@ -172,9 +173,9 @@ impl ProcessModel {
     pub fn start(program: &str, arguments: &[String], timeout: Duration) -> Result<Self, ModelFailure> {
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::inherit());
-        let cannot =
-            |error: std::io::Error| ModelFailure::Broken(format!("cannot start {program:?}: {error}"));
-        let mut child = command.spawn().map_err(cannot)?;
+        let mut child = command
+            .spawn()
+            .map_err(|error| ModelFailure::Broken(format!("cannot start {program:?}: {error}")))?;
         let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(ModelFailure::Broken(format!("{program:?} has no standard input or output")));
         };
@@ -200,7 +201,7 @@ impl ProcessModel {
         Ok(Self { declaration, timeout, pipes: Mutex::new(pipes) })
     }
 
-    /// What the model says of itself.
+    /// The model's description of itself.
     pub fn declaration(&self) -> &Declaration {
         &self.declaration
     }
@@ -245,9 +246,9 @@ impl ForwardModel for ProcessModel {
         let of_channel = |channel: &super::data::Channel| {
             let values = channels.get(&channel.name).ok_or_else(|| {
                 let names: Vec<&str> = channels.keys().map(String::as_str).collect();
-                let (expected, found) = (&channel.name, names.join(", "));
+                let (expected, answered) = (&channel.name, names.join(", "));
                 ModelFailure::Broken(format!(
-                    "the model answered channels {found:?}; expected {expected:?} among them"
+                    "the model answered channels {answered:?}; expected {expected:?} among them"
                 ))
             })?;
             Ok(values.iter().map(|value| value.unwrap_or(f64::NAN)).collect())

@@ -1,4 +1,4 @@
-//! Where measured and predicted differ: intervals of a coordinate in which residuals stand out.
+//! Regions where measured and predicted differ: intervals of a coordinate in which residuals stand out.
 
 use super::basis::Basis;
 use super::bench::Bench;
@@ -24,9 +24,9 @@ pub struct Region {
     pub unit: String,
     /// Column of the data.
     pub coordinate: String,
-    /// Where it begins.
+    /// Least coordinate.
     pub from: f64,
-    /// Where it ends.
+    /// Largest coordinate.
     pub to: f64,
     /// Measured less predicted, mean.
     pub mean: f64,
@@ -64,22 +64,28 @@ pub(crate) fn regions(
         matrix.set_column(last, residuals);
     }
     let (patterns, products, _) = whitened(bench, basis, noises, &columns);
-    let all = patterns.in_metric(&basis.everyday(), &products)?;
-    let behind = all.nrows() - count;
-    let own = all.view((0, 0), (count, count)) + DMatrix::identity(count, count);
-    let across = all.view((0, count), (count, behind)).into_owned();
-    let mut left = all.view((count, count), (behind, behind)).into_owned();
-    left.gemm_tr(-1.0, &across, &own.cholesky()?.solve(&across), 1.0);
-    let tried: usize = scans.iter().map(|scan| scan.edges.len() * (scan.edges.len() + 1) / 2).sum();
-    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * LEVEL / tried.max(1) as f64);
+    let metric = patterns.in_metric(&basis.everyday(), &products)?;
+    let remaining_count = metric.nrows() - count;
+    let parameter_block = metric.view((0, 0), (count, count)) + DMatrix::identity(count, count);
+    let cross_block = metric.view((0, count), (count, remaining_count)).into_owned();
+    let mut reduced = metric.view((count, count), (remaining_count, remaining_count)).into_owned();
+    reduced.gemm_tr(-1.0, &cross_block, &parameter_block.cholesky()?.solve(&cross_block), 1.0);
+    let interval_count: usize = scans.iter().map(|scan| scan.edges.len() * (scan.edges.len() + 1) / 2).sum();
+    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * LEVEL / interval_count.max(1) as f64);
     let region = |scan: &Scan| {
-        let (bins, sigma, mean) = best_interval(&left, scan.first - count, scan.edges.len(), behind - 1)?;
-        let (from, to) = (scan.edges.get(bins.start)?[0], scan.edges.get(bins.end - 1)?[1]);
+        let (bins, sigma, mean) =
+            best_interval(&reduced, scan.first - count, scan.edges.len(), remaining_count - 1)?;
         let channel = bench.data.channels().get(scan.channel)?;
-        let (name, unit) = (channel.name.clone(), channel.unit.clone());
-        let mean = mean * bench.scales.get(scan.channel)?;
-        let coordinate = scan.coordinate.clone();
-        (sigma.abs() > threshold).then_some(Region { channel: name, unit, coordinate, from, to, mean, sigma })
+        let region = Region {
+            channel: channel.name.clone(),
+            unit: channel.unit.clone(),
+            coordinate: scan.coordinate.clone(),
+            from: scan.edges.get(bins.start)?[0],
+            to: scan.edges.get(bins.end - 1)?[1],
+            mean: mean * bench.scales.get(scan.channel)?,
+            sigma,
+        };
+        (sigma.abs() > threshold).then_some(region)
     };
     let mut regions: Vec<Region> = scans.iter().filter_map(region).collect();
     regions.sort_by(|a, b| b.sigma.abs().total_cmp(&a.sigma.abs()));
@@ -88,8 +94,8 @@ pub(crate) fn regions(
 
 /// Adds a column per bin of every coordinate of every channel.
 fn scans(bench: &Bench<'_>, first: usize, columns: &mut [DMatrix<f64>]) -> Vec<Scan> {
-    let known = bench.data.runs().first().map_or(&[][..], |run| run.columns.as_slice());
-    let names = std::iter::once(TIME).chain(known.iter().map(|column| column.name.as_str()));
+    let known_columns = bench.data.runs().first().map_or(&[][..], |run| run.columns.as_slice());
+    let names = std::iter::once(TIME).chain(known_columns.iter().map(|column| column.name.as_str()));
     let (mut scans, mut next) = (Vec::new(), first);
     for name in names {
         let values: Vec<Vec<f64>> = bench.training.iter().filter_map(|run| run.column(name)).collect();
@@ -135,8 +141,8 @@ pub fn edges(values: &[Option<f64>], bins: usize) -> Vec<[f64; 2]> {
     if distinct.len() <= bins {
         return distinct;
     }
-    let at = |i: usize| sorted[(i * sorted.len() / bins).min(sorted.len() - 1)];
-    (0..bins).map(|bin| [at(bin), at(bin + 1)]).collect()
+    let quantile = |i: usize| sorted[(i * sorted.len() / bins).min(sorted.len() - 1)];
+    (0..bins).map(|bin| [quantile(bin), quantile(bin + 1)]).collect()
 }
 
 /// The bin of a value.
@@ -144,8 +150,8 @@ pub fn bin_of(edges: &[[f64; 2]], value: f64) -> usize {
     edges.iter().rposition(|[from, _]| *from <= value).unwrap_or(0)
 }
 
-/// The interval of bins that stands out most: its bins, standard deviations, mean. Of scalar products of columns the bins are so many from
-/// `first` on, the residuals are another column.
+/// The interval of bins that stands out most: its bins, standard deviations, mean. `products` are scalar products of columns: the bins are
+/// so many columns from `first` on, the residuals are another one.
 pub fn best_interval(
     products: &DMatrix<f64>,
     first: usize,

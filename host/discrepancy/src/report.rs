@@ -4,11 +4,11 @@ use super::judge::Judgement;
 use super::regions::Region;
 use serde::Serialize;
 
-/// What a diagnosis comes to.
+/// Verdict of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Nothing is missing.
+    /// No law is missing.
     Adequate,
     /// Laws are missing, and with them nothing is.
     Explained,
@@ -45,12 +45,12 @@ pub struct ParameterReport {
     pub before: Estimate,
 }
 
-/// Which law.
+/// Name of a law.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LawName {
     /// Its site.
     pub site: String,
-    /// What it depends on; nothing for a constant.
+    /// Quantity that it depends on; nothing for a constant.
     pub regressor: Option<String>,
     /// Name of its form.
     pub form: &'static str,
@@ -94,7 +94,7 @@ pub struct TermReport {
     pub values: Vec<Estimate>,
     /// Laws that the data do not tell from it, with the other 95 %.
     pub rivals: Vec<Rival>,
-    /// What held-out runs say; nothing where none judge.
+    /// Judgement of held-out runs; nothing where none judge.
     pub held_out: Option<Judgement>,
 }
 
@@ -108,16 +108,16 @@ pub struct RefusedReport {
     pub ln_odds: f64,
     /// Why.
     pub reason: String,
-    /// What held-out runs say, where these refuse it.
+    /// Judgement of held-out runs, where these refuse it.
     pub held_out: Option<Judgement>,
 }
 
 /// Root mean square of residuals, before and after laws were added.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Misfit {
-    /// Of the plain model.
+    /// Residuals of the plain model.
     pub before: f64,
-    /// With the added laws.
+    /// Residuals with the added laws.
     pub after: f64,
     /// Root mean square of what is measured.
     pub measured: f64,
@@ -149,7 +149,7 @@ pub struct ChannelReport {
     pub held_out: Option<Misfit>,
 }
 
-/// What every model leaves at a site.
+/// Discrepancy that every model leaves at a site.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DiscrepancyReport {
     /// Site; nothing for offsets of single runs.
@@ -165,12 +165,12 @@ pub struct DiscrepancyReport {
 pub struct Report {
     /// `discrepancy.diagnosis/1`.
     pub schema: &'static str,
-    /// What it comes to.
+    /// Verdict.
     pub verdict: Verdict,
-    /// Where the plain model and the data differ.
+    /// Regions where the plain model and the data differ.
     #[serde(rename = "where")]
     pub regions: Vec<Region>,
-    /// What was added.
+    /// Laws that were added.
     pub terms: Vec<TermReport>,
     /// Constant, and means over the data of even laws: what a site adds on the average of both signs of its regressors.
     pub offsets: Vec<Estimate>,
@@ -178,16 +178,16 @@ pub struct Report {
     pub parameters: Vec<ParameterReport>,
     /// Channels with their misfit.
     pub channels: Vec<ChannelReport>,
-    /// What was tried and not added, the likeliest first.
+    /// Laws that were tried and not added, the likeliest first.
     pub refused: Vec<RefusedReport>,
-    /// Where the final model and the data still differ.
+    /// Regions where the final model and the data still differ.
     pub remaining: Vec<Region>,
-    /// What was left to the discrepancy.
+    /// Sizes of the discrepancy.
     pub discrepancy: Vec<DiscrepancyReport>,
     /// Number of laws that were tried.
     pub candidates: usize,
     /// Whether all fits have come to their end.
     pub is_settled: bool,
-    /// What to know of these results.
+    /// Remarks on these results.
     pub notes: Vec<String>,
 }

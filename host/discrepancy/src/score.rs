@@ -1,6 +1,6 @@
 //! Every candidate law scored around a fit without a fit of its own.
 //!
-//! Around a fit a law of amplitude a changes the predictions by `a d`. What the parameters could do about d is projected out, the rest is
+//! Around a fit a law of amplitude a changes the predictions by `a d`. The part of d that the parameters could produce is projected out, the rest is
 //! projected on the residuals, and with a normal prior of the amplitude its evidence is a closed form, averaged over its shapes (Rao's efficient
 //! score). An amplitude is as large beforehand as what moves a channel by that channel's own standard deviation.
 
@@ -37,7 +37,7 @@ pub(crate) struct Pair {
     pub log_evidence: [f64; 2],
 }
 
-/// Where the columns of a law at its best shape are.
+/// A law at its best shape with the positions of its columns.
 struct Best {
     score: Score,
     columns: Vec<usize>,
@@ -88,7 +88,7 @@ pub struct Effect {
 }
 
 impl Effect {
-    /// Of its text.
+    /// Reads its text.
     ///
     /// # Errors
     /// [`Error::Declaration`] where it names no form.
@@ -139,11 +139,11 @@ fn not_an_effect(text: &str, problem: String) -> Error {
 /// Standard deviation of an amplitude beforehand: one that moves some channel by its own standard deviation.
 fn prior_sd(bench: &Bench<'_>, columns: &[DMatrix<f64>], number: usize) -> Option<f64> {
     let of_channel = |channel: usize| {
-        let parts = bench.training.iter().zip(columns).map(|(prepared, columns)| {
+        let run_columns = bench.training.iter().zip(columns).map(|(prepared, columns)| {
             let rows = prepared.rows_of(channel);
             columns.view((rows.start, number), (rows.len(), 1)).column(0).into_owned()
         });
-        super::bench::rms(parts)
+        super::bench::rms(run_columns)
     };
     let largest = (0..bench.scales.len()).map(of_channel).fold(0.0, f64::max);
     (largest.is_finite() && largest > 0.0).then(|| largest.recip())
@@ -172,6 +172,10 @@ fn directions(bench: &Bench<'_>, fitted: &Fitted, law: &Law) -> Result<Vec<Direc
     Ok(directions)
 }
 
+pub(crate) fn no_covariance() -> Error {
+    Error::Undetermined("no covariance around the fit".to_owned())
+}
+
 /// Scores of laws around a fit and of pairs of them, those that cannot be identified left out.
 pub(crate) fn scores(
     bench: &Bench<'_>,
@@ -180,7 +184,7 @@ pub(crate) fn scores(
     laws: &[Law],
 ) -> Result<(Vec<Score>, Vec<Pair>), Error> {
     let of_law = |law: &Law| directions(bench, fitted, law);
-    let all: Vec<Vec<Direction>> = if bench.model.is_parallel() {
+    let law_directions: Vec<Vec<Direction>> = if bench.model.is_parallel() {
         laws.par_iter().map(of_law).collect::<Result<_, _>>()?
     } else {
         laws.iter().map(of_law).collect::<Result<_, _>>()?
@@ -188,7 +192,7 @@ pub(crate) fn scores(
     let coordinates = bench.coordinates(&fitted.laws);
     let count = coordinates.len();
     let joined = |run: usize| {
-        let directions = all.iter().flatten().filter_map(|direction| direction.columns.get(run));
+        let directions = law_directions.iter().flatten().filter_map(|direction| direction.columns.get(run));
         let width: usize = directions.clone().map(DMatrix::ncols).sum();
         let jacobian = fitted.jacobian.get(run).cloned().unwrap_or_else(|| DMatrix::zeros(0, 0));
         let mut joined = jacobian.resize_horizontally(count + width + 1, 0.0);
@@ -208,30 +212,29 @@ pub(crate) fn scores(
     };
     let columns: Vec<DMatrix<f64>> = (0..fitted.residuals.len()).map(joined).collect();
     let white: Vec<Noise> = fitted.noises.iter().map(|noise| noise.white()).collect();
-    let (found, as_white) = (
+    let (as_coloured, as_white) = (
         projected(bench, basis, fitted, &fitted.noises, &columns),
         projected(bench, basis, fitted, &white, &columns),
     );
-    let undetermined = || Error::Undetermined("no covariance around the fit".to_owned());
-    let metrics = [found.ok_or_else(undetermined)?, as_white.ok_or_else(undetermined)?];
+    let metrics = [as_coloured.ok_or_else(no_covariance)?, as_white.ok_or_else(no_covariance)?];
     let mut first = 0;
     let mut all_best: Vec<Best> = Vec::new();
-    for (law, directions) in laws.iter().zip(&all) {
+    for (law, directions) in laws.iter().zip(&law_directions) {
         let mut best: Option<(f64, Best)> = None;
         let mut sums = [Vec::new(), Vec::new()];
         for direction in directions {
             let columns: Vec<usize> = (first..first + direction.sds.len()).collect();
             first += direction.sds.len();
-            let both = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
-            let [Some((here, amplitudes)), Some((as_white, _))] = both else { continue };
-            sums[0].push(here);
+            let evidences = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
+            let [Some((log_evidence, amplitudes)), Some((as_white, _))] = evidences else { continue };
+            sums[0].push(log_evidence);
             sums[1].push(as_white);
-            if best.as_ref().is_none_or(|(other, _)| here > *other) {
+            if best.as_ref().is_none_or(|(other, _)| log_evidence > *other) {
                 let law = Law { amplitude_sds: direction.sds.clone(), ..law.clone() };
                 let numbers = numbers(amplitudes.as_slice(), &direction.sds, direction.fraction);
                 let score = Score { law, numbers, log_evidence: [0.0; 2] };
                 let (sds, fraction) = (direction.sds.clone(), direction.fraction);
-                best = Some((here, Best { score, columns, sds, fraction }));
+                best = Some((log_evidence, Best { score, columns, sds, fraction }));
             }
         }
         if let Some((_, mut best)) = best {
@@ -255,15 +258,15 @@ fn pairs(metrics: &[DMatrix<f64>; 2], all: &[Best]) -> Vec<Pair> {
     for (i, one) in all.iter().enumerate() {
         for other in all.iter().skip(i + 1) {
             let columns: Vec<usize> = one.columns.iter().chain(&other.columns).copied().collect();
-            let both = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
-            let [Some((here, amplitudes)), Some((as_white, _))] = both else { continue };
+            let evidences = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
+            let [Some((log_evidence, amplitudes)), Some((as_white, _))] = evidences else { continue };
             let (first, second) = amplitudes.as_slice().split_at(one.columns.len());
-            let with = |best: &Best, amplitudes: &[f64]| Score {
+            let joint_score = |best: &Best, amplitudes: &[f64]| Score {
                 numbers: numbers(amplitudes, &best.sds, best.fraction),
                 ..best.score.clone()
             };
-            let scores = [with(one, first), with(other, second)];
-            pairs.push(Pair { scores, log_evidence: [here, as_white] });
+            let scores = [joint_score(one, first), joint_score(other, second)];
+            pairs.push(Pair { scores, log_evidence: [log_evidence, as_white] });
         }
     }
     pairs
@@ -281,22 +284,22 @@ fn projected(
     let (patterns, products, _) = whitened(bench, basis, noises, columns);
     let sizes: Vec<f64> =
         fitted.sizes.iter().zip(basis.everyday()).map(|(size, most)| size.min(most)).collect();
-    let all = patterns.in_metric(&sizes, &products)?;
+    let metric = patterns.in_metric(&sizes, &products)?;
     let count = fitted.values.len();
-    let behind = all.nrows() - count;
-    let own = all.view((0, 0), (count, count)) + DMatrix::identity(count, count);
-    let across = all.view((0, count), (count, behind)).into_owned();
-    let follow = own.cholesky()?.solve(&across);
-    let before = all.view((count, count), (behind, behind)).into_owned();
-    let mut after = before.clone();
-    after.gemm_tr(-1.0, &across, &follow, 1.0);
-    for i in 0..behind {
-        if after[(i, i)] < ALL_ELIMINATED * before[(i, i)] {
-            after.row_mut(i).fill(0.0);
-            after.column_mut(i).fill(0.0);
+    let remaining_count = metric.nrows() - count;
+    let parameter_block = metric.view((0, 0), (count, count)) + DMatrix::identity(count, count);
+    let cross_block = metric.view((0, count), (count, remaining_count)).into_owned();
+    let follow = parameter_block.cholesky()?.solve(&cross_block);
+    let measured_block = metric.view((count, count), (remaining_count, remaining_count)).into_owned();
+    let mut reduced = measured_block.clone();
+    reduced.gemm_tr(-1.0, &cross_block, &follow, 1.0);
+    for i in 0..remaining_count {
+        if reduced[(i, i)] < ALL_ELIMINATED * measured_block[(i, i)] {
+            reduced.row_mut(i).fill(0.0);
+            reduced.column_mut(i).fill(0.0);
         }
     }
-    Some(after)
+    Some(reduced)
 }
 
 /// Log evidence and amplitudes of directions among scalar products whose last column are the residuals; nothing where they are not
@@ -307,11 +310,11 @@ fn evidence_of(metric: &DMatrix<f64>, columns: &[usize]) -> Option<(f64, DVector
     if gram.diagonal().iter().any(|square| *square <= 0.0) {
         return None;
     }
-    let along = DVector::from_fn(width, |i, _| metric[(columns[i], metric.ncols() - 1)]);
+    let projections = DVector::from_fn(width, |i, _| metric[(columns[i], metric.ncols() - 1)]);
     let factor = (gram + DMatrix::identity(width, width)).cholesky()?;
-    let amplitudes = factor.solve(&along);
+    let amplitudes = factor.solve(&projections);
     let ln_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum();
-    Some((0.5 * along.dot(&amplitudes) - ln_determinant, amplitudes))
+    Some((0.5 * projections.dot(&amplitudes) - ln_determinant, amplitudes))
 }
 
 #[cfg(test)]

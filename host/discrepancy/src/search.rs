@@ -39,7 +39,7 @@ pub(crate) struct Refused {
     pub reason: Refusal,
 }
 
-/// How a model stands beside a smaller one.
+/// Odds of a model beside a smaller one.
 struct Standing {
     /// Logarithm of its odds: evidence and prior, times what held-out runs are worth.
     ln_odds: f64,
@@ -68,7 +68,7 @@ pub(crate) struct Member {
     pub judgement: Option<Judgement>,
 }
 
-/// What a search has found.
+/// Result of a search.
 pub(crate) struct Found {
     pub fitted: Fitted,
     /// One for each law.
@@ -142,16 +142,16 @@ impl Search<'_> {
     fn without(&self, fitted: &Fitted, member: usize) -> Result<Fitted, Error> {
         let mut laws = fitted.laws.clone();
         let removed = laws.remove(member);
-        let before: usize = laws.iter().take(member).map(Law::len).sum();
-        let first = self.bench.model.parameters().len() + before;
+        let earlier_numbers: usize = laws.iter().take(member).map(Law::len).sum();
+        let first = self.bench.model.parameters().len() + earlier_numbers;
         let mut start = fitted.start();
         start.values.drain(first..first + removed.len());
         Fitted::new(self.bench, self.basis, &laws, &start)
     }
 
     fn judge(&self, without: &Fitted, with: &Fitted) -> Result<Option<Judgement>, Error> {
-        let (other, model) = (losses(self.bench, without)?, losses(self.bench, with)?);
-        Ok(other.zip(model).map(|(other, model)| judge(&other, &model)))
+        let (smaller, larger) = (losses(self.bench, without)?, losses(self.bench, with)?);
+        Ok(smaller.zip(larger).map(|(smaller, larger)| judge(&smaller, &larger)))
     }
 
     /// Searches from a model on.
@@ -195,8 +195,7 @@ impl Search<'_> {
             let singles = self.extensions(&current, false)?;
             let mut next = self.likeliest(&current, singles, &mut refused)?;
             let is_explained = || {
-                let left = regions(self.bench, self.basis, &current, &current.noises);
-                left.is_some_and(|left| left.is_empty())
+                regions(self.bench, self.basis, &current, &current.noises).is_some_and(|list| list.is_empty())
             };
             let is_refused = refused.iter().any(|one| one.reason != Refusal::Unlikely);
             if next.is_none() && (is_refused || !is_explained()) {
@@ -231,7 +230,7 @@ impl Search<'_> {
         Ok(best.map(|(_, fitted)| fitted))
     }
 
-    /// How a model stands beside a smaller one.
+    /// Compares a model with a smaller one.
     fn standing(&self, smaller: &Fitted, larger: &Fitted) -> Result<Standing, Error> {
         let judgement = self.judge(smaller, larger)?;
         let of_judge = judgement.map_or(0.0, |one| ln_e_value(one.p));
@@ -255,22 +254,22 @@ impl Search<'_> {
     /// Takes a law out and puts others in its place.
     fn member(&self, current: &Fitted, member: usize) -> Result<Member, Error> {
         (self.on_step)(&format!("weighing law {} of {}", member + 1, current.laws.len()));
-        let without = self.without(current, member)?;
+        let smaller = self.without(current, member)?;
         let is_other = |fitted: &Fitted| {
             let last = fitted.laws.last();
             last.is_some_and(|last| !current.laws[member].is_like(last))
         };
-        let own = self.standing(&without, current)?;
+        let standing = self.standing(&smaller, current)?;
         let mut rivals = Vec::new();
-        for rival in self.extensions(&without, false)?.into_iter().filter(is_other) {
-            let ln_odds = self.standing(&without, &rival)?.ln_odds;
+        for rival in self.extensions(&smaller, false)?.into_iter().filter(is_other) {
+            let ln_odds = self.standing(&smaller, &rival)?.ln_odds;
             rivals.push((rival, ln_odds));
         }
         rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
         let ln_odds: Vec<f64> = rivals.iter().map(|(_, ln)| *ln).collect();
-        let total = ln_sum(ln_odds.into_iter().chain([own.ln_odds, 0.0]));
+        let total = ln_sum(ln_odds.into_iter().chain([standing.ln_odds, 0.0]));
         let rivals = rivals.into_iter().map(|(rival, ln)| (rival, (ln - total).exp())).collect();
-        let (ln_odds, judgement) = (own.ln_odds, own.judgement);
+        let (ln_odds, judgement) = (standing.ln_odds, standing.judgement);
         let probability = (ln_odds - total).exp();
         Ok(Member { ln_odds, probability, rivals, judgement })
     }

@@ -38,7 +38,7 @@ pub enum TableError {
         line: u64,
         /// The column.
         column: String,
-        /// What is there.
+        /// Its content.
         cell: String,
         /// Whether it may be empty.
         may_be_empty: bool,
@@ -58,11 +58,14 @@ impl Run {
             .from_path(path)
             .map_err(csv)?;
         let names: Vec<String> = reader.headers().map_err(csv)?.iter().map(str::to_owned).collect();
-        let wanted = std::iter::once(TIME).chain(channels.iter().map(|channel| channel.name.as_str()));
-        for column in wanted {
+        let required = std::iter::once(TIME).chain(channels.iter().map(|channel| channel.name.as_str()));
+        for column in required {
             if !names.iter().any(|name| name == column) {
-                let (column, found) = (column.to_owned(), names.join(", "));
-                return Err(TableError::Missing { path: path.to_owned(), column, found });
+                return Err(TableError::Missing {
+                    path: path.to_owned(),
+                    column: column.to_owned(),
+                    found: names.join(", "),
+                });
             }
         }
         let is_channel = |name: &str| channels.iter().any(|channel| channel.name == name);

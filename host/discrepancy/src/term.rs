@@ -16,7 +16,7 @@ pub struct Term {
     pub form: Form,
     /// Amplitudes, then the number of its shape.
     pub values: Vec<f64>,
-    /// What the regressor's values are between.
+    /// Range of the regressor's values.
     pub span: Span,
 }
 
@@ -31,7 +31,7 @@ pub struct Terms<'a> {
 }
 
 impl<'a> Terms<'a> {
-    /// Of these laws.
+    /// Takes these laws.
     pub fn new(list: &'a [Term]) -> Self {
         Self { list, stated: None }
     }
@@ -46,7 +46,7 @@ impl<'a> Terms<'a> {
         self.list
     }
 
-    /// What the laws of a site add at these values of its regressors, one instant alone. A law with a history is not evaluated here:
+    /// Sum of the laws of a site at these values of its regressors, one instant alone. A law with a history is not evaluated here:
     /// it acts where the model calls [`Terms::add`] and its regressor is declared so.
     pub fn value(&self, site: &str, regressors: &[(&str, f64)]) -> f64 {
         let mut sum = [0.0];

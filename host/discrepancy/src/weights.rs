@@ -33,7 +33,7 @@ pub fn ln_sum(ln_weights: impl Iterator<Item = f64> + Clone) -> f64 {
     }
 }
 
-/// How many of the first of these weights, largest first, have [`STATED_PROBABILITY`] together.
+/// Count of the first of these weights, largest first, that have [`STATED_PROBABILITY`] together.
 pub fn smallest_set(ln_weights: &[f64]) -> usize {
     let total = ln_sum(ln_weights.iter().copied());
     let mut sum = 0.0;

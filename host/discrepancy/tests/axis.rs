@@ -65,7 +65,7 @@ fn run(name: &str, path: &std::path::PathBuf, judges: bool) -> Run {
     let step_s = time[1] - time[0];
     let gain = arrays["gtau"][0];
     let force: Vec<f64> = arrays["vir"].iter().map(|voltage| gain * voltage).collect();
-    // Nothing is smoothed here: the workflow fits means over blocks, of force, acceleration and every law alike.
+    // The series are not smoothed here: the workflow fits means over blocks, of force, acceleration and every law alike.
     let speed = derivative(&arrays["qm"], step_s);
     let acceleration = derivative(&speed, step_s);
     let inner = |values: &[f64], cut: usize| values[cut..values.len() - cut].to_vec();

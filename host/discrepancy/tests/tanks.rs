@@ -74,15 +74,16 @@ impl ForwardModel for Tanks {
         terms: &Terms<'_>,
     ) -> Result<Vec<Vec<f64>>, ModelFailure> {
         let input = run.column("pump").ok_or_else(|| ModelFailure::Failed("no column pump".to_owned()))?;
-        let &[out, into, lower_out, pump, mut upper, mut lower] = parameters else {
+        let &[upper_out, lower_in, lower_out, pump, mut upper, mut lower] = parameters else {
             return Err(ModelFailure::Failed(format!("{} parameters", parameters.len())));
         };
         let mut levels = Vec::with_capacity(input.len());
         let rates = |upper: f64, lower: f64, u: f64| {
-            let (drained, left) = (upper.max(0.0).sqrt(), lower.max(0.0).sqrt());
-            let of_upper = -out * drained + pump * u + terms.value("upper", &[("upper_level", upper)]);
-            let of_lower =
-                into * drained - lower_out * left + terms.value("lower", &[("lower_level", lower)]);
+            let (upper_root, lower_root) = (upper.max(0.0).sqrt(), lower.max(0.0).sqrt());
+            let of_upper =
+                -upper_out * upper_root + pump * u + terms.value("upper", &[("upper_level", upper)]);
+            let of_lower = lower_in * upper_root - lower_out * lower_root
+                + terms.value("lower", &[("lower_level", lower)]);
             (of_upper, of_lower)
         };
         for (i, u) in input.iter().enumerate() {
@@ -120,7 +121,7 @@ fn run(name: &str, text: &str, columns: [usize; 2], judges: bool) -> Run {
     }
 }
 
-/// That the upper tank overflows is not found: the manual's page states it. What is added has to help where it was not fitted.
+/// The overflow of the upper tank is not found: the manual's page states it. An added law has to help where it was not fitted.
 #[test]
 fn what_is_added_to_measured_tanks_helps_in_the_run_that_judges() {
     let Some(path) = measured("tanks/dataBenchmark.csv") else { return };

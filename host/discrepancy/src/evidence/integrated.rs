@@ -89,7 +89,7 @@ impl Patterns {
         0.5 / (widest * widest)
     }
 
-    /// What integrating over the sizes around their likeliest values adds to the log evidence, up to what all hypotheses share; nothing
+    /// Gain of log evidence by integrating over the sizes around their likeliest values, up to what all hypotheses share; nothing
     /// where a size makes no sense. A size that the data determine is worth less than one that may be anything that is ordinary.
     pub fn ln_volume_of_sizes(&self, sizes: &[f64], products: &Products) -> Option<f64> {
         let (_, curvature) = self.curvature(sizes, products)?;

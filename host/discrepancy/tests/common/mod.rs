@@ -1,4 +1,4 @@
-//! What the tests share: the folder with measurements of others, and a reader of their files.
+//! Tools of several tests: the folder with measurements of others, and a reader of their files.
 #![allow(dead_code, reason = "each test uses a part")]
 
 use flate2::read::ZlibDecoder;
@@ -55,9 +55,9 @@ pub fn arrays(path: &PathBuf) -> BTreeMap<String, Vec<f64>> {
         assert_eq!(kind, 15, "an array that is not compressed");
         let mut matrix = Vec::new();
         ZlibDecoder::new(content).read_to_end(&mut matrix).expect("compressed content");
-        let parts = elements(&matrix[8..]);
-        let name = String::from_utf8(parts[2].1.to_vec()).expect("a name");
-        let values = match parts[3] {
+        let fields = elements(&matrix[8..]);
+        let name = String::from_utf8(fields[2].1.to_vec()).expect("a name");
+        let values = match fields[3] {
             (9, bytes) => {
                 bytes.chunks(8).map(|b| f64::from_le_bytes(b.try_into().expect("eight bytes"))).collect()
             }
