@@ -61,9 +61,9 @@ pub(super) fn choose(
         }
     };
     let Some(body) = body else {
-        let found = search(&springs, &mut report)?;
+        let outcome = search(&springs, &mut report)?;
         let foundation = FoundationResult::springs(None, &springs.fitted);
-        return Ok(Choice { foundation, start: springs, found, beside: Vec::new() });
+        return Ok(Choice { foundation, start: springs, found: outcome, beside: Vec::new() });
     };
     let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
     let comparison = Some((gain, body.fitted.clone()));
@@ -78,7 +78,7 @@ pub(super) fn choose(
     let is_searched = !only_body
         && (is_in_question(&first, &second, &found)?
             || promises_more(&found, &on(&first, judge, catalogue), &on(&second, judge, catalogue))?);
-    let other = if is_searched { search(&second, &mut report).ok() } else { None };
+    let other_outcome = if is_searched { search(&second, &mut report).ok() } else { None };
     // If no effect is named on one foundation, a name on the other one has to explain the held-out runs better, too.
     let explains_held_out = |other: &Found| {
         !found.members.is_empty()
@@ -89,14 +89,14 @@ pub(super) fn choose(
         other.prior.ln_weight(&other.fitted) > found.prior.ln_weight(&found.fitted)
             && explains_held_out(other)
     };
-    let (start, found, refused, unused) = match other {
+    let (start, found, refused, unused) = match other_outcome {
         Some(other) if is_better(&other) => (second, other, first, Some(found)),
         other => (first, found, second, other),
     };
     let springs = if start.fitted.layout.support.is_body() { &refused.fitted } else { &start.fitted };
     let foundation = FoundationResult::of(&found.fitted, springs, comparison);
-    let beside = unused.map_or_else(Vec::new, |unused| beside(&refused, &unused, &found));
-    Ok(Choice { foundation, start, found, beside })
+    let unchosen = unused.map_or_else(Vec::new, |unused| beside(&refused, &unused, &found));
+    Ok(Choice { foundation, start, found, beside: unchosen })
 }
 
 /// The search for what is missing on a foundation.
@@ -125,9 +125,9 @@ fn is_in_question(first: &Start, second: &Start, found: &Found) -> Result<bool, 
     if !is_adequate && !second.is_far_behind(found)? {
         return Ok(true);
     }
-    let behind = found.fitted.log_evidence - second.fitted.log_evidence - IN_QUESTION;
-    let gain = varied(second, behind.max(0.0)).unwrap_or(0.0);
-    Ok(gain > behind && gain > 0.0)
+    let needed_gain = found.fitted.log_evidence - second.fitted.log_evidence - IN_QUESTION;
+    let gain = varied(second, needed_gain.max(0.0)).unwrap_or(0.0);
+    Ok(gain > needed_gain && gain > 0.0)
 }
 
 /// The models on the foundation that was not chosen that are not far behind, likeliest first.
@@ -135,17 +135,17 @@ fn beside(start: &Start, unused: &Found, chosen: &Found) -> Vec<Beside> {
     let most = chosen.prior.ln_weight(&chosen.fitted);
     let candidates = unused.first.iter().filter_map(|candidate| candidate.refit.as_ref().map(|(fit, _)| fit));
     let fits = [&start.fitted, &unused.fitted].into_iter().chain(candidates);
-    let mut all: Vec<Beside> = Vec::new();
+    let mut models: Vec<Beside> = Vec::new();
     for fitted in fits {
         let ln_odds = unused.prior.ln_weight(fitted) - most;
-        let is_new = !all.iter().any(|known| known.fitted.layout.has_effects_of(&fitted.layout));
+        let is_new = !models.iter().any(|known| known.fitted.layout.has_effects_of(&fitted.layout));
         if ln_odds > NO_WEIGHT && is_new && !fitted.at_bound.contains(&true) {
-            all.push(Beside { fitted: fitted.clone().over_sizes(&start.patterns), ln_odds });
+            models.push(Beside { fitted: fitted.clone().over_sizes(&start.patterns), ln_odds });
         }
     }
-    limit_refused(all.iter_mut().map(|other| &mut other.ln_odds), 0.0);
-    all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
-    all
+    limit_refused(models.iter_mut().map(|other| &mut other.ln_odds), 0.0);
+    models.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+    models
 }
 
 #[cfg(test)]
@@ -161,15 +161,15 @@ mod tests {
         let falling = Truth { k_kpa: 9.0, ..truth(vec![("tissue.gradient", vec![-0.012])]) };
         for seed in [4, 5, 6] {
             let session = worlds::session(&falling, &Design::four_runs(), seed);
-            let found = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
-            if found.verdict == Verdict::Adequate {
+            let result = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+            if result.verdict == Verdict::Adequate {
                 let is_stated = |limit: &String| limit.contains("springs with tissue.");
-                assert!(found.limits.iter().any(is_stated), "{seed} {:?}", found.limits);
+                assert!(result.limits.iter().any(is_stated), "{seed} {:?}", result.limits);
             } else {
-                let class = &found.effects[0].class;
-                assert!(class.iter().any(|id| id.starts_with("tissue.")), "{seed} {:?}", found.effects);
-                let [low, high] = found.k_ci95_kpa;
-                assert!((low..=high).contains(&9.0), "{seed} K {:.2} ({low:.2} to {high:.2})", found.k_kpa);
+                let class = &result.effects[0].class;
+                assert!(class.iter().any(|id| id.starts_with("tissue.")), "{seed} {:?}", result.effects);
+                let [low, high] = result.k_ci95_kpa;
+                assert!((low..=high).contains(&9.0), "{seed} K {:.2} ({low:.2} to {high:.2})", result.k_kpa);
             }
         }
     }

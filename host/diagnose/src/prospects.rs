@@ -43,8 +43,8 @@ pub struct Prospects {
 impl Prospects {
     /// Probability that nothing is missing.
     pub fn nothing_missing(&self) -> f64 {
-        let nothing = self.explanations.iter().filter(|set| set.effects.is_empty());
-        (1.0 - self.unseen_probability) * nothing.map(|set| set.probability).sum::<f64>()
+        let empty_sets = self.explanations.iter().filter(|set| set.effects.is_empty());
+        (1.0 - self.unseen_probability) * empty_sets.map(|set| set.probability).sum::<f64>()
     }
 }
 
@@ -158,19 +158,19 @@ impl Known<'_> {
         let run = Run::lateral(&measured, &model.rig).map_err(|_| FitError::Undetermined)?.numbered(order);
         let run = Prepared { whitener: Whitener::new(&run, self.noise, &model)?, run };
         let here = run.residuals(&base.layout, base.values())?;
-        let all: Vec<Prepared> = self.runs.iter().chain([&run]).cloned().collect();
-        let patterns = patterns(&base.layout, base.values(), &all, self.multiples)?;
+        let with_planned: Vec<Prepared> = self.runs.iter().chain([&run]).cloned().collect();
+        let patterns = patterns(&base.layout, base.values(), &with_planned, self.multiples)?;
         Ok(Foreseen { run, here, patterns })
     }
 
     fn prospect(&self, models: &Models<'_>, plan: &LateralPlan) -> Result<Prospect, FitError> {
         let base = models.base;
         let foreseen = self.foreseen(base, plan)?;
-        let own = foreseen.with(base).ok_or(FitError::Undetermined)?;
+        let base_with_run = foreseen.with(base).ok_or(FitError::Undetermined)?;
         // A model that makes the planned run impossible (a needle that buckles) is no ground to plan it: it predicts what the base does.
         let fits: Vec<Option<Fitted>> = models.fits.iter().map(|(_, fit)| foreseen.with(fit)).collect();
         let expected = |fit: &Fitted| self.expected(&foreseen, fit);
-        let of_base = expected(&own).ok_or(FitError::Undetermined)?;
+        let of_base = expected(&base_with_run).ok_or(FitError::Undetermined)?;
         let of_fit = |fit: &Option<Fitted>| fit.as_ref().and_then(expected).unwrap_or(of_base.clone());
         let means: Vec<DVector<f64>> = fits.iter().map(of_fit).collect();
         let count = fits.len();
@@ -180,28 +180,28 @@ impl Known<'_> {
         };
         let squares: Vec<Vec<f64>> = fits.iter().zip(&means).map(of_fit).collect();
         let sizes = self.sizes(base, &foreseen.patterns);
-        let mut at_sizes = own.clone();
+        let mut at_sizes = base_with_run.clone();
         at_sizes.sizes.clone_from(&sizes);
         let directions = models.directions.clone().with_run(base, &foreseen.run, &foreseen.here);
-        let after = Scores::along(directions, &at_sizes, &foreseen.patterns)?.unseen();
+        let unseen_after = Scores::along(directions, &at_sizes, &foreseen.patterns)?.unseen();
         // Two normal distributions, one of which is wider along one direction.
         let wider = |((_, before), after): (&(f64, Unseen), &Unseen)| {
             let ratio = (before.variance / after.variance - 1.0).max(0.0);
             0.5 * ((1.0 + 0.5 * ratio) / (1.0 + ratio).sqrt()).ln()
         };
-        let unseen: Vec<f64> = models.unseen.iter().zip(&after).map(wider).collect();
+        let unseen: Vec<f64> = models.unseen.iter().zip(&unseen_after).map(wider).collect();
         let base_number =
             models.fits.iter().position(|(_, fit)| fit.layout.has_effects_of(&base.layout)).unwrap_or(0);
-        let between = |i: usize, j: usize| {
+        let fit_distance = |i: usize, j: usize| {
             let square =
                 |i: usize, j: usize| squares.get(i).and_then(|row| row.get(j)).copied().unwrap_or(0.0);
             (square(i, j) + square(j, i)) / 16.0
         };
         let distance = |i: usize, j: usize| match (i < count, j < count) {
-            (true, true) => between(i, j),
+            (true, true) => fit_distance(i, j),
             // An unseen effect lies beside the base, in a direction of its own.
-            (true, false) => unseen[j - count] + between(i, base_number),
-            (false, true) => unseen[i - count] + between(j, base_number),
+            (true, false) => unseen[j - count] + fit_distance(i, base_number),
+            (false, true) => unseen[i - count] + fit_distance(j, base_number),
             (false, false) if i == j => 0.0,
             (false, false) => unseen[i - count] + unseen[j - count],
         };
@@ -216,11 +216,12 @@ impl Known<'_> {
         let gains: Vec<f64> = (0..weights.len()).map(gain).collect();
         let effects = models.fits.iter().map(|(_, fit)| added(fit));
         let effects = effects.chain(models.unseen.iter().map(|(_, one)| vec![one.effect.id().to_owned()]));
-        let after = own.ln_modulus_variance(&foreseen.patterns, &sizes).ok_or(FitError::Undetermined)?;
+        let planned_variance =
+            base_with_run.ln_modulus_variance(&foreseen.patterns, &sizes).ok_or(FitError::Undetermined)?;
         Ok(Prospect {
             run: plan.id.clone(),
             information_nats: gains.iter().sum::<f64>().max(0.0),
-            modulus_nats: (0.5 * (models.ln_modulus_variance / after).ln()).max(0.0),
+            modulus_nats: (0.5 * (models.ln_modulus_variance / planned_variance).ln()).max(0.0),
             force_n: largest_force_n(&foreseen.run.run),
             reasons: reasons(&gains, &effects.collect::<Vec<_>>()),
         })
@@ -248,17 +249,17 @@ impl Known<'_> {
         let differences: Vec<DVector<f64>> = means.iter().map(|mean| mean - own).collect();
         columns.push(DMatrix::from_columns(&differences));
         let products = fit.products_beside_parameters(&foreseen.patterns, &columns);
-        let (left, _) =
+        let (reduced, _) =
             fit.eliminated(&foreseen.patterns, &self.sizes(fit, &foreseen.patterns), &products)?;
-        Some(left.diagonal().iter().copied().collect())
+        Some(reduced.diagonal().iter().copied().collect())
     }
 
     /// Sizes of the groups of the discrepancy beside a planned run, as a fit has them.
     fn sizes(&self, fit: &Fitted, beside: &Patterns) -> Vec<f64> {
-        let known: Vec<(&str, f64)> =
+        let fitted_sizes: Vec<(&str, f64)> =
             self.patterns.groups.iter().map(|group| group.name).zip(fit.sizes.iter().copied()).collect();
         let of_group = |group: &Group| {
-            let size = known.iter().find(|(name, _)| *name == group.name).map(|(_, size)| *size);
+            let size = fitted_sizes.iter().find(|(name, _)| *name == group.name).map(|(_, size)| *size);
             size.unwrap_or(group.everyday)
         };
         beside.groups.iter().map(of_group).collect()
@@ -268,10 +269,10 @@ impl Known<'_> {
 impl Foreseen {
     /// A fit with what it predicts of the planned run; nothing where that is impossible.
     fn with(&self, fit: &Fitted) -> Option<Fitted> {
-        let one = std::slice::from_ref(&self.run);
-        let residuals = residuals(&fit.layout, one, fit.values()).ok()?;
+        let planned = std::slice::from_ref(&self.run);
+        let residuals = residuals(&fit.layout, planned, fit.values()).ok()?;
         let parameters = fit.layout.parameters(fit.values());
-        let jacobian = jacobian(&fit.layout, one, fit.values(), &parameters, &residuals, &[]).ok()?;
+        let jacobian = jacobian(&fit.layout, planned, fit.values(), &parameters, &residuals, &[]).ok()?;
         Some(fit.with_run(residuals.into_iter().next()?, jacobian.into_iter().next()?))
     }
 }

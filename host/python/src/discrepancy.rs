@@ -24,7 +24,7 @@ pub struct DiscrepancyTerms {
 
 #[pymethods]
 impl DiscrepancyTerms {
-    /// What the laws of a site add, as a number or, where a regressor is an array, as an array.
+    /// Sum of the laws of a site, as a number or, where a regressor is an array, as an array.
     #[pyo3(signature = (site, **regressors))]
     fn __call__<'py>(
         &self,
@@ -87,7 +87,7 @@ fn series(value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
 /// A Python function `model(parameters, terms, run)` as a forward model.
 struct Function {
     function: Py<PyAny>,
-    /// What the function gets as its run, by name.
+    /// Arguments that the function gets as its run, by name.
     runs: BTreeMap<String, Py<PyAny>>,
     parameters: Vec<Parameter>,
     sites: Vec<Site>,
@@ -110,15 +110,15 @@ impl Function {
         for (parameter, value) in self.parameters.iter().zip(parameters) {
             values.set_item(&parameter.name, value)?;
         }
-        let made = DiscrepancyTerms {
+        let py_terms = DiscrepancyTerms {
             list: terms.list().to_vec(),
             sites: Arc::clone(&self.names),
             stated: Mutex::default(),
         };
-        let made = Py::new(py, made)?;
-        let known = self.runs.get(&run.name).map(|run| run.clone_ref(py));
-        let result = self.function.call1(py, (values, made.clone_ref(py), known))?;
-        let stated = made.get().stated.lock().unwrap_or_else(PoisonError::into_inner);
+        let py_terms = Py::new(py, py_terms)?;
+        let py_run = self.runs.get(&run.name).map(|run| run.clone_ref(py));
+        let result = self.function.call1(py, (values, py_terms.clone_ref(py), py_run))?;
+        let stated = py_terms.get().stated.lock().unwrap_or_else(PoisonError::into_inner);
         for ((site, name), range) in stated.iter() {
             for x in range.iter().filter(|x| x.is_finite()) {
                 terms.value(site, &[(name, *x)]);
@@ -179,7 +179,7 @@ impl ForwardModel for Function {
     }
 }
 
-/// What is stated beside the function and the runs, as JSON.
+/// Declarations beside the function and the runs, as JSON.
 #[derive(serde::Deserialize)]
 struct Stated {
     parameters: Vec<Parameter>,
@@ -198,7 +198,7 @@ struct StatedRun {
     channels: Vec<(String, String, Vec<f64>, Option<Vec<f64>>)>,
     columns: Vec<(String, Vec<f64>)>,
     judges: bool,
-    /// What the model gets.
+    /// Argument that the model gets.
     run: Py<PyAny>,
 }
 
@@ -215,10 +215,10 @@ pub fn discrepancy(
         .map_err(|error| usage(py, &format!("parameters, sites or effects: {error}")))?;
     let timeout = Duration::try_from_secs_f64(timeout_s)
         .map_err(|_| usage(py, &format!("timeout_s: {timeout_s}, expected a number of seconds above 0")))?;
-    let (mut known, mut all) = (BTreeMap::new(), Vec::new());
+    let (mut py_runs, mut model_runs) = (BTreeMap::new(), Vec::new());
     for run in runs {
         let StatedRun { name, time_s, channels, columns, judges, run } = run.extract()?;
-        if known.insert(name.clone(), run).is_some() {
+        if py_runs.insert(name.clone(), run).is_some() {
             return Err(usage(py, &format!("data: two runs have the name {name:?}")));
         }
         let channels = channels.into_iter().map(|(name, unit, values, sds)| ::discrepancy::Channel {
@@ -235,11 +235,11 @@ pub fn discrepancy(
         let (channels, columns) = (channels.collect(), columns.collect());
         all.push(Run { name, time_s, channels, columns, judges });
     }
-    let data = Data::new(all).map_err(|error| usage(py, &error.to_string()))?;
+    let data = Data::new(model_runs).map_err(|error| usage(py, &error.to_string()))?;
     let effects: Result<Vec<Effect>, Error> = effects.iter().map(|text| Effect::parse(text)).collect();
     let options = Options { everyday, effects: effects.map_err(|error| usage(py, &error.to_string()))? };
     let raised = Arc::new(Mutex::new(None));
-    let kept = Arc::clone(&raised);
+    let raised_in_model = Arc::clone(&raised);
     let result = interruptible(
         py,
         move |messages, interrupted| {
@@ -247,13 +247,13 @@ pub fn discrepancy(
             let is_interrupted = Box::new(move || interrupted.is_set());
             let model = Function {
                 function,
-                runs: known,
+                runs: py_runs,
                 parameters,
                 sites,
                 names,
                 timeout,
                 is_interrupted,
-                raised: kept,
+                raised: raised_in_model,
             };
             let messages = Mutex::new(messages);
             diagnose(&model, &data, &options, &|step| {

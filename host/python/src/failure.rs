@@ -21,7 +21,7 @@ pub fn usage(py: Python<'_>, message: &str) -> PyErr {
     new(py, "UsageError", message, &FailedAt::default(), "")
 }
 
-/// What the data or a model do not allow.
+/// A failure of the data or of a model.
 pub fn analysis(py: Python<'_>, message: &str) -> PyErr {
     new(py, "AnalysisError", message, &FailedAt::default(), "")
 }

@@ -176,10 +176,10 @@ mod tests {
     #[test]
     fn the_bytes_depend_on_content_and_stated_time_only() {
         let time = OffsetDateTime::from_unix_timestamp(1_795_852_800).unwrap();
-        let both = || (tar_gz("a", &sample(), time).unwrap(), zip("a", &sample(), time).unwrap());
-        assert_eq!(both(), both());
+        let archives = || (tar_gz("a", &sample(), time).unwrap(), zip("a", &sample(), time).unwrap());
+        assert_eq!(archives(), archives());
         let later = time + time::Duration::days(1);
-        assert_ne!(tar_gz("a", &sample(), later).unwrap(), both().0);
+        assert_ne!(tar_gz("a", &sample(), later).unwrap(), archives().0);
     }
 
     #[test]

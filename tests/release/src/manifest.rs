@@ -131,9 +131,9 @@ pub fn differences(one: &Manifest, other: &Manifest) -> Vec<String> {
             continue;
         }
         differing.push(format!("{name}: {} and {} bytes", a.bytes, b.bytes));
-        let inside =
+        let differing_entries =
             union(&a.holds, &b.holds).into_iter().filter(|held| a.holds.get(*held) != b.holds.get(*held));
-        differing.extend(inside.map(|held| format!("{name}: {held}")));
+        differing.extend(differing_entries.map(|held| format!("{name}: {held}")));
     }
     differing
 }
@@ -181,15 +181,15 @@ mod tests {
     fn bundles_of_other_bytes_are_told_apart_down_to_the_file_in_an_archive() {
         let manifest = verify(bundle().path()).unwrap();
         assert_eq!(differences(&manifest, &manifest), Vec::<String>::new());
-        let mut other = manifest.clone();
-        other.commit = "abd".into();
-        let file = other.files.get_mut("a.html").unwrap();
+        let mut changed = manifest.clone();
+        changed.commit = "abd".into();
+        let file = changed.files.get_mut("a.html").unwrap();
         file.sha256 = sha256(b"pagf");
         file.holds.insert("guide".into(), Held { bytes: 1, sha256: sha256(b"g") });
         let lines = ["MANIFEST.json: abc and abd", "a.html: 4 and 4 bytes", "a.html: guide"];
-        assert_eq!(differences(&manifest, &other), lines);
-        other.files.clear();
-        assert_eq!(differences(&manifest, &other)[1], "a.html: is in one bundle only");
+        assert_eq!(differences(&manifest, &changed), lines);
+        changed.files.clear();
+        assert_eq!(differences(&manifest, &changed)[1], "a.html: is in one bundle only");
     }
 
     #[test]

@@ -62,7 +62,7 @@ impl Scores {
     /// The direction and the amplitude from which on an effect has a name with this probability; nothing where none in its range has.
     fn smallest(&self, effect: usize, needed: f64, probability: f64) -> Option<(usize, f64)> {
         let column = self.best_column(effect)?;
-        let (of, hypotheses) = self.hypotheses.get(effect)?;
+        let (tried_effect, hypotheses) = self.hypotheses.get(effect)?;
         let columns: Vec<usize> = hypotheses.iter().flat_map(|one| one.columns.iter().copied()).collect();
         let count = columns.len();
         let gram = DMatrix::from_fn(count, count, |i, j| self.gram[(columns[i], columns[j])]);
@@ -72,19 +72,20 @@ impl Scores {
         let prepared: Vec<Option<PreparedHypothesis>> =
             hypotheses.iter().map(|hypothesis| self.prepared(hypothesis)).collect();
         let is_named = |amplitude: f64, noise: &DVector<f64>| {
-            let mut along = DVector::zeros(self.gram.nrows());
+            let mut projections = DVector::zeros(self.gram.nrows());
             for (value, place) in noise.iter().zip(&columns) {
-                along[*place] = value + amplitude * self.gram[(*place, column)];
+                projections[*place] = value + amplitude * self.gram[(*place, column)];
             }
-            let ways = hypotheses.iter().zip(&prepared);
-            let evidences = ways.map(|(one, prepared)| Self::log_evidence(one, prepared.as_ref(), &along));
+            let alternatives = hypotheses.iter().zip(&prepared);
+            let evidences =
+                alternatives.map(|(one, prepared)| Self::log_evidence(one, prepared.as_ref(), &projections));
             mean_of_exponentials(evidences) >= needed
         };
         let power = |amplitude: f64| {
             noises.iter().filter(|noise| is_named(amplitude, noise)).count() as f64 / DRAWS as f64
         };
         let one = self.amplitudes().into_iter().find(|one| one.column == column)?;
-        let info = of.parameters().get(one.parameter)?;
+        let info = tried_effect.parameters().get(one.parameter)?;
         let scale = Scale::of(info);
         let [_, most] = info.range.map(|end| scale.inside(end));
         let (mut low, mut high) = (0.0, (most - scale.inside(info.neutral)) / one.step);
@@ -100,16 +101,16 @@ impl Scores {
 
     /// Other effects that predict the same, as far as any run tells, as one of this size.
     fn alike(&self, effect: usize, (column, amplitude): (usize, f64)) -> Vec<&'static str> {
-        let own = self.gram[(column, column)];
+        let square = self.gram[(column, column)];
         let is_alike = |other: usize| {
             let (_, hypotheses) = &self.hypotheses[other];
             hypotheses.iter().flat_map(|one| &one.columns).any(|other| {
                 let (theirs, common) = (self.gram[(*other, *other)], self.gram[(column, *other)]);
                 // Part of it that the other one cannot produce.
-                theirs > 0.0 && amplitude * amplitude * (own - common * common / theirs) < indistinct()
+                theirs > 0.0 && amplitude * amplitude * (square - common * common / theirs) < indistinct()
             })
         };
-        let others = (0..self.hypotheses.len()).filter(|other| *other != effect && is_alike(*other));
-        others.map(|other| self.hypotheses[other].0.id()).collect()
+        let similar = (0..self.hypotheses.len()).filter(|other| *other != effect && is_alike(*other));
+        similar.map(|other| self.hypotheses[other].0.id()).collect()
     }
 }

@@ -28,8 +28,8 @@ struct Args {
 
 fn main() -> Result<ExitCode> {
     let args = args()?;
-    if let Some(other) = &args.same_as {
-        return same(&args.bundle, other);
+    if let Some(other_bundle) = &args.same_as {
+        return same(&args.bundle, other_bundle);
     }
     let mut checks = Checks::default();
     let manifest = manifest::verify(&args.bundle)?;
@@ -84,13 +84,13 @@ fn args() -> Result<Args> {
 
 /// Prints in what two bundles differ.
 fn same(bundle: &Path, other: &Path) -> Result<ExitCode> {
-    let (one, other) = (manifest::verify(bundle)?, manifest::verify(other)?);
-    let differing = manifest::differences(&one, &other);
+    let (manifest, other_manifest) = (manifest::verify(bundle)?, manifest::verify(other)?);
+    let differing = manifest::differences(&manifest, &other_manifest);
     for line in &differing {
         println!("differs: {line}");
     }
     if differing.is_empty() {
-        println!("the same bytes: {} files of {}", one.files.len(), one.commit);
+        println!("the same bytes: {} files of {}", manifest.files.len(), manifest.commit);
         return Ok(ExitCode::SUCCESS);
     }
     Ok(ExitCode::FAILURE)
