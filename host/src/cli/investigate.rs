@@ -8,7 +8,7 @@ use super::output::Output;
 use anyhow::{Context, bail};
 use formats::session::Session;
 use inference::diagnose::{Diagnosis, INCOMPRESSIBLE, Options, Prospect, diagnose};
-use inference::investigate::{Bounds, Choice, Decision, End, Goal, Log, Menu, Step, decide};
+use inference::investigate::{Bounds, ChosenRun, Decision, End, Goal, Log, Menu, Step, decide};
 use measure::{Measured, Rig};
 use serde::Serialize;
 use simulation::simulate::Axis;
@@ -187,7 +187,7 @@ fn first(menu: &Menu) -> anyhow::Result<Decision> {
         force_n: 0.0,
         reasons: Vec::new(),
     };
-    Ok(Decision::Measure(Box::new(Choice { run, prospect })))
+    Ok(Decision::Measure(Box::new(ChosenRun { run, prospect })))
 }
 
 impl Args {
@@ -275,11 +275,11 @@ impl Display for StepText<'_> {
 }
 
 /// A chosen run for the eye.
-struct ChoiceText<'a>(&'a Choice);
+struct ChoiceText<'a>(&'a ChosenRun);
 
 impl Display for ChoiceText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Choice { run, prospect } = self.0;
+        let ChosenRun { run, prospect } = self.0;
         write!(f, "next       {}: {} ({:.1} min)", run.plan.id, run.words, run.minutes)?;
         if !prospect.reasons.is_empty() {
             let reasons = prospect.reasons.join(", ");

@@ -1,6 +1,6 @@
 //! The file of an investigation.
 
-use super::{Choice, End};
+use super::{ChosenRun, End};
 use diagnose::{Diagnosis, PossibleSet, Prospects, Verdict};
 use formats::files;
 use serde::{Deserialize, Serialize};
@@ -144,7 +144,7 @@ impl Log {
     }
 
     /// Enters the run that was chosen after the last diagnosis.
-    pub fn choose(&mut self, choice: &Choice) {
+    pub fn choose(&mut self, choice: &ChosenRun) {
         if let Some(step) = self.steps.last_mut() {
             step.next = Some(Next {
                 run: choice.run.plan.id.clone(),

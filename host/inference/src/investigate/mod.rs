@@ -80,14 +80,14 @@ impl Display for End {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Decision {
     /// Make this run.
-    Measure(Box<Choice>),
+    Measure(Box<ChosenRun>),
     /// Stop.
     Stop(End),
 }
 
 /// A run and what is expected of it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Choice {
+pub struct ChosenRun {
     /// The run.
     pub run: PlannedRun,
     /// Expected information of the run.
@@ -129,17 +129,17 @@ pub fn decide(
     }
     let choices = runs.into_iter().filter_map(|run| {
         let prospect = prospects.runs.iter().find(|prospect| prospect.run == run.plan.id)?.clone();
-        (prospect.force_n <= force_limit_n).then_some(Choice { run, prospect })
+        (prospect.force_n <= force_limit_n).then_some(ChosenRun { run, prospect })
     });
-    let nats = |choice: &Choice| match goal {
+    let nats = |choice: &ChosenRun| match goal {
         Goal::Name => choice.prospect.information_nats,
         Goal::Modulus(_) => choice.prospect.modulus_nats,
     };
-    let is_worth_it = |choice: &Choice| match goal {
+    let is_worth_it = |choice: &ChosenRun| match goal {
         Goal::Name => nats(choice) * f64::from(runs_left.max(1)) > DECIDED_NATS,
         Goal::Modulus(_) => nats(choice) > 0.0,
     };
-    let per_minute = |choice: &Choice| nats(choice) / choice.run.minutes;
+    let per_minute = |choice: &ChosenRun| nats(choice) / choice.run.minutes;
     let best = choices.filter(is_worth_it).max_by(|a, b| per_minute(a).total_cmp(&per_minute(b)));
     match best {
         Some(choice) => Decision::Measure(Box::new(choice)),
@@ -241,7 +241,7 @@ mod tests {
         let mut log = Log::read(folder.path()).expect("a new log");
         log.push(1, &found, &prospects);
         let run = planned[0].clone();
-        log.choose(&Choice { prospect: prospects.runs[0].clone(), run });
+        log.choose(&ChosenRun { prospect: prospects.runs[0].clone(), run });
         log.write(folder.path()).expect("written");
         let mut again = Log::read(folder.path()).expect("the same");
         assert_eq!(again.steps, log.steps);
