@@ -11,7 +11,7 @@ const GENERATORS: [&str; 5] =
     ["host/simulation/", "host/examples/", "host/benches/", "host/modulus/src/monte_carlo.rs", "tests/"];
 
 /// Constants that have the name of a prior and are none.
-const OTHERS: [(&str, &[&str]); 4] = [
+const OTHERS: [(&str, &[&str]); 5] = [
     (
         "a distance at which something is decided, or a step of a search, in standard deviations",
         &[
@@ -19,13 +19,15 @@ const OTHERS: [(&str, &[&str]); 4] = [
             "host/diagnose/src/characterize/play.rs AROUND_SD",
             "host/diagnose/src/characterize/play.rs GIVEN_SD_MM",
             "host/diagnose/src/characterize/play.rs SHARE_OF_SD",
-            "host/diagnose/src/evidence/integrated.rs POINT_SD",
             "host/diagnose/src/found.rs NEAR_SD",
             "host/diagnose/src/known.rs MOVED_SD",
             "host/diagnose/src/posterior.rs MAX_STEP_SD",
             "host/diagnose/src/posterior.rs SAME_SD",
             "host/diagnose/src/posterior.rs SETTLED_SD",
             "host/diagnose/src/posterior/quantities.rs SLOPE_SD",
+            "host/discrepancy/src/evidence/integrated.rs POINT_SD",
+            "host/discrepancy/src/fit.rs MAX_STEP_SD",
+            "host/discrepancy/src/fit.rs SETTLED_SD",
             "host/identify/src/pool.rs PROFILE_REACH_SD",
             "host/imaging/src/camera.rs MAX_SD_PX",
             "host/imaging/src/sweep/lag.rs MAX_SD_S",
@@ -57,6 +59,15 @@ const OTHERS: [(&str, &[&str]); 4] = [
     (
         "the estimator on the target, which is built without the host's crates",
         &["firmware/estimator/src/filter.rs DAMPING_SD", "firmware/estimator/src/filter.rs LOG_STIFFNESS_SD"],
+    ),
+    (
+        "laws, noise and discrepancy of rigs of others, of which the table of this rig's unknowns states nothing",
+        &[
+            "host/discrepancy/src/basis.rs SMALLER_SD_LN",
+            "host/discrepancy/src/fit.rs `sd: 0.3,`",
+            "host/discrepancy/src/lib.rs `everyday: 0.01,`",
+            "host/discrepancy/src/noise.rs ODDS_SD",
+        ],
     ),
     ("a published method, kept as it was published", &["host/track/src/kalman.rs LOG_SD"]),
 ];

@@ -92,7 +92,7 @@ impl Program {
             ["study-demo", "study-bringup"].into_iter().filter_map(|name| system.get(name)).flatten();
         let of_studies = of_studies.chain(of_system.cloned());
         commands.entry("study".to_owned()).or_default().extend(of_studies);
-        for task in ["test", "release"] {
+        for task in ["test", "release", "wording"] {
             commands.entry(task.to_owned()).or_default().extend(options(&help_of("xtask", &[task])));
         }
         commands.entry("web".to_owned()).or_default().extend(options(&help_of("browser", &[])));
@@ -188,7 +188,9 @@ fn every_command_and_option_of_the_pages_exists() {
         };
         // Quoted text is that of an option, and may be a command of its own.
         let words = shlex::split(&text).unwrap_or_else(|| vec![text.clone()]);
-        let named = words.iter().filter(|word| is_known.is_none() || word.starts_with("--"));
+        // Options behind `--` are those of another command.
+        let own_words = words.iter().take_while(|word| *word != "--");
+        let named = own_words.filter(|word| is_known.is_none() || word.starts_with("--"));
         for option in named.flat_map(|word| options_in(word)) {
             let fault = match &is_known {
                 Some(None) => continue,
