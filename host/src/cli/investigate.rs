@@ -111,6 +111,12 @@ struct NextRun {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    if args.port.is_none() && args.simulate.is_none() && !args.dir.join("session.toml").exists() {
+        bail!(
+            "{}: no session.toml, expected the folder of a session (`guide init` makes one), or --simulate FILE, or --port PORT with --rig FILE",
+            args.dir.display()
+        );
+    }
     let mut rig = args.rig();
     let mut log = Log::read(&args.dir)?;
     let mut made = 0;
@@ -132,7 +138,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         };
         let choice = match decision {
             Decision::Stop(end) => break (end, None),
-            Decision::Measure(_) if made == args.max_runs => break (End::MaxRuns, None),
             Decision::Measure(choice) => choice,
         };
         log.choose(&choice);

@@ -127,6 +127,9 @@ pub fn decide(
     if let Some(end) = reached {
         return Decision::Stop(end);
     }
+    if runs_left == 0 {
+        return Decision::Stop(End::MaxRuns);
+    }
     let choices = runs.into_iter().filter_map(|run| {
         let prospect = prospects.runs.iter().find(|prospect| prospect.run == run.plan.id)?.clone();
         (prospect.force_n <= force_limit_n).then_some(ChosenRun { run, prospect })
@@ -136,7 +139,7 @@ pub fn decide(
         Goal::Modulus(_) => choice.prospect.modulus_nats,
     };
     let is_worth_it = |choice: &ChosenRun| match goal {
-        Goal::Name => nats(choice) * f64::from(runs_left.max(1)) > DECIDED_NATS,
+        Goal::Name => nats(choice) * f64::from(runs_left) > DECIDED_NATS,
         Goal::Modulus(_) => nats(choice) > 0.0,
     };
     let per_minute = |choice: &ChosenRun| nats(choice) / choice.run.minutes;
@@ -209,6 +212,10 @@ mod tests {
         };
         assert!(
             choice.prospect.information_nats >= across.information_nats - 1e-12 || choice.run.minutes < 1.0
+        );
+        assert_eq!(
+            decide(Goal::Name, &found, &prospects, planned.clone(), Bounds { runs_left: 0, ..bounds }),
+            Decision::Stop(End::MaxRuns)
         );
         // A force that no run may reach leaves nothing, and a modulus that is known well enough ends at once.
         let none = Bounds { force_limit_n: 0.0, ..bounds };

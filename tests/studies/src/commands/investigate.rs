@@ -107,7 +107,6 @@ impl Laboratory {
             let bounds = Bounds { runs_left, force_limit_n: FORCE_LIMIT_N };
             match decide(Goal::Name, &found, &prospects, planned, bounds) {
                 Decision::Stop(end) => return Ok(self.ended(&runs, &found, end)),
-                Decision::Measure(_) if runs_left == 0 => return Ok(self.ended(&runs, &found, End::MaxRuns)),
                 Decision::Measure(choice) => runs.push(choice.run),
             }
         }
