@@ -29,6 +29,48 @@ pub(super) struct Cells {
     pub hold: Vec<Option<usize>>,
     /// Between holds the share of the variance of a reading that is left in where guide 2 was, vertical and horizontal.
     pub left: [Vec<f64>; 2],
+    /// Scatter of the readings of the force within the cells of holds.
+    pub force_scatter: Scatter,
+    /// The same of the displacement.
+    pub displacement_scatter: Scatter,
+}
+
+/// Scatter of single readings about the mean of the cell in which they are averaged.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Scatter {
+    cells: usize,
+    readings: usize,
+    /// Sum of the squared deviations.
+    squares: f64,
+}
+
+impl Scatter {
+    /// Adds the readings of a cell.
+    fn add(&mut self, readings: &[f64], mean: f64) {
+        let usable = readings.iter().filter(|value| value.is_finite());
+        self.cells += 1;
+        self.readings += usable.clone().count();
+        self.squares += usable.map(|value| (value - mean).powi(2)).sum::<f64>();
+    }
+
+    /// Scatter of two recordings together.
+    pub fn with(self, other: Self) -> Self {
+        Self {
+            cells: self.cells + other.cells,
+            readings: self.readings + other.readings,
+            squares: self.squares + other.squares,
+        }
+    }
+
+    /// Readings of a cell, on average.
+    pub fn readings_of_a_cell(self) -> f64 {
+        if self.cells == 0 { 1.0 } else { (self.readings as f64 / self.cells as f64).max(1.0) }
+    }
+
+    /// Their mean squared deviation from the mean of their cell: what the variance of a reading has above that of a cell.
+    pub fn within_cells(self) -> f64 {
+        if self.readings == 0 { 0.0 } else { self.squares / self.readings as f64 }
+    }
 }
 
 /// Readings, those that are far off their neighbours as NaN.
@@ -81,8 +123,16 @@ pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
         };
         cells.time_s.push(mean(&force.time_s));
         for plane in 0..2 {
-            cells.force_n[plane].push(mean(&force_n[plane]));
-            cells.read_m[plane].push(mean(&read_m[plane]));
+            let (cell_n, cell_m) = (mean(&force_n[plane]), mean(&read_m[plane]));
+            // A column that is not there is all zeros.
+            if hold.is_some() && cell_n.is_finite() && cell_n != 0.0 {
+                cells.force_scatter.add(&force_n[plane][row..end], cell_n);
+            }
+            if hold.is_some() && cell_m != 0.0 {
+                cells.displacement_scatter.add(&read_m[plane][row..end], cell_m);
+            }
+            cells.force_n[plane].push(cell_n);
+            cells.read_m[plane].push(cell_m);
         }
         cells.hold.push(hold);
         row = end;

@@ -4,8 +4,11 @@
 //! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a
 //! part that decays exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. A
 //! deviation that is the same in every sweep of the same positions is not noise, and is subtracted first. The estimate
-//! is never below the session's statement: rounding and calibration do not scatter.
+//! is never below the session's statement: rounding and calibration do not scatter. A statement is of single readings, the
+//! estimate of cells, in which the readings of a fast sensor are averaged: a statement is compared with the scatter of cells
+//! and that within them together.
 
+use super::cells::{Cells, Scatter};
 use super::data::{Channel, Kind, Run, Source};
 use super::misread::polynomials;
 use formats::session::Noise as Stated;
@@ -25,6 +28,8 @@ pub(super) struct Sensor {
     pub memory: f64,
     /// Variance of what stays the same over a hold.
     pub lasting: f64,
+    /// Variance of single readings about the mean of their cell, which averages out within it.
+    pub within_cells: f64,
 }
 
 impl Sensor {
@@ -40,9 +45,14 @@ impl Sensor {
         self.white / n + self.correlated * correlated_fraction + self.lasting
     }
 
-    /// Standard deviation of one reading.
+    /// Standard deviation of one cell, or of one reading where none are averaged.
     pub fn sd(&self) -> f64 {
         (self.white + self.correlated + self.lasting).sqrt()
+    }
+
+    /// Standard deviation of a single reading.
+    pub fn reading_sd(&self) -> f64 {
+        (self.white + self.correlated + self.lasting + self.within_cells).sqrt()
     }
 }
 
@@ -60,7 +70,7 @@ pub(super) struct Noise {
 /// Least noise that is assumed.
 const MIN_NOISE: Noise = {
     const fn white(sd: f64) -> Sensor {
-        Sensor { white: sd * sd, correlated: 0.0, memory: 1.0, lasting: 0.0 }
+        Sensor { white: sd * sd, correlated: 0.0, memory: 1.0, lasting: 0.0, within_cells: 0.0 }
     }
     Noise {
         force: white(FORCE_NOISE.least()),
@@ -106,15 +116,21 @@ impl Noise {
     pub fn with_disagreements(runs: &[Run], stated: &Stated) -> (Self, Vec<String>) {
         let scatter = scatter(runs);
         let [force, displacement, shape, tip, direction] = scatter;
+        let over_runs = |of: fn(&Cells) -> Scatter| {
+            runs.iter().map(|run| of(&run.cells)).fold(Scatter::default(), Scatter::with)
+        };
+        let force_cells = over_runs(|cells| cells.force_scatter);
+        let displacement_cells = over_runs(|cells| cells.displacement_scatter);
         // Points at one place are one datum, their mean; what is stated is that of a point.
         let points = points_of_a_datum(runs).sqrt();
         let noise = Self {
-            force: combined(force, stated.force_n, FORCE_NOISE.mean(), MIN_NOISE.force),
-            displacement: combined(
+            force: combined_in_cells(force, stated.force_n, FORCE_NOISE.mean(), MIN_NOISE.force, force_cells),
+            displacement: combined_in_cells(
                 displacement,
                 stated.displacement_m,
                 DISPLACEMENT_NOISE.mean(),
                 MIN_NOISE.displacement,
+                displacement_cells,
             ),
             shape: combined(
                 shape,
@@ -134,7 +150,14 @@ impl Noise {
             [stated.force_n, stated.displacement_m, stated.shape_m, stated.tip_m, stated.tip_direction_rad];
         let scatter = scatter.map(|sensor: Option<Sensor>| sensor.map(|sensor| sensor.sd()));
         let [force, displacement, shape, tip, direction] = scatter;
-        let scatter = [force, displacement, shape.map(|sd_m| sd_m * points), tip, direction];
+        let of_reading = |sd: f64, cells: Scatter| sd.hypot(cells.within_cells().sqrt());
+        let scatter = [
+            force.map(|sd_n| of_reading(sd_n, force_cells)),
+            displacement.map(|sd_m| of_reading(sd_m, displacement_cells)),
+            shape.map(|sd_m| sd_m * points),
+            tip,
+            direction,
+        ];
         let disagreement = |((name, unit, per_si), scatter, stated): (_, Option<f64>, Option<f64>)| {
             let (scatter_si, stated): (f64, f64) = (per_si * scatter?, per_si * stated?);
             let times = if scatter_si > stated { scatter_si / stated } else { stated / scatter_si };
@@ -223,15 +246,28 @@ fn without_repeats(mut segments: Vec<Segment>, degree: usize) -> Vec<Segment> {
 
 /// Estimate, raised to the stated value.
 fn combined(found: Option<Sensor>, stated: Option<f64>, typical: f64, least: Sensor) -> Sensor {
+    combined_in_cells(found, stated, typical, least, Scatter::default())
+}
+
+/// The same of cells in which readings are averaged; what is stated or typical is of single readings.
+fn combined_in_cells(
+    found: Option<Sensor>,
+    stated: Option<f64>,
+    typical: f64,
+    least: Sensor,
+    cells: Scatter,
+) -> Sensor {
+    let within_cells = cells.within_cells();
     let Some(mut estimate) = found else {
-        let sd = stated.unwrap_or(typical);
-        return Sensor { white: sd * sd, ..least };
+        let variance = stated.unwrap_or(typical).powi(2);
+        let white = variance / cells.readings_of_a_cell();
+        return Sensor { white, within_cells: variance - white, ..least };
     };
-    let variance = estimate.white + estimate.correlated;
-    if variance < least.white {
+    estimate.within_cells = within_cells;
+    if estimate.white + estimate.correlated < least.white {
         estimate = Sensor { white: least.white, correlated: 0.0, ..estimate };
     }
-    let variance = variance.max(least.white);
+    let variance = estimate.white + estimate.correlated + within_cells;
     match stated {
         Some(stated) if stated * stated > NOT_SCATTER * NOT_SCATTER * variance => {
             Sensor { lasting: stated * stated - variance, ..estimate }
@@ -241,6 +277,7 @@ fn combined(found: Option<Sensor>, stated: Option<f64>, typical: f64, least: Sen
             Sensor {
                 white: variance_ratio * estimate.white,
                 correlated: variance_ratio * estimate.correlated,
+                within_cells: variance_ratio * within_cells,
                 ..estimate
             }
         }
@@ -329,7 +366,8 @@ fn estimate(segments: &[Segment], degree: usize) -> Option<Sensor> {
             let Some((likelihood, variance)) = restricted(&groups, degree, share, memory) else { continue };
             if best.is_none_or(|(other, _)| likelihood > other) {
                 let (white, correlated) = ((1.0 - share) * variance, share * variance);
-                best = Some((likelihood, Sensor { white, correlated, memory, lasting: 0.0 }));
+                best =
+                    Some((likelihood, Sensor { white, correlated, memory, lasting: 0.0, within_cells: 0.0 }));
             }
         }
     }

@@ -264,8 +264,8 @@ impl DiagnosisReport<'_> {
         let noise = self.noise;
         let mut sds = BTreeMap::new();
         if lateral {
-            sds.insert("force_n".to_owned(), noise.force.sd());
-            sds.insert("displacement_mm".to_owned(), 1e3 * noise.displacement.sd());
+            sds.insert("force_n".to_owned(), noise.force.reading_sd());
+            sds.insert("displacement_mm".to_owned(), 1e3 * noise.displacement.reading_sd());
             sds.insert("shape_mm".to_owned(), 1e3 * noise.shape.sd());
         }
         if insertion {

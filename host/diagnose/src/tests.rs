@@ -261,6 +261,35 @@ fn noise_is_estimated_from_the_scatter() {
     assert!((Noise::of(&runs, &stated).shape.sd() / 30e-6 - 1.0).abs() < 1e-6);
 }
 
+/// A fast sensor's readings are averaged in cells; its stated deviation is that of one of them, and what averages out is no error that lasts.
+#[test]
+fn a_stated_deviation_is_that_of_single_readings_at_any_rate() {
+    for rate_hz in [20.0, 100.0, 200.0] {
+        let mut design = Design::four_runs();
+        design.noise.rate_hz = rate_hz;
+        let session = session(&truth(vec![]), &design, 11);
+        assert!(session.noise.force_n.is_some() && session.noise.displacement_m.is_some());
+        let (runs, _) = runs_of(&session).expect("runs");
+        let (noise, disagreements) = Noise::with_disagreements(&runs, &session.noise);
+        assert_eq!(disagreements, Vec::<String>::new(), "{rate_hz} Hz");
+        for (sensor, stated) in
+            [(noise.force, session.noise.force_n), (noise.displacement, session.noise.displacement_m)]
+        {
+            assert_eq!(sensor.lasting, 0.0, "{rate_hz} Hz");
+            let ratio = sensor.reading_sd() / stated.expect("stated");
+            assert!((0.9..1.25).contains(&ratio), "{rate_hz} Hz: {ratio}");
+        }
+        // What is stated five times too large is an error that does not scatter.
+        let stated = formats::session::Noise {
+            force_n: session.noise.force_n.map(|sd_n| 5.0 * sd_n),
+            ..session.noise
+        };
+        let lasting = Noise::of(&runs, &stated).force.lasting.sqrt();
+        let expected = 24f64.sqrt() * session.noise.force_n.expect("stated");
+        assert!((lasting / expected - 1.0).abs() < 0.1, "{rate_hz} Hz: {lasting}");
+    }
+}
+
 /// A tracker's points at one place are one datum, with the noise of a mean; a stated deviation is that of one of them.
 #[test]
 fn a_trackers_points_at_one_place_are_one_datum() {
