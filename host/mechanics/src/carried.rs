@@ -69,43 +69,50 @@ impl Shifts {
         let by_tissue = carried.map_or(0.0, |carried| carried.force_n_per_m);
         let by_guide = stiffness_n_per_m / (1.0 + compliance_m_per_n * stiffness_n_per_m);
         // Guide 2 acts as if it were this much further; the force has a part of that and a part of the tissue's motion.
-        let further_m = |sample: usize, force_n: f64| {
-            self.guide_m(force_n) - compliance_m_per_n * by_tissue * self.tissue_m(sample, force_n)
-        };
-        let more_n = |sample: usize, force_n: f64| {
-            by_guide * further_m(sample, force_n) + by_tissue * self.tissue_m(sample, force_n)
-        };
+        let further_m = |guide_m: f64, tissue_m: f64| guide_m - compliance_m_per_n * by_tissue * tissue_m;
         let mut motion = respond(reached_m);
         let mut shifted_m = vec![0.0; reached_m.len()];
-        let mut forces_n = vec![0.0; reached_m.len()];
+        let mut tissue_m = vec![0.0; reached_m.len()];
         for _ in 0..if *is_linear { 1 } else { ROUNDS } {
-            for (i, (force_n, shift_m)) in forces_n.iter_mut().zip(&mut shifted_m).enumerate() {
+            let mut state = self.rest();
+            // What the law adds changes little from sample to sample.
+            let mut added_n = 0.0;
+            for (i, (shift_m, tissue_m)) in shifted_m.iter_mut().zip(&mut tissue_m).enumerate() {
+                let more_n = |force_n: f64| {
+                    let tissue_m = self.tissue_m(i, force_n, &state);
+                    by_guide * further_m(self.guide_m(force_n, &state), tissue_m) + by_tissue * tissue_m
+                };
                 // Without what is shifted.
                 let plain_n = motion.force_n.get(i).copied().unwrap_or_default() - by_guide * *shift_m;
-                *force_n = solved(plain_n, self.depend_on_force(), |force_n| more_n(i, force_n));
-                *shift_m = further_m(i, *force_n);
+                let force_n = solved(plain_n, plain_n + added_n, self.depend_on_force(), more_n);
+                added_n = force_n - plain_n;
+                *tissue_m = self.tissue_m(i, force_n, &state);
+                *shift_m = further_m(self.guide_m(force_n, &state), *tissue_m);
+                self.advance(&mut state, force_n);
             }
             let pressed_m: Vec<f64> =
                 reached_m.iter().zip(&shifted_m).map(|(reached, shift)| reached + shift).collect();
             motion = respond(&pressed_m);
         }
-        let tissue_m: Vec<f64> =
-            forces_n.iter().enumerate().map(|(i, force)| self.tissue_m(i, *force)).collect();
         let forces = motion.force_n.iter_mut().zip(&tissue_m);
         forces.for_each(|(force_n, tissue_m)| *force_n += by_tissue * tissue_m);
         (motion, tissue_m)
     }
 }
 
-/// The force that is `plain` and what it causes itself.
-fn solved(plain_n: f64, depends: bool, more_n: impl Fn(f64) -> f64) -> f64 {
+/// The force that is `plain` and what it causes itself, sought from `start` on.
+fn solved(plain_n: f64, start_n: f64, depends: bool, more_n: impl Fn(f64) -> f64) -> f64 {
     if !depends {
         return plain_n + more_n(plain_n);
     }
-    let mut force_n = plain_n;
+    let mut force_n = start_n;
     for _ in 0..STEPS {
-        let residual_n = force_n - plain_n - more_n(force_n);
-        let slope = 1.0 - (more_n(force_n + SLOPE_N) - more_n(force_n - SLOPE_N)) / (2.0 * SLOPE_N);
+        let here_n = more_n(force_n);
+        let residual_n = force_n - plain_n - here_n;
+        if residual_n.abs() < MIN_SLOPE * SAME_N {
+            break;
+        }
+        let slope = 1.0 - (more_n(force_n + SLOPE_N) - here_n) / SLOPE_N;
         let step_n = residual_n / slope.max(MIN_SLOPE);
         force_n -= step_n;
         if step_n.abs() < SAME_N {
@@ -175,6 +182,50 @@ mod tests {
         let expected_n = plain_n / (1.0 - 1e-4 * carried.force_n_per_m);
         assert!((force_n / expected_n - 1.0).abs() < 1e-8, "{force_n} {expected_n}");
         assert!((shape_m[1] - plain_m[1] - 1e-4 * force_n * carried.weights[1]).abs() < 1e-10);
+    }
+
+    /// Tissue that yields beyond 0.3 mm of displacement keeps what it has yielded, and so does a guide beyond a force: on the way back they push
+    /// less than on the way there.
+    #[test]
+    fn tissue_and_guide_that_yield_keep_it_on_the_way_back() {
+        let problem = BeamProblem::new(&rig(), Foundation::uniform(16e3).expect("a modulus"), 0.03);
+        let carried = Carried::new(&problem, &[]).expect("solves");
+        let forces_n = |effects: &[(&str, &[f64])]| {
+            let mut model = Model::uniform(rig(), 16e3).expect("valid");
+            model.effects = effects
+                .iter()
+                .map(|(id, values)| (effect(id).expect("an effect"), values.to_vec()))
+                .collect();
+            let places_mm = [0.0, 0.4, 1.0, 0.6, 0.0];
+            let drive = (0..5).zip(places_mm).map(|(time, y_mm)| DriveSample {
+                time_s: f64::from(time),
+                y_m: 1e-3 * y_mm,
+                x_m: 0.0,
+            });
+            let lateral = Lateral {
+                depth_m: 0.03,
+                drive: drive.collect(),
+                shape: Vec::new(),
+                reversal_m: [0.0; 2],
+                order: 0.0,
+            };
+            predict(&model, &Experiment::Lateral(lateral)).expect("predicts").force_n.y
+        };
+        let plain_n = forces_n(&[]);
+        let yielding_n = forces_n(&[("law.tissue.displacement.play", &[0.5, 0.3])]);
+        for ((yielding_n, plain_n), yielded_mm) in
+            yielding_n.iter().zip(&plain_n).zip([0.0, 0.1, 0.7, 0.7, 0.3])
+        {
+            let expected_n = plain_n + 0.5e-3 * yielded_mm * carried.force_n_per_m;
+            assert!((yielding_n - expected_n).abs() < 1e-9, "{yielding_n} {expected_n}");
+        }
+        // Back by 0.1 mm for every newton that the force has been above 0.4 N: F = k (g - c P(F)).
+        let stiffness_n_per_m = plain_n[2] / 1e-3;
+        let slipping_n = forces_n(&[("law.guide.force.play", &[-0.1, 0.4])]);
+        let most_n = (plain_n[2] + 0.4 * 0.1e-3 * stiffness_n_per_m) / (1.0 + 0.1e-3 * stiffness_n_per_m);
+        assert!((slipping_n[2] / most_n - 1.0).abs() < 1e-6, "{} {most_n}", slipping_n[2]);
+        let slipped_m = 0.1e-3 * (most_n - 0.4);
+        assert!((slipping_n[3] - (plain_n[3] - stiffness_n_per_m * slipped_m)).abs() < 1e-6);
     }
 
     /// A guide that follows by so much per force, backwards, is a frame that gives; also beside one.

@@ -33,6 +33,11 @@ impl ActingLaw {
         self.law.at(&self.values, x)
     }
 
+    /// Its value after what came before, and its state there.
+    fn at_after(&self, x: f64, state: f64) -> (f64, f64) {
+        self.law.at_after(&self.values, x, state)
+    }
+
     /// Whether it does the same to either side.
     pub(crate) fn is_even(&self) -> bool {
         self.law.form.is_even()
@@ -100,14 +105,40 @@ impl Shifts {
         !self.tissue_by_force.is_empty() || !self.guide_by_force.is_empty()
     }
 
-    /// Position of the tissue at a sample under a force, m.
-    pub fn tissue_m(&self, sample: usize, force_n: f64) -> f64 {
-        let by_force: f64 = self.tissue_by_force.iter().map(|law| law.at(force_n)).sum();
+    /// Before the first sample.
+    pub fn rest(&self) -> ShiftState {
+        ShiftState {
+            tissue: vec![0.0; self.tissue_by_force.len()],
+            guide: vec![0.0; self.guide_by_force.len()],
+        }
+    }
+
+    /// Position of the tissue at a sample under a force, after what came before, m.
+    pub fn tissue_m(&self, sample: usize, force_n: f64, before: &ShiftState) -> f64 {
+        let by_force = sum_after(&self.tissue_by_force, force_n, &before.tissue);
         self.tissue_m.get(sample).copied().unwrap_or_default() + by_force
     }
 
-    /// Motion that guide 2 adds under a force, m.
-    pub fn guide_m(&self, force_n: f64) -> f64 {
-        self.guide_by_force.iter().map(|law| law.at(force_n)).sum()
+    /// Motion that guide 2 adds under a force, after what came before, m.
+    pub fn guide_m(&self, force_n: f64, before: &ShiftState) -> f64 {
+        sum_after(&self.guide_by_force, force_n, &before.guide)
     }
+
+    /// Goes on to a force.
+    pub fn advance(&self, state: &mut ShiftState, force_n: f64) {
+        let tissue = self.tissue_by_force.iter().zip(&mut state.tissue);
+        let guide = self.guide_by_force.iter().zip(&mut state.guide);
+        tissue.chain(guide).for_each(|(law, state)| (_, *state) = law.at_after(force_n, *state));
+    }
+}
+
+/// Memory of the laws that depend on the force: the play of each.
+#[derive(Debug, Clone)]
+pub(crate) struct ShiftState {
+    tissue: Vec<f64>,
+    guide: Vec<f64>,
+}
+
+fn sum_after(laws: &[ActingLaw], force_n: f64, states: &[f64]) -> f64 {
+    laws.iter().zip(states).map(|(law, state)| law.at_after(force_n, *state).0).sum()
 }

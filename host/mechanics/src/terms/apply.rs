@@ -1,7 +1,7 @@
 //! Effect of terms inside the forward model.
 
 use super::acting::{ActingLaw, MIN_SHARE};
-use super::{Conditions, Law, Regressor, Site};
+use super::{Conditions, Form, Law, Regressor, Site};
 use crate::effects::{Effect, EffectInfo, MotionContext, ObservationContext, series_at};
 use crate::insertion::TipLaw;
 use crate::predict::Plane;
@@ -20,6 +20,27 @@ impl Law {
             None => self.form.value(values, self.regressor, x),
         };
         self.site.si() * value
+    }
+
+    /// The function in SI at a value of the regressor in SI after what came before, and its state there, in the unit of the regressor.
+    pub(super) fn at_after(&self, values: &[f64], x: f64, state: f64) -> (f64, f64) {
+        if self.form != Form::Play {
+            return (self.at(values, x), state);
+        }
+        let x = self.regressor.per_si() * x;
+        let (value, state) = self.form.value_after(values, self.regressor, x, state);
+        (self.site.si() * value, state)
+    }
+
+    /// The function along a series of the regressor, one value after the other.
+    fn along(&self, values: &[f64], series: impl Iterator<Item = f64>) -> Vec<f64> {
+        let mut state = 0.0;
+        let next = |x| {
+            let (value, after) = self.at_after(values, x, state);
+            state = after;
+            value
+        };
+        series.map(next).collect()
     }
 
     /// The function where the regressor is the same for a whole run; nothing where it is not.
@@ -42,7 +63,7 @@ impl Law {
     ) -> Vec<f64> {
         let count = force_n.len();
         let commanded_m = context.commanded_m[plane];
-        let each = |of: &dyn Fn(usize) -> f64| (0..count).map(|i| self.at(values, of(i))).collect();
+        let each = |of: &dyn Fn(usize) -> f64| self.along(values, (0..count).map(of));
         match self.regressor {
             Regressor::Force => each(&|i| force_n[i]),
             Regressor::Displacement => each(&|i| commanded_m.get(i).copied().unwrap_or_default()),
@@ -63,7 +84,7 @@ impl Law {
         let commanded_m = context.commanded_m[plane];
         let start_s = context.time_s.first().copied().unwrap_or_default();
         match self.regressor {
-            Regressor::Displacement => commanded_m.iter().map(|m| self.at(values, *m)).collect(),
+            Regressor::Displacement => self.along(values, commanded_m.iter().copied()),
             Regressor::Time => context.time_s.iter().map(|s| self.at(values, s - start_s)).collect(),
             Regressor::Direction => {
                 context.directions(plane).iter().map(|way| self.at(values, *way)).collect()

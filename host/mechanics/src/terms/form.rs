@@ -35,6 +35,9 @@ pub enum Form {
     Bump,
     /// `a sin(2 pi x / b) + c (cos(2 pi x / b) - 1)`.
     Sine,
+    /// `a P(x)`, with P the play of half width `b`: it stays until `x` is further than `b` from it, and follows from there on. So
+    /// yields what has slip or plastic flow, and a hysteresis that does not depend on rate.
+    Play,
     /// Function that a person has written ([`define`](super::define)).
     Own,
     /// A cubic, by Legendre's polynomials over the typical range: so each of its parameters has the size of what it does.
@@ -56,7 +59,7 @@ const EDGE: f64 = 0.01;
 
 impl Form {
     /// Every one that the grammar has.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Constant,
         Self::Linear,
         Self::Quadratic,
@@ -72,6 +75,19 @@ impl Form {
         Self::Bump,
         Self::Sine,
         Self::Polynomial,
+        Self::Play,
+    ];
+
+    /// Those of readings and of tissue under a motion that it keeps.
+    const OF_MOTION: &[Self] = &[
+        Self::Linear,
+        Self::Quadratic,
+        Self::Cubic,
+        Self::Absolute,
+        Self::Sign,
+        Self::Saturation,
+        Self::Sine,
+        Self::Play,
     ];
 
     /// Those that make sense of a site and a regressor.
@@ -87,6 +103,19 @@ impl Form {
             Regressor::Run | Regressor::Depth | Regressor::Use => {
                 &[Self::Linear, Self::Quadratic, Self::Exponential, Self::Step]
             }
+            // What yields under the displacement of guide 2 or under a force keeps that; play of guide 2 itself is backlash.
+            Regressor::Displacement if matches!(site, Site::Tissue | Site::Force) => Self::OF_MOTION,
+            Regressor::Force if site == Site::Force => Self::OF_MOTION,
+            // A motion to and fro as the force that it causes rises would have no single equilibrium.
+            Regressor::Force if matches!(site, Site::Tissue | Site::Guide) => &[
+                Self::Linear,
+                Self::Quadratic,
+                Self::Cubic,
+                Self::Absolute,
+                Self::Sign,
+                Self::Saturation,
+                Self::Play,
+            ],
             Regressor::Displacement | Regressor::Force | Regressor::Deflection => &[
                 Self::Linear,
                 Self::Quadratic,
@@ -134,6 +163,7 @@ impl Form {
             Self::Bump => "bump",
             Self::Sine => "sine",
             Self::Polynomial => "polynomial",
+            Self::Play => "play",
             Self::Own => "own",
         }
     }
@@ -151,24 +181,43 @@ impl Form {
             Self::Absolute => a * x.abs(),
             // As steep as what is measured distinguishes: no jump that a difference could fall on.
             Self::Sign => a * (x / (EDGE * typical)).tanh(),
-            Self::Saturation => a * x / x.hypot(last),
+            Self::Saturation => a * x / distance(x, last),
             Self::Exponential => a * (1.0 - (-x / last).exp()),
             Self::Step => 0.5 * a * (1.0 + ((x - last) / (EDGE * typical)).tanh()),
             Self::Within => 0.5 * a * (1.0 - ((x - last) / (EDGE * typical)).tanh()),
-            Self::Knee => a * (1.0 - last / x.hypot(last)),
-            Self::Toe => a * last / x.hypot(last),
+            Self::Knee => a * (1.0 - last / distance(x, last)),
+            Self::Toe => a * last / distance(x, last),
             Self::Bump => a * (-0.5 * ((x - last) / (WIDTH * typical)).powi(2)).exp(),
             Self::Sine => {
                 let cosine = more.first().copied().unwrap_or_default();
                 let (sin, cos) = (std::f64::consts::TAU * x / last).sin_cos();
                 a * sin + cosine * (cos - 1.0)
             }
+            // From its rest.
+            Self::Play => a * followed(0.0, x, last),
             // Its value is that of its own function.
             Self::Own => 0.0,
             Self::Polynomial => {
                 let powers = powers(parameters, regressor);
                 powers.iter().rev().fold(0.0, |sum, factor| sum * x + factor)
             }
+        }
+    }
+
+    /// Its value at `x` after what came before, whose play is `state`; and the play there. Forms without memory have none.
+    pub(super) fn value_after(
+        self,
+        parameters: &[f64],
+        regressor: Regressor,
+        x: f64,
+        state: f64,
+    ) -> (f64, f64) {
+        match (self, parameters) {
+            (Self::Play, &[factor, half_width]) => {
+                let state = followed(state, x, half_width.abs());
+                (factor * state, state)
+            }
+            _ => (self.value(parameters, regressor, x), state),
         }
     }
 
@@ -211,6 +260,7 @@ impl Form {
             Self::Constant => vec![amplitude("offset", 0)],
             Self::Linear if regressor == Regressor::Direction => vec![amplitude("amplitude", 0)],
             Self::Linear | Self::Absolute => vec![amplitude("slope", 1)],
+            Self::Play => vec![amplitude("slope", 1), place("half_width", &LENGTHS)],
             Self::Quadratic => vec![amplitude("coefficient", 2)],
             Self::Cubic => vec![amplitude("coefficient", 3)],
             Self::Sign => vec![amplitude("amplitude", 0)],
@@ -277,6 +327,7 @@ impl Form {
                 let turn = format!("2 pi {x} / {}", place(2));
                 format!("{} sin({turn}) + {} (cos({turn}) - 1)", value(0, 0), value(1, 0))
             }
+            Self::Play => format!("{} play({x}, {})", value(0, 1), place(1)),
             Self::Own => String::new(),
             Self::Polynomial => {
                 let [a, b, c, d] = powers(parameters, regressor);
@@ -295,6 +346,16 @@ impl Form {
             }
         }
     }
+}
+
+/// Length of the hypotenuse; of numbers of ordinary size, and so without the guards of `f64::hypot`, which cost a sixth of a diagnosis.
+fn distance(x: f64, y: f64) -> f64 {
+    (x * x + y * y).sqrt()
+}
+
+/// Play of this half width that was at `state`, after the input has come to `x`.
+fn followed(state: f64, x: f64, half_width: f64) -> f64 {
+    state.max(x - half_width).min(x + half_width)
 }
 
 /// Factors of the powers of `x` in a sum of Legendre's polynomials over the range of a regressor.
