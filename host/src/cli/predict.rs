@@ -106,6 +106,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let model = args.model.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
     let session = Session::read(&args.dir)?;
+    ensure_within_readings(args, &session)?;
     let rig = args.rig.read(&args.dir)?.map(|(_, model)| model);
     let stated = Options { effects: args.effect.clone(), modulus_pa, ..Options::default() };
     let options = stated.with_model(&model, session.lateral.is_empty()).with_rig(rig.as_ref());
@@ -131,6 +132,27 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     out.result(&result, Text { result: &result, compare: args.compare })
 }
 
+/// Checks that something is left to predict, where no depth is stated to which it is predicted. Depths are stated to the millimetre.
+fn ensure_within_readings(args: &Args, session: &Session) -> anyhow::Result<()> {
+    let depths_m = session.insertion.iter().flat_map(|run| &run.depth_m);
+    let Some(deepest_m) = depths_m.copied().reduce(f64::max) else { return Ok(()) };
+    let deepest_mm = (1e3 * deepest_m).ceil();
+    ensure!(
+        args.to.is_some() || args.until <= deepest_mm,
+        "--until: {}, expected at most {deepest_mm} mm, the depth of the deepest reading, or also --to with the depth to which it is predicted",
+        args.until
+    );
+    Ok(())
+}
+
+/// Depths up to which the insertions were measured.
+fn depths_text(insertions: &[&InsertionResult]) -> String {
+    let depths_mm = || insertions.iter().map(|one| one.identified_until_mm.round());
+    let least_mm = depths_mm().fold(f64::INFINITY, f64::min);
+    let most_mm = depths_mm().fold(0.0, f64::max);
+    if least_mm < most_mm { format!("{least_mm:.0} to {most_mm:.0}") } else { format!("{most_mm:.0}") }
+}
+
 /// Draws every insertion and reports the paths.
 fn draw(result: &Prediction, folder: &Path, out: &Output) -> anyhow::Result<()> {
     for insertion in result.insertions.iter().filter(|insertion| insertion.error.is_none()) {
@@ -149,10 +171,10 @@ struct Text<'a> {
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let good: Vec<_> = self.result.insertions.iter().filter(|one| one.error.is_none()).collect();
-        let identified_until_mm = good.first().map_or(0.0, |one| one.identified_until_mm);
         writeln!(
             f,
-            "tip measured to {identified_until_mm:.0} mm, predicted beyond (95 % band); tip load at that depth, before any rotation"
+            "tip measured to {} mm, predicted beyond (95 % band); tip load at that depth, before any rotation",
+            depths_text(&good)
         )?;
         let width = good.iter().map(|one| one.id.chars().count()).fold(9, usize::max);
         writeln!(

@@ -31,7 +31,7 @@ function showBlocks() {
           h('p', { class: 'note' }, state.session ? `The needle of ${state.session}.` : 'An 18 gauge needle; open a session for its own.'),
           ...sliders,
           h('p', { class: 'note' }, 'E is K over K/E. A session states its block in [tissue]: body_mm, needle_at_mm, sides, far_side.')),
-        h('section', {}, h('h2', {}, 'K/E over the size of the block'), made, facts)),
+        h('section', {}, h('h2', {}, 'K/E over the size of the block'), modelLine('a needle in an elastic block, no effect'), made, facts)),
       saveBar('blocks', () => answer.document));
     announce('Solving the walls ...');
     ask();
