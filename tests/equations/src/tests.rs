@@ -54,7 +54,7 @@ fn pages(folder: &Path) -> Vec<PathBuf> {
     files
         .into_iter()
         .filter(|path| path.extension().is_some_and(|ending| ending == "md"))
-        .chain(below)
+        .chain(nested_pages)
         .collect()
 }
 
