@@ -70,7 +70,7 @@ function showDiagnose() {
         ...found.effects.map((one) => reasons(one, found, about)), limits(found)),
       h('div', { class: 'two' },
         h('section', { class: 'controls' }, h('h2', {}, 'What: switch effects on and off'),
-          h('p', { class: 'note' }, 'Bars: ', term('log evidence'), ` of the effect alone over the `, term('plain model'), `; a name needs ${number(found.margin)} (line). Effects that were fitted come first; \u2248 is an estimate without a fit. Every switch fits the model again.`),
+          h('p', { class: 'note' }, 'Bars: ', term('log evidence'), ` of the effect alone over the `, term('plain model'), `; a name needs ${number(found.margin)} (line). Fitted effects come first; \u2248 marks an estimate without a fit. Each switch fits the model again.`),
           h('p', { class: 'bar' }, named.length ? h('button', { type: 'button', id: 'use-found', onclick: () => choose(named) }, 'Switch on the effects that were found') : null,
             h('button', { type: 'button', id: 'use-none', onclick: () => choose([]) }, 'All off')),
           list(ranked.slice(0, 8)), ranked.length > 8 ? h('details', {}, h('summary', {}, `${ranked.length - 8} more effects`), list(ranked.slice(8))) : null,
@@ -92,7 +92,7 @@ function reasons(one, found, about) {
   const list = [
     `${values.join(', ')}.`,
     `Log evidence +${number(one.log_evidence_gain)}, needed ${number(found.margin)}.`,
-    gap ? `On runs that no fit has used chi-square per reading falls from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'Nothing could be held out.',
+    gap ? `On runs that no fit has used the misfit (chi-square per reading) falls from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'Nothing could be held out.',
     others.length ? `As good: ${others.map((id) => plainName(id)).join(', ')}.` : 'No other effect explains the runs as well.',
   ];
   return h('div', {}, h('h3', {}, capital(plainName(one.id, one.parameters))), h('p', { class: 'note' }, h('code', {}, one.id), `: ${about(one.id)?.physics ?? ''}`), h('ul', {}, ...list.map((text) => h('li', {}, text))));

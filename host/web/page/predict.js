@@ -82,7 +82,7 @@ function drawPrediction({ document: found, figures }, id, { vertical, horizontal
   }
   const load = Number.isFinite(one.tip_force_n) ? `tip load ${number(one.tip_force_n)} N (${interval(one.tip_force_ci95_n)})` : '';
   const k = one.learned?.k_kpa;
-  const error = Number.isFinite(one.last_error_mm) ? `error at ${number(one.last_measured_mm)} mm: ${number(one.last_error_mm, 2)} mm; ${one.band_held} of ${one.band_readings} readings in the band` : '';
+  const error = Number.isFinite(one.last_error_mm) ? `prediction and measurement differ by ${number(one.last_error_mm, 2)} mm at ${number(one.last_measured_mm)} mm; ${one.band_held} of ${one.band_readings} readings lie in the band` : '';
   facts.replaceChildren(h('p', { class: 'readout', id: 'predict-facts', 'data-until': until }, [load, Number.isFinite(k) ? `K ${number(k)} kPa` : '', error].filter(Boolean).join('; ')));
   const drawn = figures.find((figureOf) => figureOf.name === `${id}.path`);
   made.replaceChildren(...(drawn ? [figure(drawn)] : []));
