@@ -4,8 +4,8 @@
 //! * Exit code 0: done; 1: failed, with one line `error: ...` on standard error; 2: wrong use.
 //! * When the reader closes the pipe (`guide ... | head`) the program ends without a message.
 //!
-//! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`]
-//! and one line in [`run`].
+//! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`],
+//! one line in [`run`] and its name in a group (`groups.rs`).
 
 mod bringup;
 mod calibrate;
@@ -26,6 +26,7 @@ mod effects;
 mod followed;
 mod foundation_args;
 mod frame_pictures;
+mod groups;
 mod identify;
 mod igtl;
 mod import;
@@ -199,7 +200,7 @@ fn command() -> clap::Command {
             .mut_args(|arg| if of_value(&arg) { arg.allow_negative_numbers(true) } else { arg })
             .mut_subcommands(negative_too)
     }
-    negative_too(Cli::command())
+    groups::grouped(negative_too(Cli::command()))
 }
 
 fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
