@@ -132,11 +132,14 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     out.result(&result, Text { result: &result, compare: args.compare })
 }
 
+/// Metres that were millimetres are not whole ones to the last digit.
+const ROUNDING_MM: f64 = 1e-6;
+
 /// Checks that something is left to predict, where no depth is stated to which it is predicted. Depths are stated to the millimetre.
 fn ensure_within_readings(args: &Args, session: &Session) -> anyhow::Result<()> {
     let depths_m = session.insertion.iter().flat_map(|run| &run.depth_m);
     let Some(deepest_m) = depths_m.copied().reduce(f64::max) else { return Ok(()) };
-    let deepest_mm = (1e3 * deepest_m).ceil();
+    let deepest_mm = (1e3 * deepest_m - ROUNDING_MM).ceil();
     ensure!(
         args.to.is_some() || args.until <= deepest_mm,
         "--until: {}, expected at most {deepest_mm} mm, the depth of the deepest reading, or also --to with the depth to which it is predicted",
