@@ -1,7 +1,7 @@
 // Diagnose: where model and measurement disagree, what is missing, and the misfit that shrinks when an effect is switched on.
 
 const VERDICTS = {
-  adequate: 'The plain model explains these runs, as far as its imperfections are known: no effect has to be added.',
+  adequate: 'These runs show no missing effect: the plain model explains them within noise and the usual imperfections of rig and tissue.',
   unexplained: 'There is a misfit that no effect of the catalogue explains, or that these runs do not attribute to one.',
 };
 
