@@ -32,6 +32,9 @@ const BEGIN: &str = "<!-- tex";
 const END: &str = "-->";
 /// Begin of rows below each other, as the library writes it.
 const ALIGNED: &str = "<mtable class=\"menv-alignlike menv-align\">";
+/// What the library writes that is no valid HTML, and what is.
+const REPAIRS: [(&str, &str); 3] =
+    [("\"minsize=", "\" minsize="), ("<mo><</mo>", "<mo>&lt;</mo>"), ("<mo>></mo>", "<mo>&gt;</mo>")];
 /// Fences of the plain text.
 const FENCES: [&str; 2] = ["```text", "```"];
 
@@ -113,7 +116,9 @@ fn mathml(rows: &[&str]) -> Result<String, String> {
     let styled = mathml
         .replace(ALIGNED, "<mtable displaystyle=\"true\">")
         .replace("<mtr><mtd></mtd><mtd>", "<mtr><mtd style=\"text-align: left; padding: .25em 0\">");
-    Ok(styled.replace('\n', " "))
+    // It also leaves out a blank between two attributes, and writes signs of comparison as they are.
+    let valid = REPAIRS.iter().fold(styled, |text, (written, valid)| text.replace(written, valid));
+    Ok(valid.replace('\n', " "))
 }
 
 #[cfg(test)]

@@ -26,6 +26,17 @@ fn an_equation_is_mathml_with_its_text_below_and_the_rest_is_kept() {
 }
 
 #[test]
+fn the_result_is_valid_html() {
+    let typeset = typeset("```text\na < b\n```\n<!-- tex\n\\big(a < b\\big) > c\n-->\n").unwrap();
+    assert!(typeset.contains("<mo>&lt;</mo>") && typeset.contains("<mo>&gt;</mo>"), "{typeset}");
+    // Attributes are apart.
+    assert!(
+        !typeset.split('"').skip(2).step_by(2).any(|text| text.starts_with(char::is_alphabetic)),
+        "{typeset}"
+    );
+}
+
+#[test]
 fn a_page_without_tex_stays_as_it_is() {
     let page = "A\n\n```text\nx\n```\n\n<!-- readme: quick -->\nB\n";
     assert_eq!(typeset(page).unwrap(), page);
