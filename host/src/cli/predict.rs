@@ -106,7 +106,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let model = args.model.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
     let session = Session::read(&args.dir)?;
-    ensure_within_readings(args, &session)?;
     let rig = args.rig.read(&args.dir)?.map(|(_, model)| model);
     let stated = Options { effects: args.effect.clone(), modulus_pa, ..Options::default() };
     let options = stated.with_model(&model, session.lateral.is_empty()).with_rig(rig.as_ref());
@@ -125,6 +124,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let result =
         predict(&session, &options).with_context(|| format!("cannot predict {}", args.dir.display()))?;
+    ensure_within_readings(args, &result)?;
     if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
         draw(&result, folder, out)?;
     }
@@ -135,14 +135,15 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 /// Metres that were millimetres are not whole ones to the last digit.
 const ROUNDING_MM: f64 = 1e-6;
 
-/// Checks that something is left to predict, where no depth is stated to which it is predicted. Depths are stated to the millimetre.
-fn ensure_within_readings(args: &Args, session: &Session) -> anyhow::Result<()> {
-    let depths_m = session.insertion.iter().flat_map(|run| &run.depth_m);
-    let Some(deepest_m) = depths_m.copied().reduce(f64::max) else { return Ok(()) };
-    let deepest_mm = (1e3 * deepest_m - ROUNDING_MM).ceil();
+/// Checks that something is left to predict, where no depth is stated to which it is predicted: an insertion is observed no further than
+/// its deepest reading. Depths are stated to the millimetre.
+fn ensure_within_readings(args: &Args, result: &Prediction) -> anyhow::Result<()> {
+    let predicted = result.insertions.iter().filter(|one| one.error.is_none());
+    let deepest_mm = predicted.map(|one| one.identified_until_mm).fold(0.0, f64::max);
+    let most_mm = (deepest_mm - ROUNDING_MM).ceil();
     ensure!(
-        args.to.is_some() || args.until <= deepest_mm,
-        "--until: {}, expected at most {deepest_mm} mm, the depth of the deepest reading, or also --to with the depth to which it is predicted",
+        args.to.is_some() || args.until <= most_mm,
+        "--until: {}, expected at most {most_mm} mm, the depth of the deepest reading, or also --to with the depth to which it is predicted",
         args.until
     );
     Ok(())
