@@ -188,7 +188,7 @@ fn insertions_are_predicted() {
     let refusal = failure(&["predict", dir, "--until", "500"]);
     assert!(refusal.contains("--until: 500, expected at most 101 mm"), "{refusal}");
     let further = guide(&["predict", dir, "--until", "500", "--to", "120", "--alone"]);
-    assert!(text(&further.stdout).starts_with("tip measured to 100 mm, predicted beyond"), "{further:?}");
+    assert!(text(&further.stdout).starts_with("tip measured to 100 to 101 mm, predicted"), "{further:?}");
     assert!(failure(&["predict", dir, "--k-kpa", "0", "1"]).contains("--k-kpa"));
     assert_eq!(guide(&["predict", dir, "--until", "deep"]).status.code(), Some(2));
     let graded = json(&["predict", dir, "--until", "60", "--effect", "tissue.gradient=0.02", "--json"]);
