@@ -68,9 +68,11 @@ fn documents_are_those_of_the_program_with_figures() {
     let model = "[model]\nformat = 1\n[[effect]]\nid = \"tissue.layers\"\n[effect.parameters.k_ratio]\nvalue = 2.0\n\
                  [effect.parameters.boundary_mm]\nvalue = 15.0\n";
     let with_layers = ok(engine, &json!({"do": "predict", "dir": dir, "until_mm": 50, "model": model}));
-    let load_n = |answer: &Value| answer["document"]["insertions"][0]["tip_force_n"].as_f64().expect("a load");
+    let load_n =
+        |answer: &Value| answer["document"]["insertions"][0]["tip_force_n"].as_f64().expect("a load");
     assert!((load_n(&with_layers) - load_n(&path)).abs() > 1e-3);
-    let misspelt = json!({"do": "predict", "dir": dir, "until_mm": 50, "model": model.replace("layers", "layer")});
+    let misspelt =
+        json!({"do": "predict", "dir": dir, "until_mm": 50, "model": model.replace("layers", "layer")});
     assert!(error(&misspelt).contains("model.toml:4"), "{}", error(&misspelt));
     let series = ok(engine, &json!({"do": "session", "dir": dir}));
     assert_eq!(series["lateral"][1]["depth_mm"], 40.0);
