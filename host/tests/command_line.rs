@@ -184,6 +184,11 @@ fn insertions_are_predicted() {
     assert!(fs::read_to_string(plots.join("i1.path.svg")).expect("a figure").starts_with("<svg"));
 
     assert!(failure(&["predict", dir, "--until", "nan"]).contains("--until: NaN, expected 5 to 500 mm"));
+    // Beyond the readings, which end within the hundred-and-first millimetre, nothing is measured: refused, unless the prediction goes further.
+    let refusal = failure(&["predict", dir, "--until", "500"]);
+    assert!(refusal.contains("--until: 500, expected at most 101 mm"), "{refusal}");
+    let further = guide(&["predict", dir, "--until", "500", "--to", "120", "--alone"]);
+    assert!(text(&further.stdout).starts_with("tip measured to 100 to 101 mm, predicted"), "{further:?}");
     assert!(failure(&["predict", dir, "--k-kpa", "0", "1"]).contains("--k-kpa"));
     assert_eq!(guide(&["predict", dir, "--until", "deep"]).status.code(), Some(2));
     let graded = json(&["predict", dir, "--until", "60", "--effect", "tissue.gradient=0.02", "--json"]);

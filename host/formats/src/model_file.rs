@@ -34,6 +34,7 @@
 //! Unknown content is refused: a misspelt name would change the model silently.
 
 mod alternative;
+mod decimal;
 mod discrepancy;
 
 pub use alternative::Alternative;
@@ -42,6 +43,7 @@ pub use discrepancy::{DISCREPANCY_NAMES, Multiples};
 use crate::NORMAL_975;
 use crate::document::{Fields, Problem, SessionError, read_text, replace};
 use crate::effect_file;
+use decimal::decimal;
 use mechanics::Support;
 use mechanics::effects::{EFFECTS, Effect, ParameterInfo, effect, place_of};
 use std::collections::HashSet;
@@ -115,8 +117,15 @@ impl ModelFile {
     /// # Errors
     /// [`SessionError`] for the first fault found, with its place.
     pub fn read(path: &Path) -> Result<Self, SessionError> {
-        let text = read_text(path)?;
-        Fields::parse(path, &text, |file| {
+        Self::parse(path, &read_text(path)?)
+    }
+
+    /// A model from the text of its file; errors name this path.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, SessionError> {
+        Fields::parse(path, text, |file| {
             file.only(&["model", "tissue", "tip", "discrepancy", "effect", "alternative"])?;
             let model = file.table("model")?;
             model.only(&["format", "learned_from"])?;
@@ -172,7 +181,11 @@ impl ModelFile {
         replace(path, &self.text(path)?)
     }
 
-    fn text(&self, path: &Path) -> Result<String, SessionError> {
+    /// The text of the file; errors name this path.
+    ///
+    /// # Errors
+    /// [`SessionError::NotFinite`].
+    pub fn text(&self, path: &Path) -> Result<String, SessionError> {
         let mut text = "[model]\nformat = 1\n".to_owned();
         if let Some(source) = self.learned_from.as_deref().filter(|from| !from.trim().is_empty()) {
             let _ = writeln!(text, "learned_from = {}", toml::Value::from(source));
@@ -368,27 +381,6 @@ pub fn expected_ids(id: &str) -> String {
         ids = EFFECTS.iter().map(|effect| effect.id()).collect();
     }
     format!("one of {}", ids.join(", "))
-}
-
-/// A number divided by a power of ten such that reading it, scaled back, gives the same number to the last bit.
-fn decimal(path: &Path, field: &'static str, value: f64, power: i32) -> Result<String, SessionError> {
-    if !value.is_finite() {
-        return Err(SessionError::NotFinite { path: path.to_owned(), field });
-    }
-    if power == 0 {
-        return Ok(format!("{value:?}"));
-    }
-    let plain = value / 10f64.powi(power);
-    let scaled_back: Option<f64> = format!("{plain:e}").split_once('e').and_then(|(digits, exponent)| {
-        format!("{digits}e{}", exponent.parse::<i32>().ok()?.saturating_add(power)).parse().ok()
-    });
-    if scaled_back == Some(value) {
-        return Ok(format!("{plain:?}"));
-    }
-    // The quotient is rounded: the decimal digits of the number itself, with another exponent.
-    let text = format!("{value:e}");
-    let (digits, exponent) = text.split_once('e').unwrap_or((&text, "0"));
-    Ok(format!("{digits}e{}", exponent.parse::<i32>().unwrap_or_default() - power))
 }
 
 #[cfg(test)]

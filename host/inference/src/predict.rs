@@ -190,6 +190,8 @@ impl Workflow<'_> {
     ) -> Result<InsertionResult, PathError> {
         let Options { until_m, to_m, learn: from_others, published_from_m, .. } = *self.options;
         let observed = path.until(until_m)?;
+        // A tip load that is reported at a depth without a reading would be a prediction.
+        let until_m = until_m.min(path.deepest_m);
         let earlier: Vec<usize> =
             (0..self.paths.len()).filter(|other| from_others && *other != number).collect();
         let mut known_paths = self.paths.to_vec();

@@ -7,6 +7,7 @@ use device::link::LinkError;
 use device::link::program::ProgramError;
 use formats::session::{Session, SessionError};
 use population::PopulationError;
+use serde::Serialize;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -22,7 +23,8 @@ pub struct Called {
 }
 
 /// Kind of a failure.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Kind {
     /// An option or its value.
     Usage,
@@ -35,7 +37,7 @@ pub enum Kind {
 }
 
 /// The place in a file that a failure names; lines and columns count from 1.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct FailedAt {
     /// The file or folder.
     pub path: Option<PathBuf>,
@@ -59,6 +61,23 @@ pub struct CallError {
     pub place: FailedAt,
     /// Output before the failure: `guide check` prints its findings and then fails where there are errors.
     pub called: Box<Called>,
+}
+
+/// Document of a failure.
+#[derive(Serialize)]
+pub(super) struct Failure<'a> {
+    schema: &'static str,
+    error: &'a str,
+    kind: Kind,
+    #[serde(flatten)]
+    place: &'a FailedAt,
+}
+
+impl CallError {
+    /// The document that `--json` prints.
+    pub(super) fn document(&self) -> Failure<'_> {
+        Failure { schema: "guide.failure/1", error: &self.message, kind: self.kind, place: &self.place }
+    }
 }
 
 /// Runs a command. `arguments` are those of the command line without the program's name, `--json` is implied; `on_step` gets the name
@@ -100,14 +119,14 @@ pub fn readable(dir: &Path) -> Result<(), CallError> {
     read.map(drop).map_err(|error| failure(&error.into(), Called::default()))
 }
 
-fn wrong_use(error: &clap::Error) -> CallError {
+pub(super) fn wrong_use(error: &clap::Error) -> CallError {
     let text = error.to_string();
     let text = text.split("\n\n").next().unwrap_or_default().trim();
     let message = one_line(text.strip_prefix("error: ").unwrap_or(text));
     CallError { message, kind: Kind::Usage, place: FailedAt::default(), called: Box::default() }
 }
 
-fn failure(error: &anyhow::Error, called: Called) -> CallError {
+pub(super) fn failure(error: &anyhow::Error, called: Called) -> CallError {
     let kinds = || {
         error.chain().find_map(|cause| {
             if let Some(error) = cause.downcast_ref::<SessionError>() {

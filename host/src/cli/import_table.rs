@@ -341,7 +341,11 @@ impl Display for Echo<'_> {
         };
         let (is, unit) = (width(&|c| c.is.len(), 8), width(&|c| c.unit.chars().count(), 4));
         let column = width(&|c| c.column.chars().count(), 6);
-        writeln!(f, "  {:<is$}  {:<column$}  {:<unit$}  from ... to", "quantity", "column", "unit")?;
+        writeln!(
+            f,
+            "  {:<is$}  {:<column$}  {:<unit$}  from ... to, in the unit of the quantity",
+            "quantity", "column", "unit"
+        )?;
         for TakenColumn { is: name, column: header, unit: of, range: [least, most], rows, file } in columns {
             let file = file.file_name().unwrap_or_default().to_string_lossy();
             writeln!(

@@ -1,11 +1,11 @@
 //! The command line: one file per sub-command, and the conventions they share.
 //!
-//! * Results go to standard output (with `--json` exactly one JSON document), remarks and progress to standard error.
+//! * Results go to standard output (with `--json` exactly one JSON document, of a failure too), remarks and progress to standard error.
 //! * Exit code 0: done; 1: failed, with one line `error: ...` on standard error; 2: wrong use.
 //! * When the reader closes the pipe (`guide ... | head`) the program ends without a message.
 //!
-//! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`]
-//! and one line in [`run`].
+//! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`],
+//! one line in [`run`] and its name in a group (`groups.rs`).
 
 mod bringup;
 mod calibrate;
@@ -26,6 +26,7 @@ mod effects;
 mod followed;
 mod foundation_args;
 mod frame_pictures;
+mod groups;
 mod identify;
 mod igtl;
 mod import;
@@ -152,9 +153,9 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 /// As [`main()`], for programs that end themselves: 0 done, 1 failed, 2 wrong use.
 pub fn exit_code(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let is_json = wants_json(&arguments);
     if let Err(error) = own_effects::define(&arguments) {
-        output::report(&error, false);
-        return 1;
+        return failed(&error, Output::new(is_json, false), false);
     }
     let command = command().color(colour::requested(arguments.iter().skip(1).cloned()));
     let parsed = command.try_get_matches_from(arguments).and_then(|matches| Cli::from_arg_matches(&matches));
@@ -163,6 +164,9 @@ pub fn exit_code(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Err(error) => {
             // Help and version come this way too; a closed stream is no reason for a message.
             let _ = error.print();
+            if error.use_stderr() {
+                let _ = Output::new(is_json, false).failure(&call::wrong_use(&error));
+            }
             return u8::try_from(error.exit_code()).unwrap_or(2);
         }
     };
@@ -171,11 +175,21 @@ pub fn exit_code(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     match run(&cli.command, &mut out).and_then(|()| out.finish()) {
         Ok(()) => 0,
         Err(error) if error.is::<StdoutClosed>() => 0,
-        Err(error) => {
-            output::report(&error, coloured);
-            1
-        }
+        Err(error) => failed(&error, out, coloured),
     }
+}
+
+/// Whether a command line has `--json` among its own words. The words are searched because a command line that cannot be parsed has its
+/// document too.
+fn wants_json(arguments: &[OsString]) -> bool {
+    arguments.iter().skip(1).take_while(|word| *word != "--").any(|word| word == "--json")
+}
+
+/// Reports a failure, and returns its exit code. A closed standard output is no reason for another message.
+fn failed(error: &anyhow::Error, mut out: Output, coloured: bool) -> u8 {
+    output::report(error, coloured);
+    let _ = out.failure(&call::failure(error, Called::default()));
+    1
 }
 
 /// The command line. Every option takes a negative number: where it may not have one the answer states what it may have, not "unexpected argument '-1'".
@@ -186,7 +200,7 @@ fn command() -> clap::Command {
             .mut_args(|arg| if of_value(&arg) { arg.allow_negative_numbers(true) } else { arg })
             .mut_subcommands(negative_too)
     }
-    negative_too(Cli::command())
+    groups::grouped(negative_too(Cli::command()))
 }
 
 fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {

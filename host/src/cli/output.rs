@@ -1,5 +1,6 @@
 //! Output of a sub-command: results to standard output, remarks to standard error.
 
+use super::call::CallError;
 use super::colour;
 use crate::foreign::{Form, printable};
 use anyhow::{Context, bail};
@@ -23,6 +24,8 @@ pub struct Output {
     json: bool,
     /// Whether standard error is coloured; results never are.
     coloured: bool,
+    /// Whether a result has been printed.
+    has_printed: bool,
     sink: Sink,
 }
 
@@ -47,13 +50,13 @@ pub struct Memory {
 impl Output {
     /// Streams of this process; `json` is the user's choice of form, `coloured` whether remarks are.
     pub fn new(json: bool, coloured: bool) -> Self {
-        Self { json, coloured, sink: Sink::Process(BufWriter::new(io::stdout())) }
+        Self { json, coloured, has_printed: false, sink: Sink::Process(BufWriter::new(io::stdout())) }
     }
 
     /// Everything is kept for the caller, the result as JSON.
     pub fn to_memory(on_step: Box<dyn Fn(&str)>) -> Self {
         let memory = Memory { on_step, ..Memory::empty() };
-        Self { json: true, coloured: false, sink: Sink::Memory(memory) }
+        Self { json: true, coloured: false, has_printed: false, sink: Sink::Memory(memory) }
     }
 
     /// Output that was kept for the caller.
@@ -106,10 +109,19 @@ impl Output {
 
     /// The document where there is one, else the text; whatever names of others are in them.
     fn print(&mut self, document: Option<serde_json::Result<String>>, text: impl Display) -> io::Result<()> {
+        self.has_printed = true;
         match document.transpose()? {
             Some(document) => writeln!(self.stdout(), "{}", printable(&document, Form::Json)),
             None => write!(self.stdout(), "{}", printable(&text.to_string(), Form::Text)),
         }
+    }
+
+    /// Prints the document of a failure where the user wants documents and none was printed, so that standard output always has one.
+    pub fn failure(&mut self, error: &CallError) -> anyhow::Result<()> {
+        if self.json && !self.has_printed {
+            self.result(&error.document(), "")?;
+        }
+        self.finish()
     }
 
     /// Prints a note beside the result; a closed standard error is ignored.

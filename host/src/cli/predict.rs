@@ -124,11 +124,37 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let result =
         predict(&session, &options).with_context(|| format!("cannot predict {}", args.dir.display()))?;
+    ensure_within_readings(args, &result)?;
     if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
         draw(&result, folder, out)?;
     }
     args.draws.write(result.draws.as_ref(), out)?;
     out.result(&result, Text { result: &result, compare: args.compare })
+}
+
+/// Metres that were millimetres are not whole ones to the last digit.
+const ROUNDING_MM: f64 = 1e-6;
+
+/// Checks that something is left to predict, where no depth is stated to which it is predicted: an insertion is observed no further than
+/// its deepest reading. Depths are stated to the millimetre.
+fn ensure_within_readings(args: &Args, result: &Prediction) -> anyhow::Result<()> {
+    let predicted = result.insertions.iter().filter(|one| one.error.is_none());
+    let deepest_mm = predicted.map(|one| one.identified_until_mm).fold(0.0, f64::max);
+    let most_mm = (deepest_mm - ROUNDING_MM).ceil();
+    ensure!(
+        args.to.is_some() || args.until <= most_mm,
+        "--until: {}, expected at most {most_mm} mm, the depth of the deepest reading, or also --to with the depth to which it is predicted",
+        args.until
+    );
+    Ok(())
+}
+
+/// Depths up to which the insertions were measured.
+fn depths_text(insertions: &[&InsertionResult]) -> String {
+    let depths_mm = || insertions.iter().map(|one| one.identified_until_mm.round());
+    let least_mm = depths_mm().fold(f64::INFINITY, f64::min);
+    let most_mm = depths_mm().fold(0.0, f64::max);
+    if least_mm < most_mm { format!("{least_mm:.0} to {most_mm:.0}") } else { format!("{most_mm:.0}") }
 }
 
 /// Draws every insertion and reports the paths.
@@ -149,10 +175,10 @@ struct Text<'a> {
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let good: Vec<_> = self.result.insertions.iter().filter(|one| one.error.is_none()).collect();
-        let identified_until_mm = good.first().map_or(0.0, |one| one.identified_until_mm);
         writeln!(
             f,
-            "tip measured to {identified_until_mm:.0} mm, predicted beyond (95 % band); tip load at that depth, before any rotation"
+            "tip measured to {} mm, predicted beyond (95 % band); tip load at that depth, before any rotation",
+            depths_text(&good)
         )?;
         let width = good.iter().map(|one| one.id.chars().count()).fold(9, usize::max);
         writeln!(

@@ -74,8 +74,20 @@ fn bundle(args: &Args, dir: &Path, path: &Path, out: &mut Output) -> anyhow::Res
     report_bundle::make(&session, &wishes, path, out)
 }
 
+/// Checks that the name of the page promises no other format.
+fn ensure_page_name(path: &Path) -> anyhow::Result<()> {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+    ensure!(
+        ending.is_none_or(|ending| ["html", "htm"].contains(&ending.as_str())),
+        "--out: {}, expected a name that ends in .html: the report is a page, which a browser prints to PDF",
+        path.display()
+    );
+    Ok(())
+}
+
 /// Writes the page.
 fn page(args: &Args, dir: &Path, out: &mut Output) -> anyhow::Result<()> {
+    args.out.as_deref().map_or(Ok(()), ensure_page_name)?;
     let session = Session::read(dir)?;
     let origin = origin(args, dir, &session)?;
     let model = args.model.as_deref().map(ModelFile::read).transpose()?;

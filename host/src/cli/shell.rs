@@ -21,12 +21,15 @@ pub struct CompletionsArgs {
     shell: Shell,
 }
 
-/// Print the manual page, or write those of all sub-commands
+/// Print a manual page, or write those of all sub-commands
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide man | man -l -\n  guide man --out ~/.local/share/man/man1 && man guide-identify"
+    after_help = "Example:\n  guide man identify | man -l -\n  guide man --out ~/.local/share/man/man1 && man guide-identify"
 )]
 pub struct ManArgs {
+    /// Sub-command whose page is printed (default: the page of the program)
+    #[arg(value_name = "COMMAND", conflicts_with = "out")]
+    command: Option<String>,
     /// Write guide.1 and a page per sub-command into this folder; pages that are there are replaced
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -42,7 +45,7 @@ struct Completions {
 #[derive(Serialize)]
 struct Pages {
     schema: &'static str,
-    /// The main page, where no folder is given.
+    /// The page that was requested, where no folder is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     page: Option<String>,
     /// Files written.
@@ -63,7 +66,7 @@ pub fn completions(args: &CompletionsArgs, out: &mut Output) -> anyhow::Result<(
 pub fn man(args: &ManArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut pages = Pages { schema: "guide.man/1", page: None, files: Vec::new() };
     let Some(folder) = &args.out else {
-        let page = page(Cli::command())?;
+        let page = page(named(args.command.as_deref())?)?;
         pages.page = Some(page.clone());
         return out.result(&pages, page);
     };
@@ -73,6 +76,19 @@ pub fn man(args: &ManArgs, out: &mut Output) -> anyhow::Result<()> {
     write_pages(&command, "guide", folder, &mut pages.files)?;
     let lines: String = pages.files.iter().map(|path| format!("written      {}\n", path.display())).collect();
     out.result(&pages, lines)
+}
+
+/// The program, or its sub-command of this name.
+fn named(name: Option<&str>) -> anyhow::Result<Command> {
+    let mut program = Cli::command();
+    let Some(name) = name else { return Ok(program) };
+    // A sub-command has the options that all of them have once the program is built.
+    program.build();
+    let names = || program.get_subcommands().map(Command::get_name).collect::<Vec<_>>().join(", ");
+    let command = program
+        .find_subcommand(name)
+        .with_context(|| format!("COMMAND: {name}, expected one of {}", names()))?;
+    Ok(command.clone())
 }
 
 /// One page: name, synopsis, options, examples.

@@ -123,6 +123,8 @@ fn the_last_screen_of_a_run_is_printed_where_there_is_no_terminal() {
     let record = format!("{dir}/steer.jsonl");
     let again = text(&guide(&["steer", "--replay", &record, "--screen"]).stdout);
     assert_eq!(again.lines().take(24).collect::<Vec<_>>(), printed.lines().take(24).collect::<Vec<_>>());
-    let conflict = failure(&["steer", "--replay", &record, "--screen", "--json"]);
-    assert!(conflict.contains("--screen: drawn for the eye, expected without --json"), "{conflict}");
+    let output = guide(&["steer", "--replay", &record, "--screen", "--json"]);
+    let conflict: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a document");
+    let reason = conflict["error"].as_str().expect("a reason");
+    assert!(reason.contains("--screen: drawn for the eye, expected without --json"), "{conflict}");
 }

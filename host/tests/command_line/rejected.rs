@@ -69,3 +69,29 @@ fn a_check_fails_where_identify_can_use_no_run() {
     assert_eq!(checked.status.code(), Some(1), "{shown}");
     assert!(!guide(&["identify", path(&dir)]).status.success());
 }
+
+#[test]
+fn a_failure_with_json_is_one_document_too() {
+    let folder = folder();
+    let dir = path(folder.path());
+    let document = |arguments: &[&str], code: i32| {
+        let output = guide(arguments);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?} {}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("error: "), "{arguments:?}: the line for a person remains");
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).expect("one JSON document")
+    };
+    fs::write(folder.path().join("session.toml"), "[session]\nformat = \"one\"\n").expect("written");
+    let failed = document(&["identify", dir, "--json"], 1);
+    assert_eq!((&failed["schema"], &failed["kind"]), (&"guide.failure/1".into(), &"file".into()), "{failed}");
+    assert!(failed["path"].as_str().expect("a path").ends_with("session.toml"), "{failed}");
+    assert_eq!(failed["line"], 2, "{failed}");
+    // Wrong use, in which the option itself may not have been parsed.
+    let failed = document(&["identify", dir, "--poisson", "0.6", "--json"], 2);
+    assert_eq!(failed["kind"], "usage", "{failed}");
+    assert!(failed["error"].as_str().expect("a reason").contains("0.6"), "{failed}");
+    // A command that prints its findings and then fails has printed its document.
+    assert_eq!(document(&["check", dir, "--json"], 1)["schema"], "guide.check/2");
+    // Without the option, and for help, nothing changes.
+    assert!(guide(&["identify", dir]).stdout.is_empty());
+    assert!(text(&guide(&["identify", "--json", "--help"]).stdout).starts_with("Identify"));
+}

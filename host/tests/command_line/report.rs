@@ -112,6 +112,14 @@ fn a_report_is_made_where_analyses_fail() {
     assert!(failure(&["report", dir, "--until", "nan"]).contains("--until: NaN"));
     assert!(failure(&["report", dir, "--out", "no/such/folder/r.html"]).contains("cannot write"));
     assert!(failure(&["report", dir, "--model", "none.toml"]).contains("none.toml: cannot read"));
+    // The name of another format: refused before anything is computed or written.
+    for name in ["report.pdf", "report.PDF", "report.docx"] {
+        let file = folder.path().join(name);
+        assert!(
+            failure(&["report", dir, "--out", path(&file)]).contains("expected a name that ends in .html")
+        );
+        assert!(!file.exists(), "{name}");
+    }
     assert_eq!(guide(&["report", dir, "--date", "yesterday"]).status.code(), Some(2));
 }
 

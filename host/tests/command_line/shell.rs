@@ -60,6 +60,10 @@ fn every_sub_command_has_a_manual_page_with_an_example() {
         assert!(page.contains("Example:") && page.contains(&format!("guide {command}")), "{command}: {page}");
     }
     assert!(super::failure(&["man", "--out", path(&pages.join("guide.1"))]).contains("cannot create"));
+    // One page alone is the one of the folder.
+    let page = text(&guide(&["man", "identify"]).stdout);
+    assert_eq!(page, fs::read_to_string(pages.join("guide-identify.1")).expect("a page"));
+    assert!(super::failure(&["man", "identfy"]).contains("COMMAND: identfy, expected one of"));
 }
 
 #[test]

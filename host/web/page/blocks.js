@@ -31,7 +31,7 @@ function showBlocks() {
           h('p', { class: 'note' }, state.session ? `The needle of ${state.session}.` : 'An 18 gauge needle; open a session for its own.'),
           ...sliders,
           h('p', { class: 'note' }, 'E is K over K/E. A session states its block in [tissue]: body_mm, needle_at_mm, sides, far_side.')),
-        h('section', {}, h('h2', {}, 'K/E over the size of the block'), made, facts)),
+        h('section', {}, h('h2', {}, 'K/E over the size of the block'), modelLine('a needle in an elastic block, no effect'), made, facts)),
       saveBar('blocks', () => answer.document));
     announce('Solving the walls ...');
     ask();
@@ -46,5 +46,5 @@ function blocksFacts({ edge_mm: edges, held, free, half_space: far }) {
   const times = (ratio) => number(ratio / far, 3);
   return h('p', { class: 'readout', id: 'blocks-facts', 'aria-live': 'polite', 'data-held': held[at], 'data-free': free[at] },
     h('span', { class: 'big' }, `${edges[at]} mm: K/E ${number(held[at], 3)} held, ${number(free[at], 3)} free`),
-    ` instead of ${number(far, 3)} in a half space, from which E would be taken for ${times(held[at])} and ${times(free[at])} times what it is`);
+    `; without walls ${number(far, 3)}. Who ignores the walls gets an E that is ${times(held[at])} times (held) or ${times(free[at])} times (free) the true one`);
 }

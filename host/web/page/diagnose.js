@@ -1,11 +1,17 @@
 // Diagnose: where model and measurement disagree, what is missing, and the misfit that shrinks when an effect is switched on.
 
 const VERDICTS = {
-  adequate: 'The model explains this session: no effect is missing.',
-  named: 'The model lacks an effect, which these runs identify.',
-  ambiguous: 'The model lacks an effect: a few effects explain these runs equally well.',
+  adequate: 'These runs show no missing effect: the plain model explains them within noise and the usual imperfections of rig and tissue.',
   unexplained: 'There is a misfit that no effect of the catalogue explains, or that these runs do not attribute to one.',
 };
+
+/** The verdict in words that name what was found. */
+function verdictOf(found) {
+  if (VERDICTS[found.verdict]) return VERDICTS[found.verdict];
+  const names = found.effects.map((one) => explanations(one).join(', or '));
+  const isClass = found.effects.some((one) => one.class.length > 1);
+  return `Missing in the model: ${names.join('; and ')}.${isClass ? ' These runs do not tell them apart.' : ''}`;
+}
 const CHANNELS = { force_y: 'Force', shape_y: 'Shape', tip_y: 'Tip', tip_direction_y: 'Tip direction', force_x: 'Horizontal force', shape_x: 'Horizontal shape', tip_x: 'Horizontal tip', tip_direction_x: 'Horizontal tip direction' };
 const COORDINATES = { insertion_depth_mm: 'insertion depth, mm', depth_below_entry_mm: 'depth below the surface, mm', level_mm: 'displacement of guide 2, mm', direction: 'direction of motion', time_s: 'time, s', hold_s: 'time in a hold, s' };
 
@@ -21,7 +27,7 @@ function showDiagnose() {
     const boxes = Object.fromEntries(['numbers', 'bars', 'maps', 'values'].map((name) => [name, h('div', { class: name, id: `diagnose-${name}` })]));
     const switches = new Map();
     let trial = null;
-    const draw = () => { if (trial) drawTrial(trial, boxes); };
+    const draw = () => { if (trial) doubt(found, trial, drawTrial(trial, boxes)); };
     const ask = latest(async () => {
       try {
         boxes.numbers.setAttribute('aria-busy', 'true');
@@ -54,23 +60,23 @@ function showDiagnose() {
       const bar = h('svg:svg', { class: 'evidence', viewBox: '0 0 100 8', preserveAspectRatio: 'none', 'aria-hidden': 'true' },
         h('svg:rect', { x: 0, y: 1, height: 6, width: 100 * share, class: one.log_evidence_gain > found.margin ? 'enough' : '' }),
         h('svg:line', { x1: (100 * found.margin) / most, x2: (100 * found.margin) / most, y1: 0, y2: 8 }));
-      return h('li', {}, h('label', { for: input.id, title: about(one.id)?.physics }, input, h('code', {}, one.id)), bar, h('span', { class: 'gain' }, `${one.refitted ? '' : '\u2248 '}${number(one.log_evidence_gain)}`),
-        h('p', { class: 'note' }, about(one.id)?.physics));
+      return h('li', {}, h('label', { for: input.id }, input, capital(plainName(one.id))), bar, h('span', { class: 'gain' }, `${one.refitted ? '' : '\u2248 '}${number(one.log_evidence_gain)}`),
+        h('p', { class: 'note' }, h('code', {}, one.id), ': ', about(one.id)?.physics));
     };
     const list = (some) => h('ul', { class: 'effects' }, ...some.map(row));
     const named = found.effects.map((one) => one.id);
     main().append(
-      h('section', { class: `lead verdict ${found.verdict}`, id: 'verdict', 'data-verdict': found.verdict }, h('h2', {}, VERDICTS[found.verdict]),
+      h('section', { class: `lead verdict ${found.verdict}`, id: 'verdict', 'data-verdict': found.verdict }, h('h2', {}, verdictOf(found)), h('p', { id: 'verdict-doubt', hidden: true }),
         ...found.effects.map((one) => reasons(one, found, about)), limits(found)),
       h('div', { class: 'two' },
         h('section', { class: 'controls' }, h('h2', {}, 'What: switch effects on and off'),
-          h('p', { class: 'note' }, `Bars: log evidence of the effect alone over the plain model; a name needs ${number(found.margin)} (line). Effects that were fitted come first; \u2248 is an estimate without a fit. Every switch fits the model again.`),
+          h('p', { class: 'note' }, 'Bars: ', term('log evidence'), ` of the effect alone over the `, term('plain model'), `; a name needs ${number(found.margin)} (line). Fitted effects come first; \u2248 marks an estimate without a fit. Each switch fits the model again.`),
           h('p', { class: 'bar' }, named.length ? h('button', { type: 'button', id: 'use-found', onclick: () => choose(named) }, 'Switch on the effects that were found') : null,
             h('button', { type: 'button', id: 'use-none', onclick: () => choose([]) }, 'All off')),
           list(ranked.slice(0, 8)), ranked.length > 8 ? h('details', {}, h('summary', {}, `${ranked.length - 8} more effects`), list(ranked.slice(8))) : null,
-          found.not_identifiable.length ? h('p', { class: 'note' }, `Not identifiable from these runs: ${found.not_identifiable.join(', ')}`) : null),
+          found.not_identifiable.length ? h('p', { class: 'note' }, `These runs cannot show: ${found.not_identifiable.map((id) => plainName(id)).join(', ')}`) : null),
         h('section', {}, h('h2', {}, 'Misfit between model and measurement'), boxes.numbers, boxes.bars, boxes.values,
-          h('h2', {}, 'Where'), h('p', { class: 'note' }, 'Mean residual per cell in standard deviations of its noise, towards the displacement of guide 2: blue, measured below the model; orange, above it.'), boxes.maps)),
+          h('h2', {}, 'Where'), h('p', { class: 'note' }, 'Mean ', term('residual'), ' per cell in ', term('standard deviations'), ' of its noise, towards the displacement of guide 2: blue, measured below the model; orange, above it.'), boxes.maps)),
       h('div', { class: 'beyond' }, section('Regions with significant residuals of the plain model', regions(found)),
         section('Figures of the diagnosis', h('details', {}, h('summary', {}, `${figures.length} figures`), ...figures.map(figure)))),
       saveBar('diagnose', () => found));
@@ -86,16 +92,31 @@ function reasons(one, found, about) {
   const list = [
     `${values.join(', ')}.`,
     `Log evidence +${number(one.log_evidence_gain)}, needed ${number(found.margin)}.`,
-    gap ? `On runs that no fit has used chi-square per reading falls from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'Nothing could be held out.',
-    others.length ? `As good: ${others.join(', ')}.` : 'No other effect explains the runs as well.',
+    gap ? `On runs that no fit has used the misfit (chi-square per reading) falls from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'Nothing could be held out.',
+    others.length ? `As good: ${others.map((id) => plainName(id)).join(', ')}.` : 'No other effect explains the runs as well.',
   ];
-  return h('div', {}, h('h3', {}, h('code', {}, one.id), ` ${about(one.id)?.physics ?? ''}`), h('ul', {}, ...list.map((text) => h('li', {}, text))));
+  return h('div', {}, h('h3', {}, capital(plainName(one.id, one.parameters))), h('p', { class: 'note' }, h('code', {}, one.id), `: ${about(one.id)?.physics ?? ''}`), h('ul', {}, ...list.map((text) => h('li', {}, text))));
 }
 
 function limits(found) {
   const next = found.next_measurement;
-  return h('div', {}, next ? h('p', { id: 'next' }, h('strong', {}, 'Measure next: '), `${next.what}; it distinguishes ${next.separates.join(' and ')}.`) : null,
-    found.limits.length + found.warnings.length ? h('details', {}, h('summary', {}, 'Limits and notes'), h('ul', {}, ...[...found.limits, ...found.warnings, found.split].map((text) => h('li', {}, text)))) : null);
+  return h('div', {}, next ? h('p', { id: 'next' }, h('strong', {}, 'Measure next: '), `${next.what}; it distinguishes ${next.separates.map((id) => plainName(id)).join(' and ')}.`) : null,
+    found.limits.length + found.warnings.length ? h('div', {}, h('h3', {}, 'Limits and notes'), h('ul', {}, ...[...found.warnings, ...found.limits].map((text) => h('li', {}, text)))) : null,
+    found.split ? h('p', { class: 'note' }, capital(found.split)) : null);
+}
+
+/** A verdict is no greener than the maps below it: where a cell of the model that it speaks for has a strong colour, it says so. */
+function doubt(found, trial, { plain, now }) {
+  const named = found.effects.map((one) => one.id);
+  const isOn = trial.effects.length === named.length && trial.effects.every((one) => named.includes(one.id));
+  if (named.length > 0 && !isOn) return;
+  const strongest = named.length > 0 ? now : plain;
+  const line = document.getElementById('verdict-doubt');
+  line.hidden = !strongest.isStrong;
+  const size = `But residuals of up to ${number(Math.abs(strongest.value), 2)} standard deviations remain (${strongest.name}, map below)`;
+  line.textContent = named.length > 0 ? `${size}: this does not explain everything.`
+    : `${size}. They are within what rig and tissue may be off by without any effect, such as a needle\u2019s stiffness that is known to 2 %; they are not explained.`;
+  document.getElementById('verdict').classList.toggle('doubtful', strongest.isStrong);
 }
 
 function regions(found) {
@@ -125,8 +146,8 @@ function drawTrial(trial, { numbers, bars, maps, values }) {
   numbers.dataset.after = after.chi2_reduced;
   const isSame = trial.effects.length === 0;
   const where = trial.held_out ? `on runs held out of every fit: ${trial.held_out.heldout_runs.join(', ')}` : 'on the runs that were fitted; nothing could be held out';
-  numbers.replaceChildren(h('p', { class: 'readout' }, h('span', { class: 'big' }, `${number(before.chi2_reduced)}${isSame ? '' : ` \u2192 ${number(after.chi2_reduced)}`}`), ` chi-square per reading, about 1 is noise alone; ${where}`),
-    h('p', {}, isSame ? 'Plain model, no effect is switched on. ' : `Log evidence ${trial.log_evidence_gain > 0 ? '+' : ''}${number(trial.log_evidence_gain)}. `, `Modulus ${number(trial.modulus_kpa.value)} kPa (${interval(trial.modulus_kpa.ci95)}).`));
+  numbers.replaceChildren(modelLine(isSame ? 'plain, no effect is switched on' : `with ${trial.effects.map((one) => plainName(one.id, one.parameters)).join(', and ')}`), h('p', { class: 'readout' }, h('span', { class: 'big' }, `${number(before.chi2_reduced)}${isSame ? '' : ` \u2192 ${number(after.chi2_reduced)}`}`), ' ', term('chi-square per reading'), `, about 1 is noise alone; ${where}`),
+    h('p', {}, isSame ? '' : `Log evidence ${trial.log_evidence_gain > 0 ? '+' : ''}${number(trial.log_evidence_gain)}. `, `Modulus ${number(trial.modulus_kpa.value)} kPa (${interval(trial.modulus_kpa.ci95)}).`));
   const most = (unit) => Math.max(...Object.entries(before.rmse).concat(Object.entries(after.rmse)).filter(([name]) => name.endsWith(`_${unit}`)).map(([, value]) => value));
   if (bars.childElementCount === 0) bars.append(h('h3', {}, 'Root mean square of the residuals'));
   const order = Object.keys(CHANNELS);
@@ -138,10 +159,14 @@ function drawTrial(trial, { numbers, bars, maps, values }) {
   }
   values.replaceChildren(...trial.effects.map((one) => h('p', {}, h('code', {}, one.id), ' ',
     Object.entries(one.parameters).map(([name, value]) => { const [label, unit] = unitOf(name); return `${label} ${number(value.value)} (${interval(value.ci95)}) ${unit}`.trim(); }).join(', '))));
-  drawMaps(trial.points, maps, isSame);
+  return drawMaps(trial.points, maps, isSame);
 }
 
+/** Draws the maps, and returns the cells that are furthest off: in the plain model, and in the one as it is now. */
 function drawMaps(points, maps, isSame) {
+  const strongest = { plain: { value: 0, isStrong: false, name: '' }, now: { value: 0, isStrong: false, name: '' } };
+  const keep = (side, shown, name) => shown.filter(({ value }) => Math.abs(value) > Math.abs(strongest[side].value))
+    .forEach(({ value }) => { strongest[side] = { value, isStrong: isStrong(value), name: name.toLowerCase() }; });
   const channels = [...new Set(points.map((point) => point.channel))].filter((channel) => channel.endsWith('_y'));
   let place = 0;
   channels.forEach((channel) => {
@@ -178,7 +203,11 @@ function drawMaps(points, maps, isSame) {
     }
     const [was, now] = maps.children[place].children;
     place += 1;
-    residualMap(was.lastChild, { title: `${name}: residuals of the plain model`, cells: cells('before'), ...settings });
-    residualMap(now.lastChild, { title: `${name}: residuals with the effects that are on`, cells: cells(isSame ? 'before' : 'after'), ...settings });
+    const [plain, shown] = [cells('before'), cells(isSame ? 'before' : 'after')];
+    residualMap(was.lastChild, { title: `${name}: residuals of the plain model`, cells: plain, ...settings });
+    residualMap(now.lastChild, { title: `${name}: residuals with the effects that are on`, cells: shown, ...settings });
+    keep('plain', plain, name);
+    keep('now', shown, name);
   });
+  return strongest;
 }

@@ -8,6 +8,9 @@ function whisker(low, value, high, [least, most]) {
     h('svg:line', { x1: at(low), x2: at(high), y1: 5, y2: 5 }), h('svg:line', { x1: at(value), x2: at(value), y1: 1, y2: 9, class: 'dot' }));
 }
 
+/** Whether the runs disagree beyond their noise, as where the program widens the pooled interval (theory, eq. 28). */
+const disagree = ({ pooled }) => (pooled.heterogeneity?.p ?? 1) < 0.05;
+
 function showIdentify() {
   within('identify', async (isHere) => {
     // K does not depend on relation and foundation, and with the quickest ones it is there at once.
@@ -27,17 +30,21 @@ function showIdentify() {
     const notes = h('div', {});
     const note = ({ warnings, runs }) => {
       const remarks = [...warnings, ...runs.flatMap((run) => run.warnings.map((text) => `${run.id}: ${text}`))];
-      notes.replaceChildren(remarks.length ? h('details', { open: notes.querySelector('details')?.open ?? false }, h('summary', {}, `Notes: ${remarks.length}`), h('ul', {}, ...remarks.map((text) => h('li', {}, text)))) : '');
+      notes.replaceChildren(...(remarks.length ? [h('h3', {}, `Notes: ${remarks.length}`), h('ul', {}, ...remarks.map((text) => h('li', {}, text)))] : []));
     };
+    const isDoubtful = disagree(found);
     const made = h('div', { class: 'figures' });
     const ids = [...new Set(figures.map((one) => one.name.replace(/\.[a-z]+$/, '')))];
     const pick = h('select', { id: 'identify-run', onchange: () => draw() }, ...ids.map((id) => h('option', { value: id }, id)));
     const draw = () => made.replaceChildren(...figures.filter((one) => one.name.startsWith(`${pick.value}.`)).map(figure));
     main().append(
-      h('section', { class: 'lead' }, h('h2', {}, 'Foundation modulus K'),
-        h('p', { class: 'readout' }, h('span', { class: 'big', id: 'pooled-k', 'data-k': pooled.k_kpa }, `${number(pooled.k_kpa, 4)} kPa`), ` 95 % interval ${interval(pooled.ci95_kpa, 4)} kPa, from ${pooled.runs} ${pooled.runs === 1 ? 'run' : 'runs'}`),
-        youngs,
-        h('p', { class: 'bar' }, h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Does the model miss something? Diagnose'))),
+      h('section', { class: 'lead' }, h('h2', {}, 'Foundation modulus ', term('K')),
+        isDoubtful ? h('p', { class: 'deciding', id: 'deciding', role: 'note' }, h('strong', {}, 'The runs disagree: '), 'one modulus does not describe this tissue. The value below is an average that no part of it may have. ',
+          h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Diagnose what the model lacks')) : null,
+        h('p', { class: 'readout' }, h('span', { class: isDoubtful ? 'big doubtful' : 'big', id: 'pooled-k', 'data-k': pooled.k_kpa }, `${number(pooled.k_kpa, 4)} kPa`), ' 95 % ', term('interval'), ` ${interval(pooled.ci95_kpa, 4)} kPa, from ${pooled.runs} ${pooled.runs === 1 ? 'run' : 'runs'}`),
+        modelLine('plain: a needle as a beam in tissue of one stiffness, no effect'),
+        youngs, typicalValues(),
+        isDoubtful ? null : h('p', { class: 'bar' }, h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Does the model miss something? Diagnose'))),
       section('By run and method, kPa', h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Modulus by run and method' }, h('table', {}, h('thead', {}, h('tr', {},
         ...['Run', 'Depth', ...methods.map(([, name]) => name)].map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...rows))),
       notes),

@@ -58,8 +58,9 @@ function showPlan() {
         h('section', { class: 'controls' }, h('h2', {}, 'Tissue, run and limits'),
           h('p', { class: 'note' }, state.session ? `Needle, guides and noise of ${state.session}.` : 'An 18 gauge steel needle in the standard rig; open a session to plan for its own.'),
           ...sliders),
-        h('section', {}, h('h2', {}, 'Half-width of the 95 % interval that a run will give'),
-          h('p', { class: 'note' }, 'Rows: displacement of guide 2, mm. The worst over the range of the modulus; a strong colour is narrow; a dashed red line around a cell: the run breaks a limit.'), map,
+        h('section', {}, h('h2', {}, 'How accurate a run will be: half-width of the 95 % interval'),
+          modelLine('plain: tissue of one stiffness, no effect'),
+          h('p', { class: 'note' }, 'Rows: displacement of guide 2, mm. Numbers: the largest half-width over the range of the modulus, percent. Strong colour: accurate. Dashed red border: the run breaks a limit.'), map,
           h('h2', {}, 'One run'), ...selects.map(([, , row]) => row), facts)),
       section('Figure', made), saveBar('plan', () => answer.document));
     responsive(map, draw);

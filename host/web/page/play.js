@@ -38,7 +38,12 @@ function showPlay() {
     const [needle, cycle, path] = ['drawn wide', 'drawn', 'drawn'].map((name) => h('div', { class: name }));
     const readout = h('p', { class: 'readout', id: 'play-force', 'aria-live': 'off' });
     let last = null;
-    const draw = () => { if (last) drawPlay(last, values, { needle, cycle, path, readout }); };
+    const model = h('div', {});
+    const draw = () => {
+      if (!last) return;
+      model.replaceChildren(modelLine(chosen.size ? `with ${[...chosen].map(([id, own]) => plainName(id, own)).join(', and ')}; grey: without` : 'plain, without effects'));
+      drawPlay(last, values, { needle, cycle, path, readout });
+    };
     const ask = latest(async () => {
       try {
         const effects = Object.fromEntries([...chosen].map(([id, own]) => [id, own]));
@@ -56,12 +61,12 @@ function showPlay() {
       slider(`play-${name}`, label, unit, [least, most, step], values[name], (value) => { values[name] = value; changed(); }));
     const added = h('div', { id: 'play-effects' });
     const select = h('select', { id: 'play-add', onchange: () => { if (select.value) { add(select.value); select.value = ''; changed(); } } },
-      h('option', { value: '' }, 'Choose an effect'), ...catalogue.map((one) => h('option', { value: one.id }, one.id)));
+      h('option', { value: '' }, 'Choose an effect'), ...catalogue.map((one) => h('option', { value: one.id }, capital(plainName(one.id)))));
     const add = (id, start = []) => {
       const effect = catalogue.find((one) => one.id === id);
       if (!effect || chosen.has(id)) return;
       const own = {};
-      const box = h('fieldset', {}, h('legend', {}, id), h('p', { class: 'note' }, effect.physics));
+      const box = h('fieldset', {}, h('legend', {}, capital(plainName(id))), h('p', { class: 'note' }, h('code', {}, id), ': ', effect.physics));
       effect.parameters.forEach((info, index) => {
         const [least, most] = info.likely;
         // Where the effect shows: half way from doing nothing to the end of what is likely.
@@ -70,7 +75,7 @@ function showPlay() {
         const [name, unit] = unitOf(info.name);
         box.append(slider(`play-${id}-${info.name}`, name, unit, [least, most, (most - least) / 200], own[info.name], (value) => { own[info.name] = value; changed(); }));
       });
-      box.append(h('button', { type: 'button', class: 'small', onclick: () => { chosen.delete(id); box.remove(); changed(); select.focus(); } }, `Remove ${id}`));
+      box.append(h('button', { type: 'button', class: 'small', onclick: () => { chosen.delete(id); box.remove(); changed(); select.focus(); } }, `Remove ${plainName(id)}`));
       chosen.set(id, own);
       added.append(box);
     };
@@ -78,7 +83,7 @@ function showPlay() {
     main().append(h('div', { class: 'two' },
       h('section', { class: 'controls' }, h('h2', {}, 'Needle and tissue'), ...sliders,
         h('div', { class: 'slider' }, h('label', { for: 'play-add' }, 'Add an effect'), select), added),
-      h('section', {}, h('h2', {}, 'What the sensors read'), readout, needle,
+      h('section', {}, h('h2', {}, 'What the sensors read'), readout, model, needle,
         h('div', { class: 'panels' }, h('div', { class: 'panel' }, h('h3', {}, 'Guide 2 moves out, to the other side and back'), cycle),
           h('div', { class: 'panel' }, h('h3', {}, 'Path of the tip on the way in'), path)))),
       saveBar('play', () => ({ input: { ...values, effects: Object.fromEntries(chosen) }, ...last })));

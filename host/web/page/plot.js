@@ -143,15 +143,21 @@ function cellMap(into, { title, columns, rows, cells, columnName }) {
   into.replaceChildren(drawn);
 }
 
+/** Step of the colours of a mean residual, in standard deviations; the last is reached at 4. */
+const stepOfResidual = (value) => Math.round(8 * Math.min(1, Math.abs(value) / 4));
+
+/** Whether a mean residual has a strong colour. */
+const isStrong = (value) => stepOfResidual(value) > 4;
+
 /**
  * A map of residuals: mean in standard deviations per cell. `cells`: `{ column, row, value, count }`.
  * Blue is measured below the model, orange above; the number stands in the cell.
  */
 function residualMap(into, { cells, columns, rows, columnName, rowName, ...settings }) {
   const drawn = cells.map(({ column, row, value, count }) => {
-    const step = Math.round(8 * Math.min(1, Math.abs(value) / 4));
+    const step = stepOfResidual(value);
     const name = `${rowName} ${rows[row]}, ${columnName} ${columns[column]}: mean residual ${number(value, 2)} standard deviations, ${count} readings`;
-    return { column, row, name, text: number(Number(value.toFixed(1)), 2), style: `${value < 0 ? 'below' : 'above'} s${step}`, strong: step > 4 };
+    return { column, row, name, text: number(Number(value.toFixed(1)), 2), style: `${value < 0 ? 'below' : 'above'} s${step}`, strong: isStrong(value) };
   });
   cellMap(into, { ...settings, columns, rows, columnName, cells: drawn });
 }

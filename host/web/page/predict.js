@@ -16,10 +16,21 @@ function showPredict() {
       ...session.insertion.map((run) => h('option', { value: run.id }, run.id)));
     pick.value = state.choice.insertion ?? pick.value;
     if (pick.selectedIndex < 0) pick.selectedIndex = 0;
+    const diagnosed = await foundModel();
+    if (!isHere()) return;
+    // What a diagnosis has found is in the model, unless the reader chooses the plain one.
+    const usable = diagnosed && diagnosed.names.length > 0 ? diagnosed : null;
+    let isPlain = !usable || state.choice.model === 'plain';
+    const model = h('div', { id: 'predict-model' });
+    const showModel = () => model.replaceChildren(usable
+      ? modelLine(isPlain ? 'plain, without what Diagnose has found ' : `with what Diagnose has found: ${usable.names.join(', and ')} `,
+        h('button', { type: 'button', class: 'small', onclick: () => { isPlain = !isPlain; keepAddress({ model: isPlain ? 'plain' : '' }); showModel(); ask(); } }, isPlain ? 'Use what was found' : 'Use the plain model'))
+      : modelLine(diagnosed ? 'plain; Diagnose names no effect of this session ' : 'plain; this session has not been diagnosed ',
+        diagnosed ? '' : h('button', { type: 'button', class: 'small', onclick: () => show('diagnose') }, 'Diagnose')));
     let answer = null;
     const ask = latest(async () => {
       try {
-        const value = await engine.request('quick', { do: 'predict', dir: state.session, until_mm: until });
+        const value = await engine.request('quick', { do: 'predict', dir: state.session, until_mm: until, ...(isPlain ? {} : { model: usable.model }) });
         if (!isHere()) return;
         answer = value;
         hideFault();
@@ -33,10 +44,11 @@ function showPredict() {
     main().append(
       section('Path of the tip', h('p', {}, h('label', { for: 'predict-run' }, 'Insertion '), pick),
         slider('predict-until', 'Readings are used up to', 'mm', [5, most, 1], until, (value) => { until = value; keepAddress({ until }); ask(); }),
-        facts, h('div', { class: 'panels' },
+        model, facts, h('div', { class: 'panels' },
           h('div', { class: 'panel' }, h('h3', {}, 'Vertical'), vertical), h('div', { class: 'panel' }, h('h3', {}, 'Horizontal'), horizontal),
           h('div', { class: 'panel' }, h('h3', {}, 'View along the needle'), ahead))),
       section('Figure', made), saveBar('predict', () => answer.document));
+    showModel();
     responsive(vertical, draw);
     announce('Predicting ...');
     ask();
@@ -70,7 +82,7 @@ function drawPrediction({ document: found, figures }, id, { vertical, horizontal
   }
   const load = Number.isFinite(one.tip_force_n) ? `tip load ${number(one.tip_force_n)} N (${interval(one.tip_force_ci95_n)})` : '';
   const k = one.learned?.k_kpa;
-  const error = Number.isFinite(one.last_error_mm) ? `error at ${number(one.last_measured_mm)} mm: ${number(one.last_error_mm, 2)} mm; ${one.band_held} of ${one.band_readings} readings in the band` : '';
+  const error = Number.isFinite(one.last_error_mm) ? `prediction and measurement differ by ${number(one.last_error_mm, 2)} mm at ${number(one.last_measured_mm)} mm; ${one.band_held} of ${one.band_readings} readings lie in the band` : '';
   facts.replaceChildren(h('p', { class: 'readout', id: 'predict-facts', 'data-until': until }, [load, Number.isFinite(k) ? `K ${number(k)} kPa` : '', error].filter(Boolean).join('; ')));
   const drawn = figures.find((figureOf) => figureOf.name === `${id}.path`);
   made.replaceChildren(...(drawn ? [figure(drawn)] : []));

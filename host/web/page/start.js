@@ -1,5 +1,21 @@
 // Start, and what was measured.
 
+/** The rig in one picture: what is measured where. */
+function startPicture() {
+  const text = (x, y, words) => h('svg:text', { x, y }, words);
+  const rect = (x, y, width, height, style) => h('svg:rect', { x, y, width, height, rx: 4, style });
+  return h('svg:svg', { viewBox: '0 0 900 250', class: 'picture', role: 'img', 'aria-label': 'A needle goes through a fixed guide and a guide that is pushed sideways into soft tissue, which bends it; force, displacement, shape and tip are measured' },
+    rect(390, 30, 490, 190, 'fill: var(--tissue)'),
+    h('svg:line', { x1: 560, x2: 560, y1: 30, y2: 220, style: 'stroke: var(--soft); stroke-dasharray: 6 5' }),
+    h('svg:line', { x1: 30, x2: 870, y1: 140, y2: 140, style: 'stroke: var(--line); stroke-dasharray: 3 5' }),
+    rect(85, 156, 30, 64, 'fill: var(--line)'), rect(316, 124, 26, 96, 'fill: var(--line)'),
+    h('svg:path', { d: 'M30 140H100C190 140 260 106 329 96C405 90 480 116 550 130C640 148 720 150 800 172', style: 'fill: none; stroke: var(--a); stroke-width: 6; stroke-linecap: round' }),
+    rect(78, 124, 44, 32, 'fill: var(--soft)'), rect(307, 80, 44, 32, 'fill: var(--soft)'),
+    h('svg:path', { d: 'M286 140V104m-7 9l7 -9l7 9', style: 'fill: none; stroke: var(--b); stroke-width: 3' }),
+    text(60, 240, 'guide 1, fixed'), text(262, 240, 'guide 2, pushed by 1 mm'), text(170, 88, 'force, displacement'),
+    text(410, 210, 'softer layer'), text(740, 210, 'stiffer layer'), text(600, 60, 'shape of the needle: ultrasound'), text(796, 160, 'tip'));
+}
+
 function showStart() {
   const choose = (attributes, label) => {
     const input = h('input', { type: 'file', ...attributes, class: 'hidden', tabindex: '-1', 'aria-hidden': 'true',
@@ -9,20 +25,21 @@ function showStart() {
   main().append(
     h('section', { class: 'lead' },
       h('h2', {}, 'How stiff is the tissue, where will the needle go, and what does the model miss?'),
-      h('p', {}, 'A guide pushes a needle sideways in tissue. From the force, the needle\u2019s shape and the path of its tip this page computes the modulus of the tissue and the path ahead, and names the effect that the model lacks.')),
+      startPicture(),
+      h('p', {}, 'A guide pushes a needle sideways in tissue. From the force, the needle\u2019s shape and the path of its tip this page computes how stiff the tissue is and where the tip goes next, and names what its model of needle and tissue lacks.')),
     h('div', { class: 'cards' },
       isServed() ? servedCard() : null,
       h('section', { class: 'card' }, h('h2', {}, 'Open the example'),
-        h('p', {}, 'A simulated session with an effect hidden in it. Find out which.'),
+        h('p', {}, 'Simulated measurements in tissue that is not what it seems. Find out why.'),
         h('button', { type: 'button', class: 'primary', id: 'open-example', onclick: () => openExample('identify') }, 'Open the example')),
       h('section', { class: 'card' }, h('h2', {}, 'Play'),
         h('p', {}, 'Displace a needle, and see how force and shape change.'),
         h('button', { type: 'button', onclick: () => show('play') }, 'Play with a needle')),
       h('section', { class: 'card' }, h('h2', {}, 'Plan'),
-        h('p', {}, 'Which lateral run gives which interval, before it is made.'),
+        h('p', {}, 'How accurate a measurement will be, before it is made.'),
         h('button', { type: 'button', onclick: () => show('plan') }, 'Plan a run')),
       h('section', { class: 'card' }, h('h2', {}, 'Many sessions'),
-        h('p', {}, 'What subjects, rigs and needles have in common.'),
+        h('p', {}, 'What the sessions of many subjects, rigs and needles have in common.'),
         h('button', { type: 'button', onclick: () => show('population') }, 'Compare sessions')),
       canWatch() ? h('section', { class: 'card' }, h('h2', {}, 'Watch a device'),
         h('p', {}, 'Force and position live, from a serial port of this computer.'),

@@ -67,7 +67,9 @@ impl Engine {
                 results::identification(dir, relation.as_deref(), foundation.as_deref())
             }
             Request::Diagnose { dir } => results::diagnosis(dir, on_progress),
-            Request::Predict { dir, until_mm } => results::prediction(dir, *until_mm),
+            Request::Predict { dir, until_mm, model } => {
+                results::prediction(dir, *until_mm, model.as_deref())
+            }
             Request::Try { dir, foundation, effects } => {
                 results::trial(&mut self.bench, dir, foundation, effects)
             }

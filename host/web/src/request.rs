@@ -51,6 +51,9 @@ pub enum Request {
         dir: PathBuf,
         /// Depth up to which insertions are observed.
         until_mm: f64,
+        /// Text of the model file of a diagnosis; the plain model where it is not given.
+        #[serde(default)]
+        model: Option<String>,
     },
     /// The model fitted with these effects.
     Try {

@@ -4,7 +4,7 @@ use crate::answer::AnswerError;
 use crate::drawing::{self, Figure};
 use formats::model_file::ModelFile;
 use formats::session::{FoundationKind, Session};
-use inference::diagnose::{self, INCOMPRESSIBLE, Trial, Workbench, diagnose};
+use inference::diagnose::{self, Diagnosis, INCOMPRESSIBLE, Trial, Workbench, diagnose};
 use inference::identify::{self, YoungsMethod, identify};
 use inference::predict::{self, predict};
 use mechanics::continuum::Contact;
@@ -14,6 +14,9 @@ use std::path::{Path, PathBuf};
 
 /// Depths up to which an insertion can be observed, as the program accepts them.
 const UNTIL_MM: [f64; 2] = [5.0, 500.0];
+
+/// Name of a model file in errors.
+const MODEL_FILE: &str = "model.toml";
 
 /// A document of the program with figures of it.
 #[derive(Serialize)]
@@ -129,24 +132,35 @@ fn diagnose_options(session: &Session) -> diagnose::Options {
     }
 }
 
+/// A diagnosis with the text of its model file, which a prediction takes.
+#[derive(Serialize)]
+struct DiagnosisAnswer {
+    document: Diagnosis,
+    figures: Vec<Figure>,
+    model: String,
+}
+
 /// Result of `guide diagnose`.
 pub fn diagnosis(dir: &Path, on_progress: impl FnMut(&str)) -> Result<String, AnswerError> {
     let session = Session::read(dir)?;
     let options = diagnose_options(&session).with_rig(rig(dir)?.as_ref());
     let diagnosis = diagnose(&session, &options, on_progress)?;
-    let drawn = drawing::diagnosis(&diagnosis)?;
-    json(diagnosis, drawn)
+    let figures = drawing::diagnosis(&diagnosis)?;
+    let model = diagnosis.model().text(Path::new(MODEL_FILE))?;
+    Ok(serde_json::to_string(&DiagnosisAnswer { document: diagnosis, figures, model })?)
 }
 
-/// Result of `guide predict --until`.
-pub fn prediction(dir: &Path, until_mm: f64) -> Result<String, AnswerError> {
+/// Result of `guide predict --until`, with `--model` where the text of a model file is given.
+pub fn prediction(dir: &Path, until_mm: f64, model: Option<&str>) -> Result<String, AnswerError> {
     let [least, most] = UNTIL_MM;
     if !(least..=most).contains(&until_mm) {
         let expected = format!("{least} to {most} mm");
         return Err(AnswerError::Value { name: "until_mm", value: until_mm.to_string(), expected });
     }
     let session = Session::read(dir)?;
-    let options = predict::Options { until_m: 1e-3 * until_mm, ..Default::default() };
+    let model = model.map(|text| ModelFile::parse(Path::new(MODEL_FILE), text)).transpose()?;
+    let plain = predict::Options { until_m: 1e-3 * until_mm, ..Default::default() };
+    let options = plain.with_model(&model.unwrap_or_default(), session.lateral.is_empty());
     let prediction = predict(&session, &options.with_rig(rig(dir)?.as_ref()))?;
     let drawn = drawing::prediction(&prediction)?;
     json(prediction, drawn)

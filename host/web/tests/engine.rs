@@ -64,6 +64,16 @@ fn documents_are_those_of_the_program_with_figures() {
     let path = ok(engine, &json!({"do": "predict", "dir": dir, "until_mm": 50}));
     assert_eq!(path["document"]["insertions"].as_array().map(Vec::len), Some(2));
     assert!(path["figures"][0]["svg"].as_str().is_some_and(|svg| svg.contains("<svg")));
+    // With the model of a diagnosis, as `guide predict --model`.
+    let model = "[model]\nformat = 1\n[[effect]]\nid = \"tissue.layers\"\n[effect.parameters.k_ratio]\nvalue = 2.0\n\
+                 [effect.parameters.boundary_mm]\nvalue = 15.0\n";
+    let with_layers = ok(engine, &json!({"do": "predict", "dir": dir, "until_mm": 50, "model": model}));
+    let load_n =
+        |answer: &Value| answer["document"]["insertions"][0]["tip_force_n"].as_f64().expect("a load");
+    assert!((load_n(&with_layers) - load_n(&path)).abs() > 1e-3);
+    let misspelt =
+        json!({"do": "predict", "dir": dir, "until_mm": 50, "model": model.replace("layers", "layer")});
+    assert!(error(&misspelt).contains("model.toml:4"), "{}", error(&misspelt));
     let series = ok(engine, &json!({"do": "session", "dir": dir}));
     assert_eq!(series["lateral"][1]["depth_mm"], 40.0);
     let drawn = series["lateral"][0]["time_s"].as_array().map_or(0, Vec::len);
@@ -384,5 +394,14 @@ fn wrong_requests_are_answered_with_one_line_that_names_what_is_valid() {
     ] {
         let line = error(&request);
         assert!(line.contains(expected) && !line.contains('\n'), "{request}: {line}");
+    }
+}
+
+/// Names for people, in the page's scripts.
+#[test]
+fn every_effect_has_a_plain_name() {
+    let words = include_str!("../page/words.js");
+    for effect in mechanics::effects::EFFECTS {
+        assert!(words.contains(&format!("  '{}': ", effect.id())), "words.js has no {}", effect.id());
     }
 }

@@ -17,10 +17,11 @@ const PAGE: &str = include_str!("../../../host/web/page/index.html");
 const STYLE: &str = include_str!("../../../host/web/page/style.css");
 const WORKER: &str = include_str!("../../../host/web/page/worker.js");
 /// In this order, the last line starts the page.
-const SCRIPTS: [&str; 17] = [
+const SCRIPTS: [&str; 18] = [
     include_str!("../../../host/web/page/engine.js"),
     include_str!("../../../host/web/page/files.js"),
     include_str!("../../../host/web/page/plot.js"),
+    include_str!("../../../host/web/page/words.js"),
     include_str!("../../../host/web/page/save.js"),
     include_str!("../../../host/web/page/served.js"),
     include_str!("../../../host/web/page/live.js"),

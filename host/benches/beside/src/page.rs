@@ -51,7 +51,8 @@ impl Page<'_> {
             page,
             "# Run times, beside those of alternative libraries, and how they scale\n\n\
              Written by `cargo xtask bench --seed {}` in one run, {today}; one core of {}; {python} (one thread).\n\
-             Times are the least of many repeats, which other load on the machine disturbs least; they still differ from run to run.\n",
+             Times are the least of many repeats, which other load on the machine disturbs least; they still differ from run to run.\n\
+             All numbers are of the code of that day. Run it again, with nothing else on the machine, after a change of what it measures.\n",
             self.seed, self.machine.cpu
         )?;
         self.table(&mut page)?;

@@ -55,6 +55,17 @@ fn a_constant_load_and_its_path_are_found() {
     }
 }
 
+#[test]
+fn an_insertion_is_observed_no_further_than_its_deepest_reading() {
+    let (session, _) = steady();
+    let options =
+        Options { modulus_pa: Some([11e3, 0.5e3]), until_m: 0.5, to_m: Some(0.15), learn: false, ..UNTIL_50 };
+    for one in &predict(&session, &options).expect("predicts").insertions {
+        assert!((one.identified_until_mm - 120.0).abs() < 1e-9, "{}", one.identified_until_mm);
+        assert_eq!(one.depth_mm.len(), 151);
+    }
+}
+
 /// With nothing known of modulus and gap beforehand, both and the tip load are found between the points of any grid, each insertion with
 /// its own interval.
 #[test]

@@ -1,0 +1,101 @@
+// Words for people: plain names of the effects, terms with what they mean, and moduli to compare with.
+
+/** A value of an effect's parameter, as a number of a diagnosis or of a slider. */
+const valueOf = (parameters, name) => parameters?.[name]?.value ?? parameters?.[name];
+
+/** Names of the effects; those whose values say more than a name are functions of them. */
+const PLAIN = {
+  'tissue.layers': (own) => (Number.isFinite(valueOf(own, 'k_ratio')) ? `a ${valueOf(own, 'k_ratio') > 1 ? 'stiffer' : 'softer'} layer below ${number(valueOf(own, 'boundary_mm'))} mm` : 'a layer of another stiffness'),
+  'tissue.gradient': (own) => (valueOf(own, 'gradient_per_mm') < 0 ? 'tissue that becomes softer with depth' : 'tissue that becomes stiffer with depth'),
+  'tissue.stiffening': 'tissue that stiffens when it is pushed far',
+  'tissue.relaxation': 'tissue that relaxes while it is held',
+  'tissue.shear': 'layers of tissue that hold on to each other',
+  'tissue.entry_gap': (own) => (Number.isFinite(valueOf(own, 'gap_mm')) ? `no contact down to ${number(valueOf(own, 'gap_mm'))} mm below the surface` : 'no contact below the surface'),
+  'tissue.skin': 'a stiff skin',
+  'tissue.anisotropy': 'tissue that is stiffer in one direction',
+  'tissue.yield': 'tissue that gives way near the surface',
+  'tissue.finite_body': 'walls of the sample',
+  'rig.guide2_position': 'guide 2 is not where it is stated',
+  'rig.surface_position': 'the surface is not where it is stated',
+  'rig.clamp_compliance': 'a needle that turns in guide 1',
+  'rig.frame_compliance': 'a frame that gives way',
+  'rig.backlash': 'clearance of the needle in guide 2',
+  'rig.play': 'play in the drive of guide 2',
+  'rig.friction': 'friction in guide 2',
+  'rig.rear_rotation': 'a needle that turns where it is held',
+  'sensor.force_bias': 'a force sensor whose zero is off',
+  'sensor.force_gain': 'a force sensor that reads too much or too little',
+  'sensor.force_drift': 'a force sensor that drifts',
+  'sensor.crosstalk': 'axes of the force sensor that read each other',
+  'sensor.delay': 'force readings that come late',
+  'sensor.shape_offset': 'a measured shape that is displaced',
+  'sensor.shape_scale': 'a measured shape of the wrong scale',
+  'sensor.depth_shift': 'a measured shape that is shifted along the needle',
+  'imaging.sound_speed': 'another speed of sound than the scanner assumes',
+  'imaging.lag': 'ultrasound frames that come late',
+  'imaging.echo_offset': 'an echo beside the needle\u2019s axis',
+  'needle.stiffness': 'a needle that is stiffer or softer than stated',
+  'needle.prebend': 'a needle that is bent when it is free',
+  'needle.axial_load': 'a needle that is pushed along its axis',
+  'tip.load_slope': 'a load on the tip that grows with depth',
+  'tip.load_step': (own) => (Number.isFinite(valueOf(own, 'depth_mm')) ? `a load on the tip that jumps at ${number(valueOf(own, 'depth_mm'))} mm` : 'a load on the tip that jumps'),
+  'tip.entry_angle': 'a needle that enters at an angle',
+  'tip.bevel_roll': 'a bevel that is turned about the needle',
+  'tip.rate': 'a load on the tip that grows with the speed',
+  'tip.cut_angle': 'a tip that cuts at an angle',
+};
+
+/** The plain name of an effect, with its values where they are known; its id where it has none, as effects of a file. */
+function plainName(id, parameters = null) {
+  const name = PLAIN[id] ?? id;
+  return typeof name === 'function' ? name(parameters ?? {}) : name;
+}
+
+const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+
+const TERMS = {
+  K: 'Foundation modulus: sideways force of the tissue per length of needle and per deflection. It belongs to needle and tissue together.',
+  E: 'Young\u2019s modulus: stiffness of the tissue alone, whatever the needle.',
+  interval: 'If everything assumed holds, 95 of 100 such intervals contain the true value.',
+  'chi-square per reading': 'Squared misfit over squared noise, on average. About 1: noise alone. 4: the misfit is twice the noise.',
+  'log evidence': 'How much better a model explains all readings, with a penalty for what it can adapt. 2.3 more is ten times as probable.',
+  residual: 'Measured minus computed by the model.',
+  'standard deviations': 'In units of the noise of one reading: beyond 3 is rarely chance.',
+  'held out': 'Runs that no fit has used: a model that only fits its own data fails on them.',
+  'tip load': 'Sideways force on the tip. A bevel has one, and it bends the path.',
+  band: 'Contains the measured path at 95 of 100 depths, if everything assumed holds.',
+  'plain model': 'A beam on springs of one stiffness, without any effect.',
+  effect: 'A piece of physics that can be added to the model, such as a second layer or friction.',
+};
+
+/** A term with its meaning on hover, on focus and for screen readers. */
+const term = (name, shown = name) => h('dfn', { class: 'term', tabindex: '0', title: TERMS[name] }, shown);
+
+/** Young's moduli for comparison, kPa, with where they were measured; the manual has the sources. */
+const TYPICAL = [
+  ['spleen', '3'], ['fat and gland of the breast', '3'], ['healthy liver', '3 to 8'], ['kidney, pancreas', '5'],
+  ['muscle at rest', '10'], ['prostate without cancer', '30'], ['prostate cancer', '60'], ['gels for phantoms', '2 to 50'],
+];
+
+function typicalValues() {
+  return h('details', { id: 'typical' }, h('summary', {}, 'What is usual? Young\u2019s moduli of tissues and gels'),
+    h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Typical moduli' }, h('table', {}, h('thead', {}, h('tr', {}, ...['Tissue', 'E, kPa, about'].map((name) => h('th', { scope: 'col' }, name)))),
+      h('tbody', {}, ...TYPICAL.map(([tissue, modulus]) => h('tr', {}, h('th', { scope: 'row' }, tissue), h('td', {}, modulus)))))),
+    h('p', { class: 'note' }, 'Orders of magnitude: method, strain and person change them by a factor of two. They are values of E. K of an 18 gauge needle is about 0.9 times E where the tissue adheres to it. Sources: the manual, Identifying the modulus.'));
+}
+
+/** The model that a view uses, in words, with a way to what it lacks. */
+function modelLine(text, ...more) {
+  return h('p', { class: 'model', 'data-model': text }, h('strong', {}, 'Model: '), text, ...more);
+}
+
+/** An effect of a diagnosis, and those that explain the runs as well. */
+const explanations = (one) => [plainName(one.id, one.parameters), ...one.class.filter((id) => id !== one.id).map((id) => plainName(id))];
+
+/** What a diagnosis of this session has found, if there is one. */
+async function foundModel() {
+  const key = JSON.stringify(['diagnose', {}]);
+  if (!state.results.has(key)) return null;
+  const { document: found, model } = await state.results.get(key);
+  return { names: found.effects.map((one) => explanations(one).join(' or ')), model };
+}
