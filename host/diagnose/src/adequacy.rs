@@ -9,7 +9,7 @@
 //!   beside noise and the imperfections that every rig has, its significance corrected for the number of intervals tried.
 
 use super::data::{Channel, Datum, Kind};
-use super::evidence::{Group, Patterns};
+use super::evidence::{Group, Patterns, Products};
 use super::layout::{NORMAL_975, Prepared};
 use super::posterior::Fitted;
 use super::score::{NOISE_TOLERANCE, stacked};
@@ -20,7 +20,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 use std::cmp::Reverse;
 
 /// A model is inadequate where chance makes residuals as smooth as these in fewer sessions than this.
-const LEVEL: f64 = 1e-4;
+pub(super) const LEVEL: f64 = 1e-4;
 /// Directions smaller than this beside the largest are combinations of others.
 const MIN_DIRECTION: f64 = 1e-9;
 /// Bins of a coordinate, and intervals reported.
@@ -320,11 +320,12 @@ pub(super) fn regions(
     runs: &[Prepared],
     patterns: &Patterns,
 ) -> Result<Vec<Region>, FitError> {
-    regions_at(fitted, runs, patterns, &patterns.everyday())
+    Scanned::new(fitted, runs, patterns).regions(fitted, patterns, &patterns.everyday())
 }
 
-/// Whether any region is left where the discrepancy has the sizes that the fit gives it, up to those that the prior of a size allows with 95 %: a
-/// verdict may not rest on imperfections of the usual size alone.
+/// Whether regions are left that no imperfection explains: where the discrepancy has the sizes that the fit gives it, up to those that the prior of a
+/// size allows with 95 %, and also where any one imperfection is as large as that. A verdict may not rest on imperfections of the usual size
+/// alone, and the evidence lets none grow that explains a single region of many that were tried.
 ///
 /// # Errors
 /// Where the discrepancy's covariance has no factor.
@@ -333,46 +334,76 @@ pub(super) fn has_regions_beyond_prior(
     runs: &[Prepared],
     patterns: &Patterns,
 ) -> Result<bool, FitError> {
-    let allowed = |(group, size): (&Group, &f64)| {
-        let largest = group.everyday * (1.0 + NORMAL_975 * group.tail.unwrap_or(0.0));
-        size.clamp(group.everyday, largest)
-    };
-    let sizes: Vec<f64> = patterns.groups.iter().zip(&fitted.sizes).map(allowed).collect();
-    Ok(!regions_at(fitted, runs, patterns, &sizes)?.is_empty())
-}
-
-fn regions_at(
-    fitted: &Fitted,
-    runs: &[Prepared],
-    patterns: &Patterns,
-    sizes: &[f64],
-) -> Result<Vec<Region>, FitError> {
-    let (scans, mut columns) = scans(runs);
-    let tried_intervals: usize = scans.iter().map(|scan| scan.edges.len() * (scan.edges.len() + 1) / 2).sum();
-    columns.push(stacked(&fitted.residuals));
-    let residuals = columns.len() - 1;
-    let products = fitted.products_beside_parameters(patterns, &by_run(runs, &columns));
-    let (eliminated, _) = fitted.eliminated(patterns, sizes, &products).ok_or(FitError::Undetermined)?;
-    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / tried_intervals.max(1) as f64);
-    let region = |scan: &Scan| {
-        let (bins, sigma, mean) = best_interval(&eliminated, scan.first, scan.edges.len(), residuals)?;
-        let (start, end) = (scan.edges[bins.start][0], scan.edges[bins.end - 1][1]);
-        let Scan { channel, coordinate, is_odd, .. } = *scan;
-        Some(Region { channel, coordinate, from: start, to: end, mean, is_odd, sigma })
-    };
-    let mut regions_found: Vec<Region> = scans.iter().filter_map(region).collect();
-    regions_found.retain(|region| region.sigma.abs() > threshold);
-    // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
-    regions_found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
-    let mut regions_kept: Vec<Region> = Vec::new();
-    for region in regions_found {
-        let is_same_region =
-            |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
-        if regions_kept.iter().find(is_same_region).is_none() && regions_kept.len() < MAX_REGIONS {
-            regions_kept.push(region);
+    let scanned = Scanned::new(fitted, runs, patterns);
+    let sizes = allowed_sizes(fitted, patterns);
+    if scanned.regions(fitted, patterns, &sizes)?.is_empty() {
+        return Ok(false);
+    }
+    for (index, group) in patterns.groups.iter().enumerate() {
+        let mut with_largest = sizes.clone();
+        with_largest[index] = largest(group);
+        if with_largest[index] > sizes[index] && scanned.regions(fitted, patterns, &with_largest)?.is_empty()
+        {
+            return Ok(false);
         }
     }
-    Ok(regions_kept)
+    Ok(true)
+}
+
+/// The largest size of an imperfection that its prior allows with 95 %.
+fn largest(group: &Group) -> f64 {
+    group.everyday * (1.0 + NORMAL_975 * group.tail.unwrap_or(0.0))
+}
+
+/// The sizes that a fit gives the imperfections, from the everyday ones up to those that their priors allow.
+pub(super) fn allowed_sizes(fitted: &Fitted, patterns: &Patterns) -> Vec<f64> {
+    let allowed = |(group, size): (&Group, &f64)| size.clamp(group.everyday, largest(group));
+    patterns.groups.iter().zip(&fitted.sizes).map(allowed).collect()
+}
+
+/// Everything that was scanned, and what it has in common with the residuals of a fit beside its parameters.
+struct Scanned {
+    scans: Vec<Scan>,
+    products: Products,
+    /// Column of the residuals.
+    residuals: usize,
+}
+
+impl Scanned {
+    fn new(fitted: &Fitted, runs: &[Prepared], patterns: &Patterns) -> Self {
+        let (scans, mut columns) = scans(runs);
+        columns.push(stacked(&fitted.residuals));
+        let products = fitted.products_beside_parameters(patterns, &by_run(runs, &columns));
+        Self { scans, products, residuals: columns.len() - 1 }
+    }
+
+    fn regions(&self, fitted: &Fitted, patterns: &Patterns, sizes: &[f64]) -> Result<Vec<Region>, FitError> {
+        let edges = self.scans.iter().map(|scan| scan.edges.len());
+        let tried_intervals: usize = edges.map(|count| count * (count + 1) / 2).sum();
+        let (eliminated, _) =
+            fitted.eliminated(patterns, sizes, &self.products).ok_or(FitError::Undetermined)?;
+        let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / tried_intervals.max(1) as f64);
+        let region = |scan: &Scan| {
+            let (bins, sigma, mean) =
+                best_interval(&eliminated, scan.first, scan.edges.len(), self.residuals)?;
+            let (start, end) = (scan.edges[bins.start][0], scan.edges[bins.end - 1][1]);
+            let Scan { channel, coordinate, is_odd, .. } = *scan;
+            Some(Region { channel, coordinate, from: start, to: end, mean, is_odd, sigma })
+        };
+        let mut regions_found: Vec<Region> = self.scans.iter().filter_map(region).collect();
+        regions_found.retain(|region| region.sigma.abs() > threshold);
+        // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
+        regions_found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
+        let mut regions_kept: Vec<Region> = Vec::new();
+        for region in regions_found {
+            let is_same_region =
+                |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
+            if regions_kept.iter().find(is_same_region).is_none() && regions_kept.len() < MAX_REGIONS {
+                regions_kept.push(region);
+            }
+        }
+        Ok(regions_kept)
+    }
 }
 
 /// All bins of all coordinates, and their whitened columns.

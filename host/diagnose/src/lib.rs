@@ -443,9 +443,9 @@ fn verdict(found: &Found, is_adequate: bool, gap: Option<&HeldOutMisfit>) -> Ver
     }
 }
 
-/// Result of the search in a session on springs, and the model that it starts from.
+/// The model from which a session on springs is searched, and the judge of what is found.
 #[cfg(test)]
-fn found_in(session: &Session) -> (Start, Found) {
+fn start_of(session: &Session) -> (Start, split::Judge) {
     let (runs, _) = runs_of(session).expect("runs");
     let (Training { runs, .. }, held_out) = split(runs);
     let noise = Noise::of(&runs, &session.stated_noise());
@@ -453,6 +453,13 @@ fn found_in(session: &Session) -> (Start, Found) {
     let layout = Layout::new(&session.rig, &runs, Vec::new());
     let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
     let judge = held_out.judge(&start.fitted, &noise, &Multiples::new()).expect("a judge");
+    (start, judge)
+}
+
+/// Result of the search in a session on springs, and the model that it starts from.
+#[cfg(test)]
+fn found_in(session: &Session) -> (Start, Found) {
+    let (start, judge) = start_of(session);
     let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
     let Choice { start, found, .. } =
         choose(start, &judge, &options, &session.tissue, |_| {}).expect("a search");

@@ -1,10 +1,11 @@
 //! Remaining difference between a model and the measurement once every named effect is in it.
 
-use super::adequacy::Adequacy;
+use super::adequacy::{Adequacy, LEVEL, allowed_sizes};
 use super::evidence::Patterns;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
 use super::results::{HeldOutMisfit, RemainingResult, RemainingSize};
+use statrs::distribution::{ContinuousCDF, Normal};
 
 /// A size this many times the everyday one is worth a line.
 const ABOVE: f64 = 1.5;
@@ -21,9 +22,14 @@ impl Remaining {
         gap: Option<&HeldOutMisfit>,
     ) -> RemainingResult {
         let change_ln = fitted.change_without_discrepancy(patterns);
+        // Imperfections no larger than their priors allow move the modulus by chance, too.
+        let by_chance = fitted
+            .sd_of_change_without_discrepancy(patterns, &allowed_sizes(fitted, patterns))
+            .map_or(0.0, |sd| sd * Normal::standard().inverse_cdf(1.0 - 0.5 * LEVEL));
+        let usual = by_chance.max(NORMAL_975 * fitted.sd(0));
         let size = if adequacy.is_within_noise() {
             RemainingSize::WithinNoise
-        } else if change_ln.is_some_and(|change| change.abs() <= NORMAL_975 * fitted.sd(0)) {
+        } else if change_ln.is_some_and(|change| change.abs() <= usual) {
             RemainingSize::Small
         } else {
             RemainingSize::Large
@@ -43,5 +49,36 @@ impl Remaining {
             k_change_without_discrepancy: change_ln.map_or(f64::NAN, |change| change.exp() - 1.0),
             above_everyday: larger_groups.collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::start_of;
+    use worlds::{Background, Design, Truth, session_on};
+
+    /// Behind imperfections that nobody would notice the modulus by noise alone is off by no more than its standard deviation beside everyday
+    /// imperfections states, and by more than noise makes of it.
+    #[test]
+    fn the_modulus_by_noise_alone_moves_as_imperfections_make_it_move() {
+        const SEEDS: u64 = 12;
+        let truth = Truth { k_kpa: 12.0, tip_load_n: 0.0, effects: Vec::new(), foreign: None };
+        let design = Design::four_runs();
+        let mut squares = 0.0;
+        for seed in 100..100 + SEEDS {
+            let background = Background::drawn(&truth, &design, seed);
+            let (start, _) = start_of(&session_on(&truth, &background, &design, seed));
+            let (fitted, patterns) = (&start.fitted, &start.patterns);
+            let change = fitted.change_without_discrepancy(patterns).expect("a change");
+            let sd_of = |sizes: &[f64]| {
+                fitted.sd_of_change_without_discrepancy(patterns, sizes).expect("a standard deviation")
+            };
+            let sd = sd_of(&patterns.everyday());
+            // Without imperfections both estimates are the same.
+            assert!(sd_of(&vec![0.0; patterns.groups.len()]) < 1e-3 * sd);
+            squares += (change / sd).powi(2);
+        }
+        let mean_square = squares / SEEDS as f64;
+        assert!((0.02..2.0).contains(&mean_square), "{mean_square}");
     }
 }

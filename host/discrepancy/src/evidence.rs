@@ -150,6 +150,22 @@ impl Patterns {
         Some(reduced.rest)
     }
 
+    /// Variance that data of covariance `S = I + Phi diag(s^2) Phi^T` give a sum of their scalar products with the columns, with these factors:
+    /// `u^T C^T S C u`.
+    pub fn variance_of_sum(&self, sizes: &[f64], products: &Products, factors: &DVector<f64>) -> f64 {
+        let of_noise = factors.dot(&(&products.among * factors));
+        let square = |groups: &[usize], by_column: &DMatrix<f64>| -> f64 {
+            let amplitudes = by_column * factors;
+            groups
+                .iter()
+                .zip(amplitudes.iter())
+                .filter_map(|(group, amplitude)| Some((sizes.get(*group)? * amplitude).powi(2)))
+                .sum()
+        };
+        let own = self.runs.iter().zip(&products.own).map(|(run, own)| square(&run.own_groups, own));
+        of_noise + own.sum::<f64>() + square(&self.shared_groups, &products.shared)
+    }
+
     /// A column (one part per run) less what the patterns of these sizes have of it: `S^-1 c`.
     pub fn less_patterns(&self, sizes: &[f64], column: &[Vec<f64>]) -> Option<Vec<DVector<f64>>> {
         let run_columns: Vec<DMatrix<f64>> =

@@ -222,8 +222,12 @@ fn write_remaining(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result
     let remaining = &found.remaining;
     let size = match remaining.size {
         RemainingSize::WithinNoise => "within noise",
-        RemainingSize::Small => "small: K changes by less than its interval",
-        RemainingSize::Large => "large: K moves by more than its interval where it is not allowed for",
+        RemainingSize::Small => {
+            "small: K changes by less than its interval, or than usual imperfections move it"
+        }
+        RemainingSize::Large => {
+            "large: where it is not allowed for, K moves by more than its interval and than usual imperfections move it"
+        }
     };
     let rms: Vec<String> = remaining.rms.iter().map(|(name, rms)| quantity(name, *rms)).collect();
     writeln!(f, "remaining    {size}; smooth misfit (RMS) {}", rms.join(", "))?;

@@ -56,6 +56,18 @@ fn minus_ln(patterns: &Patterns, columns: &[DMatrix<f64>], sizes: &[f64]) -> f64
 }
 
 #[test]
+fn the_variance_of_a_sum_is_that_by_dense_matrices() {
+    let (patterns, columns) = drawn();
+    let sizes = [0.7, 0.4, 0.3];
+    let factors = DVector::from_vec(vec![0.5, -1.2, 0.8]);
+    let (dense_columns, right) = dense(&patterns, &columns, &sizes);
+    let sum = right * &factors;
+    let expected = sum.norm_squared() + dense_columns.tr_mul(&sum).norm_squared();
+    let variance = patterns.variance_of_sum(&sizes, &patterns.products(&columns), &factors);
+    assert!((variance / expected - 1.0).abs() < 1e-12, "{variance} {expected}");
+}
+
+#[test]
 fn elimination_gives_the_evidence_of_dense_matrices() {
     let (patterns, columns) = drawn();
     let products = patterns.products(&columns);
