@@ -62,11 +62,16 @@ fn json(arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).expect("one JSON document")
 }
 
-/// The one line of a command that fails.
+/// The one line of a command that fails; with `--json` standard output has the failure as a document.
 fn failure(arguments: &[&str]) -> String {
     let output = guide(arguments);
     assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
-    assert!(output.stdout.is_empty());
+    if arguments.contains(&"--json") {
+        let document: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+        assert_eq!(document["schema"], "guide.failure/1", "{document}");
+    } else {
+        assert!(output.stdout.is_empty());
+    }
     text(&output.stderr).lines().last().unwrap_or_default().to_owned()
 }
 

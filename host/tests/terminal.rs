@@ -34,8 +34,12 @@ fn monitor(device: &FakeDevice) -> (OwnedFd, Child) {
         assert!(began.elapsed() < Duration::from_secs(60), "it does not connect");
         thread::sleep(Duration::from_millis(10));
     }
-    // Until the screen reads its keys.
-    thread::sleep(Duration::from_millis(500));
+    // Its keys are read from when the alternate screen is there.
+    let (mut shown, mut buffer) = (Vec::new(), [0; 4096]);
+    while !shown.windows(ALTERNATE_SCREEN.len()).any(|bytes| bytes == ALTERNATE_SCREEN) {
+        let count = rustix::io::read(&terminal, &mut buffer).expect("output");
+        shown.extend_from_slice(&buffer[..count]);
+    }
     (terminal, child)
 }
 
@@ -50,6 +54,9 @@ fn ended(child: &mut Child) -> Option<ExitStatus> {
     let _ = child.kill();
     None
 }
+
+/// Sequence by which a program asks a terminal for its alternate screen.
+const ALTERNATE_SCREEN: &[u8] = b"\x1b[?1049h";
 
 #[test]
 fn a_monitor_whose_terminal_is_closed_stops_the_guide_and_ends() {
