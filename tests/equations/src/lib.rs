@@ -32,7 +32,7 @@ const BEGIN: &str = "<!-- tex";
 const END: &str = "-->";
 /// Begin of rows below each other, as the library writes it.
 const ALIGNED: &str = "<mtable class=\"menv-alignlike menv-align\">";
-/// What the library writes that is no valid HTML, and what is.
+/// Spellings of the library that are no valid HTML, with valid ones.
 const REPAIRS: [(&str, &str); 3] =
     [("\"minsize=", "\" minsize="), ("<mo><</mo>", "<mo>&lt;</mo>"), ("<mo>></mo>", "<mo>&gt;</mo>")];
 /// Fences of the plain text.
