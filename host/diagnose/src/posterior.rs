@@ -214,35 +214,6 @@ impl Fitted {
         Some(self.jacobian.iter().zip(column).map(reduced_residual).collect())
     }
 
-    /// By how much the logarithm of the modulus would move were there noise alone, as far as the linearisation goes.
-    pub fn change_without_discrepancy(&self, patterns: &Patterns) -> Option<f64> {
-        let parameters = self.layout.parameters(&self.values);
-        let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
-        let products = products(patterns, &parameters, &point, &self.jacobian);
-        let evidence = patterns.evidence(&vec![0.0; patterns.groups.len()], &products)?;
-        let first = parameters.first()?;
-        Some((evidence.mean[0] - from_prior(first, self.values[0])) * prior_sd(first))
-    }
-
-    /// Standard deviation of that change where nothing but discrepancy of these sizes is there. The estimate by noise alone is a worse one of
-    /// the same modulus, and moves by chance (theory, eq. 67; Hausman 1978): in units of the priors, with
-    /// `G = J^T J`, `u = (G + 1)^-1 e_1` and `v` the variance beside the discrepancy, `u^T J^T S J u + |G u|^2 - 2 (G u)_1 + 1 - v`.
-    pub fn sd_of_change_without_discrepancy(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
-        let parameters = self.layout.parameters(&self.values);
-        let no_columns: Vec<DMatrix<f64>> =
-            self.residuals.iter().map(|residuals| DMatrix::zeros(residuals.len(), 0)).collect();
-        let products = self.products_beside_parameters(patterns, &no_columns);
-        let information = &products.among;
-        let identity = DMatrix::identity(information.nrows(), information.ncols());
-        let factors = (information + &identity).cholesky()?.inverse().column(0).into_owned();
-        let felt = information * &factors;
-        let beside = patterns.in_metric(sizes, &products)?;
-        let variance = (beside + identity).cholesky()?.inverse()[(0, 0)];
-        let spread = patterns.variance_of_sum(sizes, &products, &factors) + felt.norm_squared();
-        let first = parameters.first()?;
-        Some(prior_sd(first) * (spread - 2.0 * felt[0] + 1.0 - variance).max(0.0).sqrt())
-    }
-
     /// The same with intervals that hold what the sizes of the discrepancy may be, and the tails of what is stated of the rig, too.
     pub fn over_sizes(mut self, patterns: &Patterns) -> Self {
         let parameters = self.layout.parameters(&self.values);

@@ -78,6 +78,8 @@ impl Form {
         Self::Play,
     ];
 
+    /// The same but for the last one, which keeps what has been.
+    const WITHOUT_MEMORY: &[Self] = Self::OF_MOTION.split_at(Self::OF_MOTION.len() - 1).0;
     /// Those of readings and of tissue under a motion that it keeps.
     const OF_MOTION: &[Self] = &[
         Self::Linear,
@@ -116,15 +118,7 @@ impl Form {
                 Self::Saturation,
                 Self::Play,
             ],
-            Regressor::Displacement | Regressor::Force | Regressor::Deflection => &[
-                Self::Linear,
-                Self::Quadratic,
-                Self::Cubic,
-                Self::Absolute,
-                Self::Sign,
-                Self::Saturation,
-                Self::Sine,
-            ],
+            Regressor::Displacement | Regressor::Force | Regressor::Deflection => Self::WITHOUT_MEMORY,
             Regressor::Place | Regressor::Share => &[
                 Self::Linear,
                 Self::Quadratic,
