@@ -279,7 +279,7 @@ fn a_stated_deviation_is_that_of_single_readings_at_any_rate() {
             let ratio = sensor.reading_sd() / stated.expect("stated");
             assert!((0.9..1.25).contains(&ratio), "{rate_hz} Hz: {ratio}");
         }
-        // What is stated five times too large is an error that does not scatter.
+        // A statement five times too large is taken for an error that does not scatter.
         let stated = formats::session::Noise {
             force_n: session.noise.force_n.map(|sd_n| 5.0 * sd_n),
             ..session.noise

@@ -75,7 +75,7 @@ impl Shifts {
         let mut tissue_m = vec![0.0; reached_m.len()];
         for _ in 0..if *is_linear { 1 } else { ROUNDS } {
             let mut state = self.rest();
-            // What the law adds changes little from sample to sample.
+            // The force that the law adds changes little from sample to sample.
             let mut added_n = 0.0;
             for (i, (shift_m, tissue_m)) in shifted_m.iter_mut().zip(&mut tissue_m).enumerate() {
                 let more_n = |force_n: f64| {

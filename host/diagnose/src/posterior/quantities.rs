@@ -122,8 +122,8 @@ impl Fitted {
         let identity = DMatrix::identity(information.nrows(), information.ncols());
         let factors = (information + &identity).cholesky()?.inverse().column(0).into_owned();
         let felt = information * &factors;
-        let beside = patterns.in_metric(sizes, &products)?;
-        let variance = (beside + identity).cholesky()?.inverse()[(0, 0)];
+        let in_metric = patterns.in_metric(sizes, &products)?;
+        let variance = (in_metric + identity).cholesky()?.inverse()[(0, 0)];
         let spread = patterns.variance_of_sum(sizes, &products, &factors) + felt.norm_squared();
         let first = parameters.first()?;
         Some(prior_sd(first) * (spread - 2.0 * felt[0] + 1.0 - variance).max(0.0).sqrt())

@@ -78,9 +78,9 @@ impl Form {
         Self::Play,
     ];
 
-    /// The same but for the last one, which keeps what has been.
+    /// The forms below but for the last one, which has memory.
     const WITHOUT_MEMORY: &[Self] = Self::OF_MOTION.split_at(Self::OF_MOTION.len() - 1).0;
-    /// Those of readings and of tissue under a motion that it keeps.
+    /// Forms of readings, and of tissue under a motion that it keeps.
     const OF_MOTION: &[Self] = &[
         Self::Linear,
         Self::Quadratic,
@@ -105,7 +105,7 @@ impl Form {
             Regressor::Run | Regressor::Depth | Regressor::Use => {
                 &[Self::Linear, Self::Quadratic, Self::Exponential, Self::Step]
             }
-            // What yields under the displacement of guide 2 or under a force keeps that; play of guide 2 itself is backlash.
+            // Tissue and sensors that yield under a displacement or a force keep that; play of guide 2 itself is backlash.
             Regressor::Displacement if matches!(site, Site::Tissue | Site::Force) => Self::OF_MOTION,
             Regressor::Force if site == Site::Force => Self::OF_MOTION,
             // A motion to and fro as the force that it causes rises would have no single equilibrium.
