@@ -99,7 +99,7 @@ fn first_tier() -> Result<Counts> {
 
 fn second_tier() -> Result<Counts> {
     check::rest()?;
-    // The Python module where it can be tested, by itself: with it in the workspace's build cargo would build all of that with other features.
+    // The Python module where it can be tested.
     let python = wheel::python().is_ok();
     if python {
         build::cargo(&["build", "--package", "needle-guide", "--features", "extension"])?;

@@ -38,10 +38,6 @@ pub const SYSTEMS: [System; 4] = [
     System { name: "macos-x86_64", target: "x86_64-apple-darwin", linker: Linker::ZigForMac },
     System { name: "macos-aarch64", target: "aarch64-apple-darwin", linker: Linker::ZigForMac },
 ];
-/// Selection of packages whose features cargo unites. Program, wheel and tests share what they are made of where each is built with the
-/// features of all.
-pub const TOGETHER: [&str; 6] =
-    ["--package", "host", "--package", "needle-guide", "--features", "needle-guide/extension"];
 /// Shells that completions are made for, with the files' names.
 const SHELLS: [(&str, &str); 5] = [
     ("bash", "guide.bash"),
@@ -147,12 +143,12 @@ fn program(
     let target = system.with_version();
     let verb = if system.linker == Linker::Mingw { "build" } else { "zigbuild" };
     let folder = release.target.to_string_lossy();
-    let first = [verb, "--locked", "--bin", "guide", "--profile", release.profile];
+    let first = [verb, "--locked", "--package", "host", "--bin", "guide", "--profile", release.profile];
     let target_options = ["--target", &target, "--target-dir", &folder];
     let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
     let environment: Vec<(&str, &str)> =
         environment.iter().filter_map(|(name, value)| Some((*name, value.to_str()?))).collect();
-    cargo_with(&[&first[..], &TOGETHER, &target_options, &flags].concat(), &environment)
+    cargo_with(&[&first[..], &target_options, &flags].concat(), &environment)
 }
 
 /// Completions and manual pages, from the program that was built for this system.

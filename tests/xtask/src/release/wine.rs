@@ -8,8 +8,8 @@ use std::path::Path;
 use std::process::{Command, ExitCode};
 
 /// Packages whose code depends on the system: files, locks, ports, sockets, processes, terminals; and what they use for computing.
-const PACKAGES: [&str; 8] =
-    ["protocol", "formats", "mechanics", "readings", "population", "device", "server", "steering"];
+const PACKAGES: [&str; 9] =
+    ["protocol", "formats", "mechanics", "readings", "population", "device", "server", "steering", "host"];
 
 /// Builds and runs them, with the profile and the flags of the program: what it is made of is not built again.
 ///
@@ -30,7 +30,6 @@ pub fn unit_tests(release: &Release, prefix: &Path) -> Result<ExitCode> {
             "--profile",
             release.profile,
         ])
-        .args(systems::TOGETHER)
         .args(packages)
         .args(systems::flags(WINDOWS, release)?)
         .arg("--target-dir")
