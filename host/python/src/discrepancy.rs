@@ -189,13 +189,16 @@ struct Stated {
     timeout_s: f64,
 }
 
+/// Name, unit, values and standard deviations of a channel.
+type StatedChannel = (String, String, Vec<f64>, Option<Vec<f64>>);
+
 /// A run without its values.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct StatedRun {
     name: String,
     time_s: Vec<f64>,
-    channels: Vec<(String, String, Vec<f64>, Option<Vec<f64>>)>,
+    channels: Vec<StatedChannel>,
     columns: Vec<(String, Vec<f64>)>,
     judges: bool,
     /// Argument that the model gets.
@@ -233,7 +236,7 @@ pub fn discrepancy(
             values,
         });
         let (channels, columns) = (channels.collect(), columns.collect());
-        all.push(Run { name, time_s, channels, columns, judges });
+        model_runs.push(Run { name, time_s, channels, columns, judges });
     }
     let data = Data::new(model_runs).map_err(|error| usage(py, &error.to_string()))?;
     let effects: Result<Vec<Effect>, Error> = effects.iter().map(|text| Effect::parse(text)).collect();
