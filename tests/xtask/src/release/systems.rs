@@ -7,7 +7,7 @@ use crate::{check, setup, wheel};
 use anyhow::{Context, Result, ensure};
 use std::ffi::OsString;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// A system that there is a program for.
@@ -116,7 +116,30 @@ pub fn stage(system: &System, release: &Release, page: &Path, python: Option<&Pa
 /// Where what its linker needs cannot be written.
 pub fn flags(target: &str, release: &Release) -> Result<Vec<String>> {
     let system = SYSTEMS.iter().find(|system| system.target == target);
-    release.flags(target, &system.map(|system| system.link(release)).transpose()?.unwrap_or_default())
+    let of_linker = system.map(|system| system.link(release)).transpose()?.unwrap_or_default();
+    let mut flags = release.flags(target, &of_linker)?;
+    if system.is_some_and(|system| system.linker != Linker::Mingw) {
+        let script = linker_script(target, release)?;
+        flags.extend([
+            "--config".to_owned(),
+            format!("target.{target}.linker={:?}", script.display().to_string()),
+        ]);
+    }
+    Ok(flags)
+}
+
+/// A linker of one name for program and wheel. cargo-zigbuild and maturin each name their own by an environment variable, and cargo compiles
+/// everything again where the linker's name is another one.
+fn linker_script(target: &str, release: &Release) -> Result<PathBuf> {
+    let folder = release.tools.join("linkers");
+    let path = folder.join(format!("{target}.sh"));
+    let variable = format!("CARGO_TARGET_{}_LINKER", target.replace('-', "_").to_uppercase());
+    fs::create_dir_all(&folder)
+        .and_then(|()| fs::write(&path, format!("#!/bin/sh\nexec \"${variable}\" \"$@\"\n")))
+        .with_context(|| format!("{}: cannot write", path.display()))?;
+    let status = Command::new("chmod").arg("+x").arg(&path).status().context("cannot run chmod")?;
+    ensure!(status.success(), "chmod of {}: {status}", path.display());
+    Ok(path)
 }
 
 /// Environment in which the linker of a system is found, or what is missing.
