@@ -4,7 +4,7 @@
 //! The interlocks compare with newtons and micrometres, so that a slip of a unit in the calibration would switch them off. The
 //! bounds are physical and narrower than any slip by a factor of ten:
 //!
-//! * A bridge gives 0.63 to 3.1 mV/V at its rated range. At 3.0 V of excitation and a full scale of 9.375 mV the converter's full
+//! * A bridge gives 0.75 to 3.7 mV/V at its rated range. At 2.5 V of excitation and a full scale of 9.375 mV the converter's full
 //!   scale is then 1 to 5 times the rated range ([`FULL_SCALE_TIMES`]).
 //! * The cross-talk of a two-axis cell is a few percent of its gain; with at most a third ([`CROSS_TALK_SHARE`]) no load on
 //!   the cell can hide from both axes.
@@ -217,7 +217,7 @@ mod tests {
             id: Text::new("unit-7"),
             potentiometers: [table; 2],
             travel_um: 10_000,
-            force_pn_per_code: [[931_323, 0], [0, 931_323]],
+            force_pn_per_code: [[1_117_587, 0], [0, 1_117_587]],
             force_range_mn: 5_000,
         }
     }
@@ -287,12 +287,12 @@ mod tests {
         /// For any cell and actuator within the bounds: ten times and a tenth of any of their units is refused.
         #[test]
         fn a_slip_of_a_unit_by_ten_or_more_is_refused(
-            millivolts_per_volt in 0.65_f64..3.0, range_mn in 500_u32..20_000, stroke_mm in 25.0_f64..65.0,
+            millivolts_per_volt in 0.78_f64..3.6, range_mn in 500_u32..20_000, stroke_mm in 25.0_f64..65.0,
             power in 1_i32..4, up: bool,
         ) {
             let mut record = designed();
-            // 9.375 mV of full scale at 3.0 V.
-            let gain_pn = 9.375 / 3.0 / millivolts_per_volt * f64::from(range_mn) * 1e9 / FORCE_CODES as f64;
+            // 9.375 mV of full scale at 2.5 V.
+            let gain_pn = 9.375 / 2.5 / millivolts_per_volt * f64::from(range_mn) * 1e9 / FORCE_CODES as f64;
             record.force_pn_per_code = [[gain_pn as i32, 0], [0, -gain_pn as i32]];
             record.force_range_mn = range_mn;
             for table in &mut record.potentiometers {

@@ -26,12 +26,12 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// The rig as designed: an L16 of 50 mm stroke on a 12-bit converter; a 5 N bridge of 2 mV/V at 3.0 V excitation on a
+    /// The rig as designed: an L16 of 50 mm stroke on a 12-bit converter; a 5 N bridge of 2 mV/V at 2.5 V excitation on a
     /// converter with a full scale of 1.2 V / 128 for 2^23 codes.
     pub fn nominal_record() -> CalibrationRecord {
         const STROKE_UM: i32 = 50_000;
-        /// 1.2 V / 128 / 2^23 per code, times 5 N per 6 mV.
-        const PN_PER_CODE: i32 = 931_323;
+        /// 1.2 V / 128 / 2^23 per code, times 5 N per 5 mV.
+        const PN_PER_CODE: i32 = 1_117_587;
         let mut position_um = [0; KNOTS];
         for (knot, um) in (0..).zip(&mut position_um) {
             *um = (STROKE_UM / (KNOTS as i32 - 1) * knot - STROKE_UM / 2) as i16;
@@ -123,8 +123,8 @@ mod tests {
     fn the_nominal_rig_spans_its_ranges() {
         let rig = Calibration::default();
         assert_eq!(counts_of_mn(rig.force_range_mn()), 100_000);
-        // 5 N is 6 mV, 64 % of the converter's 9.375 mV: room for a zero offset.
-        let code = (0.64 * 8_388_608.0) as i32;
+        // 5 N is 5 mV of the converter's 9.375 mV: room for a zero offset.
+        let code = (5.0 / 9.375 * 8_388_608.0) as i32;
         let [x, y] = rig.force_counts([code, -code]);
         assert!((x - 100_000).abs() < 2 && (y + 100_000).abs() < 2, "{x} {y}");
         for rising in [0.0, 1.0] {

@@ -90,13 +90,13 @@ impl Bench {
             due.then_some(Command { id, connection: self.connection, request: Request::Status })
         });
         let code = |um: f32| (um / 12.207_031 + 2_048.0).round().clamp(0.0, 4_095.0) as u16;
-        // 1 N/mm; a code is 0.93 uN, and the converter has its own noise.
+        // 1 N/mm; a code is 1.12 uN, and the converter has its own noise.
         let period = self.now_us / 1_000;
         let mut noise = Noise::new(if self.force_stuck { 0 } else { period });
         let hum_n = self.hum_n * (std::f32::consts::TAU * 0.05 * (period % 20) as f32).sin();
         let force = [0, 1].map(|axis| {
             let force_n = self.position_um[axis] * self.stiffness_n_per_um + self.push_n[axis] + hum_n;
-            ((force_n + noise.normal() as f32 * self.noise_n) / 931.323e-9) as i32
+            ((force_n + noise.normal() as f32 * self.noise_n) / 1_117.587e-9) as i32
         });
         let at_its_end = force.iter().position(|code| *code >= CODE_MAX);
         let saturated = at_its_end.map(|channel| ForceFault::Saturated { channel: channel as u8 });

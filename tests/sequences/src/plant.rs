@@ -10,7 +10,7 @@
 //! | force at which it stalls | 100 N | data sheet |
 //! | not driven back by a load | at any duty | data sheet: 46 N of back-driving force |
 //! | potentiometer | 50 mm over 4096 codes, 0 in the middle | calibration of the rig as designed |
-//! | force channel | 931,323 pN per code, +-8,388,607 codes | the same |
+//! | force channel | 1,117,587 pN per code, +-8,388,607 codes | the same |
 
 use crate::random::Random;
 
@@ -23,7 +23,7 @@ const STALL_N: f64 = 100.0;
 /// Stops of the actuator, millimetres from the middle of its stroke.
 pub const STOP_MM: f64 = 25.0;
 /// Newtons per code of the force converter.
-pub const N_PER_CODE: f64 = 931_323e-12;
+pub const N_PER_CODE: f64 = 1_117_587e-12;
 /// Codes per millimetre of the potentiometer.
 const CODES_PER_MM: f64 = 4096.0 / 50.0;
 /// Greatest code of a force channel.

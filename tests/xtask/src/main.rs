@@ -7,6 +7,7 @@
 mod build;
 mod check;
 mod cluster;
+mod flash;
 mod licences;
 mod progress;
 mod release;
@@ -34,7 +35,7 @@ enum Needs {
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 23] = [
+const TASKS: [(&str, Needs, &str); 24] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",
@@ -77,6 +78,7 @@ const TASKS: [(&str, Needs, &str); 23] = [
         Needs::Target,
         "Build the image of each board and compare its flash and RAM use with the committed figures",
     ),
+    ("flash", Needs::Here, "Build the firmware of a board and flash it with probe-rs (--board, --log)"),
     (
         "hil",
         Needs::Target,
@@ -161,8 +163,10 @@ fn run(name: &str, needs: Needs, arguments: &[OsString]) -> Result<ExitCode> {
     let wants_help = arguments.iter().any(|argument| argument == "--help" || argument == "-h");
     match needs {
         _ if wants_help
-            && !["test", "lint", "setup", "study", "web", "wheel", "cluster", "release", "wording"]
-                .contains(&name) => {}
+            && ![
+                "test", "lint", "setup", "study", "web", "wheel", "cluster", "release", "wording", "flash",
+            ]
+            .contains(&name) => {}
         Needs::Target => setup::ensure_target()?,
         Needs::Qemu => setup::ensure_all()?,
         Needs::Nothing => {}
@@ -180,19 +184,21 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
             build::demo(arguments)
         }
         "study" => build::study(arguments),
-        "wheel" | "cluster" | "release" | "wording"
+        "wheel" | "cluster" | "release" | "wording" | "flash"
             if arguments.iter().any(|argument| argument == "--help" || argument == "-h") =>
         {
             let help = match name {
                 "wheel" => wheel::HELP,
                 "cluster" => cluster::HELP,
                 "wording" => wording::HELP,
+                "flash" => flash::HELP,
                 _ => release::HELP,
             };
             print!("{help}");
             Ok(ExitCode::SUCCESS)
         }
         "release" => release::release(arguments),
+        "flash" => flash::flash(arguments),
         "cluster" => cluster::cluster(arguments).map(|()| ExitCode::SUCCESS),
         "wheel" => wheel::wheel(arguments).map(|()| ExitCode::SUCCESS),
         "wording" => wording::wording(arguments).map(|()| ExitCode::SUCCESS),

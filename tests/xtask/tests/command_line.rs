@@ -9,7 +9,9 @@ fn xtask(arguments: &[&str]) -> Output {
 #[test]
 fn help_names_the_tasks() {
     let help = String::from_utf8(xtask(&["--help"]).stdout).expect("text");
-    for task in ["demo", "test", "lint", "setup", "study", "readme", "rig", "wheel", "cluster", "release"] {
+    for task in
+        ["demo", "test", "lint", "setup", "study", "readme", "rig", "wheel", "cluster", "release", "flash"]
+    {
         assert!(help.contains(&format!("  {task} ")), "{task}: {help}");
     }
 }

@@ -150,7 +150,7 @@ impl Default for ForceConfig {
     fn default() -> Self {
         Self {
             range_n: 5.0,
-            share_of_full_scale: 6.0 / 9.375,
+            share_of_full_scale: 5.0 / 9.375,
             noise_n: 0.005,
             offset_n: Range { low: -0.3, high: 0.3 },
         }

@@ -275,7 +275,7 @@ fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
     std::fs::write(
         &file,
         "id = \"unit-7\"\ntravel_mm = 8.0\nforce_range_n = 5.0\n\
-         force_n_per_code = [[1.862646e-6, 0.0], [0.0, 9.31323e-7]]\n\
+         force_n_per_code = [[2.235174e-6, 0.0], [0.0, 1.117587e-6]]\n\
          [potentiometer.x]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-25.0, 25.0]\n\
          [potentiometer.y]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-23.0, 27.0]\n",
     )
