@@ -8,7 +8,7 @@
 
 use super::choice::Beside;
 use super::evidence::Patterns;
-use super::found::{Candidate, Found, Standing};
+use super::found::{Candidate, Explanation, Found, Standing};
 use super::foundation::VARIED;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
@@ -52,7 +52,11 @@ impl Averaged {
         let members = if is_named { found.members.as_slice() } else { &[] };
         let class = members.iter().flat_map(|member| {
             let named = found.fitted.layout.effects.get(member.index).map(|effect| effect.id());
-            let class_members = member.class.iter().filter(move |one| Some(one.effect.id()) != named);
+            // The modulus of the other foundation is another quantity.
+            let is_on_same =
+                |one: &&Explanation| one.fitted.layout.support.is_body() == own.layout.support.is_body();
+            let class_members =
+                member.class.iter().filter(move |one| Some(one.effect.id()) != named).filter(is_on_same);
             class_members.map(|one| &one.fitted)
         });
         weighted_fits.extend(class.map(|fit| (ln_weight(fit), fit)));
@@ -278,7 +282,14 @@ mod tests {
         let prior = ModelPrior::new(count, count);
         let class =
             vec![Explanation { effect: best.score.effect, fitted: fitted.clone(), ln_odds: best.ln_odds }];
-        let member = Member { index: 0, gain, ln_odds: best.ln_odds, without: start.fitted.clone(), class };
+        let member = Member {
+            index: 0,
+            gain,
+            ln_odds: best.ln_odds,
+            without: start.fitted.clone(),
+            class,
+            is_needless_elsewhere: false,
+        };
         let below_threshold =
             Found { fitted: start.fitted.clone(), members: Vec::new(), prior, ..search_result.clone() };
         let above_threshold =

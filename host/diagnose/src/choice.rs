@@ -5,8 +5,9 @@
 //! varies is tried on the other one. Models are compared by evidence, of which each effect costs the margin of a name and a body
 //! [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
 
+use super::across::with_other_foundation;
 use super::adequacy::Adequacy;
-use super::found::Found;
+use super::found::{Found, Standing};
 use super::foundation::{FOUNDATION_MARGIN, varied};
 use super::posterior::Fitted;
 use super::results::FoundationResult;
@@ -38,6 +39,8 @@ pub(super) struct Beside {
     pub fitted: Fitted,
     /// Logarithm of its odds over what was chosen; those refused for other reasons than their evidence have even odds together.
     pub ln_odds: f64,
+    /// Whether it may be what is there: its search and what was held out have not refused it.
+    pub is_possible: bool,
 }
 
 /// Searches on springs and, where the evidence is for it, on an elastic body, and takes what explains the runs best. A body is taken
@@ -96,6 +99,8 @@ pub(super) fn choose(
     let springs = if start.fitted.layout.support.is_body() { &refused.fitted } else { &start.fitted };
     let foundation = FoundationResult::of(&found.fitted, springs, comparison);
     let unchosen = unused.map_or_else(Vec::new, |unused| beside(&refused, &unused, &found));
+    let mut found = found;
+    with_other_foundation(&mut found.members, &found.fitted, &unchosen, judge);
     Ok(Choice { foundation, start, found, beside: unchosen })
 }
 
@@ -133,14 +138,21 @@ fn is_in_question(first: &Start, second: &Start, found: &Found) -> Result<bool, 
 /// The models on the foundation that was not chosen that are not far behind, likeliest first.
 fn beside(start: &Start, unused: &Found, chosen: &Found) -> Vec<Beside> {
     let most = chosen.prior.ln_weight(&chosen.fitted);
-    let candidates = unused.first.iter().filter_map(|candidate| candidate.refit.as_ref().map(|(fit, _)| fit));
-    let fits = [&start.fitted, &unused.fitted].into_iter().chain(candidates);
+    let candidates = unused.first.iter().filter_map(|candidate| {
+        let (fitted, _) = candidate.refit.as_ref()?;
+        Some((fitted, candidate.standing == Standing::Possible))
+    });
+    let fits = [(&start.fitted, true), (&unused.fitted, true)].into_iter().chain(candidates);
     let mut models: Vec<Beside> = Vec::new();
-    for fitted in fits {
+    for (fitted, is_possible) in fits {
         let ln_odds = unused.prior.ln_weight(fitted) - most;
         let is_new = !models.iter().any(|known| known.fitted.layout.has_effects_of(&fitted.layout));
         if ln_odds > NO_WEIGHT && is_new && !fitted.at_bound.contains(&true) {
-            models.push(Beside { fitted: fitted.clone().over_sizes(&start.patterns), ln_odds });
+            models.push(Beside {
+                fitted: fitted.clone().over_sizes(&start.patterns),
+                ln_odds,
+                is_possible: is_possible && ln_odds <= 0.0,
+            });
         }
     }
     limit_refused(models.iter_mut().map(|other| &mut other.ln_odds), 0.0);

@@ -68,6 +68,15 @@ pub(super) struct Member {
     pub without: Fitted,
     /// Alternatives in its place, likeliest first: the smallest set with the stated probability; itself among them.
     pub class: Vec<Explanation>,
+    /// Whether the other foundation alone explains what it does, so that it is not missing with the stated probability.
+    pub is_needless_elsewhere: bool,
+}
+
+impl Member {
+    /// Whether nothing else may be in its place.
+    pub fn is_the_only_explanation(&self) -> bool {
+        self.class.len() == 1 && !self.is_needless_elsewhere
+    }
 }
 
 /// An effect in a place of the model.

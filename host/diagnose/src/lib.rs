@@ -36,6 +36,7 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+mod across;
 mod adequacy;
 mod averaged;
 mod cells;
@@ -109,7 +110,7 @@ use choice::{Choice, choose};
 use data::{Kind, Run};
 use formats::model_file::ModelFile;
 use formats::session::{LateralRun, Session};
-use found::Found;
+use found::{Found, Member};
 use known::Released;
 use layout::{Layout, kinds};
 use mechanics::effects::Effect;
@@ -438,7 +439,7 @@ fn verdict(found: &Found, is_adequate: bool, gap: Option<&HeldOutMisfit>) -> Ver
         true if is_adequate => Verdict::Adequate,
         true => Verdict::Unexplained,
         false if removed.is_some_and(|share| share < 0.5) => Verdict::Unexplained,
-        false if found.members.iter().all(|member| member.class.len() == 1) => Verdict::Named,
+        false if found.members.iter().all(Member::is_the_only_explanation) => Verdict::Named,
         false => Verdict::Ambiguous,
     }
 }

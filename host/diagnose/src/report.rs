@@ -314,13 +314,23 @@ impl DiagnosisReport<'_> {
         ))
     }
 
-    /// Whether anything of known size acts on the needle.
+    /// Whether the runs identify the modulus: something of known size acts on the needle, and a modulus explains them best.
     fn modulus_status(&self) -> ModulusStatus {
-        if self.session.rig.rear_is_unknown() && self.all.iter().all(guide2_rests) {
+        if self.has_unknown_size() || self.is_modulus_at_bound() {
             ModulusStatus::NotIdentified
         } else {
             ModulusStatus::Identified
         }
+    }
+
+    /// Whether nothing of known size acts on the needle.
+    fn has_unknown_size(&self) -> bool {
+        self.session.rig.rear_is_unknown() && self.all.iter().all(guide2_rests)
+    }
+
+    /// Whether the fit has driven the modulus to an end of its range: what the runs show is not the tissue's stiffness.
+    fn is_modulus_at_bound(&self) -> bool {
+        self.final_fit.at_bound.first() == Some(&true)
     }
 
     /// Limits of this session, and measurements that would remove them.
@@ -348,7 +358,14 @@ impl DiagnosisReport<'_> {
                     .to_owned(),
             );
         }
-        if self.modulus_status() == ModulusStatus::NotIdentified {
+        if self.is_modulus_at_bound() {
+            limits.push(
+                "the modulus that fits best is at an end of its range: the model lacks what the runs show, and K and E are not identifiable \
+                 without it"
+                    .to_owned(),
+            );
+        }
+        if self.has_unknown_size() {
             limits.push(
                 "guide 2 rests in all insertions and the stiffness of the needle's rear is not known: K and E are not identifiable, their \
                  intervals depend on what was assumed beforehand; move guide 2 on the way"

@@ -125,7 +125,8 @@ pub struct Diagnosis {
 pub enum ModulusStatus {
     /// They do.
     Identified,
-    /// Any modulus explains them with another tip load: nothing of known size acts on the needle.
+    /// Nothing of known size acts on the needle, so that any modulus explains them with another tip load; or the modulus that fits best is
+    /// at an end of its range.
     NotIdentified,
 }
 

@@ -339,6 +339,7 @@ impl<'a> Search<'a> {
                 ln_odds: ln_sum(weights.iter().copied()),
                 without: base,
                 class,
+                is_needless_elsewhere: false,
             });
         }
         Ok(members)

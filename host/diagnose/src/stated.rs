@@ -93,7 +93,14 @@ impl Found {
             let fitted = fitted.over_sizes(patterns);
             let index = layout.effects.len() - 1;
             let class = vec![Explanation { effect, fitted: fitted.clone(), ln_odds }];
-            self.members.push(Member { index, gain, ln_odds, without: exact_fit, class });
+            self.members.push(Member {
+                index,
+                gain,
+                ln_odds,
+                without: exact_fit,
+                class,
+                is_needless_elsewhere: false,
+            });
             self.fitted = fitted;
             is_named = true;
         }
