@@ -19,7 +19,7 @@ fn resolved(selection: &[&str]) -> Features {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     let mut features = Features::new();
-    for line in text.lines() {
+    for line in text.lines().filter(|line| !line.is_empty()) {
         let (library, set) = line.trim_end_matches(" (*)").split_once('|').unwrap();
         features.entry(library.to_owned()).or_default().insert(set.to_owned());
     }

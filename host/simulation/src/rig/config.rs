@@ -132,7 +132,7 @@ impl Default for ActuatorConfig {
     }
 }
 
-/// A 5 N two-axis cell of 2 mV/V at 3.0 V on a 24-bit converter with 9.375 mV full scale.
+/// A 5 N two-axis cell of 2 mV/V at 2.5 V on a 24-bit converter with 9.375 mV full scale.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ForceConfig {

@@ -137,7 +137,7 @@ mod tests {
         let (mut plain, mut imperfect) = (rig(Imperfections::default()), rig(imperfections));
         assert!((imperfect.truth().modulus_pa / plain.truth().modulus_pa - 1.02).abs() < 1e-12);
         // The zero is off in the end by the drift, and not at the start; a stiffer tissue pushes back a little more.
-        let code_per_n = 6.0 / 9.375 / 5.0 * 8_388_607.0;
+        let code_per_n = 5.0 / 9.375 / 5.0 * 8_388_607.0;
         let mut gap_n = |steps: usize| {
             let mut codes = [imperfect.step(REST, 1e-3), plain.step(REST, 1e-3)];
             (1..steps).for_each(|_| codes = [imperfect.step(REST, 1e-3), plain.step(REST, 1e-3)]);

@@ -58,7 +58,7 @@ fn readings_scatter_about_the_truth_as_configured() {
     let count = 20_000;
     let codes: Vec<Codes> = (0..count).map(|_| rig.step(REST, PERIOD_S)).collect();
     let [force_n, _] = rig.force_n();
-    let code_per_n = 6.0 / 9.375 / 5.0 * 8_388_607.0;
+    let code_per_n = 5.0 / 9.375 / 5.0 * 8_388_607.0;
     let readings_n: Vec<f64> = codes.iter().map(|codes| f64::from(codes.bridge[0]) / code_per_n).collect();
     let mean = readings_n.iter().sum::<f64>() / f64::from(count);
     let sd = (readings_n.iter().map(|n| (n - mean).powi(2)).sum::<f64>() / f64::from(count)).sqrt();
