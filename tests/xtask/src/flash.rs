@@ -17,6 +17,7 @@ pub const HELP: &str = "Build the firmware of a board and flash it with probe-rs
     The motor supply is off while a board is flashed. A calibration that is stored in the board stays.\n";
 
 /// A board: its name, which is a feature of the firmware too, and its chip as probe-rs names it.
+#[derive(Clone, Copy)]
 struct Board {
     name: &'static str,
     chip: &'static str,
@@ -72,11 +73,12 @@ fn options(arguments: &[OsString]) -> Result<(&'static Board, bool)> {
 }
 
 fn named(name: Option<&OsStr>) -> Result<&'static Board> {
-    let known: Vec<&str> = BOARDS.iter().map(|board| board.name).collect();
-    let name = name.with_context(|| format!("--board: expected {}", known.join(" or ")))?;
-    BOARDS.iter().find(|board| name == board.name).with_context(|| {
-        format!("--board: `{}` is not known, expected {}", name.display(), known.join(" or "))
-    })
+    let board_names = BOARDS.map(|board| board.name).join(" or ");
+    let name = name.with_context(|| format!("--board: expected {}", board_names))?;
+    BOARDS
+        .iter()
+        .find(|board| name == board.name)
+        .with_context(|| format!("--board: `{}` is not known, expected {}", name.display(), board_names))
 }
 
 /// Builds the image that is flashed; its path.
@@ -105,9 +107,12 @@ mod tests {
     use super::*;
     use crate::build::root;
 
+    fn parse(arguments: &[&str]) -> Result<(&'static Board, bool)> {
+        options(&arguments.iter().map(OsString::from).collect::<Vec<_>>())
+    }
+
     #[test]
     fn options_name_a_board() {
-        let parse = |arguments: &[&str]| options(&arguments.iter().map(OsString::from).collect::<Vec<_>>());
         let (board, shows_log) = parse(&[]).expect("the default");
         assert_eq!((board.name, shows_log), ("b-l475e-iot01a", false));
         let (board, shows_log) = parse(&["--log", "--board", "nucleo-l476rg"]).expect("a board");
@@ -125,8 +130,8 @@ mod tests {
     /// The boards are those that the tests on a board know, and features of the firmware.
     #[test]
     fn boards_and_chips_are_those_of_the_firmware() {
-        let read = |path: &str| std::fs::read_to_string(root().join(path)).expect("a source");
-        let (images, features) = (read("tests/system/src/images.rs"), read("firmware/Cargo.toml"));
+        let [images, features] = ["tests/system/src/images.rs", "firmware/Cargo.toml"]
+            .map(|path| std::fs::read_to_string(root().join(path)).expect("a source"));
         for board in &BOARDS {
             assert!(images.contains(board.chip), "{}", board.chip);
             assert!(features.contains(&format!("{} = [", board.name)), "{}", board.name);
