@@ -1,7 +1,7 @@
 //! Sessions: made, read and analysed on both systems.
 
 use crate::Checks;
-use crate::numbers::{SAME, same};
+use crate::numbers::{SAME, same, same_text};
 use crate::program::Program;
 use anyhow::{Context, Result, ensure};
 use release::archive;
@@ -54,7 +54,7 @@ pub fn check(checks: &mut Checks, here: &Program, wine: Option<&Program>, folder
             "a session made on Windows has the same bytes",
             same_files(folder, native, wine.system()),
         );
-        checks.report("guide report writes the same bytes on Windows", reports(here, wine, folder));
+        checks.report("guide report writes the same page on Windows", reports(here, wine, folder));
         checks.report("paths and patterns of Windows", paths(here, wine, folder));
         checks.report("a session is locked on Windows, and free again", import(wine, folder));
     }
@@ -98,19 +98,8 @@ fn report(program: &Program, folder: &Path) -> Result<Vec<u8>> {
 }
 
 fn reports(here: &Program, wine: &Program, folder: &Path) -> Result<()> {
-    let (ours, theirs) = (report(here, folder)?, report(wine, folder)?);
-    let differs = ours.iter().zip(&theirs).position(|(a, b)| a != b);
-    let excerpt = |page: &[u8], begin: usize| {
-        String::from_utf8_lossy(
-            page.get(begin.saturating_sub(40)..(begin + 40).min(page.len())).unwrap_or_default(),
-        )
-        .into_owned()
-    };
-    if let Some(begin) = differs {
-        anyhow::bail!("byte {begin}: `{}` and `{}`", excerpt(&ours, begin), excerpt(&theirs, begin));
-    }
-    ensure!(ours.len() == theirs.len(), "{} bytes and {}", ours.len(), theirs.len());
-    Ok(())
+    let [ours, theirs] = [report(here, folder)?, report(wine, folder)?].map(String::from_utf8);
+    same_text(&ours?, &theirs?, SAME)
 }
 
 /// An absolute path, one with a backslash, and a pattern, which the shells of Windows leave to the program.

@@ -9,8 +9,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Identifies a session, and prints the document.
-const IDENTIFY: &str =
-    "import needle_guide, sys; print(needle_guide.Session.open(sys.argv[1]).identify().to_json())";
+const IDENTIFY: &str = "import json, needle_guide, sys; print(json.dumps(needle_guide.Session.open(sys.argv[1]).identify().to_dict()))";
 
 /// Installs it, and compares its numbers with those of the program.
 ///
