@@ -92,7 +92,7 @@ impl Program {
             ["study-demo", "study-bringup"].into_iter().filter_map(|name| system.get(name)).flatten();
         let of_studies = of_studies.chain(of_system.cloned());
         commands.entry("study".to_owned()).or_default().extend(of_studies);
-        for task in ["test", "release", "wording"] {
+        for task in ["test", "release", "wording", "flash"] {
             commands.entry(task.to_owned()).or_default().extend(options(&help_of("xtask", &[task])));
         }
         commands.entry("web".to_owned()).or_default().extend(options(&help_of("browser", &[])));
