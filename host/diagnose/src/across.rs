@@ -1,4 +1,4 @@
-//! What may be in the place of an effect on the foundation that was not chosen.
+//! Alternatives to an effect on the foundation that was not chosen.
 //!
 //! Each foundation imitates the other one where the modulus varies with depth, and what is missing may have one name on springs and another
 //! one in a body. A class that knew the chosen foundation alone would state a name as the only one that is possible.
@@ -10,13 +10,13 @@ use super::split::Judge;
 use super::weights::{is_refuted, ln_sum, smallest_set, stated_ln_odds};
 use mechanics::effects::Effect;
 
-/// What a model on the other foundation has in the place of an effect.
+/// The part of a model on the other foundation that replaces an effect.
 enum InPlace {
     /// The same effect.
     Same,
     /// Another one.
     Other(&'static dyn Effect),
-    /// Nothing: the foundation alone explains what the effect does.
+    /// None: the foundation alone explains what the effect does.
     Nothing,
 }
 
@@ -32,48 +32,49 @@ pub(super) fn with_other_foundation(
     let is_in_question = |other: &&Beside| {
         other.is_possible && judge.losses(&other.fitted).is_some_and(|worse| !is_refuted(&worse, &losses))
     };
-    let others: Vec<&Beside> = beside.iter().filter(is_in_question).collect();
-    if others.is_empty() {
+    let plausible_models: Vec<&Beside> = beside.iter().filter(is_in_question).collect();
+    if plausible_models.is_empty() {
         return;
     }
-    let given = chosen.layout.given;
+    let baseline_count = chosen.layout.given;
     let chosen_ids: Vec<&str> = chosen.layout.effects.iter().map(|effect| effect.id()).collect();
     for member in members {
         let Some(effect) = chosen.layout.effects.get(member.index).copied() else { continue };
         // Odds over the chosen model become odds over the same without the effect.
-        let Some(own) = member.class.iter().find(|one| one.effect.id() == effect.id()).map(|one| one.ln_odds)
+        let Some(named_ln_odds) =
+            member.class.iter().find(|one| one.effect.id() == effect.id()).map(|one| one.ln_odds)
         else {
             continue;
         };
-        let (mut without, mut present) = (vec![0.0], vec![member.ln_odds]);
-        for other in &others {
-            let ln_odds = own + other.ln_odds;
-            let explanation = match in_place(effect, &other.fitted, given, &chosen_ids) {
+        let (mut ln_odds_without, mut ln_odds_with) = (vec![0.0], vec![member.ln_odds]);
+        for other in &plausible_models {
+            let ln_odds = named_ln_odds + other.ln_odds;
+            let explanation = match in_place(effect, &other.fitted, baseline_count, &chosen_ids) {
                 InPlace::Nothing => {
-                    without.push(ln_odds);
+                    ln_odds_without.push(ln_odds);
                     continue;
                 }
                 InPlace::Same => effect,
                 InPlace::Other(another) => another,
             };
-            present.push(ln_odds);
+            ln_odds_with.push(ln_odds);
             add(&mut member.class, explanation, &other.fitted, ln_odds);
         }
-        let without = ln_sum(without.into_iter());
-        member.class.iter_mut().for_each(|one| one.ln_odds -= without);
+        let ln_without = ln_sum(ln_odds_without.into_iter());
+        member.class.iter_mut().for_each(|one| one.ln_odds -= ln_without);
         member.class.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
         let weights: Vec<f64> = member.class.iter().map(|one| one.ln_odds).collect();
-        member.ln_odds = ln_sum(present.into_iter()) - without;
+        member.ln_odds = ln_sum(ln_odds_with.into_iter()) - ln_without;
         member.is_needless_elsewhere = member.ln_odds < stated_ln_odds();
-        // What was named stays in its class.
+        // The effect that was named stays in its class.
         let count = smallest_set(&weights);
-        let place = member.class.iter().position(|one| one.effect.id() == effect.id());
-        member.class.truncate(count.max(place.map_or(0, |place| place + 1)));
+        let position = member.class.iter().position(|one| one.effect.id() == effect.id());
+        member.class.truncate(count.max(position.map_or(0, |index| index + 1)));
     }
 }
 
-fn in_place(effect: &dyn Effect, other: &Fitted, given: usize, chosen_ids: &[&str]) -> InPlace {
-    let added = || other.layout.effects.iter().skip(given);
+fn in_place(effect: &dyn Effect, other: &Fitted, baseline_count: usize, chosen_ids: &[&str]) -> InPlace {
+    let added = || other.layout.effects.iter().skip(baseline_count);
     if added().any(|one| one.id() == effect.id()) {
         return InPlace::Same;
     }

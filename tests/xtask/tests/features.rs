@@ -8,7 +8,7 @@ use std::process::Command;
 /// Sets of features by library: more than one where a compiler's plug-in needs it too.
 type Features = BTreeMap<String, BTreeSet<String>>;
 
-/// What cargo resolves for a selection.
+/// The sets that cargo resolves for a selection.
 fn resolved(selection: &[&str]) -> Features {
     let output = Command::new(env!("CARGO"))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
