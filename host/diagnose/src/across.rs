@@ -36,41 +36,47 @@ pub(super) fn with_other_foundation(
     if plausible_models.is_empty() {
         return;
     }
+    members.iter_mut().for_each(|member| add_alternatives(member, chosen, &plausible_models));
+}
+
+/// Adds to the class of an effect what these models have in its place.
+fn add_alternatives(member: &mut Member, chosen: &Fitted, plausible_models: &[&Beside]) {
     let baseline_count = chosen.layout.given;
     let chosen_ids: Vec<&str> = chosen.layout.effects.iter().map(|effect| effect.id()).collect();
-    for member in members {
-        let Some(effect) = chosen.layout.effects.get(member.index).copied() else { continue };
-        // Odds over the chosen model become odds over the same without the effect.
-        let Some(named_ln_odds) =
-            member.class.iter().find(|one| one.effect.id() == effect.id()).map(|one| one.ln_odds)
-        else {
-            continue;
+    let Some(effect) = chosen.layout.effects.get(member.index).copied() else { return };
+    // Odds over the chosen model become odds over the same without the effect.
+    let Some(named_ln_odds) =
+        member.class.iter().find(|one| one.effect.id() == effect.id()).map(|one| one.ln_odds)
+    else {
+        return;
+    };
+    let (mut ln_odds_without, mut ln_odds_with) = (vec![0.0], vec![member.ln_odds]);
+    for other in plausible_models {
+        let ln_odds = named_ln_odds + other.ln_odds;
+        let explanation = match in_place(effect, &other.fitted, baseline_count, &chosen_ids) {
+            InPlace::Nothing => {
+                ln_odds_without.push(ln_odds);
+                continue;
+            }
+            InPlace::Same => effect,
+            InPlace::Other(another) => another,
         };
-        let (mut ln_odds_without, mut ln_odds_with) = (vec![0.0], vec![member.ln_odds]);
-        for other in &plausible_models {
-            let ln_odds = named_ln_odds + other.ln_odds;
-            let explanation = match in_place(effect, &other.fitted, baseline_count, &chosen_ids) {
-                InPlace::Nothing => {
-                    ln_odds_without.push(ln_odds);
-                    continue;
-                }
-                InPlace::Same => effect,
-                InPlace::Other(another) => another,
-            };
-            ln_odds_with.push(ln_odds);
-            add(&mut member.class, explanation, &other.fitted, ln_odds);
-        }
-        let ln_without = ln_sum(ln_odds_without.into_iter());
-        member.class.iter_mut().for_each(|one| one.ln_odds -= ln_without);
-        member.class.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
-        let weights: Vec<f64> = member.class.iter().map(|one| one.ln_odds).collect();
-        member.ln_odds = ln_sum(ln_odds_with.into_iter()) - ln_without;
-        member.is_needless_elsewhere = member.ln_odds < stated_ln_odds();
-        // The effect that was named stays in its class.
-        let count = smallest_set(&weights);
-        let position = member.class.iter().position(|one| one.effect.id() == effect.id());
-        member.class.truncate(count.max(position.map_or(0, |index| index + 1)));
+        ln_odds_with.push(ln_odds);
+        add(&mut member.class, explanation, &other.fitted, ln_odds);
     }
+    let ln_without = ln_sum(ln_odds_without.into_iter());
+    member.class.iter_mut().for_each(|one| one.ln_odds -= ln_without);
+    member.class.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+    let mut weights: Vec<f64> = member.class.iter().map(|one| one.ln_odds).collect();
+    member.ln_odds = ln_sum(ln_odds_with.into_iter()) - ln_without;
+    // Less likely explanations, which the class lacks, have their part of the whole.
+    let share_of_class = (ln_sum(weights.iter().copied()) - member.ln_odds).exp();
+    weights.push(member.ln_odds + (1.0 - share_of_class).max(0.0).ln());
+    member.is_needless_elsewhere = member.ln_odds < stated_ln_odds();
+    // The effect that was named stays in its class.
+    let count = smallest_set(&weights).min(member.class.len());
+    let position = member.class.iter().position(|one| one.effect.id() == effect.id());
+    member.class.truncate(count.max(position.map_or(0, |index| index + 1)));
 }
 
 fn in_place(effect: &dyn Effect, other: &Fitted, baseline_count: usize, chosen_ids: &[&str]) -> InPlace {
@@ -86,5 +92,51 @@ fn add(class: &mut Vec<Explanation>, effect: &'static dyn Effect, fitted: &Fitte
     match class.iter_mut().find(|one| one.effect.id() == effect.id()) {
         Some(known) => known.ln_odds = ln_sum([known.ln_odds, ln_odds].into_iter()),
         None => class.push(Explanation { effect, fitted: fitted.clone(), ln_odds }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::truth;
+    use crate::weights::STATED_PROBABILITY;
+    use crate::{choice::Beside, found_in};
+    use worlds::Design;
+
+    /// Probability that an effect is missing, and its class, with a model on the other foundation.
+    fn with_model(member: &Member, chosen: &Fitted, fitted: &Fitted, ln_odds: f64) -> Member {
+        let model = Beside { fitted: fitted.clone(), ln_odds, is_possible: true };
+        let mut changed = member.clone();
+        add_alternatives(&mut changed, chosen, &[&model]);
+        changed
+    }
+
+    #[test]
+    fn a_model_on_the_other_foundation_counts_with_its_odds() {
+        let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
+        let (start, found) = found_in(&session);
+        let member = found.members.first().expect("an effect");
+        let named = found.fitted.layout.effects[member.index].id();
+        let probability = |member: &Member| (1.0 + (-member.ln_odds).exp()).recip();
+        // As likely as the chosen model, and without the effect: it is missing with a probability of one half.
+        let without = with_model(member, &found.fitted, &start.fitted, 0.0);
+        assert!((probability(&without) - 0.5).abs() < 0.06, "{}", probability(&without));
+        assert!(without.is_needless_elsewhere && !without.is_the_only_explanation());
+        // Far behind the chosen one, it bounds the odds and changes no name.
+        let far = with_model(member, &found.fitted, &start.fitted, -20.0);
+        assert!(far.ln_odds > 15.0 && far.ln_odds < 20.1 && !far.is_needless_elsewhere, "{}", far.ln_odds);
+        assert_eq!(far.class.len(), member.class.len());
+        // With another effect in its place, which then is in its class and takes nothing from the probability that something is missing.
+        let others = found.first.iter().filter_map(|candidate| candidate.refit.as_ref().map(|(fit, _)| fit));
+        let is_other = |fit: &&Fitted| fit.layout.effects.last().is_some_and(|effect| effect.id() != named);
+        let other = others.into_iter().find(is_other).expect("another effect");
+        let alternative = with_model(member, &found.fitted, other, -0.5);
+        let id = other.layout.effects.last().expect("an effect").id();
+        assert!(alternative.class.iter().any(|one| one.effect.id() == id), "{id}");
+        assert!(alternative.class.iter().any(|one| one.effect.id() == named), "{named}");
+        assert!(probability(&alternative) > STATED_PROBABILITY && !alternative.is_needless_elsewhere);
+        // With the same effect: it confirms it.
+        let same = with_model(member, &found.fitted, &found.fitted, 0.0);
+        assert!(same.ln_odds > member.ln_odds && same.class.len() == member.class.len());
     }
 }

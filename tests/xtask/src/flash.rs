@@ -31,7 +31,7 @@ const BOARDS: [Board; 2] = [
 /// Runs the task.
 ///
 /// # Errors
-/// Where the image cannot be built, or probe-rs is missing or fails.
+/// The image cannot be built, or probe-rs is missing or fails.
 pub fn flash(arguments: &[OsString]) -> Result<ExitCode> {
     let (board, shows_log) = options(arguments)?;
     setup::ensure_target()?;

@@ -1,7 +1,7 @@
 //! Sessions: made, read and analysed on both systems.
 
 use crate::Checks;
-use crate::numbers::{SAME, same, same_text};
+use crate::numbers::{SAME, SAME_FIT, same, same_text};
 use crate::program::Program;
 use anyhow::{Context, Result, ensure};
 use release::archive;
@@ -9,13 +9,13 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-/// Analyses of a session, with their arguments.
-const ANALYSES: [(&str, &[&str]); 5] = [
-    ("check", &[]),
-    ("identify", &[]),
-    ("diagnose", &[]),
-    ("predict", &["--until", "50", "--compare"]),
-    ("track", &[]),
+/// Analyses of a session, with their arguments and the tolerance of their numbers on another system.
+const ANALYSES: [(&str, &[&str], f64); 5] = [
+    ("check", &[], SAME),
+    ("identify", &[], SAME),
+    ("diagnose", &[], SAME_FIT),
+    ("predict", &["--until", "50", "--compare"], SAME),
+    ("track", &[], SAME),
 ];
 
 /// A session with line ends of Windows.
@@ -32,7 +32,7 @@ pub fn check(checks: &mut Checks, here: &Program, wine: Option<&Program>, folder
     }
     with_line_ends_of_windows(&folder.join("Linux"), &folder.join(CRLF))?;
     let native = here.system();
-    for (name, options) in ANALYSES {
+    for (name, options, tolerance) in ANALYSES {
         let ours = document(here, name, native, options);
         let is_computed = ours.as_ref().map(|_| ()).map_err(|error| anyhow::anyhow!("{error:#}"));
         checks.report(&format!("guide {name} ({native})"), is_computed);
@@ -42,8 +42,8 @@ pub fn check(checks: &mut Checks, here: &Program, wine: Option<&Program>, folder
         let Some(wine) = wine else { continue };
         let outcome = (|| {
             // Each reads what the other one has written, too.
-            same(&ours, &document(wine, name, native, options)?, SAME)?;
-            same(&ours, &document(wine, name, CRLF, options)?, SAME)
+            same(&ours, &document(wine, name, native, options)?, tolerance)?;
+            same(&ours, &document(wine, name, CRLF, options)?, tolerance)
         })();
         checks.report(&format!("guide {name} has the same numbers on Windows"), outcome);
     }
@@ -99,7 +99,7 @@ fn report(program: &Program, folder: &Path) -> Result<Vec<u8>> {
 
 fn reports(here: &Program, wine: &Program, folder: &Path) -> Result<()> {
     let [ours, theirs] = [report(here, folder)?, report(wine, folder)?].map(String::from_utf8);
-    same_text(&ours?, &theirs?, SAME)
+    same_text(&ours?, &theirs?, SAME_FIT)
 }
 
 /// An absolute path, one with a backslash, and a pattern, which the shells of Windows leave to the program.
