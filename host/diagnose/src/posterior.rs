@@ -423,6 +423,19 @@ fn squares(patterns: &Patterns, sizes: &[f64], parameters: &[Parameter], point: 
     Some(misfit + priors)
 }
 
+/// The same at these values; nothing where the model has no solution.
+pub(super) fn squares_at(
+    layout: &Layout,
+    runs: &[Prepared],
+    patterns: &Patterns,
+    values: &[f64],
+    sizes: &[f64],
+) -> Option<f64> {
+    let parameters = layout.parameters(values);
+    let point = Point { residuals: residuals(layout, runs, values).ok()?, values: values.to_vec() };
+    squares(patterns, sizes, &parameters, &point)
+}
+
 /// The first of a step, its half, its quarter and so on that makes the objective smaller; nothing where none does.
 fn descend(
     layout: &Layout,

@@ -21,12 +21,10 @@ mod sizes;
 pub use inverse::Inverse;
 
 use factor::{inverse_root, ln_diagonal, take_off_products};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
 
 /// No size is smaller than this share of its everyday one: it has no influence there.
 const MIN_SHARE: f64 = 1e-4;
-/// Columns from which on a copy for products by blocks is worth its time.
-const MANY_COLUMNS: usize = 16;
 
 /// Patterns whose amplitudes have one size.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,6 +64,10 @@ pub struct RunPatterns {
     /// Patterns of these that the run shows at all: no pattern is in lateral runs and in
     /// insertions.
     shown: Vec<usize>,
+    /// The patterns by the readings: products with a transpose go by scalar products, those with a transposed copy by blocks, several times
+    /// faster.
+    own_transposed: DMatrix<f64>,
+    shared_transposed: DMatrix<f64>,
     own_gram: DMatrix<f64>,
     /// Patterns of this run by shared ones that it shows.
     own_by_shown: DMatrix<f64>,
@@ -78,7 +80,9 @@ impl RunPatterns {
         let is_shown = |j: &usize| shared.column(*j).iter().any(|value| *value != 0.0);
         let shown: Vec<usize> = (0..shared.ncols()).filter(is_shown).collect();
         let own_by_shown = &own_transposed * shared.select_columns(&shown);
-        Self { own_gram: &own_transposed * &own, own_by_shown, own_groups, own, shared, shown }
+        let own_gram = &own_transposed * &own;
+        let shared_transposed = shared.transpose();
+        Self { own_gram, own_by_shown, own_groups, own, shared, shown, own_transposed, shared_transposed }
     }
 
     /// Columns of this run's eliminated unknowns among shared patterns (so many) and columns (so many) behind them.
@@ -92,7 +96,7 @@ impl Patterns {
     pub fn new(groups: Vec<Group>, shared_groups: Vec<usize>, runs: Vec<RunPatterns>) -> Self {
         let count = shared_groups.len();
         let mut shared_gram = DMatrix::zeros(count, count);
-        runs.iter().for_each(|run| shared_gram.gemm(1.0, &run.shared.transpose(), &run.shared, 1.0));
+        runs.iter().for_each(|run| shared_gram.gemm(1.0, &run.shared_transposed, &run.shared, 1.0));
         Self { groups, shared_groups, shared_gram, runs }
     }
 
@@ -128,17 +132,9 @@ impl Patterns {
             among: DMatrix::zeros(count, count),
         };
         for (run, columns) in self.runs.iter().zip(columns) {
-            if count < MANY_COLUMNS {
-                products.own.push(run.own.tr_mul(columns));
-                products.shared.gemm_tr(1.0, &run.shared, columns, 1.0);
-                products.among.gemm_tr(1.0, columns, columns, 1.0);
-                continue;
-            }
-            // A product with a transpose goes by scalar products, one with a transposed copy by blocks: several times faster.
-            let transposed = columns.transpose();
-            products.own.push((&transposed * &run.own).transpose());
-            products.shared += (&transposed * &run.shared).transpose();
-            products.among.gemm(1.0, &transposed, columns, 1.0);
+            products.own.push(&run.own_transposed * columns);
+            products.shared.gemm(1.0, &run.shared_transposed, columns, 1.0);
+            products.among.gemm(1.0, &columns.transpose(), columns, 1.0);
         }
         products
     }
@@ -244,6 +240,7 @@ impl Patterns {
             }
             let factor = matrix.cholesky()?;
             half_ln_determinant += ln_diagonal(&factor);
+            let root = inverse_root(&factor);
             let shown = run.shown.len();
             let mut right = DMatrix::zeros(own_count, shown + columns);
             for i in 0..own_count {
@@ -254,58 +251,56 @@ impl Patterns {
                     right[(i, shown + j)] = own_sizes[i] * own_products[(i, j)];
                 }
             }
-            factor.l_dirty().solve_lower_triangular_mut(&mut right);
+            let right = &root * right;
             take_off_products(&mut normal_matrix, &right, &run.places(shared, columns));
-            runs.push((factor, right));
+            runs.push((root, right));
         }
         let kept_count = shared + parameters;
         let mut matrix = normal_matrix.view((0, 0), (kept_count, kept_count)).into_owned();
         matrix.fill_upper_triangle_with_lower_triangle();
         let factor = matrix.cholesky()?;
         half_ln_determinant += ln_diagonal(&factor);
-        let mut solved = normal_matrix.view((kept_count, 0), (own_side - kept_count, kept_count)).transpose();
-        let right = solved.clone();
-        factor.l_dirty().solve_lower_triangular_mut(&mut solved);
+        let right = normal_matrix.view((kept_count, 0), (own_side - kept_count, kept_count)).transpose();
+        let root = inverse_root(&factor);
+        let solved = &root * &right;
         let mut reduced_matrix = normal_matrix
             .view((kept_count, kept_count), (own_side - kept_count, own_side - kept_count))
             .into_owned();
         reduced_matrix.gemm_tr(-1.0, &solved, &solved, 1.0);
         reduced_matrix.fill_upper_triangle_with_lower_triangle();
-        Some(Reduced { half_ln_determinant, runs, factor, right, rest: reduced_matrix })
+        Some(Reduced { half_ln_determinant, runs, root, right, solved, rest: reduced_matrix })
     }
 
     /// Evidence at these sizes of parameters and residuals: the last column of `products` are the residuals (less what the prior
     /// means of the parameters predict), all before it the parameters' sensitivities.
     pub fn evidence(&self, sizes: &[f64], products: &Products) -> Option<Evidence> {
-        let parameters = products.among.ncols().checked_sub(1)?;
-        let reduced = self.reduced(sizes, products, parameters)?;
+        Some(self.evidence_of(sizes, &self.reduced_beside_residuals(sizes, products)?))
+    }
+
+    /// The patterns eliminated together with all columns but the last, the residuals.
+    fn reduced_beside_residuals(&self, sizes: &[f64], products: &Products) -> Option<Reduced> {
+        self.reduced(sizes, products, products.among.ncols().checked_sub(1)?)
+    }
+
+    /// The evidence after elimination.
+    fn evidence_of(&self, sizes: &[f64], reduced: &Reduced) -> Evidence {
+        let parameters = reduced.root.ncols() - self.shared_groups.len();
         let shared = self.shared_groups.len();
-        let lower = reduced.factor.l_dirty();
-        let root = inverse_root(&reduced.factor);
-        let amplitudes = root.tr_mul(&(&root * reduced.right.column(0)));
+        let root = &reduced.root;
+        let amplitudes = root.tr_mul(&reduced.solved.column(0));
         let (prior, mut gradient) = self.size_prior(sizes);
         for (j, group) in self.shared_groups.iter().enumerate() {
             gradient[*group] += 1.0 - root.column(j).norm_squared() - amplitudes[j] * amplitudes[j];
         }
-        let kept_count = shared + parameters;
-        for (run, (factor, right)) in self.runs.iter().zip(&reduced.runs) {
-            let mut upper = right.clone();
-            factor.l_dirty().tr_solve_lower_triangular_mut(&mut upper);
-            let column_indices = run.places(shared, parameters);
-            // Products of the run's patterns with the remaining ones, in the space of its factor, which has zeros
-            // before the first.
-            let first = column_indices.first().copied().unwrap_or(kept_count);
-            let mut cross_products = DMatrix::zeros(kept_count - first, run.own_groups.len());
-            let mut own_right = upper.column(upper.ncols() - 1).into_owned();
-            for (column, place) in upper.column_iter().zip(&column_indices) {
-                own_right.axpy(-amplitudes[*place], &column, 1.0);
-                cross_products.row_mut(place - first).copy_from(&column.transpose());
-            }
-            let lower_block = lower.view((first, first), (kept_count - first, kept_count - first));
-            lower_block.solve_lower_triangular_mut(&mut cross_products);
-            let root = inverse_root(factor);
+        for (run, (own_root, right)) in self.runs.iter().zip(&reduced.runs) {
+            let upper = own_root.transpose() * right;
+            let places = run.places(shared, parameters);
+            let by_places = upper.columns(0, places.len());
+            let own_right = upper.column(upper.ncols() - 1) - by_places * amplitudes.select_rows(&places);
+            // Products of the run's patterns with the remaining ones, in the space of the factor of these.
+            let cross_products = root.select_columns(&places) * by_places.transpose();
             for (j, group) in run.own_groups.iter().enumerate() {
-                let variance = root.column(j).norm_squared() + cross_products.column(j).norm_squared();
+                let variance = own_root.column(j).norm_squared() + cross_products.column(j).norm_squared();
                 gradient[*group] += 1.0 - variance - own_right[j] * own_right[j];
             }
         }
@@ -316,25 +311,36 @@ impl Patterns {
         }
         let of_parameters = root.columns(shared, parameters);
         let minus_ln = 0.5 * reduced.rest[(0, 0)] + reduced.half_ln_determinant + prior;
-        Some(Evidence {
+        Evidence {
             minus_ln,
             half_ln_determinant: reduced.half_ln_determinant,
             size_prior: prior,
             gradient,
             mean: amplitudes.rows(shared, parameters).into_owned(),
             covariance: of_parameters.tr_mul(&of_parameters),
-        })
+        }
+    }
+
+    /// Groups whose sizes are not known.
+    fn free(&self) -> Vec<usize> {
+        (0..self.groups.len()).filter(|group| self.groups[*group].tail.is_some()).collect()
+    }
+
+    /// Number of patterns of a group.
+    fn count_of(&self, group: usize) -> f64 {
+        let of_runs = self.runs.iter().flat_map(|run| &run.own_groups);
+        of_runs.chain(&self.shared_groups).filter(|of| **of == group).count() as f64
     }
 
     /// Sizes at which the evidence is largest, from a start.
     pub fn likeliest_sizes(&self, start: &[f64], products: &Products) -> Vec<f64> {
-        let free: Vec<usize> = (0..self.groups.len()).filter(|g| self.groups[*g].tail.is_some()).collect();
+        let free = self.free();
         let logarithms: Vec<f64> =
             free.iter().map(|g| start[*g].max(MIN_SHARE * self.groups[*g].everyday).ln()).collect();
         if free.is_empty() {
             return start.to_vec();
         }
-        let solution = sizes::search(self, products, &free, start, &logarithms);
+        let solution = sizes::search(self, products, &free, start, logarithms);
         let mut sizes = start.to_vec();
         for (group, ln) in free.iter().zip(solution) {
             sizes[*group] = ln.exp().max(MIN_SHARE * self.groups[*group].everyday);
@@ -356,12 +362,15 @@ pub struct Products {
 /// Equations after elimination of the patterns.
 struct Reduced {
     half_ln_determinant: f64,
-    /// Factor and right-hand sides (in the factor's space) of every run's own patterns: shared patterns that the run shows, columns.
-    runs: Vec<(Cholesky<f64, Dyn>, DMatrix<f64>)>,
-    /// Factor of the shared patterns and parameters.
-    factor: Cholesky<f64, Dyn>,
+    /// Inverse of the factor, and right-hand sides (in the factor's space), of every run's own patterns: shared patterns that the run
+    /// shows, columns.
+    runs: Vec<(DMatrix<f64>, DMatrix<f64>)>,
+    /// Inverse of the factor of the shared patterns and parameters.
+    root: DMatrix<f64>,
     /// Their right-hand sides: one column for each of the remaining columns.
     right: DMatrix<f64>,
+    /// The same in the factor's space.
+    solved: DMatrix<f64>,
     /// Scalar products of the remaining columns in the metric.
     rest: DMatrix<f64>,
 }

@@ -10,7 +10,7 @@
 //! the second moments of all axes add up (Rue, Martino and Chopin, "Approximate Bayesian inference for latent Gaussian models by using
 //! integrated nested Laplace approximations", 2009).
 
-use super::{Evidence, Patterns, Products, inverse_root};
+use super::{Evidence, Patterns, Products, Reduced};
 use nalgebra::{DMatrix, DVector};
 
 /// Points on an axis, in standard deviations, and their weights for a normal density (Gauss and Hermite).
@@ -22,12 +22,18 @@ const MAX_SKEW: f64 = 4.0;
 impl Patterns {
     /// Second derivatives of minus the log evidence by the logarithms of the free sizes, and which groups these are.
     fn curvature(&self, sizes: &[f64], products: &Products) -> Option<(Vec<usize>, DMatrix<f64>)> {
-        let parameters = products.among.ncols().checked_sub(1)?;
-        let reduced = self.reduced(sizes, products, parameters)?;
+        let reduced = self.reduced_beside_residuals(sizes, products)?;
+        let free = self.free();
+        let curvature = self.curvature_of(sizes, &reduced, &free);
+        Some((free, curvature))
+    }
+
+    /// The same after elimination.
+    pub(super) fn curvature_of(&self, sizes: &[f64], reduced: &Reduced, free: &[usize]) -> DMatrix<f64> {
         let shared = self.shared_groups.len();
-        let kept_count = shared + parameters;
-        let root = inverse_root(&reduced.factor);
-        let covariance = root.transpose() * &root;
+        let kept_count = reduced.root.ncols();
+        let parameters = kept_count - shared;
+        let covariance = reduced.root.transpose() * &reduced.root;
         let amplitudes = &covariance * reduced.right.column(0);
         let own_count: usize = self.runs.iter().map(|run| run.own_groups.len()).sum();
         // Patterns of runs first, then shared ones.
@@ -36,9 +42,8 @@ impl Patterns {
         let mut inverse = DMatrix::zeros(count, count);
         let mut mean = DVector::zeros(count);
         let mut groups = Vec::with_capacity(count);
-        for (run, (factor, right)) in self.runs.iter().zip(&reduced.runs) {
+        for (run, (root, right)) in self.runs.iter().zip(&reduced.runs) {
             let (first, length) = (groups.len(), run.own_groups.len());
-            let root = inverse_root(factor);
             let upper = root.transpose() * right;
             let mut of_run = by_shared.rows_mut(first, length);
             for (column, place) in upper.column_iter().zip(run.places(shared, parameters)) {
@@ -46,7 +51,7 @@ impl Patterns {
             }
             let own_mean = upper.column(upper.ncols() - 1) - of_run * &amplitudes;
             mean.rows_mut(first, length).copy_from(&own_mean);
-            inverse.view_mut((first, first), (length, length)).gemm_tr(1.0, &root, &root, 0.0);
+            inverse.view_mut((first, first), (length, length)).gemm_tr(1.0, root, root, 0.0);
             groups.extend_from_slice(&run.own_groups);
         }
         groups.extend_from_slice(&self.shared_groups);
@@ -69,7 +74,6 @@ impl Patterns {
                 curvature_matrix[(*g, *h)] -= 2.0 * value * (value + 2.0 * mean[j] * mean[k]);
             }
         }
-        let free: Vec<usize> = (0..self.groups.len()).filter(|g| self.groups[*g].tail.is_some()).collect();
         let mut curvature =
             DMatrix::from_fn(free.len(), free.len(), |i, j| curvature_matrix[(free[i], free[j])]);
         for (i, g) in free.iter().enumerate() {
@@ -80,7 +84,7 @@ impl Patterns {
                 _ => 1.0 / (group.smaller_sd_ln * group.smaller_sd_ln),
             };
         }
-        Some((free, curvature))
+        curvature
     }
 
     /// Curvatures below this are taken for it: the prior alone has more below its everyday size, `1 / smaller_sd_ln^2`.

@@ -1,145 +1,122 @@
 //! Search for the sizes of the discrepancy's groups at which the evidence is largest (theory, eq. 61).
+//!
+//! Newton's method in the logarithms of the sizes with the second derivatives of [`super::integrated`]: a diagnosis needs these sizes
+//! thousands of times, and a method that learns the curvatures from slopes takes three times the evaluations. Where a size is far too small,
+//! `-ln Z` falls by an exponential that Newton's method descends in steps of one half; the step of expectation and maximization,
+//! `s_g^2 <- mean of the variance and the squared mean of the group's amplitudes`, goes there at once (Dempster, Laird and Rubin, "Maximum likelihood from
+//! incomplete data via the EM algorithm", 1977).
 
-use super::{Patterns, Products};
-use argmin::core::{CostFunction, Executor, Gradient, State, TerminationReason};
-use argmin::solver::linesearch::MoreThuenteLineSearch;
-use argmin::solver::quasinewton::LBFGS;
-use std::cell::RefCell;
+use super::{Evidence, Patterns, Products, Reduced};
+use nalgebra::{DMatrix, DVector};
 
-/// Steps of the search for the sizes, and the largest change of a logarithm of a size in one.
-const MAX_STEPS: u64 = 12;
-const MAX_SIZE_STEP: f64 = 6.0;
-/// It ends where the objective falls by less than this in a step, or its slopes are smaller than this.
-const MIN_DECREASE: f64 = 1e-3;
-const MIN_SLOPE: f64 = 1e-2;
-/// Slopes of the objective beyond this make the search's first steps too long: it is approached in steps of at most so much of a
-/// logarithm, so many at most.
-const LARGE_SLOPE: f64 = 30.0;
-const LONGEST_APPROACH: f64 = 1.0;
-const MAX_APPROACHES: usize = 12;
-/// The search starts again where its line search gives up, so many times in all, after an approach from slopes so many times smaller.
-const MAX_STARTS: i32 = 3;
-const SMALLER_SLOPE: f64 = 10.0;
-/// Value where sizes make no sense: above every other one, and small enough that a line search can interpolate with it.
-const UNUSABLE: f64 = 1e12;
+/// Steps at most, and trials of each.
+const MAX_STEPS: usize = 20;
+const MAX_TRIALS: usize = 8;
+/// The search ends where a step promises less than this of log evidence: models are told apart by whole units.
+const MIN_GAIN: f64 = 1e-3;
+/// Change of the logarithm of a size beyond which the second derivatives say nothing: its variance changes by the square of e.
+const LONGEST_STEP: f64 = 1.0;
 
-/// A point with the value and the slopes there.
-type Evaluated = (Vec<f64>, f64, Vec<f64>);
+/// A point of the search: logarithms of the free sizes.
+struct Point {
+    logarithms: DVector<f64>,
+    sizes: Vec<f64>,
+    reduced: Reduced,
+    evidence: Evidence,
+}
 
-/// Minus the log evidence as a function of the logarithms of the free sizes.
-struct Cost<'a> {
+/// The objective: minus the log evidence at sizes of which these are free.
+struct Objective<'a> {
     patterns: &'a Patterns,
     products: &'a Products,
     free: &'a [usize],
-    start: &'a [f64],
-    /// The last point with its value and slopes: both are needed one after the other.
-    last: RefCell<Option<Evaluated>>,
+    sizes: &'a [f64],
 }
 
-impl Cost<'_> {
-    fn at(&self, x: &[f64]) -> (f64, Vec<f64>) {
-        if let Some((_, value, slopes)) = self.last.borrow().as_ref().filter(|(point, ..)| point == x) {
-            return (*value, slopes.clone());
+impl Objective<'_> {
+    /// Nothing where sizes make no sense.
+    fn at(&self, logarithms: DVector<f64>) -> Option<Point> {
+        let mut sizes = self.sizes.to_vec();
+        for (group, logarithm) in self.free.iter().zip(logarithms.iter()) {
+            sizes[*group] = logarithm.exp();
         }
-        let mut sizes = self.start.to_vec();
-        for (group, ln) in self.free.iter().zip(x) {
-            sizes[*group] = ln.clamp(-60.0, 30.0).exp();
-        }
-        let (value, slopes) = match self.patterns.evidence(&sizes, self.products) {
-            Some(evidence)
-                if evidence.minus_ln < UNUSABLE
-                    && evidence.gradient.iter().all(|slope| slope.is_finite()) =>
-            {
-                (evidence.minus_ln, self.free.iter().map(|g| evidence.gradient[*g]).collect())
-            }
-            _ => (UNUSABLE, vec![0.0; x.len()]),
+        let reduced = self.patterns.reduced_beside_residuals(&sizes, self.products)?;
+        let evidence = self.patterns.evidence_of(&sizes, &reduced);
+        let is_finite =
+            evidence.minus_ln.is_finite() && evidence.gradient.iter().all(|slope| slope.is_finite());
+        is_finite.then_some(Point { logarithms, sizes, reduced, evidence })
+    }
+
+    fn slopes(&self, point: &Point) -> DVector<f64> {
+        DVector::from_iterator(self.free.len(), self.free.iter().map(|group| point.evidence.gradient[*group]))
+    }
+
+    /// Step of expectation and maximization.
+    fn expected_step(&self, point: &Point) -> DVector<f64> {
+        let (_, prior_slopes) = self.patterns.size_prior(&point.sizes);
+        let step = |group: &usize| {
+            let count = self.patterns.count_of(*group);
+            let second_moment = count - (point.evidence.gradient[*group] - prior_slopes[*group]);
+            if count > 0.0 && second_moment > 0.0 { 0.5 * (second_moment / count).ln() } else { 0.0 }
         };
-        *self.last.borrow_mut() = Some((x.to_vec(), value, slopes.clone()));
-        (value, slopes)
+        DVector::from_iterator(self.free.len(), self.free.iter().map(step))
+    }
+
+    /// Newton's step, and the log evidence that it promises. Along an axis with no curvature, or a negative one, it goes downhill as far as
+    /// the size of the curvature allows.
+    fn newton_step(&self, point: &Point, longest: f64) -> (DVector<f64>, f64) {
+        let slopes = self.slopes(point);
+        let curvature: DMatrix<f64> = self.patterns.curvature_of(&point.sizes, &point.reduced, self.free);
+        let eigen = curvature.symmetric_eigen();
+        let along = eigen.eigenvectors.tr_mul(&slopes);
+        let mut promised = 0.0;
+        let steps = along.zip_map(&eigen.eigenvalues, |slope, curvature| {
+            let steepness = curvature.abs().max(slope.abs() / longest);
+            let step = if steepness > 0.0 { -slope / steepness } else { 0.0 };
+            promised -= step * (slope + 0.5 * step * curvature.abs());
+            step
+        });
+        (&eigen.eigenvectors * steps, promised)
+    }
+
+    /// The point behind a step, or a shorter one, where the objective has fallen, and the share of the step.
+    fn behind(&self, point: &Point, step: &DVector<f64>) -> Option<(Point, f64)> {
+        (0..MAX_TRIALS).find_map(|trial| {
+            let share = 0.25_f64.powi(trial as i32);
+            let next = self.at(&point.logarithms + step * share)?;
+            (next.evidence.minus_ln < point.evidence.minus_ln).then_some((next, share))
+        })
     }
 }
 
-/// The same in units of its first slopes: a quasi-Newton search takes its first step along them, as long as they are.
-struct Scaled<'a> {
-    cost: &'a Cost<'a>,
-    scale: f64,
-}
-
-impl CostFunction for Scaled<'_> {
-    type Param = Vec<f64>;
-    type Output = f64;
-
-    fn cost(&self, x: &Vec<f64>) -> Result<f64, argmin::core::Error> {
-        Ok(self.scale * self.cost.at(x).0)
-    }
-}
-
-impl Gradient for Scaled<'_> {
-    type Param = Vec<f64>;
-    type Gradient = Vec<f64>;
-
-    fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, argmin::core::Error> {
-        Ok(self.cost.at(x).1.iter().map(|slope| self.scale * slope).collect())
-    }
-}
-
-impl Cost<'_> {
-    /// Steps that no slope makes too long, from where slopes are large to where the search has its right lengths; the objective never
-    /// grows.
-    fn approach(&self, start: &[f64], large_slope: f64) -> Vec<f64> {
-        let mut x = start.to_vec();
-        let (mut value, mut slopes) = self.at(&x);
-        let mut longest = LONGEST_APPROACH;
-        for _ in 0..MAX_APPROACHES {
-            if slopes.iter().all(|slope| slope.abs() < large_slope) {
-                break;
-            }
-            let step = |slope: &f64| (-slope / large_slope).clamp(-longest, longest);
-            let next: Vec<f64> = x.iter().zip(&slopes).map(|(x, slope)| x + step(slope)).collect();
-            let (next_value, next_slopes) = self.at(&next);
-            if next_value < value {
-                (x, value, slopes) = (next, next_value, next_slopes);
-            } else {
-                longest *= 0.3;
-            }
-        }
-        x
-    }
-}
-
-/// The logarithms of the free sizes at which the objective is least, from a start; as near as the search came where its line search gives
-/// up. All other sizes are those of `sizes`.
+/// The logarithms of the free sizes at which the objective is least, from a start; as near as the search came. All other sizes are those of
+/// `sizes`.
 pub(super) fn search(
     patterns: &Patterns,
     products: &Products,
     free: &[usize],
     sizes: &[f64],
-    start: &[f64],
+    start: Vec<f64>,
 ) -> Vec<f64> {
-    let cost = Cost { patterns, products, free, start: sizes, last: RefCell::new(None) };
-    let mut x = start.to_vec();
-    for attempt in 0..MAX_STARTS {
-        x = cost.approach(&x, LARGE_SLOPE / SMALLER_SLOPE.powi(attempt));
-        let (value, slopes) = cost.at(&x);
-        let steepest = slopes.iter().map(|slope| slope * slope).sum::<f64>().sqrt();
-        let scale = 1.0 / steepest.max(1.0);
-        let solver = MoreThuenteLineSearch::new()
-            .with_bounds(1e-4, MAX_SIZE_STEP)
-            .and_then(|line| LBFGS::new(line, 7).with_tolerance_cost(scale * MIN_DECREASE))
-            .and_then(|solver| solver.with_tolerance_grad(scale * MIN_SLOPE));
-        let run = solver.and_then(|solver| {
-            Executor::new(Scaled { cost: &cost, scale }, solver)
-                .configure(|state| state.param(x.clone()).max_iters(MAX_STEPS))
-                .run()
-        });
-        let Ok(run) = run else { continue };
-        let state = run.state();
-        if let Some(best) = state.get_best_param().filter(|best| cost.at(best).0 <= value) {
-            x.clone_from(best);
-        }
-        if !matches!(state.get_termination_reason(), Some(TerminationReason::SolverExit(_))) {
+    let objective = Objective { patterns, products, free, sizes };
+    let start = DVector::from_vec(start);
+    let Some(mut point) = objective.at(start.clone()) else { return start.data.into() };
+    let expected = objective.expected_step(&point);
+    if expected.amax() > LONGEST_STEP
+        && let Some(next) = objective.at(&point.logarithms + expected)
+        && next.evidence.minus_ln < point.evidence.minus_ln
+    {
+        point = next;
+    }
+    let mut longest = LONGEST_STEP;
+    for _ in 0..MAX_STEPS {
+        let (step, promised) = objective.newton_step(&point, longest);
+        if promised < MIN_GAIN {
             break;
         }
+        let Some((next, share)) = objective.behind(&point, &step) else { break };
+        longest = if share < 1.0 { longest * share } else { 2.0 * longest };
+        point = next;
     }
-    x
+    point.logarithms.data.into()
 }
