@@ -5,9 +5,9 @@
 //! too; where the needle turns in a way that is not known at its rear, how far; beside a reference, the ratio of the moduli. Then the parameters of the effects in the model. Inside the fits a ratio, a place or a time is
 //! its logarithm, everything else itself ([`Scale`]).
 
-mod tolerance;
+mod heavy_tailed;
 
-pub(super) use tolerance::StatedPlace;
+pub(super) use heavy_tailed::{HeavyTailed, HeavyTailedParameter, StatedPlace};
 
 use super::data::{Kind, Run};
 use super::known::KnownParameter;
@@ -242,11 +242,33 @@ impl Layout {
     /// Logarithm of the density of the heavy-tailed priors at these values over that of the normal ones which stand for them in a fit
     /// that ends there.
     pub fn ln_prior_over_normal(&self, values: &[f64]) -> f64 {
-        let ln_excess = |place: StatedPlace| {
-            let value_m = *values.get(place.parameter)?;
-            Some(place.prior().ln_over_normal(value_m))
+        let ln_excess = |HeavyTailedParameter { parameter, center, prior }: HeavyTailedParameter| {
+            Some(prior.ln_over_normal(*values.get(parameter)? - center))
         };
-        self.stated().filter_map(ln_excess).sum()
+        self.heavy_tailed().into_iter().filter_map(ln_excess).sum()
+    }
+
+    /// Parameters whose priors have heavy tails: statements about the rig, and sizes of effects that nothing is known of.
+    pub fn heavy_tailed(&self) -> Vec<HeavyTailedParameter> {
+        let of_place = |place: StatedPlace| HeavyTailedParameter {
+            parameter: place.parameter,
+            center: 0.0,
+            prior: place.prior(),
+        };
+        let mut parameters: Vec<HeavyTailedParameter> = self.stated().map(of_place).collect();
+        let mut parameter = self.own();
+        for effect in &self.effects {
+            for info in effect.parameters() {
+                let is_known = self.known.iter().any(|known| known.is_of(effect.id(), info.name));
+                if info.nodes.is_empty() && !is_known {
+                    let Prior { mean, sd } = prior(info);
+                    let prior = HeavyTailed { scale: sd };
+                    parameters.push(HeavyTailedParameter { parameter, center: mean, prior });
+                }
+                parameter += 1;
+            }
+        }
+        parameters
     }
 
     /// Statements about the rig that are unknown within a tolerance.
@@ -302,11 +324,9 @@ impl Layout {
         if ratio.is_some() {
             parameters.push(assumed(&tissue::REFERENCE_RATIO, 1e-4));
         }
-        for place in self.stated() {
-            let start_depth_m = starts.get(place.parameter).copied().unwrap_or_default();
-            let sd_m = place.prior().sd_at(start_depth_m);
-            parameters.push(bounded(-OFFSET_M, OFFSET_M, 0.0, sd_m, OFFSET_STEP_M));
-        }
+        let stated_places =
+            self.stated().map(|place| bounded(-OFFSET_M, OFFSET_M, 0.0, place.scale_m, OFFSET_STEP_M));
+        parameters.extend(stated_places);
         let infos = |effect: &&'static dyn Effect| {
             effect.parameters().iter().map(|info| (effect.id(), info)).collect::<Vec<_>>()
         };
@@ -322,6 +342,11 @@ impl Layout {
                 (Scale::Linear, _) => 3e-3 * info.prior_sd,
             };
             parameters.push(bounded(least, most, mean, sd, step));
+        }
+        for HeavyTailedParameter { parameter, center, prior } in self.heavy_tailed() {
+            let value = starts.get(parameter).copied().unwrap_or(center);
+            let stand_in = Prior { mean: center, sd: prior.sd_at(value - center) };
+            parameters[parameter].prior = Some(stand_in);
         }
         for (parameter, start) in parameters.iter_mut().zip(starts) {
             // Off a bound, so that both differences of the derivative exist.

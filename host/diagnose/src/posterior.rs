@@ -7,7 +7,7 @@
 mod quantities;
 
 use super::evidence::{Evidence, Patterns, Products};
-use super::layout::{Layout, Prepared, StatedPlace};
+use super::layout::{HeavyTailedParameter, Layout, Prepared, StatedPlace};
 use nalgebra::{DMatrix, DVector};
 use readings::bounded_step;
 use readings::{FitError, Parameter};
@@ -225,20 +225,18 @@ impl Fitted {
         self.over_tails()
     }
 
-    /// The same integrated over the heavy tails of the priors of what is stated of the rig: in a fit normal ones stand
-    /// for them. The data's part of such a parameter is normal, its product with the tail is not; the other parameters
-    /// follow its mean and variance.
+    /// The same integrated over the heavy tails of priors, for which normal ones stand in a fit. The data's part of such a parameter is
+    /// normal, its product with the tail is not; the other parameters follow its mean and variance.
     fn over_tails(mut self) -> Self {
-        for place in self.layout.stated() {
-            let parameter_index = place.parameter;
-            let (value, variance) =
-                (self.values[parameter_index], self.covariance[(parameter_index, parameter_index)]);
-            let Some((mean, of_place)) = place.prior().moments(value, variance) else { continue };
-            let regression = self.covariance.column(parameter_index) / variance;
+        for HeavyTailedParameter { parameter, center, prior } in self.layout.heavy_tailed() {
+            let (value, variance) = (self.values[parameter], self.covariance[(parameter, parameter)]);
+            let Some((mean, with_tails)) = prior.moments(value - center, variance) else { continue };
+            let mean = center + mean;
+            let regression = self.covariance.column(parameter) / variance;
             for (value_of, slope) in self.values.iter_mut().zip(regression.iter()) {
                 *value_of += slope * (mean - value);
             }
-            self.covariance += &regression * regression.transpose() * (of_place - variance);
+            self.covariance += &regression * regression.transpose() * (with_tails - variance);
         }
         self
     }

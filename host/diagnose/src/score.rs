@@ -16,7 +16,7 @@ pub(super) use power::NamedFrom;
 pub(super) use unseen::Unseen;
 
 use super::evidence::Patterns;
-use super::layout::{Prepared, Scale, prior};
+use super::layout::{HeavyTailed, Prepared, Scale, prior};
 use super::posterior::Fitted;
 use directions::Hypothesis;
 use mechanics::effects::{Effect, ParameterInfo, all, neutral};
@@ -68,6 +68,8 @@ pub(super) struct Scores {
 
 /// Largest ratio of the noise's variance to the assumed one: it is estimated itself.
 pub(super) const NOISE_TOLERANCE: f64 = 1.1;
+/// Rounds in which a normal prior that stands for one with heavy tails follows an amplitude: it triples or settles in each.
+const REWEIGHTINGS: usize = 4;
 /// A likely effect of fewer standard deviations than this is not identifiable.
 const MIN_SIGNIFICANCE: f64 = 2.0;
 
@@ -195,12 +197,17 @@ impl Scores {
 
     /// Part of a hypothesis's score that is independent of the residuals.
     fn prepared(&self, hypothesis: &Hypothesis) -> Option<PreparedHypothesis> {
+        self.prepared_with(hypothesis, &hypothesis.precisions)
+    }
+
+    /// The same with these precisions of the prior.
+    fn prepared_with(&self, hypothesis: &Hypothesis, precisions: &[f64]) -> Option<PreparedHypothesis> {
         let k = hypothesis.columns.len();
         let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(hypothesis.columns[i], hypothesis.columns[j])]);
-        let prior = DMatrix::from_diagonal(&DVector::from_column_slice(&hypothesis.precisions));
+        let prior = DMatrix::from_diagonal(&DVector::from_column_slice(precisions));
         let factor = (gram + prior).cholesky()?;
         let log_determinant = 2.0 * factor.l().diagonal().map(f64::ln).sum();
-        let log_prior: f64 = hypothesis.precisions.iter().map(|p| p.ln()).sum();
+        let log_prior: f64 = precisions.iter().map(|p| p.ln()).sum();
         // Half of the prior of a one-sided amplitude lies where it cannot be; the other half counts twice.
         let sides = hypothesis.two_sided.iter().filter(|two| !**two).count() as f64 * std::f64::consts::LN_2;
         Some(PreparedHypothesis {
@@ -235,9 +242,11 @@ impl Scores {
 
     fn score(&self, hypothesis: &Hypothesis, along: &DVector<f64>) -> HypothesisScore {
         let k = hypothesis.columns.len();
-        let Some(prepared) = self.prepared(hypothesis) else { return HypothesisScore::none(k) };
-        let log_evidence = Self::log_evidence(hypothesis, Some(&prepared), along);
         let b = DVector::from_fn(k, |i, _| along[hypothesis.columns[i]]);
+        let Some((prepared, tails)) = self.under_heavy_tails(hypothesis, &b) else {
+            return HypothesisScore::none(k);
+        };
+        let log_evidence = Self::log_evidence(hypothesis, Some(&prepared), along) + tails;
         let mut amplitudes = &prepared.covariance * &b;
         let wrong_side = amplitudes.iter().zip(&hypothesis.two_sided).any(|(a, two)| *a <= 0.0 && !two);
         if wrong_side {
@@ -249,6 +258,32 @@ impl Scores {
         let free = (gram + DMatrix::identity(k, k) * slack).cholesky();
         let chi_square = free.map_or(b.dot(&amplitudes), |free| b.dot(&free.solve(&b)));
         HypothesisScore { chi_square, log_evidence, amplitudes }
+    }
+}
+
+impl Scores {
+    /// The normal prior that stands for one with heavy tails around the amplitudes of these projections, and the logarithm of the density of
+    /// the latter over that of the former: as in a fit ([`super::layout::HeavyTailed`]).
+    fn under_heavy_tails(
+        &self,
+        hypothesis: &Hypothesis,
+        projections: &DVector<f64>,
+    ) -> Option<(PreparedHypothesis, f64)> {
+        let unit = HeavyTailed { scale: 1.0 };
+        let mut prepared = self.prepared(hypothesis)?;
+        let in_scales = |prepared: &PreparedHypothesis| {
+            let amplitudes = &prepared.covariance * projections;
+            let scales = hypothesis.precisions.iter().map(|precision| precision.sqrt());
+            amplitudes.iter().zip(scales).map(|(amplitude, scale)| amplitude * scale).collect::<Vec<f64>>()
+        };
+        for _ in 0..REWEIGHTINGS {
+            let precisions = hypothesis.precisions.iter().zip(in_scales(&prepared));
+            let precisions: Vec<f64> =
+                precisions.map(|(precision, value)| precision / unit.sd_at(value).powi(2)).collect();
+            prepared = self.prepared_with(hypothesis, &precisions)?;
+        }
+        let tails = in_scales(&prepared).into_iter().map(|value| unit.ln_over_normal(value)).sum();
+        Some((prepared, tails))
     }
 }
 
