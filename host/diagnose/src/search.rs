@@ -175,14 +175,16 @@ impl<'a> Search<'a> {
         let mut current = self.start.clone();
         let (mut first, mut last) = (Vec::new(), Vec::new());
         while current.layout.effects.len() < given + MAX_EFFECTS {
-            let is_noise = Adequacy::of(&current, self.runs, self.patterns)?.is_within_noise();
+            let adequacy = Adequacy::of(&current, self.runs, self.patterns)?;
             // If only noise is left there is no misfit to be explained.
-            if is_noise && !first.is_empty() {
+            if adequacy.is_within_noise() && !first.is_empty() {
                 break;
             }
-            // An effect that two sessions share is not named beside a reference, and an effect that differs is
-            // to have a plain name.
-            let with_laws = !is_noise && current.layout.reference.is_none();
+            // A law has nothing but its fit, and every rig has imperfections that some law describes: one is looked for where more is left
+            // than these leave, in the runs or in what was held out of them. An effect that two sessions share is not named beside a
+            // reference, and an effect that differs is to have a plain name.
+            let is_left = !adequacy.is_adequate() || !self.judge.is_chance(&current);
+            let with_laws = is_left && current.layout.reference.is_none();
             let candidates = self.candidates(&current, &prior, with_laws)?;
             if first.is_empty() {
                 first.clone_from(&candidates);

@@ -292,7 +292,7 @@ impl Site {
                 (Constant, EACH),
                 (Displacement, BOTH),
                 (Force, BOTH),
-                (Time, BOTH),
+                (Time, ALL),
                 (Direction, BOTH),
                 (Run, BOTH),
                 (Depth, BOTH),
