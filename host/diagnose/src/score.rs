@@ -18,6 +18,7 @@ pub(super) use unseen::Unseen;
 use super::evidence::Patterns;
 use super::layout::{HeavyTailed, Prepared, Scale, prior};
 use super::posterior::Fitted;
+use super::weights::stated_ln_odds;
 use directions::Hypothesis;
 use mechanics::effects::{Effect, ParameterInfo, all, neutral};
 use nalgebra::{DMatrix, DVector};
@@ -34,7 +35,7 @@ pub(super) struct Score {
     /// Values at the best hypotheses and amplitudes: where a fit may start. Neighbours of the best place are among them, because far from
     /// the neutral value the best place moves.
     pub starts: Vec<Vec<f64>>,
-    /// Whether the session can identify this effect at all: a likely size would be significant.
+    /// Whether the session can identify this effect at all: a likely size would be significant, or evidence for a larger one is there.
     pub is_identifiable: bool,
 }
 
@@ -139,7 +140,10 @@ impl Scores {
                 let best = (0..hypotheses.len())
                     .max_by(|a, b| of_ways[*a].log_evidence.total_cmp(&of_ways[*b].log_evidence));
                 let best = best.unwrap_or(0);
-                let is_identifiable = hypotheses.iter().any(|hypothesis| {
+                let log_evidence =
+                    mean_of_exponentials(of_ways.iter().map(|hypothesis| hypothesis.log_evidence));
+                let is_seen = log_evidence > stated_ln_odds();
+                let is_visible = hypotheses.iter().any(|hypothesis| {
                     hypothesis.columns.iter().zip(&hypothesis.precisions).any(|(column, precision)| {
                         self.gram[(*column, *column)] > MIN_SIGNIFICANCE * MIN_SIGNIFICANCE * precision
                     })
@@ -147,16 +151,14 @@ impl Scores {
                 Score {
                     effect: *effect,
                     chi_square: of_ways.iter().map(|hypothesis| hypothesis.chi_square).fold(0.0, f64::max),
-                    log_evidence: mean_of_exponentials(
-                        of_ways.iter().map(|hypothesis| hypothesis.log_evidence),
-                    ),
+                    log_evidence,
                     starts: [Some(best), best.checked_sub(1), Some(best + 1)]
                         .into_iter()
                         .flatten()
                         .filter_map(|number| Some((hypotheses.get(number)?, of_ways.get(number)?)))
                         .map(|(hypothesis, score)| start(*effect, hypothesis, &score.amplitudes))
                         .collect(),
-                    is_identifiable,
+                    is_identifiable: is_seen || is_visible,
                 }
             })
             .collect();
