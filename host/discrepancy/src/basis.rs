@@ -6,8 +6,10 @@
 
 use super::bench::{Bench, Law, rms};
 use super::evidence::Group;
+use super::fit::Fitted;
 use super::form::Form;
 use super::model::Error;
+use super::score::{ALL_ELIMINATED, no_covariance};
 use nalgebra::{DMatrix, DVector};
 
 /// Cosines of one regressor: the shortest of them has a quarter of the range from peak to trough to peak, an eighth of the range is a kink.
@@ -16,6 +18,20 @@ const FUNCTIONS: u8 = 8;
 const TAIL: f64 = 0.5;
 /// A size below it is log-normal: 95 % of those are above a twentieth.
 const SMALLER_SD_LN: f64 = 1.5;
+
+/// Offsets of runs in the discrepancy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Offsets {
+    None,
+    Everyday,
+}
+
+impl Offsets {
+    /// In a single run an offset of the run is a constant law: held-out runs tell whether it is one.
+    fn of_search(bench: &Bench<'_>) -> Self {
+        if bench.training.len() > 1 { Self::Everyday } else { Self::None }
+    }
+}
 
 /// Functions in the unit of the residuals; noise has not been made independent.
 pub(crate) struct Basis {
@@ -27,6 +43,8 @@ pub(crate) struct Basis {
     pub shared: Vec<DMatrix<f64>>,
     /// Readings of each run by its own offsets, all of the last group.
     pub own: Vec<DMatrix<f64>>,
+    /// Amounts by which numbers of a fit (rows) are mistaken where a function (columns) was taken off for what they can do.
+    absorbed: DMatrix<f64>,
 }
 
 fn group(name: &'static str, everyday: f64) -> Group {
@@ -34,11 +52,23 @@ fn group(name: &'static str, everyday: f64) -> Group {
 }
 
 impl Basis {
-    /// Around a fit, with effects of this size in the scale of the channels as everyday ones.
+    /// Around the prior means, for a first fit.
     ///
     /// # Errors
     /// Where the model fails for other reasons than these values.
-    pub fn new(bench: &Bench<'_>, laws: &[Law], values: &[f64], everyday: f64) -> Result<Self, Error> {
+    pub fn of_start(bench: &Bench<'_>, start: &[f64], everyday: f64) -> Result<Self, Error> {
+        let offsets = Offsets::of_search(bench);
+        Self::new(bench, &[], start, everyday, offsets)
+    }
+
+    /// Around laws with these values, with effects of this size in the scale of the channels as everyday ones.
+    fn new(
+        bench: &Bench<'_>,
+        laws: &[Law],
+        values: &[f64],
+        everyday: f64,
+        offsets: Offsets,
+    ) -> Result<Self, Error> {
         let terms = bench.terms(laws, values);
         let plain = bench.residuals(laws, values)?;
         let (mut groups, mut sources, mut shared_groups) = (Vec::new(), Vec::new(), Vec::new());
@@ -79,8 +109,8 @@ impl Basis {
                 DMatrix::from_columns(columns)
             }
         });
-        // In a single run an offset of the run is a constant law: held-out runs tell whether it is one.
-        let channels = if bench.training.len() > 1 { bench.scales.len() } else { 0 };
+        let shared = shared.collect();
+        let channels = if offsets == Offsets::Everyday { bench.scales.len() } else { 0 };
         let offsets = bench.training.iter().map(|prepared| {
             let mut offsets = DMatrix::zeros(prepared.rows(), channels);
             for channel in 0..channels {
@@ -89,7 +119,90 @@ impl Basis {
             }
             offsets
         });
-        Ok(Self { groups, sources, shared_groups, shared: shared.collect(), own: offsets.collect() })
+        let absorbed = DMatrix::zeros(0, shared_groups.len());
+        Ok(Self { groups, sources, shared_groups, shared, own: offsets.collect(), absorbed })
+    }
+
+    /// Around a fit as the search needs it: what the model's parameters can do is no discrepancy. A law that was found has its small counterpart
+    /// in it, or it would be found again wherever it is small.
+    ///
+    /// # Errors
+    /// Where the model fails for other reasons than these values, or the numbers have no covariance.
+    pub fn of_search(bench: &Bench<'_>, fitted: &Fitted, everyday: f64) -> Result<Self, Error> {
+        let offsets = Offsets::of_search(bench);
+        let mut basis = Self::new(bench, &fitted.laws, &fitted.values, everyday, offsets)?;
+        basis.take_off(bench, fitted, bench.model.parameters().len())?;
+        Ok(basis)
+    }
+
+    /// Around a fit as values and their intervals need it: what parameters and laws can do is no discrepancy, so that their values are those that
+    /// predict best without it; and a run has its offset even where it is the only one.
+    ///
+    /// # Errors
+    /// Where the model fails for other reasons than these values, or the numbers have no covariance.
+    pub fn of_values(bench: &Bench<'_>, fitted: &Fitted, everyday: f64) -> Result<Self, Error> {
+        let mut basis = Self::new(bench, &fitted.laws, &fitted.values, everyday, Offsets::Everyday)?;
+        basis.take_off(bench, fitted, fitted.values.len())?;
+        Ok(basis)
+    }
+
+    /// Takes off the functions what the first numbers of a fit can do, as far as the data determine these numbers better than their priors do
+    /// (Plumlee, "Bayesian calibration of inexact computer models", J. Am. Stat. Assoc. 112:1274, 2017).
+    fn take_off(&mut self, bench: &Bench<'_>, fitted: &Fitted, numbers: usize) -> Result<(), Error> {
+        let coordinates = bench.coordinates(&fitted.laws);
+        let noise = rms(fitted.residuals.iter().cloned()).max(f64::MIN_POSITIVE);
+        let of_run = |jacobian: &DMatrix<f64>| {
+            let mut columns = jacobian.columns(0, numbers.min(jacobian.ncols())).into_owned();
+            for (mut column, coordinate) in columns.column_iter_mut().zip(&coordinates) {
+                column *= coordinate.sd / noise;
+            }
+            columns
+        };
+        let directions: Vec<DMatrix<f64>> = fitted.jacobian.iter().map(of_run).collect();
+        let mut gram = DMatrix::identity(numbers, numbers);
+        let mut products = DMatrix::zeros(numbers, self.shared_groups.len());
+        for (columns, shared) in directions.iter().zip(&self.shared) {
+            gram.gemm_tr(1.0, columns, columns, 1.0);
+            products.gemm_tr(1.0, columns, shared, 1.0);
+        }
+        let amounts = gram.cholesky().ok_or_else(no_covariance)?.solve(&products);
+        for (columns, shared) in directions.iter().zip(&mut self.shared) {
+            shared.gemm(-1.0, columns, &amounts, 1.0);
+        }
+        self.absorbed = DMatrix::from_fn(numbers, amounts.ncols(), |number, function| {
+            coordinates.get(number).map_or(0.0, |one| one.sd / noise * amounts[(number, function)])
+        });
+        self.normalise();
+        Ok(())
+    }
+
+    /// Covariance of the numbers that were taken off by functions of these sizes: a number that predicts best is the true one only as far as these are none.
+    pub fn covariance_of_absorbed(&self, sizes: &[f64]) -> DMatrix<f64> {
+        let mut scaled = self.absorbed.clone();
+        for (mut column, group) in scaled.column_iter_mut().zip(&self.shared_groups) {
+            column *= sizes.get(*group).copied().unwrap_or(0.0);
+        }
+        &scaled * scaled.transpose()
+    }
+
+    /// Makes the effect of each group of functions on the channels one where its size is one; a group of which nothing is left stays as it is.
+    fn normalise(&mut self) {
+        for group in 0..self.groups.len() {
+            let of_group = self.shared_groups.iter().enumerate().filter(|(_, one)| **one == group);
+            let columns: Vec<usize> = of_group.map(|(column, _)| column).collect();
+            let square = |column: &usize| {
+                rms(self.shared.iter().map(|shared| shared.column(*column).into_owned())).powi(2)
+            };
+            let square: f64 = columns.iter().map(square).sum();
+            if square > ALL_ELIMINATED {
+                for shared in &mut self.shared {
+                    for column in &columns {
+                        let mut column = shared.column_mut(*column);
+                        column /= square.sqrt();
+                    }
+                }
+            }
+        }
     }
 
     /// Everyday sizes of all groups.

@@ -103,7 +103,8 @@ impl<'a> Bench<'a> {
                 };
                 let [least, most] = range;
                 if most > least && (most - least).is_finite() {
-                    return Ok(Span { from: least, to: most, resolution: regressor.resolution });
+                    let step = if site.adds_to.is_some() { self.step_of(&regressor.name) } else { 0.0 };
+                    return Ok(Span { from: least, to: most, resolution: regressor.resolution, step });
                 }
                 Err(Error::Declaration {
                     what: "regressor",
@@ -118,6 +119,14 @@ impl<'a> Bench<'a> {
         self.model.sites().iter().map(of_site).collect()
     }
 
+    /// Mean distance of neighbouring values of a column of the runs that are fitted.
+    fn step_of(&self, name: &str) -> f64 {
+        let columns = || self.training.iter().filter_map(|prepared| prepared.run.column(name));
+        let distance = |values: &[f64]| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>();
+        let count: usize = columns().map(|values| values.len().saturating_sub(1)).sum();
+        columns().map(distance).sum::<f64>() / count.max(1) as f64
+    }
+
     /// The amplitude of a constant at a site that is small and changes something.
     fn probe(&self, site: &Site, start: &[f64]) -> Result<f64, Error> {
         if let Some(channel) = &site.adds_to {
@@ -129,7 +138,7 @@ impl<'a> Bench<'a> {
         let mut amplitude = 1.0;
         let mut has_effect = false;
         for _ in 0..MAX_PROBES {
-            let span = Span { from: 0.0, to: 1.0, resolution: 0.0 };
+            let span = Span::between(0.0, 1.0);
             let (name, form) = (site.name.clone(), Form::Constant);
             let term = Term { site: name, regressor: None, form, values: vec![amplitude], span };
             let effect = match self.residuals_of(&self.training, start, &[term]) {

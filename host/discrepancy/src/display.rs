@@ -68,7 +68,11 @@ impl Display for Report {
                 writeln!(f, "{:<12}   {}", "", Number(value))?;
             }
             for rival in &term.rivals {
-                writeln!(f, "{:<12}   or {} ({:.0} %)", "", rival.law, 100.0 * rival.probability)?;
+                write!(f, "{:<12}   or {}", "", rival.law)?;
+                if let Some(second) = &rival.with {
+                    write!(f, " and {second}")?;
+                }
+                writeln!(f, " ({:.0} %)", 100.0 * rival.probability)?;
             }
             if let Some(held_out) = &term.held_out {
                 let (gain, sd) = (100.0 * held_out.gain, 100.0 * held_out.gain_sd);
@@ -81,6 +85,13 @@ impl Display for Report {
         }
         for offset in &self.offsets {
             writeln!(f, "offset       {}, mean over the data", Number(offset))?;
+        }
+        for reversal in &self.reversals {
+            writeln!(
+                f,
+                "reversal     {}, half the change from one direction to the other",
+                Number(reversal)
+            )?;
         }
         for parameter in &self.parameters {
             writeln!(

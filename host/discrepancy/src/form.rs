@@ -81,9 +81,17 @@ pub struct Span {
     /// Standard deviation of its error.
     #[serde(default)]
     pub resolution: f64,
+    /// Mean distance of neighbouring values in the order of time; 0 where it is not known.
+    #[serde(default)]
+    pub step: f64,
 }
 
 impl Span {
+    /// All values between two, known without error.
+    pub fn between(from: f64, to: f64) -> Self {
+        Self { from, to, resolution: 0.0, step: 0.0 }
+    }
+
     /// Whether it takes values of both signs: each side is more than its resolution, and than a twentieth of the other.
     pub fn has_both_signs(&self) -> bool {
         let (negative, positive) = (-self.from, self.to);
@@ -174,6 +182,11 @@ impl Form {
         self == Self::Bristle
     }
 
+    /// Whether it adds the same for both signs of the regressor: there it acts as an offset.
+    pub fn is_even(self) -> bool {
+        matches!(self, Self::Constant | Self::Asymmetry | Self::Square)
+    }
+
     /// Whether it is a law of its own over values of this span: what needs both signs does not repeat what needs none.
     pub fn applies_to(self, span: &Span) -> bool {
         match self {
@@ -201,8 +214,13 @@ impl Form {
             Self::AboveLevel | Self::BelowLevel | Self::Step => Some(level),
             // Shorter ones act on a fiftieth of the values, longer ones are a constant and a slope.
             Self::Decay => Some(logarithmic("length", scale / 50.0, scale / 2.0)),
-            Self::Bristle => Some(logarithmic("width", length / 200.0, length / 4.0)),
-            Self::Sine => Some(logarithmic("period", length / 10.0, length)),
+            // Within the step of a reading a bristle has slipped: such a one is a jump. Without a known step a run has about so many readings in a stroke.
+            Self::Bristle => {
+                let least = if span.step > 0.0 { span.step } else { length / 200.0 };
+                Some(logarithmic("width", least, length / 4.0))
+            }
+            // A period that is not seen twice is a smooth function like any other.
+            Self::Sine => Some(logarithmic("period", length / 10.0, length / 2.0)),
             _ => None,
         }
     }
@@ -262,7 +280,7 @@ impl Form {
 mod tests {
     use super::*;
 
-    const SPAN: Span = Span { from: -2.0, to: 2.0, resolution: 0.0 };
+    const SPAN: Span = Span { from: -2.0, to: 2.0, resolution: 0.0, step: 0.0 };
 
     #[test]
     fn names_lead_back_to_their_forms() {
@@ -289,7 +307,7 @@ mod tests {
 
     #[test]
     fn forms_of_two_sides_need_both() {
-        let one_sided = Span { from: 0.0, to: 1.0, resolution: 0.0 };
+        let one_sided = Span::between(0.0, 1.0);
         assert!(!Form::Sign.applies_to(&one_sided) && Form::Sign.applies_to(&SPAN));
         // A toe begins at the least value.
         assert_eq!(Form::Decay.value(0, 0.0, 0.1, &one_sided), 1.0);

@@ -87,6 +87,7 @@ mod noise;
 pub mod process;
 pub mod regions;
 mod report;
+mod rivals;
 mod score;
 mod search;
 mod table;
@@ -108,7 +109,7 @@ pub use term::{Term, Terms};
 use basis::Basis;
 use bench::Bench;
 use fit::Fitted;
-use search::{Search, plain};
+use search::{Search, final_values, plain};
 
 /// Passes of the search: the second has the discrepancy around what the first has found.
 const PASSES: usize = 2;
@@ -166,10 +167,12 @@ pub fn diagnose(
         if outcome.fitted.laws.is_empty() {
             break;
         }
-        basis = Basis::new(&bench, &outcome.fitted.laws, &outcome.fitted.values, options.everyday)?;
+        basis = Basis::of_search(&bench, &outcome.fitted, options.everyday)?;
         let start = Fitted::new(&bench, &basis, &outcome.fitted.laws, &outcome.fitted.start())?;
         outcome = Search { bench: &bench, basis: &basis, candidates: &candidates, on_step }.run(start)?;
     }
     on_step("writing the report");
-    made::report(&bench, &basis, &base, &outcome, candidates.len())
+    let (_, base) = final_values(&bench, &base, options.everyday)?;
+    let (final_basis, outcome) = outcome.with_final_values(&bench, options.everyday)?;
+    made::report(&bench, [&basis, &final_basis], &base, &outcome, candidates.len())
 }

@@ -98,8 +98,8 @@ fn term_report(bench: &Bench<'_>, fitted: &Fitted, number: usize, member: &Membe
             break;
         }
         sum += probability;
-        let law = law_name(bench, rival.laws.last()?);
-        rivals.push(Rival { law, probability: *probability });
+        let mut added = rival.laws.iter().skip(fitted.laws.len() - 1).map(|law| law_name(bench, law));
+        rivals.push(Rival { law: added.next()?, with: added.next(), probability: *probability });
     }
     Some(TermReport {
         law: law_name(bench, law),
@@ -139,17 +139,16 @@ fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<Pa
 /// Sums of the even laws of each site, averaged over the data.
 fn offsets(bench: &Bench<'_>, fitted: &Fitted) -> Vec<Estimate> {
     let terms = bench.terms(&fitted.laws, &fitted.values);
-    let even = [Form::Constant, Form::Asymmetry, Form::Square];
     let of_site = |(number, site): (usize, &super::model::Site)| {
         let channel =
             bench.data.channels().iter().position(|one| Some(&one.name) == site.adds_to.as_ref())?;
         let (mut value, mut gradient) = (0.0, DVector::zeros(fitted.values.len()));
-        let mut has_constant = false;
+        let mut has_even_law = false;
         for (i, (law, term)) in fitted.laws.iter().zip(&terms).enumerate() {
-            if law.site != number || !even.contains(&law.form) {
+            if law.site != number || !law.form.is_even() {
                 continue;
             }
-            has_constant |= law.form == Form::Constant;
+            has_even_law = true;
             let first = first_of(bench, &fitted.laws, i);
             let (mut sum, mut count) = (0.0, 0);
             for (prepared, jacobian) in bench.training.iter().zip(&fitted.jacobian) {
@@ -163,7 +162,29 @@ fn offsets(bench: &Bench<'_>, fitted: &Fitted) -> Vec<Estimate> {
             value += mean * term.values.first()?;
         }
         let variance = (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)];
-        has_constant.then(|| estimate(&site.name, site.unit.clone(), value, variance))
+        has_even_law.then(|| estimate(&site.name, site.unit.clone(), value, variance))
+    };
+    bench.model.sites().iter().enumerate().filter_map(of_site).collect()
+}
+
+/// Sums of the signs and bristles of each site: neither alone is what a reversal changes where friction builds up over a short way.
+fn reversals(bench: &Bench<'_>, fitted: &Fitted) -> Vec<Estimate> {
+    let of_site = |(number, site): (usize, &super::model::Site)| {
+        let is_of_a_rate = |law: &Law| {
+            let regressor = law.regressor.and_then(|number| site.regressors.get(number));
+            regressor.is_some_and(|regressor| !regressor.history)
+        };
+        let is_reversed = |law: &Law| {
+            let is_jump = law.form == Form::Bristle || (law.form == Form::Sign && is_of_a_rate(law));
+            law.site == number && is_jump
+        };
+        let mut gradient = DVector::zeros(fitted.values.len());
+        for (i, _) in fitted.laws.iter().enumerate().filter(|(_, law)| is_reversed(law)) {
+            *gradient.get_mut(first_of(bench, &fitted.laws, i))? = 1.0;
+        }
+        let value: f64 = gradient.iter().zip(&fitted.values).map(|(factor, value)| factor * value).sum();
+        let variance = (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)];
+        fitted.laws.iter().any(is_reversed).then(|| estimate(&site.name, site.unit.clone(), value, variance))
     };
     bench.model.sites().iter().enumerate().filter_map(of_site).collect()
 }
@@ -223,17 +244,17 @@ fn channel_reports(bench: &Bench<'_>, plain: &Fitted, fitted: &Fitted) -> Result
     Ok(bench.data.channels().iter().enumerate().filter_map(report).collect())
 }
 
-/// The document of a search.
+/// The document of a search, with the discrepancy of the search and that of the final values.
 pub(crate) fn report(
     bench: &Bench<'_>,
-    basis: &Basis,
+    [search_basis, basis]: [&Basis; 2],
     plain: &Fitted,
     found: &Found,
     candidates: usize,
 ) -> Result<Report, Error> {
     let fitted = &found.fitted;
     // Both with the noise of the final model: that of the plain one holds what is missing.
-    let plain_regions = regions(bench, basis, plain, &fitted.noises).ok_or_else(no_covariance)?;
+    let plain_regions = regions(bench, search_basis, plain, &fitted.noises).ok_or_else(no_covariance)?;
     let remaining = regions(bench, basis, fitted, &fitted.noises).ok_or_else(no_covariance)?;
     let members = found.members.iter().enumerate();
     let terms: Vec<TermReport> =
@@ -267,6 +288,7 @@ pub(crate) fn report(
         regions: plain_regions,
         terms,
         offsets: offsets(bench, fitted),
+        reversals: reversals(bench, fitted),
         parameters: parameter_reports(bench, plain, found),
         channels: channel_reports(bench, plain, fitted)?,
         refused: refused_reports(bench, &found.refused),

@@ -6,7 +6,7 @@
 
 use argmin::core::{CostFunction, Executor, State};
 use argmin::solver::neldermead::NelderMead;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Rounds of the search for the noise, and the difference of log evidence at which it ends: a hundredth shows nowhere.
 const MAX_STEPS: u64 = 60;
@@ -43,6 +43,41 @@ impl Noise {
     }
 }
 
+/// One reading of Kalman's filter: the share of the correlated noise that is left since the reading before, the gain, and the standard
+/// deviation of what is new in the reading.
+struct Update {
+    decay: f64,
+    gain: f64,
+    sd: f64,
+}
+
+fn updates(segment: &Segment, noise: &Noise) -> Vec<Update> {
+    let stationary = noise.correlated * noise.sd * noise.sd;
+    let white = (1.0 - noise.correlated) * noise.sd * noise.sd;
+    let (mut variance, mut previous_time) = (stationary, None::<f64>);
+    let of_reading = |(time, weight): (&f64, &f64)| {
+        let decay =
+            previous_time.map_or(0.0, |previous_time| (-(time - previous_time) / noise.memory_s).exp());
+        previous_time = Some(*time);
+        variance = decay * decay * variance + stationary * (1.0 - decay * decay);
+        let total = (variance + white * weight * weight).max(f64::MIN_POSITIVE);
+        let gain = variance / total;
+        variance -= gain * variance;
+        Update { decay, gain, sd: total.sqrt() }
+    };
+    segment.time_s.iter().zip(&segment.weights).map(of_reading).collect()
+}
+
+/// Replaces values by what is new in each: their difference from what those before let expect.
+fn innovate<'a>(values: impl Iterator<Item = &'a mut f64>, updates: &[Update]) {
+    let mut mean = 0.0;
+    for (value, Update { decay, gain, .. }) in values.zip(updates) {
+        mean *= decay;
+        *value -= mean;
+        mean += gain * *value;
+    }
+}
+
 /// Makes the noise of columns of a run independent and of unit variance, in place; returns the sum of the logarithms of the standard
 /// deviations by which they were divided.
 pub fn whiten(segments: &[Segment], noises: &[Noise], columns: &mut DMatrix<f64>) -> f64 {
@@ -50,34 +85,27 @@ pub fn whiten(segments: &[Segment], noises: &[Noise], columns: &mut DMatrix<f64>
     let mut start = 0;
     for segment in segments {
         let Some(noise) = noises.get(segment.channel) else { continue };
-        let stationary = noise.correlated * noise.sd * noise.sd;
-        let white = (1.0 - noise.correlated) * noise.sd * noise.sd;
-        let count = segment.time_s.len();
-        let mut gains = Vec::with_capacity(count);
-        let (mut variance, mut previous_time) = (stationary, None::<f64>);
-        for (time, weight) in segment.time_s.iter().zip(&segment.weights) {
-            let decay =
-                previous_time.map_or(0.0, |previous_time| (-(time - previous_time) / noise.memory_s).exp());
-            previous_time = Some(*time);
-            variance = decay * decay * variance + stationary * (1.0 - decay * decay);
-            let total = (variance + white * weight * weight).max(f64::MIN_POSITIVE);
-            let gain = variance / total;
-            variance -= gain * variance;
-            ln_sds += 0.5 * total.ln();
-            gains.push((decay, gain, total.sqrt().recip()));
-        }
+        let updates = updates(segment, noise);
+        ln_sds += updates.iter().map(|update| update.sd.ln()).sum::<f64>();
         for mut column in columns.column_iter_mut() {
-            let mut mean = 0.0;
-            for (value, (decay, gain, inverse_sd)) in column.rows_mut(start, count).iter_mut().zip(&gains) {
-                mean *= decay;
-                let innovation = *value - mean;
-                mean += gain * innovation;
-                *value = inverse_sd * innovation;
-            }
+            let mut rows = column.rows_mut(start, updates.len());
+            innovate(rows.iter_mut(), &updates);
+            rows.iter_mut().zip(&updates).for_each(|(value, update)| *value /= update.sd);
         }
-        start += count;
+        start += updates.len();
     }
     ln_sds
+}
+
+/// Errors of predictions one reading ahead, which know the residuals of earlier readings, in the unit of the residuals.
+pub fn one_ahead(segments: &[Segment], noises: &[Noise], residuals: &mut DVector<f64>) {
+    let mut start = 0;
+    for segment in segments {
+        let Some(noise) = noises.get(segment.channel) else { continue };
+        let updates = updates(segment, noise);
+        innovate(residuals.rows_mut(start, updates.len()).iter_mut(), &updates);
+        start += updates.len();
+    }
 }
 
 /// The noise as coordinates without bounds, and back.

@@ -68,12 +68,15 @@ impl LawName {
     }
 }
 
-/// Another law in the place of one.
+/// Another law, or two, in the place of one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rival {
     /// The law.
     #[serde(flatten)]
     pub law: LawName,
+    /// A second law, where both are needed in the place of the one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub with: Option<LawName>,
     /// Its probability.
     pub probability: f64,
 }
@@ -172,8 +175,10 @@ pub struct Report {
     pub regions: Vec<Region>,
     /// Laws that were added.
     pub terms: Vec<TermReport>,
-    /// Constant, and means over the data of even laws: what a site adds on the average of both signs of its regressors.
+    /// Means over the data of even laws, constants among them: what a site adds on the average of both signs of its regressors.
     pub offsets: Vec<Estimate>,
+    /// Sums of signs of rates and of slipping bristles: half of what a site changes by when a motion is reversed.
+    pub reversals: Vec<Estimate>,
     /// Parameters of the model.
     pub parameters: Vec<ParameterReport>,
     /// Channels with their misfit.

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// A law is not identifiable where the parameters do all of its effect up to this fraction of its square: a thousandth of its size.
-const ALL_ELIMINATED: f64 = 1e-6;
+pub(crate) const ALL_ELIMINATED: f64 = 1e-6;
 
 /// The score of a law.
 #[derive(Debug, Clone)]
@@ -64,7 +64,7 @@ pub(crate) fn candidates(bench: &Bench<'_>, effects: &[Effect]) -> Vec<Law> {
         };
         let law = |regressor, form, span| Law { site, regressor, form, span, amplitude_sds: Vec::new() };
         if is_tried(Form::Constant, None) {
-            let span = super::form::Span { from: 0.0, to: 1.0, resolution: 0.0 };
+            let span = super::form::Span::between(0.0, 1.0);
             laws.push(law(None, Form::Constant, span));
         }
         for (number, (regressor, span)) in declared.regressors.iter().zip(spans).enumerate() {
@@ -252,7 +252,8 @@ fn numbers(amplitudes: &[f64], sds: &[f64], fraction: Option<f64>) -> Vec<f64> {
     amplitudes.iter().zip(sds).map(|(a, sd)| a * sd).chain(fraction).collect()
 }
 
-/// All pairs of laws, each at the shape that is best alone.
+/// Pairs of laws that hide each other, each at the shape that is best alone: together they explain more than the sum of what either does. Of
+/// others each is found by itself.
 fn pairs(metrics: &[DMatrix<f64>; 2], all: &[Best]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (i, one) in all.iter().enumerate() {
@@ -260,6 +261,14 @@ fn pairs(metrics: &[DMatrix<f64>; 2], all: &[Best]) -> Vec<Pair> {
             let columns: Vec<usize> = one.columns.iter().chain(&other.columns).copied().collect();
             let evidences = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
             let [Some((log_evidence, amplitudes)), Some((as_white, _))] = evidences else { continue };
+            let hides = |metric: &DMatrix<f64>, together: f64| {
+                let alone =
+                    [one, other].map(|best| evidence_of(metric, &best.columns).map_or(0.0, |found| found.0));
+                together > alone[0] + alone[1]
+            };
+            if !(hides(&metrics[0], log_evidence) || hides(&metrics[1], as_white)) {
+                continue;
+            }
             let (first, second) = amplitudes.as_slice().split_at(one.columns.len());
             let joint_score = |best: &Best, amplitudes: &[f64]| Score {
                 numbers: numbers(amplitudes, &best.sds, best.fraction),

@@ -12,12 +12,12 @@ use super::judge::{Judgement, judge, losses};
 use super::model::Error;
 use super::regions::regions;
 use super::score::{Score, scores};
-use super::weights::{ln_e_value, ln_sum, stated_ln_odds};
+use super::weights::{ln_e_value, stated_ln_odds};
 use rayon::prelude::*;
 
 /// Laws that are added at most: every further one costs the whole search again.
 const MAX_LAWS: usize = 8;
-/// Exchanges of a law for a likelier rival: each is a likelier model, so that no set comes back.
+/// Exchanges of a law for likelier rivals at most, each to a set that was not there before: held-out runs may prefer three models in a circle.
 const MAX_EXCHANGES: usize = 2 * MAX_LAWS;
 /// Candidates that are fitted in a step: so many of each of the two rankings.
 const LEADERS: usize = 4;
@@ -40,15 +40,15 @@ pub(crate) struct Refused {
 }
 
 /// Odds of a model beside a smaller one.
-struct Standing {
+pub(super) struct Standing {
     /// Logarithm of its odds: evidence and prior, times what held-out runs are worth.
-    ln_odds: f64,
-    judgement: Option<Judgement>,
+    pub ln_odds: f64,
+    pub judgement: Option<Judgement>,
 }
 
 impl Standing {
     /// Why it is refused; nothing where it is not.
-    fn refusal(&self) -> Option<Refusal> {
+    pub fn refusal(&self) -> Option<Refusal> {
         match self.judgement {
             Some(judgement) if !judgement.is_confirmed() => Some(Refusal::NotConfirmed(judgement)),
             _ => (self.ln_odds < stated_ln_odds()).then_some(Refusal::Unlikely),
@@ -76,6 +76,33 @@ pub(crate) struct Found {
     pub refused: Vec<Refused>,
 }
 
+impl Found {
+    /// The same laws with the values at which they predict best; of the rivals too.
+    ///
+    /// # Errors
+    /// Where the model fails for other reasons than its values.
+    pub fn with_final_values(mut self, bench: &Bench<'_>, everyday: f64) -> Result<(Basis, Self), Error> {
+        let (basis, fitted) = final_values(bench, &self.fitted, everyday)?;
+        for (rival, _) in self.members.iter_mut().flat_map(|member| &mut member.rivals) {
+            *rival = final_values(bench, rival, everyday)?.1;
+        }
+        self.fitted = fitted;
+        Ok((basis, self))
+    }
+}
+
+/// A model with the values at which it predicts best, and the discrepancy around it.
+pub(crate) fn final_values(
+    bench: &Bench<'_>,
+    fitted: &Fitted,
+    everyday: f64,
+) -> Result<(Basis, Fitted), Error> {
+    let basis = Basis::of_values(bench, fitted, everyday)?;
+    let mut settled = Fitted::new(bench, &basis, &fitted.laws, &fitted.start())?;
+    settled.covariance += basis.covariance_of_absorbed(&settled.sizes);
+    Ok((basis, settled))
+}
+
 /// A search with all that it needs.
 pub(crate) struct Search<'a> {
     pub bench: &'a Bench<'a>,
@@ -86,7 +113,7 @@ pub(crate) struct Search<'a> {
 
 impl Search<'_> {
     /// Logarithm of the weight of a model.
-    fn ln_weight(&self, fitted: &Fitted) -> f64 {
+    pub(super) fn ln_weight(&self, fitted: &Fitted) -> f64 {
         // A law with two more numbers is beforehand a quarter as likely: of each number there are as many laws as of all with more.
         let of_law = |law: &Law| {
             let more = law.len().saturating_sub(1) as f64;
@@ -96,7 +123,7 @@ impl Search<'_> {
     }
 
     /// Fits of a model with one further law each, the likeliest first; and with two of them, where singles are too weak.
-    fn extensions(&self, base: &Fitted, with_pairs: bool) -> Result<Vec<Fitted>, Error> {
+    pub(super) fn extensions(&self, base: &Fitted, with_pairs: bool) -> Result<Vec<Fitted>, Error> {
         let is_new = |law: &&Law| !base.laws.iter().any(|own| own.is_like(law));
         let laws: Vec<Law> = self.candidates.iter().filter(is_new).cloned().collect();
         let (scores, pairs) = scores(self.bench, self.basis, base, &laws)?;
@@ -139,7 +166,7 @@ impl Search<'_> {
     }
 
     /// A model without one of its laws.
-    fn without(&self, fitted: &Fitted, member: usize) -> Result<Fitted, Error> {
+    pub(super) fn without(&self, fitted: &Fitted, member: usize) -> Result<Fitted, Error> {
         let mut laws = fitted.laws.clone();
         let removed = laws.remove(member);
         let earlier_numbers: usize = laws.iter().take(member).map(Law::len).sum();
@@ -149,7 +176,7 @@ impl Search<'_> {
         Fitted::new(self.bench, self.basis, &laws, &start)
     }
 
-    fn judge(&self, without: &Fitted, with: &Fitted) -> Result<Option<Judgement>, Error> {
+    pub(super) fn judge(&self, without: &Fitted, with: &Fitted) -> Result<Option<Judgement>, Error> {
         let (smaller, larger) = (losses(self.bench, without)?, losses(self.bench, with)?);
         Ok(smaller.zip(larger).map(|(smaller, larger)| judge(&smaller, &larger)))
     }
@@ -160,7 +187,7 @@ impl Search<'_> {
     /// Where the model fails for other reasons than its values.
     pub fn run(&self, start: Fitted) -> Result<Found, Error> {
         let (mut current, mut refused) = self.grow(start)?;
-        let mut exchanges = 0;
+        let mut earlier: Vec<Vec<Law>> = Vec::new();
         loop {
             while let Some((smaller, reason)) = self.shrink(&current)? {
                 refused.push(reason);
@@ -168,17 +195,17 @@ impl Search<'_> {
             }
             let members = (0..current.laws.len()).map(|member| self.member(&current, member));
             let members = members.collect::<Result<Vec<Member>, Error>>()?;
-            let lead = |member: &Member| member.rivals.first().map(|(_, rival)| rival / member.probability);
-            let likelier = members.iter().filter_map(|member| Some((lead(member)?, member.rivals.first()?)));
-            let likeliest = likelier.max_by(|a, b| a.0.total_cmp(&b.0));
-            match likeliest {
+            earlier.push(current.laws.clone());
+            let rivals = members.iter().flat_map(|member| {
+                member.rivals.iter().map(|(rival, probability)| (probability / member.probability, rival))
+            });
+            let is_new = |rival: &Fitted| earlier.iter().all(|laws| !is_same_set(laws, &rival.laws));
+            let likelier = rivals.filter(|(lead, rival)| *lead > 1.0 && is_new(rival));
+            match likelier.max_by(|a, b| a.0.total_cmp(&b.0)) {
                 // A rival that is likelier than the law takes its place, and the others are weighed again.
-                Some((lead, (rival, _))) if lead > 1.0 && exchanges < MAX_EXCHANGES => {
-                    current = rival.clone()
-                }
+                Some((_, rival)) if earlier.len() <= MAX_EXCHANGES => current = rival.clone(),
                 _ => return Ok(Found { fitted: current, members, refused }),
             }
-            exchanges += 1;
         }
     }
 
@@ -217,21 +244,28 @@ impl Search<'_> {
         larger: Vec<Fitted>,
         refused: &mut Vec<Refused>,
     ) -> Result<Option<Fitted>, Error> {
-        let mut best: Option<(f64, Fitted)> = None;
+        let mut best: Option<Fitted> = None;
         for fitted in larger {
             let standing = self.standing(current, &fitted)?;
             let Some(law) = fitted.laws.last().cloned() else { continue };
             match standing.refusal() {
                 Some(reason) => refused.push(Refused { law, ln_odds: standing.ln_odds, reason }),
-                None if best.as_ref().is_some_and(|(other, _)| *other >= standing.ln_odds) => {}
-                None => best = Some((standing.ln_odds, fitted)),
+                None => {
+                    let is_better = match &best {
+                        Some(other) => self.ln_lead(&fitted, other)? > 0.0,
+                        None => true,
+                    };
+                    if is_better {
+                        best = Some(fitted);
+                    }
+                }
             }
         }
-        Ok(best.map(|(_, fitted)| fitted))
+        Ok(best)
     }
 
     /// Compares a model with a smaller one.
-    fn standing(&self, smaller: &Fitted, larger: &Fitted) -> Result<Standing, Error> {
+    pub(super) fn standing(&self, smaller: &Fitted, larger: &Fitted) -> Result<Standing, Error> {
         let judgement = self.judge(smaller, larger)?;
         let of_judge = judgement.map_or(0.0, |one| ln_e_value(one.p));
         let ln_odds = self.ln_weight(larger) - self.ln_weight(smaller) + of_judge;
@@ -250,29 +284,11 @@ impl Search<'_> {
         }
         Ok(None)
     }
+}
 
-    /// Takes a law out and puts others in its place.
-    fn member(&self, current: &Fitted, member: usize) -> Result<Member, Error> {
-        (self.on_step)(&format!("weighing law {} of {}", member + 1, current.laws.len()));
-        let smaller = self.without(current, member)?;
-        let is_other = |fitted: &Fitted| {
-            let last = fitted.laws.last();
-            last.is_some_and(|last| !current.laws[member].is_like(last))
-        };
-        let standing = self.standing(&smaller, current)?;
-        let mut rivals = Vec::new();
-        for rival in self.extensions(&smaller, false)?.into_iter().filter(is_other) {
-            let ln_odds = self.standing(&smaller, &rival)?.ln_odds;
-            rivals.push((rival, ln_odds));
-        }
-        rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let ln_odds: Vec<f64> = rivals.iter().map(|(_, ln)| *ln).collect();
-        let total = ln_sum(ln_odds.into_iter().chain([standing.ln_odds, 0.0]));
-        let rivals = rivals.into_iter().map(|(rival, ln)| (rival, (ln - total).exp())).collect();
-        let (ln_odds, judgement) = (standing.ln_odds, standing.judgement);
-        let probability = (ln_odds - total).exp();
-        Ok(Member { ln_odds, probability, rivals, judgement })
-    }
+/// Whether two sets have the same kinds of laws, in any order.
+fn is_same_set(one: &[Law], other: &[Law]) -> bool {
+    one.len() == other.len() && one.iter().all(|law| other.iter().any(|second| law.is_like(second)))
 }
 
 /// The leaders of both rankings of scores, without repeats.
@@ -292,9 +308,9 @@ fn leading<T>(scores: &[T], log_evidence: impl Fn(&T) -> [f64; 2]) -> Vec<&T> {
 /// The plain model with the discrepancy around it: first around the prior means, then around the fit.
 pub(crate) fn plain(bench: &Bench<'_>, everyday: f64) -> Result<(Basis, Fitted), Error> {
     let start: Vec<f64> = bench.coordinates(&[]).iter().map(|one| one.mean).collect();
-    let basis = Basis::new(bench, &[], &start, everyday)?;
+    let basis = Basis::of_start(bench, &start, everyday)?;
     let first = Fitted::new(bench, &basis, &[], &Start::plain(bench, &basis))?;
-    let basis = Basis::new(bench, &[], &first.values, everyday)?;
+    let basis = Basis::of_search(bench, &first, everyday)?;
     let plain = Fitted::new(bench, &basis, &[], &first.start())?;
     Ok((basis, plain))
 }

@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn laws_of_a_site_add_up_and_others_do_not() {
-        let span = Span { from: -1.0, to: 1.0, resolution: 0.0 };
+        let span = Span::between(-1.0, 1.0);
         let term = |site: &str, regressor: Option<&str>, form, values: &[f64]| Term {
             site: site.to_owned(),
             regressor: regressor.map(str::to_owned),

@@ -85,8 +85,8 @@ fn run(name: &str, path: &std::path::PathBuf, judges: bool) -> Run {
     }
 }
 
-/// The makers' model is not the whole truth of the axis, so that what is asserted is coarser than the intervals: what is named and what is
-/// not, and how well the run that judges is predicted. The manual's page has all figures.
+/// Dry friction of this axis builds up within a millimetre: the makers' 20.4 N are that of a sign and a bristle together. Their offset is that of a model
+/// without an asymmetry, the mean of its even laws over the data. The manual's page has all figures.
 #[test]
 fn names_dry_friction_of_a_measured_axis_and_refuses_what_does_not_help() {
     let (Some(train), Some(test)) = (measured("emps/DATA_EMPS.mat"), measured("emps/DATA_EMPS_PULSES.mat"))
@@ -99,14 +99,17 @@ fn names_dry_friction_of_a_measured_axis_and_refuses_what_does_not_help() {
     let ids: Vec<String> = report.terms.iter().map(|term| term.law.id()).collect();
     let is_named = |id: &str| report.terms.iter().any(|term| term.is_named && term.law.id() == id);
     assert!(is_named("friction/speed/sign"), "{ids:?}");
+    let holds = |estimate: &Estimate, value: f64| (estimate.ci95[0]..=estimate.ci95[1]).contains(&value);
+    let asymmetry = report.terms.iter().find(|term| term.law.id() == "friction/speed/asymmetry");
+    assert!(asymmetry.is_some_and(|term| term.probability > 0.5), "{ids:?}");
+    assert!(holds(&report.offsets[0], -3.2), "{:?}", report.offsets);
     assert!(!ids.iter().any(|id| id.ends_with("/decay")), "{ids:?}");
     // A bristle is followed in the first millimetres of a stroke; no function of the place on the axis is there.
     let of_place = |id: &&String| id.starts_with("friction/position/") && !id.ends_with("/bristle");
     assert_eq!(ids.iter().find(of_place), None);
-    let mass = &report.parameters[0].estimate;
-    assert!((mass.value - 95.1).abs() < 0.02 * 95.1, "{mass:?}");
-    let viscous = &report.parameters[1].estimate;
-    assert!((viscous.ci95[0]..=viscous.ci95[1]).contains(&203.5), "{viscous:?}");
+    assert!(holds(&report.reversals[0], 20.4), "{:?}", report.reversals);
+    assert!(holds(&report.parameters[0].estimate, 95.1), "{:?}", report.parameters);
+    assert!(holds(&report.parameters[1].estimate, 203.5), "{:?}", report.parameters);
     let held_out = report.channels[0].held_out.expect("a run judges");
-    assert!(held_out.after < 0.06 * held_out.measured, "{held_out:?}");
+    assert!(held_out.after < 0.0495 * held_out.measured, "{held_out:?}");
 }

@@ -192,7 +192,9 @@ fn three_laws_at_once_are_found() {
         println!("seed {seed}: {:?} {:?}", report.verdict, ids(&report));
         let truth = ["friction/speed/sign", "friction/constant", "friction/speed/asymmetry"];
         let explanations = |term: &TermReport| {
-            let rivals = term.rivals.iter().map(|rival| rival.law.id());
+            let rivals = term.rivals.iter();
+            let rivals =
+                rivals.flat_map(|rival| std::iter::once(&rival.law).chain(&rival.with).map(LawName::id));
             std::iter::once(term.law.id()).chain(rivals).collect::<Vec<_>>()
         };
         let in_a_class =

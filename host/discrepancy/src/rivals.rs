@@ -1,0 +1,67 @@
+//! Rivals of a law: other explanations of the same.
+//!
+//! A law is taken out and others are put in its place. Held-out runs compare explanations with each other, not through the model without any:
+//! of two laws that both predict far better than nothing, either may have the smaller p-value by chance.
+
+use super::bench::Law;
+use super::fit::Fitted;
+use super::model::Error;
+use super::search::{Member, Search};
+use super::weights::{NO_WEIGHT, ln_e_value, ln_sum};
+
+impl Search<'_> {
+    /// Logarithm of the odds of one model beside another of which neither is a part of the other: their weights, times what held-out runs are worth
+    /// for the one that predicts better.
+    pub(super) fn ln_lead(&self, one: &Fitted, other: &Fitted) -> Result<f64, Error> {
+        let for_one = self.judge(other, one)?.map_or(0.0, |judgement| ln_e_value(judgement.p).max(0.0));
+        let for_other = self.judge(one, other)?.map_or(0.0, |judgement| ln_e_value(judgement.p).max(0.0));
+        let by_runs = for_one - for_other;
+        Ok(self.ln_weight(one) - self.ln_weight(other) + by_runs)
+    }
+
+    /// Takes a law out and puts others in its place.
+    pub(super) fn member(&self, current: &Fitted, member: usize) -> Result<Member, Error> {
+        (self.on_step)(&format!("weighing law {} of {}", member + 1, current.laws.len()));
+        let smaller = self.without(current, member)?;
+        let standing = self.standing(&smaller, current)?;
+        let mut rivals = Vec::new();
+        // Two laws that hide each other are one explanation: an offset and an asymmetry, for a square.
+        let singles = self.extensions(&smaller, false)?;
+        for rival in singles.into_iter().chain(self.extensions(&smaller, true)?) {
+            let added = rival.laws.get(smaller.laws.len()..).unwrap_or(&[]);
+            if added.iter().any(|one| current.laws.get(member).is_some_and(|law| one.is_like(law))) {
+                continue;
+            }
+            let ln_lead = self.ln_lead(&rival, current)?;
+            if ln_lead > NO_WEIGHT && self.is_rival(&smaller, current, &rival)? {
+                rivals.push((rival, standing.ln_odds + ln_lead));
+            }
+        }
+        rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let ln_odds: Vec<f64> = rivals.iter().map(|(_, ln)| *ln).collect();
+        let total = ln_sum(ln_odds.into_iter().chain([standing.ln_odds, 0.0]));
+        let rivals = rivals.into_iter().map(|(rival, ln)| (rival, (ln - total).exp())).collect();
+        let (ln_odds, judgement) = (standing.ln_odds, standing.judgement);
+        let probability = (ln_odds - total).exp();
+        Ok(Member { ln_odds, probability, rivals, judgement })
+    }
+
+    /// Whether a model has another explanation of what a law explains: held-out runs do not refuse it, and beside it the law is not missing any more.
+    /// A law that explains something else is one to be added, not a rival.
+    fn is_rival(&self, smaller: &Fitted, current: &Fitted, rival: &Fitted) -> Result<bool, Error> {
+        if self.standing(smaller, rival)?.judgement.is_some_and(|one| !one.is_confirmed()) {
+            return Ok(false);
+        }
+        let added = rival.laws.get(smaller.laws.len()..).unwrap_or(&[]);
+        let laws: Vec<Law> = current.laws.iter().chain(added).cloned().collect();
+        let mut start = current.start();
+        start.values.extend(rival.values.iter().skip(smaller.values.len()));
+        match Fitted::new(self.bench, self.basis, &laws, &start) {
+            Ok(both) => Ok(self.standing(rival, &both)?.refusal().is_some()),
+            // The data do not tell both apart, or the model has no prediction with both.
+            Err(Error::Undetermined(_)) => Ok(true),
+            Err(error) if error.is_of_these_values() => Ok(true),
+            Err(error) => Err(error),
+        }
+    }
+}
