@@ -215,3 +215,58 @@ fn a_session_s_own_names_are_what_they_say() {
     assert_eq!(millimetres(&shape.z_m), [71.0, 72.0, 73.0]);
     assert_eq!(millimetres(&shape.y_m), [0.9, 0.8, 0.7]);
 }
+
+#[test]
+fn clocks_in_days_zones_and_two_columns_give_the_times_they_were_made_of() {
+    let rest = |x: f64, f: f64| format!("{x:.6},{f:.6}");
+    let header = "Time,Extension (mm),Load (N)\n";
+    same(
+        "days of a spreadsheet",
+        &lines(header, |_, t, x, f| format!("{:.12},{}", 45_418.5 + t / 86_400.0, rest(x, f))),
+        &[],
+        None,
+    );
+    let clock = |t: f64, hours: i64| {
+        let ms = (1e3 * t).round() as i64 + 59_995_000;
+        format!(
+            "{:02}:{:02}:{:02}.{:03}",
+            hours + ms / 3_600_000 - 14,
+            ms / 60_000 % 60,
+            ms / 1000 % 60,
+            ms % 1000
+        )
+    };
+    same(
+        "clocks that are put forward",
+        &lines(header, |i, t, x, f| {
+            let (hours, zone) = if i < 150 { (0, "+01:00") } else { (1, "+02:00") };
+            format!("2024-03-31T{}{zone},{}", clock(t, hours), rest(x, f))
+        }),
+        &[],
+        None,
+    );
+    same(
+        "milliseconds beside whole seconds",
+        &lines("Time,ms,Extension (mm),Load (N)\n", |_, t, x, f| {
+            let text = clock(t, 2);
+            let (whole, ms) = text.split_once('.').expect("a fraction");
+            format!("{whole},{},{}", ms.parse::<u32>().expect("a number"), rest(x, f))
+        }),
+        &[],
+        None,
+    );
+    same(
+        "minutes and seconds",
+        &lines(header, |_, t, x, f| format!("05:{:05.2},{}", 12.0 + t, rest(x, f))),
+        &[],
+        None,
+    );
+    // Five thousand rows in a second, and fifty thousand or two in the time of a day's clock.
+    let bytes =
+        lines("Time,Extension (mm),Load (N)\n", |_, t, x, f| format!("{:.9},{}", 1e-2 * t, rest(x, f)));
+    assert!(!taken(&bytes, &[], None).is_err_and(|error| error.to_string().contains("or d for")));
+    let bytes =
+        lines("Time,Extension (mm),Load (N)\n", |_, t, x, f| format!("{:.9},{}", 1e-3 * t, rest(x, f)));
+    let error = taken(&bytes, &[], None).expect_err("no unit").to_string();
+    assert!(error.contains("or d for the days of a spreadsheet"), "{error}");
+}

@@ -181,7 +181,10 @@ impl Mapping {
                     choice.target.quantity == Quantity::Time && is_named(column, &choice.column)
                 })
             });
-            if !has_time && let Some(time) = only(&free, is_time) {
+            let of_day = (!has_time).then(|| stamp_and_fraction(&free)).flatten();
+            if let Some(pair) = of_day {
+                choices.extend(pair);
+            } else if !has_time && let Some(time) = only(&free, is_time) {
                 choices.push(Choice {
                     column: time.own_name(),
                     target: Target::ALL[0],
@@ -282,6 +285,33 @@ fn seconds_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
     let (of_whole, whole) = one("s", &["sec", "secs", "seconds"])?;
     let (of_fraction, fraction) = one("ns", &["nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"])?;
     (of_whole == of_fraction).then_some([whole, fraction])
+}
+
+/// A clock of whole seconds, and its fraction in a column of its own: `10:59:58` beside `ms`.
+fn stamp_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
+    let clock = only(columns, |column| column.is_stamp)?;
+    let is_whole = |value: &f64| value.is_nan() || value.fract() == 0.0;
+    if !clock.values.iter().all(is_whole) {
+        return None;
+    }
+    let parts: [(&str, f64, &[&str]); 2] = [
+        ("ms", 1e3, &["ms", "msec", "millis", "millisecond", "milliseconds", "millisec"]),
+        ("us", 1e6, &["us", "usec", "micros", "microsecond", "microseconds", "microsec"]),
+    ];
+    parts.into_iter().find_map(|(unit, most, names)| {
+        let fraction = only(columns, |column| {
+            let is_below = |value: &f64| {
+                let number = column.origin as f64 + value;
+                value.is_nan() || number.fract() == 0.0 && (0.0..most).contains(&number)
+            };
+            let is_named = words(&column.header).last().is_some_and(|word| names.contains(&word.as_str()));
+            is_named && column.values.iter().all(is_below)
+        })?;
+        fn time(column: &RawColumn, unit: Option<Unit>) -> Choice {
+            Choice { column: column.own_name(), target: Target::ALL[0], unit }
+        }
+        Some([time(clock, None), time(fraction, Some(Unit::parse(unit)?))])
+    })
 }
 
 fn words(name: &str) -> Vec<String> {

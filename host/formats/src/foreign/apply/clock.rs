@@ -11,6 +11,13 @@ const DAY_S: f64 = 86_400.0;
 /// Numbers from which times are since 1970 in ns, us, ms and s: no experiment lasts a year, 3e7 s.
 const SINCE_1970: [(f64, &str); 4] = [(1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s")];
 
+/// Days of the years 1982 to 2064, as spreadsheets count them.
+const DAYS: std::ops::Range<i64> = 30_000..60_000;
+/// Rows that would be nearer than this in seconds, which no load cell is read at, may be in days.
+const SHORTEST_S: f64 = 1e-4;
+/// Rows of a push are nearer than this; what is further apart in days may be seconds.
+const LONGEST_S: f64 = 2.0;
+
 /// The unit of a column of times.
 pub(super) fn unit(
     table: &RawTable,
@@ -46,6 +53,26 @@ pub(super) fn unit(
         return Err(super::map_fault(
             choice,
             &format!("no unit is stated, and rows are {usual} apart"),
+            &expected,
+        ));
+    }
+    if usual > 0.0 && usual < SHORTEST_S {
+        if DAYS.contains(&column.origin) && usual * DAY_S < LONGEST_S {
+            notes.push(format!(
+                "{}: \"{}\" is taken as days, as spreadsheets count them",
+                table.path.display(),
+                column.header
+            ));
+            return name("d");
+        }
+        let expected = format!(
+            "--map '{}=time_s:UNIT' with {}, or d for the days of a spreadsheet",
+            choice.column,
+            Quantity::Time.examples()
+        );
+        return Err(super::map_fault(
+            choice,
+            &format!("no unit is stated, and rows are {usual:.3e} apart"),
             &expected,
         ));
     }
