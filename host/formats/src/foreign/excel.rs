@@ -1,7 +1,8 @@
 //! Sheets of workbooks: their cells as text.
 
+use super::cells::Number;
 use super::{Grid, TableError};
-use calamine::{Data, Reader, open_workbook_auto};
+use calamine::{Data, Range, Reader, open_workbook_auto};
 use std::fs;
 use std::path::Path;
 
@@ -10,6 +11,8 @@ const MAX_BYTES: u64 = 128 << 20;
 /// Day of 1970-01-01 in a workbook.
 const DAY_1970: f64 = 25_569.0;
 const DAY_S: f64 = 86_400.0;
+/// Rows of numbers that a sheet of readings has more than.
+const READINGS: usize = 3;
 
 /// Reads a sheet, the first one where none is named.
 pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError> {
@@ -24,10 +27,15 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         open_workbook_auto(path).map_err(|cause| fault(cause.to_string(), "a workbook", path))?;
     let names = workbook.sheet_names();
     let name = match sheet {
-        Some(name) => names.iter().find(|known| *known == name),
-        None => names.first(),
+        Some(name) => names.iter().find(|known| *known == name).cloned(),
+        // Sheets before the readings may describe them.
+        None => names
+            .iter()
+            .find(|name| workbook.worksheet_range(name).is_ok_and(|range| has_numbers(&range)))
+            .or_else(|| names.first())
+            .cloned(),
     };
-    let name = name.cloned().ok_or_else(|| {
+    let name = name.ok_or_else(|| {
         let expected = format!("one of the sheets {}", names.join(", "));
         fault(format!("no sheet {}", sheet.unwrap_or_default()), &expected, path)
     })?;
@@ -35,10 +43,16 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         .worksheet_range(&name)
         .map_err(|cause| fault(cause.to_string(), "a sheet of cells", path))?;
     let first = range.start().map_or(0, |(row, _)| row as usize);
+    let has_decimal_comma = has_decimal_comma(&range);
+    let written = |cell: &Data| {
+        let text = text(cell);
+        let is_number = !matches!(cell, Data::String(_));
+        if has_decimal_comma && is_number { text.replace('.', ",") } else { text }
+    };
     let rows = range
         .rows()
         .enumerate()
-        .map(|(at, cells)| (first + at + 1, cells.iter().map(text).collect::<Vec<String>>()))
+        .map(|(at, cells)| (first + at + 1, cells.iter().map(written).collect::<Vec<String>>()))
         .filter(|(_, cells)| cells.iter().any(|cell| !cell.is_empty()))
         .collect();
     let other_sheets: Vec<&str> = names.iter().filter(|other| **other != name).map(String::as_str).collect();
@@ -48,7 +62,26 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         format!("workbook, sheet \"{name}\", not {}", other_sheets.join(", "))
     };
     let path = if sheet.is_some() { format!("{}#{name}", path.display()).into() } else { path.to_owned() };
-    Ok(Grid { path, rows, has_decimal_comma: false, form })
+    Ok(Grid { path, rows, has_decimal_comma, form })
+}
+
+/// Whether a sheet has readings: rows of two numbers or more, also where they are written as text.
+fn has_numbers(range: &Range<Data>) -> bool {
+    let is_number = |cell: &&Data| match cell {
+        Data::String(text) => [false, true].iter().any(|comma| Number::parse(text, *comma).is_some()),
+        Data::Empty | Data::Error(_) | Data::Bool(_) => false,
+        _ => true,
+    };
+    range.rows().filter(|cells| cells.iter().filter(is_number).count() >= 2).nth(READINGS).is_some()
+}
+
+/// Whether numbers that are written as text have a decimal comma, as where a table was pasted.
+fn has_decimal_comma(range: &Range<Data>) -> bool {
+    fn count(range: &Range<Data>, sign: char) -> usize {
+        let is_decimal = |cell: &&Data| matches!(cell, Data::String(text) if text.contains(sign) && Number::parse(text, sign == ',').is_some());
+        range.rows().flatten().filter(is_decimal).count()
+    }
+    count(range, ',') > count(range, '.')
 }
 
 /// A cell as text; times are seconds since 1970, or of the day.
@@ -79,7 +112,8 @@ mod tests {
 
     #[test]
     fn sheets_of_a_workbook_hold_the_values_they_were_made_of() {
-        for (name, within_s) in [("push.xlsx", 1e-3), ("push.xlsx#Seconds", 1e-9)] {
+        // The last one has notes on its first sheet, and numbers with decimal commas as text.
+        for (name, within_s) in [("push.xlsx", 1e-3), ("push.xlsx#Seconds", 1e-9), ("text.xlsx", 1e-9)] {
             let tables = RawTable::read(&data(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
             let lateral_run = take(&tables, &Mapping::default(), &Options::default()).expect("a run");
             let force = lateral_run.force.expect("a force");
