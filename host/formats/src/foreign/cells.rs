@@ -15,7 +15,24 @@ pub(super) struct Number {
 }
 
 /// Words for a reading that is missing.
-const MISSING: [&str; 9] = ["nan", "na", "n/a", "null", "none", "-", "--", "#n/a", "inf"];
+const MISSING: [&str; 15] = [
+    "nan",
+    "na",
+    "n/a",
+    "null",
+    "none",
+    "inf",
+    "+inf",
+    "-inf",
+    "infinity",
+    "-infinity",
+    // Results that a spreadsheet does not have.
+    "#n/a",
+    "#div/0!",
+    "#value!",
+    "#num!",
+    "#ref!",
+];
 
 impl Number {
     /// Reads a number or a time; nothing where it is none.
@@ -58,7 +75,9 @@ impl Number {
 /// Whether a cell states that there is no reading.
 pub(super) fn is_missing(cell: &str) -> bool {
     let word = cell.trim();
-    word.is_empty() || MISSING.iter().any(|missing| word.eq_ignore_ascii_case(missing))
+    // Of dashes there may be any number.
+    word.bytes().all(|letter| letter == b'-')
+        || MISSING.iter().any(|missing| word.eq_ignore_ascii_case(missing))
 }
 
 fn number(text: &str, has_decimal_comma: bool) -> Option<f64> {

@@ -1,7 +1,7 @@
 //! The cells of a file as text, from CSV in any encoding and with any separator, or from a sheet of a workbook.
 
-use super::TableError;
 use super::cells::Number;
+use super::{TableError, thousands};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 const MAX_BYTES: u64 = 1 << 30;
 /// Lines from which separator and decimal sign are found.
 const SAMPLE: usize = 400;
+/// Lines behind the first one that a cell in quotation marks may have.
+const NAME_LINES: usize = 4;
 /// Separators that are tried; a blank stands for any number of them.
 const SEPARATORS: [(char, &str); 5] =
     [(',', "commas"), (';', "semicolons"), ('\t', "tabulators"), ('|', "vertical bars"), (' ', "blanks")];
@@ -69,7 +71,9 @@ impl Grid {
     /// # Errors
     /// [`TableError`].
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, TableError> {
-        let (mut text, encoding) = decoded(bytes);
+        // A logger that loses its power leaves zeros behind the last line.
+        let end = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |at| at + 1);
+        let (mut text, encoding) = decoded(bytes, end);
         // Lines that end with a carriage return alone, as some spreadsheets still write them.
         if !text.contains('\n') {
             text = text.replace('\r', "\n");
@@ -93,9 +97,19 @@ impl Grid {
             return Err(TableError::File { path: path.to_owned(), problem, expected });
         };
         let mut rows = Vec::new();
-        for (number, line) in text.lines().enumerate() {
+        let mut lines = text.lines().enumerate();
+        while let Some((number, line)) = lines.next() {
+            // A name of two lines is in quotation marks that end in a later one.
+            let next = (separator != ' ' && is_open(line))
+                .then(|| lines.clone().take(NAME_LINES).position(|(_, next)| is_open(next)))
+                .flatten();
+            let mut line = line.to_owned();
+            for (_, next) in lines.by_ref().take(next.map_or(0, |count| count + 1)) {
+                line.push(' ');
+                line.push_str(next);
+            }
             if !line.trim().is_empty() {
-                rows.push((number + 1, split(line, separator)));
+                rows.push((number + 1, split(&line, separator)));
             }
         }
         let words = SEPARATORS.iter().find(|(of, _)| *of == separator).map_or("", |(_, words)| words);
@@ -109,6 +123,11 @@ impl Grid {
     }
 }
 
+/// Whether a quotation mark of a line has no other one.
+fn is_open(line: &str) -> bool {
+    line.matches('"').count() % 2 == 1
+}
+
 /// `book.xlsx#Sheet` as file and sheet; a file of that name is itself.
 fn split_sheet(path: &Path) -> (PathBuf, Option<String>) {
     let text = path.to_string_lossy();
@@ -120,19 +139,36 @@ fn split_sheet(path: &Path) -> (PathBuf, Option<String>) {
     }
 }
 
-/// Text of bytes: UTF-16 by its mark, UTF-8, else the encoding of Western Windows, of which every byte is a letter.
-fn decoded(bytes: &[u8]) -> (String, &'static str) {
+/// Text of bytes, of which those behind `end` are zeros: UTF-16 by its mark or by the zeros beside its letters, UTF-8, else the encoding of Western Windows, of which every byte is a letter.
+fn decoded(all_bytes: &[u8], end: usize) -> (String, &'static str) {
     fn wide(rest: &[u8], of: fn([u8; 2]) -> u16) -> String {
         let units = rest.as_chunks::<2>().0.iter().map(|pair| of(*pair));
         char::decode_utf16(units).map(|letter| letter.unwrap_or('\u{fffd}')).collect::<String>()
     }
+    // A zero may be half of the last letter of UTF-16.
+    let bytes = all_bytes.get(..end.next_multiple_of(2).min(all_bytes.len())).unwrap_or_default();
+    if let Some(letter) = byte_order_without_mark(bytes) {
+        return (wide(bytes, letter), "UTF-16");
+    }
     match bytes {
         [0xFF, 0xFE, rest @ ..] => (wide(rest, u16::from_le_bytes), "UTF-16"),
         [0xFE, 0xFF, rest @ ..] => (wide(rest, u16::from_be_bytes), "UTF-16"),
-        _ => match str::from_utf8(bytes) {
+        _ => match str::from_utf8(all_bytes.get(..end).unwrap_or_default()) {
             Ok(text) => (text.trim_start_matches('\u{feff}').to_owned(), "UTF-8"),
-            Err(_) => (bytes.iter().map(|byte| char::from(*byte)).collect(), "Latin-1"),
+            Err(_) => (all_bytes.iter().take(end).map(|byte| char::from(*byte)).collect(), "Latin-1"),
         },
+    }
+}
+
+/// The byte order of UTF-16 without a mark: nearly every letter of a table has a zero on the same side.
+fn byte_order_without_mark(bytes: &[u8]) -> Option<fn([u8; 2]) -> u16> {
+    let pairs = bytes.as_chunks::<2>().0;
+    let zeros = |side: usize| pairs.iter().filter(|pair| pair[side] == 0 && pair[1 - side] != 0).count();
+    let is_most = |count: usize| 10 * count > 9 * pairs.len() && count > 0;
+    match [zeros(0), zeros(1)] {
+        [_, second] if is_most(second) => Some(u16::from_le_bytes),
+        [first, _] if is_most(first) => Some(u16::from_be_bytes),
+        _ => None,
     }
 }
 
@@ -145,8 +181,10 @@ fn separator(sample: &[&str]) -> Option<(char, bool)> {
                 continue;
             }
             let (mut cells, mut numbers, mut lines) = (0usize, 0usize, 0usize);
-            for line in sample {
-                let split_cells = split(line, separator);
+            let mut rows: Vec<(usize, Vec<String>)> =
+                sample.iter().map(|line| (0, split(line, separator))).collect();
+            thousands::join(&mut rows, has_decimal_comma);
+            for (_, split_cells) in &rows {
                 let number_count =
                     split_cells.iter().filter(|cell| Number::is_one(cell, has_decimal_comma)).count();
                 let filled = split_cells.iter().filter(|cell| !cell.is_empty()).count();

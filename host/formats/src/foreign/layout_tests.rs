@@ -216,6 +216,75 @@ fn a_session_s_own_names_are_what_they_say() {
     assert_eq!(millimetres(&shape.y_m), [0.9, 0.8, 0.7]);
 }
 
+/// Cells of one column from those of a table with time, displacement and force.
+fn moved_at(taken: &Taken, row: usize) -> f64 {
+    taken.force.as_ref().expect("a force").displacement_y_m[row]
+}
+
+#[test]
+fn signs_between_thousands_are_no_decimal_commas() {
+    fn parted(value: f64, decimals: usize, sign: char, point: char) -> String {
+        let text = format!("{:.decimals$}", value.abs());
+        let (whole, fraction) = text.split_once('.').unwrap_or((&text, ""));
+        let mut out = String::new();
+        for (at, digit) in whole.chars().enumerate() {
+            if at > 0 && (whole.len() - at).is_multiple_of(3) {
+                out.push(sign);
+            }
+            out.push(digit);
+        }
+        if decimals > 0 {
+            out = format!("{out}{point}{fraction}");
+        }
+        if value < 0.0 { format!("-{out}") } else { out }
+    }
+    // Whole micrometres are rounded by half of one; the others by less.
+    for (decimals, sign, point) in
+        [(1, ',', '.'), (1, '.', ','), (2, '\'', '.'), (1, '\u{a0}', ','), (0, ',', '.')]
+    {
+        let bytes = lines("Time (ms);Position (um);Load (mN)\n", |_, t, x, f| {
+            let cells = [(1e3 * t, 0), (1e3 * x, decimals), (1e3 * f, 3)];
+            cells.map(|(value, decimals)| parted(value, decimals, sign, point)).join(";")
+        });
+        let lateral_run = taken(&bytes, &[], None).unwrap_or_else(|error| panic!("{sign} {point}: {error}"));
+        for row in [0, 170, 399] {
+            let (right, read) = (1e-3 * truth(row)[1], moved_at(&lateral_run, row));
+            assert!((read - right).abs() < 0.51e-6, "{sign} {point} {row}: {read} for {right}");
+        }
+        assert!(lateral_run.notes.iter().any(|note| note.contains("thousands")), "{:?}", lateral_run.notes);
+    }
+}
+
+#[test]
+fn rows_that_a_column_marks_as_unusable_are_not_used() {
+    for (name, good, bad) in [
+        ("Status", "OK", "OVERLOAD"),
+        ("valid", "1", "0"),
+        ("sensor_status", "ok", "Out of range"),
+        ("Is valid", "true", "false"),
+    ] {
+        let bytes = lines(&format!("Time (s),Extension (mm),Load (N),{name}\n"), |i, t, x, f| {
+            if (200..205).contains(&i) { format!("{t},{x},9.9,{bad}") } else { format!("{t},{x},{f},{good}") }
+        });
+        let lateral_run = taken(&bytes, &[], None).expect("a run");
+        let force = lateral_run.force.expect("a force");
+        let largest = force.force_y_n.iter().copied().fold(0.0, f64::max);
+        assert!(force.time_s.len() == 395 && largest < 1.0, "{name}: {largest}");
+        let note = format!("5 rows whose \"{name}\" is {bad} are skipped");
+        assert!(lateral_run.notes.iter().any(|known| known.contains(&note)), "{:?}", lateral_run.notes);
+    }
+    let bytes = lines("Time (s),Extension (mm),Load (N),Status\n", |i, t, x, f| {
+        format!("{t},{x},{f},{}", 4 * (i / 300))
+    });
+    let lateral_run = taken(&bytes, &[], None).expect("a run");
+    assert_eq!(lateral_run.force.expect("a force").time_s.len(), 400);
+    assert!(
+        lateral_run.notes.iter().any(|note| note.contains("\"Status\" has 0, 4")),
+        "{:?}",
+        lateral_run.notes
+    );
+}
+
 #[test]
 fn clocks_in_days_zones_and_two_columns_give_the_times_they_were_made_of() {
     let rest = |x: f64, f: f64| format!("{x:.6},{f:.6}");
@@ -269,4 +338,40 @@ fn clocks_in_days_zones_and_two_columns_give_the_times_they_were_made_of() {
         lines("Time,Extension (mm),Load (N)\n", |_, t, x, f| format!("{:.9},{}", 1e-3 * t, rest(x, f)));
     let error = taken(&bytes, &[], None).expect_err("no unit").to_string();
     assert!(error.contains("or d for the days of a spreadsheet"), "{error}");
+}
+
+#[test]
+fn remarks_summaries_and_names_in_other_places_are_no_readings() {
+    let row = |t: f64, x: f64, f: f64| format!("{t:.3},{x:.6},{f:.6}");
+    let header = "Time (s),Extension (mm),Load (N)\n";
+    let remark =
+        |i, t, x, f| if i == 9 { format!("{}\r\n# pause, 3, 4", row(t, x, f)) } else { row(t, x, f) };
+    same("remark", &lines(header, remark), &[], None);
+    let summary = |i, t, x, f| {
+        if i == 399 { format!("{}\r\n\r\nMax,1.2,0.3\r\nMean,0.6,0.1", row(t, x, f)) } else { row(t, x, f) }
+    };
+    same("summary", &lines(header, summary), &[], None);
+    same(
+        "names of two lines",
+        &lines("\"Time\n(s)\",\"Extension\n(mm)\",\"Load\n(N)\"\n", |_, t, x, f| row(t, x, f)),
+        &[],
+        None,
+    );
+    same(
+        "numbered rows of R",
+        &lines("\"Time_s\" \"Stage_mm\" \"Force_N\"\n", |i, t, x, f| {
+            format!("\"{}\" {}", i + 1, row(t, x, f).replace(',', " "))
+        }),
+        &[],
+        None,
+    );
+    let dashes = lines(header, |i, t, x, f| if i == 9 { format!("{t},{x},---") } else { row(t, x, f) });
+    assert_eq!(taken(&dashes, &[], None).expect("a run").force.expect("a force").time_s.len(), 399);
+    let mut zeros = lines(header, |_, t, x, f| row(t, x, f));
+    zeros.extend([0; 512]);
+    same("zeros behind the end", &zeros, &[], None);
+    let text = String::from_utf8(lines(header, |_, t, x, f| row(t, x, f))).expect("text");
+    let wide = |bytes: fn(u16) -> [u8; 2]| text.encode_utf16().flat_map(bytes).collect::<Vec<u8>>();
+    same("UTF-16 without a mark", &wide(u16::to_le_bytes), &[], None);
+    same("UTF-16 without a mark, big-endian", &wide(u16::to_be_bytes), &[], None);
 }

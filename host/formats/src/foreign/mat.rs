@@ -57,7 +57,13 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
     let is_big = match header.get(HEADER - 2..) {
         Some(b"IM") => false,
         Some(b"MI") => true,
-        _ => return Err(fault("is no file of MATLAB, version 5 to 7".to_owned(), EXPECTED, path)),
+        _ => {
+            return Err(fault(
+                "is no file of MATLAB of version 5 to 7 (7.3 and 4 are others)".to_owned(),
+                EXPECTED,
+                path,
+            ));
+        }
     };
     let start = bytes.get(512..520).or(bytes.get(..8));
     if start == Some(HDF5) || header.starts_with(b"MATLAB 7.3") {

@@ -19,8 +19,11 @@ mod grid;
 mod mapping;
 #[cfg(feature = "matlab")]
 mod mat;
+mod names;
 mod raw;
 mod stamp;
+mod status;
+mod thousands;
 mod unit;
 
 pub use align::{Offset, OffsetError};

@@ -3,7 +3,7 @@
 use super::cells::{Number, is_missing};
 use super::grid::Grid;
 use super::unit::{Unit, split_name};
-use super::{TableError, unit};
+use super::{TableError, names, status, thousands};
 use std::path::{Path, PathBuf};
 
 /// Rows by which columns of numbers are told from others.
@@ -11,8 +11,8 @@ const SAMPLE: usize = 50;
 /// Value that instruments with SCPI commands send in place of a reading that is out of range (9.9e37) or missing
 /// (9.91e37), and anything larger.
 const OVERLOAD: f64 = 9.89e37;
-/// Rows above the first numbers in which the names may be.
-const HEADER: usize = 4;
+/// Rows of words below the last numbers that are a summary or a note of the program; more of them are no end of a table.
+const SUMMARY: usize = 20;
 
 /// A column of numbers.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,7 +96,9 @@ impl RawTable {
     /// # Errors
     /// [`TableError`] where there are none.
     pub fn new(grid: Grid) -> Result<Self, TableError> {
-        let Grid { path, rows, has_decimal_comma, form } = grid;
+        let Grid { path, mut rows, has_decimal_comma, form } = grid;
+        let joined = thousands::join(&mut rows, has_decimal_comma);
+        let rows = rows;
         fn is_number(cell: &str, has_decimal_comma: bool) -> bool {
             Number::parse(cell, has_decimal_comma).is_some()
         }
@@ -150,8 +152,9 @@ impl RawTable {
             let problem = format!("no rows of two numbers or more ({form})");
             return Err(TableError::File { path, problem, expected });
         };
+        let has_row_names = names::are_of_rows(rows.get(first..).unwrap_or_default());
         let (names, units, header_line) =
-            names(rows.get(..first).unwrap_or_default(), width, has_decimal_comma);
+            names::find(rows.get(..first).unwrap_or_default(), width, has_decimal_comma, has_row_names);
         let mut notes = Vec::new();
         let sample = rows.get(first..).unwrap_or_default().iter().take(SAMPLE);
         let mut columns: Vec<RawColumn> = Vec::new();
@@ -185,8 +188,15 @@ impl RawTable {
         let header = header_line.and_then(|line| rows.iter().find(|(number, _)| *number == line));
         let mut skipped: Vec<usize> = Vec::new();
         let last = rows.len().saturating_sub(1);
-        for (at, (line, cells)) in rows.iter().enumerate().skip(first) {
-            if at == last && cells.len() < width && at > first {
+        let end = table.end(&rows, first, has_decimal_comma);
+        if let Some((line, _)) = rows.get(end) {
+            notes.push(format!("the rows from line {line} on are words, as a summary has, and skipped"));
+        }
+        let mut kept: Vec<&[String]> = Vec::new();
+        for (at, (line, cells)) in rows.iter().enumerate().take(end).skip(first) {
+            if is_comment(cells) {
+                skipped.push(*line);
+            } else if at == last && cells.len() < width && at > first {
                 notes.push(format!("line {line}: the last row is cut off, and skipped"));
             } else if !table.add(*line, cells, has_decimal_comma) {
                 if header.is_some_and(|(_, names)| names == cells) {
@@ -199,10 +209,19 @@ impl RawTable {
                     });
                 }
                 skipped.push(*line);
+            } else {
+                kept.push(cells);
             }
         }
         if let Some(line) = skipped.first() {
             notes.push(format!("rows without numbers: {}, from line {line} on, skipped", skipped.len()));
+        }
+        for (index, header) in names.iter().enumerate().filter(|(_, header)| status::is_status(header)) {
+            let places = table.leave_out_marked(header, &kept, index, &mut notes);
+            kept = without(&kept, &places);
+        }
+        for column in table.columns.iter().filter(|column| joined.contains(&(column.number - 1))) {
+            notes.push(format!("\"{}\": signs between thousands are left out", column.header));
         }
         for column in &mut table.columns {
             let overloads = column.values.iter_mut().filter(|value| value.abs() >= OVERLOAD);
@@ -220,6 +239,48 @@ impl RawTable {
             None => format!("{}, without names", table.form),
         };
         Ok(table)
+    }
+
+    /// Behind the last row of readings: rows at the end with a word in the first column of numbers are a summary.
+    fn end(&self, rows: &[(usize, Vec<String>)], first: usize, has_decimal_comma: bool) -> usize {
+        let Some(place) = self.columns.first().map(|column| column.number - 1) else { return rows.len() };
+        let is_word = |(_, cells): &(usize, Vec<String>)| {
+            cells.get(place).is_some_and(|cell| {
+                !is_missing(cell)
+                    && cell.chars().any(char::is_alphabetic)
+                    && Number::parse(cell, has_decimal_comma).is_none()
+            })
+        };
+        let count = rows.iter().skip(first).rev().take_while(|row| is_word(row)).count();
+        if count > SUMMARY { rows.len() } else { rows.len() - count }
+    }
+
+    /// Leaves out the rows that a column of states marks as unusable; their places among those before.
+    fn leave_out_marked(
+        &mut self,
+        header: &str,
+        kept: &[&[String]],
+        index: usize,
+        notes: &mut Vec<String>,
+    ) -> Vec<usize> {
+        let cells = kept.iter().map(|cells| cells.get(index).map_or("", String::as_str));
+        let marked = status::marked(header, cells);
+        if !marked.unknown.is_empty() {
+            notes.push(format!(
+                "\"{header}\" has {}, and it is not known whether such rows can be used: they are used",
+                marked.unknown.join(", ")
+            ));
+        }
+        if marked.rows.is_empty() {
+            return Vec::new();
+        }
+        let words = marked.words.join(", ");
+        notes.push(format!("{} rows whose \"{header}\" is {words} are skipped", marked.rows.len()));
+        for column in &mut self.columns {
+            column.values = without(&column.values, &marked.rows);
+        }
+        self.lines = without(&self.lines, &marked.rows);
+        marked.rows
     }
 
     /// Adds a row; not where it has no number at all.
@@ -294,58 +355,18 @@ impl RawTable {
     }
 }
 
-/// Names and units of the columns, from the rows above the numbers, and the line of the names.
-type Names = (Vec<String>, Vec<Option<Unit>>, Option<usize>);
-
-fn names(above: &[(usize, Vec<String>)], width: usize, has_decimal_comma: bool) -> Names {
-    let mut units: Vec<Option<Unit>> = Vec::new();
-    for (line, cells) in above.iter().rev().take(HEADER) {
-        let cells = without_mark(cells);
-        // Names may end before the last column, or behind it; LabVIEW names comments that its rows do not have.
-        let is_surplus = |cell: &String| cell.is_empty() || cell == "Comment";
-        let is_as_wide =
-            cells.len() == width || cells.len() == width + 1 && cells.last().is_some_and(is_surplus);
-        let is_words = cells.iter().all(|cell| Number::parse(cell, has_decimal_comma).is_none());
-        let has_letters = cells.iter().any(|cell| cell.chars().any(char::is_alphabetic));
-        if !is_as_wide || !is_words || !has_letters {
-            continue;
-        }
-        let cell_units: Vec<Option<Unit>> = cells.iter().map(|cell| bare_unit(cell)).collect();
-        let is_units = cells
-            .iter()
-            .zip(&cell_units)
-            .all(|(cell, unit)| unit.is_some() || is_missing(&bare(cell)) || bare(cell).len() <= 3);
-        // Names differ; what repeats (`count`, `count`, `N`, `um`) is none.
-        let repeats =
-            cells.iter().enumerate().any(|(i, cell)| cells.iter().take(i).any(|other| other == cell));
-        if (is_units || repeats) && cell_units.iter().any(Option::is_some) && units.is_empty() {
-            units = cell_units;
-            continue;
-        }
-        return (cells, units, Some(*line));
-    }
-    (Vec::new(), units, None)
+/// The elements but those at these places, which ascend.
+fn without<T: Clone>(elements: &[T], places: &[usize]) -> Vec<T> {
+    let is_kept = |place: &usize| places.binary_search(place).is_err();
+    elements
+        .iter()
+        .enumerate()
+        .filter(|(place, _)| is_kept(place))
+        .map(|(_, element)| element.clone())
+        .collect()
 }
 
-/// Cells without the mark of a comment before the first one.
-fn without_mark(cells: &[String]) -> Vec<String> {
-    let mut cells = cells.to_vec();
-    if let Some(first) = cells.first_mut() {
-        let name = first.trim_start_matches(['#', '%', '/']).trim().to_owned();
-        // A column without a name is one; a mark alone is none.
-        let is_mark = name.is_empty() && !first.is_empty();
-        *first = name;
-        if is_mark && cells.len() > 1 {
-            cells.remove(0);
-        }
-    }
-    cells
-}
-
-fn bare(cell: &str) -> String {
-    cell.trim_matches(['(', ')', '[', ']', ' ']).to_owned()
-}
-
-fn bare_unit(cell: &str) -> Option<Unit> {
-    unit::Unit::parse(&bare(cell))
+/// Whether a row is a remark between the readings.
+fn is_comment(cells: &[String]) -> bool {
+    cells.first().is_some_and(|cell| cell.starts_with(['#', '%']) && !is_missing(cell))
 }

@@ -155,7 +155,9 @@ pub(super) fn check_range(name: &str, values: &[f64], most: f64) -> Result<(), T
         Some(value) => Err(TableError::Map {
             choice: name.to_owned(),
             problem: format!("{value:.6} in SI"),
-            expected: format!("at most {most} m or N: is the unit right?"),
+            expected: format!(
+                "at most {most} m or N: is the unit right? A number that stands for a missing reading is left empty"
+            ),
         }),
         None => Ok(()),
     }
