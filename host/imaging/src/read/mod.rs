@@ -10,6 +10,7 @@ mod dicom;
 mod header;
 mod jpeg;
 mod metaimage;
+mod names;
 mod nrrd;
 mod stack;
 mod tiff;
@@ -166,7 +167,7 @@ fn folder(path: &Path) -> Result<(Header, Source), ImagingError> {
     if files.is_empty() {
         return Err(ImagingError::invalid(path, "files", "none", "PNG, TIFF, JPEG or DICOM files"));
     }
-    stack::check_numbers(path, &files)?;
+    names::check_numbers(path, &files)?;
     stack::open(path, files)
 }
 

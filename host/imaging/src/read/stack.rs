@@ -2,7 +2,7 @@
 
 use super::depth::{shift_for, shifted};
 use super::turned::orientation;
-use super::{Source, check_size, grey, jpeg, tiff, whole};
+use super::{Source, check_size, grey, jpeg, names, tiff, whole};
 use crate::error::ImagingError;
 use crate::frame::{Frame, Header, MAX_FRAMES, MAX_PIXELS};
 use std::fs::{self, File};
@@ -56,86 +56,14 @@ pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingError> {
         .filter(|path| !super::is_hidden(path) && is_image(path))
         .take(MAX_FRAMES + 1)
         .collect();
-    files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
+    names::sort(folder, &mut files)?;
     Ok(files)
-}
-
-/// Refuses names that count frames and leave some out: places along the needle are counted from the first one. If the
-/// distances of numbers are no multiples of the smallest one they are times or another quantity.
-pub(super) fn check_numbers(folder: &Path, files: &[PathBuf]) -> Result<(), ImagingError> {
-    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let number_parts: Vec<_> = files.iter().map(|path| natural(&name(path))).collect();
-    let Some(first) = number_parts
-        .first()
-        .filter(|first| number_parts.iter().all(|number_parts| number_parts.len() == first.len()))
-    else {
-        return Ok(());
-    };
-    let changing: Vec<usize> = (0..first.len())
-        .filter(|at| {
-            let of = |number_parts: &Vec<(String, u128, usize)>| {
-                number_parts.get(*at).map(|(text, number, _)| (text.clone(), *number))
-            };
-            number_parts.iter().any(|number_parts| {
-                of(number_parts) != first.get(*at).map(|(text, number, _)| (text.clone(), *number))
-            })
-        })
-        .collect();
-    let &[column] = changing.as_slice() else { return Ok(()) };
-    let numbers: Vec<u128> =
-        number_parts.iter().filter_map(|number_parts| Some(number_parts.get(column)?.1)).collect();
-    let steps: Vec<u128> = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
-    let smallest = steps.iter().copied().min().unwrap_or(0);
-    if smallest == 0 || steps.iter().any(|step| step % smallest != 0) {
-        return Ok(());
-    }
-    let usual = 2 * steps.iter().filter(|step| **step == smallest).count() > steps.len();
-    let Some(gap) = steps.iter().position(|step| usual && *step > smallest) else { return Ok(()) };
-    let (previous_name, next_name) = (files.get(gap).map(&name), files.get(gap + 1).map(&name));
-    let problem = format!(
-        "{} between {} and {}",
-        match steps.get(gap).map_or(0, |step| step / smallest - 1) {
-            1 => "a frame is missing".to_owned(),
-            count => format!("{count} frames are missing"),
-        },
-        previous_name.unwrap_or_default(),
-        next_name.unwrap_or_default()
-    );
-    let expected = "a frame for each number, as they are counted along the needle: leave out those behind the gap, or number them anew";
-    Err(ImagingError::invalid(folder, "names", problem, expected))
 }
 
 fn is_image(path: &Path) -> bool {
     path.extension().is_some_and(|extension| {
         ["png", "tif", "tiff", "jpg", "jpeg"].iter().any(|known| extension.eq_ignore_ascii_case(known))
     })
-}
-
-/// A name as text and numbers, so that `frame-10` is behind `frame-9`.
-pub(super) fn natural(name: &str) -> Vec<(String, u128, usize)> {
-    let mut name_parts: Vec<(String, u128, usize)> = vec![Default::default()];
-    let mut in_number = false;
-    for letter in name.chars() {
-        match letter.to_digit(10) {
-            Some(digit) => {
-                if let Some((_, number, digits)) = name_parts.last_mut() {
-                    *number = number.saturating_mul(10).saturating_add(u128::from(digit));
-                    *digits += 1;
-                }
-                in_number = true;
-            }
-            None => {
-                if in_number {
-                    name_parts.push(Default::default());
-                }
-                in_number = false;
-                if let Some((text, ..)) = name_parts.last_mut() {
-                    text.push(letter);
-                }
-            }
-        }
-    }
-    name_parts
 }
 
 pub(super) fn open(path: &Path, files: Vec<PathBuf>) -> Result<(Header, Source), ImagingError> {

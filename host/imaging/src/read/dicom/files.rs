@@ -1,7 +1,6 @@
 //! A folder of DICOM files as one sequence: archives keep the frames of a sweep as a file each.
 
-use super::super::stack::natural;
-use super::super::{FrameReader, Source, is_hidden};
+use super::super::{FrameReader, Source, is_hidden, names};
 use super::{Opened, is_dicom, open_file};
 use crate::error::ImagingError;
 use crate::frame::{Frame, FrameFields, Header, MAX_FRAMES};
@@ -16,7 +15,7 @@ pub(in super::super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingErro
         !is_list && !is_hidden(path) && path.is_file() && is_dicom(path)
     });
     let mut files: Vec<PathBuf> = paths.take(MAX_FRAMES + 1).collect();
-    files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
+    names::sort(folder, &mut files)?;
     Ok(files)
 }
 

@@ -1,0 +1,205 @@
+//! The order of files by the numbers in their names.
+
+use crate::error::ImagingError;
+use std::path::{Path, PathBuf};
+
+/// Digits behind a point that are kept.
+const DIGITS: usize = 9;
+
+/// A text and the number behind it.
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Part {
+    text: String,
+    /// In units of the last of [`DIGITS`] where names have decimals.
+    number: i128,
+    digits: usize,
+}
+
+/// Sorts files by the numbers in their names, so that `frame-10` is behind `frame-9`, `z_1.5` behind `z_1.25` and `z_-5` before `z_0`.
+///
+/// # Errors
+/// Names that have another order with decimals than with two numbers.
+pub(super) fn sort(folder: &Path, files: &mut [PathBuf]) -> Result<(), ImagingError> {
+    let is_decimal = has_decimals(files);
+    files.sort_by_cached_key(|path| parts(&name(path), is_decimal));
+    if is_decimal || are_two_numbers(files) {
+        return Ok(());
+    }
+    let decimals: Vec<Vec<Part>> = files.iter().map(|path| parts(&name(path), true)).collect();
+    let Some(at) = decimals.windows(2).position(|pair| pair[0] > pair[1]) else { return Ok(()) };
+    let pair: Vec<String> = files.iter().skip(at).take(2).map(|path| name(path)).collect();
+    let problem = format!("{}: decimals, or two numbers", pair.join(" and "));
+    let expected = "as many digits behind the point in every name, or numbers without a point";
+    Err(ImagingError::invalid(folder, "names", problem, expected))
+}
+
+/// Refuses names that count frames and leave some out: places along the needle are counted from the first one. If the
+/// distances of numbers are no multiples of the smallest one they are times or another quantity.
+pub(super) fn check_numbers(folder: &Path, files: &[PathBuf]) -> Result<(), ImagingError> {
+    let is_decimal = has_decimals(files);
+    let names: Vec<Vec<Part>> = files.iter().map(|path| parts(&name(path), is_decimal)).collect();
+    let Some(first) = names.first().filter(|first| names.iter().all(|parts| parts.len() == first.len()))
+    else {
+        return Ok(());
+    };
+    let differs = |at: &usize| {
+        fn of(parts: &[Part], at: usize) -> Option<(&str, i128)> {
+            parts.get(at).map(|part| (part.text.as_str(), part.number))
+        }
+        names.iter().any(|parts| of(parts, *at) != of(first, *at))
+    };
+    let changing: Vec<usize> = (0..first.len()).filter(differs).collect();
+    let &[column] = changing.as_slice() else { return Ok(()) };
+    let numbers: Vec<i128> = names.iter().filter_map(|parts| Some(parts.get(column)?.number)).collect();
+    let steps: Vec<i128> = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
+    let smallest = steps.iter().copied().min().unwrap_or(0);
+    if smallest <= 0 || steps.iter().any(|step| step % smallest != 0) {
+        return Ok(());
+    }
+    let usual = 2 * steps.iter().filter(|step| **step == smallest).count() > steps.len();
+    let Some(gap) = steps.iter().position(|step| usual && *step > smallest) else { return Ok(()) };
+    let problem = format!(
+        "{} between {} and {}",
+        match steps.get(gap).map_or(0, |step| step / smallest - 1) {
+            1 => "a frame is missing".to_owned(),
+            count => format!("{count} frames are missing"),
+        },
+        files.get(gap).map(|path| name(path)).unwrap_or_default(),
+        files.get(gap + 1).map(|path| name(path)).unwrap_or_default()
+    );
+    let expected = "a frame for each number, as they are counted along the needle: leave out those behind the gap, or number them anew";
+    Err(ImagingError::invalid(folder, "names", problem, expected))
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Whether points in the names are decimal ones: some names do without, as `z_3` beside `z_1.5`.
+fn has_decimals(files: &[PathBuf]) -> bool {
+    let count = |is_decimal: bool| {
+        let mut counts: Vec<usize> = files.iter().map(|path| parts(&name(path), is_decimal).len()).collect();
+        counts.sort_unstable();
+        counts.dedup();
+        counts.len()
+    };
+    count(false) > 1 && count(true) == 1
+}
+
+/// Whether points part two numbers in every name: decimals have no zero at the end that others do without, as `1.10` beside `1.9`.
+fn are_two_numbers(files: &[PathBuf]) -> bool {
+    let mut fractions: Vec<Part> = Vec::new();
+    for path in files {
+        let parts = parts(&name(path), false);
+        let behind_point = parts.iter().enumerate().filter(|(at, _)| is_fraction(&parts, *at));
+        fractions.extend(behind_point.map(|(_, part)| part.clone()));
+    }
+    let Some(fewest) = fractions.iter().map(|part| part.digits).min() else { return true };
+    fractions.iter().any(|part| part.digits > fewest && part.number % 10 == 0)
+}
+
+/// Whether a part is the digits behind the point of the number before it.
+fn is_fraction(parts: &[Part], at: usize) -> bool {
+    fn is_behind_point(parts: &[Part], at: usize) -> bool {
+        parts.get(at).is_some_and(|part| part.text == "." && part.digits > 0)
+    }
+    is_behind_point(parts, at)
+        && !is_behind_point(parts, at + 1)
+        && at.checked_sub(1).is_some_and(|before| {
+            !is_behind_point(parts, before) && parts.get(before).is_some_and(|part| part.digits > 0)
+        })
+}
+
+/// The texts and numbers of a name.
+fn parts(name: &str, is_decimal: bool) -> Vec<Part> {
+    let mut parts: Vec<Part> = vec![Part::default()];
+    let mut in_number = false;
+    for letter in name.chars() {
+        match letter.to_digit(10) {
+            Some(digit) => {
+                if let Some(part) = parts.last_mut() {
+                    part.number = part.number.saturating_mul(10).saturating_add(digit.into());
+                    part.digits += 1;
+                }
+                in_number = true;
+            }
+            None => {
+                if in_number {
+                    parts.push(Part::default());
+                }
+                in_number = false;
+                if let Some(part) = parts.last_mut() {
+                    part.text.push(letter);
+                }
+            }
+        }
+    }
+    let mut joined: Vec<Part> = Vec::new();
+    let unit = if is_decimal { 10i128.pow(DIGITS as u32) } else { 1 };
+    for (at, part) in parts.iter().enumerate() {
+        if is_decimal && is_fraction(&parts, at) {
+            // Further digits change no order of places along a needle.
+            let digits = part.digits.min(DIGITS);
+            let fraction = part.number / 10i128.saturating_pow((part.digits - digits) as u32);
+            if let Some(whole) = joined.last_mut() {
+                whole.number = whole
+                    .number
+                    .saturating_add(fraction.saturating_mul(10i128.pow((DIGITS - digits) as u32)));
+                whole.digits += part.digits;
+            }
+        } else {
+            joined.push(Part { number: part.number.saturating_mul(unit), ..part.clone() });
+        }
+    }
+    for (at, part) in joined.iter_mut().enumerate() {
+        // A minus behind a letter or a digit is a hyphen.
+        let before = part.text.strip_suffix('-');
+        let is_sign = before.is_some_and(|text| match text.chars().next_back() {
+            None => at == 0,
+            Some(letter) => matches!(letter, '_' | '=' | '(' | '['),
+        });
+        if is_sign && part.digits > 0 {
+            part.text.pop();
+            part.number = -part.number;
+        }
+    }
+    joined
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sorted(names: &[&str]) -> Result<Vec<String>, String> {
+        let mut files: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
+        sort(Path::new("frames"), &mut files).map_err(|error| error.to_string())?;
+        check_numbers(Path::new("frames"), &files).map_err(|error| error.to_string())?;
+        Ok(files.iter().map(|path| name(path)).collect())
+    }
+
+    #[test]
+    fn names_with_decimals_and_signs_are_in_the_order_of_their_numbers() {
+        for right in [
+            &["z_0mm.png", "z_0.75mm.png", "z_1.5mm.png", "z_2.25mm.png", "z_3mm.png"][..],
+            &["z_1mm.png", "z_1.25mm.png", "z_1.5mm.png", "z_1.75mm.png", "z_2mm.png"],
+            &["z_-10.png", "z_-5.png", "z_0.png", "z_5.png"],
+            &["-2.5.png", "-2.png", "-1.5.png", "-1.png"],
+            &["run-8.png", "run-9.png", "run-10.png"],
+            &["2024-05-06_10.00.09.png", "2024-05-06_10.00.10.png", "2024-05-06_10.01.00.png"],
+            &["scan 1.08.png", "scan 1.09.png", "scan 1.10.png"],
+            &["run 1.8.png", "run 1.9.png", "run 1.10.png"],
+            &["z_0.0.png", "z_0.75.png", "z_1.5.png"],
+        ] {
+            let mut names = right.to_vec();
+            names.reverse();
+            assert_eq!(
+                sorted(&names).as_deref(),
+                Ok(&right.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>()[..])
+            );
+        }
+        let error = sorted(&["z_1.0.png", "z_1.25.png", "z_1.5.png"]).expect_err("two orders");
+        assert!(error.contains("z_1.5.png and z_1.25.png: decimals, or two numbers"), "{error}");
+        let error = sorted(&["z_0.png", "z_0.5.png", "z_1.png", "z_2.png"]).expect_err("a gap");
+        assert!(error.contains("between z_1.png and z_2.png"), "{error}");
+    }
+}
