@@ -121,3 +121,16 @@ fn files_that_end_early_give_one_line() {
         }
     }
 }
+
+/// Two frames of 8 x 6 pixels, 5 grey levels apart, up and down.
+fn steps() -> [Vec<u8>; 2] {
+    [(0..48).map(|value| 5 * value).collect(), (0..48).map(|value| 255 - 5 * value).collect()]
+}
+
+#[test]
+fn previews_are_no_frames_and_channels_are_no_frames_behind_each_other() {
+    let read = frames("tifffile-previews.tif").expect("pages").1;
+    assert_eq!(read.into_iter().map(|frame| frame.pixels).collect::<Vec<_>>(), steps());
+    let error = frames("tifffile-ome.tif").map(|_| ()).expect_err("channels").to_string();
+    assert!(error.contains("2 channels of each frame"), "{error}");
+}

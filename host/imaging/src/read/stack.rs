@@ -69,8 +69,8 @@ fn is_image(path: &Path) -> bool {
 pub(super) fn open(path: &Path, files: Vec<PathBuf>) -> Result<(Header, Source), ImagingError> {
     let mut pages = Vec::new();
     for file in &files {
-        let count = if tiff::is_tiff(file) { tiff::pages(file)? } else { 1 };
-        pages.extend((0..count).map(|page| (file.clone(), page)));
+        let of_file = if tiff::is_tiff(file) { tiff::pages(file)? } else { vec![0] };
+        pages.extend(of_file.into_iter().map(|page| (file.clone(), page)));
         if pages.len() > MAX_FRAMES {
             check_size(path, "frames", [1, 1, pages.len()])?;
         }

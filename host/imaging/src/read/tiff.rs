@@ -22,21 +22,31 @@ pub(super) fn is_tiff(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("tif") || e.eq_ignore_ascii_case("tiff"))
 }
 
-/// Number of images in a file.
-pub(super) fn pages(path: &Path) -> Result<usize, ImagingError> {
+/// The images of a file that are frames: previews and masks beside them are none.
+pub(super) fn pages(path: &Path) -> Result<Vec<usize>, ImagingError> {
+    /// Bits of the kind of a directory: smaller than another image of the file, and a mask for one.
+    const NO_FRAME: u32 = 1 | 4;
     let mut open = Open::new(path)?;
+    open.check_axes()?;
     if !open.decoder.more_images() {
-        return Ok(open.stacked()?.unwrap_or(1));
+        return Ok((0..open.stacked()?.unwrap_or(1)).collect());
     }
-    let mut count = 1;
-    while open.decoder.more_images() {
-        open.decoder.next_image().map_err(damaged(path))?;
-        count += 1;
-        if count > MAX_FRAMES {
-            check_size(path, "pages", [1, 1, count])?;
+    let mut pages = Vec::new();
+    for page in 0.. {
+        check_size(path, "pages", [1, 1, page + 1])?;
+        let kind = open.decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).map_err(damaged(path))?;
+        if kind.is_none_or(|kind| kind & NO_FRAME == 0) {
+            pages.push(page);
         }
+        if !open.decoder.more_images() {
+            break;
+        }
+        open.decoder.next_image().map_err(damaged(path))?;
     }
-    Ok(count)
+    if pages.is_empty() {
+        return Err(ImagingError::invalid(path, "NewSubfileType", "previews alone", "an image"));
+    }
+    Ok(pages)
 }
 
 /// One of the images; `open` is kept for the next one.
@@ -68,10 +78,47 @@ impl Open {
         Ok(Self { path: path.to_owned(), page: 0, decoder })
     }
 
+    /// Refuses files whose images are not one list of frames: several channels of each, or volumes over time.
+    fn check_axes(&mut self) -> Result<(), ImagingError> {
+        let text = self.description();
+        let (channels, slices, times, field) = if text.starts_with("ImageJ=") {
+            let number = |name: &str| {
+                let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
+                value.and_then(|value| value.trim().parse::<usize>().ok()).unwrap_or(1)
+            };
+            (number("channels"), number("slices"), number("frames"), "ImageJ")
+        } else if text.contains("<OME") {
+            let number = |name: &str| {
+                let value = text.split_once(&format!(" {name}=\""))?.1.split_once('"')?.0;
+                value.parse::<usize>().ok()
+            };
+            // Samples of one image are channels too.
+            let samples = number("SamplesPerPixel").unwrap_or(1).max(1);
+            let count = |name: &str| number(name).unwrap_or(1);
+            (count("SizeC") / samples, count("SizeZ"), count("SizeT"), "OME")
+        } else {
+            return Ok(());
+        };
+        let problem = if channels > 1 {
+            format!("{channels} channels of each frame")
+        } else if slices > 1 && times > 1 {
+            format!("{times} volumes of {slices} slices")
+        } else {
+            return Ok(());
+        };
+        let expected = "one channel, and frames along one axis: in ImageJ, Image > Color > Split Channels or Image > Duplicate";
+        Err(ImagingError::invalid(&self.path, field, problem, expected))
+    }
+
+    /// What a program writes of the images; empty where it does not.
+    fn description(&mut self) -> String {
+        let tag = self.decoder.find_tag(Tag::ImageDescription).ok().flatten();
+        tag.and_then(|text| text.into_string().ok()).unwrap_or_default()
+    }
+
     /// Number of images that ImageJ has put behind the first without directories of their own.
     fn stacked(&mut self) -> Result<Option<usize>, ImagingError> {
-        let Ok(Some(description)) = self.decoder.find_tag(Tag::ImageDescription) else { return Ok(None) };
-        let Ok(text) = description.into_string() else { return Ok(None) };
+        let text = self.description();
         let lines = text.lines().filter(|_| text.starts_with("ImageJ="));
         let count: Option<usize> =
             lines.filter_map(|line| line.strip_prefix("images=")?.trim().parse().ok()).next();

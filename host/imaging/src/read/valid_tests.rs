@@ -257,6 +257,16 @@ fn a_stack_of_imagej_in_one_directory_is_all_of_its_images() {
         frames(&path).expect("16 bit").1[2].pixels,
         (16..24).map(|value| 10 * value).collect::<Vec<u8>>()
     );
+    // Several channels, and volumes, are no list of frames.
+    for (axes, problem) in [
+        ("channels=3\nframes=1", "3 channels of each frame"),
+        ("slices=3\nframes=2\nhyperstack=true", "2 volumes of 3 slices"),
+    ] {
+        let text = format!("ImageJ=1.53t\nimages=3\n{axes}\n");
+        let (_folder, path) = written("s.tif", &tiff(&tags(8, 1, 8), &text, &pixels));
+        let error = frames(&path).map(|_| ()).expect_err(axes);
+        assert!(error.contains(problem), "{error}");
+    }
     // One that was cut off.
     let (_folder, path) = written("s.tif", &tiff(&tags(8, 1, 8), text, &pixels[..20]));
     let error = frames(&path);
