@@ -4,16 +4,18 @@
 //! from the file one at a time ([`pixels`]). The size of a pixel is that of the ultrasound region with a 2D image (PS3.3, C.8.5.5), or
 //! `PixelSpacing` where there is none inside the frame.
 
+mod attributes;
 mod files;
+mod palette;
 mod pixels;
 
 pub(super) use files::{files, open_files};
 
-use super::header::SPACING_MM;
 use super::{Source, check_size};
 use crate::error::ImagingError;
-use crate::frame::{FrameFields, Header, Region, Statement, Unclear};
-use dicom_core::Tag;
+use crate::frame::{Header, Statement};
+use attributes::{Attributes, region};
+use dicom_core::{Tag, VR};
 use dicom_encoding::transfer_syntax::Codec;
 use dicom_encoding::{Endianness, TransferSyntax};
 use dicom_parser::StatefulDecode;
@@ -50,10 +52,16 @@ const BITS_STORED: Tag = Tag(0x0028, 0x0101);
 const HIGH_BIT: Tag = Tag(0x0028, 0x0102);
 const INTERCEPT: Tag = Tag(0x0028, 0x1052);
 const SIGNED: Tag = Tag(0x0028, 0x0103);
+/// Number of colours, first index and bits of red, green and blue; and the colours.
+const PALETTE_SIZES: [Tag; 3] = [Tag(0x0028, 0x1101), Tag(0x0028, 0x1102), Tag(0x0028, 0x1103)];
+const PALETTE: [Tag; 3] = [Tag(0x0028, 0x1201), Tag(0x0028, 0x1202), Tag(0x0028, 0x1203)];
+/// Attributes of all frames and of each, and sizes of a pixel among them (PS3.3, C.7.6.16.2.1).
+const GROUPS: [Tag; 2] = [Tag(0x5200, 0x9229), Tag(0x5200, 0x9230)];
+const MEASURES: Tag = Tag(0x0028, 0x9110);
 const FRAME_TIME_MS: Tag = Tag(0x0018, 0x1063);
 const FRAME_TIMES_MS: Tag = Tag(0x0018, 0x1065);
 /// Values that are read of the data set.
-const VALUES: [Tag; 15] = [
+const VALUES: [Tag; 21] = [
     INSTANCE,
     FRAMES,
     ROWS,
@@ -69,6 +77,12 @@ const VALUES: [Tag; 15] = [
     SIGNED,
     FRAME_TIME_MS,
     FRAME_TIMES_MS,
+    PALETTE_SIZES[0],
+    PALETTE_SIZES[1],
+    PALETTE_SIZES[2],
+    PALETTE[0],
+    PALETTE[1],
+    PALETTE[2],
 ];
 const FORMAT: Tag = Tag(0x0018, 0x6012);
 const CORNERS: [Tag; 4] =
@@ -103,8 +117,9 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     let mut file = BufReader::new(File::open(path).map_err(ImagingError::io(path))?);
     let (syntax, start) = syntax(path, &mut file)?;
     let is_big = syntax.endianness == Endianness::Big;
-    let DataSet { values, regions, pixels: (position, length) } = data_set(path, file, start, &syntax)?;
-    let header = Attributes { path, values: &values, is_big };
+    let DataSet { values, regions, measures, pixels: (position, length), is_of_words } =
+        data_set(path, file, start, &syntax)?;
+    let header = Attributes { path, values: &values, measures: &measures, is_big };
     let instance = header.text(INSTANCE).and_then(|text| text.trim().parse().ok());
     let number = |tag: Tag, name: &str| {
         header.number(tag).ok_or_else(|| ImagingError::invalid(path, name, "missing", "a DICOM image"))
@@ -122,7 +137,8 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
         })?,
     };
     check_size(path, "Rows, Columns, NumberOfFrames", [width, height, count])?;
-    let layout = Layout::new(&header, [width, height])?;
+    let layout = Layout::new(&header, [width, height])?.with_words(path, is_of_words && is_big)?;
+    let palette = if layout.has_palette() { palette::brightness(&header)? } else { Vec::new() };
     let (stated, region) = region(&header, &regions);
     let frames = header.times(count);
     let mut header = Header { width, height, count, region, frames, ..Header::default() };
@@ -133,7 +149,7 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     let file = File::open(path).map_err(ImagingError::io(path))?;
     let mut bytes = BufReader::new(file);
     bytes.seek(SeekFrom::Start(position)).map_err(ImagingError::io(path))?;
-    let pixels = Pixels::new(path, bytes, syntax.coding, layout, count, length)?;
+    let pixels = Pixels::new(path, bytes, syntax.coding, (layout, palette), count, length)?;
     Ok(Opened { header, pixels, instance })
 }
 
@@ -218,6 +234,10 @@ fn value(decoder: &mut impl StatefulDecode, length: u32) -> Result<Vec<u8>, Stri
 struct DataSet {
     values: Values,
     regions: Vec<Values>,
+    /// Sizes of a pixel of all frames or of each, those that differ.
+    measures: Vec<Vec<u8>>,
+    /// Whether the pixels are written as words of 16 bit.
+    is_of_words: bool,
     /// Position of the pixels, and their number of bytes if it is stated.
     pixels: (u64, Option<u64>),
 }
@@ -242,6 +262,7 @@ fn data_set(
     let mut reader =
         LazyDataSetReader::new_with_ts(file, &written).map_err(|cause| problem(&cause.to_string()))?;
     let (mut values, mut regions) = (Values::new(), Vec::<Values>::new());
+    let (mut measures, mut is_of_words) = (Vec::<Vec<u8>>::new(), false);
     let mut levels: Vec<Level> = Vec::new();
     let mut length = None;
     loop {
@@ -267,11 +288,24 @@ fn data_set(
             LazyDataToken::PixelSequenceStart if levels.is_empty() => break,
             LazyDataToken::ElementHeader(header) if header.tag == PIXEL_DATA && levels.is_empty() => {
                 length = Some(u64::from(header.len.0));
+                is_of_words = header.vr == VR::OW;
                 break;
             }
             LazyDataToken::ElementHeader(_) => true,
             LazyDataToken::LazyValue { header, mut decoder } => {
                 let is_region = levels == [Level::Sequence(REGIONS), Level::Item];
+                let is_measure = header.tag == PIXEL_SPACING
+                    && GROUPS.iter().any(|group| {
+                        levels
+                            == [Level::Sequence(*group), Level::Item, Level::Sequence(MEASURES), Level::Item]
+                    });
+                if is_measure && measures.len() < MAX_REGIONS {
+                    let value = value(&mut decoder, header.len.0).map_err(|cause| problem(&cause))?;
+                    if !measures.contains(&value) {
+                        measures.push(value);
+                    }
+                    continue;
+                }
                 let destination = match levels.len() {
                     0 if VALUES.contains(&header.tag) => Some(&mut values),
                     2 if is_region => regions.last_mut(),
@@ -303,139 +337,7 @@ fn data_set(
     if length.is_some() && syntax.coding != Coding::Plain {
         return Err(problem("PixelData that are not in fragments in a compressed file"));
     }
-    Ok(DataSet { values, regions, pixels: (position, length) })
-}
-
-/// Size of a pixel and the part of the frame that is ultrasound.
-fn region(header: &Attributes, regions: &[Values]) -> (Result<Option<[f64; 2]>, Unclear>, Option<Region>) {
-    /// Two-dimensional; centimetres.
-    const TWO_D: usize = 1;
-    const CENTIMETRES: usize = 3;
-    let mut stated: Option<Result<[f64; 2], Unclear>> = None;
-    let mut region: Option<Region> = None;
-    for values in regions {
-        let region_attributes = Attributes { values, ..*header };
-        let is_2d = region_attributes.number(FORMAT) == Some(TWO_D);
-        if !is_2d || UNITS.iter().any(|tag| region_attributes.number(*tag) != Some(CENTIMETRES)) {
-            continue;
-        }
-        let corners: Option<Vec<usize>> = CORNERS.iter().map(|tag| region_attributes.number(*tag)).collect();
-        let Some(&[left_px, top, right, bottom]) = corners.as_deref() else { continue };
-        // One that is not inside is of the image before it was resized, and so is its size of a pixel.
-        if header.number(COLUMNS).is_none_or(|columns| right >= columns)
-            || header.number(ROWS).is_none_or(|rows| bottom >= rows)
-        {
-            continue;
-        }
-        let region_deltas = region_attributes.deltas();
-        stated = Some(match (stated, region_deltas) {
-            (None, region_deltas) => region_deltas,
-            (Some(Ok(known)), Ok(mm)) if !super::header::is_same(known, mm) => {
-                let problem = format!("pixels of {} x {} and {} x {} mm", known[0], known[1], mm[0], mm[1]);
-                let expected = "2D regions with one size of a pixel; or --spacing-mm and --region".to_owned();
-                Err(Unclear { field: "SequenceOfUltrasoundRegions".to_owned(), problem, expected })
-            }
-            (Some(Err(unclear)), _) | (Some(Ok(_)), Err(unclear)) => Err(unclear),
-            (Some(Ok(known)), Ok(_)) => Ok(known),
-        });
-        let (width, height) = ((right + 1).saturating_sub(left_px), (bottom + 1).saturating_sub(top));
-        let image_region = Region { x: left_px, y: top, width, height };
-        // Two images beside each other: --region chooses.
-        region = Some(region.map_or(image_region, |whole| {
-            let (x, y) = (whole.x.min(image_region.x), whole.y.min(image_region.y));
-            let right = (whole.x + whole.width).max(image_region.x + image_region.width);
-            let bottom = (whole.y + whole.height).max(image_region.y + image_region.height);
-            Region { x, y, width: right - x, height: bottom - y }
-        }));
-    }
-    let spacing = header.pixel_spacing();
-    let Some(of_region) = stated else { return (spacing, None) };
-    let spacing = of_region.and_then(|mm| {
-        let fields = [("PhysicalDelta of the region", Some(mm)), ("PixelSpacing", spacing?)];
-        super::header::one_of(&fields)
-    });
-    (spacing, region)
-}
-
-/// The values of a data set or an item.
-#[derive(Clone, Copy)]
-struct Attributes<'a> {
-    path: &'a Path,
-    values: &'a Values,
-    is_big: bool,
-}
-
-impl Attributes<'_> {
-    /// A whole number of 16 or 32 bit.
-    fn number(&self, tag: Tag) -> Option<usize> {
-        let bytes = self.values.get(&tag)?;
-        let number = match (bytes.as_slice(), self.is_big) {
-            (&[a, b], false) => u16::from_le_bytes([a, b]).into(),
-            (&[a, b], true) => u16::from_be_bytes([a, b]).into(),
-            (&[a, b, c, d], false) => u32::from_le_bytes([a, b, c, d]),
-            (&[a, b, c, d], true) => u32::from_be_bytes([a, b, c, d]),
-            _ => return None,
-        };
-        Some(number as usize)
-    }
-
-    fn float(&self, tag: Tag) -> Option<f64> {
-        let bytes = self.values.get(&tag)?.first_chunk::<8>()?;
-        Some(if self.is_big { f64::from_be_bytes(*bytes) } else { f64::from_le_bytes(*bytes) })
-    }
-
-    fn text(&self, tag: Tag) -> Option<String> {
-        self.values.get(&tag).map(|value| text(value))
-    }
-
-    /// Sizes of a pixel of a region, millimetres. A negative one states an axis that points the other way.
-    fn deltas(&self) -> Result<[f64; 2], Unclear> {
-        let mm = DELTAS.map(|tag| 10.0 * self.float(tag).unwrap_or(f64::NAN));
-        if mm.iter().all(|mm| (SPACING_MM[0]..=SPACING_MM[1]).contains(mm)) {
-            return Ok(mm);
-        }
-        let problem = format!("{} and {} cm", 0.1 * mm[0], 0.1 * mm[1]);
-        let expected =
-            format!("sizes of a pixel from {} to {} mm; or --spacing-mm", SPACING_MM[0], SPACING_MM[1]);
-        Err(Unclear { field: "PhysicalDelta".to_owned(), problem, expected })
-    }
-
-    /// Sizes of a pixel where there are no regions.
-    fn pixel_spacing(&self) -> Result<Option<[f64; 2]>, Unclear> {
-        let Some(text) = self.text(PIXEL_SPACING) else { return Ok(None) };
-        // Between rows first.
-        let mm = text
-            .split_once('\\')
-            .and_then(|(rows, columns)| Some([columns.trim().parse().ok()?, rows.trim().parse().ok()?]));
-        super::header::spacing("PixelSpacing", mm, &text)
-    }
-
-    /// Times of the frames, where the file has them.
-    fn times(&self, count: usize) -> Vec<FrameFields> {
-        let numbers = |tag: Tag| -> Option<Vec<f64>> {
-            let text = self.text(tag)?;
-            text.split('\\')
-                .map(|number| number.trim().parse().ok().filter(|ms: &f64| ms.is_finite()))
-                .collect()
-        };
-        let times_s: Vec<f64> = match (numbers(FRAME_TIMES_MS), numbers(FRAME_TIME_MS).as_deref()) {
-            (Some(steps), _) if steps.len() == count => steps
-                .into_iter()
-                .scan(0.0, |time: &mut f64, step_ms: f64| {
-                    *time += 1e-3 * step_ms;
-                    Some(*time)
-                })
-                .collect(),
-            (_, Some(&[step_ms, ..])) if step_ms > 0.0 => {
-                (0..count).map(|frame| 1e-3 * step_ms * frame as f64).collect()
-            }
-            _ => return Vec::new(),
-        };
-        times_s
-            .into_iter()
-            .map(|time_s| FrameFields { time_s: Some(time_s), ..FrameFields::default() })
-            .collect()
-    }
+    Ok(DataSet { values, regions, measures, pixels: (position, length), is_of_words })
 }
 
 /// A text without its padding.

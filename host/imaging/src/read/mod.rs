@@ -35,7 +35,7 @@ pub const READ: &[[&str; 2]] = &[
     #[cfg(feature = "dicom")]
     [
         ".dcm, .ima, any name",
-        "DICOM, one frame or many, or a folder of files: uncompressed, RLE, JPEG baseline; size of a pixel by region",
+        "DICOM, one frame or many, or a folder of files: uncompressed, RLE, JPEG baseline, palettes; size of a pixel by region",
     ],
     [
         ".avi",

@@ -28,6 +28,8 @@ enum Colours {
     Grey,
     /// Bright is dark.
     Inverted,
+    /// Places in a table of colours.
+    Palette,
     Rgb,
     /// Brightness first.
     Ybr,
@@ -45,6 +47,8 @@ pub(super) struct Layout {
     stored: [u32; 2],
     /// Samples of a kind lie together.
     is_planar: bool,
+    /// Samples of 8 bit are exchanged two by two, as words whose high byte is first.
+    is_exchanged: bool,
 }
 
 impl Layout {
@@ -57,13 +61,14 @@ impl Layout {
         let colours = match (photometric.as_str(), samples) {
             ("MONOCHROME2", 1) => Colours::Grey,
             ("MONOCHROME1", 1) => Colours::Inverted,
+            ("PALETTE COLOR", 1) => Colours::Palette,
             ("RGB", 3) => Colours::Rgb,
             ("YBR_FULL", 3) => Colours::Ybr,
             ("YBR_FULL_422", 3) => Colours::Ybr422,
             _ => {
                 let problem =
                     format!("\"{}\" with {samples} samples", super::super::header::short(&photometric));
-                let expected = "MONOCHROME1 or 2, RGB, YBR_FULL or YBR_FULL_422";
+                let expected = "MONOCHROME1 or 2, PALETTE COLOR, RGB, YBR_FULL or YBR_FULL_422";
                 return invalid("PhotometricInterpretation", problem, expected);
             }
         };
@@ -101,11 +106,38 @@ impl Layout {
             .number(HIGH_BIT)
             .map_or(0, |high| (high + 1).saturating_sub(stored).min(16 - stored.min(16)));
         let stored = [stored as u32, shift_bits as u32];
-        Ok(Self { size, colours, depth, stored, is_planar: header.number(PLANAR) == Some(1) })
+        Ok(Self {
+            size,
+            colours,
+            depth,
+            stored,
+            is_planar: header.number(PLANAR) == Some(1),
+            is_exchanged: false,
+        })
+    }
+
+    /// The layout of pixels that are written as words whose high byte is first, where there are such.
+    pub(super) fn with_words(self, path: &Path, is_of_big_words: bool) -> Result<Self, ImagingError> {
+        let is_exchanged = is_of_big_words && self.depth == Depth::Eight;
+        if is_exchanged && !self.bytes().is_multiple_of(2) {
+            let problem = format!("words of 16 bit, and frames of {} bytes", self.bytes());
+            return Err(ImagingError::invalid(
+                path,
+                "PixelData",
+                problem,
+                "whole words in a frame: dcmconv +te converts",
+            ));
+        }
+        Ok(Self { is_exchanged, ..self })
+    }
+
+    /// Whether samples are places in a table of colours.
+    pub(super) fn has_palette(self) -> bool {
+        self.colours == Colours::Palette
     }
 
     fn samples(self) -> usize {
-        if matches!(self.colours, Colours::Grey | Colours::Inverted) { 1 } else { 3 }
+        if matches!(self.colours, Colours::Grey | Colours::Inverted | Colours::Palette) { 1 } else { 3 }
     }
 
     /// Bytes of an uncompressed frame.
@@ -149,6 +181,7 @@ impl Layout {
             plane(0).zip(plane(1)).zip(plane(2)).flat_map(|((a, b), c)| [*a, *b, *c]).collect()
         };
         match self.colours {
+            Colours::Palette => bytes,
             Colours::Grey => self.depth.samples(self.used(bytes)),
             Colours::Inverted => {
                 self.depth.samples(self.used(bytes)).into_iter().map(|value| !value).collect()
@@ -185,6 +218,8 @@ pub(super) struct Pixels {
     bytes: BufReader<File>,
     coding: Coding,
     layout: Layout,
+    /// Brightness of every index, where samples are places in a table.
+    palette: Vec<u8>,
     count: usize,
     next: usize,
     /// The first fragment of the next frame, where it had to be read to find the end of this one.
@@ -196,7 +231,7 @@ impl Pixels {
         path: &Path,
         mut bytes: BufReader<File>,
         coding: Coding,
-        layout: Layout,
+        (layout, palette): (Layout, Vec<u8>),
         count: usize,
         length: Option<u64>,
     ) -> Result<Self, ImagingError> {
@@ -210,7 +245,7 @@ impl Pixels {
             // The table of offsets; frames are found by what they begin with.
             fragment(path, &mut bytes, "table of offsets")?;
         }
-        Ok(Self { path: path.to_owned(), bytes, coding, layout, count, next: 0, ahead: None })
+        Ok(Self { path: path.to_owned(), bytes, coding, layout, palette, count, next: 0, ahead: None })
     }
 
     /// The bytes of a compressed frame. One of JPEG may have several fragments: the next one begins with its marker.
@@ -301,6 +336,9 @@ impl FrameReader for Pixels {
                     let expected = format!("{} frames of {width} x {height}", self.count);
                     ImagingError::invalid(&self.path, &*field, cause.to_string(), expected)
                 })?;
+                if layout.is_exchanged {
+                    bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|pair| pair.swap(0, 1));
+                }
                 layout.grey(bytes)
             }
             Coding::Rle => {
@@ -328,6 +366,12 @@ impl FrameReader for Pixels {
                     _ => frame.pixels,
                 }
             }
+        };
+        let plain = if layout.has_palette() {
+            let brightness = |index: u8| self.palette.get(usize::from(index)).copied().unwrap_or(0);
+            plain.into_iter().map(brightness).collect()
+        } else {
+            plain
         };
         whole(&self.path, &field, layout.size, plain)
     }
