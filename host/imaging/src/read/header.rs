@@ -45,7 +45,7 @@ pub(super) fn sizes(path: &Path, field: &str, value: &str) -> Result<Vec<usize>,
 }
 
 /// Fields of a header by their names, each once: a second statement that differs contradicts the first.
-#[derive(Default)]
+#[derive(Default, Clone)]
 pub(super) struct Fields(BTreeMap<String, String>);
 
 impl Fields {

@@ -2,6 +2,7 @@
 //!
 //! Format: <https://itk.org/Wiki/MetaIO/Documentation>; fields of frames: PLUS sequence files.
 
+use super::beside::{Joined, beside, files};
 use super::depth::Depth;
 use super::header::{Fields, Frames, line, one_of, orientation, short, sizes, spacing, two};
 use super::{Source, check_size};
@@ -9,8 +10,8 @@ use crate::error::ImagingError;
 use crate::frame::{Header, Statement, Unclear};
 use flate2::read::ZlibDecoder;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::path::Path;
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
 
 pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let file = File::open(path).map_err(ImagingError::io(path))?;
@@ -44,7 +45,11 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         })
     };
     let is_true = |names: &[&str]| Ok::<_, ImagingError>(single(names, &["False", "True"])? == Some(1));
-    let channels = [1, 3][single(&["ElementNumberOfChannels"], &["1", "3"])?.unwrap_or(0).min(1)];
+    let channels = match single(&["ElementNumberOfChannels"], &["1", "3", "4"])? {
+        None | Some(0) => 1,
+        Some(1) => 3,
+        Some(_) => 4,
+    };
     let kind = single(&["ElementType"], &["MET_UCHAR", "MET_USHORT", "MET_SHORT"])?;
     let is_big_endian = is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"])?;
     single(&["BinaryData"], &["True"])?;
@@ -79,51 +84,62 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         bytes.ok_or_else(|| ImagingError::invalid(path, key, format!("\"{}\"", short(value)), "bytes, or -1"))
     });
     let data_start = header_bytes.transpose()?.unwrap_or(0);
-    let raw: Box<dyn Read> = if data.eq_ignore_ascii_case("LOCAL") {
+    if data.eq_ignore_ascii_case("LOCAL") {
         if data_start != 0 {
             let expected = "0, as the data follow this header";
             return Err(ImagingError::invalid(path, "HeaderSize", data_start.to_string(), expected));
         }
-        Box::new(bytes)
+        let bytes: Box<dyn Read> =
+            if compressed { Box::new(ZlibDecoder::new(bytes)) } else { Box::new(bytes) };
+        return Ok((header, Source::Stream { bytes, channels, depth }));
+    }
+    let files = if data.split_whitespace().next() == Some("LIST") {
+        listed(path, &mut bytes, &mut read)?
     } else {
-        let needed = (width * height * count * channels * depth.bytes()) as u64;
-        Box::new(beside(path, &data, data_start, needed, compressed)?)
+        files(path, "ElementDataFile", &data)?
     };
-    let bytes: Box<dyn Read> = if compressed { Box::new(ZlibDecoder::new(raw)) } else { raw };
-    Ok((header, Source::Stream { bytes, channels, depth }))
+    let needed = (width * height * count * channels * depth.bytes()) as u64;
+    let each = needed / files.len().max(1) as u64;
+    let open = move |data_path: &Path| data_in(data_path, data_start, each, compressed);
+    let joined = Joined::new(path, "ElementDataFile", files, (count, needed), Box::new(open))?;
+    Ok((header, Source::Stream { bytes: Box::new(joined), channels, depth }))
+}
+
+/// The files whose names follow the header, one in a line.
+fn listed(path: &Path, bytes: &mut impl BufRead, read: &mut u64) -> Result<Vec<PathBuf>, ImagingError> {
+    let mut files = Vec::new();
+    while let Some(text) = line(path, bytes, read)? {
+        if !text.trim().is_empty() {
+            files.push(beside(path, "ElementDataFile", text.trim())?);
+        }
+    }
+    Ok(files)
 }
 
 /// Opens the data in a file of their own, behind so many bytes; at its end where that is -1.
-fn beside(
-    path: &Path,
-    data: &str,
+fn data_in(
+    data_path: &Path,
     before: i64,
     needed: u64,
     compressed: bool,
-) -> Result<BufReader<File>, ImagingError> {
-    // The name is a file's own: it may not lead out of its folder. A pattern has a number in it, and a list follows.
-    let plain = !data.is_empty() && !data.contains(['/', '\\', '%']) && !data.starts_with("LIST");
-    let data_path = path.parent().map(|folder| folder.join(data)).filter(|_| plain).ok_or_else(|| {
-        let problem = format!("\"{}\"", short(data));
-        ImagingError::invalid(path, "ElementDataFile", problem, "LOCAL or a file beside this one")
-    })?;
-    let mut file = BufReader::new(File::open(&data_path).map_err(ImagingError::io(&data_path))?);
+) -> Result<Box<dyn Read>, ImagingError> {
+    let mut file = BufReader::new(File::open(data_path).map_err(ImagingError::io(data_path))?);
     let start = match u64::try_from(before) {
         Ok(bytes) => bytes,
         Err(_) if compressed => {
             let expected = "the number of bytes before compressed data";
-            return Err(ImagingError::invalid(path, "HeaderSize", "-1", expected));
+            return Err(ImagingError::invalid(data_path, "HeaderSize", "-1", expected));
         }
         Err(_) => {
-            let end = file.seek(SeekFrom::End(0)).map_err(ImagingError::io(&data_path))?;
+            let end = file.seek(SeekFrom::End(0)).map_err(ImagingError::io(data_path))?;
             end.checked_sub(needed).ok_or_else(|| {
                 let expected = format!("{needed} bytes of frames");
-                ImagingError::invalid(&data_path, "size", format!("{end} bytes"), expected)
+                ImagingError::invalid(data_path, "size", format!("{end} bytes"), expected)
             })?
         }
     };
-    file.seek(SeekFrom::Start(start)).map_err(ImagingError::io(&data_path))?;
-    Ok(file)
+    file.seek(SeekFrom::Start(start)).map_err(ImagingError::io(data_path))?;
+    Ok(if compressed { Box::new(ZlibDecoder::new(file)) } else { Box::new(file) })
 }
 
 /// The distance of pixels; their size where that is not stated. A size that differs from the distance contradicts it.

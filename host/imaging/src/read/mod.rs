@@ -4,6 +4,7 @@
 //! compressed at most 128 MiB), and the header (at most 64 MiB of text), whatever a file declares.
 
 mod avi;
+mod beside;
 mod depth;
 #[cfg(feature = "dicom")]
 mod dicom;
@@ -26,11 +27,11 @@ use std::path::{Path, PathBuf};
 pub const READ: &[[&str; 2]] = &[
     [
         ".mha, .mhd",
-        "MetaImage, raw or zlib, 8 or 16 bit, grey or RGB; fields of frames as PLUS writes them; data beside it behind HeaderSize",
+        "MetaImage, raw or zlib, 8 or 16 bit, grey or RGB; fields of frames as PLUS writes them; data beside it: a file, a LIST of them or a pattern, behind HeaderSize",
     ],
     [
-        ".nrrd",
-        "NRRD, raw or gzip, 8 or 16 bit, grey or RGB; frames as the last or the first axis; line skip, byte skip, units",
+        ".nrrd, .nhdr",
+        "NRRD, raw or gzip, 8 or 16 bit, grey or RGB; frames as the last or the first axis; line skip, byte skip, units; data file",
     ],
     #[cfg(feature = "dicom")]
     [
@@ -73,7 +74,7 @@ trait FrameReader {
 }
 
 impl Sequence {
-    /// Opens a file of frames (`.mha`, `.mhd`, `.nrrd`, `.dcm`, `.avi`, `.png`, `.tif`, `.tiff`, `.jpg`, `.jpeg`; DICOM under any other
+    /// Opens a file of frames (`.mha`, `.mhd`, `.nrrd`, `.nhdr`, `.dcm`, `.avi`, `.png`, `.tif`, `.tiff`, `.jpg`, `.jpeg`; DICOM under any other
     /// name), or a folder of PNG, TIFF or JPEG files, which are its frames in the order of the numbers in their names, or of DICOM
     /// files, in the order of their instance numbers. Hidden files are left out.
     ///
@@ -89,7 +90,7 @@ impl Sequence {
         } else {
             match extension.as_deref() {
                 Some("mha" | "mhd") => twice(|| metaimage::open(path))?,
-                Some("nrrd") => twice(|| nrrd::open(path))?,
+                Some("nrrd" | "nhdr") => twice(|| nrrd::open(path))?,
                 #[cfg(feature = "dicom")]
                 Some("dcm" | "dicom" | "ima") => dicom::open(path)?,
                 #[cfg(not(feature = "dicom"))]
@@ -104,7 +105,7 @@ impl Sequence {
                 _ if dicom::is_dicom(path) => dicom::open(path)?,
                 _ => {
                     let problem = extension.map_or_else(|| "no extension".to_owned(), |e| format!(".{e}"));
-                    let expected = ".mha, .mhd, .nrrd, .dcm, .avi, .png, .tif, .tiff, .jpg, or a folder of PNG, TIFF or JPEG files";
+                    let expected = ".mha, .mhd, .nrrd, .nhdr, .dcm, .avi, .png, .tif, .tiff, .jpg, or a folder of PNG, TIFF or JPEG files";
                     return Err(ImagingError::invalid(path, "name", problem, expected));
                 }
             }
@@ -244,6 +245,8 @@ fn check_size(path: &Path, field: &str, sizes: [usize; 3]) -> Result<(), Imaging
     Err(ImagingError::invalid(path, field, format!("{width} x {height} pixels, {count} frames"), expected))
 }
 
+#[cfg(test)]
+mod beside_tests;
 #[cfg(test)]
 mod others_tests;
 #[cfg(test)]

@@ -1,15 +1,16 @@
-//! NRRD sequences (`.nrrd`), raw or gzip, as PLUS and 3D Slicer write them. Format: <https://teem.sourceforge.net/nrrd/format.html>.
+//! NRRD sequences (`.nrrd`, and `.nhdr` with data in other files), raw or gzip, as PLUS and 3D Slicer write them. Format: <https://teem.sourceforge.net/nrrd/format.html>.
 //!
 //! 3D Slicer writes the list of frames as the first axis or as the last one. If it is the first, samples of all frames
 //! alternate, and the frames are kept whole, up to [`MAX_KEPT`].
 
+use super::beside::{self, Joined, beside};
 use super::depth::{Depth, shift_for};
 use super::header::{Fields, Frames, line, one_of, orientation, short, sizes, spacing};
 use super::metaimage::{millimetres, three, unit};
 use super::{FrameReader, Source, check_size};
 use crate::error::ImagingError;
-use crate::frame::{Frame, Header, Statement, Unclear};
-use flate2::read::GzDecoder;
+use crate::frame::{Frame, FrameFields, Header, Statement, Unclear};
+use flate2::read::MultiGzDecoder;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -21,18 +22,27 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let file = File::open(path).map_err(ImagingError::io(path))?;
     let mut bytes = BufReader::new(file);
     let mut header = Header::default();
-    let fields = fields(path, &mut bytes, &mut header)?;
+    let (fields, files) = fields(path, &mut bytes, &mut header)?;
     let text = |names: &[&'static str]| fields.get(names);
     let (_, value) = text(&["sizes"]).unwrap_or_default();
     let dimensions = sizes(path, "sizes", value)?;
-    let axes = Axes::new(text(&["kinds"]).map(|(_, value)| value), &dimensions);
+    let axes = Axes::new(path, text(&["kinds"]).map(|(_, value)| value), &dimensions)?;
     let [width, height, count] = three(path, "sizes", &axes.sizes)?;
     check_size(path, "sizes", [width, height, count])?;
     (header.width, header.height, header.count) = (width, height, count);
     let depth = depth(path, &fields)?;
     let channels = axes.channels;
     let needed = width * height * count * channels * depth.bytes();
-    let mut bytes = data(path, bytes, &fields, needed)?;
+    let mut bytes: Box<dyn Read> = if files.is_empty() {
+        data(path, bytes, &fields, needed)?
+    } else {
+        let each = needed / files.len();
+        let open = move |data_path: &Path| {
+            let file = File::open(data_path).map_err(ImagingError::io(data_path))?;
+            data(data_path, BufReader::new(file), &fields, each)
+        };
+        Box::new(Joined::new(path, "data file", files, (count, needed as u64), Box::new(open))?)
+    };
     if !axes.is_list_first {
         return Ok((header, Source::Stream { bytes, channels, depth }));
     }
@@ -55,9 +65,15 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     Ok((header, Source::Reader(Box::new(frames))))
 }
 
-/// The fields of the header, names in lower case; those of frames go into `header`, which has its number of frames from `sizes`.
-fn fields(path: &Path, bytes: &mut BufReader<File>, header: &mut Header) -> Result<Fields, ImagingError> {
+/// The fields of the header, names in lower case, and the files of the data if they are not behind it; fields of frames go into
+/// `header`, which has its number of frames from `sizes`.
+fn fields(
+    path: &Path,
+    bytes: &mut BufReader<File>,
+    header: &mut Header,
+) -> Result<(Fields, Vec<PathBuf>), ImagingError> {
     let (mut read, mut fields, mut frames) = (0, Fields::default(), Frames::default());
+    let (mut files, mut is_list, mut index) = (Vec::new(), false, None);
     let magic = line(path, bytes, &mut read)?.unwrap_or_default();
     if !magic.starts_with("NRRD000") {
         return Err(ImagingError::invalid(
@@ -68,13 +84,20 @@ fn fields(path: &Path, bytes: &mut BufReader<File>, header: &mut Header) -> Resu
         ));
     }
     loop {
-        let Some(text) = line(path, bytes, &mut read)? else {
-            return Err(ImagingError::invalid(
-                path,
-                "header",
-                "ends without an empty line",
-                "data behind an empty line",
-            ));
+        let text = match line(path, bytes, &mut read)? {
+            Some(text) if is_list => {
+                if !text.is_empty() {
+                    files.push(beside(path, "data file", text.trim())?);
+                }
+                continue;
+            }
+            Some(text) => text,
+            // Behind a header of its own there is nothing.
+            None if is_list || !files.is_empty() => break,
+            None => {
+                let expected = "data behind an empty line, or a data file";
+                return Err(ImagingError::invalid(path, "header", "ends without an empty line", expected));
+            }
         };
         if text.is_empty() {
             break;
@@ -84,12 +107,19 @@ fn fields(path: &Path, bytes: &mut BufReader<File>, header: &mut Header) -> Resu
         }
         if let Some((key, value)) = text.split_once(":=") {
             match key {
-                "ultrasound image orientation" => orientation(header, key, value.trim()),
-                "ultrasound image type" if !["BRIGHTNESS", "RGB_COLOR", "XX"].contains(&value.trim()) => {
+                "ultrasound image orientation" | "UltrasoundImageOrientation" => {
+                    orientation(header, key, value.trim())
+                }
+                "ultrasound image type" | "UltrasoundImageType"
+                    if !["BRIGHTNESS", "RGB_COLOR", "XX"].contains(&value.trim()) =>
+                {
                     let problem = format!("\"{}\"", short(value));
                     return Err(ImagingError::invalid(path, key, problem, "BRIGHTNESS or RGB_COLOR"));
                 }
-                _ => frames.enter(path, key, value)?,
+                _ => match key.strip_prefix("axis ").and_then(|rest| rest.strip_suffix(" index values")) {
+                    Some(axis) => index = Some((axis.trim().to_owned(), value.to_owned())),
+                    None => frames.enter(path, key, value)?,
+                },
             }
             continue;
         }
@@ -101,11 +131,23 @@ fn fields(path: &Path, bytes: &mut BufReader<File>, header: &mut Header) -> Resu
                 "field: value",
             ));
         };
-        fields.enter(path, &key.to_lowercase(), value.trim())?;
+        let (key, value) = (key.to_lowercase(), value.trim());
+        if matches!(key.as_str(), "data file" | "datafile") {
+            // A list of names is the end of the header.
+            is_list = value.split_whitespace().next() == Some("LIST");
+            if !is_list {
+                files = beside::files(path, "data file", value)?;
+            }
+        }
+        fields.enter(path, &key, value)?;
     }
-    if let Some((key, value)) = fields.get(&["data file", "datafile"]) {
-        let problem = format!("\"{}\"", short(value));
-        return Err(ImagingError::invalid(path, key, problem, "data in the file itself"));
+    if is_list && files.is_empty() {
+        return Err(ImagingError::invalid(
+            path,
+            "data file",
+            "an empty list",
+            "names of files, one in a line",
+        ));
     }
     let dimensions = sizes(path, "sizes", fields.get(&["sizes"]).unwrap_or_default().1)?;
     if let Some((key, value)) = fields.get(&["dimension"])
@@ -114,7 +156,7 @@ fn fields(path: &Path, bytes: &mut BufReader<File>, header: &mut Header) -> Resu
         let problem = format!("{} beside sizes with {} numbers", short(value), dimensions.len());
         return Err(ImagingError::invalid(path, key, problem, "a size for each dimension"));
     }
-    let axes = Axes::new(fields.get(&["kinds"]).map(|(_, value)| value), &dimensions);
+    let axes = Axes::new(path, fields.get(&["kinds"]).map(|(_, value)| value), &dimensions)?;
     if let Ok([_, _, count]) = three(path, "sizes", &axes.sizes) {
         header.count = count;
     }
@@ -123,7 +165,36 @@ fn fields(path: &Path, bytes: &mut BufReader<File>, header: &mut Header) -> Resu
         Err(unclear) => header.unclear.push((Statement::Spacing, unclear)),
     }
     frames.finish(header);
-    Ok(fields)
+    if let Some((axis, values)) = index {
+        add_times(header, &fields, &axis, &values);
+    }
+    Ok((fields, files))
+}
+
+/// Times of the frames that have no stamps, where the values of a list axis are times, as 3D Slicer writes them.
+fn add_times(header: &mut Header, fields: &Fields, axis: &str, values: &str) {
+    let Ok(axis) = axis.parse::<usize>() else { return };
+    let quoted = |names: &[&'static str]| {
+        let (_, value) = fields.get(names)?;
+        value.split('"').skip(1).step_by(2).nth(axis).map(str::to_lowercase)
+    };
+    let to_s = match quoted(&["units"]).as_deref() {
+        None | Some("" | "s" | "second" | "seconds") => 1.0,
+        Some("ms") => 1e-3,
+        Some(_) => return,
+    };
+    let times: Option<Vec<f64>> = values
+        .split_whitespace()
+        .map(|value| value.parse().ok().filter(|time: &f64| time.is_finite()))
+        .collect();
+    let Some(times) = times.filter(|times| times.len() == header.count) else { return };
+    if quoted(&["labels"]).is_none_or(|label| label != "time") {
+        return;
+    }
+    header.frames.resize(header.count, FrameFields::default());
+    for (frame, time) in header.frames.iter_mut().zip(times) {
+        frame.time_s = frame.time_s.or(Some(to_s * time));
+    }
 }
 
 /// Meaning of the axes of the data.
@@ -138,10 +209,20 @@ struct Axes {
 }
 
 impl Axes {
-    fn new(kinds: Option<&str>, dimensions: &[usize]) -> Self {
+    fn new(path: &Path, kinds: Option<&str>, dimensions: &[usize]) -> Result<Self, ImagingError> {
         let kinds: Vec<&str> = kinds.unwrap_or_default().split_whitespace().collect();
         let first = kinds.first().copied().unwrap_or_default();
-        let is_colour = ["vector", "RGB-color", "3-color"].contains(&first) && dimensions.first() == Some(&3);
+        let channels = match (first, dimensions.first()) {
+            ("vector" | "RGB-color" | "3-color", Some(3)) => 3,
+            ("vector" | "RGBA-color" | "4-color", Some(4)) => 4,
+            _ => 1,
+        };
+        let is_colour = channels > 1;
+        let is_place = |kind: &&str| ["domain", "space", "time", "list", "none", "???"].contains(kind);
+        if let Some(other) = kinds.iter().skip(usize::from(is_colour)).find(|kind| !is_place(kind)) {
+            let expected = "domain, space, time or list, behind RGB-color, RGBA-color or a vector of 3 or 4";
+            return Err(ImagingError::invalid(path, "kinds", format!("\"{}\"", short(other)), expected));
+        }
         let is_list_first = first == "list" && !kinds.iter().skip(1).any(|kind| *kind == "list");
         let skipped = usize::from(is_colour || is_list_first);
         let mut sizes = dimensions.get(skipped..).unwrap_or_default().to_vec();
@@ -149,8 +230,7 @@ impl Axes {
             // An image in space has a third axis, of one slice.
             sizes.extend(dimensions.first());
         }
-        let channels = if is_colour { 3 } else { 1 };
-        Self { channels, is_list_first, sizes, plane: [skipped, skipped + 1], all: dimensions.len() }
+        Ok(Self { channels, is_list_first, sizes, plane: [skipped, skipped + 1], all: dimensions.len() })
     }
 
     /// Values of the plane's axes, where there is one for each axis.
@@ -214,15 +294,15 @@ fn depth(path: &Path, fields: &Fields) -> Result<Depth, ImagingError> {
     let Some((key, value)) = fields.get(&["type"]) else {
         return Err(ImagingError::invalid(path, "type", "missing", expected));
     };
-    let is_signed = match value {
+    let is_signed = match value.to_lowercase().as_str() {
         "uint8" | "uchar" | "unsigned char" | "uint8_t" => return Ok(Depth::Eight),
         "uint16" | "ushort" | "unsigned short" | "uint16_t" | "unsigned short int" => false,
         "int16" | "short" | "int16_t" | "signed short" | "short int" | "signed short int" => true,
         _ => return Err(ImagingError::invalid(path, key, format!("\"{}\"", short(value)), expected)),
     };
     let is_big_endian = match fields.get(&["endian"]) {
-        Some((_, "little")) => false,
-        Some((_, "big")) => true,
+        Some((_, order)) if order.eq_ignore_ascii_case("little") => false,
+        Some((_, order)) if order.eq_ignore_ascii_case("big") => true,
         other => {
             let problem =
                 other.map_or_else(|| "missing".to_owned(), |(_, value)| format!("\"{}\"", short(value)));
@@ -281,7 +361,7 @@ fn data(
                     "a number of bytes before compressed data",
                 ));
             }
-            Some("gzip" | "gz") => Box::new(GzDecoder::new(bytes)),
+            Some("gzip" | "gz") => Box::new(MultiGzDecoder::new(bytes)),
             other => {
                 let problem =
                     other.map_or_else(|| "missing".to_owned(), |other| format!("\"{}\"", short(other)));
