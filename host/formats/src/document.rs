@@ -8,7 +8,7 @@ pub(crate) mod table;
 mod write;
 
 pub(crate) use error::split_message;
-pub use error::{Place, Problem, SessionError, read_text};
+pub use error::{Place, Problem, SessionError, read_foreign_text, read_text};
 pub use fields::Fields;
 pub use write::replace;
 pub(crate) use write::{io, number};

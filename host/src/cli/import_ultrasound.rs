@@ -132,7 +132,8 @@ impl FrameArgs {
                 Place::Field { name: name.clone(), start_mm, sign: if self.z_reversed { -1.0 } else { 1.0 } }
             }
             (_, _, _, Some(name)) => Place::Transform {
-                name: name.clone(),
+                // Files write its name with the word behind it.
+                name: name.strip_suffix("Transform").unwrap_or(name).to_owned(),
                 image_to_probe: self.image_to_probe.clone().context("--image-to-probe: missing")?,
                 tracker_to_guide: tracker_to_guide()?,
             },

@@ -199,11 +199,24 @@ const MAX_BYTES: u64 = 64 << 20;
 
 /// Reads a whole text file, without a byte order mark.
 pub fn read_text(path: &Path) -> Result<String, SessionError> {
-    let bytes = read_bytes(path).map_err(|cause| SessionError::Io {
-        path: path.to_owned(),
-        action: "read",
-        cause,
-    })?;
+    text(path, read_bytes(path)?)
+}
+
+/// As [`read_text`], of another program, whose text may be UTF-16 with its mark.
+pub fn read_foreign_text(path: &Path) -> Result<String, SessionError> {
+    fn wide(rest: &[u8], letter: fn([u8; 2]) -> u16) -> Vec<u8> {
+        let letters = char::decode_utf16(rest.as_chunks::<2>().0.iter().map(|pair| letter(*pair)));
+        letters.map(|letter| letter.unwrap_or(char::REPLACEMENT_CHARACTER)).collect::<String>().into_bytes()
+    }
+    let bytes = match read_bytes(path)?.as_slice() {
+        [0xff, 0xfe, rest @ ..] => wide(rest, u16::from_le_bytes),
+        [0xfe, 0xff, rest @ ..] => wide(rest, u16::from_be_bytes),
+        bytes => bytes.to_vec(),
+    };
+    text(path, bytes)
+}
+
+fn text(path: &Path, bytes: Vec<u8>) -> Result<String, SessionError> {
     fn fault(place: Place, what: &str, expected: &str) -> SessionError {
         SessionError::Field {
             place,
@@ -230,7 +243,11 @@ pub fn read_text(path: &Path) -> Result<String, SessionError> {
     }
 }
 
-fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
+fn read_bytes(path: &Path) -> Result<Vec<u8>, SessionError> {
+    all_bytes(path).map_err(|cause| SessionError::Io { path: path.to_owned(), action: "read", cause })
+}
+
+fn all_bytes(path: &Path) -> io::Result<Vec<u8>> {
     let file = File::open(path)?;
     let mut bytes = Vec::new();
     if file.metadata()?.is_file() {

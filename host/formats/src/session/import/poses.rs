@@ -6,7 +6,7 @@
 
 use super::frame::NeedlePoints;
 use super::matrices::{MATRIX, Matrices};
-use crate::document::{Place, Problem, SessionError, read_text};
+use crate::document::{Place, Problem, SessionError, read_foreign_text};
 use std::path::Path;
 
 /// Lengths in a file.
@@ -57,7 +57,7 @@ enum Layout {
 /// # Errors
 /// [`SessionError`] with file, line and column.
 pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, SessionError> {
-    let text = read_text(path)?;
+    let text = read_foreign_text(path)?;
     let fault = |offset: usize, field: &str, problem, expected: &str| SessionError::Field {
         place: Place::at(path, &text, offset),
         field: field.to_owned(),
@@ -67,7 +67,7 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
     let mut layout = None;
     let mut matrices = Matrices::default();
     let mut header_to_m = None;
-    let (mut width, mut missing) = (None, 0);
+    let (mut width, mut missing, mut is_below_header) = (None, 0, false);
     // Each point with the offset of its line.
     let mut located: Vec<(usize, [f64; 3])> = Vec::new();
     let mut start = 0;
@@ -88,6 +88,16 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
             })?;
             (layout, header_to_m) = (Some(Layout::Positions(columns)), stated);
             width = Some(cells.len());
+            is_below_header = true;
+            continue;
+        }
+        // Units in a line of their own.
+        if std::mem::take(&mut is_below_header)
+            && header_to_m.is_none()
+            && let Some(Layout::Positions(columns)) = &layout
+            && let Some(to_m) = unit_below(&cells, *columns)
+        {
+            header_to_m = Some(to_m);
             continue;
         }
         let mut numbers = Vec::with_capacity(cells.len());
@@ -205,7 +215,10 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
 fn cells(line: &str) -> Vec<Cell<'_>> {
     // A comma beside another separator is a decimal one; in quotation marks, too.
     let bare: String = line.split('"').step_by(2).collect();
-    let separator = [';', ','].into_iter().find(|separator| bare.contains(*separator));
+    // Names and words may have blanks in them.
+    let has_words = line.chars().any(char::is_alphabetic);
+    let tabulator = Some('\t').filter(|separator| has_words && bare.contains(*separator));
+    let separator = tabulator.or_else(|| [';', ','].into_iter().find(|separator| bare.contains(*separator)));
     let separator = separator.filter(|separator| *separator != ',' || !decimal_commas(line));
     let mut start = 0;
     let mut is_quoted = false;
@@ -277,6 +290,17 @@ fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<f64>)> {
     // Coordinates of two units are no position.
     let columns = columns.filter(|[x, y, z]| [*y, *z].into_iter().all(|axis| unit_of(axis) == unit_of(*x)));
     Some((columns, columns.and_then(|[x, ..]| unit_of(x))))
+}
+
+/// The one unit that a line below the header states of the position's columns.
+fn unit_below(cells: &[Cell<'_>], columns: [usize; 3]) -> Option<f64> {
+    let to_m = |column: usize| {
+        let (_, cell) = cells.get(column)?;
+        let plain = cell.trim_matches(['"', '\'', '[', ']', '(', ')', ' ']).to_lowercase();
+        UNITS.iter().find(|(unit, _)| plain == *unit).map(|(_, to_m)| *to_m)
+    };
+    let [x, y, z] = columns.map(to_m);
+    x.filter(|_| x == y && y == z)
 }
 
 /// A column's name without its unit, and the metres in one of it.

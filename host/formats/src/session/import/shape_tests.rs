@@ -112,7 +112,7 @@ fn faults_of_markups_name_their_place() {
         ),
         ("\"LPS\"", "2", 2, "invalid value: integer `2`"),
         ("\"coordinateSystem\"", "\"cs\"", 6, "missing field `coordinateSystem`"),
-        ("\"mm\"", "\"cm\"", 3, "coordinateUnits \"cm\", expected \"mm\""),
+        ("\"mm\"", "\"inch\"", 3, "coordinateUnits \"inch\", expected \"mm\""),
         ("[12, ", "[9000, ", 4, "position 9000, expected millimetres"),
         ("[12, ", "[\"12\", ", 4, "invalid type: string \"12\""),
         ("[12, ", "[", 4, "invalid length 2"),
@@ -278,5 +278,59 @@ fn an_id_is_made_of_any_file_name() {
     assert!(is_file_name(&id_of(Path::new(&"x".repeat(300)))));
     for device in ["con", "NUL", "aux.1", "Com9", "lpt1"] {
         assert!(!is_file_name(device), "{device}: a session with it could not be copied to Windows");
+    }
+}
+
+#[test]
+fn positions_in_other_units_and_encodings_are_the_same_points() {
+    let points: Vec<Vector3<f64>> =
+        (0..20).map(|step| Vector3::new(0.0, 0.01 * f64::from(step * step), 2.0 * f64::from(step))).collect();
+    let right = written("a.mrk.json", &markups("\"RAS\"", &points), slicer).expect("millimetres").points_m;
+    for (units, per_mm) in [
+        ("\"cm\"", 0.1),
+        ("\"m\"", 1e-3),
+        ("[\"mm\",\"UCUM\",\"millimeter\"]", 1.0),
+        ("[\"cm\",\"cm\",\"cm\"]", 0.1),
+    ] {
+        let scaled: Vec<Vector3<f64>> = points.iter().map(|point| per_mm * point).collect();
+        let text = markups("\"RAS\"", &scaled)
+            .replace("\"coordinateUnits\": \"mm\"", &format!("\"coordinateUnits\": {units}"));
+        let read =
+            written("b.mrk.json", &text, slicer).unwrap_or_else(|error| panic!("{units}: {error}")).points_m;
+        let largest = read
+            .iter()
+            .zip(&right)
+            .flat_map(|(a, b)| [0, 1, 2].map(|i| (a[i] - b[i]).abs()))
+            .fold(0.0, f64::max);
+        assert!(read.len() == right.len() && largest < 1e-12, "{units}: {largest}");
+    }
+    let rows = |separator: &str, per_mm: f64| -> String {
+        points
+            .iter()
+            .map(|point| {
+                let [x, y, z]: [f64; 3] = (*point * per_mm).into();
+                format!("{x}{separator}{y}{separator}{z}\n")
+            })
+            .collect()
+    };
+    for text in [
+        format!("x,y,z\nmm,mm,mm\n{}", rows(",", 1.0)),
+        format!("x;y;z\n[cm];[cm];[cm]\n{}", rows(";", 0.1)),
+        format!("x (m)\ty (m)\tz (m)\n{}", rows("\t", 1e-3)),
+    ] {
+        let utf16: Vec<u8> =
+            [0xfe, 0xff].into_iter().chain(text.encode_utf16().flat_map(u16::to_be_bytes)).collect();
+        for bytes in [text.as_bytes(), utf16.as_slice()] {
+            let folder = tempdir().expect("a folder");
+            let path = folder.path().join("f.csv");
+            fs::write(&path, bytes).expect("written");
+            let read = poses(&path, None).unwrap_or_else(|error| panic!("{text}: {error}")).points_m;
+            let largest = read
+                .iter()
+                .zip(&right)
+                .flat_map(|(a, b)| [0, 1, 2].map(|i| (a[i] - b[i]).abs()))
+                .fold(0.0, f64::max);
+            assert!(read.len() == right.len() && largest < 1e-12, "{text}: {largest}");
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Curves drawn in 3D Slicer (`.mrk.json`) as the shape of a needle: control points in patient coordinates.
 
 use super::frame::NeedlePoints;
-use crate::document::{Place, Problem, SessionError, read_text, split_message};
+use crate::document::{Place, Problem, SessionError, read_foreign_text, split_message};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, Unexpected, Visitor};
 use std::fmt;
@@ -23,9 +23,7 @@ struct Markup {
     #[serde(rename = "type")]
     kind: Option<Kind>,
     coordinate_system: System,
-    /// Checked where it is read: there is but one unit.
-    #[serde(rename = "coordinateUnits")]
-    _units: Option<Units>,
+    coordinate_units: Option<Units>,
     #[serde(default)]
     control_points: Vec<ControlPoint>,
 }
@@ -47,7 +45,8 @@ enum System {
 /// One of [`KINDS`].
 struct Kind(String);
 
-struct Units;
+/// Millimetres in one of the unit of positions.
+struct Units(f64);
 
 struct Position([f64; 3]);
 
@@ -56,7 +55,7 @@ struct Position([f64; 3]);
 /// # Errors
 /// [`SessionError`] with file, line and column.
 pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
-    let text = read_text(path)?;
+    let text = read_foreign_text(path)?;
     let location_at = |line, column| Place { path: path.to_owned(), line, column };
     let file: Markups = serde_json::from_str(&text).map_err(|error| {
         // The place is separated from the words.
@@ -78,11 +77,12 @@ pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
         System::Lps => -1.0,
         System::Ras => 1.0,
     };
+    let to_m = 1e-3 * markup.coordinate_units.as_ref().map_or(1.0, |Units(mm)| *mm);
     let mut points = NeedlePoints { path: path.to_owned(), points_m: Vec::new(), notes: Vec::new() };
     for point in &markup.control_points {
         let defined = point.position_status.as_deref().is_none_or(|status| status == "defined");
-        if let (true, Some(Position([x_mm, y_mm, z_mm]))) = (defined, &point.position) {
-            points.points_m.push([1e-3 * sign * x_mm, 1e-3 * sign * y_mm, 1e-3 * z_mm]);
+        if let (true, Some(Position([x, y, z]))) = (defined, &point.position) {
+            points.points_m.push([to_m * sign * x, to_m * sign * y, to_m * z]);
         }
     }
     let skipped = markup.control_points.len() - points.points_m.len();
@@ -138,20 +138,31 @@ impl<'de> Deserialize<'de> for Kind {
 
 impl<'de> Deserialize<'de> for Units {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        // A word, or the same word for each axis, or a coded entry that has it in front.
+        // A word, or the same word for each axis, or a coded entry that has it in front: the code, its scheme and its words.
         let value = serde_json::Value::deserialize(deserializer)?;
-        let is_mm = |value: &serde_json::Value| {
-            value.as_str().is_some_and(|word| word == "mm" || word.starts_with("mm;"))
-        };
-        let good = match &value {
-            serde_json::Value::Array(axes) => axes.iter().all(is_mm),
-            other => is_mm(other),
-        };
-        if good {
-            Ok(Self)
-        } else {
-            Err(D::Error::custom(format!("coordinateUnits {value}, expected \"mm\"")))
+        fn millimetres(value: &serde_json::Value) -> Option<f64> {
+            match value.as_str()?.split(';').next()? {
+                "mm" => Some(1.0),
+                "cm" => Some(10.0),
+                "m" => Some(1e3),
+                _ => None,
+            }
         }
+        let mm = match &value {
+            serde_json::Value::Array(words)
+                if words.get(1).and_then(|word| word.as_str()) == Some("UCUM") =>
+            {
+                words.first().and_then(millimetres)
+            }
+            serde_json::Value::Array(axes) => {
+                let first = axes.first().and_then(millimetres);
+                first.filter(|_| axes.iter().all(|axis| millimetres(axis) == first))
+            }
+            word => millimetres(word),
+        };
+        mm.map(Self).ok_or_else(|| {
+            D::Error::custom(format!("coordinateUnits {value}, expected \"mm\", \"cm\" or \"m\""))
+        })
     }
 }
 

@@ -10,7 +10,7 @@ use super::super::InsertionRun;
 use super::frame::id_of;
 use super::screen::{Reading, Skipped, count, screen};
 use crate::document::table::{Column, Table};
-use crate::document::{Place, Problem, SessionError, read_text};
+use crate::document::{Place, Problem, SessionError, read_foreign_text};
 use std::path::Path;
 
 const MM: f64 = 1e-3;
@@ -56,7 +56,7 @@ pub struct Recording {
 /// # Errors
 /// [`SessionError`] with file, line, column and field; also where no row is left, with the reasons.
 pub fn trajcontrol(path: &Path) -> Result<Recording, SessionError> {
-    let text = read_text(path)?;
+    let text = read_foreign_text(path)?;
     let mut table = Table::parse(path, whole_lines(&text), &COLUMNS, 1)?;
     let mut column = |name: &str| table.take(name).unwrap_or_default();
     let (seconds, nanoseconds) = (column("Timestamp sec"), column("Timestamp nanosec"));
