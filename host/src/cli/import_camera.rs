@@ -11,7 +11,7 @@ use crate::figures;
 use anyhow::{Context, bail, ensure};
 use document::{Imported, Run};
 use formats::session::{DEPTH_RANGE_MM, ForceSeries, SessionWriter, Setup, import::id_of, is_file_name};
-use imaging::camera::{Clip, Directions, Settings, State, measure};
+use imaging::camera::{CameraError, Clip, Directions, Settings, State, measure};
 use imaging::frame::Region;
 use imaging::overlay::Picture;
 use mechanics::unknowns::sensors;
@@ -204,7 +204,11 @@ fn followed(files: &[PathBuf], path: &Path, settings: &Settings, out: &Output) -
     });
     progress.finish_and_clear();
     sequence.header().notes.iter().for_each(|note| out.note(format_args!("{}: {note}", path.display())));
-    clip.with_context(|| path.display().to_string())
+    match clip {
+        // Its message begins with the file.
+        Err(CameraError::File(error)) => Err(error.into()),
+        clip => clip.with_context(|| path.display().to_string()),
+    }
 }
 
 /// Draws what is requested.

@@ -19,7 +19,9 @@ use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup, ShapeSeries, is_fil
 use imaging::frame::{Orientation, Region};
 use imaging::overlay::Picture;
 use imaging::pose::Place;
-use imaging::sweep::{Deflection, Geometry, Line, Settings, State, Sweep, deflections, measure, share_noise};
+use imaging::sweep::{
+    Deflection, Geometry, Line, Settings, State, Sweep, SweepError, deflections, measure, share_noise,
+};
 use mechanics::ShapeImage;
 use recorded::RecordedRun;
 use reference::refer_to_zero;
@@ -287,7 +289,11 @@ fn one(files: &[PathBuf], settings: &Settings, out: &Output) -> anyhow::Result<(
     });
     progress.finish_and_clear();
     let context = || path.display().to_string();
-    let sweep = sweep.with_context(context)?;
+    let sweep = match sweep {
+        // Its message begins with the file.
+        Err(SweepError::File(error)) => return Err(error.into()),
+        sweep => sweep.with_context(context)?,
+    };
     sequence.header().notes.iter().for_each(|note| out.note(format_args!("{}: {note}", path.display())));
     let imaged = Imaged::new(sequence.header(), settings).with_context(context)?;
     Ok((path, sweep, imaged))
