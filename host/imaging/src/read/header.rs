@@ -123,6 +123,19 @@ pub(super) fn orientation(header: &mut Header, field: &str, value: &str) {
     }
 }
 
+/// Remarks on directions in space of which one of the image's two axes is reversed and the other is not: which side of the
+/// image is far from the probe does not follow from them. Both are where right and anterior are written as left and posterior.
+pub(super) fn note_reversed(header: &mut Header, field: &str, diagonal: [Option<f64>; 2]) {
+    if let [Some(x), Some(y)] = diagonal
+        && x * y < 0.0
+    {
+        let axis = if x < 0.0 { "first" } else { "second" };
+        header.notes.push(format!(
+            "{field} reverses the {axis} axis in space, which is not followed: --orientation states the axes of the image"
+        ));
+    }
+}
+
 /// Fields of the frames in a file, in any order of its lines.
 #[derive(Default)]
 pub(super) struct Frames(Vec<Stated>);

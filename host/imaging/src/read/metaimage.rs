@@ -4,7 +4,7 @@
 
 use super::beside::{Joined, beside, files};
 use super::depth::Depth;
-use super::header::{Fields, Frames, line, one_of, orientation, short, sizes, spacing, two};
+use super::header::{Fields, Frames, line, note_reversed, one_of, orientation, short, sizes, spacing, two};
 use super::{Source, check_size};
 use crate::error::ImagingError;
 use crate::frame::{Header, Statement, Unclear};
@@ -58,6 +58,13 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let compressed = is_true(&["CompressedData"])?;
     if let Some((key, value)) = fields.get(&["UltrasoundImageOrientation"]) {
         orientation(&mut header, key, value);
+    }
+    if let Some((key, value)) = fields.get(&["TransformMatrix", "Orientation", "Rotation"]) {
+        let numbers: Option<Vec<f64>> = value.split_whitespace().map(|number| number.parse().ok()).collect();
+        let numbers = numbers.unwrap_or_default();
+        let sides = numbers.len().isqrt();
+        let diagonal = [numbers.first().copied(), numbers.get(sides + 1).copied()];
+        note_reversed(&mut header, key, diagonal);
     }
     match stated_spacing(&fields) {
         Ok(mm) => header.spacing_mm = mm,

@@ -45,7 +45,7 @@ pub const READ: &[[&str; 2]] = &[
     [".png, .jpg", "a file, or a folder of them in the order of their numbers"],
     [
         ".tif",
-        "TIFF, 8 or 16 bit: grey, RGB, palettes, planes apart; several pages; stacks of ImageJ in one directory",
+        "TIFF, 8 or 16 bit: grey, RGB, palettes, planes apart; several pages; stacks of ImageJ in one directory; size of a pixel of ImageJ and OME",
     ],
 ];
 

@@ -5,7 +5,7 @@
 
 use super::beside::{self, Joined, beside};
 use super::depth::{Depth, shift_for};
-use super::header::{Fields, Frames, line, one_of, orientation, short, sizes, spacing};
+use super::header::{Fields, Frames, line, note_reversed, one_of, orientation, short, sizes, spacing};
 use super::metaimage::{millimetres, three, unit};
 use super::{FrameReader, Source, check_size};
 use crate::error::ImagingError;
@@ -159,6 +159,13 @@ fn fields(
     let axes = Axes::new(path, fields.get(&["kinds"]).map(|(_, value)| value), &dimensions)?;
     if let Ok([_, _, count]) = three(path, "sizes", &axes.sizes) {
         header.count = count;
+    }
+    if let Some((key, value)) = fields.get(&["space directions"]) {
+        let part = |vector: usize, place: usize| {
+            let inside = value.split('(').nth(vector + 1)?.split_once(')')?.0;
+            inside.split(',').nth(place)?.trim().parse().ok()
+        };
+        note_reversed(header, key, [part(0, 0), part(1, 1)]);
     }
     match stated_spacing(&fields, &axes) {
         Ok(mm) => header.spacing_mm = mm,

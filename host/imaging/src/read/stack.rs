@@ -4,7 +4,7 @@ use super::depth::{shift_for, shifted};
 use super::turned::orientation;
 use super::{Source, check_size, grey, jpeg, names, tiff, whole};
 use crate::error::ImagingError;
-use crate::frame::{Frame, Header, MAX_FRAMES, MAX_PIXELS};
+use crate::frame::{Frame, FrameFields, Header, MAX_FRAMES, MAX_PIXELS, Statement};
 use std::fs::{self, File};
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -83,7 +83,21 @@ pub(super) fn open(path: &Path, files: Vec<PathBuf>) -> Result<(Header, Source),
     }
     stack.open = None;
     let [width, height] = first.size;
-    let header = Header { width, height, count: stack.pages.len(), ..Header::default() };
+    let mut header = Header { width, height, count: stack.pages.len(), ..Header::default() };
+    if let Some(first) = files.first().filter(|first| tiff::is_tiff(first)) {
+        match tiff::calibration(first)? {
+            Ok(calibration) => {
+                header.spacing_mm = calibration.spacing_mm;
+                if let Some(interval_s) = calibration.interval_s.filter(|s| *s > 0.0 && files.len() == 1) {
+                    let time = |frame| Some(interval_s * frame as f64);
+                    header.frames = (0..header.count)
+                        .map(|frame| FrameFields { time_s: time(frame), ..FrameFields::default() })
+                        .collect();
+                }
+            }
+            Err(unclear) => header.unclear.push((Statement::Spacing, unclear)),
+        }
+    }
     Ok((header, Source::Stack(Box::new(stack))))
 }
 

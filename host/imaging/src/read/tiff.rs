@@ -1,9 +1,11 @@
 //! TIFF: pages of grey, RGB or palette samples, planes apart or together, and the stacks of ImageJ in one directory.
 
+use super::check_size;
+use super::header::{short, spacing};
+use super::metaimage::{millimetres, unit};
 use super::stack::{Image, Samples};
-use super::{check_size, header::short};
 use crate::error::ImagingError;
-use crate::frame::{MAX_FRAMES, MAX_PIXELS};
+use crate::frame::{MAX_FRAMES, MAX_PIXELS, Unclear};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -47,6 +49,27 @@ pub(super) fn pages(path: &Path) -> Result<Vec<usize>, ImagingError> {
         return Err(ImagingError::invalid(path, "NewSubfileType", "previews alone", "an image"));
     }
     Ok(pages)
+}
+
+/// Size of a pixel, and time from one image to the next, where a program states them.
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
+pub(super) struct Calibration {
+    /// Of the first image, for all of them.
+    pub spacing_mm: Option<[f64; 2]>,
+    pub interval_s: Option<f64>,
+}
+
+/// Calibration of a file.
+pub(super) fn calibration(path: &Path) -> Result<Result<Calibration, Unclear>, ImagingError> {
+    Ok(Open::new(path)?.calibration())
+}
+
+/// Millimetres of a unit of length.
+fn length(field: &str, value: &str) -> Result<f64, Unclear> {
+    match value.trim() {
+        "inch" | "in" => Ok(25.4),
+        other => millimetres(other).ok_or_else(|| unit(field, other)),
+    }
 }
 
 /// One of the images; `open` is kept for the next one.
@@ -108,6 +131,47 @@ impl Open {
         };
         let expected = "one channel, and frames along one axis: in ImageJ, Image > Color > Split Channels or Image > Duplicate";
         Err(ImagingError::invalid(&self.path, field, problem, expected))
+    }
+
+    /// Size of a pixel and times of the images, as ImageJ or a program that writes OME states them; tags alone are those of a printer.
+    fn calibration(&mut self) -> Result<Calibration, Unclear> {
+        let text = self.description();
+        if text.starts_with("ImageJ=") {
+            let value = |name: &str| text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
+            let seconds =
+                value("tunit").is_none_or(|unit| matches!(unit.trim(), "s" | "sec" | "second" | "seconds"));
+            let interval_s = value("finterval").and_then(|text| text.trim().parse().ok()).filter(|_| seconds);
+            let Some(unit) = value("unit").filter(|unit| !matches!(unit.trim(), "pixel" | "pixels" | ""))
+            else {
+                return Ok(Calibration { spacing_mm: None, interval_s });
+            };
+            // ImageJ writes letters outside of ASCII as their number.
+            let mm_per_unit = length("ImageJ: unit", &unit.replace("\\u00B5", "\u{b5}"))?;
+            let mut size = |tag| {
+                let [above, below]: [u32; 2] = self.decoder.get_tag_u32_vec(tag).ok()?.try_into().ok()?;
+                Some(mm_per_unit * f64::from(below) / f64::from(above))
+            };
+            let mm = size(Tag::XResolution).zip(size(Tag::YResolution)).map(<[f64; 2]>::from);
+            let Some(mm) = mm else { return Ok(Calibration { spacing_mm: None, interval_s }) };
+            let problem = format!("{} x {} mm", mm[0], mm[1]);
+            return Ok(Calibration {
+                spacing_mm: spacing("ImageJ: resolution", Some(mm), &problem)?,
+                interval_s,
+            });
+        }
+        let attribute = |name: &str| Some(text.split_once(&format!(" {name}=\""))?.1.split_once('"')?.0);
+        let sizes =
+            attribute("PhysicalSizeX").zip(attribute("PhysicalSizeY")).filter(|_| text.contains("<OME"));
+        let Some((x, y)) = sizes else { return Ok(Calibration::default()) };
+        let size = |value: &str, unit: &str| {
+            let mm_per_unit = length("OME: PhysicalSize", attribute(unit).unwrap_or("\u{b5}m"))?;
+            Ok::<_, Unclear>(value.parse().map_or(f64::NAN, |size: f64| mm_per_unit * size))
+        };
+        let mm = [size(x, "PhysicalSizeXUnit")?, size(y, "PhysicalSizeYUnit")?];
+        Ok(Calibration {
+            spacing_mm: spacing("OME: PhysicalSize", Some(mm), &format!("{x} x {y}"))?,
+            interval_s: None,
+        })
     }
 
     /// What a program writes of the images; empty where it does not.

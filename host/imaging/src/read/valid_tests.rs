@@ -181,11 +181,13 @@ fn tiff(tags: &[(u16, u16, Vec<u32>)], text: &str, pixels: &[u8]) -> Vec<u8> {
             3 => 2,
             _ => 4,
         };
+        // A fraction is two numbers.
+        let count = if kind == 5 { values.len() / 2 } else { values.len() };
         let mut value: Vec<u8> =
             values.iter().flat_map(|value| value.to_le_bytes()[..size].to_vec()).collect();
         bytes.extend(tag.to_le_bytes());
         bytes.extend(kind.to_le_bytes());
-        bytes.extend((values.len() as u32).to_le_bytes());
+        bytes.extend((count as u32).to_le_bytes());
         if value.len() > 4 {
             bytes.extend(((end + trailing_data.len()) as u32).to_le_bytes());
             trailing_data.extend(value);
@@ -271,4 +273,59 @@ fn a_stack_of_imagej_in_one_directory_is_all_of_its_images() {
     let (_folder, path) = written("s.tif", &tiff(&tags(8, 1, 8), text, &pixels[..20]));
     let error = frames(&path);
     assert!(error.is_ok() || error.is_err_and(|error| error.contains("image 3")));
+}
+
+#[test]
+fn the_size_of_a_pixel_is_that_of_imagej_or_ome_and_not_of_a_printer() {
+    // Resolutions are two numbers each, above and below the line.
+    let resolved = |above: u32, below: u32| {
+        let mut all = tags(8, 1, 8);
+        all.extend([(282, 5, vec![above, below]), (283, 5, vec![2 * above, below]), (296, 3, vec![3])]);
+        all
+    };
+    let ome = "<OME><Image><Pixels SizeC=\"1\" PhysicalSizeX=\"100\" PhysicalSizeY=\"50\"/></Image></OME>";
+    let stack = "ImageJ=1.53t\nimages=3\nframes=3\nfinterval=0.25\n";
+    for (text, above, below, right) in [
+        ("", 300, 1, None),
+        (&format!("{stack}unit=mm\n"), 10, 1, Some([0.1, 0.05])),
+        (&format!("{stack}unit=cm\n"), 100, 1, Some([0.1, 0.05])),
+        (&format!("{stack}unit=\\u00B5m\n"), 1, 100, Some([0.1, 0.05])),
+        (&format!("{stack}unit=inch\n"), 254, 1, Some([0.1, 0.05])),
+        (&format!("{stack}unit=pixel\n"), 10, 1, None),
+        (stack, 10, 1, None),
+        (ome, 300, 1, Some([0.1, 0.05])),
+    ] {
+        let pixels: Vec<u8> = (0..24).collect();
+        let (_folder, path) = written("s.tif", &tiff(&resolved(above, below), text, &pixels));
+        let (header, read) = frames(&path).expect(text);
+        match (header.spacing_mm, right) {
+            (Some(mm), Some(right)) => {
+                assert!((0..2).all(|i| (mm[i] / right[i] - 1.0).abs() < 1e-9), "{text}: {mm:?}")
+            }
+            (mm, right) => assert_eq!(mm, right, "{text}"),
+        }
+        let times: Vec<f64> = header.frames.iter().filter_map(|frame| frame.time_s).collect();
+        assert_eq!(times, if text.starts_with("ImageJ") { vec![0.0, 0.25, 0.5] } else { vec![] }, "{text}");
+        assert_eq!(read.len(), if text.starts_with("ImageJ") { 3 } else { 1 });
+    }
+    let (_folder, path) =
+        written("s.tif", &tiff(&resolved(10, 1), &format!("{stack}unit=furlong\n"), &[0; 24]));
+    assert!(frames(&path).expect("a stack").0.unclear[0].1.to_string().contains("furlong"));
+}
+
+#[test]
+fn one_reversed_axis_in_space_is_noted() {
+    let pixels: Vec<u8> = (0..24).collect();
+    for (x, y, count) in [(1, 1, 0), (-1, -1, 0), (1, -1, 1), (-1, 1, 1)] {
+        let mha = format!(
+            "NDims = 3\nDimSize = 4 2 3\nTransformMatrix = {x} 0 0 0 {y} 0 0 0 1\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
+        );
+        let nrrd = format!(
+            "NRRD0004\ntype: uint8\nsizes: 4 2 3\nspace: left-posterior-superior\nspace directions: ({x},0,0) (0,{y},0) (0,0,1)\nencoding: raw\n\n"
+        );
+        for (name, header) in [("s.mha", mha), ("s.nrrd", nrrd)] {
+            let (_folder, path) = written(name, &[header.as_bytes(), &pixels].concat());
+            assert_eq!(frames(&path).expect(name).0.notes.len(), count, "{header}");
+        }
+    }
 }
