@@ -375,3 +375,10 @@ fn remarks_summaries_and_names_in_other_places_are_no_readings() {
     same("UTF-16 without a mark", &wide(u16::to_le_bytes), &[], None);
     same("UTF-16 without a mark, big-endian", &wide(u16::to_be_bytes), &[], None);
 }
+
+#[test]
+fn set_points_errors_and_velocities_are_not_taken_for_what_is_measured() {
+    let header = "Time (s),Position setpoint (mm),Position (mm),Position error (mm),Load (N),Load limit (N),Load cell temperature\n";
+    let rows = lines(header, |_, t, x, f| format!("{t},{:.6},{x:.6},{:.6},{f:.6},50,23.5", 2.0 * x, -x));
+    same("a controller's table", &rows, &[], None);
+}

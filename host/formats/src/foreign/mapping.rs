@@ -244,6 +244,32 @@ const GUESSED: [(&str, Quantity, &[&str]); 4] = [
     ("deflection_y_mm", Quantity::Length, &["deflection", "shape"]),
 ];
 
+/// Words of columns beside the measured one: what a controller wants, how far it is from that, what a sensor has besides.
+const NOT_MEASURED: [&str; 22] = [
+    "setpoint",
+    "target",
+    "command",
+    "commanded",
+    "cmd",
+    "desired",
+    "demand",
+    "reference",
+    "ref",
+    "error",
+    "err",
+    "deviation",
+    "offset",
+    "tare",
+    "limit",
+    "rate",
+    "velocity",
+    "speed",
+    "temperature",
+    "temp",
+    "sd",
+    "std",
+];
+
 fn is_named(column: &RawColumn, name: &str) -> bool {
     column.header == name || column.name == name || name == format!("#{}", column.number)
 }
@@ -333,5 +359,8 @@ fn is_time(column: &RawColumn) -> bool {
 
 fn is_of(column: &RawColumn, quantity: Quantity, known: &[&str]) -> bool {
     let is_unit = column.unit.as_ref().is_none_or(|unit| unit.quantity == quantity);
-    is_unit && words(&column.name).iter().any(|word| known.contains(&word.as_str()))
+    let words = words(&column.name);
+    is_unit
+        && words.iter().any(|word| known.contains(&word.as_str()))
+        && !words.iter().any(|word| NOT_MEASURED.contains(&word.as_str()))
 }
