@@ -1,8 +1,8 @@
-//! Bags of ROS 2 (MCAP, messages in CDR): a table for each topic of forces, poses, points and joints.
+//! Bags of ROS 2 (MCAP, messages in CDR): a table for each topic of forces, poses, points, vectors, joints and numbers.
 //!
 //! Columns are named `/topic:field`, as `/ft_sensor:force.y`; `/topic@frame:field` where a topic has messages of several frames. Forces are newtons and positions metres (REP 103); what a joint's position is
 //! depends on the joint, and its unit is for the user to state. Times are the messages' own stamps, or when they were logged where these
-//! are zero. Layouts: `geometry_msgs` and `sensor_msgs` of ROS 2.
+//! are zero or there are none. Layouts: `geometry_msgs`, `sensor_msgs` and `std_msgs` of ROS 2.
 
 use super::{RawColumn, RawTable, TableError, Unit};
 use byteorder::{BigEndian, LittleEndian};
@@ -17,6 +17,8 @@ const MAX_BYTES: u64 = 2 << 30;
 /// Most topics, and most joints of one.
 const MAX_TOPICS: usize = 256;
 const MAX_JOINTS: usize = 64;
+/// Times that messages are under way: beyond these the sender has another clock than the recorder.
+const TRANSPORT_S: std::ops::Range<f64> = -0.05..0.5;
 
 #[derive(Deserialize)]
 struct Header {
@@ -66,6 +68,12 @@ struct WrenchStamped {
 }
 
 #[derive(Deserialize)]
+struct Vector3Stamped {
+    header: Header,
+    vector: Vector,
+}
+
+#[derive(Deserialize)]
 struct JointState {
     header: Header,
     name: Vec<String>,
@@ -80,8 +88,15 @@ enum Kind {
     Pose,
     Point,
     Wrench,
+    Vector,
     Joints,
+    Double,
+    Single,
 }
+
+/// Names of the types, for messages.
+const TYPES: &str =
+    "WrenchStamped, PoseStamped, PointStamped, Vector3Stamped, JointState, Float64 or Float32 in CDR";
 
 impl Kind {
     fn of(schema: &str) -> Option<Self> {
@@ -89,7 +104,10 @@ impl Kind {
             "geometry_msgs/msg/PoseStamped" => Some(Self::Pose),
             "geometry_msgs/msg/PointStamped" => Some(Self::Point),
             "geometry_msgs/msg/WrenchStamped" => Some(Self::Wrench),
+            "geometry_msgs/msg/Vector3Stamped" => Some(Self::Vector),
             "sensor_msgs/msg/JointState" => Some(Self::Joints),
+            "std_msgs/msg/Float64" => Some(Self::Double),
+            "std_msgs/msg/Float32" => Some(Self::Single),
             _ => None,
         }
     }
@@ -135,6 +153,13 @@ where
                 [vector("force", Some("N"), &force), vector("torque", None, &torque)].concat(),
             )
         }
+        Kind::Vector => {
+            let Vector3Stamped { header, vector: value } = read::<_, T>(body)?;
+            (at(&header), header.frame, vector("vector", None, &value))
+        }
+        // A number alone has neither a stamp nor a frame.
+        Kind::Double => (0, String::new(), vec![("data".to_owned(), None, read::<f64, T>(body)?)]),
+        Kind::Single => (0, String::new(), vec![("data".to_owned(), None, read::<f32, T>(body)?.into())]),
         Kind::Joints => {
             let JointState { header, name, position, velocity, effort } = read::<_, T>(body)?;
             let mut all_tables = Vec::new();
@@ -228,7 +253,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
         } else {
             format!("topics {}", topics.join(", "))
         };
-        return Err(fault(topic_text, "WrenchStamped, PoseStamped, PointStamped or JointState in CDR", path));
+        return Err(fault(topic_text, TYPES, path));
     }
     let topic_names: Vec<String> = unused_topics.into_keys().collect();
     let mut tables: Vec<RawTable> =
@@ -300,12 +325,21 @@ impl Messages {
         let Self { stamps_ns, logged_ns, fields } = self;
         let rows = stamps_ns.len();
         let has_stamps = stamps_ns.iter().all(|stamp_ns| *stamp_ns != 0);
+        let mut ahead_ns: Vec<i128> =
+            logged_ns.iter().zip(&stamps_ns).map(|(logged, stamp)| logged - stamp).collect();
+        ahead_ns.sort_unstable();
+        let ahead_s = ahead_ns.get(rows / 2).map_or(0.0, |ns| *ns as f64 / 1e9);
         let times_ns = if has_stamps { stamps_ns } else { logged_ns };
         let mut order: Vec<usize> = (0..rows).collect();
         order.sort_by_key(|row| times_ns.get(*row).copied());
         let mut notes = Vec::new();
         if order.windows(2).any(|pair| pair[0] > pair[1]) {
             notes.push("messages are in another order than their stamps, which counts".to_owned());
+        }
+        if has_stamps && !TRANSPORT_S.contains(&ahead_s) {
+            notes.push(format!(
+                "its stamps are {ahead_s:.3} s before the times of the recorder: if the clock of another topic is not, --offset-s brings them together"
+            ));
         }
         if !has_stamps {
             notes.push("messages without stamps: their times are those of the recorder".to_owned());

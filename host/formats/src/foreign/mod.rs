@@ -51,7 +51,7 @@ pub const READ: &[[&str; 2]] = &[
     #[cfg(feature = "bags")]
     [
         ".mcap",
-        "bags of ROS 2: WrenchStamped, PoseStamped, PointStamped and JointState in CDR, a table for each topic; uncompressed",
+        "bags of ROS 2: WrenchStamped, PoseStamped, PointStamped, Vector3Stamped, JointState, Float64 and Float32 in CDR, a table for each topic; uncompressed",
     ],
 ];
 

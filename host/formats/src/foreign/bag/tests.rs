@@ -214,3 +214,48 @@ fn bags_of_other_writers_hold_the_values_they_were_made_of() {
         assert!((shape.time_s.expect("times")[1] - 1.85).abs() < 1e-6);
     }
 }
+
+#[test]
+fn numbers_without_stamps_have_the_times_of_the_recorder() {
+    fn y_mm(t: f64) -> f64 {
+        1.2 * (t - 1.0).clamp(0.0, 1.0)
+    }
+    for is_big in [false, true] {
+        let mut messages: Vec<Sent> = Vec::new();
+        for i in 0..300 {
+            let (ns, t) = (START_NS + 10_000_000 * i, 0.01 * i as f64);
+            messages.push(("/force", "std_msgs/msg/Float64", ns, cdr(&(0.25 * y_mm(t)), is_big)));
+            messages.push(("/stage", "std_msgs/msg/Float32", ns, cdr(&(y_mm(t) as f32), is_big)));
+        }
+        let tables = read_bytes(&bag(&messages, false)).expect("tables");
+        let choices = ["/force:data=force_y_n:N", "/stage:data=displacement_y_mm:mm"];
+        let mapping =
+            Mapping { choices: choices.map(|text| Choice::parse(text).expect("a choice")).to_vec() };
+        let force = take(&tables, &mapping, &Options::default()).expect("a run").force.expect("a force");
+        assert_eq!(force.time_s.len(), 300);
+        let right = 1e-3 * y_mm(force.time_s[150]);
+        assert!(
+            (force.displacement_y_m[150] - right).abs() < 1e-8
+                && (force.force_y_n[150] - 250.0 * right).abs() < 1e-9
+        );
+    }
+}
+
+#[test]
+fn stamps_of_another_clock_than_the_recorder_s_are_noted() {
+    // Forces are stamped two seconds early; the bag logs every message 5 ms behind its time.
+    let mut messages = push(false);
+    for (topic, _, at_ns, data) in &mut messages {
+        if *topic == "/ft" {
+            let (force, torque): (Three, Three) = ([0.0; 3], [0.0; 3]);
+            *data = cdr(&(stamp(*at_ns - 2_000_000_000), force, torque), false);
+        }
+    }
+    let tables = read_bytes(&bag(&messages, false)).expect("tables");
+    let noted: Vec<&RawTable> = tables
+        .iter()
+        .filter(|table| table.notes.iter().any(|note| note.contains("times of the recorder")))
+        .collect();
+    assert!(noted.len() == 1 && noted[0].path.to_string_lossy().ends_with("#/ft"), "{noted:?}");
+    assert!(noted[0].notes[0].contains("2.005 s before"), "{:?}", noted[0].notes);
+}
