@@ -40,7 +40,8 @@ impl Number {
         // A minus sign as typesetters write it.
         let text: Cow<'_, str> =
             if cell.is_ascii() { cell.into() } else { cell.replacen('\u{2212}', "-", 1).into() };
-        let text = text.trim();
+        let written = written(text.trim());
+        let text = written.as_ref();
         let plain = || Some(Self { whole: 0, rest: number(text, has_decimal_comma)?, is_stamp: false });
         plain().map(Self::exact(text, has_decimal_comma)).or_else(|| {
             let (whole, whole_seconds) = stamp::parse(text)?;
@@ -69,6 +70,15 @@ impl Number {
                 _ => number,
             }
         }
+    }
+}
+
+/// A number without what spreadsheets and programs put round it: `'1.5'`, `="1.5"`, `- 1.5`.
+fn written(text: &str) -> Cow<'_, str> {
+    let text = text.strip_prefix('=').unwrap_or(text).trim_matches(['\'', '"']).trim();
+    match text.strip_prefix("- ").or_else(|| text.strip_prefix("-\t")) {
+        Some(digits) => format!("-{}", digits.trim_start()).into(),
+        None => text.into(),
     }
 }
 

@@ -365,6 +365,20 @@ fn remarks_summaries_and_names_in_other_places_are_no_readings() {
         &[],
         None,
     );
+    same("single quotes", &lines(header, |_, t, x, f| format!("'{t:.3}','{x:.6}','{f:.6}'")), &[], None);
+    same(
+        "text of a spreadsheet",
+        &lines(header, |_, t, x, f| format!("=\"{t:.3}\",=\"{x:.6}\",=\"{f:.6}\"")),
+        &[],
+        None,
+    );
+    let apart = |value: f64| format!("{value:.6}").replace('-', "- ");
+    same(
+        "a blank behind the sign",
+        &lines(header, |_, t, x, f| format!("{t},{},{}", apart(x), apart(f))),
+        &[],
+        None,
+    );
     let dashes = lines(header, |i, t, x, f| if i == 9 { format!("{t},{x},---") } else { row(t, x, f) });
     assert_eq!(taken(&dashes, &[], None).expect("a run").force.expect("a force").time_s.len(), 399);
     let mut zeros = lines(header, |_, t, x, f| row(t, x, f));
