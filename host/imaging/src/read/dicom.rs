@@ -39,6 +39,7 @@ const MAX_REGIONS: usize = 64;
 const TRANSFER_SYNTAX: Tag = Tag(0x0002, 0x0010);
 const REGIONS: Tag = Tag(0x0018, 0x6011);
 const PIXEL_DATA: Tag = Tag(0x7FE0, 0x0010);
+const SERIES: Tag = Tag(0x0020, 0x000E);
 const INSTANCE: Tag = Tag(0x0020, 0x0013);
 const FRAMES: Tag = Tag(0x0028, 0x0008);
 const ROWS: Tag = Tag(0x0028, 0x0010);
@@ -61,7 +62,8 @@ const MEASURES: Tag = Tag(0x0028, 0x9110);
 const FRAME_TIME_MS: Tag = Tag(0x0018, 0x1063);
 const FRAME_TIMES_MS: Tag = Tag(0x0018, 0x1065);
 /// Values that are read of the data set.
-const VALUES: [Tag; 21] = [
+const VALUES: [Tag; 22] = [
+    SERIES,
     INSTANCE,
     FRAMES,
     ROWS,
@@ -111,6 +113,8 @@ struct Opened {
     pixels: Pixels,
     /// Its place in a series, where it is stated.
     instance: Option<i64>,
+    /// Identifier of the series.
+    series: Option<String>,
 }
 
 fn open_file(path: &Path) -> Result<Opened, ImagingError> {
@@ -121,6 +125,7 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
         data_set(path, file, start, &syntax)?;
     let header = Attributes { path, values: &values, measures: &measures, is_big };
     let instance = header.text(INSTANCE).and_then(|text| text.trim().parse().ok());
+    let series = header.text(SERIES);
     let number = |tag: Tag, name: &str| {
         header.number(tag).ok_or_else(|| ImagingError::invalid(path, name, "missing", "a DICOM image"))
     };
@@ -150,7 +155,7 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     let mut bytes = BufReader::new(file);
     bytes.seek(SeekFrom::Start(position)).map_err(ImagingError::io(path))?;
     let pixels = Pixels::new(path, bytes, syntax.coding, (layout, palette), count, length)?;
-    Ok(Opened { header, pixels, instance })
+    Ok(Opened { header, pixels, instance, series })
 }
 
 /// Whether a file begins as DICOM does: they often have no extension.

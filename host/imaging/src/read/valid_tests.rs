@@ -161,6 +161,16 @@ fn dicom_is_known_by_its_content_and_a_folder_of_it_is_a_sequence() {
     assert_eq!((header.count, read.len(), header.spacing_mm), (3, 3, Some([0.3125; 2])));
     let marks: Vec<u8> = read.iter().map(|frame| frame.pixels[0]).collect();
     assert!(marks[0] < marks[1] && marks[1] < marks[2], "{marks:?}");
+    // A copy, and a file of another series, would be frames of the sweep.
+    fs::copy(folder.path().join("1.2.3.4"), folder.path().join("1.2.3.5")).expect("a copy");
+    let error = frames(folder.path()).map(|_| ()).expect_err("a copy");
+    assert!(error.contains("1.2.3.5: InstanceNumber: 3 a second time"), "{error}");
+    let mut other = fs::read(folder.path().join("1.2.3.5")).expect("a file");
+    let series = other.windows(6).position(|at| at == [0x20, 0, 0x0E, 0, b'U', b'I']).expect("a series") + 8;
+    other[series + 2] = b'9';
+    fs::write(folder.path().join("1.2.3.5"), other).expect("a file");
+    let error = frames(folder.path()).map(|_| ()).expect_err("another series");
+    assert!(error.contains("1.2.3.5: SeriesInstanceUID"), "{error}");
 }
 
 /// A TIFF with one directory, little-endian: tag, type (3 short, 4 long, 2 text), values.

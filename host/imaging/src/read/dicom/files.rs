@@ -4,6 +4,7 @@ use super::super::{FrameReader, Source, is_hidden, names};
 use super::{Opened, is_dicom, open_file};
 use crate::error::ImagingError;
 use crate::frame::{Frame, FrameFields, Header, MAX_FRAMES};
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -23,9 +24,7 @@ pub(in super::super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingErro
 pub(in super::super) fn open_files(files: &[PathBuf]) -> Result<(Header, Source), ImagingError> {
     let mut opened: Vec<(PathBuf, Opened)> =
         files.iter().map(|path| Ok((path.clone(), open_file(path)?))).collect::<Result<_, ImagingError>>()?;
-    if opened.iter().all(|(_, one)| one.instance.is_some()) {
-        opened.sort_by_key(|(_, one)| one.instance);
-    }
+    sort(&mut opened)?;
     let mut header = opened.first().map(|(_, first)| first.header.clone()).unwrap_or_default();
     let mut pages = Vec::new();
     let mut frames = Vec::new();
@@ -51,6 +50,33 @@ pub(in super::super) fn open_files(files: &[PathBuf]) -> Result<(Header, Source)
         [header.width, header.height, header.count],
     )?;
     Ok((header, Source::Reader(Box::new(Files { files: pages.into_iter(), open: None }))))
+}
+
+/// Puts files in the order of their instance numbers where these differ. Two series are two sweeps, whose numbers would mix; if every
+/// file has a series of its own or all have one number, as anonymised files may, they say nothing.
+fn sort(opened: &mut [(PathBuf, Opened)]) -> Result<(), ImagingError> {
+    let series: BTreeSet<&Option<String>> = opened.iter().map(|(_, one)| &one.series).collect();
+    let first = opened.first().and_then(|(_, first)| first.series.clone());
+    if (2..opened.len()).contains(&series.len())
+        && let Some((path, _)) = opened.iter().find(|(_, one)| one.series != first)
+    {
+        let problem = format!("not {} as in the first file", first.as_deref().unwrap_or("missing"));
+        return Err(ImagingError::invalid(path, "SeriesInstanceUID", problem, "a folder for each series"));
+    }
+    let instances: BTreeSet<Option<i64>> = opened.iter().map(|(_, one)| one.instance).collect();
+    if instances.contains(&None) || instances.len() == 1 {
+        return Ok(());
+    }
+    opened.sort_by_key(|(_, one)| one.instance);
+    let twice = opened.windows(2).position(|pair| pair[0].1.instance == pair[1].1.instance);
+    match twice.and_then(|at| opened.get(at + 1)) {
+        Some((path, one)) => {
+            let problem = format!("{} a second time", one.instance.unwrap_or_default());
+            let expected = "one for each file: are there copies, or two sweeps?";
+            Err(ImagingError::invalid(path, "InstanceNumber", problem, expected))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Files with the number of their frames, one of them open.
