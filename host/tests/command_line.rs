@@ -18,6 +18,8 @@ mod bundle;
 mod check;
 #[path = "command_line/clocks.rs"]
 mod clocks;
+#[path = "command_line/discrepancy.rs"]
+mod discrepancy;
 #[path = "command_line/draws.rs"]
 mod draws;
 #[path = "command_line/many.rs"]
