@@ -1,43 +1,14 @@
 //! Simulated worlds with hidden laws, integrated by code of their own in small steps of Euler: what is found, what is named falsely, and what
 //! intervals hold, over seeds.
 
+mod common;
+
+use common::{coloured, column, parameter, regressor};
 use discrepancy::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 const SEEDS: u64 = 12;
-
-fn column(name: &str, unit: &str, values: Vec<f64>) -> Column {
-    Column { name: name.to_owned(), unit: unit.to_owned(), values }
-}
-
-fn regressor(name: &str, unit: &str) -> Regressor {
-    Regressor {
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-        range: None,
-        resolution: 0.0,
-        history: name == "position",
-    }
-}
-
-fn parameter(name: &str, unit: &str, mean: f64, sd: f64) -> Parameter {
-    let range = Some([0.0, mean + 50.0 * sd]);
-    Parameter { name: name.to_owned(), unit: unit.to_owned(), mean, sd, range }
-}
-
-/// Noise with a memory: white, and a random process whose neighbours have a correlation.
-fn coloured(rng: &mut ChaCha8Rng, count: usize, white: f64, slow: f64, correlation: f64) -> Vec<f64> {
-    let mut normal = || -> f64 { StandardNormal.sample(rng) };
-    let mut process = slow * normal();
-    (0..count)
-        .map(|_| {
-            process = correlation * process + slow * (1.0 - correlation * correlation).sqrt() * normal();
-            process + white * normal()
-        })
-        .collect()
-}
 
 /// Force of a cart by acceleration and speed.
 struct Cart {
@@ -204,8 +175,8 @@ fn three_laws_at_once_are_found() {
         wrong += report.terms.iter().filter(is_wrong).count();
     }
     println!("named or in a class {found_count} of {}, named falsely {wrong}", 3 * SEEDS);
-    // The goal is 30; pairs that hide each other are found in about half of the seeds.
-    assert!(found_count >= 18 && wrong <= 2, "{found_count} found, {wrong} named falsely");
+    // Beside the truth a square or a step with the asymmetry is named in one of six seeds: a pair in the place of a law is searched, three laws are not.
+    assert!(found_count >= 30 && wrong <= 2, "{found_count} found, {wrong} named falsely");
 }
 
 /// The level of a tank that drains; the model integrates with its terms inside.

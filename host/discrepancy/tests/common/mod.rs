@@ -1,7 +1,10 @@
-//! Tools of several tests: the folder with measurements of others, and a reader of their files.
+//! Tools of several tests: the folder with measurements of others, a reader of their files, and parts of simulated worlds.
 #![allow(dead_code, reason = "each test uses a part")]
 
+use discrepancy::{Column, Parameter, Regressor};
 use flate2::read::ZlibDecoder;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::PathBuf;
@@ -72,4 +75,38 @@ pub fn arrays(path: &PathBuf) -> BTreeMap<String, Vec<f64>> {
 /// Central differences, at every sample with two neighbours.
 pub fn derivative(values: &[f64], step_s: f64) -> Vec<f64> {
     values.windows(3).map(|part| (part[2] - part[0]) / (2.0 * step_s)).collect()
+}
+
+/// A known column.
+pub fn column(name: &str, unit: &str, values: Vec<f64>) -> Column {
+    Column { name: name.to_owned(), unit: unit.to_owned(), values }
+}
+
+/// A regressor; a position is one that is followed.
+pub fn regressor(name: &str, unit: &str) -> Regressor {
+    Regressor {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        range: None,
+        resolution: 0.0,
+        history: name == "position",
+    }
+}
+
+/// A parameter above zero.
+pub fn parameter(name: &str, unit: &str, mean: f64, sd: f64) -> Parameter {
+    let range = Some([0.0, mean + 50.0 * sd]);
+    Parameter { name: name.to_owned(), unit: unit.to_owned(), mean, sd, range }
+}
+
+/// Noise with a memory: white, and a random process whose neighbours have a correlation.
+pub fn coloured(rng: &mut ChaCha8Rng, count: usize, white: f64, slow: f64, correlation: f64) -> Vec<f64> {
+    let mut normal = || -> f64 { StandardNormal.sample(rng) };
+    let mut process = slow * normal();
+    (0..count)
+        .map(|_| {
+            process = correlation * process + slow * (1.0 - correlation * correlation).sqrt() * normal();
+            process + white * normal()
+        })
+        .collect()
 }
