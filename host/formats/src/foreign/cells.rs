@@ -85,7 +85,7 @@ fn written(text: &str) -> Cow<'_, str> {
 /// Whether a cell states that there is no reading.
 pub(super) fn is_missing(cell: &str) -> bool {
     let word = cell.trim();
-    // Of dashes there may be any number.
+    // There may be any number of dashes.
     word.bytes().all(|letter| letter == b'-')
         || MISSING.iter().any(|missing| word.eq_ignore_ascii_case(missing))
 }

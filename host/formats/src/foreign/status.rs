@@ -55,7 +55,7 @@ pub(super) fn is_status(header: &str) -> bool {
     is_one_of(header, &OF_WORDS)
 }
 
-/// What the cells of a column of states mark.
+/// Rows that the cells of a column of states mark.
 pub(super) fn marked<'c>(header: &str, cells: impl Iterator<Item = &'c str>) -> Marked {
     let mut marked = Marked::default();
     for (row, cell) in cells.enumerate() {

@@ -82,7 +82,7 @@ impl Joined {
     /// Joins files with `needed` bytes in all, and opens the first one.
     ///
     /// # Errors
-    /// Where the frames cannot be parted among the files, or the first one is none.
+    /// Frames that cannot be parted among the files, and a first file that is none.
     pub(super) fn new(
         path: &Path,
         field: &str,

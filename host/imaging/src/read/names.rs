@@ -26,8 +26,8 @@ pub(super) fn sort(folder: &Path, files: &mut [PathBuf]) -> Result<(), ImagingEr
         return Ok(());
     }
     let decimals: Vec<Vec<Part>> = files.iter().map(|path| parts(&name(path), true)).collect();
-    let Some(at) = decimals.windows(2).position(|pair| pair[0] > pair[1]) else { return Ok(()) };
-    let pair: Vec<String> = files.iter().skip(at).take(2).map(|path| name(path)).collect();
+    let Some(place) = decimals.windows(2).position(|pair| pair[0] > pair[1]) else { return Ok(()) };
+    let pair: Vec<String> = files.iter().skip(place).take(2).map(|path| name(path)).collect();
     let problem = format!("{}: decimals, or two numbers", pair.join(" and "));
     let expected = "as many digits behind the point in every name, or numbers without a point";
     Err(ImagingError::invalid(folder, "names", problem, expected))
@@ -43,10 +43,10 @@ pub(super) fn check_numbers(folder: &Path, files: &[PathBuf]) -> Result<(), Imag
         return Ok(());
     };
     let differs = |at: &usize| {
-        fn of(parts: &[Part], at: usize) -> Option<(&str, i128)> {
+        fn named(parts: &[Part], at: usize) -> Option<(&str, i128)> {
             parts.get(at).map(|part| (part.text.as_str(), part.number))
         }
-        names.iter().any(|parts| of(parts, *at) != of(first, *at))
+        names.iter().any(|parts| named(parts, *at) != named(first, *at))
     };
     let changing: Vec<usize> = (0..first.len()).filter(differs).collect();
     let &[column] = changing.as_slice() else { return Ok(()) };

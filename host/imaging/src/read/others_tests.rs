@@ -130,19 +130,19 @@ fn steps() -> [Vec<u8>; 2] {
 #[cfg(feature = "dicom")]
 #[test]
 fn dicom_of_palettes_words_and_groups_has_the_frames_it_was_made_of() {
-    let all = |name: &str| {
+    let opened = |name: &str| {
         let (header, read) = frames(name).expect(name);
         (header, read.into_iter().map(|frame| frame.pixels).collect::<Vec<_>>())
     };
-    let (header, read) = all("pydicom-words.dcm");
+    let (header, read) = opened("pydicom-words.dcm");
     assert_eq!((header.spacing_mm, read), (Some([0.1, 0.1]), steps().to_vec()));
     // Grey backwards; the colour of 15 is red, a mark of the screen.
-    let (_, read) = all("pydicom-palette.dcm");
+    let (_, read) = opened("pydicom-palette.dcm");
     let right = steps().map(|frame| {
         frame.into_iter().map(|value| if value == 15 { 0 } else { 255 - value }).collect::<Vec<u8>>()
     });
     assert_eq!(read, right);
-    let (header, read) = all("pydicom-groups.dcm");
+    let (header, read) = opened("pydicom-groups.dcm");
     assert_eq!((header.spacing_mm, read), (Some([0.1, 0.2]), steps().to_vec()));
 }
 

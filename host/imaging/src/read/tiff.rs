@@ -54,7 +54,7 @@ pub(super) fn pages(path: &Path) -> Result<Vec<usize>, ImagingError> {
 /// Size of a pixel, and time from one image to the next, where a program states them.
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 pub(super) struct Calibration {
-    /// Of the first image, for all of them.
+    /// Size of the first image's pixels, for all of them.
     pub spacing_mm: Option<[f64; 2]>,
     pub interval_s: Option<f64>,
 }
@@ -174,7 +174,7 @@ impl Open {
         })
     }
 
-    /// What a program writes of the images; empty where it does not.
+    /// Description of the images by the program that wrote them; empty where there is none.
     fn description(&mut self) -> String {
         let tag = self.decoder.find_tag(Tag::ImageDescription).ok().flatten();
         tag.and_then(|text| text.into_string().ok()).unwrap_or_default()

@@ -289,9 +289,13 @@ fn a_stack_of_imagej_in_one_directory_is_all_of_its_images() {
 fn the_size_of_a_pixel_is_that_of_imagej_or_ome_and_not_of_a_printer() {
     // Resolutions are two numbers each, above and below the line.
     let resolved = |above: u32, below: u32| {
-        let mut all = tags(8, 1, 8);
-        all.extend([(282, 5, vec![above, below]), (283, 5, vec![2 * above, below]), (296, 3, vec![3])]);
-        all
+        let mut resolution_tags = tags(8, 1, 8);
+        resolution_tags.extend([
+            (282, 5, vec![above, below]),
+            (283, 5, vec![2 * above, below]),
+            (296, 3, vec![3]),
+        ]);
+        resolution_tags
     };
     let ome = "<OME><Image><Pixels SizeC=\"1\" PhysicalSizeX=\"100\" PhysicalSizeY=\"50\"/></Image></OME>";
     let stack = "ImageJ=1.53t\nimages=3\nframes=3\nfinterval=0.25\n";
