@@ -242,20 +242,16 @@ impl Layout {
     /// Logarithm of the density of the heavy-tailed priors at these values over that of the normal ones which stand for them in a fit
     /// that ends there.
     pub fn ln_prior_over_normal(&self, values: &[f64]) -> f64 {
-        let ln_excess = |HeavyTailedParameter { parameter, center, prior }: HeavyTailedParameter| {
-            Some(prior.ln_over_normal(*values.get(parameter)? - center))
-        };
-        self.heavy_tailed().into_iter().filter_map(ln_excess).sum()
+        let parameters = self.heavy_tailed().into_iter();
+        parameters
+            .filter_map(|one| Some(one.prior.ln_over_normal(*values.get(one.parameter)? - one.center)))
+            .sum()
     }
 
     /// Parameters whose priors have heavy tails: statements about the rig, and sizes of effects that nothing is known of.
     pub fn heavy_tailed(&self) -> Vec<HeavyTailedParameter> {
-        let of_place = |place: StatedPlace| HeavyTailedParameter {
-            parameter: place.parameter,
-            center: 0.0,
-            prior: place.prior(),
-        };
-        let mut parameters: Vec<HeavyTailedParameter> = self.stated().map(of_place).collect();
+        let mut parameters: Vec<HeavyTailedParameter> =
+            self.stated().map(HeavyTailedParameter::of_place).collect();
         let mut parameter = self.own();
         for effect in &self.effects {
             for info in effect.parameters() {

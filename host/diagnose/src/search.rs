@@ -254,23 +254,30 @@ impl<'a> Search<'a> {
     }
 
     /// Models among these, each with the logarithm of its odds, that predict held-out data worse, beyond chance, than
-    /// another one that could be stated alone and has no less evidence what spoke for them was their prior. Small
-    /// imperfections absorb much of what a wrong effect leaves, so that evidence alone cannot make up for the prior of
-    /// a name.
+    /// another one that could be stated alone, has no less evidence and is not refuted itself: what spoke for them was
+    /// their prior. Small imperfections absorb much of what a wrong effect leaves, so that evidence alone cannot make up
+    /// for the prior of a name.
     fn refuted<'f>(&self, models: impl Iterator<Item = Option<(f64, &'f Fitted)>>) -> Vec<bool> {
-        let losses: Vec<Option<(f64, f64, Vec<f64>)>> = models
+        let judged_models: Vec<Option<(f64, f64, Vec<f64>)>> = models
             .map(|model| {
                 let (ln_odds, fitted) = model?;
                 Some((ln_odds, fitted.log_evidence, self.judge.losses(fitted)?))
             })
             .collect();
-        let stated: Vec<&(f64, f64, Vec<f64>)> =
-            losses.iter().flatten().filter(|(ln_odds, ..)| *ln_odds > stated_ln_odds()).collect();
-        let is_worse = |model: &Option<(f64, f64, Vec<f64>)>| {
-            let Some((_, evidence, losses)) = model else { return false };
-            stated.iter().any(|(_, other, by)| other >= evidence && is_refuted(losses, by))
-        };
-        losses.iter().map(is_worse).collect()
+        let mut by_evidence: Vec<usize> = (0..judged_models.len()).collect();
+        let evidence =
+            |index: usize| judged_models[index].as_ref().map_or(f64::NEG_INFINITY, |judged| judged.1);
+        by_evidence.sort_by(|a, b| evidence(*b).total_cmp(&evidence(*a)));
+        let mut is_refuted_model = vec![false; judged_models.len()];
+        let mut stated_losses: Vec<&Vec<f64>> = Vec::new();
+        for index in by_evidence {
+            let Some((ln_odds, _, losses)) = &judged_models[index] else { continue };
+            is_refuted_model[index] = stated_losses.iter().any(|stated| is_refuted(losses, stated));
+            if !is_refuted_model[index] && *ln_odds > stated_ln_odds() {
+                stated_losses.push(losses);
+            }
+        }
+        is_refuted_model
     }
 
     /// Whether a candidate can be what is missing beside a fit.

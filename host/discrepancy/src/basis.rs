@@ -151,14 +151,14 @@ impl Basis {
     fn take_off(&mut self, bench: &Bench<'_>, fitted: &Fitted, numbers: usize) -> Result<(), Error> {
         let coordinates = bench.coordinates(&fitted.laws);
         let noise = rms(fitted.residuals.iter().cloned()).max(f64::MIN_POSITIVE);
-        let of_run = |jacobian: &DMatrix<f64>| {
+        let mut directions: Vec<DMatrix<f64>> = Vec::with_capacity(fitted.jacobian.len());
+        for jacobian in &fitted.jacobian {
             let mut columns = jacobian.columns(0, numbers.min(jacobian.ncols())).into_owned();
             for (mut column, coordinate) in columns.column_iter_mut().zip(&coordinates) {
                 column *= coordinate.sd / noise;
             }
-            columns
-        };
-        let directions: Vec<DMatrix<f64>> = fitted.jacobian.iter().map(of_run).collect();
+            directions.push(columns);
+        }
         let mut gram = DMatrix::identity(numbers, numbers);
         let mut products = DMatrix::zeros(numbers, self.shared_groups.len());
         for (columns, shared) in directions.iter().zip(&self.shared) {
@@ -190,10 +190,12 @@ impl Basis {
         for group in 0..self.groups.len() {
             let of_group = self.shared_groups.iter().enumerate().filter(|(_, one)| **one == group);
             let columns: Vec<usize> = of_group.map(|(column, _)| column).collect();
-            let square = |column: &usize| {
-                rms(self.shared.iter().map(|shared| shared.column(*column).into_owned())).powi(2)
-            };
-            let square: f64 = columns.iter().map(square).sum();
+            let square: f64 = columns
+                .iter()
+                .map(|column| {
+                    rms(self.shared.iter().map(|shared| shared.column(*column).into_owned())).powi(2)
+                })
+                .sum();
             if square > ALL_ELIMINATED {
                 for shared in &mut self.shared {
                     for column in &columns {

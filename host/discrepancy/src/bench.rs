@@ -121,10 +121,12 @@ impl<'a> Bench<'a> {
 
     /// Mean distance of neighbouring values of a column of the runs that are fitted.
     fn step_of(&self, name: &str) -> f64 {
-        let columns = || self.training.iter().filter_map(|prepared| prepared.run.column(name));
-        let distance = |values: &[f64]| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>();
-        let count: usize = columns().map(|values| values.len().saturating_sub(1)).sum();
-        columns().map(distance).sum::<f64>() / count.max(1) as f64
+        let (mut distance, mut count) = (0.0, 0_usize);
+        for values in self.training.iter().filter_map(|prepared| prepared.run.column(name)) {
+            distance += values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>();
+            count += values.len().saturating_sub(1);
+        }
+        distance / count.max(1) as f64
     }
 
     /// The amplitude of a constant at a site that is small and changes something.

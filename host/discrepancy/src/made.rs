@@ -167,24 +167,29 @@ fn offsets(bench: &Bench<'_>, fitted: &Fitted) -> Vec<Estimate> {
     bench.model.sites().iter().enumerate().filter_map(of_site).collect()
 }
 
+/// Whether a law at a site jumps where the motion turns round.
+fn is_reversed(law: &Law, site: &super::model::Site) -> bool {
+    let regressor = law.regressor.and_then(|number| site.regressors.get(number));
+    let is_of_a_rate = regressor.is_some_and(|regressor| !regressor.history);
+    law.form == Form::Bristle || (law.form == Form::Sign && is_of_a_rate)
+}
+
 /// Sums of the signs and bristles of each site: neither alone is what a reversal changes where friction builds up over a short way.
 fn reversals(bench: &Bench<'_>, fitted: &Fitted) -> Vec<Estimate> {
     let of_site = |(number, site): (usize, &super::model::Site)| {
-        let is_of_a_rate = |law: &Law| {
-            let regressor = law.regressor.and_then(|number| site.regressors.get(number));
-            regressor.is_some_and(|regressor| !regressor.history)
-        };
-        let is_reversed = |law: &Law| {
-            let is_jump = law.form == Form::Bristle || (law.form == Form::Sign && is_of_a_rate(law));
-            law.site == number && is_jump
-        };
         let mut gradient = DVector::zeros(fitted.values.len());
-        for (i, _) in fitted.laws.iter().enumerate().filter(|(_, law)| is_reversed(law)) {
+        for (i, _) in
+            fitted.laws.iter().enumerate().filter(|(_, law)| law.site == number && is_reversed(law, site))
+        {
             *gradient.get_mut(first_of(bench, &fitted.laws, i))? = 1.0;
         }
         let value: f64 = gradient.iter().zip(&fitted.values).map(|(factor, value)| factor * value).sum();
         let variance = (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)];
-        fitted.laws.iter().any(is_reversed).then(|| estimate(&site.name, site.unit.clone(), value, variance))
+        fitted
+            .laws
+            .iter()
+            .any(|law| law.site == number && is_reversed(law, site))
+            .then(|| estimate(&site.name, site.unit.clone(), value, variance))
     };
     bench.model.sites().iter().enumerate().filter_map(of_site).collect()
 }

@@ -124,8 +124,9 @@ impl Search<'_> {
 
     /// Fits of a model with one further law each, the likeliest first; and with two of them, where singles are too weak.
     pub(super) fn extensions(&self, base: &Fitted, with_pairs: bool) -> Result<Vec<Fitted>, Error> {
-        let is_new = |law: &&Law| !base.laws.iter().any(|own| own.is_like(law));
-        let laws: Vec<Law> = self.candidates.iter().filter(is_new).cloned().collect();
+        let candidates = self.candidates.iter();
+        let laws: Vec<Law> =
+            candidates.filter(|law| !base.laws.iter().any(|own| own.is_like(law))).cloned().collect();
         let (scores, pairs) = scores(self.bench, self.basis, base, &laws)?;
         let chosen: Vec<Vec<&Score>> = if with_pairs {
             let leaders = leading(&pairs, |pair| pair.log_evidence);
@@ -199,8 +200,9 @@ impl Search<'_> {
             let rivals = members.iter().flat_map(|member| {
                 member.rivals.iter().map(|(rival, probability)| (probability / member.probability, rival))
             });
-            let is_new = |rival: &Fitted| earlier.iter().all(|laws| !is_same_set(laws, &rival.laws));
-            let likelier = rivals.filter(|(lead, rival)| *lead > 1.0 && is_new(rival));
+            let likelier = rivals.filter(|(lead, rival)| {
+                *lead > 1.0 && earlier.iter().all(|laws| !is_same_set(laws, &rival.laws))
+            });
             match likelier.max_by(|a, b| a.0.total_cmp(&b.0)) {
                 // A rival that is likelier than the law takes its place, and the others are weighed again.
                 Some((_, rival)) if earlier.len() <= MAX_EXCHANGES => current = rival.clone(),

@@ -31,6 +31,13 @@ pub struct HeavyTailedParameter {
     pub prior: HeavyTailed,
 }
 
+impl HeavyTailedParameter {
+    /// That of a statement about the rig.
+    pub fn of_place(place: StatedPlace) -> Self {
+        Self { parameter: place.parameter, center: 0.0, prior: place.prior() }
+    }
+}
+
 /// Student's t with three degrees of freedom, the heaviest tail of whole degrees that still has a standard deviation. A statement about a
 /// rig is mostly right within its tolerance, and now and then wrong by many of them, as where a guide was measured to its other face. An
 /// effect mostly has a size that a careful laboratory may overlook, and now and then one that a careless one did: under a normal prior ten

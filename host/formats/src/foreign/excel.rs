@@ -67,12 +67,19 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
 
 /// Whether a sheet has readings: rows of two numbers or more, also where they are written as text.
 fn has_numbers(range: &Range<Data>) -> bool {
-    let is_number = |cell: &&Data| match cell {
+    range
+        .rows()
+        .filter(|cells| cells.iter().filter(|cell| is_number(cell)).count() >= 2)
+        .nth(READINGS)
+        .is_some()
+}
+
+fn is_number(cell: &Data) -> bool {
+    match cell {
         Data::String(text) => [false, true].iter().any(|comma| Number::parse(text, *comma).is_some()),
         Data::Empty | Data::Error(_) | Data::Bool(_) => false,
         _ => true,
-    };
-    range.rows().filter(|cells| cells.iter().filter(is_number).count() >= 2).nth(READINGS).is_some()
+    }
 }
 
 /// Whether numbers that are written as text have a decimal comma, as where a table was pasted.

@@ -287,7 +287,9 @@ fn rows_that_a_column_marks_as_unusable_are_not_used() {
 
 #[test]
 fn clocks_in_days_zones_and_two_columns_give_the_times_they_were_made_of() {
-    let rest = |x: f64, f: f64| format!("{x:.6},{f:.6}");
+    fn rest(x: f64, f: f64) -> String {
+        format!("{x:.6},{f:.6}")
+    }
     let header = "Time,Extension (mm),Load (N)\n";
     same(
         "days of a spreadsheet",
@@ -295,7 +297,7 @@ fn clocks_in_days_zones_and_two_columns_give_the_times_they_were_made_of() {
         &[],
         None,
     );
-    let clock = |t: f64, hours: i64| {
+    fn clock(t: f64, hours: i64) -> String {
         let ms = (1e3 * t).round() as i64 + 59_995_000;
         format!(
             "{:02}:{:02}:{:02}.{:03}",
@@ -304,7 +306,7 @@ fn clocks_in_days_zones_and_two_columns_give_the_times_they_were_made_of() {
             ms / 1000 % 60,
             ms % 1000
         )
-    };
+    }
     same(
         "clocks that are put forward",
         &lines(header, |i, t, x, f| {
@@ -342,7 +344,9 @@ fn clocks_in_days_zones_and_two_columns_give_the_times_they_were_made_of() {
 
 #[test]
 fn remarks_summaries_and_names_in_other_places_are_no_readings() {
-    let row = |t: f64, x: f64, f: f64| format!("{t:.3},{x:.6},{f:.6}");
+    fn row(t: f64, x: f64, f: f64) -> String {
+        format!("{t:.3},{x:.6},{f:.6}")
+    }
     let header = "Time (s),Extension (mm),Load (N)\n";
     let remark =
         |i, t, x, f| if i == 9 { format!("{}\r\n# pause, 3, 4", row(t, x, f)) } else { row(t, x, f) };
@@ -372,7 +376,9 @@ fn remarks_summaries_and_names_in_other_places_are_no_readings() {
         &[],
         None,
     );
-    let apart = |value: f64| format!("{value:.6}").replace('-', "- ");
+    fn apart(value: f64) -> String {
+        format!("{value:.6}").replace('-', "- ")
+    }
     same(
         "a blank behind the sign",
         &lines(header, |_, t, x, f| format!("{t},{},{}", apart(x), apart(f))),

@@ -316,8 +316,7 @@ fn seconds_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
 /// A clock of whole seconds, and its fraction in a column of its own: `10:59:58` beside `ms`.
 fn stamp_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
     let clock = only(columns, |column| column.is_stamp)?;
-    let is_whole = |value: &f64| value.is_nan() || value.fract() == 0.0;
-    if !clock.values.iter().all(is_whole) {
+    if clock.values.iter().any(|value| !value.is_nan() && value.fract() != 0.0) {
         return None;
     }
     let parts: [(&str, f64, &[&str]); 2] = [

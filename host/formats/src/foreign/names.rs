@@ -25,9 +25,8 @@ pub(super) fn find(
             cells.insert(0, String::new());
         }
         // Names may end before the last column, or behind it; LabVIEW names comments that its rows do not have.
-        let is_surplus = |cell: &String| cell.is_empty() || cell == "Comment";
-        let is_as_wide =
-            cells.len() == width || cells.len() == width + 1 && cells.last().is_some_and(is_surplus);
+        let has_surplus = cells.last().is_some_and(|cell| cell.is_empty() || cell == "Comment");
+        let is_as_wide = cells.len() == width || cells.len() == width + 1 && has_surplus;
         let is_words = cells.iter().all(|cell| Number::parse(cell, has_decimal_comma).is_none());
         let has_letters = cells.iter().any(|cell| cell.chars().any(char::is_alphabetic));
         if !is_as_wide || !is_words || !has_letters {

@@ -357,11 +357,10 @@ impl RawTable {
 
 /// The elements but those at these places, which ascend.
 fn without<T: Clone>(elements: &[T], places: &[usize]) -> Vec<T> {
-    let is_kept = |place: &usize| places.binary_search(place).is_err();
     elements
         .iter()
         .enumerate()
-        .filter(|(place, _)| is_kept(place))
+        .filter(|(place, _)| places.binary_search(place).is_err())
         .map(|(_, element)| element.clone())
         .collect()
 }

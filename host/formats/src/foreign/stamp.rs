@@ -100,11 +100,11 @@ fn calendar(text: &str) -> Option<Date> {
         Date::from_calendar_date(year.into(), month, u8::try_from(day).ok()?).ok()
     }
     // A month's name, as MATLAB writes it: 06-May-2024.
-    let month_name = |text: &str| {
+    fn month_name(text: &str) -> Option<u16> {
         let start = text.get(..3)?.to_ascii_lowercase();
         let place = MONTHS.iter().position(|name| *name == start)?;
         text.bytes().all(|letter| letter.is_ascii_alphabetic()).then_some(place as u16 + 1)
-    };
+    }
     if let Some(month) = month_name(b) {
         return if a.len() == 4 {
             of(number(a)?, month, number(c)?)

@@ -27,8 +27,12 @@ fn data_are_in_one_file_in_a_list_of_them_or_in_those_of_a_pattern() {
         fs::write(place(&format!("f{:02}.raw", 5 * at)), [&b"before\n"[..], frame].concat()).expect("a file");
     }
     let right: Vec<Vec<u8>> = pixels().chunks(8).map(<[u8]>::to_vec).collect();
-    let nhdr = |lines: &str| format!("NRRD0004\ntype: UCHAR\nsizes: 4 2 3\nencoding: raw\n{lines}");
-    let mhd = |lines: &str| format!("NDims = 3\nDimSize = 4 2 3\nElementType = MET_UCHAR\n{lines}");
+    fn nhdr(lines: &str) -> String {
+        format!("NRRD0004\ntype: UCHAR\nsizes: 4 2 3\nencoding: raw\n{lines}")
+    }
+    fn mhd(lines: &str) -> String {
+        format!("NDims = 3\nDimSize = 4 2 3\nElementType = MET_UCHAR\n{lines}")
+    }
     let names = "f00.raw\nf05.raw\nf10.raw\n";
     for (name, text) in [
         ("a.nhdr", nhdr("data file: all.raw\n\n")),

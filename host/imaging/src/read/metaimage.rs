@@ -107,8 +107,9 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     };
     let needed = (width * height * count * channels * depth.bytes()) as u64;
     let each = needed / files.len().max(1) as u64;
-    let open = move |data_path: &Path| data_in(data_path, data_start, each, compressed);
-    let joined = Joined::new(path, "ElementDataFile", files, (count, needed), Box::new(open))?;
+    let open: Box<dyn Fn(&Path) -> _> =
+        Box::new(move |data_path| data_in(data_path, data_start, each, compressed));
+    let joined = Joined::new(path, "ElementDataFile", files, (count, needed), open)?;
     Ok((header, Source::Stream { bytes: Box::new(joined), channels, depth }))
 }
 

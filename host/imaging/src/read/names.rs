@@ -42,13 +42,12 @@ pub(super) fn check_numbers(folder: &Path, files: &[PathBuf]) -> Result<(), Imag
     else {
         return Ok(());
     };
-    let differs = |at: &usize| {
-        fn named(parts: &[Part], at: usize) -> Option<(&str, i128)> {
-            parts.get(at).map(|part| (part.text.as_str(), part.number))
-        }
-        names.iter().any(|parts| named(parts, *at) != named(first, *at))
-    };
-    let changing: Vec<usize> = (0..first.len()).filter(differs).collect();
+    fn named(parts: &[Part], at: usize) -> Option<(&str, i128)> {
+        parts.get(at).map(|part| (part.text.as_str(), part.number))
+    }
+    let changing: Vec<usize> = (0..first.len())
+        .filter(|at| names.iter().any(|parts| named(parts, *at) != named(first, *at)))
+        .collect();
     let &[column] = changing.as_slice() else { return Ok(()) };
     let numbers: Vec<i128> = names.iter().filter_map(|parts| Some(parts.get(column)?.number)).collect();
     let steps: Vec<i128> = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
@@ -77,13 +76,15 @@ fn name(path: &Path) -> String {
 
 /// Whether points in the names are decimal ones: some names do without, as `z_3` beside `z_1.5`.
 fn has_decimals(files: &[PathBuf]) -> bool {
-    let count = |is_decimal: bool| {
-        let mut counts: Vec<usize> = files.iter().map(|path| parts(&name(path), is_decimal).len()).collect();
-        counts.sort_unstable();
-        counts.dedup();
-        counts.len()
-    };
-    count(false) > 1 && count(true) == 1
+    count_of_layouts(files, false) > 1 && count_of_layouts(files, true) == 1
+}
+
+/// In how many ways the names have text and numbers.
+fn count_of_layouts(files: &[PathBuf], is_decimal: bool) -> usize {
+    let mut counts: Vec<usize> = files.iter().map(|path| parts(&name(path), is_decimal).len()).collect();
+    counts.sort_unstable();
+    counts.dedup();
+    counts.len()
 }
 
 /// Whether points part two numbers in every name: decimals have no zero at the end that others do without, as `1.10` beside `1.9`.

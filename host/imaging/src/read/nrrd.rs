@@ -225,8 +225,10 @@ impl Axes {
             _ => 1,
         };
         let is_colour = channels > 1;
-        let is_place = |kind: &&str| ["domain", "space", "time", "list", "none", "???"].contains(kind);
-        if let Some(other) = kinds.iter().skip(usize::from(is_colour)).find(|kind| !is_place(kind)) {
+        let place_kinds = ["domain", "space", "time", "list", "none", "???"];
+        if let Some(other) =
+            kinds.iter().skip(usize::from(is_colour)).find(|kind| !place_kinds.contains(&**kind))
+        {
             let expected = "domain, space, time or list, behind RGB-color, RGBA-color or a vector of 3 or 4";
             return Err(ImagingError::invalid(path, "kinds", format!("\"{}\"", short(other)), expected));
         }

@@ -89,9 +89,11 @@ pub(super) fn open(path: &Path, files: Vec<PathBuf>) -> Result<(Header, Source),
             Ok(calibration) => {
                 header.spacing_mm = calibration.spacing_mm;
                 if let Some(interval_s) = calibration.interval_s.filter(|s| *s > 0.0 && files.len() == 1) {
-                    let time = |frame| Some(interval_s * frame as f64);
                     header.frames = (0..header.count)
-                        .map(|frame| FrameFields { time_s: time(frame), ..FrameFields::default() })
+                        .map(|frame| FrameFields {
+                            time_s: Some(interval_s * frame as f64),
+                            ..FrameFields::default()
+                        })
                         .collect();
                 }
             }

@@ -105,20 +105,18 @@ impl Open {
     fn check_axes(&mut self) -> Result<(), ImagingError> {
         let text = self.description();
         let (channels, slices, times, field) = if text.starts_with("ImageJ=") {
-            let number = |name: &str| {
+            let [channels, slices, frames] = ["channels", "slices", "frames"].map(|name| {
                 let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
                 value.and_then(|value| value.trim().parse::<usize>().ok()).unwrap_or(1)
-            };
-            (number("channels"), number("slices"), number("frames"), "ImageJ")
+            });
+            (channels, slices, frames, "ImageJ")
         } else if text.contains("<OME") {
-            let number = |name: &str| {
-                let value = text.split_once(&format!(" {name}=\""))?.1.split_once('"')?.0;
-                value.parse::<usize>().ok()
-            };
+            let [samples, channels, planes, times] =
+                ["SamplesPerPixel", "SizeC", "SizeZ", "SizeT"].map(|name| {
+                    attribute(&text, name).and_then(|value| value.parse::<usize>().ok()).unwrap_or(1)
+                });
             // Samples of one image are channels too.
-            let samples = number("SamplesPerPixel").unwrap_or(1).max(1);
-            let count = |name: &str| number(name).unwrap_or(1);
-            (count("SizeC") / samples, count("SizeZ"), count("SizeT"), "OME")
+            (channels / samples.max(1), planes, times, "OME")
         } else {
             return Ok(());
         };
@@ -159,12 +157,12 @@ impl Open {
                 interval_s,
             });
         }
-        let attribute = |name: &str| Some(text.split_once(&format!(" {name}=\""))?.1.split_once('"')?.0);
-        let sizes =
-            attribute("PhysicalSizeX").zip(attribute("PhysicalSizeY")).filter(|_| text.contains("<OME"));
+        let sizes = attribute(&text, "PhysicalSizeX")
+            .zip(attribute(&text, "PhysicalSizeY"))
+            .filter(|_| text.contains("<OME"));
         let Some((x, y)) = sizes else { return Ok(Calibration::default()) };
         let size = |value: &str, unit: &str| {
-            let mm_per_unit = length("OME: PhysicalSize", attribute(unit).unwrap_or("\u{b5}m"))?;
+            let mm_per_unit = length("OME: PhysicalSize", attribute(&text, unit).unwrap_or("\u{b5}m"))?;
             Ok::<_, Unclear>(value.parse().map_or(f64::NAN, |size: f64| mm_per_unit * size))
         };
         let mm = [size(x, "PhysicalSizeXUnit")?, size(y, "PhysicalSizeYUnit")?];
@@ -352,4 +350,9 @@ fn damaged(path: &Path) -> impl Fn(TiffError) -> ImagingError + '_ {
         };
         ImagingError::invalid(path, "image", short(&cause.to_string()), expected)
     }
+}
+
+/// Value of the first attribute of this name in a description by OME.
+fn attribute<'t>(text: &'t str, name: &str) -> Option<&'t str> {
+    Some(text.split_once(&format!(" {name}=\""))?.1.split_once('"')?.0)
 }

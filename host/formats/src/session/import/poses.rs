@@ -294,12 +294,11 @@ fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<f64>)> {
 
 /// The one unit that a line below the header states of the position's columns.
 fn unit_below(cells: &[Cell<'_>], columns: [usize; 3]) -> Option<f64> {
-    let to_m = |column: usize| {
+    let [x, y, z] = columns.map(|column| {
         let (_, cell) = cells.get(column)?;
         let plain = cell.trim_matches(['"', '\'', '[', ']', '(', ')', ' ']).to_lowercase();
         UNITS.iter().find(|(unit, _)| plain == *unit).map(|(_, to_m)| *to_m)
-    };
-    let [x, y, z] = columns.map(to_m);
+    });
     x.filter(|_| x == y && y == z)
 }
 

@@ -36,14 +36,17 @@ pub(super) fn brightness(header: &Attributes) -> Result<Vec<u8>, ImagingError> {
         }
         let last = count.saturating_sub(1);
         // Indices before the first colour have that one, and those behind the last one have the last.
-        let entry = |index: usize| entries.get(index.saturating_sub(usize::from(first)).min(last)).copied();
-        channels.push((0..=usize::from(u8::MAX)).map(|index| entry(index).unwrap_or(0)).collect());
+        let places =
+            (0..=usize::from(u8::MAX)).map(|index| index.saturating_sub(usize::from(first)).min(last));
+        channels.push(places.map(|place| entries.get(place).copied().unwrap_or(0)).collect());
     }
-    let part = |channel: usize, index: usize| {
-        channels.get(channel).and_then(|entries| entries.get(index)).copied().unwrap_or(0)
-    };
-    let pixels: Vec<u8> =
-        (0..=usize::from(u8::MAX)).flat_map(|index| [0, 1, 2].map(|channel| part(channel, index))).collect();
+    let pixels: Vec<u8> = (0..=usize::from(u8::MAX))
+        .flat_map(|index| {
+            [0, 1, 2].map(|channel: usize| {
+                channels.get(channel).and_then(|entries| entries.get(index)).copied().unwrap_or(0)
+            })
+        })
+        .collect();
     Ok(grey(pixels, 3))
 }
 

@@ -368,8 +368,10 @@ impl FrameReader for Pixels {
             }
         };
         let plain = if layout.has_palette() {
-            let brightness = |index: u8| self.palette.get(usize::from(index)).copied().unwrap_or(0);
-            plain.into_iter().map(brightness).collect()
+            plain
+                .into_iter()
+                .map(|index| self.palette.get(usize::from(index)).copied().unwrap_or(0))
+                .collect()
         } else {
             plain
         };
