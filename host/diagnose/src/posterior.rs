@@ -17,7 +17,7 @@ const SETTLED_SD: f64 = 0.05;
 /// Two fits are the same whose values differ by less than this, in posterior standard deviations.
 const SAME_SD: f64 = 0.3;
 /// Longest step of the logarithm of the modulus, and of other parameters in standard deviations of their priors.
-const MAX_LN_STEP: f64 = 0.7;
+pub(super) const MAX_LN_STEP: f64 = 0.7;
 const MAX_STEP_SD: f64 = 1.2;
 /// Largest number of halvings of a step.
 const MAX_HALVINGS: usize = 5;
