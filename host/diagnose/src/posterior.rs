@@ -151,7 +151,8 @@ impl Fitted {
     }
 
     /// Products of the columns in the metric of noise and discrepancy of these sizes, with the parameters projected
-    /// out, and by how much the fitted loga
+    /// out, and by how much the fitted
+    /// logarithm of the modulus follows each of the columns.
     pub fn eliminated(
         &self,
         patterns: &Patterns,

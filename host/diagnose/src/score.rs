@@ -69,7 +69,8 @@ pub(super) struct Scores {
 
 /// Largest ratio of the noise's variance to the assumed one: it is estimated itself.
 pub(super) const NOISE_TOLERANCE: f64 = 1.1;
-/// Rounds in which a normal prior that stands for one with heavy tails follows an amplitude: it triples or settles in each.
+/// Rounds in which a normal prior that stands for one with heavy tails follows an amplitude. Where data determine the amplitude the prior's
+/// share of it is small and the error falls by that share in each; where they do not, the prior hardly moves. A fit ends the same later.
 const REWEIGHTINGS: usize = 4;
 /// A likely effect of fewer standard deviations than this is not identifiable.
 const MIN_SIGNIFICANCE: f64 = 2.0;
