@@ -1,6 +1,8 @@
 //! Force from converter codes: calibration, zero, and what to do with readings that are not there or cannot be.
 
-use super::limits::{JUMP_PERCENT, Outliers, REMEMBERED_CODES, REPEATED_CODES, Recent};
+use super::limits::{
+    FORCE_READINGS, JUMP_PERCENT, LatestTwo, Outliers, REMEMBERED_CODES, REPEATED_CODES, Recent,
+};
 use super::mutation::Mutation;
 use super::tare::{self, Taring};
 use crate::ads131m02::ForceFault;
@@ -20,7 +22,7 @@ pub struct ForceChannel {
     is_fresh: bool,
     is_accepted: bool,
     missing: Recent,
-    saturated: Recent,
+    saturated: LatestTwo,
     /// Missing, or the same as one of the latest on either channel.
     doubtful: Recent,
     outliers: Outliers,
@@ -41,7 +43,7 @@ impl ForceChannel {
             is_fresh: false,
             is_accepted: false,
             missing: Recent::default(),
-            saturated: Recent::default(),
+            saturated: LatestTwo::default(),
             doubtful: Recent::default(),
             outliers: Outliers::default(),
             counters: Counters::default(),
@@ -57,7 +59,7 @@ impl ForceChannel {
         // A saturated converter gives no valid reading either, and is a load.
         let is_missing = reading.is_err() && !is_saturated;
         let is_repeated = reading.as_ref().is_ok_and(|codes| self.repeats(*codes));
-        self.saturated.note(is_saturated);
+        self.saturated.note(is_saturated, FORCE_READINGS);
         self.missing.note(is_missing);
         self.doubtful.note((is_missing || is_repeated) && !Mutation::FalseReadings.is_out());
         self.is_fresh = reading.is_ok();
@@ -131,9 +133,9 @@ impl ForceChannel {
         self.missing.count()
     }
 
-    /// Readings among the latest in which the converter was saturated.
-    pub fn saturated(&self) -> u32 {
-        self.saturated.count()
+    /// The converter was saturated in two of the latest readings.
+    pub fn is_saturated(&self) -> bool {
+        self.saturated.are_within(FORCE_READINGS)
     }
 
     /// Readings among the latest that were missing or repeated.
@@ -254,7 +256,7 @@ mod tests {
             ..Counters::default()
         };
         assert_eq!(*force.counters(), expected);
-        assert_eq!((force.missing(), force.saturated(), force.is_fresh()), (4, 1, false));
+        assert_eq!((force.missing(), force.is_saturated(), force.is_fresh()), (4, false, false));
         force.update(&calibration, &Ok([1_000, 2_000]));
         assert!(force.is_fresh() && force.is_accepted());
     }

@@ -2,7 +2,7 @@
 //!
 //! The safe state is bridges off: a lead screw is not driven back by its load, so the guide stays where it is. It is entered in
 //! the period in which a cause is detected. Detection takes as long as the table states, so that one outlying reading is not a fault.
-//! "2 readings" are two among the latest 32, whatever lies between them: [`super::limits`] derives these numbers.
+//! "2 readings" are two among the latest 32, of a force 128, whatever lies between them: [`super::limits`] derives these numbers.
 //!
 //! | no. | fault | hazard | detected by | within | test |
 //! |---|---|---|---|---|---|
@@ -36,7 +36,9 @@
 //! asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.
 
 use super::force::ForceChannel;
-use super::limits::{DOUBTFUL_READINGS, EVIDENCE_READINGS, JUMP_UM, Recent};
+use super::limits::{
+    DOUBTFUL_READINGS, EVIDENCE_READINGS, FORCE_READINGS, JUMP_UM, LatestTwo, WINDOW_READINGS,
+};
 use super::motor::{DriveWatch, DutyBudget};
 use super::mutation::Mutation;
 use crate::calibration::{Calibration, counts_of_mn};
@@ -142,24 +144,18 @@ impl StopCauses {
     }
 }
 
-/// Enough evidence for a fault, with this period's.
-fn shown(evidence: &mut Recent, present: bool) -> bool {
-    let shown = evidence.note(present) >= EVIDENCE_READINGS;
-    if Mutation::TwoInARow.is_out() { evidence.is_in_a_row() } else { shown }
-}
-
 /// The latch and the evidence before it.
 #[derive(Debug)]
 pub struct Interlock {
     limits: Limits,
     latched: Option<Fault>,
     faults: u32,
-    over_range: Recent,
-    over_limit: Recent,
-    contradicted: Recent,
-    off_track: Recent,
-    jumped: Recent,
-    beyond_travel: Recent,
+    over_range: LatestTwo,
+    over_limit: LatestTwo,
+    contradicted: LatestTwo,
+    off_track: LatestTwo,
+    jumped: LatestTwo,
+    beyond_travel: LatestTwo,
     late: u8,
     late_window: u8,
 }
@@ -171,12 +167,12 @@ impl Interlock {
             limits,
             latched: None,
             faults: 0,
-            over_range: Recent::default(),
-            over_limit: Recent::default(),
-            contradicted: Recent::default(),
-            off_track: Recent::default(),
-            jumped: Recent::default(),
-            beyond_travel: Recent::default(),
+            over_range: LatestTwo::default(),
+            over_limit: LatestTwo::default(),
+            contradicted: LatestTwo::default(),
+            off_track: LatestTwo::default(),
+            jumped: LatestTwo::default(),
+            beyond_travel: LatestTwo::default(),
             late: 0,
             late_window: 0,
         }
@@ -190,7 +186,7 @@ impl Interlock {
     /// Changes that. A force beyond the earlier limit is no evidence for this one.
     pub fn set_limits(&mut self, limits: Limits) {
         self.limits = limits;
-        self.over_limit = Recent::default();
+        self.over_limit = LatestTwo::default();
     }
 
     /// The latched fault.
@@ -228,39 +224,41 @@ impl Interlock {
             force.is_fresh()
                 && counts.iter().any(|counts| counts.unsigned_abs() > counts_of_mn(limit_mn).unsigned_abs())
         };
-        let over_range =
-            shown(&mut self.over_range, beyond(force.absolute_counts(), calibration.force_range_mn()));
+        let over_range = self
+            .over_range
+            .note(beyond(force.absolute_counts(), calibration.force_range_mn()), FORCE_READINGS);
         // From the calibration's zero too: independent of the tare, no more than the limit acts on the cell.
-        let over_limit = shown(
-            &mut self.over_limit,
+        let over_limit = self.over_limit.note(
             beyond(force.relative_counts(), self.limits.force_mn)
                 || (beyond(force.absolute_counts(), self.limits.force_mn)
                     && !Mutation::LimitFromTare.is_out()),
+            FORCE_READINGS,
         );
         // At rest a hand may change the force as fast as it likes.
         let driven = observed.duty.iter().any(|duty| *duty != 0.0);
-        let contradicted = shown(&mut self.contradicted, driven && force.is_fresh() && !force.is_accepted());
+        let contradicts = driven && force.is_fresh() && !force.is_accepted();
+        let contradicted = self.contradicted.note(contradicts, FORCE_READINGS);
         let on_track = calibration.on_track(observed.readings.potentiometer_codes);
-        let off_track = shown(&mut self.off_track, on_track.contains(&false));
+        let off_track = self.off_track.note(on_track.contains(&false), WINDOW_READINGS);
         let axes = || {
             let axis_positions = observed.position_um.into_iter().zip(observed.expected_um);
             axis_positions.zip(observed.duty).map(|((at_um, expected_um), duty)| (at_um, expected_um, duty))
         };
         let jumps = axes().any(|(at_um, expected_um, _)| (at_um - expected_um).abs() > JUMP_UM);
-        let jumped = shown(&mut self.jumped, jumps);
+        let jumped = self.jumped.note(jumps, WINDOW_READINGS);
         let travel_um = calibration.travel_um() as f32 + TRAVEL_MARGIN_UM;
-        let beyond_travel = shown(
-            &mut self.beyond_travel,
+        let beyond_travel = self.beyond_travel.note(
             axes().any(|(at_um, expected_um, duty)| {
                 let moved_um = (at_um - expected_um).copysign(at_um * (at_um - expected_um));
                 at_um.abs() > travel_um && (at_um * duty > 0.0 || moved_um > OUTWARD_UM)
             }),
+            WINDOW_READINGS,
         );
         let overrun = self.overruns(observed.late) && observed.active;
         let silent = observed.active && observed.silent_us > u64::from(self.limits.silence_ms) * 1_000;
         let mut causes = StopCauses::default();
         causes.add(observed.readings.emergency_stop, Fault::EmergencyStop);
-        causes.add(over_range || force.saturated() >= EVIDENCE_READINGS, Fault::ForceRange);
+        causes.add(over_range || force.is_saturated(), Fault::ForceRange);
         causes.add(over_limit, Fault::ForceLimit);
         causes.add(off_track || jumped, Fault::Potentiometer);
         causes.add(beyond_travel, Fault::Travel);

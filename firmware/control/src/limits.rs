@@ -1,12 +1,11 @@
-//! Evidence that a fault requires: counts over the latest readings, not runs of them. A loose contact gives a false
+//! Evidence that a fault requires: over the latest readings, not in runs of them. A loose contact gives a false
 //! reading now and then, and a rule that waits for two true ones in a row never sees them.
 //!
-//! Each kind of evidence is counted over the latest [`WINDOW_READINGS`] readings, the bits of one word:
-//!
-//! | evidence | a fault from | so that |
+//! | evidence | a fault | so that |
 //! |---|---|---|
-//! | beyond a limit or the track, saturated, a jump that no motion makes | [`EVIDENCE_READINGS`] | one outlying reading is none |
-//! | missing, or repeated to the last bit | [`DOUBTFUL_READINGS`] | what is left of the readings shows a load in time |
+//! | a force beyond a limit, saturated, or a jump of it that no motion makes | the second among the latest [`FORCE_READINGS`] | one outlying reading is none; true readings that come one by one, with a hundred false ones between them, show a load |
+//! | a position beyond the track or the travel, or a jump of it | the second among the latest [`WINDOW_READINGS`] | one outlying reading is none, nor is a wiper that crackles now and then |
+//! | a force that is missing, or repeated to the last bit | [`DOUBTFUL_READINGS`] of the latest [`WINDOW_READINGS`] | what is left of the readings shows a load in time |
 //!
 //! **Overshoot.** While nothing is latched, fewer than [`DOUBTFUL_READINGS`] of any [`WINDOW_READINGS`] readings are missing or
 //! repeated, and a first false one may pass as a reading. So of any [`LATEST_READINGS`] readings two are true, and a load beyond the
@@ -15,14 +14,22 @@
 //! by 0.24 mm (lag of 12 periods) in both cases. A motor whose gear has less friction rolls on further once its bridge is off (`host/manual/src/on-a-board.md` has
 //! the row in which that is measured), and the overshoot is larger by as much.
 //!
-//! **False faults.** Two spikes in the window are a fault: with `n` spikes an hour, `n * n * 32 / 3,600,000` false faults an hour, one in
-//! 30 hours at one a minute. A code is repeated where it is within [`REPEATED_CODES`] of one of the [`REMEMBERED_CODES`] before it. The
+//! False readings that neither repeat nor jump are those of a sound channel without a load: a contact to a shorted input, with the noise of
+//! the converter. Then two readings have to be true, beyond the limit or a jump from the others: where one in `n` is, that takes `2 n`
+//! periods.
+//!
+//! **False faults.** Two spikes in the window are a fault: with `n` spikes an hour, `n * n * 128 / 3,600,000` false faults an hour, one in
+//! eight hours at one a minute. A code is repeated where it is within [`REPEATED_CODES`] of one of the [`REMEMBERED_CODES`] before it. The
 //! converter's own noise alone (0.4 uV at this gain and rate, 350 codes) does that to 1 % of the readings, so that eight of 32 come once
 //! in a hundred hours; that of a cell (5 mN, 5,400 codes) to 0.07 %, and never. Noise of 0.02 N with 0.1 N of hum changes a reading by
 //! 0.14 N (five standard deviations), and [`JUMP_PERCENT`] of a range of 5 N is 0.5 N: see there.
 
+use super::mutation::Mutation;
+
 /// Readings over which evidence is counted.
-pub const WINDOW_READINGS: u32 = u32::BITS;
+pub const WINDOW_READINGS: u8 = 32;
+/// Readings over which evidence of a load is counted.
+pub const FORCE_READINGS: u8 = 128;
 /// Readings beyond a limit among them that are a fault.
 pub const EVIDENCE_READINGS: u32 = 2;
 /// Readings that are missing or repeated among them that are a fault.
@@ -45,20 +52,50 @@ pub const JUMP_UM: f32 = 1_000.0;
 pub struct Recent(u32);
 
 impl Recent {
-    /// Takes the next reading; in how many it was there.
-    pub fn note(&mut self, present: bool) -> u32 {
+    /// Takes the next reading.
+    pub fn note(&mut self, present: bool) {
         self.0 = self.0 << 1 | u32::from(present);
-        self.count()
-    }
-
-    /// It was there in the latest two.
-    pub(crate) fn is_in_a_row(self) -> bool {
-        self.0 & 0b11 == 0b11
     }
 
     /// In how many it was there.
     pub fn count(self) -> u32 {
         self.0.count_ones()
+    }
+}
+
+/// The latest two readings in which something was there, as readings since then.
+#[derive(Debug, Clone, Copy)]
+pub struct LatestTwo {
+    later: u8,
+    earlier: u8,
+}
+
+impl Default for LatestTwo {
+    /// Never.
+    fn default() -> Self {
+        Self { later: u8::MAX, earlier: u8::MAX }
+    }
+}
+
+impl LatestTwo {
+    /// Takes the next reading; whether it was there in two of the latest `window`.
+    pub fn note(&mut self, present: bool, window: u8) -> bool {
+        if present {
+            (self.later, self.earlier) = (0, self.later);
+        } else {
+            self.later = self.later.saturating_add(1);
+        }
+        self.earlier = self.earlier.saturating_add(1);
+        self.are_within(window)
+    }
+
+    /// Both are among the latest `window` readings.
+    pub fn are_within(self, window: u8) -> bool {
+        if Mutation::TwoInARow.is_out() {
+            (self.later, self.earlier) == (0, 1)
+        } else {
+            self.earlier < window
+        }
     }
 }
 

@@ -16,7 +16,7 @@
 //! than back is refused until the axis has moved the way it is driven, over restarts too.
 
 use super::axis::Axis;
-use super::limits::{EVIDENCE_READINGS, Recent};
+use super::limits::{LatestTwo, WINDOW_READINGS};
 use super::mutation::Mutation;
 use super::{Controller, Drive, OutboundMessage, OutboundMessages, event, push};
 use protocol::{
@@ -92,7 +92,7 @@ struct Running {
     from: Sample,
     most: Sample,
     after: Sums,
-    beyond: [Recent; 3],
+    beyond: [LatestTwo; 3],
     driven_periods: u8,
 }
 
@@ -177,7 +177,7 @@ impl Pulser {
             from: Sample::default(),
             most: Sample::default(),
             after: Sums::default(),
-            beyond: [Recent::default(); 3],
+            beyond: [LatestTwo::default(); 3],
             driven_periods: 0,
         });
         Ok(())
@@ -330,7 +330,7 @@ impl Running {
         ];
         let mut first = None;
         for (evidence, (beyond, outcome)) in self.beyond.iter_mut().zip(exceeded) {
-            if evidence.note(beyond) >= EVIDENCE_READINGS && first.is_none() {
+            if evidence.note(beyond, WINDOW_READINGS) && first.is_none() {
                 first = Some(outcome);
             }
         }

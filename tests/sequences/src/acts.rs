@@ -1,12 +1,12 @@
 //! Acts of a sequence.
 
-use super::judge::is_turned;
+use super::judge::{farthest, is_turned};
 use super::random::Random;
 use super::sensors::Failing;
 use super::{Checked, Condition, Converter, Disturbances, MAX_ACTS, Target, Violation};
 use control::calibration::Calibration;
 use control::commands::MAX_STORED_ANSWERS;
-use control::limits::WINDOW_READINGS;
+use control::limits::FORCE_READINGS;
 use protocol::{
     CalibrationRecord, Command, Fault, MAX_CALIBRATION, PIECE_BYTES, Refusal, Request, Step, program_crc,
 };
@@ -15,9 +15,12 @@ use protocol::{
 const TRIES: u32 = 40;
 /// Longest retreat, micrometres.
 const RETREAT_UM: f32 = protocol::RETREAT_LIMIT_UM as f32;
-/// Largest load on a guide near the middle that is the cell's offset or a tare, micrometres: 0.17 N of it are the
-/// needle.
+/// At the middle the needle presses with no more than this, newtons: what is left is the cell's offset or a tare.
+const MIDDLE_N: f32 = 0.17;
+/// Near it, micrometres: the same on 1.1 N/mm.
 const MIDDLE_UM: f32 = 150.0;
+/// A retreat that moves the guide by less has not helped, micrometres.
+const STAYS_UM: f32 = 10.0;
 /// Up to this [`Condition::zero_per_limit`] a limit is met at the middle: a retreat ends with 0.85 of it left, and cells have offsets.
 const MET: f32 = 0.5;
 /// Most time in which a motor cools, seconds: the window of its duty cycle and a bin.
@@ -51,7 +54,7 @@ impl<'a, T: Target> Sequence<'a, T> {
     /// # Errors
     /// What does not hold.
     pub fn act(&mut self) -> Checked<()> {
-        match self.random.below(32) {
+        match self.random.below(33) {
             0..10 => self.program(),
             10 | 11 => self.creep_by_tares(),
             12 => self.creep_by_retreats(),
@@ -94,6 +97,7 @@ impl<'a, T: Target> Sequence<'a, T> {
             29 => self.pulses(),
             30 => self.retreat_in_motion(),
             31 => self.sensors_fail(),
+            32 => self.retreat_blind(),
             28 if self.target.is_patient() && self.random.one_in(40) => self.heat(),
             _ => self.leave(),
         }
@@ -211,6 +215,30 @@ impl<'a, T: Target> Sequence<'a, T> {
         Ok(())
     }
 
+    /// Short retreats one after the other, each stopped once it moves, while the converter is saturated: mostly by tables of the wrong sign, which
+    /// lead away from the middle.
+    fn retreat_blind(&mut self) -> Checked<()> {
+        if self.random.below(4) > 0 {
+            let mut record = Calibration::nominal_record();
+            turn(&mut record);
+            self.store(&record)?;
+        }
+        self.request(Request::AcknowledgeCalibration)?;
+        self.target.set(Disturbances { converter: Converter::Saturated, ..Disturbances::default() })?;
+        self.target.pass(FORCE_READINGS.into())?;
+        let [x, y] = self.target.condition()?.position_um.map(f32::signum);
+        let way = if is_turned(self.target.record()) { 1_000.0 } else { -1_000.0 };
+        let (x_um, y_um) = ((x * way) as i32, (y * way) as i32);
+        let wait_ms = 100 + self.random.below(150);
+        for _ in 0..16 {
+            let by_um = if self.random.one_in(4) { (x_um, 0) } else { (0, y_um) };
+            self.request(Request::Retreat { x_um: by_um.0, y_um: by_um.1 })?;
+            self.target.pass(wait_ms)?;
+            self.request(Request::Stop)?;
+        }
+        Ok(())
+    }
+
     /// Fast into a load, and out of it before the motor is at rest; stopped on its way.
     fn retreat_in_motion(&mut self) -> Checked<()> {
         let y_um = if self.random.one_in(2) { 9_000 } else { -9_000 };
@@ -284,12 +312,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         match self.random.below(7) {
             0 => scale(10_f64.powi([-3, -2, -1, 1, 2, 3][self.random.below(6) as usize])),
             1 => scale([0.7, 0.9, 1.2, 2.0][self.random.below(4) as usize]),
-            2 => {
-                for table in &mut record.potentiometers {
-                    (table.rising_um, table.falling_um) =
-                        (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
-                }
-            }
+            2 => turn(&mut record),
             3 => record.travel_um = [5_000, 10_000, 100_000][self.random.below(3) as usize],
             4 => record.force_pn_per_code = record.force_pn_per_code.map(|[x, y]| [y, x]),
             5 => record.force_pn_per_code = record.force_pn_per_code.map(|row| row.map(|pn| -pn)),
@@ -370,8 +393,9 @@ impl<'a, T: Target> Sequence<'a, T> {
     pub fn leave(&mut self) -> Checked<()> {
         self.target.set(Disturbances::default())?;
         self.request(Request::Stop)?;
-        self.target.pass(WINDOW_READINGS)?;
+        self.target.pass(FORCE_READINGS.into())?;
         let mut waited = false;
+        let mut before_um = [f32::INFINITY; 2];
         for _ in 0..TRIES {
             let condition = self.target.condition()?;
             let Some(fault) = condition.fault else { return Ok(()) };
@@ -395,22 +419,28 @@ impl<'a, T: Target> Sequence<'a, T> {
             }
             // One that was lost before another fault was latched.
             self.request(Request::AcknowledgeCalibration)?;
-            self.unload(fault, &condition)?;
+            self.unload(fault, &condition, before_um)?;
+            before_um = condition.position_um;
         }
         let condition = self.target.condition()?;
         Err(Violation(format!("no recovery in {TRIES} tries: {condition:?}")))
     }
 
     /// Towards the middle of the travel. If the limit is not met there, a higher one; if the tables have the wrong
-    /// sign, and the middle lies in the other direction, other ones, or a higher limit.
-    fn unload(&mut self, fault: Fault, condition: &Condition) -> Checked<()> {
+    /// sign, and the middle lies in the other direction, other ones, or a higher limit. `before_um`: where the try before has begun.
+    fn unload(&mut self, fault: Fault, condition: &Condition, before_um: [f32; 2]) -> Checked<()> {
         let is_reversed = is_turned(self.target.record());
         if is_reversed && fault.may_come_of_calibration() {
             return self.store(&Calibration::nominal_record());
         }
-        let [x_um, y_um] = condition.position_um.map(|um| match um.abs() < MIDDLE_UM {
-            true => 0,
-            false => -um.clamp(-RETREAT_UM, RETREAT_UM) as i32,
+        // A soft needle may be further off, where the offset of the cell along the other axis outweighs it.
+        let stays = farthest(condition.position_um, before_um) < STAYS_UM;
+        let [x_um, y_um] = condition.position_um.map(|um| {
+            let is_soft = um.abs() * condition.stiffness_n_per_um < MIDDLE_N;
+            match um.abs() < MIDDLE_UM || (stays && is_soft) {
+                true => 0,
+                false => -um.clamp(-RETREAT_UM, RETREAT_UM) as i32,
+            }
         });
         // The middle is a load from the zero of a tare that is far from it.
         if is_reversed || [x_um, y_um] == [0; 2] || condition.zero_per_limit() > MET {
@@ -425,5 +455,12 @@ impl<'a, T: Target> Sequence<'a, T> {
             Err(Refusal::NotUnderLoad | Refusal::Busy) => self.target.pass(500),
             Err(refusal) => Err(Violation(format!("a retreat is refused: {refusal:?}"))),
         }
+    }
+}
+
+/// Gives the tables the wrong sign.
+fn turn(record: &mut CalibrationRecord) {
+    for table in &mut record.potentiometers {
+        (table.rising_um, table.falling_um) = (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
     }
 }

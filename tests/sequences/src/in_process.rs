@@ -238,6 +238,7 @@ impl Target for Bench {
             now_us: self.now_us,
             fault: self.fault,
             position_um: self.rig.position_um(),
+            stiffness_n_per_um: self.rig.stiffness_n_per_um(),
             cools_in_s: self.safety.map_or([0; 2], |safety| safety.cools_in_s),
             zero_counts: self.safety.map_or([0; 2], |safety| safety.zero_counts),
             limit_mn: self.limit_mn,

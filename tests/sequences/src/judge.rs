@@ -235,7 +235,7 @@ impl LimitChecker {
             return violated(format!("{} programs started of {} accepted", self.starts, self.runs));
         }
         self.rests(observed)?;
-        if self.turned {
+        if self.turned && !self.lost {
             let moved_um = farthest(observed.position_um, self.from_um);
             if moved_um > WRONG_WAY_UM {
                 return violated(format!("moved {moved_um} um by tables of the wrong sign"));
@@ -271,7 +271,7 @@ impl LimitChecker {
 }
 
 /// Larger motion of the two axes between two positions, micrometres.
-fn farthest(at_um: [f32; 2], from_um: [f32; 2]) -> f32 {
+pub fn farthest(at_um: [f32; 2], from_um: [f32; 2]) -> f32 {
     at_um.iter().zip(from_um).map(|(um, from)| (um - from).abs()).fold(0.0, f32::max)
 }
 

@@ -98,6 +98,8 @@ pub struct Condition {
     pub fault: Option<protocol::Fault>,
     /// True position of both axes, micrometres.
     pub position_um: [f32; 2],
+    /// Force per displacement, newtons per micrometre.
+    pub stiffness_n_per_um: f32,
     /// Time until the motors have cooled, seconds.
     pub cools_in_s: [u16; 2],
     /// Zero of the latest tare, from the calibration's, force counts.

@@ -126,7 +126,7 @@ impl Rig {
             }
         }
         Codes {
-            potentiometer: potentiometers.map(|code| code as u16),
+            potentiometer: potentiometers.map(|code| code.max(0) as u16),
             force,
             silent,
             emergency_stop: self.causes.emergency_stop,

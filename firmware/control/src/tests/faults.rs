@@ -1,7 +1,7 @@
 //! Every fault from its cause: when it is latched, that nothing is driven from then on, and what it takes to clear it.
 
 use super::*;
-use crate::limits::{DOUBTFUL_READINGS, EVIDENCE_READINGS};
+use crate::limits::{DOUBTFUL_READINGS, EVIDENCE_READINGS, FORCE_READINGS};
 use crate::motor::{COOLED_SHARE, ON_LIMIT_PERIODS, STALL_PERIODS};
 
 /// A bench whose guide is on its way.
@@ -35,7 +35,7 @@ fn periods_to(bench: &mut Bench, fault: Fault, most: u32) -> u32 {
 fn clears_only_without(bench: &mut Bench, remove: impl FnOnce(&mut Bench)) {
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
     remove(bench);
-    bench.periods(u32::from(crate::axis::STILL_PERIODS) + 20);
+    bench.periods(FORCE_READINGS.into());
     bench.command(Request::ClearFault).expect("the cause is gone");
     let outputs = bench.periods(50);
     assert_eq!((outputs.state, outputs.drive), (State::Idle, Drive::Release));
@@ -159,7 +159,7 @@ fn an_axis_driven_beyond_its_travel_may_be_driven_back() {
     bench.runaway = Some(1.0);
     assert!(periods_to(&mut bench, Fault::Travel, 40) < 30);
     (bench.runaway, bench.position_um) = (None, [0.0, 10_400.0]);
-    bench.periods(100);
+    bench.periods(FORCE_READINGS.into());
     bench.command(Request::ClearFault).expect("nothing drives it outward");
     bench.run(&[Step::Move { x_um: 0, y_um: 9_000, speed_um_s: 2_000 }]);
     bench.notes.clear();

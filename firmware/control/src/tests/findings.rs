@@ -221,7 +221,7 @@ fn a_saturated_converter_is_unloaded_towards_the_straight_needle_only() {
     bench.periods(100);
     assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -500 }), Err(Refusal::OutOfTravel));
     bench.force_fault = None;
-    bench.periods(AT_REST);
+    bench.periods(crate::limits::FORCE_READINGS.into());
     bench.command(Request::ClearFault).expect("the cause is gone");
 }
 
