@@ -6,6 +6,8 @@
 
 #[path = "interrupted/device.rs"]
 mod device;
+#[path = "interrupted/every.rs"]
+mod every;
 #[path = "interrupted/steer.rs"]
 mod steer;
 
@@ -267,23 +269,33 @@ fn undisturbed(command: &str) -> BTreeMap<PathBuf, Vec<u8>> {
     whole
 }
 
+fn help_of(command: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_guide")).args(command).arg("--help").output();
+    String::from_utf8(output.expect("guide starts").stdout).expect("UTF-8")
+}
+
+/// The names in the list of commands.
+fn names_of_commands(help: &str) -> Vec<String> {
+    let list = help.split("Commands:").nth(1).and_then(|rest| rest.split("Options:").next());
+    let lines = list.expect("a list of commands").lines().filter_map(|line| line.strip_prefix("  "));
+    lines
+        .filter(|line| !line.starts_with(' '))
+        .filter_map(|line| line.split(' ').next())
+        .map(str::to_owned)
+        .collect()
+}
+
 #[test]
 fn every_command_that_writes_is_in_the_table() {
-    let help = |command: &[&str]| {
-        let output = Command::new(env!("CARGO_BIN_EXE_guide")).args(command).arg("--help").output();
-        String::from_utf8(output.expect("guide starts").stdout).expect("UTF-8")
-    };
     let tested_commands: BTreeSet<&str> =
         WRITERS.iter().filter_map(|(command, _)| command.split(' ').next()).collect();
-    let commands = help(&[]);
-    let commands = commands.split("Commands:").nth(1).and_then(|rest| rest.split("Options:").next());
-    let commands = commands.expect("a list of commands").lines().filter_map(|line| {
-        let name = line.strip_prefix("  ")?;
-        (!name.starts_with(' ')).then(|| name.split(' ').next()).flatten()
-    });
     let mut writers = 0;
-    for command in commands.filter(|command| *command != "help") {
-        let help = help(&[command]);
+    for command in names_of_commands(&help_of(&[])) {
+        let command = command.as_str();
+        if command == "help" {
+            continue;
+        }
+        let help = help_of(&[command]);
         if WRITING_OPTIONS.iter().any(|option| help.contains(option)) {
             writers += 1;
             assert!(

@@ -7,8 +7,10 @@ use clap::Args;
 use device::link::error::explain_latched;
 use device::link::{Client, LinkError, Point, Program, RunOptions, Telemetry, run};
 use protocol::{CalibrationSource, Event, EventKind, Fault, Refusal, Request, Step};
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
 
 /// The port of the device.
 #[derive(Args)]
@@ -63,10 +65,24 @@ pub fn device_us(time_s: f64) -> u64 {
     (time_s * 1e6).round() as u64
 }
 
-/// Set when the user interrupts.
+/// Time that a program has to end by itself once it is interrupted; stopping a guide takes some tens of milliseconds.
+const LONGEST_END: Duration = Duration::from_millis(800);
+
+/// Set when the user interrupts, the terminal is closed or the program is asked to end. One that waits for what does not come then (a device
+/// that no longer answers, a reader of its output that has stalled) never looks at it, and is ended: the device stops as its host is silent.
 pub fn interrupted() -> anyhow::Result<&'static AtomicBool> {
     static INTERRUPTED: AtomicBool = AtomicBool::new(false);
-    ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Release))?;
+    ctrlc::set_handler(|| {
+        INTERRUPTED.store(true, Ordering::Release);
+        thread::sleep(LONGEST_END);
+        // Beside this thread, which must not wait for a stalled reader too.
+        thread::spawn(|| {
+            let text = "error: interrupted: ended while it waited; a guide that moves stops within the device's limit of silence";
+            let _ = writeln!(std::io::stderr(), "{text}");
+        });
+        thread::sleep(Duration::from_millis(50));
+        std::process::exit(1);
+    })?;
     Ok(&INTERRUPTED)
 }
 
