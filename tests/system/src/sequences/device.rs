@@ -19,6 +19,11 @@ const RESTART_MS: u64 = 1_000;
 const TRIES: u32 = 8;
 /// Device time between two signs of life, milliseconds.
 const STATUS_INTERVAL_MS: u64 = 400;
+/// Without a drive for so long nothing moves any more, milliseconds: each of three steps holds or tares for 200 and settles for 100 at most, a
+/// retreat waits for 150, and a start that is not refused is 50 ahead. What is left of a wait for a motion is then left out.
+const RESTS_MS: u32 = 800;
+/// A longer wait is one for something else: a motor that cools.
+const MOTION_MS: u32 = 5_000;
 /// Device time in which a replayed frame has been received and carried out, milliseconds.
 const REPLAY_MS: u64 = 60;
 /// Noise of the cell, newtons.
@@ -290,7 +295,9 @@ fn broken<T>(outcome: Result<T>) -> Checked<T> {
 
 impl Target for Device {
     fn request(&mut self, request: Request) -> Checked<Result<(), Refusal>> {
-        let state_before = self.check()?;
+        // Whatever was done before has been checked at its end; a byte takes a period or two.
+        let stores = matches!(request, Request::StoreCalibration { .. });
+        let state_before = if stores { Some(self.check()?) } else { None };
         let resets = self.firmware.resets;
         self.judge.sends(&request, self.firmware.rig.position_um());
         let answer = self.command(request)?;
@@ -298,7 +305,9 @@ impl Target for Device {
         self.judge.answered(&request, answer.is_ok(), now_us, self.firmware.rig.most_n())?;
         self.cleared |=
             answer.is_ok() && matches!(request, Request::ClearFault | Request::AcknowledgeCalibration);
-        if matches!(request, Request::StoreCalibration { .. }) && answer.is_ok() {
+        if answer.is_ok()
+            && let Some(state_before) = state_before
+        {
             self.restarted(resets, &state_before)?;
         }
         self.check()?;
@@ -317,10 +326,13 @@ impl Target for Device {
 
     fn pass(&mut self, ms: u32) -> Checked<()> {
         let end_ms = self.firmware.periods + u64::from(ms);
-        while self.firmware.periods < end_ms {
+        let rests_ms = if ms <= MOTION_MS { RESTS_MS } else { ms };
+        let mut undriven_ms = 0;
+        while self.firmware.periods < end_ms && undriven_ms < rests_ms {
             let next_ms = end_ms.min(self.firmware.periods + STATUS_INTERVAL_MS);
-            while self.firmware.periods < next_ms {
+            while self.firmware.periods < next_ms && undriven_ms < rests_ms {
                 self.period()?;
+                undriven_ms = if self.firmware.driven { 0 } else { undriven_ms + 1 };
             }
             self.check()?;
         }
@@ -354,6 +366,7 @@ impl Target for Device {
             now_us: status.t_us,
             fault: status.fault,
             position_um: self.firmware.rig.position_um(),
+            stiffness_n_per_um: self.firmware.rig.stiffness_n_per_um(),
             cools_in_s: self.safety.map_or([0; 2], |safety| safety.cools_in_s),
             zero_counts: self.safety.map_or([0; 2], |safety| safety.zero_counts),
             limit_mn: status.force_limit_mn,
