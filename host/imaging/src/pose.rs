@@ -63,6 +63,22 @@ pub enum PlaceError {
         /// The latest stamp before it.
         before_s: f64,
     },
+    /// A clock that shows too few digits.
+    #[error(
+        "{repeated} of {frames} frames have the time stamp of the frame before, expected stamps that tell frames apart: give the distance of \
+         frames instead (--step-mm)"
+    )]
+    Coarse {
+        /// Frames with the stamp of the one before.
+        repeated: usize,
+        /// Frames with a stamp.
+        frames: usize,
+    },
+    /// A lag without times.
+    #[error(
+        "a lag between images and positions, but no time stamps that tell frames apart, expected none (--lag-s 0)"
+    )]
+    LagWithoutTime,
     /// A probe that does not move.
     #[error(
         "{name} is the same in all {frames} frames, expected the position of a probe that moves: did the tracker see it?"
@@ -141,7 +157,11 @@ impl Poses {
         // If the frame number determines the position, no time is needed.
         match (place, clock(&times_s)) {
             (_, Ok(())) => {}
-            (Place::Step { .. }, Err(_)) => times_s.fill(None),
+            // A position of its own needs a time for nothing but a lag.
+            (Place::Step { .. }, Err(_))
+            | (Place::Field { .. } | Place::Transform { .. }, Err(PlaceError::Coarse { .. })) => {
+                times_s.fill(None)
+            }
             (_, Err(error)) => return Err(error),
         }
         let frame_poses: Vec<Option<Pose>> = match place {
@@ -250,21 +270,31 @@ impl Poses {
     }
 }
 
-/// Whether stamps never go back, and do not all stand still.
+/// Whether stamps never go back, do not all stand still, and tell frames apart. A stamp once more is that of a frame that was sent
+/// twice; more of them than others, or any of whole seconds, are those of a clock that shows too few digits.
 pub(crate) fn clock(times_s: &[Option<f64>]) -> Result<(), PlaceError> {
-    let (mut previous, mut repeated, mut has_advanced) = (None, None, false);
+    let (mut previous, mut first_repeat, mut repeated, mut frames) = (None, None, 0, 0);
     for (frame, time_s) in times_s.iter().enumerate().filter_map(|(frame, time_s)| Some((frame, (*time_s)?)))
     {
+        frames += 1;
         if let Some(previous_s) = previous.replace(time_s) {
             let error = PlaceError::Clock { frame: frame + 1, time_s, before_s: previous_s };
             match time_s.total_cmp(&previous_s) {
                 std::cmp::Ordering::Less => return Err(error),
-                std::cmp::Ordering::Equal => repeated = repeated.or(Some(error)),
-                std::cmp::Ordering::Greater => has_advanced = true,
+                std::cmp::Ordering::Equal => {
+                    repeated += 1;
+                    first_repeat.get_or_insert(error);
+                }
+                std::cmp::Ordering::Greater => {}
             }
         }
     }
-    repeated.filter(|_| !has_advanced).map_or(Ok(()), Err)
+    let is_whole = times_s.iter().flatten().all(|time_s| time_s.fract() == 0.0);
+    match first_repeat {
+        Some(error) if repeated + 1 == frames => Err(error),
+        Some(_) if is_whole || 2 * repeated > frames => Err(PlaceError::Coarse { repeated, frames }),
+        _ => Ok(()),
+    }
 }
 
 /// Refuses readings of a probe that are all the same.
@@ -354,10 +384,18 @@ mod tests {
             }
         }
         // A stamp once more: that frame alone has no place.
-        let fields = stamped(&[0.0, 1.0, 1.0, 2.0]);
+        let fields = stamped(&[0.5, 1.5, 1.5, 2.5]);
         let poses = Poses::new(4, &fields, &speed).expect("a clock");
         let z_mm = [0, 1, 2, 3].map(|frame: usize| poses.of(frame, 0.0).map(|pose| pose[11]));
         assert_eq!(z_mm, [Some(70.0), Some(71.0), None, Some(72.0)]);
+        // Whole seconds at two frames a second, tenths at thirty: a field needs no clock, a speed does.
+        for stamps_s in [&[7.0, 8.0, 8.0, 9.0][..], &[0.1, 0.1, 0.1, 0.2, 0.2, 0.2]] {
+            let fields = stamped(stamps_s);
+            let error = Poses::new(stamps_s.len(), &fields, &speed).expect_err("too few digits").to_string();
+            assert!(error.contains("tell frames apart") && error.contains("--step-mm"), "{error}");
+            let poses = Poses::new(stamps_s.len(), &fields, &field).expect("places");
+            assert!(!poses.has_times() && poses.of(3, 0.0).is_some_and(|pose| pose[11] == 73.0));
+        }
         // If the number of the frame determines its position, no clock is needed.
         let step = Place::Step { start_mm: 70.0, step_mm: 0.5 };
         let poses = Poses::new(5, &stamped(&[100.0, 101.0, 102.0, 82.0, 83.0]), &step).expect("places");

@@ -274,6 +274,9 @@ impl Measurement {
     /// [`TrackError`] as [`SweepError::Track`].
     pub fn finish(self, poses: &Poses, lag_s: Option<f64>) -> Result<Sweep, SweepError> {
         let Self { geometry: Geometry { spacing_mm, .. }, mut raw, fixed, .. } = self;
+        if lag_s.is_some_and(|lag_s| lag_s != 0.0) && !poses.has_times() {
+            return Err(PlaceError::LagWithoutTime.into());
+        }
         for (_, candidates) in &mut raw {
             candidates.retain(|candidate| !fixed.is_overlay(candidate));
         }

@@ -207,6 +207,13 @@ fn options_take_the_place_of_axes_and_regions_of_a_file() {
         right(&sweep(".mha", &["--orientation", "MF"], write));
         assert_rejected(&sweep(".mha", &[], write), &["orientation"]);
     }
+    for turned in ["-1 0 0 0 1 0 0 0 1", "1 0 0 0 -1 0 0 0 1"] {
+        let lines = format!("{STATED}TransformMatrix = {turned}\n");
+        let write =
+            |path: &Path, frames: &[Vec<u8>]| fs::write(path, metaimage(&lines, frames)).expect("written");
+        right(&sweep(".mha", &["--orientation", "MF"], write));
+        assert_rejected(&sweep(".mha", &[], write), &["TransformMatrix: one axis of the image is reversed"]);
+    }
     for clip in [Clip { delta_cm: -0.01, ..PLAIN }, Clip { second_delta_cm: Some(0.03), ..PLAIN }] {
         let write = |path: &Path, frames: &[Vec<u8>]| {
             fs::write(path, file(clip, frames, u16::from)).expect("written")

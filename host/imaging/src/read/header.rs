@@ -123,17 +123,23 @@ pub(super) fn orientation(header: &mut Header, field: &str, value: &str) {
     }
 }
 
-/// Remarks on directions in space of which one of the image's two axes is reversed and the other is not: which side of the
-/// image is far from the probe does not follow from them. Both are where right and anterior are written as left and posterior.
-pub(super) fn note_reversed(header: &mut Header, field: &str, diagonal: [Option<f64>; 2]) {
-    if let [Some(x), Some(y)] = diagonal
-        && x * y < 0.0
-    {
-        let axis = if x < 0.0 { "first" } else { "second" };
-        header.notes.push(format!(
-            "{field} reverses the {axis} axis in space, which is not followed: --orientation states the axes of the image"
-        ));
+/// Directions in space of which one of the image's two axes is reversed and the other is not: the stored frame is a mirror image of
+/// what was in space, and which side of it is far from the probe does not follow. Both are reversed where right and anterior are
+/// written as left and posterior. Axes that the file states as those of the probe count instead.
+pub(super) fn mirrored(header: &mut Header, field: &str, diagonal: [Option<f64>; 2], is_left_handed: bool) {
+    let [Some(x), Some(y)] = diagonal else { return };
+    let is_mirrored = x * y != 0.0 && (x * y < 0.0) != is_left_handed;
+    if !is_mirrored || header.orientation.is_some() || header.unclear(Statement::Orientation).is_some() {
+        return;
     }
+    let unclear = Unclear {
+        field: field.to_owned(),
+        problem: "one axis of the image is reversed in space, as in a mirror".to_owned(),
+        expected: "--orientation: MF where frames are stored as the scanner shows them, UF where left and right are exchanged, MN where \
+                   they are upside down"
+            .to_owned(),
+    };
+    header.unclear.push((Statement::Orientation, unclear));
 }
 
 /// Fields of the frames in a file, in any order of its lines.

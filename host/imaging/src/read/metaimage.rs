@@ -4,7 +4,7 @@
 
 use super::beside::{Joined, beside, files};
 use super::depth::Depth;
-use super::header::{Fields, Frames, line, note_reversed, one_of, orientation, short, sizes, spacing, two};
+use super::header::{Fields, Frames, line, mirrored, one_of, orientation, short, sizes, spacing, two};
 use super::{Source, check_size};
 use crate::error::ImagingError;
 use crate::frame::{Header, Statement, Unclear};
@@ -64,7 +64,7 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         let numbers = numbers.unwrap_or_default();
         let sides = numbers.len().isqrt();
         let diagonal = [numbers.first().copied(), numbers.get(sides + 1).copied()];
-        note_reversed(&mut header, key, diagonal);
+        mirrored(&mut header, key, diagonal, false);
     }
     match stated_spacing(&fields) {
         Ok(mm) => header.spacing_mm = mm,

@@ -103,6 +103,16 @@ impl Sequence {
                 // Archives name files by their UID, whose last number looks like an ending.
                 #[cfg(feature = "dicom")]
                 _ if dicom::is_dicom(path) => dicom::open(path)?,
+                Some(film @ ("mp4" | "mov" | "m4v" | "mkv" | "wmv" | "webm" | "mpg" | "gif")) => {
+                    let problem = format!("a film of .{film}");
+                    let expected = "AVI with motion JPEG: ffmpeg -i FILM -c:v mjpeg -q:v 2 film.avi";
+                    return Err(ImagingError::invalid(path, "name", problem, expected));
+                }
+                Some("mcap" | "bag" | "db3") => {
+                    let expected = "pictures or a film: `ros2 run image_view image_saver --ros-args -r image:=/TOPIC` while \
+                                    `ros2 bag play` plays it, and a folder of them here (forces and positions in it are read by `guide import table`)";
+                    return Err(ImagingError::invalid(path, "name", "a bag of ROS", expected));
+                }
                 _ => {
                     let problem = extension.map_or_else(|| "no extension".to_owned(), |e| format!(".{e}"));
                     let expected = ".mha, .mhd, .nrrd, .nhdr, .dcm, .avi, .png, .tif, .tiff, .jpg, or a folder of PNG, TIFF or JPEG files";

@@ -5,7 +5,7 @@
 
 use super::beside::{self, Joined, beside};
 use super::depth::{Depth, shift_for};
-use super::header::{Fields, Frames, line, note_reversed, one_of, orientation, short, sizes, spacing};
+use super::header::{Fields, Frames, line, mirrored, one_of, orientation, short, sizes, spacing};
 use super::metaimage::{millimetres, three, unit};
 use super::{FrameReader, Source, check_size};
 use crate::error::ImagingError;
@@ -15,6 +15,15 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
+/// Spaces whose third axis is that of a mirror image.
+const LEFT_HANDED: [&str; 6] = [
+    "left-anterior-superior",
+    "las",
+    "left-anterior-superior-time",
+    "last",
+    "3d-left-handed",
+    "3d-left-handed-time",
+];
 /// Most bytes of frames whose samples alternate.
 const MAX_KEPT: usize = 1 << 30;
 
@@ -165,7 +174,9 @@ fn fields(
             let inside = value.split('(').nth(vector + 1)?.split_once(')')?.0;
             inside.split(',').nth(place)?.trim().parse().ok()
         };
-        note_reversed(header, key, [part(0, 0), part(1, 1)]);
+        let space = fields.get(&["space"]).map(|(_, value)| value.to_lowercase());
+        let is_left_handed = space.is_some_and(|space| LEFT_HANDED.contains(&space.as_str()));
+        mirrored(header, key, [part(0, 0), part(1, 1)], is_left_handed);
     }
     match stated_spacing(&fields, &axes) {
         Ok(mm) => header.spacing_mm = mm,

@@ -1,6 +1,7 @@
 //! Files that are valid, or valid but for their end, as programs and systems leave them.
 
 use super::*;
+use crate::frame::Statement;
 use std::fs;
 
 fn data(name: &str) -> Vec<u8> {
@@ -328,18 +329,26 @@ fn the_size_of_a_pixel_is_that_of_imagej_or_ome_and_not_of_a_printer() {
 }
 
 #[test]
-fn one_reversed_axis_in_space_is_noted() {
+fn a_mirror_image_in_space_waits_for_the_axes_of_the_user() {
     let pixels: Vec<u8> = (0..24).collect();
-    for (x, y, count) in [(1, 1, 0), (-1, -1, 0), (1, -1, 1), (-1, 1, 1)] {
-        let mha = format!(
-            "NDims = 3\nDimSize = 4 2 3\nTransformMatrix = {x} 0 0 0 {y} 0 0 0 1\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
-        );
-        let nrrd = format!(
-            "NRRD0004\ntype: uint8\nsizes: 4 2 3\nspace: left-posterior-superior\nspace directions: ({x},0,0) (0,{y},0) (0,0,1)\nencoding: raw\n\n"
-        );
-        for (name, header) in [("s.mha", mha), ("s.nrrd", nrrd)] {
-            let (_folder, path) = written(name, &[header.as_bytes(), &pixels].concat());
-            assert_eq!(frames(&path).expect(name).0.notes.len(), count, "{header}");
+    let unclear = |name: &str, header: String| {
+        let (_folder, path) = written(name, &[header.as_bytes(), &pixels].concat());
+        let header = frames(&path).expect(name).0;
+        header.unclear(Statement::Orientation).map_or_else(String::new, ToString::to_string)
+    };
+    for (x, y, is_mirrored) in [(1, 1, false), (-1, -1, false), (1, -1, true), (-1, 1, true)] {
+        for axes in ["", "UltrasoundImageOrientation = MNA\n"] {
+            let mha = format!(
+                "NDims = 3\nDimSize = 4 2 3\nTransformMatrix = {x} 0 0 0 {y} 0 0 0 1\n{axes}ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
+            );
+            let text = unclear("s.mha", mha);
+            assert_eq!(text.contains("--orientation"), is_mirrored && axes.is_empty(), "{x} {y}: {text}");
+        }
+        for (space, is_left_handed) in [("left-posterior-superior", false), ("LAS", true)] {
+            let nrrd = format!(
+                "NRRD0004\ntype: uint8\nsizes: 4 2 3\nspace: {space}\nspace directions: ({x},0,0) (0,{y},0) (0,0,1)\nencoding: raw\n\n"
+            );
+            assert_eq!(unclear("s.nrrd", nrrd).is_empty(), is_mirrored == is_left_handed, "{space} {x} {y}");
         }
     }
 }
