@@ -101,6 +101,21 @@ fn points_that_are_not_placed_are_skipped() {
 }
 
 #[test]
+fn points_that_are_not_selected_are_skipped_where_others_are() {
+    let text = markups("\"RAS\"", &in_room(&simulated()).0);
+    let selected = |is_selected: bool| format!("\"selected\": {is_selected}, \"positionStatus\"");
+    let some = text.replacen("\"positionStatus\"", &selected(false), 7);
+    let needle = written("n.mrk.json", &some, slicer).expect("reads");
+    assert_eq!(needle.points_m.len(), 113);
+    assert!(needle.notes[0].ends_with("7 control points are not selected: skipped"), "{:?}", needle.notes);
+    for is_selected in [true, false] {
+        let all = text.replace("\"positionStatus\"", &selected(is_selected));
+        let needle = written("n.mrk.json", &all, slicer).expect("reads");
+        assert_eq!((needle.points_m.len(), needle.notes.len()), (120, 0));
+    }
+}
+
+#[test]
 fn faults_of_markups_name_their_place() {
     let good = markups("\"LPS\"", &in_room(&simulated()[..3]).0);
     for (from, to, line, expected) in [

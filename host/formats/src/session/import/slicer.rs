@@ -33,6 +33,7 @@ struct Markup {
 struct ControlPoint {
     position: Option<Position>,
     position_status: Option<String>,
+    selected: Option<bool>,
 }
 
 /// Directions of x and y: left and posterior, or right and anterior; z is superior in both.
@@ -79,15 +80,25 @@ pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
     };
     let to_m = 1e-3 * markup.coordinate_units.as_ref().map_or(1.0, |Units(mm)| *mm);
     let mut points = NeedlePoints { path: path.to_owned(), points_m: Vec::new(), notes: Vec::new() };
+    // Programs that are handed a list get its selected points; a list of which none is selected is meant as a whole.
+    let has_selected = markup.control_points.iter().any(|point| point.selected != Some(false));
+    let (mut unplaced, mut deselected) = (0usize, 0usize);
     for point in &markup.control_points {
-        let defined = point.position_status.as_deref().is_none_or(|status| status == "defined");
-        if let (true, Some(Position([x, y, z]))) = (defined, &point.position) {
-            points.points_m.push([to_m * sign * x, to_m * sign * y, to_m * z]);
+        let is_defined = point.position_status.as_deref().is_none_or(|status| status == "defined");
+        let Some(Position([x, y, z])) = point.position.as_ref().filter(|_| is_defined) else {
+            unplaced += 1;
+            continue;
+        };
+        if has_selected && point.selected == Some(false) {
+            deselected += 1;
+            continue;
         }
+        points.points_m.push([to_m * sign * x, to_m * sign * y, to_m * z]);
     }
-    let skipped = markup.control_points.len() - points.points_m.len();
-    if skipped > 0 {
-        points.notes.push(format!("{}: {skipped} control points are not placed: skipped", path.display()));
+    for (count, why) in [(unplaced, "placed"), (deselected, "selected")] {
+        if count > 0 {
+            points.notes.push(format!("{}: {count} control points are not {why}: skipped", path.display()));
+        }
     }
     if markup.kind.as_ref().is_some_and(|Kind(kind)| kind == "ClosedCurve") {
         points.notes.push(format!("{}: a closed curve is taken as an open one", path.display()));
