@@ -110,10 +110,10 @@ def by_rosbags(folder):
     next(bag.glob("*.mcap")).rename(folder / "rosbags.mcap")
 
 
-def by_mcap(folder):
-    """A bag that mcap-ros2-support writes; the tip is a pose."""
-    with (folder / "mcap.mcap").open("wb") as stream:
-        writer = RosWriter(stream, compression=CompressionType.NONE)
+def by_mcap(folder, compression):
+    """A bag that mcap-ros2-support writes; the tip is a pose, and a camera looks on."""
+    with (folder / f"mcap-{compression.name.lower()}.mcap").open("wb") as stream:
+        writer = RosWriter(stream, compression=compression)
         wrench = writer.register_msgdef(
             "geometry_msgs/msg/WrenchStamped",
             "std_msgs/Header header\ngeometry_msgs/Wrench wrench" + HEADER
@@ -125,6 +125,11 @@ def by_mcap(folder):
         )
         pose = writer.register_msgdef(
             "geometry_msgs/msg/PoseStamped", "std_msgs/Header header\ngeometry_msgs/Pose pose" + HEADER + POSE
+        )
+
+        image = writer.register_msgdef(
+            "sensor_msgs/msg/Image",
+            "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data" + HEADER,
         )
 
         def send(topic, schema, time, message):
@@ -141,6 +146,8 @@ def by_mcap(folder):
         for time, tip in tips():
             send("/tip", pose, time, {"pose": {"position": {"x": 0.0, "y": tip, "z": 0.03},
                                                "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}})
+            send("/camera/image_raw", image, time,
+                 {"height": 2, "width": 3, "encoding": "mono8", "is_bigendian": 0, "step": 3, "data": bytes(range(6))})
         writer.finish()
 
 
@@ -159,5 +166,6 @@ def by_scipy(folder):
 
 made = pathlib.Path(sys.argv[1])
 by_rosbags(made)
-by_mcap(made)
+for compression in CompressionType:
+    by_mcap(made, compression)
 by_scipy(made)

@@ -4,176 +4,25 @@
 //! depends on the joint, and its unit is for the user to state. Times are the messages' own stamps, or when they were logged where these
 //! are zero or there are none. Layouts: `geometry_msgs`, `sensor_msgs` and `std_msgs` of ROS 2.
 
+mod compressed;
+mod messages;
+
 use super::{RawColumn, RawTable, TableError, Unit};
 use byteorder::{BigEndian, LittleEndian};
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use mcap::io::MessageReader;
+use mcap::sans_io::LinearReaderOptions;
+use messages::{Kind, TYPES, fields};
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 /// Largest file.
 const MAX_BYTES: u64 = 2 << 30;
-/// Most topics, and most joints of one.
+/// Most topics.
 const MAX_TOPICS: usize = 256;
-const MAX_JOINTS: usize = 64;
 /// Times that messages are under way: beyond these the sender has another clock than the recorder.
 const TRANSPORT_S: std::ops::Range<f64> = -0.05..0.5;
-
-#[derive(Deserialize)]
-struct Header {
-    seconds: i32,
-    nanoseconds: u32,
-    frame: String,
-}
-
-#[derive(Deserialize)]
-struct Vector {
-    x: f64,
-    y: f64,
-    z: f64,
-}
-
-#[derive(Deserialize)]
-struct Quaternion {
-    x: f64,
-    y: f64,
-    z: f64,
-    w: f64,
-}
-
-#[derive(Deserialize)]
-struct Pose {
-    position: Vector,
-    orientation: Quaternion,
-}
-
-#[derive(Deserialize)]
-struct PoseStamped {
-    header: Header,
-    pose: Pose,
-}
-
-#[derive(Deserialize)]
-struct PointStamped {
-    header: Header,
-    point: Vector,
-}
-
-#[derive(Deserialize)]
-struct WrenchStamped {
-    header: Header,
-    force: Vector,
-    torque: Vector,
-}
-
-#[derive(Deserialize)]
-struct Vector3Stamped {
-    header: Header,
-    vector: Vector,
-}
-
-#[derive(Deserialize)]
-struct JointState {
-    header: Header,
-    name: Vec<String>,
-    position: Vec<f64>,
-    velocity: Vec<f64>,
-    effort: Vec<f64>,
-}
-
-/// The types that are read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Pose,
-    Point,
-    Wrench,
-    Vector,
-    Joints,
-    Double,
-    Single,
-}
-
-/// Names of the types, for messages.
-const TYPES: &str =
-    "WrenchStamped, PoseStamped, PointStamped, Vector3Stamped, JointState, Float64 or Float32 in CDR";
-
-impl Kind {
-    fn of(schema: &str) -> Option<Self> {
-        match schema {
-            "geometry_msgs/msg/PoseStamped" => Some(Self::Pose),
-            "geometry_msgs/msg/PointStamped" => Some(Self::Point),
-            "geometry_msgs/msg/WrenchStamped" => Some(Self::Wrench),
-            "geometry_msgs/msg/Vector3Stamped" => Some(Self::Vector),
-            "sensor_msgs/msg/JointState" => Some(Self::Joints),
-            "std_msgs/msg/Float64" => Some(Self::Double),
-            "std_msgs/msg/Float32" => Some(Self::Single),
-            _ => None,
-        }
-    }
-}
-
-/// Name, unit and value of a field.
-type Field = (String, Option<&'static str>, f64);
-
-/// A message: its stamp in nanoseconds, the frame that it is stated in, and its fields.
-type Sent = (i128, String, Vec<Field>);
-
-fn fields<T>(kind: Kind, body: &[u8]) -> Result<Sent, cdr_encoding::Error>
-where
-    T: byteorder::ByteOrder,
-{
-    fn read<M: DeserializeOwned, T: byteorder::ByteOrder>(body: &[u8]) -> Result<M, cdr_encoding::Error> {
-        cdr_encoding::from_bytes::<M, T>(body).map(|(message, _)| message)
-    }
-    fn at(header: &Header) -> i128 {
-        i128::from(header.seconds) * 1_000_000_000 + i128::from(header.nanoseconds)
-    }
-    let vector = |name: &str, unit: Option<&'static str>, of: &Vector| -> Vec<Field> {
-        [("x", of.x), ("y", of.y), ("z", of.z)]
-            .map(|(axis, value)| (format!("{name}.{axis}"), unit, value))
-            .to_vec()
-    };
-    Ok(match kind {
-        Kind::Pose => {
-            let PoseStamped { header, pose: Pose { position, orientation: q } } = read::<_, T>(body)?;
-            let turn = [("x", q.x), ("y", q.y), ("z", q.z), ("w", q.w)];
-            let turn = turn.map(|(part, value)| (format!("orientation.{part}"), None, value));
-            (at(&header), header.frame, [vector("position", Some("m"), &position), turn.to_vec()].concat())
-        }
-        Kind::Point => {
-            let PointStamped { header, point } = read::<_, T>(body)?;
-            (at(&header), header.frame, vector("point", Some("m"), &point))
-        }
-        Kind::Wrench => {
-            let WrenchStamped { header, force, torque } = read::<_, T>(body)?;
-            (
-                at(&header),
-                header.frame,
-                [vector("force", Some("N"), &force), vector("torque", None, &torque)].concat(),
-            )
-        }
-        Kind::Vector => {
-            let Vector3Stamped { header, vector: value } = read::<_, T>(body)?;
-            (at(&header), header.frame, vector("vector", None, &value))
-        }
-        // A number alone has neither a stamp nor a frame.
-        Kind::Double => (0, String::new(), vec![("data".to_owned(), None, read::<f64, T>(body)?)]),
-        Kind::Single => (0, String::new(), vec![("data".to_owned(), None, read::<f32, T>(body)?.into())]),
-        Kind::Joints => {
-            let JointState { header, name, position, velocity, effort } = read::<_, T>(body)?;
-            let mut all_tables = Vec::new();
-            for (at, name) in name.iter().take(MAX_JOINTS).enumerate() {
-                let joint_series = [("position", &position), ("velocity", &velocity), ("effort", &effort)];
-                all_tables.extend(joint_series.into_iter().filter_map(|(joint_series, values)| {
-                    Some((format!("{name}.{joint_series}"), None, *values.get(at)?))
-                }));
-            }
-            // Joints are in no frame.
-            (at(&header), String::new(), all_tables)
-        }
-    })
-}
 
 /// A topic while it is read.
 struct Topic {
@@ -206,21 +55,27 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
             path,
         ));
     }
-    let bytes = fs::read(path).map_err(io)?;
+    let file = BufReader::new(fs::File::open(path).map_err(io)?);
     let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
     let mut unused_topics: BTreeMap<String, String> = BTreeMap::new();
     let mut notes = Vec::new();
-    // A bag whose recorder was interrupted has no end: what is there is read.
-    let options = mcap::read::Options::IgnoreEndMagic;
-    let stream = mcap::MessageStream::new_with_options(&bytes, options.into())
-        .map_err(|cause| fault(cause.to_string(), "an MCAP file", path))?;
+    // A bag whose recorder was interrupted has no end: what is there is read. No record is longer than the file.
+    let options = LinearReaderOptions::default()
+        .with_skip_end_magic(true)
+        .with_validate_chunk_crcs(true)
+        .with_record_length_limit(usize::try_from(size).unwrap_or(usize::MAX));
+    let mut stream = MessageReader::new_with_options(file, options);
+    for format in compressed::all() {
+        let outcome = stream.add_decompressor(format);
+        outcome.map_err(|cause| fault(cause.to_string(), "an MCAP file", path))?;
+    }
     for (count, message) in stream.enumerate() {
         let message = match message {
             Ok(message) => message,
             Err(mcap::McapError::UnsupportedCompression(name)) => {
                 return Err(fault(
                     format!("chunks compressed with {name}"),
-                    "a bag without compression: mcap compress --compression none, or ros2 bag convert",
+                    "zstd, lz4 or no compression: mcap compress --compression none, or ros2 bag convert",
                     path,
                 ));
             }
@@ -256,8 +111,10 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
         return Err(fault(topic_text, TYPES, path));
     }
     let topic_names: Vec<String> = unused_topics.into_keys().collect();
-    let mut tables: Vec<RawTable> =
-        topics.into_iter().flat_map(|(name, topic)| topic.tables(path, &name)).collect();
+    let mut tables: Vec<RawTable> = Vec::new();
+    for (name, topic) in topics {
+        tables.extend(topic.tables(path, &name)?);
+    }
     if let Some(first) = tables.first_mut() {
         first.notes.extend(notes);
         first.words = topic_names;
@@ -295,7 +152,7 @@ impl Topic {
     }
 
     /// The topic as a table; as `topic@frame` for each where it has several frames.
-    fn tables(self, path: &Path, topic: &str) -> Vec<RawTable> {
+    fn tables(self, path: &Path, topic: &str) -> Result<Vec<RawTable>, TableError> {
         let is_one = self.frames.len() <= 1;
         fn named(frame: &str, is_one: bool, topic: &str) -> String {
             if is_one { topic.to_owned() } else { format!("{topic}@{frame}") }
@@ -304,7 +161,7 @@ impl Topic {
             .frames
             .into_iter()
             .map(|(frame, messages)| messages.table(path, &named(&frame, is_one, topic)));
-        let mut tables: Vec<RawTable> = frame_tables.collect();
+        let mut tables: Vec<RawTable> = frame_tables.collect::<Result<_, _>>()?;
         if let Some(first) = tables.first_mut() {
             if !is_one {
                 first
@@ -315,16 +172,41 @@ impl Topic {
                 first.notes.push(format!("{} messages cannot be read, and are skipped", self.unreadable));
             }
         }
-        tables
+        Ok(tables)
     }
 }
 
 impl Messages {
+    /// The first message that the clock of the sender was set back before: its place in the order of the recorder, and by how much,
+    /// seconds. Messages overtake each other by no more than they are under way.
+    fn set_back(&self) -> Option<(usize, f64)> {
+        let mut order: Vec<(i128, i128)> =
+            self.logged_ns.iter().copied().zip(self.stamps_ns.iter().copied()).collect();
+        order.sort_by_key(|(logged_ns, _)| *logged_ns);
+        let mut latest_ns = i128::MIN;
+        order.into_iter().enumerate().find_map(|(place, (_, stamp_ns))| {
+            latest_ns = latest_ns.max(stamp_ns);
+            let back_s = (latest_ns - stamp_ns) as f64 / 1e9;
+            (back_s > TRANSPORT_S.end).then_some((place, back_s))
+        })
+    }
+
     /// A table of them. They may be logged in another order than they were stamped.
-    fn table(self, path: &Path, topic: &str) -> RawTable {
+    fn table(self, path: &Path, topic: &str) -> Result<RawTable, TableError> {
+        let is_one_time = self.logged_ns.iter().min() == self.logged_ns.iter().max();
+        let has_stamps = self.stamps_ns.iter().all(|stamp_ns| *stamp_ns != 0);
+        if let Some((place, back_s)) = self.set_back().filter(|_| has_stamps && !is_one_time) {
+            return Err(TableError::Cell {
+                path: PathBuf::from(format!("{}#{topic}", path.display())),
+                line: place + 1,
+                field: "stamp".to_owned(),
+                problem: format!("{back_s:.3} s before that of a message before"),
+                expected: "stamps that never step back: was the clock set, or are two recordings joined?"
+                    .to_owned(),
+            });
+        }
         let Self { stamps_ns, logged_ns, fields } = self;
         let rows = stamps_ns.len();
-        let has_stamps = stamps_ns.iter().all(|stamp_ns| *stamp_ns != 0);
         let mut ahead_ns: Vec<i128> =
             logged_ns.iter().zip(&stamps_ns).map(|(logged, stamp)| logged - stamp).collect();
         ahead_ns.sort_unstable();
@@ -378,14 +260,14 @@ impl Messages {
             let value_at = |row: usize| values.get(row).copied().unwrap_or(f64::NAN);
             columns.push(column(&name, at + 2, unit.and_then(Unit::parse), sorted(&value_at), &topic));
         }
-        RawTable {
+        Ok(RawTable {
             path: PathBuf::from(format!("{}#{topic}", path.display())),
             form: "ROS 2 bag".to_owned(),
             columns,
             words: Vec::new(),
             lines: (1..=rows).collect(),
             notes,
-        }
+        })
     }
 }
 

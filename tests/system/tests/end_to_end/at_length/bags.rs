@@ -42,7 +42,9 @@ fn bags_and_arrays_of_other_writers_become_sessions_with_their_values() {
     // Joint states begin half a period later, and are interpolated at the forces.
     for (name, maps, rows, first_s) in [
         ("rosbags.mcap", of_bag("point"), 59, 0.05),
-        ("mcap.mcap", of_bag("position"), 59, 0.05),
+        ("mcap-none.mcap", of_bag("position"), 59, 0.05),
+        ("mcap-lz4.mcap", of_bag("position"), 59, 0.05),
+        ("mcap-zstd.mcap", of_bag("position"), 59, 0.05),
         ("plain.mat", of_arrays(), 60, 0.0),
         ("packed.mat", of_arrays(), 60, 0.0),
     ] {
@@ -62,7 +64,10 @@ fn bags_and_arrays_of_other_writers_become_sessions_with_their_values() {
             import.args(["--z-from", "guide1"]);
         }
         let output = import.output().unwrap();
-        assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+        let echo = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{name}: {echo}");
+        // Images beside the readings are named, and not taken.
+        assert_eq!(name.starts_with("mcap"), echo.contains("/camera/image_raw"), "{name}: {echo}");
         let run = Session::read(&session_path).unwrap().lateral.remove(0);
         assert_eq!(run.force.time_s.len(), rows, "{name}");
         for ((t, y_m), f) in
@@ -83,4 +88,19 @@ fn bags_and_arrays_of_other_writers_become_sessions_with_their_values() {
             }
         }
     }
+    // Frames in a bag are for another program to play.
+    let mut frames = Command::new(&guide);
+    frames.current_dir(folder.path()).args([
+        "import",
+        "ultrasound",
+        "mcap-none.mcap",
+        "--straight",
+        "mcap-none.mcap",
+    ]);
+    let output = frames.args(["--step-mm", "1", "--out", "none"]).output().unwrap();
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        !output.status.success() && printed.contains("a bag of ROS") && printed.contains("image_saver"),
+        "{printed}"
+    );
 }
