@@ -4,7 +4,9 @@ use super::import_shapes::ShapeArgs;
 use super::output::Output;
 use anyhow::{Context, bail, ensure};
 use device::words::join;
-use formats::foreign::{Choice, Mapping, Options, RawTable, Taken, TakenColumn, ZOrigin, Zero, take};
+use formats::foreign::{
+    Choice, ENDINGS, Mapping, Options, RawTable, Taken, TakenColumn, ZOrigin, Zero, of_other_format, take,
+};
 use formats::session::import::id_of;
 use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup};
 use serde::Serialize;
@@ -194,22 +196,26 @@ fn groups(paths: &[PathBuf], each: bool) -> anyhow::Result<Vec<Vec<PathBuf>>> {
     };
     for folder in folders {
         let entries = fs::read_dir(&folder).with_context(|| format!("{}: cannot read", folder.display()))?;
+        let is_hidden =
+            |path: &PathBuf| path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
         let mut files: Vec<PathBuf> = entries
             .filter_map(Result::ok)
             .map(|entry| entry.path())
-            .filter(|path| {
-                let is_hidden = path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
-                let extensions = ["csv", "txt", "tsv", "dat", "xlsx", "xls", "ods", "mat", "mcap"];
-                !is_hidden
-                    && path.extension().is_some_and(|e| {
-                        extensions.iter().any(|extensions| e.eq_ignore_ascii_case(extensions))
-                    })
-            })
+            .filter(|path| !is_hidden(path))
             .collect();
+        let other = files.iter().find_map(|path| of_other_format(path));
+        files.retain(|path| {
+            path.extension()
+                .is_some_and(|ending| ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known)))
+        });
+        if let Some(error) = other.filter(|_| files.is_empty()) {
+            return Err(error.into());
+        }
         ensure!(
             !files.is_empty(),
-            "{}: no tables, expected files such as .csv, .txt or .xlsx",
-            folder.display()
+            "{}: no tables, expected files with one of the endings {}",
+            folder.display(),
+            ENDINGS.join(", ")
         );
         files.sort();
         groups.extend(files.into_iter().map(|file| vec![file]));

@@ -1,6 +1,6 @@
 //! Clocks of tables: one that files share, two that ramps bring together, and those of a computer.
 
-use super::tables::{GRAVITY, Native, imported, modulus, notes};
+use super::tables::{GRAVITY, Native, imported, imported_alone, modulus, notes};
 
 #[test]
 fn a_computers_clock_gives_the_same_modulus_to_the_last_digit() {
@@ -72,4 +72,54 @@ fn two_files_of_one_clock_or_two_give_the_modulus() {
     // Or as it is known.
     let offset_maps = [&maps[..], &["--offset-s", "-7.3"]].concat();
     imported(&native, "known", &[&scale, &stage], &offset_maps, 5e-3);
+}
+
+/// Two laboratories of which nothing is known but their files: three tables of two clocks, and a clock of whole seconds.
+#[test]
+fn files_of_two_strangers_become_the_modulus_in_a_command_each() {
+    let native = Native::new();
+    let comma = |value: f64| format!("{value:.6}").replace('.', ",");
+    let before = "Pr\u{fc}fstand Nadel\r\nAbtastrate: 50 Hz\r\n\r\nMesszeit [s];Kanal 3: Kraft Fz [cN];Kanal 4: Temperatur [\u{b0}C]\r\n";
+    let cell =
+        native.file("Messung.txt", before, |_, t, _, f| format!("{};{};22,4", comma(t), comma(100.0 * f)));
+    let stage =
+        native.file("stage.csv", "# log v3\ntimestamp_ms,ch0_position_nm,ch0_status\n", |_, t, x, _| {
+            format!("{:.0},{:.0},OK", 8_812_345.0 + 1e3 * t, 1e6 * (12.4 + x))
+        });
+    let camera =
+        native.shape_as("kamera.csv", "Messzeit [s];Abstand [cm];Auslenkung [\u{b5}m]\n", |z_mm, y_mm| {
+            format!("{};{};{}", comma(7.5), comma(0.1 * z_mm), comma(1e3 * y_mm))
+        });
+    let maps = [
+        "--map",
+        "Kanal 3: Kraft Fz [cN]=force_y_n",
+        "--map",
+        "ch0_position_nm=displacement_y_mm",
+        "--map",
+        "Abstand [cm]=z_mm",
+        "--map",
+        "Auslenkung [\u{b5}m]=deflection_y_mm",
+        "--merge-on",
+        "Messzeit [s]",
+        "--z-from",
+        "surface",
+    ];
+    let import_json = imported_alone(&native, "german", &[&cell, &stage, &camera], &maps, 1e-2);
+    let offset_error_s = import_json["runs"][0]["offset_s"].as_f64().expect("an offset") + 8_812.345;
+    assert!(offset_error_s.abs() < 0.05, "{offset_error_s}");
+
+    let date = |t: f64| format!("05/04/2026 02:03:{:02.0} PM", (7.34 + t).floor());
+    let tester = native.file(
+        "run 3.csv",
+        "Test,Gel pull 3\n\nDate/Time,Crosshead (in),Load (ozf),Remarks\n",
+        |i, t, x, f| {
+            let below = if i == 399 { "\r\n,3.2282,-1.4,mean" } else { "" };
+            format!("{},{:.6},{:.6},{below}", date(t), 3.25 - x / 25.4, -f / 0.278_013_850_953_781_1)
+        },
+    );
+    let shape = native.shape_as("bow.csv", "Date/Time,z (in),bow (in)\n", |z_mm, y_mm| {
+        format!("{},{:.7},{:.7}", date(7.2), (70.0 + z_mm) / 25.4, -y_mm / 25.4)
+    });
+    let import_json = imported_alone(&native, "american", &[&tester, &shape], &["--z-from", "guide1"], 1e-2);
+    assert!(notes(&import_json).contains("spread evenly, 50.0"), "{import_json}");
 }

@@ -49,14 +49,11 @@ impl Native {
         path(&file).to_owned()
     }
 
-    /// The shape from the surface, as a table of its own.
-    fn shape(&self) -> String {
-        let mut rows = "Abstand [mm];Durchbiegung [µm]\n".to_owned();
-        for (z_m, y_m) in self.run.shape.z_m.iter().zip(&self.run.shape.y_m) {
-            let line = format!("{:.4};{:.3}\n", 1e3 * z_m - 70.0, 1e6 * y_m);
-            rows.push_str(&line.replace('.', ","));
-        }
-        self.write("shape.csv", rows.as_bytes())
+    /// The shape from the surface, millimetres, as a table of its own.
+    pub(super) fn shape_as(&self, name: &str, before: &str, row: impl Fn(f64, f64) -> String) -> String {
+        let points = self.run.shape.z_m.iter().zip(&self.run.shape.y_m);
+        let lines = points.map(|(z_m, y_m)| row(1e3 * z_m - 70.0, 1e3 * y_m) + "\n");
+        self.write(name, (before.to_owned() + &lines.collect::<String>()).as_bytes())
     }
 }
 
@@ -75,11 +72,23 @@ pub(super) fn imported(
     options: &[&str],
     within: f64,
 ) -> serde_json::Value {
-    let (output_dir, rig, shape) =
-        (native.dir(&format!("out-{name}")), native.dir("native/session.toml"), native.shape());
+    let shape = native.shape_as("shape.csv", "Abstand [mm];Durchbiegung [µm]\n", |z_mm, y_mm| {
+        format!("{z_mm:.4};{:.3}", 1e3 * y_mm).replace('.', ",")
+    });
+    imported_alone(native, name, &[files, &[shape.as_str()]].concat(), &[options, &SHAPE].concat(), within)
+}
+
+/// As [`imported`], of files that have the shape too.
+pub(super) fn imported_alone(
+    native: &Native,
+    name: &str,
+    files: &[&str],
+    options: &[&str],
+    within: f64,
+) -> serde_json::Value {
+    let (output_dir, rig) = (native.dir(&format!("out-{name}")), native.dir("native/session.toml"));
     let common = ["--depth-mm", "30", "--rig", path(&rig), "--out", path(&output_dir), "--yes", "--json"];
-    let import_json =
-        json(&[&["import", "table"], files, &[shape.as_str()], options, &SHAPE, &common].concat());
+    let import_json = json(&[&["import", "table"], files, options, &common].concat());
     let (native_kpa, imported_kpa) = (modulus(&native.dir("native")), modulus(&output_dir));
     assert!((imported_kpa / native_kpa - 1.0).abs() < within, "{name}: {imported_kpa} and {native_kpa}");
     import_json

@@ -10,6 +10,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 mod clock;
+mod coarse;
 mod rows;
 mod series;
 
@@ -245,9 +246,11 @@ impl Taken {
     fn describe(&mut self, tables: &[RawTable], parts: &[Part]) {
         for Part { table, column, target, unit } in parts {
             let values = column.values.iter().filter(|value| value.is_finite());
-            let whole = column.origin as f64;
-            // Times begin with the first of them.
-            let to_si = |value: f64| if target.quantity == Quantity::Time { value } else { whole + value } * unit.to_si;
+            // Dates begin with the first of them.
+            let is_date =
+                column.is_stamp || target.quantity == Quantity::Time && clock::is_of_computer(column, unit);
+            let whole = if is_date { 0.0 } else { column.origin as f64 };
+            let to_si = |value: f64| (whole + value) * unit.to_si;
             let (least, most) =
                 values.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| {
                     let si = to_si(*value);
@@ -384,6 +387,8 @@ fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options
         let own_shift_s = if at == moved_at { Some(moved_shift_s) } else { shift_s(at) };
         own_shift_s.map(|shift_s| shift_s - origin_s)
     })?;
+    let end_s = rows.last().map_or(0.0, |(time_s, _)| time_s - origin_s);
+    rows::check_times(taken.shape.as_ref(), end_s)?;
     if taken.shape.is_none() {
         taken.notes.push(
             "there is no shape of the needle (z_mm and deflection_y_mm, of a further table or by guide import slicer, fbg or ultrasound with --force): the run has no modulus without one"

@@ -15,6 +15,61 @@ const NAME_LINES: usize = 4;
 const SEPARATORS: [(char, &str); 5] =
     [(',', "commas"), (';', "semicolons"), ('\t', "tabulators"), ('|', "vertical bars"), (' ', "blanks")];
 
+/// Formats that are no tables of text, by their endings, and how a file becomes one that is read.
+const CONVERTED: [(&[&str], &str, &str); 8] = [
+    (
+        &["parquet"],
+        "a file of Parquet",
+        "CSV, in Python: pandas.read_parquet('run.parquet').to_csv('run.csv', index=False)",
+    ),
+    (
+        &["feather", "arrow"],
+        "a file of Arrow",
+        "CSV, in Python: pandas.read_feather('run.feather').to_csv('run.csv', index=False)",
+    ),
+    (
+        &["h5", "hdf5", "hdf"],
+        "a file of HDF5",
+        "CSV, in Python: import h5py, pandas; pandas.DataFrame({k: v[()].ravel() for k, v in h5py.File('run.h5').items()}).to_csv('run.csv')",
+    ),
+    (
+        &["npy", "npz"],
+        "arrays of NumPy",
+        "CSV, in Python: numpy.savetxt('run.csv', numpy.load('run.npy'), delimiter=',', header='t,x,f', comments='')",
+    ),
+    (
+        &["tdms"],
+        "a file of LabVIEW (TDMS)",
+        "CSV, in Python: nptdms.TdmsFile('run.tdms').as_dataframe().to_csv('run.csv')",
+    ),
+    (
+        &["db3"],
+        "a bag of ROS 2 in SQLite",
+        "MCAP: rosbags-convert --src BAG --dst RUN --dst-storage mcap (pip install rosbags), or ros2 bag convert",
+    ),
+    (
+        &["bag"],
+        "a bag of ROS 1",
+        "MCAP of ROS 2: rosbags-convert --src run.bag --dst RUN --dst-storage mcap (pip install rosbags)",
+    ),
+    (
+        &["gz", "zst", "zstd", "xz", "bz2", "zip", "7z", "rar"],
+        "a compressed file",
+        "the file in it: unpack it first",
+    ),
+];
+
+/// The error for a file of a format that is no table, by its ending: how it becomes one.
+pub fn of_other_format(path: &Path) -> Option<TableError> {
+    let ending = path.extension()?.to_string_lossy().to_lowercase();
+    let (_, problem, expected) = CONVERTED.iter().find(|(endings, ..)| endings.contains(&ending.as_str()))?;
+    Some(TableError::File {
+        path: path.to_owned(),
+        problem: (*problem).to_owned(),
+        expected: (*expected).to_owned(),
+    })
+}
+
 /// A file's cells.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
@@ -49,13 +104,8 @@ impl Grid {
                 expected: "CSV: this program was built without workbooks (its feature `excel`)".to_owned(),
             });
         }
-        if extension.as_deref() == Some("parquet") {
-            return Err(TableError::File {
-                path: file,
-                problem: "a file of Parquet".to_owned(),
-                expected: "CSV, in Python: pandas.read_parquet('run.parquet').to_csv('run.csv', index=False)"
-                    .to_owned(),
-            });
+        if let Some(error) = of_other_format(&file) {
+            return Err(error);
         }
         let io = |cause| TableError::Io { path: path.to_owned(), cause };
         let size = fs::metadata(path).map_err(io)?.len();

@@ -184,7 +184,7 @@ impl Mapping {
             let of_day = (!has_time).then(|| stamp_and_fraction(&free)).flatten();
             if let Some(pair) = of_day {
                 choices.extend(pair);
-            } else if !has_time && let Some(time) = only(&free, is_time) {
+            } else if !has_time && let Some(time) = only(&free, is_time).or_else(|| only(&free, is_in_time)) {
                 choices.push(Choice {
                     column: time.own_name(),
                     target: Target::ALL[0],
@@ -202,16 +202,26 @@ impl Mapping {
                     }
                 }
             }
-            // The user's statement about one quantity applies to all of them.
-            if !self.choices.iter().all(|choice| choice.target.quantity == Quantity::Time) {
+            // What the user states of a shape or an insertion applies to all columns of its table.
+            let is_of_push = |choice: &Choice| {
+                ["time_", "force_", "displacement_"].iter().any(|start| choice.target.name.starts_with(start))
+            };
+            let is_here = |choice: &&Choice| table.find(&choice.column).is_ok_and(|found| found.is_some());
+            if !self.choices.iter().filter(is_here).all(is_of_push) {
                 continue;
             }
             for (target, quantity, words) in GUESSED {
                 let Some(target) = Target::named(target) else { continue };
-                if choices.iter().any(|choice| choice.target == target) {
+                let is_chosen = |name: &str| choices.iter().any(|choice| choice.target.name == name);
+                // A position along the needle is one of a shape.
+                if is_chosen(target.name) || target.name == "z_mm" && !is_chosen("deflection_y_mm") {
                     continue;
                 }
-                if let Some(column) = only(&free, |column: &RawColumn| is_of(column, quantity, words)) {
+                let is_stated = |column: &RawColumn| column.unit.is_some() && is_of(column, quantity, words);
+                let is_one = |column: &RawColumn| is_of(column, quantity, words);
+                // A unit that is not known beside one that is: of another quantity.
+                let has_stated = free.iter().any(|column| is_stated(column));
+                if let Some(column) = if has_stated { only(&free, is_stated) } else { only(&free, is_one) } {
                     choices.push(Choice { column: column.own_name(), target, unit: column.unit.clone() });
                 }
             }
@@ -240,8 +250,8 @@ const GUESSED: [(&str, Quantity, &[&str]); 4] = [
             "travel",
         ],
     ),
+    ("deflection_y_mm", Quantity::Length, &["deflection", "shape", "bow", "bend", "bending", "sag"]),
     ("z_mm", Quantity::Length, &["z", "along", "arc"]),
-    ("deflection_y_mm", Quantity::Length, &["deflection", "shape"]),
 ];
 
 /// Words of columns beside the measured one: what a controller wants, how far it is from that, what a sensor has besides.
@@ -354,6 +364,13 @@ fn is_time(column: &RawColumn) -> bool {
     });
     let is_other = column.unit.as_ref().is_some_and(|unit| unit.quantity != Quantity::Time);
     column.is_stamp || !is_other && is_named
+}
+
+/// Whether a column in a unit of time never steps back, as a clock of any name does and a delay does not.
+fn is_in_time(column: &RawColumn) -> bool {
+    column.unit.as_ref().is_some_and(|unit| unit.quantity == Quantity::Time)
+        && column.values.first() < column.values.last()
+        && column.values.windows(2).all(|pair| pair[0] <= pair[1])
 }
 
 fn is_of(column: &RawColumn, quantity: Quantity, known: &[&str]) -> bool {

@@ -17,18 +17,20 @@ mod cells;
 mod excel;
 mod grid;
 mod mapping;
+mod marks;
 #[cfg(feature = "matlab")]
 mod mat;
 mod names;
 mod raw;
 mod stamp;
 mod status;
+mod summary;
 mod thousands;
 mod unit;
 
 pub use align::{Offset, OffsetError};
 pub use apply::{Options, Taken, TakenColumn, ZOrigin, Zero, take};
-pub use grid::Grid;
+pub use grid::{Grid, of_other_format};
 pub use mapping::{Choice, Mapping, Target};
 pub use raw::{RawColumn, RawTable};
 pub use unit::{Quantity, Unit};
@@ -51,8 +53,32 @@ pub const READ: &[[&str; 2]] = &[
     #[cfg(feature = "bags")]
     [
         ".mcap",
-        "bags of ROS 2: WrenchStamped, PoseStamped, PointStamped, Vector3Stamped, JointState, Float64 and Float32 in CDR, a table for each topic; uncompressed",
+        "bags of ROS 2: WrenchStamped, PoseStamped, PointStamped, Vector3Stamped, JointState, Float64 and Float32 in CDR, a table for each topic; chunks by zstd, lz4 or uncompressed",
     ],
+];
+
+/// Endings of tables in a folder, beside which other files may lie.
+pub const ENDINGS: &[&str] = &[
+    "csv",
+    "txt",
+    "tsv",
+    "dat",
+    "asc",
+    "lvm",
+    #[cfg(feature = "excel")]
+    "xlsx",
+    #[cfg(feature = "excel")]
+    "xlsm",
+    #[cfg(feature = "excel")]
+    "xlsb",
+    #[cfg(feature = "excel")]
+    "xls",
+    #[cfg(feature = "excel")]
+    "ods",
+    #[cfg(feature = "matlab")]
+    "mat",
+    #[cfg(feature = "bags")]
+    "mcap",
 ];
 
 /// Why a table is no run.

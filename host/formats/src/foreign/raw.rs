@@ -2,8 +2,9 @@
 
 use super::cells::{Number, is_missing};
 use super::grid::Grid;
+use super::summary::{SUMMARY, rows_apart, rows_of_statistics};
 use super::unit::{Unit, split_name};
-use super::{TableError, names, status, thousands};
+use super::{TableError, marks, names, status, thousands};
 use std::path::{Path, PathBuf};
 
 /// Rows by which columns of numbers are told from others.
@@ -11,8 +12,6 @@ const SAMPLE: usize = 50;
 /// Value that instruments with SCPI commands send in place of a reading that is out of range (9.9e37) or missing
 /// (9.91e37), and anything larger.
 const OVERLOAD: f64 = 9.89e37;
-/// Rows of words below the last numbers that are a summary or a note of the program; more of them are no end of a table.
-const SUMMARY: usize = 20;
 
 /// A column of numbers.
 #[derive(Debug, Clone, PartialEq)]
@@ -213,6 +212,21 @@ impl RawTable {
                 kept.push(cells);
             }
         }
+        let of_statistics = rows_of_statistics(&table.columns, &kept, &table.lines, has_decimal_comma);
+        let (count, what) = match of_statistics {
+            0 => (rows_apart(&table.columns, &table.lines), "stand apart and do not go on from those above"),
+            count => (count, "are means, totals or other statistics of those above"),
+        };
+        let end = kept.len() - count;
+        if let Some(line) = table.lines.get(end).copied() {
+            notes.push(format!("the rows from line {line} on {what}, and are skipped"));
+            kept.truncate(end);
+            table.lines.truncate(end);
+            for column in &mut table.columns {
+                column.values.truncate(end);
+                column.bad.take_if(|(bad, _)| *bad >= line);
+            }
+        }
         if let Some(line) = skipped.first() {
             notes.push(format!("rows without numbers: {}, from line {line} on, skipped", skipped.len()));
         }
@@ -232,6 +246,7 @@ impl RawTable {
                     column.header
                 ));
             }
+            notes.extend(marks::take_out(column));
         }
         table.notes = notes;
         table.form = match header_line {
@@ -241,7 +256,7 @@ impl RawTable {
         Ok(table)
     }
 
-    /// Behind the last row of readings: rows at the end with a word in the first column of numbers are a summary.
+    /// Behind the last row of readings: rows at the end with a word in the first column of numbers are a summary or a note of the program; more than [`SUMMARY`] of them are no end of a table.
     fn end(&self, rows: &[(usize, Vec<String>)], first: usize, has_decimal_comma: bool) -> usize {
         let Some(place) = self.columns.first().map(|column| column.number - 1) else { return rows.len() };
         let is_word = |(_, cells): &(usize, Vec<String>)| {

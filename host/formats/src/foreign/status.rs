@@ -1,10 +1,27 @@
 //! Columns in which an instrument states whether its readings can be used.
 
 /// Names of columns with a word for each row.
-const OF_WORDS: [&str; 9] =
-    ["status", "state", "valid", "validity", "quality", "flag", "ok", "isvalid", "error"];
+const OF_WORDS: [&str; 8] = ["status", "state", "valid", "validity", "quality", "flag", "ok", "isvalid"];
 /// Names of columns that are 1 for a reading that can be used, and 0 for another.
 const OF_ONE: [&str; 3] = ["valid", "ok", "isvalid"];
+/// Names of columns that are 0 for a reading that can be used, and another whole number for one that cannot.
+const OF_FAULT: [&str; 15] = [
+    "fault",
+    "faults",
+    "alarm",
+    "error",
+    "errors",
+    "err",
+    "errorcode",
+    "invalid",
+    "bad",
+    "overload",
+    "overrange",
+    "saturated",
+    "outlier",
+    "lost",
+    "missing",
+];
 /// Words for readings that can be used.
 const GOOD: [&str; 11] =
     ["ok", "valid", "good", "true", "yes", "y", "no error", "none", "running", "normal", "pass"];
@@ -52,13 +69,18 @@ pub(super) struct Marked {
 
 /// Whether a column of this name is one of states.
 pub(super) fn is_status(header: &str) -> bool {
-    is_one_of(header, &OF_WORDS)
+    is_one_of(header, &OF_WORDS) || is_one_of(header, &OF_FAULT)
 }
 
 /// Rows that the cells of a column of states mark.
 pub(super) fn marked<'c>(header: &str, cells: impl Iterator<Item = &'c str>) -> Marked {
     let mut marked = Marked::default();
-    for (row, cell) in cells.enumerate() {
+    let cells: Vec<&str> = cells.collect();
+    // A deviation is an error too, and none of the instrument.
+    if is_one_of(header, &OF_FAULT) && cells.iter().any(|cell| cell.contains(['.', ','])) {
+        return marked;
+    }
+    for (row, cell) in cells.into_iter().enumerate() {
         let list = match statement(header, cell.trim()) {
             Statement::Good => continue,
             Statement::Bad => {
@@ -78,6 +100,15 @@ fn statement(header: &str, cell: &str) -> Statement {
     let word = cell.to_lowercase();
     if is_one_of(header, &OF_ONE) && matches!(word.as_str(), "0" | "false" | "no" | "n") {
         return Statement::Bad;
+    }
+    if is_one_of(header, &OF_FAULT) {
+        match word.trim_start_matches("0x").parse::<i64>() {
+            Ok(0) => return Statement::Good,
+            Ok(_) => return Statement::Bad,
+            Err(_) if matches!(word.as_str(), "false" | "no" | "n") => return Statement::Good,
+            Err(_) if matches!(word.as_str(), "true" | "yes" | "y") => return Statement::Bad,
+            Err(_) => {}
+        }
     }
     if word.is_empty() || GOOD.contains(&word.as_str()) || is_one_of(header, &OF_ONE) && word == "1" {
         return Statement::Good;

@@ -113,14 +113,15 @@ fn a_clock_of_the_day_passes_midnight_and_one_that_is_set_back_is_an_error() {
 
 #[test]
 fn rows_of_one_time_are_one_reading_and_missing_ones_are_interpolated() {
-    // A clock that is written to a tenth of a second, at 100 Hz.
-    let coarse = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
-        format!("{:.1},{x},{f}", (10.0 * t + 1e-9).floor() / 10.0)
-    });
-    let lateral_run = take(&[coarse], &Mapping::default(), &Options::default()).expect("a run");
-    assert_eq!(lateral_run.force.expect("a force").time_s.len(), 30);
+    // Each reading twice: one of them is enough.
+    let twice = push("Time (s),Stage (mm),Load (N)", |t, x, f| format!("{t},{x},{f}\n{t},{x},{f}"));
+    let lateral_run = take(&[twice], &Mapping::default(), &Options::default()).expect("a run");
+    assert_eq!(lateral_run.force.expect("a force").time_s.len(), 300);
     assert!(
-        lateral_run.notes.iter().any(|note| note.contains("270 rows have the time of the row before")),
+        lateral_run
+            .notes
+            .iter()
+            .any(|note| note.contains("300 rows have the time of the row before: the mean")),
         "{:?}",
         lateral_run.notes
     );
@@ -133,6 +134,70 @@ fn rows_of_one_time_are_one_reading_and_missing_ones_are_interpolated() {
     assert_eq!(force.time_s.len(), 149);
     let (t, y_m) = (force.time_s[60] + 0.01, force.displacement_y_m[60]);
     assert!((1e3 * y_m - (t - 1.0).clamp(0.0, 1.0)).abs() < 1e-9, "{t} {y_m}");
+}
+
+#[test]
+fn rows_that_are_faster_than_their_clock_are_spread_evenly() {
+    // A tenth of a second at 100 Hz; whole seconds of the day at 100 Hz, begun within one; a tick of 15.625 ms.
+    let tenths = |t: f64| format!("{:.1}", (10.0 * t + 1e-9).floor() / 10.0);
+    let seconds = |t: f64| format!("10:00:{:02}", (t + 0.73 + 1e-9).floor());
+    let ticks = |t: f64| format!("{:.3}", (64.0 * t + 1e-9).floor() / 64.0);
+    let clocks: [&dyn Fn(f64) -> String; 3] = [&tenths, &seconds, &ticks];
+    for (clock, within_s) in clocks.into_iter().zip([1e-6, 1e-6, 5e-3]) {
+        let coarse = push("Time (s),Stage (mm),Load (N)", |t, x, f| format!("{},{x},{f}", clock(t)));
+        let lateral_run = take(&[coarse], &Mapping::default(), &Options::default()).expect("a run");
+        let times_s = lateral_run.force.expect("a force").time_s;
+        assert_eq!(times_s.len(), 300, "{:?}", lateral_run.notes);
+        for (row, time_s) in times_s.iter().enumerate() {
+            assert!((time_s - 0.01 * row as f64).abs() < within_s, "{row}: {time_s}");
+        }
+        assert!(
+            lateral_run.notes.iter().any(|note| note.contains("spread evenly")),
+            "{:?}",
+            lateral_run.notes
+        );
+    }
+    // Pauses in which nothing was recorded: before and after each there is one rate, whose phase is known to a period.
+    let pauses = |t: f64| t + if t > 1.6 { 7.0 } else { 0.0 };
+    let paused = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
+        format!("{:.1},{x},{f}", (10.0 * pauses(t) + 1e-9).floor() / 10.0)
+    });
+    let times_s = take(&[paused], &Mapping::default(), &Options::default())
+        .expect("a run")
+        .force
+        .expect("a force")
+        .time_s;
+    assert_eq!(times_s.len(), 300);
+    for (row, time_s) in times_s.iter().enumerate() {
+        assert!((time_s - pauses(0.01 * row as f64)).abs() < 0.011, "{row}: {time_s}");
+    }
+    // Rows that come at no rate: those of one stamp are one reading.
+    let bursts = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
+        let row = (100.0 * t).round() as usize;
+        format!("{:.1},{x},{f}", 0.1 * (row * row / 900) as f64)
+    });
+    let lateral_run = take(&[bursts], &Mapping::default(), &Options::default()).expect("a run");
+    assert!(
+        lateral_run.notes.iter().any(|note| note.contains("the mean of such rows")),
+        "{:?}",
+        lateral_run.notes
+    );
+}
+
+#[test]
+fn formats_that_are_no_tables_say_how_they_become_one() {
+    for (name, words) in [
+        ("run.parquet", "read_parquet"),
+        ("run.h5", "h5py"),
+        ("run.NPY", "numpy.load"),
+        ("run.tdms", "nptdms"),
+        ("run_0.db3", "--dst-storage mcap"),
+        ("run.bag", "ROS 1"),
+        ("run.csv.gz", "unpack"),
+    ] {
+        let error = RawTable::read(Path::new(name)).expect_err(name).to_string();
+        assert!(error.starts_with(name) && error.contains(words), "{error}");
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::super::TableError;
 use super::super::mapping::Choice;
 use super::super::raw::{RawColumn, RawTable};
 use super::super::unit::{Quantity, Unit};
-use super::{Options, Part};
+use super::{Options, Part, coarse};
 
 /// Seconds of a day, and what a clock of the day steps back by at midnight at least.
 const DAY_S: f64 = 86_400.0;
@@ -82,6 +82,11 @@ pub(super) fn unit(
         column.header
     ));
     name("s")
+}
+
+/// Whether times are those of a computer, since 1970.
+pub(super) fn is_of_computer(column: &RawColumn, unit: &Unit) -> bool {
+    column.origin as f64 * unit.to_si >= SINCE_1970[3].0
 }
 
 /// A table without times where they are needed.
@@ -195,13 +200,25 @@ impl<'t> Timed<'t> {
         if days > 0.0 {
             notes.push(format!("{}: \"{}\" passes midnight", table.path.display(), column.header));
         }
-        if repeated > 0 {
+        // Points of a shape share the time of their sweep.
+        let has_shape =
+            parts.iter().any(|part| std::ptr::eq(part.table, table) && part.target.name == "z_mm");
+        if repeated > 0 && !has_shape {
+            let is_measured =
+                |part: &&Part| std::ptr::eq(part.table, table) && part.target.quantity != Quantity::Time;
+            let measured: Vec<&Part> = parts.iter().filter(is_measured).collect();
+            let what = match coarse::spread(&mut times_s, &measured) {
+                Some(hz) => {
+                    format!("the clock shows fewer digits, and they are spread evenly, {hz:.4} a second")
+                }
+                None => "the mean of such rows is taken".to_owned(),
+            };
             notes.push(format!(
-                "{}: {repeated} rows have the time of the row before: the mean of such rows is taken",
+                "{}: {repeated} rows have the time of the row before: {what}",
                 table.path.display()
             ));
         }
-        let is_shared = column.is_stamp || column.origin as f64 * to_si >= SINCE_1970[3].0;
+        let is_shared = column.is_stamp || is_of_computer(column, &time_column.unit);
         let names = vec![column.header.clone(), column.name.clone()];
         Ok(Self { table, times_s: Some(times_s), names, origin: column.origin, to_si, is_shared })
     }

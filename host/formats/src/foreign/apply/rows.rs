@@ -58,6 +58,22 @@ pub(super) fn shape(
     }))
 }
 
+/// Refuses a shape of another time than the run, which ends at `end_s`.
+pub(super) fn check_times(shape: Option<&ShapeSeries>, end_s: f64) -> Result<(), TableError> {
+    let times_s = shape.and_then(|shape| shape.time_s.as_deref()).unwrap_or_default();
+    let least_s = times_s.iter().copied().fold(f64::INFINITY, f64::min);
+    let most_s = times_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if times_s.is_empty() || least_s <= end_s && most_s >= 0.0 {
+        return Ok(());
+    }
+    Err(TableError::Map {
+        choice: "time_s".to_owned(),
+        problem: format!("the shape is at {least_s:.3} to {most_s:.3} s, and the force at 0 to {end_s:.3} s"),
+        expected: "a shape that was measured during the run: one clock (--merge-on COLUMN), with the same day and half of the day"
+            .to_owned(),
+    })
+}
+
 /// Tip over depth.
 pub(super) fn insertion(parts: &[Part], timed: &[Timed]) -> Result<InsertionRun, TableError> {
     let part_named = |name: &str| parts.iter().find(|part| part.target.name == name);

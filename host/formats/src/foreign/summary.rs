@@ -1,0 +1,168 @@
+//! Rows at the end of a table that are no readings but statistics of the rows above them: a mean, a standard deviation, a total.
+//!
+//! They are known by their numbers, with or without a word beside them: every number of such a row is the same statistic of its column.
+//! One of the columns is a clock or a counter, which readings go on with, or an empty line is above them: without either, the last
+//! rows of a hold at zero would be a mean.
+
+use super::RawColumn;
+
+/// Most rows of a summary.
+pub(super) const SUMMARY: usize = 20;
+/// Rows above it by which a summary is told from readings.
+const LEAST: usize = 10;
+/// Statistics of [`Sums`].
+const STATISTICS: usize = 10;
+/// Usual steps of a clock from a reading to the next one; a longer pause is longer than a summary is from the readings.
+const MAX_STEP: f64 = 3.5;
+/// Rounding of programs that add in double precision.
+const ROUNDING: f64 = 1e-9;
+/// Sums over the rows of a column so far.
+#[derive(Debug, Clone, Copy)]
+struct Sums {
+    count: f64,
+    mean: f64,
+    /// Of squared differences from the mean (Welford).
+    squares: f64,
+    least: f64,
+    most: f64,
+}
+
+impl Sums {
+    const NONE: Self =
+        Self { count: 0.0, mean: 0.0, squares: 0.0, least: f64::INFINITY, most: f64::NEG_INFINITY };
+
+    fn add(&mut self, value: f64) {
+        if !value.is_finite() {
+            return;
+        }
+        self.count += 1.0;
+        let difference = value - self.mean;
+        self.mean += difference / self.count;
+        self.squares += difference * (value - self.mean);
+        self.least = self.least.min(value);
+        self.most = self.most.max(value);
+    }
+
+    /// Statistics that a number of this column may be: from the column's origin, and whether they are counted from there.
+    fn statistics(&self, origin: f64, median: Option<f64>) -> [(f64, bool); STATISTICS] {
+        let Self { count, mean, squares, least, most } = *self;
+        let variance = squares / (count - 1.0);
+        let from_origin = [mean, least, most, median.unwrap_or(f64::NAN)].map(|value| (value, true));
+        let total = count * (mean + origin);
+        let others = [count, total, most - least, variance, variance.sqrt(), (squares / count).sqrt()];
+        let [count, total, range, variance, sd, sd_of_all] = others.map(|value| (value, false));
+        let [mean, least, most, median] = from_origin;
+        [count, total, mean, median, least, most, range, variance, sd, sd_of_all]
+    }
+}
+
+/// How many rows at the end are statistics of all rows above them; `kept` are the cells of the rows, `lines` where they are.
+pub(super) fn rows_of_statistics(
+    columns: &[RawColumn],
+    kept: &[&[String]],
+    lines: &[usize],
+    has_decimal_comma: bool,
+) -> usize {
+    let value = |column: &RawColumn, row: usize| column.values.get(row).copied().unwrap_or(f64::NAN);
+    let start = kept.len().saturating_sub(SUMMARY).max(LEAST);
+    let mut sums = vec![Sums::NONE; columns.len()];
+    let add = |sums: &mut [Sums], row: usize| {
+        sums.iter_mut().zip(columns).for_each(|(sums, column)| sums.add(value(column, row)));
+    };
+    (0..start.min(kept.len())).for_each(|row| add(&mut sums, row));
+    for first in start..kept.len() {
+        let is_apart =
+            lines.get(first - 1).zip(lines.get(first)).is_some_and(|(above, line)| line - above > 1);
+        let is = |row: usize, medians: Option<&[f64]>| {
+            is_statistic(columns, kept, row, &sums, medians, has_decimal_comma)
+        };
+        if (first..kept.len()).any(|row| is(row, None))
+            && (is_apart || columns.iter().any(|column| ascends(column, first)))
+        {
+            let medians: Vec<f64> =
+                columns.iter().map(|column| median((0..first).map(|row| value(column, row)))).collect();
+            if (first..kept.len()).all(|row| is(row, Some(&medians))) {
+                return kept.len() - first;
+            }
+        }
+        add(&mut sums, first);
+    }
+    0
+}
+
+/// How many rows at the end stand below an empty line and do not go on from those above, as the results of a fit: few of them, whose clock
+/// or counter steps back or by more than [`MAX_STEP`] of its usual steps.
+pub(super) fn rows_apart(columns: &[RawColumn], lines: &[usize]) -> usize {
+    let Some(place) = lines.windows(2).rposition(|pair| pair[1] - pair[0] > 1) else { return 0 };
+    let (first, count) = (place + 1, lines.len() - place - 1);
+    if first < LEAST || count > SUMMARY || count > first {
+        return 0;
+    }
+    let goes_on = columns.iter().filter(|column| ascends(column, first)).find_map(|column| {
+        let mut steps: Vec<f64> =
+            column.values.get(..first)?.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        steps.retain(|step| *step > 0.0);
+        steps.sort_by(f64::total_cmp);
+        let usual = steps.get(steps.len() / 2)?;
+        let step = column.values.get(first)? - column.values.get(place)?;
+        Some(step >= 0.0 && step <= MAX_STEP * usual)
+    });
+    if goes_on == Some(false) { count } else { 0 }
+}
+
+/// Whether a column is a clock or a counter in the rows before this one.
+fn ascends(column: &RawColumn, end: usize) -> bool {
+    let above = column.values.get(..end).unwrap_or_default();
+    above.windows(2).all(|pair| pair[0] < pair[1] || column.is_stamp && pair[0] == pair[1])
+}
+
+/// Whether all numbers of a row, two or more, are one statistic of their columns.
+fn is_statistic(
+    columns: &[RawColumn],
+    kept: &[&[String]],
+    row: usize,
+    sums: &[Sums],
+    medians: Option<&[f64]>,
+    has_decimal_comma: bool,
+) -> bool {
+    let Some(cells) = kept.get(row) else { return false };
+    // Number from the column's origin, the rounding of its digits, that origin, and the statistics of its column.
+    let numbers: Vec<(f64, f64, f64, [(f64, bool); STATISTICS])> = columns
+        .iter()
+        .zip(sums)
+        .enumerate()
+        .filter_map(|(at, (column, sums))| {
+            let value = column.values.get(row).copied().filter(|value| value.is_finite())?;
+            let digit = last_digit(cells.get(column.number - 1)?, has_decimal_comma);
+            let origin = column.origin as f64;
+            let median = medians.and_then(|medians| medians.get(at).copied());
+            Some((value, digit, origin, sums.statistics(origin, median)))
+        })
+        .collect();
+    let is = |place: usize| {
+        numbers.iter().all(|(value, digit, origin, statistics)| {
+            statistics.get(place).is_some_and(|(statistic, is_from_origin)| {
+                let value = if *is_from_origin { *value } else { value + origin };
+                (value - statistic).abs() <= digit + ROUNDING * statistic.abs()
+            })
+        })
+    };
+    numbers.len() >= 2 && (0..STATISTICS).any(is)
+}
+
+/// Value of the last digit of a number as it is written.
+fn last_digit(cell: &str, has_decimal_comma: bool) -> f64 {
+    let lower = cell.to_lowercase();
+    let (digits, exponent) = lower.split_once('e').unwrap_or((&lower, "0"));
+    let point = if has_decimal_comma { ',' } else { '.' };
+    let decimals = digits.split_once(point).map_or(0, |(_, decimals)| decimals.trim().len());
+    10f64.powi(exponent.trim().parse().unwrap_or(0) - i32::try_from(decimals).unwrap_or(i32::MAX))
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    let half = values.len() / 2;
+    let at = |at: usize| values.get(at).copied().unwrap_or(f64::NAN);
+    if values.len().is_multiple_of(2) { 0.5 * (at(half.wrapping_sub(1)) + at(half)) } else { at(half) }
+}
