@@ -1,6 +1,6 @@
 // Import: tables of other laboratories and programs, what each column is taken for, and the session that becomes of them.
 
-const TABLE = /\.(csv|txt|tsv|dat|asc|lvm|xlsx|xlsm|xlsb|xls|ods|mat)$/i;
+const TABLE = /\.(csv|txt|tsv|dat|asc|lvm|xlsx|xlsm|xlsb|xls|ods|mat|mcap)$/i;
 /** Needle and guides, millimetres, with what they are when nobody states them. */
 const TABLE_RIG = [['outer_diameter_mm', 'Outer diameter of the needle', 1.27], ['inner_diameter_mm', 'Inner diameter', 1], ['guide2_mm', 'Guide 2, from guide 1', 60], ['entry_mm', 'Surface of the tissue, from guide 1', 70]];
 const TABLE_ORIGINS = [['', 'not chosen'], ['guide1', 'guide 1'], ['surface', 'the surface']];

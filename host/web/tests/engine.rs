@@ -368,6 +368,28 @@ fn a_table_of_others_is_shown_asked_about_and_becomes_a_session() {
     assert!(error(&request(json!([]), json!({"z_from": "tip"}))).contains("expected guide1 or surface"));
 }
 
+/// The page takes every table that the command line takes, and shows what it took for what.
+#[test]
+fn workbooks_arrays_and_bags_are_tables_of_the_page_too() {
+    let script = include_str!("../page/tables.js");
+    for ending in formats::foreign::ENDINGS {
+        let is_taken = ["(", "|"].iter().any(|before| {
+            [")", "|"].iter().any(|after| script.contains(&format!("{before}{ending}{after}")))
+        });
+        assert!(is_taken, "tables.js does not take .{ending}");
+    }
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../formats/tests/data");
+    let bag = ["/ft:force.y=force_y_n", "/joint_states:guide.position=displacement_y_mm:m"];
+    for (name, maps, rows) in
+        [("push.xlsx", &[][..], 60), ("mcap-zstd.mcap", &bag, 59), ("mcap-lz4.mcap", &bag, 59)]
+    {
+        let request = json!({"do": "table", "files": [data.join(name)], "maps": maps, "depth_mm": 30});
+        let reply = ok(&mut Engine::default(), &request);
+        assert_eq!((&reply["problem"], &reply["rows"]), (&Value::Null, &json!(rows)), "{name}: {reply}");
+        assert!(reply["taken"].as_array().is_some_and(|taken| taken.len() >= 3), "{name}: {reply}");
+    }
+}
+
 #[test]
 fn wrong_requests_are_answered_with_one_line_that_names_what_is_valid() {
     let play = json!({"do": "play", "k_kpa": 0, "depth_mm": 30, "displacement_mm": 1, "gap_mm": 10, "tip_load_n": 0});
