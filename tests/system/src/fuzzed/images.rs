@@ -1,6 +1,6 @@
 //! Sequences of frames, in every format that is read, phantoms and calibrations of image planes.
 //!
-//! Input: a byte that chooses the format, then the file.
+//! Input: a byte that chooses the format, then the file, which lies beside itself as `f.raw` for headers whose data are in other files.
 
 use super::folder;
 use formats::image_calibration::ImageCalibration;
@@ -32,7 +32,9 @@ pub fn run(data: &[u8]) {
     }
     let folder = folder();
     let path = folder.path().join(name);
-    fs::write(&path, content).expect("writes");
+    for name in [name, "f.raw"] {
+        fs::write(folder.path().join(name), content).expect("writes");
+    }
     let Ok(mut sequence) = Sequence::open(&path) else { return };
     let (width, height, count) = {
         let header = sequence.header();
