@@ -6,9 +6,12 @@
 //! while a constant shows in them and not in a single step. A better model has both errors smaller, and one of them beyond chance; of two tests
 //! the smaller p-value counts twice (Bonferroni).
 //!
-//! The differences of squared errors have a mean, and a variance of the mean. What is left of a correlation in time is counted: the number of
-//! independent readings follows from the autocorrelation of the differences themselves (Geyer, "Practical Markov chain Monte Carlo", Stat. Sci.
-//! 7:473, 1992), and Student's t over that number decides (Vuong, Econometrica 57:307, 1989).
+//! The difference of squared errors is a sum over readings of the difference of both predictions, which is known, times the mean of both errors, which
+//! is not: what is random are the errors, not where a law acts. Their covariance in time is that of the model's own errors over whole runs, as far as it is
+//! positive (Geyer, "Practical Markov chain Monte Carlo", Stat. Sci. 7:473, 1992): where both models are as far from the truth it holds half of what
+//! they differ by beside the noise, and where the model is right the noise alone. Student's t over as many independent readings as it leaves decides
+//! whether the difference is zero (Vuong, Econometrica 57:307, 1989). A variance of the differences themselves would count a law that acts twice in a run as
+//! two readings, however many readings confirm it.
 
 use super::bench::{Bench, Prepared};
 use super::fit::Fitted;
@@ -54,14 +57,14 @@ pub(crate) fn held_out_residuals(
     }
 }
 
-/// Squared errors in held-out runs, one series per run and channel, in units of the channels' scales.
-pub(crate) struct Losses {
+/// Errors in held-out runs, one series per run and channel, in units of the channels' scales.
+pub(crate) struct HeldOutErrors {
     whole: Vec<Vec<f64>>,
     one_ahead: Vec<Vec<f64>>,
 }
 
-/// Losses of a model; nothing where no run judges or the model cannot predict one.
-pub(crate) fn losses(bench: &Bench<'_>, fitted: &Fitted) -> Result<Option<Losses>, Error> {
+/// Errors of a model; nothing where no run judges or the model cannot predict one.
+pub(crate) fn errors(bench: &Bench<'_>, fitted: &Fitted) -> Result<Option<HeldOutErrors>, Error> {
     if bench.held_out.is_empty() {
         return Ok(None);
     }
@@ -70,48 +73,46 @@ pub(crate) fn losses(bench: &Bench<'_>, fitted: &Fitted) -> Result<Option<Losses
     for (prepared, residuals) in bench.held_out.iter().zip(&mut new) {
         one_ahead(&prepared.segments, &fitted.noises, residuals);
     }
-    Ok(Some(Losses { whole: squares(bench, &residuals), one_ahead: squares(bench, &new) }))
+    Ok(Some(HeldOutErrors { whole: series(bench, &residuals), one_ahead: series(bench, &new) }))
 }
 
-fn squares(bench: &Bench<'_>, residuals: &[DVector<f64>]) -> Vec<Vec<f64>> {
+fn series(bench: &Bench<'_>, residuals: &[DVector<f64>]) -> Vec<Vec<f64>> {
     let of_run = |(prepared, residuals): (&Prepared<'_>, &DVector<f64>)| {
         let of_channel = |channel: usize| {
             let rows = prepared.rows_of(channel);
-            residuals.rows(rows.start, rows.len()).iter().map(|value| value * value).collect::<Vec<f64>>()
+            residuals.rows(rows.start, rows.len()).iter().copied().collect::<Vec<f64>>()
         };
         (0..bench.scales.len()).map(of_channel).collect::<Vec<_>>()
     };
     bench.held_out.iter().zip(residuals).flat_map(of_run).collect()
 }
 
-/// Sum of a series over all readings, variance of that sum, and number of independent readings.
-fn moments(series: &[f64]) -> (f64, f64, f64) {
-    let count = series.len() as f64;
-    let sum: f64 = series.iter().sum();
-    let mean = sum / count.max(1.0);
-    let covariance = |lag: usize| {
-        let pairs = series.iter().zip(series.iter().skip(lag));
-        pairs.map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>() / count
-    };
-    let variance = covariance(0);
-    if variance <= 0.0 {
-        return (sum, 0.0, count);
-    }
-    // Sums of neighbouring lags are positive for a stationary series and fall; noise of the estimate ends them.
-    let (mut inflation, mut previous_pair, mut lag) = (-1.0, f64::INFINITY, 0);
-    while lag + 1 < series.len() {
-        let pair = ((covariance(lag) + covariance(lag + 1)) / variance).min(previous_pair);
+/// Mean product of a series with itself so many readings later, times the fraction of readings that have a later one.
+fn mean_product(series: &[f64], lag: usize) -> f64 {
+    series.iter().zip(series.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>() / series.len().max(1) as f64
+}
+
+/// Covariances of errors by their distance, and the number of independent readings. An error's mean over a run is a part of it: no model knows it.
+fn covariances(errors: &[f64]) -> (Vec<f64>, f64) {
+    let count = errors.len() as f64;
+    let mut covariances: Vec<f64> = Vec::new();
+    // Sums of neighbouring distances are positive for a stationary series and fall; noise of the estimate ends them.
+    let (mut sum, mut previous_pair) = (0.0, f64::INFINITY);
+    while covariances.len() + 1 < errors.len() {
+        let lag = covariances.len();
+        let both = [mean_product(errors, lag), mean_product(errors, lag + 1)];
+        let pair = (both[0] + both[1]).min(previous_pair);
         if pair <= 0.0 {
             break;
         }
-        (inflation, previous_pair) = (inflation + 2.0 * pair, pair);
-        lag += 2;
+        (sum, previous_pair) = (sum + pair, pair);
+        covariances.extend(both);
     }
-    let inflation = inflation.max(1.0);
-    (sum, count * variance * inflation, count / inflation)
+    let inflation = covariances.first().map_or(1.0, |variance| (2.0 * sum / variance - 1.0).max(1.0));
+    (covariances, count / inflation)
 }
 
-/// Difference of two models' losses.
+/// Difference of the squared errors of two models.
 struct Comparison {
     gain: f64,
     gain_sd: f64,
@@ -123,12 +124,23 @@ struct Comparison {
 fn compare(other: &[Vec<f64>], model: &[Vec<f64>]) -> Comparison {
     let (mut sum, mut variance, mut effective, mut total) = (0.0, 0.0, 0.0, 0.0);
     for (other, model) in other.iter().zip(model) {
-        let scale = model.iter().sum::<f64>().min(other.iter().sum()) / model.len().max(1) as f64;
+        let scale = mean_product(model, 0).min(mean_product(other, 0));
         let unit = scale.max(f64::MIN_POSITIVE).recip();
-        let differences: Vec<f64> = other.iter().zip(model).map(|(a, b)| unit * (a - b)).collect();
-        let (of_series, of_variance, of_effective) = moments(&differences);
-        (sum, variance, effective) = (sum + of_series, variance + of_variance, effective + of_effective);
-        total += unit * other.iter().sum::<f64>();
+        let pairs = other.iter().zip(model);
+        let means: Vec<f64> = pairs.clone().map(|(a, b)| 0.5 * (a + b)).collect();
+        let weights: Vec<f64> = pairs.map(|(a, b)| 2.0 * unit * (a - b)).collect();
+        let (covariances, of_effective) = covariances(model);
+        let of_lag = |(lag, covariance): (usize, &f64)| {
+            let twice = if lag == 0 { 1.0 } else { 2.0 };
+            twice * covariance * mean_product(&weights, lag) * weights.len() as f64
+        };
+        let independent: f64 = covariances.iter().enumerate().take(1).map(of_lag).sum();
+        let of_variance: f64 = covariances.iter().enumerate().map(of_lag).sum();
+        sum += weights.iter().zip(&means).map(|(weight, mean)| weight * mean).sum::<f64>();
+        // Cut off where it does, the sum may fall below what independent errors have.
+        variance += of_variance.max(independent);
+        effective += of_effective;
+        total += unit * mean_product(other, 0) * other.len() as f64;
     }
     let p = match StudentsT::new(0.0, 1.0, effective - 1.0) {
         Ok(student) if variance > 0.0 => student.sf(sum / variance.sqrt()),
@@ -138,8 +150,8 @@ fn compare(other: &[Vec<f64>], model: &[Vec<f64>]) -> Comparison {
     Comparison { gain: sum / total, gain_sd: variance.sqrt() / total, effective_readings: effective, p }
 }
 
-/// Judges one model by the losses of another.
-pub(crate) fn judge(other: &Losses, model: &Losses) -> Judgement {
+/// Judges one model by the errors of another.
+pub(crate) fn judge(other: &HeldOutErrors, model: &HeldOutErrors) -> Judgement {
     let whole = compare(&other.whole, &model.whole);
     let one_ahead = compare(&other.one_ahead, &model.one_ahead);
     let deciding = if whole.p < one_ahead.p { &whole } else { &one_ahead };
@@ -174,8 +186,8 @@ mod tests {
     #[test]
     fn correlated_readings_are_worth_fewer_independent_ones() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
-        let (_, _, white) = moments(&series(&mut rng, 4000, 0.0));
-        let (_, _, coloured) = moments(&series(&mut rng, 4000, 0.9));
+        let (_, white) = covariances(&series(&mut rng, 4000, 0.0));
+        let (_, coloured) = covariances(&series(&mut rng, 4000, 0.9));
         // A first-order process has n (1 - r) / (1 + r).
         assert!(white > 3300.0 && (120.0..340.0).contains(&coloured), "{white} {coloured}");
     }
@@ -186,11 +198,33 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(9);
         let mut confirmed = 0;
         for _ in 0..400 {
-            let squares =
-                |series: Vec<f64>| vec![series.iter().map(|value| value * value).collect::<Vec<f64>>()];
-            let [first, second] = [(); 2].map(|()| squares(series(&mut rng, 500, 0.95)));
+            let [first, second] = [(); 2].map(|()| vec![series(&mut rng, 500, 0.95)]);
             confirmed += u32::from(compare(&first, &second).p < 1.0 - STATED_PROBABILITY);
         }
         assert!((4..=40).contains(&confirmed), "{confirmed} of 400");
+    }
+
+    /// Errors of two models that have these shares too little of a law that acts in two parts of a run.
+    fn rare(rng: &mut ChaCha8Rng, shares: [f64; 2], correlation: f64) -> [Vec<Vec<f64>>; 2] {
+        let noise = series(rng, 500, correlation);
+        let law = |i: usize| if matches!(i, 100..120 | 300..320) { 2.0 } else { 0.0 };
+        shares.map(|share| vec![noise.iter().enumerate().map(|(i, e)| e + share * law(i)).collect()])
+    }
+
+    #[test]
+    fn a_law_that_acts_twice_is_confirmed_where_it_is_there() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let [without, with] = rare(&mut rng, [1.0, 0.0], 0.5);
+        let comparison = compare(&without, &with);
+        assert!(comparison.p < 0.01, "{}", comparison.p);
+        // One model has too much of it, the other too little.
+        for correlation in [0.0, 0.5, 0.9] {
+            let mut confirmed = 0;
+            for _ in 0..400 {
+                let [one, other] = rare(&mut rng, [0.5, -0.5], correlation);
+                confirmed += u32::from(compare(&one, &other).p < 1.0 - STATED_PROBABILITY);
+            }
+            assert!((4..=40).contains(&confirmed), "{confirmed} of 400 at {correlation}");
+        }
     }
 }

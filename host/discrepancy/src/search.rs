@@ -8,7 +8,7 @@
 use super::basis::Basis;
 use super::bench::{Bench, Law};
 use super::fit::{Fitted, Start};
-use super::judge::{Judgement, judge, losses};
+use super::judge::{Judgement, errors, judge};
 use super::model::Error;
 use super::regions::regions;
 use super::score::{Score, scores};
@@ -178,7 +178,7 @@ impl Search<'_> {
     }
 
     pub(super) fn judge(&self, without: &Fitted, with: &Fitted) -> Result<Option<Judgement>, Error> {
-        let (smaller, larger) = (losses(self.bench, without)?, losses(self.bench, with)?);
+        let (smaller, larger) = (errors(self.bench, without)?, errors(self.bench, with)?);
         Ok(smaller.zip(larger).map(|(smaller, larger)| judge(&smaller, &larger)))
     }
 

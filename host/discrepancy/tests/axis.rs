@@ -5,7 +5,7 @@
 
 mod common;
 
-use common::{arrays, derivative, measured};
+use common::{arrays, column, derivative, measured, parameter, regressor};
 use discrepancy::*;
 
 struct Axis {
@@ -15,20 +15,6 @@ struct Axis {
 
 impl Axis {
     fn new() -> Self {
-        let parameter = |name: &str, unit: &str, mean: f64| Parameter {
-            name: name.to_owned(),
-            unit: unit.to_owned(),
-            mean,
-            sd: mean,
-            range: Some([0.0, 20.0 * mean]),
-        };
-        let regressor = |name: &str, unit: &str| Regressor {
-            name: name.to_owned(),
-            unit: unit.to_owned(),
-            range: None,
-            resolution: 0.0,
-            history: name == "position",
-        };
         let friction = Site {
             name: "friction".to_owned(),
             unit: "N".to_owned(),
@@ -37,7 +23,7 @@ impl Axis {
             forms: Vec::new(),
         };
         Self {
-            parameters: [parameter("mass", "kg", 100.0), parameter("viscous", "N s/m", 200.0)],
+            parameters: [parameter("mass", "kg", 100.0, 100.0), parameter("viscous", "N s/m", 200.0, 200.0)],
             sites: [friction],
         }
     }
@@ -69,8 +55,6 @@ fn run(name: &str, path: &std::path::PathBuf, judges: bool) -> Run {
     let speed = derivative(&arrays["qm"], step_s);
     let acceleration = derivative(&speed, step_s);
     let inner = |values: &[f64], cut: usize| values[cut..values.len() - cut].to_vec();
-    let column =
-        |name: &str, unit: &str, values| Column { name: name.to_owned(), unit: unit.to_owned(), values };
     let values = inner(&force, 2);
     Run {
         name: name.to_owned(),
@@ -100,8 +84,7 @@ fn names_dry_friction_of_a_measured_axis_and_refuses_what_does_not_help() {
     let is_named = |id: &str| report.terms.iter().any(|term| term.is_named && term.law.id() == id);
     assert!(is_named("friction/speed/sign"), "{ids:?}");
     let holds = |estimate: &Estimate, value: f64| (estimate.ci95[0]..=estimate.ci95[1]).contains(&value);
-    let asymmetry = report.terms.iter().find(|term| term.law.id() == "friction/speed/asymmetry");
-    assert!(asymmetry.is_some_and(|term| term.probability > 0.5), "{ids:?}");
+    assert!(is_named("friction/speed/asymmetry"), "{ids:?}");
     assert!(holds(&report.offsets[0], -3.2), "{:?}", report.offsets);
     assert!(!ids.iter().any(|id| id.ends_with("/decay")), "{ids:?}");
     // A bristle is followed in the first millimetres of a stroke; no function of the place on the axis is there.
