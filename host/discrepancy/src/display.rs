@@ -89,7 +89,7 @@ impl Display for Report {
         for reversal in &self.reversals {
             writeln!(
                 f,
-                "reversal     {}, half the change from one direction to the other",
+                "reversal     {}, half the change from one direction to the other: all dry friction of a force, half the play of a position",
                 Number(reversal)
             )?;
         }

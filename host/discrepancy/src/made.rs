@@ -5,7 +5,7 @@ use super::bench::{Bench, Law, Prepared};
 use super::fit::Fitted;
 use super::form::Form;
 use super::judge::held_out_residuals;
-use super::model::{Error, Parameter};
+use super::model::{Error, Parameter, Site};
 use super::regions::regions;
 use super::report::{
     ChannelReport, DiscrepancyReport, Estimate, LawName, Misfit, NoiseReport, ParameterReport, RefusedReport,
@@ -112,86 +112,110 @@ fn term_report(bench: &Bench<'_>, fitted: &Fitted, number: usize, member: &Membe
     })
 }
 
-/// Moments of the model's parameters over the final model and its rivals.
-fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<ParameterReport> {
+/// The final model and its rivals, with their weights, which sum to one.
+fn models(found: &Found) -> Vec<(f64, &Fitted)> {
     let mut models: Vec<(f64, &Fitted)> = vec![(1.0, &found.fitted)];
     for member in &found.members {
         let most = member.probability.max(f64::MIN_POSITIVE);
         models.extend(member.rivals.iter().map(|(rival, probability)| (probability / most, rival)));
     }
     let total: f64 = models.iter().map(|(weight, _)| weight).sum();
+    models.iter_mut().for_each(|(weight, _)| *weight /= total);
+    models
+}
+
+/// Mean and variance over models of a quantity that has both in each.
+fn moments(models: &[(f64, &Fitted)], quantity: impl Fn(&Fitted) -> (f64, f64)) -> (f64, f64) {
+    let each: Vec<(f64, f64, f64)> = models
+        .iter()
+        .map(|(weight, fitted)| {
+            let (value, variance) = quantity(fitted);
+            (*weight, value, variance)
+        })
+        .collect();
+    let mean = each.iter().map(|(weight, value, _)| weight * value).sum::<f64>();
+    let second = |(weight, value, variance): &(f64, f64, f64)| weight * (variance + (value - mean).powi(2));
+    (mean, each.iter().map(second).sum())
+}
+
+/// Moments of the model's parameters over the final model and its rivals.
+fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<ParameterReport> {
+    let models = models(found);
     let report = |(number, parameter): (usize, &Parameter)| {
-        let value = |fitted: &Fitted| fitted.values.get(number).copied().unwrap_or(parameter.mean);
-        let mean = models.iter().map(|(weight, fitted)| weight * value(fitted)).sum::<f64>() / total;
-        let second = |(weight, fitted): &(f64, &Fitted)| {
-            weight * (fitted.sd(number).powi(2) + (value(fitted) - mean).powi(2))
+        let of_model = |fitted: &Fitted| {
+            let value = fitted.values.get(number).copied().unwrap_or(parameter.mean);
+            (value, fitted.sd(number).powi(2))
         };
-        let variance = models.iter().map(second).sum::<f64>() / total;
+        let (mean, variance) = moments(&models, of_model);
+        let (before, before_variance) = of_model(plain);
         let Parameter { name, unit, .. } = parameter;
         ParameterReport {
             estimate: estimate(name, unit.clone(), mean, variance),
-            before: estimate(name, unit.clone(), value(plain), plain.sd(number).powi(2)),
+            before: estimate(name, unit.clone(), before, before_variance),
         }
     };
     bench.model.parameters().iter().enumerate().map(report).collect()
 }
 
-/// Sums of the even laws of each site, averaged over the data.
-fn offsets(bench: &Bench<'_>, fitted: &Fitted) -> Vec<Estimate> {
-    let terms = bench.terms(&fitted.laws, &fitted.values);
-    let of_site = |(number, site): (usize, &super::model::Site)| {
-        let channel =
-            bench.data.channels().iter().position(|one| Some(&one.name) == site.adds_to.as_ref())?;
-        let (mut value, mut gradient) = (0.0, DVector::zeros(fitted.values.len()));
-        let mut has_even_law = false;
-        for (i, (law, term)) in fitted.laws.iter().zip(&terms).enumerate() {
-            if law.site != number || !law.form.is_even() {
-                continue;
-            }
-            has_even_law = true;
-            let first = first_of(bench, &fitted.laws, i);
-            let (mut sum, mut count) = (0.0, 0);
-            for (prepared, jacobian) in bench.training.iter().zip(&fitted.jacobian) {
-                for row in prepared.rows_of(channel) {
-                    sum += jacobian[(row, first)];
-                    count += 1;
+/// A sum over laws of a site, over the final model and its rivals, where the final model has such a law. Each law adds its amplitude times a factor;
+/// of laws without a factor none.
+fn sums_of_laws(
+    bench: &Bench<'_>,
+    found: &Found,
+    factor: impl Fn(&Fitted, usize, usize) -> Option<f64>,
+) -> Vec<Estimate> {
+    let models = models(found);
+    let of_site = |(number, site): (usize, &Site)| {
+        let gradient_of = |fitted: &Fitted| {
+            let mut gradient = DVector::zeros(fitted.values.len());
+            for law in (0..fitted.laws.len()).filter(|law| fitted.laws[*law].site == number) {
+                let first = first_of(bench, &fitted.laws, law);
+                if let Some((place, factor)) = gradient.get_mut(first).zip(factor(fitted, law, first)) {
+                    *place = factor;
                 }
             }
-            let mean = sum / f64::from(count.max(1)) * bench.scales.get(channel)?;
-            *gradient.get_mut(first)? = mean;
-            value += mean * term.values.first()?;
-        }
-        let variance = (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)];
-        has_even_law.then(|| estimate(&site.name, site.unit.clone(), value, variance))
+            gradient
+        };
+        let moments_of_model = |fitted: &Fitted| {
+            let gradient = gradient_of(fitted);
+            let value = gradient.iter().zip(&fitted.values).map(|(factor, value)| factor * value).sum();
+            (value, (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)])
+        };
+        let has_one = gradient_of(&found.fitted).iter().any(|factor| *factor != 0.0);
+        let (mean, variance) = moments(&models, moments_of_model);
+        has_one.then(|| estimate(&site.name, site.unit.clone(), mean, variance))
     };
     bench.model.sites().iter().enumerate().filter_map(of_site).collect()
 }
 
-/// Whether a law at a site jumps where the motion turns round.
-fn is_reversed(law: &Law, site: &super::model::Site) -> bool {
-    let regressor = law.regressor.and_then(|number| site.regressors.get(number));
-    let is_of_a_rate = regressor.is_some_and(|regressor| !regressor.history);
-    law.form == Form::Bristle || (law.form == Form::Sign && is_of_a_rate)
+/// Sums of the even laws of each site, averaged over the data.
+fn offsets(bench: &Bench<'_>, found: &Found) -> Vec<Estimate> {
+    sums_of_laws(bench, found, |fitted, law, first| {
+        let law = fitted.laws.get(law).filter(|law| law.form.is_even())?;
+        let site = bench.model.sites().get(law.site)?;
+        let channel =
+            bench.data.channels().iter().position(|one| Some(&one.name) == site.adds_to.as_ref())?;
+        let (mut sum, mut count) = (0.0, 0);
+        for (prepared, jacobian) in bench.training.iter().zip(&fitted.jacobian) {
+            for row in prepared.rows_of(channel) {
+                sum += jacobian[(row, first)];
+                count += 1;
+            }
+        }
+        Some(sum / f64::from(count.max(1)) * bench.scales.get(channel)?)
+    })
 }
 
-/// Sums of the signs and bristles of each site: neither alone is what a reversal changes where friction builds up over a short way.
-fn reversals(bench: &Bench<'_>, fitted: &Fitted) -> Vec<Estimate> {
-    let of_site = |(number, site): (usize, &super::model::Site)| {
-        let mut gradient = DVector::zeros(fitted.values.len());
-        for (i, _) in
-            fitted.laws.iter().enumerate().filter(|(_, law)| law.site == number && is_reversed(law, site))
-        {
-            *gradient.get_mut(first_of(bench, &fitted.laws, i))? = 1.0;
-        }
-        let value: f64 = gradient.iter().zip(&fitted.values).map(|(factor, value)| factor * value).sum();
-        let variance = (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)];
-        fitted
-            .laws
-            .iter()
-            .any(|law| law.site == number && is_reversed(law, site))
-            .then(|| estimate(&site.name, site.unit.clone(), value, variance))
-    };
-    bench.model.sites().iter().enumerate().filter_map(of_site).collect()
+/// Sums of the signs and bristles of each site: neither alone is what a reversal changes where friction builds up over a short way. Signs of a place
+/// are no reversals.
+fn reversals(bench: &Bench<'_>, found: &Found) -> Vec<Estimate> {
+    sums_of_laws(bench, found, |fitted, law, _| {
+        let law = fitted.laws.get(law)?;
+        let site = bench.model.sites().get(law.site)?;
+        let regressor = law.regressor.and_then(|number| site.regressors.get(number));
+        let is_of_a_rate = regressor.is_some_and(|regressor| !regressor.history);
+        (law.form == Form::Bristle || (law.form == Form::Sign && is_of_a_rate)).then_some(1.0)
+    })
 }
 
 fn refused_reports(bench: &Bench<'_>, refused: &[Refused]) -> Vec<RefusedReport> {
@@ -292,8 +316,8 @@ pub(crate) fn report(
         verdict,
         regions: plain_regions,
         terms,
-        offsets: offsets(bench, fitted),
-        reversals: reversals(bench, fitted),
+        offsets: offsets(bench, found),
+        reversals: reversals(bench, found),
         parameters: parameter_reports(bench, plain, found),
         channels: channel_reports(bench, plain, fitted)?,
         refused: refused_reports(bench, &found.refused),

@@ -175,9 +175,11 @@ pub struct Report {
     pub regions: Vec<Region>,
     /// Laws that were added.
     pub terms: Vec<TermReport>,
-    /// Means over the data of even laws, constants among them: what a site adds on the average of both signs of its regressors.
+    /// Means over the data of even laws, constants among them, over the final model and its rivals: what a site adds on the average of both signs of its
+    /// regressors.
     pub offsets: Vec<Estimate>,
-    /// Sums of signs of rates and of slipping bristles: half of what a site changes by when a motion is reversed.
+    /// Sums of signs of rates and of slipping bristles, over the final model and its rivals: half of what a site changes by when a motion is reversed. Of
+    /// a force it is Coulomb's friction, as an identification with a sign alone has it.
     pub reversals: Vec<Estimate>,
     /// Parameters of the model.
     pub parameters: Vec<ParameterReport>,
