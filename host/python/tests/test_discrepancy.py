@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import pathlib
-import runpy
 import time
+from typing import Any
 
 import numpy as np
 import pytest
 
 from needle_guide import AnalysisError, UsageError, discrepancy
 
-EXAMPLE = pathlib.Path(__file__).parents[1] / "examples" / "pendulum.py"
+NOTEBOOK = pathlib.Path(__file__).parents[2] / "manual" / "src" / "notebooks" / "pendulum.ipynb"
 
 
-def test_the_example_names_the_hidden_friction_of_a_pendulum() -> None:
-    assert sum(1 for line in EXAMPLE.read_text().splitlines() if line.strip()) < 40
-    steps = runpy.run_path(str(EXAMPLE))
+def test_the_notebook_names_the_hidden_friction_of_a_pendulum() -> None:
+    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    code = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    assert sum(1 for line in code.splitlines() if line.strip()) < 40
+    steps: dict[str, Any] = {}
+    exec(compile(code, str(NOTEBOOK), "exec"), steps)
     found = steps["found"]
     assert found.missing == ["pivot/speed/sign"], str(found)
     low, high = found.terms["pivot/speed/sign"]["a"].ci95
