@@ -31,7 +31,7 @@ const MIN_SHARE: f64 = 1e-4;
 pub struct Group {
     /// Name of the imperfection or tolerance.
     pub name: &'static str,
-    /// Size in an ordinary rig and tissue, in the unit of its patterns.
+    /// Size in an ordinary experiment, in the unit of its patterns.
     pub everyday: f64,
     /// Standard deviation of a size above the everyday one, in everyday sizes; nothing where the size is known.
     pub tail: Option<f64>,
@@ -61,8 +61,7 @@ pub struct RunPatterns {
     pub own: DMatrix<f64>,
     /// Readings by patterns that runs share.
     pub shared: DMatrix<f64>,
-    /// Patterns of these that the run shows at all: no pattern is in lateral runs and in
-    /// insertions.
+    /// Patterns of these that the run shows at all: runs of another kind have others.
     shown: Vec<usize>,
     /// The patterns by the readings: products with a transpose go by scalar products, those with a transposed copy by blocks, several times
     /// faster.
