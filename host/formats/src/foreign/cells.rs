@@ -15,8 +15,18 @@ pub(super) struct Number {
 }
 
 /// Words for a reading that is missing.
-const MISSING: [&str; 15] = [
+const MISSING: [&str; 24] = [
     "nan",
+    "-nan",
+    "+nan",
+    // As libraries of C for Windows write them.
+    "nan(ind)",
+    "-nan(ind)",
+    "1.#qnan",
+    "1.#ind",
+    "-1.#ind",
+    "1.#inf",
+    "-1.#inf",
     "na",
     "n/a",
     "null",

@@ -8,13 +8,13 @@ const GRAVITY: f64 = 9.806_65;
 const POUND_N: f64 = 4.448_221_615_260_5;
 
 /// Time in seconds, displacement in millimetres, force in newtons of row `i`.
-fn truth(i: usize) -> [f64; 3] {
+pub(super) fn truth(i: usize) -> [f64; 3] {
     let t = 0.02 * i as f64;
     let x = 1.2 * (t - 3.0).clamp(0.0, 1.0);
     [t, x, 0.3 * x + 5e-3 * (2.3 * i as f64).sin()]
 }
 
-fn lines(before: &str, row: impl Fn(usize, f64, f64, f64) -> String) -> Vec<u8> {
+pub(super) fn lines(before: &str, row: impl Fn(usize, f64, f64, f64) -> String) -> Vec<u8> {
     let rows = (0..400).map(|i| {
         let [t, x, f] = truth(i);
         row(i, t, x, f) + "\r\n"
@@ -23,7 +23,7 @@ fn lines(before: &str, row: impl Fn(usize, f64, f64, f64) -> String) -> Vec<u8> 
 }
 
 /// Session content of a file by its maps.
-fn taken(bytes: &[u8], maps: &[&str], rate_hz: Option<f64>) -> Result<Taken, TableError> {
+pub(super) fn taken(bytes: &[u8], maps: &[&str], rate_hz: Option<f64>) -> Result<Taken, TableError> {
     let table = Grid::parse(Path::new("t.csv"), bytes).and_then(RawTable::new)?;
     let choices = maps.iter().map(|map| Choice::parse(map)).collect::<Result<Vec<_>, _>>()?;
     take(&[table], &Mapping { choices }, &Options { rate_hz, ..Options::default() })
@@ -33,7 +33,7 @@ fn comma(value: f64) -> String {
     format!("{value:.8}").replace('.', ",")
 }
 
-fn same(name: &str, bytes: &[u8], maps: &[&str], rate_hz: Option<f64>) {
+pub(super) fn same(name: &str, bytes: &[u8], maps: &[&str], rate_hz: Option<f64>) {
     let lateral_run = taken(bytes, maps, rate_hz).unwrap_or_else(|error| panic!("{name}: {error}"));
     let force = lateral_run.force.expect("a force");
     assert_eq!(force.time_s.len(), 400, "{name}: {:?}", lateral_run.notes);
@@ -256,60 +256,6 @@ fn signs_between_thousands_are_no_decimal_commas() {
 }
 
 #[test]
-fn rows_that_a_column_marks_as_unusable_are_not_used() {
-    for (name, good, bad) in [
-        ("Status", "OK", "OVERLOAD"),
-        ("valid", "1", "0"),
-        ("sensor_status", "ok", "Out of range"),
-        ("Is valid", "true", "false"),
-        ("fault", "0", "1"),
-        ("Cell overload", "no", "yes"),
-        ("Error code", "0", "17"),
-    ] {
-        let bytes = lines(&format!("Time (s),Extension (mm),Load (N),{name}\n"), |i, t, x, f| {
-            if (200..205).contains(&i) { format!("{t},{x},9.9,{bad}") } else { format!("{t},{x},{f},{good}") }
-        });
-        let lateral_run = taken(&bytes, &[], None).expect("a run");
-        let force = lateral_run.force.expect("a force");
-        let largest = force.force_y_n.iter().copied().fold(0.0, f64::max);
-        assert!(force.time_s.len() == 395 && largest < 1.0, "{name}: {largest}");
-        let note = format!("5 rows whose \"{name}\" is {bad} are skipped");
-        assert!(lateral_run.notes.iter().any(|known| known.contains(&note)), "{:?}", lateral_run.notes);
-    }
-    let bytes = lines("Time (s),Extension (mm),Load (N),Status\n", |i, t, x, f| {
-        format!("{t},{x},{f},{}", 4 * (i / 300))
-    });
-    let lateral_run = taken(&bytes, &[], None).expect("a run");
-    assert_eq!(lateral_run.force.expect("a force").time_s.len(), 400);
-    assert!(
-        lateral_run.notes.iter().any(|note| note.contains("\"Status\" has 0, 4")),
-        "{:?}",
-        lateral_run.notes
-    );
-}
-
-#[test]
-fn numbers_that_stand_for_no_reading_are_none() {
-    for mark in ["-99.99", "9999", "-999", "32767", "-32768"] {
-        let bytes = lines("Time (s),Extension (mm),Load (mN)\n", |i, t, x, f| {
-            if i % 90 == 7 { format!("{t},{x},{mark}") } else { format!("{t},{x},{}", 1e3 * f) }
-        });
-        let lateral_run = taken(&bytes, &[], None).expect("a run");
-        let force = lateral_run.force.expect("a force");
-        assert_eq!(force.time_s.len(), 395, "{mark}: {:?}", lateral_run.notes);
-        assert!(force.force_y_n.iter().all(|force_n| force_n.abs() < 0.5), "{mark}");
-        assert!(lateral_run.notes.iter().any(|note| note.contains(mark)), "{mark}: {:?}", lateral_run.notes);
-    }
-    // Levels of a stage, and a number of nines among others.
-    same(
-        "levels",
-        &lines("Time (s),Stage (um),Load (N)\n", |_, t, x, f| format!("{t},{:.6},{f}", 1e3 * x)),
-        &["Stage (um)=displacement_y_mm"],
-        None,
-    );
-}
-
-#[test]
 fn clocks_in_days_zones_and_two_columns_give_the_times_they_were_made_of() {
     fn rest(x: f64, f: f64) -> String {
         format!("{x:.6},{f:.6}")
@@ -364,119 +310,6 @@ fn clocks_in_days_zones_and_two_columns_give_the_times_they_were_made_of() {
         lines("Time,Extension (mm),Load (N)\n", |_, t, x, f| format!("{:.9},{}", 1e-3 * t, rest(x, f)));
     let error = taken(&bytes, &[], None).expect_err("no unit").to_string();
     assert!(error.contains("or d for the days of a spreadsheet"), "{error}");
-}
-
-#[test]
-fn remarks_summaries_and_names_in_other_places_are_no_readings() {
-    fn row(t: f64, x: f64, f: f64) -> String {
-        format!("{t:.3},{x:.6},{f:.6}")
-    }
-    let header = "Time (s),Extension (mm),Load (N)\n";
-    let remark =
-        |i, t, x, f| if i == 9 { format!("{}\r\n# pause, 3, 4", row(t, x, f)) } else { row(t, x, f) };
-    same("remark", &lines(header, remark), &[], None);
-    let summary = |i, t, x, f| {
-        if i == 399 { format!("{}\r\n\r\nMax,1.2,0.3\r\nMean,0.6,0.1", row(t, x, f)) } else { row(t, x, f) }
-    };
-    same("summary", &lines(header, summary), &[], None);
-    statistics_at_the_end_are_no_readings(header);
-    same(
-        "names of two lines",
-        &lines("\"Time\n(s)\",\"Extension\n(mm)\",\"Load\n(N)\"\n", |_, t, x, f| row(t, x, f)),
-        &[],
-        None,
-    );
-    same(
-        "numbered rows of R",
-        &lines("\"Time_s\" \"Stage_mm\" \"Force_N\"\n", |i, t, x, f| {
-            format!("\"{}\" {}", i + 1, row(t, x, f).replace(',', " "))
-        }),
-        &[],
-        None,
-    );
-    same("single quotes", &lines(header, |_, t, x, f| format!("'{t:.3}','{x:.6}','{f:.6}'")), &[], None);
-    same(
-        "text of a spreadsheet",
-        &lines(header, |_, t, x, f| format!("=\"{t:.3}\",=\"{x:.6}\",=\"{f:.6}\"")),
-        &[],
-        None,
-    );
-    fn apart(value: f64) -> String {
-        format!("{value:.6}").replace('-', "- ")
-    }
-    same(
-        "a blank behind the sign",
-        &lines(header, |_, t, x, f| format!("{t},{},{}", apart(x), apart(f))),
-        &[],
-        None,
-    );
-    let dashes = lines(header, |i, t, x, f| if i == 9 { format!("{t},{x},---") } else { row(t, x, f) });
-    assert_eq!(taken(&dashes, &[], None).expect("a run").force.expect("a force").time_s.len(), 399);
-    let mut zeros = lines(header, |_, t, x, f| row(t, x, f));
-    zeros.extend([0; 512]);
-    same("zeros behind the end", &zeros, &[], None);
-    let text = String::from_utf8(lines(header, |_, t, x, f| row(t, x, f))).expect("text");
-    let wide = |bytes: fn(u16) -> [u8; 2]| text.encode_utf16().flat_map(bytes).collect::<Vec<u8>>();
-    same("UTF-16 without a mark", &wide(u16::to_le_bytes), &[], None);
-    same("UTF-16 without a mark, big-endian", &wide(u16::to_be_bytes), &[], None);
-}
-
-/// Statistics below the readings, with and without words, with all digits and with few.
-fn statistics_at_the_end_are_no_readings(header: &str) {
-    let columns: [Vec<f64>; 3] = [0, 1, 2].map(|axis: usize| (0..400).map(|i| truth(i)[axis]).collect());
-    fn total(values: &[f64]) -> f64 {
-        values.iter().sum()
-    }
-    fn mean(values: &[f64]) -> f64 {
-        total(values) / values.len() as f64
-    }
-    fn sd(values: &[f64]) -> f64 {
-        (values.iter().map(|value| (value - mean(values)).powi(2)).sum::<f64>() / (values.len() - 1) as f64)
-            .sqrt()
-    }
-    fn most(values: &[f64]) -> f64 {
-        values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
-    }
-    let statistics: [fn(&[f64]) -> f64; 4] = [mean, sd, total, most];
-    for decimals in [3, 9] {
-        let rows: Vec<String> = statistics
-            .iter()
-            .map(|of| {
-                columns
-                    .iter()
-                    .map(|values| format!("{:.decimals$}", of(values)))
-                    .collect::<Vec<_>>()
-                    .join(",")
-            })
-            .collect();
-        for tail in [rows[..2].to_vec(), rows[2..3].to_vec(), rows[3..].to_vec(), rows.clone()] {
-            for above in ["", "\r\n"] {
-                let text = lines(header, |i, t, x, f| {
-                    let below =
-                        if i == 399 { format!("\r\n{above}{}", tail.join("\r\n")) } else { String::new() };
-                    format!("{t},{x},{f}{below}")
-                });
-                same(&format!("{decimals} digits of {tail:?}"), &text, &[], None);
-            }
-        }
-    }
-    // Without a clock only an empty line tells a mean from the end of a hold.
-    let unclocked = |i: usize, x: f64, f: f64| {
-        let below = format!("\r\n\r\n{:.6},{:.6}", mean(&columns[1]), mean(&columns[2]));
-        format!("{x:.6},{f:.6}{}", if i == 399 { below } else { String::new() })
-    };
-    same("no clock", &lines("Extension (mm),Load (N)\n", |i, _, x, f| unclocked(i, x, f)), &[], Some(50.0));
-    // Results of a fit, which are no statistics.
-    let results = |i: usize, t: f64, x: f64, f: f64| {
-        format!("{t},{x},{f}{}", if i == 399 { "\r\n\r\n13.2,2.4,0.998" } else { "" })
-    };
-    same("results of a fit", &lines(header, results), &[], None);
-    let at_rest = lines("Extension (mm),Load (N)\n", |i, _, _, _| {
-        let x = [1.0, -1.0, 0.0][(i / 100).min(2)];
-        format!("{x},{}", 0.3 * x)
-    });
-    let force = taken(&at_rest, &[], Some(50.0)).expect("a run").force.expect("a force");
-    assert_eq!(force.time_s.len(), 400);
 }
 
 #[test]

@@ -15,22 +15,28 @@ const FAR: f64 = 3.0;
 pub(super) fn take_out(column: &mut RawColumn) -> Option<String> {
     let origin = column.origin as f64;
     let is_mark = |value: &f64| is_of_nines(origin + value) || ENDS.contains(&(origin + value).abs());
-    let finite = || column.values.iter().copied().filter(|value| value.is_finite());
-    let mark = finite().find(is_mark)?;
-    let mut others: Vec<f64> = finite().filter(|value| *value != mark).collect();
-    others.sort_by(f64::total_cmp);
-    let widest = others.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
-    let distance = others.iter().map(|value| (value - mark).abs()).fold(f64::INFINITY, f64::min);
-    let count = finite().filter(|value| *value == mark).count();
-    if widest == 0.0 || distance <= FAR * widest || SHARE * count > column.values.len() {
-        return None;
-    }
-    column.values.iter_mut().filter(|value| **value == mark).for_each(|value| *value = f64::NAN);
+    let mut candidates: Vec<f64> = column.values.iter().copied().filter(is_mark).collect();
+    candidates.sort_by(f64::total_cmp);
+    candidates.dedup();
+    let mark = candidates.into_iter().find(|mark| is_apart(&column.values, *mark))?;
+    let marked = column.values.iter_mut().filter(|value| **value == mark);
+    let count = marked.map(|value| *value = f64::NAN).count();
     Some(format!(
         "\"{}\": {count} readings of {}, far from all others, are marks of missing ones, and left out",
         column.header,
         origin + mark
     ))
+}
+
+/// Whether readings of this value are few, and further from all others than these are from their neighbours.
+fn is_apart(values: &[f64], mark: f64) -> bool {
+    let mut others: Vec<f64> =
+        values.iter().copied().filter(|value| value.is_finite() && *value != mark).collect();
+    others.sort_by(f64::total_cmp);
+    let widest = others.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    let distance = others.iter().map(|value| (value - mark).abs()).fold(f64::INFINITY, f64::min);
+    let count = values.iter().filter(|value| **value == mark).count();
+    widest > 0.0 && distance > FAR * widest && SHARE * count <= values.len()
 }
 
 /// Whether the digits of a number are nines alone, two or more: 99, -99.99, 9999.

@@ -137,4 +137,6 @@ pub enum TableError {
 #[cfg(test)]
 mod layout_tests;
 #[cfg(test)]
+mod left_out_tests;
+#[cfg(test)]
 mod tests;

@@ -198,12 +198,10 @@ impl RawTable {
             } else if at == last && cells.len() < width && at > first {
                 notes.push(format!("line {line}: the last row is cut off, and skipped"));
             } else if !table.add(*line, cells, has_decimal_comma) {
-                if header.is_some_and(|(_, names)| names == cells) {
+                if header.is_some_and(|(_, names)| are_names(cells, names)) {
                     return Err(TableError::File {
                         path: table.path,
-                        problem: format!(
-                            "line {line} has the names again: two recordings one behind the other"
-                        ),
+                        problem: format!("line {line} has names again: two tables one behind the other"),
                         expected: "one recording in a file".to_owned(),
                     });
                 }
@@ -378,6 +376,13 @@ fn without<T: Clone>(elements: &[T], places: &[usize]) -> Vec<T> {
         .filter(|(place, _)| places.binary_search(place).is_err())
         .map(|(_, element)| element.clone())
         .collect()
+}
+
+/// Whether a row between the readings names columns: by the names above them in any order, or by a word in each of as many cells.
+fn are_names(cells: &[String], names: &[String]) -> bool {
+    let is_word = |cell: &String| cell.chars().any(char::is_alphabetic) && !is_missing(cell);
+    let known = cells.iter().filter(|cell| is_word(cell) && names.contains(cell)).count();
+    known >= 2 || cells.len() >= 3 && cells.len() == names.len() && cells.iter().all(is_word)
 }
 
 /// Whether a row is a remark between the readings.

@@ -116,6 +116,16 @@ fn ascends(column: &RawColumn, end: usize) -> bool {
     above.windows(2).all(|pair| pair[0] < pair[1] || column.is_stamp && pair[0] == pair[1])
 }
 
+/// A number of a row, from its column's origin.
+struct Number {
+    value: f64,
+    /// Rounding of its digits.
+    digit: f64,
+    origin: f64,
+    /// Statistics of the rows above.
+    statistics: [(f64, bool); STATISTICS],
+}
+
 /// Whether all numbers of a row, two or more, are one statistic of their columns.
 fn is_statistic(
     columns: &[RawColumn],
@@ -126,8 +136,7 @@ fn is_statistic(
     has_decimal_comma: bool,
 ) -> bool {
     let Some(cells) = kept.get(row) else { return false };
-    // Number from the column's origin, the rounding of its digits, that origin, and the statistics of its column.
-    let numbers: Vec<(f64, f64, f64, [(f64, bool); STATISTICS])> = columns
+    let numbers: Vec<Number> = columns
         .iter()
         .zip(sums)
         .enumerate()
@@ -136,14 +145,14 @@ fn is_statistic(
             let digit = last_digit(cells.get(column.number - 1)?, has_decimal_comma);
             let origin = column.origin as f64;
             let median = medians.and_then(|medians| medians.get(at).copied());
-            Some((value, digit, origin, sums.statistics(origin, median)))
+            Some(Number { value, digit, origin, statistics: sums.statistics(origin, median) })
         })
         .collect();
     let is = |place: usize| {
-        numbers.iter().all(|(value, digit, origin, statistics)| {
-            statistics.get(place).is_some_and(|(statistic, is_from_origin)| {
-                let value = if *is_from_origin { *value } else { value + origin };
-                (value - statistic).abs() <= digit + ROUNDING * statistic.abs()
+        numbers.iter().all(|number| {
+            number.statistics.get(place).is_some_and(|(statistic, is_from_origin)| {
+                let value = if *is_from_origin { number.value } else { number.value + number.origin };
+                (value - statistic).abs() <= number.digit + ROUNDING * statistic.abs()
             })
         })
     };
