@@ -227,12 +227,12 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.target.set(Disturbances { converter: Converter::Saturated, ..Disturbances::default() })?;
         self.target.pass(FORCE_READINGS.into())?;
         let [x, y] = self.target.condition()?.position_um.map(f32::signum);
-        let way = if is_turned(self.target.record()) { 1_000.0 } else { -1_000.0 };
-        let (x_um, y_um) = ((x * way) as i32, (y * way) as i32);
+        let outward_um = if is_turned(self.target.record()) { 1_000.0 } else { -1_000.0 };
+        let (x_um, y_um) = ((x * outward_um) as i32, (y * outward_um) as i32);
         let wait_ms = 100 + self.random.below(150);
         for _ in 0..16 {
-            let by_um = if self.random.one_in(4) { (x_um, 0) } else { (0, y_um) };
-            self.request(Request::Retreat { x_um: by_um.0, y_um: by_um.1 })?;
+            let retreat_um = if self.random.one_in(4) { (x_um, 0) } else { (0, y_um) };
+            self.request(Request::Retreat { x_um: retreat_um.0, y_um: retreat_um.1 })?;
             self.target.pass(wait_ms)?;
             self.request(Request::Stop)?;
         }
@@ -395,7 +395,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.request(Request::Stop)?;
         self.target.pass(FORCE_READINGS.into())?;
         let mut waited = false;
-        let mut before_um = [f32::INFINITY; 2];
+        let mut tried_from_um = [f32::INFINITY; 2];
         for _ in 0..TRIES {
             let condition = self.target.condition()?;
             let Some(fault) = condition.fault else { return Ok(()) };
@@ -419,22 +419,22 @@ impl<'a, T: Target> Sequence<'a, T> {
             }
             // One that was lost before another fault was latched.
             self.request(Request::AcknowledgeCalibration)?;
-            self.unload(fault, &condition, before_um)?;
-            before_um = condition.position_um;
+            self.unload(fault, &condition, tried_from_um)?;
+            tried_from_um = condition.position_um;
         }
         let condition = self.target.condition()?;
         Err(Violation(format!("no recovery in {TRIES} tries: {condition:?}")))
     }
 
     /// Towards the middle of the travel. If the limit is not met there, a higher one; if the tables have the wrong
-    /// sign, and the middle lies in the other direction, other ones, or a higher limit. `before_um`: where the try before has begun.
-    fn unload(&mut self, fault: Fault, condition: &Condition, before_um: [f32; 2]) -> Checked<()> {
+    /// sign, and the middle lies in the other direction, other ones, or a higher limit. `tried_from_um`: where the try before has begun.
+    fn unload(&mut self, fault: Fault, condition: &Condition, tried_from_um: [f32; 2]) -> Checked<()> {
         let is_reversed = is_turned(self.target.record());
         if is_reversed && fault.may_come_of_calibration() {
             return self.store(&Calibration::nominal_record());
         }
         // A soft needle may be further off, where the offset of the cell along the other axis outweighs it.
-        let stays = farthest(condition.position_um, before_um) < STAYS_UM;
+        let stays = farthest(condition.position_um, tried_from_um) < STAYS_UM;
         let [x_um, y_um] = condition.position_um.map(|um| {
             let is_soft = um.abs() * condition.stiffness_n_per_um < MIDDLE_N;
             match um.abs() < MIDDLE_UM || (stays && is_soft) {

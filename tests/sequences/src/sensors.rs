@@ -83,9 +83,9 @@ impl Failing {
                 1..4 => Pattern::AllButOneOf(2 + random.below(3) as u8),
                 _ => Pattern::Percent(random.between(5, 95) as u8),
             };
-            let any = Self { effect: random.pick(Effect::ALL), pattern, channels: random.pick(CHANNELS) };
-            if any.is_bounded() {
-                return any;
+            let failing = Self { effect: random.pick(Effect::ALL), pattern, channels: random.pick(CHANNELS) };
+            if failing.is_bounded() {
+                return failing;
             }
         }
     }
