@@ -359,9 +359,10 @@ impl<'a> Search<'a> {
         let in_place = members.iter().find_map(|member| {
             let best = member.class.first()?;
             let own = current.layout.effects.get(member.index)?;
-            // Nor may it make the held-out misfit grow.
-            let is_better =
-                best.effect.id() != own.id() && self.judge.held_out_shrinks(current, &best.fitted);
+            // Nor may it make the held-out misfit grow, but where its own effect is no explanation: refuted, or a name in other words.
+            let is_explanation = member.class.iter().any(|one| one.effect.id() == own.id());
+            let is_better = best.effect.id() != own.id()
+                && (!is_explanation || self.judge.held_out_shrinks(current, &best.fitted));
             is_better.then(|| best.fitted.clone())
         });
         let needless = || {

@@ -10,7 +10,9 @@ pub(super) fn truth(effects: Vec<(&'static str, Vec<f64>)>) -> Truth {
 }
 
 fn diagnosed(truth: &Truth, design: &Design, seed: u64) -> Diagnosis {
-    diagnose(&session(truth, design, seed), &Options::default(), |_| {}).expect("a diagnosis")
+    let found = diagnose(&session(truth, design, seed), &Options::default(), |_| {}).expect("a diagnosis");
+    assert!(found.effects.iter().all(|effect| effect.class.contains(&effect.id)), "{:#?}", found.effects);
+    found
 }
 
 #[track_caller]
