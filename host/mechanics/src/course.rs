@@ -53,9 +53,46 @@ pub(crate) fn directions(readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
     course_m.iter().map(direction_of).collect()
 }
 
+/// Speed at every reading, m/s, with the sign of the last motion, which it keeps at rest. Readings that are no further off than noise from one of them are
+/// one way with its mean speed, which ends before the first that is.
+pub(crate) fn speeds_m_per_s(times_s: &[f64], readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
+    let readings: Vec<(f64, f64)> = times_s.iter().copied().zip(readings_m.iter().copied()).collect();
+    let between = |from: usize, to: usize| match (readings.get(from), readings.get(to)) {
+        (Some((from_s, from_m)), Some((to_s, to_m))) if to_s > from_s => {
+            (to_m - from_m).abs() / (to_s - from_s)
+        }
+        _ => 0.0,
+    };
+    let mut speeds = vec![0.0; readings_m.len().min(1)];
+    let mut first = 0;
+    for (number, (_, at_m)) in readings.iter().enumerate().skip(1) {
+        if readings.get(first).is_some_and(|(_, first_m)| (at_m - first_m).abs() > reversal_m) {
+            speeds.resize(number, between(first, number - 1));
+            speeds.push(between(number - 1, number));
+            first = number;
+        }
+    }
+    speeds.resize(readings_m.len(), between(first, readings.len().saturating_sub(1)));
+    let directed = directions(readings_m, reversal_m).into_iter().zip(speeds);
+    // At rest no number but the sign is left of it.
+    directed.map(|(direction, speed)| direction * speed.max(f64::MIN_POSITIVE)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_speed_is_that_of_a_way_and_keeps_its_sign_at_rest() {
+        let times_s: Vec<f64> = (0..9).map(|i| 0.5 * f64::from(i)).collect();
+        let readings_m = [0.0, 1.0, 2.0, 2.01, 1.99, 2.0, 1.0, 0.0, 0.01];
+        let speeds = speeds_m_per_s(&times_s, &readings_m, 0.1);
+        assert_eq!(speeds[..3], [0.0, 2.0, 2.0]);
+        assert!(speeds[3..6].iter().all(|speed| (0.0..0.02).contains(speed) && *speed > 0.0), "{speeds:?}");
+        assert_eq!(speeds[6..8], [-2.0, -2.0]);
+        assert!(speeds[8] < 0.0 && speeds[8] > -0.03, "{speeds:?}");
+        assert!(speeds_m_per_s(&[], &[], 0.1).is_empty());
+    }
 
     #[test]
     fn noise_is_no_motion_and_a_way_back_begins_where_it_began() {

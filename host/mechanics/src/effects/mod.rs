@@ -15,7 +15,7 @@ mod sensor;
 mod tip;
 mod tissue;
 
-use super::course::directions;
+use super::course::{directions, speeds_m_per_s};
 use super::insertion::TipLaw;
 use super::lateral::Drive;
 use super::predict::Plane;
@@ -132,6 +132,11 @@ impl ObservationContext<'_> {
     /// Sign of the last motion of guide 2 in a plane at every force sample.
     pub(super) fn directions(&self, plane: usize) -> Vec<f64> {
         directions(self.commanded_m[plane], self.reversal_m[plane])
+    }
+
+    /// Speed of guide 2 in a plane at every force sample, with the sign of its last motion.
+    pub(super) fn speeds_m_per_s(&self, plane: usize) -> Vec<f64> {
+        speeds_m_per_s(self.time_s, self.commanded_m[plane], self.reversal_m[plane])
     }
 }
 

@@ -6,6 +6,7 @@ use crate::{
     predict,
 };
 
+mod frictions;
 mod needle_and_tip;
 
 const GUIDE2_M: f64 = 0.06;

@@ -24,7 +24,7 @@ impl Law {
 
     /// The function in SI at a value of the regressor in SI after what came before, and its state there, in the unit of the regressor.
     pub(super) fn at_after(&self, values: &[f64], x: f64, state: f64) -> (f64, f64) {
-        if self.form != Form::Play {
+        if !matches!(self.form, Form::Play | Form::Bristle) {
             return (self.at(values, x), state);
         }
         let x = self.regressor.per_si() * x;
@@ -74,6 +74,10 @@ impl Law {
             Regressor::Direction => {
                 let directions = context.directions(plane);
                 each(&|i| directions.get(i).copied().unwrap_or_default())
+            }
+            Regressor::Speed => {
+                let speeds = context.speeds_m_per_s(plane);
+                each(&|i| speeds.get(i).copied().unwrap_or_default())
             }
             _ => vec![self.of_run(values, &context.conditions).unwrap_or_default(); count],
         }

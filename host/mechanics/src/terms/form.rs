@@ -3,7 +3,7 @@
 use super::{Regressor, Site};
 use crate::effects::ParameterInfo;
 
-/// A function of one number with one parameter or two. All but `constant`, `toe`, `within` and `polynomial` vanish at 0, so that what they change is told from the rest of
+/// A function of one number with one parameter or two. All but `constant`, `toe`, `within`, `decay` and `polynomial` vanish at 0, so that what they change is told from the rest of
 /// the model; what is a bump or a step elsewhere stays small there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Form {
@@ -38,6 +38,10 @@ pub enum Form {
     /// `a P(x)`, with P the play of half width `b`: it stays until `x` is further than `b` from it, and follows from there on. So
     /// yields what has slip or plastic flow, and a hysteresis that does not depend on rate.
     Play,
+    /// `a z / b`, with z what the play of half width `b` is behind: it follows `x` within `b` and slips beyond, as a bristle or an elastoplastic contact does.
+    Bristle,
+    /// `a sign(x) exp(-|x| / b)`: what friction has more at rest than in fast motion (Stribeck).
+    Decay,
     /// Function that a person has written ([`define`](super::define)).
     Own,
     /// A cubic, by Legendre's polynomials over the typical range: so each of its parameters has the size of what it does.
@@ -59,7 +63,7 @@ const EDGE: f64 = 0.01;
 
 impl Form {
     /// Every one that the grammar has.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 18] = [
         Self::Constant,
         Self::Linear,
         Self::Quadratic,
@@ -76,6 +80,8 @@ impl Form {
         Self::Sine,
         Self::Polynomial,
         Self::Play,
+        Self::Bristle,
+        Self::Decay,
     ];
 
     /// The forms below but for the last one, which has memory.
@@ -92,6 +98,19 @@ impl Form {
         Self::Play,
     ];
 
+    /// Forms of the force that moves guide 2: also that of a friction that builds up over a way.
+    const OF_THE_FORCE: &[Self] = &[
+        Self::Linear,
+        Self::Quadratic,
+        Self::Cubic,
+        Self::Absolute,
+        Self::Sign,
+        Self::Saturation,
+        Self::Sine,
+        Self::Play,
+        Self::Bristle,
+    ];
+
     /// Those that make sense of a site and a regressor.
     pub(super) fn of(site: Site, regressor: Regressor) -> &'static [Self] {
         match regressor {
@@ -102,11 +121,14 @@ impl Form {
             Regressor::ToTip => &[Self::Within, Self::Bump],
             Regressor::Constant => &[Self::Constant],
             Regressor::Direction => &[Self::Linear],
+            // Viscous friction, the difference of both directions, and what is more at rest.
+            Regressor::Speed => &[Self::Linear, Self::Absolute, Self::Decay],
             Regressor::Run | Regressor::Depth | Regressor::Use => {
                 &[Self::Linear, Self::Quadratic, Self::Exponential, Self::Step]
             }
             // Tissue and sensors that yield under a displacement or a force keep that; play of guide 2 itself is backlash.
-            Regressor::Displacement if matches!(site, Site::Tissue | Site::Force) => Self::OF_MOTION,
+            Regressor::Displacement if site == Site::Force => Self::OF_THE_FORCE,
+            Regressor::Displacement if site == Site::Tissue => Self::OF_MOTION,
             Regressor::Force if site == Site::Force => Self::OF_MOTION,
             // A motion to and fro as the force that it causes rises would have no single equilibrium.
             Regressor::Force if matches!(site, Site::Tissue | Site::Guide) => &[
@@ -158,6 +180,8 @@ impl Form {
             Self::Sine => "sine",
             Self::Polynomial => "polynomial",
             Self::Play => "play",
+            Self::Bristle => "bristle",
+            Self::Decay => "decay",
             Self::Own => "own",
         }
     }
@@ -189,6 +213,9 @@ impl Form {
             }
             // From its rest.
             Self::Play => a * followed(0.0, x, last),
+            Self::Bristle => a * (x - followed(0.0, x, last)) / last,
+            Self::Decay if x == 0.0 => 0.0,
+            Self::Decay => a * x.signum() * (-x.abs() / last).exp(),
             // Its value is that of its own function.
             Self::Own => 0.0,
             Self::Polynomial => {
@@ -210,6 +237,11 @@ impl Form {
             (Self::Play, &[factor, half_width]) => {
                 let state = followed(state, x, half_width.abs());
                 (factor * state, state)
+            }
+            (Self::Bristle, &[limit, half_width]) => {
+                let width = half_width.abs().max(f64::MIN_POSITIVE);
+                let state = followed(state, x, width);
+                (limit * (x - state) / width, state)
             }
             _ => (self.value(parameters, regressor, x), state),
         }
@@ -258,9 +290,10 @@ impl Form {
             Self::Quadratic => vec![amplitude("coefficient", 2)],
             Self::Cubic => vec![amplitude("coefficient", 3)],
             Self::Sign => vec![amplitude("amplitude", 0)],
-            Self::Saturation | Self::Exponential | Self::Knee | Self::Toe => {
+            Self::Saturation | Self::Exponential | Self::Knee | Self::Toe | Self::Decay => {
                 vec![amplitude("limit", 0), place("scale", &LENGTHS)]
             }
+            Self::Bristle => vec![amplitude("limit", 0), place("half_width", &LENGTHS)],
             Self::Step | Self::Within => vec![amplitude("step", 0), place("at", &PLACES)],
             Self::Bump => vec![amplitude("height", 0), place("at", &PLACES)],
             Self::Sine => {
@@ -292,6 +325,7 @@ impl Form {
         let value = |at: usize, power: usize| {
             let per = match (power, of) {
                 (0, _) | (_, "") => String::new(),
+                (1, of) if of.contains('/') => format!("/({of})"),
                 (1, of) => format!("/{of}"),
                 (power, of) => format!("/{of}^{power}"),
             };
@@ -322,6 +356,11 @@ impl Form {
                 format!("{} sin({turn}) + {} (cos({turn}) - 1)", value(0, 0), value(1, 0))
             }
             Self::Play => format!("{} play({x}, {})", value(0, 1), place(1)),
+            Self::Bristle => {
+                let width = place(1);
+                format!("{} ({x} - play({x}, {width})) / {width}", value(0, 0))
+            }
+            Self::Decay => format!("{} sign({x}) exp(-|{x}| / {})", value(0, 0), place(1)),
             Self::Own => String::new(),
             Self::Polynomial => {
                 let [a, b, c, d] = powers(parameters, regressor);
@@ -372,6 +411,7 @@ fn text(unit: &'static str) -> &'static str {
     match unit {
         "n" => "N",
         "rad_per_n_m" => "rad/(N m)",
+        "mm_per_s" => "mm/s",
         unit => unit,
     }
 }

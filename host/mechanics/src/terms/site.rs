@@ -60,6 +60,8 @@ pub enum Regressor {
     Time,
     /// Sign of the last motion of guide 2.
     Direction,
+    /// Speed of guide 2 with that sign, millimetres per second.
+    Speed,
     /// Number of the run in its session, 0 for the first.
     Run,
     /// Largest displacement of guide 2 so far in the run, millimetres.
@@ -256,8 +258,8 @@ impl Site {
     /// Allowed regressors, and their planes.
     pub(super) fn regressors(self) -> &'static [(Regressor, &'static [Scope])] {
         use Regressor::{
-            Along, Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share, Time,
-            ToTip, Use,
+            Along, Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share, Speed,
+            Time, ToTip, Use,
         };
         const BOTH: &[Scope] = &[Scope::Both];
         const EACH: &[Scope] = &[Scope::Vertical, Scope::Horizontal];
@@ -269,6 +271,7 @@ impl Site {
                 (Force, BOTH),
                 (Time, EACH),
                 (Direction, BOTH),
+                (Speed, BOTH),
                 (Run, EACH),
                 (Depth, EACH),
             ],
@@ -327,7 +330,7 @@ impl Site {
 
 impl Regressor {
     /// Every one there is.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Constant,
         Self::Place,
         Self::Share,
@@ -337,6 +340,7 @@ impl Regressor {
         Self::Deflection,
         Self::Time,
         Self::Direction,
+        Self::Speed,
         Self::Run,
         Self::Use,
         Self::Along,
@@ -355,6 +359,7 @@ impl Regressor {
             Self::Deflection => "deflection",
             Self::Time => "time",
             Self::Direction => "direction",
+            Self::Speed => "speed",
             Self::Run => "run",
             Self::Use => "use",
             Self::Along => "along",
@@ -374,6 +379,7 @@ impl Regressor {
             Self::Deflection => "u",
             Self::Time => "t",
             Self::Direction => "sign(d')",
+            Self::Speed => "d'",
             Self::Run => "n",
             Self::Use => "max |d|",
             Self::Along => "z",
@@ -393,13 +399,14 @@ impl Regressor {
             | Self::ToTip => "mm",
             Self::Force => "n",
             Self::Time => "s",
+            Self::Speed => "mm_per_s",
             Self::Constant | Self::Share | Self::Direction | Self::Run => "",
         }
     }
 
     /// From SI to that unit.
     pub(super) fn per_si(self) -> f64 {
-        if self.unit() == "mm" { 1e3 } else { 1.0 }
+        if self.unit().starts_with("mm") { 1e3 } else { 1.0 }
     }
 
     /// Its typical size in a session, in that unit.
@@ -407,7 +414,7 @@ impl Regressor {
         match self {
             Self::Place | Self::Depth | Self::ToTip => 20.0,
             Self::Along => 60.0,
-            Self::Displacement | Self::Use => 1.0,
+            Self::Displacement | Self::Use | Self::Speed => 1.0,
             Self::Force => 1.0,
             Self::Deflection => 0.5,
             Self::Time => 20.0,
