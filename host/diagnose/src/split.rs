@@ -190,8 +190,7 @@ impl HeldOut {
         };
         let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
         let patterns = discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?;
-        let imperfections = discrepancy::patterns(&start.layout, start.values(), &runs, multiples)?;
-        Ok(Judge { patterns, imperfections, runs })
+        Ok(Judge { patterns, runs })
     }
 }
 
@@ -200,10 +199,7 @@ impl HeldOut {
 #[derive(Debug)]
 pub(super) struct Judge {
     runs: Vec<Prepared>,
-    /// Those of the instruments alone.
     patterns: Patterns,
-    /// Those of tissue, needle and mounting, too.
-    imperfections: Patterns,
 }
 
 impl Judge {
@@ -240,18 +236,15 @@ impl Judge {
         misfits.is_some_and(|(before, after)| after < before)
     }
 
-    /// Misfit of every part of what was held out, beside all imperfections of an ordinary rig; nothing where the model cannot be evaluated
-    /// there. Those of the tissue are the same in every part: beside the instruments' alone, parts that repeat one error of some per cent of
-    /// the modulus would count as many independent ones.
+    /// Misfit of every part of what was held out; nothing where the model cannot be evaluated there.
     pub fn losses(&self, fitted: &Fitted) -> Option<Vec<f64>> {
-        let tally = self.tally(fitted, &self.imperfections).ok()?;
+        let tally = self.tally(fitted).ok()?;
         Some(tally.parts.into_iter().map(|(loss, _)| loss).collect())
     }
 
-    /// Whether no more of what was held out is left beside a model, and all imperfections of an ordinary rig, than chance leaves; so where
-    /// nothing is held out.
+    /// Whether no more of what was held out is left beside a model than chance leaves; so where nothing is held out.
     pub fn is_chance(&self, fitted: &Fitted) -> bool {
-        let Ok(tally) = self.tally(fitted, &self.imperfections) else { return false };
+        let Ok(tally) = self.tally(fitted) else { return false };
         let (misfit_sum, count) =
             tally.parts.iter().fold((0.0, 0.0), |(x, n), part| (x + part.0, n + part.1 as f64));
         misfit_sum <= by_chance(count)
@@ -271,7 +264,7 @@ impl Judge {
         if self.runs.is_empty() {
             return Ok(None);
         }
-        let sides = [self.tally(before, &self.patterns)?, self.tally(after, &self.patterns)?];
+        let sides = [self.tally(before)?, self.tally(after)?];
         let points = points(&self.runs, &sides);
         let [misfit_before, misfit_after] = sides;
         let removed = |parts: &mut dyn Iterator<Item = usize>| -> Option<f64> {
@@ -309,8 +302,8 @@ impl Judge {
 }
 
 impl Judge {
-    /// Misfit of the held-out runs under a model, without the part of these imperfections.
-    fn tally(&self, fitted: &Fitted, patterns: &Patterns) -> Result<Tally, ModelError> {
+    /// Misfit of the held-out runs under a model, without the instruments' part.
+    fn tally(&self, fitted: &Fitted) -> Result<Tally, ModelError> {
         let mut plain = Vec::with_capacity(self.runs.len());
         let mut white = Vec::with_capacity(self.runs.len());
         for prepared in &self.runs {
@@ -322,7 +315,8 @@ impl Judge {
             plain.push(residuals);
             white.push(independent);
         }
-        let whitened = patterns.less_patterns(&patterns.everyday(), &white).ok_or(ModelError::Singular)?;
+        let everyday = self.patterns.everyday();
+        let whitened = self.patterns.less_patterns(&everyday, &white).ok_or(ModelError::Singular)?;
         let mut tally = Tally::default();
         for ((prepared, white), whitened) in self.runs.iter().zip(&white).zip(whitened) {
             let mut plain = whitened.data.as_vec().clone();
