@@ -207,9 +207,13 @@ impl ModelFile {
             };
             Ok::<(), SessionError>(())
         };
-        let as_list = |value: &'_ Option<f64>| value.map(|value| vec![value]);
+        fn as_list(value: &Option<f64>) -> Option<Vec<f64>> {
+            value.map(|value| vec![value])
+        }
         let (modulus, load) = (as_list(&self.modulus_pa), as_list(&self.tip_load_n));
-        let interval = |ends: &'_ Option<[f64; 2]>| ends.map(|ends| ends.to_vec());
+        fn interval(ends: &Option<[f64; 2]>) -> Option<Vec<f64>> {
+            ends.map(|ends| ends.to_vec())
+        }
         let (of_modulus, of_load) = (interval(&self.modulus_ci95_pa), interval(&self.tip_load_ci95_n));
         let (youngs, of_youngs) = (as_list(&self.youngs_pa), interval(&self.youngs_ci95_pa));
         let fields = [

@@ -299,7 +299,9 @@ fn write_gap(f: &mut fmt::Formatter<'_>, gap: &HeldOutMisfit) -> fmt::Result {
         write!(f, " before, {:.2} after", gap.after.chi2_reduced)?;
     }
     if let (Some(removed), Some([low, high])) = (gap.removed, gap.removed_ci95) {
-        let percent = |share: f64| 100.0 * share;
+        fn percent(share: f64) -> f64 {
+            100.0 * share
+        }
         write!(
             f,
             ": {:.0} % of the removable misfit removed ({:.0} to {:.0})",

@@ -307,7 +307,9 @@ fn again(
     rig: Option<&Path>,
 ) -> String {
     let mut words = vec!["guide".to_owned(), "import".to_owned(), "table".to_owned()];
-    let text = |path: &Path| path.to_string_lossy().into_owned();
+    fn text(path: &Path) -> String {
+        path.to_string_lossy().into_owned()
+    }
     words.extend(paths.iter().map(|path| text(path)));
     mapping.choices.iter().for_each(|choice| words.extend(["--map".to_owned(), choice.text()]));
     let mut option = |name: &str, value: Option<String>| {

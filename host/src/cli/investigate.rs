@@ -175,7 +175,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 
 /// The session, where there is one.
 fn existing(dir: &Path) -> anyhow::Result<Option<Session>> {
-    let has_runs = |session: &Session| !session.lateral.is_empty() || !session.insertion.is_empty();
+    fn has_runs(session: &Session) -> bool {
+        !session.lateral.is_empty() || !session.insertion.is_empty()
+    }
     if !dir.join("session.toml").exists() {
         return Ok(None);
     }
@@ -255,7 +257,9 @@ impl Display for StepText<'_> {
         let name = |effects: &[String]| {
             if effects.is_empty() { "nothing missing".to_owned() } else { effects.join(" and ") }
         };
-        let percent = |probability: f64| 100.0 * probability;
+        fn percent(probability: f64) -> f64 {
+            100.0 * probability
+        }
         let shown: Vec<String> = explanations
             .iter()
             .take(SHOWN)

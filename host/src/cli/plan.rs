@@ -120,7 +120,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             Support::Body { poisson: tissue.poisson.unwrap_or(INCOMPRESSIBLE), block: tissue.block() }
         }
     };
-    let metres = |mm: &[f64]| mm.iter().map(|mm| 1e-3 * mm).collect::<Vec<_>>();
+    fn metres(mm: &[f64]) -> Vec<f64> {
+        mm.iter().map(|mm| 1e-3 * mm).collect::<Vec<_>>()
+    }
     let guide2_m = if args.guide2_mm.is_empty() { vec![rig.guide2_m] } else { metres(&args.guide2_mm) };
     if noise.force_n.is_none() || noise.displacement_m.is_none() || noise.shape_m.is_none() {
         out.note("what [noise] does not state is taken as 0.05 N, 0.02 mm, 0.03 mm (one reading)");

@@ -88,7 +88,9 @@ impl Report {
 impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let contents = &self.contents;
-        let known = |text: &Option<String>| text.clone().unwrap_or_else(|| "unknown".to_owned());
+        fn known(text: &Option<String>) -> String {
+            text.clone().unwrap_or_else(|| "unknown".to_owned())
+        }
         writeln!(f, "recording  {}: {} bytes", contents.file.display(), contents.bytes)?;
         writeln!(
             f,

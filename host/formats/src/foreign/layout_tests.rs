@@ -211,7 +211,9 @@ fn a_session_s_own_names_are_what_they_say() {
     let taken = take(&tables, &Mapping::default(), &options).expect("a run");
     assert_eq!(taken.force.expect("a force").displacement_x_m.expect("both axes").len(), 400);
     let shape = taken.shape.expect("a shape");
-    let millimetres = |values: &[f64]| values.iter().map(|m| (1e6 * m).round() / 1e3).collect::<Vec<_>>();
+    fn millimetres(values: &[f64]) -> Vec<f64> {
+        values.iter().map(|m| (1e6 * m).round() / 1e3).collect::<Vec<_>>()
+    }
     assert_eq!(millimetres(&shape.z_m), [71.0, 72.0, 73.0]);
     assert_eq!(millimetres(&shape.y_m), [0.9, 0.8, 0.7]);
 }

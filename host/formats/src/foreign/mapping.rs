@@ -203,9 +203,9 @@ impl Mapping {
                 }
             }
             // What the user states of a shape or an insertion applies to all columns of its table.
-            let is_of_push = |choice: &Choice| {
+            fn is_of_push(choice: &Choice) -> bool {
                 ["time_", "force_", "displacement_"].iter().any(|start| choice.target.name.starts_with(start))
-            };
+            }
             let is_here = |choice: &&Choice| table.find(&choice.column).is_ok_and(|found| found.is_some());
             if !self.choices.iter().filter(is_here).all(is_of_push) {
                 continue;

@@ -41,6 +41,11 @@ impl RawColumn {
     pub fn own_name(&self) -> String {
         if self.header.contains('=') { format!("#{}", self.number) } else { self.header.clone() }
     }
+
+    /// Its value in a row; NaN where there is none.
+    pub fn value(&self, row: usize) -> f64 {
+        self.values.get(row).copied().unwrap_or(f64::NAN)
+    }
 }
 
 /// The numbers of a table.
@@ -380,9 +385,11 @@ fn without<T: Clone>(elements: &[T], places: &[usize]) -> Vec<T> {
 
 /// Whether a row between the readings names columns: by the names above them in any order, or by a word in each of as many cells.
 fn are_names(cells: &[String], names: &[String]) -> bool {
-    let is_word = |cell: &String| cell.chars().any(char::is_alphabetic) && !is_missing(cell);
+    fn is_word(cell: &str) -> bool {
+        cell.chars().any(char::is_alphabetic) && !is_missing(cell)
+    }
     let known = cells.iter().filter(|cell| is_word(cell) && names.contains(cell)).count();
-    known >= 2 || cells.len() >= 3 && cells.len() == names.len() && cells.iter().all(is_word)
+    known >= 2 || cells.len() >= 3 && cells.len() == names.len() && cells.iter().all(|cell| is_word(cell))
 }
 
 /// Whether a row is a remark between the readings.

@@ -63,11 +63,10 @@ pub(super) fn rows_of_statistics(
     lines: &[usize],
     has_decimal_comma: bool,
 ) -> usize {
-    let value = |column: &RawColumn, row: usize| column.values.get(row).copied().unwrap_or(f64::NAN);
     let start = kept.len().saturating_sub(SUMMARY).max(LEAST);
     let mut sums = vec![Sums::NONE; columns.len()];
     let add = |sums: &mut [Sums], row: usize| {
-        sums.iter_mut().zip(columns).for_each(|(sums, column)| sums.add(value(column, row)));
+        sums.iter_mut().zip(columns).for_each(|(sums, column)| sums.add(column.value(row)));
     };
     (0..start.min(kept.len())).for_each(|row| add(&mut sums, row));
     for first in start..kept.len() {
@@ -80,7 +79,7 @@ pub(super) fn rows_of_statistics(
             && (is_apart || columns.iter().any(|column| ascends(column, first)))
         {
             let medians: Vec<f64> =
-                columns.iter().map(|column| median((0..first).map(|row| value(column, row)))).collect();
+                columns.iter().map(|column| median((0..first).map(|row| column.value(row)))).collect();
             if (first..kept.len()).all(|row| is(row, Some(&medians))) {
                 return kept.len() - first;
             }

@@ -139,9 +139,15 @@ fn rows_of_one_time_are_one_reading_and_missing_ones_are_interpolated() {
 #[test]
 fn rows_that_are_faster_than_their_clock_are_spread_evenly() {
     // A tenth of a second at 100 Hz; whole seconds of the day at 100 Hz, begun within one; a tick of 15.625 ms.
-    let tenths = |t: f64| format!("{:.1}", (10.0 * t + 1e-9).floor() / 10.0);
-    let seconds = |t: f64| format!("10:00:{:02}", (t + 0.73 + 1e-9).floor());
-    let ticks = |t: f64| format!("{:.3}", (64.0 * t + 1e-9).floor() / 64.0);
+    fn tenths(t: f64) -> String {
+        format!("{:.1}", (10.0 * t + 1e-9).floor() / 10.0)
+    }
+    fn seconds(t: f64) -> String {
+        format!("10:00:{:02}", (t + 0.73 + 1e-9).floor())
+    }
+    fn ticks(t: f64) -> String {
+        format!("{:.3}", (64.0 * t + 1e-9).floor() / 64.0)
+    }
     let clocks: [&dyn Fn(f64) -> String; 3] = [&tenths, &seconds, &ticks];
     for (clock, within_s) in clocks.into_iter().zip([1e-6, 1e-6, 5e-3]) {
         let coarse = push("Time (s),Stage (mm),Load (N)", |t, x, f| format!("{},{x},{f}", clock(t)));
@@ -158,7 +164,9 @@ fn rows_that_are_faster_than_their_clock_are_spread_evenly() {
         );
     }
     // Pauses in which nothing was recorded: before and after each there is one rate, whose phase is known to a period.
-    let pauses = |t: f64| t + if t > 1.6 { 7.0 } else { 0.0 };
+    fn pauses(t: f64) -> f64 {
+        t + if t > 1.6 { 7.0 } else { 0.0 }
+    }
     let paused = push("Time (s),Stage (mm),Load (N)", |t, x, f| {
         format!("{:.1},{x},{f}", (10.0 * pauses(t) + 1e-9).floor() / 10.0)
     });

@@ -341,7 +341,9 @@ proptest! {
         }).collect();
         let session = read_back(&rows, &shape, &setup, depth);
         prop_assert_eq!(session.name.as_deref(), Some(setup.name.as_str()));
-        let close = |a: f64, b: f64| (a - b).abs() < 1e-9;
+        fn close(a: f64, b: f64) -> bool {
+            (a - b).abs() < 1e-9
+        }
         prop_assert!(close(session.rig.guide2_m, guide2) && close(session.lateral[0].depth_m, depth));
         prop_assert_eq!(session.noise.force_n.is_some(), noise.is_some());
         let force = &session.lateral[0].force;

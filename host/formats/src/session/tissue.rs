@@ -99,7 +99,9 @@ impl Tissue {
             _ => None,
         };
         let name = |tissue: Self| tissue.foundation.map(|kind| kind.name().to_owned());
-        let text = |value: Option<f64>| value.map(|value| value.to_string());
+        fn text(value: Option<f64>) -> Option<String> {
+            value.map(|value| value.to_string())
+        }
         differ("foundation", name(self), name(other))
             .or_else(|| differ("poisson", text(self.poisson), text(other.poisson)))
             .or_else(|| differ("poisson_sd", text(self.poisson_sd), text(other.poisson_sd)))

@@ -88,12 +88,12 @@ fn groups(rows: &[(usize, f64)]) -> Vec<Group> {
 
 /// Whether rows with the stamp of the row before are readings of their own: some differ from it, and most have a value in every column.
 fn are_readings(rows: &[(usize, f64)], parts: &[&Part]) -> bool {
-    let value = |part: &&Part, row: usize| part.column.values.get(row).copied().unwrap_or(f64::NAN);
     let repeated: Vec<[usize; 2]> =
         rows.windows(2).filter(|pair| pair[0].1 == pair[1].1).map(|pair| [pair[0].0, pair[1].0]).collect();
-    let full = repeated.iter().filter(|[_, row]| parts.iter().all(|part| value(part, *row).is_finite()));
+    let full =
+        repeated.iter().filter(|[_, row]| parts.iter().all(|part| part.column.value(*row).is_finite()));
     let differs = |[before, row]: &[usize; 2]| {
-        parts.iter().any(|part| value(part, *before).to_bits() != value(part, *row).to_bits())
+        parts.iter().any(|part| part.column.value(*before).to_bits() != part.column.value(*row).to_bits())
     };
     2 * full.count() > repeated.len() && repeated.iter().any(differs)
 }

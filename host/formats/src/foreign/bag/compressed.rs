@@ -35,7 +35,9 @@ impl Decompressor for Chunk {
     }
 
     fn decompress(&mut self, source: &[u8], target: &mut [u8]) -> McapResult<DecompressResult> {
-        let fault = |cause: io::Error| McapError::DecompressionError(cause.to_string());
+        fn fault(cause: io::Error) -> McapError {
+            McapError::DecompressionError(cause.to_string())
+        }
         let consumed = if self.unpacked.is_none() { source.len() } else { 0 };
         let unpacked = match &mut self.unpacked {
             Some(unpacked) => unpacked,

@@ -257,7 +257,9 @@ fn cells(line: &str) -> Vec<Cell<'_>> {
 fn decimal_commas(line: &str) -> bool {
     line.split_whitespace().count() > 1
         && line.split_whitespace().all(|word| {
-            let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
+            fn digits(part: &str) -> bool {
+                !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit())
+            }
             let whole_and_rest = word.trim_start_matches(['-', '+']).split_once(',');
             whole_and_rest.is_some_and(|(whole, rest)| digits(whole) && digits(rest))
         })
@@ -268,7 +270,9 @@ const ORDER: &str = "matrices whose rotation part shows whether they are row by 
 
 /// Columns of a header (none where it has no position) and the unit that it states; `None` where this is no header.
 fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<f64>)> {
-    let is_word = |cell: &str| cell.parse::<f64>().is_err() && cell.chars().any(char::is_alphabetic);
+    fn is_word(cell: &str) -> bool {
+        cell.parse::<f64>().is_err() && cell.chars().any(char::is_alphabetic)
+    }
     if !cells.iter().any(|(_, cell)| is_word(cell))
         || cells.iter().any(|(_, cell)| cell.parse::<f64>().is_ok())
     {

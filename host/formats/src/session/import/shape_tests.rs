@@ -103,7 +103,9 @@ fn points_that_are_not_placed_are_skipped() {
 #[test]
 fn points_that_are_not_selected_are_skipped_where_others_are() {
     let text = markups("\"RAS\"", &in_room(&simulated()).0);
-    let selected = |is_selected: bool| format!("\"selected\": {is_selected}, \"positionStatus\"");
+    fn selected(is_selected: bool) -> String {
+        format!("\"selected\": {is_selected}, \"positionStatus\"")
+    }
     let some = text.replacen("\"positionStatus\"", &selected(false), 7);
     let needle = written("n.mrk.json", &some, slicer).expect("reads");
     assert_eq!(needle.points_m.len(), 113);
@@ -155,7 +157,9 @@ fn poses_come_back_from_every_layout() {
     let lines = |line: &dyn Fn(f64, f64, f64) -> String| -> String {
         shape.iter().map(|[z, y, x]| line(*x, *y, z - 70.0) + "\n").collect()
     };
-    let metres = |value: f64| 1e-3 * value;
+    fn metres(value: f64) -> f64 {
+        1e-3 * value
+    }
     for (name, text) in [
         ("spaces", lines(&|x, y, z| format!("{x} {y}\t {z}"))),
         ("quaternion, commas", lines(&|x, y, z| format!("{x}, {y}, {z}, 0, 0, 0, 1"))),

@@ -63,7 +63,9 @@ pub fn trajcontrol(path: &Path) -> Result<Recording, SessionError> {
     let tip = [column("Tip x"), column("Tip y"), column("Tip z")];
     let quaternion = ["Tip qw", "Tip qx", "Tip qy", "Tip qz"].map(&mut column);
     let robot = [column("Robot x"), column("Robot z")];
-    let value_at = |values: &[f64], i: usize| values.get(i).copied().unwrap_or_default();
+    fn value_at(values: &[f64], i: usize) -> f64 {
+        values.get(i).copied().unwrap_or_default()
+    }
 
     // The guide's first position is where the straight needle points; before it has one, it has not moved.
     let has_guide = |i: usize| {
@@ -208,7 +210,9 @@ fn row_place(path: &Path, text: &str, row: usize) -> Place {
 
 /// The text without a last line that has fewer cells than the header: a recording that was cut off.
 fn whole_lines(text: &str) -> &str {
-    let cells = |line: &str| line.matches(',').count();
+    fn cells(line: &str) -> usize {
+        line.matches(',').count()
+    }
     match text.trim_end_matches('\n').rfind('\n') {
         Some(newline) if !text.ends_with('\n') => {
             let (complete_lines, last) = text.split_at(newline + 1);
