@@ -116,8 +116,11 @@ fn reports_the_error_and_what_is_valid() {
         let error = frames(&path).expect_err(expected).to_string();
         assert!(error.contains(expected) && !error.contains('\n'), "{error} for {expected}");
     }
-    let (_folder, path) = written("clip.mp4", b"");
-    assert!(frames(&path).expect_err("no reader").to_string().contains(".mha"));
+    for (name, expected) in [("clip.mp4", "ffmpeg"), ("sweep.mcap", "image_saver"), ("sweep.xyz", ".mha")] {
+        let (_folder, path) = written(name, b"");
+        let error = frames(&path).expect_err("no reader").to_string();
+        assert!(error.contains(expected), "{error} for {name}");
+    }
 }
 
 #[test]
