@@ -9,12 +9,13 @@ use system::readme::check_quick;
 use system::readme::page::Page;
 
 /// Options of other programs that the pages name: cargo, cargo bench and cargo test, probe-rs, git, snakemake.
-const OF_OTHERS: [&str; 21] = [
+const OF_OTHERS: [&str; 22] = [
     "--no-default-features",
     "--path",
     "--bench",
     "--all-targets",
     "--nocapture",
+    "--include-ignored",
     "--chip",
     "--help",
     "--lib",
