@@ -47,6 +47,10 @@ const SHELLS: [(&str, &str); 5] = [
     ("elvish", "guide.elv"),
 ];
 
+/// Options of cargo by which program, wheel and tests are one choice of features. Python's macros turn on features of parsers that serde's have
+/// too: in a choice of its own each would compile everything that uses serde again.
+pub const WITH_MODULE: [&str; 4] = ["--package", "needle-guide", "--features", "needle-guide/extension"];
+
 impl System {
     fn is_windows(&self) -> bool {
         self.linker == Linker::Mingw
@@ -171,7 +175,7 @@ fn program(
     let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
     let environment: Vec<(&str, &str)> =
         environment.iter().filter_map(|(name, value)| Some((*name, value.to_str()?))).collect();
-    cargo_with(&[&first[..], &target_options, &flags].concat(), &environment)
+    cargo_with(&[&first[..], &WITH_MODULE, &target_options, &flags].concat(), &environment)
 }
 
 /// Completions and manual pages, from the program that was built for this system.

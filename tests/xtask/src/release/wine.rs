@@ -31,6 +31,7 @@ pub fn unit_tests(release: &Release, prefix: &Path) -> Result<ExitCode> {
             release.profile,
         ])
         .args(packages)
+        .args(systems::WITH_MODULE)
         .args(systems::flags(WINDOWS, release)?)
         .arg("--target-dir")
         .arg(&release.target)
