@@ -82,7 +82,7 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     let everyday = tolerances.everyday();
     let misfit = posterior::misfit(&tolerances, &everyday, &fit(&tolerances, &everyday)?.residuals)?;
     let scores = Scores::new(&plain, &prepared, &patterns).ok()?;
-    let judge = held_out.judge(&plain, &noise, &Multiples::new()).ok()?;
+    let judge = held_out.judge(&plain, &prepared, &noise, &Multiples::new()).ok()?;
     let search = Search::new(&plain, &prepared, &patterns, &judge, Catalogue::WHOLE);
     let ranked = scores.ranked();
     let prior = ModelPrior::new(ranked.len(), 1);

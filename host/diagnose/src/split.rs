@@ -6,7 +6,7 @@
 use super::Multiples;
 use super::data::{Channel, Kind, Run, Source};
 use super::discrepancy;
-use super::evidence::Patterns;
+use super::evidence::{Inverse, Patterns};
 use super::layout::Prepared;
 use super::noise::Noise;
 use super::posterior::{self, Fitted};
@@ -183,23 +183,44 @@ impl HeldOut {
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    pub fn judge(self, start: &Fitted, noise: &Noise, multiples: &Multiples) -> Result<Judge, ModelError> {
+    pub fn judge(
+        self,
+        start: &Fitted,
+        training: &[Prepared],
+        noise: &Noise,
+        multiples: &Multiples,
+    ) -> Result<Judge, ModelError> {
         let prepared = |run: Run| {
             let model = start.layout.model_of(start.values(), run.kind, run.is_reference)?;
             Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
         };
         let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
         let patterns = discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?;
-        Ok(Judge { patterns, runs })
+        let all = [training, &runs].concat();
+        let imperfections = discrepancy::patterns(&start.layout, start.values(), &all, multiples)?;
+        let everyday = imperfections.everyday();
+        let of_first = imperfections.of_first(training.len()).inverse(&everyday);
+        let of_training = of_first.ok_or(ModelError::Singular)?;
+        let of_all = imperfections.inverse(&everyday).ok_or(ModelError::Singular)?;
+        Ok(Judge { runs, patterns, imperfections, of_training, of_all })
     }
 }
 
-/// Judges models by what was held out. The misfit is that of the physics: zeros, drift, axes and offsets of single
-/// runs are the instruments' own, and beside the noise of a mean a zero would rule all sums.
+/// Judges models by what was held out.
+///
+/// The misfit that is stated is that of the physics: zeros, drift, axes and offsets of single runs are the instruments' own, and beside the
+/// noise of a mean a zero would rule all sums. What refutes a model is that it predicts worse: what was held out is compared with what it
+/// expects there *after* the training runs, whose misfit tells of imperfections that all runs share (theory, below eq. 65).
 #[derive(Debug)]
 pub(super) struct Judge {
     runs: Vec<Prepared>,
+    /// Patterns of the instruments, in what was held out.
     patterns: Patterns,
+    /// All patterns, in the training runs and in what was held out behind them.
+    imperfections: Patterns,
+    /// The inverse of their covariance, at everyday sizes, in the training runs and in all.
+    of_training: Inverse,
+    of_all: Inverse,
 }
 
 impl Judge {
@@ -236,18 +257,41 @@ impl Judge {
         misfits.is_some_and(|(before, after)| after < before)
     }
 
-    /// Misfit of every part of what was held out; nothing where the model cannot be evaluated there.
+    /// Misfit of every part of what was held out to what a model expects there after the training runs; nothing where the model cannot be
+    /// evaluated.
     pub fn losses(&self, fitted: &Fitted) -> Option<Vec<f64>> {
-        let tally = self.tally(fitted).ok()?;
-        Some(tally.parts.into_iter().map(|(loss, _)| loss).collect())
+        Some(self.after_training(fitted)?.into_iter().map(|(loss, _)| loss).collect())
     }
 
     /// Whether no more of what was held out is left beside a model than chance leaves; so where nothing is held out.
     pub fn is_chance(&self, fitted: &Fitted) -> bool {
-        let Ok(tally) = self.tally(fitted) else { return false };
+        let Some(parts) = self.after_training(fitted) else { return false };
         let (misfit_sum, count) =
-            tally.parts.iter().fold((0.0, 0.0), |(x, n), part| (x + part.0, n + part.1 as f64));
+            parts.iter().fold((0.0, 0.0), |(x, n), part| (x + part.0, n + part.1 as f64));
         misfit_sum <= by_chance(count)
+    }
+
+    /// Misfit and number of readings of every part of what was held out. With residuals `r` of training (1) and held-out data (2), of
+    /// covariance `V` by noise and imperfections of everyday sizes, the expected held-out residuals are `m = V_21 V_11^-1 r_1`, and a part's
+    /// share of `(r_2 - m)^T V_2|1^-1 (r_2 - m)` is the sum of its products with `(V^-1 r)_2`, which is the second factor.
+    fn after_training(&self, fitted: &Fitted) -> Option<Vec<(f64, usize)>> {
+        let held_out = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
+        let everyday = self.imperfections.everyday();
+        let less_patterns = self.of_training.of_column(&fitted.residuals);
+        let expected = self.imperfections.expected_behind(&everyday, &less_patterns)?;
+        let all = [fitted.residuals.as_slice(), &held_out].concat();
+        let weighted = self.of_all.of_column(&all);
+        let mut parts = Vec::new();
+        let behind_training = weighted.iter().skip(fitted.residuals.len());
+        for (((prepared, residuals), expected), weighted) in
+            self.runs.iter().zip(&held_out).zip(&expected).zip(behind_training)
+        {
+            let differences = residuals.iter().zip(expected.iter()).map(|(residual, mean)| residual - mean);
+            let squares =
+                differences.zip(weighted.iter()).map(|(difference, weighted)| difference * weighted);
+            parts.extend(by_part(prepared, squares));
+        }
+        Some(parts)
     }
 
     /// Distances of two models from the held-out runs, and the fraction of the removable misfit that the second one
@@ -328,6 +372,17 @@ impl Judge {
     }
 }
 
+/// Sums of a run's readings in each of its parts that has any, with their number.
+fn by_part(prepared: &Prepared, squares: impl Iterator<Item = f64>) -> Vec<(f64, usize)> {
+    let mut part_sums = vec![(0.0, 0); prepared.run.parts()];
+    for (datum, square) in prepared.run.data.iter().zip(squares) {
+        part_sums[datum.part].0 += square;
+        part_sums[datum.part].1 += 1;
+    }
+    part_sums.retain(|(_, count)| *count > 0);
+    part_sums
+}
+
 /// Misfit of so many readings that chance does not exceed.
 fn by_chance(count: f64) -> f64 {
     count + CHANCE * (2.0 * count).sqrt()
@@ -365,11 +420,7 @@ struct Tally {
 
 impl Tally {
     fn add(&mut self, prepared: &Prepared, plain: Vec<f64>, squares: impl Iterator<Item = f64>) {
-        let run = &prepared.run;
-        let mut part_sums = vec![(0.0, 0); run.parts()];
-        for ((datum, plain), square) in run.data.iter().zip(&plain).zip(squares) {
-            part_sums[datum.part].0 += square;
-            part_sums[datum.part].1 += 1;
+        for (datum, plain) in prepared.run.data.iter().zip(&plain) {
             let known_channel = self.channels.iter().position(|(channel, ..)| *channel == datum.channel);
             let channel_index = known_channel.unwrap_or_else(|| {
                 self.channels.push((datum.channel, 0.0, 0));
@@ -379,7 +430,7 @@ impl Tally {
             self.channels[channel_index].2 += 1;
         }
         self.plain.extend(plain);
-        self.parts.extend(part_sums.into_iter().filter(|(_, count)| *count > 0));
+        self.parts.extend(by_part(prepared, squares));
     }
 
     fn side(&self) -> Misfit {

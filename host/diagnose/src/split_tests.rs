@@ -1,7 +1,7 @@
 //! Held-out runs, and their judgement.
 
 use super::super::tests::truth;
-use super::super::{Layout, Noises, data_split, fit_start, runs_of};
+use super::super::{Layout, Noises, Start, data_split, fit_start, runs_of};
 use super::*;
 use worlds::{Design, session};
 
@@ -32,8 +32,8 @@ fn of_many_insertions_each_speed_has_one_that_is_held_out() {
     }
 }
 
-#[test]
-fn runs_of_a_kind_are_judged_by_themselves() {
+/// The start of a session without effects, and the judge beside it.
+fn start_and_judge() -> (Start, Judge) {
     let session = session(&truth(Vec::new()), &Design::insertions(), 5);
     let (runs, _) = runs_of(&session).expect("runs");
     let (Training { runs, .. }, held_out) = split(runs);
@@ -41,7 +41,34 @@ fn runs_of_a_kind_are_judged_by_themselves() {
     let layout = Layout::new(&session.rig, &runs, Vec::new());
     let noises = Noises { session: noise, reference: noise };
     let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
-    let judge = held_out.judge(&start.fitted, &noise, &Multiples::new()).expect("a judge");
+    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
+    (start, judge)
+}
+
+/// The chain rule of normal densities: what the training runs leave open of the held-out ones is the misfit of all less that of the training
+/// runs.
+#[test]
+fn what_was_held_out_is_judged_after_the_training_runs() {
+    let (start, judge) = start_and_judge();
+    let losses = judge.losses(&start.fitted).expect("losses");
+    let readings: usize = judge.runs.iter().map(|run| run.run.data.len()).sum();
+    let sum: f64 = losses.iter().sum();
+    assert!((0.5..1.5).contains(&(sum / readings as f64)), "{sum} of {readings} readings");
+    assert!(judge.is_chance(&start.fitted));
+    let layout = &start.fitted.layout;
+    let held_out = posterior::residuals(layout, &judge.runs, start.fitted.values()).expect("residuals");
+    let of_all = [start.fitted.residuals.clone(), held_out].concat();
+    let misfit = |patterns: &Patterns, residuals: &[Vec<f64>]| {
+        posterior::misfit(patterns, &patterns.everyday(), residuals).expect("a misfit")
+    };
+    let of_training = judge.imperfections.of_first(start.runs.len());
+    let expected = misfit(&judge.imperfections, &of_all) - misfit(&of_training, &start.fitted.residuals);
+    assert!((sum / expected - 1.0).abs() < 1e-6, "{sum} {expected}");
+}
+
+#[test]
+fn runs_of_a_kind_are_judged_by_themselves() {
+    let (start, judge) = start_and_judge();
     let misfit = |kinds| judge.held_out_misfit_in(&start.fitted, kinds).expect("held out");
     let both = [(Kind::Lateral, RunKinds::LATERAL), (Kind::Insertion, RunKinds::INSERTION)];
     for (kind, kinds) in both {

@@ -163,24 +163,27 @@ impl Patterns {
 
     /// A column (one part per run) less what the patterns of these sizes have of it: `S^-1 c`.
     pub fn less_patterns(&self, sizes: &[f64], column: &[Vec<f64>]) -> Option<Vec<DVector<f64>>> {
-        let run_columns: Vec<DMatrix<f64>> =
-            column.iter().map(|part| DMatrix::from_column_slice(part.len(), 1, part)).collect();
-        let less = self.inverse(sizes)?.of(&run_columns);
-        Some(less.iter().map(|part| part.column(0).into_owned()).collect())
+        Some(self.inverse(sizes)?.of_column(column))
     }
 
-    /// Expected value of the shared discrepancy in the last run, by the others: `Phi diag(s^2) Phi^T c` of columns of
-    /// these.
-    pub fn expected_in_last(&self, sizes: &[f64], others: &[DVector<f64>]) -> Option<DVector<f64>> {
-        let (last, earlier_runs) = self.runs.split_last()?;
+    /// Only the first so many runs.
+    #[must_use]
+    pub fn of_first(&self, count: usize) -> Self {
+        let first_runs = self.runs.iter().take(count).cloned().collect();
+        Self::new(self.groups.clone(), self.shared_groups.clone(), first_runs)
+    }
+
+    /// Expected value of the shared discrepancy in the runs behind the first ones, by what [`Patterns::less_patterns`] left of a column of
+    /// these: `Phi diag(s^2) Phi^T c`.
+    pub fn expected_behind(&self, sizes: &[f64], first: &[DVector<f64>]) -> Option<Vec<DVector<f64>>> {
         let mut amplitudes = DVector::zeros(self.shared_groups.len());
-        for (run, column) in earlier_runs.iter().zip(others) {
+        for (run, column) in self.runs.iter().zip(first) {
             amplitudes.gemv_tr(1.0, &run.shared, column, 1.0);
         }
         for (amplitude, group) in amplitudes.iter_mut().zip(&self.shared_groups) {
             *amplitude *= sizes.get(*group)?.powi(2);
         }
-        Some(&last.shared * amplitudes)
+        Some(self.runs.iter().skip(first.len()).map(|run| &run.shared * &amplitudes).collect())
     }
 
     /// Minus the logarithm of the prior of sizes, and its derivatives by their logarithms.

@@ -4,6 +4,7 @@ use super::Patterns;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// `S^-1` with `S = I + Phi diag(s^2) Phi^T`.
+#[derive(Debug)]
 pub struct Inverse {
     /// Patterns of each run: its readings by all patterns, one standard deviation of each.
     patterns: Vec<DMatrix<f64>>,
@@ -57,6 +58,13 @@ impl Inverse {
         }
         let amplitudes = self.factor.solve(&run_columns);
         self.patterns.iter().zip(columns).map(|(patterns, part)| part - patterns * &amplitudes).collect()
+    }
+
+    /// `S^-1 c` of one column with one part per run.
+    pub fn of_column(&self, column: &[Vec<f64>]) -> Vec<DVector<f64>> {
+        let run_columns: Vec<DMatrix<f64>> =
+            column.iter().map(|part| DMatrix::from_column_slice(part.len(), 1, part)).collect();
+        self.of(&run_columns).iter().map(|part| part.column(0).into_owned()).collect()
     }
 
     /// The diagonal of `S^-1`, run by run.
