@@ -174,6 +174,13 @@ fn further_laws_of_an_independent_generator_are_found() {
     law_is_found(Foreign::ImageWarp, "law.shape.share");
 }
 
+/// What holds the needle at its ends: something hard at the tip, and a guide 2 that is a sleeve.
+#[test]
+fn further_supports_of_the_needle_are_found() {
+    law_is_found(Foreign::HeldTip, "law.tip_support.");
+    law_is_found(Foreign::Sleeve, "law.guide_turn.");
+}
+
 fn law_is_found(foreign: Foreign, site: &str) {
     let hidden = Truth { foreign: Some(foreign), ..truth(vec![]) };
     let diagnosis = diagnosed(&hidden, &Design::four_runs(), 7);

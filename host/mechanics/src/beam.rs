@@ -3,7 +3,7 @@
 //! `EI u'''' + ((P - G) u')' + K(z) u = F delta(z - c2) - k u delta(z - c)`, clamped at guide 1 (`u = 0`, and `u' = 0` or
 //! `u' = compliance EI u''`; where guide 2 is the only guide it is at 0, and its force there stands for `u = 0`), free at the tip
 //! (`u'' = 0`, `EI u''' + (P - G) u' = -F_t`); see Paper A (Lehmann et al.), section II, for the problem. P: axial load over the whole
-//! needle; G: shear layer of the tissue; k: spring at the surface.
+//! needle; G: shear layer of the tissue; k: spring at the surface. Springs may hold the rotation at guide 2 and the deflection of the tip, too.
 //!
 //! Within a piece of constant K the solution is an entire function, summed as a power series ([`series`]). Pieces are kept shorter than
 //! the characteristic length `(4 EI/K)^(1/4)`, where the series converges to the last digit within 24 terms without cancellation, for any K
@@ -48,11 +48,12 @@ impl BeamProblem {
         let force = 1.0 / stiffness;
 
         let mut section_load = Beyond::default();
-        section_load.add(0.0, TIP, force);
+        section_load.add(self.tip_support_n_per_m * force, TIP, force);
         let mut last = true;
         for piece in pieces.iter_mut().rev() {
             if piece.ends_at_guide2 {
                 section_load.add(0.0, GUIDE2, force);
+                section_load.resist_turning(self.guide2_turn_n_m_per_rad * force);
             }
             if piece.ends_at_entry && !last {
                 section_load.add(self.skin_n_per_m * force, GUIDE2, 0.0);
@@ -65,6 +66,7 @@ impl BeamProblem {
         let compliance = self.clamp_compliance_rad_per_n_m * stiffness;
         let (mut deflection_m, mut slope) = if self.only_guide {
             section_load.add(0.0, GUIDE2, force);
+            section_load.resist_turning(self.guide2_turn_n_m_per_rad * force);
             section_load.free(compliance)
         } else {
             ([0.0; LOADS], section_load.slope(compliance))

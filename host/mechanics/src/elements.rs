@@ -103,6 +103,8 @@ pub struct Elements {
     axial_load_n: f64,
     shear_n: f64,
     skin_n_per_m: f64,
+    guide2_turn_n_m_per_rad: f64,
+    tip_support_n_per_m: f64,
     /// Stress-free curvature of the needle.
     curvature_per_m: f64,
     /// Laws that act on the bending stiffness along the needle.
@@ -157,6 +159,8 @@ impl Elements {
             axial_load_n: problem.axial_load_n,
             shear_n: problem.shear_n,
             skin_n_per_m: problem.skin_n_per_m,
+            guide2_turn_n_m_per_rad: problem.guide2_turn_n_m_per_rad,
+            tip_support_n_per_m: problem.tip_support_n_per_m,
             curvature_per_m: 0.0,
             stiffness: problem.stiffness.clone(),
             nodes_m,

@@ -177,6 +177,7 @@ fn every_linear_term_agrees_with_the_exact_beam() {
     let mut problem = problem(0.06, 0.07, 0.04, foundation);
     problem.clamp_compliance_rad_per_n_m = 0.2;
     (problem.axial_load_n, problem.shear_n, problem.skin_n_per_m) = (1.5, 0.8, 400.0);
+    (problem.guide2_turn_n_m_per_rad, problem.tip_support_n_per_m) = (0.7, 300.0);
     let beam = problem.solve().expect("solves");
     let elements = Elements::new(&problem, DEFAULT_ELEMENT_M).expect("elements");
     let bent = elements.solve(&problem.foundation, |_| 0.0, Guide2::Held(1e-3), 0.0).expect("solves");

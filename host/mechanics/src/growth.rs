@@ -134,7 +134,7 @@ impl GrowingBeam {
             check("guide2_m", problem.guide2_m, "the only guide, holding the needle", holds)?;
         }
         if problem.support.is_body() {
-            return in_body::solved(problem, depths_m, grip, slopes);
+            return in_body::solved(&problem.inserted(), depths_m, grip, slopes);
         }
         let mut beam = SpringBeam::new(problem, grip);
         let mut rows = Vec::with_capacity(depths_m.len());

@@ -28,6 +28,10 @@ pub struct BeamProblem {
     pub shear_n: f64,
     /// Spring at the surface, k.
     pub skin_n_per_m: f64,
+    /// Moment of guide 2 per rotation of the needle in it; 0 is a guide that lets it turn. Insertions leave it out.
+    pub guide2_turn_n_m_per_rad: f64,
+    /// Spring at the tip, by which what lies there holds it. Insertions leave it out.
+    pub tip_support_n_per_m: f64,
     /// The tissue: K of springs, or E of a body.
     pub foundation: Foundation,
     /// Support of the needle by the tissue.
@@ -88,6 +92,8 @@ impl BeamProblem {
             axial_load_n: 0.0,
             shear_n: 0.0,
             skin_n_per_m: 0.0,
+            guide2_turn_n_m_per_rad: 0.0,
+            tip_support_n_per_m: 0.0,
             foundation,
             support: Support::Springs,
             radius_m: 0.5 * rig.needle.outer_diameter_m,
@@ -96,6 +102,11 @@ impl BeamProblem {
             reaction: Vec::new(),
             stiffness: Vec::new(),
         }
+    }
+
+    /// The same in insertions, of which what holds guide 2's rotation and the tip is no part.
+    pub(super) fn inserted(&self) -> Self {
+        Self { guide2_turn_n_m_per_rad: 0.0, tip_support_n_per_m: 0.0, ..self.clone() }
     }
 
     /// Whether force and shape are not in proportion to the displacement of guide 2.
@@ -121,6 +132,9 @@ impl BeamProblem {
         check("axial_load_n", self.axial_load_n, "a finite number", true)?;
         check("shear_n", self.shear_n, "0 or more", self.shear_n >= 0.0)?;
         check("skin_n_per_m", self.skin_n_per_m, "0 or more", self.skin_n_per_m >= 0.0)?;
+        let turn = self.guide2_turn_n_m_per_rad;
+        check("guide2_turn_n_m_per_rad", turn, "0 or more", turn >= 0.0)?;
+        check("tip_support_n_per_m", self.tip_support_n_per_m, "0 or more", self.tip_support_n_per_m >= 0.0)?;
         check("radius_m", self.radius_m, "more than 0", self.radius_m > 0.0)?;
         check("give_per_m", self.give.per_m, "a finite number", true)?;
         check("turn_per_m", self.give.turn_per_m, "a finite number", true)?;

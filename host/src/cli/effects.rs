@@ -117,8 +117,9 @@ impl One {
 }
 
 /// Units at the ends of names, longer ones before those they end with.
-const UNITS: [(&str, &str); 14] = [
+const UNITS: [(&str, &str); 15] = [
     ("_rad_per_n_m", "rad/(N m)"),
+    ("_n_m_per_rad", "N m/rad"),
     ("n_s_per_mm", "N s/mm"),
     ("_mm_per_n", "mm/N"),
     ("_n_per_mm", "N/mm"),

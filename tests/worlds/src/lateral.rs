@@ -11,6 +11,9 @@ const DAMAGE_M: f64 = 0.4 * MM;
 const GROWTH_M: f64 = 1e-9;
 /// Modulus against negative deflections, as a share of that against positive ones.
 const OTHER_SIDE: f64 = 0.5;
+/// Spring at a tip that is held, and moment of a sleeve per rotation of the needle.
+const TIP_N_PER_M: f64 = 400.0;
+const SLEEVE_N_M: f64 = 2.0;
 /// Newton steps of nonlinear tissue end below this change.
 const STILL_M: f64 = 1e-11;
 const MAX_STEPS: usize = 50;
@@ -126,6 +129,13 @@ pub(super) fn march(
     let last = chain.last();
     (entry + 1..=last).for_each(|node| chain.add_slope(node, world.shear_n));
     chain.band.add_spring(entry, world.skin_n_per_m);
+    if world.has(Foreign::HeldTip) {
+        chain.band.add_spring(last, TIP_N_PER_M);
+    }
+    if let Some((guide, _)) = chain.guide.filter(|_| world.has(Foreign::Sleeve)) {
+        let across_m = 2.0 * STEP_M;
+        chain.band.add_energy(SLEEVE_N_M / across_m.powi(2), &[(guide - 1, -1.0), (guide + 1, 1.0)]);
+    }
     let mut tissue = tissue(world, plane, [entry, last], period_s);
     let (prestress_n, prestress_shape_m) = prestress(world, plane);
     let prestress_m: Vec<f64> = (0..=last).map(|node| prestress_shape_m(node as f64 * STEP_M)).collect();

@@ -83,10 +83,14 @@ pub enum Foreign {
     OneSidedTissue,
     /// The image is distorted by a cubic along the needle.
     ImageWarp,
+    /// Something hard at the tip holds it by a spring.
+    HeldTip,
+    /// Guide 2 is a sleeve: it resists a rotation of the needle.
+    Sleeve,
 }
 
 impl Foreign {
-    /// Every one there is.
+    /// Those that studies draw from.
     pub const ALL: [Foreign; 6] = [
         Self::SinusoidalDrift,
         Self::StiffInclusion,
@@ -105,6 +109,8 @@ impl Foreign {
             Self::QuadraticSensor => "quadratic_sensor",
             Self::OneSidedTissue => "one_sided_tissue",
             Self::ImageWarp => "image_warp",
+            Self::HeldTip => "held_tip",
+            Self::Sleeve => "sleeve",
         }
     }
 }

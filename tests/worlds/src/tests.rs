@@ -193,7 +193,7 @@ fn images_are_wrong_along_their_beam() {
 #[test]
 fn foreign_effects_are_far_beyond_noise() {
     let plain = session(&truth(vec![]), &small(), 1);
-    for foreign in Foreign::ALL {
+    for foreign in Foreign::ALL.into_iter().chain([Foreign::HeldTip, Foreign::Sleeve]) {
         let foreign_truth = Truth { foreign: Some(foreign), ..truth(vec![]) };
         let [force_n, displacement_m, shape_m, _] = changes(&plain, &session(&foreign_truth, &small(), 1));
         assert_eq!(displacement_m, 0.0);

@@ -41,6 +41,11 @@ impl Beyond {
         self.shear[load] -= force;
     }
 
+    /// Adds a spring against rotation, in units of EI, at the section.
+    pub fn resist_turning(&mut self, spring: f64) {
+        self.spring[1] -= spring;
+    }
+
     /// In other units of length: h where it was 1.
     fn scaled(self, h: f64) -> Self {
         let square = h * h;

@@ -195,6 +195,9 @@ impl Ritz {
         }
         self.count = self.first + MODES;
         self.add_product(&self.surface[0].clone(), &self.surface[0].clone(), problem.skin_n_per_m);
+        self.add_product(&self.guide2[1].clone(), &self.guide2[1].clone(), problem.guide2_turn_n_m_per_rad);
+        let tip: Vec<(usize, f64)> = (0..MODES).map(|mode| (self.first + mode, 1.0)).collect();
+        self.add_product(&tip, &tip, problem.tip_support_n_per_m);
         let bending = 8.0 * problem.bending_stiffness_n_m2 / self.depth_m.powi(3);
         let tension = -2.0 * tissue_axial_n / self.depth_m;
         let Energies { slopes, curvatures } = &*ENERGIES;

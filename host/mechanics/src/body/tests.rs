@@ -118,6 +118,31 @@ fn a_soft_body_leaves_the_cantilever() {
     assert!((stiffness / expected - 1.0).abs() < 1e-6, "{stiffness} {expected}");
 }
 
+/// A cantilever whose tip a spring holds, and one that guide 2 does not let turn: `u_a = F a^3/3EI` less what spring and moment take off, both
+/// by the deflection and the rotation that they meet. Of springs and of a body, neither of which has any stiffness.
+#[test]
+fn a_held_tip_and_a_guide_that_resists_turning_are_springs() {
+    let soft = Foundation::uniform(1e-6).expect("a modulus");
+    let body = problem(soft, 0.5, 0.03);
+    let springs = BeamProblem { support: Support::Springs, ..body.clone() };
+    let (a_m, length_m, stiffness) = (0.06_f64, body.entry_m + body.depth_m, body.bending_stiffness_n_m2);
+    let (spring, turn) = (200.0, 0.8);
+    let free_m = a_m.powi(3) / (3.0 * stiffness);
+    let across_m = a_m * a_m * (3.0 * length_m - a_m) / (6.0 * stiffness);
+    let tip_m = length_m.powi(3) / (3.0 * stiffness);
+    let held_m = free_m - across_m * across_m / (1.0 / spring + tip_m);
+    let slope = a_m * a_m / (2.0 * stiffness);
+    let stiff_m = free_m - slope * slope / (1.0 / turn + a_m / stiffness);
+    for of in [body, springs] {
+        let held = BeamProblem { tip_support_n_per_m: spring, ..of.clone() };
+        let stiff = BeamProblem { guide2_turn_n_m_per_rad: turn, ..of };
+        for (problem, expected_m) in [(held, held_m), (stiff, stiff_m)] {
+            let compliance = 1.0 / problem.solve().expect("solves").lateral_stiffness_n_per_m();
+            assert!((compliance / expected_m - 1.0).abs() < 1e-5, "{compliance} {expected_m}");
+        }
+    }
+}
+
 /// Above its gap there is no body: as one whose surface lies deeper.
 #[test]
 fn a_gap_lowers_the_surface() {

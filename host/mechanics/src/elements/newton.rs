@@ -149,8 +149,15 @@ impl Elements {
         if self.clamp_compliance_rad_per_n_m > 0.0 {
             holders.push((1, 1.0 / self.clamp_compliance_rad_per_n_m));
         }
-        holders.iter().for_each(|(index, stiffness)| linear.add(*index, *index, *stiffness));
+        if self.guide2_turn_n_m_per_rad > 0.0 {
+            holders.push((2 * self.guide2 + 1, self.guide2_turn_n_m_per_rad));
+        }
         let tip_z_m = self.nodes_m.last().copied().unwrap_or_default();
+        if self.tip_support_n_per_m > 0.0 {
+            holders.push((size - 2, self.tip_support_n_per_m));
+            load[size - 2] += self.tip_support_n_per_m * (path.path_m)(tip_z_m);
+        }
+        holders.iter().for_each(|(index, stiffness)| linear.add(*index, *index, *stiffness));
         let mut embedded = Vec::new();
         let mut elements = Vec::with_capacity(self.nodes_m.len());
         for (element, ends) in self.nodes_m.windows(2).enumerate() {

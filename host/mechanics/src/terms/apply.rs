@@ -188,6 +188,14 @@ impl Effect for Law {
                 let more = self.of_run(values, conditions).unwrap_or_default();
                 problem.clamp_compliance_rad_per_n_m = (problem.clamp_compliance_rad_per_n_m + more).max(0.0);
             }
+            Site::GuideTurn => {
+                let more = self.of_run(values, conditions).unwrap_or_default();
+                problem.guide2_turn_n_m_per_rad = (problem.guide2_turn_n_m_per_rad + more).max(0.0);
+            }
+            Site::TipSupport => {
+                let more = self.of_run(values, conditions).unwrap_or_default();
+                problem.tip_support_n_per_m = (problem.tip_support_n_per_m + more).max(0.0);
+            }
             _ => {}
         }
         if self.site != Site::Modulus {
@@ -259,7 +267,9 @@ impl Effect for Law {
             | Site::Tissue
             | Site::Reaction
             | Site::Stiffness
-            | Site::Clamp => {}
+            | Site::Clamp
+            | Site::GuideTurn
+            | Site::TipSupport => {}
         }
     }
 

@@ -87,16 +87,7 @@ impl Form {
     /// The forms below but for the last one, which has memory.
     const WITHOUT_MEMORY: &[Self] = Self::OF_MOTION.split_at(Self::OF_MOTION.len() - 1).0;
     /// Forms of readings, and of tissue under a motion that it keeps.
-    const OF_MOTION: &[Self] = &[
-        Self::Linear,
-        Self::Quadratic,
-        Self::Cubic,
-        Self::Absolute,
-        Self::Sign,
-        Self::Saturation,
-        Self::Sine,
-        Self::Play,
-    ];
+    const OF_MOTION: &[Self] = Self::OF_THE_FORCE.split_at(Self::OF_THE_FORCE.len() - 1).0;
 
     /// Forms of the force that moves guide 2: also that of a friction that builds up over a way.
     const OF_THE_FORCE: &[Self] = &[
@@ -267,9 +258,13 @@ impl Form {
             let sd = overlooked / typical.powi(power) * self.spread(site, regressor);
             let name: &'static str = Box::leak(format!("{}{per}", with_unit(name, unit)).into_boxed_str());
             let [mut range, mut likely] = [300.0, 20.0].map(|many| [-many * sd, many * sd]);
-            // No needle has less than no stiffness.
-            if site == Site::Stiffness && power == 0 {
-                (range[0], likely[0]) = (range[0].max(-0.98), likely[0].max(-0.95));
+            // No needle has less than no stiffness, and no support pushes.
+            match site {
+                Site::Stiffness if power == 0 => {
+                    (range[0], likely[0]) = (range[0].max(-0.98), likely[0].max(-0.95));
+                }
+                Site::GuideTurn | Site::TipSupport => (range[0], likely[0]) = (0.0, 0.0),
+                _ => {}
             }
             ParameterInfo::amplitude(name, 0.0, range, likely, sd)
         };
@@ -411,6 +406,8 @@ fn text(unit: &'static str) -> &'static str {
     match unit {
         "n" => "N",
         "rad_per_n_m" => "rad/(N m)",
+        "n_m_per_rad" => "N m/rad",
+        "n_per_mm" => "N/mm",
         "mm_per_s" => "mm/s",
         unit => unit,
     }

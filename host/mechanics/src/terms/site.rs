@@ -37,6 +37,10 @@ pub enum Site {
     Stiffness,
     /// The rotation of the needle in guide 1 per moment: `C + f`, rad/(N m).
     Clamp,
+    /// The moment by which guide 2 resists a rotation of the needle: `M = f u'`, N m/rad.
+    GuideTurn,
+    /// The force by which what lies at the tip resists its deflection: `F = f u`, N/mm.
+    TipSupport,
 }
 
 /// Regressor of a term.
@@ -108,7 +112,7 @@ impl Scope {
 
 impl Site {
     /// Every one there is.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 18] = [
         Self::Force,
         Self::ForceGain,
         Self::Shape,
@@ -125,6 +129,8 @@ impl Site {
         Self::Reaction,
         Self::Stiffness,
         Self::Clamp,
+        Self::GuideTurn,
+        Self::TipSupport,
     ];
 
     /// The site and the planes of a name like `shape_y`.
@@ -155,6 +161,8 @@ impl Site {
             Self::Reaction => "reaction",
             Self::Stiffness => "stiffness",
             Self::Clamp => "clamp",
+            Self::GuideTurn => "guide_turn",
+            Self::TipSupport => "tip_support",
         }
     }
 
@@ -177,6 +185,8 @@ impl Site {
             Self::Reaction => "the tissue reacts more",
             Self::Stiffness => "the needle is stiffer",
             Self::Clamp => "the needle turns further in guide 1 per moment",
+            Self::GuideTurn => "guide 2 resists a rotation of the needle",
+            Self::TipSupport => "what lies at the tip holds it",
         }
     }
 
@@ -199,6 +209,8 @@ impl Site {
             Self::Reaction => "p = K u (1 +",
             Self::Stiffness => "EI = EI_0 (1 +",
             Self::Clamp => "C = C_0 +",
+            Self::GuideTurn => "M = c u', c =",
+            Self::TipSupport => "F_tip = k u, k =",
         }
     }
 
@@ -209,6 +221,8 @@ impl Site {
             Self::Shape | Self::ShapePosition | Self::Guide | Self::Tip | Self::Tissue => "mm",
             Self::TipDirection => "mrad",
             Self::Clamp => "rad_per_n_m",
+            Self::GuideTurn => "n_m_per_rad",
+            Self::TipSupport => "n_per_mm",
             Self::ForceGain
             | Self::ShapeGain
             | Self::Modulus
@@ -223,6 +237,7 @@ impl Site {
     pub(super) fn si(self) -> f64 {
         match self.unit() {
             "mm" | "mrad" => 1e-3,
+            "n_per_mm" => 1e3,
             _ => 1.0,
         }
     }
@@ -237,6 +252,10 @@ impl Site {
             Self::Modulus | Self::Reaction => 0.3,
             Self::Stiffness => 0.15,
             Self::Clamp => 0.1,
+            // A tenth of what 30 mm of an 18 gauge needle have, 4 EI/l.
+            Self::GuideTurn => 0.3,
+            // A tenth of what soft tissue (10 kPa) has over 100 mm.
+            Self::TipSupport => 0.1,
             Self::ForceGain | Self::ShapeGain | Self::TipGain | Self::TipDirectionGain => 0.1,
             Self::Tip => 0.3,
             Self::TipDirection => 10.0,
@@ -324,6 +343,7 @@ impl Site {
             Self::Reaction => &[(Deflection, BOTH)],
             Self::Stiffness => &[(Along, BOTH), (ToTip, BOTH)],
             Self::Clamp => &[(Run, BOTH), (Depth, BOTH)],
+            Self::GuideTurn | Self::TipSupport => &[(Constant, BOTH), (Depth, BOTH)],
         }
     }
 }
