@@ -15,6 +15,7 @@ use super::posterior::Fitted;
 use super::weights::{NO_WEIGHT, limit_refused};
 use formats::model_file::Alternative;
 use mechanics::effects::Effect;
+use mechanics::unknowns::tissue;
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -149,7 +150,7 @@ impl Averaged {
     /// Interval of the modulus, Pa.
     pub fn modulus_pa(&self) -> Option<[f64; 2]> {
         let ends = self.interval(|fit| self.ln_modulus(fit))?;
-        Some(holding(ends.map(f64::exp), self.own.modulus_pa().0))
+        Some(holding(ends.map(in_range_pa), self.own.modulus_pa().0))
     }
 
     /// Logarithm of the modulus of a fit, Pa, and its standard deviation. If the result has one modulus for all of the
@@ -181,12 +182,12 @@ impl Averaged {
             .filter_map(|(weight, fit)| k(fit).map(|(ln, sd)| (weight, ln, sd)))
             .collect();
         let value_pa = if is_body(&self.own) { plain.0.exp() } else { self.own.modulus_pa().0 };
-        Some(holding(interval(&weighted_moments)?.map(f64::exp), value_pa))
+        Some(holding(interval(&weighted_moments)?.map(in_range_pa), value_pa))
     }
 
     /// Interval of the mean modulus down to the depth that was touched, Pa.
     pub fn mean_modulus_pa(&self) -> Option<[f64; 2]> {
-        self.holding_own(|fit| fit.ln_mean_modulus(self.touched_m)).map(|ends| ends.map(f64::exp))
+        self.holding_own(|fit| fit.ln_mean_modulus(self.touched_m)).map(|ends| ends.map(in_range_pa))
     }
 
     /// Interval of the tip load, N.
@@ -223,6 +224,12 @@ impl Averaged {
 /// Whether the modulus of a model varies with depth.
 fn varies(fit: &Fitted) -> bool {
     fit.layout.effects.iter().any(|effect| VARIED.contains(&effect.id()))
+}
+
+/// A modulus by its logarithm, within the range that the table of unknowns gives it: beyond, nothing is known but that it is beyond.
+fn in_range_pa(ln: f64) -> f64 {
+    let [least_pa, most_pa] = tissue::MODULUS.range;
+    ln.exp().clamp(least_pa, most_pa)
 }
 
 /// An interval that holds the value beside it: the weight of several other models together can exceed that of the one that is reported,

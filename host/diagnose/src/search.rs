@@ -92,27 +92,38 @@ impl<'a> Search<'a> {
         if let Some(asked) = memo().iter().find(is_same) {
             return Ok(asked.candidates.clone());
         }
-        let candidates = self.candidates_anew(base, prior, with_laws)?;
+        let known = memo().iter().find(|asked| asked.effects == effects).map(|asked| {
+            let is_name = |candidate: &&Candidate| !candidate.score.effect.is_unnamed();
+            asked.candidates.iter().filter(is_name).cloned().collect()
+        });
+        let names = match known {
+            Some(names) => names,
+            None => {
+                let names = Scores::of(&self.catalogue.names(), base, self.runs, self.patterns)?;
+                self.weigh(base, names.ranked(), prior)
+            }
+        };
+        let candidates = self.judged(base, names, prior, with_laws)?;
         memo().push(Asked { effects, with_laws, candidates: candidates.clone() });
         Ok(candidates)
     }
 
-    fn candidates_anew(
+    /// These names with their standing, beside the laws where these are searched for.
+    fn judged(
         &self,
         base: &Fitted,
+        names: Vec<Candidate>,
         prior: &ModelPrior,
         with_laws: bool,
     ) -> Result<Vec<Candidate>, FitError> {
-        let names = Scores::of(&self.catalogue.names(), base, self.runs, self.patterns)?;
-        let mut all = self.weigh(base, names.ranked(), prior);
+        let mut all = names;
         if with_laws && self.catalogue.laws {
             let laws = discover::ranked(base, self.catalogue.left_out, self.runs, self.patterns)?;
             all.extend(self.weigh(base, laws, prior));
         }
         for candidate in &mut all {
-            if self.is_possible(candidate, base) {
-                candidate.standing = Standing::Possible;
-            }
+            let is_possible = self.is_possible(candidate, base);
+            candidate.standing = if is_possible { Standing::Possible } else { Standing::Refused };
         }
         let refuted: Vec<bool> = self.refuted(all.iter().map(|candidate| {
             let (fitted, _) =
@@ -181,15 +192,21 @@ impl<'a> Search<'a> {
                 break;
             }
             // A law has nothing but its fit, and every rig has imperfections that some law describes: one is looked for where more is left
-            // than these leave, in the runs or in what was held out of them. An effect that two sessions share is not named beside a
-            // reference, and an effect that differs is to have a plain name.
+            // than these leave, in the runs or in what was held out of them, or where names say that something is missing: it need not
+            // be the name that comes nearest. An effect that two sessions share is not named beside a reference, and an effect that
+            // differs is to have a plain name.
+            let may_have_laws = self.catalogue.laws && current.layout.reference.is_none();
             let is_left = !adequacy.is_adequate() || !self.judge.is_chance(&current);
-            let with_laws = is_left && current.layout.reference.is_none();
-            let candidates = self.candidates(&current, &prior, with_laws)?;
+            let mut candidates = self.candidates(&current, &prior, may_have_laws && is_left)?;
+            let mut missing = self.missing(&candidates, &current);
+            if may_have_laws && !is_left && missing.is_some() {
+                candidates = self.candidates(&current, &prior, true)?;
+                missing = self.missing(&candidates, &current);
+            }
             if first.is_empty() {
                 first.clone_from(&candidates);
             }
-            let Some((best, ln_odds)) = self.missing(&candidates, &current) else {
+            let Some((best, ln_odds)) = missing else {
                 last = candidates;
                 break;
             };
