@@ -144,14 +144,13 @@ impl Scores {
                 let log_evidence =
                     mean_of_exponentials(of_ways.iter().map(|hypothesis| hypothesis.log_evidence));
                 let is_seen = log_evidence > stated_ln_odds();
-                let is_visible = hypotheses.iter().any(|hypothesis| {
-                    hypothesis.columns.iter().zip(&hypothesis.precisions).any(|(column, precision)| {
-                        self.gram[(*column, *column)] > MIN_SIGNIFICANCE * MIN_SIGNIFICANCE * precision
-                    })
-                });
+                let visible: Vec<bool> =
+                    hypotheses.iter().map(|hypothesis| self.is_visible(hypothesis)).collect();
+                // What the runs cannot show is rounding, over rounding.
+                let of_visible = of_ways.iter().zip(&visible).filter(|(_, is_visible)| **is_visible);
                 Score {
                     effect: *effect,
-                    chi_square: of_ways.iter().map(|hypothesis| hypothesis.chi_square).fold(0.0, f64::max),
+                    chi_square: of_visible.map(|(hypothesis, _)| hypothesis.chi_square).fold(0.0, f64::max),
                     log_evidence,
                     starts: [Some(best), best.checked_sub(1), Some(best + 1)]
                         .into_iter()
@@ -159,12 +158,20 @@ impl Scores {
                         .filter_map(|number| Some((hypotheses.get(number)?, of_ways.get(number)?)))
                         .map(|(hypothesis, score)| start(*effect, hypothesis, &score.amplitudes))
                         .collect(),
-                    is_identifiable: is_seen || is_visible,
+                    is_identifiable: is_seen || visible.contains(&true),
                 }
             })
             .collect();
         scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
         scores
+    }
+
+    /// Whether a likely effect would be significant in the runs.
+    fn is_visible(&self, hypothesis: &Hypothesis) -> bool {
+        let shows = |(column, precision): (&usize, &f64)| {
+            self.gram[(*column, *column)] > MIN_SIGNIFICANCE * MIN_SIGNIFICANCE * precision
+        };
+        hypothesis.columns.iter().zip(&hypothesis.precisions).any(shows)
     }
 
     /// Every amplitude of every hypothesis with its own part of the score; in the order of the catalogue.

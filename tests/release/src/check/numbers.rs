@@ -11,8 +11,9 @@ pub const SAME: f64 = 1e-5;
 /// the other system. On the example ends of the interval of K differ by 5e-4 of them, the score of an effect that does nothing by 5e-3.
 pub const SAME_FIT: f64 = 1e-2;
 
-/// Below this size, in the units of the documents, a number is compared by its difference.
-const SMALL: f64 = 1e-2;
+/// Below this size, in the units of the documents, a number is compared by its difference: to a thousandth of the third decimal, the last one
+/// that is printed of such a number.
+const SMALL: f64 = 0.1;
 
 /// Compares two texts: the same but for numbers, which may differ by the tolerance or by one in their last digit.
 ///

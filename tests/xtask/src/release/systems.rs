@@ -135,11 +135,18 @@ pub fn flags(target: &str, release: &Release) -> Result<Vec<String>> {
 /// A linker of one name for program and wheel. cargo-zigbuild and maturin each name their own by an environment variable, and cargo compiles
 /// everything again where the linker's name is another one.
 fn linker_script(target: &str, release: &Release) -> Result<PathBuf> {
-    let folder = release.tools.join("linkers");
-    let path = folder.join(format!("{target}.sh"));
     let variable = format!("CARGO_TARGET_{}_LINKER", target.replace('-', "_").to_uppercase());
-    fs::create_dir_all(&folder)
-        .and_then(|()| fs::write(&path, format!("#!/bin/sh\nexec \"${variable}\" \"$@\"\n")))
+    script(&release.tools.join("linkers"), target, &format!("exec \"${variable}\" \"$@\""))
+}
+
+/// Writes a program of the shell.
+///
+/// # Errors
+/// Where it cannot be written or made one.
+pub fn script(folder: &Path, name: &str, text: &str) -> Result<PathBuf> {
+    let path = folder.join(format!("{name}.sh"));
+    fs::create_dir_all(folder)
+        .and_then(|()| fs::write(&path, format!("#!/bin/sh\n{text}\n")))
         .with_context(|| format!("{}: cannot write", path.display()))?;
     let status = Command::new("chmod").arg("+x").arg(&path).status().context("cannot run chmod")?;
     ensure!(status.success(), "chmod of {}: {status}", path.display());
