@@ -30,7 +30,10 @@ pub(super) fn with_other_foundation(
 ) {
     let Some(losses) = judge.losses(chosen) else { return };
     let is_in_question = |other: &&Beside| {
-        other.is_possible && judge.losses(&other.fitted).is_some_and(|worse| !is_refuted(&worse, &losses))
+        other.is_possible
+            && judge
+                .losses(&other.fitted)
+                .is_some_and(|worse| !is_refuted(&worse.of_density, &losses.of_density))
     };
     let plausible_models: Vec<&Beside> = beside.iter().filter(is_in_question).collect();
     if plausible_models.is_empty() {

@@ -56,18 +56,26 @@ impl Averaged {
             // The modulus of the other foundation is another quantity.
             let is_on_same =
                 |one: &&Explanation| one.fitted.layout.support.is_body() == own.layout.support.is_body();
+            // Odds within the class are also by what was held out.
+            let own_odds = member.class.iter().find(|one| Some(one.effect.id()) == named);
+            let own_odds = own_odds.map(|one| one.ln_odds);
             let class_members =
                 member.class.iter().filter(move |one| Some(one.effect.id()) != named).filter(is_on_same);
-            class_members.map(|one| &one.fitted)
+            class_members.map(move |one| (own_odds.map(|own| one.ln_odds - own), &one.fitted))
         });
-        weighted_fits.extend(class.map(|fit| (ln_weight(fit), fit)));
+        let by_class = |(over_own, fit): (Option<f64>, &'a Fitted)| {
+            (over_own.map_or_else(|| ln_weight(fit), |over_own| most + over_own), fit)
+        };
+        weighted_fits.extend(class.map(by_class));
         weighted_fits.extend(members.iter().map(|member| (ln_weight(&member.without), &member.without)));
         let unused = |candidate: &'a Candidate| {
             let (fit, _) = candidate.refit.as_ref()?;
             let is_in_range = !fit.at_bound.contains(&true);
             let seen_fits = weighted_fits.iter().map(|(_, known)| *known).chain([own]);
             let is_new = !seen_fits.into_iter().any(|seen_fits| seen_fits.layout.has_effects_of(&fit.layout));
-            (is_in_range && is_new).then(|| (ln_weight(fit), fit, candidate.standing))
+            // By what was held out it may have lost a part of its odds.
+            let lost = candidate.gain() + found.prior.ln_odds(candidate.score.effect) - candidate.ln_odds;
+            (is_in_range && is_new).then(|| (ln_weight(fit) - lost.max(0.0), fit, candidate.standing))
         };
         // Beside two effects or more, those that were tried alone are far behind.
         let first = if members.len() > 1 { &[] } else { found.first.as_slice() };

@@ -394,6 +394,14 @@ impl Run {
             || insertion.guide2_m.iter().flatten().any(|profile| steps(profile, IDLE_M))
     }
 
+    /// Places of the readings of each of its parts that has any.
+    pub fn readings_of_parts(&self) -> Vec<Vec<usize>> {
+        let mut places = vec![Vec::new(); self.parts()];
+        self.data.iter().enumerate().for_each(|(place, datum)| places[datum.part].push(place));
+        places.retain(|readings| !readings.is_empty());
+        places
+    }
+
     /// Number of its parts.
     pub fn parts(&self) -> usize {
         self.data.iter().map(|datum| datum.part + 1).max().unwrap_or(0)

@@ -82,11 +82,13 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     let everyday = tolerances.everyday();
     let misfit = posterior::misfit(&tolerances, &everyday, &fit(&tolerances, &everyday)?.residuals)?;
     let scores = Scores::new(&plain, &prepared, &patterns).ok()?;
-    let judge = held_out.judge(&plain, &prepared, &noise, &Multiples::new()).ok()?;
-    let search = Search::new(&plain, &prepared, &patterns, &judge, Catalogue::WHOLE);
+    let plain_start = Start { runs: prepared, patterns, fitted: plain };
+    let Start { runs: prepared, patterns, fitted: plain } = &plain_start;
+    let judge = held_out.judge(&plain_start, &noise, &Multiples::new()).ok()?;
+    let search = Search::new(plain, prepared, patterns, &judge, Catalogue::WHOLE);
     let ranked = scores.ranked();
     let prior = ModelPrior::new(ranked.len(), 1);
-    let candidates = search.weigh(&plain, ranked, &prior);
+    let candidates = search.weigh(plain, ranked, &prior);
     let gain_of = |of_hidden: bool| {
         candidates
             .iter()

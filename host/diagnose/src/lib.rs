@@ -269,7 +269,7 @@ fn workflow<T>(
     }
     let fit = |layout: &Layout| fit_start(layout, &runs, &noises, &options.given, &multiples);
     let Released { start, as_known, moved: moved_since } = known::released(&mut layout, fit)?;
-    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
+    let judge = held_out.judge(&start, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let Choice { foundation, start, found, beside: other_foundation } =
         choose(start, &judge, options, &session.tissue, &mut on_progress)?;
@@ -453,7 +453,7 @@ fn start_of(session: &Session) -> (Start, split::Judge) {
     let noises = Noises { session: noise, reference: noise };
     let layout = Layout::new(&session.rig, &runs, Vec::new());
     let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
-    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
+    let judge = held_out.judge(&start, &noise, &Multiples::new()).expect("a judge");
     (start, judge)
 }
 

@@ -232,8 +232,7 @@ impl Known<'_> {
         let (last, before) = fit.residuals.split_last()?;
         let less = self.patterns.less_patterns(&fit.sizes, before)?;
         let sizes = self.sizes(fit, &foreseen.patterns);
-        let discrepancy = foreseen.patterns.expected_behind(&sizes, &less)?.pop()?;
-        Some(DVector::from_column_slice(last) - discrepancy)
+        Some(DVector::from_column_slice(last) - foreseen.patterns.expected_in_last(&sizes, &less)?)
     }
 
     /// Squares of the differences between what a fit and all of them expect of the planned run, over the noise, the discrepancy and what the

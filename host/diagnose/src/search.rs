@@ -15,7 +15,7 @@ use super::found::{Candidate, Explanation, Found, Member, Standing};
 use super::layout::Prepared;
 use super::posterior::{Fitted, MAX_ROUNDS};
 use super::score::{Scores, stacked};
-use super::split::Judge;
+use super::split::{Judge, Losses};
 use super::weights::{ModelPrior, NO_WEIGHT, indistinct, is_refuted, ln_sum, smallest_set, stated_ln_odds};
 use mechanics::effects::{Effect, all};
 use readings::FitError;
@@ -43,6 +43,14 @@ struct Asked {
     effects: Vec<&'static str>,
     with_laws: bool,
     candidates: Vec<Candidate>,
+}
+
+/// A model by what was held out.
+#[derive(Debug, Clone, Copy)]
+struct Judged {
+    /// Logarithm of its odds.
+    ln_odds: f64,
+    is_refuted: bool,
 }
 
 /// Effects that the search may find.
@@ -122,16 +130,21 @@ impl<'a> Search<'a> {
             all.extend(self.weigh(base, laws, prior));
         }
         for candidate in &mut all {
+            candidate.ln_odds = candidate.gain() + prior.ln_odds(candidate.score.effect);
             let is_possible = self.is_possible(candidate, base);
             candidate.standing = if is_possible { Standing::Possible } else { Standing::Refused };
         }
-        let refuted: Vec<bool> = self.refuted(all.iter().map(|candidate| {
+        let judged = self.by_held_out(all.iter().map(|candidate| {
             let (fitted, _) =
                 candidate.refit.as_ref().filter(|_| candidate.standing == Standing::Possible)?;
             Some((candidate.ln_odds, fitted))
         }));
-        for (candidate, _) in all.iter_mut().zip(refuted).filter(|(_, refuted)| *refuted) {
-            candidate.standing = Standing::Refuted;
+        let possible = all.iter_mut().zip(judged).filter(|(one, _)| one.standing == Standing::Possible);
+        for (candidate, Judged { ln_odds, is_refuted }) in possible {
+            candidate.ln_odds = ln_odds;
+            if is_refuted {
+                candidate.standing = Standing::Refuted;
+            }
         }
         all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
         Ok(all)
@@ -270,31 +283,40 @@ impl<'a> Search<'a> {
         (ln_odds > stated_ln_odds()).then_some((best, ln_odds))
     }
 
-    /// Models among these, each with the logarithm of its odds, that predict held-out data worse, beyond chance, than
-    /// another one that could be stated alone, has no less evidence and is not refuted itself: what spoke for them was
-    /// their prior. Small imperfections absorb much of what a wrong effect leaves, so that evidence alone cannot make up
-    /// for the prior of a name.
-    fn refuted<'f>(&self, models: impl Iterator<Item = Option<(f64, &'f Fitted)>>) -> Vec<bool> {
-        let judged_models: Vec<Option<(f64, f64, Vec<f64>)>> = models
+    /// Models, each with the logarithm of its odds, by what was held out. One is refuted by another that could be stated alone, has no less
+    /// evidence and is not refuted itself, where the density that it gives what was held out is lower beyond chance. Where it only
+    /// explains less beside the instruments alone, imperfections of an ordinary rig may be at work, which absorb much of what a wrong
+    /// effect leaves and are in the evidence: it loses what its prior has over the other's, and evidence is left to decide.
+    fn by_held_out<'f>(&self, models: impl Iterator<Item = Option<(f64, &'f Fitted)>>) -> Vec<Judged> {
+        let losses: Vec<Option<(f64, f64, Losses)>> = models
             .map(|model| {
                 let (ln_odds, fitted) = model?;
                 Some((ln_odds, fitted.log_evidence, self.judge.losses(fitted)?))
             })
             .collect();
-        let mut by_evidence: Vec<usize> = (0..judged_models.len()).collect();
-        let evidence =
-            |index: usize| judged_models[index].as_ref().map_or(f64::NEG_INFINITY, |judged| judged.1);
+        let mut by_evidence: Vec<usize> = (0..losses.len()).collect();
+        let evidence = |index: usize| losses[index].as_ref().map_or(f64::NEG_INFINITY, |of| of.1);
         by_evidence.sort_by(|a, b| evidence(*b).total_cmp(&evidence(*a)));
-        let mut is_refuted_model = vec![false; judged_models.len()];
-        let mut stated_losses: Vec<&Vec<f64>> = Vec::new();
+        let mut judged = vec![Judged { ln_odds: f64::NEG_INFINITY, is_refuted: false }; losses.len()];
+        let mut stated: Vec<(f64, f64, &Losses)> = Vec::new();
         for index in by_evidence {
-            let Some((ln_odds, _, losses)) = &judged_models[index] else { continue };
-            is_refuted_model[index] = stated_losses.iter().any(|stated| is_refuted(losses, stated));
-            if !is_refuted_model[index] && *ln_odds > stated_ln_odds() {
-                stated_losses.push(losses);
+            let Some((ln_odds, evidence, of)) = &losses[index] else { continue };
+            let refutes = |(_, _, by): &(f64, f64, &Losses)| is_refuted(&of.of_density, &by.of_density);
+            let explains_more = |(_, _, by): &&(f64, f64, &Losses)| {
+                is_refuted(&of.beside_instruments, &by.beside_instruments)
+            };
+            let is_refuted = stated.iter().any(refutes);
+            let by_evidence_alone = |(other_odds, other_evidence, _): &(f64, f64, &Losses)| {
+                other_odds + evidence - other_evidence
+            };
+            let without_prior =
+                stated.iter().filter(explains_more).map(by_evidence_alone).fold(*ln_odds, f64::min);
+            judged[index] = Judged { ln_odds: without_prior, is_refuted };
+            if !is_refuted && *ln_odds > stated_ln_odds() {
+                stated.push((without_prior, *evidence, of));
             }
         }
-        is_refuted_model
+        judged
     }
 
     /// Whether a candidate can be what is missing beside a fit.
@@ -352,11 +374,10 @@ impl<'a> Search<'a> {
             let mut all = vec![Explanation { effect, fitted: fitted.clone(), ln_odds }];
             let others = explanations(&candidates);
             all.extend(others.into_iter().filter(|other| other.effect.id() != effect.id()));
-            all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
-            let refuted = self.refuted(all.iter().map(|one| Some((one.ln_odds, &one.fitted))));
-            let all =
-                all.into_iter().zip(refuted).filter(|(_, refuted)| !refuted).map(|(one, _)| one).collect();
-            let all = distinct(all);
+            let judged = self.by_held_out(all.iter().map(|one| Some((one.ln_odds, &one.fitted))));
+            all.iter_mut().zip(&judged).for_each(|(one, judged)| one.ln_odds = judged.ln_odds);
+            let kept = all.into_iter().zip(judged).filter(|(_, judged)| !judged.is_refuted);
+            let all = distinct(kept.map(|(one, _)| one).collect());
             let weights: Vec<f64> = all.iter().map(|one| one.ln_odds).collect();
             let class = all.into_iter().take(smallest_set(&weights)).collect();
             members.push(Member {

@@ -6,12 +6,13 @@
 use super::Multiples;
 use super::data::{Channel, Kind, Run, Source};
 use super::discrepancy;
-use super::evidence::{Inverse, Patterns};
+use super::evidence::{Ahead, Inverse, Patterns};
 use super::layout::Prepared;
 use super::noise::Noise;
 use super::posterior::{self, Fitted};
 use super::predicted::differences;
 use super::results::{HeldOutMisfit, Misfit, ResidualPoint};
+use super::start::Start;
 use mechanics::effects::RunKinds;
 use mechanics::{ModelError, predict};
 use rand::{RngExt, SeedableRng};
@@ -183,44 +184,50 @@ impl HeldOut {
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    pub fn judge(
-        self,
-        start: &Fitted,
-        training: &[Prepared],
-        noise: &Noise,
-        multiples: &Multiples,
-    ) -> Result<Judge, ModelError> {
+    pub fn judge(self, start: &Start, noise: &Noise, multiples: &Multiples) -> Result<Judge, ModelError> {
+        let Start { runs: training, patterns: of_fits, fitted: start } = start;
         let prepared = |run: Run| {
             let model = start.layout.model_of(start.values(), run.kind, run.is_reference)?;
             Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
         };
         let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
         let patterns = discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?;
-        let all = [training, &runs].concat();
+        let instruments = patterns.inverse(&patterns.everyday()).ok_or(ModelError::Singular)?;
+        let all = [training.as_slice(), &runs].concat();
         let imperfections = discrepancy::patterns(&start.layout, start.values(), &all, multiples)?;
-        let everyday = imperfections.everyday();
-        let of_first = imperfections.of_first(training.len()).inverse(&everyday);
-        let of_training = of_first.ok_or(ModelError::Singular)?;
-        let of_all = imperfections.inverse(&everyday).ok_or(ModelError::Singular)?;
-        Ok(Judge { runs, patterns, imperfections, of_training, of_all })
+        let of_training = imperfections.of_first(training.len());
+        let fitted_groups = of_fits.groups.iter().map(|group| group.name).collect();
+        Ok(Judge { runs, patterns, instruments, imperfections, of_training, fitted_groups })
     }
 }
 
 /// Judges models by what was held out.
 ///
 /// The misfit that is stated is that of the physics: zeros, drift, axes and offsets of single runs are the instruments' own, and beside the
-/// noise of a mean a zero would rule all sums. What refutes a model is that it predicts worse: what was held out is compared with what it
-/// expects there *after* the training runs, whose misfit tells of imperfections that all runs share (theory, below eq. 65).
+/// noise of a mean a zero would rule all sums. What refutes a model is that it predicts worse: the density that it gives what was held out *after*
+/// the training runs, whose misfit tells of imperfections that all runs share (theory, below eq. 65).
 #[derive(Debug)]
 pub(super) struct Judge {
     runs: Vec<Prepared>,
     /// Patterns of the instruments, in what was held out.
     patterns: Patterns,
+    /// The inverse of their covariance with the noise.
+    instruments: Inverse,
     /// All patterns, in the training runs and in what was held out behind them.
     imperfections: Patterns,
-    /// The inverse of their covariance, at everyday sizes, in the training runs and in all.
-    of_training: Inverse,
-    of_all: Inverse,
+    of_training: Patterns,
+    /// Names of the groups whose sizes a fit has.
+    fitted_groups: Vec<&'static str>,
+}
+
+/// Losses of a model in every part of what was held out.
+#[derive(Debug, Clone)]
+pub(super) struct Losses {
+    /// Twice minus the logarithm of the density that it gives the part after the training runs, beside noise and discrepancy of the sizes that
+    /// it was fitted with.
+    pub of_density: Vec<f64>,
+    /// Misfit beside the instruments alone: the model itself is all that explains.
+    pub beside_instruments: Vec<f64>,
 }
 
 impl Judge {
@@ -257,39 +264,49 @@ impl Judge {
         misfits.is_some_and(|(before, after)| after < before)
     }
 
-    /// Misfit of every part of what was held out to what a model expects there after the training runs; nothing where the model cannot be
-    /// evaluated.
-    pub fn losses(&self, fitted: &Fitted) -> Option<Vec<f64>> {
-        Some(self.after_training(fitted)?.into_iter().map(|(loss, _)| loss).collect())
+    /// Losses of a model in what was held out; nothing where it cannot be evaluated.
+    pub fn losses(&self, fitted: &Fitted) -> Option<Losses> {
+        let parts = self.after_training(fitted, &self.sizes_of(fitted))?;
+        let beside_instruments = self.tally(fitted).ok()?.parts;
+        Some(Losses {
+            of_density: parts.into_iter().map(|part| part.square + part.ln_determinant).collect(),
+            beside_instruments: beside_instruments.into_iter().map(|(loss, _)| loss).collect(),
+        })
     }
 
-    /// Whether no more of what was held out is left beside a model than chance leaves; so where nothing is held out.
+    /// Whether no more of what was held out is left beside a model and the imperfections of an ordinary rig than chance leaves; so where
+    /// nothing is held out.
     pub fn is_chance(&self, fitted: &Fitted) -> bool {
-        let Some(parts) = self.after_training(fitted) else { return false };
-        let (misfit_sum, count) =
-            parts.iter().fold((0.0, 0.0), |(x, n), part| (x + part.0, n + part.1 as f64));
-        misfit_sum <= by_chance(count)
+        let Some(parts) = self.after_training(fitted, &self.imperfections.everyday()) else { return false };
+        let misfit_sum: f64 = parts.iter().map(|part| part.square).sum();
+        let count: usize = parts.iter().map(|part| part.readings).sum();
+        misfit_sum <= by_chance(count as f64)
     }
 
-    /// Misfit and number of readings of every part of what was held out. With residuals `r` of training (1) and held-out data (2), of
-    /// covariance `V` by noise and imperfections of everyday sizes, the expected held-out residuals are `m = V_21 V_11^-1 r_1`, and a part's
-    /// share of `(r_2 - m)^T V_2|1^-1 (r_2 - m)` is the sum of its products with `(V^-1 r)_2`, which is the second factor.
-    fn after_training(&self, fitted: &Fitted) -> Option<Vec<(f64, usize)>> {
+    /// Sizes of a fit, for the groups of all imperfections; a group that the training runs alone do not show has its everyday one.
+    fn sizes_of(&self, fitted: &Fitted) -> Vec<f64> {
+        let mut sizes = self.imperfections.everyday();
+        let mut known: Vec<(&str, f64)> =
+            self.fitted_groups.iter().copied().zip(fitted.sizes.iter().copied()).collect();
+        for (size, group) in sizes.iter_mut().zip(&self.imperfections.groups) {
+            // Beside a reference two groups have one name, in the same order.
+            if let Some(place) = known.iter().position(|(name, _)| *name == group.name) {
+                *size = known.remove(place).1;
+            }
+        }
+        sizes
+    }
+
+    /// Every part of what was held out after the training runs, with discrepancy of these sizes.
+    fn after_training(&self, fitted: &Fitted, sizes: &[f64]) -> Option<Vec<Ahead>> {
         let held_out = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
-        let everyday = self.imperfections.everyday();
-        let less_patterns = self.of_training.of_column(&fitted.residuals);
-        let expected = self.imperfections.expected_behind(&everyday, &less_patterns)?;
-        let all = [fitted.residuals.as_slice(), &held_out].concat();
-        let weighted = self.of_all.of_column(&all);
+        let shared = self.of_training.shared_after(sizes, &fitted.residuals)?;
         let mut parts = Vec::new();
-        let behind_training = weighted.iter().skip(fitted.residuals.len());
-        for (((prepared, residuals), expected), weighted) in
-            self.runs.iter().zip(&held_out).zip(&expected).zip(behind_training)
-        {
-            let differences = residuals.iter().zip(expected.iter()).map(|(residual, mean)| residual - mean);
-            let squares =
-                differences.zip(weighted.iter()).map(|(difference, weighted)| difference * weighted);
-            parts.extend(by_part(prepared, squares));
+        for (number, (prepared, residuals)) in self.runs.iter().zip(&held_out).enumerate() {
+            let run = fitted.residuals.len() + number;
+            for readings in prepared.run.readings_of_parts() {
+                parts.push(self.imperfections.ahead(run, &readings, sizes, &shared, residuals)?);
+            }
         }
         Some(parts)
     }
@@ -359,8 +376,7 @@ impl Judge {
             plain.push(residuals);
             white.push(independent);
         }
-        let everyday = self.patterns.everyday();
-        let whitened = self.patterns.less_patterns(&everyday, &white).ok_or(ModelError::Singular)?;
+        let whitened = self.instruments.of_column(&white);
         let mut tally = Tally::default();
         for ((prepared, white), whitened) in self.runs.iter().zip(&white).zip(whitened) {
             let mut plain = whitened.data.as_vec().clone();
@@ -370,17 +386,6 @@ impl Judge {
         }
         Ok(tally)
     }
-}
-
-/// Sums of a run's readings in each of its parts that has any, with their number.
-fn by_part(prepared: &Prepared, squares: impl Iterator<Item = f64>) -> Vec<(f64, usize)> {
-    let mut part_sums = vec![(0.0, 0); prepared.run.parts()];
-    for (datum, square) in prepared.run.data.iter().zip(squares) {
-        part_sums[datum.part].0 += square;
-        part_sums[datum.part].1 += 1;
-    }
-    part_sums.retain(|(_, count)| *count > 0);
-    part_sums
 }
 
 /// Misfit of so many readings that chance does not exceed.
@@ -420,7 +425,11 @@ struct Tally {
 
 impl Tally {
     fn add(&mut self, prepared: &Prepared, plain: Vec<f64>, squares: impl Iterator<Item = f64>) {
-        for (datum, plain) in prepared.run.data.iter().zip(&plain) {
+        let run = &prepared.run;
+        let mut part_sums = vec![(0.0, 0); run.parts()];
+        for ((datum, plain), square) in run.data.iter().zip(&plain).zip(squares) {
+            part_sums[datum.part].0 += square;
+            part_sums[datum.part].1 += 1;
             let known_channel = self.channels.iter().position(|(channel, ..)| *channel == datum.channel);
             let channel_index = known_channel.unwrap_or_else(|| {
                 self.channels.push((datum.channel, 0.0, 0));
@@ -430,7 +439,7 @@ impl Tally {
             self.channels[channel_index].2 += 1;
         }
         self.plain.extend(plain);
-        self.parts.extend(by_part(prepared, squares));
+        self.parts.extend(part_sums.into_iter().filter(|(_, count)| *count > 0));
     }
 
     fn side(&self) -> Misfit {

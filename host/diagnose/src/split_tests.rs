@@ -41,29 +41,49 @@ fn start_and_judge() -> (Start, Judge) {
     let layout = Layout::new(&session.rig, &runs, Vec::new());
     let noises = Noises { session: noise, reference: noise };
     let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
-    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
+    let judge = held_out.judge(&start, &noise, &Multiples::new()).expect("a judge");
     (start, judge)
 }
 
-/// The chain rule of normal densities: what the training runs leave open of the held-out ones is the misfit of all less that of the training
-/// runs.
+/// The chain rule of normal densities: a part after the training runs is both together less the training runs.
 #[test]
 fn what_was_held_out_is_judged_after_the_training_runs() {
     let (start, judge) = start_and_judge();
-    let losses = judge.losses(&start.fitted).expect("losses");
-    let readings: usize = judge.runs.iter().map(|run| run.run.data.len()).sum();
-    let sum: f64 = losses.iter().sum();
+    let everyday = judge.imperfections.everyday();
+    let parts = judge.after_training(&start.fitted, &everyday).expect("parts");
+    let readings: usize = parts.iter().map(|part| part.readings).sum();
+    let sum: f64 = parts.iter().map(|part| part.square).sum();
     assert!((0.5..1.5).contains(&(sum / readings as f64)), "{sum} of {readings} readings");
     assert!(judge.is_chance(&start.fitted));
+
     let layout = &start.fitted.layout;
+    let run = start.runs.len();
     let held_out = posterior::residuals(layout, &judge.runs, start.fitted.values()).expect("residuals");
-    let of_all = [start.fitted.residuals.clone(), held_out].concat();
+    let first_parts = judge.runs[0].run.readings_of_parts();
+    let whole: Vec<usize> = (0..held_out[0].len()).collect();
+    let shared = judge.of_training.shared_after(&everyday, &start.fitted.residuals).expect("amplitudes");
+    let whole_run =
+        judge.imperfections.ahead(run, &whole, &everyday, &shared, &held_out[0]).expect("a density");
+    let both = judge.imperfections.of_first(run + 1);
     let misfit = |patterns: &Patterns, residuals: &[Vec<f64>]| {
-        posterior::misfit(patterns, &patterns.everyday(), residuals).expect("a misfit")
+        posterior::misfit(patterns, &everyday, residuals).expect("a misfit")
     };
-    let of_training = judge.imperfections.of_first(start.runs.len());
-    let expected = misfit(&judge.imperfections, &of_all) - misfit(&of_training, &start.fitted.residuals);
-    assert!((sum / expected - 1.0).abs() < 1e-6, "{sum} {expected}");
+    let with_run = [start.fitted.residuals.clone(), vec![held_out[0].clone()]].concat();
+    let expected = misfit(&both, &with_run) - misfit(&judge.of_training, &start.fitted.residuals);
+    assert!((whole_run.square / expected - 1.0).abs() < 1e-6, "{} {expected}", whole_run.square);
+    assert_eq!(parts[0].readings, first_parts[0].len());
+}
+
+/// A model that needs a larger discrepancy predicts less sharply, and pays for it.
+#[test]
+fn a_larger_discrepancy_costs_density() {
+    let (start, judge) = start_and_judge();
+    let [own, larger] = [1.0, 4.0].map(|factor| {
+        let mut fitted = start.fitted.clone();
+        fitted.sizes.iter_mut().for_each(|size| *size *= factor);
+        judge.losses(&fitted).expect("losses").of_density.iter().sum::<f64>()
+    });
+    assert!(larger > own + 2.0, "{own} {larger}");
 }
 
 #[test]

@@ -96,7 +96,7 @@ impl Workbench {
         let mut layout = Layout::new(&session.rig, &runs, given_effects);
         layout.known = options.known.as_slice().into();
         let springs = fit_start(&layout, &runs, &noises, &options.given, &options.discrepancy)?;
-        let judge = held_out.judge(&springs.fitted, &springs.runs, &noise, &options.discrepancy)?;
+        let judge = held_out.judge(&springs, &noise, &options.discrepancy)?;
         let start = if options.foundation == FoundationChoice::Body {
             springs.on(Support::Body { poisson: options.poisson, block: session.tissue.block() })?
         } else {

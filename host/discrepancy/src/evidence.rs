@@ -13,11 +13,13 @@
 //! Kennedy and O'Hagan, "Bayesian calibration of computer models" (2001); Brynjarsdottir and O'Hagan, "Learning about physical
 //! parameters: the importance of model discrepancy" (2014).
 
+mod ahead;
 mod factor;
 mod integrated;
 mod inverse;
 mod sizes;
 
+pub use ahead::{Ahead, SharedAmplitudes};
 pub use inverse::Inverse;
 
 use factor::{inverse_root, ln_diagonal, take_off_products};
@@ -166,24 +168,18 @@ impl Patterns {
         Some(self.inverse(sizes)?.of_column(column))
     }
 
-    /// Only the first so many runs.
-    #[must_use]
-    pub fn of_first(&self, count: usize) -> Self {
-        let first_runs = self.runs.iter().take(count).cloned().collect();
-        Self::new(self.groups.clone(), self.shared_groups.clone(), first_runs)
-    }
-
-    /// Expected value of the shared discrepancy in the runs behind the first ones, by what [`Patterns::less_patterns`] left of a column of
-    /// these: `Phi diag(s^2) Phi^T c`.
-    pub fn expected_behind(&self, sizes: &[f64], first: &[DVector<f64>]) -> Option<Vec<DVector<f64>>> {
+    /// Expected value of the shared discrepancy in the last run, by the others: `Phi diag(s^2) Phi^T c` of columns of
+    /// these.
+    pub fn expected_in_last(&self, sizes: &[f64], others: &[DVector<f64>]) -> Option<DVector<f64>> {
+        let (last, earlier_runs) = self.runs.split_last()?;
         let mut amplitudes = DVector::zeros(self.shared_groups.len());
-        for (run, column) in self.runs.iter().zip(first) {
+        for (run, column) in earlier_runs.iter().zip(others) {
             amplitudes.gemv_tr(1.0, &run.shared, column, 1.0);
         }
         for (amplitude, group) in amplitudes.iter_mut().zip(&self.shared_groups) {
             *amplitude *= sizes.get(*group)?.powi(2);
         }
-        Some(self.runs.iter().skip(first.len()).map(|run| &run.shared * &amplitudes).collect())
+        Some(&last.shared * amplitudes)
     }
 
     /// Minus the logarithm of the prior of sizes, and its derivatives by their logarithms.
