@@ -2,8 +2,10 @@
 
 use super::TableError;
 use super::align::{Offset, estimate};
+use super::dropouts;
 use super::mapping::{Choice, Mapping, Target};
 use super::raw::{RawColumn, RawTable};
+use super::summary::LEAST_RUN;
 use super::unit::{Quantity, Unit};
 use crate::session::{ForceSeries, InsertionRun, ShapeSeries};
 use serde::Serialize;
@@ -111,6 +113,8 @@ pub(super) struct Part<'t> {
 /// [`TableError`].
 pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result<Taken, TableError> {
     let complete = mapping.completed(tables);
+    let measured = without_dropouts(tables, &complete);
+    let tables = measured.as_slice();
     let mut result = Taken::default();
     let mut columns_used: Vec<Part> = Vec::new();
     for choice in &complete.choices {
@@ -170,6 +174,27 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
         return Err(nothing(tables, &columns_used));
     }
     Ok(result)
+}
+
+/// The tables without what their channels write for a reading that is missing, in the columns over time that are taken.
+fn without_dropouts(tables: &[RawTable], mapping: &Mapping) -> Vec<RawTable> {
+    let mut tables = tables.to_vec();
+    for table in &mut tables {
+        for choice in &mapping.choices {
+            let Target { name, quantity, .. } = choice.target;
+            // A shape is a few points along the needle, and a rotation is commanded.
+            let is_over_time = matches!(quantity, Quantity::Force | Quantity::Length)
+                && name != "z_mm"
+                && !name.starts_with("deflection_");
+            let place = table.find(&choice.column).ok().flatten().filter(|_| is_over_time);
+            let Some(column) = place.and_then(|place| table.columns.get_mut(place)) else { continue };
+            table.notes.extend(dropouts::take_out_zeros(column, &table.lines));
+            if quantity == Quantity::Force {
+                table.notes.extend(dropouts::stuck(column, &table.lines));
+            }
+        }
+    }
+    tables
 }
 
 /// The column of a choice in each table that has it.
@@ -338,7 +363,7 @@ fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options
             Some((time_s, [force_n, moved.at(time_s)?, of(&force_x, time_s)?, of(&moved_x, time_s)?]))
         })
         .collect();
-    if rows.len() < 10 {
+    if rows.len() < LEAST_RUN {
         fn span(series: &Series) -> String {
             series.span_s().map_or_else(String::new, |[a, b]| format!("{a:.3} to {b:.3} s"))
         }
@@ -350,7 +375,7 @@ fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options
                 span(&moved),
                 rows.len()
             ),
-            expected: "10 or more: one clock (--merge-on COLUMN), or --offset-s".to_owned(),
+            expected: format!("{LEAST_RUN} or more: one clock (--merge-on COLUMN), or --offset-s"),
         });
     }
     let dropped_rows = force.len() - rows.len();

@@ -267,7 +267,8 @@ impl Messages {
             words: Vec::new(),
             lines: (1..=rows).collect(),
             notes,
-        })
+        }
+        .of_numbers())
     }
 }
 

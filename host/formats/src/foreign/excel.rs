@@ -62,7 +62,7 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         format!("workbook, sheet \"{name}\", not {}", other_sheets.join(", "))
     };
     let path = if sheet.is_some() { format!("{}#{name}", path.display()).into() } else { path.to_owned() };
-    Ok(Grid { path, rows, has_decimal_comma, form })
+    Ok(Grid { path, rows, has_decimal_comma, form, is_cut: false })
 }
 
 /// Whether a sheet has readings: rows of two numbers or more, also where they are written as text.
@@ -101,7 +101,8 @@ fn text(cell: &Data) -> String {
         Data::Bool(is_so) => u8::from(*is_so).to_string(),
         Data::DateTime(at) => {
             let days = at.as_f64();
-            let seconds = if days < 1.0 { days * DAY_S } else { (days - DAY_1970) * DAY_S };
+            let seconds =
+                if days < 1.0 || at.is_duration() { days * DAY_S } else { (days - DAY_1970) * DAY_S };
             // Days are doubles: there is nothing below a microsecond.
             format!("{seconds:.6}")
         }

@@ -81,6 +81,8 @@ pub struct Grid {
     pub has_decimal_comma: bool,
     /// Encoding and separator, for people.
     pub form: String,
+    /// Whether the last line has no end, as that of a file that is cut off.
+    pub is_cut: bool,
 }
 
 impl Grid {
@@ -169,6 +171,7 @@ impl Grid {
             rows,
             has_decimal_comma,
             form: format!("{encoding}, {words}, {decimal}"),
+            is_cut: !text.ends_with('\n'),
         })
     }
 }
@@ -193,7 +196,8 @@ fn split_sheet(path: &Path) -> (PathBuf, Option<String>) {
 fn decoded(all_bytes: &[u8], end: usize) -> (String, &'static str) {
     fn wide(rest: &[u8], of: fn([u8; 2]) -> u16) -> String {
         let units = rest.as_chunks::<2>().0.iter().map(|pair| of(*pair));
-        char::decode_utf16(units).map(|letter| letter.unwrap_or('\u{fffd}')).collect::<String>()
+        let text: String = char::decode_utf16(units).map(|letter| letter.unwrap_or('\u{fffd}')).collect();
+        text.trim_start_matches('\u{feff}').to_owned()
     }
     // A zero may be half of the last letter of UTF-16.
     let bytes = all_bytes.get(..end.next_multiple_of(2).min(all_bytes.len())).unwrap_or_default();

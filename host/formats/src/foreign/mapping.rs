@@ -176,10 +176,9 @@ impl Mapping {
                 })
             };
             let free: Vec<&RawColumn> = table.columns.iter().filter(|column| !is_taken(column)).collect();
-            let has_time = table.columns.iter().any(|column| {
-                choices.iter().any(|choice| {
-                    choice.target.quantity == Quantity::Time && is_named(column, &choice.column)
-                })
+            let has_time = choices.iter().any(|choice| {
+                choice.target.quantity == Quantity::Time
+                    && table.find(&choice.column).is_ok_and(|place| place.is_some())
             });
             let of_day = (!has_time).then(|| stamp_and_fraction(&free)).flatten();
             if let Some(pair) = of_day {
@@ -279,10 +278,6 @@ const NOT_MEASURED: [&str; 22] = [
     "sd",
     "std",
 ];
-
-fn is_named(column: &RawColumn, name: &str) -> bool {
-    column.header == name || column.name == name || name == format!("#{}", column.number)
-}
 
 /// The one of which it is true.
 fn only<'c>(columns: &[&'c RawColumn], is: impl Fn(&RawColumn) -> bool) -> Option<&'c RawColumn> {

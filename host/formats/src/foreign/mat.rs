@@ -281,7 +281,7 @@ impl Found {
                     .push("the file is cut off or damaged: arrays behind that place are missing".to_owned());
             }
         }
-        tables
+        tables.into_iter().map(RawTable::of_numbers).collect()
     }
 }
 

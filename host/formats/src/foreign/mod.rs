@@ -13,6 +13,7 @@ mod apply;
 #[cfg(feature = "bags")]
 mod bag;
 mod cells;
+mod dropouts;
 #[cfg(feature = "excel")]
 mod excel;
 mod grid;
@@ -134,6 +135,8 @@ pub enum TableError {
     Document(#[from] crate::document::SessionError),
 }
 
+#[cfg(test)]
+mod dropout_tests;
 #[cfg(test)]
 mod layout_tests;
 #[cfg(test)]

@@ -11,18 +11,25 @@ const SAMPLE: usize = 50;
 /// Names and units of the columns, from the rows above the numbers, and the line of the names.
 pub(super) type Names = (Vec<String>, Vec<Option<Unit>>, Option<usize>);
 
+/// `rows` are those of the numbers.
 pub(super) fn find(
     above: &[(usize, Vec<String>)],
     width: usize,
     has_decimal_comma: bool,
-    has_row_names: bool,
+    rows: &[(usize, Vec<String>)],
 ) -> Names {
+    let has_row_names = are_of_rows(rows);
+    // A separator behind the last number of every row, and none behind the names.
+    let has_empty_end =
+        rows.iter().all(|(_, cells)| cells.len() != width || cells.last().is_some_and(String::is_empty));
     let mut units: Vec<Option<Unit>> = Vec::new();
     for (line, cells) in above.iter().rev().take(HEADER) {
         let mut cells = without_mark(cells);
         // The names of rows have none themselves, as R writes a table.
         if has_row_names && cells.len() + 1 == width {
             cells.insert(0, String::new());
+        } else if has_empty_end && cells.len() + 1 == width {
+            cells.push(String::new());
         }
         // Names may end before the last column, or behind it; LabVIEW names comments that its rows do not have.
         let has_surplus = cells.last().is_some_and(|cell| cell.is_empty() || cell == "Comment");
@@ -50,7 +57,7 @@ pub(super) fn find(
 }
 
 /// Whether the first cells of rows number them, from 1 on.
-pub(super) fn are_of_rows(rows: &[(usize, Vec<String>)]) -> bool {
+fn are_of_rows(rows: &[(usize, Vec<String>)]) -> bool {
     let mut sample = rows.iter().take(SAMPLE).enumerate();
     rows.len() > 1
         && sample.all(|(at, (_, cells))| cells.first().is_some_and(|cell| *cell == (at + 1).to_string()))

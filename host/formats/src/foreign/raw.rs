@@ -2,16 +2,16 @@
 
 use super::cells::{Number, is_missing};
 use super::grid::Grid;
-use super::summary::{SUMMARY, rows_apart, rows_of_statistics};
+use super::summary::{rows_apart, rows_of_statistics};
 use super::unit::{Unit, split_name};
 use super::{TableError, marks, names, status, thousands};
 use std::path::{Path, PathBuf};
 
 /// Rows by which columns of numbers are told from others.
 const SAMPLE: usize = 50;
-/// Value that instruments with SCPI commands send in place of a reading that is out of range (9.9e37) or missing
-/// (9.91e37), and anything larger.
-const OVERLOAD: f64 = 9.89e37;
+/// Numbers from which on no reading is: no counter, no clock and no converter has more than 64 bits. Instruments with SCPI commands send
+/// 9.9e37 in place of a reading that is out of range, trackers of NDI -3.7e28 for a tool that is not seen, others the largest number that they have.
+const OVERLOAD: f64 = u64::MAX as f64;
 
 /// A column of numbers.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,7 +100,7 @@ impl RawTable {
     /// # Errors
     /// [`TableError`] where there are none.
     pub fn new(grid: Grid) -> Result<Self, TableError> {
-        let Grid { path, mut rows, has_decimal_comma, form } = grid;
+        let Grid { path, mut rows, has_decimal_comma, form, is_cut } = grid;
         let joined = thousands::join(&mut rows, has_decimal_comma);
         let rows = rows;
         fn is_number(cell: &str, has_decimal_comma: bool) -> bool {
@@ -156,9 +156,8 @@ impl RawTable {
             let problem = format!("no rows of two numbers or more ({form})");
             return Err(TableError::File { path, problem, expected });
         };
-        let has_row_names = names::are_of_rows(rows.get(first..).unwrap_or_default());
-        let (names, units, header_line) =
-            names::find(rows.get(..first).unwrap_or_default(), width, has_decimal_comma, has_row_names);
+        let (above, below) = rows.split_at(first);
+        let (names, units, header_line) = names::find(above, width, has_decimal_comma, below);
         let mut notes = Vec::new();
         let sample = rows.get(first..).unwrap_or_default().iter().take(SAMPLE);
         let mut columns: Vec<RawColumn> = Vec::new();
@@ -200,7 +199,10 @@ impl RawTable {
         for (at, (line, cells)) in rows.iter().enumerate().take(end).skip(first) {
             if is_comment(cells) {
                 skipped.push(*line);
-            } else if at == last && cells.len() < width && at > first {
+            } else if at == last
+                && at > first
+                && (cells.len() < width || is_cut && has_fewer_digits(&rows, first))
+            {
                 notes.push(format!("line {line}: the last row is cut off, and skipped"));
             } else if !table.add(*line, cells, has_decimal_comma) {
                 if header.is_some_and(|(_, names)| are_names(cells, names)) {
@@ -240,17 +242,7 @@ impl RawTable {
         for column in table.columns.iter().filter(|column| joined.contains(&(column.number - 1))) {
             notes.push(format!("\"{}\": signs between thousands are left out", column.header));
         }
-        for column in &mut table.columns {
-            let overloads = column.values.iter_mut().filter(|value| value.abs() >= OVERLOAD);
-            let count = overloads.map(|value| *value = f64::NAN).count();
-            if count > 0 {
-                notes.push(format!(
-                    "\"{}\": {count} readings beyond the range of the instrument (9.9e37)",
-                    column.header
-                ));
-            }
-            notes.extend(marks::take_out(column));
-        }
+        table.leave_out_numbers(&mut notes);
         table.notes = notes;
         table.form = match header_line {
             Some(line) => format!("{}, names in line {line}", table.form),
@@ -259,7 +251,43 @@ impl RawTable {
         Ok(table)
     }
 
-    /// Behind the last row of readings: rows at the end with a word in the first column of numbers are a summary or a note of the program; more than [`SUMMARY`] of them are no end of a table.
+    /// The table without what its columns of states and its numbers mark as no readings, as a table of text is: for formats of numbers
+    /// alone.
+    pub(super) fn of_numbers(mut self) -> Self {
+        let mut notes = std::mem::take(&mut self.notes);
+        for place in 0..self.columns.len() {
+            let Some(column) = self.columns.get(place).filter(|column| status::is_status(&column.header))
+            else {
+                continue;
+            };
+            let (header, origin) = (column.header.clone(), column.origin as f64);
+            let text =
+                |value: &f64| if value.is_nan() { String::new() } else { (origin + value).to_string() };
+            let cells: Vec<[String; 1]> = column.values.iter().map(|value| [text(value)]).collect();
+            let kept: Vec<&[String]> = cells.iter().map(<[String; 1]>::as_slice).collect();
+            self.leave_out_marked(&header, &kept, 0, &mut notes);
+        }
+        self.leave_out_numbers(&mut notes);
+        self.notes = notes;
+        self
+    }
+
+    /// Leaves out numbers that stand for no reading.
+    fn leave_out_numbers(&mut self, notes: &mut Vec<String>) {
+        for column in &mut self.columns {
+            let overloads = column.values.iter_mut().filter(|value| value.abs() >= OVERLOAD);
+            let count = overloads.map(|value| *value = f64::NAN).count();
+            if count > 0 {
+                notes.push(format!(
+                    "\"{}\": {count} numbers of more than 64 bits, as instruments send in place of a reading (9.9e37), are left out",
+                    column.header
+                ));
+            }
+            notes.extend(marks::take_out(column, &self.lines));
+        }
+    }
+
+    /// Behind the last row of readings: rows at the end with a word in the first column of numbers are a summary or a note of the program, of which there are fewer than readings.
     fn end(&self, rows: &[(usize, Vec<String>)], first: usize, has_decimal_comma: bool) -> usize {
         let Some(place) = self.columns.first().map(|column| column.number - 1) else { return rows.len() };
         let is_word = |(_, cells): &(usize, Vec<String>)| {
@@ -270,7 +298,7 @@ impl RawTable {
             })
         };
         let count = rows.iter().skip(first).rev().take_while(|row| is_word(row)).count();
-        if count > SUMMARY { rows.len() } else { rows.len() - count }
+        if first + 2 * count > rows.len() { rows.len() } else { rows.len() - count }
     }
 
     /// Leaves out the rows that a column of states marks as unusable; their places among those before.
@@ -381,6 +409,17 @@ fn without<T: Clone>(elements: &[T], places: &[usize]) -> Vec<T> {
         .filter(|(place, _)| places.binary_search(place).is_err())
         .map(|(_, element)| element.clone())
         .collect()
+}
+
+/// Whether the last cell of the last row is shorter behind its decimal sign than that of any row above it, of which all have as many digits.
+fn has_fewer_digits(rows: &[(usize, Vec<String>)], first: usize) -> bool {
+    fn decimals((_, cells): &(usize, Vec<String>)) -> Option<usize> {
+        let cell = cells.last()?;
+        Some(cell.rsplit_once(['.', ',']).map_or(0, |(_, decimals)| decimals.len()))
+    }
+    let Some((last, above)) = rows.get(first..).and_then(<[_]>::split_last) else { return false };
+    let usual = above.first().and_then(decimals);
+    above.iter().all(|row| decimals(row) == usual) && decimals(last) < usual
 }
 
 /// Whether a row between the readings names columns: by the names above them in any order, or by a word in each of as many cells.

@@ -6,16 +6,14 @@
 
 use super::RawColumn;
 
-/// Most rows of a summary.
-pub(super) const SUMMARY: usize = 20;
-/// Rows above it by which a summary is told from readings.
-const LEAST: usize = 10;
-/// Statistics of [`Sums`].
+/// Rows that a run has at least: fewer ones below an empty line are no second recording.
+pub(super) const LEAST_RUN: usize = 10;
+/// Statistics of [`Sums`]. A summary has each of them once at most, so that it is no longer.
 const STATISTICS: usize = 10;
-/// Usual steps of a clock from a reading to the next one; a longer pause is longer than a summary is from the readings.
-const MAX_STEP: f64 = 3.5;
-/// Rounding of programs that add in double precision.
+/// Rounding of programs that add in double precision: `n` sums lose `n` half units of the last digit at most, 1.1e-16 of the sum each, and
+/// no table here has more than ten million rows.
 const ROUNDING: f64 = 1e-9;
+
 /// Sums over the rows of a column so far.
 #[derive(Debug, Clone, Copy)]
 struct Sums {
@@ -63,7 +61,7 @@ pub(super) fn rows_of_statistics(
     lines: &[usize],
     has_decimal_comma: bool,
 ) -> usize {
-    let start = kept.len().saturating_sub(SUMMARY).max(LEAST);
+    let start = kept.len().saturating_sub(STATISTICS).max(LEAST_RUN);
     let mut sums = vec![Sums::NONE; columns.len()];
     let add = |sums: &mut [Sums], row: usize| {
         sums.iter_mut().zip(columns).for_each(|(sums, column)| sums.add(column.value(row)));
@@ -89,22 +87,20 @@ pub(super) fn rows_of_statistics(
     0
 }
 
-/// How many rows at the end stand below an empty line and do not go on from those above, as the results of a fit: few of them, whose clock
-/// or counter steps back or by more than [`MAX_STEP`] of its usual steps.
+/// How many rows at the end stand below an empty line and do not go on from those above, as the results of a fit: fewer than a run has, whose
+/// clock or counter steps back, or further than it ever does above. A reading that goes on there takes the longest of `n` steps with the
+/// chance `1 / n`.
 pub(super) fn rows_apart(columns: &[RawColumn], lines: &[usize]) -> usize {
     let Some(place) = lines.windows(2).rposition(|pair| pair[1] - pair[0] > 1) else { return 0 };
     let (first, count) = (place + 1, lines.len() - place - 1);
-    if first < LEAST || count > SUMMARY || count > first {
+    if first < LEAST_RUN || count >= LEAST_RUN {
         return 0;
     }
     let goes_on = columns.iter().filter(|column| ascends(column, first)).find_map(|column| {
-        let mut steps: Vec<f64> =
-            column.values.get(..first)?.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        steps.retain(|step| *step > 0.0);
-        steps.sort_by(f64::total_cmp);
-        let usual = steps.get(steps.len() / 2)?;
+        let above = column.values.get(..first)?;
+        let longest = above.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
         let step = column.values.get(first)? - column.values.get(place)?;
-        Some(step >= 0.0 && step <= MAX_STEP * usual)
+        Some((0.0..=longest).contains(&step))
     });
     if goes_on == Some(false) { count } else { 0 }
 }
@@ -151,7 +147,8 @@ fn is_statistic(
         numbers.iter().all(|number| {
             number.statistics.get(place).is_some_and(|(statistic, is_from_origin)| {
                 let value = if *is_from_origin { number.value } else { number.value + number.origin };
-                (value - statistic).abs() <= number.digit + ROUNDING * statistic.abs()
+                // Half a unit of the last digit: a whole one would make the next number of a counter its greatest.
+                (value - statistic).abs() <= 0.5 * number.digit + ROUNDING * statistic.abs()
             })
         })
     };

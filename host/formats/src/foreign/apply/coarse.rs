@@ -2,9 +2,10 @@
 
 use super::Part;
 
-/// Groups of rows of one stamp, without the first and the last one, by which the period is found.
+/// Groups of rows of one stamp, without the first and the last one, by which the period is found: a line has two unknowns.
 const INNER: usize = 2;
-/// Usual steps of the clock from one stamp to the next; behind a longer one the rows begin anew.
+/// Usual steps of the clock from one stamp to the next; behind a longer one the rows begin anew. Stamps are whole numbers of the clock's
+/// steps, so that one step is told from two or more in the middle between both.
 const PAUSE: f64 = 1.5;
 
 /// Rows of one stamp: the stamp, the number of the first row among those with a time, and how many there are.

@@ -177,7 +177,7 @@ fn arrays_structures_and_matrices_hold_what_was_written() {
 #[test]
 fn integers_and_arrays_of_other_lengths_are_told_apart() {
     let mut counts = head(false, 11, "counts", [4, 1]);
-    let content: Vec<u8> = [1_u16, 2, 65_535, 4].iter().flat_map(|count| count.to_le_bytes()).collect();
+    let content: Vec<u8> = [1_u16, 2, 65_534, 4].iter().flat_map(|count| count.to_le_bytes()).collect();
     counts.element(4, &content);
     // MATLAB keeps doubles that are small whole numbers as bytes.
     let mut small = head(false, 6, "small", [1, 3]);
@@ -196,7 +196,7 @@ fn integers_and_arrays_of_other_lengths_are_told_apart() {
         shown,
         [
             ("run.mat#3".to_owned(), "small", vec![7.0, 0.0, 255.0]),
-            ("run.mat#4".to_owned(), "counts", vec![1.0, 2.0, 65_535.0, 4.0])
+            ("run.mat#4".to_owned(), "counts", vec![1.0, 2.0, 65_534.0, 4.0])
         ]
     );
 }
