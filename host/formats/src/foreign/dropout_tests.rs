@@ -1,7 +1,7 @@
 //! Channels that give a number while they measure nothing.
 
 use super::Taken;
-use super::layout_tests::{lines, same, taken, truth};
+use super::layout_tests::{lines, taken, truth};
 
 const HEADER: &str = "Time (s),Extension (mm),Load (N)\n";
 

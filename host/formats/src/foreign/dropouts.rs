@@ -178,7 +178,7 @@ pub(super) fn take_out_zeros(column: &mut RawColumn, lines: &[usize]) -> Option<
          missing ones, {} of them, and left out",
         lines.get(mark.row)?,
         column.header,
-        mark.beside,
+        rounded(mark.beside),
         rounded(mark.step),
         mark.rows.len()
     ))
@@ -205,17 +205,18 @@ pub(super) fn stuck(column: &RawColumn, lines: &[usize]) -> Option<String> {
     let exponent = i32::try_from(longest.count - 1).unwrap_or(i32::MAX);
     let is_chance = readings.values.len() as f64 * again.powi(exponent) >= CHANCE;
     let line = lines.get(readings.row(longest))?;
+    let others =
+        if others.is_empty() { "it has no other ones" } else { "its other ones differ from each other" };
     (!is_chance).then(|| {
         format!(
-            "line {line}: \"{}\" is exactly {value} in {} readings behind each other ({count} in all), and its other readings differ from the one before: is the \
-             channel at the end of its range, held or not connected? They are used",
+            "line {line}: \"{}\" is exactly {value} in {} readings behind each other ({count} in all), and {others}: is the channel at the end of its range, held or \
+             not connected? They are used",
             column.header, longest.count
         )
     })
 }
 
-/// A number with three digits, for a remark.
-fn rounded(value: f64) -> String {
-    let digits = if value > 0.0 { (2 - value.log10().floor() as i32).clamp(0, 9) } else { 0 };
-    format!("{value:.0$}", usize::try_from(digits).unwrap_or(0))
+/// A number with few digits, for a remark.
+pub(super) fn rounded(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
 }

@@ -59,6 +59,79 @@ fn numbers_that_stand_for_no_reading_are_none() {
 }
 
 #[test]
+fn marks_are_told_from_readings_by_the_steps_of_the_column() {
+    let header = "Time (s),Extension (mm),Load (N)\n";
+    let none = ["9999", "-9999", "1e30", "3.4028235e38", "-3.697314E28", "9.91E+37"];
+    let bytes = lines(header, |i, t, x, f| {
+        none.get(i.wrapping_sub(77) / 20)
+            .filter(|_| i % 20 == 17)
+            .map_or_else(|| format!("{t},{x},{f}"), |mark| format!("{t},{x},{mark}"))
+    });
+    let run = taken(&bytes, &[], None).expect("a run");
+    assert_eq!(run.force.expect("a force").time_s.len(), 394, "{:?}", run.notes);
+    assert!(
+        run.notes.iter().any(|note| note.contains("line 79: \"Load (N)\": 1 readings of 9999")),
+        "{:?}",
+        run.notes
+    );
+    // More than a quarter of the readings, and a stage whose highest level is of nines.
+    let bytes = lines(
+        header,
+        |i, t, x, f| if i % 3 == 0 { format!("{t},{x},-99.9") } else { format!("{t},{x},{f}") },
+    );
+    assert_eq!(taken(&bytes, &[], None).expect("a run").force.expect("a force").time_s.len(), 266);
+    let stage = |i: usize| [0.0, 33.0, 66.0, 99.0, 66.0, 33.0, 0.0, 33.0][i / 50];
+    let bytes = lines("Time (s),Stage (um),Load (N)\n", |i, t, _, f| format!("{t},{},{f}", stage(i)));
+    let force =
+        taken(&bytes, &["Stage (um)=displacement_y_mm"], None).expect("a run").force.expect("a force");
+    assert_eq!(force.time_s.len(), 400);
+    assert!((force.displacement_y_m[160] - 99e-6).abs() < 1e-9);
+}
+
+#[test]
+fn the_last_reading_is_one_unless_it_is_cut_off() {
+    let header = "Time (s),Extension (mm),Load (N)\n";
+    let row = |_: usize, t: f64, x: f64, f: f64| format!("{t:.3},{x:.4},{f:.5}");
+    let whole = lines(header, row);
+    // Without an end of the line; then without its last digits.
+    let without_end = &whole[..whole.len() - 2];
+    assert_eq!(taken(without_end, &[], None).expect("a run").force.expect("a force").time_s.len(), 400);
+    for cut in [3, 5, 7] {
+        let run = taken(&whole[..whole.len() - cut], &[], None).expect("a run");
+        assert_eq!(run.force.expect("a force").time_s.len(), 399, "{cut}");
+        assert!(
+            run.notes.iter().any(|note| note.contains("line 401: the last row is cut off")),
+            "{:?}",
+            run.notes
+        );
+    }
+    // Every number of the last row is the greatest of its column, and a counter goes on.
+    let bytes = lines("Frame,Time (s),Extension (mm),Load (N)\n", |i, t, x, _| {
+        format!("{},{t:.2},{x:.4},{:.5}", i + 1, 0.3 * x)
+    });
+    let run = taken(&bytes, &[], None).expect("a run");
+    assert_eq!(run.force.expect("a force").time_s.len(), 400, "{:?}", run.notes);
+}
+
+#[test]
+fn names_are_found_beside_marks_and_empty_columns() {
+    let header = "Time (s),Extension (mm),Load (N)\n";
+    same("a separator behind every row", &lines(header, |_, t, x, f| format!("{t},{x},{f},")), &[], None);
+    let semicolons = lines("Time (s);Extension (mm);Load (N)\n", |_, t, x, f| format!("{t};{x};{f};"));
+    same("semicolons", &semicolons, &[], None);
+    // The mark of UTF-16 is no part of the first name; a time that is named counts beside one that is found.
+    let text = String::from_utf8(lines(&format!("\u{feff}{header}"), |_, t, x, f| format!("{t},{x},{f}")))
+        .expect("text");
+    let wide: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    same("UTF-16", &wide, &["Time (s)=time_s:s"], None);
+    let stamps = lines("%time,field.header.stamp,x (mm),f (N)\n", |_, t, x, f| {
+        let ns = 1_764_324_000_000_000_000 + (1e9 * t).round() as i64;
+        format!("{ns},{},{x},{f}", ns + 5000)
+    });
+    same("two times", &stamps, &["%time=time_s:ns", "x (mm)=displacement_y_mm", "f (N)=force_y_n"], None);
+}
+
+#[test]
 fn remarks_summaries_and_names_in_other_places_are_no_readings() {
     fn row(t: f64, x: f64, f: f64) -> String {
         format!("{t:.3},{x:.6},{f:.6}")

@@ -352,7 +352,8 @@ fn words(name: &str) -> Vec<String> {
         .collect()
 }
 
-fn is_time(column: &RawColumn) -> bool {
+/// Whether a column is a clock, by its name or its content.
+pub(super) fn is_time(column: &RawColumn) -> bool {
     let is_named = words(&column.name).iter().any(|word| {
         ["time", "timestamp", "when", "date", "zeit", "t", "elapsed", "stamp", "temps", "tiempo", "clock"]
             .contains(&word.as_str())

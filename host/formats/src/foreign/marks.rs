@@ -1,7 +1,7 @@
 //! Numbers that stand for a reading that is missing: `-99.99`, `9999`, the ends of the range of an integer.
 
 use super::RawColumn;
-use super::dropouts::{Readings, leave_out};
+use super::dropouts::{Readings, leave_out, rounded};
 
 /// Ends of the ranges of integers of 16 and 32 bit.
 const ENDS: [f64; 6] = [32_767.0, 32_768.0, 65_535.0, 2_147_483_647.0, 2_147_483_648.0, 4_294_967_295.0];
@@ -22,7 +22,7 @@ pub(super) fn take_out(column: &mut RawColumn, lines: &[usize]) -> Vec<String> {
             lines.get(mark.row).copied().unwrap_or_default(),
             column.header,
             mark.rows.len(),
-            mark.beside
+            rounded(mark.beside)
         ));
     }
     notes

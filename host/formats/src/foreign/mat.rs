@@ -4,7 +4,7 @@
 //! C states that it is of alpha quality, and decompresses without a bound. The layout is that of "MAT-File Format" by The MathWorks.
 
 use super::unit::split_name;
-use super::{RawColumn, RawTable, TableError};
+use super::{RawColumn, RawTable, TableError, status};
 use flate2::read::ZlibDecoder;
 use std::collections::BTreeMap;
 use std::fs;
@@ -212,7 +212,9 @@ impl Found {
         let sides: Option<[usize; 2]> = <[i64; 2]>::try_from(sides)
             .ok()
             .and_then(|[a, b]| Some([usize::try_from(a).ok()?, usize::try_from(b).ok()?]));
-        let plain = sides.filter(|_| NUMERIC.contains(&class) && !is_complex && !is_logical);
+        // Of truth values those count that mark the rows which can be used.
+        let is_number = !is_complex && (!is_logical || status::is_status(&name));
+        let plain = sides.filter(|_| NUMERIC.contains(&class) && is_number);
         let Some(sides) = plain else {
             if self.others.len() < MAX_COLUMNS {
                 self.others.push(name);

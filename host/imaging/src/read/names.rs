@@ -1,6 +1,7 @@
 //! The order of files by the numbers in their names.
 
 use crate::error::ImagingError;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Digits behind a point that are kept.
@@ -21,11 +22,16 @@ pub(super) struct Part {
 /// Names that have another order with decimals than with two numbers.
 pub(super) fn sort(folder: &Path, files: &mut [PathBuf]) -> Result<(), ImagingError> {
     let is_decimal = has_decimals(files);
-    files.sort_by_cached_key(|path| parts(&name(path), is_decimal));
+    let mut sorted: Vec<(Vec<Part>, PathBuf)> =
+        all_parts(files, is_decimal).into_iter().zip(files.to_vec()).collect();
+    sorted.sort();
+    for (place, (_, file)) in files.iter_mut().zip(sorted) {
+        *place = file;
+    }
     if is_decimal || are_two_numbers(files) {
         return Ok(());
     }
-    let decimals: Vec<Vec<Part>> = files.iter().map(|path| parts(&name(path), true)).collect();
+    let decimals = all_parts(files, true);
     let Some(place) = decimals.windows(2).position(|pair| pair[0] > pair[1]) else { return Ok(()) };
     let pair: Vec<String> = files.iter().skip(place).take(2).map(|path| name(path)).collect();
     let problem = format!("{}: decimals, or two numbers", pair.join(" and "));
@@ -37,7 +43,7 @@ pub(super) fn sort(folder: &Path, files: &mut [PathBuf]) -> Result<(), ImagingEr
 /// distances of numbers are no multiples of the smallest one they are times or another quantity.
 pub(super) fn check_numbers(folder: &Path, files: &[PathBuf]) -> Result<(), ImagingError> {
     let is_decimal = has_decimals(files);
-    let names: Vec<Vec<Part>> = files.iter().map(|path| parts(&name(path), is_decimal)).collect();
+    let names = all_parts(files, is_decimal);
     let Some(first) = names.first().filter(|first| names.iter().all(|parts| parts.len() == first.len()))
     else {
         return Ok(());
@@ -109,6 +115,28 @@ fn is_fraction(parts: &[Part], at: usize) -> bool {
         && at.checked_sub(1).is_some_and(|before| {
             !is_behind_point(parts, before) && parts.get(before).is_some_and(|part| part.digits > 0)
         })
+}
+
+/// The texts and numbers of all names. A minus is a sign, also behind a letter, where other names have the same text without it: `z-5` beside
+/// `z0` and `z+5`. One that all have is a hyphen.
+fn all_parts(files: &[PathBuf], is_decimal: bool) -> Vec<Vec<Part>> {
+    let mut names: Vec<Vec<Part>> = files.iter().map(|path| parts(&name(path), is_decimal)).collect();
+    let longest = names.iter().map(Vec::len).max().unwrap_or(0);
+    for at in 0..longest {
+        let parts = names.iter().filter_map(|parts| parts.get(at)).filter(|part| part.digits > 0);
+        let positive: BTreeSet<String> = parts
+            .filter(|part| !part.text.ends_with('-'))
+            .map(|part| part.text.trim_end_matches('+').to_owned())
+            .collect();
+        for part in names.iter_mut().filter_map(|parts| parts.get_mut(at)).filter(|part| part.digits > 0) {
+            if let Some(text) = part.text.strip_suffix('-').filter(|text| positive.contains(*text)) {
+                (part.text, part.number) = (text.to_owned(), -part.number);
+            } else if let Some(text) = part.text.strip_suffix('+') {
+                part.text = text.to_owned();
+            }
+        }
+    }
+    names
 }
 
 /// The texts and numbers of a name.
@@ -185,6 +213,8 @@ mod tests {
             &["z_1mm.png", "z_1.25mm.png", "z_1.5mm.png", "z_1.75mm.png", "z_2mm.png"],
             &["z_-10.png", "z_-5.png", "z_0.png", "z_5.png"],
             &["-2.5.png", "-2.png", "-1.5.png", "-1.png"],
+            &["z-10.png", "z-5.png", "z0.png", "z5.png", "z10.png"],
+            &["at 1 -2.png", "at 1 -1.png", "at 1 +1.png", "at 2 -1.png"],
             &["run-8.png", "run-9.png", "run-10.png"],
             &["2024-05-06_10.00.09.png", "2024-05-06_10.00.10.png", "2024-05-06_10.01.00.png"],
             &["scan 1.08.png", "scan 1.09.png", "scan 1.10.png"],

@@ -1,7 +1,7 @@
 //! Times of a table, and whether two tables have one clock.
 
 use super::super::TableError;
-use super::super::mapping::Choice;
+use super::super::mapping::{Choice, is_time};
 use super::super::raw::{RawColumn, RawTable};
 use super::super::unit::{Quantity, Unit};
 use super::{Options, Part, coarse};
@@ -91,10 +91,18 @@ pub(super) fn is_of_computer(column: &RawColumn, unit: &Unit) -> bool {
 
 /// A table without times where they are needed.
 pub(super) fn missing(table: &RawTable) -> TableError {
-    let names: Vec<&str> = table.columns.iter().map(|column| column.header.as_str()).collect();
+    fn names(table: &RawTable, is: impl Fn(&&RawColumn) -> bool) -> Vec<&str> {
+        table.columns.iter().filter(is).map(|column| column.header.as_str()).collect()
+    }
+    let of_time = names(table, |column| is_time(column));
+    let problem = if of_time.len() > 1 {
+        format!("{} are columns of times", of_time.join(" and "))
+    } else {
+        format!("no column of times among {}", names(table, |_| true).join(", "))
+    };
     TableError::File {
         path: table.path.clone(),
-        problem: format!("no column of times among {}", names.join(", ")),
+        problem,
         expected: "--map 'COLUMN=time_s:UNIT', or --rate-hz for rows at one rate".to_owned(),
     }
 }

@@ -183,6 +183,26 @@ fn what_cannot_be_read_is_named_or_left_out() {
     assert_eq!(tables[0].columns[0].origin, 1_764_000_000);
 }
 
+#[test]
+fn zeros_and_marks_in_messages_are_no_readings() {
+    let mut messages = push(false);
+    for (row, (topic, _, ns, data)) in messages.iter_mut().enumerate() {
+        let force = match row {
+            240..=249 => 0.0,
+            100 => 9.9e37,
+            _ => continue,
+        };
+        assert_eq!(*topic, "/ft");
+        *data = cdr(&(stamp(*ns), [0.1, force, -0.2], [0.0; 3]), false);
+    }
+    let tables = read_bytes(&bag(&messages, true)).expect("reads");
+    let options = Options { z_from: Some(ZOrigin::Surface), entry_m: 0.07, ..Options::default() };
+    let run = take(&tables, &mapping(), &options).expect("a run");
+    assert_eq!(run.force.expect("a force").time_s.len(), 284, "{:?}", run.notes);
+    let words = "line 241: \"/ft:force.y\" falls from 0.3 to exactly 0";
+    assert!(run.notes.iter().any(|note| note.contains(words)), "{:?}", run.notes);
+}
+
 /// Bags of other libraries: `tests/data/README.md` states which.
 #[test]
 fn bags_of_other_writers_hold_the_values_they_were_made_of() {

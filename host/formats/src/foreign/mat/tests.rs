@@ -239,3 +239,36 @@ proptest::proptest! {
         let _ = read_bytes(&bytes);
     }
 }
+
+#[test]
+fn states_and_marks_are_obeyed_as_those_of_a_text() {
+    let [t, x, mut f] = [0, 1, 2].map(|at: usize| (0..ROWS).map(|row| truth(row)[at]).collect::<Vec<f64>>());
+    f[5] = 9999.0;
+    f[7] = -3.697_314e28;
+    let valid: Vec<u8> = (0..ROWS).map(|row| u8::from(row != 20 && row != 21)).collect();
+    let side = [ROWS as u32, 1];
+    let vectors = [
+        doubles(false, "t", side, &t),
+        doubles(false, "x", side, &x),
+        doubles(false, "f", side, &f),
+        // A flag of the array states that its bytes are truth values.
+        {
+            let mut logical = Writer::new(false);
+            for words in [[0x200 | 9, 0], [ROWS as u32, 1]] {
+                let kind = if words[1] == 0 { 6 } else { 5 };
+                let content = logical.words(&words);
+                logical.element(kind, &content);
+            }
+            logical.element(1, b"valid");
+            logical.element(2, &valid);
+            logical.bytes
+        },
+    ];
+    let run = taken(&file(false, false, &vectors), ["t=time_s:s", "x=displacement_y_mm:mm", "f=force_y_n:N"]);
+    assert_eq!(run.force.expect("a force").time_s.len(), ROWS - 4, "{:?}", run.notes);
+    assert!(
+        run.notes.iter().any(|note| note.contains("2 rows whose \"valid\" is 0 are skipped")),
+        "{:?}",
+        run.notes
+    );
+}
