@@ -113,7 +113,7 @@ pub(super) struct Part<'t> {
 /// [`TableError`].
 pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result<Taken, TableError> {
     let complete = mapping.completed(tables);
-    let measured = without_dropouts(tables, &complete);
+    let measured = dropouts::without(tables, &complete);
     let tables = measured.as_slice();
     let mut result = Taken::default();
     let mut columns_used: Vec<Part> = Vec::new();
@@ -174,27 +174,6 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
         return Err(nothing(tables, &columns_used));
     }
     Ok(result)
-}
-
-/// The tables without what their channels write for a reading that is missing, in the columns over time that are taken.
-fn without_dropouts(tables: &[RawTable], mapping: &Mapping) -> Vec<RawTable> {
-    let mut tables = tables.to_vec();
-    for table in &mut tables {
-        for choice in &mapping.choices {
-            let Target { name, quantity, .. } = choice.target;
-            // A shape is a few points along the needle, and a rotation is commanded.
-            let is_over_time = matches!(quantity, Quantity::Force | Quantity::Length)
-                && name != "z_mm"
-                && !name.starts_with("deflection_");
-            let place = table.find(&choice.column).ok().flatten().filter(|_| is_over_time);
-            let Some(column) = place.and_then(|place| table.columns.get_mut(place)) else { continue };
-            table.notes.extend(dropouts::take_out_zeros(column, &table.lines));
-            if quantity == Quantity::Force {
-                table.notes.extend(dropouts::stuck(column, &table.lines));
-            }
-        }
-    }
-    tables
 }
 
 /// The column of a choice in each table that has it.

@@ -1,7 +1,7 @@
 //! Channels that give a number while they measure nothing.
 
-use super::Taken;
 use super::layout_tests::{lines, taken, truth};
+use super::{Taken, zeros_among_forces};
 
 const HEADER: &str = "Time (s),Extension (mm),Load (N)\n";
 
@@ -113,4 +113,21 @@ fn a_force_that_is_one_value_over_and_over_is_remarked() {
         let run = with_force(force);
         assert!(!run.notes.iter().any(|note| note.contains("exactly")), "{name}: {:?}", run.notes);
     }
+}
+
+#[test]
+fn a_force_series_of_a_session_is_searched_for_them_too() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("push.csv");
+    for (is_zero, line) in [(false, None), (true, Some(262))] {
+        let bytes = lines("time_s,displacement_y_mm,force_y_n\n", |i, t, x, f| {
+            let force = if is_zero && (260..270).contains(&i) { 0.0 } else { f };
+            format!("{t},{x:.6},{force:.5}")
+        });
+        std::fs::write(&path, bytes).expect("written");
+        let found = zeros_among_forces(&path);
+        assert_eq!(found.as_ref().map(|(line, ..)| *line), line, "{found:?}");
+        assert!(found.is_none_or(|(_, field, words)| field == "force_y_n" && words.contains("to exactly 0")));
+    }
+    assert_eq!(zeros_among_forces(&folder.path().join("none.csv")), None);
 }

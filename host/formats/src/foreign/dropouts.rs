@@ -18,7 +18,10 @@
 //!
 //! Chances are multiplied by the number of places (Bonferroni) and count below [`CHANCE`].
 
-use super::RawColumn;
+use super::mapping::{Mapping, Target};
+use super::unit::Quantity;
+use super::{RawColumn, RawTable};
+use std::path::Path;
 
 /// Error probability of a finding, as that of the program's intervals of 95 %.
 pub(super) const CHANCE: f64 = 0.05;
@@ -90,6 +93,12 @@ impl Readings {
         [before, self.values.get(stretch.first + stretch.count)].map(Option::<&f64>::copied)
     }
 
+    /// Whether the readings beside a stretch of zeros, one before it at least, are further from zero than this.
+    fn is_beyond(&self, reach: f64, stretch: &Stretch) -> bool {
+        let beside = self.beside(stretch);
+        beside[0].is_some() && beside.iter().flatten().all(|value| value.abs() > reach)
+    }
+
     fn rows_of(&self, stretch: &Stretch) -> impl Iterator<Item = usize> + '_ {
         self.rows.iter().skip(stretch.first).take(stretch.count).copied()
     }
@@ -129,26 +138,20 @@ impl Readings {
         let begins_with_zero = self.values.first() == Some(&0.0);
         let first_reading = others.first().map(|stretch| self.value(stretch))?;
         let reach = step + if begins_with_zero { first_reading.abs() } else { 0.0 };
-        let is_far = |stretch: &&Stretch| {
-            let beside = self.beside(stretch);
-            beside[0].is_some() && beside.iter().flatten().all(|value| value.abs() > reach)
-        };
         let (inner, at_end): (Vec<&Stretch>, Vec<&Stretch>) = zeros
             .into_iter()
             .filter(|stretch| self.beside(stretch)[0].is_some())
             .partition(|stretch| self.beside(stretch)[1].is_some());
-        let shown = inner.iter().copied().find(|stretch| is_far(stretch));
+        let shown = inner.iter().copied().find(|stretch| self.is_beyond(reach, stretch));
         let chance = inner.len() as f64 * 2.0 / ((m + 1.0) * (m + 2.0));
         let shown = shown.filter(|_| chance < CHANCE);
         // A record that ends with zeros has one step into them; that it repeats them longer than any other reading is the second sign.
         let longest = others.iter().map(|stretch| stretch.count).max().unwrap_or(0);
         let has_band = begins_with_zero && stretches.first().is_some_and(|stretch| stretch.count > longest);
-        let is_end = |stretch: &&Stretch| {
-            is_far(stretch) && !has_band && stretch.count > longest && (m + 1.0).recip() < CHANCE
-        };
+        let least = if has_band || (m + 1.0).recip() >= CHANCE { usize::MAX } else { longest + 1 };
         let at_end = at_end
             .into_iter()
-            .find(|stretch| if shown.is_some() { is_far(stretch) } else { is_end(stretch) });
+            .find(|stretch| self.is_beyond(reach, stretch) && (shown.is_some() || stretch.count >= least));
         // Where zero stands for no reading, it says nothing anywhere between readings.
         let rows: Vec<usize> = inner
             .iter()
@@ -162,6 +165,27 @@ impl Readings {
     }
 }
 
+/// The tables without what their channels write for a reading that is missing, in the columns over time that are taken.
+pub(super) fn without(tables: &[RawTable], mapping: &Mapping) -> Vec<RawTable> {
+    let mut tables = tables.to_vec();
+    for table in &mut tables {
+        for choice in &mapping.choices {
+            let Target { name, quantity, .. } = choice.target;
+            // A shape is a few points along the needle, and a rotation is commanded.
+            let is_over_time = matches!(quantity, Quantity::Force | Quantity::Length)
+                && name != "z_mm"
+                && !name.starts_with("deflection_");
+            let place = table.find(&choice.column).ok().flatten().filter(|_| is_over_time);
+            let Some(column) = place.and_then(|place| table.columns.get_mut(place)) else { continue };
+            table.notes.extend(take_out_zeros(column, &table.lines));
+            if quantity == Quantity::Force {
+                table.notes.extend(stuck(column, &table.lines));
+            }
+        }
+    }
+    tables
+}
+
 /// Leaves the readings of a mark out of a column.
 pub(super) fn leave_out(column: &mut RawColumn, mark: &Mark) {
     for row in &mark.rows {
@@ -170,22 +194,39 @@ pub(super) fn leave_out(column: &mut RawColumn, mark: &Mark) {
 }
 
 /// Takes zeros that are no readings out of a column, and states which they were; `lines` are those of the rows.
-pub(super) fn take_out_zeros(column: &mut RawColumn, lines: &[usize]) -> Option<String> {
+fn take_out_zeros(column: &mut RawColumn, lines: &[usize]) -> Option<String> {
     let mark = Readings::new(column).zeros()?;
     leave_out(column, &mark);
+    let (line, count) = (lines.get(mark.row)?, mark.rows.len());
     Some(format!(
-        "line {}: \"{}\" falls from {} to exactly 0, and elsewhere changes by {} at most from one reading to the next: such zeros between readings are marks of \
-         missing ones, {} of them, and left out",
-        lines.get(mark.row)?,
+        "line {line}: \"{}\" {}: such zeros between readings are marks of missing ones, {count} of them, and left out",
         column.header,
-        rounded(mark.beside),
-        rounded(mark.step),
-        mark.rows.len()
+        words(&mark)
     ))
 }
 
+/// Line, column and description of zeros that are no readings among the forces of a file with a session's columns; none in one that is no table.
+pub fn zeros_among_forces(path: &Path) -> Option<(usize, String, String)> {
+    let tables = RawTable::read(path).ok()?;
+    tables.iter().find_map(|table| {
+        let forces = table.columns.iter().filter(|column| column.header.starts_with("force_"));
+        let (column, mark) =
+            forces.filter_map(|column| Some((column, Readings::new(column).zeros()?))).next()?;
+        Some((*table.lines.get(mark.row)?, column.header.clone(), words(&mark)))
+    })
+}
+
+/// What shows that zeros are no readings.
+fn words(mark: &Mark) -> String {
+    format!(
+        "falls from {} to exactly 0, and elsewhere changes by {} at most from one reading to the next",
+        rounded(mark.beside),
+        rounded(mark.step)
+    )
+}
+
 /// Remark on a force that is one value over and over.
-pub(super) fn stuck(column: &RawColumn, lines: &[usize]) -> Option<String> {
+fn stuck(column: &RawColumn, lines: &[usize]) -> Option<String> {
     let readings = Readings::new(column);
     let stretches = readings.stretches();
     let has_band = readings.values.first() == Some(&0.0) && stretches.len() > 1;

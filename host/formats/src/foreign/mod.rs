@@ -17,6 +17,7 @@ mod dropouts;
 #[cfg(feature = "excel")]
 mod excel;
 mod grid;
+mod left_out;
 mod mapping;
 mod marks;
 #[cfg(feature = "matlab")]
@@ -31,6 +32,7 @@ mod unit;
 
 pub use align::{Offset, OffsetError};
 pub use apply::{Options, Taken, TakenColumn, ZOrigin, Zero, take};
+pub use dropouts::zeros_among_forces;
 pub use grid::{Grid, of_other_format};
 pub use mapping::{Choice, Mapping, Target};
 pub use raw::{RawColumn, RawTable};

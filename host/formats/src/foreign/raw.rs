@@ -2,17 +2,14 @@
 
 use super::cells::{Number, is_missing};
 use super::grid::Grid;
+use super::left_out::without;
 use super::summary::{rows_apart, rows_of_statistics};
 use super::unit::{Unit, split_name};
-use super::{TableError, marks, names, status, thousands};
+use super::{TableError, names, status, thousands};
 use std::path::{Path, PathBuf};
 
 /// Rows by which columns of numbers are told from others.
 const SAMPLE: usize = 50;
-/// Numbers from which on no reading is: no counter, no clock and no converter has more than 64 bits. Instruments with SCPI commands send
-/// 9.9e37 in place of a reading that is out of range, trackers of NDI -3.7e28 for a tool that is not seen, others the largest number that they have.
-const OVERLOAD: f64 = u64::MAX as f64;
-
 /// A column of numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RawColumn {
@@ -251,42 +248,6 @@ impl RawTable {
         Ok(table)
     }
 
-    /// The table without what its columns of states and its numbers mark as no readings, as a table of text is: for formats of numbers
-    /// alone.
-    pub(super) fn of_numbers(mut self) -> Self {
-        let mut notes = std::mem::take(&mut self.notes);
-        for place in 0..self.columns.len() {
-            let Some(column) = self.columns.get(place).filter(|column| status::is_status(&column.header))
-            else {
-                continue;
-            };
-            let (header, origin) = (column.header.clone(), column.origin as f64);
-            let text =
-                |value: &f64| if value.is_nan() { String::new() } else { (origin + value).to_string() };
-            let cells: Vec<[String; 1]> = column.values.iter().map(|value| [text(value)]).collect();
-            let kept: Vec<&[String]> = cells.iter().map(<[String; 1]>::as_slice).collect();
-            self.leave_out_marked(&header, &kept, 0, &mut notes);
-        }
-        self.leave_out_numbers(&mut notes);
-        self.notes = notes;
-        self
-    }
-
-    /// Leaves out numbers that stand for no reading.
-    fn leave_out_numbers(&mut self, notes: &mut Vec<String>) {
-        for column in &mut self.columns {
-            let overloads = column.values.iter_mut().filter(|value| value.abs() >= OVERLOAD);
-            let count = overloads.map(|value| *value = f64::NAN).count();
-            if count > 0 {
-                notes.push(format!(
-                    "\"{}\": {count} numbers of more than 64 bits, as instruments send in place of a reading (9.9e37), are left out",
-                    column.header
-                ));
-            }
-            notes.extend(marks::take_out(column, &self.lines));
-        }
-    }
-
     /// Behind the last row of readings: rows at the end with a word in the first column of numbers are a summary or a note of the program, of which there are fewer than readings.
     fn end(&self, rows: &[(usize, Vec<String>)], first: usize, has_decimal_comma: bool) -> usize {
         let Some(place) = self.columns.first().map(|column| column.number - 1) else { return rows.len() };
@@ -299,34 +260,6 @@ impl RawTable {
         };
         let count = rows.iter().skip(first).rev().take_while(|row| is_word(row)).count();
         if first + 2 * count > rows.len() { rows.len() } else { rows.len() - count }
-    }
-
-    /// Leaves out the rows that a column of states marks as unusable; their places among those before.
-    fn leave_out_marked(
-        &mut self,
-        header: &str,
-        kept: &[&[String]],
-        index: usize,
-        notes: &mut Vec<String>,
-    ) -> Vec<usize> {
-        let cells = kept.iter().map(|cells| cells.get(index).map_or("", String::as_str));
-        let marked = status::marked(header, cells);
-        if !marked.unknown.is_empty() {
-            notes.push(format!(
-                "\"{header}\" has {}, and it is not known whether such rows can be used: they are used",
-                marked.unknown.join(", ")
-            ));
-        }
-        if marked.rows.is_empty() {
-            return Vec::new();
-        }
-        let words = marked.words.join(", ");
-        notes.push(format!("{} rows whose \"{header}\" is {words} are skipped", marked.rows.len()));
-        for column in &mut self.columns {
-            column.values = without(&column.values, &marked.rows);
-        }
-        self.lines = without(&self.lines, &marked.rows);
-        marked.rows
     }
 
     /// Adds a row; not where it has no number at all.
@@ -399,16 +332,6 @@ impl RawTable {
             }
         }
     }
-}
-
-/// The elements but those at these places, which ascend.
-fn without<T: Clone>(elements: &[T], places: &[usize]) -> Vec<T> {
-    elements
-        .iter()
-        .enumerate()
-        .filter(|(place, _)| places.binary_search(place).is_err())
-        .map(|(_, element)| element.clone())
-        .collect()
 }
 
 /// Whether the last cell of the last row is shorter behind its decimal sign than that of any row above it, of which all have as many digits.

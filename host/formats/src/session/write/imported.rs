@@ -4,7 +4,8 @@ use super::super::schema::SHARED_COLUMNS;
 use super::super::{ForceSeries, InsertionRun, LateralRun, Setup, ShapeSeries};
 use super::insertion::insertion_entry;
 use super::{SessionWriter, check_name, enter};
-use crate::document::{SessionError, number, read_text, replace};
+use crate::document::{Place, Problem, SessionError, number, read_text, replace};
+use crate::foreign::zeros_among_forces;
 use mechanics::ShapeImage;
 use std::path::Path;
 
@@ -18,7 +19,7 @@ impl SessionWriter {
     /// `<id>.shape.csv`; and its entry in `session.toml`.
     ///
     /// # Errors
-    /// As [`Self::lateral`]; [`SessionError::NotFinite`]; where `force` cannot be read.
+    /// As [`Self::lateral`]; [`SessionError::NotFinite`]; where `force` cannot be read, or has zeros that are no readings.
     pub fn lateral_from(
         &mut self,
         id: &str,
@@ -29,6 +30,18 @@ impl SessionWriter {
         self.check_id(id, &self.lateral_ids)?;
         let session_file = self.dir.join("session.toml");
         let depth_mm = number(&session_file, "depth_mm", 1e3 * depth_m)?;
+        if let Some((path, (line, field, words))) =
+            force.and_then(|path| Some((path, zeros_among_forces(path)?)))
+        {
+            return Err(SessionError::Field {
+                place: Place { path: path.to_owned(), line, column: 1 },
+                field,
+                problem: Problem::Syntax(words),
+                expected:
+                    "readings: such zeros are marks of missing ones, which `guide import table` leaves out"
+                        .to_owned(),
+            });
+        }
         let rows = force.map_or_else(|| Ok(NO_FORCE.to_owned()), read_text)?;
         let columns = shape_columns(shape);
         let entry = lateral_entry(id, &depth_mm);
