@@ -135,6 +135,35 @@ fn overload_of_a_meter() {
 }
 
 #[test]
+fn zeros_of_a_channel_that_was_off() {
+    let is_off: [fn(f64) -> bool; 3] = [
+        |t| (3.9..4.3).contains(&t),
+        |t| t > 3.4 && (10.0 * t).round() as u32 % 7 == 0,
+        |t| (8.5..8.7).contains(&t),
+    ];
+    for is_off in is_off {
+        let content = rows_as("Time (s),Displacement (mm),Force (N)\n", |[t, d, f]| {
+            format!("{t},{d},{}", if is_off(*t) { 0.0 } else { *f })
+        });
+        assert_right_or_rejected(&table(content, &[]), &["zero", "0"], |answer| {
+            assert_staircase(answer, 100);
+            assert!(answer.printed.contains("to exactly 0"), "{}", answer.printed);
+        });
+    }
+}
+
+#[test]
+fn a_tracker_that_lost_its_tool() {
+    let content = rows_as("Time (s),Displacement (mm),Force (N)\n", |[t, d, f]| {
+        if (3.9..4.3).contains(t) { format!("{t},-3.697314E28,{f}") } else { format!("{t},{d},{f}") }
+    });
+    assert_right_or_rejected(&table(content, &[]), &["3.69", "range"], |answer| {
+        assert_staircase(answer, 100);
+        assert!(answer.printed.contains("4 readings beyond the range"), "{}", answer.printed);
+    });
+}
+
+#[test]
 fn milliseconds_that_overflow() {
     let content = rows_as("Time (ms),Displacement (mm),Force (N)\n", |[t, d, f]| {
         let ms = 4_294_964_000_u32.wrapping_add((1e3 * t).round() as u32);

@@ -63,7 +63,10 @@ fn a_position_that_drops_to_zero_is_left_out() {
 #[test]
 fn zeros_that_are_readings_stay() {
     // Before contact, in a band around zero, in a channel of few levels, and on the way from one side to the other.
-    let kept: [(&str, fn(usize, f64) -> String); 5] = [
+    let kept: [(&str, fn(usize, f64) -> String); 6] = [
+        ("steps of a tenth", |i, _| {
+            format!("{:.1}", ((i as f64 - 200.0).abs() / 10.0 - 3.0).max(0.0).floor() / 10.0)
+        }),
         ("before contact", |i, f| if i <= 150 { "0".to_owned() } else { format!("{f:.5}") }),
         ("contact with a step", |i, f| if i <= 150 { "0".to_owned() } else { format!("{:.5}", f + 0.8) }),
         ("a band", |i, _| {

@@ -103,11 +103,13 @@ impl Readings {
         self.rows.iter().skip(stretch.first).take(stretch.count).copied()
     }
 
-    /// Largest step from one reading to the next among those of other values than these, and how many steps there are.
+    /// Largest step from one reading to the next among those of other values than these, with the rounding of a difference of two, and how many
+    /// steps there are.
     fn largest_step(&self, without: &[f64]) -> (f64, usize) {
         let others: Vec<f64> = self.values.iter().copied().filter(|value| !without.contains(value)).collect();
         let steps = others.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-        (steps.fold(0.0, f64::max), others.len().saturating_sub(1))
+        let largest = others.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        (steps.fold(0.0, f64::max) + 2.0 * f64::EPSILON * largest, others.len().saturating_sub(1))
     }
 
     /// Whether this value stands for a missing reading, where a reading is it with the chance `prior`; `without` are all such values.
