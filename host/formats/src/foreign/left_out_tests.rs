@@ -105,6 +105,15 @@ fn the_last_reading_is_one_unless_it_is_cut_off() {
             run.notes
         );
     }
+    // A short table of a program that leaves out zeros at the end.
+    let short: Vec<String> = (1..16)
+        .map(|i| {
+            format!("{i},{i}.{}5,{}", i % 5, if i == 15 { "0.3".to_owned() } else { format!("0.{}7", i % 3) })
+        })
+        .collect();
+    let run = taken((header.to_owned() + &short.join("\n")).as_bytes(), &["Time (s)=time_s:s"], None)
+        .expect("a run");
+    assert_eq!(run.force.expect("a force").time_s.len(), 15, "{:?}", run.notes);
     // Every number of the last row is the greatest of its column, and a counter goes on.
     let bytes = lines("Frame,Time (s),Extension (mm),Load (N)\n", |i, t, x, _| {
         format!("{},{t:.2},{x:.4},{:.5}", i + 1, 0.3 * x)

@@ -1,6 +1,7 @@
 //! Finds the numbers of a table, and the names of its columns.
 
 use super::cells::{Number, is_missing};
+use super::dropouts::CHANCE;
 use super::grid::Grid;
 use super::left_out::without;
 use super::summary::{rows_apart, rows_of_statistics};
@@ -335,6 +336,8 @@ impl RawTable {
 }
 
 /// Whether the last cell of the last row is shorter behind its decimal sign than that of any row above it, of which all have as many digits.
+/// A program that leaves out zeros at the end of a number does so in one row of ten: rows that show that this one does not are so many
+/// that they would all be the other nine with a chance below [`CHANCE`].
 fn has_fewer_digits(rows: &[(usize, Vec<String>)], first: usize) -> bool {
     fn decimals((_, cells): &(usize, Vec<String>)) -> Option<usize> {
         let cell = cells.last()?;
@@ -342,7 +345,8 @@ fn has_fewer_digits(rows: &[(usize, Vec<String>)], first: usize) -> bool {
     }
     let Some((last, above)) = rows.get(first..).and_then(<[_]>::split_last) else { return false };
     let usual = above.first().and_then(decimals);
-    above.iter().all(|row| decimals(row) == usual) && decimals(last) < usual
+    let chance = 0.9f64.powi(i32::try_from(above.len()).unwrap_or(i32::MAX));
+    chance < CHANCE && above.iter().all(|row| decimals(row) == usual) && decimals(last) < usual
 }
 
 /// Whether a row between the readings names columns: by the names above them in any order, or by a word in each of as many cells.

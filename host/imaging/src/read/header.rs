@@ -123,18 +123,24 @@ pub(super) fn orientation(header: &mut Header, field: &str, value: &str) {
     }
 }
 
-/// Directions in space of which one of the image's two axes is reversed and the other is not: the stored frame is a mirror image of
-/// what was in space, and which side of it is far from the probe does not follow. Both are reversed where right and anterior are
-/// written as left and posterior. Axes that the file states as those of the probe count instead.
-pub(super) fn mirrored(header: &mut Header, field: &str, diagonal: [Option<f64>; 2], is_left_handed: bool) {
-    let [Some(x), Some(y)] = diagonal else { return };
-    let is_mirrored = x * y != 0.0 && (x * y < 0.0) != is_left_handed;
+/// Directions in space, those of the image's two axes by the first two of space, in which the image is reversed: one axis and not the other, or
+/// both exchanged. The stored frame is a mirror image of what was in space, and which side of it is far from the probe does not follow. Both
+/// are reversed where right and anterior are written as left and posterior. Axes that the file states as those of the probe count instead.
+pub(super) fn mirrored(
+    header: &mut Header,
+    field: &str,
+    directions: [[Option<f64>; 2]; 2],
+    is_left_handed: bool,
+) {
+    let [[Some(x0), Some(x1)], [Some(y0), Some(y1)]] = directions else { return };
+    let area = x0 * y1 - x1 * y0;
+    let is_mirrored = area != 0.0 && (area < 0.0) != is_left_handed;
     if !is_mirrored || header.orientation.is_some() || header.unclear(Statement::Orientation).is_some() {
         return;
     }
     let unclear = Unclear {
         field: field.to_owned(),
-        problem: "one axis of the image is reversed in space, as in a mirror".to_owned(),
+        problem: "one axis of the image is reversed in space, as in a mirror, or both are exchanged".to_owned(),
         expected: "--orientation: MF where frames are stored as the scanner shows them, UF where left and right are exchanged, MN where \
                    they are upside down"
             .to_owned(),

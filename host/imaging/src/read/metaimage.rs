@@ -63,8 +63,8 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         let numbers: Option<Vec<f64>> = value.split_whitespace().map(|number| number.parse().ok()).collect();
         let numbers = numbers.unwrap_or_default();
         let sides = numbers.len().isqrt();
-        let diagonal = [numbers.first().copied(), numbers.get(sides + 1).copied()];
-        mirrored(&mut header, key, diagonal, false);
+        let directions = [0, sides].map(|row| [row, row + 1].map(|place| numbers.get(place).copied()));
+        mirrored(&mut header, key, directions, false);
     }
     match stated_spacing(&fields) {
         Ok(mm) => header.spacing_mm = mm,

@@ -176,7 +176,7 @@ fn fields(
         };
         let space = fields.get(&["space"]).map(|(_, value)| value.to_lowercase());
         let is_left_handed = space.is_some_and(|space| LEFT_HANDED.contains(&space.as_str()));
-        mirrored(header, key, [part(0, 0), part(1, 1)], is_left_handed);
+        mirrored(header, key, [0, 1].map(|vector| [part(vector, 0), part(vector, 1)]), is_left_handed);
     }
     match stated_spacing(&fields, &axes) {
         Ok(mm) => header.spacing_mm = mm,

@@ -336,17 +336,26 @@ fn a_mirror_image_in_space_waits_for_the_axes_of_the_user() {
         let header = frames(&path).expect(name).0;
         header.unclear(Statement::Orientation).map_or_else(String::new, ToString::to_string)
     };
-    for (x, y, is_mirrored) in [(1, 1, false), (-1, -1, false), (1, -1, true), (-1, 1, true)] {
+    // A quarter turn is no mirror, and exchanged axes are one.
+    for (x, y, is_mirrored) in [
+        ("1 0", "0 1", false),
+        ("-1 0", "0 -1", false),
+        ("1 0", "0 -1", true),
+        ("-1 0", "0 1", true),
+        ("0 1", "-1 0", false),
+        ("0 1", "1 0", true),
+    ] {
         for axes in ["", "UltrasoundImageOrientation = MNA\n"] {
             let mha = format!(
-                "NDims = 3\nDimSize = 4 2 3\nTransformMatrix = {x} 0 0 0 {y} 0 0 0 1\n{axes}ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
+                "NDims = 3\nDimSize = 4 2 3\nTransformMatrix = {x} 0 {y} 0 0 0 1\n{axes}ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
             );
             let text = unclear("s.mha", mha);
             assert_eq!(text.contains("--orientation"), is_mirrored && axes.is_empty(), "{x} {y}: {text}");
         }
+        let [x, y] = [x, y].map(|axis| axis.replace(' ', ","));
         for (space, is_left_handed) in [("left-posterior-superior", false), ("LAS", true)] {
             let nrrd = format!(
-                "NRRD0004\ntype: uint8\nsizes: 4 2 3\nspace: {space}\nspace directions: ({x},0,0) (0,{y},0) (0,0,1)\nencoding: raw\n\n"
+                "NRRD0004\ntype: uint8\nsizes: 4 2 3\nspace: {space}\nspace directions: ({x},0) ({y},0) (0,0,1)\nencoding: raw\n\n"
             );
             assert_eq!(unclear("s.nrrd", nrrd).is_empty(), is_mirrored == is_left_handed, "{space} {x} {y}");
         }
