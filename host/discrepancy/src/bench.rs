@@ -7,7 +7,7 @@ pub(crate) use prepared::Prepared;
 use super::data::{Data, Run};
 use super::form::{Form, Shape, Span};
 use super::model::{Error, ForwardModel, Site};
-use super::term::{Stated, Term, Terms};
+use super::term::{Ranges, Term, Terms};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -84,22 +84,20 @@ impl<'a> Bench<'a> {
 
     /// Ranges of all regressors: as declared, of the data, or as the model states them.
     fn find_spans(&self, start: &[f64]) -> Result<Vec<Vec<Span>>, Error> {
-        let stated = Stated::default();
+        let ranges = Ranges::default();
         for prepared in &self.training {
-            self.predict(prepared.run, start, &[], Some(&stated))?;
+            self.predict(prepared.run, start, &[], Some(&ranges))?;
         }
-        let stated = stated.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
         let of_data = |name: &str| {
             let values = self.training.iter().filter_map(|prepared| prepared.run.column(name)).flatten();
             values.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], x| [least.min(*x), most.max(*x)])
         };
         let of_site = |site: &Site| {
             let of_regressor = |regressor: &super::model::Regressor| {
-                let key = (site.name.clone(), regressor.name.clone());
                 let range = match (regressor.range, &site.adds_to) {
                     (Some(range), _) => range,
                     (None, Some(_)) => of_data(&regressor.name),
-                    (None, None) => stated.get(&key).copied().unwrap_or([0.0, 0.0]),
+                    (None, None) => ranges.get(&site.name, &regressor.name).unwrap_or([0.0, 0.0]),
                 };
                 let [least, most] = range;
                 if most > least && (most - least).is_finite() {
@@ -218,12 +216,12 @@ impl<'a> Bench<'a> {
         run: &Run,
         values: &[f64],
         terms: &[Term],
-        stated: Option<&Stated>,
+        ranges: Option<&Ranges>,
     ) -> Result<Vec<Vec<f64>>, Error> {
         let parameters = values.get(..self.model.parameters().len()).unwrap_or(values);
         let model_terms: Vec<Term> =
             terms.iter().filter(|term| self.channel_of(term, run).is_none()).cloned().collect();
-        let view = stated.map_or(Terms::new(&model_terms), |stated| Terms::recording(&model_terms, stated));
+        let view = ranges.map_or(Terms::new(&model_terms), |ranges| Terms::recording(&model_terms, ranges));
         let mut channels = self.model.predict(run, parameters, &view).map_err(|cause| Error::Model {
             run: run.name.clone(),
             values: self.text(parameters),

@@ -1,5 +1,6 @@
 //! Measurements: runs of named channels with their places, and which runs judge.
 
+use super::model::ModelFailure;
 use serde::{Deserialize, Serialize};
 
 /// Readings of a channel that a fit needs at least.
@@ -56,6 +57,14 @@ impl Run {
             return Some(&self.time_s);
         }
         self.columns.iter().find(|column| column.name == name).map(|column| column.values.as_slice())
+    }
+
+    /// Values of a known column that a model needs.
+    ///
+    /// # Errors
+    /// [`ModelFailure::Failed`] where there is none of this name.
+    pub fn needed(&self, name: &str) -> Result<&[f64], ModelFailure> {
+        self.column(name).ok_or_else(|| ModelFailure::Failed(format!("no column {name:?}")))
     }
 
     /// Values of a channel.

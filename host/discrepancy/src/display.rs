@@ -1,7 +1,7 @@
 //! The result as text.
 
 use super::regions::Region;
-use super::report::{Estimate, LawName, Misfit, Report, Verdict};
+use super::report::{Estimate, LawName, Misfit, PartReport, Report, Verdict};
 use std::fmt::{Display, Formatter, Result};
 
 /// Refused laws and regions that are listed.
@@ -35,6 +35,13 @@ fn region(f: &mut Formatter<'_>, label: &str, region: &Region) -> Result {
         f,
         "{label:<12} {channel}: {mean:+.4} {unit} for {coordinate} {from:.4} to {to:.4} ({sigma:+.1} sd)"
     )
+}
+
+fn part(f: &mut Formatter<'_>, label: &str, part: &PartReport, meaning: &str) -> Result {
+    let status = if part.is_named { "named" } else { "not named" };
+    let (probability, laws) = (100.0 * part.probability, part.laws.join(" and "));
+    writeln!(f, "{label:<12} {}; {status}, probability {probability:.1} %", Number(&part.estimate))?;
+    writeln!(f, "{:<12}   {meaning}; of {laws}", "")
 }
 
 impl Display for LawName {
@@ -84,13 +91,14 @@ impl Display for Report {
             }
         }
         for offset in &self.offsets {
-            writeln!(f, "offset       {}, mean over the data", Number(offset))?;
+            part(f, "offset", offset, "in both directions alike, mean over the data")?;
         }
         for reversal in &self.reversals {
-            writeln!(
+            part(
                 f,
-                "reversal     {}, half the change from one direction to the other: all dry friction of a force, half the play of a position",
-                Number(reversal)
+                "reversal",
+                reversal,
+                "half the change from one direction to the other: all dry friction of a force, half the play of a position",
             )?;
         }
         for parameter in &self.parameters {

@@ -182,9 +182,17 @@ impl Form {
         self == Self::Bristle
     }
 
-    /// Whether it adds the same for both signs of the regressor: there it acts as an offset.
-    pub fn is_even(self) -> bool {
-        matches!(self, Self::Constant | Self::Asymmetry | Self::Square)
+    /// The part of a function of unit amplitude that both signs of the regressor have in common, `(f(x) + f(-x)) / 2`: there it acts as an offset. A
+    /// constant is nothing else; where the regressor has one sign, no other form has such a part.
+    pub fn even_part(self, amplitude: usize, x: f64, shape: f64, span: &Span) -> f64 {
+        match self {
+            Self::Constant => 1.0,
+            Self::Bristle => 0.0,
+            _ if span.has_both_signs() => {
+                0.5 * (self.value(amplitude, x, shape, span) + self.value(amplitude, -x, shape, span))
+            }
+            _ => 0.0,
+        }
     }
 
     /// Whether it is a law of its own over values of this span: what needs both signs does not repeat what needs none.
@@ -311,6 +319,19 @@ mod tests {
         assert!(!Form::Sign.applies_to(&one_sided) && Form::Sign.applies_to(&SPAN));
         // A toe begins at the least value.
         assert_eq!(Form::Decay.value(0, 0.0, 0.1, &one_sided), 1.0);
+    }
+
+    #[test]
+    fn even_parts_are_what_both_signs_have_in_common() {
+        let even = |form: Form, x| form.even_part(0, x, 0.5, &SPAN);
+        assert_eq!((even(Form::Constant, 1.5), even(Form::Asymmetry, -1.5)), (1.0, 1.5));
+        for form in [Form::Sign, Form::Proportional, Form::SignedSquare, Form::Decay, Form::Bristle] {
+            assert_eq!(even(form, 1.5), 0.0, "{}", form.name());
+        }
+        // A step is an offset of half of it and, beyond its level, half a sign.
+        assert_eq!((even(Form::Step, 1.5), even(Form::Step, 0.25)), (0.5, 0.0));
+        assert_eq!(even(Form::AboveLevel, -1.5), 0.5);
+        assert_eq!(Form::Square.even_part(0, 0.5, 0.0, &Span::between(0.0, 1.0)), 0.0);
     }
 
     #[test]

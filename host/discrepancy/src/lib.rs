@@ -19,23 +19,6 @@
 //! ```
 //! use discrepancy::*;
 //!
-//! /// Force by acceleration and speed.
-//! struct Rail([Parameter; 2], [Site; 1]);
-//!
-//! impl ForwardModel for Rail {
-//!     fn parameters(&self) -> &[Parameter] {
-//!         &self.0
-//!     }
-//!     fn sites(&self) -> &[Site] {
-//!         &self.1
-//!     }
-//!     fn predict(&self, run: &Run, parameters: &[f64], _: &Terms<'_>) -> Result<Vec<Vec<f64>>, ModelFailure> {
-//!         let column = |name| run.column(name).ok_or_else(|| ModelFailure::Failed(format!("no column {name}")));
-//!         let pairs = column("acceleration")?.iter().zip(column("speed")?);
-//!         Ok(vec![pairs.map(|(a, v)| parameters[0] * a + parameters[1] * v).collect()])
-//!     }
-//! }
-//!
 //! let parameter = |name: &str, mean| Parameter { name: name.into(), unit: String::new(), mean, sd: mean, range: None };
 //! let speed = Regressor { name: "speed".into(), unit: "m/s".into(), range: None, resolution: 0.0, history: false };
 //! let friction = Site {
@@ -45,7 +28,11 @@
 //!     regressors: vec![speed],
 //!     forms: Vec::new(),
 //! };
-//! let model = Rail([parameter("mass", 2.0), parameter("viscous", 1.0)], [friction]);
+//! let parameters = vec![parameter("mass", 2.0), parameter("viscous", 1.0)];
+//! let model = FunctionModel::new(parameters, vec![friction], |run: &Run, parameters: &[f64], _: &Terms<'_>| {
+//!     let pairs = run.needed("acceleration")?.iter().zip(run.needed("speed")?);
+//!     Ok(vec![pairs.map(|(a, v)| parameters[0] * a + parameters[1] * v).collect()])
+//! });
 //!
 //! // Two runs of a rail of 2.2 kg and 0.8 N s/m with 0.5 N of dry friction, which nobody has told the model.
 //! let run = |name: &str, hz: f64, judges| {
@@ -80,10 +67,12 @@ mod display;
 pub mod evidence;
 mod fit;
 mod form;
+mod function;
 mod judge;
 mod made;
 mod model;
 mod noise;
+mod parts;
 pub mod process;
 pub mod regions;
 mod report;
@@ -96,15 +85,16 @@ pub mod weights;
 
 pub use data::{Channel, Column, Data, DataError, Run, TIME};
 pub use form::{Form, Shape, Span};
+pub use function::FunctionModel;
 pub use judge::Judgement;
 pub use model::{Error, ForwardModel, ModelFailure, Parameter, Regressor, Site};
 pub use report::{
-    ChannelReport, DiscrepancyReport, Estimate, LawName, Misfit, NoiseReport, ParameterReport, RefusedReport,
-    Report, Rival, TermReport, Verdict,
+    ChannelReport, DiscrepancyReport, Estimate, LawName, Misfit, NoiseReport, ParameterReport, PartReport,
+    RefusedReport, Report, Rival, TermReport, Verdict,
 };
 pub use score::Effect;
 pub use table::TableError;
-pub use term::{Term, Terms};
+pub use term::{Ranges, Term, Terms};
 
 use basis::Basis;
 use bench::Bench;

@@ -3,9 +3,8 @@
 use super::basis::Basis;
 use super::bench::{Bench, Law, Prepared};
 use super::fit::Fitted;
-use super::form::Form;
 use super::judge::held_out_residuals;
-use super::model::{Error, Parameter, Site};
+use super::model::{Error, Parameter};
 use super::regions::regions;
 use super::report::{
     ChannelReport, DiscrepancyReport, Estimate, LawName, Misfit, NoiseReport, ParameterReport, RefusedReport,
@@ -19,13 +18,13 @@ use nalgebra::DVector;
 /// Half a 95 % interval in standard deviations.
 const NORMAL_975: f64 = 1.959_963_984_540_054;
 
-fn estimate(name: &str, unit: String, value: f64, variance: f64) -> Estimate {
+pub(crate) fn estimate(name: &str, unit: String, value: f64, variance: f64) -> Estimate {
     let sd = variance.max(0.0).sqrt();
     let ci95 = [value - NORMAL_975 * sd, value + NORMAL_975 * sd];
     Estimate { name: name.to_owned(), unit, value, sd, ci95 }
 }
 
-fn law_name(bench: &Bench<'_>, law: &Law) -> LawName {
+pub(crate) fn law_name(bench: &Bench<'_>, law: &Law) -> LawName {
     let site = bench.model.sites().get(law.site);
     let regressor = law.regressor.and_then(|number| site?.regressors.get(number));
     let regressor = regressor.map(|regressor| regressor.name.clone());
@@ -70,7 +69,7 @@ fn unit_of(bench: &Bench<'_>, law: &Law, number: usize) -> String {
 }
 
 /// Position of the first number of a law among those of a fit.
-fn first_of(bench: &Bench<'_>, laws: &[Law], member: usize) -> usize {
+pub(crate) fn first_of(bench: &Bench<'_>, laws: &[Law], member: usize) -> usize {
     bench.model.parameters().len() + laws.iter().take(member).map(Law::len).sum::<usize>()
 }
 
@@ -113,7 +112,7 @@ fn term_report(bench: &Bench<'_>, fitted: &Fitted, number: usize, member: &Membe
 }
 
 /// The final model and its rivals, with their weights, which sum to one.
-fn models(found: &Found) -> Vec<(f64, &Fitted)> {
+pub(crate) fn models(found: &Found) -> Vec<(f64, &Fitted)> {
     let mut models: Vec<(f64, &Fitted)> = vec![(1.0, &found.fitted)];
     for member in &found.members {
         let most = member.probability.max(f64::MIN_POSITIVE);
@@ -125,7 +124,7 @@ fn models(found: &Found) -> Vec<(f64, &Fitted)> {
 }
 
 /// Mean and variance over models of a quantity that has both in each.
-fn moments(models: &[(f64, &Fitted)], quantity: impl Fn(&Fitted) -> (f64, f64)) -> (f64, f64) {
+pub(crate) fn moments(models: &[(f64, &Fitted)], quantity: impl Fn(&Fitted) -> (f64, f64)) -> (f64, f64) {
     let each: Vec<(f64, f64, f64)> = models
         .iter()
         .map(|(weight, fitted)| {
@@ -155,67 +154,6 @@ fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<Pa
         }
     };
     bench.model.parameters().iter().enumerate().map(report).collect()
-}
-
-/// A sum over laws of a site, over the final model and its rivals, where the final model has such a law. Each law adds its amplitude times a factor;
-/// of laws without a factor none.
-fn sums_of_laws(
-    bench: &Bench<'_>,
-    found: &Found,
-    factor: impl Fn(&Fitted, usize, usize) -> Option<f64>,
-) -> Vec<Estimate> {
-    let models = models(found);
-    let of_site = |(number, site): (usize, &Site)| {
-        let gradient_of = |fitted: &Fitted| {
-            let mut gradient = DVector::zeros(fitted.values.len());
-            for law in (0..fitted.laws.len()).filter(|law| fitted.laws[*law].site == number) {
-                let first = first_of(bench, &fitted.laws, law);
-                if let Some((place, factor)) = gradient.get_mut(first).zip(factor(fitted, law, first)) {
-                    *place = factor;
-                }
-            }
-            gradient
-        };
-        let moments_of_model = |fitted: &Fitted| {
-            let gradient = gradient_of(fitted);
-            let value = gradient.iter().zip(&fitted.values).map(|(factor, value)| factor * value).sum();
-            (value, (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)])
-        };
-        let has_one = gradient_of(&found.fitted).iter().any(|factor| *factor != 0.0);
-        let (mean, variance) = moments(&models, moments_of_model);
-        has_one.then(|| estimate(&site.name, site.unit.clone(), mean, variance))
-    };
-    bench.model.sites().iter().enumerate().filter_map(of_site).collect()
-}
-
-/// Sums of the even laws of each site, averaged over the data.
-fn offsets(bench: &Bench<'_>, found: &Found) -> Vec<Estimate> {
-    sums_of_laws(bench, found, |fitted, law, first| {
-        let law = fitted.laws.get(law).filter(|law| law.form.is_even())?;
-        let site = bench.model.sites().get(law.site)?;
-        let channel =
-            bench.data.channels().iter().position(|one| Some(&one.name) == site.adds_to.as_ref())?;
-        let (mut sum, mut count) = (0.0, 0);
-        for (prepared, jacobian) in bench.training.iter().zip(&fitted.jacobian) {
-            for row in prepared.rows_of(channel) {
-                sum += jacobian[(row, first)];
-                count += 1;
-            }
-        }
-        Some(sum / f64::from(count.max(1)) * bench.scales.get(channel)?)
-    })
-}
-
-/// Sums of the signs and bristles of each site: neither alone is what a reversal changes where friction builds up over a short way. Signs of a place
-/// are no reversals.
-fn reversals(bench: &Bench<'_>, found: &Found) -> Vec<Estimate> {
-    sums_of_laws(bench, found, |fitted, law, _| {
-        let law = fitted.laws.get(law)?;
-        let site = bench.model.sites().get(law.site)?;
-        let regressor = law.regressor.and_then(|number| site.regressors.get(number));
-        let is_of_a_rate = regressor.is_some_and(|regressor| !regressor.history);
-        (law.form == Form::Bristle || (law.form == Form::Sign && is_of_a_rate)).then_some(1.0)
-    })
 }
 
 fn refused_reports(bench: &Bench<'_>, refused: &[Refused]) -> Vec<RefusedReport> {
@@ -316,8 +254,8 @@ pub(crate) fn report(
         verdict,
         regions: plain_regions,
         terms,
-        offsets: offsets(bench, found),
-        reversals: reversals(bench, found),
+        offsets: super::parts::offsets(bench, found),
+        reversals: super::parts::reversals(bench, found),
         parameters: parameter_reports(bench, plain, found),
         channels: channel_reports(bench, plain, fitted)?,
         refused: refused_reports(bench, &found.refused),

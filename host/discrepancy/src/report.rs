@@ -101,6 +101,20 @@ pub struct TermReport {
     pub held_out: Option<Judgement>,
 }
 
+/// A part of what the laws of a site add together.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PartReport {
+    /// Over the final model and its rivals; its name is that of the site.
+    #[serde(flatten)]
+    pub estimate: Estimate,
+    /// Whether it has a name: laws that have it are missing with 95 % probability, whichever of them, and its interval holds no zero.
+    pub is_named: bool,
+    /// Probability of such laws.
+    pub probability: f64,
+    /// Laws of the final model that have it, as `site/regressor/form`.
+    pub laws: Vec<String>,
+}
+
 /// A law that was tried and not added.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RefusedReport {
@@ -175,12 +189,11 @@ pub struct Report {
     pub regions: Vec<Region>,
     /// Laws that were added.
     pub terms: Vec<TermReport>,
-    /// Means over the data of even laws, constants among them, over the final model and its rivals: what a site adds on the average of both signs of its
-    /// regressors.
-    pub offsets: Vec<Estimate>,
-    /// Sums of signs of rates and of slipping bristles, over the final model and its rivals: half of what a site changes by when a motion is reversed. Of
-    /// a force it is Coulomb's friction, as an identification with a sign alone has it.
-    pub reversals: Vec<Estimate>,
+    /// Offsets: means over the data of what laws add to both signs of their regressors alike, as an identification with a constant alone has it.
+    pub offsets: Vec<PartReport>,
+    /// Sums of signs of rates and of slipping bristles: half of what a site changes by when a motion is reversed. Of a force it is Coulomb's
+    /// friction, as an identification with a sign alone has it.
+    pub reversals: Vec<PartReport>,
     /// Parameters of the model.
     pub parameters: Vec<ParameterReport>,
     /// Channels with their misfit.

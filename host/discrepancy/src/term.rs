@@ -20,25 +20,52 @@ pub struct Term {
     pub span: Span,
 }
 
-/// Ranges of regressors as a model states them.
-pub(crate) type Stated = Mutex<BTreeMap<(String, String), [f64; 2]>>;
+/// Ranges of the values that a model gives regressors as it evaluates laws, by site and regressor.
+#[derive(Debug, Default)]
+pub struct Ranges(Mutex<BTreeMap<(String, String), [f64; 2]>>);
+
+impl Ranges {
+    /// The range of a regressor at a site; nothing where the model has not stated a number.
+    pub fn get(&self, site: &str, regressor: &str) -> Option<[f64; 2]> {
+        let ranges = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        ranges.get(&(site.to_owned(), regressor.to_owned())).copied()
+    }
+
+    fn record<'b>(&self, site: &str, regressors: impl Iterator<Item = (&'b str, &'b [f64])>) {
+        let mut ranges = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        for (name, values) in regressors {
+            for x in values.iter().filter(|x| x.is_finite()) {
+                let range = ranges.entry((site.to_owned(), name.to_owned())).or_insert([*x, *x]);
+                *range = [range[0].min(*x), range[1].max(*x)];
+            }
+        }
+    }
+}
 
 /// The laws of a hypothesis; none in the plain model.
 #[derive(Debug, Clone, Copy)]
 pub struct Terms<'a> {
     list: &'a [Term],
-    stated: Option<&'a Stated>,
+    ranges: Option<&'a Ranges>,
 }
 
 impl<'a> Terms<'a> {
     /// Takes these laws.
     pub fn new(list: &'a [Term]) -> Self {
-        Self { list, stated: None }
+        Self { list, ranges: None }
     }
 
-    /// The same, and what the model states as regressors is kept.
-    pub(crate) fn recording(list: &'a [Term], stated: &'a Stated) -> Self {
-        Self { list, stated: Some(stated) }
+    /// The same, and the ranges of regressors are kept.
+    pub fn recording(list: &'a [Term], ranges: &'a Ranges) -> Self {
+        Self { list, ranges: Some(ranges) }
+    }
+
+    /// Takes ranges that a copy of these laws has recorded.
+    pub fn include(&self, ranges: &Ranges) {
+        let ranges = ranges.0.lock().unwrap_or_else(PoisonError::into_inner);
+        for ((site, name), range) in ranges.iter() {
+            self.record(site, std::iter::once((name.as_str(), range.as_slice())));
+        }
     }
 
     /// All of them.
@@ -80,14 +107,8 @@ impl<'a> Terms<'a> {
     }
 
     fn record<'b>(&self, site: &str, regressors: impl Iterator<Item = (&'b str, &'b [f64])>) {
-        let Some(stated) = self.stated else { return };
-        let mut stated = stated.lock().unwrap_or_else(PoisonError::into_inner);
-        for (name, values) in regressors {
-            let empty = [f64::INFINITY, f64::NEG_INFINITY];
-            let range = stated.entry((site.to_owned(), name.to_owned())).or_insert(empty);
-            for x in values.iter().filter(|x| x.is_finite()) {
-                *range = [range[0].min(*x), range[1].max(*x)];
-            }
+        if let Some(ranges) = self.ranges {
+            ranges.record(site, regressors);
         }
     }
 }
@@ -111,13 +132,18 @@ mod tests {
             term("joint", Some("speed"), Form::Sign, &[2.0]),
             term("spring", Some("speed"), Form::Sign, &[100.0]),
         ];
-        let stated = Stated::default();
-        let terms = Terms::recording(&list, &stated);
+        let ranges = Ranges::default();
+        let terms = Terms::recording(&list, &ranges);
         assert_eq!(terms.value("joint", &[("speed", -0.3)]), -1.5);
         let mut sum = [0.0; 2];
         terms.add("joint", &[("speed", &[-0.1, 0.7])], &mut sum);
         assert_eq!(sum, [-1.5, 2.5]);
-        let stated = stated.lock().expect("no thread has failed");
-        assert_eq!(stated[&("joint".to_owned(), "speed".to_owned())], [-0.3, 0.7]);
+        assert_eq!(ranges.get("joint", "speed"), Some([-0.3, 0.7]));
+        let whole_run = Ranges::default();
+        Terms::recording(&[], &whole_run).include(&ranges);
+        assert_eq!(
+            (whole_run.get("joint", "speed"), whole_run.get("spring", "speed")),
+            (Some([-0.3, 0.7]), None)
+        );
     }
 }

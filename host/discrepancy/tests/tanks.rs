@@ -3,80 +3,43 @@
 
 mod common;
 
-use common::{column, measured, parameter, regressor};
+use common::{channel, column, integrated, measured, parameter, regressor, site};
 use discrepancy::*;
 
-/// Steps of the integration between two samples, of a second each.
+/// Distance of two samples, and steps of the integration between them.
+const SAMPLE_S: f64 = 4.0;
 const STEPS: usize = 4;
 
-struct Tanks {
-    parameters: Vec<Parameter>,
-    sites: [Site; 2],
-}
-
-impl Tanks {
-    fn new() -> Self {
-        let site = |name: &str, regressors: &[&str]| Site {
-            name: name.to_owned(),
-            unit: "V/s".to_owned(),
-            adds_to: None,
-            regressors: regressors.iter().map(|name| regressor(name, "V")).collect(),
-            forms: Vec::new(),
-        };
-        Self {
-            parameters: vec![
-                parameter("outflow of upper", "V^0.5/s", 0.05, 0.05),
-                parameter("inflow of lower", "V^0.5/s", 0.05, 0.05),
-                parameter("outflow of lower", "V^0.5/s", 0.05, 0.05),
-                parameter("pump", "1/s", 0.05, 0.05),
-                parameter("upper at first", "V", 5.0, 5.0),
-                parameter("lower at first", "V", 5.0, 5.0),
-            ],
-            sites: [site("upper", &["upper_level"]), site("lower", &["lower_level"])],
-        }
-    }
-}
-
-impl ForwardModel for Tanks {
-    fn parameters(&self) -> &[Parameter] {
-        &self.parameters
-    }
-
-    fn sites(&self) -> &[Site] {
-        &self.sites
-    }
-
-    fn predict(
-        &self,
-        run: &Run,
-        parameters: &[f64],
-        terms: &Terms<'_>,
-    ) -> Result<Vec<Vec<f64>>, ModelFailure> {
-        let input = run.column("pump").ok_or_else(|| ModelFailure::Failed("no column pump".to_owned()))?;
-        let &[upper_out, lower_in, lower_out, pump, mut upper, mut lower] = parameters else {
+fn tanks() -> impl ForwardModel {
+    let parameters = vec![
+        parameter("outflow of upper", "V^0.5/s", 0.05, 0.05),
+        parameter("inflow of lower", "V^0.5/s", 0.05, 0.05),
+        parameter("outflow of lower", "V^0.5/s", 0.05, 0.05),
+        parameter("pump", "1/s", 0.05, 0.05),
+        parameter("upper at first", "V", 5.0, 5.0),
+        parameter("lower at first", "V", 5.0, 5.0),
+    ];
+    let sites = vec![
+        site("upper", "V/s", None, vec![regressor("upper_level", "V")]),
+        site("lower", "V/s", None, vec![regressor("lower_level", "V")]),
+    ];
+    FunctionModel::new(parameters, sites, |run: &Run, parameters: &[f64], terms: &Terms<'_>| {
+        let &[upper_out, lower_in, lower_out, pump, upper, lower] = parameters else {
             return Err(ModelFailure::Failed(format!("{} parameters", parameters.len())));
         };
-        let mut levels = Vec::with_capacity(input.len());
-        let rates = |upper: f64, lower: f64, u: f64| {
+        let rates = |[upper, lower]: [f64; 2], u: f64| {
             let (upper_root, lower_root) = (upper.max(0.0).sqrt(), lower.max(0.0).sqrt());
-            let of_upper =
-                -upper_out * upper_root + pump * u + terms.value("upper", &[("upper_level", upper)]);
-            let of_lower = lower_in * upper_root - lower_out * lower_root
-                + terms.value("lower", &[("lower_level", lower)]);
-            (of_upper, of_lower)
+            let of_upper = terms.value("upper", &[("upper_level", upper)]);
+            let of_lower = terms.value("lower", &[("lower_level", lower)]);
+            [
+                pump * u - upper_out * upper_root + of_upper,
+                lower_in * upper_root - lower_out * lower_root + of_lower,
+            ]
         };
-        for (i, u) in input.iter().enumerate() {
-            levels.push(lower);
-            let step =
-                (run.time_s.get(i + 1).copied().unwrap_or(run.time_s[i]) - run.time_s[i]) / STEPS as f64;
-            for _ in 0..STEPS {
-                let (first, second) = rates(upper, lower, *u);
-                let (a, b) = rates(upper + 0.5 * step * first, lower + 0.5 * step * second, *u);
-                (upper, lower) = ((upper + step * a).max(0.0), (lower + step * b).max(0.0));
-            }
-        }
-        Ok(vec![levels])
-    }
+        let states =
+            integrated(run.needed("pump")?, [upper, lower], (STEPS, SAMPLE_S / STEPS as f64, 0.0), rates);
+        Ok(vec![states.iter().map(|[_, lower]| *lower).collect()])
+    })
 }
 
 fn run(name: &str, text: &str, columns: [usize; 2], judges: bool) -> Run {
@@ -88,13 +51,8 @@ fn run(name: &str, text: &str, columns: [usize; 2], judges: bool) -> Run {
     let values = |i: usize| rows.iter().map(|row| row[i]).collect::<Vec<f64>>();
     Run {
         name: name.to_owned(),
-        time_s: (0..rows.len()).map(|i| 4.0 * i as f64).collect(),
-        channels: vec![Channel {
-            name: "level".to_owned(),
-            unit: "V".to_owned(),
-            values: values(1),
-            sds: None,
-        }],
+        time_s: (0..rows.len()).map(|i| SAMPLE_S * i as f64).collect(),
+        channels: vec![channel("level", "V", values(1))],
         columns: vec![column("pump", "V", values(0))],
         judges,
     }
@@ -116,7 +74,7 @@ fn the_overflow_of_measured_tanks_is_named() {
     let runs = vec![run("estimation", &text, [0, 2], false), run("validation", &text, [1, 3], true)];
     assert_eq!(runs.iter().map(full).collect::<Vec<_>>(), [2, 2]);
     let data = Data::new(runs).expect("data");
-    let report = diagnose(&Tanks::new(), &data, &Options::default(), &|_| ()).expect("a result");
+    let report = diagnose(&tanks(), &data, &Options::default(), &|_| ()).expect("a result");
     println!("{report}");
     let overflow = report.terms.iter().find(|term| term.law.id() == "upper/upper_level/above_level");
     assert!(overflow.is_some_and(|term| term.is_named && term.values[0].ci95[1] < 0.0), "{report}");

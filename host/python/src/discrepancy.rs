@@ -3,7 +3,8 @@
 use super::failure::{analysis, usage};
 use super::work::{Leave, Message, interruptible};
 use ::discrepancy::{
-    Data, Effect, Error, ForwardModel, ModelFailure, Options, Parameter, Run, Site, Term, Terms, diagnose,
+    Data, Effect, Error, ForwardModel, ModelFailure, Options, Parameter, Ranges, Run, Site, Term, Terms,
+    diagnose,
 };
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -18,64 +19,11 @@ use std::time::{Duration, Instant};
 pub struct DiscrepancyTerms {
     list: Vec<Term>,
     sites: Arc<[String]>,
-    /// Ranges of the values with which it was called, by site and regressor.
-    stated: Mutex<BTreeMap<(String, String), [f64; 2]>>,
+    /// Ranges of the values with which it was called.
+    ranges: Ranges,
 }
 
 #[pymethods]
-impl DiscrepancyTerms {
-    /// Sum of the laws of a site, as a number or, where a regressor is an array, as an array.
-    #[pyo3(signature = (site, **regressors))]
-    fn __call__<'py>(
-        &self,
-        py: Python<'py>,
-        site: &str,
-        regressors: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        if !self.sites.iter().any(|one| one == site) {
-            let message = format!("site {site:?} is none of those stated: {}", self.sites.join(", "));
-            return Err(usage(py, &message));
-        }
-        let (mut scalars, mut arrays) = (Vec::new(), Vec::new());
-        for (name, value) in regressors.into_iter().flatten() {
-            let name: String = name.extract()?;
-            match value.extract::<f64>() {
-                Ok(value) => scalars.push((name, value)),
-                Err(_) => arrays.push((name, series(&value)?)),
-            }
-        }
-        if arrays.is_empty() {
-            scalars.iter().for_each(|(name, value)| self.record(site, name, &[*value]));
-            let named: Vec<(&str, f64)> =
-                scalars.iter().map(|(name, value)| (name.as_str(), *value)).collect();
-            return Ok(Terms::new(&self.list).value(site, &named).into_pyobject(py)?.into_any());
-        }
-        let length = arrays.iter().map(|(_, values)| values.len()).max().unwrap_or(0);
-        if let Some((name, values)) = arrays.iter().find(|(_, values)| values.len() != length) {
-            let message = format!("regressor {name}: {} values, others have {length}", values.len());
-            return Err(usage(py, &message));
-        }
-        arrays.extend(scalars.into_iter().map(|(name, value)| (name, vec![value; length])));
-        arrays.iter().for_each(|(name, values)| self.record(site, name, values));
-        let named: Vec<(&str, &[f64])> =
-            arrays.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect();
-        let mut sum = vec![0.0; length];
-        Terms::new(&self.list).add(site, &named, &mut sum);
-        Ok(PyArray1::from_vec(py, sum).into_any())
-    }
-}
-
-impl DiscrepancyTerms {
-    fn record(&self, site: &str, name: &str, values: &[f64]) {
-        let mut stated = self.stated.lock().unwrap_or_else(PoisonError::into_inner);
-        let key = (site.to_owned(), name.to_owned());
-        let range = stated.entry(key).or_insert([f64::INFINITY, f64::NEG_INFINITY]);
-        for x in values.iter().filter(|x| x.is_finite()) {
-            *range = [range[0].min(*x), range[1].max(*x)];
-        }
-    }
-}
-
 /// Numbers of an array or of a sequence.
 fn series(value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
     match value.extract::<PyReadonlyArray1<'_, f64>>() {
@@ -113,17 +61,12 @@ impl Function {
         let py_terms = DiscrepancyTerms {
             list: terms.list().to_vec(),
             sites: Arc::clone(&self.names),
-            stated: Mutex::default(),
+            ranges: Ranges::default(),
         };
         let py_terms = Py::new(py, py_terms)?;
         let py_run = self.runs.get(&run.name).map(|run| run.clone_ref(py));
         let result = self.function.call1(py, (values, py_terms.clone_ref(py), py_run))?;
-        let stated = py_terms.get().stated.lock().unwrap_or_else(PoisonError::into_inner);
-        for ((site, name), range) in stated.iter() {
-            for x in range.iter().filter(|x| x.is_finite()) {
-                terms.value(site, &[(name, *x)]);
-            }
-        }
+        terms.include(&py_terms.get().ranges);
         let result = result.bind(py);
         let of_channel = |channel: &::discrepancy::Channel| match result.cast::<PyDict>() {
             Ok(channels) => match channels.get_item(&channel.name)? {

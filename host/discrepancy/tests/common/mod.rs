@@ -1,7 +1,7 @@
 //! Tools of several tests: the folder with measurements of others, a reader of their files, and parts of simulated worlds.
 #![allow(dead_code, reason = "each test uses a part")]
 
-use discrepancy::{Column, Parameter, Regressor};
+use discrepancy::{Channel, Column, ForwardModel, FunctionModel, Parameter, Regressor, Run, Site, Terms};
 use flate2::read::ZlibDecoder;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -75,6 +75,58 @@ pub fn arrays(path: &PathBuf) -> BTreeMap<String, Vec<f64>> {
 /// Central differences, at every sample with two neighbours.
 pub fn derivative(values: &[f64], step_s: f64) -> Vec<f64> {
     values.windows(3).map(|part| (part[2] - part[0]) / (2.0 * step_s)).collect()
+}
+
+/// A site whose laws are added to a channel, or which the model evaluates where there is none.
+pub fn site(name: &str, unit: &str, adds_to: Option<&str>, regressors: Vec<Regressor>) -> Site {
+    Site {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        adds_to: adds_to.map(str::to_owned),
+        regressors,
+        forms: Vec::new(),
+    }
+}
+
+/// Force of a mass on a rail by its acceleration and speed: mass and viscous friction, with a site for other friction.
+pub fn mass_and_viscous_friction(mass: Parameter, viscous: Parameter) -> impl ForwardModel {
+    let regressors = vec![regressor("speed", "m/s"), regressor("position", "m")];
+    let friction = site("friction", "N", Some("force"), regressors);
+    FunctionModel::new(vec![mass, viscous], vec![friction], |run: &Run, parameters: &[f64], _: &Terms<'_>| {
+        let pairs = run.needed("acceleration")?.iter().zip(run.needed("speed")?);
+        Ok(vec![pairs.map(|(a, v)| parameters[0] * a + parameters[1] * v).collect()])
+    })
+}
+
+/// States at every instant, each by Heun's method from the one before: so many steps of this length for every input. No quantity falls below the least.
+pub fn integrated<const N: usize>(
+    inputs: &[f64],
+    start: [f64; N],
+    (steps, step, least): (usize, f64, f64),
+    rates: impl Fn([f64; N], f64) -> [f64; N],
+) -> Vec<[f64; N]> {
+    let mut state = start;
+    let mut states = Vec::with_capacity(inputs.len());
+    for input in inputs {
+        states.push(state);
+        for _ in 0..steps {
+            let first = rates(state, *input);
+            let ahead = std::array::from_fn(|i| state[i] + step * first[i]);
+            let second = rates(ahead, *input);
+            state = std::array::from_fn(|i| (state[i] + 0.5 * step * (first[i] + second[i])).max(least));
+        }
+    }
+    states
+}
+
+/// A channel without standard deviations.
+pub fn channel(name: &str, unit: &str, values: Vec<f64>) -> Channel {
+    Channel { name: name.to_owned(), unit: unit.to_owned(), values, sds: None }
+}
+
+/// Name of a run that is fitted or judges.
+pub fn name_of(judges: bool) -> String {
+    if judges { "judge".to_owned() } else { "train".to_owned() }
 }
 
 /// A known column.

@@ -1,47 +1,9 @@
 //! A cart that is moved to and fro, with a hidden friction.
 
-use crate::common::{coloured, column, parameter, regressor};
+use crate::common::{channel, coloured, column, mass_and_viscous_friction, name_of, parameter};
 use discrepancy::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-
-/// Force of a cart by acceleration and speed.
-struct Cart {
-    parameters: Vec<Parameter>,
-    sites: Vec<Site>,
-}
-
-impl Cart {
-    fn new() -> Self {
-        let friction = Site {
-            name: "friction".to_owned(),
-            unit: "N".to_owned(),
-            adds_to: Some("force".to_owned()),
-            regressors: vec![regressor("speed", "m/s"), regressor("position", "m")],
-            forms: Vec::new(),
-        };
-        Self {
-            parameters: vec![parameter("mass", "kg", 3.0, 1.0), parameter("viscous", "N s/m", 2.0, 2.0)],
-            sites: vec![friction],
-        }
-    }
-}
-
-impl ForwardModel for Cart {
-    fn parameters(&self) -> &[Parameter] {
-        &self.parameters
-    }
-
-    fn sites(&self) -> &[Site] {
-        &self.sites
-    }
-
-    fn predict(&self, run: &Run, parameters: &[f64], _: &Terms<'_>) -> Result<Vec<Vec<f64>>, ModelFailure> {
-        let column = |name| run.column(name).ok_or_else(|| ModelFailure::Failed(format!("no column {name}")));
-        let pairs = column("acceleration")?.iter().zip(column("speed")?);
-        Ok(vec![pairs.map(|(a, v)| parameters[0] * a + parameters[1] * v).collect()])
-    }
-}
 
 /// A cart that is moved to and fro, of 2.4 kg and 3 N s/m, with a hidden friction and coloured noise of the force.
 fn cart(seed: u64, judges: bool, friction: &dyn Fn(f64, f64) -> f64) -> Run {
@@ -70,9 +32,9 @@ fn cart(seed: u64, judges: bool, friction: &dyn Fn(f64, f64) -> f64) -> Run {
         }
     }
     Run {
-        name: if judges { "judge".to_owned() } else { "train".to_owned() },
+        name: name_of(judges),
         time_s: times,
-        channels: vec![Channel { name: "force".to_owned(), unit: "N".to_owned(), values: forces, sds: None }],
+        channels: vec![channel("force", "N", forces)],
         columns: vec![
             column("position", "m", positions),
             column("speed", "m/s", speeds),
@@ -85,5 +47,7 @@ fn cart(seed: u64, judges: bool, friction: &dyn Fn(f64, f64) -> f64) -> Run {
 /// The result of a run that is fitted and one that judges.
 pub fn diagnosed(seed: u64, friction: &dyn Fn(f64, f64) -> f64) -> Report {
     let data = Data::new(vec![cart(seed, false, friction), cart(seed, true, friction)]).expect("data");
-    diagnose(&Cart::new(), &data, &Options::default(), &|_| ()).expect("a result")
+    let model =
+        mass_and_viscous_friction(parameter("mass", "kg", 3.0, 1.0), parameter("viscous", "N s/m", 2.0, 2.0));
+    diagnose(&model, &data, &Options::default(), &|_| ()).expect("a result")
 }

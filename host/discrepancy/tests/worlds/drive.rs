@@ -1,45 +1,21 @@
 //! A drive of two masses, with backlash or a periodic error of its gear.
 
-use crate::common::{coloured, column, parameter, regressor};
+use crate::common::{channel, coloured, column, name_of, parameter, regressor, site};
 use discrepancy::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 /// Position of a load by that of its motor, through a rigid gear.
-struct Drive {
-    parameters: [Parameter; 2],
-    sites: [Site; 1],
-}
-
-impl Drive {
-    fn new() -> Self {
-        let gear = Site {
-            name: "gear".to_owned(),
-            unit: "mm".to_owned(),
-            adds_to: Some("load".to_owned()),
-            regressors: vec![regressor("position", "mm"), regressor("speed", "mm/s")],
-            forms: Vec::new(),
-        };
-        let mut origin = parameter("origin", "mm", 0.0, 1.0);
-        origin.range = None;
-        Self { parameters: [parameter("ratio", "", 1.0, 0.1), origin], sites: [gear] }
-    }
-}
-
-impl ForwardModel for Drive {
-    fn parameters(&self) -> &[Parameter] {
-        &self.parameters
-    }
-
-    fn sites(&self) -> &[Site] {
-        &self.sites
-    }
-
-    fn predict(&self, run: &Run, parameters: &[f64], _: &Terms<'_>) -> Result<Vec<Vec<f64>>, ModelFailure> {
-        let motor =
-            run.column("position").ok_or_else(|| ModelFailure::Failed("no column position".to_owned()))?;
+fn rigid_gear() -> impl ForwardModel {
+    let regressors = vec![regressor("position", "mm"), regressor("speed", "mm/s")];
+    let gear = site("gear", "mm", Some("load"), regressors);
+    let mut origin = parameter("origin", "mm", 0.0, 1.0);
+    origin.range = None;
+    let parameters = vec![parameter("ratio", "", 1.0, 0.1), origin];
+    FunctionModel::new(parameters, vec![gear], |run: &Run, parameters: &[f64], _: &Terms<'_>| {
+        let motor = run.needed("position")?;
         Ok(vec![motor.iter().map(|x| parameters[0] * x + parameters[1]).collect()])
-    }
+    })
 }
 
 /// A motor moves a load with dry friction through a stiff contact with half a gap to both sides.
@@ -72,9 +48,9 @@ fn drive(seed: u64, judges: bool, half_gap_mm: f64, cogging_mm: f64) -> Run {
         }
     }
     Run {
-        name: if judges { "judge".to_owned() } else { "train".to_owned() },
+        name: name_of(judges),
         time_s: times,
-        channels: vec![Channel { name: "load".to_owned(), unit: "mm".to_owned(), values: loads, sds: None }],
+        channels: vec![channel("load", "mm", loads)],
         columns: vec![column("position", "mm", positions), column("speed", "mm/s", speeds)],
         judges,
     }
@@ -84,5 +60,5 @@ fn drive(seed: u64, judges: bool, half_gap_mm: f64, cogging_mm: f64) -> Run {
 pub fn diagnosed(seed: u64, half_gap_mm: f64, cogging_mm: f64) -> Report {
     let runs = [false, true].map(|judges| drive(seed, judges, half_gap_mm, cogging_mm));
     let data = Data::new(runs.to_vec()).expect("data");
-    diagnose(&Drive::new(), &data, &Options::default(), &|_| ()).expect("a result")
+    diagnose(&rigid_gear(), &data, &Options::default(), &|_| ()).expect("a result")
 }

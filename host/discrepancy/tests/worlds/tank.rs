@@ -1,68 +1,23 @@
 //! A tank that drains, with a hidden overflow inside the equations of a simulation.
 
-use crate::common::{coloured, column, parameter, regressor};
+use crate::common::{channel, coloured, column, integrated, name_of, parameter, regressor, site};
 use discrepancy::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// The level of a tank that drains; the model integrates with its terms inside.
-struct Tank {
-    parameters: Vec<Parameter>,
-    sites: Vec<Site>,
-}
-
-impl Tank {
-    fn new() -> Self {
-        let balance = Site {
-            name: "balance".to_owned(),
-            unit: "cm/s".to_owned(),
-            adds_to: None,
-            regressors: vec![regressor("level", "cm")],
-            forms: Vec::new(),
+/// The level of a tank that drains; the model integrates with its terms inside, in steps of half a second.
+fn draining_tank() -> impl ForwardModel {
+    let parameters =
+        vec![parameter("outflow", "cm^0.5/s", 0.3, 0.15), parameter("pump", "cm/(V s)", 0.5, 0.25)];
+    let balance = site("balance", "cm/s", None, vec![regressor("level", "cm")]);
+    FunctionModel::new(parameters, vec![balance], |run: &Run, parameters: &[f64], terms: &Terms<'_>| {
+        let rate = |[level]: [f64; 1], pump: f64| {
+            let outflow = parameters[0] * level.max(0.0).sqrt();
+            [parameters[1] * pump - outflow + terms.value("balance", &[("level", level)])]
         };
-        Self {
-            parameters: vec![
-                parameter("outflow", "cm^0.5/s", 0.3, 0.15),
-                parameter("pump", "cm/(V s)", 0.5, 0.25),
-            ],
-            sites: vec![balance],
-        }
-    }
-}
-
-impl ForwardModel for Tank {
-    fn parameters(&self) -> &[Parameter] {
-        &self.parameters
-    }
-
-    fn sites(&self) -> &[Site] {
-        &self.sites
-    }
-
-    fn predict(
-        &self,
-        run: &Run,
-        parameters: &[f64],
-        terms: &Terms<'_>,
-    ) -> Result<Vec<Vec<f64>>, ModelFailure> {
-        let pump = run.column("pump").ok_or_else(|| ModelFailure::Failed("no column pump".to_owned()))?;
-        let rate = |level: f64, pump: f64| {
-            parameters[1] * pump - parameters[0] * level.max(0.0).sqrt()
-                + terms.value("balance", &[("level", level)])
-        };
-        let mut level = 4.0;
-        let mut levels = Vec::new();
-        for u in pump {
-            levels.push(level);
-            for _ in 0..2 {
-                // Heun's method in steps of half a second.
-                let first = rate(level, *u);
-                level += 0.25 * (first + rate(level + 0.5 * first, *u));
-                level = level.max(0.0);
-            }
-        }
-        Ok(vec![levels])
-    }
+        let levels = integrated(run.needed("pump")?, [4.0], (2, 0.5, 0.0), rate);
+        Ok(vec![levels.concat()])
+    })
 }
 
 fn tank(seed: u64, judges: bool, loss: f64) -> Run {
@@ -81,14 +36,9 @@ fn tank(seed: u64, judges: bool, loss: f64) -> Run {
         }
     }
     Run {
-        name: if judges { "judge".to_owned() } else { "train".to_owned() },
+        name: name_of(judges),
         time_s: (0..levels.len()).map(|i| i as f64).collect(),
-        channels: vec![Channel {
-            name: "level".to_owned(),
-            unit: "cm".to_owned(),
-            values: levels,
-            sds: None,
-        }],
+        channels: vec![channel("level", "cm", levels)],
         columns: vec![column("pump", "V", pumps)],
         judges,
     }
@@ -97,5 +47,5 @@ fn tank(seed: u64, judges: bool, loss: f64) -> Run {
 /// The result of a run that is fitted and one that judges.
 pub fn diagnosed(seed: u64, loss: f64) -> Report {
     let data = Data::new(vec![tank(seed, false, loss), tank(seed, true, loss)]).expect("data");
-    diagnose(&Tank::new(), &data, &Options::default(), &|_| ()).expect("a result")
+    diagnose(&draining_tank(), &data, &Options::default(), &|_| ()).expect("a result")
 }

@@ -1,0 +1,169 @@
+//! Parts of what the laws of a site add together: an offset, and the change on reversal.
+//!
+//! A friction of `F+` in one direction and `F-` in the other is a dry friction of `(F+ + F-) / 2` and an offset of `(F+ - F-) / 2`, in whatever laws
+//! it was found: a sign and a constant, a sign and an asymmetry, a step. A part is named where laws that have it are, though the data may not
+//! tell these from each other.
+
+use super::bench::{Bench, Law};
+use super::data::Run;
+use super::fit::Fitted;
+use super::form::Form;
+use super::made::{estimate, first_of, law_name, models, moments};
+use super::model::Site;
+use super::report::PartReport;
+use super::search::{Found, Member};
+use super::weights::STATED_PROBABILITY;
+use nalgebra::DVector;
+
+/// A quantity to which laws of a site contribute.
+trait Part {
+    /// Whether a law contributes.
+    fn is_of(&self, bench: &Bench<'_>, law: &Law) -> bool;
+
+    /// Contribution of a law with these numbers, in their own units.
+    fn value(&self, bench: &Bench<'_>, law: &Law, numbers: &[f64]) -> f64;
+}
+
+/// Mean over the data of the even parts of laws.
+struct Offset;
+
+/// Half of what a site changes by on reversal.
+struct Reversal;
+
+/// Name of the column on which a law of a site depends.
+fn column_name<'b>(bench: &'b Bench<'_>, law: &Law) -> Option<&'b str> {
+    let site = bench.model.sites().get(law.site)?;
+    law.regressor.and_then(|number| site.regressors.get(number)).map(|regressor| regressor.name.as_str())
+}
+
+/// Places of the readings of a run of the channel to which a site adds.
+fn readings<'r>(run: &'r Run, site: &Site) -> impl Iterator<Item = usize> + use<'r> {
+    let channel = run.channels.iter().find(|channel| Some(&channel.name) == site.adds_to.as_ref());
+    let values = channel.map_or(&[][..], |channel| channel.values.as_slice());
+    values.iter().enumerate().filter(|(_, value)| value.is_finite()).map(|(i, _)| i)
+}
+
+impl Part for Offset {
+    fn is_of(&self, bench: &Bench<'_>, law: &Law) -> bool {
+        let is_added = bench.model.sites().get(law.site).is_some_and(|site| site.adds_to.is_some());
+        let is_even = match law.form {
+            Form::Constant => true,
+            Form::Asymmetry
+            | Form::Square
+            | Form::Step
+            | Form::AboveLevel
+            | Form::BelowLevel
+            | Form::Sine => law.span.has_both_signs(),
+            _ => false,
+        };
+        is_added && is_even
+    }
+
+    fn value(&self, bench: &Bench<'_>, law: &Law, numbers: &[f64]) -> f64 {
+        let Some(site) = bench.model.sites().get(law.site) else { return 0.0 };
+        let amplitudes = law.form.amplitudes().len();
+        let shape = numbers.get(amplitudes).copied().unwrap_or(1.0);
+        let (mut sum, mut count) = (0.0, 0);
+        for prepared in &bench.training {
+            let column = column_name(bench, law).and_then(|name| prepared.run.column(name));
+            for reading in readings(prepared.run, site) {
+                let x = column.and_then(|values| values.get(reading)).copied().unwrap_or(0.0);
+                for (number, amplitude) in numbers.iter().take(amplitudes).enumerate() {
+                    sum += amplitude * law.form.even_part(number, x, shape, &law.span);
+                }
+                count += 1;
+            }
+        }
+        sum / f64::from(count.max(1))
+    }
+}
+
+impl Part for Reversal {
+    fn is_of(&self, bench: &Bench<'_>, law: &Law) -> bool {
+        let site = bench.model.sites().get(law.site);
+        let regressor = law.regressor.and_then(|number| site?.regressors.get(number));
+        // Signs of a place are no reversals.
+        let is_of_a_rate = regressor.is_some_and(|regressor| !regressor.history);
+        law.form == Form::Bristle || (law.form == Form::Sign && is_of_a_rate)
+    }
+
+    fn value(&self, _: &Bench<'_>, _: &Law, numbers: &[f64]) -> f64 {
+        numbers.first().copied().unwrap_or(0.0)
+    }
+}
+
+/// A part in a model, with its variance; the derivatives by the numbers of laws are differences over a standard deviation, over which a step of
+/// single readings is smooth.
+fn in_model(bench: &Bench<'_>, fitted: &Fitted, part: &dyn Part, site: usize) -> (f64, f64) {
+    let total = |values: &[f64]| {
+        let terms = bench.terms(&fitted.laws, values);
+        let of_site = fitted.laws.iter().zip(&terms).filter(|(law, _)| law.site == site);
+        let contributing = of_site.filter(|(law, _)| part.is_of(bench, law));
+        contributing.map(|(law, term)| part.value(bench, law, &term.values)).sum::<f64>()
+    };
+    let coordinates = bench.coordinates(&fitted.laws);
+    let mut gradient = DVector::zeros(fitted.values.len());
+    for number in first_of(bench, &fitted.laws, 0)..fitted.values.len() {
+        let Some(coordinate) = coordinates.get(number) else { continue };
+        let at = |step: f64| {
+            let mut values = fitted.values.clone();
+            values[number] = (values[number] + step).clamp(coordinate.least, coordinate.most);
+            (values[number], total(&values))
+        };
+        let ((least, lower), (most, upper)) = (at(-fitted.sd(number)), at(fitted.sd(number)));
+        if most > least {
+            gradient[number] = (upper - lower) / (most - least);
+        }
+    }
+    (total(&fitted.values), (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)])
+}
+
+/// Probability of the explanations of what a law explains that have a part.
+fn probability(bench: &Bench<'_>, found: &Found, number: usize, member: &Member, part: &dyn Part) -> f64 {
+    let kept = found.fitted.laws.len().saturating_sub(1);
+    let has_part = |laws: &[Law]| laws.iter().any(|law| part.is_of(bench, law));
+    let own = found
+        .fitted
+        .laws
+        .get(number)
+        .filter(|law| part.is_of(bench, law))
+        .map_or(0.0, |_| member.probability);
+    let of_rivals = member.rivals.iter().filter(|(rival, _)| has_part(rival.laws.get(kept..).unwrap_or(&[])));
+    own + of_rivals.map(|(_, probability)| probability).sum::<f64>()
+}
+
+/// A part of the laws of each site whose final laws have it, over the final model and its rivals.
+fn reports(bench: &Bench<'_>, found: &Found, part: &dyn Part) -> Vec<PartReport> {
+    let models = models(found);
+    let of_site = |(number, site): (usize, &Site)| {
+        let is_here = |law: &&Law| law.site == number && part.is_of(bench, law);
+        let laws: Vec<String> =
+            found.fitted.laws.iter().filter(is_here).map(|law| law_name(bench, law).id()).collect();
+        if laws.is_empty() {
+            return None;
+        }
+        let members = found.members.iter().enumerate();
+        let of_site = members
+            .filter(|(member, _)| found.fitted.laws.get(*member).is_some_and(|law| law.site == number));
+        let probabilities =
+            of_site.map(|(member, found_law)| probability(bench, found, member, found_law, part));
+        // At least that of the most certain law.
+        let probability = probabilities.fold(0.0, f64::max);
+        let (mean, variance) = moments(&models, |fitted| in_model(bench, fitted, part, number));
+        let estimate = estimate(&site.name, site.unit.clone(), mean, variance);
+        let [low, high] = estimate.ci95;
+        let is_named = probability >= STATED_PROBABILITY && (low > 0.0 || high < 0.0);
+        Some(PartReport { estimate, is_named, probability, laws })
+    };
+    bench.model.sites().iter().enumerate().filter_map(of_site).collect()
+}
+
+/// Sums of the even parts of the laws of each site, averaged over the data.
+pub(crate) fn offsets(bench: &Bench<'_>, found: &Found) -> Vec<PartReport> {
+    reports(bench, found, &Offset)
+}
+
+/// Sums of the signs and bristles of each site: neither alone is what a reversal changes where friction builds up over a short way.
+pub(crate) fn reversals(bench: &Bench<'_>, found: &Found) -> Vec<PartReport> {
+    reports(bench, found, &Reversal)
+}
