@@ -207,6 +207,11 @@ impl Basis {
         }
     }
 
+    /// Effect that is called nothing, in the scale of the channels.
+    pub fn everyday_effect(&self) -> f64 {
+        self.groups.iter().map(|group| group.everyday).fold(0.0, f64::max)
+    }
+
     /// Everyday sizes of all groups.
     pub fn everyday(&self) -> Vec<f64> {
         self.groups.iter().map(|group| group.everyday).collect()

@@ -79,6 +79,7 @@ mod report;
 mod rivals;
 mod score;
 mod search;
+mod sums;
 mod table;
 mod term;
 pub mod weights;

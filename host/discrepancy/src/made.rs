@@ -16,7 +16,7 @@ use super::weights::STATED_PROBABILITY;
 use nalgebra::DVector;
 
 /// Half a 95 % interval in standard deviations.
-const NORMAL_975: f64 = 1.959_963_984_540_054;
+pub(crate) const NORMAL_975: f64 = 1.959_963_984_540_054;
 
 pub(crate) fn estimate(name: &str, unit: String, value: f64, variance: f64) -> Estimate {
     let sd = variance.max(0.0).sqrt();

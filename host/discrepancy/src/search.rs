@@ -140,13 +140,20 @@ impl Search<'_> {
         } else {
             chosen.into_iter().map(of_scores).collect::<Result<_, _>>()?
         };
-        let mut fits: Vec<Fitted> = fits.into_iter().flatten().collect();
+        let mut simplest: Vec<Fitted> = Vec::with_capacity(fits.len());
+        for fitted in fits.into_iter().flatten() {
+            let Some(fitted) = self.in_simplest_laws(base, fitted)? else { continue };
+            if !simplest.iter().any(|other| is_same_set(&other.laws, &fitted.laws)) {
+                simplest.push(fitted);
+            }
+        }
+        let mut fits = simplest;
         fits.sort_by(|a, b| self.ln_weight(b).total_cmp(&self.ln_weight(a)));
         Ok(fits)
     }
 
     /// A model with further laws, from the numbers of their scores or, where the model has no prediction there, from nothing of them.
-    fn extended(&self, base: &Fitted, scores: &[&Score]) -> Result<Option<Fitted>, Error> {
+    pub(super) fn extended(&self, base: &Fitted, scores: &[&Score]) -> Result<Option<Fitted>, Error> {
         let laws: Vec<Law> = base.laws.iter().chain(scores.iter().map(|score| &score.law)).cloned().collect();
         for factor in [1.0, 0.0] {
             let mut start = base.start();
@@ -193,6 +200,10 @@ impl Search<'_> {
             while let Some((smaller, reason)) = self.shrink(&current)? {
                 refused.push(reason);
                 current = smaller;
+            }
+            if let Some(simpler) = self.without_sums(&current)? {
+                current = simpler;
+                continue;
             }
             let members = (0..current.laws.len()).map(|member| self.member(&current, member));
             let members = members.collect::<Result<Vec<Member>, Error>>()?;

@@ -239,7 +239,11 @@ fn rates_over_seeds() {
         let mut rates = Rates::default();
         for seed in first..first + kind.seeds {
             let report = (kind.diagnosed)(seed);
+            let earlier_false_names = rates.false_names;
             rates.count(kind, &report);
+            if rates.false_names > earlier_false_names {
+                eprintln!("{report}");
+            }
             let laws: Vec<Vec<String>> = report.terms.iter().map(explanations).collect();
             eprintln!("{}, seed {seed}: {:?} {laws:?}", kind.words, report.verdict);
         }
