@@ -48,6 +48,26 @@ def diagnose(model, **changed):  # type: ignore[no-untyped-def]
     return discrepancy.diagnose(model, runs(), **stated)
 
 
+def test_an_asymmetric_friction_states_its_dry_friction_and_its_offset() -> None:
+    def measured(name: str, hz: float, judges: bool) -> discrepancy.Run:
+        t = np.arange(0.0, 8.0, 0.02)
+        v = np.sin(hz * t) + 0.3 * np.sin(2.3 * hz * t)
+        noise = 0.03 * np.random.default_rng(int(10 * hz)).standard_normal(t.size)
+        force = 0.8 * v + np.where(v > 0.0, 0.7, -0.3) + noise
+        return discrepancy.Run(name, t, {"force": force}, {"speed": v}, judges=judges)
+
+    found = discrepancy.diagnose(
+        lambda parameters, terms, run: parameters["viscous"] * run["speed"],
+        [measured("slow", 3.0, False), measured("fast", 4.1, True)],
+        parameters={"viscous": (1.0, 1.0)},
+        sites={"friction": {"adds_to": "force", "regressors": ["speed"], "unit": "N"}},
+    )
+    assert set(found.parts) == {"friction/offset", "friction/reversal"}, str(found)
+    for name, true in {"friction/offset": 0.2, "friction/reversal": 0.5}.items():
+        low, high = found.parts[name].ci95
+        assert low < true < high and found.parts[name].unit == "N", str(found)
+
+
 def test_steps_are_reported() -> None:
     steps: list[str] = []
     found = diagnose(line, progress=steps.append)

@@ -216,6 +216,19 @@ fn one_cart_with_and_one_without_dry_friction() {
     assert_eq!(report.verdict, Verdict::Adequate, "{report}");
 }
 
+/// A friction of 0.9 N in one direction and 0.5 N in the other.
+#[test]
+fn an_asymmetric_friction_is_a_dry_friction_and_an_offset() {
+    let report = cart::diagnosed(5, &|v, _| if v > 0.0 { 0.9 } else { -0.5 });
+    let [offset, reversal] = [&report.offsets, &report.reversals].map(|parts| parts.first().expect("a part"));
+    for (part, truth) in [(offset, 0.2), (reversal, 0.7)] {
+        let [low, high] = part.estimate.ci95;
+        assert!(part.is_named && (low..=high).contains(&truth), "{report}");
+    }
+    let text = report.to_string();
+    assert!(text.contains("in both directions alike") && text.contains("friction/speed/sign"), "{text}");
+}
+
 /// One seed of a drive, for the first tier.
 #[test]
 fn one_drive_with_backlash() {

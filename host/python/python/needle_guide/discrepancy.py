@@ -21,6 +21,8 @@
 ['friction/speed/sign']
 >>> 0.4 < found.terms["friction/speed/sign"]["a"] < 0.6
 True
+>>> list(found.parts)
+['friction/reversal']
 
 A site is a place in the model at which a law may be missing. Where the law is simply added to a channel, ``adds_to`` names it, and the
 regressors are known columns of the runs. Else the model adds ``terms("friction", speed=v)`` in its equations.
@@ -103,6 +105,13 @@ class Diagnosis(Result):
     def terms(self) -> dict[str, dict[str, Quantity]]:
         """Numbers of these laws."""
         return {_identifier(term): {one["name"]: _quantity(one) for one in term["values"]} for term in self._document["terms"]}
+
+    @property
+    def parts(self) -> dict[str, Quantity]:
+        """Named parts of what the laws of a site add together, whichever laws these are: ``site/offset``, in both directions alike, as the mean over the
+        data, and ``site/reversal``, half the change from one direction to the other: of a force all dry friction."""
+        kinds = {"offset": self._document["offsets"], "reversal": self._document["reversals"]}
+        return {f"{one['name']}/{kind}": _quantity(one) for kind, parts in kinds.items() for one in parts if one["is_named"]}
 
     @property
     def parameters(self) -> dict[str, Quantity]:
