@@ -201,6 +201,11 @@ impl ProcessModel {
         Ok(Self { declaration, timeout, pipes: Mutex::new(pipes) })
     }
 
+    /// The same with another time-out for predictions: a program may start slowly and answer fast.
+    pub fn with_timeout(self, timeout: Duration) -> Self {
+        Self { timeout, ..self }
+    }
+
     /// The model's description of itself.
     pub fn declaration(&self) -> &Declaration {
         &self.declaration

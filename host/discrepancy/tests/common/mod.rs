@@ -98,7 +98,7 @@ pub fn mass_and_viscous_friction(mass: Parameter, viscous: Parameter) -> impl Fo
     })
 }
 
-/// States at every instant, each by Heun's method from the one before: so many steps of this length for every input. No quantity falls below the least.
+/// States at every instant, each by the midpoint method from the one before: so many steps of this length for every input. No quantity falls below the least.
 pub fn integrated<const N: usize>(
     inputs: &[f64],
     start: [f64; N],
@@ -111,9 +111,8 @@ pub fn integrated<const N: usize>(
         states.push(state);
         for _ in 0..steps {
             let first = rates(state, *input);
-            let ahead = std::array::from_fn(|i| state[i] + step * first[i]);
-            let second = rates(ahead, *input);
-            state = std::array::from_fn(|i| (state[i] + 0.5 * step * (first[i] + second[i])).max(least));
+            let middle = rates(std::array::from_fn(|i| state[i] + 0.5 * step * first[i]), *input);
+            state = std::array::from_fn(|i| (state[i] + step * middle[i]).max(least));
         }
     }
     states
