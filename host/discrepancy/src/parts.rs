@@ -105,12 +105,12 @@ fn in_model(bench: &Bench<'_>, fitted: &Fitted, part: &dyn Part, site: usize) ->
     let mut gradient = DVector::zeros(fitted.values.len());
     for number in first_of(bench, &fitted.laws, 0)..fitted.values.len() {
         let Some(coordinate) = coordinates.get(number) else { continue };
-        let at = |step: f64| {
+        let moved = |step: f64| {
             let mut values = fitted.values.clone();
             values[number] = (values[number] + step).clamp(coordinate.least, coordinate.most);
             (values[number], total(&values))
         };
-        let ((least, lower), (most, upper)) = (at(-fitted.sd(number)), at(fitted.sd(number)));
+        let ((least, lower), (most, upper)) = (moved(-fitted.sd(number)), moved(fitted.sd(number)));
         if most > least {
             gradient[number] = (upper - lower) / (most - least);
         }
@@ -122,14 +122,14 @@ fn in_model(bench: &Bench<'_>, fitted: &Fitted, part: &dyn Part, site: usize) ->
 fn probability(bench: &Bench<'_>, found: &Found, number: usize, member: &Member, part: &dyn Part) -> f64 {
     let kept = found.fitted.laws.len().saturating_sub(1);
     let has_part = |laws: &[Law]| laws.iter().any(|law| part.is_of(bench, law));
-    let own = found
+    let of_law = found
         .fitted
         .laws
         .get(number)
         .filter(|law| part.is_of(bench, law))
         .map_or(0.0, |_| member.probability);
     let of_rivals = member.rivals.iter().filter(|(rival, _)| has_part(rival.laws.get(kept..).unwrap_or(&[])));
-    own + of_rivals.map(|(_, probability)| probability).sum::<f64>()
+    of_law + of_rivals.map(|(_, probability)| probability).sum::<f64>()
 }
 
 /// A part of the laws of each site whose final laws have it, over the final model and its rivals.

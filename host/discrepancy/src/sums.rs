@@ -1,6 +1,6 @@
 //! Laws that are sums of simpler ones.
 //!
-//! Where a regressor takes both signs, a law with a level is a sum of laws without one at a level of zero: a step is half a constant and half a sign, what grows
+//! A law with a level, of a regressor that takes both signs, is a sum of laws without one at a level of zero: a step is half a constant and half a sign, what grows
 //! above or below zero is half an asymmetry and half of what is proportional. Such a law is another explanation only where its level is none of zero:
 //! at zero it is the same function in other words, and the sum takes its place.
 
@@ -43,7 +43,7 @@ impl Search<'_> {
         if !has_sum {
             return Ok(Some(fitted));
         }
-        if laws.is_empty() || laws.len() > MAX_ADDED { Ok(None) } else { self.with_laws(base, &laws) }
+        if laws.is_empty() { Ok(None) } else { self.with_laws(base, &laws) }
     }
 
     /// The same model with simpler laws in the place of one that has become a sum of them since it was added; nothing where there is none.
@@ -57,11 +57,12 @@ impl Search<'_> {
         Ok(None)
     }
 
-    /// A base with further laws.
+    /// A base with further laws, those left out that its parameters do: the proportional half of what grows above zero is often one of them. The result is
+    /// empty where none remains or too many do.
     fn with_laws(&self, base: &Fitted, laws: &[Law]) -> Result<Option<Fitted>, Error> {
         let (scores, _) = scores(self.bench, self.basis, base, laws)?;
         let scores: Vec<_> = scores.iter().collect();
-        if scores.is_empty() { Ok(None) } else { self.extended(base, &scores) }
+        if scores.is_empty() || scores.len() > MAX_ADDED { Ok(None) } else { self.extended(base, &scores) }
     }
 
     /// The laws whose sum a law of a model is; nothing where it is none, or one of them is not to be tried.
