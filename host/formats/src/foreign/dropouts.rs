@@ -89,14 +89,14 @@ impl Readings {
 
     /// Readings before and behind a stretch.
     fn beside(&self, stretch: &Stretch) -> [Option<f64>; 2] {
-        let before = stretch.first.checked_sub(1).and_then(|place| self.values.get(place));
-        [before, self.values.get(stretch.first + stretch.count)].map(Option::<&f64>::copied)
+        let reading_before = stretch.first.checked_sub(1).and_then(|place| self.values.get(place));
+        [reading_before, self.values.get(stretch.first + stretch.count)].map(Option::<&f64>::copied)
     }
 
     /// Whether the readings beside a stretch of zeros, one before it at least, are further from zero than this.
     fn is_beyond(&self, reach: f64, stretch: &Stretch) -> bool {
-        let beside = self.beside(stretch);
-        beside[0].is_some() && beside.iter().flatten().all(|value| value.abs() > reach)
+        let neighbours = self.beside(stretch);
+        neighbours[0].is_some() && neighbours.iter().flatten().all(|value| value.abs() > reach)
     }
 
     fn rows_of(&self, stretch: &Stretch) -> impl Iterator<Item = usize> + '_ {
@@ -106,10 +106,11 @@ impl Readings {
     /// Largest step from one reading to the next among those of other values than these, with the rounding of a difference of two, and how many
     /// steps there are.
     fn largest_step(&self, without: &[f64]) -> (f64, usize) {
-        let others: Vec<f64> = self.values.iter().copied().filter(|value| !without.contains(value)).collect();
-        let steps = others.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-        let largest = others.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
-        (steps.fold(0.0, f64::max) + 2.0 * f64::EPSILON * largest, others.len().saturating_sub(1))
+        let readings: Vec<f64> =
+            self.values.iter().copied().filter(|value| !without.contains(value)).collect();
+        let steps = readings.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+        let largest = readings.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        (steps.fold(0.0, f64::max) + 2.0 * f64::EPSILON * largest, readings.len().saturating_sub(1))
     }
 
     /// Whether this value stands for a missing reading, where a reading is it with the chance `prior`; `without` are all such values.
@@ -118,17 +119,17 @@ impl Readings {
         let (m, stretches) = (steps as f64, self.stretches());
         let of_value: Vec<&Stretch> =
             stretches.iter().filter(|stretch| self.value(stretch) == value).collect();
-        let places = of_value.len() as f64;
-        let far = of_value.iter().find_map(|stretch| {
+        let stretch_count = of_value.len() as f64;
+        let far_stretch = of_value.iter().find_map(|stretch| {
             let distances: Vec<f64> =
                 self.beside(stretch).iter().flatten().map(|of| (of - value).abs()).collect();
             let chance = if distances.len() == 2 { 2.0 / ((m + 1.0) * (m + 2.0)) } else { 1.0 / (m + 1.0) };
             let is_far = !distances.is_empty() && distances.iter().all(|distance| *distance > step);
-            (is_far && places * prior * chance < CHANCE).then_some(*stretch)
+            (is_far && stretch_count * prior * chance < CHANCE).then_some(*stretch)
         })?;
         let rows = of_value.iter().flat_map(|stretch| self.rows_of(stretch)).collect();
-        let beside = self.beside(far).iter().flatten().next().copied()?;
-        Some(Mark { row: self.row(far), beside, step, rows })
+        let neighbour = self.beside(far_stretch).iter().flatten().next().copied()?;
+        Some(Mark { row: self.row(far_stretch), beside: neighbour, step, rows })
     }
 
     /// Zeros that stand for missing readings.
@@ -154,7 +155,7 @@ impl Readings {
         let at_end = at_end
             .into_iter()
             .find(|stretch| self.is_beyond(reach, stretch) && (shown.is_some() || stretch.count >= least));
-        // Where zero stands for no reading, it says nothing anywhere between readings.
+        // A zero that stands for no reading says nothing anywhere between readings.
         let rows: Vec<usize> = inner
             .iter()
             .copied()
@@ -162,8 +163,8 @@ impl Readings {
             .chain(at_end)
             .flat_map(|stretch| self.rows_of(stretch))
             .collect();
-        let far = shown.or(at_end)?;
-        Some(Mark { row: self.row(far), beside: self.beside(far)[0]?, step, rows })
+        let far_stretch = shown.or(at_end)?;
+        Some(Mark { row: self.row(far_stretch), beside: self.beside(far_stretch)[0]?, step, rows })
     }
 }
 
@@ -218,7 +219,7 @@ pub fn zeros_among_forces(path: &Path) -> Option<(usize, String, String)> {
     })
 }
 
-/// What shows that zeros are no readings.
+/// The sign that zeros are no readings, in words.
 fn words(mark: &Mark) -> String {
     format!(
         "falls from {} to exactly 0, and elsewhere changes by {} at most from one reading to the next",
