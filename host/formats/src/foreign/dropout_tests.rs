@@ -3,6 +3,9 @@
 use super::layout_tests::{lines, taken, truth};
 use super::{Taken, zeros_among_forces};
 
+/// Cell of the force in a row, from the row and the true force.
+type Cell = fn(usize, f64) -> String;
+
 const HEADER: &str = "Time (s),Extension (mm),Load (N)\n";
 
 /// A run whose force is that of `force` in every row, which has the truth and its row.
@@ -63,7 +66,7 @@ fn a_position_that_drops_to_zero_is_left_out() {
 #[test]
 fn zeros_that_are_readings_stay() {
     // Before contact, in a band around zero, in a channel of few levels, and on the way from one side to the other.
-    let kept: [(&str, fn(usize, f64) -> String); 6] = [
+    let kept: [(&str, Cell); 6] = [
         ("steps of a tenth", |i, _| {
             format!("{:.1}", ((i as f64 - 200.0).abs() / 10.0 - 3.0).max(0.0).floor() / 10.0)
         }),
@@ -89,7 +92,7 @@ fn zeros_that_are_readings_stay() {
 
 #[test]
 fn a_force_that_is_one_value_over_and_over_is_remarked() {
-    let stuck: [(&str, fn(usize, f64) -> String, &str); 4] = [
+    let stuck: [(&str, Cell, &str); 4] = [
         ("the end of the range", |_, f| format!("{:.5}", f.min(0.3)), "exactly 0.3 in"),
         (
             "held",
@@ -108,7 +111,7 @@ fn a_force_that_is_one_value_over_and_over_is_remarked() {
         assert!(run.notes.iter().any(|note| note.contains(words)), "{name}: {:?}", run.notes);
     }
     // A logger that is faster than the channel, and whole numbers.
-    let kept: [(&str, fn(usize, f64) -> String); 2] = [
+    let kept: [(&str, Cell); 2] = [
         ("ten times each", |i, _| format!("{:.5}", truth(i / 10 * 10)[2])),
         ("hundredths", |_, f| format!("{f:.2}")),
     ];
