@@ -24,6 +24,47 @@ pub struct DiscrepancyTerms {
 }
 
 #[pymethods]
+impl DiscrepancyTerms {
+    /// Sum of the laws of a site, as a number or, where a regressor is an array, as an array.
+    #[pyo3(signature = (site, **regressors))]
+    fn __call__<'py>(
+        &self,
+        py: Python<'py>,
+        site: &str,
+        regressors: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        if !self.sites.iter().any(|one| one == site) {
+            let message = format!("site {site:?} is none of those stated: {}", self.sites.join(", "));
+            return Err(usage(py, &message));
+        }
+        let terms = Terms::recording(&self.list, &self.ranges);
+        let (mut scalars, mut arrays) = (Vec::new(), Vec::new());
+        for (name, value) in regressors.into_iter().flatten() {
+            let name: String = name.extract()?;
+            match value.extract::<f64>() {
+                Ok(value) => scalars.push((name, value)),
+                Err(_) => arrays.push((name, series(&value)?)),
+            }
+        }
+        if arrays.is_empty() {
+            let named: Vec<(&str, f64)> =
+                scalars.iter().map(|(name, value)| (name.as_str(), *value)).collect();
+            return Ok(terms.value(site, &named).into_pyobject(py)?.into_any());
+        }
+        let length = arrays.iter().map(|(_, values)| values.len()).max().unwrap_or(0);
+        if let Some((name, values)) = arrays.iter().find(|(_, values)| values.len() != length) {
+            let message = format!("regressor {name}: {} values, others have {length}", values.len());
+            return Err(usage(py, &message));
+        }
+        arrays.extend(scalars.into_iter().map(|(name, value)| (name, vec![value; length])));
+        let named: Vec<(&str, &[f64])> =
+            arrays.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect();
+        let mut sum = vec![0.0; length];
+        terms.add(site, &named, &mut sum);
+        Ok(PyArray1::from_vec(py, sum).into_any())
+    }
+}
+
 /// Numbers of an array or of a sequence.
 fn series(value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
     match value.extract::<PyReadonlyArray1<'_, f64>>() {
