@@ -138,7 +138,7 @@ fn overload_of_a_meter() {
 fn zeros_of_a_channel_that_was_off() {
     let is_off: [fn(f64) -> bool; 3] = [
         |t| (3.9..4.3).contains(&t),
-        |t| t > 3.4 && (10.0 * t).round() as u32 % 7 == 0,
+        |t| t > 3.4 && ((10.0 * t).round() as u32).is_multiple_of(7),
         |t| (8.5..8.7).contains(&t),
     ];
     for is_off in is_off {
