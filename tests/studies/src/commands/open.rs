@@ -23,6 +23,8 @@ fn right(foreign: Option<Foreign>) -> &'static [&'static str] {
         Some(Foreign::ImageWarp) => {
             &["law.shape_y.place", "law.shape_x.place", "law.shape_position", "law.shape_gain"]
         }
+        Some(Foreign::HeldTip) => &["law.tip_support"],
+        Some(Foreign::Sleeve) => &["law.guide_turn"],
     }
 }
 
