@@ -14,13 +14,15 @@
 
 mod block;
 mod give;
+mod legendre;
 mod ritz;
 mod stiffened;
 mod table;
 mod wall;
 
 pub(crate) use block::{flexibility_per_m, nodes_with_walls};
-pub(super) use ritz::{Load, Ritz, Shape, powers};
+pub(super) use legendre::powers;
+pub(super) use ritz::{Load, Ritz, Shape};
 pub(super) use stiffened::Stiffened;
 pub(super) use table::MODES;
 use table::Matrix;
