@@ -3,7 +3,7 @@
 >>> from needle_guide import Session
 >>> found = Session.example().identify()
 >>> print(found.k_kpa)
-17.11 kPa (14.72 to 19.87)
+17.87 kPa (15.38 to 20.77)
 >>> sorted(found.plot())[0]
 'd20-1.shape'
 

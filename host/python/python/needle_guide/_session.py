@@ -78,7 +78,7 @@ class Session:
     True
     >>> found = session.identify()
     >>> print(found.k_kpa)
-    17.11 kPa (14.72 to 19.87)
+    17.87 kPa (15.38 to 20.77)
     """
 
     def __init__(self, path: PathLike, *, keep: object = None) -> None:
