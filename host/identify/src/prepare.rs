@@ -178,10 +178,16 @@ fn spikes(used: &[&Hold]) -> Option<String> {
     };
     let force = of(&|level| [Some(level.force_y_n), level.force_x_n]);
     let displacement = of(&|level| [Some(level.displacement_y_m), level.displacement_x_m]);
-    (force + displacement > 0).then(|| {
+    let channels = [(force, "force"), (displacement, "displacement")];
+    let counts: Vec<String> = channels
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, channel)| format!("{count} of the {channel}"))
+        .collect();
+    (!counts.is_empty()).then(|| {
         format!(
-            "{force} readings of the force and {displacement} of the displacement are spikes, single ones far from their neighbours: not in the \
-             means of holds"
+            "spikes, single readings far from their neighbours, are not in the means of holds: {}",
+            counts.join(", ")
         )
     })
 }
