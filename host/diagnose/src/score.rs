@@ -146,7 +146,7 @@ impl Scores {
                 let is_seen = log_evidence > stated_ln_odds();
                 let visible: Vec<bool> =
                     hypotheses.iter().map(|hypothesis| self.is_visible(hypothesis)).collect();
-                // What the runs cannot show is rounding, over rounding.
+                // An effect that the runs cannot show has rounding over rounding.
                 let of_visible = of_ways.iter().zip(&visible).filter(|(_, is_visible)| **is_visible);
                 Score {
                     effect: *effect,

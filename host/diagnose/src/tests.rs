@@ -174,7 +174,7 @@ fn further_laws_of_an_independent_generator_are_found() {
     law_is_found(Foreign::ImageWarp, "law.shape.share");
 }
 
-/// What holds the needle at its ends: something hard at the tip, and a guide 2 that is a sleeve.
+/// Supports of the needle: something hard at the tip, and a guide 2 that is a sleeve.
 #[test]
 fn further_supports_of_the_needle_are_found() {
     law_is_found(Foreign::HeldTip, "law.tip_support.");

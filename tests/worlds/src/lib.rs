@@ -90,7 +90,7 @@ pub enum Foreign {
 }
 
 impl Foreign {
-    /// Those that studies draw from.
+    /// The effects that studies draw from.
     pub const ALL: [Foreign; 6] = [
         Self::SinusoidalDrift,
         Self::StiffInclusion,

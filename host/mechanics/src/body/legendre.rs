@@ -35,7 +35,7 @@ pub(super) struct Energies {
     pub curvatures: Matrix,
 }
 
-/// Those of all pairs.
+/// Integrals of all pairs.
 pub(super) static ENERGIES: LazyLock<Energies> = LazyLock::new(|| {
     // Derivatives are sums of Legendre polynomials of lower degree: P_n' = sum (2k + 1) P_k over k = n - 1, n - 3 and so on.
     let derivative = |coefficients: &[f64; MODES]| -> [f64; MODES] {

@@ -252,9 +252,9 @@ impl Site {
             Self::Modulus | Self::Reaction => 0.3,
             Self::Stiffness => 0.15,
             Self::Clamp => 0.1,
-            // A tenth of what 30 mm of an 18 gauge needle have, 4 EI/l.
+            // A tenth of what 20 mm of an 18 gauge needle have, 4 EI/l = 3.1 N m/rad.
             Self::GuideTurn => 0.3,
-            // A tenth of what soft tissue (10 kPa) has over 100 mm.
+            // A tenth of what soft tissue (K = 10 kPa) has over 100 mm, 1 N/mm.
             Self::TipSupport => 0.1,
             Self::ForceGain | Self::ShapeGain | Self::TipGain | Self::TipDirectionGain => 0.1,
             Self::Tip => 0.3,
