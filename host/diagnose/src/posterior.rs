@@ -242,6 +242,15 @@ impl Fitted {
         self
     }
 
+    /// By how much the logarithm of the evidence falls where the discrepancy has these sizes instead; nothing where one makes no sense.
+    pub fn ln_cost_of_sizes(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
+        let parameters = self.layout.parameters(&self.values);
+        let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
+        let products = products(patterns, &parameters, &point, &self.jacobian);
+        let [own, other] = [self.sizes.as_slice(), sizes].map(|sizes| patterns.evidence(sizes, &products));
+        Some(other?.minus_ln - own?.minus_ln)
+    }
+
     /// Share of the variance of the logarithm of the modulus that would go if one thing that is stated of the rig were exactly known, for
     /// each of them, the largest first.
     pub fn rests_on(&self, patterns: &Patterns) -> Vec<(&'static str, f64)> {

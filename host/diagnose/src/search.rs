@@ -5,18 +5,23 @@
 //! gets its weight ([`super::weights`]). While some effect is missing with the stated probability, whichever of them it
 //! is, the likeliest one is added. Held-out runs have one veto: no effect counts under which its misfit grows.
 
+mod beginnings;
 mod leaders;
+mod rivals;
+
+use beginnings::Beginning;
+use rivals::Judged;
 
 use super::adequacy::Adequacy;
 use super::determined::is_determined;
 use super::discover;
-use super::evidence::Patterns;
+use super::evidence::{Inverse, Patterns};
 use super::found::{Candidate, Explanation, Found, Member, Standing};
 use super::layout::Prepared;
 use super::posterior::{Fitted, MAX_ROUNDS};
-use super::score::{Scores, stacked};
-use super::split::{Judge, Losses};
-use super::weights::{ModelPrior, NO_WEIGHT, indistinct, is_refuted, ln_sum, smallest_set, stated_ln_odds};
+use super::score::Scores;
+use super::split::Judge;
+use super::weights::{ModelPrior, NO_WEIGHT, ln_sum, smallest_set, stated_ln_odds};
 use mechanics::effects::{Effect, all};
 use readings::FitError;
 use std::sync::{Mutex, PoisonError};
@@ -33,6 +38,8 @@ pub(super) struct Search<'a> {
     pub patterns: &'a Patterns,
     pub judge: &'a Judge,
     pub catalogue: Catalogue<'a>,
+    /// The inverse of the covariance of noise and the imperfections of an ordinary rig.
+    imperfections: Option<Inverse>,
     /// Candidates beside the models that were searched around already: what may be in the place of an effect is asked beside models of
     /// which most were steps of the search.
     memo: Mutex<Vec<Asked>>,
@@ -45,12 +52,13 @@ struct Asked {
     candidates: Vec<Candidate>,
 }
 
-/// A model by what was held out.
-#[derive(Debug, Clone, Copy)]
-struct Judged {
-    /// Logarithm of its odds.
-    ln_odds: f64,
-    is_refuted: bool,
+/// A set of effects beside the start.
+struct Set {
+    fitted: Fitted,
+    /// The effects of this fit that were added.
+    members: Vec<Member>,
+    /// All effects beside it, to which none of them was added; empty where it ended otherwise.
+    last: Vec<Candidate>,
 }
 
 /// Effects that the search may find.
@@ -80,7 +88,8 @@ impl<'a> Search<'a> {
         judge: &'a Judge,
         catalogue: Catalogue<'a>,
     ) -> Self {
-        Self { start, runs, patterns, judge, catalogue, memo: Mutex::default() }
+        let imperfections = patterns.inverse(&patterns.everyday());
+        Self { start, runs, patterns, judge, catalogue, imperfections, memo: Mutex::default() }
     }
 
     /// Every name that may be missing beside a fit, and every law where laws are searched for: the likeliest first.
@@ -186,18 +195,47 @@ impl<'a> Search<'a> {
         })))
     }
 
-    /// Adds what is missing to the start, one effect after the other.
+    /// Adds what is missing to the start: one effect after the other, and again from other first effects where these may lead to a likelier set.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
     pub fn run(&self, mut report: impl FnMut(&str)) -> Result<Found, FitError> {
-        let given = self.start.layout.effects.len();
         let names = self.catalogue.names();
         let scores = Scores::of(&names, self.start, self.runs, self.patterns)?.ranked();
         let names = scores.iter().filter(|score| score.is_identifiable).count();
         let prior = ModelPrior::new(names, discover::shown(self.start, self.catalogue.left_out).len());
-        let mut current = self.start.clone();
-        let (mut first, mut last) = (Vec::new(), Vec::new());
+        let mut first = Vec::new();
+        let mut set = self.grown(self.start.clone(), &prior, &mut first, &mut report)?;
+        for Beginning { fitted, promise } in self.beginnings(&set, &first, &prior)? {
+            if promise <= prior.ln_weight(&set.fitted) {
+                break;
+            }
+            report("a set of other effects may be likelier: the search begins again");
+            let other = self.grown(fitted, &prior, &mut first, &mut report)?;
+            if self.is_likelier(&other, &set, &prior) {
+                set = other;
+            }
+        }
+        let Set { mut fitted, mut members, last } = set;
+        let described = self.described(&fitted)?;
+        if let Some(names) = described.as_ref().map(|_| self.without_laws(&fitted)) {
+            fitted = names;
+            members = self.members(&fitted, &first, &prior)?;
+        }
+        Ok(Found { fitted, members, described, first, last, prior })
+    }
+
+    /// Adds what is missing to a model, and exchanges and removes what has become unlikely; `first` gets the candidates beside the start, once.
+    fn grown(
+        &self,
+        beginning: Fitted,
+        prior: &ModelPrior,
+        first: &mut Vec<Candidate>,
+        mut report: impl FnMut(&str),
+    ) -> Result<Set, FitError> {
+        let given = self.start.layout.effects.len();
+        let mut current = beginning;
+        let mut last = Vec::new();
         while current.layout.effects.len() < given + MAX_EFFECTS {
             let adequacy = Adequacy::of(&current, self.runs, self.patterns)?;
             // If only noise is left there is no misfit to be explained.
@@ -210,10 +248,10 @@ impl<'a> Search<'a> {
             // differs is to have a plain name.
             let may_have_laws = self.catalogue.laws && current.layout.reference.is_none();
             let is_left = !adequacy.is_adequate() || !self.judge.is_chance(&current);
-            let mut candidates = self.candidates(&current, &prior, may_have_laws && is_left)?;
+            let mut candidates = self.candidates(&current, prior, may_have_laws && is_left)?;
             let mut missing = self.missing(&candidates, &current);
             if may_have_laws && !is_left && missing.is_some() {
-                candidates = self.candidates(&current, &prior, true)?;
+                candidates = self.candidates(&current, prior, true)?;
                 missing = self.missing(&candidates, &current);
             }
             if first.is_empty() {
@@ -228,22 +266,17 @@ impl<'a> Search<'a> {
                 best.effect.id(),
                 stated_ln_odds()
             ));
-            current = self.without_needless(best.fitted, &prior);
+            current = self.without_needless(best.fitted, prior);
         }
         // A better effect in the place of one that was taken early shows only once the others are there; and what another effect has made
         // needless since is no longer one.
-        let mut members = self.members(&current, &first, &prior)?;
+        let mut members = self.members(&current, first, prior)?;
         for _ in 0..MAX_EFFECTS {
             let Some(better) = self.better(&current, &members) else { break };
             current = better;
-            members = self.members(&current, &first, &prior)?;
+            members = self.members(&current, first, prior)?;
         }
-        let described = self.described(&current)?;
-        if let Some(names) = described.as_ref().map(|_| self.without_laws(&current)) {
-            current = names;
-            members = self.members(&current, &first, &prior)?;
-        }
-        Ok(Found { fitted: current, members, described, first, last, prior })
+        Ok(Set { fitted: current, members, last })
     }
 
     /// A model with laws beside which something is left, in the runs and in what was held out of them: they describe a part of what is missing, which is none of the models that were
@@ -281,42 +314,6 @@ impl<'a> Search<'a> {
         let better = again.map_or(0.0, |again| (again.log_evidence - base.log_evidence).max(0.0));
         let ln_odds = ln_odds - better;
         (ln_odds > stated_ln_odds()).then_some((best, ln_odds))
-    }
-
-    /// Models, each with the logarithm of its odds, by what was held out. One is refuted by another that could be stated alone, has no less
-    /// evidence and is not refuted itself, where the density that it gives what was held out is lower beyond chance. Where it only
-    /// explains less beside the instruments alone, imperfections of an ordinary rig may be at work, which absorb much of what a wrong
-    /// effect leaves and are in the evidence: it loses what its prior has over the other's, and evidence is left to decide.
-    fn by_held_out<'f>(&self, models: impl Iterator<Item = Option<(f64, &'f Fitted)>>) -> Vec<Judged> {
-        let losses: Vec<Option<(f64, f64, Losses)>> = models
-            .map(|model| {
-                let (ln_odds, fitted) = model?;
-                Some((ln_odds, fitted.log_evidence, self.judge.losses(fitted)?))
-            })
-            .collect();
-        let mut by_evidence: Vec<usize> = (0..losses.len()).collect();
-        let evidence = |index: usize| losses[index].as_ref().map_or(f64::NEG_INFINITY, |of| of.1);
-        by_evidence.sort_by(|a, b| evidence(*b).total_cmp(&evidence(*a)));
-        let mut judged = vec![Judged { ln_odds: f64::NEG_INFINITY, is_refuted: false }; losses.len()];
-        let mut stated: Vec<(f64, f64, &Losses)> = Vec::new();
-        for index in by_evidence {
-            let Some((ln_odds, evidence, of)) = &losses[index] else { continue };
-            let refutes = |(_, _, by): &(f64, f64, &Losses)| is_refuted(&of.of_density, &by.of_density);
-            let explains_more = |(_, _, by): &&(f64, f64, &Losses)| {
-                is_refuted(&of.beside_instruments, &by.beside_instruments)
-            };
-            let is_refuted = stated.iter().any(refutes);
-            let by_evidence_alone = |(other_odds, other_evidence, _): &(f64, f64, &Losses)| {
-                other_odds + evidence - other_evidence
-            };
-            let without_prior =
-                stated.iter().filter(explains_more).map(by_evidence_alone).fold(*ln_odds, f64::min);
-            judged[index] = Judged { ln_odds: without_prior, is_refuted };
-            if !is_refuted && *ln_odds > stated_ln_odds() {
-                stated.push((without_prior, *evidence, of));
-            }
-        }
-        judged
     }
 
     /// Whether a candidate can be what is missing beside a fit.
@@ -377,7 +374,7 @@ impl<'a> Search<'a> {
             let judged = self.by_held_out(all.iter().map(|one| Some((one.ln_odds, &one.fitted))));
             all.iter_mut().zip(&judged).for_each(|(one, judged)| one.ln_odds = judged.ln_odds);
             let kept = all.into_iter().zip(judged).filter(|(_, judged)| !judged.is_refuted);
-            let all = distinct(kept.map(|(one, _)| one).collect());
+            let all = self.distinct(kept.map(|(one, _)| one).collect());
             let weights: Vec<f64> = all.iter().map(|one| one.ln_odds).collect();
             let class = all.into_iter().take(smallest_set(&weights)).collect();
             members.push(Member {
@@ -420,24 +417,4 @@ fn explanations(candidates: &[Candidate]) -> Vec<Explanation> {
         Some(Explanation { effect: candidate.score.effect, fitted, ln_odds: candidate.ln_odds })
     };
     candidates.iter().filter(|candidate| candidate.standing == Standing::Possible).filter_map(of).collect()
-}
-
-/// The same without laws that predict what a name, or a likelier law, does: they are that. Their weight is its weight.
-fn distinct(all: Vec<Explanation>) -> Vec<Explanation> {
-    let (names, laws): (Vec<Explanation>, Vec<Explanation>) =
-        all.into_iter().partition(|one| !one.effect.is_unnamed());
-    let mut kept = names;
-    for law in laws {
-        let apart = |other: &Explanation| {
-            (stacked(&other.fitted.residuals) - stacked(&law.fitted.residuals)).norm_squared()
-        };
-        match kept.iter_mut().find(|other| apart(other) < indistinct()) {
-            Some(other) if !other.effect.is_unnamed() => {
-                other.ln_odds = ln_sum([other.ln_odds, law.ln_odds].into_iter());
-            }
-            _ => kept.push(law),
-        }
-    }
-    kept.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
-    kept
 }

@@ -15,7 +15,7 @@ use super::posterior::Fitted;
 use mechanics::effects::Effect;
 
 pub(super) use ::discrepancy::weights::{
-    NO_WEIGHT, STATED_PROBABILITY, indistinct, is_refuted, limit_refused, ln_sum, smallest_set,
+    NO_WEIGHT, STATED_PROBABILITY, indistinct, is_refuted, limit_refused, ln_sum, same, smallest_set,
     stated_ln_odds,
 };
 

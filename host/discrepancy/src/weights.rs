@@ -23,6 +23,12 @@ pub fn indistinct() -> f64 {
     2.0 * stated_ln_odds()
 }
 
+/// Squared distance, in standard deviations of the noise, of predictions that are the same: the evidence of the two differs by less than the
+/// probability that is not stated.
+pub fn same() -> f64 {
+    -2.0 * STATED_PROBABILITY.ln()
+}
+
 /// `ln sum exp`; minus infinity of nothing.
 pub fn ln_sum(ln_weights: impl Iterator<Item = f64> + Clone) -> f64 {
     let largest = ln_weights.clone().fold(f64::NEG_INFINITY, f64::max);

@@ -27,7 +27,20 @@ const MODULUS_STEPS: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
 const NEGLIGIBLE: f64 = -7.0;
 /// Site and regressor of a law of the grammar.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Pair(Site, Scope, Regressor);
+pub(super) struct Pair(Site, Scope, Regressor);
+
+/// Effects of one kind are forms of each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Kind {
+    Law(Pair),
+    Name(&'static str),
+}
+
+impl Kind {
+    pub fn of(effect: &'static dyn Effect) -> Self {
+        Pair::of(effect).map_or_else(|| Self::Name(effect.id()), Self::Law)
+    }
+}
 
 impl Pair {
     /// `None` for an effect with a name.
@@ -155,7 +168,7 @@ impl Search<'_> {
         best.map_or_else(|| fitted.values().to_vec(), |(_, start)| start.clone())
     }
 
-    fn at_most_everyday(&self, sizes: &[f64]) -> Vec<f64> {
+    pub(super) fn at_most_everyday(&self, sizes: &[f64]) -> Vec<f64> {
         sizes.iter().zip(self.patterns.everyday()).map(|(size, most)| size.min(most)).collect()
     }
 

@@ -1,0 +1,112 @@
+//! Models that compete: by what was held out, and by whether any run tells them apart.
+
+use super::super::found::Explanation;
+use super::super::posterior::Fitted;
+use super::super::split::Losses;
+use super::super::weights::{indistinct, is_refuted, ln_sum, same, stated_ln_odds};
+use super::Search;
+
+/// A model by what was held out.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Judged {
+    /// Logarithm of its odds.
+    pub ln_odds: f64,
+    pub is_refuted: bool,
+}
+
+/// A model among others.
+struct Rival<'a> {
+    fitted: &'a Fitted,
+    ln_odds: f64,
+    losses: Losses,
+}
+
+fn is_refuted_beside_instruments(rival: &Rival<'_>, by: &Rival<'_>) -> bool {
+    is_refuted(&rival.losses.beside_instruments, &by.losses.beside_instruments)
+}
+
+impl Search<'_> {
+    /// Models, each with the logarithm of its odds, by what was held out. One is refuted by another that could be stated alone, has no less
+    /// evidence and is not refuted itself, where the density that it gives what was held out is lower beyond chance. Where it only
+    /// explains less beside the instruments alone, imperfections of an ordinary rig may be at work, which absorb much of what a wrong
+    /// effect leaves and are in the evidence: it loses what its prior has over the other's, and evidence is left to decide. Two models
+    /// that no run tells apart do nothing to each other, whatever sizes of the discrepancy their fits have.
+    pub(super) fn by_held_out<'f>(
+        &self,
+        models: impl Iterator<Item = Option<(f64, &'f Fitted)>>,
+    ) -> Vec<Judged> {
+        let rivals: Vec<Option<Rival<'f>>> = models
+            .map(|model| {
+                let (ln_odds, fitted) = model?;
+                Some(Rival { fitted, ln_odds, losses: self.judge.losses(fitted)? })
+            })
+            .collect();
+        let mut judged = vec![Judged { ln_odds: f64::NEG_INFINITY, is_refuted: false }; rivals.len()];
+        let mut by_evidence: Vec<(usize, &Rival<'f>)> =
+            rivals.iter().enumerate().filter_map(|(index, rival)| Some((index, rival.as_ref()?))).collect();
+        by_evidence.sort_by(|(_, a), (_, b)| b.fitted.log_evidence.total_cmp(&a.fitted.log_evidence));
+        let mut stated: Vec<(f64, &Rival<'f>)> = Vec::new();
+        for (index, rival) in by_evidence {
+            let is_other =
+                |(_, by): &&(f64, &Rival<'f>)| !self.is_near(rival.fitted, by.fitted, indistinct());
+            let is_refuted = stated
+                .iter()
+                .filter(|(_, by)| is_refuted(&rival.losses.of_density, &by.losses.of_density))
+                .any(|by| is_other(&by));
+            let without_prior = stated
+                .iter()
+                .filter(|(_, by)| is_refuted_beside_instruments(rival, by))
+                .filter(is_other)
+                .map(|(ln_odds, by)| ln_odds + rival.fitted.log_evidence - by.fitted.log_evidence)
+                .fold(rival.ln_odds, f64::min);
+            judged[index] = Judged { ln_odds: without_prior, is_refuted };
+            if !is_refuted && rival.ln_odds > stated_ln_odds() {
+                stated.push((without_prior, rival));
+            }
+        }
+        judged
+    }
+
+    /// Whether the predictions of two models for the training runs are nearer than this squared distance, beside noise and the imperfections
+    /// of an ordinary rig.
+    fn is_near(&self, one: &Fitted, other: &Fitted, least: f64) -> bool {
+        let apart: Vec<Vec<f64>> = one
+            .residuals
+            .iter()
+            .zip(&other.residuals)
+            .map(|(one, other)| one.iter().zip(other).map(|(one, other)| one - other).collect())
+            .collect();
+        // Imperfections only take from a distance beside noise alone.
+        if apart.iter().flatten().map(|apart| apart * apart).sum::<f64>() < least {
+            return true;
+        }
+        let Some(imperfections) = &self.imperfections else { return false };
+        let weighted = imperfections.of_column(&apart);
+        let products = weighted.iter().flat_map(|run| run.iter()).zip(apart.iter().flatten());
+        products.map(|(weighted, apart)| weighted * apart).sum::<f64>() < least
+    }
+
+    /// The same without laws that predict what a name, or a simpler law, does: they are that. Their weight is its weight.
+    pub(super) fn distinct(&self, all: Vec<Explanation>) -> Vec<Explanation> {
+        let (mut kept, mut laws): (Vec<Explanation>, Vec<Explanation>) =
+            all.into_iter().partition(|one| !one.effect.is_unnamed());
+        laws.sort_by(|a, b| {
+            let by_odds = b.ln_odds.total_cmp(&a.ln_odds);
+            a.effect.parameters().len().cmp(&b.effect.parameters().len()).then(by_odds)
+        });
+        for law in laws {
+            // Two laws extrapolate differently, so that both stay in a class until their predictions are the same, as those of a step beyond
+            // all runs and of a constant are.
+            let is_that = |other: &&mut Explanation| {
+                let least = if other.effect.is_unnamed() { same() } else { indistinct() };
+                self.is_near(&other.fitted, &law.fitted, least)
+            };
+            match kept.iter_mut().find(is_that) {
+                Some(other) => other.ln_odds = ln_sum([other.ln_odds, law.ln_odds].into_iter()),
+                None => kept.push(law),
+            }
+        }
+        kept.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+        kept
+    }
+}
