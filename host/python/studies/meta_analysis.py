@@ -153,7 +153,9 @@ def q_at(data: Data, tau2: float) -> float:
 
 def root(function: Callable[[float], float]) -> float:
     """The variance at which a falling function is zero; zero where there is none."""
-    return 0.0 if function(0.0) <= 0 else float(optimize.brentq(function, 0.0, 100.0, xtol=1e-16, rtol=1e-14))
+    if function(0.0) <= 0:
+        return 0.0
+    return optimize.root_scalar(function, bracket=(0.0, 100.0), method="brentq", xtol=1e-16, rtol=1e-14).root
 
 
 def reml_slope(data: Data, tau2: float) -> float:
@@ -182,7 +184,7 @@ def theirs(data: Data) -> dict[str, float]:
     new = math.sqrt(tau2 + se**2)
     weights, x = np.diag(1 / data.v), data.design()
     trace = float(np.trace(weights - weights @ x @ np.linalg.solve(x.T @ weights @ x, x.T @ weights)))
-    low, high = (root(lambda tau2, share=share: q_at(data, tau2) - stats.chi2.ppf(share, n - p)) for share in (0.975, 0.025))
+    low, high = (root(lambda tau2, share=share: q_at(data, tau2) - float(stats.chi2.ppf(share, n - p))) for share in (0.975, 0.025))
     paule_mandel = root(lambda tau2: q_at(data, tau2) - (n - p))
     values = {
         "tau, REML": math.sqrt(tau2),

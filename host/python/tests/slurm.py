@@ -17,7 +17,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 
 WORKFLOW = pathlib.Path(__file__).parents[1] / "workflow"
 CONFIGURATION = pathlib.Path("/etc/slurm/slurm.conf")
@@ -227,7 +227,7 @@ def make_sessions(base: pathlib.Path) -> None:
 
 
 @contextlib.contextmanager
-def small_disk(folder: pathlib.Path) -> Iterator[None]:
+def small_disk(folder: pathlib.Path) -> Generator[None, None, None]:
     """A file system in memory of 4 MB."""
     subprocess.run(["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", folder], check=True)
     try:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from needle_guide import AnalysisError, UsageError, discrepancy
+from needle_guide import AnalysisError, Quantity, UsageError, discrepancy
 
 NOTEBOOK = pathlib.Path(__file__).parents[2] / "manual" / "src" / "notebooks" / "pendulum.ipynb"
 
@@ -28,6 +28,11 @@ def test_the_notebook_names_the_hidden_friction_of_a_pendulum() -> None:
     assert found.schema == "discrepancy.diagnosis/1"
 
 
+def interval(quantity: Quantity) -> tuple[float, float]:
+    assert quantity.ci95 is not None
+    return quantity.ci95
+
+
 def line(parameters, terms, run):  # type: ignore[no-untyped-def]
     return parameters["slope"] * run["x"]
 
@@ -40,7 +45,7 @@ def runs() -> list[discrepancy.Run]:
 
 
 def diagnose(model, **changed):  # type: ignore[no-untyped-def]
-    stated = {
+    stated: dict[str, Any] = {
         "parameters": {"slope": (1.0, 1.0)},
         "sites": {"y": {"adds_to": "y", "regressors": ["x"]}},
         **changed,
@@ -65,7 +70,7 @@ def test_an_asymmetric_friction_states_its_dry_friction_and_its_offset() -> None
     )
     assert set(found.parts) == {"friction/offset", "friction/reversal"}, str(found)
     for name, true in {"friction/offset": 0.2, "friction/reversal": 0.5}.items():
-        low, high = found.parts[name].ci95
+        low, high = interval(found.parts[name])
         assert low < true < high and found.parts[name].unit == "N", str(found)
 
 
@@ -73,7 +78,7 @@ def test_steps_are_reported() -> None:
     steps: list[str] = []
     found = diagnose(line, progress=steps.append)
     assert found.verdict == "adequate" and "fitting the plain model" in steps
-    low, high = found.parameters["slope"].ci95
+    low, high = interval(found.parameters["slope"])
     assert low < 2.0 < high
 
 

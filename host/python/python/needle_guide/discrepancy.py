@@ -182,7 +182,7 @@ def _parameter(name: str, one: Mapping[str, Any] | tuple[float, float]) -> dict[
 
 
 def _site(one: Mapping[str, Any] | Sequence[str]) -> dict[str, Any]:
-    site = dict(one) if isinstance(one, Mapping) else {"regressors": list(one)}
+    site: dict[str, Any] = dict(one) if isinstance(one, Mapping) else {"regressors": list(one)}
     site["regressors"] = [{"name": each} if isinstance(each, str) else dict(each) for each in site.get("regressors", ())]
     return site
 
