@@ -1,7 +1,7 @@
 //! A lateral recording in cells: means over a twentieth of a second, without what is misread, and stretches of cells over which forces
 //! are averaged.
 
-use super::course::{Course, course};
+use super::course::{Track, Window, course};
 use formats::session::LateralRun;
 use readings::holds::Hold;
 use readings::outliers::farthest;
@@ -27,8 +27,10 @@ pub(super) struct Cells {
     pub read_m: [Vec<f64>; 2],
     /// The hold of every cell.
     pub hold: Vec<Option<usize>>,
-    /// Between holds the share of the variance of a reading that is left in where guide 2 was, vertical and horizontal.
-    pub left: [Vec<f64>; 2],
+    /// From the first reading of every cell to its last one.
+    pub length_s: Vec<f64>,
+    /// Cells in which guide 2 may have moved, vertically and horizontally.
+    pub windows: [Vec<Window>; 2],
     /// Scatter of the readings of the force within the cells of holds.
     pub force_scatter: Scatter,
     /// The same of the displacement.
@@ -122,6 +124,7 @@ pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
             usable.clone().sum::<f64>() / usable.count() as f64
         };
         cells.time_s.push(mean(&force.time_s));
+        cells.length_s.push(force.time_s[end - 1] - force.time_s[row]);
         for plane in 0..2 {
             let (cell_n, cell_m) = (mean(&force_n[plane]), mean(&read_m[plane]));
             // A column that is not there is all zeros.
@@ -153,92 +156,22 @@ pub(super) fn stood(cells: &Cells, holds: usize) -> Vec<[f64; 2]> {
     sums.into_iter().map(|[y, x, count]| [y / count, x / count]).collect()
 }
 
-/// Fewer cells in a row are beyond a hold by noise up to so many standard deviations of it.
-const FEW: usize = 3;
-const FEW_SD: f64 = 6.0;
-/// Mean and standard deviation of what normal noise reaches to one side, in its own standard deviations.
-const ONE_SIDE: [f64; 2] = [0.798, 0.603];
-/// So many standard deviations are no chance.
-const NO_CHANCE: f64 = 3.0;
-
-/// Position of guide 2 in every cell, vertical and horizontal, and the remaining variance of its readings there: in a
-/// hold its mean, between holds the likeliest course of readings by a sensor of these standard deviations ([`course`]).
-/// Beside a hold it stands at the hold as long as the readings are there, and what single readings lie beyond the holds
-/// before and after is noise. Several readings in a row show that guide 2 has gone beyond a hold and crept back.
-pub(super) fn travelled(cells: &Cells, stood_m: &[[f64; 2]], sd_m: [f64; 2]) -> [Course; 2] {
-    [0, 1].map(|plane| {
-        let mut positions_m = cells.read_m[plane].clone();
-        let mut remaining_variance = vec![1.0; positions_m.len()];
-        let hold_m = |hold: Option<usize>| hold.and_then(|hold| stood_m.get(hold)).map(|m| m[plane]);
-        let mut previous_m = None;
-        let mut start = 0;
-        for same in cells.hold.chunk_by(|a, b| a == b) {
-            let end = start + same.len();
-            let cells_m = &mut positions_m[start..end];
-            match hold_m(cells.hold[start]) {
-                Some(m) => {
-                    cells_m.fill(m);
-                    previous_m = Some(m);
-                }
-                None => {
-                    let next_m = cells.hold.get(end).and_then(|hold| hold_m(*hold));
-                    on_the_way(
-                        cells_m,
-                        &mut remaining_variance[start..end],
-                        [previous_m, next_m],
-                        sd_m[plane],
-                    );
-                }
-            }
-            start = end;
-        }
-        Course { places_m: positions_m, left: remaining_variance }
-    })
-}
-
-/// Fraction of the readings between two holds that is motion.
-fn on_the_way(readings_m: &mut [f64], shares: &mut [f64], [before_m, after_m]: [Option<f64>; 2], sd_m: f64) {
-    let staying_count = before_m.map_or(0, |m| staying(readings_m.iter(), m, sd_m));
-    let come = after_m
-        .map_or(0, |m| staying(readings_m.iter().rev(), m, sd_m))
-        .min(readings_m.len() - staying_count);
-    let (leaving, staying_m) = readings_m.split_at_mut(staying_count);
-    let (moving_m, coming) = staying_m.split_at_mut(staying_m.len() - come);
-    before_m.into_iter().for_each(|m| leaving.fill(m));
-    after_m.into_iter().for_each(|m| coming.fill(m));
-
-    let motion = course(moving_m, sd_m);
-    moving_m.copy_from_slice(&motion.places_m);
-    if let Some(motion_shares) = shares.get_mut(staying_count..staying_count + motion.left.len()) {
-        motion_shares.copy_from_slice(&motion.left);
-    }
-    let ends_m = [before_m, after_m].into_iter().flatten();
-    let low_m = ends_m.clone().fold(f64::INFINITY, f64::min);
-    let high_m = ends_m.fold(f64::NEG_INFINITY, f64::max);
-    if low_m > high_m {
-        return;
-    }
-    let end_m = |m: f64| m.clamp(low_m, high_m);
-    for beyond in moving_m.chunk_by_mut(|a, b| (*a - end_m(*a)).signum() == (*b - end_m(*b)).signum()) {
-        let n = beyond.len() as f64;
-        let mean_m = beyond.iter().map(|m| (m - end_m(*m)).abs()).sum::<f64>() / n;
-        let by_chance_sd =
-            if beyond.len() < FEW { FEW_SD } else { ONE_SIDE[0] + NO_CHANCE * ONE_SIDE[1] / n.sqrt() };
-        if mean_m <= by_chance_sd * sd_m {
-            beyond.iter_mut().for_each(|m| *m = end_m(*m));
-        }
-    }
-}
-
-/// Number of readings, from a hold on, of a guide that still stands there: each of them, and their mean.
-fn staying<'a>(readings_m: impl Iterator<Item = &'a f64>, held_m: f64, sd_m: f64) -> usize {
-    let mut sum_m = 0.0;
-    let deviations_m = readings_m.map(|m| m - held_m).take_while(|off_m| off_m.abs() <= NO_CHANCE * sd_m);
-    let stays = |(number, deviations_m): (usize, f64)| {
-        sum_m += deviations_m;
-        (sum_m.abs() <= NO_CHANCE * sd_m * (number as f64 + 1.0).sqrt()).then_some(number + 1)
+/// Position of guide 2 in every cell of a plane, and where it is not known as that of a hold is, by a sensor of this standard deviation.
+pub(super) fn travelled(
+    cells: &Cells,
+    plane: usize,
+    stood_m: &[[f64; 2]],
+    sd_m: f64,
+) -> (Vec<f64>, Vec<Window>) {
+    let stood_m: Vec<f64> = stood_m.iter().map(|m| m[plane]).collect();
+    let track = Track {
+        time_s: &cells.time_s,
+        length_s: &cells.length_s,
+        read_m: &cells.read_m[plane],
+        hold: &cells.hold,
+        sd_m,
     };
-    deviations_m.enumerate().map_while(stays).last().unwrap_or(0)
+    course(&track, &stood_m)
 }
 
 /// Cells of every hold.
@@ -284,37 +217,4 @@ pub(super) fn stretches(cells: &Cells) -> Vec<Range<usize>> {
         start = end;
     }
     stretches
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn single_readings_beyond_a_hold_are_noise_and_several_in_a_row_are_motion() {
-        let read_m = vec![0.0, 0.2, 0.5, 0.99, 1.02, 0.99, 1.01, 1.02, 0.98, 0.3, 0.01];
-        let hold = vec![Some(0), None, None, None, None, Some(1), Some(1), None, None, None, Some(2)];
-        let cells = Cells { read_m: [read_m, vec![0.0; 11]], hold, ..Cells::default() };
-        let stood_m = stood(&cells, 3);
-        let [y, x] = travelled(&cells, &stood_m, [0.01; 2]).map(|course| course.places_m);
-        // Beside a hold guide 2 is where it stands.
-        let are_close =
-            |found: &[f64], expected: &[f64]| found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.02);
-        assert!(are_close(&y, &[0.0, 0.2, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3, 0.01]), "{y:?}");
-        assert_eq!(x, [0.0; 11]);
-        // It has gone beyond the hold and come back.
-        let read_m = vec![0.0, 0.5, 1.05, 1.06, 1.05, 1.04, 1.0, 1.0, 0.5, -0.001];
-        let hold = vec![Some(0), None, None, None, None, None, Some(1), Some(1), None, None];
-        let cells = Cells { read_m: [read_m.clone(), vec![0.0; 10]], hold, ..Cells::default() };
-        assert!(are_close(&travelled(&cells, &stood(&cells, 2), [0.01; 2])[0].places_m, &read_m));
-    }
-
-    #[test]
-    fn what_creeps_away_from_a_hold_stays_as_long_as_its_mean_does() {
-        let creeping: Vec<f64> = (0..20).map(|i| 0.002 * f64::from(i)).collect();
-        let stays = staying(creeping.iter(), 0.0, 0.01);
-        assert!((4..=14).contains(&stays), "{stays}");
-        assert_eq!(staying([0.01, -0.02, 0.02, 0.5].iter(), 0.0, 0.01), 3);
-        assert_eq!(staying([0.5].iter(), 0.0, 0.01), 0);
-    }
 }

@@ -1,104 +1,388 @@
-//! The motion of guide 2 between two holds, of readings that have noise.
+//! The motion of guide 2, of readings that have noise.
 //!
 //! The model is driven by the position of guide 2, not by its sensor's reading: taken as true, white noise of the
 //! readings makes a force that follows them late fit better than one that follows at once, because a delay averages
-//! them. So the course is an unknown of its own: its second differences are normal with a size that the readings
-//! determine by their marginal likelihood, and the readings are normal about it. Its begin and end are free: guide 2
-//! starts and stops as abruptly as its actuator can. A sensor without noise is followed exactly.
+//! them. So the course between two holds is an unknown of its own ([`windows`]), and the model gets its mean given the
+//! readings: errors about that mean are independent of it, and bias nothing. Their covariance is that of the forces which
+//! follow the course ([`Window`]).
 //!
-//! Whittaker, "On a new method of graduation" (1923); Wahba, "A comparison of GCV and GML for choosing the smoothing parameter" (1985).
+//! Beforehand guide 2 starts at any time, moves at one speed and stops at any time, and departs from that by a course whose
+//! second differences are normal, of any size from nothing to all that was read. Given the readings all of these are
+//! averaged, each by its likelihood. Times and size have no prior but their ranges, so that the mean has no tendency to start
+//! or to stop early. A hold is detected only where motion exceeds the noise: the course is unknown as far into a hold as motion at
+//! its mean speed is hidden. A sensor without noise is followed exactly.
+//!
+//! Carroll, Ruppert, Stefanski and Crainiceanu, "Measurement error in nonlinear models" (2006), chapter 4; Wahba, "A
+//! comparison of GCV and GML for choosing the smoothing parameter" (1985).
 
 use nalgebra::{DMatrix, DVector};
+use std::f64::consts::PI;
+use std::ops::Range;
 
-/// Sizes of the second differences, in standard deviations of the readings: from a straight line to twice the largest that was read.
-const SIZES: i32 = 24;
-const SMALLEST: f64 = 1e-3;
+/// Sizes of the second differences, in standard deviations of the readings, are apart by this ratio; the smallest moves the middle by a tenth of one.
+const SIZE_RATIO: f64 = 2.0;
+const UNSEEN_SD: f64 = 0.1;
 /// Noise is nothing beside second differences of so many of its standard deviations.
 const NO_NOISE: f64 = 1e3;
+/// Times of starting and of stopping that are tried, each time in the range that the ones before left.
+const TIMES: usize = 24;
+const REFINEMENTS: usize = 3;
+/// A motion within this share of a cell is a step.
+const STEP: f64 = 0.1;
+/// Less likely by this factor is left out.
+const NEGLIGIBLE: f64 = 1e-4;
+/// So many standard deviations are no chance.
+const NO_CHANCE: f64 = 3.0;
 
-/// A course, and the share of the variance of a reading that is left in every place of it.
-pub(super) struct Course {
-    pub places_m: Vec<f64>,
-    pub left: Vec<f64>,
+/// Readings of one plane, in cells.
+pub(super) struct Track<'a> {
+    /// Middle of every cell, s.
+    pub time_s: &'a [f64],
+    /// From the first reading of a cell to its last one, s.
+    pub length_s: &'a [f64],
+    /// Mean reading of every cell.
+    pub read_m: &'a [f64],
+    /// The hold of every cell.
+    pub hold: &'a [Option<usize>],
+    /// Standard deviation of the reading of a cell.
+    pub sd_m: f64,
 }
 
-/// The course of equally spaced readings of this standard deviation.
-pub(super) fn course(readings_m: &[f64], sd_m: f64) -> Course {
-    let as_read = || Course { places_m: readings_m.to_vec(), left: vec![1.0; readings_m.len()] };
-    let count = readings_m.len();
-    // The first and the last second difference are those of starting and stopping.
-    let Some(inner) = count.checked_sub(4).filter(|inner| *inner > 0 && sd_m > 0.0) else { return as_read() };
-    let second = DMatrix::from_fn(inner, count, |i, j| match j.checked_sub(i + 1) {
-        Some(0 | 2) => 1.0,
-        Some(1) => -2.0,
-        _ => 0.0,
-    });
-    let read = DVector::from_iterator(count, readings_m.iter().map(|m| m / sd_m));
-    let largest = (&second * &read).amax();
-    if largest > NO_NOISE {
-        return as_read();
+/// Cells in which guide 2 may have moved, and the covariance of its positions there, in units of the variance of a reading.
+#[derive(Debug, Clone)]
+pub(super) struct Window {
+    /// The cells.
+    pub cells: Range<usize>,
+    /// Covariance of their positions.
+    pub covariance: DMatrix<f64>,
+}
+
+impl Window {
+    /// Covariance of the mean positions of two stretches of cells.
+    pub fn covariance_of(&self, one: &[usize], other: &[usize]) -> f64 {
+        let mut sum = 0.0;
+        for row in self.inside(one) {
+            sum += self.inside(other).filter_map(|column| self.covariance.get((row, column))).sum::<f64>();
+        }
+        sum / (one.len() * other.len()) as f64
     }
-    let step = (2.0 * largest.max(1.0) / SMALLEST).powf(1.0 / f64::from(SIZES - 1));
-    let penalty = second.transpose() * &second;
-    // The size with the largest marginal likelihood, integrated over the course.
-    let fit = |size: f64| {
-        let normal = &penalty / (size * size) + DMatrix::identity(count, count);
-        let factor = normal.cholesky()?;
-        let solution = factor.solve(&read);
-        let half_ln_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum();
-        let ln_likelihood =
-            -0.5 * (read.dot(&read) - solution.dot(&read)) - half_ln_determinant - inner as f64 * size.ln();
-        Some((ln_likelihood, solution, factor))
-    };
-    let sizes = (0..SIZES).map(|number| SMALLEST * step.powi(number));
-    let best = sizes.filter_map(fit).max_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, smoothed, factor)) = best else { return as_read() };
-    Course {
-        places_m: smoothed.iter().map(|value| sd_m * value).collect(),
-        left: factor.inverse().diagonal().iter().copied().collect(),
+
+    /// Numbers within the window of those cells that are inside.
+    fn inside(&self, cells: &[usize]) -> impl Iterator<Item = usize> {
+        let count = self.cells.len();
+        cells
+            .iter()
+            .filter_map(move |cell| cell.checked_sub(self.cells.start))
+            .filter(move |row| *row < count)
     }
+}
+
+/// Mean position of guide 2 in every cell, and where it is not that of a hold for sure. `stood_m` are the positions of the holds.
+pub(super) fn course(track: &Track<'_>, stood_m: &[f64]) -> (Vec<f64>, Vec<Window>) {
+    let at_hold =
+        |cell: usize| track.hold.get(cell).copied().flatten().and_then(|hold| stood_m.get(hold)).copied();
+    let mut places_m: Vec<f64> =
+        track.read_m.iter().enumerate().map(|(cell, read_m)| at_hold(cell).unwrap_or(*read_m)).collect();
+    let mut found = Vec::new();
+    let mut start = 0;
+    let chunks: Vec<&[Option<usize>]> = track.hold.chunk_by(|a, b| a == b).collect();
+    for (number, same) in chunks.iter().enumerate() {
+        let gap = start..start + same.len();
+        start = gap.end;
+        if same.first().is_none_or(Option::is_some) {
+            continue;
+        }
+        let before_m = gap.start.checked_sub(1).and_then(at_hold);
+        let after_m = at_hold(gap.end);
+        let half_hold =
+            |chunk: Option<usize>| chunk.and_then(|chunk| chunks.get(chunk)).map_or(0, |hold| hold.len() / 2);
+        let (Some(first_m), Some(last_m)) = (before_m.or(after_m), after_m.or(before_m)) else { continue };
+        // As far into the holds as motion at the mean speed, on both sides, is hidden in the noise.
+        let hidden_m = NO_CHANCE * track.sd_m;
+        let seen_m = (last_m - first_m).abs() - 2.0 * hidden_m;
+        let hidden =
+            if seen_m > 0.0 { (hidden_m * gap.len() as f64 / seen_m).ceil() as usize } else { usize::MAX };
+        let reach = |chunk: Option<usize>| hidden.min(half_hold(chunk));
+        let cells = gap.start - reach(number.checked_sub(1))..gap.end + reach(Some(number + 1));
+        let passage = Passage { track, cells: cells.clone(), ends_m: [before_m, after_m] };
+        if let Some((means_m, covariance)) = passage.posterior() {
+            cells.clone().zip(means_m).for_each(|(cell, mean_m)| places_m[cell] = mean_m);
+            found.push(Window { cells, covariance });
+        }
+    }
+    (places_m, found)
+}
+
+/// Cells between two holds, or between a hold and an end of the recording.
+struct Passage<'a> {
+    track: &'a Track<'a>,
+    cells: Range<usize>,
+    /// Position of the hold before and of the one after.
+    ends_m: [Option<f64>; 2],
+}
+
+impl Passage<'_> {
+    /// Mean and covariance of the positions given the readings; `None` where they are followed as they are.
+    fn posterior(&self) -> Option<(Vec<f64>, DMatrix<f64>)> {
+        let Track { time_s, length_s, read_m, sd_m, .. } = *self.track;
+        let count = self.cells.len();
+        let [before_m, after_m] = self.ends_m;
+        if sd_m <= 0.0 {
+            return None;
+        }
+        let base_m = before_m.or(after_m)?;
+        let way = after_m.map_or(0.0, |after_m| (after_m - base_m) / sd_m);
+        let readings = DVector::from_iterator(
+            count,
+            read_m.get(self.cells.clone())?.iter().map(|m| (m - base_m) / sd_m),
+        );
+        let modes = Modes::new(count, before_m.is_some(), after_m.is_some());
+        let largest = modes.largest_second_difference(&readings, way);
+        if !largest.is_finite() || largest > NO_NOISE {
+            return None;
+        }
+        let sizes = modes.sizes(largest);
+        let seen = modes.of(&readings);
+        let cell_s: Vec<[f64; 2]> =
+            self.cells.clone().filter_map(|cell| Some([*time_s.get(cell)?, *length_s.get(cell)?])).collect();
+        let first_s = cell_s.first().map_or(0.0, |[at_s, length_s]| at_s - 0.5 * length_s);
+        let last_s = cell_s.last().map_or(0.0, |[at_s, length_s]| at_s + 0.5 * length_s);
+        let mut ranges = [[first_s, last_s]; 2];
+        let moves = way.abs() > NO_CHANCE && last_s > first_s;
+        let mut courses = Courses::new(&modes, &cell_s, ranges, if moves { way } else { 0.0 });
+        if moves {
+            for _ in 0..REFINEMENTS {
+                ranges = courses.likely_ranges(&seen, &modes, &sizes, [first_s, last_s]);
+                let refined = Courses::new(&modes, &cell_s, ranges, way);
+                if refined.longest_s() < refined.step_s {
+                    break;
+                }
+                courses = refined;
+            }
+        }
+        let (mean, covariance) = courses.posterior(&seen, &modes, &sizes);
+        let means_m = (&modes.basis * mean).iter().map(|value| base_m + sd_m * value).collect();
+        Some((means_m, &modes.basis * covariance * modes.basis.transpose()))
+    }
+}
+
+/// Functions on the cells in which second differences are diagonal: sines that vanish beyond an end with a hold, and are level at an
+/// end without.
+struct Modes {
+    basis: DMatrix<f64>,
+    /// Second difference of every mode in units of its size.
+    curvature: Vec<f64>,
+    has_hold: [bool; 2],
+}
+
+impl Modes {
+    fn new(count: usize, hold_before: bool, hold_after: bool) -> Self {
+        let both = hold_before && hold_after;
+        let period = if both { (count + 1) as f64 } else { count as f64 + 0.5 };
+        let wave = |mode: usize| PI * if both { mode as f64 + 1.0 } else { mode as f64 + 0.5 } / period;
+        // Places count from the hold.
+        let place = |row: usize| if hold_before { row as f64 + 1.0 } else { (count - row) as f64 };
+        Self {
+            basis: DMatrix::from_fn(count, count, |row, mode| {
+                (2.0 / period).sqrt() * (wave(mode) * place(row)).sin()
+            }),
+            curvature: (0..count).map(|mode| 4.0 * (0.5 * wave(mode)).sin().powi(2)).collect(),
+            has_hold: [hold_before, hold_after],
+        }
+    }
+
+    fn of(&self, values: &DVector<f64>) -> DVector<f64> {
+        self.basis.tr_mul(values)
+    }
+
+    /// Of readings that start at zero and end at `way`.
+    fn largest_second_difference(&self, readings: &DVector<f64>, way: f64) -> f64 {
+        let [before, after] = self.has_hold;
+        let mut values: Vec<f64> = readings.iter().copied().collect();
+        if before {
+            values.insert(0, 0.0);
+        }
+        if after {
+            values.push(way);
+        }
+        values.windows(3).map(|three| (three[0] - 2.0 * three[1] + three[2]).abs()).fold(1.0, f64::max)
+    }
+
+    /// Sizes of the second differences: nothing, and from what cannot be seen to twice the largest.
+    fn sizes(&self, largest: f64) -> Vec<f64> {
+        let slowest = self.curvature.first().copied().unwrap_or(1.0);
+        let steps = (2.0 * largest / (UNSEEN_SD * slowest)).log(SIZE_RATIO).ceil().max(1.0) as i32;
+        (0..=steps).map(|step| UNSEEN_SD * slowest * SIZE_RATIO.powi(step)).chain([0.0]).collect()
+    }
+
+    /// Share of the variance of a reading that is noise, mode by mode.
+    fn noise_share(&self, size: f64) -> DVector<f64> {
+        DVector::from_iterator(
+            self.curvature.len(),
+            self.curvature.iter().map(|c| 1.0 / (1.0 + (size / c).powi(2))),
+        )
+    }
+}
+
+/// Courses at one speed between a time of starting and one of stopping.
+struct Courses {
+    /// Times of starting, and then those of stopping.
+    times_s: Vec<f64>,
+    starts: usize,
+    /// A way within less is not told from a step.
+    step_s: f64,
+    way: f64,
+    /// Way after each of the times at a speed of one, in modes.
+    ways: DMatrix<f64>,
+}
+
+/// One size with the likelihood of its courses.
+struct OfSize {
+    ln_evidence: f64,
+    noise_share: DVector<f64>,
+    /// Probability of every pair of times.
+    pairs: Vec<(usize, usize, f64)>,
+}
+
+impl Courses {
+    fn new(modes: &Modes, cell_s: &[[f64; 2]], ranges_s: [[f64; 2]; 2], way: f64) -> Self {
+        let spread = |[from_s, to_s]: [f64; 2]| {
+            (0..TIMES).map(move |number| from_s + (to_s - from_s) * (number as f64 + 0.5) / TIMES as f64)
+        };
+        let times_s: Vec<f64> =
+            if way == 0.0 { Vec::new() } else { ranges_s.into_iter().flat_map(spread).collect() };
+        let ways = DMatrix::from_fn(cell_s.len(), times_s.len(), |cell, number| {
+            mean_way(cell_s[cell], times_s[number])
+        });
+        let [first_s, last_s] =
+            [cell_s.first(), cell_s.last()].map(|cell| cell.map_or(0.0, |[at_s, _]| *at_s));
+        let step_s = STEP * (last_s - first_s) / cell_s.len() as f64;
+        Self { ways: modes.basis.tr_mul(&ways), starts: times_s.len() / 2, times_s, step_s, way }
+    }
+
+    /// Longest time from starting to stopping.
+    fn longest_s(&self) -> f64 {
+        self.times_s.first().zip(self.times_s.last()).map_or(0.0, |(start_s, stop_s)| stop_s - start_s)
+    }
+
+    /// Evidence of a size, and the probabilities of times with it.
+    fn of_size(&self, seen: &DVector<f64>, modes: &Modes, size: f64) -> OfSize {
+        let noise_share = modes.noise_share(size);
+        let weighted = seen.component_mul(&noise_share);
+        let half_ln_determinant = -0.5 * noise_share.iter().map(|share| share.ln()).sum::<f64>();
+        let still = -0.5 * seen.dot(&weighted) - half_ln_determinant;
+        if self.times_s.is_empty() {
+            return OfSize { ln_evidence: still, noise_share, pairs: Vec::new() };
+        }
+        let along = self.ways.tr_mul(&weighted);
+        let mut scaled = self.ways.clone();
+        scaled.row_iter_mut().zip(noise_share.iter()).for_each(|(mut row, share)| row *= *share);
+        let products = self.ways.tr_mul(&scaled);
+        let mut pairs = Vec::new();
+        for start in 0..self.starts {
+            for stop in self.starts..self.times_s.len() {
+                let duration_s = self.times_s[stop] - self.times_s[start];
+                if duration_s >= self.step_s {
+                    let speed = self.way / duration_s;
+                    let square =
+                        products[(start, start)] - 2.0 * products[(start, stop)] + products[(stop, stop)];
+                    let gain = speed * (along[start] - along[stop]) - 0.5 * speed * speed * square;
+                    pairs.push((start, stop, gain));
+                }
+            }
+        }
+        let best = pairs.iter().map(|pair| pair.2).fold(f64::NEG_INFINITY, f64::max);
+        pairs.iter_mut().for_each(|pair| pair.2 = (pair.2 - best).exp());
+        let sum: f64 = pairs.iter().map(|pair| pair.2).sum();
+        let tried = pairs.len() as f64;
+        pairs.iter_mut().for_each(|pair| pair.2 /= sum);
+        OfSize { ln_evidence: still + best + (sum / tried).ln(), noise_share, pairs }
+    }
+
+    /// All sizes with their probabilities.
+    fn weighted(&self, seen: &DVector<f64>, modes: &Modes, sizes: &[f64]) -> Vec<(f64, OfSize)> {
+        let all: Vec<OfSize> = sizes.iter().map(|size| self.of_size(seen, modes, *size)).collect();
+        let best = all.iter().map(|one| one.ln_evidence).fold(f64::NEG_INFINITY, f64::max);
+        let likely: Vec<(f64, OfSize)> = all
+            .into_iter()
+            .map(|one| ((one.ln_evidence - best).exp(), one))
+            .filter(|(weight, _)| *weight > NEGLIGIBLE)
+            .collect();
+        let sum: f64 = likely.iter().map(|(weight, _)| weight).sum();
+        likely.into_iter().map(|(weight, one)| (weight / sum, one)).collect()
+    }
+
+    /// Ranges of the times of starting and stopping in which they are likely, and one step more.
+    fn likely_ranges(
+        &self,
+        seen: &DVector<f64>,
+        modes: &Modes,
+        sizes: &[f64],
+        bounds_s: [f64; 2],
+    ) -> [[f64; 2]; 2] {
+        let mut probability = vec![0.0; self.times_s.len()];
+        for (weight, one) in self.weighted(seen, modes, sizes) {
+            for (start, stop, of_pair) in one.pairs {
+                probability[start] += weight * of_pair;
+                probability[stop] += weight * of_pair;
+            }
+        }
+        let likely = |half: Range<usize>| {
+            let times_s = &self.times_s[half.clone()];
+            let step_s = times_s[1] - times_s[0];
+            let most = probability[half.clone()].iter().copied().fold(0.0, f64::max);
+            let within = || {
+                times_s.iter().zip(&probability[half.clone()]).filter(move |(_, p)| **p > NEGLIGIBLE * most)
+            };
+            let from_s = within().next().map_or(times_s[0], |(s, _)| *s);
+            let to_s = within().next_back().map_or(times_s[times_s.len() - 1], |(s, _)| *s);
+            [(from_s - step_s).max(bounds_s[0]), (to_s + step_s).min(bounds_s[1])]
+        };
+        [likely(0..self.starts), likely(self.starts..self.times_s.len())]
+    }
+
+    /// Mean and covariance, in modes.
+    fn posterior(&self, seen: &DVector<f64>, modes: &Modes, sizes: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
+        let count = seen.len();
+        let (mut mean, mut second) = (DVector::zeros(count), DMatrix::zeros(count, count));
+        for (weight, one) in self.weighted(seen, modes, sizes) {
+            let mut shares = DVector::zeros(self.times_s.len());
+            let mut products = DMatrix::zeros(self.times_s.len(), self.times_s.len());
+            for (start, stop, probability) in one.pairs {
+                let speed = self.way / (self.times_s[stop] - self.times_s[start]);
+                shares[start] += probability * speed;
+                shares[stop] -= probability * speed;
+                let square = probability * speed * speed;
+                products[(start, start)] += square;
+                products[(stop, stop)] += square;
+                products[(start, stop)] -= square;
+                products[(stop, start)] -= square;
+            }
+            let expected = &self.ways * shares;
+            let mut of_times =
+                &self.ways * products * self.ways.transpose() - &expected * expected.transpose();
+            of_times.row_iter_mut().zip(one.noise_share.iter()).for_each(|(mut row, share)| row *= *share);
+            of_times
+                .column_iter_mut()
+                .zip(one.noise_share.iter())
+                .for_each(|(mut column, share)| column *= *share);
+            let signal_share = one.noise_share.map(|share| 1.0 - share);
+            let centre = seen.component_mul(&signal_share) + expected.component_mul(&one.noise_share);
+            second +=
+                weight * (of_times + DMatrix::from_diagonal(&signal_share) + &centre * centre.transpose());
+            mean += weight * centre;
+        }
+        let covariance = second - &mean * mean.transpose();
+        (mean, covariance)
+    }
+}
+
+/// Mean over a cell of the way since a time, at a speed of one.
+fn mean_way([middle_s, length_s]: [f64; 2], since_s: f64) -> f64 {
+    let [from_s, to_s] = [-0.5, 0.5].map(|share| (middle_s + share * length_s - since_s).max(0.0));
+    if length_s > 0.0 { (to_s * to_s - from_s * from_s) / (2.0 * length_s) } else { to_s }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use noise::Noise;
-
-    /// A ramp that begins and ends in the middle of a cell.
-    fn ramp(count: usize) -> Vec<f64> {
-        (0..count).map(|i| 1e-3 * ((i as f64 + 0.5) / count as f64).clamp(0.0, 1.0)).collect()
-    }
-
-    #[test]
-    fn noise_is_taken_off_as_far_as_stated_and_motion_is_not() {
-        let truth = ramp(30);
-        let mut random = Noise::new(7);
-        let (mut squares, mut stated, mut of_readings) = (0.0, 0.0, 0.0);
-        let sd_m = 0.05e-3;
-        for _ in 0..200 {
-            let readings: Vec<f64> = truth.iter().map(|m| m + sd_m * random.normal()).collect();
-            let smoothed = course(&readings, sd_m);
-            for (((smoothed, left), truth), read) in
-                smoothed.places_m.iter().zip(&smoothed.left).zip(&truth).zip(&readings)
-            {
-                squares += (smoothed - truth).powi(2);
-                stated += left * sd_m * sd_m;
-                of_readings += (read - truth).powi(2);
-            }
-        }
-        assert!(squares < 0.3 * of_readings, "{}", squares / of_readings);
-        assert!((0.6..1.5).contains(&(squares / stated)), "{}", squares / stated);
-    }
-
-    #[test]
-    fn a_sensor_without_noise_is_followed() {
-        let truth = ramp(12);
-        let smoothed = course(&truth, 1e-9);
-        assert!(
-            smoothed.places_m.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 2e-9),
-            "{:?}",
-            smoothed.places_m
-        );
-        assert_eq!(course(&truth, 0.0).places_m, truth);
-    }
-}
+#[path = "course_tests.rs"]
+mod tests;

@@ -280,14 +280,19 @@ impl Run {
         let position_m = held(&cells);
         let reversal_m = cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &position_m));
         let sd_m = cells.read_m.each_ref().map(|read_m| reading_sd_m(read_m, &position_m));
-        let [y, x] = travelled(&cells, &stood_m, sd_m);
-        let travelled_m = [y.places_m, x.places_m];
-        cells.left = [y.left, x.left];
-        let drive = (0..cells.time_s.len()).map(|i| {
-            // A plane in which guide 2 stays where it is has nothing but noise in its readings.
-            let guide_m =
-                |plane: usize| if most_m(plane) <= IDLE_M { idle_m[plane] } else { travelled_m[plane][i] };
-            DriveSample { time_s: cells.time_s[i], y_m: guide_m(0), x_m: guide_m(1) }
+        // A plane in which guide 2 stays where it is has nothing but noise in its readings.
+        let travelled_m = [0, 1].map(|plane| {
+            if most_m(plane) <= IDLE_M {
+                return vec![idle_m[plane]; cells.time_s.len()];
+            }
+            let (places_m, windows) = travelled(&cells, plane, &stood_m, sd_m[plane]);
+            cells.windows[plane] = windows;
+            places_m
+        });
+        let drive = (0..cells.time_s.len()).map(|i| DriveSample {
+            time_s: cells.time_s[i],
+            y_m: travelled_m[0][i],
+            x_m: travelled_m[1][i],
         });
         let (id, depth_m, drive) = (run.id.clone(), run.depth_m, drive.collect());
         let experiment =

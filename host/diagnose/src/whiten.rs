@@ -162,6 +162,7 @@ fn block(run: &Run, range: Range<usize>, noise: &Noise, slopes: &Slopes) -> DMat
     let data = &run.data[range];
     let n = data.len();
     let plane = data.first().map_or(0, |d| d.channel.plane());
+    let read = noise.displacement.white + noise.displacement.correlated;
     DMatrix::from_fn(n, n, |i, j| {
         if j > i {
             return 0.0;
@@ -184,15 +185,11 @@ fn block(run: &Run, range: Range<usize>, noise: &Noise, slopes: &Slopes) -> DMat
                 }
                 if i == j {
                     covariance += noise.force.white / a.len() as f64;
-                    if data[i].place.hold_s.is_none() {
-                        // On the way guide 2 is known as well as its course is, neighbours alike.
-                        let read = noise.displacement.white + noise.displacement.correlated;
-                        let remaining_variance =
-                            a.iter().filter_map(|cell| run.cells.left[plane].get(*cell)).sum::<f64>();
-                        covariance +=
-                            slopes.force_n_per_m[plane].powi(2) * read * remaining_variance / a.len() as f64;
-                    }
                 }
+                // Forces follow a course of guide 2 that is known as well as its readings are.
+                let followed: f64 =
+                    run.cells.windows[plane].iter().map(|window| window.covariance_of(a, b)).sum();
+                covariance += slopes.force_n_per_m[plane].powi(2) * read * followed;
                 covariance
             }
             (Source::Shape(_), Source::Shape(_)) => {

@@ -49,6 +49,11 @@ const MIN_BINS: usize = 8;
 const FLANK: usize = 4;
 /// Multiple of the noise that is still noise.
 const SIGMAS: f64 = 4.0;
+/// Largest sum of deviations from the mean, over noise and the root of their number, that is noise as those are: the
+/// supremum of a Brownian bridge exceeds it as rarely as a normal value does `SIGMAS` (Kolmogorov, 2 exp(-2 c^2)).
+const CHANGE: f64 = 2.28;
+/// Levels are apart from so many standard deviations of a bin on.
+const APART: f64 = 2.0;
 
 /// Holds of a series of increasing times and one displacement column per plane, in order of time.
 pub fn find_holds(time_s: &[f64], planes_m: &[&[f64]], criteria: &HoldCriteria) -> Vec<HoldSpan> {
@@ -193,6 +198,7 @@ impl Bins {
                 break;
             }
         }
+        self.cut(&mut stretch, criteria);
         // A ramp loses much of its stretch when its ends are trimmed, and has a slope before; a hold has only its ends off.
         let whole = stretch.clone();
         self.trim(&mut stretch);
@@ -244,12 +250,41 @@ impl Bins {
         })
     }
 
+    /// Ends the stretch where its level changes: two holds whose levels no single bin tells apart are still two (Page 1954, cumulative sums).
+    fn cut(&self, stretch: &mut Range<usize>, criteria: &HoldCriteria) {
+        while let Some(end) = self.change(stretch, criteria) {
+            stretch.end = end;
+        }
+    }
+
+    /// The bin with which another level begins.
+    fn change(&self, stretch: &Range<usize>, criteria: &HoldCriteria) -> Option<usize> {
+        let count = stretch.len() as f64;
+        let of_plane = |(plane, noise_m): (&Vec<f64>, &f64)| {
+            let bins = plane.get(stretch.clone())?;
+            let mean = bins.iter().sum::<f64>() / count;
+            let mut sum_m = 0.0;
+            let sums = bins.iter().enumerate().map(|(number, bin)| {
+                sum_m += bin - mean;
+                (number + 1, sum_m)
+            });
+            let (before, sum_m) = sums.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+            // Difference of the means before and after.
+            let step_m = sum_m.abs() * count / (before as f64 * (count - before as f64));
+            let is_change = before < stretch.len()
+                && sum_m.abs() > CHANGE * noise_m * count.sqrt()
+                && step_m > (APART * noise_m).max(2.0 * criteria.still_m);
+            is_change.then_some(stretch.start + before)
+        };
+        self.planes_m.iter().zip(&self.noise_m).filter_map(of_plane).min()
+    }
+
     /// Cuts off bins at both ends that belong to the ramps: off by more than the noise, and one more.
     fn trim(&self, stretch: &mut Range<usize>) {
         let is_apart = |stretch: &Range<usize>, bin: usize| {
             self.planes_m.iter().zip(&self.noise_m).any(|(plane, noise_m)| {
                 let middle = median(plane.get(stretch.clone()).unwrap_or_default().to_vec());
-                plane.get(bin).is_some_and(|value| (value - middle).abs() > (2.0 * noise_m).max(1e-6))
+                plane.get(bin).is_some_and(|value| (value - middle).abs() > (APART * noise_m).max(1e-6))
             })
         };
         let whole = stretch.clone();

@@ -365,3 +365,17 @@ fn noise_of_a_displacement_is_no_motion_and_a_small_step_is() {
     let exact = staircase(&[0.0, 1.2, 0.0], 3.0, 1.0, 100.0, 0.0, 0.0);
     assert!(reversal_m(&exact.force.displacement_y_m, &hold) < 0.05e-3);
 }
+
+/// Levels four standard deviations of a reading apart, read twenty times a second: no single reading tells them apart, their means do.
+#[test]
+fn levels_that_no_single_reading_tells_apart_are_holds_of_their_own() {
+    let levels_mm = [0.0, 0.4, 0.8, 1.2, 0.8, 0.4, 0.0];
+    let run = staircase(&levels_mm, 3.0, 1.0, 20.0, 0.1, 0.0);
+    let found_mm: Vec<f64> =
+        holds(&run, &HoldCriteria::default()).iter().map(|hold| 1e3 * hold.displacement_y_m.value).collect();
+    assert_eq!(found_mm.len(), levels_mm.len(), "{found_mm:?}");
+    assert!(
+        found_mm.iter().zip(levels_mm).all(|(found, level)| (found - level).abs() < 0.06),
+        "{found_mm:?}"
+    );
+}

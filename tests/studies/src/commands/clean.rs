@@ -2,13 +2,14 @@
 //!
 //! Displacements that scatter by 0 to 0.1 mm, forces by 0.005 to 0.1 N, 20 to 1000 rows a second, all as the session
 //! states them. Half of the sessions are those of `guide simulate`, half those of a generator that shares nothing with
-//! the forward model. No effect may be named.
+//! the forward model. No effect may be named, neither by a session nor by a population of sessions with like noise of the displacement.
 
 use anyhow::Result;
 use formats::model_file::ModelFile;
-use formats::session::{Noise, Session, Tissue};
-use inference::diagnose::{Options, Verdict, diagnose};
+use formats::session::{Labels, Noise, Session, Tissue};
+use inference::summarize_session;
 use mechanics::{Needle, Rig};
+use population::{Options, Summary, analyse};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use simulation::simulate::{Axis, LateralPlan, Sensors, SimulationPlan, SweepLevels};
@@ -20,8 +21,10 @@ const MM: f64 = 1e-3;
 const DISPLACEMENT_MM: [f64; 2] = [0.0, 0.1];
 const FORCE_N: [f64; 2] = [0.005, 0.1];
 const RATE_HZ: [f64; 2] = [20.0, 1000.0];
-/// Rows of the table: displacement noise up to these.
-const BANDS_MM: [f64; 3] = [0.02, 0.05, 0.1];
+/// Sessions of a population, a row of the table.
+const POPULATION: usize = 60;
+/// An effect that noise of the displacement resembles.
+const DELAY: &str = "sensor.delay";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Generator {
@@ -92,9 +95,38 @@ fn simulated(k_kpa: f64, noise: &NoisePlan, seed: u64) -> Result<Session> {
 
 struct Outcome {
     displacement_mm: f64,
-    verdict: Verdict,
-    holds_k: bool,
-    line: String,
+    k_kpa: f64,
+    record: Summary,
+}
+
+impl Outcome {
+    fn verdict(&self) -> &str {
+        self.record.result.as_ref().map_or("failed", |result| result.verdict.as_str())
+    }
+
+    fn holds_k(&self) -> bool {
+        self.record.result.as_ref().is_some_and(|result| {
+            let [low, high] = result.k_ci95_kpa;
+            (low..=high).contains(&self.k_kpa)
+        })
+    }
+
+    /// Score and information of a delay.
+    fn delay(&self) -> [f64; 2] {
+        let amplitudes = self.record.result.as_ref().map_or(&[][..], |result| &result.amplitudes);
+        let delay = amplitudes.iter().find(|one| one.effect == DELAY);
+        delay.map_or([0.0; 2], |one| [one.score, one.information])
+    }
+
+    fn line(&self) -> String {
+        let named = self.record.result.iter().flat_map(|result| &result.named);
+        let named: Vec<String> = named
+            .map(|one| {
+                format!("{} (log evidence {:+.1}) [{}]", one.id, one.log_evidence, one.class.join("|"))
+            })
+            .collect();
+        format!("{}: K {:.2}, {} {}", self.record.session, self.k_kpa, self.verdict(), named.join(", "))
+    }
 }
 
 fn outcome(generator: Generator, number: usize, seed: u64) -> Result<Outcome> {
@@ -105,41 +137,24 @@ fn outcome(generator: Generator, number: usize, seed: u64) -> Result<Outcome> {
     let [force_n, rate_hz] = [FORCE_N, RATE_HZ].map(|range| uniform(range.map(f64::ln)).exp());
     let noise = NoisePlan { displacement_mm, force_n, rate_hz: rate_hz.round(), ..NoisePlan::default() };
     let session = generator.session(k_kpa, &noise, random.random())?;
-    let diagnosis = diagnose(&session, &Options::default(), |_| {})?;
-    let [low, high] = diagnosis.k_ci95_kpa;
-    let named: Vec<String> = diagnosis
-        .effects
-        .iter()
-        .map(|effect| {
-            format!(
-                "{} (log evidence {:+.1}) [{}]",
-                effect.id,
-                effect.log_evidence_gain,
-                effect.class.join("|")
-            )
-        })
-        .collect();
-    Ok(Outcome {
-        displacement_mm,
-        verdict: diagnosis.verdict,
-        holds_k: (low..=high).contains(&k_kpa),
-        line: format!(
-            "{} #{number}: displacement {displacement_mm:.4} mm, force {force_n:.4} N, {:.0} Hz, K {k_kpa:.2} ({low:.2} to {high:.2}), {:?} {}",
-            generator.name(),
-            noise.rate_hz,
-            diagnosis.verdict,
-            named.join(", ")
-        ),
-    })
+    let name = format!(
+        "{} #{number}, displacement {displacement_mm:.4} mm, force {force_n:.4} N, {:.0} Hz",
+        generator.name(),
+        noise.rate_hz
+    );
+    let record = summarize_session(name, &session, &Labels::default(), number as u64);
+    Ok(Outcome { displacement_mm, k_kpa, record })
 }
 
 /// Runs the study: a table, and a line for each session that is not found adequate.
 ///
 /// # Errors
-/// Where a session cannot be made or diagnosed.
+/// Where a session cannot be made, or a population cannot be analysed.
 pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
-    println!("| sessions of | displacement noise, mm | sessions | named | unexplained | K held |");
-    println!("|---|---|---|---|---|---|");
+    println!(
+        "| sessions of | displacement noise, mm | sessions | named | unexplained | K held | `{DELAY}` of all, ms | named by the population |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
     for (place, generator) in Generator::ALL.into_iter().enumerate() {
         if !generator.name().contains(only) {
             continue;
@@ -149,28 +164,40 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
             let outcome = outcome(generator, number, seed.wrapping_add(7919 * place as u64));
             let finished_count = 1 + finished.fetch_add(1, Ordering::Relaxed);
             match &outcome {
-                Ok(one) if one.verdict != Verdict::Adequate => eprintln!("{}", one.line),
+                Ok(one) if one.verdict() != "adequate" => eprintln!("{}", one.line()),
                 _ if finished_count.is_multiple_of(20) => eprintln!("{finished_count} of {sessions}"),
                 _ => {}
             }
             outcome
         });
-        let outcomes = outcomes.into_iter().collect::<Result<Vec<Outcome>>>()?;
-        let mut least_mm = 0.0;
-        for most_mm in BANDS_MM {
-            let outcomes_within: Vec<&Outcome> =
-                outcomes.iter().filter(|one| (least_mm..most_mm).contains(&one.displacement_mm)).collect();
-            let count = |is: &dyn Fn(&Outcome) -> bool| outcomes_within.iter().filter(|one| is(one)).count();
-            println!(
-                "| {} | {least_mm} to {most_mm} | {} | {} | {} | {} |",
-                generator.name(),
-                outcomes_within.len(),
-                count(&|one| matches!(one.verdict, Verdict::Named | Verdict::Ambiguous)),
-                count(&|one| one.verdict == Verdict::Unexplained),
-                count(&|one| one.holds_k)
-            );
-            least_mm = most_mm;
+        let mut outcomes = outcomes.into_iter().collect::<Result<Vec<Outcome>>>()?;
+        outcomes.sort_by(|a, b| a.displacement_mm.total_cmp(&b.displacement_mm));
+        for like in outcomes.chunks(POPULATION) {
+            println!("| {} | {} |", generator.name(), row(like)?);
         }
     }
     Ok(())
+}
+
+/// Sessions of one population.
+fn row(like: &[Outcome]) -> Result<String> {
+    let count = |is: &dyn Fn(&Outcome) -> bool| like.iter().filter(|one| is(one)).count().to_string();
+    let noise_mm = |one: Option<&Outcome>| one.map_or(0.0, |one| one.displacement_mm);
+    let [score, information] =
+        like.iter().map(Outcome::delay).fold([0.0; 2], |sum, one| [sum[0] + one[0], sum[1] + one[1]]);
+    let records: Vec<Summary> = like.iter().map(|one| one.record.clone()).collect();
+    let found = analyse(records, &Options::default())?;
+    let shared = found.shared_effects.iter().map(|one| format!("{} p {:.1e}", one.effect, one.p_adjusted));
+    let spread = found.spread.iter().map(|one| format!("{} {:?}", one.effect, one.kind));
+    let named: Vec<String> = shared.chain(spread).collect();
+    Ok([
+        format!("{:.3} to {:.3}", noise_mm(like.first()), noise_mm(like.last())),
+        like.len().to_string(),
+        count(&|one| ["named", "ambiguous"].contains(&one.verdict())),
+        count(&|one| ["unexplained", "failed"].contains(&one.verdict())),
+        count(&Outcome::holds_k),
+        format!("{:.2} +- {:.2}", 1e3 * score / information, 1e3 / information.sqrt()),
+        if named.is_empty() { "nothing".to_owned() } else { named.join(", ") },
+    ]
+    .join(" | "))
 }
