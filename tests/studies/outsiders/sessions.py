@@ -26,7 +26,10 @@ ALONE: dict[str, tuple[str, ...]] = {
     "background_shape_noise": ("shape_mm",),
     "background_all_noise": ("force_n", "displacement_mm", "shape_mm"),
     "background_unstated_noise": ("force_n", "displacement_mm", "shape_mm"),
+    "background_any_noise": (),
 }
+# Noise and sampling that laboratories have: displacement of guide 2, mm; force, N, and rate, Hz, drawn by their logarithms.
+ANY_DISPLACEMENT_MM, ANY_FORCE_N, ANY_RATE_HZ = (0.0, 0.1), (0.005, 0.1), (20.0, 1000.0)
 PROGRAMS = (
     ((0.0, 0.4, 0.8, 1.2, 0.8, 0.0, -0.6, -1.2, 0.0), (0, 2, 3, 5, 7)),
     ((0.0, 0.5, 1.0, 1.4, 0.7, 0.0, -0.7, -1.4, 0.0), (0, 2, 3, 5, 7)),
@@ -95,6 +98,11 @@ def build(kind: str, seed: int, strength: int, leave_out: frozenset[int] = froze
                 rng.uniform(1.0, 5.0) if "unstated" in kind or "all" in kind else (2.0, 3.5, 5.0)[strength]
             )
         world.noise_stated = "unstated" not in kind
+        if kind == "background_any_noise":
+            noise["displacement_mm"] = float(rng.uniform(*ANY_DISPLACEMENT_MM))
+            noise["force_n"], rate_hz = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in (ANY_FORCE_N, ANY_RATE_HZ))
+            for run in runs:
+                run.rate_hz = round(rate_hz)
     return Session(world, runs, hidden, background, noise)
 
 

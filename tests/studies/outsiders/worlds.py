@@ -65,7 +65,7 @@ def write(folder: Path, session: Session, seen: list[Readings], rng: np.random.G
         np.savetxt(
             folder / f"{run.name}.force.csv",
             np.column_stack([r.time, moved[0], force[0], moved[1], force[1]]),
-            fmt=["%.2f", "%.6f", "%.6f", "%.6f", "%.6f"],
+            fmt=["%.2f" if run.rate_hz == 100.0 else "%.5f", "%.6f", "%.6f", "%.6f", "%.6f"],
             delimiter=",",
             comments="",
             header="time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n",
