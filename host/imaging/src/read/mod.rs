@@ -167,19 +167,21 @@ impl Sequence {
 
 /// Opens a folder of files that are frames each.
 fn folder(path: &Path) -> Result<(Header, Source), ImagingError> {
-    let files = stack::files(path)?;
+    let (files, remark) = stack::files(path)?;
     #[cfg(feature = "dicom")]
     if files.is_empty() {
         let files = dicom::files(path)?;
         if !files.is_empty() {
-            return dicom::open_files(&files);
+            return dicom::open_files(path, &files);
         }
     }
     if files.is_empty() {
         return Err(ImagingError::invalid(path, "files", "none", "PNG, TIFF, JPEG or DICOM files"));
     }
     names::check_numbers(path, &files)?;
-    stack::open(path, files)
+    let (mut header, source) = stack::open(path, files)?;
+    header.notes.extend(remark);
+    Ok((header, source))
 }
 
 /// Opens a stream; one of 16 bit is read through once for its brightest sample, and opened again.

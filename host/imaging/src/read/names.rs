@@ -14,13 +14,17 @@ pub(super) struct Part {
     /// In units of the last of [`DIGITS`] where names have decimals.
     number: i128,
     digits: usize,
+    /// Its first digit is a zero before others.
+    is_padded: bool,
 }
 
 /// Sorts files by the numbers in their names, so that `frame-10` is behind `frame-9`, `z_1.5` behind `z_1.25` and `z_-5` before `z_0`.
 ///
+/// Returns a remark where a minus that is taken as a hyphen decides the order.
+///
 /// # Errors
-/// Names that have another order with decimals than with two numbers.
-pub(super) fn sort(folder: &Path, files: &mut [PathBuf]) -> Result<(), ImagingError> {
+/// Names that have another order with decimals than with two numbers, or with a minus than with a hyphen before a length.
+pub(super) fn sort(folder: &Path, files: &mut [PathBuf]) -> Result<Option<String>, ImagingError> {
     let is_decimal = has_decimals(files);
     let mut sorted: Vec<(Vec<Part>, PathBuf)> =
         all_parts(files, is_decimal).into_iter().zip(files.to_vec()).collect();
@@ -28,15 +32,61 @@ pub(super) fn sort(folder: &Path, files: &mut [PathBuf]) -> Result<(), ImagingEr
     for (place, (_, file)) in files.iter_mut().zip(sorted) {
         *place = file;
     }
-    if is_decimal || are_two_numbers(files) {
-        return Ok(());
+    let are_numbers = is_decimal || are_two_numbers(files);
+    if !are_numbers && let Some(pair) = first_descent(&all_parts(files, true), files) {
+        let problem = format!("{pair}: decimals, or two numbers");
+        let expected = "as many digits behind the point in every name, or numbers without a point";
+        return Err(ImagingError::invalid(folder, "names", problem, expected));
     }
-    let decimals = all_parts(files, true);
-    let Some(place) = decimals.windows(2).position(|pair| pair[0] > pair[1]) else { return Ok(()) };
+    let signed = with_minus_signs(all_parts(files, is_decimal || !are_numbers));
+    let Some(pair) = signed.iter().find_map(|(_, parts)| first_descent(parts, files)) else { return Ok(None) };
+    if signed.iter().any(|(is_length, _)| *is_length) {
+        let problem = format!("{pair}: a minus, or a hyphen");
+        let expected = "_- before numbers below zero (z_-30.0mm), and _ alone before others (z_30.0mm)";
+        return Err(ImagingError::invalid(folder, "names", problem, expected));
+    }
+    let ends = [files.first(), files.last()].map(|path| path.map_or_else(String::new, |path| name(path)));
+    Ok(Some(format!("frames from {} to {}: the minus before their numbers is taken as a hyphen", ends[0], ends[1])))
+}
+
+/// The first two names that are in another order than these parts of theirs.
+fn first_descent(parts: &[Vec<Part>], files: &[PathBuf]) -> Option<String> {
+    let place = parts.windows(2).position(|pair| pair[0] > pair[1])?;
     let pair: Vec<String> = files.iter().skip(place).take(2).map(|path| name(path)).collect();
-    let problem = format!("{}: decimals, or two numbers", pair.join(" and "));
-    let expected = "as many digits behind the point in every name, or numbers without a point";
-    Err(ImagingError::invalid(folder, "names", problem, expected))
+    Some(pair.join(" and "))
+}
+
+/// The parts with numbers below zero, for the first place where all names have a minus before a number that changes; with whether that is a
+/// length, by the axis before it or the unit behind it. None where the numbers count frames: they have zeros before them, or are 0 or 1 and what
+/// follows by ones.
+fn with_minus_signs(mut names: Vec<Vec<Part>>) -> Option<(bool, Vec<Vec<Part>>)> {
+    let first = names.first()?;
+    let place = (0..first.len()).find(|at| names.iter().any(|parts| parts.get(*at) != first.get(*at)))?;
+    let column: Vec<&Part> = names.iter().filter_map(|parts| parts.get(place)).collect();
+    let before = first.get(place)?.text.strip_suffix('-')?.to_owned();
+    if column.len() != names.len() || column.iter().any(|part| part.text.strip_suffix('-') != Some(&before)) {
+        return None;
+    }
+    let behind = first.get(place + 1).map(|part| part.text.trim_start_matches(['_', ' ', '-']));
+    let is_unit = behind.is_some_and(|text| {
+        let letters: String = text.chars().take_while(|letter| letter.is_alphabetic()).collect();
+        ["mm", "cm", "um", "µm", "μm"].contains(&letters.as_str())
+    });
+    let mut letters = before.chars().rev();
+    let is_axis = letters.next().is_some_and(|letter| matches!(letter, 'x' | 'y' | 'z' | 'X' | 'Y' | 'Z'))
+        && letters.next().is_none_or(|letter| !letter.is_alphanumeric());
+    let is_padded = column.iter().any(|part| part.is_padded);
+    let numbers: Vec<i128> = column.iter().map(|part| part.number).collect();
+    let is_count = numbers.first().is_some_and(|first| (0..=1).contains(first))
+        && numbers.windows(2).all(|pair| pair[1] - pair[0] == 1);
+    let is_length = is_unit || is_axis;
+    if !is_length && (is_padded || is_count) {
+        return None;
+    }
+    for part in names.iter_mut().filter_map(|parts| parts.get_mut(place)) {
+        part.number = -part.number;
+    }
+    Some((is_length, names))
 }
 
 /// Refuses names that count frames and leave some out: places along the needle are counted from the first one. If the
@@ -147,6 +197,7 @@ fn parts(name: &str, is_decimal: bool) -> Vec<Part> {
         match letter.to_digit(10) {
             Some(digit) => {
                 if let Some(part) = parts.last_mut() {
+                    part.is_padded |= part.digits == 1 && part.number == 0;
                     part.number = part.number.saturating_mul(10).saturating_add(digit.into());
                     part.digits += 1;
                 }
@@ -220,6 +271,8 @@ mod tests {
             &["scan 1.08.png", "scan 1.09.png", "scan 1.10.png"],
             &["run 1.8.png", "run 1.9.png", "run 1.10.png"],
             &["z_0.0.png", "z_0.75.png", "z_1.5.png"],
+            &["z_-30.0mm.png", "z_-29.5mm.png", "z_-0.5mm.png"],
+            &["frame-0008.png", "frame-0009.png", "frame-0010.png"],
         ] {
             let mut names = right.to_vec();
             names.reverse();
@@ -230,6 +283,23 @@ mod tests {
         }
         let error = sorted(&["z_1.0.png", "z_1.25.png", "z_1.5.png"]).expect_err("two orders");
         assert!(error.contains("z_1.5.png and z_1.25.png: decimals, or two numbers"), "{error}");
+        // A minus before a length that all names have, by the unit behind it or the axis before it, at any place.
+        for names in [
+            &["z-30.0mm.png", "z-29.5mm.png", "z-0.5mm.png"][..],
+            &["probe -30 mm.tif", "probe -20 mm.tif", "probe -10 mm.tif"],
+            &["scan2_Z-12.tif", "scan2_Z-11.tif", "scan2_Z-1.tif"],
+        ] {
+            let error = sorted(names).expect_err("two orders");
+            assert!(error.contains("a minus, or a hyphen, expected _- before numbers below zero"), "{error}");
+        }
+        let note = |names: &[&str]| {
+            let mut files: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
+            sort(Path::new("frames"), &mut files).expect("sorted")
+        };
+        assert_eq!(note(&["run-0.png", "run-1.png", "run-2.png"]), None);
+        assert_eq!(note(&["run-7-a.png", "run-7-b.png"]), None);
+        let stated = "frames from pos-10.png to pos-30.png: the minus before their numbers is taken as a hyphen";
+        assert_eq!(note(&["pos-30.png", "pos-20.png", "pos-10.png"]).as_deref(), Some(stated));
         let error = sorted(&["z_0.png", "z_0.5.png", "z_1.png", "z_2.png"]).expect_err("a gap");
         assert!(error.contains("between z_1.png and z_2.png"), "{error}");
     }

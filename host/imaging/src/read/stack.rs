@@ -47,8 +47,8 @@ impl Image {
     }
 }
 
-/// The image files in a folder, in the order of the numbers in their names; hidden ones are left out.
-pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingError> {
+/// The image files in a folder, in the order of the numbers in their names, with a remark on it; hidden ones are left out.
+pub(super) fn files(folder: &Path) -> Result<(Vec<PathBuf>, Option<String>), ImagingError> {
     let entries = fs::read_dir(folder).map_err(ImagingError::io(folder))?;
     let mut files: Vec<PathBuf> = entries
         .filter_map(Result::ok)
@@ -56,8 +56,8 @@ pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingError> {
         .filter(|path| !super::is_hidden(path) && is_image(path))
         .take(MAX_FRAMES + 1)
         .collect();
-    names::sort(folder, &mut files)?;
-    Ok(files)
+    let remark = names::sort(folder, &mut files)?;
+    Ok((files, remark))
 }
 
 fn is_image(path: &Path) -> bool {

@@ -16,16 +16,24 @@ pub(in super::super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingErro
         !is_list && !is_hidden(path) && path.is_file() && is_dicom(path)
     });
     let mut files: Vec<PathBuf> = paths.take(MAX_FRAMES + 1).collect();
-    names::sort(folder, &mut files)?;
+    files.sort();
     Ok(files)
 }
 
-/// Opens files as one sequence, in the order of their instance numbers where all have one.
-pub(in super::super) fn open_files(files: &[PathBuf]) -> Result<(Header, Source), ImagingError> {
+/// Opens the files of a folder as one sequence, in the order of their instance numbers where all have one, else of those in their names.
+pub(in super::super) fn open_files(folder: &Path, files: &[PathBuf]) -> Result<(Header, Source), ImagingError> {
     let mut opened: Vec<(PathBuf, Opened)> =
         files.iter().map(|path| Ok((path.clone(), open_file(path)?))).collect::<Result<_, ImagingError>>()?;
-    sort(&mut opened)?;
+    let remark = if sort(&mut opened)? {
+        None
+    } else {
+        let mut named = files.to_vec();
+        let remark = names::sort(folder, &mut named)?;
+        opened.sort_by_key(|(path, _)| named.iter().position(|of| of == path));
+        remark
+    };
     let mut header = opened.first().map(|(_, first)| first.header.clone()).unwrap_or_default();
+    header.notes.extend(remark);
     let mut pages = Vec::new();
     let mut frames = Vec::new();
     for (path, Opened { header: own, .. }) in opened {
@@ -52,9 +60,9 @@ pub(in super::super) fn open_files(files: &[PathBuf]) -> Result<(Header, Source)
     Ok((header, Source::Reader(Box::new(Files { files: pages.into_iter(), open: None }))))
 }
 
-/// Puts files in the order of their instance numbers where these differ. Two series are two sweeps, whose numbers would mix; if every
+/// Puts files in the order of their instance numbers where these differ, and returns whether they do. Two series are two sweeps, whose numbers would mix; if every
 /// file has a series of its own or all have one number, as anonymised files may, they say nothing.
-fn sort(opened: &mut [(PathBuf, Opened)]) -> Result<(), ImagingError> {
+fn sort(opened: &mut [(PathBuf, Opened)]) -> Result<bool, ImagingError> {
     let series: BTreeSet<&Option<String>> = opened.iter().map(|(_, one)| &one.series).collect();
     let first = opened.first().and_then(|(_, first)| first.series.clone());
     if (2..opened.len()).contains(&series.len())
@@ -65,7 +73,7 @@ fn sort(opened: &mut [(PathBuf, Opened)]) -> Result<(), ImagingError> {
     }
     let instances: BTreeSet<Option<i64>> = opened.iter().map(|(_, one)| one.instance).collect();
     if instances.contains(&None) || instances.len() == 1 {
-        return Ok(());
+        return Ok(false);
     }
     opened.sort_by_key(|(_, one)| one.instance);
     let twice = opened.windows(2).position(|pair| pair[0].1.instance == pair[1].1.instance);
@@ -75,7 +83,7 @@ fn sort(opened: &mut [(PathBuf, Opened)]) -> Result<(), ImagingError> {
             let expected = "one for each file: are there copies, or two sweeps?";
             Err(ImagingError::invalid(path, "InstanceNumber", problem, expected))
         }
-        None => Ok(()),
+        None => Ok(true),
     }
 }
 
