@@ -26,7 +26,7 @@ fn unpacked(file: &Path) -> Vec<(String, Vec<u8>)> {
             let mut entry = zip.by_index(number).expect("an entry");
             let mut bytes = Vec::new();
             entry.read_to_end(&mut bytes).expect("read");
-            (entry.name().to_owned(), bytes)
+            (entry.name().expect("a name").into_owned(), bytes)
         })
         .collect()
 }

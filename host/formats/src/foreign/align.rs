@@ -5,6 +5,7 @@
 //! the tissue within a reading is not separated from an offset.
 
 use super::apply::Series;
+use super::summary::LEAST_RUN;
 
 /// Readings of the longer series in the search, and around what it finds.
 const COARSE: usize = 400;
@@ -14,7 +15,7 @@ const OVERLAP: f64 = 0.5;
 /// Least share of the force that the displacement explains.
 const LEAST_R2: f64 = 0.5;
 /// Two offsets whose log likelihoods differ by less are not told apart: 95 % of a chi-square of one degree of freedom, halved.
-const ALIKE: f64 = 1.92;
+pub(super) const ALIKE: f64 = 1.92;
 
 /// An estimated offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -148,11 +149,43 @@ fn refined(force: &Series, displacement: &Series, near_s: f64, step_s: f64) -> O
     Some(Peak { offset, independent: best.independent })
 }
 
-#[derive(Clone, Copy)]
-struct Correlation {
+/// A line through pairs, and how much of the second number it explains.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Correlation {
+    pub slope: f64,
     r2: f64,
     /// Number of independent readings, by the residuals of neighbours.
     independent: f64,
+}
+
+impl Correlation {
+    /// None where either number is always the same.
+    pub fn of(pairs: &[(f64, f64)]) -> Option<Self> {
+        let n = pairs.len() as f64;
+        fn mean(of: fn(&(f64, f64)) -> f64, pairs: &[(f64, f64)], n: f64) -> f64 {
+            pairs.iter().map(of).sum::<f64>() / n
+        }
+        let (x0, y0) = (mean(|pair| pair.0, pairs, n), mean(|pair| pair.1, pairs, n));
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for (x, y) in pairs {
+            (xx, xy, yy) = (xx + (x - x0).powi(2), xy + (x - x0) * (y - y0), yy + (y - y0).powi(2));
+        }
+        if xx <= 0.0 || yy <= 0.0 {
+            return None;
+        }
+        let slope = xy / xx;
+        let residuals: Vec<f64> = pairs.iter().map(|(x, y)| y - y0 - slope * (x - x0)).collect();
+        let squares: f64 = residuals.iter().map(|r| r * r).sum();
+        let next: f64 = residuals.iter().zip(residuals.iter().skip(1)).map(|(a, b)| a * b).sum();
+        let rho = if squares > 0.0 { (next / squares).clamp(0.0, 0.99) } else { 0.0 };
+        let independent = (n * (1.0 - rho) / (1.0 + rho)).max(3.0);
+        Some(Self { slope, r2: xy * xy / (xx * yy), independent })
+    }
+
+    /// Log likelihood of the line beside none.
+    pub fn log_likelihood(&self) -> f64 {
+        -0.5 * self.independent * (1.0 - self.r2).max(1e-12).ln()
+    }
 }
 
 /// Correlation of force and displacement at an offset, over so many readings of their overlap.
@@ -167,25 +200,8 @@ fn correlated(force: &Series, displacement: &Series, offset_s: f64, most: usize)
             Some((displacement.at(sample_s - offset_s)?, force.at(sample_s)?))
         })
         .collect();
-    let n = pairs.len() as f64;
-    if n < 10.0 {
+    if pairs.len() < LEAST_RUN {
         return None;
     }
-    fn mean(of: fn(&(f64, f64)) -> f64, pairs: &[(f64, f64)], n: f64) -> f64 {
-        pairs.iter().map(of).sum::<f64>() / n
-    }
-    let (x0, y0) = (mean(|pair| pair.0, &pairs, n), mean(|pair| pair.1, &pairs, n));
-    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    for (x, y) in &pairs {
-        (xx, xy, yy) = (xx + (x - x0).powi(2), xy + (x - x0) * (y - y0), yy + (y - y0).powi(2));
-    }
-    if xx <= 0.0 || yy <= 0.0 {
-        return None;
-    }
-    let slope = xy / xx;
-    let residuals: Vec<f64> = pairs.iter().map(|(x, y)| y - y0 - slope * (x - x0)).collect();
-    let squares: f64 = residuals.iter().map(|r| r * r).sum();
-    let next: f64 = residuals.iter().zip(residuals.iter().skip(1)).map(|(a, b)| a * b).sum();
-    let rho = if squares > 0.0 { (next / squares).clamp(0.0, 0.99) } else { 0.0 };
-    Some(Correlation { r2: xy * xy / (xx * yy), independent: (n * (1.0 - rho) / (1.0 + rho)).max(3.0) })
+    Correlation::of(&pairs)
 }

@@ -4,9 +4,9 @@ use super::TableError;
 use super::align::{Offset, estimate};
 use super::dropouts;
 use super::mapping::{Choice, Mapping, Target};
-use super::raw::{RawColumn, RawTable};
+use super::raw::{RawColumn, RawTable, WordColumn};
 use super::summary::LEAST_RUN;
-use super::unit::{Quantity, Unit};
+use super::unit::{Quantity, Unit, split_name};
 use crate::session::{ForceSeries, InsertionRun, ShapeSeries};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -171,7 +171,13 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
     } else if has("force_y_n") && has("displacement_y_mm") {
         lateral(&mut result, &columns_used, &timed, options)?;
     } else {
-        return Err(nothing(tables, &columns_used));
+        return Err(not_numbers(tables, |column| {
+            column
+                .unit
+                .as_ref()
+                .is_some_and(|unit| matches!(unit.quantity, Quantity::Force | Quantity::Length))
+        })
+        .unwrap_or_else(|| nothing(tables, &columns_used)));
     }
     Ok(result)
 }
@@ -209,6 +215,14 @@ fn found<'t>(
                 "the topic has messages of several frames",
                 &format!("the column of one frame: one of {}", of_frames.join(", ")),
             ));
+        }
+        fn is_named(column: &WordColumn, choice: &Choice) -> bool {
+            let is_numbered = choice.column.starts_with('#');
+            let (name, _) = split_name(&column.header);
+            !is_numbered && [&column.header, &name].iter().any(|of| of.eq_ignore_ascii_case(&choice.column))
+        }
+        if let Some(error) = not_numbers(tables, |column| is_named(column, choice)) {
+            return Err(error);
         }
         let column_names: Vec<String> = tables
             .iter()
@@ -282,7 +296,8 @@ impl Taken {
         for table in tables {
             let is_taken = |column: &RawColumn| parts.iter().any(|part| std::ptr::eq(part.column, column));
             let free = table.columns.iter().filter(|column| !is_taken(column)).map(|column| &column.header);
-            let names: Vec<&str> = free.chain(&table.words).map(String::as_str).collect();
+            let words = table.words.iter().map(|column| &column.header);
+            let names: Vec<&str> = free.chain(words).map(String::as_str).collect();
             if !names.is_empty() {
                 self.others.push(format!("{}: {}", table.path.display(), names.join(", ")));
             }
@@ -400,6 +415,21 @@ fn lateral(taken: &mut Taken, parts: &[Part], timed: &[Timed], options: &Options
         );
     }
     Ok(())
+}
+
+/// Error for the first column of words that is meant to have numbers.
+fn not_numbers(tables: &[RawTable], is_meant: impl Fn(&WordColumn) -> bool) -> Option<TableError> {
+    tables.iter().find_map(|table| {
+        let column = table.words.iter().find(|column| is_meant(column))?;
+        Some(match &column.first {
+            Some((line, text)) => series::bad(table, &column.header, *line, text),
+            None => TableError::File {
+                path: table.path.clone(),
+                problem: format!("\"{}\" has no real numbers", column.header),
+                expected: "a column or a full array of them".to_owned(),
+            },
+        })
+    })
 }
 
 /// Error for columns that every run needs.

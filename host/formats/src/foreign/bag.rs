@@ -7,7 +7,7 @@
 mod compressed;
 mod messages;
 
-use super::{RawColumn, RawTable, TableError, Unit};
+use super::{RawColumn, RawTable, TableError, Unit, WordColumn};
 use byteorder::{BigEndian, LittleEndian};
 use mcap::io::MessageReader;
 use mcap::sans_io::LinearReaderOptions;
@@ -117,7 +117,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
     }
     if let Some(first) = tables.first_mut() {
         first.notes.extend(notes);
-        first.words = topic_names;
+        first.words = topic_names.into_iter().map(WordColumn::named).collect();
     }
     Ok(tables)
 }

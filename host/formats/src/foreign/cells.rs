@@ -100,6 +100,36 @@ pub(super) fn is_missing(cell: &str) -> bool {
         || MISSING.iter().any(|missing| word.eq_ignore_ascii_case(missing))
 }
 
+/// Remark on a cell that is no number, and what is expected in its place: signs are not guessed, and a word may stand for a reading beyond the
+/// range of an instrument.
+pub(super) fn not_a_number(cell: &str) -> (String, String) {
+    let is_number = |text: &str| [false, true].iter().any(|comma| number(text.trim(), *comma).is_some());
+    let cell = cell.trim();
+    let in_parentheses = cell.strip_prefix('(').and_then(|rest| rest.strip_suffix(')'));
+    if let Some(inner) = in_parentheses.map(str::trim).filter(|inner| is_number(inner)) {
+        return (
+            " but one in parentheses".to_owned(),
+            format!("-{inner} if it is one below zero, else {inner}"),
+        );
+    }
+    if let Some(before) =
+        cell.strip_suffix(['-', '\u{2212}']).map(str::trim).filter(|before| is_number(before))
+    {
+        return (" but one with a minus behind it".to_owned(), format!("-{before}"));
+    }
+    let digits = cell.find(|letter: char| letter.is_alphabetic() || matches!(letter, '°' | '"' | '%'));
+    if let Some((before, unit)) =
+        digits.map(|place| cell.split_at(place)).filter(|(before, _)| is_number(before))
+    {
+        return (
+            " but one with a unit".to_owned(),
+            format!("{} with {unit} in the name of the column", before.trim()),
+        );
+    }
+    let expected = "numbers, and where there is no reading (overload, out of range) an empty cell or nan, which is left out and counted";
+    (String::new(), expected.to_owned())
+}
+
 fn number(text: &str, has_decimal_comma: bool) -> Option<f64> {
     // Fortran's exponents of double precision.
     if text.bytes().any(|byte| byte.is_ascii_alphabetic() && !matches!(byte, b'e' | b'E' | b'd' | b'D')) {

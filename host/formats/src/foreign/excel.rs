@@ -1,8 +1,11 @@
 //! Sheets of workbooks: their cells as text.
 
+mod hidden;
+
 use super::cells::Number;
 use super::{Grid, TableError};
-use calamine::{Data, Range, Reader, open_workbook_auto};
+use calamine::{Data, Range, Reader, SheetVisible, open_workbook_auto};
+use hidden::{HiddenRows, RowState};
 use std::fs;
 use std::path::Path;
 
@@ -14,7 +17,7 @@ const DAY_S: f64 = 86_400.0;
 /// Rows of numbers that a sheet of readings has more than.
 const READINGS: usize = 3;
 
-/// Reads a sheet, the first one where none is named.
+/// Reads a sheet, the first one with readings that is shown where none is named. Rows that a filter or a hand hides are left out.
 pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError> {
     fn fault(problem: String, expected: &str, path: &Path) -> TableError {
         TableError::File { path: path.to_owned(), problem, expected: expected.to_owned() }
@@ -26,11 +29,17 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
     let mut workbook =
         open_workbook_auto(path).map_err(|cause| fault(cause.to_string(), "a workbook", path))?;
     let names = workbook.sheet_names();
+    let is_shown = |name: &String| {
+        let states = workbook.sheets_metadata();
+        states.iter().any(|state| state.name == *name && state.visible == SheetVisible::Visible)
+    };
+    let (shown, concealed): (Vec<String>, Vec<String>) = names.iter().cloned().partition(is_shown);
     let name = match sheet {
         Some(name) => names.iter().find(|known| *known == name).cloned(),
         // Sheets before the readings may describe them.
-        None => names
+        None => shown
             .iter()
+            .chain(&concealed)
             .find(|name| workbook.worksheet_range(name).is_ok_and(|range| has_numbers(&range)))
             .or_else(|| names.first())
             .cloned(),
@@ -49,12 +58,27 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         let is_number = !matches!(cell, Data::String(_));
         if has_decimal_comma && is_number { text.replace('.', ",") } else { text }
     };
-    let rows = range
+    let rows: Vec<(usize, Vec<String>)> = range
         .rows()
         .enumerate()
         .map(|(at, cells)| (first + at + 1, cells.iter().map(written).collect::<Vec<String>>()))
         .filter(|(_, cells)| cells.iter().any(|cell| !cell.is_empty()))
         .collect();
+    let hidden = HiddenRows::read(path, &name);
+    let (rows, left_out): (Vec<_>, Vec<_>) =
+        rows.into_iter().partition(|(row, _)| hidden.state(*row) != Some(RowState::Hidden));
+    let left_out: Vec<usize> = left_out.into_iter().map(|(row, _)| row).collect();
+    let folded: Vec<usize> =
+        rows.iter().map(|(row, _)| *row).filter(|row| hidden.state(*row).is_some()).collect();
+    let notes = [
+        (&left_out, "are hidden in the sheet, and left out"),
+        (&folded, "are folded in the sheet, and used"),
+    ]
+    .into_iter()
+    .filter_map(|(rows, remark)| {
+        Some(format!("{} rows, from row {} on, {remark}", rows.len(), rows.first()?))
+    })
+    .collect();
     let other_sheets: Vec<&str> = names.iter().filter(|other| **other != name).map(String::as_str).collect();
     let form = if other_sheets.is_empty() || sheet.is_some() {
         format!("workbook, sheet \"{name}\"")
@@ -62,7 +86,7 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         format!("workbook, sheet \"{name}\", not {}", other_sheets.join(", "))
     };
     let path = if sheet.is_some() { format!("{}#{name}", path.display()).into() } else { path.to_owned() };
-    Ok(Grid { path, rows, has_decimal_comma, form, is_cut: false })
+    Ok(Grid { path, rows, has_decimal_comma, form, is_cut: false, left_out, notes })
 }
 
 /// Whether a sheet has readings: rows of two numbers or more, also where they are written as text.
@@ -148,3 +172,6 @@ mod tests {
         assert!(read(&path, None).is_err());
     }
 }
+
+#[cfg(test)]
+mod hidden_tests;

@@ -83,6 +83,10 @@ pub struct Grid {
     pub form: String,
     /// Whether the last line has no end, as that of a file that is cut off.
     pub is_cut: bool,
+    /// Rows of a sheet that are none of its rows here, as they are hidden there.
+    pub left_out: Vec<usize>,
+    /// Remarks on such rows.
+    pub notes: Vec<String>,
 }
 
 impl Grid {
@@ -143,7 +147,9 @@ impl Grid {
         let start = (lines.len() / 2).saturating_sub(SAMPLE / 2);
         let sample: Vec<&str> = lines.iter().skip(start).take(SAMPLE).copied().collect();
         let Some((separator, has_decimal_comma)) = separator(&sample) else {
-            let problem = "no rows of two numbers or more".to_owned();
+            let middle = lines.get(lines.len() / 2).map_or("", |line| line.trim());
+            let shown: String = middle.chars().take(60).collect();
+            let problem = format!("no rows of two numbers or more: \"{shown}\" in the middle of the file");
             let expected =
                 "columns of numbers between commas, semicolons, tabulators, bars or blanks".to_owned();
             return Err(TableError::File { path: path.to_owned(), problem, expected });
@@ -172,6 +178,8 @@ impl Grid {
             has_decimal_comma,
             form: format!("{encoding}, {words}, {decimal}"),
             is_cut: !text.ends_with('\n'),
+            left_out: Vec::new(),
+            notes: Vec::new(),
         })
     }
 }

@@ -158,6 +158,58 @@ fn what_is_not_known_is_asked_for_by_name() {
 }
 
 #[test]
+fn cells_that_are_no_numbers_say_what_is_expected_in_their_place() {
+    type Cell = fn(f64) -> String;
+    let cells: [(Cell, &str); 6] = [
+        (
+            |f| format!("({:.4})", f + 1.0),
+            "\"(1.0000)\" is not a number but one in parentheses, expected -1.0000 if it is one below zero, else 1.0000",
+        ),
+        (
+            |f| format!("{:.4}-", f + 1.0),
+            "\"1.0000-\" is not a number but one with a minus behind it, expected -1.0000",
+        ),
+        (
+            |f| format!("{:.4} mN", f + 1.0),
+            "\"1.0000 mN\" is not a number but one with a unit, expected 1.0000 with mN in the name of the column",
+        ),
+        (
+            |_| "OL".to_owned(),
+            "\"OL\" is not a number, expected numbers, and where there is no reading (overload, out of range) an empty cell or nan",
+        ),
+        (
+            |_| "<invalid>".to_owned(),
+            "\"<invalid>\" is not a number, expected numbers, and where there is no reading",
+        ),
+        (|_| "0.01-0.02".to_owned(), "\"0.01-0.02\" is not a number, expected numbers"),
+    ];
+    for (cell, words) in cells {
+        // In one row, in those of the rest, and in all.
+        for from in [11, 100, 1_000] {
+            let rows = lines("Time (s),Extension (mm),Load (N)\n", |i, t, x, f| {
+                if i == 9 || (10..from).contains(&i) {
+                    format!("{t},{x},{}", cell(if i == 9 { 0.0 } else { f }))
+                } else {
+                    format!("{t},{x},{f}")
+                }
+            });
+            for maps in [&[][..], &["Load (N)=force_y_n"]] {
+                let error = taken(&rows, maps, None).expect_err(words).to_string();
+                assert!(error.contains(words) && error.contains(": Load (N): "), "{words} is not in {error}");
+            }
+        }
+    }
+    for text in ["{\"t\": 0.1, \"f\": 2.0}\n", "t:0.1,f:2.0\n"] {
+        let error = taken(text.repeat(9).as_bytes(), &[], None).expect_err("no table").to_string();
+        assert!(
+            error.contains("no rows of two numbers or more: \"")
+                && error.contains("in the middle of the file"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn names_above_a_column_of_comments_are_those_of_labview() {
     let before = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\nChannels\t2\t\nSamples\t400\t400\n\
                   ***End_of_Header***\t\t\nX_Value\tDisplacement\tForce\tComment\n";

@@ -4,7 +4,7 @@
 //! C states that it is of alpha quality, and decompresses without a bound. The layout is that of "MAT-File Format" by The MathWorks.
 
 use super::unit::split_name;
-use super::{RawColumn, RawTable, TableError, status};
+use super::{RawColumn, RawTable, TableError, WordColumn, status};
 use flate2::read::ZlibDecoder;
 use std::collections::BTreeMap;
 use std::fs;
@@ -276,7 +276,7 @@ impl Found {
             })
             .collect();
         if let Some(first) = tables.first_mut() {
-            first.words = unreadable;
+            first.words = unreadable.into_iter().map(WordColumn::named).collect();
             if !is_whole {
                 first
                     .notes

@@ -35,7 +35,7 @@ pub use apply::{Options, Taken, TakenColumn, ZOrigin, Zero, take};
 pub use dropouts::zeros_among_forces;
 pub use grid::{Grid, of_other_format};
 pub use mapping::{Choice, Mapping, Target};
-pub use raw::{RawColumn, RawTable};
+pub use raw::{RawColumn, RawTable, WordColumn};
 pub use unit::{Quantity, Unit};
 
 use std::path::PathBuf;
@@ -47,7 +47,10 @@ pub const READ: &[[&str; 2]] = &[
         "between commas, semicolons, tabulators, bars or blanks; decimal points or commas; UTF-8, UTF-16 or Latin-1; preambles; units in names or below them",
     ],
     #[cfg(feature = "excel")]
-    [".xlsx, .xlsm, .xlsb, .xls, .ods", "the first sheet, or the one behind #: book.xlsx#Push"],
+    [
+        ".xlsx, .xlsm, .xlsb, .xls, .ods",
+        "the first sheet with readings that is shown, or the one behind #: book.xlsx#Push; without hidden rows, which .xlsb and .xls do not tell",
+    ],
     #[cfg(feature = "matlab")]
     [
         ".mat",

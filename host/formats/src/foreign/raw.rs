@@ -46,6 +46,24 @@ impl RawColumn {
     }
 }
 
+/// A column without numbers, or with too few.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WordColumn {
+    /// As its header writes it.
+    pub header: String,
+    /// Its unit, where it is stated.
+    pub unit: Option<Unit>,
+    /// The first cell that is neither a number nor empty: its line and text; none in a file without cells.
+    pub first: Option<(usize, String)>,
+}
+
+impl WordColumn {
+    /// One of a file without cells.
+    pub(super) fn named(header: String) -> Self {
+        Self { header, unit: None, first: None }
+    }
+}
+
 /// The numbers of a table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RawTable {
@@ -55,8 +73,8 @@ pub struct RawTable {
     pub form: String,
     /// Columns of numbers, in their order.
     pub columns: Vec<RawColumn>,
-    /// Names of columns without numbers.
-    pub words: Vec<String>,
+    /// Columns without numbers.
+    pub words: Vec<WordColumn>,
     /// Line of each row.
     pub lines: Vec<usize>,
     /// Notes on content that was left out.
@@ -98,7 +116,7 @@ impl RawTable {
     /// # Errors
     /// [`TableError`] where there are none.
     pub fn new(grid: Grid) -> Result<Self, TableError> {
-        let Grid { path, mut rows, has_decimal_comma, form, is_cut } = grid;
+        let Grid { path, mut rows, has_decimal_comma, form, is_cut, left_out, mut notes } = grid;
         let joined = thousands::join(&mut rows, has_decimal_comma);
         let rows = rows;
         fn is_number(cell: &str, has_decimal_comma: bool) -> bool {
@@ -156,7 +174,6 @@ impl RawTable {
         };
         let (above, below) = rows.split_at(first);
         let (names, units, header_line) = names::find(above, width, has_decimal_comma, below);
-        let mut notes = Vec::new();
         let sample = rows.get(first..).unwrap_or_default().iter().take(SAMPLE);
         let mut columns: Vec<RawColumn> = Vec::new();
         let mut words = Vec::new();
@@ -166,12 +183,16 @@ impl RawTable {
             let filled = cells.iter().filter(|cell| !is_missing(cell)).count();
             let header = names.get(index).filter(|name| !name.is_empty()).cloned();
             let header = header.unwrap_or_else(|| format!("column {}", index + 1));
-            if number_count == 0 || 2 * number_count < filled {
-                words.push(header);
-                continue;
-            }
             let (name, header_unit) = split_name(&header);
             let unit = units.get(index).cloned().flatten().or(header_unit);
+            if number_count == 0 || 2 * number_count < filled {
+                let first = sample.clone().find_map(|(line, cells)| {
+                    let cell = cells.get(index)?;
+                    (!is_missing(cell) && !is_number(cell, has_decimal_comma)).then(|| (*line, cell.clone()))
+                });
+                words.push(WordColumn { header, unit, first });
+                continue;
+            }
             let values = Vec::with_capacity(rows.len() - first);
             columns.push(RawColumn {
                 name,
@@ -215,9 +236,12 @@ impl RawTable {
                 kept.push(cells);
             }
         }
-        let of_statistics = rows_of_statistics(&table.columns, &kept, &table.lines, has_decimal_comma);
+        // A row that is left out is no empty line between others.
+        let places: Vec<usize> =
+            table.lines.iter().map(|line| line - left_out.partition_point(|out| out < line)).collect();
+        let of_statistics = rows_of_statistics(&table.columns, &kept, &places, has_decimal_comma);
         let (count, what) = match of_statistics {
-            0 => (rows_apart(&table.columns, &table.lines), "stand apart and do not go on from those above"),
+            0 => (rows_apart(&table.columns, &places), "stand apart and do not go on from those above"),
             count => (count, "are means, totals or other statistics of those above"),
         };
         let end = kept.len() - count;

@@ -5,9 +5,10 @@
 //! rows of a hold at zero would be a mean.
 
 use super::RawColumn;
+use crate::session::LEAST_HOLD;
 
-/// Rows that a run has at least: fewer ones below an empty line are no second recording.
-pub(super) const LEAST_RUN: usize = 10;
+/// Rows that a run has at least, those of one hold: fewer ones below an empty line are no second recording.
+pub(super) const LEAST_RUN: usize = LEAST_HOLD;
 /// Statistics of [`Sums`]. A summary has each of them once at most, so that it is no longer.
 const STATISTICS: usize = 10;
 /// Rounding of programs that add in double precision: `n` sums lose `n` half units of the last digit at most, 1.1e-16 of the sum each, and

@@ -53,7 +53,7 @@ fn rows_without_numbers_and_a_cut_last_row_are_left_out_and_noted() {
     let parsed_table = table("t,f,word\n0,1,a\n1,,b\nnan,3,c\nStopped by user,,\n4,5,d\n5,6");
     assert_eq!(parsed_table.lines, [2, 3, 4, 6]);
     assert!(parsed_table.columns[1].values[1].is_nan() && parsed_table.columns[0].values[2].is_nan());
-    assert_eq!(parsed_table.words, ["word"]);
+    assert_eq!(parsed_table.words.iter().map(|column| &column.header).collect::<Vec<_>>(), ["word"]);
     assert!(
         parsed_table.notes[0].contains("line 7: the last row is cut off")
             && parsed_table.notes[1].contains("from line 5 on"),

@@ -33,6 +33,10 @@ pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionFiles, SessionWriter,
 use mechanics::{Rig, ShapeImage};
 use std::path::PathBuf;
 
+/// Stretches of readings, of one each at least, in which a hold is found, and cut off at its two ends.
+pub const HOLD_STRETCHES: [usize; 2] = [8, 2];
+/// Rows of the shortest hold.
+pub const LEAST_HOLD: usize = HOLD_STRETCHES[0] + HOLD_STRETCHES[1];
 /// Insertion depths that a lateral run in tissue can have, least and greatest, millimetres. A run in air has depth 0.
 pub const DEPTH_RANGE_MM: [f64; 2] = [0.5, 500.0];
 

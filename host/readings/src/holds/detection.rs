@@ -6,7 +6,7 @@
 //! have none. The tolerance follows the noise, which is taken from second differences: those vanish on ramps.
 
 use super::median::median;
-use formats::session::Mark;
+use formats::session::{HOLD_STRETCHES, Mark};
 use std::ops::Range;
 
 /// Criteria for a hold.
@@ -40,11 +40,11 @@ pub(super) const BIN_S: f64 = 0.05;
 /// Time that detection cuts off a hold, at both ends together, if rows come with this period: a bin, or a row, at
 /// either end.
 pub fn trimmed_s(period_s: f64) -> f64 {
-    2.0 * BIN_S.max(period_s)
+    HOLD_STRETCHES[1] as f64 * BIN_S.max(period_s)
 }
 
 /// Fewest bins of a hold.
-const MIN_BINS: usize = 8;
+const MIN_BINS: usize = HOLD_STRETCHES[0];
 /// Bins on either side of a stretch that decide whether it is part of a ramp.
 const FLANK: usize = 4;
 /// Multiple of the noise that is still noise.

@@ -52,7 +52,10 @@ impl Bundle {
             let entry = zip
                 .by_index(number)
                 .map_err(|why| archive(path, format!("file {number}: damaged: {why}")))?;
-            let name = entry.name().to_owned();
+            let name = entry
+                .name()
+                .map_err(|why| archive(path, format!("file {number}: its name: {why}")))?
+                .into_owned();
             let is_plain =
                 !name.contains('\\') && entry.enclosed_name().is_some_and(|inside| inside == *name);
             if !is_plain || entry.is_dir() || !names.insert(name.clone()) {

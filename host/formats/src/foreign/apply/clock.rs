@@ -116,7 +116,7 @@ fn add_fraction(
 ) -> Result<(), TableError> {
     let (column, to_si) = (fraction.column, fraction.unit.to_si);
     if let Some((line, text)) = &column.bad {
-        return Err(super::series::bad(table, column, *line, text));
+        return Err(super::series::bad(table, &column.header, *line, text));
     }
     for ((time_s, value), line) in times_s.iter_mut().zip(&column.values).zip(&table.lines) {
         let part_s = (column.origin as f64 + value) * to_si;
@@ -173,7 +173,7 @@ impl<'t> Timed<'t> {
         };
         let column = time_column.column;
         if let Some((line, text)) = &column.bad {
-            return Err(super::series::bad(table, column, *line, text));
+            return Err(super::series::bad(table, &column.header, *line, text));
         }
         let to_si = time_column.unit.to_si;
         let mut times_s: Vec<f64> = column.values.iter().map(|value| value * to_si).collect();

@@ -1,23 +1,30 @@
 //! Readings over time, and what is wrong with them.
+//!
+//! No magnitude decides, but what the readings are elsewhere in the record, with the error probability [`CHANCE`]:
+//!
+//! * **Interruptions.** Losses of single readings, independent of each other, leave out `k` in succession with the chance `q^k` at each of `n`
+//!   places; `q` is the share that is missing elsewhere (rule of succession). Where `n q^k` is below [`CHANCE`] the record was interrupted: the
+//!   guide may have gone anywhere, and nothing is interpolated.
+//! * **The rest at the beginning.** `k` readings of a guide at rest are in any order: that the next `j` are all above or all below them has the
+//!   chance `2 / C(k + j, j)`, at each of `n` places. The first place where that is below [`CHANCE`] ends the rest.
+//! * **Positions.** Of two readings at rest the difference is as large as either's distance from its zero or larger, whatever the distribution
+//!   is (symmetric, with one maximum), so that a reading is nearer to its zero than the median difference with a chance of a half
+//!   or more. If all of a record are further away than that, its zero is not where the guide rests.
 
 use super::super::TableError;
-use super::super::raw::{RawColumn, RawTable};
+use super::super::align::{ALIKE, Correlation};
+use super::super::cells::not_a_number;
+use super::super::dropouts::CHANCE;
+use super::super::raw::RawTable;
 use super::{Part, Zero};
-
-/// Between readings that are further apart than so many periods nothing is interpolated.
-const MAX_GAP: f64 = 3.5;
-/// A displacement that is never nearer to 0 than this share of its range is a position of a stage.
-const ABSOLUTE: f64 = 0.25;
-/// Readings at the beginning of which the position is that of the zero.
-const FIRST: usize = 11;
-/// Correlation of force and displacement below which the force acts against it.
-const AGAINST: f64 = -0.5;
 
 /// Readings in the order of their times, all of which differ.
 #[derive(Debug, Clone, PartialEq)]
 pub(in super::super) struct Series {
     readings: Vec<(f64, f64)>,
     period_s: f64,
+    /// Places of the readings behind which the record was interrupted, in their order.
+    interruptions: Vec<usize>,
 }
 
 impl Series {
@@ -41,10 +48,9 @@ impl Series {
                 Some((same.first()?.0, mean))
             })
             .collect();
-        let mut steps: Vec<f64> = readings.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-        steps.sort_by(f64::total_cmp);
-        let period_s = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
-        Self { readings, period_s }
+        let period_s = median(readings.windows(2).map(|pair| pair[1].0 - pair[0].0).collect());
+        let interruptions = interruptions(&readings, period_s);
+        Self { readings, period_s, interruptions }
     }
 
     pub fn readings(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
@@ -81,30 +87,80 @@ impl Series {
         if earlier_s == time_s {
             return Some(earlier_value);
         }
+        let is_interrupted = self.interruptions.binary_search(&(next_index - 1)).is_ok();
         let gap_s = later_s - earlier_s;
-        (gap_s <= MAX_GAP * self.period_s)
+        (!is_interrupted)
             .then(|| earlier_value + (later_value - earlier_value) * (time_s - earlier_s) / gap_s)
     }
+}
+
+/// Places of readings behind which more are missing in succession than single losses explain.
+fn interruptions(readings: &[(f64, f64)], period_s: f64) -> Vec<usize> {
+    if period_s <= 0.0 {
+        return Vec::new();
+    }
+    let missing: Vec<f64> =
+        readings.windows(2).map(|pair| ((pair[1].0 - pair[0].0) / period_s).round() - 1.0).collect();
+    let missing_in_all: f64 = missing.iter().map(|count| count.max(0.0)).sum();
+    let places = missing.len() as f64;
+    let is_interruption = |count: f64| {
+        let elsewhere = missing_in_all - count;
+        let share = (elsewhere + 1.0) / (elsewhere + places + 2.0);
+        count > 0.0 && places * share.powf(count) < CHANCE
+    };
+    missing.iter().enumerate().filter(|(_, count)| is_interruption(**count)).map(|(place, _)| place).collect()
+}
+
+/// How many readings at the beginning are those of a guide at rest: all where it never moves.
+fn rest(values: &[f64]) -> usize {
+    let most_inverse = 2.0 * values.len() as f64 / CHANCE;
+    let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (before, value) in values.iter().enumerate() {
+        let is_above = *value > greatest;
+        if before > 0 && (is_above || *value < least) {
+            // Readings that have to be beyond all before them, until the binomial coefficient is large enough.
+            let (mut inverse, mut needed) = (1.0, 0usize);
+            while inverse <= most_inverse && before + needed <= values.len() {
+                needed += 1;
+                inverse *= (before + needed) as f64 / needed as f64;
+            }
+            let is_beyond = |next: &f64| if is_above { *next > greatest } else { *next < least };
+            let next = values.get(before..before + needed).unwrap_or_default();
+            if next.len() == needed && next.iter().all(is_beyond) {
+                return before;
+            }
+        }
+        (least, greatest) = (least.min(*value), greatest.max(*value));
+    }
+    values.len()
+}
+
+/// The middle one of these values; 0 of none.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The values of a column in SI; NaN where there is none.
 pub(super) fn values(part: &Part) -> Result<Vec<f64>, TableError> {
     let Part { table, column, unit, .. } = part;
     if let Some((line, text)) = &column.bad {
-        return Err(bad(table, column, *line, text));
+        return Err(bad(table, &column.header, *line, text));
     }
     let origin = column.origin as f64;
     Ok(column.values.iter().map(|value| (origin + value) * unit.to_si).collect())
 }
 
 /// A cell that is no number.
-pub(super) fn bad(table: &RawTable, column: &RawColumn, line: usize, text: &str) -> TableError {
+pub(super) fn bad(table: &RawTable, header: &str, line: usize, text: &str) -> TableError {
+    let (remark, expected) = not_a_number(text);
+    let shown: String = text.chars().take(40).collect();
     TableError::Cell {
         path: table.path.clone(),
         line,
-        field: column.header.clone(),
-        problem: format!("\"{}\" is not a number", text.chars().take(40).collect::<String>()),
-        expected: "numbers, empty cells or nan".to_owned(),
+        field: header.to_owned(),
+        problem: format!("\"{shown}\" is not a number{remark}"),
+        expected,
     }
 }
 
@@ -125,7 +181,7 @@ pub(super) fn refer_to_zero(name: &str, values_m: &mut [f64], zero: Zero, notes:
     let (least, most) =
         values_m.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(*v), m.max(*v)));
     let nearest = if least > 0.0 { least } else { (-most).max(0.0) };
-    let is_absolute = nearest > ABSOLUTE * (most - least);
+    let is_absolute = nearest > median(values_m.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect());
     let is_moved = match zero {
         Zero::Auto => is_absolute,
         Zero::First => true,
@@ -134,9 +190,7 @@ pub(super) fn refer_to_zero(name: &str, values_m: &mut [f64], zero: Zero, notes:
     if !is_moved {
         return;
     }
-    let mut first: Vec<f64> = values_m.iter().take(FIRST).copied().collect();
-    first.sort_by(f64::total_cmp);
-    let zero_m = first.get(first.len() / 2).copied().unwrap_or(0.0);
+    let zero_m = median(values_m.iter().take(rest(values_m)).copied().collect());
     values_m.iter_mut().for_each(|value| *value -= zero_m);
     let why = if zero == Zero::Auto {
         format!("is never near 0 ({:.3} to {:.3} mm) and taken as a position", 1e3 * least, 1e3 * most)
@@ -163,18 +217,98 @@ pub(super) fn check_range(name: &str, values: &[f64], most: f64) -> Result<(), T
     }
 }
 
-/// Remarks on a force that acts against the displacement.
+/// Remarks on a force that acts against the displacement: a line through both explains more than chance.
 pub(super) fn check_sign(force_n: &[f64], moved_m: &[f64], notes: &mut Vec<String>) {
-    let n = force_n.len() as f64;
-    let (f0, x0) = (force_n.iter().sum::<f64>() / n, moved_m.iter().sum::<f64>() / n);
-    let (mut ff, mut xx, mut fx) = (0.0, 0.0, 0.0);
-    for (f, x) in force_n.iter().zip(moved_m) {
-        (ff, xx, fx) = (ff + (f - f0).powi(2), xx + (x - x0).powi(2), fx + (f - f0) * (x - x0));
-    }
-    if fx < AGAINST * (ff * xx).sqrt() {
+    let pairs: Vec<(f64, f64)> = moved_m.iter().copied().zip(force_n.iter().copied()).collect();
+    if Correlation::of(&pairs).is_some_and(|line| line.slope < 0.0 && line.log_likelihood() > ALIKE) {
         notes.push(
             "the force falls where the displacement rises, as that of the tissue on the sensor does: a minus before its unit turns it round (--map '...=force_y_n:-N')"
                 .to_owned(),
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers that look random, from -1 to 1.
+    fn noise(at: usize) -> f64 {
+        ((at * 7919 + 13) * 104_729 % 2003) as f64 / 1001.0 - 1.0
+    }
+
+    #[test]
+    fn single_losses_are_bridged_and_interruptions_are_not() {
+        let at_10_hz = |missing: &dyn Fn(usize) -> bool| {
+            Series::of(
+                (0..200).filter(|row| !missing(*row)).map(|row| (0.1 * row as f64, row as f64)).collect(),
+            )
+        };
+        let near =
+            |value: Option<f64>, expected: f64| value.is_some_and(|value| (value - expected).abs() < 1e-9);
+        // One reading is lost, by itself or as every seventh is.
+        assert!(near(at_10_hz(&|row| row == 100).at(10.02), 100.2));
+        assert!(near(at_10_hz(&|row| row % 7 == 3).at(10.82), 108.2));
+        // Two and more in succession where no other one is; ten where every seventh is.
+        assert_eq!(at_10_hz(&|row| (100..102).contains(&row)).at(10.05), None);
+        assert_eq!(at_10_hz(&|row| row % 7 == 3 || (100..110).contains(&row)).at(10.55), None);
+        // Three where every second reading is lost are not unusual.
+        assert!(near(at_10_hz(&|row| row % 5 == 1 || row % 5 == 3 || row == 102).at(10.22), 102.2));
+    }
+
+    #[test]
+    fn the_rest_ends_where_readings_leave_it_for_good() {
+        let moved = |rest: usize, per_row: f64| -> Vec<f64> {
+            (0..120).map(|row| noise(row) + per_row * row.saturating_sub(rest) as f64).collect()
+        };
+        for (values, least, most) in [
+            (moved(40, 20.0), 40, 41),
+            (moved(40, -20.0), 40, 41),
+            // A ramp as slow as the noise ends it some rows later.
+            (moved(40, 0.4), 38, 48),
+            (moved(6, 5.0), 6, 7),
+            (moved(120, 1.0), 120, 120),
+        ] {
+            assert!((least..=most).contains(&rest(&values)), "{} of {least} to {most}", rest(&values));
+        }
+    }
+
+    #[test]
+    fn a_displacement_whose_zero_is_not_where_the_guide_rests_is_a_position() {
+        let zeroed = |offset: f64, digit: f64| {
+            let mut values: Vec<f64> = (0..100)
+                .map(|row| {
+                    let exact =
+                        offset + 4e-6 * noise(row) + 1.2e-3 * (0.05 * (row as f64 - 40.0)).clamp(0.0, 1.0);
+                    if digit > 0.0 { (exact / digit).round() * digit } else { exact }
+                })
+                .collect();
+            let mut notes = Vec::new();
+            refer_to_zero("y", &mut values, Zero::Auto, &mut notes);
+            (notes.len(), values[0])
+        };
+        assert_eq!(zeroed(0.0, 0.0).0, 0);
+        assert_eq!(zeroed(0.0, 1e-5).0, 0);
+        assert_eq!(zeroed(-2e-6, 0.0).0, 0);
+        for offset in [0.05e-3, 12.4e-3, -2.5e-3] {
+            for digit in [0.0, 1e-5] {
+                let (notes, first) = zeroed(offset, digit);
+                assert!(notes == 1 && first.abs() <= 1e-5, "{offset} {digit}: {notes} {first}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_force_that_falls_is_noted_and_noise_is_not() {
+        let noted = |stiffness: f64, noise_n: f64| {
+            let moved: Vec<f64> =
+                (0..100).map(|row| 1.2e-3 * (0.05 * (row as f64 - 40.0)).clamp(0.0, 1.0)).collect();
+            let force: Vec<f64> =
+                moved.iter().enumerate().map(|(row, y_m)| stiffness * y_m + noise_n * noise(row)).collect();
+            let mut notes = Vec::new();
+            check_sign(&force, &moved, &mut notes);
+            notes.len()
+        };
+        assert_eq!([noted(-1e3, 0.01), noted(-1e3, 0.5), noted(1e3, 0.01), noted(0.0, 0.1)], [1, 1, 0, 0]);
     }
 }
