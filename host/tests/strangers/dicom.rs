@@ -62,6 +62,7 @@ pub struct Clip {
     pub stored_bits: u16,
     pub signed: bool,
     pub intercept: Option<&'static str>,
+    pub slope: &'static str,
     /// Size of a pixel of the region, and of a second one beside the first.
     pub delta_cm: f64,
     pub second_delta_cm: Option<f64>,
@@ -76,6 +77,7 @@ pub const PLAIN: Clip = Clip {
     stored_bits: 8,
     signed: false,
     intercept: None,
+    slope: "1",
     delta_cm: 0.01,
     second_delta_cm: None,
     pixel_spacing: None,
@@ -134,7 +136,7 @@ pub fn file(clip: Clip, frames: &[Vec<u8>], sample: impl Fn(u8) -> u16) -> Vec<u
     data.number((0x28, 0x0103), u16::from(clip.signed));
     if let Some(intercept) = clip.intercept {
         data.text((0x28, 0x1052), "DS", intercept);
-        data.text((0x28, 0x1053), "DS", "1");
+        data.text((0x28, 0x1053), "DS", clip.slope);
     }
     if clip.icon {
         let mut icon = Writer { bytes: Vec::new(), big: clip.big };
@@ -213,4 +215,36 @@ fn signed_samples_with_an_intercept() {
         &["signed", "PixelRepresentation", "pixel representation"],
         assert_path,
     );
+}
+
+#[test]
+fn values_that_fall_as_samples_rise() {
+    let falling = Clip { intercept: Some("255"), slope: "-1", ..PLAIN };
+    for (photometric, sample) in
+        [("MONOCHROME2", (|grey| u16::from(255 - grey)) as fn(u8) -> u16), ("MONOCHROME1", u16::from)]
+    {
+        let answer = clip(Clip { photometric, ..falling }, &[], sample);
+        assert!(answer.succeeded, "{}", answer.printed);
+        assert_path(&answer);
+    }
+}
+
+#[test]
+fn samples_below_zero_are_fill_or_rejected() {
+    let signed = Clip { stored_bits: 16, signed: true, ..PLAIN };
+    let answer =
+        clip(signed, &[], |grey: u8| if grey < 24 { (-2000i16) as u16 } else { u16::from(grey) * 100 });
+    assert!(answer.succeeded, "{}", answer.printed);
+    assert_path(&answer);
+    let answer = clip(signed, &[], |grey: u8| (100 * i16::from(grey) - 12_800) as u16);
+    assert_rejected(&answer, &["samples below zero"]);
+}
+
+#[test]
+fn a_size_of_a_pixel_without_a_value_is_none() {
+    let unstated = Clip { unit: None, pixel_spacing: Some(""), ..PLAIN };
+    let answer = clip(unstated, &SPACING, u16::from);
+    assert!(answer.succeeded, "{}", answer.printed);
+    assert_path(&answer);
+    assert_rejected(&clip(unstated, &[], u16::from), &["the file states no size of a pixel"]);
 }

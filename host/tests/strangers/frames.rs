@@ -158,6 +158,34 @@ fn a_stack_of_sixteen_bit_with_the_most_significant_byte_first() {
     assert_path(&answer);
 }
 
+#[test]
+fn samples_of_sixteen_bit_that_may_be_below_zero() {
+    // The echo alone is above zero; the darkest samples are far below all others as fill, or there is none.
+    for (ending, header) in [
+        (
+            ".mha",
+            "NDims = 3\nDimSize = 97 81 40\nElementSpacing = 0.1 0.1 1\nElementType = MET_SHORT\nElementDataFile = LOCAL\n",
+        ),
+        (
+            ".nrrd",
+            "NRRD0004\ntype: int16\ndimension: 3\nsizes: 97 81 40\nspacings: 0.1 0.1 1\nendian: little\nencoding: raw\n\n",
+        ),
+    ] {
+        for fill in [None, Some(i16::MIN)] {
+            let answer = sweep(ending, &[], |path, frames| {
+                let sample = |grey: u8| match fill {
+                    Some(fill) if grey < 24 => fill,
+                    _ => 100 * i16::from(grey) - 20_000,
+                };
+                let pixels = frames.iter().flatten().flat_map(|grey| sample(*grey).to_le_bytes());
+                fs::write(path, header.bytes().chain(pixels).collect::<Vec<u8>>()).expect("written");
+            });
+            assert!(answer.succeeded, "{ending} {fill:?}: {}", answer.printed);
+            assert_path(&answer);
+        }
+    }
+}
+
 /// Raw pictures beside a header, a file each, with numbers from 1.
 fn slices(path: &Path, frames: &[Vec<u8>]) -> String {
     let stem = path.file_stem().expect("a name").to_string_lossy().into_owned();

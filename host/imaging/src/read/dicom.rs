@@ -52,6 +52,7 @@ const BITS_ALLOCATED: Tag = Tag(0x0028, 0x0100);
 const BITS_STORED: Tag = Tag(0x0028, 0x0101);
 const HIGH_BIT: Tag = Tag(0x0028, 0x0102);
 const INTERCEPT: Tag = Tag(0x0028, 0x1052);
+const SLOPE: Tag = Tag(0x0028, 0x1053);
 const SIGNED: Tag = Tag(0x0028, 0x0103);
 /// Number of colours, first index and bits of red, green and blue; and the colours.
 const PALETTE_SIZES: [Tag; 3] = [Tag(0x0028, 0x1101), Tag(0x0028, 0x1102), Tag(0x0028, 0x1103)];
@@ -62,7 +63,7 @@ const MEASURES: Tag = Tag(0x0028, 0x9110);
 const FRAME_TIME_MS: Tag = Tag(0x0018, 0x1063);
 const FRAME_TIMES_MS: Tag = Tag(0x0018, 0x1065);
 /// Values that are read of the data set.
-const VALUES: [Tag; 22] = [
+const VALUES: [Tag; 23] = [
     SERIES,
     INSTANCE,
     FRAMES,
@@ -76,6 +77,7 @@ const VALUES: [Tag; 22] = [
     BITS_STORED,
     HIGH_BIT,
     INTERCEPT,
+    SLOPE,
     SIGNED,
     FRAME_TIME_MS,
     FRAME_TIMES_MS,

@@ -38,8 +38,8 @@ pub(super) fn decode(path: &Path, field: &str, bytes: &[u8], is_rgb: bool) -> Re
     super::whole(path, field, [width, height], grey(pixels, channels))
 }
 
-/// A frame of a film may omit its Huffman tables, which are then those of the standard's Annex K (AVI, Motion JPEG DIB extension); the decoder
-/// takes these where the frame is marked as one of a film.
+/// A frame of a film may omit Huffman tables, which are then those of the standard's Annex K (AVI, Motion JPEG DIB extension); the decoder
+/// takes these where the frame is marked as one of a film, for tables that it does not have.
 fn with_tables(bytes: &[u8]) -> Cow<'_, [u8]> {
     /// APP0 of a frame of a film, as long as the decoder reads it.
     const FILM: [u8; 10] = [0xFF, 0xE0, 0, 8, b'A', b'V', b'I', b'1', 0, 0];
@@ -63,10 +63,33 @@ fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     })
 }
 
-/// Whether there is a Huffman table before the scan; what is damaged is left to the decoder.
+/// Whether there are as many Huffman tables before the scan as a frame of its kind needs: two of brightness, two more of colours where there are
+/// such. Frames that are not baseline have theirs at each scan; what is damaged is left to the decoder.
 fn has_tables(bytes: &[u8]) -> bool {
-    let decisive = segments(bytes).map(|(marker, _)| marker).find(|marker| matches!(marker, 0xC4 | 0xDA));
-    decisive != Some(0xDA)
+    /// Place of the number of components in a baseline frame's header.
+    const COMPONENTS: usize = 5;
+    let (mut tables, mut components) = (0, 0);
+    for (marker, content) in segments(bytes) {
+        match marker {
+            0xC4 => tables += count_of_tables(content),
+            0xC0 => components = content.get(COMPONENTS).copied().unwrap_or(0),
+            0xDA => return components == 0 || tables >= if components == 1 { 2 } else { 4 },
+            _ => {}
+        }
+    }
+    true
+}
+
+/// Huffman tables in a segment: a byte with class and number, how many codes there are of each length, and their symbols.
+fn count_of_tables(mut content: &[u8]) -> usize {
+    const LENGTHS: usize = 16;
+    let mut count = 0;
+    while let Some((lengths, rest)) = content.get(1..).and_then(|table| table.split_at_checked(LENGTHS)) {
+        let symbols: usize = lengths.iter().copied().map(usize::from).sum();
+        content = rest.get(symbols..).unwrap_or_default();
+        count += 1;
+    }
+    count
 }
 
 /// EXIF data of a file.

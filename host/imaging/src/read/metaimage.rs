@@ -84,7 +84,7 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     frames.finish(&mut header);
     let depth = match kind.unwrap_or(0) {
         0 => Depth::Eight,
-        other => Depth::Sixteen { is_big_endian, is_signed: other == 2, shift: 8 },
+        other => Depth::Sixteen { is_big_endian, is_signed: other == 2, black: 0, shift: 8 },
     };
     let header_bytes = fields.get(&["HeaderSize"]).map(|(key, value)| {
         let bytes: Option<i64> = value.parse().ok().filter(|bytes| *bytes >= -1);

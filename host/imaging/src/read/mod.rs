@@ -19,7 +19,7 @@ mod turned;
 
 use crate::error::ImagingError;
 use crate::frame::{Frame, Header, MAX_FRAMES, MAX_PIXELS};
-use depth::Depth;
+use depth::{Depth, Extremes};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -184,7 +184,7 @@ fn folder(path: &Path) -> Result<(Header, Source), ImagingError> {
     Ok((header, source))
 }
 
-/// Opens a stream; one of 16 bit is read through once for its brightest sample, and opened again.
+/// Opens a stream; one of 16 bit is read through once for its darkest and brightest samples, and opened again.
 fn twice(
     open: impl Fn() -> Result<(Header, Source), ImagingError>,
 ) -> Result<(Header, Source), ImagingError> {
@@ -194,17 +194,17 @@ fn twice(
     };
     let row = header.width * *channels * depth.bytes();
     let mut samples = vec![0; row];
-    let mut greatest = 0;
+    let mut extremes = Extremes::default();
     // A file that ends early is reported with the number of its frame, when it is reached.
     for _ in 0..header.height * header.count {
         if bytes.read_exact(&mut samples).is_err() {
             break;
         }
-        greatest = depth.greatest(&samples).max(greatest);
+        extremes.add(*depth, &samples);
     }
     let (header, mut source) = open()?;
-    if let Source::Stream { depth: Depth::Sixteen { shift, .. }, .. } = &mut source {
-        *shift = depth::shift_for(greatest);
+    if let Source::Stream { depth, .. } = &mut source {
+        *depth = extremes.fit(*depth);
     }
     Ok((header, source))
 }

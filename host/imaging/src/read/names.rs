@@ -39,14 +39,19 @@ pub(super) fn sort(folder: &Path, files: &mut [PathBuf]) -> Result<Option<String
         return Err(ImagingError::invalid(folder, "names", problem, expected));
     }
     let signed = with_minus_signs(all_parts(files, is_decimal || !are_numbers));
-    let Some(pair) = signed.iter().find_map(|(_, parts)| first_descent(parts, files)) else { return Ok(None) };
+    let Some(pair) = signed.iter().find_map(|(_, parts)| first_descent(parts, files)) else {
+        return Ok(None);
+    };
     if signed.iter().any(|(is_length, _)| *is_length) {
         let problem = format!("{pair}: a minus, or a hyphen");
         let expected = "_- before numbers below zero (z_-30.0mm), and _ alone before others (z_30.0mm)";
         return Err(ImagingError::invalid(folder, "names", problem, expected));
     }
     let ends = [files.first(), files.last()].map(|path| path.map_or_else(String::new, |path| name(path)));
-    Ok(Some(format!("frames from {} to {}: the minus before their numbers is taken as a hyphen", ends[0], ends[1])))
+    Ok(Some(format!(
+        "frames from {} to {}: the minus before their numbers is taken as a hyphen",
+        ends[0], ends[1]
+    )))
 }
 
 /// The first two names that are in another order than these parts of theirs.
@@ -298,7 +303,8 @@ mod tests {
         };
         assert_eq!(note(&["run-0.png", "run-1.png", "run-2.png"]), None);
         assert_eq!(note(&["run-7-a.png", "run-7-b.png"]), None);
-        let stated = "frames from pos-10.png to pos-30.png: the minus before their numbers is taken as a hyphen";
+        let stated =
+            "frames from pos-10.png to pos-30.png: the minus before their numbers is taken as a hyphen";
         assert_eq!(note(&["pos-30.png", "pos-20.png", "pos-10.png"]).as_deref(), Some(stated));
         let error = sorted(&["z_0.png", "z_0.5.png", "z_1.png", "z_2.png"]).expect_err("a gap");
         assert!(error.contains("between z_1.png and z_2.png"), "{error}");

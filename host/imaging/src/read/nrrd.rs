@@ -4,7 +4,7 @@
 //! alternate, and the frames are kept whole, up to [`MAX_KEPT`].
 
 use super::beside::{self, Joined, beside};
-use super::depth::{Depth, shift_for};
+use super::depth::{Depth, Extremes};
 use super::header::{Fields, Frames, line, mirrored, one_of, orientation, short, sizes, spacing};
 use super::metaimage::{millimetres, three, unit};
 use super::{FrameReader, Source, check_size};
@@ -64,12 +64,9 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     bytes
         .read_exact(&mut samples)
         .map_err(|cause| ImagingError::invalid(path, "data", cause.to_string(), expected()))?;
-    let depth = match depth {
-        Depth::Eight => Depth::Eight,
-        Depth::Sixteen { is_big_endian, is_signed, .. } => {
-            Depth::Sixteen { is_big_endian, is_signed, shift: shift_for(depth.greatest(&samples)) }
-        }
-    };
+    let mut extremes = Extremes::default();
+    extremes.add(depth, &samples);
+    let depth = extremes.fit(depth);
     let frames = Alternating { path: path.to_owned(), samples, depth, size: [width, height], count, next: 0 };
     Ok((header, Source::Reader(Box::new(frames))))
 }
@@ -329,7 +326,7 @@ fn depth(path: &Path, fields: &Fields) -> Result<Depth, ImagingError> {
             return Err(ImagingError::invalid(path, "endian", problem, "little or big"));
         }
     };
-    Ok(Depth::Sixteen { is_big_endian, is_signed, shift: 8 })
+    Ok(Depth::Sixteen { is_big_endian, is_signed, black: 0, shift: 8 })
 }
 
 /// The data behind the header, and behind the lines and bytes that it skips.

@@ -116,6 +116,64 @@ fn a_frame_of_a_film_without_huffman_tables_has_the_standard_ones() {
     assert!(decoded(&bare[..200]).is_err());
 }
 
+/// A JPEG frame without so many of its Huffman tables, the last ones of them.
+fn without(frame: &[u8], most: usize) -> Vec<u8> {
+    let (mut segments, mut rest) = (Vec::new(), &frame[2..]);
+    while let [0xFF, marker, high, low, ..] = *rest {
+        let length = 2 + usize::from(u16::from_be_bytes([high, low]));
+        if marker == 0xDA {
+            break;
+        }
+        segments.push((marker == 0xC4, &rest[..length]));
+        rest = &rest[length..];
+    }
+    let tables = segments.iter().filter(|(is_table, _)| *is_table).count();
+    let mut number = 0;
+    segments.retain(|(is_table, _)| {
+        number += usize::from(*is_table);
+        !is_table || number + most.min(tables) <= tables
+    });
+    let kept = segments.iter().flat_map(|(_, segment)| segment.iter().copied());
+    frame[..2].iter().copied().chain(kept).chain(rest.iter().copied()).collect()
+}
+
+/// Chunks of a film.
+fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
+    let padding = vec![0; content.len() % 2];
+    [name, &(content.len() as u32).to_le_bytes()[..], content, &padding].concat()
+}
+
+#[test]
+fn a_film_has_the_huffman_tables_that_its_frames_leave_out() {
+    let file = data("others/ybr-color-3.dcm");
+    let begin = file.windows(3).position(|at| at == [0xFF, 0xD8, 0xFF]).expect("a frame");
+    let length = file[begin..].windows(2).position(|at| at == [0xFF, 0xD9]).expect("its end") + 2;
+    let whole = &file[begin..begin + length];
+    let reference = jpeg::decode(Path::new("film.avi"), "frame 1", whole, false).expect("decodes");
+    let size = [reference.width as u32, reference.height as u32];
+    let film = |frame: &[u8]| {
+        let stream: Vec<u8> = [*b"vids", *b"MJPG"].concat().into_iter().chain([0; 48]).collect();
+        let mut rate = stream;
+        rate[20..28].copy_from_slice(&[1u32.to_le_bytes(), 25u32.to_le_bytes()].concat());
+        rate[32..36].copy_from_slice(&2u32.to_le_bytes());
+        let format = [40, size[0], size[1], 1 | 24 << 16, u32::from_le_bytes(*b"MJPG"), 0, 0, 0, 0, 0];
+        let format: Vec<u8> = format.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let head = [40_000, 0, 0, 0, 2, 0, 1, 0, size[0], size[1], 0, 0, 0, 0];
+        let head: Vec<u8> = head.iter().flat_map(|word: &u32| word.to_le_bytes()).collect();
+        let streams = [&b"strl"[..], &chunk(b"strh", &rate), &chunk(b"strf", &format)].concat();
+        let headers = [&b"hdrl"[..], &chunk(b"avih", &head), &chunk(b"LIST", &streams)].concat();
+        let frames = [&b"movi"[..], &chunk(b"00dc", frame), &chunk(b"00dc", frame)].concat();
+        chunk(b"RIFF", &[&b"AVI "[..], &chunk(b"LIST", &headers), &chunk(b"LIST", &frames)].concat())
+    };
+    assert!(
+        without(whole, 1).len() < whole.len() && without(whole, usize::MAX).len() < without(whole, 1).len()
+    );
+    for frame in [whole.to_vec(), without(whole, 1), without(whole, usize::MAX)] {
+        let (_folder, path) = written("film.avi", &film(&frame));
+        assert_eq!(frames(&path).expect("a film").1, [reference.clone(), reference.clone()]);
+    }
+}
+
 #[test]
 fn files_that_systems_leave_in_a_folder_are_no_frames() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -326,6 +384,35 @@ fn the_size_of_a_pixel_is_that_of_imagej_or_ome_and_not_of_a_printer() {
     let (_folder, path) =
         written("s.tif", &tiff(&resolved(10, 1), &format!("{stack}unit=furlong\n"), &[0; 24]));
     assert!(frames(&path).expect("a stack").0.unclear[0].1.to_string().contains("furlong"));
+}
+
+#[test]
+fn texts_about_a_tiff_name_what_is_wrong_with_it() {
+    let replaced = |tag: u16, value: u32| {
+        let mut changed = tags(8, 1, 8);
+        changed.iter_mut().filter(|(of, ..)| *of == tag).for_each(|(_, _, values)| *values = vec![value]);
+        changed
+    };
+    let pixels: Vec<u8> = (0..8).collect();
+    let mut float = tags(32, 1, 32);
+    float.push((339, 3, vec![3]));
+    let whole = tiff(&tags(8, 1, 8), "", &pixels);
+    for (name, file, words) in [
+        (
+            "float",
+            tiff(&float, "", &[0; 32]),
+            "colour: Gray(32), expected grey, RGB or a palette of 8 or 16 bit",
+        ),
+        ("cut off", whole[..whole.len() - 40].to_vec(), "expected a whole TIFF file"),
+        ("compression of fax", tiff(&replaced(259, 34_661), "", &pixels), "ImageJ converts others"),
+        ("no TIFF", b"II*\0 and words".to_vec(), "expected a whole TIFF file"),
+    ] {
+        let (_folder, path) = written("s.tif", &file);
+        let error = frames(&path).map(|_| ()).expect_err(name);
+        assert!(error.contains(words), "{name}: {error}");
+        // Its size is spoken of where that is wrong, and nowhere else.
+        assert!(!error.contains("million") && !error.contains("pixels in a frame"), "{name}: {error}");
+    }
 }
 
 #[test]

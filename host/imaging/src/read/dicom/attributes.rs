@@ -108,7 +108,9 @@ impl Attributes<'_> {
 
     /// Sizes of a pixel where there are no regions: one for all frames.
     fn pixel_spacing(&self) -> Result<Option<[f64; 2]>, Unclear> {
-        let of_image = self.values.get(&PIXEL_SPACING).map(|value| ("PixelSpacing", value));
+        // Without a value it is not known.
+        let of_image = self.values.get(&PIXEL_SPACING).filter(|value| !text(value).is_empty());
+        let of_image = of_image.map(|value| ("PixelSpacing", value));
         let of_frames = self.measures.iter().map(|value| ("PixelSpacing of the frames", value));
         let mut stated = Vec::new();
         for (field, value) in of_image.into_iter().chain(of_frames) {

@@ -21,7 +21,10 @@ pub(in super::super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingErro
 }
 
 /// Opens the files of a folder as one sequence, in the order of their instance numbers where all have one, else of those in their names.
-pub(in super::super) fn open_files(folder: &Path, files: &[PathBuf]) -> Result<(Header, Source), ImagingError> {
+pub(in super::super) fn open_files(
+    folder: &Path,
+    files: &[PathBuf],
+) -> Result<(Header, Source), ImagingError> {
     let mut opened: Vec<(PathBuf, Opened)> =
         files.iter().map(|path| Ok((path.clone(), open_file(path)?))).collect::<Result<_, ImagingError>>()?;
     let remark = if sort(&mut opened)? {

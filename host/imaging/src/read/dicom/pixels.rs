@@ -3,7 +3,7 @@
 use super::super::depth::Depth;
 use super::super::{FrameReader, grey, jpeg, whole};
 use super::{
-    Attributes, BITS_ALLOCATED, BITS_STORED, HIGH_BIT, INTERCEPT, PHOTOMETRIC, PLANAR, SAMPLES, SIGNED,
+    Attributes, BITS_ALLOCATED, BITS_STORED, HIGH_BIT, INTERCEPT, PHOTOMETRIC, PLANAR, SAMPLES, SIGNED, SLOPE,
 };
 use crate::error::ImagingError;
 use crate::frame::{Frame, MAX_PIXELS};
@@ -58,9 +58,14 @@ impl Layout {
         };
         let photometric = header.text(PHOTOMETRIC).unwrap_or_default();
         let samples = header.number(SAMPLES).unwrap_or(1);
+        // Values that fall as samples rise are the other way round.
+        let falls = header
+            .text(SLOPE)
+            .and_then(|text| text.trim().parse().ok())
+            .is_some_and(|slope: f64| slope < 0.0);
         let colours = match (photometric.as_str(), samples) {
-            ("MONOCHROME2", 1) => Colours::Grey,
-            ("MONOCHROME1", 1) => Colours::Inverted,
+            ("MONOCHROME2" | "MONOCHROME1", 1) if (photometric == "MONOCHROME1") == falls => Colours::Grey,
+            ("MONOCHROME2" | "MONOCHROME1", 1) => Colours::Inverted,
             ("PALETTE COLOR", 1) => Colours::Palette,
             ("RGB", 3) => Colours::Rgb,
             ("YBR_FULL", 3) => Colours::Ybr,
@@ -90,6 +95,7 @@ impl Layout {
                 Depth::Sixteen {
                     is_big_endian: header.is_big,
                     is_signed,
+                    black: 0,
                     shift: (value_bits as u32).saturating_sub(8),
                 }
             }
@@ -168,6 +174,16 @@ impl Layout {
             *pair = if is_big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
         }
         bytes
+    }
+
+    /// Refuses a frame with samples below zero of more than one value, which is the fill beside an image: what of them is black is not stated.
+    fn check_signs(self, path: &Path, field: &str, bytes: &[u8]) -> Result<(), ImagingError> {
+        let Depth::Sixteen { is_signed: true, .. } = self.depth else { return Ok(()) };
+        if self.depth.levels_below_zero(&self.used(bytes.to_vec())) < 2 {
+            return Ok(());
+        }
+        let expected = "samples from 0 up: dcmconv or gdcmconv convert others";
+        Err(ImagingError::invalid(path, field, "samples below zero", expected))
     }
 
     /// Brightness of an uncompressed frame.
@@ -339,19 +355,23 @@ impl FrameReader for Pixels {
                 if layout.is_exchanged {
                     bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|pair| pair.swap(0, 1));
                 }
+                layout.check_signs(&self.path, &field, &bytes)?;
                 layout.grey(bytes)
             }
             Coding::Rle => {
                 let bytes = self.compressed(&field)?;
                 // Unpacked samples lie pixel by pixel, and have the processor's own order.
                 let depth = match layout.depth {
-                    Depth::Sixteen { is_signed, shift, .. } => {
-                        Depth::Sixteen { is_big_endian: false, is_signed, shift }
+                    Depth::Sixteen { is_signed, black, shift, .. } => {
+                        Depth::Sixteen { is_big_endian: false, is_signed, black, shift }
                     }
                     Depth::Eight => Depth::Eight,
                 };
                 let colours = if layout.colours == Colours::Ybr422 { Colours::Ybr } else { layout.colours };
-                Layout { is_planar: false, depth, colours, ..layout }.grey(self.unpacked(&field, &bytes)?)
+                let unpacked = self.unpacked(&field, &bytes)?;
+                let layout = Layout { is_planar: false, depth, colours, ..layout };
+                layout.check_signs(&self.path, &field, &unpacked)?;
+                layout.grey(unpacked)
             }
             Coding::Jpeg => {
                 let bytes = self.compressed(&field)?;
