@@ -6,6 +6,7 @@
 //! [`slicer`] and [`poses`]: a needle's shape as points in space, from 3D Slicer and from shape-sensing fibres; [`Frame`] makes them
 //! positions along the needle and deflections.
 
+mod fiducials;
 mod frame;
 mod matrices;
 mod poses;

@@ -118,6 +118,53 @@ fn points_that_are_not_selected_are_skipped_where_others_are() {
 }
 
 #[test]
+fn lists_of_older_versions_hold_the_same_points() {
+    let list = |system: &str, columns: &str, line: &dyn Fn(usize, f64, f64, f64) -> String| {
+        let rows: String =
+            (0..9).map(|at| line(at, f64::from(at as u8), 2.0, 10.0 * at as f64) + "\n").collect();
+        let text = format!(
+            "# Markups fiducial file version = 4.11\n# CoordinateSystem = {system}\n# columns = {columns}\n{rows}"
+        );
+        written("F.fcsv", &text, slicer)
+    };
+    let usual = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID";
+    let plain = |at: usize, x: f64, y: f64, z: f64| format!("{at},{x},{y},{z},0,0,0,1,1,1,0,F-{at},,");
+    for (system, sign) in [("LPS", -1e-3), ("1", -1e-3), ("RAS", 1e-3), ("0", 1e-3)] {
+        let needle = list(system, usual, &plain).expect(system);
+        let right = |at: usize| [sign * at as f64, sign * 2.0, 1e-2 * at as f64];
+        assert!(needle.points_m.len() == 9 && needle.notes.is_empty(), "{system}: {:?}", needle.notes);
+        for (at, point) in needle.points_m.iter().enumerate() {
+            assert!(
+                point.iter().zip(right(at)).all(|(a, b)| (a - b).abs() < 1e-12),
+                "{system} {at}: {point:?}"
+            );
+        }
+    }
+    // Columns in another order, and points that are not selected beside others.
+    let turned = list("RAS", "label,sel,z,y,x", &|at, x, y, z| format!("F,{},{z},{y},{x}", u8::from(at > 1)));
+    let needle = turned.expect("reads");
+    assert!(needle.points_m.len() == 7 && needle.points_m[0] == [2e-3, 2e-3, 2e-2], "{:?}", needle.points_m);
+    assert!(needle.notes[0].ends_with("2 control points are not selected: skipped"), "{:?}", needle.notes);
+    for (refused, words) in [
+        (
+            list("IJK", usual, &plain),
+            "F.fcsv:2:1: CoordinateSystem: \"IJK\" is not known, expected LPS or RAS",
+        ),
+        (list("RAS", "id,x,y", &plain), "F.fcsv:4:1: columns: missing, expected columns with x, y and z"),
+        (
+            list("RAS", usual, &|at, x, y, _| format!("{at},{x},{y},inf,0,0,0,1,1,1,0,F,,")),
+            "F.fcsv:4:4: z: \"inf\" is not a number",
+        ),
+    ] {
+        let error = refused.expect_err(words).to_string();
+        assert!(error.contains(words), "{error}");
+    }
+    let unstated =
+        written("F.fcsv", "# Markups fiducial file version = 4.11\n# columns = id,x,y,z\n1,0,0,0\n", slicer);
+    assert!(unstated.expect_err("no system").to_string().contains("CoordinateSystem: missing"));
+}
+
+#[test]
 fn faults_of_markups_name_their_place() {
     let good = markups("\"LPS\"", &in_room(&simulated()[..3]).0);
     for (from, to, line, expected) in [

@@ -1,5 +1,6 @@
-//! Curves drawn in 3D Slicer (`.mrk.json`) as the shape of a needle: control points in patient coordinates.
+//! Curves drawn in 3D Slicer (`.mrk.json`, lists of older versions as `.fcsv`) as the shape of a needle: control points in patient coordinates.
 
+use super::fiducials::{self, Fiducials};
 use super::frame::NeedlePoints;
 use crate::document::{Place, Problem, SessionError, read_foreign_text, split_message};
 use serde::Deserialize;
@@ -8,7 +9,7 @@ use std::fmt;
 use std::path::Path;
 
 /// Coordinates that a scanner has, millimetres.
-const MAX_MM: f64 = 5000.0;
+pub(super) const MAX_MM: f64 = 5000.0;
 /// Kinds of markups that are a line of points.
 const KINDS: [&str; 4] = ["Curve", "ClosedCurve", "Line", "Fiducial"];
 
@@ -57,6 +58,9 @@ struct Position([f64; 3]);
 /// [`SessionError`] with file, line and column.
 pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
     let text = read_foreign_text(path)?;
+    if text.starts_with(fiducials::START) {
+        return Ok(points(path, &Markup::of_fiducials(Fiducials::parse(path, &text)?)));
+    }
     let location_at = |line, column| Place { path: path.to_owned(), line, column };
     let file: Markups = serde_json::from_str(&text).map_err(|error| {
         // The place is separated from the words.
@@ -67,13 +71,32 @@ pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
         let location = location_at(error.line().max(1), error.column().max(1));
         SessionError::Field { place: location, field: "markups".to_owned(), problem, expected }
     })?;
-    let fault = |field: &str, problem, expected: String| {
-        Err(SessionError::Field { place: location_at(1, 1), field: field.to_owned(), problem, expected })
+    let [markup] = file.markups.as_slice() else {
+        let (field, expected) = ("markups".to_owned(), "one curve per file".to_owned());
+        let problem = Problem::Count(file.markups.len());
+        return Err(SessionError::Field { place: location_at(1, 1), field, problem, expected });
     };
-    let markup = match file.markups.as_slice() {
-        [markup] => markup,
-        other => return fault("markups", Problem::Count(other.len()), "one curve per file".to_owned()),
-    };
+    Ok(points(path, markup))
+}
+
+impl Markup {
+    fn of_fiducials(list: Fiducials) -> Self {
+        let control_points = list.points.into_iter().map(|(position_mm, is_selected)| ControlPoint {
+            position: Some(Position(position_mm)),
+            position_status: None,
+            selected: Some(is_selected),
+        });
+        Self {
+            kind: None,
+            coordinate_system: if list.is_lps { System::Lps } else { System::Ras },
+            coordinate_units: None,
+            control_points: control_points.collect(),
+        }
+    }
+}
+
+/// The points of a curve or a list that are to be used.
+fn points(path: &Path, markup: &Markup) -> NeedlePoints {
     let sign = match markup.coordinate_system {
         System::Lps => -1.0,
         System::Ras => 1.0,
@@ -103,7 +126,7 @@ pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
     if markup.kind.as_ref().is_some_and(|Kind(kind)| kind == "ClosedCurve") {
         points.notes.push(format!("{}: a closed curve is taken as an open one", path.display()));
     }
-    Ok(points)
+    points
 }
 
 impl<'de> Deserialize<'de> for System {
