@@ -143,3 +143,43 @@ fn rows_as(header: &str, row: impl Fn(&[f64; 3]) -> String) -> String {
     }
     table
 }
+
+/// The lines of a test in a source, from its name to the end.
+fn body<'t>(source: &'t str, name: &str) -> Option<&'t str> {
+    let start = source.find(&format!("fn {name}()"))?;
+    let (before, rest) = source.split_at(start);
+    let indent: String = before.chars().rev().take_while(|letter| *letter == ' ').collect();
+    let is_test = before.lines().rev().take(4).any(|line| line.trim() == "#[test]");
+    let end = rest.find(&format!("\n{indent}}}\n"))?;
+    is_test.then(|| &rest[..end])
+}
+
+#[test]
+fn every_kind_has_the_test_that_failed_and_two_variants() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace");
+    let kinds = include_str!("strangers/kinds.in");
+    let lines = kinds.lines().filter(|line| !line.starts_with('#'));
+    let mut counts: Vec<(&str, [usize; 2])> = Vec::new();
+    let mut seen = Vec::new();
+    for line in lines.filter(|line| !line.is_empty()) {
+        let place = ["failed ", "variant "].iter().position(|word| line.starts_with(word));
+        let Some(place) = place else {
+            counts.push((line, [0; 2]));
+            continue;
+        };
+        let (kind, of_kind) = counts.last_mut().expect("a kind");
+        of_kind[place] += 1;
+        let (test, case) = line.split_once(" | ").expect(line);
+        let mut words = test.split_whitespace().skip(1);
+        let (file, name) = (words.next().expect(line), words.next().expect(line));
+        let source = fs::read_to_string(root.join(file)).unwrap_or_else(|error| panic!("{line}: {error}"));
+        let body = body(&source, name).unwrap_or_else(|| panic!("{line}: no such test"));
+        assert!(body.contains(case), "{line}: the test has no such case");
+        assert!(!seen.contains(&(*kind, test, case)), "{line}: twice");
+        seen.push((*kind, test, case));
+    }
+    for (kind, [failed, variants]) in &counts {
+        assert!(*failed >= 1 && *variants >= 2, "{kind}: {failed} that failed, {variants} variants");
+    }
+    assert!(counts.len() >= 27, "{} kinds", counts.len());
+}

@@ -180,4 +180,20 @@ mod tests {
         assert_eq!(wrapped(text, None), text);
         assert_eq!(wrapped(text, Some(200)), text);
     }
+
+    #[test]
+    fn the_list_of_effects_fits_any_terminal() {
+        for in_detail in [false, true] {
+            let effects = all().into_iter().map(One::new).collect();
+            let text = Catalogue { schema: "guide.effects/1", effects, in_detail }.to_string();
+            // A word behind the label is longer than the rest of the narrowest line.
+            let longest = text.split_whitespace().map(|word| word.chars().count()).max().unwrap_or(0);
+            for width in [40, 61, 100, 157] {
+                let lines = wrapped(&text, Some(width));
+                let most = width.max(INDENT + longest);
+                assert!(lines.lines().all(|line| line.chars().count() <= most), "{width}: {lines}");
+                assert!(lines.split_whitespace().eq(text.split_whitespace()), "{width}");
+            }
+        }
+    }
 }

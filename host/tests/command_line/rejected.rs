@@ -46,28 +46,46 @@ fn a_check_fails_where_identify_can_use_no_run() {
     let dir = folder.path().join("example");
     json(&["init", "--example", path(&dir), "--json"]);
     assert!(guide(&["check", path(&dir)]).status.success());
-    // A guide that never moves, in every run.
-    let force_files = fs::read_dir(&dir).expect("there").map(|entry| entry.expect("an entry").path());
-    for file in force_files.filter(|file| path(file).ends_with(".force.csv")) {
-        let rows = fs::read_to_string(&file).expect("there");
-        let still: String = rows
-            .lines()
-            .enumerate()
-            .map(|(number, line)| {
-                let mut cells: Vec<&str> = line.split(',').collect();
-                if number > 0 {
-                    cells[1] = "0.0";
-                    cells[3..4].iter_mut().for_each(|cell| *cell = "0.0");
-                }
-                cells.join(",") + "\n"
-            })
-            .collect();
-        fs::write(&file, still).expect("written");
+    // Column, of rows by their number, of files with this ending.
+    type Change = fn(usize) -> Option<f64>;
+    let changes: [(&str, &str, &[usize], Change); 3] = [
+        ("a guide that never moves", ".force.csv", &[1, 3], |_| Some(0.0)),
+        ("a guide that never rests", ".force.csv", &[1, 3], |row| Some(0.01 * (row % 2_000) as f64)),
+        ("a shape of one point", ".shape.csv", &[], |row| (row == 1).then_some(0.0)),
+    ];
+    for (what, ending, columns, change) in changes {
+        let changed_dir = folder.path().join(what);
+        fs::create_dir(&changed_dir).expect("a folder");
+        for entry in fs::read_dir(&dir).expect("there") {
+            let file = entry.expect("an entry").path();
+            let to = changed_dir.join(file.file_name().expect("a name"));
+            if !path(&file).ends_with(ending) {
+                fs::copy(&file, to).expect("a copy");
+                continue;
+            }
+            let rows = fs::read_to_string(&file).expect("there");
+            let changed: String = rows
+                .lines()
+                .enumerate()
+                .filter(|(row, _)| *row == 0 || change(*row).is_some())
+                .map(|(row, line)| {
+                    let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+                    let value = change(row).filter(|_| row > 0);
+                    for column in columns {
+                        if let Some((cell, value)) = cells.get_mut(*column).zip(value) {
+                            *cell = format!("{value:.4}");
+                        }
+                    }
+                    cells.join(",") + "\n"
+                })
+                .collect();
+            fs::write(to, changed).expect("written");
+        }
+        let checked = guide(&["check", path(&changed_dir)]);
+        let shown = text(&checked.stdout) + &text(&checked.stderr);
+        assert_eq!(checked.status.code(), Some(1), "{what}: {shown}");
+        assert!(!guide(&["identify", path(&changed_dir)]).status.success(), "{what}");
     }
-    let checked = guide(&["check", path(&dir)]);
-    let shown = text(&checked.stdout) + &text(&checked.stderr);
-    assert_eq!(checked.status.code(), Some(1), "{shown}");
-    assert!(!guide(&["identify", path(&dir)]).status.success());
 }
 
 #[test]
