@@ -70,11 +70,10 @@ impl Banded {
     /// unknowns of a node follow from those of the next one. `None` if there is no next one.
     pub(super) fn per_next(&self, row: usize) -> Option<[[f64; 2]; 2]> {
         let [deflection, slope, next, next_but_one] = self.0.get(row..row + 4)?.first_chunk()?;
-        let combined = |by_deflection: f64, by_slope: f64| {
-            let second = -by_slope / slope[0];
-            [(-by_deflection - slope[1] * second) / deflection[0], second]
-        };
-        let (of_next, of_after) = (combined(next[2], next[1]), combined(next_but_one[3], next_but_one[2]));
+        let (of_next, of_after) = (
+            eliminated(next[2], next[1], slope, deflection),
+            eliminated(next_but_one[3], next_but_one[2], slope, deflection),
+        );
         Some([[of_next[0], of_after[0]], [of_next[1], of_after[1]]])
     }
 
@@ -95,6 +94,12 @@ impl Banded {
             factors = [*row, factors[0], factors[1]];
         }
     }
+}
+
+/// Factors of the two unknowns of a node, as the node's equations give them from one of the following unknowns.
+fn eliminated(by_deflection: f64, by_slope: f64, slope: &[f64; 4], deflection: &[f64; 4]) -> [f64; 2] {
+    let second = -by_slope / slope[0];
+    [(-by_deflection - slope[1] * second) / deflection[0], second]
 }
 
 /// Entries above the first row, the nearest first: rows that have no part in those below.

@@ -67,19 +67,15 @@ pub(super) fn stiffness(
     let ratio = depth_m / radius_m;
     check("depth over needle radius", ratio, "1000 or less on an elastic body", ratio <= DEPTH_RANGE[1])?;
     let uniform = table::uniform(ratio.max(DEPTH_RANGE[0]), poisson);
-    let walls = |matrix: Matrix, modulus_pa: f64| {
-        let in_block = match block {
-            None => matrix,
-            Some(block) => {
-                let added = block::flexibility_per_m(&block, poisson, radius_m, [from_m, depth_m])?;
-                block::with_walls(&matrix, &added.map(|row| row.map(|value| value / modulus_pa)))?
-            }
-        };
-        give::with_give(in_block, give, modulus_pa, [from_m, depth_m])
-    };
     let Some(varied) = varied(foundation, from_m, depth_m) else {
         let modulus_pa = foundation.modulus_pa(from_m);
-        return walls(uniform.map(|row| row.map(|value| value * modulus_pa * depth_m)), modulus_pa);
+        return with_walls_and_give(
+            uniform.map(|row| row.map(|value| value * modulus_pa * depth_m)),
+            modulus_pa,
+            (poisson, radius_m),
+            [from_m, depth_m],
+            (block, give),
+        );
     };
     let [least, most] = varied.iter().fold([f64::INFINITY, 0.0], |[low, high], m| [m.min(low), m.max(high)]);
     check(
@@ -113,7 +109,25 @@ pub(super) fn stiffness(
     }
     // The effect of the walls comes through all of the block: by its mean modulus.
     let of_block_pa = block.map_or(mean_pa, |block| mean_of_block_pa(foundation, from_m, block.size_m[2]));
-    walls(matrix, of_block_pa)
+    with_walls_and_give(matrix, of_block_pa, (poisson, radius_m), [from_m, depth_m], (block, give))
+}
+
+/// Stiffness matrix of tissue that ends at walls and gives way.
+fn with_walls_and_give(
+    matrix: Matrix,
+    modulus_pa: f64,
+    (poisson, radius_m): (f64, f64),
+    [from_m, depth_m]: [f64; 2],
+    (block, give): (Option<crate::Block>, Give),
+) -> Result<Matrix, ModelError> {
+    let in_block = match block {
+        None => matrix,
+        Some(block) => {
+            let added = block::flexibility_per_m(&block, poisson, radius_m, [from_m, depth_m])?;
+            block::with_walls(&matrix, &added.map(|row| row.map(|value| value / modulus_pa)))?
+        }
+    };
+    give::with_give(in_block, give, modulus_pa, [from_m, depth_m])
 }
 
 /// Mean modulus in every slice of depth; `None` where it is the same in all of them.

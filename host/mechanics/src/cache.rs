@@ -46,8 +46,9 @@ impl Cache {
         let most_m = if problem.is_nonlinear() { most_m } else { 0.0 };
         // The frame is in series with the needle; what the needle does under a force is the same.
         let key = BeamProblem { guide2_compliance_m_per_n: 0.0, ..problem.clone() };
-        let is_it = |(p, m, _): &&(BeamProblem, f64, Arc<Response>)| *m == most_m && *p == key;
-        if let Some((.., response)) = locked(&self.responses).iter().find(is_it) {
+        if let Some((.., response)) =
+            locked(&self.responses).iter().find(|(p, m, _)| *m == most_m && *p == key)
+        {
             return Ok(response.clone());
         }
         let response = Arc::new(Response::new(&key, most_m)?);
@@ -68,10 +69,9 @@ impl Cache {
         // solved here.
         let mut key = problem.clone();
         (key.depth_m, key.law) = (0.0, Default::default());
-        let is_it = |grown: &&CachedBeam| {
+        if let Some(grown) = locked(&self.growths).iter().find(|grown| {
             grown.grip == grip && grown.slopes == slopes && grown.problem == key && grown.depths_m == depths_m
-        };
-        if let Some(grown) = locked(&self.growths).iter().find(is_it) {
+        }) {
             return Ok(grown.growth.clone());
         }
         let solve = if slopes { GrowingBeam::new } else { GrowingBeam::without_slopes };
@@ -97,14 +97,13 @@ impl Cache {
         let mut key = problem.clone();
         (key.depth_m, key.law) =
             (0.0, TissueLaw { inverse_yield_m_per_n, yield_depth_m, ..Default::default() });
-        let is_it = |known: &&CachedPath| {
+        if let Some(cached) = locked(&self.yielding).iter().find(|known| {
             known.grip == grip
                 && known.acting == acting
                 && known.curvature_per_m == curvature_per_m
                 && known.depths_m == depths_m
                 && known.problem == key
-        };
-        if let Some(cached) = locked(&self.yielding).iter().find(is_it) {
+        }) {
             return Ok(cached.path.clone());
         }
         let path = Arc::new(yielding::under_load(
@@ -143,26 +142,33 @@ mod tests {
     #[test]
     fn a_path_in_yielding_tissue_is_solved_once() {
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
-        let yielding = |depth_m: f64, yield_n_per_m: f64| {
-            let mut problem = BeamProblem::new(&rig, Foundation::uniform(60e3).expect("a modulus"), depth_m);
-            problem.law.inverse_yield_m_per_n = 1.0 / yield_n_per_m;
-            problem.law.yield_depth_m = 0.01;
-            problem
-        };
         let depths_m = [0.0, 1e-3, 2e-3];
         let cache = Cache::default();
-        let path = |problem: &BeamProblem, load_n: f64| {
-            let acting = vec![NodeLoads { load_n: [load_n; 2], ..NodeLoads::default() }; depths_m.len()];
-            let bent = vec![[0.0; 2]; depths_m.len()];
-            cache.yielding(problem, &depths_m, Guide2Grip::Holding, acting, bent).expect("solves")
-        };
-        let first = path(&yielding(0.05, 60.0), 0.2);
-        let mut relaxing = yielding(0.06, 60.0);
+        let first = cached_path(&yielding_problem(0.05, 60.0, &rig), 0.2, depths_m, &cache);
+        let mut relaxing = yielding_problem(0.06, 60.0, &rig);
         relaxing.law.relaxing_share = 0.1;
-        assert!(Arc::ptr_eq(&first, &path(&relaxing, 0.2)));
-        let harder = path(&yielding(0.05, 60.0), 0.4);
+        assert!(Arc::ptr_eq(&first, &cached_path(&relaxing, 0.2, depths_m, &cache)));
+        let harder = cached_path(&yielding_problem(0.05, 60.0, &rig), 0.4, depths_m, &cache);
         assert!(harder.0[2].tip_m[0] > first.0[2].tip_m[0]);
-        let softer = path(&yielding(0.05, 30.0), 0.2);
+        let softer = cached_path(&yielding_problem(0.05, 30.0, &rig), 0.2, depths_m, &cache);
         assert!(softer.0[2].tip_m[0] != first.0[2].tip_m[0]);
+    }
+
+    fn cached_path(
+        problem: &BeamProblem,
+        load_n: f64,
+        depths_m: [f64; 3],
+        cache: &Cache,
+    ) -> Arc<(Vec<crate::growth::TipState>, Vec<[f64; 2]>)> {
+        let acting = vec![NodeLoads { load_n: [load_n; 2], ..NodeLoads::default() }; depths_m.len()];
+        let bent = vec![[0.0; 2]; depths_m.len()];
+        cache.yielding(problem, &depths_m, Guide2Grip::Holding, acting, bent).expect("solves")
+    }
+
+    fn yielding_problem(depth_m: f64, yield_n_per_m: f64, rig: &Rig) -> BeamProblem {
+        let mut problem = BeamProblem::new(rig, Foundation::uniform(60e3).expect("a modulus"), depth_m);
+        problem.law.inverse_yield_m_per_n = 1.0 / yield_n_per_m;
+        problem.law.yield_depth_m = 0.01;
+        problem
     }
 }

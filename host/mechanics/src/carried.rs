@@ -68,8 +68,6 @@ impl Shifts {
         let Held { stiffness_n_per_m, compliance_m_per_n, carried, is_linear } = needle;
         let by_tissue = carried.map_or(0.0, |carried| carried.force_n_per_m);
         let by_guide = stiffness_n_per_m / (1.0 + compliance_m_per_n * stiffness_n_per_m);
-        // Guide 2 acts as if it were this much further; the force has a part of that and a part of the tissue's motion.
-        let further_m = |guide_m: f64, tissue_m: f64| guide_m - compliance_m_per_n * by_tissue * tissue_m;
         let mut motion = respond(reached_m);
         let mut shifted_m = vec![0.0; reached_m.len()];
         let mut tissue_m = vec![0.0; reached_m.len()];
@@ -78,16 +76,17 @@ impl Shifts {
             // The force that the law adds changes little from sample to sample.
             let mut added_n = 0.0;
             for (i, (shift_m, tissue_m)) in shifted_m.iter_mut().zip(&mut tissue_m).enumerate() {
-                let more_n = |force_n: f64| {
-                    let tissue_m = self.tissue_m(i, force_n, &state);
-                    by_guide * further_m(self.guide_m(force_n, &state), tissue_m) + by_tissue * tissue_m
-                };
                 // Without what is shifted.
                 let plain_n = motion.force_n.get(i).copied().unwrap_or_default() - by_guide * *shift_m;
-                let force_n = solved(plain_n, plain_n + added_n, self.depend_on_force(), more_n);
+                let force_n = solved(plain_n, plain_n + added_n, self.depend_on_force(), |force_n| {
+                    let tissue_m = self.tissue_m(i, force_n, &state);
+                    by_guide
+                        * further_m(self.guide_m(force_n, &state), tissue_m, compliance_m_per_n, by_tissue)
+                        + by_tissue * tissue_m
+                });
                 added_n = force_n - plain_n;
                 *tissue_m = self.tissue_m(i, force_n, &state);
-                *shift_m = further_m(self.guide_m(force_n, &state), *tissue_m);
+                *shift_m = further_m(self.guide_m(force_n, &state), *tissue_m, compliance_m_per_n, by_tissue);
                 self.advance(&mut state, force_n);
             }
             let pressed_m: Vec<f64> =
@@ -98,6 +97,11 @@ impl Shifts {
         forces.for_each(|(force_n, tissue_m)| *force_n += by_tissue * tissue_m);
         (motion, tissue_m)
     }
+}
+
+/// Guide 2 acts as if it were this much further; the force has a part of that and a part of the tissue's motion.
+fn further_m(guide_m: f64, tissue_m: f64, compliance_m_per_n: &f64, by_tissue: f64) -> f64 {
+    guide_m - compliance_m_per_n * by_tissue * tissue_m
 }
 
 /// The force that is `plain` and what it causes itself, sought from `start` on.
@@ -136,8 +140,8 @@ mod tests {
 
     fn moved(effects: &[(&str, &[f64])], displacement_m: f64) -> (f64, Vec<f64>) {
         let mut model = Model::uniform(rig(), 16e3).expect("valid");
-        let named = |(id, values): &(&str, &[f64])| (effect(id).expect("an effect"), values.to_vec());
-        model.effects = effects.iter().map(named).collect();
+        model.effects =
+            effects.iter().map(|(id, values)| (effect(id).expect("an effect"), values.to_vec())).collect();
         let shape = [0.075, 0.09].map(|z_m| ShapePoint::new(1.0, z_m)).to_vec();
         let drive = vec![
             DriveSample { time_s: 0.0, y_m: 0.0, x_m: 0.0 },
@@ -156,13 +160,17 @@ mod tests {
         let beam = Beam::solve(&rig(), &problem.foundation, 0.03).expect("solves");
         let steps = 3000;
         let step_m = 0.03 / f64::from(steps);
-        let middle_m = |i: i32| 0.07 + step_m * (f64::from(i) + 0.5);
-        let reaction_n: f64 = (0..steps).map(|i| 16e3 * beam.deflection_m(1.0, middle_m(i)) * step_m).sum();
+        let reaction_n: f64 =
+            (0..steps).map(|i| 16e3 * beam.deflection_m(1.0, cell_middle_m(i, step_m)) * step_m).sum();
         assert!((carried.force_n_per_m / -reaction_n - 1.0).abs() < 1e-4, "{}", carried.force_n_per_m);
         // Tissue as stiff as bone takes the needle along.
         let bone = BeamProblem { foundation: Foundation::uniform(1e9).expect("a modulus"), ..problem };
         let carried = Carried::new(&bone, &[0.085]).expect("solves");
         assert!((carried.weights[0] - 1.0).abs() < 1e-2);
+    }
+
+    fn cell_middle_m(i: i32, step_m: f64) -> f64 {
+        0.07 + step_m * (f64::from(i) + 0.5)
     }
 
     /// Tissue that goes with guide 2 by a share of its displacement, and one that gives under the force, are pushed by less; what they read is
@@ -190,27 +198,6 @@ mod tests {
     fn tissue_and_guide_that_yield_keep_it_on_the_way_back() {
         let problem = BeamProblem::new(&rig(), Foundation::uniform(16e3).expect("a modulus"), 0.03);
         let carried = Carried::new(&problem, &[]).expect("solves");
-        let forces_n = |effects: &[(&str, &[f64])]| {
-            let mut model = Model::uniform(rig(), 16e3).expect("valid");
-            model.effects = effects
-                .iter()
-                .map(|(id, values)| (effect(id).expect("an effect"), values.to_vec()))
-                .collect();
-            let places_mm = [0.0, 0.4, 1.0, 0.6, 0.0];
-            let drive = (0..5).zip(places_mm).map(|(time, y_mm)| DriveSample {
-                time_s: f64::from(time),
-                y_m: 1e-3 * y_mm,
-                x_m: 0.0,
-            });
-            let lateral = Lateral {
-                depth_m: 0.03,
-                drive: drive.collect(),
-                shape: Vec::new(),
-                reversal_m: [0.0; 2],
-                order: 0.0,
-            };
-            predict(&model, &Experiment::Lateral(lateral)).expect("predicts").force_n.y
-        };
         let plain_n = forces_n(&[]);
         let yielding_n = forces_n(&[("law.tissue.displacement.play", &[0.5, 0.3])]);
         for ((yielding_n, plain_n), yielded_mm) in
@@ -226,6 +213,26 @@ mod tests {
         assert!((slipping_n[2] / most_n - 1.0).abs() < 1e-6, "{} {most_n}", slipping_n[2]);
         let slipped_m = 0.1e-3 * (most_n - 0.4);
         assert!((slipping_n[3] - (plain_n[3] - stiffness_n_per_m * slipped_m)).abs() < 1e-6);
+    }
+
+    fn forces_n(effects: &[(&str, &[f64])]) -> Vec<f64> {
+        let mut model = Model::uniform(rig(), 16e3).expect("valid");
+        model.effects =
+            effects.iter().map(|(id, values)| (effect(id).expect("an effect"), values.to_vec())).collect();
+        let places_mm = [0.0, 0.4, 1.0, 0.6, 0.0];
+        let drive = (0..5).zip(places_mm).map(|(time, y_mm)| DriveSample {
+            time_s: f64::from(time),
+            y_m: 1e-3 * y_mm,
+            x_m: 0.0,
+        });
+        let lateral = Lateral {
+            depth_m: 0.03,
+            drive: drive.collect(),
+            shape: Vec::new(),
+            reversal_m: [0.0; 2],
+            order: 0.0,
+        };
+        predict(&model, &Experiment::Lateral(lateral)).expect("predicts").force_n.y
     }
 
     /// A guide that follows by so much per force, backwards, is a frame that gives; also beside one.

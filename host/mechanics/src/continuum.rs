@@ -140,12 +140,16 @@ impl Continuum {
         // Symmetric to rounding; a factorisation needs it to the bit.
         let matrix_m = 0.5 * (&matrix_m + matrix_m.transpose());
         let Some(added) = &self.added else { return Ok(matrix_m) };
-        let normalized_depth = |depth_m: &f64| 2.0 * depth_m / self.depth_m - 1.0;
         let depths_m = &self.wall.depths_m;
         let patterns = DMatrix::from_fn(depths_m.len(), operator::MODES, |node, i| {
-            operator::legendre(i, normalized_depth(&depths_m[node]))[0]
+            operator::legendre(i, self.normalized_depth(&depths_m[node]))[0]
         });
         nodes_with_walls(matrix_m, &patterns, added)
+    }
+
+    /// Depth from -1 at the surface to 1 at the tip.
+    fn normalized_depth(&self, depth_m: &f64) -> f64 {
+        2.0 * depth_m / self.depth_m - 1.0
     }
 
     /// Ratio K/E of a rigid needle that moves sideways as a whole.
@@ -213,12 +217,13 @@ impl Continuum {
         if compliance > 0.0 {
             stiffness[(1, 1)] += 1.0 / compliance;
         }
-        let is_free = |row: &usize| match row {
-            0 => guide2 == 0,
-            1 => guide2 == 0 && compliance > 0.0,
-            _ => true,
-        };
-        let free: Vec<usize> = (0..size).filter(is_free).collect();
+        let free: Vec<usize> = (0..size)
+            .filter(|row| match row {
+                0 => guide2 == 0,
+                1 => guide2 == 0 && compliance > 0.0,
+                _ => true,
+            })
+            .collect();
         let matrix = DMatrix::from_fn(free.len(), free.len(), |i, j| stiffness[(free[i], free[j])]);
         let load = DVector::from_iterator(
             free.len(),

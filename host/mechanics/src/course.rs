@@ -43,39 +43,45 @@ pub(crate) fn directions(readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
     let course_m = course_m(readings_m, reversal_m);
     let mut previous_m = course_m.first().copied().unwrap_or_default();
     let mut direction = 0.0;
-    let direction_of = |at_m: &f64| {
-        if *at_m != previous_m {
-            direction = (at_m - previous_m).signum();
-        }
-        previous_m = *at_m;
-        direction
-    };
-    course_m.iter().map(direction_of).collect()
+    course_m
+        .iter()
+        .map(|at_m| {
+            if *at_m != previous_m {
+                direction = (at_m - previous_m).signum();
+            }
+            previous_m = *at_m;
+            direction
+        })
+        .collect()
 }
 
 /// Speed at every reading, m/s, with the sign of the last motion, which it keeps at rest. Readings that are no further off than noise from one of them are
 /// one way with its mean speed, which ends before the first that is.
 pub(crate) fn speeds_m_per_s(times_s: &[f64], readings_m: &[f64], reversal_m: f64) -> Vec<f64> {
     let readings: Vec<(f64, f64)> = times_s.iter().copied().zip(readings_m.iter().copied()).collect();
-    let between = |from: usize, to: usize| match (readings.get(from), readings.get(to)) {
-        (Some((from_s, from_m)), Some((to_s, to_m))) if to_s > from_s => {
-            (to_m - from_m).abs() / (to_s - from_s)
-        }
-        _ => 0.0,
-    };
     let mut speeds = vec![0.0; readings_m.len().min(1)];
     let mut first = 0;
     for (number, (_, at_m)) in readings.iter().enumerate().skip(1) {
         if readings.get(first).is_some_and(|(_, first_m)| (at_m - first_m).abs() > reversal_m) {
-            speeds.resize(number, between(first, number - 1));
-            speeds.push(between(number - 1, number));
+            speeds.resize(number, speed_between(first, number - 1, &readings));
+            speeds.push(speed_between(number - 1, number, &readings));
             first = number;
         }
     }
-    speeds.resize(readings_m.len(), between(first, readings.len().saturating_sub(1)));
+    speeds.resize(readings_m.len(), speed_between(first, readings.len().saturating_sub(1), &readings));
     let directed = directions(readings_m, reversal_m).into_iter().zip(speeds);
     // At rest no number but the sign is left of it.
     directed.map(|(direction, speed)| direction * speed.max(f64::MIN_POSITIVE)).collect()
+}
+
+/// Mean speed between two readings.
+fn speed_between(from: usize, to: usize, readings: &[(f64, f64)]) -> f64 {
+    match (readings.get(from), readings.get(to)) {
+        (Some((from_s, from_m)), Some((to_s, to_m))) if to_s > from_s => {
+            (to_m - from_m).abs() / (to_s - from_s)
+        }
+        _ => 0.0,
+    }
 }
 
 #[cfg(test)]

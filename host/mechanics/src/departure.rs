@@ -101,11 +101,16 @@ impl Departure {
     pub fn shape_at(&self, z_m: &[f64]) -> Vec<f64> {
         let linear: Vec<f64> =
             z_m.iter().map(|z_m| self.linear.deflection_m(*z_m) / self.nodes_m[0]).collect();
-        let of_node = |(shape, node_m): (&Deformed, &f64)| {
-            let more = |(z_m, linear): (&f64, &f64)| shape.deflection_m(*z_m) / node_m - linear;
-            z_m.iter().zip(&linear).map(more).collect::<Vec<_>>()
-        };
-        self.shapes.iter().zip(&self.nodes_m).flat_map(of_node).collect()
+        self.shapes
+            .iter()
+            .zip(&self.nodes_m)
+            .flat_map(|(shape, node_m)| {
+                z_m.iter()
+                    .zip(&linear)
+                    .map(|(z_m, linear)| shape.deflection_m(*z_m) / node_m - linear)
+                    .collect::<Vec<_>>()
+            })
+            .collect()
     }
 
     /// The stiffness that each node adds.
@@ -119,7 +124,6 @@ impl Departure {
     fn displacements_m(&self, displacement_m: f64) -> Samples {
         match self.interpolation {
             Interpolation::Squares => {
-                let square = |m: f64| m * m;
                 let weight = |j: usize| {
                     let other_nodes = self.nodes_m.iter().enumerate().filter(|(i, _)| *i != j);
                     let other_factors = |(_, other): (usize, &f64)| {
@@ -134,17 +138,16 @@ impl Departure {
                 let first_node =
                     node_position.floor().clamp(f64::from(1 - SIDE_NODES), f64::from(SIDE_NODES - 2));
                 let weights = cubic(node_position - first_node);
-                let of_number = |number: f64| {
-                    let index = number - first_node + 1.0;
-                    if (0.0..4.0).contains(&index) { weights[index as usize] } else { 0.0 }
-                };
                 // At no displacement the needle is straight whatever it departs by, so that there is no node.
-                let of_node = |node_m: &f64| {
-                    let number = (node_m / spacing_m).round();
-                    let mirrored = if is_odd { of_number(-number) } else { 0.0 };
-                    (of_number(number) - mirrored) * node_m
-                };
-                self.nodes_m.iter().map(of_node).collect()
+                self.nodes_m
+                    .iter()
+                    .map(|node_m| {
+                        let number = (node_m / spacing_m).round();
+                        let mirrored =
+                            if is_odd { lattice_weight(-number, first_node, weights) } else { 0.0 };
+                        (lattice_weight(number, first_node, weights) - mirrored) * node_m
+                    })
+                    .collect()
             }
         }
     }
@@ -159,7 +162,6 @@ impl Departure {
         compliance_m_per_n: f64,
     ) {
         let more = self.stiffness_n_per_m();
-        let extra_n = |m: f64| self.displacements_m(m).iter().zip(&more).map(|(w, k)| w * k).sum::<f64>();
         let (first, samples) = (motion.coefficients.len(), pressed_m.len());
         motion.coefficients.resize(first + self.nodes_m.len() * samples, 0.0);
         for (i, pressed) in pressed_m.iter().enumerate() {
@@ -167,12 +169,12 @@ impl Departure {
             let mut spring_m = pressed / (1.0 + compliance_m_per_n * linear);
             if compliance_m_per_n > 0.0 {
                 for _ in 0..8 {
-                    spring_m = (pressed - compliance_m_per_n * extra_n(spring_m))
+                    spring_m = (pressed - compliance_m_per_n * self.extra_n(spring_m, &more))
                         / (1.0 + compliance_m_per_n * linear);
                 }
             }
             let needed_m = pressed / (1.0 + compliance_m_per_n * linear) - spring_m;
-            motion.force_n[i] += extra_n(spring_m) - linear * needed_m;
+            motion.force_n[i] += self.extra_n(spring_m, &more) - linear * needed_m;
             // The linear part was moved too far by what the frame gives more.
             motion.coefficients[i] -= per_metre * needed_m;
             let of_nodes = motion.coefficients[first..].chunks_exact_mut(samples);
@@ -181,6 +183,21 @@ impl Departure {
             }
         }
     }
+
+    /// Force beyond the linear one at a displacement.
+    fn extra_n(&self, m: f64, more: &[f64]) -> f64 {
+        self.displacements_m(m).iter().zip(more).map(|(w, k)| w * k).sum::<f64>()
+    }
+}
+
+/// Weight of a node of the lattice in the interpolation.
+fn lattice_weight(number: f64, first_node: f64, weights: [f64; 4]) -> f64 {
+    let index = number - first_node + 1.0;
+    if (0.0..4.0).contains(&index) { weights[index as usize] } else { 0.0 }
+}
+
+fn square(m: f64) -> f64 {
+    m * m
 }
 
 /// Displacements at which a needle is solved that goes this far.
@@ -190,17 +207,23 @@ fn nodes(problem: &BeamProblem, stiffens: bool, most_m: f64) -> (Interpolation, 
         let is_odd = problem.reaction.iter().all(ActingLaw::is_even);
         // Outwards on each side, so that every needle is solved from its neighbour.
         let sides: &[f64] = if is_odd { &[1.0] } else { &[1.0, -1.0] };
-        let of_side = |side: f64| (1..=SIDE_NODES).map(move |number| side * spacing_m * f64::from(number));
-        let nodes_m = sides.iter().copied().flat_map(of_side).collect();
+        let nodes_m = sides
+            .iter()
+            .copied()
+            .flat_map(|side| (1..=SIDE_NODES).map(move |number| side * spacing_m * f64::from(number)))
+            .collect();
         return (Interpolation::Spacing { spacing_m, is_odd }, nodes_m);
     }
     if !stiffens {
         return (Interpolation::Squares, vec![most_m]);
     }
-    // Chebyshev's points in the square of the displacement.
-    let angle = |j: usize| (2.0 * j as f64 + 1.0) * std::f64::consts::PI / (2.0 * NODES as f64);
-    let nodes_m = (0..NODES).map(|j| most_m * (0.5 + 0.5 * angle(j).cos()).sqrt()).collect();
+    let nodes_m = (0..NODES).map(|j| most_m * (0.5 + 0.5 * chebyshev_angle(j).cos()).sqrt()).collect();
     (Interpolation::Squares, nodes_m)
+}
+
+/// Chebyshev's points in the square of the displacement.
+fn chebyshev_angle(j: usize) -> f64 {
+    (2.0 * j as f64 + 1.0) * std::f64::consts::PI / (2.0 * NODES as f64)
 }
 
 #[cfg(test)]

@@ -5,11 +5,14 @@ use crate::{Channels, DriveSample, Experiment, Lateral, Model, Needle, Rig, Shap
 
 fn moved(effects: &[(&str, &[f64])], displacements_m: &[f64]) -> Channels {
     let mut model = Model::uniform(Rig::two_guides(Needle::gauge_18(), 0.06, 0.07), 16e3).expect("valid");
-    let named = |(id, values): &(&str, &[f64])| (effect(id).expect("an effect"), values.to_vec());
-    model.effects = effects.iter().map(named).collect();
+    model.effects =
+        effects.iter().map(|(id, values)| (effect(id).expect("an effect"), values.to_vec())).collect();
     let shape = [0.075, 0.09].map(|z_m| ShapePoint::new(1.0, z_m)).to_vec();
-    let sample = |(i, y_m): (usize, &f64)| DriveSample { time_s: i as f64, y_m: *y_m, x_m: 0.5 * y_m };
-    let drive = displacements_m.iter().enumerate().map(sample).collect();
+    let drive = displacements_m
+        .iter()
+        .enumerate()
+        .map(|(i, y_m)| DriveSample { time_s: i as f64, y_m: *y_m, x_m: 0.5 * y_m })
+        .collect();
     let lateral = Lateral { depth_m: 0.03, drive, shape, reversal_m: [0.0; 2], order: 0.0 };
     predict(&model, &Experiment::Lateral(lateral)).expect("predicts")
 }
@@ -52,8 +55,17 @@ fn tissue_may_be_stiffer_to_one_side() {
     let guide_path_m = [0.0, 1e-3, -1e-3];
     let (law, plain) =
         (moved(&[("law.reaction.deflection.sign", &[0.4])], &guide_path_m), moved(&[], &guide_path_m));
-    let force_ratio = |i: usize| law.force_n.y[i] / plain.force_n.y[i];
-    assert!(force_ratio(1) > 1.05 && force_ratio(2) < 0.95, "{} {}", force_ratio(1), force_ratio(2));
+    assert!(
+        force_ratio(1, &law.force_n.y, &plain.force_n.y) > 1.05
+            && force_ratio(2, &law.force_n.y, &plain.force_n.y) < 0.95,
+        "{} {}",
+        force_ratio(1, &law.force_n.y, &plain.force_n.y),
+        force_ratio(2, &law.force_n.y, &plain.force_n.y)
+    );
     let mirrored = moved(&[("law.reaction.deflection.sign", &[-0.4])], &guide_path_m);
     assert!((mirrored.force_n.y[2] / -law.force_n.y[1] - 1.0).abs() < 1e-3);
+}
+
+fn force_ratio(i: usize, y: &[f64], plain_force_n_y: &[f64]) -> f64 {
+    y[i] / plain_force_n_y[i]
 }

@@ -179,10 +179,12 @@ impl Elements {
             return 1.0;
         }
         let whole_m = self.nodes_m.last().copied().unwrap_or_default();
-        let stiffness_at = |(x, weight): (f64, f64)| {
-            weight * ActingLaw::stiffness(&self.stiffness, start_m + x * length_m, whole_m)
-        };
-        GAUSS.into_iter().map(stiffness_at).sum()
+        GAUSS
+            .into_iter()
+            .map(|(x, weight)| {
+                weight * ActingLaw::stiffness(&self.stiffness, start_m + x * length_m, whole_m)
+            })
+            .sum()
     }
 
     /// Solves for the equilibrium. `path_m`: deflection at which the springs at `z` are at rest; `tip_force_n`: lateral load at
@@ -234,10 +236,9 @@ impl Deformed {
         if x > 1.0 {
             return [state[2] + (x - 1.0) * length_m * state[3], state[3]];
         }
-        let shape_work = |shape: [f64; 4]| shape.iter().zip(state).map(|(n, u)| n * u).sum::<f64>();
         let (x2, l) = (x * x, length_m);
         let slopes = [6.0 * (x2 - x) / l, 1.0 - 4.0 * x + 3.0 * x2, 6.0 * (x - x2) / l, 3.0 * x2 - 2.0 * x];
-        [shape_work(hermite(x, length_m)), shape_work(slopes)]
+        [shape_work(hermite(x, length_m), state), shape_work(slopes, state)]
     }
 
     /// Curvature `u''` on the needle, 1/m; linear within an element.
@@ -266,6 +267,11 @@ impl Deformed {
     pub fn tip_slope(&self) -> f64 {
         self.states.last().map_or(f64::NAN, |state| state[1])
     }
+}
+
+/// Work of shape functions on an element's state.
+fn shape_work(shape: [f64; 4], state: [f64; 4]) -> f64 {
+    shape.iter().zip(state).map(|(n, u)| n * u).sum::<f64>()
 }
 
 /// Points on (0, 1) and weights of the four-point Gauss rule.

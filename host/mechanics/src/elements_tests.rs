@@ -73,34 +73,38 @@ fn layers_clamp_and_tip_loads_match_the_reference() {
 fn halving_the_elements_divides_the_error_by_sixteen() {
     let problem = problem(0.064, 0.064, 0.064, uniform(100e3));
     let exact = problem.solve().expect("solves").guide2_force().deflection_m(0.064);
-    let error = |element_m: f64| {
-        let elements = Elements::new(&problem, element_m).expect("elements");
-        let deformed =
-            elements.solve(&problem.foundation, STRAIGHT, Guide2::Force(1.0), 0.0).expect("solves");
-        (deformed.deflection_m(0.064) / exact - 1.0).abs()
-    };
-    let ratio = error(8e-3) / error(4e-3);
+    let ratio = error(8e-3, &problem, exact) / error(4e-3, &problem, exact);
     assert!((12.0..20.0).contains(&ratio), "{ratio}");
+}
+
+fn error(element_m: f64, problem: &BeamProblem, exact: f64) -> f64 {
+    let elements = Elements::new(problem, element_m).expect("elements");
+    let deformed = elements.solve(&problem.foundation, STRAIGHT, Guide2::Force(1.0), 0.0).expect("solves");
+    (deformed.deflection_m(0.064) / exact - 1.0).abs()
 }
 
 #[test]
 fn graded_stiffness_is_the_limit_of_many_layers() {
-    let graded = |depth_m: f64, stretch_m: f64| {
-        let modulus_pa = 8e3 * (1.0 + 50.0 * depth_m);
-        Reaction { force_n_per_m: modulus_pa * stretch_m, tangent_pa: modulus_pa }
-    };
     let problem = problem(0.06, 0.07, 0.04, uniform(8e3));
     let elements = Elements::new(&problem, DEFAULT_ELEMENT_M).expect("elements");
-    let deformed = elements.solve(&graded, STRAIGHT, Guide2::Force(1.0), 0.0).expect("solves");
-    let middle_pa = |i: f64| 8e3 * (1.0 + 50.0 * 1e-3 * 0.1 * (i + 0.5));
-    let layers =
-        (0..399).map(|i| Layer { bottom_m: 1e-4 * f64::from(i + 1), modulus_pa: middle_pa(f64::from(i)) });
-    let layers = Foundation::layered(layers.collect(), middle_pa(399.0)).expect("layers");
+    let deformed = elements.solve(&graded_springs, STRAIGHT, Guide2::Force(1.0), 0.0).expect("solves");
+    let layers = (0..399)
+        .map(|i| Layer { bottom_m: 1e-4 * f64::from(i + 1), modulus_pa: layer_modulus_pa(f64::from(i)) });
+    let layers = Foundation::layered(layers.collect(), layer_modulus_pa(399.0)).expect("layers");
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let beam = Beam::solve(&rig, &layers, 0.04).expect("solves");
     for z_m in [0.06, 0.08, 0.11] {
         assert_close(deformed.deflection_m(z_m), beam.guide2_force().deflection_m(z_m), 2e-6);
     }
+}
+
+fn layer_modulus_pa(i: f64) -> f64 {
+    8e3 * (1.0 + 50.0 * 1e-3 * 0.1 * (i + 0.5))
+}
+
+fn graded_springs(depth_m: f64, stretch_m: f64) -> Reaction {
+    let modulus_pa = 8e3 * (1.0 + 50.0 * depth_m);
+    Reaction { force_n_per_m: modulus_pa * stretch_m, tangent_pa: modulus_pa }
 }
 
 /// A rigid translation along with its path stretches no spring; no force acts on a needle on its path.
@@ -121,14 +125,17 @@ fn springs_at_rest_on_a_path_do_not_push() {
 #[test]
 fn stiffening_springs_conserve_energy() {
     let (modulus_pa, u0_m) = (16e3, 0.5e-3);
-    let stiffening = |_: f64, u: f64| Reaction {
-        force_n_per_m: modulus_pa * u * (1.0 + (u / u0_m).powi(2)),
-        tangent_pa: modulus_pa * (1.0 + 3.0 * (u / u0_m).powi(2)),
-    };
     let problem = problem(0.06, 0.07, 0.04, uniform(modulus_pa));
     let elements = Elements::new(&problem, DEFAULT_ELEMENT_M).expect("elements");
     let solved_at = |displacement_m: f64| {
-        elements.solve(&stiffening, STRAIGHT, Guide2::Held(displacement_m), 0.0).expect("solves")
+        elements
+            .solve(
+                &|depth_m, u| stiffening_springs(depth_m, u, modulus_pa, u0_m),
+                STRAIGHT,
+                Guide2::Held(displacement_m),
+                0.0,
+            )
+            .expect("solves")
     };
     let work = integrate(0.0, 2e-3, 0.5e-3, |u_m| solved_at(u_m).guide2_force_n);
     let deformed = solved_at(2e-3);
@@ -145,13 +152,23 @@ fn stiffening_springs_conserve_energy() {
     assert!(deformed.guide2_force_n > 1.2 * solve(&problem, Guide2::Held(2e-3), 0.0).guide2_force_n);
 }
 
+fn stiffening_springs(_: f64, u: f64, modulus_pa: f64, u0_m: f64) -> Reaction {
+    Reaction {
+        force_n_per_m: modulus_pa * u * (1.0 + (u / u0_m).powi(2)),
+        tangent_pa: modulus_pa * (1.0 + 3.0 * (u / u0_m).powi(2)),
+    }
+}
+
 #[test]
 fn springs_that_let_go_are_an_error_or_an_answer_but_no_panic() {
     let problem = problem(0.06, 0.07, 0.04, uniform(16e3));
     let elements = Elements::new(&problem, DEFAULT_ELEMENT_M).expect("elements");
-    let wild = |_: f64, _: f64| Reaction { force_n_per_m: f64::NAN, tangent_pa: f64::NAN };
-    assert!(elements.solve(&wild, STRAIGHT, Guide2::Force(1.0), 0.0).is_err());
+    assert!(elements.solve(&springs_without_a_force, STRAIGHT, Guide2::Force(1.0), 0.0).is_err());
     assert!(Elements::new(&problem, 0.0).is_err());
+}
+
+fn springs_without_a_force(_: f64, _: f64) -> Reaction {
+    Reaction { force_n_per_m: f64::NAN, tangent_pa: f64::NAN }
 }
 
 /// Slices of the exact beam against elements that integrate the growing modulus.

@@ -180,8 +180,11 @@ impl Foundation {
     /// [`ModelError::OutOfRange`] where the factor is negative or not finite.
     pub fn scaled(&self, factor: f64) -> Result<Self, ModelError> {
         check("modulus factor", factor, "0 or more", factor >= 0.0)?;
-        let scaled = |layer: &Layer| Layer { modulus_pa: factor * layer.modulus_pa, ..*layer };
-        let upper = self.upper.iter().map(scaled).collect();
+        let upper = self
+            .upper
+            .iter()
+            .map(|layer| Layer { modulus_pa: factor * layer.modulus_pa, ..*layer })
+            .collect();
         Ok(Self { upper, deepest_pa: factor * self.deepest_pa, ..*self })
     }
 

@@ -26,27 +26,26 @@ fn moved_and_turned(node: usize) -> NodeLoads {
 #[test]
 fn frames_lie_between_a_rigid_guide_and_none() {
     for support in SUPPORTS {
-        let run = |compliance_m_per_n: f64, grip: Guide2Grip| {
-            let problem = framed(support, compliance_m_per_n);
-            let growth = GrowingBeam::new(&problem, grid_m(0.08, 1e-3, &[]), grip).expect("grows");
-            let states = growth.under_load(moved_and_turned);
-            let slopes = growth.tip_slopes(&states, |node| moved_and_turned(node).guide2_m);
-            states
-                .iter()
-                .zip(slopes)
-                .flat_map(|(s, [a, b])| [s.tip_m[0], s.tip_m[1], a, b])
-                .collect::<Vec<_>>()
-        };
-        let close = |a: &[f64], b: &[f64], relative: f64| {
-            let size = b.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-            a.iter().zip(b).all(|(a, b)| (a - b).abs() < relative * size)
-        };
-        let (rigid, free) = (run(0.0, Guide2Grip::Holding), run(0.0, Guide2Grip::Free));
-        assert!(close(&run(1e-9, Guide2Grip::Holding), &rigid, 1e-5), "{support:?}");
-        assert!(close(&run(1e3, Guide2Grip::Holding), &free, 1e-5), "{support:?}");
-        let half = run(0.5e-3, Guide2Grip::Holding);
-        assert!(!close(&half, &rigid, 0.05) && !close(&half, &free, 0.05), "{support:?}");
+        let (rigid, free) =
+            (slopes(0.0, Guide2Grip::Holding, support), slopes(0.0, Guide2Grip::Free, support));
+        assert!(is_close(&slopes(1e-9, Guide2Grip::Holding, support), &rigid, 1e-5), "{support:?}");
+        assert!(is_close(&slopes(1e3, Guide2Grip::Holding, support), &free, 1e-5), "{support:?}");
+        let half = slopes(0.5e-3, Guide2Grip::Holding, support);
+        assert!(!is_close(&half, &rigid, 0.05) && !is_close(&half, &free, 0.05), "{support:?}");
     }
+}
+
+fn is_close(a: &[f64], b: &[f64], relative: f64) -> bool {
+    let size = b.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() < relative * size)
+}
+
+fn slopes(compliance_m_per_n: f64, grip: Guide2Grip, support: Support) -> Vec<f64> {
+    let problem = framed(support, compliance_m_per_n);
+    let growth = GrowingBeam::new(&problem, grid_m(0.08, 1e-3, &[]), grip).expect("grows");
+    let states = growth.under_load(moved_and_turned);
+    let slopes = growth.tip_slopes(&states, |node| moved_and_turned(node).guide2_m);
+    states.iter().zip(slopes).flat_map(|(s, [a, b])| [s.tip_m[0], s.tip_m[1], a, b]).collect::<Vec<_>>()
 }
 
 /// A curvature that is the same all along the needle does to it what a moment at the tip does.
@@ -94,13 +93,19 @@ fn moments_of_the_path_are_sums_over_its_elements() {
     let nodes_m = grid_m(0.08, 1e-3, &[]);
     let [moments, elements] = [plain, sheared].map(|problem| {
         let growth = GrowingBeam::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
-        let loads = |node: usize| NodeLoads { load_n: [0.2; 2], guide2_m: [1e-4 * node as f64 / 80.0; 2] };
-        let states = growth.under_load(loads);
-        (growth.tip_slopes(&states, |node| loads(node).guide2_m), states)
+        let states = growth.under_load(growing_loads);
+        (growth.tip_slopes(&states, |node| growing_loads(node).guide2_m), states)
     });
     for node in 1..nodes_m.len() {
         let [a, b] = [&moments, &elements].map(|(slopes, states)| (slopes[node][0], states[node].tip_m[0]));
-        let is_same = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-7;
         assert!(is_same(a.0, b.0) && is_same(a.1, b.1), "{node}: {a:?} {b:?}");
     }
+}
+
+fn is_same(a: f64, b: f64) -> bool {
+    (a / b - 1.0).abs() < 1e-7
+}
+
+fn growing_loads(node: usize) -> NodeLoads {
+    NodeLoads { load_n: [0.2; 2], guide2_m: [1e-4 * node as f64 / 80.0; 2] }
 }

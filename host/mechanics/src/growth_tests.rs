@@ -60,13 +60,19 @@ fn without_tissue_it_is_a_cantilever() {
     model.tip = TipLaw::load([0.1, -0.05]);
     let insertion = Insertion { depth_m: vec![0.0, 0.0315, 0.1], ..Insertion::default() };
     let tip_m = predict(&model, &Experiment::Insertion(insertion)).expect("predicts").tip_m;
-    let deflection_per_n = |d: f64| (0.042 + d).powi(3) / (3.0 * model.rig.needle.bending_stiffness_n_m2());
     for (i, d) in [0.0, 0.0315, 0.1].into_iter().enumerate() {
-        assert!((tip_m.y[i] / (0.1 * deflection_per_n(d)) - 1.0).abs() < 1e-6);
+        assert!((tip_m.y[i] / (0.1 * cantilever_m_per_n(d, &model.rig.needle)) - 1.0).abs() < 1e-6);
         assert!(
-            (tip_m.x.as_ref().expect("two planes")[i] / (-0.05 * deflection_per_n(d)) - 1.0).abs() < 1e-6
+            (tip_m.x.as_ref().expect("two planes")[i] / (-0.05 * cantilever_m_per_n(d, &model.rig.needle))
+                - 1.0)
+                .abs()
+                < 1e-6
         );
     }
+}
+
+fn cantilever_m_per_n(d: f64, needle: &Needle) -> f64 {
+    (0.042 + d).powi(3) / (3.0 * needle.bending_stiffness_n_m2())
 }
 
 /// Halving the step divides the error by four, with a jump and a layer off the grid too.
@@ -76,20 +82,23 @@ fn the_step_is_of_second_order() {
     let foundation = Foundation::layered(layers, 25e3).expect("layers");
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let problem = BeamProblem::new(&rig, foundation, 0.1);
-    let end = |step_m: f64| {
+    let [coarse, middle, fine] = [4e-3, 2e-3, 1e-3].map(|step_m| {
         let growth =
             GrowingBeam::new(&problem, grid_m(0.1, step_m, &[0.04321]), Guide2Grip::Holding).expect("grows");
         let nodes_m = growth.depths_m().to_vec();
         let states = growth.under_load(|node| {
-            let sign = |turned: bool| if turned { -0.2 } else { 0.2 };
-            let load_n = [sign(nodes_m[node] > 0.04321), sign(nodes_m[node] >= 0.04321)];
+            let load_n =
+                [turned_curvature(nodes_m[node] > 0.04321), turned_curvature(nodes_m[node] >= 0.04321)];
             NodeLoads { load_n, guide2_m: [1e-3 * nodes_m[node] / 0.1; 2] }
         });
         states.last().expect("nodes").tip_m[0]
-    };
-    let [coarse, middle, fine] = [4e-3, 2e-3, 1e-3].map(end);
+    });
     let ratio = (coarse - middle) / (middle - fine);
     assert!((3.0..5.5).contains(&ratio), "{ratio}");
+}
+
+fn turned_curvature(turned: bool) -> f64 {
+    if turned { -0.2 } else { 0.2 }
 }
 
 /// Any rotation of load and guide together rotates the path.
@@ -147,20 +156,7 @@ fn grids_hold_their_fixed_depths() {
 fn steps_of_micrometres_are_no_singular_equations() {
     let mut model = model(10360.0, 0.06, 0.07);
     model.tip = TipLaw::load([0.2, 0.0]);
-    let insertion_by = |offsets_m: [f64; 3]| {
-        let mut knots = vec![[0.0, 0.0]];
-        let mut guide_m = 0.0;
-        for offset_m in offsets_m {
-            let guide_depth_m = 0.05 + offset_m;
-            knots.push([guide_depth_m, guide_m]);
-            guide_m += 0.5e-3;
-            knots.push([guide_depth_m, guide_m]);
-        }
-        let guide2_m = Some([Profile::new(knots).expect("a profile"), Profile::default()]);
-        let insertion = Insertion { depth_m: DEPTHS_M.to_vec(), guide2_m, ..Insertion::default() };
-        tip(&model, insertion)
-    };
-    let at_once = insertion_by([0.0; 3]);
+    let at_once = insertion_by([0.0; 3], &model);
     for offsets_m in [
         [0.0, 1e-9, 2e-9],
         [0.0, 1e-7, 1e-6],
@@ -170,10 +166,24 @@ fn steps_of_micrometres_are_no_singular_equations() {
         [0.0, 4.1e-5, 4.1e-5],
     ] {
         // Moving one jump of 0.5 mm by 0.04 mm moves the tip by 1.6 micrometres.
-        for (tip_m, expected_m) in insertion_by(offsets_m).iter().zip(&at_once) {
+        for (tip_m, expected_m) in insertion_by(offsets_m, &model).iter().zip(&at_once) {
             assert!((tip_m - expected_m).abs() < 5e-6, "{tip_m} is not {expected_m} with {offsets_m:?}");
         }
     }
+}
+
+fn insertion_by(offsets_m: [f64; 3], model: &Model) -> Vec<f64> {
+    let mut knots = vec![[0.0, 0.0]];
+    let mut guide_m = 0.0;
+    for offset_m in offsets_m {
+        let guide_depth_m = 0.05 + offset_m;
+        knots.push([guide_depth_m, guide_m]);
+        guide_m += 0.5e-3;
+        knots.push([guide_depth_m, guide_m]);
+    }
+    let guide2_m = Some([Profile::new(knots).expect("a profile"), Profile::default()]);
+    let insertion = Insertion { depth_m: DEPTHS_M.to_vec(), guide2_m, ..Insertion::default() };
+    tip(model, insertion)
 }
 
 /// The slope that is reported is the difference of the needle's deflection from that of a rigid extension of the tip: by reciprocity a
@@ -222,16 +232,22 @@ fn the_direction_of_a_needle_that_cuts_straight_is_the_slope_of_its_path() {
         ..Insertion::default()
     };
     let channels = predict(&model, &Experiment::Insertion(insertion.clone())).expect("predicts");
-    let path_slope = |m: &[f64]| (m[2] - m[0]) / (2.0 * h_m);
-    let direction = |rad: &[f64]| 0.25 * rad[0] + 0.5 * rad[1] + 0.25 * rad[2];
     let (tip_x, direction_x) =
         (channels.tip_m.x.expect("two planes"), channels.tip_direction_rad.x.expect("two planes"));
-    let y = path_slope(&channels.tip_m.y) - direction(&channels.tip_direction_rad.y);
+    let y = path_slope(&channels.tip_m.y, h_m) - mean_direction(&channels.tip_direction_rad.y);
     assert!((y - angle_rad).abs() < 1e-6, "{y}");
-    assert!((path_slope(&tip_x) - direction(&direction_x)).abs() < 1e-12);
+    assert!((path_slope(&tip_x, h_m) - mean_direction(&direction_x)).abs() < 1e-12);
     assert!((direction_x[0] - (-0.02f64).tan()).abs() < 1e-12);
     // Not requested, not computed.
     let insertion = Insertion { tip_direction: false, ..insertion };
     let channels = predict(&model, &Experiment::Insertion(insertion)).expect("predicts");
     assert!(channels.tip_direction_rad.y.is_empty());
+}
+
+fn mean_direction(rad: &[f64]) -> f64 {
+    0.25 * rad[0] + 0.5 * rad[1] + 0.25 * rad[2]
+}
+
+fn path_slope(m: &[f64], h_m: f64) -> f64 {
+    (m[2] - m[0]) / (2.0 * h_m)
 }

@@ -81,18 +81,14 @@ impl HeldNeedle {
         check("guide2_m", problem.guide2_m, "two guides", !problem.only_guide)?;
         let gap_m = problem.entry_m - problem.guide2_m;
         check("entry_m", problem.entry_m, "beyond guide2_m, where guide 2 holds the needle", gap_m > 1e-6)?;
-        let stiffness_of = |length_m: f64, tension_n: f64| {
-            let mut stiffness = bending_stiffness(problem.bending_stiffness_n_m2, length_m);
-            add_tension(&mut stiffness, tension_n, length_m);
-            Element { stiffness, path: [[0.0; 2]; 4] }
-        };
         let mut elements = vec![
-            stiffness_of(problem.guide2_m, -problem.axial_load_n),
-            stiffness_of(gap_m, -problem.axial_load_n),
+            element_of(problem.guide2_m, -problem.axial_load_n, problem.bending_stiffness_n_m2),
+            element_of(gap_m, -problem.axial_load_n, problem.bending_stiffness_n_m2),
         ];
         for ends_m in depths_m.windows(2) {
             let length_m = ends_m[1] - ends_m[0];
-            let mut element = stiffness_of(length_m, problem.shear_n - problem.axial_load_n);
+            let mut element =
+                element_of(length_m, problem.shear_n - problem.axial_load_n, problem.bending_stiffness_n_m2);
             element.add_springs(problem, [ends_m[0], ends_m[1]]);
             if elements.len() == 2 {
                 element.stiffness[0][0] += problem.skin_n_per_m;
@@ -100,11 +96,10 @@ impl HeldNeedle {
             }
             elements.push(element);
         }
-        let stiff = |compliance: f64| if compliance > 0.0 { compliance.recip() } else { RIGID };
         Ok(Self {
             elements,
-            guide2_n_per_m: stiff(problem.guide2_compliance_m_per_n),
-            clamp_n_m: stiff(problem.clamp_compliance_rad_per_n_m),
+            guide2_n_per_m: support_stiffness(problem.guide2_compliance_m_per_n),
+            clamp_n_m: support_stiffness(problem.clamp_compliance_rad_per_n_m),
         })
     }
 
@@ -164,19 +159,34 @@ impl HeldNeedle {
             }
         }
         factor.solve(&mut reads);
-        let first_at = |row: usize| reads.get(row).map_or(0.0, |value| value[0]);
-        influence.guide2 += self.guide2_n_per_m * first_at(2);
-        influence.load = first_at(reads.len() - 2);
+        influence.guide2 += self.guide2_n_per_m * first_at(2, &reads);
+        influence.load = first_at(reads.len() - 2, &reads);
         for (i, (weights, element)) in
             influence.path.iter_mut().zip(elements.iter().skip(BEFORE - 1)).enumerate()
         {
             for (row, by_end) in element.path.iter().enumerate() {
-                let moved = first_at(2 * (i + BEFORE - 1) + row);
+                let moved = first_at(2 * (i + BEFORE - 1) + row, &reads);
                 (0..2).for_each(|end| weights[end] += moved * by_end[end]);
             }
         }
         influence
     }
+}
+
+fn first_at(row: usize, reads: &[[f64; 1]]) -> f64 {
+    reads.get(row).map_or(0.0, |value| value[0])
+}
+
+/// Stiffness of a support of this compliance, which is a large number where the support is rigid.
+fn support_stiffness(compliance: f64) -> f64 {
+    if compliance > 0.0 { compliance.recip() } else { RIGID }
+}
+
+/// Element of the needle under tension, without a path.
+fn element_of(length_m: f64, tension_n: f64, bending_stiffness_n_m2: f64) -> Element {
+    let mut stiffness = bending_stiffness(bending_stiffness_n_m2, length_m);
+    add_tension(&mut stiffness, tension_n, length_m);
+    Element { stiffness, path: [[0.0; 2]; 4] }
 }
 
 impl Element {

@@ -88,15 +88,6 @@ fn with_a_path_all_are_those_of_a_beam_in_finite_differences() {
     let nodes = evenly(depth_m, 20);
     let held_needle = HeldNeedle::new(&problem, &nodes).expect("a needle");
     let beam = GrowingBeam::new(&problem, nodes.clone(), Guide2Grip::Holding).expect("a beam");
-    let guide_m = |node: usize| {
-        if node < 8 {
-            [0.0; 2]
-        } else if node == 8 {
-            [0.0, 2e-3]
-        } else {
-            [2e-3; 2]
-        }
-    };
     let load_n = 0.25;
     let states = beam.under_load(|node| NodeLoads { load_n: [load_n; 2], guide2_m: guide_m(node) });
     let quantities: Vec<f64> = held_needle
@@ -120,19 +111,13 @@ fn with_a_path_all_are_those_of_a_beam_in_finite_differences() {
     }
     // Clamped: its image before guide 1 is the node after it.
     matrix[(1, 1)] += 2.0 * s;
-    let path_m = |z: usize| {
-        let node_position = (z - entry) as f64 * h / 2.5e-3;
-        let first_node = (node_position.floor() as usize).min(19);
-        let fraction = node_position - first_node as f64;
-        states[first_node].tip_m[1] * (1.0 - fraction) + states[first_node + 1].tip_m[0] * fraction
-    };
     for z in entry..=tip {
         let mut stiff = k * h * if z == entry || z == tip { 0.5 } else { 1.0 };
         if z == entry {
             stiff += 200.0;
         }
         matrix[(z, z)] += stiff;
-        right[z] += stiff * path_m(z);
+        right[z] += stiff * path_m(z, entry, h, &states);
     }
     right[tip] += load_n;
     let holding = 1e9;
@@ -140,13 +125,12 @@ fn with_a_path_all_are_those_of_a_beam_in_finite_differences() {
     matrix[(guide2, guide2)] += holding;
     right[guide2] += holding * 2e-3;
     let u = matrix.lu().solve(&right).expect("solved");
-    let moment = |z: usize| problem.bending_stiffness_n_m2 * (u[z - 1] - 2.0 * u[z] + u[z + 1]) / (h * h);
     let expected: [f64; 5] = [
         holding * (2e-3 - u[guide2]),
         problem.bending_stiffness_n_m2 * 2.0 * u[1] / (h * h),
-        moment(guide2),
-        moment(entry),
-        moment(entry + 20),
+        moment(guide2, &u, h, problem.bending_stiffness_n_m2),
+        moment(entry, &u, h, problem.bending_stiffness_n_m2),
+        moment(entry + 20, &u, h, problem.bending_stiffness_n_m2),
     ];
     for (quantities, expected) in quantities.iter().zip(expected) {
         // A moment that is nearly zero is one part in a hundred of the largest.
@@ -158,6 +142,27 @@ fn with_a_path_all_are_those_of_a_beam_in_finite_differences() {
         u[tip],
         states[20]
     );
+}
+
+fn moment(z: usize, u: &DVector<f64>, h: f64, bending_stiffness_n_m2: f64) -> f64 {
+    bending_stiffness_n_m2 * (u[z - 1] - 2.0 * u[z] + u[z + 1]) / (h * h)
+}
+
+fn path_m(z: usize, entry: usize, h: f64, states: &[TipState]) -> f64 {
+    let node_position = (z - entry) as f64 * h / 2.5e-3;
+    let first_node = (node_position.floor() as usize).min(19);
+    let fraction = node_position - first_node as f64;
+    states[first_node].tip_m[1] * (1.0 - fraction) + states[first_node + 1].tip_m[0] * fraction
+}
+
+fn guide_m(node: usize) -> [f64; 2] {
+    if node < 8 {
+        [0.0; 2]
+    } else if node == 8 {
+        [0.0, 2e-3]
+    } else {
+        [2e-3; 2]
+    }
 }
 
 #[test]

@@ -260,8 +260,8 @@ fn guide2(nodes_m: &[f64], insertion: &Insertion, plane: usize, node: usize) -> 
 
 /// From 0 to `last_m` in steps of at most `step_m`, with nodes at `also_m` (where these lie inside).
 pub fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
-    let is_inside = |m: &f64| *m > 0.0 && *m < last_m;
-    let mut fixed_m: Vec<f64> = also_m.iter().copied().filter(is_inside).chain([last_m]).collect();
+    let mut fixed_m: Vec<f64> =
+        also_m.iter().copied().filter(|m| *m > 0.0 && *m < last_m).chain([last_m]).collect();
     fixed_m.sort_by(f64::total_cmp);
     fixed_m.dedup();
     let mut nodes_m = vec![0.0];
@@ -305,19 +305,21 @@ fn loads<'a>(
     };
     move |node| {
         let z_m = nodes_m[node];
-        let load_sum = |y_n: f64, x_n: f64, more_n: f64| {
-            // The bevel is vertical unless the load states that it is not.
-            let [along_y, along_x] =
-                if x_n == 0.0 { [1.0, 0.0] } else { [y_n / y_n.hypot(x_n), x_n / y_n.hypot(x_n)] };
-            [y_n + more_n * along_y, x_n + more_n * along_x]
-        };
-        let arriving = load_sum(y.before(z_m), x.before(z_m), more_n(z_m, false));
-        let leaving = load_sum(y.after(z_m), x.after(z_m), more_n(z_m, true));
+        let arriving = load_along_bevel(y.before(z_m), x.before(z_m), more_n(z_m, false));
+        let leaving = load_along_bevel(y.after(z_m), x.after(z_m), more_n(z_m, true));
         [
             turned(arriving, rotation.before(z_m) + roll_rad, plane),
             turned(leaving, rotation.after(z_m) + roll_rad, plane),
         ]
     }
+}
+
+/// Load with an addition along its own direction.
+fn load_along_bevel(y_n: f64, x_n: f64, more_n: f64) -> [f64; 2] {
+    // The bevel is vertical unless the load states that it is not.
+    let [along_y, along_x] =
+        if x_n == 0.0 { [1.0, 0.0] } else { [y_n / y_n.hypot(x_n), x_n / y_n.hypot(x_n)] };
+    [y_n + more_n * along_y, x_n + more_n * along_x]
 }
 
 /// The angle at which the tip cuts in a plane at every node, on arriving and on leaving.

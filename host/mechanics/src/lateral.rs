@@ -205,8 +205,7 @@ impl Relaxing {
             }
         });
         let needle = DMatrix::from_fn(count, count, |i, j| {
-            let half = |i: usize, j: usize| force_n[j] - SHARES[j] * tissue[(i, j)];
-            0.5 * (half(i, j) + half(j, i))
+            0.5 * (cross_force(i, j, &force_n, &tissue) + cross_force(j, i, &force_n, &tissue))
         });
         // Differences to the first shape leave guide 2 at rest; they are nearly dependent, so only directions that matter stay.
         let differences = DMatrix::from_fn(count, count - 1, |i, j| match i {
@@ -284,15 +283,23 @@ impl Relaxing {
                 }
             }
             previous = Some((*time_s, *pressed));
-            let remembered =
-                |row: &dyn Fn(usize) -> f64| state.iter().enumerate().map(|(k, y)| row(k) * y).sum::<f64>();
-            motion.force_n.push(pressed / total - remembered(&|k| force_by_memory[k]));
+            motion.force_n.push(pressed / total - remembered(&|k| force_by_memory[k], &state));
             for (j, values) in motion.coefficients.chunks_exact_mut(samples).enumerate() {
-                values[i] = direct[j] * pressed + remembered(&|k| by_memory[(j, k)]);
+                values[i] = direct[j] * pressed + remembered(&|k| by_memory[(j, k)], &state);
             }
         }
         motion
     }
+}
+
+/// Sum over what the springs remember.
+fn remembered(row: &dyn Fn(usize) -> f64, state: &[f64]) -> f64 {
+    state.iter().enumerate().map(|(k, y)| row(k) * y).sum::<f64>()
+}
+
+/// Force at one node as another one moves, before both are averaged.
+fn cross_force(i: usize, j: usize, force_n: &[f64], tissue: &DMatrix<f64>) -> f64 {
+    force_n[j] - SHARES[j] * tissue[(i, j)]
 }
 
 /// One step of `y' = -r y + w(t)` with w linear: `y = decay y + first w_0 + last w_1`; kept while the step stays the same.
@@ -310,20 +317,27 @@ impl Step {
             return;
         }
         self.step_s = step_s;
-        let decay = |rate: &f64| (-rate * step_s).exp();
-        self.decay = rates.iter().map(decay).collect();
-        // int_0^h e^(-r (h - t)) (1 - t/h) dt and the same of t/h, by series where r h is small.
-        let mean = |rate: &f64| {
-            let x = rate * step_s;
-            if x < 1e-4 { step_s * (1.0 - 0.5 * x) } else { (1.0 - decay(rate)) / rate }
-        };
-        let last = |rate: &f64| {
-            let x = rate * step_s;
-            if x < 1e-3 { step_s * (0.5 - x / 6.0 + x * x / 24.0) } else { (step_s - mean(rate)) / x }
-        };
-        self.last = rates.iter().map(last).collect();
-        self.first = rates.iter().map(|rate| mean(rate) - last(rate)).collect();
+        self.decay = rates.iter().map(|rate| decay(rate, step_s)).collect();
+        self.last = rates.iter().map(|rate| last(rate, step_s)).collect();
+        self.first = rates.iter().map(|rate| mean(rate, step_s) - last(rate, step_s)).collect();
     }
+}
+
+/// Weight of the displacement at the end of a step that ramps.
+fn last(rate: &f64, step_s: f64) -> f64 {
+    let x = rate * step_s;
+    if x < 1e-3 { step_s * (0.5 - x / 6.0 + x * x / 24.0) } else { (step_s - mean(rate, step_s)) / x }
+}
+
+/// int_0^h e^(-r (h - t)) (1 - t/h) dt and the same of t/h, by series where r h is small.
+fn mean(rate: &f64, step_s: f64) -> f64 {
+    let x = rate * step_s;
+    if x < 1e-4 { step_s * (1.0 - 0.5 * x) } else { (1.0 - decay(rate, step_s)) / rate }
+}
+
+/// Share of a memory that is left after a step.
+fn decay(rate: &f64, step_s: f64) -> f64 {
+    (-rate * step_s).exp()
 }
 
 #[cfg(test)]

@@ -118,8 +118,9 @@ fn energy(
     for (thickness_m, modulus_pa) in problem.foundation.parts(problem.depth_m) {
         for i in 0..count {
             for j in 0..=i {
-                let product = |z_m: f64| modes[i].value(z_m / length_m) * modes[j].value(z_m / length_m);
-                let overlap_m = integrate(top_m, top_m + thickness_m, panel_m, product);
+                let overlap_m = integrate(top_m, top_m + thickness_m, panel_m, |z_m| {
+                    modes[i].value(z_m / length_m) * modes[j].value(z_m / length_m)
+                });
                 matrix[(i, j)] += modulus_pa * overlap_m;
                 matrix[(j, i)] = matrix[(i, j)];
             }

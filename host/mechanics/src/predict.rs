@@ -29,16 +29,18 @@ pub struct Model {
 
 impl PartialEq for Model {
     fn eq(&self, other: &Self) -> bool {
-        let named = |model: &Self| -> Vec<_> {
-            model.effects.iter().map(|(effect, values)| (effect.id(), values.clone())).collect()
-        };
         self.rig == other.rig
             && self.foundation == other.foundation
             && self.support == other.support
             && self.tip == other.tip
             && self.dynamics == other.dynamics
-            && named(self) == named(other)
+            && named_effects(self) == named_effects(other)
     }
+}
+
+/// Effects of a model by their ids, with the values of their parameters.
+fn named_effects(model: &Model) -> Vec<(&str, Vec<f64>)> {
+    model.effects.iter().map(|(effect, values)| (effect.id(), values.clone())).collect()
 }
 
 impl Model {
@@ -269,16 +271,19 @@ pub struct Channels {
 
 impl Channels {
     pub(super) fn two_planes() -> Self {
-        let empty = || Series { y: Vec::new(), x: Some(Vec::new()) };
         Self {
-            displacement_m: empty(),
-            force_n: empty(),
-            shape_m: empty(),
-            tip_m: empty(),
-            tip_direction_rad: empty(),
+            displacement_m: empty_series(),
+            force_n: empty_series(),
+            shape_m: empty_series(),
+            tip_m: empty_series(),
+            tip_direction_rad: empty_series(),
             base_m: Series::default(),
         }
     }
+}
+
+fn empty_series() -> Series {
+    Series { y: Vec::new(), x: Some(Vec::new()) }
 }
 
 /// Expected reading of every sensor in `experiment` if `model` is right.
@@ -306,7 +311,6 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
             model.support.needs_springs("a steering run")?;
             let problem = model.problem(run.depth_m.iter().copied().fold(0.0, f64::max))?;
             let moved = steering::simulate(&model.rig.needle, &problem.foundation, dynamics, run)?;
-            let one_plane = |y: Vec<f64>| Series { y, x: None };
             let mut channels = Channels {
                 force_n: one_plane(moved.base_force_n),
                 tip_m: one_plane(moved.tip_m),
@@ -318,6 +322,10 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
             Ok(channels)
         }
     }
+}
+
+fn one_plane(y: Vec<f64>) -> Series {
+    Series { y, x: None }
 }
 
 fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Channels, ModelError> {
@@ -334,12 +342,15 @@ fn predict_forced(model: &Model, forced: &LateralForce, cache: &Cache) -> Result
     });
     let [stiffness_y, stiffness_x] = stiffness;
     let (stiffness_y, stiffness_x) = (stiffness_y?, stiffness_x?);
-    let moved = |sample: &ForceSample| DriveSample {
-        time_s: sample.time_s,
-        y_m: sample.y_n / stiffness_y,
-        x_m: sample.x_n / stiffness_x,
-    };
-    let drive = forced.drive.iter().map(moved).collect();
+    let drive = forced
+        .drive
+        .iter()
+        .map(|sample| DriveSample {
+            time_s: sample.time_s,
+            y_m: sample.y_n / stiffness_y,
+            x_m: sample.x_n / stiffness_x,
+        })
+        .collect();
     let lateral = Lateral {
         depth_m: forced.depth_m,
         drive,
@@ -353,8 +364,8 @@ fn predict_forced(model: &Model, forced: &LateralForce, cache: &Cache) -> Result
 fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Result<Channels, ModelError> {
     let deepest_m = inserted.depth_m.iter().copied().fold(0.0, f64::max);
     let conditions = Conditions { depth_m: deepest_m, order: inserted.order };
-    let in_plane = |plane: Plane| model.problem_under(plane, &conditions);
-    let problems = [in_plane(Plane::Y)?, in_plane(Plane::X)?];
+    let problems =
+        [problem_in_plane(Plane::Y, conditions, model)?, problem_in_plane(Plane::X, conditions, model)?];
     let mut law = model.tip.clone();
     model.effects.iter().for_each(|(effect, values)| effect.tip(values, &conditions, &mut law));
     let curvature_per_m = model.curvature_per_m();
@@ -369,6 +380,11 @@ fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Resu
     let context = ObservationContext { conditions, entry_m, tip_depth_m, ..ObservationContext::default() };
     model.observe(&context, &mut channels);
     Ok(channels)
+}
+
+/// Beam problem of a plane under the run's conditions.
+fn problem_in_plane(plane: Plane, conditions: Conditions, model: &Model) -> Result<BeamProblem, ModelError> {
+    model.problem_under(plane, &conditions)
 }
 
 #[cfg(test)]

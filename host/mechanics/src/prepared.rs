@@ -330,17 +330,9 @@ impl Needles {
         z_m: &[f64],
         cache: Option<&Cache>,
     ) -> Result<Self, ModelError> {
-        let solved = |problem: &BeamProblem, most_m: f64| {
-            let response = match cache {
-                Some(cache) => cache.response(problem, most_m)?,
-                None => Arc::new(Response::new(problem, most_m)?),
-            };
-            let carried = if moves_tissue { Some(Carried::new(problem, z_m)?) } else { None };
-            Ok::<_, ModelError>(Needle { weights: response.shape_at(z_m), response, carried })
-        };
         let most_m = if problems.x.is_some() { [y_m, x_m] } else { [y_m.max(x_m); 2] };
-        let y = solved(&problems.y, most_m[0])?;
-        let x = problems.x.as_ref().map(|x| solved(x, most_m[1])).transpose()?;
+        let y = solved(&problems.y, most_m[0], cache, moves_tissue, z_m)?;
+        let x = problems.x.as_ref().map(|x| solved(x, most_m[1], cache, moves_tissue, z_m)).transpose()?;
         let stiffens = [&problems.y, problems.x()].into_iter().any(|p| p.is_nonlinear());
         Ok(Self { y, x, most_m: stiffens.then_some(most_m) })
     }
@@ -352,6 +344,22 @@ impl Needles {
     fn of_plane(&self, plane: usize) -> &Needle {
         self.x.as_ref().filter(|_| plane == 1).unwrap_or(&self.y)
     }
+}
+
+/// Response of a needle, with what it carries along where tissue moves.
+fn solved(
+    problem: &BeamProblem,
+    most_m: f64,
+    cache: Option<&Cache>,
+    moves_tissue: bool,
+    z_m: &[f64],
+) -> Result<Needle, ModelError> {
+    let response = match cache {
+        Some(cache) => cache.response(problem, most_m)?,
+        None => Arc::new(Response::new(problem, most_m)?),
+    };
+    let carried = if moves_tissue { Some(Carried::new(problem, z_m)?) } else { None };
+    Ok::<_, ModelError>(Needle { weights: response.shape_at(z_m), response, carried })
 }
 
 /// The drive samples around a time and the share of the way between them; the first or last one beyond the ends.
@@ -374,26 +382,31 @@ mod tests {
     fn model(effects: &[(&str, &[f64])]) -> Model {
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         let mut model = Model::uniform(rig, 16e3).expect("valid");
-        let named = |(id, values): &(&str, &[f64])| (effect(id).expect("an effect"), values.to_vec());
-        model.effects = effects.iter().map(named).collect();
+        model.effects =
+            effects.iter().map(|(id, values)| (effect(id).expect("an effect"), values.to_vec())).collect();
         model
     }
 
     fn commanded(steps_mm: &[[f64; 2]]) -> Vec<DriveSample> {
-        let sample =
-            |(i, [y, x]): (usize, &[f64; 2])| DriveSample { time_s: i as f64, y_m: 1e-3 * y, x_m: 1e-3 * x };
-        steps_mm.iter().enumerate().map(sample).collect()
+        steps_mm
+            .iter()
+            .enumerate()
+            .map(|(i, [y, x])| DriveSample { time_s: i as f64, y_m: 1e-3 * y, x_m: 1e-3 * x })
+            .collect()
     }
 
     /// Three frames: two of the same places, one of others.
     fn shape() -> Vec<ShapePoint> {
-        let interpolated = |time_s: f64, all_m: [f64; 3]| all_m.map(|z_m| ShapePoint::new(time_s, z_m));
         [
             interpolated(0.5, [0.08, 0.09, 0.1]),
             interpolated(1.0, [0.08, 0.09, 0.1]),
             interpolated(1.5, [0.075, 0.09, 0.1]),
         ]
         .concat()
+    }
+
+    fn interpolated(time_s: f64, all_m: [f64; 3]) -> [ShapePoint; 3] {
+        all_m.map(|z_m| ShapePoint::new(time_s, z_m))
     }
 
     fn prepared(model: &Model, most_m: f64, planes: usize) -> PreparedNeedle<'_> {

@@ -102,13 +102,15 @@ impl Tolerances {
     pub fn stiffness_sd_ln(&self, needle: &Needle) -> f64 {
         let Needle { outer_diameter_m: outer_m, inner_diameter_m: inner_m, .. } = *needle;
         let section = outer_m.powi(4) - inner_m.powi(4);
-        let variance_of = |diameter_m: f64, stated: Option<f64>, unknown: Unknown| {
-            4.0 * diameter_m.powi(3) / section * stated.unwrap_or(unknown.sd())
-        };
-        let outer = variance_of(outer_m, self.outer_diameter_m, rig::OUTER_DIAMETER);
-        let inner = variance_of(inner_m, self.inner_diameter_m, rig::INNER_DIAMETER);
+        let outer = variance_of(outer_m, self.outer_diameter_m, rig::OUTER_DIAMETER, section);
+        let inner = variance_of(inner_m, self.inner_diameter_m, rig::INNER_DIAMETER, section);
         outer.hypot(inner).hypot(rig::YOUNGS_MODULUS.sd())
     }
+}
+
+/// Variance of the logarithm of the stiffness that an uncertain diameter brings.
+fn variance_of(diameter_m: f64, stated: Option<f64>, unknown: Unknown, section: f64) -> f64 {
+    4.0 * diameter_m.powi(3) / section * stated.unwrap_or(unknown.sd())
 }
 
 impl Rig {

@@ -100,15 +100,14 @@ fn one_guide_goes_through_the_forward_model() {
         tip_direction: true,
         ..Insertion::default()
     };
-    let run = |model: &Model| predict(model, &Experiment::Insertion(insertion.clone())).expect("predicts");
-    let channels = run(&model([Some(5.0), Some(0.2)]));
+    let channels = predicted(&model([Some(5.0), Some(0.2)]), &insertion);
     let (tip_x, direction_x) =
         (channels.tip_m.x.clone().expect("x"), channels.tip_direction_rad.x.expect("x"));
     // A rear that gives lets the tissue turn the needle back.
     assert!(tip_x[2] != channels.tip_m.y[2] && direction_x[0] < channels.tip_direction_rad.y[0]);
     let mut tilted = model([Some(5.0), Some(0.2)]);
     tilted.tip = TipLaw { entry_angle_rad: [0.02, 0.0], ..TipLaw::default() };
-    let tilted = run(&tilted);
+    let tilted = predicted(&tilted, &insertion);
     for (i, depth_m) in depth_m.iter().enumerate() {
         assert_close(tilted.tip_m.y[i] - channels.tip_m.y[i], 0.02f64.tan() * depth_m, 1e-9);
         assert_close(tilted.tip_direction_rad.y[i] - channels.tip_direction_rad.y[i], 0.02f64.tan(), 1e-9);
@@ -116,8 +115,8 @@ fn one_guide_goes_through_the_forward_model() {
     // A compliance on top of the rig's is one in its place.
     let mut softer = model([Some(5.0), None]);
     softer.effects.push((effect("rig.rear_rotation").expect("an effect"), vec![0.3, 5.0]));
-    let softer = run(&softer);
-    let horizontal = run(&model([Some(2.0), Some(0.2)]));
+    let softer = predicted(&softer, &insertion);
+    let horizontal = predicted(&model([Some(2.0), Some(0.2)]), &insertion);
     for i in 0..3 {
         assert_close(softer.tip_m.y[i], horizontal.tip_m.y[i], 1e-9);
         assert_close(
@@ -136,6 +135,10 @@ fn one_guide_goes_through_the_forward_model() {
         model([Some(5.0), None]).problem_in(Plane::Y, 0.04).expect("a problem").solve().expect("solves");
     assert_close(channels.force_n.y[0], beam.force_n(1e-3), 1e-9);
     assert!(channels.force_n.x.expect("x")[0] < 0.99 * channels.force_n.y[0]);
+}
+
+fn predicted(model: &Model, insertion: &Insertion) -> crate::Channels {
+    predict(model, &Experiment::Insertion(insertion.clone())).expect("predicts")
 }
 
 #[test]

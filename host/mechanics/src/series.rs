@@ -114,13 +114,16 @@ pub(super) fn value(series: &Series, x: f64) -> f64 {
     let square = x * x;
     let fourth = square * square;
     let eighth = fourth * fourth;
-    // Two terms at once; of every second pair.
-    let line = |a: [f64; 2], b: [f64; 2], y: f64| [a[0] + b[0] * y, a[1] + b[1] * y];
     let [a, b, c, d, e, f, g, h, i, j, k, l] = *series;
     let even = line(line(a, c, fourth), line(line(e, g, fourth), line(i, k, fourth), eighth), eighth);
     let odd = line(line(b, d, fourth), line(line(f, h, fourth), line(j, l, fourth), eighth), eighth);
     let [whole, by_x] = line(even, odd, square);
     whole + x * by_x
+}
+
+/// Two terms at once; of every second pair.
+fn line(a: [f64; 2], b: [f64; 2], y: f64) -> [f64; 2] {
+    [a[0] + b[0] * y, a[1] + b[1] * y]
 }
 
 /// Derivative of order 1 to 3 of a series, by Horner's rule.

@@ -141,17 +141,13 @@ impl MovingNeedle {
         let functions = ShapeFunctions::of(&modes, dynamics.length_m);
         let factors = functions.factors(&modes);
         let total_kg = dynamics.moving_mass_kg();
-        let diagonal = |first: f64, others: fn(&FreeMode) -> f64| {
-            let all_modes = std::iter::once(first).chain(modes.iter().map(others));
-            DMatrix::from_diagonal(&DVector::from_iterator(1 + modes.len(), all_modes))
-        };
         let count = 1 + modes.len();
         let mut moving = Self {
             stiffness: stiffness.clone(),
             damping: dynamics.damping.clone(),
             convective: dynamics.convective,
-            mass: diagonal(total_kg, |_| 1.0),
-            elastic: diagonal(0.0, |mode| mode.frequency_rad_s.powi(2)),
+            mass: diagonal(total_kg, |_| 1.0, &modes),
+            elastic: diagonal(0.0, |mode| mode.frequency_rad_s.powi(2), &modes),
             base: &factors * functions.at(0.0),
             tip: &factors * functions.at(dynamics.length_m),
             slopes: &factors * functions.derivative(),
@@ -251,6 +247,12 @@ impl MovingNeedle {
     }
 }
 
+/// Diagonal matrix of the fixture's value and of those of all modes.
+fn diagonal(first: f64, others: fn(&FreeMode) -> f64, modes: &[FreeMode]) -> DMatrix<f64> {
+    let all_modes = std::iter::once(first).chain(modes.iter().map(others));
+    DMatrix::from_diagonal(&DVector::from_iterator(1 + modes.len(), all_modes))
+}
+
 /// Force at the base: `force - stiffness base - damping base'`.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct BaseForce {
@@ -323,9 +325,7 @@ pub fn simulate(
             let step_s = (end_s - start_s) / steps;
             for j in 1..=steps as usize {
                 let fraction = j as f64 / steps;
-                let interpolated =
-                    |from: f64, to: f64| if j as f64 == steps { to } else { from + fraction * (to - from) };
-                let value = interpolated(values[i - 1], values[i]);
+                let value = interpolated(values[i - 1], values[i], j, steps, fraction);
                 let push = match run.drive {
                     BaseDrive::Force(_) => BaseForce::force(value),
                     BaseDrive::Position(_) => {
@@ -333,7 +333,7 @@ pub fn simulate(
                         BaseForce::stage(dynamics.moving_mass_kg(), value - start, speed_m_s)
                     }
                 };
-                moving.step(step_s, interpolated(start_m, end_m), push, [1.0; 2])?;
+                moving.step(step_s, interpolated(start_m, end_m, j, steps, fraction), push, [1.0; 2])?;
                 push_n = push.force_n
                     - push.stiffness_n_per_m * moving.base_m()
                     - push.damping_n_s_per_m * moving.base.dot(&moving.velocity);
@@ -344,6 +344,11 @@ pub fn simulate(
         channels.tip_m.push(start + moving.tip_m());
     }
     Ok(channels)
+}
+
+/// Value in a step between two samples; at its end exactly the second one.
+fn interpolated(from: f64, to: f64, j: usize, steps: f64, fraction: f64) -> f64 {
+    if j as f64 == steps { to } else { from + fraction * (to - from) }
 }
 
 #[cfg(test)]

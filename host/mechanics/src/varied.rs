@@ -41,15 +41,16 @@ impl Varied {
             return Ok(None);
         }
         let first = least - 1;
-        let solved = |number: i32| {
-            let foundation = problem.foundation.scaled((SPACING_LN * f64::from(number)).exp())?;
-            let problem = BeamProblem { foundation, ..problem.clone() };
-            match cache {
-                Some(cache) => cache.response(&problem, 0.0),
-                None => Ok(Arc::new(Response::new(&problem, 0.0)?)),
-            }
-        };
-        let needles = (first..=most + 2).map(solved).collect::<Result<_, ModelError>>()?;
+        let needles = (first..=most + 2)
+            .map(|number| {
+                let foundation = problem.foundation.scaled((SPACING_LN * f64::from(number)).exp())?;
+                let problem = BeamProblem { foundation, ..problem.clone() };
+                match cache {
+                    Some(cache) => cache.response(&problem, 0.0),
+                    None => Ok(Arc::new(Response::new(&problem, 0.0)?)),
+                }
+            })
+            .collect::<Result<_, ModelError>>()?;
         Ok(Some(Self { first, needles }))
     }
 
@@ -112,14 +113,12 @@ mod tests {
     #[test]
     fn a_constant_factor_is_another_modulus() {
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
-        let problem = |modulus_pa: f64| {
-            BeamProblem::new(&rig, Foundation::uniform(modulus_pa).expect("a modulus"), 0.03)
-        };
         for factor in [0.31, 0.9, 1.0, 1.7, 5.0] {
             let pressed_m = [0.0, 1e-3, -0.4e-3];
-            let varied = Varied::new(&problem(16e3), &[factor; 3], None).expect("solves").expect("linear");
+            let varied =
+                Varied::new(&problem(16e3, &rig), &[factor; 3], None).expect("solves").expect("linear");
             let motion = varied.moved(&pressed_m, &[factor; 3], 2e-5);
-            let beam = problem(16e3 * factor).solve().expect("solves");
+            let beam = problem(16e3 * factor, &rig).solve().expect("solves");
             let stiffness = beam.lateral_stiffness_n_per_m();
             for (i, pressed_m) in pressed_m.iter().enumerate() {
                 let at_needle_m = pressed_m / (1.0 + 2e-5 * stiffness);
@@ -134,5 +133,9 @@ mod tests {
                 assert!((shape_m - expected_m).abs() < 1e-4 * at_needle_m.abs() + 1e-15, "{factor}");
             }
         }
+    }
+
+    fn problem(modulus_pa: f64, rig: &Rig) -> BeamProblem {
+        BeamProblem::new(rig, Foundation::uniform(modulus_pa).expect("a modulus"), 0.03)
     }
 }

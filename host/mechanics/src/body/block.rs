@@ -61,8 +61,19 @@ fn key(block: &Block, poisson: f64) -> [u64; 6] {
     let [width, height, length] = block.size_m;
     let [x, y] = block.needle_at_m;
     let walls = 2 * u64::from(block.sides == Mounting::Held) + u64::from(block.far_side == Mounting::Held);
-    let ratio = |m: f64| (m / length).to_bits();
-    [ratio(width), ratio(height), ratio(x), ratio(y), poisson.to_bits(), walls]
+    [
+        ratio_bits(width, length),
+        ratio_bits(height, length),
+        ratio_bits(x, length),
+        ratio_bits(y, length),
+        poisson.to_bits(),
+        walls,
+    ]
+}
+
+/// Bits of a length over the block's, as part of a key.
+fn ratio_bits(m: f64, length: f64) -> u64 {
+    (m / length).to_bits()
 }
 
 fn kernel(block: &Block, poisson: f64) -> Result<Arc<Kernel>, ModelError> {
@@ -120,8 +131,7 @@ pub(crate) fn flexibility_per_m(
 fn flexibility(kernel: &Kernel, top: f64, tip: f64) -> Added {
     let mut loads = DMatrix::zeros(MODES, kernel.count);
     for panel in 0..PANELS {
-        let end = |panel: usize| -1.0 + 2.0 * panel as f64 / PANELS as f64;
-        for (x, weight) in points(end(panel), end(panel + 1)) {
+        for (x, weight) in points(panel_end(panel), panel_end(panel + 1)) {
             let depth_weights = weights(DEPTHS, kernel.count, top + 0.5 * (1.0 + x) * (tip - top));
             for degree in 0..MODES {
                 let [value, _] = legendre(degree, x);
@@ -146,16 +156,24 @@ fn flexibility(kernel: &Kernel, top: f64, tip: f64) -> Added {
     }
 }
 
+/// End of a panel of the depth from -1 to 1.
+fn panel_end(panel: usize) -> f64 {
+    -1.0 + 2.0 * panel as f64 / PANELS as f64
+}
+
 /// Stiffness of a body with walls: `(T^-1 + A/E)^-1`, from that of the half space and the flexibility that walls add.
 ///
 /// # Errors
 /// [`ModelError::Singular`] where the walls leave no body.
 pub(crate) fn with_walls(stiffness: &Matrix, flexibility: &Matrix) -> Result<Matrix, ModelError> {
-    let matrix = |of: &Matrix| SMatrix::<f64, MODES, MODES>::from_fn(|i, j| of[i][j]);
-    let (stiff, added) = (matrix(stiffness), matrix(flexibility));
+    let (stiff, added) = (to_matrix(stiffness), to_matrix(flexibility));
     let system = SMatrix::<f64, MODES, MODES>::identity() + stiff * added;
     let solution = system.lu().solve(&stiff).ok_or(ModelError::Singular)?;
     Ok(std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (solution[(i, j)] + solution[(j, i)]))))
+}
+
+fn to_matrix(of: &Matrix) -> SMatrix<f64, MODES, MODES> {
+    SMatrix::<f64, MODES, MODES>::from_fn(|i, j| of[i][j])
 }
 
 /// As [`with_walls`], of a body whose stiffness is against deflections at nodes, for which `patterns` has the polynomials (a row per node).

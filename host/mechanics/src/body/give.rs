@@ -22,9 +22,8 @@ pub(super) fn with_give(
         return Ok(stiffness);
     }
     let mut motion = [0.0; MODES];
-    let turn_factor = |depth_m: f64| 1.0 - give.turn_per_m * depth_m;
     // A line over (-1, 1): its mean, and half its rise.
-    let (top, tip) = (turn_factor(from_m), turn_factor(from_m + depth_m));
+    let (top, tip) = (turn_factor(from_m, give.turn_per_m), turn_factor(from_m + depth_m, give.turn_per_m));
     (motion[0], motion[1]) = (0.5 * (top + tip), 0.5 * (tip - top));
     let forces: [f64; MODES] =
         std::array::from_fn(|i| stiffness[i].iter().zip(&motion).map(|(s, v)| s * v).sum());
@@ -41,6 +40,11 @@ pub(super) fn with_give(
     }))
 }
 
+/// Displacement at a depth per displacement of the surface, as the body turns about its foot.
+fn turn_factor(depth_m: f64, turn_per_m: f64) -> f64 {
+    1.0 - turn_per_m * depth_m
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::table::uniform;
@@ -55,10 +59,7 @@ mod tests {
     fn one_give_is_a_box_at_several_depths() {
         for (edge_m, tolerance) in [(0.06, 0.1), (0.1, 0.03)] {
             let block = Block::cube(edge_m, Mounting::Held);
-            let flexibility_of = |depth_m: f64| {
-                flexibility_per_m(&block, 0.5, RADIUS_M, [0.0, depth_m]).expect("solves")[0][0]
-            };
-            let give = Give { per_m: flexibility_of(0.03), turn_per_m: 0.0 };
+            let give = Give { per_m: flexibility_at(0.03, block), turn_per_m: 0.0 };
             for depth_m in [0.02, 0.03, 0.04] {
                 let half_space = uniform(depth_m / RADIUS_M, 0.5).map(|row| row.map(|value| value * depth_m));
                 let with_box = with_give(half_space, give, 1.0, [0.0, depth_m]).expect("a body");
@@ -71,15 +72,16 @@ mod tests {
         }
     }
 
+    fn flexibility_at(depth_m: f64, block: Block) -> f64 {
+        flexibility_per_m(&block, 0.5, RADIUS_M, [0.0, depth_m]).expect("solves")[0][0]
+    }
+
     #[test]
     fn a_column_turns_about_its_foot_and_walls_do_not_hold_without_end() {
         let half_space = uniform(0.03 / RADIUS_M, 0.5).map(|row| row.map(|value| 16e3 * 0.03 * value));
-        let body_with = |per_m: f64, turn_per_m: f64| {
-            with_give(half_space, Give { per_m, turn_per_m }, 16e3, [0.0, 0.03])
-        };
-        assert_eq!(body_with(0.0, 5.0), Ok(half_space));
+        assert_eq!(body_with(0.0, 5.0, &half_space), Ok(half_space));
         // Springs in series: of the needle in the half space, and of the tissue around it.
-        let column = body_with(40.0, 0.0).expect("a body");
+        let column = body_with(40.0, 0.0, &half_space).expect("a body");
         let series = 1.0 / (1.0 / half_space[0][0] + 40.0 / 16e3);
         assert!(
             column[0][0] < half_space[0][0] && (column[0][0] / series - 1.0).abs() < 0.05,
@@ -87,8 +89,15 @@ mod tests {
             column[0][0]
         );
         // A body that turns about the tip moves half as far on average.
-        let turning = body_with(40.0, 1.0 / 0.03).expect("a body");
+        let turning = body_with(40.0, 1.0 / 0.03, &half_space).expect("a body");
         assert!(turning[0][0] > column[0][0] && turning[0][0] < half_space[0][0]);
-        assert!(matches!(body_with(-60.0, 0.0), Err(ModelError::OutOfRange { name: "give_per_m", .. })));
+        assert!(matches!(
+            body_with(-60.0, 0.0, &half_space),
+            Err(ModelError::OutOfRange { name: "give_per_m", .. })
+        ));
+    }
+
+    fn body_with(per_m: f64, turn_per_m: f64, half_space: &Matrix) -> Result<Matrix, ModelError> {
+        with_give(*half_space, Give { per_m, turn_per_m }, 16e3, [0.0, 0.03])
     }
 }

@@ -160,21 +160,15 @@ impl Ritz {
         self.first = self.count + 2 * nodes_m.len();
         let at_body: Section = {
             let first = self.first;
-            let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
-            let slope = |i: usize| -sign(i) * (i * (i + 1)) as f64 / self.depth_m;
             [
-                (0..MODES).map(|i| (first + i, sign(i))).collect(),
-                (1..MODES).map(|i| (first + i, slope(i))).collect(),
+                (0..MODES).map(|i| (first + i, end_sign(i))).collect(),
+                (1..MODES).map(|i| (first + i, self.end_slope(i))).collect(),
             ]
         };
-        let section = |z_m: f64, count: usize| -> Section {
-            match nodes_m.iter().position(|node_m| (node_m - z_m).abs() <= MIN_M) {
-                Some(node) => [vec![(count + 2 * node, 1.0)], vec![(count + 2 * node + 1, 1.0)]],
-                None => at_body.clone(),
-            }
-        };
-        (self.guide2, self.surface) =
-            (section(problem.guide2_m, self.count), section(problem.entry_m, self.count));
+        (self.guide2, self.surface) = (
+            section_at(problem.guide2_m, self.count, &at_body, &nodes_m),
+            section_at(problem.entry_m, self.count, &at_body, &nodes_m),
+        );
         if let Some(first_guide) = first_guide {
             self.guide2 = first_guide;
         }
@@ -183,7 +177,7 @@ impl Ritz {
             if face_m - start_m <= MIN_M {
                 continue;
             }
-            let end = section(face_m, self.count);
+            let end = section_at(face_m, self.count, &at_body, &nodes_m);
             self.add_piece(
                 start_m,
                 face_m - start_m,
@@ -210,6 +204,11 @@ impl Ritz {
         Ok(())
     }
 
+    /// Slope of a polynomial at the surface.
+    fn end_slope(&self, i: usize) -> f64 {
+        -end_sign(i) * (i * (i + 1)) as f64 / self.depth_m
+    }
+
     /// Adds a beam-column without tissue: its end forces by its ends' deflections and slopes, exactly.
     fn add_piece(
         &mut self,
@@ -230,12 +229,10 @@ impl Ritz {
             let shear = third + axial * state[1];
             let forces = [shear, -second, -shear, second * g3 + third * g2];
             for (row, force) in forces.into_iter().enumerate() {
-                let end_vector = |i: usize| &piece.ends[i / 2][i % 2];
-                let turn = |i: usize| if i % 2 == 1 { length_m } else { 1.0 };
                 self.add_product(
-                    end_vector(row),
-                    end_vector(column),
-                    unit * force * turn(row) * turn(column),
+                    end_vector(row, &piece.ends),
+                    end_vector(column, &piece.ends),
+                    unit * force * rotation_scale(row, length_m) * rotation_scale(column, length_m),
                 );
             }
         }
@@ -378,15 +375,46 @@ impl Ritz {
     /// last one, in the body, as a polynomial instead.
     pub fn pieces(&self, shape: &Shape) -> impl Iterator<Item = (f64, f64, Equation, [f64; 4])> {
         self.pieces.iter().map(|piece| {
-            let value = |section: &[(usize, f64)]| section.iter().map(|(i, f)| f * shape.0[*i]).sum::<f64>();
             let [[u0, v0], [u1, v1]] = [0, 1].map(|end| {
                 let [deflection, slope] = &piece.ends[end];
-                [value(deflection), value(slope) * piece.length_m]
+                [section_value(deflection, &shape.0), section_value(slope, &shape.0) * piece.length_m]
             });
             let [second, third] = piece.start([u0, v0, u1, v1]).unwrap_or([f64::NAN; 2]);
             (piece.start_m, piece.length_m, piece.equation, [u0, v0, second, third])
         })
     }
+}
+
+/// Value that a section has in a shape.
+fn section_value(section: &[(usize, f64)], shape_0: &[f64; MAX_UNKNOWNS]) -> f64 {
+    section.iter().map(|(i, f)| f * shape_0[*i]).sum::<f64>()
+}
+
+/// Rotations of an element's ends are multiplied by its length.
+fn rotation_scale(i: usize, length_m: f64) -> f64 {
+    if i % 2 == 1 { length_m } else { 1.0 }
+}
+
+fn end_vector(i: usize, ends: &[[Vec<(usize, f64)>; 2]; 2]) -> &Vec<(usize, f64)> {
+    &ends[i / 2][i % 2]
+}
+
+/// Deflection and slope at a place, as sums over the unknowns.
+fn section_at(
+    z_m: f64,
+    count: usize,
+    at_body: &[Vec<(usize, f64)>; 2],
+    nodes_m: &[f64],
+) -> [Vec<(usize, f64)>; 2] {
+    match nodes_m.iter().position(|node_m| (node_m - z_m).abs() <= MIN_M) {
+        Some(node) => [vec![(count + 2 * node, 1.0)], vec![(count + 2 * node + 1, 1.0)]],
+        None => at_body.clone(),
+    }
+}
+
+/// Value of a polynomial at the surface.
+fn end_sign(i: usize) -> f64 {
+    if i.is_multiple_of(2) { 1.0 } else { -1.0 }
 }
 
 impl Piece {

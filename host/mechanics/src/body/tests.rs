@@ -69,8 +69,8 @@ fn gradients_agree_with_the_direct_solution() {
     for at_tip in [1.8, 0.4] {
         let slope = (at_tip - 1.0) / depth;
         let ends = 60.0 / 0.635;
-        let modulus = |z: f64| (1.0 + slope * z.min(ends)).max(0.1);
-        let expected = direct(depth, 0.5, modulus, &[ends], COARSE).expect("solves");
+        let expected =
+            direct(depth, 0.5, |z| (1.0 + slope * z.min(ends)).max(0.1), &[ends], COARSE).expect("solves");
         let foundation = Foundation::uniform(1.0).expect("a modulus").graded(slope / 0.635e-3);
         let tabulated_stiffness = tabulated(&foundation.expect("a gradient"), 0.5, depth * 0.635e-3);
         for i in 0..2 {
@@ -158,59 +158,63 @@ fn a_gap_lowers_the_surface() {
 #[test]
 fn the_smallest_gaps_change_the_force_in_proportion() {
     for depth_m in [0.02, 0.05] {
-        let stiffness = |gap_m: f64| {
-            let gap = Foundation::uniform(20e3).expect("a modulus").with_gap(gap_m).expect("a gap");
-            problem(gap, 0.495, depth_m).solve().expect("solves").lateral_stiffness_n_per_m()
-        };
-        let (without_gap, short_m) = (stiffness(0.0), 0.019 * depth_m);
-        let slope_per_m = (without_gap - stiffness(short_m)) / short_m;
+        let (without_gap, short_m) = (stiffness_with_gap(0.0, depth_m), 0.019 * depth_m);
+        let slope_per_m = (without_gap - stiffness_with_gap(short_m, depth_m)) / short_m;
         assert!(slope_per_m > 0.0);
         for gap_m in [1e-9, 1e-7, 3e-6, 1e-5, 1e-4] {
-            let fallen = without_gap - stiffness(gap_m);
+            let fallen = without_gap - stiffness_with_gap(gap_m, depth_m);
             assert!(
                 (fallen - slope_per_m * gap_m).abs() < 0.05 * slope_per_m * gap_m + 1e-9 * without_gap,
                 "{gap_m}: {fallen}"
             );
         }
         // A piece of its own instead of a part of the polynomial makes no difference.
-        let neighbouring = [0.0199, 0.0201].map(|share| stiffness(share * depth_m / (1.0 + share)));
+        let neighbouring =
+            [0.0199, 0.0201].map(|share| stiffness_with_gap(share * depth_m / (1.0 + share), depth_m));
         let fallen = neighbouring[0] - neighbouring[1];
         assert!((fallen / (slope_per_m * 0.0002 * depth_m) - 1.0).abs() < 0.3, "{neighbouring:?}");
     }
+}
+
+fn stiffness_with_gap(gap_m: f64, depth_m: f64) -> f64 {
+    let gap = Foundation::uniform(20e3).expect("a modulus").with_gap(gap_m).expect("a gap");
+    problem(gap, 0.495, depth_m).solve().expect("solves").lateral_stiffness_n_per_m()
 }
 
 /// The tip of a needle that lies on its own path has no reason to move, and halving the steps changes little.
 #[test]
 fn insertions_converge_with_the_step() {
     let problem = problem(Foundation::uniform(20e3).expect("a modulus"), 0.5, 0.08);
-    let tip = |steps: usize| {
-        let depths = (0..=steps).map(|i| 0.08 * i as f64 / steps as f64).collect();
-        let growth = GrowingBeam::new(&problem, depths, Guide2Grip::Holding).expect("grows");
-        let loaded = growth.under_load(|_| NodeLoads { load_n: [0.2; 2], guide2_m: [0.0; 2] });
-        let still = growth.under_load(|_| NodeLoads::default());
-        assert!(still.iter().all(|state| state.tip_m == [0.0; 2]));
-        loaded[steps].tip_m[0]
-    };
-    let [coarse, fine] = [tip(80), tip(160)];
+    let [coarse, fine] = [tip_with_steps(80, &problem), tip_with_steps(160, &problem)];
     assert!((coarse / fine - 1.0).abs() < 1e-3, "{coarse} {fine}");
+}
+
+fn tip_with_steps(steps: usize, problem: &BeamProblem) -> f64 {
+    let depths = (0..=steps).map(|i| 0.08 * i as f64 / steps as f64).collect();
+    let growth = GrowingBeam::new(problem, depths, Guide2Grip::Holding).expect("grows");
+    let loaded = growth.under_load(|_| NodeLoads { load_n: [0.2; 2], guide2_m: [0.0; 2] });
+    let still = growth.under_load(|_| NodeLoads::default());
+    assert!(still.iter().all(|state| state.tip_m == [0.0; 2]));
+    loaded[steps].tip_m[0]
 }
 
 /// Values beyond the tables are refused, with the reason.
 #[test]
 fn what_is_not_tabulated_is_refused() {
-    let two = |below_pa: f64| {
-        let layer = Layer { bottom_m: 0.01, modulus_pa: 1e3 };
-        Foundation::layered(vec![layer], below_pa).expect("layers")
-    };
-    let refused =
-        |foundation: Foundation, poisson: f64, depth_m: f64| match problem(foundation, poisson, depth_m)
-            .solve()
-        {
-            Err(ModelError::OutOfRange { name, .. }) => name,
-            other => panic!("{other:?}"),
-        };
-    assert_eq!(refused(two(20e3), 0.5, 0.03), "modulus below over modulus above");
-    assert_eq!(refused(two(2e3), 0.1, 0.03), "poisson");
-    assert_eq!(refused(two(2e3), 0.5, 0.45), "depth over needle radius");
-    assert_eq!(refused(Foundation::uniform(1e3).expect("a modulus"), 0.6, 0.03), "poisson");
+    assert_eq!(refused_quantity(two_layers(20e3), 0.5, 0.03), "modulus below over modulus above");
+    assert_eq!(refused_quantity(two_layers(2e3), 0.1, 0.03), "poisson");
+    assert_eq!(refused_quantity(two_layers(2e3), 0.5, 0.45), "depth over needle radius");
+    assert_eq!(refused_quantity(Foundation::uniform(1e3).expect("a modulus"), 0.6, 0.03), "poisson");
+}
+
+fn refused_quantity(foundation: Foundation, poisson: f64, depth_m: f64) -> &'static str {
+    match problem(foundation, poisson, depth_m).solve() {
+        Err(ModelError::OutOfRange { name, .. }) => name,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn two_layers(below_pa: f64) -> Foundation {
+    let layer = Layer { bottom_m: 0.01, modulus_pa: 1e3 };
+    Foundation::layered(vec![layer], below_pa).expect("layers")
 }

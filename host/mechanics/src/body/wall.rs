@@ -72,13 +72,11 @@ pub fn unknown_walls(needle: &Needle, depth_m: f64, poisson: f64) -> Result<[f64
 fn wall(radius_m: f64, depth_m: f64, poisson: f64) -> WallStiffness {
     let body = table::uniform(depth_m / radius_m, poisson);
     let body = DMatrix::from_fn(MODES, MODES, |i, j| body[i][j]);
-    // Clenshaw and Curtis: nodes at both ends, closer there, where the body's force changes most.
-    let angle = |node: usize| PI * (PIECES - node) as f64 / PIECES as f64;
-    let angle_cosines: Vec<f64> = (0..=PIECES).map(|node| angle(node).cos()).collect();
+    let angle_cosines: Vec<f64> = (0..=PIECES).map(|node| node_angle(node).cos()).collect();
     let weight = |node: usize| {
         let of_term = |k: usize| {
             let last = if 2 * k == PIECES { 1.0 } else { 2.0 };
-            last / (4.0 * (k * k) as f64 - 1.0) * (2.0 * k as f64 * angle(node)).cos()
+            last / (4.0 * (k * k) as f64 - 1.0) * (2.0 * k as f64 * node_angle(node)).cos()
         };
         let end = if node == 0 || node == PIECES { 1.0 } else { 2.0 };
         end / PIECES as f64 * (1.0 - (1..=PIECES / 2).map(of_term).sum::<f64>())
@@ -90,6 +88,11 @@ fn wall(radius_m: f64, depth_m: f64, poisson: f64) -> WallStiffness {
         depths_m: angle_cosines.iter().map(|x| 0.5 * depth_m * (1.0 + x)).collect(),
         matrix_m: coefficients.tr_mul(&(body * &coefficients)) * depth_m,
     }
+}
+
+/// Clenshaw and Curtis: nodes at both ends, closer there, where the body's force changes most.
+fn node_angle(node: usize) -> f64 {
+    PI * (PIECES - node) as f64 / PIECES as f64
 }
 
 #[cfg(test)]
@@ -128,9 +131,11 @@ mod tests {
 
     #[test]
     fn what_no_table_has_is_refused() {
-        let refused =
-            |depth_m: f64, poisson: f64| tabulated(&Needle::gauge_18(), depth_m, poisson, Contact::Bonded);
-        assert!(matches!(refused(1e-3, 0.5), Err(ModelError::OutOfRange { .. })));
-        assert!(matches!(refused(0.03, 0.6), Err(ModelError::OutOfRange { .. })));
+        assert!(matches!(tabulated_at(1e-3, 0.5), Err(ModelError::OutOfRange { .. })));
+        assert!(matches!(tabulated_at(0.03, 0.6), Err(ModelError::OutOfRange { .. })));
+    }
+
+    fn tabulated_at(depth_m: f64, poisson: f64) -> Result<Continuum, ModelError> {
+        tabulated(&Needle::gauge_18(), depth_m, poisson, Contact::Bonded)
     }
 }

@@ -75,8 +75,8 @@ fn wall_compliances(mesh: &Mesh, poisson: f64, harmonics: usize) -> Result<Vec<D
 fn one_sided_work(compliances: &[DMatrix<f64>], deflection: &DVector<f64>) -> Result<f64, ContactError> {
     let angles = compliances.len();
     let contact_count = deflection.len();
-    let angle = |k: usize| (k as f64 + 0.5) * PI / angles as f64;
-    let cosine = DMatrix::from_fn(angles, angles, |harmonic, k| (harmonic as f64 * angle(k)).cos());
+    let cosine =
+        DMatrix::from_fn(angles, angles, |harmonic, k| (harmonic as f64 * middle_angle(k, angles)).cos());
     // Node forces per angle make amplitudes of the harmonics; these make displacements, which add up again.
     let size = contact_count * angles;
     let mut compliance = DMatrix::zeros(size, size);
@@ -92,11 +92,16 @@ fn one_sided_work(compliances: &[DMatrix<f64>], deflection: &DVector<f64>) -> Re
         }
     }
     let imposed = DVector::from_fn(size, |place, _| {
-        deflection[place % contact_count] * angle(place / contact_count).cos()
+        deflection[place % contact_count] * middle_angle(place / contact_count, angles).cos()
     });
     let force = contact(&compliance, &imposed)?;
     // The first harmonic of the forces per angle is lateral.
     Ok(PI * 2.0 / angles as f64 * force.dot(&imposed))
+}
+
+/// Angle in the middle of a part of a half circle.
+fn middle_angle(k: usize, angles: usize) -> f64 {
+    (k as f64 + 0.5) * PI / angles as f64
 }
 
 /// Forces `p >= 0` with `G p - g >= 0`, of which one is zero at every place.
@@ -288,19 +293,26 @@ mod tests {
         let mesh = Mesh::new(1.0, 20.0, Resolution { first: 1.0, growth: 2.0, reach: 100.0 }, false);
         let bonded = wall_stiffness(&mesh, 0.5).expect("solves");
         let compliances = wall_compliances(&mesh, 0.5, 5).expect("solves");
-        let work_ratio = |shape: &dyn Fn(f64) -> f64| {
-            let tapered = bonded.depths_m.iter().map(|depth| shape(depth / 20.0));
-            let deflection = DVector::from_iterator(bonded.depths_m.len(), tapered);
-            let work = (deflection.transpose() * &bonded.matrix_m * &deflection)[0];
-            one_sided_work(&compliances, &deflection).expect("solves") / work
-        };
-        let rigid = work_ratio(&|_| 1.0);
+        let rigid = work_ratio(&|_| 1.0, &compliances, &bonded.depths_m, &bonded.matrix_m);
         for shape in [&(|x: f64| 1.0 - 0.7 * x) as &dyn Fn(f64) -> f64, &|x: f64| (-2.0 * x).exp()] {
-            let ratio = work_ratio(shape) / rigid;
+            let ratio = work_ratio(shape, &compliances, &bonded.depths_m, &bonded.matrix_m) / rigid;
             println!("{ratio:.4}");
             assert!((ratio - 1.0).abs() < RELATIVE_ERROR, "{ratio}");
         }
-        let rotating_share = work_ratio(&|x| 1.0 - 1.4 * x) / rigid;
+        let rotating_share =
+            work_ratio(&|x| 1.0 - 1.4 * x, &compliances, &bonded.depths_m, &bonded.matrix_m) / rigid;
         assert!((0.8..0.95).contains(&rotating_share), "{rotating_share}");
+    }
+
+    fn work_ratio(
+        shape: &dyn Fn(f64) -> f64,
+        compliances: &[DMatrix<f64>],
+        depths_m: &[f64],
+        matrix_m: &DMatrix<f64>,
+    ) -> f64 {
+        let tapered = depths_m.iter().map(|depth| shape(depth / 20.0));
+        let deflection = DVector::from_iterator(depths_m.len(), tapered);
+        let work = (deflection.transpose() * matrix_m * &deflection)[0];
+        one_sided_work(compliances, &deflection).expect("solves") / work
     }
 }

@@ -109,9 +109,13 @@ impl Mesh {
 
 /// From 0 to `end` in steps that grow geometrically from about `first`; both ends are in it.
 fn graded(first: f64, growth: f64, end: f64) -> Vec<f64> {
-    let sum = |count: i32| first * (growth.powi(count) - 1.0) / (growth - 1.0);
-    let count = (1..200).find(|count| sum(*count) >= end).unwrap_or(200);
-    (0..=count).map(|i| end * sum(i) / sum(count)).collect()
+    let count = (1..200).find(|count| geometric_sum(*count, first, growth) >= end).unwrap_or(200);
+    (0..=count).map(|i| end * geometric_sum(i, first, growth) / geometric_sum(count, first, growth)).collect()
+}
+
+/// Length of a number of steps, each of which is longer than the preceding one by a factor.
+fn geometric_sum(count: i32, first: f64, growth: f64) -> f64 {
+    first * (growth.powi(count) - 1.0) / (growth - 1.0)
 }
 
 /// From 0 to `end` in steps that grow geometrically from `first` until they are `longest`.

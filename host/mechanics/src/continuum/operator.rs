@@ -193,8 +193,8 @@ fn reduced(depth: f64, poisson: f64) -> Result<Vec<DMatrix<f64>>, ModelError> {
     let case = Case::new(depth, poisson, &faces, 1.0);
     let mut fields = case.fields(MODES, |_| 1.0)?;
     for [boundary, below] in LAYERED {
-        let modulus = |z: f64| if z < boundary * depth { 1.0 } else { below };
-        fields = fields.and_changes(&case.fields(CHANGED, modulus)?, CHANGED);
+        fields = fields
+            .and_changes(&case.fields(CHANGED, |z| if z < boundary * depth { 1.0 } else { below })?, CHANGED);
     }
     let mut slices = vec![DMatrix::zeros(FIELDS, FIELDS); SLICES.len() + 1];
     for (row, z) in fields.energies(&case.mesh).into_iter().zip(case.rows(|z| z)) {

@@ -188,7 +188,6 @@ pub(super) fn cell_matrix(
                 divergence[3 * node..3 * node + 3].copy_from_slice(&[by_r + n_r, order * n_r, by_z]);
             }
             let pressure: [f64; 4] = std::array::from_fn(|corner| {
-                let linear_weight = |at: f64, high: bool| 0.5 * if high { 1.0 + at } else { 1.0 - at };
                 linear_weight(x, corner % 2 == 1) * linear_weight(y, corner / 2 == 1)
             });
             let moduli = [2.0, 2.0, 2.0, 1.0, 1.0, 1.0].map(|factor| factor * shear * weight);
@@ -210,4 +209,9 @@ pub(super) fn cell_matrix(
         }
     }
     matrix
+}
+
+/// Linear shape function of one end, from -1 to 1.
+fn linear_weight(at: f64, high: bool) -> f64 {
+    0.5 * if high { 1.0 + at } else { 1.0 - at }
 }

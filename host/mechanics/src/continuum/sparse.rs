@@ -38,19 +38,16 @@ impl Sparse {
         let mut order = rsparse::sqr(&matrix, SYMMETRIC_ORDER, false);
         let Nmrc { l, u, pinv, .. } =
             rsparse::lu(&matrix, &mut order, PIVOT_SHARE).map_err(|_| ModelError::Singular)?;
-        let place = |permutation: &Option<Vec<isize>>, k: usize| {
-            permutation.as_ref().and_then(|to| usize::try_from(to[k]).ok()).unwrap_or(k)
-        };
         let mut solved = DMatrix::zeros(size, right.ncols());
         let mut permuted = vec![0.0; size];
         for (from, mut to) in right.column_iter().zip(solved.column_iter_mut()) {
             for k in 0..size {
-                permuted[place(&pinv, k)] = from[k];
+                permuted[permuted_row(&pinv, k)] = from[k];
             }
             rsparse::lsolve(&l, &mut permuted);
             rsparse::usolve(&u, &mut permuted);
             for k in 0..size {
-                to[place(&order.q, k)] = permuted[k];
+                to[permuted_row(&order.q, k)] = permuted[k];
             }
         }
         Ok(solved)
@@ -77,6 +74,11 @@ impl Sparse {
         }
         matrix
     }
+}
+
+/// Row to which a permutation moves a row; the same row without a permutation.
+fn permuted_row(permutation: &Option<Vec<isize>>, k: usize) -> usize {
+    permutation.as_ref().and_then(|to| usize::try_from(to[k]).ok()).unwrap_or(k)
 }
 
 #[cfg(test)]

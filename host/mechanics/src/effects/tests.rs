@@ -128,7 +128,6 @@ fn the_catalogue_is_consistent() {
         assert!(EFFECTS.iter().skip(index + 1).all(|b| a.id() != b.id()));
         assert!(!a.info().physics.is_empty() && !a.info().signature.is_empty());
         for parameter in a.parameters() {
-            let is_inside = |[least, most]: [f64; 2], value: f64| (least..=most).contains(&value);
             assert!(is_inside(parameter.range, parameter.neutral) && parameter.prior_sd > 0.0);
             assert!(parameter.likely.into_iter().all(|end| is_inside(parameter.range, end)), "{}", a.id());
             assert!(is_inside(parameter.likely, parameter.neutral), "{}", a.id());
@@ -138,32 +137,40 @@ fn the_catalogue_is_consistent() {
     assert!(effect("nothing").is_none());
 }
 
+fn is_inside([least, most]: [f64; 2], value: f64) -> bool {
+    (least..=most).contains(&value)
+}
+
 /// Central differences with two steps agree: what is predicted is smooth in every parameter.
 #[test]
 fn sensitivities_do_not_depend_on_the_step() {
     for effect in EFFECTS {
         let typical_values = typical(effect);
         for (index, parameter) in effect.parameters().iter().enumerate() {
-            let slope = |step: f64| -> Vec<f64> {
-                let [increased, decreased] = [step, -step].map(|step| {
-                    let mut values = typical_values.clone();
-                    values[index] += step;
-                    numbers(&with(effect.id(), &values))
-                });
-                increased.iter().zip(&decreased).map(|(a, b)| (a - b) / (2.0 * step)).collect()
-            };
             // A delay and a clearance pass over samples of the ramps: their answer has kinks there, none at these values.
             // A place moves the nodes of the grid, which is worth a few per cent of its effect.
             let (step_fraction, tolerance) =
                 if parameter.nodes.is_empty() { (1e-3, 2e-3) } else { (5e-2, 5e-2) };
             let step = step_fraction * parameter.prior_sd;
-            let (coarse, fine) = (slope(2.0 * step), slope(step));
+            let (coarse, fine) = (
+                slope(2.0 * step, &typical_values, index, effect),
+                slope(step, &typical_values, index, effect),
+            );
             let size = fine.iter().map(|v| v.abs()).fold(0.0, f64::max);
             for (a, b) in coarse.iter().zip(&fine) {
                 assert!((a - b).abs() < tolerance * size, "{} {}: {a} {b}", effect.id(), parameter.name);
             }
         }
     }
+}
+
+fn slope(step: f64, typical_values: &[f64], index: usize, effect: &dyn Effect) -> Vec<f64> {
+    let [increased, decreased] = [step, -step].map(|step| {
+        let mut values = typical_values.to_vec();
+        values[index] += step;
+        numbers(&with(effect.id(), &values))
+    });
+    increased.iter().zip(&decreased).map(|(a, b)| (a - b) / (2.0 * step)).collect()
 }
 
 #[track_caller]
@@ -175,29 +182,63 @@ fn assert_close(value: f64, expected: f64, relative: f64) {
 fn sensors_map_what_they_measure() {
     let experiment = lateral(0.03);
     let plain = channels(&plain(), &experiment);
-    let x = |channels: &Channels| channels.force_n.x.clone().expect("two planes");
-    let run = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
     let n = 45;
-    assert_close(run("sensor.force_gain", &[0.1]).force_n.y[n], 1.1 * plain.force_n.y[n], 1e-14);
-    assert_close(run("sensor.force_bias", &[0.1, -0.2]).force_n.y[n], plain.force_n.y[n] + 0.1, 1e-14);
-    assert_close(x(&run("sensor.force_bias", &[0.1, -0.2]))[n], x(&plain)[n] - 0.2, 1e-14);
-    // Sample 45 is 4.5 s after the first.
-    assert_close(run("sensor.force_drift", &[0.01, 0.0]).force_n.y[n], plain.force_n.y[n] + 0.045, 1e-12);
     assert_close(
-        run("sensor.crosstalk", &[0.1]).force_n.y[n],
-        plain.force_n.y[n] + 0.1 * x(&plain)[n],
+        channels_with("sensor.force_gain", &[0.1], &experiment).force_n.y[n],
+        1.1 * plain.force_n.y[n],
         1e-14,
     );
     assert_close(
-        run("sensor.delay", &[0.25]).force_n.y[n],
+        channels_with("sensor.force_bias", &[0.1, -0.2], &experiment).force_n.y[n],
+        plain.force_n.y[n] + 0.1,
+        1e-14,
+    );
+    assert_close(
+        forces_x(&channels_with("sensor.force_bias", &[0.1, -0.2], &experiment))[n],
+        forces_x(&plain)[n] - 0.2,
+        1e-14,
+    );
+    // Sample 45 is 4.5 s after the first.
+    assert_close(
+        channels_with("sensor.force_drift", &[0.01, 0.0], &experiment).force_n.y[n],
+        plain.force_n.y[n] + 0.045,
+        1e-12,
+    );
+    assert_close(
+        channels_with("sensor.crosstalk", &[0.1], &experiment).force_n.y[n],
+        plain.force_n.y[n] + 0.1 * forces_x(&plain)[n],
+        1e-14,
+    );
+    assert_close(
+        channels_with("sensor.delay", &[0.25], &experiment).force_n.y[n],
         0.5 * (plain.force_n.y[42] + plain.force_n.y[43]),
         1e-12,
     );
-    assert_close(run("sensor.shape_scale", &[0.1]).shape_m.y[1], 1.1 * plain.shape_m.y[1], 1e-14);
-    assert_close(run("sensor.shape_offset", &[0.1, -0.2]).shape_m.y[1], plain.shape_m.y[1] + 1e-4, 1e-14);
+    assert_close(
+        channels_with("sensor.shape_scale", &[0.1], &experiment).shape_m.y[1],
+        1.1 * plain.shape_m.y[1],
+        1e-14,
+    );
+    assert_close(
+        channels_with("sensor.shape_offset", &[0.1, -0.2], &experiment).shape_m.y[1],
+        plain.shape_m.y[1] + 1e-4,
+        1e-14,
+    );
     // The second point is at 80 mm, the third at 85: shifted by 5 mm the one shows the other.
-    assert_close(run("sensor.depth_shift", &[5.0]).shape_m.y[1], plain.shape_m.y[2], 1e-12);
-    assert_eq!(run("sensor.shape_scale", &[0.1]).force_n, plain.force_n);
+    assert_close(
+        channels_with("sensor.depth_shift", &[5.0], &experiment).shape_m.y[1],
+        plain.shape_m.y[2],
+        1e-12,
+    );
+    assert_eq!(channels_with("sensor.shape_scale", &[0.1], &experiment).force_n, plain.force_n);
+}
+
+fn channels_with(id: &str, values: &[f64], experiment: &Experiment) -> Channels {
+    channels(&with(id, values), experiment)
+}
+
+fn forces_x(channels: &Channels) -> Vec<f64> {
+    channels.force_n.x.clone().expect("two planes")
 }
 
 /// Along the beam, and nothing across it; not at all where nothing is known of the image.
@@ -205,7 +246,6 @@ fn sensors_map_what_they_measure() {
 fn images_are_wrong_along_the_beam() {
     let experiment = lateral(0.03);
     let plain_shape = channels(&plain(), &experiment).shape_m;
-    let plane_values = |shape: &Series, i: usize| [shape.y[i], shape.x.as_ref().expect("two planes")[i]];
     let [along_y, along_x] = IMAGE.along();
     assert!(along_y < -0.9 && along_x > 0.3);
     for (id, value) in [("imaging.sound_speed", 0.05), ("imaging.echo_offset", 0.3)] {
@@ -231,31 +271,38 @@ fn images_are_wrong_along_the_beam() {
     }
 }
 
+fn plane_values(shape: &Series, i: usize) -> [f64; 2] {
+    [shape.y[i], shape.x.as_ref().expect("two planes")[i]]
+}
+
 #[test]
 fn the_rig_comes_between_actuator_and_needle() {
     let experiment = lateral(0.03);
     let plain = channels(&plain(), &experiment);
-    let run = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
     let stiffness = plain.force_n.y[59] / 1.2e-3;
     // A clamp of 0.35 rad/(N m): 1 mm takes 1.0152508e-3 m/N against 0.916319e-3.
-    assert_close(run("rig.clamp_compliance", &[0.35]).force_n.y[59], 1.2e-3 / 0.0010152508803166775, 1e-10);
+    assert_close(
+        channels_with("rig.clamp_compliance", &[0.35], &experiment).force_n.y[59],
+        1.2e-3 / 0.0010152508803166775,
+        1e-10,
+    );
     // Two springs in series.
-    let frame = run("rig.frame_compliance", &[0.1]);
+    let frame = channels_with("rig.frame_compliance", &[0.1], &experiment);
     assert_close(frame.force_n.y[59], 1.2e-3 / (1.0 / stiffness + 1e-4), 1e-12);
     assert_close(frame.shape_m.y[1] / plain.shape_m.y[1], frame.force_n.y[59] / plain.force_n.y[59], 1e-12);
     // The displacement read is the commanded one.
     assert_eq!(frame.displacement_m, plain.displacement_m);
-    let loose = run("rig.backlash", &[0.1]);
+    let loose = channels_with("rig.backlash", &[0.1], &experiment);
     assert_close(loose.force_n.y[59], 1.1e-3 * stiffness, 1e-12);
     assert_close(loose.force_n.y[99], -0.9e-3 * stiffness, 1e-12);
     assert_eq!(loose.force_n.y[62..79].iter().filter(|n| **n == 0.0).count(), 9);
     // Guide 2 stays where it was left until the play is taken up: behind on the way out, ahead on the way back.
-    let late = run("rig.play", &[0.1]);
+    let late = channels_with("rig.play", &[0.1], &experiment);
     assert_close(late.force_n.y[59], 1.1e-3 * stiffness, 1e-12);
     assert_close(late.force_n.y[60], 1.1e-3 * stiffness, 1e-12);
     assert_close(late.force_n.y[79] - plain.force_n.y[79], 0.1e-3 * stiffness, 1e-9);
     assert_close(late.force_n.y[99], -0.9e-3 * stiffness, 1e-12);
-    let dry = run("rig.friction", &[0.05]);
+    let dry = channels_with("rig.friction", &[0.05], &experiment);
     let added = |i: usize| dry.force_n.y[i] - plain.force_n.y[i];
     for (i, expected) in [(10, 0.0), (25, 0.05), (39, 0.05), (59, 0.05), (79, -0.05), (99, -0.05)] {
         assert!((added(i) - expected).abs() < 1e-12, "{i}: {}", added(i));
@@ -325,30 +372,32 @@ fn friction_turns_where_the_way_back_begins() {
 fn tissue_effects_act_as_described() {
     let experiment = lateral(0.03);
     let plain = channels(&plain(), &experiment);
-    let run = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
     // A boundary below the tip is none, a gap as deep as the needle leaves a cantilever: 3 EI / c2^3.
-    assert_eq!(run("tissue.layers", &[3.0, 40.0]).force_n, plain.force_n);
-    assert!(run("tissue.layers", &[3.0, 10.0]).force_n.y[59] > 1.02 * plain.force_n.y[59]);
+    assert_eq!(channels_with("tissue.layers", &[3.0, 40.0], &experiment).force_n, plain.force_n);
+    assert!(
+        channels_with("tissue.layers", &[3.0, 10.0], &experiment).force_n.y[59] > 1.02 * plain.force_n.y[59]
+    );
     let cantilever = 3.0 * Needle::gauge_18().bending_stiffness_n_m2() / GUIDE2_M.powi(3) * 1.2e-3;
-    assert_close(run("tissue.entry_gap", &[30.0]).force_n.y[59], cantilever, 1e-9);
+    assert_close(channels_with("tissue.entry_gap", &[30.0], &experiment).force_n.y[59], cantilever, 1e-9);
     // Layers with nothing above are a gap.
     let mut layered = with("tissue.layers", &[1e9, 5.0]);
     layered.foundation = layered.foundation.scaled(1e-9).expect("a foundation");
-    let gap = run("tissue.entry_gap", &[5.0]);
+    let gap = channels_with("tissue.entry_gap", &[5.0], &experiment);
     assert_close(channels(&layered, &experiment).force_n.y[59], gap.force_n.y[59], 1e-6);
     // A hard skin holds the needle where it enters.
-    let skin = run("tissue.skin", &[1e6]);
+    let skin = channels_with("tissue.skin", &[1e6], &experiment);
     let held_beam =
         BeamProblem { guide2_m: GUIDE2_M, ..with("tissue.skin", &[1e6]).problem(0.03).expect("a problem") };
     assert!(held_beam.solve().expect("solves").deflection_m(1e-3, ENTRY_M).abs() < 1e-7);
     assert!(skin.force_n.y[59] > plain.force_n.y[59]);
     // Anisotropy by two is twice the modulus, horizontally.
     let twice = channels(&Model { foundation: plain_foundation(32e3), ..self::plain() }, &experiment);
-    let split = run("tissue.anisotropy", &[2.0]);
+    let split = channels_with("tissue.anisotropy", &[2.0], &experiment);
     assert_eq!((&split.force_n.y, &split.force_n.x), (&plain.force_n.y, &twice.force_n.x));
     // A block that gives is softer in its plane, a box that holds it stiffer; springs have no walls.
     let body = channels(&plain_for("tissue.finite_body"), &experiment);
-    let in_block = |give_ln_y: f64| run("tissue.finite_body", &[give_ln_y, 0.0, 100.0]);
+    let in_block =
+        |give_ln_y: f64| channels_with("tissue.finite_body", &[give_ln_y, 0.0, 100.0], &experiment);
     assert!(in_block(0.85).force_n.y[59] < 0.9 * body.force_n.y[59]);
     assert!(in_block(-0.4).force_n.y[59] > 1.05 * body.force_n.y[59]);
     assert_eq!(in_block(0.85).force_n.x, body.force_n.x);
@@ -356,7 +405,7 @@ fn tissue_effects_act_as_described() {
     springs.support = Support::Springs;
     assert_eq!(channels(&springs, &experiment).force_n, plain.force_n);
     // A stiff shear layer keeps the needle straight in the tissue.
-    let straight = run("tissue.shear", &[1e5]);
+    let straight = channels_with("tissue.shear", &[1e5], &experiment);
     let [a, b, c] = [0, 1, 2].map(|i| straight.shape_m.y[i]);
     assert!(((c - b) / 5.0 - (b - a) / 8.0).abs() < 1e-5 * a.abs(), "{a} {b} {c}");
 }
@@ -371,13 +420,6 @@ fn tissue_that_yields_gives_way() {
     let model = with("tissue.yield", &[20.0, 8.0]);
     let problem = model.problem(0.03).expect("a problem");
     let elements = crate::elements::Elements::new(&problem, 0.5e-3).expect("cut");
-    let springs = |depth_m: f64, stretch_m: f64| {
-        // 50 N/m at the surface, e times as much every 8 mm.
-        let linear_n_per_m = 16e3 * stretch_m;
-        let yielding_share = linear_n_per_m / (50.0 * (depth_m / 8e-3).exp());
-        let root = (1.0 + yielding_share * yielding_share).sqrt();
-        crate::elements::Reaction { force_n_per_m: linear_n_per_m / root, tangent_pa: 16e3 / root.powi(3) }
-    };
     let shape = vec![ShapePoint::new(0.0, 0.09)];
     for (held_m, least) in [(0.1e-3, 0.999), (1.5e-3, 0.9), (4e-3, 0.6)] {
         let drive = vec![DriveSample { time_s: 0.0, y_m: held_m, x_m: 0.0 }];
@@ -390,7 +432,7 @@ fn tissue_that_yields_gives_way() {
         });
         let measured = channels(&model, &pushed);
         let held_guide = crate::elements::Guide2::Held(held_m);
-        let expected = elements.solve(&springs, |_| 0.0, held_guide, 0.0).expect("solves");
+        let expected = elements.solve(&yielding_springs, |_| 0.0, held_guide, 0.0).expect("solves");
         assert_close(measured.force_n.y[0], expected.guide2_force_n, 2e-3);
         assert_close(measured.shape_m.y[0], expected.deflection_m(0.09), 2e-3);
         let linear = channels(&plain(), &pushed).force_n.y[0];
@@ -400,4 +442,12 @@ fn tissue_that_yields_gives_way() {
     let mut angled = model;
     angled.tip.cutting = crate::Cutting::Angle([0.02, 0.0]);
     assert!(predict(&angled, &insertion()).is_err());
+}
+
+fn yielding_springs(depth_m: f64, stretch_m: f64) -> crate::elements::Reaction {
+    // 50 N/m at the surface, e times as much every 8 mm.
+    let linear_n_per_m = 16e3 * stretch_m;
+    let yielding_share = linear_n_per_m / (50.0 * (depth_m / 8e-3).exp());
+    let root = (1.0 + yielding_share * yielding_share).sqrt();
+    crate::elements::Reaction { force_n_per_m: linear_n_per_m / root, tangent_pa: 16e3 / root.powi(3) }
 }

@@ -295,6 +295,10 @@ fn norm(rest: &[f64], fixed: &[usize]) -> f64 {
 
 /// Whether a step is small enough to be the last.
 fn is_small(step: &[f64], unknowns: &[f64]) -> bool {
-    let largest = |values: &[f64]| values.iter().step_by(2).map(|v| v.abs()).fold(0.0, f64::max);
     largest(step) <= LAST_STEP * largest(unknowns)
+}
+
+/// Largest deflection, without the slopes.
+fn largest(values: &[f64]) -> f64 {
+    values.iter().step_by(2).map(|v| v.abs()).fold(0.0, f64::max)
 }

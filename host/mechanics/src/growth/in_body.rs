@@ -104,17 +104,20 @@ impl Moments {
     /// Contribution of every element to the memory of the path: its moments, and, of the first one, the place where the
     /// tip entered.
     fn steps(&self) -> Vec<Step> {
-        let step = |(element, moments): (usize, &[[f64; 2]; MODES])| {
-            let (mut start, mut end) = ([0.0; STATES], [0.0; STATES]);
-            for ((start, end), moment) in start.iter_mut().zip(&mut end).zip(moments) {
-                (*start, *end) = (moment[0], moment[1]);
-            }
-            if element == 0 {
-                start[MODES] = 1.0;
-            }
-            Step { nodes: [element, element + 1], per_next: [[0.0; 2]; 2], start, end }
-        };
-        self.of_elements.iter().enumerate().map(step).collect()
+        self.of_elements
+            .iter()
+            .enumerate()
+            .map(|(element, moments)| {
+                let (mut start, mut end) = ([0.0; STATES], [0.0; STATES]);
+                for ((start, end), moment) in start.iter_mut().zip(&mut end).zip(moments) {
+                    (*start, *end) = (moment[0], moment[1]);
+                }
+                if element == 0 {
+                    start[MODES] = 1.0;
+                }
+                Step { nodes: [element, element + 1], per_next: [[0.0; 2]; 2], start, end }
+            })
+            .collect()
     }
 }
 
@@ -167,11 +170,13 @@ impl Path<'_> {
         }
         if problem.shear_n > 0.0 {
             let ([body_m, _], in_body) = (ritz.body_m(), ritz.in_body(shape));
-            let deflection_m = |s_m: &f64| {
-                let z_m = problem.entry_m + s_m;
-                if z_m >= body_m { in_body.at(z_m)[0] } else { ritz.at(shape, z_m)[0] }
-            };
-            let deflections_m: Vec<f64> = nodes_m.iter().map(deflection_m).collect();
+            let deflections_m: Vec<f64> = nodes_m
+                .iter()
+                .map(|s_m| {
+                    let z_m = problem.entry_m + s_m;
+                    if z_m >= body_m { in_body.at(z_m)[0] } else { ritz.at(shape, z_m)[0] }
+                })
+                .collect();
             for ((weight, ends), deflection_m) in
                 node_weights.iter_mut().zip(nodes_m.windows(2)).zip(deflections_m.windows(2))
             {

@@ -118,8 +118,7 @@ impl Memory {
 pub(super) fn weights(steps: &[Step], path: &[f64; STATES]) -> Vec<[f64; 2]> {
     let mut position_state = [path[0], path[1]];
     let weight = |step: &Step| {
-        let weighted_sum = |acts: &[f64; STATES]| acts[0] * position_state[0] + acts[1] * position_state[1];
-        let weights = [weighted_sum(&step.start), weighted_sum(&step.end)];
+        let weights = [weighted_sum(&step.start, position_state), weighted_sum(&step.end, position_state)];
         position_state = step
             .per_next
             .map(|[deflection, slope]| deflection * position_state[0] + slope * position_state[1]);
@@ -128,6 +127,10 @@ pub(super) fn weights(steps: &[Step], path: &[f64; STATES]) -> Vec<[f64; 2]> {
     let mut state_weights: Vec<[f64; 2]> = steps.iter().rev().map(weight).collect();
     state_weights.reverse();
     state_weights
+}
+
+fn weighted_sum(acts: &[f64; STATES], position_state: [f64; 2]) -> f64 {
+    acts[0] * position_state[0] + acts[1] * position_state[1]
 }
 
 /// Sum of products of pairs, as many as both have.

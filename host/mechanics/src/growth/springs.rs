@@ -178,24 +178,18 @@ impl<'p> SpringBeam<'p> {
         self.factored_rows = self.rows - 2;
         for Added { coupling, path } in std::mem::take(&mut self.added) {
             let per_next = self.factor.per_next(2 * self.node).ok_or(ModelError::Singular)?;
-            let handed_on = |at: [f64; 2], [first, second, third, fourth]: [f64; 4]| {
-                let preceding = [at[0] + first, at[1] + second];
-                let combination =
-                    |column: usize| per_next[0][column] * preceding[0] + per_next[1][column] * preceding[1];
-                [combination(0) + third, combination(1) + fourth]
-            };
             // By reciprocity what guide 2 does to the tip is its reaction to the load there: of the frame's spring, or of what holds it.
-            self.guide2 = handed_on(self.guide2, coupling.map(|value| -value));
-            self.turned = handed_on(self.turned, [0.0; 4]);
+            self.guide2 = handed_on(self.guide2, coupling.map(|value| -value), per_next);
+            self.turned = handed_on(self.turned, [0.0; 4], per_next);
             self.node += 1;
             self.hold_by_frame();
             if let Some(path) = path {
-                let acts = |end: usize| {
-                    let mut states = [0.0; STATES];
-                    states[..2].copy_from_slice(&handed_on([0.0; 2], path.map(|row| row[end])));
-                    states
-                };
-                self.steps.push(Step { nodes: [0; 2], per_next, start: acts(0), end: acts(1) });
+                self.steps.push(Step {
+                    nodes: [0; 2],
+                    per_next,
+                    start: end_states(0, path, per_next),
+                    end: end_states(1, path, per_next),
+                });
             }
         }
         let deflection = self.response([1.0, 0.0]);
@@ -206,10 +200,31 @@ impl<'p> SpringBeam<'p> {
     /// The functional that a unit load (N or N m) at the tip measures.
     fn response(&self, loads: [f64; 2]) -> Response {
         let tip = self.factor.solve_end(loads);
-        let product = |functional: [f64; 2]| functional[0] * tip[0] + functional[1] * tip[1];
-        let curvature = self.problem.bending_stiffness_n_m2 * (tip[1] - product(self.turned));
+        let curvature = self.problem.bending_stiffness_n_m2 * (tip[1] - product(self.turned, tip));
         let mut path = [0.0; STATES];
         path[..2].copy_from_slice(&tip);
-        Response { load: tip[0], guide2: product(self.guide2), curvature, path, dense: Vec::new() }
+        Response { load: tip[0], guide2: product(self.guide2, tip), curvature, path, dense: Vec::new() }
     }
+}
+
+fn product(functional: [f64; 2], tip: [f64; 2]) -> f64 {
+    functional[0] * tip[0] + functional[1] * tip[1]
+}
+
+/// Functional of a path's end value on all states.
+fn end_states(end: usize, path: [[f64; 2]; 4], per_next: [[f64; 2]; 2]) -> [f64; STATES] {
+    let mut states = [0.0; STATES];
+    states[..2].copy_from_slice(&handed_on([0.0; 2], path.map(|row| row[end]), per_next));
+    states
+}
+
+/// State at the next node, from the state at this one and the path's end values.
+fn handed_on(at: [f64; 2], [first, second, third, fourth]: [f64; 4], per_next: [[f64; 2]; 2]) -> [f64; 2] {
+    let preceding = [at[0] + first, at[1] + second];
+    [combination(0, per_next, preceding) + third, combination(1, per_next, preceding) + fourth]
+}
+
+/// One component of the state at the next node.
+fn combination(column: usize, per_next: [[f64; 2]; 2], preceding: [f64; 2]) -> f64 {
+    per_next[0][column] * preceding[0] + per_next[1][column] * preceding[1]
 }

@@ -240,16 +240,22 @@ fn a_cut_angle_matches_the_reference() {
         let problem = model.problem(0.14).expect("a problem");
         let grip = if held { Guide2Grip::Holding } else { Guide2Grip::Free };
         let growth = GrowingBeam::new(&problem, grid_m(0.14, DEFAULT_STEP_M, &[0.07]), grip).expect("grows");
-        let sign = |node: usize, after: bool| match turn_m {
-            Some(m) if growth.depths_m()[node] > m || (after && growth.depths_m()[node] == m) => -0.02,
-            _ => 0.02,
-        };
-        let states = growth.at_cut_angle(|node| [sign(node, false), sign(node, true)], |_| 0.0);
+        let states = growth.at_cut_angle(
+            |node| [cut_angle(node, false, &growth, turn_m), cut_angle(node, true, &growth, turn_m)],
+            |_| 0.0,
+        );
         let path_value = |depth_m: f64| {
             let node = growth.depths_m().partition_point(|m| *m < depth_m - 1e-9);
             states[node].load_n[0]
         };
         assert_within_spread(&DEPTHS_M.map(path_value), &load_n);
+    }
+}
+
+fn cut_angle(node: usize, after: bool, growth: &GrowingBeam, turn_m: Option<f64>) -> f64 {
+    match turn_m {
+        Some(m) if growth.depths_m()[node] > m || (after && growth.depths_m()[node] == m) => -0.02,
+        _ => 0.02,
     }
 }
 

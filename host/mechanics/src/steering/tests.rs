@@ -19,13 +19,16 @@ fn clamped(fixture_mass_kg: f64) -> Clamped {
 fn modes_are(fixture_mass_kg: f64, reference: [[f64; 5]; 3]) {
     let modes = free_modes(&clamped(fixture_mass_kg), 3).expect("a needle");
     for (mode, [a, xi, base, tip, middle]) in modes.iter().zip(reference) {
-        let close = |found: f64, expected: f64| (found / expected - 1.0).abs() < 1e-9;
-        assert!(close(mode.wave_number_per_m * 0.13, a), "{mode:?}");
-        assert!(close(mode.frequency_rad_s, xi), "{mode:?}");
-        assert!(close(mode.value(0.0), base), "{} {base}", mode.value(0.0));
-        assert!(close(mode.value(0.13), tip), "{} {tip}", mode.value(0.13));
-        assert!(close(mode.value(0.065), middle), "{} {middle}", mode.value(0.065));
+        assert!(is_close(mode.wave_number_per_m * 0.13, a), "{mode:?}");
+        assert!(is_close(mode.frequency_rad_s, xi), "{mode:?}");
+        assert!(is_close(mode.value(0.0), base), "{} {base}", mode.value(0.0));
+        assert!(is_close(mode.value(0.13), tip), "{} {tip}", mode.value(0.13));
+        assert!(is_close(mode.value(0.065), middle), "{} {middle}", mode.value(0.065));
     }
+}
+
+fn is_close(found: f64, expected: f64) -> bool {
+    (found / expected - 1.0).abs() < 1e-9
 }
 
 #[test]
@@ -88,18 +91,15 @@ fn modes_are_orthogonal() {
     for fixture_kg in [0.0, 1e-4, 0.05, 20.0] {
         let needle = clamped(fixture_kg);
         let modes = free_modes(&needle, 8).expect("a needle");
-        let product = |a: &dyn Fn(f64) -> f64, b: &dyn Fn(f64) -> f64| {
-            needle.density_kg_per_m * crate::quadrature::integrate(0.0, 0.13, 0.01, |x| a(x) * b(x))
-                + fixture_kg * a(0.0) * b(0.0)
-        };
         for (i, mode) in modes.iter().enumerate() {
             let value = |x: f64| mode.value(x);
             // sqrt(mass) of the translation is the scale of this product.
-            let translation =
-                product(&value, &|_| 1.0) / (fixture_kg + needle.density_kg_per_m * 0.13).sqrt();
+            let translation = inertia_product(&value, &|_| 1.0, fixture_kg, needle.density_kg_per_m)
+                / (fixture_kg + needle.density_kg_per_m * 0.13).sqrt();
             assert!(translation.abs() < 1e-9, "{fixture_kg} kg, mode {i}: {translation}");
             for (j, other) in modes.iter().enumerate() {
-                let overlap = product(&value, &|x| other.value(x));
+                let overlap =
+                    inertia_product(&value, &|x| other.value(x), fixture_kg, needle.density_kg_per_m);
                 assert!(
                     (overlap - f64::from(u8::from(i == j))).abs() < 1e-9,
                     "{fixture_kg} kg, {i} {j}: {overlap}"
@@ -107,6 +107,16 @@ fn modes_are_orthogonal() {
             }
         }
     }
+}
+
+fn inertia_product(
+    a: &dyn Fn(f64) -> f64,
+    b: &dyn Fn(f64) -> f64,
+    fixture_kg: f64,
+    density_kg_per_m: f64,
+) -> f64 {
+    density_kg_per_m * crate::quadrature::integrate(0.0, 0.13, 0.01, |x| a(x) * b(x))
+        + fixture_kg * a(0.0) * b(0.0)
 }
 
 #[test]
@@ -151,8 +161,11 @@ fn overlap_of_the_inserted_part() {
         for steps in [1, 400] {
             let mut overlap = SupportMatrix::new(&functions);
             for i in 0..steps {
-                let grid_m = |i: i32| depth_m * f64::from(i) / f64::from(steps);
-                overlap.advance(grid_m(i), grid_m(i + 1), std::iter::once((grid_m(i + 1) - grid_m(i), 1.0)));
+                overlap.advance(
+                    grid_m(i, depth_m, steps),
+                    grid_m(i + 1, depth_m, steps),
+                    std::iter::once((grid_m(i + 1, depth_m, steps) - grid_m(i, depth_m, steps), 1.0)),
+                );
             }
             let transformed = &factors * overlap.matrix() * factors.transpose();
             let mut expected = upper.iter();
@@ -172,6 +185,10 @@ fn overlap_of_the_inserted_part() {
             }
         }
     }
+}
+
+fn grid_m(i: i32, depth_m: f64, steps: i32) -> f64 {
+    depth_m * f64::from(i) / f64::from(steps)
 }
 
 fn tissue(modes: usize) -> (Foundation, Dynamics) {
@@ -220,10 +237,11 @@ fn simulation_is(modes: usize, convective: bool, reference: [[f64; 2]; 5], withi
     let times_s = [0.5, 1.0, 2.0, 3.0, 4.0];
     let simulated_with = |step_s: f64| -> Vec<f64> {
         let channels = simulate(&needle(), &stiffness, &dynamics, &run(step_s, 4.0)).expect("simulates");
-        let index = |time_s: f64| (time_s / step_s).round() as usize;
         times_s
             .iter()
-            .flat_map(|&time_s| [channels.tip_m[index(time_s)], channels.base_m[index(time_s)]])
+            .flat_map(|&time_s| {
+                [channels.tip_m[index(time_s, step_s)], channels.base_m[index(time_s, step_s)]]
+            })
             .collect()
     };
     let mut table: Vec<Vec<f64>> = Vec::new();
@@ -245,6 +263,10 @@ fn simulation_is(modes: usize, convective: bool, reference: [[f64; 2]; 5], withi
     for (found, expected) in best.iter().zip(reference.as_flattened()) {
         assert!((found - expected).abs() < within_m, "{found} {expected}: off by {:e}", found - expected);
     }
+}
+
+fn index(time_s: f64, step_s: f64) -> usize {
+    (time_s / step_s).round() as usize
 }
 
 #[test]

@@ -45,20 +45,26 @@ impl ActingLaw {
 
     /// By how much several laws multiply the reaction of the tissue at a stretch, and the slope of that, 1/m.
     pub(crate) fn reaction(laws: &[Self], stretch_m: f64) -> [f64; 2] {
-        let share = |stretch_m: f64| 1.0 + laws.iter().map(|law| law.at(stretch_m)).sum::<f64>();
-        let here = share(stretch_m);
+        let here = factor(stretch_m, laws);
         if here <= MIN_SHARE {
             return [MIN_SHARE, 0.0];
         }
-        [here, (share(stretch_m + SLOPE_M) - share(stretch_m - SLOPE_M)) / (2.0 * SLOPE_M)]
+        [here, (factor(stretch_m + SLOPE_M, laws) - factor(stretch_m - SLOPE_M, laws)) / (2.0 * SLOPE_M)]
     }
 
     /// By how much several laws multiply the bending stiffness of a needle of this length, at a place along it.
     pub(crate) fn stiffness(laws: &[Self], z_m: f64, length_m: f64) -> f64 {
-        let more =
-            |law: &Self| law.at(if law.law.regressor == Regressor::ToTip { length_m - z_m } else { z_m });
-        (1.0 + laws.iter().map(more).sum::<f64>()).max(MIN_SHARE)
+        (1.0 + laws
+            .iter()
+            .map(|law| law.at(if law.law.regressor == Regressor::ToTip { length_m - z_m } else { z_m }))
+            .sum::<f64>())
+        .max(MIN_SHARE)
     }
+}
+
+/// Factor by which laws multiply a stiffness.
+fn factor(stretch_m: f64, laws: &[ActingLaw]) -> f64 {
+    1.0 + laws.iter().map(|law| law.at(stretch_m)).sum::<f64>()
 }
 
 /// Motions that laws add in a plane while guide 2 pushes: those of the tissue, and those of guide 2 under its own force.

@@ -35,12 +35,13 @@ impl Law {
     /// The function along a series of the regressor, one value after the other.
     fn along(&self, values: &[f64], series: impl Iterator<Item = f64>) -> Vec<f64> {
         let mut state = 0.0;
-        let next = |x| {
-            let (value, after) = self.at_after(values, x, state);
-            state = after;
-            value
-        };
-        series.map(next).collect()
+        series
+            .map(|x| {
+                let (value, after) = self.at_after(values, x, state);
+                state = after;
+                value
+            })
+            .collect()
     }
 
     /// The function where the regressor is the same for a whole run; nothing where it is not.
@@ -201,12 +202,12 @@ impl Effect for Law {
         if self.site != Site::Modulus {
             return Ok(());
         }
-        // No tissue pushes.
-        let share = |f: f64| (1.0 + f).max(MIN_SHARE);
         problem.foundation = match self.of_run(values, conditions) {
-            Some(f) => problem.foundation.scaled(share(f))?,
+            Some(f) => problem.foundation.scaled(positive_factor(f))?,
             None if self.varies_modulus() => return Ok(()),
-            None => problem.foundation.shaped(problem.depth_m, |depth_m| share(self.at(values, depth_m)))?,
+            None => problem
+                .foundation
+                .shaped(problem.depth_m, |depth_m| positive_factor(self.at(values, depth_m)))?,
         };
         Ok(())
     }
@@ -232,8 +233,9 @@ impl Effect for Law {
 
     fn map_position(&self, values: &[f64], entry_m: f64, conditions: &Conditions, point: &mut ShapePoint) {
         if self.site == Site::ShapePosition {
-            let place = || self.at(values, (point.z_m - entry_m).max(0.0));
-            point.z_m += self.of_run(values, conditions).unwrap_or_else(place);
+            point.z_m += self
+                .of_run(values, conditions)
+                .unwrap_or_else(|| self.at(values, (point.z_m - entry_m).max(0.0)));
         }
     }
 
@@ -242,17 +244,17 @@ impl Effect for Law {
             matches!(self.site, Site::ForceGain | Site::ShapeGain | Site::TipGain | Site::TipDirectionGain);
         match self.site {
             Site::Force | Site::ForceGain => {
-                let along = |plane: usize, force_n: &[f64]| self.along_force(values, context, plane, force_n);
-                self.apply(&mut channels.force_n, is_gain, along);
+                self.apply(&mut channels.force_n, is_gain, |plane, force_n| {
+                    self.along_force(values, context, plane, force_n)
+                });
             }
             Site::Shape | Site::ShapeGain => {
                 let Channels { force_n, shape_m, .. } = channels;
-                let along = |plane: usize, deflection_m: &[f64]| {
+                self.apply(shape_m, is_gain, |plane, deflection_m| {
                     let force_n = if plane == 0 { Some(&force_n.y) } else { force_n.x.as_ref() };
                     let force_n = force_n.map(Vec::as_slice).unwrap_or_default();
                     self.along_shape(values, context, plane, (deflection_m, force_n))
-                };
-                self.apply(shape_m, is_gain, along);
+                });
             }
             Site::Tip | Site::TipGain => {
                 self.apply(&mut channels.tip_m, is_gain, |_, _| self.along_path(values, context));
@@ -287,4 +289,9 @@ impl Effect for Law {
             law.along_bevel.laws.push(profile);
         }
     }
+}
+
+/// No tissue pushes.
+fn positive_factor(f: f64) -> f64 {
+    (1.0 + f).max(MIN_SHARE)
 }

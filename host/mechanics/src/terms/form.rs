@@ -243,9 +243,6 @@ impl Form {
         let (unit, of) = (site.unit(), regressor.unit());
         let typical = regressor.typical();
         let overlooked = site.overlooked();
-        let with_unit = |name: &str, unit: &str| {
-            if unit.is_empty() { name.to_owned() } else { format!("{name}_{unit}") }
-        };
         let amplitude = |name: &str, power: i32| {
             let per = match (power, of) {
                 (0, _) => String::new(),
@@ -256,7 +253,8 @@ impl Form {
             };
             // At the typical size of the regressor it does as much as is overlooked.
             let sd = overlooked / typical.powi(power) * self.spread(site, regressor);
-            let name: &'static str = Box::leak(format!("{}{per}", with_unit(name, unit)).into_boxed_str());
+            let name: &'static str =
+                Box::leak(format!("{}{per}", name_with_unit(name, unit)).into_boxed_str());
             let [mut range, mut likely] = [300.0, 20.0].map(|many| [-many * sd, many * sd]);
             // No needle has less than no stiffness, and no support pushes.
             match site {
@@ -269,7 +267,7 @@ impl Form {
             ParameterInfo::amplitude(name, 0.0, range, likely, sd)
         };
         let place = |name: &str, shares: &[f64]| {
-            let name: &'static str = Box::leak(with_unit(name, of).into_boxed_str());
+            let name: &'static str = Box::leak(name_with_unit(name, of).into_boxed_str());
             let nodes: Vec<f64> = shares.iter().map(|share| share * typical).collect();
             let (least, most) = (nodes[0], nodes[nodes.len() - 1]);
             let nodes: &'static [f64] = Box::leak(nodes.into_boxed_slice());
@@ -316,46 +314,59 @@ impl Form {
     /// The function as a formula with its values.
     pub fn formula(self, parameters: &[f64], site: Site, regressor: Regressor) -> String {
         let (unit, of, x) = (text(site.unit()), text(regressor.unit()), regressor.symbol());
-        let number = |at: usize| parameters.get(at).copied().unwrap_or(f64::NAN);
-        let value = |at: usize, power: usize| {
-            let per = match (power, of) {
-                (0, _) | (_, "") => String::new(),
-                (1, of) if of.contains('/') => format!("/({of})"),
-                (1, of) => format!("/{of}"),
-                (power, of) => format!("/{of}^{power}"),
-            };
-            let unit = if unit.is_empty() && !per.is_empty() { "1" } else { unit };
-            format!("{:.4} {unit}{per}", number(at)).trim_end().to_owned()
-        };
-        let place = |at: usize| format!("{:.4} {of}", number(at)).trim_end().to_owned();
+        let place = |at: usize| format!("{:.4} {of}", number(at, parameters)).trim_end().to_owned();
         match self {
-            Self::Constant => value(0, 0),
-            Self::Linear if regressor == Regressor::Direction => format!("{} {x}", value(0, 0)),
-            Self::Linear => format!("{} {x}", value(0, 1)),
-            Self::Absolute => format!("{} |{x}|", value(0, 1)),
-            Self::Quadratic => format!("{} {x}^2", value(0, 2)),
-            Self::Cubic => format!("{} {x}^3", value(0, 3)),
-            Self::Sign => format!("{} sign({x})", value(0, 0)),
-            Self::Saturation => format!("{} {x} / sqrt({x}^2 + ({})^2)", value(0, 0), place(1)),
-            Self::Exponential => format!("{} (1 - exp(-{x} / {}))", value(0, 0), place(1)),
-            Self::Step => format!("{} where {x} > {}", value(0, 0), place(1)),
-            Self::Within => format!("{} where {x} < {}", value(0, 0), place(1)),
-            Self::Knee => format!("{} (1 - {} / sqrt({x}^2 + ({})^2))", value(0, 0), place(1), place(1)),
-            Self::Toe => format!("{} {} / sqrt({x}^2 + ({})^2)", value(0, 0), place(1), place(1)),
+            Self::Constant => value(0, 0, of, unit, parameters),
+            Self::Linear if regressor == Regressor::Direction => {
+                format!("{} {x}", value(0, 0, of, unit, parameters))
+            }
+            Self::Linear => format!("{} {x}", value(0, 1, of, unit, parameters)),
+            Self::Absolute => format!("{} |{x}|", value(0, 1, of, unit, parameters)),
+            Self::Quadratic => format!("{} {x}^2", value(0, 2, of, unit, parameters)),
+            Self::Cubic => format!("{} {x}^3", value(0, 3, of, unit, parameters)),
+            Self::Sign => format!("{} sign({x})", value(0, 0, of, unit, parameters)),
+            Self::Saturation => {
+                format!("{} {x} / sqrt({x}^2 + ({})^2)", value(0, 0, of, unit, parameters), place(1))
+            }
+            Self::Exponential => {
+                format!("{} (1 - exp(-{x} / {}))", value(0, 0, of, unit, parameters), place(1))
+            }
+            Self::Step => format!("{} where {x} > {}", value(0, 0, of, unit, parameters), place(1)),
+            Self::Within => format!("{} where {x} < {}", value(0, 0, of, unit, parameters), place(1)),
+            Self::Knee => format!(
+                "{} (1 - {} / sqrt({x}^2 + ({})^2))",
+                value(0, 0, of, unit, parameters),
+                place(1),
+                place(1)
+            ),
+            Self::Toe => {
+                format!("{} {} / sqrt({x}^2 + ({})^2)", value(0, 0, of, unit, parameters), place(1), place(1))
+            }
             Self::Bump => {
                 let width = format!("{:.3} {of}", WIDTH * regressor.typical());
-                format!("{} exp(-({x} - {})^2 / (2 ({})^2))", value(0, 0), place(1), width.trim_end())
+                format!(
+                    "{} exp(-({x} - {})^2 / (2 ({})^2))",
+                    value(0, 0, of, unit, parameters),
+                    place(1),
+                    width.trim_end()
+                )
             }
             Self::Sine => {
                 let turn = format!("2 pi {x} / {}", place(2));
-                format!("{} sin({turn}) + {} (cos({turn}) - 1)", value(0, 0), value(1, 0))
+                format!(
+                    "{} sin({turn}) + {} (cos({turn}) - 1)",
+                    value(0, 0, of, unit, parameters),
+                    value(1, 0, of, unit, parameters)
+                )
             }
-            Self::Play => format!("{} play({x}, {})", value(0, 1), place(1)),
+            Self::Play => format!("{} play({x}, {})", value(0, 1, of, unit, parameters), place(1)),
             Self::Bristle => {
                 let width = place(1);
-                format!("{} ({x} - play({x}, {width})) / {width}", value(0, 0))
+                format!("{} ({x} - play({x}, {width})) / {width}", value(0, 0, of, unit, parameters))
             }
-            Self::Decay => format!("{} sign({x}) exp(-|{x}| / {})", value(0, 0), place(1)),
+            Self::Decay => {
+                format!("{} sign({x}) exp(-|{x}| / {})", value(0, 0, of, unit, parameters), place(1))
+            }
             Self::Own => String::new(),
             Self::Polynomial => {
                 let [a, b, c, d] = powers(parameters, regressor);
@@ -376,6 +387,28 @@ impl Form {
     }
 }
 
+/// Parameter as text, with the unit of its power of the regressor.
+fn value(at: usize, power: usize, of: &str, unit: &str, parameters: &[f64]) -> String {
+    let per = match (power, of) {
+        (0, _) | (_, "") => String::new(),
+        (1, of) if of.contains('/') => format!("/({of})"),
+        (1, of) => format!("/{of}"),
+        (power, of) => format!("/{of}^{power}"),
+    };
+    let unit = if unit.is_empty() && !per.is_empty() { "1" } else { unit };
+    format!("{:.4} {unit}{per}", number(at, parameters)).trim_end().to_owned()
+}
+
+/// Value of a parameter; not a number where it is missing.
+fn number(at: usize, parameters: &[f64]) -> f64 {
+    parameters.get(at).copied().unwrap_or(f64::NAN)
+}
+
+/// Name with its unit behind an underscore.
+fn name_with_unit(name: &str, unit: &str) -> String {
+    if unit.is_empty() { name.to_owned() } else { format!("{name}_{unit}") }
+}
+
 /// Length of the hypotenuse; of numbers of ordinary size, and so without the guards of `f64::hypot`, which cost a sixth of a diagnosis.
 fn distance(x: f64, y: f64) -> f64 {
     (x * x + y * y).sqrt()
@@ -388,8 +421,12 @@ fn followed(state: f64, x: f64, half_width: f64) -> f64 {
 
 /// Factors of the powers of `x` in a sum of Legendre's polynomials over the range of a regressor.
 fn powers(parameters: &[f64], regressor: Regressor) -> [f64; 4] {
-    let number = |at: usize| parameters.get(at).copied().unwrap_or_default();
-    let (a, b, c, d) = (number(0), number(1), number(2), number(3));
+    let (a, b, c, d) = (
+        number_or_zero(0, parameters),
+        number_or_zero(1, parameters),
+        number_or_zero(2, parameters),
+        number_or_zero(3, parameters),
+    );
     // The range ends at 1 for a share, and beyond the typical size elsewhere.
     let range = if regressor == Regressor::Share { 1.0 } else { 1.5 * regressor.typical() };
     // In y = x / range: P1 = 2 y - 1, P2 = 6 y^2 - 6 y + 1, P3 = 20 y^3 - 30 y^2 + 12 y - 1.
@@ -399,6 +436,11 @@ fn powers(parameters: &[f64], regressor: Regressor) -> [f64; 4] {
         (6.0 * c - 30.0 * d) / range.powi(2),
         20.0 * d / range.powi(3),
     ]
+}
+
+/// Value of a parameter, 0 where it is missing.
+fn number_or_zero(at: usize, parameters: &[f64]) -> f64 {
+    parameters.get(at).copied().unwrap_or_default()
 }
 
 /// A unit as it is written.

@@ -102,7 +102,6 @@ pub fn define(own: OwnLaw) -> Result<&'static Law, DefineError> {
         let expected = site.regressors().iter().map(|(of, _)| of.name()).collect();
         return Err(DefineError::Regressor { site: site.name(), regressor: regressor.name(), expected });
     }
-    let leaked = |text: String| -> &'static str { Box::leak(text.into_boxed_str()) };
     let info: &'static EffectInfo = Box::leak(Box::new(EffectInfo {
         id: leaked(id),
         physics: leaked(physics),
@@ -115,6 +114,11 @@ pub fn define(own: OwnLaw) -> Result<&'static Law, DefineError> {
     let law: &'static Law = Box::leak(Box::new(Law { site, scope, regressor, form: Form::Own, info, own }));
     known.push(law);
     Ok(law)
+}
+
+/// Text that lives as long as the program, as names of effects do.
+fn leaked(text: String) -> &'static str {
+    Box::leak(text.into_boxed_str())
 }
 
 /// The effects that persons have written.
@@ -188,7 +192,6 @@ impl Law {
         let triple = format!("{}{}.{}.{}", site.name(), scope.suffix(), regressor.name(), form.name());
         let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
         made.entry(triple.clone()).or_insert_with(|| {
-            let leaked = |text: String| -> &'static str { Box::leak(text.into_boxed_str()) };
             let depends = match regressor {
                 Regressor::Constant => "by a constant".to_owned(),
                 _ => format!("by a function of the {}: {}", regressor.name(), form.name()),
@@ -267,15 +270,18 @@ mod tests {
 
     #[test]
     fn formulas_have_values_and_units() {
-        let of = |id: &str, values: &[f64]| term(id).expect("a term").formula(values);
-        assert_eq!(of("law.force.displacement.cubic", &[0.05]), "F_read = F + 0.0500 N/mm^3 d^3");
+        assert_eq!(formula_of("law.force.displacement.cubic", &[0.05]), "F_read = F + 0.0500 N/mm^3 d^3");
         assert_eq!(
-            of("law.modulus.run.exponential", &[-0.2, 3.0]),
+            formula_of("law.modulus.run.exponential", &[-0.2, 3.0]),
             "K = K_0 (1 + -0.2000 (1 - exp(-n / 3.0000)))"
         );
         assert_eq!(
-            of("law.shape_y.place.linear", &[0.01]),
+            formula_of("law.shape_y.place.linear", &[0.01]),
             "u_read = u + 0.0100 mm/mm s in the vertical plane"
         );
+    }
+
+    fn formula_of(id: &str, values: &[f64]) -> String {
+        term(id).expect("a term").formula(values)
     }
 }

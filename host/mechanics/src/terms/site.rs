@@ -135,11 +135,10 @@ impl Site {
 
     /// The site and the planes of a name like `shape_y`.
     pub fn parse(name: &str) -> Option<(Self, Scope)> {
-        let of_site = |of: &Self| {
+        Self::ALL.iter().find_map(|of| {
             let scope = name.strip_prefix(of.name())?;
             Scope::ALL.into_iter().find(|one| one.suffix() == scope).map(|scope| (*of, scope))
-        };
-        Self::ALL.iter().find_map(of_site)
+        })
     }
 
     /// Its name in ids.

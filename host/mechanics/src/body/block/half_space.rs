@@ -137,12 +137,15 @@ pub(super) fn point_forces(place: [f64; 3], source: [f64; 3], poisson: f64) -> [
         + depth_difference * depth_difference * r1_3
         + (k * (depth_sum * depth_sum) - 2.0 * cz) * r2_3
         + cz_5 * (depth_sum * depth_sum);
-    let scaled = |field: [Jet; 3]| Field(field.map(|jet| unit * jet));
     [
-        scaled([along_force + x * x * product, x * y * product, x * axial_part]),
-        scaled([x * y * product, along_force + y * y * product, y * axial_part]),
-        scaled([x * radial_part, y * radial_part, vertical]),
+        scaled([along_force + x * x * product, x * y * product, x * axial_part], unit),
+        scaled([x * y * product, along_force + y * y * product, y * axial_part], unit),
+        scaled([x * radial_part, y * radial_part, vertical], unit),
     ]
+}
+
+fn scaled(field: [Jet; 3], unit: f64) -> Field {
+    Field(field.map(|jet| unit * jet))
 }
 
 #[cfg(test)]
@@ -161,11 +164,10 @@ mod tests {
             for axis in 0..3 {
                 for side in [-1.0, 1.0] {
                     for i in 0..count * count {
-                        let midpoint = |i: usize| half * (-1.0 + 2.0 * (i as f64 + 0.5) / count as f64);
                         let mut shifted = source;
                         shifted[axis] += side * half;
-                        shifted[(axis + 1) % 3] += midpoint(i / count);
-                        shifted[(axis + 2) % 3] += midpoint(i % count);
+                        shifted[(axis + 1) % 3] += midpoint(i / count, half, count);
+                        shifted[(axis + 2) % 3] += midpoint(i % count, half, count);
                         let stress = point_forces(shifted, source, POISSON)[force].traction(axis, POISSON);
                         let area = (2.0 * half / count as f64).powi(2);
                         sum.iter_mut().zip(stress).for_each(|(sum, t)| *sum += side * area * t);
@@ -179,6 +181,10 @@ mod tests {
             let on_surface = point_forces([0.6, 0.5, 0.0], source, POISSON)[force].traction(2, POISSON);
             assert!(on_surface.iter().all(|t| t.abs() < 1e-12), "{on_surface:?}");
         }
+    }
+
+    fn midpoint(i: usize, half: f64, count: usize) -> f64 {
+        half * (-1.0 + 2.0 * (i as f64 + 0.5) / count as f64)
     }
 
     #[test]
@@ -200,16 +206,27 @@ mod tests {
             for i in 0..3 {
                 let sum: f64 = (0..3)
                     .map(|axis| {
-                        let shifted_by = |side: f64| {
-                            let mut shifted = a;
-                            shifted[axis] += side * step;
-                            point_forces(shifted, b, POISSON)[force].traction(axis, POISSON)[i]
-                        };
-                        (shifted_by(1.0) - shifted_by(-1.0)) / (2.0 * step)
+                        (shifted_traction(1.0, a, axis, step, b, force, i)
+                            - shifted_traction(-1.0, a, axis, step, b, force, i))
+                            / (2.0 * step)
                     })
                     .sum();
                 assert!(sum.abs() < 1e-6, "{force} {i}: {sum}");
             }
         }
+    }
+
+    fn shifted_traction(
+        side: f64,
+        a: [f64; 3],
+        axis: usize,
+        step: f64,
+        b: [f64; 3],
+        force: usize,
+        i: usize,
+    ) -> f64 {
+        let mut shifted = a;
+        shifted[axis] += side * step;
+        point_forces(shifted, b, POISSON)[force].traction(axis, POISSON)[i]
     }
 }

@@ -10,8 +10,11 @@ const RADIUS_M: f64 = 0.635e-3;
 const ELEMENTS: &str = include_str!("elements.csv");
 
 fn block(size_mm: [f64; 3], at_mm: [f64; 2], sides: Mounting, far_side: Mounting) -> Block {
-    let m = |mm: f64| 1e-3 * mm;
-    Block { size_m: size_mm.map(m), needle_at_m: at_mm.map(m), sides, far_side }
+    Block { size_m: size_mm.map(metres), needle_at_m: at_mm.map(metres), sides, far_side }
+}
+
+fn metres(mm: f64) -> f64 {
+    1e-3 * mm
 }
 
 fn added(block: &Block, poisson: f64, depth_m: f64) -> Matrix {
@@ -23,22 +26,25 @@ fn compared_with_elements(every: usize) -> [f64; 2] {
     let mut worst = [0.0f64; 2];
     for line in ELEMENTS.lines().filter(|line| !line.starts_with('#')).step_by(every) {
         let cells: Vec<&str> = line.split(',').collect();
-        let number = |i: usize| -> f64 { cells[i].parse().expect("a number") };
         let mounting = |i: usize| if cells[i] == "held" { Mounting::Held } else { Mounting::Free };
         let block = block(
-            std::array::from_fn(number),
-            std::array::from_fn(|i| number(3 + i)),
+            std::array::from_fn(|i| number(i, &cells)),
+            std::array::from_fn(|i| number(3 + i, &cells)),
             mounting(7),
             mounting(8),
         );
-        let (depth_m, poisson) = (1e-3 * number(5), number(6));
+        let (depth_m, poisson) = (1e-3 * number(5, &cells), number(6, &cells));
         let added = added(&block, poisson, depth_m).map(|row| row.map(|value| value * depth_m));
         let with_block = with_walls(&uniform(depth_m / RADIUS_M, poisson), &added).expect("a body");
         for (i, worst) in worst.iter_mut().enumerate() {
-            *worst = worst.max((with_block[i][i] / number(9 + i * (i + 3) / 2) - 1.0).abs());
+            *worst = worst.max((with_block[i][i] / number(9 + i * (i + 3) / 2, &cells) - 1.0).abs());
         }
     }
     worst
+}
+
+fn number(i: usize, cells: &[&str]) -> f64 {
+    cells[i].parse().expect("a number")
 }
 
 #[test]
@@ -59,23 +65,24 @@ fn every_drawn_block_agrees_with_finite_elements() {
 #[test]
 fn a_box_of_twice_the_width_gives_as_a_coaxial_shell_does() {
     for poisson in [0.3, 0.5] {
-        let middle_per_load = |edge_mm: f64| {
-            let size_mm = [edge_mm, edge_mm, 300.0];
-            let shell = block(size_mm, [0.5 * edge_mm; 2], Mounting::Held, Mounting::Held);
-            let depth_m = 0.2;
-            let added = added(&shell, poisson, depth_m);
-            // A load of one per length is the depth times the first coefficient's.
-            (0..MODES).map(|i| added[i][0] * legendre(i, 0.0)[0] * depth_m).sum::<f64>()
-        };
         let shear = 0.5 / (1.0 + poisson);
         let expected =
             (3.0 - 4.0 * poisson) * 2f64.ln() / (8.0 * std::f64::consts::PI * shear * (1.0 - poisson));
-        let middle_difference = middle_per_load(60.0) - middle_per_load(30.0);
+        let middle_difference = middle_per_load(60.0, poisson) - middle_per_load(30.0, poisson);
         assert!(
             (middle_difference / expected - 1.0).abs() < 0.01,
             "{poisson}: {middle_difference} {expected}"
         );
     }
+}
+
+fn middle_per_load(edge_mm: f64, poisson: f64) -> f64 {
+    let size_mm = [edge_mm, edge_mm, 300.0];
+    let shell = block(size_mm, [0.5 * edge_mm; 2], Mounting::Held, Mounting::Held);
+    let depth_m = 0.2;
+    let added = added(&shell, poisson, depth_m);
+    // A load of one per length is the depth times the first coefficient's.
+    (0..MODES).map(|i| added[i][0] * legendre(i, 0.0)[0] * depth_m).sum::<f64>()
 }
 
 /// A free column on a plate is a cantilever: bending and shear below the needle.
@@ -109,13 +116,19 @@ fn far_walls_change_nothing_and_planes_are_alike() {
 
 #[test]
 fn what_is_no_block_or_no_needle_in_it_is_refused() {
-    let named = |block: &Block, depth_m: f64| match flexibility_per_m(block, 0.5, RADIUS_M, [0.0, depth_m]) {
+    let cube = Block::cube(0.05, Mounting::Held);
+    assert_eq!(refused_quantity(&cube, 0.046), "depth_mm");
+    assert_eq!(refused_quantity(&Block { needle_at_m: [0.001, 0.02], ..cube }, 0.03), "needle_at_mm");
+    assert_eq!(refused_quantity(&Block { size_m: [0.05, 0.05, 3.0], ..cube }, 0.03), "body_mm");
+    assert_eq!(
+        refused_quantity(&Block { sides: Mounting::Free, far_side: Mounting::Free, ..cube }, 0.03),
+        "far_side"
+    );
+}
+
+fn refused_quantity(block: &Block, depth_m: f64) -> &str {
+    match flexibility_per_m(block, 0.5, RADIUS_M, [0.0, depth_m]) {
         Err(ModelError::OutOfRange { name, .. }) => name,
         other => panic!("{other:?}"),
-    };
-    let cube = Block::cube(0.05, Mounting::Held);
-    assert_eq!(named(&cube, 0.046), "depth_mm");
-    assert_eq!(named(&Block { needle_at_m: [0.001, 0.02], ..cube }, 0.03), "needle_at_mm");
-    assert_eq!(named(&Block { size_m: [0.05, 0.05, 3.0], ..cube }, 0.03), "body_mm");
-    assert_eq!(named(&Block { sides: Mounting::Free, far_side: Mounting::Free, ..cube }, 0.03), "far_side");
+    }
 }

@@ -74,8 +74,8 @@ impl Kernel {
         let poisson = poisson.min(MOST_POISSON);
         let [width, height, length] = block.size_m;
         let half = [0.5 * width / length, 0.5 * height / length];
-        let folded = |at_m: f64, edge_m: f64| at_m.min(edge_m - at_m) / length;
-        let needle = [folded(block.needle_at_m[0], width), folded(block.needle_at_m[1], height)];
+        let needle =
+            [folded(block.needle_at_m[0], width, length), folded(block.needle_at_m[1], height, length)];
         let quarter = Quarter { half, needle, sides: block.sides, far_side: block.far_side };
         let nearest_side = needle[0].min(needle[1]);
         // Forces next to each other move the needle alike as far as the walls are away.
@@ -87,23 +87,30 @@ impl Kernel {
         }
         let (sources, walls) = (quarter.sources(spacing), quarter.points(spacing / DENSER));
         let sums = quarter.sums(poisson, &sources, &walls, &depth_nodes);
-        let of_class = |class: usize| sums.of_class(class, &walls);
         let class_systems: Result<Vec<DMatrix<f64>>, ModelError> =
-            (0..CLASSES.len()).into_par_iter().map(of_class).collect();
+            (0..CLASSES.len()).into_par_iter().map(|class| sums.of_class(class, &walls)).collect();
         let sum = class_systems?.into_iter().fold(DMatrix::zeros(2 * count, 2 * count), |sum, one| sum + one);
         let response = 0.5 * (&sum + sum.transpose());
         Ok(Self { count, response })
     }
 }
 
+/// Distance to the nearer of two opposite faces, over a length.
+fn folded(at_m: f64, edge_m: f64, length: f64) -> f64 {
+    at_m.min(edge_m - at_m) / length
+}
+
 /// Places between two ends and the spacing at each, which is `apart` there.
 fn graded([from, to]: [f64; 2], apart: impl Fn(f64) -> f64) -> Vec<[f64; 2]> {
-    // Number of positions up to each of many: the trapezoidal rule over the density.
-    let fine = |i: usize| from + (to - from) * i as f64 / FINE as f64;
     let step = (to - from) / FINE as f64;
     let mut up_to = vec![0.0];
     for i in 0..FINE {
-        up_to.push(up_to[i] + 0.5 * step * (apart(fine(i)).recip() + apart(fine(i + 1)).recip()));
+        up_to.push(
+            up_to[i]
+                + 0.5
+                    * step
+                    * (apart(fine_node(i, from, to)).recip() + apart(fine_node(i + 1, from, to)).recip()),
+        );
     }
     let count = up_to[FINE].ceil().max(2.0);
     let cell_length = up_to[FINE] / count;
@@ -111,10 +118,16 @@ fn graded([from, to]: [f64; 2], apart: impl Fn(f64) -> f64) -> Vec<[f64; 2]> {
         .map(|place| {
             let target_length = (place as f64 + 0.5) * cell_length;
             let i = up_to.partition_point(|n| *n < target_length).clamp(1, FINE);
-            let x = fine(i - 1) + step * (target_length - up_to[i - 1]) / (up_to[i] - up_to[i - 1]);
+            let x = fine_node(i - 1, from, to)
+                + step * (target_length - up_to[i - 1]) / (up_to[i] - up_to[i - 1]);
             [x, cell_length * apart(x)]
         })
         .collect()
+}
+
+/// Number of positions up to each of many: the trapezoidal rule over the density.
+fn fine_node(i: usize, from: f64, to: f64) -> f64 {
+    from + (to - from) * i as f64 / FINE as f64
 }
 
 impl Quarter {
@@ -146,18 +159,21 @@ impl Quarter {
             ),
             _ => (axis_nodes(0), axis_nodes(1)),
         };
-        let offset_along = |axis: usize, at: f64| at - self.needle[axis];
         first
             .iter()
             .flat_map(|a| second.iter().map(move |b| (*a, *b)))
             .map(|([a, apart_a], [b, apart_b]): ([f64; 2], [f64; 2])| {
                 let distance = match axis {
-                    0 | 1 => near.hypot(offset_along(1 - axis, a)),
-                    _ => near.hypot(offset_along(0, a)).hypot(offset_along(1, b)),
+                    0 | 1 => near.hypot(self.offset_along(1 - axis, a)),
+                    _ => near.hypot(self.offset_along(0, a)).hypot(self.offset_along(1, b)),
                 };
                 ([a, b], [apart_a, apart_b], distance)
             })
             .collect()
+    }
+
+    fn offset_along(&self, axis: usize, at: f64) -> f64 {
+        at - self.needle[axis]
     }
 
     fn place(axis: usize, across: f64, [a, b]: [f64; 2]) -> [f64; 3] {
@@ -169,26 +185,30 @@ impl Quarter {
     }
 
     fn sources(&self, spacing: f64) -> Vec<[f64; 3]> {
-        let of_wall = |(axis, near, _): (usize, f64, Mounting)| {
-            self.grid(axis, near, spacing, 0.5 * spacing).into_iter().map(move |(at, apart, _)| {
-                let source_distance = OUTSIDE * apart[0].max(apart[1]);
-                Self::place(axis, if axis == 2 { 1.0 + source_distance } else { -source_distance }, at)
+        self.walls()
+            .into_iter()
+            .flat_map(|(axis, near, _)| {
+                self.grid(axis, near, spacing, 0.5 * spacing).into_iter().map(move |(at, apart, _)| {
+                    let source_distance = OUTSIDE * apart[0].max(apart[1]);
+                    Self::place(axis, if axis == 2 { 1.0 + source_distance } else { -source_distance }, at)
+                })
             })
-        };
-        self.walls().into_iter().flat_map(of_wall).collect()
+            .collect()
     }
 
     fn points(&self, spacing: f64) -> Vec<Point> {
-        let of_wall = |(axis, near, mounting): (usize, f64, Mounting)| {
-            self.grid(axis, near, spacing, 0.0).into_iter().map(move |(at, [a, b], distance)| Point {
-                place: Self::place(axis, if axis == 2 { 1.0 } else { 0.0 }, at),
-                axis,
-                is_held: mounting == Mounting::Held,
-                distance,
-                area: a * b,
+        self.walls()
+            .into_iter()
+            .flat_map(|(axis, near, mounting)| {
+                self.grid(axis, near, spacing, 0.0).into_iter().map(move |(at, [a, b], distance)| Point {
+                    place: Self::place(axis, if axis == 2 { 1.0 } else { 0.0 }, at),
+                    axis,
+                    is_held: mounting == Mounting::Held,
+                    distance,
+                    area: a * b,
+                })
             })
-        };
-        self.walls().into_iter().flat_map(of_wall).collect()
+            .collect()
     }
 
     /// Measurement at a position for unit forces along x, y and z at a source and its images, in every class.
@@ -223,7 +243,6 @@ impl Quarter {
 
     /// All that the classes' equations are made of.
     fn sums(&self, poisson: f64, sources: &[[f64; 3]], walls: &[Point], along: &[f64]) -> Sums {
-        let needle = |depth: &f64| [self.needle[0], self.needle[1], *depth];
         let of_point = |point: &Point| {
             let measured = |field: &Field| {
                 let (moved, stress) = (field.displacement(), field.traction(point.axis, poisson));
@@ -233,8 +252,9 @@ impl Quarter {
             };
             let of_sources =
                 sources.iter().map(|source| self.symmetric(point.place, *source, poisson, measured));
-            let of_needle =
-                along.iter().map(|depth| self.symmetric(point.place, needle(depth), poisson, measured));
+            let of_needle = along
+                .iter()
+                .map(|depth| self.symmetric(point.place, self.needle_point(depth), poisson, measured));
             (of_sources.collect(), of_needle.collect())
         };
         let on_needle = |depth: &f64| {
@@ -242,12 +262,20 @@ impl Quarter {
                 let [_, y, z] = field.displacement();
                 [y, z]
             };
-            sources.iter().map(|source| self.symmetric(needle(depth), *source, poisson, measured)).collect()
+            sources
+                .iter()
+                .map(|source| self.symmetric(self.needle_point(depth), *source, poisson, measured))
+                .collect()
         };
         let (of_sources, of_needle) = walls.par_iter().map(of_point).unzip();
         // A column bends by the square of its length over its width more than it shears.
         let slenderness = (2.0 * self.half[0].min(self.half[1])).powi(-2).clamp(1.0, MOST_SLENDER);
         Sums { of_sources, of_needle, on_needle: along.par_iter().map(on_needle).collect(), slenderness }
+    }
+
+    /// Point of the needle at a depth.
+    fn needle_point(&self, depth: &f64) -> [f64; 3] {
+        [self.needle[0], self.needle[1], *depth]
     }
 }
 
@@ -283,12 +311,11 @@ impl Sums {
             (matrix, loads)
         };
         let (imposed_rows, loads) = class_matrix(0);
-        let weight = |point: &Point| if point.is_held { 1.0 } else { self.slenderness * point.distance };
         let mut weighted = imposed_rows.clone();
         let mut right = -&loads;
         for row in 0..rows {
-            weighted.row_mut(row).scale_mut(weight(&walls[row / 3]));
-            right.row_mut(row).scale_mut(weight(&walls[row / 3]));
+            weighted.row_mut(row).scale_mut(self.weight(&walls[row / 3]));
+            right.row_mut(row).scale_mut(self.weight(&walls[row / 3]));
         }
         let mut scales = Vec::with_capacity(columns);
         for mut column in weighted.column_iter_mut() {
@@ -321,5 +348,10 @@ impl Sums {
             residual.row_mut(row).scale_mut(4.0 * sign * point.area);
         }
         Ok(on_needle * strengths + reached.tr_mul(&residual))
+    }
+
+    /// Weight of a point of the walls in the sum of squares.
+    fn weight(&self, point: &Point) -> f64 {
+        if point.is_held { 1.0 } else { self.slenderness * point.distance }
     }
 }

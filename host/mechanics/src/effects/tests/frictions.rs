@@ -7,11 +7,14 @@ use super::{channels, lateral, noisy, plain, with};
 fn frictions_of_a_lead_screw_depend_on_its_speed_and_its_way() {
     let experiment = lateral(0.03);
     let plain_n = channels(&plain(), &experiment).force_n.y;
-    let decay = |speed: f64| 0.2 * (-speed / 0.6_f64).exp();
     for (id, values, expected_n) in [
         ("law.force.speed.linear", vec![0.2], [0.12, 0.0, -0.24, 0.0, -0.2]),
         ("law.force.speed.absolute", vec![0.2], [0.12, 0.0, 0.24, 0.0, 0.2]),
-        ("law.force.speed.decay", vec![0.2, 0.6], [decay(0.6), 0.2, -decay(1.2), -0.2, -decay(1.0)]),
+        (
+            "law.force.speed.decay",
+            vec![0.2, 0.6],
+            [stribeck_decay(0.6), 0.2, -stribeck_decay(1.2), -0.2, -stribeck_decay(1.0)],
+        ),
         ("law.force.displacement.bristle", vec![0.2, 0.4], [0.15, 0.2, -0.1, -0.2, -0.2]),
     ] {
         let rubbed_n = channels(&with(id, &values), &experiment).force_n.y;
@@ -20,6 +23,10 @@ fn frictions_of_a_lead_screw_depend_on_its_speed_and_its_way() {
             assert!((added_n - expected_n).abs() < 1e-9, "{id}, sample {sample}: {added_n} N");
         }
     }
+}
+
+fn stribeck_decay(speed: f64) -> f64 {
+    0.2 * (-speed / 0.6_f64).exp()
 }
 
 /// A speed is that of a way beyond noise: in holds there is none.

@@ -89,28 +89,31 @@ fn an_axial_load_softens() {
 
 #[test]
 fn the_tip_takes_other_loads() {
-    let path = |model: &Model| channels(model, &insertion()).tip_m;
-    let plain_path = path(&plain());
-    let x = |id: &str, values: &[f64]| path(&with(id, values)).x.expect("two planes");
+    let plain_path = tip_path(&plain());
+    let x = |id: &str, values: &[f64]| tip_path(&with(id, values)).x.expect("two planes");
     // A roll turns the path.
-    let rolled = path(&with("tip.bevel_roll", &[0.3]));
+    let rolled = tip_path(&with("tip.bevel_roll", &[0.3]));
     assert_close(rolled.y[1], 0.3_f64.cos() * plain_path.y[1], 1e-9);
     assert_close(x("tip.bevel_roll", &[0.3])[1], 0.3_f64.sin() * plain_path.y[1], 1e-9);
     // An angle adds a straight line.
-    let angled = path(&with("tip.entry_angle", &[0.02, 0.0]));
+    let angled = tip_path(&with("tip.entry_angle", &[0.02, 0.0]));
     assert_close(angled.y[3] - plain_path.y[3], 0.02_f64.tan() * 0.08, 1e-9);
     // At 5 mm/s a rate of 0.01 N s/mm is 0.05 N; so is a step at the surface.
-    let faster = path(&with("tip.rate", &[0.01]));
+    let faster = tip_path(&with("tip.rate", &[0.01]));
     assert_close(faster.y[1], 1.25 * plain_path.y[1], 1e-9);
-    assert_close(path(&with("tip.load_step", &[0.05, 0.0])).y[3], faster.y[3], 1e-9);
+    assert_close(tip_path(&with("tip.load_step", &[0.05, 0.0])).y[3], faster.y[3], 1e-9);
     // A slope is the sum of many steps.
     let mut stairs = plain();
     for i in 0..200 {
         let depth_mm = 0.25 + 0.5 * f64::from(i);
         stairs.effects.push((effect("tip.load_step").expect("an effect"), vec![0.5e-3, depth_mm]));
     }
-    let slope = path(&with("tip.load_slope", &[1e-3]));
-    assert_close(path(&stairs).y[3], slope.y[3], 2e-3);
+    let slope = tip_path(&with("tip.load_slope", &[1e-3]));
+    assert_close(tip_path(&stairs).y[3], slope.y[3], 2e-3);
+}
+
+fn tip_path(model: &Model) -> Series {
+    channels(model, &insertion()).tip_m
 }
 
 /// The path leaves the needle at the angle more than it did, in both planes and wherever the needle is turned to; the needle's direction
@@ -118,30 +121,33 @@ fn the_tip_takes_other_loads() {
 #[test]
 fn a_cut_angle_is_the_slope_of_the_path_beside_the_needles() {
     let h_m = 0.5e-3;
-    let run = |values: Option<&[f64]>, rotation: f64| {
-        let mut model = values.map_or_else(plain, |values| with("tip.cut_angle", values));
-        model.tip = TipLaw::load([0.2, -0.1]);
-        let inserted = Insertion {
-            depth_m: vec![0.05 - h_m, 0.05, 0.05 + h_m],
-            rotation_rad: Profile::constant(rotation),
-            guide2_m: Some(Default::default()),
-            tip_direction: true,
-            ..Insertion::default()
-        };
-        let measured = channels(&model, &Experiment::Insertion(inserted));
-        let angle_error = |tip_m: &[f64], rad: &[f64]| {
-            (tip_m[2] - tip_m[0]) / (2.0 * h_m) - (0.25 * rad[0] + 0.5 * rad[1] + 0.25 * rad[2])
-        };
-        let (tip, rad) = (measured.tip_m, measured.tip_direction_rad);
-        [angle_error(&tip.y, &rad.y), angle_error(&tip.x.expect("x"), &rad.x.expect("x"))]
-    };
-    let straight_cut = run(None, 0.0);
-    let angled_cut = run(Some(&[0.04, -0.01]), 0.0);
+    let straight_cut = slopes_at_tip(None, 0.0, h_m);
+    let angled_cut = slopes_at_tip(Some(&[0.04, -0.01]), 0.0, h_m);
     assert!((angled_cut[0] - straight_cut[0] - 0.04).abs() < 1e-6, "{angled_cut:?} {straight_cut:?}");
     assert!((angled_cut[1] - straight_cut[1] + 0.01).abs() < 1e-6, "{angled_cut:?} {straight_cut:?}");
     // A quarter turn: what was upwards is to the side.
     let quarter = std::f64::consts::FRAC_PI_2;
-    let (straight_cut, angled_cut) = (run(None, quarter), run(Some(&[0.04, -0.01]), quarter));
+    let (straight_cut, angled_cut) =
+        (slopes_at_tip(None, quarter, h_m), slopes_at_tip(Some(&[0.04, -0.01]), quarter, h_m));
     assert!((angled_cut[0] - straight_cut[0] - 0.01).abs() < 1e-6, "{angled_cut:?} {straight_cut:?}");
     assert!((angled_cut[1] - straight_cut[1] - 0.04).abs() < 1e-6, "{angled_cut:?} {straight_cut:?}");
+}
+
+fn slopes_at_tip(values: Option<&[f64]>, rotation: f64, h_m: f64) -> [f64; 2] {
+    let mut model = values.map_or_else(plain, |values| with("tip.cut_angle", values));
+    model.tip = TipLaw::load([0.2, -0.1]);
+    let inserted = Insertion {
+        depth_m: vec![0.05 - h_m, 0.05, 0.05 + h_m],
+        rotation_rad: Profile::constant(rotation),
+        guide2_m: Some(Default::default()),
+        tip_direction: true,
+        ..Insertion::default()
+    };
+    let measured = channels(&model, &Experiment::Insertion(inserted));
+    let (tip, rad) = (measured.tip_m, measured.tip_direction_rad);
+    [angle_error(&tip.y, &rad.y, h_m), angle_error(&tip.x.expect("x"), &rad.x.expect("x"), h_m)]
+}
+
+fn angle_error(tip_m: &[f64], rad: &[f64], h_m: f64) -> f64 {
+    (tip_m[2] - tip_m[0]) / (2.0 * h_m) - (0.25 * rad[0] + 0.5 * rad[1] + 0.25 * rad[2])
 }
