@@ -44,22 +44,27 @@ impl Baseline {
 
 fn polynomial(observed: &TipPath, degree: usize, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
     let reach_m = observed.bins.last()?.depth_m;
-    let row = |depth_m: f64| {
-        (0..=degree).map(move |power| (depth_m / reach_m).powi(power as i32)).collect::<Vec<_>>()
-    };
-    let observed_rows: Vec<_> = observed.bins.iter().map(|bin| row(bin.depth_m)).collect();
+    let observed_rows: Vec<_> =
+        observed.bins.iter().map(|bin| powers(bin.depth_m, degree, reach_m)).collect();
     (0..observed.planes)
         .map(|plane| {
             let measured: Vec<_> = observed.bins.iter().map(|bin| bin.tip_m[plane]).collect();
             let solution = least_squares(&observed_rows, &measured)?;
-            Some(depths_m.iter().map(|depth_m| dot(&row(*depth_m), &solution)).collect())
+            Some(depths_m.iter().map(|depth_m| dot(&powers(*depth_m, degree, reach_m), &solution)).collect())
         })
         .collect()
 }
 
+/// Powers of a depth over the reach, up to a degree.
+fn powers(depth_m: f64, degree: usize, reach_m: f64) -> Vec<f64> {
+    (0..=degree).map(move |power| (depth_m / reach_m).powi(power as i32)).collect::<Vec<_>>()
+}
+
+/// Step of the integration along the path.
+const STEP_M: f64 = 0.25e-3;
+
 /// `u'' = kappa` turned by the rotation, both planes at once.
 fn bicycle(observed: &TipPath, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
-    const STEP_M: f64 = 0.25e-3;
     let last_m = depths_m.iter().copied().fold(0.0, f64::max).max(observed.bins.last()?.depth_m);
     // Twice integrated cosine and sine of the rotation, by the midpoint rule.
     let mut bent = vec![[0.0; 2]];
@@ -71,15 +76,9 @@ fn bicycle(observed: &TipPath, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
         bent.push([0, 1].map(|i| previous[i] + 0.5 * STEP_M * (heading[i] + rotated_heading[i])));
         heading = rotated_heading;
     }
-    let interpolated = |depth_m: f64| {
-        let node = (depth_m / STEP_M).floor() as usize;
-        let fraction = depth_m / STEP_M - node as f64;
-        let (a, b) = (bent[node], bent[node + 1]);
-        [0, 1].map(|i| a[i] + fraction * (b[i] - a[i]))
-    };
     // Unknowns: offset and curvature, vertical and horizontal.
     let rows = |depth_m: f64| {
-        let [cos, sin] = interpolated(depth_m);
+        let [cos, sin] = between_nodes(depth_m, &bent);
         if observed.planes == 2 {
             vec![vec![1.0, 0.0, cos, -sin], vec![0.0, 1.0, sin, cos]]
         } else {
@@ -97,6 +96,14 @@ fn bicycle(observed: &TipPath, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
     )
 }
 
+/// Sum along the path at a depth, between two nodes.
+fn between_nodes(depth_m: f64, bent: &[[f64; 2]]) -> [f64; 2] {
+    let node = (depth_m / STEP_M).floor() as usize;
+    let fraction = depth_m / STEP_M - node as f64;
+    let (a, b) = (bent[node], bent[node + 1]);
+    [0, 1].map(|i| a[i] + fraction * (b[i] - a[i]))
+}
+
 fn mean_of_others(observed: &TipPath, others: &[&TipPath], depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
     if others.is_empty() || others.iter().any(|other| other.planes < observed.planes) {
         return None;
@@ -104,17 +111,21 @@ fn mean_of_others(observed: &TipPath, others: &[&TipPath], depths_m: &[f64]) -> 
     Some(
         (0..observed.planes)
             .map(|plane| {
-                let mean = |depth_m: f64| {
-                    others.iter().map(|other| tip_at(other, plane, depth_m)).sum::<f64>()
-                        / others.len() as f64
-                };
-                let offset_sum: f64 =
-                    observed.bins.iter().map(|bin| bin.tip_m[plane] - mean(bin.depth_m)).sum();
+                let offset_sum: f64 = observed
+                    .bins
+                    .iter()
+                    .map(|bin| bin.tip_m[plane] - mean_tip_m(bin.depth_m, plane, others))
+                    .sum();
                 let offset_m = offset_sum / observed.bins.len() as f64;
-                depths_m.iter().map(|depth_m| mean(*depth_m) + offset_m).collect()
+                depths_m.iter().map(|depth_m| mean_tip_m(*depth_m, plane, others) + offset_m).collect()
             })
             .collect(),
     )
+}
+
+/// Mean tip of several paths at a depth.
+fn mean_tip_m(depth_m: f64, plane: usize, others: &[&TipPath]) -> f64 {
+    others.iter().map(|other| tip_at(other, plane, depth_m)).sum::<f64>() / others.len() as f64
 }
 
 /// `None` if there are fewer equations than unknowns or they do not determine them.

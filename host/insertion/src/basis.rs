@@ -174,11 +174,14 @@ impl Basis {
     /// Slope of a path at every node, before it and after it.
     fn slopes(&self, path_m: &[f64]) -> Vec<f64> {
         let nodes_m = &self.nodes_m;
-        let slope_between =
-            |i: usize| (path_m[2 * i + 2] - path_m[2 * i + 1]) / (nodes_m[i + 1] - nodes_m[i]);
         let last = nodes_m.len().saturating_sub(2);
         (0..nodes_m.len())
-            .flat_map(|i| [slope_between(i.saturating_sub(1)), slope_between(i.min(last))])
+            .flat_map(|i| {
+                [
+                    slope_between(i.saturating_sub(1), path_m, nodes_m),
+                    slope_between(i.min(last), path_m, nodes_m),
+                ]
+            })
             .collect()
     }
 
@@ -192,22 +195,16 @@ impl Basis {
     pub fn rows(&self, plane: usize, measured: Measured, places: &[Place]) -> (DMatrix<f64>, Vec<f64>) {
         let mut rows = DMatrix::zeros(places.len(), self.layout.unknowns());
         let (_, first_column) = self.layout.place(plane);
-        let mut fill = |column: usize, scale: f64, values: &[f64]| {
-            let mut cells = rows.column_mut(column);
-            cells.iter_mut().zip(places).for_each(|(cell, place)| *cell = scale * place.of(values));
-        };
         let response_part =
             |number: usize| self.slice(measured, &self.responses[plane].value, number, self.parts.count);
-        fill(first_column + GUIDE2, 1.0, response_part(self.parts.guide2));
+        fill_column(first_column + GUIDE2, 1.0, response_part(self.parts.guide2), &mut rows, places);
         for (from, term) in self.load_parts(plane).into_iter().enumerate() {
             let Some((sign, first)) = term else { continue };
             let first_row = if self.layout.coupled { from * self.layout.of_plane() } else { 0 };
             for knot in 0..=self.layout.knots_m.len() {
-                fill(first_row + LOAD + knot, sign, response_part(first + knot));
+                fill_column(first_row + LOAD + knot, sign, response_part(first + knot), &mut rows, places);
             }
         }
-        // The effect of guide 2 between the nodes depends on the candidate too.
-        let offset_of = |place: &Place| place.beside_m[plane];
         let (own_effects, at_once) =
             (&self.own[measured as usize][plane], &self.own_at_once[measured as usize][plane]);
         let differing = |of: fn(&Own) -> &Vec<f64>| -> Vec<f64> {
@@ -218,7 +215,7 @@ impl Basis {
             if of(at_once).is_empty() {
                 return at_nodes.collect();
             }
-            let guide_offset = places.iter().map(|place| offset_of(place) * place.of(of(at_once)));
+            let guide_offset = places.iter().map(|place| offset_of(place, plane) * place.of(of(at_once)));
             at_nodes.zip(guide_offset).map(|(at_nodes, guide_offset)| at_nodes + guide_offset).collect()
         };
         let rears = differing(|own_effects| &own_effects.rear);
@@ -285,4 +282,20 @@ impl Basis {
         }
         loads_n
     }
+}
+
+/// The effect of guide 2 between the nodes depends on the candidate too.
+fn offset_of(place: &Place, plane: usize) -> f64 {
+    place.beside_m[plane]
+}
+
+/// Writes values at places into a column of the design.
+fn fill_column(column: usize, scale: f64, values: &[f64], rows: &mut DMatrix<f64>, places: &[Place]) {
+    let mut cells = rows.column_mut(column);
+    cells.iter_mut().zip(places).for_each(|(cell, place)| *cell = scale * place.of(values));
+}
+
+/// Slope of a path between two nodes.
+fn slope_between(i: usize, path_m: &[f64], nodes_m: &Arc<Vec<f64>>) -> f64 {
+    (path_m[2 * i + 2] - path_m[2 * i + 1]) / (nodes_m[i + 1] - nodes_m[i])
 }

@@ -256,10 +256,6 @@ impl Candidates {
 
     /// The points about a candidate in a plane, with their weights.
     fn mixture(&self, candidate: Candidate, plane: usize, fineness: Fineness) -> Result<Mixture, ModelError> {
-        let interpolation = |ln: f64| match fineness {
-            Fineness::Fine => cubic(ln, LATTICE_LN),
-            Fineness::Coarse => parabola(ln, LATTICE_LN, COARSE),
-        };
         let unknown = self.tissue.rear.filter(|rear| rear.unknown[plane]);
         let is_unknown = unknown.is_some();
         let rear = match unknown {
@@ -272,9 +268,9 @@ impl Candidates {
             }
             None => vec![(0, [1.0, 0.0])],
         };
-        let gaps = interpolation(candidate.gap_ln);
+        let gaps = interpolation(candidate.gap_ln, fineness);
         let mut points = Vec::with_capacity(48);
-        for (k, [i, di]) in interpolation(candidate.modulus_ln) {
+        for (k, [i, di]) in interpolation(candidate.modulus_ln, fineness) {
             for (g, [j, dj]) in &gaps {
                 for (r, [l, dl]) in &rear {
                     // At a point itself its neighbours weigh nothing, but their share in the derivatives counts.
@@ -289,14 +285,18 @@ impl Candidates {
     }
 
     fn point(&self, at: LatticePoint) -> Result<Arc<Point>, ModelError> {
-        let locked_points = || self.points.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(point) = locked_points().get(&at) {
+        if let Some(point) = self.locked_points().get(&at) {
             return Ok(point.clone());
         }
         // Solved outside of the lock: what is solved does not depend on who did it.
         let point = Arc::new(self.solve(at)?);
-        locked_points().insert(at, point.clone());
+        self.locked_points().insert(at, point.clone());
         Ok(point)
+    }
+
+    /// Points that are solved, also after a panic of another thread.
+    fn locked_points(&self) -> std::sync::MutexGuard<'_, HashMap<(usize, [i32; 3]), Arc<Point>>> {
+        self.points.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn solve(&self, (needle, [modulus, gap, rear]): LatticePoint) -> Result<Point, ModelError> {
@@ -357,25 +357,19 @@ impl Candidates {
     fn plan_responses(&self, growth: &GrowingBeam, plan: &Plan) -> Vec<f64> {
         let nodes_m = growth.depths_m();
         let directed = self.layout.direction;
-        let held_rows =
-            |guide2_m: [f64; 2]| under(growth, &|_| NodeLoads { load_n: [0.0; 2], guide2_m }, directed);
-        let mut plan_rows = held_rows([1.0; 2]);
+        let mut plan_rows = held_rows([1.0; 2], directed, growth);
         // Springs rest where the tip arrived: what guide 2 does at rest is the difference that it makes there.
-        for (plan_rows, values) in plan_rows.iter_mut().zip(held_rows([0.0, 1.0])) {
+        for (plan_rows, values) in plan_rows.iter_mut().zip(held_rows([0.0, 1.0], directed, growth)) {
             plan_rows.extend(values.chunks_exact(2).flat_map(|side| [side[1] - side[0]; 2]));
         }
         let turns: &[fn(f64) -> f64] = if self.layout.coupled { &[f64::cos, f64::sin] } else { &[f64::cos] };
         for turn in turns {
             // The load itself, then its process noise at every knot.
             for part in 0..=self.layout.knots_m.len() {
-                let amount = |depth_m: f64| match part.checked_sub(1) {
-                    None => 1.0,
-                    Some(knot) => self.layout.hat(knot, depth_m),
-                };
                 let load = |node: usize| {
                     let depth_m = nodes_m[node];
                     let rotation = [plan.rotation_rad.before(depth_m), plan.rotation_rad.after(depth_m)];
-                    let load_n = rotation.map(|rad| amount(depth_m) * turn(rad));
+                    let load_n = rotation.map(|rad| self.amount(depth_m, part) * turn(rad));
                     NodeLoads { load_n, guide2_m: [0.0; 2] }
                 };
                 plan_rows
@@ -385,6 +379,27 @@ impl Candidates {
             }
         }
         plan_rows.concat()
+    }
+
+    /// Load of one part at a depth: the constant, or the hat function of a knot.
+    fn amount(&self, depth_m: f64, part: usize) -> f64 {
+        match part.checked_sub(1) {
+            None => 1.0,
+            Some(knot) => self.layout.hat(knot, depth_m),
+        }
+    }
+}
+
+/// Response to guide 2 alone.
+fn held_rows(guide2_m: [f64; 2], directed: bool, growth: &GrowingBeam) -> [Vec<f64>; 2] {
+    under(growth, &|_| NodeLoads { load_n: [0.0; 2], guide2_m }, directed)
+}
+
+/// Nodes of the lattice around a logarithm, with their weights.
+fn interpolation(ln: f64, fineness: Fineness) -> Vec<(i32, [f64; 2])> {
+    match fineness {
+        Fineness::Fine => cubic(ln, LATTICE_LN),
+        Fineness::Coarse => parabola(ln, LATTICE_LN, COARSE),
     }
 }
 

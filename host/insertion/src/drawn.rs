@@ -96,26 +96,36 @@ impl<'a> Sampler<'a> {
             .zip(&self.roots)
             .map(|(normal, root)| &normal.mean + root * random.normals(root.ncols()))
             .collect();
-        let standard = |unknown: usize| self.standard(&unknowns, unknown);
         let modulus = super::posterior::own(self.part, layout, MODULUS, scales.modulus_ln);
         let entry = super::posterior::own(self.part, layout, ENTRY, scales.shared_and_own_entry_m());
         let gap_m = (node.gap_m + entry.mean).max(0.1 * node.gap_m);
-        let of_plane = |plane: usize| &unknowns[layout.place(plane).0];
         let planes = || 0..layout.planes;
         PathDraw {
-            modulus_ln: node.candidate.modulus_ln + modulus.mean + modulus.sd * standard(MODULUS),
-            gap_ln: gap_m.ln() + entry.sd / gap_m * standard(ENTRY),
-            entry_angle_rad: planes().map(|plane| of_plane(plane)[layout.place(plane).1 + ANGLE]).collect(),
+            modulus_ln: node.candidate.modulus_ln
+                + modulus.mean
+                + modulus.sd * self.standard_draw(MODULUS, &unknowns),
+            gap_ln: gap_m.ln() + entry.sd / gap_m * self.standard_draw(ENTRY, &unknowns),
+            entry_angle_rad: planes()
+                .map(|plane| plane_unknowns(plane, &unknowns, layout)[layout.place(plane).1 + ANGLE])
+                .collect(),
             tip_m: planes()
                 .zip(&self.tips)
-                .map(|(plane, (rows, beside))| (rows * of_plane(plane) + beside).iter().copied().collect())
+                .map(|(plane, (rows, beside))| {
+                    (rows * plane_unknowns(plane, &unknowns, layout) + beside).iter().copied().collect()
+                })
                 .collect(),
             irregularity_m: scales.irregularity_m,
             load_n: planes()
                 .zip(&self.loads)
-                .map(|(plane, rows)| (rows * of_plane(plane)).iter().copied().collect())
+                .map(|(plane, rows)| {
+                    (rows * plane_unknowns(plane, &unknowns, layout)).iter().copied().collect()
+                })
                 .collect(),
         }
+    }
+
+    fn standard_draw(&self, unknown: usize, unknowns: &[DVector<f64>]) -> f64 {
+        self.standard(unknowns, unknown)
     }
 
     /// An unknown that both planes have: how far the draw is from its mean, in standard deviations, over the planes as they are combined.
@@ -131,4 +141,13 @@ impl<'a> Sampler<'a> {
         }
         pull / precision.sqrt()
     }
+}
+
+/// Unknowns of the system that a plane belongs to.
+fn plane_unknowns<'a>(
+    plane: usize,
+    unknowns: &'a [DVector<f64>],
+    layout: &crate::Layout,
+) -> &'a DVector<f64> {
+    &unknowns[layout.place(plane).0]
 }

@@ -94,20 +94,27 @@ fn dot(left: &[f64], right: &[f64]) -> f64 {
 impl System {
     /// One per vector of unknowns.
     pub fn of(basis: &Basis, path: &TipPath, places: &[Place], layout: &Layout) -> Vec<Self> {
-        let kind = |i: usize| (path.bins[i].rows, path.bins[i].moving);
         let mut order: Vec<usize> = (0..path.bins.len()).collect();
-        order.sort_by(|a, b| kind(*a).0.total_cmp(&kind(*b).0).then(kind(*a).1.cmp(&kind(*b).1)));
+        order.sort_by(|a, b| {
+            kind(*a, &path.bins)
+                .0
+                .total_cmp(&kind(*b, &path.bins).0)
+                .then(kind(*a, &path.bins).1.cmp(&kind(*b, &path.bins).1))
+        });
         (0..layout.systems())
             .map(|system| {
                 Self {
                     groups: basis
                         .measured()
                         .flat_map(|measured| {
-                            let rows = |plane: usize| (plane, basis.rows(plane, measured, places));
-                            let planes: Vec<_> = layout.planes_of(system).map(rows).collect();
-                            let groups =
-                                order.chunk_by(|a, b| kind(*a) == kind(*b)).filter_map(move |bins| {
-                                    let (readings, moving) = kind(*bins.first()?);
+                            let planes: Vec<_> = layout
+                                .planes_of(system)
+                                .map(|plane| (plane, basis.rows(plane, measured, places)))
+                                .collect();
+                            let groups = order
+                                .chunk_by(|a, b| kind(*a, &path.bins) == kind(*b, &path.bins))
+                                .filter_map(move |bins| {
+                                    let (readings, moving) = kind(*bins.first()?, &path.bins);
                                     let mut group = Group::new(measured, readings, moving, layout.unknowns());
                                     for (plane, (rows, beside)) in &planes {
                                         let (used_bins, values): (Vec<usize>, Vec<f64>) = bins
@@ -177,6 +184,11 @@ impl System {
     }
 }
 
+/// Rows and motion by which bins are grouped.
+fn kind(i: usize, bins: &[crate::Bin]) -> (f64, bool) {
+    (bins[i].rows, bins[i].moving)
+}
+
 /// Information of one recording about the shared part, in standard normal numbers of an own part.
 struct Message {
     ln: f64,
@@ -204,11 +216,13 @@ impl Evidence {
         self.shared
             .iter()
             .map(|(mean, covariance)| {
-                let ratio = |i: usize| map.ratio(i, length);
-                let mut mean: Vec<f64> = mean.iter().enumerate().map(|(i, value)| ratio(i) * value).collect();
+                let mut mean: Vec<f64> =
+                    mean.iter().enumerate().map(|(i, value)| ratio(i, &map, length) * value).collect();
                 let mut covariance = covariance.clone();
                 for (i, row) in covariance.chunks_exact_mut(unknowns).enumerate() {
-                    row.iter_mut().enumerate().for_each(|(j, value)| *value *= ratio(i) * ratio(j));
+                    row.iter_mut()
+                        .enumerate()
+                        .for_each(|(j, value)| *value *= ratio(i, &map, length) * ratio(j, &map, length));
                     row[i] += 1.0;
                 }
                 map.push_forward(&mut mean, length);
@@ -234,13 +248,20 @@ impl Evidence {
             let (system, first_column) = layout.place(plane);
             let (mean, covariance) = &self.shared[system];
             let columns = [first_column + MODULUS, first_column + GAP];
-            let sd = |i: usize| map.sds[[MODULUS, GAP][i]] * map.ratio(columns[i], length);
-            let step = [0, 1].map(|i| sd(i) * mean[columns[i]]);
-            let c = |i: usize, j: usize| sd(i) * sd(j) * covariance[columns[i] * unknowns + columns[j]];
-            let determinant = c(0, 0) * c(1, 1) - c(0, 1) * c(1, 0);
+            let step = [0, 1].map(|i| prior_sd(i, &map, columns, length) * mean[columns[i]]);
+            let determinant = scaled_covariance(0, 0, columns, unknowns, covariance, &map, length)
+                * scaled_covariance(1, 1, columns, unknowns, covariance, &map, length)
+                - scaled_covariance(0, 1, columns, unknowns, covariance, &map, length)
+                    * scaled_covariance(1, 0, columns, unknowns, covariance, &map, length);
             let inverse = [
-                [c(1, 1) / determinant, -c(0, 1) / determinant],
-                [-c(1, 0) / determinant, c(0, 0) / determinant],
+                [
+                    scaled_covariance(1, 1, columns, unknowns, covariance, &map, length) / determinant,
+                    -scaled_covariance(0, 1, columns, unknowns, covariance, &map, length) / determinant,
+                ],
+                [
+                    -scaled_covariance(1, 0, columns, unknowns, covariance, &map, length) / determinant,
+                    scaled_covariance(0, 0, columns, unknowns, covariance, &map, length) / determinant,
+                ],
             ];
             for i in 0..2 {
                 for j in 0..2 {
@@ -267,6 +288,30 @@ impl Evidence {
         }
         Some(means)
     }
+}
+
+/// Covariance of the modulus and the gap.
+fn scaled_covariance(
+    i: usize,
+    j: usize,
+    columns: [usize; 2],
+    unknowns: usize,
+    covariance: &[f64],
+    map: &Map,
+    length: usize,
+) -> f64 {
+    prior_sd(i, map, columns, length)
+        * prior_sd(j, map, columns, length)
+        * covariance[columns[i] * unknowns + columns[j]]
+}
+
+/// Standard deviation of the modulus or of the gap.
+fn prior_sd(i: usize, map: &Map, columns: [usize; 2], length: usize) -> f64 {
+    map.sds[[MODULUS, GAP][i]] * map.ratio(columns[i], length)
+}
+
+fn ratio(i: usize, map: &Map, length: usize) -> f64 {
+    map.ratio(i, length)
 }
 
 /// Arguments of [`Evidence::new`].

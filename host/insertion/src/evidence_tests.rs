@@ -91,15 +91,10 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
                 rows.push((number, row, variance, bin.tip_m[plane] - guide2_m));
             }
         }
-        let covariance = |a: &(usize, Vec<f64>), b: &(usize, Vec<f64>)| {
-            let products = a.1.iter().zip(&b.1).enumerate();
-            let ratio = |i: usize| map.ratio(i, length).powi(2);
-            products.map(|(i, (x, y))| x * y * (ratio(i) + if a.0 == b.0 { 1.0 } else { 0.0 })).sum::<f64>()
-        };
         let keys: Vec<_> = rows.iter().map(|(number, row, ..)| (*number, row.clone())).collect();
         let count = rows.len();
         let dense = DMatrix::from_fn(count, count, |i, j| {
-            covariance(&keys[i], &keys[j]) + if i == j { rows[i].2 } else { 0.0 }
+            covariance(&keys[i], &keys[j], &map, length) + if i == j { rows[i].2 } else { 0.0 }
         });
         let factor = dense.cholesky().expect("positive");
         let measured = DVector::from_fn(count, |i, _| rows[i].3);
@@ -112,13 +107,24 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
         let mut target: Vec<f64> = row.iter().copied().collect();
         map.pull_back_rows(&mut target, 1, length);
         let target = (2, target);
-        let cross_covariance = DVector::from_fn(count, |i, _| covariance(&keys[i], &target));
+        let cross_covariance = DVector::from_fn(count, |i, _| covariance(&keys[i], &target, &map, length));
         let solved = factor.solve(&cross_covariance);
         let (mean_m, predicted_m) = (solved.dot(&measured), row.dot(&next.mean));
         assert!((predicted_m - mean_m).abs() < 1e-8, "{predicted_m} is not {mean_m}");
-        let variance = covariance(&target, &target) - cross_covariance.dot(&solved);
+        let variance = covariance(&target, &target, &map, length) - cross_covariance.dot(&solved);
         let found_variance = row.dot(&(&next.covariance * &row));
         assert!((found_variance / variance - 1.0).abs() < 1e-4, "{found_variance} is not {variance}");
     }
     assert!((evidence.ln - expected_ln).abs() < 1e-4, "{} is not {expected_ln}", evidence.ln);
+}
+
+fn covariance(a: &(usize, Vec<f64>), b: &(usize, Vec<f64>), map: &Map, length: usize) -> f64 {
+    let products = a.1.iter().zip(&b.1).enumerate();
+    products
+        .map(|(i, (x, y))| x * y * (squared_ratio(i, map, length) + if a.0 == b.0 { 1.0 } else { 0.0 }))
+        .sum::<f64>()
+}
+
+fn squared_ratio(i: usize, map: &Map, length: usize) -> f64 {
+    map.ratio(i, length).powi(2)
 }

@@ -193,12 +193,8 @@ impl<'a> Fold<'a> {
                 }
             }
         }
-        let is_top = |[k, g]: [i32; 2], ln: f64| {
-            let neighbours = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [k + i, g + j]));
-            neighbours.filter_map(|at| scanned.get(&at)).all(|other| *other <= ln)
-        };
         let mut tops: Vec<_> =
-            scanned.iter().filter(|(at, ln)| ln.is_finite() && is_top(**at, **ln)).collect();
+            scanned.iter().filter(|(at, ln)| ln.is_finite() && is_top(**at, **ln, &scanned)).collect();
         tops.sort_by(|a, b| b.1.total_cmp(a.1).then(a.0.cmp(b.0)));
         let candidate = |[k, g]: &[i32; 2]| {
             let scan_ln = |i: &i32| SCAN_LN * f64::from(*i);
@@ -249,12 +245,11 @@ impl<'a> Fold<'a> {
             let (pull, information) = self.step(&solved, likeliest)?;
             let position = [solved.candidate.modulus_ln, solved.candidate.gap_ln];
             let (step, covariance) = newton(pull, information, position, sds);
-            let scaled = |i: usize| step[i].abs() > SMALL_STEP * covariance[i][i].sqrt();
             let mut step_fraction = 1.0;
             let mut better = None;
             while better.is_none()
                 && step_fraction > 0.5f64.powi(MAX_HALVINGS as i32)
-                && (scaled(0) || scaled(1))
+                && (is_large_step(0, step, covariance) || is_large_step(1, step, covariance))
             {
                 let clamped = self.candidates.clamped(Candidate {
                     modulus_ln: position[0] + step_fraction * step[0],
@@ -302,6 +297,17 @@ impl<'a> Fold<'a> {
             if cost.is_finite() { cost } else { f64::MAX }
         }
     }
+}
+
+/// Whether a step is not small beside the standard deviation.
+fn is_large_step(i: usize, step: [f64; 2], covariance: [[f64; 2]; 2]) -> bool {
+    step[i].abs() > SMALL_STEP * covariance[i][i].sqrt()
+}
+
+/// A candidate is a top of the scan where no neighbour is likelier.
+fn is_top([k, g]: [i32; 2], ln: f64, scanned: &HashMap<[i32; 2], f64>) -> bool {
+    let neighbours = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [k + i, g + j]));
+    neighbours.filter_map(|at| scanned.get(&at)).all(|other| *other <= ln)
 }
 
 /// Step and covariance of a quadratic top with a normal prior; no step where the prior leaves no freedom.

@@ -37,9 +37,9 @@ impl Mixture {
 
     pub fn of<'p>(&'p self, of: &dyn Fn(&'p Point) -> Option<&'p Vec<f64>>) -> Smooth {
         let length = self.points.first().and_then(|(point, _)| of(point)).map_or(0, Vec::len);
-        let zeros = || vec![0.0; length];
-        let by_rear = if self.is_unknown { zeros() } else { Vec::new() };
-        let mut sum = Smooth { value: zeros(), by_modulus: zeros(), by_gap: zeros(), by_rear };
+        let by_rear = if self.is_unknown { zeros(length) } else { Vec::new() };
+        let mut sum =
+            Smooth { value: zeros(length), by_modulus: zeros(length), by_gap: zeros(length), by_rear };
         let points: Vec<_> =
             self.points.iter().filter_map(|(point, weights)| Some((of(point)?, weights))).collect();
         // Block by block, so that sums stay near.
@@ -62,6 +62,10 @@ impl Mixture {
         }
         sum
     }
+}
+
+fn zeros(length: usize) -> Vec<f64> {
+    vec![0.0; length]
 }
 
 /// Values that are summed up at once.

@@ -21,7 +21,6 @@ impl Motion {
     pub fn new(as_done: &Profile, nodes_m: Arc<Vec<f64>>) -> Self {
         let mut jumps_m: Vec<f64> = as_done.jumps_m().collect();
         jumps_m.dedup();
-        let jump = |at_m: f64| as_done.after(at_m) - as_done.before(at_m);
         let last = nodes_m.len().saturating_sub(1);
         let mut guide_m = vec![0.0; nodes_m.len()];
         for at_m in &jumps_m {
@@ -31,12 +30,13 @@ impl Motion {
                 Some(next_m) => (at_m - nodes_m[previous_node]) / (next_m - nodes_m[previous_node]),
                 None => 0.0,
             };
-            guide_m[previous_node] += (1.0 - fraction) * jump(*at_m);
-            guide_m[next.min(last)] += fraction * jump(*at_m);
+            guide_m[previous_node] += (1.0 - fraction) * jump_m(*at_m, as_done);
+            guide_m[next.min(last)] += fraction * jump_m(*at_m, as_done);
         }
         let mut shared_m = 0.0;
         let at_nodes_m = nodes_m.iter().zip(&guide_m).map(|(node_m, share_m)| {
-            let jumped_m: f64 = jumps_m.iter().filter(|at_m| *at_m < node_m).map(|at_m| jump(*at_m)).sum();
+            let jumped_m: f64 =
+                jumps_m.iter().filter(|at_m| *at_m < node_m).map(|at_m| jump_m(*at_m, as_done)).sum();
             let arriving_m = as_done.before(*node_m) - jumped_m + shared_m;
             shared_m += share_m;
             [arriving_m, arriving_m + share_m]
@@ -68,6 +68,11 @@ impl Motion {
         let real_m = if leaving { self.as_done.after(depth_m) } else { self.as_done.before(depth_m) };
         real_m - interpolated_m
     }
+}
+
+/// Jump of a profile at a depth.
+fn jump_m(at_m: f64, as_done: &Profile) -> f64 {
+    as_done.after(at_m) - as_done.before(at_m)
 }
 
 #[cfg(test)]

@@ -201,21 +201,21 @@ fn advancing(run: &InsertionRun) -> Vec<Row> {
         if depth_m < -BEFORE_SURFACE_M || depth_m < deepest_m - RETRACTED_M || misread {
             continue;
         }
-        let value_at = |column: &Option<Vec<f64>>| column.as_ref().and_then(|values| values.get(i)).copied();
-        let (Some(tip_y_m), tip_x_m) = (run.tip_y_m.get(i).copied(), value_at(&run.tip_x_m)) else {
+        let (Some(tip_y_m), tip_x_m) = (run.tip_y_m.get(i).copied(), value_at(&run.tip_x_m, i)) else {
             continue;
         };
         rows.push(Row {
             depth_m: depth_m.max(0.0),
             tip_m: [tip_y_m, tip_x_m.unwrap_or(0.0)],
             direction_rad: [&run.tip_direction_y_rad, &run.tip_direction_x_rad]
-                .map(|column| value_at(column).unwrap_or(f64::NAN)),
-            rotation_rad: value_at(&run.rotation_rad).unwrap_or(0.0),
-            guide2_m: [value_at(&run.guide2_y_m).unwrap_or(0.0), value_at(&run.guide2_x_m).unwrap_or(0.0)],
+                .map(|column| value_at(column, i).unwrap_or(f64::NAN)),
+            rotation_rad: value_at(&run.rotation_rad, i).unwrap_or(0.0),
+            guide2_m: [
+                value_at(&run.guide2_y_m, i).unwrap_or(0.0),
+                value_at(&run.guide2_x_m, i).unwrap_or(0.0),
+            ],
         });
     }
-    let is_same_state =
-        |a: &Row, b: &Row| is_turned_by(a, b) < ROTATION_STILL_RAD && is_moved_by(a, b) < GUIDE2_STILL_M;
     if !rows.windows(2).all(|pair| is_same_state(&pair[0], &pair[1])) {
         // Changes at rest happen at one depth: that to which the needle has come to stay.
         let mut stays_m = f64::INFINITY;
@@ -225,6 +225,14 @@ fn advancing(run: &InsertionRun) -> Vec<Row> {
         }
     }
     rows
+}
+
+fn is_same_state(a: &Row, b: &Row) -> bool {
+    is_turned_by(a, b) < ROTATION_STILL_RAD && is_moved_by(a, b) < GUIDE2_STILL_M
+}
+
+fn value_at(column: &Option<Vec<f64>>, i: usize) -> Option<f64> {
+    column.as_ref().and_then(|values| values.get(i)).copied()
 }
 
 fn is_turned_by(a: &Row, b: &Row) -> f64 {
@@ -296,27 +304,16 @@ fn bins(rows: &[Row], done: &Insertion) -> Vec<Bin> {
             }
         })
         .collect();
-    let key = |(cell, leaving, row): &(i64, bool, &Row)| {
-        let turn = (row.rotation_rad / ROTATION_STILL_RAD).round() as i64;
-        let guide = row.guide2_m.map(|m| (m / GUIDE2_STILL_M).round() as i64);
-        (*cell, turn, guide, *leaving)
-    };
-    tagged.sort_by_key(key);
+    tagged.sort_by_key(bin_key);
     let mut bins: Vec<Bin> = tagged
-        .chunk_by(|a, b| key(a) == key(b))
+        .chunk_by(|a, b| bin_key(a) == bin_key(b))
         .map(|group| {
             let depth_m = group.iter().map(|(_, _, row)| row.depth_m).sum::<f64>() / group.len() as f64;
-            let plane = |plane: usize| median(group.iter().map(|(_, _, row)| row.tip_m[plane]).collect());
-            let direction = |plane: usize| {
-                let measured = group.iter().map(|(_, _, row)| row.direction_rad[plane]);
-                let measured: Vec<f64> = measured.filter(|slope| slope.is_finite()).collect();
-                (!measured.is_empty()).then(|| median(measured))
-            };
             let leaving = group.first().is_some_and(|(_, leaving, _)| *leaving);
             Bin {
                 depth_m,
-                tip_m: [plane(0), plane(1)],
-                direction_rad: [direction(0), direction(1)],
+                tip_m: [median_tip_m(0, group), median_tip_m(1, group)],
+                direction_rad: [median_direction_rad(0, group), median_direction_rad(1, group)],
                 rows: group.len() as f64,
                 moving: false,
                 leaving,
@@ -331,6 +328,23 @@ fn bins(rows: &[Row], done: &Insertion) -> Vec<Bin> {
     without_outliers(bins, done)
 }
 
+fn median_direction_rad(plane: usize, group: &[(i64, bool, &Row)]) -> Option<f64> {
+    let measured = group.iter().map(|(_, _, row)| row.direction_rad[plane]);
+    let measured: Vec<f64> = measured.filter(|slope| slope.is_finite()).collect();
+    (!measured.is_empty()).then(|| median(measured))
+}
+
+fn median_tip_m(plane: usize, group: &[(i64, bool, &Row)]) -> f64 {
+    median(group.iter().map(|(_, _, row)| row.tip_m[plane]).collect())
+}
+
+/// Rows with the same key are measurements of one state.
+fn bin_key((cell, leaving, row): &(i64, bool, &Row)) -> (i64, i64, [i64; 2], bool) {
+    let turn = (row.rotation_rad / ROTATION_STILL_RAD).round() as i64;
+    let guide = row.guide2_m.map(|m| (m / GUIDE2_STILL_M).round() as i64);
+    (*cell, turn, guide, *leaving)
+}
+
 /// Stretches between bins that are too long.
 fn gaps_m(bins: &[Bin]) -> Vec<[f64; 2]> {
     let pairs = bins.windows(2).map(|pair| [pair[0].depth_m, pair[1].depth_m]);
@@ -342,34 +356,41 @@ fn gaps_m(bins: &[Bin]) -> Vec<[f64; 2]> {
 fn without_outliers(bins: Vec<Bin>, done: &Insertion) -> Vec<Bin> {
     let profiles = std::iter::once(&done.rotation_rad).chain(done.guide2_m.iter().flatten());
     let jumps_m: Vec<f64> = profiles.flat_map(Profile::jumps_m).collect();
-    let parted = |a: &Bin, b: &Bin| {
-        a.leaving != b.leaving || jumps_m.iter().any(|m| (a.depth_m..=b.depth_m).contains(m))
-    };
     // Distance from the lines between neighbours on both sides, per plane: the middle one of three.
     let offs: Vec<Option<f64>> = (0..bins.len())
         .map(|i| -> Option<f64> {
             let pairs =
                 (1..=3).filter_map(|reach| Some((bins.get(i.checked_sub(reach)?)?, bins.get(i + reach)?)));
-            let pairs: Vec<_> = pairs.filter(|(a, b)| !parted(a, b) && b.depth_m > a.depth_m).collect();
-            let difference_of = |plane: usize| {
-                median(
-                    pairs
-                        .iter()
-                        .map(|(a, b)| {
-                            let fraction = (bins[i].depth_m - a.depth_m) / (b.depth_m - a.depth_m);
-                            bins[i].tip_m[plane]
-                                - a.tip_m[plane]
-                                - fraction * (b.tip_m[plane] - a.tip_m[plane])
-                        })
-                        .collect(),
-                )
-            };
-            (pairs.len() >= 2).then(|| difference_of(0).abs().max(difference_of(1).abs()))
+            let pairs: Vec<_> =
+                pairs.filter(|(a, b)| !are_separate(a, b, &jumps_m) && b.depth_m > a.depth_m).collect();
+            (pairs.len() >= 2)
+                .then(|| difference_m(0, &pairs, &bins, i).abs().max(difference_m(1, &pairs, &bins, i).abs()))
         })
         .collect();
     let farthest_m = BENT_M + farthest(offs.iter().flatten().copied());
-    let is_outlier = |off: &Option<f64>| off.is_some_and(|off| off > farthest_m);
-    bins.iter().zip(&offs).filter(|(_, off)| !is_outlier(off)).map(|(bin, _)| *bin).collect()
+    bins.iter().zip(&offs).filter(|(_, off)| !is_outlier(off, farthest_m)).map(|(bin, _)| *bin).collect()
+}
+
+fn is_outlier(off: &Option<f64>, farthest_m: f64) -> bool {
+    off.is_some_and(|off| off > farthest_m)
+}
+
+/// Distance of a bin from the line between pairs of its neighbours.
+fn difference_m(plane: usize, pairs: &[(&Bin, &Bin)], bins: &[Bin], i: usize) -> f64 {
+    median(
+        pairs
+            .iter()
+            .map(|(a, b)| {
+                let fraction = (bins[i].depth_m - a.depth_m) / (b.depth_m - a.depth_m);
+                bins[i].tip_m[plane] - a.tip_m[plane] - fraction * (b.tip_m[plane] - a.tip_m[plane])
+            })
+            .collect(),
+    )
+}
+
+/// Bins between which the needle or guide 2 moved by itself.
+fn are_separate(a: &Bin, b: &Bin, jumps_m: &[f64]) -> bool {
+    a.leaving != b.leaving || jumps_m.iter().any(|m| (a.depth_m..=b.depth_m).contains(m))
 }
 
 /// Standard deviation of a single tip reading, from rows that follow each other at rest; `None` where there are fewer than ten

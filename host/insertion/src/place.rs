@@ -43,8 +43,11 @@ impl Place {
 
     /// A value between those at the nodes, on arriving and on leaving each; 0 of nothing.
     pub fn of(&self, values: &[f64]) -> f64 {
-        let value_at = |i: usize| values.get(self.at[i]).copied().unwrap_or_default();
-        self.weights[0] * value_at(0) + self.weights[1] * value_at(1)
+        self.weights[0] * self.value_at(0, values) + self.weights[1] * self.value_at(1, values)
+    }
+
+    fn value_at(&self, i: usize, values: &[f64]) -> f64 {
+        values.get(self.at[i]).copied().unwrap_or_default()
     }
 }
 

@@ -76,8 +76,11 @@ impl<'c> Posterior<'c> {
         for measured in [Measured::Position, Measured::Direction] {
             for plane in 0..layout.planes {
                 let Some(value) = measured.of(bin, plane) else { continue };
-                let row = |node: &Node| node.basis.row(plane, measured, bin.depth_m, bin.leaving);
-                let rows: Vec<_> = self.nodes.iter().map(row).collect();
+                let rows: Vec<_> = self
+                    .nodes
+                    .iter()
+                    .map(|node| node.basis.row(plane, measured, bin.depth_m, bin.leaving))
+                    .collect();
                 let (system, _) = layout.place(plane);
                 for Part { node, scales, ln_weight, normals } in &mut self.parts {
                     let variance = self.scales[*scales].variance(measured, bin.rows, bin.moving);
@@ -219,24 +222,27 @@ impl<'c> Posterior<'c> {
 
     /// Whether the data determine modulus and gap.
     pub fn determined(&self) -> [Identifiability; 2] {
-        let determined_value = |value: &dyn Fn(&Node) -> f64, sd: f64| {
-            determined(self.mixed(|_, node, _| Moments { mean: value(node), sd: 0.0 }), sd)
-        };
         let [modulus_sd, gap_sd] = self.candidates.prior_sds();
         [
-            determined_value(&|node| node.candidate.modulus_ln, modulus_sd),
-            determined_value(&|node| node.candidate.gap_ln, gap_sd),
+            self.determined_value(&|node| node.candidate.modulus_ln, modulus_sd),
+            self.determined_value(&|node| node.candidate.gap_ln, gap_sd),
         ]
+    }
+
+    fn determined_value(&self, value: &dyn Fn(&Node) -> f64, sd: f64) -> Identifiability {
+        determined(self.mixed(|_, node, _| Moments { mean: value(node), sd: 0.0 }), sd)
     }
 
     /// Ends of the range of the modulus, as factors, and of the gap, m.
     pub fn range(&self) -> [[f64; 2]; 2] {
-        let ends = |modulus_ln: f64, gap_ln: f64| {
-            self.candidates.clamped(Candidate { modulus_ln, gap_ln, ..Candidate::default() })
-        };
-        let low = ends(f64::NEG_INFINITY, f64::NEG_INFINITY);
-        let high = ends(f64::INFINITY, f64::INFINITY);
+        let low = self.corner(f64::NEG_INFINITY, f64::NEG_INFINITY);
+        let high = self.corner(f64::INFINITY, f64::INFINITY);
         [[low, high].map(|end| end.modulus_ln.exp()), [low, high].map(|end| self.candidates.gap_m(end))]
+    }
+
+    /// Candidate with these logarithms, within the range of the lattice.
+    fn corner(&self, modulus_ln: f64, gap_ln: f64) -> Candidate {
+        self.candidates.clamped(Candidate { modulus_ln, gap_ln, ..Candidate::default() })
     }
 
     /// Mean of the logarithm of a size.
@@ -313,12 +319,14 @@ impl<'c> Posterior<'c> {
                 square.zip_apply(&variances, |square, variance| *square += variance + own_variance);
             }
         }
-        let variance_of = |i: usize, [about, mean, square]: &[DVector<f64>; 3]| {
-            let (mean, square) = (mean[i], square[i]);
-            Moments { mean: about[i] + mean, sd: (square - mean * mean).max(0.0).sqrt() }
-        };
-        (0..count).map(|i| sums.iter().map(|sums| variance_of(i, sums)).collect()).collect()
+        (0..count).map(|i| sums.iter().map(|sums| total_variance(i, sums)).collect()).collect()
     }
+}
+
+/// Law of total variance for one quantity.
+fn total_variance(i: usize, [about, mean, square]: &[DVector<f64>; 3]) -> Moments {
+    let (mean, square) = (mean[i], square[i]);
+    Moments { mean: about[i] + mean, sd: (square - mean * mean).max(0.0).sqrt() }
 }
 
 /// Whether a posterior determines a logarithm better than its prior, of mean 0 and standard deviation `sd`.
@@ -340,16 +348,20 @@ fn determined(Moments { mean, sd: found }: Moments, sd: f64) -> Identifiability 
 
 /// The same of a rear: its stiffness is a bound where the share may be that of a clamp or of a hinge.
 fn is_share_determined(Moments { mean, sd }: Moments, rear: &Rear) -> Identifiability {
-    let rear_at = |sds: f64| rear.middle + mean + sds * sd;
     if sd > UNINFORMED * rear.sd {
         Identifiability::NotIdentified
-    } else if rear_at(-2.0) < SHARE_OF_CLAMP {
+    } else if rear_at(-2.0, mean, sd, rear.middle) < SHARE_OF_CLAMP {
         Identifiability::LowerBound
-    } else if rear_at(2.0) > 1.0 - SHARE_OF_CLAMP {
+    } else if rear_at(2.0, mean, sd, rear.middle) > 1.0 - SHARE_OF_CLAMP {
         Identifiability::UpperBound
     } else {
         Identifiability::Identified
     }
+}
+
+/// Share of the rear guide at a number of standard deviations from its mean.
+fn rear_at(sds: f64, mean: f64, sd: f64, middle: f64) -> f64 {
+    middle + mean + sds * sd
 }
 
 /// A smaller share of a rear is that of a clamp.
@@ -400,16 +412,22 @@ impl<'c> OnlinePosterior<'c> {
             self.open.clear();
         }
         self.open.push([depth_m, tip_m[0], tip_m[1]]);
-        let column = |i: usize| self.open.iter().map(|reading| reading[i]).collect::<Vec<_>>();
-        let mean_m = column(0).iter().sum::<f64>() / self.open.len() as f64;
+        let mean_m = self.open_column(0).iter().sum::<f64>() / self.open.len() as f64;
         self.now.update(&Bin {
             depth_m: mean_m,
-            tip_m: [readings::holds::median(column(1)), readings::holds::median(column(2))],
+            tip_m: [
+                readings::holds::median(self.open_column(1)),
+                readings::holds::median(self.open_column(2)),
+            ],
             direction_rad: [None; 2],
             rows: self.open.len() as f64,
             moving: false,
             leaving: false,
         });
+    }
+
+    fn open_column(&self, i: usize) -> Vec<f64> {
+        self.open.iter().map(|reading| reading[i]).collect::<Vec<_>>()
     }
 
     /// Present posterior.

@@ -96,7 +96,6 @@ impl Fold<'_> {
 
 /// For each point, the sum of the flattened shares up to and including it, and the logarithm of its own.
 pub(super) fn cumulative_shares(grid: &[GridPoint]) -> Vec<(f64, f64)> {
-    let flattened = |point: &GridPoint| FLATTENED * (point.ln + point.ln_area);
     let most = grid.iter().map(flattened).fold(f64::NEG_INFINITY, f64::max);
     let total: f64 = grid.iter().map(|point| (flattened(point) - most).exp()).sum();
     let mut end = 0.0;
@@ -107,4 +106,9 @@ pub(super) fn cumulative_shares(grid: &[GridPoint]) -> Vec<(f64, f64)> {
             (end, ln)
         })
         .collect()
+}
+
+/// Logarithm of a cell's mass, made flatter to spread nodes.
+fn flattened(point: &GridPoint) -> f64 {
+    FLATTENED * (point.ln + point.ln_area)
 }

@@ -111,22 +111,21 @@ impl Scales {
     pub(super) fn from_logarithms(x: &[f64], known: Known) -> Self {
         let Known { noise, rear_share, load_n } = known;
         let load_n = load_n.max(MIN_LOAD_N);
-        let scale_of = |i: usize| ASSUMED[i].mean() * (x[i] * ASSUMED[i].sd()).clamp(-9.0, 9.0).exp();
         Self {
-            offset_m: scale_of(0),
-            entry_angle_rad: scale_of(1),
-            load_n: load_n * scale_of(2),
+            offset_m: scale_of(0, x),
+            entry_angle_rad: scale_of(1, x),
+            load_n: load_n * scale_of(2, x),
             shared_load_n: tip::SHARED_LOAD.sd() * load_n,
-            process_noise_n: [load_n * scale_of(3), load_n * scale_of(4)],
-            memory_m: scale_of(5),
-            modulus_ln: scale_of(6),
-            entry_m: scale_of(7),
-            drift_m: scale_of(8),
-            irregularity_m: scale_of(9).max(tip::IRREGULARITY.least()),
-            moving_m: scale_of(MOVING),
-            tilt_rad: scale_of(11),
-            bend_rad: scale_of(12),
-            unsteady_rad: scale_of(13).max(tip::UNSTEADINESS.least()),
+            process_noise_n: [load_n * scale_of(3, x), load_n * scale_of(4, x)],
+            memory_m: scale_of(5, x),
+            modulus_ln: scale_of(6, x),
+            entry_m: scale_of(7, x),
+            drift_m: scale_of(8, x),
+            irregularity_m: scale_of(9, x).max(tip::IRREGULARITY.least()),
+            moving_m: scale_of(MOVING, x),
+            tilt_rad: scale_of(11, x),
+            bend_rad: scale_of(12, x),
+            unsteady_rad: scale_of(13, x).max(tip::UNSTEADINESS.least()),
             reading_m: noise.position_m,
             direction_rad: noise.direction_rad,
             rear_share,
@@ -199,6 +198,11 @@ impl Scales {
     pub(super) fn trust_variance() -> f64 {
         TRUST_LN * TRUST_LN
     }
+}
+
+/// Scale from its standardized logarithm.
+fn scale_of(i: usize, x: &[f64]) -> f64 {
+    ASSUMED[i].mean() * (x[i] * ASSUMED[i].sd()).clamp(-9.0, 9.0).exp()
 }
 
 impl Map {

@@ -85,15 +85,19 @@ pub(super) fn likeliest(cost: &dyn Fn(&[f64]) -> f64, start: &[f64], active: &[u
 /// Standard deviation of the posterior along each number; never wider than the prior, which has unit width.
 pub(super) fn widths(cost: &dyn Fn(&[f64]) -> f64, point: &[f64], active: &[usize]) -> Vec<f64> {
     let least = cost(point);
-    let cost_moved = |i: usize, step: f64| {
-        let mut moved = point.to_vec();
-        moved[i] += step;
-        cost(&moved)
-    };
-    let width = |i: usize| {
-        let bend =
-            (cost_moved(i, BEND_STEP) - 2.0 * least + cost_moved(i, -BEND_STEP)) / (BEND_STEP * BEND_STEP);
-        1.0 / bend.max(1.0).sqrt()
-    };
-    (0..point.len()).map(|i| if active.contains(&i) { width(i) } else { 1.0 }).collect()
+    (0..point.len()).map(|i| if active.contains(&i) { width(i, least, cost, point) } else { 1.0 }).collect()
+}
+
+/// Width of a Gaussian with the cost's curvature.
+fn width(i: usize, least: f64, cost: &dyn Fn(&[f64]) -> f64, point: &[f64]) -> f64 {
+    let bend = (cost_moved(i, BEND_STEP, cost, point) - 2.0 * least + cost_moved(i, -BEND_STEP, cost, point))
+        / (BEND_STEP * BEND_STEP);
+    1.0 / bend.max(1.0).sqrt()
+}
+
+/// Cost at a point with one coordinate moved.
+fn cost_moved(i: usize, step: f64, cost: &dyn Fn(&[f64]) -> f64, point: &[f64]) -> f64 {
+    let mut moved = point.to_vec();
+    moved[i] += step;
+    cost(&moved)
 }

@@ -18,21 +18,24 @@ fn rig() -> Rig {
 
 /// A recording of columns of equal length: depth, y, x in mm; rotation in degrees; guide 2 in mm.
 fn run(rows: &[[f64; 6]]) -> InsertionRun {
-    let column = |i: usize, unit: f64| rows.iter().map(|row| unit * row[i]).collect::<Vec<_>>();
     InsertionRun {
         id: "i".to_owned(),
         path: PathBuf::from("i.csv"),
-        depth_m: column(0, 1e-3),
-        tip_y_m: column(1, 1e-3),
-        tip_x_m: Some(column(2, 1e-3)),
+        depth_m: scaled_column(0, 1e-3, rows),
+        tip_y_m: scaled_column(1, 1e-3, rows),
+        tip_x_m: Some(scaled_column(2, 1e-3, rows)),
         time_s: None,
-        rotation_rad: Some(column(3, 1f64.to_radians())),
-        guide2_y_m: Some(column(4, 1e-3)),
-        guide2_x_m: Some(column(5, 1e-3)),
+        rotation_rad: Some(scaled_column(3, 1f64.to_radians(), rows)),
+        guide2_y_m: Some(scaled_column(4, 1e-3, rows)),
+        guide2_x_m: Some(scaled_column(5, 1e-3, rows)),
         base_force_y_n: None,
         tip_direction_y_rad: None,
         tip_direction_x_rad: None,
     }
+}
+
+fn scaled_column(i: usize, unit: f64, rows: &[[f64; 6]]) -> Vec<f64> {
+    rows.iter().map(|row| unit * row[i]).collect::<Vec<_>>()
 }
 
 fn tissue(sd_ln: f64) -> Tissue {
@@ -86,12 +89,7 @@ fn the_design_is_the_forward_model() {
     let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.08).expect("candidates");
     let layout = &candidates.layout;
     assert!(layout.coupled);
-    let load = |plane: f64| {
-        let knots = layout.knots_m.iter().enumerate();
-        Profile::new(knots.map(|(i, m)| [*m, 0.1 * plane + 0.01 * (i as f64 * plane).sin()]).collect())
-            .expect("loads")
-    };
-    let loads = [load(1.0), load(-2.0)];
+    let loads = [load_profile(1.0, &layout.knots_m), load_profile(-2.0, &layout.knots_m)];
     let mut unknowns = vec![0.0; layout.unknowns()];
     for (plane, profile) in loads.iter().enumerate() {
         let first_column = plane * layout.of_plane();
@@ -112,6 +110,12 @@ fn the_design_is_the_forward_model() {
     }
 }
 
+fn load_profile(plane: f64, knots_m: &[f64]) -> Profile {
+    let knots = knots_m.iter().enumerate();
+    Profile::new(knots.map(|(i, m)| [*m, 0.1 * plane + 0.01 * (i as f64 * plane).sin()]).collect())
+        .expect("loads")
+}
+
 /// A little more modulus, or tissue that begins a little later, moves the tip as in the forward model.
 #[test]
 fn differences_of_one_insertion_are_those_of_the_forward_model() {
@@ -119,12 +123,11 @@ fn differences_of_one_insertion_are_those_of_the_forward_model() {
     let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.08).expect("candidates");
     let load_n = [0.2, -0.1];
     let basis = basis(&candidates, AWAY, load_n);
-    let loads = || load_n.map(Profile::constant);
     // Depths away from the jumps, which a shift of depth moves.
     let depths_m = [0.012, 0.025, 0.055, 0.07];
-    let baseline_m = forward_m(&path, loads(), AWAY, 0.0, &depths_m);
+    let baseline_m = forward_m(&path, constant_loads(load_n), AWAY, 0.0, &depths_m);
     let stiffer = Candidate { modulus_ln: AWAY.modulus_ln + 0.02, ..AWAY };
-    let stiffer_m = forward_m(&path, loads(), stiffer, 0.0, &depths_m);
+    let stiffer_m = forward_m(&path, constant_loads(load_n), stiffer, 0.0, &depths_m);
     for plane in 0..2 {
         let (_, first_column) = candidates.layout.place(plane);
         for (i, depth_m) in depths_m.into_iter().enumerate() {
@@ -144,7 +147,7 @@ fn differences_of_one_insertion_are_those_of_the_forward_model() {
     let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.08).expect("candidates");
     let basis = self::basis(&candidates, AWAY, load_n);
     let [baseline_m, later_m] =
-        [0.0, 0.2e-3].map(|entry_m| forward_m(&path, loads(), AWAY, entry_m, &depths_m));
+        [0.0, 0.2e-3].map(|entry_m| forward_m(&path, constant_loads(load_n), AWAY, entry_m, &depths_m));
     for plane in 0..2 {
         let (_, first_column) = candidates.layout.place(plane);
         for (i, depth_m) in depths_m.into_iter().enumerate() {
@@ -159,6 +162,10 @@ fn differences_of_one_insertion_are_those_of_the_forward_model() {
     }
 }
 
+fn constant_loads(load_n: [f64; 2]) -> [Profile; 2] {
+    load_n.map(Profile::constant)
+}
+
 /// Load at any two knots covaries as a stationary process with exponential memory.
 #[test]
 fn the_process_noise_is_stationary() {
@@ -170,21 +177,23 @@ fn the_process_noise_is_stationary() {
         Known { noise: ReadingNoise::default(), rear_share: 0.0, load_n: 0.2 },
     );
     let map = scales.map(&layout, false);
-    // Load at a depth by the process noise's standard normal numbers.
-    let load = |depth_m: f64| {
-        let mut row: Vec<f64> = layout.load_row(0, depth_m).iter().copied().collect();
-        row[LOAD] = 0.0;
-        map.pull_back_rows(&mut row, 1, layout.of_plane());
-        row
-    };
     for [a_m, b_m] in [[0.0, 0.0], [0.0, 0.03], [0.015, 0.075], [0.075, 0.075]] {
         let expected = scales.process_noise_n[1].powi(2) * (-f64::abs(a_m - b_m) / scales.memory_m).exp();
-        let correlation: f64 = load(a_m).iter().zip(load(b_m)).map(|(a, b)| a * b).sum();
+        let correlation: f64 =
+            load_row(a_m, &layout, &map).iter().zip(load_row(b_m, &layout, &map)).map(|(a, b)| a * b).sum();
         assert!(
             (correlation / expected - 1.0).abs() < 1e-9,
             "{correlation} is not {expected} between {a_m} and {b_m}"
         );
     }
+}
+
+/// Load at a depth by the process noise's standard normal numbers.
+fn load_row(depth_m: f64, layout: &Layout, map: &scales::Map) -> Vec<f64> {
+    let mut row: Vec<f64> = layout.load_row(0, depth_m).iter().copied().collect();
+    row[LOAD] = 0.0;
+    map.pull_back_rows(&mut row, 1, layout.of_plane());
+    row
 }
 
 /// Modulus and surface are one for both planes, each of which has their prior: two that tell nothing leave it as it is, and the precisions of
@@ -239,7 +248,6 @@ fn half_turns_leave_the_planes_apart() {
 fn rests_that_nearly_coincide_are_one() {
     let rows: Vec<[f64; 6]> = (0..=60)
         .flat_map(|mm| {
-            let reading_row = |d: f64, guide: f64| [d, 0.0, 0.0, 0.0, guide, 0.0];
             let d = f64::from(mm);
             if mm % 5 == 0 {
                 vec![
@@ -257,6 +265,10 @@ fn rests_that_nearly_coincide_are_one() {
     let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.06).expect("candidates");
     let nodes_m = candidates.nodes_m(0);
     assert!(nodes_m.windows(2).all(|pair| pair[1] - pair[0] > 0.05e-3));
+}
+
+fn reading_row(d: f64, guide: f64) -> [f64; 6] {
+    [d, 0.0, 0.0, 0.0, guide, 0.0]
 }
 
 #[test]
@@ -279,11 +291,10 @@ fn hands_are_understood() {
 
 #[test]
 fn a_turn_and_a_push_at_rest_are_jumps() {
-    let turn = |d: f64, angle: f64, guide: f64| [d, 0.0, 0.0, angle, guide, 0.0];
-    let mut rows: Vec<[f64; 6]> = (0..=20).map(|mm| turn(f64::from(mm), 0.0, 0.0)).collect();
+    let mut rows: Vec<[f64; 6]> = (0..=20).map(|mm| turned_row(f64::from(mm), 0.0, 0.0)).collect();
     // The guide moves at rest, step by step; then the needle is turned and advances.
-    rows.extend([turn(20.0, 0.0, 0.4), turn(20.0, 0.0, 0.9), turn(20.0, 0.0, 1.0)]);
-    rows.extend((21..=40).map(|mm| turn(f64::from(mm), 180.0, 1.0)));
+    rows.extend([turned_row(20.0, 0.0, 0.4), turned_row(20.0, 0.0, 0.9), turned_row(20.0, 0.0, 1.0)]);
+    rows.extend((21..=40).map(|mm| turned_row(f64::from(mm), 180.0, 1.0)));
     let path = TipPath::new(&run(&rows)).expect("an insertion");
     let [guide, _] = path.done.guide2_m.as_ref().expect("guide 2");
     assert_eq!(guide.jumps_m().collect::<Vec<_>>(), [0.02]);
@@ -293,17 +304,27 @@ fn a_turn_and_a_push_at_rest_are_jumps() {
     assert_eq!(path.rows_skipped, 3, "{:?}", path.bins);
 }
 
+fn turned_row(d: f64, angle: f64, guide: f64) -> [f64; 6] {
+    [d, 0.0, 0.0, angle, guide, 0.0]
+}
+
 #[test]
 fn what_is_no_insertion_is_rejected() {
-    let depths = |list: &[f64]| run(&list.iter().map(|d| [*d, 0.0, 0.0, 0.0, 0.0, 0.0]).collect::<Vec<_>>());
-    let message = |list: &[f64]| TipPath::new(&depths(list)).expect_err("no insertion").to_string();
-    assert!(message(&[10.0]).contains("1 of 1 rows advance into the tissue, expected 5 or more"));
-    assert!(message(&[50.0, 40.0, 30.0, 20.0, 10.0, 5.0]).contains("of 6 rows advance"));
-    assert!(message(&[10.0; 9]).contains("9 of 9 rows advance into the tissue"));
-    assert!(message(&[0.0, 0.01, 0.02, 0.03, 1.04, 2.05]).contains("is this in millimetres?"));
-    let path = TipPath::new(&depths(&[0.0, 10.0, 20.0, 60.0, 70.0, 80.0])).expect("an insertion");
+    assert!(rejection(&[10.0]).contains("1 of 1 rows advance into the tissue, expected 5 or more"));
+    assert!(rejection(&[50.0, 40.0, 30.0, 20.0, 10.0, 5.0]).contains("of 6 rows advance"));
+    assert!(rejection(&[10.0; 9]).contains("9 of 9 rows advance into the tissue"));
+    assert!(rejection(&[0.0, 0.01, 0.02, 0.03, 1.04, 2.05]).contains("is this in millimetres?"));
+    let path = TipPath::new(&run_at(&[0.0, 10.0, 20.0, 60.0, 70.0, 80.0])).expect("an insertion");
     assert_eq!(path.gaps_m.len(), 1);
     assert!(path.until(0.01).expect_err("too little").to_string().contains("2 depths up to 10 mm"));
+}
+
+fn rejection(list: &[f64]) -> String {
+    TipPath::new(&run_at(list)).expect_err("no insertion").to_string()
+}
+
+fn run_at(list: &[f64]) -> InsertionRun {
+    run(&list.iter().map(|d| [*d, 0.0, 0.0, 0.0, 0.0, 0.0]).collect::<Vec<_>>())
 }
 
 /// Readings one by one lead to the same posterior as their bins at once.
@@ -331,25 +352,23 @@ fn live_and_recorded_agree() {
 fn the_design_of_one_guide_is_the_forward_model() {
     let rows: Vec<[f64; 6]> = (0..=80)
         .flat_map(|mm| {
-            let reading_row = |d: f64, held: f64| [d, 0.0, 0.0, 0.0, held, -0.5 * held];
             let d = f64::from(mm);
             let clamp_mm = if d > 30.0 { 1.5 } else { 0.0 };
             if mm == 30 {
-                vec![reading_row(30.0, 0.0), reading_row(30.4, 0.0), reading_row(30.4, 1.5)]
+                vec![held_row(30.0, 0.0), held_row(30.4, 0.0), held_row(30.4, 1.5)]
             } else {
-                vec![reading_row(d, clamp_mm)]
+                vec![held_row(d, clamp_mm)]
             }
         })
         .collect();
     let mut run = run(&rows);
     run.tip_direction_y_rad = Some(vec![0.0; rows.len()]);
     let path = TipPath::new(&run).expect("an insertion");
-    let guides = |stiffness: [Option<f64>; 2]| Guides::One { rear_rotation_n_m_per_rad: stiffness };
     let rig = Rig {
         needle: Needle::gauge_18(),
         guide2_m: 0.0,
         entry_m: 0.028,
-        guides: guides([None; 2]),
+        guides: one_guide([None; 2]),
         tolerances: mechanics::Tolerances::default(),
     };
     let model = Model::uniform(rig.clone(), 12e3).expect("a model");
@@ -362,7 +381,7 @@ fn the_design_of_one_guide_is_the_forward_model() {
     let forward = |at: Candidate, depths: &[(f64, bool)]| {
         let stiffness = at.rear_share.map(|share| Some(rear.stiffness_n_m_per_rad(share)));
         let entry_m = 0.028 * at.gap_ln.exp();
-        let rig = Rig { entry_m, guides: guides(stiffness), ..rig.clone() };
+        let rig = Rig { entry_m, guides: one_guide(stiffness), ..rig.clone() };
         let mut model = Model::uniform(rig, 12e3 * at.modulus_ln.exp()).expect("a model");
         model.tip = TipLaw::load(load_n);
         // Leaving a depth is arriving a hair beyond it.
@@ -375,22 +394,21 @@ fn the_design_of_one_guide_is_the_forward_model() {
     let basis = basis(&candidates, candidate, load_n);
     let layout = &candidates.layout;
     let rear_column = layout.rear().expect("an unknown rear");
-    let tip = |measured: Measured, plane: usize, (depth_m, leaving): (f64, bool), share: f64| {
-        let (row, offset) = basis.row(plane, measured, depth_m, leaving);
-        offset + row[LOAD] * load_n[plane] + row[rear_column] * share
-    };
     let more = Candidate { rear_share: candidate.rear_share.map(|share| share + 0.02), ..candidate };
     let (base_path, changed_path) = (forward(candidate, &depths), forward(more, &depths));
     for (measured, within) in [(Measured::Position, 6e-6), (Measured::Direction, 1.5e-4)] {
         for plane in 0..2 {
             for (i, depth) in depths.into_iter().enumerate() {
-                let tip_values = tip(measured, plane, depth, candidate.rear_share[plane]);
+                let tip_values =
+                    tip_m(measured, plane, depth, candidate.rear_share[plane], &basis, load_n, rear_column);
                 let expected = base_path[measured as usize][plane][i];
                 assert!(
                     (tip_values - expected).abs() < within,
                     "{measured:?} {plane} at {depth:?}: {tip_values}, {expected}"
                 );
-                let change = tip(measured, plane, depth, more.rear_share[plane]) - tip_values;
+                let change =
+                    tip_m(measured, plane, depth, more.rear_share[plane], &basis, load_n, rear_column)
+                        - tip_values;
                 let expected = changed_path[measured as usize][plane][i] - expected;
                 assert!(
                     (change - expected).abs() < 0.1 * within,
@@ -399,4 +417,25 @@ fn the_design_of_one_guide_is_the_forward_model() {
             }
         }
     }
+}
+
+fn tip_m(
+    measured: Measured,
+    plane: usize,
+    (depth_m, leaving): (f64, bool),
+    share: f64,
+    basis: &Basis,
+    load_n: [f64; 2],
+    rear_column: usize,
+) -> f64 {
+    let (row, offset) = basis.row(plane, measured, depth_m, leaving);
+    offset + row[LOAD] * load_n[plane] + row[rear_column] * share
+}
+
+fn one_guide(stiffness: [Option<f64>; 2]) -> Guides {
+    Guides::One { rear_rotation_n_m_per_rad: stiffness }
+}
+
+fn held_row(d: f64, held: f64) -> [f64; 6] {
+    [d, 0.0, 0.0, 0.0, held, -0.5 * held]
 }
