@@ -132,9 +132,6 @@ impl Simulated {
             if shape.images.is_some() {
                 writer.imaged();
             }
-            let at = |column: &Option<Vec<f64>>, row: usize| {
-                column.as_ref().and_then(|values| values.get(row)).copied().unwrap_or_default()
-            };
             let planes = force.displacement_y_m.iter().zip(&force.force_y_n);
             for (row, (time_s, (displacement_y_m, force_y_n))) in force.time_s.iter().zip(planes).enumerate()
             {
@@ -142,17 +139,17 @@ impl Simulated {
                     time_s: *time_s,
                     displacement_y_m: *displacement_y_m,
                     force_y_n: *force_y_n,
-                    displacement_x_m: at(&force.displacement_x_m, row),
-                    force_x_n: at(&force.force_x_n, row),
+                    displacement_x_m: value_or_zero(&force.displacement_x_m, row),
+                    force_x_n: value_or_zero(&force.force_x_n, row),
                     ..ForceRow::default()
                 })?;
             }
             for (row, (z_m, y_m)) in shape.z_m.iter().zip(&shape.y_m).enumerate() {
                 writer.shape(&ShapeRow {
-                    time_s: at(&shape.time_s, row),
+                    time_s: value_or_zero(&shape.time_s, row),
                     z_m: *z_m,
                     deflection_y_m: *y_m,
-                    deflection_x_m: at(&shape.x_m, row),
+                    deflection_x_m: value_or_zero(&shape.x_m, row),
                     image: shape.image(row),
                 })?;
             }
@@ -160,6 +157,10 @@ impl Simulated {
         }
         self.insertion.iter().try_for_each(|run| session.insertion(run))
     }
+}
+
+fn value_or_zero(column: &Option<Vec<f64>>, row: usize) -> f64 {
+    column.as_ref().and_then(|values| values.get(row)).copied().unwrap_or_default()
 }
 
 fn lateral(
@@ -196,10 +197,9 @@ fn lateral(
     let (depth_m, drive) = (plan.depth_m, drive.collect());
     let lateral = Lateral { depth_m, drive, shape: shape.clone(), reversal_m: [0.0; 2], order };
     let Channels { displacement_m, force_n, shape_m, .. } = predict(model, &Experiment::Lateral(lateral))?;
-    let mut measured = |values: Vec<f64>, sd: f64| -> Vec<f64> {
-        values.into_iter().map(|value| value + sd * noise.draw()).collect()
+    let mut both = |y: Vec<f64>, x: Option<Vec<f64>>, sd: f64| {
+        (with_noise(y, sd, &mut noise), x.map(|x| with_noise(x, sd, &mut noise)))
     };
-    let mut both = |y: Vec<f64>, x: Option<Vec<f64>>, sd: f64| (measured(y, sd), x.map(|x| measured(x, sd)));
     let (displacement_y_m, displacement_x_m) =
         both(displacement_m.y, displacement_m.x, sensors.displacement_m);
     let (force_y_n, force_x_n) = both(force_n.y, force_n.x, sensors.force_n);
@@ -232,6 +232,10 @@ fn lateral(
     })
 }
 
+fn with_noise(values: Vec<f64>, sd: f64, noise: &mut Random) -> Vec<f64> {
+    values.into_iter().map(|value| value + sd * noise.draw()).collect()
+}
+
 fn insertion(
     model: &Model,
     plan: &InsertionPlan,
@@ -259,18 +263,17 @@ fn insertion(
         ..Insertion::default()
     };
     let Channels { tip_m, tip_direction_rad, .. } = predict(model, &Experiment::Insertion(insertion))?;
-    let mut measured = |values: Vec<f64>, sd: f64| -> Vec<f64> {
-        values.into_iter().map(|value| value + sd * noise.draw()).collect()
-    };
     Ok(InsertionRun {
         id: plan.id.clone(),
         path: format!("{}.csv", plan.id).into(),
-        tip_y_m: measured(tip_m.y, sensors.tip_m),
-        tip_x_m: tip_m.x.map(|x_m| measured(x_m, sensors.tip_m)),
-        tip_direction_y_rad: sensors.tip_direction_rad.map(|sd_rad| measured(tip_direction_rad.y, sd_rad)),
+        tip_y_m: with_noise(tip_m.y, sensors.tip_m, &mut noise),
+        tip_x_m: tip_m.x.map(|x_m| with_noise(x_m, sensors.tip_m, &mut noise)),
+        tip_direction_y_rad: sensors
+            .tip_direction_rad
+            .map(|sd_rad| with_noise(tip_direction_rad.y, sd_rad, &mut noise)),
         tip_direction_x_rad: sensors
             .tip_direction_rad
-            .and_then(|sd_rad| tip_direction_rad.x.map(|x_rad| measured(x_rad, sd_rad))),
+            .and_then(|sd_rad| tip_direction_rad.x.map(|x_rad| with_noise(x_rad, sd_rad, &mut noise))),
         time_s: Some(depth_m.iter().map(|depth_m| depth_m / plan.speed_m_per_s).collect()),
         rotation_rad: plan
             .turn_at_m

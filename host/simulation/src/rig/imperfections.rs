@@ -49,15 +49,13 @@ impl Imperfections {
     pub fn of_seed(seed: u64, start: u64) -> Self {
         let mut rig = Noise::numbered(seed, Stream::Imperfections, 0);
         let mut imperfections = Noise::numbered(seed, Stream::Imperfections, start + 1);
-        let mut normal = || imperfections.draw().clamp(-MAX_SD, MAX_SD);
-        let mut within = |[low, high]: [f64; 2]| low + (high - low) * rig.uniform();
         Self {
-            modulus_factor: 1.0 + MODULUS_SD * normal(),
-            force_drift_n: [(); 2].map(|()| DRIFT_SD_N * normal()),
-            force_drift_s: within([5.0, 20.0]),
-            shape_pattern_mm: within(PATTERN_MM),
-            shape_pattern_period_mm: within(PERIOD_MM),
-            shape_pattern_phase_rad: [(); 2].map(|()| within([0.0, TAU])),
+            modulus_factor: 1.0 + MODULUS_SD * truncated_normal(&mut imperfections),
+            force_drift_n: [(); 2].map(|()| DRIFT_SD_N * truncated_normal(&mut imperfections)),
+            force_drift_s: uniform_within([5.0, 20.0], &mut rig),
+            shape_pattern_mm: uniform_within(PATTERN_MM, &mut rig),
+            shape_pattern_period_mm: uniform_within(PERIOD_MM, &mut rig),
+            shape_pattern_phase_rad: [(); 2].map(|()| uniform_within([0.0, TAU], &mut rig)),
         }
     }
 
@@ -77,7 +75,6 @@ impl Imperfections {
     pub(super) fn fault(&self) -> Option<(&'static str, f64, &'static str)> {
         let Self { modulus_factor, force_drift_n, force_drift_s, shape_pattern_mm, .. } = *self;
         let Self { shape_pattern_period_mm, shape_pattern_phase_rad, .. } = *self;
-        let is_positive = |value: f64| value > 0.0 && value.is_finite();
         [
             (
                 "imperfections.modulus_factor",
@@ -106,6 +103,18 @@ impl Imperfections {
         .find(|(_, _, sound, _)| !sound)
         .map(|(field, value, _, expected)| (field, value, expected))
     }
+}
+
+fn is_positive(value: f64) -> bool {
+    value > 0.0 && value.is_finite()
+}
+
+fn uniform_within([low, high]: [f64; 2], rig: &mut Noise) -> f64 {
+    low + (high - low) * rig.uniform()
+}
+
+fn truncated_normal(imperfections: &mut Noise) -> f64 {
+    imperfections.draw().clamp(-MAX_SD, MAX_SD)
 }
 
 #[cfg(test)]

@@ -86,16 +86,13 @@ fn insert(
     let insertion =
         Insertion { depth_m: depths_m.clone(), guide2_m: Some(Default::default()), ..Insertion::default() };
     let tip_m = predict(model, &Experiment::Insertion(insertion))?.tip_m;
-    let mut measured = |path_m: Vec<f64>, plane: usize| -> Vec<f64> {
-        path_m.iter().map(|u_m| u_m + offset_m[plane] + TIP_SD_M * noise.draw()).collect()
-    };
     Ok(InsertionRun {
         path: format!("{id}.csv").into(),
         id,
         time_s: Some((0..depths_m.len()).map(|row| 0.5 * row as f64).collect()),
         depth_m: depths_m,
-        tip_y_m: measured(tip_m.y, 0),
-        tip_x_m: tip_m.x.map(|x| measured(x, 1)),
+        tip_y_m: measured_tip_m(tip_m.y, 0, offset_m, noise),
+        tip_x_m: tip_m.x.map(|x| measured_tip_m(x, 1, offset_m, noise)),
         rotation_rad: None,
         guide2_y_m: None,
         guide2_x_m: None,
@@ -103,4 +100,8 @@ fn insert(
         tip_direction_y_rad: None,
         tip_direction_x_rad: None,
     })
+}
+
+fn measured_tip_m(path_m: Vec<f64>, plane: usize, offset_m: [f64; 2], noise: &mut Noise) -> Vec<f64> {
+    path_m.iter().map(|u_m| u_m + offset_m[plane] + TIP_SD_M * noise.draw()).collect()
 }

@@ -214,15 +214,19 @@ impl SimulatedRig {
     /// Deflection of the needle along x and y at these positions, as it lies now, with what images make of it.
     fn bent_m(&self, places_m: &[f64]) -> Vec<[f64; 2]> {
         let pressed_m = self.position_m().map(|position_m| self.drive.beyond_clearance_m(position_m));
-        let bent = |plane: usize| -> Vec<f64> {
-            places_m.iter().map(|z_m| self.beam.deflection_m(pressed_m[plane], *z_m)).collect()
+        let shape_m = Series {
+            x: Some(self.bent_in_plane(0, pressed_m, places_m)),
+            y: self.bent_in_plane(1, pressed_m, places_m),
         };
-        let shape_m = Series { x: Some(bent(0)), y: bent(1) };
         let mut channels = Channels { shape_m, ..Channels::default() };
         let context = ObservationContext::default();
         self.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
         let Series { y, x } = channels.shape_m;
         x.unwrap_or_default().into_iter().zip(y).map(|(x_m, y_m)| [x_m, y_m]).collect()
+    }
+
+    fn bent_in_plane(&self, plane: usize, pressed_m: [f64; 2], places_m: &[f64]) -> Vec<f64> {
+        places_m.iter().map(|z_m| self.beam.deflection_m(pressed_m[plane], *z_m)).collect()
     }
 
     /// Takes the ultrasound frames of a probe that goes along the needle inside the tissue and back, as it lies now; frames are rendered

@@ -92,7 +92,6 @@ impl ScannerConfig {
     pub(super) fn fault(&self) -> Option<(&'static str, f64, &'static str)> {
         let [width, height] = self.size_px.map(|pixels| pixels as f64);
         let positive = "a positive number";
-        let share = |value: f64| (0.0..=0.3).contains(&value);
         let checks = [
             ("scanner.size_px", width, (32.0..=1000.0).contains(&width), "32 to 1000"),
             ("scanner.size_px", height, (32.0..=1000.0).contains(&height), "32 to 1000"),
@@ -110,13 +109,17 @@ impl ScannerConfig {
             ("scanner.sound_m_per_s", self.sound_m_per_s, self.sound_m_per_s > 0.0, positive),
             ("scanner.lag_s", self.lag_s, self.lag_s.abs() <= 0.4, "-0.4 to 0.4"),
             ("scanner.echo_db", self.echo_db, (0.0..=40.0).contains(&self.echo_db), "0 to 40"),
-            ("scanner.black_share", self.black_share, share(self.black_share), "0 to 0.3"),
-            ("scanner.lost_share", self.lost_share, share(self.lost_share), "0 to 0.3"),
-            ("scanner.clutter_share", self.clutter_share, share(self.clutter_share), "0 to 0.3"),
+            ("scanner.black_share", self.black_share, is_share(self.black_share), "0 to 0.3"),
+            ("scanner.lost_share", self.lost_share, is_share(self.lost_share), "0 to 0.3"),
+            ("scanner.clutter_share", self.clutter_share, is_share(self.clutter_share), "0 to 0.3"),
         ];
         let fault = checks.into_iter().find(|(.., is_good, _)| !is_good);
         fault.map(|(field, value, _, expected)| (field, value, expected))
     }
+}
+
+fn is_share(value: f64) -> bool {
+    (0.0..=0.3).contains(&value)
 }
 
 /// One scan: a needle that lies still while the probe goes along it and back.
@@ -152,7 +155,6 @@ struct Speckle<'a> {
 impl Scan {
     /// First and last position of the probe.
     fn ends_mm(&self) -> [f64; 2] {
-        let z_mm = |point: Option<&[f64; 3]>| point.map_or(0.0, |point| point[0]);
         [z_mm(self.axis_mm.first()), z_mm(self.axis_mm.last())]
     }
 
@@ -243,6 +245,10 @@ impl Scan {
     }
 }
 
+fn z_mm(point: Option<&[f64; 3]>) -> f64 {
+    point.map_or(0.0, |point| point[0])
+}
+
 impl Speckle<'_> {
     /// The frame of the image plane at a position.
     fn frame(&mut self, z_mm: f64, random: &mut ChaCha8Rng) -> Vec<u8> {
@@ -274,8 +280,8 @@ impl Speckle<'_> {
         field
             .iter()
             .map(|[re, im]| {
-                let mut noise = || -> f64 { StandardNormal.sample(&mut *random) };
-                let size = (re + ELECTRONICS * noise()).hypot(im + ELECTRONICS * noise());
+                let size = (re + ELECTRONICS * standard_normal(random))
+                    .hypot(im + ELECTRONICS * standard_normal(random));
                 let decibel = 20.0 * (size / (1.3 * strength)).log10();
                 // The cast saturates at nothing: the clamp keeps it within 8 bits.
                 (255.0 * (1.0 + decibel / RANGE_DB)).clamp(0.0, 255.0) as u8
@@ -303,14 +309,19 @@ impl Speckle<'_> {
     }
 }
 
+fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(random)
+}
+
 impl Scan {
     /// Speckle of one plane: complex noise, smoothed over the extent of a point's image.
     fn plane(&self, number: i64) -> Vec<[f64; 2]> {
         let [width, height] = self.scanner.size_px;
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream((number + (1 << 32)) as u64);
-        let mut draw = || -> f64 { StandardNormal.sample(&mut random) };
-        let white: Vec<[f64; 2]> = (0..width * height).map(|_| [draw(), draw()]).collect();
+        let white: Vec<[f64; 2]> = (0..width * height)
+            .map(|_| [standard_normal(&mut random), standard_normal(&mut random)])
+            .collect();
         let [across_px, along_px] = POINT_MM.map(|mm| mm / self.scanner.pixel_mm);
         let rows = smoothed(&white, across_px, 1, |at| at % width, width);
         smoothed(&rows, along_px, width, |at| at / width, height)
@@ -357,11 +368,8 @@ fn add_echo(
     let [sd_x, sd_y] = ECHO_MM.map(|mm| mm / pixel_mm);
     for [strength, behind_mm] in TAIL {
         let y_px = y_px + behind_mm / pixel_mm;
-        let range = |at: f64, sd: f64, most: usize| {
-            ((at - 4.0 * sd).max(0.0) as usize).min(most)..((at + 4.0 * sd + 1.0).max(0.0) as usize).min(most)
-        };
-        for y in range(y_px, sd_y, height) {
-            for x in range(x_px, sd_x, width) {
+        for y in echo_range(y_px, sd_y, height) {
+            for x in echo_range(x_px, sd_x, width) {
                 let (dx, dy) = ((x as f64 - x_px) / sd_x, (y as f64 - y_px) / sd_y);
                 let weight = strength * (-0.5 * (dx * dx + dy * dy)).exp();
                 if let Some(value) = field.get_mut(y * width + x) {
@@ -370,6 +378,11 @@ fn add_echo(
             }
         }
     }
+}
+
+/// Pixels that an echo reaches.
+fn echo_range(at: f64, sd: f64, most: usize) -> std::ops::Range<usize> {
+    ((at - 4.0 * sd).max(0.0) as usize).min(most)..((at + 4.0 * sd + 1.0).max(0.0) as usize).min(most)
 }
 
 #[cfg(test)]

@@ -10,12 +10,15 @@ fn scan(scanner: ScannerConfig) -> Scan {
 /// Mean place of what is brighter than any speckle.
 fn bright_px(scan: &Scan, frame: &ScanFrame) -> Option<[f64; 2]> {
     let width = scan.scanner.size_px[0];
-    let weight = |pixel: &u8| f64::from(pixel.saturating_sub(200));
     let sums = frame.pixels.iter().enumerate().fold([0.0; 3], |[sum, x, y], (at, pixel)| {
-        let weight = weight(pixel);
+        let weight = brightness(pixel);
         [sum + weight, x + weight * (at % width) as f64, y + weight * (at / width) as f64]
     });
     (sums[0] > 0.0).then(|| [sums[1] / sums[0], sums[2] / sums[0]])
+}
+
+fn brightness(pixel: &u8) -> f64 {
+    f64::from(pixel.saturating_sub(200))
 }
 
 #[test]
@@ -47,14 +50,17 @@ fn echoes_are_where_the_needle_is_when_a_frame_is_taken() {
 #[test]
 fn the_beam_and_the_speed_of_sound_are_as_stated() {
     let reference = scan(ScannerConfig::default());
-    let place_mm = |scan: &Scan| scan.echo_px(70.0).map(|px| px * scan.scanner.pixel_mm);
-    let [x, y] = place_mm(&reference);
+    let [x, y] = echo_mm(&reference);
     assert!((x - 6.1).abs() < 1e-9 && (y - (6.0 - 0.635 - 0.8)).abs() < 1e-9, "{x} {y}");
     let aside = scan(ScannerConfig { beam_deg: 0.0, ..ScannerConfig::default() });
-    let [x, y] = place_mm(&aside);
+    let [x, y] = echo_mm(&aside);
     assert!((x - 6.8).abs() < 1e-9 && (y - (6.0 - 0.635 + 0.1)).abs() < 1e-9, "{x} {y}");
     let slow = scan(ScannerConfig { sound_m_per_s: 1400.0, ..ScannerConfig::default() });
-    assert!((place_mm(&slow)[1] / place_mm(&reference)[1] - 1.1).abs() < 1e-9);
+    assert!((echo_mm(&slow)[1] / echo_mm(&reference)[1] - 1.1).abs() < 1e-9);
+}
+
+fn echo_mm(scan: &Scan) -> [f64; 2] {
+    scan.echo_px(70.0).map(|px| px * scan.scanner.pixel_mm)
 }
 
 #[test]

@@ -82,8 +82,7 @@ impl Tissue {
     }
 
     fn factor(&self, depth_mm: f64) -> f64 {
-        let bell = |one: &Inclusion| (-0.5 * ((depth_mm - one.depth_mm) / one.width_mm).powi(2)).exp();
-        self.inclusions.iter().map(|one| 1.0 + (one.factor - 1.0) * bell(one)).product()
+        self.inclusions.iter().map(|one| 1.0 + (one.factor - 1.0) * bell(one, depth_mm)).product()
     }
 
     /// Stiffness, N/m^2, and damping, N s/m^2, at a depth.
@@ -113,17 +112,23 @@ impl Tissue {
         }
         faces_m.sort_by(f64::total_cmp);
         faces_m.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-        let profile = |part: usize| {
-            let mut top_m = 0.0;
-            let mut layers = Vec::new();
-            for &bottom_m in &faces_m {
-                layers.push(Layer { bottom_m, modulus_pa: self.at(0.5 * (top_m + bottom_m))[part] });
-                top_m = bottom_m;
-            }
-            Foundation::layered(layers, self.at(top_m + SLICE_M)[part])
-        };
-        Ok([profile(0)?, profile(1)?])
+        Ok([self.foundation_of(0, &faces_m)?, self.foundation_of(1, &faces_m)?])
     }
+
+    fn foundation_of(&self, part: usize, faces_m: &[f64]) -> Result<Foundation, ModelError> {
+        let mut top_m = 0.0;
+        let mut layers = Vec::new();
+        for &bottom_m in faces_m {
+            layers.push(Layer { bottom_m, modulus_pa: self.at(0.5 * (top_m + bottom_m))[part] });
+            top_m = bottom_m;
+        }
+        Foundation::layered(layers, self.at(top_m + SLICE_M)[part])
+    }
+}
+
+/// Gaussian profile of an inclusion over the depth.
+fn bell(one: &Inclusion, depth_mm: f64) -> f64 {
+    (-0.5 * ((depth_mm - one.depth_mm) / one.width_mm).powi(2)).exp()
 }
 
 /// Motion of one run.
@@ -206,15 +211,17 @@ impl SteeringRig {
         let period_s = 1e-3 * plan.period_ms;
         let count = (plan.depth_mm / plan.speed_mm_s / period_s).floor() as usize;
         let time_s: Vec<f64> = (0..=count).map(|i| i as f64 * period_s).collect();
-        let depth_mm = |time_s: &f64| (plan.speed_mm_s * time_s).min(plan.depth_mm);
         let run = mechanics::Steering {
-            depth_m: time_s.iter().map(|time_s| 1e-3 * depth_mm(time_s)).collect(),
+            depth_m: time_s
+                .iter()
+                .map(|time_s| 1e-3 * depth_mm(time_s, plan.speed_mm_s, plan.depth_mm))
+                .collect(),
             drive: BaseDrive::Position(
                 time_s
                     .iter()
                     .map(|time_s| {
-                        let fraction =
-                            (depth_mm(time_s) - plan.straight_mm) / (plan.depth_mm - plan.straight_mm);
+                        let fraction = (depth_mm(time_s, plan.speed_mm_s, plan.depth_mm) - plan.straight_mm)
+                            / (plan.depth_mm - plan.straight_mm);
                         let wobble_mm = if fraction > 0.0 {
                             plan.wobble_mm * (TAU * plan.wobble_hz * time_s).sin()
                         } else {
@@ -240,6 +247,10 @@ impl SteeringRig {
         };
         Ok(Truth { run, period_s, disturbances: plan.disturbances })
     }
+}
+
+fn depth_mm(time_s: &f64, speed_mm_s: f64, depth_mm: f64) -> f64 {
+    (speed_mm_s * time_s).min(depth_mm)
 }
 
 /// Disturbances: tip, m; force, N; how long they last, s; frequency of the ringing, 1/s.
@@ -281,13 +292,12 @@ mod tests {
     use mechanics::Needle;
 
     fn tissue() -> Tissue {
-        let layer = |bottom_mm, stiffness_n_per_m2, damping_n_s_per_m2| TissueLayer {
-            bottom_mm,
-            stiffness_n_per_m2,
-            damping_n_s_per_m2,
-        };
         let inclusions = vec![Inclusion { depth_mm: 20.0, width_mm: 2.0, factor: 2.0 }];
         Tissue { layers: vec![layer(40.0, 1e4, 1e3), layer(80.0, 3e4, 2e3)], inclusions }
+    }
+
+    fn layer(bottom_mm: f64, stiffness_n_per_m2: f64, damping_n_s_per_m2: f64) -> TissueLayer {
+        TissueLayer { bottom_mm, stiffness_n_per_m2, damping_n_s_per_m2 }
     }
 
     fn rig(tissue: &Tissue) -> SteeringRig {
@@ -329,16 +339,14 @@ mod tests {
         let rig = rig(&tissue);
         let straight = rig.carry_out(&plan(4.0, 0.0)).expect("a plan").run;
         assert!(straight.base_force_y_n.iter().chain(&straight.tip_y_m).all(|value| *value == 0.0));
-        let end = |speed_mm_s: f64| {
-            let run = rig.carry_out(&plan(speed_mm_s, 15.0)).expect("a plan").run;
-            (
-                run.tip_y_m.last().copied().expect("samples"),
-                run.base_force_y_n.last().copied().expect("samples"),
-            )
-        };
-        let ((fast_m, fast_n), (slow_m, slow_n)) = (end(4.0), end(2.0));
+        let ((fast_m, fast_n), (slow_m, slow_n)) = (end_of_run(4.0, &rig), end_of_run(2.0, &rig));
         assert!((fast_m - slow_m).abs() < 2e-5, "{fast_m} {slow_m}");
         assert!((fast_n / slow_n - 1.0).abs() < 5e-3, "{fast_n} {slow_n}");
+    }
+
+    fn end_of_run(speed_mm_s: f64, rig: &SteeringRig) -> (f64, f64) {
+        let run = rig.carry_out(&plan(speed_mm_s, 15.0)).expect("a plan").run;
+        (run.tip_y_m.last().copied().expect("samples"), run.base_force_y_n.last().copied().expect("samples"))
     }
 
     #[test]

@@ -9,13 +9,14 @@ fn rig(seed: u64) -> SimulatedRig {
 
 #[test]
 fn a_seed_repeats_exactly_and_another_differs() {
-    let run = |seed| {
-        let mut rig = rig(seed);
-        let codes: Vec<Codes> = (0..200).map(|_| rig.step([[0.5, 0.0], [0.0, 0.7]], PERIOD_S)).collect();
-        (codes, rig.sweep(), rig.truth())
-    };
     assert_eq!(run(5), run(5));
     assert_ne!(run(5).2, run(6).2);
+}
+
+fn run(seed: u64) -> (Vec<Codes>, Vec<ShapeSample>, Truth) {
+    let mut rig = rig(seed);
+    let codes: Vec<Codes> = (0..200).map(|_| rig.step([[0.5, 0.0], [0.0, 0.7]], PERIOD_S)).collect();
+    (codes, rig.sweep(), rig.truth())
 }
 
 #[test]

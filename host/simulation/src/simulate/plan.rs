@@ -185,9 +185,6 @@ impl LateralPlan {
             "sweep_levels",
             "spacing_mm",
         ])?;
-        let number = |field: &str, range, or: f64| {
-            fields.optional_number(field, range).map(|found| found.unwrap_or(or))
-        };
         let levels_mm = fields.optional_list("levels_mm", [-50.0, 50.0], 0)?;
         if let Some([]) = levels_mm.as_deref() {
             return Err(fields.field_fault("levels_mm", Problem::Empty, "one level or more"));
@@ -197,15 +194,15 @@ impl LateralPlan {
             depth_m: MM * fields.number_or_zero("depth_mm", DEPTH_RANGE_MM)?,
             axis: choice(fields, "axis", [("y", Axis::Y), ("x", Axis::X)])?,
             levels_m: levels_mm.unwrap_or(LEVELS_MM.to_vec()).into_iter().map(|mm| MM * mm).collect(),
-            hold_s: number("hold_s", [0.5, 3600.0], 3.0)?,
-            ramp_m_per_s: MM * number("ramp_mm_per_s", [0.01, 100.0], 1.0)?,
-            rate_hz: number("rate_hz", [1.0, 1000.0], 20.0)?,
+            hold_s: number_or("hold_s", [0.5, 3600.0], 3.0, fields)?,
+            ramp_m_per_s: MM * number_or("ramp_mm_per_s", [0.01, 100.0], 1.0, fields)?,
+            rate_hz: number_or("rate_hz", [1.0, 1000.0], 20.0, fields)?,
             sweep_levels: choice(
                 fields,
                 "sweep_levels",
                 [("extremes", SweepLevels::Extremes), ("all", SweepLevels::All)],
             )?,
-            spacing_m: MM * number("spacing_mm", [0.05, 100.0], 1.0)?,
+            spacing_m: MM * number_or("spacing_mm", [0.05, 100.0], 1.0, fields)?,
         };
         let rows = plan.hold_s * plan.rate_hz;
         if rows < MIN_ROWS {
@@ -271,19 +268,26 @@ impl LateralPlan {
     }
 }
 
+fn number_or(field: &str, range: [f64; 2], or: f64, fields: &Fields<'_>) -> Result<f64, SessionError> {
+    fields.optional_number(field, range).map(|found| found.unwrap_or(or))
+}
+
 impl InsertionPlan {
     fn read(fields: &Fields<'_>, id: String) -> Result<Self, SessionError> {
         fields.only(&["id", "depth_mm", "speed_mm_per_s", "turn_at_mm", "step_mm"])?;
         let depth_mm = fields.number("depth_mm", [1.0, 300.0])?;
-        let or = |found: Option<f64>, or: f64| found.unwrap_or(or);
         Ok(Self {
             id,
             depth_m: MM * depth_mm,
-            speed_m_per_s: MM * or(fields.optional_number("speed_mm_per_s", [0.01, 1000.0])?, 5.0),
+            speed_m_per_s: MM * or_default(fields.optional_number("speed_mm_per_s", [0.01, 1000.0])?, 5.0),
             turn_at_m: fields.optional_number("turn_at_mm", [0.0, depth_mm])?.map(|mm| MM * mm),
-            step_m: MM * or(fields.optional_number("step_mm", [0.01, depth_mm])?, 0.5),
+            step_m: MM * or_default(fields.optional_number("step_mm", [0.01, depth_mm])?, 0.5),
         })
     }
+}
+
+fn or_default(found: Option<f64>, or: f64) -> f64 {
+    found.unwrap_or(or)
 }
 
 /// One of two words; the first where there is none.

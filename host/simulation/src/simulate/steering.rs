@@ -126,17 +126,15 @@ fn run(fields: &Fields<'_>, id: String) -> Result<Plan, SessionError> {
         "period_ms",
         "disturbances",
     ])?;
-    let number =
-        |field: &str, range, or: f64| fields.optional_number(field, range).map(|found| found.unwrap_or(or));
     let plan = Plan {
         id,
         speed_mm_s: fields.number("speed_mm_s", [0.1, 100.0])?,
-        depth_mm: number("depth_mm", [1.0, 300.0], 80.0)?,
-        lateral_mm: number("lateral_mm", [-100.0, 100.0], 20.0)?,
-        straight_mm: number("straight_mm", [0.0, 300.0], 0.0)?,
-        wobble_mm: number("wobble_mm", [0.0, 20.0], 0.0)?,
-        wobble_hz: number("wobble_hz", [0.01, 5.0], 0.5)?,
-        period_ms: number("period_ms", [1.0, 1000.0], 20.0)?,
+        depth_mm: number_or("depth_mm", [1.0, 300.0], 80.0, fields)?,
+        lateral_mm: number_or("lateral_mm", [-100.0, 100.0], 20.0, fields)?,
+        straight_mm: number_or("straight_mm", [0.0, 300.0], 0.0, fields)?,
+        wobble_mm: number_or("wobble_mm", [0.0, 20.0], 0.0, fields)?,
+        wobble_hz: number_or("wobble_hz", [0.01, 5.0], 0.5, fields)?,
+        period_ms: number_or("period_ms", [1.0, 1000.0], 20.0, fields)?,
         disturbances: fields
             .optional_whole("disturbances", [0.0, MAX_DISTURBANCES])?
             .map_or(0, |count| count as usize),
@@ -153,4 +151,8 @@ fn run(fields: &Fields<'_>, id: String) -> Result<Plan, SessionError> {
         return Err(fields.field_fault("period_ms", problem, expected));
     }
     Ok(plan)
+}
+
+fn number_or(field: &str, range: [f64; 2], or: f64, fields: &Fields<'_>) -> Result<f64, SessionError> {
+    fields.optional_number(field, range).map(|found| found.unwrap_or(or))
 }

@@ -30,16 +30,16 @@ const NONE: Sensors =
 #[test]
 fn a_lateral_plan_goes_through_its_levels() {
     let run = made(LATERAL, NONE, 1).lateral.remove(0);
-    let at = |time_s: f64| {
-        let row = run.force.time_s.iter().position(|row_s| (row_s - time_s).abs() < 1e-9).expect("a row");
-        1e3 * run.force.displacement_y_m[row]
-    };
     // Nine holds of 3 s, and 4.8 mm between them at 1 mm/s.
     assert_eq!(run.force.time_s.len(), 20 * 27 + 96 + 1);
     for (time_s, level_mm) in
         [(0.0, 0.0), (3.0, 0.0), (3.2, 0.2), (3.4, 0.4), (6.4, 0.4), (13.0, 1.2), (31.0, 0.0)]
     {
-        assert!((at(time_s) - level_mm).abs() < 1e-9, "{time_s}: {}", at(time_s));
+        assert!(
+            (displacement_mm(time_s, &run.force.time_s, &run.force.displacement_y_m) - level_mm).abs() < 1e-9,
+            "{time_s}: {}",
+            displacement_mm(time_s, &run.force.time_s, &run.force.displacement_y_m)
+        );
     }
     assert!(run.force.displacement_x_m.expect("both planes").iter().all(|x_m| *x_m == 0.0));
     // 30 points in the holds at 0 (three), at 1.2 and at -1.2 mm; at the tip too.
@@ -50,6 +50,11 @@ fn a_lateral_plan_goes_through_its_levels() {
     assert_eq!(all_levels.shape.z_m.len(), 9 * 30);
     assert_eq!(all_levels.force.force_x_n.expect("both planes"), run.force.force_y_n);
     assert!(all_levels.force.force_y_n.iter().all(|force_n| *force_n == 0.0));
+}
+
+fn displacement_mm(time_s: f64, run_force_time_s: &[f64], displacement_y_m: &[f64]) -> f64 {
+    let row = run_force_time_s.iter().position(|row_s| (row_s - time_s).abs() < 1e-9).expect("a row");
+    1e3 * displacement_y_m[row]
 }
 
 #[test]
@@ -76,9 +81,6 @@ fn an_insertion_plan_is_carried_out() {
 fn noise_is_as_stated_and_repeats() {
     let sensors = Sensors::new(&Noise { shape_m: Some(0.1e-3), ..Noise::default() });
     let (clean, noisy) = (made(LATERAL, NONE, 1), made(LATERAL, sensors, 1));
-    let scatter = |a: &[f64], b: &[f64]| {
-        (a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt()
-    };
     let (clean, noisy) = (&clean.lateral[0], &noisy.lateral[0]);
     for (found, stated) in [
         (scatter(&clean.force.force_y_n, &noisy.force.force_y_n), 0.02),
@@ -96,6 +98,10 @@ fn noise_is_as_stated_and_repeats() {
     assert_ne!(two[1].force, two[0].force);
 }
 
+fn scatter(a: &[f64], b: &[f64]) -> f64 {
+    (a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt()
+}
+
 #[test]
 fn what_is_written_is_read() {
     let text = LATERAL.to_owned() + "[[insertion]]\nid = \"i\"\ndepth_mm = 10\nturn_at_mm = 5\n";
@@ -111,55 +117,83 @@ fn what_is_written_is_read() {
     let mut writer = SessionWriter::open(folder.path(), &setup).expect("a session");
     simulated.write(&mut writer).expect("written");
     let read = Session::read(folder.path()).expect("reads");
-    let close =
-        |a: &[f64], b: &[f64]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
     let (read_run, simulated_run) = (&read.lateral[0], &simulated.lateral[0]);
     assert!(
-        close(&read_run.force.force_y_n, &simulated_run.force.force_y_n)
-            && close(&read_run.shape.y_m, &simulated_run.shape.y_m)
+        are_close(&read_run.force.force_y_n, &simulated_run.force.force_y_n)
+            && are_close(&read_run.shape.y_m, &simulated_run.shape.y_m)
     );
-    assert!(close(read_run.shape.x_m.as_deref().expect("x"), simulated_run.shape.x_m.as_deref().expect("x")));
+    assert!(are_close(
+        read_run.shape.x_m.as_deref().expect("x"),
+        simulated_run.shape.x_m.as_deref().expect("x")
+    ));
     let (read_run, simulated_run) = (&read.insertion[0], &simulated.insertion[0]);
     assert!(
-        close(&read_run.tip_y_m, &simulated_run.tip_y_m) && close(&read_run.depth_m, &simulated_run.depth_m)
+        are_close(&read_run.tip_y_m, &simulated_run.tip_y_m)
+            && are_close(&read_run.depth_m, &simulated_run.depth_m)
     );
-    assert!(close(
+    assert!(are_close(
         read_run.rotation_rad.as_deref().expect("turned"),
         simulated_run.rotation_rad.as_deref().expect("turned")
     ));
 }
 
+fn are_close(a: &[f64], b: &[f64]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9)
+}
+
 #[test]
 fn faults_in_a_plan_are_named_with_their_place() {
-    let fails = |text: &str, words: &[&str]| {
-        let message = plan(text).expect_err("a fault").to_string();
-        for word in words {
-            assert!(message.contains(word), "{word} in {message}");
-        }
-    };
-    let with = |line: &str| format!("{LATERAL}{line}\n");
-    fails(
-        &with("depth = 3"),
+    assert_fails(
+        &plan_with("depth = 3"),
         &["plan.toml:6:1: lateral.depth: \"depth\" is not known", "id, depth_mm, axis"],
     );
-    fails(&with("axis = \"z\""), &["plan.toml:6:8: lateral.axis: \"z\" is not known", "\"y\" or \"x\""]);
-    fails(&with("levels_mm = []"), &["6:13: lateral.levels_mm: empty"]);
-    fails(&with("levels_mm = [0, 99]"), &["6:17: lateral.levels_mm: 99 is out of range", "-50 to 50"]);
-    fails(&with("levels_mm = 1"), &["this is an integer", "a list of numbers"]);
-    fails(&with("hold_s = 0.6"), &["lateral.hold_s: 0.6 is out of range, expected 20 rows or more: 1 s"]);
-    fails(
-        &with("rate_hz = 1000\nhold_s = 3600"),
+    assert_fails(
+        &plan_with("axis = \"z\""),
+        &["plan.toml:6:8: lateral.axis: \"z\" is not known", "\"y\" or \"x\""],
+    );
+    assert_fails(&plan_with("levels_mm = []"), &["6:13: lateral.levels_mm: empty"]);
+    assert_fails(
+        &plan_with("levels_mm = [0, 99]"),
+        &["6:17: lateral.levels_mm: 99 is out of range", "-50 to 50"],
+    );
+    assert_fails(&plan_with("levels_mm = 1"), &["this is an integer", "a list of numbers"]);
+    assert_fails(
+        &plan_with("hold_s = 0.6"),
+        &["lateral.hold_s: 0.6 is out of range, expected 20 rows or more: 1 s"],
+    );
+    assert_fails(
+        &plan_with("rate_hz = 1000\nhold_s = 3600"),
         &["lateral.rate_hz: ", " rows, expected at most 1000000 in a run"],
     );
-    fails(&with("[[lateral]]\nid = \"a\"\ndepth_mm = 2"), &["7:6: lateral.id: \"a\" appears twice"]);
-    fails(&with("[[insertion]]\nid = \"a\"\ndepth_mm = 20"), &["insertion.id: \"a\" appears twice"]);
-    fails(
-        &with("[[insertion]]\nid = \"i\"\ndepth_mm = 20\nturn_at_mm = 21"),
+    assert_fails(
+        &plan_with("[[lateral]]\nid = \"a\"\ndepth_mm = 2"),
+        &["7:6: lateral.id: \"a\" appears twice"],
+    );
+    assert_fails(
+        &plan_with("[[insertion]]\nid = \"a\"\ndepth_mm = 20"),
+        &["insertion.id: \"a\" appears twice"],
+    );
+    assert_fails(
+        &plan_with("[[insertion]]\nid = \"i\"\ndepth_mm = 20\nturn_at_mm = 21"),
         &["9:14: insertion.turn_at_mm: 21"],
     );
-    fails(&LATERAL.replace("k_kpa = 12", "layers = []"), &["1:1: tissue.k_kpa: missing"]);
-    fails(&LATERAL.replace("[tissue]\nk_kpa = 12\n", ""), &["tissue.k_kpa: missing"]);
-    fails(&LATERAL.replace("k_kpa", "k_pa"), &["2:1: tissue.k_pa", "k_kpa, k_ci95_kpa, foundation, poisson"]);
+    assert_fails(&LATERAL.replace("k_kpa = 12", "layers = []"), &["1:1: tissue.k_kpa: missing"]);
+    assert_fails(&LATERAL.replace("[tissue]\nk_kpa = 12\n", ""), &["tissue.k_kpa: missing"]);
+    assert_fails(
+        &LATERAL.replace("k_kpa", "k_pa"),
+        &["2:1: tissue.k_pa", "k_kpa, k_ci95_kpa, foundation, poisson"],
+    );
+}
+
+fn plan_with(line: &str) -> String {
+    format!("{LATERAL}{line}\n")
+}
+
+fn assert_fails(text: &str, words: &[&str]) {
+    let message = plan(text).expect_err("a fault").to_string();
+    for word in words {
+        assert!(message.contains(word), "{word} in {message}");
+    }
 }
 
 /// Lateral runs as planned, with ordinary noise.
