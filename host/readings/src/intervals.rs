@@ -45,26 +45,41 @@ pub fn profile_interval<B: Block>(
 ) -> Result<[f64; 2], FitError> {
     let centre = best.shared.first().copied().unwrap_or(f64::NAN);
     let sd = best.covariance.get((0, 0)).copied().unwrap_or(f64::NAN).sqrt();
-    let end = |direction: f64| -> Result<f64, FitError> {
-        let bound_at = |distance: f64| centre + direction * distance * sd;
-        let (mut inner, mut outer) = (0.0, rise.sqrt());
-        while profile(shared, blocks, best, bound_at(outer))? < rise {
-            (inner, outer) = (outer, 1.5 * outer);
-            if outer > FURTHEST_SD {
-                return Ok(direction * f64::INFINITY);
-            }
+    Ok([
+        interval_end(-1.0, centre, sd, rise, shared, blocks, best)?,
+        interval_end(1.0, centre, sd, rise, shared, blocks, best)?,
+    ])
+}
+
+fn interval_end<B: Block>(
+    direction: f64,
+    centre: f64,
+    sd: f64,
+    rise: f64,
+    shared: &[Parameter],
+    blocks: &[B],
+    best: &Fit,
+) -> Result<f64, FitError> {
+    let (mut inner, mut outer) = (0.0, rise.sqrt());
+    while profile(shared, blocks, best, bound_at(outer, centre, direction, sd))? < rise {
+        (inner, outer) = (outer, 1.5 * outer);
+        if outer > FURTHEST_SD {
+            return Ok(direction * f64::INFINITY);
         }
-        for _ in 0..BISECTIONS {
-            let middle = 0.5 * (inner + outer);
-            if profile(shared, blocks, best, bound_at(middle))? < rise {
-                inner = middle
-            } else {
-                outer = middle
-            }
+    }
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (inner + outer);
+        if profile(shared, blocks, best, bound_at(middle, centre, direction, sd))? < rise {
+            inner = middle
+        } else {
+            outer = middle
         }
-        Ok(bound_at(0.5 * (inner + outer)))
-    };
-    Ok([end(-1.0)?, end(1.0)?])
+    }
+    Ok(bound_at(0.5 * (inner + outer), centre, direction, sd))
+}
+
+fn bound_at(distance: f64, centre: f64, direction: f64, sd: f64) -> f64 {
+    centre + direction * distance * sd
 }
 
 /// The first shared parameter as found on `count` sets of data drawn from the fit, in increasing order: what repeats of the

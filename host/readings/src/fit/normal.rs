@@ -38,11 +38,14 @@ impl Differences {
 impl Step {
     /// Whether every parameter moves by less than so many steps of its differences.
     pub fn is_within(&self, count: f64, shared: &[Parameter], blocks: &[Vec<Parameter>]) -> bool {
-        let small = |(step, parameter): (&f64, &Parameter)| step.abs() < count * parameter.step;
         let mut of_blocks = self.nuisances.iter().zip(blocks);
-        self.shared.iter().zip(shared).all(small)
-            && of_blocks.all(|(steps, of)| steps.iter().zip(of).all(small))
+        self.shared.iter().zip(shared).all(|moved| is_small(moved, count))
+            && of_blocks.all(|(steps, of)| steps.iter().zip(of).all(|moved| is_small(moved, count)))
     }
+}
+
+fn is_small((step, parameter): (&f64, &Parameter), count: f64) -> bool {
+    step.abs() < count * parameter.step
 }
 
 /// The normal equations of one block.
@@ -208,25 +211,29 @@ mod tests {
         let mean = DVector::from_vec(vec![1.0, -0.5, 0.2]);
         let covariance = DMatrix::from_row_slice(3, 3, &[1.0, 0.8, 0.1, 0.8, 1.0, -0.2, 0.1, -0.2, 0.5]);
         let information = covariance.try_inverse().expect("regular");
-        let bounded_by = |room: [[f64; 2]; 3]| {
-            let mut equations = information.clone().resize(4, 4, 0.0);
-            equations.view_mut((0, 3), (3, 1)).copy_from(&(&information * &mean));
-            bounded_step(equations, |i| room[i]).expect("positive definite")
-        };
-        let step = bounded_by([[-10.0, 10.0], [0.0, 10.0], [-10.0, 0.1]]);
-        // Beside the best of a fine grid.
-        let misfit = |x: &DVector<f64>| (x - &mean).dot(&(&information * (x - &mean)));
+        let step = bounded_by([[-10.0, 10.0], [0.0, 10.0], [-10.0, 0.1]], &information, &mean);
         let mut best = (f64::INFINITY, DVector::zeros(3));
         for (a, b, c) in (0..400).flat_map(|a| (0..40).flat_map(move |b| (0..40).map(move |c| (a, b, c)))) {
             let [a, b, c] = [0.005 * f64::from(a), 0.02 * f64::from(b), 0.1 - 0.02 * f64::from(c)];
             let x = DVector::from_vec(vec![a, b, c]);
-            if misfit(&x) < best.0 {
-                best = (misfit(&x), x);
+            if misfit(&x, &mean, &information) < best.0 {
+                best = (misfit(&x, &mean, &information), x);
             }
         }
         assert!((&step - &best.1).amax() < 6e-3, "{step} {}", best.1);
-        assert!(misfit(&step) <= best.0 + 1e-9);
+        assert!(misfit(&step, &mean, &information) <= best.0 + 1e-9);
         // With room enough nothing ends anywhere.
-        assert!((bounded_by([[-10.0, 10.0]; 3]) - mean).amax() < 1e-12);
+        assert!((bounded_by([[-10.0, 10.0]; 3], &information, &mean) - mean).amax() < 1e-12);
+    }
+
+    /// Beside the best of a fine grid.
+    fn misfit(x: &DVector<f64>, mean: &DVector<f64>, information: &DMatrix<f64>) -> f64 {
+        (x - mean).dot(&(information * (x - mean)))
+    }
+
+    fn bounded_by(room: [[f64; 2]; 3], information: &DMatrix<f64>, mean: &DVector<f64>) -> DVector<f64> {
+        let mut equations = information.clone().resize(4, 4, 0.0);
+        equations.view_mut((0, 3), (3, 1)).copy_from(&(information * mean));
+        bounded_step(equations, |i| room[i]).expect("positive definite")
     }
 }

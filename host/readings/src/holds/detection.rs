@@ -154,18 +154,11 @@ impl Bins {
             }
         }
         edges.push(time_s.len());
-        let average = |values: &[f64]| -> Vec<f64> {
-            edges
-                .windows(2)
-                .filter_map(|edge| values.get(edge[0]..edge[1]))
-                .map(|bin| bin.iter().sum::<f64>() / bin.len() as f64)
-                .collect()
-        };
-        let binned: Vec<Vec<f64>> = planes_m.iter().map(|plane| average(plane)).collect();
+        let binned: Vec<Vec<f64>> = planes_m.iter().map(|plane| bin_means(plane, &edges)).collect();
         let noise_m: Vec<f64> = binned.iter().map(|plane| noise(plane)).collect();
         let tolerance_m =
             noise_m.iter().map(|noise_m| (SIGMAS * noise_m).max(2.0 * criteria.still_m)).collect();
-        Self { time_s: average(time_s), planes_m: binned, edges, tolerance_m, noise_m }
+        Self { time_s: bin_means(time_s, &edges), planes_m: binned, edges, tolerance_m, noise_m }
     }
 
     /// Bins of the rows of a part.
@@ -237,10 +230,8 @@ impl Bins {
     fn goes_on(&self, part: &Range<usize>, criteria: &HoldCriteria) -> bool {
         let Some(flank_start) = part.start.checked_sub(FLANK) else { return false };
         self.planes_m.iter().zip(&self.noise_m).any(|(plane, noise_m)| {
-            let flank =
-                |range: Range<usize>| plane.get(range).map(|bins| bins.iter().sum::<f64>() / FLANK as f64);
             let (Some(flank_before), Some(flank_after)) =
-                (flank(flank_start..part.start), flank(part.end..part.end + FLANK))
+                (flank_mean(flank_start..part.start, plane), flank_mean(part.end..part.end + FLANK, plane))
             else {
                 return false;
             };
@@ -281,17 +272,11 @@ impl Bins {
 
     /// Cuts off bins at both ends that belong to the ramps: off by more than the noise, and one more.
     fn trim(&self, stretch: &mut Range<usize>) {
-        let is_apart = |stretch: &Range<usize>, bin: usize| {
-            self.planes_m.iter().zip(&self.noise_m).any(|(plane, noise_m)| {
-                let middle = median(plane.get(stretch.clone()).unwrap_or_default().to_vec());
-                plane.get(bin).is_some_and(|value| (value - middle).abs() > (APART * noise_m).max(1e-6))
-            })
-        };
         let whole = stretch.clone();
-        while stretch.len() > MIN_BINS && is_apart(&whole, stretch.start) {
+        while stretch.len() > MIN_BINS && self.is_apart(&whole, stretch.start) {
             stretch.start += 1;
         }
-        while stretch.len() > MIN_BINS && is_apart(&whole, stretch.end - 1) {
+        while stretch.len() > MIN_BINS && self.is_apart(&whole, stretch.end - 1) {
             stretch.end -= 1;
         }
         if stretch.len() > 2 * MIN_BINS {
@@ -300,10 +285,29 @@ impl Bins {
         }
     }
 
+    fn is_apart(&self, stretch: &Range<usize>, bin: usize) -> bool {
+        self.planes_m.iter().zip(&self.noise_m).any(|(plane, noise_m)| {
+            let middle = median(plane.get(stretch.clone()).unwrap_or_default().to_vec());
+            plane.get(bin).is_some_and(|value| (value - middle).abs() > (2.0 * noise_m).max(1e-6))
+        })
+    }
+
     fn rows(&self, stretch: &Range<usize>) -> Range<usize> {
         let edge = |bin: usize| self.edges.get(bin).copied().unwrap_or_default();
         edge(stretch.start)..edge(stretch.end)
     }
+}
+
+fn flank_mean(range: Range<usize>, plane: &[f64]) -> Option<f64> {
+    plane.get(range).map(|bins| bins.iter().sum::<f64>() / FLANK as f64)
+}
+
+fn bin_means(values: &[f64], edges: &[usize]) -> Vec<f64> {
+    edges
+        .windows(2)
+        .filter_map(|edge| values.get(edge[0]..edge[1]))
+        .map(|bin| bin.iter().sum::<f64>() / bin.len() as f64)
+        .collect()
 }
 
 /// Drift of a straight line through the bins `part`; bins are equally long.

@@ -88,15 +88,10 @@ fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<Unassign
         Some(marks) => find_marked_holds(&force.time_s, &planes, marks, criteria),
         None => find_holds(&force.time_s, &planes, criteria),
     };
-    let of_holds = |values: &[f64]| {
-        let hold_values: Vec<&[f64]> =
-            holds.iter().map(|hold| values.get(hold.rows.clone()).unwrap_or_default()).collect();
-        means(&hold_values).into_iter()
-    };
-    let mut displacement_y_m = of_holds(&force.displacement_y_m);
-    let mut force_y_n = of_holds(&force.force_y_n);
-    let mut displacement_x_m = force.displacement_x_m.as_deref().map(of_holds);
-    let mut force_x_n = force.force_x_n.as_deref().map(of_holds);
+    let mut displacement_y_m = hold_means(&force.displacement_y_m, &holds);
+    let mut force_y_n = hold_means(&force.force_y_n, &holds);
+    let mut displacement_x_m = force.displacement_x_m.as_deref().map(|values| hold_means(values, &holds));
+    let mut force_x_n = force.force_x_n.as_deref().map(|values| hold_means(values, &holds));
     let mut levels: Vec<Hold> = holds
         .iter()
         .filter_map(|hold| {
@@ -118,6 +113,12 @@ fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<Unassign
     name_paths(&mut levels, criteria);
     let strays = sweeps::assign(&mut levels, &run.shape, force, criteria);
     (levels, strays)
+}
+
+fn hold_means(values: &[f64], holds: &[HoldSpan]) -> std::vec::IntoIter<Mean> {
+    let hold_values: Vec<&[f64]> =
+        holds.iter().map(|hold| values.get(hold.rows.clone()).unwrap_or_default()).collect();
+    means(&hold_values).into_iter()
 }
 
 /// Zero is what is close to zero in itself and beside the largest level, or too close to be distinguished from it; the rest is

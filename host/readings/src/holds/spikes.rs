@@ -16,9 +16,7 @@ pub fn without_spikes(values: &[f64]) -> Vec<f64> {
     if values.len() < MIN_READINGS {
         return values.to_vec();
     }
-    // The first and last ones are kept: what drifts is far from the median of neighbours on one side.
-    let windows = || values.windows(2 * BESIDE + 1);
-    let neighbour_medians = windows().map(|window| {
+    let neighbour_medians = windows(values).map(|window| {
         let (preceding, remainder) = window.split_at(BESIDE);
         let (centre, following) = remainder.split_at(1);
         (centre.iter().sum::<f64>() - median([preceding, following].concat())).abs()
@@ -29,7 +27,7 @@ pub fn without_spikes(values: &[f64]) -> Vec<f64> {
         return values.to_vec();
     }
     // With the reading itself: where readings step, the ones beside the step are close to those on their side.
-    let middles: Vec<f64> = windows().map(|window| median(window.to_vec())).collect();
+    let middles: Vec<f64> = windows(values).map(|window| median(window.to_vec())).collect();
     values
         .iter()
         .enumerate()
@@ -39,6 +37,11 @@ pub fn without_spikes(values: &[f64]) -> Vec<f64> {
         })
         .map(|(_, value)| *value)
         .collect()
+}
+
+/// The first and last ones are kept: what drifts is far from the median of neighbours on one side.
+fn windows(values: &[f64]) -> std::slice::Windows<'_, f64> {
+    values.windows(2 * BESIDE + 1)
 }
 
 #[cfg(test)]
@@ -66,16 +69,17 @@ mod tests {
     #[test]
     fn what_relaxes_drifts_or_steps_has_no_spikes() {
         let noise = noisy(3, 200);
-        let residuals_of = |shape: &dyn Fn(f64) -> f64| -> Vec<f64> {
-            noise.iter().enumerate().map(|(i, n)| shape(i as f64) + n).collect()
-        };
         for values in [
-            residuals_of(&|i| 50.0 * (-i / 10.0).exp()),
-            residuals_of(&|i| 0.5 * i),
-            residuals_of(&|i| if i < 80.0 { 0.0 } else { 30.0 }),
+            with_noise(&|i| 50.0 * (-i / 10.0).exp(), &noise),
+            with_noise(&|i| 0.5 * i, &noise),
+            with_noise(&|i| if i < 80.0 { 0.0 } else { 30.0 }, &noise),
         ] {
             assert_eq!(without_spikes(&values), values);
         }
+    }
+
+    fn with_noise(shape: &dyn Fn(f64) -> f64, noise: &[f64]) -> Vec<f64> {
+        noise.iter().enumerate().map(|(i, n)| shape(i as f64) + n).collect()
     }
 
     #[test]

@@ -52,15 +52,14 @@ pub fn mean(values: &[f64]) -> Mean {
     let n = samples as f64;
     let value = values.iter().sum::<f64>() / n;
     let centred: Vec<f64> = values.iter().map(|v| v - value).collect();
-    let covariance =
-        |lag: usize| centred.iter().zip(centred.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>() / n;
-    let variance = covariance(0);
+    let variance = autocovariance(0, &centred, n);
     if samples < 2 || variance <= 0.0 {
         return Mean { value, scatter: 0.0, samples, effective_samples: n.max(1.0), spikes: 0 };
     }
     let mut time = -1.0;
     for pair in 0..samples / 2 {
-        let sum = (covariance(2 * pair) + covariance(2 * pair + 1)) / variance;
+        let sum =
+            (autocovariance(2 * pair, &centred, n) + autocovariance(2 * pair + 1, &centred, n)) / variance;
         if sum <= 0.0 {
             break;
         }
@@ -69,6 +68,10 @@ pub fn mean(values: &[f64]) -> Mean {
     let scatter = (variance * n / (n - 1.0)).sqrt();
     let effective_samples = (n / time.max(1.0)).clamp(1.0, n);
     Mean { value, scatter, samples, effective_samples, spikes: 0 }
+}
+
+fn autocovariance(lag: usize, centred: &[f64], n: f64) -> f64 {
+    centred.iter().zip(centred.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>() / n
 }
 
 /// Means of stretches of one channel, whose noise is the same in all of them; without spikes.
@@ -98,17 +101,15 @@ fn pooled_time(stretches: &[Vec<f64>]) -> f64 {
     let scaled: Vec<Vec<f64>> = stretches.iter().filter_map(|values| scaled(values)).collect();
     let Some(shortest) = scaled.iter().map(Vec::len).min() else { return 1.0 };
     let samples = scaled.len() as f64 / scaled.iter().map(|values| 1.0 / values.len() as f64).sum::<f64>();
-    let rho = |values: &[f64], lag: usize| {
-        let products = values.iter().zip(values.iter().skip(lag)).map(|(a, b)| a * b);
-        products.sum::<f64>() / (values.len() - lag) as f64
-    };
     let mut sums: Vec<f64> = Vec::new();
     let (mut time, mut of_mean) = (1.0, 0.0);
     for _ in 0..ITERATIONS {
         let (mut sum, mut pair) = (0.0, 0);
         while 2 * pair + 1 < shortest / 2 {
             if sums.len() <= pair {
-                let of_each = scaled.iter().map(|values| rho(values, 2 * pair) + rho(values, 2 * pair + 1));
+                let of_each = scaled.iter().map(|values| {
+                    autocorrelation_sum(values, 2 * pair) + autocorrelation_sum(values, 2 * pair + 1)
+                });
                 sums.push(median(of_each.collect()));
             }
             // The mean that was subtracted took as much of every autocovariance.
@@ -124,6 +125,11 @@ fn pooled_time(stretches: &[Vec<f64>]) -> f64 {
     }
     // The scatter about the mean is too small by the same.
     time * (1.0 + of_mean)
+}
+
+fn autocorrelation_sum(values: &[f64], lag: usize) -> f64 {
+    let products = values.iter().zip(values.iter().skip(lag)).map(|(a, b)| a * b);
+    products.sum::<f64>() / (values.len() - lag) as f64
 }
 
 /// Values about their mean in units of their scatter; nothing where they do not vary.

@@ -88,19 +88,21 @@ fn hold_of(
     tolerance_s: f64,
     criteria: &HoldCriteria,
 ) -> Option<usize> {
-    let outside_s = |level: &Hold| (level.time_s[0] - time_s).max(time_s - level.time_s[1]).max(0.0);
-    let nearest =
-        (0..levels.len()).min_by(|a, b| outside_s(&levels[*a]).total_cmp(&outside_s(&levels[*b])))?;
+    let nearest = (0..levels.len())
+        .min_by(|a, b| outside_s(&levels[*a], time_s).total_cmp(&outside_s(&levels[*b], time_s)))?;
     let level = levels.get(nearest)?;
-    let distance_s = outside_s(level);
+    let distance_s = outside_s(level, time_s);
     if distance_s == 0.0 {
         return Some(nearest);
     }
     // The reading at or before the stamp, and the one next to it: the guide moved no earlier than after the former.
     let next_row = force.time_s.partition_point(|row_s| *row_s <= time_s);
     let previous_row = next_row.saturating_sub(1);
-    let gap_s = |row: usize| force.time_s.get(row).map_or(f64::INFINITY, |row_s| (row_s - time_s).abs());
-    let next = if gap_s(next_row) < gap_s(previous_row) { next_row } else { previous_row };
+    let next = if gap_s(next_row, time_s, &force.time_s) < gap_s(previous_row, time_s, &force.time_s) {
+        next_row
+    } else {
+        previous_row
+    };
     let stands = |row: usize| {
         let planes = [
             (Some(&force.displacement_y_m), Some(level.displacement_y_m)),
@@ -114,6 +116,15 @@ fn hold_of(
         })
     };
     (distance_s <= tolerance_s * (1.0 + 1e-9) && (stands(previous_row) || stands(next))).then_some(nearest)
+}
+
+fn gap_s(row: usize, time_s: f64, force_time_s: &[f64]) -> f64 {
+    force_time_s.get(row).map_or(f64::INFINITY, |row_s| (row_s - time_s).abs())
+}
+
+/// Time between a hold and a moment outside it.
+fn outside_s(level: &Hold, time_s: f64) -> f64 {
+    (level.time_s[0] - time_s).max(time_s - level.time_s[1]).max(0.0)
 }
 
 /// The sweeps of a shape series: points of one stamp where stamps repeat, else points without a pause and without a jump back.

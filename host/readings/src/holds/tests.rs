@@ -233,13 +233,16 @@ fn marked_holds_lie_within_their_steps() {
 fn two_steps_at_one_place_are_two_holds_and_a_move_is_none() {
     let mut run = staircase(&[0.5], 6.0, 1.0, 100.0, 0.002, 0.0);
     assert_eq!(holds(&run, &HoldCriteria::default()).len(), 1);
-    let mark = |step, moving| Mark { step: Some(step), moving: Some(moving) };
     let marks = [[mark(0, false); 200], [mark(1, true); 200], [mark(2, false); 200]].concat();
     run.force.marks = Some(marks);
     let detected = holds(&run, &HoldCriteria::default());
     let times: Vec<[f64; 2]> = detected.iter().map(|level| level.time_s).collect();
     assert_eq!(times.len(), 2, "{times:?}");
     assert!(times[0][1] < 2.0 && times[1][0] >= 4.0, "{times:?}");
+}
+
+fn mark(step: u32, moving: bool) -> Mark {
+    Mark { step: Some(step), moving: Some(moving) }
 }
 
 #[test]
@@ -254,7 +257,6 @@ fn rows_outside_a_program_are_searched_as_ever() {
 fn a_hold_after_a_ramp_that_has_not_settled_is_found() {
     // The guide arrives 0.3 s after the step has begun.
     let mut run = staircase(&[0.0, 1.0], 2.0, 1.0, 100.0, 0.001, 0.0);
-    let mark = |step, moving| Mark { step: Some(step), moving: Some(moving) };
     run.force.marks =
         Some([vec![mark(0, false); 200], vec![mark(1, true); 70], vec![mark(2, false); 230]].concat());
     let detected = holds(&run, &HoldCriteria::default());

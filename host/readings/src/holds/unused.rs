@@ -92,21 +92,25 @@ pub fn summary(unused: &[UnusedPart]) -> Vec<String> {
             continue;
         }
         reported.push(key);
-        let alike = || unused.iter().filter(|other| (other.part, other.reason.as_str()) == key);
-        if alike().count() == 1 {
+        if alike(key, unused).count() == 1 {
             lines.push(first.to_string());
             continue;
         }
-        let count: usize = alike().map(|other| other.count).sum();
+        let count: usize = alike(key, unused).map(|other| other.count).sum();
         let plural = if first.part == "points" { "points of sweeps" } else { &format!("{}s", first.part) };
         lines.push(format!(
             "{} {plural} ({count} points, the first at {:.2} s) not used: {}",
-            alike().count(),
+            alike(key, unused).count(),
             first.time_s.map_or(0.0, |time_s| time_s[0]),
             first.reason
         ));
     }
     lines
+}
+
+/// Unused parts with the same name and reason.
+fn alike<'a>(key: (&str, &str), unused: &'a [UnusedPart]) -> impl Iterator<Item = &'a UnusedPart> {
+    unused.iter().filter(move |other| (other.part, other.reason.as_str()) == key)
 }
 
 /// Points of a hold that lie behind guide 1 or beyond the tip.

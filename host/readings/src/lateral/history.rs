@@ -74,10 +74,10 @@ impl Fixed {
     pub(super) fn at_levels(&self, observed: Channels) -> Channels {
         let holds = &self.course.holds;
         let levels = |series: Series| {
-            let level_means = |values: &[f64]| -> Vec<f64> {
-                holds.iter().map(|hold| mean(values.get(hold.clone()).unwrap_or_default())).collect()
-            };
-            self.ordered(Series { y: level_means(&series.y), x: series.x.as_deref().map(level_means) })
+            self.ordered(Series {
+                y: level_means(&series.y, holds),
+                x: series.x.as_deref().map(|values| level_means(values, holds)),
+            })
         };
         Channels {
             displacement_m: levels(observed.displacement_m),
@@ -96,6 +96,10 @@ impl Fixed {
     }
 }
 
+fn level_means(values: &[f64], holds: &[Range<usize>]) -> Vec<f64> {
+    holds.iter().map(|hold| mean(values.get(hold.clone()).unwrap_or_default())).collect()
+}
+
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
@@ -109,10 +113,9 @@ mod tests {
     /// A course that no effect uses changes nothing, whichever plane the data are of.
     #[test]
     fn a_course_without_effects_is_its_holds() {
-        let measured = |value: f64| vec![Measured { value, sd: 1.0 }];
         let level = HoldData {
-            displacement_m: measured(1e-3),
-            force_n: measured(1.0),
+            displacement_m: unit_measured(1e-3),
+            force_n: unit_measured(1.0),
             shape: vec![ShapeDatum::new(0.09, [1e-3, 0.0])],
         };
         let holds = LateralData {
@@ -128,11 +131,7 @@ mod tests {
             effects: Vec::new(),
             fixed: None,
         };
-        let residuals = |data: &LateralData| {
-            let ready = data.prepare(&[16e3_f64.ln()]).expect("solves");
-            data.residuals(&ready, &[1.1e-3]).expect("moves")
-        };
-        let plain = residuals(&holds);
+        let plain = residuals_at(&holds);
         for first_plane in [0, 1] {
             let mut displacement_m = [vec![0.0; 3], vec![0.0; 3]];
             displacement_m[first_plane] = vec![0.0, 1e-3, 1e-3];
@@ -144,7 +143,16 @@ mod tests {
                 shape_time_s: vec![1.5],
             };
             let fixed = Some(Fixed { effects: Vec::new(), course, first_plane, order: 0.0 });
-            assert_eq!(residuals(&LateralData { fixed, ..holds.clone() }), plain, "{first_plane}");
+            assert_eq!(residuals_at(&LateralData { fixed, ..holds.clone() }), plain, "{first_plane}");
         }
+    }
+
+    fn residuals_at(data: &LateralData) -> Vec<f64> {
+        let ready = data.prepare(&[16e3_f64.ln()]).expect("solves");
+        data.residuals(&ready, &[1.1e-3]).expect("moves")
+    }
+
+    fn unit_measured(value: f64) -> Vec<Measured> {
+        vec![Measured { value, sd: 1.0 }]
     }
 }

@@ -86,18 +86,6 @@ fn a_right_shape_stays_right() {
 /// An error of the straight needle is in all points; where it is stated, the interval has it, and the points keep their own noise.
 #[test]
 fn an_error_of_the_straight_needle_is_in_the_interval_where_it_is_stated() {
-    let tilted = |stated: bool| {
-        let mut data = exact();
-        for point in data.levels.iter_mut().flat_map(|level| &mut level.shape) {
-            // One standard deviation of its offset, and minus one of its slope.
-            let errors_m = [10e-6, 2e-4 * (point.z_m - 0.09), 0.0];
-            point.deflection_m[0] += errors_m[0] - errors_m[1];
-            if stated {
-                point.shared_m[0] = errors_m;
-            }
-        }
-        data
-    };
     let [off_unstated, sd_unstated] = off(&tilted(false));
     assert!(off_unstated.abs() > 4.0 * sd_unstated, "{off_unstated} (sd {sd_unstated})");
     let [off_stated, sd_stated] = off(&tilted(true));
@@ -111,21 +99,36 @@ fn an_error_of_the_straight_needle_is_in_the_interval_where_it_is_stated() {
     assert!(slope < 0.0, "{offset} {slope}");
 }
 
+fn tilted(stated: bool) -> LateralData {
+    let mut data = exact();
+    for point in data.levels.iter_mut().flat_map(|level| &mut level.shape) {
+        // One standard deviation of its offset, and minus one of its slope.
+        let errors_m = [10e-6, 2e-4 * (point.z_m - 0.09), 0.0];
+        point.deflection_m[0] += errors_m[0] - errors_m[1];
+        if stated {
+            point.shared_m[0] = errors_m;
+        }
+    }
+    data
+}
+
 /// The straight needle as points of its own, fitted together with the others, gives the same of K as its stated error.
 #[test]
 fn a_stated_error_is_that_of_a_joint_fit() {
-    let known_within = |sd_m: f64| {
-        let mut data = exact();
-        for point in data.levels.iter_mut().flat_map(|level| &mut level.shape) {
-            point.shared_m[0] = [sd_m, 0.0, 0.0];
-        }
-        fitted(&data).covariance[(0, 0)].sqrt()
-    };
     // An offset that nothing is known of takes from the points what a mean takes; one that is known takes nothing.
-    let (exactly, little, unknown_shift) = (known_within(1e-9), known_within(3e-6), known_within(1e-2));
+    let (exactly, little, unknown_shift) =
+        (sd_with_shared_error(1e-9), sd_with_shared_error(3e-6), sd_with_shared_error(1e-2));
     assert!(exactly < little && little < unknown_shift, "{exactly} {little} {unknown_shift}");
     assert!((exactly / fitted(&exact()).covariance[(0, 0)].sqrt() - 1.0).abs() < 1e-3);
-    assert!((known_within(1.0) / unknown_shift - 1.0).abs() < 1e-3);
+    assert!((sd_with_shared_error(1.0) / unknown_shift - 1.0).abs() < 1e-3);
+}
+
+fn sd_with_shared_error(sd_m: f64) -> f64 {
+    let mut data = exact();
+    for point in data.levels.iter_mut().flat_map(|level| &mut level.shape) {
+        point.shared_m[0] = [sd_m, 0.0, 0.0];
+    }
+    fitted(&data).covariance[(0, 0)].sqrt()
 }
 
 /// The planes of a run, taken apart, are the run: each keeps its own readings, standard deviations and stated errors.
@@ -141,18 +144,10 @@ fn planes_taken_apart_have_the_residuals_of_the_run() {
         point.sd_ratio = [1.0 + 0.01 * i as f64, 3.0];
         point.shared_m = [[1e-6, 2e-6, 3e-6], [4e-6, 5e-6, 6e-6]];
     }
-    let residuals = |data: &LateralData| {
-        let nuisances: Vec<f64> = data.nuisances().iter().map(|nuisance| nuisance.start).collect();
-        let ready = data.prepare(&[K_PA.ln()]).expect("a needle");
-        let mut joint_residuals = data.residuals(&ready, &nuisances).expect("residuals");
-        // The order of a plane alone is another one.
-        joint_residuals.sort_by(f64::total_cmp);
-        joint_residuals
-    };
     let mut plane_residuals: Vec<f64> =
-        (0..2).flat_map(|plane| residuals(&biplanar.in_plane(plane, 0.0).expect("displaced"))).collect();
+        (0..2).flat_map(|plane| residuals_at(&biplanar.in_plane(plane, 0.0).expect("displaced"))).collect();
     plane_residuals.sort_by(f64::total_cmp);
-    let biplanar_residuals = residuals(&biplanar);
+    let biplanar_residuals = residuals_at(&biplanar);
     assert_eq!(biplanar_residuals.len(), plane_residuals.len());
     for (biplanar_residuals, plane_residuals) in biplanar_residuals.iter().zip(&plane_residuals) {
         assert!(
@@ -160,4 +155,13 @@ fn planes_taken_apart_have_the_residuals_of_the_run() {
             "{biplanar_residuals} {plane_residuals}"
         );
     }
+}
+
+fn residuals_at(data: &LateralData) -> Vec<f64> {
+    let nuisances: Vec<f64> = data.nuisances().iter().map(|nuisance| nuisance.start).collect();
+    let ready = data.prepare(&[K_PA.ln()]).expect("a needle");
+    let mut joint_residuals = data.residuals(&ready, &nuisances).expect("residuals");
+    // The order of a plane alone is another one.
+    joint_residuals.sort_by(f64::total_cmp);
+    joint_residuals
 }
