@@ -64,11 +64,7 @@ pub fn energy_modulus(rig: &Rig, depth_m: f64, balance: &Balance) -> Option<Ener
     let quadratic = cholesky.solve(&Vector3::new(right[0], right[1], right[2]));
 
     let (force_n, displacement_m) = (balance.force_n.value, balance.displacement_m.value);
-    let corrected = |force_n: f64, displacement_m: f64, quadratic: &Vector3<f64>| {
-        let (bending, squares) = integrals(rig, depth_m, quadratic);
-        (force_n * displacement_m - bending) / squares
-    };
-    let corrected_pa = corrected(force_n, displacement_m, &quadratic);
+    let corrected_pa = corrected(force_n, displacement_m, &quadratic, depth_m, rig);
     let (bending, squares) = integrals(rig, depth_m, &quadratic);
 
     // First order: the balance is linear in force and displacement; the polynomial's coefficients have the covariance
@@ -79,8 +75,9 @@ pub fn energy_modulus(rig: &Rig, depth_m: f64, balance: &Balance) -> Option<Ener
     let by_shape = Vector3::from_fn(|i, _| {
         let mut shift = Vector3::zeros();
         shift[i] = step;
-        let at = |quadratic: Vector3<f64>| corrected(force_n, displacement_m, &quadratic);
-        (at(quadratic + shift) - at(quadratic - shift)) / (2.0 * step)
+        (modulus_at(quadratic + shift, force_n, displacement_m, depth_m, rig)
+            - modulus_at(quadratic - shift, force_n, displacement_m, depth_m, rig))
+            / (2.0 * step)
     });
     let shape_variance = by_shape.dot(&cholesky.solve(&by_shape)) * balance.shape_sd_m.powi(2);
     let modulus = EnergyModulus {
@@ -91,6 +88,16 @@ pub fn energy_modulus(rig: &Rig, depth_m: f64, balance: &Balance) -> Option<Ener
     let finite =
         modulus.as_printed_pa.is_finite() && corrected_pa.is_finite() && modulus.corrected_sd_pa.is_finite();
     finite.then_some(modulus)
+}
+
+fn modulus_at(quadratic: Vector3<f64>, force_n: f64, displacement_m: f64, depth_m: f64, rig: &Rig) -> f64 {
+    corrected(force_n, displacement_m, &quadratic, depth_m, rig)
+}
+
+/// Modulus from the work, after the needle's bending.
+fn corrected(force_n: f64, displacement_m: f64, quadratic: &Vector3<f64>, depth_m: f64, rig: &Rig) -> f64 {
+    let (bending, squares) = integrals(rig, depth_m, quadratic);
+    (force_n * displacement_m - bending) / squares
 }
 
 /// `EI int u''^2` over the whole needle and `int u^2` over the inserted part, for the quadratic `a + b s + c s^2` of

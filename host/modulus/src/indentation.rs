@@ -246,9 +246,7 @@ impl Fit {
             let variance = (&y - &x * &coefficients).norm_squared() / freedom * worth;
             Some([coefficients[1] / scale, (variance * inverse[(1, 1)]).sqrt() / scale])
         };
-        let half =
-            |is_deep: bool| loaded_rows.iter().filter(|[d, _]| (*d > middle_m) == is_deep).copied().collect();
-        match (slope(half(false)), slope(half(true))) {
+        match (slope(half_of(false, &loaded_rows, middle_m)), slope(half_of(true, &loaded_rows, middle_m))) {
             (Some([shallow, shallow_sd]), Some([deep, deep_sd])) if shallow > 0.0 => {
                 let ratio = deep / shallow;
                 (ratio - 1.0, ratio.abs() * (shallow_sd / shallow).hypot(deep_sd / deep))
@@ -260,6 +258,11 @@ impl Fit {
             _ => (0.0, 0.0),
         }
     }
+}
+
+/// Rows of the upper or the lower half of an indentation.
+fn half_of(is_deep: bool, loaded_rows: &[[f64; 2]], middle_m: f64) -> Vec<[f64; 2]> {
+    loaded_rows.iter().filter(|[d, _]| (*d > middle_m) == is_deep).copied().collect()
 }
 
 fn mean_square(residuals_n: &[f64]) -> f64 {

@@ -75,17 +75,18 @@ impl Relation {
         let diameter_m = needle.outer_diameter_m;
         let plane = 1.0 - poisson * poisson;
         let slenderness = diameter_m.powi(4) / needle.bending_stiffness_n_m2();
-        // K = factor base^power E^(1 + power) / plane
-        let invert = |factor: f64, base: f64, power: f64| {
-            (modulus_pa * plane / (factor * base.powf(power))).powf(1.0 / (1.0 + power))
-        };
         match self {
-            Self::Vesic => invert(0.65, slenderness, 1.0 / 12.0),
-            Self::Biot => invert(0.95, slenderness / plane, 0.108),
-            Self::Embedded => invert(1.3, slenderness, 1.0 / 12.0),
+            Self::Vesic => invert(0.65, slenderness, 1.0 / 12.0, modulus_pa, plane),
+            Self::Biot => invert(0.95, slenderness / plane, 0.108, modulus_pa, plane),
+            Self::Embedded => invert(1.3, slenderness, 1.0 / 12.0, modulus_pa, plane),
             Self::RigidCylinder => modulus_pa * ((depth_m / diameter_m).ln() + 0.839) / (4.0 / 3.0 * PI),
         }
     }
+}
+
+/// Modulus of which a power law gives this foundation modulus.
+fn invert(factor: f64, base: f64, power: f64, modulus_pa: f64, plane: f64) -> f64 {
+    (modulus_pa * plane / (factor * base.powf(power))).powf(1.0 / (1.0 + power))
 }
 
 /// Young's modulus of a half space under a flat cylindrical punch: `E = (1 - nu^2) F / (2 a x)`, Paper A (Lehmann et
@@ -123,13 +124,20 @@ impl Sample {
 /// Two-sided p-value of Welch's t-test: how likely means of one population differ by as much. `None` if the samples
 /// have no scatter.
 pub fn welch_p(a: Sample, b: Sample) -> Option<f64> {
-    let variance = |s: Sample| s.sd * s.sd / s.count as f64;
-    let total = variance(a) + variance(b);
-    let part = |s: Sample| variance(s).powi(2) / (s.count as f64 - 1.0);
-    let freedom = total * total / (part(a) + part(b));
+    let total = mean_variance(a) + mean_variance(b);
+    let freedom = total * total / (welch_term(a) + welch_term(b));
     let t = (a.mean - b.mean) / total.sqrt();
     let distribution = StudentsT::new(0.0, 1.0, freedom).ok()?;
     t.is_finite().then(|| 2.0 * distribution.sf(t.abs()))
+}
+
+fn welch_term(s: Sample) -> f64 {
+    mean_variance(s).powi(2) / (s.count as f64 - 1.0)
+}
+
+/// Variance of a sample's mean.
+fn mean_variance(s: Sample) -> f64 {
+    s.sd * s.sd / s.count as f64
 }
 
 #[cfg(test)]

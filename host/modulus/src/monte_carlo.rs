@@ -19,10 +19,15 @@ fn truth(depth_m: f64) -> (f64, Vec<(f64, f64)>) {
     let cells = (1e3 * depth_m).round() as usize;
     let ei = rig().needle.bending_stiffness_n_m2();
     let unit = unit_shape(ei, 0.06, 0.07, depth_m, K_PA, 2 * cells);
-    let at = |z_m: f64| unit.iter().find(|(z, _)| (z - z_m).abs() < 1e-9).expect("a node").1;
-    let force_n = 1.2e-3 / at(0.06);
-    let shape = (0..cells).map(|cell| 0.07 + 1e-3 * (cell as f64 + 0.5)).map(|z_m| (z_m, force_n * at(z_m)));
+    let force_n = 1.2e-3 / unit_deflection(0.06, &unit);
+    let shape = (0..cells)
+        .map(|cell| 0.07 + 1e-3 * (cell as f64 + 0.5))
+        .map(|z_m| (z_m, force_n * unit_deflection(z_m, &unit)));
     (force_n, shape.collect())
+}
+
+fn unit_deflection(z_m: f64, unit: &[(f64, f64)]) -> f64 {
+    unit.iter().find(|(z, _)| (z - z_m).abs() < 1e-9).expect("a node").1
 }
 
 fn data(
@@ -93,14 +98,18 @@ fn likelihood_is_unbiased_at_the_bound_and_covers() {
         (0.04, 0.005, 8.0..18.0),
     ] {
         let (force_n, exact) = truth(depth_m);
-        let displacement = |value| Measured { value, sd: 0.02e-3 };
-        let force = |value| Measured { value, sd: force_sd_n };
-        let at_truth = data(depth_m, displacement(1.2e-3), force(force_n), &exact, shape_sd_m);
+        let at_truth = data(
+            depth_m,
+            measured_displacement(1.2e-3),
+            measured_force(force_n, force_sd_n),
+            &exact,
+            shape_sd_m,
+        );
         let bound_kpa = 16.0 * fit(&[LN_K], &[at_truth]).expect("fits").covariance[(0, 0)].sqrt();
         let (mut moduli, mut energies, mut covered) = (Vec::new(), Vec::new(), 0);
         for _ in 0..RUNS {
-            let displacement_m = displacement(1.2e-3 + 0.02e-3 * noise.normal());
-            let force_n = force(force_n + force_sd_n * noise.normal());
+            let displacement_m = measured_displacement(1.2e-3 + 0.02e-3 * noise.normal());
+            let force_n = measured_force(force_n + force_sd_n * noise.normal(), force_sd_n);
             let measured = exact.iter().map(|(z_m, u_m)| {
                 let noisy_m = u_m + 0.02e-3 * noise.normal();
                 (*z_m, (noisy_m / PIXEL_M).round() * PIXEL_M)
@@ -128,6 +137,14 @@ fn likelihood_is_unbiased_at_the_bound_and_covers() {
         let percent = 100.0 * energy_sd_kpa / energy_kpa;
         assert!(energy_percent.contains(&percent), "{depth_m} {force_sd_n}: {percent}");
     }
+}
+
+fn measured_force(value: f64, force_sd_n: f64) -> Measured {
+    Measured { value, sd: force_sd_n }
+}
+
+fn measured_displacement(value: f64) -> Measured {
+    Measured { value, sd: 0.02e-3 }
 }
 
 #[test]

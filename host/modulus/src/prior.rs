@@ -128,7 +128,6 @@ fn probability(prior: &ModulusPrior, ln_k: f64, sd: f64) -> f64 {
 /// Prior times likelihood: median, standard deviation and interval.
 fn together(prior: &ModulusPrior, ln_k: f64, sd: f64) -> WithPrior {
     let middle = prior.modulus_pa.ln();
-    let step = |number: usize| 2.0 * number as f64 / (POINTS - 1) as f64 - 1.0;
     // Range in which either of them varies.
     let mut nodes: Vec<f64> = (0..POINTS)
         .flat_map(|number| [ln_k + REACH * sd * step(number), middle + REACH * prior.scale_ln * step(number)])
@@ -152,15 +151,24 @@ fn together(prior: &ModulusPrior, ln_k: f64, sd: f64) -> WithPrior {
     let total: f64 = cells.iter().map(|(_, mass)| mass).sum();
     let mean = cells.iter().map(|(ln, mass)| ln * mass).sum::<f64>() / total;
     let variance = cells.iter().map(|(ln, mass)| (ln - mean).powi(2) * mass).sum::<f64>() / total;
-    let quantile = |share: f64| {
-        let mut mass_below = 0.0;
-        let reached = cells.iter().find(|(_, mass)| {
-            mass_below += mass;
-            mass_below >= share * total
-        });
-        reached.map_or(mean, |(ln, _)| *ln).exp() * 1e-3
-    };
-    WithPrior { k_kpa: quantile(0.5), ln_k_sd: variance.sqrt(), ci95_kpa: [quantile(0.025), quantile(0.975)] }
+    WithPrior {
+        k_kpa: quantile(0.5, &cells, total, mean),
+        ln_k_sd: variance.sqrt(),
+        ci95_kpa: [quantile(0.025, &cells, total, mean), quantile(0.975, &cells, total, mean)],
+    }
+}
+
+fn quantile(share: f64, cells: &[(f64, f64)], total: f64, mean: f64) -> f64 {
+    let mut mass_below = 0.0;
+    let reached = cells.iter().find(|(_, mass)| {
+        mass_below += mass;
+        mass_below >= share * total
+    });
+    reached.map_or(mean, |(ln, _)| *ln).exp() * 1e-3
+}
+
+fn step(number: usize) -> f64 {
+    2.0 * number as f64 / (POINTS - 1) as f64 - 1.0
 }
 
 #[cfg(test)]

@@ -30,11 +30,10 @@ impl WallsResult {
             Some(Walls::Far) => ("far", None),
             None => (NOT_STATED, None),
         };
-        let unknown = || UnknownWalls::new(needle, deepest_m, poisson).ok();
         Self {
             stated,
             block: block.map(BlockResult::from),
-            not_stated: if walls.is_none() { unknown() } else { None },
+            not_stated: if walls.is_none() { tabulated_walls(deepest_m, poisson, needle) } else { None },
         }
     }
 
@@ -108,6 +107,11 @@ impl WallsResult {
     }
 }
 
+/// Walls that are not stated, where a table has this depth and this Poisson's ratio.
+fn tabulated_walls(deepest_m: f64, poisson: f64, needle: &Needle) -> Option<UnknownWalls> {
+    UnknownWalls::new(needle, deepest_m, poisson).ok()
+}
+
 /// The effect of walls that are not stated.
 pub const FINITE_BODY: &str = "tissue.finite_body";
 /// Name of walls that are in the model by their effect.
@@ -138,13 +142,9 @@ impl UnknownWalls {
     /// As [`unknown_walls`].
     pub fn new(needle: &Needle, depth_m: f64, poisson: f64) -> Result<Self, ModelError> {
         let [held_factor, free] = unknown_walls(needle, depth_m, poisson)?.map(f64::recip);
-        let width_mm = |sides: Mounting| {
-            let [width_m, ..] = Block::around(depth_m, sides).size_m;
-            1e3 * width_m
-        };
         Ok(Self {
-            edge_mm: width_mm(Mounting::Free),
-            held_edge_mm: width_mm(Mounting::Held),
+            edge_mm: block_width_mm(Mounting::Free, depth_m),
+            held_edge_mm: block_width_mm(Mounting::Held, depth_m),
             held: held_factor,
             free,
         })
@@ -153,6 +153,11 @@ impl UnknownWalls {
     fn widened(&self, [low, high]: [f64; 2]) -> [f64; 2] {
         [low / self.held.max(1.0), high / self.free.min(1.0)]
     }
+}
+
+fn block_width_mm(sides: Mounting, depth_m: f64) -> f64 {
+    let [width_m, ..] = Block::around(depth_m, sides).size_m;
+    1e3 * width_m
 }
 
 /// A block of tissue, as documents have it.
@@ -170,15 +175,18 @@ pub struct BlockResult {
 
 impl From<Block> for BlockResult {
     fn from(block: Block) -> Self {
-        // Millimetres that were read as metres are decimal numbers again.
-        let mm = |m: f64| (1e12 * m).round() / 1e9;
         Self {
-            body_mm: block.size_m.map(mm),
-            needle_at_mm: block.needle_at_m.map(mm),
+            body_mm: block.size_m.map(rounded_mm),
+            needle_at_mm: block.needle_at_m.map(rounded_mm),
             sides: block.sides.name(),
             far_side: block.far_side.name(),
         }
     }
+}
+
+/// Millimetres that were read as metres are decimal numbers again.
+fn rounded_mm(m: f64) -> f64 {
+    (1e12 * m).round() / 1e9
 }
 
 impl Display for BlockResult {

@@ -16,19 +16,18 @@ impl Curve {
     pub fn new(contact: &Contact, most_m: f64, depth_m: f64) -> Result<Self, IndentationError> {
         let mut curve = Self { contact: *contact, flat_factor: 1.0, sphere_factor: None };
         let Some(thickness_m) = contact.thickness_m else { return Ok(curve) };
-        let too_thin =
-            || IndentationError::TooThin { thickness_mm: 1e3 * thickness_m, depth_mm: 1e3 * depth_m };
         if depth_m >= thickness_m {
-            return Err(too_thin());
+            return Err(too_thin(thickness_m, depth_m));
         }
         match contact.indenter {
             Indenter::Flat => {
                 let ratio = contact.radius_m / thickness_m;
-                curve.flat_factor = punch_factor(ratio, contact.poisson).ok_or_else(too_thin)?;
+                curve.flat_factor =
+                    punch_factor(ratio, contact.poisson).ok_or_else(|| too_thin(thickness_m, depth_m))?;
             }
             Indenter::Sphere => {
                 let factor = SphereFactor::new(contact.radius_m, thickness_m, most_m, contact.poisson);
-                curve.sphere_factor = Some(factor.ok_or_else(too_thin)?);
+                curve.sphere_factor = Some(factor.ok_or_else(|| too_thin(thickness_m, depth_m))?);
             }
             // No layer is solved for a cone: the half space, with the warning that others have without a thickness.
             Indenter::Cone => {}
@@ -55,4 +54,8 @@ impl Curve {
         };
         plain * self.factor(x_m) / (1.0 - poisson * poisson)
     }
+}
+
+fn too_thin(thickness_m: f64, depth_m: f64) -> IndentationError {
+    IndentationError::TooThin { thickness_mm: 1e3 * thickness_m, depth_mm: 1e3 * depth_m }
 }

@@ -72,22 +72,12 @@ impl Rows<'_> {
             right += row * y;
             total += y * y;
         }
-        let solve = |noise: f64| {
-            let mut with_prior = normal;
-            with_prior[(2, 2)] += (noise / DRIFT).powi(2);
-            let inverse = with_prior.try_inverse()?;
-            // Drift and a straight curve differ by the prior alone: the residual gives the digits back.
-            let mut coefficients = inverse * right;
-            coefficients += inverse * (right - with_prior * coefficients);
-            let squares = (total - right.dot(&coefficients)).max(0.0);
-            Some((coefficients, inverse, squares, with_prior.determinant()))
-        };
         let unknowns = if self.has_contact { 3.0 } else { 2.0 };
         let freedom = (n as f64 - unknowns).max(1.0);
         // The weight of the drift's prior needs the noise: once as if the readings were as good as they can be, then with it.
-        let (_, _, squares, _) = solve(RESOLVED)?;
+        let (_, _, squares, _) = solve(RESOLVED, &normal, &right, total)?;
         let noise = (squares / freedom * self.worth).sqrt().max(RESOLVED);
-        let (solution, inverse, squares, determinant) = solve(noise)?;
+        let (solution, inverse, squares, determinant) = solve(noise, &normal, &right, total)?;
         let slope_pa = solution[1] * span_n / scale;
         if !(slope_pa > 0.0 && slope_pa.is_finite() && determinant > 0.0) {
             return None;
@@ -145,17 +135,14 @@ impl Rows<'_> {
             let earliest_fit = self.given(earliest_m)?;
             return Some(Posterior { parts: vec![(1.0, earliest_fit)] });
         }
-        // As a way from the latest one, in orders of magnitude where it is longer than the curve.
-        let coordinate = |contact_m: f64| ((latest_m - contact_m) / span_m).asinh();
-        let place_m = |at: f64| latest_m - span_m * at.sinh();
-        let [mut from_position, mut to_position] = [0.0, coordinate(earliest_m)];
+        let [mut from_position, mut to_position] = [0.0, contact_coordinate(earliest_m, latest_m, span_m)];
         let mut components: Vec<(f64, Given)> = Vec::new();
         for _ in 0..ROUNDS {
             let step = (to_position - from_position) / (POINTS - 1) as f64;
             let grid_fits: Vec<(f64, f64, Given)> = (0..POINTS)
                 .filter_map(|i| {
                     let grid_position = from_position + i as f64 * step;
-                    let contact_fit = self.given(place_m(grid_position))?;
+                    let contact_fit = self.given(contact_at_m(grid_position, latest_m, span_m))?;
                     let before_ratio = ((first_m - contact_fit.contact_m) / span_m).max(0.0);
                     // Uniform in depth within the curve, in the logarithm before it.
                     let prior = (grid_position.cosh() / (1.0 + before_ratio)).ln();
@@ -172,8 +159,10 @@ impl Rows<'_> {
                 .map(|(_, weight, given)| ((weight - most).exp() / total, given))
                 .collect();
             let is_resolved = greatest - least > 0.5 * (to_position - from_position);
-            [from_position, to_position] =
-                [(least - step).max(0.0), (greatest + step).min(coordinate(earliest_m))];
+            [from_position, to_position] = [
+                (least - step).max(0.0),
+                (greatest + step).min(contact_coordinate(earliest_m, latest_m, span_m)),
+            ];
             if is_resolved {
                 break;
             }
@@ -181,6 +170,31 @@ impl Rows<'_> {
         components.retain(|(weight, _)| *weight > IMPROBABLE);
         Some(Posterior { parts: components })
     }
+}
+
+fn contact_at_m(at: f64, latest_m: f64, span_m: f64) -> f64 {
+    latest_m - span_m * at.sinh()
+}
+
+/// As a way from the latest one, in orders of magnitude where it is longer than the curve.
+fn contact_coordinate(contact_m: f64, latest_m: f64, span_m: f64) -> f64 {
+    ((latest_m - contact_m) / span_m).asinh()
+}
+
+fn solve(
+    noise: f64,
+    normal: &Matrix3<f64>,
+    right: &Vector3<f64>,
+    total: f64,
+) -> Option<(Vector3<f64>, Matrix3<f64>, f64, f64)> {
+    let mut with_prior = *normal;
+    with_prior[(2, 2)] += (noise / DRIFT).powi(2);
+    let inverse = with_prior.try_inverse()?;
+    // Drift and a straight curve differ by the prior alone: the residual gives the digits back.
+    let mut coefficients = inverse * right;
+    coefficients += inverse * (right - with_prior * coefficients);
+    let squares = (total - right.dot(&coefficients)).max(0.0);
+    Some((coefficients, inverse, squares, with_prior.determinant()))
 }
 
 /// Young's modulus over all contact points: a mixture of Student's distributions.
@@ -223,14 +237,15 @@ impl Posterior {
     pub fn contact_m(&self) -> [f64; 2] {
         let mut ordered: Vec<(f64, f64)> = self.parts.iter().map(|(w, g)| (g.contact_m, *w)).collect();
         ordered.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let at = |wanted: f64| {
-            let mut sum = 0.0;
-            let quantile_row = ordered.iter().find(|(_, weight)| {
-                sum += weight;
-                sum >= wanted
-            });
-            quantile_row.or(ordered.last()).map_or(f64::NAN, |(contact_m, _)| *contact_m)
-        };
-        [at(0.025), at(0.975)]
+        [weighted_quantile(0.025, &ordered), weighted_quantile(0.975, &ordered)]
     }
+}
+
+fn weighted_quantile(wanted: f64, ordered: &[(f64, f64)]) -> f64 {
+    let mut sum = 0.0;
+    let quantile_row = ordered.iter().find(|(_, weight)| {
+        sum += weight;
+        sum >= wanted
+    });
+    quantile_row.or(ordered.last()).map_or(f64::NAN, |(contact_m, _)| *contact_m)
 }

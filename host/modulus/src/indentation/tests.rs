@@ -172,10 +172,13 @@ fn the_interval_covers_whether_contact_was_recorded_or_not() {
             }
             // 95 % of 20 is 19, with a standard deviation of 1.
             assert!(covered >= 17, "{indenter:?} {scale}: {covered} of 20");
-            let mean = |all: &[f64]| all.iter().sum::<f64>() / all.len() as f64;
             if indenter != Indenter::Flat {
                 assert!(mean(&early) > 1.2 * mean(&late), "{indenter:?}: {} {}", mean(&early), mean(&late));
             }
         }
     }
+}
+
+fn mean(all: &[f64]) -> f64 {
+    all.iter().sum::<f64>() / all.len() as f64
 }
