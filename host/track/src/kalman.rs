@@ -100,7 +100,6 @@ impl Kalman {
         let modes: Vec<FreeMode> = free_modes(&dynamics.clamped(needle), MODES)?;
         let functions = ShapeFunctions::of(&modes, dynamics.length_m);
         let factors = functions.factors(&modes);
-        let at = |x_m: f64| Coordinates::from_column_slice((&factors * functions.at(x_m)).as_slice());
         let mut mass = Overlaps::identity();
         mass[(0, 0)] = dynamics.moving_mass_kg();
         let mut elastic = Overlaps::zeros();
@@ -122,8 +121,8 @@ impl Kalman {
             config,
             mass,
             elastic,
-            base: at(0.0),
-            tip: at(dynamics.length_m),
+            base: scaled_functions(0.0, &factors, &functions),
+            tip: scaled_functions(dynamics.length_m, &factors, &functions),
             overlap: SupportMatrix::new(&functions),
             pull: CutPathForce::new(&functions),
             factors,
@@ -260,19 +259,24 @@ impl Kalman {
             *point = self.advance(point, inserted)?.0;
         }
         let side = 0.5 / (size + lambda);
-        let weight = |i: usize| if i == 0 { lambda / (size + lambda) } else { side };
-        let spread_weight = |i: usize| weight(i) + if i == 0 { 1.0 - alpha * alpha + beta } else { 0.0 };
-        let mean: Vector = points.iter().enumerate().map(|(i, point)| point * weight(i)).sum();
+        let mean: Vector =
+            points.iter().enumerate().map(|(i, point)| point * sigma_weight(i, lambda, size, side)).sum();
         let outputs = points.map(|point| self.outputs(&point));
-        let expected: Vector2<f64> = outputs.iter().enumerate().map(|(i, output)| output * weight(i)).sum();
+        let expected: Vector2<f64> =
+            outputs.iter().enumerate().map(|(i, output)| output * sigma_weight(i, lambda, size, side)).sum();
         let mut covariance = self.process_noise(inserted, &inverse, step_m);
         let mut spread = noise;
         let mut cross = SMatrix::<f64, STATE, 2>::zeros();
         for (i, (point, output)) in points.iter().zip(&outputs).enumerate() {
             let (state_deviation, output_off) = (point - mean, output - expected);
-            covariance += state_deviation * state_deviation.transpose() * spread_weight(i);
-            spread += output_off * output_off.transpose() * spread_weight(i);
-            cross += state_deviation * output_off.transpose() * spread_weight(i);
+            covariance += state_deviation
+                * state_deviation.transpose()
+                * covariance_weight(i, alpha, beta, lambda, size, side);
+            spread +=
+                output_off * output_off.transpose() * covariance_weight(i, alpha, beta, lambda, size, side);
+            cross += state_deviation
+                * output_off.transpose()
+                * covariance_weight(i, alpha, beta, lambda, size, side);
         }
         // The process noise is in the outputs too.
         let rows = self.output_rows();
@@ -285,6 +289,18 @@ impl Kalman {
         self.covariance = (covariance + covariance.transpose()) * 0.5;
         Some(())
     }
+}
+
+fn covariance_weight(i: usize, alpha: f64, beta: f64, lambda: f64, size: f64, side: f64) -> f64 {
+    sigma_weight(i, lambda, size, side) + if i == 0 { 1.0 - alpha * alpha + beta } else { 0.0 }
+}
+
+fn sigma_weight(i: usize, lambda: f64, size: f64, side: f64) -> f64 {
+    if i == 0 { lambda / (size + lambda) } else { side }
+}
+
+fn scaled_functions(x_m: f64, factors: &nalgebra::DMatrix<f64>, functions: &ShapeFunctions) -> Coordinates {
+    Coordinates::from_column_slice((factors * functions.at(x_m)).as_slice())
 }
 
 impl Method for Kalman {

@@ -54,11 +54,14 @@ impl LayeredTracker {
     pub fn finish(&mut self) -> Option<Layered> {
         let finished: Vec<Option<Estimate<f64>>> =
             self.followed.par_iter_mut().map(|tracker| tracker.finish()).collect();
-        let cost = |of: &(&OnlineTracker<f64>, f64)| of.0.evidence().cost;
         let reached = self.followed.iter().zip(finished);
         let reached = reached.filter_map(|(tracker, estimate)| Some((tracker, estimate?.depth_m)));
         let (best, reach_m) =
             reached.filter(|(_, depth_m)| *depth_m > 0.0).min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
         places::posterior(best, reach_m)
     }
+}
+
+fn cost(of: &(&OnlineTracker<f64>, f64)) -> f64 {
+    of.0.evidence().cost
 }

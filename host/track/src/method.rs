@@ -89,12 +89,14 @@ impl MeanModel {
         let step_s = sample.time_s - last.time_s;
         let speed_m_s = (sample.base_m - last.base_m) / step_s;
         let strength = [stiffness, damping];
-        let bounded =
-            |i: usize| if strength[i].is_finite() { strength[i].clamp(0.0, LARGEST[i]) } else { 0.0 };
         let depth_m = sample.depth_m.max(self.needle.depth_m());
         let push = BaseForce::stage(self.moving_mass_kg, sample.base_m - self.start_m, speed_m_s);
-        self.needle.step(step_s, depth_m, push, [bounded(0), bounded(1)])?;
+        self.needle.step(step_s, depth_m, push, [bounded(0, strength), bounded(1, strength)])?;
         self.last = Some(*sample);
         Ok(self.start_m + self.needle.tip_m())
     }
+}
+
+fn bounded(i: usize, strength: [f64; 2]) -> f64 {
+    if strength[i].is_finite() { strength[i].clamp(0.0, LARGEST[i]) } else { 0.0 }
 }

@@ -51,9 +51,8 @@ fn mixed_damping(values: &[Value<f64>], weights: &[f64], identifiability: Identi
         values.iter().zip(weights).map(|(value, weight)| weight * of(value)).sum()
     };
     let mean = sum(&|value| value.value);
-    let apart = |value: &Value<f64>| (NORMAL_975 * (value.value - mean)).powi(2);
-    let lower_sd = sum(&|value| (value.value - value.low).powi(2) + apart(value)).sqrt();
-    let upper_sd = sum(&|value| (value.high - value.value).powi(2) + apart(value)).sqrt();
+    let lower_sd = sum(&|value| (value.value - value.low).powi(2) + squared_half_width(value, mean)).sqrt();
+    let upper_sd = sum(&|value| (value.high - value.value).powi(2) + squared_half_width(value, mean)).sqrt();
     let low = (mean - lower_sd).max(0.0);
     let identifiability = if identifiability == Identifiability::Identified && low <= 0.0 {
         Identifiability::UpperBound
@@ -61,4 +60,8 @@ fn mixed_damping(values: &[Value<f64>], weights: &[f64], identifiability: Identi
         identifiability
     };
     Value { value: mean, low, high: mean + upper_sd, identifiability }
+}
+
+fn squared_half_width(value: &Value<f64>, mean: f64) -> f64 {
+    (NORMAL_975 * (value.value - mean)).powi(2)
 }

@@ -70,15 +70,20 @@ impl<T: RealField + Copy + Into<f64>> Method for OnlineEstimator<T> {
 
 /// An estimate in double precision; a value that is not identified is none.
 pub fn report<T: RealField + Copy + Into<f64>>(estimate: Estimate<T>) -> Report {
-    let value =
-        |value: Value<T>| (value.identifiability == Identifiability::Identified).then(|| value.value.into());
-    let interval = |value: Value<T>| Some([value.low.into(), value.high.into()]);
     Report {
         depth_m: estimate.depth_m.into(),
-        stiffness: value(estimate.stiffness),
+        stiffness: identified_value(estimate.stiffness),
         stiffness_ci95: interval(estimate.stiffness),
-        damping: value(estimate.damping),
+        damping: identified_value(estimate.damping),
         damping_ci95: interval(estimate.damping),
         tip_m: estimate.tip_m.into(),
     }
+}
+
+fn interval<T: RealField + Copy + Into<f64>>(value: Value<T>) -> Option<[f64; 2]> {
+    Some([value.low.into(), value.high.into()])
+}
+
+fn identified_value<T: RealField + Copy + Into<f64>>(value: Value<T>) -> Option<f64> {
+    (value.identifiability == Identifiability::Identified).then(|| value.value.into())
 }

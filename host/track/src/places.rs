@@ -73,18 +73,19 @@ struct Fitted {
 /// The rows of a run under every hypothesis, from a tracker that has them.
 pub(super) fn posterior(tracker: &OnlineTracker<f64>, reach_m: f64) -> Option<Layered> {
     let cell_m = tracker.settings().cell_m;
-    let fit = |hypotheses: Vec<Hypothesis>| -> Vec<Fitted> {
-        hypotheses.into_par_iter().filter_map(|one| fitted(tracker, one, reach_m)).collect()
-    };
     let [first_m, last_m] = SEARCHED.map(|share| share * reach_m);
     let count = ((last_m - first_m) / (COARSE_CELLS * cell_m)).ceil().max(1.0) as usize;
     let coarse_m = (last_m - first_m) / count as f64;
     let boundaries = (0..=count).map(|i| Some(first_m + coarse_m * i as f64)).chain([None]);
-    let mut fits = fit(boundaries
-        .flat_map(|boundary_m| {
-            (0..FIELD_VARIATIONS.len()).map(move |variation| Hypothesis { boundary_m, variation })
-        })
-        .collect());
+    let mut fits = fit(
+        boundaries
+            .flat_map(|boundary_m| {
+                (0..FIELD_VARIATIONS.len()).map(move |variation| Hypothesis { boundary_m, variation })
+            })
+            .collect(),
+        reach_m,
+        tracker,
+    );
     let likely: Vec<Hypothesis> = fits
         .iter()
         .zip(probabilities(&fits, [first_m, last_m]))
@@ -110,9 +111,17 @@ pub(super) fn posterior(tracker: &OnlineTracker<f64>, reach_m: f64) -> Option<La
                 }
             }
         }
-        fits.extend(fit(finer));
+        fits.extend(fit(finer, reach_m, tracker));
     }
     averaged(&fits, [first_m, last_m], cell_m)
+}
+
+fn fit(
+    hypotheses: Vec<Hypothesis>,
+    reach_m: f64,
+    tracker: &estimator::Tracker<f64, 5, 60, 18, 256>,
+) -> Vec<Fitted> {
+    hypotheses.into_par_iter().filter_map(|one| fitted(tracker, one, reach_m)).collect()
 }
 
 /// Cells of about the settings' length with a face at the boundary.
@@ -132,14 +141,23 @@ fn fitted(tracker: &OnlineTracker<f64>, hypothesis: Hypothesis, reach_m: f64) ->
     let mut tracker = tracker.resegmented(segment_m, cell_m, FIELD_VARIATIONS.get(variation)?.0.mean());
     let estimate = tracker.finish()?;
     let cells = ((reach_m / tracker_cell_m).ceil() as usize).min(CELLS);
-    let at = |depth_m: f64| tracker.stiffness_at(((depth_m / cell_m) as usize).min(CELLS - 1));
-    let field: Vec<Value<f64>> =
-        (0..cells).filter_map(|cell| at(tracker_cell_m * (cell as f64 + 0.5))).collect();
+    let field: Vec<Value<f64>> = (0..cells)
+        .filter_map(|cell| stiffness_at(tracker_cell_m * (cell as f64 + 0.5), &tracker, cell_m))
+        .collect();
     let log_ratio = boundary_m.map_or(Some(0.0), |boundary_m| {
-        let [above_value, below_value] = [-0.5, 0.5].map(|cells| at(boundary_m + cells * cell_m));
+        let [above_value, below_value] =
+            [-0.5, 0.5].map(|cells| stiffness_at(boundary_m + cells * cell_m, &tracker, cell_m));
         Some((below_value?.value / above_value?.value).ln())
     })?;
     Some(Fitted { hypothesis, evidence: tracker.evidence(), estimate, field, log_ratio })
+}
+
+fn stiffness_at(
+    depth_m: f64,
+    tracker: &estimator::Tracker<f64, 5, 60, 18, 256>,
+    cell_m: f64,
+) -> Option<Value<f64>> {
+    tracker.stiffness_at(((depth_m / cell_m) as usize).min(CELLS - 1))
 }
 
 /// The part of the depth that a place stands for: half the way to its neighbours of the same variation.
@@ -206,23 +224,24 @@ fn averaged(found: &[Fitted], range_m: [f64; 2], cell_m: f64) -> Option<Layered>
 
 /// Depth above which the boundary lies with probability `share`, each part's probability spread evenly over it.
 fn quantile(parts: &[([f64; 2], f64)], share: f64) -> f64 {
-    let below = |depth_m: f64| -> f64 {
-        parts
-            .iter()
-            .map(|([low_m, high_m], weight)| {
-                let length_m = (high_m - low_m).max(f64::MIN_POSITIVE);
-                weight * ((depth_m - low_m) / length_m).clamp(0.0, 1.0)
-            })
-            .sum()
-    };
     let least_m = parts.iter().map(|([low_m, _], _)| *low_m).fold(f64::INFINITY, f64::min);
     let most_m = parts.iter().map(|([_, high_m], _)| *high_m).fold(f64::NEG_INFINITY, f64::max);
     let (mut low_m, mut high_m) = (least_m, most_m);
     for _ in 0..50 {
         let middle_m = 0.5 * (low_m + high_m);
-        if below(middle_m) < share { low_m = middle_m } else { high_m = middle_m }
+        if mass_below(middle_m, parts) < share { low_m = middle_m } else { high_m = middle_m }
     }
     0.5 * (low_m + high_m)
+}
+
+fn mass_below(depth_m: f64, parts: &[([f64; 2], f64)]) -> f64 {
+    parts
+        .iter()
+        .map(|([low_m, high_m], weight)| {
+            let length_m = (high_m - low_m).max(f64::MIN_POSITIVE);
+            weight * ((depth_m - low_m) / length_m).clamp(0.0, 1.0)
+        })
+        .sum()
 }
 
 #[cfg(test)]

@@ -97,12 +97,13 @@ impl Published {
         let modes: Vec<FreeMode> = free_modes(&dynamics.clamped(needle), 1)?;
         let functions = ShapeFunctions::of(&modes, dynamics.length_m);
         let factors = functions.factors(&modes);
-        let two = |x_m: f64| Vector2::from_column_slice((&factors * functions.at(x_m)).as_slice());
-        let (base, tip) = (two(0.0), two(dynamics.length_m));
+        let (base, tip) = (
+            scaled_functions(0.0, &factors, &functions),
+            scaled_functions(dynamics.length_m, &factors, &functions),
+        );
         let outputs = Matrix2::from_rows(&[base.transpose(), tip.transpose()]);
         let mass = Matrix2::from_diagonal(&Vector2::new(dynamics.moving_mass_kg(), 1.0));
         let frequency = modes.first().map_or(0.0, |mode| mode.frequency_rad_s);
-        let inverse = |matrix: Matrix2<f64>| matrix.try_inverse().ok_or(ModelError::Singular);
         let count = 2 * (settings.order + 1);
         let mut estimator = Self {
             settings,
@@ -182,6 +183,14 @@ impl Published {
         self.parameters += &gain * residual;
         self.covariance = (&self.covariance - &gain * covariance_regressor.transpose()) / forgetting;
     }
+}
+
+fn inverse(matrix: Matrix2<f64>) -> Result<Matrix2<f64>, ModelError> {
+    matrix.try_inverse().ok_or(ModelError::Singular)
+}
+
+fn scaled_functions(x_m: f64, factors: &DMatrix<f64>, functions: &ShapeFunctions) -> Vector2<f64> {
+    Vector2::from_column_slice((factors * functions.at(x_m)).as_slice())
 }
 
 impl Method for Published {

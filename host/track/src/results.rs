@@ -218,7 +218,6 @@ impl TrackResult {
         last: Option<Estimate<f64>>,
         is_sound: bool,
     ) -> Self {
-        let list = |of: &dyn Fn(&Estimate<f64>) -> f64| estimates.iter().map(of).collect::<Vec<_>>();
         let offs: Vec<[f64; 2]> =
             estimates.iter().map(|one| [one.depth_m, one.tip_m - one.measured_tip_m]).collect();
         let mut warnings = Vec::new();
@@ -252,18 +251,18 @@ impl TrackResult {
         Self {
             id: id.to_owned(),
             errors: errors(&offs),
-            depth_mm: list(&|one| 1e3 * one.depth_m),
+            depth_mm: values(&|one| 1e3 * one.depth_m, estimates),
             stiffness_n_per_m2: estimates.iter().map(|one| identified_value(one.stiffness)).collect(),
-            stiffness_lo95_n_per_m2: list(&|one| one.stiffness.low),
-            stiffness_hi95_n_per_m2: list(&|one| one.stiffness.high),
+            stiffness_lo95_n_per_m2: values(&|one| one.stiffness.low, estimates),
+            stiffness_hi95_n_per_m2: values(&|one| one.stiffness.high, estimates),
             damping_n_s_per_m2: estimates.iter().map(|one| identified_value(one.damping)).collect(),
-            damping_lo95_n_s_per_m2: list(&|one| one.damping.low),
-            damping_hi95_n_s_per_m2: list(&|one| one.damping.high),
-            correlation: list(&|one| one.correlation),
-            tip_y_mm: list(&|one| 1e3 * one.tip_m),
-            measured_tip_y_mm: list(&|one| 1e3 * one.measured_tip_m),
-            base_force_y_n: list(&|one| one.force_n),
-            measured_base_force_y_n: list(&|one| one.measured_force_n),
+            damping_lo95_n_s_per_m2: values(&|one| one.damping.low, estimates),
+            damping_hi95_n_s_per_m2: values(&|one| one.damping.high, estimates),
+            correlation: values(&|one| one.correlation, estimates),
+            tip_y_mm: values(&|one| 1e3 * one.tip_m, estimates),
+            measured_tip_y_mm: values(&|one| 1e3 * one.measured_tip_m, estimates),
+            base_force_y_n: values(&|one| one.force_n, estimates),
+            measured_base_force_y_n: values(&|one| one.measured_force_n, estimates),
             last: last.map(|last| LastResult {
                 depth_mm: 1e3 * last.depth_m,
                 stiffness_n_per_m2: last.stiffness.into(),
@@ -275,6 +274,10 @@ impl TrackResult {
             ..Self::default()
         }
     }
+}
+
+fn values(of: &dyn Fn(&Estimate<f64>) -> f64, estimates: &[Estimate<f64>]) -> Vec<f64> {
+    estimates.iter().map(of).collect::<Vec<_>>()
 }
 
 /// Differences, from deviations against depth, both in m.

@@ -34,12 +34,11 @@ fn plan(speed_mm_s: f64, lateral_mm: f64, straight_mm: f64) -> Plan {
 }
 
 fn tissue() -> Tissue {
-    let layer = |bottom_mm, stiffness_n_per_m2, damping_n_s_per_m2| TissueLayer {
-        bottom_mm,
-        stiffness_n_per_m2,
-        damping_n_s_per_m2,
-    };
     Tissue { layers: vec![layer(40.0, 1.5e4, 1e3), layer(80.0, 3e4, 2e3)], inclusions: Vec::new() }
+}
+
+fn layer(bottom_mm: f64, stiffness_n_per_m2: f64, damping_n_s_per_m2: f64) -> TissueLayer {
+    TissueLayer { bottom_mm, stiffness_n_per_m2, damping_n_s_per_m2 }
 }
 
 fn run(plan: &Plan, sensors: Sensors, seed: u64) -> SteeringRun {
@@ -135,20 +134,21 @@ fn motion_to_and_fro_identifies_both() {
 #[test]
 fn the_start_is_forgotten() {
     let run = run(&plan(4.0, 20.0, 0.0), ORDINARY, 2);
-    let end = |start: [f64; 2]| {
-        let mut settings = settings::<f64>(&rig().needle, &dynamics()).expect("a needle");
-        settings.start = start;
-        let mut tracker = OnlineTracker::new(settings).expect("fits");
-        samples(&run).for_each(|sample| {
-            tracker.update(&sample).expect("taken");
-        });
-        tracker.finish().expect("rows")
-    };
-    let (high, low) = (end([2e6, 3e5]), end([2e2, 10.0]));
+    let (high, low) = (estimate_at_end([2e6, 3e5], &run), estimate_at_end([2e2, 10.0], &run));
     assert!((high.stiffness.value / low.stiffness.value - 1.0).abs() < 0.02, "{high:?} {low:?}");
     let mean = tissue().mean(high.depth_m);
     assert!(high.stiffness.low < mean[0] && mean[0] < high.stiffness.high, "{high:?} {mean:?}");
     assert!(high.settled);
+}
+
+fn estimate_at_end(start: [f64; 2], run: &SteeringRun) -> estimator::Estimate<f64> {
+    let mut settings = settings::<f64>(&rig().needle, &dynamics()).expect("a needle");
+    settings.start = start;
+    let mut tracker = OnlineTracker::new(settings).expect("fits");
+    samples(run).for_each(|sample| {
+        tracker.update(&sample).expect("taken");
+    });
+    tracker.finish().expect("rows")
 }
 
 /// Half the digits are enough.
@@ -189,9 +189,7 @@ fn straight_insertions_identify_nothing() {
 #[test]
 fn bad_samples_are_refused_and_change_nothing() {
     let run = run(&plan(8.0, 20.0, 0.0), ORDINARY, 5);
-    let make =
-        || OnlineTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
-    let (mut clean, mut disturbed) = (make(), make());
+    let (mut clean, mut disturbed) = (fresh_tracker(), fresh_tracker());
     for sample in samples(&run) {
         let expected = clean.update(&sample).expect("taken");
         assert_eq!(disturbed.update(&sample).expect("taken"), expected);
@@ -208,6 +206,10 @@ fn bad_samples_are_refused_and_change_nothing() {
             assert_eq!(disturbed.update(&bad), Err(refused));
         }
     }
+}
+
+fn fresh_tracker() -> estimator::Tracker<f64, 5, 60, 18, 256> {
+    OnlineTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits")
 }
 
 /// Drawn back a little, at rest, and with a tip sensor that has an offset: the same tissue.
@@ -267,27 +269,35 @@ fn session(run: SteeringRun) -> formats::session::Session {
 #[test]
 fn signs_and_units_are_diagnosed_before_tissue() {
     let good = run(&plan(8.0, 20.0, 0.0), ORDINARY, 7);
-    let warned = |change: &dyn Fn(&mut SteeringRun), options: &super::Options| {
-        let mut run = good.clone();
-        change(&mut run);
-        super::track(&session(run), options).expect("tracked").runs[0].warnings.clone()
-    };
-    let times = |values: &mut Vec<f64>, factor: f64| values.iter_mut().for_each(|value| *value *= factor);
-    let sound = warned(&|_| {}, &super::Options::default());
+    let sound = warnings_of(&|_| {}, &super::Options::default(), &good);
     assert!(!sound.iter().any(|what| what.contains("sign") || what.contains("metres")), "{sound:?}");
     type Case<'a> = (&'a dyn Fn(&mut SteeringRun), &'a str);
     let cases: [Case<'_>; 3] = [
-        (&|run| times(&mut run.base_force_y_n, -1.0), "sign of"),
-        (&|run| times(&mut run.tip_y_m, 1e-3), "in metres"),
-        (&|run| times(&mut run.depth_m, 1e-3), "depth_mm: 0.08"),
+        (&|run| scale(&mut run.base_force_y_n, -1.0), "sign of"),
+        (&|run| scale(&mut run.tip_y_m, 1e-3), "in metres"),
+        (&|run| scale(&mut run.depth_m, 1e-3), "depth_mm: 0.08"),
     ];
     // A wrong run is tracked once more for every change in question: with the boundary known, which is a tenth of the work.
     let known_segments = super::Options { segment_m: Some(0.04), ..super::Options::default() };
     for (change, expected) in cases {
-        let warnings = warned(change, &known_segments);
+        let warnings = warnings_of(change, &known_segments, &good);
         assert!(warnings.first().is_some_and(|what| what.contains(expected)), "{expected}: {warnings:?}");
         assert!(!warnings.iter().any(|what| what.contains("move the base")), "{warnings:?}");
     }
+}
+
+fn scale(values: &mut Vec<f64>, factor: f64) {
+    values.iter_mut().for_each(|value| *value *= factor)
+}
+
+fn warnings_of(
+    change: &dyn Fn(&mut SteeringRun),
+    options: &super::Options,
+    good: &SteeringRun,
+) -> Vec<String> {
+    let mut run = good.clone();
+    change(&mut run);
+    super::track(&session(run), options).expect("tracked").runs[0].warnings.clone()
 }
 
 /// A boundary anywhere is found where it is, and segments are taken as they are stated.
@@ -311,15 +321,20 @@ fn boundaries_are_found_and_stated_segments_are_taken() {
         let ratio = layers.stiffness_ratio.expect("a ratio");
         assert!((1.7..5.3).contains(&ratio), "{layers:?}");
         let stated = super::Options { segment_m: Some(1e-3 * boundary_mm), ..super::Options::default() };
-        let field = |options: &super::Options| {
-            let segments = super::track(&session, options).expect("tracked");
-            assert!(segments.warnings.is_empty(), "{:?}", segments.warnings);
-            segments.runs[0].field.clone().expect("a field").stiffness_n_per_m2
-        };
         let elsewhere = super::Options { segment_m: Some(0.033), ..super::Options::default() };
-        assert_ne!(field(&stated), field(&elsewhere), "segments are as they are stated");
+        assert_ne!(
+            stiffness_field(&stated, &session),
+            stiffness_field(&elsewhere, &session),
+            "segments are as they are stated"
+        );
     }
     let short = super::Options { segment_m: Some(2e-3), ..super::Options::default() };
     let why = super::track(&session(run(&plan(8.0, 20.0, 0.0), ORDINARY, 8)), &short).expect_err("refused");
     assert!(why.to_string().contains("segment_mm: 2, expected 4.0 or more"), "{why}");
+}
+
+fn stiffness_field(options: &super::Options, session: &formats::session::Session) -> Vec<Option<f64>> {
+    let segments = super::track(session, options).expect("tracked");
+    assert!(segments.warnings.is_empty(), "{:?}", segments.warnings);
+    segments.runs[0].field.clone().expect("a field").stiffness_n_per_m2
 }
