@@ -232,10 +232,7 @@ pub fn calibrate(
     series.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (fitted_echoes, checked_echoes): (Vec<(usize, &Observation)>, Vec<_>) =
         observations.iter().enumerate().partition(|(number, _)| number % 2 == 0);
-    let of = |part: &[(usize, &Observation)]| -> Vec<Observation> {
-        part.iter().map(|(_, observation)| (*observation).clone()).collect()
-    };
-    let (fitted_frames, checked_frames) = (of(&fitted_echoes), of(&checked_echoes));
+    let (fitted_frames, checked_frames) = (observations_of(&fitted_echoes), observations_of(&checked_echoes));
     let solution = solve::solve(&fitted_frames, &series, phantom, approximate_mm_per_px)
         .ok_or(CalibrateError::Degenerate)?;
     let at_lag = |part: Vec<Observation>| match solution.lag_s {
@@ -255,6 +252,10 @@ pub fn calibrate(
     }
     let errors = [&fitted_poses, &checked_poses].map(|part| solution.errors(part, phantom));
     Ok(Calibration { states, observations, solution, errors })
+}
+
+fn observations_of(part: &[(usize, &Observation)]) -> Vec<Observation> {
+    part.iter().map(|(_, observation)| (*observation).clone()).collect()
 }
 
 /// The wires of a frame; none where not all patterns are there.

@@ -249,17 +249,20 @@ pub fn measure(
         frames.push(result);
         on_frame(number);
     }
-    let of = |state: State| frames.iter().filter(|frame| frame.state == state).count();
     let Some(follower) = follower else {
-        let (black, saturated, invalid) = (of(State::Black), of(State::Saturated), of(State::Invalid));
+        let (black, saturated, invalid) = (
+            count_in_state(State::Black, &frames),
+            count_in_state(State::Saturated, &frames),
+            count_in_state(State::Invalid, &frames),
+        );
         return Err(CameraError::NoTemplate { count: frames.len(), black, saturated, invalid });
     };
     follower.template.check_noise("--template", frames.iter().filter_map(|frame| frame.template))?;
     if let Some(mark) = &follower.mark {
         mark.check_noise("--mark", frames.iter().filter_map(|frame| frame.mark))?;
     }
-    if of(State::Used) < 2 {
-        return Err(CameraError::TooFew { found: of(State::Used), count: frames.len() });
+    if count_in_state(State::Used, &frames) < 2 {
+        return Err(CameraError::TooFew { found: count_in_state(State::Used, &frames), count: frames.len() });
     }
     let Follower { number, template, mark, alike } = follower;
     let texture = template.patch.directions;
@@ -267,14 +270,22 @@ pub fn measure(
     Ok(Clip { frames, template_frame: number, directions, alike })
 }
 
+fn count_in_state(state: State, frames: &[FrameResult]) -> usize {
+    frames.iter().filter(|frame| frame.state == state).count()
+}
+
 /// Whether a part lies in the frames and is large enough.
 fn check(region: Region, option: &'static str, [width, height]: [usize; 2]) -> Result<(), CameraError> {
-    let fits = |from: usize, size: usize, all: usize| from.checked_add(size).is_some_and(|end| end <= all);
-    let is_inside = fits(region.x, region.width, width) && fits(region.y, region.height, height);
+    let is_inside =
+        fits_within(region.x, region.width, width) && fits_within(region.y, region.height, height);
     let is_sized = region.width >= MIN_SIDE
         && region.height >= MIN_SIDE
         && region.width.checked_mul(region.height).is_some_and(|pixels| pixels <= MAX_TEMPLATE);
     if is_inside && is_sized { Ok(()) } else { Err(CameraError::Outside { option, region, width, height }) }
+}
+
+fn fits_within(from: usize, size: usize, all: usize) -> bool {
+    from.checked_add(size).is_some_and(|end| end <= all)
 }
 
 /// State of a frame before any search in it.

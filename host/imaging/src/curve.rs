@@ -134,16 +134,24 @@ mod tests {
 
     #[test]
     fn follows_a_needle_on_springs_between_its_points() {
-        let u = |z: f64| 1.2 * (-z / 20.0).exp() * ((z / 20.0).cos() + 0.3 * (z / 20.0).sin());
         let points: Vec<Knot> = (0..60)
             .map(|i| 0.9 * f64::from(i))
-            .map(|z_mm| Knot { z_mm, value_mm: u(z_mm), sd_mm: 0.01 })
+            .map(|z_mm| Knot { z_mm, value_mm: deflection_mm(z_mm), sd_mm: 0.01 })
             .collect();
         let curve = Curve::fit(&points).expect("points determine a curve");
         for z in [0.4, 11.3, 27.0, 40.1, 52.9] {
-            assert!((curve.at(z) - u(z)).abs() < 2e-3, "{z}: {} beside {}", curve.at(z), u(z));
+            assert!(
+                (curve.at(z) - deflection_mm(z)).abs() < 2e-3,
+                "{z}: {} beside {}",
+                curve.at(z),
+                deflection_mm(z)
+            );
         }
         assert!((0.001..0.01).contains(&curve.variance(25.0).sqrt()));
+    }
+
+    fn deflection_mm(z: f64) -> f64 {
+        1.2 * (-z / 20.0).exp() * ((z / 20.0).cos() + 0.3 * (z / 20.0).sin())
     }
 
     #[test]

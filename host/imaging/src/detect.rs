@@ -46,11 +46,12 @@ pub struct Detector {
 impl Detector {
     /// For a needle of this outer diameter in frames with pixels of this size; only in a region, where one is given.
     pub fn new(needle_mm: f64, spacing_mm: [f64; 2], region: Option<Region>) -> Self {
-        let half = |scale: f64, spacing_mm: f64| {
-            ((0.5 * scale * needle_mm / spacing_mm).round() as usize).clamp(1, 60)
-        };
-        let mut cores: Vec<[usize; 2]> =
-            SCALES.iter().map(|[x, y]| [half(*x, spacing_mm[0]), half(*y, spacing_mm[1])]).collect();
+        let mut cores: Vec<[usize; 2]> = SCALES
+            .iter()
+            .map(|[x, y]| {
+                [half_width(*x, spacing_mm[0], needle_mm), half_width(*y, spacing_mm[1], needle_mm)]
+            })
+            .collect();
         cores.dedup();
         Self { cores, region, linear: Arc::new(Linear::new()) }
     }
@@ -100,12 +101,8 @@ impl Detector {
         let margin = [3 * half_x + 2, 3 * half_y + 2];
         let region =
             self.region.unwrap_or(Region { x: 0, y: 0, width: integral.width, height: integral.height });
-        let range = |from: usize, size: usize, margin: usize, most: usize| {
-            let end = from.saturating_add(size).min(most.saturating_sub(margin));
-            (from.max(margin), end)
-        };
-        let (from_x, to_x) = range(region.x, region.width, margin[0], integral.width);
-        let (from_y, to_y) = range(region.y, region.height, margin[1], integral.height);
+        let (from_x, to_x) = inner_range(region.x, region.width, margin[0], integral.width);
+        let (from_y, to_y) = inner_range(region.y, region.height, margin[1], integral.height);
         if from_x >= to_x || from_y >= to_y {
             return;
         }
@@ -118,15 +115,15 @@ impl Detector {
                 *score = contrast(integral, from_x + column * stride[0], y, core) as f32;
             }
         }
-        let at = |column: usize, row: usize| scores.get(row * columns + column).copied().unwrap_or(0.0);
         for row in 0..rows {
             for column in 0..columns {
-                let peak_value = at(column, row);
+                let peak_value = score_at(column, row, &scores, columns);
                 if peak_value <= 1.0 {
                     continue;
                 }
                 let is_peak = (row.saturating_sub(1)..=(row + 1).min(rows - 1)).all(|r| {
-                    (column.saturating_sub(1)..=(column + 1).min(columns - 1)).all(|c| at(c, r) <= peak_value)
+                    (column.saturating_sub(1)..=(column + 1).min(columns - 1))
+                        .all(|c| score_at(c, r, &scores, columns) <= peak_value)
                 });
                 if is_peak {
                     let position = [from_x + column * stride[0], from_y + row * stride[1]];
@@ -135,6 +132,19 @@ impl Detector {
             }
         }
     }
+}
+
+fn score_at(column: usize, row: usize, scores: &[f32], columns: usize) -> f32 {
+    scores.get(row * columns + column).copied().unwrap_or(0.0)
+}
+
+fn inner_range(from: usize, size: usize, margin: usize, most: usize) -> (usize, usize) {
+    let end = from.saturating_add(size).min(most.saturating_sub(margin));
+    (from.max(margin), end)
+}
+
+fn half_width(scale: f64, spacing_mm: f64, needle_mm: f64) -> usize {
+    ((0.5 * scale * needle_mm / spacing_mm).round() as usize).clamp(1, 60)
 }
 
 /// Brightness of a core above the brightest of what is left, right and above, over the scatter there.

@@ -83,11 +83,14 @@ impl Region {
     /// The same part of the image where its axes are turned, in a frame of this width and height.
     #[must_use]
     pub fn oriented(self, orientation: Orientation, [width, height]: [usize; 2]) -> Self {
-        let mirrored = |from: usize, size: usize, all: usize| all.saturating_sub(from.saturating_add(size));
-        let x = if orientation.flip_x { mirrored(self.x, self.width, width) } else { self.x };
-        let y = if orientation.flip_y { mirrored(self.y, self.height, height) } else { self.y };
+        let x = if orientation.flip_x { mirrored_start(self.x, self.width, width) } else { self.x };
+        let y = if orientation.flip_y { mirrored_start(self.y, self.height, height) } else { self.y };
         Self { x, y, ..self }
     }
+}
+
+fn mirrored_start(from: usize, size: usize, all: usize) -> usize {
+    all.saturating_sub(from.saturating_add(size))
 }
 
 /// Fields of one frame in a file.

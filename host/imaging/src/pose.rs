@@ -122,10 +122,15 @@ pub fn by_rows(numbers: [f64; 16]) -> Option<Pose> {
     if numbers.iter().any(|number| !number.is_finite()) {
         return None;
     }
-    let is_last = |row: [f64; 4]| row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < ROUNDING);
     let mut transposed = numbers;
     transposed.iter_mut().enumerate().for_each(|(at, value)| *value = numbers[4 * (at % 4) + at / 4]);
-    [numbers, transposed].into_iter().find(|matrix| is_last([matrix[12], matrix[13], matrix[14], matrix[15]]))
+    [numbers, transposed]
+        .into_iter()
+        .find(|matrix| is_last_row([matrix[12], matrix[13], matrix[14], matrix[15]]))
+}
+
+fn is_last_row(row: [f64; 4]) -> bool {
+    row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < ROUNDING)
 }
 
 /// Readings before and after a frame over which the speed of the probe is taken.
@@ -355,13 +360,16 @@ mod tests {
         let fields: Vec<FrameFields> = (0..5).map(|i| frame(f64::from(i), 10.0 * f64::from(i))).collect();
         let position_field = Place::Field { name: "Probe".to_owned(), start_mm: 70.0, sign: 1.0 };
         let poses = Poses::new(5, &fields, &position_field).expect("the field is there");
-        let z_mm = |frame, lag_s| placed(&poses.of(frame, lag_s).expect("a pose"), [1.0, 2.0]);
-        assert_eq!(z_mm(3, 0.0), [1.0, -2.0, 100.0]);
-        assert!((z_mm(3, 0.25)[2] - 102.5).abs() < 1e-9);
-        assert_eq!(z_mm(4, 0.25)[2], 110.0);
+        assert_eq!(placed_at(3, 0.0, &poses), [1.0, -2.0, 100.0]);
+        assert!((placed_at(3, 0.25, &poses)[2] - 102.5).abs() < 1e-9);
+        assert_eq!(placed_at(4, 0.25, &poses)[2], 110.0);
         // The probe is above the needle.
         let Motion { beam_rad, mm_per_s } = poses.motion(3, 0.25).expect("a pose");
         assert!((beam_rad.to_degrees() + 90.0).abs() < 1e-9 && (mm_per_s - 10.0).abs() < 1e-9);
+    }
+
+    fn placed_at(frame: usize, lag_s: f64, poses: &Poses) -> [f64; 3] {
+        placed(&poses.of(frame, lag_s).expect("a pose"), [1.0, 2.0])
     }
 
     fn stamped(stamps_s: &[f64]) -> Vec<FrameFields> {

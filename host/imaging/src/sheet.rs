@@ -69,12 +69,13 @@ impl Sheet {
 
     /// Size of a cell.
     fn cell(&self) -> [usize; 2] {
-        let size = |axis: usize| {
-            let sizes = self.entries.iter().filter_map(|entry| entry.picture.size().get(axis).copied());
-            sizes.max().unwrap_or(1)
-        };
         // Room for the text below narrow pictures.
-        [size(0).max(90) + GAP, size(1) + GAP + TEXT]
+        [self.largest_size(0).max(90) + GAP, self.largest_size(1) + GAP + TEXT]
+    }
+
+    fn largest_size(&self, axis: usize) -> usize {
+        let sizes = self.entries.iter().filter_map(|entry| entry.picture.size().get(axis).copied());
+        sizes.max().unwrap_or(1)
     }
 
     fn place(&self, number: usize) -> [usize; 2] {
@@ -144,14 +145,17 @@ pub fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for group in bytes.chunks(3) {
-        let at = |i: usize| u32::from(group.get(i).copied().unwrap_or(0));
-        let bits = at(0) << 16 | at(1) << 8 | at(2);
+        let bits = byte_at(0, group) << 16 | byte_at(1, group) << 8 | byte_at(2, group);
         for (place, shift) in [18, 12, 6, 0].into_iter().enumerate() {
             let letter = LETTERS.get((bits >> shift & 63) as usize).copied().unwrap_or(b'=');
             text.push(if place <= group.len() { char::from(letter) } else { '=' });
         }
     }
     text
+}
+
+fn byte_at(i: usize, group: &[u8]) -> u32 {
+    u32::from(group.get(i).copied().unwrap_or(0))
 }
 
 #[cfg(test)]

@@ -201,18 +201,17 @@ impl Geometry {
     /// # Errors
     /// [`SweepError`] where neither has it.
     pub fn new(header: &Header, settings: &Settings) -> Result<Self, SweepError> {
-        let stated = |statement| header.unclear(statement).cloned().map_or(Ok(()), Err);
         let orientation = match settings.orientation {
             Some(given) => given,
             None => {
-                stated(Statement::Orientation)?;
+                check_stated(Statement::Orientation, header)?;
                 header.orientation.unwrap_or_default()
             }
         };
         let spacing_mm = match settings.spacing_mm {
             Some(given) => given,
             None => {
-                stated(Statement::Spacing)?;
+                check_stated(Statement::Spacing, header)?;
                 header.spacing_mm.ok_or(SweepError::NoSpacing)?
             }
         };
@@ -222,6 +221,10 @@ impl Geometry {
         });
         Ok(Self { spacing_mm, orientation, region })
     }
+}
+
+fn check_stated(statement: Statement, header: &Header) -> Result<(), Unclear> {
+    header.unclear(statement).cloned().map_or(Ok(()), Err)
 }
 
 /// A sweep that is being measured, frame by frame: frames of files and of a scanner that sends them take the same way.
@@ -328,8 +331,16 @@ fn echo(candidate: &Candidate, pose: &[f64; 16], spacing_mm: [f64; 2]) -> Echo {
     // The transforms of PLUS are from the corner of the first pixel; a shift of half a pixel is a shift of everything.
     let [x, y, z_mm] = placed(pose, [centre.x_px * spacing_mm[0], centre.y_px * spacing_mm[1]]);
     let sd_image = [centre.sd_x_px * spacing_mm[0], centre.sd_y_px * spacing_mm[1]];
-    let sd = |row: usize| (pose[4 * row] * sd_image[0]).hypot(pose[4 * row + 1] * sd_image[1]).max(1e-4);
-    Echo { across_mm: [x, y], z_mm, sd_mm: [sd(0), sd(1)], score: candidate.score }
+    Echo {
+        across_mm: [x, y],
+        z_mm,
+        sd_mm: [axis_sd_mm(0, sd_image, pose), axis_sd_mm(1, sd_image, pose)],
+        score: candidate.score,
+    }
+}
+
+fn axis_sd_mm(row: usize, sd_image: [f64; 2], pose: &[f64; 16]) -> f64 {
+    (pose[4 * row] * sd_image[0]).hypot(pose[4 * row + 1] * sd_image[1]).max(1e-4)
 }
 
 fn result(
@@ -392,10 +403,9 @@ impl Fixed {
             return false;
         }
         let centre = &candidate.centre;
-        let range = |at: f64, size: f64| (at - size).max(0.0) as usize..=(at + size).max(0.0) as usize;
         let (mut bright, mut unchanged) = (0usize, 0usize);
-        for y in range(centre.y_px, centre.height_px) {
-            for x in range(centre.x_px, centre.width_px).filter(|x| *x < self.width) {
+        for y in pixel_range(centre.y_px, centre.height_px) {
+            for x in pixel_range(centre.x_px, centre.width_px).filter(|x| *x < self.width) {
                 let pixel_index = y * self.width + x;
                 let (Some(least), Some(most)) = (self.least.get(pixel_index), self.most.get(pixel_index))
                 else {
@@ -407,6 +417,10 @@ impl Fixed {
         }
         2 * unchanged > bright
     }
+}
+
+fn pixel_range(at: f64, size: f64) -> std::ops::RangeInclusive<usize> {
+    (at - size).max(0.0) as usize..=(at + size).max(0.0) as usize
 }
 
 #[cfg(test)]

@@ -121,11 +121,10 @@ const ALIKE: f64 = 0.5;
 pub fn follow(frames: &[Vec<Echo>], seed: u64) -> Result<Track, TrackError> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let (count, least) = (frames.len(), MIN_USED.max(frames.len() / 5));
-    let none = |found| TrackError::NoNeedle { found, frames: count, least };
-    let (score, arc) = search(frames, None, &mut random).ok_or_else(|| none(0))?;
+    let (score, arc) = search(frames, None, &mut random).ok_or_else(|| no_needle(0, count, least))?;
     // Few echoes are near one curve by chance.
     if score < MIN_SHARE {
-        return Err(none((score * count as f64) as usize));
+        return Err(no_needle((score * count as f64) as usize, count, least));
     }
     let middle_mm = middle(frames);
     let other_arc =
@@ -135,7 +134,7 @@ pub fn follow(frames: &[Vec<Echo>], seed: u64) -> Result<Track, TrackError> {
     }
     let mut gate_mm = [TUBE_MM; 2];
     let mut place = |z_mm: f64| arc.at(z_mm);
-    let mut fitted = refit(frames, &mut place, gate_mm).ok_or_else(|| none(0))?;
+    let mut fitted = refit(frames, &mut place, gate_mm).ok_or_else(|| no_needle(0, count, least))?;
     for _ in 0..12 {
         let previous_gate_mm = gate_mm;
         for (gate_mm, needed_mm) in gate_mm.iter_mut().zip(fitted.gate_mm) {
@@ -143,7 +142,7 @@ pub fn follow(frames: &[Vec<Echo>], seed: u64) -> Result<Track, TrackError> {
         }
         let curves = fitted.curves.clone();
         fitted = refit(frames, &mut |z_mm| [0, 1].map(|axis: usize| curves[axis].at(z_mm)), gate_mm)
-            .ok_or_else(|| none(0))?;
+            .ok_or_else(|| no_needle(0, count, least))?;
         if previous_gate_mm == gate_mm {
             break;
         }
@@ -152,7 +151,7 @@ pub fn follow(frames: &[Vec<Echo>], seed: u64) -> Result<Track, TrackError> {
     let decisions: Vec<Decision> = frames.iter().map(|echoes| decide(echoes, &curves, gate_mm)).collect();
     let used_count = decisions.iter().filter(|decision| matches!(decision, Decision::Used { .. })).count();
     if used_count < least {
-        return Err(none(used_count));
+        return Err(no_needle(used_count, count, least));
     }
     let echoes = used_echoes(frames, &decisions);
     let noise = [0, 1].map(|axis: usize| {
@@ -160,6 +159,10 @@ pub fn follow(frames: &[Vec<Echo>], seed: u64) -> Result<Track, TrackError> {
         Noise::of(&echoes, axis).unwrap_or(alone)
     });
     Ok(Track { decisions, curves, noise })
+}
+
+fn no_needle(found: usize, count: usize, least: usize) -> TrackError {
+    TrackError::NoNeedle { found, frames: count, least }
 }
 
 /// A curve of second order in both directions, through three echoes.
@@ -196,21 +199,10 @@ impl Arc {
     /// Share of the frames that have an echo near it, less for echoes that are darker than others of their frame, or further off; nothing
     /// where it is `least` or less.
     fn share(&self, frames: &[Vec<(Echo, f64)>], least: f64) -> Option<f64> {
-        let of_frame = |frame: &Vec<(Echo, f64)>| {
-            frame
-                .iter()
-                .map(|(echo, weight)| {
-                    let curve_mm = self.at(echo.z_mm);
-                    let square =
-                        (echo.across_mm[0] - curve_mm[0]).powi(2) + (echo.across_mm[1] - curve_mm[1]).powi(2);
-                    weight * (1.0 - square / (TUBE_MM * TUBE_MM))
-                })
-                .fold(0.0, f64::max)
-        };
         let count = frames.len() as f64;
         let (mut sum, mut most) = (0.0, count);
         for frame in frames {
-            let frame_likelihood = of_frame(frame);
+            let frame_likelihood = self.frame_share(frame);
             sum += frame_likelihood;
             most -= 1.0 - frame_likelihood;
             // Nor can the frames that are left make it better.
@@ -219,6 +211,18 @@ impl Arc {
             }
         }
         Some(sum / count)
+    }
+
+    fn frame_share(&self, frame: &Vec<(Echo, f64)>) -> f64 {
+        frame
+            .iter()
+            .map(|(echo, weight)| {
+                let curve_mm = self.at(echo.z_mm);
+                let square =
+                    (echo.across_mm[0] - curve_mm[0]).powi(2) + (echo.across_mm[1] - curve_mm[1]).powi(2);
+                weight * (1.0 - square / (TUBE_MM * TUBE_MM))
+            })
+            .fold(0.0, f64::max)
     }
 
     /// Whether a needle can have it.
@@ -254,10 +258,7 @@ fn search(frames: &[Vec<Echo>], without: Option<&Arc>, random: &mut ChaCha8Rng) 
             sample.push(of_frame);
         }
     }
-    sample.sort_by(|a, b| {
-        let z = |frame: &Vec<(Echo, f64)>| frame.first().map_or(0.0, |(echo, _)| echo.z_mm);
-        z(a).total_cmp(&z(b))
-    });
+    sample.sort_by(|a, b| first_z_mm(a).total_cmp(&first_z_mm(b)));
     let thirds = [0, sample.len() / 3, 2 * sample.len() / 3, sample.len()];
     if sample.len() < 3 {
         return None;
@@ -276,6 +277,10 @@ fn search(frames: &[Vec<Echo>], without: Option<&Arc>, random: &mut ChaCha8Rng) 
         }
     }
     best
+}
+
+fn first_z_mm(frame: &Vec<(Echo, f64)>) -> f64 {
+    frame.first().map_or(0.0, |(echo, _)| echo.z_mm)
 }
 
 /// An echo of a frame, drawn by its weight.
@@ -340,22 +345,26 @@ fn refit(frames: &[Vec<Echo>], place: &mut dyn FnMut(f64) -> [f64; 2], gate_mm: 
 }
 
 fn decide(echoes: &[Echo], curves: &[Curve; 2], gate_mm: [f64; 2]) -> Decision {
-    let place = |echo: &Echo| [0, 1].map(|axis: usize| curves[axis].at(echo.z_mm));
     let mut gated: Vec<(f64, usize, f64)> = echoes
         .iter()
         .enumerate()
-        .map(|(number, echo)| (in_gates(echo, place(echo), gate_mm), number, echo.score))
+        .map(|(number, echo)| (in_gates(echo, place_of(echo, curves), gate_mm), number, echo.score))
         .collect();
     gated.sort_by(|a, b| a.0.total_cmp(&b.0));
     match *gated.as_slice() {
         [] => Decision::NoEcho,
         [(far, number, _), ..] if far > 1.0 => {
-            let distance_mm = echoes.get(number).map_or(f64::NAN, |echo| distance(echo, place(echo)));
+            let distance_mm =
+                echoes.get(number).map_or(f64::NAN, |echo| distance(echo, place_of(echo, curves)));
             Decision::Outlier { distance_mm }
         }
         [(_, _, own), (far, _, other), ..] if far <= 1.0 && other >= ALIKE * own => Decision::Ambiguous,
         [(_, echo, _), ..] => Decision::Used { echo },
     }
+}
+
+fn place_of(echo: &Echo, curves: &[Curve; 2]) -> [f64; 2] {
+    [0, 1].map(|axis: usize| curves[axis].at(echo.z_mm))
 }
 
 /// The echoes of used frames along the needle.

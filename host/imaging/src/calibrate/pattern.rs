@@ -93,10 +93,13 @@ impl Section {
         let helper = if wire_direction.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
         let first = (helper - wire_direction * helper.dot(&wire_direction)).normalize();
         let second = wire_direction.cross(&first);
-        let flat = |point: [f64; 3]| {
-            Vector2::new(Vector3::from(point).dot(&first), Vector3::from(point).dot(&second))
-        };
-        Self { outer: phantom.patterns.iter().map(|[a, _, c]| [flat(a.front), flat(c.front)]).collect() }
+        Self {
+            outer: phantom
+                .patterns
+                .iter()
+                .map(|[a, _, c]| [in_plane(a.front, &first, &second), in_plane(c.front, &first, &second)])
+                .collect(),
+        }
     }
 
     /// Root mean square distance of the outer wires from the best affine image of the section; none where that is no image of a plane that
@@ -123,4 +126,12 @@ impl Section {
             .sum();
         is_image.then(|| (squares / pairs.len() as f64).sqrt())
     }
+}
+
+fn in_plane(
+    point: [f64; 3],
+    first: &nalgebra::SVector<f64, 3>,
+    second: &nalgebra::SVector<f64, 3>,
+) -> nalgebra::SVector<f64, 2> {
+    Vector2::new(Vector3::from(point).dot(first), Vector3::from(point).dot(second))
 }

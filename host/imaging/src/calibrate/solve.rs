@@ -90,11 +90,14 @@ impl Plane {
     }
 
     fn moved(&self, step: &DVector<f64>) -> Self {
-        let at = |i: usize| step.get(i).copied().unwrap_or(0.0);
         Self {
-            rotation: self.rotation * Rotation3::new(Vector3::new(at(0), at(1), at(2))),
-            place: self.place + Vector3::new(at(3), at(4), at(5)),
-            spacing: Vector2::new(self.spacing.x * at(6).exp(), self.spacing.y * at(7).exp()),
+            rotation: self.rotation
+                * Rotation3::new(Vector3::new(step_at(0, step), step_at(1, step), step_at(2, step))),
+            place: self.place + Vector3::new(step_at(3, step), step_at(4, step), step_at(5, step)),
+            spacing: Vector2::new(
+                self.spacing.x * step_at(6, step).exp(),
+                self.spacing.y * step_at(7, step).exp(),
+            ),
         }
     }
 
@@ -141,6 +144,10 @@ impl Plane {
     }
 }
 
+fn step_at(i: usize, step: &DVector<f64>) -> f64 {
+    step.get(i).copied().unwrap_or(0.0)
+}
+
 impl Solution {
     fn plane(&self) -> Plane {
         let pose = matrix(&self.image_to_probe);
@@ -171,7 +178,6 @@ impl Solution {
             in_plane.extend(residuals.as_chunks::<2>().0.iter().map(|[x, y]| x.hypot(*y)));
         }
         slanted.sort_by(f64::total_cmp);
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let quantile_index = (0.95 * slanted.len() as f64) as usize;
         Errors {
             frames,
@@ -185,6 +191,10 @@ impl Solution {
     }
 }
 
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
 /// Points at which the slanted wires are cut, in the probe's frame, from the positions of their echoes between the
 /// outer ones: with parallel outer wires the share of the way from one to the other is the same in the phantom.
 fn slanted_points(observation: &Observation, phantom: &Phantom) -> Vec<(Vector3<f64>, [f64; 2])> {
@@ -193,20 +203,24 @@ fn slanted_points(observation: &Observation, phantom: &Phantom) -> Vec<(Vector3<
         let (span, own_vector) = ([c[0] - a[0], c[1] - a[1]], [b[0] - a[0], b[1] - a[1]]);
         let fraction = (span[0] * own_vector[0] + span[1] * own_vector[1])
             / (span[0].powi(2) + span[1].powi(2)).max(1e-9);
-        // The share across the wires of a point of the slanted wire goes linearly from its front to its back.
-        let across = |point: [f64; 3]| {
-            let separation = Vector3::from(last.front) - Vector3::from(first.front);
-            let direction = Vector3::from(first.back) - Vector3::from(first.front);
-            let normal = separation - direction * (separation.dot(&direction) / direction.norm_squared());
-            (Vector3::from(point) - Vector3::from(first.front)).dot(&normal) / normal.norm_squared()
-        };
-        let (front, back_point) = (across(middle.front), across(middle.back));
+        let (front, back_point) = (
+            across(middle.front, last.front, first.front, first.back),
+            across(middle.back, last.front, first.front, first.back),
+        );
         if (back_point - front).abs() > 1e-6 {
             let point = middle.at((fraction - front) / (back_point - front));
             points.push((transformed(&observation.phantom_to_probe, point), *b));
         }
     }
     points
+}
+
+/// The share across the wires of a point of the slanted wire goes linearly from its front to its back.
+fn across(point: [f64; 3], front: [f64; 3], first_front: [f64; 3], back: [f64; 3]) -> f64 {
+    let separation = Vector3::from(front) - Vector3::from(first_front);
+    let direction = Vector3::from(back) - Vector3::from(first_front);
+    let normal = separation - direction * (separation.dot(&direction) / direction.norm_squared());
+    (Vector3::from(point) - Vector3::from(first_front)).dot(&normal) / normal.norm_squared()
 }
 
 /// A first plane: the linear map from pixels to the slanted wires' points with the least squares.
@@ -374,8 +388,7 @@ pub fn solve(
     about_mm: f64,
 ) -> Option<Solution> {
     let start = first(observations, phantom)?;
-    let is_near = |mm: f64| (0.5..2.0).contains(&(mm / about_mm));
-    if !start.spacing.iter().all(|mm| is_near(*mm)) {
+    if !start.spacing.iter().all(|mm| is_near(*mm, about_mm)) {
         return None;
     }
     let lag_s = lag(start, observations, series, phantom);
@@ -386,15 +399,23 @@ pub fn solve(
         observations.iter().flat_map(|one| plane.in_plane(one, phantom)).map(f64::abs).collect();
     residuals.sort_by(f64::total_cmp);
     let residual_mm = (1.4826 * residuals.get(residuals.len() / 2)?).max(1e-6);
-    let sd = |i: usize| covariance[(i, i)].max(0.0).sqrt();
-    let largest = |range: std::ops::Range<usize>| range.map(sd).fold(0.0, f64::max);
+    let largest =
+        |range: std::ops::Range<usize>| range.map(|i| parameter_sd(i, &covariance)).fold(0.0, f64::max);
     Some(Solution {
         spacing_mm: plane.spacing.into(),
         image_to_probe: plane.pose(),
         sd_place_mm: largest(3..6),
         sd_rotation_rad: largest(0..3),
-        sd_spacing: [sd(6), sd(7)],
+        sd_spacing: [parameter_sd(6, &covariance), parameter_sd(7, &covariance)],
         lag_s,
         residual_mm,
     })
+}
+
+fn parameter_sd(i: usize, covariance: &DMatrix<f64>) -> f64 {
+    covariance[(i, i)].max(0.0).sqrt()
+}
+
+fn is_near(mm: f64, about_mm: f64) -> bool {
+    (0.5..2.0).contains(&(mm / about_mm))
 }

@@ -62,7 +62,6 @@ fn a_simulated_plane_is_found_where_it_is() {
         SIZE[0], SIZE[1]
     );
     for frame in 0..FRAMES {
-        let mut turn = |most: f64| random.random_range(-most..most);
         // Image axes in the phantom: x along x, second axis along -z, normal along y.
         let base = Matrix4::from_row_slice(&[
             1.,
@@ -82,7 +81,15 @@ fn a_simulated_plane_is_found_where_it_is() {
             0.,
             1.,
         ]);
-        let image_to_phantom = base * pose([turn(0.12), turn(0.12), turn(0.06)], [turn(1.0), turn(1.0), 0.0]);
+        let image_to_phantom = base
+            * pose(
+                [
+                    random_turn(0.12, &mut random),
+                    random_turn(0.12, &mut random),
+                    random_turn(0.06, &mut random),
+                ],
+                [random_turn(1.0, &mut random), random_turn(1.0, &mut random), 0.0],
+            );
         let phantom_to_image = image_to_phantom.try_inverse().expect("rigid");
         let mut spots = Vec::new();
         for wire in phantom.patterns.iter().flatten() {
@@ -100,14 +107,11 @@ fn a_simulated_plane_is_found_where_it_is() {
         }
         let probe_to_reference =
             to_reference * image_to_phantom * image_to_probe.try_inverse().expect("rigid");
-        let numbers = |of: &Matrix4<f64>| -> String {
-            (0..16).map(|i| format!("{:.9}", of[(i / 4, i % 4)])).collect::<Vec<_>>().join(" ")
-        };
         let _ = write!(
             header,
             "Seq_Frame{frame:04}_ProbeToTrackerTransform = {}\nSeq_Frame{frame:04}_ReferenceToTrackerTransform = {}\n",
-            numbers(&probe_to_reference),
-            numbers(&Matrix4::identity())
+            matrix_text(&probe_to_reference),
+            matrix_text(&Matrix4::identity())
         );
     }
     header.push_str("ElementDataFile = LOCAL\n");
@@ -129,6 +133,14 @@ fn a_simulated_plane_is_found_where_it_is() {
         assert!((solution.image_to_probe[i] - truth).abs() < tolerance, "{i}: {solution:?}, {truth}");
     }
     assert!(plane.errors[1].slanted_mean_mm < 0.1, "{:?}", plane.errors);
+}
+
+fn matrix_text(of: &Matrix4<f64>) -> String {
+    (0..16).map(|i| format!("{:.9}", of[(i / 4, i % 4)])).collect::<Vec<_>>().join(" ")
+}
+
+fn random_turn(most: f64, random: &mut ChaCha8Rng) -> f64 {
+    random.random_range(-most..most)
 }
 
 #[test]

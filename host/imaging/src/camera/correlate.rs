@@ -161,8 +161,7 @@ impl Template {
         apart: Option<i64>,
     ) -> Option<Match> {
         let mut best_match: Option<Match> = None;
-        let span = |axis: usize| if free.get(axis).copied().unwrap_or(true) { reach } else { 0 };
-        let [reach_x, reach_y] = [span(0), span(1)];
+        let [reach_x, reach_y] = [span(0, free, reach), span(1, free, reach)];
         for dy in -reach_y..=reach_y {
             for dx in -reach_x..=reach_x {
                 let shift = [at[0] + dx, at[1] + dy];
@@ -185,6 +184,10 @@ impl Template {
         }
         best_match
     }
+}
+
+fn span(axis: usize, free: [bool; 2], reach: i64) -> i64 {
+    if free.get(axis).copied().unwrap_or(true) { reach } else { 0 }
 }
 
 /// The best of all places of a frame.

@@ -127,10 +127,9 @@ impl Patch {
     pub(super) fn refine(&self, frame: &Frame, near: [i64; 2]) -> Result<Translation, RefineError> {
         let Region { x, y, width, height } = self.region;
         let reach = MAX_AWAY_PX.ceil() as i64;
-        let bound =
-            |from: usize, shift: i64, size: usize| (from as i64 + shift + size as i64).max(0) as usize;
-        let first_shift = [bound(x, near[0] - reach, 0), bound(y, near[1] - reach, 0)];
-        let end_shift = [bound(x, near[0] + reach + 1, width), bound(y, near[1] + reach + 1, height)];
+        let first_shift = [shifted_bound(x, near[0] - reach, 0), shifted_bound(y, near[1] - reach, 0)];
+        let end_shift =
+            [shifted_bound(x, near[0] + reach + 1, width), shifted_bound(y, near[1] + reach + 1, height)];
         let spline = Spline::new(frame, first_shift, end_shift);
         let mut shift = Vector2::new(near[0] as f64, near[1] as f64);
         let start = shift;
@@ -263,6 +262,10 @@ impl Patch {
             [x * y * covariance[(1, 0)], y * covariance[(1, 1)]],
         ]
     }
+}
+
+fn shifted_bound(from: usize, shift: i64, size: usize) -> usize {
+    (from as i64 + shift + size as i64).max(0) as usize
 }
 
 /// Brightness and gradient at all pixels of a part that is shifted; nothing where some lie outside.

@@ -13,50 +13,51 @@ fn first() -> Frame {
     Sequence::open(&beam()).expect("a clip").next_frame().expect("a frame").expect("the first")
 }
 
+/// Pixels to each side of which a shifted frame is interpolated.
+const REACH: i64 = 16;
+
 /// A frame shifted by a windowed sinc of 16 pixels on either side, mirrored at its edges: another interpolation than the one that is tested.
 /// Its value at `x` is the frame's at `x - shift`.
 fn shifted(frame: &Frame, shift: [f64; 2], noise_sd: f64, random: &mut ChaCha8Rng) -> Frame {
-    const REACH: i64 = 16;
-    let weights = |by: f64| -> Vec<f64> {
-        let raw = (-REACH..=REACH).map(|k| {
-            let x = k as f64 + by;
-            let sinc = if x.abs() < 1e-12 {
-                1.0
-            } else {
-                (std::f64::consts::PI * x).sin() / (std::f64::consts::PI * x)
-            };
-            let window = 0.5 + 0.5 * (std::f64::consts::PI * x / (REACH as f64 + 1.0)).cos();
-            sinc * window
-        });
-        let raw: Vec<f64> = raw.collect();
-        let sum: f64 = raw.iter().sum();
-        raw.into_iter().map(|weight| weight / sum).collect()
-    };
-    let mirrored = |at: i64, size: usize| {
-        let folded = at.rem_euclid(2 * size as i64 - 2);
-        folded.min(2 * size as i64 - 2 - folded) as usize
-    };
     let (width, height) = (frame.width, frame.height);
     let whole = shift.map(|s| s.round());
-    let [across_weights, down_weights] = [0, 1].map(|axis: usize| weights(shift[axis] - whole[axis]));
+    let [across_weights, down_weights] = [0, 1].map(|axis: usize| sinc_weights(shift[axis] - whole[axis]));
     let mut rows = vec![0.0; width * height];
     for (i, value) in rows.iter_mut().enumerate() {
         let (x, y) = ((i % width) as i64 - whole[0] as i64, i / width);
         *value = (-REACH..=REACH)
             .zip(&across_weights)
-            .map(|(k, w)| w * f64::from(frame.at(mirrored(x + k, width), y)))
+            .map(|(k, w)| w * f64::from(frame.at(mirrored_index(x + k, width), y)))
             .sum();
     }
     let pixels = (0..width * height).map(|i| {
         let (x, y) = (i % width, (i / width) as i64 - whole[1] as i64);
         let value: f64 = (-REACH..=REACH)
             .zip(&down_weights)
-            .map(|(k, w)| w * rows[mirrored(y + k, height) * width + x])
+            .map(|(k, w)| w * rows[mirrored_index(y + k, height) * width + x])
             .sum();
         let noise: f64 = StandardNormal.sample(random);
         (value + noise_sd * noise).round().clamp(0.0, 255.0) as u8
     });
     Frame { width, height, pixels: pixels.collect() }
+}
+
+fn mirrored_index(at: i64, size: usize) -> usize {
+    let folded = at.rem_euclid(2 * size as i64 - 2);
+    folded.min(2 * size as i64 - 2 - folded) as usize
+}
+
+fn sinc_weights(by: f64) -> Vec<f64> {
+    let raw = (-REACH..=REACH).map(|k| {
+        let x = k as f64 + by;
+        let sinc =
+            if x.abs() < 1e-12 { 1.0 } else { (std::f64::consts::PI * x).sin() / (std::f64::consts::PI * x) };
+        let window = 0.5 + 0.5 * (std::f64::consts::PI * x / (REACH as f64 + 1.0)).cos();
+        sinc * window
+    });
+    let raw: Vec<f64> = raw.collect();
+    let sum: f64 = raw.iter().sum();
+    raw.into_iter().map(|weight| weight / sum).collect()
 }
 
 fn write(folder: &Path, frames: &[Frame]) -> PathBuf {
@@ -136,19 +137,26 @@ fn a_lamp_that_changes_moves_nothing() {
 /// The beam vibrates by a tenth of a pixel: its end and its middle, which share no pixel, move up and down alike.
 #[test]
 fn two_parts_of_a_vibrating_beam_move_alike() {
-    let vertical = |template: Region| -> Vec<f64> {
-        let settings = Settings { template, mark: None };
-        let clip = measure(&mut Sequence::open(&beam()).expect("a clip"), &settings, |_| {}).expect("a clip");
-        assert_eq!(clip.count(State::Used), 15, "{:?}", clip.frames);
-        clip.frames.iter().filter_map(|frame| frame.template).map(|found| found.shift_px[1]).collect()
-    };
-    let end = vertical(end().template);
-    let middle = vertical(Region { x: 8, y: 5, width: 56, height: 30 });
-    let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
-    let product =
-        |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(x, y)| (x - mean(a)) * (y - mean(b))).sum() };
-    let correlation = product(&end, &middle) / (product(&end, &end) * product(&middle, &middle)).sqrt();
+    let end = vertical_px(end().template);
+    let middle = vertical_px(Region { x: 8, y: 5, width: 56, height: 30 });
+    let correlation = centred_product(&end, &middle)
+        / (centred_product(&end, &end) * centred_product(&middle, &middle)).sqrt();
     assert!(correlation > 0.9, "{correlation}: {end:?} {middle:?}");
+}
+
+fn centred_product(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| (x - mean(a)) * (y - mean(b))).sum()
+}
+
+fn mean(of: &[f64]) -> f64 {
+    of.iter().sum::<f64>() / of.len() as f64
+}
+
+fn vertical_px(template: Region) -> Vec<f64> {
+    let settings = Settings { template, mark: None };
+    let clip = measure(&mut Sequence::open(&beam()).expect("a clip"), &settings, |_| {}).expect("a clip");
+    assert_eq!(clip.count(State::Used), 15, "{:?}", clip.frames);
+    clip.frames.iter().filter_map(|frame| frame.template).map(|found| found.shift_px[1]).collect()
 }
 
 /// In its middle the beam has horizontal edges alone: correlation reports a horizontal place with a high score, which is chance.
@@ -189,15 +197,7 @@ fn the_mark_takes_out_the_shake_of_the_camera() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let wide = {
         let first = first();
-        let mirror = |frame: &Frame| -> Vec<u8> {
-            frame
-                .pixels
-                .chunks_exact(frame.width)
-                .flat_map(|row| row.iter().rev().chain(row))
-                .copied()
-                .collect()
-        };
-        Frame { width: 2 * first.width, height: first.height, pixels: mirror(&first) }
+        Frame { width: 2 * first.width, height: first.height, pixels: mirrored_pixels(&first) }
     };
     let settings = Settings {
         template: Region { x: 120 + 70, y: 5, width: 46, height: 30 },
@@ -218,12 +218,15 @@ fn the_mark_takes_out_the_shake_of_the_camera() {
     }
 }
 
+fn mirrored_pixels(frame: &Frame) -> Vec<u8> {
+    frame.pixels.chunks_exact(frame.width).flat_map(|row| row.iter().rev().chain(row)).copied().collect()
+}
+
 #[test]
 fn bad_frames_have_their_state_and_the_template_is_found_again() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
     let first = first();
-    let noisy = |shift: [f64; 2], random: &mut ChaCha8Rng| shifted(&first, shift, 1.5, random);
-    let mut frames = vec![noisy([0.0; 2], &mut random), noisy([0.2, 0.4], &mut random)];
+    let mut frames = vec![noisy([0.0; 2], &mut random, &first), noisy([0.2, 0.4], &mut random, &first)];
     let repeated_frame = frames[1].clone();
     frames.push(repeated_frame);
     frames.push(Frame { pixels: vec![0; first.pixels.len()], ..first.clone() });
@@ -231,7 +234,7 @@ fn bad_frames_have_their_state_and_the_template_is_found_again() {
     let flat = Frame { pixels: vec![100; first.pixels.len()], ..first.clone() };
     frames.push(shifted(&flat, [0.0; 2], 6.0, &mut random));
     // A jump of 34 pixels.
-    frames.push(noisy([-34.0, 0.3], &mut random));
+    frames.push(noisy([-34.0, 0.3], &mut random, &first));
     let clip = follow(&frames, &end()).expect("a clip");
     let states: Vec<State> = clip.frames.iter().map(|frame| frame.state).collect();
     use State::{Black, Lost, Repeated, Saturated, Used};
@@ -240,30 +243,36 @@ fn bad_frames_have_their_state_and_the_template_is_found_again() {
     assert!((last.shift_px[0] + 34.0).abs() < 0.05 && (last.shift_px[1] - 0.3).abs() < 0.05, "{last:?}");
 }
 
+fn noisy(shift: [f64; 2], random: &mut ChaCha8Rng, first: &Frame) -> Frame {
+    shifted(first, shift, 1.5, random)
+}
+
 #[test]
 fn hostile_clips_give_one_clear_line() {
     let first = first();
-    let of =
-        |settings: &Settings, frames: &[Frame]| follow(frames, settings).expect_err("refused").to_string();
     let black = Frame { pixels: vec![0; first.pixels.len()], ..first.clone() };
     let white = Frame { pixels: vec![255; first.pixels.len()], ..first.clone() };
-    let text = of(&end(), &[black.clone(), white, black]);
+    let text = refusal(&end(), &[black.clone(), white, black]);
     assert!(text.contains("2 of 3 frames are black, 1 saturated"), "{text}");
-    let text = of(&end(), std::slice::from_ref(&first));
+    let text = refusal(&end(), std::slice::from_ref(&first));
     assert!(text.contains("1 of 1 frames can be used, expected 2 or more"), "{text}");
-    let text = of(&end(), &[first.clone(), first.clone(), first.clone()]);
+    let text = refusal(&end(), &[first.clone(), first.clone(), first.clone()]);
     assert!(text.contains("1 of 3"), "{text}");
     for template in [
         Region { x: 100, y: 5, width: 46, height: 30 },
         Region { x: usize::MAX, y: 5, width: 46, height: 30 },
         Region { x: 0, y: 0, width: 7, height: 30 },
     ] {
-        let text = of(&Settings { template, mark: None }, &[first.clone(), first.clone()]);
+        let text = refusal(&Settings { template, mark: None }, &[first.clone(), first.clone()]);
         assert!(
             text.starts_with("--template") && text.contains("120 x 40 pixels") && !text.contains('\n'),
             "{text}"
         );
         let settings = Settings { mark: Some(template), ..end() };
-        assert!(of(&settings, &[first.clone(), first.clone()]).starts_with("--mark"));
+        assert!(refusal(&settings, &[first.clone(), first.clone()]).starts_with("--mark"));
     }
+}
+
+fn refusal(settings: &Settings, frames: &[Frame]) -> String {
+    follow(frames, settings).expect_err("refused").to_string()
 }

@@ -56,21 +56,17 @@ pub(super) fn directions(
 ) -> Result<Directions, CameraError> {
     let of_noise = GRADIENT_OF_NOISE * pixels as f64 * noise * noise;
     let eigen = SymmetricEigen::new(*gradients);
-    // Noise has gradients too; what is left of a strength that is mostly noise is uncertain by its own scatter.
-    let sd_px = |strength: f64| {
-        let scatter = 3.0 * of_noise * (2.0 / pixels.max(1) as f64).sqrt();
-        let signal = strength - of_noise - scatter;
-        if signal > 0.0 { (2.0 * noise * noise / signal).sqrt() } else { f64::INFINITY }
-    };
     let weak = usize::from(eigen.eigenvalues[1] < eigen.eigenvalues[0]);
-    let (weak_sd_px, strong_sd_px) = (sd_px(eigen.eigenvalues[weak]), sd_px(eigen.eigenvalues[1 - weak]));
+    let (weak_sd_px, strong_sd_px) = (
+        texture_sd_px(eigen.eigenvalues[weak], of_noise, pixels, noise),
+        texture_sd_px(eigen.eigenvalues[1 - weak], of_noise, pixels, noise),
+    );
     if weak_sd_px <= MAX_SD_PX {
         return Ok(Directions::Both);
     }
     let weak_direction: Vector2<f64> = eigen.eigenvectors.column(weak).into_owned();
-    let none = |direction: String, sd_px: f64| Err(CameraError::NoTexture { option, direction, sd_px });
     if strong_sd_px > MAX_SD_PX {
-        return none("any direction".to_owned(), strong_sd_px);
+        return no_texture("any direction".to_owned(), strong_sd_px, option);
     }
     if weak_direction.y.abs() <= MAX_SLANT {
         Ok(Directions::Vertical)
@@ -82,13 +78,23 @@ pub(super) fn directions(
         } else {
             [weak_direction.x, weak_direction.y]
         };
-        none(format!("the direction {x:.2},{y:.2} of the image"), weak_sd_px)
+        no_texture(format!("the direction {x:.2},{y:.2} of the image"), weak_sd_px, option)
     }
+}
+
+fn no_texture(direction: String, sd_px: f64, option: &'static str) -> Result<Directions, CameraError> {
+    Err(CameraError::NoTexture { option, direction, sd_px })
+}
+
+/// Noise has gradients too; what is left of a strength that is mostly noise is uncertain by its own scatter.
+fn texture_sd_px(strength: f64, of_noise: f64, pixels: usize, noise: f64) -> f64 {
+    let scatter = 3.0 * of_noise * (2.0 / pixels.max(1) as f64).sqrt();
+    let signal = strength - of_noise - scatter;
+    if signal > 0.0 { (2.0 * noise * noise / signal).sqrt() } else { f64::INFINITY }
 }
 
 /// Standard deviation of the noise of a frame: of what is no plane in the quietest of its blocks that are not clipped.
 pub(super) fn noise(frame: &Frame, around: Region) -> f64 {
-    let at = |x: usize, y: usize| f64::from(frame.at(x, y));
     let mut blocks: Vec<f64> = Vec::new();
     let grid = |from: usize, to: usize| (from + 1..to.saturating_sub(BLOCK)).step_by(BLOCK);
     let reach = 4 * BLOCK;
@@ -101,14 +107,16 @@ pub(super) fn noise(frame: &Frame, around: Region) -> f64 {
             let mut is_clipped = false;
             for (column, row) in (0..BLOCK * BLOCK).map(|i| (x + i % BLOCK, y + i / BLOCK)) {
                 is_clipped |= matches!(frame.at(column, row), 0 | u8::MAX);
-                let corners = at(column - 1, row - 1)
-                    + at(column + 1, row - 1)
-                    + at(column - 1, row + 1)
-                    + at(column + 1, row + 1);
-                let sides =
-                    at(column - 1, row) + at(column + 1, row) + at(column, row - 1) + at(column, row + 1);
+                let corners = brightness_at(column - 1, row - 1, frame)
+                    + brightness_at(column + 1, row - 1, frame)
+                    + brightness_at(column - 1, row + 1, frame)
+                    + brightness_at(column + 1, row + 1, frame);
+                let sides = brightness_at(column - 1, row, frame)
+                    + brightness_at(column + 1, row, frame)
+                    + brightness_at(column, row - 1, frame)
+                    + brightness_at(column, row + 1, frame);
                 // Immerkaer, Computer Vision and Image Understanding 64:300, 1996.
-                sum += (corners - 2.0 * sides + 4.0 * at(column, row)).powi(2);
+                sum += (corners - 2.0 * sides + 4.0 * brightness_at(column, row, frame)).powi(2);
             }
             if !is_clipped {
                 blocks.push((sum / (36 * BLOCK * BLOCK) as f64).sqrt());
@@ -117,4 +125,8 @@ pub(super) fn noise(frame: &Frame, around: Region) -> f64 {
     }
     blocks.sort_by(f64::total_cmp);
     blocks.get((QUIET * blocks.len() as f64) as usize).copied().unwrap_or(0.0).max(ROUNDING)
+}
+
+fn brightness_at(x: usize, y: usize, frame: &Frame) -> f64 {
+    f64::from(frame.at(x, y))
 }

@@ -147,9 +147,7 @@ pub(super) fn refine(
         let step = first.map(|moment| 2.0 * moment / sum);
         x += step[0].clamp(-sx, sx);
         y += step[1].clamp(-sy, sy);
-        let grown =
-            |second: f64, sd: f64| (2.0 * second / sum).max(0.25 * sd * sd).sqrt().clamp(0.7 * sd, 1.4 * sd);
-        (sx, sy) = (grown(second[0], sx).max(0.6), grown(second[1], sy).max(0.6));
+        (sx, sy) = (grown_sd(second[0], sx, sum).max(0.6), grown_sd(second[1], sy, sum).max(0.6));
         let shift = [x - start[0] as f64, y - start[1] as f64];
         let is_near = (0..2).all(|axis| shift[axis].abs() <= 3.0 * core[axis] as f64 + 3.0);
         if !is_near || sx > 4.0 * core[0] as f64 + 4.0 || sy > 4.0 * core[1] as f64 + 4.0 {
@@ -171,6 +169,10 @@ pub(super) fn refine(
         amplitude,
         saturated,
     })
+}
+
+fn grown_sd(second: f64, sd: f64, sum: f64) -> f64 {
+    (2.0 * second / sum).max(0.25 * sd * sd).sqrt().clamp(0.7 * sd, 1.4 * sd)
 }
 
 /// Root mean square distance of brightness from the echo's Gaussian under its weight: speckle in the echo itself, and what its form has
@@ -235,17 +237,19 @@ fn around(
         }
     }
     let total: usize = histogram.iter().sum();
-    let quantile = |share: f64| {
-        let mut remaining_count = (share * total as f64) as usize;
-        histogram.iter().position(|count| {
-            let is_reached = *count > remaining_count;
-            remaining_count = remaining_count.saturating_sub(*count);
-            is_reached
-        })
-    };
-    let [low, middle, high] =
-        [0.16, 0.5, 0.84].map(|share| quantile(share).and_then(|level| linear.0.get(level).copied()));
+    let [low, middle, high] = [0.16, 0.5, 0.84].map(|share| {
+        histogram_quantile(share, total, &histogram).and_then(|level| linear.0.get(level).copied())
+    });
     Some((middle?, 0.5 * (high? - low?)))
+}
+
+fn histogram_quantile(share: f64, total: usize, histogram: &[usize; 256]) -> Option<usize> {
+    let mut remaining_count = (share * total as f64) as usize;
+    histogram.iter().position(|count| {
+        let is_reached = *count > remaining_count;
+        remaining_count = remaining_count.saturating_sub(*count);
+        is_reached
+    })
 }
 
 /// Pixels within a reach of a place.

@@ -44,16 +44,22 @@ impl Integral {
     #[inline]
     fn means(&self, x: usize, y: usize, width: usize, height: usize) -> Option<[f64; 2]> {
         let stride = self.width + 1;
-        let at = |x: usize, y: usize| self.sums.get(y * stride + x).copied();
         let count = width * height;
         if count == 0 || x + width > self.width {
             return None;
         }
-        let (a, b) = (at(x, y)?, at(x + width, y)?);
-        let (c, d) = (at(x, y + height)?, at(x + width, y + height)?);
-        let sum = |i: usize| d[i].wrapping_add(a[i]).wrapping_sub(b[i]).wrapping_sub(c[i]);
-        Some([0, 1].map(|i: usize| f64::from(sum(i)) / count as f64))
+        let (a, b) = (self.sums_at(x, y, stride)?, self.sums_at(x + width, y, stride)?);
+        let (c, d) = (self.sums_at(x, y + height, stride)?, self.sums_at(x + width, y + height, stride)?);
+        Some([0, 1].map(|i: usize| f64::from(corner_sum(i, d, a, b, c)) / count as f64))
     }
+
+    fn sums_at(&self, x: usize, y: usize, stride: usize) -> Option<[u32; 2]> {
+        self.sums.get(y * stride + x).copied()
+    }
+}
+
+fn corner_sum(i: usize, d: [u32; 2], a: [u32; 2], b: [u32; 2], c: [u32; 2]) -> u32 {
+    d[i].wrapping_add(a[i]).wrapping_sub(b[i]).wrapping_sub(c[i])
 }
 
 #[cfg(test)]

@@ -8,13 +8,11 @@ fn frame(size: [usize; 2], at: [f64; 2], amplitude: f64, noise_sd: f64, seed: u6
     let [width, height] = size;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let white: Vec<f64> = (0..width * height).map(|_| StandardNormal.sample(&mut random)).collect();
-    // A kernel of three pixels across and two along.
-    let kernel = |d: i64, length: f64| (-0.5 * (d as f64 / length).powi(2)).exp();
     let mut noise = vec![0.0; width * height];
     let mut norm = 0.0;
     for dy in -4i64..=4 {
         for dx in -6i64..=6 {
-            let weight: f64 = kernel(dx, 2.0) * kernel(dy, 1.4);
+            let weight: f64 = gaussian(dx, 2.0) * gaussian(dy, 1.4);
             norm += weight * weight;
             for (i, value) in noise.iter_mut().enumerate() {
                 let (x, y) = ((i % width) as i64 + dx, (i / width) as i64 + dy);
@@ -38,6 +36,11 @@ fn frame(size: [usize; 2], at: [f64; 2], amplitude: f64, noise_sd: f64, seed: u6
             })
             .collect(),
     }
+}
+
+/// A kernel of three pixels across and two along.
+fn gaussian(d: i64, length: f64) -> f64 {
+    (-0.5 * (d as f64 / length).powi(2)).exp()
 }
 
 #[test]
@@ -159,11 +162,7 @@ fn dots_of_real_frames_are_where_another_program_finds_them() {
             off_px.push(nearest);
         }
     }
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let median_px = median(off_px.iter().flatten().map(|off| off[0].hypot(off[1])).collect());
+    let median_px = median_of(off_px.iter().flatten().map(|off| off[0].hypot(off[1])).collect());
     // An offset that all frames of a wire share is a matter of definition of the middle of an uneven
     // echo.
     let scatter_px = off_px.iter().flat_map(|off_px| {
@@ -171,6 +170,11 @@ fn dots_of_real_frames_are_where_another_program_finds_them() {
             [0, 1].map(|axis: usize| off_px.iter().map(|off| off[axis]).sum::<f64>() / off_px.len() as f64);
         off_px.iter().map(move |off| (off[0] - mean[0]).hypot(off[1] - mean[1]))
     });
-    let moved = median(scatter_px.collect());
+    let moved = median_of(scatter_px.collect());
     assert!(median_px < 1.3 && moved < 0.2, "{median_px} {moved} px");
+}
+
+fn median_of(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
 }

@@ -88,8 +88,6 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
 
 /// Goes over the chunks of a file.
 fn walk(path: &Path, bytes: &mut BufReader<File>, end: u64, found: &mut Found) -> Result<(), ImagingError> {
-    let problem =
-        |problem: String| ImagingError::invalid(path, "header", problem, "an AVI film: RIFF ... AVI");
     // Ends of the lists that are open.
     let mut lists: Vec<u64> = Vec::new();
     let mut chunk_index = 0u64;
@@ -102,14 +100,14 @@ fn walk(path: &Path, bytes: &mut BufReader<File>, end: u64, found: &mut Found) -
         let is_first = chunk_index == 0;
         match bytes.read_exact(&mut header) {
             Ok(()) => {}
-            Err(_) if is_first => return Err(problem("shorter than 8 bytes".to_owned())),
+            Err(_) if is_first => return Err(header_problem("shorter than 8 bytes".to_owned(), path)),
             Err(_) => return Ok(()),
         }
         let [a, b, c, d, size @ ..] = header;
         let (name, size) = ([a, b, c, d], u32::from_le_bytes(size));
         let body = chunk_index + 8;
         if is_first && name != *b"RIFF" {
-            return Err(problem("no RIFF".to_owned()));
+            return Err(header_problem("no RIFF".to_owned(), path));
         }
         if matches!(&name, b"RIFF" | b"LIST") {
             let mut kind = [0u8; 4];
@@ -117,11 +115,11 @@ fn walk(path: &Path, bytes: &mut BufReader<File>, end: u64, found: &mut Found) -
                 return Ok(());
             }
             if is_first && kind != *b"AVI " {
-                return Err(problem(format!("\"{}\" in RIFF", String::from_utf8_lossy(&kind))));
+                return Err(header_problem(format!("\"{}\" in RIFF", String::from_utf8_lossy(&kind)), path));
             }
             if matches!(&kind, b"AVI " | b"AVIX" | b"hdrl" | b"strl" | b"movi" | b"rec ") {
                 if lists.len() >= MAX_LEVELS {
-                    return Err(problem("lists in more than 8 levels".to_owned()));
+                    return Err(header_problem("lists in more than 8 levels".to_owned(), path));
                 }
                 if kind == *b"strl" {
                     found.is_video = false;
@@ -142,7 +140,11 @@ fn walk(path: &Path, bytes: &mut BufReader<File>, end: u64, found: &mut Found) -
             return Ok(());
         }
     }
-    Err(problem(format!("more than {MAX_CHUNKS} chunks")))
+    Err(header_problem(format!("more than {MAX_CHUNKS} chunks"), path))
+}
+
+fn header_problem(problem: String, path: &Path) -> ImagingError {
+    ImagingError::invalid(path, "header", problem, "an AVI film: RIFF ... AVI")
 }
 
 /// Takes what matters of a chunk.
@@ -153,33 +155,21 @@ fn chunk(
     size: u32,
     found: &mut Found,
 ) -> Result<(), ImagingError> {
-    let mut content = || {
-        let mut content = Vec::new();
-        let length = u64::from(size).min(MAX_FORMAT);
-        bytes.take(length).read_to_end(&mut content).map_err(ImagingError::io(path))?;
-        Ok::<_, ImagingError>(content)
-    };
-    let word = |content: &[u8], at: usize| {
-        content
-            .get(at..at + 4)
-            .and_then(|word| word.first_chunk::<4>())
-            .map_or(0, |word| u32::from_le_bytes(*word))
-    };
     match &name {
         b"avih" => {
-            let step_us = word(&content()?, 0);
+            let step_us = little_endian_word(&chunk_content(size, bytes, path)?, 0);
             found.step_s = (step_us > 0).then(|| 1e-6 * f64::from(step_us));
         }
         b"strh" => {
-            let content = content()?;
+            let content = chunk_content(size, bytes, path)?;
             found.is_video = found.format.is_none() && content.starts_with(b"vids");
-            let (scale, rate) = (word(&content, 20), word(&content, 24));
+            let (scale, rate) = (little_endian_word(&content, 20), little_endian_word(&content, 24));
             if found.is_video && scale > 0 && rate > 0 {
                 found.step_s = Some(f64::from(scale) / f64::from(rate));
             }
         }
         b"strf" if found.is_video => {
-            found.format = Some(format(path, &content()?)?);
+            found.format = Some(format(path, &chunk_content(size, bytes, path)?)?);
             found.video = found.streams.saturating_sub(1);
             found.is_video = false;
         }
@@ -188,8 +178,10 @@ fn chunk(
             return Err(ImagingError::invalid(path, "movi", "a palette that changes", expected));
         }
         [tens, ones, b'd', b'b' | b'c'] if found.format.is_some() => {
-            let digit = |byte: &u8| char::from(*byte).to_digit(16).map(|digit| digit as usize);
-            if digit(tens).zip(digit(ones)).is_some_and(|(tens, ones)| 16 * tens + ones == found.video) {
+            if decimal_digit(tens)
+                .zip(decimal_digit(ones))
+                .is_some_and(|(tens, ones)| 16 * tens + ones == found.video)
+            {
                 let chunk_start = bytes.stream_position().map_err(ImagingError::io(path))?;
                 found.frames.push((chunk_start, size));
             }
@@ -199,18 +191,31 @@ fn chunk(
     Ok(())
 }
 
+fn decimal_digit(byte: &u8) -> Option<usize> {
+    char::from(*byte).to_digit(16).map(|digit| digit as usize)
+}
+
+fn little_endian_word(content: &[u8], at: usize) -> u32 {
+    content
+        .get(at..at + 4)
+        .and_then(|word| word.first_chunk::<4>())
+        .map_or(0, |word| u32::from_le_bytes(*word))
+}
+
+fn chunk_content(size: u32, bytes: &mut BufReader<File>, path: &Path) -> Result<Vec<u8>, ImagingError> {
+    let mut content = Vec::new();
+    let length = u64::from(size).min(MAX_FORMAT);
+    bytes.take(length).read_to_end(&mut content).map_err(ImagingError::io(path))?;
+    Ok::<_, ImagingError>(content)
+}
+
 /// Size of the frames and how pixels are written.
 fn format(path: &Path, content: &[u8]) -> Result<(usize, usize, Pixels), ImagingError> {
-    let word = |at: usize| {
-        content
-            .get(at..at + 4)
-            .and_then(|word| word.first_chunk::<4>())
-            .map_or(0, |word| u32::from_le_bytes(*word))
-    };
-    let (width, height) = (word(4) as usize, word(8).cast_signed());
+    let (width, height) =
+        (little_endian_word(content, 4) as usize, little_endian_word(content, 8).cast_signed());
     let (rows, is_top_down) = (height.unsigned_abs() as usize, height < 0);
-    let bits = word(12) >> 16;
-    let code = word(16).to_le_bytes();
+    let bits = little_endian_word(content, 12) >> 16;
+    let code = little_endian_word(content, 16).to_le_bytes();
     let pixels = match (&code, bits) {
         (b"MJPG" | b"mjpg" | b"JPEG", _) => Pixels::Jpeg,
         ([0, 0, 0, 0] | b"DIB ", 24 | 32) => Pixels::Bitmap { bytes: bits as usize / 8, is_top_down },

@@ -128,10 +128,8 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     let header = Attributes { path, values: &values, measures: &measures, is_big };
     let instance = header.text(INSTANCE).and_then(|text| text.trim().parse().ok());
     let series = header.text(SERIES);
-    let number = |tag: Tag, name: &str| {
-        header.number(tag).ok_or_else(|| ImagingError::invalid(path, name, "missing", "a DICOM image"))
-    };
-    let (width, height) = (number(COLUMNS, "Columns")?, number(ROWS, "Rows")?);
+    let (width, height) =
+        (required_number(COLUMNS, "Columns", header, path)?, required_number(ROWS, "Rows", header, path)?);
     let count = match header.text(FRAMES) {
         None => 1,
         Some(text) => text.parse().map_err(|_| {
@@ -160,6 +158,10 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     Ok(Opened { header, pixels, instance, series })
 }
 
+fn required_number(tag: Tag, name: &str, header: Attributes<'_>, path: &Path) -> Result<usize, ImagingError> {
+    header.number(tag).ok_or_else(|| ImagingError::invalid(path, name, "missing", "a DICOM image"))
+}
+
 /// Whether a file begins as DICOM does: they often have no extension.
 pub(super) fn is_dicom(path: &Path) -> bool {
     let mut start = [0u8; 132];
@@ -170,37 +172,39 @@ pub(super) fn is_dicom(path: &Path) -> bool {
 /// The transfer syntax of the file information, and where the data set begins.
 fn syntax(path: &Path, file: &mut BufReader<File>) -> Result<(Syntax, u64), ImagingError> {
     let expected = "a DICOM file: 128 bytes, DICM, file information with its length";
-    let problem = |problem: &str| ImagingError::invalid(path, "header", problem.to_owned(), expected);
     let mut start = [0u8; 144];
-    file.read_exact(&mut start).map_err(|_| problem("shorter than 144 bytes"))?;
-    let (&[.., a, b, c, d], tail) = start.split_first_chunk::<132>().ok_or_else(|| problem("too short"))?;
+    file.read_exact(&mut start).map_err(|_| syntax_problem("shorter than 144 bytes", expected, path))?;
+    let (&[.., a, b, c, d], tail) =
+        start.split_first_chunk::<132>().ok_or_else(|| syntax_problem("too short", expected, path))?;
     if [a, b, c, d] != *b"DICM" {
-        return Err(problem("no DICM behind 128 bytes"));
+        return Err(syntax_problem("no DICM behind 128 bytes", expected, path));
     }
-    let (first, length) = tail.split_first_chunk::<8>().ok_or_else(|| problem("too short"))?;
+    let (first, length) =
+        tail.split_first_chunk::<8>().ok_or_else(|| syntax_problem("too short", expected, path))?;
     if *first != [2, 0, 0, 0, b'U', b'L', 4, 0] {
-        return Err(problem("no length of the file information"));
+        return Err(syntax_problem("no length of the file information", expected, path));
     }
     let length = length.first_chunk::<4>().map_or(0, |bytes| u32::from_le_bytes(*bytes));
     if length > MAX_INFORMATION {
-        return Err(problem("more than 1 MiB of file information"));
+        return Err(syntax_problem("more than 1 MiB of file information", expected, path));
     }
     let mut information = Vec::new();
     file.take(length.into()).read_to_end(&mut information).map_err(ImagingError::io(path))?;
     let explicit = transfer_syntax(true, Endianness::Little);
     let mut reader = LazyDataSetReader::new_with_ts(Cursor::new(information), &explicit)
-        .map_err(|cause| problem(&cause.to_string()))?;
+        .map_err(|cause| syntax_problem(&cause.to_string(), expected, path))?;
     let mut uid = None;
     while let Some(token) = reader.advance() {
-        match token.map_err(|cause| problem(&cause.to_string()))? {
+        match token.map_err(|cause| syntax_problem(&cause.to_string(), expected, path))? {
             LazyDataToken::ElementHeader(_) => {}
             LazyDataToken::LazyValue { header, mut decoder } => {
-                let value = value(&mut decoder, header.len.0).map_err(|cause| problem(&cause))?;
+                let value = value(&mut decoder, header.len.0)
+                    .map_err(|cause| syntax_problem(&cause, expected, path))?;
                 if header.tag == TRANSFER_SYNTAX {
                     uid = Some(text(&value));
                 }
             }
-            _ => return Err(problem("a sequence in the file information")),
+            _ => return Err(syntax_problem("a sequence in the file information", expected, path)),
         }
     }
     let (coding, is_explicit, endianness) = match uid.as_deref() {
@@ -217,6 +221,10 @@ fn syntax(path: &Path, file: &mut BufReader<File>) -> Result<(Syntax, u64), Imag
         }
     };
     Ok((Syntax { coding, is_explicit, endianness }, 144 + u64::from(length)))
+}
+
+fn syntax_problem(problem: &str, expected: &str, path: &Path) -> ImagingError {
+    ImagingError::invalid(path, "header", problem.to_owned(), expected)
 }
 
 fn transfer_syntax(is_explicit: bool, endianness: Endianness) -> TransferSyntax {
@@ -260,14 +268,10 @@ fn data_set(
         Sequence(Tag),
         Item,
     }
-    let problem = |problem: &str| {
-        let problem: String = problem.chars().take(200).collect();
-        ImagingError::invalid(path, "data set", problem, "elements up to PixelData")
-    };
     file.seek(SeekFrom::Start(start)).map_err(ImagingError::io(path))?;
     let written = transfer_syntax(syntax.is_explicit, syntax.endianness);
-    let mut reader =
-        LazyDataSetReader::new_with_ts(file, &written).map_err(|cause| problem(&cause.to_string()))?;
+    let mut reader = LazyDataSetReader::new_with_ts(file, &written)
+        .map_err(|cause| data_problem(&cause.to_string(), path))?;
     let (mut values, mut regions) = (Values::new(), Vec::<Values>::new());
     let (mut measures, mut is_of_words) = (Vec::<Vec<u8>>::new(), false);
     let mut levels: Vec<Level> = Vec::new();
@@ -277,7 +281,7 @@ fn data_set(
             return Err(ImagingError::invalid(path, "PixelData", "missing", "a DICOM image"));
         };
         // Delimiters that close nothing would confuse the parser: an error, before it continues.
-        let closes = match token.map_err(|cause| problem(&cause.to_string()))? {
+        let closes = match token.map_err(|cause| data_problem(&cause.to_string(), path))? {
             LazyDataToken::SequenceStart { tag, .. } => {
                 levels.push(Level::Sequence(tag));
                 true
@@ -307,7 +311,8 @@ fn data_set(
                             == [Level::Sequence(*group), Level::Item, Level::Sequence(MEASURES), Level::Item]
                     });
                 if is_measure && measures.len() < MAX_REGIONS {
-                    let value = value(&mut decoder, header.len.0).map_err(|cause| problem(&cause))?;
+                    let value =
+                        value(&mut decoder, header.len.0).map_err(|cause| data_problem(&cause, path))?;
                     if !measures.contains(&value) {
                         measures.push(value);
                     }
@@ -320,31 +325,39 @@ fn data_set(
                 };
                 match destination {
                     Some(destination) => {
-                        let value = value(&mut decoder, header.len.0).map_err(|cause| problem(&cause))?;
+                        let value =
+                            value(&mut decoder, header.len.0).map_err(|cause| data_problem(&cause, path))?;
                         destination.insert(header.tag, value);
                     }
-                    None => decoder.skip_bytes(header.len.0).map_err(|cause| problem(&cause.to_string()))?,
+                    None => decoder
+                        .skip_bytes(header.len.0)
+                        .map_err(|cause| data_problem(&cause.to_string(), path))?,
                 }
                 true
             }
             LazyDataToken::LazyItemValue { len, decoder } => {
-                decoder.skip_bytes(len).map_err(|cause| problem(&cause.to_string()))?;
+                decoder.skip_bytes(len).map_err(|cause| data_problem(&cause.to_string(), path))?;
                 true
             }
             _ => false,
         };
         if !closes || levels.len() > MAX_LEVELS {
-            return Err(problem("items and sequences that do not nest"));
+            return Err(data_problem("items and sequences that do not nest", path));
         }
     }
     let position = reader.into_decoder().position();
     if length.is_none() && syntax.coding == Coding::Plain {
-        return Err(problem("PixelData without a length in an uncompressed file"));
+        return Err(data_problem("PixelData without a length in an uncompressed file", path));
     }
     if length.is_some() && syntax.coding != Coding::Plain {
-        return Err(problem("PixelData that are not in fragments in a compressed file"));
+        return Err(data_problem("PixelData that are not in fragments in a compressed file", path));
     }
     Ok(DataSet { values, regions, measures, pixels: (position, length), is_of_words })
+}
+
+fn data_problem(problem: &str, path: &Path) -> ImagingError {
+    let problem: String = problem.chars().take(200).collect();
+    ImagingError::invalid(path, "data set", problem, "elements up to PixelData")
 }
 
 /// A text without its padding.

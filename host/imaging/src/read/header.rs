@@ -91,8 +91,7 @@ pub(super) fn one_of(stated: &[(&str, Option<[f64; 2]>)]) -> Result<Option<[f64;
     for (field, mm) in stated.iter().filter_map(|(field, mm)| Some((*field, (*mm)?))) {
         match statement {
             Some((first, known)) if !is_same(known, mm) => {
-                let of = |field: &str, [x, y]: [f64; 2]| format!("{field} {x} x {y} mm");
-                let problem = format!("{} and {}", of(first, known), of(field, mm));
+                let problem = format!("{} and {}", size_text(first, known), size_text(field, mm));
                 return Err(Unclear {
                     field: field.to_owned(),
                     problem,
@@ -104,6 +103,10 @@ pub(super) fn one_of(stated: &[(&str, Option<[f64; 2]>)]) -> Result<Option<[f64;
         }
     }
     Ok(statement.map(|(_, mm)| mm))
+}
+
+fn size_text(field: &str, [x, y]: [f64; 2]) -> String {
+    format!("{field} {x} x {y} mm")
 }
 
 pub(super) fn is_same(a: [f64; 2], b: [f64; 2]) -> bool {
@@ -180,11 +183,9 @@ impl Frames {
         }
         let Some(frame) = self.0.get_mut(number) else { return Ok(()) };
         let value = value.trim();
-        let invalid =
-            |expected: &str| ImagingError::invalid(path, key, format!("\"{}\"", short(value)), expected);
         let is_new = if name == "Timestamp" {
             let time_s: Option<f64> = value.parse().ok().filter(|time_s: &f64| time_s.is_finite());
-            let time_s = time_s.ok_or_else(|| invalid("a time in seconds"))?;
+            let time_s = time_s.ok_or_else(|| invalid_value("a time in seconds", key, value, path))?;
             frame.fields.time_s.replace(time_s).is_none_or(|before| before == time_s)
         } else if name == "Status" || name == "ImageStatus" {
             frame.fields.is_invalid |= value != "OK";
@@ -205,12 +206,14 @@ impl Frames {
                 frame.invalid.insert(transform.to_owned());
                 return Ok(());
             }
-            let matrix =
-                matrix(value).ok_or_else(|| invalid("16 numbers of a homogeneous transform, row by row"))?;
+            let matrix = matrix(value).ok_or_else(|| {
+                invalid_value("16 numbers of a homogeneous transform, row by row", key, value, path)
+            })?;
             let previous = frame.fields.transforms.insert(transform.to_owned(), matrix);
             previous.is_none_or(|previous| previous == matrix)
         } else if matches!(name, "ElementSpacing" | "ElementSize" | "Spacing") {
-            let mm = spacing(key, two(value), value).map_err(|unclear| invalid(&unclear.expected))?;
+            let mm = spacing(key, two(value), value)
+                .map_err(|unclear| invalid_value(&unclear.expected, key, value, path))?;
             let previous = std::mem::replace(&mut frame.spacing_mm, mm);
             previous.is_none() || previous == mm
         } else if let Some(number) = value.parse().ok().filter(|number: &f64| number.is_finite()) {
@@ -219,7 +222,11 @@ impl Frames {
         } else {
             true
         };
-        if is_new { Ok(()) } else { Err(invalid("one value: the file states another one before")) }
+        if is_new {
+            Ok(())
+        } else {
+            Err(invalid_value("one value: the file states another one before", key, value, path))
+        }
     }
 
     /// Gives a header its frames, and the size of a pixel that they state.
@@ -239,7 +246,6 @@ impl Frames {
             .filter(|(_, matrix)| **matrix != pose::IDENTITY)
             .map(|(name, _)| name.clone())
             .collect();
-        let setting = |frame: &Stated, name: &str| frame.fields.numbers.get(name).copied();
         let first = SCANNER_SETTINGS.map(|name| frames.iter().find_map(|frame| setting(frame, name)));
         for frame in &mut frames {
             let differs = frame.spacing_mm.zip(first_mm).is_some_and(|(mm, first_mm)| !is_same(mm, first_mm));
@@ -254,6 +260,14 @@ impl Frames {
         }
         header.frames = frames.into_iter().map(|frame| frame.fields).collect();
     }
+}
+
+fn setting(frame: &Stated, name: &str) -> Option<f64> {
+    frame.fields.numbers.get(name).copied()
+}
+
+fn invalid_value(expected: &str, key: &str, value: &str, path: &Path) -> ImagingError {
+    ImagingError::invalid(path, key, format!("\"{}\"", short(value)), expected)
 }
 
 /// Whether a transform is 16 numbers of which some are NaN.

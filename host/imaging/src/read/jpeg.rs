@@ -15,16 +15,12 @@ const MAX_SIDE: usize = 1 << 14;
 
 /// Decodes one. `is_rgb` states that three components are red, green and blue whatever the file's own markers are.
 pub(super) fn decode(path: &Path, field: &str, bytes: &[u8], is_rgb: bool) -> Result<Frame, ImagingError> {
-    let damaged = |cause: &dyn std::fmt::Display| {
-        let cause = cause.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
-        ImagingError::invalid(path, field, cause, "a whole JPEG image (baseline or progressive, 8 bit)")
-    };
     let bytes = &*with_tables(bytes);
     let options =
         DecoderOptions::default().set_max_width(MAX_SIDE).set_max_height(MAX_SIDE).set_strict_mode(true);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
-    decoder.decode_headers().map_err(|cause| damaged(&cause))?;
-    let (width, height) = decoder.dimensions().ok_or_else(|| damaged(&"no size"))?;
+    decoder.decode_headers().map_err(|cause| damaged(&cause, field, path))?;
+    let (width, height) = decoder.dimensions().ok_or_else(|| damaged(&"no size", field, path))?;
     check_size(path, field, [width, height, 1])?;
     let (space, channels) = match decoder.input_colorspace() {
         Some(ColorSpace::Luma) => (ColorSpace::Luma, 1),
@@ -34,8 +30,13 @@ pub(super) fn decode(path: &Path, field: &str, bytes: &[u8], is_rgb: bool) -> Re
     };
     let options = decoder.options().jpeg_set_out_colorspace(space);
     decoder.set_options(options);
-    let pixels = decoder.decode().map_err(|cause| damaged(&cause))?;
+    let pixels = decoder.decode().map_err(|cause| damaged(&cause, field, path))?;
     super::whole(path, field, [width, height], grey(pixels, channels))
+}
+
+fn damaged(cause: &dyn std::fmt::Display, field: &str, path: &Path) -> ImagingError {
+    let cause = cause.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+    ImagingError::invalid(path, field, cause, "a whole JPEG image (baseline or progressive, 8 bit)")
 }
 
 /// A frame of a film may omit Huffman tables, which are then those of the standard's Annex K (AVI, Motion JPEG DIB extension); the decoder

@@ -37,24 +37,18 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
             (key, value) => fields.enter(path, key, value)?,
         }
     };
-    let single = |names: &[&str], known: &[&str]| -> Result<Option<usize>, ImagingError> {
-        let Some((key, value)) = fields.get(names) else { return Ok(None) };
-        let known_index = known.iter().position(|known| known.eq_ignore_ascii_case(value));
-        known_index.map(Some).ok_or_else(|| {
-            ImagingError::invalid(path, key, format!("\"{}\"", short(value)), known.join(" or "))
-        })
-    };
-    let is_true = |names: &[&str]| Ok::<_, ImagingError>(single(names, &["False", "True"])? == Some(1));
-    let channels = match single(&["ElementNumberOfChannels"], &["1", "3", "4"])? {
+    let is_true =
+        |names: &[&str]| Ok::<_, ImagingError>(single(names, &["False", "True"], &fields, path)? == Some(1));
+    let channels = match single(&["ElementNumberOfChannels"], &["1", "3", "4"], &fields, path)? {
         None | Some(0) => 1,
         Some(1) => 3,
         Some(_) => 4,
     };
-    let kind = single(&["ElementType"], &["MET_UCHAR", "MET_USHORT", "MET_SHORT"])?;
+    let kind = single(&["ElementType"], &["MET_UCHAR", "MET_USHORT", "MET_SHORT"], &fields, path)?;
     let is_big_endian = is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"])?;
-    single(&["BinaryData"], &["True"])?;
+    single(&["BinaryData"], &["True"], &fields, path)?;
     // Echoes before they are an image have no brightness.
-    single(&["UltrasoundImageType"], &["BRIGHTNESS", "RGB_COLOR", "XX"])?;
+    single(&["UltrasoundImageType"], &["BRIGHTNESS", "RGB_COLOR", "XX"], &fields, path)?;
     let compressed = is_true(&["CompressedData"])?;
     if let Some((key, value)) = fields.get(&["UltrasoundImageOrientation"]) {
         orientation(&mut header, key, value);
@@ -111,6 +105,19 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         Box::new(move |data_path| data_in(data_path, data_start, each, compressed));
     let joined = Joined::new(path, "ElementDataFile", files, (count, needed), open)?;
     Ok((header, Source::Stream { bytes: Box::new(joined), channels, depth }))
+}
+
+fn single(
+    names: &[&str],
+    known: &[&str],
+    fields: &Fields,
+    path: &Path,
+) -> Result<Option<usize>, ImagingError> {
+    let Some((key, value)) = fields.get(names) else { return Ok(None) };
+    let known_index = known.iter().position(|known| known.eq_ignore_ascii_case(value));
+    known_index
+        .map(Some)
+        .ok_or_else(|| ImagingError::invalid(path, key, format!("\"{}\"", short(value)), known.join(" or ")))
 }
 
 /// The files whose names follow the header, one in a line.

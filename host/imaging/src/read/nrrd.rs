@@ -60,15 +60,18 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         return Err(ImagingError::invalid(path, "kinds", "frames as the first axis", expected));
     }
     let mut samples = vec![0; needed];
-    let expected = || format!("{count} frames of {width} x {height}");
-    bytes
-        .read_exact(&mut samples)
-        .map_err(|cause| ImagingError::invalid(path, "data", cause.to_string(), expected()))?;
+    bytes.read_exact(&mut samples).map_err(|cause| {
+        ImagingError::invalid(path, "data", cause.to_string(), expected_frames(count, width, height))
+    })?;
     let mut extremes = Extremes::default();
     extremes.add(depth, &samples);
     let depth = extremes.fit(depth);
     let frames = Alternating { path: path.to_owned(), samples, depth, size: [width, height], count, next: 0 };
     Ok((header, Source::Reader(Box::new(frames))))
+}
+
+fn expected_frames(count: usize, width: usize, height: usize) -> String {
+    format!("{count} frames of {width} x {height}")
 }
 
 /// The fields of the header, names in lower case, and the files of the data if they are not behind it; fields of frames go into
@@ -167,13 +170,14 @@ fn fields(
         header.count = count;
     }
     if let Some((key, value)) = fields.get(&["space directions"]) {
-        let part = |vector: usize, place: usize| {
-            let inside = value.split('(').nth(vector + 1)?.split_once(')')?.0;
-            inside.split(',').nth(place)?.trim().parse().ok()
-        };
         let space = fields.get(&["space"]).map(|(_, value)| value.to_lowercase());
         let is_left_handed = space.is_some_and(|space| LEFT_HANDED.contains(&space.as_str()));
-        mirrored(header, key, [0, 1].map(|vector| [part(vector, 0), part(vector, 1)]), is_left_handed);
+        mirrored(
+            header,
+            key,
+            [0, 1].map(|vector| [vector_part(vector, 0, value), vector_part(vector, 1, value)]),
+            is_left_handed,
+        );
     }
     match stated_spacing(&fields, &axes) {
         Ok(mm) => header.spacing_mm = mm,
@@ -184,6 +188,11 @@ fn fields(
         add_times(header, &fields, &axis, &values);
     }
     Ok((fields, files))
+}
+
+fn vector_part(vector: usize, place: usize, value: &str) -> Option<f64> {
+    let inside = value.split('(').nth(vector + 1)?.split_once(')')?.0;
+    inside.split(',').nth(place)?.trim().parse().ok()
 }
 
 /// Times of the frames that have no stamps, where the values of a list axis are times, as 3D Slicer writes them.
@@ -273,36 +282,38 @@ fn stated_spacing(fields: &Fields, axes: &Axes) -> Result<Option<[f64; 2]>, Uncl
             _ => Err(unit(field, value)),
         }
     };
-    let mm = |sizes: Option<[f64; 2]>, to_mm: [f64; 2]| {
-        sizes.map(|sizes| [0, 1].map(|axis: usize| sizes[axis] * to_mm[axis]))
-    };
     let spacings = match fields.get(&["spacings"]) {
         None => None,
         Some((field, value)) => {
             let values: Vec<&str> = value.split_whitespace().collect();
             let sizes = axes.plane(&values).and_then(|[x, y]| Some([x.parse().ok()?, y.parse().ok()?]));
-            spacing(field, mm(sizes, to_mm(&["units"])?), value)?
+            spacing(field, sizes_mm(sizes, to_mm(&["units"])?), value)?
         }
     };
     let directions = match fields.get(&["space directions"]) {
         None => None,
         Some((field, value)) => {
             let units = to_mm(&["space units"])?;
-            spacing(field, mm(lengths(value), [units[0]; 2]), value)?
+            spacing(field, sizes_mm(lengths(value), [units[0]; 2]), value)?
         }
     };
     one_of(&[("spacings", spacings), ("space directions", directions)])
 }
 
+fn sizes_mm(sizes: Option<[f64; 2]>, to_mm: [f64; 2]) -> Option<[f64; 2]> {
+    sizes.map(|sizes| [0, 1].map(|axis: usize| sizes[axis] * to_mm[axis]))
+}
+
 /// Lengths of the first two of vectors such as `(0.1,0) (0,0.1) none`.
 fn lengths(value: &str) -> Option<[f64; 2]> {
-    let length = |vector: &str| -> Option<f64> {
-        let numbers: Option<Vec<f64>> = vector.split(',').map(|number| number.trim().parse().ok()).collect();
-        Some(numbers?.iter().map(|number: &f64| number * number).sum::<f64>().sqrt())
-    };
     let vectors = value.split('(').skip(1).take(2);
-    let lengths: Option<Vec<f64>> = vectors.map(|part| length(part.split_once(')')?.0)).collect();
+    let lengths: Option<Vec<f64>> = vectors.map(|part| vector_length(part.split_once(')')?.0)).collect();
     lengths?.try_into().ok()
+}
+
+fn vector_length(vector: &str) -> Option<f64> {
+    let numbers: Option<Vec<f64>> = vector.split(',').map(|number| number.trim().parse().ok()).collect();
+    Some(numbers?.iter().map(|number: &f64| number * number).sum::<f64>().sqrt())
 }
 
 /// Format of samples.
@@ -336,17 +347,7 @@ fn data(
     fields: &Fields,
     needed: usize,
 ) -> Result<Box<dyn Read>, ImagingError> {
-    let whole = |names: &[&'static str], least: i64| match fields.get(names) {
-        None => Ok(0),
-        Some((key, value)) => {
-            let number: Option<i64> = value.parse().ok().filter(|number| *number >= least);
-            let problem = format!("\"{}\"", short(value));
-            number.ok_or_else(|| {
-                ImagingError::invalid(path, key, problem, format!("a whole number from {least} on"))
-            })
-        }
-    };
-    for _ in 0..whole(&["line skip", "lineskip"], 0)? {
+    for _ in 0..whole_number(&["line skip", "lineskip"], 0, path, fields)? {
         if bytes.skip_until(b'\n').map_err(ImagingError::io(path))? == 0 {
             return Err(ImagingError::invalid(
                 path,
@@ -356,7 +357,7 @@ fn data(
             ));
         }
     }
-    let skip = whole(&["byte skip", "byteskip"], -1)?;
+    let skip = whole_number(&["byte skip", "byteskip"], -1, path, fields)?;
     let mut data: Box<dyn Read> =
         match fields.get(&["encoding"]).map(|(_, value)| value.to_lowercase()).as_deref() {
             Some("raw") => {
@@ -392,6 +393,24 @@ fn data(
         return Err(ImagingError::invalid(path, "byte skip", problem, "bytes before the data"));
     }
     Ok(data)
+}
+
+fn whole_number(
+    names: &[&'static str],
+    least: i64,
+    path: &Path,
+    fields: &Fields,
+) -> Result<i64, ImagingError> {
+    match fields.get(names) {
+        None => Ok(0),
+        Some((key, value)) => {
+            let number: Option<i64> = value.parse().ok().filter(|number| *number >= least);
+            let problem = format!("\"{}\"", short(value));
+            number.ok_or_else(|| {
+                ImagingError::invalid(path, key, problem, format!("a whole number from {least} on"))
+            })
+        }
+    }
 }
 
 /// Frames whose samples alternate.

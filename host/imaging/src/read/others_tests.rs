@@ -130,10 +130,6 @@ fn steps() -> [Vec<u8>; 2] {
 #[cfg(feature = "dicom")]
 #[test]
 fn dicom_of_palettes_words_and_groups_has_the_frames_it_was_made_of() {
-    let opened = |name: &str| {
-        let (header, read) = frames(name).expect(name);
-        (header, read.into_iter().map(|frame| frame.pixels).collect::<Vec<_>>())
-    };
     let (header, read) = opened("pydicom-words.dcm");
     assert_eq!((header.spacing_mm, read), (Some([0.1, 0.1]), steps().to_vec()));
     // Grey backwards; the colour of 15 is red, a mark of the screen.
@@ -144,6 +140,11 @@ fn dicom_of_palettes_words_and_groups_has_the_frames_it_was_made_of() {
     assert_eq!(read, right);
     let (header, read) = opened("pydicom-groups.dcm");
     assert_eq!((header.spacing_mm, read), (Some([0.1, 0.2]), steps().to_vec()));
+}
+
+fn opened(name: &str) -> (Header, Vec<Vec<u8>>) {
+    let (header, read) = frames(name).expect(name);
+    (header, read.into_iter().map(|frame| frame.pixels).collect::<Vec<_>>())
 }
 
 #[test]

@@ -89,11 +89,13 @@ fn a_tool_that_is_neither_turned_nor_moved_in_some_frames_was_not_seen_there() {
         + &transform("Seq_Frame0001_ImageToImage", 0.0)
         + "\n";
     let (header, _) = mha(&(lines.collect::<String>() + &still)).expect("reads");
-    let has =
-        |name: &str| -> Vec<bool> { header.frames.iter().map(|f| f.transforms.contains_key(name)).collect() };
-    assert_eq!(has("ProbeToTracker"), [false, true, true]);
+    assert_eq!(has_transform("ProbeToTracker", &header.frames), [false, true, true]);
     // An orientation that all frames share may be intended.
-    assert_eq!(has("ImageToImage"), [true, true, false]);
+    assert_eq!(has_transform("ImageToImage", &header.frames), [true, true, false]);
+}
+
+fn has_transform(name: &str, frames: &[crate::frame::FrameFields]) -> Vec<bool> {
+    frames.iter().map(|f| f.transforms.contains_key(name)).collect()
 }
 
 #[test]
@@ -115,19 +117,14 @@ fn a_transform_by_columns_is_turned_and_one_without_a_last_row_refused() {
 #[test]
 fn bytes_and_lines_before_the_data_are_skipped() {
     let junk = b"two lines\nof words\n";
-    let gzip = |bytes: &[u8]| {
-        let mut gzip = GzEncoder::new(Vec::new(), Compression::best());
-        gzip.write_all(bytes).expect("memory");
-        gzip.finish().expect("memory")
-    };
     for (lines, data) in [
         ("encoding: raw\nbyte skip: 7", [&b"1234567"[..], &PIXELS].concat()),
         ("encoding: raw\nbyteskip: -1", [&b"of any length"[..], &PIXELS].concat()),
         ("encoding: raw\nline skip: 2", [&junk[..], &PIXELS].concat()),
         ("encoding: raw\nlineskip: 1\nbyte skip: 9", [&junk[..], &PIXELS].concat()),
-        ("encoding: gzip\nline skip: 2", [&junk[..], &gzip(&PIXELS)].concat()),
+        ("encoding: gzip\nline skip: 2", [&junk[..], &gzipped(&PIXELS)].concat()),
         // Bytes of what is compressed.
-        ("encoding: gz\nbyte skip: 3", gzip(&[&b"abc"[..], &PIXELS].concat())),
+        ("encoding: gz\nbyte skip: 3", gzipped(&[&b"abc"[..], &PIXELS].concat())),
         ("encoding: raw\nbyte skip: 0", PIXELS.to_vec()),
     ] {
         assert_eq!(nrrd(lines, &data).expect(lines).1, frames(), "{lines}");
@@ -150,28 +147,30 @@ fn bytes_and_lines_before_the_data_are_skipped() {
     assert!(opened("s.nrrd", &sixteen).expect_err("no order of bytes").contains("endian: missing"));
 }
 
+fn gzipped(bytes: &[u8]) -> Vec<u8> {
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::best());
+    gzip.write_all(bytes).expect("memory");
+    gzip.finish().expect("memory")
+}
+
 #[test]
 fn data_beside_a_header_begin_where_it_states() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("s.mhd");
-    let with = |lines: &str, name: &str, data: &[u8]| {
-        let header =
-            format!("NDims = 3\nDimSize = 4 2 3\n{lines}ElementType = MET_UCHAR\nElementDataFile = {name}\n");
-        std::fs::write(&path, header).expect("a header");
-        std::fs::write(folder.path().join(name), data).expect("data");
-        let mut sequence = Sequence::open(&path).map_err(|error| error.to_string())?;
-        let mut read = Vec::new();
-        while let Some(frame) = sequence.next_frame().map_err(|error| error.to_string())? {
-            read.push(frame.pixels);
-        }
-        Ok::<_, String>(read)
-    };
     let with_header = [&b"header"[..], &PIXELS].concat();
-    assert_eq!(with("HeaderSize = 6\n", "s.raw", &with_header), Ok(frames()));
-    assert_eq!(with("HeaderSize = -1\n", "s.raw", &with_header), Ok(frames()));
-    assert_eq!(with("", "my sweep 1.raw", &PIXELS), Ok(frames()), "a name with blanks");
-    assert!(with("HeaderSize = -5\n", "s.raw", &with_header).expect_err("negative").contains("HeaderSize"));
-    assert!(with("HeaderSize = -1\n", "s.raw", &[1, 2]).expect_err("short").contains("24 bytes"));
+    assert_eq!(read_with("HeaderSize = 6\n", "s.raw", &with_header, &path, &folder), Ok(frames()));
+    assert_eq!(read_with("HeaderSize = -1\n", "s.raw", &with_header, &path, &folder), Ok(frames()));
+    assert_eq!(read_with("", "my sweep 1.raw", &PIXELS, &path, &folder), Ok(frames()), "a name with blanks");
+    assert!(
+        read_with("HeaderSize = -5\n", "s.raw", &with_header, &path, &folder)
+            .expect_err("negative")
+            .contains("HeaderSize")
+    );
+    assert!(
+        read_with("HeaderSize = -1\n", "s.raw", &[1, 2], &path, &folder)
+            .expect_err("short")
+            .contains("24 bytes")
+    );
     let header = "NDims = 3\nDimSize = 4 2 3\nElementType = MET_UCHAR\nElementDataFile = Local\n";
     assert_eq!(opened("s.mha", &[header.as_bytes(), &PIXELS].concat()).expect("Local is LOCAL").1, frames());
     let pattern = "NDims = 3\nDimSize = 4 2 3\nElementDataFile = s%03d.raw 1 3 1\n";
@@ -179,20 +178,39 @@ fn data_beside_a_header_begin_where_it_states() {
     assert!(mha("HeaderSize = 4\n").expect_err("local").contains("HeaderSize: 4"));
 }
 
+fn read_with(
+    lines: &str,
+    name: &str,
+    data: &[u8],
+    path: &PathBuf,
+    folder: &tempfile::TempDir,
+) -> Result<Vec<Vec<u8>>, String> {
+    let header =
+        format!("NDims = 3\nDimSize = 4 2 3\n{lines}ElementType = MET_UCHAR\nElementDataFile = {name}\n");
+    std::fs::write(path, header).expect("a header");
+    std::fs::write(folder.path().join(name), data).expect("data");
+    let mut sequence = Sequence::open(path).map_err(|error| error.to_string())?;
+    let mut read = Vec::new();
+    while let Some(frame) = sequence.next_frame().map_err(|error| error.to_string())? {
+        read.push(frame.pixels);
+    }
+    Ok::<_, String>(read)
+}
+
 #[test]
 fn a_size_has_one_value_whatever_states_it() {
-    let mm = |lines: &str| {
-        let (header, _) = mha(lines).expect(lines);
-        header.unclear(Statement::Spacing).map_or(Ok(header.spacing_mm), |unclear| Err(unclear.to_string()))
-    };
-    assert_eq!(mm("ElementSpacing = 0.1 0.1 1\nElementSize = 0.1 0.1 1\n"), Ok(Some([0.1; 2])));
-    assert_eq!(mm("ElementSize = 0.2 0.2 1\n"), Ok(Some([0.2; 2])), "the size where there is no distance");
-    assert_eq!(mm("ElementSpacing = 100 100 1000\nDistanceUnits = um\n"), Ok(Some([0.1; 2])));
+    assert_eq!(mha_spacing_mm("ElementSpacing = 0.1 0.1 1\nElementSize = 0.1 0.1 1\n"), Ok(Some([0.1; 2])));
     assert_eq!(
-        mm("Seq_Frame0000_ElementSpacing = 0.3 0.3\nSeq_Frame0001_ElementSpacing = 0.3 0.3\n"),
+        mha_spacing_mm("ElementSize = 0.2 0.2 1\n"),
+        Ok(Some([0.2; 2])),
+        "the size where there is no distance"
+    );
+    assert_eq!(mha_spacing_mm("ElementSpacing = 100 100 1000\nDistanceUnits = um\n"), Ok(Some([0.1; 2])));
+    assert_eq!(
+        mha_spacing_mm("Seq_Frame0000_ElementSpacing = 0.3 0.3\nSeq_Frame0001_ElementSpacing = 0.3 0.3\n"),
         Ok(Some([0.3; 2]))
     );
-    assert_eq!(mm("ElementSpacing = 1 1 1\n"), Ok(None));
+    assert_eq!(mha_spacing_mm("ElementSpacing = 1 1 1\n"), Ok(None));
     for (lines, words) in [
         (
             "ElementSize = 0.2 0.2 1\nElementSpacing = 0.1 0.1 1\n",
@@ -206,7 +224,7 @@ fn a_size_has_one_value_whatever_states_it() {
         ("ElementSpacing = nan 0.1 1\n", "ElementSpacing"),
         ("ElementSpacing = 0.1 0.1 1\nDistanceUnits = inch\n", "DistanceUnits: \"inch\""),
     ] {
-        let error = mm(lines).expect_err(lines);
+        let error = mha_spacing_mm(lines).expect_err(lines);
         assert!(error.contains(words), "{error}");
     }
     assert!(
@@ -222,20 +240,26 @@ fn a_size_has_one_value_whatever_states_it() {
     );
 }
 
+fn mha_spacing_mm(lines: &str) -> Result<Option<[f64; 2]>, String> {
+    let (header, _) = mha(lines).expect(lines);
+    header.unclear(Statement::Spacing).map_or(Ok(header.spacing_mm), |unclear| Err(unclear.to_string()))
+}
+
 #[test]
 fn a_unit_of_length_is_followed() {
-    let mm = |lines: &str| {
-        let (header, _) = nrrd(&format!("{lines}encoding: raw"), &PIXELS).expect(lines);
-        header.unclear(Statement::Spacing).map_or(Ok(header.spacing_mm), |unclear| Err(unclear.to_string()))
-    };
-    assert_eq!(mm("spacings: 0.02 0.02 nan\nunits: \"cm\" \"cm\" \"s\"\n"), Ok(Some([0.2; 2])));
-    assert_eq!(mm("units: \"um\" \"um\" \"\"\nspacings: 200 100 nan\n"), Ok(Some([0.2, 0.1])));
-    assert_eq!(mm("spacings: 0.2 0.2 nan\nunits: \"mm\" \"mm\" \"\"\n"), Ok(Some([0.2; 2])));
+    assert_eq!(nrrd_spacing_mm("spacings: 0.02 0.02 nan\nunits: \"cm\" \"cm\" \"s\"\n"), Ok(Some([0.2; 2])));
+    assert_eq!(nrrd_spacing_mm("units: \"um\" \"um\" \"\"\nspacings: 200 100 nan\n"), Ok(Some([0.2, 0.1])));
+    assert_eq!(nrrd_spacing_mm("spacings: 0.2 0.2 nan\nunits: \"mm\" \"mm\" \"\"\n"), Ok(Some([0.2; 2])));
     assert_eq!(
-        mm("space dimension: 2\nspace units: \"cm\" \"cm\"\nspace directions: (0.02,0) (0,0.01) none\n"),
+        nrrd_spacing_mm(
+            "space dimension: 2\nspace units: \"cm\" \"cm\"\nspace directions: (0.02,0) (0,0.01) none\n"
+        ),
         Ok(Some([0.2, 0.1]))
     );
-    assert_eq!(mm("spacings: 0.2 0.2 nan\nspace directions: (0,0.2) (0.2,0) none\n"), Ok(Some([0.2; 2])));
+    assert_eq!(
+        nrrd_spacing_mm("spacings: 0.2 0.2 nan\nspace directions: (0,0.2) (0.2,0) none\n"),
+        Ok(Some([0.2; 2]))
+    );
     for (lines, words) in [
         ("spacings: 0.2 0.2 nan\nunits: \"inch\" \"inch\" \"\"\n", "units"),
         (
@@ -243,23 +267,33 @@ fn a_unit_of_length_is_followed() {
             "spacings 0.2 x 0.2 mm and space directions 0.1 x 0.1 mm",
         ),
     ] {
-        let error = mm(lines).expect_err(lines);
+        let error = nrrd_spacing_mm(lines).expect_err(lines);
         assert!(error.contains(words), "{error}");
     }
 }
 
+fn nrrd_spacing_mm(lines: &str) -> Result<Option<[f64; 2]>, String> {
+    let (header, _) = nrrd(&format!("{lines}encoding: raw"), &PIXELS).expect(lines);
+    header.unclear(Statement::Spacing).map_or(Ok(header.spacing_mm), |unclear| Err(unclear.to_string()))
+}
+
 #[test]
 fn frames_of_another_setting_are_marked() {
-    let others = |lines: &str| -> Vec<bool> {
-        mha(lines).expect(lines).0.frames.iter().map(|frame| frame.is_other_depth).collect()
-    };
-    let of = |name: &str, values: [&str; 3]| -> String {
-        values.iter().enumerate().map(|(i, value)| format!("Seq_Frame000{i}_{name} = {value}\n")).collect()
-    };
-    assert_eq!(others(&of("ElementSpacing", ["0.1 0.1", "0.1 0.1", "0.2 0.2"])), [false, false, true]);
-    assert_eq!(others(&of("DepthMm", ["60", "90", "60"])), [false, true, false]);
-    assert_eq!(others(&of("ZoomFactor", ["1", "1", "1.5"])), [false, false, true]);
-    assert_eq!(others(&of("ProbePosition", ["1", "2", "3"])), [false; 3]);
+    assert_eq!(
+        other_settings(&setting_lines("ElementSpacing", ["0.1 0.1", "0.1 0.1", "0.2 0.2"])),
+        [false, false, true]
+    );
+    assert_eq!(other_settings(&setting_lines("DepthMm", ["60", "90", "60"])), [false, true, false]);
+    assert_eq!(other_settings(&setting_lines("ZoomFactor", ["1", "1", "1.5"])), [false, false, true]);
+    assert_eq!(other_settings(&setting_lines("ProbePosition", ["1", "2", "3"])), [false; 3]);
+}
+
+fn setting_lines(name: &str, values: [&str; 3]) -> String {
+    values.iter().enumerate().map(|(i, value)| format!("Seq_Frame000{i}_{name} = {value}\n")).collect()
+}
+
+fn other_settings(lines: &str) -> Vec<bool> {
+    mha(lines).expect(lines).0.frames.iter().map(|frame| frame.is_other_depth).collect()
 }
 
 #[test]
@@ -293,9 +327,12 @@ fn echoes_that_are_no_brightness_are_refused() {
 #[test]
 fn a_field_of_a_frame_has_one_value() {
     for name in ["Timestamp", "ProbePosition"] {
-        let line = |value: &str| format!("Seq_Frame0001_{name} = {value}\n");
-        assert!(mha(&(line("1.5") + &line("1.5"))).is_ok(), "{name}");
-        let error = mha(&(line("1.5") + &line("2.5"))).expect_err(name);
+        assert!(mha(&(frame_line("1.5", name) + &frame_line("1.5", name))).is_ok(), "{name}");
+        let error = mha(&(frame_line("1.5", name) + &frame_line("2.5", name))).expect_err(name);
         assert!(error.contains(name) && error.contains("one value"), "{error}");
     }
+}
+
+fn frame_line(value: &str, name: &str) -> String {
+    format!("Seq_Frame0001_{name} = {value}\n")
 }

@@ -135,11 +135,12 @@ impl Open {
     fn calibration(&mut self) -> Result<Calibration, Unclear> {
         let text = self.description();
         if text.starts_with("ImageJ=") {
-            let value = |name: &str| text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
-            let seconds =
-                value("tunit").is_none_or(|unit| matches!(unit.trim(), "s" | "sec" | "second" | "seconds"));
-            let interval_s = value("finterval").and_then(|text| text.trim().parse().ok()).filter(|_| seconds);
-            let Some(unit) = value("unit").filter(|unit| !matches!(unit.trim(), "pixel" | "pixels" | ""))
+            let seconds = value_of("tunit", &text)
+                .is_none_or(|unit| matches!(unit.trim(), "s" | "sec" | "second" | "seconds"));
+            let interval_s =
+                value_of("finterval", &text).and_then(|text| text.trim().parse().ok()).filter(|_| seconds);
+            let Some(unit) =
+                value_of("unit", &text).filter(|unit| !matches!(unit.trim(), "pixel" | "pixels" | ""))
             else {
                 return Ok(Calibration { spacing_mm: None, interval_s });
             };
@@ -161,11 +162,7 @@ impl Open {
             .zip(attribute(&text, "PhysicalSizeY"))
             .filter(|_| text.contains("<OME"));
         let Some((x, y)) = sizes else { return Ok(Calibration::default()) };
-        let size = |value: &str, unit: &str| {
-            let mm_per_unit = length("OME: PhysicalSize", attribute(&text, unit).unwrap_or("\u{b5}m"))?;
-            Ok::<_, Unclear>(value.parse().map_or(f64::NAN, |size: f64| mm_per_unit * size))
-        };
-        let mm = [size(x, "PhysicalSizeXUnit")?, size(y, "PhysicalSizeYUnit")?];
+        let mm = [ome_size(x, "PhysicalSizeXUnit", &text)?, ome_size(y, "PhysicalSizeYUnit", &text)?];
         Ok(Calibration {
             spacing_mm: spacing("OME: PhysicalSize", Some(mm), &format!("{x} x {y}"))?,
             interval_s: None,
@@ -322,13 +319,32 @@ impl Open {
     }
 }
 
+fn ome_size(value: &str, unit: &str, text: &str) -> Result<f64, Unclear> {
+    let mm_per_unit = length("OME: PhysicalSize", attribute(text, unit).unwrap_or("\u{b5}m"))?;
+    Ok::<_, Unclear>(value.parse().map_or(f64::NAN, |size: f64| mm_per_unit * size))
+}
+
+fn value_of<'a>(name: &str, text: &'a str) -> Option<&'a str> {
+    text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='))
+}
+
 /// Brightness of the colours of a palette: all reds, greens and blues, of 16 bit.
 fn brightness(colours: &[u16]) -> Vec<u8> {
     let count = colours.len() / 3;
-    let part = |at: usize| colours.get(at).map_or(0, |value| (value >> 8) as u8);
-    let pixels: Vec<u8> =
-        (0..count).flat_map(|index| [part(index), part(count + index), part(2 * count + index)]).collect();
+    let pixels: Vec<u8> = (0..count)
+        .flat_map(|index| {
+            [
+                colour_byte(index, colours),
+                colour_byte(count + index, colours),
+                colour_byte(2 * count + index, colours),
+            ]
+        })
+        .collect();
     super::grey(pixels, 3)
+}
+
+fn colour_byte(at: usize, colours: &[u16]) -> u8 {
+    colours.get(at).map_or(0, |value| (value >> 8) as u8)
 }
 
 /// Samples pixel by pixel of those plane by plane.

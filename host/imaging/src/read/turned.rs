@@ -51,17 +51,18 @@ fn stated(exif: &[u8]) -> Option<u16> {
         b"MM\0*" => true,
         _ => return None,
     };
-    let u16_at = |at: usize| -> Option<u16> {
-        let bytes: [u8; 2] = exif.get(at..at.checked_add(2)?)?.try_into().ok()?;
-        Some(if is_big { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) })
-    };
     let offset: [u8; 4] = exif.get(4..8)?.try_into().ok()?;
     let offset = if is_big { u32::from_be_bytes(offset) } else { u32::from_le_bytes(offset) } as usize;
-    let count = usize::from(u16_at(offset)?);
+    let count = usize::from(u16_at(offset, is_big, exif)?);
     (0..count)
         .map(|entry| offset.saturating_add(2 + 12 * entry))
-        .find(|at| u16_at(*at) == Some(ORIENTATION))
-        .and_then(|at| u16_at(at + 8))
+        .find(|at| u16_at(*at, is_big, exif) == Some(ORIENTATION))
+        .and_then(|at| u16_at(at + 8, is_big, exif))
+}
+
+fn u16_at(at: usize, is_big: bool, exif: &[u8]) -> Option<u16> {
+    let bytes: [u8; 2] = exif.get(at..at.checked_add(2)?)?.try_into().ok()?;
+    Some(if is_big { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) })
 }
 
 #[cfg(test)]

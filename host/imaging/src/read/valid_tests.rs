@@ -108,9 +108,6 @@ fn a_frame_of_a_film_without_huffman_tables_has_the_standard_ones() {
     }
     bare.extend(remaining_bytes);
     assert!(tables > 0, "there were tables");
-    let decoded = |bytes: &[u8]| {
-        jpeg::decode(Path::new("film.avi"), "frame 1", bytes, false).map_err(|error| error.to_string())
-    };
     let with_tables = decoded(whole).expect("decodes");
     assert_eq!(decoded(&bare).as_ref(), Ok(&with_tables));
     assert!(decoded(&bare[..200]).is_err());
@@ -172,6 +169,10 @@ fn a_film_has_the_huffman_tables_that_its_frames_leave_out() {
         let (_folder, path) = written("film.avi", &film(&frame));
         assert_eq!(frames(&path).expect("a film").1, [reference.clone(), reference.clone()]);
     }
+}
+
+fn decoded(bytes: &[u8]) -> Result<Frame, String> {
+    jpeg::decode(Path::new("film.avi"), "frame 1", bytes, false).map_err(|error| error.to_string())
 }
 
 #[test]
@@ -346,16 +347,6 @@ fn a_stack_of_imagej_in_one_directory_is_all_of_its_images() {
 
 #[test]
 fn the_size_of_a_pixel_is_that_of_imagej_or_ome_and_not_of_a_printer() {
-    // Resolutions are two numbers each, above and below the line.
-    let resolved = |above: u32, below: u32| {
-        let mut resolution_tags = tags(8, 1, 8);
-        resolution_tags.extend([
-            (282, 5, vec![above, below]),
-            (283, 5, vec![2 * above, below]),
-            (296, 3, vec![3]),
-        ]);
-        resolution_tags
-    };
     let ome = "<OME><Image><Pixels SizeC=\"1\" PhysicalSizeX=\"100\" PhysicalSizeY=\"50\"/></Image></OME>";
     let stack = "ImageJ=1.53t\nimages=3\nframes=3\nfinterval=0.25\n";
     for (text, above, below, right) in [
@@ -369,7 +360,7 @@ fn the_size_of_a_pixel_is_that_of_imagej_or_ome_and_not_of_a_printer() {
         (ome, 300, 1, Some([0.1, 0.05])),
     ] {
         let pixels: Vec<u8> = (0..24).collect();
-        let (_folder, path) = written("s.tif", &tiff(&resolved(above, below), text, &pixels));
+        let (_folder, path) = written("s.tif", &tiff(&resolution_tags(above, below), text, &pixels));
         let (header, read) = frames(&path).expect(text);
         match (header.spacing_mm, right) {
             (Some(mm), Some(right)) => {
@@ -382,8 +373,19 @@ fn the_size_of_a_pixel_is_that_of_imagej_or_ome_and_not_of_a_printer() {
         assert_eq!(read.len(), if text.starts_with("ImageJ") { 3 } else { 1 });
     }
     let (_folder, path) =
-        written("s.tif", &tiff(&resolved(10, 1), &format!("{stack}unit=furlong\n"), &[0; 24]));
+        written("s.tif", &tiff(&resolution_tags(10, 1), &format!("{stack}unit=furlong\n"), &[0; 24]));
     assert!(frames(&path).expect("a stack").0.unclear[0].1.to_string().contains("furlong"));
+}
+
+/// Resolutions are two numbers each, above and below the line.
+fn resolution_tags(above: u32, below: u32) -> Vec<(u16, u16, Vec<u32>)> {
+    let mut resolution_tags = tags(8, 1, 8);
+    resolution_tags.extend([
+        (282, 5, vec![above, below]),
+        (283, 5, vec![2 * above, below]),
+        (296, 3, vec![3]),
+    ]);
+    resolution_tags
 }
 
 #[test]
@@ -418,11 +420,6 @@ fn texts_about_a_tiff_name_what_is_wrong_with_it() {
 #[test]
 fn a_mirror_image_in_space_waits_for_the_axes_of_the_user() {
     let pixels: Vec<u8> = (0..24).collect();
-    let unclear = |name: &str, header: String| {
-        let (_folder, path) = written(name, &[header.as_bytes(), &pixels].concat());
-        let header = frames(&path).expect(name).0;
-        header.unclear(Statement::Orientation).map_or_else(String::new, ToString::to_string)
-    };
     // A quarter turn is no mirror, and exchanged axes are one.
     for (x, y, is_mirrored) in [
         ("1 0", "0 1", false),
@@ -436,7 +433,7 @@ fn a_mirror_image_in_space_waits_for_the_axes_of_the_user() {
             let mha = format!(
                 "NDims = 3\nDimSize = 4 2 3\nTransformMatrix = {x} 0 {y} 0 0 0 1\n{axes}ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
             );
-            let text = unclear("s.mha", mha);
+            let text = unclear("s.mha", mha, &pixels);
             assert_eq!(text.contains("--orientation"), is_mirrored && axes.is_empty(), "{x} {y}: {text}");
         }
         let [x, y] = [x, y].map(|axis| axis.replace(' ', ","));
@@ -444,7 +441,17 @@ fn a_mirror_image_in_space_waits_for_the_axes_of_the_user() {
             let nrrd = format!(
                 "NRRD0004\ntype: uint8\nsizes: 4 2 3\nspace: {space}\nspace directions: ({x},0) ({y},0) (0,0,1)\nencoding: raw\n\n"
             );
-            assert_eq!(unclear("s.nrrd", nrrd).is_empty(), is_mirrored == is_left_handed, "{space} {x} {y}");
+            assert_eq!(
+                unclear("s.nrrd", nrrd, &pixels).is_empty(),
+                is_mirrored == is_left_handed,
+                "{space} {x} {y}"
+            );
         }
     }
+}
+
+fn unclear(name: &str, header: String, pixels: &[u8]) -> String {
+    let (_folder, path) = written(name, &[header.as_bytes(), pixels].concat());
+    let header = frames(&path).expect(name).0;
+    header.unclear(Statement::Orientation).map_or_else(String::new, ToString::to_string)
 }

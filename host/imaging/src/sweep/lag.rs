@@ -32,19 +32,8 @@ pub(super) fn estimate(track: &Track, poses: &Poses, echoes: &dyn Fn(f64) -> Vec
     let squares = |lag_s: f64| -> Option<f64> {
         let placed_echoes = echoes(lag_s);
         let echoes_used = used_echoes(&placed_echoes, &track.decisions);
-        let of_axis = |axis: usize| {
-            let knots: Vec<Knot> = echoes_used
-                .iter()
-                .map(|echo| Knot { z_mm: echo.z_mm, value_mm: echo.across_mm[axis], sd_mm: echo.sd_mm[axis] })
-                .collect();
-            let curve = Curve::fit(&knots)?;
-            let sum: f64 =
-                knots.iter().map(|knot| ((knot.value_mm - curve.at(knot.z_mm)) / knot.sd_mm).powi(2)).sum();
-            let freedom = knots.len().checked_sub(curve.parameters()).filter(|freedom| *freedom > 0)?;
-            Some((sum, freedom as f64))
-        };
         // Each axis on the scale of its own noise, so that neither outweighs the other.
-        let (x, y) = (of_axis(0)?, of_axis(1)?);
+        let (x, y) = (squares_of_axis(0, &echoes_used)?, squares_of_axis(1, &echoes_used)?);
         Some(x.1 * x.0.max(f64::MIN_POSITIVE).ln() + y.1 * y.0.max(f64::MIN_POSITIVE).ln())
     };
     let count = ((RANGE_S[1] - RANGE_S[0]) / STEP_S).round() as usize;
@@ -71,6 +60,18 @@ pub(super) fn estimate(track: &Track, poses: &Poses, echoes: &dyn Fn(f64) -> Vec
     // Minus twice the log likelihood, where the noise is estimated too.
     let sd_s = (2.0 * alike(track, poses, lag_s, &echoes(lag_s)) / bend).sqrt();
     (sd_s < MAX_SD_S).then_some(Lag { lag_s, sd_s })
+}
+
+fn squares_of_axis(axis: usize, echoes_used: &[Echo]) -> Option<(f64, f64)> {
+    let knots: Vec<Knot> = echoes_used
+        .iter()
+        .map(|echo| Knot { z_mm: echo.z_mm, value_mm: echo.across_mm[axis], sd_mm: echo.sd_mm[axis] })
+        .collect();
+    let curve = Curve::fit(&knots)?;
+    let sum: f64 =
+        knots.iter().map(|knot| ((knot.value_mm - curve.at(knot.z_mm)) / knot.sd_mm).powi(2)).sum();
+    let freedom = knots.len().checked_sub(curve.parameters()).filter(|freedom| *freedom > 0)?;
+    Some((sum, freedom as f64))
 }
 
 /// Whether a probe goes forth and back: on one way alone a lag is a shift of the needle along itself, and what is left of the squares is the
@@ -100,12 +101,14 @@ fn alike(track: &Track, poses: &Poses, lag_s: f64, placed: &[Vec<Echo>]) -> f64 
     let mut directed_echoes: Vec<(Echo, f64)> = echo_directions.collect();
     directed_echoes.sort_by(|a, b| a.0.z_mm.total_cmp(&b.0.z_mm));
     let longest = [0, 1].map(|axis: usize| {
-        let knot = |(echo, _): &(Echo, f64)| Knot {
-            z_mm: echo.z_mm,
-            value_mm: echo.across_mm[axis],
-            sd_mm: echo.sd_mm[axis],
-        };
-        let knots: Vec<Knot> = directed_echoes.iter().map(knot).collect();
+        let knots: Vec<Knot> = directed_echoes
+            .iter()
+            .map(|(echo, _)| Knot {
+                z_mm: echo.z_mm,
+                value_mm: echo.across_mm[axis],
+                sd_mm: echo.sd_mm[axis],
+            })
+            .collect();
         let Some(curve) = Curve::fit(&knots) else { return 1.0 };
         let deviations: Vec<(f64, f64)> = knots
             .iter()
@@ -130,10 +133,13 @@ mod tests {
 
     #[test]
     fn one_way_is_no_way_back_whatever_jitters() {
-        let forth = |i: i32| 0.1 * f64::from(i) + if i % 2 == 0 { 0.2 } else { -0.2 };
-        assert!(!goes_both_ways((0..400).map(forth)));
-        assert!(!goes_both_ways((0..400).rev().map(forth)));
-        assert!(goes_both_ways((0..400).chain((300..400).rev()).map(forth)));
+        assert!(!goes_both_ways((0..400).map(jittered_mm)));
+        assert!(!goes_both_ways((0..400).rev().map(jittered_mm)));
+        assert!(goes_both_ways((0..400).chain((300..400).rev()).map(jittered_mm)));
         assert!(!goes_both_ways(std::iter::empty()) && !goes_both_ways(std::iter::repeat_n(3.0, 5)));
+    }
+
+    fn jittered_mm(i: i32) -> f64 {
+        0.1 * f64::from(i) + if i % 2 == 0 { 0.2 } else { -0.2 }
     }
 }

@@ -40,12 +40,11 @@ impl Sweep {
         let mut speeds: Vec<f64> = used_frames.iter().map(|(.., motion)| motion.mm_per_s.abs()).collect();
         speeds.sort_by(f64::total_cmp);
         let still = STILL * speeds.get(speeds.len() / 2).copied().unwrap_or(0.0);
-        let way = |(.., motion): &Used| {
-            if motion.mm_per_s.abs() <= still { 0 } else { motion.mm_per_s.signum() as i8 }
-        };
-        used_frames.sort_by(|a, b| way(a).cmp(&way(b)).then(a.0[2].total_cmp(&b.0[2])));
+        used_frames.sort_by(|a, b| {
+            direction_of(a, still).cmp(&direction_of(b, still)).then(a.0[2].total_cmp(&b.0[2]))
+        });
         let mut points = Vec::new();
-        for mut rest in used_frames.chunk_by(|a, b| way(a) == way(b)) {
+        for mut rest in used_frames.chunk_by(|a, b| direction_of(a, still) == direction_of(b, still)) {
             while let Some(first) = rest.first() {
                 let near_count = rest
                     .iter()
@@ -62,6 +61,10 @@ impl Sweep {
     }
 }
 
+fn direction_of((.., motion): &Used, still: f64) -> i8 {
+    if motion.mm_per_s.abs() <= still { 0 } else { motion.mm_per_s.signum() as i8 }
+}
+
 /// Weighted mean of frames that share their error as far as they are neighbours.
 fn mean(group: &[Used], correlated: [f64; 2]) -> Option<Point> {
     let count = group.len() as f64;
@@ -73,12 +76,15 @@ fn mean(group: &[Used], correlated: [f64; 2]) -> Option<Point> {
     });
     let sd_mm = [0, 1].map(|axis: usize| (correlated[axis].max(1.0) / weights(axis).sum::<f64>()).sqrt());
     let z_mm = group.iter().map(|(place, ..)| place[2]).sum::<f64>() / count;
-    let beam = |part: fn(f64) -> f64| group.iter().map(|(.., motion)| part(motion.beam_rad)).sum::<f64>();
     let motion = Motion {
-        beam_rad: beam(f64::sin).atan2(beam(f64::cos)),
+        beam_rad: mean_beam(f64::sin, group).atan2(mean_beam(f64::cos, group)),
         mm_per_s: group.iter().map(|(.., motion)| motion.mm_per_s).sum::<f64>() / count,
     };
     (count > 0.0).then_some(Point { z_mm, across_mm: mean_mm, sd_mm, frames: group.len(), motion })
+}
+
+fn mean_beam(part: fn(f64) -> f64, group: &[([f64; 3], [f64; 2], Motion)]) -> f64 {
+    group.iter().map(|(.., motion)| part(motion.beam_rad)).sum::<f64>()
 }
 
 /// The straight needle: a line for each axis.
@@ -108,9 +114,8 @@ impl Line {
         let mut line = Self::along([0.0; 2]);
         line.middle_mm = middle_mm;
         for axis in 0..2 {
-            let weight = |point: &Point| point.sd_mm[axis].powi(-2);
             let sums = points.iter().fold([0.0; 5], |sums, point| {
-                let (w, z, u) = (weight(point), point.z_mm - middle_mm, point.across_mm[axis]);
+                let (w, z, u) = (point_weight(point, axis), point.z_mm - middle_mm, point.across_mm[axis]);
                 [sums[0] + w, sums[1] + w * z, sums[2] + w * z * z, sums[3] + w * u, sums[4] + w * z * u]
             });
             let [w, z, zz, u, zu] = sums;
@@ -136,6 +141,10 @@ impl Line {
     pub fn slope(&self) -> [f64; 2] {
         self.slope
     }
+}
+
+fn point_weight(point: &Point, axis: usize) -> f64 {
+    point.sd_mm[axis].powi(-2)
 }
 
 /// A point's distance from the straight needle.

@@ -165,13 +165,14 @@ fn a_needle_of_another_simulator_is_where_it_was_put() {
         })
         .collect();
     for axis in 0..2 {
-        let mean = |of: &dyn Fn(f64) -> f64| {
-            differences.iter().map(|differences| of(differences[axis])).sum::<f64>() / 20.0
-        };
-        let constant_mm = mean(&|off_mm| off_mm);
-        let rms_mm = mean(&|off_mm| (off_mm - constant_mm).powi(2)).sqrt();
+        let constant_mm = mean_difference(&|off_mm| off_mm, &differences, axis);
+        let rms_mm = mean_difference(&|off_mm| (off_mm - constant_mm).powi(2), &differences, axis).sqrt();
         assert!(constant_mm.abs() < 0.006 && rms_mm < 0.001, "{axis}: {constant_mm} {rms_mm} mm");
     }
+}
+
+fn mean_difference(of: &dyn Fn(f64) -> f64, differences: &[[f64; 2]], axis: usize) -> f64 {
+    differences.iter().map(|differences| of(differences[axis])).sum::<f64>() / 20.0
 }
 
 #[test]
@@ -209,18 +210,11 @@ fn marks_of_the_screen_are_not_followed() {
 
 #[test]
 fn an_error_of_the_straight_needle_is_in_all_points() {
-    let point = |z_mm: f64, sd: f64| Point {
-        z_mm,
-        across_mm: [0.1 * z_mm, 1.0],
-        sd_mm: [sd; 2],
-        frames: 1,
-        motion: Motion::default(),
-    };
-    let straight: Vec<Point> = (0..10).map(|i| point(f64::from(i), 0.03)).collect();
+    let straight: Vec<Point> = (0..10).map(|i| point_at(f64::from(i), 0.03)).collect();
     let line = Line::through(&straight).expect("a line");
     assert!((line.slope()[0] - 0.1).abs() < 1e-12);
     assert!((line.errors(4.5)[1][0] - 0.03 / 10f64.sqrt()).abs() < 1e-12);
-    let bent: Vec<Point> = (0..10).map(|i| point(f64::from(i), 0.01)).collect();
+    let bent: Vec<Point> = (0..10).map(|i| point_at(f64::from(i), 0.01)).collect();
     let bent_points = deflections(&bent, &line);
     assert!(
         bent_points.iter().all(|point| point.across_mm[0].abs() < 1e-9 && point.across_mm[1].abs() < 1e-9)
@@ -235,4 +229,8 @@ fn an_error_of_the_straight_needle_is_in_all_points() {
         );
         assert_eq!(point.sd_mm, [0.01; 2]);
     }
+}
+
+fn point_at(z_mm: f64, sd: f64) -> Point {
+    Point { z_mm, across_mm: [0.1 * z_mm, 1.0], sd_mm: [sd; 2], frames: 1, motion: Motion::default() }
 }

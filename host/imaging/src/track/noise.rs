@@ -67,11 +67,10 @@ impl Noise {
         let shared = WIDTHS_MM.into_iter().flat_map(|width_mm| SHARES.map(|share| (width_mm, share)));
         let shared = shared.filter_map(|(mm, share)| Some((0.0, assumed(&sequences, mm, share)?)));
         let models: Vec<(f64, Assumed)> = white.into_iter().chain(shared).collect();
-        let log_likelihood = |(prior, one): &(f64, Assumed)| prior + one.log_likelihood();
-        let best = models.iter().map(log_likelihood).reduce(f64::max)?;
+        let best = models.iter().map(log_posterior).reduce(f64::max)?;
         let [weights, variance, correlated] =
             models.iter().fold([0.0; 3], |[sum, variance, correlated], one| {
-                let weight = (log_likelihood(one) - best).exp();
+                let weight = (log_posterior(one) - best).exp();
                 let (_, best) = one;
                 let weighted = weight * best.squares / best.freedom as f64;
                 [sum + weight, variance + weighted, correlated + weighted * best.shared / best.frames as f64]
@@ -80,6 +79,10 @@ impl Noise {
             Self { scale: (variance / weights).sqrt(), correlated_frames: (correlated / variance).max(1.0) };
         (noise.scale.is_finite() && noise.scale > 0.0 && noise.correlated_frames.is_finite()).then_some(noise)
     }
+}
+
+fn log_posterior((prior, one): &(f64, Assumed)) -> f64 {
+    prior + one.log_likelihood()
 }
 
 impl Assumed {
@@ -115,10 +118,9 @@ impl Sequence {
         let (mut log_determinant, mut shared, mut first_echo) = (0.0, 0.0, 0);
         for places_mm in self.places_mm.chunks(BLOCK) {
             let count = places_mm.len();
-            let alike = |i: usize, j: usize| {
-                share * (-0.5 * ((places_mm[i] - places_mm[j]) / width_mm).powi(2)).exp()
-            };
-            let covariance = DMatrix::from_fn(count, count, |i, j| if i == j { 1.0 } else { alike(i, j) });
+            let covariance = DMatrix::from_fn(count, count, |i, j| {
+                if i == j { 1.0 } else { covariance_of(i, j, share, width_mm, places_mm) }
+            });
             shared += covariance.sum();
             let factor = covariance.cholesky()?;
             log_determinant += 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
@@ -138,6 +140,10 @@ impl Sequence {
             frames: self.places_mm.len(),
         })
     }
+}
+
+fn covariance_of(i: usize, j: usize, share: f64, width_mm: f64, places_mm: &[f64]) -> f64 {
+    share * (-0.5 * ((places_mm[i] - places_mm[j]) / width_mm).powi(2)).exp()
 }
 
 /// Fit of all sequences together, each with a curve of its own.
@@ -214,9 +220,9 @@ mod tests {
             let echoes: Vec<&[Echo]> = sequences.iter().map(|(_, echoes)| echoes.as_slice()).collect();
             let noise = Noise::of_all(&echoes, 0).expect("enough frames");
             let (errors, _) = &sequences[0];
-            let weight = |number: usize| (number as f64 / count as f64 * std::f64::consts::PI).sin();
-            let error: f64 = errors.iter().enumerate().map(|(number, error)| weight(number) * error).sum();
-            let squares: f64 = (0..count).map(|number| weight(number).powi(2)).sum();
+            let error: f64 =
+                errors.iter().enumerate().map(|(number, error)| half_sine(number, count) * error).sum();
+            let squares: f64 = (0..count).map(|number| half_sine(number, count).powi(2)).sum();
             let stated = (noise.scale * SD_MM).powi(2);
             sums[0] += error * error / (stated * noise.correlated_frames * squares);
             sums[1] += (scale * SD_MM).powi(2) / stated;
@@ -226,6 +232,10 @@ mod tests {
         }
         let [mean, frame, logarithm, square] = sums.map(|sum| sum / groups as f64);
         [mean, frame, (square - logarithm * logarithm).sqrt()]
+    }
+
+    fn half_sine(number: usize, count: usize) -> f64 {
+        (number as f64 / count as f64 * std::f64::consts::PI).sin()
     }
 
     #[test]
@@ -282,11 +292,14 @@ mod tests {
 
     #[test]
     fn too_few_frames_state_nothing() {
-        let echo = |z_mm: f64| Echo { across_mm: [0.0; 2], z_mm, sd_mm: [SD_MM; 2], score: 3.0 };
         for count in 0..7 {
-            let echoes: Vec<Echo> = (0..count).map(|number| echo(f64::from(number))).collect();
+            let echoes: Vec<Echo> = (0..count).map(|number| echo_at(f64::from(number))).collect();
             assert_eq!(Noise::of(&echoes, 0), None, "{count}");
         }
-        assert_eq!(Noise::of(&[echo(3.0); 40], 0), None, "all at one place");
+        assert_eq!(Noise::of(&[echo_at(3.0); 40], 0), None, "all at one place");
+    }
+
+    fn echo_at(z_mm: f64) -> Echo {
+        Echo { across_mm: [0.0; 2], z_mm, sd_mm: [SD_MM; 2], score: 3.0 }
     }
 }

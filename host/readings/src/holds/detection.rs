@@ -288,7 +288,7 @@ impl Bins {
     fn is_apart(&self, stretch: &Range<usize>, bin: usize) -> bool {
         self.planes_m.iter().zip(&self.noise_m).any(|(plane, noise_m)| {
             let middle = median(plane.get(stretch.clone()).unwrap_or_default().to_vec());
-            plane.get(bin).is_some_and(|value| (value - middle).abs() > (2.0 * noise_m).max(1e-6))
+            plane.get(bin).is_some_and(|value| (value - middle).abs() > (APART * noise_m).max(1e-6))
         })
     }
 

@@ -9,14 +9,13 @@ pub(super) fn brightness(header: &Attributes) -> Result<Vec<u8>, ImagingError> {
     let mut channels: Vec<Vec<u8>> = Vec::new();
     for ((colour, sizes), tag) in ["Red", "Green", "Blue"].into_iter().zip(PALETTE_SIZES).zip(PALETTE) {
         let field = format!("{colour}PaletteColorLookupTable");
-        let invalid = |problem: String, expected: &str| {
-            Err(ImagingError::invalid(header.path, &*field, problem, expected))
-        };
         let numbers: Vec<u16> = words(header, header.values.get(&sizes).map_or(&[], Vec::as_slice));
         let &[count, first, bits] = numbers.as_slice() else {
             return invalid(
                 format!("{} numbers in its descriptor", numbers.len()),
                 "count, first index, bits",
+                &field,
+                header.path,
             );
         };
         let count = if count == 0 { 1 << 16 } else { usize::from(count) };
@@ -29,10 +28,15 @@ pub(super) fn brightness(header: &Attributes) -> Result<Vec<u8>, ImagingError> {
             }
             8 if header.is_big => words(header, bytes).into_iter().flat_map(u16::to_le_bytes).collect(),
             8 => bytes.to_vec(),
-            _ => return invalid(format!("{bits} bits"), "8 or 16"),
+            _ => return invalid(format!("{bits} bits"), "8 or 16", &field, header.path),
         };
         if entries.len() < count {
-            return invalid(format!("{} of {count} colours", entries.len()), "all of them, not in segments");
+            return invalid(
+                format!("{} of {count} colours", entries.len()),
+                "all of them, not in segments",
+                &field,
+                header.path,
+            );
         }
         let last = count.saturating_sub(1);
         // Indices before the first colour have that one, and those behind the last one have the last.
@@ -48,6 +52,15 @@ pub(super) fn brightness(header: &Attributes) -> Result<Vec<u8>, ImagingError> {
         })
         .collect();
     Ok(grey(pixels, 3))
+}
+
+fn invalid(
+    problem: String,
+    expected: &str,
+    field: &str,
+    path: &std::path::Path,
+) -> Result<Vec<u8>, ImagingError> {
+    Err(ImagingError::invalid(path, &*field, problem, expected))
 }
 
 /// Words of 16 bit in the order of the file.

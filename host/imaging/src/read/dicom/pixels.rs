@@ -53,9 +53,6 @@ pub(super) struct Layout {
 
 impl Layout {
     pub(super) fn new(header: &Attributes, size: [usize; 2]) -> Result<Self, ImagingError> {
-        let invalid = |field: &str, problem: String, expected: &str| {
-            Err(ImagingError::invalid(header.path, field, problem, expected))
-        };
         let photometric = header.text(PHOTOMETRIC).unwrap_or_default();
         let samples = header.number(SAMPLES).unwrap_or(1);
         // Values that fall as samples rise are the other way round.
@@ -74,7 +71,7 @@ impl Layout {
                 let problem =
                     format!("\"{}\" with {samples} samples", super::super::header::short(&photometric));
                 let expected = "MONOCHROME1 or 2, PALETTE COLOR, RGB, YBR_FULL or YBR_FULL_422";
-                return invalid("PhotometricInterpretation", problem, expected);
+                return invalid("PhotometricInterpretation", problem, expected, header.path);
             }
         };
         let (allocated, is_signed) = (header.number(BITS_ALLOCATED), header.number(SIGNED) == Some(1));
@@ -85,6 +82,7 @@ impl Layout {
                 "RescaleIntercept",
                 problem,
                 "unsigned samples: dcmconv or gdcmconv convert others",
+                header.path,
             );
         }
         let stored = header.number(BITS_STORED).or(allocated).unwrap_or(8);
@@ -102,11 +100,11 @@ impl Layout {
             _ => {
                 let problem =
                     allocated.map_or_else(|| "missing".to_owned(), |bits| format!("{bits}, {stored} stored"));
-                return invalid("BitsAllocated", problem, "8 or 16");
+                return invalid("BitsAllocated", problem, "8 or 16", header.path);
             }
         };
         if depth != Depth::Eight && !matches!(colours, Colours::Grey | Colours::Inverted) {
-            return invalid("BitsAllocated", "16 with colours".to_owned(), "8 with colours");
+            return invalid("BitsAllocated", "16 with colours".to_owned(), "8 with colours", header.path);
         }
         let shift_bits = header
             .number(HIGH_BIT)
@@ -221,6 +219,10 @@ impl Layout {
     }
 }
 
+fn invalid(field: &str, problem: String, expected: &str, path: &Path) -> Result<Layout, ImagingError> {
+    Err(ImagingError::invalid(path, field, problem, expected))
+}
+
 /// Brightness of a pixel; black where it has a colour, as [`grey`] has it.
 fn without_colour(y: u8, b: u8, r: u8) -> u8 {
     /// Half the difference of channels from which a pixel has a colour, over the factor from differences to channels.
@@ -292,15 +294,15 @@ impl Pixels {
 
     /// An uncompressed frame out of segments of run lengths, one for each byte of a pixel, high bytes first (PS3.5, annex G).
     fn unpacked(&self, field: &str, bytes: &[u8]) -> Result<Vec<u8>, ImagingError> {
-        let problem = |problem: &str| {
-            ImagingError::invalid(&self.path, field, problem.to_owned(), "a whole frame of run lengths")
-        };
-        let (words, _) = bytes.get(..64).ok_or_else(|| problem("shorter than its header"))?.as_chunks::<4>();
+        let (words, _) = bytes
+            .get(..64)
+            .ok_or_else(|| self.field_problem("shorter than its header", field))?
+            .as_chunks::<4>();
         let words: Vec<usize> = words.iter().map(|word| u32::from_le_bytes(*word) as usize).collect();
         let (samples, size) = (self.layout.samples(), self.layout.depth.bytes());
         let (segments, pixels) = (samples * size, self.layout.size[0] * self.layout.size[1]);
         if words.first() != Some(&segments) {
-            return Err(problem(&format!("not {segments} segments")));
+            return Err(self.field_problem(&format!("not {segments} segments"), field));
         }
         let mut frame = vec![0; segments * pixels];
         for segment in 0..segments {
@@ -308,17 +310,20 @@ impl Pixels {
             let segment_end = if segment + 1 < segments { words.get(segment + 2).copied() } else { None };
             let packed = bytes
                 .get(segment_start..segment_end.unwrap_or(bytes.len()))
-                .ok_or_else(|| problem("a segment beyond its end"))?;
+                .ok_or_else(|| self.field_problem("a segment beyond its end", field))?;
             // Samples lie pixel by pixel, the low byte of one first.
             let (sample, byte) = (segment / size, size - 1 - segment % size);
             let mut slots = frame.iter_mut().skip(sample * size + byte).step_by(segments);
             let mut packed = packed.iter().copied();
             let mut remaining_pixels = pixels;
             while remaining_pixels > 0 {
-                let count = packed.next().ok_or_else(|| problem("a segment ends early"))?.cast_signed();
+                let count = packed
+                    .next()
+                    .ok_or_else(|| self.field_problem("a segment ends early", field))?
+                    .cast_signed();
                 let run = 1 + usize::from(count.unsigned_abs());
                 let mut put = |value: Option<u8>| -> Result<(), ImagingError> {
-                    let value = value.ok_or_else(|| problem("a segment ends early"))?;
+                    let value = value.ok_or_else(|| self.field_problem("a segment ends early", field))?;
                     if let Some(slot) = slots.next() {
                         *slot = value;
                     }
@@ -336,6 +341,10 @@ impl Pixels {
             }
         }
         Ok(frame)
+    }
+
+    fn field_problem(&self, problem: &str, field: &str) -> ImagingError {
+        ImagingError::invalid(&self.path, field, problem.to_owned(), "a whole frame of run lengths")
     }
 }
 
@@ -401,12 +410,10 @@ impl FrameReader for Pixels {
 
 /// The next item of a sequence of fragments; none at its end.
 fn fragment(path: &Path, bytes: &mut impl Read, field: &str) -> Result<Option<Vec<u8>>, ImagingError> {
-    let problem =
-        |problem: String| ImagingError::invalid(path, field, problem, "fragments of compressed frames");
     let mut header = [0u8; 8];
-    bytes.read_exact(&mut header).map_err(|cause| problem(cause.to_string()))?;
+    bytes.read_exact(&mut header).map_err(|cause| fragment_problem(cause.to_string(), field, path))?;
     let [group, 0xFF, kind, 0xE0, a, b, c, d] = header else {
-        return Err(problem("no item".to_owned()));
+        return Err(fragment_problem("no item".to_owned(), field, path));
     };
     let length = u32::from_le_bytes([a, b, c, d]);
     match (group, kind) {
@@ -415,11 +422,15 @@ fn fragment(path: &Path, bytes: &mut impl Read, field: &str) -> Result<Option<Ve
             let mut fragment = Vec::new();
             bytes.take(length.into()).read_to_end(&mut fragment).map_err(ImagingError::io(path))?;
             if fragment.len() as u64 != u64::from(length) {
-                return Err(problem(format!("{} of {length} bytes", fragment.len())));
+                return Err(fragment_problem(format!("{} of {length} bytes", fragment.len()), field, path));
             }
             Ok(Some(fragment))
         }
-        (0xFE, 0x00) => Err(problem(format!("an item of {length} bytes"))),
-        _ => Err(problem("no item".to_owned())),
+        (0xFE, 0x00) => Err(fragment_problem(format!("an item of {length} bytes"), field, path)),
+        _ => Err(fragment_problem("no item".to_owned(), field, path)),
     }
+}
+
+fn fragment_problem(problem: String, field: &str, path: &Path) -> ImagingError {
+    ImagingError::invalid(path, field, problem, "fragments of compressed frames")
 }
