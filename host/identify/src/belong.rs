@@ -131,11 +131,7 @@ fn reason(misfits: &[Misfit], own: usize) -> Option<String> {
             none if none.is_empty() => (all().collect(), FAR_OF_ALL),
             of_depth => (of_depth, FAR),
         };
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied()
-    };
-    let usual_m = median(same_depth.iter().map(|misfit| misfit.shape_m).collect())?;
+    let usual_m = median_of(same_depth.iter().map(|misfit| misfit.shape_m).collect())?;
     if usual_m > 0.0 && shape_m > farthest * usual_m {
         return Some(format!(
             "its shape is {:.3} mm (RMS) off its own fit, {:.1} times as much as that of the other runs (rule: more than {farthest}); a \
@@ -144,11 +140,16 @@ fn reason(misfits: &[Misfit], own: usize) -> Option<String> {
             shape_m / usual_m
         ));
     }
-    let usual = median(same_depth.iter().filter_map(|misfit| misfit.sigmas).collect())?;
+    let usual = median_of(same_depth.iter().filter_map(|misfit| misfit.sigmas).collect())?;
     sigmas.filter(|sigmas| *sigmas > farthest && *sigmas > farthest * usual).map(|sigmas| {
         format!(
             "its residuals are {sigmas:.1} times the stated noise, those of the other runs {usual:.1} times (rule: more than {farthest} and \
              {farthest} times as much); a sign, a unit or the depth may be wrong"
         )
     })
+}
+
+fn median_of(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
 }

@@ -33,32 +33,28 @@ impl Stated<'_> {
             Some(Err(why)) => (None, why),
             None => (None, "without model error".to_owned()),
         };
-        let alone = || {
-            let mut random = Random::new(options.seed, ALONE);
-            (0..options.count()).map(|_| random.normal()).collect::<Vec<f64>>()
-        };
         let (k_draws, of_youngs, mut draws) = match fits {
             Some((springs, Some(body))) if !is_springs => (springs.standard_ln, body.standard_ln, body.draws),
             Some((ModulusDraws { standard_ln, draws }, _)) => (standard_ln.clone(), standard_ln, draws),
             None => {
                 let mut draws = Draws::new(options, "guide identify");
                 draws.attribute("readings", format!("not predicted: {why}"));
-                (alone(), alone(), draws)
+                (standard_draws(options), standard_draws(options), draws)
             }
         };
-        let drawn = |value: f64, ci95: [f64; 2], standard: &[f64]| -> Vec<f64> {
-            standard.iter().map(|standard| two_piece(value, ci95, *standard, NORMAL_975)).collect()
-        };
-        let k = drawn(self.pooled.k_kpa, self.pooled.ci95_kpa, &k_draws);
+        let k = two_piece_draws(self.pooled.k_kpa, self.pooled.ci95_kpa, &k_draws);
         draws.scalar(Group::Posterior, "k_kpa", k);
         if let (Some(value), Some(ci95)) = (self.youngs.value, self.youngs.ci95) {
-            draws.scalar(Group::Posterior, "youngs_modulus_kpa", drawn(value, ci95, &of_youngs));
+            draws.scalar(Group::Posterior, "youngs_modulus_kpa", two_piece_draws(value, ci95, &of_youngs));
         }
-        let of_run = |run: &RunResult| {
-            let likelihood = &run.methods.likelihood;
-            Some((run.id.clone(), likelihood.k_kpa?, likelihood.ci95_kpa?))
-        };
-        let runs: Vec<(String, f64, [f64; 2])> = self.runs.iter().filter_map(of_run).collect();
+        let runs: Vec<(String, f64, [f64; 2])> = self
+            .runs
+            .iter()
+            .filter_map(|run| {
+                let likelihood = &run.methods.likelihood;
+                Some((run.id.clone(), likelihood.k_kpa?, likelihood.ci95_kpa?))
+            })
+            .collect();
         let mut random = Random::new(options.seed, RUNS);
         let rows = (0..options.count())
             .map(|_| {
@@ -71,4 +67,14 @@ impl Stated<'_> {
         draws.list(Group::Posterior, "k_of_run_kpa", "run", rows);
         draws
     }
+}
+
+fn two_piece_draws(value: f64, ci95: [f64; 2], standard: &[f64]) -> Vec<f64> {
+    standard.iter().map(|standard| two_piece(value, ci95, *standard, NORMAL_975)).collect()
+}
+
+/// Standard normal numbers of one method, which no other method shares.
+fn standard_draws(options: DrawOptions) -> Vec<f64> {
+    let mut random = Random::new(options.seed, ALONE);
+    (0..options.count()).map(|_| random.normal()).collect::<Vec<f64>>()
 }

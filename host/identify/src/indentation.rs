@@ -112,20 +112,24 @@ fn interval_kpa(indentations: &[IndentationResult]) -> Option<[f64; 2]> {
             let quantile =
                 StudentsT::new(0.0, 1.0, count as f64 - 1.0).map_or(1.96, |t| t.inverse_cdf(0.975));
             let half = quantile * sd / (count as f64).sqrt();
-            // If one curve does not determine its contact point and offset, others that were recorded alike do not
-            // either.
-            let own = |end: usize| {
-                let distances = indentations.iter().filter_map(|one| {
-                    one.ci95_kpa.map(|ends| 1e3 * (ends[end] - one.youngs_modulus_kpa).abs())
-                });
-                let all_distances: Vec<f64> = distances.collect();
-                all_distances.iter().sum::<f64>() / all_distances.len().max(1) as f64
-            };
-            Some([1e-3 * (mean - half.hypot(own(0))), 1e-3 * (mean + half.hypot(own(1)))])
+            Some([
+                1e-3 * (mean - half.hypot(mean_half_width(0, indentations))),
+                1e-3 * (mean + half.hypot(mean_half_width(1, indentations))),
+            ])
         }
         (None, [one]) => one.ci95_kpa,
         (None, _) => None,
     }
+}
+
+/// If one curve does not determine its contact point and offset, others that were recorded alike do not
+/// either.
+fn mean_half_width(end: usize, indentations: &[IndentationResult]) -> f64 {
+    let distances = indentations
+        .iter()
+        .filter_map(|one| one.ci95_kpa.map(|ends| 1e3 * (ends[end] - one.youngs_modulus_kpa).abs()));
+    let all_distances: Vec<f64> = distances.collect();
+    all_distances.iter().sum::<f64>() / all_distances.len().max(1) as f64
 }
 
 /// Mean and standard deviation of the runs of every depth, tested against the indentations: Paper A (Lehmann et al.), Table I.
@@ -147,8 +151,6 @@ fn depths(
         .into_iter()
         .map(|(depth_mm, k_pa)| {
             let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| of_run(1e-3 * depth_mm, *k_pa)).collect();
-            let mean_kpa = |values: &[f64]| 1e-3 * values.iter().sum::<f64>() / values.len() as f64;
-            let sd_kpa = |values: &[f64]| Sample::of(values).map(|sample| 1e-3 * sample.sd);
             DepthResult {
                 depth_mm,
                 runs: k_pa.len(),
@@ -161,6 +163,14 @@ fn depths(
             }
         })
         .collect()
+}
+
+fn sd_kpa(values: &[f64]) -> Option<f64> {
+    Sample::of(values).map(|sample| 1e-3 * sample.sd)
+}
+
+fn mean_kpa(values: &[f64]) -> f64 {
+    1e-3 * values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// One indentation, or why it gives nothing.
@@ -180,12 +190,11 @@ fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
         thickness_m: run.tissue_thickness_m,
     };
     let indentation_fit = indented(&contact, &run.depth_m, &run.force_n).map_err(|why| why.to_string())?;
-    let kpa = |pa: f64| 1e-3 * pa;
     Ok(IndentationResult {
         id: run.id.clone(),
         indenter: run.indenter.name(),
-        youngs_modulus_kpa: kpa(indentation_fit.youngs_pa),
-        ci95_kpa: indentation_fit.ci95_pa.map(|ends| ends.map(kpa)),
+        youngs_modulus_kpa: to_kpa(indentation_fit.youngs_pa),
+        ci95_kpa: indentation_fit.ci95_pa.map(|ends| ends.map(to_kpa)),
         force_offset_n: indentation_fit.offset_n,
         contact_mm: indentation_fit.contact_m.map(|m| 1e3 * m),
         contact_ci95_mm: indentation_fit.contact_ci95_m.map(|ends| ends.map(|m| 1e3 * m)),
@@ -196,6 +205,10 @@ fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
         samples: indentation_fit.rows,
         warnings: remarks(run, &indentation_fit),
     })
+}
+
+fn to_kpa(pa: f64) -> f64 {
+    1e-3 * pa
 }
 
 /// Warnings about one indentation.

@@ -189,7 +189,6 @@ impl Layers {
 
     fn with_discrepancy(found: &TwoLayers, support: Support, by_poisson: f64, chi_square_gain: f64) -> Self {
         let operator = if support.is_body() { VARIED_ERROR } else { 0.0 };
-        let sd_ln = |[low, high]: [f64; 2]| 0.5 * (high / low).ln() / NORMAL_975;
         let of = |modulus_pa: Interval| {
             let (value_kpa, ci95_kpa) =
                 (1e-3 * modulus_pa.0, widened(modulus_pa, operator.hypot(by_poisson)).map(|pa| 1e-3 * pa));
@@ -226,16 +225,6 @@ impl Layers {
         let variance = |i: usize, j: usize| fit.covariance.get((i, j)).copied().unwrap_or(f64::NAN);
         // ln K of the lower layer is ln K + ln ratio.
         let lower_variance = variance(0, 0) + 2.0 * variance(0, 1) / ratio + variance(1, 1) / ratio.powi(2);
-        let of = |ln_k: f64, variance: f64| {
-            let sd_ln = variance.sqrt();
-            let k_kpa = 1e-3 * ln_k.exp();
-            let end = |direction: f64| k_kpa * (direction * NORMAL_975 * sd_ln).exp();
-            Likelihood {
-                k_kpa: Some(k_kpa),
-                sd_kpa: Some(k_kpa * sd_ln),
-                ci95_kpa: Some([end(-1.0), end(1.0)]),
-            }
-        };
         let boundary_sd_mm = variance(2, 2).sqrt();
         let half_mm = NORMAL_975 * boundary_sd_mm;
         let lower_ln_k = ln_k + ratio.ln();
@@ -247,8 +236,8 @@ impl Layers {
             foundation: support.name(),
             k_ratio: ratio,
             k_ratio_ci95: [ratio * (-half_ratio).exp(), ratio * half_ratio.exp()],
-            upper: of(ln_k, variance(0, 0)),
-            lower: of(lower_ln_k, lower_variance),
+            upper: likelihood_of(ln_k, variance(0, 0)),
+            lower: likelihood_of(lower_ln_k, lower_variance),
             boundary_mm,
             boundary_sd_mm,
             boundary_ci95_mm: [boundary_mm - half_mm, boundary_mm + half_mm],
@@ -259,6 +248,18 @@ impl Layers {
             established: false,
         })
     }
+}
+
+/// Likelihood of a modulus from its logarithm, which is normal.
+fn likelihood_of(ln_k: f64, variance: f64) -> Likelihood {
+    let sd_ln = variance.sqrt();
+    let k_kpa = 1e-3 * ln_k.exp();
+    let end = |direction: f64| k_kpa * (direction * NORMAL_975 * sd_ln).exp();
+    Likelihood { k_kpa: Some(k_kpa), sd_kpa: Some(k_kpa * sd_ln), ci95_kpa: Some([end(-1.0), end(1.0)]) }
+}
+
+fn sd_ln([low, high]: [f64; 2]) -> f64 {
+    0.5 * (high / low).ln() / NORMAL_975
 }
 
 #[cfg(test)]

@@ -305,18 +305,24 @@ fn energy(session: &Session, prepared: &mut Prepared) -> (EnergyAsPrinted, Energ
     if weights <= 0.0 {
         return (EnergyAsPrinted::default(), Energy::default());
     }
-    let kpa = |sum_pa: f64| 1e-3 * sum_pa / weights;
     if corrected <= 0.0 {
         prepared.warnings.push("the energy balance gives no positive modulus".to_owned());
-        return (EnergyAsPrinted { k_kpa: (printed > 0.0).then(|| kpa(printed)) }, Energy::default());
+        return (
+            EnergyAsPrinted { k_kpa: (printed > 0.0).then(|| weighted_kpa(printed, weights)) },
+            Energy::default(),
+        );
     }
-    let (k_kpa, sd_kpa) = (kpa(corrected), kpa(variance.sqrt()));
+    let (k_kpa, sd_kpa) = (weighted_kpa(corrected, weights), weighted_kpa(variance.sqrt(), weights));
     let half_kpa = NORMAL_975 * sd_kpa;
     let ci95_kpa = Some([(k_kpa - half_kpa).max(0.0), k_kpa + half_kpa]);
     (
-        EnergyAsPrinted { k_kpa: Some(kpa(printed)) },
+        EnergyAsPrinted { k_kpa: Some(weighted_kpa(printed, weights)) },
         Energy { k_kpa: Some(k_kpa), sd_kpa: Some(sd_kpa), ci95_kpa },
     )
+}
+
+fn weighted_kpa(sum_pa: f64, weights: f64) -> f64 {
+    1e-3 * sum_pa / weights
 }
 
 #[cfg(test)]

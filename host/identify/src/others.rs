@@ -39,11 +39,16 @@ pub(super) fn others(session: &Session, options: &Options) -> (Vec<OtherResult>,
         .collect();
     let (mut results, mut warnings) = (Vec::new(), Vec::new());
     for (other, result) in options.others.iter().zip(other_fits) {
-        let ids = || other.effects.iter().map(|(effect, _)| effect.id()).collect::<Vec<_>>().join(", ");
         match result {
             Ok(result) => results.push(result),
-            Err(why) => warnings.push(format!("the model with {} is skipped: {why}", ids())),
+            Err(why) => {
+                warnings.push(format!("the model with {} is skipped: {why}", effect_ids(&other.effects)))
+            }
         }
     }
     (results, warnings)
+}
+
+fn effect_ids(effects: &[(&'static dyn mechanics::effects::Effect, Vec<f64>)]) -> String {
+    effects.iter().map(|(effect, _)| effect.id()).collect::<Vec<_>>().join(", ")
 }

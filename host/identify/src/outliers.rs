@@ -147,8 +147,7 @@ mod tests {
 
     #[test]
     fn single_points_far_off_are_taken_and_normal_noise_is_kept() {
-        let far = |at: usize| if [7, 40, 76].contains(&at) { 9.0 * SD_M } else { 0.0 };
-        let mut data = run(1, far);
+        let mut data = run(1, far_off_m);
         let original = data.clone();
         assert_eq!(taken(&mut data), 3);
         let kept_points: Vec<ShapeDatum> = data.levels.iter().flat_map(|level| level.shape.clone()).collect();
@@ -157,12 +156,16 @@ mod tests {
         let expected: Vec<ShapeDatum> = all_points
             .into_iter()
             .enumerate()
-            .filter(|(at, _)| far(*at) == 0.0)
+            .filter(|(at, _)| far_off_m(*at) == 0.0)
             .map(|(_, point)| point)
             .collect();
         assert_eq!(kept_points, expected);
         let of_noise: usize = (2..30).map(|seed| taken(&mut run(seed, |_| 0.0))).sum();
         assert!(of_noise <= 1, "{of_noise}");
+    }
+
+    fn far_off_m(at: usize) -> f64 {
+        if [7, 40, 76].contains(&at) { 9.0 * SD_M } else { 0.0 }
     }
 
     #[test]

@@ -75,13 +75,19 @@ fn profile(unknowns: &[Parameter], blocks: &[LateralData], best: &Fit) -> Option
     let centre = best.shared.first()?;
     let sd = best.covariance.get((0, 0))?.sqrt();
     let [low, high] = intervals::profile_interval(unknowns, blocks, best, NORMAL_975.powi(2)).ok()?;
-    let kpa = |ln_k: f64| 1e-3 * ln_k.exp();
-    let finite = |ln_k: f64| ln_k.is_finite().then(|| kpa(ln_k));
     let half = f64::from(PROFILE_POINTS / 2);
     let ln_k = (0..PROFILE_POINTS).map(|i| centre + PROFILE_REACH_SD * sd * (f64::from(i) / half - 1.0));
     let curve = ln_k.map(|ln_k| Ok((kpa(ln_k), intervals::profile(unknowns, blocks, best, ln_k)?)));
     let (k_kpa, delta_chi_square) = curve.collect::<Result<_, FitError>>().ok()?;
-    Some(Profile { ci95_kpa: [finite(low), finite(high)], k_kpa, delta_chi_square })
+    Some(Profile { ci95_kpa: [finite_kpa(low), finite_kpa(high)], k_kpa, delta_chi_square })
+}
+
+fn finite_kpa(ln_k: f64) -> Option<f64> {
+    ln_k.is_finite().then(|| kpa(ln_k))
+}
+
+fn kpa(ln_k: f64) -> f64 {
+    1e-3 * ln_k.exp()
 }
 
 fn bootstrap(
@@ -91,8 +97,15 @@ fn bootstrap(
     options: &Options,
 ) -> Option<Bootstrap> {
     let drawn = intervals::bootstrap(unknowns, blocks, best, options.bootstrap, options.seed);
-    let kpa = |share: f64| intervals::quantile(&drawn, share).map(|ln_k| 1e-3 * ln_k.exp());
-    Some(Bootstrap { ci95_kpa: [kpa(0.025)?, kpa(0.975)?], count: drawn.len(), seed: options.seed })
+    Some(Bootstrap {
+        ci95_kpa: [quantile_kpa(0.025, &drawn)?, quantile_kpa(0.975, &drawn)?],
+        count: drawn.len(),
+        seed: options.seed,
+    })
+}
+
+fn quantile_kpa(share: f64, drawn: &[f64]) -> Option<f64> {
+    intervals::quantile(drawn, share).map(|ln_k| 1e-3 * ln_k.exp())
 }
 
 /// K of each plane by itself, and their ratio; `None` where guide 2 was displaced in one plane only.

@@ -86,7 +86,6 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         balances.clear();
     }
     let holds = detected_holds.iter().map(|level| hold_result(level, &noise)).collect();
-    let source = |stated: Option<f64>| if stated.is_some() { "stated" } else { "estimated" };
     let stated = session.noise;
     let stated_m = stated_displacement_m(session, run);
     Ok(Prepared {
@@ -105,6 +104,10 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         known_noise: stated.force_n.is_some() && stated_m.is_some() && stated_shape_m.is_some(),
         warnings,
     })
+}
+
+fn source(stated: Option<f64>) -> &'static str {
+    if stated.is_some() { "stated" } else { "estimated" }
 }
 
 /// Stated standard deviation of a reading of the displacement: of the run's own rows, or of all runs.
@@ -173,11 +176,8 @@ fn check_levels(
 
 /// Readings that are excluded from the holds' means.
 fn spikes(used: &[&Hold]) -> Option<String> {
-    let of = |means: &dyn Fn(&Hold) -> [Option<Mean>; 2]| -> usize {
-        used.iter().flat_map(|level| means(level)).flatten().map(|mean| mean.spikes).sum()
-    };
-    let force = of(&|level| [Some(level.force_y_n), level.force_x_n]);
-    let displacement = of(&|level| [Some(level.displacement_y_m), level.displacement_x_m]);
+    let force = spike_count(&|level| [Some(level.force_y_n), level.force_x_n], used);
+    let displacement = spike_count(&|level| [Some(level.displacement_y_m), level.displacement_x_m], used);
     let channels = [(force, "force"), (displacement, "displacement")];
     let counts: Vec<String> = channels
         .iter()
@@ -190,6 +190,10 @@ fn spikes(used: &[&Hold]) -> Option<String> {
             counts.join(", ")
         )
     })
+}
+
+fn spike_count(means: &dyn Fn(&Hold) -> [Option<Mean>; 2], used: &[&Hold]) -> usize {
+    used.iter().flat_map(|level| means(level)).flatten().map(|mean| mean.spikes).sum()
 }
 
 /// The horizontal plane counts where it was moved in and its shape was measured.
@@ -211,16 +215,12 @@ fn shape_points(session: &Session, run: &LateralRun, level: &Hold) -> Vec<ShapeD
 /// A shape point, where it lies on the needle.
 fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<ShapeDatum> {
     let tip_m = session.rig.entry_m + run.depth_m;
-    let at = |values: &[f64]| values.get(index).copied();
-    let (z_m, y_m) = (at(&run.shape.z_m)?, at(&run.shape.y_m)?);
-    let x_m = run.shape.x_m.as_deref().and_then(at).unwrap_or(0.0);
+    let (z_m, y_m) = (value_at(&run.shape.z_m, index)?, value_at(&run.shape.y_m, index)?);
+    let x_m = run.shape.x_m.as_deref().and_then(|values| value_at(values, index)).unwrap_or(0.0);
     let on_needle = (0.0..=tip_m + BEYOND_TIP_M).contains(&z_m);
     let typical_m = run.shape.typical_sd_m();
-    let ratio = |sd_m: &Option<Vec<f64>>| {
-        let point_sd_m = sd_m.as_deref().and_then(at);
-        point_sd_m.zip(typical_m).map_or(1.0, |(point_sd_m, typical_m)| point_sd_m / typical_m)
-    };
-    let sd_ratio = [ratio(&run.shape.y_sd_m), ratio(&run.shape.x_sd_m)];
+    let sd_ratio =
+        [sd_ratio(&run.shape.y_sd_m, typical_m, index), sd_ratio(&run.shape.x_sd_m, typical_m, index)];
     on_needle.then_some(ShapeDatum {
         z_m: z_m.min(tip_m),
         deflection_m: [y_m, x_m],
@@ -229,6 +229,15 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
         z_shared_sd_m: run.shape.shared_sd_m(index),
         shared_m: run.shape.shared_errors_m(index),
     })
+}
+
+fn sd_ratio(sd_m: &Option<Vec<f64>>, typical_m: Option<f64>, index: usize) -> f64 {
+    let point_sd_m = sd_m.as_deref().and_then(|values| value_at(values, index));
+    point_sd_m.zip(typical_m).map_or(1.0, |(point_sd_m, typical_m)| point_sd_m / typical_m)
+}
+
+fn value_at(values: &[f64], index: usize) -> Option<f64> {
+    values.get(index).copied()
 }
 
 /// The run's course, for effects that depend on it: rows closer than [`COURSE_STEP_S`] are thinned, since nothing that is modelled
@@ -242,17 +251,13 @@ fn course(session: &Session, run: &LateralRun, used: &[&Hold]) -> DisplacementHi
             last_s = *time_s;
         }
     }
-    let thinned = |column: &[f64]| -> Vec<f64> {
-        kept_rows.iter().filter_map(|row| column.get(*row)).copied().collect()
-    };
-    let time_s = thinned(&run.force.time_s);
-    let measured_s = |level: &Hold, index: usize| {
-        let point_time_s = run.shape.time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
-        point_time_s.map_or(0.5 * (level.time_s[0] + level.time_s[1]), |stamp_s| level.observed_s(stamp_s))
-    };
-    let displacement_x_m =
-        run.force.displacement_x_m.as_deref().map_or_else(|| vec![0.0; time_s.len()], thinned);
-    let displacement_m = [thinned(&run.force.displacement_y_m), displacement_x_m];
+    let time_s = thinned(&run.force.time_s, &kept_rows);
+    let displacement_x_m = run
+        .force
+        .displacement_x_m
+        .as_deref()
+        .map_or_else(|| vec![0.0; time_s.len()], |column| thinned(column, &kept_rows));
+    let displacement_m = [thinned(&run.force.displacement_y_m, &kept_rows), displacement_x_m];
     let holds: Vec<Range<usize>> = used
         .iter()
         .map(|level| {
@@ -268,11 +273,20 @@ fn course(session: &Session, run: &LateralRun, used: &[&Hold]) -> DisplacementHi
             .iter()
             .flat_map(|level| -> Vec<f64> {
                 let indices = level.shape.iter().filter(|index| shape_point(session, run, **index).is_some());
-                indices.map(|index| measured_s(level, *index)).collect()
+                indices.map(|index| measured_s(level, *index, &run.shape.time_s)).collect()
             })
             .collect(),
         time_s,
     }
+}
+
+fn measured_s(level: &Hold, index: usize, time_s: &Option<Vec<f64>>) -> f64 {
+    let point_time_s = time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
+    point_time_s.map_or(0.5 * (level.time_s[0] + level.time_s[1]), |stamp_s| level.observed_s(stamp_s))
+}
+
+fn thinned(column: &[f64], kept_rows: &[usize]) -> Vec<f64> {
+    kept_rows.iter().filter_map(|row| column.get(*row)).copied().collect()
 }
 
 /// Standard deviations of single readings, and how they become those of a level's mean.
@@ -285,17 +299,9 @@ struct Deviations {
 
 impl Deviations {
     fn of(session: &Session, run: &LateralRun, used: &[&Hold]) -> Self {
-        let pooled = |means: &dyn Fn(&Hold) -> [Option<Mean>; 2]| {
-            let scatter =
-                used.iter().flat_map(|level| means(level)).flatten().filter(|mean| mean.samples > 1);
-            let (sum, count) = scatter.fold((0.0, 0.0), |(sum, count), mean| {
-                let freedom = mean.samples as f64 - 1.0;
-                (sum + freedom * mean.scatter.powi(2), count + freedom)
-            });
-            if count > 0.0 { (sum / count).sqrt() } else { 0.0 }
-        };
-        let force = pooled(&|level| [Some(level.force_y_n), level.force_x_n]);
-        let displacement = pooled(&|level| [Some(level.displacement_y_m), level.displacement_x_m]);
+        let force = pooled_scatter(&|level| [Some(level.force_y_n), level.force_x_n], used);
+        let displacement =
+            pooled_scatter(&|level| [Some(level.displacement_y_m), level.displacement_x_m], used);
         let (force_n, force_systematic_n) = scatter_and_systematic(
             force,
             session.noise.force_n,
@@ -334,6 +340,15 @@ impl Deviations {
     }
 }
 
+fn pooled_scatter(means: &dyn Fn(&Hold) -> [Option<Mean>; 2], used: &[&Hold]) -> f64 {
+    let scatter = used.iter().flat_map(|level| means(level)).flatten().filter(|mean| mean.samples > 1);
+    let (sum, count) = scatter.fold((0.0, 0.0), |(sum, count), mean| {
+        let freedom = mean.samples as f64 - 1.0;
+        (sum + freedom * mean.scatter.powi(2), count + freedom)
+    });
+    if count > 0.0 { (sum / count).sqrt() } else { 0.0 }
+}
+
 /// Standard deviation of rounding, where the values look rounded: few distinct ones. Rounded values that toggle average
 /// out, so this is for values that do not.
 fn rounding_sd(values: &[f64]) -> f64 {
@@ -359,43 +374,58 @@ fn balances(
     let (zeros, displaced): (Vec<&Hold>, Vec<&Hold>) =
         used.iter().partition(|level| level.path == Path::Zero);
     let zeros: Vec<HoldData> = zeros.into_iter().map(data).collect();
-    let zero = |plane: usize, of: fn(&HoldData) -> &Vec<Measured>| {
-        let values: Vec<Measured> = zeros.iter().filter_map(|level| of(level).get(plane).copied()).collect();
-        let n = values.len().max(1) as f64;
-        let variance = values.iter().map(|v| v.sd.powi(2)).sum::<f64>() / (n * n);
-        Measured { value: values.iter().map(|v| v.value).sum::<f64>() / n, sd: variance.sqrt() }
-    };
-    let relative = |level: &HoldData, of: fn(&HoldData) -> &Vec<Measured>| -> Vec<Measured> {
-        let planes = of(level).iter().enumerate();
-        planes
-            .map(|(plane, measured)| {
-                let zero = zero(plane, of);
-                Measured { value: measured.value - zero.value, sd: measured.sd.hypot(zero.sd) }
-            })
-            .collect()
-    };
     let mut balances = Vec::new();
     for level in displaced.into_iter().map(data) {
-        let displacement_m = relative(&level, |level| &level.displacement_m);
-        let force_n = relative(&level, |level| &level.force_n);
+        let displacement_m = relative_to_zero(&level, |level| &level.displacement_m, &zeros);
+        let force_n = relative_to_zero(&level, |level| &level.force_n, &zeros);
         let distance_m = displacement_m.iter().map(|d| d.value.powi(2)).sum::<f64>().sqrt();
         if distance_m > 0.0 {
             let normalized: Vec<f64> = displacement_m.iter().map(|d| d.value / distance_m).collect();
-            let project = |measured: &[Measured]| Measured {
-                value: measured.iter().zip(&normalized).map(|(m, a)| m.value * a).sum(),
-                sd: measured.iter().zip(&normalized).map(|(m, a)| (m.sd * a).powi(2)).sum::<f64>().sqrt(),
-            };
-            let deflection =
-                |p: &ShapeDatum| p.deflection_m.iter().zip(&normalized).map(|(u, a)| u * a).sum();
             balances.push(Balance {
-                displacement_m: project(&displacement_m),
-                force_n: project(&force_n),
-                shape_m: level.shape.iter().map(|point| (point.z_m, deflection(point))).collect(),
+                displacement_m: projected(&displacement_m, &normalized),
+                force_n: projected(&force_n, &normalized),
+                shape_m: level
+                    .shape
+                    .iter()
+                    .map(|point| (point.z_m, projected_deflection(point, &normalized)))
+                    .collect(),
                 shape_sd_m: SHAPE_NOISE.mean(),
             });
         }
     }
     balances
+}
+
+fn projected_deflection(p: &ShapeDatum, normalized: &[f64]) -> f64 {
+    p.deflection_m.iter().zip(normalized).map(|(u, a)| u * a).sum()
+}
+
+fn projected(measured: &[Measured], normalized: &[f64]) -> Measured {
+    Measured {
+        value: measured.iter().zip(normalized).map(|(m, a)| m.value * a).sum(),
+        sd: measured.iter().zip(normalized).map(|(m, a)| (m.sd * a).powi(2)).sum::<f64>().sqrt(),
+    }
+}
+
+fn relative_to_zero(
+    level: &HoldData,
+    of: fn(&HoldData) -> &Vec<Measured>,
+    zeros: &[HoldData],
+) -> Vec<Measured> {
+    let planes = of(level).iter().enumerate();
+    planes
+        .map(|(plane, measured)| {
+            let zero = mean_zero(plane, of, zeros);
+            Measured { value: measured.value - zero.value, sd: measured.sd.hypot(zero.sd) }
+        })
+        .collect()
+}
+
+fn mean_zero(plane: usize, of: fn(&HoldData) -> &Vec<Measured>, zeros: &[HoldData]) -> Measured {
+    let values: Vec<Measured> = zeros.iter().filter_map(|level| of(level).get(plane).copied()).collect();
+    let n = values.len().max(1) as f64;
+    let variance = values.iter().map(|v| v.sd.powi(2)).sum::<f64>() / (n * n);
+    Measured { value: values.iter().map(|v| v.value).sum::<f64>() / n, sd: variance.sqrt() }
 }
 
 /// At the largest displacement the guide must push, not be pulled.

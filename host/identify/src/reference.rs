@@ -140,8 +140,10 @@ impl<'s> Youngs<'s> {
 
     /// Young's modulus of a K at a depth by the relation in use.
     pub fn of_modulus(&self, depth_m: f64, k_pa: f64) -> Option<f64> {
-        let far = |depth: &&Depth| (depth.depth_m - depth_m).abs();
-        let depth = self.depths.iter().min_by(|a, b| far(a).total_cmp(&far(b)))?;
+        let depth = self
+            .depths
+            .iter()
+            .min_by(|a, b| depth_distance_m(a, depth_m).total_cmp(&depth_distance_m(b, depth_m)))?;
         self.by(self.relation, depth, k_pa)
     }
 
@@ -187,7 +189,6 @@ impl<'s> Youngs<'s> {
             self.relation = YoungsMethod::Published(Relation::Vesic);
             self.depths.iter_mut().for_each(|depth| depth.body = None);
         }
-        let kpa = |ln_pa: f64| 1e-3 * ln_pa.exp();
         let relations: Vec<RelationResult> = YoungsMethod::ALL
             .into_iter()
             .filter_map(|relation| {
@@ -233,21 +234,25 @@ impl<'s> Youngs<'s> {
     }
 }
 
+fn kpa(ln_pa: f64) -> f64 {
+    1e-3 * ln_pa.exp()
+}
+
+fn depth_distance_m(depth: &&Depth, depth_m: f64) -> f64 {
+    (depth.depth_m - depth_m).abs()
+}
+
 /// Weighted mean of the depths' values and the probability of their differences, where the relation of each has this error (95 %); a
 /// single depth is what it is.
 fn combined(depths: &[LnYoungs], error: f64) -> Option<(LnYoungs, f64)> {
-    let weight = |of: &LnYoungs| (0.5 * (of.below + of.above)).hypot(error).powi(-2);
-    let total: f64 = depths.iter().map(weight).sum();
+    let total: f64 = depths.iter().map(|of| weight(of, error)).sum();
     match depths {
         [] => None,
         [one] => Some((*one, 1.0)),
         _ if total.is_finite() && total > 0.0 => {
-            let mean = depths.iter().map(|of| weight(of) * of.value).sum::<f64>() / total;
-            let square = |end: fn(&LnYoungs) -> f64| {
-                depths.iter().map(|of| (weight(of) / total * end(of)).powi(2)).sum::<f64>().sqrt()
-            };
+            let mean = depths.iter().map(|of| weight(of, error) * of.value).sum::<f64>() / total;
             let sds = NORMAL_975.powi(2);
-            let q: f64 = depths.iter().map(|of| sds * weight(of) * (of.value - mean).powi(2)).sum();
+            let q: f64 = depths.iter().map(|of| sds * weight(of, error) * (of.value - mean).powi(2)).sum();
             let freedom = depths.len() as f64 - 1.0;
             let p = ChiSquared::new(freedom).map_or(1.0, |chi| chi.sf(q));
             let widen = if p < IMPROBABLE {
@@ -255,11 +260,22 @@ fn combined(depths: &[LnYoungs], error: f64) -> Option<(LnYoungs, f64)> {
             } else {
                 1.0
             };
-            let (lower_error, upper_error) = (widen * square(|of| of.below), widen * square(|of| of.above));
+            let (lower_error, upper_error) = (
+                widen * combined_width(|of| of.below, total, depths, error),
+                widen * combined_width(|of| of.above, total, depths, error),
+            );
             Some((LnYoungs { value: mean, below: lower_error, above: upper_error }, p))
         }
         _ => None,
     }
+}
+
+fn combined_width(end: fn(&LnYoungs) -> f64, total: f64, depths: &[LnYoungs], error: f64) -> f64 {
+    depths.iter().map(|of| (weight(of, error) / total * end(of)).powi(2)).sum::<f64>().sqrt()
+}
+
+fn weight(of: &LnYoungs, error: f64) -> f64 {
+    (0.5 * (of.below + of.above)).hypot(error).powi(-2)
 }
 
 /// Young's modulus as it is reported: that of the body where springs and body were compared and the body is used, else K's

@@ -131,13 +131,16 @@ impl KPerEi {
     /// known.
     pub fn of(needle: &Needle, k_kpa: f64, ci95_kpa: [f64; 2]) -> Option<Self> {
         let reference_ei_n_m2 = needle.bending_stiffness_n_m2();
-        let per_m4 = |kpa: f64| 1e3 * kpa / reference_ei_n_m2;
         (!needle.stiffness_known).then(|| Self {
-            k_per_ei_per_m4: per_m4(k_kpa),
-            ci95_per_m4: ci95_kpa.map(per_m4),
+            k_per_ei_per_m4: modulus_per_ei(k_kpa, reference_ei_n_m2),
+            ci95_per_m4: ci95_kpa.map(|kpa| modulus_per_ei(kpa, reference_ei_n_m2)),
             reference_ei_n_m2,
         })
     }
+}
+
+fn modulus_per_ei(kpa: f64, reference_ei_n_m2: f64) -> f64 {
+    1e3 * kpa / reference_ei_n_m2
 }
 
 /// Profile likelihood of K: all other unknowns fitted again at every K.

@@ -63,7 +63,6 @@ fn nuisances_in_the_truth_are_covered_when_they_are_modelled() {
         let mut session = session(vec![recipe.run("a", &mut noise)]);
         session.noise = recipe.stated();
         let result = identify(&session, &modelled).expect("identifies").pooled;
-        let covers = |pooled: &Pooled| (pooled.ci95_kpa[0]..=pooled.ci95_kpa[1]).contains(&K_KPA);
         covered += usize::from(covers(&result));
         covered_plain += usize::from(covers(&identified(&session).pooled));
         let clamp = &result.nuisances[0];
@@ -77,6 +76,10 @@ fn nuisances_in_the_truth_are_covered_when_they_are_modelled() {
     assert!(covered_plain < 300, "{covered_plain} of {SESSIONS}");
     let (_, spread) = mean_and_sd(&clamp_pulls).expect("many");
     assert!((0.6..1.3).contains(&spread), "{spread}");
+}
+
+fn covers(pooled: &Pooled) -> bool {
+    (pooled.ci95_kpa[0]..=pooled.ci95_kpa[1]).contains(&K_KPA)
 }
 
 #[test]
@@ -217,12 +220,11 @@ fn standard_deviations_of_points_are_weights() {
     let clean = identified(&session).pooled;
     let mut noise = Noise::new(32);
     let shape = &mut session.lateral[0].shape;
-    let bad = |i: usize| i.is_multiple_of(2);
-    for (i, y_m) in shape.y_m.iter_mut().enumerate().filter(|(i, _)| bad(*i)) {
+    for (i, y_m) in shape.y_m.iter_mut().enumerate().filter(|(i, _)| is_bad(*i)) {
         let _ = i;
         *y_m += 0.4e-3 * noise.normal();
     }
-    let sd_m = (0..shape.z_m.len()).map(|i| if bad(i) { 0.4e-3 } else { 0.02e-3 });
+    let sd_m = (0..shape.z_m.len()).map(|i| if is_bad(i) { 0.4e-3 } else { 0.02e-3 });
     shape.y_sd_m = Some(sd_m.collect());
     let weighted = identified(&session);
     assert!(weighted.pooled.sd_kpa < 1.7 * clean.sd_kpa, "{:?} beside {clean:?}", weighted.pooled);
@@ -235,4 +237,8 @@ fn standard_deviations_of_points_are_weights() {
     );
     session.lateral[0].shape.y_sd_m = None;
     assert!(identified(&session).warnings.iter().any(|w| w.contains("times the stated noise")));
+}
+
+fn is_bad(i: usize) -> bool {
+    i.is_multiple_of(2)
 }

@@ -89,49 +89,63 @@ fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
 #[test]
 fn one_modulus_that_cannot_decide_the_foundation_is_warned_of() {
     let options = Options { relation: YoungsMethod::Continuum(Contact::Bonded), ..Options::default() };
-    let warns = |model: ModelFile| {
-        let identification = identify(&on(model, &[20.0, 30.0, 40.0], 11), &options).expect("identifies");
-        let varied = identification.foundation.log_evidence_of_varied.expect("compared");
-        let warned = identification.warnings.iter().any(|what| what.contains("one modulus does not decide"));
-        assert_eq!(warned, varied >= 5.0, "{varied}");
-        warned
-    };
     let springs = ModelFile { modulus_pa: Some(16e3), ..ModelFile::default() };
-    assert!(!warns(springs.clone()));
-    assert!(!warns(body(0.5)));
+    assert!(!warns(springs.clone(), &options));
+    assert!(!warns(body(0.5), &options));
     let layers = mechanics::effects::effect("tissue.layers").expect("an effect");
     let (values, ci95) = (vec![2.5, 15.0], vec![None; 2]);
     let learned = LearnedEffect { effect: layers, values, ci95, log_evidence_gain: None };
-    assert!(warns(ModelFile { effects: vec![learned], ..springs }));
+    assert!(warns(ModelFile { effects: vec![learned], ..springs }, &options));
+}
+
+fn warns(model: ModelFile, options: &Options) -> bool {
+    let identification = identify(&on(model, &[20.0, 30.0, 40.0], 11), options).expect("identifies");
+    let varied = identification.foundation.log_evidence_of_varied.expect("compared");
+    let warned = identification.warnings.iter().any(|what| what.contains("one modulus does not decide"));
+    assert_eq!(warned, varied >= 5.0, "{varied}");
+    warned
 }
 
 #[test]
 fn what_the_session_states_is_used_and_options_go_before_it() {
     let mut session = on(body(0.45), &[30.0], 8);
-    let identified = |session: &Session, options: &Options| identify(session, options).expect("identifies");
     let options = Options {
         relation: YoungsMethod::Continuum(Contact::Bonded),
         model_error: false,
         ..Options::default()
     };
     session.tissue = Tissue { foundation: Some(FoundationKind::Body), poisson: Some(0.45), ..session.tissue };
-    let exact = identified(&session, &options);
+    let exact = identified_with(&session, &options);
     assert_eq!((exact.foundation.used, exact.foundation.by), ("body", "stated"));
     assert_eq!(exact.youngs_modulus_kpa.poisson, 0.45);
     assert!(holds_truth(&exact.youngs_modulus_kpa), "{:?}", exact.youngs_modulus_kpa);
     session.tissue.poisson_sd = Some(0.05);
-    let width = |found: &Identification| {
-        let [low, high] = found.youngs_modulus_kpa.ci95.expect("an interval");
-        high / low
-    };
-    let loose = identified(&session, &options);
-    assert!(width(&loose) > 1.01 * width(&exact), "{} {}", width(&loose), width(&exact));
-    let springs = identified(&session, &Options { poisson_sd: Some(0.0), ..options.clone() });
-    assert!((width(&springs) / width(&exact) - 1.0).abs() < 1e-9, "options go before the session");
-    let springs = identified(&session, &Options { foundation: Some(FoundationChoice::Springs), ..options });
+    let loose = identified_with(&session, &options);
+    assert!(
+        relative_width(&loose) > 1.01 * relative_width(&exact),
+        "{} {}",
+        relative_width(&loose),
+        relative_width(&exact)
+    );
+    let springs = identified_with(&session, &Options { poisson_sd: Some(0.0), ..options.clone() });
+    assert!(
+        (relative_width(&springs) / relative_width(&exact) - 1.0).abs() < 1e-9,
+        "options go before the session"
+    );
+    let springs =
+        identified_with(&session, &Options { foundation: Some(FoundationChoice::Springs), ..options });
     assert_eq!((springs.foundation.used, springs.youngs_modulus_kpa.relation), ("springs", "continuum"));
     // Poisson's ratio is in the relation too.
-    assert!(width(&springs) > 1.04, "{}", width(&springs));
+    assert!(relative_width(&springs) > 1.04, "{}", relative_width(&springs));
+}
+
+fn relative_width(found: &Identification) -> f64 {
+    let [low, high] = found.youngs_modulus_kpa.ci95.expect("an interval");
+    high / low
+}
+
+fn identified_with(session: &Session, options: &Options) -> Identification {
+    identify(session, options).expect("identifies")
 }
 
 /// A gel in a box of 60 mm: E is right where the box is stated, off by tens of per cent where no wall is said to be near, and in the
@@ -155,9 +169,8 @@ fn a_box_around_the_gel_is_in_e_and_not_in_k() {
         let session = Session { tissue: Tissue { walls, ..Tissue::default() }, ..session.clone() };
         identify(&session, &options).expect("identifies")
     });
-    let youngs = |found: &Identification| found.youngs_modulus_kpa.value.expect("E");
     assert!(holds_truth(&stated.youngs_modulus_kpa), "{:?}", stated.youngs_modulus_kpa);
-    assert!(youngs(&far_walls) > 1.15 * YOUNGS_KPA, "{}", youngs(&far_walls));
+    assert!(youngs_kpa(&far_walls) > 1.15 * YOUNGS_KPA, "{}", youngs_kpa(&far_walls));
     assert!(holds_truth(&unknown.youngs_modulus_kpa), "{:?}", unknown.youngs_modulus_kpa);
     assert!(!holds_truth(&far_walls.youngs_modulus_kpa));
     assert_eq!(
@@ -177,4 +190,8 @@ fn a_box_around_the_gel_is_in_e_and_not_in_k() {
     };
     let by_relation = identify(&session, &options).expect("identifies").youngs_modulus_kpa;
     assert!(by_relation.relation == "continuum" && holds_truth(&by_relation), "{by_relation:?}");
+}
+
+fn youngs_kpa(found: &Identification) -> f64 {
+    found.youngs_modulus_kpa.value.expect("E")
 }

@@ -13,18 +13,19 @@ fn only_error(run: LateralRun) -> RunError {
 /// A shape in the wrong scale, and a force in the wrong scale: numbers come out, and warnings with them.
 #[test]
 fn what_does_not_fit_together_is_reported() {
-    let warned = |run: LateralRun, words: &str| {
-        let warnings = identified(&session(vec![run])).warnings;
-        assert!(warnings.iter().any(|warning| warning.contains(words)), "{words}: {warnings:?}");
-    };
     let mut small = Recipe::default().run("a", &mut Noise::new(2));
     small.shape.y_m.iter_mut().for_each(|y_m| *y_m *= 0.3);
-    warned(small, "off the fitted beam");
+    assert_warned(small, "off the fitted beam");
     let mut strong = Recipe { force_sd_n: 0.005, ..Recipe::default() }.run("a", &mut Noise::new(2));
     strong.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= 1.5);
-    warned(strong, "force and shape disagree");
+    assert_warned(strong, "force and shape disagree");
     let sound = identified(&session(vec![Recipe::default().run("a", &mut Noise::new(2))])).warnings;
     assert!(!sound.iter().any(|w| w.contains("disagree") || w.contains("off the fitted")), "{sound:?}");
+}
+
+fn assert_warned(run: LateralRun, words: &str) {
+    let warnings = identified(&session(vec![run])).warnings;
+    assert!(warnings.iter().any(|warning| warning.contains(words)), "{words}: {warnings:?}");
 }
 
 #[test]
@@ -42,40 +43,43 @@ fn a_hold_with_lost_samples_is_not_used() {
 
 #[test]
 fn every_reason_why_a_run_cannot_be_identified_is_named() {
-    let make = |recipe: Recipe| recipe.run("a", &mut Noise::new(4));
-    let mut empty = make(Recipe::default());
+    let mut empty = made(Recipe::default());
     (empty.force, empty.shape) = Default::default();
     assert!(matches!(only_error(empty), RunError::NoHold { duration_s: 0.0, .. }));
 
-    let mut lossy = make(Recipe::default());
+    let mut lossy = made(Recipe::default());
     lossy.force.lost_before = Some(vec![1.0; lossy.force.time_s.len()]);
     assert!(matches!(only_error(lossy), RunError::AllLost { holds: 3, .. }));
 
-    let still = make(Recipe { levels_mm: vec![0.0], ..Recipe::default() });
+    let still = made(Recipe { levels_mm: vec![0.0], ..Recipe::default() });
     let why = only_error(still);
     assert!(matches!(why, RunError::NoDisplacement { .. }), "{why}");
 
-    let mut unmeasured = make(Recipe::default());
+    let mut unmeasured = made(Recipe::default());
     unmeasured.shape = ShapeSeries::default();
     assert!(matches!(only_error(unmeasured), RunError::TooFewPoints { found: 0, .. }));
 
-    let mut pulled = make(Recipe::default());
+    let mut pulled = made(Recipe::default());
     pulled.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= -1.0);
     assert!(matches!(only_error(pulled), RunError::ForceSign { .. }));
 
-    let mut mirrored = make(Recipe::default());
+    let mut mirrored = made(Recipe::default());
     mirrored.shape.y_m.iter_mut().for_each(|y_m| *y_m *= -1.0);
     let why = only_error(mirrored);
     assert!(matches!(why, RunError::ShapeSign { .. }) && why.to_string().contains("sign"), "{why}");
 
     // A hundredth of the needle's own stiffness: no tissue is soft enough.
-    let mut limp = make(Recipe { shape_sd_mm: 0.001, ..Recipe::default() });
+    let mut limp = made(Recipe { shape_sd_mm: 0.001, ..Recipe::default() });
     limp.shape.y_m.iter_mut().zip(&limp.shape.z_m).for_each(|(y_m, z_m)| *y_m = (z_m - 0.04) * 0.1);
     limp.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= 1e-3);
     assert!(matches!(only_error(limp), RunError::AtBound { .. } | RunError::Fit { .. }));
 
     let empty_result = identify(&session(Vec::new()), &Options::default());
     assert!(matches!(empty_result, Err(IdentifyError::NoRuns { .. })));
+}
+
+fn made(recipe: Recipe) -> LateralRun {
+    recipe.run("a", &mut Noise::new(4))
 }
 
 #[test]

@@ -27,23 +27,6 @@ fn indentation_is_compared_by_welch() {
     let mut noise = Noise::new(6);
     let runs: Vec<_> = (0..3).map(|i| Recipe::default().run(&format!("r{i}"), &mut noise)).collect();
     let mut session = session(runs);
-    let punch = |id: &str, modulus_pa: f64| {
-        let depth_m = vec![1e-3, 2e-3, 3e-3];
-        let unit_n = 1.0 / punch_modulus_pa(2.1e-3, 0.5, 1.0, 1.0);
-        let force_n = depth_m.iter().map(|depth_m| modulus_pa * unit_n * depth_m).collect();
-        let (id, path) = (id.to_owned(), "ref.csv".into());
-        IndentationRun {
-            id,
-            path,
-            indenter: Default::default(),
-            half_angle_rad: None,
-            indenter_radius_m: 2.1e-3,
-            tissue_thickness_m: None,
-            poisson: 0.5,
-            depth_m,
-            force_n,
-        }
-    };
     session.indentation = vec![punch("1", 15e3), punch("2", 17e3), punch("3", 18e3)];
     let result = identified(&session);
     let reference = result.reference.expect("a reference");
@@ -65,6 +48,24 @@ fn indentation_is_compared_by_welch() {
     assert!(result.youngs_modulus_kpa.value.expect("E") > 2.5 * K_KPA);
 }
 
+fn punch(id: &str, modulus_pa: f64) -> IndentationRun {
+    let depth_m = vec![1e-3, 2e-3, 3e-3];
+    let unit_n = 1.0 / punch_modulus_pa(2.1e-3, 0.5, 1.0, 1.0);
+    let force_n = depth_m.iter().map(|depth_m| modulus_pa * unit_n * depth_m).collect();
+    let (id, path) = (id.to_owned(), "ref.csv".into());
+    IndentationRun {
+        id,
+        path,
+        indenter: Default::default(),
+        half_angle_rad: None,
+        indenter_radius_m: 2.1e-3,
+        tissue_thickness_m: None,
+        poisson: 0.5,
+        depth_m,
+        force_n,
+    }
+}
+
 #[test]
 fn two_layers_are_found_from_runs_at_four_depths() {
     const SESSIONS: usize = 30;
@@ -73,12 +74,7 @@ fn two_layers_are_found_from_runs_at_four_depths() {
     let options = Options { layers: true, model_error: false, ..Options::default() };
     let mut covered = [0; 4];
     for _ in 0..SESSIONS {
-        let run = |depth_mm: f64, noise: &mut Noise| {
-            let recipe =
-                Recipe { depth_mm, k_kpa: 8.0, second_layer: Some((18.0, 24.0)), ..Recipe::default() };
-            recipe.run(&format!("d{depth_mm}"), noise)
-        };
-        let runs = [10.0, 20.0, 30.0, 40.0].map(|depth_mm| run(depth_mm, &mut noise)).to_vec();
+        let runs = [10.0, 20.0, 30.0, 40.0].map(|depth_mm| two_layer_run(depth_mm, &mut noise)).to_vec();
         let layers = identify(&session(runs), &options).expect("identifies").layers.expect("two layers");
         assert!(layers.chi_square_gain > 30.0, "{layers:?}");
         let intervals = [
@@ -100,27 +96,18 @@ fn two_layers_are_found_from_runs_at_four_depths() {
     assert!(result.layers.is_none() && result.warnings.iter().any(|warning| warning.contains("two layers")));
 }
 
+fn two_layer_run(depth_mm: f64, noise: &mut Noise) -> LateralRun {
+    let recipe = Recipe { depth_mm, k_kpa: 8.0, second_layer: Some((18.0, 24.0)), ..Recipe::default() };
+    recipe.run(&format!("d{depth_mm}"), noise)
+}
+
 /// If imperfections are allowed for, intervals are wider than those of noise and hold the truth; in tissue of one layer
 /// the evidence is against a second.
 #[test]
 fn model_error_is_in_the_intervals_of_layers() {
     let mut noise = Noise::new(62);
-    let mut runs = |second_layer: Option<(f64, f64)>| {
-        session(
-            [10.0, 20.0, 40.0]
-                .map(|depth_mm| {
-                    let recipe = Recipe { depth_mm, k_kpa: 8.0, second_layer, ..Recipe::default() };
-                    recipe.run(&format!("d{depth_mm}"), &mut noise)
-                })
-                .to_vec(),
-        )
-    };
-    let layered = runs(Some((18.0, 24.0)));
-    let found = |session: &Session, model_error: bool| {
-        let options = Options { layers: true, model_error, ..Options::default() };
-        identify(session, &options).expect("identifies")
-    };
-    let [by_noise, by_evidence] = [false, true].map(|model_error| found(&layered, model_error));
+    let layered = runs_at_three_depths(Some((18.0, 24.0)), &mut noise);
+    let [by_noise, by_evidence] = [false, true].map(|model_error| identified_layers(&layered, model_error));
     // A single Young's modulus is no result where two layers are established, and springs or body is what the layers are.
     let (youngs, foundation) = (&by_evidence.youngs_modulus_kpa, &by_evidence.foundation);
     assert_eq!((foundation.used, foundation.by), ("springs", "layers"));
@@ -139,13 +126,29 @@ fn model_error_is_in_the_intervals_of_layers() {
         let [[low, high], [least, most]] = of;
         assert!(most / least > high / low && (least..=most).contains(&truth), "{of:?} {truth}");
     }
-    let uniform = found(&runs(None), true);
+    let uniform = identified_layers(&runs_at_three_depths(None, &mut noise), true);
     assert!(uniform.youngs_modulus_kpa.value.is_some() && uniform.foundation.by == "evidence");
     assert!(
         uniform
             .layers
             .is_none_or(|found| { !found.established && found.log_evidence_gain.expect("compared") < 2.0 })
     );
+}
+
+fn identified_layers(session: &Session, model_error: bool) -> Identification {
+    let options = Options { layers: true, model_error, ..Options::default() };
+    identify(session, &options).expect("identifies")
+}
+
+fn runs_at_three_depths(second_layer: Option<(f64, f64)>, noise: &mut Noise) -> Session {
+    session(
+        [10.0, 20.0, 40.0]
+            .map(|depth_mm| {
+                let recipe = Recipe { depth_mm, k_kpa: 8.0, second_layer, ..Recipe::default() };
+                recipe.run(&format!("d{depth_mm}"), noise)
+            })
+            .to_vec(),
+    )
 }
 
 #[test]
@@ -160,12 +163,18 @@ fn youngs_modulus_by_the_continuum_lies_between_the_published_ones() {
     let [low, high] = youngs.ci95.expect("an interval");
     let [k_low, k_high] = result.pooled.ci95_kpa;
     assert!(high / low > k_high / k_low && high / low > 1.039, "the relation's own uncertainty is in it");
-    let by = |name: &str| {
-        let continuum = youngs.relations.iter().find(|relation| relation.relation == name);
-        continuum.expect("the relation").youngs_modulus_kpa
-    };
-    assert!((1.4..1.65).contains(&(by("continuum-one-sided") / by("continuum"))));
-    assert!(Some(by("rigid-cylinder")) < youngs.value && youngs.value < Some(by("vesic")));
+    assert!((1.4..1.65).contains(
+        &(youngs_by("continuum-one-sided", &youngs.relations) / youngs_by("continuum", &youngs.relations))
+    ));
+    assert!(
+        Some(youngs_by("rigid-cylinder", &youngs.relations)) < youngs.value
+            && youngs.value < Some(youngs_by("vesic", &youngs.relations))
+    );
+}
+
+fn youngs_by(name: &str, relations: &[RelationResult]) -> f64 {
+    let continuum = relations.iter().find(|relation| relation.relation == name);
+    continuum.expect("the relation").youngs_modulus_kpa
 }
 
 /// A bio-indenter: a sphere of half a millimetre, 14 um deep, in a session without anything else.
@@ -173,26 +182,9 @@ fn youngs_modulus_by_the_continuum_lies_between_the_published_ones() {
 fn indentations_alone_give_youngs_modulus_at_any_scale() {
     let (radius_m, youngs_pa) = (0.5e-3f64, 8e3);
     let mut noise = Noise::new(31);
-    let mut probe = |id: &str| {
-        let depth_m: Vec<f64> = (0..140).map(|i| 1e-7 * f64::from(i - 40)).chain([14e-6]).collect();
-        let force_n = |d: &f64| {
-            let force_n = 16.0 / 9.0 * youngs_pa * (radius_m * d.max(0.0).powi(3)).sqrt();
-            1e-5 + force_n + 2e-7 * noise.normal()
-        };
-        IndentationRun {
-            id: id.to_owned(),
-            path: format!("{id}.csv").into(),
-            indenter: Indenter::Sphere,
-            half_angle_rad: None,
-            indenter_radius_m: radius_m,
-            tissue_thickness_m: None,
-            poisson: 0.5,
-            force_n: depth_m.iter().map(force_n).collect(),
-            depth_m,
-        }
-    };
     let mut session = session(Vec::new());
-    session.indentation = vec![probe("1"), probe("2")];
+    session.indentation =
+        vec![probe("1", youngs_pa, radius_m, &mut noise), probe("2", youngs_pa, radius_m, &mut noise)];
     let youngs = indentations(&session).expect("a modulus");
     let [low, high] = youngs.ci95_kpa.expect("an interval");
     // Student's t of two values.
@@ -207,4 +199,23 @@ fn indentations_alone_give_youngs_modulus_at_any_scale() {
     assert!(why.contains("is this in metres?"), "{why}");
     session.indentation.clear();
     assert!(matches!(indentations(&session), Err(IdentifyError::NoRuns { .. })));
+}
+
+fn probe(id: &str, youngs_pa: f64, radius_m: f64, noise: &mut Noise) -> IndentationRun {
+    let depth_m: Vec<f64> = (0..140).map(|i| 1e-7 * f64::from(i - 40)).chain([14e-6]).collect();
+    let force_n = |d: &f64| {
+        let force_n = 16.0 / 9.0 * youngs_pa * (radius_m * d.max(0.0).powi(3)).sqrt();
+        1e-5 + force_n + 2e-7 * noise.normal()
+    };
+    IndentationRun {
+        id: id.to_owned(),
+        path: format!("{id}.csv").into(),
+        indenter: Indenter::Sphere,
+        half_angle_rad: None,
+        indenter_radius_m: radius_m,
+        tissue_thickness_m: None,
+        poisson: 0.5,
+        force_n: depth_m.iter().map(force_n).collect(),
+        depth_m,
+    }
 }
