@@ -137,16 +137,15 @@ mod tests {
     use super::*;
 
     fn sample() -> Vec<Entry> {
-        let entry = |name: &str, content: &[u8]| Entry {
-            name: name.to_owned(),
-            content: content.to_vec(),
-            is_program: name == "guide",
-        };
         vec![
             entry("README.txt", b"begin here\n"),
             entry("guide", &[0x7f, b'E', 0, 1]),
             entry("man/guide.1", b".TH"),
         ]
+    }
+
+    fn entry(name: &str, content: &[u8]) -> Entry {
+        Entry { name: name.to_owned(), content: content.to_vec(), is_program: name == "guide" }
     }
 
     #[test]
@@ -176,10 +175,13 @@ mod tests {
     #[test]
     fn the_bytes_depend_on_content_and_stated_time_only() {
         let time = OffsetDateTime::from_unix_timestamp(1_795_852_800).unwrap();
-        let archives = || (tar_gz("a", &sample(), time).unwrap(), zip("a", &sample(), time).unwrap());
-        assert_eq!(archives(), archives());
+        assert_eq!(archives(time), archives(time));
         let later = time + time::Duration::days(1);
-        assert_ne!(tar_gz("a", &sample(), later).unwrap(), archives().0);
+        assert_ne!(tar_gz("a", &sample(), later).unwrap(), archives(time).0);
+    }
+
+    fn archives(time: OffsetDateTime) -> (Vec<u8>, Vec<u8>) {
+        (tar_gz("a", &sample(), time).unwrap(), zip("a", &sample(), time).unwrap())
     }
 
     #[test]

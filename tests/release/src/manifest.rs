@@ -114,8 +114,6 @@ pub fn verify(folder: &Path) -> Result<Manifest> {
 /// In what two bundles differ: the files by name, those in archives too, and what is stated of the whole.
 pub fn differences(one: &Manifest, other: &Manifest) -> Vec<String> {
     let mut differing = Vec::new();
-    let stated =
-        |manifest: &Manifest| [&manifest.version, &manifest.commit, &manifest.date].map(String::clone);
     for (a, b) in stated(one).iter().zip(&stated(other)).filter(|(a, b)| a != b) {
         differing.push(format!("{MANIFEST}: {a} and {b}"));
     }
@@ -138,14 +136,25 @@ pub fn differences(one: &Manifest, other: &Manifest) -> Vec<String> {
     differing
 }
 
+fn stated(manifest: &Manifest) -> [String; 3] {
+    [&manifest.version, &manifest.commit, &manifest.date].map(String::clone)
+}
+
 fn union<'m, V>(one: &'m BTreeMap<String, V>, other: &'m BTreeMap<String, V>) -> BTreeSet<&'m String> {
     one.keys().chain(other.keys()).collect()
 }
 
 fn names(folder: &Path) -> Result<BTreeSet<String>> {
-    let cannot = || format!("{}: cannot read", folder.display());
-    let entries = fs::read_dir(folder).with_context(cannot)?;
-    entries.map(|entry| Ok(entry.with_context(cannot)?.file_name().to_string_lossy().into_owned())).collect()
+    let entries = fs::read_dir(folder).with_context(|| cannot_read(folder))?;
+    entries
+        .map(|entry| {
+            Ok(entry.with_context(|| cannot_read(folder))?.file_name().to_string_lossy().into_owned())
+        })
+        .collect()
+}
+
+fn cannot_read(folder: &Path) -> String {
+    format!("{}: cannot read", folder.display())
 }
 
 #[cfg(test)]
@@ -154,8 +163,7 @@ mod tests {
 
     fn bundle() -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
-        let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
-        write("a.html", "page");
+        write_file("a.html", "page", &folder);
         let file = File { is: "page".into(), bytes: 4, sha256: sha256(b"page"), holds: BTreeMap::new() };
         let manifest = Manifest {
             schema: SCHEMA.into(),
@@ -166,9 +174,13 @@ mod tests {
             files: [("a.html".to_owned(), file)].into_iter().collect(),
             packages: BTreeMap::new(),
         };
-        write(MANIFEST, &serde_json::to_string(&manifest).unwrap());
-        write(SUMS, &sums(folder.path()).unwrap());
+        write_file(MANIFEST, &serde_json::to_string(&manifest).unwrap(), &folder);
+        write_file(SUMS, &sums(folder.path()).unwrap(), &folder);
         folder
+    }
+
+    fn write_file(name: &str, text: &str, folder: &tempfile::TempDir) {
+        fs::write(folder.path().join(name), text).unwrap()
     }
 
     #[test]
@@ -194,17 +206,23 @@ mod tests {
 
     #[test]
     fn what_was_changed_added_or_lost_is_named() {
-        let fails = |change: &dyn Fn(&Path)| {
-            let folder = bundle();
-            change(folder.path());
-            verify(folder.path()).unwrap_err().to_string()
-        };
-        assert!(fails(&|at| fs::write(at.join("a.html"), "pagf").unwrap()).contains("checksum"));
-        assert!(fails(&|at| fs::write(at.join("a.html"), "pages").unwrap()).contains("5 bytes, expected 4"));
-        assert!(fails(&|at| fs::remove_file(at.join("a.html")).unwrap()).contains("in the manifest only"));
+        assert!(rejection(&|at| fs::write(at.join("a.html"), "pagf").unwrap()).contains("checksum"));
         assert!(
-            fails(&|at| fs::write(at.join("b.html"), "").unwrap()).contains("b.html: is not in the manifest")
+            rejection(&|at| fs::write(at.join("a.html"), "pages").unwrap()).contains("5 bytes, expected 4")
         );
-        assert!(fails(&|at| fs::write(at.join(SUMS), "").unwrap()).contains(SUMS));
+        assert!(
+            rejection(&|at| fs::remove_file(at.join("a.html")).unwrap()).contains("in the manifest only")
+        );
+        assert!(
+            rejection(&|at| fs::write(at.join("b.html"), "").unwrap())
+                .contains("b.html: is not in the manifest")
+        );
+        assert!(rejection(&|at| fs::write(at.join(SUMS), "").unwrap()).contains(SUMS));
+    }
+
+    fn rejection(change: &dyn Fn(&Path)) -> String {
+        let folder = bundle();
+        change(folder.path());
+        verify(folder.path()).unwrap_err().to_string()
     }
 }

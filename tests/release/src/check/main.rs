@@ -70,16 +70,18 @@ fn args() -> Result<Args> {
     let bundle = arguments.next().context("expected the folder of a bundle")?.into();
     let mut args = Args { bundle, wine: None, python: None, same_as: None };
     while let Some(option) = arguments.next() {
-        let mut value =
-            || arguments.next().map(PathBuf::from).with_context(|| format!("{}: no value", option.display()));
         match option.to_str() {
-            Some("--wine") => args.wine = Some(value()?),
-            Some("--python") => args.python = Some(value()?),
-            Some("--same-as") => args.same_as = Some(value()?),
+            Some("--wine") => args.wine = Some(value(&mut arguments, &option)?),
+            Some("--python") => args.python = Some(value(&mut arguments, &option)?),
+            Some("--same-as") => args.same_as = Some(value(&mut arguments, &option)?),
             _ => bail!("unknown option {}, expected --wine, --python or --same-as", option.display()),
         }
     }
     Ok(args)
+}
+
+fn value(arguments: &mut std::iter::Skip<std::env::ArgsOs>, option: &std::ffi::OsString) -> Result<PathBuf> {
+    arguments.next().map(PathBuf::from).with_context(|| format!("{}: no value", option.display()))
 }
 
 /// Prints in what two bundles differ.

@@ -55,11 +55,20 @@ impl Program {
 
     /// Standard output of a call that succeeds.
     pub fn call(&self, arguments: &[&str]) -> Result<String> {
-        let name = || format!("guide {} ({})", arguments.join(" "), self.system());
-        let output = self.command(arguments).output().with_context(name)?;
+        let output = self.command(arguments).output().with_context(|| self.call_name(arguments))?;
         let errors = String::from_utf8_lossy(&output.stderr);
-        ensure!(output.status.success(), "{}: {}: {}", name(), output.status, errors.trim());
-        String::from_utf8(output.stdout).with_context(name)
+        ensure!(
+            output.status.success(),
+            "{}: {}: {}",
+            self.call_name(arguments),
+            output.status,
+            errors.trim()
+        );
+        String::from_utf8(output.stdout).with_context(|| self.call_name(arguments))
+    }
+
+    fn call_name(&self, arguments: &[&str]) -> String {
+        format!("guide {} ({})", arguments.join(" "), self.system())
     }
 
     /// The message of a call that fails as commands do: with 1 and one line.

@@ -25,7 +25,6 @@ const CALIBRATION: &str = "calibration-nominal.toml";
 /// # Errors
 /// Where an image is none of a board, or something cannot be read or written.
 pub fn entries(folder: &Path, version: &str) -> Result<Vec<Entry>> {
-    let entry = |name: String, content: Vec<u8>| Entry { name, content, is_program: false };
     let mut entries = Vec::new();
     for elf in archive::entries(folder)? {
         let board =
@@ -42,6 +41,10 @@ pub fn entries(folder: &Path, version: &str) -> Result<Vec<Entry>> {
     entries.push(entry("FLASHING.txt".to_owned(), INSTRUCTIONS.replace("{version}", version).into_bytes()));
     entries.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(entries)
+}
+
+fn entry(name: String, content: Vec<u8>) -> Entry {
+    Entry { name, content, is_program: false }
 }
 
 /// Content of the flash from its first byte on.
@@ -83,22 +86,28 @@ mod tests {
     fn elf(address: u32, content: &[u8]) -> Vec<u8> {
         const HEADERS: u32 = 52 + 32;
         let mut file = vec![0x7f, b'E', b'L', b'F', 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
-        let half = |file: &mut Vec<u8>, number: u16| file.extend(number.to_le_bytes());
-        let word = |file: &mut Vec<u8>, number: u32| file.extend(number.to_le_bytes());
-        half(&mut file, 2);
-        half(&mut file, 40);
+        push_half(&mut file, 2);
+        push_half(&mut file, 40);
         for number in [1, address, 52, 0, 0] {
-            word(&mut file, number);
+            push_word(&mut file, number);
         }
         for number in [52, 32, 1, 40, 0, 0] {
-            half(&mut file, number);
+            push_half(&mut file, number);
         }
         let length = u32::try_from(content.len()).unwrap();
         for number in [PT_LOAD, HEADERS, address, address, length, length, 5, 1] {
-            word(&mut file, number);
+            push_word(&mut file, number);
         }
         file.extend(content);
         file
+    }
+
+    fn push_word(file: &mut Vec<u8>, number: u32) {
+        file.extend(number.to_le_bytes())
+    }
+
+    fn push_half(file: &mut Vec<u8>, number: u16) {
+        file.extend(number.to_le_bytes())
     }
 
     fn vectors(stack: u32, reset: u32) -> Vec<u8> {
@@ -136,10 +145,13 @@ mod tests {
         let entries = entries(folder.path(), "1.2.3").unwrap();
         let names: Vec<&str> = entries.iter().map(|entry| entry.name.as_str()).collect();
         assert_eq!(names, ["FLASHING.txt", "a.bin", "a.elf", CALIBRATION]);
-        let text = |number: usize| String::from_utf8(entries[number].content.clone()).unwrap();
-        assert!(text(0).contains("1.2.3") && !text(0).contains('{'));
+        assert!(text(0, &entries).contains("1.2.3") && !text(0, &entries).contains('{'));
         std::fs::write(folder.path().join(CALIBRATION), &entries[3].content).unwrap();
         let read = calibration_file::read(&folder.path().join(CALIBRATION)).unwrap();
         assert_eq!(read, Calibration::nominal_record());
+    }
+
+    fn text(number: usize, entries: &[Entry]) -> String {
+        String::from_utf8(entries[number].content.clone()).unwrap()
     }
 }

@@ -144,12 +144,13 @@ impl Bundle<'_> {
             files: self.files,
             packages,
         };
-        let write = |name: &str, text: String| {
-            fs::write(self.folder.join(name), text).with_context(|| format!("{name}: cannot write"))
-        };
-        write(MANIFEST, serde_json::to_string_pretty(&manifest)? + "\n")?;
-        write(SUMS, sums(&self.folder)?)
+        write(&self.folder, MANIFEST, serde_json::to_string_pretty(&manifest)? + "\n")?;
+        write(&self.folder, SUMS, sums(&self.folder)?)
     }
+}
+
+fn write(folder: &Path, name: &str, text: String) -> Result<()> {
+    fs::write(folder.join(name), text).with_context(|| format!("{name}: cannot write"))
 }
 
 /// Names of the folders in a folder, in order; none where there is none.
