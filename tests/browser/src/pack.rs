@@ -177,11 +177,7 @@ mod tests {
     fn the_page_is_whole_and_states_hashes_of_what_it_runs() {
         let example = BTreeMap::from([("session.toml".to_owned(), "[session]".to_owned())]);
         let page = page_of(b"engine", &example, "{}").expect("a page");
-        let between = |from: &str, to: &str| {
-            let (_, page_tail) = page.rsplit_once(from).expect("there");
-            page_tail.split_once(to).expect("there").0.to_owned()
-        };
-        assert!(page.contains(&hash(&between("<script>", "</script>"))));
+        assert!(page.contains(&hash(&between("<script>", "</script>", &page))));
         // The first one: a script writes another into pages that are saved.
         let style = page.split_once("<style>").and_then(|(_, rest)| rest.split_once("</style>"));
         assert!(page.contains(&hash(style.expect("there").0)));
@@ -190,6 +186,11 @@ mod tests {
             !page.contains("http://")
                 || page.matches("http://").all(|_| page.contains("http://www.w3.org/2000/svg"))
         );
+    }
+
+    fn between(from: &str, to: &str, page: &str) -> String {
+        let (_, page_tail) = page.rsplit_once(from).expect("there");
+        page_tail.split_once(to).expect("there").0.to_owned()
     }
 
     #[test]

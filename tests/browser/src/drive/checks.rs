@@ -212,26 +212,26 @@ impl<'a> Checks<'a> {
         let plain = self.number("document.querySelector('#diagnose-numbers').dataset.after")?;
         // Requests of the earlier view would count too.
         self.browser.wait_for("await Promise.all(state.results.values());", json!([]))?;
-        let switched = |effect: &str, shown: &str| -> Result<String> {
-            let engine_before_s = self.browser.engine_s();
-            self.browser.press(effect, " ")?;
-            self.browser
-                .until(&format!("document.querySelector('#diagnose-numbers').dataset.effects{shown}"))?;
-            let took_ms = self.number("document.querySelector('#diagnose-numbers').dataset.took")?;
-            let took_s = self.browser.engine_s() - engine_before_s;
-            Ok(format!("{took_ms:.0} ms (processor {:.0} ms)", 1e3 * took_s))
-        };
-        let first = switched("#effect-tissue\\.layers", " === 'tissue.layers'")?;
+        let first = self.switched("#effect-tissue\\.layers", " === 'tissue.layers'")?;
         let gap_after = self.number("document.querySelector('#diagnose-numbers').dataset.after")?;
         ensure!(gap_after < 0.5 * plain, "chi-square per reading {plain} before and {gap_after} after");
-        let second = switched("#effect-tissue\\.entry_gap", ".includes(',')")?;
-        let switched_back = switched("#effect-tissue\\.entry_gap", " === 'tissue.layers'")?;
+        let second = self.switched("#effect-tissue\\.entry_gap", ".includes(',')")?;
+        let switched_back = self.switched("#effect-tissue\\.entry_gap", " === 'tissue.layers'")?;
         Ok(format!(
             "K {k_kpa:.3} kPa {:.0} ms after the key (processor {:.0} ms); chi-square per reading {plain:.2} to {gap_after:.2}; fitted again \
              in {first}, with a second effect in {second}, without it again in {switched_back}",
             shown_ms - began_ms,
             1e3 * (shown_s - began_s)
         ))
+    }
+
+    fn switched(&self, effect: &str, shown: &str) -> Result<String> {
+        let engine_before_s = self.browser.engine_s();
+        self.browser.press(effect, " ")?;
+        self.browser.until(&format!("document.querySelector('#diagnose-numbers').dataset.effects{shown}"))?;
+        let took_ms = self.number("document.querySelector('#diagnose-numbers').dataset.took")?;
+        let took_s = self.browser.engine_s() - engine_before_s;
+        Ok(format!("{took_ms:.0} ms (processor {:.0} ms)", 1e3 * took_s))
     }
 
     fn predicts(&self) -> Result<String> {

@@ -106,16 +106,19 @@ impl Browser {
     pub fn until(&self, expression: &str) -> Result<()> {
         let start = Instant::now();
         while self.run(&format!("return Boolean({expression});"), json!([]))? != json!(true) {
-            let shown = || self.run("return document.body.innerText.slice(0, 600);", json!([]));
             ensure!(
                 start.elapsed() < TIMEOUT,
                 "{expression}: not within {} s; the page: {}",
                 TIMEOUT.as_secs(),
-                shown()?
+                self.shown_text()?
             );
             std::thread::sleep(POLL_INTERVAL);
         }
         Ok(())
+    }
+
+    fn shown_text(&self) -> Result<Value> {
+        self.run("return document.body.innerText.slice(0, 600);", json!([]))
     }
 
     /// Presses keys on the element of this selector.
@@ -257,23 +260,30 @@ impl Drop for Browser {
 
 /// Processor time of a thread that is a worker of a page, s.
 fn worker_s(thread: &Path) -> Option<f64> {
-    let read = |name: &str| std::fs::read_to_string(thread.join(name)).ok();
-    if !read("comm")?.starts_with(WORKER) {
+    if !thread_file("comm", thread)?.starts_with(WORKER) {
         return None;
     }
-    let on_processor_ns: f64 = read("schedstat")?.split_whitespace().next()?.parse().ok()?;
+    let on_processor_ns: f64 = thread_file("schedstat", thread)?.split_whitespace().next()?.parse().ok()?;
     Some(1e-9 * on_processor_ns)
+}
+
+fn thread_file(name: &str, thread: &Path) -> Option<String> {
+    std::fs::read_to_string(thread.join(name)).ok()
 }
 
 /// Number, parent's number and resident bytes of a process, from its status as Linux states it.
 fn process(status: &Path) -> Option<(u32, u32, u64)> {
     let text = std::fs::read_to_string(status).ok()?;
-    let field = |name: &str| {
-        let line = text.lines().find_map(|line| line.strip_prefix(name))?;
-        line.split_whitespace().next()?.parse::<u64>().ok()
-    };
-    let number = |name| field(name).and_then(|value| u32::try_from(value).ok());
-    Some((number("Pid:")?, number("PPid:")?, 1024 * field("VmRSS:")?))
+    Some((number("Pid:", &text)?, number("PPid:", &text)?, 1024 * field("VmRSS:", &text)?))
+}
+
+fn number(name: &str, text: &str) -> Option<u32> {
+    field(name, text).and_then(|value| u32::try_from(value).ok())
+}
+
+fn field(name: &str, text: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    line.split_whitespace().next()?.parse::<u64>().ok()
 }
 
 /// Bytes of base 64.

@@ -66,24 +66,15 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path, minutes: u64) -> Res
     let samples = counts["samples"].as_f64().context("no samples")?;
     let delays: Vec<u64> = serde_json::from_value(measured["delays"].clone())?;
     let total: u64 = delays.iter().sum();
-    let quantile = |share: f64| {
-        let wanted_count = share * total as f64;
-        let mut sum = 0;
-        delays.iter().position(|count| {
-            sum += count;
-            sum as f64 >= wanted_count
-        })
-    };
     let mut text = format!(
         "{samples} samples in {:.0} min ({:.0} a second), none lost; picture behind by",
         seconds / 60.0,
         samples / seconds
     );
     for (share, name) in [(0.5, "median"), (0.99, "99 %"), (1.0, "most")] {
-        write!(text, " {} ms ({name})", quantile(share).context("nothing was drawn")?)?;
+        write!(text, " {} ms ({name})", quantile(share, total, &delays).context("nothing was drawn")?)?;
     }
     if let (Some(first), Some(last)) = (settled, memory.last()) {
-        let megabytes = |bytes: u64| bytes as f64 / 1e6;
         write!(
             text,
             "; heap of the page {:.1} MB after {} s and {:.1} MB at the end, all processes of the browser {:.0} and {:.0} MB",
@@ -95,4 +86,17 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path, minutes: u64) -> Res
         )?;
     }
     Ok(text)
+}
+
+fn megabytes(bytes: u64) -> f64 {
+    bytes as f64 / 1e6
+}
+
+fn quantile(share: f64, total: u64, delays: &[u64]) -> Option<usize> {
+    let wanted_count = share * total as f64;
+    let mut sum = 0;
+    delays.iter().position(|count| {
+        sum += count;
+        sum as f64 >= wanted_count
+    })
 }

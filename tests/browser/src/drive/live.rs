@@ -29,16 +29,6 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path, is_pictured: bool) -
         ..Script::default()
     });
     let (_serving, address) = Serving::start(page, folder, &["--port", &device.port])?;
-    let count =
-        |wanted: fn(&Request) -> bool| device.executed().iter().filter(|request| wanted(request)).count();
-    let wait = |what: &str, wanted: &dyn Fn() -> bool| {
-        let began = Instant::now();
-        while !wanted() {
-            ensure!(began.elapsed() < HANGS, "{what}: not within {} s", HANGS.as_secs());
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        Ok(())
-    };
     browser.open(&format!("{address}#view=live"))?;
     browser.until("document.querySelector('#live-take') && live.last")?;
     ensure!(
@@ -48,7 +38,7 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path, is_pictured: bool) -
     browser.press("#live-take", ENTER)?;
     browser.until("!document.querySelector('fieldset').disabled")?;
     browser.press("fieldset button", ENTER)?;
-    wait("home", &|| count(|request| matches!(request, Request::Run { .. })) > 0)?;
+    wait("home", &|| count(|request| matches!(request, Request::Run { .. }), &device) > 0)?;
     browser.until(&format!("live.counts && live.counts.samples >= {SAMPLES}"))?;
     browser.until("live.points.length > 0 && document.querySelector('#main .plot .line')")?;
     let counts = browser.run("return JSON.stringify(live.counts);", json!([]))?;
@@ -58,7 +48,7 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path, is_pictured: bool) -
     {
         ensure!(counts[lost] == json!(expected), "{lost}: {counts}");
     }
-    let stops = || count(|request| *request == Request::Stop);
+    let stops = || count(|request| *request == Request::Stop, &device);
     let stops_before = stops();
     browser.press("#live-take", " ")?;
     wait("stop by the space bar", &|| stops() > stops_before)?;
@@ -105,4 +95,17 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path, is_pictured: bool) -
         "{} samples of {} frames decoded in the page, the lost frame of {LOST} samples counted; control, home and stop by keyboard; hidden, it gives up control; {accessible}",
         counts["samples"], counts["frames"]
     ))
+}
+
+fn wait(what: &str, wanted: &dyn Fn() -> bool) -> Result<()> {
+    let began = Instant::now();
+    while !wanted() {
+        ensure!(began.elapsed() < HANGS, "{what}: not within {} s", HANGS.as_secs());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    Ok(())
+}
+
+fn count(wanted: fn(&Request) -> bool, device: &FakeDevice) -> usize {
+    device.executed().iter().filter(|request| wanted(request)).count()
 }

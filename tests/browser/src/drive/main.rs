@@ -40,23 +40,22 @@ fn main() -> Result<ExitCode> {
     let mut arguments = std::env::args().skip(1);
     let (mut page, mut sessions, mut options) = (None, Vec::new(), Options::default());
     while let Some(argument) = arguments.next() {
-        let mut value = || arguments.next().with_context(|| format!("{argument}: expected a value"));
         match argument.as_str() {
-            "--page" => page = Some(PathBuf::from(value()?)),
-            "--session" => sessions.push(PathBuf::from(value()?)),
+            "--page" => page = Some(PathBuf::from(value(&mut arguments, &argument)?)),
+            "--session" => sessions.push(PathBuf::from(value(&mut arguments, &argument)?)),
             "--minutes" => {
-                let text = value()?;
+                let text = value(&mut arguments, &argument)?;
                 options.minutes =
                     text.parse().with_context(|| format!("--minutes: {text}, expected a number"))?;
             }
             "--program" => {
-                let text = value()?;
+                let text = value(&mut arguments, &argument)?;
                 let file = Path::new(&text).canonicalize();
                 options.program = Some(file.with_context(|| format!("--program: {text}: cannot read"))?);
             }
-            "--only" => options.only = value()?,
+            "--only" => options.only = value(&mut arguments, &argument)?,
             "--no-pictures" => options.no_pictures = true,
-            "--figures" => options.figures = Some(PathBuf::from(value()?)),
+            "--figures" => options.figures = Some(PathBuf::from(value(&mut arguments, &argument)?)),
             "--help" | "-h" => {
                 print!("{HELP}");
                 return Ok(ExitCode::SUCCESS);
@@ -74,4 +73,8 @@ fn main() -> Result<ExitCode> {
     drop(browser);
     let _ = std::fs::remove_dir_all(&profile);
     Ok(if outcome? == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn value(arguments: &mut std::iter::Skip<std::env::Args>, argument: &str) -> Result<String> {
+    arguments.next().with_context(|| format!("{argument}: expected a value"))
 }

@@ -48,7 +48,6 @@ fn samples(number: u32) -> Result<Message> {
 /// # Errors
 /// What is otherwise.
 pub fn check(browser: &Browser, address: &str) -> Result<String> {
-    let greeting = || [Message::Hello(fake_device::hello()), Message::Connected { connection: CONNECTION }];
     let mut streamed = greeting().to_vec();
     for number in 0..BATCHES {
         streamed.push(samples(number)?);
@@ -113,4 +112,8 @@ pub fn check(browser: &Browser, address: &str) -> Result<String> {
         "{} samples; the page greets, has samples sent and requests nothing else; another version is named",
         BATCH * BATCHES
     ))
+}
+
+fn greeting() -> [Message; 2] {
+    [Message::Hello(fake_device::hello()), Message::Connected { connection: CONNECTION }]
 }

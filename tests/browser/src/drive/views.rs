@@ -24,22 +24,25 @@ fn of_engine(browser: &Browser, script: &str, arguments: Value) -> Result<Value>
 /// # Errors
 /// Where it is wider than the screen, or the picture cannot be written.
 pub fn picture(browser: &Browser, folder: &Path, name: &str, width: u32, scheme: &str) -> Result<()> {
-    let number = |expression: &str| {
-        let value = browser.run(&format!("return Number({expression});"), json!([]))?;
-        value.as_f64().with_context(|| format!("{expression}: no number"))
-    };
-    // Figures are drawn for the width, bars and colours come to rest.
-    let rest =
-        |ms: u32| browser.wait_for("await new Promise((yes) => setTimeout(yes, arguments[0]));", json!([ms]));
-    rest(600)?;
-    let height = number("document.documentElement.scrollHeight")?.min(HIGHEST);
-    let wide = number("document.documentElement.scrollWidth")?;
+    wait_ms(600, browser)?;
+    let height = number("document.documentElement.scrollHeight", browser)?.min(HIGHEST);
+    let wide = number("document.documentElement.scrollWidth", browser)?;
     ensure!(wide <= f64::from(width), "{name}: {wide} pixels wide on a screen of {width}");
     browser.appear(width, height as u32, scheme)?;
-    rest(200)?;
+    wait_ms(200, browser)?;
     fs::create_dir_all(folder)?;
     fs::write(folder.join(format!("{name}-{scheme}-{width}.png")), browser.picture()?)?;
     Ok(())
+}
+
+/// Figures are drawn for the width, bars and colours come to rest.
+fn wait_ms(ms: u32, browser: &Browser) -> Result<Value> {
+    browser.wait_for("await new Promise((yes) => setTimeout(yes, arguments[0]));", json!([ms]))
+}
+
+fn number(expression: &str, browser: &Browser) -> Result<f64> {
+    let value = browser.run(&format!("return Number({expression});"), json!([]))?;
+    value.as_f64().with_context(|| format!("{expression}: no number"))
 }
 
 /// The plan of the example's rig equals that of the program; another depth is chosen by keyboard.
@@ -60,19 +63,14 @@ pub fn plans(browser: &Browser, address: &str, folder: &Path) -> Result<String> 
     let distance = compare(&plan_result, &program)?;
     ensure!(distance.largest < SAME, "{:.1e} apart at {}", distance.largest, distance.place);
 
-    let percent = || {
-        let value = browser
-            .run("return Number(document.querySelector('#plan-facts').dataset.percent);", json!([]))?;
-        value.as_f64().context("no half-width")
-    };
-    let percent_before = percent()?;
+    let percent_before = percent(browser)?;
     browser.press("#plan-depth", DOWN)?;
     browser.until("location.hash.includes('depth=50')")?;
-    let percent_after = percent()?;
+    let percent_after = percent(browser)?;
     ensure!(percent_before != percent_after, "another depth has the same half-width {percent_before}");
     browser.press("#plan-best", ENTER)?;
     browser.until("document.querySelectorAll('#main .map .chosen').length === 1")?;
-    ensure!(percent()? < percent_after, "the best run is not narrower");
+    ensure!(percent(browser)? < percent_after, "the best run is not narrower");
     let took_ms = browser.wait_for(
         "const start = performance.now(); document.querySelector('#plan-hold_s').stepUp(); document.querySelector('#plan-hold_s').dispatchEvent(new Event('input')); \
          const was = document.querySelector('#plan-facts'); while (document.querySelector('#plan-facts') === was) await new Promise((yes) => setTimeout(yes, 5)); \
@@ -85,6 +83,12 @@ pub fn plans(browser: &Browser, address: &str, folder: &Path) -> Result<String> 
         distance.largest,
         took_ms.as_f64().unwrap_or(f64::NAN)
     ))
+}
+
+fn percent(browser: &Browser) -> Result<f64> {
+    let value =
+        browser.run("return Number(document.querySelector('#plan-facts').dataset.percent);", json!([]))?;
+    value.as_f64().context("no half-width")
 }
 
 /// The example's records are analysed as by the program; the open session is added.
