@@ -138,11 +138,7 @@ impl FlashModel {
 
     /// A load from the pages, at an offset from the first of them.
     pub fn read_page(pages: &Pages, offset: u32, width: Width) -> u32 {
-        let byte = |at: u32| {
-            let (page, offset) = (at as usize / PAGE_BYTES, at as usize % PAGE_BYTES);
-            u32::from(pages.get(page).and_then(|page| page.get(offset)).copied().unwrap_or(ERASED))
-        };
-        (0..4).fold(0, |word, at| word | byte(offset + at) << (8 * at)) & width.mask()
+        (0..4).fold(0, |word, at| word | byte_at(offset + at, pages) << (8 * at)) & width.mask()
     }
 
     /// A store to the pages: one half of a double word, the lower first. Errors show in the status.
@@ -169,6 +165,11 @@ impl FlashModel {
         };
         self.status |= error;
     }
+}
+
+fn byte_at(at: u32, pages: &[[u8; 512]; 4]) -> u32 {
+    let (page, offset) = (at as usize / PAGE_BYTES, at as usize % PAGE_BYTES);
+    u32::from(pages.get(page).and_then(|page| page.get(offset)).copied().unwrap_or(ERASED))
 }
 
 /// Programs a double word; an error where it is not erased, and not programmed to zeros, which always goes.
@@ -235,18 +236,24 @@ mod tests {
         let (mut flash, mut page) = unlocked();
         page[0][3] = 0;
         page[1][3] = 0;
-        let of = |page: u32| CR_PER | CR_STRT | page << CR_PAGE_SHIFT;
         assert_eq!(
-            flash.write_register(&mut page, CR, of(FIRST_PAGE + 1)),
+            flash.write_register(&mut page, CR, erase_request(FIRST_PAGE + 1)),
             Err(Unknown),
             "that is the first bank"
         );
-        assert_eq!(flash.write_register(&mut page, CR, of(FIRST_PAGE - 1) | CR_BKER), Err(Unknown));
+        assert_eq!(
+            flash.write_register(&mut page, CR, erase_request(FIRST_PAGE - 1) | CR_BKER),
+            Err(Unknown)
+        );
         assert_eq!((page[0][3], page[1][3]), (0, 0));
-        flash.write_register(&mut page, CR, of(FIRST_PAGE + 1) | CR_BKER).unwrap();
+        flash.write_register(&mut page, CR, erase_request(FIRST_PAGE + 1) | CR_BKER).unwrap();
         assert_eq!((page[0][3], page[1]), (0, [ERASED; STORED_BYTES]));
         assert_eq!(write(&mut flash, &mut page, 2048, [1, 2]), SR_PGSERR, "programming was not switched on");
         assert_eq!(flash.read_register(CR).unwrap() & CR_STRT, 0, "done");
+    }
+
+    fn erase_request(page: u32) -> u32 {
+        CR_PER | CR_STRT | page << CR_PAGE_SHIFT
     }
 
     #[test]

@@ -92,15 +92,18 @@ pub enum DecodeError {
 pub fn decode(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
     let access =
         if first >> 11 >= 0b11101 { wide(first, second, registers)? } else { narrow(first, registers)? };
-    let unsafe_target = |register: u8| register == SP || register == PC;
-    if unsafe_target(access.register)
-        || access.second_register.is_some_and(unsafe_target)
+    if is_unsafe_target(access.register)
+        || access.second_register.is_some_and(is_unsafe_target)
         || access.further_registers & (1 << SP | 1 << PC) != 0
-        || access.write_back.is_some_and(|(base, _)| unsafe_target(base))
+        || access.write_back.is_some_and(|(base, _)| is_unsafe_target(base))
     {
         return Err(DecodeError::StackOrProgramCounter);
     }
     Ok(access)
+}
+
+fn is_unsafe_target(register: u8) -> bool {
+    register == SP || register == PC
 }
 
 /// A bit field of a halfword as a register number.
@@ -115,17 +118,6 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
     let low = register(code, 0, 3);
     let base = registers[usize::from(register(code, 3, 3))];
     let immediate = u32::from((code >> 6) & 0x1F);
-    let plain = |direction, width, signed, register, address| Access {
-        direction,
-        width,
-        signed,
-        register,
-        second_register: None,
-        further_registers: 0,
-        address,
-        write_back: None,
-        length: 2,
-    };
     match code >> 12 {
         // Register offset.
         0b0101 => {
@@ -140,7 +132,7 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
                 6 => (Load, Byte, false),
                 _ => (Load, Half, true),
             };
-            Ok(plain(direction, width, signed, low, address))
+            Ok(plain_access(direction, width, signed, low, address))
         }
         // Immediate offset, scaled by the width; bit 11 distinguishes loads from stores.
         0b0110..=0b1001 => {
@@ -155,7 +147,7 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
                     registers[usize::from(SP)].wrapping_add(u32::from(code & 0xFF) * 4),
                 ),
             };
-            Ok(plain(direction, width, false, register, address))
+            Ok(plain_access(direction, width, false, register, address))
         }
         // LDM writes the base back unless it loads it, STM always does.
         0b1100 => {
@@ -166,6 +158,20 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
         }
         0b1011 if matches!((code >> 8) & 0xF, 0x4 | 0x5 | 0xC | 0xD) => Err(DecodeError::Stack),
         _ => Err(DecodeError::Unknown),
+    }
+}
+
+fn plain_access(direction: Direction, width: Width, signed: bool, register: u8, address: u32) -> Access {
+    Access {
+        direction,
+        width,
+        signed,
+        register,
+        second_register: None,
+        further_registers: 0,
+        address,
+        write_back: None,
+        length: 2,
     }
 }
 
@@ -205,9 +211,6 @@ fn multiple(
     write_back: Option<(u8, u32)>,
     length: u32,
 ) -> Result<Access, DecodeError> {
-    let without_lowest = |list: u16| list & list.wrapping_sub(1);
-    let lowest = |list: u16| (list != 0).then(|| list.trailing_zeros() as u8);
-    let loaded = |base: u8| direction == Direction::Load && list >> base & 1 != 0;
     let after_first = without_lowest(list);
     Ok(Access {
         direction,
@@ -218,9 +221,21 @@ fn multiple(
         second_register: lowest(after_first),
         further_registers: without_lowest(after_first),
         address,
-        write_back: write_back.filter(|&(base, _)| !loaded(base)),
+        write_back: write_back.filter(|&(base, _)| !is_loaded(base, direction, list)),
         length,
     })
+}
+
+fn is_loaded(base: u8, direction: Direction, list: u16) -> bool {
+    direction == Direction::Load && list >> base & 1 != 0
+}
+
+fn lowest(list: u16) -> Option<u8> {
+    (list != 0).then(|| list.trailing_zeros() as u8)
+}
+
+fn without_lowest(list: u16) -> u16 {
+    list & list.wrapping_sub(1)
 }
 
 /// LDRD and STRD: `1110 100P U1WL Rn | Rt Rt2 imm8`.

@@ -111,44 +111,50 @@ fn doublewords_name_two_registers() {
 
 #[test]
 fn multiples_name_their_registers_in_ascending_order() {
-    let of = |access: &Access| (access.register, access.second_register, access.further_registers);
     // ldm r4!, {r1, r2, r3, r5}
     let access = check(0xCC2E, 0, (Load, Word, false, 1, 0x4000_4000));
-    assert_eq!(of(&access), (1, Some(2), 0b10_1000));
+    assert_eq!(registers_of(&access), (1, Some(2), 0b10_1000));
     assert_eq!((access.write_back, access.length), (Some((4, 0x4000_4010)), 2));
     // ldm r0, {r0, r1}
     let access = check(0xC803, 0, (Load, Word, false, 0, 0x4000_0000));
-    assert_eq!((of(&access), access.write_back), ((0, Some(1), 0), None));
+    assert_eq!((registers_of(&access), access.write_back), ((0, Some(1), 0), None));
     // stm r0!, {r0, r1}
     let access = check(0xC003, 0, (Store, Word, false, 0, 0x4000_0000));
-    assert_eq!((of(&access), access.write_back), ((0, Some(1), 0), Some((0, 0x4000_0008))));
+    assert_eq!((registers_of(&access), access.write_back), ((0, Some(1), 0), Some((0, 0x4000_0008))));
     // ldm.w r4, {r1, r2, r3, r12, lr}
     let access = check(0xE894, 0x500E, (Load, Word, false, 1, 0x4000_4000));
-    assert_eq!((of(&access), access.write_back), ((1, Some(2), 0x5008), None));
+    assert_eq!((registers_of(&access), access.write_back), ((1, Some(2), 0x5008), None));
     assert_eq!(access.length, 4);
     // stm.w r4!, {r1, r2}
     let access = check(0xE8A4, 0x0006, (Store, Word, false, 1, 0x4000_4000));
-    assert_eq!((of(&access), access.write_back), ((1, Some(2), 0), Some((4, 0x4000_4008))));
+    assert_eq!((registers_of(&access), access.write_back), ((1, Some(2), 0), Some((4, 0x4000_4008))));
     // ldmdb r4!, {r0, r1, r8}
     let access = check(0xE934, 0x0103, (Load, Word, false, 0, 0x4000_3FF4));
-    assert_eq!((of(&access), access.write_back), ((0, Some(1), 0x100), Some((4, 0x4000_3FF4))));
+    assert_eq!((registers_of(&access), access.write_back), ((0, Some(1), 0x100), Some((4, 0x4000_3FF4))));
+}
+
+fn registers_of(access: &Access) -> (u8, Option<u8>, u16) {
+    (access.register, access.second_register, access.further_registers)
 }
 
 #[test]
 fn refused_forms() {
-    let refused = |first, second| decode(first, second, &registers()).unwrap_err();
-    assert_eq!(refused(0xB510, 0), DecodeError::Stack); // push {r4, lr}
-    assert_eq!(refused(0xBD10, 0), DecodeError::Stack); // pop {r4, pc}
-    assert_eq!(refused(0xE8BD, 0x0006), DecodeError::StackOrProgramCounter); // pop.w {r1, r2}
-    assert_eq!(refused(0xE894, 0x8006), DecodeError::StackOrProgramCounter); // ldm.w r4, {r1, r2, pc}
-    assert_eq!(refused(0xC800, 0), DecodeError::Unknown); // ldm r0, {}
-    assert_eq!(refused(0xF8D4, 0xF000), DecodeError::StackOrProgramCounter); // ldr.w pc, [r4]
-    assert_eq!(refused(0xF8D4, 0xD000), DecodeError::StackOrProgramCounter); // ldr.w sp, [r4]
-    assert_eq!(refused(0xF85D, 0x1B04), DecodeError::StackOrProgramCounter); // ldr r1, [sp], #4
-    assert_eq!(refused(0xF8DF, 0x0004), DecodeError::Unknown); // ldr.w r0, [pc, #4]
-    assert_eq!(refused(0xE854, 0x0F00), DecodeError::Unknown); // ldrex r0, [r4]
-    assert_eq!(refused(0xED94, 0x0A00), DecodeError::Unknown); // vldr s0, [r4]
-    assert_eq!(refused(0x4601, 0), DecodeError::Unknown); // mov r1, r0
+    assert_eq!(refusal(0xB510, 0), DecodeError::Stack); // push {r4, lr}
+    assert_eq!(refusal(0xBD10, 0), DecodeError::Stack); // pop {r4, pc}
+    assert_eq!(refusal(0xE8BD, 0x0006), DecodeError::StackOrProgramCounter); // pop.w {r1, r2}
+    assert_eq!(refusal(0xE894, 0x8006), DecodeError::StackOrProgramCounter); // ldm.w r4, {r1, r2, pc}
+    assert_eq!(refusal(0xC800, 0), DecodeError::Unknown); // ldm r0, {}
+    assert_eq!(refusal(0xF8D4, 0xF000), DecodeError::StackOrProgramCounter); // ldr.w pc, [r4]
+    assert_eq!(refusal(0xF8D4, 0xD000), DecodeError::StackOrProgramCounter); // ldr.w sp, [r4]
+    assert_eq!(refusal(0xF85D, 0x1B04), DecodeError::StackOrProgramCounter); // ldr r1, [sp], #4
+    assert_eq!(refusal(0xF8DF, 0x0004), DecodeError::Unknown); // ldr.w r0, [pc, #4]
+    assert_eq!(refusal(0xE854, 0x0F00), DecodeError::Unknown); // ldrex r0, [r4]
+    assert_eq!(refusal(0xED94, 0x0A00), DecodeError::Unknown); // vldr s0, [r4]
+    assert_eq!(refusal(0x4601, 0), DecodeError::Unknown); // mov r1, r0
+}
+
+fn refusal(first: u16, second: u16) -> DecodeError {
+    decode(first, second, &registers()).unwrap_err()
 }
 
 #[test]
