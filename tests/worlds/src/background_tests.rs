@@ -26,22 +26,27 @@ fn largest(a: impl IntoIterator<Item = f64>, b: impl IntoIterator<Item = f64>) -
 
 /// Largest change of forces, displacements, shapes and tips.
 fn changes(a: &Session, b: &Session) -> [f64; 4] {
-    let of = |session: &Session| {
-        let mut channels: [Vec<f64>; 4] = Default::default();
-        for run in &session.lateral {
-            let x = |values: &Option<Vec<f64>>| values.clone().unwrap_or_default();
-            channels[0].extend(run.force.force_y_n.iter().copied().chain(x(&run.force.force_x_n)));
-            channels[1]
-                .extend(run.force.displacement_y_m.iter().copied().chain(x(&run.force.displacement_x_m)));
-            channels[2].extend(run.shape.y_m.iter().copied().chain(x(&run.shape.x_m)));
-        }
-        for run in &session.insertion {
-            channels[3].extend(run.tip_y_m.iter().copied().chain(run.tip_x_m.clone().unwrap_or_default()));
-        }
-        channels
-    };
-    let (a, b) = (of(a), of(b));
+    let (a, b) = (channels_of(a), channels_of(b));
     [0, 1, 2, 3].map(|i| largest(a[i].clone(), b[i].clone()))
+}
+
+fn channels_of(session: &Session) -> [Vec<f64>; 4] {
+    let mut channels: [Vec<f64>; 4] = Default::default();
+    for run in &session.lateral {
+        channels[0].extend(run.force.force_y_n.iter().copied().chain(value_or_empty(&run.force.force_x_n)));
+        channels[1].extend(
+            run.force.displacement_y_m.iter().copied().chain(value_or_empty(&run.force.displacement_x_m)),
+        );
+        channels[2].extend(run.shape.y_m.iter().copied().chain(value_or_empty(&run.shape.x_m)));
+    }
+    for run in &session.insertion {
+        channels[3].extend(run.tip_y_m.iter().copied().chain(run.tip_x_m.clone().unwrap_or_default()));
+    }
+    channels
+}
+
+fn value_or_empty(values: &Option<Vec<f64>>) -> Vec<f64> {
+    values.clone().unwrap_or_default()
 }
 
 #[test]
@@ -126,13 +131,15 @@ fn touched_modulus_weighs_what_the_force_responds_to() {
     let ripple = Background::of(Imperfection::ModulusOverDepth, 0.03, 4);
     let single_run = Design { lateral: vec![design.lateral[0].clone()], ..design };
     let factor = touched_modulus(&truth(vec![]), &ripple, &single_run);
-    let force = |background: &Background, k_kpa: f64| {
-        let truth = Truth { k_kpa, ..truth(vec![]) };
-        session_on(&truth, background, &quiet(single_run.clone()), 1).lateral[0].force.force_y_n[240]
-    };
     let no_background = Background::default();
-    let (rippled_n, equivalent_n) = (force(&ripple, 14.0), force(&no_background, 14.0 * factor));
-    let change_n = rippled_n - force(&no_background, 14.0);
+    let (rippled_n, equivalent_n) =
+        (end_force_n(&ripple, 14.0, &single_run), end_force_n(&no_background, 14.0 * factor, &single_run));
+    let change_n = rippled_n - end_force_n(&no_background, 14.0, &single_run);
     assert!(change_n.abs() > 1e-4, "{change_n}");
     assert!((rippled_n - equivalent_n).abs() < 0.1 * change_n.abs(), "{rippled_n} {equivalent_n} {change_n}");
+}
+
+fn end_force_n(background: &Background, k_kpa: f64, single_run: &Design) -> f64 {
+    let truth = Truth { k_kpa, ..truth(vec![]) };
+    session_on(&truth, background, &quiet(single_run.clone()), 1).lateral[0].force.force_y_n[240]
 }

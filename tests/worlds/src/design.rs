@@ -201,18 +201,7 @@ impl Design {
 
     /// Runs in air, twice in each axis: small holds on both sides of zero for the play, large ones for the compliances.
     pub fn in_air() -> Self {
-        let run = |axis: usize, take: &str| LateralPlan {
-            id: format!("{}-air{take}", AXES[axis]),
-            depth_mm: 0.0,
-            axis,
-            levels_mm: vec![
-                0.0, 0.15, 0.3, 0.6, 2.0, 4.0, 2.0, 0.6, 0.3, 0.15, 0.0, -0.15, -0.3, -0.6, -2.0, -4.0, -2.0,
-                -0.6, 0.0,
-            ],
-            hold_s: 1.5,
-            ramp_mm_per_s: 2.0,
-        };
-        let lateral = vec![run(0, "a"), run(1, "a"), run(0, "b"), run(1, "b")];
+        let lateral = vec![air_run(0, "a"), air_run(1, "a"), air_run(0, "b"), air_run(1, "b")];
         Self { noise: NoisePlan::quiet_force(), ..Self::of(lateral, Vec::new()) }
     }
 
@@ -233,8 +222,6 @@ impl Design {
 
     /// Eight insertions without any lateral run: straight on, turned, and with guide 2 moved at rest, once or twice.
     pub fn moved_insertions() -> Self {
-        let straight = |steps: &[(f64, [f64; 2])]| (None, guide2_steps(steps));
-        let turned = |at_mm: f64, steps: &[(f64, [f64; 2])]| (Some(at_mm), guide2_steps(steps));
         let plans = [
             straight(&[]),
             straight(&[(30.0, [0.8, 0.0]), (60.0, [-0.4, 0.3])]),
@@ -254,5 +241,27 @@ impl Design {
                 guide2_steps,
             });
         Self::of(Vec::new(), insertion.collect())
+    }
+}
+
+fn turned(at_mm: f64, steps: &[(f64, [f64; 2])]) -> (Option<f64>, Vec<GuideStep>) {
+    (Some(at_mm), guide2_steps(steps))
+}
+
+fn straight(steps: &[(f64, [f64; 2])]) -> (Option<f64>, Vec<GuideStep>) {
+    (None, guide2_steps(steps))
+}
+
+fn air_run(axis: usize, take: &str) -> LateralPlan {
+    LateralPlan {
+        id: format!("{}-air{take}", AXES[axis]),
+        depth_mm: 0.0,
+        axis,
+        levels_mm: vec![
+            0.0, 0.15, 0.3, 0.6, 2.0, 4.0, 2.0, 0.6, 0.3, 0.15, 0.0, -0.15, -0.3, -0.6, -2.0, -4.0, -2.0,
+            -0.6, 0.0,
+        ],
+        hold_s: 1.5,
+        ramp_mm_per_s: 2.0,
     }
 }

@@ -210,8 +210,10 @@ impl<'a> Flaws<'a> {
         if let Some(size) = self.size(I::DisplacementPeriodic) {
             let mut draw = self.shared(I::DisplacementPeriodic, plane);
             let (length_m, phase) = (draw.within(SCREW_M), TAU * draw.within([0.0, 1.0]));
-            let error = |at_m: f64| size * (TAU * at_m / length_m + phase).sin();
-            at_m.iter_mut().for_each(|at_m| *at_m += error(*at_m) - error(0.0));
+            at_m.iter_mut().for_each(|at_m| {
+                *at_m += position_error_m(*at_m, size, length_m, phase)
+                    - position_error_m(0.0, size, length_m, phase)
+            });
         }
         if let Some(size) = self.size(I::DisplacementDrift) {
             let mut draw = self.draw(I::DisplacementDrift, plane);
@@ -251,4 +253,8 @@ impl<'a> Flaws<'a> {
             tip_m.iter_mut().zip(depths_m).for_each(|(tip, at_m)| *tip += size * sum(&waves, *at_m));
         }
     }
+}
+
+fn position_error_m(at_m: f64, size: f64, length_m: f64, phase: f64) -> f64 {
+    size * (TAU * at_m / length_m + phase).sin()
 }

@@ -22,13 +22,16 @@ fn commanded() -> [Profile; 2] {
 /// Position of the needle in guide 2: of the commanded places, with a clearance on either side that is taken up
 /// first.
 fn followed(plane: usize, clearance_m: f64, depth_m: f64, leaving: bool) -> f64 {
-    let is_past = |at_m: f64| depth_m > at_m + 1e-9 || (leaving && depth_m > at_m - 1e-9);
     match plane {
-        0 if is_past(0.055) => 0.4e-3 + clearance_m,
-        0 if is_past(0.03) => 1e-3 - clearance_m,
+        0 if is_past(0.055, depth_m, leaving) => 0.4e-3 + clearance_m,
+        0 if is_past(0.03, depth_m, leaving) => 1e-3 - clearance_m,
         0 => 0.0,
         _ => (0.8e-3 * ((depth_m - 0.02) / 0.05).clamp(0.0, 1.0) - clearance_m).max(0.0),
     }
+}
+
+fn is_past(at_m: f64, depth_m: f64, leaving: bool) -> bool {
+    depth_m > at_m + 1e-9 || (leaving && depth_m > at_m - 1e-9)
 }
 
 /// Effects, and the clearance among them.
@@ -59,13 +62,10 @@ fn bent_needles_loose_guides_and_soft_frames_meet_the_forward_model() {
         let of_truth = effects.iter().map(|(id, values)| (*id, values.to_vec())).collect();
         let truth = Truth { k_kpa: 12.0, tip_load_n: LOAD_N[0], effects: of_truth, foreign: None };
         let world = World::new(&truth, &rig);
-        let turned = |step: usize| {
-            [step > node_at(TURN_M), step >= node_at(TURN_M)].map(|is| if is { -1.0 } else { 1.0 })
-        };
         let expected = [0, 1].map(|plane| {
             let path = tip_path(&world, plane, 0.1, |step| Acting {
-                load_n: turned(step).map(|sign| sign * LOAD_N[plane]),
-                bend_per_m: turned(step).map(|sign| sign * world.prebend_per_m[plane]),
+                load_n: bent_turned(step).map(|sign| sign * LOAD_N[plane]),
+                bend_per_m: bent_turned(step).map(|sign| sign * world.prebend_per_m[plane]),
                 guide2_m: [false, true]
                     .map(|leaving| followed(plane, clearance_m, step as f64 * STEP_M, leaving)),
             });
@@ -98,4 +98,8 @@ fn bent_needles_loose_guides_and_soft_frames_meet_the_forward_model() {
             }
         }
     }
+}
+
+fn bent_turned(step: usize) -> [f64; 2] {
+    [step > node_at(TURN_M), step >= node_at(TURN_M)].map(|is| if is { -1.0 } else { 1.0 })
 }

@@ -38,10 +38,7 @@ pub fn misfit(truth: &Truth, background: &Background, model: &Truth, design: &De
 pub fn misfit_of(measured: &Session, model: &dyn Fn([f64; 2]) -> Session, noise: &NoisePlan) -> Misfit {
     let weights = [1.0, 0.0].map(|correlated| Weights::new(noise, correlated));
     let parameters = 1 + usize::from(!measured.insertion.is_empty());
-    let predict = |values: &[f64]| {
-        let factor = |number: usize| values.get(number).map_or(1.0, |value| value.exp());
-        model([factor(0), factor(1)])
-    };
+    let predict = |values: &[f64]| model([factor_of(0, values), factor_of(1, values)]);
     let off = |values: &[f64]| weights[0].residuals(measured, &predict(values));
     let mut values = vec![0.0; parameters];
     let mut residuals = off(&values);
@@ -71,6 +68,10 @@ pub fn misfit_of(measured: &Session, model: &dyn Fn([f64; 2]) -> Session, noise:
     Misfit { chi2: residuals.norm_squared(), per_reading: white.norm_squared() / white.len().max(1) as f64 }
 }
 
+fn factor_of(number: usize, values: &[f64]) -> f64 {
+    values.get(number).map_or(1.0, |value| value.exp())
+}
+
 /// Reciprocal standard deviations of the channels.
 struct Weights {
     per_n: f64,
@@ -81,37 +82,46 @@ struct Weights {
 impl Weights {
     /// `correlated`: 1 to count readings with correlated errors for as many as they are worth where the signal is smooth, 0 not to.
     fn new(noise: &NoisePlan, correlated: f64) -> Self {
-        let worth = |share: f64, spacing: f64, length: f64| {
-            let neighbours = if length > 0.0 { (-spacing / length).exp() } else { 0.0 };
-            1.0 + 2.0 * correlated * share * neighbours / (1.0 - neighbours)
-        };
-        let rounded = |sd: f64, step: f64| sd.hypot(step / 12f64.sqrt()).max(f64::MIN_POSITIVE);
-        let force = worth(CORRELATED_FORCE, 1.0 / noise.rate_hz, noise.force_correlation_s).sqrt();
-        let shape = worth(CORRELATED_SHAPE, SAMPLE_SPACING_M / MM, noise.shape_correlation_mm).sqrt();
+        let force =
+            worth_of_reading(CORRELATED_FORCE, 1.0 / noise.rate_hz, noise.force_correlation_s, correlated)
+                .sqrt();
+        let shape =
+            worth_of_reading(CORRELATED_SHAPE, SAMPLE_SPACING_M / MM, noise.shape_correlation_mm, correlated)
+                .sqrt();
         Self {
-            per_n: 1.0 / (rounded(noise.force_n, noise.force_step_n) * force),
-            per_shape_m: 1.0 / (MM * rounded(noise.shape_mm, noise.pixel_mm) * shape),
+            per_n: 1.0 / (with_rounding(noise.force_n, noise.force_step_n) * force),
+            per_shape_m: 1.0 / (MM * with_rounding(noise.shape_mm, noise.pixel_mm) * shape),
             per_tip_m: 1.0 / (MM * noise.tip_mm).max(f64::MIN_POSITIVE),
         }
     }
 
     fn residuals(&self, a: &Session, b: &Session) -> DVector<f64> {
         let mut residuals = Vec::new();
-        let mut add = |a: &[f64], b: &[f64], weight: f64| {
-            residuals.extend(a.iter().zip(b).map(|(a, b)| (a - b) * weight));
-        };
         for (a, b) in a.lateral.iter().zip(&b.lateral) {
-            add(&a.force.force_y_n, &b.force.force_y_n, self.per_n);
-            add(maybe(&a.force.force_x_n), maybe(&b.force.force_x_n), self.per_n);
-            add(&a.shape.y_m, &b.shape.y_m, self.per_shape_m);
-            add(maybe(&a.shape.x_m), maybe(&b.shape.x_m), self.per_shape_m);
+            add_differences(&a.force.force_y_n, &b.force.force_y_n, self.per_n, &mut residuals);
+            add_differences(maybe(&a.force.force_x_n), maybe(&b.force.force_x_n), self.per_n, &mut residuals);
+            add_differences(&a.shape.y_m, &b.shape.y_m, self.per_shape_m, &mut residuals);
+            add_differences(maybe(&a.shape.x_m), maybe(&b.shape.x_m), self.per_shape_m, &mut residuals);
         }
         for (a, b) in a.insertion.iter().zip(&b.insertion) {
-            add(&a.tip_y_m, &b.tip_y_m, self.per_tip_m);
-            add(maybe(&a.tip_x_m), maybe(&b.tip_x_m), self.per_tip_m);
+            add_differences(&a.tip_y_m, &b.tip_y_m, self.per_tip_m, &mut residuals);
+            add_differences(maybe(&a.tip_x_m), maybe(&b.tip_x_m), self.per_tip_m, &mut residuals);
         }
         DVector::from_vec(residuals)
     }
+}
+
+fn add_differences(a: &[f64], b: &[f64], weight: f64, residuals: &mut Vec<f64>) {
+    residuals.extend(a.iter().zip(b).map(|(a, b)| (a - b) * weight));
+}
+
+fn with_rounding(sd: f64, step: f64) -> f64 {
+    sd.hypot(step / 12f64.sqrt()).max(f64::MIN_POSITIVE)
+}
+
+fn worth_of_reading(share: f64, spacing: f64, length: f64, correlated: f64) -> f64 {
+    let neighbours = if length > 0.0 { (-spacing / length).exp() } else { 0.0 };
+    1.0 + 2.0 * correlated * share * neighbours / (1.0 - neighbours)
 }
 
 fn maybe(values: &Option<Vec<f64>>) -> &[f64] {

@@ -41,9 +41,9 @@ pub(super) fn tip_path(
     for step in 0..=node_at(depth_m) + early {
         let tip = entry + step;
         let depth_m = (step as f64 - early as f64) * STEP_M;
-        let half = |from_m: f64| world.springs_n_per_m(plane, from_m, from_m + 0.5 * STEP_M);
         let skin = if step == early { world.skin_n_per_m } else { 0.0 };
-        let integral_above = skin + if step == 0 { 0.0 } else { half(depth_m - 0.5 * STEP_M) };
+        let integral_above =
+            skin + if step == 0 { 0.0 } else { half_n_per_m(depth_m - 0.5 * STEP_M, plane, world) };
         past_forces_n.push(0.0);
         // Effect of the newest piece of path on the needle, per metre of it.
         let mut newest = vec![0.0; tip + 1];
@@ -79,9 +79,16 @@ pub(super) fn tip_path(
         past_forces_n.iter_mut().zip(&newest).for_each(|(force, newest)| *force += newest * arriving_m);
         let changes = [load_n, guide2_m, bend_per_m].into_iter().any(|[before, after]| before != after);
         let leaving_m = if changes { factor.solve(&forces_n(&past_forces_n, 1))[tip] } else { arriving_m };
-        cuts.push(Cut { tip_m: [arriving_m, leaving_m], springs_n_per_m: [integral_above, half(depth_m)] });
+        cuts.push(Cut {
+            tip_m: [arriving_m, leaving_m],
+            springs_n_per_m: [integral_above, half_n_per_m(depth_m, plane, world)],
+        });
     }
     cuts.into_iter().skip(early).map(|cut| cut.tip_m).collect()
+}
+
+fn half_n_per_m(from_m: f64, plane: usize, world: &World) -> f64 {
+    world.springs_n_per_m(plane, from_m, from_m + 0.5 * STEP_M)
 }
 
 /// Commanded position of guide 2 at a step, on arriving and on leaving.
@@ -118,15 +125,27 @@ pub(super) fn acting(world: &World, plan: &InsertionPlan, step: usize) -> [Actin
     let even_n = world.tip_load_n
         + world.load_slope_n_per_m * step as f64 * STEP_M
         + world.rate_n_s_per_m * speed_m_per_s;
-    let sign = |leaving: bool| if turn.is_some_and(|at| is_past(at, step, leaving)) { -1.0 } else { 1.0 };
-    let load = |leaving: bool| {
-        sign(leaving) * (even_n + if is_past(jump, step, leaving) { world.load_step_n } else { 0.0 })
-    };
     let guide2_m = [false, true].map(|leaving| taken_m(world, &plan.guide2_steps, step, leaving));
     let (sin, cos) = world.bevel_roll_rad.sin_cos();
     [(cos, 0), (sin, 1)].map(|(part, plane)| Acting {
-        load_n: [false, true].map(|leaving| part * load(leaving)),
-        bend_per_m: [false, true].map(|leaving| sign(leaving) * world.prebend_per_m[plane]),
+        load_n: [false, true]
+            .map(|leaving| part * load_n(leaving, even_n, jump, step, world.load_step_n, turn)),
+        bend_per_m: [false, true].map(|leaving| load_sign(leaving, turn, step) * world.prebend_per_m[plane]),
         guide2_m: guide2_m.map(|planes| planes[plane]),
     })
+}
+
+fn load_n(
+    leaving: bool,
+    even_n: f64,
+    jump: usize,
+    step: usize,
+    load_step_n: f64,
+    turn: Option<usize>,
+) -> f64 {
+    load_sign(leaving, turn, step) * (even_n + if is_past(jump, step, leaving) { load_step_n } else { 0.0 })
+}
+
+fn load_sign(leaving: bool, turn: Option<usize>, step: usize) -> f64 {
+    if turn.is_some_and(|at| is_past(at, step, leaving)) { -1.0 } else { 1.0 }
 }

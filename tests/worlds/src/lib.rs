@@ -176,11 +176,15 @@ pub fn touched_modulus(truth: &Truth, background: &Background, design: &Design) 
     let insertion = (0..).zip(&design.insertion).map(|(run, plan)| {
         let tissue = Flaws::new(background, run).tissue(1);
         let steps = 200;
-        let depth_m = |step: usize| (step as f64 + 0.5) / steps as f64 * MM * plan.depth_mm;
-        (0..steps).map(|step| tissue.at(depth_m(step))).sum::<f64>() / steps as f64
+        (0..steps).map(|step| tissue.at(middle_depth_m(step, steps, plan.depth_mm))).sum::<f64>()
+            / steps as f64
     });
     let factors: Vec<f64> = if design.lateral.is_empty() { insertion.collect() } else { lateral.collect() };
     factors.iter().sum::<f64>() / factors.len().max(1) as f64
+}
+
+fn middle_depth_m(step: usize, steps: usize, depth_mm: f64) -> f64 {
+    (step as f64 + 0.5) / steps as f64 * MM * depth_mm
 }
 
 #[cfg(test)]

@@ -335,12 +335,15 @@ fn shape(
         let probe_m_per_s = images.map_or(0.0, |plan| direction * MM * plan.speed_mm_per_s);
         let beam_rad = images.map_or(0.0, |plan| plan.beam_deg.to_radians());
         sweep_points.extend(std::iter::repeat_n(ShapeImage { beam_rad, probe_m_per_s }, count));
-        // True position of a frame's plane.
-        let frame_m =
-            |at_m: f64| world.entry_m + at_m + world.depth_shift_m + world.image_lag_s * probe_m_per_s;
         let positions_m: Vec<f64> = (0..shapes_m[0][sweep].len()).map(|node| node as f64 * STEP_M).collect();
-        let needle_m =
-            |plane: usize, at_m: f64| between(&positions_m, &shapes_m[plane][sweep], frame_m(at_m), true);
+        let needle_m = |plane: usize, at_m: f64| {
+            between(
+                &positions_m,
+                &shapes_m[plane][sweep],
+                frame_m(at_m, probe_m_per_s, world.entry_m, world.depth_shift_m, world.image_lag_s),
+                true,
+            )
+        };
         for (plane, plane_m) in planes_m.iter_mut().enumerate() {
             let mut values_m: Vec<f64> = depths_m
                 .iter()
@@ -366,18 +369,31 @@ fn shape(
     ShapeSeries { time_s: Some(time_s), z_m, y_m, x_m: Some(x_m), images, ..ShapeSeries::default() }
 }
 
+/// True position of a frame's plane.
+fn frame_m(at_m: f64, probe_m_per_s: f64, entry_m: f64, depth_shift_m: f64, image_lag_s: f64) -> f64 {
+    entry_m + at_m + depth_shift_m + image_lag_s * probe_m_per_s
+}
+
 /// Deflection `[y, x]` as a scanner shows it that turns the time of an echo into a distance from its face, and has shown the straight
 /// needle in the same way.
 fn scanned_m(world: &World, beam_rad: f64, needle_m: [f64; 2]) -> [f64; 2] {
     let (axial_part, lateral_part) = beam_rad.sin_cos();
-    let from_face_m = |[y_m, x_m]: [f64; 2]| PROBE_M + y_m * axial_part + x_m * lateral_part;
     let aside_m = needle_m[1] * axial_part - needle_m[0] * lateral_part;
-    let echo_m = |place_m: [f64; 2]| (1.0 + world.sound_scale) * from_face_m(place_m);
-    let displacement_m = echo_m(needle_m) - echo_m([0.0; 2]) + world.echo_offset_m;
+    let displacement_m = echo_m(needle_m, world.sound_scale, axial_part, lateral_part)
+        - echo_m([0.0; 2], world.sound_scale, axial_part, lateral_part)
+        + world.echo_offset_m;
     [
         displacement_m * axial_part - aside_m * lateral_part,
         displacement_m * lateral_part + aside_m * axial_part,
     ]
+}
+
+fn echo_m(place_m: [f64; 2], sound_scale: f64, axial_part: f64, lateral_part: f64) -> f64 {
+    (1.0 + sound_scale) * from_face_m(place_m, axial_part, lateral_part)
+}
+
+fn from_face_m([y_m, x_m]: [f64; 2], axial_part: f64, lateral_part: f64) -> f64 {
+    PROBE_M + y_m * axial_part + x_m * lateral_part
 }
 
 /// Legendre's cubic over the needle in the tissue: no offset, tilt or curvature of the whole is similar to it.
@@ -397,10 +413,10 @@ pub(super) fn insertion_run(
     run: u64,
 ) -> InsertionRun {
     let turn = plan.turn_at_mm.map(|turn_mm| node_at(MM * turn_mm));
-    // Every step of guide 2 has a row on arriving and one on leaving.
-    let moves = |step: usize| plan.guide2_steps.iter().any(|one| node_at(MM * one.depth_mm) == step);
     let rows: Vec<(usize, usize)> = (0..=node_at(MM * plan.depth_mm))
-        .flat_map(|step| (0..=usize::from(moves(step))).map(move |side| (step, side)))
+        .flat_map(|step| {
+            (0..=usize::from(moves_guide2(step, &plan.guide2_steps))).map(move |side| (step, side))
+        })
         .collect();
     let depth_m: Vec<f64> = rows.iter().map(|(step, _)| *step as f64 * STEP_M).collect();
     let mut random = Random::new(seed, Part::Tip, run);
@@ -415,10 +431,6 @@ pub(super) fn insertion_run(
         add(&mut tip_m, random.errors(&spread, rows.len()), 0.0);
         tip_m
     });
-    let guide2 = |plane: usize| {
-        let commanded = rows.iter().map(|(step, side)| commanded_m(&plan.guide2_steps, *step)[*side][plane]);
-        (!plan.guide2_steps.is_empty()).then(|| commanded.collect())
-    };
     InsertionRun {
         id: plan.id.clone(),
         path: format!("{}.csv", plan.id).into(),
@@ -428,11 +440,25 @@ pub(super) fn insertion_run(
         rotation_rad: Some(
             rows.iter().map(|(step, _)| if turn.is_some_and(|at| *step > at) { PI } else { 0.0 }).collect(),
         ),
-        guide2_y_m: guide2(0),
-        guide2_x_m: guide2(1),
+        guide2_y_m: guide2_readings(0, &rows, &plan.guide2_steps),
+        guide2_x_m: guide2_readings(1, &rows, &plan.guide2_steps),
         base_force_y_n: None,
         tip_direction_y_rad: None,
         tip_direction_x_rad: None,
         depth_m,
     }
+}
+
+fn guide2_readings(
+    plane: usize,
+    rows: &[(usize, usize)],
+    guide2_steps: &[crate::GuideStep],
+) -> Option<Vec<f64>> {
+    let commanded = rows.iter().map(|(step, side)| commanded_m(guide2_steps, *step)[*side][plane]);
+    (!guide2_steps.is_empty()).then(|| commanded.collect())
+}
+
+/// Every step of guide 2 has a row on arriving and one on leaving.
+fn moves_guide2(step: usize, guide2_steps: &[crate::GuideStep]) -> bool {
+    guide2_steps.iter().any(|one| node_at(MM * one.depth_mm) == step)
 }

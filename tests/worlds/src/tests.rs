@@ -82,60 +82,63 @@ fn the_chain_meets_the_exact_beam() {
 
 #[test]
 fn layers_clamp_and_axial_load_meet_exact_beams() {
-    let closed = |name: &str, found: f64, exact: f64| {
-        assert!((found / exact - 1.0).abs() < 1e-3, "{name}: {found} {exact}");
-    };
     // Exact piecewise solutions with 1 N at guide 2.
     let layered = Truth { k_kpa: 8.0, ..truth(vec![("tissue.layers", vec![2.5, 15.0])]) };
     let motion = march(&world(&layered), 0, 0.04, &[0.0008436775134765891], 0.05, &[0]);
-    closed("layers", motion.force_n[0], 1.0);
-    closed("layers", motion.shape_m[0][node_at(0.11)], 0.0005813383385502344);
+    assert_close("layers", motion.force_n[0], 1.0);
+    assert_close("layers", motion.shape_m[0][node_at(0.11)], 0.0005813383385502344);
     let loose = world(&truth(vec![("rig.clamp_compliance", vec![0.35])]));
     let motion = march(&loose, 0, 0.03, &[0.0010152508803166775], 0.05, &[0]);
-    closed("clamp", motion.force_n[0], 1.0);
-    closed("clamp", motion.shape_m[0][node_at(0.1)], 0.0010759285585691131);
+    assert_close("clamp", motion.force_n[0], 1.0);
+    assert_close("clamp", motion.shape_m[0][node_at(0.1)], 0.0010759285585691131);
     // A beam-column in air, pushed at its end.
     let mut column = world(&Truth { k_kpa: 0.0, ..truth(vec![("needle.axial_load", vec![1.5])]) });
     column.guide2_m = Some(0.1);
     let wave = (1.5 / column.bending_n_m2).sqrt() * 0.1;
     let motion = march(&column, 0, 0.03, &[1e-3], 0.05, &[]);
-    closed("column", motion.force_n[0], 1e-3 * 1.5 / 0.1 / (wave.tan() / wave - 1.0));
+    assert_close("column", motion.force_n[0], 1e-3 * 1.5 / 0.1 / (wave.tan() / wave - 1.0));
+}
+
+fn assert_close(name: &str, found: f64, exact: f64) {
+    assert!((found / exact - 1.0).abs() < 1e-3, "{name}: {found} {exact}");
 }
 
 #[test]
 fn the_tip_meets_the_exact_path() {
     let needle = Needle::gauge_18();
-    let path = |k_kpa: f64, entry_m: f64, guide2_m: Option<f64>, turn_m: f64| {
-        let truth = Truth { k_kpa, ..truth(vec![]) };
-        let mut world = World::new(&truth, &Rig::two_guides(needle.clone(), 0.06, entry_m));
-        world.guide2_m = guide2_m;
-        let plan = InsertionPlan {
-            id: String::new(),
-            depth_mm: 140.0,
-            speed_mm_per_s: 0.0,
-            turn_at_mm: Some(1e3 * turn_m),
-            guide2_steps: Vec::new(),
-        };
-        tip_path(&world, 0, 0.14, |step| insertion::acting(&world, &plan, step)[0])
-    };
-    let close = |[arriving_m, _]: [f64; 2], exact_m: f64| {
-        let error = arriving_m / exact_m - 1.0;
-        assert!(error.abs() < 2e-3, "{arriving_m} {exact_m} {error:e}");
-    };
-    let two_guides = path(10.36, 0.07, Some(0.06), 1.0);
+    let two_guides = path_in(10.36, 0.07, Some(0.06), 1.0, &needle);
     for (depth_m, exact_m) in
         [(0.01, 0.00010956798017770746), (0.05, 0.0012967586780219227), (0.14, 0.007638295678198378)]
     {
-        close(two_guides[node_at(depth_m)], exact_m);
+        assert_on_path(two_guides[node_at(depth_m)], exact_m);
     }
-    close(path(12.61, 0.09, Some(0.06), 1.0)[node_at(0.1)], 0.005697196567407374);
-    close(path(16.0, 0.07, None, 1.0)[node_at(0.1)], 0.008851159079261442);
-    let rotated = path(10.36, 0.042, None, 0.07);
+    assert_on_path(path_in(12.61, 0.09, Some(0.06), 1.0, &needle)[node_at(0.1)], 0.005697196567407374);
+    assert_on_path(path_in(16.0, 0.07, None, 1.0, &needle)[node_at(0.1)], 0.008851159079261442);
+    let rotated = path_in(10.36, 0.042, None, 0.07, &needle);
     for (depth_m, exact_m) in [(0.07, 0.003568821172216439), (0.08, 0.002073532932077765)] {
-        close(rotated[node_at(depth_m)], exact_m);
+        assert_on_path(rotated[node_at(depth_m)], exact_m);
     }
     let [_, leaving_m] = rotated[node_at(0.07)];
-    close([leaving_m, 0.0], 0.002038004820363318);
+    assert_on_path([leaving_m, 0.0], 0.002038004820363318);
+}
+
+fn assert_on_path([arriving_m, _]: [f64; 2], exact_m: f64) {
+    let error = arriving_m / exact_m - 1.0;
+    assert!(error.abs() < 2e-3, "{arriving_m} {exact_m} {error:e}");
+}
+
+fn path_in(k_kpa: f64, entry_m: f64, guide2_m: Option<f64>, turn_m: f64, needle: &Needle) -> Vec<[f64; 2]> {
+    let truth = Truth { k_kpa, ..truth(vec![]) };
+    let mut world = World::new(&truth, &Rig::two_guides(needle.clone(), 0.06, entry_m));
+    world.guide2_m = guide2_m;
+    let plan = InsertionPlan {
+        id: String::new(),
+        depth_mm: 140.0,
+        speed_mm_per_s: 0.0,
+        turn_at_mm: Some(1e3 * turn_m),
+        guide2_steps: Vec::new(),
+    };
+    tip_path(&world, 0, 0.14, |step| insertion::acting(&world, &plan, step)[0])
 }
 
 #[test]
@@ -161,23 +164,11 @@ fn every_effect_does_something_and_nothing_when_neutral() {
 /// Only where a session states how its shape was imaged, and along the beam only, or along the way of the probe.
 #[test]
 fn images_are_wrong_along_their_beam() {
-    let imaged = |beam_deg: f64| Design {
-        images: Some(ImagePlan { beam_deg, ..ImagePlan::default() }),
-        ..quiet(small())
-    };
     for id in imaging_ids() {
         let [_, _, strong] = strengths(id).expect("strengths");
-        let of = |design: &Design, values: Vec<f64>| session(&truth(vec![(id, values)]), design, 1);
-        let shape_m = |beam_deg: f64| {
-            let (plain, wrong) = (of(&imaged(beam_deg), vec![0.0]), of(&imaged(beam_deg), strong.clone()));
-            let most_m = |of: fn(&formats::session::ShapeSeries) -> Vec<f64>| {
-                let pairs = of(&plain.lateral[0].shape).into_iter().zip(of(&wrong.lateral[0].shape));
-                pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-            };
-            [most_m(|shape| shape.y_m.clone()), most_m(|shape| shape.x_m.clone().expect("two planes"))]
-        };
         // Guide 2 moves along y in the first run.
-        let ([above_y, above_x], [aside_y, aside_x]) = (shape_m(-90.0), shape_m(0.0));
+        let ([above_y, above_x], [aside_y, aside_x]) =
+            (shape_m(-90.0, &strong, id), shape_m(0.0, &strong, id));
         assert!(above_y > 1e-5 && above_x < 1e-12, "{id} {above_y} {above_x}");
         match id {
             "imaging.lag" => assert!((aside_y - above_y).abs() < 1e-12),
@@ -188,6 +179,26 @@ fn images_are_wrong_along_their_beam() {
         let plain = session(&truth(vec![]), &small(), 1);
         assert_eq!(unstated.lateral[0].shape.y_m, plain.lateral[0].shape.y_m, "{id}");
     }
+}
+
+fn shape_m(beam_deg: f64, strong: &[f64], id: &'static str) -> [f64; 2] {
+    let (plain, wrong) = (
+        noiseless_with(&imaged_at(beam_deg), vec![0.0], id),
+        noiseless_with(&imaged_at(beam_deg), strong.to_vec(), id),
+    );
+    let most_m = |of: fn(&formats::session::ShapeSeries) -> Vec<f64>| {
+        let pairs = of(&plain.lateral[0].shape).into_iter().zip(of(&wrong.lateral[0].shape));
+        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    [most_m(|shape| shape.y_m.clone()), most_m(|shape| shape.x_m.clone().expect("two planes"))]
+}
+
+fn noiseless_with(design: &Design, values: Vec<f64>, id: &'static str) -> Session {
+    session(&truth(vec![(id, values)]), design, 1)
+}
+
+fn imaged_at(beam_deg: f64) -> Design {
+    Design { images: Some(ImagePlan { beam_deg, ..ImagePlan::default() }), ..quiet(small()) }
 }
 
 #[test]
@@ -203,26 +214,28 @@ fn foreign_effects_are_far_beyond_noise() {
 
 #[test]
 fn histories_are_as_described() {
-    let force_n = |effects| {
-        let session = session(&truth(effects), &small(), 1);
-        (session.lateral[0].force.time_s.clone(), session.lateral[0].force.force_y_n.clone())
-    };
     let (time_s, plain_n) = force_n(vec![]);
-    let at =
-        |wanted_s: f64| time_s.iter().position(|now_s| (now_s - wanted_s).abs() < 1e-9).expect("a sample");
     // Friction keeps the sign of the last motion: none, up in the hold of 0.4, down in that of 0.8 after 1.2.
     let (_, rubbed_n) = force_n(vec![("rig.friction", vec![0.1])]);
-    let signs = [2.0, 5.0, 15.0].map(|now_s| ((rubbed_n[at(now_s)] - plain_n[at(now_s)]) * 10.0).round());
+    let signs = [2.0, 5.0, 15.0].map(|now_s| {
+        ((rubbed_n[sample_at(now_s, &time_s)] - plain_n[sample_at(now_s, &time_s)]) * 10.0).round()
+    });
     assert_eq!(signs, [0.0, 1.0, -1.0]);
     // Guide 2 follows its play: behind by it on the way out, ahead by it on the way back.
     let (_, played_n) = force_n(vec![("rig.play", vec![0.1])]);
-    let behind_mm = |now_s: f64| (played_n[at(now_s)] - plain_n[at(now_s)]) / (plain_n[at(12.0)] / 1.2);
-    assert!((behind_mm(12.0) + 0.1).abs() < 1e-6 && (behind_mm(15.0) - 0.1).abs() < 1e-6);
+    assert!(
+        (behind_mm(12.0, &played_n, &plain_n, &time_s) + 0.1).abs() < 1e-6
+            && (behind_mm(15.0, &played_n, &plain_n, &time_s) - 0.1).abs() < 1e-6
+    );
     // A delay shows in ramps only.
     let (_, late_n) = force_n(vec![("sensor.delay", vec![0.12])]);
-    assert!((late_n[at(5.0)] - plain_n[at(5.0)]).abs() < 1e-9);
-    let slope_n_per_s = plain_n[at(3.3)] - plain_n[at(3.25)];
-    assert!((late_n[at(3.3)] - (plain_n[at(3.3)] - slope_n_per_s * 0.12 / 0.05)).abs() < 1e-9);
+    assert!((late_n[sample_at(5.0, &time_s)] - plain_n[sample_at(5.0, &time_s)]).abs() < 1e-9);
+    let slope_n_per_s = plain_n[sample_at(3.3, &time_s)] - plain_n[sample_at(3.25, &time_s)];
+    assert!(
+        (late_n[sample_at(3.3, &time_s)] - (plain_n[sample_at(3.3, &time_s)] - slope_n_per_s * 0.12 / 0.05))
+            .abs()
+            < 1e-9
+    );
     // Relaxed tissue of modulus K is, long after, tissue of (1 - f) K.
     let relaxing = truth(vec![("tissue.relaxation", vec![0.3, 0.5])]);
     let motion = march(&world(&relaxing), 0, 0.03, &[1.2e-3; 400], 0.05, &[]);
@@ -231,18 +244,33 @@ fn histories_are_as_described() {
     assert!((motion.force_n[399] / end_n - 1.0).abs() < 1e-6, "{} {end_n}", motion.force_n[399]);
     // A frame gives way by its compliance, a bent needle rests with a known force.
     let (_, framed_n) = force_n(vec![("rig.frame_compliance", vec![0.1])]);
-    let stiffness_n_per_mm = plain_n[at(12.0)] / 1.2;
+    let stiffness_n_per_mm = plain_n[sample_at(12.0, &time_s)] / 1.2;
     let expected_n = 1.2 * stiffness_n_per_mm / (1.0 + 0.1 * stiffness_n_per_mm);
-    assert!((framed_n[at(12.0)] - expected_n).abs() < 1e-6);
+    assert!((framed_n[sample_at(12.0, &time_s)] - expected_n).abs() < 1e-6);
     // A bent needle rests with a known force, straight at guide 2, at a slope of a quarter of its bend there.
     let (_, bent_n) = force_n(vec![("needle.prebend", vec![0.2])]);
     let prestress_n = -3.0 * Needle::gauge_18().bending_stiffness_n_m2() * 0.2 / 0.12;
-    let added_n = [1.0, 12.0].map(|now_s| bent_n[at(now_s)] - plain_n[at(now_s)]);
+    let added_n =
+        [1.0, 12.0].map(|now_s| bent_n[sample_at(now_s, &time_s)] - plain_n[sample_at(now_s, &time_s)]);
     assert!(added_n.iter().all(|added_n| (added_n - prestress_n).abs() < 1e-9), "{added_n:?} {prestress_n}");
     let bent = march(&world(&truth(vec![("needle.prebend", vec![0.2])])), 0, 0.03, &[0.0], 0.05, &[0]);
     let tip_m = 0.25 * 0.2 * 0.06 * 0.04 + 0.5 * 0.2 * 0.04 * 0.04;
     assert!(bent.shape_m[0][node_at(0.06)].abs() < 1e-12);
     assert!((bent.shape_m[0][node_at(0.1)] - tip_m).abs() < 1e-12);
+}
+
+fn behind_mm(now_s: f64, played_n: &[f64], plain_n: &[f64], time_s: &[f64]) -> f64 {
+    (played_n[sample_at(now_s, time_s)] - plain_n[sample_at(now_s, time_s)])
+        / (plain_n[sample_at(12.0, time_s)] / 1.2)
+}
+
+fn sample_at(wanted_s: f64, time_s: &[f64]) -> usize {
+    time_s.iter().position(|now_s| (now_s - wanted_s).abs() < 1e-9).expect("a sample")
+}
+
+fn force_n(effects: Vec<(&'static str, Vec<f64>)>) -> (Vec<f64>, Vec<f64>) {
+    let session = session(&truth(effects), &small(), 1);
+    (session.lateral[0].force.time_s.clone(), session.lateral[0].force.force_y_n.clone())
 }
 
 fn sd(values: impl Iterator<Item = f64> + Clone) -> f64 {
@@ -304,13 +332,14 @@ fn plans_follow_the_design() {
 
 #[test]
 fn sessions_are_quick_to_make() {
-    let timed = |what: &str, effects, design: Design| {
-        let start = Instant::now();
-        session(&truth(effects), &design, 1);
-        println!("{what}: {:.1} ms", 1e3 * start.elapsed().as_secs_f64());
-    };
     timed("nine runs", vec![], Design::nine_runs());
     timed("nine runs, relaxing", vec![("tissue.relaxation", vec![0.2, 2.0])], Design::nine_runs());
     timed("nine runs, stiffening", vec![("tissue.stiffening", vec![1.0])], Design::nine_runs());
     timed("insertions", vec![], Design::insertions());
+}
+
+fn timed(what: &str, effects: Vec<(&'static str, Vec<f64>)>, design: Design) {
+    let start = Instant::now();
+    session(&truth(effects), &design, 1);
+    println!("{what}: {:.1} ms", 1e3 * start.elapsed().as_secs_f64());
 }

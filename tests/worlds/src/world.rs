@@ -117,12 +117,10 @@ impl World {
             let is_valid = (1..=most).contains(&values.len());
             assert!(is_valid, "effect {id} with {} values, expected 1 to {most}", values.len());
         }
-        let value = |id: &str, number: usize, neutral: f64| {
-            let named_effect = truth.effects.iter().find(|(name, _)| *name == id);
-            named_effect.and_then(|(_, values)| values.get(number)).copied().unwrap_or(neutral)
+        let one = |id: &str| value_of(id, 0, 0.0, &truth.effects);
+        let pair = |id: &str, unit: f64| {
+            [unit * value_of(id, 0, 0.0, &truth.effects), unit * value_of(id, 1, 0.0, &truth.effects)]
         };
-        let one = |id: &str| value(id, 0, 0.0);
-        let pair = |id: &str, unit: f64| [unit * value(id, 0, 0.0), unit * value(id, 1, 0.0)];
         Self {
             entry_m: rig.entry_m,
             guide2_m: Some(rig.guide2_m),
@@ -130,16 +128,16 @@ impl World {
             k_pa: 1e3 * truth.k_kpa,
             tip_load_n: truth.tip_load_n,
             foreign: truth.foreign,
-            layer_ratio: value("tissue.layers", 0, 1.0),
-            layer_boundary_m: MM * value("tissue.layers", 1, 15.0),
+            layer_ratio: value_of("tissue.layers", 0, 1.0, &truth.effects),
+            layer_boundary_m: MM * value_of("tissue.layers", 1, 15.0, &truth.effects),
             gradient_per_m: one("tissue.gradient") / MM,
             inverse_u0_per_m: one("tissue.stiffening") / MM,
             relaxing_fraction: one("tissue.relaxation"),
-            tau_s: value("tissue.relaxation", 1, 2.0),
+            tau_s: value_of("tissue.relaxation", 1, 2.0, &truth.effects),
             shear_n: one("tissue.shear"),
             gap_m: MM * one("tissue.entry_gap"),
             skin_n_per_m: one("tissue.skin") / MM,
-            anisotropy: value("tissue.anisotropy", 0, 1.0),
+            anisotropy: value_of("tissue.anisotropy", 0, 1.0, &truth.effects),
             clamp_rad_per_n_m: one("rig.clamp_compliance"),
             frame_m_per_n: MM * one("rig.frame_compliance"),
             clearance_m: MM * one("rig.backlash"),
@@ -160,7 +158,7 @@ impl World {
             axial_n: one("needle.axial_load"),
             load_slope_n_per_m: one("tip.load_slope") / MM,
             load_step_n: one("tip.load_step"),
-            load_step_m: MM * value("tip.load_step", 1, 0.0),
+            load_step_m: MM * value_of("tip.load_step", 1, 0.0, &truth.effects),
             entry_angle_rad: pair("tip.entry_angle", 1.0),
             bevel_roll_rad: one("tip.bevel_roll"),
             rate_n_s_per_m: one("tip.rate") / MM,
@@ -210,4 +208,9 @@ impl World {
         let factor = layer * self.growth(depth_m);
         self.k_pa * factor * self.tissue.at(depth_m) * if inclusion { INCLUSION_FACTOR } else { 1.0 }
     }
+}
+
+fn value_of(id: &str, number: usize, neutral: f64, effects: &[(&'static str, Vec<f64>)]) -> f64 {
+    let named_effect = effects.iter().find(|(name, _)| *name == id);
+    named_effect.and_then(|(_, values)| values.get(number)).copied().unwrap_or(neutral)
 }

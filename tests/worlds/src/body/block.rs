@@ -111,14 +111,15 @@ impl BlockStiffness {
         let mut states = vec![[0.0, 0.0], [scaled[0], scaled[1]]];
         for node in 0..=NODES {
             let x = -1.0 + 2.0 * node as f64 / NODES as f64;
-            let sum = |derivative: usize| -> f64 {
-                polynomials(x).iter().enumerate().map(|(i, of)| scaled[ABOVE + i] * of[derivative]).sum()
-            };
             nodes_m.push(holding.entry_m + half_m * (1.0 + x));
-            states.push([sum(0), slope_factor * sum(1)]);
+            states.push([sum(0, x, &scaled), slope_factor * sum(1, x, &scaled)]);
         }
         Ok(Bent { stiffness_n_per_m, nodes_m, states })
     }
+}
+
+fn sum(derivative: usize, x: f64, scaled: &DVector<f64>) -> f64 {
+    polynomials(x).iter().enumerate().map(|(i, of)| scaled[ABOVE + i] * of[derivative]).sum()
 }
 
 /// Legendre polynomials with two derivatives.

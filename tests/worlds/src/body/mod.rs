@@ -109,18 +109,21 @@ impl Bodies {
         key.extend(tissue.soft_spot);
         key.extend(tissue.waves.iter().flat_map(|wave| [wave.amplitude, wave.per_length, wave.phase]));
         let key: Vec<u64> = key.into_iter().map(f64::to_bits).collect();
-        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(wall) = kept().get(&key) {
+        if let Some(wall) = self.kept_walls().get(&key) {
             return Ok(Arc::clone(wall));
         }
         let mesh = Mesh::new(radius_m, length_m, &[world.gap_m, boundary_m], fineness);
         let wall = Arc::new(wall::solve(&mesh, poisson, &modulus)?);
-        let mut kept_unknowns = kept();
+        let mut kept_unknowns = self.kept_walls();
         if kept_unknowns.len() >= MAX_KEPT {
             kept_unknowns.clear();
         }
         kept_unknowns.insert(key, Arc::clone(&wall));
         Ok(wall)
+    }
+
+    fn kept_walls(&self) -> std::sync::MutexGuard<'_, HashMap<Vec<u64>, Arc<Wall>>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Session that a laboratory would record with this body; lateral runs only.

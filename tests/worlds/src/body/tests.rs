@@ -111,25 +111,19 @@ fn one_run() -> Design {
 #[test]
 fn effects_do_to_a_body_what_they_do() {
     let bodies = Bodies::new(Fineness::COARSE);
-    let force = |effects| {
-        let session =
-            bodies.session(&body(effects), &Background::default(), &one_run(), 1).expect("a session");
-        let force_n = &session.lateral[0].force.force_y_n;
-        force_n[force_n.len() - 1]
-    };
-    let plain = force(vec![]);
+    let plain = end_force_n(vec![], &bodies);
     assert!((0.5..3.0).contains(&plain), "{plain}");
     // A layer without contrast, and a boundary below the needle, are no layer; stiffer depths make it stiffer.
-    close("even", force(vec![("tissue.layers", vec![1.0, 9.0])]), plain, 1e-12);
-    let stiffer = force(vec![("tissue.layers", vec![2.5, 8.0])]);
+    close("even", end_force_n(vec![("tissue.layers", vec![1.0, 9.0])], &bodies), plain, 1e-12);
+    let stiffer = end_force_n(vec![("tissue.layers", vec![2.5, 8.0])], &bodies);
     assert!(stiffer > 1.02 * plain && stiffer < 2.5 * plain, "{stiffer} {plain}");
-    assert!(force(vec![("tissue.gradient", vec![0.03])]) > 1.02 * plain);
-    assert!(force(vec![("tissue.entry_gap", vec![4.0])]) < 0.95 * plain);
-    assert!(force(vec![("tissue.skin", vec![0.3])]) > 1.02 * plain);
-    assert!(force(vec![("rig.clamp_compliance", vec![0.4])]) < 0.98 * plain);
-    let framed = force(vec![("rig.frame_compliance", vec![0.1])]);
+    assert!(end_force_n(vec![("tissue.gradient", vec![0.03])], &bodies) > 1.02 * plain);
+    assert!(end_force_n(vec![("tissue.entry_gap", vec![4.0])], &bodies) < 0.95 * plain);
+    assert!(end_force_n(vec![("tissue.skin", vec![0.3])], &bodies) > 1.02 * plain);
+    assert!(end_force_n(vec![("rig.clamp_compliance", vec![0.4])], &bodies) < 0.98 * plain);
+    let framed = end_force_n(vec![("rig.frame_compliance", vec![0.1])], &bodies);
     close("frame", framed, plain / (1.0 + 0.1 * plain / 1.2), 1e-9);
-    let loose = force(vec![("rig.backlash", vec![0.12])]);
+    let loose = end_force_n(vec![("rig.backlash", vec![0.12])], &bodies);
     close("backlash", loose, 0.9 * plain, 1e-9);
     // In next to nothing it is the bare needle.
     let air = Body { youngs_kpa: 1e-6, ..body(vec![]) };
@@ -139,30 +133,53 @@ fn effects_do_to_a_body_what_they_do() {
     close("air", air, bare, 1e-4);
 }
 
+fn end_force_n(effects: Vec<(&'static str, Vec<f64>)>, bodies: &Bodies) -> f64 {
+    let session = bodies.session(&body(effects), &Background::default(), &one_run(), 1).expect("a session");
+    let force_n = &session.lateral[0].force.force_y_n;
+    force_n[force_n.len() - 1]
+}
+
 #[test]
 fn backgrounds_act_on_bodies_and_nothing_else_is_accepted() {
     let bodies = Bodies::new(Fineness::COARSE);
-    let make = |background: &Background| {
-        bodies.session(&body(vec![]), background, &one_run(), 1).expect("a session")
-    };
-    let force = |session: &Session| session.lateral[0].force.force_y_n.last().copied().expect("samples");
-    let plain = make(&Background::default());
-    assert_eq!(plain, make(&Background::default()));
+    let plain = one_session(&Background::default(), &bodies);
+    assert_eq!(plain, one_session(&Background::default(), &bodies));
     for (kind, size) in [
         (Imperfection::ModulusOverDepth, 0.05),
         (Imperfection::ModulusPerRun, 0.02),
         (Imperfection::Entry, 0.3),
         (Imperfection::ForceZero, 0.02),
     ] {
-        let change = (force(&make(&Background::of(kind, size, 2))) / force(&plain) - 1.0).abs();
+        let change = (last_force_n(&one_session(&Background::of(kind, size, 2), &bodies))
+            / last_force_n(&plain)
+            - 1.0)
+            .abs();
         assert!(change > 1e-4 && change < 0.06, "{} {change}", kind.name());
     }
     let no_background = Background::default();
-    let refused = |effects| bodies.session(&body(effects), &no_background, &one_run(), 1);
-    assert_eq!(refused(vec![("tissue.shear", vec![1.0])]).unwrap_err(), BodyError::Effect("tissue.shear"));
+    assert_eq!(
+        refused(vec![("tissue.shear", vec![1.0])], &bodies, &no_background).unwrap_err(),
+        BodyError::Effect("tissue.shear")
+    );
     let insertions = Design { insertion: Design::insertions().insertion, ..one_run() };
     assert_eq!(
         bodies.session(&body(vec![]), &no_background, &insertions, 1).unwrap_err(),
         BodyError::Insertion
     );
+}
+
+fn refused(
+    effects: Vec<(&'static str, Vec<f64>)>,
+    bodies: &Bodies,
+    no_background: &Background,
+) -> Result<Session, BodyError> {
+    bodies.session(&body(effects), no_background, &one_run(), 1)
+}
+
+fn last_force_n(session: &Session) -> f64 {
+    session.lateral[0].force.force_y_n.last().copied().expect("samples")
+}
+
+fn one_session(background: &Background, bodies: &Bodies) -> Session {
+    bodies.session(&body(vec![]), background, &one_run(), 1).expect("a session")
 }

@@ -53,8 +53,8 @@ pub(super) fn solve(mesh: &Mesh, poisson: f64, modulus: &dyn Fn(f64) -> f64) -> 
             if radial < mesh.needle[0] && axial < mesh.needle[1] {
                 continue;
             }
-            let ends = |lines: &[f64], cell: usize| [lines[cell], lines[cell + 1]];
-            let element = element(ends(&mesh.radii_m, radial), ends(&mesh.depths_m, axial), poisson, modulus);
+            let element =
+                element(cell_ends(&mesh.radii_m, radial), cell_ends(&mesh.depths_m, axial), poisson, modulus);
             let element_unknowns: Vec<Unknown> = (0..9)
                 .flat_map(|node| unknowns[(2 * radial + node / 3) * rows + 2 * axial + node % 3])
                 .collect();
@@ -78,6 +78,10 @@ pub(super) fn solve(mesh: &Mesh, poisson: f64, modulus: &dyn Fn(f64) -> f64) -> 
     stiffness *= PI;
     let is_finite = stiffness.iter().all(|value| value.is_finite());
     if is_finite { Ok(Wall { depths_m, stiffness }) } else { Err(BodyError::Singular) }
+}
+
+fn cell_ends(lines: &[f64], cell: usize) -> [f64; 2] {
+    [lines[cell], lines[cell + 1]]
 }
 
 /// Body's own unknowns as functions of those of the wall, by Cholesky. Entries are column, row and value; those at one
@@ -107,27 +111,25 @@ fn followed(
     matrix.nzmax = matrix.x.len();
     let mut order = rsparse::schol(&matrix, 0);
     let lower = rsparse::chol(&matrix, &mut order).map_err(|_| BodyError::Singular)?.l;
-    let place = |k: usize| order.pinv.as_ref().and_then(|to| usize::try_from(to[k]).ok()).unwrap_or(k);
     let mut solved = DMatrix::zeros(own, coupling.ncols());
     let mut permuted = vec![0.0; own];
     for (from, mut to) in coupling.column_iter().zip(solved.column_iter_mut()) {
-        (0..own).for_each(|k| permuted[place(k)] = from[k]);
+        (0..own).for_each(|k| permuted[permuted_row(k, &order.pinv)] = from[k]);
         rsparse::lsolve(&lower, &mut permuted);
         rsparse::ltsolve(&lower, &mut permuted);
-        (0..own).for_each(|k| to[k] = permuted[place(k)]);
+        (0..own).for_each(|k| to[k] = permuted[permuted_row(k, &order.pinv)]);
     }
     Ok(solved)
+}
+
+fn permuted_row(k: usize, pinv: &Option<Vec<isize>>) -> usize {
+    pinv.as_ref().and_then(|to| usize::try_from(to[k]).ok()).unwrap_or(k)
 }
 
 /// Unknowns of every node, number of the body's unknowns, and depths of the wall's nodes. Nodes are numbered down each
 /// line of the quadratic mesh, and from the axis outwards.
 fn numbered(mesh: &Mesh) -> (Vec<[Unknown; 3]>, usize, Vec<f64>) {
-    let middles = |lines: &[f64]| -> Vec<f64> {
-        let mut nodes = vec![lines[0]];
-        nodes.extend(lines.windows(2).flat_map(|pair| [0.5 * (pair[0] + pair[1]), pair[1]]));
-        nodes
-    };
-    let (radii_m, depths_m) = (middles(&mesh.radii_m), middles(&mesh.depths_m));
+    let (radii_m, depths_m) = (with_middles(&mesh.radii_m), with_middles(&mesh.depths_m));
     let [wall, tip] = mesh.needle.map(|cells| 2 * cells);
     let mut own_count = 0;
     let mut next = || {
@@ -152,6 +154,12 @@ fn numbered(mesh: &Mesh) -> (Vec<[Unknown; 3]>, usize, Vec<f64>) {
         }
     }
     (unknowns, own_count, depths_m[..=tip].to_vec())
+}
+
+fn with_middles(lines: &[f64]) -> Vec<f64> {
+    let mut nodes = vec![lines[0]];
+    nodes.extend(lines.windows(2).flat_map(|pair| [0.5 * (pair[0] + pair[1]), pair[1]]));
+    nodes
 }
 
 /// Values and derivatives of the three quadratic functions at a place.

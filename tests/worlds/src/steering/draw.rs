@@ -93,15 +93,14 @@ impl Kind {
 pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(number);
-    let mut uniform = |low: f64, high: f64| rng.random_range(low..=high);
-    let prior_kpa = uniform(10.0, 40.0);
-    let prior_load_n = uniform(0.15, 0.4);
-    let gap_mm = uniform(15.0, 30.0).round();
+    let prior_kpa = uniform(10.0, 40.0, &mut rng);
+    let prior_load_n = uniform(0.15, 0.4, &mut rng);
+    let gap_mm = uniform(15.0, 30.0, &mut rng).round();
     let mut tissue = Tissue {
-        modulus_pa: 1e3 * prior_kpa * uniform(0.5, 1.5),
-        layers: vec![[1e-3 * uniform(15.0, 60.0), uniform(-0.7, 0.7).exp()]],
+        modulus_pa: 1e3 * prior_kpa * uniform(0.5, 1.5, &mut rng),
+        layers: vec![[1e-3 * uniform(15.0, 60.0, &mut rng), uniform(-0.7, 0.7, &mut rng).exp()]],
         gradient_per_m: 0.0,
-        skin_n_per_m: uniform(0.0, 800.0),
+        skin_n_per_m: uniform(0.0, 800.0, &mut rng),
         yield_n_per_m: f64::INFINITY,
         yield_depth_m: 0.01,
         relaxing: 0.0,
@@ -109,33 +108,36 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
         anisotropy: 1.0,
         shear_n: 0.0,
     };
-    if uniform(0.0, 1.0) < 0.5 {
-        tissue.yield_n_per_m = uniform(40.0, 90.0);
+    if uniform(0.0, 1.0, &mut rng) < 0.5 {
+        tissue.yield_n_per_m = uniform(40.0, 90.0, &mut rng);
     } else {
-        tissue.relaxing = uniform(0.1, 0.4);
-        tissue.relaxation_s = uniform(1.0, 10.0);
+        tissue.relaxing = uniform(0.1, 0.4, &mut rng);
+        tissue.relaxation_s = uniform(1.0, 10.0, &mut rng);
     }
-    let mut sign = |size: f64| if uniform(0.0, 1.0) < 0.5 { size } else { -size };
+    let mut sign = |size: f64| if uniform(0.0, 1.0, &mut rng) < 0.5 { size } else { -size };
     let mut flaws = Flaws::default();
     let signs = [sign(1.0), sign(1.0), sign(1.0), sign(1.0), sign(1.0)];
-    flaws.play_mm = uniform(0.02, 0.1);
-    flaws.guide_offset_mm = [uniform(-0.15, 0.15), uniform(-0.15, 0.15)];
-    flaws.lead = uniform(-0.008, 0.008);
+    flaws.play_mm = uniform(0.02, 0.1, &mut rng);
+    flaws.guide_offset_mm = [uniform(-0.15, 0.15, &mut rng), uniform(-0.15, 0.15, &mut rng)];
+    flaws.lead = uniform(-0.008, 0.008, &mut rng);
     flaws.bad = 0.05;
-    flaws.force_offset_n = [uniform(-0.1, 0.1), uniform(-0.1, 0.1)];
-    let mean_n = prior_load_n * uniform(0.6, 1.4);
-    let memory_mm = uniform(20.0, 50.0);
-    let (tip_noise_mm, bevel_deg) = (uniform(0.1, 0.3), uniform(-180.0, 180.0));
-    let [stiff, size, angle] = [uniform(0.5, 1.0), uniform(0.5, 1.0), uniform(0.0, std::f64::consts::TAU)];
-    let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
-    flaws.slope = [0.010 * normal(), 0.010 * normal()];
-    let (mut parallel, mut perpendicular) = (normal(), normal());
+    flaws.force_offset_n = [uniform(-0.1, 0.1, &mut rng), uniform(-0.1, 0.1, &mut rng)];
+    let mean_n = prior_load_n * uniform(0.6, 1.4, &mut rng);
+    let memory_mm = uniform(20.0, 50.0, &mut rng);
+    let (tip_noise_mm, bevel_deg) = (uniform(0.1, 0.3, &mut rng), uniform(-180.0, 180.0, &mut rng));
+    let [stiff, size, angle] = [
+        uniform(0.5, 1.0, &mut rng),
+        uniform(0.5, 1.0, &mut rng),
+        uniform(0.0, std::f64::consts::TAU, &mut rng),
+    ];
+    flaws.slope = [0.010 * normal(&mut rng), 0.010 * normal(&mut rng)];
+    let (mut parallel, mut perpendicular) = (normal(&mut rng), normal(&mut rng));
     let persistence = (-1.0 / memory_mm).exp();
     let fresh = (1.0 - persistence * persistence).sqrt();
     for _ in 0..=200 {
         flaws.load_n.push([mean_n * (1.0 + 0.15 * parallel), mean_n * 0.1 * perpendicular]);
-        parallel = persistence * parallel + fresh * normal();
-        perpendicular = persistence * perpendicular + fresh * normal();
+        parallel = persistence * parallel + fresh * normal(&mut rng);
+        perpendicular = persistence * perpendicular + fresh * normal(&mut rng);
     }
     let mut tip = Tip::Load;
     let mut needle = Needle::new(tissue, tip, 1e-3 * gap_mm);
@@ -205,6 +207,14 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
         }),
     };
     SimulatedPlant::new(stated, needle, flaws, rng)
+}
+
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+fn uniform(low: f64, high: f64, rng: &mut ChaCha8Rng) -> f64 {
+    rng.random_range(low..=high)
 }
 
 /// A point that the plant's needle reaches with two rotations and without guide moves, mm: the end of a run of its own.
@@ -291,13 +301,16 @@ pub fn reachable_within<N: Body + Clone>(
         }
         let end = scout.end()?;
         let limits = &plant.stated.limits;
-        let within = |peak: Option<f64>, limit: Option<f64>| {
-            peak.zip(limit).is_none_or(|(peak, limit)| peak <= share_of_limits * limit)
-        };
-        if within(end.peak_force_n, limits.guide_force_n) && within(end.peak_strain, limits.needle_strain) {
+        if within_limit(end.peak_force_n, limits.guide_force_n, share_of_limits)
+            && within_limit(end.peak_strain, limits.needle_strain, share_of_limits)
+        {
             let [x, y] = scout.tip_mm();
             return Ok([x, y, depth_mm]);
         }
         sideways_mm *= 0.8;
     }
+}
+
+fn within_limit(peak: Option<f64>, limit: Option<f64>, share_of_limits: f64) -> bool {
+    peak.zip(limit).is_none_or(|(peak, limit)| peak <= share_of_limits * limit)
 }

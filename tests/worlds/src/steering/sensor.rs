@@ -114,13 +114,19 @@ impl<N: Body> SimulatedPlant<N> {
         let first_mm = (depth_mm.floor() as usize).min(self.flaws.load_n.len().saturating_sub(2));
         let fraction = (depth_mm - first_mm as f64).clamp(0.0, 1.0);
         let factor = 1.0 + self.flaws.load_per_speed * speed_mm_s;
-        let of = |i: usize| {
-            factor
-                * (self.flaws.load_n[first_mm][i] * (1.0 - fraction)
-                    + self.flaws.load_n[first_mm + 1][i] * fraction)
-        };
         let (sin, cos) = (bevel_rad + self.flaws.roll_rad).sin_cos();
-        [cos * of(0) - sin * of(1), sin * of(0) + cos * of(1)]
+        [
+            cos * self.load_between(0, factor, first_mm, fraction)
+                - sin * self.load_between(1, factor, first_mm, fraction),
+            sin * self.load_between(0, factor, first_mm, fraction)
+                + cos * self.load_between(1, factor, first_mm, fraction),
+        ]
+    }
+
+    fn load_between(&self, i: usize, factor: f64, first_mm: usize, fraction: f64) -> f64 {
+        factor
+            * (self.flaws.load_n[first_mm][i] * (1.0 - fraction)
+                + self.flaws.load_n[first_mm + 1][i] * fraction)
     }
 
     fn normal(&mut self) -> f64 {
@@ -223,6 +229,13 @@ impl<N: Body> SimulatedPlant<N> {
     }
 }
 
+impl<N: Body> SimulatedPlant<N> {
+    /// Force on guide 2 along one axis as its sensor gives it, where there is one.
+    fn measured_force_n(&mut self, i: usize, force_noise_n: Option<f64>) -> Option<f64> {
+        force_noise_n.map(|sd| self.needle.force_n()[i] + self.flaws.force_offset_n[i] + sd * self.normal())
+    }
+}
+
 impl<N: Body> Plant for SimulatedPlant<N> {
     fn start(&mut self) -> Result<Statement, PlantError> {
         Ok(self.stated.clone())
@@ -231,11 +244,8 @@ impl<N: Body> Plant for SimulatedPlant<N> {
     fn step(&mut self, command: &Command) -> Result<Answer, PlantError> {
         self.advance(command);
         let force_noise_n = self.stated.force_noise_n;
-        let force = |plant: &mut Self, i: usize| {
-            force_noise_n
-                .map(|sd| plant.needle.force_n()[i] + plant.flaws.force_offset_n[i] + sd * plant.normal())
-        };
-        let (force_x_n, force_y_n) = (force(self, 0), force(self, 1));
+        let (force_x_n, force_y_n) =
+            (self.measured_force_n(0, force_noise_n), self.measured_force_n(1, force_noise_n));
         let (tip_seq, sample_s, tip_mm, valid) = self.shown;
         Ok(Answer {
             t_s: self.now.t_s,

@@ -101,15 +101,12 @@ impl TiedNeedle {
     fn settle(&mut self, depth_m: f64, time_s: f64, guide_m: [f64; 2], load_n: [f64; 2]) {
         self.depth_m = depth_m;
         let entry_m = self.guide2_m + self.gap_m;
-        let even = |from_m: f64, length_m: f64, count: usize| {
-            (1..=count).map(move |i| from_m + length_m * i as f64 / count as f64)
-        };
         let mut nodes_m = vec![0.0];
-        nodes_m.extend(even(0.0, self.guide2_m, 20));
-        nodes_m.extend(even(self.guide2_m, self.gap_m, 10));
+        nodes_m.extend(evenly_spaced(0.0, self.guide2_m, 20));
+        nodes_m.extend(evenly_spaced(self.guide2_m, self.gap_m, 10));
         let (guide2, entry) = (20, 30);
         let whole = (depth_m / ELEMENT_M + 1e-6).floor() as usize;
-        nodes_m.extend(even(entry_m, ELEMENT_M * whole as f64, whole));
+        nodes_m.extend(evenly_spaced(entry_m, ELEMENT_M * whole as f64, whole));
         if depth_m - ELEMENT_M * whole as f64 > 1e-6 {
             nodes_m.push(entry_m + depth_m);
         }
@@ -154,15 +151,8 @@ impl TiedNeedle {
             let bend = self.stiffness_n_m2 / l;
             // Shear of the element: (u2 - u1) - l (r1 + r2)/2; bending: r2 - r1.
             let h = 0.5 * l;
-            let add = |to: &mut [[f64; 2]; 2], signs: [f64; 2]| {
-                let [a, b] = signs;
-                to[0][0] += a * b * shear;
-                to[0][1] += a * h * shear;
-                to[1][0] += b * h * shear;
-                to[1][1] += h * h * shear + a * b * bend;
-            };
-            add(&mut nodes[i].own, [1.0, 1.0]);
-            add(&mut nodes[i + 1].own, [-1.0, -1.0]);
+            add_element(&mut nodes[i].own, [1.0, 1.0], shear, h, bend);
+            add_element(&mut nodes[i + 1].own, [-1.0, -1.0], shear, h, bend);
             let (successor, next) = (&mut nodes[i].next, [1.0, -1.0]);
             successor[0][0] += next[0] * next[1] * shear;
             successor[0][1] += h * shear;
@@ -234,6 +224,18 @@ impl TiedNeedle {
             }
         }
     }
+}
+
+fn add_element(to: &mut [[f64; 2]; 2], signs: [f64; 2], shear: f64, h: f64, bend: f64) {
+    let [a, b] = signs;
+    to[0][0] += a * b * shear;
+    to[0][1] += a * h * shear;
+    to[1][0] += b * h * shear;
+    to[1][1] += h * h * shear + a * b * bend;
+}
+
+fn evenly_spaced(from_m: f64, length_m: f64, count: usize) -> impl Iterator<Item = f64> {
+    (1..=count).map(move |i| from_m + length_m * i as f64 / count as f64)
 }
 
 impl Body for TiedNeedle {

@@ -31,47 +31,48 @@ pub fn tied_world(tissues: Tissues, seed: u64, number: u64) -> SimulatedPlant<Ti
 pub fn tied_sibling(tissues: Tissues, seed: u64, number: u64, hidden: u64) -> SimulatedPlant<TiedNeedle> {
     let mut stated_rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0071_6564);
     stated_rng.set_stream(number);
-    let mut stated = |low: f64, high: f64| stated_rng.random_range(low..=high);
-    let prior_kpa = stated(10.0, 40.0);
-    let prior_load_n = stated(0.15, 0.4);
-    let gap_mm = stated(15.0, 30.0).round();
-    let (tip_noise_mm, bevel_deg) = (stated(0.1, 0.3), stated(-180.0, 180.0));
+    let prior_kpa = uniform(10.0, 40.0, &mut stated_rng);
+    let prior_load_n = uniform(0.15, 0.4, &mut stated_rng);
+    let gap_mm = uniform(15.0, 30.0, &mut stated_rng).round();
+    let (tip_noise_mm, bevel_deg) =
+        (uniform(0.1, 0.3, &mut stated_rng), uniform(-180.0, 180.0, &mut stated_rng));
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6869_6464 ^ hidden.wrapping_mul(0x9E37_79B9_7F4A_7C15));
     rng.set_stream(number);
-    let mut uniform = |low: f64, high: f64| rng.random_range(low..=high);
     let mut ties = Ties {
-        modulus_pa: 1e3 * prior_kpa * uniform(0.5, 1.5),
+        modulus_pa: 1e3 * prior_kpa * uniform(0.5, 1.5, &mut rng),
         layers: Vec::new(),
         skin_n_per_m: 0.0,
         yield_n_per_m: [f64::INFINITY, 0.0],
         relaxing: [0.0, 1.0],
     };
     if tissues == Tissues::Standard {
-        ties.layers.push([1e-3 * uniform(15.0, 60.0), uniform(0.5_f64.ln(), 2.0_f64.ln()).exp()]);
-        ties.skin_n_per_m = uniform(0.0, 600.0);
-        if uniform(0.0, 1.0) < 0.5 {
-            ties.yield_n_per_m = [uniform(40.0, 90.0), uniform(2e3, 6e3)];
+        ties.layers.push([
+            1e-3 * uniform(15.0, 60.0, &mut rng),
+            uniform(0.5_f64.ln(), 2.0_f64.ln(), &mut rng).exp(),
+        ]);
+        ties.skin_n_per_m = uniform(0.0, 600.0, &mut rng);
+        if uniform(0.0, 1.0, &mut rng) < 0.5 {
+            ties.yield_n_per_m = [uniform(40.0, 90.0, &mut rng), uniform(2e3, 6e3, &mut rng)];
         } else {
-            ties.relaxing = [uniform(0.1, 0.4), uniform(1.0, 10.0)];
+            ties.relaxing = [uniform(0.1, 0.4, &mut rng), uniform(1.0, 10.0, &mut rng)];
         }
     }
-    let mean_n = prior_load_n * uniform(0.6, 1.4);
+    let mean_n = prior_load_n * uniform(0.6, 1.4, &mut rng);
     let mut flaws = Flaws {
-        play_mm: uniform(0.02, 0.1),
-        guide_offset_mm: [uniform(-0.15, 0.15), uniform(-0.15, 0.15)],
-        lead: uniform(-0.008, 0.008),
+        play_mm: uniform(0.02, 0.1, &mut rng),
+        guide_offset_mm: [uniform(-0.15, 0.15, &mut rng), uniform(-0.15, 0.15, &mut rng)],
+        lead: uniform(-0.008, 0.008, &mut rng),
         bad: 0.05,
-        force_offset_n: [uniform(-0.1, 0.1), uniform(-0.1, 0.1)],
+        force_offset_n: [uniform(-0.1, 0.1, &mut rng), uniform(-0.1, 0.1, &mut rng)],
         ..Flaws::default()
     };
-    let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
     // A needle's angle beyond 10 mrad would be seen before it is pushed.
-    flaws.slope = [0, 1].map(|_| (0.005 * normal()).clamp(-0.01, 0.01));
+    flaws.slope = [0, 1].map(|_| (0.005 * normal(&mut rng)).clamp(-0.01, 0.01));
     let (mut parallel, mut perpendicular) = (1.0, 0.0);
     for _ in 0..=200 {
         flaws.load_n.push([mean_n * parallel, mean_n * perpendicular]);
-        parallel += WANDER * normal();
-        perpendicular += WANDER * normal();
+        parallel += WANDER * normal(&mut rng);
+        perpendicular += WANDER * normal(&mut rng);
     }
     let stated = Statement {
         plant: ::steering::VERSION.to_owned(),
@@ -112,6 +113,14 @@ pub fn tied_sibling(tissues: Tissues, seed: u64, number: u64, hidden: u64) -> Si
     SimulatedPlant::new(stated, TiedNeedle::new(ties, 1e-3 * gap_mm), flaws, rng)
 }
 
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+fn uniform(low: f64, high: f64, rng: &mut ChaCha8Rng) -> f64 {
+    rng.random_range(low..=high)
+}
+
 /// A point at the edge of what a needle reaches, mm: the end of a run with two guide moves, as large as a share of its limits
 /// lets them be.
 ///
@@ -127,10 +136,10 @@ pub fn far_target<N: Body + Clone>(
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0066_6172);
     rng.set_stream(number);
     let travel_mm = share_of_limits * plant.stated.limits.guide_travel_mm;
-    let mut uniform = |low: f64, high: f64| rng.random_range(low..=high);
     // Depth, and guide position from there on, as a share of the travel.
-    let moves = [[3.0, 20.0], [25.0, 55.0]]
-        .map(|[low, high]| (uniform(low, high).round(), [uniform(-1.0, 1.0), uniform(-1.0, 1.0)]));
+    let moves = [[3.0, 20.0], [25.0, 55.0]].map(|[low, high]| {
+        (uniform(low, high, &mut rng).round(), [uniform(-1.0, 1.0, &mut rng), uniform(-1.0, 1.0, &mut rng)])
+    });
     let mut size = 1.0;
     loop {
         let mut scout = plant.clone();
@@ -148,13 +157,16 @@ pub fn far_target<N: Body + Clone>(
         }
         let end = scout.end()?;
         let limits = &plant.stated.limits;
-        let within = |peak: Option<f64>, limit: Option<f64>| {
-            peak.zip(limit).is_none_or(|(peak, limit)| peak <= share_of_limits * limit)
-        };
-        if within(end.peak_force_n, limits.guide_force_n) && within(end.peak_strain, limits.needle_strain) {
+        if within_limit(end.peak_force_n, limits.guide_force_n, share_of_limits)
+            && within_limit(end.peak_strain, limits.needle_strain, share_of_limits)
+        {
             let [x, y] = scout.tip_mm();
             return Ok([x, y, depth_mm]);
         }
         size *= 0.9;
     }
+}
+
+fn within_limit(peak: Option<f64>, limit: Option<f64>, share_of_limits: f64) -> bool {
+    peak.zip(limit).is_none_or(|(peak, limit)| peak <= share_of_limits * limit)
 }
