@@ -249,12 +249,6 @@ impl PlanInput {
     }
 
     fn check(&self) -> Result<(), PlanError> {
-        let check_range = |field: &'static str, values: &[f64], scale: f64, [least, most]: [f64; 2]| {
-            // Lengths in millimetres, without the digits that scaling leaves behind.
-            let value = |value: &f64| (1e9 * scale * value).round() / 1e9;
-            let wrong = values.iter().map(value).find(|value| !(least..=most).contains(value));
-            wrong.map_or(Ok(()), |value| Err(PlanError::OutOfRange { field, value, least, most }))
-        };
         for (field, empty) in [
             ("depth_mm", self.depths_m.is_empty()),
             ("displacement_mm", self.displacements_m.is_empty()),
@@ -301,6 +295,20 @@ impl PlanInput {
     fn points(&self, depth_m: f64) -> usize {
         (depth_m / self.shape_spacing_m + 1e-9).floor() as usize
     }
+}
+
+fn check_range(
+    field: &'static str,
+    values: &[f64],
+    scale: f64,
+    [least, most]: [f64; 2],
+) -> Result<(), PlanError> {
+    // Lengths in millimetres, without the digits that scaling leaves behind.
+    let wrong = values
+        .iter()
+        .map(|value| (1e9 * scale * value).round() / 1e9)
+        .find(|value| !(least..=most).contains(value));
+    wrong.map_or(Ok(()), |value| Err(PlanError::OutOfRange { field, value, least, most }))
 }
 
 /// Works out every choice.
@@ -384,7 +392,6 @@ fn choice(question: &PlanInput, rig: &Rig, depth_m: f64, displacement_m: f64) ->
 fn data(question: &PlanInput, rig: &Rig, beam: &Beam, depth_m: f64, displacement_m: f64) -> LateralData {
     let of_mean = question.readings_per_hold().sqrt();
     let points = question.points(depth_m);
-    let z_m = |i: usize| rig.entry_m + (i as f64 + 0.5) * depth_m / points.max(1) as f64;
     let (least, most) =
         question.levels.iter().fold((0.0_f64, 0.0_f64), |(least, most), at| (least.min(*at), most.max(*at)));
     LateralData {
@@ -409,7 +416,12 @@ fn data(question: &PlanInput, rig: &Rig, beam: &Beam, depth_m: f64, displacement
                         sd: question.force_sd_n / of_mean,
                     }],
                     shape: (0..points)
-                        .map(|i| ShapeDatum::new(z_m(i), [beam.deflection_m(level_m, z_m(i)), 0.0]))
+                        .map(|i| {
+                            ShapeDatum::new(
+                                point_m(i, depth_m, points, rig.entry_m),
+                                [beam.deflection_m(level_m, point_m(i, depth_m, points, rig.entry_m)), 0.0],
+                            )
+                        })
                         .collect(),
                 }
             })
@@ -426,6 +438,10 @@ fn data(question: &PlanInput, rig: &Rig, beam: &Beam, depth_m: f64, displacement
         effects: question.nuisances.clone(),
         fixed: None,
     }
+}
+
+fn point_m(i: usize, depth_m: f64, points: usize, entry_m: f64) -> f64 {
+    entry_m + (i as f64 + 0.5) * depth_m / points.max(1) as f64
 }
 
 #[cfg(test)]

@@ -78,7 +78,6 @@ fn predict_from(session: &Session, options: &Options) -> Result<Prediction, Pred
     let tissue = tissue(session, options, &mut warnings)?;
     let runs: Vec<&InsertionRun> = session.insertion.iter().collect();
 
-    let located = |run: &InsertionRun, why: PathError| format!("{}: {why}", run.path.display());
     let read: Vec<Result<TipPath, String>> =
         runs.iter().map(|run| TipPath::new(run).map_err(|why| located(run, why))).collect();
     let paths: Vec<TipPath> = read.iter().flatten().cloned().collect();
@@ -124,6 +123,10 @@ fn predict_from(session: &Session, options: &Options) -> Result<Prediction, Pred
         warnings,
         draws,
     })
+}
+
+fn located(run: &InsertionRun, why: PathError) -> String {
+    format!("{}: {why}", run.path.display())
 }
 
 /// Effects that a prediction does not apply: those of the tip, and yielding tissue.

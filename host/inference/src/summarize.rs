@@ -36,10 +36,6 @@ pub fn summarize_session(id: String, session: &Session, labels: &Labels, seed: u
         ..Options::default()
     };
     let diagnosis = diagnose_and_linearise(session, &options, |_| {});
-    let covariate = |value: &Covariate| match value {
-        Covariate::Number(number) => Value::Number(*number),
-        Covariate::Text(text) => Value::Text(text.clone()),
-    };
     let (result, error) = match diagnosis {
         Ok((diagnosis, linearised)) => (Some(result(&diagnosis, &linearised)), None),
         Err(error) => (None, Some(error.to_string())),
@@ -52,10 +48,21 @@ pub fn summarize_session(id: String, session: &Session, labels: &Labels, seed: u
         rig: labels.rig.clone(),
         needle: labels.needle.clone(),
         tissue: labels.tissue.clone(),
-        covariates: labels.covariates.iter().map(|(name, value)| (name.clone(), covariate(value))).collect(),
+        covariates: labels
+            .covariates
+            .iter()
+            .map(|(name, value)| (name.clone(), covariate_value(value)))
+            .collect(),
         error,
         result,
         ..Summary::empty(id)
+    }
+}
+
+fn covariate_value(value: &Covariate) -> Value {
+    match value {
+        Covariate::Number(number) => Value::Number(*number),
+        Covariate::Text(text) => Value::Text(text.clone()),
     }
 }
 

@@ -33,14 +33,17 @@ impl FromStr for Goal {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let expected = || "expected `name`, or `k:PERCENT` with 0.1 to 50, as k:3".to_owned();
         if text == "name" {
             return Ok(Self::Name);
         }
         let percent: f64 =
-            text.strip_prefix("k:").and_then(|number| number.parse().ok()).ok_or_else(expected)?;
-        if (0.1..=50.0).contains(&percent) { Ok(Self::Modulus(0.01 * percent)) } else { Err(expected()) }
+            text.strip_prefix("k:").and_then(|number| number.parse().ok()).ok_or_else(expected_goal)?;
+        if (0.1..=50.0).contains(&percent) { Ok(Self::Modulus(0.01 * percent)) } else { Err(expected_goal()) }
     }
+}
+
+fn expected_goal() -> String {
+    "expected `name`, or `k:PERCENT` with 0.1 to 50, as k:3".to_owned()
 }
 
 /// Why an investigation ends.
@@ -134,20 +137,27 @@ pub fn decide(
         let prospect = prospects.runs.iter().find(|prospect| prospect.run == run.plan.id)?.clone();
         (prospect.force_n <= force_limit_n).then_some(ChosenRun { run, prospect })
     });
-    let nats = |choice: &ChosenRun| match goal {
-        Goal::Name => choice.prospect.information_nats,
-        Goal::Modulus(_) => choice.prospect.modulus_nats,
-    };
-    let is_worth_it = |choice: &ChosenRun| match goal {
-        Goal::Name => nats(choice) * f64::from(runs_left) > DECIDED_NATS,
-        Goal::Modulus(_) => nats(choice) > 0.0,
-    };
-    let per_minute = |choice: &ChosenRun| nats(choice) / choice.run.minutes;
-    let best = choices.filter(is_worth_it).max_by(|a, b| per_minute(a).total_cmp(&per_minute(b)));
+    let best = choices
+        .filter(|choice| match goal {
+            Goal::Name => nats(choice, goal) * f64::from(runs_left) > DECIDED_NATS,
+            Goal::Modulus(_) => nats(choice, goal) > 0.0,
+        })
+        .max_by(|a, b| per_minute(a, goal).total_cmp(&per_minute(b, goal)));
     match best {
         Some(choice) => Decision::Measure(Box::new(choice)),
         None if diagnosis.verdict == Verdict::Adequate => Decision::Stop(End::NothingMissing),
         None => Decision::Stop(End::NothingWouldTell),
+    }
+}
+
+fn per_minute(choice: &ChosenRun, goal: Goal) -> f64 {
+    nats(choice, goal) / choice.run.minutes
+}
+
+fn nats(choice: &ChosenRun, goal: Goal) -> f64 {
+    match goal {
+        Goal::Name => choice.prospect.information_nats,
+        Goal::Modulus(_) => choice.prospect.modulus_nats,
     }
 }
 
@@ -187,14 +197,14 @@ mod tests {
         let session = session(1);
         let menu = Menu::new(Some(&session), &[], None);
         let (found, prospects, planned) = diagnosed(&session, &menu);
-        let of = |is: &dyn Fn(&PlannedRun) -> bool| {
-            let run = planned.iter().find(|run| is(run)).expect("a run");
-            prospects.runs.iter().find(|one| one.run == run.plan.id).expect("a prospect")
-        };
         let first = &session.lateral[0];
-        let is_here = |run: &PlannedRun| (run.plan.depth_m - first.depth_m).abs() < 1e-4;
-        let [repeat, across] = [simulation::simulate::Axis::Y, simulation::simulate::Axis::X]
-            .map(|axis| of(&|run| is_here(run) && run.plan.axis == axis));
+        let [repeat, across] = [simulation::simulate::Axis::Y, simulation::simulate::Axis::X].map(|axis| {
+            prospect_where(
+                &|run| is_at_first_depth(run, first.depth_m) && run.plan.axis == axis,
+                &planned,
+                &prospects.runs,
+            )
+        });
         assert!(across.reasons.contains(&"tissue.anisotropy".to_owned()), "{across:?}");
         assert!(across.information_nats > 2.0 * repeat.information_nats, "{across:?} {repeat:?}");
         // Knowledge of the modulus grows with every run, and less than in proportion to noise alone.
@@ -229,14 +239,28 @@ mod tests {
         );
     }
 
+    fn is_at_first_depth(run: &PlannedRun, depth_m: f64) -> bool {
+        (run.plan.depth_m - depth_m).abs() < 1e-4
+    }
+
+    fn prospect_where<'a>(
+        is: &dyn Fn(&PlannedRun) -> bool,
+        planned: &[PlannedRun],
+        runs: &'a [Prospect],
+    ) -> &'a Prospect {
+        let run = planned.iter().find(|run| is(run)).expect("a run");
+        runs.iter().find(|one| one.run == run.plan.id).expect("a prospect")
+    }
+
     #[test]
     fn more_runs_leave_less_to_tell() {
         let (few, many) = (session(1), session(4));
-        let best = |session: &Session| {
-            let (_, prospects, _) = diagnosed(session, &Menu::new(Some(session), &[], None));
-            prospects.runs.iter().map(|run| run.modulus_nats).fold(0.0, f64::max)
-        };
-        assert!(best(&many) < best(&few));
+        assert!(best_modulus_nats(&many) < best_modulus_nats(&few));
+    }
+
+    fn best_modulus_nats(session: &Session) -> f64 {
+        let (_, prospects, _) = diagnosed(session, &Menu::new(Some(session), &[], None));
+        prospects.runs.iter().map(|run| run.modulus_nats).fold(0.0, f64::max)
     }
 
     #[test]

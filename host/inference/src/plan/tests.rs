@@ -75,16 +75,15 @@ fn nuisances_widen() {
 
 #[test]
 fn readings_average_and_an_unknown_zero_widens() {
-    let width = |question: &PlanInput| plan(question).expect("a plan").choices[1].half_width_percent;
     let question = || PlanInput { force_sd_n: 0.01 * 18f64.sqrt(), ..question() };
-    let plain = width(&question());
+    let plain = half_width(&question());
     // Four times the readings halve what comes from force and displacement; the shape stays.
-    let longer = width(&PlanInput { hold_s: 0.1 + 4.0 * 0.9, ..question() });
+    let longer = half_width(&PlanInput { hold_s: 0.1 + 4.0 * 0.9, ..question() });
     assert!((0.5..0.9).contains(&(longer / plain)), "{longer} {plain}");
     // The measured force of a hold at zero displacement replaces the uncertainty after a tare, 0.01 N: the mean of a
     // hold is known as well here, five times better with a quiet sensor, and five times worse with a noisy one.
     let zero_helps = |force_sd_n: f64| {
-        let width_of = |levels: Vec<f64>| width(&PlanInput { force_sd_n, levels, ..question() });
+        let width_of = |levels: Vec<f64>| half_width(&PlanInput { force_sd_n, levels, ..question() });
         width_of(vec![0.0, 1.0]) / width_of(vec![1.0])
     };
     let mean_of_hold = 18f64.sqrt();
@@ -93,25 +92,32 @@ fn readings_average_and_an_unknown_zero_widens() {
     assert!(zero_helps(0.05 * mean_of_hold) > 1.04, "{}", zero_helps(0.05 * mean_of_hold));
 }
 
+fn half_width(question: &PlanInput) -> f64 {
+    plan(question).expect("a plan").choices[1].half_width_percent
+}
+
 #[test]
 fn what_no_run_can_be_is_refused_by_name() {
-    let refused = |question: PlanInput| plan(&question).expect_err("refused").to_string();
-    let fine = refused(PlanInput { shape_spacing_m: 1e-9, ..question() });
+    let fine = refusal(PlanInput { shape_spacing_m: 1e-9, ..question() });
     assert_eq!(fine, "spacing_mm: 0.000001, expected 0.05 to 100");
-    let shallow = refused(PlanInput { depths_m: vec![0.02e-3], ..question() });
+    let shallow = refusal(PlanInput { depths_m: vec![0.02e-3], ..question() });
     assert_eq!(shallow, "depth_mm: 0.02, expected 0.5 to 500");
-    let sparse = refused(PlanInput { depths_m: vec![2e-3], ..question() });
+    let sparse = refusal(PlanInput { depths_m: vec![2e-3], ..question() });
     assert!(
         sparse.contains("2 shape points in 2 mm of depth, expected at least 3: at most 0.667"),
         "{sparse}"
     );
-    assert!(refused(PlanInput { hold_s: 0.6, ..question() }).contains("12 readings, expected 20"));
-    assert!(refused(PlanInput { levels: vec![0.0], ..question() }).starts_with("levels: no displaced hold"));
-    assert!(refused(PlanInput { depths_m: vec![], ..question() }).starts_with("depth_mm: nothing"));
+    assert!(refusal(PlanInput { hold_s: 0.6, ..question() }).contains("12 readings, expected 20"));
+    assert!(refusal(PlanInput { levels: vec![0.0], ..question() }).starts_with("levels: no displaced hold"));
+    assert!(refusal(PlanInput { depths_m: vec![], ..question() }).starts_with("depth_mm: nothing"));
     assert!(
-        refused(PlanInput { displacements_m: vec![f64::NAN], ..question() })
+        refusal(PlanInput { displacements_m: vec![f64::NAN], ..question() })
             .starts_with("displacement_mm: NaN")
     );
+}
+
+fn refusal(question: PlanInput) -> String {
+    plan(&question).expect_err("refused").to_string()
 }
 
 /// A needle that hardly touches the tissue determines nothing: no number of hundreds of digits, and no best choice.
@@ -134,19 +140,7 @@ fn what_is_not_identifiable_has_no_half_width() {
 /// In a body E is what is identified: the half-width follows the noise, and Poisson's ratio widens it.
 #[test]
 fn a_body_has_a_half_width_of_e() {
-    let body = |poisson_sd: f64, noise: f64| {
-        let plain = question();
-        let question = PlanInput {
-            support: Support::half_space(0.45),
-            poisson_sd,
-            force_sd_n: noise * plain.force_sd_n,
-            displacement_sd_m: noise * plain.displacement_sd_m,
-            shape_sd_m: noise * plain.shape_sd_m,
-            ..plain
-        };
-        plan(&question).expect("a plan")
-    };
-    let (plain, quiet, loose) = (body(0.0, 1.0), body(0.0, 0.5), body(0.05, 1.0));
+    let (plain, quiet, loose) = (body_plan(0.0, 1.0), body_plan(0.0, 0.5), body_plan(0.05, 1.0));
     assert_eq!((plain.protocol.foundation, plain.protocol.poisson), ("body", Some(0.45)));
     for ((plain, quiet), loose) in plain.choices.iter().zip(&quiet.choices).zip(&loose.choices) {
         let ratio = plain.half_width_percent / quiet.half_width_percent;
@@ -155,27 +149,46 @@ fn a_body_has_a_half_width_of_e() {
     }
 }
 
+fn body_plan(poisson_sd: f64, noise: f64) -> Plan {
+    let plain = question();
+    let question = PlanInput {
+        support: Support::half_space(0.45),
+        poisson_sd,
+        force_sd_n: noise * plain.force_sd_n,
+        displacement_sd_m: noise * plain.displacement_sd_m,
+        shape_sd_m: noise * plain.shape_sd_m,
+        ..plain
+    };
+    plan(&question).expect("a plan")
+}
+
 #[test]
 fn a_prior_narrows_every_interval_as_precisions_add_up_beside_the_run_alone() {
     let alone = plan(&question()).expect("a plan");
-    let prior = |scale_ln: f64| formats::prior_file::ModulusPrior {
+    let with_prior = alone.clone().with_prior(&modulus_prior(0.1));
+    for (alone, with_prior) in alone.choices.iter().zip(&with_prior.choices) {
+        assert_eq!(alone.half_width_percent.to_bits(), with_prior.half_width_percent.to_bits());
+        let run_precision =
+            if alone.half_width_percent.is_finite() { sd_ln(alone.half_width_percent).powi(-2) } else { 0.0 };
+        let combined_sd = sd_ln(with_prior.half_width_with_prior_percent.expect("with the prior"));
+        assert!((combined_sd.powi(-2) / (run_precision + 100.0) - 1.0).abs() < 1e-3, "sd {combined_sd}");
+    }
+    let vague = alone.with_prior(&modulus_prior(10.0)).best.expect("a best");
+    let width_ratio = vague.half_width_with_prior_percent.expect("with the prior") / vague.half_width_percent;
+    assert!((width_ratio - 1.0).abs() < 1e-3, "ratio {width_ratio}");
+}
+
+fn sd_ln(percent: f64) -> f64 {
+    (1e-2 * percent).ln_1p() / NORMAL_975
+}
+
+fn modulus_prior(scale_ln: f64) -> ModulusPrior {
+    formats::prior_file::ModulusPrior {
         file: "prior.toml".to_owned(),
         group: "all".to_owned(),
         sessions: 20,
         modulus_pa: 15e3,
         scale_ln,
         degrees_of_freedom: 1e6,
-    };
-    let sd = |percent: f64| (1e-2 * percent).ln_1p() / NORMAL_975;
-    let with_prior = alone.clone().with_prior(&prior(0.1));
-    for (alone, with_prior) in alone.choices.iter().zip(&with_prior.choices) {
-        assert_eq!(alone.half_width_percent.to_bits(), with_prior.half_width_percent.to_bits());
-        let run_precision =
-            if alone.half_width_percent.is_finite() { sd(alone.half_width_percent).powi(-2) } else { 0.0 };
-        let combined_sd = sd(with_prior.half_width_with_prior_percent.expect("with the prior"));
-        assert!((combined_sd.powi(-2) / (run_precision + 100.0) - 1.0).abs() < 1e-3, "sd {combined_sd}");
     }
-    let vague = alone.with_prior(&prior(10.0)).best.expect("a best");
-    let width_ratio = vague.half_width_with_prior_percent.expect("with the prior") / vague.half_width_percent;
-    assert!((width_ratio - 1.0).abs() < 1e-3, "ratio {width_ratio}");
 }

@@ -30,11 +30,20 @@ pub(super) struct AtRest {
 /// rests in all that is learned from and in its own observed part.
 pub(super) fn resting(tissue: &Tissue, paths: &[TipPath], options: &Options) -> Vec<bool> {
     let is_open = tissue.rear.is_some() && tissue.modulus_sd_ln > STATED_LN;
-    let moves = |number: usize, other: usize| match other == number {
-        true => paths[other].moves_guide2(options.until_m),
-        false => options.learn && paths[other].moves_guide2(f64::INFINITY),
-    };
-    (0..paths.len()).map(|number| is_open && !(0..paths.len()).any(|other| moves(number, other))).collect()
+    (0..paths.len())
+        .map(|number| {
+            is_open
+                && !(0..paths.len())
+                    .any(|other| moves_guide2(number, other, paths, options.until_m, options.learn))
+        })
+        .collect()
+}
+
+fn moves_guide2(number: usize, other: usize, paths: &[TipPath], until_m: f64, learn: bool) -> bool {
+    match other == number {
+        true => paths[other].moves_guide2(until_m),
+        false => learn && paths[other].moves_guide2(f64::INFINITY),
+    }
 }
 
 impl AtRest {

@@ -51,10 +51,9 @@ pub(super) fn predict(session: &Session, options: &Options) -> Result<Prediction
             }
         }
     }
-    let ids = |effects: &Effects| effects.iter().map(|(of, _)| of.id().to_owned()).collect();
     combined.models = std::iter::once((own_weight, &options.effects))
         .chain(other_models.iter().map(|other| (other.probability, &other.effects)))
-        .map(|(probability, effects)| ModelResult { effects: ids(effects), probability })
+        .map(|(probability, effects)| ModelResult { effects: effect_ids(effects), probability })
         .collect();
     for one in combined.insertions.iter_mut().filter(|one| one.error.is_none()) {
         let same_insertions: Vec<(f64, InsertionResult)> = weighted_results
@@ -81,6 +80,10 @@ pub(super) fn predict(session: &Session, options: &Options) -> Result<Prediction
         draws.attribute("models", names.collect::<Vec<_>>().join("; "));
     }
     Ok(combined)
+}
+
+fn effect_ids(effects: &Effects) -> Vec<String> {
+    effects.iter().map(|(of, _)| of.id().to_owned()).collect()
 }
 
 fn names(effects: &Effects) -> String {
@@ -115,23 +118,20 @@ fn different(options: &Options) -> Vec<OtherModel> {
 fn average(own: &mut InsertionResult, weight: f64, others: &[(f64, InsertionResult)]) {
     let all_results: Vec<(f64, InsertionResult)> =
         std::iter::once((weight, own.clone())).chain(others.iter().cloned()).collect();
-    let scalar = |value: fn(&InsertionResult) -> Option<f64>, sd: fn(&InsertionResult) -> Option<f64>| {
-        let weighted_values: Option<Vec<Part>> =
-            all_results.iter().map(|(weight, one)| Some((*weight, value(one)?, sd(one)?))).collect();
-        weighted_values.map(|weighted_values| (moments(&weighted_values), mixture_interval(&weighted_values)))
-    };
-    if let Some(((mean, sd), ends)) = scalar(|one| one.tip_force_n, |one| one.tip_force_sd_n) {
+    if let Some(((mean, sd), ends)) =
+        mixed_scalar(|one| one.tip_force_n, |one| one.tip_force_sd_n, &all_results)
+    {
         (own.tip_force_n, own.tip_force_sd_n, own.tip_force_ci95_n) = (Some(mean), Some(sd), ends);
     }
-    if let Some(((mean, sd), ends)) = scalar(|one| one.tip_force_x_n, |one| one.tip_force_x_sd_n) {
+    if let Some(((mean, sd), ends)) =
+        mixed_scalar(|one| one.tip_force_x_n, |one| one.tip_force_x_sd_n, &all_results)
+    {
         (own.tip_force_x_n, own.tip_force_x_sd_n, own.tip_force_x_ci95_n) = (Some(mean), Some(sd), ends);
     }
-    let band_y = |one: &InsertionResult| [one.lo95_y_mm.clone(), one.hi95_y_mm.clone()];
     [own.tip_y_mm, own.lo95_y_mm, own.hi95_y_mm] =
         bands(all_results.iter().map(|(w, one)| (*w, band_y(one))));
-    let band_of_x = |one: &InsertionResult| Some([one.lo95_x_mm.clone()?, one.hi95_x_mm.clone()?]);
     let weighted_paths_x: Option<Vec<_>> =
-        all_results.iter().map(|(weight, one)| Some((*weight, band_of_x(one)?))).collect();
+        all_results.iter().map(|(weight, one)| Some((*weight, band_x(one)?))).collect();
     if let Some(weighted_paths) = weighted_paths_x {
         let [tip, low, high] = bands(weighted_paths.into_iter());
         (own.tip_x_mm, own.lo95_x_mm, own.hi95_x_mm) = (Some(tip), Some(low), Some(high));
@@ -160,29 +160,50 @@ fn average(own: &mut InsertionResult, weight: f64, others: &[(f64, InsertionResu
     }
 }
 
+fn band_x(one: &InsertionResult) -> Option<[Vec<f64>; 2]> {
+    Some([one.lo95_x_mm.clone()?, one.hi95_x_mm.clone()?])
+}
+
+fn band_y(one: &InsertionResult) -> [Vec<f64>; 2] {
+    [one.lo95_y_mm.clone(), one.hi95_y_mm.clone()]
+}
+
+fn mixed_scalar(
+    value: fn(&InsertionResult) -> Option<f64>,
+    sd: fn(&InsertionResult) -> Option<f64>,
+    all_results: &[(f64, InsertionResult)],
+) -> Option<((f64, f64), Option<[f64; 2]>)> {
+    let weighted_values: Option<Vec<Part>> =
+        all_results.iter().map(|(weight, one)| Some((*weight, value(one)?, sd(one)?))).collect();
+    weighted_values.map(|weighted_values| (moments(&weighted_values), mixture_interval(&weighted_values)))
+}
+
 /// Modulus and gap: mixtures on the scale of their logarithms. A bound that only one of the models has stays as in the
 /// first.
 fn of_tissue(own: &mut LearnedResult, all: &[(f64, &LearnedResult)]) {
-    let mixture = |of: fn(&LearnedResult) -> (f64, [f64; 2], &'static str)| {
-        let weighted_moments: Vec<Part> = all
-            .iter()
-            .map(|(weight, learned)| {
-                let (value, [low, high], status) = of(learned);
-                (status == "identified")
-                    .then(|| (*weight, value.ln(), (high / low).ln() / (2.0 * NORMAL_975)))
-            })
-            .collect::<Option<_>>()?;
-        let ends = mixture_interval(&weighted_moments)?;
-        Some((moments(&weighted_moments).0.exp(), ends.map(f64::exp)))
-    };
-    let modulus = mixture(|learned| (learned.k_kpa, learned.k_ci95_kpa, learned.k_status));
-    let gap = mixture(|learned| (learned.gap_mm, learned.gap_ci95_mm, learned.gap_status));
+    let modulus = mixed_interval(|learned| (learned.k_kpa, learned.k_ci95_kpa, learned.k_status), all);
+    let gap = mixed_interval(|learned| (learned.gap_mm, learned.gap_ci95_mm, learned.gap_status), all);
     if let Some((value, ends)) = modulus {
         (own.k_kpa, own.k_ci95_kpa) = (value, ends);
     }
     if let Some((value, ends)) = gap {
         (own.gap_mm, own.gap_ci95_mm) = (value, ends);
     }
+}
+
+fn mixed_interval(
+    of: fn(&LearnedResult) -> (f64, [f64; 2], &'static str),
+    all: &[(f64, &LearnedResult)],
+) -> Option<(f64, [f64; 2])> {
+    let weighted_moments: Vec<Part> = all
+        .iter()
+        .map(|(weight, learned)| {
+            let (value, [low, high], status) = of(learned);
+            (status == "identified").then(|| (*weight, value.ln(), (high / low).ln() / (2.0 * NORMAL_975)))
+        })
+        .collect::<Option<_>>()?;
+    let ends = mixture_interval(&weighted_moments)?;
+    Some((moments(&weighted_moments).0.exp(), ends.map(f64::exp)))
 }
 
 /// Mean and standard deviation of a mixture.
@@ -263,24 +284,14 @@ mod tests {
         let session = layered();
         let (gradient, layers) =
             (of_effect("tissue.gradient", vec![0.04]), of_effect("tissue.layers", vec![2.0, 15.0]));
-        let alternative =
-            |probability: f64| OtherModel { probability, effects: layers.clone(), modulus_pa: None };
-        let predicted_with = |others: Vec<OtherModel>| {
-            let options = Options { effects: gradient.clone(), others, ..Options::default() };
-            super::predict(&session, &options).expect("predicts")
-        };
-        let alone = predicted_with(Vec::new());
+        let alone = predicted_with(Vec::new(), &gradient, &session);
         let layered = super::predict(&session, &Options { effects: layers.clone(), ..Options::default() });
         let layered = layered.expect("predicts");
-        let mixed = predicted_with(vec![alternative(0.4)]);
+        let mixed = predicted_with(vec![alternative(0.4, &layers)], &gradient, &session);
         assert_eq!(mixed.models.iter().map(|of| of.probability).collect::<Vec<_>>(), [0.6, 0.4]);
         assert!(alone.models.is_empty());
-        let load = |of: &Prediction| {
-            let insertion = &of.insertions[0];
-            (insertion.tip_force_n.expect("a load"), insertion.tip_force_sd_n.expect("its sd"))
-        };
         let ((first, first_sd), (second, second_sd), (mixed_load, sd)) =
-            (load(&alone), load(&layered), load(&mixed));
+            (tip_load(&alone), tip_load(&layered), tip_load(&mixed));
         assert!((mixed_load - (0.6 * first + 0.4 * second)).abs() < 1e-12, "{first} {second} {mixed_load}");
         // Law of total variance.
         let variance_within = 0.6 * first_sd.powi(2) + 0.4 * second_sd.powi(2);
@@ -289,15 +300,36 @@ mod tests {
         let [low, high] = mixed.insertions[0].tip_force_ci95_n.expect("an interval");
         assert!(low < first.min(second) && first.max(second) < high, "{low} to {high}");
         // A certain alternative replaces the model, and an improbable one changes no value.
-        let (certain, _) = load(&predicted_with(vec![alternative(1.0)]));
+        let (certain, _) = tip_load(&predicted_with(vec![alternative(1.0, &layers)], &gradient, &session));
         assert!((certain - second).abs() < 1e-12);
-        let (unchanged, _) = load(&predicted_with(vec![alternative(0.0)]));
+        let (unchanged, _) = tip_load(&predicted_with(vec![alternative(0.0, &layers)], &gradient, &session));
         assert!((unchanged - first).abs() < 1e-12);
         // A model that differs in what a prediction does not apply is the same one.
         let mut of_tip = gradient.clone();
         of_tip.extend(of_effect("tip.load_step", vec![0.05, 60.0]));
-        let same_modulus =
-            predicted_with(vec![OtherModel { probability: 0.4, effects: of_tip, modulus_pa: None }]);
+        let same_modulus = predicted_with(
+            vec![OtherModel { probability: 0.4, effects: of_tip, modulus_pa: None }],
+            &gradient,
+            &session,
+        );
         assert_eq!(same_modulus.insertions, alone.insertions);
+    }
+
+    fn tip_load(of: &Prediction) -> (f64, f64) {
+        let insertion = &of.insertions[0];
+        (insertion.tip_force_n.expect("a load"), insertion.tip_force_sd_n.expect("its sd"))
+    }
+
+    fn predicted_with(
+        others: Vec<OtherModel>,
+        gradient: &[(&'static dyn Effect, Vec<f64>)],
+        session: &Session,
+    ) -> Prediction {
+        let options = Options { effects: gradient.to_vec(), others, ..Options::default() };
+        super::predict(session, &options).expect("predicts")
+    }
+
+    fn alternative(probability: f64, layers: &[(&'static dyn Effect, Vec<f64>)]) -> OtherModel {
+        OtherModel { probability, effects: layers.to_vec(), modulus_pa: None }
     }
 }

@@ -78,50 +78,49 @@ impl DrawnInsertion<'_> {
     /// Adds the variables of the insertion, each under its name.
     pub fn add(&self, streams: &Streams, draws: &mut Draws) {
         let Self { tissue, paths, assumed, .. } = *self;
-        let name = |of: &str| format!("{}.{of}", self.id);
         let surface_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
-        let scaled = |value: f64, sd_ln: f64, standard: &[f64]| -> Vec<f64> {
-            standard.iter().map(|standard| value * (sd_ln * standard).exp()).collect()
-        };
-        let k_kpa = scaled(surface_kpa, tissue.modulus_sd_ln, &assumed.modulus);
-        let gap_mm = scaled(1e3 * tissue.gap_m, tissue.gap_sd_ln, &assumed.gap);
+        let k_kpa = log_normal(surface_kpa, tissue.modulus_sd_ln, &assumed.modulus);
+        let gap_mm = log_normal(1e3 * tissue.gap_m, tissue.gap_sd_ln, &assumed.gap);
         if self.is_assumed {
-            draws.scalar(Group::Posterior, &name("k_kpa"), k_kpa.clone());
-            draws.scalar(Group::Posterior, &name("gap_mm"), gap_mm.clone());
+            draws.scalar(Group::Posterior, &self.name_of("k_kpa"), k_kpa.clone());
+            draws.scalar(Group::Posterior, &self.name_of("gap_mm"), gap_mm.clone());
         } else {
             let k = paths.iter().map(|path| surface_kpa * path.modulus_ln.exp()).collect();
-            draws.scalar(Group::Posterior, &name("k_kpa"), k);
+            draws.scalar(Group::Posterior, &self.name_of("k_kpa"), k);
             let gap = paths.iter().map(|path| 1e3 * path.gap_ln.exp()).collect();
-            draws.scalar(Group::Posterior, &name("gap_mm"), gap);
+            draws.scalar(Group::Posterior, &self.name_of("gap_mm"), gap);
         }
-        draws.scalar(Group::Prior, &name("k_kpa"), k_kpa);
-        draws.scalar(Group::Prior, &name("gap_mm"), gap_mm);
-        let depths_mm = |list: &[f64]| list.iter().map(|depth_m| 1e3 * depth_m).collect::<Vec<_>>();
-        let mut loads_mm = depths_mm(&loads_at_m(self.grid));
+        draws.scalar(Group::Prior, &self.name_of("k_kpa"), k_kpa);
+        draws.scalar(Group::Prior, &self.name_of("gap_mm"), gap_mm);
+        let mut loads_mm = to_mm(&loads_at_m(self.grid));
         loads_mm.pop();
-        draws.coordinate(&name("load_depth_mm"), loads_mm);
+        draws.coordinate(&self.name_of("load_depth_mm"), loads_mm);
         let mut noise = streams.noise();
         for (plane, axis) in ["y", "x"].into_iter().enumerate().take(if self.is_two_planes { 2 } else { 1 }) {
             let angles: Option<Vec<f64>> =
                 paths.iter().map(|path| Some(path.entry_angle_rad.get(plane)?.to_degrees())).collect();
             draws.scalar(
                 Group::Posterior,
-                &name(&format!("entry_angle_{axis}_deg")),
+                &self.name_of(&format!("entry_angle_{axis}_deg")),
                 angles.unwrap_or_default(),
             );
             let loads: Vec<&[f64]> =
                 paths.iter().filter_map(|path| path.load_n.get(plane).map(Vec::as_slice)).collect();
             let at_end: Vec<f64> = loads.iter().filter_map(|load| load.last().copied()).collect();
-            draws.scalar(Group::Posterior, &name(&format!("tip_force_{axis}_n")), at_end);
+            draws.scalar(Group::Posterior, &self.name_of(&format!("tip_force_{axis}_n")), at_end);
             let load_paths = loads.iter().filter_map(|load| Some(load.split_last()?.1.to_vec())).collect();
             draws.list(
                 Group::Posterior,
-                &name(&format!("load_{axis}_n")),
-                &name("load_depth_mm"),
+                &self.name_of(&format!("load_{axis}_n")),
+                &self.name_of("load_depth_mm"),
                 load_paths,
             );
             self.add_path(plane, axis, &mut noise, draws);
         }
+    }
+
+    fn name_of(&self, of: &str) -> String {
+        format!("{}.{of}", self.id)
     }
 
     /// Adds readings of the path in a plane: where it was measured, and where it was not.
@@ -129,28 +128,20 @@ impl DrawnInsertion<'_> {
         let measured = self.grid.measured();
         let measured_mm = if plane == 0 { Some(measured.y_mm) } else { measured.x_mm };
         let Some(measured_mm) = measured_mm else { return };
-        let sd_mm = |path: &PathDraw| 1e3 * path.irregularity_m.hypot(self.noise_m);
         let readings: Vec<Vec<f64>> = self
             .paths
             .iter()
             .map(|path| {
                 let tip_m = path.tip_m.get(plane).map(Vec::as_slice).unwrap_or_default();
-                tip_m.iter().map(|tip_m| 1e3 * tip_m + sd_mm(path) * noise.normal()).collect()
+                tip_m.iter().map(|tip_m| 1e3 * tip_m + self.reading_sd_mm(path) * noise.normal()).collect()
             })
             .collect();
         let (measured_points, not_taken): (Vec<usize>, Vec<usize>) =
             (0..self.grid.depth_m.len()).partition(|at| measured_mm.get(*at).copied().flatten().is_some());
-        let depths_mm = |places: &[usize]| places.iter().map(|at| *at as f64).collect::<Vec<_>>();
-        let rows = |places: &[usize]| -> Vec<Vec<f64>> {
-            readings
-                .iter()
-                .map(|path| places.iter().filter_map(|at| path.get(*at).copied()).collect())
-                .collect()
-        };
         let name = format!("{}.tip_{axis}_mm", self.id);
         let dimension = format!("{}.tip_{axis}.depth_mm", self.id);
-        draws.coordinate(&dimension, depths_mm(&measured_points));
-        draws.list(Group::PosteriorPredictive, &name, &dimension, rows(&measured_points));
+        draws.coordinate(&dimension, places_mm(&measured_points));
+        draws.list(Group::PosteriorPredictive, &name, &dimension, rows_at(&measured_points, &readings));
         let of_taken = || measured_points.iter().filter_map(|at| measured_mm.get(*at).copied().flatten());
         draws.list(Group::ObservedData, &name, &dimension, vec![of_taken().collect()]);
         draws.list(
@@ -161,7 +152,7 @@ impl DrawnInsertion<'_> {
                 .iter()
                 .map(|path| -> Vec<f64> {
                     let tip_m = path.tip_m.get(plane).map(Vec::as_slice).unwrap_or_default();
-                    let sd_mm = sd_mm(path);
+                    let sd_mm = self.reading_sd_mm(path);
                     measured_points
                         .iter()
                         .zip(of_taken())
@@ -176,7 +167,27 @@ impl DrawnInsertion<'_> {
                 .collect(),
         );
         let ahead_name = format!("{}.tip_{axis}.depth_ahead_mm", self.id);
-        draws.coordinate(&ahead_name, depths_mm(&not_taken));
-        draws.list(Group::Predictions, &name, &ahead_name, rows(&not_taken));
+        draws.coordinate(&ahead_name, places_mm(&not_taken));
+        draws.list(Group::Predictions, &name, &ahead_name, rows_at(&not_taken, &readings));
     }
+
+    fn reading_sd_mm(&self, path: &PathDraw) -> f64 {
+        1e3 * path.irregularity_m.hypot(self.noise_m)
+    }
+}
+
+fn rows_at(places: &[usize], readings: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    readings.iter().map(|path| places.iter().filter_map(|at| path.get(*at).copied()).collect()).collect()
+}
+
+fn places_mm(places: &[usize]) -> Vec<f64> {
+    places.iter().map(|at| *at as f64).collect::<Vec<_>>()
+}
+
+fn to_mm(list: &[f64]) -> Vec<f64> {
+    list.iter().map(|depth_m| 1e3 * depth_m).collect::<Vec<_>>()
+}
+
+fn log_normal(value: f64, sd_ln: f64, standard: &[f64]) -> Vec<f64> {
+    standard.iter().map(|standard| value * (sd_ln * standard).exp()).collect()
 }

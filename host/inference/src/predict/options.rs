@@ -73,13 +73,20 @@ impl Options {
     #[must_use]
     pub fn with_model(mut self, model: &ModelFile, needs_modulus: bool) -> Self {
         let stated = self.modulus_pa;
-        let modulus_pa = |of_model: Option<[f64; 2]>| stated.or(of_model.filter(|_| needs_modulus));
         (self.effects, self.others) = models::of_file(&self.effects, model);
         for other in &mut self.others {
-            other.modulus_pa = modulus_pa(other.modulus_pa);
+            other.modulus_pa = modulus_from(other.modulus_pa, stated, needs_modulus);
         }
-        self.modulus_pa = modulus_pa(model.modulus_and_sd_pa());
+        self.modulus_pa = modulus_from(model.modulus_and_sd_pa(), stated, needs_modulus);
         self.discrepancy = model.discrepancy.clone();
         self
     }
+}
+
+fn modulus_from(
+    of_model: Option<[f64; 2]>,
+    stated: Option<[f64; 2]>,
+    needs_modulus: bool,
+) -> Option<[f64; 2]> {
+    stated.or(of_model.filter(|_| needs_modulus))
 }

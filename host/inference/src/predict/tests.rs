@@ -31,11 +31,12 @@ fn rig() -> Rig {
 /// Three insertions to 120 mm with a constant load each, both planes, without noise; K = 11 kPa.
 fn steady() -> (Session, Vec<[f64; 2]>) {
     let loads = vec![[0.2, 0.03], [0.21, 0.02], [0.19, 0.035]];
-    let paths = loads.iter().map(|[y, x]| {
-        let path = |n: f64| truth(&rig(), 11e3, 120, |_| n).expect("solves");
-        (path(*y), Some(path(*x)), None)
-    });
+    let paths = loads.iter().map(|[y, x]| (path_under(*y), Some(path_under(*x)), None));
     (insertion_session(rig(), Some(0.02e-3), paths.collect()), loads)
+}
+
+fn path_under(n: f64) -> Vec<f64> {
+    truth(&rig(), 11e3, 120, |_| n).expect("solves")
 }
 
 #[test]
@@ -113,11 +114,6 @@ fn what_is_not_identifiable_is_not_given_as_found() {
 
 #[test]
 fn a_message_is_given_once_with_its_insertions() {
-    let insertion_with = |id: &str, warnings: &[&str]| InsertionResult {
-        id: id.to_owned(),
-        warnings: warnings.iter().map(|text| (*text).to_owned()).collect(),
-        ..InsertionResult::default()
-    };
     let insertions =
         vec![insertion_with("a", &["x", "y"]), insertion_with("b", &["x"]), insertion_with("c", &["x"])];
     let prediction = Prediction {
@@ -130,6 +126,14 @@ fn a_message_is_given_once_with_its_insertions() {
         draws: None,
     };
     assert_eq!(prediction.messages(), ["first", "all 3 insertions: x", "a: y"]);
+}
+
+fn insertion_with(id: &str, warnings: &[&str]) -> InsertionResult {
+    InsertionResult {
+        id: id.to_owned(),
+        warnings: warnings.iter().map(|text| (*text).to_owned()).collect(),
+        ..InsertionResult::default()
+    }
 }
 
 /// Not a digit of the prediction depends on where this insertion went beyond the observed part.
@@ -157,8 +161,6 @@ fn nothing_beyond_is_used() {
 #[test]
 fn a_needle_turned_twice_stays_inside_its_band() {
     let mut noise = Noise::new(5);
-    // The needle is turned at rest, after the tip was measured.
-    let is_rotated = |step: usize| step > 40 * STEPS_PER_MM && step <= 90 * STEPS_PER_MM;
     let paths = (0..4).map(|_| {
         let load_n = 0.2 + 0.01 * noise.normal();
         let exact = truth(&rig(), 11e3, 140, |step: usize| if is_rotated(step) { -load_n } else { load_n })
@@ -186,6 +188,11 @@ fn a_needle_turned_twice_stays_inside_its_band() {
     }
 }
 
+/// The needle is turned at rest, after the tip was measured.
+fn is_rotated(step: usize) -> bool {
+    step > 40 * STEPS_PER_MM && step <= 90 * STEPS_PER_MM
+}
+
 #[test]
 fn what_cannot_be_predicted_is_reported() {
     let (mut session, _) = steady();
@@ -200,9 +207,16 @@ fn what_cannot_be_predicted_is_reported() {
     bad[1].depth_m.iter_mut().for_each(|depth_m| *depth_m *= 1e-3);
     session.insertion = bad;
     let two_predictions = predict(&session, &UNTIL_50).expect("one is good");
-    let error = |i: usize| two_predictions.insertions[i].error.clone().unwrap_or_default();
-    assert!(error(0).contains("i1.csv: depth_mm: 1 of 1 rows advance"), "{}", error(0));
-    assert!(error(1).contains("is this in millimetres?"), "{}", error(1));
+    assert!(
+        error_of(0, &two_predictions.insertions).contains("i1.csv: depth_mm: 1 of 1 rows advance"),
+        "{}",
+        error_of(0, &two_predictions.insertions)
+    );
+    assert!(
+        error_of(1, &two_predictions.insertions).contains("is this in millimetres?"),
+        "{}",
+        error_of(1, &two_predictions.insertions)
+    );
     assert!(two_predictions.insertions[2].error.is_none() && two_predictions.warnings.len() == 2);
 
     session.insertion.truncate(2);
@@ -214,6 +228,10 @@ fn what_cannot_be_predicted_is_reported() {
     let prediction = predict(&session, &UNTIL_50).expect("two are good");
     let error = prediction.insertions[0].error.clone().unwrap_or_default();
     assert!(error.contains("0 depths up to 50 mm, expected 3 or more"), "{error}");
+}
+
+fn error_of(i: usize, insertions: &[InsertionResult]) -> String {
+    insertions[i].error.clone().unwrap_or_default()
 }
 
 /// Columns of a recording as the reader lets them pass: any depth, tip, rotation and guide position in range.
@@ -277,34 +295,22 @@ proptest! {
 /// guide 2 moves at rest, and so is the path.
 #[test]
 fn a_rear_that_is_not_stated_is_found_in_each_axis() {
-    use mechanics::{Experiment, Guides, Insertion, Model, Needle, Profile, TipLaw, predict as forward};
+    use mechanics::{Experiment, Insertion, Model, Needle, TipLaw, predict as forward};
     let rear = [6.0, 0.6];
-    let guides = |stiffness: [Option<f64>; 2]| Guides::One { rear_rotation_n_m_per_rad: stiffness };
     let rig = Rig {
         needle: Needle::gauge_18(),
         guide2_m: 0.0,
         entry_m: 0.028,
-        guides: guides([None; 2]),
+        guides: one_guide_with([None; 2]),
         tolerances: mechanics::Tolerances::default(),
     };
     let mut noise = Noise::new(11);
     let insertion = (0..3)
         .map(|number| {
-            let known_rear_rig = Rig { guides: guides(rear.map(Some)), ..rig.clone() };
+            let known_rear_rig = Rig { guides: one_guide_with(rear.map(Some)), ..rig.clone() };
             let mut model = Model::uniform(known_rear_rig, 14e3).expect("a model");
             model.tip =
                 TipLaw { entry_angle_rad: [4e-3 * number as f64, -3e-3], ..TipLaw::load([0.2, 0.03]) };
-            let steps = |to_m: f64| {
-                let knots = vec![
-                    [0.0, 0.0],
-                    [0.0304, 0.0],
-                    [0.0304, to_m],
-                    [0.0552, to_m],
-                    [0.0552, -to_m],
-                    [0.1, -to_m],
-                ];
-                Profile::new(knots).expect("a profile")
-            };
             let target_m = 1e-3 * (2.0 - number as f64 * 0.5);
             // The step itself is read before and after it.
             let depth_m: Vec<f64> = (0..=100)
@@ -314,17 +320,14 @@ fn a_rear_that_is_not_stated_is_found_in_each_axis() {
                     _ => vec![1e-3 * f64::from(mm)],
                 })
                 .collect();
-            let guide2_m = [steps(target_m), steps(-0.7 * target_m)];
-            let leaves = |i: usize| i > 0 && depth_m[i] == depth_m[i - 1];
-            let profile_value = |profile: &Profile, i: usize| {
-                if leaves(i) { profile.after(depth_m[i]) } else { profile.before(depth_m[i]) }
-            };
+            let guide2_m = [guide_steps(target_m), guide_steps(-0.7 * target_m)];
             let held_positions: [Vec<f64>; 2] = guide2_m
                 .each_ref()
-                .map(|plane| (0..depth_m.len()).map(|i| profile_value(plane, i)).collect());
+                .map(|plane| (0..depth_m.len()).map(|i| profile_value(plane, i, &depth_m)).collect());
             // The forward model reads on arriving: after a step is a hair beyond it.
-            let read_m =
-                (0..depth_m.len()).map(|i| depth_m[i] + if leaves(i) { 1e-8 } else { 0.0 }).collect();
+            let read_m = (0..depth_m.len())
+                .map(|i| depth_m[i] + if leaves_rest(i, &depth_m) { 1e-8 } else { 0.0 })
+                .collect();
             let insertion_done = Insertion {
                 depth_m: read_m,
                 guide2_m: Some(guide2_m),
@@ -332,17 +335,14 @@ fn a_rear_that_is_not_stated_is_found_in_each_axis() {
                 ..Insertion::default()
             };
             let channels = forward(&model, &Experiment::Insertion(insertion_done)).expect("predicts");
-            let mut noisy = |values: Vec<f64>, sd: f64| {
-                values.into_iter().map(|value| value + sd * noise.normal()).collect()
-            };
             let [y_m, x_m] = held_positions;
             formats::session::InsertionRun {
                 id: format!("i{number}"),
                 path: format!("i{number}.csv").into(),
-                tip_y_m: noisy(channels.tip_m.y, 0.05e-3),
-                tip_x_m: channels.tip_m.x.map(|x| noisy(x, 0.05e-3)),
-                tip_direction_y_rad: Some(noisy(channels.tip_direction_rad.y, 1e-3)),
-                tip_direction_x_rad: channels.tip_direction_rad.x.map(|x| noisy(x, 1e-3)),
+                tip_y_m: noisy(channels.tip_m.y, 0.05e-3, &mut noise),
+                tip_x_m: channels.tip_m.x.map(|x| noisy(x, 0.05e-3, &mut noise)),
+                tip_direction_y_rad: Some(noisy(channels.tip_direction_rad.y, 1e-3, &mut noise)),
+                tip_direction_x_rad: channels.tip_direction_rad.x.map(|x| noisy(x, 1e-3, &mut noise)),
                 guide2_y_m: Some(y_m),
                 guide2_x_m: Some(x_m),
                 depth_m,
@@ -371,6 +371,28 @@ fn a_rear_that_is_not_stated_is_found_in_each_axis() {
     }
 }
 
+fn noisy(values: Vec<f64>, sd: f64, noise: &mut Noise) -> Vec<f64> {
+    values.into_iter().map(|value| value + sd * noise.normal()).collect()
+}
+
+fn profile_value(profile: &mechanics::Profile, i: usize, depth_m: &[f64]) -> f64 {
+    if leaves_rest(i, depth_m) { profile.after(depth_m[i]) } else { profile.before(depth_m[i]) }
+}
+
+fn leaves_rest(i: usize, depth_m: &[f64]) -> bool {
+    i > 0 && depth_m[i] == depth_m[i - 1]
+}
+
+fn guide_steps(to_m: f64) -> mechanics::Profile {
+    let knots =
+        vec![[0.0, 0.0], [0.0304, 0.0], [0.0304, to_m], [0.0552, to_m], [0.0552, -to_m], [0.1, -to_m]];
+    mechanics::Profile::new(knots).expect("a profile")
+}
+
+fn one_guide_with(stiffness: [Option<f64>; 2]) -> mechanics::Guides {
+    mechanics::Guides::One { rear_rotation_n_m_per_rad: stiffness }
+}
+
 /// A clearance or a bent needle in a model file is part of the prediction: the paths were made by another solution of
 /// the same physics.
 #[test]
@@ -381,19 +403,21 @@ fn clearance_and_bend_of_the_model_are_in_the_path() {
         let truth =
             Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: vec![(id, values.clone())], foreign: None };
         let session = session(&truth, &Design::moved_insertions(), 3);
-        let error_mm = |effects: Vec<(&'static dyn Effect, Vec<f64>)>| {
-            let options = Options { modulus_pa: Some([12e3, 0.6e3]), learn: false, effects, ..UNTIL_50 };
-            let prediction = predict(&session, &options).expect("predicts");
-            let errors_mm = prediction.insertions.iter().map(|one| one.mae_mm.expect("measured"));
-            errors_mm.sum::<f64>() / prediction.insertions.len() as f64
-        };
         let effect = mechanics::effects::effect(id).expect("an effect");
-        let (error_with, error_without) = (error_mm(vec![(effect, values)]), error_mm(Vec::new()));
+        let (error_with, error_without) =
+            (error_mm(vec![(effect, values)], &session), error_mm(Vec::new(), &session));
         assert!(
             error_with < 0.7 * error_without,
             "{id}: {error_with} mm with it, {error_without} mm without"
         );
     }
+}
+
+fn error_mm(effects: Vec<(&'static dyn Effect, Vec<f64>)>, session: &Session) -> f64 {
+    let options = Options { modulus_pa: Some([12e3, 0.6e3]), learn: false, effects, ..UNTIL_50 };
+    let prediction = predict(session, &options).expect("predicts");
+    let errors_mm = prediction.insertions.iter().map(|one| one.mae_mm.expect("measured"));
+    errors_mm.sum::<f64>() / prediction.insertions.len() as f64
 }
 
 /// Paths through one guide that rests, with a rear of which nothing is known, determine no modulus, however smooth they are; where guide 2
@@ -436,18 +460,7 @@ fn a_prior_near_the_truth_is_used_with_the_prediction_without_it_beside_and_one_
     let (session, _) = steady();
     let plain = predict(&session, &UNTIL_50).expect("predicted");
     let learned = plain.insertions[0].learned.as_ref().expect("learned");
-    let prior = |k_kpa: f64| ModulusPrior {
-        file: "prior.toml".to_owned(),
-        group: "all".to_owned(),
-        sessions: 20,
-        modulus_pa: 1e3 * k_kpa,
-        scale_ln: 0.05,
-        degrees_of_freedom: 30.0,
-    };
-    let predicted_with = |k_kpa: f64| {
-        predict(&session, &Options { prior: Some(prior(k_kpa)), ..UNTIL_50 }).expect("predicted")
-    };
-    let near_prior = predicted_with(learned.k_kpa);
+    let near_prior = predicted_with_prior(learned.k_kpa, &session);
     let applied_prior = near_prior.prior.as_ref().expect("a prior");
     assert!(applied_prior.modulus.used, "{applied_prior:?}");
     assert_eq!(applied_prior.without.len(), plain.insertions.len());
@@ -456,8 +469,23 @@ fn a_prior_near_the_truth_is_used_with_the_prediction_without_it_beside_and_one_
     let [wide_low, wide_high] = learned.k_ci95_kpa;
     assert!(high / low < wide_high / wide_low, "{low} to {high}, without {wide_low} to {wide_high}");
     if learned.k_status == "identified" {
-        let far_prior = predicted_with(100.0 * learned.k_kpa);
+        let far_prior = predicted_with_prior(100.0 * learned.k_kpa, &session);
         assert!(far_prior.prior.as_ref().is_some_and(|prior| !prior.modulus.used));
         assert_eq!(far_prior.insertions, plain.insertions);
+    }
+}
+
+fn predicted_with_prior(k_kpa: f64, session: &Session) -> Prediction {
+    predict(session, &Options { prior: Some(stated_prior(k_kpa)), ..UNTIL_50 }).expect("predicted")
+}
+
+fn stated_prior(k_kpa: f64) -> ModulusPrior {
+    ModulusPrior {
+        file: "prior.toml".to_owned(),
+        group: "all".to_owned(),
+        sessions: 20,
+        modulus_pa: 1e3 * k_kpa,
+        scale_ln: 0.05,
+        degrees_of_freedom: 30.0,
     }
 }

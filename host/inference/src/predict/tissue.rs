@@ -23,20 +23,14 @@ pub fn tissue(
     warnings: &mut Vec<String>,
 ) -> Result<Tissue, PredictError> {
     let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(MIN_GAP_M);
-    let candidate_with = |foundation: Foundation, sd_ln: f64| {
-        let mut model = Model::uniform(session.rig.clone(), 0.0)?;
-        model.foundation = foundation;
-        model.effects = options.effects.clone();
-        Ok(Tissue {
-            model,
-            modulus_sd_ln: sd_ln,
-            gap_m,
-            gap_sd_ln: unknowns::tissue::EFFECTIVE_GAP.sd(),
-            rear: rear(&session.rig, options),
-        })
-    };
     if let Some((foundation, sd_ln)) = stated_or_lateral(session, options, warnings)? {
-        return candidate_with(foundation, sd_ln.hypot(unknowns::tissue::INSERTION_MODULUS.sd()));
+        return candidate_with(
+            foundation,
+            sd_ln.hypot(unknowns::tissue::INSERTION_MODULUS.sd()),
+            gap_m,
+            options,
+            &session.rig,
+        );
     }
     let modulus = if session.rig.needle.stiffness_known {
         unknowns::tissue::MODULUS
@@ -48,7 +42,26 @@ pub fn tissue(
         );
         unknowns::tissue::MODULUS_OF_REFERENCE_NEEDLE
     };
-    candidate_with(Foundation::uniform(modulus.mean())?, modulus.sd())
+    candidate_with(Foundation::uniform(modulus.mean())?, modulus.sd(), gap_m, options, &session.rig)
+}
+
+fn candidate_with(
+    foundation: Foundation,
+    sd_ln: f64,
+    gap_m: f64,
+    options: &Options,
+    rig: &Rig,
+) -> Result<Tissue, PredictError> {
+    let mut model = Model::uniform(rig.clone(), 0.0)?;
+    model.foundation = foundation;
+    model.effects = options.effects.clone();
+    Ok(Tissue {
+        model,
+        modulus_sd_ln: sd_ln,
+        gap_m,
+        gap_sd_ln: unknowns::tissue::EFFECTIVE_GAP.sd(),
+        rear: rear(rig, options),
+    })
 }
 
 /// Foundation and standard deviation of its logarithm as requested, or from the lateral runs; nothing where there are none.

@@ -24,18 +24,8 @@ impl Grid {
     pub fn new(run: &InsertionRun, last_m: f64, until_m: f64) -> Self {
         let count = (1e3 * last_m + 1e-6).floor().max(0.0) as usize;
         let depth_m: Vec<f64> = (0..=count).map(|i| 1e-3 * i as f64).collect();
-        let medians = |values: &[f64]| -> Vec<Option<f64>> {
-            depth_m
-                .iter()
-                .map(|at_m| {
-                    let rows = run.depth_m.iter().zip(values).filter(|(m, _)| (*m - at_m).abs() <= NEAR_M);
-                    let median_m = median(rows.map(|(_, value)| *value).collect());
-                    median_m.is_finite().then_some(1e3 * median_m)
-                })
-                .collect()
-        };
-        let measured_y_mm = medians(&run.tip_y_m);
-        let measured_x_mm = run.tip_x_m.as_deref().map(medians);
+        let measured_y_mm = medians_near(&run.tip_y_m, &depth_m, &run.depth_m);
+        let measured_x_mm = run.tip_x_m.as_deref().map(|values| medians_near(values, &depth_m, &run.depth_m));
         let counts = depth_m
             .iter()
             .filter(|at_m| **at_m <= until_m)
@@ -47,7 +37,6 @@ impl Grid {
 
     /// The observed part as a careful user would tabulate it: medians at every fifth millimetre, where the needle rests.
     pub fn stops(&self, planes: usize) -> Vec<Bin> {
-        let value_at = |list: &[Option<f64>], i: usize| list.get(i).copied().flatten();
         (0..)
             .step_by(5)
             .take_while(|i| self.depth_m.get(*i).is_some_and(|depth_m| *depth_m <= self.until_m + 1e-9))
@@ -106,34 +95,22 @@ impl Grid {
         let noise_m = self.noise_m(observed, posterior, reading_m);
         let two_planes = run.tip_x_m.is_some();
         let tips = posterior.tip_m(&self.depth_m);
-        let plane_values =
-            |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {
-                list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
-            };
-        let tip = |plane: usize, sds: f64| {
-            plane_values(&tips, plane, &|m| 1e3 * (m.mean + sds * m.sd.hypot(noise_m)))
-        };
         let loads = load_n.get(..self.depth_m.len()).unwrap_or_default();
-        let load = |plane: usize| PlaneResult {
-            force_n: plane_values(loads, plane, &|m| m.mean),
-            sd_n: plane_values(loads, plane, &|m| m.sd),
-        };
         let has_two_planes = tips.first().is_some_and(|planes| planes.len() == 2);
-        let x = |sds: f64| (two_planes && has_two_planes).then(|| tip(1, sds));
-        let tip_y_mm = tip(0, 0.0);
-        let tip_x_mm = x(0.0);
+        let tip_y_mm = tip_mm(0, 0.0, &tips, noise_m);
+        let tip_x_mm = second_plane_mm(0.0, two_planes, has_two_planes, &tips, noise_m);
         let at_end = load_n.last().cloned().unwrap_or_default();
         let measured = self.measured();
         let (mae_mm, last_error_mm) = measured.errors(&tip_y_mm, tip_x_mm.as_deref());
         let last_measured_mm = measured.last_mm();
-        let (lo95_y_mm, hi95_y_mm) = (tip(0, -NORMAL_975), tip(0, NORMAL_975));
-        let (lo95_x_mm, hi95_x_mm) = (x(-NORMAL_975), x(NORMAL_975));
+        let (lo95_y_mm, hi95_y_mm) =
+            (tip_mm(0, -NORMAL_975, &tips, noise_m), tip_mm(0, NORMAL_975, &tips, noise_m));
+        let (lo95_x_mm, hi95_x_mm) = (
+            second_plane_mm(-NORMAL_975, two_planes, has_two_planes, &tips, noise_m),
+            second_plane_mm(NORMAL_975, two_planes, has_two_planes, &tips, noise_m),
+        );
         let band_x = lo95_x_mm.as_deref().zip(hi95_x_mm.as_deref());
         let [band_readings, band_held] = measured.held([&lo95_y_mm, &hi95_y_mm], band_x);
-        let interval = |plane: usize| {
-            let load: &Moments = at_end.get(plane)?;
-            Some([-NORMAL_975, NORMAL_975].map(|sds| load.mean + sds * load.sd))
-        };
         InsertionResult {
             id: run.id.clone(),
             identified_until_mm: 1e3 * end_m,
@@ -141,16 +118,16 @@ impl Grid {
             tip_force_sd_n: at_end.first().map(|m| m.sd),
             tip_force_x_n: at_end.get(1).map(|m| m.mean),
             tip_force_x_sd_n: at_end.get(1).map(|m| m.sd),
-            tip_force_ci95_n: interval(0),
-            tip_force_x_ci95_n: interval(1),
+            tip_force_ci95_n: load_interval(0, &at_end),
+            tip_force_x_ci95_n: load_interval(1, &at_end),
             band_readings,
             band_held,
             lo95_y_mm,
             hi95_y_mm,
             lo95_x_mm,
             hi95_x_mm,
-            load_y: load(0),
-            load_x: has_two_planes.then(|| load(1)),
+            load_y: plane_load(0, loads),
+            load_x: has_two_planes.then(|| plane_load(1, loads)),
             mae_mm,
             last_error_mm,
             last_measured_mm,
@@ -162,4 +139,49 @@ impl Grid {
             ..InsertionResult::default()
         }
     }
+}
+
+fn load_interval(plane: usize, at_end: &[Moments]) -> Option<[f64; 2]> {
+    let load: &Moments = at_end.get(plane)?;
+    Some([-NORMAL_975, NORMAL_975].map(|sds| load.mean + sds * load.sd))
+}
+
+fn second_plane_mm(
+    sds: f64,
+    two_planes: bool,
+    has_two_planes: bool,
+    tips: &[Vec<Moments>],
+    noise_m: f64,
+) -> Option<Vec<f64>> {
+    (two_planes && has_two_planes).then(|| tip_mm(1, sds, tips, noise_m))
+}
+
+fn plane_load(plane: usize, loads: &[Vec<Moments>]) -> PlaneResult {
+    PlaneResult {
+        force_n: plane_values(loads, plane, &|m| m.mean),
+        sd_n: plane_values(loads, plane, &|m| m.sd),
+    }
+}
+
+fn tip_mm(plane: usize, sds: f64, tips: &[Vec<Moments>], noise_m: f64) -> Vec<f64> {
+    plane_values(tips, plane, &|m| 1e3 * (m.mean + sds * m.sd.hypot(noise_m)))
+}
+
+fn plane_values(list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64) -> Vec<f64> {
+    list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
+}
+
+fn value_at(list: &[Option<f64>], i: usize) -> Option<f64> {
+    list.get(i).copied().flatten()
+}
+
+fn medians_near(values: &[f64], depth_m: &[f64], run_depth_m: &[f64]) -> Vec<Option<f64>> {
+    depth_m
+        .iter()
+        .map(|at_m| {
+            let rows = run_depth_m.iter().zip(values).filter(|(m, _)| (*m - at_m).abs() <= NEAR_M);
+            let median_m = median(rows.map(|(_, value)| *value).collect());
+            median_m.is_finite().then_some(1e3 * median_m)
+        })
+        .collect()
 }

@@ -63,15 +63,14 @@ pub struct RearResult {
 impl RearResult {
     /// From the difference of the share, which grows as the stiffness falls.
     fn new((share, determined): (Moments, Identifiability), rear: &Rear) -> Self {
-        let stiffness_at = |sds: f64| rear.stiffness_n_m_per_rad(share.mean + sds * share.sd);
         let ends = match determined {
             Identifiability::LowerBound => [NORMAL_95, f64::NEG_INFINITY],
             Identifiability::UpperBound => [f64::INFINITY, -NORMAL_95],
             Identifiability::Identified | Identifiability::NotIdentified => [NORMAL_975, -NORMAL_975],
         };
         Self {
-            n_m_per_rad: stiffness_at(0.0),
-            ci95_n_m_per_rad: ends.map(stiffness_at),
+            n_m_per_rad: stiffness_at(0.0, rear, share.mean, share.sd),
+            ci95_n_m_per_rad: ends.map(|sds| stiffness_at(sds, rear, share.mean, share.sd)),
             status: determined.name(),
         }
     }
@@ -88,6 +87,10 @@ impl RearResult {
     }
 }
 
+fn stiffness_at(sds: f64, rear: &Rear, mean: f64, sd: f64) -> f64 {
+    rear.stiffness_n_m_per_rad(mean + sds * sd)
+}
+
 impl LearnedResult {
     pub(in crate::predict) fn new(
         posterior: &Posterior<'_>,
@@ -99,23 +102,9 @@ impl LearnedResult {
         let [factor, gap] = posterior.ln_modulus_factor_and_gap();
         let [k_determined, gap_determined] = posterior.determined();
         let [[k_low, k_high], [gap_low, gap_high]] = posterior.range();
-        let interval = |ln: Moments, determined: Identifiability, unit: f64, [low, high]: [f64; 2]| {
-            let modulus_at = |sds: f64| unit * (ln.mean + sds * ln.sd).exp();
-            match determined {
-                Identifiability::LowerBound => [modulus_at(-NORMAL_95), (unit * high).max(modulus_at(0.0))],
-                Identifiability::UpperBound => [(unit * low).min(modulus_at(0.0)), modulus_at(NORMAL_95)],
-                Identifiability::Identified | Identifiability::NotIdentified => {
-                    [modulus_at(-NORMAL_975), modulus_at(NORMAL_975)]
-                }
-            }
-        };
         let angles = posterior.entry_angle_rad();
-        let rear = |plane: usize| {
-            let rear_estimate = posterior.rear_share()?[plane]?;
-            Some(RearResult::new(rear_estimate, tissue.rear.as_ref()?))
-        };
         let k_kpa = surface_kpa * factor.mean.exp();
-        let k_ci95_kpa = interval(factor, k_determined, surface_kpa, [k_low, k_high]);
+        let k_ci95_kpa = modulus_interval(factor, k_determined, surface_kpa, [k_low, k_high]);
         Self {
             from: others.iter().map(|other| other.id.clone()).collect(),
             k_kpa,
@@ -123,10 +112,10 @@ impl LearnedResult {
             k_status: k_determined.name(),
             k_per_ei: KPerEi::of(&tissue.model.rig.needle, k_kpa, k_ci95_kpa),
             gap_mm: 1e3 * gap.mean.exp(),
-            gap_ci95_mm: interval(gap, gap_determined, 1e3, [gap_low, gap_high]),
+            gap_ci95_mm: modulus_interval(gap, gap_determined, 1e3, [gap_low, gap_high]),
             gap_status: gap_determined.name(),
-            rear_rotation_y: rear(0),
-            rear_rotation_x: rear(1),
+            rear_rotation_y: rear_result(0, posterior, tissue.rear),
+            rear_rotation_x: rear_result(1, posterior, tissue.rear),
             entry_angle_deg: angles.iter().map(|angle| angle.mean.to_degrees()).collect(),
             entry_angle_sd_deg: angles.iter().map(|angle| angle.sd.to_degrees()).collect(),
             load_sd_between_insertions_n: posterior.typical(|scales| scales.load_n),
@@ -138,15 +127,38 @@ impl LearnedResult {
     }
 }
 
+fn rear_result(plane: usize, posterior: &Posterior<'_>, rear: Option<Rear>) -> Option<RearResult> {
+    let rear_estimate = posterior.rear_share()?[plane]?;
+    Some(RearResult::new(rear_estimate, rear.as_ref()?))
+}
+
+fn modulus_interval(ln: Moments, determined: Identifiability, unit: f64, [low, high]: [f64; 2]) -> [f64; 2] {
+    match determined {
+        Identifiability::LowerBound => [
+            modulus_at(-NORMAL_95, unit, ln.mean, ln.sd),
+            (unit * high).max(modulus_at(0.0, unit, ln.mean, ln.sd)),
+        ],
+        Identifiability::UpperBound => [
+            (unit * low).min(modulus_at(0.0, unit, ln.mean, ln.sd)),
+            modulus_at(NORMAL_95, unit, ln.mean, ln.sd),
+        ],
+        Identifiability::Identified | Identifiability::NotIdentified => {
+            [modulus_at(-NORMAL_975, unit, ln.mean, ln.sd), modulus_at(NORMAL_975, unit, ln.mean, ln.sd)]
+        }
+    }
+}
+
+fn modulus_at(sds: f64, unit: f64, mean: f64, sd: f64) -> f64 {
+    unit * (mean + sds * sd).exp()
+}
+
 impl LearnedResult {
     /// Replaces modulus and gap by what was assumed of them beforehand: where paths do not determine them.
     pub(in crate::predict) fn assume(&mut self, tissue: &Tissue) {
-        let interval =
-            |value: f64, sd_ln: f64| [-NORMAL_975, NORMAL_975].map(|sds| value * (sds * sd_ln).exp());
         self.k_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
-        self.k_ci95_kpa = interval(self.k_kpa, tissue.modulus_sd_ln);
+        self.k_ci95_kpa = log_normal_interval(self.k_kpa, tissue.modulus_sd_ln);
         self.gap_mm = 1e3 * tissue.gap_m;
-        self.gap_ci95_mm = interval(self.gap_mm, tissue.gap_sd_ln);
+        self.gap_ci95_mm = log_normal_interval(self.gap_mm, tissue.gap_sd_ln);
         (self.k_status, self.gap_status) =
             (Identifiability::NotIdentified.name(), Identifiability::NotIdentified.name());
         self.k_per_ei = KPerEi::of(&tissue.model.rig.needle, self.k_kpa, self.k_ci95_kpa);
@@ -159,15 +171,24 @@ impl LearnedResult {
 
     /// Rotation stiffness of the rear in both planes with its intervals, as text; `None` where the session states it.
     pub fn rear_text(&self) -> Option<String> {
-        let text = |rear: &Option<RearResult>| rear.as_ref().map_or("as stated".to_owned(), RearResult::text);
         let is_unknown = self.rear_rotation_y.is_some() || self.rear_rotation_x.is_some();
-        is_unknown.then(|| format!("{}, {}", text(&self.rear_rotation_y), text(&self.rear_rotation_x)))
+        is_unknown.then(|| {
+            format!("{}, {}", rear_or_stated(&self.rear_rotation_y), rear_or_stated(&self.rear_rotation_x))
+        })
     }
 
     /// Gap with its interval, in mm, as text.
     pub fn gap_text(&self) -> String {
         estimate_text(self.gap_mm, self.gap_ci95_mm, self.gap_status, "mm")
     }
+}
+
+fn rear_or_stated(rear: &Option<RearResult>) -> String {
+    rear.as_ref().map_or("as stated".to_owned(), RearResult::text)
+}
+
+fn log_normal_interval(value: f64, sd_ln: f64) -> [f64; 2] {
+    [-NORMAL_975, NORMAL_975].map(|sds| value * (sds * sd_ln).exp())
 }
 
 /// A value with its interval; nothing at the end of a range is given as a value.

@@ -18,15 +18,12 @@ impl Measured<'_> {
 
     /// Mean distance beyond the observed part, and the distance at the last depth measured.
     pub fn errors(&self, tip_y_mm: &[f64], tip_x_mm: Option<&[f64]>) -> (Option<f64>, Option<f64>) {
-        let miss = |tip: &[f64], measured: &[Option<f64>], at: usize| {
-            Some(tip.get(at)? - measured.get(at).copied().flatten()?)
-        };
         let beyond_indices = (0..self.y_mm.len()).filter(|at| self.is_beyond(*at));
         let distances: Vec<f64> = beyond_indices
             .filter_map(|at| {
-                let y = miss(tip_y_mm, self.y_mm, at)?;
+                let y = miss_mm(tip_y_mm, self.y_mm, at)?;
                 let x = match (tip_x_mm, self.x_mm) {
-                    (Some(tip), Some(measured)) => miss(tip, measured, at)?,
+                    (Some(tip), Some(measured)) => miss_mm(tip, measured, at)?,
                     _ => 0.0,
                 };
                 Some(y.hypot(x))
@@ -63,4 +60,8 @@ impl Measured<'_> {
             .find(|at| self.is_beyond(*at) && self.y_mm.get(*at).copied().flatten().is_some())
             .map(|at| at as f64)
     }
+}
+
+fn miss_mm(tip: &[f64], measured: &[Option<f64>], at: usize) -> Option<f64> {
+    Some(tip.get(at)? - measured.get(at).copied().flatten()?)
 }
