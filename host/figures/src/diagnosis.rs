@@ -26,9 +26,8 @@ pub fn residuals(gap: &HeldOutMisfit) -> Result<String, FigureError> {
         let area =
             area.titled("measured less predicted, runs held out of every fit", (FONT, 22)).map_err(failed)?;
         for (panel, channel) in area.split_evenly((channels.len().max(1), 1)).iter().zip(&channels) {
-            let of_channel = || gap.points.iter().filter(|point| point.channel == *channel);
-            let x = range(of_channel().map(|point| point.at_mm));
-            let y = range(of_channel().flat_map(|point| [point.before, point.after]));
+            let x = range(of_channel(channel, &gap.points).map(|point| point.at_mm));
+            let y = range(of_channel(channel, &gap.points).flat_map(|point| [point.before, point.after]));
             let coordinate = match channel {
                 Channel::ForceY | Channel::ForceX => "displacement of guide 2, mm",
                 Channel::ShapeY | Channel::ShapeX => "depth below the surface, mm",
@@ -42,8 +41,8 @@ pub fn residuals(gap: &HeldOutMisfit) -> Result<String, FigureError> {
                 ("before", BEFORE, (|p| p.before) as fn(&inference::diagnose::ResidualPoint) -> f64),
                 ("after", AFTER, |p| p.after),
             ] {
-                let dots =
-                    of_channel().map(|point| Circle::new((point.at_mm, value(point)), 2, colour.filled()));
+                let dots = of_channel(channel, &gap.points)
+                    .map(|point| Circle::new((point.at_mm, value(point)), 2, colour.filled()));
                 chart
                     .draw_series(dots)
                     .map_err(failed)?
@@ -55,6 +54,13 @@ pub fn residuals(gap: &HeldOutMisfit) -> Result<String, FigureError> {
         area.present().map_err(failed)?;
     }
     Ok(svg)
+}
+
+fn of_channel<'a>(
+    channel: &'a Channel,
+    points: &'a [inference::diagnose::ResidualPoint],
+) -> impl Iterator<Item = &'a inference::diagnose::ResidualPoint> {
+    points.iter().filter(|point| point.channel == *channel)
 }
 
 /// Log evidence of the leading effects over the starting model, and the margin that a name needs.
@@ -113,13 +119,6 @@ fn bar_chart(
             .y_label_area_size(200)
             .build_cartesian_2d(0.0..1.05 * most, 0.0..count.max(1.0))
             .map_err(failed)?;
-        let label = |y: &f64| {
-            // Names stand in the middle of their bars, the first one on top.
-            let number = count - y - 0.5;
-            let is_middle = (number - number.round()).abs() < 1e-6 && number > -0.5;
-            let bar = if is_middle { bars.get(number.round() as usize) } else { None };
-            bar.map_or(String::new(), |(name, ..)| name.clone())
-        };
         chart
             .configure_mesh()
             .disable_y_mesh()
@@ -129,7 +128,7 @@ fn bar_chart(
             .x_desc(axis)
             .x_label_formatter(&crate::tick)
             .y_labels(4 * bars.len().max(1))
-            .y_label_formatter(&label)
+            .y_label_formatter(&|y| bar_label(y, count, bars))
             .draw()
             .map_err(failed)?;
         chart
@@ -146,4 +145,12 @@ fn bar_chart(
         area.present().map_err(failed)?;
     }
     Ok(svg)
+}
+
+fn bar_label(y: &f64, count: f64, bars: &[(String, f64, RGBColor)]) -> String {
+    // Names stand in the middle of their bars, the first one on top.
+    let number = count - y - 0.5;
+    let is_middle = (number - number.round()).abs() < 1e-6 && number > -0.5;
+    let bar = if is_middle { bars.get(number.round() as usize) } else { None };
+    bar.map_or(String::new(), |(name, ..)| name.clone())
 }

@@ -80,10 +80,8 @@ fn path(area: &Area<'_>, one: &InsertionResult, planes: &[Plane<'_>]) -> Result<
 
 fn load(area: &Area<'_>, one: &InsertionResult, planes: &[Plane<'_>]) -> Result<(), FigureError> {
     let depths = range(one.depth_mm.iter().copied());
-    let end = |plane: &Plane<'_>, sign: f64| -> Vec<f64> {
-        plane.load.force_n.iter().zip(&plane.load.sd_n).map(|(force, sd)| force + sign * 1.96 * sd).collect()
-    };
-    let bands: Vec<[Vec<f64>; 2]> = planes.iter().map(|plane| [end(plane, -1.0), end(plane, 1.0)]).collect();
+    let bands: Vec<[Vec<f64>; 2]> =
+        planes.iter().map(|plane| [load_bound(plane, -1.0), load_bound(plane, 1.0)]).collect();
     let loads = range(bands.iter().flatten().flatten().copied());
     let mut chart = axes(area, depths, loads.clone(), "tip load, N", "insertion depth, mm")?;
     let identified_line = [(one.identified_until_mm, loads.start), (one.identified_until_mm, loads.end)];
@@ -94,4 +92,8 @@ fn load(area: &Area<'_>, one: &InsertionResult, planes: &[Plane<'_>]) -> Result<
         chart.draw_series(LineSeries::new(line, plane.colour.stroke_width(2))).map_err(failed)?;
     }
     Ok(())
+}
+
+fn load_bound(plane: &Plane<'_>, sign: f64) -> Vec<f64> {
+    plane.load.force_n.iter().zip(&plane.load.sd_n).map(|(force, sd)| force + sign * 1.96 * sd).collect()
 }

@@ -15,17 +15,9 @@ const SAMPLES: usize = 300;
 pub fn force(run: &LateralRun, found: &RunResult) -> Result<String, FigureError> {
     let series = &run.force;
     let every = series.time_s.len().div_ceil(SAMPLES).max(1);
-    let thinned = |displacement_m: &[f64], force_n: &[f64]| -> Vec<(f64, f64)> {
-        displacement_m
-            .iter()
-            .zip(force_n)
-            .step_by(every)
-            .map(|(u_m, force_n)| (1e3 * u_m, *force_n))
-            .collect()
-    };
-    let mut planes = vec![("vertical", BLUE, thinned(&series.displacement_y_m, &series.force_y_n))];
+    let mut planes = vec![("vertical", BLUE, thinned(&series.displacement_y_m, &series.force_y_n, every))];
     if let (Some(displacement_m), Some(force_n)) = (&series.displacement_x_m, &series.force_x_n) {
-        planes.push(("horizontal", RED, thinned(displacement_m, force_n)));
+        planes.push(("horizontal", RED, thinned(displacement_m, force_n, every)));
     }
     let used_holds: Vec<_> = found.holds.iter().filter(|hold| hold.used).collect();
     let fitted = fitted_y(found);
@@ -63,6 +55,10 @@ pub fn force(run: &LateralRun, found: &RunResult) -> Result<String, FigureError>
     Ok(svg)
 }
 
+fn thinned(displacement_m: &[f64], force_n: &[f64], every: usize) -> Vec<(f64, f64)> {
+    displacement_m.iter().zip(force_n).step_by(every).map(|(u_m, force_n)| (1e3 * u_m, *force_n)).collect()
+}
+
 /// Fitted vertical force of the holds, by displacement.
 fn fitted_y(found: &RunResult) -> Vec<(f64, f64)> {
     let used_holds: Vec<_> = found.holds.iter().filter(|hold| hold.used).collect();
@@ -85,7 +81,6 @@ pub fn run_residuals(found: &RunResult) -> Result<String, FigureError> {
     let middles_s: Vec<f64> =
         found.holds.iter().filter(|hold| hold.used).map(|hold| 0.5 * (hold.from_s + hold.to_s)).collect();
     let along = |one: &ResidualResult| Some((one.z_mm?, one.sigma));
-    let over_time = |one: &ResidualResult| Some((*middles_s.get(one.hold)?, one.sigma));
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, (WIDTH, 620)).into_drawing_area();
@@ -94,10 +89,14 @@ pub fn run_residuals(found: &RunResult) -> Result<String, FigureError> {
         let area = area.titled(&title, (FONT, 22)).map_err(failed)?;
         let (upper_area, lower_area) = area.split_vertically(280);
         panel(&upper_area, found, "position along the needle, mm", &along)?;
-        panel(&lower_area, found, "time, s", &over_time)?;
+        panel(&lower_area, found, "time, s", &|one| point_over_time(one, &middles_s))?;
         area.present().map_err(failed)?;
     }
     Ok(svg)
+}
+
+fn point_over_time(one: &ResidualResult, middles_s: &[f64]) -> Option<(f64, f64)> {
+    Some((*middles_s.get(one.hold)?, one.sigma))
 }
 
 fn panel(

@@ -87,8 +87,7 @@ pub fn shape(run: &RunResult) -> Result<String, FigureError> {
             chart.draw_series(LineSeries::new(line, colour.stroke_width(2))).map_err(failed)?;
         }
         legend(&mut chart)?;
-        let rest = |shape: &ShapeResult, i: usize| Some(shape.measured_mm.get(i)? - shape.fitted_mm.get(i)?);
-        let residuals = run.shape.iter().flat_map(|shape| pairs(shape, rest).map(|(_, rest)| rest));
+        let residuals = run.shape.iter().flat_map(|shape| pairs(shape, residual_mm).map(|(_, rest)| rest));
         let mut chart = axes(
             &lower_area,
             z_mm,
@@ -99,12 +98,16 @@ pub fn shape(run: &RunResult) -> Result<String, FigureError> {
         for (index, shape) in run.shape.iter().enumerate() {
             let colour = Palette99::pick(index).to_rgba();
             chart
-                .draw_series(pairs(shape, rest).map(|at| Circle::new(at, 3, colour.filled())))
+                .draw_series(pairs(shape, residual_mm).map(|at| Circle::new(at, 3, colour.filled())))
                 .map_err(failed)?;
         }
         area.present().map_err(failed)?;
     }
     Ok(svg)
+}
+
+fn residual_mm(shape: &ShapeResult, i: usize) -> Option<f64> {
+    Some(shape.measured_mm.get(i)? - shape.fitted_mm.get(i)?)
 }
 
 /// A range with room above the data for a legend of so many lines in so many pixels; at most as much again.
@@ -162,8 +165,6 @@ pub fn plan(plan: &Plan) -> Result<String, FigureError> {
         area.fill(&WHITE).map_err(failed)?;
         let area = area.titled("half-width of the 95 % interval of K", (FONT, 22)).map_err(failed)?;
         let depths = range(plan.choices.iter().map(|choice| choice.depth_mm));
-        // Widths span decades: powers of ten on the axis.
-        let decades = |choice: &Choice| choice.half_width_percent.clamp(1e-3, 1e3).log10();
         let widths = headroom(range(plan.choices.iter().map(decades)), lines.len(), 460);
         let mut chart = ChartBuilder::on(&area)
             .margin(12)
@@ -209,6 +210,11 @@ pub fn plan(plan: &Plan) -> Result<String, FigureError> {
         area.present().map_err(failed)?;
     }
     Ok(svg)
+}
+
+/// Widths span decades: powers of ten on the axis.
+fn decades(choice: &Choice) -> f64 {
+    choice.half_width_percent.clamp(1e-3, 1e3).log10()
 }
 
 type Area<'s> = DrawingArea<SVGBackend<'s>, Shift>;

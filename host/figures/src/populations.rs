@@ -78,14 +78,6 @@ fn rows_of_k(
             .y_label_area_size(250)
             .build_cartesian_2d(k, -0.5..count as f64 - 0.5)
             .map_err(failed)?;
-        let name = |at: &f64| {
-            let whole = (at - at.round()).abs() < 1e-6;
-            let index = (count as f64 - 1.0 - at.round()) as usize;
-            names
-                .get(index)
-                .filter(|_| whole)
-                .map_or_else(String::new, |name| name.chars().take(34).collect())
-        };
         chart
             .configure_mesh()
             .disable_y_mesh()
@@ -95,11 +87,17 @@ fn rows_of_k(
             .x_desc("K, kPa (logarithmic)")
             .x_label_formatter(&|ln| format!("{:.2}", ln.exp()))
             .y_labels(2 * count + 1)
-            .y_label_formatter(&name)
+            .y_label_formatter(&|at| tick_name(at, count, names))
             .draw()
             .map_err(failed)?;
         draw(&mut chart)
     })
+}
+
+fn tick_name(at: &f64, count: usize, names: &[String]) -> String {
+    let whole = (at - at.round()).abs() < 1e-6;
+    let index = (count as f64 - 1.0 - at.round()) as usize;
+    names.get(index).filter(|_| whole).map_or_else(String::new, |name| name.chars().take(34).collect())
 }
 
 /// Every session with its interval, and the mean and prediction of every group.

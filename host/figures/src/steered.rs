@@ -46,12 +46,14 @@ pub fn steered_path(run: &Steered) -> Result<String, FigureError> {
         let mut chart = axes(&upper_area, depths.clone(), tips, "tip, mm", "")?;
         for (plane, (name, colour)) in PLANES.into_iter().enumerate() {
             let depths: Vec<f64> = run.planned_mm.iter().map(|one| one[0]).collect();
-            let edge = |sign: f64| -> Vec<f64> {
-                run.planned_mm.iter().map(|one| one[1 + plane] + sign * 1.96 * one[3]).collect()
-            };
             if depths.len() > 1 {
                 chart
-                    .draw_series(std::iter::once(band(&depths, &edge(-1.0), &edge(1.0), colour)))
+                    .draw_series(std::iter::once(band(
+                        &depths,
+                        &band_edge(-1.0, plane, &run.planned_mm),
+                        &band_edge(1.0, plane, &run.planned_mm),
+                        colour,
+                    )))
                     .map_err(failed)?;
             }
             chart
@@ -85,6 +87,10 @@ pub fn steered_path(run: &Steered) -> Result<String, FigureError> {
         area.present().map_err(failed)?;
     }
     Ok(svg)
+}
+
+fn band_edge(sign: f64, plane: usize, planned_mm: &[[f64; 4]]) -> Vec<f64> {
+    planned_mm.iter().map(|one| one[1 + plane] + sign * 1.96 * one[3]).collect()
 }
 
 /// The plane of the target's depth: what could be reached, the tip as it was expected at each stop (paler, earlier) and where it is.

@@ -112,11 +112,16 @@ fn parameter(
     let largest = of.values.iter().flatten().copied().fold(0.0, f64::max);
     let last = of.high.last().copied().unwrap_or(1.0);
     let top = 1e-3 * if largest > 0.0 { 3.0 * largest } else { 2.0 * last };
-    let cut = |values: &[f64]| values.iter().map(|value| (1e-3 * value).clamp(0.0, top)).collect::<Vec<_>>();
     let mut chart = axes(area, range(depths_mm.iter().copied()), 0.0..top.max(1e-3), of.name, x_name)?;
-    chart.draw_series(std::iter::once(band(depths_mm, &cut(of.low), &cut(of.high), BLUE))).map_err(failed)?;
+    chart
+        .draw_series(std::iter::once(band(depths_mm, &clipped(of.low, top), &clipped(of.high, top), BLUE)))
+        .map_err(failed)?;
     let identified =
         depths_mm.iter().zip(of.values).filter_map(|(depth, value)| Some((*depth, 1e-3 * (*value)?)));
     chart.draw_series(identified.map(|at| Circle::new(at, 2, BLUE.filled()))).map_err(failed)?;
     Ok(())
+}
+
+fn clipped(values: &[f64], top: f64) -> Vec<f64> {
+    values.iter().map(|value| (1e-3 * value).clamp(0.0, top)).collect::<Vec<_>>()
 }
