@@ -13,7 +13,7 @@ use mechanics::growth::{GrowingBeam, Guide2Grip, NodeLoads};
 use mechanics::insertion::{self, grid_m};
 use mechanics::{Guides, Model, ModelError, Plane, Profile};
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Step of the insertion model here: one part in ten thousand of the path.
 const STEP_M: f64 = 1e-3;
@@ -295,7 +295,7 @@ impl Candidates {
     }
 
     /// Points that are solved, also after a panic of another thread.
-    fn locked_points(&self) -> std::sync::MutexGuard<'_, HashMap<(usize, [i32; 3]), Arc<Point>>> {
+    fn locked_points(&self) -> MutexGuard<'_, HashMap<LatticePoint, Arc<Point>>> {
         self.points.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
