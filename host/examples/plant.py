@@ -13,7 +13,7 @@ import sys
 H = 2.5                       # distance of the nodes, mm
 EI, RADIUS = 0.0157e6, 0.635  # bending stiffness, N mm^2, and radius, mm
 GUIDE2, ENTRY = 24, 32        # nodes: guide 2 at 60 mm, surface at 80 mm
-DEPTH, FORCE, STRAIN = 120, 8.0, 0.004    # mm, N
+DEPTH, TRAVEL, SPEED, FORCE, STRAIN = 120, 6.0, 4.0, 8.0, 0.004    # mm, mm, mm/s, N
 LOAD, WANDER = 0.22, 0.015    # load of the tip, N, and what of it is added at random per square root of a millimetre
 BACKLASH = 0.16               # of guide 2, mm
 NOISE, DELAY, RATE, BAD = 0.15, 0.2, 10.0, 0.05    # of the tip's readings: mm, s, Hz, share
@@ -98,7 +98,7 @@ def main():
     write({"plant": "needle/1", "needle": {"EI_n_m2": 1e-6 * EI, "outer_diameter_mm": 2 * RADIUS},
          "rig": {"guide1_to_guide2_mm": H * GUIDE2, "guide2_to_surface_mm": H * (ENTRY - GUIDE2),
                  "move_while_pushing": False, "can_rotate": False},
-         "limits": {"guide_travel_mm": 6.0, "guide_speed_mm_s": 4.0, "guide_force_n": FORCE, "push_speed_mm_s": 5.0,
+         "limits": {"guide_travel_mm": TRAVEL, "guide_speed_mm_s": SPEED, "guide_force_n": FORCE, "push_speed_mm_s": 5.0,
                     "rotation_speed_deg_s": 90.0, "needle_strain": STRAIN},
          "max_depth_mm": DEPTH, "depth_step_mm": 1.0, "tip_noise_mm": NOISE, "tip_delay_s": DELAY, "tip_rate_hz": RATE,
          "force_noise_n": 0.02, "guide_error_mm": BACKLASH, "bevel_deg": 0.0,
