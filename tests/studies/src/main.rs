@@ -149,6 +149,9 @@ fn limited(args: &Args) -> Result<()> {
         for halved in Halved::ALL.into_iter().filter(|halved| halved.name().contains(&args.only)) {
             for target in [Target::Own, Target::Other] {
                 let runs = limited(tissues, halved, target, args.runs as u64, args.seed)?;
+                for (number, run) in runs.iter().enumerate().filter(|_| args.verbose) {
+                    eprintln!("{tissues:?}, {}, {target:?} {number}: {run:.3?}", halved.name());
+                }
                 println!("{}", row(tissues, halved, target, &runs));
             }
         }

@@ -82,8 +82,14 @@ pub struct LimitedRun {
     pub broken: u64,
     /// Radius, mm, and probability of a smaller miss, as stated before the first push.
     pub stated: Vec<[f64; 2]>,
-    /// Whether the last decision with a miss of more than half a millimetre has named what limits it.
+    /// Whether a decision has named what limits it.
     pub named: bool,
+    /// Number of decisions that a limit has changed.
+    pub limited_stops: usize,
+    /// Largest strain of the needle and force of guide 2, as shares of their limits.
+    pub peak_shares: [Option<f64>; 2],
+    /// Replans of the run, s: median and slowest.
+    pub replans_s: [f64; 2],
 }
 
 /// Runs `count` needles.
@@ -110,6 +116,7 @@ pub fn limited(
                     far_target(&sibling, SHARE, DEPTH_MM, seed, number)?
                 }
             };
+            let limits = plant.stated.limits.clone();
             match steer(&mut plant, &Options::new(target_mm), &mut |_| {}) {
                 Ok(run) => {
                     let refused = matches!(run.outcome, Outcome::Refused { .. });
@@ -128,6 +135,15 @@ pub fn limited(
                             .map(|one| [one.radius_mm, one.probability])
                             .collect(),
                         named: run.decisions.iter().any(|one| one.limits.is_some()),
+                        limited_stops: run.decisions.iter().filter(|one| one.limits.is_some()).count(),
+                        peak_shares: run.end.as_ref().map_or([None; 2], |end| {
+                            let share = |(peak, limit): (f64, f64)| peak / limit;
+                            [
+                                end.peak_strain.zip(limits.needle_strain).map(share),
+                                end.peak_force_n.zip(limits.guide_force_n).map(share),
+                            ]
+                        }),
+                        replans_s: [run.median_replan_s, run.slowest_replan_s],
                     })
                 }
                 Err(SteerError::Plant(error)) => Err(error),
@@ -138,6 +154,9 @@ pub fn limited(
                     broken: 0,
                     stated: Vec::new(),
                     named: true,
+                    limited_stops: 0,
+                    peak_shares: [None; 2],
+                    replans_s: [0.0; 2],
                 }),
             }
         })
