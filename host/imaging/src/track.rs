@@ -213,7 +213,7 @@ impl Arc {
         Some(sum / count)
     }
 
-    fn frame_share(&self, frame: &Vec<(Echo, f64)>) -> f64 {
+    fn frame_share(&self, frame: &[(Echo, f64)]) -> f64 {
         frame
             .iter()
             .map(|(echo, weight)| {
@@ -279,7 +279,7 @@ fn search(frames: &[Vec<Echo>], without: Option<&Arc>, random: &mut ChaCha8Rng) 
     best
 }
 
-fn first_z_mm(frame: &Vec<(Echo, f64)>) -> f64 {
+fn first_z_mm(frame: &[(Echo, f64)]) -> f64 {
     frame.first().map_or(0.0, |(echo, _)| echo.z_mm)
 }
 

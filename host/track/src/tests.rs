@@ -286,7 +286,7 @@ fn signs_and_units_are_diagnosed_before_tissue() {
     }
 }
 
-fn scale(values: &mut Vec<f64>, factor: f64) {
+fn scale(values: &mut [f64], factor: f64) {
     values.iter_mut().for_each(|value| *value *= factor)
 }
 

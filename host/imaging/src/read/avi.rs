@@ -55,6 +55,14 @@ struct Found {
     frames: Vec<(u64, u32)>,
 }
 
+impl Found {
+    /// Whether the two digits of a chunk's name are those of the video's stream.
+    fn is_of_video(&self, tens: &u8, ones: &u8) -> bool {
+        let stream = hex_digit(tens).zip(hex_digit(ones)).map(|(tens, ones)| 16 * tens + ones);
+        stream == Some(self.video)
+    }
+}
+
 pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let mut bytes = BufReader::new(File::open(path).map_err(ImagingError::io(path))?);
     let end = bytes.seek(SeekFrom::End(0)).map_err(ImagingError::io(path))?;
@@ -177,21 +185,16 @@ fn chunk(
             let expected = "one palette for all frames, in the header, or frames without one";
             return Err(ImagingError::invalid(path, "movi", "a palette that changes", expected));
         }
-        [tens, ones, b'd', b'b' | b'c'] if found.format.is_some() => {
-            if decimal_digit(tens)
-                .zip(decimal_digit(ones))
-                .is_some_and(|(tens, ones)| 16 * tens + ones == found.video)
-            {
-                let chunk_start = bytes.stream_position().map_err(ImagingError::io(path))?;
-                found.frames.push((chunk_start, size));
-            }
+        [tens, ones, b'd', b'b' | b'c'] if found.format.is_some() && found.is_of_video(tens, ones) => {
+            let chunk_start = bytes.stream_position().map_err(ImagingError::io(path))?;
+            found.frames.push((chunk_start, size));
         }
         _ => {}
     }
     Ok(())
 }
 
-fn decimal_digit(byte: &u8) -> Option<usize> {
+fn hex_digit(byte: &u8) -> Option<usize> {
     char::from(*byte).to_digit(16).map(|digit| digit as usize)
 }
 

@@ -19,6 +19,9 @@ use readings::draws::Draws;
 /// Value and standard deviation of one model, with its weight.
 type Part = (f64, f64, f64);
 
+/// Mean and standard deviation.
+type Moments = (f64, f64);
+
 /// Predicts by the model of the options and by the others, and averages.
 pub(super) fn predict(session: &Session, options: &Options) -> Result<Prediction, PredictError> {
     let alone = Options { others: Vec::new(), ..options.clone() };
@@ -172,7 +175,7 @@ fn mixed_scalar(
     value: fn(&InsertionResult) -> Option<f64>,
     sd: fn(&InsertionResult) -> Option<f64>,
     all_results: &[(f64, InsertionResult)],
-) -> Option<((f64, f64), Option<[f64; 2]>)> {
+) -> Option<(Moments, Option<[f64; 2]>)> {
     let weighted_values: Option<Vec<Part>> =
         all_results.iter().map(|(weight, one)| Some((*weight, value(one)?, sd(one)?))).collect();
     weighted_values.map(|weighted_values| (moments(&weighted_values), mixture_interval(&weighted_values)))

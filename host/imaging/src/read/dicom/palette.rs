@@ -60,7 +60,7 @@ fn invalid(
     field: &str,
     path: &std::path::Path,
 ) -> Result<Vec<u8>, ImagingError> {
-    Err(ImagingError::invalid(path, &*field, problem, expected))
+    Err(ImagingError::invalid(path, field, problem, expected))
 }
 
 /// Words of 16 bit in the order of the file.
