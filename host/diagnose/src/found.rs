@@ -73,6 +73,16 @@ pub(super) struct Member {
 }
 
 impl Member {
+    /// Puts the effect itself into its class where only models that cannot be stated in turn have refuted it.
+    pub fn keep_own(&mut self, fitted: &Fitted, prior: &ModelPrior) {
+        let Some(effect) = fitted.layout.effects.get(self.index).copied() else { return };
+        if self.class.iter().all(|one| one.effect.id() != effect.id()) {
+            let ln_odds = self.gain + prior.ln_odds(effect);
+            self.class.push(Explanation { effect, fitted: fitted.clone(), ln_odds });
+            self.class.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+        }
+    }
+
     /// Whether nothing else may be in its place.
     pub fn is_the_only_explanation(&self) -> bool {
         self.class.len() == 1 && !self.is_needless_elsewhere

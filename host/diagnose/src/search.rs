@@ -221,6 +221,7 @@ impl<'a> Search<'a> {
         if let Some(names) = described.as_ref().map(|_| self.without_laws(&fitted)) {
             fitted = names;
             members = self.members(&fitted, &first, &prior)?;
+            members.iter_mut().for_each(|member| member.keep_own(&fitted, &prior));
         }
         Ok(Found { fitted, members, described, first, last, prior })
     }
@@ -271,11 +272,17 @@ impl<'a> Search<'a> {
         // A better effect in the place of one that was taken early shows only once the others are there; and what another effect has made
         // needless since is no longer one.
         let mut members = self.members(&current, first, prior)?;
-        for _ in 0..MAX_EFFECTS {
-            let Some(better) = self.better(&current, &members) else { break };
+        let mut visited = vec![current.layout.clone()];
+        while let Some(better) = self.better(&current, &members) {
+            // Held-out runs may prefer three models in a circle.
+            if visited.iter().any(|known| known.has_effects_of(&better.layout)) {
+                break;
+            }
+            visited.push(better.layout.clone());
             current = better;
             members = self.members(&current, first, prior)?;
         }
+        members.iter_mut().for_each(|member| member.keep_own(&current, prior));
         Ok(Set { fitted: current, members, last })
     }
 
