@@ -41,11 +41,6 @@ pub const GUIDE_SETTLING_S: f64 = 0.3;
 
 /// A plan that misses by less never stops a run, mm.
 const MISS_THAT_STOPS_MM: f64 = 2.0;
-/// Share of the target's depth from which on the guide hardly moves the tip.
-const LAST_AUTHORITY: f64 = 0.75;
-/// Variance on arrival over that predicted there, and how often it is the one or the other: the model fits most needles better than
-/// allowed for, and some worse. Found on plants of seeds 11 and 12 of `cargo xtask study steer`, checked on others (manual, validation).
-const FORECAST: [[f64; 2]; 2] = [[0.92, 0.155], [0.08, 3.9]];
 
 /// Options of a steered insertion.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -38,6 +38,11 @@ impl Controller<'_> {
         Ok(None)
     }
 
+    /// Squared miss per squared move, at a share of the target's depth.
+    pub(super) fn effort(&self, depth_share: f64) -> f64 {
+        (1.2 - depth_share) * self.options.effort
+    }
+
     /// Estimates and plans at a rest: what is to be done there and after it.
     pub(super) fn planned(&mut self, node: usize) -> Result<Decision, SteerError> {
         let rest_nodes: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
@@ -45,9 +50,8 @@ impl Controller<'_> {
         let laws = posterior.weighted();
         let now_m = [1e-3 * self.last.guide_x_mm, 1e-3 * self.last.guide_y_mm];
         let target_m = [1e-3 * self.options.target_mm[0], 1e-3 * self.options.target_mm[1]];
-        let remaining_fraction = 1.2 - self.history.depths_m[node] / (1e-3 * self.options.target_mm[2]);
-        let weights =
-            Weights { caution: self.options.caution, effort: remaining_fraction * self.options.effort };
+        let depth_share = self.history.depths_m[node] / (1e-3 * self.options.target_mm[2]);
+        let weights = Weights { caution: self.options.caution, effort: self.effort(depth_share) };
         let steered = self.options.steered && self.stated.limits.guide_travel_mm > 0.0 && !self.rotates();
         let mut plan = if steered {
             let largest_move_m = Some(1e-3 * self.options.largest_move_mm);

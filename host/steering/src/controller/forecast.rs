@@ -1,6 +1,6 @@
 //! Forecast before the first push.
 
-use super::{Controller, FORECAST, LAST_AUTHORITY, MISS_THAT_STOPS_MM, Posterior, RADII_MM, SteerError};
+use super::{Controller, MISS_THAT_STOPS_MM, Posterior, RADII_MM, SteerError};
 use crate::envelope::Limit;
 use crate::estimator::{AtTarget, gain};
 use crate::history::Place;
@@ -13,6 +13,7 @@ use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
+use statrs::function::erf::erfc_inv;
 use std::collections::BTreeMap;
 
 /// Needles drawn from the prior, for each of which it is computed how near its limits let it come.
@@ -92,35 +93,14 @@ impl Controller<'_> {
             return Ok(Some(self.refused(&plan, target_m)));
         }
         self.limits_before = risks(&misses);
-        let last_m = LAST_AUTHORITY * self.history.depths_m[self.history.depths_m.len() - 1];
-        let paths = self.expected.clone();
-        let noise_m = 1e-3 * self.stated.tip_noise_mm;
-        let count = (self.settling() - self.stated.tip_delay_s) * self.stated.tip_rate_hz;
-        let mut bins = Vec::new();
-        for (node, depth_m) in self.history.depths_m.iter().enumerate().filter(|(_, m)| **m <= last_m) {
-            let location = Place::Rest(node, 0);
-            let tip_m = [0, 1].map(|plane: usize| tables::at(&paths[plane], location));
-            let count = if rest_nodes.contains(&node) { 1.6 * count } else { 2.0 };
-            bins.push(crate::readings::Bin::forecast(location, *depth_m, tip_m, noise_m, count.max(1.0)));
-        }
-        let updated_law = self.laws[0].clone().update(&bins, &self.history, &[])?;
-        let updated = Posterior { at: vec![(1.0, updated_law)] };
-        let (_, covariance_m2) = planner::outcome(&updated.weighted(), [0.0; 2], &[]);
         self.within_before = if steered {
+            let covariance_m2 = self.arriving(&prior_posterior, &rest_nodes)?;
             RADII_MM
                 .into_iter()
                 .map(|radius_mm| {
                     let probability = misses
                         .iter()
-                        .map(|misses| {
-                            FORECAST
-                                .into_iter()
-                                .map(|[share, factor]| {
-                                    let covariance_m2 = covariance_m2.map(|m2| factor * m2);
-                                    share * probability_within(misses.miss_m, covariance_m2, 1e-3 * radius_mm)
-                                })
-                                .sum::<f64>()
-                        })
+                        .map(|misses| probability_within(misses.miss_m, covariance_m2, 1e-3 * radius_mm))
                         .sum::<f64>()
                         / misses.len().max(1) as f64;
                     Probability { radius_mm, probability }
@@ -130,6 +110,39 @@ impl Controller<'_> {
             self.within(plan.tip_m, plan.covariance_m2)
         };
         Ok(None)
+    }
+
+    /// Covariance of the tip on arriving, about where limits let it come: at each stop the readings change what is expected at the
+    /// target, and the stops from there on correct that but for a share ([`uncorrected`]); what is learned after the last of them
+    /// stays (theory, eq. 81).
+    fn arriving(&self, before: &Posterior, rests: &[usize]) -> Result<[f64; 3], SteerError> {
+        let paths = &self.expected;
+        let noise_m = 1e-3 * self.stated.tip_noise_mm;
+        let at_rest = (self.settling() - self.stated.tip_delay_s) * self.stated.tip_rate_hz;
+        let Some((_, prior)) = before.at.first() else { return Ok([0.0; 3]) };
+        let target_m = self.history.depths_m[self.history.depths_m.len() - 1];
+        let efforts: Vec<f64> =
+            rests.iter().map(|rest| self.effort(self.history.depths_m[*rest] / target_m)).collect();
+        let left = uncorrected(&prior.gains, &efforts);
+        let mut law = self.laws[0].clone();
+        let (_, mut known_m2) = planner::outcome(&[Weighted { weight: 1.0, at: prior }], [0.0; 2], &[]);
+        let (mut bins, mut corrected_m2) = (Vec::new(), [0.0; 3]);
+        for (node, depth_m) in self.history.depths_m.iter().enumerate() {
+            let location = Place::Rest(node, 0);
+            let tip_m = [0, 1].map(|plane: usize| tables::at(&paths[plane], location));
+            let stop = rests.iter().position(|rest| *rest == node);
+            let count = if stop.is_some() { 1.6 * at_rest } else { 2.0 };
+            bins.push(crate::readings::Bin::forecast(location, *depth_m, tip_m, noise_m, count.max(1.0)));
+            let Some(left) = stop.and_then(|stop| left.get(stop)) else { continue };
+            let posterior = law.update(&bins, &self.history, &[])?;
+            let (_, now_m2) = planner::outcome(&[Weighted { weight: 1.0, at: &posterior }], [0.0; 2], &[]);
+            for (to, (then, now)) in corrected_m2.iter_mut().zip(known_m2.iter().zip(now_m2)) {
+                *to += left * left * (then - now);
+            }
+            known_m2 = now_m2;
+        }
+        corrected_m2.iter_mut().zip(known_m2).for_each(|(to, unknown)| *to += unknown);
+        Ok(corrected_m2)
     }
 
     /// A target that cannot be reached, with what keeps the needle from it.
@@ -163,8 +176,11 @@ impl Controller<'_> {
         for (number, (weight, at)) in before.at.iter().enumerate() {
             let law = self.laws.get(number).unwrap_or(&self.laws[self.best()]);
             let Some(cholesky) = at.covariance.clone().cholesky() else { continue };
-            for _ in 0..(weight * SCENARIOS as f64).round() as usize {
-                let draw = DVector::from_fn(at.covariance.nrows(), |_, _| StandardNormal.sample(&mut rng));
+            let count = (weight * SCENARIOS as f64).round() as usize;
+            let draws: Vec<Vec<f64>> =
+                (0..at.covariance.nrows()).map(|_| stratified(&mut rng, count)).collect();
+            for drawn in 0..count {
+                let draw = DVector::from_iterator(draws.len(), draws.iter().map(|draws| draws[drawn]));
                 let deviation = cholesky.l() * draw;
                 let values: Vec<f64> = law
                     .values
@@ -208,6 +224,33 @@ impl Controller<'_> {
     }
 }
 
+/// Standard normal values, one from each of as many intervals of equal probability, in random order: few of them are spread as
+/// many would be.
+fn stratified(rng: &mut ChaCha8Rng, count: usize) -> Vec<f64> {
+    let mut order: Vec<(f64, usize)> = (0..count).map(|i| (StandardNormal.sample(rng), i)).collect();
+    order.sort_by(|a: &(f64, usize), b| a.0.total_cmp(&b.0));
+    let middle = |i: usize| (i as f64 + 0.5) / count as f64;
+    order.iter().map(|(_, i)| -std::f64::consts::SQRT_2 * erfc_inv(2.0 * middle(*i))).collect()
+}
+
+/// Share of a deviation of the tip at the target that is left when it is known from each stop on, and corrected there and at all
+/// later stops by the first move of each plan: the plan's least squares without limits, for these gains and efforts.
+fn uncorrected(gains: &[f64], efforts: &[f64]) -> Vec<f64> {
+    let (mut later, mut share) = (0.0, 1.0);
+    let mut left: Vec<f64> = gains
+        .iter()
+        .zip(efforts)
+        .rev()
+        .map(|(gain, effort)| {
+            later += gain * gain;
+            share *= 1.0 - gain * gain / (effort + later);
+            share
+        })
+        .collect();
+    left.reverse();
+    left
+}
+
 /// Number of needles that each limit keeps from the target, the most frequent first.
 fn risks(left: &[Left]) -> Vec<LimitRisk> {
     let mut counts: BTreeMap<Limit, usize> = BTreeMap::new();
@@ -225,4 +268,36 @@ fn risks(left: &[Left]) -> Vec<LimitRisk> {
         .collect();
     risks.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     risks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_is_what_replans_leave_of_a_deviation() {
+        // Followed stop by stop: each plan is the least squares of its own stops, and its first move is made.
+        let (gains, efforts) = ([-1.8, -1.1, -0.4, -0.1], [0.2, 0.15, 0.1, 0.05]);
+        let left = uncorrected(&gains, &efforts);
+        for start in 0..gains.len() {
+            let mut deviation = 1.0;
+            for stop in start..gains.len() {
+                let square = efforts[stop] + gains[stop..].iter().map(|gain| gain * gain).sum::<f64>();
+                deviation += gains[stop] * (-gains[stop] * deviation / square);
+            }
+            assert!((left[start] - deviation).abs() < 1e-12, "{start}: {} {deviation}", left[start]);
+        }
+        assert!(left.is_sorted(), "later stops correct less: {left:?}");
+    }
+
+    #[test]
+    fn few_stratified_draws_have_the_moments_and_tails_of_many() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let draws = stratified(&mut rng, 58);
+        let mean = draws.iter().sum::<f64>() / 58.0;
+        let variance = draws.iter().map(|z| z * z).sum::<f64>() / 58.0;
+        assert!(mean.abs() < 1e-9 && (variance - 1.0).abs() < 0.05, "{mean} {variance}");
+        assert_eq!(draws.iter().filter(|z| **z > 1.645).count(), 3);
+        assert_ne!(draws, stratified(&mut rng, 58));
+    }
 }
