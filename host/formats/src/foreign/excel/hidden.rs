@@ -70,12 +70,16 @@ fn part<'a>(archive: &'a mut ZipArchive<BufReader<File>>, name: &str) -> Option<
     Some(Reader::from_reader(BufReader::new(archive.by_name(name).ok()?.take(MAX_XML_BYTES))))
 }
 
-/// Hands every element to a function, with whether it begins one (an empty one begins and ends); nothing where the XML is damaged.
+/// Hands the begin and the end of every element to a function, with which of both it is; nothing where the XML is damaged.
 fn elements<R: Read>(mut xml: Xml<R>, mut each: impl FnMut(&BytesStart<'_>, bool)) -> Option<()> {
     let mut bytes = Vec::new();
     loop {
         match xml.read_event_into(&mut bytes).ok()? {
-            Event::Start(element) | Event::Empty(element) => each(&element, true),
+            Event::Start(element) => each(&element, true),
+            Event::Empty(element) => {
+                each(&element, true);
+                each(&element, false);
+            }
             Event::End(end) => each(&BytesStart::new(end.name().0), false),
             Event::Eof => return Some(()),
             _ => {}
