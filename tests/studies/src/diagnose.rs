@@ -90,7 +90,6 @@ pub fn cases(size: Size, seed: u64) -> Vec<(Hidden, u64)> {
             cases.extend((0..size.one).map(|_| Hidden::One(id, strength)));
         }
     }
-    let is_tip = |id: &str| id.starts_with("tip.");
     while cases.iter().filter(|hidden| matches!(hidden, Hidden::Pair(..))).count() < size.pairs {
         let [a, b] = [0, 1].map(|_| ids[random.random_range(0..ids.len())]);
         if a < b && !is_tip(a) && !is_tip(b) {
@@ -109,6 +108,10 @@ pub fn cases(size: Size, seed: u64) -> Vec<(Hidden, u64)> {
     cases.into_iter().map(|hidden| (hidden, random.random())).collect()
 }
 
+fn is_tip(id: &str) -> bool {
+    id.starts_with("tip.")
+}
+
 /// Makes and diagnoses the sessions of a study on all cores, in order.
 pub fn run(cases: &[(Hidden, u64)], on_progress: impl Fn(usize) + Sync) -> Vec<Outcome> {
     let outcomes = blind::on_all_cores(cases.len(), |number| {
@@ -123,10 +126,6 @@ pub fn run(cases: &[(Hidden, u64)], on_progress: impl Fn(usize) + Sync) -> Vec<O
 /// The session that hides something, and its truth.
 pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
-    let effect_of = |id: &'static str, strength: usize| {
-        (id, strengths(id).map(|all| all[strength].clone()).unwrap_or_default())
-    };
     let effects = match hidden {
         Hidden::Nothing | Hidden::NothingImaged | Hidden::Foreign(_) => Vec::new(),
         Hidden::One(id, strength) => vec![effect_of(id, *strength)],
@@ -137,7 +136,7 @@ pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
         _ => None,
     };
     let needs_insertions = effects.iter().any(|(id, _)| id.starts_with("tip."));
-    let has_image_noise = matches!(hidden, Hidden::Nothing) && uniform(0.0, 1.0) < 0.3;
+    let has_image_noise = matches!(hidden, Hidden::Nothing) && uniform(0.0, 1.0, &mut random) < 0.3;
     let is_imaged = matches!(hidden, Hidden::NothingImaged)
         || effects.iter().any(|(id, _)| blind::imaging_ids().any(|imaging| imaging == *id));
     let design = match (needs_insertions || has_image_noise, is_imaged) {
@@ -145,8 +144,21 @@ pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
         (false, true) => Design::imaged(),
         (false, false) => Design::nine_runs(),
     };
-    let truth = Truth { k_kpa: uniform(8.0, 20.0), tip_load_n: uniform(0.12, 0.25), effects, foreign };
+    let truth = Truth {
+        k_kpa: uniform(8.0, 20.0, &mut random),
+        tip_load_n: uniform(0.12, 0.25, &mut random),
+        effects,
+        foreign,
+    };
     (blind::session(&truth, &design, seed), truth)
+}
+
+fn effect_of(id: &'static str, strength: usize) -> (&str, Vec<f64>) {
+    (id, strengths(id).map(|all| all[strength].clone()).unwrap_or_default())
+}
+
+fn uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {
+    low + (high - low) * random.random::<f64>()
 }
 
 fn outcome(hidden: &Hidden, seed: u64) -> Option<Outcome> {

@@ -96,14 +96,17 @@ pub struct Outcome {
 
 /// Draws and analyses populations.
 pub fn study(design: &Design, repeats: usize, seed: u64) -> Outcome {
-    let outcome_of = |number: usize| {
-        let mut random = ChaCha8Rng::seed_from_u64(seed.wrapping_mul(1_000_003).wrapping_add(number as u64));
-        let data = design.draw(&mut random);
-        let next = MEAN + design.subject_sd * normal(&mut random);
-        random_effects(&data)
-            .map(|found| (of_one(design, &found, next), found.degrees_of_freedom, found.listed() > 0))
-    };
-    let outcomes: Vec<_> = (0..repeats).into_par_iter().filter_map(outcome_of).collect();
+    let outcomes: Vec<_> = (0..repeats)
+        .into_par_iter()
+        .filter_map(|number| {
+            let mut random =
+                ChaCha8Rng::seed_from_u64(seed.wrapping_mul(1_000_003).wrapping_add(number as u64));
+            let data = design.draw(&mut random);
+            let next = MEAN + design.subject_sd * normal(&mut random);
+            random_effects(&data)
+                .map(|found| (of_one(design, &found, next), found.degrees_of_freedom, found.listed() > 0))
+        })
+        .collect();
     let coverage_of = |outcome_of: &dyn Fn(usize) -> Option<bool>| {
         let stated: Vec<bool> = (0..outcomes.len()).filter_map(outcome_of).collect();
         (!stated.is_empty()).then(|| stated.iter().filter(|held| **held).count() as f64 / stated.len() as f64)
@@ -118,15 +121,18 @@ pub fn study(design: &Design, repeats: usize, seed: u64) -> Outcome {
 }
 
 fn of_one(design: &Design, found: &RandomEffects, next: f64) -> [Option<bool>; 5] {
-    let holds = |ends: Option<[f64; 2]>, value: f64| ends.map(|[low, high]| (low..=high).contains(&value));
     let (subjects, sessions) = (found.levels.first(), found.levels.last());
     let variance = design.subject_sd.powi(2);
     let icc = variance / (variance + design.session_sd.powi(2) + found.typical_variance);
     [
-        holds(Some(found.mean.ci95), MEAN),
-        holds(subjects.and_then(|level| level.ci95), design.subject_sd),
-        holds(sessions.and_then(|level| level.ci95), design.session_sd),
-        holds(subjects.and_then(|level| level.icc).map(|(_, ends)| ends), icc),
-        holds(found.new_subject95, next),
+        is_inside(Some(found.mean.ci95), MEAN),
+        is_inside(subjects.and_then(|level| level.ci95), design.subject_sd),
+        is_inside(sessions.and_then(|level| level.ci95), design.session_sd),
+        is_inside(subjects.and_then(|level| level.icc).map(|(_, ends)| ends), icc),
+        is_inside(found.new_subject95, next),
     ]
+}
+
+fn is_inside(ends: Option<[f64; 2]>, value: f64) -> Option<bool> {
+    ends.map(|[low, high]| (low..=high).contains(&value))
 }

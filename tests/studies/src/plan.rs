@@ -64,22 +64,16 @@ impl StudyRow {
     /// 95 % interval of that ratio, were there as many sessions as one likes: what the scatter of so few determines (chi-square).
     pub fn ratio_ci95(&self) -> [f64; 2] {
         let freedom = self.sessions as f64 - 1.0;
-        let end = |share: f64| {
-            ChiSquared::new(freedom).map_or(f64::NAN, |chi| (chi.inverse_cdf(share) / freedom).sqrt())
-        };
-        [0.025, 0.975].map(|share| self.ratio() * end(share))
+        [0.025, 0.975].map(|share| self.ratio() * ratio_bound(share, freedom))
     }
+}
+
+fn ratio_bound(share: f64, freedom: f64) -> f64 {
+    ChiSquared::new(freedom).map_or(f64::NAN, |chi| (chi.inverse_cdf(share) / freedom).sqrt())
 }
 
 /// Seven protocols that differ in all that a lab can choose: rate, hold, depth, displacement, guide, spacing, noise, tissue.
 pub fn protocols() -> Vec<StudyProtocol> {
-    let sensors = |force_n: f64, displacement_mm: f64, shape_mm: f64| Sensors {
-        force_n,
-        displacement_m: 1e-3 * displacement_mm,
-        shape_m: 1e-3 * shape_mm,
-        tip_m: 0.05e-3,
-        tip_direction_rad: None,
-    };
     let example = StudyProtocol {
         name: "example: 20 mm, 1.2 mm, 20 Hz",
         modulus_pa: 12e3,
@@ -142,6 +136,16 @@ pub fn protocols() -> Vec<StudyProtocol> {
             ..example
         },
     ]
+}
+
+fn sensors(force_n: f64, displacement_mm: f64, shape_mm: f64) -> Sensors {
+    Sensors {
+        force_n,
+        displacement_m: 1e-3 * displacement_mm,
+        shape_m: 1e-3 * shape_mm,
+        tip_m: 0.05e-3,
+        tip_direction_rad: None,
+    }
 }
 
 impl StudyProtocol {
@@ -251,16 +255,16 @@ mod tests {
             .zip(&protocols)
             .map(|(seed, protocol)| protocol.compare(SESSIONS, seed).expect("a session and its plan"))
             .collect();
-        let ratio = |row: &StudyRow| row.promised_percent / row.observed_percent;
         for row in &rows {
             println!(
                 "{:<45} {:.3} % promised, {:.3} % observed",
                 row.name, row.promised_percent, row.observed_percent
             );
-            assert!((0.68..1.5).contains(&ratio(row)), "{row:?}");
+            assert!((0.68..1.5).contains(&promised_over_observed(row)), "{row:?}");
             assert!(row.covered >= 19, "{row:?}");
         }
-        let mean_ratio = (rows.iter().map(|row| ratio(row).ln()).sum::<f64>() / rows.len() as f64).exp();
+        let mean_ratio =
+            (rows.iter().map(|row| promised_over_observed(row).ln()).sum::<f64>() / rows.len() as f64).exp();
         assert!((0.86..1.16).contains(&mean_ratio), "{mean_ratio}");
         // An interval that is promised to be half as wide is narrower.
         for (a, b) in rows.iter().flat_map(|a| rows.iter().map(move |b| (a, b))) {
@@ -268,5 +272,9 @@ mod tests {
                 assert!(a.observed_percent < b.observed_percent, "{a:?} {b:?}");
             }
         }
+    }
+
+    fn promised_over_observed(row: &StudyRow) -> f64 {
+        row.promised_percent / row.observed_percent
     }
 }

@@ -72,16 +72,9 @@ impl Template {
     fn new(record: &Summary) -> Option<Self> {
         let result = record.result.as_ref()?;
         let amplitudes = &result.amplitudes;
-        let correlation = |i: usize, j: usize| {
-            let (low, high) = (i.min(j), i.max(j));
-            if low == high {
-                1.0
-            } else {
-                1e-3 * f64::from(result.correlation_per_mille[high * (high - 1) / 2 + low])
-            }
-        };
         let information = DMatrix::from_fn(amplitudes.len(), amplitudes.len(), |i, j| {
-            correlation(i, j) * (amplitudes[i].information * amplitudes[j].information).sqrt()
+            correlation(i, j, &result.correlation_per_mille)
+                * (amplitudes[i].information * amplitudes[j].information).sqrt()
         });
         // Rounded correlations may leave tiny negative eigenvalues.
         let eigen = information.clone().symmetric_eigen();
@@ -115,6 +108,11 @@ impl Template {
         set_k(result, measured);
         record
     }
+}
+
+fn correlation(i: usize, j: usize, correlation_per_mille: &[i16]) -> f64 {
+    let (low, high) = (i.min(j), i.max(j));
+    if low == high { 1.0 } else { 1e-3 * f64::from(correlation_per_mille[high * (high - 1) / 2 + low]) }
 }
 
 fn set_k(result: &mut population::SessionResult, ln_k: f64) {
@@ -193,16 +191,13 @@ pub fn study(
 impl Outcome {
     fn add(&mut self, found: &Population, truth: &Truth, is_foreign: &[bool], seed: u64) {
         let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x5eed);
-        let holds = |ends: Option<[f64; 2]>, value: f64| {
-            usize::from(ends.is_some_and(|[low, high]| (low..=high).contains(&value)))
-        };
         for (tissue, mean_kpa, tau) in TISSUES {
             let Some(group) = found.groups.iter().find(|group| group.group == tissue) else { continue };
-            self.means += holds(Some(group.k_kpa.ci95), mean_kpa);
-            self.taus += holds(group.tau_ci95, tau);
+            self.means += count_inside(Some(group.k_kpa.ci95), mean_kpa);
+            self.taus += count_inside(group.tau_ci95, tau);
             for _ in 0..100 {
                 let new = mean_kpa.ln() + tau * Distribution::<f64>::sample(&StandardNormal, &mut random);
-                self.predicted += holds(group.new_subject95_kpa, new.exp());
+                self.predicted += count_inside(group.new_subject95_kpa, new.exp());
             }
         }
         let began = population::date_of(FIRST_DAY + (DAYS / 2) as f64);
@@ -240,4 +235,8 @@ impl Outcome {
             counts[1] += listed;
         }
     }
+}
+
+fn count_inside(ends: Option<[f64; 2]>, value: f64) -> usize {
+    usize::from(ends.is_some_and(|[low, high]| (low..=high).contains(&value)))
 }

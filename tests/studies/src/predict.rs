@@ -87,15 +87,14 @@ pub fn study(sessions: usize, seed: u64) -> Result<Vec<Cell>, PredictError> {
     let cells = samples.iter().enumerate().map(|(index, samples)| {
         let (row, column) = (index / DEPTHS_MM.len(), index % DEPTHS_MM.len());
         let (method, until_index) = (row / UNTIL_MM.len(), row % UNTIL_MM.len());
-        let mean_of = |value: &dyn Fn(&Sample) -> f64| mean_and_sd(samples.iter().map(value).collect());
         let covered: Option<Vec<bool>> = samples.iter().map(|sample| sample.held).collect();
         Cell {
             method: METHODS[method],
             until_mm: UNTIL_MM[until_index],
             depth_mm: DEPTHS_MM[column],
-            predicted_mm: mean_of(&|s| s.predicted_mm),
-            true_mm: mean_of(&|s| s.true_mm),
-            mae_mm: mean_of(&|s| (s.predicted_mm - s.true_mm).abs()),
+            predicted_mm: mean_of(&|s| s.predicted_mm, samples),
+            true_mm: mean_of(&|s| s.true_mm, samples),
+            mae_mm: mean_of(&|s| (s.predicted_mm - s.true_mm).abs(), samples),
             coverage: covered.map(|covered| {
                 covered.iter().filter(|covered| **covered).count() as f64 / covered.len() as f64
             }),
@@ -103,6 +102,10 @@ pub fn study(sessions: usize, seed: u64) -> Result<Vec<Cell>, PredictError> {
         }
     });
     Ok(cells.collect())
+}
+
+fn mean_of(value: &dyn Fn(&Sample) -> f64, samples: &[Sample]) -> [f64; 2] {
+    mean_and_sd(samples.iter().map(value).collect())
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -172,11 +175,6 @@ impl Drawn {
 }
 
 fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
-    let uniform = |least: f64, most: f64, rng: &mut ChaCha8Rng| {
-        Uniform::new(least, most).map_or(least, |range| range.sample(rng))
-    };
-    let normal =
-        |sd: f64, rng: &mut ChaCha8Rng| Normal::new(0.0, sd).map_or(0.0, |normal| normal.sample(rng));
     let guide2_m = 0.06;
     let gap_m = uniform(0.015, 0.045, rng);
     let rig = Rig::two_guides(Needle::gauge_18(), guide2_m, guide2_m + gap_m);
@@ -217,18 +215,27 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
     })
 }
 
+fn normal(sd: f64, rng: &mut ChaCha8Rng) -> f64 {
+    Normal::new(0.0, sd).map_or(0.0, |normal| normal.sample(rng))
+}
+
+fn uniform(least: f64, most: f64, rng: &mut ChaCha8Rng) -> f64 {
+    Uniform::new(least, most).map_or(least, |range| range.sample(rng))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn the_table_does_not_depend_on_the_number_of_threads() {
-        let study_on = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-            // Written out, numbers differ where any of their bits does.
-            pool.install(|| format!("{:?}", study(2, 1).expect("a study")))
-        };
         assert_eq!(study_on(1), study_on(4));
+    }
+
+    fn study_on(threads: usize) -> String {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        // Written out, numbers differ where any of their bits does.
+        pool.install(|| format!("{:?}", study(2, 1).expect("a study")))
     }
 
     /// The table of the study on a few sessions: better than the published method, bands that hold. `cargo xtask study insertion`
@@ -236,16 +243,17 @@ mod tests {
     #[test]
     fn the_study_holds_on_a_few_sessions() {
         let cells = study(4, 1).expect("a study");
-        let mean = |method: &str| {
-            let errors_mm: Vec<f64> =
-                cells.iter().filter(|cell| cell.method == method).map(|cell| cell.mae_mm[0]).collect();
-            errors_mm.iter().sum::<f64>() / errors_mm.len() as f64
-        };
-        let (published, learned) = (mean(METHODS[0]), mean(METHODS[2]));
+        let (published, learned) = (mean_error_mm(METHODS[0], &cells), mean_error_mm(METHODS[2], &cells));
         assert!(learned < 0.75 * published, "{learned} mm against {published} mm");
-        assert!(mean(METHODS[1]) < published);
+        assert!(mean_error_mm(METHODS[1], &cells) < published);
         let coverages: Vec<f64> = cells.iter().filter_map(|cell| cell.coverage).collect();
         let mean_coverage = coverages.iter().sum::<f64>() / coverages.len() as f64;
         assert!((0.88..=1.0).contains(&mean_coverage), "{mean_coverage}");
+    }
+
+    fn mean_error_mm(method: &str, cells: &[Cell]) -> f64 {
+        let errors_mm: Vec<f64> =
+            cells.iter().filter(|cell| cell.method == method).map(|cell| cell.mae_mm[0]).collect();
+        errors_mm.iter().sum::<f64>() / errors_mm.len() as f64
     }
 }

@@ -86,14 +86,6 @@ fn stops(path: &TipPath) -> Vec<Stop> {
     let mut depths_m: Vec<f64> =
         planes.iter().flat_map(|plane| plane.jumps_m().collect::<Vec<_>>()).collect();
     depths_m.sort_by(f64::total_cmp);
-    let nearest_bin = |depth_m: f64, leaving: bool| {
-        let stop_bins = path.bins.iter().filter(|bin| bin.leaving == leaving);
-        let distance_m = |bin: &Bin| (bin.depth_m - depth_m).abs();
-        stop_bins
-            .filter(|bin| distance_m(bin) < AT_STOP_M)
-            .min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)))
-            .copied()
-    };
     depths_m
         .chunk_by(|a, b| b - a < AT_STOP_M)
         .filter_map(|depths_m| {
@@ -104,10 +96,22 @@ fn stops(path: &TipPath) -> Vec<Stop> {
             ];
             let moved_m =
                 (0..2).map(|plane| (guide_m[1][plane] - guide_m[0][plane]).abs()).fold(0.0, f64::max);
-            let bins = [nearest_bin(first_m, false)?, nearest_bin(last_m, true)?];
+            let bins = [nearest_bin(first_m, false, &path.bins)?, nearest_bin(last_m, true, &path.bins)?];
             (moved_m > SMALLEST_MOVE_M).then_some(Stop { depths_m: [first_m, last_m], guide_m, bins })
         })
         .collect()
+}
+
+fn nearest_bin(depth_m: f64, leaving: bool, bins: &[Bin]) -> Option<Bin> {
+    let stop_bins = bins.iter().filter(|bin| bin.leaving == leaving);
+    stop_bins
+        .filter(|bin| distance_m(bin, depth_m) < AT_STOP_M)
+        .min_by(|a, b| distance_m(a, depth_m).total_cmp(&distance_m(b, depth_m)))
+        .copied()
+}
+
+fn distance_m(bin: &Bin, depth_m: f64) -> f64 {
+    (bin.depth_m - depth_m).abs()
 }
 
 /// Compares all insertions of a session in which guide 2 moves.
@@ -162,35 +166,17 @@ pub fn compare(session: &Session) -> Result<Vec<Compared>> {
                     let direction = quantity == Quantity::MoveDirection;
                     let sd = if direction { noise.direction_rad } else { noise.position_m };
                     for (plane, by_jacobian) in rows.into_iter().enumerate().take(paths[number].planes) {
-                        let moments_in_plane = |moments: &Vec<Moments>| {
-                            let plane_moments = moments.get(plane).copied().unwrap_or_default();
-                            [
-                                1e3 * plane_moments.mean,
-                                1e3 * plane_moments.sd.hypot(sd * recorded.readings.sqrt()),
-                            ]
-                        };
                         let Some(change) = recorded.change[plane] else { continue };
                         compared.push(Compared {
                             quantity,
                             recorded: 1e3 * change,
-                            posterior: moments_in_plane(&predicted[0]),
-                            alone: moments_in_plane(&predicted[1]),
+                            posterior: moments_in_plane(&predicted[0], plane, sd, recorded.readings),
+                            alone: moments_in_plane(&predicted[1], plane, sd, recorded.readings),
                             broyden: by_jacobian,
                         });
                     }
                 };
-            let change = |to: &Bin, from: &Bin| Recorded {
-                change: [0, 1].map(|plane: usize| Some(to.tip_m[plane] - from.tip_m[plane])),
-                readings: to.rows.recip() + from.rows.recip(),
-            };
             let [bin_before, bin_after] = &stop.bins;
-            let posterior_in_plane = |posteriors: &[Posterior; 2], bin_before, bin_after| {
-                posteriors.each_ref().map(|one| one.tip_change_m(bin_before, bin_after))
-            };
-            let change_by = |jacobian: &Jacobian<4>, moved_m: [f64; 2], way_m: f64| {
-                let predicted_change = jacobian.change([moved_m[0], moved_m[1], way_m].map(|m| 1e3 * m));
-                [[predicted_change[0], predicted_change[1]], [predicted_change[2], predicted_change[3]]]
-            };
             let [tip, slope] = change_by(jacobian_before, moved_m, 0.0);
             add(
                 Quantity::Move,
@@ -229,6 +215,31 @@ pub fn compare(session: &Session) -> Result<Vec<Compared>> {
         session.dir.display()
     );
     Ok(compared)
+}
+
+fn change_by(jacobian: &Jacobian<4>, moved_m: [f64; 2], way_m: f64) -> [[f64; 2]; 2] {
+    let predicted_change = jacobian.change([moved_m[0], moved_m[1], way_m].map(|m| 1e3 * m));
+    [[predicted_change[0], predicted_change[1]], [predicted_change[2], predicted_change[3]]]
+}
+
+fn posterior_in_plane(
+    posteriors: &[Posterior; 2],
+    bin_before: (f64, bool),
+    bin_after: (f64, bool),
+) -> [Vec<Moments>; 2] {
+    posteriors.each_ref().map(|one| one.tip_change_m(bin_before, bin_after))
+}
+
+fn change(to: &Bin, from: &Bin) -> Recorded {
+    Recorded {
+        change: [0, 1].map(|plane: usize| Some(to.tip_m[plane] - from.tip_m[plane])),
+        readings: to.rows.recip() + from.rows.recip(),
+    }
+}
+
+fn moments_in_plane(moments: &Vec<Moments>, plane: usize, sd: f64, readings: f64) -> [f64; 2] {
+    let plane_moments = moments.get(plane).copied().unwrap_or_default();
+    [1e3 * plane_moments.mean, 1e3 * plane_moments.sd.hypot(sd * readings.sqrt())]
 }
 
 /// Recorded path, per plane, and the sum of the reciprocal numbers of readings behind it.
@@ -270,24 +281,18 @@ fn noise(session: &Session, recordings: &[(&InsertionRun, f64)]) -> ReadingNoise
 
 /// The published Jacobian on arriving at each stop and on leaving it, in mm and mrad: updated after every push and after every guide move.
 fn jacobians(path: &TipPath, stops: &[Stop]) -> Vec<[Jacobian<4>; 2]> {
-    let first = |plane: usize, gain: f64| [0, 1, 2].map(|i: usize| if i == plane { gain } else { 0.0 });
     let mut jacobian = Jacobian::new([
-        first(0, FIRST_TIP),
-        first(1, FIRST_TIP),
-        first(0, FIRST_SLOPE),
-        first(1, FIRST_SLOPE),
+        gain_row(0, FIRST_TIP),
+        gain_row(1, FIRST_TIP),
+        gain_row(0, FIRST_SLOPE),
+        gain_row(1, FIRST_SLOPE),
     ]);
-    let state = |bin: &Bin, guide_m: [f64; 2]| {
-        let slope = bin.direction_rad.map(|slope| slope.unwrap_or_default());
-        let readings = [bin.tip_m[0], bin.tip_m[1], slope[0], slope[1]];
-        (readings.map(|value| 1e3 * value), [guide_m[0], guide_m[1], bin.depth_m].map(|m| 1e3 * m))
-    };
-    let mut last = path.bins.first().map(|bin| (state(bin, [0.0; 2]), bin.depth_m));
+    let mut last = path.bins.first().map(|bin| (state_of(bin, [0.0; 2]), bin.depth_m));
     let mut guide_m = [0.0; 2];
     let mut jacobians = Vec::with_capacity(stops.len());
     for stop in stops {
         let mut take = |bin: &Bin, guide_m: [f64; 2]| {
-            let now = state(bin, guide_m);
+            let now = state_of(bin, guide_m);
             if let Some((last, _)) = last {
                 jacobian.update(last, now);
             }
@@ -309,6 +314,16 @@ fn jacobians(path: &TipPath, stops: &[Stop]) -> Vec<[Jacobian<4>; 2]> {
         jacobians.push(([arriving_state, leaving_state], leaving.depth_m));
     }
     jacobians.into_iter().map(|(pair, _)| pair).collect()
+}
+
+fn state_of(bin: &Bin, guide_m: [f64; 2]) -> ([f64; 4], [f64; 3]) {
+    let slope = bin.direction_rad.map(|slope| slope.unwrap_or_default());
+    let readings = [bin.tip_m[0], bin.tip_m[1], slope[0], slope[1]];
+    (readings.map(|value| 1e3 * value), [guide_m[0], guide_m[1], bin.depth_m].map(|m| 1e3 * m))
+}
+
+fn gain_row(plane: usize, gain: f64) -> [f64; 3] {
+    [0, 1, 2].map(|i: usize| if i == plane { gain } else { 0.0 })
 }
 
 fn depth_of(found: &([Jacobian<4>; 2], f64)) -> f64 {

@@ -29,15 +29,19 @@ fn the_posterior_predicts_moves_better_than_nothing_and_its_intervals_hold_them(
     let comparisons = compare(&session(5)).expect("compared");
     for quantity in [Quantity::Move, Quantity::NextStop] {
         let of_quantity: Vec<&Compared> = comparisons.iter().filter(|one| one.quantity == quantity).collect();
-        let rms = |value: &dyn Fn(&Compared) -> f64| {
-            (of_quantity.iter().map(|one| value(one).powi(2)).sum::<f64>() / of_quantity.len() as f64).sqrt()
-        };
-        let (recorded, error) = (rms(&|one| one.recorded), rms(&|one| one.recorded - one.posterior[0]));
+        let (recorded, error) = (
+            rms(&|one| one.recorded, &of_quantity),
+            rms(&|one| one.recorded - one.posterior[0], &of_quantity),
+        );
         assert!(!of_quantity.is_empty() && error < 0.7 * recorded, "{quantity:?}: {error} of {recorded}");
         let covered =
             of_quantity.iter().filter(|one| (one.recorded - one.posterior[0]).abs() < 2.6 * one.posterior[1]);
         assert!(covered.count() * 10 >= of_quantity.len() * 8, "{quantity:?}");
     }
+}
+
+fn rms(value: &dyn Fn(&Compared) -> f64, of_quantity: &[&Compared]) -> f64 {
+    (of_quantity.iter().map(|one| value(one).powi(2)).sum::<f64>() / of_quantity.len() as f64).sqrt()
 }
 
 #[test]

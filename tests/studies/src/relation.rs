@@ -45,12 +45,11 @@ pub fn table(mut progress: impl FnMut(u32)) -> Result<String, FitError> {
                 )?;
                 let one_sided = bonded.with_contact(Contact::OneSided);
                 for youngs_kpa in YOUNGS_KPA {
-                    let ratio = |body: &Continuum| {
-                        let modulus_pa =
-                            foundation_modulus_pa(body, &rig, 1e3 * youngs_kpa, &Run::default())?;
-                        Ok::<f64, FitError>(1e-3 * modulus_pa / youngs_kpa)
-                    };
-                    let (a, b, rigid) = (ratio(&bonded)?, ratio(&one_sided)?, bonded.rigid_ratio()?);
+                    let (a, b, rigid) = (
+                        ratio(&bonded, &rig, youngs_kpa)?,
+                        ratio(&one_sided, &rig, youngs_kpa)?,
+                        bonded.rigid_ratio()?,
+                    );
                     let _ = writeln!(
                         text,
                         "{gauge},{outer_mm},{inner_mm},{depth_mm},{poisson},{youngs_kpa},{a:.4},{b:.4},{rigid:.4}"
@@ -60,6 +59,11 @@ pub fn table(mut progress: impl FnMut(u32)) -> Result<String, FitError> {
         }
     }
     Ok(text)
+}
+
+fn ratio(body: &Continuum, rig: &Rig, youngs_kpa: f64) -> Result<f64, FitError> {
+    let modulus_pa = foundation_modulus_pa(body, rig, 1e3 * youngs_kpa, &Run::default())?;
+    Ok::<f64, FitError>(1e-3 * modulus_pa / youngs_kpa)
 }
 
 #[cfg(test)]

@@ -281,11 +281,12 @@ fn one(
 /// they have.
 fn known(plant: &SimulatedPlant, seed: u64, number: u64) -> Vec<KnownEffect> {
     let mut random = ChaCha8Rng::seed_from_u64(seed ^ number.wrapping_mul(0x9E37_79B9_7F4A_7C15));
-    let mut known_effect = |(id, value): (&str, f64), sd: f64| {
-        let error: f64 = StandardNormal.sample(&mut random);
-        KnownEffect { id: id.to_owned(), values: vec![(value + sd * error).max(0.0)], sds: vec![sd] }
-    };
-    plant.rig().into_iter().zip(KNOWN_SD).map(|(effect, sd)| known_effect(effect, sd)).collect()
+    plant.rig().into_iter().zip(KNOWN_SD).map(|(effect, sd)| known_effect(effect, sd, &mut random)).collect()
+}
+
+fn known_effect((id, value): (&str, f64), sd: f64, random: &mut ChaCha8Rng) -> KnownEffect {
+    let error: f64 = StandardNormal.sample(random);
+    KnownEffect { id: id.to_owned(), values: vec![(value + sd * error).max(0.0)], sds: vec![sd] }
 }
 
 fn ended(run: &Run) -> Ended {
@@ -302,9 +303,16 @@ fn ended(run: &Run) -> Ended {
             (first.map_or(0, |_| 1 + limited.count()), first.unwrap_or(""))
         },
         expected_mm: run.decisions.last().map_or(f64::NAN, |last| {
-            let miss_in = |plane: usize| last.expected_tip_mm[plane] - run.target_mm[plane];
-            miss_in(0).hypot(miss_in(1))
+            miss_in(0, last.expected_tip_mm, run.target_mm).hypot(miss_in(
+                1,
+                last.expected_tip_mm,
+                run.target_mm,
+            ))
         }),
         guide_mm: run.decisions.iter().map(|one| one.guide_to_mm).collect(),
     }
+}
+
+fn miss_in(plane: usize, expected_tip_mm: [f64; 2], target_mm: [f64; 3]) -> f64 {
+    expected_tip_mm[plane] - target_mm[plane]
 }

@@ -156,7 +156,6 @@ fn make(
         force_sd_n: sensors.force_n,
         tip_sd_m: sensors.tip_m,
     };
-    let start = |[damping, stiffness]: [f64; 2]| [stiffness, damping];
     Ok(match method {
         "published" => Box::new(Published::new(needle, dynamics, printed)?),
         "variable forgetting" => {
@@ -178,22 +177,36 @@ fn make(
     })
 }
 
+fn start([damping, stiffness]: [f64; 2]) -> [f64; 2] {
+    [stiffness, damping]
+}
+
 /// Two layers; inclusions and cavities in the first.
 fn draw(seed: u64, number: u64) -> Tissue {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(number);
-    let mut log_uniform = |low: f64, high: f64| low * (high / low).powf(random.random::<f64>());
     let mut layer = |bottom_mm: f64| TissueLayer {
         bottom_mm,
-        stiffness_n_per_m2: log_uniform(8e3, 5e4),
-        damping_n_s_per_m2: log_uniform(2e2, 3e3),
+        stiffness_n_per_m2: log_uniform(8e3, 5e4, &mut random),
+        damping_n_s_per_m2: log_uniform(2e2, 3e3, &mut random),
     };
     let layers = vec![layer(40.0), layer(80.0)];
-    let mut even = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
     let inclusions = (0..4)
-        .map(|_| Inclusion { depth_mm: even(4.0, 38.0), width_mm: even(1.5, 4.0), factor: even(0.4, 1.9) })
+        .map(|_| Inclusion {
+            depth_mm: uniform(4.0, 38.0, &mut random),
+            width_mm: uniform(1.5, 4.0, &mut random),
+            factor: uniform(0.4, 1.9, &mut random),
+        })
         .collect();
     Tissue { layers, inclusions }
+}
+
+fn uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {
+    low + (high - low) * random.random::<f64>()
+}
+
+fn log_uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {
+    low * (high / low).powf(random.random::<f64>())
 }
 
 /// One run of one method.
@@ -216,18 +229,10 @@ fn judge(
     last: Option<Report>,
 ) -> Judged {
     let run = &truth.run;
-    let error_mm = |report: &Report| {
-        let next_row =
-            run.depth_m.partition_point(|depth_m| *depth_m < report.depth_m).min(run.depth_m.len() - 1);
-        let previous_row = next_row.saturating_sub(1);
-        let step_m = run.depth_m[next_row] - run.depth_m[previous_row];
-        let fraction = if step_m > 0.0 { (report.depth_m - run.depth_m[previous_row]) / step_m } else { 1.0 };
-        let tip_m =
-            run.tip_y_m[previous_row] + fraction * (run.tip_y_m[next_row] - run.tip_y_m[previous_row]);
-        1e3 * (report.tip_m - tip_m)
-    };
-    let offs: Vec<(f64, f64)> =
-        reports.iter().map(|report| (1e3 * report.depth_m, error_mm(report))).collect();
+    let offs: Vec<(f64, f64)> = reports
+        .iter()
+        .map(|report| (1e3 * report.depth_m, error_mm(report, &run.depth_m, &run.tip_y_m)))
+        .collect();
     let failed = offs.iter().any(|(_, off)| !off.is_finite())
         || reports
             .iter()
@@ -268,10 +273,19 @@ fn judge(
     }
 }
 
+fn error_mm(report: &Report, run_depth_m: &[f64], tip_y_m: &[f64]) -> f64 {
+    let next_row =
+        run_depth_m.partition_point(|depth_m| *depth_m < report.depth_m).min(run_depth_m.len() - 1);
+    let previous_row = next_row.saturating_sub(1);
+    let step_m = run_depth_m[next_row] - run_depth_m[previous_row];
+    let fraction = if step_m > 0.0 { (report.depth_m - run_depth_m[previous_row]) / step_m } else { 1.0 };
+    let tip_m = tip_y_m[previous_row] + fraction * (tip_y_m[next_row] - tip_y_m[previous_row]);
+    1e3 * (report.tip_m - tip_m)
+}
+
 fn summarise(method: &'static str, motion: Motion, tip_sd_mm: f64, judged: &[Judged]) -> Cell {
     let good: Vec<&Judged> = judged.iter().filter(|one| one.converged).collect();
-    let sum = |of: &dyn Fn(&Judged) -> f64| good.iter().map(|one| of(one)).sum::<f64>();
-    let points = sum(&|one| one.count as f64).max(1.0);
+    let points = sum_of(&|one| one.count as f64, &good).max(1.0);
     let error = [0, 1].map(|i| median(judged.iter().filter_map(|one| one.error[i]).collect()));
     let identified = [0, 1]
         .map(|i| judged.iter().filter(|one| one.error[i].is_some()).count() as f64 / judged.len() as f64);
@@ -288,12 +302,16 @@ fn summarise(method: &'static str, motion: Motion, tip_sd_mm: f64, judged: &[Jud
         converged: good.len(),
         failed: judged.iter().filter(|one| one.failed).count(),
         tip_mm: [
-            (sum(&|one| one.squares) / points).sqrt(),
+            (sum_of(&|one| one.squares, &good) / points).sqrt(),
             good.iter().fold(0.0, |largest, one| largest.max(one.largest_mm)),
         ],
-        distance_mm: sum(&|one| one.distance_mm) / (good.len().max(1)) as f64,
+        distance_mm: sum_of(&|one| one.distance_mm, &good) / (good.len().max(1)) as f64,
         error,
         identified,
         coverage,
     }
+}
+
+fn sum_of(of: &dyn Fn(&Judged) -> f64, good: &[&Judged]) -> f64 {
+    good.iter().map(|one| of(one)).sum::<f64>()
 }

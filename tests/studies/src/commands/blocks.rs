@@ -32,32 +32,40 @@ struct Solved {
 impl Solved {
     fn read(line: &str) -> Result<Self> {
         let cells: Vec<&str> = line.split(',').collect();
-        let number = |i: usize| -> Result<f64> {
-            cells.get(i).and_then(|cell| cell.parse().ok()).with_context(|| format!("cell {i}: no number"))
-        };
-        let mounting = |i: usize| {
-            let name = cells.get(i).copied().unwrap_or_default();
-            Mounting::ALL
-                .into_iter()
-                .find(|kind| kind.name() == name)
-                .with_context(|| format!("cell {i}: {name}"))
-        };
         let lower: Vec<f64> =
-            (0..DEGREES * (DEGREES + 1) / 2).map(|k| number(9 + k)).collect::<Result<_>>()?;
-        let entry = |i: usize, j: usize| {
-            let (row, column) = (i.max(j), i.min(j));
-            lower[row * (row + 1) / 2 + column]
-        };
-        let matrix = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
-        let m = |i: usize| number(i).map(|mm| 1e-3 * mm);
+            (0..DEGREES * (DEGREES + 1) / 2).map(|k| number_of(9 + k, &cells)).collect::<Result<_>>()?;
+        let matrix = std::array::from_fn(|i| std::array::from_fn(|j| lower_entry(i, j, &lower)));
         let block = Block {
-            size_m: [m(0)?, m(1)?, m(2)?],
-            needle_at_m: [m(3)?, m(4)?],
-            sides: mounting(7)?,
-            far_side: mounting(8)?,
+            size_m: [metres(0, &cells)?, metres(1, &cells)?, metres(2, &cells)?],
+            needle_at_m: [metres(3, &cells)?, metres(4, &cells)?],
+            sides: mounting(7, &cells)?,
+            far_side: mounting(8, &cells)?,
         };
-        Ok(Self { block, depth_mm: number(5)?, poisson: number(6)?, stiffness: BlockStiffness { matrix } })
+        Ok(Self {
+            block,
+            depth_mm: number_of(5, &cells)?,
+            poisson: number_of(6, &cells)?,
+            stiffness: BlockStiffness { matrix },
+        })
     }
+}
+
+fn metres(i: usize, cells: &[&str]) -> Result<f64> {
+    number_of(i, cells).map(|mm| 1e-3 * mm)
+}
+
+fn lower_entry(i: usize, j: usize, lower: &[f64]) -> f64 {
+    let (row, column) = (i.max(j), i.min(j));
+    lower[row * (row + 1) / 2 + column]
+}
+
+fn mounting(i: usize, cells: &[&str]) -> Result<Mounting> {
+    let name = cells.get(i).copied().unwrap_or_default();
+    Mounting::ALL.into_iter().find(|kind| kind.name() == name).with_context(|| format!("cell {i}: {name}"))
+}
+
+fn number_of(i: usize, cells: &[&str]) -> Result<f64> {
+    cells.get(i).and_then(|cell| cell.parse().ok()).with_context(|| format!("cell {i}: no number"))
 }
 
 /// A truth between its interval's ends, and the value.
@@ -92,13 +100,18 @@ fn judged(solved: &Solved, seed: u64, number: usize) -> Result<[Judged; STATED.l
     let session = solved.stiffness.session(truth, &design, random.random())?;
     let relation = YoungsMethod::Continuum(Contact::Bonded);
     let options = Options { poisson: Some(solved.poisson), relation, ..Options::default() };
-    let judged_with = |walls: Option<Walls>| -> Result<Judged> {
-        let session = Session { tissue: Tissue { walls, ..session.tissue }, ..session.clone() };
-        let youngs = identify(&session, &options)?.youngs_modulus_kpa;
-        let (value, ends) = youngs.value.zip(youngs.ci95).context("no Young's modulus")?;
-        Ok(Judged { value, ends, truth })
-    };
-    Ok([judged_with(Some(Walls::Block(solved.block)))?, judged_with(Some(Walls::Far))?, judged_with(None)?])
+    Ok([
+        judged_with(Some(Walls::Block(solved.block)), &session, &options, truth)?,
+        judged_with(Some(Walls::Far), &session, &options, truth)?,
+        judged_with(None, &session, &options, truth)?,
+    ])
+}
+
+fn judged_with(walls: Option<Walls>, session: &Session, options: &Options, truth: f64) -> Result<Judged> {
+    let session = Session { tissue: Tissue { walls, ..session.tissue }, ..session.clone() };
+    let youngs = identify(&session, options)?.youngs_modulus_kpa;
+    let (value, ends) = youngs.value.zip(youngs.ci95).context("no Young's modulus")?;
+    Ok(Judged { value, ends, truth })
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

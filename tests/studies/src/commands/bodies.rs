@@ -70,14 +70,19 @@ fn drawn(tissue: Tissue, seed: u64, number: usize, bodies: &Bodies) -> Result<Dr
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(1000 * (tissue as u64 + 1) + number as u64);
     let noise_seed = random.random::<u64>();
-    let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
     let depths_mm = [[15.0, 25.0, 40.0], [20.0, 30.0, 40.0], [20.0, 35.0, 50.0]][number % 3];
     let design = Design::nine_runs_at(depths_mm);
-    let modulus_kpa = uniform(10.0, 28.0);
-    let poisson = [0.45, 0.48, 0.495, 0.5][(uniform(0.0, 4.0) as usize).min(3)];
-    let ratio = (uniform(1.6f64.ln(), 4f64.ln()) * if uniform(0.0, 1.0) < 0.4 { -1.0 } else { 1.0 }).exp();
-    let boundary_mm = uniform(9.0, 22.0);
-    let gradient = if uniform(0.0, 1.0) < 0.4 { uniform(-0.012, -0.005) } else { uniform(0.01, 0.06) };
+    let modulus_kpa = uniform(10.0, 28.0, &mut random);
+    let poisson = [0.45, 0.48, 0.495, 0.5][(uniform(0.0, 4.0, &mut random) as usize).min(3)];
+    let ratio = (uniform(1.6f64.ln(), 4f64.ln(), &mut random)
+        * if uniform(0.0, 1.0, &mut random) < 0.4 { -1.0 } else { 1.0 })
+    .exp();
+    let boundary_mm = uniform(9.0, 22.0, &mut random);
+    let gradient = if uniform(0.0, 1.0, &mut random) < 0.4 {
+        uniform(-0.012, -0.005, &mut random)
+    } else {
+        uniform(0.01, 0.06, &mut random)
+    };
     let effects: Vec<(&'static str, Vec<f64>)> = match tissue {
         Tissue::GradedBody => vec![("tissue.gradient", vec![gradient])],
         _ => vec![("tissue.layers", vec![ratio, boundary_mm])],
@@ -105,6 +110,10 @@ fn drawn(tissue: Tissue, seed: u64, number: usize, bodies: &Bodies) -> Result<Dr
     Ok(Drawn { session, poisson, truth })
 }
 
+fn uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {
+    low + (high - low) * random.random::<f64>()
+}
+
 /// Values with their intervals, and the foundation that was used.
 type Found = (&'static str, Vec<(f64, [f64; 2])>);
 
@@ -116,7 +125,6 @@ fn layers(drawn: &Drawn) -> Result<Option<Found>> {
         ..identify::Options::default()
     };
     let Some(layers) = identify(&drawn.session, &options)?.layers else { return Ok(None) };
-    let interval_of = |likelihood: &identify::Likelihood| likelihood.k_kpa.zip(likelihood.ci95_kpa);
     let values = interval_of(&layers.upper).zip(interval_of(&layers.lower)).map(|(upper, lower)| {
         vec![
             upper,
@@ -126,6 +134,10 @@ fn layers(drawn: &Drawn) -> Result<Option<Found>> {
         ]
     });
     Ok(values.map(|values| (layers.foundation, values)))
+}
+
+fn interval_of(likelihood: &identify::Likelihood) -> Option<(f64, [f64; 2])> {
+    likelihood.k_kpa.zip(likelihood.ci95_kpa)
 }
 
 fn gradient(drawn: &Drawn, seed: u64) -> Result<Option<Found>> {
@@ -138,7 +150,6 @@ fn gradient(drawn: &Drawn, seed: u64) -> Result<Option<Found>> {
         ..diagnose::Options::default()
     };
     let diagnosis = diagnose(&drawn.session, &options, |_| {})?;
-    let estimate_of = |estimate: &diagnose::Estimate| (estimate.value, estimate.ci95);
     let slope = diagnosis.given_effects.first().and_then(|given| given.parameters.values().next());
     let youngs = diagnosis.foundation.youngs_modulus_kpa.as_ref();
     let (Some(youngs), Some(mean), Some(slope)) = (youngs, &diagnosis.mean_modulus, slope) else {
@@ -148,6 +159,10 @@ fn gradient(drawn: &Drawn, seed: u64) -> Result<Option<Found>> {
         diagnosis.foundation.used,
         vec![estimate_of(youngs), estimate_of(&mean.modulus_kpa), estimate_of(slope)],
     )))
+}
+
+fn estimate_of(estimate: &diagnose::Estimate) -> (f64, [f64; 2]) {
+    (estimate.value, estimate.ci95)
 }
 
 fn outcome(tissue: Tissue, seed: u64, number: usize, bodies: &Bodies) -> Result<Outcome> {

@@ -4,6 +4,7 @@
 mod known;
 
 use anyhow::{Result, ensure};
+use formats::NORMAL_975;
 use inference::diagnose::{CharacterizeOptions, Standing, characterize};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -28,8 +29,6 @@ const GAIN_SD: f64 = 0.01;
 const STIFFNESS_SD: f64 = 0.05;
 /// Estimates further off than this are printed, standard deviations.
 const FAR_SD: f64 = 4.0;
-/// Half-width of a 95 % interval.
-const NORMAL_975: f64 = 1.959_963_984_540_054;
 
 /// Estimate of a parameter from one rig: error, half-width of the interval, whether it holds the
 /// truth.
@@ -108,10 +107,13 @@ fn drawn_rig(random: &mut ChaCha8Rng) -> Option<Effects> {
             effects.push((id, weak.iter().zip(&strong).map(|(a, b)| a + quantile * (b - a)).collect()));
         }
     }
-    let mut normal = |sd: f64| sd * Distribution::<f64>::sample(&StandardNormal, random);
-    effects.push(("sensor.force_gain", vec![normal(GAIN_SD)]));
-    effects.push(("needle.stiffness", vec![normal(STIFFNESS_SD)]));
+    effects.push(("sensor.force_gain", vec![normal(GAIN_SD, random)]));
+    effects.push(("needle.stiffness", vec![normal(STIFFNESS_SD, random)]));
     Some(effects)
+}
+
+fn normal(sd: f64, random: &mut ChaCha8Rng) -> f64 {
+    sd * Distribution::<f64>::sample(&StandardNormal, random)
 }
 
 /// Statements about the rig.
@@ -158,15 +160,17 @@ fn one(seed: u64) -> Option<Vec<Estimate>> {
 
 /// A true value in the catalogue's terms: there the crosstalk acts on a drift too, in the generator the drift comes after it.
 fn value_of(effects: &Effects, effect: &str, index: usize) -> f64 {
-    let raw = |id: &str, index: usize| {
-        let values = effects.iter().find(|(own, _)| *own == id).map(|(_, values)| values.as_slice());
-        values.and_then(|values| values.get(index)).copied().unwrap_or(0.0)
-    };
-    let crosstalk = raw("sensor.crosstalk", 0);
+    let crosstalk = raw_value("sensor.crosstalk", 0, effects);
     match effect {
         "sensor.force_drift" => {
-            (raw(effect, index) - crosstalk * raw(effect, 1 - index.min(1))) / (1.0 - crosstalk * crosstalk)
+            (raw_value(effect, index, effects) - crosstalk * raw_value(effect, 1 - index.min(1), effects))
+                / (1.0 - crosstalk * crosstalk)
         }
-        _ => raw(effect, index),
+        _ => raw_value(effect, index, effects),
     }
+}
+
+fn raw_value(id: &str, index: usize, effects: &[(&'static str, Vec<f64>)]) -> f64 {
+    let values = effects.iter().find(|(own, _)| *own == id).map(|(_, values)| values.as_slice());
+    values.and_then(|values| values.get(index)).copied().unwrap_or(0.0)
 }

@@ -131,10 +131,9 @@ impl Outcome {
 
 fn outcome(generator: Generator, number: usize, seed: u64) -> Result<Outcome> {
     let mut random = ChaCha8Rng::seed_from_u64(seed.wrapping_mul(1_000_003).wrapping_add(number as u64));
-    let mut uniform = |[low, high]: [f64; 2]| low + (high - low) * random.random::<f64>();
-    let k_kpa = uniform([8.0, 20.0]);
-    let displacement_mm = uniform(DISPLACEMENT_MM);
-    let [force_n, rate_hz] = [FORCE_N, RATE_HZ].map(|range| uniform(range.map(f64::ln)).exp());
+    let k_kpa = uniform([8.0, 20.0], &mut random);
+    let displacement_mm = uniform(DISPLACEMENT_MM, &mut random);
+    let [force_n, rate_hz] = [FORCE_N, RATE_HZ].map(|range| uniform(range.map(f64::ln), &mut random).exp());
     let noise = NoisePlan { displacement_mm, force_n, rate_hz: rate_hz.round(), ..NoisePlan::default() };
     let session = generator.session(k_kpa, &noise, random.random())?;
     let name = format!(
@@ -144,6 +143,10 @@ fn outcome(generator: Generator, number: usize, seed: u64) -> Result<Outcome> {
     );
     let record = summarize_session(name, &session, &Labels::default(), number as u64);
     Ok(Outcome { displacement_mm, k_kpa, record })
+}
+
+fn uniform([low, high]: [f64; 2], random: &mut ChaCha8Rng) -> f64 {
+    low + (high - low) * random.random::<f64>()
 }
 
 /// Runs the study: a table, and a line for each session that is not found adequate.
@@ -181,7 +184,6 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
 
 /// Sessions of one population.
 fn row(like: &[Outcome]) -> Result<String> {
-    let count = |is: &dyn Fn(&Outcome) -> bool| like.iter().filter(|one| is(one)).count().to_string();
     let noise_mm = |one: Option<&Outcome>| one.map_or(0.0, |one| one.displacement_mm);
     let [score, information] =
         like.iter().map(Outcome::delay).fold([0.0; 2], |sum, one| [sum[0] + one[0], sum[1] + one[1]]);
@@ -193,11 +195,15 @@ fn row(like: &[Outcome]) -> Result<String> {
     Ok([
         format!("{:.3} to {:.3}", noise_mm(like.first()), noise_mm(like.last())),
         like.len().to_string(),
-        count(&|one| ["named", "ambiguous"].contains(&one.verdict())),
-        count(&|one| ["unexplained", "failed"].contains(&one.verdict())),
-        count(&Outcome::holds_k),
+        count_where(like, &|one| ["named", "ambiguous"].contains(&one.verdict())),
+        count_where(like, &|one| ["unexplained", "failed"].contains(&one.verdict())),
+        count_where(like, &Outcome::holds_k),
         format!("{:.2} +- {:.2}", 1e3 * score / information, 1e3 / information.sqrt()),
         if named.is_empty() { "nothing".to_owned() } else { named.join(", ") },
     ]
     .join(" | "))
+}
+
+fn count_where(like: &[Outcome], is: &dyn Fn(&Outcome) -> bool) -> String {
+    like.iter().filter(|one| is(one)).count().to_string()
 }

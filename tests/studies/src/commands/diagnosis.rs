@@ -149,7 +149,6 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); MEASU
     let single_effects = || {
         outcomes.iter().filter_map(|o| if let Hidden::One(id, _) = &o.hidden { Some((o, *id)) } else { None })
     };
-    let id_of = |o: &Outcome| if let Hidden::One(id, _) = &o.hidden { *id } else { "" };
     let clean_sessions =
         || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Nothing | Hidden::NothingImaged));
     let foreign = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Foreign(_)));
@@ -229,6 +228,10 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); MEASU
     ]
 }
 
+fn id_of(o: &Outcome) -> &str {
+    if let Hidden::One(id, _) = &o.hidden { *id } else { "" }
+}
+
 /// One row per effect: what became of it, and what else was reported.
 fn confusion(outcomes: &[Outcome]) -> String {
     let mut rows: BTreeMap<String, Vec<&Outcome>> = BTreeMap::new();
@@ -244,19 +247,18 @@ fn confusion(outcomes: &[Outcome]) -> String {
         "| hidden | sessions | named | in a class | adequate | unexplained | covered | else named or in the class |\n|---|---|---|---|---|---|---|---|\n",
     );
     for (row, of_row) in rows {
-        let truth = |o: &Outcome| match &o.hidden {
-            Hidden::One(id, _) => vec![*id],
-            Hidden::Pair(a, b) => vec![*a, *b],
-            _ => Vec::new(),
-        };
-        let count = |good: &dyn Fn(&Outcome) -> bool| of_row.iter().filter(|o| good(o)).count();
-        let named = count(&|o| !truth(o).is_empty() && truth(o).iter().all(|id| is_named(o, id)));
-        let classed =
-            count(&|o| !truth(o).is_empty() && truth(o).iter().all(|id| is_in_class(o, id))) - named;
+        let named = count_where(
+            &|o| !hidden_ids(o).is_empty() && hidden_ids(o).iter().all(|id| is_named(o, id)),
+            &of_row,
+        );
+        let classed = count_where(
+            &|o| !hidden_ids(o).is_empty() && hidden_ids(o).iter().all(|id| is_in_class(o, id)),
+            &of_row,
+        ) - named;
         let mut wrong_names: BTreeMap<&str, usize> = BTreeMap::new();
         for outcome in &of_row {
             let mentioned = outcome.named.iter().flat_map(|(_, class)| class);
-            for id in mentioned.filter(|id| !truth(outcome).contains(&id.as_str())) {
+            for id in mentioned.filter(|id| !hidden_ids(outcome).contains(&id.as_str())) {
                 *wrong_names.entry(id).or_default() += 1;
             }
         }
@@ -269,13 +271,25 @@ fn confusion(outcomes: &[Outcome]) -> String {
             text,
             "| {row} | {} | {named} | {classed} | {} | {} | {covered_count} of {} | {} |",
             of_row.len(),
-            count(&|o| o.verdict == Verdict::Adequate),
-            count(&|o| o.verdict == Verdict::Unexplained),
+            count_where(&|o| o.verdict == Verdict::Adequate, &of_row),
+            count_where(&|o| o.verdict == Verdict::Unexplained, &of_row),
             intervals.len(),
             wrong_texts.join(", ")
         );
     }
     text
+}
+
+fn count_where(good: &dyn Fn(&Outcome) -> bool, of_row: &[&Outcome]) -> usize {
+    of_row.iter().filter(|o| good(o)).count()
+}
+
+fn hidden_ids(o: &Outcome) -> Vec<&str> {
+    match &o.hidden {
+        Hidden::One(id, _) => vec![*id],
+        Hidden::Pair(a, b) => vec![*a, *b],
+        _ => Vec::new(),
+    }
 }
 
 /// Everything about one session, for a closer examination.

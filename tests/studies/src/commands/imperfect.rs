@@ -142,8 +142,6 @@ fn write(session: &Session, name: &str, folder: &Path) -> Result<()> {
 }
 
 fn write_lateral(writer: &mut SessionWriter, run: &LateralRun) -> Result<()> {
-    let value_at =
-        |values: &Option<Vec<f64>>, i: usize| values.as_ref().and_then(|values| values.get(i)).copied();
     let (force, shape) = (&run.force, &run.shape);
     let mut rows = writer.lateral(&run.id, run.depth_m)?;
     let series = force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n);
@@ -167,6 +165,10 @@ fn write_lateral(writer: &mut SessionWriter, run: &LateralRun) -> Result<()> {
         })?;
     }
     Ok(rows.finish()?)
+}
+
+fn value_at(values: &Option<Vec<f64>>, i: usize) -> Option<f64> {
+    values.as_ref().and_then(|values| values.get(i)).copied()
 }
 
 #[cfg(test)]
@@ -209,8 +211,11 @@ mod tests {
         assert_eq!((read.lateral.len(), read.insertion.len()), (4, 6));
         let (written, read) = (&drawn.session.lateral[1], &read.lateral[1]);
         assert_eq!(written.force.time_s.len(), read.force.time_s.len());
-        let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-7);
-        assert!(close(&written.force.force_y_n, &read.force.force_y_n));
-        assert!(close(&written.shape.y_m, &read.shape.y_m));
+        assert!(are_close(&written.force.force_y_n, &read.force.force_y_n));
+        assert!(are_close(&written.shape.y_m, &read.shape.y_m));
+    }
+
+    fn are_close(a: &[f64], b: &[f64]) -> bool {
+        a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-7)
     }
 }

@@ -43,16 +43,22 @@ fn judged(indenter: Indenter, is_before: bool, random: &mut ChaCha8Rng) -> Judge
     let exact: Vec<f64> = depth_m.iter().map(|m| force_n(&contact, youngs_pa, m - contact_m)).collect();
     let span_n =
         exact.iter().copied().fold(0.0, f64::max) - exact.iter().copied().fold(f64::INFINITY, f64::min);
-    let mut normal = || -> f64 { StandardNormal.sample(random) };
-    let (offset_n, drift_n) = (span_n * normal(), 0.01 * span_n * normal());
+    let (offset_n, drift_n) = (span_n * normal(random), 0.01 * span_n * normal(random));
     let forces: Vec<f64> = (0..ROWS)
         .zip(&exact)
         .map(|(row, exact_n)| {
-            exact_n + offset_n + drift_n * f64::from(row) / f64::from(ROWS - 1) + 0.01 * span_n * normal()
+            exact_n
+                + offset_n
+                + drift_n * f64::from(row) / f64::from(ROWS - 1)
+                + 0.01 * span_n * normal(random)
         })
         .collect();
     let indentation = indented(&contact, &depth_m, &forces).ok()?;
     indentation.ci95_pa.map(|ends| (ends, youngs_pa))
+}
+
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(random)
 }
 
 /// Prints the table.

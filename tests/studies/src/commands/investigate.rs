@@ -127,11 +127,17 @@ impl Laboratory {
             }
             let (depth_mm, axis) = STANDARD[runs.len() % STANDARD.len()];
             let menu = Menu::new(session.as_ref(), &DEPTHS_MM, None).runs(session.as_ref());
-            let is_next =
-                |run: &PlannedRun| run.plan.axis == axis && (run.plan.depth_m / MM - depth_mm).abs() < 0.5;
-            runs.push(menu.into_iter().find(is_next).context("a run of the programme")?);
+            runs.push(
+                menu.into_iter()
+                    .find(|run| is_next(run, axis, depth_mm))
+                    .context("a run of the programme")?,
+            );
         }
     }
+}
+
+fn is_next(run: &PlannedRun, axis: Axis, depth_mm: f64) -> bool {
+    run.plan.axis == axis && (run.plan.depth_m / MM - depth_mm).abs() < 0.5
 }
 
 /// Runs the study.
@@ -140,16 +146,14 @@ impl Laboratory {
 /// Where a session cannot be diagnosed.
 pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
     ensure!(sessions > 0, "--sessions 0: expected 1 or more");
-    let of = |number: usize| -> Result<(&'static str, [Ended; 2])> {
+    let all = on_all_cores(sessions, |number| {
         let laboratory = Laboratory::drawn(seed.wrapping_mul(1_000_003).wrapping_add(number as u64))?;
         Ok((laboratory.hidden(), [laboratory.investigated()?, laboratory.standard()?]))
-    };
-    let all = on_all_cores(sessions, of).into_iter().collect::<Result<Vec<_>>>()?;
+    })
+    .into_iter()
+    .collect::<Result<Vec<_>>>()?;
     if verbose {
         for (number, (hidden, ends)) in all.iter().enumerate() {
-            let line = |one: &Ended| {
-                format!("{:?} after {} runs, {:.0} min: {:?}", one.end, one.runs, one.minutes, one.named)
-            };
             eprintln!("#{number} {hidden}: {}; standard {}", line(&ends[0]), line(&ends[1]));
         }
     }
@@ -159,25 +163,39 @@ pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
     println!("|---|---|---|---|---|---|---|---|---|");
     for (place, name) in ["chosen by what it tells", "standard"].into_iter().enumerate() {
         let ends: Vec<(&str, &Ended)> = all.iter().map(|(hidden, ends)| (*hidden, &ends[place])).collect();
-        let count = |is: &dyn Fn(&str, &Ended) -> bool| ends.iter().filter(|(id, end)| is(id, end)).count();
-        let is_right = |id: &str, end: &Ended| end.named == [[id.to_owned()]];
-        let holds = |id: &str, end: &Ended| end.named.iter().any(|class| class.iter().any(|one| one == id));
-        let median = |of: &dyn Fn(&Ended) -> f64| {
-            let mut values: Vec<f64> = ends.iter().map(|(_, end)| of(end)).collect();
-            values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
-        };
         println!(
             "| {name} | {} of {sessions} | {} | {} | {} | {:.0} | {:.0} | {} | {:.1} % |",
-            count(&is_right),
-            count(&|id, end| holds(id, end) && !is_right(id, end)),
-            count(&|id, end| !end.named.is_empty() && !holds(id, end)),
-            count(&|_, end| end.named.is_empty()),
-            median(&|end| end.runs as f64),
-            median(&|end| end.minutes),
-            count(&|_, end| end.k_is_held),
-            median(&|end| 1e2 * end.width)
+            count_where(&is_right, &ends),
+            count_where(&|id, end| names_effect(id, end) && !is_right(id, end), &ends),
+            count_where(&|id, end| !end.named.is_empty() && !names_effect(id, end), &ends),
+            count_where(&|_, end| end.named.is_empty(), &ends),
+            median_of(&|end| end.runs as f64, &ends),
+            median_of(&|end| end.minutes, &ends),
+            count_where(&|_, end| end.k_is_held, &ends),
+            median_of(&|end| 1e2 * end.width, &ends)
         );
     }
     Ok(())
+}
+
+fn median_of(of: &dyn Fn(&Ended) -> f64, ends: &[(&str, &Ended)]) -> f64 {
+    let mut values: Vec<f64> = ends.iter().map(|(_, end)| of(end)).collect();
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn names_effect(id: &str, end: &Ended) -> bool {
+    end.named.iter().any(|class| class.iter().any(|one| one == id))
+}
+
+fn is_right(id: &str, end: &Ended) -> bool {
+    end.named == [[id.to_owned()]]
+}
+
+fn count_where(is: &dyn Fn(&str, &Ended) -> bool, ends: &[(&str, &Ended)]) -> usize {
+    ends.iter().filter(|(id, end)| is(id, end)).count()
+}
+
+fn line(one: &Ended) -> String {
+    format!("{:?} after {} runs, {:.0} min: {:?}", one.end, one.runs, one.minutes, one.named)
 }

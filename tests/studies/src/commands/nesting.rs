@@ -12,9 +12,7 @@ pub fn run(repeats: usize, seed: u64) -> Result<()> {
     );
     for design in DESIGNS {
         let result = study(&design, repeats, seed);
-        let percent =
-            |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
-        let covered = result.covered.map(percent).join(" | ");
+        let covered = result.covered.map(percent_or_dash).join(" | ");
         let sds = [design.subject_sd, design.session_sd, design.error_sd]
             .map(|sd| format!("{:.0}", 100.0 * sd))
             .join(", ");
@@ -25,8 +23,12 @@ pub fn run(repeats: usize, seed: u64) -> Result<()> {
             design.sessions,
             if design.far > 0.0 { "1 of 30" } else { "none" },
             result.freedom,
-            percent(Some(result.with_listed))
+            percent_or_dash(Some(result.with_listed))
         );
     }
     Ok(())
+}
+
+fn percent_or_dash(share: Option<f64>) -> String {
+    share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share))
 }

@@ -89,14 +89,13 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
         })
         .into_iter()
         .collect::<Result<Vec<Outcome>>>()?;
-        let count = |is: &dyn Fn(&Outcome) -> bool| outcomes.iter().filter(|one| is(one)).count();
         let mut removed: Vec<f64> = outcomes.iter().filter_map(|one| one.removed).collect();
         removed.sort_by(f64::total_cmp);
         println!(
             "| {name} | {} of {sessions} | {} | {} | {:.2?} |",
-            count(&|one| one.found),
-            count(&|one| one.right),
-            count(&|one| one.held),
+            count_where(&|one| one.found, &outcomes),
+            count_where(&|one| one.right, &outcomes),
+            count_where(&|one| one.held, &outcomes),
             removed.get(removed.len() / 2)
         );
         outcomes
@@ -105,4 +104,8 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
             .for_each(|one| eprintln!("{}", one.line));
     }
     Ok(())
+}
+
+fn count_where(is: &dyn Fn(&Outcome) -> bool, outcomes: &[Outcome]) -> usize {
+    outcomes.iter().filter(|one| is(one)).count()
 }

@@ -30,33 +30,34 @@ pub fn run(sessions: &[PathBuf]) -> Result<()> {
             if of_quantity.is_empty() {
                 continue;
             }
-            let rms = |value: &dyn Fn(&Compared) -> f64| {
-                (of_quantity.iter().map(|one| value(one).powi(2)).sum::<f64>() / of_quantity.len() as f64)
-                    .sqrt()
-            };
-            let covered_fraction = |value: &dyn Fn(&Compared) -> [f64; 2]| {
-                100.0
-                    * of_quantity
-                        .iter()
-                        .filter(|one| {
-                            let [mean, sd] = value(one);
-                            (one.recorded - mean).abs() <= HALF_SD * sd
-                        })
-                        .count() as f64
-                    / of_quantity.len() as f64
-            };
             println!(
                 "| {name} | {} | {} | {:.2} | {:.2} | {:.0} % | {:.2} | {:.0} % | {:.2} |",
                 quantity.name(),
                 of_quantity.len(),
-                rms(&|one| one.recorded),
-                rms(&|one| one.recorded - one.posterior[0]),
-                covered_fraction(&|one| one.posterior),
-                rms(&|one| one.recorded - one.alone[0]),
-                covered_fraction(&|one| one.alone),
-                rms(&|one| one.recorded - one.broyden),
+                rms(&|one| one.recorded, &of_quantity),
+                rms(&|one| one.recorded - one.posterior[0], &of_quantity),
+                covered_percent(&|one| one.posterior, &of_quantity),
+                rms(&|one| one.recorded - one.alone[0], &of_quantity),
+                covered_percent(&|one| one.alone, &of_quantity),
+                rms(&|one| one.recorded - one.broyden, &of_quantity),
             );
         }
     }
     Ok(())
+}
+
+fn covered_percent(value: &dyn Fn(&Compared) -> [f64; 2], of_quantity: &[&Compared]) -> f64 {
+    100.0
+        * of_quantity
+            .iter()
+            .filter(|one| {
+                let [mean, sd] = value(one);
+                (one.recorded - mean).abs() <= HALF_SD * sd
+            })
+            .count() as f64
+        / of_quantity.len() as f64
+}
+
+fn rms(value: &dyn Fn(&Compared) -> f64, of_quantity: &[&Compared]) -> f64 {
+    (of_quantity.iter().map(|one| value(one).powi(2)).sum::<f64>() / of_quantity.len() as f64).sqrt()
 }

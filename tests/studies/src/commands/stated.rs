@@ -83,12 +83,11 @@ fn outcome(stated: Stated, number: usize, seed: u64) -> Result<Outcome> {
     let mut session = session_on(&truth, &background, &design, random.random());
     stated.state(&mut session, sign);
     let k_kpa = k_kpa * touched_modulus(&truth, &background, &design);
-    let holds = |[low, high]: [f64; 2]| (low..=high).contains(&k_kpa);
     let identification = identify(&session, &identify::Options::default())?;
     let Diagnosis { k_ci95_kpa, verdict, effects, .. } =
         diagnose(&session, &inference::diagnose::Options::default(), |_| {})?;
     let by_identify = identification.pooled.ci95_kpa;
-    let coverage = [holds(by_identify), holds(k_ci95_kpa)];
+    let coverage = [is_inside(by_identify, k_kpa), is_inside(k_ci95_kpa, k_kpa)];
     let in_class =
         effects.iter().flat_map(|effect| &effect.class).any(|id| stated.effect().contains(&id.as_str()));
     let named: Vec<String> = effects.iter().map(|effect| effect.class.join("|")).collect();
@@ -111,6 +110,10 @@ fn outcome(stated: Stated, number: usize, seed: u64) -> Result<Outcome> {
     })
 }
 
+fn is_inside([low, high]: [f64; 2], k_kpa: f64) -> bool {
+    (low..=high).contains(&k_kpa)
+}
+
 /// Runs the study: a table, or one line for each session whose name holds `only`.
 ///
 /// # Errors
@@ -128,25 +131,29 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
         })
         .into_iter()
         .collect::<Result<Vec<Outcome>>>()?;
-        let count = |is: &dyn Fn(&Outcome) -> bool| outcomes.iter().filter(|one| is(one)).count();
-        let median = |at: usize| {
-            let mut widths: Vec<f64> = outcomes.iter().map(|one| one.width[at]).collect();
-            widths.sort_by(f64::total_cmp);
-            1e2 * widths.get(widths.len() / 2).copied().unwrap_or(f64::NAN)
-        };
         println!(
             "| {} | {} of {sessions} | {} | {:.1}, {:.1} | {} | {} |",
             stated.name(),
-            count(&|one| one.held[0]),
-            count(&|one| one.held[1]),
-            median(0),
-            median(1),
-            count(&|one| one.in_class),
-            count(&|one| one.adequate_and_missed)
+            count_where(&|one| one.held[0], &outcomes),
+            count_where(&|one| one.held[1], &outcomes),
+            median_width_percent(0, &outcomes),
+            median_width_percent(1, &outcomes),
+            count_where(&|one| one.in_class, &outcomes),
+            count_where(&|one| one.adequate_and_missed, &outcomes)
         );
         if !only.is_empty() {
             outcomes.iter().for_each(|one| eprintln!("{}", one.line));
         }
     }
     Ok(())
+}
+
+fn median_width_percent(at: usize, outcomes: &[Outcome]) -> f64 {
+    let mut widths: Vec<f64> = outcomes.iter().map(|one| one.width[at]).collect();
+    widths.sort_by(f64::total_cmp);
+    1e2 * widths.get(widths.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn count_where(is: &dyn Fn(&Outcome) -> bool, outcomes: &[Outcome]) -> usize {
+    outcomes.iter().filter(|one| is(one)).count()
 }

@@ -44,19 +44,22 @@ impl Halved {
 
     fn apply(self, plant: &mut SimulatedPlant<TiedNeedle>) {
         let limits = &mut plant.stated.limits;
-        let is = |one: Self| self == one || self == Self::All;
-        if is(Self::Strain) {
+        if self.is_halved(Self::Strain) {
             limits.needle_strain = limits.needle_strain.map(|strain| 0.5 * strain);
         }
-        if is(Self::Force) {
+        if self.is_halved(Self::Force) {
             limits.guide_force_n = limits.guide_force_n.map(|n| 0.5 * n);
         }
-        if is(Self::Travel) {
+        if self.is_halved(Self::Travel) {
             limits.guide_travel_mm *= 0.5;
         }
-        if is(Self::Speed) {
+        if self.is_halved(Self::Speed) {
             limits.guide_speed_mm_s *= 0.5;
         }
+    }
+
+    fn is_halved(self, one: Self) -> bool {
+        self == one || self == Self::All
     }
 }
 
@@ -170,36 +173,46 @@ type Judged = ([f64; 2], f64);
 pub fn row(tissues: Tissues, halved: Halved, target: Target, runs: &[LimitedRun]) -> String {
     let mut misses: Vec<f64> = runs.iter().filter_map(|run| run.miss_mm).collect();
     misses.sort_by(f64::total_cmp);
-    let count = |is: &dyn Fn(&LimitedRun) -> bool| runs.iter().filter(|run| is(run)).count();
-    let quantile = |share: f64| {
-        let quantile_index = (share * misses.len().saturating_sub(1) as f64).round() as usize;
-        misses.get(quantile_index).copied().unwrap_or(f64::NAN)
-    };
-    let calibration = |i: usize| {
-        let stated_and_miss: Vec<Judged> =
-            runs.iter().filter_map(|run| Some((*run.stated.get(i)?, run.miss_mm?))).collect();
-        let mean_percent = |value: fn(&Judged) -> f64| {
-            100.0 * stated_and_miss.iter().map(value).sum::<f64>() / stated_and_miss.len().max(1) as f64
-        };
-        let observed = mean_percent(|([radius_mm, _], miss_mm)| f64::from(u8::from(miss_mm <= radius_mm)));
-        format!("{:.0} / {observed:.0}", mean_percent(|([_, stated], _)| *stated))
-    };
-    let silent = |run: &LimitedRun| run.miss_mm.is_some_and(|mm| mm > 0.5) && !run.named && !run.stopped;
     format!(
         "| {} | {} | {} | {:.2} | {:.2} | {:.2} | {:.1} % | {} | {} | {} | {} | {}, {}, {} |",
         if tissues == Tissues::Plain { "plain" } else { "standard" },
         halved.name(),
         if target == Target::Own { "own" } else { "other's" },
         misses.iter().sum::<f64>() / misses.len().max(1) as f64,
-        quantile(0.5),
-        quantile(0.95),
+        quantile(0.5, &misses),
+        quantile(0.95, &misses),
         100.0 * misses.iter().filter(|mm| **mm > 2.0).count() as f64 / misses.len().max(1) as f64,
-        count(&|run| run.refused),
-        count(&|run| run.stopped),
-        count(&silent),
-        count(&|run| run.broken > 0),
-        calibration(0),
-        calibration(1),
-        calibration(2)
+        count_where(&|run| run.refused, runs),
+        count_where(&|run| run.stopped, runs),
+        count_where(&misses_in_silence, runs),
+        count_where(&|run| run.broken > 0, runs),
+        calibration(0, runs),
+        calibration(1, runs),
+        calibration(2, runs)
     )
+}
+
+fn misses_in_silence(run: &LimitedRun) -> bool {
+    run.miss_mm.is_some_and(|mm| mm > 0.5) && !run.named && !run.stopped
+}
+
+fn calibration(i: usize, runs: &[LimitedRun]) -> String {
+    let stated_and_miss: Vec<Judged> =
+        runs.iter().filter_map(|run| Some((*run.stated.get(i)?, run.miss_mm?))).collect();
+    let observed =
+        mean_percent(|([radius_mm, _], miss_mm)| f64::from(u8::from(miss_mm <= radius_mm)), &stated_and_miss);
+    format!("{:.0} / {observed:.0}", mean_percent(|([_, stated], _)| *stated, &stated_and_miss))
+}
+
+fn mean_percent(value: fn(&Judged) -> f64, stated_and_miss: &[([f64; 2], f64)]) -> f64 {
+    100.0 * stated_and_miss.iter().map(value).sum::<f64>() / stated_and_miss.len().max(1) as f64
+}
+
+fn quantile(share: f64, misses: &[f64]) -> f64 {
+    let quantile_index = (share * misses.len().saturating_sub(1) as f64).round() as usize;
+    misses.get(quantile_index).copied().unwrap_or(f64::NAN)
+}
+
+fn count_where(is: &dyn Fn(&LimitedRun) -> bool, runs: &[LimitedRun]) -> usize {
+    runs.iter().filter(|run| is(run)).count()
 }

@@ -165,8 +165,7 @@ pub(super) fn broyden(
         last = (tip_mm, input);
         // Position of the tip at the next stop if the guide stays.
         let change_ahead = jacobian.change([0.0, 0.0, EVERY_MM as f64]);
-        let gain = |input: usize| jacobian.change([0, 1, 2].map(|i: usize| f64::from(u8::from(i == input))));
-        let [of_x, of_y] = [gain(0), gain(1)];
+        let [of_x, of_y] = [gain(0, &jacobian), gain(1, &jacobian)];
         let (ahead_depth, is_known) = match given {
             Given::Nothing => (depth + EVERY_MM, false),
             Given::NextStop => (depth + EVERY_MM, true),
@@ -215,6 +214,10 @@ pub(super) fn broyden(
         last = (tip_mm, input);
     }
     pushed.end(target_mm)
+}
+
+fn gain(input: usize, jacobian: &Jacobian<2>) -> [f64; 2] {
+    jacobian.change([0, 1, 2].map(|i: usize| f64::from(u8::from(i == input))))
 }
 
 /// Share of the last step's error that an update takes in.
@@ -286,10 +289,13 @@ mod tests {
                 initial[plane].iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
             let missing_mm = later_state.0[plane] - earlier_state.0[plane] - predicted_mm;
             assert!((predicted - predicted_mm - 0.65 * missing_mm).abs() < 1e-9);
-            // Across the step: (0.5, 1, 0) is perpendicular to it.
-            let product = |row: &[f64; 3]| 0.5 * row[0] + row[1];
             assert!((product(row) - product(&initial[plane])).abs() < 1e-12);
         }
+    }
+
+    /// Across the step: (0.5, 1, 0) is perpendicular to it.
+    fn product(row: &[f64; 3]) -> f64 {
+        0.5 * row[0] + row[1]
     }
 
     #[test]
@@ -300,14 +306,17 @@ mod tests {
         assert!((gain[1][0] * x + gain[1][1] * y - 0.6).abs() < 1e-9);
         // Out of reach: no point of a grid within the travel is nearer.
         let requested = [-9.0, 1.0];
-        let distance_from = |at: [f64; 2]| {
-            (0..2).map(|i| (gain[i][0] * at[0] + gain[i][1] * at[1] - requested[i]).powi(2)).sum::<f64>()
-        };
-        let best = distance_from(nearest(gain, requested, 6.0));
+        let best = distance_from(nearest(gain, requested, 6.0), gain, requested);
         for i in -60..=60 {
             for j in -60..=60 {
-                assert!(distance_from([0.1 * f64::from(i), 0.1 * f64::from(j)]) >= best - 1e-9);
+                assert!(
+                    distance_from([0.1 * f64::from(i), 0.1 * f64::from(j)], gain, requested) >= best - 1e-9
+                );
             }
         }
+    }
+
+    fn distance_from(at: [f64; 2], gain: [[f64; 2]; 2], requested: [f64; 2]) -> f64 {
+        (0..2).map(|i| (gain[i][0] * at[0] + gain[i][1] * at[1] - requested[i]).powi(2)).sum::<f64>()
     }
 }

@@ -54,17 +54,13 @@ pub fn run(sessions: usize, seed: u64) -> Result<()> {
     ] {
         let hidden: Vec<Short> = pairs.iter().filter(|pair| pair.hidden.is_some()).map(of).collect();
         let summaries: Vec<Short> = pairs.iter().map(of).collect();
-        let fraction_text = |count: usize, of: usize| {
-            format!("{count} of {of} ({:.0} %)", 100.0 * count as f64 / of.max(1) as f64)
-        };
-        let count = |is: &dyn Fn(&Short) -> bool, list: &[Short]| list.iter().filter(|one| is(one)).count();
         println!(
             "| {name} | {} | {} | {} | {} | {} | {:.1} % |",
             hidden.len(),
-            fraction_text(count(&|one| one.class.is_some(), &hidden), hidden.len()),
-            fraction_text(count(&|one| one.class == Some(1), &hidden), hidden.len()),
-            fraction_text(count(&|one| one.is_false, &summaries), summaries.len()),
-            fraction_text(count(&|one| one.held, &summaries), summaries.len()),
+            fraction_text(count_where(&|one| one.class.is_some(), &hidden), hidden.len()),
+            fraction_text(count_where(&|one| one.class == Some(1), &hidden), hidden.len()),
+            fraction_text(count_where(&|one| one.is_false, &summaries), summaries.len()),
+            fraction_text(count_where(&|one| one.held, &summaries), summaries.len()),
             100.0 * summaries.iter().map(|one| one.half_width).sum::<f64>() / summaries.len() as f64
         );
     }
@@ -87,6 +83,14 @@ pub fn run(sessions: usize, seed: u64) -> Result<()> {
     Ok(())
 }
 
+fn count_where(is: &dyn Fn(&Short) -> bool, list: &[Short]) -> usize {
+    list.iter().filter(|one| is(one)).count()
+}
+
+fn fraction_text(count: usize, of: usize) -> String {
+    format!("{count} of {of} ({:.0} %)", 100.0 * count as f64 / of.max(1) as f64)
+}
+
 /// Whether an effect is one that a rig does not have of its own.
 fn is_hideable(id: &str) -> bool {
     id.starts_with("tissue.") || id == "needle.axial_load"
@@ -104,11 +108,10 @@ fn one(seed: u64) -> Option<Pair> {
         Some((id, strengths(id)?.get(random.random_range(0..3)).cloned()?))
     };
     let k_kpa = random.random_range(8.0..20.0);
-    let truth = |effects| Truth { k_kpa, tip_load_n: 0.2, effects, foreign: None };
-    let in_air = session(&truth(rig.clone()), &Design::in_air(), seed);
+    let in_air = session(&truth(rig.clone(), k_kpa), &Design::in_air(), seed);
     let known_rig = characterize(&in_air, &options()).ok()?.model(None);
     let effects = rig.iter().cloned().chain(hidden.clone()).collect();
-    let in_tissue = session(&truth(effects), &Design::nine_runs(), seed ^ 1);
+    let in_tissue = session(&truth(effects, k_kpa), &Design::nine_runs(), seed ^ 1);
     let plain = Options { seed, ..Options::default() };
     let without_rig = diagnose(&in_tissue, &plain, |_| {}).ok()?;
     let with_rig = diagnose(&in_tissue, &plain.with_rig(Some(&known_rig)), |_| {}).ok()?;
@@ -119,22 +122,31 @@ fn one(seed: u64) -> Option<Pair> {
     Some(Pair { hidden, without: short(&without_rig), with: short(&with_rig) })
 }
 
+fn truth(effects: Vec<(&'static str, Vec<f64>)>, k_kpa: f64) -> Truth {
+    Truth { k_kpa, tip_load_n: 0.2, effects, foreign: None }
+}
+
 fn short(found: &Diagnosis, hidden: Option<&str>, own: &[&str], k_kpa: f64) -> Short {
-    let stands = |id: &str, what: &str| {
-        id == what || FAMILIES.iter().any(|family| family.contains(&id) && family.contains(&what))
-    };
     let is_named = matches!(found.verdict, Verdict::Named | Verdict::Ambiguous);
     let classes: Vec<&Vec<String>> =
         found.effects.iter().filter(|_| is_named).map(|one| &one.class).collect();
     let hit = |class: &&&Vec<String>| {
-        class.len() <= MAX_IN_CLASS && hidden.is_some_and(|hidden| class.iter().any(|id| stands(id, hidden)))
+        class.len() <= MAX_IN_CLASS
+            && hidden.is_some_and(|hidden| class.iter().any(|id| stands_for(id, hidden)))
     };
-    let is_own = |class: &Vec<String>| class.iter().any(|id| own.iter().any(|own| stands(id, own)));
     let [low, high] = found.k_ci95_kpa;
     Short {
         class: classes.iter().find(hit).map(|class| class.len()),
-        is_false: classes.iter().any(|class| !hit(&class) && !is_own(class)),
+        is_false: classes.iter().any(|class| !hit(&class) && !is_own(class, own)),
         half_width: 0.5 * (high - low) / found.k_kpa,
         held: (low..=high).contains(&k_kpa),
     }
+}
+
+fn is_own(class: &Vec<String>, own: &[&str]) -> bool {
+    class.iter().any(|id| own.iter().any(|own| stands_for(id, own)))
+}
+
+fn stands_for(id: &str, what: &str) -> bool {
+    id == what || FAMILIES.iter().any(|family| family.contains(&id) && family.contains(&what))
 }

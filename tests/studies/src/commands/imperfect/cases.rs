@@ -184,15 +184,8 @@ fn case(kind: Kind, number: usize, random: &mut ChaCha8Rng, factor: f64) -> Case
 fn values(id: &'static str, uniform: &mut impl FnMut(f64, f64) -> f64) -> Vec<f64> {
     let (Some([weak, _, strong]), Some(effect)) = (strengths(id), effect(id)) else { return Vec::new() };
     let fraction = uniform(0.0, 1.0);
-    let strength_between = |weak: &f64, strong: &f64| {
-        if weak * strong > 0.0 {
-            weak * (strong / weak).powf(fraction)
-        } else {
-            weak + fraction * (strong - weak)
-        }
-    };
     let mut values: Vec<f64> =
-        weak.iter().zip(&strong).map(|(weak, strong)| strength_between(weak, strong)).collect();
+        weak.iter().zip(&strong).map(|(weak, strong)| strength_between(weak, strong, fraction)).collect();
     let other_side = uniform(0.0, 1.0) < 0.4;
     match id {
         "tissue.layers" => values[1] = uniform(10.0, 20.0),
@@ -213,6 +206,14 @@ fn values(id: &'static str, uniform: &mut impl FnMut(f64, f64) -> f64) -> Vec<f6
         _ => {}
     }
     values
+}
+
+fn strength_between(weak: &f64, strong: &f64, fraction: f64) -> f64 {
+    if weak * strong > 0.0 {
+        weak * (strong / weak).powf(fraction)
+    } else {
+        weak + fraction * (strong - weak)
+    }
 }
 
 impl Case {
@@ -265,13 +266,16 @@ impl Case {
     /// [`BodyError`].
     pub fn drawn(&self, bodies: &Bodies) -> Result<Drawn, BodyError> {
         let (design, no_background) = (&self.design, Background::default());
-        let gain_and_fraction = |before: f64, after: f64| [before - after, 1.0 - after / before.max(1e-9)];
         let is_hidden = self.hidden().is_some();
         match &self.tissue {
             Tissue::Springs(truth) => {
                 let plain = Truth { effects: Vec::new(), ..truth.clone() };
-                let misfit_by = |model: &Truth| misfit(truth, &self.background, model, design).chi2;
-                let expected = is_hidden.then(|| gain_and_fraction(misfit_by(&plain), misfit_by(truth)));
+                let expected = is_hidden.then(|| {
+                    gain_and_fraction(
+                        self.misfit_by(&plain, truth, design),
+                        self.misfit_by(truth, truth, design),
+                    )
+                });
                 let touched = touched_modulus(&plain, &self.background, design);
                 let session = session_on(truth, &self.background, design, self.seed);
                 Ok(Drawn { session, expected, touched_kpa: truth.k_kpa * touched })
@@ -304,6 +308,10 @@ impl Case {
         }
     }
 
+    fn misfit_by(&self, model: &Truth, truth: &Truth, design: &Design) -> f64 {
+        misfit(truth, &self.background, model, design).chi2
+    }
+
     /// Poisson's ratio where the tissue is a body: a laboratory states it.
     pub fn poisson(&self) -> Option<f64> {
         match &self.tissue {
@@ -311,4 +319,8 @@ impl Case {
             Tissue::Body(body) => Some(body.poisson),
         }
     }
+}
+
+fn gain_and_fraction(before: f64, after: f64) -> [f64; 2] {
+    [before - after, 1.0 - after / before.max(1e-9)]
 }

@@ -112,10 +112,7 @@ impl Outcome {
 
     fn is_hit(&self, class: &[&str]) -> bool {
         let Some(hidden) = self.case.hidden() else { return false };
-        let stands = |id: &str| {
-            id == hidden || FAMILIES.iter().any(|family| family.contains(&id) && family.contains(&hidden))
-        };
-        class.len() <= MAX_IN_CLASS && class.iter().any(|id| stands(id))
+        class.len() <= MAX_IN_CLASS && class.iter().any(|id| stands_for(id, hidden))
     }
 
     /// Whether the hidden effect, or one that stands for it, is named or in a class of at most three.
@@ -125,8 +122,11 @@ impl Outcome {
 
     /// Whether it is named alone: itself or one that stands for it first, with nothing in its class that does not stand for it.
     pub fn is_alone(&self) -> bool {
-        let is_family = |class: &[&str]| class.iter().all(|id| self.is_hit(&[id]));
-        self.named().iter().any(|(_, class)| self.is_hit(class) && is_family(class))
+        self.named().iter().any(|(_, class)| self.is_hit(class) && self.is_family(class))
+    }
+
+    fn is_family(&self, class: &[&str]) -> bool {
+        class.iter().all(|id| self.is_hit(&[id]))
     }
 
     /// Whether nothing is named though something is hidden.
@@ -146,9 +146,15 @@ impl Outcome {
 
     /// Whether something is named and the misfit of held-out runs has grown.
     pub fn has_grown(&self) -> bool {
-        let side = |name: &str| self.field(&format!("/gap/{name}/chi2_reduced")).and_then(Value::as_f64);
-        let grown = side("before").zip(side("after")).is_some_and(|(before, after)| after > GROWN * before);
+        let grown = self
+            .misfit_of_side("before")
+            .zip(self.misfit_of_side("after"))
+            .is_some_and(|(before, after)| after > GROWN * before);
         grown && !self.named().is_empty()
+    }
+
+    fn misfit_of_side(&self, name: &str) -> Option<f64> {
+        self.field(&format!("/gap/{name}/chi2_reduced")).and_then(Value::as_f64)
     }
 
     /// Share of the removable misfit of held-out runs that is gone.
@@ -222,9 +228,6 @@ impl Outcome {
         });
         let missed: Vec<String> =
             self.covered().into_iter().filter(|(_, good)| !good).map(|(name, _)| name).collect();
-        let side = |name: &str| {
-            self.field(&format!("/gap/{name}/chi2_reduced")).and_then(Value::as_f64).unwrap_or(f64::NAN)
-        };
         let parameters: Vec<String> = self
             .field("/effects")
             .and_then(Value::as_array)
@@ -241,11 +244,19 @@ impl Outcome {
             self.case.name(),
             self.verdict(),
             self.named(),
-            side("before"),
-            side("after"),
+            self.misfit_or_nan("before"),
+            self.misfit_or_nan("after"),
             parameters.join(", "),
             self.seconds,
             self.case.description(),
         )
     }
+
+    fn misfit_or_nan(&self, name: &str) -> f64 {
+        self.field(&format!("/gap/{name}/chi2_reduced")).and_then(Value::as_f64).unwrap_or(f64::NAN)
+    }
+}
+
+fn stands_for(id: &str, hidden: &str) -> bool {
+    id == hidden || FAMILIES.iter().any(|family| family.contains(&id) && family.contains(&hidden))
 }

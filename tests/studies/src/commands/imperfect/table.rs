@@ -154,7 +154,6 @@ pub fn confusion(outcomes: &[Outcome]) -> String {
          else named or in the class |\n|---|---|---|---|---|---|---|---|---|---|---|\n",
     );
     for (name, of_row) in rows {
-        let count = |good: &dyn Fn(&Outcome) -> bool| of_row.iter().filter(|o| good(o)).count();
         let mut wrong_names: BTreeMap<&str, usize> = BTreeMap::new();
         for outcome in &of_row {
             let classes = outcome.named();
@@ -165,23 +164,30 @@ pub fn confusion(outcomes: &[Outcome]) -> String {
         }
         let wrong_texts: Vec<String> =
             wrong_names.iter().map(|(id, count)| format!("{id} {count}")).collect();
-        let fraction = |share: Share| format!("{} of {}", share.good, share.all);
         let intervals: Share = of_row.iter().flat_map(|o| o.covered()).map(|(_, good)| good).collect();
         let modulus: Share = of_row.iter().filter_map(|o| o.is_modulus_covered()).collect();
-        let alone = count(&|o| o.is_alone());
+        let alone = count_where(&|o| o.is_alone(), &of_row);
         let _ = writeln!(
             text,
             "| {name} | {} | {} | {alone} | {} | {} | {} | {} | {} | {} | {} |",
             of_row.len(),
-            count(&|o| o.is_due()),
-            count(&|o| o.is_in_class()) - alone,
-            count(&|o| o.is_missed()),
-            count(&|o| o.is_wrong()),
-            count(&|o| o.is_further_wrong()),
+            count_where(&|o| o.is_due(), &of_row),
+            count_where(&|o| o.is_in_class(), &of_row) - alone,
+            count_where(&|o| o.is_missed(), &of_row),
+            count_where(&|o| o.is_wrong(), &of_row),
+            count_where(&|o| o.is_further_wrong(), &of_row),
             fraction(intervals),
             fraction(modulus),
             wrong_texts.join(", "),
         );
     }
     text
+}
+
+fn fraction(share: Share) -> String {
+    format!("{} of {}", share.good, share.all)
+}
+
+fn count_where(good: &dyn Fn(&Outcome) -> bool, of_row: &[&Outcome]) -> usize {
+    of_row.iter().filter(|o| good(o)).count()
 }

@@ -144,7 +144,6 @@ pub fn world(seed: u64, number: usize, kind: Kind) -> World {
         length_m: None,
         stiffness_known: true,
     };
-    let on_node = |length_m: f64| STEP_M * node_at(length_m) as f64;
     let modulus_pa = random.uniform(6e3, 25e3);
     let load_n = random.uniform(0.05, 0.4);
     let gap_m = on_node(random.uniform(0.01, 0.06));
@@ -169,7 +168,6 @@ pub fn world(seed: u64, number: usize, kind: Kind) -> World {
     };
     let (mut insertion, mut truth) = (Vec::new(), Vec::new());
     for run in 0..count {
-        let scattered = |random: &mut Random, share: f64| 1.0 + share * random.normal();
         let entry_off_m = imperfections.entry_m * random.normal();
         let insertion_truth = Truth {
             load_n: load_n * scattered(random, imperfections.load),
@@ -209,6 +207,14 @@ pub fn world(seed: u64, number: usize, kind: Kind) -> World {
         steering: Vec::new(),
     };
     World { session, truth }
+}
+
+fn scattered(random: &mut Random, share: f64) -> f64 {
+    1.0 + share * random.normal()
+}
+
+fn on_node(length_m: f64) -> f64 {
+    STEP_M * node_at(length_m) as f64
 }
 
 /// Common parameters of all insertions of a session besides needle and tissue.
@@ -262,36 +268,20 @@ fn record(
     let own_sd_rad = if shared.rear_n_m.is_some() { 5e-3 } else { 1e-3 };
     let own_angle_rad = [0; 2].map(|_| own_sd_rad * random.normal());
     let own_tilt_rad = [0; 2].map(|_| 2e-3 * random.normal());
-    let commanded_m = |depth: usize, leaving: bool| {
-        steps_m
-            .into_iter()
-            .map(|(at_m, by_m)| {
-                let node = node_at(at_m);
-                if depth > node || (leaving && depth == node) { by_m } else { 0.0 }
-            })
-            .sum::<f64>()
-    };
-    let is_rotated = |depth: usize, leaving: bool| depth > turn_at || (leaving && depth == turn_at);
-    let stated_depth = |step: usize| (step as i64 + late).max(0) as usize;
     let plane = |plane: usize| {
         let load_component = if plane == 0 { shared.roll_rad.cos() } else { shared.roll_rad.sin() };
         let acting: Vec<NodeLoads> = (0..=nodes)
             .map(|step| {
-                let depth = stated_depth(step);
-                let load_n = |leaving: bool| match hidden {
-                    Hidden::LoadStep(at_m, more_n)
-                        if depth > node_at(at_m) || leaving && depth == node_at(at_m) =>
-                    {
-                        own.load_n + more_n
-                    }
-                    _ => own.load_n,
-                };
+                let depth = stated_depth(step, late);
                 NodeLoads {
                     load_n: [false, true].map(|leaving| {
-                        load_n(leaving) * load_component * if is_rotated(depth, leaving) { -1.0 } else { 1.0 }
+                        load_n(leaving, depth, &hidden, own.load_n)
+                            * load_component
+                            * if is_rotated(depth, leaving, turn_at) { -1.0 } else { 1.0 }
                     }),
                     guide2_m: [false, true].map(|leaving| {
-                        shared.guide2_m[plane] + if plane == 0 { commanded_m(depth, leaving) } else { 0.0 }
+                        shared.guide2_m[plane]
+                            + if plane == 0 { commanded_m(depth, leaving, steps_m) } else { 0.0 }
                     }),
                 }
             })
@@ -335,8 +325,8 @@ fn record(
                 let read_rad = slope_rad + straight_rad + tilt_rad + DIRECTION_SD_RAD * random.normal();
                 columns[5 + plane].push(read_rad);
             }
-            columns[3].push(if is_rotated(depth, leaving) { PI } else { 0.0 });
-            columns[4].push(commanded_m(depth, leaving));
+            columns[3].push(if is_rotated(depth, leaving, turn_at) { PI } else { 0.0 });
+            columns[4].push(commanded_m(depth, leaving, steps_m));
         }
     }
     let [depth_m, tip_y_m, tip_x_m, rotation_rad, guide2_y_m, direction_y_rad, direction_x_rad] = columns;
@@ -357,6 +347,33 @@ fn record(
     }
 }
 
+fn load_n(leaving: bool, depth: usize, hidden: &Hidden, load_n: f64) -> f64 {
+    match hidden {
+        Hidden::LoadStep(at_m, more_n) if depth > node_at(*at_m) || leaving && depth == node_at(*at_m) => {
+            load_n + more_n
+        }
+        _ => load_n,
+    }
+}
+
+fn stated_depth(step: usize, late: i64) -> usize {
+    (step as i64 + late).max(0) as usize
+}
+
+fn is_rotated(depth: usize, leaving: bool, turn_at: usize) -> bool {
+    depth > turn_at || (leaving && depth == turn_at)
+}
+
+fn commanded_m(depth: usize, leaving: bool, steps_m: [(f64, f64); 2]) -> f64 {
+    steps_m
+        .into_iter()
+        .map(|(at_m, by_m)| {
+            let node = node_at(at_m);
+            if depth > node || (leaving && depth == node) { by_m } else { 0.0 }
+        })
+        .sum::<f64>()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -373,8 +390,11 @@ mod tests {
     fn motions_at_rest_are_recorded() {
         for (number, rows) in [(0, 0), (1, 1), (2, 2)] {
             let session = world(3, number, Kind::default()).session;
-            let twice = |run: &InsertionRun| run.depth_m.windows(2).filter(|pair| pair[0] == pair[1]).count();
-            assert_eq!([twice(&session.insertion[0]), twice(&session.insertion[1])], [rows, 0]);
+            assert_eq!([rests(&session.insertion[0]), rests(&session.insertion[1])], [rows, 0]);
         }
+    }
+
+    fn rests(run: &InsertionRun) -> usize {
+        run.depth_m.windows(2).filter(|pair| pair[0] == pair[1]).count()
     }
 }

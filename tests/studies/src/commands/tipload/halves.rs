@@ -66,9 +66,13 @@ fn half(session: &Session, numbers: Range<usize>, options: &Options) -> Result<O
         })
         .collect();
     let count = estimates.len() as f64;
-    let mean_estimate = |i: usize| Estimate {
+    Ok((!estimates.is_empty())
+        .then(|| [mean_estimate(0, &estimates, count), mean_estimate(1, &estimates, count)]))
+}
+
+fn mean_estimate(i: usize, estimates: &[[Estimate; 2]], count: f64) -> Estimate {
+    Estimate {
         ln: estimates.iter().map(|one| one[i].ln).sum::<f64>() / count,
         sd: (estimates.iter().map(|one| one[i].sd.powi(2)).sum::<f64>() / count).sqrt(),
-    };
-    Ok((!estimates.is_empty()).then(|| [mean_estimate(0), mean_estimate(1)]))
+    }
 }

@@ -76,9 +76,6 @@ impl Needle {
         };
         let (guide, entry) = (node_at(guide2_m), node_at(guide2_m + self.gap_m));
         let [soft_m, times] = self.softer;
-        // Stiffness of the half cell with its middle at this many steps.
-        let half_n_per_m =
-            |steps: f64| 0.5 * STEP_M * self.modulus_pa / if steps * STEP_M < soft_m { times } else { 1.0 };
         let mut path: Vec<Tip> = Vec::with_capacity(acting.len());
         for (step, now) in acting.iter().enumerate() {
             let tip = entry + step;
@@ -90,16 +87,20 @@ impl Needle {
                 for (node, Tip { at_m: [arrived_m, left_m], .. }) in path.iter().enumerate() {
                     // The half cell before the surface is empty.
                     if node > 0 {
-                        beam.spring(entry + node, half_n_per_m(node as f64 - 0.25), *arrived_m);
+                        beam.spring(
+                            entry + node,
+                            self.half_n_per_m(node as f64 - 0.25, soft_m, times),
+                            *arrived_m,
+                        );
                     }
-                    beam.spring(entry + node, half_n_per_m(node as f64 + 0.25), *left_m);
+                    beam.spring(entry + node, self.half_n_per_m(node as f64 + 0.25, soft_m, times), *left_m);
                 }
                 if let Some(Tip { at_m: [_, cut_m], .. }) = path.first() {
                     beam.spring(entry, self.skin_n_per_m, *cut_m);
                 }
                 // The newest spring is at rest where the tip arrives, and pulls back when it is moved from there.
                 if let (Some(insertion_depth_m), true) = (own_m, step > 0) {
-                    beam.spring(tip, half_n_per_m(step as f64 - 0.25), insertion_depth_m);
+                    beam.spring(tip, self.half_n_per_m(step as f64 - 0.25, soft_m, times), insertion_depth_m);
                 }
                 beam.force_n[tip] += now.load_n[side];
                 beam.hold(guide, now.guide2_m[side]);
@@ -112,6 +113,11 @@ impl Needle {
             path.push(Tip { at_m: tip_m, slope_rad });
         }
         path
+    }
+
+    /// Stiffness of the half cell with its middle at this many steps.
+    fn half_n_per_m(&self, steps: f64, soft_m: f64, times: f64) -> f64 {
+        0.5 * STEP_M * self.modulus_pa / if steps * STEP_M < soft_m { times } else { 1.0 }
     }
 }
 
@@ -245,20 +251,19 @@ mod tests {
             modulus_pa: 12e3,
             ..PLAIN
         };
-        let side = |step: usize, at: usize, before: f64, after: f64| {
-            [if step > at { after } else { before }, if step >= at { after } else { before }]
-        };
         let acting: Vec<NodeLoads> = (0..=200)
-            .map(|step| NodeLoads { load_n: side(step, 80, 0.2, -0.2), guide2_m: side(step, 120, 0.0, 1e-3) })
+            .map(|step| NodeLoads {
+                load_n: sides_of_step(step, 80, 0.2, -0.2),
+                guide2_m: sides_of_step(step, 120, 0.0, 1e-3),
+            })
             .collect();
         let path_m = path_m(&needle, &acting);
         let mut model = Model::uniform(rig, 12e3).expect("a model");
         model.tip = TipLaw::load([0.2, 0.0]);
-        let jump = |at: f64, to: f64| Profile::new(vec![[at, 0.0], [at, to]]).expect("a profile");
         let insertion = Insertion {
             depth_m: vec![0.02, 0.05, 0.09],
-            rotation_rad: jump(0.04, std::f64::consts::PI),
-            guide2_m: Some([jump(0.06, 1e-3), Profile::default()]),
+            rotation_rad: jump_profile(0.04, std::f64::consts::PI),
+            guide2_m: Some([jump_profile(0.06, 1e-3), Profile::default()]),
             ..Insertion::default()
         };
         let model_m = predict(&model, &Experiment::Insertion(insertion)).expect("predicts").tip_m.y;
@@ -269,6 +274,14 @@ mod tests {
                 "{marched_m} is not {expected_m} at {depth_mm} mm"
             );
         }
+    }
+
+    fn jump_profile(at: f64, to: f64) -> mechanics::Profile {
+        mechanics::Profile::new(vec![[at, 0.0], [at, to]]).expect("a profile")
+    }
+
+    fn sides_of_step(step: usize, at: usize, before: f64, after: f64) -> [f64; 2] {
+        [if step > at { after } else { before }, if step >= at { after } else { before }]
     }
 
     /// The same with one guide, soft in rotation: position and slope of the tip.

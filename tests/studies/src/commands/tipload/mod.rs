@@ -62,8 +62,6 @@ pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> 
     ensure!((1..=10_000).contains(&sessions), "--sessions is {sessions}, expected 1 to 10000");
     let mut lines = Vec::new();
     let (no_imperfections, small) = (Imperfections::default(), Imperfections::small());
-    let two_guides = |imperfections: Imperfections| Kind { imperfections, ..Kind::default() };
-    let one_guide = |imperfections: Imperfections| Kind { one_guide: true, ..two_guides(imperfections) };
     let worlds = [
         ("plain", two_guides(no_imperfections)),
         ("imperfect", two_guides(small)),
@@ -100,6 +98,14 @@ pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> 
     print!("{}", table(&lines));
     println!("{sessions} sessions of 6 to 12 insertions, seed {seed}");
     Ok(())
+}
+
+fn one_guide(imperfections: Imperfections) -> Kind {
+    Kind { one_guide: true, ..two_guides(imperfections) }
+}
+
+fn two_guides(imperfections: Imperfections) -> Kind {
+    Kind { imperfections, ..Kind::default() }
 }
 
 fn line(
@@ -158,7 +164,6 @@ fn judge(world: &World, until_mm: f64) -> Result<Vec<Judged>> {
     let good = prediction.insertions.iter().zip(&world.truth).filter(|(one, _)| one.error.is_none());
     let judged = good.filter_map(|(one, truth)| {
         let learned = one.learned.as_ref()?;
-        let is_covered = |interval: [f64; 2], truth: f64| (interval[0]..=interval[1]).contains(&truth);
         let (load_n, sd_n) = (one.tip_force_n?, one.tip_force_sd_n?);
         // The vertical part of a load whose bevel is rolled a little: the roll is not part of the truth that is compared.
         let (x_n, x_sd_n) = (one.tip_force_x_n?, one.tip_force_x_sd_n?);
@@ -181,6 +186,10 @@ fn judge(world: &World, until_mm: f64) -> Result<Vec<Judged>> {
         })
     });
     Ok(judged.collect())
+}
+
+fn is_covered(interval: [f64; 2], truth: f64) -> bool {
+    (interval[0]..=interval[1]).contains(&truth)
 }
 
 /// Depths measured beyond what was used, and how many of these readings the bands cover.
@@ -209,7 +218,6 @@ fn details(
     seconds: f64,
 ) -> String {
     let mut text = String::new();
-    let yes = |yes: bool| if yes { "in" } else { "OUT" };
     let stated_mm = 1e3 * (world.session.rig.entry_m - world.session.rig.guide2_m);
     for (one, truth) in judged.iter().zip(&world.truth) {
         let [gap_mm, low_mm, high_mm] = one.gap_mm;
@@ -218,12 +226,12 @@ fn details(
             "{name} {number} {until_mm:.0} mm: load {:.3} N {:+.1} % {}, K {:.1} kPa {:+.1} % {}, gap {:.1} mm, stated {stated_mm:.1}, found {gap_mm:.1} ({low_mm:.1} to {high_mm:.1}) {}, error {:.3} mm, bands {}/{}, {seconds:.2} s",
             truth.load_n,
             100.0 * one.load_error,
-            yes(one.load),
+            in_or_out(one.load),
             1e-3 * truth.modulus_pa,
             100.0 * one.modulus_error,
-            yes(one.modulus),
+            in_or_out(one.modulus),
             1e3 * truth.gap_m,
-            yes(one.gap),
+            in_or_out(one.gap),
             one.mae_mm.unwrap_or(f64::NAN),
             one.bands[1],
             one.bands[0]
@@ -232,14 +240,15 @@ fn details(
     text
 }
 
+fn in_or_out(yes: bool) -> &'static str {
+    if yes { "in" } else { "OUT" }
+}
+
 fn table(lines: &[Line]) -> String {
     let mut text = "| world | from, mm | load covered | K covered | gap covered | path covered | load error, median | K error, median | path error, mm (quadratic) | halves overlap: load, K (difference, sd) | s per session |\n\
                     |---|---|---|---|---|---|---|---|---|---|---|\n"
         .to_owned();
     for line in lines {
-        let percent_of = |of: &dyn Fn(&Judged) -> bool| {
-            100.0 * line.judged.iter().filter(|one| of(one)).count() as f64 / line.judged.len() as f64
-        };
         let counts =
             line.judged.iter().fold([0; 2], |sum, one| [sum[0] + one.bands[0], sum[1] + one.bands[1]]);
         let _ = writeln!(
@@ -247,9 +256,9 @@ fn table(lines: &[Line]) -> String {
             "| {} | {:.0} | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.3} ({:.2}) | {}, {} | {:.2} |",
             line.name,
             line.until_mm,
-            percent_of(&|one| one.load),
-            percent_of(&|one| one.modulus),
-            percent_of(&|one| one.gap),
+            percent_of(&|one| one.load, &line.judged),
+            percent_of(&|one| one.modulus, &line.judged),
+            percent_of(&|one| one.gap, &line.judged),
             100.0 * counts[1] as f64 / counts[0] as f64,
             100.0 * median(line.judged.iter().map(|one| one.load_error.abs()).collect()),
             100.0 * median(line.judged.iter().map(|one| one.modulus_error.abs()).collect()),
@@ -261,6 +270,10 @@ fn table(lines: &[Line]) -> String {
         );
     }
     text
+}
+
+fn percent_of(of: &dyn Fn(&Judged) -> bool, judged: &[Judged]) -> f64 {
+    100.0 * judged.iter().filter(|one| of(one)).count() as f64 / judged.len() as f64
 }
 
 /// Share of the sessions whose halves agree about the numbered quantity, with the root mean square of their difference in standard
