@@ -29,13 +29,15 @@ pub(super) fn with_other_foundation(
     judge: &Judge,
 ) {
     let Some(losses) = judge.losses(chosen) else { return };
-    let is_in_question = |other: &&Beside| {
-        other.is_possible
-            && judge
-                .losses(&other.fitted)
-                .is_some_and(|worse| !is_refuted(&worse.of_density, &losses.of_density))
-    };
-    let plausible_models: Vec<&Beside> = beside.iter().filter(is_in_question).collect();
+    let plausible_models: Vec<&Beside> = beside
+        .iter()
+        .filter(|other| {
+            other.is_possible
+                && judge
+                    .losses(&other.fitted)
+                    .is_some_and(|worse| !is_refuted(&worse.of_density, &losses.of_density))
+        })
+        .collect();
     if plausible_models.is_empty() {
         return;
     }
@@ -131,8 +133,10 @@ mod tests {
         assert_eq!(far.class.len(), member.class.len());
         // With another effect in its place, which then is in its class and takes nothing from the probability that something is missing.
         let others = found.first.iter().filter_map(|candidate| candidate.refit.as_ref().map(|(fit, _)| fit));
-        let is_other = |fit: &&Fitted| fit.layout.effects.last().is_some_and(|effect| effect.id() != named);
-        let other = others.into_iter().find(is_other).expect("another effect");
+        let other = others
+            .into_iter()
+            .find(|fit| fit.layout.effects.last().is_some_and(|effect| effect.id() != named))
+            .expect("another effect");
         let alternative = with_model(member, &found.fitted, other, -0.5);
         let id = other.layout.effects.last().expect("an effect").id();
         assert!(alternative.class.iter().any(|one| one.effect.id() == id), "{id}");

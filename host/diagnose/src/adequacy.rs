@@ -150,13 +150,16 @@ fn all_data(runs: &[Prepared]) -> impl Iterator<Item = (&Prepared, &Datum)> {
 }
 
 fn channel_squares(runs: &[Prepared], residuals: &DVector<f64>) -> Vec<(Channel, f64, usize)> {
-    let channel_sum = |channel: Channel| {
-        let squares = all_data(runs).zip(residuals.iter());
-        let squares = squares.filter(|((run, d), _)| d.channel == channel && is_tested(run));
-        let (sum, count) = squares.fold((0.0, 0), |(sum, n), (_, r)| (sum + r * r, n + 1));
-        (channel, sum, count)
-    };
-    Channel::ALL.into_iter().map(channel_sum).filter(|(_, _, count)| *count > 0).collect()
+    Channel::ALL
+        .into_iter()
+        .map(|channel| {
+            let squares = all_data(runs).zip(residuals.iter());
+            let squares = squares.filter(|((run, d), _)| d.channel == channel && is_tested(run));
+            let (sum, count) = squares.fold((0.0, 0), |(sum, n), (_, r)| (sum + r * r, n + 1));
+            (channel, sum, count)
+        })
+        .filter(|(_, _, count)| *count > 0)
+        .collect()
 }
 
 /// A column in SI made independent.
@@ -253,10 +256,9 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
             }
             for function in &functions {
                 let column = |factor: &dyn Fn(&Prepared) -> f64| -> Vec<f64> {
-                    let value = |(run, d): (&Prepared, &Datum)| {
-                        if belongs(run, d) { factor(run) * function(d) } else { 0.0 }
-                    };
-                    all_data(runs).map(value).collect()
+                    all_data(runs)
+                        .map(|(run, d)| if belongs(run, d) { factor(run) * function(d) } else { 0.0 })
+                        .collect()
                 };
                 columns.push(column(&|_| 1.0));
                 if !of_tip && active && several_depths {
@@ -383,22 +385,26 @@ impl Scanned {
         let (eliminated, _) =
             fitted.eliminated(patterns, sizes, &self.products).ok_or(FitError::Undetermined)?;
         let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / tried_intervals.max(1) as f64);
-        let region = |scan: &Scan| {
-            let (bins, sigma, mean) =
-                best_interval(&eliminated, scan.first, scan.edges.len(), self.residuals)?;
-            let (start, end) = (scan.edges[bins.start][0], scan.edges[bins.end - 1][1]);
-            let Scan { channel, coordinate, is_odd, .. } = *scan;
-            Some(Region { channel, coordinate, from: start, to: end, mean, is_odd, sigma })
-        };
-        let mut regions_found: Vec<Region> = self.scans.iter().filter_map(region).collect();
+        let mut regions_found: Vec<Region> = self
+            .scans
+            .iter()
+            .filter_map(|scan| {
+                let (bins, sigma, mean) =
+                    best_interval(&eliminated, scan.first, scan.edges.len(), self.residuals)?;
+                let (start, end) = (scan.edges[bins.start][0], scan.edges[bins.end - 1][1]);
+                let Scan { channel, coordinate, is_odd, .. } = *scan;
+                Some(Region { channel, coordinate, from: start, to: end, mean, is_odd, sigma })
+            })
+            .collect();
         regions_found.retain(|region| region.sigma.abs() > threshold);
         // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
         regions_found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
         let mut regions_kept: Vec<Region> = Vec::new();
         for region in regions_found {
-            let is_same_region =
-                |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
-            if regions_kept.iter().find(is_same_region).is_none() && regions_kept.len() < MAX_REGIONS {
+            let is_same_region = regions_kept
+                .iter()
+                .any(|other| other.channel == region.channel && other.coordinate == region.coordinate);
+            if !is_same_region && regions_kept.len() < MAX_REGIONS {
                 regions_kept.push(region);
             }
         }
@@ -426,11 +432,13 @@ fn scans(runs: &[Prepared]) -> (Vec<Scan>, Vec<DVector<f64>>) {
                 };
                 scans.push(Scan { channel, coordinate, is_odd, edges: edges.clone(), first: columns.len() });
                 columns.extend((0..edges.len()).map(|bin| {
-                    let member = |((_, d), value): ((&Prepared, &Datum), &Option<f64>)| match value {
-                        Some(value) if bin_of(&edges, *value) == bin => sign(d),
-                        _ => 0.0,
-                    };
-                    let column: Vec<f64> = all_data(runs).zip(&values).map(member).collect();
+                    let column: Vec<f64> = all_data(runs)
+                        .zip(&values)
+                        .map(|((_, d), value)| match value {
+                            Some(value) if bin_of(&edges, *value) == bin => sign(d),
+                            _ => 0.0,
+                        })
+                        .collect();
                     whitened(runs, &column)
                 }));
             }
@@ -443,10 +451,11 @@ fn scans(runs: &[Prepared]) -> (Vec<Scan>, Vec<DVector<f64>>) {
 fn by_run(runs: &[Prepared], columns: &[DVector<f64>]) -> Vec<DMatrix<f64>> {
     let combined = DMatrix::from_columns(columns);
     let mut start = 0;
-    let of_run = |run: &Prepared| {
-        let rows = run.run.data.len();
-        start += rows;
-        combined.rows(start - rows, rows).into_owned()
-    };
-    runs.iter().map(of_run).collect()
+    runs.iter()
+        .map(|run| {
+            let rows = run.run.data.len();
+            start += rows;
+            combined.rows(start - rows, rows).into_owned()
+        })
+        .collect()
 }

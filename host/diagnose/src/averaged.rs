@@ -8,7 +8,7 @@
 
 use super::choice::Beside;
 use super::evidence::Patterns;
-use super::found::{Candidate, Explanation, Found, Standing};
+use super::found::{Candidate, Found, Standing};
 use super::foundation::VARIED;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
@@ -54,19 +54,19 @@ impl Averaged {
         let class = members.iter().flat_map(|member| {
             let named = found.fitted.layout.effects.get(member.index).map(|effect| effect.id());
             // The modulus of the other foundation is another quantity.
-            let is_on_same =
-                |one: &&Explanation| one.fitted.layout.support.is_body() == own.layout.support.is_body();
             // Odds within the class are also by what was held out.
             let own_odds = member.class.iter().find(|one| Some(one.effect.id()) == named);
             let own_odds = own_odds.map(|one| one.ln_odds);
-            let class_members =
-                member.class.iter().filter(move |one| Some(one.effect.id()) != named).filter(is_on_same);
+            let class_members = member
+                .class
+                .iter()
+                .filter(move |one| Some(one.effect.id()) != named)
+                .filter(|one| one.fitted.layout.support.is_body() == own.layout.support.is_body());
             class_members.map(move |one| (own_odds.map(|own| one.ln_odds - own), &one.fitted))
         });
-        let by_class = |(over_own, fit): (Option<f64>, &'a Fitted)| {
+        weighted_fits.extend(class.map(|(over_own, fit)| {
             (over_own.map_or_else(|| ln_weight(fit), |over_own| most + over_own), fit)
-        };
-        weighted_fits.extend(class.map(by_class));
+        }));
         weighted_fits.extend(members.iter().map(|member| (ln_weight(&member.without), &member.without)));
         let unused = |candidate: &'a Candidate| {
             let (fit, _) = candidate.refit.as_ref()?;
@@ -90,12 +90,14 @@ impl Averaged {
         weighted_fits.extend(found.described.iter().map(|fit| (most, fit)));
         let largest = weighted_fits.iter().map(|(ln, _)| *ln).fold(most, f64::max);
         weighted_fits.retain(|(ln, _)| *ln > largest + NO_WEIGHT);
-        let integrated = |(ln, fit): (f64, &Fitted)| {
-            let is_heavy = ln > largest + HEAVY;
-            let fit = if is_heavy { fit.clone().over_sizes(patterns) } else { fit.clone() };
-            ((ln - largest).exp(), fit)
-        };
-        let mut fits: Vec<_> = weighted_fits.into_par_iter().map(integrated).collect();
+        let mut fits: Vec<_> = weighted_fits
+            .into_par_iter()
+            .map(|(ln, fit)| {
+                let is_heavy = ln > largest + HEAVY;
+                let fit = if is_heavy { fit.clone().over_sizes(patterns) } else { fit.clone() };
+                ((ln - largest).exp(), fit)
+            })
+            .collect();
         if most > largest + NO_WEIGHT {
             fits.insert(0, ((most - largest).exp(), own.clone()));
         }
@@ -221,11 +223,10 @@ impl Averaged {
         if having.next().is_none() {
             return Some(first.estimate(first_parameter, number).1);
         }
-        let parameter_interval = |fit: &Fitted| {
+        self.holding_own(|fit| {
             let (value, [low, high]) = fit.estimate(index(fit)?, number);
             Some((value, (high - low) / (2.0 * NORMAL_975)))
-        };
-        self.holding_own(parameter_interval)
+        })
     }
 }
 

@@ -113,8 +113,11 @@ pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
         // The last cell before a hold, or of one, is the longer one: a few readings of their own would be far noisier than others.
         let end_of = |length_s: f64| {
             let end_s = force.time_s[row] + length_s * (1.0 - 1e-9);
-            let is_in_cell = |i: &usize| force.time_s[*i] < end_s && hold_of(force.time_s[*i]) == hold;
-            (row + 1..rows).take_while(is_in_cell).last().unwrap_or(row) + 1
+            (row + 1..rows)
+                .take_while(|i| force.time_s[*i] < end_s && hold_of(force.time_s[*i]) == hold)
+                .last()
+                .unwrap_or(row)
+                + 1
         };
         let (end, longest) = (end_of(CELL_S), end_of(LONGEST_CELL_S));
         let is_last = longest < rows && hold_of(force.time_s[longest]) != hold || longest == rows;

@@ -22,7 +22,7 @@ use formats::NORMAL_975;
 use formats::model_file::{LearnedEffect, ModelFile};
 use formats::session::{LateralRun, Session};
 use mechanics::Model;
-use mechanics::effects::{Effect, effect};
+use mechanics::effects::effect;
 use mechanics::unknowns::{rig, sensors};
 use nalgebra::{DMatrix, DVector};
 use play::over_plays;
@@ -123,16 +123,16 @@ impl Characterisation {
         let learned_effect = |id: &&str| -> Option<LearnedEffect> {
             let effect = effect(id)?;
             let of_effect: Vec<_> = self.parameters.iter().filter(|one| one.effect == *id).collect();
-            let is_unknown = |one: &&CharacterizedParameter| one.standing == Standing::NotIdentifiable;
-            let is_characterized = !of_effect.is_empty() && !of_effect.iter().any(is_unknown);
+            let is_characterized = !of_effect.is_empty()
+                && !of_effect.iter().any(|one| one.standing == Standing::NotIdentifiable);
             // Not clipped to what is possible, so that the interval is that of a normal distribution.
-            let ends = |one: &&CharacterizedParameter| {
-                Some([one.value - NORMAL_975 * one.sd, one.value + NORMAL_975 * one.sd])
-            };
             is_characterized.then(|| LearnedEffect {
                 effect,
                 values: of_effect.iter().map(|one| one.value).collect(),
-                ci95: of_effect.iter().map(ends).collect(),
+                ci95: of_effect
+                    .iter()
+                    .map(|one| Some([one.value - NORMAL_975 * one.sd, one.value + NORMAL_975 * one.sd]))
+                    .collect(),
                 log_evidence_gain: None,
             })
         };
@@ -199,19 +199,23 @@ pub fn characterize(
     let (noise, disagreements) = Noise::with_disagreements(&runs, &session.stated_noise());
     warnings.extend(disagreements);
     let has_shape = session.lateral.iter().any(|run| run.is_in_air() && !run.shape.z_m.is_empty());
-    let is_fitted = |effect: &&'static dyn Effect| {
-        effect.applies_to(&session.rig) && (has_shape || effect.id() != "sensor.shape_offset")
-    };
-    let effects: Vec<_> = EFFECTS.iter().filter_map(|id| effect(id)).filter(is_fitted).collect();
+    let effects: Vec<_> = EFFECTS
+        .iter()
+        .filter_map(|id| effect(id))
+        .filter(|effect| {
+            effect.applies_to(&session.rig) && (has_shape || effect.id() != "sensor.shape_offset")
+        })
+        .collect();
     let mut layout = Layout::new(&session.rig, &runs, effects);
     layout.known = stated(options).into();
 
     let prepared = |values: &[f64]| -> Result<Vec<Prepared>, CharacterizeError> {
-        let of_run = |run: &super::data::Run| {
-            let model = layout.model_of(values, run.kind, false)?;
-            Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, &noise, &model)? })
-        };
-        runs.iter().map(of_run).collect()
+        runs.iter()
+            .map(|run| {
+                let model = layout.model_of(values, run.kind, false)?;
+                Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, &noise, &model)? })
+            })
+            .collect()
     };
     // Without tissue its modulus does not matter.
     let beam = Model::uniform(session.rig.clone(), 1e3)?.beam(0.0)?;

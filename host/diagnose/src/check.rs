@@ -80,8 +80,9 @@ pub fn check(
     let mut layout = Layout::new(&session.rig, &runs, given_effects);
     layout.known = options.known.clone().into();
     let noises = Noises { session: noise, reference: noise };
-    let fit = |layout: &Layout| fit_start(layout, &runs, &noises, &options.given, &options.discrepancy);
-    let Released { start, .. } = known::released(&mut layout, fit)?;
+    let Released { start, .. } = known::released(&mut layout, |layout| {
+        fit_start(layout, &runs, &noises, &options.given, &options.discrepancy)
+    })?;
     let body = || start.on(Support::Body { poisson: options.poisson, block: session.tissue.block() });
     let start = match options.foundation {
         FoundationChoice::Springs => start,
@@ -92,8 +93,8 @@ pub fn check(
         },
     };
     on_progress("effects are scored");
-    let is_known = |effect: &&'static dyn Effect| !options.left_out.contains(&effect.id());
-    let names: Vec<&'static dyn Effect> = all().into_iter().filter(is_known).collect();
+    let names: Vec<&'static dyn Effect> =
+        all().into_iter().filter(|effect| !options.left_out.contains(&effect.id())).collect();
     let scores = Scores::of(&names, &start.fitted, &start.runs, &start.patterns)?;
     let shown = scores.ranked().iter().filter(|score| score.is_identifiable).count();
     let prior = ModelPrior::new(shown, discover::shown(&start.fitted, &options.left_out).len());
@@ -169,14 +170,16 @@ mod tests {
         let design = Design::four_runs();
         let size = value(&checked(&design, 1), "rig.backlash");
         let named = |size: f64| {
-            let is_named = |seed: &u64| {
-                let session = worlds::session(&truth(vec![("rig.backlash", vec![size])]), &design, 10 + seed);
-                let diagnosis = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
-                let has_name =
-                    diagnosis.effects.iter().any(|one| one.class.contains(&"rig.backlash".to_owned()));
-                has_name && matches!(diagnosis.verdict, Verdict::Named | Verdict::Ambiguous)
-            };
-            (0..4u64).filter(is_named).count()
+            (0..4u64)
+                .filter(|seed| {
+                    let session =
+                        worlds::session(&truth(vec![("rig.backlash", vec![size])]), &design, 10 + seed);
+                    let diagnosis = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+                    let has_name =
+                        diagnosis.effects.iter().any(|one| one.class.contains(&"rig.backlash".to_owned()));
+                    has_name && matches!(diagnosis.verdict, Verdict::Named | Verdict::Ambiguous)
+                })
+                .count()
         };
         assert!(named(1.3 * size) >= 3, "of size {size} mm");
         assert!(named(0.4 * size) <= 1, "of size {size} mm");

@@ -319,9 +319,8 @@ impl Run {
         let path = TipPath::new(run).map_err(|why| format!("{}: {why}", run.path.display()))?;
         let path = at_rest(path);
         let speed_m_per_s = speed(run).unwrap_or(0.0);
-        let leaving_m = |bin: &Bin| bin.depth_m + if bin.leaving { 1e-7 } else { 0.0 };
         let insertion = Insertion {
-            depth_m: path.bins.iter().map(leaving_m).collect(),
+            depth_m: path.bins.iter().map(|bin| bin.depth_m + if bin.leaving { 1e-7 } else { 0.0 }).collect(),
             speed_m_per_s: Profile::constant(speed_m_per_s),
             tip_direction: path.bins.iter().flat_map(|bin| bin.direction_rad).flatten().next().is_some(),
             ..path.done.clone()
@@ -457,16 +456,18 @@ fn hold_places(holds: &[Hold], axis: usize, depth_m: f64) -> Vec<Place> {
     let reversal_m = reversal_of_means_m(&holds.iter().map(error_m).collect::<Vec<_>>());
     let mut extreme_m = 0.0;
     let mut direction = 0.0;
-    let hold_place = |hold: &Hold| {
-        let level_m = hold.displacement_m()[axis];
-        let moved_m: f64 = level_m - extreme_m;
-        if moved_m * direction > 0.0 || moved_m.abs() > reversal_m {
-            direction = moved_m.signum();
-            extreme_m = level_m;
-        }
-        Place { depth_m, level_m, direction, hold_s: Some(0.0), time_s: 0.0 }
-    };
-    holds.iter().map(hold_place).collect()
+    holds
+        .iter()
+        .map(|hold| {
+            let level_m = hold.displacement_m()[axis];
+            let moved_m: f64 = level_m - extreme_m;
+            if moved_m * direction > 0.0 || moved_m.abs() > reversal_m {
+                direction = moved_m.signum();
+                extreme_m = level_m;
+            }
+            Place { depth_m, level_m, direction, hold_s: Some(0.0), time_s: 0.0 }
+        })
+        .collect()
 }
 
 #[cfg(test)]

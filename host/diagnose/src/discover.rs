@@ -21,11 +21,13 @@ use readings::FitError;
 /// The terms that the runs of a fit may show, where these names are left out of the catalogue.
 pub(super) fn shown(base: &Fitted, left_out: &[&str]) -> Vec<&'static Law> {
     let [lateral, insertion] = base.layout.kinds;
-    let shows = |law: &&'static Law| {
-        let kinds = law.info().observable_in;
-        (lateral && kinds.lateral) || (insertion && kinds.insertion)
-    };
-    grammar(left_out).into_iter().filter(shows).collect()
+    grammar(left_out)
+        .into_iter()
+        .filter(|law| {
+            let kinds = law.info().observable_in;
+            (lateral && kinds.lateral) || (insertion && kinds.insertion)
+        })
+        .collect()
 }
 
 /// Scores of all terms beside a fit, best first.
@@ -41,13 +43,13 @@ pub(super) fn ranked(
     let laws = shown(base, left_out);
     // Terms of one site and regressor together: what they share with each other is small, and a product of all with all would be most of
     // the work.
-    let alike = |a: &&Law, b: &&Law| (a.site, a.scope, a.regressor) == (b.site, b.scope, b.regressor);
     let scored = |of_pair: &[&'static Law]| {
         let effects: Vec<&'static dyn Effect> =
             of_pair.iter().map(|law| *law as &'static dyn Effect).collect();
         Ok(Scores::of(&effects, base, runs, patterns)?.ranked())
     };
-    let pairs: Vec<&[&'static Law]> = laws.chunk_by(alike).collect();
+    let pairs: Vec<&[&'static Law]> =
+        laws.chunk_by(|a, b| (a.site, a.scope, a.regressor) == (b.site, b.scope, b.regressor)).collect();
     let scores: Vec<Vec<Score>> = pairs.into_par_iter().map(scored).collect::<Result<_, FitError>>()?;
     let mut scores: Vec<Score> = scores.into_iter().flatten().collect();
     scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));

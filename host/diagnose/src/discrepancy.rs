@@ -198,12 +198,15 @@ fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
     let shows = |pattern: &Vec<f64>| pattern.iter().any(|value| *value != 0.0);
     // Patterns of every group that any run shows: the others, as of a plane that was not measured, have no amplitude to
     // be found.
-    let shown = |group: &GroupPatterns| -> Vec<usize> {
-        let count = group.of_runs.iter().map(Vec::len).max().unwrap_or(0);
-        let is_shown = |j: &usize| group.of_runs.iter().any(|patterns| patterns.get(*j).is_some_and(shows));
-        (0..count).filter(is_shown).collect()
-    };
-    let groups_shown: Vec<Vec<usize>> = groups.iter().map(shown).collect();
+    let groups_shown: Vec<Vec<usize>> = groups
+        .iter()
+        .map(|group| {
+            let count = group.of_runs.iter().map(Vec::len).max().unwrap_or(0);
+            (0..count)
+                .filter(|j| group.of_runs.iter().any(|patterns| patterns.get(*j).is_some_and(shows)))
+                .collect()
+        })
+        .collect();
     let mut shared_groups = Vec::new();
     let shared = groups.iter().zip(&groups_shown).enumerate();
     for (number, (_, shown)) in shared.filter(|(_, (group, _))| group.scope == Scope::Shared) {

@@ -50,10 +50,12 @@ impl<'a> Deviations<'a> {
         let roots: Vec<DMatrix<f64>> =
             models.iter().map(|(_, fitted)| Random::root(&fitted.covariance)).collect();
         let mut random = Random::new(options.seed, PARAMETERS);
-        let deviation = |pick: &usize| {
-            roots.get(*pick).map_or_else(DVector::default, |root| root * random.normals(root.ncols()))
-        };
-        let deviations = picks.iter().map(deviation).collect();
+        let deviations = picks
+            .iter()
+            .map(|pick| {
+                roots.get(*pick).map_or_else(DVector::default, |root| root * random.normals(root.ncols()))
+            })
+            .collect();
         Self { options, models, picks, deviations }
     }
 
@@ -61,20 +63,26 @@ impl<'a> Deviations<'a> {
     fn of(&self, stream: u64, form: impl Fn(&Fitted) -> Linear) -> Vec<f64> {
         let forms: Vec<Linear> = self.models.iter().map(|(_, fitted)| form(fitted)).collect();
         let mut random = Random::new(self.options.seed, stream);
-        let value = |(pick, deviation): (&usize, &DVector<f64>)| {
-            let standard_deviate = random.normal();
-            forms.get(*pick).map_or(f64::NAN, |form| form.at(deviation, standard_deviate))
-        };
-        self.picks.iter().zip(&self.deviations).map(value).collect()
+        self.picks
+            .iter()
+            .zip(&self.deviations)
+            .map(|(pick, deviation)| {
+                let standard_deviate = random.normal();
+                forms.get(*pick).map_or(f64::NAN, |form| form.at(deviation, standard_deviate))
+            })
+            .collect()
     }
 
     /// First parameter of every draw, the logarithm of the modulus, as its distance from the fit in standard deviations.
     pub fn standard_ln_modulus(&self) -> Vec<f64> {
-        let value = |(pick, deviation): (&usize, &DVector<f64>)| {
-            let sd = self.models.get(*pick).map_or(f64::NAN, |(_, fitted)| fitted.sd(0));
-            deviation.get(0).map_or(f64::NAN, |first| first / sd)
-        };
-        self.picks.iter().zip(&self.deviations).map(value).collect()
+        self.picks
+            .iter()
+            .zip(&self.deviations)
+            .map(|(pick, deviation)| {
+                let sd = self.models.get(*pick).map_or(f64::NAN, |(_, fitted)| fitted.sd(0));
+                deviation.get(0).map_or(f64::NAN, |first| first / sd)
+            })
+            .collect()
     }
 
     /// Adds the parameters of an effect under the names of their units.
@@ -166,8 +174,8 @@ fn parameter_name(effect: &dyn Effect, parameter: &str) -> String {
 fn from_prior(parameter: &Parameter, random: &mut Random) -> f64 {
     let Some(prior) = parameter.prior else { return parameter.start };
     let mut draw = || prior.mean + prior.sd * random.normal();
-    let in_range = |value: &f64| (parameter.least..=parameter.most).contains(value);
-    let drawn_value = (0..MAX_TRIES).map(|_| draw()).find(in_range);
+    let drawn_value =
+        (0..MAX_TRIES).map(|_| draw()).find(|value| (parameter.least..=parameter.most).contains(value));
     drawn_value.unwrap_or_else(|| prior.mean.clamp(parameter.least, parameter.most))
 }
 

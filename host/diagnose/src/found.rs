@@ -132,9 +132,11 @@ impl Found {
             candidate.ln_odds > NO_WEIGHT
                 && candidate.refit.as_ref().is_some_and(|(fit, _)| !fit.at_bound.contains(&true))
         };
-        let odds_and_standing = |candidate: &'_ Candidate| (candidate.ln_odds, candidate.standing);
-        let mut odds: Vec<(f64, Standing)> =
-            candidates.iter().filter(in_range).map(odds_and_standing).collect();
+        let mut odds: Vec<(f64, Standing)> = candidates
+            .iter()
+            .filter(in_range)
+            .map(|candidate| (candidate.ln_odds, candidate.standing))
+            .collect();
         for standing in [Standing::Refused, Standing::Refuted] {
             let of_standing = odds.iter_mut().filter(|(_, odds_and_standing)| *odds_and_standing == standing);
             limit_refused(of_standing.map(|(ln, _)| ln), standing.most_ln_odds());
@@ -165,10 +167,9 @@ impl Found {
             (0..old.values().len())
                 .all(|i| (new.values()[i] - old.values()[i]).abs() <= NEAR_SD * new.sd(i).max(old.sd(i)))
         };
-        let is_usable = |new: &Fitted| {
+        if let Some(new) = again.filter(|new| {
             new.settled && !new.at_bound.contains(&true) && is_near(new) && judge.held_out_shrinks(start, new)
-        };
-        if let Some(new) = again.filter(is_usable) {
+        }) {
             self.fitted = new.with_evidence_of(old);
         } else {
             self.fitted = self.fitted.over_sizes(of_start);

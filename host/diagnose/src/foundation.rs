@@ -8,7 +8,7 @@ use super::draws::{Deviations, READINGS, Readings};
 use super::known::{self, KnownParameter, Moved, Released};
 use super::layout::Scale;
 use super::posterior::Fitted;
-use super::score::{Score, Scores};
+use super::score::Scores;
 use super::{DiagnoseError, Effect, Layout, Multiples, Noise, Noises, Session, Start, fit_start, runs_of};
 use formats::session::FoundationKind;
 use mechanics::Support;
@@ -168,8 +168,9 @@ pub fn fit_with_discrepancy(
     let mut layout = Layout::new(&session.rig, &runs, effects);
     layout.known = input.known.into();
     let noises = Noises { session: noise, reference: noise };
-    let fit = |layout: &Layout| fit_start(layout, &runs, &noises, input.given, input.discrepancy);
-    let Released { start: springs, moved, .. } = known::released(&mut layout, fit)?;
+    let Released { start: springs, moved, .. } = known::released(&mut layout, |layout| {
+        fit_start(layout, &runs, &noises, input.given, input.discrepancy)
+    })?;
     let mut drawn_of_body = None;
     let mut evidence = |poisson: f64| -> Result<_, DiagnoseError> {
         let body = springs.on(Support::Body { poisson, block: session.tissue.block() })?;
@@ -198,14 +199,15 @@ pub(super) fn varied(start: &Start, needed: f64) -> Result<f64, FitError> {
     // From large sizes the fit would stay where the discrepancy explains everything.
     let everyday = patterns.everyday();
     let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
-    let gain = |score: &Score| {
-        let mut values = fitted.values().to_vec();
-        let infos = score.effect.parameters().iter().zip(score.starts.first()?);
-        values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-        let layout = fitted.layout.with(score.effect);
-        let fit = Fitted::new(&layout, runs, patterns, &values, &sizes, VARIED_ROUNDS).ok()?;
-        Some(fit.log_evidence - fitted.log_evidence)
-    };
     let promising = scores.iter().filter(|score| score.log_evidence >= needed);
-    Ok(promising.filter_map(gain).fold(0.0, f64::max))
+    Ok(promising
+        .filter_map(|score| {
+            let mut values = fitted.values().to_vec();
+            let infos = score.effect.parameters().iter().zip(score.starts.first()?);
+            values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+            let layout = fitted.layout.with(score.effect);
+            let fit = Fitted::new(&layout, runs, patterns, &values, &sizes, VARIED_ROUNDS).ok()?;
+            Some(fit.log_evidence - fitted.log_evidence)
+        })
+        .fold(0.0, f64::max))
 }

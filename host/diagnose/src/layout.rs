@@ -134,17 +134,19 @@ impl Layout {
 
     /// Distance of the readings around a depth of an insertion, where they are closest; nothing outside of all of them.
     pub fn spacing_m(&self, depth_m: f64) -> Option<f64> {
-        let spacing_near = |readings_m: &Vec<f64>| {
-            let next = readings_m.partition_point(|reading_m| *reading_m <= depth_m);
-            Some(readings_m.get(next)? - readings_m.get(next.checked_sub(1)?)?)
-        };
-        self.readings_m.iter().filter_map(spacing_near).reduce(f64::min)
+        self.readings_m
+            .iter()
+            .filter_map(|readings_m| {
+                let next = readings_m.partition_point(|reading_m| *reading_m <= depth_m);
+                Some(readings_m.get(next)? - readings_m.get(next.checked_sub(1)?)?)
+            })
+            .reduce(f64::min)
     }
 
     /// Whether the effects are the same, in whatever order.
     pub fn has_effects_of(&self, other: &Self) -> bool {
-        let has = |effect: &&'static dyn Effect| self.effects.iter().any(|own| own.id() == effect.id());
-        self.effects.len() == other.effects.len() && other.effects.iter().all(has)
+        self.effects.len() == other.effects.len()
+            && other.effects.iter().all(|effect| self.effects.iter().any(|own| own.id() == effect.id()))
     }
 
     /// With one effect more.
@@ -275,10 +277,9 @@ impl Layout {
             (guide2, "the place of guide 2", "rig.guide2_position", tolerances.guide2_sd_m()),
             (entry, "the place of the surface", "rig.surface_position", tolerances.entry_sd_m()),
         ];
-        let stated_place = |(parameter, name, effect, scale_m): (Option<usize>, _, _, _)| {
+        stated_entries.into_iter().filter_map(|(parameter, name, effect, scale_m)| {
             Some(StatedPlace { parameter: parameter?, name, effect, scale_m })
-        };
-        stated_entries.into_iter().filter_map(stated_place)
+        })
     }
 
     /// Ratio of the modulus to that of the reference, as parameter: its logarithm.
@@ -370,12 +371,14 @@ impl Layout {
         if !(self.kinds[1] && self.rig.has_one_guide()) {
             return vec![first.to_vec()];
         }
-        let start_with = |modulus_pa: &f64| {
-            let mut values = first.to_vec();
-            values[0] = modulus_pa.ln();
-            values
-        };
-        BY_HAND_PA.iter().map(start_with).collect()
+        BY_HAND_PA
+            .iter()
+            .map(|modulus_pa| {
+                let mut values = first.to_vec();
+                values[0] = modulus_pa.ln();
+                values
+            })
+            .collect()
     }
 
     /// Values of the effects' parameters in their own units.

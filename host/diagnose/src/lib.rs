@@ -267,8 +267,8 @@ fn workflow<T>(
         layout.kinds = kinds(&runs);
         share_nodes(&mut runs);
     }
-    let fit = |layout: &Layout| fit_start(layout, &runs, &noises, &options.given, &multiples);
-    let Released { start, as_known, moved: moved_since } = known::released(&mut layout, fit)?;
+    let Released { start, as_known, moved: moved_since } =
+        known::released(&mut layout, |layout| fit_start(layout, &runs, &noises, &options.given, &multiples))?;
     let judge = held_out.judge(&start, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let Choice { foundation, start, found, beside: other_foundation } =
@@ -358,8 +358,10 @@ fn workflow<T>(
 /// Depth of the tissue that the runs have touched: by guide 2 where there are lateral runs.
 fn touched_m(runs: &[Run]) -> f64 {
     let [lateral, _] = kinds(runs);
-    let of_kind = |run: &&Run| (run.kind == Kind::Lateral) == lateral;
-    runs.iter().filter(of_kind).map(|run| run.depth_m).fold(0.0, f64::max)
+    runs.iter()
+        .filter(|run| (run.kind == Kind::Lateral) == lateral)
+        .map(|run| run.depth_m)
+        .fold(0.0, f64::max)
 }
 
 /// Runs of a session that a diagnosis uses, skips and holds out.

@@ -150,8 +150,11 @@ mod tests {
     }
 
     fn gain(linearisation: &Linearisation) -> &EffectAmplitude {
-        let is_gain = |one: &&EffectAmplitude| one.effect.id() == "sensor.force_gain";
-        linearisation.amplitudes.iter().find(is_gain).expect("identifiable")
+        linearisation
+            .amplitudes
+            .iter()
+            .find(|one| one.effect.id() == "sensor.force_gain")
+            .expect("identifiable")
     }
 
     #[test]

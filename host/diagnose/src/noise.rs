@@ -216,13 +216,12 @@ fn scatter(runs: &[Run]) -> [Option<Sensor>; 5] {
 fn without_repeats(mut segments: Vec<Segment>, degree: usize) -> Vec<Segment> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (number, segment) in segments.iter().enumerate() {
-        let like = |group: &&mut Vec<usize>| {
+        match groups.iter_mut().find(|group| {
             let first = &segments[group[0]];
             first.channel == segment.channel
                 && first.at.first().zip(segment.at.first()).is_some_and(|(a, b)| (a - b).abs() < SAME_PLACE_M)
                 && first.is_like(segment, first.spacing())
-        };
-        match groups.iter_mut().find(like) {
+        }) {
             Some(group) => group.push(number),
             None => groups.push(vec![number]),
         }

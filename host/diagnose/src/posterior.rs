@@ -123,9 +123,11 @@ impl Fitted {
 
     /// Whether another fit of the same layout has come to the same place: within a small part of the standard deviations.
     pub fn is_at(&self, other: &Self) -> bool {
-        let is_near =
-            |(i, (a, b)): (usize, (&f64, &f64))| (a - b).abs() <= SAME_SD * self.sd(i).min(other.sd(i));
-        self.values.iter().zip(&other.values).enumerate().all(is_near)
+        self.values
+            .iter()
+            .zip(&other.values)
+            .enumerate()
+            .all(|(i, (a, b))| (a - b).abs() <= SAME_SD * self.sd(i).min(other.sd(i)))
     }
 
     /// Standard deviation of a parameter inside the fits.
@@ -255,11 +257,14 @@ impl Fitted {
     /// each of them, the largest first.
     pub fn rests_on(&self, patterns: &Patterns) -> Vec<(&'static str, f64)> {
         let variance = self.covariance[(0, 0)];
-        let of_parameter = |StatedPlace { parameter, name, .. }: StatedPlace| {
-            let common = self.covariance[(0, parameter)].powi(2);
-            (name, common / (variance * self.covariance[(parameter, parameter)]))
-        };
-        let mut fractions: Vec<(&'static str, f64)> = self.layout.stated().map(of_parameter).collect();
+        let mut fractions: Vec<(&'static str, f64)> = self
+            .layout
+            .stated()
+            .map(|StatedPlace { parameter, name, .. }| {
+                let common = self.covariance[(0, parameter)].powi(2);
+                (name, common / (variance * self.covariance[(parameter, parameter)]))
+            })
+            .collect();
         let parameters = self.layout.parameters(&self.values);
         let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
         let products = products(patterns, &parameters, &point, &self.jacobian);
@@ -311,11 +316,12 @@ pub(super) fn residuals(
     runs: &[Prepared],
     values: &[f64],
 ) -> Result<Vec<Vec<f64>>, FitError> {
-    let of_run = |run: &Prepared| {
-        let residuals = run.residuals(layout, values)?;
-        if residuals.iter().all(|r| r.is_finite()) { Ok(residuals) } else { Err(FitError::NotFinite) }
-    };
-    runs.iter().map(of_run).collect()
+    runs.iter()
+        .map(|run| {
+            let residuals = run.residuals(layout, values)?;
+            if residuals.iter().all(|r| r.is_finite()) { Ok(residuals) } else { Err(FitError::NotFinite) }
+        })
+        .collect()
 }
 
 /// Derivative of the whitened predictions by the parameters: what is known of the first of them, then central differences, one-sided
@@ -396,11 +402,10 @@ fn step(parameters: &[Parameter], values: &[f64], evidence: &Evidence) -> Option
     let gradient = &precision * (&evidence.mean - DVector::from_column_slice(&prior_distances));
     let mut equations = precision.resize(count + 1, count + 1, 0.0);
     equations.view_mut((0, count), (count, 1)).copy_from(&gradient);
-    let room = |i: usize| {
+    let bounded = bounded_step(equations, |i| {
         [parameters[i].least, parameters[i].most]
             .map(|end| from_prior(&parameters[i], end) - prior_distances[i])
-    };
-    let bounded = bounded_step(equations, room)?;
+    })?;
     let wanted_steps: Vec<f64> = bounded.iter().zip(parameters).map(|(step, p)| step * prior_sd(p)).collect();
     let limit = |index: usize, p: &Parameter| {
         if index == 0 { MAX_LN_STEP } else { MAX_STEP_SD * prior_sd(p) }

@@ -11,7 +11,7 @@ use super::Multiples;
 use super::averaged::Averaged;
 use super::data::{Channel, Kind, Run};
 use super::discrepancy::patterns;
-use super::evidence::{Group, Patterns};
+use super::evidence::Patterns;
 use super::layout::Prepared;
 use super::noise::Noise;
 use super::posterior::{Fitted, jacobian, residuals};
@@ -106,8 +106,7 @@ impl Known<'_> {
     /// Where the model cannot be evaluated.
     pub fn prospects(&self, plans: &[LateralPlan]) -> Result<Prospects, FitError> {
         let models = self.models()?;
-        let prospect = |plan: &LateralPlan| self.prospect(&models, plan);
-        let runs = plans.par_iter().map(prospect).collect::<Result<_, _>>()?;
+        let runs = plans.par_iter().map(|plan| self.prospect(&models, plan)).collect::<Result<_, _>>()?;
         let unseen_probability: f64 = models.unseen.iter().map(|(probability, _)| probability).sum();
         let mut explanations: Vec<PossibleSet> = Vec::new();
         for (probability, fit) in &models.fits {
@@ -171,8 +170,8 @@ impl Known<'_> {
         let fits: Vec<Option<Fitted>> = models.fits.iter().map(|(_, fit)| foreseen.with(fit)).collect();
         let expected = |fit: &Fitted| self.expected(&foreseen, fit);
         let of_base = expected(&base_with_run).ok_or(FitError::Undetermined)?;
-        let of_fit = |fit: &Option<Fitted>| fit.as_ref().and_then(expected).unwrap_or(of_base.clone());
-        let means: Vec<DVector<f64>> = fits.iter().map(of_fit).collect();
+        let means: Vec<DVector<f64>> =
+            fits.iter().map(|fit| fit.as_ref().and_then(expected).unwrap_or(of_base.clone())).collect();
         let count = fits.len();
         let of_fit = |(fit, mean): (&Option<Fitted>, &DVector<f64>)| {
             let squares = fit.as_ref().and_then(|fit| self.distances(&foreseen, fit, mean, &means));
@@ -207,13 +206,14 @@ impl Known<'_> {
         };
         let of_unseen = models.unseen.iter().map(|(weight, _)| *weight);
         let weights: Vec<f64> = models.fits.iter().map(|(weight, _)| *weight).chain(of_unseen).collect();
-        let gain = |i: usize| {
-            let mixed: f64 =
-                weights.iter().enumerate().map(|(j, weight)| weight * (-distance(i, j)).exp()).sum();
-            // Models that are not counted have what is left of the probability.
-            if weights[i] > 0.0 { -weights[i] * (mixed / weights.iter().sum::<f64>()).ln() } else { 0.0 }
-        };
-        let gains: Vec<f64> = (0..weights.len()).map(gain).collect();
+        let gains: Vec<f64> = (0..weights.len())
+            .map(|i| {
+                let mixed: f64 =
+                    weights.iter().enumerate().map(|(j, weight)| weight * (-distance(i, j)).exp()).sum();
+                // Models that are not counted have what is left of the probability.
+                if weights[i] > 0.0 { -weights[i] * (mixed / weights.iter().sum::<f64>()).ln() } else { 0.0 }
+            })
+            .collect();
         let effects = models.fits.iter().map(|(_, fit)| added(fit));
         let effects = effects.chain(models.unseen.iter().map(|(_, one)| vec![one.effect.id().to_owned()]));
         let planned_variance =
@@ -258,11 +258,14 @@ impl Known<'_> {
     fn sizes(&self, fit: &Fitted, beside: &Patterns) -> Vec<f64> {
         let fitted_sizes: Vec<(&str, f64)> =
             self.patterns.groups.iter().map(|group| group.name).zip(fit.sizes.iter().copied()).collect();
-        let of_group = |group: &Group| {
-            let size = fitted_sizes.iter().find(|(name, _)| *name == group.name).map(|(_, size)| *size);
-            size.unwrap_or(group.everyday)
-        };
-        beside.groups.iter().map(of_group).collect()
+        beside
+            .groups
+            .iter()
+            .map(|group| {
+                let size = fitted_sizes.iter().find(|(name, _)| *name == group.name).map(|(_, size)| *size);
+                size.unwrap_or(group.everyday)
+            })
+            .collect()
     }
 }
 

@@ -6,7 +6,7 @@
 //! and Kollar, Quantization Noise, 2008). Along a bent needle it averages out. Along one that is straight it does not, however many points there are, so that a
 //! needle near zero seems to stay behind guide 2 as if there were a clearance.
 
-use super::data::{Datum, Run, Source};
+use super::data::{Run, Source};
 use super::noise::Noise;
 use super::predicted::predicted;
 use mechanics::{Model, ModelError, predict};
@@ -43,11 +43,14 @@ pub(super) fn patterns(run: &Run, noise: &Noise, model: &Model) -> Result<Vec<Ve
     }
     let expected = predicted(run, &predict(model, &run.experiment)?);
     let pattern = |(plane, sd_m, per_m): (usize, f64, f64), of: fn(f64) -> f64| -> Vec<f64> {
-        let rounding_weight = |(datum, expected_m): (&Datum, &f64)| match datum.source {
-            Source::Shape(_) if datum.channel.plane() == plane => sd_m * of(per_m * expected_m),
-            _ => 0.0,
-        };
-        run.data.iter().zip(&expected).map(rounding_weight).collect()
+        run.data
+            .iter()
+            .zip(&expected)
+            .map(|(datum, expected_m)| match datum.source {
+                Source::Shape(_) if datum.channel.plane() == plane => sd_m * of(per_m * expected_m),
+                _ => 0.0,
+            })
+            .collect()
     };
     Ok(sized.into_iter().flat_map(|error| [pattern(error, f64::sin), pattern(error, f64::cos)]).collect())
 }

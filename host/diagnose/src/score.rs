@@ -20,7 +20,7 @@ use super::layout::{HeavyTailed, Prepared, Scale, prior};
 use super::posterior::Fitted;
 use super::weights::stated_ln_odds;
 use directions::Hypothesis;
-use mechanics::effects::{Effect, ParameterInfo, all, neutral};
+use mechanics::effects::{Effect, all, neutral};
 use nalgebra::{DMatrix, DVector};
 use readings::FitError;
 
@@ -168,10 +168,9 @@ impl Scores {
 
     /// Whether a likely effect would be significant in the runs.
     fn is_visible(&self, hypothesis: &Hypothesis) -> bool {
-        let shows = |(column, precision): (&usize, &f64)| {
+        hypothesis.columns.iter().zip(&hypothesis.precisions).any(|(column, precision)| {
             self.gram[(*column, *column)] > MIN_SIGNIFICANCE * MIN_SIGNIFICANCE * precision
-        };
-        hypothesis.columns.iter().zip(&hypothesis.precisions).any(shows)
+        })
     }
 
     /// Every amplitude of every hypothesis with its own part of the score; in the order of the catalogue.
@@ -181,20 +180,22 @@ impl Scores {
             let place = infos.iter().position(|info| !info.nodes.is_empty());
             let free = infos.iter().enumerate().filter(|(_, info)| info.nodes.is_empty());
             let columns = hypothesis.columns.iter().zip(&hypothesis.precisions);
-            let of = |(((index, info), probe), (column, precision)): (((usize, &ParameterInfo), _), _)| {
-                let probe: &Vec<f64> = probe;
-                let (column, precision): (&usize, &f64) = (column, precision);
-                let prior_sd = prior(info).sd;
-                Amplitude {
-                    effect,
-                    parameter: index,
-                    place: place.and_then(|place| Some((place, *probe.get(place)?))),
-                    column: *column,
-                    step: precision.sqrt() * prior_sd,
-                    prior_sd,
-                }
-            };
-            free.zip(&hypothesis.probes).zip(columns).map(of).collect::<Vec<_>>()
+            free.zip(&hypothesis.probes)
+                .zip(columns)
+                .map(|(((index, info), probe), (column, precision))| {
+                    let probe: &Vec<f64> = probe;
+                    let (column, precision): (&usize, &f64) = (column, precision);
+                    let prior_sd = prior(info).sd;
+                    Amplitude {
+                        effect,
+                        parameter: index,
+                        place: place.and_then(|place| Some((place, *probe.get(place)?))),
+                        column: *column,
+                        step: precision.sqrt() * prior_sd,
+                        prior_sd,
+                    }
+                })
+                .collect::<Vec<_>>()
         };
         let all = self.hypotheses.iter();
         all.flat_map(|(effect, more)| more.iter().flat_map(|one| of_hypothesis(*effect, one))).collect()

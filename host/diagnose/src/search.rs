@@ -105,8 +105,9 @@ impl<'a> Search<'a> {
         let mut effects: Vec<&'static str> = base.layout.effects.iter().map(|effect| effect.id()).collect();
         effects.sort_unstable();
         let memo = || self.memo.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_same = |asked: &&Asked| asked.effects == effects && asked.with_laws == with_laws;
-        if let Some(asked) = memo().iter().find(is_same) {
+        if let Some(asked) =
+            memo().iter().find(|asked| asked.effects == effects && asked.with_laws == with_laws)
+        {
             return Ok(asked.candidates.clone());
         }
         let known = memo().iter().find(|asked| asked.effects == effects).map(|asked| {
@@ -407,21 +408,24 @@ impl<'a> Search<'a> {
                 && (!is_explanation || self.judge.held_out_shrinks(current, &best.fitted));
             is_better.then(|| best.fitted.clone())
         });
-        let needless = || {
-            let is_needless =
-                |member: &&Member| member.ln_odds < stated_ln_odds() || !is_determined(current, member.index);
-            let least = members.iter().filter(is_needless).min_by(|a, b| a.ln_odds.total_cmp(&b.ln_odds))?;
+        in_place.or_else(|| {
+            let least = members
+                .iter()
+                .filter(|member| member.ln_odds < stated_ln_odds() || !is_determined(current, member.index))
+                .min_by(|a, b| a.ln_odds.total_cmp(&b.ln_odds))?;
             self.refitted_without(current, least.index)
-        };
-        in_place.or_else(needless)
+        })
     }
 }
 
 /// The candidates that can be what is missing, likeliest first.
 fn explanations(candidates: &[Candidate]) -> Vec<Explanation> {
-    let of = |candidate: &Candidate| {
-        let (fitted, _) = candidate.refit.clone()?;
-        Some(Explanation { effect: candidate.score.effect, fitted, ln_odds: candidate.ln_odds })
-    };
-    candidates.iter().filter(|candidate| candidate.standing == Standing::Possible).filter_map(of).collect()
+    candidates
+        .iter()
+        .filter(|candidate| candidate.standing == Standing::Possible)
+        .filter_map(|candidate| {
+            let (fitted, _) = candidate.refit.clone()?;
+            Some(Explanation { effect: candidate.score.effect, fitted, ln_odds: candidate.ln_odds })
+        })
+        .collect()
 }

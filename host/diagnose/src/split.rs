@@ -55,8 +55,10 @@ pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
     };
     let numbered: Vec<(usize, Run)> = runs.into_iter().enumerate().collect();
     let runs_of_kind = |kind: Kind, axis: Option<usize>| -> Vec<&(usize, Run)> {
-        let is_of = |(_, run): &&(usize, Run)| run.kind == kind && axis.is_none_or(|axis| run.axis == axis);
-        numbered.iter().filter(is_of).collect()
+        numbered
+            .iter()
+            .filter(|(_, run)| run.kind == kind && axis.is_none_or(|axis| run.axis == axis))
+            .collect()
     };
     let mut divided = Divided::default();
     for (axis, name) in lateral.into_iter().enumerate() {
@@ -147,12 +149,11 @@ fn one_in_four(runs: &[&(usize, Run)]) -> Vec<usize> {
         let Some((_, candidate_index)) = candidate.and_then(|candidate| by_speed.get(candidate)) else {
             continue;
         };
-        let as_fast = |(number, run): &&&(usize, Run)| {
+        let mut candidates = by_speed.iter().filter(|(number, run)| {
             speed_number(run) == speed_number(candidate_index) && !taken_indices.contains(number)
-        };
-        let is_preferred = |(_, run): &&&(usize, Run)| (run.turned() > 0.0) == is_fast;
-        let mut candidates = by_speed.iter().filter(as_fast);
-        let chosen = candidates.clone().find(is_preferred).or_else(|| candidates.next());
+        });
+        let chosen =
+            candidates.clone().find(|(_, run)| (run.turned() > 0.0) == is_fast).or_else(|| candidates.next());
         taken_indices.extend(chosen.map(|(number, _)| *number));
     }
     taken_indices
@@ -186,11 +187,14 @@ impl HeldOut {
     /// Where the model cannot be evaluated.
     pub fn judge(self, start: &Start, noise: &Noise, multiples: &Multiples) -> Result<Judge, ModelError> {
         let Start { runs: training, patterns: of_fits, fitted: start } = start;
-        let prepared = |run: Run| {
-            let model = start.layout.model_of(start.values(), run.kind, run.is_reference)?;
-            Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
-        };
-        let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
+        let runs: Vec<Prepared> = self
+            .runs
+            .into_iter()
+            .map(|run| {
+                let model = start.layout.model_of(start.values(), run.kind, run.is_reference)?;
+                Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
+            })
+            .collect::<Result<_, ModelError>>()?;
         let patterns = discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?;
         let instruments = patterns.inverse(&patterns.everyday()).ok_or(ModelError::Singular)?;
         let all = [training.as_slice(), &runs].concat();

@@ -55,11 +55,12 @@ pub(super) fn fit_start(
         *value = Scale::of(info).inside(*given);
     }
     let prepared = |values: &[f64]| -> Result<Vec<Prepared>, ModelError> {
-        let of_run = |run: &Run| {
-            let model = layout.model_of(values, run.kind, run.is_reference)?;
-            Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, noises.of(run), &model)? })
-        };
-        runs.iter().map(of_run).collect()
+        runs.iter()
+            .map(|run| {
+                let model = layout.model_of(values, run.kind, run.is_reference)?;
+                Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, noises.of(run), &model)? })
+            })
+            .collect()
     };
     let first = prepared(&first_values)?;
     let no_patterns = Patterns::none(first.iter().map(|run| run.run.data.len()));

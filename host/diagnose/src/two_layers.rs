@@ -59,16 +59,19 @@ pub fn two_layers(
     let everyday = single_modulus.patterns.everyday();
     let sizes: Vec<f64> =
         single_modulus.fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
-    let start_values = |[upper_pa, ratio, boundary_mm]: &[f64; 3]| {
-        let mut values = single_modulus.fitted.values().to_vec();
-        if let Some(first) = values.first_mut() {
-            *first = upper_pa.ln();
-        }
-        let infos = layers.parameters().iter().zip([ratio, boundary_mm]);
-        values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-        Fitted::new(&layout, &single_modulus.runs, &single_modulus.patterns, &values, &sizes, MAX_ROUNDS).ok()
-    };
-    let mut fits: Vec<Fitted> = starts.par_iter().filter_map(start_values).collect();
+    let mut fits: Vec<Fitted> = starts
+        .par_iter()
+        .filter_map(|[upper_pa, ratio, boundary_mm]| {
+            let mut values = single_modulus.fitted.values().to_vec();
+            if let Some(first) = values.first_mut() {
+                *first = upper_pa.ln();
+            }
+            let infos = layers.parameters().iter().zip([ratio, boundary_mm]);
+            values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+            Fitted::new(&layout, &single_modulus.runs, &single_modulus.patterns, &values, &sizes, MAX_ROUNDS)
+                .ok()
+        })
+        .collect();
     fits.retain(|fit| !fit.at_bound.contains(&true));
     fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     // Starts that lead to the same end are one.

@@ -233,17 +233,20 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
                     let (count, length_s) = hold_size(run, part);
                     let sd_m =
                         noise.displacement.of_mean(count, length_s).sqrt().hypot(rig::GUIDE2_PLACE.sd());
-                    let moved = |d: &super::data::Datum| {
-                        let is_same_part =
-                            d.part == part && d.channel.plane() == plane && d.place.hold_s.is_some();
-                        match &d.source {
-                            _ if !is_same_part => 0.0,
-                            Source::Force(_) => sd_m * slopes.force_n_per_m[plane],
-                            Source::Shape(point) => sd_m * slopes.shape[*point][plane],
-                            Source::Tip(_) | Source::Direction(_) => 0.0,
-                        }
-                    };
-                    let pattern: Vec<f64> = run.data.iter().map(moved).collect();
+                    let pattern: Vec<f64> = run
+                        .data
+                        .iter()
+                        .map(|d| {
+                            let is_same_part =
+                                d.part == part && d.channel.plane() == plane && d.place.hold_s.is_some();
+                            match &d.source {
+                                _ if !is_same_part => 0.0,
+                                Source::Force(_) => sd_m * slopes.force_n_per_m[plane],
+                                Source::Shape(point) => sd_m * slopes.shape[*point][plane],
+                                Source::Tip(_) | Source::Direction(_) => 0.0,
+                            }
+                        })
+                        .collect();
                     if pattern.iter().any(|v| *v != 0.0) {
                         patterns.push(pattern);
                     }
@@ -253,11 +256,13 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
         _ => {
             for channel in [Channel::TipY, Channel::TipX] {
                 let pattern_of = |value: &dyn Fn(usize) -> f64| -> Vec<f64> {
-                    let tip_value = |d: &super::data::Datum| match d.source {
-                        Source::Tip(index) if d.channel == channel => value(index),
-                        _ => 0.0,
-                    };
-                    run.data.iter().map(tip_value).collect()
+                    run.data
+                        .iter()
+                        .map(|d| match d.source {
+                            Source::Tip(index) if d.channel == channel => value(index),
+                            _ => 0.0,
+                        })
+                        .collect()
                 };
                 if run.data.iter().any(|d| d.channel == channel) {
                     patterns.push(pattern_of(&|_| sensors::SHARED_TIP_ZERO.sd()));
@@ -300,16 +305,19 @@ fn shared_positions(run: &Run, model: &Model) -> Result<Option<Vec<f64>>, ModelE
 /// stated.
 fn shared_deflections(run: &Run) -> impl Iterator<Item = Vec<f64>> {
     let planes = (0..2).flat_map(|plane| (0..SHARED_ERRORS).map(move |error| (plane, error)));
-    let pattern = |(plane, error): (usize, usize)| -> Vec<f64> {
-        let shared_error = |datum: &super::data::Datum| match datum.source {
-            Source::Shape(point) if datum.channel.plane() == plane => {
-                run.shared_m.get(point).map_or(0.0, |of| of[plane][error])
-            }
-            _ => 0.0,
-        };
-        run.data.iter().map(shared_error).collect()
-    };
-    planes.map(pattern).filter(|pattern| pattern.iter().any(|value| *value != 0.0))
+    planes
+        .map(|(plane, error)| {
+            run.data
+                .iter()
+                .map(|datum| match datum.source {
+                    Source::Shape(point) if datum.channel.plane() == plane => {
+                        run.shared_m.get(point).map_or(0.0, |of| of[plane][error])
+                    }
+                    _ => 0.0,
+                })
+                .collect()
+        })
+        .filter(|pattern: &Vec<f64>| pattern.iter().any(|value| *value != 0.0))
 }
 
 /// Readings of a hold and its length.

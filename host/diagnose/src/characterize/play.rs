@@ -140,12 +140,15 @@ fn to_refine(nodes: &[Node]) -> Vec<f64> {
 /// Probability of every play: its density over the stretch that it stands for.
 fn weights(nodes: &[Node]) -> Vec<f64> {
     let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
-    let node_weight = |(i, node): (usize, &Node)| {
-        let earlier = i.checked_sub(1).and_then(|i| nodes.get(i)).unwrap_or(node);
-        let later = nodes.get(i + 1).unwrap_or(node);
-        (node.ln_density - most).exp() * (later.play_mm - earlier.play_mm)
-    };
-    let weights: Vec<f64> = nodes.iter().enumerate().map(node_weight).collect();
+    let weights: Vec<f64> = nodes
+        .iter()
+        .enumerate()
+        .map(|(i, node)| {
+            let earlier = i.checked_sub(1).and_then(|i| nodes.get(i)).unwrap_or(node);
+            let later = nodes.get(i + 1).unwrap_or(node);
+            (node.ln_density - most).exp() * (later.play_mm - earlier.play_mm)
+        })
+        .collect();
     let sum: f64 = weights.iter().sum();
     weights.into_iter().map(|weight| weight / sum).collect()
 }

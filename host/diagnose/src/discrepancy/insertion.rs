@@ -30,10 +30,10 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
                    cause: Cause,
                    of: &dyn Fn(&Around<'_>) -> Made|
      -> Result<(), ModelError> {
-        let of_run = |around: &Around<'_>| {
-            if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) }
-        };
-        let of_runs = all.iter().map(of_run).collect::<Result<_, _>>()?;
+        let of_runs = all
+            .iter()
+            .map(|around| if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) })
+            .collect::<Result<_, _>>()?;
         groups.push(GroupPatterns { group: group_of(unknown), scope, of_runs, cause });
         Ok(())
     };
@@ -73,8 +73,9 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     add(&size::SURFACE_OF_ONE, Scope::Own, Cause::Run, &entry)?;
     add(&size::ROLL_OF_ONE, Scope::Own, Cause::Run, &roll)?;
     let waves = |around: &Around<'_>| {
-        let wave = |k: usize| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos());
-        (1..=LOAD_WAVES).map(wave).collect::<Result<Vec<_>, _>>()
+        (1..=LOAD_WAVES)
+            .map(|k| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos()))
+            .collect::<Result<Vec<_>, _>>()
     };
     add(&size::LOAD_OVER_DEPTH_OF_ONE, Scope::Own, Cause::Physics, &waves)?;
     add(&size::LOAD_OVER_DEPTH, Scope::Shared, Cause::Physics, &waves)?;
@@ -117,14 +118,16 @@ fn under_load(around: &Around<'_>, share: &dyn Fn(f64) -> f64) -> Result<Vec<f64
 
 /// In each plane the path and the needle turned by an angle.
 fn linear(around: &Around<'_>) -> Vec<Vec<f64>> {
-    let plane_linear = |plane: usize| {
-        around.each(|_, datum| match datum.source {
-            _ if datum.channel.plane() != plane => 0.0,
-            Source::Direction(_) => 1.0,
-            _ => datum.place.depth_m,
+    [0, 1]
+        .into_iter()
+        .map(|plane| {
+            around.each(|_, datum| match datum.source {
+                _ if datum.channel.plane() != plane => 0.0,
+                Source::Direction(_) => 1.0,
+                _ => datum.place.depth_m,
+            })
         })
-    };
-    [0, 1].into_iter().map(plane_linear).collect()
+        .collect()
 }
 
 /// In each plane the measured direction turned by an angle.
@@ -144,43 +147,47 @@ fn smooth_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
 
 /// In each plane the direction larger by a share that is smooth in depth.
 fn proportional_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
-    let plane_direction = |(plane, k): (usize, usize)| {
-        around.each(|i, datum| match datum.source {
-            Source::Direction(_) if datum.channel.plane() == plane => {
-                around.predicted[i] * (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos()
-            }
-            _ => 0.0,
-        })
-    };
     [0, 1]
         .into_iter()
         .flat_map(|plane| (0..DIRECTION_WAVES).map(move |k| (plane, k)))
-        .map(plane_direction)
+        .map(|(plane, k)| {
+            around.each(|i, datum| match datum.source {
+                Source::Direction(_) if datum.channel.plane() == plane => {
+                    around.predicted[i] * (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos()
+                }
+                _ => 0.0,
+            })
+        })
         .collect()
 }
 
 /// Waves over depth of these numbers in each plane, in some of the data.
 fn waves(around: &Around<'_>, numbers: Range<usize>, shows: impl Fn(&Datum) -> bool) -> Vec<Vec<f64>> {
-    let plane_wave = |(plane, k): (usize, usize)| {
-        around.each(|_, datum| {
-            let wave = (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos();
-            if datum.channel.plane() == plane && shows(datum) { wave } else { 0.0 }
+    [0, 1]
+        .into_iter()
+        .flat_map(|plane| numbers.clone().map(move |k| (plane, k)))
+        .map(|(plane, k)| {
+            around.each(|_, datum| {
+                let wave = (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos();
+                if datum.channel.plane() == plane && shows(datum) { wave } else { 0.0 }
+            })
         })
-    };
-    [0, 1].into_iter().flat_map(|plane| numbers.clone().map(move |k| (plane, k))).map(plane_wave).collect()
+        .collect()
 }
 
 /// In each plane guide 2 is off by a constant.
 fn guide2(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
-    let guide_shift = |plane: usize| {
-        around.slope(SHIFT_STEP_M, |_, experiment| {
-            if let Experiment::Insertion(Insertion { guide2_m: Some(planes), .. }) = experiment
-                && let Some(profile) = planes.get_mut(plane)
-            {
-                *profile = profile.shifted(SHIFT_STEP_M);
-            }
-            Ok(())
+    [0, 1]
+        .into_iter()
+        .map(|plane| {
+            around.slope(SHIFT_STEP_M, |_, experiment| {
+                if let Experiment::Insertion(Insertion { guide2_m: Some(planes), .. }) = experiment
+                    && let Some(profile) = planes.get_mut(plane)
+                {
+                    *profile = profile.shifted(SHIFT_STEP_M);
+                }
+                Ok(())
+            })
         })
-    };
-    [0, 1].into_iter().map(guide_shift).collect()
+        .collect()
 }

@@ -54,10 +54,11 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
                    cause: Cause,
                    of: &mut dyn FnMut(usize, &Around<'_>) -> Made|
      -> Result<(), ModelError> {
-        let of_run = |(number, around): (usize, &Around<'_>)| {
-            if lateral(around) { of(number, around) } else { Ok(Vec::new()) }
-        };
-        let of_runs = all.iter().enumerate().map(of_run).collect::<Result<_, _>>()?;
+        let of_runs = all
+            .iter()
+            .enumerate()
+            .map(|(number, around)| if lateral(around) { of(number, around) } else { Ok(Vec::new()) })
+            .collect::<Result<_, _>>()?;
         groups.push(GroupPatterns { group: group_of(unknown), scope, of_runs, cause });
         Ok(())
     };
@@ -84,28 +85,28 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     let repeats = ((deepest_m / REPEAT_M).ceil() as usize).clamp(2, MAX_REPEATS);
     let spacing_m = deepest_m / repeats as f64;
     add(&size::REPEATING_SHAPE, Scope::Shared, Cause::Physics, &mut |_, around| {
-        let hat = |node: usize| {
-            around.each(|i, datum| match part(around, i) {
-                Part { force: false, driven: true, .. } => {
-                    (1.0 - (datum.place.depth_m / spacing_m - node as f64).abs()).max(0.0)
-                }
-                _ => 0.0,
+        Ok((0..=repeats)
+            .map(|node| {
+                around.each(|i, datum| match part(around, i) {
+                    Part { force: false, driven: true, .. } => {
+                        (1.0 - (datum.place.depth_m / spacing_m - node as f64).abs()).max(0.0)
+                    }
+                    _ => 0.0,
+                })
             })
-        };
-        Ok((0..=repeats).map(hat).collect())
+            .collect())
     })?;
     let wave = |k: usize, depth_m: f64| (k as f64 * PI * depth_m / SMOOTH_M).cos();
     add(&size::SMOOTH_SHAPE, Scope::Shared, Cause::Physics, &mut |_, around| {
-        let plane_pattern = |(plane, k): (usize, usize)| {
-            around.each(|i, datum| {
-                let is_part = part(around, i);
-                if !is_part.force && is_part.plane == plane { wave(k, datum.place.depth_m) } else { 0.0 }
-            })
-        };
         Ok([0, 1]
             .into_iter()
             .flat_map(|plane| (0..SMOOTH).map(move |k| (plane, k)))
-            .map(plane_pattern)
+            .map(|(plane, k)| {
+                around.each(|i, datum| {
+                    let is_part = part(around, i);
+                    if !is_part.force && is_part.plane == plane { wave(k, datum.place.depth_m) } else { 0.0 }
+                })
+            })
             .collect())
     })?;
     let proportional = |around: &Around<'_>, k: usize| {
@@ -132,13 +133,15 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     // Guides and sensors.
     add(&size::AXES, Scope::Shared, Cause::INSTRUMENT, &mut |_, around| axes(around))?;
     add(&sensors::FORCE_ZERO, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
-        let plane_pattern = |plane: usize| {
-            around.each(|i, _| {
-                let is_part = part(around, i);
-                if is_part.force && is_part.plane == plane { 1.0 } else { 0.0 }
+        Ok([0, 1]
+            .into_iter()
+            .map(|plane| {
+                around.each(|i, _| {
+                    let is_part = part(around, i);
+                    if is_part.force && is_part.plane == plane { 1.0 } else { 0.0 }
+                })
             })
-        };
-        Ok([0, 1].into_iter().map(plane_pattern).collect())
+            .collect())
     })?;
     let force = |around: &Around<'_>, of: &dyn Fn(f64) -> f64| {
         around.each(|i, _| if part(around, i).force { of(around.predicted[i]) } else { 0.0 })
@@ -159,26 +162,29 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     depths_mm.dedup();
     add(&size::FORCE_HYSTERESIS, Scope::Shared, Cause::Physics, &mut |_, around| {
         let most_n = largest_force_n(around);
-        let depth_pattern = |depth: &i64| {
-            let is_depth = depth_mm(around) == *depth;
-            around.each(|i, datum| match part(around, i) {
-                Part { force: true, driven: true, .. } if is_depth => most_n * datum.place.direction,
-                _ => 0.0,
+        Ok(depths_mm
+            .iter()
+            .map(|depth| {
+                let is_depth = depth_mm(around) == *depth;
+                around.each(|i, datum| match part(around, i) {
+                    Part { force: true, driven: true, .. } if is_depth => most_n * datum.place.direction,
+                    _ => 0.0,
+                })
             })
-        };
-        Ok(depths_mm.iter().map(depth_pattern).collect())
+            .collect())
     })?;
     add(&size::FORCE_CREEP, Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(CREEP_S.map(|time_s| lag_n(around, time_s)).to_vec())
     })?;
     add(&size::FORCE_OF_HOLD, Scope::Own, Cause::Physics, &mut |_, around| {
-        let hold_pattern = |hold: usize| {
-            around.each(|i, datum| match part(around, i) {
-                Part { force: true, driven: true, .. } if datum.part == hold => 1.0,
-                _ => 0.0,
+        Ok((0..around.run.parts())
+            .map(|hold| {
+                around.each(|i, datum| match part(around, i) {
+                    Part { force: true, driven: true, .. } if datum.part == hold => 1.0,
+                    _ => 0.0,
+                })
             })
-        };
-        Ok((0..around.run.parts()).map(hold_pattern).collect())
+            .collect())
     })?;
     add(&size::FORCE_ON_THE_WAY, Scope::Own, Cause::Physics, &mut |_, around| {
         Ok(vec![around.each(|i, datum| match part(around, i) {
@@ -188,17 +194,19 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
     add(&size::FORCE_DRIFT, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
         let length_s = around.run.data.iter().map(|d| d.place.time_s).fold(1e-3, f64::max);
-        let plane_pattern = |plane: usize| {
-            around.each(|i, datum| {
-                let is_part = part(around, i);
-                if is_part.force && is_part.plane == plane {
-                    datum.place.time_s / length_s - 0.5
-                } else {
-                    0.0
-                }
+        Ok([0, 1]
+            .into_iter()
+            .map(|plane| {
+                around.each(|i, datum| {
+                    let is_part = part(around, i);
+                    if is_part.force && is_part.plane == plane {
+                        datum.place.time_s / length_s - 0.5
+                    } else {
+                        0.0
+                    }
+                })
             })
-        };
-        Ok([0, 1].into_iter().map(plane_pattern).collect())
+            .collect())
     })?;
 
     // A statement about the rig is not exact.
@@ -253,12 +261,13 @@ fn largest_force_n(around: &Around<'_>) -> f64 {
 fn lag_n(around: &Around<'_>, smoothed_s: f64) -> Vec<f64> {
     let mut lag_n = vec![0.0; around.predicted.len()];
     for plane in [0, 1] {
-        let is_here = |i: &usize| {
-            let is_part = part(around, *i);
-            is_part.force && is_part.plane == plane
-        };
         let time_s = |i: usize| around.run.data[i].place.time_s;
-        let mut order: Vec<usize> = (0..around.predicted.len()).filter(is_here).collect();
+        let mut order: Vec<usize> = (0..around.predicted.len())
+            .filter(|i| {
+                let is_part = part(around, *i);
+                is_part.force && is_part.plane == plane
+            })
+            .collect();
         order.sort_by(|a, b| time_s(*a).total_cmp(&time_s(*b)));
         let mut last: Option<(f64, f64, f64)> = None;
         for i in order {
@@ -325,14 +334,15 @@ fn by_slices(around: &Around<'_>, mix: &DMatrix<f64>) -> Result<Vec<Vec<f64>>, M
             .collect())
     };
     let slopes: Vec<Vec<f64>> = (0..mix.nrows()).map(of_slice).collect::<Result<_, ModelError>>()?;
-    let mixed = |column: usize| {
-        let mut sum = vec![0.0; around.predicted.len()];
-        for (row, slope) in slopes.iter().enumerate() {
-            sum.iter_mut().zip(slope).for_each(|(sum, value)| *sum += mix[(row, column)] * value);
-        }
-        sum
-    };
-    Ok((0..mix.ncols()).map(mixed).collect())
+    Ok((0..mix.ncols())
+        .map(|column| {
+            let mut sum = vec![0.0; around.predicted.len()];
+            for (row, slope) in slopes.iter().enumerate() {
+                sum.iter_mut().zip(slope).for_each(|(sum, value)| *sum += mix[(row, column)] * value);
+            }
+            sum
+        })
+        .collect())
 }
 
 /// The plane that is not driven reads a share of the driven one: force and shape, alike and opposite in runs along both axes.
@@ -347,11 +357,13 @@ fn axes(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
         Ok(())
     })?;
     let sign = if around.run.axis == 0 { 1.0 } else { -1.0 };
-    let axis_pattern = |(force, factor): (bool, f64)| {
-        around.each(|i, _| {
-            let is_part = part(around, i);
-            if is_part.force == force && !is_part.driven { factor * rotated[i] } else { 0.0 }
+    Ok([(true, 1.0), (true, sign), (false, 1.0), (false, sign)]
+        .into_iter()
+        .map(|(force, factor)| {
+            around.each(|i, _| {
+                let is_part = part(around, i);
+                if is_part.force == force && !is_part.driven { factor * rotated[i] } else { 0.0 }
+            })
         })
-    };
-    Ok([(true, 1.0), (true, sign), (false, 1.0), (false, sign)].into_iter().map(axis_pattern).collect())
+        .collect())
 }

@@ -114,8 +114,9 @@ fn add_run(run: &Prepared, predicted: &DMatrix<f64>, likely: &DMatrix<f64>, draw
         let name = format!("{dimension}_{}", channel.unit().to_lowercase());
         draws.coordinate(&dimension, (0..of_channel.len()).map(|number| number as f64).collect());
         let rows = |columns: &DMatrix<f64>, scale: f64| -> Vec<Vec<f64>> {
-            let row = |draw: usize| of_channel.iter().map(|(i, _)| scale * columns[(*i, draw)]).collect();
-            (0..columns.ncols()).map(row).collect()
+            (0..columns.ncols())
+                .map(|draw| of_channel.iter().map(|(i, _)| scale * columns[(*i, draw)]).collect())
+                .collect()
         };
         draws.list(Group::PosteriorPredictive, &name, &dimension, rows(predicted, channel.per_si()));
         draws.list(Group::LogLikelihood, &name, &dimension, rows(likely, 1.0));

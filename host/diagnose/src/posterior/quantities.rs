@@ -58,16 +58,17 @@ impl Fitted {
             let problem = self.layout.model(values, kind).and_then(|model| model.problem(depth_m)).ok()?;
             Some(problem.foundation.mean_pa(depth_m).ln()).filter(|ln| ln.is_finite())
         };
-        let slope = |i: usize| {
-            let step = SLOPE_SD * self.sd(i);
-            let moved = |by: f64| {
-                let mut values = self.values.clone();
-                values[i] += by;
-                mean_modulus(&values)
-            };
-            Some((moved(step)? - moved(-step)?) / (2.0 * step))
-        };
-        let slopes: Option<Vec<f64>> = (0..self.values.len()).map(slope).collect();
+        let slopes: Option<Vec<f64>> = (0..self.values.len())
+            .map(|i| {
+                let step = SLOPE_SD * self.sd(i);
+                let moved = |by: f64| {
+                    let mut values = self.values.clone();
+                    values[i] += by;
+                    mean_modulus(&values)
+                };
+                Some((moved(step)? - moved(-step)?) / (2.0 * step))
+            })
+            .collect();
         Some((mean_modulus(&self.values)?, DVector::from_vec(slopes?)))
     }
 

@@ -40,14 +40,17 @@ impl Directions {
         let of_effect = |effect: &'static dyn Effect| {
             let layout = fitted.layout.with(effect);
             let with_directions = |hypothesis: Hypothesis| {
-                let of_probe = |probe: &Vec<f64>| {
-                    let values = values_at(fitted, effect, probe);
-                    let of_run = |(run, plain): (&Prepared, &Vec<f64>)| {
-                        direction(&layout, &values, effect, run, plain)
-                    };
-                    runs.iter().zip(&fitted.residuals).map(of_run).collect()
-                };
-                let directions: Vec<Vec<DVector<f64>>> = hypothesis.probes.iter().map(of_probe).collect();
+                let directions: Vec<Vec<DVector<f64>>> = hypothesis
+                    .probes
+                    .iter()
+                    .map(|probe| {
+                        let values = values_at(fitted, effect, probe);
+                        runs.iter()
+                            .zip(&fitted.residuals)
+                            .map(|(run, plain)| direction(&layout, &values, effect, run, plain))
+                            .collect()
+                    })
+                    .collect();
                 (hypothesis, directions)
             };
             (effect, hypotheses_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())

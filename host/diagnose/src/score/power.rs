@@ -35,27 +35,30 @@ impl Scores {
         let numbers: Vec<Option<(usize, f64)>> =
             (0..self.hypotheses.len()).map(|effect| self.smallest(effect, needed, probability)).collect();
         let amplitudes = self.amplitudes();
-        let of_effect = |(number, found): (usize, &Option<(usize, f64)>)| {
-            let (effect, hypotheses) = &self.hypotheses[number];
-            let best = found.map(|(column, _)| column).or_else(|| self.best_column(number));
-            let one = amplitudes.iter().find(|one| Some(one.column) == best)?;
-            let info = effect.parameters().get(one.parameter)?;
-            let scale = Scale::of(info);
-            let value = found.map(|(_, by)| scale.outside(scale.inside(info.neutral) + by * one.step));
-            let alike = found.map(|found| self.alike(number, found)).unwrap_or_default();
-            let place = one.place.filter(|_| hypotheses.len() > 1);
-            Some(NamedFrom { effect: *effect, parameter: one.parameter, value, place, alike })
-        };
-        numbers.iter().enumerate().filter_map(of_effect).collect()
+        numbers
+            .iter()
+            .enumerate()
+            .filter_map(|(number, found)| {
+                let (effect, hypotheses) = &self.hypotheses[number];
+                let best = found.map(|(column, _)| column).or_else(|| self.best_column(number));
+                let one = amplitudes.iter().find(|one| Some(one.column) == best)?;
+                let info = effect.parameters().get(one.parameter)?;
+                let scale = Scale::of(info);
+                let value = found.map(|(_, by)| scale.outside(scale.inside(info.neutral) + by * one.step));
+                let alike = found.map(|found| self.alike(number, found)).unwrap_or_default();
+                let place = one.place.filter(|_| hypotheses.len() > 1);
+                Some(NamedFrom { effect: *effect, parameter: one.parameter, value, place, alike })
+            })
+            .collect()
     }
 
     /// Direction of an effect that these data show best for its prior.
     fn best_column(&self, effect: usize) -> Option<usize> {
         let (_, hypotheses) = self.hypotheses.get(effect)?;
         let columns = hypotheses.iter().flat_map(|one| one.columns.iter().zip(&one.precisions));
-        let shown =
-            |(column, precision): (&usize, &f64)| (self.gram[(*column, *column)] / precision, *column);
-        let best = columns.map(shown).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let best = columns
+            .map(|(column, precision)| (self.gram[(*column, *column)] / precision, *column))
+            .max_by(|a, b| a.0.total_cmp(&b.0))?;
         (best.0 > 0.0).then_some(best.1)
     }
 

@@ -24,16 +24,19 @@ impl Scores {
                 Self::log_evidence(hypothesis, self.prepared(hypothesis).as_ref(), &self.along)
             });
             let log_evidence = mean_of_exponentials(evidences) - (count.max(1) as f64).ln();
-            let of_hypothesis = |hypothesis: &Hypothesis| {
-                let columns = hypothesis.columns.iter().zip(&hypothesis.precisions);
-                let amplitude = |(column, precision): (&usize, &f64)| Unseen {
-                    effect: *effect,
-                    variance: 1.0 / (self.gram[(*column, *column)].max(0.0) + precision),
-                    log_evidence,
-                };
-                columns.map(amplitude).collect::<Vec<_>>()
-            };
-            hypotheses.iter().flat_map(of_hypothesis).collect::<Vec<_>>()
+            hypotheses
+                .iter()
+                .flat_map(|hypothesis| {
+                    let columns = hypothesis.columns.iter().zip(&hypothesis.precisions);
+                    columns
+                        .map(|(column, precision)| Unseen {
+                            effect: *effect,
+                            variance: 1.0 / (self.gram[(*column, *column)].max(0.0) + precision),
+                            log_evidence,
+                        })
+                        .collect::<Vec<_>>()
+                })
+                .collect::<Vec<_>>()
         };
         self.hypotheses.iter().flat_map(of_effect).collect()
     }

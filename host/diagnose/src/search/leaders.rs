@@ -92,13 +92,14 @@ impl Search<'_> {
             .take_while(|candidate| candidate.gain() > least_gain)
             .filter_map(|candidate| Pair::of(candidate.score.effect))
             .collect();
-        let is_form = |candidate: &&mut Candidate| {
-            candidate.refit.is_none()
-                && is_promising(&candidate.score)
-                && Pair::of(candidate.score.effect).is_some_and(|pair| ahead.contains(&pair))
-        };
-        let fit_form = |candidate: &mut Candidate| candidate.refit = self.refit(base, &candidate.score);
-        candidates.par_iter_mut().filter(is_form).for_each(fit_form);
+        candidates
+            .par_iter_mut()
+            .filter(|candidate| {
+                candidate.refit.is_none()
+                    && is_promising(&candidate.score)
+                    && Pair::of(candidate.score.effect).is_some_and(|pair| ahead.contains(&pair))
+            })
+            .for_each(|candidate| candidate.refit = self.refit(base, &candidate.score));
         candidates.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
         let best_gain = candidates.first().map_or(0.0, Candidate::gain);
         let near = best_gain + NO_WEIGHT;
