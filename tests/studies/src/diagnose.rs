@@ -153,7 +153,7 @@ pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
     (blind::session(&truth, &design, seed), truth)
 }
 
-fn effect_of(id: &'static str, strength: usize) -> (&str, Vec<f64>) {
+fn effect_of(id: &'static str, strength: usize) -> (&'static str, Vec<f64>) {
     (id, strengths(id).map(|all| all[strength].clone()).unwrap_or_default())
 }
 
