@@ -237,7 +237,7 @@ fn change(to: &Bin, from: &Bin) -> Recorded {
     }
 }
 
-fn moments_in_plane(moments: &Vec<Moments>, plane: usize, sd: f64, readings: f64) -> [f64; 2] {
+fn moments_in_plane(moments: &[Moments], plane: usize, sd: f64, readings: f64) -> [f64; 2] {
     let plane_moments = moments.get(plane).copied().unwrap_or_default();
     [1e3 * plane_moments.mean, 1e3 * plane_moments.sd.hypot(sd * readings.sqrt())]
 }

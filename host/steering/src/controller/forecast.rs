@@ -279,13 +279,13 @@ mod tests {
         // Followed stop by stop: each plan is the least squares of its own stops, and its first move is made.
         let (gains, efforts) = ([-1.8, -1.1, -0.4, -0.1], [0.2, 0.15, 0.1, 0.05]);
         let left = uncorrected(&gains, &efforts);
-        for start in 0..gains.len() {
+        for (start, left) in left.iter().enumerate() {
             let mut deviation = 1.0;
             for stop in start..gains.len() {
                 let square = efforts[stop] + gains[stop..].iter().map(|gain| gain * gain).sum::<f64>();
                 deviation += gains[stop] * (-gains[stop] * deviation / square);
             }
-            assert!((left[start] - deviation).abs() < 1e-12, "{start}: {} {deviation}", left[start]);
+            assert!((left - deviation).abs() < 1e-12, "{start}: {left} {deviation}");
         }
         assert!(left.is_sorted(), "later stops correct less: {left:?}");
     }

@@ -229,7 +229,7 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); MEASU
 }
 
 fn id_of(o: &Outcome) -> &str {
-    if let Hidden::One(id, _) = &o.hidden { *id } else { "" }
+    if let Hidden::One(id, _) = &o.hidden { id } else { "" }
 }
 
 /// One row per effect: what became of it, and what else was reported.

@@ -143,7 +143,7 @@ fn short(found: &Diagnosis, hidden: Option<&str>, own: &[&str], k_kpa: f64) -> S
     }
 }
 
-fn is_own(class: &Vec<String>, own: &[&str]) -> bool {
+fn is_own(class: &[String], own: &[&str]) -> bool {
     class.iter().any(|id| own.iter().any(|own| stands_for(id, own)))
 }
 
