@@ -260,11 +260,17 @@ impl Bins {
                 (number + 1, sum_m)
             });
             let (before, sum_m) = sums.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-            // Difference of the means before and after.
+            // Difference of the means before and after, and its squares beside those of a straight line, as which a ramp changes.
             let step_m = sum_m.abs() * count / (before as f64 * (count - before as f64));
-            let is_change = before < stretch.len()
+            let squares_of_line = drift(plane, stretch).powi(2) * (count * count - 1.0) / (12.0 * count);
+            // A hold that ends has no slope of its own, and is no piece of a ramp.
+            let drift_before_m = drift(plane, &(stretch.start..stretch.start + before));
+            let is_change = before >= 2 * MIN_BINS
+                && before < stretch.len()
+                && drift_before_m.abs() < 0.5 * step_m
                 && sum_m.abs() > CHANGE * noise_m * count.sqrt()
-                && step_m > (APART * noise_m).max(2.0 * criteria.still_m);
+                && step_m > (APART * noise_m).max(2.0 * criteria.still_m)
+                && step_m * sum_m.abs() > squares_of_line;
             is_change.then_some(stretch.start + before)
         };
         self.planes_m.iter().zip(&self.noise_m).filter_map(of_plane).min()
