@@ -81,9 +81,9 @@ impl Window {
 pub(super) fn course(track: &Track<'_>, stood_m: &[f64]) -> (Vec<f64>, Vec<Window>) {
     let at_hold =
         |cell: usize| track.hold.get(cell).copied().flatten().and_then(|hold| stood_m.get(hold)).copied();
-    let mut places_m: Vec<f64> =
+    let mut positions_m: Vec<f64> =
         track.read_m.iter().enumerate().map(|(cell, read_m)| at_hold(cell).unwrap_or(*read_m)).collect();
-    let mut found = Vec::new();
+    let mut windows = Vec::new();
     let mut start = 0;
     let chunks: Vec<&[Option<usize>]> = track.hold.chunk_by(|a, b| a == b).collect();
     for (number, same) in chunks.iter().enumerate() {
@@ -92,25 +92,28 @@ pub(super) fn course(track: &Track<'_>, stood_m: &[f64]) -> (Vec<f64>, Vec<Windo
         if same.first().is_none_or(Option::is_some) {
             continue;
         }
-        let before_m = gap.start.checked_sub(1).and_then(at_hold);
-        let after_m = at_hold(gap.end);
+        let previous_m = gap.start.checked_sub(1).and_then(at_hold);
+        let next_m = at_hold(gap.end);
         let half_hold =
             |chunk: Option<usize>| chunk.and_then(|chunk| chunks.get(chunk)).map_or(0, |hold| hold.len() / 2);
-        let (Some(first_m), Some(last_m)) = (before_m.or(after_m), after_m.or(before_m)) else { continue };
+        let (Some(first_m), Some(last_m)) = (previous_m.or(next_m), next_m.or(previous_m)) else { continue };
         // As far into the holds as motion at the mean speed, on both sides, is hidden in the noise.
         let hidden_m = NO_CHANCE * track.sd_m;
-        let seen_m = (last_m - first_m).abs() - 2.0 * hidden_m;
-        let hidden =
-            if seen_m > 0.0 { (hidden_m * gap.len() as f64 / seen_m).ceil() as usize } else { usize::MAX };
+        let visible_m = (last_m - first_m).abs() - 2.0 * hidden_m;
+        let hidden = if visible_m > 0.0 {
+            (hidden_m * gap.len() as f64 / visible_m).ceil() as usize
+        } else {
+            usize::MAX
+        };
         let reach = |chunk: Option<usize>| hidden.min(half_hold(chunk));
         let cells = gap.start - reach(number.checked_sub(1))..gap.end + reach(Some(number + 1));
-        let passage = Passage { track, cells: cells.clone(), ends_m: [before_m, after_m] };
+        let passage = Passage { track, cells: cells.clone(), ends_m: [previous_m, next_m] };
         if let Some((means_m, covariance)) = passage.posterior() {
-            cells.clone().zip(means_m).for_each(|(cell, mean_m)| places_m[cell] = mean_m);
-            found.push(Window { cells, covariance });
+            cells.clone().zip(means_m).for_each(|(cell, mean_m)| positions_m[cell] = mean_m);
+            windows.push(Window { cells, covariance });
         }
     }
-    (places_m, found)
+    (positions_m, windows)
 }
 
 /// Cells between two holds, or between a hold and an end of the recording.
@@ -126,41 +129,41 @@ impl Passage<'_> {
     fn posterior(&self) -> Option<(Vec<f64>, DMatrix<f64>)> {
         let Track { time_s, length_s, read_m, sd_m, .. } = *self.track;
         let count = self.cells.len();
-        let [before_m, after_m] = self.ends_m;
+        let [previous_m, next_m] = self.ends_m;
         if sd_m <= 0.0 {
             return None;
         }
-        let base_m = before_m.or(after_m)?;
-        let way = after_m.map_or(0.0, |after_m| (after_m - base_m) / sd_m);
+        let base_m = previous_m.or(next_m)?;
+        let distance = next_m.map_or(0.0, |next_m| (next_m - base_m) / sd_m);
         let readings = DVector::from_iterator(
             count,
             read_m.get(self.cells.clone())?.iter().map(|m| (m - base_m) / sd_m),
         );
-        let modes = Modes::new(count, before_m.is_some(), after_m.is_some());
-        let largest = modes.largest_second_difference(&readings, way);
+        let modes = Modes::new(count, previous_m.is_some(), next_m.is_some());
+        let largest = modes.largest_second_difference(&readings, distance);
         if !largest.is_finite() || largest > NO_NOISE {
             return None;
         }
         let sizes = modes.sizes(largest);
-        let seen = modes.of(&readings);
+        let reading_modes = modes.of(&readings);
         let cell_s: Vec<[f64; 2]> =
             self.cells.clone().filter_map(|cell| Some([*time_s.get(cell)?, *length_s.get(cell)?])).collect();
         let first_s = cell_s.first().map_or(0.0, |[at_s, length_s]| at_s - 0.5 * length_s);
         let last_s = cell_s.last().map_or(0.0, |[at_s, length_s]| at_s + 0.5 * length_s);
         let mut ranges = [[first_s, last_s]; 2];
-        let moves = way.abs() > NO_CHANCE && last_s > first_s;
-        let mut courses = Courses::new(&modes, &cell_s, ranges, if moves { way } else { 0.0 });
+        let moves = distance.abs() > NO_CHANCE && last_s > first_s;
+        let mut courses = Courses::new(&modes, &cell_s, ranges, if moves { distance } else { 0.0 });
         if moves {
             for _ in 0..REFINEMENTS {
-                ranges = courses.likely_ranges(&seen, &modes, &sizes, [first_s, last_s]);
-                let refined = Courses::new(&modes, &cell_s, ranges, way);
+                ranges = courses.likely_ranges(&reading_modes, &modes, &sizes, [first_s, last_s]);
+                let refined = Courses::new(&modes, &cell_s, ranges, distance);
                 if refined.longest_s() < refined.step_s {
                     break;
                 }
                 courses = refined;
             }
         }
-        let (mean, covariance) = courses.posterior(&seen, &modes, &sizes);
+        let (mean, covariance) = courses.posterior(&reading_modes, &modes, &sizes);
         let means_m = (&modes.basis * mean).iter().map(|value| base_m + sd_m * value).collect();
         Some((means_m, &modes.basis * covariance * modes.basis.transpose()))
     }
@@ -177,14 +180,15 @@ struct Modes {
 
 impl Modes {
     fn new(count: usize, hold_before: bool, hold_after: bool) -> Self {
-        let both = hold_before && hold_after;
-        let period = if both { (count + 1) as f64 } else { count as f64 + 0.5 };
-        let wave = |mode: usize| PI * if both { mode as f64 + 1.0 } else { mode as f64 + 0.5 } / period;
+        let is_between_holds = hold_before && hold_after;
+        let period = if is_between_holds { (count + 1) as f64 } else { count as f64 + 0.5 };
+        let wave =
+            |mode: usize| PI * if is_between_holds { mode as f64 + 1.0 } else { mode as f64 + 0.5 } / period;
         // Places count from the hold.
-        let place = |row: usize| if hold_before { row as f64 + 1.0 } else { (count - row) as f64 };
+        let cell_number = |row: usize| if hold_before { row as f64 + 1.0 } else { (count - row) as f64 };
         Self {
             basis: DMatrix::from_fn(count, count, |row, mode| {
-                (2.0 / period).sqrt() * (wave(mode) * place(row)).sin()
+                (2.0 / period).sqrt() * (wave(mode) * cell_number(row)).sin()
             }),
             curvature: (0..count).map(|mode| 4.0 * (0.5 * wave(mode)).sin().powi(2)).collect(),
             has_hold: [hold_before, hold_after],
@@ -195,14 +199,14 @@ impl Modes {
         self.basis.tr_mul(values)
     }
 
-    /// Of readings that start at zero and end at `way`.
+    /// Largest second difference of readings that start at zero and end at `way`.
     fn largest_second_difference(&self, readings: &DVector<f64>, way: f64) -> f64 {
-        let [before, after] = self.has_hold;
+        let [hold_before, hold_after] = self.has_hold;
         let mut values: Vec<f64> = readings.iter().copied().collect();
-        if before {
+        if hold_before {
             values.insert(0, 0.0);
         }
-        if after {
+        if hold_after {
             values.push(way);
         }
         values.windows(3).map(|three| (three[0] - 2.0 * three[1] + three[2]).abs()).fold(1.0, f64::max)
@@ -229,8 +233,9 @@ struct Courses {
     /// Times of starting, and then those of stopping.
     times_s: Vec<f64>,
     starts: usize,
-    /// A way within less is not told from a step.
+    /// Shortest time from starting to stopping: motion within less is not told from a step.
     step_s: f64,
+    /// Way from the hold before to the one after, in standard deviations of a reading.
     way: f64,
     /// Way after each of the times at a speed of one, in modes.
     ways: DMatrix<f64>,
@@ -246,18 +251,18 @@ struct OfSize {
 
 impl Courses {
     fn new(modes: &Modes, cell_s: &[[f64; 2]], ranges_s: [[f64; 2]; 2], way: f64) -> Self {
-        let spread = |[from_s, to_s]: [f64; 2]| {
-            (0..TIMES).map(move |number| from_s + (to_s - from_s) * (number as f64 + 0.5) / TIMES as f64)
+        let spread = |[start_s, end_s]: [f64; 2]| {
+            (0..TIMES).map(move |number| start_s + (end_s - start_s) * (number as f64 + 0.5) / TIMES as f64)
         };
         let times_s: Vec<f64> =
             if way == 0.0 { Vec::new() } else { ranges_s.into_iter().flat_map(spread).collect() };
-        let ways = DMatrix::from_fn(cell_s.len(), times_s.len(), |cell, number| {
+        let unit_distances = DMatrix::from_fn(cell_s.len(), times_s.len(), |cell, number| {
             mean_way(cell_s[cell], times_s[number])
         });
         let [first_s, last_s] =
             [cell_s.first(), cell_s.last()].map(|cell| cell.map_or(0.0, |[at_s, _]| *at_s));
         let step_s = STEP * (last_s - first_s) / cell_s.len() as f64;
-        Self { ways: modes.basis.tr_mul(&ways), starts: times_s.len() / 2, times_s, step_s, way }
+        Self { ways: modes.basis.tr_mul(&unit_distances), starts: times_s.len() / 2, times_s, step_s, way }
     }
 
     /// Longest time from starting to stopping.
@@ -274,7 +279,7 @@ impl Courses {
         if self.times_s.is_empty() {
             return OfSize { ln_evidence: still, noise_share, pairs: Vec::new() };
         }
-        let along = self.ways.tr_mul(&weighted);
+        let projections = self.ways.tr_mul(&weighted);
         let mut scaled = self.ways.clone();
         scaled.row_iter_mut().zip(noise_share.iter()).for_each(|(mut row, share)| row *= *share);
         let products = self.ways.tr_mul(&scaled);
@@ -286,7 +291,8 @@ impl Courses {
                     let speed = self.way / duration_s;
                     let square =
                         products[(start, start)] - 2.0 * products[(start, stop)] + products[(stop, stop)];
-                    let gain = speed * (along[start] - along[stop]) - 0.5 * speed * speed * square;
+                    let gain =
+                        speed * (projections[start] - projections[stop]) - 0.5 * speed * speed * square;
                     pairs.push((start, stop, gain));
                 }
             }
@@ -294,16 +300,16 @@ impl Courses {
         let best = pairs.iter().map(|pair| pair.2).fold(f64::NEG_INFINITY, f64::max);
         pairs.iter_mut().for_each(|pair| pair.2 = (pair.2 - best).exp());
         let sum: f64 = pairs.iter().map(|pair| pair.2).sum();
-        let tried = pairs.len() as f64;
+        let pair_count = pairs.len() as f64;
         pairs.iter_mut().for_each(|pair| pair.2 /= sum);
-        OfSize { ln_evidence: still + best + (sum / tried).ln(), noise_share, pairs }
+        OfSize { ln_evidence: still + best + (sum / pair_count).ln(), noise_share, pairs }
     }
 
     /// All sizes with their probabilities.
     fn weighted(&self, seen: &DVector<f64>, modes: &Modes, sizes: &[f64]) -> Vec<(f64, OfSize)> {
-        let all: Vec<OfSize> = sizes.iter().map(|size| self.of_size(seen, modes, *size)).collect();
-        let best = all.iter().map(|one| one.ln_evidence).fold(f64::NEG_INFINITY, f64::max);
-        let likely: Vec<(f64, OfSize)> = all
+        let candidates: Vec<OfSize> = sizes.iter().map(|size| self.of_size(seen, modes, *size)).collect();
+        let best = candidates.iter().map(|one| one.ln_evidence).fold(f64::NEG_INFINITY, f64::max);
+        let likely: Vec<(f64, OfSize)> = candidates
             .into_iter()
             .map(|one| ((one.ln_evidence - best).exp(), one))
             .filter(|(weight, _)| *weight > NEGLIGIBLE)
@@ -331,12 +337,12 @@ impl Courses {
             let times_s = &self.times_s[half.clone()];
             let step_s = times_s[1] - times_s[0];
             let most = probability[half.clone()].iter().copied().fold(0.0, f64::max);
-            let within = || {
+            let likely_times = || {
                 times_s.iter().zip(&probability[half.clone()]).filter(move |(_, p)| **p > NEGLIGIBLE * most)
             };
-            let from_s = within().next().map_or(times_s[0], |(s, _)| *s);
-            let to_s = within().next_back().map_or(times_s[times_s.len() - 1], |(s, _)| *s);
-            [(from_s - step_s).max(bounds_s[0]), (to_s + step_s).min(bounds_s[1])]
+            let start_s = likely_times().next().map_or(times_s[0], |(s, _)| *s);
+            let end_s = likely_times().next_back().map_or(times_s[times_s.len() - 1], |(s, _)| *s);
+            [(start_s - step_s).max(bounds_s[0]), (end_s + step_s).min(bounds_s[1])]
         };
         [likely(0..self.starts), likely(self.starts..self.times_s.len())]
     }
@@ -346,19 +352,19 @@ impl Courses {
         let count = seen.len();
         let (mut mean, mut second) = (DVector::zeros(count), DMatrix::zeros(count, count));
         for (weight, one) in self.weighted(seen, modes, sizes) {
-            let mut shares = DVector::zeros(self.times_s.len());
+            let mut coefficients = DVector::zeros(self.times_s.len());
             let mut products = DMatrix::zeros(self.times_s.len(), self.times_s.len());
             for (start, stop, probability) in one.pairs {
                 let speed = self.way / (self.times_s[stop] - self.times_s[start]);
-                shares[start] += probability * speed;
-                shares[stop] -= probability * speed;
+                coefficients[start] += probability * speed;
+                coefficients[stop] -= probability * speed;
                 let square = probability * speed * speed;
                 products[(start, start)] += square;
                 products[(stop, stop)] += square;
                 products[(start, stop)] -= square;
                 products[(stop, start)] -= square;
             }
-            let expected = &self.ways * shares;
+            let expected = &self.ways * coefficients;
             let mut of_times =
                 &self.ways * products * self.ways.transpose() - &expected * expected.transpose();
             of_times.row_iter_mut().zip(one.noise_share.iter()).for_each(|(mut row, share)| row *= *share);
@@ -379,8 +385,8 @@ impl Courses {
 
 /// Mean over a cell of the way since a time, at a speed of one.
 fn mean_way([middle_s, length_s]: [f64; 2], since_s: f64) -> f64 {
-    let [from_s, to_s] = [-0.5, 0.5].map(|share| (middle_s + share * length_s - since_s).max(0.0));
-    if length_s > 0.0 { (to_s * to_s - from_s * from_s) / (2.0 * length_s) } else { to_s }
+    let [start_s, end_s] = [-0.5, 0.5].map(|share| (middle_s + share * length_s - since_s).max(0.0));
+    if length_s > 0.0 { (end_s * end_s - start_s * start_s) / (2.0 * length_s) } else { end_s }
 }
 
 #[cfg(test)]

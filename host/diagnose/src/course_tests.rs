@@ -44,23 +44,23 @@ fn noise_is_taken_off_as_far_as_stated_and_leaves_no_delay() {
         for number in 0..100 {
             let ramp = Ramp::new(1.0 + CELL_S * f64::from(number) / 100.0, gap.clone());
             let read_m = ramp.read(&mut random, sd_m);
-            let (places_m, windows) = ramp.course(&read_m, sd_m);
+            let (positions_m, windows) = ramp.course(&read_m, sd_m);
             let [Window { cells, covariance }] = windows.as_slice() else { panic!("{windows:?}") };
             // Motion at both ends of the gap is hidden in the noise.
             assert!(cells.start <= gap.start && cells.end >= gap.end && cells.len() < 60, "{cells:?}");
             assert!(covariance.symmetric_eigenvalues().min() > 0.0, "{covariance}");
-            let (mut along, mut slopes) = (0.0, 0.0);
+            let (mut projection, mut slopes) = (0.0, 0.0);
             for cell in 1..60 {
-                let error_m = places_m[cell] - ramp.truth_m[cell];
+                let error_m = positions_m[cell] - ramp.truth_m[cell];
                 squares += error_m * error_m;
                 of_readings +=
                     (read_m[cell] - ramp.truth_m[cell]).powi(2) * f64::from(u8::from(cells.contains(&cell)));
-                let speed_m_per_s = (places_m[cell] - places_m[cell - 1]) / CELL_S;
-                along += error_m * speed_m_per_s;
+                let speed_m_per_s = (positions_m[cell] - positions_m[cell - 1]) / CELL_S;
+                projection += error_m * speed_m_per_s;
                 slopes += speed_m_per_s.powi(2);
             }
             stated += covariance.trace() * sd_m * sd_m;
-            delays.push(along / slopes);
+            delays.push(projection / slopes);
         }
         assert!(squares < 0.4 * of_readings, "{}", squares / of_readings);
         assert!((0.5..1.3).contains(&(squares / stated)), "{}", squares / stated);
@@ -75,9 +75,9 @@ fn noise_is_taken_off_as_far_as_stated_and_leaves_no_delay() {
 fn a_sensor_without_noise_is_followed() {
     let ramp = Ramp::new(1.013, 17..43);
     for sd_m in [0.0, 1e-9, 1e-6] {
-        let (places_m, _) = ramp.course(&ramp.truth_m, sd_m);
+        let (positions_m, _) = ramp.course(&ramp.truth_m, sd_m);
         assert!(
-            places_m.iter().zip(&ramp.truth_m).all(|(a, b)| (a - b).abs() < 1.5 * sd_m + 1e-12),
+            positions_m.iter().zip(&ramp.truth_m).all(|(a, b)| (a - b).abs() < 1.5 * sd_m + 1e-12),
             "{sd_m}"
         );
     }
@@ -99,9 +99,9 @@ fn single_readings_beyond_a_hold_are_noise_and_several_in_a_row_are_motion() {
     };
     let noisy = followed(&[0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.03, 1.0, 1.0, 1.0]);
     assert!(noisy[6] < 1.018, "{noisy:?}");
-    let beyond = [0.2, 0.5, 0.9, 1.05, 1.06, 1.06, 1.05, 1.04, 1.02, 1.0];
-    let motion = followed(&beyond);
-    assert!(motion.iter().zip(beyond).all(|(a, b)| (a - b).abs() < 0.03), "{motion:?}");
+    let overshoot = [0.2, 0.5, 0.9, 1.05, 1.06, 1.06, 1.05, 1.04, 1.02, 1.0];
+    let motion = followed(&overshoot);
+    assert!(motion.iter().zip(overshoot).all(|(a, b)| (a - b).abs() < 0.03), "{motion:?}");
 }
 
 /// Before the first hold and after the last one guide 2 may come from anywhere.
@@ -117,10 +117,10 @@ fn an_end_of_a_recording_is_followed_as_far_as_it_is_no_noise() {
         let truth_m: Vec<f64> = time_s.iter().map(|s| MM * (s - 0.8).min(0.0)).collect();
         let read_m: Vec<f64> = truth_m.iter().map(|m| m + sd_m * random.normal()).collect();
         let track = Track { time_s: &time_s, length_s: &[0.0; 40], read_m: &read_m, hold: &hold, sd_m };
-        let (places_m, windows) = course(&track, &[0.0]);
+        let (positions_m, windows) = course(&track, &[0.0]);
         assert_eq!(windows.iter().map(|window| window.cells.clone()).collect::<Vec<_>>(), [0..25, 25..40]);
         let square = |(a, b): (&f64, &f64)| (a - b).powi(2);
-        squares += places_m.iter().zip(&truth_m).map(square).sum::<f64>();
+        squares += positions_m.iter().zip(&truth_m).map(square).sum::<f64>();
         of_readings += read_m.iter().zip(&truth_m).map(square).sum::<f64>();
     }
     assert!(squares < 0.4 * of_readings, "{}", squares / of_readings);

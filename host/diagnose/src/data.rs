@@ -285,9 +285,9 @@ impl Run {
             if most_m(plane) <= IDLE_M {
                 return vec![idle_m[plane]; cells.time_s.len()];
             }
-            let (places_m, windows) = travelled(&cells, plane, &stood_m, sd_m[plane]);
+            let (positions_m, windows) = travelled(&cells, plane, &stood_m, sd_m[plane]);
             cells.windows[plane] = windows;
-            places_m
+            positions_m
         });
         let drive = (0..cells.time_s.len()).map(|i| DriveSample {
             time_s: cells.time_s[i],

@@ -248,32 +248,10 @@ impl Bins {
         }
     }
 
-    /// The bin with which another level begins.
+    /// The bin with which another level begins, in any plane.
     fn change(&self, stretch: &Range<usize>, criteria: &HoldCriteria) -> Option<usize> {
-        let count = stretch.len() as f64;
-        let of_plane = |(plane, noise_m): (&Vec<f64>, &f64)| {
-            let bins = plane.get(stretch.clone())?;
-            let mean = bins.iter().sum::<f64>() / count;
-            let mut sum_m = 0.0;
-            let sums = bins.iter().enumerate().map(|(number, bin)| {
-                sum_m += bin - mean;
-                (number + 1, sum_m)
-            });
-            let (before, sum_m) = sums.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-            // Difference of the means before and after, and its squares beside those of a straight line, as which a ramp changes.
-            let step_m = sum_m.abs() * count / (before as f64 * (count - before as f64));
-            let squares_of_line = drift(plane, stretch).powi(2) * (count * count - 1.0) / (12.0 * count);
-            // A hold that ends has no slope of its own, and is no piece of a ramp.
-            let drift_before_m = drift(plane, &(stretch.start..stretch.start + before));
-            let is_change = before >= 2 * MIN_BINS
-                && before < stretch.len()
-                && drift_before_m.abs() < 0.5 * step_m
-                && sum_m.abs() > CHANGE * noise_m * count.sqrt()
-                && step_m > (APART * noise_m).max(2.0 * criteria.still_m)
-                && step_m * sum_m.abs() > squares_of_line;
-            is_change.then_some(stretch.start + before)
-        };
-        self.planes_m.iter().zip(&self.noise_m).filter_map(of_plane).min()
+        let planes = self.planes_m.iter().zip(&self.noise_m);
+        planes.filter_map(|(plane, noise_m)| change_of(plane, *noise_m, stretch, criteria)).min()
     }
 
     /// Cuts off bins at both ends that belong to the ramps: off by more than the noise, and one more.
@@ -314,6 +292,31 @@ fn bin_means(values: &[f64], edges: &[usize]) -> Vec<f64> {
         .filter_map(|edge| values.get(edge[0]..edge[1]))
         .map(|bin| bin.iter().sum::<f64>() / bin.len() as f64)
         .collect()
+}
+
+/// The bin of a plane with which another level begins.
+fn change_of(plane: &[f64], noise_m: f64, stretch: &Range<usize>, criteria: &HoldCriteria) -> Option<usize> {
+    let bins = plane.get(stretch.clone())?;
+    let count = bins.len() as f64;
+    let mean = bins.iter().sum::<f64>() / count;
+    let mut sum_m = 0.0;
+    let sums = bins.iter().enumerate().map(|(number, bin)| {
+        sum_m += bin - mean;
+        (number + 1, sum_m)
+    });
+    let (bins_before, sum_m) = sums.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+    // Difference of the means before and after, and its squares beside those of a straight line, as which a ramp changes.
+    let step_m = sum_m.abs() * count / (bins_before as f64 * (count - bins_before as f64));
+    let squares_of_line = drift(plane, stretch).powi(2) * (count * count - 1.0) / (12.0 * count);
+    // A hold that ends has no slope of its own, and is no piece of a ramp.
+    let drift_before_m = drift(plane, &(stretch.start..stretch.start + bins_before));
+    let is_change = bins_before >= 2 * MIN_BINS
+        && bins_before < stretch.len()
+        && drift_before_m.abs() < 0.5 * step_m
+        && sum_m.abs() > CHANGE * noise_m * count.sqrt()
+        && step_m > (APART * noise_m).max(2.0 * criteria.still_m)
+        && step_m * sum_m.abs() > squares_of_line;
+    is_change.then_some(stretch.start + bins_before)
 }
 
 /// Drift of a straight line through the bins `part`; bins are equally long.

@@ -188,9 +188,10 @@ fn row(like: &[Outcome]) -> Result<String> {
     let [score, information] =
         like.iter().map(Outcome::delay).fold([0.0; 2], |sum, one| [sum[0] + one[0], sum[1] + one[1]]);
     let records: Vec<Summary> = like.iter().map(|one| one.record.clone()).collect();
-    let found = analyse(records, &Options::default())?;
-    let shared = found.shared_effects.iter().map(|one| format!("{} p {:.1e}", one.effect, one.p_adjusted));
-    let spread = found.spread.iter().map(|one| format!("{} {:?}", one.effect, one.kind));
+    let population = analyse(records, &Options::default())?;
+    let shared =
+        population.shared_effects.iter().map(|one| format!("{} p {:.1e}", one.effect, one.p_adjusted));
+    let spread = population.spread.iter().map(|one| format!("{} {:?}", one.effect, one.kind));
     let named: Vec<String> = shared.chain(spread).collect();
     Ok([
         format!("{:.3} to {:.3}", noise_mm(like.first()), noise_mm(like.last())),
