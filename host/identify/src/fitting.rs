@@ -84,16 +84,20 @@ pub(super) fn start(data: &LateralData) -> Parameter {
     let nuisances: Vec<f64> = data.nuisances().iter().map(|p| p.start).collect();
     let neutral: Vec<f64> =
         data.effects.iter().flat_map(|effect| effect.parameters()).map(|info| info.neutral).collect();
-    let chi_square = |ln_k: f64| {
-        let mut shared = vec![ln_k];
-        shared.extend(&neutral);
-        let residuals = data.prepare(&shared).and_then(|ready| data.residuals(&ready, &nuisances));
-        let residuals = residuals.unwrap_or_else(|_| vec![f64::INFINITY]);
-        residuals.iter().map(|r| r * r).sum::<f64>()
-    };
     let grid = (1..28).map(|i| parameter.least + (parameter.most - parameter.least) * f64::from(i) / 28.0);
-    let best = grid.map(|ln_k| (chi_square(ln_k), ln_k)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let best = grid
+        .map(|ln_k| (chi_square_at(ln_k, &neutral, &nuisances, data), ln_k))
+        .min_by(|a, b| a.0.total_cmp(&b.0));
     Parameter { start: best.map_or(parameter.start, |(_, ln_k)| ln_k), ..parameter }
+}
+
+/// Sum of squares at a modulus, with every other parameter at its start.
+fn chi_square_at(ln_k: f64, neutral: &[f64], nuisances: &[f64], data: &LateralData) -> f64 {
+    let mut shared = vec![ln_k];
+    shared.extend(neutral);
+    let residuals = data.prepare(&shared).and_then(|ready| data.residuals(&ready, nuisances));
+    let residuals = residuals.unwrap_or_else(|_| vec![f64::INFINITY]);
+    residuals.iter().map(|r| r * r).sum::<f64>()
 }
 
 /// Estimates of the effects' parameters.

@@ -289,14 +289,12 @@ fn twofold(mean_kpa: f64, youngs: &YoungsModulus) -> Option<String> {
     let (value_kpa, [low_kpa, high_kpa]) = youngs.value.zip(youngs.ci95)?;
     let ln_ratio = (mean_kpa / value_kpa).ln();
     let two = std::f64::consts::LN_2;
-    let inside = |kpa: f64| (low_kpa / 1.1..=high_kpa * 1.1).contains(&kpa);
-    let near = |expected: f64, kpa: f64| (ln_ratio - expected).abs() < TWOFOLD && inside(kpa);
-    if near(-two, 2.0 * mean_kpa) {
+    if is_near(-two, 2.0 * mean_kpa, ln_ratio, low_kpa, high_kpa) {
         Some(
             "the indentations give half the modulus of the runs: is indenter_radius_mm the diameter?"
                 .to_owned(),
         )
-    } else if near(two, 0.5 * mean_kpa) {
+    } else if is_near(two, 0.5 * mean_kpa, ln_ratio, low_kpa, high_kpa) {
         Some(
             "the indentations give twice the modulus of the runs: is indenter_radius_mm half of the radius, or the needle's \
              contact one-sided?"
@@ -305,4 +303,12 @@ fn twofold(mean_kpa: f64, youngs: &YoungsModulus) -> Option<String> {
     } else {
         None
     }
+}
+
+fn is_near(expected: f64, kpa: f64, ln_ratio: f64, low_kpa: f64, high_kpa: f64) -> bool {
+    (ln_ratio - expected).abs() < TWOFOLD && is_inside(kpa, low_kpa, high_kpa)
+}
+
+fn is_inside(kpa: f64, low_kpa: f64, high_kpa: f64) -> bool {
+    (low_kpa / 1.1..=high_kpa * 1.1).contains(&kpa)
 }

@@ -254,8 +254,15 @@ impl Layers {
 fn likelihood_of(ln_k: f64, variance: f64) -> Likelihood {
     let sd_ln = variance.sqrt();
     let k_kpa = 1e-3 * ln_k.exp();
-    let end = |direction: f64| k_kpa * (direction * NORMAL_975 * sd_ln).exp();
-    Likelihood { k_kpa: Some(k_kpa), sd_kpa: Some(k_kpa * sd_ln), ci95_kpa: Some([end(-1.0), end(1.0)]) }
+    Likelihood {
+        k_kpa: Some(k_kpa),
+        sd_kpa: Some(k_kpa * sd_ln),
+        ci95_kpa: Some([interval_end(-1.0, k_kpa, sd_ln), interval_end(1.0, k_kpa, sd_ln)]),
+    }
+}
+
+fn interval_end(direction: f64, k_kpa: f64, sd_ln: f64) -> f64 {
+    k_kpa * (direction * NORMAL_975 * sd_ln).exp()
 }
 
 fn sd_ln([low, high]: [f64; 2]) -> f64 {
