@@ -362,8 +362,13 @@ impl<'a> Controller<'a> {
     }
 
     fn best(&self) -> usize {
-        let ln_evidence_of = |i: &usize| self.laws[*i].ln_evidence;
-        (0..self.laws.len()).max_by(|a, b| ln_evidence_of(a).total_cmp(&ln_evidence_of(b))).unwrap_or(0)
+        (0..self.laws.len())
+            .max_by(|a, b| self.ln_evidence_of(a).total_cmp(&self.ln_evidence_of(b)))
+            .unwrap_or(0)
+    }
+
+    fn ln_evidence_of(&self, i: &usize) -> f64 {
+        self.laws[*i].ln_evidence
     }
 
     /// Takes all readings in; gains are those of the rests given.

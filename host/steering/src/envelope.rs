@@ -103,19 +103,12 @@ impl Limits {
 
     /// Limited quantities with the tip at a node, with their limits.
     fn asked(&self, history: &History, node: usize) -> Vec<(Limit, Inner, f64)> {
-        let near_nodes = |depths_m: &[f64]| {
-            let mut nodes: Vec<usize> =
-                depths_m.iter().map(|m| history.depths_m.partition_point(|at| *at < m - 1e-6)).collect();
-            nodes.dedup();
-            nodes.retain(|at| *at < node);
-            nodes
-        };
         let mut asked = Vec::new();
         if let Some(limit) = self.moment_n_m {
             for inner in [Inner::MomentAtGuide1, Inner::MomentAtGuide2, Inner::MomentAtSurface] {
                 asked.push((Limit::Strain, inner, limit));
             }
-            for at in near_nodes(&BENT_AT_M) {
+            for at in near_nodes(&BENT_AT_M, node, &history.depths_m) {
                 asked.push((Limit::Strain, Inner::MomentInTissue(at), limit));
             }
         }
@@ -123,12 +116,20 @@ impl Limits {
             asked.push((Limit::Force, Inner::Guide2Force, limit));
         }
         if let Some(limit) = self.compression_m {
-            for at in near_nodes(&COMPRESSED_AT_M) {
+            for at in near_nodes(&COMPRESSED_AT_M, node, &history.depths_m) {
                 asked.push((Limit::Compression, Inner::Compression(at), limit));
             }
         }
         asked
     }
+}
+
+fn near_nodes(depths_m: &[f64], node: usize, history_depths_m: &[f64]) -> Vec<usize> {
+    let mut nodes: Vec<usize> =
+        depths_m.iter().map(|m| history_depths_m.partition_point(|at| *at < m - 1e-6)).collect();
+    nodes.dedup();
+    nodes.retain(|at| *at < node);
+    nodes
 }
 
 /// A place along the way: a node, on arriving (0) or on leaving (1).
@@ -278,9 +279,11 @@ impl Envelope {
     /// itself).
     pub fn reserve(&mut self, history: &History, stops: &[usize], gains: &[f64], effort: f64) {
         let now_m = stops.first().map_or(0.0, |node| history.depths_m[*node]);
-        let is_later = |node: &usize| history.depths_m[*node] >= now_m + KNOWN_AFTER_M - 1e-6;
-        let gains: Vec<f64> =
-            stops.iter().zip(gains).map(|(node, gain)| if is_later(node) { *gain } else { 0.0 }).collect();
+        let gains: Vec<f64> = stops
+            .iter()
+            .zip(gains)
+            .map(|(node, gain)| if is_later(node, now_m, &history.depths_m) { *gain } else { 0.0 })
+            .collect();
         let square = effort + gains.iter().map(|gain| gain * gain).sum::<f64>();
         for cone in &mut self.cones {
             let product: f64 = cone.per_move.iter().zip(&gains).map(|(per_move, gain)| per_move * gain).sum();
@@ -367,19 +370,27 @@ impl Envelope {
     pub fn allowed(&self, now_m: [f64; 2], to_m: [f64; 2]) -> ([f64; 2], Option<Limit>) {
         const STEPS: i32 = 20;
         let present_cones: Vec<&Cone> = self.cones.iter().filter(|cone| cone.at == self.now).collect();
-        let exceeded = |share: f64| {
-            let moves_m = [[0, 1].map(|plane: usize| share * (to_m[plane] - now_m[plane]))];
-            let exceeded_cone = present_cones.iter().find(|cone| {
-                let used_fraction = cone.used(&moves_m);
-                used_fraction > 1.0 + SOLVED && used_fraction > cone.used(&[])
-            });
-            exceeded_cone.map(|cone| cone.limit)
-        };
-        let Some(limit) = exceeded(1.0) else { return (to_m, None) };
+        let Some(limit) = exceeded_limit(1.0, to_m, now_m, &present_cones) else { return (to_m, None) };
         let fractions = (0..STEPS).rev().map(|step| f64::from(step) / f64::from(STEPS));
-        let fraction = fractions.into_iter().find(|fractions| exceeded(*fractions).is_none()).unwrap_or(0.0);
+        let fraction = fractions
+            .into_iter()
+            .find(|fractions| exceeded_limit(*fractions, to_m, now_m, &present_cones).is_none())
+            .unwrap_or(0.0);
         ([0, 1].map(|plane: usize| now_m[plane] + fraction * (to_m[plane] - now_m[plane])), Some(limit))
     }
+}
+
+fn exceeded_limit(share: f64, to_m: [f64; 2], now_m: [f64; 2], present_cones: &[&Cone]) -> Option<Limit> {
+    let moves_m = [[0, 1].map(|plane: usize| share * (to_m[plane] - now_m[plane]))];
+    let exceeded_cone = present_cones.iter().find(|cone| {
+        let used_fraction = cone.used(&moves_m);
+        used_fraction > 1.0 + SOLVED && used_fraction > cone.used(&[])
+    });
+    exceeded_cone.map(|cone| cone.limit)
+}
+
+fn is_later(node: &usize, now_m: f64, depths_m: &[f64]) -> bool {
+    depths_m[*node] >= now_m + KNOWN_AFTER_M - 1e-6
 }
 
 /// Moves between positions, m.

@@ -155,15 +155,13 @@ impl Hypothesis {
             let columns = Columns::new(&tables, &self.unknowns, history);
             let paths = tables::paths(&tables, &self.unknowns, &self.values, history);
             let last_round = round >= ROUNDS || bins.is_empty();
-            // Differences for the tissue, where it was linearised.
-            let paths_by = |tables: &Tables| tables::paths(tables, &self.unknowns, &self.values, history);
             let base = if Arc::ptr_eq(&linearised.base, &tables) {
                 paths.clone()
             } else {
-                paths_by(&linearised.base)
+                self.paths_by(&linearised.base, history)
             };
             let changed: Vec<[tables::Path; 2]> =
-                linearised.raised.iter().map(|raised| paths_by(raised)).collect();
+                linearised.raised.iter().map(|raised| self.paths_by(raised, history)).collect();
             let row = |place: Place, depth_m: f64, plane: usize| {
                 let mut row = DVector::zeros(count);
                 columns.fill(&self.unknowns, place, depth_m, plane, row.as_mut_slice());
@@ -193,11 +191,15 @@ impl Hypothesis {
                 }
             }
             for felt in self.felt.iter().filter(|_| !self.tissue_known) {
-                let ln = |tables: &Tables| tables.stiffness_n_per_m(felt.node).map(f64::ln);
-                let (Some(tip_here), Some(base)) = (ln(&tables), ln(&linearised.base)) else { continue };
+                let (Some(tip_here), Some(base)) =
+                    (ln_stiffness(&tables, felt.node), ln_stiffness(&linearised.base, felt.node))
+                else {
+                    continue;
+                };
                 let mut row = DVector::zeros(count);
                 for (unknown, raised) in linearised.raised.iter().enumerate() {
-                    row[unknown] = ln(raised).map_or(0.0, |raised| (raised - base) / DIFFERENCE);
+                    row[unknown] =
+                        ln_stiffness(raised, felt.node).map_or(0.0, |raised| (raised - base) / DIFFERENCE);
                 }
                 let variance = STIFFNESS_ERROR.powi(2) * self.felt.len() as f64 + felt.sd * felt.sd;
                 let residual = felt.ln_n_per_m - tip_here;
@@ -253,6 +255,11 @@ impl Hypothesis {
         }
     }
 
+    /// Differences for the tissue, where it was linearised.
+    fn paths_by(&self, tables: &Tables, history: &History) -> [Vec<[f64; 2]>; 2] {
+        tables::paths(tables, &self.unknowns, &self.values, history)
+    }
+
     /// Derivatives of quantities with respect to all unknowns, one column for each: those of the tissue with the responses with
     /// which the path is linearised.
     pub fn derivatives(
@@ -304,6 +311,10 @@ impl Hypothesis {
     pub fn law(&self) -> CuttingLaw {
         self.unknowns.law
     }
+}
+
+fn ln_stiffness(tables: &Tables, node: usize) -> Option<f64> {
+    tables.stiffness_n_per_m(node).map(f64::ln)
 }
 
 /// Tip at the target per motion of the guide at rest at a node, kept from there on.

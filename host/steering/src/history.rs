@@ -126,12 +126,11 @@ impl History {
         match (next.checked_sub(1).and_then(|i| self.times.get(i)), self.times.get(next)) {
             (Some(a), Some(b)) => {
                 let fraction = (t_s - a.t_s) / (b.t_s - a.t_s);
-                let mix = |a: f64, b: f64| a + fraction * (b - a);
                 Moment {
                     t_s,
-                    depth_m: mix(a.depth_m, b.depth_m),
-                    guide_m: [0, 1].map(|i: usize| mix(a.guide_m[i], b.guide_m[i])),
-                    bevel_rad: mix(a.bevel_rad, b.bevel_rad),
+                    depth_m: interpolated(a.depth_m, b.depth_m, fraction),
+                    guide_m: [0, 1].map(|i: usize| interpolated(a.guide_m[i], b.guide_m[i], fraction)),
+                    bevel_rad: interpolated(a.bevel_rad, b.bevel_rad, fraction),
                 }
             }
             (Some(last), None) => *last,
@@ -144,15 +143,14 @@ impl History {
         let Moment { depth_m, guide_m, bevel_rad, .. } = self.at(t_s);
         let next = self.depths_m.partition_point(|node_m| *node_m <= depth_m + 2e-5);
         let node = next.saturating_sub(1);
-        let is = |at: &AtNode, side: usize| {
-            (0..2).all(|plane| (at.guide_m[plane][side] - guide_m[plane]).abs() < 5e-6)
-                && (at.bevel_rad[side] - bevel_rad).abs() < 1e-3
-        };
         if (self.depths_m[node] - depth_m).abs() <= 2e-5 {
             let node_state = &self.nodes[node];
-            return if is(node_state, 1) && node_state != &AtNode::default() && !is(node_state, 0) {
+            return if is_at(node_state, 1, guide_m, bevel_rad)
+                && node_state != &AtNode::default()
+                && !is_at(node_state, 0, guide_m, bevel_rad)
+            {
                 Some(Place::Rest(node, 1))
-            } else if is(node_state, 0) {
+            } else if is_at(node_state, 0, guide_m, bevel_rad) {
                 Some(Place::Rest(node, 0))
             } else {
                 None
@@ -161,4 +159,13 @@ impl History {
         let (node_m, next_m) = (self.depths_m[node], *self.depths_m.get(next)?);
         Some(Place::Between(node, (depth_m - node_m) / (next_m - node_m)))
     }
+}
+
+fn is_at(at: &AtNode, side: usize, guide_m: [f64; 2], bevel_rad: f64) -> bool {
+    (0..2).all(|plane| (at.guide_m[plane][side] - guide_m[plane]).abs() < 5e-6)
+        && (at.bevel_rad[side] - bevel_rad).abs() < 1e-3
+}
+
+fn interpolated(a: f64, b: f64, fraction: f64) -> f64 {
+    a + fraction * (b - a)
 }

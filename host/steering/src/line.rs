@@ -15,15 +15,17 @@ pub(crate) fn parse<T: DeserializeOwned>(
     number: u64,
     expected: &'static str,
 ) -> Result<T, PlantError> {
-    let malformed =
-        |problem: String| PlantError::Malformed { line: number, expected: expected.into(), problem };
     let value: serde_json::Value =
-        serde_json::from_str(line).map_err(|error| malformed(error.to_string()))?;
+        serde_json::from_str(line).map_err(|error| malformed(error.to_string(), number, expected))?;
     if !value.is_object() {
-        return Err(malformed("not a JSON object".to_owned()));
+        return Err(malformed("not a JSON object".to_owned(), number, expected));
     }
     if let Some(text) = value.get("error") {
         return Err(PlantError::Reported(text.as_str().map_or_else(|| text.to_string(), str::to_owned)));
     }
-    serde_json::from_value(value).map_err(|error| malformed(error.to_string()))
+    serde_json::from_value(value).map_err(|error| malformed(error.to_string(), number, expected))
+}
+
+fn malformed(problem: String, number: u64, expected: &'static str) -> PlantError {
+    PlantError::Malformed { line: number, expected: expected.into(), problem }
 }

@@ -165,12 +165,17 @@ struct Square {
 impl Square {
     /// The same of positions: raising position `j` raises move `j` and lowers move `j + 1`.
     fn of_positions(&self, now_m: f64, i: usize, j: usize) -> (f64, f64) {
-        let entry = |i: usize, j: usize| {
-            self.quadratic.get(i).and_then(|row| row.get(j)).copied().unwrap_or_default()
-        };
-        let interaction = entry(i, j) - entry(i, j + 1) - entry(i + 1, j) + entry(i + 1, j + 1);
-        let linear = |i: usize| self.linear.get(i).map_or(0.0, |linear| linear - entry(i, 0) * now_m);
-        (interaction, linear(i) - linear(i + 1))
+        let interaction =
+            self.entry(i, j) - self.entry(i, j + 1) - self.entry(i + 1, j) + self.entry(i + 1, j + 1);
+        (interaction, self.linear_term(i, now_m) - self.linear_term(i + 1, now_m))
+    }
+
+    fn linear_term(&self, i: usize, now_m: f64) -> f64 {
+        self.linear.get(i).map_or(0.0, |linear| linear - self.entry(i, 0) * now_m)
+    }
+
+    fn entry(&self, i: usize, j: usize) -> f64 {
+        self.quadratic.get(i).and_then(|row| row.get(j)).copied().unwrap_or_default()
     }
 }
 
@@ -182,7 +187,6 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
     if holds == 0 {
         return Some((Vec::new(), Vec::new(), 0.0));
     }
-    let variable = |hold: usize, plane: usize| plane * holds + hold;
     // Behind the positions, what of the deviation is not corrected, mm, and by how much each cone is exceeded.
     let uncorrected = 2 * holds;
     let (slacks, count) = (uncorrected + 1, uncorrected + 1 + active.len());
@@ -194,12 +198,12 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
         for i in 0..holds {
             for j in i..holds {
                 quadratic.add(
-                    variable(i, plane),
-                    variable(j, plane),
+                    variable(i, plane, holds),
+                    variable(j, plane, holds),
                     square.of_positions(now_m[plane], i, j).0,
                 );
             }
-            cost[variable(i, plane)] = MM * square.of_positions(now_m[plane], i, i).1;
+            cost[variable(i, plane, holds)] = MM * square.of_positions(now_m[plane], i, i).1;
         }
     }
     // Rows of A p + s = b with s in a cone.
@@ -224,7 +228,7 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
         limits.push((Limit::LargestMove, right.len(), MM * radius_m));
         right.push(MM * radius_m);
         for (plane, now_m) in now_m.iter().enumerate() {
-            rows.add(right.len(), variable(0, plane), -1.0);
+            rows.add(right.len(), variable(0, plane, holds), -1.0);
             right.push(-MM * now_m);
         }
         cones.push(SecondOrderConeT(3));
@@ -238,7 +242,7 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
             // A position raises its own move and lowers the next.
             for (hold, per_move) in cone.per_move.iter().enumerate().take(holds) {
                 let next = cone.per_move.get(hold + 1).copied().unwrap_or(0.0);
-                rows.add(right.len(), variable(hold, plane), -(per_move - next) / MM);
+                rows.add(right.len(), variable(hold, plane, holds), -(per_move - next) / MM);
                 if hold == 0 {
                     stay -= per_move * now_m;
                 }
@@ -257,7 +261,7 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
     let guide_m: Vec<[f64; 2]> = (0..holds)
         .map(|hold| {
             [0, 1].map(|plane: usize| {
-                let mm = solution.x.get(variable(hold, plane)).copied().unwrap_or(f64::NAN);
+                let mm = solution.x.get(variable(hold, plane, holds)).copied().unwrap_or(f64::NAN);
                 (mm / MM).clamp(-bounds.travel_m, bounds.travel_m)
             })
         })
@@ -274,6 +278,10 @@ fn solve(squares: &[Square; 2], now_m: [f64; 2], bounds: &Bounds, active: &[&Con
         let uncorrected_mm = solution.x.get(uncorrected).copied().unwrap_or(0.0);
         (guide_m, limited, uncorrected_mm / MM)
     })
+}
+
+fn variable(hold: usize, plane: usize, holds: usize) -> usize {
+    plane * holds + hold
 }
 
 /// Entries of a sparse matrix.

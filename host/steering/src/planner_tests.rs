@@ -12,18 +12,19 @@ fn squares(error_mm: [f64; 2]) -> [Square; 2] {
 }
 
 fn cost(squares: &[Square; 2], now_m: [f64; 2], at_m: &[[f64; 2]]) -> f64 {
-    let plane_cost = |plane: usize| {
-        let mut previous = now_m[plane];
-        let moves: Vec<f64> =
-            at_m.iter().map(|at| at[plane] - std::mem::replace(&mut previous, at[plane])).collect();
-        let Square { quadratic, linear } = &squares[plane];
-        let rows = quadratic.iter().zip(&moves).zip(linear);
-        rows.map(|((row, own), linear)| {
-            own * (linear + 0.5 * row.iter().zip(&moves).map(|(q, m)| q * m).sum::<f64>())
-        })
-        .sum::<f64>()
-    };
-    1e6 * (plane_cost(0) + plane_cost(1))
+    1e6 * (plane_cost(0, now_m, at_m, squares) + plane_cost(1, now_m, at_m, squares))
+}
+
+fn plane_cost(plane: usize, now_m: [f64; 2], at_m: &[[f64; 2]], squares: &[Square; 2]) -> f64 {
+    let mut previous = now_m[plane];
+    let moves: Vec<f64> =
+        at_m.iter().map(|at| at[plane] - std::mem::replace(&mut previous, at[plane])).collect();
+    let Square { quadratic, linear } = &squares[plane];
+    let rows = quadratic.iter().zip(&moves).zip(linear);
+    rows.map(|((row, own), linear)| {
+        own * (linear + 0.5 * row.iter().zip(&moves).map(|(q, m)| q * m).sum::<f64>())
+    })
+    .sum::<f64>()
 }
 
 /// A limit at a stop that moves up to there take part in, the earlier the less: of a mean that is there anyway.
@@ -51,7 +52,6 @@ fn the_plan_costs_least_among_neighbours_within_travel_and_limits() {
         let (optimum, limits) = within(&squares, now_m, &bounds).expect("solved");
         assert_eq!(limits.iter().any(|(limit, _)| *limit == Limit::Strain), !cones.is_empty(), "{limits:?}");
         let allowed = |at_m: &[[f64; 2]], slack: f64| {
-            let distance_between = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
             at_m.iter().flatten().all(|m| m.abs() <= bounds.travel_m + 1e-3 * slack)
                 && cones.iter().all(|cone| cone.used(&moves(now_m, at_m)) <= 1.0 + slack)
                 && bounds
@@ -74,6 +74,10 @@ fn the_plan_costs_least_among_neighbours_within_travel_and_limits() {
     }
 }
 
+fn distance_between(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
 /// A needle that is bent beyond its limit already, however it is moved: the plan is the one that bends it least beyond, and not none.
 #[test]
 fn a_limit_that_is_exceeded_anyway_is_exceeded_as_little_as_can_be() {
@@ -89,14 +93,15 @@ fn a_limit_that_is_exceeded_anyway_is_exceeded_as_little_as_can_be() {
 fn with_a_deviation_to_come_the_later_part_of_the_way_is_less_loaded() {
     let mut cones: Vec<Cone> = (0..12).map(|stop| cone(stop, [0.2, 0.0])).collect();
     cones.iter_mut().skip(4).for_each(|cone| cone.per_correction = 250.0);
-    let loaded = |deviation_m: f64| {
-        let bounds = Bounds { travel_m: 6e-3, largest_move_m: None, cones: &cones, deviation_m };
-        let guide_m = plan_of([-4.0, 0.0], [0.0; 2], &bounds).expect("solved");
-        let moves_m = moves([0.0; 2], &guide_m);
-        cones.iter().skip(4).map(|cone| cone.used(&moves_m)).fold(0.0, f64::max)
-    };
-    let (free_plan, reserved_plan) = (loaded(0.0), loaded(1.5e-3));
+    let (free_plan, reserved_plan) = (loaded_fraction(0.0, &cones), loaded_fraction(1.5e-3, &cones));
     assert!(reserved_plan < 0.95 * free_plan, "{reserved_plan} of the limit, {free_plan} without");
+}
+
+fn loaded_fraction(deviation_m: f64, cones: &[Cone]) -> f64 {
+    let bounds = Bounds { travel_m: 6e-3, largest_move_m: None, cones: cones, deviation_m };
+    let guide_m = plan_of([-4.0, 0.0], [0.0; 2], &bounds).expect("solved");
+    let moves_m = moves([0.0; 2], &guide_m);
+    cones.iter().skip(4).map(|cone| cone.used(&moves_m)).fold(0.0, f64::max)
 }
 
 #[test]

@@ -180,51 +180,63 @@ impl Statement {
         if self.plant != VERSION {
             return Err(PlantError::Version(self.plant.clone()));
         }
-        let positive = |field, value: f64| check(field, value, "more than 0", value > 0.0);
-        let not_negative = |field, value: f64| check(field, value, "0 or more", value >= 0.0);
-        let optional = |field, value: Option<f64>| value.map_or(Ok(()), |value| positive(field, value));
-        optional("EI_n_m2", self.needle.ei_n_m2)?;
-        optional("outer_diameter_mm", self.needle.outer_diameter_mm)?;
-        optional("guide1_to_guide2_mm", self.rig.guide1_to_guide2_mm)?;
-        positive("guide2_to_surface_mm", self.rig.guide2_to_surface_mm)?;
-        not_negative("guide_travel_mm", self.limits.guide_travel_mm)?;
+        check_optional("EI_n_m2", self.needle.ei_n_m2)?;
+        check_optional("outer_diameter_mm", self.needle.outer_diameter_mm)?;
+        check_optional("guide1_to_guide2_mm", self.rig.guide1_to_guide2_mm)?;
+        check_positive("guide2_to_surface_mm", self.rig.guide2_to_surface_mm)?;
+        check_not_negative("guide_travel_mm", self.limits.guide_travel_mm)?;
         if self.limits.guide_travel_mm > 0.0 {
-            positive("guide_speed_mm_s", self.limits.guide_speed_mm_s)?;
+            check_positive("guide_speed_mm_s", self.limits.guide_speed_mm_s)?;
         }
-        optional("guide_force_n", self.limits.guide_force_n)?;
-        positive("push_speed_mm_s", self.limits.push_speed_mm_s)?;
+        check_optional("guide_force_n", self.limits.guide_force_n)?;
+        check_positive("push_speed_mm_s", self.limits.push_speed_mm_s)?;
         if self.rig.can_rotate {
-            positive("rotation_speed_deg_s", self.limits.rotation_speed_deg_s)?;
+            check_positive("rotation_speed_deg_s", self.limits.rotation_speed_deg_s)?;
         }
-        optional("needle_strain", self.limits.needle_strain)?;
-        optional("tissue_compression_mm", self.limits.tissue_compression_mm)?;
-        positive("max_depth_mm", self.max_depth_mm)?;
-        positive("depth_step_mm", self.depth_step_mm)?;
-        not_negative("tip_noise_mm", self.tip_noise_mm)?;
-        not_negative("tip_delay_s", self.tip_delay_s)?;
-        positive("tip_rate_hz", self.tip_rate_hz)?;
-        not_negative("guide_error_mm", self.guide_error_mm)?;
+        check_optional("needle_strain", self.limits.needle_strain)?;
+        check_optional("tissue_compression_mm", self.limits.tissue_compression_mm)?;
+        check_positive("max_depth_mm", self.max_depth_mm)?;
+        check_positive("depth_step_mm", self.depth_step_mm)?;
+        check_not_negative("tip_noise_mm", self.tip_noise_mm)?;
+        check_not_negative("tip_delay_s", self.tip_delay_s)?;
+        check_positive("tip_rate_hz", self.tip_rate_hz)?;
+        check_not_negative("guide_error_mm", self.guide_error_mm)?;
         check("bevel_deg", self.bevel_deg, "a finite number", true)?;
         if let Some(prior) = &self.prior {
-            optional("foundation_kpa", prior.foundation_kpa)?;
-            let range = |field, range: Option<[f64; 2]>| match range {
-                Some([low, high]) => {
-                    check(field, low, "0 or more", low >= 0.0)?;
-                    check(field, high, "the lower end or more", high >= low)
-                }
-                None => Ok(()),
-            };
-            range("foundation_range", prior.foundation_range)?;
-            range("tip_load_range", prior.tip_load_range)?;
+            check_optional("foundation_kpa", prior.foundation_kpa)?;
+            check_range("foundation_range", prior.foundation_range)?;
+            check_range("tip_load_range", prior.tip_load_range)?;
             if let Some(load_n) = prior.tip_load_n {
                 check("tip_load_n", load_n, "a finite number", true)?;
             }
             if let Some(slope) = prior.slope_mrad {
-                not_negative("slope_mrad", slope)?;
+                check_not_negative("slope_mrad", slope)?;
             }
         }
         Ok(())
     }
+}
+
+fn check_range(field: &'static str, range: Option<[f64; 2]>) -> Result<(), PlantError> {
+    match range {
+        Some([low, high]) => {
+            check(field, low, "0 or more", low >= 0.0)?;
+            check(field, high, "the lower end or more", high >= low)
+        }
+        None => Ok(()),
+    }
+}
+
+fn check_optional(field: &'static str, value: Option<f64>) -> Result<(), PlantError> {
+    value.map_or(Ok(()), |value| check_positive(field, value))
+}
+
+fn check_not_negative(field: &'static str, value: f64) -> Result<(), PlantError> {
+    check(field, value, "0 or more", value >= 0.0)
+}
+
+fn check_positive(field: &'static str, value: f64) -> Result<(), PlantError> {
+    check(field, value, "more than 0", value > 0.0)
 }
 
 impl Answer {
@@ -233,17 +245,16 @@ impl Answer {
     /// # Errors
     /// [`PlantError::Time`], [`PlantError::Value`].
     pub fn check(&self, command: &Command) -> Result<(), PlantError> {
-        let finite = |field, value: f64| check(field, value, "a finite number", true);
-        finite("t_s", self.t_s)?;
+        check_finite("t_s", self.t_s)?;
         if (self.t_s - command.t_s).abs() > 1e-6 {
             return Err(PlantError::Time { answered: self.t_s, commanded: command.t_s });
         }
-        finite("depth_mm", self.depth_mm)?;
-        finite("guide_x_mm", self.guide_x_mm)?;
-        finite("guide_y_mm", self.guide_y_mm)?;
-        finite("bevel_deg", self.bevel_deg)?;
-        finite("tip_x_mm", self.tip_x_mm)?;
-        finite("tip_y_mm", self.tip_y_mm)?;
+        check_finite("depth_mm", self.depth_mm)?;
+        check_finite("guide_x_mm", self.guide_x_mm)?;
+        check_finite("guide_y_mm", self.guide_y_mm)?;
+        check_finite("bevel_deg", self.bevel_deg)?;
+        check_finite("tip_x_mm", self.tip_x_mm)?;
+        check_finite("tip_y_mm", self.tip_y_mm)?;
         let optional = [
             ("force_x_n", self.force_x_n),
             ("force_y_n", self.force_y_n),
@@ -251,6 +262,12 @@ impl Answer {
             ("tip_slope_x_mrad", self.tip_slope_x_mrad),
             ("tip_slope_y_mrad", self.tip_slope_y_mrad),
         ];
-        optional.into_iter().try_for_each(|(field, value)| value.map_or(Ok(()), |value| finite(field, value)))
+        optional
+            .into_iter()
+            .try_for_each(|(field, value)| value.map_or(Ok(()), |value| check_finite(field, value)))
     }
+}
+
+fn check_finite(field: &'static str, value: f64) -> Result<(), PlantError> {
+    check(field, value, "a finite number", true)
 }

@@ -25,11 +25,16 @@ pub(crate) fn probability_within(miss_m: [f64; 2], covariance_m2: [f64; 3], radi
             let half_chord = (radius_m * radius_m - x * x).max(0.0).sqrt();
             let density = (-0.5 * ((x - rotated_mm[0]) / sds[0]).powi(2)).exp()
                 / (sds[0] * std::f64::consts::TAU.sqrt());
-            let mass_below = |y: f64| normal_cdf((y - rotated_mm[1]) / sds[1]);
-            width * density * (mass_below(half_chord) - mass_below(-half_chord))
+            width
+                * density
+                * (mass_below(half_chord, rotated_mm, sds) - mass_below(-half_chord, rotated_mm, sds))
         })
         .sum::<f64>()
         .clamp(0.0, 1.0)
+}
+
+fn mass_below(y: f64, rotated_mm: [f64; 2], sds: [f64; 2]) -> f64 {
+    normal_cdf((y - rotated_mm[1]) / sds[1])
 }
 
 fn normal_cdf(x: f64) -> f64 {

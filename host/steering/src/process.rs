@@ -70,12 +70,9 @@ impl ProcessPlant {
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         #[cfg(windows)]
         std::os::windows::process::CommandExt::creation_flags(&mut command, NEW_PROCESS_GROUP);
-        let failed = |error: &dyn std::fmt::Display| {
-            record.failure(PlantError::NotStarted(format!("{program}: {error}")))
-        };
-        let mut child = command.spawn().map_err(|error| failed(&error))?;
+        let mut child = command.spawn().map_err(|error| not_started(&error, &record, program))?;
         let (input, output) = (child.stdin.take(), child.stdout.take());
-        let output = output.ok_or_else(|| failed(&"no standard output"))?;
+        let output = output.ok_or_else(|| not_started(&"no standard output", &record, program))?;
         let (send, lines) = channel();
         std::thread::spawn(move || {
             let mut reader = BufReader::new(output);
@@ -171,6 +168,10 @@ impl ProcessPlant {
         };
         format!("{program}; {remedy}").into()
     }
+}
+
+fn not_started(error: &dyn std::fmt::Display, record: &Record, program: &str) -> PlantError {
+    record.failure(PlantError::NotStarted(format!("{program}: {error}")))
 }
 
 impl Plant for ProcessPlant {

@@ -47,7 +47,6 @@ fn answered(answer: &str) -> SteerError {
 
 #[test]
 fn every_error_of_a_plant_ends_the_run_by_its_name() {
-    let without_field = |text: &str, field: &str| text.replace(field, "");
     for (error, name, part) in [
         (answered(r#"{"error":"the needle broke"}"#), "plant_error", "the needle broke"),
         (answered("not json"), "plant_line_malformed", "line 2 of the plant is no answer"),
@@ -94,6 +93,10 @@ fn every_error_of_a_plant_ends_the_run_by_its_name() {
     // Whether the parser of JSON rejects it or passes it on as infinite depends on features that other packages of a build request.
     let error = answered(&ANSWER.replace(r#""tip_x_mm":0"#, r#""tip_x_mm":1e999"#));
     assert!(["plant_line_malformed", "plant_value"].contains(&error.name()), "{error}");
+}
+
+fn without_field(text: &str, field: &str) -> String {
+    text.replace(field, "")
 }
 
 #[test]

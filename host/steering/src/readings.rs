@@ -163,12 +163,7 @@ impl Bin {
 
     /// Mean of its readings without those far from their median.
     fn average(&mut self, noise_m: f64, nodes_m: &[f64]) {
-        let median = |plane: usize| {
-            let mut values: Vec<f64> = self.own.iter().map(|own| own[plane]).collect();
-            values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
-        };
-        let middle_m = [median(0), median(1)];
+        let middle_m = [self.median_in_plane(0), self.median_in_plane(1)];
         let good: Vec<&[f64; 3]> = self
             .own
             .iter()
@@ -177,8 +172,8 @@ impl Bin {
             })
             .collect();
         let count = good.len().max(1) as f64;
-        let mean = |i: usize| good.iter().map(|own| own[i]).sum::<f64>() / count;
-        (self.tip_m, self.depth_m) = ([mean(0), mean(1)], mean(2));
+        (self.tip_m, self.depth_m) =
+            ([mean_along(0, &good, count), mean_along(1, &good, count)], mean_along(2, &good, count));
         if let Place::Between(node, _) = self.place {
             let [node_m, next_m] = [nodes_m[node], nodes_m[(node + 1).min(nodes_m.len() - 1)]];
             self.place = Place::Between(node, ((self.depth_m - node_m) / (next_m - node_m)).clamp(0.0, 1.0));
@@ -186,4 +181,14 @@ impl Bin {
         self.count = good.len();
         self.variance_m2 = noise_m * noise_m / count;
     }
+
+    fn median_in_plane(&self, plane: usize) -> f64 {
+        let mut values: Vec<f64> = self.own.iter().map(|own| own[plane]).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    }
+}
+
+fn mean_along(i: usize, good: &[&[f64; 3]], count: f64) -> f64 {
+    good.iter().map(|own| own[i]).sum::<f64>() / count
 }

@@ -96,23 +96,19 @@ impl ReplayPlant {
         // The last line may have been cut off.
         let whole = text.rfind('\n').map_or("", |end| &text[..end]);
         for (number, line) in (1..).zip(whole.lines()) {
-            let malformed = |problem: &str| PlantError::Malformed {
-                line: number,
-                expected: "line of a record".into(),
-                problem: problem.to_owned(),
-            };
             let members = line.strip_prefix("{\"").and_then(|rest| rest.strip_suffix('}'));
             let (kind, json) = members
                 .and_then(|rest| rest.split_once("\":"))
-                .ok_or_else(|| malformed("not {\"kind\":..}"))?;
+                .ok_or_else(|| malformed("not {\"kind\":..}", number))?;
             match kind {
                 "command" | "plant" | "malformed" | "failure" => {
                     lines.push_back((kind.to_owned(), json.to_owned()))
                 }
                 "decision" => decisions.push(json.to_owned()),
                 "options" => {
-                    options =
-                        Some(serde_json::from_str(json).map_err(|error| malformed(&error.to_string()))?);
+                    options = Some(
+                        serde_json::from_str(json).map_err(|error| malformed(&error.to_string(), number))?,
+                    );
                 }
                 _ => {}
             }
@@ -141,14 +137,17 @@ impl ReplayPlant {
         }
         self.step += 1;
         let line = to_line(message);
-        let differs = |difference: String| PlantError::Differs { step: self.step, difference };
         match self.lines.pop_front() {
             Some((kind, recorded)) if kind == "command" && recorded == line => Ok(()),
             Some((kind, recorded)) if kind == "command" => {
-                Err(differs(format!("{line} instead of {recorded}")))
+                Err(self.differs(format!("{line} instead of {recorded}")))
             }
-            _ => Err(differs(format!("{line}, where the recording has no command"))),
+            _ => Err(self.differs(format!("{line}, where the recording has no command"))),
         }
+    }
+
+    fn differs(&self, difference: String) -> PlantError {
+        PlantError::Differs { step: self.step, difference }
     }
 
     fn received<T: serde::de::DeserializeOwned>(&mut self, expected: &'static str) -> Result<T, PlantError> {
@@ -174,6 +173,10 @@ impl ReplayPlant {
             .and_then(|(_, error)| serde_json::from_str(&error).ok())
             .unwrap_or(PlantError::Ended { expected: expected.into(), how: "the record ends here".into() })
     }
+}
+
+fn malformed(problem: &str, number: u64) -> PlantError {
+    PlantError::Malformed { line: number, expected: "line of a record".into(), problem: problem.to_owned() }
 }
 
 impl Plant for ReplayPlant {

@@ -181,7 +181,6 @@ pub(crate) fn after(
     node: usize,
 ) -> [f64; 2] {
     let last = Place::Rest(history.depths_m.len() - 1, 0);
-    let moved_weight = |at: usize, value: f64| moved_from(node, at).map(|share| share * value);
     [0, 1].map(|direction| {
         let own = |at_node: usize| {
             let depth_m = history.depths_m[at_node];
@@ -192,18 +191,23 @@ pub(crate) fn after(
                     .iter()
                     .map(|(knot, weight)| weight * unknowns.value(values, unknowns.tip(direction, *knot)))
                     .sum(),
+                node,
             )
         };
         let path = tables.path(Input { guide_m: &|_| [0.0; 2], tip: &own });
         let lateral_cut = match unknowns.law {
             CuttingLaw::Load => {
                 let angle = unknowns.value(values, unknowns.beside() + direction);
-                at(&tips(&tables.beside(|at_node| moved_weight(at_node, angle))), last)
+                at(&tips(&tables.beside(|at_node| moved_weight(at_node, angle, node))), last)
             }
             CuttingLaw::Angle => 0.0,
         };
         at(&path, last) + lateral_cut
     })
+}
+
+fn moved_weight(at: usize, value: f64, node: usize) -> [f64; 2] {
+    moved_from(node, at).map(|share| share * value)
 }
 
 /// Component in plane x (0) or y (1) of a vector that is fixed to the needle (along and across the
@@ -227,14 +231,10 @@ pub(crate) struct Columns {
 
 impl Columns {
     pub fn new(tables: &Tables, unknowns: &Unknowns, history: &History) -> Self {
-        let zero_pair = |_: usize| [0.0; 2];
         let play = [0, 1].map(|plane| {
             let guide_m = |node: usize| history.nodes[node].play[plane].map(|side| -side);
-            tables.path(Input { guide_m: &guide_m, tip: &zero_pair })
+            tables.path(Input { guide_m: &guide_m, tip: &no_motion })
         });
-        let tip_part = |node: usize, part: usize| {
-            history.nodes[node].bevel_rad.map(|turn| if part == 0 { turn.cos() } else { turn.sin() })
-        };
         let tip = (0..unknowns.knots)
             .map(|knot| {
                 [0, 1].map(|part| {
@@ -242,19 +242,20 @@ impl Columns {
                         let weights = hats(history.depths_m[node], unknowns.knots);
                         let weight: f64 =
                             weights.iter().filter(|(at, _)| *at == knot).map(|(_, weight)| weight).sum();
-                        tip_part(node, part).map(|part| weight * part)
+                        tip_part(node, part, &history.nodes).map(|part| weight * part)
                     };
-                    tables.path(Input { guide_m: &zero_pair, tip: &hat })
+                    tables.path(Input { guide_m: &no_motion, tip: &hat })
                 })
             })
             .collect();
         let lateral_responses = match unknowns.law {
-            CuttingLaw::Load => [0, 1].map(|part| tips(&tables.beside(|node| tip_part(node, part)))),
+            CuttingLaw::Load => {
+                [0, 1].map(|part| tips(&tables.beside(|node| tip_part(node, part, &history.nodes))))
+            }
             CuttingLaw::Angle => [0, 1].map(|_| vec![[0.0; 2]; history.depths_m.len()]),
         };
-        let unit = |_: usize| [1.0; 2];
         Self {
-            guide: tables.path(Input { guide_m: &unit, tip: &zero_pair }),
+            guide: tables.path(Input { guide_m: &unit_motion, tip: &no_motion }),
             play,
             tip,
             beside: lateral_responses,
@@ -269,12 +270,11 @@ impl Columns {
         set(unknowns.offset() + plane, 1.0);
         set(unknowns.guide_offset() + plane, at(&self.guide, place));
         set(unknowns.backlash() + plane, at(&self.play[plane], place));
-        let rotated = |[cos, sin]: [f64; 2]| if plane == 0 { [cos, -sin] } else { [sin, cos] };
         for (knot, parts) in self.tip.iter().enumerate() {
-            let values = rotated([0, 1].map(|part: usize| at(&parts[part], place)));
+            let values = rotated([0, 1].map(|part: usize| at(&parts[part], place)), plane);
             (0..2).for_each(|direction| set(unknowns.tip(direction, knot), values[direction]));
         }
-        let values = rotated([0, 1].map(|part: usize| at(&self.beside[part], place)));
+        let values = rotated([0, 1].map(|part: usize| at(&self.beside[part], place)), plane);
         (0..2).for_each(|direction| set(unknowns.beside() + direction, values[direction]));
         for (knot, weight) in hats(depth_m, unknowns.knots) {
             if weight > 0.0 {
@@ -282,4 +282,20 @@ impl Columns {
             }
         }
     }
+}
+
+fn rotated([cos, sin]: [f64; 2], plane: usize) -> [f64; 2] {
+    if plane == 0 { [cos, -sin] } else { [sin, cos] }
+}
+
+fn unit_motion(_: usize) -> [f64; 2] {
+    [1.0; 2]
+}
+
+fn no_motion(_: usize) -> [f64; 2] {
+    [0.0; 2]
+}
+
+fn tip_part(node: usize, part: usize, nodes: &[crate::history::AtNode]) -> [f64; 2] {
+    nodes[node].bevel_rad.map(|turn| if part == 0 { turn.cos() } else { turn.sin() })
 }

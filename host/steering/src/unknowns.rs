@@ -69,14 +69,8 @@ impl Unknowns {
         let guide2_m = 1e-3 * stated.rig.guide1_to_guide2_mm.unwrap_or(60.0);
         let entry_m = guide2_m + 1e-3 * stated.rig.guide2_to_surface_mm;
         let stated_rig = Rig::two_guides(Needle::gauge_18(), guide2_m, entry_m);
-        let range = |range: Option<[f64; 2]>, default: f64| match range {
-            Some([low, high]) if low > 0.0 && high > low => {
-                ((low * high).sqrt(), (high / low).ln() / 12f64.sqrt())
-            }
-            _ => (1.0, default),
-        };
         let (factor, modulus_sd) =
-            range(prior.and_then(|prior| prior.foundation_range), tissue::STATED_MODULUS.sd());
+            center_and_spread(prior.and_then(|prior| prior.foundation_range), tissue::STATED_MODULUS.sd());
         let modulus_pa = 1e3
             * factor
             * prior
@@ -122,16 +116,13 @@ impl Unknowns {
         (model.sd, model.mean) = (vec![0.0; count], vec![0.0; count]);
         let mut correlation = DMatrix::identity(count, count);
 
-        let middle_m = |layer: usize| {
-            let top_m = layer.checked_sub(1).map_or(0.0, |above| FACES_M[above]);
-            0.5 * (top_m + FACES_M.get(layer).copied().unwrap_or(0.1))
-        };
         model.sd[..LAYERS].fill(modulus_sd.hypot(tissue::LAYER_MODULUS.sd()));
         (model.sd[SKIN], model.sd[GAP], model.sd[CLAMP]) =
             (tissue::SKIN.sd(), tissue::GAP_OF_STAGE.sd(), clamp_sd);
         for i in 0..LAYERS {
             for j in 0..LAYERS {
-                let alike = (-(middle_m(i) - middle_m(j)).abs() / tissue::LAYER_LENGTH.mean()).exp();
+                let alike =
+                    (-(layer_middle_m(i) - layer_middle_m(j)).abs() / tissue::LAYER_LENGTH.mean()).exp();
                 correlation[(i, j)] =
                     (modulus_sd.powi(2) + tissue::LAYER_MODULUS.sd().powi(2) * alike) / model.sd[i].powi(2);
             }
@@ -245,19 +236,40 @@ impl Unknowns {
 
     /// Needle and tissue of these unknowns.
     pub fn problem(&self, unknowns: &[f64]) -> Result<BeamProblem, ModelError> {
-        // Further from the prior than this no tissue is; the search may step there.
-        let ln = |place: usize| (self.sd[place] * unknowns[place].clamp(-6.0, 6.0)).exp();
         let layers = FACES_M
             .iter()
             .enumerate()
-            .map(|(i, bottom_m)| Layer { bottom_m: *bottom_m, modulus_pa: self.modulus_pa * ln(i) })
+            .map(|(i, bottom_m)| Layer {
+                bottom_m: *bottom_m,
+                modulus_pa: self.modulus_pa * self.factor_of(i, unknowns),
+            })
             .collect();
-        let foundation = Foundation::layered(layers, self.modulus_pa * ln(LAYERS - 1))?;
+        let foundation = Foundation::layered(layers, self.modulus_pa * self.factor_of(LAYERS - 1, unknowns))?;
         let gap_m = self.problem.entry_m - self.problem.guide2_m;
         let entry_m = self.problem.guide2_m + (gap_m + self.value(unknowns, GAP)).max(0.2 * gap_m);
-        let skin_n_per_m = tissue::SKIN.mean() * ln(SKIN);
-        let clamp_compliance_rad_per_n_m = self.problem.clamp_compliance_rad_per_n_m * ln(CLAMP);
+        let skin_n_per_m = tissue::SKIN.mean() * self.factor_of(SKIN, unknowns);
+        let clamp_compliance_rad_per_n_m =
+            self.problem.clamp_compliance_rad_per_n_m * self.factor_of(CLAMP, unknowns);
         let problem = self.problem.clone();
         Ok(BeamProblem { foundation, skin_n_per_m, entry_m, clamp_compliance_rad_per_n_m, ..problem })
+    }
+
+    /// Further from the prior than this no tissue is; the search may step there.
+    fn factor_of(&self, place: usize, unknowns: &[f64]) -> f64 {
+        (self.sd[place] * unknowns[place].clamp(-6.0, 6.0)).exp()
+    }
+}
+
+fn layer_middle_m(layer: usize) -> f64 {
+    let top_m = layer.checked_sub(1).map_or(0.0, |above| FACES_M[above]);
+    0.5 * (top_m + FACES_M.get(layer).copied().unwrap_or(0.1))
+}
+
+fn center_and_spread(range: Option<[f64; 2]>, default: f64) -> (f64, f64) {
+    match range {
+        Some([low, high]) if low > 0.0 && high > low => {
+            ((low * high).sqrt(), (high / low).ln() / 12f64.sqrt())
+        }
+        _ => (1.0, default),
     }
 }

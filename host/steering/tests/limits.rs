@@ -74,19 +74,19 @@ fn a_limit_that_keeps_the_needle_from_its_target_is_stated_in_words() {
 /// A limit of the tissue's compression is kept as the others are: the same needle compresses it less, and goes less far.
 #[test]
 fn a_limit_of_the_tissues_compression_limits_the_guide() {
-    let reach_mm = |compression_mm: Option<f64>| {
-        let (mut plant, options) = drawn(Tissues::Plain, 3);
-        plant.stated.limits.needle_strain = None;
-        plant.stated.limits.tissue_compression_mm = compression_mm;
-        let plan =
-            steering::plan_path(&plant.stated, &Options { target_mm: [60.0, 0.0, DEPTH_MM], ..options })
-                .expect("a plan");
-        (plan.nearest_mm.expect("out of reach")[0], plan.limited_by)
-    };
     let (free_mm, _) = reach_mm(None);
     let (limited_mm, limiting) = reach_mm(Some(0.5));
     assert!(limited_mm < 0.8 * free_mm, "{limited_mm} mm with the limit, {free_mm} mm without");
     assert!(limiting.is_some_and(|limiting| limiting.contains("compression")));
+}
+
+fn reach_mm(compression_mm: Option<f64>) -> (f64, Option<String>) {
+    let (mut plant, options) = drawn(Tissues::Plain, 3);
+    plant.stated.limits.needle_strain = None;
+    plant.stated.limits.tissue_compression_mm = compression_mm;
+    let plan = steering::plan_path(&plant.stated, &Options { target_mm: [60.0, 0.0, DEPTH_MM], ..options })
+        .expect("a plan");
+    (plan.nearest_mm.expect("out of reach")[0], plan.limited_by)
 }
 
 /// A plant of which the true strain is looked at with every answer.

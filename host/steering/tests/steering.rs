@@ -106,21 +106,14 @@ fn a_replay_repeats_every_command_and_decision() {
 #[test]
 fn a_tip_sensor_that_fails_holds_the_needle_and_is_named() {
     type Fails = fn(&mut Answer, &Answer);
-    let silent: Fails = |answer, last| {
-        (answer.tip_seq, answer.tip_x_mm, answer.tip_y_mm, answer.tip_t_s) =
-            (last.tip_seq, last.tip_x_mm, last.tip_y_mm, last.tip_t_s);
-    };
-    let frozen: Fails = |answer, last| (answer.tip_x_mm, answer.tip_y_mm) = (last.tip_x_mm, last.tip_y_mm);
-    let invalid: Fails = |answer, _| answer.valid = false;
-    let jump_far: Fails = |answer, _| answer.tip_x_mm += 25.0;
-    let late: Fails = |answer, _| answer.tip_t_s = Some(answer.t_s - 3.0);
-    for (fails, name) in [
+    let failures: [(Fails, &str); 5] = [
         (silent, "tip_silent"),
         (frozen, "tip_frozen"),
         (invalid, "tip_silent"),
         (jump_far, "tip_outside_band"),
         (late, "tip_late"),
-    ] {
+    ];
+    for (fails, name) in failures {
         let (plant, options) = drawn(1);
         let mut last: Option<Answer> = None;
         let change = |answer: &mut Answer| match &last {
@@ -139,6 +132,27 @@ fn a_tip_sensor_that_fails_holds_the_needle_and_is_named() {
         // Pushed for about two seconds at most: 2 s times 4 mm/s beyond 22 mm, rests not counted.
         assert!(deepest_mm < 22.0 + 12.0, "{name}: stopped at {deepest_mm} mm");
     }
+}
+
+fn late(answer: &mut Answer, _: &Answer) {
+    answer.tip_t_s = Some(answer.t_s - 3.0)
+}
+
+fn jump_far(answer: &mut Answer, _: &Answer) {
+    answer.tip_x_mm += 25.0
+}
+
+fn invalid(answer: &mut Answer, _: &Answer) {
+    answer.valid = false
+}
+
+fn frozen(answer: &mut Answer, last: &Answer) {
+    (answer.tip_x_mm, answer.tip_y_mm) = (last.tip_x_mm, last.tip_y_mm)
+}
+
+fn silent(answer: &mut Answer, last: &Answer) {
+    (answer.tip_seq, answer.tip_x_mm, answer.tip_y_mm, answer.tip_t_s) =
+        (last.tip_seq, last.tip_x_mm, last.tip_y_mm, last.tip_t_s);
 }
 
 /// A needle that slips back out of the tissue ends the run at once.
@@ -160,18 +174,22 @@ fn a_needle_that_was_let_go_ends_the_run() {
 #[test]
 fn guide_moves_are_one_step_where_the_rig_states_it() {
     let (mut plant, options) = drawn(0);
-    let moves = |plant: &SimulatedPlant| {
-        let mut plant = Changed { plant: plant.clone(), change: |_: &mut Answer| {}, commands: Vec::new() };
-        let run = carried_out(&mut plant, &options).expect("a run");
-        let guide_of = |command: &Command| (command.guide_x_mm, command.guide_y_mm);
-        let steps = plant.commands.windows(2).filter(|pair| guide_of(&pair[0]) != guide_of(&pair[1])).count();
-        (steps, run.decisions.iter().filter(|one| one.guide_from_mm != one.guide_to_mm).count())
-    };
-    let (steps, decided) = moves(&plant);
+    let (steps, decided) = moves(&plant, &options);
     assert!(steps > decided, "{steps} steps for {decided} moves");
     plant.stated.rig.guide_moves_in_one_step = true;
-    let (steps, decided) = moves(&plant);
+    let (steps, decided) = moves(&plant, &options);
     assert!(steps > 3 && steps <= decided, "{steps} steps for {decided} moves");
+}
+
+fn moves(plant: &SimulatedPlant, options: &Options) -> (usize, usize) {
+    let mut plant = Changed { plant: plant.clone(), change: |_: &mut Answer| {}, commands: Vec::new() };
+    let run = carried_out(&mut plant, options).expect("a run");
+    let steps = plant.commands.windows(2).filter(|pair| guide_of(&pair[0]) != guide_of(&pair[1])).count();
+    (steps, run.decisions.iter().filter(|one| one.guide_from_mm != one.guide_to_mm).count())
+}
+
+fn guide_of(command: &Command) -> (f64, f64) {
+    (command.guide_x_mm, command.guide_y_mm)
 }
 
 /// A sensor that comes back in time does not end the run.

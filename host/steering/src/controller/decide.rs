@@ -94,14 +94,6 @@ impl Controller<'_> {
         }
         let paths = law.paths(&history)?;
         let likeliest = posterior.at.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| at);
-        let sd_mm = |rest: usize| {
-            let number = known_rests.iter().position(|one| *one == rest);
-            let rows = likeliest.zip(number).and_then(|(at, number)| Some((at, at.way_rows.get(number)?)));
-            rows.map_or(f64::NAN, |(at, rows)| {
-                let variance = |row: &nalgebra::DVector<f64>| row.dot(&(&at.covariance * row));
-                1e3 * (0.5 * (variance(&rows[0]) + variance(&rows[1]))).max(0.0).sqrt()
-            })
-        };
         let point = |node: usize, sd_mm: f64| PathPoint {
             depth_mm: 1e3 * history.depths_m[node],
             tip_mm: [0, 1].map(|plane: usize| 1e3 * tables::at(&paths[plane], Place::Rest(node, 1))),
@@ -109,8 +101,10 @@ impl Controller<'_> {
         };
         let last = history.depths_m.len() - 1;
         // A stop that is new in this plan has no row yet.
-        let on_way =
-            rests.iter().map(|rest| point(*rest, sd_mm(*rest))).filter(|point| point.sd_mm.is_finite());
+        let on_way = rests
+            .iter()
+            .map(|rest| point(*rest, sd_mm_at(*rest, likeliest, known_rests)))
+            .filter(|point| point.sd_mm.is_finite());
         Ok(on_way.chain([point(last, 1e3 * sd_m(plan.covariance_m2))]).collect())
     }
 
@@ -130,8 +124,11 @@ impl Controller<'_> {
     /// Stops where the plan, too, ends further from the target than no steering would have: the model is not that of this needle.
     pub(super) fn is_worse_than_none(&self, decision: &Decision) -> Option<Outcome> {
         let target_mm = self.options.target_mm;
-        let miss = |i: usize| decision.expected_tip_mm[i] - target_mm[i];
-        let planned_mm = miss(0).hypot(miss(1));
+        let planned_mm = miss_along_mm(0, target_mm, decision.expected_tip_mm).hypot(miss_along_mm(
+            1,
+            target_mm,
+            decision.expected_tip_mm,
+        ));
         let sd_mm = (decision.covariance_mm2[0] + decision.covariance_mm2[2]).max(0.0).sqrt();
         let worse = planned_mm - 2.0 * sd_mm > decision.unsteered_miss_mm.max(MISS_THAT_STOPS_MM);
         (worse && self.options.steered).then(|| {
@@ -158,10 +155,8 @@ impl Controller<'_> {
         to_m: [f64; 2],
         posterior: &Posterior,
     ) -> Result<Decision, SteerError> {
-        let mm = |m: [f64; 2]| m.map(|m| 1e3 * m);
         let law = &self.laws[self.best()];
         let covariance = posterior.at.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| &at.covariance);
-        let sd = |place: usize| covariance.map_or(f64::NAN, |c| c[(place, place)].max(0.0).sqrt());
         let problem = law.unknowns.problem(&law.values)?;
         let middles_m = [0.005, 0.0175, 0.035, 0.0575, 0.085];
         let depth_m = self.history.depths_m[node];
@@ -182,17 +177,19 @@ impl Controller<'_> {
             t_s: self.last.t_s,
             depth_mm: 1e3 * depth_m,
             guide_from_mm: [self.last.guide_x_mm, self.last.guide_y_mm],
-            guide_to_mm: mm(to_m),
+            guide_to_mm: to_mm(to_m),
             bevel_deg: self.last.bevel_deg,
             plan_depth_mm: rests.iter().map(|rest| 1e3 * self.history.depths_m[*rest]).collect(),
-            plan_guide_mm: plan.guide_m.iter().copied().map(mm).collect(),
-            expected_tip_mm: mm(plan.tip_m),
+            plan_guide_mm: plan.guide_m.iter().copied().map(to_mm).collect(),
+            expected_tip_mm: to_mm(plan.tip_m),
             covariance_mm2: plan.covariance_m2.map(|m2| 1e6 * m2),
             within: self.within(plan.tip_m, plan.covariance_m2),
             path: Vec::new(),
             unsteered_miss_mm: self.unsteered_miss_mm()?,
             modulus_kpa: middles_m.iter().map(|m| 1e-3 * problem.foundation.modulus_pa(*m)).collect(),
-            modulus_sd_ln: (0..LAYERS).map(|layer| law.unknowns.sd[layer] * sd(layer)).collect(),
+            modulus_sd_ln: (0..LAYERS)
+                .map(|layer| law.unknowns.sd[layer] * sd_of(layer, covariance))
+                .collect(),
             tip_load_n: load_n,
             cut_angle_probability,
             misfit: law.misfit,
@@ -205,15 +202,20 @@ impl Controller<'_> {
     /// Limits that keep the needle from its target, in words.
     fn limits_in_words(&self, plan: &Plan) -> Option<String> {
         let limits: Vec<String> = plan.limited_by.iter().map(|(limit, _)| limit.to_string()).collect();
-        let difference_mm = |i: usize| 1e3 * plan.tip_m[i] - self.options.target_mm[i];
-        let (miss_mm, verb) =
-            (difference_mm(0).hypot(difference_mm(1)), if limits.len() == 1 { "keeps" } else { "keep" });
+        let (miss_mm, verb) = (
+            self.difference_mm(0, plan.tip_m).hypot(self.difference_mm(1, plan.tip_m)),
+            if limits.len() == 1 { "keeps" } else { "keep" },
+        );
         (!limits.is_empty()).then(|| {
             format!(
                 "{} {verb} guide 2 from moving further: the tip is expected {miss_mm:.2} mm from the target",
                 limits.join(" and ")
             )
         })
+    }
+
+    fn difference_mm(&self, i: usize, tip_m: [f64; 2]) -> f64 {
+        1e3 * tip_m[i] - self.options.target_mm[i]
     }
 
     /// Miss had the guide never been moved and the needle never been turned, by the likeliest law.
@@ -226,7 +228,36 @@ impl Controller<'_> {
         }
         let paths = law.paths(&still)?;
         let last = Place::Rest(still.depths_m.len() - 1, 0);
-        let miss = |plane: usize| 1e3 * tables::at(&paths[plane], last) - self.options.target_mm[plane];
-        Ok(miss(0).hypot(miss(1)))
+        Ok(self.unsteered_miss_along_mm(0, &paths, last).hypot(self.unsteered_miss_along_mm(1, &paths, last)))
     }
+
+    fn unsteered_miss_along_mm(&self, plane: usize, paths: &[Vec<[f64; 2]>; 2], last: Place) -> f64 {
+        1e3 * tables::at(&paths[plane], last) - self.options.target_mm[plane]
+    }
+}
+
+fn sd_of(place: usize, covariance: Option<&nalgebra::DMatrix<f64>>) -> f64 {
+    covariance.map_or(f64::NAN, |c| c[(place, place)].max(0.0).sqrt())
+}
+
+fn to_mm(m: [f64; 2]) -> [f64; 2] {
+    m.map(|m| 1e3 * m)
+}
+
+fn miss_along_mm(i: usize, target_mm: [f64; 3], expected_tip_mm: [f64; 2]) -> f64 {
+    expected_tip_mm[i] - target_mm[i]
+}
+
+fn sd_mm_at(rest: usize, likeliest: Option<&crate::estimator::AtTarget>, known_rests: &[usize]) -> f64 {
+    let number = known_rests.iter().position(|one| *one == rest);
+    let rows = likeliest.zip(number).and_then(|(at, number)| Some((at, at.way_rows.get(number)?)));
+    rows.map_or(f64::NAN, |(at, rows)| {
+        1e3 * (0.5 * (variance_of(&rows[0], &at.covariance) + variance_of(&rows[1], &at.covariance)))
+            .max(0.0)
+            .sqrt()
+    })
+}
+
+fn variance_of(row: &nalgebra::DVector<f64>, covariance: &nalgebra::DMatrix<f64>) -> f64 {
+    row.dot(&(covariance * row))
 }

@@ -257,17 +257,20 @@ fn risks(left: &[Left]) -> Vec<LimitRisk> {
     for limit in left.iter().filter(|left| left.mm() > KEPT_OFF_MM).filter_map(|left| left.limit) {
         *counts.entry(limit).or_default() += 1;
     }
-    let fraction_of = |count: usize| count as f64 / left.len().max(1) as f64;
     let mut risks: Vec<LimitRisk> = counts
         .into_iter()
         .map(|(limit, count)| LimitRisk {
             limit: limit.name(),
             words: limit.to_string(),
-            probability: fraction_of(count),
+            probability: fraction_of(count, left),
         })
         .collect();
     risks.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     risks
+}
+
+fn fraction_of(count: usize, left: &[Left]) -> f64 {
+    count as f64 / left.len().max(1) as f64
 }
 
 #[cfg(test)]

@@ -166,8 +166,8 @@ impl Controller<'_> {
         let initial_force = self.resting_force();
         for step in 1..=steps as usize {
             let fraction = step as f64 / steps;
-            let guide_at = |plane: usize| start_mm[plane] + fraction * (target_mm[plane] - start_mm[plane]);
-            let (guide_x_mm, guide_y_mm) = (guide_at(0), guide_at(1));
+            let (guide_x_mm, guide_y_mm) =
+                (guide_at(0, start_mm, fraction, target_mm), guide_at(1, start_mm, fraction, target_mm));
             self.step(Command { t_s: self.last.t_s + step_s, guide_x_mm, guide_y_mm, ..self.last })?;
         }
         self.readings.skip_s[1] = self.last.t_s + 0.05;
@@ -205,4 +205,8 @@ impl Controller<'_> {
             self.laws.iter_mut().for_each(|law| law.felt.push(felt));
         }
     }
+}
+
+fn guide_at(plane: usize, start_mm: [f64; 2], fraction: f64, target_mm: [f64; 2]) -> f64 {
+    start_mm[plane] + fraction * (target_mm[plane] - start_mm[plane])
 }

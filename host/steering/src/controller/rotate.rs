@@ -83,21 +83,19 @@ pub(super) struct Aim {
 
 fn cost(responses: &[Response], turns: &[Turn], aim: Aim) -> f64 {
     let Aim { now_rad, target_m, doubt } = aim;
-    let distance_m = |m: [f64; 2]| (m[0] - target_m[0]).hypot(m[1] - target_m[1]);
     responses
         .iter()
         .map(|response| {
-            let tip_after = |candidate: usize| response.after_m.get(candidate).copied().unwrap_or_default();
             let last = turns.last().map_or(0, |(candidate, _)| *candidate);
-            let miss_m = tip_after(last);
-            let mut sum = distance_m(response.tip(now_rad, turns)).powi(2)
+            let miss_m = tip_after(last, &response.after_m);
+            let mut sum = distance_m(response.tip(now_rad, turns), target_m).powi(2)
                 + (doubt.max(UNCERTAIN) * miss_m[0].hypot(miss_m[1])).powi(2);
             if let [(first, end_rad), _] = turns {
                 // One more rotation reaches about what lies in a circle through the tip without it.
-                let moved_m = tip_after(*first);
+                let moved_m = tip_after(*first, &response.after_m);
                 let (tip_m, arm_m) = (response.tip(now_rad, &turns[..1]), turned(moved_m, end_rad.sin_cos()));
                 let reach_m = moved_m[0].hypot(moved_m[1]);
-                let target_offset_m = distance_m([tip_m[0] - arm_m[0], tip_m[1] - arm_m[1]]);
+                let target_offset_m = distance_m([tip_m[0] - arm_m[0], tip_m[1] - arm_m[1]], target_m);
                 sum += (target_offset_m - (1.0 - MARGIN * doubt).max(0.0) * reach_m).max(0.0).powi(2);
                 sum += (EARLY * doubt * reach_m).powi(2);
             }
@@ -105,6 +103,14 @@ fn cost(responses: &[Response], turns: &[Turn], aim: Aim) -> f64 {
         })
         .sum::<f64>()
         + ROTATION_M * ROTATION_M * turns.len() as f64
+}
+
+fn tip_after(candidate: usize, after_m: &[[f64; 2]]) -> [f64; 2] {
+    after_m.get(candidate).copied().unwrap_or_default()
+}
+
+fn distance_m(m: [f64; 2], target_m: [f64; 2]) -> f64 {
+    (m[0] - target_m[0]).hypot(m[1] - target_m[1])
 }
 
 /// Puts one of the rotations to the angle that is best for the others.
@@ -268,12 +274,18 @@ mod tests {
         let responses = [response([8e-3, 0.4e-3])];
         let target_m = [3e-3, 5e-3];
         let best_plan = plan(&responses, aim(0.2, target_m), 1);
-        let cost_of = |turns: &[Turn]| cost(&responses, turns, aim(0.2, target_m));
         for candidate in 0..40 {
             for angle in 0..360 {
                 let turn = (candidate, f64::from(angle).to_radians());
-                assert!(cost_of(&best_plan) <= cost_of(&[turn]) + 1e-15);
+                assert!(
+                    cost_of(&best_plan, &responses, target_m)
+                        <= cost_of(&[turn], &responses, target_m) + 1e-15
+                );
             }
         }
+    }
+
+    fn cost_of(turns: &[Turn], responses: &[Response; 1], target_m: [f64; 2]) -> f64 {
+        cost(responses, turns, aim(0.2, target_m))
     }
 }
