@@ -77,7 +77,6 @@ impl PlanRequest {
             }
             _ => Support::Springs,
         };
-        let metres = |mm: &[f64]| mm.iter().map(|mm| MM * mm).collect();
         Ok(PlanInput {
             support,
             poisson_sd: tissue.poisson_sd.unwrap_or(0.0),
@@ -102,6 +101,10 @@ impl PlanRequest {
             rig,
         })
     }
+}
+
+fn metres(mm: &[f64]) -> Vec<f64> {
+    mm.iter().map(|mm| MM * mm).collect()
 }
 
 /// Result of `guide plan`.

@@ -78,18 +78,24 @@ fn within(name: &'static str, value: f64, [least, most]: [f64; 2]) -> Result<f64
 
 /// Values of an effect's parameters.
 fn values(id: &str, given: &BTreeMap<String, f64>) -> Result<(&'static dyn Effect, Vec<f64>), AnswerError> {
-    let fault =
-        |name, value: &str, expected: String| AnswerError::Value { name, value: value.to_owned(), expected };
-    let effect = effect(id).ok_or_else(|| fault("effects", id, "the id of an effect".to_owned()))?;
+    let effect = effect(id).ok_or_else(|| value_error("effects", id, "the id of an effect".to_owned()))?;
     let mut values = neutral(effect);
     for (name, value) in given {
         let infos = effect.parameters().iter().zip(values.iter_mut());
-        let names = || effect.parameters().iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
         let effect_parameter = infos.into_iter().find(|(info, _)| info.name == name);
-        let (info, slot) = effect_parameter.ok_or_else(|| fault("effects", name, names()))?;
+        let (info, slot) =
+            effect_parameter.ok_or_else(|| value_error("effects", name, parameter_names(effect)))?;
         *slot = within(info.name, *value, info.range)?;
     }
     Ok((effect, values))
+}
+
+fn parameter_names(effect: &dyn Effect) -> String {
+    effect.parameters().iter().map(|info| info.name).collect::<Vec<_>>().join(", ")
+}
+
+fn value_error(name: &'static str, value: &str, expected: String) -> AnswerError {
+    AnswerError::Value { name, value: value.to_owned(), expected }
 }
 
 /// Expected readings of the sensors.
@@ -147,7 +153,6 @@ fn side(model: &Model, depth_m: f64, displacement_m: f64) -> Result<Side, ModelE
     let insertion =
         Insertion { depth_m: depths_m.clone(), guide2_m: Some(Default::default()), ..Insertion::default() };
     let inserted = predict(model, &Experiment::Insertion(insertion))?;
-    let in_mm = |values: &[f64]| values.iter().map(|value| 1e3 * value).collect();
     Ok(Side {
         force_n: read.force_n.y.get(QUARTER).copied().unwrap_or(f64::NAN),
         z_mm: in_mm(&z_m),
@@ -157,4 +162,8 @@ fn side(model: &Model, depth_m: f64, displacement_m: f64) -> Result<Side, ModelE
         depth_mm: in_mm(&depths_m),
         tip_mm: in_mm(&inserted.tip_m.y),
     })
+}
+
+fn in_mm(values: &[f64]) -> Vec<f64> {
+    values.iter().map(|value| 1e3 * value).collect()
 }

@@ -93,9 +93,8 @@ pub fn identification(
     let relation =
         relation
             .map(|name| {
-                let names = || YoungsMethod::ALL.map(YoungsMethod::name).join(", ");
                 YoungsMethod::ALL.into_iter().find(|one| one.name() == name).ok_or_else(|| {
-                    AnswerError::Value { name: "relation", value: name.to_owned(), expected: names() }
+                    AnswerError::Value { name: "relation", value: name.to_owned(), expected: method_names() }
                 })
             })
             .transpose()?
@@ -104,6 +103,10 @@ pub fn identification(
     let identification = identify(&session, &options.with_rig(rig(dir)?.as_ref()))?;
     let drawn = drawing::identification(&session, &identification)?;
     json(identification, drawn)
+}
+
+fn method_names() -> String {
+    YoungsMethod::ALL.map(YoungsMethod::name).join(", ")
 }
 
 /// Foundation by its name.
@@ -193,11 +196,10 @@ pub fn trial(
     let choice = Some(foundation_of(foundation)?).into();
     let mut trial_effects = Vec::new();
     for id in effects {
-        let expected = || "the id of an effect".to_owned();
         trial_effects.push(effect(id).ok_or_else(|| AnswerError::Value {
             name: "effects",
             value: id.clone(),
-            expected: expected(),
+            expected: expected_effect(),
         })?);
     }
     let is_prepared = bench.as_ref().is_some_and(|(of, on, _)| of == dir && on == foundation);
@@ -221,4 +223,8 @@ pub fn trial(
     });
     let held_out_points = held_out_points.collect();
     Ok(serde_json::to_string(&TrialAnswer { trial, held_out_points })?)
+}
+
+fn expected_effect() -> String {
+    "the id of an effect".to_owned()
 }

@@ -68,8 +68,6 @@ fn documents_are_those_of_the_program_with_figures() {
     let model = "[model]\nformat = 1\n[[effect]]\nid = \"tissue.layers\"\n[effect.parameters.k_ratio]\nvalue = 2.0\n\
                  [effect.parameters.boundary_mm]\nvalue = 15.0\n";
     let with_layers = ok(engine, &json!({"do": "predict", "dir": dir, "until_mm": 50, "model": model}));
-    let load_n =
-        |answer: &Value| answer["document"]["insertions"][0]["tip_force_n"].as_f64().expect("a load");
     assert!((load_n(&with_layers) - load_n(&path)).abs() > 1e-3);
     let misspelt =
         json!({"do": "predict", "dir": dir, "until_mm": 50, "model": model.replace("layers", "layer")});
@@ -80,20 +78,34 @@ fn documents_are_those_of_the_program_with_figures() {
     assert!((2..=600).contains(&drawn), "{drawn}");
 }
 
+fn load_n(answer: &Value) -> f64 {
+    answer["document"]["insertions"][0]["tip_force_n"].as_f64().expect("a load")
+}
+
 #[test]
 fn switching_the_hidden_effect_on_shrinks_the_misfit() {
     let folder = tempfile::tempdir().expect("a folder");
     let dir = example(folder.path());
     let engine = &mut Engine::default();
-    let request =
-        |effects: Value| json!({"do": "try", "dir": dir, "foundation": "springs", "effects": effects});
-    let plain = ok(engine, &request(json!([])));
-    let layers = ok(engine, &request(json!(["tissue.layers"])));
-    let of = |trial: &Value| trial["learned"][1]["chi2_reduced"].as_f64().expect("a number");
-    assert!(of(&layers) < 0.7 * of(&plain), "{} {}", of(&plain), of(&layers));
+    let plain = ok(engine, &trial_request(json!([]), &dir));
+    let layers = ok(engine, &trial_request(json!(["tissue.layers"]), &dir));
+    assert!(
+        chi2_reduced(&layers) < 0.7 * chi2_reduced(&plain),
+        "{} {}",
+        chi2_reduced(&plain),
+        chi2_reduced(&layers)
+    );
     assert!(layers["log_evidence_gain"].as_f64().is_some_and(|gain| gain > 5.0));
     assert!(layers["held_out_points"].as_array().is_some_and(|points| !points.is_empty()));
-    assert_eq!(ok(engine, &request(json!([]))), plain);
+    assert_eq!(ok(engine, &trial_request(json!([]), &dir)), plain);
+}
+
+fn chi2_reduced(trial: &Value) -> f64 {
+    trial["learned"][1]["chi2_reduced"].as_f64().expect("a number")
+}
+
+fn trial_request(effects: Value, dir: &str) -> Value {
+    json!({"do": "try", "dir": dir, "foundation": "springs", "effects": effects})
 }
 
 /// The numbers of the closed form: 1.2 mm at 16 kPa and 30 mm, 10 mm behind guide 2, take 1.3096 N.
@@ -104,7 +116,6 @@ fn the_needle_to_play_with_is_that_of_the_forward_model() {
         "do": "play", "k_kpa": 16, "depth_mm": 30, "displacement_mm": 1.2, "gap_mm": 10, "tip_load_n": 0.0
     });
     let plain = ok(engine, &request);
-    let force_n = |side: &Value| side["force_n"].as_f64().expect("a force");
     assert!((force_n(&plain["with"]) / 1.309_563_697_895_257 - 1.0).abs() < 1e-9);
     assert!(plain["without"].is_null());
     // With play of 0.3 mm the needle follows over 0.9 mm.
@@ -112,6 +123,10 @@ fn the_needle_to_play_with_is_that_of_the_forward_model() {
     let loose = ok(engine, &request);
     assert!((force_n(&loose["with"]) / force_n(&plain["with"]) - 0.75).abs() < 1e-9);
     assert_eq!(loose["without"], plain["with"]);
+}
+
+fn force_n(side: &Value) -> f64 {
+    side["force_n"].as_f64().expect("a force")
 }
 
 /// The numbers are those of `guide plan --rig FILE --k-kpa 5 30 --depth-mm 20 40 --displacement-mm 1.2`: the same library.
@@ -126,8 +141,10 @@ fn a_plan_is_narrower_where_more_is_displaced_and_states_what_breaks_a_limit() {
     assert_eq!(reply["document"]["schema"], "guide.plan/1");
     let choices = reply["document"]["choices"].as_array().expect("a list");
     assert_eq!(choices.len(), 4);
-    let percent = |choice: &Value| choice["half_width_percent"].as_f64().expect("a number");
-    assert!(percent(&choices[1]) < percent(&choices[0]) && percent(&choices[3]) < percent(&choices[2]));
+    assert!(
+        half_width_percent(&choices[1]) < half_width_percent(&choices[0])
+            && half_width_percent(&choices[3]) < half_width_percent(&choices[2])
+    );
     assert!(choices.iter().all(|choice| choice["within_limits"] == true));
     request["force_limit_n"] = json!(0.01);
     let tight = ok(engine, &request);
@@ -136,24 +153,32 @@ fn a_plan_is_narrower_where_more_is_displaced_and_states_what_breaks_a_limit() {
     assert!(error(&request).contains("modulus_kpa: 30 to 5"), "{}", error(&request));
 }
 
+fn half_width_percent(choice: &Value) -> f64 {
+    choice["half_width_percent"].as_f64().expect("a number")
+}
+
 #[test]
 fn blocks_have_k_over_e_over_their_size_and_a_figure() {
     let engine = &mut Engine::default();
     let reply = ok(engine, &json!({"do": "blocks", "depth_mm": 30, "poisson": 0.5}));
-    let list = |name: &str| reply["document"][name].as_array().expect("a list").clone();
     let half_space = reply["document"]["half_space"].as_f64().expect("a number");
-    let is = |all: Vec<Value>, holds: fn(f64, f64) -> bool| {
-        !all.is_empty() && all.iter().all(|ratio| holds(ratio.as_f64().expect("a number"), half_space))
-    };
     assert!(
-        is(list("held"), |ratio, half_space| ratio > half_space)
-            && is(list("free"), |ratio, half_space| ratio < half_space)
+        all_hold(list("held", &reply), |ratio, half_space| ratio > half_space, half_space)
+            && all_hold(list("free", &reply), |ratio, half_space| ratio < half_space, half_space)
     );
     assert!(reply["figures"][0]["svg"].as_str().is_some_and(|svg| svg.starts_with("<svg")));
     let deep = error(&json!({"do": "blocks", "depth_mm": 400, "poisson": 0.5}));
     assert!(deep.contains("depth_mm: 400, expected 10 to 150"), "{deep}");
     let odd = error(&json!({"do": "blocks", "depth_mm": 30, "poisson": 0.7}));
     assert!(odd.contains("poisson"), "{odd}");
+}
+
+fn all_hold(all: Vec<Value>, holds: fn(f64, f64) -> bool, half_space: f64) -> bool {
+    !all.is_empty() && all.iter().all(|ratio| holds(ratio.as_f64().expect("a number"), half_space))
+}
+
+fn list(name: &str, reply: &Value) -> Vec<Value> {
+    reply["document"][name].as_array().expect("a list").clone()
 }
 
 #[test]
@@ -184,12 +209,7 @@ fn records_of_sessions_become_a_population_with_figures() {
 /// Frames of a device as they go over the link: a greeting, then a batch of samples per number.
 fn frames(numbers: impl Iterator<Item = u32>) -> Vec<u8> {
     let mut bytes = Vec::new();
-    let mut push = |sequence: u32, message: Message| {
-        let mut buffer = [0; MAX_FRAME_TO_HOST];
-        let frame = encode_envelope(&Envelope { boot_id: 7, sequence, message }, &mut buffer);
-        bytes.extend_from_slice(frame.expect("encoded"));
-    };
-    push(0, Message::Hello(fake_device::hello()));
+    push_message(0, Message::Hello(fake_device::hello()), &mut bytes);
     for number in numbers {
         let mut packer = Packer::new(1_000);
         for i in 0..20 {
@@ -201,9 +221,15 @@ fn frames(numbers: impl Iterator<Item = u32>) -> Vec<u8> {
             };
             packer.push(t_us, State::Idle, u8::MAX, 0, sample);
         }
-        push(number, Message::Samples(packer.flush().expect("samples")));
+        push_message(number, Message::Samples(packer.flush().expect("samples")), &mut bytes);
     }
     bytes
+}
+
+fn push_message(sequence: u32, message: Message, bytes: &mut Vec<u8>) {
+    let mut buffer = [0; MAX_FRAME_TO_HOST];
+    let frame = encode_envelope(&Envelope { boot_id: 7, sequence, message }, &mut buffer);
+    bytes.extend_from_slice(frame.expect("encoded"));
 }
 
 #[test]
@@ -211,15 +237,11 @@ fn frames_of_the_device_are_decoded_and_what_is_missing_is_counted() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("frames");
     let engine = &mut Engine::default();
-    let mut follow = |bytes: &[u8], fresh: bool| {
-        fs::write(&file, bytes).expect("written");
-        ok(engine, &json!({"do": "follow", "file": file, "fresh": fresh}))
-    };
     let whole = frames(1..=50);
     // Cut anywhere, in the middle of a frame too.
     let (begin, tail) = whole.split_at(whole.len() / 2 + 3);
-    follow(begin, true);
-    let later_reply = follow(tail, false);
+    follow(begin, true, &file, engine);
+    let later_reply = follow(tail, false, &file, engine);
     assert_eq!(later_reply["samples"], 1_000);
     assert_eq!((&later_reply["samples_missing"], &later_reply["frames_missing"]), (&json!(0), &json!(0)));
     let columns = later_reply["columns"].as_array().expect("a list");
@@ -234,7 +256,7 @@ fn frames_of_the_device_are_decoded_and_what_is_missing_is_counted() {
     let last = damaged.len() - 10;
     // Never 0, which would end the frame there and make two of it.
     damaged[last] = damaged[last].checked_add(1).unwrap_or(1);
-    let damaged_reply = follow(&damaged, true);
+    let damaged_reply = follow(&damaged, true, &file, engine);
     assert_eq!(
         (&damaged_reply["frames_missing"], &damaged_reply["samples_missing"]),
         (&json!(3), &json!(60))
@@ -243,19 +265,17 @@ fn frames_of_the_device_are_decoded_and_what_is_missing_is_counted() {
     assert!(error(&json!({"do": "follow", "file": "gone"})).contains("file: gone"));
 }
 
+fn follow(bytes: &[u8], fresh: bool, file: &std::path::PathBuf, engine: &mut Engine) -> Value {
+    fs::write(file, bytes).expect("written");
+    ok(engine, &json!({"do": "follow", "file": file, "fresh": fresh}))
+}
+
 #[test]
 fn a_device_at_a_port_of_the_browser_is_requested_for_samples_and_nothing_else() {
     let engine = &mut Engine::default();
-    let mut requested = |request: &Value| {
-        let frame: Vec<u8> = serde_json::from_value(ok(engine, request)).expect("bytes");
-        match CommandReceiver::new().feed(&frame).next() {
-            Some(Received::Frame(command)) => (command.id, command.connection, command.request),
-            other => panic!("{other:?}"),
-        }
-    };
-    assert_eq!(requested(&json!({"do": "ask", "id": 3})), (3, 0, Request::Hello));
+    assert_eq!(requested(&json!({"do": "ask", "id": 3}), engine), (3, 0, Request::Hello));
     let request = json!({"do": "ask", "id": 4, "connection": 77});
-    assert_eq!(requested(&request), (4, 77, Request::Stream { enable: true }));
+    assert_eq!(requested(&request, engine), (4, 77, Request::Stream { enable: true }));
     assert!(error(&json!({"do": "ask", "id": 1, "request": "Run"})).contains("unknown field"));
 
     // Answers of the engine.
@@ -279,6 +299,14 @@ fn a_device_at_a_port_of_the_browser_is_requested_for_samples_and_nothing_else()
     fs::write(&file, encode_envelope(&envelope, &mut buffer).expect("encoded")).expect("written");
     let next_reply = ok(engine, &json!({"do": "follow", "file": file, "fresh": false}));
     assert_eq!(next_reply["other_version"], json!(protocol::VERSION + 1));
+}
+
+fn requested(request: &Value, engine: &mut Engine) -> (u16, u32, Request) {
+    let frame: Vec<u8> = serde_json::from_value(ok(engine, request)).expect("bytes");
+    match CommandReceiver::new().feed(&frame).next() {
+        Some(Received::Frame(command)) => (command.id, command.connection, command.request),
+        other => panic!("{other:?}"),
+    }
 }
 
 #[test]
@@ -315,13 +343,8 @@ fn a_table_of_others_is_shown_asked_about_and_becomes_a_session() {
         text += &format!("{t:.2};{x:.4};{:.2}\n", 2400.0 * x).replace('.', ",");
     }
     fs::write(&file, text).expect("written");
-    let request = |maps: Value, more: Value| {
-        let mut request = json!({"do": "table", "files": [file], "maps": maps});
-        request.as_object_mut().expect("an object").extend(more.as_object().expect("an object").clone());
-        request
-    };
     let engine = &mut Engine::default();
-    let first = ok(engine, &request(json!([]), json!({"depth_mm": 30})));
+    let first = ok(engine, &table_request(json!([]), json!({"depth_mm": 30}), &file));
     assert!(
         first["problem"].as_str().is_some_and(|problem| problem.contains("no unit is stated")),
         "{first}"
@@ -331,16 +354,17 @@ fn a_table_of_others_is_shown_asked_about_and_becomes_a_session() {
     assert_eq!(first["columns"][1]["values"], json!([0.0, 0.0, 0.0]));
     // Recognized columns are offered, and missing ones can be chosen.
     let maps = json!(["t=time_s:s", "Weg=displacement_y_mm:mm", "Kraft [mN]=force_y_n"]);
-    let shallow = ok(engine, &request(maps.clone(), json!({})));
+    let shallow = ok(engine, &table_request(maps.clone(), json!({}), &file));
     assert!(
         shallow["problem"].as_str().is_some_and(|problem| problem.contains("length of the needle")),
         "{shallow}"
     );
     let reply = ok(
         engine,
-        &request(
+        &table_request(
             maps,
             json!({"depth_mm": 30, "rig": "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.5\ninner_diameter_mm = 1.0\n[rig]\nguide2_mm = 50.0\nentry_mm = 65.0\n"}),
+            &file,
         ),
     );
     assert_eq!(reply["problem"], Value::Null, "{reply}");
@@ -364,8 +388,17 @@ fn a_table_of_others_is_shown_asked_about_and_becomes_a_session() {
     let identify = json!({"do": "identify", "dir": session, "relation": "vesic", "foundation": "springs"});
     assert!(error(&identify).contains("0 shape points inside the tissue"));
     assert!(error(&json!({"do": "table", "files": ["none.csv"]})).contains("none.csv: cannot read"));
-    assert!(error(&request(json!(["Weg=push"]), json!({}))).contains("is no quantity"));
-    assert!(error(&request(json!([]), json!({"z_from": "tip"}))).contains("expected guide1 or surface"));
+    assert!(error(&table_request(json!(["Weg=push"]), json!({}), &file)).contains("is no quantity"));
+    assert!(
+        error(&table_request(json!([]), json!({"z_from": "tip"}), &file))
+            .contains("expected guide1 or surface")
+    );
+}
+
+fn table_request(maps: Value, more: Value, file: &std::path::PathBuf) -> Value {
+    let mut request = json!({"do": "table", "files": [file], "maps": maps});
+    request.as_object_mut().expect("an object").extend(more.as_object().expect("an object").clone());
+    request
 }
 
 /// The page takes every table that the command line takes, and shows what it took for what.
