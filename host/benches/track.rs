@@ -30,8 +30,6 @@ fn main() {
         force_sd_n: SENSORS.force_n,
         tip_sd_m: SENSORS.tip_m,
     };
-    let online =
-        || OnlineEstimator::new(settings::<f64>(needle, &dynamics).expect("a needle")).expect("fits");
     let mut criterion = Criterion::default().configure_from_args();
     let mut group = criterion.benchmark_group(format!("{} updates", run.len()));
     group.sample_size(10).measurement_time(Duration::from_secs(3));
@@ -43,7 +41,7 @@ fn main() {
             });
         });
     };
-    bench("guide track, f64", &|| Box::new(online()));
+    bench("guide track, f64", &|| Box::new(online(&dynamics, needle)));
     bench("guide track, f32", &|| {
         Box::new(OnlineEstimator::new(settings::<f32>(needle, &dynamics).expect("a needle")).expect("fits"))
     });
@@ -54,7 +52,7 @@ fn main() {
     // The least of several runs is what each update takes when nothing else disturbs it.
     let mut least = vec![Duration::MAX; run.len()];
     for _ in 0..200 {
-        let mut method = online();
+        let mut method = online(&dynamics, needle);
         for (sample, least) in run.iter().zip(&mut least) {
             let began = Instant::now();
             black_box(method.update(black_box(sample)));
@@ -64,4 +62,8 @@ fn main() {
     let longest = least.iter().max().copied().unwrap_or_default();
     println!("longest update of guide track, f64: {longest:?}");
     criterion.final_summary();
+}
+
+fn online(dynamics: &mechanics::Dynamics, needle: &mechanics::Needle) -> OnlineEstimator<f64> {
+    OnlineEstimator::new(settings::<f64>(needle, dynamics).expect("a needle")).expect("fits")
 }

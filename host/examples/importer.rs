@@ -44,7 +44,6 @@ fn main() -> anyhow::Result<()> {
     // An existing session is extended, if its needle and rig are the same; an id that is taken is an error.
     let mut session = SessionWriter::open(folder, &setup)?;
     let mut run = session.lateral("d30-1", 0.030)?;
-    let reader = |text| csv::ReaderBuilder::new().delimiter(b';').from_reader(str::as_bytes(text));
     for row in reader(FORCE).deserialize() {
         let [time_ms, position_um, load_mn]: [f64; 3] = row?;
         run.force(&ForceRow {
@@ -75,4 +74,8 @@ fn main() -> anyhow::Result<()> {
         );
     }
     Ok(())
+}
+
+fn reader(text: &str) -> csv::Reader<&[u8]> {
+    csv::ReaderBuilder::new().delimiter(b';').from_reader(str::as_bytes(text))
 }

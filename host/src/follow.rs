@@ -200,9 +200,8 @@ impl Follower {
     fn close(&mut self) -> Vec<Parted> {
         let points = std::mem::take(&mut self.open);
         let Some(last) = points.last() else { return Vec::new() };
-        let mid = |of: &dyn Fn(&Point) -> f64| median(points.iter().map(of).collect());
-        let displacement_m = [0, 1].map(|axis| mid(&|point| point.displacement_m[axis]));
-        let force_n = [0, 1].map(|axis| mid(&|point| point.force_n[axis]));
+        let displacement_m = [0, 1].map(|axis| median_of(&|point| point.displacement_m[axis], &points));
+        let force_n = [0, 1].map(|axis| median_of(&|point| point.force_n[axis], &points));
         let current_step = Step { time_s: last.time_s, displacement_m };
         let previous_step = self.steps.last().copied();
         let number = self.steps.len() as u64;
@@ -256,6 +255,10 @@ impl Follower {
     }
 }
 
+fn median_of(of: &dyn Fn(&Point) -> f64, points: &[Point]) -> f64 {
+    median(points.iter().map(of).collect())
+}
+
 impl Axis {
     /// Takes a step into what is known of noise and zero, where guide 2 rests.
     fn learn(&mut self, difference: f64, rests: bool, number: u64) {
@@ -293,9 +296,11 @@ impl Axis {
 
 /// The last force along each axis of the device.
 fn last_of(force_n: &Series) -> [f64; 2] {
-    let last =
-        |values: Option<&Vec<f64>>| values.and_then(|values| values.last()).copied().unwrap_or(f64::NAN);
-    [last(force_n.x.as_ref()), last(Some(&force_n.y))]
+    [last_value(force_n.x.as_ref()), last_value(Some(&force_n.y))]
+}
+
+fn last_value(values: Option<&Vec<f64>>) -> f64 {
+    values.and_then(|values| values.last()).copied().unwrap_or(f64::NAN)
 }
 
 fn norm(sizes: &[f64]) -> f64 {

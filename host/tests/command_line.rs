@@ -219,14 +219,18 @@ fn insertions_survive_the_disk() {
     let insertions = rig.insertions(&self::rig(), 3, 3).expect("insertions");
     for (read, insertions) in session.insertion.iter().zip(&insertions) {
         assert_eq!(read.id, insertions.id);
-        let close =
-            |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-11) && a.len() == b.len();
-        assert!(close(&read.depth_m, &insertions.depth_m) && close(&read.tip_y_m, &insertions.tip_y_m));
-        assert!(close(read.tip_x_m.as_deref().expect("x"), insertions.tip_x_m.as_deref().expect("x")));
+        assert!(
+            are_close(&read.depth_m, &insertions.depth_m) && are_close(&read.tip_y_m, &insertions.tip_y_m)
+        );
+        assert!(are_close(read.tip_x_m.as_deref().expect("x"), insertions.tip_x_m.as_deref().expect("x")));
     }
     let again = writer(folder.path()).insertion(&insertions[0]).expect_err("taken").to_string();
     assert!(again.contains("\"i1\" is taken"), "{again}");
     assert!(Model::uniform(rig_of(&session), K_PA).is_ok());
+}
+
+fn are_close(a: &[f64], b: &[f64]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-11) && a.len() == b.len()
 }
 
 fn rig_of(session: &Session) -> Rig {
@@ -359,9 +363,12 @@ fn steering_runs_are_simulated_and_tracked() {
     // The same seed makes the same session; another one, or a run that is there, does not.
     let again = folder.path().join("again");
     json(&["simulate", "--config", &config, "--out", path(&again), "--seed", "3", "--json"]);
-    let csv = |dir: &Path| fs::read_to_string(dir.join("s8.csv")).expect("written");
     assert_eq!(csv(&dir), csv(&again));
     assert!(failure(&["simulate", "--config", &config, "--out", path(&dir)]).contains("s8"));
+}
+
+fn csv(dir: &Path) -> String {
+    fs::read_to_string(dir.join("s8.csv")).expect("written")
 }
 
 #[test]
@@ -422,14 +429,15 @@ fn a_calibration_file_is_checked_before_any_device_is_opened() {
     let text = "id = \"unit-7\"\ntravel_mm = 10\nforce_range_n = 5\nforce_n_per_code = [[9.31e-7, 0], [0, 9.31e-7]]\n\
                 [potentiometer.x]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-25, 25]\n\
                 [potentiometer.y]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-25, 25]\n";
-    let store = |text: &str| {
-        fs::write(&file, text).expect("writes");
-        failure(&["calibration", "--port", "/dev/no-such-port", "--store", path(&file)])
-    };
-    assert!(store(text).contains("no such port"));
-    let printed = store(&text.replacen("[-25, 25]", "[-25, 25, 26]", 1));
+    assert!(store(text, &file).contains("no such port"));
+    let printed = store(&text.replacen("[-25, 25]", "[-25, 25, 26]", 1), &file);
     assert!(printed.contains("unit-7.toml:8:13: potentiometer.x.rising_mm: a list of 3"), "{printed}");
     assert!(failure(&["limits", "--port", "/dev/no-such-port", "--force-n", "2"]).contains("no such port"));
+}
+
+fn store(text: &str, file: &std::path::PathBuf) -> String {
+    fs::write(file, text).expect("writes");
+    failure(&["calibration", "--port", "/dev/no-such-port", "--store", path(file)])
 }
 
 #[test]

@@ -104,11 +104,6 @@ fn guide(case: &Case, command: &str) -> Outcome {
         .spawn()
         .expect("guide starts");
     let (mut stdout, mut stderr) = (child.stdout.take().expect("piped"), child.stderr.take().expect("piped"));
-    let read = |stream: &mut dyn Read| {
-        let mut text = Vec::new();
-        stream.read_to_end(&mut text).expect("read");
-        String::from_utf8_lossy(&text).into_owned()
-    };
     thread::scope(|scope| {
         let printed = scope.spawn(|| read(&mut stdout));
         let remarks = scope.spawn(|| read(&mut stderr));
@@ -129,24 +124,29 @@ fn guide(case: &Case, command: &str) -> Outcome {
     })
 }
 
+fn read(stream: &mut dyn Read) -> String {
+    let mut text = Vec::new();
+    stream.read_to_end(&mut text).expect("read");
+    String::from_utf8_lossy(&text).into_owned()
+}
+
 /// Difference between the outcome and the table; empty if there is none.
 fn deviations(case: &Case, others: &[Case]) -> String {
     let mut deviations = String::new();
     let Outcome { exit, stdout, stderr } = guide(case, &case.command);
-    let mut differ = |what: &str, expected: &str, got: &str| {
-        let _ = writeln!(deviations, "  {what}\n    expected {expected}\n    got      {got}");
-    };
     match exit {
-        None => differ("time", "an end within 10 s", "none, or a signal"),
-        Some(exit) if exit != case.exit => differ("exit code", &case.exit.to_string(), &exit.to_string()),
+        None => differ("time", "an end within 10 s", "none, or a signal", &mut deviations),
+        Some(exit) if exit != case.exit => {
+            differ("exit code", &case.exit.to_string(), &exit.to_string(), &mut deviations)
+        }
         Some(_) => {}
     }
     if stderr.lines().ne(case.stderr.iter().map(String::as_str)) {
-        differ("standard error", &case.stderr.join("\n             "), stderr.trim_end());
+        differ("standard error", &case.stderr.join("\n             "), stderr.trim_end(), &mut deviations);
     }
     for line in &case.stdout {
         if !stdout.lines().any(|there| there == line) {
-            differ("standard output", line, stdout.trim_end());
+            differ("standard output", line, stdout.trim_end(), &mut deviations);
         }
     }
     // A check of the session reports the fault that stops a command with a place in the session.
@@ -156,17 +156,21 @@ fn deviations(case: &Case, others: &[Case]) -> String {
         let finding = format!("error        ./{finding}");
         let check = guide(case, "check .");
         if check.exit != Some(1) || !check.stdout.lines().any(|line| line == finding) {
-            differ("guide check", &finding, check.stdout.trim_end());
+            differ("guide check", &finding, check.stdout.trim_end(), &mut deviations);
         }
     }
     if let Some(same_case) = &case.same_as {
         let referenced = others.iter().find(|other| other.name == *same_case).expect("a case of that name");
         let expected = guide(referenced, &referenced.command);
         if stdout != expected.stdout {
-            differ("result", expected.stdout.trim_end(), stdout.trim_end());
+            differ("result", expected.stdout.trim_end(), stdout.trim_end(), &mut deviations);
         }
     }
     deviations
+}
+
+fn differ(what: &str, expected: &str, got: &str, deviations: &mut String) {
+    let _ = writeln!(deviations, "  {what}\n    expected {expected}\n    got      {got}");
 }
 
 fn table() -> Vec<Case> {

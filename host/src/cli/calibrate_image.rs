@@ -157,8 +157,7 @@ fn file(args: &Args, found: &Calibration, document: &Document) -> String {
 
 fn document(args: &Args, phantom: &Phantom, found: &Calibration) -> anyhow::Result<Document> {
     let solution = &found.solution;
-    let count = |state: State| found.states.iter().filter(|one| **one == state).count();
-    let states = State::ALL.into_iter().map(|state| (state.name(), count(state)));
+    let states = State::ALL.into_iter().map(|state| (state.name(), count_of(state, &found.states)));
     let [fit_errors, validation] = found.errors.each_ref().map(ErrorEntry::new);
     let per_frame = found.states.iter().enumerate().map(|(number, state)| {
         let cut = found.observations.iter().find(|one| one.frame == number);
@@ -188,10 +187,12 @@ fn document(args: &Args, phantom: &Phantom, found: &Calibration) -> anyhow::Resu
     })
 }
 
+fn count_of(state: State, states: &[State]) -> usize {
+    states.iter().filter(|one| **one == state).count()
+}
+
 /// Draws what is requested.
 fn draw(args: &Args, path: &Path, found: &Calibration, out: &Output) -> anyhow::Result<()> {
-    let kind = |state: State| State::ALL.iter().position(|other| *other == state).unwrap_or(0);
-    let is_used = |state: State| matches!(state, State::Used | State::Validation);
     let shown: Vec<Shown> = found
         .states
         .iter()
@@ -219,6 +220,14 @@ fn draw(args: &Args, path: &Path, found: &Calibration, out: &Output) -> anyhow::
         out,
     )
     .map(|_| ())
+}
+
+fn is_used(state: State) -> bool {
+    matches!(state, State::Used | State::Validation)
+}
+
+fn kind(state: State) -> usize {
+    State::ALL.iter().position(|other| *other == state).unwrap_or(0)
 }
 
 impl Display for Document {

@@ -93,8 +93,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
                 ConnectionEvent::Message(message, _) => match message.content {
                     Content::Image(frame) if image.as_ref().is_none_or(|name| *name == message.device) => {
                         image.get_or_insert_with(|| message.device.clone());
-                        // Some senders state no time.
-                        let now = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
                         let stamp = if message.stamp.is_zero() { now() } else { message.stamp };
                         has_room = capture.add(&frame, stamp).with_context(cannot)?;
                         None
@@ -131,4 +129,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let report = Report { schema: "guide.capture/1", image: image.unwrap_or_default(), captured, dropped };
     out.result(&report, &report)
+}
+
+/// Some senders state no time.
+fn now() -> Duration {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
 }

@@ -83,13 +83,16 @@ mod tests {
 
     #[test]
     fn the_choice_is_found_before_parsing() {
-        let requested = |line: &str| requested(line.split(' ').map(OsString::from));
-        assert_eq!(requested("guide ports"), ColorChoice::Auto);
-        assert_eq!(requested("guide --color never ports"), ColorChoice::Never);
-        assert_eq!(requested("guide ports --color=always"), ColorChoice::Always);
-        assert_eq!(requested("guide ports --color=mauve"), ColorChoice::Auto);
-        assert_eq!(requested("guide identify -- --color=always"), ColorChoice::Auto);
-        assert_eq!(requested("guide --color"), ColorChoice::Auto);
+        assert_eq!(requested_in("guide ports"), ColorChoice::Auto);
+        assert_eq!(requested_in("guide --color never ports"), ColorChoice::Never);
+        assert_eq!(requested_in("guide ports --color=always"), ColorChoice::Always);
+        assert_eq!(requested_in("guide ports --color=mauve"), ColorChoice::Auto);
+        assert_eq!(requested_in("guide identify -- --color=always"), ColorChoice::Auto);
+        assert_eq!(requested_in("guide --color"), ColorChoice::Auto);
+    }
+
+    fn requested_in(line: &str) -> ColorChoice {
+        requested(line.split(' ').map(OsString::from))
     }
 
     #[test]

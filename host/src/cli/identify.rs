@@ -356,19 +356,14 @@ impl Display for IndentationsText<'_> {
 
 fn write_reference(f: &mut fmt::Formatter<'_>, reference: &Reference) -> fmt::Result {
     let sd = reference.sd_kpa.map_or(String::new(), |sd| format!(", sd {sd:.2} kPa"));
-    let p = |p: Option<f64>| match p {
-        Some(p) if p < 0.001 => "p < 0.001".to_owned(),
-        Some(p) => format!("p = {p:.3}"),
-        None => "-".to_owned(),
-    };
     let plural = if reference.runs == 1 { "" } else { "s" };
     writeln!(
         f,
         "reference    E {} kPa{sd} from {} indentation{plural}; t-test against K: {}, against E: {}",
         estimate(Some(reference.k_kpa), reference.ci95_kpa),
         reference.runs,
-        p(reference.t_test_p),
-        p(reference.t_test_p_youngs)
+        p_text(reference.t_test_p),
+        p_text(reference.t_test_p_youngs)
     )?;
     for one in &reference.depths {
         let sd = one.k_sd_kpa.map_or(String::new(), |sd| format!(" +- {sd:.2}"));
@@ -381,11 +376,19 @@ fn write_reference(f: &mut fmt::Formatter<'_>, reference: &Reference) -> fmt::Re
             one.depth_mm,
             one.runs,
             one.k_kpa,
-            p(one.t_test_p),
-            p(one.t_test_p_youngs)
+            p_text(one.t_test_p),
+            p_text(one.t_test_p_youngs)
         )?;
     }
     Ok(())
+}
+
+fn p_text(p: Option<f64>) -> String {
+    match p {
+        Some(p) if p < 0.001 => "p < 0.001".to_owned(),
+        Some(p) => format!("p = {p:.3}"),
+        None => "-".to_owned(),
+    }
 }
 
 fn write_run(f: &mut fmt::Formatter<'_>, run: &RunResult, width: usize) -> fmt::Result {

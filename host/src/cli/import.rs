@@ -60,11 +60,12 @@ pub struct Args {
 
 /// Examples, and what is read of frames and tables.
 fn what_is_read() -> String {
-    let list = |rows: &[[&str; 2]]| -> String {
-        rows.iter().map(|[names, what]| format!("  {names}: {what}\n")).collect()
-    };
     let (frames, tables) = (list(imaging::read::READ), list(formats::foreign::READ));
     format!("{EXAMPLES}\n\nFrames (ultrasound, camera):\n{frames}\nTables (table):\n{tables}")
+}
+
+fn list(rows: &[[&str; 2]]) -> String {
+    rows.iter().map(|[names, what]| format!("  {names}: {what}\n")).collect()
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -199,9 +200,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             Err(reason) => imported.skipped.push(SkippedFile { path, reason }),
         }
     }
-    let reasons = |imported: &Imported| {
-        imported.skipped.iter().map(|left| left.reason.clone()).collect::<Vec<_>>().join("; ")
-    };
     ensure!(!recordings.is_empty(), "no recording is an insertion: {}", reasons(&imported));
     let mut session = SessionWriter::open(&args.out, &setup(args, out)?)?;
     for recording in recordings {
@@ -220,6 +218,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     out.result(&imported, Text(&imported))
 }
 
+fn reasons(imported: &Imported) -> String {
+    imported.skipped.iter().map(|left| left.reason.clone()).collect::<Vec<_>>().join("; ")
+}
+
 /// A recording that is an insertion, or why it is none.
 fn read(path: &Path) -> Result<Recording, String> {
     let recording = import::trajcontrol(path).map_err(|error| error.to_string())?;
@@ -235,7 +237,6 @@ fn read(path: &Path) -> Result<Recording, String> {
 
 impl One {
     fn new(Recording { run, skipped, remarks }: Recording) -> Self {
-        let moves = |column: &Option<Vec<f64>>| column.iter().flatten().any(|m| m.abs() > 1e-4);
         Self {
             rows: run.depth_m.len(),
             deepest_mm: 1e3 * run.depth_m.iter().copied().fold(f64::NEG_INFINITY, f64::max),
@@ -251,6 +252,10 @@ impl One {
     }
 }
 
+fn moves(column: &Option<Vec<f64>>) -> bool {
+    column.iter().flatten().any(|m| m.abs() > 1e-4)
+}
+
 /// Files as given, and the CSV files in folders, in order of their names.
 fn files(paths: &[PathBuf], skipped: &mut Vec<SkippedFile>) -> Vec<PathBuf> {
     let mut files_found = Vec::new();
@@ -259,10 +264,6 @@ fn files(paths: &[PathBuf], skipped: &mut Vec<SkippedFile>) -> Vec<PathBuf> {
             files_found.push(path.clone());
             continue;
         }
-        let is_csv = |file: &Path| {
-            let is_hidden = file.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
-            !is_hidden && file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
-        };
         let mut entries_found: Vec<_> = match fs::read_dir(path) {
             Ok(entries) => {
                 entries.filter_map(Result::ok).map(|entry| entry.path()).filter(|file| is_csv(file)).collect()
@@ -281,6 +282,11 @@ fn files(paths: &[PathBuf], skipped: &mut Vec<SkippedFile>) -> Vec<PathBuf> {
         files_found.extend(entries_found);
     }
     files_found
+}
+
+fn is_csv(file: &Path) -> bool {
+    let is_hidden = file.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
+    !is_hidden && file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
 }
 
 /// Imports files of points as one lateral run.

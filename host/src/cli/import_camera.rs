@@ -221,7 +221,6 @@ fn draw(
     series: &Series,
     out: &Output,
 ) -> anyhow::Result<Option<Vec<u8>>> {
-    let kind = |state: State| State::ALL.iter().position(|other| *other == state).unwrap_or(0);
     let shown: Vec<Shown> = clip
         .frames
         .iter()
@@ -250,6 +249,10 @@ fn draw(
         figures_file(folder, &format!("{id}.displacement"), &figure, out)?;
     }
     Ok(sheet)
+}
+
+fn kind(state: State) -> usize {
+    State::ALL.iter().position(|other| *other == state).unwrap_or(0)
 }
 
 fn scale(text: &str) -> Result<f64, String> {

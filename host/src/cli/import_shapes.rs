@@ -264,27 +264,27 @@ fn hold_times_s(path: &Path, force: ForceSeries, id: &str, depth_m: f64) -> (Vec
         shape: ShapeSeries::default(),
     };
     let detected_holds = holds(&run, &HoldCriteria::default());
-    let middle = |[from_s, to_s]: [f64; 2]| 0.5 * (from_s + to_s);
     let displaced = detected_holds.iter().filter(|level| level.path != LevelPath::Zero);
     (
-        displaced.map(|level| middle(level.time_s)).collect(),
-        detected_holds.iter().map(|level| middle(level.time_s)).collect(),
+        displaced.map(|level| middle_s(level.time_s)).collect(),
+        detected_holds.iter().map(|level| middle_s(level.time_s)).collect(),
     )
+}
+
+fn middle_s([from_s, to_s]: [f64; 2]) -> f64 {
+    0.5 * (from_s + to_s)
 }
 
 /// Several shapes as sweeps of one run.
 pub fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
-    let together = |column: fn(&ShapeSeries) -> &[f64]| -> Vec<f64> {
-        shapes.iter().flat_map(|shape| column(shape).iter().copied()).collect()
-    };
     ShapeSeries {
         time_s: times_s.map(|times_s| -> Vec<f64> {
             let timed_shapes = shapes.iter().zip(times_s);
             timed_shapes.flat_map(|(shape, time_s)| std::iter::repeat_n(*time_s, shape.z_m.len())).collect()
         }),
-        z_m: together(|shape| &shape.z_m),
-        y_m: together(|shape| &shape.y_m),
-        x_m: Some(together(|shape| shape.x_m.as_deref().unwrap_or_default())),
+        z_m: together(|shape| &shape.z_m, shapes),
+        y_m: together(|shape| &shape.y_m, shapes),
+        x_m: Some(together(|shape| shape.x_m.as_deref().unwrap_or_default(), shapes)),
         y_sd_m: both(shapes, |shape| &shape.y_sd_m),
         x_sd_m: both(shapes, |shape| &shape.x_sd_m),
         images: both(shapes, |shape| &shape.images),
@@ -293,6 +293,10 @@ pub fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
             [0, 1, 2].map(|error: usize| both(shapes, |shape| &shape.shared_m[plane][error]))
         }),
     }
+}
+
+fn together(column: fn(&ShapeSeries) -> &[f64], shapes: &[ShapeSeries]) -> Vec<f64> {
+    shapes.iter().flat_map(|shape| column(shape).iter().copied()).collect()
 }
 
 /// An optional column of all sweeps; nothing where one has none.
@@ -323,8 +327,6 @@ impl Display for Imported {
         let Lateral { id, depth_mm, sweeps, points, has_force, origin_mm, axis, up, .. } = &self.lateral;
         let plural = if *sweeps == 1 { "" } else { "s" };
         let force = if *has_force { "with force" } else { "without force" };
-        let list =
-            |values: &[f64; 3], digits: usize| values.map(|value| format!("{value:.digits$}")).join(",");
         writeln!(
             f,
             "lateral run  {id}: {sweeps} sweep{plural} of {points} points in all, {depth_mm:.1} mm deep, {force}"
@@ -338,4 +340,8 @@ impl Display for Imported {
         )?;
         writeln!(f, "session      {}", self.session.display())
     }
+}
+
+fn list(values: &[f64; 3], digits: usize) -> String {
+    values.map(|value| format!("{value:.digits$}")).join(",")
 }

@@ -196,8 +196,6 @@ fn groups(paths: &[PathBuf], each: bool) -> anyhow::Result<Vec<Vec<PathBuf>>> {
     };
     for folder in folders {
         let entries = fs::read_dir(&folder).with_context(|| format!("{}: cannot read", folder.display()))?;
-        let is_hidden =
-            |path: &PathBuf| path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
         let mut files: Vec<PathBuf> = entries
             .filter_map(Result::ok)
             .map(|entry| entry.path())
@@ -221,6 +219,10 @@ fn groups(paths: &[PathBuf], each: bool) -> anyhow::Result<Vec<Vec<PathBuf>>> {
         groups.extend(files.into_iter().map(|file| vec![file]));
     }
     Ok(groups)
+}
+
+fn is_hidden(path: &PathBuf) -> bool {
+    path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'))
 }
 
 fn taken(files: &[PathBuf], mapping: &Mapping, options: &Options) -> anyhow::Result<Taken> {
@@ -312,29 +314,31 @@ fn again(
     }
     words.extend(paths.iter().map(|path| text(path)));
     mapping.choices.iter().for_each(|choice| words.extend(["--map".to_owned(), choice.text()]));
-    let mut option = |name: &str, value: Option<String>| {
-        words.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
-    };
     let z_from = args.z_from.map(|from| if from == ZFrom::Guide1 { "guide1" } else { "surface" }.to_owned());
-    option("--z-from", z_from);
-    option("--merge-on", args.merge_on.clone());
-    option("--offset-s", args.offset_s.map(|s| s.to_string()));
-    option("--rate-hz", args.rate_hz.map(|hz| hz.to_string()));
-    option(
+    push_option("--z-from", z_from, &mut words);
+    push_option("--merge-on", args.merge_on.clone(), &mut words);
+    push_option("--offset-s", args.offset_s.map(|s| s.to_string()), &mut words);
+    push_option("--rate-hz", args.rate_hz.map(|hz| hz.to_string()), &mut words);
+    push_option(
         "--zero",
         match args.zero {
             ZeroArg::Auto => None,
             ZeroArg::First => Some("first".to_owned()),
             ZeroArg::Written => Some("written".to_owned()),
         },
+        &mut words,
     );
-    option("--depth-mm", shapes.depth_mm.map(|mm| mm.to_string()));
-    option("--id", shapes.id.clone());
-    option("--rig", rig.map(text));
-    option("--out", Some(text(to)));
+    push_option("--depth-mm", shapes.depth_mm.map(|mm| mm.to_string()), &mut words);
+    push_option("--id", shapes.id.clone(), &mut words);
+    push_option("--rig", rig.map(text), &mut words);
+    push_option("--out", Some(text(to)), &mut words);
     words.extend(args.each.then(|| "--each".to_owned()));
     words.push("--yes".to_owned());
     join(words.iter().map(String::as_str))
+}
+
+fn push_option(name: &str, value: Option<String>, words: &mut Vec<String>) {
+    words.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
 }
 
 /// Quantities that columns were taken for.
@@ -344,11 +348,11 @@ impl Display for Echo<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Run { id, columns, others, files, notes, .. } = self.0;
         writeln!(f, "{id}: what is taken for what")?;
-        let width = |of: &dyn Fn(&TakenColumn) -> usize, least: usize| {
-            columns.iter().map(of).max().unwrap_or(0).max(least)
-        };
-        let (is, unit) = (width(&|c| c.is.len(), 8), width(&|c| c.unit.chars().count(), 4));
-        let column = width(&|c| c.column.chars().count(), 6);
+        let (is, unit) = (
+            column_width(&|c| c.is.len(), 8, columns),
+            column_width(&|c| c.unit.chars().count(), 4, columns),
+        );
+        let column = column_width(&|c| c.column.chars().count(), 6, columns);
         writeln!(
             f,
             "  {:<is$}  {:<column$}  {:<unit$}  from ... to, in the unit of the quantity",
@@ -373,6 +377,10 @@ impl Display for Echo<'_> {
         }
         Ok(())
     }
+}
+
+fn column_width(of: &dyn Fn(&TakenColumn) -> usize, least: usize, columns: &[TakenColumn]) -> usize {
+    columns.iter().map(of).max().unwrap_or(0).max(least)
 }
 
 impl Display for Imported {

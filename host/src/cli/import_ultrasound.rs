@@ -328,7 +328,6 @@ fn draw(
     if !args.is_requested() {
         return Ok(None);
     }
-    let kind = |state: State| State::ALL.iter().position(|other| *other == state).unwrap_or(0);
     let shown: Vec<Shown> = sweep
         .frames
         .iter()
@@ -356,20 +355,22 @@ fn draw(
     )
 }
 
+fn kind(state: State) -> usize {
+    State::ALL.iter().position(|other| *other == state).unwrap_or(0)
+}
+
 /// Columns of a sweep whose points share an error of their positions of this standard deviation.
 fn series(points: &[Deflection], shared_sd_mm: f64) -> ShapeSeries {
-    let column =
-        |of: fn(&Deflection) -> f64| -> Vec<f64> { points.iter().map(|point| 1e-3 * of(point)).collect() };
     let shared = |axis: usize, error: usize| -> Option<Vec<f64>> {
         Some(points.iter().map(|point| 1e-3 * point.shared_mm[axis][error]).collect())
     };
     ShapeSeries {
         time_s: None,
-        z_m: column(|point| point.z_mm),
-        y_m: column(|point| point.across_mm[1]),
-        x_m: Some(column(|point| point.across_mm[0])),
-        y_sd_m: Some(column(|point| point.sd_mm[1])),
-        x_sd_m: Some(column(|point| point.sd_mm[0])),
+        z_m: column(|point| point.z_mm, points),
+        y_m: column(|point| point.across_mm[1], points),
+        x_m: Some(column(|point| point.across_mm[0], points)),
+        y_sd_m: Some(column(|point| point.sd_mm[1], points)),
+        x_sd_m: Some(column(|point| point.sd_mm[0], points)),
         images: Some(
             points
                 .iter()
@@ -383,6 +384,10 @@ fn series(points: &[Deflection], shared_sd_mm: f64) -> ShapeSeries {
         // The vertical plane first.
         shared_m: [1, 0].map(|axis: usize| [0, 1, 2].map(|error: usize| shared(axis, error))),
     }
+}
+
+fn column(of: fn(&Deflection) -> f64, points: &[Deflection]) -> Vec<f64> {
+    points.iter().map(|point| 1e-3 * of(point)).collect()
 }
 
 /// So many numbers, separated by commas or blanks.

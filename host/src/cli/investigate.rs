@@ -254,16 +254,13 @@ impl Display for StepText<'_> {
         let Step {
             runs, verdict, explanations, unseen_probability, k_kpa, k_ci95_kpa, realised_nats, ..
         } = self.0;
-        let name = |effects: &[String]| {
-            if effects.is_empty() { "nothing missing".to_owned() } else { effects.join(" and ") }
-        };
         fn percent(probability: f64) -> f64 {
             100.0 * probability
         }
         let shown: Vec<String> = explanations
             .iter()
             .take(SHOWN)
-            .map(|one| format!("{} {:.0} %", name(&one.effects), percent(one.probability)))
+            .map(|one| format!("{} {:.0} %", effects_text(&one.effects), percent(one.probability)))
             .collect();
         write!(
             f,
@@ -281,6 +278,10 @@ impl Display for StepText<'_> {
         }
         writeln!(f)
     }
+}
+
+fn effects_text(effects: &[String]) -> String {
+    if effects.is_empty() { "nothing missing".to_owned() } else { effects.join(" and ") }
 }
 
 /// A chosen run for the eye.

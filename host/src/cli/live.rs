@@ -54,8 +54,6 @@ struct Line {
 
 impl Line {
     fn new(time_s: f64, estimate: &Estimate<f64>) -> Self {
-        let identified =
-            |value: Value<f64>| (value.identifiability == Identifiability::Identified).then_some(value.value);
         Self {
             time_s,
             depth_mm: 1e3 * estimate.depth_m,
@@ -70,24 +68,31 @@ impl Line {
     }
 }
 
+fn identified(value: Value<f64>) -> Option<f64> {
+    (value.identifiability == Identifiability::Identified).then_some(value.value)
+}
+
 impl Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let value = |value: Option<f64>, [low, high]: [f64; 2], digits: usize| match value {
-            Some(value) => {
-                format!("{:.digits$} ({:.digits$} to {:.digits$})", 1e-3 * value, 1e-3 * low, 1e-3 * high)
-            }
-            None => "not identifiable".to_owned(),
-        };
         writeln!(
             f,
             "{:8.2} s  {:5.1} mm  stiffness {:<22} kN/m^2  damping {:<20} kN s/m^2  tip {:+.2} mm, simulated {:+.2} mm",
             self.time_s,
             self.depth_mm,
-            value(self.stiffness_n_per_m2, self.stiffness_ci95_n_per_m2, 1),
-            value(self.damping_n_s_per_m2, self.damping_ci95_n_s_per_m2, 2),
+            value_text(self.stiffness_n_per_m2, self.stiffness_ci95_n_per_m2, 1),
+            value_text(self.damping_n_s_per_m2, self.damping_ci95_n_s_per_m2, 2),
             self.measured_tip_y_mm,
             self.tip_y_mm
         )
+    }
+}
+
+fn value_text(value: Option<f64>, [low, high]: [f64; 2], digits: usize) -> String {
+    match value {
+        Some(value) => {
+            format!("{:.digits$} ({:.digits$} to {:.digits$})", 1e-3 * value, 1e-3 * low, 1e-3 * high)
+        }
+        None => "not identifiable".to_owned(),
     }
 }
 

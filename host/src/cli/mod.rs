@@ -195,12 +195,15 @@ fn failed(error: &anyhow::Error, mut out: Output, coloured: bool) -> u8 {
 /// The command line. Every option takes a negative number: where it may not have one the answer states what it may have, not "unexpected argument '-1'".
 fn command() -> clap::Command {
     fn negative_too(command: clap::Command) -> clap::Command {
-        let of_value = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
         command
-            .mut_args(|arg| if of_value(&arg) { arg.allow_negative_numbers(true) } else { arg })
+            .mut_args(|arg| if takes_value(&arg) { arg.allow_negative_numbers(true) } else { arg })
             .mut_subcommands(negative_too)
     }
     groups::grouped(negative_too(Cli::command()))
+}
+
+fn takes_value(arg: &clap::Arg) -> bool {
+    arg.get_action().takes_values() && !arg.is_positional()
 }
 
 fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {

@@ -182,11 +182,14 @@ pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyho
         return Ok(());
     }
     fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
-    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-    let name: String = name.chars().map(|c| if plain(c) { c } else { '_' }).collect();
+    let name: String = name.chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
     let path = folder.join(format!("{name}.svg"));
     out.note(format_args!("drawing {}", path.display()));
     write_file(&path, svg)
+}
+
+fn is_plain(c: char) -> bool {
+    c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.')
 }
 
 /// Writes a whole file, in place of one that is there: after a failure the old one is. A link to a file is neither followed nor replaced:

@@ -43,12 +43,15 @@ mod tests {
 
     #[test]
     fn files_are_found_wherever_they_are_named() {
-        let of = |text: &str| files(&text.split(' ').map(OsString::from).collect::<Vec<_>>());
         assert_eq!(
-            of("guide --effects a.toml diagnose x --effects=b.toml"),
+            files_of("guide --effects a.toml diagnose x --effects=b.toml"),
             [PathBuf::from("a.toml"), "b.toml".into()]
         );
-        assert!(of("guide diagnose x -- --effects a.toml").is_empty());
-        assert!(of("guide diagnose --effects").is_empty());
+        assert!(files_of("guide diagnose x -- --effects a.toml").is_empty());
+        assert!(files_of("guide diagnose --effects").is_empty());
+    }
+
+    fn files_of(text: &str) -> Vec<PathBuf> {
+        files(&text.split(' ').map(OsString::from).collect::<Vec<_>>())
     }
 }

@@ -83,13 +83,9 @@ pub struct Args {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let positive = |name: &str, values: &[f64]| {
-        let wrong = values.iter().find(|value| !(value.is_finite() && **value > 0.0));
-        wrong.map_or(Ok(()), |value| Err(anyhow::anyhow!("{name}: {value}, expected positive numbers")))
-    };
-    positive("--force-limit-n", &[args.force_limit_n])?;
-    positive("--strain-limit-percent", &[args.strain_limit_percent])?;
-    positive("--deflection-limit-mm", &[args.deflection_limit_mm])?;
+    check_positive("--force-limit-n", &[args.force_limit_n])?;
+    check_positive("--strain-limit-percent", &[args.strain_limit_percent])?;
+    check_positive("--deflection-limit-mm", &[args.deflection_limit_mm])?;
     let Setup { rig, noise, tissue, .. } = Setup::read(&args.rig)?;
     let prior = args.prior.as_deref().map(|path| {
         let labels = Labels::read_file(&args.rig)?;
@@ -165,6 +161,11 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let planned = Planned { plan: &plan, check: check.as_ref() };
     out.result(&planned, &planned)
+}
+
+fn check_positive(name: &str, values: &[f64]) -> anyhow::Result<()> {
+    let wrong = values.iter().find(|value| !(value.is_finite() && **value > 0.0));
+    wrong.map_or(Ok(()), |value| Err(anyhow::anyhow!("{name}: {value}, expected positive numbers")))
 }
 
 /// A plan, and what its best run would show.

@@ -80,14 +80,10 @@ struct Document<'a> {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let in_range = |name: &str, value: f64, [least, most]: [f64; 2]| {
-        ensure!((least..=most).contains(&value), "{name}: {value}, expected {least} to {most}");
-        Ok(())
-    };
-    in_range("--rest-every-mm", args.rest_every_mm, [1.0, 20.0])?;
-    in_range("target depth", args.target_mm[2], [5.0, DEEPEST_MM])?;
-    in_range("--guide-travel-mm", args.guide_travel_mm.unwrap_or(1.0), [0.01, 100.0])?;
-    in_range("--guide-force-n", args.guide_force_n.unwrap_or(1.0), [0.01, 1000.0])?;
+    check_range("--rest-every-mm", args.rest_every_mm, [1.0, 20.0])?;
+    check_range("target depth", args.target_mm[2], [5.0, DEEPEST_MM])?;
+    check_range("--guide-travel-mm", args.guide_travel_mm.unwrap_or(1.0), [0.01, 100.0])?;
+    check_range("--guide-force-n", args.guide_force_n.unwrap_or(1.0), [0.01, 1000.0])?;
     ensure!(args.rotations <= 2, "--rotations: {}, expected 0 to 2", args.rotations);
     let mut warnings = Vec::new();
     let rig = args.characterized.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
@@ -124,6 +120,12 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         warnings: &warnings,
     };
     out.result(&document, Text(&plan))
+}
+
+/// Refuses an option's value outside of its range.
+pub(super) fn check_range(name: &str, value: f64, [least, most]: [f64; 2]) -> anyhow::Result<()> {
+    ensure!((least..=most).contains(&value), "{name}: {value}, expected {least} to {most}");
+    Ok(())
 }
 
 /// The statement of a plant, as its first line has it.
@@ -167,8 +169,6 @@ fn of_session(session: &Session, args: &Args, warnings: &mut Vec<String>) -> any
             "no lateral runs and no --model: any soft tissue is possible, and what can be reached is that of a typical one".to_owned(),
         );
     }
-    // Ends of a uniform distribution of the logarithm with this standard deviation; layers and skin differ from it beyond that.
-    let range = |sd_ln: f64| [-1.0, 1.0].map(|sign: f64| (sign * 3f64.sqrt() * sd_ln.clamp(0.01, 2.0)).exp());
     let can_rotate = args.rotations > 0;
     Ok(Statement {
         plant: VERSION.to_owned(),
@@ -209,6 +209,11 @@ fn of_session(session: &Session, args: &Args, warnings: &mut Vec<String>) -> any
             slope_mrad: None,
         }),
     })
+}
+
+/// Ends of a uniform distribution of the logarithm with this standard deviation; layers and skin differ from it beyond that.
+fn range(sd_ln: f64) -> [f64; 2] {
+    [-1.0, 1.0].map(|sign: f64| (sign * 3f64.sqrt() * sd_ln.clamp(0.01, 2.0)).exp())
 }
 
 /// Writes the figures, where they are requested.

@@ -66,14 +66,12 @@ pub struct Args {
 /// `tissue.gradient=0.01`: as many values as the effect has parameters, each in its range.
 fn effect_values(text: &str) -> Result<(&'static dyn Effect, Vec<f64>), String> {
     let (id, values) = text.split_once('=').ok_or("expected EFFECT=VALUE[,VALUE]")?;
-    let ids = || all().into_iter().map(Effect::id).collect::<Vec<_>>().join(", ");
     let effect = effect(id).ok_or_else(|| format!("no such effect, expected one of {}", ids()))?;
     let values: Result<Vec<f64>, _> = values.split(',').map(|value| value.trim().parse()).collect();
     let values = values.map_err(|_| "expected numbers after =")?;
     let expected = effect.parameters();
-    let names = || expected.iter().map(|parameter| parameter.name).collect::<Vec<_>>().join(", ");
     if values.len() != expected.len() {
-        return Err(format!("expected {} values: {}", expected.len(), names()));
+        return Err(format!("expected {} values: {}", expected.len(), names(expected)));
     }
     for (value, parameter) in values.iter().zip(expected) {
         let [least, most] = parameter.range;
@@ -84,15 +82,19 @@ fn effect_values(text: &str) -> Result<(&'static dyn Effect, Vec<f64>), String> 
     Ok((effect, values))
 }
 
+fn names(expected: &[mechanics::effects::ParameterInfo]) -> String {
+    expected.iter().map(|parameter| parameter.name).collect::<Vec<_>>().join(", ")
+}
+
+fn ids() -> String {
+    all().into_iter().map(Effect::id).collect::<Vec<_>>().join(", ")
+}
+
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let in_range = |name: &str, value: f64, [least, most]: [f64; 2]| {
-        ensure!((least..=most).contains(&value), "{name}: {value}, expected {least} to {most} mm");
-        Ok(())
-    };
-    in_range("--until", args.until, [5.0, 500.0])?;
+    check_range_mm("--until", args.until, [5.0, 500.0])?;
     if let Some(end_mm) = args.to {
-        in_range("--to", end_mm, [1.0, 500.0])?;
+        check_range_mm("--to", end_mm, [1.0, 500.0])?;
     }
     let modulus_pa = match args.k_kpa.as_deref() {
         Some(&[k_kpa, sd_kpa]) => {
@@ -130,6 +132,11 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     }
     args.draws.write(result.draws.as_ref(), out)?;
     out.result(&result, Text { result: &result, compare: args.compare })
+}
+
+fn check_range_mm(name: &str, value: f64, [least, most]: [f64; 2]) -> anyhow::Result<()> {
+    ensure!((least..=most).contains(&value), "{name}: {value}, expected {least} to {most} mm");
+    Ok(())
 }
 
 /// Metres that were millimetres are not whole ones to the last digit.
@@ -213,13 +220,8 @@ impl Display for Text<'_> {
 }
 
 fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usize) -> fmt::Result {
-    let force = |n: Option<f64>, sd: Option<f64>| match (n, sd) {
-        (Some(n), Some(sd)) => format!("{:+.3} (sd {sd:.3}) N", unsigned_zero(n, 3)),
-        _ => "-".to_owned(),
-    };
     // Depth at which the prediction was last checked, or its end.
     let index = one.last_measured_mm.map_or(one.depth_mm.len().saturating_sub(1), |mm| mm.round() as usize);
-    let at = |list: &[f64]| list.get(index).copied().unwrap_or(f64::NAN);
     let plane = |f: &mut fmt::Formatter<'_>,
                  id: &str,
                  name: &str,
@@ -240,15 +242,37 @@ fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usi
             "  {id:<width$}  {name}      {force:<18}  {index:>5} mm  {predicted:<25}  {measured:<10}  {error}"
         )
     };
-    let reading = |list: &[Option<f64>]| list.get(index).copied().flatten();
-    let tip = [at(&one.tip_y_mm), at(&one.lo95_y_mm), at(&one.hi95_y_mm)];
-    plane(f, &one.id, "y", force(one.tip_force_n, one.tip_force_sd_n), tip, reading(&one.measured_y_mm))?;
+    let tip =
+        [value_at(&one.tip_y_mm, index), value_at(&one.lo95_y_mm, index), value_at(&one.hi95_y_mm, index)];
+    plane(
+        f,
+        &one.id,
+        "y",
+        force_text(one.tip_force_n, one.tip_force_sd_n),
+        tip,
+        reading_at(&one.measured_y_mm, index),
+    )?;
     if let (Some(tip_x), Some(low), Some(high)) = (&one.tip_x_mm, &one.lo95_x_mm, &one.hi95_x_mm) {
-        let tip = [at(tip_x), at(low), at(high)];
-        let measured = one.measured_x_mm.as_deref().and_then(reading);
-        plane(f, "", "x", force(one.tip_force_x_n, one.tip_force_x_sd_n), tip, measured)?;
+        let tip = [value_at(tip_x, index), value_at(low, index), value_at(high, index)];
+        let measured = one.measured_x_mm.as_deref().and_then(|list| reading_at(list, index));
+        plane(f, "", "x", force_text(one.tip_force_x_n, one.tip_force_x_sd_n), tip, measured)?;
     }
     Ok(())
+}
+
+fn reading_at(list: &[Option<f64>], index: usize) -> Option<f64> {
+    list.get(index).copied().flatten()
+}
+
+fn value_at(list: &[f64], index: usize) -> f64 {
+    list.get(index).copied().unwrap_or(f64::NAN)
+}
+
+fn force_text(n: Option<f64>, sd: Option<f64>) -> String {
+    match (n, sd) {
+        (Some(n), Some(sd)) => format!("{:+.3} (sd {sd:.3}) N", unsigned_zero(n, 3)),
+        _ => "-".to_owned(),
+    }
 }
 
 /// A value without the sign that it would be printed with where it is rounded to nothing.
@@ -284,13 +308,16 @@ fn write_models(f: &mut fmt::Formatter<'_>, models: &[ModelResult]) -> fmt::Resu
     if models.is_empty() {
         return Ok(());
     }
-    let name = |one: &ModelResult| match one.effects.as_slice() {
+    let list: Vec<String> =
+        models.iter().map(|one| format!("{} {:.0} %", model_name(one), 100.0 * one.probability)).collect();
+    writeln!(f, "effects      averaged over models by their probability: {}", list.join(", "))
+}
+
+fn model_name(one: &ModelResult) -> String {
+    match one.effects.as_slice() {
         [] => "none".to_owned(),
         effects => effects.join(" with "),
-    };
-    let list: Vec<String> =
-        models.iter().map(|one| format!("{} {:.0} %", name(one), 100.0 * one.probability)).collect();
-    writeln!(f, "effects      averaged over models by their probability: {}", list.join(", "))
+    }
 }
 
 /// The prior, and what is predicted without it.
@@ -308,13 +335,6 @@ fn write_prior(f: &mut fmt::Formatter<'_>, prior: &PredictionPrior, width: usize
         "insertion"
     )?;
     for one in &prior.without {
-        let with_interval = |value: Option<f64>, ends: Option<[f64; 2]>, unit: &str| match (value, ends) {
-            (Some(value), Some([low, high])) => {
-                let [value, low, high] = [value, low, high].map(|number| unsigned_zero(number, 2));
-                format!("{value:.2} ({low:.2} to {high:.2}) {unit}")
-            }
-            _ => "-".to_owned(),
-        };
         let modulus = with_interval(one.k_kpa, one.k_ci95_kpa, "kPa");
         let tip = with_interval(one.tip_y_mm, one.band95_y_mm, "mm");
         let error = one.last_error_mm.map_or("-".to_owned(), |mm| format!("{mm:.2} mm"));
@@ -323,30 +343,43 @@ fn write_prior(f: &mut fmt::Formatter<'_>, prior: &PredictionPrior, width: usize
     Ok(())
 }
 
+fn with_interval(value: Option<f64>, ends: Option<[f64; 2]>, unit: &str) -> String {
+    match (value, ends) {
+        (Some(value), Some([low, high])) => {
+            let [value, low, high] = [value, low, high].map(|number| unsigned_zero(number, 2));
+            format!("{value:.2} ({low:.2} to {high:.2}) {unit}")
+        }
+        _ => "-".to_owned(),
+    }
+}
+
 /// Mean over the insertions of each method's error.
 fn write_comparison(f: &mut fmt::Formatter<'_>, good: &[&InsertionResult]) -> fmt::Result {
-    let mean = |errors: Vec<Option<f64>>| {
-        let errors: Vec<f64> = errors.into_iter().flatten().collect();
-        if errors.is_empty() {
-            "-".to_owned()
-        } else {
-            format!("{:.2} mm", errors.iter().sum::<f64>() / errors.len() as f64)
-        }
-    };
     writeln!(f, "distance from the measured tip, mean over the insertions")?;
     writeln!(f, "  method            mean beyond the readings    at the last depth")?;
-    let line = |f: &mut fmt::Formatter<'_>, name: &str, mae: String, last: String| {
-        writeln!(f, "  {name:<16}  {mae:<26}  {last}")
-    };
-    let of = |value: fn(&InsertionResult) -> Option<f64>| mean(good.iter().map(|one| value(one)).collect());
-    line(f, "mechanics", of(|one| one.mae_mm), of(|one| one.last_error_mm))?;
+    let of =
+        |value: fn(&InsertionResult) -> Option<f64>| mean_text(good.iter().map(|one| value(one)).collect());
+    write_line(f, "mechanics", of(|one| one.mae_mm), of(|one| one.last_error_mm))?;
     let methods: Vec<_> =
         good.first().map(|one| one.compare.iter().map(|c| c.method)).into_iter().flatten().collect();
     for method in methods {
         let found = || good.iter().map(|one| one.compare.iter().find(|c| c.method == method));
-        let mae = mean(found().map(|c| c.and_then(|c| c.mae_mm)).collect());
-        let last = mean(found().map(|c| c.and_then(|c| c.last_error_mm)).collect());
-        line(f, method, mae, last)?;
+        let mae = mean_text(found().map(|c| c.and_then(|c| c.mae_mm)).collect());
+        let last = mean_text(found().map(|c| c.and_then(|c| c.last_error_mm)).collect());
+        write_line(f, method, mae, last)?;
     }
     Ok(())
+}
+
+fn write_line(f: &mut fmt::Formatter<'_>, name: &str, mae: String, last: String) -> Result<(), fmt::Error> {
+    writeln!(f, "  {name:<16}  {mae:<26}  {last}")
+}
+
+fn mean_text(errors: Vec<Option<f64>>) -> String {
+    let errors: Vec<f64> = errors.into_iter().flatten().collect();
+    if errors.is_empty() {
+        "-".to_owned()
+    } else {
+        format!("{:.2} mm", errors.iter().sum::<f64>() / errors.len() as f64)
+    }
 }

@@ -412,8 +412,10 @@ pub(super) fn open_session(args: &SessionArgs) -> anyhow::Result<Opened> {
     }
     let id = args.id.clone().unwrap_or_else(|| {
         let used_ids = session.lateral_ids();
-        let name = |number: usize| format!("d{}-{number}", args.depth_mm);
-        (1..).map(name).find(|name| !used_ids.contains(name)).unwrap_or_default()
+        (1..)
+            .map(|number| format!("d{}-{number}", args.depth_mm))
+            .find(|name| !used_ids.contains(name))
+            .unwrap_or_default()
     });
     Ok(Opened { session, id, setup })
 }

@@ -189,19 +189,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let Setup { rig, noise, tissue, .. } = Setup::read(rig)?;
     let depth_range_mm = RATIO_RANGE.map(|ratio| 1e3 * ratio * 0.5 * rig.needle.outer_diameter_m);
     let youngs_range_kpa = YOUNGS_RANGE_PA.map(|pa| 1e-3 * pa);
-    let within = |name: &str, values: &[f64], [least, most]: [f64; 2]| {
-        let wrong = values.iter().find(|value| !(least..=most).contains(*value));
-        ensure!(
-            wrong.is_none(),
-            "{name}: {}, expected {least:.4} to {most:.4}, for which K/E is computed",
-            wrong.copied().unwrap_or_default()
-        );
-        Ok(())
-    };
-    within("--depth-mm", &[depth_mm], depth_range_mm)?;
-    within("--youngs-kpa", &args.youngs_kpa, youngs_range_kpa)?;
+    check_within("--depth-mm", &[depth_mm], depth_range_mm)?;
+    check_within("--youngs-kpa", &args.youngs_kpa, youngs_range_kpa)?;
     let poisson = args.poisson.or(tissue.poisson).unwrap_or(INCOMPRESSIBLE);
-    within("--poisson", &[poisson], [0.0, 0.5])?;
+    check_within("--poisson", &[poisson], [0.0, 0.5])?;
     let standard = Run::default();
     let measured = Run {
         force_sd_n: noise.force_n.unwrap_or(standard.force_sd_n),
@@ -257,4 +248,14 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         out.note(format_args!("drawing {}", path.display()));
     }
     out.result(&report, &report)
+}
+
+fn check_within(name: &str, values: &[f64], [least, most]: [f64; 2]) -> anyhow::Result<()> {
+    let wrong = values.iter().find(|value| !(least..=most).contains(*value));
+    ensure!(
+        wrong.is_none(),
+        "{name}: {}, expected {least:.4} to {most:.4}, for which K/E is computed",
+        wrong.copied().unwrap_or_default()
+    );
+    Ok(())
 }

@@ -149,14 +149,16 @@ impl Rest {
         });
         let points: Vec<_> = points.take(REST_SAMPLES).collect();
         let count = points.len() as f64;
-        let mean =
-            |value: &dyn Fn(&Point) -> f64| points.iter().map(|point| value(point)).sum::<f64>() / count;
         Some(Self {
             time_s: points.first()?.time_s,
-            displacement_m: [0, 1].map(|axis| mean(&|point| point.displacement_m[axis])),
-            force_n: [0, 1].map(|axis| mean(&|point| point.force_n[axis])),
+            displacement_m: [0, 1].map(|axis| mean(&|point| point.displacement_m[axis], &points, count)),
+            force_n: [0, 1].map(|axis| mean(&|point| point.force_n[axis], &points, count)),
         })
     }
+}
+
+fn mean(value: &dyn Fn(&Point) -> f64, points: &[&Point], count: f64) -> f64 {
+    points.iter().map(|point| value(point)).sum::<f64>() / count
 }
 
 /// Runs one step on the device and returns the telemetry received meanwhile.

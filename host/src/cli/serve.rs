@@ -104,9 +104,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let began = Instant::now();
     let mut files = FilesWatch::default();
     let mut next_poll = began;
-    let ends =
-        |began: Instant| args.duration_s.is_some_and(|limit_s| began.elapsed().as_secs_f64() > limit_s);
-    while !interrupted.load(Ordering::Acquire) && !ends(began) {
+    while !interrupted.load(Ordering::Acquire) && !is_over(began, args.duration_s) {
         if Instant::now() >= next_poll {
             next_poll = Instant::now() + FILE_POLL_INTERVAL;
             if files.has_settled(&args.dir) {
@@ -122,6 +120,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         std::thread::sleep(POLL_INTERVAL);
     }
     Ok(())
+}
+
+fn is_over(began: Instant, duration_s: Option<f64>) -> bool {
+    duration_s.is_some_and(|limit_s| began.elapsed().as_secs_f64() > limit_s)
 }
 
 /// Publishes what the device streams; a lost connection is made again.

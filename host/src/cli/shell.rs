@@ -84,11 +84,14 @@ fn named(name: Option<&str>) -> anyhow::Result<Command> {
     let Some(name) = name else { return Ok(program) };
     // A sub-command has the options that all of them have once the program is built.
     program.build();
-    let names = || program.get_subcommands().map(Command::get_name).collect::<Vec<_>>().join(", ");
     let command = program
         .find_subcommand(name)
-        .with_context(|| format!("COMMAND: {name}, expected one of {}", names()))?;
+        .with_context(|| format!("COMMAND: {name}, expected one of {}", names(&program)))?;
     Ok(command.clone())
+}
+
+fn names(program: &Command) -> String {
+    program.get_subcommands().map(Command::get_name).collect::<Vec<_>>().join(", ")
 }
 
 /// One page: name, synopsis, options, examples.

@@ -188,16 +188,17 @@ impl Report {
         if cools_in_s > 0 {
             writeln!(f, "           hot: {cools_in_s} s of rest until `guide clear`")?;
         }
-        let text = |slope: &Option<Slope>| {
-            slope.as_ref().map_or("not identified yet".to_owned(), ToString::to_string)
-        };
         writeln!(
             f,
             "stiffness  x {}   y {} (95 % interval)",
-            text(&self.stiffness_x),
-            text(&self.stiffness_y)
+            slope_text(&self.stiffness_x),
+            slope_text(&self.stiffness_y)
         )
     }
+}
+
+fn slope_text(slope: &Option<Slope>) -> String {
+    slope.as_ref().map_or("not identified yet".to_owned(), ToString::to_string)
 }
 
 impl Display for Report {

@@ -148,12 +148,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let (Some(dir), Some(target_mm)) = (&args.dir, args.target_mm) else {
         bail!("expected DIR, --target-mm and --plant, or --port and --tip, or --replay");
     };
-    let in_range = |name: &str, value: f64, [least, most]: [f64; 2]| {
-        ensure!((least..=most).contains(&value), "{name}: {value}, expected {least} to {most}");
-        Ok(())
-    };
-    in_range("--rest-every-mm", args.rest_every_mm, [1.0, 20.0])?;
-    in_range("--push-speed-mm-s", args.push_speed_mm_s, [0.1, 100.0])?;
+    super::plan_path::check_range("--rest-every-mm", args.rest_every_mm, [1.0, 20.0])?;
+    super::plan_path::check_range("--push-speed-mm-s", args.push_speed_mm_s, [0.1, 100.0])?;
     let rotations = args.rotations.unwrap_or(if args.advise { 2 } else { 0 });
     let least = usize::from(args.advise);
     ensure!((least..=2).contains(&rotations), "--rotations: {rotations}, expected {least} to 2");

@@ -76,23 +76,18 @@ impl Display for Tared {
             "zero       x {:+.4} N   y {:+.4} N (from the converter's own zero)",
             self.zero_x_n, self.zero_y_n
         )?;
-        let error = |error: Option<f64>| error.map_or("-".to_owned(), |error| format!("{error:.5}"));
         writeln!(
             f,
             "           x {} N   y {} N (standard error)",
-            error(self.zero_standard_error_x_n),
-            error(self.zero_standard_error_y_n)
+            error_text(self.zero_standard_error_x_n),
+            error_text(self.zero_standard_error_y_n)
         )?;
         writeln!(f, "noise      x {:.4} N    y {:.4} N (sd of one reading)", self.sd_x_n, self.sd_y_n)?;
-        let drift = |n_per_s: f64, ci95: Option<[f64; 2]>| match ci95 {
-            Some([low, high]) => format!("{n_per_s:+.5} ({low:+.5} to {high:+.5}) N/s"),
-            None => "not identifiable".to_owned(),
-        };
         writeln!(
             f,
             "drift      x {}   y {} (95 % interval)",
-            drift(self.drift_x_n_per_s, self.drift_ci95_x_n_per_s),
-            drift(self.drift_y_n_per_s, self.drift_ci95_y_n_per_s)
+            drift_text(self.drift_x_n_per_s, self.drift_ci95_x_n_per_s),
+            drift_text(self.drift_y_n_per_s, self.drift_ci95_y_n_per_s)
         )?;
         let rate = self.readings_per_s.map_or(String::new(), |rate| format!(", {rate:.1} a second"));
         let codes = self.unique_codes.map(|codes| {
@@ -109,6 +104,17 @@ impl Display for Tared {
         )?;
         writeln!(f, "verdict    {}", self.verdict)
     }
+}
+
+fn drift_text(n_per_s: f64, ci95: Option<[f64; 2]>) -> String {
+    match ci95 {
+        Some([low, high]) => format!("{n_per_s:+.5} ({low:+.5} to {high:+.5}) N/s"),
+        None => "not identifiable".to_owned(),
+    }
+}
+
+fn error_text(error: Option<f64>) -> String {
+    error.map_or("-".to_owned(), |error| format!("{error:.5}"))
 }
 
 /// Runs `guide tare`.

@@ -59,18 +59,13 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 }
 
 fn options(args: &Args) -> anyhow::Result<Options> {
-    let within = |name: &str, value: Option<f64>, [least, most]: [f64; 2]| {
-        let good = value.is_none_or(|value| (least..=most).contains(&value));
-        ensure!(good, "{name}: {}, expected {least} to {most}", value.unwrap_or_default());
-        Ok(())
-    };
-    within("--length-mm", args.length_mm, [10.0, 2000.0])?;
-    within("--fixture-kg", args.fixture_kg, [0.0, 100.0])?;
-    within("--segment-mm", args.segment_mm, [4.0, 500.0])?;
+    check_within("--length-mm", args.length_mm, [10.0, 2000.0])?;
+    check_within("--fixture-kg", args.fixture_kg, [0.0, 100.0])?;
+    check_within("--segment-mm", args.segment_mm, [4.0, 500.0])?;
     let start = match args.start.as_deref() {
         Some(&[stiffness, damping]) => {
-            within("--start: stiffness", Some(stiffness), [1e-3, 1e12])?;
-            within("--start: damping", Some(damping), [1e-6, 1e12])?;
+            check_within("--start: stiffness", Some(stiffness), [1e-3, 1e12])?;
+            check_within("--start: damping", Some(damping), [1e-6, 1e12])?;
             Some([stiffness, damping])
         }
         Some(_) => bail!("--start: expected stiffness and damping"),
@@ -83,6 +78,12 @@ fn options(args: &Args) -> anyhow::Result<Options> {
         segment_m: args.segment_mm.map(|mm| 1e-3 * mm),
         compare: args.compare,
     })
+}
+
+fn check_within(name: &str, value: Option<f64>, [least, most]: [f64; 2]) -> anyhow::Result<()> {
+    let good = value.is_none_or(|value| (least..=most).contains(&value));
+    ensure!(good, "{name}: {}, expected {least} to {most}", value.unwrap_or_default());
+    Ok(())
 }
 
 struct Text<'a>(&'a Tracking);
@@ -142,19 +143,20 @@ fn write_run(f: &mut fmt::Formatter<'_>, run: &TrackResult, width: usize) -> fmt
         writeln!(f, "  {:<width$}  layers: boundary at {mm:.1} mm ({low:.1} to {high:.1}){ratio}", "")?;
     }
     for other in &run.compare {
-        let value = |value: Option<f64>, digits: usize| {
-            value.map_or("-".to_owned(), |value| format!("{:.digits$}", 1e-3 * value))
-        };
         writeln!(
             f,
             "  {:<width$}           {:<21}  {:<21}  {}",
             format!("- {}", other.method),
-            value(other.stiffness_n_per_m2, 1),
-            value(other.damping_n_s_per_m2, 2),
+            value_text(other.stiffness_n_per_m2, 1),
+            value_text(other.damping_n_s_per_m2, 2),
             tip(&other.errors)
         )?;
     }
     Ok(())
+}
+
+fn value_text(value: Option<f64>, digits: usize) -> String {
+    value.map_or("-".to_owned(), |value| format!("{:.digits$}", 1e-3 * value))
 }
 
 fn tip(errors: &Errors) -> String {

@@ -79,8 +79,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     out.line(&report, &report)?;
 
     let began = Instant::now();
-    let ends = || args.duration_s.is_some_and(|limit_s| began.elapsed().as_secs_f64() > limit_s);
-    while !interrupted.load(Ordering::Acquire) && !ends() {
+    while !interrupted.load(Ordering::Acquire) && !is_over(&began, args.duration_s) {
         if !server.is_running() {
             bail!("the server's thread has ended");
         }
@@ -91,6 +90,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+fn is_over(began: &Instant, duration_s: Option<f64>) -> bool {
+    duration_s.is_some_and(|limit_s| began.elapsed().as_secs_f64() > limit_s)
 }
 
 /// The device under supervision, with the programs that pages can run.

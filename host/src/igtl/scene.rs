@@ -112,7 +112,6 @@ impl Scene {
 
     /// The last sample of a batch, as it is; `stamp` is when it was taken.
     pub fn live(&self, batch: &Batch, point: &Point, stamp: Duration) -> Vec<Message> {
-        let message = |device: &str, content: Content| Message { device: device.to_owned(), stamp, content };
         let [x_m, y_m] = point.displacement_m;
         let document = GuideDocument {
             schema: SCHEMA,
@@ -126,15 +125,19 @@ impl Scene {
             depth_mm: self.needle.as_ref().map(|needle| 1e3 * needle.depth_m),
         };
         let mut messages = vec![
-            message("GuideToReference", Content::Transform(Pose::at(millimetres([x_m, y_m, self.guide2_m])))),
-            message("Force", Content::Sensor(point.force_n.to_vec())),
-            message("Guide", text(&document)),
+            message(
+                "GuideToReference",
+                Content::Transform(Pose::at(millimetres([x_m, y_m, self.guide2_m]))),
+                stamp,
+            ),
+            message("Force", Content::Sensor(point.force_n.to_vec()), stamp),
+            message("Guide", text(&document), stamp),
         ];
         if let Some(needle) = &self.needle {
             let tip = needle.pose(point.displacement_m, self.entry_m + needle.depth_m);
-            messages.push(message("NeedleTipToReference", Content::Transform(tip)));
+            messages.push(message("NeedleTipToReference", Content::Transform(tip), stamp));
             let points = needle.points(point.displacement_m, self.entry_m);
-            messages.push(message("NeedleShape", Content::Points(points)));
+            messages.push(message("NeedleShape", Content::Points(points), stamp));
         }
         messages
     }
@@ -193,16 +196,16 @@ impl Scene {
             lo95_x_mm: horizontal(&last.lo95_x_mm),
             hi95_x_mm: horizontal(&last.hi95_x_mm),
         };
-        let at = |values: &[f64], index: usize| values.get(index).copied().unwrap_or(0.0);
-        let of = |values: &Option<Vec<f64>>, index| values.as_deref().map_or(0.0, |values| at(values, index));
         let points = last
             .depth_mm
             .iter()
             .enumerate()
             .map(|(index, depth_mm)| {
-                let width_y = at(&last.hi95_y_mm, index) - at(&last.lo95_y_mm, index);
-                let width_x = of(&last.hi95_x_mm, index) - of(&last.lo95_x_mm, index);
-                let (x_mm, y_mm) = (of(&last.tip_x_mm, index), at(&last.tip_y_mm, index));
+                let width_y = value_or_zero(&last.hi95_y_mm, index) - value_or_zero(&last.lo95_y_mm, index);
+                let width_x = second_value_or_zero(&last.hi95_x_mm, index)
+                    - second_value_or_zero(&last.lo95_x_mm, index);
+                let (x_mm, y_mm) =
+                    (second_value_or_zero(&last.tip_x_mm, index), value_or_zero(&last.tip_y_mm, index));
                 let measured = *depth_mm <= last.identified_until_mm;
                 ListPoint {
                     name: format!("{depth_mm} mm"),
@@ -212,20 +215,31 @@ impl Scene {
                 }
             })
             .collect();
-        let message = |device: &str, content| Message { device: device.to_owned(), stamp, content };
-        vec![message("Prediction", text(&document)), message("PredictedPath", Content::Points(points))]
+        vec![
+            message("Prediction", text(&document), stamp),
+            message("PredictedPath", Content::Points(points), stamp),
+        ]
     }
+}
+
+fn second_value_or_zero(values: &Option<Vec<f64>>, index: usize) -> f64 {
+    values.as_deref().map_or(0.0, |values| value_or_zero(values, index))
+}
+
+fn value_or_zero(values: &[f64], index: usize) -> f64 {
+    values.get(index).copied().unwrap_or(0.0)
+}
+
+fn message(device: &str, content: Content, stamp: Duration) -> Message {
+    Message { device: device.to_owned(), stamp, content }
 }
 
 impl Needle {
     /// A point of the needle and its direction while guide 2 is held at a displacement along x and y.
     fn pose(&self, displacement_m: [f64; 2], z_m: f64) -> Pose {
-        let in_plane = |beam: &Beam, held_m: f64| {
-            let force_n = beam.force_n(held_m);
-            (beam.deflection_m(held_m, z_m), force_n * beam.guide2_force().slope(z_m))
-        };
         let [x, y] = displacement_m;
-        let ((x_m, slope_x), (y_m, slope_y)) = (in_plane(&self.beam_x, x), in_plane(&self.beam_y, y));
+        let ((x_m, slope_x), (y_m, slope_y)) =
+            (in_plane(&self.beam_x, x, z_m), in_plane(&self.beam_y, y, z_m));
         let tangent = Vector3::new(slope_x, slope_y, 1.0).normalize();
         let normal = Vector3::y().cross(&tangent).normalize();
         let axes = [normal, tangent.cross(&normal), tangent].map(|axis| axis.cast::<f32>().into());
@@ -247,6 +261,11 @@ impl Needle {
             })
             .collect()
     }
+}
+
+fn in_plane(beam: &Beam, held_m: f64, z_m: f64) -> (f64, f64) {
+    let force_n = beam.force_n(held_m);
+    (beam.deflection_m(held_m, z_m), force_n * beam.guide2_force().slope(z_m))
 }
 
 fn millimetres(metres: [f64; 3]) -> [f32; 3] {

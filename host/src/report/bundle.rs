@@ -288,11 +288,10 @@ impl List {
         }
         let session = Session::read(&root.path().join(&self.session))?;
         let (model, rig) = (root.path().join(MODEL), root.path().join(RIG));
-        let given = |path: &Path, is_given: bool| is_given.then(|| ModelFile::read(path)).transpose();
         let options = Options {
             until_m: 1e-3 * self.until_mm,
-            model: given(&model, self.model)?,
-            rig: match given(&rig, self.characterized)? {
+            model: model_if_given(&model, self.model)?,
+            rig: match model_if_given(&rig, self.characterized)? {
                 Some(rig) => Some(rig),
                 None => ModelFile::of_session_rig(&session.dir)?.map(|(_, rig)| rig),
             },
@@ -337,6 +336,10 @@ impl List {
     }
 }
 
+fn model_if_given(path: &Path, is_given: bool) -> Result<Option<ModelFile>, SessionError> {
+    is_given.then(|| ModelFile::read(path)).transpose()
+}
+
 /// A result as its command prints it with `--json`.
 fn document<T: Serialize>(outcome: &Outcome<T>) -> Result<Option<String>, BundleError> {
     outcome
@@ -367,9 +370,12 @@ fn anywhere(text: &str, root: &Path) -> String {
 fn folder_name(dir: &Path) -> String {
     let whole = fs::canonicalize(dir).unwrap_or_else(|_| dir.to_owned());
     let name = whole.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
-    let name: String = name.chars().map(|c| if plain(c) { c } else { '_' }).collect();
+    let name: String = name.chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
     if name.is_empty() { "session".to_owned() } else { name }
+}
+
+fn is_plain(c: char) -> bool {
+    c.is_ascii_alphanumeric() || matches!(c, '-' | '_')
 }
 
 /// A path below a folder, as it is written in a bundle.

@@ -103,31 +103,36 @@ fn summary(found: &Diagnosis) -> String {
         found.ranking.len() - found.not_identifiable.len().min(found.ranking.len()),
         found.verdict.explained()
     );
-    let mut more = |sentence: String| {
-        text.push(' ');
-        text.push_str(&sentence);
-    };
     if !found.given.is_empty() {
-        more(format!("The model had {} from the beginning.", found.given.join(", ")));
+        more(format!("The model had {} from the beginning.", found.given.join(", ")), &mut text);
     }
     if !found.partial.is_empty() {
-        more(format!(
-            "{}: better by evidence, but leaves more than noise, or the larger part of the misfit, or does not improve held-out runs: a description and no name.",
-            found.partial.join(", ")
-        ));
+        more(
+            format!(
+                "{}: better by evidence, but leaves more than noise, or the larger part of the misfit, or does not improve held-out runs: a description and no name.",
+                found.partial.join(", ")
+            ),
+            &mut text,
+        );
     }
     let remaining: Vec<String> = found.discrepancy.iter().map(|(name, sd)| quantity(name, *sd)).collect();
     if !remaining.is_empty() {
-        more(format!("Smooth discrepancy that is left: {}.", remaining.join(", ")));
+        more(format!("Smooth discrepancy that is left: {}.", remaining.join(", ")), &mut text);
     }
-    more(format!("Under the final model K is {}", modulus(found)));
+    more(format!("Under the final model K is {}", modulus(found)), &mut text);
     match found.tip_load_n {
-        Some(load_n) => {
-            more(format!("and the tip load {} N.", estimate(Some(load_n), found.tip_load_ci95_n, 3)))
-        }
+        Some(load_n) => more(
+            format!("and the tip load {} N.", estimate(Some(load_n), found.tip_load_ci95_n, 3)),
+            &mut text,
+        ),
         None => text.push('.'),
     }
     text
+}
+
+fn more(sentence: String, text: &mut String) {
+    text.push(' ');
+    text.push_str(&sentence);
 }
 
 /// Next measurements, quantities that are not identifiable from the session, and remarks.

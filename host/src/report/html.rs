@@ -81,7 +81,6 @@ fn block(block: &Block) -> Markup {
 /// Wide tables scroll by themselves, so that the page never does; by keys too.
 fn table(table: &Table) -> Markup {
     let Table { caption, columns, rows } = table;
-    let class = |column: Option<&Column>| column.filter(|column| column.is_number).map(|_| "number");
     html! {
         div class="wide" role="region" aria-label=(caption) tabindex="0" {
             table {
@@ -100,6 +99,10 @@ fn table(table: &Table) -> Markup {
             }
         }
     }
+}
+
+fn class(column: Option<&Column>) -> Option<&str> {
+    column.filter(|column| column.is_number).map(|_| "number")
 }
 
 fn figure(figure: &Figure) -> Markup {

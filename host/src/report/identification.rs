@@ -14,16 +14,12 @@ const POINTS_OF_HOLD: usize = 8;
 const SAME_DEPTH_MM: f64 = 0.5;
 /// Facts for the summary; `is_short` where the model is known to lack something.
 pub(super) fn facts(found: &Identification, is_short: bool) -> Vec<Fact> {
-    let of = |name: &str| match is_short {
-        true => format!("{name}, without what the model lacks"),
-        false => name.to_owned(),
-    };
     let pooled = &found.pooled;
     let youngs = &found.youngs_modulus_kpa;
     let [least, most] = youngs.range_kpa;
     vec![
         Fact::new(
-            of("Foundation modulus K, pooled (95 %)"),
+            model_name("Foundation modulus K, pooled (95 %)", is_short),
             format!(
                 "{} kPa, {}",
                 estimate(Some(pooled.k_kpa), Some(pooled.ci95_kpa), 2),
@@ -31,7 +27,7 @@ pub(super) fn facts(found: &Identification, is_short: bool) -> Vec<Fact> {
             ),
         ),
         Fact::new(
-            of("Young's modulus E (95 %)"),
+            model_name("Young's modulus E (95 %)", is_short),
             format!(
                 "{} kPa by {} (Poisson's ratio {}{}); {least:.1} to {most:.1} kPa by the relations known",
                 estimate(youngs.value, youngs.ci95, 2),
@@ -41,6 +37,13 @@ pub(super) fn facts(found: &Identification, is_short: bool) -> Vec<Fact> {
             ),
         ),
     ]
+}
+
+fn model_name(name: &str, is_short: bool) -> String {
+    match is_short {
+        true => format!("{name}, without what the model lacks"),
+        false => name.to_owned(),
+    }
 }
 
 /// The section.
@@ -136,24 +139,24 @@ fn fits(found: &Identification) -> Block {
             .iter()
             .map(|run| {
                 let noise = run.noise.as_ref();
-                let channel = |name: &str| {
-                    let channel_fit =
-                        run.fit.iter().find(|fit| fit.channel == name).filter(|fit| fit.count > 0);
-                    value(channel_fit.map(|fit| fit.chi_square / fit.count as f64), 2)
-                };
                 vec![
                     run.id.clone(),
                     run.holds.iter().filter(|hold| hold.used).count().to_string(),
                     value(noise.map(|noise| noise.displacement_mm), 4),
                     value(noise.map(|noise| noise.force_n), 4),
                     value(noise.map(|noise| noise.shape_mm), 4),
-                    channel("displacement"),
-                    channel("force"),
-                    channel("shape"),
+                    channel_text("displacement", &run.fit),
+                    channel_text("force", &run.fit),
+                    channel_text("shape", &run.fit),
                 ]
             })
             .collect(),
     )
+}
+
+fn channel_text(name: &str, run_fit: &[inference::identify::ChannelResult]) -> String {
+    let channel_fit = run_fit.iter().find(|fit| fit.channel == name).filter(|fit| fit.count > 0);
+    value(channel_fit.map(|fit| fit.chi_square / fit.count as f64), 2)
 }
 
 fn pooled(found: &Identification) -> Vec<Block> {

@@ -136,11 +136,7 @@ fn clip(id: &str, of: &Value) -> Vec<String> {
 fn sheet(folder: &Path, id: &str) -> Option<Block> {
     let png = bytes(&folder.join(format!("{id}.frames.png")), MAX_SHEET)?;
     let is_png = png.starts_with(&PNG) && png.get(12..16) == Some(b"IHDR");
-    let size = |at: usize| {
-        let bytes: [u8; 4] = png.get(at..at + 4)?.try_into().ok()?;
-        Some(u32::from_be_bytes(bytes)).filter(|size| (1..=20_000).contains(size))
-    };
-    let (width, height) = (size(16)?, size(20)?);
+    let (width, height) = (size(16, &png)?, size(20, &png)?);
     let svg = format!(
         "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" xmlns=\"http://www.w3.org/2000/svg\"><image width=\"{width}\" \
          height=\"{height}\" href=\"data:image/png;base64,{}\"/></svg>",
@@ -149,4 +145,9 @@ fn sheet(folder: &Path, id: &str) -> Option<Block> {
     let caption =
         format!("{id}: frames with what was found in them; green borders are used, red ones rejected");
     is_png.then_some(Block::Figure(Figure { caption, svg }))
+}
+
+fn size(at: usize, png: &[u8]) -> Option<u32> {
+    let bytes: [u8; 4] = png.get(at..at + 4)?.try_into().ok()?;
+    Some(u32::from_be_bytes(bytes)).filter(|size| (1..=20_000).contains(size))
 }

@@ -6,27 +6,21 @@ use inference::predict::{InsertionResult, Prediction};
 
 /// Facts for the summary.
 pub(super) fn facts(found: &Prediction) -> Vec<Fact> {
-    let loads_n = |of: fn(&InsertionResult) -> Option<f64>| -> Vec<f64> {
-        found.insertions.iter().filter_map(of).collect()
-    };
     let mut load = Vec::new();
-    for (plane, loads_n) in
-        [("vertical", loads_n(|one| one.tip_force_n)), ("horizontal", loads_n(|one| one.tip_force_x_n))]
-    {
+    for (plane, loads_n) in [
+        ("vertical", loads_n(|one| one.tip_force_n, &found.insertions)),
+        ("horizontal", loads_n(|one| one.tip_force_x_n, &found.insertions)),
+    ] {
         load.extend(over_insertions(&loads_n).map(|text| format!("{plane} {text}")));
     }
     let mut facts = Vec::new();
     if !load.is_empty() {
         facts.push(Fact::new("Tip load", load.join("; ")));
     }
-    let mean = |of: fn(&InsertionResult) -> Option<f64>| {
-        let errors_mm: Vec<f64> = found.insertions.iter().filter_map(of).collect();
-        (!errors_mm.is_empty()).then(|| errors_mm.iter().sum::<f64>() / errors_mm.len() as f64)
-    };
     let until_mm = found.insertions.first().map_or(0.0, |one| one.identified_until_mm);
     facts.push(Fact::new(
         "Prediction error",
-        match (mean(|one| one.mae_mm), mean(|one| one.last_error_mm)) {
+        match (mean(|one| one.mae_mm, &found.insertions), mean(|one| one.last_error_mm, &found.insertions)) {
             (Some(mae_mm), Some(last_mm)) => format!(
                 "{mae_mm:.2} mm on average beyond {until_mm:.0} mm, {last_mm:.2} mm at the last depth (mean over the insertions)"
             ),
@@ -34,6 +28,15 @@ pub(super) fn facts(found: &Prediction) -> Vec<Fact> {
         },
     ));
     facts
+}
+
+fn mean(of: fn(&InsertionResult) -> Option<f64>, insertions: &[InsertionResult]) -> Option<f64> {
+    let errors_mm: Vec<f64> = insertions.iter().filter_map(of).collect();
+    (!errors_mm.is_empty()).then(|| errors_mm.iter().sum::<f64>() / errors_mm.len() as f64)
+}
+
+fn loads_n(of: fn(&InsertionResult) -> Option<f64>, insertions: &[InsertionResult]) -> Vec<f64> {
+    insertions.iter().filter_map(of).collect()
 }
 
 /// One load, or the mean and range of several.
@@ -139,14 +142,19 @@ fn errors(good: &[&InsertionResult]) -> Block {
             ),
         ];
         for (plane, tip_mm, low_mm, high_mm, measured_mm) in planes {
-            let of = |list: Option<&Vec<f64>>| list.and_then(|list| list.get(checked_index)).copied();
-            let Some(tip_mm) = of(tip_mm) else { continue };
+            let Some(tip_mm) = value_at(tip_mm, checked_index) else { continue };
             let measured_mm = measured_mm.and_then(|list| list.get(checked_index)).copied().flatten();
             rows.push(vec![
                 one.id.clone(),
                 plane.to_owned(),
                 checked_index.to_string(),
-                estimate(Some(tip_mm), of(low_mm).zip(of(high_mm)).map(|(low, high)| [low, high]), 2),
+                estimate(
+                    Some(tip_mm),
+                    value_at(low_mm, checked_index)
+                        .zip(value_at(high_mm, checked_index))
+                        .map(|(low, high)| [low, high]),
+                    2,
+                ),
                 value(measured_mm, 2),
                 measured_mm.map_or("-".to_owned(), |measured_mm| format!("{:+.2}", tip_mm - measured_mm)),
                 value(one.mae_mm, 2),
@@ -169,23 +177,21 @@ fn errors(good: &[&InsertionResult]) -> Block {
     )
 }
 
+fn value_at(list: Option<&Vec<f64>>, checked_index: usize) -> Option<f64> {
+    list.and_then(|list| list.get(checked_index)).copied()
+}
+
 /// Predictions of other methods from the same data.
 fn methods(good: &[&InsertionResult]) -> Option<Block> {
-    let mean = |errors: Vec<Option<f64>>| {
-        let known_errors: Vec<f64> = errors.into_iter().flatten().collect();
-        value(
-            (!known_errors.is_empty()).then(|| known_errors.iter().sum::<f64>() / known_errors.len() as f64),
-            2,
-        )
-    };
     let names: Vec<&str> = good.first()?.compare.iter().map(|other| other.method).collect();
-    let of_own = |of: fn(&InsertionResult) -> Option<f64>| mean(good.iter().map(|one| of(one)).collect());
+    let of_own =
+        |of: fn(&InsertionResult) -> Option<f64>| mean_text(good.iter().map(|one| of(one)).collect());
     let mut rows =
         vec![vec!["mechanics".to_owned(), of_own(|one| one.mae_mm), of_own(|one| one.last_error_mm)]];
     for name in names {
         let found = || good.iter().map(|one| one.compare.iter().find(|other| other.method == name));
-        let mae_mm = mean(found().map(|other| other?.mae_mm).collect());
-        let last_mm = mean(found().map(|other| other?.last_error_mm).collect());
+        let mae_mm = mean_text(found().map(|other| other?.mae_mm).collect());
+        let last_mm = mean_text(found().map(|other| other?.last_error_mm).collect());
         rows.push(vec![name.to_owned(), mae_mm, last_mm]);
     }
     let columns =
@@ -197,8 +203,12 @@ fn methods(good: &[&InsertionResult]) -> Option<Block> {
     ))
 }
 
+fn mean_text(errors: Vec<Option<f64>>) -> String {
+    let known_errors: Vec<f64> = errors.into_iter().flatten().collect();
+    value((!known_errors.is_empty()).then(|| known_errors.iter().sum::<f64>() / known_errors.len() as f64), 2)
+}
+
 fn learned(good: &[&InsertionResult]) -> Option<Block> {
-    let rears = |one: &InsertionResult| one.learned.as_ref()?.rear_text();
     let has_rear = good.iter().any(|one| rears(one).is_some());
     let rows: Vec<_> = good
         .iter()
@@ -218,4 +228,8 @@ fn learned(good: &[&InsertionResult]) -> Option<Block> {
                      the gap reaches from guide 2 to where the tissue begins to hold the needle";
         Block::table(title, columns, rows)
     })
+}
+
+fn rears(one: &InsertionResult) -> Option<String> {
+    one.learned.as_ref()?.rear_text()
 }

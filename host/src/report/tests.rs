@@ -184,7 +184,6 @@ fn what_fails_is_reported_in_its_section() {
         tip_direction_y_rad: no_values.clone(),
         tip_direction_x_rad: no_values,
     });
-    let list = || vec![0.0, 0.001];
     bad.steering.push(SteeringRun {
         id: id.clone(),
         path: path.clone(),
@@ -216,6 +215,10 @@ fn what_fails_is_reported_in_its_section() {
         &["Failed: ", "[needle] length_mm: missing", "no insertion can be predicted", "indentation"],
     );
     assert_has(&html, &["id=\"warnings\""]);
+}
+
+fn list() -> Vec<f64> {
+    vec![0.0, 0.001]
 }
 
 #[test]

@@ -108,7 +108,6 @@ fn lost(state: &State) -> Line<'static> {
 fn device(state: &State) -> Line<'static> {
     let text = match &state.status {
         Some(status) => {
-            let percent = |permille: u16| f64::from(permille) / 10.0;
             let [x, y] = status.motor_budget_permille.map(percent);
             format!(
                 "CPU {:.0} %  longest period {} us  free stack {} B  motors {x:.0}, {y:.0} %",
@@ -120,6 +119,10 @@ fn device(state: &State) -> Line<'static> {
         None => "-".to_owned(),
     };
     row("device", text)
+}
+
+fn percent(permille: u16) -> f64 {
+    f64::from(permille) / 10.0
 }
 
 fn counted(state: &State) -> Line<'static> {

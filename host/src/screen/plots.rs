@@ -94,8 +94,13 @@ impl Plot<'_> {
     }
 
     fn line(&self, run: &[Column]) -> Vec<(f64, f64)> {
-        let point = |column: &Column, value: f64| (column.place as f64, value * self.per_si);
-        run.iter().flat_map(|column| [point(column, column.low), point(column, column.high)]).collect()
+        run.iter()
+            .flat_map(|column| [self.point(column, column.low), self.point(column, column.high)])
+            .collect()
+    }
+
+    fn point(&self, column: &Column, value: f64) -> (f64, f64) {
+        (column.place as f64, value * self.per_si)
     }
 
     /// Rows of the lines themselves among those below the heading.
@@ -191,12 +196,15 @@ mod tests {
             window_s: 10.0,
             with_times: true,
         };
-        let run = |low: f64, high: f64| vec![vec![Column { place: 0, low, high }]];
-        let [low, high] = plot.bounds(&[run(-0.3, 1.7), run(0.0, 0.0)]);
+        let [low, high] = plot.bounds(&[run_of_columns(-0.3, 1.7), run_of_columns(0.0, 0.0)]);
         assert_eq!((low, high), (-0.5, 2.0));
-        let [low, high] = plot.bounds(&[run(0.5, 0.5), Vec::new()]);
+        let [low, high] = plot.bounds(&[run_of_columns(0.5, 0.5), Vec::new()]);
         assert!(low <= 0.45 && high >= 0.55 && high - low < 0.2, "{low} {high}");
         let [low, high] = plot.bounds(&[Vec::new(), Vec::new()]);
         assert!(low < 0.0 && high > 0.0);
+    }
+
+    fn run_of_columns(low: f64, high: f64) -> Vec<Vec<Column>> {
+        vec![vec![Column { place: 0, low, high }]]
     }
 }

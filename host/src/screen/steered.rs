@@ -172,7 +172,6 @@ fn draw(title: Line<'_>, datasets: Vec<Dataset<'_>>, [x, y]: [[f64; 2]; 2], area
     if area.height < MIN_ROWS || area.width < MIN_COLUMNS {
         return;
     }
-    let axis = |bounds: [f64; 2]| Axis::default().bounds(bounds).labels(labels(bounds)).dark_gray();
     let block = Block::new().borders(Borders::TOP).border_style(Style::new().dark_gray()).title(title);
     Chart::new(datasets)
         .x_axis(axis(x))
@@ -182,16 +181,18 @@ fn draw(title: Line<'_>, datasets: Vec<Dataset<'_>>, [x, y]: [[f64; 2]; 2], area
         .render(area, buffer);
 }
 
+fn axis(bounds: [f64; 2]) -> Axis<'static> {
+    Axis::default().bounds(bounds).labels(labels(bounds)).dark_gray()
+}
+
 impl SteerScreen<'_> {
     /// The tip along one axis over depth.
     fn path(&self, plane: usize, area: Rect, buffer: &mut Buffer) {
         let view = self.0;
         let colour = COLOURS[plane];
         let read: Vec<(f64, f64)> = view.readings_mm.iter().map(|one| (one[0], one[1 + plane])).collect();
-        let edge = |sds: f64| -> Vec<(f64, f64)> {
-            view.path().iter().map(|one| (one.depth_mm, one.tip_mm[plane] + sds * one.sd_mm)).collect()
-        };
-        let (planned, low, high) = (edge(0.0), edge(-HALF_BAND_SD), edge(HALF_BAND_SD));
+        let (planned, low, high) =
+            (edge(0.0, plane, view), edge(-HALF_BAND_SD, plane, view), edge(HALF_BAND_SD, plane, view));
         let target = [(view.target_mm[2], view.target_mm[plane])];
         let shown_mm = [&read, &low, &high].into_iter().flatten().chain(&target).map(|(_, mm)| *mm);
         let limits = [[0.0, (1.02 * view.target_mm[2]).max(1.0)], bounds(shown_mm)];
@@ -214,7 +215,6 @@ impl SteerScreen<'_> {
     /// The plane of the target.
     fn plane(&self, area: Rect, buffer: &mut Buffer) {
         let view = self.0;
-        let point = |[x, y]: &[f64; 2]| (*x, *y);
         let mut reach: Vec<(f64, f64)> = view.reachable_mm.iter().map(point).collect();
         reach.extend(reach.first().copied());
         let expected: Vec<(f64, f64)> = view.expected_mm.iter().map(point).collect();
@@ -270,6 +270,14 @@ impl SteerScreen<'_> {
         let block = Block::new().borders(Borders::TOP).border_style(Style::new().dark_gray());
         Paragraph::new(lines).block(block).render(area, buffer);
     }
+}
+
+fn point([x, y]: &[f64; 2]) -> (f64, f64) {
+    (*x, *y)
+}
+
+fn edge(sds: f64, plane: usize, view: &SteerView) -> Vec<(f64, f64)> {
+    view.path().iter().map(|one| (one.depth_mm, one.tip_mm[plane] + sds * one.sd_mm)).collect()
 }
 
 #[cfg(test)]

@@ -100,18 +100,21 @@ fn a_fault_under_load_shows_the_way_out_and_its_key() {
 fn a_restart_has_its_reason_and_the_last_panic() {
     let mut state = restarted();
     let restart = "started by its watchdog; last panic: src/control.rs:12: overflow";
-    // The fault with the most words.
-    let status = |fault| Event::Telemetry(Telemetry::Status(Box::new(status(200_000, fault))));
-    state.take(status(Some(Fault::Restarted)), 5.2);
+    state.take(status_with(Some(Fault::Restarted)), 5.2);
     let screen = drawn(&state, Settings::default(), 5.2, 80, 24);
     has(&screen, &["FAULT 11, and the device has restarted", "then press c to", restart, "force, N"]);
-    state.take(status(None), 5.3);
+    state.take(status_with(None), 5.3);
     let screen = drawn(&state, Settings::default(), 5.3, 80, 24);
     has(&screen, &["THE DEVICE HAS RESTARTED: press c to dismiss", "force, N"]);
     has(&screen, &[restart]);
     state.dismiss();
     let screen = drawn(&state, Settings::default(), 5.3, 80, 24);
     assert!(!screen.contains("RESTARTED") && !screen.contains("started by"), "{screen}");
+}
+
+/// The fault with the most words.
+fn status_with(fault: Option<Fault>) -> Event {
+    Event::Telemetry(Telemetry::Status(Box::new(status(200_000, fault))))
 }
 
 #[test]
@@ -144,15 +147,16 @@ fn time_without_data_is_empty_in_the_plots() {
         state.take(Event::Telemetry(batch(t_ms, 25)), (t_ms + 25) as f64 * 1e-3);
     }
     let screen = drawn(&state, Settings::default(), 10.0, 109, 40);
-    // 98 columns from -10 s to now: nothing from 5 s to 8 s.
-    let curve = |from: usize, to: usize| {
-        screen.lines().skip(1).take(20).any(|line| {
-            line.chars().skip(9 + from).take(to - from).any(|c| ('\u{2801}'..='\u{28ff}').contains(&c))
-        })
-    };
-    assert!(curve(0, 48), "\n{screen}");
-    assert!(!curve(51, 77), "\n{screen}");
-    assert!(curve(80, 98), "\n{screen}");
+    assert!(has_curve(0, 48, &screen), "\n{screen}");
+    assert!(!has_curve(51, 77, &screen), "\n{screen}");
+    assert!(has_curve(80, 98, &screen), "\n{screen}");
+}
+
+/// 98 columns from -10 s to now: nothing from 5 s to 8 s.
+fn has_curve(from: usize, to: usize, screen: &str) -> bool {
+    screen.lines().skip(1).take(20).any(|line| {
+        line.chars().skip(9 + from).take(to - from).any(|c| ('\u{2801}'..='\u{28ff}').contains(&c))
+    })
 }
 
 #[test]

@@ -74,7 +74,6 @@ fn a_bundle_is_verified_elsewhere_and_a_changed_byte_is_named() {
     }
     // One byte of a file: it is named, and nothing else is.
     let changed = second_folder.path().join("changed.zip");
-    let is_tried = |name: &str| name.starts_with("phantom/") || name == "report.html";
     for number in (1..entries.len()).filter(|number| is_tried(&entries[*number].0)) {
         let mut altered = entries.clone();
         let (name, bytes) = &mut altered[number];
@@ -104,13 +103,16 @@ fn a_bundle_is_verified_elsewhere_and_a_changed_byte_is_named() {
     assert_eq!(document["different"], serde_json::json!(["draws/diagnose.json", "draws/identify.json"]));
 }
 
+fn is_tried(name: &str) -> bool {
+    name.starts_with("phantom/") || name == "report.html"
+}
+
 #[test]
 fn what_is_no_bundle_is_refused_with_its_place() {
     let folder = folder();
     let file = folder.path().join("bad.zip");
     fs::write(&file, "no archive").expect("written");
     assert!(failure(&["report", "--verify", path(&file)]).contains("bad.zip: no bundle"));
-    let entry = |name: &str, bytes: &[u8]| (name.to_owned(), bytes.to_vec());
     packed(&file, &[entry("a.csv", b"1")]);
     assert!(failure(&["report", "--verify", path(&file)]).contains("bundle.json: missing"));
     packed(&file, &[entry("bundle.json", b"{}")]);
@@ -128,4 +130,8 @@ fn what_is_no_bundle_is_refused_with_its_place() {
         fs::write(&file, &bytes[..length]).expect("written");
         assert!(failure(&["report", "--verify", path(&file)]).contains("bad.zip: "));
     }
+}
+
+fn entry(name: &str, bytes: &[u8]) -> (String, Vec<u8>) {
+    (name.to_owned(), bytes.to_vec())
 }

@@ -23,8 +23,6 @@ fn a_computers_clock_gives_the_same_modulus_to_the_last_digit() {
 #[test]
 fn two_files_of_one_clock_or_two_give_the_modulus() {
     let native = Native::new();
-    // A topic each, as rostopic writes them: nanoseconds since 1970, at other rates.
-    let stamp = |t: f64| 1_764_000_000_000_000_000 + (1e9 * t).round() as i64;
     let wrench = native.file(
         "wrench.csv",
         "%time,field.header.seq,field.wrench.force.x,field.wrench.force.y\n",
@@ -55,12 +53,12 @@ fn two_files_of_one_clock_or_two_give_the_modulus() {
         .file("stage.csv", "Time [s];Stage X\n", |_, t, x, _| format!("{:.3};{:.6}", t + 7.3, 1e-3 * x));
     let maps = ["--map", "Force (kg)=force_y_n", "--map", "Stage X=displacement_y_mm:m"];
     let import_json = imported(&native, "clocks", &[&scale, &stage], &maps, 1e-2);
-    let of = |name: &str| import_json["runs"][0][name].as_f64().expect(name);
-    let offset_error_s = of("offset_s") + 7.3;
+    let offset_error_s = clock_value("offset_s", &import_json) + 7.3;
     assert!(
-        offset_error_s.abs() < 3.0 * of("offset_sd_s") && of("offset_sd_s") < 0.05,
+        offset_error_s.abs() < 3.0 * clock_value("offset_sd_s", &import_json)
+            && clock_value("offset_sd_s", &import_json) < 0.05,
         "{offset_error_s} of {}",
-        of("offset_sd_s")
+        clock_value("offset_sd_s", &import_json)
     );
     assert!(notes(&import_json).contains("clocks of their own"), "{import_json}");
     // One clock by its name, although both count from their start.
@@ -74,11 +72,19 @@ fn two_files_of_one_clock_or_two_give_the_modulus() {
     imported(&native, "known", &[&scale, &stage], &offset_maps, 5e-3);
 }
 
+fn clock_value(name: &str, import_json: &serde_json::Value) -> f64 {
+    import_json["runs"][0][name].as_f64().expect(name)
+}
+
+/// A topic each, as rostopic writes them: nanoseconds since 1970, at other rates.
+fn stamp(t: f64) -> i64 {
+    1_764_000_000_000_000_000 + (1e9 * t).round() as i64
+}
+
 /// Two laboratories of which nothing is known but their files: three tables of two clocks, and a clock of whole seconds.
 #[test]
 fn files_of_two_strangers_become_the_modulus_in_a_command_each() {
     let native = Native::new();
-    let comma = |value: f64| format!("{value:.6}").replace('.', ",");
     let before = "Pr\u{fc}fstand Nadel\r\nAbtastrate: 50 Hz\r\n\r\nMesszeit [s];Kanal 3: Kraft Fz [cN];Kanal 4: Temperatur [\u{b0}C]\r\n";
     let cell =
         native.file("Messung.txt", before, |_, t, _, f| format!("{};{};22,4", comma(t), comma(100.0 * f)));
@@ -108,7 +114,6 @@ fn files_of_two_strangers_become_the_modulus_in_a_command_each() {
     let offset_error_s = import_json["runs"][0]["offset_s"].as_f64().expect("an offset") + 8_812.345;
     assert!(offset_error_s.abs() < 0.05, "{offset_error_s}");
 
-    let date = |t: f64| format!("05/04/2026 02:03:{:02.0} PM", (7.34 + t).floor());
     let tester = native.file(
         "run 3.csv",
         "Test,Gel pull 3\n\nDate/Time,Crosshead (in),Load (ozf),Remarks\n",
@@ -122,4 +127,12 @@ fn files_of_two_strangers_become_the_modulus_in_a_command_each() {
     });
     let import_json = imported_alone(&native, "american", &[&tester, &shape], &["--z-from", "guide1"], 1e-2);
     assert!(notes(&import_json).contains("spread evenly, 50.0"), "{import_json}");
+}
+
+fn date(t: f64) -> String {
+    format!("05/04/2026 02:03:{:02.0} PM", (7.34 + t).floor())
+}
+
+fn comma(value: f64) -> String {
+    format!("{value:.6}").replace('.', ",")
 }

@@ -84,15 +84,21 @@ fn a_hidden_friction_is_named_with_its_size_and_none_where_there_is_none() {
         (&law["site"], &law["form"], &law["is_named"]),
         (&"friction".into(), &"sign".into(), &true.into())
     );
-    let ends = |index: usize| law["values"][0]["ci95"][index].as_f64().expect("an end");
-    assert!(ends(0) < 0.5 && 0.5 < ends(1), "{law}");
+    assert!(interval_end(0, law) < 0.5 && 0.5 < interval_end(1, law), "{law}");
     let held_out = &report["channels"][0]["held_out"];
-    let misfit = |key: &str| held_out[key].as_f64().expect("a misfit");
-    assert!(misfit("after") < 0.5 * misfit("before"), "{held_out}");
+    assert!(misfit("after", held_out) < 0.5 * misfit("before", held_out), "{held_out}");
 
     let words = arguments(folder.path(), 0.0).expect("Python as before");
     let report = json(&borrowed(&words));
     assert_eq!((&report["verdict"], &report["terms"]), (&"adequate".into(), &Value::Array(Vec::new())));
+}
+
+fn misfit(key: &str, held_out: &Value) -> f64 {
+    held_out[key].as_f64().expect("a misfit")
+}
+
+fn interval_end(index: usize, law: &Value) -> f64 {
+    law["values"][0]["ci95"][index].as_f64().expect("an end")
 }
 
 #[test]

@@ -95,23 +95,26 @@ fn draws_of_a_prediction_have_the_coverage_of_its_intervals_and_bands() {
     add_insertions(&mut session);
     let (result_json, draws) = drawn(folder.path(), "predict", &[]);
     for one in result_json["insertions"].as_array().expect("insertions") {
-        let name = |of: &str| format!("{}.{of}", one["id"].as_str().expect("a name"));
-        let of = |of: &str| values(&draws, "posterior", &name(of), None);
+        let of = |of: &str| values(&draws, "posterior", &name_of(of, one), None);
         let tolerance = SHARE_TOLERANCE + OF_MOMENTS;
         assert_share(&of("tip_force_y_n"), interval(&one["tip_force_ci95_n"]), tolerance, "tip load");
         let learned = &one["learned"];
         assert_share(&of("k_kpa"), interval(&learned["k_ci95_kpa"]), tolerance, "K");
         // The band where it was measured, and beyond.
-        let depths = draws["coords"][name("tip_y.depth_mm")].as_array().expect("depths");
+        let depths = draws["coords"][name_of("tip_y.depth_mm", one)].as_array().expect("depths");
         assert!(depths.len() > 20);
         for (place, depth) in depths.iter().enumerate().step_by(7) {
             let depth_index = depth.as_f64().expect("a depth") as usize;
             let band = [&one["lo95_y_mm"][depth_index], &one["hi95_y_mm"][depth_index]]
                 .map(|end| end.as_f64().expect("an end"));
-            let predicted = values(&draws, "posterior_predictive", &name("tip_y_mm"), Some(place));
+            let predicted = values(&draws, "posterior_predictive", &name_of("tip_y_mm", one), Some(place));
             assert_share(&predicted, band, tolerance, &format!("the band at {depth_index} mm"));
         }
     }
+}
+
+fn name_of(of: &str, one: &Value) -> String {
+    format!("{}.{of}", one["id"].as_str().expect("a name"))
 }
 
 #[test]
@@ -129,13 +132,14 @@ fn draws_of_a_diagnosis_have_the_coverage_of_its_intervals() {
     let load = values(&draws, "posterior", "tip_load_n", None);
     assert_share(&load, interval(&result_json["tip_load_ci95_n"]), SHARE_TOLERANCE, "tip load");
     assert!(draws["attrs"]["models"].as_str().expect("names").starts_with("0: "));
-    // The posterior is narrower than the prior.
-    let spread = |group: &str| {
-        let mut k_draws = values(&draws, group, "k_kpa", None);
-        k_draws.sort_by(f64::total_cmp);
-        k_draws[3899] / k_draws[100]
-    };
-    assert!(spread("posterior") < spread("prior"));
+    assert!(spread("posterior", &draws) < spread("prior", &draws));
+}
+
+/// The posterior is narrower than the prior.
+fn spread(group: &str, draws: &Value) -> f64 {
+    let mut k_draws = values(&draws, group, "k_kpa", None);
+    k_draws.sort_by(f64::total_cmp);
+    k_draws[3899] / k_draws[100]
 }
 
 #[test]

@@ -79,7 +79,6 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
     {
         assert!(printed.contains(part), "{part} is not in {printed}");
     }
-    let csv = |dir: &str| fs::read_to_string(Path::new(dir).join("y25.force.csv")).expect("written");
     assert_eq!(csv(&dir), csv(&again), "the same seed");
 
     let with_model = json(&["identify", &dir, "--model", &model, "--json", "--relation", "vesic"]);
@@ -112,10 +111,6 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
     let sd = (0.5f64 / formats::NORMAL_975).to_string();
     let layers = "tissue.layers=2.5,12";
     let by_option = json(&["predict", &alone, "--k-kpa", "12", &sd, "--effect", layers, "--json"]);
-    let path_of = |found: &Value| -> Vec<f64> {
-        let tip = found["insertions"][0]["tip_y_mm"].as_array().expect("a list");
-        tip.iter().map(|mm| mm.as_f64().expect("a number")).collect()
-    };
     assert!(path_of(&by_file).iter().zip(path_of(&by_option)).all(|(a, b)| (a - b).abs() < 1e-6));
     let other_prediction =
         json(&["predict", &alone, "--model", &model, "--effect", "tissue.layers=1,12", "--json"]);
@@ -129,6 +124,15 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
         let printed = failure(&[command, &["--model", &model]].concat());
         assert!(printed.contains("model.toml:8:6: effect.id: \"tissue.layer\" is not known"), "{printed}");
     }
+}
+
+fn path_of(found: &Value) -> Vec<f64> {
+    let tip = found["insertions"][0]["tip_y_mm"].as_array().expect("a list");
+    tip.iter().map(|mm| mm.as_f64().expect("a number")).collect()
+}
+
+fn csv(dir: &str) -> String {
+    fs::read_to_string(Path::new(dir).join("y25.force.csv")).expect("written")
 }
 
 #[test]
@@ -187,8 +191,12 @@ fn effects_are_listed() {
 #[test]
 fn a_missing_layer_is_named_and_its_model_explains_the_session() {
     let folder = folder();
-    let at = |name: &str| path(&folder.path().join(name)).to_owned();
-    let (config, dir, model, plots) = (at("plan.toml"), at("made"), at("found.toml"), at("plots"));
+    let (config, dir, model, plots) = (
+        path_in("plan.toml", &folder),
+        path_in("made", &folder),
+        path_in("found.toml", &folder),
+        path_in("plots", &folder),
+    );
     let rig = PLAN.split("[tissue]").next().expect("the rig");
     let mut plan = format!(
         "{rig}[tissue]\nk_kpa = 9\n[[effect]]\nid = \"tissue.layers\"\nparameters = {{ k_ratio = {{ value = 2.5 }}, \
@@ -213,8 +221,7 @@ fn a_missing_layer_is_named_and_its_model_explains_the_session() {
     assert_eq!(diagnosis["gap"]["heldout_runs"], serde_json::json!(["d"]));
     // The share is null where the held-out misfit was not above chance.
     assert!(diagnosis["gap"]["removed"].as_f64().is_none_or(|share| share > 0.9), "{}", diagnosis["gap"]);
-    let misfit = |side: &str| diagnosis["gap"][side]["chi2_reduced"].as_f64().expect("a chi-square");
-    assert!(misfit("after") < misfit("before"), "{}", diagnosis["gap"]);
+    assert!(misfit("after", &diagnosis) < misfit("before", &diagnosis), "{}", diagnosis["gap"]);
     for figure in ["residuals", "gap", "ranking"] {
         let svg = fs::read_to_string(Path::new(&plots).join(format!("{figure}.svg"))).expect("a figure");
         assert!(svg.contains("</svg>"), "{figure}");
@@ -226,4 +233,12 @@ fn a_missing_layer_is_named_and_its_model_explains_the_session() {
     );
     let printed = text(&guide(&["diagnose", &dir]).stdout);
     assert!(printed.contains("missing      tissue.layers") && printed.contains("remaining    "), "{printed}");
+}
+
+fn misfit(side: &str, diagnosis: &Value) -> f64 {
+    diagnosis["gap"][side]["chi2_reduced"].as_f64().expect("a chi-square")
+}
+
+fn path_in(name: &str, folder: &tempfile::TempDir) -> String {
+    path(&folder.path().join(name)).to_owned()
 }

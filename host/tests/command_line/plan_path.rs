@@ -65,13 +65,14 @@ fn the_way_to_a_target_is_planned_from_a_statement_and_from_a_session() {
     let k_kpa = prior["foundation_kpa"].as_f64().expect("K of the runs");
     assert!((k_kpa - 20.0).abs() < 2.0, "{prior}");
     assert_eq!(of_session["warnings"], serde_json::json!([]));
-    // Less force reaches less.
-    let extent = |plan: &serde_json::Value| {
-        let corners = plan["reachable_mm"].as_array().expect("corners").iter();
-        corners.filter_map(|corner| corner[0].as_f64()).fold(f64::NEG_INFINITY, f64::max)
-    };
     let weak = json(&["plan-path", &dir, target, "--guide-force-n", "2", "--json"]);
     assert!(extent(&weak) < 0.8 * extent(&of_session), "{} {}", extent(&weak), extent(&of_session));
+}
+
+/// Less force reaches less.
+fn extent(plan: &serde_json::Value) -> f64 {
+    let corners = plan["reachable_mm"].as_array().expect("corners").iter();
+    corners.filter_map(|corner| corner[0].as_f64()).fold(f64::NEG_INFINITY, f64::max)
 }
 
 #[test]

@@ -92,12 +92,6 @@ fn a_check_fails_where_identify_can_use_no_run() {
 fn a_failure_with_json_is_one_document_too() {
     let folder = folder();
     let dir = path(folder.path());
-    let document = |arguments: &[&str], code: i32| {
-        let output = guide(arguments);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?} {}", text(&output.stderr));
-        assert!(text(&output.stderr).contains("error: "), "{arguments:?}: the line for a person remains");
-        serde_json::from_slice::<serde_json::Value>(&output.stdout).expect("one JSON document")
-    };
     fs::write(folder.path().join("session.toml"), "[session]\nformat = \"one\"\n").expect("written");
     let failed = document(&["identify", dir, "--json"], 1);
     assert_eq!((&failed["schema"], &failed["kind"]), (&"guide.failure/1".into(), &"file".into()), "{failed}");
@@ -112,4 +106,11 @@ fn a_failure_with_json_is_one_document_too() {
     // Without the option, and for help, nothing changes.
     assert!(guide(&["identify", dir]).stdout.is_empty());
     assert!(text(&guide(&["identify", "--json", "--help"]).stdout).starts_with("Identify"));
+}
+
+fn document(arguments: &[&str], code: i32) -> serde_json::Value {
+    let output = guide(arguments);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?} {}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("error: "), "{arguments:?}: the line for a person remains");
+    serde_json::from_slice::<serde_json::Value>(&output.stdout).expect("one JSON document")
 }

@@ -68,26 +68,30 @@ fn every_sub_command_has_a_manual_page_with_an_example() {
 
 #[test]
 fn colours_are_for_terminals_and_those_who_ask() {
-    let printed = |arguments: &[&str], variable: Option<(&str, &str)>| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_guide"));
-        command.args(arguments).env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").envs(variable);
-        let output = command.output().expect("guide starts");
-        [output.stdout, output.stderr].concat()
-    };
-    let coloured = |bytes: &[u8]| bytes.contains(&0x1b);
     // Help, a result, wrong use, a failure: what clap prints, and what guide prints.
     let commands: [&[&str]; 4] =
         [&["identify", "--help"], &["effects"], &["effects", "--jason"], &["identify", "no/such/folder"]];
     for arguments in commands {
         for variable in [None, Some(("NO_COLOR", "1")), Some(("TERM", "xterm-256color"))] {
-            assert!(!coloured(&printed(arguments, variable)), "{arguments:?} {variable:?}");
+            assert!(!is_coloured(&printed(arguments, variable)), "{arguments:?} {variable:?}");
         }
         let never = [arguments, &["--color", "never"]].concat();
-        assert!(!coloured(&printed(&never, None)), "{arguments:?}");
+        assert!(!is_coloured(&printed(&never, None)), "{arguments:?}");
         let always = [arguments, &["--color=always"]].concat();
         // Results are for machines as well, and stay plain.
         let is_result = arguments == ["effects"];
-        assert_eq!(coloured(&printed(&always, Some(("NO_COLOR", "1")))), !is_result, "{arguments:?}");
+        assert_eq!(is_coloured(&printed(&always, Some(("NO_COLOR", "1")))), !is_result, "{arguments:?}");
     }
     assert_eq!(guide(&["effects", "--color", "mauve"]).status.code(), Some(2));
+}
+
+fn is_coloured(bytes: &[u8]) -> bool {
+    bytes.contains(&0x1b)
+}
+
+fn printed(arguments: &[&str], variable: Option<(&str, &str)>) -> Vec<u8> {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_guide"));
+    command.args(arguments).env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").envs(variable);
+    let output = command.output().expect("guide starts");
+    [output.stdout, output.stderr].concat()
 }

@@ -101,23 +101,18 @@ pub(super) fn notes(done: &serde_json::Value) -> String {
 #[test]
 fn one_file_of_any_layout_gives_the_modulus() {
     let native = Native::new();
-    let mts = |value: f64| format!("{value:.8}").replace('.', ",");
-    // The user states force and displacement; the other columns are recognized.
-    let of = |force: &str, moved: &str| -> Vec<String> {
-        ["--map", force, "--map", moved].map(str::to_owned).to_vec()
-    };
     let layouts: Vec<(&str, String, Vec<String>)> = vec![
         (
             "tensile tester, comma",
             native.file("tester.csv", "Time (s),Extension (mm),Load (N)\n", |_, t, x, f| format!("{t},{x:.6},{f:.6}")),
-            of("Load (N)=force_y_n", "Extension (mm)=displacement_y_mm"),
+            maps_of("Load (N)=force_y_n", "Extension (mm)=displacement_y_mm"),
         ),
         (
             "microcontroller with raw counts",
             native.file("motor.csv", "time (ms),forceRaw,force (mN), encoderRaw,position (um)\n", |i, t, x, f| {
                 format!("{:.0},{},{:.3},{},{:.3}", 1e3 * t, 400 + i, 1e3 * f, 9000 + i, 1e3 * x)
             }),
-            of("force (mN)=force_y_n", "position (um)=displacement_y_mm"),
+            maps_of("force (mN)=force_y_n", "position (um)=displacement_y_mm"),
         ),
         (
             "hydraulic tester: preamble, tabulators, decimal commas, a line of units, forces down",
@@ -126,14 +121,14 @@ fn one_file_of_any_layout_gives_the_modulus() {
                 "MTS793|MPT|ENU|1|2\r\nData Header:\tTimed\r\n\r\nTime\t25 N MTS Force\t250 MTS Displacement\r\nSec\tkN\tmm\r\n",
                 |_, t, x, f| format!("{}\t{}\t{}", mts(t), mts(-1e-3 * f), mts(-x)),
             ),
-            of("25 N MTS Force=force_y_n:-kN", "250 MTS Displacement=displacement_y_mm:-mm"),
+            maps_of("25 N MTS Force=force_y_n:-kN", "250 MTS Displacement=displacement_y_mm:-mm"),
         ),
         (
             "rock mechanics: pounds and channels",
             native.file("rock.csv", "Time (sec),Ch:Load (lbs),Ch:Position (mm),Ch:Stress (PSI)\n", |_, t, x, f| {
                 format!("{t},{:.8},{x:.6},{}", f / POUND_N, 0.5)
             }),
-            of("Ch:Load (lbs)=force_y_n", "Ch:Position (mm)=displacement_y_mm"),
+            maps_of("Ch:Load (lbs)=force_y_n", "Ch:Position (mm)=displacement_y_mm"),
         ),
         (
             "materials tester of Windows: Latin-1, semicolons, decimal commas, units below the names",
@@ -145,7 +140,7 @@ fn one_file_of_any_layout_gives_the_modulus() {
                 }
                 native.write("zwick.TXT", &bytes)
             },
-            [of("Standardkraft=force_y_n", "Standardweg=displacement_y_mm"), ["--map", "Prüfzeit=time_s"].map(str::to_owned).to_vec()]
+            [maps_of("Standardkraft=force_y_n", "Standardweg=displacement_y_mm"), ["--map", "Prüfzeit=time_s"].map(str::to_owned).to_vec()]
                 .concat(),
         ),
         (
@@ -153,14 +148,14 @@ fn one_file_of_any_layout_gives_the_modulus() {
             native.file("robot.csv", "t_unix,pos_x,pos_y,pos_z,force_x,force_y\n", |_, t, x, f| {
                 format!("{:.6},{:.7},0.2,0.3,{:.6},{:.6}", 1_764_000_000.0 + t, 0.112 + 1e-3 * x, 0.01, f)
             }),
-            [of("force_y=force_y_n:N", "pos_x=displacement_y_mm:m"), ["--map", "t_unix=time_s"].map(str::to_owned).to_vec()].concat(),
+            [maps_of("force_y=force_y_n:N", "pos_x=displacement_y_mm:m"), ["--map", "t_unix=time_s"].map(str::to_owned).to_vec()].concat(),
         ),
         (
             "blanks, no names, a preamble of 22 lines with numbers in it",
             native.file("friction.dat", &(1..=22).map(|i| format!("setting {i} = {i}.5\n")).collect::<String>(), |i, t, x, f| {
                 format!(" {t:.4}   {f:.6}  {}  {x:.6}", 0.1 * i as f64)
             }),
-            [of("#2=force_y_n:N", "#4=displacement_y_mm:mm"), ["--map", "#1=time_s:s"].map(str::to_owned).to_vec()].concat(),
+            [maps_of("#2=force_y_n:N", "#4=displacement_y_mm:mm"), ["--map", "#1=time_s:s"].map(str::to_owned).to_vec()].concat(),
         ),
         (
             "data logger: dates, times of day, grams, UTF-16",
@@ -180,33 +175,33 @@ fn one_file_of_any_layout_gives_the_modulus() {
                 }
                 native.write("logger.csv", &[&[0xFF, 0xFE][..], &lines.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>()].concat())
             },
-            of("Load [gf]=force_y_n", "Stage [inch]=displacement_y_mm"),
+            maps_of("Load [gf]=force_y_n", "Stage [inch]=displacement_y_mm"),
         ),
         (
             "numpy: a header behind a mark, scientific notation",
             native.file("numpy.txt", "# t force disp\n", |_, t, x, f| format!("{t:.18e} {f:.18e} {:.18e}", 1e-3 * x)),
-            [of("force=force_y_n:N", "disp=displacement_y_mm:m"), ["--map", "t=time_s:s"].map(str::to_owned).to_vec()].concat(),
+            [maps_of("force=force_y_n:N", "disp=displacement_y_mm:m"), ["--map", "t=time_s:s"].map(str::to_owned).to_vec()].concat(),
         ),
         (
             "instrument program: header of its own, rows at a rate, vertical bars",
             native.file("lvm.txt", "LabVIEW Measurement\nWriter_Version|2\n***End_of_Header***\nX_Value|Fy|LVDT|Comment\n", |i, _, x, f| {
                 format!("{i}|{:.6}|{x:.6}|", 1e3 * f)
             }),
-            [of("Fy=force_y_n:mN", "LVDT=displacement_y_mm:mm"), ["--rate-hz", "50"].map(str::to_owned).to_vec()].concat(),
+            [maps_of("Fy=force_y_n:mN", "LVDT=displacement_y_mm:mm"), ["--rate-hz", "50"].map(str::to_owned).to_vec()].concat(),
         ),
         (
             "force plate of a gait laboratory: a name and a unit over each column, tabulators, times from frames, newtons down",
             native.file("plate.txt", "Trajectories\n100\nFrame\tSub Frame\tFy\tStage\ncount\tcount\tN\tum\n", |i, _, x, f| {
                 format!("{}\t0\t{:.6}\t{:.4}", i + 1, -f, 1e3 * x)
             }),
-            [of("Fy=force_y_n:-N", "Stage=displacement_y_mm"), ["--rate-hz", "50"].map(str::to_owned).to_vec()].concat(),
+            [maps_of("Fy=force_y_n:-N", "Stage=displacement_y_mm"), ["--rate-hz", "50"].map(str::to_owned).to_vec()].concat(),
         ),
         (
             "data frame of R: quoted names, times as minutes and seconds, kilograms",
             native.file("frame.csv", "\"\",\"elapsed\",\"cell.kg\",\"travel.mm\"\n", |i, t, x, f| {
                 format!("\"{}\",\"0:{:02}:{:06.3}\",{:.8},{:.6}", i + 1, t as u32 / 60, t % 60.0, f / GRAVITY, x)
             }),
-            of("cell.kg=force_y_n:kg", "travel.mm=displacement_y_mm:mm"),
+            maps_of("cell.kg=force_y_n:kg", "travel.mm=displacement_y_mm:mm"),
         ),
     ];
     assert_eq!(layouts.len(), 12);
@@ -227,6 +222,15 @@ fn one_file_of_any_layout_gives_the_modulus() {
         let again = import_json["again"].as_str().expect("a command line");
         assert!(again.starts_with("guide import table") && again.contains("--map"), "{name}: {again}");
     }
+}
+
+/// The user states force and displacement; the other columns are recognized.
+fn maps_of(force: &str, moved: &str) -> Vec<String> {
+    ["--map", force, "--map", moved].map(str::to_owned).to_vec()
+}
+
+fn mts(value: f64) -> String {
+    format!("{value:.8}").replace('.', ",")
 }
 
 #[test]

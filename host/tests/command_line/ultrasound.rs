@@ -48,13 +48,8 @@ fn frames_of_a_shape_give_its_modulus() {
     // The native shape between its points, every half a millimetre from the surface.
     let mut points: Vec<(f64, f64)> = shape.z_m.iter().copied().zip(shape.y_m.iter().copied()).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let at = |z_m: f64| {
-        let next_index = points.partition_point(|(at_m, _)| *at_m < z_m).clamp(1, points.len() - 1);
-        let ((a, u), (b, v)) = (points[next_index - 1], points[next_index]);
-        1e3 * (u + (v - u) * (z_m - a) / (b - a))
-    };
     let count = 60;
-    let bent: Vec<f64> = (0..count).map(|i| at(entry_m + 0.5e-3 * f64::from(i))).collect();
+    let bent: Vec<f64> = (0..count).map(|i| interpolated(entry_m + 0.5e-3 * f64::from(i), &points)).collect();
     let [hold, zero] = ["hold.mha", "zero.mha"].map(|name| folder.path().join(name));
     write_frames(&hold, &bent);
     write_frames(&zero, &vec![0.0; bent.len()]);
@@ -92,11 +87,9 @@ fn frames_of_a_shape_give_its_modulus() {
     assert!(output_dir.join("hold.frames.json").exists());
     let written = Session::read(&output_dir).expect("reads").lateral[0].shape.clone();
     assert!(written.y_sd_m.is_some_and(|sd_m| sd_m.iter().all(|sd_m| (1e-8..1e-4).contains(sd_m))));
-    let pooled = |dir: &Path| json(&["identify", path(dir), "--json"])["pooled"].clone();
     let (native, imported) = (pooled(&native), pooled(&output_dir));
     let k_kpa = native["k_kpa"].as_f64().expect("a modulus");
-    let bound = |i: usize| imported["ci95_kpa"][i].as_f64().expect("a bound");
-    assert!((bound(0)..bound(1)).contains(&k_kpa), "{imported} and {native}");
+    assert!((bound(0, &imported)..bound(1, &imported)).contains(&k_kpa), "{imported} and {native}");
     // A missing statement is named.
     assert!(failure(&import).contains("the straight needle: missing, expected --straight"));
     let nowhere = ["import", "ultrasound", path(&hold), "--out", path(&output_dir)];
@@ -110,6 +103,20 @@ fn frames_of_a_shape_give_its_modulus() {
         "{}",
         text(&points.stderr)
     );
+}
+
+fn bound(i: usize, imported: &serde_json::Value) -> f64 {
+    imported["ci95_kpa"][i].as_f64().expect("a bound")
+}
+
+fn pooled(dir: &Path) -> serde_json::Value {
+    json(&["identify", path(dir), "--json"])["pooled"].clone()
+}
+
+fn interpolated(z_m: f64, points: &[(f64, f64)]) -> f64 {
+    let next_index = points.partition_point(|(at_m, _)| *at_m < z_m).clamp(1, points.len() - 1);
+    let ((a, u), (b, v)) = (points[next_index - 1], points[next_index]);
+    1e3 * (u + (v - u) * (z_m - a) / (b - a))
 }
 
 /// A lateral run at 12 kPa whose shape is not measured yet, and two scans of its needle: before it is moved, and displaced.

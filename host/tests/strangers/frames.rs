@@ -17,12 +17,6 @@ fn rise_px(frame: usize) -> f64 {
 /// Frames of 8 bit of the sweep along the displaced needle, or along the straight one.
 pub fn frames(displaced: bool) -> Vec<Vec<u8>> {
     let mut state = 0x2545_F491_4F6C_DD1D_u64 + u64::from(displaced);
-    let mut noise = move || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 40) as f64 / f64::from(1_u32 << 24)
-    };
     (0..FRAMES)
         .map(|frame| {
             let row = 50.3 - if displaced { rise_px(frame) } else { 0.0 };
@@ -30,11 +24,18 @@ pub fn frames(displaced: bool) -> Vec<Vec<u8>> {
                 .map(|index| {
                     let (x, y) = ((index % WIDTH) as f64 - 44.6, (index / WIDTH) as f64 - row);
                     let echo = 190.0 * (-0.5 * (x * x / 6.0 + y * y / 3.0)).exp();
-                    (22.0 + 16.0 * noise() + echo).round() as u8
+                    (22.0 + 16.0 * noise(state) + echo).round() as u8
                 })
                 .collect()
         })
         .collect()
+}
+
+fn noise(mut state: u64) -> f64 {
+    state ^= state << 13;
+    state ^= state >> 7;
+    state ^= state << 17;
+    (state >> 40) as f64 / f64::from(1_u32 << 24)
 }
 
 /// Points of the shape are those of the path, 0.1 mm a pixel, a frame a millimetre.

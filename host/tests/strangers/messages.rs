@@ -172,12 +172,15 @@ fn a_point_without_a_number() {
 #[test]
 fn tracking_data_of_several_tools() {
     let result = recorded(|| {
-        let tool = |name: &str, matrix: Vec<u8>| [padded(name, 20), vec![2, 0], matrix].concat();
         let mut other_tool = transform(TURNED);
         other_tool.splice(40..44, 9.0_f32.to_be_bytes());
         vec![message("TDATA", "Tracker", &[tool("Probe", other_tool), tool(TIP, transform(TURNED))].concat())]
     });
     if result.0.is_empty() { assert_unused(&result, "TDATA") } else { assert_tip(&result) }
+}
+
+fn tool(name: &str, matrix: Vec<u8>) -> Vec<u8> {
+    [padded(name, 20), vec![2, 0], matrix].concat()
 }
 
 #[test]

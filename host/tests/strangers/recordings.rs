@@ -23,7 +23,6 @@ pub fn recording() -> String {
             2.8 - depth,
             23.5 + 5e-4 * depth * depth
         );
-        let zeros = |count: usize| vec!["0"; count].join(",");
         let _ = writeln!(
             table,
             "{sec},{nanosec},{},{},{tip},{},{},-0.025,0.022625,{sec},{nanosec}",
@@ -34,6 +33,10 @@ pub fn recording() -> String {
         );
     }
     table
+}
+
+fn zeros(count: usize) -> String {
+    vec!["0"; count].join(",")
 }
 
 pub fn insertion(content: &str) -> Answer {
@@ -106,32 +109,29 @@ fn stamps_in_another_order_of_columns() {
 
 /// Pictures of a mark with edges that rises by a tenth of a pixel per frame, 41 wide (a row in a bitmap is longer) and 48 high.
 fn clip() -> Vec<Vec<u8>> {
-    let edge = |distance: f64| 1.0 / (1.0 + (-distance / 0.6).exp());
     (0..20)
         .map(|frame| {
             let top = 20.0 - 0.1 * f64::from(frame);
-            let pixel = |x: f64, y: f64| {
-                let is_inside = edge(x - 14.0) * edge(27.0 - x) * edge(y - top) * edge(top + 11.0 - y);
-                let grain = 3.0 * (0.9 * x).sin() * (1.3 * y).cos();
-                (40.0 + 160.0 * is_inside + if is_inside < 0.01 { grain } else { 0.0 }).round() as u8
-            };
-            (0..48 * 41).map(|index| pixel(f64::from(index % 41), f64::from(index / 41))).collect()
+            (0..48 * 41).map(|index| pixel(f64::from(index % 41), f64::from(index / 41), top)).collect()
         })
         .collect()
+}
+
+fn pixel(x: f64, y: f64, top: f64) -> u8 {
+    let is_inside = edge(x - 14.0) * edge(27.0 - x) * edge(y - top) * edge(top + 11.0 - y);
+    let grain = 3.0 * (0.9 * x).sin() * (1.3 * y).cos();
+    (40.0 + 160.0 * is_inside + if is_inside < 0.01 { grain } else { 0.0 }).round() as u8
+}
+
+fn edge(distance: f64) -> f64 {
+    1.0 / (1.0 + (-distance / 0.6).exp())
 }
 
 /// An AVI of uncompressed grey frames with a palette: rows from below, each of a whole number of four bytes.
 pub fn avi(frames: &[Vec<u8>], width: usize, rate: u32, scale: u32) -> Vec<u8> {
     let height = frames[0].len() / width;
     let stride = width.div_ceil(4) * 4;
-    let word = |value: u32| value.to_le_bytes().to_vec();
-    let chunk = |name: &[u8], content: Vec<u8>| {
-        let padding = vec![0; content.len() % 2];
-        [name.to_vec(), word(content.len() as u32), content, padding].concat()
-    };
-    let list = |name: &[u8], content: Vec<u8>| chunk(b"LIST", [name.to_vec(), content].concat());
     let size = (stride * height) as u32;
-    let numbers = |values: &[u32]| values.iter().flat_map(|value| word(*value)).collect::<Vec<u8>>();
     let period_us = u32::try_from(1_000_000_u64 * u64::from(scale) / u64::from(rate)).expect("fits");
     let count = frames.len() as u32;
     let main = numbers(&[period_us, 0, 0, 0x10, count, 0, 1, size, width as u32, height as u32, 0, 0, 0, 0]);
@@ -149,6 +149,23 @@ pub fn avi(frames: &[Vec<u8>], width: usize, rate: u32, scale: u32) -> Vec<u8> {
     });
     let movie = list(b"movi", pictures.collect());
     chunk(b"RIFF", [b"AVI ".to_vec(), header, movie].concat())
+}
+
+fn numbers(values: &[u32]) -> Vec<u8> {
+    values.iter().flat_map(|value| word(*value)).collect::<Vec<u8>>()
+}
+
+fn list(name: &[u8], content: Vec<u8>) -> Vec<u8> {
+    chunk(b"LIST", [name.to_vec(), content].concat())
+}
+
+fn chunk(name: &[u8], content: Vec<u8>) -> Vec<u8> {
+    let padding = vec![0; content.len() % 2];
+    [name.to_vec(), word(content.len() as u32), content, padding].concat()
+}
+
+fn word(value: u32) -> Vec<u8> {
+    value.to_le_bytes().to_vec()
 }
 
 #[test]

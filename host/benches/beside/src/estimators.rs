@@ -41,9 +41,12 @@ pub fn rows(seed: u64) -> Rows {
         (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
     };
     let rows: Vec<Vec<f64>> = (0..ROWS).map(|_| (0..UNKNOWNS).map(|_| random()).collect()).collect();
-    let value = |row: &Vec<f64>| row.iter().enumerate().map(|(i, x)| x * (1.0 + i as f64)).sum::<f64>();
-    let values = rows.iter().map(|row| value(row) + random()).collect();
+    let values = rows.iter().map(|row| value_of(row) + random()).collect();
     Rows { rows, values, prior_variance: PRIOR_VARIANCE }
+}
+
+fn value_of(row: &Vec<f64>) -> f64 {
+    row.iter().enumerate().map(|(i, x)| x * (1.0 + i as f64)).sum::<f64>()
 }
 
 /// One row taken in by the information filter of the online estimator, and the estimate after it.
@@ -78,11 +81,6 @@ pub const SENSORS: Sensors = Sensors { base_m: 2e-5, force_n: 0.05, tip_m: 2e-4 
 
 /// A whole steering run of 1001 samples: 80 mm at 4 mm/s, one every 20 ms.
 pub fn steering(seed: u64) -> Result<Vec<Sample<f64>>> {
-    let layer = |bottom_mm, stiffness_n_per_m2| TissueLayer {
-        bottom_mm,
-        stiffness_n_per_m2,
-        damping_n_s_per_m2: 1e3,
-    };
     let tissue = Tissue { layers: vec![layer(40.0, 1.5e4), layer(80.0, 4e4)], inclusions: Vec::new() };
     let plan = Plan {
         id: "s".to_owned(),
@@ -97,6 +95,10 @@ pub fn steering(seed: u64) -> Result<Vec<Sample<f64>>> {
     };
     let run = SteeringRig::new(steered().0, 0.13, 0.3, &tissue)?.carry_out(&plan)?.measure(SENSORS, seed, 0);
     Ok(samples(&run).collect())
+}
+
+fn layer(bottom_mm: f64, stiffness_n_per_m2: f64) -> TissueLayer {
+    TissueLayer { bottom_mm, stiffness_n_per_m2, damping_n_s_per_m2: 1e3 }
 }
 
 /// The run through the online estimator; seconds per sample.
@@ -132,12 +134,15 @@ pub fn paths() -> Result<Vec<TipPath>> {
         .map(|number| {
             let load_n = 0.2 + 0.01 * (3.0 * number as f64).sin();
             let states = growth.under_load(|_| NodeLoads { load_n: [load_n; 2], guide2_m: [0.0; 2] });
-            let error = |row: usize| 1e-4 * (2.0 * (row + 100 * number) as f64).sin();
             let run = InsertionRun {
                 id: format!("i{number}"),
                 path: format!("i{number}.csv").into(),
                 depth_m: growth.depths_m().to_vec(),
-                tip_y_m: states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect(),
+                tip_y_m: states
+                    .iter()
+                    .enumerate()
+                    .map(|(row, state)| state.tip_m[0] + reading_error(row, number))
+                    .collect(),
                 tip_x_m: None,
                 time_s: None,
                 rotation_rad: None,
@@ -150,6 +155,10 @@ pub fn paths() -> Result<Vec<TipPath>> {
             TipPath::new(&run).context("an insertion")
         })
         .collect()
+}
+
+fn reading_error(row: usize, number: usize) -> f64 {
+    1e-4 * (2.0 * (row + 100 * number) as f64).sin()
 }
 
 /// One reading taken in, then the path to 140 mm with its band; seconds, and the size of it.

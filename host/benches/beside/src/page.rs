@@ -185,14 +185,13 @@ impl Page<'_> {
              | what grows | sizes | time | exponent | theory | because |\n|---|---|---|---|---|---|"
         )?;
         for growing in self.scaling {
-            let list = |of: Vec<String>| of.join(", ");
             let [exponent, half] = growing.exponent;
             writeln!(
                 page,
                 "| {} | {} | {} | {exponent:.2} +- {half:.2} | {} | {} |",
                 growing.name,
-                list(growing.sizes.iter().map(usize::to_string).collect()),
-                list(growing.seconds.iter().map(|seconds| time(*seconds)).collect()),
+                growing.sizes.iter().map(usize::to_string).collect::<Vec<_>>().join(", "),
+                growing.seconds.iter().map(|seconds| time(*seconds)).collect::<Vec<_>>().join(", "),
                 growing.theory,
                 growing.why
             )?;

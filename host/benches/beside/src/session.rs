@@ -50,21 +50,33 @@ pub fn write(folder: &Path, rows: usize) -> Result<usize> {
 
 /// Loads it; the sum of every column over all runs.
 pub fn load(clock: &mut Clock, folder: &Path) -> Result<Own> {
-    let read = || Session::read(folder).expect("a session");
-    let session = read();
-    let sum = |of: &dyn Fn(usize) -> f64| (0..RUNS).map(of).sum::<f64>();
-    let of = |values: &[f64]| values.iter().sum::<f64>();
-    let of_some = |values: &Option<Vec<f64>>| values.iter().flatten().sum::<f64>();
+    let session = session_in(folder);
     let lateral = &session.lateral;
     let result = vec![
-        sum(&|run| of(&lateral[run].force.time_s)),
-        sum(&|run| of(&lateral[run].force.displacement_y_m)),
-        sum(&|run| of(&lateral[run].force.force_y_n)),
-        sum(&|run| of_some(&lateral[run].force.displacement_x_m)),
-        sum(&|run| of_some(&lateral[run].force.force_x_n)),
-        sum(&|run| of(&lateral[run].shape.z_m)),
-        sum(&|run| of(&lateral[run].shape.y_m)),
-        sum(&|run| of_some(&lateral[run].shape.x_m)),
+        sum_over_runs(&|run| sum(&lateral[run].force.time_s)),
+        sum_over_runs(&|run| sum(&lateral[run].force.displacement_y_m)),
+        sum_over_runs(&|run| sum(&lateral[run].force.force_y_n)),
+        sum_over_runs(&|run| sum_of_present(&lateral[run].force.displacement_x_m)),
+        sum_over_runs(&|run| sum_of_present(&lateral[run].force.force_x_n)),
+        sum_over_runs(&|run| sum(&lateral[run].shape.z_m)),
+        sum_over_runs(&|run| sum(&lateral[run].shape.y_m)),
+        sum_over_runs(&|run| sum_of_present(&lateral[run].shape.x_m)),
     ];
-    Ok(Own { result, seconds: clock.seconds("session load", read)? })
+    Ok(Own { result, seconds: clock.seconds("session load", || session_in(folder))? })
+}
+
+fn sum_of_present(values: &Option<Vec<f64>>) -> f64 {
+    values.iter().flatten().sum::<f64>()
+}
+
+fn sum(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>()
+}
+
+fn sum_over_runs(of: &dyn Fn(usize) -> f64) -> f64 {
+    (0..RUNS).map(of).sum::<f64>()
+}
+
+fn session_in(folder: &Path) -> Session {
+    Session::read(folder).expect("a session")
 }

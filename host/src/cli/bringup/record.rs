@@ -69,7 +69,6 @@ impl Record {
     pub fn keep(&mut self, report: &Report) -> io::Result<()> {
         let mut table = Table::try_from(report).map_err(io::Error::other)?;
         let earlier_steps = table.get("steps").and_then(Value::as_array).cloned().unwrap_or_default();
-        let find = |steps: &[Value], name| steps.iter().find(|kept| name_of(kept) == Some(name)).cloned();
         let earlier: Vec<Value> = self.steps().cloned().collect();
         // It counts as interrupted until its own result takes its place.
         let under_way = report.interrupted_in.map(|name| {
@@ -93,6 +92,10 @@ impl Record {
         self.earlier = table;
         Ok(())
     }
+}
+
+fn find(steps: &[Value], name: &str) -> Option<Value> {
+    steps.iter().find(|kept| name_of(kept) == Some(name)).cloned()
 }
 
 fn name_of(step: &Value) -> Option<&str> {

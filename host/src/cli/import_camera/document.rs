@@ -111,8 +111,6 @@ impl Imported {
         run: Option<Run>,
     ) -> anyhow::Result<Self> {
         let states = State::ALL.into_iter().map(|state| (state.name(), clip.count(state)));
-        let y = |row: &Row| Some(row.y);
-        let x = |row: &Row| row.x;
         let camera = Camera {
             id: id.to_owned(),
             path: path.to_owned(),
@@ -163,6 +161,14 @@ impl Imported {
         });
         Ok(Self { schema: "guide.import/2", session: session.to_owned(), camera, lateral, notes })
     }
+}
+
+fn y(row: &Row) -> Option<Reading> {
+    Some(row.y)
+}
+
+fn x(row: &Row) -> Option<Reading> {
+    row.x
 }
 
 fn corners(region: Region) -> [usize; 4] {
@@ -238,18 +244,24 @@ fn notes(camera: &Camera, clip: &Clip, run: Option<&Run>) -> Vec<String> {
 
 impl FrameEntry {
     fn new(frame: &FrameResult, time_s: f64) -> Self {
-        let of = |value: fn(&imaging::camera::Translation) -> f64| frame.template.as_ref().map(value);
         Self {
             state: frame.state.name(),
             time_s,
-            shift_x_px: of(|found| found.shift_px[0]),
-            shift_y_px: of(|found| found.shift_px[1]),
-            sd_x_px: of(|found| found.covariance_px2[0][0].sqrt()),
-            sd_y_px: of(|found| found.covariance_px2[1][1].sqrt()),
-            score: of(|found| found.score),
-            gain: of(|found| found.gain),
+            shift_x_px: template_value(|found| found.shift_px[0], &frame.template),
+            shift_y_px: template_value(|found| found.shift_px[1], &frame.template),
+            sd_x_px: template_value(|found| found.covariance_px2[0][0].sqrt(), &frame.template),
+            sd_y_px: template_value(|found| found.covariance_px2[1][1].sqrt(), &frame.template),
+            score: template_value(|found| found.score, &frame.template),
+            gain: template_value(|found| found.gain, &frame.template),
         }
     }
+}
+
+fn template_value(
+    value: fn(&imaging::camera::Translation) -> f64,
+    template: &Option<imaging::camera::Translation>,
+) -> Option<f64> {
+    template.as_ref().map(value)
 }
 
 impl Display for Imported {
@@ -264,14 +276,13 @@ impl Display for Imported {
             camera.frames,
             states.join(", ")
         )?;
-        let x = |value: Option<f64>| value.map_or_else(String::new, |value| format!(" x {value:.4}"));
         writeln!(
             f,
             "displacement largest y {:.4}{} mm, last y {:.4}{} mm, sd y {:.5}{} mm",
             camera.largest_y_mm,
-            x(camera.largest_x_mm),
+            x_text(camera.largest_x_mm),
             camera.last_y_mm,
-            x(camera.last_x_mm),
+            x_text(camera.last_x_mm),
             camera.sd_y_mm,
             camera.sd_x_mm.map_or_else(String::new, |value| format!(" x {value:.5}"))
         )?;
@@ -290,4 +301,8 @@ impl Display for Imported {
         writeln!(f, "written      {}", self.session.join(format!("{}.camera.csv", camera.id)).display())?;
         writeln!(f, "session      {}", self.session.display())
     }
+}
+
+fn x_text(value: Option<f64>) -> String {
+    value.map_or_else(String::new, |value| format!(" x {value:.4}"))
 }

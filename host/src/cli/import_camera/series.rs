@@ -75,11 +75,10 @@ impl Series {
             let mark = frame.mark;
             let px =
                 |axis: usize| template_match.shift_px[axis] - mark.map_or(0.0, |mark| mark.shift_px[axis]);
-            let variance = |i: usize, j: usize| {
-                template_match.covariance_px2[i][j] + mark.map_or(0.0, |mark| mark.covariance_px2[i][j])
-            };
             let [a, b] = direction;
-            let squared = a * a * variance(0, 0) + 2.0 * a * b * variance(0, 1) + b * b * variance(1, 1);
+            let squared = a * a * variance(0, 0, &mark, template_match.covariance_px2)
+                + 2.0 * a * b * variance(0, 1, &mark, template_match.covariance_px2)
+                + b * b * variance(1, 1, &mark, template_match.covariance_px2);
             Some(Reading {
                 mm: mm_per_px * (a * px(0) + b * px(1)),
                 sd_mm: mm_per_px * squared.max(0.0).sqrt(),
@@ -129,9 +128,6 @@ impl Series {
         };
         let kept_rows: Vec<(usize, Row)> =
             force.time_s.iter().enumerate().filter_map(|(row, time_s)| Some((row, at(*time_s)?))).collect();
-        let span = |first: Option<f64>, last: Option<f64>| {
-            format!("{:.3} to {:.3} s", first.unwrap_or(f64::NAN), last.unwrap_or(f64::NAN))
-        };
         ensure!(
             kept_rows.len() >= 2,
             "the clip ({}) and the force series ({}) have less than two rows in common, expected the same clock: --start-s",
@@ -145,15 +141,14 @@ impl Series {
             kept_rows.iter().map(|(_, row)| value(row)).collect()
         };
         let has_x = force.force_x_n.is_some();
-        let only_x = |values: Option<Vec<f64>>| values.filter(|_| has_x).map(metres);
         let series = ForceSeries {
             time_s: of_rows(&force.time_s),
             displacement_y_m: of_clip(|row| Some(row.y.mm)).map(metres).unwrap_or_default(),
             force_y_n: of_rows(&force.force_y_n),
-            displacement_x_m: only_x(of_clip(|row| row.x.map(|x| x.mm))),
+            displacement_x_m: only_x(of_clip(|row| row.x.map(|x| x.mm)), has_x),
             force_x_n: force.force_x_n.as_deref().map(of_rows),
             displacement_y_sd_m: of_clip(|row| Some(row.y.sd_mm)).map(metres),
-            displacement_x_sd_m: only_x(of_clip(|row| row.x.map(|x| x.sd_mm))),
+            displacement_x_sd_m: only_x(of_clip(|row| row.x.map(|x| x.sd_mm)), has_x),
             lost_before: force.lost_before.as_deref().map(of_rows),
             marks: None,
         };
@@ -196,16 +191,36 @@ impl Series {
     }
 }
 
+fn only_x(values: Option<Vec<f64>>, has_x: bool) -> Option<Vec<f64>> {
+    values.filter(|_| has_x).map(metres)
+}
+
+fn span(first: Option<f64>, last: Option<f64>) -> String {
+    format!("{:.3} to {:.3} s", first.unwrap_or(f64::NAN), last.unwrap_or(f64::NAN))
+}
+
+fn variance(
+    i: usize,
+    j: usize,
+    mark: &Option<imaging::camera::Translation>,
+    covariance_px2: [[f64; 2]; 2],
+) -> f64 {
+    covariance_px2[i][j] + mark.map_or(0.0, |mark| mark.covariance_px2[i][j])
+}
+
 fn metres(mm: Vec<f64>) -> Vec<f64> {
     mm.into_iter().map(|mm| 1e-3 * mm).collect()
 }
 
 /// A row between two, `share` of the way.
 fn between(before: &Row, after: &Row, time_s: f64, share: f64) -> Row {
-    let mix = |a: Reading, b: Reading| Reading {
+    let x = before.x.zip(after.x).map(|(a, b)| mix(a, b, share));
+    Row { time_s, y: mix(before.y, after.y, share), x }
+}
+
+fn mix(a: Reading, b: Reading, share: f64) -> Reading {
+    Reading {
         mm: (1.0 - share) * a.mm + share * b.mm,
         sd_mm: ((1.0 - share) * a.sd_mm).hypot(share * b.sd_mm),
-    };
-    let x = before.x.zip(after.x).map(|(a, b)| mix(a, b));
-    Row { time_s, y: mix(before.y, after.y), x }
+    }
 }

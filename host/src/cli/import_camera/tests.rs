@@ -68,11 +68,17 @@ fn a_clip_becomes_the_displacement_of_a_run_with_its_deviation() {
     assert!(sheet.starts_with(b"\x89PNG"));
     let csv = fs::read_to_string(session_dir.join("beam.camera.csv")).expect("a file");
     assert_eq!(csv.lines().count(), 16);
-    // Up in the image is up; turned by 180 degrees it is down.
-    let largest = |document: &Value| document["camera"]["largest_y_mm"].as_f64().expect("a number");
     let rotated_import =
         import(&format!("{CLIP} --up-px 0,1"), &beam(), &folder.path().join("turned")).expect("imported");
-    assert!((largest(&document) + largest(&rotated_import)).abs() < 1e-9, "{document} {rotated_import}");
+    assert!(
+        (largest_y_mm(&document) + largest_y_mm(&rotated_import)).abs() < 1e-9,
+        "{document} {rotated_import}"
+    );
+}
+
+/// Up in the image is up; turned by 180 degrees it is down.
+fn largest_y_mm(document: &Value) -> f64 {
+    document["camera"]["largest_y_mm"].as_f64().expect("a number")
 }
 
 #[test]

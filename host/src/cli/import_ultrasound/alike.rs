@@ -38,14 +38,13 @@ impl Imaged {
     /// Difference from another sequence: here, and there.
     fn difference(&self, other: &Self) -> Option<[String; 2]> {
         let (own_geometry, other_geometry) = (&self.geometry, &other.geometry);
-        let spacing = |[x, y]: [f64; 2]| format!("pixels of {x} x {y} mm");
         let spacing_differs = own_geometry
             .spacing_mm
             .iter()
             .zip(other_geometry.spacing_mm)
             .any(|(a, b)| (a / b - 1.0).abs() > 1e-3);
         if spacing_differs {
-            return Some([own_geometry, other_geometry].map(|of| spacing(of.spacing_mm)));
+            return Some([own_geometry, other_geometry].map(|of| spacing_text(of.spacing_mm)));
         }
         if self.size_px != other.size_px {
             return Some(
@@ -81,12 +80,15 @@ impl Imaged {
     }
 }
 
+fn spacing_text([x, y]: [f64; 2]) -> String {
+    format!("pixels of {x} x {y} mm")
+}
+
 /// Refuses sweeps that are not of one scanner with one setting.
 pub fn check<'i>(mut sweeps: impl Iterator<Item = (&'i PathBuf, &'i Imaged)>) -> anyhow::Result<()> {
     let Some((first_path, first)) = sweeps.next() else { return Ok(()) };
     for (path, imaged) in sweeps {
         if let Some([own_setting, other_setting]) = imaged.difference(first) {
-            let name = |path: &Path| path.display().to_string();
             bail!(
                 "{}: {own_setting}, expected {other_setting} as in {}: deflections are measured between sweeps of one scanner with one setting",
                 name(path),
@@ -95,6 +97,10 @@ pub fn check<'i>(mut sweeps: impl Iterator<Item = (&'i PathBuf, &'i Imaged)>) ->
         }
     }
     Ok(())
+}
+
+fn name(path: &Path) -> String {
+    path.display().to_string()
 }
 
 #[cfg(test)]
@@ -124,40 +130,38 @@ mod tests {
     }
 
     fn compared(other: &Header, settings: &Settings) -> Result<(), String> {
-        let of = |header| Imaged::new(header, settings).expect("a geometry");
-        let (a, b) = (of(&header()), of(other));
+        let (a, b) = (imaged(&header(), settings), imaged(other, settings));
         let paths = [PathBuf::from("zero.mha"), PathBuf::from("hold.mha")];
         check(paths.iter().zip([&a, &b])).map_err(|error| error.to_string())
+    }
+
+    fn imaged(header: &Header, settings: &Settings) -> Imaged {
+        Imaged::new(header, settings).expect("a geometry")
     }
 
     #[test]
     fn sweeps_with_another_setting_are_refused_and_both_are_named() {
         assert_eq!(compared(&header(), &settings()), Ok(()));
-        let with = |change: fn(&mut Header)| {
-            let mut changed_header = header();
-            change(&mut changed_header);
-            compared(&changed_header, &settings()).expect_err("differs")
-        };
         for (message, words) in [
             (
-                with(|h| h.spacing_mm = Some([0.2; 2])),
+                difference_with(|h| h.spacing_mm = Some([0.2; 2])),
                 "hold.mha: pixels of 0.2 x 0.2 mm, expected pixels of 0.1 x 0.1 mm as in zero.mha",
             ),
-            (with(|h| h.width = 800), "frames of 800 x 300 pixels"),
+            (difference_with(|h| h.width = 800), "frames of 800 x 300 pixels"),
             (
-                with(|h| h.orientation = Some(Orientation { flip_x: true, flip_y: false })),
+                difference_with(|h| h.orientation = Some(Orientation { flip_x: true, flip_y: false })),
                 "axes UF, expected axes MF",
             ),
             (
-                with(|h| h.region = Some(Region { x: 1, y: 2, width: 30, height: 40 })),
+                difference_with(|h| h.region = Some(Region { x: 1, y: 2, width: 30, height: 40 })),
                 "region 1,2,30,40, expected no region",
             ),
             (
-                with(|h| _ = h.frames[0].numbers.insert("DepthMm".to_owned(), 90.0)),
+                difference_with(|h| _ = h.frames[0].numbers.insert("DepthMm".to_owned(), 90.0)),
                 "DepthMm 90, expected DepthMm 60",
             ),
             (
-                with(|h| _ = h.frames[0].transforms.insert("ImageToProbe".to_owned(), [0.7; 16])),
+                difference_with(|h| _ = h.frames[0].transforms.insert("ImageToProbe".to_owned(), [0.7; 16])),
                 "another ImageToProbeTransform",
             ),
         ] {
@@ -175,5 +179,11 @@ mod tests {
             compared(&changed_header, &Settings { spacing_mm: Some([0.15; 2]), ..settings() }),
             Ok(())
         );
+    }
+
+    fn difference_with(change: fn(&mut Header)) -> String {
+        let mut changed_header = header();
+        change(&mut changed_header);
+        compared(&changed_header, &settings()).expect_err("differs")
     }
 }

@@ -117,11 +117,6 @@ impl Imported {
 
 impl SweepResult {
     fn new(path: &Path, sweep: &Sweep, sd_mm: &[[f64; 2]]) -> anyhow::Result<Self> {
-        let median = |axis: usize| {
-            let mut sorted: Vec<f64> = sd_mm.iter().map(|sd_mm| sd_mm[axis]).collect();
-            sorted.sort_by(f64::total_cmp);
-            sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
-        };
         let states = State::ALL.into_iter().map(|state| (state.name(), sweep.count(state)));
         let [noise_scale_x, noise_scale_y] = sweep.track.noise.map(|noise| noise.scale);
         Ok(Self {
@@ -130,8 +125,8 @@ impl SweepResult {
             frames: sweep.frames.len(),
             states: states.filter(|(_, count)| *count > 0).collect(),
             points: sd_mm.len(),
-            sd_x_mm: median(0),
-            sd_y_mm: median(1),
+            sd_x_mm: median(0, sd_mm),
+            sd_y_mm: median(1, sd_mm),
             lag_s: sweep.lag_s,
             lag_sd_s: sweep.lag.map(|lag| lag.sd_s),
             noise_scale_x,
@@ -142,23 +137,32 @@ impl SweepResult {
     }
 }
 
+fn median(axis: usize, sd_mm: &[[f64; 2]]) -> f64 {
+    let mut sorted: Vec<f64> = sd_mm.iter().map(|sd_mm| sd_mm[axis]).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
 impl FrameEntry {
     fn new(frame: &FrameResult) -> Self {
-        let place = |axis: usize| frame.place_mm.map(|place| place[axis]);
         Self {
             state: frame.state.name(),
             time_s: frame.time_s,
             x_px: frame.candidate.map(|candidate| candidate.centre.x_px),
             y_px: frame.candidate.map(|candidate| candidate.centre.y_px),
-            x_mm: place(0),
-            y_mm: place(1),
-            z_mm: place(2),
+            x_mm: place_of(0, frame.place_mm),
+            y_mm: place_of(1, frame.place_mm),
+            z_mm: place_of(2, frame.place_mm),
             sd_x_mm: frame.sd_mm.map(|sd| sd[0]),
             sd_y_mm: frame.sd_mm.map(|sd| sd[1]),
             off_x_mm: frame.off_mm.map(|off| off[0]),
             off_y_mm: frame.off_mm.map(|off| off[1]),
         }
     }
+}
+
+fn place_of(axis: usize, place_mm: Option<[f64; 3]>) -> Option<f64> {
+    place_mm.map(|place| place[axis])
 }
 
 /// SHA-256 of a file in hexadecimal.

@@ -53,10 +53,6 @@ impl RecordedRun {
             let time_s = sweep.time_s - origin_s;
             levels.iter().find(|level| (level.time_s[0]..=level.time_s[1]).contains(&time_s))
         };
-        let at_mm = |level: &Hold| {
-            let [y_m, x_m] = level.displacement_m();
-            [1e3 * x_m, 1e3 * y_m]
-        };
         let stated_m = run.force.typical_displacement_sd_m().or(stated_m);
         let sd_mm = |level: &Hold| {
             let sd_mm = |mean: Mean| 1e3 * mean.error(stated_m);
@@ -76,4 +72,9 @@ impl RecordedRun {
         let displacements_mm = sweeps.iter().map(|sweep| level(sweep).map(at_mm)).collect();
         Ok(Self { run, straight, sweeps, displacements_mm })
     }
+}
+
+fn at_mm(level: &Hold) -> [f64; 2] {
+    let [y_m, x_m] = level.displacement_m();
+    [1e3 * x_m, 1e3 * y_m]
 }

@@ -26,7 +26,6 @@ impl Readings {
 /// Writes the figures of a run, where they are requested.
 pub fn draw(run: &Run, readings: &Readings, folder: Option<&Path>, out: &mut Output) -> anyhow::Result<()> {
     let Some(folder) = out.figures_folder(folder).map(Path::to_owned) else { return Ok(()) };
-    let sd_mm = |[xx, _, yy]: [f64; 3]| (0.5 * (xx + yy)).max(0.0).sqrt();
     let half_way = run.decisions.iter().rfind(|one| one.depth_mm <= 0.5 * run.target_mm[2]);
     let drawn = figures::Steered {
         target_mm: run.target_mm,
@@ -52,4 +51,8 @@ pub fn draw(run: &Run, readings: &Readings, folder: Option<&Path>, out: &mut Out
     figures_file(&folder, "steer.path", &figures::steered_path(&drawn)?, out)?;
     figures_file(&folder, "steer.target", &figures::steered_target(&drawn)?, out)?;
     Ok(())
+}
+
+fn sd_mm([xx, _, yy]: [f64; 3]) -> f64 {
+    (0.5 * (xx + yy)).max(0.0).sqrt()
 }

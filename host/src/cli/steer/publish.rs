@@ -76,7 +76,6 @@ mod tests {
     use steering::PathPoint;
 
     fn decision() -> Decision {
-        let at = |depth_mm: f64, x_mm: f64, sd_mm: f64| PathPoint { depth_mm, tip_mm: [x_mm, -1.0], sd_mm };
         Decision {
             t_s: 12.0,
             depth_mm: 40.0,
@@ -88,7 +87,7 @@ mod tests {
             expected_tip_mm: [3.0, -2.0],
             covariance_mm2: [0.04, 0.0, 0.04],
             within: Vec::new(),
-            path: vec![at(40.0, 1.0, 0.05), at(100.0, 3.0, 0.2)],
+            path: vec![point_at(40.0, 1.0, 0.05), point_at(100.0, 3.0, 0.2)],
             unsteered_miss_mm: 2.0,
             modulus_kpa: Vec::new(),
             modulus_sd_ln: Vec::new(),
@@ -99,6 +98,10 @@ mod tests {
             limits: None,
             rotations: Vec::new(),
         }
+    }
+
+    fn point_at(depth_mm: f64, x_mm: f64, sd_mm: f64) -> PathPoint {
+        PathPoint { depth_mm, tip_mm: [x_mm, -1.0], sd_mm }
     }
 
     #[test]
@@ -126,12 +129,8 @@ mod tests {
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        let points = |device: &str| match received.get(device) {
-            Some(Content::Points(points)) => points.clone(),
-            other => panic!("{device}: {other:?}"),
-        };
-        assert_eq!(points("SteerTarget")[0].position_mm, [3.0, -2.0, 100.0]);
-        let path = points("PlannedPath");
+        assert_eq!(points_of("SteerTarget", &received)[0].position_mm, [3.0, -2.0, 100.0]);
+        let path = points_of("PlannedPath", &received);
         assert_eq!(path.len(), 2);
         assert_eq!(path[1].position_mm, [3.0, -1.0, 100.0]);
         assert!((path[1].diameter_mm - 0.784).abs() < 1e-4);
@@ -139,5 +138,12 @@ mod tests {
             received.get("NextAction"),
             Some(&Content::Text("at 40.0 mm: push to 45.0 mm".to_owned()))
         );
+    }
+
+    fn points_of(device: &str, received: &BTreeMap<String, Content>) -> Vec<Point> {
+        match received.get(device) {
+            Some(Content::Points(points)) => points.clone(),
+            other => panic!("{device}: {other:?}"),
+        }
     }
 }

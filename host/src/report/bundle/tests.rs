@@ -2,7 +2,17 @@ use super::*;
 
 #[test]
 fn a_list_of_others_is_followed_only_within_the_bundle() {
-    let list = |session: &str, draws_per_chain: usize| List {
+    assert_eq!(list("phantom", 250).fault(), None);
+    for session in ["..", "/etc", "a/b", "", "."] {
+        let fault = list(session, 250).fault().expect("a fault");
+        assert!(fault.starts_with("session: "), "{fault}");
+    }
+    let fault = list("phantom", 1_000_000_000).fault().expect("a fault");
+    assert!(fault.contains("expected 1 to 16 and 1 to 10000"), "{fault}");
+}
+
+fn list(session: &str, draws_per_chain: usize) -> List {
+    List {
         schema: SCHEMA.to_owned(),
         program: "guide".to_owned(),
         session: session.to_owned(),
@@ -15,14 +25,7 @@ fn a_list_of_others_is_followed_only_within_the_bundle() {
         seed: 1,
         inputs: Vec::new(),
         results: Vec::new(),
-    };
-    assert_eq!(list("phantom", 250).fault(), None);
-    for session in ["..", "/etc", "a/b", "", "."] {
-        let fault = list(session, 250).fault().expect("a fault");
-        assert!(fault.starts_with("session: "), "{fault}");
     }
-    let fault = list("phantom", 1_000_000_000).fault().expect("a fault");
-    assert!(fault.contains("expected 1 to 16 and 1 to 10000"), "{fault}");
 }
 
 #[test]
