@@ -69,9 +69,12 @@ pub struct Trial {
 impl Trial {
     /// Whether the position loop moved the guide.
     fn loop_ran(&self) -> bool {
-        let ran = |result| matches!(result, StepResult::Passed | StepResult::Failed);
-        self.report.steps.iter().any(|step| step.step == Step::Loop.name() && ran(step.result))
+        self.report.steps.iter().any(|step| step.step == Step::Loop.name() && has_run(step.result))
     }
+}
+
+fn has_run(result: StepResult) -> bool {
+    matches!(result, StepResult::Passed | StepResult::Failed)
 }
 
 /// The person at the simulated rig.
@@ -118,8 +121,7 @@ impl Operator for Player<'_> {
 /// Where the bench cannot be had, or the link fails.
 pub fn trial(faults: &[Fault], seed: u64) -> Result<Trial> {
     let bench = Bench::wired(RigConfig::default(), seed, SPEED, faults.to_vec())?;
-    let size = |kind: Kind| faults.iter().find(|fault| fault.kind == kind).map(|fault| fault.size);
-    let noisy = match size(Kind::LossyLink) {
+    let noisy = match fault_size(Kind::LossyLink, faults) {
         Some(rate) => {
             let wire = NoisyWire::connect(Path::new(&bench.port()), seed)?;
             for direction in [Direction::ToHost, Direction::ToDevice] {
@@ -132,7 +134,7 @@ pub fn trial(faults: &[Fault], seed: u64) -> Result<Trial> {
     let port = noisy.as_ref().map_or_else(|| bench.port(), NoisyWire::port);
     let mut player = Player {
         rig: bench.rig(),
-        clock_ratio: size(Kind::Clock).unwrap_or(1.0),
+        clock_ratio: fault_size(Kind::Clock, faults).unwrap_or(1.0),
         returned_ms: 0,
         reach: None,
     };
@@ -144,6 +146,10 @@ pub fn trial(faults: &[Fault], seed: u64) -> Result<Trial> {
     drop(noisy);
     bench.stop()?;
     Ok(Trial { report, time_s, moved_mm: 1e3 * reach.position_m, force_n: reach.force_n })
+}
+
+fn fault_size(kind: Kind, faults: &[Fault]) -> Option<f64> {
+    faults.iter().find(|fault| fault.kind == kind).map(|fault| fault.size)
 }
 
 /// Score of a fault by these findings.
@@ -179,14 +185,17 @@ pub fn faults(seed: u64) -> Vec<Fault> {
 pub fn pair(seed: u64) -> [Fault; 2] {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let all_faults = faults(seed);
-    let mut drawn = || all_faults[random.random_range(0..all_faults.len())];
-    let first = drawn();
+    let first = drawn_fault(&all_faults, &mut random);
     loop {
-        let second = drawn();
+        let second = drawn_fault(&all_faults, &mut random);
         if second.kind.id() != first.kind.id() {
             return [first, second];
         }
     }
+}
+
+fn drawn_fault(all_faults: &[Fault], random: &mut ChaCha8Rng) -> Fault {
+    all_faults[random.random_range(0..all_faults.len())]
 }
 
 /// Whether the finding of a fault keeps the guide from being moved by the loop.
@@ -277,12 +286,11 @@ pub fn run(options: &Options) -> Result<()> {
             println!("rig without a fault {seed}: {}\n{}", summary(&trial), trial.report);
         }
     }
-    let of = |score| counts.get(&score).copied().unwrap_or(0);
     println!("\n| bring-up | |\n|---|---|");
-    println!("| faults: named | {} of {} |", of(Score::Named), counts.values().sum::<u32>());
-    println!("| in a class of two | {} |", of(Score::InTwo));
-    println!("| something else named | {} |", of(Score::OtherNamed));
-    println!("| missed | {} |", of(Score::Missed));
+    println!("| faults: named | {} of {} |", count_of(Score::Named, &counts), counts.values().sum::<u32>());
+    println!("| in a class of two | {} |", count_of(Score::InTwo, &counts));
+    println!("| something else named | {} |", count_of(Score::OtherNamed, &counts));
+    println!("| missed | {} |", count_of(Score::Missed, &counts));
     println!(
         "| furthest from the start before the loop is closed, change of the force | {furthest_mm:.2} mm, {largest_n:.2} N |"
     );
@@ -299,6 +307,10 @@ pub fn run(options: &Options) -> Result<()> {
         println!("| longest on a rig without a fault, time of the rig | {longest_s:.0} s |");
     }
     Ok(())
+}
+
+fn count_of(score: Score, counts: &BTreeMap<Score, u32>) -> u32 {
+    counts.get(&score).copied().unwrap_or(0)
 }
 
 /// A trial; where the link fails, as on a computer that starves QEMU, once more, and then nothing, which is printed.

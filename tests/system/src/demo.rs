@@ -116,13 +116,11 @@ impl Outcome {
         let (mut inside_weight, mut total_weight) = (0.0, 0.0);
         for one in self.predicted["insertions"].as_array().into_iter().flatten() {
             for plane in ["y", "x"] {
-                let list =
-                    |name: &str| one[format!("{name}_{plane}_mm")].as_array().cloned().unwrap_or_default();
-                let (low, high, measured) = (list("lo95"), list("hi95"), list("measured"));
+                let (low, high, measured) =
+                    (series("lo95", plane, one), series("hi95", plane, one), series("measured", plane, one));
                 for (i, measured) in measured.iter().enumerate().skip(51) {
-                    let number = |list: &[Value]| list.get(i).and_then(Value::as_f64);
                     if let (Some(measured), Some(low), Some(high)) =
-                        (measured.as_f64(), number(&low), number(&high))
+                        (measured.as_f64(), number_at(&low, i), number_at(&high, i))
                     {
                         total_weight += 1.0;
                         inside_weight += f64::from(u8::from((low..=high).contains(&measured)));
@@ -176,6 +174,14 @@ impl Outcome {
     pub fn interval_kpa(&self) -> Result<[f64; 2]> {
         Ok([self.number("likelihood", "ci95_kpa/0")?, self.number("likelihood", "ci95_kpa/1")?])
     }
+}
+
+fn number_at(list: &[Value], i: usize) -> Option<f64> {
+    list.get(i).and_then(Value::as_f64)
+}
+
+fn series(name: &str, plane: &str, one: &Value) -> Vec<Value> {
+    one[format!("{name}_{plane}_mm")].as_array().cloned().unwrap_or_default()
 }
 
 /// Runs the demonstration and judges it. Whether the hidden effect is found, and how far the steered needle misses, are results that are

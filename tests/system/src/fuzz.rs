@@ -109,10 +109,6 @@ fn nightly_host() -> Result<String> {
 
 /// The program of `cargo fuzz`: the one that is installed, or one of our own.
 fn ensure_cargo_fuzz() -> Result<PathBuf> {
-    let works = |program: &Path| {
-        let version = Command::new(program).args(["fuzz", "--version"]).stdin(Stdio::null()).output();
-        version.is_ok_and(|output| output.status.success())
-    };
     let installed = PathBuf::from("cargo-fuzz");
     if works(&installed) {
         return Ok(installed);
@@ -129,6 +125,11 @@ fn ensure_cargo_fuzz() -> Result<PathBuf> {
         }
     }
     Ok(program)
+}
+
+fn works(program: &Path) -> bool {
+    let version = Command::new(program).args(["fuzz", "--version"]).stdin(Stdio::null()).output();
+    version.is_ok_and(|output| output.status.success())
 }
 
 fn build(cargo_fuzz: &Path, folder: &Path, target: &Target) -> Result<()> {
@@ -189,19 +190,23 @@ fn fuzz(program: &Path, folder: &Path, target: &Target, args: &Args) -> Result<O
 
 /// Reads the output of a target.
 fn outcome(stderr: &str) -> Outcome {
-    let number = |text: &str| text.trim().parse().ok();
-    let last = |name: &str| {
-        let lines = stderr.lines().filter_map(|line| line.split_once(name));
-        let mut numbers = lines.filter_map(|(_, after)| number(after.split_whitespace().next()?));
-        numbers.next_back().unwrap_or(0)
-    };
     let crash_input = stderr.lines().find_map(|line| line.split_once("Test unit written to "));
     Outcome {
-        executions: last("stat::number_of_executed_units:"),
-        per_second: last("stat::average_exec_per_sec:"),
-        coverage: last(" cov: "),
+        executions: last_number("stat::number_of_executed_units:", stderr),
+        per_second: last_number("stat::average_exec_per_sec:", stderr),
+        coverage: last_number(" cov: ", stderr),
         found: crash_input.map(|(_, file)| file.trim().to_owned()),
     }
+}
+
+fn last_number(name: &str, stderr: &str) -> u64 {
+    let lines = stderr.lines().filter_map(|line| line.split_once(name));
+    let mut numbers = lines.filter_map(|(_, after)| number(after.split_whitespace().next()?));
+    numbers.next_back().unwrap_or(0)
+}
+
+fn number(text: &str) -> Option<u64> {
+    text.trim().parse().ok()
 }
 
 #[cfg(test)]

@@ -120,16 +120,12 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 fn line(number: u64, one: &Imaged) -> String {
-    let of = |modulus: &Modulus| {
-        let [low, high] = modulus.interval_kpa;
-        format!("{:.2} ({low:.2} to {high:.2})", modulus.k_kpa)
-    };
     format!(
         "{number}: true {:.2}; images {}; true shape {}; numbers {}; {} used, {} rejected, {} wrong; lag off by {:.4} s",
         one.true_kpa,
-        of(&one.of_images),
-        of(&one.of_truth),
-        of(&one.of_numbers),
+        interval_text(&one.of_images),
+        interval_text(&one.of_truth),
+        interval_text(&one.of_numbers),
         one.used,
         one.rejected,
         one.wrong,
@@ -137,16 +133,21 @@ fn line(number: u64, one: &Imaged) -> String {
     )
 }
 
+fn interval_text(modulus: &Modulus) -> String {
+    let [low, high] = modulus.interval_kpa;
+    format!("{:.2} ({low:.2} to {high:.2})", modulus.k_kpa)
+}
+
 /// One run by the commands.
 fn imaged(guide: &Path, folder: &Path, seed: u64, number: u64) -> Result<Imaged> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(number);
-    let mut within = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
-    let truth = Truth { k_kpa: within(8.0, 24.0), tip_load_n: 0.2, effects: Vec::new(), foreign: None };
-    let mut rest_mm = || within(-0.015, 0.015);
+    let truth =
+        Truth { k_kpa: uniform(8.0, 24.0, &mut random), tip_load_n: 0.2, effects: Vec::new(), foreign: None };
+    let mut rest_mm = || uniform(-0.015, 0.015, &mut random);
     let levels_mm = vec![rest_mm(), 1.2 + rest_mm(), rest_mm()];
-    let depth_mm = within(20.0, 40.0).round();
-    let scanner = ScannerConfig { lag_s: within(-0.2, 0.2), ..ScannerConfig::default() };
+    let depth_mm = uniform(20.0, 40.0, &mut random).round();
+    let scanner = ScannerConfig { lag_s: uniform(-0.2, 0.2, &mut random), ..ScannerConfig::default() };
     let drawn: u64 = random.random();
     let plan =
         LateralPlan { id: RUN.to_owned(), depth_mm, axis: 0, levels_mm, hold_s: 3.0, ramp_mm_per_s: 1.0 };
@@ -190,27 +191,32 @@ fn imaged(guide: &Path, folder: &Path, seed: u64, number: u64) -> Result<Imaged>
     let judged = judged(&imported, &frames)?;
     let sweep = &imported["sweeps"][0];
     let states = [sweep, &imported["straight"]].map(|sweep| &sweep["states"]);
-    let count = |is_used: bool| {
-        let counts = states.iter().filter_map(|states| states.as_object()).flatten();
-        counts
-            .filter(|(state, _)| (*state == "used") == is_used)
-            .filter_map(|(_, count)| count.as_u64())
-            .sum::<u64>() as usize
-    };
     Ok(Imaged {
         true_kpa: truth.k_kpa,
         of_images: identified(guide, &session)?,
         of_truth: identified(guide, &of_truth)?,
         of_numbers: identified(guide, &of_numbers)?,
         of_shifted,
-        used: count(true),
-        rejected: count(false),
+        used: count_of_states(true, states),
+        rejected: count_of_states(false, states),
         wrong: judged.wrong,
         squares: judged.squares,
         normalised: judged.normalised,
         of_curve: judged.of_curve,
         lag_error_s: sweep["lag_s"].as_f64().context("no lag")? - scanner.lag_s,
     })
+}
+
+fn count_of_states(is_used: bool, states: [&Value; 2]) -> usize {
+    let counts = states.iter().filter_map(|states| states.as_object()).flatten();
+    counts
+        .filter(|(state, _)| (*state == "used") == is_used)
+        .filter_map(|(_, count)| count.as_u64())
+        .sum::<u64>() as usize
+}
+
+fn uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {
+    low + (high - low) * random.random::<f64>()
 }
 
 /// The run of a session that has one.
@@ -315,11 +321,15 @@ fn write(folder: &Path, session: &Session, run: &LateralRun, shape: &Shape<'_>) 
 /// Modulus that `guide identify` finds by the likelihood.
 fn identified(guide: &Path, session: &Path) -> Result<Modulus> {
     let identification = json(guide, &["identify", &session.display().to_string(), "--json"])?;
-    let number = |field: &str| {
-        let value = identification.pointer(&format!("/runs/0/methods/likelihood/{field}"));
-        value.and_then(Value::as_f64).with_context(|| format!("identify gave no {field}"))
-    };
-    Ok(Modulus { k_kpa: number("k_kpa")?, interval_kpa: [number("ci95_kpa/0")?, number("ci95_kpa/1")?] })
+    Ok(Modulus {
+        k_kpa: number_of("k_kpa", &identification)?,
+        interval_kpa: [number_of("ci95_kpa/0", &identification)?, number_of("ci95_kpa/1", &identification)?],
+    })
+}
+
+fn number_of(field: &str, identification: &Value) -> Result<f64> {
+    let value = identification.pointer(&format!("/runs/0/methods/likelihood/{field}"));
+    value.and_then(Value::as_f64).with_context(|| format!("identify gave no {field}"))
 }
 
 fn json(guide: &Path, arguments: &[&str]) -> Result<Value> {

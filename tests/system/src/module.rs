@@ -151,10 +151,13 @@ mod tests {
 
     #[test]
     fn pytests_last_line_is_counted() {
-        let counted = |line| closing_line(line).map(|outcome| (outcome.passed, outcome.failed));
         assert_eq!(counted("45 passed, 1 skipped in 12.31s"), Some((45, 0)));
         assert_eq!(counted("==== 2 failed, 40 passed, 1 error in 9.41s (0:00:09) ===="), Some((40, 3)));
         assert_eq!(counted("no tests ran in 0.01s"), None);
         assert_eq!(counted("Interrupted"), None);
+    }
+
+    fn counted(line: &str) -> Option<(u64, u64)> {
+        closing_line(line).map(|outcome| (outcome.passed, outcome.failed))
     }
 }

@@ -80,10 +80,6 @@ pub fn recursive(image: &[u8]) -> Result<BTreeSet<String>> {
         let name = symbol.name()?.to_owned();
         functions.entry(start).or_insert((name, code));
     }
-    let owner = |address: u64| {
-        let (start, (_, code)) = functions.range(..=address).next_back()?;
-        (address < start + code.len() as u64).then_some(*start)
-    };
     let called: BTreeMap<u64, BTreeSet<u64>> = functions
         .iter()
         .map(|(start, (_, code))| {
@@ -91,25 +87,31 @@ pub fn recursive(image: &[u8]) -> Result<BTreeSet<String>> {
                 *start,
                 targets(*start, code)
                     .into_iter()
-                    .filter(|target| *target == *start || owner(*target) != Some(*start))
-                    .filter_map(owner)
+                    .filter(|target| *target == *start || owner(*target, &functions) != Some(*start))
+                    .filter_map(|address| owner(address, &functions))
                     .collect(),
             )
         })
         .collect();
-    let reaches_itself = |start: &u64| {
-        let (mut reached, mut pending) = (BTreeSet::new(), vec![*start]);
-        while let Some(next) = pending.pop() {
-            let unreached = called.get(&next).into_iter().flatten().filter(|target| reached.insert(**target));
-            pending.extend(unreached.copied().collect::<Vec<_>>());
-        }
-        reached.contains(start)
-    };
     Ok(functions
         .iter()
-        .filter(|(start, _)| reaches_itself(start))
+        .filter(|(start, _)| reaches_itself(start, &called))
         .map(|(_, (name, _))| name.clone())
         .collect())
+}
+
+fn reaches_itself(start: &u64, called: &BTreeMap<u64, BTreeSet<u64>>) -> bool {
+    let (mut reached, mut pending) = (BTreeSet::new(), vec![*start]);
+    while let Some(next) = pending.pop() {
+        let unreached = called.get(&next).into_iter().flatten().filter(|target| reached.insert(**target));
+        pending.extend(unreached.copied().collect::<Vec<_>>());
+    }
+    reached.contains(start)
+}
+
+fn owner(address: u64, functions: &BTreeMap<u64, (String, &[u8])>) -> Option<u64> {
+    let (start, (_, code)) = functions.range(..=address).next_back()?;
+    (address < start + code.len() as u64).then_some(*start)
 }
 
 /// Targets of a function's direct calls and unconditional jumps.

@@ -238,12 +238,8 @@ fn session(line: Line) -> Command {
 /// Kills QEMU when its time is over; where there is no such time it never is.
 fn kill_at(child: &Arc<Mutex<Child>>, deadline: Arc<Mutex<Option<Instant>>>) -> Result<()> {
     let child = Arc::downgrade(child);
-    let is_over = move || {
-        let deadline = *deadline.lock().unwrap_or_else(PoisonError::into_inner);
-        deadline.is_some_and(|deadline| Instant::now() >= deadline)
-    };
     thread::Builder::new().name("qemu time limit".into()).spawn(move || {
-        while !is_over() {
+        while !is_over(&deadline) {
             thread::sleep(POLL);
             if child.strong_count() == 0 {
                 return;
@@ -254,6 +250,11 @@ fn kill_at(child: &Arc<Mutex<Child>>, deadline: Arc<Mutex<Option<Instant>>>) -> 
         }
     })?;
     Ok(())
+}
+
+fn is_over(deadline: &Mutex<Option<Instant>>) -> bool {
+    let deadline = *deadline.lock().unwrap_or_else(PoisonError::into_inner);
+    deadline.is_some_and(|deadline| Instant::now() >= deadline)
 }
 
 /// Takes the log off, so that the firmware does not wait for a reader, and leaves one line of it.
@@ -267,16 +268,9 @@ fn decode(_: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) {
 
 #[cfg(feature = "firmware-log")]
 fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) {
-    let push = |line: String| {
-        let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
-        if log.len() == LOG_LINES {
-            log.pop_front();
-        }
-        log.push_back(line);
-    };
     let table = match Table::parse(image) {
         Ok(Some(table)) => table,
-        _ => return push("(the image has no log table)".to_owned()),
+        _ => return push("(the image has no log table)".to_owned(), log),
     };
     let mut decoder = table.new_stream_decoder();
     let mut buffer = [0; 1024];
@@ -284,11 +278,21 @@ fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) 
         decoder.received(buffer.get(..length).unwrap_or_default());
         loop {
             match decoder.decode() {
-                Ok(frame) => push(frame.display(false).to_string()),
+                Ok(frame) => push(frame.display(false).to_string(), log),
                 Err(DecodeError::UnexpectedEof) => break,
                 Err(DecodeError::Malformed) if table.encoding().can_recover() => {}
-                Err(DecodeError::Malformed) => return push("(the log is garbled from here on)".to_owned()),
+                Err(DecodeError::Malformed) => {
+                    return push("(the log is garbled from here on)".to_owned(), log);
+                }
             }
         }
     }
+}
+
+fn push(line: String, log: &Mutex<VecDeque<String>>) {
+    let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
+    if log.len() == LOG_LINES {
+        log.pop_front();
+    }
+    log.push_back(line);
 }

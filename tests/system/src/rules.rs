@@ -122,12 +122,8 @@ fn the_citation_is_of_this_version_and_licence() {
     assert!(keys.iter().all(|key| CITATION_KEYS.contains(key)), "{keys:?}");
     assert!(CITATION_NEEDS.iter().all(|key| keys.contains(key)), "{keys:?}");
     assert_eq!(keys.len(), keys.iter().collect::<BTreeSet<_>>().len(), "a key stands twice");
-    let value = |key: &str| {
-        let line = text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(": "));
-        line.unwrap_or_else(|| panic!("{key}: missing"))
-    };
-    assert_eq!(value("cff-version"), "1.2.0");
-    assert_eq!(value("version"), env!("CARGO_PKG_VERSION"));
+    assert_eq!(value_of("cff-version", &text), "1.2.0");
+    assert_eq!(value_of("version", &text), env!("CARGO_PKG_VERSION"));
     let list = text.split_once("\nlicense:\n").expect("a list of licences").1;
     let licences: Vec<&str> = list.lines().map_while(|line| line.strip_prefix("  - ")).collect();
     assert_eq!(licences.join(" OR "), env!("CARGO_PKG_LICENSE"));
@@ -136,4 +132,9 @@ fn the_citation_is_of_this_version_and_licence() {
         wheel.parse::<toml::Table>().unwrap()["project"]["version"].as_str(),
         Some(env!("CARGO_PKG_VERSION"))
     );
+}
+
+fn value_of<'a>(key: &str, text: &'a str) -> &'a str {
+    let line = text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(": "));
+    line.unwrap_or_else(|| panic!("{key}: missing"))
 }

@@ -91,11 +91,6 @@ pub fn run() -> Result<Tracked> {
 
 /// Two layers and an inclusion at 4 mm/s with support.
 fn recorded() -> Result<SteeringRun> {
-    let layer = |bottom_mm, stiffness_n_per_m2, damping_n_s_per_m2| TissueLayer {
-        bottom_mm,
-        stiffness_n_per_m2,
-        damping_n_s_per_m2,
-    };
     let tissue = Tissue {
         layers: vec![layer(40.0, 1.5e4, 1e3), layer(80.0, 4e4, 2e3)],
         inclusions: vec![Inclusion { depth_mm: 12.0, width_mm: 3.0, factor: 1.8 }],
@@ -114,6 +109,10 @@ fn recorded() -> Result<SteeringRun> {
     };
     let sensors = Sensors { base_m: 2e-5, force_n: 0.05, tip_m: 2e-4 };
     Ok(SteeringRig::new(rig, LENGTH_M, FIXTURE_KG, &tissue)?.carry_out(&plan)?.measure(sensors, 1, 0))
+}
+
+fn layer(bottom_mm: f64, stiffness_n_per_m2: f64, damping_n_s_per_m2: f64) -> TissueLayer {
+    TissueLayer { bottom_mm, stiffness_n_per_m2, damping_n_s_per_m2 }
 }
 
 /// The recording as the image reads it.

@@ -100,11 +100,9 @@ impl NoisyWire {
     pub fn connect(device: &Path, seed: u64) -> Result<Self> {
         let device = pty::open(device)?;
         let host = Pty::open().context("cannot make a pseudo terminal")?;
-        let lane =
-            |number| Mutex::new(Lane { errors: BitErrors::new(seed, number), counters: Counters::default() });
         let shared = Arc::new(Shared {
-            to_device: lane(0),
-            to_host: lane(1),
+            to_device: lane(0, seed),
+            to_host: lane(1, seed),
             babble_per_ms: Mutex::new(0.0),
             cut: AtomicBool::new(false),
             stop: AtomicBool::new(false),
@@ -152,6 +150,10 @@ impl NoisyWire {
     pub fn counters(&self, direction: Direction) -> Counters {
         self.shared.lane(direction).counters
     }
+}
+
+fn lane(number: u64, seed: u64) -> Mutex<Lane> {
+    Mutex::new(Lane { errors: BitErrors::new(seed, number), counters: Counters::default() })
 }
 
 impl Drop for NoisyWire {
@@ -361,20 +363,21 @@ mod tests {
 
     #[test]
     fn errors_come_from_the_seed_however_the_bytes_are_cut() {
-        let flip = |seed, chunk: usize| {
-            let (mut errors, mut bytes) = (BitErrors::new(seed, 0), vec![0; 4_000]);
-            errors.set_rate(0.01);
-            bytes.chunks_mut(chunk).for_each(|chunk| {
-                errors.apply(chunk);
-            });
-            bytes
-        };
-        assert_eq!(flip(3, 4_000), flip(3, 7));
-        assert_ne!(flip(3, 4_000), flip(4, 4_000));
+        assert_eq!(flipped(3, 4_000), flipped(3, 7));
+        assert_ne!(flipped(3, 4_000), flipped(4, 4_000));
         let mut whole_stream = BitErrors::new(5, 0);
         whole_stream.set_rate(1.0);
         let mut bytes = [0; 3];
         assert_eq!((whole_stream.apply(&mut bytes), bytes), (24, [0xFF; 3]));
+    }
+
+    fn flipped(seed: u64, chunk: usize) -> Vec<u8> {
+        let (mut errors, mut bytes) = (BitErrors::new(seed, 0), vec![0; 4_000]);
+        errors.set_rate(0.01);
+        bytes.chunks_mut(chunk).for_each(|chunk| {
+            errors.apply(chunk);
+        });
+        bytes
     }
 
     #[test]

@@ -332,11 +332,14 @@ mod tests {
     /// At a crawl, the timeout is over long before the silence is a fault: nothing of what is waited for is missed.
     #[test]
     fn the_reserves_are_longer_than_the_timeout_at_a_crawl() {
-        let crawled_ms = |crawl: Duration| TIMEOUT.as_millis() / crawl.as_millis();
         assert!(crawled_ms(CRAWL) <= u128::from(SILENCE_LIMIT_MS / 4));
         assert!(crawled_ms(CRAWL) <= u128::from(START_RESERVE_MS / 4));
         // The shortest hold with a sweep that comes with the programs has 1.2 s.
         assert!(crawled_ms(SWEEP_CRAWL) <= u128::from((1_200 - SWEEP_RESERVE_MS) / 3));
+    }
+
+    fn crawled_ms(crawl: Duration) -> u128 {
+        TIMEOUT.as_millis() / crawl.as_millis()
     }
 
     #[test]
@@ -361,17 +364,12 @@ mod tests {
         let now = Instant::now();
         let mut gate = running(0);
         gate.expect([Appointment::at_s(1).with_sweeps(vec![0, 2])]);
-        let step = |gate: &mut Gate, from_ms, index| {
-            gate.receive(from_ms, &Message::Ack { id: 1 });
-            gate.receive(from_ms, &event(from_ms, EventKind::StepStarted { index }));
-            first_wait(gate, from_ms..from_ms + 900, now)
-        };
-        assert_eq!(step(&mut gate, 1_000, 0), Some((1_000 + SWEEP_RESERVE_MS, Waiting::Sweep)));
+        assert_eq!(step_at(&mut gate, 1_000, 0, now), Some((1_000 + SWEEP_RESERVE_MS, Waiting::Sweep)));
         gate.sweep_begins();
         assert_eq!(gate.waiting(1_510, now), Some(Waiting::Sweep));
         gate.sweep_ends();
         assert_eq!(gate.waiting(1_510, now), None);
-        assert_eq!(step(&mut gate, 2_000, 1), None, "a step without a sweep");
+        assert_eq!(step_at(&mut gate, 2_000, 1, now), None, "a step without a sweep");
         // One that is taken early is not waited for.
         gate.receive(3_000, &Message::Ack { id: 2 });
         gate.receive(3_000, &event(3_000, EventKind::StepStarted { index: 2 }));
@@ -379,7 +377,13 @@ mod tests {
         gate.sweep_ends();
         assert_eq!(first_wait(&mut gate, 3_000..3_900, now), None);
         gate.receive(3_900, &event(3_900, EventKind::ProgramEnded { outcome: Outcome::Completed }));
-        assert_eq!(step(&mut gate, 4_000, 0), None, "another program");
+        assert_eq!(step_at(&mut gate, 4_000, 0, now), None, "another program");
+    }
+
+    fn step_at(gate: &mut Gate, from_ms: u64, index: u8, now: Instant) -> Option<(u64, Waiting)> {
+        gate.receive(from_ms, &Message::Ack { id: 1 });
+        gate.receive(from_ms, &event(from_ms, EventKind::StepStarted { index }));
+        first_wait(gate, from_ms..from_ms + 900, now)
     }
 
     #[test]

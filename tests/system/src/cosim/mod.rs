@@ -109,12 +109,13 @@ impl Watched {
     }
 
     fn see(&mut self, rig: &SimulatedRig) {
-        let furthest = |now: [f64; 2], from: [f64; 2]| {
-            now.into_iter().zip(from).map(|(now, from)| (now - from).abs()).fold(0.0, f64::max)
-        };
-        self.most.position_m = self.most.position_m.max(furthest(rig.position_m(), self.from_m));
-        self.most.force_n = self.most.force_n.max(furthest(rig.force_n(), self.from_n));
+        self.most.position_m = self.most.position_m.max(largest_difference(rig.position_m(), self.from_m));
+        self.most.force_n = self.most.force_n.max(largest_difference(rig.force_n(), self.from_n));
     }
+}
+
+fn largest_difference(now: [f64; 2], from: [f64; 2]) -> f64 {
+    now.into_iter().zip(from).map(|(now, from)| (now - from).abs()).fold(0.0, f64::max)
 }
 
 /// The running rig.

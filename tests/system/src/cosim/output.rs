@@ -105,12 +105,7 @@ mod tests {
     fn messages_are_handed_out_once_and_in_order_however_they_are_cut() {
         let folder = tempfile::tempdir().unwrap();
         let mut output = Output::open(folder.path()).unwrap();
-        let mut drained = || {
-            let mut messages = Vec::new();
-            let bytes = output.drain(|message| messages.push(message.clone()));
-            (messages, bytes)
-        };
-        assert_eq!(drained(), (vec![], 0), "no writer yet");
+        assert_eq!(drained(&mut output), (vec![], 0), "no writer yet");
         let mut device = OpenOptions::new().write(true).open(folder.path().join(OUTPUT_PIPE)).unwrap();
         let frames: Vec<u8> = [3, 4]
             .into_iter()
@@ -122,12 +117,18 @@ mod tests {
             .collect();
         let (first, later_frames) = frames.split_at(5);
         device.write_all(first).unwrap();
-        assert_eq!(drained(), (vec![], 5), "a part of a message");
+        assert_eq!(drained(&mut output), (vec![], 5), "a part of a message");
         device.write_all(later_frames).unwrap();
-        let (messages, bytes) = drained();
+        let (messages, bytes) = drained(&mut output);
         assert_eq!(messages, [Message::Ack { id: 3 }, Message::Ack { id: 4 }]);
         assert_eq!(bytes, later_frames.len() as u64);
         drop(device);
-        assert_eq!(drained(), (vec![], 0), "no writer any more");
+        assert_eq!(drained(&mut output), (vec![], 0), "no writer any more");
+    }
+
+    fn drained(output: &mut Output) -> (Vec<Message>, u64) {
+        let mut messages = Vec::new();
+        let bytes = output.drain(|message| messages.push(message.clone()));
+        (messages, bytes)
     }
 }

@@ -58,14 +58,17 @@ fn give(mut stream: UnixStream, state: &Mutex<State>, stop: &AtomicBool, taken: 
         return;
     }
     let began = Instant::now();
-    let goes_on = || began.elapsed() < TIMEOUT && !stop.load(Ordering::Acquire);
     let mut received = Vec::new();
-    while goes_on() && is_open(&mut stream, &mut received) {}
+    while goes_on(&began, stop) && is_open(&mut stream, &mut received) {}
     let taker =
         str::from_utf8(&received).ok().and_then(|text| text.trim().parse().ok()).and_then(Pid::from_raw);
-    while goes_on() && taker.is_some_and(|taker| test_kill_process(taker).is_ok()) {
+    while goes_on(&began, stop) && taker.is_some_and(|taker| test_kill_process(taker).is_ok()) {
         thread::sleep(POLL_INTERVAL);
     }
+}
+
+fn goes_on(began: &Instant, stop: &AtomicBool) -> bool {
+    began.elapsed() < TIMEOUT && !stop.load(Ordering::Acquire)
 }
 
 /// Whether the far end has it open, checked for a moment; what it has sent is kept.

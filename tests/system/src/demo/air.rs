@@ -54,11 +54,12 @@ pub(super) fn characterized(
 
 /// The starts of the runs, as the command computes them.
 fn appointments(stiffness_n_per_m: f64) -> Result<Vec<Appointment>> {
-    let named = |program: Result<Program, &'static str>| program.map_err(|problem| anyhow::anyhow!(problem));
     let mut timetable = Timetable::new(Some(f64::from(AIR_AT_S)));
     let mut bench_runs = Vec::new();
     for axis in [Axis::Y, Axis::X] {
-        for program in [named(tare_program())?, named(run_program(axis, reach_mm(stiffness_n_per_m)))?] {
+        for program in
+            [program_of(tare_program())?, program_of(run_program(axis, reach_mm(stiffness_n_per_m)))?]
+        {
             let start_s = timetable.start_s(&program).context("runs in air without a start")?;
             let sweeps =
                 (0..).zip(&program.steps).filter(|(_, planned)| planned.sweep).map(|(index, _)| index);
@@ -66,6 +67,10 @@ fn appointments(stiffness_n_per_m: f64) -> Result<Vec<Appointment>> {
         }
     }
     Ok(bench_runs)
+}
+
+fn program_of(program: Result<Program, &'static str>) -> Result<Program> {
+    program.map_err(|problem| anyhow::anyhow!(problem))
 }
 
 /// Ranges from which a rig's effects are drawn, each of them with a probability of a half.
@@ -90,11 +95,15 @@ pub(super) fn study(xtask: &Path, seeds: std::ops::Range<u64>, folder: &Path) ->
         config.simulation.depth_mm = 0.0;
         config.simulation.effects = effects.clone();
         config.simulation.imperfections = Imperfections::of_seed(seed, START);
-        let of = |name: &str| folder.join(format!("{seed}-{name}"));
-        let rig_file = of("rig.toml");
+        let rig_file = seed_folder("rig.toml", seed, folder);
         std::fs::write(&rig_file, super::rig_toml(&config.rig))?;
-        let characterized_rig =
-            characterized(xtask, seed, config, [&rig_file, &of("air"), &of("out.toml")], &mut |_| {})?;
+        let characterized_rig = characterized(
+            xtask,
+            seed,
+            config,
+            [&rig_file, &seed_folder("air", seed, folder), &seed_folder("out.toml", seed, folder)],
+            &mut |_| {},
+        )?;
         println!("{}", line(seed, &effects, &characterized_rig));
         for one in characterized_rig["parameters"].as_array().into_iter().flatten() {
             if let Some((name, estimate)) = estimate(one, &effects) {
@@ -105,16 +114,23 @@ pub(super) fn study(xtask: &Path, seeds: std::ops::Range<u64>, folder: &Path) ->
     println!("| parameter | identified | covered | RMS error | mean sd |\n|---|---|---|---|---|");
     for (name, all) in &rows {
         let count = all.len() as f64;
-        let mean = |of: &dyn Fn(&Estimate) -> f64| all.iter().map(of).sum::<f64>() / count;
         println!(
             "| {name} | {} | {} | {:.5} | {:.5} |",
             all.len(),
             all.iter().filter(|one| one.held).count(),
-            mean(&|one| one.error * one.error).sqrt(),
-            mean(&|one| one.sd)
+            mean(&|one| one.error * one.error, count, all).sqrt(),
+            mean(&|one| one.sd, count, all)
         );
     }
     Ok(())
+}
+
+fn mean(of: &dyn Fn(&Estimate) -> f64, count: f64, all: &[Estimate]) -> f64 {
+    all.iter().map(of).sum::<f64>() / count
+}
+
+fn seed_folder(name: &str, seed: u64, folder: &Path) -> std::path::PathBuf {
+    folder.join(format!("{seed}-{name}"))
 }
 
 /// Hidden effects of a rig.
@@ -142,14 +158,18 @@ fn truth_of(effects: &[HiddenEffect], id: &str) -> f64 {
 /// Compared are the effects that a rig can have here; everything else of it is as designed. The force's zero drifts by the rig's imperfections.
 fn estimate(one: &Value, effects: &[HiddenEffect]) -> Option<(String, Estimate)> {
     let id = one["effect"].as_str()?;
-    let at = |end: usize| one["ci95"][end].as_f64();
-    let (low, high, value, sd) = (at(0)?, at(1)?, one["value"].as_f64()?, one["sd"].as_f64()?);
+    let (low, high, value, sd) =
+        (interval_end(0, one)?, interval_end(1, one)?, one["value"].as_f64()?, one["sd"].as_f64()?);
     if one["standing"] != "identified" || matches!(id, "sensor.force_drift" | "sensor.shape_offset") {
         return None;
     }
     let truth = truth_of(effects, id);
     let estimate = Estimate { error: value - truth, sd, held: (low..=high).contains(&truth) };
     Some((format!("{id} {}", one["parameter"].as_str()?), estimate))
+}
+
+fn interval_end(end: usize, one: &Value) -> Option<f64> {
+    one["ci95"][end].as_f64()
 }
 
 fn line(seed: u64, effects: &[HiddenEffect], found: &Value) -> String {

@@ -102,15 +102,12 @@ impl Found {
     /// Hidden effect and result, in words.
     pub fn summary(&self, seed: u64) -> String {
         let values: Vec<String> = self.hidden.values.iter().map(f64::to_string).collect();
-        let list = |classes: Vec<Vec<&str>>| {
-            classes.iter().map(|class| class.join(" or ")).collect::<Vec<_>>().join("; ")
-        };
         let verdict = if self.is_named() && self.has_moved(&self.hidden.id) {
             "found: the rig has changed by it since it was characterised".to_owned()
         } else if self.is_named() {
             "found: named".to_owned()
         } else if self.is_in_class() {
-            format!("found: one of {}", list(self.classes()))
+            format!("found: one of {}", class_list(self.classes()))
         } else if self.classes().is_empty() {
             let partial = self.diagnosis["partial"].as_array().into_iter().flatten();
             let partial: Vec<&str> = partial.filter_map(Value::as_str).collect();
@@ -121,11 +118,11 @@ impl Found {
             };
             format!("not found: the verdict is {}{helps}", self.verdict())
         } else {
-            format!("not found: named is {}", list(self.classes()))
+            format!("not found: named is {}", class_list(self.classes()))
         };
         let further = match self.further() {
             further if further.is_empty() || !self.is_in_class() => String::new(),
-            further => format!("; named beside it, and not there: {}", list(further)),
+            further => format!("; named beside it, and not there: {}", class_list(further)),
         };
         format!("hidden effect (seed {seed}): {} {}\n{verdict}{further}", self.hidden.id, values.join(", "))
     }
@@ -134,6 +131,10 @@ impl Found {
     pub fn removed(&self) -> Option<f64> {
         self.diagnosis.pointer("/gap/removed").and_then(Value::as_f64)
     }
+}
+
+fn class_list(classes: Vec<Vec<&str>>) -> String {
+    classes.iter().map(|class| class.join(" or ")).collect::<Vec<_>>().join("; ")
 }
 
 /// Lets the firmware run the diagnostic staircase on rigs that hide the seed's effect behind small imperfections, one per depth, and

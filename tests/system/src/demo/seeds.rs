@@ -120,16 +120,21 @@ impl Imaged {
 fn imaged_summary(all: &[Imaged]) -> String {
     let count = all.len();
     let covered_count = all.iter().filter(|one| one.holds()).count();
-    let mean = |of: &dyn Fn(&Imaged) -> f64| all.iter().map(of).sum::<f64>() / count.max(1) as f64;
-    let rms = mean(&|one| (one.found_kpa / one.true_kpa - 1.0).powi(2)).sqrt();
-    let [used_mean, rejected] =
-        [mean(&|one| one.frames.used as f64), mean(&|one| one.frames.rejected as f64)];
+    let rms = mean(&|one| (one.found_kpa / one.true_kpa - 1.0).powi(2), count, all).sqrt();
+    let [used_mean, rejected] = [
+        mean(&|one| one.frames.used as f64, count, all),
+        mean(&|one| one.frames.rejected as f64, count, all),
+    ];
     format!(
         "| K from simulated ultrasound frames | rigs |\n|---|---|\n| true K in its 95 % interval | {covered_count} of {count} |\n\
          | error of K, rms | {:.2} % |\n| half width of the interval, mean | {:.2} % |\n| frames used, rejected, mean | {used_mean:.0}, {rejected:.1} |",
         100.0 * rms,
-        100.0 * mean(&Imaged::half_width),
+        100.0 * mean(&Imaged::half_width, count, all),
     )
+}
+
+fn mean(of: &dyn Fn(&Imaged) -> f64, count: usize, all: &[Imaged]) -> f64 {
+    all.iter().map(of).sum::<f64>() / count.max(1) as f64
 }
 
 /// Misses of needles as a table.
@@ -154,24 +159,27 @@ fn steered_summary(all: &[Steered]) -> String {
 
 /// The counts as a table.
 fn summary(all: &[Found]) -> String {
-    let count = |good: &dyn Fn(&Found) -> bool| all.iter().filter(|found| good(found)).count();
     let rows = [
-        ("named alone", count(&|found| found.is_named())),
-        ("named or in the class", count(&|found| found.is_in_class())),
-        ("something else named", count(&|found| !found.further().is_empty())),
-        ("nothing named", count(&|found| found.classes().is_empty())),
+        ("named alone", count_where(&|found| found.is_named(), all)),
+        ("named or in the class", count_where(&|found| found.is_in_class(), all)),
+        ("something else named", count_where(&|found| !found.further().is_empty(), all)),
+        ("nothing named", count_where(&|found| found.classes().is_empty(), all)),
         (
             "modulus within 3 %",
-            count(&|found| found.modulus_error().is_some_and(|(off, _)| off.abs() <= NEAR)),
+            count_where(&|found| found.modulus_error().is_some_and(|(off, _)| off.abs() <= NEAR), all),
         ),
         (
             "true modulus in its 95 % interval",
-            count(&|found| found.modulus_error().is_some_and(|(_, holds)| holds)),
+            count_where(&|found| found.modulus_error().is_some_and(|(_, holds)| holds), all),
         ),
     ];
     let rows: Vec<String> =
         rows.iter().map(|(what, count)| format!("| {what} | {count} of {} |", all.len())).collect();
     format!("| hidden behind small imperfections | rigs |\n|---|---|\n{}", rows.join("\n"))
+}
+
+fn count_where(good: &dyn Fn(&Found) -> bool, all: &[Found]) -> usize {
+    all.iter().filter(|found| good(found)).count()
 }
 
 #[cfg(test)]
@@ -187,32 +195,35 @@ mod tests {
 
     #[test]
     fn runs_that_do_not_arrive_are_no_misses() {
-        let of = |miss_mm: Result<f64, &str>, unsteered_mm| Steered {
-            miss_mm: miss_mm.map_err(str::to_owned),
-            unsteered_mm,
-        };
         let table = steered_summary(&[
-            of(Ok(0.1), 2.0),
-            of(Err("tip_silent"), 1.0),
-            of(Ok(0.5), 3.0),
-            of(Ok(0.3), 2.0),
+            steered(Ok(0.1), 2.0),
+            steered(Err("tip_silent"), 1.0),
+            steered(Ok(0.5), 3.0),
+            steered(Ok(0.3), 2.0),
         ]);
         assert!(table.contains("| steered | 0.30 | 0.30 | 0.50 | 3 of 4 |"), "{table}");
         assert!(table.contains("| not steered | 2.00 | 2.00 | 3.00 | 4 of 4 |"), "{table}");
     }
 
+    fn steered(miss_mm: Result<f64, &str>, unsteered_mm: f64) -> Steered {
+        Steered { miss_mm: miss_mm.map_err(str::to_owned), unsteered_mm }
+    }
+
     #[test]
     fn intervals_that_hold_the_truth_are_counted() {
-        let one = |found_kpa: f64| Imaged {
+        assert!(imaged(10.3).summary(7).contains("seed 7: K 10.30 (10.10 to 10.50) kPa, true 10.00, not in"));
+        let table = imaged_summary(&[imaged(10.1), imaged(9.9), imaged(10.3)]);
+        for row in ["interval | 2 of 3", "rms | 1.91 %", "mean | 2.00 %", "mean | 200, 10.0"] {
+            assert!(table.contains(row), "{row}\n{table}");
+        }
+    }
+
+    fn imaged(found_kpa: f64) -> Imaged {
+        Imaged {
             true_kpa: 10.0,
             found_kpa,
             interval_kpa: [found_kpa - 0.2, found_kpa + 0.2],
             frames: Frames { used: 200, rejected: 10 },
-        };
-        assert!(one(10.3).summary(7).contains("seed 7: K 10.30 (10.10 to 10.50) kPa, true 10.00, not in"));
-        let table = imaged_summary(&[one(10.1), one(9.9), one(10.3)]);
-        for row in ["interval | 2 of 3", "rms | 1.91 %", "mean | 2.00 %", "mean | 200, 10.0"] {
-            assert!(table.contains(row), "{row}\n{table}");
         }
     }
 

@@ -65,13 +65,19 @@ pub fn run(data: &[u8]) {
 fn follow(path: &Path, width: usize, height: usize) {
     let Ok(mut sequence) = Sequence::open(path) else { return };
     let side = [width, height].map(|size| (size / 2).clamp(MIN_SIDE, 24));
-    let part = |x: usize, y: usize| Region { x, y, width: side[0], height: side[1] };
-    let settings = camera::Settings { template: part(width / 4, height / 4), mark: Some(part(0, 0)) };
+    let settings = camera::Settings {
+        template: region_at(width / 4, height / 4, side),
+        mark: Some(region_at(0, 0, side)),
+    };
     let Ok(clip) = measure(&mut sequence, &settings, |_| {}) else { return };
     for found in clip.frames.iter().filter_map(|frame| frame.template) {
         assert!(found.shift_px.iter().all(|px| px.is_finite()), "{found:?}");
         assert!(found.covariance_px2.iter().flatten().all(|px2| px2.is_finite()), "{found:?}");
     }
+}
+
+fn region_at(x: usize, y: usize, side: [usize; 2]) -> Region {
+    Region { x, y, width: side[0], height: side[1] }
 }
 
 /// Reads a phantom or a calibration; what is written of a calibration is read again.

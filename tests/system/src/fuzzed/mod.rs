@@ -167,17 +167,20 @@ mod tests {
     #[test]
     fn every_target_has_a_program_and_every_folder_a_target() {
         let names: BTreeSet<String> = TARGETS.iter().map(|target| target.name.to_owned()).collect();
-        let in_folder = |folder: &str| -> BTreeSet<String> {
-            let entries = fs::read_dir(root().join("tests/fuzz").join(folder)).expect("a folder");
-            let stem =
-                |path: std::path::PathBuf| path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
-            entries.filter_map(|entry| stem(entry.expect("an entry").path())).collect()
-        };
-        assert_eq!(in_folder("targets"), names);
-        assert_eq!(in_folder("corpus"), names);
+        assert_eq!(names_in("targets"), names);
+        assert_eq!(names_in("corpus"), names);
         let manifest = fs::read_to_string(root().join("tests/fuzz/Cargo.toml")).expect("reads");
         for name in names {
             assert!(manifest.contains(&format!("name = \"{name}\"")), "{name}: not built");
         }
+    }
+
+    fn names_in(folder: &str) -> BTreeSet<String> {
+        let entries = fs::read_dir(root().join("tests/fuzz").join(folder)).expect("a folder");
+        entries.filter_map(|entry| stem(entry.expect("an entry").path())).collect()
+    }
+
+    fn stem(path: PathBuf) -> Option<String> {
+        path.file_stem().map(|stem| stem.to_string_lossy().into_owned())
     }
 }

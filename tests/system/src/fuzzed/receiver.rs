@@ -57,11 +57,10 @@ where
     let last = bodies.pop().unwrap_or_default();
     let complete = bodies.iter().filter(|body| !body.is_empty()).count();
     assert_eq!(whole.len(), complete + usize::from(last.len() > N), "one event per body");
-    let count = |is: fn(&Received<T>) -> bool| whole.iter().filter(|event| is(event)).count() as u32;
     let expected = Losses {
-        corrupt: count(|event| matches!(event, Received::Corrupt)),
-        overlong: count(|event| matches!(event, Received::Overlong)),
-        unreadable: count(|event| matches!(event, Received::Unreadable(_))),
+        corrupt: count_where(|event| matches!(event, Received::Corrupt), &whole),
+        overlong: count_where(|event| matches!(event, Received::Overlong), &whole),
+        unreadable: count_where(|event| matches!(event, Received::Unreadable(_)), &whole),
     };
     assert_eq!(receiver.losses(), expected, "what cannot be used is counted");
     let longer = bodies.iter().chain([&last]).filter(|body| body.len() > N).count();
@@ -78,6 +77,10 @@ where
         _ => None,
     });
     frames.collect()
+}
+
+fn count_where<T: Incoming>(is: fn(&Received<T>) -> bool, whole: &[Received<T>]) -> u32 {
+    whole.iter().filter(|event| is(event)).count() as u32
 }
 
 /// The books of the loss accounting over these envelopes.

@@ -34,7 +34,6 @@ pub fn run(data: &[u8]) {
 fn lay(data: &[u8], folder: &Path) {
     const BEGIN: &[u8] = b"\n==> ";
     const END: &[u8] = b" <==\n";
-    let find = |bytes: &[u8], what: &[u8]| bytes.windows(what.len()).position(|window| window == what);
     let mut name = "session.toml".to_owned();
     let mut remaining = data;
     for _ in 0..=MAX_FILES {
@@ -53,4 +52,8 @@ fn lay(data: &[u8], folder: &Path) {
         }
         remaining = &remaining[length + END.len()..];
     }
+}
+
+fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
+    bytes.windows(what.len()).position(|window| window == what)
 }

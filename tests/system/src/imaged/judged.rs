@@ -45,23 +45,27 @@ pub(super) fn judged(imported: &Value, scans: &[(FrameSweep, Scan)]) -> Result<J
         let count = of_sweep.len().max(1) as f64;
         let mean_mm =
             [0, 1].map(|axis: usize| of_sweep.iter().map(|one| one.frame_mm[axis]).sum::<f64>() / count);
-        let less = |mm: [f64; 2]| [0, 1].map(|axis: usize| mm[axis] - mean_mm[axis]);
         errors.extend(of_sweep.into_iter().map(|one| Off {
-            frame_mm: less(one.frame_mm),
-            curve_mm: less(one.curve_mm),
+            frame_mm: less_mean(one.frame_mm, mean_mm),
+            curve_mm: less_mean(one.curve_mm, mean_mm),
             ..one
         }));
     }
     let count = errors.len().max(1) as f64;
-    let mean_square = |value: &dyn Fn(&Off, usize) -> f64| {
-        [0, 1].map(|axis: usize| errors.iter().map(|one| value(one, axis).powi(2)).sum::<f64>() / count)
-    };
     Ok(Judged {
         wrong,
-        squares: mean_square(&|one, axis| one.frame_mm[axis]),
-        normalised: mean_square(&|one, axis| one.frame_mm[axis] / one.sd_mm[axis]),
-        of_curve: mean_square(&|one, axis| one.curve_mm[axis]),
+        squares: mean_square(&|one, axis| one.frame_mm[axis], &errors, count),
+        normalised: mean_square(&|one, axis| one.frame_mm[axis] / one.sd_mm[axis], &errors, count),
+        of_curve: mean_square(&|one, axis| one.curve_mm[axis], &errors, count),
     })
+}
+
+fn mean_square(value: &dyn Fn(&Off, usize) -> f64, errors: &[Off], count: f64) -> [f64; 2] {
+    [0, 1].map(|axis: usize| errors.iter().map(|one| value(one, axis).powi(2)).sum::<f64>() / count)
+}
+
+fn less_mean(mm: [f64; 2], mean_mm: [f64; 2]) -> [f64; 2] {
+    [0, 1].map(|axis: usize| mm[axis] - mean_mm[axis])
 }
 
 /// Errors of a sweep's used frames, and how many show something else.
@@ -70,11 +74,9 @@ fn off_mm(sweep: &Value, scan: &Scan) -> (Vec<Off>, usize) {
     let mut wrong = 0;
     for frame in sweep["per_frame"].as_array().into_iter().flatten().filter(|frame| frame["state"] == "used")
     {
-        let numbers = |fields: [&str; 2]| -> Option<[f64; 2]> {
-            Some([frame[fields[0]].as_f64()?, frame[fields[1]].as_f64()?])
-        };
-        let (position_mm, from_curve_mm) = (numbers(["x_mm", "y_mm"]), numbers(["off_x_mm", "off_y_mm"]));
-        let (sd_mm, z_mm) = (numbers(["sd_x_mm", "sd_y_mm"]), frame["z_mm"].as_f64());
+        let (position_mm, from_curve_mm) =
+            (numbers(["x_mm", "y_mm"], frame), numbers(["off_x_mm", "off_y_mm"], frame));
+        let (sd_mm, z_mm) = (numbers(["sd_x_mm", "sd_y_mm"], frame), frame["z_mm"].as_f64());
         let (Some([x_mm, y_mm]), Some(from_curve_mm), Some(sd_mm), Some(z_mm)) =
             (position_mm, from_curve_mm, sd_mm, z_mm)
         else {
@@ -93,6 +95,10 @@ fn off_mm(sweep: &Value, scan: &Scan) -> (Vec<Off>, usize) {
         }
     }
     (errors, wrong)
+}
+
+fn numbers(fields: [&str; 2], frame: &Value) -> Option<[f64; 2]> {
+    Some([frame[fields[0]].as_f64()?, frame[fields[1]].as_f64()?])
 }
 
 #[cfg(test)]
@@ -139,10 +145,6 @@ mod tests {
     fn each_sweep_is_judged_by_the_needle_that_its_own_file_shows() {
         // The straight needle was imaged after the displaced one.
         let scans = [scan("displaced", 0.2), scan("straight", 0.0)];
-        let sweep = |file: &str, slope: f64| {
-            let frames = [frame(slope, "used", 0.01, 75.0), frame(slope, "used", -0.01, 78.0)];
-            serde_json::json!({"path": file, "per_frame": frames})
-        };
         let imported =
             serde_json::json!({"straight": sweep("straight", 0.0), "sweeps": [sweep("displaced", 0.2)]});
         let judged_sweeps = judged(&imported, &scans).expect("all files are scans");
@@ -161,5 +163,10 @@ mod tests {
         );
         let foreign = serde_json::json!({"straight": sweep("another", 0.0), "sweeps": []});
         assert!(judged(&foreign, &scans).is_err());
+    }
+
+    fn sweep(file: &str, slope: f64) -> Value {
+        let frames = [frame(slope, "used", 0.01, 75.0), frame(slope, "used", -0.01, 78.0)];
+        serde_json::json!({"path": file, "per_frame": frames})
     }
 }

@@ -28,20 +28,23 @@ fn number(value: f64) -> String {
 /// Assumption about a quantity, in words.
 fn assumed(unknown: &Unknown) -> String {
     let (unit, per_si) = shown(unknown.unit);
-    let in_unit = |value: f64| format!("{}{unit}", number(per_si * value));
     let (mean, sd) = (unknown.mean(), unknown.sd());
     let prior = match unknown.prior.family {
-        Family::Normal => format!("{}, sd {}", number(per_si * mean), in_unit(sd)),
-        Family::LogNormal => format!("{}, sd of ln {}", in_unit(mean), number(sd)),
-        Family::Size => format!("sd about {}, found", in_unit(mean)),
-        Family::Fixed => in_unit(mean),
+        Family::Normal => format!("{}, sd {}", number(per_si * mean), in_unit(sd, per_si, unit)),
+        Family::LogNormal => format!("{}, sd of ln {}", in_unit(mean, per_si, unit), number(sd)),
+        Family::Size => format!("sd about {}, found", in_unit(mean, per_si, unit)),
+        Family::Fixed => in_unit(mean, per_si, unit),
     };
     match unknown.range {
         [least, most] if least.is_finite() && most.is_finite() => {
-            format!("{prior}; {} to {}", number(per_si * least), in_unit(most))
+            format!("{prior}; {} to {}", number(per_si * least), in_unit(most, per_si, unit))
         }
         _ => prior,
     }
+}
+
+fn in_unit(value: f64, per_si: f64, unit: &str) -> String {
+    format!("{}{unit}", number(per_si * value))
 }
 
 /// The table of a section.
@@ -49,7 +52,6 @@ fn assumed(unknown: &Unknown) -> String {
 /// # Errors
 /// Where there is none of this title.
 pub fn table(title: &str) -> Result<String> {
-    let titles = || SECTIONS.map(|(title, _)| title).join(", ");
     let (_, entries) = SECTIONS
         .iter()
         .find(|(section, _)| *section == title)
@@ -62,6 +64,10 @@ pub fn table(title: &str) -> Result<String> {
         })
         .collect();
     Ok(format!("| quantity | assumed | used by | why |\n|---|---|---|---|\n{rows}"))
+}
+
+fn titles() -> String {
+    SECTIONS.map(|(title, _)| title).join(", ")
 }
 
 #[cfg(test)]
@@ -82,11 +88,13 @@ mod tests {
     #[test]
     fn every_section_has_its_table_on_a_page() {
         let blocks = Book::read(images::root()).unwrap().blocks().unwrap();
-        let shown =
-            |title: &str| blocks.iter().any(|block| block.made == Made::Assumptions(title.to_owned()));
         for (title, _) in SECTIONS {
-            assert!(shown(title), "{title}: no page has its table");
+            assert!(shown(title, &blocks), "{title}: no page has its table");
         }
         assert!(table("Weather").is_err());
+    }
+
+    fn shown(title: &str, blocks: &[crate::readme::page::Block]) -> bool {
+        blocks.iter().any(|block| block.made == Made::Assumptions(title.to_owned()))
     }
 }

@@ -83,18 +83,17 @@ pub fn run(args: &Args) -> Result<()> {
     let root = images::root();
     let mut book = Book::read(root)?;
     let blocks = book.blocks()?;
-    let selected = |group| args.group.map_or(group != Group::Long, |only| only == group);
     let folder = tempfile::tempdir()?;
     let mut fresh = Vec::new();
     let mut drawn = None;
-    if selected(Group::Quick) {
+    if is_selected(Group::Quick, &args.group) {
         fresh.extend(quick(&blocks, &Shell::new(images::build_guide()?, folder.path()))?);
         drawn = Some(folder.path().join("figures"));
     }
-    if selected(Group::Rig) {
+    if is_selected(Group::Rig, &args.group) {
         fresh.extend(rig::all(&blocks)?);
     }
-    if selected(Group::Long) {
+    if is_selected(Group::Long, &args.group) {
         fresh.extend(long(&blocks, &args.only)?);
     }
     // A long output has the date of its last run, though it is the same.
@@ -122,6 +121,10 @@ pub fn run(args: &Args) -> Result<()> {
     let complaints = excerpt::complaints(&book.blocks()?);
     ensure!(complaints.is_empty(), "excerpts to be changed by hand:\n{}", complaints.join("\n"));
     Ok(())
+}
+
+fn is_selected(group: Group, args_group: &Option<Group>) -> bool {
+    args_group.map_or(group != Group::Long, |only| only == group)
 }
 
 /// Compares the quick blocks and the pictures with what the commands print now.
@@ -208,7 +211,6 @@ fn long<'a>(blocks: &'a [Block], only: &str) -> Result<Vec<Fresh<'a>>> {
         eprintln!("{}: {command}", block.place());
         let printed = cargo(command).with_context(|| block.place())?;
         let text = if block.is_table() {
-            let is_row = |line: &&str| line.starts_with('|');
             printed.lines().skip_while(|line| !is_row(line)).take_while(is_row).collect::<Vec<_>>().join("\n")
         } else {
             format!("$ {command}\n{}", printed.trim_end())
@@ -216,6 +218,10 @@ fn long<'a>(blocks: &'a [Block], only: &str) -> Result<Vec<Fresh<'a>>> {
         fresh.push((block, text));
     }
     Ok(fresh)
+}
+
+fn is_row(line: &&str) -> bool {
+    line.starts_with('|')
 }
 
 /// Output of a cargo command.

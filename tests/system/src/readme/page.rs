@@ -152,21 +152,24 @@ impl Page {
 
     fn block_after(&self, mark: usize) -> Result<Range<usize>> {
         let first = mark + 1;
-        let is =
-            |line: usize, what: &dyn Fn(&str) -> bool| self.lines.get(line).is_some_and(|line| what(line));
-        let end = |from: usize, what: &dyn Fn(&str) -> bool| {
-            (from..self.lines.len()).find(|line| what(&self.lines[*line]))
-        };
-        if is(first, &|line| line.starts_with("```")) {
-            let end = end(first + 1, &|line| line == "```").context("the block has no end")?;
+        if self.line_is(first, &|line| line.starts_with("```")) {
+            let end = self.end_line(first + 1, &|line| line == "```").context("the block has no end")?;
             return Ok(first + 1..end);
         }
         // A table stands apart from a comment, else it is shown as text.
-        if is(first, &str::is_empty) && is(first + 1, &|line| line.starts_with('|')) {
-            let end = end(first + 1, &|line| !line.starts_with('|')).unwrap_or(self.lines.len());
+        if self.line_is(first, &str::is_empty) && self.line_is(first + 1, &|line| line.starts_with('|')) {
+            let end = self.end_line(first + 1, &|line| !line.starts_with('|')).unwrap_or(self.lines.len());
             return Ok(first + 1..end);
         }
         bail!("expected a fence in the next line, or a table after an empty one")
+    }
+
+    fn end_line(&self, from: usize, what: &dyn Fn(&str) -> bool) -> Option<usize> {
+        (from..self.lines.len()).find(|line| what(&self.lines[*line]))
+    }
+
+    fn line_is(&self, line: usize, what: &dyn Fn(&str) -> bool) -> bool {
+        self.lines.get(line).is_some_and(|line| what(line))
     }
 
     /// Gives blocks of this page another text; those that take long state below that they are of this day.

@@ -80,8 +80,11 @@ fn shipped(text: &str) -> &str {
 
 /// Files that state constants of the program.
 fn is_of_the_program(name: &str) -> bool {
-    let is_in = |folders: &[&str]| folders.iter().any(|folder| name.starts_with(folder));
-    !is_in(&TABLE) && !is_in(&GENERATORS) && !name.contains("tests") && !name.contains("testing")
+    !is_in(&TABLE, name) && !is_in(&GENERATORS, name) && !name.contains("tests") && !name.contains("testing")
+}
+
+fn is_in(folders: &[&str], name: &str) -> bool {
+    folders.iter().any(|folder| name.starts_with(folder))
 }
 
 /// Priors that a source states, by its name: constants, and distributions of numbers in place of entries.

@@ -54,7 +54,6 @@ impl Tolerance {
     }
 
     fn close(self, shown: &str, fresh: &str) -> bool {
-        let decimals = |text: &str| text.split_once('.').map(|(_, digits)| digits.len());
         let (Some(shown_decimals), Some(fresh_decimals)) = (decimals(shown), decimals(fresh)) else {
             return shown == fresh;
         };
@@ -63,6 +62,10 @@ impl Tolerance {
         let last_digit = 1.5 * 0.1f64.powi(shown_decimals.min(fresh_decimals) as i32);
         (shown - fresh).abs() <= last_digit.max(self.share * shown.abs().max(fresh.abs()))
     }
+}
+
+fn decimals(text: &str) -> Option<usize> {
+    text.split_once('.').map(|(_, digits)| digits.len())
 }
 
 /// A line, taken apart.

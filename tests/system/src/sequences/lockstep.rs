@@ -146,12 +146,10 @@ impl Lockstep {
         }
         let [x1, x2, y1, y2] = request.compare;
         self.driven = x1 != x2 || y1 != y2;
-        let share = |high: u16| f64::from(high) / f64::from(FULL_SCALE);
-        let bridge = |forward, backward| match request.bridges_enabled {
-            true => Inputs { forward: share(forward), backward: share(backward) },
-            false => Inputs::OFF,
-        };
-        self.rig.step([bridge(x1, x2), bridge(y1, y2)]);
+        self.rig.step([
+            bridge_inputs(x1, x2, request.bridges_enabled),
+            bridge_inputs(y1, y2, request.bridges_enabled),
+        ]);
         self.most_n = self.most_n.max(self.rig.most_n());
         let codes = self.rig.codes();
         if self.codes.len() == KEPT_PERIODS {
@@ -276,4 +274,15 @@ impl Lockstep {
         }
         Ok(self.folder)
     }
+}
+
+fn bridge_inputs(forward: u16, backward: u16, bridges_enabled: bool) -> Inputs {
+    match bridges_enabled {
+        true => Inputs { forward: duty(forward), backward: duty(backward) },
+        false => Inputs::OFF,
+    }
+}
+
+fn duty(high: u16) -> f64 {
+    f64::from(high) / f64::from(FULL_SCALE)
 }

@@ -70,20 +70,6 @@ impl Program {
 
     /// `cargo xtask`: its own tasks, with the options of the programs that it runs.
     fn xtask() -> Self {
-        // Beside this test where the whole workspace is tested; else they are built.
-        let help_of = |package: &str, task: &[&str]| {
-            let built = target_dir().join("debug").join(package);
-            let mut command = if built.exists() {
-                Command::new(built)
-            } else {
-                let mut command = cargo();
-                command.args(["run", "--quiet", "--package", package, "--"]);
-                command
-            };
-            let output = command.args(task).arg("--help").env("COLUMNS", "100").output().unwrap();
-            assert!(output.status.success(), "{package}: {}", String::from_utf8_lossy(&output.stderr));
-            String::from_utf8(output.stdout).unwrap()
-        };
         let system = Self::of(Path::new(env!("CARGO_BIN_EXE_system"))).commands;
         let tasks = sub_commands(&help_of("xtask", &[])).into_iter();
         let mut commands: BTreeMap<String, BTreeSet<String>> =
@@ -112,6 +98,21 @@ impl Program {
     fn top(&self) -> BTreeSet<String> {
         self.commands.keys().filter(|name| !name.is_empty() && !name.contains(' ')).cloned().collect()
     }
+}
+
+/// Beside this test where the whole workspace is tested; else they are built.
+fn help_of(package: &str, task: &[&str]) -> String {
+    let built = target_dir().join("debug").join(package);
+    let mut command = if built.exists() {
+        Command::new(built)
+    } else {
+        let mut command = cargo();
+        command.args(["run", "--quiet", "--package", package, "--"]);
+        command
+    };
+    let output = command.args(task).arg("--help").env("COLUMNS", "100").output().unwrap();
+    assert!(output.status.success(), "{package}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
 }
 
 fn sub_commands(help: &str) -> Vec<String> {
@@ -257,10 +258,6 @@ fn the_tables_of_commands_are_those_of_the_program() {
     let mut named = Vec::new();
     for row in rows {
         let (names, does) = row[1..].split_once(" | ").unwrap();
-        let codes = |text: &str| -> Vec<String> {
-            // In a table a bar that is no border is escaped.
-            text.replace("\\|", " ").split('`').skip(1).step_by(2).map(str::to_owned).collect()
-        };
         let mut of_row = Vec::new();
         for code in codes(names) {
             let command_name = code.strip_prefix("guide ").unwrap_or(&code).to_owned();
@@ -286,6 +283,11 @@ fn the_tables_of_commands_are_those_of_the_program() {
     assert_eq!(named.into_iter().collect::<BTreeSet<_>>(), guide.top());
 }
 
+fn codes(text: &str) -> Vec<String> {
+    // In a table a bar that is no border is escaped.
+    text.replace("\\|", " ").split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
 /// The table of kinds names every kind of recording once, no other, and every ending that the program lists of frames and tables.
 #[test]
 fn the_table_of_kinds_is_that_of_the_program() {
@@ -298,14 +300,6 @@ fn the_table_of_kinds_is_that_of_the_program() {
         .take_while(|line| !line.trim().is_empty())
         .filter_map(|line| Some(line.trim().strip_prefix("- ")?.split_once(':')?.0))
         .collect();
-    let endings = |title: &str| -> BTreeSet<String> {
-        // The last of this title: the options have one of the same.
-        let from = help.rfind(&format!("\n{title}\n")).unwrap();
-        let list = help[from..].lines().skip(2);
-        let names = list.take_while(|line| !line.is_empty()).filter_map(|line| Some(line.split_once(':')?.0));
-        let names = names.flat_map(|names| names.trim().split(", ")).filter(|name| name.starts_with('.'));
-        names.map(|name| format!("`{name}`")).collect()
-    };
     let book = Book::read(root()).unwrap();
     let page = book.page(&format!("{MANUAL}/commands/import.md")).unwrap();
     let rows: Vec<&String> = page
@@ -315,19 +309,32 @@ fn the_table_of_kinds_is_that_of_the_program() {
         .skip(2)
         .take_while(|line| line.starts_with('|'))
         .collect();
-    let row = |kind: &str| rows.iter().find(|row| row.starts_with(&format!("| `{kind}` |"))).unwrap();
     assert_eq!(rows.len(), kinds.len());
-    assert!(kinds.iter().all(|kind| row(kind).split(" | ").count() == 3), "{kinds:?}");
+    assert!(kinds.iter().all(|kind| row(kind, &rows).split(" | ").count() == 3), "{kinds:?}");
     for (kind, title, least) in
         [("ultrasound", "Frames (ultrasound, camera):", 9), ("table", "Tables (table):", 10)]
     {
-        let endings = endings(title);
+        let endings = endings(title, &help);
         assert!(endings.len() >= least, "{title} {endings:?}");
-        let missing: Vec<&String> = endings.iter().filter(|ending| !row(kind).contains(*ending)).collect();
+        let missing: Vec<&String> =
+            endings.iter().filter(|ending| !row(kind, &rows).contains(*ending)).collect();
         assert!(missing.is_empty(), "{kind}: the page has no {missing:?}");
-        let codes = row(kind).split('`').skip(1).step_by(2).map(|code| format!("`{code}`"));
+        let codes = row(kind, &rows).split('`').skip(1).step_by(2).map(|code| format!("`{code}`"));
         let unknown: Vec<String> =
             codes.filter(|code| code.starts_with("`.") && !endings.contains(code)).collect();
         assert!(unknown.is_empty(), "{kind}: the program lists no {unknown:?}");
     }
+}
+
+fn row<'a>(kind: &str, rows: &[&'a String]) -> &'a String {
+    rows.iter().copied().find(|row| row.starts_with(&format!("| `{kind}` |"))).unwrap()
+}
+
+fn endings(title: &str, help: &str) -> BTreeSet<String> {
+    // The last of this title: the options have one of the same.
+    let from = help.rfind(&format!("\n{title}\n")).unwrap();
+    let list = help[from..].lines().skip(2);
+    let names = list.take_while(|line| !line.is_empty()).filter_map(|line| Some(line.split_once(':')?.0));
+    let names = names.flat_map(|names| names.trim().split(", ")).filter(|name| name.starts_with('.'));
+    names.map(|name| format!("`{name}`")).collect()
 }

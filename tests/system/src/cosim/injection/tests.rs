@@ -85,11 +85,14 @@ fn potentiometer_injections_stay_within_the_converter() {
 
 #[test]
 fn motors_get_what_the_injection_leaves_them() {
-    let inputs = |injection| with(injection).0;
     let base = Injection::default();
-    assert_eq!(inputs(Injection { jammed: Some(0), ..base }), [[0.0; 2], [1.0; 2]]);
-    assert_eq!(inputs(Injection { weak: Some((0, 0.25)), ..base }), [[0.25, 0.0], [1.0; 2]]);
-    assert_eq!(inputs(Injection { runaway: Some((1, -0.75)), ..base }), [[1.0, 0.0], [0.25, 1.0]]);
+    assert_eq!(inputs_with(Injection { jammed: Some(0), ..base }), [[0.0; 2], [1.0; 2]]);
+    assert_eq!(inputs_with(Injection { weak: Some((0, 0.25)), ..base }), [[0.25, 0.0], [1.0; 2]]);
+    assert_eq!(inputs_with(Injection { runaway: Some((1, -0.75)), ..base }), [[1.0, 0.0], [0.25, 1.0]]);
+}
+
+fn inputs_with(injection: Injection) -> [[f64; 2]; 2] {
+    with(injection).0
 }
 
 #[test]

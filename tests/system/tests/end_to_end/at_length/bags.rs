@@ -31,14 +31,6 @@ fn bags_and_arrays_of_other_writers_become_sessions_with_their_values() {
     let script =
         Command::new(python).arg(peers::scripts().join("bags.py")).arg(folder.path()).output().unwrap();
     assert!(script.status.success(), "{}", String::from_utf8_lossy(&script.stderr));
-    let of_bag = |tip: &str| -> Vec<String> {
-        ["/ft:force.y=force_y_n", "/joint_states:guide.position=displacement_y_mm:m"]
-            .map(str::to_owned)
-            .into_iter()
-            .chain([format!("/tip:{tip}.z=z_mm"), format!("/tip:{tip}.y=deflection_y_mm")])
-            .collect()
-    };
-    let of_arrays = || ["t=time_s:s", "x=displacement_y_mm:m", "f=force_y_n:N"].map(str::to_owned).to_vec();
     // Joint states begin half a period later, and are interpolated at the forces.
     for (name, maps, rows, first_s) in [
         ("rosbags.mcap", of_bag("point"), 59, 0.05),
@@ -103,4 +95,16 @@ fn bags_and_arrays_of_other_writers_become_sessions_with_their_values() {
         !output.status.success() && printed.contains("a bag of ROS") && printed.contains("image_saver"),
         "{printed}"
     );
+}
+
+fn of_bag(tip: &str) -> Vec<String> {
+    ["/ft:force.y=force_y_n", "/joint_states:guide.position=displacement_y_mm:m"]
+        .map(str::to_owned)
+        .into_iter()
+        .chain([format!("/tip:{tip}.z=z_mm"), format!("/tip:{tip}.y=deflection_y_mm")])
+        .collect()
+}
+
+fn of_arrays() -> Vec<String> {
+    ["t=time_s:s", "x=displacement_y_mm:m", "f=force_y_n:N"].map(str::to_owned).to_vec()
 }

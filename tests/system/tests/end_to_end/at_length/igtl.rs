@@ -131,7 +131,6 @@ fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_it
     }
     assert!(compared > 50, "{compared} of {} updates are of the run", documents.len());
     let poses = received(&path("viewer.txt"), "GuideToReference");
-    let stamp_s = |message: &Value| message["stamp_s"].as_f64().unwrap();
     let mut posed = 0;
     for pose in &poses {
         let Some(document) =
@@ -194,7 +193,6 @@ fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_it
     let identified = json(Command::new(&guide).arg("identify").arg(&session));
     fs::write(session.join("d30-1.shape.csv"), exact).unwrap();
     let from_files = json(Command::new(&guide).arg("identify").arg(&session));
-    let k_kpa = |identified: &Value| identified["pooled"]["k_kpa"].as_f64().unwrap();
     let ratio = k_kpa(&identified) / k_kpa(&from_files);
     assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
     let true_kpa = bench.rig().rig(|rig| rig.truth().modulus_pa) * 1e-3;
@@ -242,6 +240,14 @@ fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_it
         }
     }
     bench.stop().unwrap();
+}
+
+fn k_kpa(identified: &Value) -> f64 {
+    identified["pooled"]["k_kpa"].as_f64().unwrap()
+}
+
+fn stamp_s(message: &Value) -> f64 {
+    message["stamp_s"].as_f64().unwrap()
 }
 
 /// Rows of a sweep that a tracker has kept, millimetres: along the needle, y, x.

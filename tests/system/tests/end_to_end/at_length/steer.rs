@@ -71,11 +71,14 @@ fn lines(record: &Path, kind: &str) -> Vec<Value> {
 /// The record of the run that is under way: that with the highest number.
 fn newest(bench: &Bench) -> PathBuf {
     let folder = bench.folder().join("steered");
-    let name = |number: usize| match number {
+    file_name((1..).take_while(|number| file_name(*number, &folder).exists()).last().unwrap_or(1), &folder)
+}
+
+fn file_name(number: usize, folder: &PathBuf) -> PathBuf {
+    match number {
         1 => folder.join("steer.jsonl"),
         _ => folder.join(format!("steer-{number}.jsonl")),
-    };
-    name((1..).take_while(|number| name(*number).exists()).last().unwrap_or(1))
+    }
 }
 
 /// Waits until a run has decided so often.

@@ -77,8 +77,7 @@ fn the_line_carries_no_more_than_its_rate() {
     let bench = bench(34);
     let mut client = Client::connect(&bench.port()).unwrap();
     client.request(Request::Stream { enable: true }).unwrap();
-    let line = |line_baud| bench.rig().inject(Injection { line_baud, ..Injection::default() });
-    line(Some(30_000));
+    limit_line(Some(30_000), &bench);
     pass(&bench, 50);
     let (first_step, sent) = bench.rig().sent();
     pass(&bench, 200);
@@ -86,11 +85,15 @@ fn the_line_carries_no_more_than_its_rate() {
     let (bytes, periods) = (sent_total - sent, last_step - first_step);
     // A byte may be on the line at either end; without a limit it would be thousands of bytes.
     assert!((3 * periods - 3..=3 * periods + 3).contains(&bytes), "{bytes} bytes in {periods} periods");
-    line(None);
+    limit_line(None, &bench);
     client.request(Request::Stream { enable: false }).unwrap();
     assert_eq!(client.losses(), Default::default(), "late is not lost");
     drop(client);
     bench.stop().unwrap();
+}
+
+fn limit_line(line_baud: Option<u32>, bench: &Bench) {
+    bench.rig().inject(Injection { line_baud, ..Injection::default() })
 }
 
 /// Samples beyond the line's capacity are dropped in whole batches, each of which both ends count, and control does

@@ -121,13 +121,12 @@ fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_loses_nothing_recorded()
     let mut bench = Bench::start(RigConfig::default(), 22, 4.0, HANGS).unwrap();
     let (session, child) = acquiring(&bench);
     let force_file = session.join("d30-1.force.csv");
-    let rows = || std::fs::read_to_string(&force_file).map_or(0, |text| text.lines().count());
     let began = Instant::now();
-    while rows() < 2_000 {
+    while rows(&force_file) < 2_000 {
         assert!(began.elapsed() < HANGS, "nothing is recorded");
         thread::sleep(Duration::from_millis(20));
     }
-    let rows_before = rows();
+    let rows_before = rows(&force_file);
     bench.pull_the_plug();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1));
@@ -142,6 +141,10 @@ fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_loses_nothing_recorded()
     assert_eq!(gaps, 0, "every sample up to the end is there");
 }
 
+fn rows(force_file: &PathBuf) -> usize {
+    std::fs::read_to_string(force_file).map_or(0, |text| text.lines().count())
+}
+
 /// A computer that sleeps is a host that is silent: the device stops by itself, and what was recorded until then stays.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
@@ -153,13 +156,12 @@ fn a_host_that_is_suspended_in_mid_run_loses_nothing_recorded_and_names_the_faul
         assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
     };
     let force_file = session.join("d30-1.force.csv");
-    let rows = || std::fs::read_to_string(&force_file).map_or(0, |text| text.lines().count());
     let began = Instant::now();
-    while rows() < 2_000 {
+    while rows(&force_file) < 2_000 {
         assert!(began.elapsed() < HANGS, "nothing is recorded");
         thread::sleep(Duration::from_millis(20));
     }
-    let rows_before = rows();
+    let rows_before = rows(&force_file);
     signal("STOP");
     // Twice the device's 2 s, by its own clock.
     let start_step = bench.rig().steps();
@@ -289,7 +291,6 @@ fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
         (&stored["id"], &stored["crc"])
     );
     assert_eq!((&status_after["state"], &status_after["fault"]), (&Value::from("idle"), &Value::Null));
-    let number = |report: &Value, field: &str| report[field].as_f64().unwrap();
     let shift_mm = number(&status_after, "position_y_mm") - number(&status_before, "position_y_mm");
     assert!((shift_mm - 2.0).abs() < 0.15, "shifted by {shift_mm} mm");
     let ratio = number(&status_after, "force_x_n") / number(&status_before, "force_x_n");
@@ -324,4 +325,8 @@ fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
     let crc = stored["crc"].as_str().unwrap();
     assert!(text.contains("calibration_id = \"unit-7\"") && text.contains(crc), "{text}");
     bench.stop().unwrap();
+}
+
+fn number(report: &Value, field: &str) -> f64 {
+    report[field].as_f64().unwrap()
 }

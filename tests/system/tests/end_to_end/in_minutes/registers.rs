@@ -97,10 +97,15 @@ pub fn shared(bits: &dyn Fn(&str, u32, u32) -> u32) {
 
     // Bridges: 20 kHz, edge-aligned, counting up, PWM mode 1, active high: a pin that is low or floating is off.
     for timer in ["TIM3", "TIM2"] {
-        let of = |name: &str| format!("{timer}.{name}");
-        let period = f64::from((bits(&of("PSC"), 0, 16) + 1) * (bits(&of("ARR"), 0, 16) + 1));
+        let period = f64::from(
+            (bits(&register("PSC", timer), 0, 16) + 1) * (bits(&register("ARR", timer), 0, 16) + 1),
+        );
         assert_eq!(core_hz / period, 20e3, "{timer}");
-        assert_eq!((bits(&of("CR1"), 0, 1), bits(&of("CR1"), 4, 3)), (1, 0), "{timer} counts up");
+        assert_eq!(
+            (bits(&register("CR1", timer), 0, 1), bits(&register("CR1", timer), 4, 3)),
+            (1, 0),
+            "{timer} counts up"
+        );
     }
     assert_eq!((bits("TIM3.CCMR2", 4, 3), bits("TIM3.CCMR2", 12, 3)), (6, 6));
     assert_eq!((bits("TIM3.CCER", 9, 1), bits("TIM3.CCER", 13, 1)), (0, 0), "X is active high");
@@ -114,4 +119,8 @@ pub fn shared(bits: &dyn Fn(&str, u32, u32) -> u32) {
     let timeout_s = f64::from(bits("IWDG.RLR", 8, 12) + 1) * f64::from(4 << bits("IWDG.RLR", 0, 3)) / 32e3;
     assert!((timeout_s - 4e-3).abs() < 0.1e-3, "{timeout_s} s");
     assert_eq!(bits("FLASH.OPTR", 8, 3), 4, "the simulated board has its brown-out level set");
+}
+
+fn register(name: &str, timer: &str) -> String {
+    format!("{timer}.{name}")
 }

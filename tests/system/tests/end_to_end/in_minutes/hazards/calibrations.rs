@@ -101,8 +101,7 @@ fn short_retreats_by_tables_of_the_wrong_sign_do_not_add_up() {
     let mut client = Client::connect(&bench.port()).unwrap();
     bench.rig().inject(Injection { force_saturated: Some(0), ..Injection::default() });
     eventually("the saturation is a fault", || client.status().unwrap().fault == Some(Fault::ForceRange));
-    let at_mm = || bench.rig().rig(|rig| rig.position_m()).map(|m| 1e3 * m);
-    let start_mm = at_mm();
+    let start_mm = at_mm(&bench);
     let position_um = client.status().unwrap().position_counts;
     let axis = usize::from(position_um[1].abs() > position_um[0].abs());
     let mut retreat_um = [0; 2];
@@ -119,11 +118,15 @@ fn short_retreats_by_tables_of_the_wrong_sign_do_not_add_up() {
             eventually("it has ended", || client.status().unwrap().state == State::Faulted);
         }
     }
-    let moved_mm = (at_mm()[axis] - start_mm[axis]).abs();
+    let moved_mm = (at_mm(&bench)[axis] - start_mm[axis]).abs();
     println!("{moved_mm} mm in {ATTEMPTS} retreats of {retreat_um:?} um from {start_mm:?} mm");
     assert!(moved_mm < 0.4, "{moved_mm} mm in {ATTEMPTS} retreats");
     drop(client);
     bench.stop().unwrap();
+}
+
+fn at_mm(bench: &Bench) -> [f64; 2] {
+    bench.rig().rig(|rig| rig.position_m()).map(|m| 1e3 * m)
 }
 
 #[test]
@@ -187,8 +190,7 @@ fn a_calibration_that_is_lost_is_a_fault() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_newer_calibration_that_is_damaged_is_a_fault() {
-    let record = |id: &str| CalibrationRecord { id: Text::new(id), ..Calibration::nominal_record() };
-    let (old, mut new) = (to_stored(&record("old"), 4), to_stored(&record("new"), 5));
+    let (old, mut new) = (to_stored(&record_with("old"), 4), to_stored(&record_with("new"), 5));
     new[60] ^= 4;
     let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, HANGS, &[&new, &old]).unwrap();
     let mut client = Client::connect(&bench.port()).unwrap();
@@ -200,12 +202,15 @@ fn a_newer_calibration_that_is_damaged_is_a_fault() {
     bench.stop().unwrap();
 }
 
+fn record_with(id: &str) -> CalibrationRecord {
+    CalibrationRecord { id: Text::new(id), ..Calibration::nominal_record() }
+}
+
 /// The driver's own writing is tried elsewhere; here each state that a power failure leaves is what the device starts with.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one() {
-    let record = |id: &str| CalibrationRecord { id: Text::new(id), ..Calibration::nominal_record() };
-    let (old, new) = (to_stored(&record("old"), 4), to_stored(&record("new"), 5));
+    let (old, new) = (to_stored(&record_with("old"), 4), to_stored(&record_with("new"), 5));
     // Erased, and cut in the first, a middle and the last double word; then whole.
     for (words, id) in [(0, "old"), (1, "old"), (9, "old"), (new.len() / 8, "new")] {
         let mut page = vec![0xFF; new.len()];

@@ -220,27 +220,28 @@ fn failing_force_channels_hide_no_load_of_a_plant_of_their_own() {
 fn samples_and_states_of_a_saturated_converter_are_marked() {
     let (bench, mut client) = bench(unloaded());
     client.request(Request::Stream { enable: true }).unwrap();
-    let marked = |client: &mut Client| {
-        let end_step = bench.rig().steps() + 400;
-        let (mut samples, mut marked) = (0, 0);
-        while bench.rig().steps() < end_step {
-            if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
-                samples += batch.points.len();
-                marked += batch.points.iter().filter(|point| point.repeats_force).count();
-            }
-        }
-        (samples, marked, client.status().unwrap().repeats_force)
-    };
-    let (samples, repeated, state) = marked(&mut client);
+    let (samples, repeated, state) = marked(&mut client, &bench);
     assert!(samples > 300 && repeated == 0 && !state, "{repeated} of {samples}, {state}");
     bench.rig().inject(Injection { force_saturated: Some(0), ..NOTHING });
-    marked(&mut client);
-    let (samples, repeated, state) = marked(&mut client);
+    marked(&mut client, &bench);
+    let (samples, repeated, state) = marked(&mut client, &bench);
     assert!(samples > 300 && repeated == samples && state, "{repeated} of {samples}, {state}");
     bench.rig().inject(NOTHING);
-    marked(&mut client);
-    let (samples, repeated, state) = marked(&mut client);
+    marked(&mut client, &bench);
+    let (samples, repeated, state) = marked(&mut client, &bench);
     assert!(samples > 300 && repeated == 0 && !state, "{repeated} of {samples}, {state}");
     drop(client);
     bench.stop().unwrap();
+}
+
+fn marked(client: &mut Client, bench: &Bench) -> (usize, usize, bool) {
+    let end_step = bench.rig().steps() + 400;
+    let (mut samples, mut marked) = (0, 0);
+    while bench.rig().steps() < end_step {
+        if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
+            samples += batch.points.len();
+            marked += batch.points.iter().filter(|point| point.repeats_force).count();
+        }
+    }
+    (samples, marked, client.status().unwrap().repeats_force)
 }

@@ -114,12 +114,11 @@ fn a_converter_that_saturates_in_a_retreat_is_left_towards_the_middle() {
     let (bench, mut client) = bench(RigConfig::default());
     client.request(Request::Limits { force_mn: 2_000, silence_ms: SILENCE_MS }).unwrap();
     assert_eq!(ended(&mut client, &[move_y(6_000, 2_000)]), Outcome::Faulted);
-    let y_mm = || 1e3 * bench.rig().rig(|rig| rig.position_m()[1]);
-    let start_mm = y_mm();
+    let start_mm = y_mm(&bench);
     client.request(Request::Retreat { x_um: 0, y_um: -500 }).unwrap();
     bench.rig().inject(Injection { force_saturated: Some(1), ..Injection::default() });
     assert_eq!(retreat_ended(&mut client), RetreatOutcome::Moved);
-    assert!((start_mm - y_mm() - 0.5).abs() < 0.1, "from {start_mm} mm to {} mm", y_mm());
+    assert!((start_mm - y_mm(&bench) - 0.5).abs() < 0.1, "from {start_mm} mm to {} mm", y_mm(&bench));
     assert_eq!(refusal(client.request(Request::Retreat { x_um: 0, y_um: 500 })), Refusal::OutOfTravel);
     bench.rig().inject(Injection::default());
     eventually("the fault is cleared", || {
@@ -128,6 +127,10 @@ fn a_converter_that_saturates_in_a_retreat_is_left_towards_the_middle() {
     });
     drop(client);
     bench.stop().unwrap();
+}
+
+fn y_mm(bench: &Bench) -> f64 {
+    1e3 * bench.rig().rig(|rig| rig.position_m()[1])
 }
 
 #[test]
@@ -139,33 +142,34 @@ fn the_monitor_retreats_from_a_load() {
     assert_eq!(client.status().unwrap().fault, Some(Fault::ForceLimit));
     let (sender, events) = std::sync::mpsc::channel();
     let worker = Worker::start(client, move |event| drop(sender.send(event))).unwrap();
-    let outcome_with = |wanted: &str| {
-        let began = Instant::now();
-        while began.elapsed() < HANGS {
-            if let Ok(Event::Command(outcome)) = events.recv_timeout(Duration::from_millis(100))
-                && outcome.text.contains(wanted)
-            {
-                return outcome;
-            }
-        }
-        panic!("the monitor does not report {wanted:?}");
-    };
     worker.send(UserCommand::Clear);
-    assert!(!outcome_with("cause of the fault").good);
+    assert!(!outcome_with("cause of the fault", &events).good);
     // Into the load by an arrow key, and out of it by the key for that.
     worker.send(UserCommand::Jog([0.0, 1e-3]));
-    assert!(!outcome_with("towards the middle").good);
+    assert!(!outcome_with("towards the middle", &events).good);
     worker.send(UserCommand::Retreat);
-    assert!(outcome_with("unloaded").good);
+    assert!(outcome_with("unloaded", &events).good);
     // Rejected while the guide still settles: a person presses the key again.
     eventually("the fault is cleared", || {
         worker.send(UserCommand::Clear);
-        outcome_with("").good
+        outcome_with("", &events).good
     });
     worker.send(UserCommand::Home);
-    assert!(outcome_with("home: done").good);
+    assert!(outcome_with("home: done", &events).good);
     drop(worker);
     bench.stop().unwrap();
+}
+
+fn outcome_with(wanted: &str, events: &std::sync::mpsc::Receiver<Event>) -> device::monitor::state::Outcome {
+    let began = Instant::now();
+    while began.elapsed() < HANGS {
+        if let Ok(Event::Command(outcome)) = events.recv_timeout(Duration::from_millis(100))
+            && outcome.text.contains(wanted)
+        {
+            return outcome;
+        }
+    }
+    panic!("the monitor does not report {wanted:?}");
 }
 
 #[test]

@@ -79,16 +79,8 @@ fn a_babbling_host_is_no_host() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn what_was_recorded_at_one_power_on_is_not_carried_out_at_another() {
-    let rig = || Rig::new(Build::default(), 1);
-    let mut firmware = Lockstep::start(rig(), HANGS).unwrap();
+    let mut firmware = Lockstep::start(quiet_rig(), HANGS).unwrap();
     let hello = Command { id: 0, connection: 0, request: Request::Hello };
-    let token = |messages: Vec<Message>| {
-        let found = messages.into_iter().find_map(|message| match message {
-            Message::Connected { connection } => Some(connection),
-            _ => None,
-        });
-        found.expect("a hello is answered with a token")
-    };
     let first = token(firmware.ask(&hello).unwrap());
     let step = move_y(2_000, 2_000);
     let run = Request::Run { steps: 1, crc: program_crc(&[step]), start_us: 0 };
@@ -106,7 +98,7 @@ fn what_was_recorded_at_one_power_on_is_not_carried_out_at_another() {
             firmware.period().unwrap();
         }
         let folder = firmware.stop().unwrap();
-        firmware = Lockstep::power_on(folder, rig(), HANGS).unwrap();
+        firmware = Lockstep::power_on(folder, quiet_rig(), HANGS).unwrap();
         assert!(tokens.insert(token(firmware.ask(&hello).unwrap())), "power-on {power_on}: {tokens:?}");
         for command in &recorded {
             let answered = firmware.ask(command).unwrap();
@@ -119,4 +111,16 @@ fn what_was_recorded_at_one_power_on_is_not_carried_out_at_another() {
         }
     }
     firmware.stop().unwrap();
+}
+
+fn token(messages: Vec<Message>) -> u32 {
+    let found = messages.into_iter().find_map(|message| match message {
+        Message::Connected { connection } => Some(connection),
+        _ => None,
+    });
+    found.expect("a hello is answered with a token")
+}
+
+fn quiet_rig() -> Rig {
+    Rig::new(Build::default(), 1)
 }

@@ -55,14 +55,17 @@ fn a_fault_is_cleared_only_at_rest() {
     bench.rig().inject(Injection { emergency_stop: true, ..NOTHING });
     await_fault(&mut client, Fault::EmergencyStop);
     bench.rig().inject(Injection { runaway: Some((1, 0.4)), ..NOTHING });
-    let y_mm = || 1e3 * bench.rig().rig(|rig| rig.position_m()[1]);
-    let start_mm = y_mm();
-    eventually("the axis moves on", || y_mm() > start_mm + 1.0);
+    let start_mm = y_mm(&bench);
+    eventually("the axis moves on", || y_mm(&bench) > start_mm + 1.0);
     assert_eq!(refusal(client.request(Request::ClearFault)), Refusal::CauseRemains);
     clears(&bench, &mut client);
     assert_eq!(ended(&mut client, &[move_y(0, 4_000)]), Outcome::Completed);
     drop(client);
     bench.stop().unwrap();
+}
+
+fn y_mm(bench: &Bench) -> f64 {
+    1e3 * bench.rig().rig(|rig| rig.position_m()[1])
 }
 
 #[test]

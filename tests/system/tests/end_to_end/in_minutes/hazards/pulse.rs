@@ -109,11 +109,8 @@ fn pulses_do_not_add_up_and_are_refused_without_an_acknowledged_calibration_and_
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn no_command_moves_reversed_leads_or_feedback_by_more_than_the_bound() {
-    let run = |step: Step| vec![Request::LoadStep { index: 0, step }, run_one(step)];
-    let move_to = |y_um, speed_um_s| Step::Move { x_um: 0, y_um, speed_um_s };
     let ramp = Step::Ramp { x_um: 0, y_um: -3_000, duration_ms: 1_000 };
     let tare_first = Step::Tare { duration_ms: 50 };
-    let pulse = |duty_permille, duration_ms| vec![Request::Pulse { axis: 1, duty_permille, duration_ms }];
     let load = Request::LoadCalibration { piece: 0, bytes: [0; protocol::PIECE_BYTES] };
     let commands: [(&str, Vec<Request>); 17] = [
         ("move up", run(move_to(2_000, 2_000))),
@@ -122,10 +119,10 @@ fn no_command_moves_reversed_leads_or_feedback_by_more_than_the_bound() {
         ("ramp", run(ramp)),
         ("tare", run(tare_first)),
         ("hold", run(Step::Hold { duration_ms: 100 })),
-        ("pulse up", pulse(350, 50)),
-        ("pulse down", pulse(-350, 50)),
-        ("pulse too strong", pulse(700, 50)),
-        ("pulse too long", pulse(350, 51)),
+        ("pulse up", pulse_request(350, 50)),
+        ("pulse down", pulse_request(-350, 50)),
+        ("pulse too strong", pulse_request(700, 50)),
+        ("pulse too long", pulse_request(350, 51)),
         ("retreat", vec![Request::Retreat { x_um: 0, y_um: 900 }]),
         ("limits", vec![Request::Limits { force_mn: 5_000, silence_ms: SILENCE_MS }]),
         ("stop, clear", vec![Request::Stop, Request::ClearFault]),
@@ -177,6 +174,18 @@ fn no_command_moves_reversed_leads_or_feedback_by_more_than_the_bound() {
         drop(client);
         bench.stop().unwrap();
     }
+}
+
+fn pulse_request(duty_permille: i16, duration_ms: u8) -> Vec<Request> {
+    vec![Request::Pulse { axis: 1, duty_permille, duration_ms }]
+}
+
+fn move_to(y_um: i32, speed_um_s: u32) -> Step {
+    Step::Move { x_um: 0, y_um, speed_um_s }
+}
+
+fn run(step: Step) -> Vec<Request> {
+    vec![Request::LoadStep { index: 0, step }, run_one(step)]
 }
 
 /// Number of commands of the protocol.

@@ -93,8 +93,9 @@ fn converters_that_stay_slow_or_hang_leave_a_device_that_answers() {
         let (bench, mut client) = bench(RigConfig::default());
         start(&mut client, &[move_y(2_500, 1_000)]);
         bench.rig().inject(Injection { conversion_us, ..NOTHING });
-        let released = || bench.rig().reaction().is_some_and(|reaction| reaction.periods().is_some());
-        eventually("the bridges are off", released);
+        eventually("the bridges are off", || {
+            bench.rig().reaction().is_some_and(|reaction| reaction.periods().is_some())
+        });
         // By now it has found out what it can do.
         let start_step = bench.rig().steps();
         eventually("time goes on", || bench.rig().steps() > start_step + 1_500);
