@@ -184,17 +184,18 @@ impl<'a> Bench<'a> {
     /// Laws with their numbers as the model evaluates them; `values` are all numbers of a fit.
     pub fn terms(&self, laws: &[Law], values: &[f64]) -> Vec<Term> {
         let mut unread = values.get(self.model.parameters().len()..).unwrap_or(&[]);
-        let of_law = |law: &Law| {
-            let (law_values, later_values) = unread.split_at(law.len().min(unread.len()));
-            unread = later_values;
-            let amplitudes = law.form.amplitudes().len();
-            let mut values = law_values.to_vec();
-            if let (Some(shape), Some(fraction)) = (law.shape(), values.get_mut(amplitudes)) {
-                *fraction = shape.at(*fraction);
-            }
-            self.term(law, values)
-        };
-        laws.iter().map(of_law).collect()
+        laws.iter()
+            .map(|law| {
+                let (law_values, later_values) = unread.split_at(law.len().min(unread.len()));
+                unread = later_values;
+                let amplitudes = law.form.amplitudes().len();
+                let mut values = law_values.to_vec();
+                if let (Some(shape), Some(fraction)) = (law.shape(), values.get_mut(amplitudes)) {
+                    *fraction = shape.at(*fraction);
+                }
+                self.term(law, values)
+            })
+            .collect()
     }
 
     /// A law with its numbers in their own units.
@@ -337,11 +338,12 @@ impl<'a> Bench<'a> {
     fn step(&self, law: &Law, amplitude: usize, shape: Option<f64>) -> f64 {
         let probe = self.probes.get(law.site).copied().unwrap_or(PROBE_EFFECT);
         let Span { from, to, .. } = law.span;
-        let value = |i: usize| {
-            let x = from + (to - from) * i as f64 / 32.0;
-            law.form.value(amplitude, x, shape.unwrap_or(1.0), &law.span).abs()
-        };
-        let largest = (0..=32).map(value).fold(0.0, f64::max);
+        let largest = (0..=32)
+            .map(|i| {
+                let x = from + (to - from) * i as f64 / 32.0;
+                law.form.value(amplitude, x, shape.unwrap_or(1.0), &law.span).abs()
+            })
+            .fold(0.0, f64::max);
         if largest > 0.0 { probe / largest } else { probe }
     }
 }

@@ -78,8 +78,8 @@ impl RunPatterns {
     /// Elimination of whitened patterns.
     pub fn new(own_groups: Vec<usize>, own: DMatrix<f64>, shared: DMatrix<f64>) -> Self {
         let own_transposed = own.transpose();
-        let is_shown = |j: &usize| shared.column(*j).iter().any(|value| *value != 0.0);
-        let shown: Vec<usize> = (0..shared.ncols()).filter(is_shown).collect();
+        let shown: Vec<usize> =
+            (0..shared.ncols()).filter(|j| shared.column(*j).iter().any(|value| *value != 0.0)).collect();
         let own_by_shown = &own_transposed * shared.select_columns(&shown);
         let own_gram = &own_transposed * &own;
         let shared_transposed = shared.transpose();

@@ -75,16 +75,17 @@ fn duration(times: &[f64]) -> f64 {
 
 /// The range of memories of each channel's noise.
 fn memories(bench: &Bench<'_>) -> Vec<[f64; 2]> {
-    let of_channel = |channel: usize| {
-        let runs =
-            || bench.training.iter().flat_map(|run| &run.segments).filter(|one| one.channel == channel);
-        let longest = runs().map(|one| duration(&one.time_s)).fold(0.0, f64::max);
-        let steps =
-            runs().map(|one| duration(&one.time_s) / one.time_s.len().saturating_sub(1).max(1) as f64);
-        let shortest = SHORTEST_MEMORY * steps.fold(f64::INFINITY, f64::min).clamp(1e-12, 1e12);
-        [shortest, (LONGEST_MEMORY * longest).max(2.0 * shortest)]
-    };
-    (0..bench.scales.len()).map(of_channel).collect()
+    (0..bench.scales.len())
+        .map(|channel| {
+            let runs =
+                || bench.training.iter().flat_map(|run| &run.segments).filter(|one| one.channel == channel);
+            let longest = runs().map(|one| duration(&one.time_s)).fold(0.0, f64::max);
+            let steps =
+                runs().map(|one| duration(&one.time_s) / one.time_s.len().saturating_sub(1).max(1) as f64);
+            let shortest = SHORTEST_MEMORY * steps.fold(f64::INFINITY, f64::min).clamp(1e-12, 1e12);
+            [shortest, (LONGEST_MEMORY * longest).max(2.0 * shortest)]
+        })
+        .collect()
 }
 
 /// Whitened patterns, and products of columns (one matrix per run) with them.
@@ -123,18 +124,21 @@ struct Point {
 /// Sensitivities in units of the priors, and the residuals of the prior means as far as the linearisation goes behind them.
 fn columns(coordinates: &[Coordinate], point: &Point, jacobian: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
     let count = coordinates.len();
-    let of_run = |(jacobian, residuals): (&DMatrix<f64>, &DVector<f64>)| {
-        let mut columns = jacobian.clone().resize_horizontally(count + 1, 0.0);
-        let mut last = residuals.clone();
-        for (j, (coordinate, value)) in coordinates.iter().zip(&point.values).enumerate() {
-            let mut column = columns.column_mut(j);
-            column *= coordinate.sd;
-            last.axpy((value - coordinate.mean) / coordinate.sd, &column, 1.0);
-        }
-        columns.set_column(count, &last);
-        columns
-    };
-    jacobian.iter().zip(&point.residuals).map(of_run).collect()
+    jacobian
+        .iter()
+        .zip(&point.residuals)
+        .map(|(jacobian, residuals)| {
+            let mut columns = jacobian.clone().resize_horizontally(count + 1, 0.0);
+            let mut last = residuals.clone();
+            for (j, (coordinate, value)) in coordinates.iter().zip(&point.values).enumerate() {
+                let mut column = columns.column_mut(j);
+                column *= coordinate.sd;
+                last.axpy((value - coordinate.mean) / coordinate.sd, &column, 1.0);
+            }
+            columns.set_column(count, &last);
+            columns
+        })
+        .collect()
 }
 
 /// Squares of the residuals in the metric and of the distances from the prior means.
@@ -195,17 +199,18 @@ fn jacobian(
     } else {
         numbered.map(of_number).collect::<Result<_, _>>()?
     };
-    let of_run = |run: usize| {
-        let rows = point.residuals.get(run).map_or(0, DVector::len);
-        let mut matrix = DMatrix::zeros(rows, derivatives.len());
-        for (number, by_run) in derivatives.iter().enumerate() {
-            if let Some(column) = by_run.get(run) {
-                matrix.set_column(number, column);
+    Ok((0..point.residuals.len())
+        .map(|run| {
+            let rows = point.residuals.get(run).map_or(0, DVector::len);
+            let mut matrix = DMatrix::zeros(rows, derivatives.len());
+            for (number, by_run) in derivatives.iter().enumerate() {
+                if let Some(column) = by_run.get(run) {
+                    matrix.set_column(number, column);
+                }
             }
-        }
-        matrix
-    };
-    Ok((0..point.residuals.len()).map(of_run).collect())
+            matrix
+        })
+        .collect())
 }
 
 fn no_factor() -> Error {

@@ -78,11 +78,12 @@ pub(crate) fn errors(bench: &Bench<'_>, fitted: &Fitted) -> Result<Option<HeldOu
 
 fn series(bench: &Bench<'_>, residuals: &[DVector<f64>]) -> Vec<Vec<f64>> {
     let of_run = |(prepared, residuals): (&Prepared<'_>, &DVector<f64>)| {
-        let of_channel = |channel: usize| {
-            let rows = prepared.rows_of(channel);
-            residuals.rows(rows.start, rows.len()).iter().copied().collect::<Vec<f64>>()
-        };
-        (0..bench.scales.len()).map(of_channel).collect::<Vec<_>>()
+        (0..bench.scales.len())
+            .map(|channel| {
+                let rows = prepared.rows_of(channel);
+                residuals.rows(rows.start, rows.len()).iter().copied().collect::<Vec<f64>>()
+            })
+            .collect::<Vec<_>>()
     };
     bench.held_out.iter().zip(residuals).flat_map(of_run).collect()
 }

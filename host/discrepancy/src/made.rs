@@ -133,8 +133,7 @@ pub(crate) fn moments(models: &[(f64, &Fitted)], quantity: impl Fn(&Fitted) -> (
         })
         .collect();
     let mean = each.iter().map(|(weight, value, _)| weight * value).sum::<f64>();
-    let second = |(weight, value, variance): &(f64, f64, f64)| weight * (variance + (value - mean).powi(2));
-    (mean, each.iter().map(second).sum())
+    (mean, each.iter().map(|(weight, value, variance)| weight * (variance + (value - mean).powi(2))).sum())
 }
 
 /// Moments of the model's parameters over the final model and its rivals.
@@ -157,15 +156,17 @@ fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<Pa
 }
 
 fn refused_reports(bench: &Bench<'_>, refused: &[Refused]) -> Vec<RefusedReport> {
-    let report = |refused: &Refused| {
-        let (reason, held_out) = match refused.reason {
-            Refusal::Unlikely => ("too unlikely beside the model without it", None),
-            Refusal::NotConfirmed(judgement) => ("not confirmed by held-out runs", Some(judgement)),
-        };
-        let law = law_name(bench, &refused.law);
-        RefusedReport { law, ln_odds: refused.ln_odds, reason: reason.to_owned(), held_out }
-    };
-    let mut reports: Vec<RefusedReport> = refused.iter().map(report).collect();
+    let mut reports: Vec<RefusedReport> = refused
+        .iter()
+        .map(|refused| {
+            let (reason, held_out) = match refused.reason {
+                Refusal::Unlikely => ("too unlikely beside the model without it", None),
+                Refusal::NotConfirmed(judgement) => ("not confirmed by held-out runs", Some(judgement)),
+            };
+            let law = law_name(bench, &refused.law);
+            RefusedReport { law, ln_odds: refused.ln_odds, reason: reason.to_owned(), held_out }
+        })
+        .collect();
     reports.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
     reports
 }
@@ -179,11 +180,11 @@ fn misfit(
 ) -> Option<Misfit> {
     let scale = *bench.scales.get(channel)?;
     let root = |parts: &[DVector<f64>]| {
-        let rows = |(prepared, part): (&Prepared<'_>, &DVector<f64>)| {
-            let rows = prepared.rows_of(channel);
-            part.rows(rows.start, rows.len()).into_owned()
-        };
-        scale * super::bench::rms(runs.iter().zip(parts).map(rows))
+        scale
+            * super::bench::rms(runs.iter().zip(parts).map(|(prepared, part)| {
+                let rows = prepared.rows_of(channel);
+                part.rows(rows.start, rows.len()).into_owned()
+            }))
     };
     let measured: Vec<DVector<f64>> = runs.iter().map(|run| run.measured().clone()).collect();
     (!runs.is_empty()).then(|| Misfit { before: root(before), after: root(after), measured: root(&measured) })

@@ -237,8 +237,10 @@ pub(crate) fn check(model: &dyn ForwardModel, data: &Data) -> Result<(), Error> 
         }
         for regressor in &site.regressors {
             let Regressor { name, range, resolution, .. } = regressor;
-            let is_valid = |[from, to]: [f64; 2]| from < to && from.is_finite() && to.is_finite();
-            if !(range.is_none_or(is_valid) && resolution.is_finite() && *resolution >= 0.0) {
+            if !(range.is_none_or(|[from, to]| from < to && from.is_finite() && to.is_finite())
+                && resolution.is_finite()
+                && *resolution >= 0.0)
+            {
                 let problem = format!("range {range:?}, resolution {resolution}");
                 return fault(
                     "regressor",

@@ -136,12 +136,15 @@ impl<F: Fn(&[Noise]) -> Option<f64>> CostFunction for Cost<'_, F> {
         let noises: Vec<Noise> =
             x.chunks(3).zip(self.memories_s).map(|(x, memories)| from_coordinates(x, *memories)).collect();
         // Beyond the ends of a memory the objective would be flat.
-        let minus_ln_prior = |(x, noise): (&[f64], &Noise)| {
-            let memory = x.get(2).map_or(0.0, |ln| ln - noise.memory_s.ln());
-            let odds = x.get(1).map_or(0.0, |odds| odds / ODDS_SD);
-            0.5 * (memory * memory + odds * odds)
-        };
-        let priors: f64 = x.chunks(3).zip(&noises).map(minus_ln_prior).sum();
+        let priors: f64 = x
+            .chunks(3)
+            .zip(&noises)
+            .map(|(x, noise)| {
+                let memory = x.get(2).map_or(0.0, |ln| ln - noise.memory_s.ln());
+                let odds = x.get(1).map_or(0.0, |odds| odds / ODDS_SD);
+                0.5 * (memory * memory + odds * odds)
+            })
+            .sum();
         Ok((self.minus_ln)(&noises).map_or(1e12, |value| value + priors))
     }
 }

@@ -190,9 +190,11 @@ impl ProcessModel {
         let mut pipes = Pipes { child, input, answers, runs: Vec::new() };
         pipes.send(&Request::Start { schema: SCHEMA })?;
         let declaration: Declaration = pipes.receive(timeout)?;
-        let has_history =
-            |site: &&Site| site.regressors.iter().any(|one| one.history) && site.adds_to.is_none();
-        if let Some(Site { name, .. }) = declaration.sites.iter().find(has_history) {
+        if let Some(Site { name, .. }) = declaration
+            .sites
+            .iter()
+            .find(|site| site.regressors.iter().any(|one| one.history) && site.adds_to.is_none())
+        {
             let text = format!(
                 "site {name:?}: a law with a history has no table; expected history only where adds_to is"
             );
@@ -248,17 +250,19 @@ impl ForwardModel for ProcessModel {
             return Err(ModelFailure::Failed(error));
         }
         let channels = channels.unwrap_or_default();
-        let of_channel = |channel: &super::data::Channel| {
-            let values = channels.get(&channel.name).ok_or_else(|| {
-                let names: Vec<&str> = channels.keys().map(String::as_str).collect();
-                let (expected, answered) = (&channel.name, names.join(", "));
-                ModelFailure::Broken(format!(
-                    "the model answered channels {answered:?}; expected {expected:?} among them"
-                ))
-            })?;
-            Ok(values.iter().map(|value| value.unwrap_or(f64::NAN)).collect())
-        };
-        run.channels.iter().map(of_channel).collect()
+        run.channels
+            .iter()
+            .map(|channel| {
+                let values = channels.get(&channel.name).ok_or_else(|| {
+                    let names: Vec<&str> = channels.keys().map(String::as_str).collect();
+                    let (expected, answered) = (&channel.name, names.join(", "));
+                    ModelFailure::Broken(format!(
+                        "the model answered channels {answered:?}; expected {expected:?} among them"
+                    ))
+                })?;
+                Ok(values.iter().map(|value| value.unwrap_or(f64::NAN)).collect())
+            })
+            .collect()
     }
 
     fn is_parallel(&self) -> bool {

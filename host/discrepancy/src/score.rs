@@ -138,14 +138,15 @@ fn not_an_effect(text: &str, problem: String) -> Error {
 
 /// Standard deviation of an amplitude beforehand: one that moves some channel by its own standard deviation.
 fn prior_sd(bench: &Bench<'_>, columns: &[DMatrix<f64>], number: usize) -> Option<f64> {
-    let of_channel = |channel: usize| {
-        let run_columns = bench.training.iter().zip(columns).map(|(prepared, columns)| {
-            let rows = prepared.rows_of(channel);
-            columns.view((rows.start, number), (rows.len(), 1)).column(0).into_owned()
-        });
-        super::bench::rms(run_columns)
-    };
-    let largest = (0..bench.scales.len()).map(of_channel).fold(0.0, f64::max);
+    let largest = (0..bench.scales.len())
+        .map(|channel| {
+            let run_columns = bench.training.iter().zip(columns).map(|(prepared, columns)| {
+                let rows = prepared.rows_of(channel);
+                columns.view((rows.start, number), (rows.len(), 1)).column(0).into_owned()
+            });
+            super::bench::rms(run_columns)
+        })
+        .fold(0.0, f64::max);
     (largest.is_finite() && largest > 0.0).then(|| largest.recip())
 }
 

@@ -71,12 +71,16 @@ impl Search<'_> {
         if !is_sum(self.bench, fitted, member, self.basis.everyday_effect())? {
             return Ok(None);
         }
-        let part = |form: &Form| {
-            let regressor = law.regressor.filter(|_| *form != Form::Constant);
-            let is_part = |one: &&Law| (one.site, one.regressor, one.form) == (law.site, regressor, *form);
-            self.candidates.iter().find(is_part).cloned()
-        };
-        Ok(simpler(law.form).iter().map(part).collect())
+        Ok(simpler(law.form)
+            .iter()
+            .map(|form| {
+                let regressor = law.regressor.filter(|_| *form != Form::Constant);
+                self.candidates
+                    .iter()
+                    .find(|one| (one.site, one.regressor, one.form) == (law.site, regressor, *form))
+                    .cloned()
+            })
+            .collect())
     }
 }
 

@@ -75,14 +75,13 @@ impl Run {
             for ((cell, name), values) in record.iter().zip(&names).zip(&mut values) {
                 let may_be_empty = is_channel(name);
                 let value = if cell.is_empty() && may_be_empty { Some(f64::NAN) } else { cell.parse().ok() };
-                let fault = || TableError::Cell {
+                values.push(value.ok_or_else(|| TableError::Cell {
                     path: path.to_owned(),
                     line: record.position().map_or(0, csv::Position::line),
                     column: name.clone(),
                     cell: cell.to_owned(),
                     may_be_empty,
-                };
-                values.push(value.ok_or_else(fault)?);
+                })?);
             }
         }
         let mut run = Self {

@@ -43,11 +43,13 @@ pub fn ln_sum(ln_weights: impl Iterator<Item = f64> + Clone) -> f64 {
 pub fn smallest_set(ln_weights: &[f64]) -> usize {
     let total = ln_sum(ln_weights.iter().copied());
     let mut sum = 0.0;
-    let reaches = |ln: &f64| {
-        sum += (ln - total).exp();
-        sum >= STATED_PROBABILITY
-    };
-    ln_weights.iter().position(reaches).map_or(ln_weights.len(), |last| last + 1)
+    ln_weights
+        .iter()
+        .position(|ln| {
+            sum += (ln - total).exp();
+            sum >= STATED_PROBABILITY
+        })
+        .map_or(ln_weights.len(), |last| last + 1)
 }
 
 /// Lowers the weights of models that were refused for other reasons than their weight: all of them together are no more likely than the

@@ -55,8 +55,7 @@ fn names_dry_friction_of_a_measured_axis_and_refuses_what_does_not_help() {
     assert!(is_named_with(&report.offsets[0], -3.2), "{:?}", report.offsets);
     assert!(!ids.iter().any(|id| id.ends_with("/decay")), "{ids:?}");
     // A bristle is followed in the first millimetres of a stroke; no function of the place on the axis is there.
-    let of_place = |id: &&String| id.starts_with("friction/position/") && !id.ends_with("/bristle");
-    assert_eq!(ids.iter().find(of_place), None);
+    assert_eq!(ids.iter().find(|id| id.starts_with("friction/position/") && !id.ends_with("/bristle")), None);
     assert!(is_named_with(&report.reversals[0], 20.4), "{:?}", report.reversals);
     assert!(holds(&report.parameters[0].estimate, 95.1), "{:?}", report.parameters);
     assert!(holds(&report.parameters[1].estimate, 203.5), "{:?}", report.parameters);

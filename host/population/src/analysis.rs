@@ -70,9 +70,9 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
         }
     }
     let mut warnings = Vec::new();
-    let label = |name: &str| summaries.iter().map(|summary| summary.label(name)).collect();
     let group_labels = Places {
-        labels: ["rig", "needle", "tissue", "day"].map(label),
+        labels: ["rig", "needle", "tissue", "day"]
+            .map(|name| summaries.iter().map(|summary| summary.label(name)).collect()),
         days: summaries.iter().map(Summary::day).collect(),
     };
     let (shared_effects, tests) = search(&mut data, &group_labels);

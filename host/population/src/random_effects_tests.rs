@@ -24,12 +24,14 @@ const BCG: [[f64; 5]; 13] = [
 ];
 
 pub(crate) fn bcg(latitude: bool) -> Observations {
-    let row = |[tp, tn, cp, cn, at]: &[f64; 5]| {
-        let y = (tp / (tp + tn)).ln() - (cp / (cp + cn)).ln();
-        let v = 1.0 / tp - 1.0 / (tp + tn) + 1.0 / cp - 1.0 / (cp + cn);
-        (y, v, *at)
-    };
-    let rows: Vec<(f64, f64, f64)> = BCG.iter().map(row).collect();
+    let rows: Vec<(f64, f64, f64)> = BCG
+        .iter()
+        .map(|[tp, tn, cp, cn, at]| {
+            let y = (tp / (tp + tn)).ln() - (cp / (cp + cn)).ln();
+            let v = 1.0 / tp - 1.0 / (tp + tn) + 1.0 / cp - 1.0 / (cp + cn);
+            (y, v, *at)
+        })
+        .collect();
     Observations {
         y: rows.iter().map(|row| row.0).collect(),
         v: rows.iter().map(|row| row.1).collect(),

@@ -30,11 +30,14 @@ impl<'a> Prepared<'a> {
             let mut segment = Segment { channel: number, time_s: Vec::new(), weights: Vec::new() };
             for block in valid.chunks(size) {
                 let count = block.len() as f64;
-                let relative = |i: &usize| match (&channel.sds, mean_sd) {
-                    (Some(sds), Some(mean)) => sds.get(*i).map_or(1.0, |sd| (sd / mean).powi(2)),
-                    _ => 1.0,
-                };
-                let variance = block.iter().map(relative).sum::<f64>() / (count * count);
+                let variance = block
+                    .iter()
+                    .map(|i| match (&channel.sds, mean_sd) {
+                        (Some(sds), Some(mean)) => sds.get(*i).map_or(1.0, |sd| (sd / mean).powi(2)),
+                        _ => 1.0,
+                    })
+                    .sum::<f64>()
+                    / (count * count);
                 let instants = block.iter().filter_map(|i| run.time_s.get(*i));
                 segment.time_s.push(instants.sum::<f64>() / count);
                 segment.weights.push((variance * size as f64).sqrt());

@@ -118,16 +118,15 @@ impl Patterns {
         let mut total = base_evidence.covariance.clone();
         for (axis, value) in eigen.eigenvectors.column_iter().zip(eigen.eigenvalues.iter()) {
             let sd = value.max(self.min_curvature()).sqrt().recip();
-            let shifted_evidence = |sign: f64| {
-                let mut moved = sizes.to_vec();
-                for (group, along) in free.iter().zip(axis.iter()) {
-                    moved[*group] *= (sign * POINT_SD * sd * along).exp();
-                }
-                self.evidence(&moved, products)
-            };
             let points: Vec<(f64, Evidence)> = [-1.0, 1.0]
                 .into_iter()
-                .filter_map(shifted_evidence)
+                .filter_map(|sign| {
+                    let mut moved = sizes.to_vec();
+                    for (group, along) in free.iter().zip(axis.iter()) {
+                        moved[*group] *= (sign * POINT_SD * sd * along).exp();
+                    }
+                    self.evidence(&moved, products)
+                })
                 .map(|evidence| (POINT_WEIGHT * skew(&base_evidence, &evidence), evidence))
                 .collect();
             let weights = 1.0 - 2.0 * POINT_WEIGHT + points.iter().map(|(weight, _)| weight).sum::<f64>();

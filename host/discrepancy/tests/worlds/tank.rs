@@ -11,11 +11,10 @@ fn draining_tank() -> impl ForwardModel {
         vec![parameter("outflow", "cm^0.5/s", 0.3, 0.15), parameter("pump", "cm/(V s)", 0.5, 0.25)];
     let balance = site("balance", "cm/s", None, vec![regressor("level", "cm")]);
     FunctionModel::new(parameters, vec![balance], |run: &Run, parameters: &[f64], terms: &Terms<'_>| {
-        let rate = |[level]: [f64; 1], pump: f64| {
+        let levels = integrated(run.needed("pump")?, [4.0], (2, 0.5, 0.0), |[level], pump| {
             let outflow = parameters[0] * level.max(0.0).sqrt();
             [parameters[1] * pump - outflow + terms.value("balance", &[("level", level)])]
-        };
-        let levels = integrated(run.needed("pump")?, [4.0], (2, 0.5, 0.0), rate);
+        });
         Ok(vec![levels.concat()])
     })
 }

@@ -109,8 +109,7 @@ fn is_number(cell: &Data) -> bool {
 /// Whether numbers that are written as text have a decimal comma, as where a table was pasted.
 fn has_decimal_comma(range: &Range<Data>) -> bool {
     fn count(range: &Range<Data>, sign: char) -> usize {
-        let is_decimal = |cell: &&Data| matches!(cell, Data::String(text) if text.contains(sign) && Number::parse(text, sign == ',').is_some());
-        range.rows().flatten().filter(is_decimal).count()
+        range.rows().flatten().filter(|cell| matches!(cell, Data::String(text) if text.contains(sign) && Number::parse(text, sign == ',').is_some())).count()
     }
     count(range, ',') > count(range, '.')
 }

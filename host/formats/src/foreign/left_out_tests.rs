@@ -91,8 +91,7 @@ fn marks_are_told_from_readings_by_the_steps_of_the_column() {
 #[test]
 fn the_last_reading_is_one_unless_it_is_cut_off() {
     let header = "Time (s),Extension (mm),Load (N)\n";
-    let row = |_: usize, t: f64, x: f64, f: f64| format!("{t:.3},{x:.4},{f:.5}");
-    let whole = lines(header, row);
+    let whole = lines(header, |_, t, x, f| format!("{t:.3},{x:.4},{f:.5}"));
     // Without an end of the line; then without its last digits.
     let without_end = &whole[..whole.len() - 2];
     assert_eq!(taken(without_end, &[], None).expect("a run").force.expect("a force").time_s.len(), 400);

@@ -217,10 +217,13 @@ impl Mapping {
                     continue;
                 }
                 let is_stated = |column: &RawColumn| column.unit.is_some() && is_of(column, quantity, words);
-                let is_one = |column: &RawColumn| is_of(column, quantity, words);
                 // A unit that is not known beside one that is: of another quantity.
                 let has_stated = free.iter().any(|column| is_stated(column));
-                if let Some(column) = if has_stated { only(&free, is_stated) } else { only(&free, is_one) } {
+                if let Some(column) = if has_stated {
+                    only(&free, is_stated)
+                } else {
+                    only(&free, |column| is_of(column, quantity, words))
+                } {
                     choices.push(Choice { column: column.own_name(), target, unit: column.unit.clone() });
                 }
             }
@@ -293,21 +296,22 @@ fn named_as_in_a_session<'c>(columns: &[&'c RawColumn]) -> Vec<(&'c RawColumn, T
     let has = |name: &str| columns.iter().any(|column| column.header == name);
     let is_insertion = has("depth_mm") && has("tip_y_mm");
     let of_insertion = ["depth_", "tip_", "rotation_", "guide2_"];
-    let target = |column: &&'c RawColumn| {
-        let target = Target::named(&column.header)?;
-        let is_meant = of_insertion.iter().any(|start| target.name.starts_with(start)) == is_insertion;
-        (is_meant && target.quantity != Quantity::Time).then_some((*column, target))
-    };
-    columns.iter().filter_map(target).collect()
+    columns
+        .iter()
+        .filter_map(|column| {
+            let target = Target::named(&column.header)?;
+            let is_meant = of_insertion.iter().any(|start| target.name.starts_with(start)) == is_insertion;
+            (is_meant && target.quantity != Quantity::Time).then_some((*column, target))
+        })
+        .collect()
 }
 
 /// Seconds and nanoseconds in columns of their own, as stamps of ROS are written: `stamp.sec` and `stamp.nanosec`.
 fn seconds_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
     let one = |unit: &str, endings: &[&str]| {
-        let is_one = |column: &RawColumn| {
+        let column = only(columns, |column| {
             words(&column.header).last().is_some_and(|word| endings.contains(&word.as_str()))
-        };
-        let column = only(columns, is_one)?;
+        })?;
         let mut name = words(&column.header);
         name.pop();
         let unit = Some(Unit::parse(unit)?);
@@ -330,12 +334,12 @@ fn stamp_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
     ];
     parts.into_iter().find_map(|(unit, most, names)| {
         let fraction = only(columns, |column| {
-            let is_below = |value: &f64| {
-                let number = column.origin as f64 + value;
-                value.is_nan() || number.fract() == 0.0 && (0.0..most).contains(&number)
-            };
             let is_named = words(&column.header).last().is_some_and(|word| names.contains(&word.as_str()));
-            is_named && column.values.iter().all(is_below)
+            is_named
+                && column.values.iter().all(|value| {
+                    let number = column.origin as f64 + value;
+                    value.is_nan() || number.fract() == 0.0 && (0.0..most).contains(&number)
+                })
         })?;
         fn time(column: &RawColumn, unit: Option<Unit>) -> Choice {
             Choice { column: column.own_name(), target: Target::ALL[0], unit }

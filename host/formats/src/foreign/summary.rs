@@ -144,16 +144,16 @@ fn is_statistic(
             Some(Number { value, digit, origin, statistics: sums.statistics(origin, median) })
         })
         .collect();
-    let is = |place: usize| {
-        numbers.iter().all(|number| {
-            number.statistics.get(place).is_some_and(|(statistic, is_from_origin)| {
-                let value = if *is_from_origin { number.value } else { number.value + number.origin };
-                // Half a unit of the last digit: a whole one would make the next number of a counter its greatest.
-                (value - statistic).abs() <= 0.5 * number.digit + ROUNDING * statistic.abs()
+    numbers.len() >= 2
+        && (0..STATISTICS).any(|place| {
+            numbers.iter().all(|number| {
+                number.statistics.get(place).is_some_and(|(statistic, is_from_origin)| {
+                    let value = if *is_from_origin { number.value } else { number.value + number.origin };
+                    // Half a unit of the last digit: a whole one would make the next number of a counter its greatest.
+                    (value - statistic).abs() <= 0.5 * number.digit + ROUNDING * statistic.abs()
+                })
             })
         })
-    };
-    numbers.len() >= 2 && (0..STATISTICS).any(is)
 }
 
 /// Value of the last digit of a number as it is written.

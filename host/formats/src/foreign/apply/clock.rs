@@ -155,9 +155,10 @@ impl<'t> Timed<'t> {
         options: &Options,
         notes: &mut Vec<String>,
     ) -> Result<Self, TableError> {
-        let is_time =
-            |part: &&Part| part.target.quantity == Quantity::Time && std::ptr::eq(part.table, table);
-        let mut time_parts: Vec<&Part> = parts.iter().filter(is_time).collect();
+        let mut time_parts: Vec<&Part> = parts
+            .iter()
+            .filter(|part| part.target.quantity == Quantity::Time && std::ptr::eq(part.table, table))
+            .collect();
         time_parts.sort_by(|a, b| b.unit.to_si.total_cmp(&a.unit.to_si));
         let Some((time_column, finer)) = time_parts.split_first() else {
             // A shape has no rate.
@@ -212,9 +213,10 @@ impl<'t> Timed<'t> {
         let has_shape =
             parts.iter().any(|part| std::ptr::eq(part.table, table) && part.target.name == "z_mm");
         if repeated > 0 && !has_shape {
-            let is_measured =
-                |part: &&Part| std::ptr::eq(part.table, table) && part.target.quantity != Quantity::Time;
-            let measured: Vec<&Part> = parts.iter().filter(is_measured).collect();
+            let measured: Vec<&Part> = parts
+                .iter()
+                .filter(|part| std::ptr::eq(part.table, table) && part.target.quantity != Quantity::Time)
+                .collect();
             let what = match coarse::spread(&mut times_s, &measured) {
                 Some(hz) => {
                     format!("the clock shows fewer digits, and they are spread evenly, {hz:.4} a second")

@@ -93,8 +93,8 @@ fn are_readings(rows: &[(usize, f64)], parts: &[&Part]) -> bool {
         rows.windows(2).filter(|pair| pair[0].1 == pair[1].1).map(|pair| [pair[0].0, pair[1].0]).collect();
     let full =
         repeated.iter().filter(|[_, row]| parts.iter().all(|part| part.column.value(*row).is_finite()));
-    let differs = |[before, row]: &[usize; 2]| {
-        parts.iter().any(|part| part.column.value(*before).to_bits() != part.column.value(*row).to_bits())
-    };
-    2 * full.count() > repeated.len() && repeated.iter().any(differs)
+    2 * full.count() > repeated.len()
+        && repeated.iter().any(|[before, row]| {
+            parts.iter().any(|part| part.column.value(*before).to_bits() != part.column.value(*row).to_bits())
+        })
 }

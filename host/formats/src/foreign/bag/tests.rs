@@ -312,11 +312,12 @@ fn a_sender_whose_clock_is_set_back_is_an_error_at_its_message() {
         cdr(&(stamp(ns), values.0, values.1), false)
     };
     let with = |back_ns: i64| -> Vec<Sent> {
-        let sent = |number: i64| {
-            let logged_ns = START_NS + 20_000_000 * number;
-            ("/ft", "geometry_msgs/msg/WrenchStamped", logged_ns, stamped(number, back_ns))
-        };
-        (0..100).map(sent).collect()
+        (0..100)
+            .map(|number| {
+                let logged_ns = START_NS + 20_000_000 * number;
+                ("/ft", "geometry_msgs/msg/WrenchStamped", logged_ns, stamped(number, back_ns))
+            })
+            .collect()
     };
     let error = read_bytes(&bag(&with(20_000_000_000), true)).expect_err("set back").to_string();
     assert!(error.contains("#/ft:71: stamp: 19.98") && error.contains("never step back"), "{error}");
