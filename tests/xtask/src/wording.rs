@@ -36,6 +36,12 @@ const SHARED_TYPES: [(&str, &str, &str); SHARED_COUNT] = include!("wording/share
 
 const SHARED_COUNT: usize = 25;
 
+/// Names that public types of a crate and of one that it depends on share, with the reason. Crates that do not depend on each
+/// other may use a name twice: no code uses both.
+const SHARED_ACROSS: [(&str, &str); SHARED_ACROSS_COUNT] = include!("wording/shared_across.in");
+
+const SHARED_ACROSS_COUNT: usize = 73;
+
 /// Counts of one crate.
 #[derive(Default)]
 struct Counts {
@@ -105,6 +111,7 @@ pub fn check() -> Result<()> {
         }
     }
     problems.extend(shared_types()?);
+    problems.extend(shared_across()?);
     if problems.is_empty() {
         return Ok(());
     }
@@ -213,6 +220,85 @@ fn shared_types() -> Result<Vec<String>> {
     Ok(shared.chain(stale).collect())
 }
 
+/// Names that public types of a crate and of one that it depends on share and that are not in [`SHARED_ACROSS`], and entries
+/// of that list that no longer apply.
+fn shared_across() -> Result<Vec<String>> {
+    let mut crates_of = BTreeMap::<String, BTreeSet<String>>::new();
+    for path in files()? {
+        for name in Source::read(&path)?.public_types() {
+            crates_of.entry(name).or_default().insert(crate_of(&path));
+        }
+    }
+    let dependencies = dependencies()?;
+    crates_of.retain(|_, folders| {
+        folders.iter().any(|folder| dependencies.get(folder).is_some_and(|below| !below.is_disjoint(folders)))
+    });
+    let shared = crates_of
+        .iter()
+        .filter(|(name, _)| !SHARED_ACROSS.iter().any(|(excused, _)| excused == name))
+        .map(|(name, folders)| {
+            let folders: Vec<_> = folders.iter().cloned().collect();
+            format!(
+                "public types of crates that depend on each other share the name {name}: {}",
+                folders.join(", ")
+            )
+        });
+    let stale = SHARED_ACROSS
+        .iter()
+        .filter(|(name, _)| !crates_of.contains_key(*name))
+        .map(|(name, _)| format!("no crate shares the name {name} with one that it depends on"));
+    Ok(shared.chain(stale).collect())
+}
+
+/// Folders of the crates of the workspace that every crate depends on, also by way of others, without what only its tests use.
+fn dependencies() -> Result<BTreeMap<String, BTreeSet<String>>> {
+    let mut manifests = BTreeMap::new();
+    for path in files()? {
+        let folder = crate_of(&path);
+        if !manifests.contains_key(&folder) {
+            let manifest = fs::read_to_string(root().join(&folder).join("Cargo.toml"))?;
+            manifests.insert(folder, manifest);
+        }
+    }
+    let mut below: BTreeMap<String, BTreeSet<String>> = manifests
+        .iter()
+        .map(|(folder, manifest)| {
+            let names: BTreeSet<&str> = dependency_names(manifest).collect();
+            let used = manifests
+                .iter()
+                .filter(|(_, other)| package_name(other).is_some_and(|name| names.contains(name)))
+                .map(|(folder, _)| folder.clone());
+            (folder.clone(), used.collect())
+        })
+        .collect();
+    // A pass adds what is one step further below: at most as many passes as there are crates.
+    for _ in 0..below.len() {
+        let passed = below.clone();
+        for folders in below.values_mut() {
+            let further: Vec<_> =
+                folders.iter().filter_map(|folder| passed.get(folder)).flatten().cloned().collect();
+            folders.extend(further);
+        }
+    }
+    Ok(below)
+}
+
+/// Keys of the sections of a manifest that list dependencies of the crate itself.
+fn dependency_names(manifest: &str) -> impl Iterator<Item = &str> {
+    let mut is_listed = false;
+    manifest.lines().filter_map(move |line| {
+        if line.starts_with('[') {
+            is_listed = line == "[dependencies]" || line.ends_with(".dependencies]");
+            return None;
+        }
+        line.split(['.', ' ', '=']).next().filter(|name| is_listed && !name.is_empty())
+    })
+}
+
+fn package_name(manifest: &str) -> Option<&str> {
+    manifest.lines().find_map(|line| line.strip_prefix("name = \"")?.strip_suffix('"'))
+}
+
 /// Every Rust file of the project, in order.
 fn files() -> Result<Vec<PathBuf>> {
     let mut folders = ["firmware", "host", "protocol", "tests"].map(|folder| root().join(folder)).to_vec();
@@ -241,4 +327,17 @@ fn crate_of(file: &Path) -> String {
 fn relative(path: &Path) -> String {
     let path = path.strip_prefix(root()).unwrap_or(path).display().to_string();
     path.replace('\\', "/")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dependencies_are_those_of_the_crate_itself() {
+        let manifest = "[package]\nname = \"a\"\n\n[dependencies]\nb.workspace = true\nc = { path = \"../c\" }\n\n\
+            [target.'cfg(unix)'.dependencies]\nd = \"1\"\n\n[dev-dependencies]\ne.workspace = true\n";
+        assert_eq!(dependency_names(manifest).collect::<Vec<_>>(), ["b", "c", "d"]);
+        assert_eq!(package_name(manifest), Some("a"));
+    }
 }
