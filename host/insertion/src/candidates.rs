@@ -65,7 +65,7 @@ pub struct Candidates {
     paths: Vec<(usize, Option<Arc<[Motion; 2]>>)>,
     /// Needle of each plane: two where something sets them apart.
     needles: [usize; 2],
-    points: Mutex<HashMap<LatticePoint, Arc<Point>>>,
+    points: Mutex<Solved>,
 }
 
 /// Resolution at which responses are interpolated.
@@ -79,6 +79,9 @@ pub(super) enum Fineness {
 
 /// Number of the needle, and place on the lattice: modulus, gap, rear.
 type LatticePoint = (usize, [i32; 3]);
+
+/// Points that are solved.
+type Solved = HashMap<LatticePoint, Arc<Point>>;
 
 /// Recordings that are turned alike.
 #[derive(Debug, Clone)]
@@ -295,7 +298,7 @@ impl Candidates {
     }
 
     /// Points that are solved, also after a panic of another thread.
-    fn locked_points(&self) -> MutexGuard<'_, HashMap<LatticePoint, Arc<Point>>> {
+    fn locked_points(&self) -> MutexGuard<'_, Solved> {
         self.points.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
