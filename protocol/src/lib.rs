@@ -20,8 +20,8 @@
 //! | payload | 247 | 26 |
 //! | frame, both delimiters included | 254 ([`MAX_FRAME_TO_HOST`]) | 33 ([`MAX_FRAME_TO_DEVICE`]) |
 //!
-//! The bounds are reached: the largest message fills them. All is below the 254 bytes up to which stuffing costs one byte and
-//! no two bodies carry the same content. Two delimiters between frames, or one, or ten, are the same.
+//! The bounds are reached: the largest message fills them. Every body is shorter than 254 bytes, so that stuffing adds exactly
+//! one byte and a payload has one encoding only. Two delimiters between frames, or one, or ten, are the same.
 //!
 //! A receiver ([`Receiver`]) drops what is longer than the bound up to the next delimiter, unstuffs, compares the
 //! checksum, and only then reads the message, which must use up the payload to its last byte. A failure is counted as

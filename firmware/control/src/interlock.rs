@@ -2,7 +2,8 @@
 //!
 //! The safe state is bridges off: a lead screw is not driven back by its load, so the guide stays where it is. It is entered in
 //! the period in which a cause is detected. Detection takes as long as the table states, so that one outlying reading is not a fault.
-//! "2 readings" are two among the latest 32, of a force 128, whatever lies between them: [`super::limits`] derives these numbers.
+//! "2 readings" means two of the latest 32 (for a force, of the latest 128), with any readings between them: [`super::limits`]
+//! derives these numbers.
 //!
 //! | no. | fault | hazard | detected by | within | test |
 //! |---|---|---|---|---|---|
@@ -24,13 +25,13 @@
 //! | 15 | `CalibrationLost` | the limits are those of another rig | a slot of the flash is neither sound nor erased | at start | `a_calibration_that_is_lost_is_a_fault`, `a_newer_calibration_that_is_damaged_is_a_fault`, `a_device_without_a_calibration_does_not_move_unasked`, `power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one` |
 //!
 //! The recovery from each, and the test that carries it out, is in the protocol's chapter
-//! (`protocol/spec/protocol.md`). A fault survives every restart in which memory keeps its content. Former ways round
-//! an interlock, and the test of each: [`super::mutation`].
+//! (`protocol/spec/protocol.md`). A fault survives every restart in which memory keeps its content. Ways in which an
+//! interlock could once be defeated, and the test of each: [`super::mutation`].
 //!
 //! The force overshoots its limit by what the motor moves until it stands: at full speed 0.32 mm (4 periods of reading, evidence and
-//! bridge, and the motor's lag), and 0.48 mm where a force channel fails in some of its readings, whichever they are. One case is left that
-//! no reading shows: a channel that has only the noise of its converter, and had before it was loaded by a tenth of the range, reads what
-//! a needle in air does. `guide bringup` finds it by its noise.
+//! bridge, and the motor's lag), and 0.48 mm where a force channel fails in some of its readings, whichever they are. One fault cannot be
+//! seen in the readings: a force channel that was dead before it was loaded by a tenth of its range has only the noise of its converter,
+//! as it has with a needle in air. `guide bringup` finds it by its noise.
 //!
 //! The tests are the end-to-end tests of these names: firmware in QEMU, each cause made in the simulated rig or on the link; each
 //! asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.

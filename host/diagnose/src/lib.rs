@@ -7,7 +7,7 @@
 //! | noise, and residuals made independent | `noise`, `whiten` |
 //! | what is unknown | `layout` |
 //! | the starting model, fitted | `start` |
-//! | what every rig leaves behind any model | `discrepancy` |
+//! | discrepancy that every rig has from any model | `discrepancy` |
 //! | evidence with that discrepancy, and fits | `evidence`, `posterior` |
 //! | where it disagrees, and whether at all | `adequacy` |
 //! | springs or an elastic body | `choice` |
@@ -18,7 +18,7 @@
 //! | refit, accept, add, repeat; competing effects | `search` |
 //! | probabilities of models, and what is stated for sure | `weights` |
 //! | what it found, and what else may be in its place | `found` |
-//! | laws that no effect of the catalogue is | `discover` |
+//! | laws that no effect of the catalogue describes | `discover` |
 //! | what would distinguish competing effects | `next` |
 //! | before and after on what was held out | `split` |
 //! | what remains, and whether it matters | `remaining` |

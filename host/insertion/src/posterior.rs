@@ -13,7 +13,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// Parts below this share of the weight are omitted from a prediction.
 const MIN_WEIGHT: f64 = 1e-4;
-/// A mean so many standard deviations of the prior from its middle, or an interval that reaches further, is at an end of the range.
+/// An estimate is at an end of its range where its mean is so many standard deviations of the prior from the prior's middle, or its
+/// interval reaches further.
 const END: f64 = 2.5;
 const END_OF_INTERVAL: f64 = 3.2;
 /// A posterior at least this wide, against the prior, adds no information.
@@ -31,11 +32,11 @@ pub struct Moments {
 /// Whether the data determine a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Identifiability {
-    /// They do: the interval is theirs.
+    /// The data determine it: the interval is that of the data.
     Identified,
-    /// It runs to the upper end of its range: the lower end of the interval is a lower bound.
+    /// The posterior reaches the upper end of the range: the lower end of the interval is a lower bound.
     LowerBound,
-    /// It runs to the lower end of its range: the upper end of the interval is an upper bound.
+    /// The posterior reaches the lower end of the range: the upper end of the interval is an upper bound.
     UpperBound,
     /// The interval is that of what was assumed beforehand.
     NotIdentified,
