@@ -98,7 +98,7 @@ fn with_a_deviation_to_come_the_later_part_of_the_way_is_less_loaded() {
 }
 
 fn loaded_fraction(deviation_m: f64, cones: &[Cone]) -> f64 {
-    let bounds = Bounds { travel_m: 6e-3, largest_move_m: None, cones: cones, deviation_m };
+    let bounds = Bounds { travel_m: 6e-3, largest_move_m: None, cones, deviation_m };
     let guide_m = plan_of([-4.0, 0.0], [0.0; 2], &bounds).expect("solved");
     let moves_m = moves([0.0; 2], &guide_m);
     cones.iter().skip(4).map(|cone| cone.used(&moves_m)).fold(0.0, f64::max)

@@ -137,7 +137,7 @@ fn draws_of_a_diagnosis_have_the_coverage_of_its_intervals() {
 
 /// The posterior is narrower than the prior.
 fn spread(group: &str, draws: &Value) -> f64 {
-    let mut k_draws = values(&draws, group, "k_kpa", None);
+    let mut k_draws = values(draws, group, "k_kpa", None);
     k_draws.sort_by(f64::total_cmp);
     k_draws[3899] / k_draws[100]
 }

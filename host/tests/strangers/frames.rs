@@ -24,18 +24,18 @@ pub fn frames(displaced: bool) -> Vec<Vec<u8>> {
                 .map(|index| {
                     let (x, y) = ((index % WIDTH) as f64 - 44.6, (index / WIDTH) as f64 - row);
                     let echo = 190.0 * (-0.5 * (x * x / 6.0 + y * y / 3.0)).exp();
-                    (22.0 + 16.0 * noise(state) + echo).round() as u8
+                    (22.0 + 16.0 * noise(&mut state) + echo).round() as u8
                 })
                 .collect()
         })
         .collect()
 }
 
-fn noise(mut state: u64) -> f64 {
-    state ^= state << 13;
-    state ^= state >> 7;
-    state ^= state << 17;
-    (state >> 40) as f64 / f64::from(1_u32 << 24)
+fn noise(state: &mut u64) -> f64 {
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    *state ^= *state << 17;
+    (*state >> 40) as f64 / f64::from(1_u32 << 24)
 }
 
 /// Points of the shape are those of the path, 0.1 mm a pixel, a frame a millimetre.

@@ -7,6 +7,7 @@ mod source;
 use crate::build::root;
 use anyhow::{Context, Result, bail};
 use source::Source;
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::fs;
@@ -255,9 +256,9 @@ fn dependencies() -> Result<BTreeMap<String, BTreeSet<String>>> {
     let mut manifests = BTreeMap::new();
     for path in files()? {
         let folder = crate_of(&path);
-        if !manifests.contains_key(&folder) {
-            let manifest = fs::read_to_string(root().join(&folder).join("Cargo.toml"))?;
-            manifests.insert(folder, manifest);
+        if let Entry::Vacant(missing) = manifests.entry(folder) {
+            let manifest = fs::read_to_string(root().join(missing.key()).join("Cargo.toml"))?;
+            missing.insert(manifest);
         }
     }
     let mut below: BTreeMap<String, BTreeSet<String>> = manifests

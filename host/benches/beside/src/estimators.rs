@@ -45,7 +45,7 @@ pub fn rows(seed: u64) -> Rows {
     Rows { rows, values, prior_variance: PRIOR_VARIANCE }
 }
 
-fn value_of(row: &Vec<f64>) -> f64 {
+fn value_of(row: &[f64]) -> f64 {
     row.iter().enumerate().map(|(i, x)| x * (1.0 + i as f64)).sum::<f64>()
 }
 

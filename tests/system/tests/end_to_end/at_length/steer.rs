@@ -74,7 +74,7 @@ fn newest(bench: &Bench) -> PathBuf {
     file_name((1..).take_while(|number| file_name(*number, &folder).exists()).last().unwrap_or(1), &folder)
 }
 
-fn file_name(number: usize, folder: &PathBuf) -> PathBuf {
+fn file_name(number: usize, folder: &Path) -> PathBuf {
     match number {
         1 => folder.join("steer.jsonl"),
         _ => folder.join(format!("steer-{number}.jsonl")),
