@@ -8,10 +8,12 @@
 //! posterior of everything unknown and the error of the model, later by the error of the model alone, since readings up to there
 //! will tell the rest and the guide can still be moved.
 
+use crate::clamp::ClampShare;
 use crate::estimator::Hypothesis;
 use crate::history::History;
 use crate::protocol::Statement;
 use crate::tables::{self, Bent, Tables};
+use crate::unknowns::CLAMP;
 use mechanics::ModelError;
 use mechanics::growth::TipState;
 use mechanics::inner::{Influence, Inner};
@@ -318,7 +320,7 @@ impl Envelope {
             let asked = self.limits.asked(history, at.0);
             let inner: Vec<Inner> = asked.iter().map(|(_, inner, _)| *inner).collect();
             let subtracted = self.measured.is_some();
-            let rows = law.derivatives(
+            let mut rows = law.derivatives(
                 history,
                 |tables: &Tables, values: &[f64]| -> Result<Vec<f64>, ModelError> {
                     let bent = tables::bent(tables, &law.unknowns, values, &planned);
@@ -340,6 +342,7 @@ impl Envelope {
                     Ok(fractions)
                 },
             )?;
+            self.saturate(law, covariance, (at, &inner), &moves_m, &mut rows);
             let variance = |number: usize| {
                 let plane_row = |plane: usize| {
                     let row = rows.column(plane * asked.len() + number);
@@ -357,6 +360,36 @@ impl Envelope {
             }
         }
         Ok(())
+    }
+
+    /// Of derivatives of the quantities at a place, x before y, those with respect to the clamp of guide 1 as what it can change them by at most.
+    fn saturate(
+        &self,
+        law: &Hypothesis,
+        covariance: &DMatrix<f64>,
+        (at, inner): (At, &[Inner]),
+        moves_m: &[[f64; 2]],
+        rows: &mut DMatrix<f64>,
+    ) {
+        let mut quantities = vec![[0.0; 2]; inner.len()];
+        for cone in self.cones.iter().filter(|cone| cone.at == at) {
+            if let Some(quantity) = quantities.get_mut(cone.number) {
+                *quantity = cone.vector(moves_m);
+            }
+        }
+        let sd_ln = law.unknowns.sd[CLAMP];
+        let clamp = inner.iter().position(|inner| *inner == Inner::MomentAtGuide1).and_then(|guide1| {
+            let per_unknown = [0, 1].map(|plane| rows[(CLAMP, plane * inner.len() + guide1)]);
+            ClampShare::new(quantities[guide1], per_unknown, sd_ln)
+        });
+        let Some(clamp) = clamp else { return };
+        let by_ln = QUANTILE * sd_ln * covariance[(CLAMP, CLAMP)].max(0.0).sqrt();
+        for (number, [x, y]) in quantities.into_iter().enumerate() {
+            let places = [(CLAMP, number), (CLAMP, inner.len() + number)];
+            let growth = x * rows[places[0]] + y * rows[places[1]];
+            let saturation = clamp.saturation(growth > 0.0, by_ln);
+            places.into_iter().for_each(|place| rows[place] *= saturation);
+        }
     }
 
     /// Whether a plan exceeds any of the limits.

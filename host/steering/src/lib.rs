@@ -64,6 +64,7 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+mod clamp;
 mod controller;
 mod envelope;
 mod estimator;

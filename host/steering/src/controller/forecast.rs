@@ -229,8 +229,8 @@ impl Controller<'_> {
 fn stratified(rng: &mut ChaCha8Rng, count: usize) -> Vec<f64> {
     let mut order: Vec<(f64, usize)> = (0..count).map(|i| (StandardNormal.sample(rng), i)).collect();
     order.sort_by(|a: &(f64, usize), b| a.0.total_cmp(&b.0));
-    let middle = |i: usize| (i as f64 + 0.5) / count as f64;
-    order.iter().map(|(_, i)| -std::f64::consts::SQRT_2 * erfc_inv(2.0 * middle(*i))).collect()
+    let twice_middle = order.iter().map(|(_, i)| (2 * i + 1) as f64 / count as f64);
+    twice_middle.map(|share| -std::f64::consts::SQRT_2 * erfc_inv(share)).collect()
 }
 
 /// Share of a deviation of the tip at the target that is left when it is known from each stop on, and corrected there and at all
