@@ -110,3 +110,27 @@ impl Search<'_> {
         kept
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::found_in;
+    use crate::tests::truth;
+    use worlds::Design;
+
+    /// A step that begins before all runs predicts what the name does, but for a plane that the name has besides.
+    #[test]
+    fn a_name_is_not_refuted_by_a_law_of_the_same_predictions() {
+        for seed in [1, 2, 3] {
+            let hidden =
+                truth(vec![("sensor.force_bias", vec![0.2, 0.0]), ("sensor.shape_scale", vec![0.2])]);
+            let (_, found) = found_in(&worlds::session(&hidden, &Design::four_runs(), seed));
+            let names: Vec<Vec<&str>> = found
+                .members
+                .iter()
+                .map(|member| member.class.iter().map(|one| one.effect.id()).collect())
+                .collect();
+            let is_found = |id: &str| names.iter().any(|class| class.first() == Some(&id));
+            assert!(is_found("sensor.force_bias") && is_found("sensor.shape_scale"), "{seed}: {names:?}");
+        }
+    }
+}

@@ -184,7 +184,6 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
 
 /// Sessions of one population.
 fn row(like: &[Outcome]) -> Result<String> {
-    let noise_mm = |one: Option<&Outcome>| one.map_or(0.0, |one| one.displacement_mm);
     let [score, information] =
         like.iter().map(Outcome::delay).fold([0.0; 2], |sum, one| [sum[0] + one[0], sum[1] + one[1]]);
     let records: Vec<Summary> = like.iter().map(|one| one.record.clone()).collect();
@@ -207,4 +206,8 @@ fn row(like: &[Outcome]) -> Result<String> {
 
 fn count_where(like: &[Outcome], is: &dyn Fn(&Outcome) -> bool) -> String {
     like.iter().filter(|one| is(one)).count().to_string()
+}
+
+fn noise_mm(one: Option<&Outcome>) -> f64 {
+    one.map_or(0.0, |one| one.displacement_mm)
 }
