@@ -165,11 +165,12 @@ fn knots_um(fields: &Fields<'_>, field: &str, codes: &[f64]) -> Result<Option<[i
         }
         *um = position_um as i16;
     }
-    let monotonic = |values: &mut dyn Iterator<Item = [f64; 2]>| {
-        let steps: Vec<bool> = values.map(|[before, after]| after > before).collect();
+    fn is_monotonic(values: &[f64]) -> bool {
+        let steps: Vec<bool> =
+            values.iter().zip(values.iter().skip(1)).map(|(before, after)| after > before).collect();
         steps.iter().all(|up| *up) || !steps.iter().any(|up| *up)
-    };
-    let turns = !monotonic(&mut positions_um.windows(2).filter_map(|pair| pair.first_chunk().copied()))
+    }
+    let turns = !is_monotonic(&positions_um)
         || positions_um.windows(2).any(|pair| pair.first() == pair.last())
         || knots_um.windows(2).any(|pair| pair.first() == pair.last());
     if turns {

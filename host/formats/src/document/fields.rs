@@ -198,17 +198,16 @@ impl<'d> Fields<'d> {
         power: i32,
     ) -> Result<Option<Vec<Vec<f64>>>, SessionError> {
         let Some(value) = self.get(field) else { return Ok(None) };
-        let wrong = |value: &Spanned<DeValue<'_>>| {
-            let problem = Problem::WrongType(value.get_ref().type_str());
-            self.fault(value.span().start, field, problem, "a list of lists of numbers")
+        const EXPECTED: &str = "a list of lists of numbers";
+        let DeValue::Array(rows) = value.get_ref() else {
+            return Err(self.wrong_type(field, value, EXPECTED));
         };
-        let DeValue::Array(rows) = value.get_ref() else { return Err(wrong(value)) };
         rows.iter()
             .map(|row| match row.get_ref() {
                 DeValue::Array(items) => {
                     items.iter().map(|item| self.scaled(field, item, range, power)).collect()
                 }
-                _ => Err(wrong(row)),
+                _ => Err(self.wrong_type(field, row, EXPECTED)),
             })
             .collect::<Result<_, _>>()
             .map(Some)
@@ -217,16 +216,15 @@ impl<'d> Fields<'d> {
     /// A list of strings, where there is one.
     pub fn optional_texts(&self, field: &str) -> Result<Option<Vec<String>>, SessionError> {
         let Some(value) = self.get(field) else { return Ok(None) };
-        let wrong = |value: &Spanned<DeValue<'_>>| {
-            let problem = Problem::WrongType(value.get_ref().type_str());
-            self.fault(value.span().start, field, problem, "a list of strings")
+        const EXPECTED: &str = "a list of strings";
+        let DeValue::Array(items) = value.get_ref() else {
+            return Err(self.wrong_type(field, value, EXPECTED));
         };
-        let DeValue::Array(items) = value.get_ref() else { return Err(wrong(value)) };
         items
             .iter()
             .map(|item| match item.get_ref() {
                 DeValue::String(text) => Ok(text.to_string()),
-                _ => Err(wrong(item)),
+                _ => Err(self.wrong_type(field, item, EXPECTED)),
             })
             .collect::<Result<_, _>>()
             .map(Some)
@@ -252,6 +250,11 @@ impl<'d> Fields<'d> {
                 Err(self.field_fault(field, problem, "[low, high], two numbers in order"))
             }
         }
+    }
+
+    fn wrong_type(&self, field: &str, value: &Spanned<DeValue<'_>>, expected: &str) -> SessionError {
+        let problem = Problem::WrongType(value.get_ref().type_str());
+        self.fault(value.span().start, field, problem, expected)
     }
 
     fn scaled(

@@ -70,16 +70,18 @@ pub(super) fn estimate(force: &Series, displacement: &Series) -> Result<Offset, 
         .map(|i| least_s + step_s * i as f64)
         .filter_map(|offset_s| Some((offset_s, correlated(force, displacement, offset_s, COARSE)?.r2)))
         .collect();
-    let peak = |(offset_s, _): (f64, f64)| refined(force, displacement, offset_s, step_s);
     let best = candidates.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).ok_or(no_offset.clone())?;
-    let best_offset = peak(best).ok_or(no_offset)?;
+    let best_offset = refined(force, displacement, best.0, step_s).ok_or(no_offset)?;
     if best_offset.offset.r2 < LEAST_R2 {
         return Err(OffsetError::Unlike { r2: best_offset.offset.r2 });
     }
     // The best of the other peaks.
     fn is_peak(at: usize, candidates: &[(f64, f64)]) -> bool {
-        let r2 = |at: usize| candidates.get(at).map_or(f64::NEG_INFINITY, |(_, r2)| *r2);
-        r2(at) >= r2(at.wrapping_sub(1)) && r2(at) >= r2(at + 1)
+        fn r2(at: usize, candidates: &[(f64, f64)]) -> f64 {
+            candidates.get(at).map_or(f64::NEG_INFINITY, |(_, r2)| *r2)
+        }
+        let value = r2(at, candidates);
+        value >= r2(at.wrapping_sub(1), candidates) && value >= r2(at + 1, candidates)
     }
     fn is_far(offset_s: f64, step_s: f64, best_0: f64) -> bool {
         (offset_s - best_0).abs() > 2.5 * step_s
@@ -88,7 +90,10 @@ pub(super) fn estimate(force: &Series, displacement: &Series) -> Result<Offset, 
         .iter()
         .enumerate()
         .filter(|(at, (offset_s, _))| is_peak(*at, &candidates) && is_far(*offset_s, step_s, best.0));
-    let second = other_peaks.map(|(_, one)| *one).max_by(|a, b| a.1.total_cmp(&b.1)).and_then(peak);
+    let second = other_peaks
+        .map(|(_, one)| *one)
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .and_then(|(offset_s, _)| refined(force, displacement, offset_s, step_s));
     if let Some(second) = second
         && 0.5
             * best_offset.independent

@@ -165,10 +165,12 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
         .iter()
         .map(|table| Timed::new(table, &columns_used, options, &mut result.notes))
         .collect::<Result<_, _>>()?;
-    let has = |name: &str| columns_used.iter().any(|part| part.target.name == name);
-    if has("depth_mm") {
+    fn has(parts: &[Part], name: &str) -> bool {
+        parts.iter().any(|part| part.target.name == name)
+    }
+    if has(&columns_used, "depth_mm") {
         result.insertion = Some(insertion(&columns_used, &timed)?);
-    } else if has("force_y_n") && has("displacement_y_mm") {
+    } else if has(&columns_used, "force_y_n") && has(&columns_used, "displacement_y_mm") {
         lateral(&mut result, &columns_used, &timed, options)?;
     } else {
         return Err(not_numbers(tables, |column| {
@@ -268,10 +270,9 @@ impl Taken {
             let is_date =
                 column.is_stamp || target.quantity == Quantity::Time && clock::is_of_computer(column, unit);
             let whole = if is_date { 0.0 } else { column.origin as f64 };
-            let to_si = |value: f64| (whole + value) * unit.to_si;
             let (least, most) =
                 values.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| {
-                    let si = to_si(*value);
+                    let si = (whole + *value) * unit.to_si;
                     (least.min(si), most.max(si))
                 });
             let missing = table.lines.len() - values.clone().count();
@@ -294,8 +295,11 @@ impl Taken {
             });
         }
         for table in tables {
-            let is_taken = |column: &RawColumn| parts.iter().any(|part| std::ptr::eq(part.column, column));
-            let free = table.columns.iter().filter(|column| !is_taken(column)).map(|column| &column.header);
+            fn is_taken(column: &RawColumn, parts: &[Part]) -> bool {
+                parts.iter().any(|part| std::ptr::eq(part.column, column))
+            }
+            let free =
+                table.columns.iter().filter(|column| !is_taken(column, parts)).map(|column| &column.header);
             let words = table.words.iter().map(|column| &column.header);
             let names: Vec<&str> = free.chain(words).map(String::as_str).collect();
             if !names.is_empty() {

@@ -43,11 +43,10 @@ struct Messages {
 
 /// Reads the topics of a bag.
 pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
-    let io = |cause| TableError::Io { path: path.to_owned(), cause };
     fn fault(problem: String, expected: &str, path: &Path) -> TableError {
         TableError::File { path: path.to_owned(), problem, expected: expected.to_owned() }
     }
-    let size = fs::metadata(path).map_err(io)?.len();
+    let size = fs::metadata(path).map_err(|cause| TableError::io(path, cause))?.len();
     if size > MAX_BYTES {
         return Err(fault(
             format!("{size} bytes"),
@@ -55,7 +54,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
             path,
         ));
     }
-    let file = BufReader::new(fs::File::open(path).map_err(io)?);
+    let file = BufReader::new(fs::File::open(path).map_err(|cause| TableError::io(path, cause))?);
     let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
     let mut unused_topics: BTreeMap<String, String> = BTreeMap::new();
     let mut notes = Vec::new();
@@ -184,10 +183,10 @@ impl Messages {
             self.logged_ns.iter().copied().zip(self.stamps_ns.iter().copied()).collect();
         order.sort_by_key(|(logged_ns, _)| *logged_ns);
         let mut latest_ns = i128::MIN;
-        order.into_iter().enumerate().find_map(|(place, (_, stamp_ns))| {
+        order.into_iter().enumerate().find_map(|(message_index, (_, stamp_ns))| {
             latest_ns = latest_ns.max(stamp_ns);
-            let back_s = (latest_ns - stamp_ns) as f64 / 1e9;
-            (back_s > TRANSPORT_S.end).then_some((place, back_s))
+            let setback_s = (latest_ns - stamp_ns) as f64 / 1e9;
+            (setback_s > TRANSPORT_S.end).then_some((message_index, setback_s))
         })
     }
 
@@ -195,12 +194,12 @@ impl Messages {
     fn table(self, path: &Path, topic: &str) -> Result<RawTable, TableError> {
         let is_one_time = self.logged_ns.iter().min() == self.logged_ns.iter().max();
         let has_stamps = self.stamps_ns.iter().all(|stamp_ns| *stamp_ns != 0);
-        if let Some((place, back_s)) = self.set_back().filter(|_| has_stamps && !is_one_time) {
+        if let Some((message_index, setback_s)) = self.set_back().filter(|_| has_stamps && !is_one_time) {
             return Err(TableError::Cell {
                 path: PathBuf::from(format!("{}#{topic}", path.display())),
-                line: place + 1,
+                line: message_index + 1,
                 field: "stamp".to_owned(),
-                problem: format!("{back_s:.3} s before that of a message before"),
+                problem: format!("{setback_s:.3} s before that of a message before"),
                 expected: "stamps that never step back: was the clock set, or are two recordings joined?"
                     .to_owned(),
             });
@@ -210,7 +209,7 @@ impl Messages {
         let mut ahead_ns: Vec<i128> =
             logged_ns.iter().zip(&stamps_ns).map(|(logged, stamp)| logged - stamp).collect();
         ahead_ns.sort_unstable();
-        let ahead_s = ahead_ns.get(rows / 2).map_or(0.0, |ns| *ns as f64 / 1e9);
+        let lead_s = ahead_ns.get(rows / 2).map_or(0.0, |ns| *ns as f64 / 1e9);
         let times_ns = if has_stamps { stamps_ns } else { logged_ns };
         let mut order: Vec<usize> = (0..rows).collect();
         order.sort_by_key(|row| times_ns.get(*row).copied());
@@ -218,9 +217,9 @@ impl Messages {
         if order.windows(2).any(|pair| pair[0] > pair[1]) {
             notes.push("messages are in another order than their stamps, which counts".to_owned());
         }
-        if has_stamps && !TRANSPORT_S.contains(&ahead_s) {
+        if has_stamps && !TRANSPORT_S.contains(&lead_s) {
             notes.push(format!(
-                "its stamps are {ahead_s:.3} s before the times of the recorder: if the clock of another topic is not, --offset-s brings them together"
+                "its stamps are {lead_s:.3} s before the times of the recorder: if the clock of another topic is not, --offset-s brings them together"
             ));
         }
         if !has_stamps {
@@ -257,8 +256,8 @@ impl Messages {
             ..column("time", 1, None, sorted(&seconds), &topic)
         }];
         for (at, (name, (unit, values))) in fields.into_iter().enumerate() {
-            let value_at = |row: usize| values.get(row).copied().unwrap_or(f64::NAN);
-            columns.push(column(&name, at + 2, unit.and_then(Unit::parse), sorted(&value_at), &topic));
+            let values = sorted(&|row| values.get(row).copied().unwrap_or(f64::NAN));
+            columns.push(column(&name, at + 2, unit.and_then(Unit::parse), values, &topic));
         }
         Ok(RawTable {
             path: PathBuf::from(format!("{}#{topic}", path.display())),

@@ -52,8 +52,8 @@ impl Number {
             if cell.is_ascii() { cell.into() } else { cell.replacen('\u{2212}', "-", 1).into() };
         let written = written(text.trim());
         let text = written.as_ref();
-        let plain = || Some(Self { whole: 0, rest: number(text, has_decimal_comma)?, is_stamp: false });
-        plain().map(Self::exact(text, has_decimal_comma)).or_else(|| {
+        let plain = number(text, has_decimal_comma).map(|rest| Self { whole: 0, rest, is_stamp: false });
+        plain.map(Self::exact(text, has_decimal_comma)).or_else(|| {
             let (whole, whole_seconds) = stamp::parse(text)?;
             Some(Self { whole, rest: whole_seconds, is_stamp: true })
         })
@@ -103,7 +103,9 @@ pub(super) fn is_missing(cell: &str) -> bool {
 /// Remark on a cell that is no number, and what is expected in its place: signs are not guessed, and a word may stand for a reading beyond the
 /// range of an instrument.
 pub(super) fn not_a_number(cell: &str) -> (String, String) {
-    let is_number = |text: &str| [false, true].iter().any(|comma| number(text.trim(), *comma).is_some());
+    fn is_number(text: &str) -> bool {
+        [false, true].iter().any(|comma| number(text.trim(), *comma).is_some())
+    }
     let cell = cell.trim();
     let in_parentheses = cell.strip_prefix('(').and_then(|rest| rest.strip_suffix(')'));
     if let Some(inner) = in_parentheses.map(str::trim).filter(|inner| is_number(inner)) {
@@ -112,18 +114,18 @@ pub(super) fn not_a_number(cell: &str) -> (String, String) {
             format!("-{inner} if it is one below zero, else {inner}"),
         );
     }
-    if let Some(before) =
-        cell.strip_suffix(['-', '\u{2212}']).map(str::trim).filter(|before| is_number(before))
+    if let Some(number_text) =
+        cell.strip_suffix(['-', '\u{2212}']).map(str::trim).filter(|number_text| is_number(number_text))
     {
-        return (" but one with a minus behind it".to_owned(), format!("-{before}"));
+        return (" but one with a minus behind it".to_owned(), format!("-{number_text}"));
     }
     let digits = cell.find(|letter: char| letter.is_alphabetic() || matches!(letter, '°' | '"' | '%'));
-    if let Some((before, unit)) =
-        digits.map(|place| cell.split_at(place)).filter(|(before, _)| is_number(before))
+    if let Some((number_text, unit)) =
+        digits.map(|place| cell.split_at(place)).filter(|(number_text, _)| is_number(number_text))
     {
         return (
             " but one with a unit".to_owned(),
-            format!("{} with {unit} in the name of the column", before.trim()),
+            format!("{} with {unit} in the name of the column", number_text.trim()),
         );
     }
     let expected = "numbers, and where there is no reading (overload, out of range) an empty cell or nan, which is left out and counted";

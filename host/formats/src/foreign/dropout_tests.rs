@@ -18,9 +18,9 @@ fn with_force(force: impl Fn(usize, f64) -> String) -> Taken {
 fn left_out(name: &str, run: &Taken, is_zero: impl Fn(usize) -> bool, words: &str) {
     let force = run.force.as_ref().expect("a force");
     let rows: Vec<usize> = (0..400).filter(|row| !is_zero(*row)).collect();
-    let found: Vec<usize> =
+    let recovered_rows: Vec<usize> =
         force.time_s.iter().map(|t| ((t + truth(rows[0])[0]) / 0.02).round() as usize).collect();
-    assert_eq!(found, rows, "{name}: {:?}", run.notes);
+    assert_eq!(recovered_rows, rows, "{name}: {:?}", run.notes);
     for (row, force_n) in rows.iter().zip(&force.force_y_n) {
         assert!((force_n - truth(*row)[2]).abs() < 2e-2, "{name}, row {row}: {force_n}");
     }
@@ -29,7 +29,6 @@ fn left_out(name: &str, run: &Taken, is_zero: impl Fn(usize) -> bool, words: &st
 
 #[test]
 fn zeros_among_readings_of_a_channel_with_noise_are_left_out() {
-    let digits = |f: f64| format!("{f:.5}");
     type Pattern = fn(usize) -> bool;
     let patterns: [(&str, Pattern, &str); 6] = [
         ("a block in the hold", |i| (260..300).contains(&i), "t.csv: line 262: \"Load (N)\" falls from"),
@@ -40,7 +39,7 @@ fn zeros_among_readings_of_a_channel_with_noise_are_left_out() {
         ("to the end", |i| i > 340, "line 343: "),
     ];
     for (name, is_zero, words) in patterns {
-        let run = with_force(|i, f| if is_zero(i) { "0.00000".to_owned() } else { digits(f) });
+        let run = with_force(|i, f| if is_zero(i) { "0.00000".to_owned() } else { format!("{f:.5}") });
         left_out(name, &run, is_zero, words);
     }
     // Hundredths of a newton: at rest zero is the reading of every row.
@@ -66,7 +65,7 @@ fn a_position_that_drops_to_zero_is_left_out() {
 #[test]
 fn zeros_that_are_readings_stay() {
     // Before contact, in a band around zero, in a channel of few levels, and on the way from one side to the other.
-    let kept: [(&str, Cell); 6] = [
+    let channels: [(&str, Cell); 6] = [
         ("steps of a tenth", |i, _| {
             format!("{:.1}", ((i as f64 - 200.0).abs() / 10.0 - 3.0).max(0.0).floor() / 10.0)
         }),
@@ -83,7 +82,7 @@ fn zeros_that_are_readings_stay() {
             if i == 200 { "0".to_owned() } else { format!("{:.5}", side + 0.01 * f) }
         }),
     ];
-    for (name, force) in kept {
+    for (name, force) in channels {
         let run = with_force(force);
         assert_eq!(run.force.expect("a force").time_s.len(), 400, "{name}: {:?}", run.notes);
         assert!(!run.notes.iter().any(|note| note.contains("exactly")), "{name}: {:?}", run.notes);
@@ -111,11 +110,11 @@ fn a_force_that_is_one_value_over_and_over_is_remarked() {
         assert!(run.notes.iter().any(|note| note.contains(words)), "{name}: {:?}", run.notes);
     }
     // A logger that is faster than the channel, and whole numbers.
-    let kept: [(&str, Cell); 2] = [
+    let channels: [(&str, Cell); 2] = [
         ("ten times each", |i, _| format!("{:.5}", truth(i / 10 * 10)[2])),
         ("hundredths", |_, f| format!("{f:.2}")),
     ];
-    for (name, force) in kept {
+    for (name, force) in channels {
         let run = with_force(force);
         assert!(!run.notes.iter().any(|note| note.contains("exactly")), "{name}: {:?}", run.notes);
     }
@@ -131,9 +130,9 @@ fn a_force_series_of_a_session_is_searched_for_them_too() {
             format!("{t},{x:.6},{force:.5}")
         });
         std::fs::write(&path, bytes).expect("written");
-        let found = zeros_among_forces(&path);
-        assert_eq!(found.as_ref().map(|(line, ..)| *line), line, "{found:?}");
-        assert!(found.is_none_or(|(_, field, words)| field == "force_y_n" && words.contains("to exactly 0")));
+        let fault = zeros_among_forces(&path);
+        assert_eq!(fault.as_ref().map(|(line, ..)| *line), line, "{fault:?}");
+        assert!(fault.is_none_or(|(_, field, words)| field == "force_y_n" && words.contains("to exactly 0")));
     }
     assert_eq!(zeros_among_forces(&folder.path().join("none.csv")), None);
 }

@@ -136,10 +136,10 @@ impl Readings {
     pub fn zeros(&self) -> Option<Mark> {
         let (step, steps) = self.largest_step(&[0.0]);
         let (m, stretches) = (steps as f64, self.stretches());
-        let (zeros, others): (Vec<&Stretch>, Vec<&Stretch>) =
+        let (zeros, other_stretches): (Vec<&Stretch>, Vec<&Stretch>) =
             stretches.iter().partition(|stretch| self.value(stretch) == 0.0);
         let begins_with_zero = self.values.first() == Some(&0.0);
-        let first_reading = others.first().map(|stretch| self.value(stretch))?;
+        let first_reading = other_stretches.first().map(|stretch| self.value(stretch))?;
         let reach = step + if begins_with_zero { first_reading.abs() } else { 0.0 };
         let (inner, at_end): (Vec<&Stretch>, Vec<&Stretch>) = zeros
             .into_iter()
@@ -149,7 +149,7 @@ impl Readings {
         let chance = inner.len() as f64 * 2.0 / ((m + 1.0) * (m + 2.0));
         let shown = shown.filter(|_| chance < CHANCE);
         // A record that ends with zeros has one step into them; that it repeats them longer than any other reading is the second sign.
-        let longest = others.iter().map(|stretch| stretch.count).max().unwrap_or(0);
+        let longest = other_stretches.iter().map(|stretch| stretch.count).max().unwrap_or(0);
         let has_band = begins_with_zero && stretches.first().is_some_and(|stretch| stretch.count > longest);
         let least = if has_band || (m + 1.0).recip() >= CHANCE { usize::MAX } else { longest + 1 };
         let at_end = at_end
@@ -178,8 +178,11 @@ pub(super) fn without(tables: &[RawTable], mapping: &Mapping) -> Vec<RawTable> {
             let is_over_time = matches!(quantity, Quantity::Force | Quantity::Length)
                 && name != "z_mm"
                 && !name.starts_with("deflection_");
-            let place = table.find(&choice.column).ok().flatten().filter(|_| is_over_time);
-            let Some(column) = place.and_then(|place| table.columns.get_mut(place)) else { continue };
+            let column_index = table.find(&choice.column).ok().flatten().filter(|_| is_over_time);
+            let Some(column) = column_index.and_then(|column_index| table.columns.get_mut(column_index))
+            else {
+                continue;
+            };
             table.notes.extend(take_out_zeros(column, &table.lines));
             if quantity == Quantity::Force {
                 table.notes.extend(stuck(column, &table.lines));
@@ -238,22 +241,25 @@ fn stuck(column: &RawColumn, lines: &[usize]) -> Option<String> {
         .filter(|stretch| !(has_band && readings.value(stretch) == 0.0))
         .max_by_key(|stretch| stretch.count)?;
     let value = readings.value(longest);
-    let (same, others): (Vec<&Stretch>, Vec<&Stretch>) =
+    let (value_stretches, other_stretches): (Vec<&Stretch>, Vec<&Stretch>) =
         stretches.iter().partition(|stretch| readings.value(stretch) == value);
-    let count: usize = same.iter().map(|stretch| stretch.count).sum();
-    let repeated: usize = others.iter().map(|stretch| stretch.count - 1).sum();
-    let longest_else = others.iter().map(|stretch| stretch.count).max().unwrap_or(1);
-    let of_succession = (repeated as f64 + 1.0) / ((repeated + others.len()) as f64 + 2.0);
-    let of_longest = (others.len().max(1) as f64).powf(-1.0 / longest_else as f64);
-    let again = if others.is_empty() { of_succession } else { of_succession.max(of_longest) };
+    let count: usize = value_stretches.iter().map(|stretch| stretch.count).sum();
+    let repeated: usize = other_stretches.iter().map(|stretch| stretch.count - 1).sum();
+    let longest_else = other_stretches.iter().map(|stretch| stretch.count).max().unwrap_or(1);
+    let of_succession = (repeated as f64 + 1.0) / ((repeated + other_stretches.len()) as f64 + 2.0);
+    let of_longest = (other_stretches.len().max(1) as f64).powf(-1.0 / longest_else as f64);
+    let again = if other_stretches.is_empty() { of_succession } else { of_succession.max(of_longest) };
     let exponent = i32::try_from(longest.count - 1).unwrap_or(i32::MAX);
     let is_chance = readings.values.len() as f64 * again.powi(exponent) >= CHANCE;
     let line = lines.get(readings.row(longest))?;
-    let others =
-        if others.is_empty() { "it has no other ones" } else { "its other ones differ from each other" };
+    let remark = if other_stretches.is_empty() {
+        "it has no other ones"
+    } else {
+        "its other ones differ from each other"
+    };
     (!is_chance).then(|| {
         format!(
-            "line {line}: \"{}\" is exactly {value} in {} readings behind each other ({count} in all), and {others}: is the channel at the end of its range, held or \
+            "line {line}: \"{}\" is exactly {value} in {} readings behind each other ({count} in all), and {remark}: is the channel at the end of its range, held or \
              not connected? They are used",
             column.header, longest.count
         )

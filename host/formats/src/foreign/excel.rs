@@ -53,15 +53,20 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         .map_err(|cause| fault(cause.to_string(), "a sheet of cells", path))?;
     let first = range.start().map_or(0, |(row, _)| row as usize);
     let has_decimal_comma = has_decimal_comma(&range);
-    let written = |cell: &Data| {
+    fn written(cell: &Data, has_decimal_comma: bool) -> String {
         let text = text(cell);
         let is_number = !matches!(cell, Data::String(_));
         if has_decimal_comma && is_number { text.replace('.', ",") } else { text }
-    };
+    }
     let rows: Vec<(usize, Vec<String>)> = range
         .rows()
         .enumerate()
-        .map(|(at, cells)| (first + at + 1, cells.iter().map(written).collect::<Vec<String>>()))
+        .map(|(at, cells)| {
+            (
+                first + at + 1,
+                cells.iter().map(|cell| written(cell, has_decimal_comma)).collect::<Vec<String>>(),
+            )
+        })
         .filter(|(_, cells)| cells.iter().any(|cell| !cell.is_empty()))
         .collect();
     let hidden = HiddenRows::read(path, &name);

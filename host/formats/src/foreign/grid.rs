@@ -113,13 +113,12 @@ impl Grid {
         if let Some(error) = of_other_format(&file) {
             return Err(error);
         }
-        let io = |cause| TableError::Io { path: path.to_owned(), cause };
-        let size = fs::metadata(path).map_err(io)?.len();
+        let size = fs::metadata(path).map_err(|cause| TableError::io(path, cause))?.len();
         if size > MAX_BYTES {
             let (problem, expected) = (format!("{size} bytes"), format!("at most {MAX_BYTES}"));
             return Err(TableError::File { path: path.to_owned(), problem, expected });
         }
-        Self::parse(path, &fs::read(path).map_err(io)?)
+        Self::parse(path, &fs::read(path).map_err(|cause| TableError::io(path, cause))?)
     }
 
     /// As [`Self::read`], from bytes that were found in this file.
@@ -225,12 +224,16 @@ fn decoded(all_bytes: &[u8], end: usize) -> (String, &'static str) {
 /// The byte order of UTF-16 without a mark: nearly every letter of a table has a zero on the same side.
 fn byte_order_without_mark(bytes: &[u8]) -> Option<fn([u8; 2]) -> u16> {
     let pairs = bytes.as_chunks::<2>().0;
-    let zeros = |side: usize| pairs.iter().filter(|pair| pair[side] == 0 && pair[1 - side] != 0).count();
-    let is_most = |count: usize| 10 * count > 9 * pairs.len() && count > 0;
-    match [zeros(0), zeros(1)] {
-        [_, second] if is_most(second) => Some(u16::from_le_bytes),
-        [first, _] if is_most(first) => Some(u16::from_be_bytes),
-        _ => None,
+    fn is_most_zero(pairs: &[[u8; 2]], side: usize) -> bool {
+        let count = pairs.iter().filter(|pair| pair[side] == 0 && pair[1 - side] != 0).count();
+        10 * count > 9 * pairs.len() && count > 0
+    }
+    if is_most_zero(pairs, 1) {
+        Some(u16::from_le_bytes)
+    } else if is_most_zero(pairs, 0) {
+        Some(u16::from_be_bytes)
+    } else {
+        None
     }
 }
 

@@ -211,9 +211,9 @@ fn cells_that_are_no_numbers_say_what_is_expected_in_their_place() {
 
 #[test]
 fn names_above_a_column_of_comments_are_those_of_labview() {
-    let before = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\nChannels\t2\t\nSamples\t400\t400\n\
-                  ***End_of_Header***\t\t\nX_Value\tDisplacement\tForce\tComment\n";
-    let bytes = lines(before, |_, t, x, f| format!("{t:.6}\t{x:.6}\t{f:.6}"));
+    let header_text = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\nChannels\t2\t\nSamples\t400\t400\n\
+                       ***End_of_Header***\t\t\nX_Value\tDisplacement\tForce\tComment\n";
+    let bytes = lines(header_text, |_, t, x, f| format!("{t:.6}\t{x:.6}\t{f:.6}"));
     same(
         "lvm",
         &bytes,
@@ -227,11 +227,13 @@ fn names_above_a_column_of_comments_are_those_of_labview() {
 
 #[test]
 fn seconds_and_nanoseconds_of_one_stamp_are_one_time() {
-    let rows = |t: f64| {
+    fn stamp(t: f64) -> String {
         let ns = (1e9 * t).round() as i64 + 1_764_000_000_900_000_000;
         format!("{},{}", ns.div_euclid(1_000_000_000), ns.rem_euclid(1_000_000_000))
-    };
-    let row = |_, t: f64, x: f64, f: f64| format!("{},{:.9},{f:.6}", rows(t), 1e-3 * x);
+    }
+    fn row(_: usize, t: f64, x: f64, f: f64) -> String {
+        format!("{},{:.9},{f:.6}", stamp(t), 1e-3 * x)
+    }
     let maps = ["w.force.y=force_y_n:N", "j.position=displacement_y_mm:m"];
     for names in ["header.stamp.sec,header.stamp.nanosec", "secs,nsecs"] {
         let bytes = lines(&format!("{names},j.position,w.force.y\n"), row);
@@ -260,9 +262,9 @@ fn a_session_s_own_names_are_what_they_say() {
     let tables = [force, shape].map(|grid| grid.and_then(RawTable::new).expect("a table"));
     let options =
         Options { merge_on: Some("time".into()), z_from: Some(ZOrigin::Guide1), ..Options::default() };
-    let taken = take(&tables, &Mapping::default(), &options).expect("a run");
-    assert_eq!(taken.force.expect("a force").displacement_x_m.expect("both axes").len(), 400);
-    let shape = taken.shape.expect("a shape");
+    let lateral_run = take(&tables, &Mapping::default(), &options).expect("a run");
+    assert_eq!(lateral_run.force.expect("a force").displacement_x_m.expect("both axes").len(), 400);
+    let shape = lateral_run.shape.expect("a shape");
     fn millimetres(values: &[f64]) -> Vec<f64> {
         values.iter().map(|m| (1e6 * m).round() / 1e3).collect::<Vec<_>>()
     }
@@ -280,17 +282,17 @@ fn signs_between_thousands_are_no_decimal_commas() {
     fn parted(value: f64, decimals: usize, sign: char, point: char) -> String {
         let text = format!("{:.decimals$}", value.abs());
         let (whole, fraction) = text.split_once('.').unwrap_or((&text, ""));
-        let mut out = String::new();
+        let mut digits = String::new();
         for (at, digit) in whole.chars().enumerate() {
             if at > 0 && (whole.len() - at).is_multiple_of(3) {
-                out.push(sign);
+                digits.push(sign);
             }
-            out.push(digit);
+            digits.push(digit);
         }
         if decimals > 0 {
-            out = format!("{out}{point}{fraction}");
+            digits = format!("{digits}{point}{fraction}");
         }
-        if value < 0.0 { format!("-{out}") } else { out }
+        if value < 0.0 { format!("-{digits}") } else { digits }
     }
     // Whole micrometres are rounded by half of one; the others by less.
     for (decimals, sign, point) in

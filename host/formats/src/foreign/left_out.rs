@@ -22,8 +22,8 @@ impl RawTable {
             let cells: Vec<[String; 1]> = numbers
                 .map(|(number, is_missing)| [if is_missing { String::new() } else { number.to_string() }])
                 .collect();
-            let kept: Vec<&[String]> = cells.iter().map(<[String; 1]>::as_slice).collect();
-            self.leave_out_marked(&header, &kept, 0, &mut notes);
+            let rows: Vec<&[String]> = cells.iter().map(<[String; 1]>::as_slice).collect();
+            self.leave_out_marked(&header, &rows, 0, &mut notes);
         }
         self.leave_out_numbers(&mut notes);
         self.notes = notes;

@@ -61,9 +61,10 @@ fn numbers_that_stand_for_no_reading_are_none() {
 #[test]
 fn marks_are_told_from_readings_by_the_steps_of_the_column() {
     let header = "Time (s),Extension (mm),Load (N)\n";
-    let none = ["9999", "-9999", "1e30", "3.4028235e38", "-3.697314E28", "9.91E+37"];
+    let marks = ["9999", "-9999", "1e30", "3.4028235e38", "-3.697314E28", "9.91E+37"];
     let bytes = lines(header, |i, t, x, f| {
-        none.get(i.wrapping_sub(77) / 20)
+        marks
+            .get(i.wrapping_sub(77) / 20)
             .filter(|_| i % 20 == 17)
             .map_or_else(|| format!("{t},{x},{f}"), |mark| format!("{t},{x},{mark}"))
     });
@@ -80,7 +81,9 @@ fn marks_are_told_from_readings_by_the_steps_of_the_column() {
         |i, t, x, f| if i % 3 == 0 { format!("{t},{x},-99.9") } else { format!("{t},{x},{f}") },
     );
     assert_eq!(taken(&bytes, &[], None).expect("a run").force.expect("a force").time_s.len(), 266);
-    let stage = |i: usize| [0.0, 33.0, 66.0, 99.0, 66.0, 33.0, 0.0, 33.0][i / 50];
+    fn stage(i: usize) -> f64 {
+        [0.0, 33.0, 66.0, 99.0, 66.0, 33.0, 0.0, 33.0][i / 50]
+    }
     let bytes = lines("Time (s),Stage (um),Load (N)\n", |i, t, _, f| format!("{t},{},{f}", stage(i)));
     let force =
         taken(&bytes, &["Stage (um)=displacement_y_mm"], None).expect("a run").force.expect("a force");
@@ -145,12 +148,13 @@ fn remarks_summaries_and_names_in_other_places_are_no_readings() {
         format!("{t:.3},{x:.6},{f:.6}")
     }
     let header = "Time (s),Extension (mm),Load (N)\n";
-    let remark =
-        |i, t, x, f| if i == 9 { format!("{}\r\n# pause, 3, 4", row(t, x, f)) } else { row(t, x, f) };
+    fn remark(i: usize, t: f64, x: f64, f: f64) -> String {
+        if i == 9 { format!("{}\r\n# pause, 3, 4", row(t, x, f)) } else { row(t, x, f) }
+    }
     same("remark", &lines(header, remark), &[], None);
-    let summary = |i, t, x, f| {
+    fn summary(i: usize, t: f64, x: f64, f: f64) -> String {
         if i == 399 { format!("{}\r\n\r\nMax,1.2,0.3\r\nMean,0.6,0.1", row(t, x, f)) } else { row(t, x, f) }
-    };
+    }
     same("summary", &lines(header, summary), &[], None);
     statistics_at_the_end_are_no_readings(header);
     same(
@@ -184,10 +188,10 @@ fn remarks_summaries_and_names_in_other_places_are_no_readings() {
         None,
     );
     let words = ["-nan(ind)", "1.#QNAN", "-nan", "-1.#IND"];
-    let none = lines(header, |i, t, x, f| {
+    let bytes = lines(header, |i, t, x, f| {
         words.get(i.wrapping_sub(9)).map_or_else(|| row(t, x, f), |word| format!("{t},{x},{word}"))
     });
-    assert_eq!(taken(&none, &[], None).expect("a run").force.expect("a force").time_s.len(), 396);
+    assert_eq!(taken(&bytes, &[], None).expect("a run").force.expect("a force").time_s.len(), 396);
     // Names again, in another order or other ones: the columns below them are others.
     for again in ["Time (s),Load (N),Extension (mm)", "t,force,travel", header.trim_end()] {
         let two = lines(
@@ -203,9 +207,11 @@ fn remarks_summaries_and_names_in_other_places_are_no_readings() {
     zeros.extend([0; 512]);
     same("zeros behind the end", &zeros, &[], None);
     let text = String::from_utf8(lines(header, |_, t, x, f| row(t, x, f))).expect("text");
-    let wide = |bytes: fn(u16) -> [u8; 2]| text.encode_utf16().flat_map(bytes).collect::<Vec<u8>>();
-    same("UTF-16 without a mark", &wide(u16::to_le_bytes), &[], None);
-    same("UTF-16 without a mark, big-endian", &wide(u16::to_be_bytes), &[], None);
+    fn wide(text: &str, bytes: fn(u16) -> [u8; 2]) -> Vec<u8> {
+        text.encode_utf16().flat_map(bytes).collect()
+    }
+    same("UTF-16 without a mark", &wide(&text, u16::to_le_bytes), &[], None);
+    same("UTF-16 without a mark, big-endian", &wide(&text, u16::to_be_bytes), &[], None);
 }
 
 /// Statistics below the readings, with and without words, with all digits and with few.
@@ -239,9 +245,9 @@ fn statistics_at_the_end_are_no_readings(header: &str) {
         for tail in [rows[..2].to_vec(), rows[2..3].to_vec(), rows[3..].to_vec(), rows.clone()] {
             for above in ["", "\r\n"] {
                 let text = lines(header, |i, t, x, f| {
-                    let below =
+                    let tail_text =
                         if i == 399 { format!("\r\n{above}{}", tail.join("\r\n")) } else { String::new() };
-                    format!("{t},{x},{f}{below}")
+                    format!("{t},{x},{f}{tail_text}")
                 });
                 same(&format!("{decimals} digits of {tail:?}"), &text, &[], None);
             }
@@ -249,14 +255,14 @@ fn statistics_at_the_end_are_no_readings(header: &str) {
     }
     // Without a clock only an empty line tells a mean from the end of a hold.
     let unclocked = |i: usize, x: f64, f: f64| {
-        let below = format!("\r\n\r\n{:.6},{:.6}", mean(&columns[1]), mean(&columns[2]));
-        format!("{x:.6},{f:.6}{}", if i == 399 { below } else { String::new() })
+        let means_text = format!("\r\n\r\n{:.6},{:.6}", mean(&columns[1]), mean(&columns[2]));
+        format!("{x:.6},{f:.6}{}", if i == 399 { means_text } else { String::new() })
     };
     same("no clock", &lines("Extension (mm),Load (N)\n", |i, _, x, f| unclocked(i, x, f)), &[], Some(50.0));
     // Results of a fit, which are no statistics.
-    let results = |i: usize, t: f64, x: f64, f: f64| {
+    fn results(i: usize, t: f64, x: f64, f: f64) -> String {
         format!("{t},{x},{f}{}", if i == 399 { "\r\n\r\n13.2,2.4,0.998" } else { "" })
-    };
+    }
     same("results of a fit", &lines(header, results), &[], None);
     let at_rest = lines("Extension (mm),Load (N)\n", |i, _, _, _| {
         let x = [1.0, -1.0, 0.0][(i / 100).min(2)];

@@ -165,17 +165,19 @@ impl Mapping {
         text
     }
 
+    /// Whether a choice is of this column of a table.
+    fn is_taken(&self, table: &RawTable, column: &RawColumn) -> bool {
+        self.choices.iter().any(|choice| {
+            table.find(&choice.column).ok().flatten().and_then(|at| table.columns.get(at)) == Some(column)
+        })
+    }
+
     /// Adds what names and units show, for quantities that nothing is stated of: nothing where two columns are alike.
     pub fn completed(&self, tables: &[RawTable]) -> Self {
         let mut choices = self.choices.clone();
         for table in tables {
-            let is_taken = |column: &RawColumn| {
-                self.choices.iter().any(|choice| {
-                    table.find(&choice.column).ok().flatten().and_then(|at| table.columns.get(at))
-                        == Some(column)
-                })
-            };
-            let free: Vec<&RawColumn> = table.columns.iter().filter(|column| !is_taken(column)).collect();
+            let free: Vec<&RawColumn> =
+                table.columns.iter().filter(|column| !self.is_taken(table, column)).collect();
             let has_time = choices.iter().any(|choice| {
                 choice.target.quantity == Quantity::Time
                     && table.find(&choice.column).is_ok_and(|place| place.is_some())
@@ -194,7 +196,7 @@ impl Mapping {
                 choices.extend(pair);
             }
             // The session's own names are what they say, in a table of which the user states nothing.
-            if table.columns.iter().filter(|column| is_taken(column)).all(is_time) {
+            if table.columns.iter().filter(|column| self.is_taken(table, column)).all(is_time) {
                 for (column, target) in named_as_in_a_session(&free) {
                     if choices.iter().all(|choice| choice.target != target) {
                         choices.push(Choice { column: column.own_name(), target, unit: column.unit.clone() });
@@ -293,8 +295,8 @@ fn only<'c>(columns: &[&'c RawColumn], is: impl Fn(&RawColumn) -> bool) -> Optio
 
 /// Columns with the names of a session: of an insertion where depth and tip are among them, else of a lateral run.
 fn named_as_in_a_session<'c>(columns: &[&'c RawColumn]) -> Vec<(&'c RawColumn, Target)> {
-    let has = |name: &str| columns.iter().any(|column| column.header == name);
-    let is_insertion = has("depth_mm") && has("tip_y_mm");
+    let is_insertion =
+        ["depth_mm", "tip_y_mm"].iter().all(|name| columns.iter().any(|column| column.header == *name));
     let of_insertion = ["depth_", "tip_", "rotation_", "guide2_"];
     columns
         .iter()
@@ -308,7 +310,7 @@ fn named_as_in_a_session<'c>(columns: &[&'c RawColumn]) -> Vec<(&'c RawColumn, T
 
 /// Seconds and nanoseconds in columns of their own, as stamps of ROS are written: `stamp.sec` and `stamp.nanosec`.
 fn seconds_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
-    let one = |unit: &str, endings: &[&str]| {
+    fn column_in(unit: &str, endings: &[&str], columns: &[&RawColumn]) -> Option<(Vec<String>, Choice)> {
         let column = only(columns, |column| {
             words(&column.header).last().is_some_and(|word| endings.contains(&word.as_str()))
         })?;
@@ -316,9 +318,10 @@ fn seconds_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
         name.pop();
         let unit = Some(Unit::parse(unit)?);
         Some((name, Choice { column: column.own_name(), target: Target::ALL[0], unit }))
-    };
-    let (of_whole, whole) = one("s", &["sec", "secs", "seconds"])?;
-    let (of_fraction, fraction) = one("ns", &["nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"])?;
+    }
+    let (of_whole, whole) = column_in("s", &["sec", "secs", "seconds"], columns)?;
+    let (of_fraction, fraction) =
+        column_in("ns", &["nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"], columns)?;
     (of_whole == of_fraction).then_some([whole, fraction])
 }
 
@@ -328,11 +331,11 @@ fn stamp_and_fraction(columns: &[&RawColumn]) -> Option<[Choice; 2]> {
     if clock.values.iter().any(|value| !value.is_nan() && value.fract() != 0.0) {
         return None;
     }
-    let parts: [(&str, f64, &[&str]); 2] = [
+    let fraction_units: [(&str, f64, &[&str]); 2] = [
         ("ms", 1e3, &["ms", "msec", "millis", "millisecond", "milliseconds", "millisec"]),
         ("us", 1e6, &["us", "usec", "micros", "microsecond", "microseconds", "microsec"]),
     ];
-    parts.into_iter().find_map(|(unit, most, names)| {
+    fraction_units.into_iter().find_map(|(unit, most, names)| {
         let fraction = only(columns, |column| {
             let is_named = words(&column.header).last().is_some_and(|word| names.contains(&word.as_str()));
             is_named

@@ -42,15 +42,14 @@ struct Array {
 
 /// Reads the arrays of a file.
 pub(super) fn read(path: &Path) -> Result<Vec<RawTable>, TableError> {
-    let io = |cause| TableError::Io { path: path.to_owned(), cause };
     fn fault(problem: String, expected: &str, path: &Path) -> TableError {
         TableError::File { path: path.to_owned(), problem, expected: expected.to_owned() }
     }
-    let size = fs::metadata(path).map_err(io)?.len();
+    let size = fs::metadata(path).map_err(|cause| TableError::io(path, cause))?.len();
     if size > MAX_BYTES as u64 {
         return Err(fault(format!("{size} bytes"), "at most 512 MiB, or CSV", path));
     }
-    let bytes = fs::read(path).map_err(io)?;
+    let bytes = fs::read(path).map_err(|cause| TableError::io(path, cause))?;
     let (header, body) = bytes
         .split_at_checked(HEADER)
         .ok_or_else(|| fault("is shorter than a header".to_owned(), EXPECTED, path))?;
@@ -124,13 +123,15 @@ impl<'a> Cursor<'a> {
 /// The numbers of an element.
 fn numbers(kind: u32, content: &[u8], is_big: bool) -> Option<Vec<f64>> {
     fn each<const N: usize>(content: &[u8], is_big: bool, from: fn([u8; N]) -> f64) -> Vec<f64> {
-        let one = |mut bytes: [u8; N]| {
-            if is_big {
-                bytes.reverse();
-            }
-            from(bytes)
-        };
-        content.as_chunks::<N>().0.iter().map(|bytes| one(*bytes)).collect()
+        let chunks = content.as_chunks::<N>().0.iter().copied();
+        chunks
+            .map(|mut bytes| {
+                if is_big {
+                    bytes.reverse();
+                }
+                from(bytes)
+            })
+            .collect()
     }
     Some(match kind {
         1 => each(content, is_big, |b| f64::from(i8::from_le_bytes(b))),

@@ -140,6 +140,12 @@ pub enum TableError {
     Document(#[from] crate::document::SessionError),
 }
 
+impl TableError {
+    fn io(path: &std::path::Path, cause: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), cause }
+    }
+}
+
 #[cfg(test)]
 mod dropout_tests;
 #[cfg(test)]

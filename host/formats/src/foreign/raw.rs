@@ -172,8 +172,8 @@ impl RawTable {
             let problem = format!("no rows of two numbers or more ({form})");
             return Err(TableError::File { path, problem, expected });
         };
-        let (above, below) = rows.split_at(first);
-        let (names, units, header_line) = names::find(above, width, has_decimal_comma, below);
+        let (preamble, data_rows) = rows.split_at(first);
+        let (names, units, header_line) = names::find(preamble, width, has_decimal_comma, data_rows);
         let sample = rows.get(first..).unwrap_or_default().iter().take(SAMPLE);
         let mut columns: Vec<RawColumn> = Vec::new();
         let mut words = Vec::new();
@@ -214,7 +214,7 @@ impl RawTable {
         if let Some((line, _)) = rows.get(end) {
             notes.push(format!("the rows from line {line} on are words, as a summary has, and skipped"));
         }
-        let mut kept: Vec<&[String]> = Vec::new();
+        let mut kept_rows: Vec<&[String]> = Vec::new();
         for (at, (line, cells)) in rows.iter().enumerate().take(end).skip(first) {
             if is_comment(cells) {
                 skipped.push(*line);
@@ -233,21 +233,21 @@ impl RawTable {
                 }
                 skipped.push(*line);
             } else {
-                kept.push(cells);
+                kept_rows.push(cells);
             }
         }
         // A row that is left out is no empty line between others.
-        let places: Vec<usize> =
+        let row_numbers: Vec<usize> =
             table.lines.iter().map(|line| line - left_out.partition_point(|out| out < line)).collect();
-        let of_statistics = rows_of_statistics(&table.columns, &kept, &places, has_decimal_comma);
-        let (count, what) = match of_statistics {
-            0 => (rows_apart(&table.columns, &places), "stand apart and do not go on from those above"),
+        let of_statistics = rows_of_statistics(&table.columns, &kept_rows, &row_numbers, has_decimal_comma);
+        let (count, reason) = match of_statistics {
+            0 => (rows_apart(&table.columns, &row_numbers), "stand apart and do not go on from those above"),
             count => (count, "are means, totals or other statistics of those above"),
         };
-        let end = kept.len() - count;
+        let end = kept_rows.len() - count;
         if let Some(line) = table.lines.get(end).copied() {
-            notes.push(format!("the rows from line {line} on {what}, and are skipped"));
-            kept.truncate(end);
+            notes.push(format!("the rows from line {line} on {reason}, and are skipped"));
+            kept_rows.truncate(end);
             table.lines.truncate(end);
             for column in &mut table.columns {
                 column.values.truncate(end);
@@ -258,8 +258,8 @@ impl RawTable {
             notes.push(format!("rows without numbers: {}, from line {line} on, skipped", skipped.len()));
         }
         for (index, header) in names.iter().enumerate().filter(|(_, header)| status::is_status(header)) {
-            let places = table.leave_out_marked(header, &kept, index, &mut notes);
-            kept = without(&kept, &places);
+            let marked_rows = table.leave_out_marked(header, &kept_rows, index, &mut notes);
+            kept_rows = without(&kept_rows, &marked_rows);
         }
         for column in table.columns.iter().filter(|column| joined.contains(&(column.number - 1))) {
             notes.push(format!("\"{}\": signs between thousands are left out", column.header));
@@ -275,15 +275,17 @@ impl RawTable {
 
     /// Behind the last row of readings: rows at the end with a word in the first column of numbers are a summary or a note of the program, of which there are fewer than readings.
     fn end(&self, rows: &[(usize, Vec<String>)], first: usize, has_decimal_comma: bool) -> usize {
-        let Some(place) = self.columns.first().map(|column| column.number - 1) else { return rows.len() };
-        let is_word = |(_, cells): &(usize, Vec<String>)| {
-            cells.get(place).is_some_and(|cell| {
-                !is_missing(cell)
-                    && cell.chars().any(char::is_alphabetic)
-                    && Number::parse(cell, has_decimal_comma).is_none()
-            })
+        let Some(column_index) = self.columns.first().map(|column| column.number - 1) else {
+            return rows.len();
         };
-        let count = rows.iter().skip(first).rev().take_while(|row| is_word(row)).count();
+        fn is_word(cell: &str, has_decimal_comma: bool) -> bool {
+            !is_missing(cell)
+                && cell.chars().any(char::is_alphabetic)
+                && Number::parse(cell, has_decimal_comma).is_none()
+        }
+        let cells = rows.iter().skip(first).rev().map(|(_, cells)| cells.get(column_index));
+        let count =
+            cells.take_while(|cell| cell.is_some_and(|cell| is_word(cell, has_decimal_comma))).count();
         if first + 2 * count > rows.len() { rows.len() } else { rows.len() - count }
     }
 
@@ -367,10 +369,10 @@ fn has_fewer_digits(rows: &[(usize, Vec<String>)], first: usize) -> bool {
         let cell = cells.last()?;
         Some(cell.rsplit_once(['.', ',']).map_or(0, |(_, decimals)| decimals.len()))
     }
-    let Some((last, above)) = rows.get(first..).and_then(<[_]>::split_last) else { return false };
-    let usual = above.first().and_then(decimals);
-    let chance = 0.9f64.powi(i32::try_from(above.len()).unwrap_or(i32::MAX));
-    chance < CHANCE && above.iter().all(|row| decimals(row) == usual) && decimals(last) < usual
+    let Some((last, earlier_rows)) = rows.get(first..).and_then(<[_]>::split_last) else { return false };
+    let usual = earlier_rows.first().and_then(decimals);
+    let chance = 0.9f64.powi(i32::try_from(earlier_rows.len()).unwrap_or(i32::MAX));
+    chance < CHANCE && earlier_rows.iter().all(|row| decimals(row) == usual) && decimals(last) < usual
 }
 
 /// Whether a row between the readings names columns: by the names above them in any order, or by a word in each of as many cells.
@@ -378,8 +380,9 @@ fn are_names(cells: &[String], names: &[String]) -> bool {
     fn is_word(cell: &str) -> bool {
         cell.chars().any(char::is_alphabetic) && !is_missing(cell)
     }
-    let known = cells.iter().filter(|cell| is_word(cell) && names.contains(cell)).count();
-    known >= 2 || cells.len() >= 3 && cells.len() == names.len() && cells.iter().all(|cell| is_word(cell))
+    let known_count = cells.iter().filter(|cell| is_word(cell) && names.contains(cell)).count();
+    known_count >= 2
+        || cells.len() >= 3 && cells.len() == names.len() && cells.iter().all(|cell| is_word(cell))
 }
 
 /// Whether a row is a remark between the readings.

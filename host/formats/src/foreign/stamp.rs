@@ -102,8 +102,8 @@ fn calendar(text: &str) -> Option<Date> {
     // A month's name, as MATLAB writes it: 06-May-2024.
     fn month_name(text: &str) -> Option<u16> {
         let start = text.get(..3)?.to_ascii_lowercase();
-        let place = MONTHS.iter().position(|name| *name == start)?;
-        text.bytes().all(|letter| letter.is_ascii_alphabetic()).then_some(place as u16 + 1)
+        let month_index = MONTHS.iter().position(|name| *name == start)?;
+        text.bytes().all(|letter| letter.is_ascii_alphabetic()).then_some(month_index as u16 + 1)
     }
     if let Some(month) = month_name(b) {
         return if a.len() == 4 {

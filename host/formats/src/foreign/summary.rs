@@ -48,8 +48,8 @@ impl Sums {
         let variance = squares / (count - 1.0);
         let from_origin = [mean, least, most, median.unwrap_or(f64::NAN)].map(|value| (value, true));
         let total = count * (mean + origin);
-        let others = [count, total, most - least, variance, variance.sqrt(), (squares / count).sqrt()];
-        let [count, total, range, variance, sd, sd_of_all] = others.map(|value| (value, false));
+        let absolute = [count, total, most - least, variance, variance.sqrt(), (squares / count).sqrt()];
+        let [count, total, range, variance, sd, sd_of_all] = absolute.map(|value| (value, false));
         let [mean, least, most, median] = from_origin;
         [count, total, mean, median, least, most, range, variance, sd, sd_of_all]
     }
@@ -64,10 +64,10 @@ pub(super) fn rows_of_statistics(
 ) -> usize {
     let start = kept.len().saturating_sub(STATISTICS).max(LEAST_RUN);
     let mut sums = vec![Sums::NONE; columns.len()];
-    let add = |sums: &mut [Sums], row: usize| {
+    fn add(sums: &mut [Sums], columns: &[RawColumn], row: usize) {
         sums.iter_mut().zip(columns).for_each(|(sums, column)| sums.add(column.value(row)));
-    };
-    (0..start.min(kept.len())).for_each(|row| add(&mut sums, row));
+    }
+    (0..start.min(kept.len())).for_each(|row| add(&mut sums, columns, row));
     for first in start..kept.len() {
         let is_apart =
             lines.get(first - 1).zip(lines.get(first)).is_some_and(|(above, line)| line - above > 1);
@@ -83,7 +83,7 @@ pub(super) fn rows_of_statistics(
                 return kept.len() - first;
             }
         }
-        add(&mut sums, first);
+        add(&mut sums, columns, first);
     }
     0
 }
@@ -92,15 +92,15 @@ pub(super) fn rows_of_statistics(
 /// clock or counter steps back, or further than it ever does above. A reading that goes on there takes the longest of `n` steps with the
 /// chance `1 / n`.
 pub(super) fn rows_apart(columns: &[RawColumn], lines: &[usize]) -> usize {
-    let Some(place) = lines.windows(2).rposition(|pair| pair[1] - pair[0] > 1) else { return 0 };
-    let (first, count) = (place + 1, lines.len() - place - 1);
+    let Some(gap_index) = lines.windows(2).rposition(|pair| pair[1] - pair[0] > 1) else { return 0 };
+    let (first, count) = (gap_index + 1, lines.len() - gap_index - 1);
     if first < LEAST_RUN || count >= LEAST_RUN {
         return 0;
     }
     let goes_on = columns.iter().filter(|column| ascends(column, first)).find_map(|column| {
-        let above = column.values.get(..first)?;
-        let longest = above.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
-        let step = column.values.get(first)? - column.values.get(place)?;
+        let earlier_values = column.values.get(..first)?;
+        let longest = earlier_values.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        let step = column.values.get(first)? - column.values.get(gap_index)?;
         Some((0.0..=longest).contains(&step))
     });
     if goes_on == Some(false) { count } else { 0 }
@@ -108,8 +108,8 @@ pub(super) fn rows_apart(columns: &[RawColumn], lines: &[usize]) -> usize {
 
 /// Whether a column is a clock or a counter in the rows before this one.
 fn ascends(column: &RawColumn, end: usize) -> bool {
-    let above = column.values.get(..end).unwrap_or_default();
-    above.windows(2).all(|pair| pair[0] < pair[1] || column.is_stamp && pair[0] == pair[1])
+    let earlier_values = column.values.get(..end).unwrap_or_default();
+    earlier_values.windows(2).all(|pair| pair[0] < pair[1] || column.is_stamp && pair[0] == pair[1])
 }
 
 /// A number of a row, from its column's origin.
@@ -169,6 +169,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     values.sort_by(f64::total_cmp);
     let half = values.len() / 2;
-    let at = |at: usize| values.get(at).copied().unwrap_or(f64::NAN);
-    if values.len().is_multiple_of(2) { 0.5 * (at(half.wrapping_sub(1)) + at(half)) } else { at(half) }
+    let upper = values.get(half).copied().unwrap_or(f64::NAN);
+    let lower = values.get(half.wrapping_sub(1)).copied().unwrap_or(f64::NAN);
+    if values.len().is_multiple_of(2) { 0.5 * (lower + upper) } else { upper }
 }

@@ -90,13 +90,13 @@ fn adding_a_constant_to_all_times_changes_nothing() {
 
 #[test]
 fn a_clock_of_the_day_passes_midnight_and_one_that_is_set_back_is_an_error() {
-    let clock = |shift_s: f64| {
+    fn clock(shift_s: f64) -> impl Fn(f64, f64, f64) -> String {
         move |t: f64, x: f64, f: f64| {
             let clock_s = (86_399.0 + t + if t > 2.0 { shift_s } else { 0.0 }) % 86_400.0;
             let (h, m, s) = ((clock_s / 3600.0) as u32, (clock_s / 60.0) as u32 % 60, clock_s % 60.0);
             format!("{h:02}:{m:02}:{s:06.3},{x},{f}")
         }
-    };
+    }
     let lateral_run =
         take(&[push("Time,Stage (mm),Load (N)", clock(0.0))], &Mapping::default(), &Options::default())
             .expect("a run");

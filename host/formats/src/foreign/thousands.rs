@@ -35,9 +35,10 @@ fn signs(has_decimal_comma: bool) -> (char, char) {
 
 /// The sign that certainly parts thousands in a cell: one of [`PARTING`], or one with the decimal sign behind it.
 fn certain(cell: &str, has_decimal_comma: bool) -> Option<char> {
-    let (decimal, other) = signs(has_decimal_comma);
+    let (decimal, group_sign) = signs(has_decimal_comma);
     let parting = PARTING.into_iter().find(|sign| has_groups(cell, *sign, decimal));
-    parting.or_else(|| (cell.contains(decimal) && has_groups(cell, other, decimal)).then_some(other))
+    parting
+        .or_else(|| (cell.contains(decimal) && has_groups(cell, group_sign, decimal)).then_some(group_sign))
 }
 
 /// Takes the signs that part thousands out of the numbers of every column that has them; the columns' places, from 0.
@@ -64,8 +65,8 @@ fn sign_of(rows: &[(usize, Vec<String>)], place: usize, has_decimal_comma: bool)
     fn cells(rows: &[(usize, Vec<String>)], place: usize) -> impl Iterator<Item = &str> {
         rows.iter().filter_map(move |(_, cells)| cells.get(place)).map(String::as_str)
     }
-    let found = cells(rows, place).find_map(|cell| certain(cell, has_decimal_comma));
-    found.or_else(|| [',', '.'].into_iter().find(|sign| is_of_whole(cells(rows, place), *sign)))
+    let certain_sign = cells(rows, place).find_map(|cell| certain(cell, has_decimal_comma));
+    certain_sign.or_else(|| [',', '.'].into_iter().find(|sign| is_of_whole(cells(rows, place), *sign)))
 }
 
 /// Whether the cells are whole numbers up to 999, and behind them `1,000`: decimals have a sign in nearly every cell, and

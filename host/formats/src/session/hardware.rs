@@ -23,17 +23,19 @@ pub(super) fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
     Ok(Rig { needle, guide2_m, entry_m, guides: guides(file)?, tolerances: tolerances(file)? })
 }
 
+/// A standard deviation, if it is stated, from millimetres.
+fn sd_m(table: &Fields<'_>, field: &str, range_mm: [f64; 2]) -> Result<Option<f64>, SessionError> {
+    Ok(table.optional_number(field, range_mm)?.map(|sd_mm| MM * sd_mm))
+}
+
 /// Uncertainty of needle and guides, if it is stated.
 pub(super) fn tolerances(file: &Fields<'_>) -> Result<Tolerances, SessionError> {
     let (needle, rig) = (file.table("needle")?, file.table("rig")?);
-    let sd_m = |table: &Fields<'_>, field, most_mm| {
-        Ok::<_, SessionError>(table.optional_number(field, [1e-4, most_mm])?.map(|sd_mm| MM * sd_mm))
-    };
     Ok(Tolerances {
-        guide2_m: sd_m(&rig, "guide2_sd_mm", LARGEST_PLACE_ERROR_MM)?,
-        entry_m: sd_m(&rig, "entry_sd_mm", LARGEST_PLACE_ERROR_MM)?,
-        outer_diameter_m: sd_m(&needle, "outer_diameter_sd_mm", LARGEST_DIAMETER_ERROR_MM)?,
-        inner_diameter_m: sd_m(&needle, "inner_diameter_sd_mm", LARGEST_DIAMETER_ERROR_MM)?,
+        guide2_m: sd_m(&rig, "guide2_sd_mm", [1e-4, LARGEST_PLACE_ERROR_MM])?,
+        entry_m: sd_m(&rig, "entry_sd_mm", [1e-4, LARGEST_PLACE_ERROR_MM])?,
+        outer_diameter_m: sd_m(&needle, "outer_diameter_sd_mm", [1e-4, LARGEST_DIAMETER_ERROR_MM])?,
+        inner_diameter_m: sd_m(&needle, "inner_diameter_sd_mm", [1e-4, LARGEST_DIAMETER_ERROR_MM])?,
     })
 }
 
@@ -142,13 +144,12 @@ pub(super) fn fixture_mass_kg(file: &Fields<'_>) -> Result<Option<f64>, SessionE
 
 pub(super) fn noise(file: &Fields<'_>) -> Result<Noise, SessionError> {
     let Some(noise) = file.optional_table("noise")? else { return Ok(Noise::default()) };
-    let sd_m = |field| Ok::<_, SessionError>(noise.optional_number(field, SD_MM)?.map(|sd_mm| MM * sd_mm));
     Ok(Noise {
         force_n: noise.optional_number("force_n", [1e-9, 100.0])?,
         force_zero_n: noise.optional_number("force_zero_n", [1e-9, 100.0])?,
-        displacement_m: sd_m("displacement_mm")?,
-        shape_m: sd_m("shape_mm")?,
-        tip_m: sd_m("tip_mm")?,
+        displacement_m: sd_m(&noise, "displacement_mm", SD_MM)?,
+        shape_m: sd_m(&noise, "shape_mm", SD_MM)?,
+        tip_m: sd_m(&noise, "tip_mm", SD_MM)?,
         tip_direction_rad: noise.optional_scaled("tip_direction_mrad", [1e-6, 1000.0], -3)?,
     })
 }

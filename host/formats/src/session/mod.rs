@@ -240,8 +240,10 @@ impl ShapeSeries {
 
     /// Deflection of a point by one standard deviation of each shared error, in each plane; 0 if none is stated.
     pub fn shared_errors_m(&self, index: usize) -> [[f64; SHARED_ERRORS]; 2] {
-        let value_at = |column: &Option<Vec<f64>>| column.as_ref().and_then(|of| of.get(index)).copied();
-        self.shared_m.each_ref().map(|plane| plane.each_ref().map(|column| value_at(column).unwrap_or(0.0)))
+        fn value_at(column: Option<&Vec<f64>>, index: usize) -> f64 {
+            column.and_then(|of| of.get(index)).copied().unwrap_or(0.0)
+        }
+        self.shared_m.each_ref().map(|plane| plane.each_ref().map(|column| value_at(column.as_ref(), index)))
     }
 
     /// Image of a point, if it is known.

@@ -214,8 +214,10 @@ pub(super) fn provenance(fields: &Fields<'_>) -> Result<Provenance, SessionError
     let crc = fields.optional_text(CRC)?.map(|text| {
         let digits = text.len() == 8 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
         let crc = digits.then(|| u32::from_str_radix(&text, 16).ok()).flatten();
-        let problem = || Problem::Syntax(format!("\"{}\"", text.chars().take(40).collect::<String>()));
-        crc.ok_or_else(|| fields.field_fault(CRC, problem(), "eight hexadecimal digits"))
+        crc.ok_or_else(|| {
+            let problem = Problem::Syntax(format!("\"{}\"", text.chars().take(40).collect::<String>()));
+            fields.field_fault(CRC, problem, "eight hexadecimal digits")
+        })
     });
     Ok(Provenance {
         calibration_id: fields.optional_text("calibration_id")?,

@@ -288,9 +288,9 @@ mod tests {
 
     #[test]
     fn every_file_and_table_is_checked() {
-        let run = |id: &str| {
+        fn run(id: &str) -> String {
             format!("[[lateral]]\nid = \"{id}\"\ndepth_mm = 30\nforce = \"f.csv\"\nshape = \"s.csv\"\n")
-        };
+        }
         let toml = HEAD.replace("entry_mm = 70", "entry_mm = 7").replace("= 1.27", "= \"1.27\"")
             + "[noise]\nforce_n = -1\nshape = 0.1\n"
             + &run("a").replace("30", "3000")

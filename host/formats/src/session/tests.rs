@@ -82,7 +82,9 @@ fn how_points_were_imaged_is_stated_by_two_columns_or_none() {
 
 #[test]
 fn byte_order_mark_and_windows_lines_are_tolerated() {
-    let windows = |text: &str| format!("\u{feff}{}", text.replace('\n', "\r\n"));
+    fn windows(text: &str) -> String {
+        format!("\u{feff}{}", text.replace('\n', "\r\n"))
+    }
     let theirs =
         Session::read(folder(&windows(TOML), &windows(FORCE), &windows(SHAPE)).path()).expect("reads");
     let ours = Session::read(folder(TOML, FORCE, SHAPE).path()).expect("reads");
@@ -264,13 +266,15 @@ fn a_writer_that_has_the_session_is_named_to_the_next_one() {
 #[test]
 fn what_runs_were_recorded_with_is_kept() {
     let dir = folder(TOML, FORCE, SHAPE);
-    let provenance = |crc| Provenance {
-        calibration_id: Some("unit \"7\"".to_owned()),
-        calibration_crc: Some(crc),
-        device: Some("B-L475E-IOT01A".to_owned()),
-        firmware: Some("0.1.0 (1a2b3c4d-dirty)".to_owned()),
-        tared: Some(true),
-    };
+    fn provenance(crc: u32) -> Provenance {
+        Provenance {
+            calibration_id: Some("unit \"7\"".to_owned()),
+            calibration_crc: Some(crc),
+            device: Some("B-L475E-IOT01A".to_owned()),
+            firmware: Some("0.1.0 (1a2b3c4d-dirty)".to_owned()),
+            tared: Some(true),
+        }
+    }
     for (id, crc) in [("b", 0x001a_2b3c), ("c", 0x1a2b_3c4d), ("d", 0x001a_2b3c)] {
         let mut writer = SessionWriter::open(dir.path(), &setup()).expect("opens");
         let mut run = writer.lateral(id, 0.03).expect("starts");
@@ -294,14 +298,16 @@ fn what_runs_were_recorded_with_is_kept() {
 
 #[test]
 fn marks_are_read_where_there_are_any() {
-    let marks = |header: &str, rows: [&str; 2]| {
+    fn marks(header: &str, rows: [&str; 2]) -> Option<Vec<Mark>> {
         let force =
             format!("time_s,displacement_y_mm,force_y_n{header}\n0,0,0{}\n1,0,0{}\n", rows[0], rows[1]);
         Session::read(folder(TOML, &force, SHAPE).path()).expect("reads").lateral[0].force.marks.clone()
-    };
+    }
     assert_eq!(marks("", ["", ""]), None);
     assert_eq!(marks(",step", [",", ","]), None, "a recording without a program");
-    let mark = |step, moving| Mark { step, moving };
+    fn mark(step: Option<u32>, moving: Option<bool>) -> Mark {
+        Mark { step, moving }
+    }
     assert_eq!(marks(",step", [",", ",3"]), Some(vec![mark(None, None), mark(Some(3), None)]));
     assert_eq!(
         marks(",moving,step", [",1,0", ",0,1"]),

@@ -94,22 +94,27 @@ impl Tissue {
 
     /// The first field that both state, and not alike, with both values as text.
     pub(super) fn contradicts(self, other: Self) -> Option<(&'static str, [String; 2])> {
-        let differ = |field, there: Option<String>, new: Option<String>| match (there, new) {
-            (Some(there), Some(new)) if there != new => Some((field, [there, new])),
-            _ => None,
-        };
-        let name = |tissue: Self| tissue.foundation.map(|kind| kind.name().to_owned());
+        fn differ(
+            field: &'static str,
+            there: Option<String>,
+            new: Option<String>,
+        ) -> Option<(&'static str, [String; 2])> {
+            let (stated, new) = there.zip(new)?;
+            (stated != new).then_some((field, [stated, new]))
+        }
+        fn name(tissue: Tissue) -> Option<String> {
+            tissue.foundation.map(|kind| kind.name().to_owned())
+        }
+        fn walls(tissue: Tissue) -> Option<String> {
+            tissue.walls.map(|walls| walls.to_toml().trim_end().replace('\n', ", "))
+        }
         fn text(value: Option<f64>) -> Option<String> {
             value.map(|value| value.to_string())
         }
         differ("foundation", name(self), name(other))
             .or_else(|| differ("poisson", text(self.poisson), text(other.poisson)))
             .or_else(|| differ("poisson_sd", text(self.poisson_sd), text(other.poisson_sd)))
-            .or_else(|| {
-                let walls =
-                    |tissue: Self| tissue.walls.map(|walls| walls.to_toml().trim_end().replace('\n', ", "));
-                differ("body_mm", walls(self), walls(other))
-            })
+            .or_else(|| differ("body_mm", walls(self), walls(other)))
     }
 }
 
@@ -129,7 +134,9 @@ mod tests {
 
     #[test]
     fn wrong_values_are_named_with_their_line_and_what_is_valid() {
-        let refused = |table: &str| stated(table).expect_err("refused");
+        fn refused(table: &str) -> String {
+            stated(table).expect_err("refused")
+        }
         assert_eq!(
             refused("foundation = \"gel\"\n"),
             "rig.toml:11:14: tissue.foundation: \"gel\" is not known, expected \"springs\" or \"body\""
@@ -142,7 +149,9 @@ mod tests {
         assert!(refused("poison = 0.45\n").contains("there is \"poison\""));
         assert_eq!(stated("k_kpa = 12.0\n").expect("reads").tissue, Tissue::default());
         let block = "body_mm = [50.0, 60.0, 45.0]\nsides = \"held\"\n";
-        let of_field = |table: &str| refused(table).split(": ").nth(1).unwrap_or_default().to_owned();
+        fn of_field(table: &str) -> String {
+            refused(table).split(": ").nth(1).unwrap_or_default().to_owned()
+        }
         for (table, field) in [
             ("body_mm = [50.0, 60.0]\nsides = \"held\"\n", "tissue.body_mm"),
             ("body_mm = [50.0, 60.0, 45.0]\n", "tissue.body_mm"),

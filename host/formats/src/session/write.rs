@@ -268,12 +268,16 @@ fn enter(dir: &Path, entry: &str) -> Result<(), SessionError> {
 /// Refuses another needle or rig; differences below a part in a million are rounding.
 fn same_rig(path: &Path, there: &Rig, new: &Rig) -> Result<(), SessionError> {
     let (a, b) = (&there.needle, &new.needle);
-    let guides = |rig: &Rig| if rig.has_one_guide() { 1.0 } else { 2.0 };
+    fn guides(rig: &Rig) -> f64 {
+        if rig.has_one_guide() { 1.0 } else { 2.0 }
+    }
     // 0 where it is not known.
-    let rear = |rig: &Rig, plane: usize| match rig.guides {
-        Guides::One { rear_rotation_n_m_per_rad: stiffness } => stiffness[plane].unwrap_or_default(),
-        Guides::Two => 0.0,
-    };
+    fn rear(rig: &Rig, plane: usize) -> f64 {
+        match rig.guides {
+            Guides::One { rear_rotation_n_m_per_rad: stiffness } => stiffness[plane].unwrap_or_default(),
+            Guides::Two => 0.0,
+        }
+    }
     for (field, there, new) in [
         ("youngs_modulus_gpa", 1e-9 * a.youngs_modulus_pa, 1e-9 * b.youngs_modulus_pa),
         ("outer_diameter_mm", 1e3 * a.outer_diameter_m, 1e3 * b.outer_diameter_m),

@@ -38,10 +38,12 @@ pub(super) fn unit(
             "a unit of time",
         ));
     }
-    let name = |name: &str| Unit::parse(name).ok_or_else(|| missing(table));
+    fn named(name: &str, table: &RawTable) -> Result<Unit, TableError> {
+        Unit::parse(name).ok_or_else(|| missing(table))
+    }
     if let Some((_, unit)) = SINCE_1970.iter().find(|(least, _)| column.origin as f64 >= *least) {
         notes.push(format!("{}: \"{}\" is taken as {unit} since 1970", table.path.display(), column.header));
-        return name(unit);
+        return named(unit, table);
     }
     let mut steps: Vec<f64> =
         column.values.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
@@ -63,7 +65,7 @@ pub(super) fn unit(
                 table.path.display(),
                 column.header
             ));
-            return name("d");
+            return named("d", table);
         }
         let expected = format!(
             "--map '{}=time_s:UNIT' with {}, or d for the days of a spreadsheet",
@@ -81,7 +83,7 @@ pub(super) fn unit(
         table.path.display(),
         column.header
     ));
-    name("s")
+    named("s", table)
 }
 
 /// Whether times are those of a computer, since 1970.
@@ -119,17 +121,17 @@ fn add_fraction(
         return Err(super::series::bad(table, &column.header, *line, text));
     }
     for ((time_s, value), line) in times_s.iter_mut().zip(&column.values).zip(&table.lines) {
-        let part_s = (column.origin as f64 + value) * to_si;
-        if part_s < 0.0 || part_s >= whole_to_si {
+        let fraction_s = (column.origin as f64 + value) * to_si;
+        if fraction_s < 0.0 || fraction_s >= whole_to_si {
             return Err(TableError::Cell {
                 path: table.path.clone(),
                 line: *line,
                 field: column.header.clone(),
-                problem: format!("{part_s} s beside a time in units of {whole_to_si} s"),
+                problem: format!("{fraction_s} s beside a time in units of {whole_to_si} s"),
                 expected: "one column of times, or a second one with the fraction of its unit".to_owned(),
             });
         }
-        *time_s += part_s;
+        *time_s += fraction_s;
     }
     Ok(())
 }
@@ -217,14 +219,14 @@ impl<'t> Timed<'t> {
                 .iter()
                 .filter(|part| std::ptr::eq(part.table, table) && part.target.quantity != Quantity::Time)
                 .collect();
-            let what = match coarse::spread(&mut times_s, &measured) {
+            let remedy = match coarse::spread(&mut times_s, &measured) {
                 Some(hz) => {
                     format!("the clock shows fewer digits, and they are spread evenly, {hz:.4} a second")
                 }
                 None => "the mean of such rows is taken".to_owned(),
             };
             notes.push(format!(
-                "{}: {repeated} rows have the time of the row before: {what}",
+                "{}: {repeated} rows have the time of the row before: {remedy}",
                 table.path.display()
             ));
         }
@@ -238,9 +240,9 @@ impl<'t> Timed<'t> {
         if std::ptr::eq(self.table, base.table) {
             return Some(0.0);
         }
-        let has_name = |timed: &Self, name: &str| {
+        fn has_name(timed: &Timed<'_>, name: &str) -> bool {
             timed.names.iter().any(|known| known.to_lowercase() == name.to_lowercase())
-        };
+        }
         let is_one = options
             .merge_on
             .as_ref()

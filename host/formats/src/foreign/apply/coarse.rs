@@ -41,9 +41,12 @@ pub(super) fn spread(times_s: &mut [f64], parts: &[&Part]) -> Option<f64> {
         if numbers.len() > longest.0 {
             longest = (numbers.len(), period_s.recip());
         }
-        let within = rows.get(numbers.clone())?;
+        let stretch_rows = rows.get(numbers.clone())?;
         spread.extend(
-            within.iter().zip(numbers).map(|((row, _), number)| (*row, start_s + period_s * number as f64)),
+            stretch_rows
+                .iter()
+                .zip(numbers)
+                .map(|((row, _), number)| (*row, start_s + period_s * number as f64)),
         );
     }
     if spread.windows(2).any(|pair| pair[0].1 >= pair[1].1) {

@@ -5,6 +5,16 @@ use super::{Options, Part, ZOrigin, series};
 use crate::foreign::TableError;
 use crate::session::{InsertionRun, ShapeSeries};
 
+/// The column for this target, where there is one.
+fn part_named<'p, 't>(parts: &'p [Part<'t>], name: &str) -> Option<&'p Part<'t>> {
+    parts.iter().find(|part| part.target.name == name)
+}
+
+/// The values of these rows.
+fn pick(values: &[f64], rows: &[usize]) -> Vec<f64> {
+    rows.iter().filter_map(|row| values.get(*row).copied()).collect()
+}
+
 /// The shape, where there is one; `shift_s` brings times of a table to those of the run.
 pub(super) fn shape(
     parts: &[Part],
@@ -12,8 +22,9 @@ pub(super) fn shape(
     options: &Options,
     shift_s: impl Fn(usize) -> Option<f64>,
 ) -> Result<Option<ShapeSeries>, TableError> {
-    let part_named = |name: &str| parts.iter().find(|part| part.target.name == name);
-    let (Some(z), Some(y)) = (part_named("z_mm"), part_named("deflection_y_mm")) else { return Ok(None) };
+    let (Some(z), Some(y)) = (part_named(parts, "z_mm"), part_named(parts, "deflection_y_mm")) else {
+        return Ok(None);
+    };
     let origin_m = match options.z_from {
         Some(ZOrigin::Guide1) => 0.0,
         Some(ZOrigin::Surface) => options.entry_m,
@@ -25,7 +36,7 @@ pub(super) fn shape(
             });
         }
     };
-    let x = part_named("deflection_x_mm");
+    let x = part_named(parts, "deflection_x_mm");
     for other in [Some(y), x].into_iter().flatten() {
         series::same_table(z, other)?;
     }
@@ -46,11 +57,9 @@ pub(super) fn shape(
     let rows: Vec<usize> = (0..z.column.values.len())
         .filter(|row| columns.iter().all(|column| column.get(*row).is_some_and(|value| value.is_finite())))
         .collect();
-    let pick =
-        |values: &Vec<f64>| -> Vec<f64> { rows.iter().filter_map(|row| values.get(*row).copied()).collect() };
-    let picked = |table_index: usize| columns.get(table_index).map(pick);
+    let picked = |table_index: usize| columns.get(table_index).map(|values| pick(values, &rows));
     Ok(Some(ShapeSeries {
-        time_s: times_s.as_ref().map(pick),
+        time_s: times_s.as_ref().map(|times_s| pick(times_s, &rows)),
         z_m: picked(0).unwrap_or_default().into_iter().map(|z_m| z_m + origin_m).collect(),
         y_m: picked(1).unwrap_or_default(),
         x_m: x.and_then(|_| picked(2)),
@@ -76,15 +85,15 @@ pub(super) fn check_times(shape: Option<&ShapeSeries>, end_s: f64) -> Result<(),
 
 /// Tip over depth.
 pub(super) fn insertion(parts: &[Part], timed: &[Timed]) -> Result<InsertionRun, TableError> {
-    let part_named = |name: &str| parts.iter().find(|part| part.target.name == name);
-    let (Some(depth), Some(tip)) = (part_named("depth_mm"), part_named("tip_y_mm")) else {
+    let (Some(depth), Some(tip)) = (part_named(parts, "depth_mm"), part_named(parts, "tip_y_mm")) else {
         return Err(TableError::Map {
             choice: "depth_mm".to_owned(),
             problem: "without tip_y_mm".to_owned(),
             expected: "both for an insertion; --depth-mm is the depth of a lateral run".to_owned(),
         });
     };
-    let optional = ["tip_x_mm", "rotation_deg", "guide2_y_mm", "guide2_x_mm"].map(part_named);
+    let optional =
+        ["tip_x_mm", "rotation_deg", "guide2_y_mm", "guide2_x_mm"].map(|name| part_named(parts, name));
     let columns: Vec<Option<Vec<f64>>> = [Some(depth), Some(tip)]
         .into_iter()
         .chain(optional)
@@ -102,14 +111,12 @@ pub(super) fn insertion(parts: &[Part], timed: &[Timed]) -> Result<InsertionRun,
             columns.iter().flatten().all(|column| column.get(*row).is_some_and(|value| value.is_finite()))
         })
         .collect();
-    let pick =
-        |values: &Vec<f64>| -> Vec<f64> { rows.iter().filter_map(|row| values.get(*row).copied()).collect() };
-    let picked = |at: usize| columns.get(at).and_then(Option::as_ref).map(pick);
+    let picked = |at: usize| columns.get(at).and_then(Option::as_ref).map(|values| pick(values, &rows));
     let times_s = timed
         .iter()
         .find(|timed| std::ptr::eq(timed.table, depth.table))
         .and_then(|timed| timed.times_s.as_ref());
-    let times_s = times_s.map(pick).map(|times_s| {
+    let times_s = times_s.map(|times_s| pick(times_s, &rows)).map(|times_s| {
         let first_s = times_s.first().copied().unwrap_or(0.0);
         times_s.into_iter().map(|time_s| time_s - first_s).collect()
     });

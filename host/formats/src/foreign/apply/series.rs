@@ -102,13 +102,15 @@ fn interruptions(readings: &[(f64, f64)], period_s: f64) -> Vec<usize> {
     let missing: Vec<f64> =
         readings.windows(2).map(|pair| ((pair[1].0 - pair[0].0) / period_s).round() - 1.0).collect();
     let missing_in_all: f64 = missing.iter().map(|count| count.max(0.0)).sum();
-    let places = missing.len() as f64;
-    let is_interruption = |count: f64| {
+    fn is_interruption(count: f64, missing_in_all: f64, gap_count: f64) -> bool {
         let elsewhere = missing_in_all - count;
-        let share = (elsewhere + 1.0) / (elsewhere + places + 2.0);
-        count > 0.0 && places * share.powf(count) < CHANCE
-    };
-    missing.iter().enumerate().filter(|(_, count)| is_interruption(**count)).map(|(place, _)| place).collect()
+        let ratio = (elsewhere + 1.0) / (elsewhere + gap_count + 2.0);
+        count > 0.0 && gap_count * ratio.powf(count) < CHANCE
+    }
+    let gaps = missing.iter().enumerate();
+    gaps.filter(|(_, count)| is_interruption(**count, missing_in_all, missing.len() as f64))
+        .map(|(place, _)| place)
+        .collect()
 }
 
 /// How many readings at the beginning are those of a guide at rest: all where it never moves.
@@ -239,13 +241,14 @@ mod tests {
 
     #[test]
     fn single_losses_are_bridged_and_interruptions_are_not() {
-        let at_10_hz = |missing: &dyn Fn(usize) -> bool| {
+        fn at_10_hz(missing: &dyn Fn(usize) -> bool) -> Series {
             Series::of(
                 (0..200).filter(|row| !missing(*row)).map(|row| (0.1 * row as f64, row as f64)).collect(),
             )
-        };
-        let near =
-            |value: Option<f64>, expected: f64| value.is_some_and(|value| (value - expected).abs() < 1e-9);
+        }
+        fn near(value: Option<f64>, expected: f64) -> bool {
+            value.is_some_and(|value| (value - expected).abs() < 1e-9)
+        }
         // One reading is lost, by itself or as every seventh is.
         assert!(near(at_10_hz(&|row| row == 100).at(10.02), 100.2));
         assert!(near(at_10_hz(&|row| row % 7 == 3).at(10.82), 108.2));
@@ -258,9 +261,9 @@ mod tests {
 
     #[test]
     fn the_rest_ends_where_readings_leave_it_for_good() {
-        let moved = |rest: usize, per_row: f64| -> Vec<f64> {
+        fn moved(rest: usize, per_row: f64) -> Vec<f64> {
             (0..120).map(|row| noise(row) + per_row * row.saturating_sub(rest) as f64).collect()
-        };
+        }
         for (values, least, most) in [
             (moved(40, 20.0), 40, 41),
             (moved(40, -20.0), 40, 41),
@@ -275,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_displacement_whose_zero_is_not_where_the_guide_rests_is_a_position() {
-        let zeroed = |offset: f64, digit: f64| {
+        fn zeroed(offset: f64, digit: f64) -> (usize, f64) {
             let mut values: Vec<f64> = (0..100)
                 .map(|row| {
                     let exact =
@@ -286,7 +289,7 @@ mod tests {
             let mut notes = Vec::new();
             refer_to_zero("y", &mut values, Zero::Auto, &mut notes);
             (notes.len(), values[0])
-        };
+        }
         assert_eq!(zeroed(0.0, 0.0).0, 0);
         assert_eq!(zeroed(0.0, 1e-5).0, 0);
         assert_eq!(zeroed(-2e-6, 0.0).0, 0);
@@ -300,7 +303,7 @@ mod tests {
 
     #[test]
     fn a_force_that_falls_is_noted_and_noise_is_not() {
-        let noted = |stiffness: f64, noise_n: f64| {
+        fn noted(stiffness: f64, noise_n: f64) -> usize {
             let moved: Vec<f64> =
                 (0..100).map(|row| 1.2e-3 * (0.05 * (row as f64 - 40.0)).clamp(0.0, 1.0)).collect();
             let force: Vec<f64> =
@@ -308,7 +311,7 @@ mod tests {
             let mut notes = Vec::new();
             check_sign(&force, &moved, &mut notes);
             notes.len()
-        };
+        }
         assert_eq!([noted(-1e3, 0.01), noted(-1e3, 0.5), noted(1e3, 0.01), noted(0.0, 0.1)], [1, 1, 0, 0]);
     }
 }

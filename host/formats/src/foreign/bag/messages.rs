@@ -115,11 +115,11 @@ where
     fn at(header: &Header) -> i128 {
         i128::from(header.seconds) * 1_000_000_000 + i128::from(header.nanoseconds)
     }
-    let vector = |name: &str, unit: Option<&'static str>, of: &Vector| -> Vec<Field> {
+    fn vector(name: &str, unit: Option<&'static str>, of: &Vector) -> Vec<Field> {
         [("x", of.x), ("y", of.y), ("z", of.z)]
             .map(|(axis, value)| (format!("{name}.{axis}"), unit, value))
             .to_vec()
-    };
+    }
     Ok(match kind {
         Kind::Pose => {
             let PoseStamped { header, pose: Pose { position, orientation: q } } = read::<_, T>(body)?;

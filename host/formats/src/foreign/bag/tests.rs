@@ -306,21 +306,21 @@ fn a_damaged_chunk_ends_a_bag_where_it_is() {
 
 #[test]
 fn a_sender_whose_clock_is_set_back_is_an_error_at_its_message() {
-    let stamped = |number: i64, back_ns: i64| {
+    fn stamped(number: i64, back_ns: i64) -> Vec<u8> {
         let ns = START_NS + 20_000_000 * number - if number >= 70 { back_ns } else { 0 };
         let values: (Three, Three) = ([0.0, 0.01 * number as f64, 0.0], [0.0; 3]);
         cdr(&(stamp(ns), values.0, values.1), false)
-    };
-    let with = |back_ns: i64| -> Vec<Sent> {
+    }
+    fn messages(back_ns: i64) -> Vec<Sent> {
         (0..100)
             .map(|number| {
                 let logged_ns = START_NS + 20_000_000 * number;
                 ("/ft", "geometry_msgs/msg/WrenchStamped", logged_ns, stamped(number, back_ns))
             })
             .collect()
-    };
-    let error = read_bytes(&bag(&with(20_000_000_000), true)).expect_err("set back").to_string();
+    }
+    let error = read_bytes(&bag(&messages(20_000_000_000), true)).expect_err("set back").to_string();
     assert!(error.contains("#/ft:71: stamp: 19.98") && error.contains("never step back"), "{error}");
     // Messages that overtake each other are in the order of their stamps.
-    assert_eq!(read_bytes(&bag(&with(100_000_000), true)).expect("a bag")[0].lines.len(), 100);
+    assert_eq!(read_bytes(&bag(&messages(100_000_000), true)).expect("a bag")[0].lines.len(), 100);
 }

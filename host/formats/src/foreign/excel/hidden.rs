@@ -47,8 +47,8 @@ impl HiddenRows {
 
     /// Whether a row is hidden, and whether it is folded under an outline.
     pub fn state(&self, row: usize) -> Option<RowState> {
-        let place = self.rows.partition_point(|hidden| (hidden.first as usize) <= row);
-        let hidden = self.rows.get(place.checked_sub(1)?)?;
+        let next_index = self.rows.partition_point(|hidden| (hidden.first as usize) <= row);
+        let hidden = self.rows.get(next_index.checked_sub(1)?)?;
         let is_inside = row < hidden.first as usize + hidden.count as usize;
         is_inside.then_some(if hidden.is_folded { RowState::Folded } else { RowState::Hidden })
     }
@@ -100,16 +100,18 @@ fn archive(path: &Path) -> Option<ZipArchive<BufReader<File>>> {
 /// Targets of the relations of a part, in whose folder they are, with their identifiers and kinds.
 fn relations(archive: &mut ZipArchive<BufReader<File>>, name: &str) -> Option<Vec<[String; 3]>> {
     let (folder, file) = name.rsplit_once('/').unwrap_or(("", name));
-    let inside = |target: &str| match target.strip_prefix('/') {
-        Some(whole) => whole.to_owned(),
-        None if folder.is_empty() => target.to_owned(),
-        None => format!("{folder}/{target}"),
-    };
+    fn inside(folder: &str, target: &str) -> String {
+        match target.strip_prefix('/') {
+            Some(whole) => whole.to_owned(),
+            None if folder.is_empty() => target.to_owned(),
+            None => format!("{folder}/{target}"),
+        }
+    }
     let mut targets = Vec::new();
-    elements(part(archive, &inside(&format!("_rels/{file}.rels")))?, |element, begins| {
+    elements(part(archive, &inside(folder, &format!("_rels/{file}.rels")))?, |element, begins| {
         let [id, kind, target] = ["Id", "Type", "Target"].map(|name| attribute(element, name));
         if begins && let (Some(id), Some(kind), Some(target)) = (id, kind, target) {
-            targets.push([id, kind, inside(&target)]);
+            targets.push([id, kind, inside(folder, &target)]);
         }
     })?;
     Some(targets)

@@ -23,14 +23,16 @@ fn archive(path: &Path, parts: &[(&str, String)]) {
 /// A workbook of Excel: a sheet for each factor of the force, with attributes of its row by its number.
 fn excel(folder: &Path, sheets: &[(&str, &str, f64)], attributes: fn(usize) -> &'static str) -> PathBuf {
     let path = folder.join("book.xlsx");
-    let (mut names, mut relations, mut parts) = (String::new(), String::new(), Vec::new());
+    let (mut names, mut relations, mut sheet_files) = (String::new(), String::new(), Vec::new());
     for (at, (name, state, factor)) in sheets.iter().enumerate() {
         let _ = write!(names, "<sheet name='{name}' {state} sheetId='{at}' r:id='r{at}'/>");
         let _ = write!(
             relations,
             "<Relationship Id='r{at}' Type='http://schemas.openxmlformats.org/officeDocument/2006/relationships/worksheet' Target='worksheets/s{at}.xml'/>"
         );
-        let word = |text: &str| format!("<c t='inlineStr'><is><t>{text}</t></is></c>");
+        fn word(text: &str) -> String {
+            format!("<c t='inlineStr'><is><t>{text}</t></is></c>")
+        }
         let mut rows =
             format!("<row r='1'>{}{}{}</row>", word("t [s]"), word("Force [N]"), word("Stage [mm]"));
         for row in 2..ROWS + 2 {
@@ -40,7 +42,7 @@ fn excel(folder: &Path, sheets: &[(&str, &str, f64)], attributes: fn(usize) -> &
                 .collect();
             let _ = write!(rows, "<row r='{row}' {}>{cells}</row>", attributes(row));
         }
-        parts.push((format!("xl/worksheets/s{at}.xml"), format!(
+        sheet_files.push((format!("xl/worksheets/s{at}.xml"), format!(
             "<worksheet xmlns='http://schemas.openxmlformats.org/spreadsheetml/2006/main'><sheetData>{rows}</sheetData></worksheet>"
         )));
     }
@@ -50,7 +52,7 @@ fn excel(folder: &Path, sheets: &[(&str, &str, f64)], attributes: fn(usize) -> &
         ("xl/workbook.xml", format!("<workbook {space}><sheets>{names}</sheets></workbook>")),
         ("xl/_rels/workbook.xml.rels", format!("<Relationships xmlns='http://schemas.openxmlformats.org/package/2006/relationships'>{relations}</Relationships>")),
     ];
-    let sheets = parts.iter().map(|(name, content)| (name.as_str(), content.clone()));
+    let sheets = sheet_files.iter().map(|(name, content)| (name.as_str(), content.clone()));
     archive(&path, &whole.into_iter().chain(sheets).collect::<Vec<_>>());
     path
 }
@@ -58,9 +60,9 @@ fn excel(folder: &Path, sheets: &[(&str, &str, f64)], attributes: fn(usize) -> &
 /// A workbook of OpenDocument, whose rows have these attributes.
 fn open_document(folder: &Path, attributes: fn(usize) -> &'static str) -> PathBuf {
     let path = folder.join("book.ods");
-    let word = |text: &str| {
+    fn word(text: &str) -> String {
         format!("<table:table-cell office:value-type='string'><text:p>{text}</text:p></table:table-cell>")
-    };
+    }
     let mut rows = format!(
         "<table:table-row>{}{}{}</table:table-row>",
         word("t [s]"),

@@ -21,8 +21,13 @@ impl Fiducials {
     /// [`SessionError`] with its line and cell.
     pub fn parse(path: &Path, text: &str) -> Result<Self, SessionError> {
         let fault = |line: usize, column: usize, field: &str, problem: Problem, expected: &str| {
-            let place = Place { path: path.to_owned(), line, column };
-            SessionError::Field { place, field: field.to_owned(), problem, expected: expected.to_owned() }
+            let location = Place { path: path.to_owned(), line, column };
+            SessionError::Field {
+                place: location,
+                field: field.to_owned(),
+                problem,
+                expected: expected.to_owned(),
+            }
         };
         let (mut is_lps, mut names, mut points) = (None, None, Vec::new());
         for (line, text) in text.lines().enumerate().map(|(at, text)| (at + 1, text.trim())) {
@@ -48,14 +53,14 @@ impl Fiducials {
             let names = names.as_deref().unwrap_or_default();
             let cells: Vec<&str> = text.split(',').map(str::trim).collect();
             let cell = |name: &str| -> Result<(usize, &str), SessionError> {
-                let place = names.iter().position(|of| of == name);
-                let place = place
+                let column_index = names.iter().position(|of| of == name);
+                let column_index = column_index
                     .ok_or_else(|| fault(line, 1, "columns", Problem::Missing, "columns with x, y and z"))?;
-                let cell = cells.get(place).copied();
+                let cell = cells.get(column_index).copied();
                 Ok((
-                    place + 1,
+                    column_index + 1,
                     cell.ok_or_else(|| {
-                        fault(line, place + 1, name, Problem::Missing, "a cell for each column")
+                        fault(line, column_index + 1, name, Problem::Missing, "a cell for each column")
                     })?,
                 ))
             };

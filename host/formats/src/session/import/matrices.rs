@@ -44,8 +44,9 @@ impl Matrices {
         // Columns of four numbers where there are 16, of three where there are 12.
         let length = numbers.len() / 4;
         let columns = Matrix3::from_fn(|row, column| number_at(length * column + row));
-        let is_last =
-            |row: [f64; 4]| row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < ROUNDING);
+        fn is_last(row: [f64; 4]) -> bool {
+            row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < ROUNDING)
+        }
         let whole = numbers.len() == 16;
         let by_rows = is_rotation(&rows)
             && (!whole || is_last([number_at(12), number_at(13), number_at(14), number_at(15)]));

@@ -95,9 +95,9 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
         if std::mem::take(&mut is_below_header)
             && header_to_m.is_none()
             && let Some(Layout::Positions(columns)) = &layout
-            && let Some(to_m) = unit_below(&cells, *columns)
+            && let Some(metres) = unit_below(&cells, *columns)
         {
-            header_to_m = Some(to_m);
+            header_to_m = Some(metres);
             continue;
         }
         let mut numbers = Vec::with_capacity(cells.len());
@@ -280,8 +280,7 @@ fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<f64>)> {
     }
     let names: Vec<(String, Option<f64>)> = cells.iter().map(|(_, cell)| name(cell)).collect();
     let column = |axis: &str| {
-        let is = |wanted: &str| names.iter().position(|(name, _)| name == wanted);
-        is(axis).or_else(|| {
+        names.iter().position(|(name, _)| name == axis).or_else(|| {
             let endings = [format!("position.{axis}"), format!("position_{axis}")];
             names.iter().position(|(name, _)| endings.iter().any(|ending| name.ends_with(ending.as_str())))
         })

@@ -122,17 +122,16 @@ fn kept(reasons: &[Option<SkipReason>]) -> Vec<usize> {
 
 /// Real readings scatter: one that is the same bit for bit as the one before is that one.
 fn repeated(readings: &[Reading], reasons: &mut [Option<SkipReason>]) {
-    let is_repeated = |a: usize, b: usize| {
-        let (a, b) = (readings[a], readings[b]);
+    fn is_repeated(a: &Reading, b: &Reading) -> bool {
         a.tip_m == b.tip_m && a.orientation == b.orientation
-    };
-    for group in kept(reasons).chunk_by(|a, b| is_repeated(*a, *b)) {
-        let moved_m = |plane: usize| {
+    }
+    for group in kept(reasons).chunk_by(|a, b| is_repeated(&readings[*a], &readings[*b])) {
+        let moved_m = [0, 1].map(|plane: usize| {
             let plane_m = group.iter().map(|row| readings[*row].guide_m[plane]);
             let (low_m, high_m) = plane_m.fold((f64::MAX, f64::MIN), |(l, h), m| (l.min(m), h.max(m)));
             high_m - low_m
-        };
-        let frozen = moved_m(0).max(moved_m(1)) > GUIDE_STILL_M;
+        });
+        let frozen = moved_m[0].max(moved_m[1]) > GUIDE_STILL_M;
         let reason = if frozen { SkipReason::Frozen } else { SkipReason::Repeated };
         group.iter().skip(1).for_each(|row| reasons[*row] = Some(reason));
     }

@@ -106,43 +106,47 @@ fn points_that_are_not_selected_are_skipped_where_others_are() {
     fn selected(is_selected: bool) -> String {
         format!("\"selected\": {is_selected}, \"positionStatus\"")
     }
-    let some = text.replacen("\"positionStatus\"", &selected(false), 7);
-    let needle = written("n.mrk.json", &some, slicer).expect("reads");
+    let partly_selected = text.replacen("\"positionStatus\"", &selected(false), 7);
+    let needle = written("n.mrk.json", &partly_selected, slicer).expect("reads");
     assert_eq!(needle.points_m.len(), 113);
     assert!(needle.notes[0].ends_with("7 control points are not selected: skipped"), "{:?}", needle.notes);
     for is_selected in [true, false] {
-        let all = text.replace("\"positionStatus\"", &selected(is_selected));
-        let needle = written("n.mrk.json", &all, slicer).expect("reads");
+        let uniform = text.replace("\"positionStatus\"", &selected(is_selected));
+        let needle = written("n.mrk.json", &uniform, slicer).expect("reads");
         assert_eq!((needle.points_m.len(), needle.notes.len()), (120, 0));
     }
 }
 
 #[test]
 fn lists_of_older_versions_hold_the_same_points() {
-    let list = |system: &str, columns: &str, line: &dyn Fn(usize, f64, f64, f64) -> String| {
+    fn list(
+        system: &str,
+        columns: &str,
+        line: &dyn Fn(usize, f64, f64, f64) -> String,
+    ) -> Result<NeedlePoints, SessionError> {
         let rows: String =
             (0..9).map(|at| line(at, f64::from(at as u8), 2.0, 10.0 * at as f64) + "\n").collect();
         let text = format!(
             "# Markups fiducial file version = 4.11\n# CoordinateSystem = {system}\n# columns = {columns}\n{rows}"
         );
         written("F.fcsv", &text, slicer)
-    };
+    }
     let usual = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID";
-    let plain = |at: usize, x: f64, y: f64, z: f64| format!("{at},{x},{y},{z},0,0,0,1,1,1,0,F-{at},,");
+    fn plain(at: usize, x: f64, y: f64, z: f64) -> String {
+        format!("{at},{x},{y},{z},0,0,0,1,1,1,0,F-{at},,")
+    }
     for (system, sign) in [("LPS", -1e-3), ("1", -1e-3), ("RAS", 1e-3), ("0", 1e-3)] {
         let needle = list(system, usual, &plain).expect(system);
-        let right = |at: usize| [sign * at as f64, sign * 2.0, 1e-2 * at as f64];
         assert!(needle.points_m.len() == 9 && needle.notes.is_empty(), "{system}: {:?}", needle.notes);
         for (at, point) in needle.points_m.iter().enumerate() {
-            assert!(
-                point.iter().zip(right(at)).all(|(a, b)| (a - b).abs() < 1e-12),
-                "{system} {at}: {point:?}"
-            );
+            let right = [sign * at as f64, sign * 2.0, 1e-2 * at as f64];
+            assert!(point.iter().zip(right).all(|(a, b)| (a - b).abs() < 1e-12), "{system} {at}: {point:?}");
         }
     }
     // Columns in another order, and points that are not selected beside others.
-    let turned = list("RAS", "label,sel,z,y,x", &|at, x, y, z| format!("F,{},{z},{y},{x}", u8::from(at > 1)));
-    let needle = turned.expect("reads");
+    let reordered =
+        list("RAS", "label,sel,z,y,x", &|at, x, y, z| format!("F,{},{z},{y},{x}", u8::from(at > 1)));
+    let needle = reordered.expect("reads");
     assert!(needle.points_m.len() == 7 && needle.points_m[0] == [2e-3, 2e-3, 2e-2], "{:?}", needle.points_m);
     assert!(needle.notes[0].ends_with("2 control points are not selected: skipped"), "{:?}", needle.notes);
     for (refused, words) in [
@@ -260,10 +264,10 @@ fn poses_come_back_from_every_layout() {
 
 #[test]
 fn faults_of_poses_name_their_place() {
-    let refused = |text: &str| -> String {
+    fn refused(text: &str) -> String {
         let fault: SessionError = written("n.csv", text, |path| poses(path, None)).expect_err("refused");
         fault.to_string()
-    };
+    }
     for (text, expected) in [
         ("0 0 0\n0 0 x\n", "n.csv:2:5: pose: \"x\" is not a number, expected a number"),
         ("0,0,0\n0,,1\n", "n.csv:2:3: pose: empty"),
@@ -288,11 +292,9 @@ fn faults_of_poses_name_their_place() {
 
 #[test]
 fn frames_that_are_none_are_refused() {
-    let needle = |points_m: &[[f64; 3]]| NeedlePoints {
-        path: "n.csv".into(),
-        points_m: points_m.to_vec(),
-        notes: Vec::new(),
-    };
+    fn needle(points_m: &[[f64; 3]]) -> NeedlePoints {
+        NeedlePoints { path: "n.csv".into(), points_m: points_m.to_vec(), notes: Vec::new() }
+    }
     let two = needle(&[[0.0; 3], [0.0, 0.0, 0.01]]);
     let zero = Straight { axis: Axis::Given([0.0; 3]), ..base() };
     assert!(matches!(Frame::new(&zero, &two), Err(FrameError::Zero { .. })));

@@ -101,7 +101,7 @@ fn points(path: &Path, markup: &Markup) -> NeedlePoints {
         System::Lps => -1.0,
         System::Ras => 1.0,
     };
-    let to_m = 1e-3 * markup.coordinate_units.as_ref().map_or(1.0, |Units(mm)| *mm);
+    let scale = 1e-3 * markup.coordinate_units.as_ref().map_or(1.0, |Units(mm)| *mm);
     let mut points = NeedlePoints { path: path.to_owned(), points_m: Vec::new(), notes: Vec::new() };
     // Programs that are handed a list get its selected points; a list of which none is selected is meant as a whole.
     let has_selected = markup.control_points.iter().any(|point| point.selected != Some(false));
@@ -116,7 +116,7 @@ fn points(path: &Path, markup: &Markup) -> NeedlePoints {
             deselected += 1;
             continue;
         }
-        points.points_m.push([to_m * sign * x, to_m * sign * y, to_m * z]);
+        points.points_m.push([scale * sign * x, scale * sign * y, scale * z]);
     }
     for (count, why) in [(unplaced, "placed"), (deselected, "selected")] {
         if count > 0 {

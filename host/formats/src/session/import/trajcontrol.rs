@@ -252,8 +252,9 @@ mod tests {
         .expect("reads");
         let run = &recording.run;
         assert_eq!(run.id, "run_1");
-        let close =
-            |a: &[f64], b: &[f64]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+        fn close(a: &[f64], b: &[f64]) -> bool {
+            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12)
+        }
         assert!(close(&run.depth_m, &[-2e-3, 10e-3]), "{:?}", run.depth_m);
         assert!(close(run.tip_x_m.as_deref().expect("x"), &[-0.5e-3, 0.0]));
         assert!(close(&run.tip_y_m, &[0.5e-3, 0.0]));
@@ -269,9 +270,9 @@ mod tests {
 
     #[test]
     fn rows_in_which_the_sensor_gave_no_number_are_skipped_and_counted() {
-        let row = |second: u32, tip: &str, robot: &str| {
+        fn row(second: u32, tip: &str, robot: &str) -> String {
             format!("{},0,0,{tip},0.7,0,0,0,{robot}\n", 1_700_000_000 + second)
-        };
+        }
         let rows = [
             row(0, "-25.0,-1.0,22.0", "-0.025,0.02"),
             row(1, "nan,nan,nan", "-0.025,0.02"),
@@ -294,7 +295,9 @@ mod tests {
 
     #[test]
     fn a_clock_that_steps_back_is_an_error_at_its_row() {
-        let row = |second: u32, depth: u32| format!("{second},0,0,-25,-{depth},2{depth},0,0,0,0,0.01,0.01\n");
+        fn row(second: u32, depth: u32) -> String {
+            format!("{second},0,0,-25,-{depth},2{depth},0,0,0,0,0.01,0.01\n")
+        }
         let rows: String =
             [(1000, 1), (1001, 2), (1001, 3), (981, 4), (982, 5)].map(|(s, d)| row(s, d)).concat();
         let error = read(&rows).expect_err("steps back").to_string();
@@ -303,8 +306,9 @@ mod tests {
 
     #[test]
     fn faults_name_place_and_what_was_expected() {
-        let message =
-            |rows: &str| read(rows).map(|_| ()).map_err(|error| error.to_string()).expect_err("fails");
+        fn message(rows: &str) -> String {
+            read(rows).map(|_| ()).map_err(|error| error.to_string()).expect_err("fails")
+        }
         assert!(
             message("1,0,0,1,oops,3,0,0,0,0,0,0\n")
                 .contains("run_1.csv:2:9: Tip y: \"oops\" is not a number")
@@ -321,19 +325,19 @@ mod tests {
     #[test]
     fn directions_are_those_of_the_sensors_z_axis() {
         // From the sensor's z to -y: a quarter turn about x; then small turns about the axes of the positions.
-        let product = |a: [f64; 4], b: [f64; 4]| {
+        fn product(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
             [
                 a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
                 a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
                 a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
                 a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
             ]
-        };
-        let turn = |axis: usize, rad: f64| {
+        }
+        fn turn(axis: usize, rad: f64) -> [f64; 4] {
             let mut q = [(0.5 * rad).cos(), 0.0, 0.0, 0.0];
             q[axis] = (0.5 * rad).sin();
             q
-        };
+        }
         let forward = turn(1, FRAC_PI_2);
         // About -x by 0.1: -y towards z. About z by 0.05: -y towards x.
         for (q, y, x) in [

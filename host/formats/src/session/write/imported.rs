@@ -167,9 +167,9 @@ fn shape_columns(shape: &ShapeSeries) -> Vec<NamedColumn> {
     let images = shape.images.as_ref();
     let of_images =
         |of: fn(&ShapeImage) -> f64| images.map(|images| images.iter().map(of).collect::<Vec<_>>());
-    let named = |name: &'static str, values: Option<Vec<f64>>, factor: f64| {
+    fn named(name: &'static str, values: Option<Vec<f64>>, factor: f64) -> Option<NamedColumn> {
         values.map(|values| (name, values, factor))
-    };
+    }
     let shared = SHARED_COLUMNS.iter().flatten().zip(shape.shared_m.iter().flatten());
     let shared = shared.map(|(name, values)| named(name, values.clone(), 1e3));
     let columns = [
