@@ -235,10 +235,10 @@ impl<'a> Search<'a> {
         first: &mut Vec<Candidate>,
         mut report: impl FnMut(&str),
     ) -> Result<Set, FitError> {
-        let given = self.start.layout.effects.len();
+        let given_count = self.start.layout.effects.len();
         let mut current = beginning;
         let mut last = Vec::new();
-        while current.layout.effects.len() < given + MAX_EFFECTS {
+        while current.layout.effects.len() < given_count + MAX_EFFECTS {
             let adequacy = Adequacy::of(&current, self.runs, self.patterns)?;
             // If only noise is left there is no misfit to be explained.
             if adequacy.is_within_noise() && !first.is_empty() {
@@ -314,7 +314,7 @@ impl<'a> Search<'a> {
 
     /// The likeliest effect that is missing, with the odds that any is, where these are high enough to state it.
     fn missing(&self, candidates: &[Candidate], base: &Fitted) -> Option<(Explanation, f64)> {
-        let explanations = explanations(candidates);
+        let explanations = explanations_of(candidates);
         let ln_odds = ln_sum(explanations.iter().map(|one| one.ln_odds));
         let best = explanations.into_iter().next()?;
         // Without the effect there may be a better fit where the discrepancy has the sizes that it has with it.
@@ -376,15 +376,16 @@ impl<'a> Search<'a> {
             };
             let ln_odds = prior.ln_weight(fitted) - prior.ln_weight(&base);
             let gain = ln_odds - prior.ln_odds(effect);
-            let mut all = vec![Explanation { effect, fitted: fitted.clone(), ln_odds }];
-            let others = explanations(&candidates);
-            all.extend(others.into_iter().filter(|other| other.effect.id() != effect.id()));
-            let judged = self.by_held_out(all.iter().map(|one| Some((one.ln_odds, &one.fitted))));
-            all.iter_mut().zip(&judged).for_each(|(one, judged)| one.ln_odds = judged.ln_odds);
-            let kept = all.into_iter().zip(judged).filter(|(_, judged)| !judged.is_refuted);
-            let all = self.distinct(kept.map(|(one, _)| one).collect());
-            let weights: Vec<f64> = all.iter().map(|one| one.ln_odds).collect();
-            let class = all.into_iter().take(smallest_set(&weights)).collect();
+            let mut explanations = vec![Explanation { effect, fitted: fitted.clone(), ln_odds }];
+            let candidate_explanations = explanations_of(&candidates);
+            explanations
+                .extend(candidate_explanations.into_iter().filter(|other| other.effect.id() != effect.id()));
+            let judged = self.by_held_out(explanations.iter().map(|one| Some((one.ln_odds, &one.fitted))));
+            explanations.iter_mut().zip(&judged).for_each(|(one, judged)| one.ln_odds = judged.ln_odds);
+            let unrefuted = explanations.into_iter().zip(judged).filter(|(_, judged)| !judged.is_refuted);
+            let explanations = self.distinct(unrefuted.map(|(one, _)| one).collect());
+            let weights: Vec<f64> = explanations.iter().map(|one| one.ln_odds).collect();
+            let class = explanations.into_iter().take(smallest_set(&weights)).collect();
             members.push(Member {
                 index,
                 gain,
@@ -419,7 +420,7 @@ impl<'a> Search<'a> {
 }
 
 /// The candidates that can be what is missing, likeliest first.
-fn explanations(candidates: &[Candidate]) -> Vec<Explanation> {
+fn explanations_of(candidates: &[Candidate]) -> Vec<Explanation> {
     candidates
         .iter()
         .filter(|candidate| candidate.standing == Standing::Possible)

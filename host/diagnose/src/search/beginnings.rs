@@ -56,9 +56,9 @@ impl Search<'_> {
         };
         let mut by_gain: Vec<&Candidate> = first.iter().collect();
         by_gain.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
-        let others = by_gain.into_iter().filter(|other| other.gain() > 0.0).filter(&mut is_new);
+        let candidates = by_gain.into_iter().filter(|other| other.gain() > 0.0).filter(&mut is_new);
         let fits: Vec<&Fitted> =
-            others.filter_map(|other| other.refit.as_ref().map(|(fit, _)| fit)).collect();
+            candidates.filter_map(|other| other.refit.as_ref().map(|(fit, _)| fit)).collect();
         let beginning = |fit: &&Fitted| -> Result<Option<Beginning>, FitError> {
             let Some(fitted) = self.fit(&fit.layout, fit.values(), &fit.sizes, MAX_ROUNDS) else {
                 return Ok(None);
@@ -99,12 +99,12 @@ impl Search<'_> {
     }
 
     /// Whether a set is likelier than another one, by its evidence, its prior and what was held out.
-    pub(super) fn is_likelier(&self, other: &Set, than: &Set, prior: &ModelPrior) -> bool {
+    pub(super) fn is_likelier(&self, new: &Set, known: &Set, prior: &ModelPrior) -> bool {
         let start = prior.ln_weight(self.start);
         let judged = self.by_held_out(
-            [than, other].into_iter().map(|set| Some((prior.ln_weight(&set.fitted) - start, &set.fitted))),
+            [known, new].into_iter().map(|set| Some((prior.ln_weight(&set.fitted) - start, &set.fitted))),
         );
-        let [than, other] = judged.as_slice() else { return false };
-        !other.is_refuted && (than.is_refuted || other.ln_odds > than.ln_odds)
+        let [old_odds, new_odds] = judged.as_slice() else { return false };
+        !new_odds.is_refuted && (old_odds.is_refuted || new_odds.ln_odds > old_odds.ln_odds)
     }
 }

@@ -70,25 +70,25 @@ impl Search<'_> {
     /// Whether the predictions of two models for the training runs are nearer than this squared distance, beside noise and the imperfections
     /// of an ordinary rig.
     fn is_near(&self, one: &Fitted, other: &Fitted, least: f64) -> bool {
-        let apart: Vec<Vec<f64>> = one
+        let differences: Vec<Vec<f64>> = one
             .residuals
             .iter()
             .zip(&other.residuals)
             .map(|(one, other)| one.iter().zip(other).map(|(one, other)| one - other).collect())
             .collect();
         // Imperfections only take from a distance beside noise alone.
-        if apart.iter().flatten().map(|apart| apart * apart).sum::<f64>() < least {
+        if differences.iter().flatten().map(|difference| difference * difference).sum::<f64>() < least {
             return true;
         }
         let Some(imperfections) = &self.imperfections else { return false };
-        let weighted = imperfections.of_column(&apart);
-        let products = weighted.iter().flat_map(|run| run.iter()).zip(apart.iter().flatten());
-        products.map(|(weighted, apart)| weighted * apart).sum::<f64>() < least
+        let weighted = imperfections.of_column(&differences);
+        let products = weighted.iter().flat_map(|run| run.iter()).zip(differences.iter().flatten());
+        products.map(|(weighted, difference)| weighted * difference).sum::<f64>() < least
     }
 
     /// The same without laws that predict what a name, or a simpler law, does: they are that. Their weight is its weight.
     pub(super) fn distinct(&self, all: Vec<Explanation>) -> Vec<Explanation> {
-        let (mut kept, mut laws): (Vec<Explanation>, Vec<Explanation>) =
+        let (mut explanations, mut laws): (Vec<Explanation>, Vec<Explanation>) =
             all.into_iter().partition(|one| !one.effect.is_unnamed());
         laws.sort_by(|a, b| {
             let by_odds = b.ln_odds.total_cmp(&a.ln_odds);
@@ -101,13 +101,13 @@ impl Search<'_> {
                 let least = if other.effect.is_unnamed() { same() } else { indistinct() };
                 self.is_near(&other.fitted, &law.fitted, least)
             };
-            match kept.iter_mut().find(is_that) {
+            match explanations.iter_mut().find(is_that) {
                 Some(other) => other.ln_odds = ln_sum([other.ln_odds, law.ln_odds].into_iter()),
-                None => kept.push(law),
+                None => explanations.push(law),
             }
         }
-        kept.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
-        kept
+        explanations.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+        explanations
     }
 }
 
@@ -123,8 +123,8 @@ mod tests {
         for seed in [1, 2, 3] {
             let hidden =
                 truth(vec![("sensor.force_bias", vec![0.2, 0.0]), ("sensor.shape_scale", vec![0.2])]);
-            let (_, found) = found_in(&worlds::session(&hidden, &Design::four_runs(), seed));
-            let names: Vec<Vec<&str>> = found
+            let (_, search_result) = found_in(&worlds::session(&hidden, &Design::four_runs(), seed));
+            let names: Vec<Vec<&str>> = search_result
                 .members
                 .iter()
                 .map(|member| member.class.iter().map(|one| one.effect.id()).collect())
