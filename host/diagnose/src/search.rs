@@ -15,7 +15,7 @@ use rivals::Judged;
 use super::adequacy::Adequacy;
 use super::determined::is_determined;
 use super::discover;
-use super::evidence::{Inverse, Patterns};
+use super::evidence::Patterns;
 use super::found::{Candidate, Explanation, Found, Member, Standing};
 use super::layout::Prepared;
 use super::posterior::{Fitted, MAX_ROUNDS};
@@ -38,8 +38,6 @@ pub(super) struct Search<'a> {
     pub patterns: &'a Patterns,
     pub judge: &'a Judge,
     pub catalogue: Catalogue<'a>,
-    /// The inverse of the covariance of noise and the imperfections of an ordinary rig.
-    imperfections: Option<Inverse>,
     /// Candidates beside the models that were searched around already: what may be in the place of an effect is asked beside models of
     /// which most were steps of the search.
     memo: Mutex<Vec<Asked>>,
@@ -88,8 +86,7 @@ impl<'a> Search<'a> {
         judge: &'a Judge,
         catalogue: Catalogue<'a>,
     ) -> Self {
-        let imperfections = patterns.inverse(&patterns.everyday());
-        Self { start, runs, patterns, judge, catalogue, imperfections, memo: Mutex::default() }
+        Self { start, runs, patterns, judge, catalogue, memo: Mutex::default() }
     }
 
     /// Every name that may be missing beside a fit, and every law where laws are searched for: the likeliest first.

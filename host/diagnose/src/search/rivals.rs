@@ -1,7 +1,7 @@
 //! Models that compete: by what was held out, and by whether any run tells them apart.
 
 use super::super::found::Explanation;
-use super::super::posterior::Fitted;
+use super::super::posterior::{Fitted, misfit};
 use super::super::split::Losses;
 use super::super::weights::{indistinct, is_refuted, ln_sum, same, stated_ln_odds};
 use super::Search;
@@ -68,7 +68,7 @@ impl Search<'_> {
     }
 
     /// Whether the predictions of two models for the training runs are nearer than this squared distance, beside noise and the imperfections
-    /// of an ordinary rig.
+    /// of an ordinary rig, as far as both fits have these.
     fn is_near(&self, one: &Fitted, other: &Fitted, least: f64) -> bool {
         let differences: Vec<Vec<f64>> = one
             .residuals
@@ -80,10 +80,13 @@ impl Search<'_> {
         if differences.iter().flatten().map(|difference| difference * difference).sum::<f64>() < least {
             return true;
         }
-        let Some(imperfections) = &self.imperfections else { return false };
-        let weighted = imperfections.of_column(&differences);
-        let products = weighted.iter().flat_map(|run| run.iter()).zip(differences.iter().flatten());
-        products.map(|(weighted, difference)| weighted * difference).sum::<f64>() < least
+        let sizes: Vec<f64> = self
+            .at_most_everyday(&one.sizes)
+            .into_iter()
+            .zip(&other.sizes)
+            .map(|(size, most)| size.min(*most))
+            .collect();
+        misfit(self.patterns, &sizes, &differences).is_some_and(|apart| apart < least)
     }
 
     /// The same without laws that predict what a name, or a simpler law, does: they are that. Their weight is its weight.
