@@ -6,6 +6,7 @@
 
 use super::apply::Series;
 use super::summary::LEAST_RUN;
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 /// Readings of the longer series in the search, and around what it finds.
 const COARSE: usize = 400;
@@ -66,50 +67,60 @@ pub(super) fn estimate(force: &Series, displacement: &Series) -> Result<Offset, 
     let [least_s, most_s] = [f0_s + overlap_s - d1_s, f1_s - overlap_s - d0_s];
     let step_s = (f_span_s.max(d_span_s) / COARSE as f64).max(1e-9);
     let count = ((most_s - least_s) / step_s).ceil() as usize;
+    // By the likelihood of all readings, of which those beyond the overlap have that of no relation: a staircase that goes up and down falls
+    // on itself turned over, too, by half of its length.
     let candidates: Vec<(f64, f64)> = (0..=count)
         .map(|i| least_s + step_s * i as f64)
-        .filter_map(|offset_s| Some((offset_s, correlated(force, displacement, offset_s, COARSE)?.r2)))
+        .filter_map(|offset_s| {
+            Some((offset_s, correlated(force, displacement, offset_s, COARSE)?.log_likelihood()))
+        })
         .collect();
     let best = candidates.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).ok_or(no_offset.clone())?;
     let best_offset = refined(force, displacement, best.0, step_s).ok_or(no_offset)?;
     if best_offset.offset.r2 < LEAST_R2 {
         return Err(OffsetError::Unlike { r2: best_offset.offset.r2 });
     }
-    // The best of the other peaks.
-    fn is_peak(at: usize, candidates: &[(f64, f64)]) -> bool {
-        fn r2(at: usize, candidates: &[(f64, f64)]) -> f64 {
-            candidates.get(at).map_or(f64::NEG_INFINITY, |(_, r2)| *r2)
-        }
-        let value = r2(at, candidates);
-        value >= r2(at.wrapping_sub(1), candidates) && value >= r2(at + 1, candidates)
-    }
-    fn is_far(offset_s: f64, step_s: f64, best_0: f64) -> bool {
-        (offset_s - best_0).abs() > 2.5 * step_s
-    }
-    let other_peaks = candidates
-        .iter()
-        .enumerate()
-        .filter(|(at, (offset_s, _))| is_peak(*at, &candidates) && is_far(*offset_s, step_s, best.0));
-    let second = other_peaks
-        .map(|(_, one)| *one)
-        .max_by(|a, b| a.1.total_cmp(&b.1))
-        .and_then(|(offset_s, _)| refined(force, displacement, offset_s, step_s));
-    if let Some(second) = second
-        && 0.5
-            * best_offset.independent
-            * ((1.0 - second.offset.r2) / (1.0 - best_offset.offset.r2).max(1e-12)).ln()
-            < ALIKE
-    {
+    let peaks = (0..candidates.len())
+        .filter(|at| is_peak(*at, &candidates))
+        .filter_map(|at| candidates.get(at))
+        .filter(|(offset_s, _)| (offset_s - best.0).abs() > 2.5 * step_s);
+    let alike = peaks
+        .filter_map(|(offset_s, _)| refined(force, displacement, *offset_s, step_s))
+        .find(|other| best_offset.is_like(other));
+    if let Some(second) = alike {
         let [first_s, second_s] = [best_offset, second].map(|one| one.offset.offset_s);
         return Err(OffsetError::Ambiguous { first_s, second_s });
     }
     Ok(best_offset.offset)
 }
 
+/// Whether one of the candidates is above its neighbours.
+fn is_peak(at: usize, candidates: &[(f64, f64)]) -> bool {
+    let ln_at = |at: usize| candidates.get(at).map_or(f64::NEG_INFINITY, |(_, ln)| *ln);
+    ln_at(at) >= ln_at(at.wrapping_sub(1)) && ln_at(at) >= ln_at(at + 1)
+}
+
 #[derive(Clone, Copy)]
 struct Peak {
     offset: Offset,
-    independent: f64,
+    correlation: Correlation,
+}
+
+impl Peak {
+    /// Whether the readings do not tell another offset from this one, the likeliest. The residuals of the two are of other readings, and by
+    /// chance one variance is the larger one: it has to be so by an F-test at 95 %. Ramps that repeat fit on themselves a period later. On
+    /// themselves turned over they fit by a part; there the number of readings decides that each explains, with the worse residuals for both.
+    fn is_like(&self, other: &Self) -> bool {
+        let [own, others] = [self, other].map(|peak| (1.0 - peak.offset.r2).max(1e-12));
+        let [own_count, other_count] = [self, other].map(|peak| peak.correlation.independent);
+        let by_chance = FisherSnedecor::new(other_count, own_count).map_or(1.0, |f| f.inverse_cdf(0.95));
+        if others > by_chance * own {
+            return false;
+        }
+        let is_turned = self.correlation.slope * other.correlation.slope < 0.0;
+        let more = own_count * (1.0 - other.correlation.count / self.correlation.count);
+        !is_turned || 0.5 * more * -own.max(others).ln() < ALIKE
+    }
 }
 
 /// The offset with the greatest correlation near one, by a parabola through the log likelihood.
@@ -151,7 +162,7 @@ fn refined(force: &Series, displacement: &Series, near_s: f64, step_s: f64) -> O
     // Readings are at their own times, up to half a period of both beside a change.
     let periods_s = force.period_s().hypot(displacement.period_s()) / 12f64.sqrt();
     let offset = Offset { offset_s: centre_s + shift_s, sd_s: sd_s.hypot(periods_s), r2: best.r2 };
-    Some(Peak { offset, independent: best.independent })
+    Some(Peak { offset, correlation: best })
 }
 
 /// A line through pairs, and how much of the second number it explains.
@@ -161,6 +172,8 @@ pub(super) struct Correlation {
     r2: f64,
     /// Number of independent readings, by the residuals of neighbours.
     independent: f64,
+    /// Number of readings.
+    count: f64,
 }
 
 impl Correlation {
@@ -184,7 +197,7 @@ impl Correlation {
         let next: f64 = residuals.iter().zip(residuals.iter().skip(1)).map(|(a, b)| a * b).sum();
         let rho = if squares > 0.0 { (next / squares).clamp(0.0, 0.99) } else { 0.0 };
         let independent = (n * (1.0 - rho) / (1.0 + rho)).max(3.0);
-        Some(Self { slope, r2: xy * xy / (xx * yy), independent })
+        Some(Self { slope, r2: xy * xy / (xx * yy), independent, count: n })
     }
 
     /// Log likelihood of the line beside none.
@@ -209,4 +222,48 @@ fn correlated(force: &Series, displacement: &Series, offset_s: f64, most: usize)
         return None;
     }
     Correlation::of(&pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Stairs of 1.5 s, with noise of a generator of its own.
+    fn stairs(levels: &[f64], begin_s: f64, noise: f64, seed: u64) -> Series {
+        let mut state = seed;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        let count = 75 * levels.len();
+        let value = |i: usize| {
+            let (step, within) = (i / 75, (i % 75) as f64 / 15.0);
+            let (from, to) = (levels[step.saturating_sub(1)], levels[step]);
+            from + (to - from) * within.min(1.0)
+        };
+        Series::of((0..count).map(|i| (begin_s + 0.02 * i as f64, value(i) + noise * random())).collect())
+    }
+
+    /// Up and down again, it falls on itself turned over by half of its length, whose residuals are smaller by chance in half of all draws.
+    #[test]
+    fn a_staircase_is_not_joined_turned_over() {
+        for levels in [&[0.0, 2.0, 0.0][..], &[0.0, 1.0, 2.0, 1.0, 0.0], &[0.0, 1.0, 2.5, 1.5, 3.0, 0.0]] {
+            for seed in 1..=12 {
+                for sign in [1.0, -1.0] {
+                    let forces: Vec<f64> = levels.iter().map(|level| 0.6 * sign * level).collect();
+                    let force = stairs(&forces, 0.0, 0.03, seed);
+                    let displacement = stairs(levels, 37.0, 0.01, 100 + seed);
+                    match estimate(&force, &displacement) {
+                        Ok(found) => {
+                            assert!(
+                                (found.offset_s + 37.0).abs() < 0.05,
+                                "{levels:?} {seed} {sign}: {found:?}"
+                            );
+                        }
+                        Err(error) => panic!("{levels:?} {seed} {sign}: {error}"),
+                    }
+                }
+            }
+        }
+    }
 }
