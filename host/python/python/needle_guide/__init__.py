@@ -3,7 +3,7 @@
 >>> from needle_guide import Session
 >>> found = Session.example().identify()
 >>> print(found.k_kpa)
-17.87 kPa (15.38 to 20.77)
+17.88 kPa (15.39 to 20.78)
 >>> sorted(found.plot())[0]
 'd20-1.shape'
 

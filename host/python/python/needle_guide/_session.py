@@ -78,7 +78,7 @@ class Session:
     True
     >>> found = session.identify()
     >>> print(found.k_kpa)
-    17.87 kPa (15.38 to 20.77)
+    17.88 kPa (15.39 to 20.78)
     """
 
     def __init__(self, path: PathLike, *, keep: object = None) -> None:
