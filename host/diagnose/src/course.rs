@@ -21,7 +21,7 @@ use std::ops::Range;
 
 /// Sizes of the second differences, in standard deviations of the readings, are apart by this ratio; the smallest moves the middle by a tenth of one.
 const SIZE_RATIO: f64 = 2.0;
-const UNSEEN_SD: f64 = 0.1;
+const UNSEEN_SHIFT: f64 = 0.1;
 /// Noise is nothing beside second differences of so many of its standard deviations.
 const NO_NOISE: f64 = 1e3;
 /// Times of starting and of stopping that are tried, each time in the range that the ones before left.
@@ -215,8 +215,8 @@ impl Modes {
     /// Sizes of the second differences: nothing, and from what cannot be seen to twice the largest.
     fn sizes(&self, largest: f64) -> Vec<f64> {
         let slowest = self.curvature.first().copied().unwrap_or(1.0);
-        let steps = (2.0 * largest / (UNSEEN_SD * slowest)).log(SIZE_RATIO).ceil().max(1.0) as i32;
-        (0..=steps).map(|step| UNSEEN_SD * slowest * SIZE_RATIO.powi(step)).chain([0.0]).collect()
+        let steps = (2.0 * largest / (UNSEEN_SHIFT * slowest)).log(SIZE_RATIO).ceil().max(1.0) as i32;
+        (0..=steps).map(|step| UNSEEN_SHIFT * slowest * SIZE_RATIO.powi(step)).chain([0.0]).collect()
     }
 
     /// Share of the variance of a reading that is noise, mode by mode.
