@@ -289,6 +289,7 @@ fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) 
     }
 }
 
+#[cfg(feature = "firmware-log")]
 fn push(line: String, log: &Mutex<VecDeque<String>>) {
     let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
     if log.len() == LOG_LINES {

@@ -59,6 +59,7 @@ pub struct WordColumn {
 
 impl WordColumn {
     /// One of a file without cells.
+    #[cfg(any(feature = "bags", feature = "matlab"))]
     pub(super) fn named(header: String) -> Self {
         Self { header, unit: None, first: None }
     }

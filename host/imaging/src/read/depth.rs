@@ -56,6 +56,7 @@ impl Depth {
     }
 
     /// How many different samples are below zero, as far as it matters: the fill beside an image is one.
+    #[cfg(feature = "dicom")]
     pub(super) fn levels_below_zero(self, bytes: &[u8]) -> usize {
         let (pairs, _) = bytes.as_chunks::<2>();
         let mut below = pairs.iter().filter_map(|pair| self.sample(*pair)).filter(|sample| *sample < 0);
