@@ -44,7 +44,7 @@ impl Search<'_> {
         if added.is_empty() || !has_law && !is_left()? {
             return Ok(Vec::new());
         }
-        // Of the laws of one site and regressor that the set lacks the best is enough: the search exchanges its form.
+        // The best law of a site and regressor is enough: the search exchanges its form.
         let mut kinds: Vec<Kind> = Vec::new();
         let mut is_new = |candidate: &&Candidate| {
             let kind = Kind::of(candidate.score.effect);

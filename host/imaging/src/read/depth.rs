@@ -55,7 +55,7 @@ impl Depth {
         above(self.sample(pair).unwrap_or(black), black)
     }
 
-    /// How many different samples are below zero, as far as it matters: the fill beside an image is one.
+    /// Number of different samples below zero, as far as it matters: the fill beside an image is one.
     #[cfg(feature = "dicom")]
     pub(super) fn levels_below_zero(self, bytes: &[u8]) -> usize {
         let (pairs, _) = bytes.as_chunks::<2>();

@@ -152,7 +152,7 @@ fn uniform([low, high]: [f64; 2], random: &mut ChaCha8Rng) -> f64 {
 /// Runs the study: a table, and a line for each session that is not found adequate.
 ///
 /// # Errors
-/// Where a session cannot be made, or a population cannot be analysed.
+/// An error if a session cannot be made, or a population cannot be analysed.
 pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
     println!(
         "| sessions of | displacement noise, mm | sessions | named | unexplained | K held | `{DELAY}` of all, ms | named by the population |"

@@ -113,7 +113,7 @@ fn interruptions(readings: &[(f64, f64)], period_s: f64) -> Vec<usize> {
         .collect()
 }
 
-/// How many readings at the beginning are those of a guide at rest: all where it never moves.
+/// Number of readings at the beginning that are those of a guide at rest: all where it never moves.
 fn rest(values: &[f64]) -> usize {
     let most_inverse = 2.0 * values.len() as f64 / CHANCE;
     let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);

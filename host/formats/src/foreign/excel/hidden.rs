@@ -27,13 +27,13 @@ pub(super) struct HiddenRows {
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct HiddenRow {
     first: u32,
-    /// How many rows in a row are alike.
+    /// Number of rows in a row that are alike.
     count: u32,
     is_folded: bool,
 }
 
 impl HiddenRows {
-    /// Those of a sheet; none where the file does not state them in XML.
+    /// Hidden rows of a sheet; none where the file does not state them in XML.
     pub fn read(path: &Path, sheet: &str) -> Self {
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
         let rows = match ending.as_deref() {
