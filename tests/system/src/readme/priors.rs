@@ -15,7 +15,6 @@ const OTHERS: [(&str, &[&str]); 5] = [
     (
         "a distance at which something is decided, or a step of a search, in standard deviations",
         &[
-            "host/diagnose/src/cells.rs FEW_SD",
             "host/diagnose/src/characterize/play.rs AROUND_SD",
             "host/diagnose/src/characterize/play.rs GIVEN_SD_MM",
             "host/diagnose/src/characterize/play.rs SHARE_OF_SD",
