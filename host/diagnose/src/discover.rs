@@ -12,7 +12,7 @@
 use super::evidence::Patterns;
 use super::layout::Prepared;
 use super::posterior::Fitted;
-use super::score::{Score, Scores};
+use super::score::{Around, Columns, Directions, Score};
 use mechanics::effects::Effect;
 use mechanics::terms::{Law, grammar};
 use rayon::prelude::*;
@@ -30,28 +30,38 @@ pub(super) fn shown(base: &Fitted, left_out: &[&str]) -> Vec<&'static Law> {
         .collect()
 }
 
-/// Scores of all terms beside a fit, best first.
-///
-/// # Errors
-/// Where the model cannot be evaluated.
-pub(super) fn ranked(
+/// Directions of laws around a fit, those of one site and regressor together: what laws of several share is not needed, and a product of all with
+/// all would be most of the work.
+pub(super) fn columns(
+    laws: &[&'static Law],
     base: &Fitted,
-    left_out: &[&str],
     runs: &[Prepared],
     patterns: &Patterns,
-) -> Result<Vec<Score>, FitError> {
-    let laws = shown(base, left_out);
-    // Terms of one site and regressor together: what they share with each other is small, and a product of all with all would be most of
-    // the work.
-    let scored = |of_pair: &[&'static Law]| {
+) -> Vec<Columns> {
+    let of_pair = |of_pair: &[&'static Law]| {
         let effects: Vec<&'static dyn Effect> =
             of_pair.iter().map(|law| *law as &'static dyn Effect).collect();
-        Ok(Scores::of(&effects, base, runs, patterns)?.ranked())
+        Columns::new(Directions::of(&effects, base, runs), patterns)
     };
     let pairs: Vec<&[&'static Law]> =
         laws.chunk_by(|a, b| (a.site, a.scope, a.regressor) == (b.site, b.scope, b.regressor)).collect();
-    let scores: Vec<Vec<Score>> = pairs.into_par_iter().map(scored).collect::<Result<_, FitError>>()?;
-    let mut scores: Vec<Score> = scores.into_iter().flatten().collect();
+    pairs.into_par_iter().map(of_pair).collect()
+}
+
+/// Scores of these columns around a fit, best first; effects of its model have none.
+///
+/// # Errors
+/// Where a size of the discrepancy makes no sense.
+pub(super) fn ranked(
+    columns: &[Columns],
+    base: &Fitted,
+    patterns: &Patterns,
+) -> Result<Vec<Score>, FitError> {
+    let around = Around::new(base, patterns)?;
+    let is_own = |effect: &dyn Effect| base.layout.effects.iter().any(|own| own.id() == effect.id());
+    let scores = columns.par_iter().map(|columns| around.scores(columns).ranked());
+    let mut scores: Vec<Score> =
+        scores.flatten_iter().filter(|score| !is_own(score.effect)).collect();
     scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     Ok(scores)
 }

@@ -135,20 +135,26 @@ impl Fitted {
         self.covariance[(parameter, parameter)].sqrt()
     }
 
+    /// Sensitivities of every run's predictions to the parameters, in units of their priors, and the unit of the first, the logarithm of the modulus.
+    pub fn scaled_jacobian(&self) -> (Vec<DMatrix<f64>>, f64) {
+        let sds: Vec<f64> = self.layout.parameters(&self.values).iter().map(prior_sd).collect();
+        let mut scaled = self.jacobian.clone();
+        for jacobian in &mut scaled {
+            jacobian.column_iter_mut().zip(&sds).for_each(|(mut column, sd)| column *= *sd);
+        }
+        (scaled, sds.first().copied().unwrap_or(0.0))
+    }
+
     /// Scalar products of the parameters' sensitivities, in units of their priors, and of columns (one matrix per run) behind them.
     pub fn products_beside_parameters(&self, patterns: &Patterns, columns: &[DMatrix<f64>]) -> Products {
-        let parameters = self.layout.parameters(&self.values);
-        let count = parameters.len();
-        let joined = |(jacobian, columns): (&DMatrix<f64>, &DMatrix<f64>)| {
-            let mut joined = jacobian.clone().resize_horizontally(count + columns.ncols(), 0.0);
-            for (j, parameter) in parameters.iter().enumerate() {
-                let mut column = joined.column_mut(j);
-                column *= prior_sd(parameter);
-            }
+        let joined = |(jacobian, columns): (DMatrix<f64>, &DMatrix<f64>)| {
+            let count = jacobian.ncols();
+            let mut joined = jacobian.resize_horizontally(count + columns.ncols(), 0.0);
             joined.columns_mut(count, columns.ncols()).copy_from(columns);
             joined
         };
-        let joined: Vec<DMatrix<f64>> = self.jacobian.iter().zip(columns).map(joined).collect();
+        let joined: Vec<DMatrix<f64>> =
+            self.scaled_jacobian().0.into_iter().zip(columns).map(joined).collect();
         patterns.products(&joined)
     }
 

@@ -7,10 +7,12 @@
 //! of each effect over the current model is a closed form, averaged over the places or times at which an effect may
 //! sit.
 
+mod around;
 mod directions;
 mod power;
 mod unseen;
 
+pub(super) use around::{Around, Columns};
 pub(super) use directions::Directions;
 pub(super) use power::NamedFrom;
 pub(super) use unseen::Unseen;
@@ -23,6 +25,7 @@ use directions::Hypothesis;
 use mechanics::effects::{Effect, all, neutral};
 use nalgebra::{DMatrix, DVector};
 use readings::FitError;
+use std::sync::Arc;
 
 /// An effect's score.
 #[derive(Debug, Clone)]
@@ -58,7 +61,7 @@ pub(super) struct Amplitude {
 /// Scores of the whole catalogue around a fit.
 #[derive(Debug)]
 pub(super) struct Scores {
-    hypotheses: Vec<(&'static dyn Effect, Vec<Hypothesis>)>,
+    hypotheses: Arc<[(&'static dyn Effect, Vec<Hypothesis>)]>,
     /// Scalar products of the directions, the parameters' part taken off.
     gram: DMatrix<f64>,
     /// Scalar products of directions and residuals.
@@ -107,27 +110,7 @@ impl Scores {
     /// # Errors
     /// Where a size of the discrepancy makes no sense.
     pub fn along(directions: Directions, fitted: &Fitted, patterns: &Patterns) -> Result<Self, FitError> {
-        let Directions { hypotheses, directions } = directions;
-        let count = directions.len();
-        if count == 0 {
-            let (gram, along) = (DMatrix::zeros(0, 0), DVector::zeros(0));
-            return Ok(Self { hypotheses, gram, along, ln_modulus: Vec::new() });
-        }
-        let columns = |(number, residuals): (usize, &Vec<f64>)| {
-            let mut columns: Vec<DVector<f64>> =
-                directions.iter().map(|of_runs| of_runs[number].clone()).collect();
-            columns.push(DVector::from_column_slice(residuals));
-            DMatrix::from_columns(&columns)
-        };
-        let columns: Vec<DMatrix<f64>> = fitted.residuals.iter().enumerate().map(columns).collect();
-        let everyday = patterns.everyday();
-        let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
-        let products = fitted.products_beside_parameters(patterns, &columns);
-        let (metric, ln_modulus) =
-            fitted.eliminated(patterns, &sizes, &products).ok_or(FitError::Undetermined)?;
-        let gram = metric.view((0, 0), (count, count)).into_owned();
-        let along = metric.view((0, count), (count, 1)).column(0).into_owned();
-        Ok(Self { hypotheses, gram, along, ln_modulus })
+        Ok(Around::new(fitted, patterns)?.scores(&Columns::new(directions, patterns)))
     }
 
     /// The scores of the session, best first.

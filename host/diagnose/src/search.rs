@@ -8,6 +8,7 @@
 mod beginnings;
 mod leaders;
 mod rivals;
+mod scored;
 
 use beginnings::Beginning;
 use rivals::Judged;
@@ -24,7 +25,8 @@ use super::split::Judge;
 use super::weights::{ModelPrior, NO_WEIGHT, ln_sum, smallest_set, stated_ln_odds};
 use mechanics::effects::{Effect, all};
 use readings::FitError;
-use std::sync::{Mutex, PoisonError};
+use scored::AroundStart;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Effects that are added at most: every further one costs the whole search again.
 const MAX_EFFECTS: usize = 3;
@@ -41,6 +43,7 @@ pub(super) struct Search<'a> {
     /// Candidates beside the models that were searched around already: what may be in the place of an effect is asked beside models of
     /// which most were steps of the search.
     memo: Mutex<Vec<Asked>>,
+    around_start: OnceLock<AroundStart>,
 }
 
 /// Candidates beside a model of these effects.
@@ -86,7 +89,7 @@ impl<'a> Search<'a> {
         judge: &'a Judge,
         catalogue: Catalogue<'a>,
     ) -> Self {
-        Self { start, runs, patterns, judge, catalogue, memo: Mutex::default() }
+        Self { start, runs, patterns, judge, catalogue, memo: Mutex::default(), around_start: OnceLock::new() }
     }
 
     /// Every name that may be missing beside a fit, and every law where laws are searched for: the likeliest first.
@@ -114,8 +117,7 @@ impl<'a> Search<'a> {
         let names = match known {
             Some(names) => names,
             None => {
-                let names = Scores::of(&self.catalogue.names(), base, self.runs, self.patterns)?;
-                self.weigh(base, names.ranked(), prior)
+                self.weigh(base, self.scored_names(base)?, prior)
             }
         };
         let candidates = self.judged(base, names, prior, with_laws)?;
@@ -133,8 +135,7 @@ impl<'a> Search<'a> {
     ) -> Result<Vec<Candidate>, FitError> {
         let mut all = names;
         if with_laws && self.catalogue.laws {
-            let laws = discover::ranked(base, self.catalogue.left_out, self.runs, self.patterns)?;
-            all.extend(self.weigh(base, laws, prior));
+            all.extend(self.weigh(base, self.scored_laws(base)?, prior));
         }
         for candidate in &mut all {
             candidate.ln_odds = candidate.gain() + prior.ln_odds(candidate.score.effect);
@@ -162,12 +163,7 @@ impl<'a> Search<'a> {
     /// # Errors
     /// Where the model cannot be evaluated.
     pub fn promise(&self) -> Result<[f64; 2], FitError> {
-        let names = Scores::of(&self.catalogue.names(), self.start, self.runs, self.patterns)?.ranked();
-        let laws = if self.catalogue.laws {
-            discover::ranked(self.start, self.catalogue.left_out, self.runs, self.patterns)?
-        } else {
-            Vec::new()
-        };
+        let [names, laws] = self.foreseen(self.start)?;
         let best = names.iter().chain(&laws).map(|score| score.log_evidence).fold(0.0, f64::max);
         Ok([self.start.log_evidence, best])
     }
@@ -198,8 +194,7 @@ impl<'a> Search<'a> {
     /// # Errors
     /// Where the model cannot be evaluated.
     pub fn run(&self, mut report: impl FnMut(&str)) -> Result<Found, FitError> {
-        let names = self.catalogue.names();
-        let scores = Scores::of(&names, self.start, self.runs, self.patterns)?.ranked();
+        let scores = self.scored_names(self.start)?;
         let names = scores.iter().filter(|score| score.is_identifiable).count();
         let prior = ModelPrior::new(names, discover::shown(self.start, self.catalogue.left_out).len());
         let mut first = Vec::new();

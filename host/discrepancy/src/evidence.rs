@@ -14,12 +14,14 @@
 //! parameters: the importance of model discrepancy" (2014).
 
 mod ahead;
+mod elimination;
 mod factor;
 mod integrated;
 mod inverse;
 mod sizes;
 
 pub use ahead::{Ahead, SharedAmplitudes};
+pub use elimination::Elimination;
 pub use inverse::Inverse;
 
 use factor::{inverse_root, ln_diagonal, take_off_products};

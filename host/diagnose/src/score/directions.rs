@@ -6,6 +6,7 @@ use crate::posterior::Fitted;
 use mechanics::effects::{Effect, neutral};
 use nalgebra::DVector;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// One hypothesis in which an effect may act: a place or time, and the directions of its amplitudes.
 #[derive(Debug, Clone)]
@@ -23,9 +24,11 @@ pub(in crate::score) struct Hypothesis {
 /// Effect of every amplitude on the whitened readings of every run.
 #[derive(Debug, Clone)]
 pub(crate) struct Directions {
-    pub(in crate::score) hypotheses: Vec<(&'static dyn Effect, Vec<Hypothesis>)>,
+    pub(in crate::score) hypotheses: Arc<[(&'static dyn Effect, Vec<Hypothesis>)]>,
     /// Directions of every amplitude, per run.
     pub(in crate::score) directions: Vec<Vec<DVector<f64>>>,
+    /// Number of readings of each run.
+    pub(in crate::score) readings: Vec<usize>,
 }
 
 impl Directions {
@@ -65,12 +68,14 @@ impl Directions {
             };
             hypotheses.push((effect, of_effect.into_iter().map(numbered).collect()));
         }
-        Self { hypotheses, directions }
+        let readings = fitted.residuals.iter().map(Vec::len).collect();
+        Self { hypotheses: hypotheses.into(), directions, readings }
     }
 
     /// With the readings of one more run, whose residuals are those of the fit.
     pub fn with_run(mut self, fitted: &Fitted, run: &Prepared, residuals: &[f64]) -> Self {
-        for (effect, hypotheses) in &self.hypotheses {
+        self.readings.push(residuals.len());
+        for (effect, hypotheses) in self.hypotheses.iter() {
             let layout = fitted.layout.with(*effect);
             for hypothesis in hypotheses {
                 for (probe, column) in hypothesis.probes.iter().zip(&hypothesis.columns) {

@@ -2,10 +2,9 @@
 //! it to the two.
 
 use super::super::adequacy::Adequacy;
-use super::super::discover;
 use super::super::found::Candidate;
 use super::super::posterior::{Fitted, MAX_ROUNDS};
-use super::super::score::{Score, Scores};
+use super::super::score::Score;
 use super::super::weights::ModelPrior;
 use super::leaders::Kind;
 use super::{Search, Set};
@@ -78,12 +77,7 @@ impl Search<'_> {
     /// where the first rounds of a fit go wrong, by its score. Scores are beside discrepancy of everyday sizes at most, and a fit whose
     /// discrepancy is larger has less evidence there.
     fn promise_of(&self, fitted: &Fitted, prior: &ModelPrior) -> Result<f64, FitError> {
-        let names = Scores::of(&self.catalogue.names(), fitted, self.runs, self.patterns)?.ranked();
-        let laws = if self.catalogue.laws {
-            discover::ranked(fitted, self.catalogue.left_out, self.runs, self.patterns)?
-        } else {
-            Vec::new()
-        };
+        let [names, laws] = self.foreseen(fitted)?;
         let sizes = self.at_most_everyday(&fitted.sizes);
         let cost = fitted.ln_cost_of_sizes(self.patterns, &sizes).ok_or(FitError::Undetermined)?;
         let alone = prior.ln_weight(fitted);

@@ -11,7 +11,7 @@ use mechanics::terms::{Regressor, Scope, Site};
 use rayon::prelude::*;
 
 /// Leaders that are fitted, of names and of laws, and how far behind the best they may be by score: scores are those of small effects.
-const MAX_LEADERS: usize = 14;
+pub(super) const MAX_LEADERS: usize = 14;
 const BEHIND: f64 = 15.0;
 const BEHIND_SHARE: f64 = 0.7;
 /// A score below which an effect is not fitted.
@@ -44,7 +44,7 @@ impl Kind {
 
 impl Pair {
     /// `None` for an effect with a name.
-    fn of(effect: &dyn Effect) -> Option<Self> {
+    pub fn of(effect: &dyn Effect) -> Option<Self> {
         let law = effect.as_law().filter(|_| effect.is_unnamed())?;
         Some(Self(law.site, law.scope, law.regressor))
     }

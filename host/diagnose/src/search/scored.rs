@@ -1,0 +1,95 @@
+//! Scores of names and laws beside the models of a search.
+//!
+//! Directions around a fit cost an evaluation of the model for every amplitude at every place. Effects change them little: those around the
+//! start say which sites and regressors matter beside another fit, and only these are evaluated there.
+
+use super::super::discover;
+use super::super::posterior::Fitted;
+use super::super::score::{Columns, Directions, Score, Scores};
+use super::Search;
+use super::leaders::{MAX_LEADERS, Pair};
+use mechanics::effects::Effect;
+use mechanics::terms::Law;
+use readings::FitError;
+
+/// Pairs of site and regressor whose laws are evaluated around a fit: scores with the directions of the start have another order.
+const MAX_EVALUATED: usize = 2 * MAX_LEADERS;
+
+/// Directions around the start.
+pub(super) struct AroundStart {
+    names: Columns,
+    laws: Vec<&'static Law>,
+    /// Of these, by site and regressor.
+    of_laws: Vec<Columns>,
+}
+
+impl Search<'_> {
+    fn around_start(&self) -> &AroundStart {
+        self.around_start.get_or_init(|| {
+            let names = Directions::of(&self.catalogue.names(), self.start, self.runs);
+            let laws = if self.catalogue.laws {
+                discover::shown(self.start, self.catalogue.left_out)
+            } else {
+                Vec::new()
+            };
+            AroundStart {
+                names: Columns::new(names, self.patterns),
+                of_laws: discover::columns(&laws, self.start, self.runs, self.patterns),
+                laws,
+            }
+        })
+    }
+
+    /// Scores of names and of laws beside a fit, best first, with the directions of the start.
+    ///
+    /// # Errors
+    /// Where a size of the discrepancy makes no sense.
+    pub(super) fn foreseen(&self, base: &Fitted) -> Result<[Vec<Score>; 2], FitError> {
+        let AroundStart { names, of_laws, .. } = self.around_start();
+        let names = discover::ranked(std::slice::from_ref(names), base, self.patterns)?;
+        Ok([names, discover::ranked(of_laws, base, self.patterns)?])
+    }
+
+    /// Scores of names beside a fit, best first.
+    ///
+    /// # Errors
+    /// Where a size of the discrepancy makes no sense.
+    pub(super) fn scored_names(&self, base: &Fitted) -> Result<Vec<Score>, FitError> {
+        if self.is_start(base) {
+            return discover::ranked(std::slice::from_ref(&self.around_start().names), base, self.patterns);
+        }
+        Ok(Scores::of(&self.catalogue.names(), base, self.runs, self.patterns)?.ranked())
+    }
+
+    /// Scores of laws beside a fit, best first.
+    ///
+    /// # Errors
+    /// Where a size of the discrepancy makes no sense.
+    pub(super) fn scored_laws(&self, base: &Fitted) -> Result<Vec<Score>, FitError> {
+        let AroundStart { laws, of_laws, .. } = self.around_start();
+        let mut scores = discover::ranked(of_laws, base, self.patterns)?;
+        if self.is_start(base) {
+            return Ok(scores);
+        }
+        let mut pairs: Vec<Pair> = Vec::new();
+        for score in scores.iter().filter(|score| score.is_identifiable) {
+            let Some(pair) = Pair::of(score.effect) else { continue };
+            if !pairs.contains(&pair) {
+                pairs.push(pair);
+            }
+        }
+        pairs.truncate(MAX_EVALUATED);
+        let is_evaluated = |effect: &dyn Effect| Pair::of(effect).is_some_and(|pair| pairs.contains(&pair));
+        let evaluated: Vec<&'static Law> = laws.iter().copied().filter(|law| is_evaluated(*law)).collect();
+        let columns = discover::columns(&evaluated, base, self.runs, self.patterns);
+        scores.retain(|score| !is_evaluated(score.effect));
+        scores.extend(discover::ranked(&columns, base, self.patterns)?);
+        scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+        Ok(scores)
+    }
+
+    /// Whether a fit has no more effects than the start.
+    fn is_start(&self, base: &Fitted) -> bool {
+        base.layout.has_effects_of(&self.start.layout)
+    }
+}

@@ -1,0 +1,98 @@
+//! Scalar products of many columns in the metric of noise and discrepancy, where each is needed with few others.
+//!
+//! `C^T S^-1 C = C^T C - V^T V` with `V` of the columns' products with the patterns alone: once these are known the metric of other sizes
+//! costs no further pass over the readings.
+
+use super::factor::inverse_root;
+use super::{Patterns, Products};
+use nalgebra::{DMatrix, DVector};
+
+/// Patterns of some sizes, eliminated.
+#[derive(Debug)]
+pub struct Elimination {
+    runs: Vec<OfRun>,
+    shared_sizes: DVector<f64>,
+    /// Inverse of the factor of the shared patterns after those of single runs.
+    root: DMatrix<f64>,
+}
+
+/// Patterns of one run alone.
+#[derive(Debug)]
+struct OfRun {
+    sizes: DVector<f64>,
+    /// Inverse of the factor of these patterns.
+    root: DMatrix<f64>,
+    /// Shared patterns that the run shows, and their products with these patterns in the factor's space.
+    shown: Vec<usize>,
+    by_shown: DMatrix<f64>,
+}
+
+impl Patterns {
+    /// For patterns of these sizes; nothing where a size makes no sense.
+    pub fn elimination(&self, sizes: &[f64]) -> Option<Elimination> {
+        let sizes_of = |groups: &[usize]| {
+            let sizes = groups.iter().map(|group| sizes.get(*group).copied().unwrap_or(0.0));
+            DVector::from_iterator(groups.len(), sizes)
+        };
+        let shared_sizes = sizes_of(&self.shared_groups);
+        let count = shared_sizes.len();
+        let mut normal = DMatrix::from_fn(count, count, |i, j| {
+            shared_sizes[i] * self.shared_gram[(i, j)] * shared_sizes[j] + f64::from(i == j)
+        });
+        let mut runs = Vec::with_capacity(self.runs.len());
+        for run in &self.runs {
+            let sizes = sizes_of(&run.own_groups);
+            let own = DMatrix::from_fn(sizes.len(), sizes.len(), |i, j| {
+                sizes[i] * run.own_gram[(i, j)] * sizes[j] + f64::from(i == j)
+            });
+            let root = inverse_root(&own.cholesky()?);
+            let sized = DMatrix::from_fn(sizes.len(), run.shown.len(), |i, j| {
+                sizes[i] * run.own_by_shown[(i, j)] * shared_sizes[run.shown[j]]
+            });
+            let by_shown = &root * sized;
+            let taken = by_shown.tr_mul(&by_shown);
+            for (j, column) in taken.column_iter().enumerate() {
+                for (i, value) in column.iter().enumerate() {
+                    normal[(run.shown[i], run.shown[j])] -= value;
+                }
+            }
+            runs.push(OfRun { sizes, root, shown: run.shown.clone(), by_shown });
+        }
+        Some(Elimination { runs, shared_sizes, root: inverse_root(&normal.cholesky()?) })
+    }
+}
+
+impl Elimination {
+    /// `V` of columns with these products: what the patterns have of each, in orthogonal coordinates.
+    pub fn of(&self, products: &Products) -> DMatrix<f64> {
+        let mut parts = Vec::with_capacity(self.runs.len() + 1);
+        let mut shared = products.shared.clone();
+        scale_rows(&mut shared, &self.shared_sizes);
+        for (run, own) in self.runs.iter().zip(&products.own) {
+            let mut sized = own.clone();
+            scale_rows(&mut sized, &run.sizes);
+            let part = &run.root * sized;
+            let taken = run.by_shown.transpose() * &part;
+            for (row, place) in taken.row_iter().zip(&run.shown) {
+                let mut kept = shared.row_mut(*place);
+                kept -= row;
+            }
+            parts.push(part);
+        }
+        parts.push(&self.root * shared);
+        let rows = parts.iter().map(DMatrix::nrows).sum();
+        let mut all = DMatrix::zeros(rows, products.among.ncols());
+        let mut first = 0;
+        for part in parts {
+            all.rows_mut(first, part.nrows()).copy_from(&part);
+            first += part.nrows();
+        }
+        all
+    }
+}
+
+fn scale_rows(matrix: &mut DMatrix<f64>, sizes: &DVector<f64>) {
+    for mut column in matrix.column_iter_mut() {
+        column.component_mul_assign(sizes);
+    }
+}
