@@ -60,8 +60,7 @@ pub(super) fn ranked(
     let around = Around::new(base, patterns)?;
     let is_own = |effect: &dyn Effect| base.layout.effects.iter().any(|own| own.id() == effect.id());
     let scores = columns.par_iter().map(|columns| around.scores(columns).ranked());
-    let mut scores: Vec<Score> =
-        scores.flatten_iter().filter(|score| !is_own(score.effect)).collect();
+    let mut scores: Vec<Score> = scores.flatten_iter().filter(|score| !is_own(score.effect)).collect();
     scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     Ok(scores)
 }

@@ -87,17 +87,29 @@ impl Fitted {
         let mut sizes = sizes.to_vec();
         let mut settled = false;
         let mut round = 0;
+        // After a short step they are as before.
+        let mut sensitivities = Vec::new();
         loop {
             // Priors with heavy tails follow the values.
             parameters = layout.parameters(&point.values);
-            let jacobian = jacobian(layout, runs, &point.values, &parameters, &point.residuals, known)?;
-            let products = products(patterns, &parameters, &point, &jacobian);
+            if !settled {
+                sensitivities = jacobian(layout, runs, &point.values, &parameters, &point.residuals, known)?;
+            }
+            let products = products(patterns, &parameters, &point, &sensitivities);
             sizes = patterns.likeliest_sizes(&sizes, &products);
             let evidence = patterns.evidence(&sizes, &products).ok_or(FitError::Undetermined)?;
             round += 1;
             if settled || round > rounds {
                 return finish(
-                    layout, patterns, parameters, point, jacobian, sizes, &products, evidence, settled,
+                    layout,
+                    patterns,
+                    parameters,
+                    point,
+                    sensitivities,
+                    sizes,
+                    &products,
+                    evidence,
+                    settled,
                 );
             }
             let step = step(&parameters, &point.values, &evidence).ok_or(FitError::Undetermined)?;

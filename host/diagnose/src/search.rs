@@ -26,7 +26,7 @@ use super::weights::{ModelPrior, NO_WEIGHT, ln_sum, smallest_set, stated_ln_odds
 use mechanics::effects::{Effect, all};
 use readings::FitError;
 use scored::AroundStart;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 /// Effects that are added at most: every further one costs the whole search again.
 const MAX_EFFECTS: usize = 3;
@@ -43,7 +43,7 @@ pub(super) struct Search<'a> {
     /// Candidates beside the models that were searched around already: what may be in the place of an effect is asked beside models of
     /// which most were steps of the search.
     memo: Mutex<Vec<Asked>>,
-    around_start: OnceLock<AroundStart>,
+    around_start: AroundStart,
 }
 
 /// Candidates beside a model of these effects.
@@ -89,7 +89,15 @@ impl<'a> Search<'a> {
         judge: &'a Judge,
         catalogue: Catalogue<'a>,
     ) -> Self {
-        Self { start, runs, patterns, judge, catalogue, memo: Mutex::default(), around_start: OnceLock::new() }
+        Self {
+            start,
+            runs,
+            patterns,
+            judge,
+            catalogue,
+            memo: Mutex::default(),
+            around_start: AroundStart::default(),
+        }
     }
 
     /// Every name that may be missing beside a fit, and every law where laws are searched for: the likeliest first.
@@ -116,9 +124,7 @@ impl<'a> Search<'a> {
         });
         let names = match known {
             Some(names) => names,
-            None => {
-                self.weigh(base, self.scored_names(base)?, prior)
-            }
+            None => self.weigh(base, self.scored_names(base)?, prior),
         };
         let candidates = self.judged(base, names, prior, with_laws)?;
         memo().push(Asked { effects, with_laws, candidates: candidates.clone() });

@@ -14,6 +14,7 @@ use formats::session::SHARED_ERRORS;
 use mechanics::unknowns::{rig, sensors};
 use mechanics::{Experiment, Model, ModelError, Plane, predict};
 use nalgebra::{DMatrix, DVector};
+use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
 /// Step of the difference that gives the slope of the needle.
@@ -96,6 +97,11 @@ impl Whitener {
 
     /// Residuals in SI become independent with unit variance, in place.
     pub fn apply(&self, residuals: &mut [f64]) {
+        Arch::new().dispatch(Application { whitener: self, residuals });
+    }
+
+    #[inline(always)]
+    fn applied(&self, residuals: &mut [f64]) {
         for (range, rows) in &self.blocks {
             // Forward substitution.
             let block_residuals = &mut residuals[range.clone()];
@@ -132,7 +138,23 @@ impl Whitener {
     }
 }
 
+/// An application as the processor can: it is compiled for each kind of them.
+struct Application<'a> {
+    whitener: &'a Whitener,
+    residuals: &'a mut [f64],
+}
+
+impl WithSimd for Application<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.whitener.applied(self.residuals);
+    }
+}
+
 /// Sum of products: in lanes, so that no sum waits for the one before.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 8;
     let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));

@@ -135,6 +135,14 @@ impl Patterns {
             among: DMatrix::zeros(count, count),
         };
         for (run, columns) in self.runs.iter().zip(columns) {
+            if count == 1 {
+                // A product of matrices would first copy the patterns in another order.
+                let column = columns.column(0);
+                products.own.push(DMatrix::from_columns(&[&run.own_transposed * column]));
+                products.shared.column_mut(0).gemv(1.0, &run.shared_transposed, &column, 1.0);
+                products.among[(0, 0)] += column.norm_squared();
+                continue;
+            }
             products.own.push(&run.own_transposed * columns);
             products.shared.gemm(1.0, &run.shared_transposed, columns, 1.0);
             products.among.gemm(1.0, &columns.transpose(), columns, 1.0);

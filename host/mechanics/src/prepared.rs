@@ -4,7 +4,7 @@
 
 use super::cache::Cache;
 use super::carried::{Carried, Held};
-use super::effects::{MotionContext, ObservationContext};
+use super::effects::{MotionContext, ObservationContext, first_after};
 use super::lateral::{Drive, Response, Samples};
 use super::predict::Plane;
 use super::prestress::Prestress;
@@ -364,7 +364,7 @@ fn solved(
 
 /// The drive samples around a time and the share of the way between them; the first or last one beyond the ends.
 fn place_in(times_s: &[f64], time_s: f64) -> Result<([usize; 2], f64), ModelError> {
-    let next = times_s.partition_point(|sample_s| *sample_s <= time_s);
+    let next = first_after(times_s, time_s);
     match (next.checked_sub(1), times_s.get(next)) {
         (Some(a), Some(b_s)) => Ok(([a, next], (time_s - times_s[a]) / (b_s - times_s[a]))),
         (Some(last), None) => Ok(([last, last], 0.0)),

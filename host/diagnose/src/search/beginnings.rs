@@ -11,6 +11,7 @@ use super::{Search, Set};
 use mechanics::effects::Effect;
 use rayon::prelude::*;
 use readings::FitError;
+use std::sync::PoisonError;
 
 /// Models from which the search begins again, at most: each costs the whole search.
 const MAX_BEGINNINGS: usize = 4;
@@ -87,9 +88,27 @@ impl Search<'_> {
             let pair = self.fit(&pair.layout, pair.values(), &pair.sizes, MAX_ROUNDS)?;
             Some(prior.ln_weight(&pair))
         };
+        let promise = |score: &Score| match self.pair_beside(score.effect, fitted) {
+            Some(pair) => [pair.map(|pair| prior.ln_weight(&pair)), None],
+            None => [Some(by_score(score)), as_fitted(score)],
+        };
         let best = [names.first(), laws.first()].into_iter().flatten();
-        let promises = best.flat_map(|score| [Some(by_score(score)), as_fitted(score)]);
-        Ok(promises.flatten().fold(alone, f64::max))
+        Ok(best.flat_map(promise).flatten().fold(alone, f64::max))
+    }
+
+    /// The pair of an effect with that of a model, where the search has asked already for what is missing beside the former; nothing in it where others were ahead.
+    fn pair_beside(&self, effect: &dyn Effect, with: &Fitted) -> Option<Option<Fitted>> {
+        let second = with.layout.effects.last()?;
+        let mut effects: Vec<&'static str> = self.start.layout.effects.iter().map(|own| own.id()).collect();
+        effects.push(effect.id());
+        effects.sort_unstable();
+        let memo = self.memo.lock().unwrap_or_else(PoisonError::into_inner);
+        let asked = memo
+            .iter()
+            .filter(|asked| asked.effects == effects && (asked.with_laws || !second.is_unnamed()))
+            .max_by_key(|asked| asked.with_laws)?;
+        let candidate = asked.candidates.iter().find(|candidate| candidate.id() == second.id());
+        Some(candidate.and_then(|candidate| candidate.refit.as_ref()).map(|(fitted, _)| fitted.clone()))
     }
 
     /// Whether a set is likelier than another one, by its evidence, its prior and what was held out.

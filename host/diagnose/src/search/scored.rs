@@ -11,32 +11,41 @@ use super::leaders::{MAX_LEADERS, Pair};
 use mechanics::effects::Effect;
 use mechanics::terms::Law;
 use readings::FitError;
+use std::sync::OnceLock;
 
 /// Pairs of site and regressor whose laws are evaluated around a fit: scores with the directions of the start have another order.
 const MAX_EVALUATED: usize = 2 * MAX_LEADERS;
 
 /// Directions around the start.
+#[derive(Default)]
 pub(super) struct AroundStart {
-    names: Columns,
-    laws: Vec<&'static Law>,
-    /// Of these, by site and regressor.
-    of_laws: Vec<Columns>,
+    names: OnceLock<Columns>,
+    laws: OnceLock<Laws>,
+}
+
+/// Laws around the start.
+struct Laws {
+    all: Vec<&'static Law>,
+    /// Their directions, by site and regressor.
+    columns: Vec<Columns>,
 }
 
 impl Search<'_> {
-    fn around_start(&self) -> &AroundStart {
-        self.around_start.get_or_init(|| {
-            let names = Directions::of(&self.catalogue.names(), self.start, self.runs);
-            let laws = if self.catalogue.laws {
+    fn names(&self) -> &Columns {
+        self.around_start.names.get_or_init(|| {
+            let directions = Directions::of(&self.catalogue.names(), self.start, self.runs);
+            Columns::new(directions, self.patterns)
+        })
+    }
+
+    fn laws(&self) -> &Laws {
+        self.around_start.laws.get_or_init(|| {
+            let all = if self.catalogue.laws {
                 discover::shown(self.start, self.catalogue.left_out)
             } else {
                 Vec::new()
             };
-            AroundStart {
-                names: Columns::new(names, self.patterns),
-                of_laws: discover::columns(&laws, self.start, self.runs, self.patterns),
-                laws,
-            }
+            Laws { columns: discover::columns(&all, self.start, self.runs, self.patterns), all }
         })
     }
 
@@ -45,9 +54,9 @@ impl Search<'_> {
     /// # Errors
     /// Where a size of the discrepancy makes no sense.
     pub(super) fn foreseen(&self, base: &Fitted) -> Result<[Vec<Score>; 2], FitError> {
-        let AroundStart { names, of_laws, .. } = self.around_start();
-        let names = discover::ranked(std::slice::from_ref(names), base, self.patterns)?;
-        Ok([names, discover::ranked(of_laws, base, self.patterns)?])
+        let names = std::slice::from_ref(self.names());
+        let laws = self.laws().columns.as_slice();
+        Ok([discover::ranked(names, base, self.patterns)?, discover::ranked(laws, base, self.patterns)?])
     }
 
     /// Scores of names beside a fit, best first.
@@ -56,7 +65,7 @@ impl Search<'_> {
     /// Where a size of the discrepancy makes no sense.
     pub(super) fn scored_names(&self, base: &Fitted) -> Result<Vec<Score>, FitError> {
         if self.is_start(base) {
-            return discover::ranked(std::slice::from_ref(&self.around_start().names), base, self.patterns);
+            return discover::ranked(std::slice::from_ref(self.names()), base, self.patterns);
         }
         Ok(Scores::of(&self.catalogue.names(), base, self.runs, self.patterns)?.ranked())
     }
@@ -66,8 +75,8 @@ impl Search<'_> {
     /// # Errors
     /// Where a size of the discrepancy makes no sense.
     pub(super) fn scored_laws(&self, base: &Fitted) -> Result<Vec<Score>, FitError> {
-        let AroundStart { laws, of_laws, .. } = self.around_start();
-        let mut scores = discover::ranked(of_laws, base, self.patterns)?;
+        let Laws { all, columns } = self.laws();
+        let mut scores = discover::ranked(columns, base, self.patterns)?;
         if self.is_start(base) {
             return Ok(scores);
         }
@@ -80,7 +89,7 @@ impl Search<'_> {
         }
         pairs.truncate(MAX_EVALUATED);
         let is_evaluated = |effect: &dyn Effect| Pair::of(effect).is_some_and(|pair| pairs.contains(&pair));
-        let evaluated: Vec<&'static Law> = laws.iter().copied().filter(|law| is_evaluated(*law)).collect();
+        let evaluated: Vec<&'static Law> = all.iter().copied().filter(|law| is_evaluated(*law)).collect();
         let columns = discover::columns(&evaluated, base, self.runs, self.patterns);
         scores.retain(|score| !is_evaluated(score.effect));
         scores.extend(discover::ranked(&columns, base, self.patterns)?);

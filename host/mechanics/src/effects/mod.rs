@@ -319,13 +319,29 @@ pub fn effect(id: &str) -> Option<&'static dyn Effect> {
 
 /// A series at a time: linear between its samples, constant beyond its ends.
 pub(super) fn series_at(times_s: &[f64], values: &[f64], time_s: f64) -> f64 {
-    let next = times_s.partition_point(|sample_s| *sample_s <= time_s);
+    let next = first_after(times_s, time_s);
     let earlier = next.checked_sub(1).and_then(|i| Some((times_s.get(i)?, values.get(i)?)));
     match (earlier, times_s.get(next).zip(values.get(next))) {
         (Some((a_s, a)), Some((b_s, b))) => a + (b - a) * (time_s - a_s) / (b_s - a_s),
         (Some((_, only)), None) | (None, Some((_, only))) => *only,
         (None, None) => f64::NAN,
     }
+}
+
+/// Number of the first of increasing times that is later than a time; their number where none is. Most records have a constant rate, which says
+/// where it is.
+pub(crate) fn first_after(times_s: &[f64], time_s: f64) -> usize {
+    if let (Some(first_s), Some(last_s)) = (times_s.first(), times_s.last()) {
+        let share = ((time_s - first_s) / (last_s - first_s)).clamp(0.0, 1.0);
+        let at_rate = (share * (times_s.len() - 1) as f64) as usize;
+        for next in [at_rate + 1, at_rate] {
+            let is_before = next.checked_sub(1).and_then(|i| times_s.get(i)).is_some_and(|s| *s <= time_s);
+            if is_before && times_s.get(next).is_some_and(|s| *s > time_s) {
+                return next;
+            }
+        }
+    }
+    times_s.partition_point(|sample_s| *sample_s <= time_s)
 }
 
 /// Values at which an effect does nothing.

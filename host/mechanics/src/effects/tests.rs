@@ -9,6 +9,19 @@ use crate::{
 mod frictions;
 mod needle_and_tip;
 
+#[test]
+fn the_first_time_after_another_is_that_of_a_search_through_all() {
+    let even: Vec<f64> = (0..50).map(|i| 0.3 + 0.02 * f64::from(i)).collect();
+    let uneven: Vec<f64> = (0..50).map(|i| 0.01 * f64::from(i * i)).collect();
+    for times_s in [even, uneven, vec![1.0], vec![1.0, 2.0], Vec::new()] {
+        let between = (-10..300).map(|i| 0.1 * f64::from(i)).chain(times_s.iter().copied());
+        for time_s in between.chain([f64::NEG_INFINITY, f64::INFINITY]) {
+            let expected = times_s.iter().take_while(|s| **s <= time_s).count();
+            assert_eq!(first_after(&times_s, time_s), expected, "{time_s} in {times_s:?}");
+        }
+    }
+}
+
 const GUIDE2_M: f64 = 0.06;
 const ENTRY_M: f64 = 0.07;
 /// A probe above the needle, a little to the side, that moves by 2 mm/s.
