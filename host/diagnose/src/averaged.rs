@@ -17,6 +17,7 @@ use formats::model_file::Alternative;
 use mechanics::effects::Effect;
 use mechanics::unknowns::tissue;
 use rayon::prelude::*;
+use readings::FitError;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// The sizes of the discrepancy are integrated over in those that are not further behind than this.
@@ -102,6 +103,29 @@ impl Averaged {
             fits.insert(0, ((most - largest).exp(), own.clone()));
         }
         Self { fits, own: own.clone(), touched_m }
+    }
+
+    /// The same fits to other runs of the same session.
+    ///
+    /// # Errors
+    /// Where one of them does not fit these.
+    pub fn refitted(
+        &self,
+        own: &Fitted,
+        patterns: &Patterns,
+        refit: impl Fn(&Fitted) -> Result<Fitted, FitError> + Sync,
+    ) -> Result<Self, FitError> {
+        let largest = self.fits.iter().map(|(weight, _)| *weight).fold(f64::MIN_POSITIVE, f64::max);
+        let again = |(weight, fit): &(f64, Fitted)| {
+            if fit.values() == self.own.values() {
+                return Ok((*weight, own.clone()));
+            }
+            let fit = refit(fit)?;
+            let is_heavy = (weight / largest).ln() > HEAVY;
+            Ok((*weight, if is_heavy { fit.over_sizes(patterns) } else { fit }))
+        };
+        let fits = self.fits.par_iter().map(again).collect::<Result<_, FitError>>()?;
+        Ok(Self { fits, own: own.clone(), touched_m: self.touched_m })
     }
 
     /// The fits with their weights.

@@ -115,7 +115,7 @@ pub(super) struct Found {
 
 /// Rounds of the last fit, and how far it may be from the one before, in standard deviations.
 const LAST_ROUNDS: usize = 8;
-const NEAR_SD: f64 = 6.0;
+pub(super) const NEAR_SD: f64 = 6.0;
 
 impl Found {
     /// The laws that describe a part of what is missing.

@@ -78,6 +78,7 @@ mod two_layers;
 mod walls;
 mod weights;
 mod whiten;
+mod whole;
 mod workbench;
 
 pub use averaged::interval as mixture_interval;
@@ -126,6 +127,7 @@ use simulation::simulate::LateralPlan;
 use split::{Training, split};
 use start::{Noises, Start, fit_start};
 use std::path::PathBuf;
+use whole::{Stated, Whole};
 
 /// Choices of the user.
 #[derive(Debug, Clone)]
@@ -313,24 +315,41 @@ fn workflow<T>(
         &patterns,
         gap.as_ref(),
     );
-    let multiples = final_fit.multiples(&patterns);
+    let multiples_found = final_fit.multiples(&patterns);
     let final_fit = if is_named { final_fit.clone() } else { start.clone().over_sizes(&patterns) };
+    let averaged = Averaged::over(&final_fit, &search_result, is_named, &patterns, touched_m(&all_runs));
+    let mut stated = Stated {
+        start: Start { runs: prepared, patterns, fitted: start.clone() },
+        final_fit,
+        averaged,
+        beside: other_foundation,
+        foundation,
+    };
+    if judge.runs() > 0 {
+        on_progress("the models are fitted to all runs");
+        let mut whole = all_runs.clone();
+        whole.extend(runs.iter().filter(|run| run.is_reference).cloned());
+        share_nodes(&mut whole);
+        noises.session = Noise::of(&all_runs, &session.stated_noise());
+        let whole = Whole::new(&layout, &whole, &noises, &options.given, &multiples)?;
+        stated = whole.stated(&stated, is_named, &multiples)?;
+    }
     let report = DiagnosisReport {
         session,
         options,
         all: &all_runs,
         start: &start,
         found: &search_result,
-        final_fit: &final_fit,
-        averaged: Averaged::over(&final_fit, &search_result, is_named, &patterns, touched_m(&all_runs)),
-        other_foundation,
+        final_fit: &stated.final_fit,
+        averaged: stated.averaged,
+        other_foundation: stated.beside,
         noise: &noise,
         adequacy: [&adequacy_before, &adequacy_after],
         disagreement: disagreement.as_ref(),
         verdict,
-        foundation,
+        foundation: stated.foundation,
         split: rule,
-        multiples,
+        multiples: multiples_found,
         held_out: judge.runs(),
     };
     let mut result =
@@ -344,11 +363,12 @@ fn workflow<T>(
     result.moved_since = moved_since;
     if let Some(draws) = options.draws {
         on_progress("draws are taken");
-        result.draws = Some(report.sources(&prepared, &patterns).draws(&result, draws)?);
+        result.draws =
+            Some(report.sources(&stated.start.runs, &stated.start.patterns).draws(&result, draws)?);
     }
     if !options.plans.is_empty() {
         on_progress("what further runs would tell is computed");
-        result.prospects = Some(report.foreseen(&prepared, &patterns)?);
+        result.prospects = Some(report.foreseen(&stated.start.runs, &stated.start.patterns)?);
     }
     let walls =
         WallsResult::new(session.tissue.walls, &session.rig.needle, touched_m(&all_runs), options.poisson);

@@ -197,7 +197,7 @@ impl DiagnosisReport<'_> {
     }
 
     fn effect(&self, member: &Member, averaged: &Averaged) -> FoundEffect {
-        let fitted = &self.found.fitted;
+        let fitted = self.final_fit;
         let effect = fitted.layout.effects[member.index];
         let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
             let (value, own_sd) = fitted.estimate(member.index, number);

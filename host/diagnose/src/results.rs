@@ -180,6 +180,12 @@ impl FoundationResult {
         }
     }
 
+    /// The same comparison with moduli of fits to other runs.
+    pub(super) fn fitted_again(&self, last: &Fitted, springs: &Fitted) -> Self {
+        let youngs_modulus_kpa = self.youngs_modulus_kpa.map(|_| modulus_kpa(last));
+        Self { youngs_modulus_kpa, k_of_plain_springs_kpa: modulus_kpa(springs), ..self.clone() }
+    }
+
     /// Comparison of the final fit, the plain springs, and the plain body with its log evidence
     /// over them.
     pub(super) fn of(last: &Fitted, springs: &Fitted, body: Option<(f64, Fitted)>) -> Self {
