@@ -10,7 +10,7 @@ use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 /// Readings of the longer series in the search, and around what it finds.
 const COARSE: usize = 400;
-const FINE: usize = 4_000;
+pub(super) const FINE: usize = 4_000;
 /// Both series overlap by this share of the shorter one.
 const OVERLAP: f64 = 0.5;
 /// Least share of the force that the displacement explains.
@@ -54,11 +54,53 @@ pub enum OffsetError {
     },
 }
 
-/// Estimates the offset; `around_s` is where both series would start together.
+/// From the times of one clock to those of another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Clock {
+    pub offset_s: f64,
+    /// Seconds that it gains in one, from `about_s` on.
+    pub rate: f64,
+    pub about_s: f64,
+}
+
+impl Clock {
+    /// One that is later, and no faster.
+    pub fn shift(offset_s: f64) -> Self {
+        Self { offset_s, rate: 0.0, about_s: 0.0 }
+    }
+
+    pub fn time_s(&self, time_s: f64) -> f64 {
+        time_s + self.offset_s + self.rate * (time_s - self.about_s)
+    }
+}
+
+/// Estimates the offset.
 ///
 /// # Errors
 /// [`OffsetError`].
 pub(super) fn estimate(force: &Series, displacement: &Series) -> Result<Offset, OffsetError> {
+    let (best, alike) = search(force, displacement)?;
+    match alike {
+        None => Ok(best.offset),
+        Some(other) => {
+            let [first_s, second_s] = [best, other].map(|one| one.offset.offset_s);
+            Err(OffsetError::Ambiguous { first_s, second_s })
+        }
+    }
+}
+
+/// The offset at which force follows displacement, if the readings tell it from none: for series that are taken to have one clock.
+pub(super) fn contradiction(force: &Series, displacement: &Series) -> Option<Offset> {
+    let (best, _) = search(force, displacement).ok()?;
+    let correlation = correlated(force, displacement, 0.0, FINE)?;
+    let none = Peak { offset: Offset { offset_s: 0.0, sd_s: 0.0, r2: correlation.r2 }, correlation };
+    // Two standard deviations, as in the program's intervals of 95 %.
+    let is_other = best.offset.offset_s.abs() > 2.0 * best.offset.sd_s && !best.is_like(&none);
+    is_other.then_some(best.offset)
+}
+
+/// The likeliest offset, and another one that fits alike.
+fn search(force: &Series, displacement: &Series) -> Result<(Peak, Option<Peak>), OffsetError> {
     let no_offset = OffsetError::Unlike { r2: 0.0 };
     let ([f0_s, f1_s], [d0_s, d1_s]) =
         (force.span_s().ok_or(no_offset.clone())?, displacement.span_s().ok_or(no_offset.clone())?);
@@ -84,14 +126,10 @@ pub(super) fn estimate(force: &Series, displacement: &Series) -> Result<Offset, 
         .filter(|at| is_peak(*at, &candidates))
         .filter_map(|at| candidates.get(at))
         .filter(|(offset_s, _)| (offset_s - best.0).abs() > 2.5 * step_s);
-    let alike = peaks
+    let alike: Option<Peak> = peaks
         .filter_map(|(offset_s, _)| refined(force, displacement, *offset_s, step_s))
         .find(|other| best_offset.is_like(other));
-    if let Some(second) = alike {
-        let [first_s, second_s] = [best_offset, second].map(|one| one.offset.offset_s);
-        return Err(OffsetError::Ambiguous { first_s, second_s });
-    }
-    Ok(best_offset.offset)
+    Ok((best_offset, alike))
 }
 
 /// Whether one of the candidates is above its neighbours.
@@ -169,9 +207,9 @@ fn refined(force: &Series, displacement: &Series, near_s: f64, step_s: f64) -> O
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Correlation {
     pub slope: f64,
-    r2: f64,
+    pub r2: f64,
     /// Number of independent readings, by the residuals of neighbours.
-    independent: f64,
+    pub independent: f64,
     /// Number of readings.
     count: f64,
 }
@@ -207,7 +245,12 @@ impl Correlation {
 }
 
 /// Correlation of force and displacement at an offset, over so many readings of their overlap.
-fn correlated(force: &Series, displacement: &Series, offset_s: f64, most: usize) -> Option<Correlation> {
+pub(super) fn correlated(
+    force: &Series,
+    displacement: &Series,
+    offset_s: f64,
+    most: usize,
+) -> Option<Correlation> {
     let ([f0_s, f1_s], [d0_s, d1_s]) = (force.span_s()?, displacement.span_s()?);
     let (start_s, end_s) = (f0_s.max(d0_s + offset_s), f1_s.min(d1_s + offset_s));
     let period_s = force.period_s().max(displacement.period_s()).max((end_s - start_s) / most as f64);

@@ -265,6 +265,9 @@ impl Messages {
             columns,
             words: Vec::new(),
             lines: (1..=rows).collect(),
+            places: (0..rows).collect(),
+            remarks: Vec::new(),
+            stated_rate: None,
             notes,
         }
         .of_numbers())

@@ -91,7 +91,17 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         format!("workbook, sheet \"{name}\", not {}", other_sheets.join(", "))
     };
     let path = if sheet.is_some() { format!("{}#{name}", path.display()).into() } else { path.to_owned() };
-    Ok(Grid { path, rows, has_decimal_comma, form, is_cut: false, left_out, notes })
+    Ok(Grid {
+        path,
+        rows,
+        has_decimal_comma,
+        form,
+        is_cut: false,
+        left_out,
+        notes,
+        is_by_blanks: false,
+        of_other_form: Vec::new(),
+    })
 }
 
 /// Whether a sheet has readings: rows of two numbers or more, also where they are written as text.

@@ -1,6 +1,7 @@
 //! The cells of a file as text, from CSV in any encoding and with any separator, or from a sheet of a workbook.
 
 use super::cells::Number;
+use super::forms::other_form;
 use super::{TableError, thousands};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,7 +13,7 @@ const SAMPLE: usize = 400;
 /// Lines behind the first one that a cell in quotation marks may have.
 const NAME_LINES: usize = 4;
 /// Separators that are tried; a blank stands for any number of them.
-const SEPARATORS: [(char, &str); 5] =
+pub(super) const SEPARATORS: [(char, &str); 5] =
     [(',', "commas"), (';', "semicolons"), ('\t', "tabulators"), ('|', "vertical bars"), (' ', "blanks")];
 
 /// Formats that are no tables of text, by their endings, and how a file becomes one that is read.
@@ -87,6 +88,10 @@ pub struct Grid {
     pub left_out: Vec<usize>,
     /// Remarks on such rows.
     pub notes: Vec<String>,
+    /// Whether cells are parted by blanks, so that an empty one cannot be told.
+    pub is_by_blanks: bool,
+    /// Lines that are numbers alone in another form than the rows' own, and that form.
+    pub of_other_form: Vec<(usize, String)>,
 }
 
 impl Grid {
@@ -153,7 +158,7 @@ impl Grid {
                 "columns of numbers between commas, semicolons, tabulators, bars or blanks".to_owned();
             return Err(TableError::File { path: path.to_owned(), problem, expected });
         };
-        let mut rows = Vec::new();
+        let (mut rows, mut of_other_form) = (Vec::new(), Vec::new());
         let mut lines = text.lines().enumerate();
         while let Some((number, line)) = lines.next() {
             // A name of two lines is in quotation marks that end in a later one.
@@ -166,19 +171,22 @@ impl Grid {
                 line.push_str(next);
             }
             if !line.trim().is_empty() {
-                rows.push((number + 1, split(&line, separator)));
+                let cells = split(&line, separator);
+                let other = other_form(&line, &cells, separator, has_decimal_comma);
+                of_other_form.extend(other.map(|form| (number + 1, form)));
+                rows.push((number + 1, cells));
             }
         }
-        let words = SEPARATORS.iter().find(|(of, _)| *of == separator).map_or("", |(_, words)| words);
-        let decimal = if has_decimal_comma { "decimal commas" } else { "decimal points" };
         Ok(Self {
             path: path.to_owned(),
             rows,
             has_decimal_comma,
-            form: format!("{encoding}, {words}, {decimal}"),
+            form: format!("{encoding}, {}", form_of(separator, has_decimal_comma)),
             is_cut: !text.ends_with('\n'),
             left_out: Vec::new(),
             notes: Vec::new(),
+            is_by_blanks: separator == ' ',
+            of_other_form,
         })
     }
 }
@@ -274,8 +282,15 @@ fn separator(sample: &[&str]) -> Option<(char, bool)> {
     best.map(|(.., found)| found)
 }
 
+/// Separator and decimal sign, for people.
+pub(super) fn form_of(separator: char, has_decimal_comma: bool) -> String {
+    let words = SEPARATORS.iter().find(|(of, _)| *of == separator).map_or("", |(_, words)| words);
+    let decimal = if has_decimal_comma { "decimal commas" } else { "decimal points" };
+    format!("{words}, {decimal}")
+}
+
 /// Cells of a line, without blanks and quotation marks around them.
-fn split(line: &str, separator: char) -> Vec<String> {
+pub(super) fn split(line: &str, separator: char) -> Vec<String> {
     if separator == ' ' {
         return line.split_whitespace().map(|cell| cell.trim_matches('"').to_owned()).collect();
     }

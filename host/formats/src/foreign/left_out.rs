@@ -66,11 +66,17 @@ impl RawTable {
         }
         let words = marked.words.join(", ");
         notes.push(format!("{} rows whose \"{header}\" is {words} are skipped", marked.rows.len()));
-        for column in &mut self.columns {
-            column.values = without(&column.values, &marked.rows);
-        }
-        self.lines = without(&self.lines, &marked.rows);
+        self.leave_out_rows(&marked.rows);
         marked.rows
+    }
+
+    /// Leaves out the rows of these places.
+    pub(super) fn leave_out_rows(&mut self, rows: &[usize]) {
+        for column in &mut self.columns {
+            column.values = without(&column.values, rows);
+        }
+        self.lines = without(&self.lines, rows);
+        self.places = without(&self.places, rows);
     }
 }
 

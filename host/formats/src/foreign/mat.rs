@@ -273,6 +273,9 @@ impl Found {
                 columns,
                 words: Vec::new(),
                 lines: (1..=rows).collect(),
+                places: (0..rows).collect(),
+                remarks: Vec::new(),
+                stated_rate: None,
                 notes: Vec::new(),
             })
             .collect();

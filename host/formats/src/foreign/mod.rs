@@ -13,9 +13,12 @@ mod apply;
 #[cfg(feature = "bags")]
 mod bag;
 mod cells;
+mod drift;
 mod dropouts;
 #[cfg(feature = "excel")]
 mod excel;
+mod find;
+mod forms;
 mod grid;
 mod left_out;
 mod mapping;
@@ -24,7 +27,9 @@ mod marks;
 mod mat;
 mod names;
 mod raw;
+mod remarks;
 mod stamp;
+mod stated_rate;
 mod status;
 mod summary;
 mod thousands;
@@ -32,6 +37,7 @@ mod unit;
 
 pub use align::{Offset, OffsetError};
 pub use apply::{Options, Taken, TakenColumn, ZOrigin, Zero, take};
+pub use drift::Drift;
 pub use dropouts::zeros_among_forces;
 pub use grid::{Grid, of_other_format};
 pub use mapping::{Choice, Mapping, Target};

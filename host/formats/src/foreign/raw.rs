@@ -2,11 +2,14 @@
 
 use super::cells::{Number, is_missing};
 use super::dropouts::CHANCE;
+use super::forms::Form;
 use super::grid::Grid;
 use super::left_out::without;
+use super::remarks::Remark;
+use super::stated_rate::StatedRate;
 use super::summary::{rows_apart, rows_of_statistics};
 use super::unit::{Unit, split_name};
-use super::{TableError, names, status, thousands};
+use super::{TableError, names, remarks, status, thousands};
 use std::path::{Path, PathBuf};
 
 /// Rows by which columns of numbers are told from others.
@@ -78,6 +81,12 @@ pub struct RawTable {
     pub words: Vec<WordColumn>,
     /// Line of each row.
     pub lines: Vec<usize>,
+    /// Number of each row among all that were recorded, from 0: those that are left out count.
+    pub places: Vec<usize>,
+    /// Remarks between the rows.
+    pub remarks: Vec<Remark>,
+    /// Rows a second, as a line above the names states them.
+    pub stated_rate: Option<StatedRate>,
     /// Notes on content that was left out.
     pub notes: Vec<String>,
 }
@@ -117,12 +126,30 @@ impl RawTable {
     /// # Errors
     /// [`TableError`] where there are none.
     pub fn new(grid: Grid) -> Result<Self, TableError> {
-        let Grid { path, mut rows, has_decimal_comma, form, is_cut, left_out, mut notes } = grid;
+        let Grid {
+            path,
+            mut rows,
+            has_decimal_comma,
+            form,
+            is_cut,
+            left_out,
+            mut notes,
+            is_by_blanks,
+            mut of_other_form,
+        } = grid;
         let joined = thousands::join(&mut rows, has_decimal_comma);
         let rows = rows;
         fn is_number(cell: &str, has_decimal_comma: bool) -> bool {
             Number::parse(cell, has_decimal_comma).is_some()
         }
+        // Signs between thousands are no other form.
+        let of_words = |(_, cells): &(usize, Vec<String>)| {
+            cells.iter().any(|cell| !is_missing(cell) && !is_number(cell, has_decimal_comma))
+        };
+        of_other_form.retain(|(line, _)| {
+            rows.binary_search_by_key(line, |(number, _)| *number)
+                .is_ok_and(|at| rows.get(at).is_some_and(of_words))
+        });
         let numbers: Vec<usize> = rows
             .iter()
             .map(|(_, cells)| cells.iter().filter(|cell| is_number(cell, has_decimal_comma)).count())
@@ -174,7 +201,13 @@ impl RawTable {
             return Err(TableError::File { path, problem, expected });
         };
         let (preamble, data_rows) = rows.split_at(first);
+        let form_of_rows =
+            Form { path: &path, words: &form, has_decimal_comma, width, others: &of_other_form };
+        let first_line = data_rows.first().map_or(0, |(line, _)| *line);
+        form_of_rows.check_above(preamble, first_line, &mut notes)?;
+        form_of_rows.check_behind(data_rows)?;
         let (names, units, header_line) = names::find(preamble, width, has_decimal_comma, data_rows);
+        let stated_rate = StatedRate::find(preamble);
         let sample = rows.get(first..).unwrap_or_default().iter().take(SAMPLE);
         let mut columns: Vec<RawColumn> = Vec::new();
         let mut words = Vec::new();
@@ -207,9 +240,20 @@ impl RawTable {
                 has_values: false,
             });
         }
-        let mut table = Self { path, form, columns, words, lines: Vec::new(), notes: Vec::new() };
+        let mut table = Self {
+            path,
+            form,
+            columns,
+            words,
+            lines: Vec::new(),
+            places: Vec::new(),
+            remarks: Vec::new(),
+            stated_rate,
+            notes: Vec::new(),
+        };
         let header = header_line.and_then(|line| rows.iter().find(|(number, _)| *number == line));
         let mut skipped: Vec<usize> = Vec::new();
+        let mut row_count = 0usize;
         let last = rows.len().saturating_sub(1);
         let end = table.end(&rows, first, has_decimal_comma);
         if let Some((line, _)) = rows.get(end) {
@@ -219,6 +263,7 @@ impl RawTable {
         for (at, (line, cells)) in rows.iter().enumerate().take(end).skip(first) {
             if is_comment(cells) {
                 skipped.push(*line);
+                table.remarks.push(Remark::new(*line, cells));
             } else if at == last
                 && at > first
                 && (cells.len() < width || is_cut && has_fewer_digits(&rows, first))
@@ -233,7 +278,14 @@ impl RawTable {
                     });
                 }
                 skipped.push(*line);
+                if cells.iter().all(|cell| is_missing(cell)) {
+                    row_count += 1;
+                } else {
+                    table.remarks.push(Remark::new(*line, cells));
+                }
             } else {
+                table.places.push(row_count + left_out.partition_point(|out| out < line));
+                row_count += 1;
                 kept_rows.push(cells);
             }
         }
@@ -250,13 +302,31 @@ impl RawTable {
             notes.push(format!("the rows from line {line} on {reason}, and are skipped"));
             kept_rows.truncate(end);
             table.lines.truncate(end);
+            table.places.truncate(end);
             for column in &mut table.columns {
                 column.values.truncate(end);
                 column.bad.take_if(|(bad, _)| *bad >= line);
             }
         }
         if let Some(line) = skipped.first() {
-            notes.push(format!("rows without numbers: {}, from line {line} on, skipped", skipped.len()));
+            let texts = remarks::shown(&table.remarks);
+            notes.push(format!(
+                "rows without numbers: {}, from line {line} on, skipped{texts}",
+                skipped.len()
+            ));
+        }
+        let short = table.check_widths(&kept_rows, (width, is_by_blanks), has_decimal_comma)?;
+        if let Some(line) = short.first().and_then(|row| table.lines.get(*row)) {
+            notes.push(format!(
+                "{} rows, from line {line} on, have fewer numbers than there are columns, and blanks do not tell which is missing: they are left out",
+                short.len()
+            ));
+            table.leave_out_rows(&short);
+            kept_rows = without(&kept_rows, &short);
+        }
+        for index in (0..width).filter(|index| table.columns.iter().all(|column| column.number != index + 1))
+        {
+            table.remarks.extend(remarks::events(&table.lines, &kept_rows, index));
         }
         for (index, header) in names.iter().enumerate().filter(|(_, header)| status::is_status(header)) {
             let marked_rows = table.leave_out_marked(header, &kept_rows, index, &mut notes);
@@ -327,39 +397,6 @@ impl RawTable {
         self.lines.push(line);
         true
     }
-
-    /// The column of this name, as its header writes it or without its unit, or by its number: `#3`.
-    ///
-    /// # Errors
-    /// What is wrong and what is valid, where there is none or there are several.
-    pub fn find(&self, name: &str) -> Result<Option<usize>, String> {
-        if let Some(number) = name.strip_prefix('#').and_then(|number| number.parse::<usize>().ok()) {
-            return Ok(self.columns.iter().position(|column| column.number == number));
-        }
-        // The mark of a comment before the first name is no part of it.
-        let name = name.trim_start_matches('%');
-        let matching = |is: &dyn Fn(&RawColumn) -> bool| -> Vec<usize> {
-            self.columns.iter().enumerate().filter(|(_, column)| is(column)).map(|(at, _)| at).collect()
-        };
-        let matching_by = |same: &dyn Fn(&str, &str) -> bool| {
-            let whole = matching(&|column| same(&column.header, name));
-            if whole.is_empty() { matching(&|column| same(&column.name, name)) } else { whole }
-        };
-        let exact = matching_by(&|a, b| a == b);
-        let matching_columns =
-            if exact.is_empty() { matching_by(&|a, b| a.to_lowercase() == b.to_lowercase()) } else { exact };
-        match matching_columns.as_slice() {
-            [] => Ok(None),
-            [one] => Ok(Some(*one)),
-            several => {
-                let numbers: Vec<String> = several
-                    .iter()
-                    .filter_map(|at| Some(format!("#{}", self.columns.get(*at)?.number)))
-                    .collect();
-                Err(format!("there are several of this name: {}", numbers.join(", ")))
-            }
-        }
-    }
 }
 
 /// Whether the last cell of the last row is shorter behind its decimal sign than that of any row above it, of which all have as many digits.
@@ -387,6 +424,6 @@ fn are_names(cells: &[String], names: &[String]) -> bool {
 }
 
 /// Whether a row is a remark between the readings.
-fn is_comment(cells: &[String]) -> bool {
+pub(super) fn is_comment(cells: &[String]) -> bool {
     cells.first().is_some_and(|cell| cell.starts_with(['#', '%']) && !is_missing(cell))
 }

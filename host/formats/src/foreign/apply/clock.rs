@@ -4,7 +4,7 @@ use super::super::TableError;
 use super::super::mapping::{Choice, is_time};
 use super::super::raw::{RawColumn, RawTable};
 use super::super::unit::{Quantity, Unit};
-use super::{Options, Part, coarse};
+use super::{Options, Part, coarse, counter};
 
 /// Seconds of a day, and what a clock of the day steps back by at midnight at least.
 const DAY_S: f64 = 86_400.0;
@@ -28,6 +28,7 @@ pub(super) fn unit(
     if column.is_stamp {
         return Ok(Unit::si(Quantity::Time));
     }
+    super::note_other_unit(column, choice, table, notes);
     if let Some(unit) = choice.unit.as_ref().or(column.unit.as_ref()) {
         if unit.quantity == Quantity::Time {
             return Ok(unit.clone());
@@ -105,7 +106,40 @@ pub(super) fn missing(table: &RawTable) -> TableError {
     TableError::File {
         path: table.path.clone(),
         problem,
-        expected: "--map 'COLUMN=time_s:UNIT', or --rate-hz for rows at one rate".to_owned(),
+        expected: match table.stated_rate {
+            Some(stated) => format!(
+                "--map 'COLUMN=time_s:UNIT', or --rate-hz {} for rows at one rate, as line {} states",
+                stated.hz, stated.line
+            ),
+            None => "--map 'COLUMN=time_s:UNIT', or --rate-hz for rows at one rate".to_owned(),
+        },
+    }
+}
+
+/// Notes a rate of the user where the file states another.
+fn note_stated_rate(table: &RawTable, hz: f64, notes: &mut Vec<String>) {
+    if let Some(stated) = table.stated_rate.filter(|stated| !stated.is(hz)) {
+        notes.push(format!(
+            "{}: line {}: the file states {} rows a second, and --rate-hz {hz} is taken",
+            table.path.display(),
+            stated.line,
+            stated.hz
+        ));
+    }
+}
+
+/// Notes a rate of the user where the file has times: these are taken.
+fn note_unused_rate(table: &RawTable, header: &str, times_s: &[f64], hz: f64, notes: &mut Vec<String>) {
+    let mut steps_s: Vec<f64> =
+        times_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();
+    steps_s.sort_by(f64::total_cmp);
+    let own_hz = steps_s.get(steps_s.len() / 2).copied().unwrap_or(0.0).recip();
+    // By less than a row over the whole record.
+    if (own_hz - hz).abs() * times_s.len() as f64 > own_hz {
+        notes.push(format!(
+            "{}: \"{header}\" has times, usually {own_hz:.4} rows a second: they are taken, and --rate-hz {hz} is not used",
+            table.path.display()
+        ));
     }
 }
 
@@ -171,7 +205,10 @@ impl<'t> Timed<'t> {
                         && ["force_", "displacement_"].iter().any(|start| part.target.name.starts_with(start))
                 })
             });
-            let times_s = rate_hz.map(|hz| (0..table.lines.len()).map(|row| row as f64 / hz).collect());
+            let times_s = rate_hz.map(|hz| {
+                note_stated_rate(table, hz, notes);
+                counter::row_numbers(table, parts, notes).into_iter().map(|number| number / hz).collect()
+            });
             return Ok(Self { table, times_s, names: Vec::new(), origin: 0, to_si: 1.0, is_shared: false });
         };
         let column = time_column.column;
@@ -182,6 +219,12 @@ impl<'t> Timed<'t> {
         let mut times_s: Vec<f64> = column.values.iter().map(|value| value * to_si).collect();
         for fraction in finer.iter().filter(|finer| !std::ptr::eq(finer.column, column)) {
             add_fraction(&mut times_s, table, fraction, to_si)?;
+        }
+        let measures_force = parts
+            .iter()
+            .any(|part| std::ptr::eq(part.table, table) && part.target.quantity == Quantity::Force);
+        if let Some(hz) = options.rate_hz.filter(|_| measures_force) {
+            note_unused_rate(table, &column.header, &times_s, hz, notes);
         }
         let is_of_day = column.is_stamp && column.origin < DAY_S as i64;
         let mut days = 0.0;

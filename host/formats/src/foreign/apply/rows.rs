@@ -1,8 +1,9 @@
 //! Tables without a common clock: shapes and insertions, row by row.
 
 use super::clock::Timed;
-use super::{Options, Part, ZOrigin, series};
+use super::{Options, Part, ZOrigin, Zero, series, zero};
 use crate::foreign::TableError;
+use crate::foreign::align::Clock;
 use crate::session::{InsertionRun, ShapeSeries};
 
 /// The column for this target, where there is one.
@@ -15,12 +16,12 @@ fn pick(values: &[f64], rows: &[usize]) -> Vec<f64> {
     rows.iter().filter_map(|row| values.get(*row).copied()).collect()
 }
 
-/// The shape, where there is one; `shift_s` brings times of a table to those of the run.
+/// The shape, where there is one; `clock` brings times of a table to those of the run.
 pub(super) fn shape(
     parts: &[Part],
     timed: &[Timed],
     options: &Options,
-    shift_s: impl Fn(usize) -> Option<f64>,
+    clock: impl Fn(usize) -> Option<Clock>,
 ) -> Result<Option<ShapeSeries>, TableError> {
     let (Some(z), Some(y)) = (part_named(parts, "z_mm"), part_named(parts, "deflection_y_mm")) else {
         return Ok(None);
@@ -44,12 +45,12 @@ pub(super) fn shape(
     let times_s = match timed.get(table_index).and_then(|timed| timed.times_s.as_ref()) {
         None => None,
         Some(times_s) => {
-            let shift_s = shift_s(table_index).ok_or_else(|| TableError::Map {
+            let clock = clock(table_index).ok_or_else(|| TableError::Map {
                 choice: "--merge-on".to_owned(),
                 problem: format!("{} has a clock of its own", z.table.path.display()),
                 expected: "the column of times that it shares with the force; or no column of times, for a shape of the last hold".to_owned(),
             })?;
-            Some(times_s.iter().map(|time_s| time_s + shift_s).collect::<Vec<f64>>())
+            Some(times_s.iter().map(|time_s| clock.time_s(*time_s)).collect::<Vec<f64>>())
         }
     };
     let columns: Vec<Vec<f64>> =
@@ -84,7 +85,12 @@ pub(super) fn check_times(shape: Option<&ShapeSeries>, end_s: f64) -> Result<(),
 }
 
 /// Tip over depth.
-pub(super) fn insertion(parts: &[Part], timed: &[Timed]) -> Result<InsertionRun, TableError> {
+pub(super) fn insertion(
+    parts: &[Part],
+    timed: &[Timed],
+    zero: Zero,
+    notes: &mut Vec<String>,
+) -> Result<InsertionRun, TableError> {
     let (Some(depth), Some(tip)) = (part_named(parts, "depth_mm"), part_named(parts, "tip_y_mm")) else {
         return Err(TableError::Map {
             choice: "depth_mm".to_owned(),
@@ -120,10 +126,18 @@ pub(super) fn insertion(parts: &[Part], timed: &[Timed]) -> Result<InsertionRun,
         let first_s = times_s.first().copied().unwrap_or(0.0);
         times_s.into_iter().map(|time_s| time_s - first_s).collect()
     });
+    let depth_m = picked(0).unwrap_or_default();
+    let (mut tip_y_m, mut tip_x_m) = (picked(1).unwrap_or_default(), picked(2));
+    let guide2 = [picked(4), picked(5)];
+    let choices = guide2.each_ref().map(|guide2_m| (zero, zero::is_displaced(guide2_m.as_deref())));
+    zero::refer_tip("tip_y_mm", &depth_m, &mut tip_y_m, choices[0], notes);
+    if let Some(tip_x_m) = &mut tip_x_m {
+        zero::refer_tip("tip_x_mm", &depth_m, tip_x_m, choices[1], notes);
+    }
     Ok(InsertionRun {
-        depth_m: picked(0).unwrap_or_default(),
-        tip_y_m: picked(1).unwrap_or_default(),
-        tip_x_m: picked(2),
+        depth_m,
+        tip_y_m,
+        tip_x_m,
         rotation_rad: picked(3),
         guide2_y_m: picked(4),
         guide2_x_m: picked(5),

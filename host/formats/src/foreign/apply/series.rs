@@ -5,18 +5,13 @@
 //! * **Interruptions.** Losses of single readings, independent of each other, leave out `k` in succession with the chance `q^k` at each of `n`
 //!   places; `q` is the share that is missing elsewhere (rule of succession). Where `n q^k` is below [`CHANCE`] the record was interrupted: the
 //!   guide may have gone anywhere, and nothing is interpolated.
-//! * **The rest at the beginning.** `k` readings of a guide at rest are in any order: that the next `j` are all above or all below them has the
-//!   chance `2 / C(k + j, j)`, at each of `n` places. The first place where that is below [`CHANCE`] ends the rest.
-//! * **Positions.** Of two readings at rest the difference is as large as either's distance from its zero or larger, whatever the distribution
-//!   is (symmetric, with one maximum), so that a reading is nearer to its zero than the median difference with a chance of a half
-//!   or more. If all of a record are further away than that, its zero is not where the guide rests.
 
 use super::super::TableError;
-use super::super::align::{ALIKE, Correlation};
+use super::super::align::{ALIKE, Clock, Correlation};
 use super::super::cells::not_a_number;
 use super::super::dropouts::CHANCE;
 use super::super::raw::RawTable;
-use super::{Part, Zero};
+use super::Part;
 
 /// Readings in the order of their times, all of which differ.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,8 +67,23 @@ impl Series {
     }
 
     /// The same, later by this.
-    pub fn shifted(mut self, by_s: f64) -> Self {
-        self.readings.iter_mut().for_each(|(time_s, _)| *time_s += by_s);
+    pub fn shifted(self, by_s: f64) -> Self {
+        self.on(&Clock::shift(by_s))
+    }
+
+    /// The same on another clock.
+    pub fn on(mut self, clock: &Clock) -> Self {
+        self.readings.iter_mut().for_each(|(time_s, _)| *time_s = clock.time_s(*time_s));
+        self
+    }
+
+    /// The same behind a drive with play of this width: at rest until the play is crossed.
+    pub fn behind_play(mut self, width: f64) -> Self {
+        let mut follower = self.readings.first().map_or(0.0, |(_, value)| *value);
+        for (_, value) in &mut self.readings {
+            follower = follower.clamp(*value - 0.5 * width, *value + 0.5 * width);
+            *value = follower;
+        }
         self
     }
 
@@ -113,32 +123,8 @@ fn interruptions(readings: &[(f64, f64)], period_s: f64) -> Vec<usize> {
         .collect()
 }
 
-/// Number of readings at the beginning that are those of a guide at rest: all where it never moves.
-fn rest(values: &[f64]) -> usize {
-    let most_inverse = 2.0 * values.len() as f64 / CHANCE;
-    let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
-    for (before, value) in values.iter().enumerate() {
-        let is_above = *value > greatest;
-        if before > 0 && (is_above || *value < least) {
-            // Readings that have to be beyond all before them, until the binomial coefficient is large enough.
-            let (mut inverse, mut needed) = (1.0, 0usize);
-            while inverse <= most_inverse && before + needed <= values.len() {
-                needed += 1;
-                inverse *= (before + needed) as f64 / needed as f64;
-            }
-            let is_beyond = |next: &f64| if is_above { *next > greatest } else { *next < least };
-            let next = values.get(before..before + needed).unwrap_or_default();
-            if next.len() == needed && next.iter().all(is_beyond) {
-                return before;
-            }
-        }
-        (least, greatest) = (least.min(*value), greatest.max(*value));
-    }
-    values.len()
-}
-
 /// The middle one of these values; 0 of none.
-fn median(mut values: Vec<f64>) -> f64 {
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
@@ -176,33 +162,6 @@ pub(super) fn same_table(a: &Part, b: &Part) -> Result<(), TableError> {
         problem: format!("in another file than {}", a.target.name),
         expected: "both in one file, row by row".to_owned(),
     })
-}
-
-/// Counts a displacement from where the run begins.
-pub(super) fn refer_to_zero(name: &str, values_m: &mut [f64], zero: Zero, notes: &mut Vec<String>) {
-    let (least, most) =
-        values_m.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(*v), m.max(*v)));
-    let nearest = if least > 0.0 { least } else { (-most).max(0.0) };
-    let is_absolute = nearest > median(values_m.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect());
-    let is_moved = match zero {
-        Zero::Auto => is_absolute,
-        Zero::First => true,
-        Zero::Written => false,
-    };
-    if !is_moved {
-        return;
-    }
-    let zero_m = median(values_m.iter().take(rest(values_m)).copied().collect());
-    values_m.iter_mut().for_each(|value| *value -= zero_m);
-    let why = if zero == Zero::Auto {
-        format!("is never near 0 ({:.3} to {:.3} mm) and taken as a position", 1e3 * least, 1e3 * most)
-    } else {
-        "is counted from where it begins".to_owned()
-    };
-    notes.push(format!(
-        "{name} {why}: its zero is where the run begins, {:.4} mm (--zero written keeps it)",
-        1e3 * zero_m
-    ));
 }
 
 /// Refuses what no run has: a wrong unit.
@@ -257,48 +216,6 @@ mod tests {
         assert_eq!(at_10_hz(&|row| row % 7 == 3 || (100..110).contains(&row)).at(10.55), None);
         // Three where every second reading is lost are not unusual.
         assert!(near(at_10_hz(&|row| row % 5 == 1 || row % 5 == 3 || row == 102).at(10.22), 102.2));
-    }
-
-    #[test]
-    fn the_rest_ends_where_readings_leave_it_for_good() {
-        fn moved(rest: usize, per_row: f64) -> Vec<f64> {
-            (0..120).map(|row| noise(row) + per_row * row.saturating_sub(rest) as f64).collect()
-        }
-        for (values, least, most) in [
-            (moved(40, 20.0), 40, 41),
-            (moved(40, -20.0), 40, 41),
-            // A ramp as slow as the noise ends it some rows later.
-            (moved(40, 0.4), 38, 48),
-            (moved(6, 5.0), 6, 7),
-            (moved(120, 1.0), 120, 120),
-        ] {
-            assert!((least..=most).contains(&rest(&values)), "{} of {least} to {most}", rest(&values));
-        }
-    }
-
-    #[test]
-    fn a_displacement_whose_zero_is_not_where_the_guide_rests_is_a_position() {
-        fn zeroed(offset: f64, digit: f64) -> (usize, f64) {
-            let mut values: Vec<f64> = (0..100)
-                .map(|row| {
-                    let exact =
-                        offset + 4e-6 * noise(row) + 1.2e-3 * (0.05 * (row as f64 - 40.0)).clamp(0.0, 1.0);
-                    if digit > 0.0 { (exact / digit).round() * digit } else { exact }
-                })
-                .collect();
-            let mut notes = Vec::new();
-            refer_to_zero("y", &mut values, Zero::Auto, &mut notes);
-            (notes.len(), values[0])
-        }
-        assert_eq!(zeroed(0.0, 0.0).0, 0);
-        assert_eq!(zeroed(0.0, 1e-5).0, 0);
-        assert_eq!(zeroed(-2e-6, 0.0).0, 0);
-        for offset in [0.05e-3, 12.4e-3, -2.5e-3] {
-            for digit in [0.0, 1e-5] {
-                let (notes, first) = zeroed(offset, digit);
-                assert!(notes == 1 && first.abs() <= 1e-5, "{offset} {digit}: {notes} {first}");
-            }
-        }
     }
 
     #[test]

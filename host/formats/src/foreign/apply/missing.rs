@@ -1,0 +1,102 @@
+//! Columns that are not found, and what there is in their place.
+
+use super::super::TableError;
+use super::super::mapping::Choice;
+use super::super::raw::{RawColumn, RawTable, WordColumn};
+use super::super::unit::split_name;
+use super::{Part, map_fault, series};
+use std::path::Path;
+
+/// Error for the first column of words that is meant to have numbers.
+pub(super) fn not_numbers(tables: &[RawTable], is_meant: impl Fn(&WordColumn) -> bool) -> Option<TableError> {
+    tables.iter().find_map(|table| {
+        let column = table.words.iter().find(|column| is_meant(column))?;
+        Some(match &column.first {
+            Some((line, text)) => series::bad(table, &column.header, *line, text),
+            None => TableError::File {
+                path: table.path.clone(),
+                problem: format!("\"{}\" has no real numbers", column.header),
+                expected: "a column or a full array of them".to_owned(),
+            },
+        })
+    })
+}
+
+/// Error for columns that every run needs.
+pub(super) fn nothing(tables: &[RawTable], parts: &[Part]) -> TableError {
+    let column_names: Vec<String> = tables
+        .iter()
+        .flat_map(|table| &table.columns)
+        .map(|column| {
+            let unit = column.unit.as_ref().map_or_else(String::new, |unit| format!(" in {}", unit.name));
+            format!("\"{}\"{unit}", column.header)
+        })
+        .collect();
+    let mapped_names: Vec<&str> = parts.iter().map(|part| part.target.name).collect();
+    let path = tables.first().map_or(Path::new(""), |table| table.path.as_path());
+    TableError::File {
+        path: path.to_owned(),
+        problem: format!(
+            "columns {} of which {} could be told",
+            column_names.join(", "),
+            if mapped_names.is_empty() { "none".to_owned() } else { mapped_names.join(", ") }
+        ),
+        expected: "force_y_n and displacement_y_mm of a lateral run, or depth_mm and tip_y_mm of an insertion: --map 'COLUMN=QUANTITY:UNIT' for each".to_owned(),
+    }
+}
+
+/// The column of a choice in each table that has it.
+pub(super) fn found<'t>(
+    tables: &'t [RawTable],
+    choice: &Choice,
+) -> Result<Vec<(&'t RawTable, &'t RawColumn)>, TableError> {
+    let mut matching = Vec::new();
+    for table in tables {
+        let column_number =
+            table.find(&choice.column).map_err(|problem| map_fault(choice, &problem, "one column"))?;
+        matching.extend(
+            column_number
+                .and_then(|column_number| table.columns.get(column_number))
+                .map(|column| (table, column)),
+        );
+    }
+    // A number is meant for a file without names.
+    let unnamed = choice.column.strip_prefix('#').map(|number| format!("column {number}"));
+    if unnamed.as_ref().is_some_and(|name| matching.iter().any(|(_, column)| column.header == *name)) {
+        matching.retain(|(_, column)| Some(&column.header) == unnamed.as_ref());
+    }
+    if matching.is_empty() {
+        let frames = choice.column.split_once(':').map(|(topic, _)| format!("{topic}@"));
+        let headers = tables.iter().flat_map(|table| &table.columns).map(|column| &column.header);
+        let of_frames: Vec<&str> = headers
+            .filter(|header| frames.as_ref().is_some_and(|start| header.starts_with(start)))
+            .map(String::as_str)
+            .collect();
+        if !of_frames.is_empty() {
+            return Err(map_fault(
+                choice,
+                "the topic has messages of several frames",
+                &format!("the column of one frame: one of {}", of_frames.join(", ")),
+            ));
+        }
+        fn is_named(column: &WordColumn, choice: &Choice) -> bool {
+            let is_numbered = choice.column.starts_with('#');
+            let (name, _) = split_name(&column.header);
+            !is_numbered && [&column.header, &name].iter().any(|of| of.eq_ignore_ascii_case(&choice.column))
+        }
+        if let Some(error) = not_numbers(tables, |column| is_named(column, choice)) {
+            return Err(error);
+        }
+        let column_names: Vec<String> = tables
+            .iter()
+            .flat_map(|table| &table.columns)
+            .map(|column| format!("\"{}\"", column.header))
+            .collect();
+        return Err(map_fault(
+            choice,
+            "no file has such a column of numbers",
+            &format!("one of {}", column_names.join(", ")),
+        ));
+    }
+    Ok(matching)
+}

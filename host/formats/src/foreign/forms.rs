@@ -1,0 +1,184 @@
+//! One form of a table from its first row to its last: rows of numbers between other separators, with another decimal sign or of another width are
+//! readings too, and none is lost without a word.
+//!
+//! A program that changes its form writes many such rows, and one line of numbers above a table is often its number of rows or a factor. Two
+//! lines or more are rows, and an error at the line where the form changes; a single one is noted.
+
+use super::TableError;
+use super::cells::{Number, is_missing};
+use super::grid::{SEPARATORS, form_of, split};
+use super::raw::{RawTable, is_comment};
+use std::path::Path;
+
+/// Numbers of a line that is a row.
+const LEAST_NUMBERS: usize = 2;
+/// Lines of numbers above a table that are rows of it.
+const LEAST_ROWS: usize = 2;
+
+/// Lines of a file, from their number to their cells.
+pub(super) type Rows = [(usize, Vec<String>)];
+
+/// Whether every cell that is not empty is a number, of which there are two or more.
+fn is_of_numbers(cells: &[String], has_decimal_comma: bool) -> bool {
+    let mut numbers = 0;
+    let are_numbers = cells.iter().all(|cell| {
+        let is_number = Number::parse(cell, has_decimal_comma).is_some();
+        numbers += usize::from(is_number);
+        is_number || is_missing(cell)
+    });
+    are_numbers && numbers >= LEAST_NUMBERS
+}
+
+/// The other form in which a line consists of numbers alone, where it does not in its table's own.
+pub(super) fn other_form(
+    line: &str,
+    cells: &[String],
+    separator: char,
+    has_decimal_comma: bool,
+) -> Option<String> {
+    if cells.iter().all(|cell| is_missing(cell) || Number::parse(cell, has_decimal_comma).is_some()) {
+        return None;
+    }
+    let forms = SEPARATORS.iter().flat_map(|(other, _)| [(*other, false), (*other, true)]);
+    forms
+        .filter(|form| {
+            *form != (separator, has_decimal_comma) && (*form != (',', true) || line.contains('"'))
+        })
+        .find(|(other, comma)| is_of_numbers(&split(line, *other), *comma))
+        .map(|(other, comma)| form_of(other, comma))
+}
+
+/// Form of a table's rows.
+pub(super) struct Form<'f> {
+    pub path: &'f Path,
+    /// As it is shown.
+    pub words: &'f str,
+    pub has_decimal_comma: bool,
+    /// Number of cells of a row.
+    pub width: usize,
+    /// Lines that are rows in another form, and which.
+    pub others: &'f [(usize, String)],
+}
+
+impl Form<'_> {
+    fn other(&self, line: usize) -> Option<&str> {
+        let index = self.others.binary_search_by_key(&line, |(other, _)| *other).ok()?;
+        self.others.get(index).map(|(_, form)| form.as_str())
+    }
+
+    fn change(&self, line: usize, field: &str, problem: String) -> TableError {
+        TableError::Cell {
+            path: self.path.to_owned(),
+            line,
+            field: field.to_owned(),
+            problem,
+            expected: format!(
+                "one form in a file: part it at line {line}, write both parts in one form below the same names, and import that"
+            ),
+        }
+    }
+
+    /// Refuses rows right above the first one of this form, and notes a single line of numbers there.
+    pub fn check_above(
+        &self,
+        above: &Rows,
+        first_line: usize,
+        notes: &mut Vec<String>,
+    ) -> Result<(), TableError> {
+        let is_row = |(line, cells): &&(usize, Vec<String>)| {
+            self.other(*line).is_some() || is_of_numbers(cells, self.has_decimal_comma)
+        };
+        let lost: Vec<&(usize, Vec<String>)> =
+            above.iter().rev().filter(|(_, cells)| !is_comment(cells)).take_while(is_row).collect();
+        let (Some((last_line, cells)), Some((lost_line, _))) = (lost.first(), lost.last()) else {
+            return Ok(());
+        };
+        let width = cells.len();
+        let has = match self.other(*last_line) {
+            Some(form) => form.to_owned(),
+            None if width == self.width => return self.note_single(*lost_line, "a row", lost.len(), notes),
+            None => format!("{width} columns"),
+        };
+        if lost.len() < LEAST_ROWS {
+            return self.note_single(*lost_line, &has, lost.len(), notes);
+        }
+        let own =
+            if self.other(*last_line).is_some() { self.words.to_owned() } else { self.width.to_string() };
+        let field =
+            if self.other(*last_line).is_some() { "separator and decimal sign" } else { "number of columns" };
+        Err(self.change(
+            first_line,
+            field,
+            format!("{own} from here on, where lines {lost_line} to {last_line} have {has}"),
+        ))
+    }
+
+    fn note_single(
+        &self,
+        line: usize,
+        has: &str,
+        count: usize,
+        notes: &mut Vec<String>,
+    ) -> Result<(), TableError> {
+        notes.push(format!(
+            "line {line}: {count} of numbers right above the rows ({has}, where the rows have {} columns): taken as no reading",
+            self.width
+        ));
+        Ok(())
+    }
+
+    /// Refuses a row in another form behind the first one.
+    pub fn check_behind(&self, behind: &Rows) -> Result<(), TableError> {
+        let other = behind.iter().find_map(|(line, _)| Some((*line, self.other(*line)?)));
+        match other {
+            None => Ok(()),
+            Some((line, form)) => Err(self.change(
+                line,
+                "separator and decimal sign",
+                format!("{form}, where the rows above have {}", self.words),
+            )),
+        }
+    }
+}
+
+impl RawTable {
+    /// Refuses rows with more numbers than there are columns, and stretches of rows that lack the last ones; the places of rows between blanks that lack
+    /// any, of which it cannot be told what they are.
+    pub(super) fn check_widths(
+        &self,
+        kept: &[&[String]],
+        (width, is_by_blanks): (usize, bool),
+        has_decimal_comma: bool,
+    ) -> Result<Vec<usize>, TableError> {
+        let lines = kept.iter().zip(&self.lines);
+        for (cells, line) in lines {
+            let is_surplus =
+                cells.iter().skip(width).any(|cell| Number::parse(cell, has_decimal_comma).is_some());
+            if is_surplus {
+                return Err(self.other_width(*line, cells.len(), width));
+            }
+        }
+        let is_short = |cells: &&[String]| {
+            self.columns.iter().any(|column| column.number > cells.len())
+                && is_of_numbers(cells, has_decimal_comma)
+        };
+        let short: Vec<usize> =
+            kept.iter().enumerate().filter(|(_, cells)| is_short(cells)).map(|(place, _)| place).collect();
+        let stretch = short.windows(LEAST_ROWS).find(|pair| pair[1] - pair[0] == 1);
+        if let Some((cells, line)) = stretch.and_then(|pair| kept.get(pair[0]).zip(self.lines.get(pair[0]))) {
+            return Err(self.other_width(*line, cells.len(), width));
+        }
+        Ok(if is_by_blanks { short } else { Vec::new() })
+    }
+
+    fn other_width(&self, line: usize, count: usize, width: usize) -> TableError {
+        TableError::Cell {
+            path: self.path.clone(),
+            line,
+            field: "number of columns".to_owned(),
+            problem: format!("{count} cells, where most rows have {width}"),
+            expected: "the same columns in every row: part the file where they change, or write an empty cell for a number that is missing"
+                .to_owned(),
+        }
+    }
+}

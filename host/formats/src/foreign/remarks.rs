@@ -1,0 +1,110 @@
+//! Remarks between the rows of a table, and what one of a new zero means for the readings behind it.
+
+use super::TableError;
+use super::cells::is_missing;
+use super::dropouts::rounded;
+use super::raw::{RawColumn, RawTable};
+
+/// Remarks whose text is shown.
+const SHOWN: usize = 3;
+/// Letters of a remark that are shown.
+const LETTERS: usize = 60;
+/// Beginnings of words for a new zero, and words that are one as a whole: a zero crossing and an offset are none.
+const OF_ZERO: [&str; 8] =
+    ["tared", "tarier", "taring", "rezero", "autozero", "genullt", "nullabgl", "zeroed"];
+const ZERO: [&str; 8] = ["tare", "zero", "zeroing", "nulled", "nulling", "nullen", "null", "tara"];
+
+/// A line of words between rows, or a word that begins in a row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Remark {
+    /// Its line.
+    pub line: usize,
+    /// Its text.
+    pub text: String,
+}
+
+impl Remark {
+    pub(super) fn new(line: usize, cells: &[String]) -> Self {
+        let text = cells.join(" ");
+        Self { line, text: text.trim().chars().take(LETTERS).collect() }
+    }
+
+    /// Whether a channel has another zero from here on.
+    fn is_of_zero(&self) -> bool {
+        let text = self.text.to_lowercase().replace(['-', '_'], "");
+        text.split(|letter: char| !letter.is_alphanumeric())
+            .any(|word| ZERO.contains(&word) || OF_ZERO.iter().any(|start| word.starts_with(start)))
+    }
+}
+
+/// Texts of remarks, behind a count of them.
+pub(super) fn shown(remarks: &[Remark]) -> String {
+    let mut texts: Vec<String> = Vec::new();
+    for remark in remarks {
+        let text = format!("\"{}\"", remark.text);
+        if texts.len() < SHOWN && !texts.contains(&text) {
+            texts.push(text);
+        }
+    }
+    if texts.is_empty() { String::new() } else { format!(": {}", texts.join(", ")) }
+}
+
+/// Words of a new zero in a column of words, at the rows in which they begin.
+pub(super) fn events(lines: &[usize], kept: &[&[String]], index: usize) -> Vec<Remark> {
+    let cells: Vec<&str> = kept.iter().map(|cells| cells.get(index).map_or("", String::as_str)).collect();
+    let begins = cells
+        .windows(2)
+        .zip(lines.iter().skip(1))
+        .filter(|(pair, _)| pair[0] != pair[1] && !is_missing(pair[1]));
+    begins
+        .map(|(pair, line)| Remark { line: *line, text: pair[1].chars().take(LETTERS).collect() })
+        .filter(Remark::is_of_zero)
+        .collect()
+}
+
+/// Refuses a column whose zero changes at a remark between its rows, and notes a remark at which it does not.
+///
+/// The reading behind the remark differs from that before it by more than any two neighbours elsewhere: of `n` steps the one at the remark
+/// is the largest by chance once in `n`, and then the rows are parted in vain.
+pub(super) fn check(table: &RawTable, column: &RawColumn, notes: &mut Vec<String>) -> Result<(), TableError> {
+    let readings: Vec<(usize, f64)> = table
+        .lines
+        .iter()
+        .copied()
+        .zip(column.values.iter().copied())
+        .filter(|(_, value)| value.is_finite())
+        .collect();
+    for remark in table.remarks.iter().filter(|remark| remark.is_of_zero()) {
+        let behind = readings.partition_point(|(line, _)| *line < remark.line);
+        let Some([before, after]) =
+            behind.checked_sub(1).and_then(|at| Some([readings.get(at)?.1, readings.get(at + 1)?.1]))
+        else {
+            continue;
+        };
+        let others = readings.windows(2).enumerate().filter(|(at, _)| at + 1 != behind);
+        let largest = others.map(|(_, pair)| (pair[1].1 - pair[0].1).abs()).fold(0.0, f64::max);
+        let Remark { line, text } = remark;
+        let step = after - before;
+        if step.abs() > largest {
+            return Err(TableError::Cell {
+                path: table.path.clone(),
+                line: *line,
+                field: column.header.clone(),
+                problem: format!(
+                    "\"{text}\" and a step of {} there, where neighbours differ by {} at most elsewhere: another zero from here on",
+                    rounded(step),
+                    rounded(largest)
+                ),
+                expected: "one zero for all rows: add what was taken off to those behind, or import both parts as runs of their own"
+                    .to_owned(),
+            });
+        }
+        notes.push(format!(
+            "{}: line {line}: \"{text}\", and \"{}\" goes on without a step (by {}): it is taken as having the zero of before",
+            table.path.display(),
+            column.header,
+            rounded(step)
+        ));
+    }
+    Ok(())
+}
