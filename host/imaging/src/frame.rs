@@ -1,5 +1,6 @@
 //! Frames and what files state of them.
 
+use crate::places::StatedPlaces;
 use std::collections::BTreeMap;
 
 /// Most pixels of a frame.
@@ -123,6 +124,8 @@ pub struct Header {
     pub orientation: Option<Orientation>,
     /// Part of the frame that is ultrasound and not the screen around it, where it is stated.
     pub region: Option<Region>,
+    /// Positions of the frames along the sweep, where they are stated.
+    pub places: Option<StatedPlaces>,
     /// Fields of the frames; empty where the file has none.
     pub frames: Vec<FrameFields>,
     /// Statements of the file that cannot be followed: an error unless an option of the user takes its

@@ -59,6 +59,7 @@ pub mod detect;
 pub mod error;
 pub mod frame;
 pub mod overlay;
+pub mod places;
 pub mod pose;
 pub mod read;
 pub mod sheet;

@@ -15,7 +15,7 @@ use imaging::camera::{CameraError, Clip, Directions, Settings, State, measure};
 use imaging::frame::Region;
 use imaging::overlay::Picture;
 use mechanics::unknowns::sensors;
-use series::{Axes, Series};
+use series::{Axes, Series, rate_note};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -153,6 +153,9 @@ pub fn run(
     let start_s = args.start_s.or_else(|| force.as_ref().and_then(|force| force.time_s.first().copied()));
     let series = Series::new(&clip, &axes, scale.mm_per_px, args.fps, start_s)
         .with_context(|| path.display().to_string())?;
+    if let Some(note) = rate_note(&clip, args.fps) {
+        out.note(format_args!("{}: {note}", path.display()));
+    }
     let sheet = draw(pictures, &id, files, &settings, &clip, &series, out)?;
     let joined = force.as_ref().map(|force| series.joined(force)).transpose()?;
     let run = depth_mm.zip(joined.as_ref()).map(|(depth_mm, joined)| Run {

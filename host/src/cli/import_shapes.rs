@@ -7,7 +7,7 @@ use formats::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, 
 use formats::session::{
     DEPTH_RANGE_MM, ForceSeries, LateralRun, Provenance, SessionWriter, Setup, ShapeSeries,
 };
-use inference::holds::{HoldCriteria, Path as LevelPath, holds};
+use inference::holds::{Hold, HoldCriteria, Path as LevelPath, holds};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
@@ -161,7 +161,8 @@ pub fn run(
         1e3 * depth_m
     );
     let id = args.id.clone().unwrap_or_else(|| id_of(&first.path));
-    let times_s = times_s(args, &id, depth_m, shapes.len())?;
+    let SweepTimes { times_s, note } = times_s(args, &id, depth_m, shapes.len())?;
+    notes.extend(note);
     let shape = joined(&shapes, times_s.as_deref());
     let mut session = SessionWriter::open(to, setup)?;
     if let Err(error) = session.lateral_from(&id, depth_m, args.force.as_deref(), &shape) {
@@ -218,9 +219,17 @@ fn deepest_m(shapes: &[ShapeSeries]) -> f64 {
     shapes.iter().flat_map(|shape| &shape.z_m).copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
+/// When the shapes of a run were measured.
+pub struct SweepTimes {
+    /// A time for each; none where a single one belongs to the last hold.
+    pub times_s: Option<Vec<f64>>,
+    /// Remark on a hold that was chosen among others.
+    pub note: Option<String>,
+}
+
 /// When each of the shapes was measured: as stated, or in the holds of the force series; a single one belongs to the last hold, and so needs
 /// no time.
-pub fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow::Result<Option<Vec<f64>>> {
+pub fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow::Result<SweepTimes> {
     // A force series is read in any case: its errors are reported before anything is written.
     let force = args
         .force
@@ -231,10 +240,13 @@ pub fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow
         let (given_count, wrong) = (args.time_s.len(), args.time_s.iter().find(|time_s| !time_s.is_finite()));
         ensure!(given_count == count, "--time-s: {given_count} times, expected {count}: one for each file");
         ensure!(wrong.is_none(), "--time-s: {}, expected seconds", wrong.copied().unwrap_or_default());
-        return Ok(Some(args.time_s.clone()));
+        return Ok(SweepTimes { times_s: Some(args.time_s.clone()), note: None });
     }
     if count == 1 {
-        return Ok(None);
+        let note = force.and_then(|(path, force)| {
+            last_hold_note(path, force, depth_m, "--time-s SECONDS states when it was measured")
+        });
+        return Ok(SweepTimes { times_s: None, note });
     }
     let Some((path, force)) = force else {
         bail!(
@@ -242,18 +254,54 @@ pub fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow
         );
     };
     let (displaced, all_times_s) = hold_times_s(path, force, id, depth_m);
-    [displaced.clone(), all_times_s.clone()].into_iter().find(|times_s| times_s.len() == count).map(Some).with_context(|| {
+    let of_holds =
+        [displaced.clone(), all_times_s.clone()].into_iter().find(|times_s| times_s.len() == count);
+    let times_s = of_holds.with_context(|| {
         format!(
             "{}: {} holds, {} of them displaced, expected one for each of {count} files; or give --time-s",
             path.display(),
             all_times_s.len(),
             displaced.len()
         )
-    })
+    })?;
+    Ok(SweepTimes { times_s: Some(times_s), note: None })
+}
+
+/// Remark on the hold to which a shape without a time belongs, where it is one of several or there is none.
+pub fn last_hold_note(path: &Path, force: ForceSeries, depth_m: f64, remedy: &str) -> Option<String> {
+    let detected_holds = found_holds(path, force, "", depth_m);
+    let displaced: Vec<&Hold> = detected_holds.iter().filter(|level| level.path != LevelPath::Zero).collect();
+    let file = path.display();
+    match displaced.as_slice() {
+        [_] => None,
+        [] => Some(format!(
+            "{file}: no hold is displaced, and the shape has no time: it belongs to none, expected a rest of the displaced guide ({remedy})"
+        )),
+        [.., last] => {
+            let [from_s, to_s] = last.time_s;
+            let [y_mm, x_mm] = last.displacement_m().map(|m| 1e3 * m);
+            let x = if x_mm == 0.0 { String::new() } else { format!(", x {x_mm:+.3} mm") };
+            Some(format!(
+                "{file}: the shape has no time and is taken as that of the last of {} displaced holds: {y_mm:+.3} mm{x}, {from_s:.2} to {to_s:.2} s \
+                 ({remedy})",
+                displaced.len()
+            ))
+        }
+    }
 }
 
 /// The middle of every displaced hold, and of every hold.
 fn hold_times_s(path: &Path, force: ForceSeries, id: &str, depth_m: f64) -> (Vec<f64>, Vec<f64>) {
+    let detected_holds = found_holds(path, force, id, depth_m);
+    let displaced = detected_holds.iter().filter(|level| level.path != LevelPath::Zero);
+    (
+        displaced.map(|level| middle_s(level.time_s)).collect(),
+        detected_holds.iter().map(|level| middle_s(level.time_s)).collect(),
+    )
+}
+
+/// The holds of a force series.
+fn found_holds(path: &Path, force: ForceSeries, id: &str, depth_m: f64) -> Vec<Hold> {
     let run = LateralRun {
         id: id.to_owned(),
         depth_m,
@@ -263,12 +311,7 @@ fn hold_times_s(path: &Path, force: ForceSeries, id: &str, depth_m: f64) -> (Vec
         force,
         shape: ShapeSeries::default(),
     };
-    let detected_holds = holds(&run, &HoldCriteria::default());
-    let displaced = detected_holds.iter().filter(|level| level.path != LevelPath::Zero);
-    (
-        displaced.map(|level| middle_s(level.time_s)).collect(),
-        detected_holds.iter().map(|level| middle_s(level.time_s)).collect(),
-    )
+    holds(&run, &HoldCriteria::default())
 }
 
 fn middle_s([from_s, to_s]: [f64; 2]) -> f64 {

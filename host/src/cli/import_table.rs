@@ -1,6 +1,6 @@
 //! `guide import table`: any laboratory's tables as a run, with a statement of what was taken for what.
 
-use super::import_shapes::ShapeArgs;
+use super::import_shapes::{ShapeArgs, last_hold_note};
 use super::output::Output;
 use anyhow::{Context, bail, ensure};
 use device::words::join;
@@ -263,9 +263,20 @@ impl Run {
             others: taken.others.clone(),
             offset_s: taken.offset.map(|offset| offset.offset_s),
             offset_sd_s: taken.offset.map(|offset| offset.sd_s),
-            notes: taken.notes.clone(),
+            notes: taken.notes.iter().cloned().chain(note_of_shape(taken, depth_mm)).collect(),
         })
     }
+}
+
+/// Remark on the hold to which a shape without times belongs.
+fn note_of_shape(taken: &Taken, depth_mm: Option<f64>) -> Option<String> {
+    let (force, shape) = taken.force.as_ref().zip(taken.shape.as_ref())?;
+    let of_force = taken.columns.iter().find(|column| column.is == "force_y_n")?;
+    if shape.time_s.is_some() {
+        return None;
+    }
+    let remedy = "a column time_s in its table states when it was measured";
+    last_hold_note(&of_force.file, force.clone(), 1e-3 * depth_mm.unwrap_or(0.0), remedy)
 }
 
 /// Writes a run into the session.

@@ -1,6 +1,7 @@
 //! `guide import ultrasound`: a lateral run's shape from transverse ultrasound frames.
 
 mod alike;
+mod contradictions;
 mod document;
 mod recorded;
 mod reference;
@@ -8,7 +9,7 @@ mod reference;
 pub use document::checksum;
 
 use super::frame_pictures::{self, PictureArgs, Shown, open, sequences};
-use super::import_shapes::{self, ShapeArgs};
+use super::import_shapes::{self, ShapeArgs, SweepTimes};
 use super::output::Output;
 use alike::Imaged;
 use anyhow::{Context, bail, ensure};
@@ -249,7 +250,12 @@ pub fn run(
     );
     let times_s = match &recorded {
         Some(recorded) => Some(recorded.sweeps.iter().map(|sweep| sweep.time_s).collect()),
-        None => import_shapes::times_s(shapes, &id, 1e-3 * depth_mm, columns.len())?,
+        None => {
+            let SweepTimes { times_s, note } =
+                import_shapes::times_s(shapes, &id, 1e-3 * depth_mm, columns.len())?;
+            note.iter().for_each(|note| out.note(note));
+            times_s
+        }
     };
     let mut shape = import_shapes::joined(&columns, times_s.as_deref());
     // A column of zeros would say nothing.
@@ -295,6 +301,10 @@ fn one(files: &[PathBuf], settings: &Settings, out: &Output) -> anyhow::Result<(
         sweep => sweep.with_context(context)?,
     };
     sequence.header().notes.iter().for_each(|note| out.note(format_args!("{}: {note}", path.display())));
+    let geometry = Geometry::new(sequence.header(), settings)?;
+    contradictions::notes(&path, sequence.header(), settings, &sweep.frames, &geometry)
+        .iter()
+        .for_each(|note| out.note(note));
     let imaged = Imaged::new(sequence.header(), settings).with_context(context)?;
     Ok((path, sweep, imaged))
 }

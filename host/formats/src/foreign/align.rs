@@ -244,7 +244,8 @@ impl Correlation {
     }
 }
 
-/// Correlation of force and displacement at an offset, over so many readings of their overlap.
+/// Correlation of force and displacement at an offset, at so many readings of the force in their overlap: between readings its noise would be
+/// smaller, and offsets that put them there likelier.
 pub(super) fn correlated(
     force: &Series,
     displacement: &Series,
@@ -253,13 +254,13 @@ pub(super) fn correlated(
 ) -> Option<Correlation> {
     let ([f0_s, f1_s], [d0_s, d1_s]) = (force.span_s()?, displacement.span_s()?);
     let (start_s, end_s) = (f0_s.max(d0_s + offset_s), f1_s.min(d1_s + offset_s));
-    let period_s = force.period_s().max(displacement.period_s()).max((end_s - start_s) / most as f64);
-    let count = ((end_s - start_s) / period_s).floor().max(0.0) as usize;
-    let pairs: Vec<(f64, f64)> = (0..=count)
-        .filter_map(|i| {
-            let sample_s = start_s + period_s * i as f64;
-            Some((displacement.at(sample_s - offset_s)?, force.at(sample_s)?))
-        })
+    let period_s = displacement.period_s().max((end_s - start_s) / most as f64);
+    let stride = (period_s / force.period_s()).round().max(1.0) as usize;
+    let pairs: Vec<(f64, f64)> = force
+        .between(start_s, end_s)
+        .iter()
+        .step_by(stride)
+        .filter_map(|(time_s, value)| Some((displacement.at(time_s - offset_s)?, *value)))
         .collect();
     if pairs.len() < LEAST_RUN {
         return None;

@@ -93,3 +93,73 @@ fn climb(
     }
     Some(best)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::align;
+    use super::*;
+
+    /// Stairs of 1.5 s between these levels, with noise, on a clock that gains `rate` in a second and begins at `begin_s`.
+    fn stairs(levels: &[f64], [begin_s, rate]: [f64; 2], noise: f64, seed: u64) -> Series {
+        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        let value = |i: usize| {
+            let (step, within) = (i / 75, (i % 75) as f64 / 15.0);
+            let (from, to) = (levels[step.saturating_sub(1)], levels[step]);
+            from + (to - from) * within.min(1.0)
+        };
+        let reading = |i: usize| (begin_s + 0.02 * (1.0 + rate) * i as f64, value(i) + noise * random());
+        Series::of((0..75 * levels.len()).map(reading).collect())
+    }
+
+    fn found(force: &Series, displacement: &Series) -> Option<Drift> {
+        let offset = align::estimate(force, displacement).expect("an offset");
+        estimate(force, displacement, &offset)
+    }
+
+    const LEVELS: [f64; 13] = [0.0, 1.0, 2.5, 1.0, 3.0, 2.0, 0.5, 2.5, 0.0, 1.5, 3.0, 0.5, 0.0];
+
+    #[test]
+    fn a_drift_is_found_and_its_interval_holds_it() {
+        for (rate, noise) in [(5e-3, 0.02), (-5e-3, 0.02), (1e-2, 0.05), (-2e-3, 0.01)] {
+            for seed in 1..=2 {
+                let force = stairs(&LEVELS.map(|level| 0.6 * level), [0.0; 2], noise, seed);
+                let displacement = stairs(&LEVELS, [12.0, rate], 1e-3, 100 + seed);
+                let drift = found(&force, &displacement).unwrap_or_else(|| panic!("none of {rate}"));
+                let right = (1.0 + rate).recip() - 1.0;
+                assert!((drift.rate - right).abs() < 4.0 * drift.sd, "{rate} {seed}: {drift:?}");
+                // The last reading of the displacement is put to within two readings of its place.
+                let end_s = displacement.span_s().expect("readings")[1];
+                let right_s = 0.02 * (75 * LEVELS.len() - 1) as f64;
+                assert!((drift.clock.time_s(end_s) - right_s).abs() < 0.04, "{rate} {seed}: {drift:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn clocks_that_do_not_drift_and_play_are_no_drift() {
+        let protocols: [&[f64]; 4] =
+            [&[0.0, 2.0, 0.0], &[0.0, 1.0, 2.5, 1.5, 3.0, 0.0], &[0.0, 1.0, 2.0, 3.0], &LEVELS];
+        let mut named = Vec::new();
+        for levels in protocols {
+            for seed in 1..=4 {
+                for play in [0.0, 0.3] {
+                    let displacement = stairs(levels, [37.0, 0.0], 1e-3, 100 + seed);
+                    let driven = stairs(levels, [0.0; 2], 0.0, 1).behind_play(play);
+                    let noise = stairs(&vec![0.0; levels.len()], [0.0; 2], 0.03, seed);
+                    let readings = driven.readings().zip(noise.readings());
+                    let force =
+                        Series::of(readings.map(|((time_s, y), (_, n))| (time_s, 0.6 * y + n)).collect());
+                    named.extend(
+                        found(&force, &displacement).map(|drift| (levels.len(), seed, play, drift.rate)),
+                    );
+                }
+            }
+        }
+        // 5 % of 32 are two; more than five have a chance of 1 % (binomial).
+        assert!(named.len() <= 5, "{named:?}");
+    }
+}

@@ -99,7 +99,6 @@ pub(super) fn read(path: &Path, sheet: Option<&str>) -> Result<Grid, TableError>
         is_cut: false,
         left_out,
         notes,
-        is_by_blanks: false,
         of_other_form: Vec::new(),
     })
 }

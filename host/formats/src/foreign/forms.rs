@@ -142,33 +142,32 @@ impl Form<'_> {
 }
 
 impl RawTable {
-    /// Refuses rows with more numbers than there are columns, and stretches of rows that lack the last ones; the places of rows between blanks that lack
-    /// any, of which it cannot be told what they are.
-    pub(super) fn check_widths(
+    /// Places of rows that lack numbers, of which it cannot be told which. Refuses rows with more numbers than there are columns, and rows that lack
+    /// some at an end of the table: there the columns have changed.
+    pub(super) fn short_rows(
         &self,
         kept: &[&[String]],
-        (width, is_by_blanks): (usize, bool),
+        width: usize,
         has_decimal_comma: bool,
     ) -> Result<Vec<usize>, TableError> {
-        let lines = kept.iter().zip(&self.lines);
-        for (cells, line) in lines {
-            let is_surplus =
-                cells.iter().skip(width).any(|cell| Number::parse(cell, has_decimal_comma).is_some());
-            if is_surplus {
-                return Err(self.other_width(*line, cells.len(), width));
-            }
-        }
-        let is_short = |cells: &&[String]| {
+        let is_surplus = |cells: &[String]| {
+            cells.iter().skip(width).any(|cell| Number::parse(cell, has_decimal_comma).is_some())
+        };
+        let is_short = |cells: &[String]| {
             self.columns.iter().any(|column| column.number > cells.len())
                 && is_of_numbers(cells, has_decimal_comma)
         };
-        let short: Vec<usize> =
-            kept.iter().enumerate().filter(|(_, cells)| is_short(cells)).map(|(place, _)| place).collect();
-        let stretch = short.windows(LEAST_ROWS).find(|pair| pair[1] - pair[0] == 1);
-        if let Some((cells, line)) = stretch.and_then(|pair| kept.get(pair[0]).zip(self.lines.get(pair[0]))) {
+        let at_ends = [kept.iter().take_while(|cells| is_short(cells)).count(), {
+            kept.iter().rev().take_while(|cells| is_short(cells)).count()
+        }];
+        let first_places = [0, kept.len() - at_ends[1]];
+        let changed = kept.iter().position(|cells| is_surplus(cells)).or_else(|| {
+            at_ends.iter().zip(first_places).find(|(count, _)| **count >= LEAST_ROWS).map(|(_, place)| place)
+        });
+        if let Some((cells, line)) = changed.and_then(|place| kept.get(place).zip(self.lines.get(place))) {
             return Err(self.other_width(*line, cells.len(), width));
         }
-        Ok(if is_by_blanks { short } else { Vec::new() })
+        Ok((0..kept.len()).filter(|place| kept.get(*place).is_some_and(|cells| is_short(cells))).collect())
     }
 
     fn other_width(&self, line: usize, count: usize, width: usize) -> TableError {

@@ -88,8 +88,6 @@ pub struct Grid {
     pub left_out: Vec<usize>,
     /// Remarks on such rows.
     pub notes: Vec<String>,
-    /// Whether cells are parted by blanks, so that an empty one cannot be told.
-    pub is_by_blanks: bool,
     /// Lines that are numbers alone in another form than the rows' own, and that form.
     pub of_other_form: Vec<(usize, String)>,
 }
@@ -185,7 +183,6 @@ impl Grid {
             is_cut: !text.ends_with('\n'),
             left_out: Vec::new(),
             notes: Vec::new(),
-            is_by_blanks: separator == ' ',
             of_other_form,
         })
     }

@@ -159,4 +159,6 @@ mod layout_tests;
 #[cfg(test)]
 mod left_out_tests;
 #[cfg(test)]
+mod stated_tests;
+#[cfg(test)]
 mod tests;

@@ -126,17 +126,8 @@ impl RawTable {
     /// # Errors
     /// [`TableError`] where there are none.
     pub fn new(grid: Grid) -> Result<Self, TableError> {
-        let Grid {
-            path,
-            mut rows,
-            has_decimal_comma,
-            form,
-            is_cut,
-            left_out,
-            mut notes,
-            is_by_blanks,
-            mut of_other_form,
-        } = grid;
+        let Grid { path, mut rows, has_decimal_comma, form, is_cut, left_out, mut notes, mut of_other_form } =
+            grid;
         let joined = thousands::join(&mut rows, has_decimal_comma);
         let rows = rows;
         fn is_number(cell: &str, has_decimal_comma: bool) -> bool {
@@ -315,10 +306,10 @@ impl RawTable {
                 skipped.len()
             ));
         }
-        let short = table.check_widths(&kept_rows, (width, is_by_blanks), has_decimal_comma)?;
+        let short = table.short_rows(&kept_rows, width, has_decimal_comma)?;
         if let Some(line) = short.first().and_then(|row| table.lines.get(*row)) {
             notes.push(format!(
-                "{} rows, from line {line} on, have fewer numbers than there are columns, and blanks do not tell which is missing: they are left out",
+                "{} rows, from line {line} on, have fewer numbers than there are columns, which does not tell what is missing: they are left out",
                 short.len()
             ));
             table.leave_out_rows(&short);

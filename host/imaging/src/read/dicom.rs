@@ -13,7 +13,7 @@ pub(super) use files::{files, open_files};
 
 use super::{Source, check_size};
 use crate::error::ImagingError;
-use crate::frame::{Header, Statement};
+use crate::frame::{Header, MAX_FRAMES, Statement};
 use attributes::{Attributes, region};
 use dicom_core::{Tag, VR};
 use dicom_encoding::transfer_syntax::Codec;
@@ -41,6 +41,11 @@ const REGIONS: Tag = Tag(0x0018, 0x6011);
 const PIXEL_DATA: Tag = Tag(0x7FE0, 0x0010);
 const SERIES: Tag = Tag(0x0020, 0x000E);
 const INSTANCE: Tag = Tag(0x0020, 0x0013);
+const SPACING_BETWEEN: Tag = Tag(0x0018, 0x0088);
+const POSITION: Tag = Tag(0x0020, 0x0032);
+const ORIENTATION: Tag = Tag(0x0020, 0x0037);
+/// Position of the plane of each frame, in a sequence of its own.
+const PLANE_POSITION: Tag = Tag(0x0020, 0x9113);
 const FRAMES: Tag = Tag(0x0028, 0x0008);
 const ROWS: Tag = Tag(0x0028, 0x0010);
 const COLUMNS: Tag = Tag(0x0028, 0x0011);
@@ -63,9 +68,12 @@ const MEASURES: Tag = Tag(0x0028, 0x9110);
 const FRAME_TIME_MS: Tag = Tag(0x0018, 0x1063);
 const FRAME_TIMES_MS: Tag = Tag(0x0018, 0x1065);
 /// Values that are read of the data set.
-const VALUES: [Tag; 23] = [
+const VALUES: [Tag; 26] = [
     SERIES,
     INSTANCE,
+    SPACING_BETWEEN,
+    POSITION,
+    ORIENTATION,
     FRAMES,
     ROWS,
     COLUMNS,
@@ -117,13 +125,16 @@ struct Opened {
     instance: Option<i64>,
     /// Identifier of the series.
     series: Option<String>,
+    /// Position of its image, and the normal of its plane.
+    position_mm: Option<[f64; 3]>,
+    normal: Option<[f64; 3]>,
 }
 
 fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     let mut file = BufReader::new(File::open(path).map_err(ImagingError::io(path))?);
     let (syntax, start) = syntax(path, &mut file)?;
     let is_big = syntax.endianness == Endianness::Big;
-    let DataSet { values, regions, measures, pixels: (position, length), is_of_words } =
+    let DataSet { values, regions, measures, positions, pixels: (position, length), is_of_words } =
         data_set(path, file, start, &syntax)?;
     let header = Attributes { path, values: &values, measures: &measures, is_big };
     let instance = header.text(INSTANCE).and_then(|text| text.trim().parse().ok());
@@ -146,7 +157,9 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     let palette = if layout.has_palette() { palette::brightness(&header)? } else { Vec::new() };
     let (stated, region) = region(&header, &regions);
     let frames = header.times(count);
-    let mut header = Header { width, height, count, region, frames, ..Header::default() };
+    let (position_mm, normal) = (header.numbers(POSITION), header.normal());
+    let places = header.places(&positions, count);
+    let mut header = Header { width, height, count, region, places, frames, ..Header::default() };
     match stated {
         Ok(mm) => header.spacing_mm = mm,
         Err(unclear) => header.unclear.push((Statement::Spacing, unclear)),
@@ -155,7 +168,7 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     let mut bytes = BufReader::new(file);
     bytes.seek(SeekFrom::Start(position)).map_err(ImagingError::io(path))?;
     let pixels = Pixels::new(path, bytes, syntax.coding, (layout, palette), count, length)?;
-    Ok(Opened { header, pixels, instance, series })
+    Ok(Opened { header, pixels, instance, series, position_mm, normal })
 }
 
 fn required_number(tag: Tag, name: &str, header: Attributes<'_>, path: &Path) -> Result<usize, ImagingError> {
@@ -251,6 +264,8 @@ struct DataSet {
     regions: Vec<Values>,
     /// Sizes of a pixel of all frames or of each, those that differ.
     measures: Vec<Vec<u8>>,
+    /// Positions of the frames.
+    positions: Vec<Vec<u8>>,
     /// Whether the pixels are written as words of 16 bit.
     is_of_words: bool,
     /// Position of the pixels, and their number of bytes if it is stated.
@@ -274,6 +289,7 @@ fn data_set(
         .map_err(|cause| data_problem(&cause.to_string(), path))?;
     let (mut values, mut regions) = (Values::new(), Vec::<Values>::new());
     let (mut measures, mut is_of_words) = (Vec::<Vec<u8>>::new(), false);
+    let mut positions: Vec<Vec<u8>> = Vec::new();
     let mut levels: Vec<Level> = Vec::new();
     let mut length = None;
     loop {
@@ -310,6 +326,19 @@ fn data_set(
                         levels
                             == [Level::Sequence(*group), Level::Item, Level::Sequence(MEASURES), Level::Item]
                     });
+                let is_position = header.tag == POSITION
+                    && levels
+                        == [
+                            Level::Sequence(GROUPS[1]),
+                            Level::Item,
+                            Level::Sequence(PLANE_POSITION),
+                            Level::Item,
+                        ];
+                if is_position && positions.len() < MAX_FRAMES {
+                    positions
+                        .push(value(&mut decoder, header.len.0).map_err(|cause| data_problem(&cause, path))?);
+                    continue;
+                }
                 if is_measure && measures.len() < MAX_REGIONS {
                     let value =
                         value(&mut decoder, header.len.0).map_err(|cause| data_problem(&cause, path))?;
@@ -352,7 +381,7 @@ fn data_set(
     if length.is_some() && syntax.coding != Coding::Plain {
         return Err(data_problem("PixelData that are not in fragments in a compressed file", path));
     }
-    Ok(DataSet { values, regions, measures, pixels: (position, length), is_of_words })
+    Ok(DataSet { values, regions, measures, positions, pixels: (position, length), is_of_words })
 }
 
 fn data_problem(problem: &str, path: &Path) -> ImagingError {

@@ -8,6 +8,7 @@ use super::header::{Fields, Frames, line, mirrored, one_of, orientation, short, 
 use super::{Source, check_size};
 use crate::error::ImagingError;
 use crate::frame::{Header, Statement, Unclear};
+use crate::places::StatedPlaces;
 use flate2::read::ZlibDecoder;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
@@ -76,6 +77,10 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     check_size(path, "DimSize", [width, height, count])?;
     (header.width, header.height, header.count) = (width, height, count);
     frames.finish(&mut header);
+    // The third spacing of frames with fields of their own is that of no space.
+    if header.frames.is_empty() {
+        header.places = places(&fields, count);
+    }
     let depth = match kind.unwrap_or(0) {
         0 => Depth::Eight,
         other => Depth::Sixteen { is_big_endian, is_signed: other == 2, black: 0, shift: 8 },
@@ -169,6 +174,15 @@ fn stated_spacing(fields: &Fields) -> Result<Option<[f64; 2]>, Unclear> {
         Ok((field, spacing(field, mm, value)?))
     };
     one_of(&[stated("ElementSpacing")?, stated("ElementSize")?])
+}
+
+/// Positions of the frames by the third distance.
+fn places(fields: &Fields, count: usize) -> Option<StatedPlaces> {
+    let millimetres_per_unit =
+        fields.get(&["DistanceUnits"]).map_or(Some(1.0), |(_, value)| millimetres(value))?;
+    let (field, value) = fields.get(&["ElementSpacing", "ElementSize"])?;
+    let step: f64 = value.split_whitespace().nth(2)?.parse().ok()?;
+    StatedPlaces::evenly(field, millimetres_per_unit * step, count)
 }
 
 /// Millimetres of a unit of length.

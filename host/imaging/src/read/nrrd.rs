@@ -10,6 +10,7 @@ use super::metaimage::{millimetres, three, unit};
 use super::{FrameReader, Source, check_size};
 use crate::error::ImagingError;
 use crate::frame::{Frame, FrameFields, Header, Statement, Unclear};
+use crate::places::StatedPlaces;
 use flate2::read::MultiGzDecoder;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -184,6 +185,9 @@ fn fields(
         Err(unclear) => header.unclear.push((Statement::Spacing, unclear)),
     }
     frames.finish(header);
+    if header.frames.is_empty() {
+        header.places = axes.places(&fields, header.count);
+    }
     if let Some((axis, values)) = index {
         add_times(header, &fields, &axis, &values);
     }
@@ -257,6 +261,33 @@ impl Axes {
             sizes.extend(dimensions.first());
         }
         Ok(Self { channels, is_list_first, sizes, plane: [skipped, skipped + 1], all: dimensions.len() })
+    }
+
+    /// Positions of the frames by the third of three axes, where that is one of space.
+    fn places(&self, fields: &Fields, count: usize) -> Option<StatedPlaces> {
+        let is_of_space = fields.get(&["kinds"]).is_none_or(|(_, kinds)| {
+            kinds.split_whitespace().nth(2).is_some_and(|kind| matches!(kind, "domain" | "space"))
+        });
+        if self.all != 3 || self.plane != [0, 1] || !is_of_space {
+            return None;
+        }
+        let unit = |names: &[&'static str], axis: usize| {
+            let quoted =
+                fields.get(names).and_then(|(_, value)| value.split('"').skip(1).step_by(2).nth(axis));
+            quoted.filter(|name| !matches!(*name, "" | "???")).map_or(Some(1.0), millimetres)
+        };
+        let (field, step_mm) = match (fields.get(&["spacings"]), fields.get(&["space directions"])) {
+            (Some((field, value)), _) => {
+                let step: f64 = value.split_whitespace().nth(2)?.parse().ok()?;
+                (field, step * unit(&["units"], 2)?)
+            }
+            (None, Some((field, value))) => {
+                let vector = value.split('(').nth(3)?.split_once(')')?.0;
+                (field, vector_length(vector)? * unit(&["space units"], 0)?)
+            }
+            (None, None) => return None,
+        };
+        StatedPlaces::evenly(field, step_mm, count)
     }
 
     /// Values of the plane's axes, where there is one for each axis.

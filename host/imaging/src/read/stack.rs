@@ -5,6 +5,7 @@ use super::turned::orientation;
 use super::{Source, check_size, grey, jpeg, names, tiff, whole};
 use crate::error::ImagingError;
 use crate::frame::{Frame, FrameFields, Header, MAX_FRAMES, MAX_PIXELS, Statement};
+use crate::places::StatedPlaces;
 use std::fs::{self, File};
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -88,6 +89,12 @@ pub(super) fn open(path: &Path, files: Vec<PathBuf>) -> Result<(Header, Source),
         match tiff::calibration(first)? {
             Ok(calibration) => {
                 header.spacing_mm = calibration.spacing_mm;
+                if files.len() == 1 {
+                    let count = header.count;
+                    header.places = calibration
+                        .step_mm
+                        .and_then(|mm| StatedPlaces::evenly("distance of slices", mm, count));
+                }
                 if let Some(interval_s) = calibration.interval_s.filter(|s| *s > 0.0 && files.len() == 1) {
                     header.frames = (0..header.count)
                         .map(|frame| FrameFields {

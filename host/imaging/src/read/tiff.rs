@@ -57,6 +57,8 @@ pub(super) struct Calibration {
     /// Size of the first image's pixels, for all of them.
     pub spacing_mm: Option<[f64; 2]>,
     pub interval_s: Option<f64>,
+    /// Distance of slices, where the images are slices.
+    pub step_mm: Option<f64>,
 }
 
 /// Calibration of a file.
@@ -142,20 +144,24 @@ impl Open {
             let Some(unit) =
                 value_of("unit", &text).filter(|unit| !matches!(unit.trim(), "pixel" | "pixels" | ""))
             else {
-                return Ok(Calibration { spacing_mm: None, interval_s });
+                return Ok(Calibration { interval_s, ..Calibration::default() });
             };
             // ImageJ writes letters outside of ASCII as their number.
             let mm_per_unit = length("ImageJ: unit", &unit.replace("\\u00B5", "\u{b5}"))?;
+            let has_slices = value_of("slices", &text).is_some_and(|slices| slices.trim() != "1");
+            let step: Option<f64> = value_of("spacing", &text).and_then(|text| text.trim().parse().ok());
+            let step_mm = step.filter(|_| has_slices).map(|step| mm_per_unit * step);
             let mut size = |tag| {
                 let [above, below]: [u32; 2] = self.decoder.get_tag_u32_vec(tag).ok()?.try_into().ok()?;
                 Some(mm_per_unit * f64::from(below) / f64::from(above))
             };
             let mm = size(Tag::XResolution).zip(size(Tag::YResolution)).map(<[f64; 2]>::from);
-            let Some(mm) = mm else { return Ok(Calibration { spacing_mm: None, interval_s }) };
+            let Some(mm) = mm else { return Ok(Calibration { spacing_mm: None, interval_s, step_mm }) };
             let problem = format!("{} x {} mm", mm[0], mm[1]);
             return Ok(Calibration {
                 spacing_mm: spacing("ImageJ: resolution", Some(mm), &problem)?,
                 interval_s,
+                step_mm,
             });
         }
         let sizes = attribute(&text, "PhysicalSizeX")
@@ -166,6 +172,9 @@ impl Open {
         Ok(Calibration {
             spacing_mm: spacing("OME: PhysicalSize", Some(mm), &format!("{x} x {y}"))?,
             interval_s: None,
+            step_mm: attribute(&text, "PhysicalSizeZ")
+                .and_then(|z| ome_size(z, "PhysicalSizeZUnit", &text).ok())
+                .filter(|mm| mm.is_finite()),
         })
     }
 

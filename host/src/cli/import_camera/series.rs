@@ -38,6 +38,21 @@ pub struct Series {
     pub mark_mm: Vec<[f64; 2]>,
 }
 
+/// Remark on a rate of the user where the file states other times: by more than a frame over the clip.
+pub fn rate_note(clip: &Clip, fps: Option<f64>) -> Option<String> {
+    let fps = fps?;
+    let stamps_s: Vec<f64> = clip.frames.iter().filter_map(|frame| frame.time_s).collect();
+    let span_s = stamps_s.last()? - stamps_s.first()?;
+    let steps = stamps_s.len() as f64 - 1.0;
+    ((span_s - steps / fps).abs() * fps > 1.0).then(|| {
+        format!(
+            "the file states times of {} frames over {span_s:.3} s, {:.3} a second, and --fps {fps} is taken",
+            stamps_s.len(),
+            steps / span_s
+        )
+    })
+}
+
 /// A force series with the displacement of a clip.
 pub struct Joined {
     pub series: ForceSeries,

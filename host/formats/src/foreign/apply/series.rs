@@ -71,6 +71,15 @@ impl Series {
         self.on(&Clock::shift(by_s))
     }
 
+    /// The readings of a stretch of time, its ends included.
+    pub fn between(&self, start_s: f64, end_s: f64) -> &[(f64, f64)] {
+        let [first, end] = [
+            self.readings.partition_point(|(time_s, _)| *time_s < start_s),
+            self.readings.partition_point(|(time_s, _)| *time_s <= end_s),
+        ];
+        self.readings.get(first..end).unwrap_or_default()
+    }
+
     /// The same on another clock.
     pub fn on(mut self, clock: &Clock) -> Self {
         self.readings.iter_mut().for_each(|(time_s, _)| *time_s = clock.time_s(*time_s));

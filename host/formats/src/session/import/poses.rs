@@ -172,6 +172,16 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
     if missing > 0 {
         notes.push(format!("{}: {missing} rows without numbers (nan) are skipped", path.display()));
     }
+    if let Some((given, header)) =
+        unit.map(LengthUnit::to_m).zip(header_to_m).filter(|(given, header)| given != header)
+    {
+        notes.push(format!(
+            "{}: the header states lengths in units of {} mm, and those of --units, {} mm, are taken",
+            path.display(),
+            1e3 * header,
+            1e3 * given
+        ));
+    }
     let stated_to_m = unit.map(LengthUnit::to_m).or(header_to_m);
     let to_metres = stated_to_m.unwrap_or_else(|| {
         let (unit, name) = if length > LONGEST {

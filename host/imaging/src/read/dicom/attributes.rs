@@ -2,9 +2,11 @@
 
 use super::super::header::{self as sizes, SPACING_MM};
 use super::{
-    COLUMNS, CORNERS, DELTAS, FORMAT, FRAME_TIME_MS, FRAME_TIMES_MS, PIXEL_SPACING, ROWS, UNITS, Values, text,
+    COLUMNS, CORNERS, DELTAS, FORMAT, FRAME_TIME_MS, FRAME_TIMES_MS, ORIENTATION, PIXEL_SPACING, ROWS,
+    SPACING_BETWEEN, UNITS, Values, text,
 };
 use crate::frame::{FrameFields, Region, Unclear};
+use crate::places::StatedPlaces;
 use dicom_core::Tag;
 use std::path::Path;
 
@@ -124,6 +126,30 @@ impl Attributes<'_> {
         sizes::one_of(&stated)
     }
 
+    /// So many numbers of a text.
+    pub fn numbers<const N: usize>(&self, tag: Tag) -> Option<[f64; N]> {
+        numbers(self.values.get(&tag)?)
+    }
+
+    /// The normal of the image's plane.
+    pub fn normal(&self) -> Option<[f64; 3]> {
+        let [a, b, c, d, e, f] = self.numbers::<6>(ORIENTATION)?;
+        Some([b * f - c * e, c * d - a * f, a * e - b * d])
+            .filter(|normal| normal.iter().any(|part| *part != 0.0))
+    }
+
+    /// Positions of the frames of a file, of each or by their distance.
+    pub fn places(&self, positions: &[Vec<u8>], count: usize) -> Option<StatedPlaces> {
+        let points: Option<Vec<[f64; 3]>> = positions.iter().map(|value| numbers(value)).collect();
+        match points.filter(|points| points.len() == count && count > 1) {
+            Some(points) => StatedPlaces::of_points("ImagePositionPatient", &points, self.normal()),
+            None => {
+                let [step_mm] = self.numbers(SPACING_BETWEEN)?;
+                StatedPlaces::evenly("SpacingBetweenSlices", step_mm, count)
+            }
+        }
+    }
+
     /// Times of the frames, where the file has them.
     pub fn times(&self, count: usize) -> Vec<FrameFields> {
         let numbers = |tag: Tag| -> Option<Vec<f64>> {
@@ -150,4 +176,13 @@ impl Attributes<'_> {
             .map(|time_s| FrameFields { time_s: Some(time_s), ..FrameFields::default() })
             .collect()
     }
+}
+
+/// So many numbers, between backslashes.
+fn numbers<const N: usize>(value: &[u8]) -> Option<[f64; N]> {
+    let numbers: Option<Vec<f64>> = text(value)
+        .split('\\')
+        .map(|number| number.trim().parse().ok().filter(|of: &f64| of.is_finite()))
+        .collect();
+    numbers?.try_into().ok()
 }

@@ -4,6 +4,7 @@ use super::super::{FrameReader, Source, is_hidden, names};
 use super::{Opened, is_dicom, open_file};
 use crate::error::ImagingError;
 use crate::frame::{Frame, FrameFields, Header, MAX_FRAMES};
+use crate::places::StatedPlaces;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,7 +28,8 @@ pub(in super::super) fn open_files(
 ) -> Result<(Header, Source), ImagingError> {
     let mut opened: Vec<(PathBuf, Opened)> =
         files.iter().map(|path| Ok((path.clone(), open_file(path)?))).collect::<Result<_, ImagingError>>()?;
-    let remark = if sort(&mut opened)? {
+    let has_numbers = sort(&mut opened)?;
+    let remark = if has_numbers {
         None
     } else {
         let mut named = files.to_vec();
@@ -37,6 +39,9 @@ pub(in super::super) fn open_files(
     };
     let mut header = opened.first().map(|(_, first)| first.header.clone()).unwrap_or_default();
     header.notes.extend(remark);
+    let order = if has_numbers { "InstanceNumber" } else { "their names" };
+    header.places = places(&opened);
+    header.notes.extend(header.places.as_ref().and_then(|places| order_note(places, order)));
     let mut pages = Vec::new();
     let mut frames = Vec::new();
     for (path, Opened { header: own, .. }) in opened {
@@ -61,6 +66,40 @@ pub(in super::super) fn open_files(
         [header.width, header.height, header.count],
     )?;
     Ok((header, Source::Reader(Box::new(Files { files: pages.into_iter(), open: None }))))
+}
+
+/// Positions of the files' images, where each has one frame and a position.
+fn places(opened: &[(PathBuf, Opened)]) -> Option<StatedPlaces> {
+    if opened.len() == 1 {
+        return opened.first().and_then(|(_, one)| one.header.places.clone());
+    }
+    let points: Option<Vec<[f64; 3]>> =
+        opened.iter().map(|(_, one)| one.position_mm.filter(|_| one.header.count == 1)).collect();
+    let normal = opened.first().and_then(|(_, first)| first.normal);
+    StatedPlaces::of_points("ImagePositionPatient", &points?, normal)
+}
+
+/// Remark on files whose order is not that of their positions, or is it backwards.
+fn order_note(places: &StatedPlaces, order: &str) -> Option<String> {
+    let steps: Vec<f64> = places.mm.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let (first, last) = (places.mm.first()?, places.mm.last()?);
+    let way = format!(
+        "in the order of {order}, in which {} goes from {first:.2} to {last:.2} mm along the normal of the images",
+        places.field
+    );
+    if steps.iter().all(|step| *step < 0.0) {
+        return Some(format!(
+            "the files are {way}, backwards: if the sweep went the other way, --step-mm or --speed-mm-per-s is negative and --sweep-start-mm is at its end"
+        ));
+    }
+    let (at, _) = steps.iter().enumerate().find(|(_, step)| **step * (last - first) <= 0.0)?;
+    Some(format!(
+        "the files are {way}, forth and back: frame {} is at {:.2} mm and frame {} at {:.2} mm: is it one sweep, in the order of its frames?",
+        at + 1,
+        places.mm.get(at)?,
+        at + 2,
+        places.mm.get(at + 1)?
+    ))
 }
 
 /// Puts files in the order of their instance numbers where these differ, and returns whether they do. Two series are two sweeps, whose numbers would mix; if every
