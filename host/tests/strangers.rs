@@ -8,6 +8,8 @@ use tempfile::TempDir;
 
 #[path = "strangers/bags.rs"]
 mod bags;
+#[path = "strangers/contradictions.rs"]
+mod contradictions;
 #[path = "strangers/dicom.rs"]
 mod dicom;
 #[path = "strangers/frames.rs"]

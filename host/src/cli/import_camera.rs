@@ -49,6 +49,12 @@ pub struct CameraArgs {
     start_s: Option<f64>,
 }
 
+const MISSING_TEMPLATE: &str =
+    "--template: missing, expected the part of the first frame that shows guide 2: X,Y,W,H";
+const MISSING_SCALE: &str =
+    "size of a pixel: missing, expected --mm-per-px, or two points of known distance (--ruler)";
+const MISSING_DEPTH: &str = "--depth-mm: missing, expected the length of the needle in the tissue (0 in air): a clip of guide 2 does not show it";
+
 /// Two points of known distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Ruler {
@@ -92,10 +98,20 @@ impl CameraArgs {
                     sd: Some(mm_per_px * 2f64.sqrt() * sensors::PLACED_POINT.sd() / length_px),
                 })
             }
-            (None, None) => bail!(
-                "size of a pixel: missing, expected --mm-per-px, or two points of known distance (--ruler)"
-            ),
+            (None, None) => bail!(MISSING_SCALE),
         }
+    }
+
+    /// All that is missing of what a clip needs.
+    fn missing(&self, shapes: &ShapeArgs) -> Vec<&'static str> {
+        [
+            self.template.is_none().then_some(MISSING_TEMPLATE),
+            (self.mm_per_px.is_none() && self.ruler.is_none()).then_some(MISSING_SCALE),
+            (shapes.force.is_some() && shapes.depth_mm.is_none()).then_some(MISSING_DEPTH),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
     }
 
     /// Directions of the session's axes in the image, with those that the texture determines.
@@ -135,9 +151,9 @@ pub fn run(
     let [files] = sequences.as_slice() else {
         bail!("camera: {} clips, expected one: each run has its own", sequences.len())
     };
-    let template = args
-        .template
-        .context("--template: missing, expected the part of the first frame that shows guide 2: X,Y,W,H")?;
+    let missing = args.missing(shapes);
+    ensure!(missing.is_empty(), "{}", missing.join("; "));
+    let template = args.template.context(MISSING_TEMPLATE)?;
     let scale = args.scale()?;
     let settings = Settings { template, mark: args.mark };
     let path = files.first().cloned().unwrap_or_default();
@@ -188,9 +204,7 @@ fn write(path: &Path, text: &str) -> anyhow::Result<()> {
 
 /// Depth of the run that the force series is of.
 fn depth_mm(shapes: &ShapeArgs) -> anyhow::Result<f64> {
-    let depth_mm = shapes.depth_mm.context(
-        "--depth-mm: missing, expected the length of the needle in the tissue (0 in air): a clip of guide 2 does not show it",
-    )?;
+    let depth_mm = shapes.depth_mm.context(MISSING_DEPTH)?;
     let [least_mm, most_mm] = DEPTH_RANGE_MM;
     let is_depth = depth_mm == 0.0 || (least_mm..=most_mm).contains(&depth_mm);
     ensure!(is_depth, "--depth-mm: {depth_mm}, expected 0 or {least_mm} to {most_mm} mm");

@@ -5,7 +5,8 @@ use super::output::Output;
 use anyhow::{Context, bail, ensure};
 use device::words::join;
 use formats::foreign::{
-    Choice, ENDINGS, Mapping, Options, RawTable, Taken, TakenColumn, ZOrigin, Zero, of_other_format, take,
+    Choice, ENDINGS, Mapping, Options, RawTable, TableError, Taken, TakenColumn, ZOrigin, Zero,
+    of_other_format, take,
 };
 use formats::session::import::id_of;
 use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup};
@@ -156,7 +157,8 @@ pub fn run(
     );
     let mut imported_runs: Vec<(Run, Taken)> = Vec::new();
     for group in &groups {
-        let columns_used = taken(group, &mapping, &options)?;
+        let columns_used = taken(group, &mapping, &options)
+            .map_err(|error| with_missing_depth(error, &mapping, shapes.depth_mm))?;
         let first = group.first().context("PATH: no file, expected one or more")?;
         let id = shapes.id.clone().unwrap_or_else(|| id_of(first));
         imported_runs.push((Run::new(id, &columns_used, shapes.depth_mm)?, columns_used));
@@ -233,6 +235,21 @@ fn taken(files: &[PathBuf], mapping: &Mapping, options: &Options) -> anyhow::Res
     Ok(take(&tables, mapping, options)?)
 }
 
+/// Adds the depth to other things that are missing, so that all are named at once.
+fn with_missing_depth(error: anyhow::Error, mapping: &Mapping, depth_mm: Option<f64>) -> anyhow::Error {
+    let is_missing = error
+        .downcast_ref::<TableError>()
+        .is_some_and(|of| matches!(of, TableError::Map { .. } | TableError::Several(_)));
+    let is_insertion = mapping.choices.iter().any(|choice| choice.target.name == "depth_mm");
+    if is_missing && !is_insertion && depth_mm.is_none() {
+        return anyhow::anyhow!("{error}; {MISSING_DEPTH}");
+    }
+    error
+}
+
+/// A lateral run without its depth.
+const MISSING_DEPTH: &str = "--depth-mm: missing, expected the length of the needle in the tissue (0 in air)";
+
 impl Run {
     fn new(id: String, taken: &Taken, depth_mm: Option<f64>) -> anyhow::Result<Self> {
         let (kind, rows) = match (&taken.force, &taken.insertion) {
@@ -242,9 +259,7 @@ impl Run {
         };
         let depth_mm = match kind {
             "lateral" => {
-                let depth_mm = depth_mm.context(
-                    "--depth-mm: missing, expected the length of the needle in the tissue (0 in air)",
-                )?;
+                let depth_mm = depth_mm.context(MISSING_DEPTH)?;
                 let [least_mm, most_mm] = DEPTH_RANGE_MM;
                 let is_depth = depth_mm == 0.0 || (least_mm..=most_mm).contains(&depth_mm);
                 ensure!(is_depth, "--depth-mm: {depth_mm}, expected 0 or {least_mm} to {most_mm} mm");

@@ -5,8 +5,10 @@ mod contradictions;
 mod document;
 mod recorded;
 mod reference;
+mod values;
 
 pub use document::checksum;
+pub use values::{numbers, orientation, region, spacing};
 
 use super::frame_pictures::{self, PictureArgs, Shown, open, sequences};
 use super::import_shapes::{self, ShapeArgs, SweepTimes};
@@ -27,6 +29,7 @@ use mechanics::ShapeImage;
 use recorded::RecordedRun;
 use reference::refer_to_zero;
 use std::path::{Path, PathBuf};
+use values::{matrix, pair, speed, step};
 
 /// Frames that show the needle.
 #[derive(clap::Args)]
@@ -97,6 +100,11 @@ pub struct FrameArgs {
     lag_s: Option<f64>,
 }
 
+const MISSING_PLACE: &str = "position of the frames along the needle: missing, expected --step-mm, --speed-mm-per-s, --z-field, --transform or \
+     --calibration";
+const MISSING_STRAIGHT: &str = "the straight needle: missing, expected --straight, a sweep along the undisplaced needle, or --straight-px, its place in \
+     the frames";
+
 /// A homogeneous transform.
 type Matrix = Box<[f64; 16]>;
 
@@ -118,6 +126,21 @@ impl FrameArgs {
             || self.z_field.is_some()
             || self.transform.is_some()
             || self.calibration.is_some()
+    }
+
+    /// All that is missing of what a sweep needs.
+    fn missing(&self) -> Vec<&'static str> {
+        let has_place = self.step_mm.is_some()
+            || self.speed_mm_per_s.is_some()
+            || self.z_field.is_some()
+            || self.transform.is_some()
+            || self.calibration.is_some();
+        // A recorded run has a straight needle of its own.
+        let has_straight = self.straight.is_some() || self.straight_px.is_some() || self.run.is_some();
+        [(!has_place).then_some(MISSING_PLACE), (!has_straight).then_some(MISSING_STRAIGHT)]
+            .into_iter()
+            .flatten()
+            .collect()
     }
 
     fn settings(&self, setup: &Setup) -> anyhow::Result<Settings> {
@@ -146,10 +169,7 @@ impl FrameArgs {
                     image_to_probe: of.image_to_probe.clone(),
                     tracker_to_guide: tracker_to_guide()?,
                 },
-                None => bail!(
-                    "position of the frames along the needle: missing, expected --step-mm, --speed-mm-per-s, --z-field, --transform or \
-                     --calibration"
-                ),
+                None => bail!(MISSING_PLACE),
             },
         };
         Ok(Settings {
@@ -189,6 +209,8 @@ pub fn run(
         !import_shapes::is_placed(shapes),
         "ultrasound: has options that are for points in space, expected those of frames (--straight, --step-mm, ...)"
     );
+    let missing = args.missing();
+    ensure!(missing.is_empty(), "{}", missing.join("; "));
     let settings = args.settings(setup)?;
     let recorded = args.run.as_deref().map(|id| RecordedRun::read(to, id)).transpose()?;
     let sweeps: Vec<Vec<PathBuf>> = match &recorded {
@@ -215,10 +237,7 @@ pub fn run(
         let line = match (&straight, args.straight_px) {
             (Some((_, _, line)), _) => *line,
             (None, Some(px)) => along(px, files, &settings)?,
-            (None, None) => bail!(
-                "the straight needle: missing, expected --straight, a sweep along the undisplaced needle, or --straight-px, its place in \
-                 the frames"
-            ),
+            (None, None) => bail!(MISSING_STRAIGHT),
         };
         let points = deflections(&sweep.points(), &line);
         measured.push((path, sweep, points));
@@ -398,59 +417,6 @@ fn series(points: &[Deflection], shared_sd_mm: f64) -> ShapeSeries {
 
 fn column(of: fn(&Deflection) -> f64, points: &[Deflection]) -> Vec<f64> {
     points.iter().map(|point| 1e-3 * of(point)).collect()
-}
-
-/// So many numbers, separated by commas or blanks.
-pub fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
-    let number_texts = text.split([',', ' ']).filter(|part| !part.is_empty());
-    let numbers: Option<Vec<f64>> =
-        number_texts.map(|part| part.parse().ok().filter(|n: &f64| n.is_finite())).collect();
-    numbers?.try_into().ok()
-}
-
-fn pair(text: &str) -> Result<[f64; 2], String> {
-    numbers(text).ok_or_else(|| "expected two numbers: X,Y".to_owned())
-}
-
-/// Distance between frames; none would put all of them at one place.
-fn step(text: &str) -> Result<f64, String> {
-    moving(text, 50.0).ok_or_else(|| "expected a distance up to 50 mm, not 0".to_owned())
-}
-
-/// Speed of a probe.
-fn speed(text: &str) -> Result<f64, String> {
-    moving(text, 1000.0).ok_or_else(|| "expected a speed up to 1000 mm/s, not 0".to_owned())
-}
-
-/// A number other than 0, of this size at most.
-fn moving(text: &str, most: f64) -> Option<f64> {
-    text.parse().ok().filter(|number: &f64| *number != 0.0 && number.abs() <= most)
-}
-
-/// Size of a pixel: X,Y.
-pub fn spacing(text: &str) -> Result<[f64; 2], String> {
-    let mm = numbers(text).filter(|mm: &[f64; 2]| mm.iter().all(|mm| (1e-3..=10.0).contains(mm)));
-    mm.ok_or_else(|| "expected two sizes of a pixel from 0.001 to 10 mm: X,Y".to_owned())
-}
-
-/// Axes of an image.
-pub fn orientation(text: &str) -> Result<Orientation, String> {
-    Orientation::parse(text).ok_or_else(|| "expected MF, UF, MN or UN".to_owned())
-}
-
-/// A part of a frame: X,Y,W,H.
-pub fn region(text: &str) -> Result<Region, String> {
-    let pixels: Option<Vec<usize>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-    match pixels.as_deref() {
-        Some(&[x, y, width, height]) if width > 0 && height > 0 => Ok(Region { x, y, width, height }),
-        _ => Err("expected whole pixels: X,Y,W,H".to_owned()),
-    }
-}
-
-fn matrix(text: &str) -> Result<Matrix, String> {
-    numbers(text).and_then(imaging::pose::by_rows).map(Box::new).ok_or_else(|| {
-        "expected 16 numbers, row by row, separated by commas, with 0,0,0,1 as the last row".to_owned()
-    })
 }
 
 /// Share of rejected frames from which the user is warned.

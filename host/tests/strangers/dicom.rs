@@ -1,6 +1,6 @@
 //! Clips of scanners in DICOM, written element by element.
 
-use super::frames::{FRAMES, HEIGHT, SPACING, WIDTH, assert_path, sweep};
+use super::frames::{HEIGHT, SPACING, WIDTH, assert_path, sweep};
 use super::{Answer, assert_rejected, assert_right_or_rejected};
 use std::fs;
 
@@ -67,6 +67,8 @@ pub struct Clip {
     pub delta_cm: f64,
     pub second_delta_cm: Option<f64>,
     pub pixel_spacing: Option<&'static str>,
+    /// Number in a series, and position along it in millimetres.
+    pub instance: Option<(usize, f64)>,
 }
 
 pub const PLAIN: Clip = Clip {
@@ -81,6 +83,7 @@ pub const PLAIN: Clip = Clip {
     delta_cm: 0.01,
     second_delta_cm: None,
     pixel_spacing: None,
+    instance: None,
 };
 
 /// A region that is the whole frame, as an item.
@@ -121,9 +124,14 @@ pub fn file(clip: Clip, frames: &[Vec<u8>], sample: impl Fn(u8) -> u16) -> Vec<u
         let items: Vec<u8> = deltas_cm.flat_map(|delta_cm| region(clip.big, unit, delta_cm)).collect();
         data.element(0x18, 0x6011, "SQ", &items);
     }
+    if let Some((number, z_mm)) = clip.instance {
+        data.text((0x20, 0x0013), "IS", &number.to_string());
+        data.text((0x20, 0x0032), "DS", &format!("-12.5\\40\\{z_mm}"));
+        data.text((0x20, 0x0037), "DS", "1\\0\\0\\0\\1\\0");
+    }
     data.number((0x28, 0x0002), 1);
     data.text((0x28, 0x0004), "CS", clip.photometric);
-    data.text((0x28, 0x0008), "IS", &FRAMES.to_string());
+    data.text((0x28, 0x0008), "IS", &frames.len().to_string());
     data.number((0x28, 0x0010), HEIGHT as u16);
     data.number((0x28, 0x0011), WIDTH as u16);
     if let Some(spacing) = clip.pixel_spacing {

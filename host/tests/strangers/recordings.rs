@@ -108,7 +108,7 @@ fn stamps_in_another_order_of_columns() {
 }
 
 /// Pictures of a mark with edges that rises by a tenth of a pixel per frame, 41 wide (a row in a bitmap is longer) and 48 high.
-fn clip() -> Vec<Vec<u8>> {
+pub fn clip() -> Vec<Vec<u8>> {
     (0..20)
         .map(|frame| {
             let top = 20.0 - 0.1 * f64::from(frame);

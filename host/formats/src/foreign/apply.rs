@@ -126,6 +126,7 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
     let tables = measured.as_slice();
     let mut result = Taken::default();
     let mut columns_used: Vec<Part> = Vec::new();
+    let mut missing: Vec<TableError> = Vec::new();
     for choice in &complete.choices {
         let candidates = found(tables, choice)?;
         if candidates.len() > 1 && choice.target.quantity != Quantity::Time {
@@ -139,9 +140,16 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
         }
         for (table, column) in candidates {
             let unit = if choice.target.quantity == Quantity::Time {
-                clock::unit(table, column, choice, &mut result.notes)?
+                clock::unit(table, column, choice, &mut result.notes)
             } else {
-                unit(column, choice, table, &mut result.notes)?
+                unit(column, choice, table, &mut result.notes)
+            };
+            let unit = match unit {
+                Ok(unit) => unit,
+                Err(error) => {
+                    missing.push(error);
+                    continue;
+                }
             };
             let complete_choice =
                 Choice { unit: Some(unit.clone()).filter(|_| !column.is_stamp), ..choice.clone() };
@@ -150,6 +158,15 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
             }
             columns_used.push(Part { table, column, target: choice.target, unit });
         }
+    }
+    let is_shape = |name: &str| complete.choices.iter().any(|choice| choice.target.name == name);
+    if !missing.is_empty() && is_shape("z_mm") && options.z_from.is_none() {
+        missing.push(rows::missing_origin());
+    }
+    match missing.len() {
+        0 => {}
+        1 => return Err(missing.remove(0)),
+        _ => return Err(TableError::Several(missing)),
     }
     for (at, part) in columns_used.iter().enumerate() {
         // One name may be that of the same column in two choices, and a time may have its fraction in a column of its own.

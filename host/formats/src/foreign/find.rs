@@ -3,6 +3,11 @@
 use super::raw::{RawColumn, RawTable};
 
 impl RawTable {
+    /// Whether no line names its columns.
+    pub(super) fn is_without_names(&self) -> bool {
+        self.columns.iter().all(|column| column.header == format!("column {}", column.number))
+    }
+
     /// The column of this name, as its header writes it or without its unit, or by its number: `#3`.
     ///
     /// # Errors

@@ -211,6 +211,10 @@ impl Mapping {
             if !self.choices.iter().filter(is_here).all(is_of_push) {
                 continue;
             }
+            // A column is one quantity: that along x is not that along y, too.
+            let stated = Self { choices: choices.clone() };
+            let free: Vec<&RawColumn> =
+                free.into_iter().filter(|column| !stated.is_taken(table, column)).collect();
             for (target, quantity, words) in GUESSED {
                 let Some(target) = Target::named(target) else { continue };
                 let is_chosen = |name: &str| choices.iter().any(|choice| choice.target.name == name);
@@ -356,6 +360,15 @@ fn words(name: &str) -> Vec<String> {
         .split(|c: char| !c.is_alphanumeric())
         .filter(|word| !word.is_empty())
         .map(str::to_owned)
+        .collect()
+}
+
+/// Columns of a table that may be this quantity, by their names and units.
+pub(super) fn candidates<'t>(name: &str, table: &'t RawTable) -> Vec<&'t RawColumn> {
+    let guessed = GUESSED.iter().find(|(target, ..)| *target == name);
+    let columns = table.columns.iter();
+    columns
+        .filter(|column| guessed.is_some_and(|(_, quantity, words)| is_of(column, *quantity, words)))
         .collect()
 }
 

@@ -138,6 +138,9 @@ pub enum TableError {
         /// Valid content.
         expected: String,
     },
+    /// Several things that are missing, all at once.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    Several(Vec<Self>),
     /// Two clocks that cannot be brought together.
     #[error(transparent)]
     Offset(#[from] OffsetError),

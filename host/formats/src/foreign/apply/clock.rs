@@ -278,18 +278,20 @@ impl<'t> Timed<'t> {
         Ok(Self { table, times_s: Some(times_s), names, origin: column.origin, to_si, is_shared })
     }
 
+    /// Whether its column of times has this name.
+    pub(super) fn is_named(&self, name: &str) -> bool {
+        self.names.iter().any(|known| known.to_lowercase() == name.to_lowercase())
+    }
+
     /// Shift from its times to those of another table, if both have one clock.
     pub(super) fn shift_to(&self, base: &Self, options: &Options) -> Option<f64> {
         if std::ptr::eq(self.table, base.table) {
             return Some(0.0);
         }
-        fn has_name(timed: &Timed<'_>, name: &str) -> bool {
-            timed.names.iter().any(|known| known.to_lowercase() == name.to_lowercase())
-        }
         let is_one = options
             .merge_on
             .as_ref()
-            .is_some_and(|name| [self, base].iter().all(|timed| has_name(timed, name)))
+            .is_some_and(|name| [self, base].iter().all(|timed| timed.is_named(name)))
             || self.is_shared && base.is_shared;
         is_one.then(|| self.origin_shift_s(base))
     }

@@ -1,10 +1,11 @@
 //! Columns that are not found, and what there is in their place.
 
 use super::super::TableError;
-use super::super::mapping::Choice;
+use super::super::mapping::{Choice, candidates};
 use super::super::raw::{RawColumn, RawTable, WordColumn};
 use super::super::unit::split_name;
 use super::{Part, map_fault, series};
+use crate::document::names::misspelt;
 use std::path::Path;
 
 /// Error for the first column of words that is meant to have numbers.
@@ -22,6 +23,35 @@ pub(super) fn not_numbers(tables: &[RawTable], is_meant: impl Fn(&WordColumn) ->
     })
 }
 
+/// Columns that every lateral run needs, and the reason for each that is not found.
+fn reasons(tables: &[RawTable], parts: &[Part]) -> Vec<String> {
+    ["force_y_n", "displacement_y_mm"]
+        .into_iter()
+        .filter(|name| parts.iter().all(|part| part.target.name != *name))
+        .map(|name| format!("{name}: {}", reason(name, tables, parts)))
+        .collect()
+}
+
+/// The reason why a quantity has no column.
+fn reason(name: &str, tables: &[RawTable], parts: &[Part]) -> String {
+    let candidates: Vec<String> = tables
+        .iter()
+        .flat_map(|table| candidates(name, table))
+        .filter(|column| !parts.iter().any(|part| std::ptr::eq(part.column, *column)))
+        .map(|column| format!("\"{}\" (#{})", column.header, column.number))
+        .collect();
+    let across = name.replace("_y_", "_x_");
+    if candidates.len() > 1 {
+        format!("{} may all be it, and one is to be chosen by its number", candidates.join(" and "))
+    } else if parts.iter().any(|part| part.target.name == across) {
+        format!("only {across} is there, and a run along one axis is along y")
+    } else if tables.iter().all(RawTable::is_without_names) {
+        "the columns have no names: is the line of names missing, or not right above the numbers?".to_owned()
+    } else {
+        "no column has its name and a unit of it".to_owned()
+    }
+}
+
 /// Error for columns that every run needs.
 pub(super) fn nothing(tables: &[RawTable], parts: &[Part]) -> TableError {
     let column_names: Vec<String> = tables
@@ -37,9 +67,10 @@ pub(super) fn nothing(tables: &[RawTable], parts: &[Part]) -> TableError {
     TableError::File {
         path: path.to_owned(),
         problem: format!(
-            "columns {} of which {} could be told",
+            "columns {} of which {} could be told ({})",
             column_names.join(", "),
-            if mapped_names.is_empty() { "none".to_owned() } else { mapped_names.join(", ") }
+            if mapped_names.is_empty() { "none".to_owned() } else { mapped_names.join(", ") },
+            reasons(tables, parts).join("; ")
         ),
         expected: "force_y_n and displacement_y_mm of a lateral run, or depth_mm and tip_y_mm of an insertion: --map 'COLUMN=QUANTITY:UNIT' for each".to_owned(),
     }
@@ -92,11 +123,16 @@ pub(super) fn found<'t>(
             .flat_map(|table| &table.columns)
             .map(|column| format!("\"{}\"", column.header))
             .collect();
-        return Err(map_fault(
-            choice,
-            "no file has such a column of numbers",
-            &format!("one of {}", column_names.join(", ")),
-        ));
+        let is_number = choice.column.starts_with('#');
+        let names = tables.iter().flat_map(|table| &table.columns).map(|column| column.header.as_str());
+        let meant = misspelt(&choice.column, names);
+        let problem = if tables.iter().all(RawTable::is_without_names) && !is_number {
+            "no file has such a column of numbers, as the columns have no names (is the line of names missing, or not right above the numbers?)"
+        } else {
+            "no file has such a column of numbers"
+        };
+        let meant = meant.map_or_else(String::new, |meant| format!("\"{meant}\", or "));
+        return Err(map_fault(choice, problem, &format!("{meant}one of {}", column_names.join(", "))));
     }
     Ok(matching)
 }

@@ -30,11 +30,7 @@ pub(super) fn shape(
         Some(ZOrigin::Guide1) => 0.0,
         Some(ZOrigin::Surface) => options.entry_m,
         None => {
-            return Err(TableError::Map {
-                choice: "--z-from".to_owned(),
-                problem: "missing".to_owned(),
-                expected: format!("guide1 or surface: from where \"{}\" is", z.column.header),
-            });
+            return Err(missing_origin());
         }
     };
     let x = part_named(parts, "deflection_x_mm");
@@ -66,6 +62,15 @@ pub(super) fn shape(
         x_m: x.and_then(|_| picked(2)),
         ..ShapeSeries::default()
     }))
+}
+
+/// A shape without the place from which its positions are.
+pub(super) fn missing_origin() -> TableError {
+    TableError::Map {
+        choice: "--z-from".to_owned(),
+        problem: "missing".to_owned(),
+        expected: "guide1 or surface: from where the positions along the needle (z_mm) are".to_owned(),
+    }
 }
 
 /// Refuses a shape of another time than the run, which ends at `end_s`.
