@@ -45,7 +45,7 @@ pub struct TableArgs {
     /// Rows a second, where there is no column of times
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate_hz: Option<f64>,
-    /// Zero of the displacement (auto: where the run begins, if it is never near 0)
+    /// Zero of the displacement, and of the tip of an insertion (auto: where the run begins, if the column is a position)
     #[arg(long, value_enum, default_value = "auto")]
     zero: ZeroArg,
     /// Every file is a run of its own (as the files of a folder are); otherwise all are parts of one

@@ -42,6 +42,8 @@ pub use dropouts::zeros_among_forces;
 pub use grid::{Grid, of_other_format};
 pub use mapping::{Choice, Mapping, Target};
 pub use raw::{RawColumn, RawTable, WordColumn};
+pub use remarks::{ONE_ZERO, Remark, new_zero_among_forces};
+pub use stated_rate::StatedRate;
 pub use unit::{Quantity, Unit};
 
 use std::path::PathBuf;

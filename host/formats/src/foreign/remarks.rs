@@ -4,6 +4,9 @@ use super::TableError;
 use super::cells::is_missing;
 use super::dropouts::rounded;
 use super::raw::{RawColumn, RawTable};
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
 
 /// Remarks whose text is shown.
 const SHOWN: usize = 3;
@@ -62,41 +65,43 @@ pub(super) fn events(lines: &[usize], kept: &[&[String]], index: usize) -> Vec<R
         .collect()
 }
 
+/// What is expected of rows behind a new zero.
+pub const ONE_ZERO: &str = "one zero for all rows: add what was taken off to those behind, or import both parts as runs of their own";
+
+/// Step of a column at a remark, and the largest one elsewhere; none where there are no readings on both sides.
+fn steps(table: &RawTable, column: &RawColumn, line: usize) -> Option<[f64; 2]> {
+    let lines = table.lines.iter().copied().zip(column.values.iter().copied());
+    let readings: Vec<(usize, f64)> = lines.filter(|(_, value)| value.is_finite()).collect();
+    let behind = readings.partition_point(|(of_reading, _)| *of_reading < line);
+    let before = readings.get(behind.checked_sub(1)?)?.1;
+    let after = readings.get(behind)?.1;
+    let others = readings.windows(2).enumerate().filter(|(at, _)| at + 1 != behind);
+    let largest = others.map(|(_, pair)| (pair[1].1 - pair[0].1).abs()).fold(0.0, f64::max);
+    Some([after - before, largest])
+}
+
+fn words(text: &str, [step, largest]: [f64; 2]) -> String {
+    format!(
+        "\"{text}\" and a step of {} there, where neighbours differ by {} at most elsewhere: another zero from here on",
+        rounded(step),
+        rounded(largest)
+    )
+}
+
 /// Refuses a column whose zero changes at a remark between its rows, and notes a remark at which it does not.
 ///
 /// The reading behind the remark differs from that before it by more than any two neighbours elsewhere: of `n` steps the one at the remark
 /// is the largest by chance once in `n`, and then the rows are parted in vain.
 pub(super) fn check(table: &RawTable, column: &RawColumn, notes: &mut Vec<String>) -> Result<(), TableError> {
-    let readings: Vec<(usize, f64)> = table
-        .lines
-        .iter()
-        .copied()
-        .zip(column.values.iter().copied())
-        .filter(|(_, value)| value.is_finite())
-        .collect();
-    for remark in table.remarks.iter().filter(|remark| remark.is_of_zero()) {
-        let behind = readings.partition_point(|(line, _)| *line < remark.line);
-        let Some([before, after]) =
-            behind.checked_sub(1).and_then(|at| Some([readings.get(at)?.1, readings.get(at + 1)?.1]))
-        else {
-            continue;
-        };
-        let others = readings.windows(2).enumerate().filter(|(at, _)| at + 1 != behind);
-        let largest = others.map(|(_, pair)| (pair[1].1 - pair[0].1).abs()).fold(0.0, f64::max);
-        let Remark { line, text } = remark;
-        let step = after - before;
+    for Remark { line, text } in table.remarks.iter().filter(|remark| remark.is_of_zero()) {
+        let Some([step, largest]) = steps(table, column, *line) else { continue };
         if step.abs() > largest {
             return Err(TableError::Cell {
                 path: table.path.clone(),
                 line: *line,
                 field: column.header.clone(),
-                problem: format!(
-                    "\"{text}\" and a step of {} there, where neighbours differ by {} at most elsewhere: another zero from here on",
-                    rounded(step),
-                    rounded(largest)
-                ),
-                expected: "one zero for all rows: add what was taken off to those behind, or import both parts as runs of their own"
-                    .to_owned(),
+                problem: words(text, [step, largest]),
+                expected: ONE_ZERO.to_owned(),
             });
         }
         notes.push(format!(
@@ -107,4 +112,19 @@ pub(super) fn check(table: &RawTable, column: &RawColumn, notes: &mut Vec<String
         ));
     }
     Ok(())
+}
+
+/// Line, column and description of a new zero among the forces of a file with a session's columns; none in one that is no table.
+pub fn new_zero_among_forces(path: &Path) -> Option<(usize, String, String)> {
+    let lines = BufReader::new(File::open(path).ok()?).lines();
+    let mut comments = lines.map_while(Result::ok).filter(|line| line.starts_with('#'));
+    comments.find(|line| Remark { line: 0, text: line.clone() }.is_of_zero())?;
+    RawTable::read(path).ok()?.iter().find_map(|table| {
+        let forces = table.columns.iter().filter(|column| column.header.starts_with("force_"));
+        let at_remarks = forces.flat_map(|column| table.remarks.iter().map(move |remark| (column, remark)));
+        at_remarks.filter(|(_, remark)| remark.is_of_zero()).find_map(|(column, Remark { line, text })| {
+            let at_remark = steps(table, column, *line).filter(|[step, largest]| step.abs() > *largest)?;
+            Some((*line, column.header.clone(), words(text, at_remark)))
+        })
+    })
 }

@@ -276,6 +276,24 @@ fn a_tare_between_the_rows_is_an_error_where_the_force_steps() {
     );
 }
 
+#[test]
+fn a_tare_between_the_rows_of_a_session_is_an_error_too() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.force.csv");
+    let read = |remark: &str, offset_n: f64| {
+        let rows = lines("", |i, t, x, f| {
+            let text = if i == 250 { format!("{remark}\r\n") } else { String::new() };
+            format!("{text}{t:.2},{x:.5},{:.5}", if i < 250 { f } else { f - offset_n })
+        });
+        let head = "# tared before the run\ntime_s,displacement_y_mm,force_y_n\n";
+        std::fs::write(&path, with_head(head, rows)).expect("written");
+        crate::session::ForceSeries::read(&path)
+    };
+    let error = read("# TARE", 0.36).map(|force| force.time_s).expect_err("a new zero").to_string();
+    assert!(error.contains("a.force.csv:253:") && error.contains("another zero from here on"), "{error}");
+    assert!(read("# TARE", 0.0).is_ok() && read("# checked", 0.36).is_ok());
+}
+
 /// Force and displacement in two files, of which the second has another clock.
 fn two_files(
     head: &str,

@@ -10,7 +10,8 @@ use super::{
     Provenance, Session, ShapeSeries, SteeringRun, Tissue,
 };
 use crate::document::table::{Clock, Table};
-use crate::document::{Fields, Problem, SessionError, read_text};
+use crate::document::{Fields, Place, Problem, SessionError, read_text};
+use crate::foreign::{ONE_ZERO, new_zero_among_forces};
 use mechanics::ShapeImage;
 use std::collections::HashSet;
 use std::path::Path;
@@ -122,6 +123,14 @@ impl ForceSeries {
     }
 
     fn of(path: &Path, mut table: Table) -> Result<Self, SessionError> {
+        if let Some((line, field, words)) = new_zero_among_forces(path) {
+            return Err(SessionError::Field {
+                place: Place { path: path.to_owned(), line, column: 1 },
+                field,
+                problem: Problem::Syntax(words),
+                expected: ONE_ZERO.to_owned(),
+            });
+        }
         let marks = marks(table.take("step"), table.take("moving"));
         let force = Self {
             time_s: table.take_required("time_s"),
