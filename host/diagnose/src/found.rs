@@ -49,6 +49,14 @@ impl Candidate {
         self.score.effect.id()
     }
 
+    /// The same, or what the fit promises where it has not come to its end.
+    pub fn promised_gain(&self) -> f64 {
+        let promised = |(fitted, gain): &(Fitted, f64)| {
+            if fitted.settled { *gain } else { gain + (fitted.promised - fitted.log_evidence).max(0.0) }
+        };
+        self.refit.as_ref().map_or(f64::NEG_INFINITY, promised)
+    }
+
     /// Log evidence of the fit over the fit without it.
     pub fn gain(&self) -> f64 {
         self.refit.as_ref().map_or(f64::NEG_INFINITY, |(_, gain)| *gain)

@@ -17,7 +17,7 @@ const SETTLED_SD: f64 = 0.05;
 /// Two fits are the same whose values differ by less than this, in posterior standard deviations.
 const SAME_SD: f64 = 0.3;
 /// Longest step of the logarithm of the modulus, and of other parameters in standard deviations of their priors.
-pub(super) const MAX_LN_STEP: f64 = 0.7;
+const MAX_LN_STEP: f64 = 0.7;
 const MAX_STEP_SD: f64 = 1.2;
 /// Largest number of halvings of a step.
 const MAX_HALVINGS: usize = 5;
@@ -41,6 +41,8 @@ pub(super) struct Fitted {
     pub sizes: Vec<f64>,
     /// Logarithm of the evidence by Laplace's method, up to what all layouts share.
     pub log_evidence: f64,
+    /// The same at the likeliest point of the model linearised here: what a fit that has not come to its end promises.
+    pub promised: f64,
     /// Whether the last step was a short one.
     pub settled: bool,
 }
@@ -512,6 +514,7 @@ fn finish(
     if !log_evidence.is_finite() {
         return Err(FitError::NotFinite);
     }
+    let promised = volume + tails - evidence.minus_ln;
     let covariance = in_units(&evidence.covariance, &parameters);
     let at_bound = point.values.iter().zip(&parameters).map(|(value, p)| {
         let slack = 1e-9 * (p.most - p.least).min(1.0);
@@ -526,6 +529,7 @@ fn finish(
         jacobian,
         sizes,
         log_evidence,
+        promised,
         settled,
     })
 }
