@@ -51,9 +51,7 @@ impl Candidate {
 
     /// The same, or what the fit promises where it has not come to its end.
     pub fn promised_gain(&self) -> f64 {
-        let promised = |(fitted, gain): &(Fitted, f64)| {
-            if fitted.settled { *gain } else { gain + (fitted.promised - fitted.log_evidence).max(0.0) }
-        };
+        let promised = |(fitted, gain): &(Fitted, f64)| gain + fitted.worth() - fitted.log_evidence;
         self.refit.as_ref().map_or(f64::NEG_INFINITY, promised)
     }
 

@@ -331,8 +331,12 @@ fn workflow<T>(
         whole.extend(runs.iter().filter(|run| run.is_reference).cloned());
         share_nodes(&mut whole);
         noises.session = Noise::of(&all_runs, &session.stated_noise());
-        let whole = Whole::new(&layout, &whole, &noises, &options.given, &multiples)?;
-        stated = whole.stated(&stated, is_named, &multiples)?;
+        let of_all = Whole::new(&layout, &whole, &noises, &options.given, &multiples)
+            .and_then(|whole| whole.stated(&stated, is_named, &multiples));
+        match of_all {
+            Ok(of_all) => stated = of_all,
+            Err(why) => warnings.push(format!("values are without what was held out: {why}")),
+        }
     }
     let report = DiagnosisReport {
         session,

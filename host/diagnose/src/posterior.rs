@@ -8,6 +8,7 @@ mod quantities;
 
 use super::evidence::{Evidence, Patterns, Products};
 use super::layout::{HeavyTailedParameter, Layout, Prepared, StatedPlace};
+use super::weights::same;
 use nalgebra::{DMatrix, DVector};
 use readings::bounded_step;
 use readings::{FitError, Parameter};
@@ -91,6 +92,7 @@ impl Fitted {
         let mut round = 0;
         // After a short step they are as before.
         let mut sensitivities = Vec::new();
+        let mut left: Option<Self> = None;
         loop {
             // Priors with heavy tails follow the values.
             parameters = layout.parameters(&point.values);
@@ -102,7 +104,7 @@ impl Fitted {
             let evidence = patterns.evidence(&sizes, &products).ok_or(FitError::Undetermined)?;
             round += 1;
             if settled || round > rounds {
-                return finish(
+                let last = finish(
                     layout,
                     patterns,
                     parameters,
@@ -112,7 +114,11 @@ impl Fitted {
                     &products,
                     evidence,
                     settled,
-                );
+                )?;
+                return Ok(match left {
+                    Some(left) if left.log_evidence > last.log_evidence => left,
+                    _ => last,
+                });
             }
             let step = step(&parameters, &point.values, &evidence).ok_or(FitError::Undetermined)?;
             let short = step.iter().zip(&parameters).enumerate().all(|(i, (step, p))| {
@@ -124,10 +130,43 @@ impl Fitted {
                     point = next;
                     settled = short;
                 }
-                // No shorter step is better either: differences and noise of the solution are all that is left.
-                None => settled = true,
+                // No shorter step is better either. Where the linearised model promises more a place that data jump over may be in between:
+                // the other side is tried once.
+                None => {
+                    let there =
+                        if left.is_none() && !short { stepped(layout, runs, &point, &step) } else { None };
+                    let Some(there) = there else {
+                        settled = true;
+                        continue;
+                    };
+                    let here = Point { values: point.values.clone(), residuals: point.residuals.clone() };
+                    let (parameters, sensitivities, sizes) =
+                        (parameters.clone(), sensitivities.clone(), sizes.clone());
+                    let here = finish(
+                        layout,
+                        patterns,
+                        parameters,
+                        here,
+                        sensitivities,
+                        sizes,
+                        &products,
+                        evidence,
+                        true,
+                    )?;
+                    if 2.0 * (here.promised - here.log_evidence) > same() {
+                        point = there;
+                    } else {
+                        settled = true;
+                    }
+                    left = Some(here);
+                }
             }
         }
+    }
+
+    /// Logarithm of the evidence, or what a fit promises that has not come to its end.
+    pub fn worth(&self) -> f64 {
+        if self.settled { self.log_evidence } else { self.promised.max(self.log_evidence) }
     }
 
     /// Values inside the fits.
@@ -456,17 +495,10 @@ fn squares(patterns: &Patterns, sizes: &[f64], parameters: &[Parameter], point: 
     Some(misfit + priors)
 }
 
-/// The same at these values; nothing where the model has no solution.
-pub(super) fn squares_at(
-    layout: &Layout,
-    runs: &[Prepared],
-    patterns: &Patterns,
-    values: &[f64],
-    sizes: &[f64],
-) -> Option<f64> {
-    let parameters = layout.parameters(values);
-    let point = Point { residuals: residuals(layout, runs, values).ok()?, values: values.to_vec() };
-    squares(patterns, sizes, &parameters, &point)
+/// The point behind a whole step; nothing where the model has no solution there.
+fn stepped(layout: &Layout, runs: &[Prepared], from: &Point, step: &[f64]) -> Option<Point> {
+    let values: Vec<f64> = from.values.iter().zip(step).map(|(value, step)| value + step).collect();
+    Some(Point { residuals: residuals(layout, runs, &values).ok()?, values })
 }
 
 /// The first of a step, its half, its quarter and so on that makes the objective smaller; nothing where none does.

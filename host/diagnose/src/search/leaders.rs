@@ -2,7 +2,7 @@
 
 use super::super::found::{Candidate, Standing};
 use super::super::layout::{Layout, Scale};
-use super::super::posterior::{Fitted, MAX_ROUNDS, squares_at};
+use super::super::posterior::{Fitted, MAX_ROUNDS};
 use super::super::score::Score;
 use super::super::weights::{ModelPrior, NO_WEIGHT, one_sided, stated_ln_odds};
 use super::Search;
@@ -147,17 +147,18 @@ impl Search<'_> {
             starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
             starts
         };
-        let squares = |starts: &Vec<f64>| squares_at(&layout, self.runs, self.patterns, starts, &sizes);
-        let least = |starts: &[Vec<f64>]| {
-            let of_starts = starts.iter().filter_map(|from| Some((squares(from)?, from.clone())));
-            of_starts.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, from)| from)
+        let fit = |starts: &[f64], rounds| {
+            // The rest of the model changes little with the effect: good enough to judge what it is worth.
+            let known = &base.jacobian;
+            Fitted::beside(&layout, self.runs, self.patterns, starts, &sizes, rounds, known).ok()
         };
-        let starts: Vec<Vec<f64>> = score.starts.iter().map(from).collect();
-        let start = if is_costly || starts.len() == 1 { starts.first().cloned() } else { least(&starts) }?;
-        // The rest of the model changes little with the effect: good enough to judge what it is worth.
-        let fitted =
-            Fitted::beside(&layout, self.runs, self.patterns, &start, &sizes, FIRST_ROUNDS, &base.jacobian)
-                .ok()?;
+        let mut starts: Vec<Vec<f64>> = score.starts.iter().map(from).collect();
+        if is_costly {
+            starts.truncate(1);
+        }
+        // From every place: which is best shows only once the rest of the model has followed.
+        let fits = starts.iter().filter_map(|from| fit(from, FIRST_ROUNDS));
+        let fitted = fits.max_by(|a, b| a.worth().total_cmp(&b.worth()))?;
         let gain = fitted.log_evidence - base.log_evidence + one_sided(score.effect);
         Some((fitted, gain))
     }
