@@ -169,6 +169,9 @@ pub fn run(
     let start_s = args.start_s.or_else(|| force.as_ref().and_then(|force| force.time_s.first().copied()));
     let series = Series::new(&clip, &axes, scale.mm_per_px, args.fps, start_s)
         .with_context(|| path.display().to_string())?;
+    if let Some(note) = force.as_ref().and_then(|force| series.clock_note(force)) {
+        out.note(format_args!("{}: {note}", path.display()));
+    }
     if let Some(note) = rate_note(&clip, args.fps) {
         out.note(format_args!("{}: {note}", path.display()));
     }

@@ -89,6 +89,12 @@ pub(super) fn estimate(force: &Series, displacement: &Series) -> Result<Offset, 
     }
 }
 
+/// The offset to be added to times of a displacement at which a force follows it, if the readings tell it from none: times in their order, each with a
+/// reading.
+pub fn clock_contradiction(force: &[(f64, f64)], displacement: &[(f64, f64)]) -> Option<Offset> {
+    contradiction(&Series::of(force.to_vec()), &Series::of(displacement.to_vec()))
+}
+
 /// The offset at which force follows displacement, if the readings tell it from none: for series that are taken to have one clock.
 pub(super) fn contradiction(force: &Series, displacement: &Series) -> Option<Offset> {
     let (best, _) = search(force, displacement).ok()?;

@@ -44,7 +44,9 @@ pub(super) fn estimate(force: &Series, displacement: &Series, offset: &Offset) -
     });
     let bend = (below? + above?) / (steps[1] * steps[1]);
     let sd = if bend > 0.0 { bend.sqrt().recip() } else { f64::INFINITY };
-    (gain > ALIKE && drifted.r2 > played.r2 && best[1].abs() > sd).then(|| Drift {
+    // One that puts no reading nearer to the place of its neighbour does not matter.
+    let is_seen = best[1].abs() * half_s > 0.5 * displacement.period_s().max(force.period_s());
+    (is_seen && gain > ALIKE && drifted.r2 > played.r2 && best[1].abs() > sd).then(|| Drift {
         rate: best[1],
         sd,
         r2: drifted.r2,

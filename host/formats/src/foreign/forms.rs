@@ -96,7 +96,9 @@ impl Form<'_> {
         let width = cells.len();
         let has = match self.other(*last_line) {
             Some(form) => form.to_owned(),
-            None if width == self.width => return self.note_single(*lost_line, "a row", lost.len(), notes),
+            None if width == self.width => {
+                return self.note_single(*lost_line, "fewer numbers", lost.len(), notes);
+            }
             None => format!("{width} columns"),
         };
         if lost.len() < LEAST_ROWS {
@@ -121,7 +123,7 @@ impl Form<'_> {
         notes: &mut Vec<String>,
     ) -> Result<(), TableError> {
         notes.push(format!(
-            "line {line}: {count} of numbers right above the rows ({has}, where the rows have {} columns): taken as no reading",
+            "line {line}: a line of numbers right above the rows ({count} in all) has {has}, where these have {} columns: taken as no reading",
             self.width
         ));
         Ok(())

@@ -35,7 +35,7 @@ mod summary;
 mod thousands;
 mod unit;
 
-pub use align::{Offset, OffsetError};
+pub use align::{Offset, OffsetError, clock_contradiction};
 pub use apply::{Options, Taken, TakenColumn, ZOrigin, Zero, take};
 pub use drift::Drift;
 pub use dropouts::zeros_among_forces;

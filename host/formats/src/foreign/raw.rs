@@ -192,8 +192,9 @@ impl RawTable {
             return Err(TableError::File { path, problem, expected });
         };
         let (preamble, data_rows) = rows.split_at(first);
+        let words_of_form = form.split_once(", ").map_or(form.as_str(), |(_, words)| words);
         let form_of_rows =
-            Form { path: &path, words: &form, has_decimal_comma, width, others: &of_other_form };
+            Form { path: &path, words: words_of_form, has_decimal_comma, width, others: &of_other_form };
         let first_line = data_rows.first().map_or(0, |(line, _)| *line);
         form_of_rows.check_above(preamble, first_line, &mut notes)?;
         form_of_rows.check_behind(data_rows)?;

@@ -101,7 +101,9 @@ fn single_lines_and_rows_that_lack_a_number_are_left_out_and_noted() {
     );
     let maps = ["d[mm]=displacement_y_mm"];
     assert!(
-        notes(&first, &maps, None).iter().any(|note| note.contains("line 2: 1 of numbers right above")),
+        notes(&first, &maps, None)
+            .iter()
+            .any(|note| note.contains("line 2: a line of numbers right above the rows")),
         "{:?}",
         notes(&first, &maps, None)
     );
@@ -418,4 +420,20 @@ fn tips_of_an_insertion_that_are_positions_are_counted_from_the_entry() {
         later.notes
     );
     assert!(later.insertion.is_some_and(|insertion| (insertion.tip_y_m[0] - 12.88e-3).abs() < 1e-9));
+}
+
+#[test]
+fn a_drift_of_clocks_that_are_taken_as_one_is_noted() {
+    let drifting = two_files("time [s]", |t| 1.764e9 + t, |t| 1.764e9 + 1.005 * t, &Options::default());
+    let notes = drifting.expect("a run").notes;
+    assert!(notes.iter().any(|note| note.contains("the ramps show a drift between them")), "{notes:?}");
+    let merge = Options { merge_on: Some("t [s]".to_owned()), ..Options::default() };
+    let same = two_files("t [s]", |t| t, |t| t, &merge).expect("a run").notes;
+    assert!(!same.iter().any(|note| note.contains("drift")), "{same:?}");
+    // A column that one file does not have is none that they share.
+    let other = Options { merge_on: Some("clock".to_owned()), ..Options::default() };
+    assert!(
+        two_files("t [s]", |t| t, |t| t, &other)
+            .is_err_and(|error| error.to_string().contains("--merge-on 'clock'"))
+    );
 }

@@ -2,6 +2,7 @@
 
 use crate::figures::Displacement;
 use anyhow::{bail, ensure};
+use formats::foreign::{Offset, clock_contradiction};
 use formats::session::ForceSeries;
 use imaging::camera::{Clip, FrameResult, State};
 use std::fmt::Write as _;
@@ -116,6 +117,22 @@ impl Series {
             })
             .collect();
         Ok(Self { rows: rows.collect(), mark_mm, times_s })
+    }
+
+    /// Remark on a clip whose ramps are at another time than those of the force.
+    pub fn clock_note(&self, force: &ForceSeries) -> Option<String> {
+        let of_force: Vec<(f64, f64)> =
+            force.time_s.iter().copied().zip(force.force_y_n.iter().copied()).collect();
+        let moved: Vec<(f64, f64)> = self.rows.iter().map(|row| (row.time_s, row.y.mm)).collect();
+        let Offset { offset_s, sd_s, r2 } = clock_contradiction(&of_force, &moved)?;
+        Some(format!(
+            "the force follows the displacement best with the clip {:.3} s (sd {sd_s:.3} s) {}, where it explains {:.1} % of the force: --start-s {:.3} \
+             brings them together",
+            offset_s.abs(),
+            if offset_s > 0.0 { "later" } else { "earlier" },
+            100.0 * r2,
+            self.first_s() + offset_s
+        ))
     }
 
     /// When the first frame was taken.

@@ -1,7 +1,7 @@
 //! A lateral run: force and displacement on the clock of the force, with the shape.
 
 use super::super::TableError;
-use super::super::align::{Clock, contradiction, estimate};
+use super::super::align::{Clock, Offset, contradiction, estimate};
 use super::super::drift::{self, Drift};
 use super::super::mapping::is_time;
 use super::super::summary::LEAST_RUN;
@@ -201,7 +201,20 @@ fn check_clocks(
             others.join(" and ")
         ));
     }
-    let Some(offset) = contradiction(force, moved) else { return };
+    let contradicted = contradiction(force, moved);
+    let periods_s = force.period_s().hypot(moved.period_s());
+    let offset = contradicted.unwrap_or(Offset { offset_s: 0.0, sd_s: periods_s, r2: 0.0 });
+    if let Some(Drift { rate, sd, .. }) = drift::estimate(force, moved, &offset) {
+        taken.notes.push(format!(
+            "{path}: the clocks are taken as one, and the ramps show a drift between them: that of the displacement is {:.3} % (sd {:.3} %) {}",
+            100.0 * rate.abs(),
+            100.0 * sd,
+            if rate < 0.0 { "fast" } else { "slow" }
+        ));
+    }
+    if contradicted.is_none() {
+        return;
+    }
     let (stated, remedy) = match (options.offset_s, is_one_table) {
         (Some(offset_s), false) => {
             ("--offset-s".to_owned(), format!("--offset-s {:.3}", offset_s + offset.offset_s))
