@@ -9,7 +9,7 @@ pub struct StatedPlaces {
     pub mm: Vec<f64>,
 }
 
-/// How far positions of two sources are from each other.
+/// Difference between positions of two sources.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Disagreement {
     /// From the first to the last frame that are compared, as the file states it.
@@ -75,9 +75,9 @@ mod tests {
     #[test]
     fn positions_are_compared_whichever_way_they_go() {
         let even = StatedPlaces::evenly("ElementSpacing", 2.0, 16).expect("places");
-        let used = |step_mm: f64| -> Vec<(usize, f64)> {
+        fn stepped(step_mm: f64) -> Vec<(usize, f64)> {
             (0..16).map(|frame| (frame, 70.0 + step_mm * frame as f64)).collect()
-        };
+        }
         for (step_mm, largest_mm) in [
             (2.0, None),
             (-2.0, None),
@@ -86,13 +86,13 @@ mod tests {
             (-1.0, Some(15.0)),
             (2.5, Some(7.5)),
         ] {
-            let disagreement = even.disagreement(&used(step_mm), 0.1);
+            let disagreement = even.disagreement(&stepped(step_mm), 0.1);
             assert_eq!(disagreement.map(|of| (1e6 * of.largest_mm).round() / 1e6), largest_mm, "{step_mm}");
         }
         // Files in another order than that of their positions.
         let points: Vec<[f64; 3]> = [0, 2, 4, 1, 3].map(|at| [5.0, 0.0, f64::from(at)]).to_vec();
         let shuffled = StatedPlaces::of_points("ImagePositionPatient", &points, None).expect("places");
-        assert!(shuffled.disagreement(&used(1.0), 0.1).is_some_and(|of| of.largest_mm == 2.0));
+        assert!(shuffled.disagreement(&stepped(1.0), 0.1).is_some_and(|of| of.largest_mm == 2.0));
         assert_eq!(StatedPlaces::of_points("ImagePositionPatient", &[[1.0; 3]; 4], None), None);
         assert_eq!(StatedPlaces::evenly("spacings", f64::NAN, 4), None);
     }

@@ -278,11 +278,11 @@ pub fn last_hold_note(path: &Path, force: ForceSeries, depth_m: f64, remedy: &st
             "{file}: no hold is displaced, and the shape has no time: it belongs to none, expected a rest of the displaced guide ({remedy})"
         )),
         [.., last] => {
-            let [from_s, to_s] = last.time_s;
+            let [start_s, end_s] = last.time_s;
             let [y_mm, x_mm] = last.displacement_m().map(|m| 1e3 * m);
             let x = if x_mm == 0.0 { String::new() } else { format!(", x {x_mm:+.3} mm") };
             Some(format!(
-                "{file}: the shape has no time and is taken as that of the last of {} displaced holds: {y_mm:+.3} mm{x}, {from_s:.2} to {to_s:.2} s \
+                "{file}: the shape has no time and is taken as that of the last of {} displaced holds: {y_mm:+.3} mm{x}, {start_s:.2} to {end_s:.2} s \
                  ({remedy})",
                 displaced.len()
             ))

@@ -68,7 +68,9 @@ fn series(path: &Path, frames: &[Vec<u8>], instance: impl Fn(usize) -> usize, z_
 
 #[test]
 fn a_series_whose_positions_contradict_its_numbers_or_the_option() {
-    let one = |number: usize| number as f64;
+    fn one(number: usize) -> f64 {
+        number as f64
+    }
     let in_order = sweep("", &[], |path, frames| series(path, frames, |at| at + 1, one));
     assert_noted(&in_order, &["ImagePositionPatient"], false);
     assert_path(&in_order);
@@ -87,22 +89,26 @@ fn a_series_whose_positions_contradict_its_numbers_or_the_option() {
 #[test]
 fn sizes_of_pixels_and_axes_of_the_options_and_of_the_file() {
     let lines = "ElementSpacing = 0.1 0.1\nUltrasoundImageOrientation = MFA\n";
-    let of = |options: &[&str]| {
+    let imported = |options: &[&str]| {
         sweep(".mha", options, |path, frames| fs::write(path, metaimage(lines, frames)).expect("written"))
     };
     assert_noted(
-        &of(&["--spacing-mm", "0.2,0.2"]),
+        &imported(&["--spacing-mm", "0.2,0.2"]),
         &["states pixels of 0.1 x 0.1 mm, and 0.2 x 0.2 mm of the options are taken"],
         true,
     );
-    assert_noted(&of(&SPACING), &["of the options are taken"], false);
-    assert_noted(&of(&["--orientation", "UF"]), &["states axes MF, and UF of --orientation are taken"], true);
-    assert_noted(&of(&["--orientation", "MF"]), &["of --orientation are taken"], false);
+    assert_noted(&imported(&SPACING), &["of the options are taken"], false);
+    assert_noted(
+        &imported(&["--orientation", "UF"]),
+        &["states axes MF, and UF of --orientation are taken"],
+        true,
+    );
+    assert_noted(&imported(&["--orientation", "MF"]), &["of --orientation are taken"], false);
 }
 
 #[test]
 fn frames_a_second_of_the_option_and_of_the_file() {
-    let of = |fps: &str| {
+    let of_rate = |fps: &str| {
         let camera = [
             "camera",
             "clip.avi",
@@ -117,9 +123,9 @@ fn frames_a_second_of_the_option_and_of_the_file() {
         ];
         import(with_file("clip.avi", avi(&clip(), 41, 30_000, 1001)), &camera)
     };
-    assert_noted(&of("60"), &["29.970 a second, and --fps 60 is taken"], true);
-    assert_noted(&of("15"), &["29.970 a second, and --fps 15 is taken"], true);
-    assert_noted(&of("29.97"), &["is taken"], false);
+    assert_noted(&of_rate("60"), &["29.970 a second, and --fps 60 is taken"], true);
+    assert_noted(&of_rate("15"), &["29.970 a second, and --fps 15 is taken"], true);
+    assert_noted(&of_rate("29.97"), &["is taken"], false);
 }
 
 const PUSH: &str = "time_s,displacement_y_mm,force_y_n\n";
@@ -149,13 +155,17 @@ fn a_shape_without_times_names_the_hold_that_it_is_taken_for() {
     let stated = [&fbg[..], &["--time-s", "9"]].concat();
     assert_noted(&import(folder_of(rows_as(PUSH, row), "hold.txt", fibre.clone()), &stated), &words, false);
     // Without a choice there is nothing to say; without a displaced hold the shape belongs to none.
-    let one = |[t, d, f]: &[f64; 3]| format!("{t:.2},{:.4},{:.4}", d.max(0.0), f.max(0.0));
+    fn upper([t, d, f]: &[f64; 3]) -> String {
+        format!("{t:.2},{:.4},{:.4}", d.max(0.0), f.max(0.0))
+    }
     assert_noted(
-        &import(folder_of(rows_as(PUSH, one), "hold.txt", fibre.clone()), &fbg),
+        &import(folder_of(rows_as(PUSH, upper), "hold.txt", fibre.clone()), &fbg),
         &["has no time"],
         false,
     );
-    let still = |[t, ..]: &[f64; 3]| format!("{t:.2},0.0000,{:.4}", 0.01 * (3.0 * t).sin());
+    fn still([t, ..]: &[f64; 3]) -> String {
+        format!("{t:.2},0.0000,{:.4}", 0.01 * (3.0 * t).sin())
+    }
     assert_noted(
         &import(folder_of(rows_as(PUSH, still), "hold.txt", fibre), &fbg),
         &["no hold is displaced", "belongs to none"],
@@ -189,7 +199,7 @@ fn all_that_is_missing_is_named_at_once() {
 #[test]
 fn columns_that_are_not_found_have_a_reason() {
     let table = |head: &str, options: &[&str]| {
-        let all = [&["table", "a.csv", "--depth-mm", "30", "--yes"][..], options].concat();
+        let arguments = [&["table", "a.csv", "--depth-mm", "30", "--yes"][..], options].concat();
         import(
             with_file("a.csv", rows_as(head, |[t, d, f]| format!("{t:.2},{d:.4},{f:.4},{:.4}", 2.0 * f))),
             &all,
@@ -197,13 +207,17 @@ fn columns_that_are_not_found_have_a_reason() {
     };
     let twice = table("Time [s],Displacement [mm],Force [N],Force [N]\n", &[]);
     assert_rejected(&twice, &["force_y_n: \"Force [N]\" (#3) and \"Force [N]\" (#4) may all be it"]);
-    let across = table("time_s,displacement_x_mm,force_x_n,temp\n", &[]);
-    assert_rejected(&across, &["force_y_n: only force_x_n is there"]);
+    let along_x = table("time_s,displacement_x_mm,force_x_n,temp\n", &[]);
+    assert_rejected(&along_x, &["force_y_n: only force_x_n is there"]);
     let unnamed = table("", &["--map", "Force=force_y_n:N"]);
     assert_rejected(&unnamed, &["the columns have no names"]);
     let misspelt = table("Time [s],Displacement [mm],Force [N],Raw\n", &["--map", "Froce [N]=force_y_n"]);
     assert_rejected(&misspelt, &["expected \"force [n]\", or one of"]);
     // A clock of two files is no remedy for one.
-    let few = table("Time [s],Displacement [mm],Force [N],Raw\n", &["--merge-on", "Time [s]"]);
-    assert!(few.succeeded && few.printed.contains("--merge-on has no effect"), "{}", few.printed);
+    let one_file = table("Time [s],Displacement [mm],Force [N],Raw\n", &["--merge-on", "Time [s]"]);
+    assert!(
+        one_file.succeeded && one_file.printed.contains("--merge-on has no effect"),
+        "{}",
+        one_file.printed
+    );
 }

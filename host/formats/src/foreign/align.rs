@@ -99,9 +99,9 @@ pub fn clock_contradiction(force: &[(f64, f64)], displacement: &[(f64, f64)]) ->
 pub(super) fn contradiction(force: &Series, displacement: &Series) -> Option<Offset> {
     let (best, _) = search(force, displacement).ok()?;
     let correlation = correlated(force, displacement, 0.0, FINE)?;
-    let none = Peak { offset: Offset { offset_s: 0.0, sd_s: 0.0, r2: correlation.r2 }, correlation };
+    let unshifted = Peak { offset: Offset { offset_s: 0.0, sd_s: 0.0, r2: correlation.r2 }, correlation };
     // Two standard deviations, as in the program's intervals of 95 %.
-    let is_other = best.offset.offset_s.abs() > 2.0 * best.offset.sd_s && !best.is_like(&none);
+    let is_other = best.offset.offset_s.abs() > 2.0 * best.offset.sd_s && !best.is_like(&unshifted);
     is_other.then_some(best.offset)
 }
 
@@ -155,15 +155,15 @@ impl Peak {
     /// chance one variance is the larger one: it has to be so by an F-test at 95 %. Ramps that repeat fit on themselves a period later. On
     /// themselves turned over they fit by a part; there the number of readings decides that each explains, with the worse residuals for both.
     fn is_like(&self, other: &Self) -> bool {
-        let [own, others] = [self, other].map(|peak| (1.0 - peak.offset.r2).max(1e-12));
+        let [variance, other_variance] = [self, other].map(|peak| (1.0 - peak.offset.r2).max(1e-12));
         let [own_count, other_count] = [self, other].map(|peak| peak.correlation.independent);
         let by_chance = FisherSnedecor::new(other_count, own_count).map_or(1.0, |f| f.inverse_cdf(0.95));
-        if others > by_chance * own {
+        if other_variance > by_chance * variance {
             return false;
         }
         let is_turned = self.correlation.slope * other.correlation.slope < 0.0;
         let more = own_count * (1.0 - other.correlation.count / self.correlation.count);
-        !is_turned || 0.5 * more * -own.max(others).ln() < ALIKE
+        !is_turned || 0.5 * more * -variance.max(other_variance).ln() < ALIKE
     }
 }
 
@@ -287,9 +287,9 @@ mod tests {
         };
         let count = 75 * levels.len();
         let value = |i: usize| {
-            let (step, within) = (i / 75, (i % 75) as f64 / 15.0);
-            let (from, to) = (levels[step.saturating_sub(1)], levels[step]);
-            from + (to - from) * within.min(1.0)
+            let (step, ramp_position) = (i / 75, (i % 75) as f64 / 15.0);
+            let [start, end] = [levels[step.saturating_sub(1)], levels[step]];
+            start + (end - start) * ramp_position.min(1.0)
         };
         Series::of((0..count).map(|i| (begin_s + 0.02 * i as f64, value(i) + noise * random())).collect())
     }

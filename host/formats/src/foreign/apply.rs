@@ -159,8 +159,8 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
             columns_used.push(Part { table, column, target: choice.target, unit });
         }
     }
-    let is_shape = |name: &str| complete.choices.iter().any(|choice| choice.target.name == name);
-    if !missing.is_empty() && is_shape("z_mm") && options.z_from.is_none() {
+    let has_shape = complete.choices.iter().any(|choice| choice.target.name == "z_mm");
+    if !missing.is_empty() && has_shape && options.z_from.is_none() {
         missing.push(rows::missing_origin());
     }
     match missing.len() {
@@ -247,16 +247,16 @@ fn unit(
 
 /// Notes a unit that the user states where the file states another: that of the user counts.
 fn note_other_unit(column: &RawColumn, choice: &Choice, table: &RawTable, notes: &mut Vec<String>) {
-    let Some((stated, own)) = choice.unit.as_ref().zip(column.unit.as_ref()) else { return };
+    let Some((stated, of_file)) = choice.unit.as_ref().zip(column.unit.as_ref()) else { return };
     // A minus turns the direction, and the digits of one factor differ by rounding.
-    let is_same = own.quantity == stated.quantity
-        && (stated.to_si.abs() - own.to_si.abs()).abs() <= f64::EPSILON * 4.0 * own.to_si.abs();
+    let is_same = of_file.quantity == stated.quantity
+        && (stated.to_si.abs() - of_file.to_si.abs()).abs() <= f64::EPSILON * 4.0 * of_file.to_si.abs();
     if !is_same {
         notes.push(format!(
             "{}: \"{}\" states {}, and is taken in {} as --map states",
             table.path.display(),
             column.header,
-            own.name,
+            of_file.name,
             stated.name
         ));
     }

@@ -1,4 +1,4 @@
-//! How much faster one clock runs than another, from the ramps that both have recorded.
+//! The drift between two clocks, from the ramps that both have recorded.
 //!
 //! An offset alone leaves a drift in the residuals: they fall where the times of the displacement are stretched about their middle. By the
 //! likelihood ratio the drift counts at 95 %, as one parameter more. Play of a drive delays the ramps behind a reversal and looks like a drift where
@@ -25,24 +25,44 @@ pub struct Drift {
     pub(super) clock: Clock,
 }
 
+/// Force and displacement, whose times are stretched about a middle.
+struct Search<'s> {
+    force: &'s Series,
+    displacement: &'s Series,
+    middle_s: f64,
+}
+
+impl Search<'_> {
+    /// The clock of an offset and a rate.
+    fn clock(&self, [offset_s, rate]: [f64; 2]) -> Clock {
+        Clock { offset_s, rate, about_s: self.middle_s }
+    }
+
+    fn correlation(&self, offset_and_rate: [f64; 2]) -> Option<Correlation> {
+        let displacement = self.displacement.clone().on(&self.clock(offset_and_rate));
+        correlated(self.force, &displacement, 0.0, FINE)
+    }
+}
+
 /// The drift beside an offset, if the readings tell it.
 pub(super) fn estimate(force: &Series, displacement: &Series, offset: &Offset) -> Option<Drift> {
     let [start_s, end_s] = displacement.span_s()?;
-    let (about_s, half_s) = (0.5 * (start_s + end_s), 0.5 * (end_s - start_s));
+    let (middle_s, half_s) = (0.5 * (start_s + end_s), 0.5 * (end_s - start_s));
     let step_s = offset.sd_s.max(displacement.period_s());
-    let clock = |[offset_s, rate]: [f64; 2]| Clock { offset_s, rate, about_s };
-    let of_drift = |at: [f64; 2]| correlated(force, &displacement.clone().on(&clock(at)), 0.0, FINE);
+    let search = Search { force, displacement, middle_s };
     let steps = [step_s, step_s / half_s];
-    let (best, drifted) = climb([offset.offset_s, 0.0], steps, of_drift)?;
-    let gain = likelihood_gain(&of_drift([offset.offset_s, 0.0])?, &drifted);
+    let (best, drifted) = climb([offset.offset_s, 0.0], steps, |at| search.correlation(at))?;
+    let gain = likelihood_gain(&search.correlation([offset.offset_s, 0.0])?, &drifted);
     let (_, played) = climb([offset.offset_s, 0.0], [step_s, reach(displacement)], |[offset_s, width]| {
-        let behind = displacement.clone().behind_play(width.abs());
-        correlated(force, &behind, offset_s, FINE)
+        let driven = displacement.clone().behind_play(width.abs());
+        correlated(force, &driven, offset_s, FINE)
     })?;
-    let [below, above] = [-1.0, 1.0].map(|sign| {
-        of_drift([best[0], best[1] + sign * steps[1]]).map(|other| likelihood_gain(&other, &drifted))
+    let [lower_gain, upper_gain] = [-1.0, 1.0].map(|sign| {
+        search
+            .correlation([best[0], best[1] + sign * steps[1]])
+            .map(|other| likelihood_gain(&other, &drifted))
     });
-    let bend = (below? + above?) / (steps[1] * steps[1]);
+    let bend = (lower_gain? + upper_gain?) / (steps[1] * steps[1]);
     let sd = if bend > 0.0 { bend.sqrt().recip() } else { f64::INFINITY };
     // One that puts no reading nearer to the place of its neighbour does not matter.
     let is_seen = best[1].abs() * half_s > 0.5 * displacement.period_s().max(force.period_s());
@@ -50,7 +70,7 @@ pub(super) fn estimate(force: &Series, displacement: &Series, offset: &Offset) -
         rate: best[1],
         sd,
         r2: drifted.r2,
-        clock: clock(best),
+        clock: search.clock(best),
     })
 }
 
@@ -108,12 +128,12 @@ mod tests {
             (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
         };
         let value = |i: usize| {
-            let (step, within) = (i / 75, (i % 75) as f64 / 15.0);
-            let (from, to) = (levels[step.saturating_sub(1)], levels[step]);
-            from + (to - from) * within.min(1.0)
+            let (step, ramp_position) = (i / 75, (i % 75) as f64 / 15.0);
+            let [start, end] = [levels[step.saturating_sub(1)], levels[step]];
+            start + (end - start) * ramp_position.min(1.0)
         };
-        let reading = |i: usize| (begin_s + 0.02 * (1.0 + rate) * i as f64, value(i) + noise * random());
-        Series::of((0..75 * levels.len()).map(reading).collect())
+        let times_s = (0..75 * levels.len()).map(|i| begin_s + 0.02 * (1.0 + rate) * i as f64);
+        Series::of(times_s.enumerate().map(|(i, time_s)| (time_s, value(i) + noise * random())).collect())
     }
 
     /// The drift of a displacement whose clock is this much ahead in the middle of the record.

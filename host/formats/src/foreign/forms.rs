@@ -29,6 +29,11 @@ fn is_of_numbers(cells: &[String], has_decimal_comma: bool) -> bool {
     are_numbers && numbers >= LEAST_NUMBERS
 }
 
+/// Whether a cell is neither a number nor empty.
+pub(super) fn has_words(cells: &[String], has_decimal_comma: bool) -> bool {
+    cells.iter().any(|cell| !is_missing(cell) && Number::parse(cell, has_decimal_comma).is_none())
+}
+
 /// The other form in which a line consists of numbers alone, where it does not in its table's own.
 pub(super) fn other_form(
     line: &str,
@@ -36,7 +41,7 @@ pub(super) fn other_form(
     separator: char,
     has_decimal_comma: bool,
 ) -> Option<String> {
-    if cells.iter().all(|cell| is_missing(cell) || Number::parse(cell, has_decimal_comma).is_some()) {
+    if !has_words(cells, has_decimal_comma) {
         return None;
     }
     let forms = SEPARATORS.iter().flat_map(|(other, _)| [(*other, false), (*other, true)]);
@@ -66,6 +71,11 @@ impl Form<'_> {
         self.others.get(index).map(|(_, form)| form.as_str())
     }
 
+    /// Whether a line is a row, in any form.
+    fn is_row(&self, line: usize, cells: &[String]) -> bool {
+        self.other(line).is_some() || is_of_numbers(cells, self.has_decimal_comma)
+    }
+
     fn change(&self, line: usize, field: &str, problem: String) -> TableError {
         TableError::Cell {
             path: self.path.to_owned(),
@@ -85,11 +95,9 @@ impl Form<'_> {
         first_line: usize,
         notes: &mut Vec<String>,
     ) -> Result<(), TableError> {
-        let is_row = |(line, cells): &&(usize, Vec<String>)| {
-            self.other(*line).is_some() || is_of_numbers(cells, self.has_decimal_comma)
-        };
+        let lines_above = above.iter().rev().filter(|(_, cells)| !is_comment(cells));
         let lost: Vec<&(usize, Vec<String>)> =
-            above.iter().rev().filter(|(_, cells)| !is_comment(cells)).take_while(is_row).collect();
+            lines_above.take_while(|(line, cells)| self.is_row(*line, cells)).collect();
         let (Some((last_line, cells)), Some((lost_line, _))) = (lost.first(), lost.last()) else {
             return Ok(());
         };
@@ -104,14 +112,14 @@ impl Form<'_> {
         if lost.len() < LEAST_ROWS {
             return self.note_single(*lost_line, &has, lost.len(), notes);
         }
-        let own =
+        let own_form =
             if self.other(*last_line).is_some() { self.words.to_owned() } else { self.width.to_string() };
         let field =
             if self.other(*last_line).is_some() { "separator and decimal sign" } else { "number of columns" };
         Err(self.change(
             first_line,
             field,
-            format!("{own} from here on, where lines {lost_line} to {last_line} have {has}"),
+            format!("{own_form} from here on, where lines {lost_line} to {last_line} have {has}"),
         ))
     }
 
@@ -131,8 +139,8 @@ impl Form<'_> {
 
     /// Refuses a row in another form behind the first one.
     pub fn check_behind(&self, behind: &Rows) -> Result<(), TableError> {
-        let other = behind.iter().find_map(|(line, _)| Some((*line, self.other(*line)?)));
-        match other {
+        let first_other = behind.iter().find_map(|(line, _)| Some((*line, self.other(*line)?)));
+        match first_other {
             None => Ok(()),
             Some((line, form)) => Err(self.change(
                 line,
@@ -152,24 +160,30 @@ impl RawTable {
         width: usize,
         has_decimal_comma: bool,
     ) -> Result<Vec<usize>, TableError> {
-        let is_surplus = |cells: &[String]| {
-            cells.iter().skip(width).any(|cell| Number::parse(cell, has_decimal_comma).is_some())
-        };
-        let is_short = |cells: &[String]| {
-            self.columns.iter().any(|column| column.number > cells.len())
-                && is_of_numbers(cells, has_decimal_comma)
-        };
-        let at_ends = [kept.iter().take_while(|cells| is_short(cells)).count(), {
-            kept.iter().rev().take_while(|cells| is_short(cells)).count()
+        let at_ends = [kept.iter().take_while(|cells| self.is_short(cells, has_decimal_comma)).count(), {
+            kept.iter().rev().take_while(|cells| self.is_short(cells, has_decimal_comma)).count()
         }];
         let first_places = [0, kept.len() - at_ends[1]];
-        let changed = kept.iter().position(|cells| is_surplus(cells)).or_else(|| {
-            at_ends.iter().zip(first_places).find(|(count, _)| **count >= LEAST_ROWS).map(|(_, place)| place)
-        });
+        let changed =
+            kept.iter().position(|cells| has_surplus(cells, width, has_decimal_comma)).or_else(|| {
+                at_ends
+                    .iter()
+                    .zip(first_places)
+                    .find(|(count, _)| **count >= LEAST_ROWS)
+                    .map(|(_, place)| place)
+            });
         if let Some((cells, line)) = changed.and_then(|place| kept.get(place).zip(self.lines.get(place))) {
             return Err(self.other_width(*line, cells.len(), width));
         }
-        Ok((0..kept.len()).filter(|place| kept.get(*place).is_some_and(|cells| is_short(cells))).collect())
+        Ok((0..kept.len())
+            .filter(|place| kept.get(*place).is_some_and(|cells| self.is_short(cells, has_decimal_comma)))
+            .collect())
+    }
+
+    /// Whether a row lacks numbers at its end.
+    fn is_short(&self, cells: &[String], has_decimal_comma: bool) -> bool {
+        self.columns.iter().any(|column| column.number > cells.len())
+            && is_of_numbers(cells, has_decimal_comma)
     }
 
     fn other_width(&self, line: usize, count: usize, width: usize) -> TableError {
@@ -182,4 +196,9 @@ impl RawTable {
                 .to_owned(),
         }
     }
+}
+
+/// Whether a row has numbers behind its last column.
+fn has_surplus(cells: &[String], width: usize, has_decimal_comma: bool) -> bool {
+    cells.iter().skip(width).any(|cell| Number::parse(cell, has_decimal_comma).is_some())
 }

@@ -170,8 +170,8 @@ impl Grid {
             }
             if !line.trim().is_empty() {
                 let cells = split(&line, separator);
-                let other = other_form(&line, &cells, separator, has_decimal_comma);
-                of_other_form.extend(other.map(|form| (number + 1, form)));
+                let form = other_form(&line, &cells, separator, has_decimal_comma);
+                of_other_form.extend(form.map(|form| (number + 1, form)));
                 rows.push((number + 1, cells));
             }
         }

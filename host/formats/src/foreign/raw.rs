@@ -2,7 +2,7 @@
 
 use super::cells::{Number, is_missing};
 use super::dropouts::CHANCE;
-use super::forms::Form;
+use super::forms::{Form, has_words};
 use super::grid::Grid;
 use super::left_out::without;
 use super::remarks::Remark;
@@ -134,12 +134,9 @@ impl RawTable {
             Number::parse(cell, has_decimal_comma).is_some()
         }
         // Signs between thousands are no other form.
-        let of_words = |(_, cells): &(usize, Vec<String>)| {
-            cells.iter().any(|cell| !is_missing(cell) && !is_number(cell, has_decimal_comma))
-        };
         of_other_form.retain(|(line, _)| {
             rows.binary_search_by_key(line, |(number, _)| *number)
-                .is_ok_and(|at| rows.get(at).is_some_and(of_words))
+                .is_ok_and(|at| rows.get(at).is_some_and(|(_, cells)| has_words(cells, has_decimal_comma)))
         });
         let numbers: Vec<usize> = rows
             .iter()

@@ -65,19 +65,19 @@ pub(super) fn events(lines: &[usize], kept: &[&[String]], index: usize) -> Vec<R
         .collect()
 }
 
-/// What is expected of rows behind a new zero.
+/// Valid content of rows behind a new zero.
 pub const ONE_ZERO: &str = "one zero for all rows: add what was taken off to those behind, or import both parts as runs of their own";
 
 /// Step of a column at a remark, and the largest one elsewhere; none where there are no readings on both sides.
 fn steps(table: &RawTable, column: &RawColumn, line: usize) -> Option<[f64; 2]> {
     let lines = table.lines.iter().copied().zip(column.values.iter().copied());
     let readings: Vec<(usize, f64)> = lines.filter(|(_, value)| value.is_finite()).collect();
-    let behind = readings.partition_point(|(of_reading, _)| *of_reading < line);
-    let before = readings.get(behind.checked_sub(1)?)?.1;
-    let after = readings.get(behind)?.1;
-    let others = readings.windows(2).enumerate().filter(|(at, _)| at + 1 != behind);
-    let largest = others.map(|(_, pair)| (pair[1].1 - pair[0].1).abs()).fold(0.0, f64::max);
-    Some([after - before, largest])
+    let next = readings.partition_point(|(of_reading, _)| *of_reading < line);
+    let earlier_value = readings.get(next.checked_sub(1)?)?.1;
+    let next_value = readings.get(next)?.1;
+    let other_steps = readings.windows(2).enumerate().filter(|(at, _)| at + 1 != next);
+    let largest = other_steps.map(|(_, pair)| (pair[1].1 - pair[0].1).abs()).fold(0.0, f64::max);
+    Some([next_value - earlier_value, largest])
 }
 
 fn words(text: &str, [step, largest]: [f64; 2]) -> String {

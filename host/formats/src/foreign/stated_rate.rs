@@ -46,17 +46,20 @@ fn rate_hz(text: &str) -> Option<f64> {
     let tokens = tokens(text);
     let mut numbers = tokens.iter().filter_map(|token| token.replace(',', ".").parse::<f64>().ok());
     let number = numbers.next().filter(|number| *number > 0.0 && numbers.next().is_none())?;
-    let is_one_of = |words: &[&str]| tokens.iter().any(|token| words.contains(&token.as_str()));
-    if is_one_of(&OF_OTHER) {
+    if has_one_of(&tokens, &OF_OTHER) {
         return None;
     }
-    let rate = RATES.iter().find(|(unit, _)| is_one_of(&[unit]));
-    if let Some((_, hz)) = rate.filter(|_| is_one_of(&OF_RATE)) {
+    let rate = RATES.iter().find(|(unit, _)| has_one_of(&tokens, &[unit]));
+    if let Some((_, hz)) = rate.filter(|_| has_one_of(&tokens, &OF_RATE)) {
         return Some(number * hz);
     }
     let unit =
         tokens.iter().filter_map(|token| Unit::parse(token)).find(|unit| unit.quantity == Quantity::Time)?;
-    is_one_of(&OF_INTERVAL).then(|| (number * unit.to_si).recip()).filter(|hz| hz.is_finite())
+    has_one_of(&tokens, &OF_INTERVAL).then(|| (number * unit.to_si).recip()).filter(|hz| hz.is_finite())
+}
+
+fn has_one_of(tokens: &[String], words: &[&str]) -> bool {
+    tokens.iter().any(|token| words.contains(&token.as_str()))
 }
 
 /// Words and numbers of a line, in small letters: a unit behind a number is a word of its own.

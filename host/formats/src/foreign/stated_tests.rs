@@ -34,7 +34,9 @@ fn notes(bytes: &[u8], maps: &[&str], rate_hz: Option<f64>) -> Vec<String> {
 
 #[test]
 fn a_form_that_changes_is_an_error_at_its_line() {
-    let same = |row: String, _: usize| row;
+    fn unchanged(row: String, _: usize) -> String {
+        row
+    }
     let (tabs, semicolons) =
         (|row: String, _: usize| row.replace(',', "\t"), |row: String, _: usize| comma(&row));
     let head = HEAD.replace(',', ";");
@@ -52,24 +54,24 @@ fn a_form_that_changes_is_an_error_at_its_line() {
             "decimal",
         ),
         ("late", with_head(&head, changed(390, |row, _| row.replace(',', ";"), semicolons)), 392, "decimal"),
-        ("commas, then tabulators", with_head(HEAD, changed(150, same, tabs)), 152, "tabulators"),
-        ("tabulators at the end", with_head(HEAD, changed(399, same, tabs)), 401, "tabulators"),
-        ("no names", changed(150, tabs, same), 151, "commas"),
+        ("commas, then tabulators", with_head(HEAD, changed(150, unchanged, tabs)), 152, "tabulators"),
+        ("tabulators at the end", with_head(HEAD, changed(399, unchanged, tabs)), 401, "tabulators"),
+        ("no names", changed(150, tabs, unchanged), 151, "commas"),
         (
             "a number in front",
-            with_head(HEAD, changed(300, same, |row, i| format!("{i},{row}"))),
+            with_head(HEAD, changed(300, unchanged, |row, i| format!("{i},{row}"))),
             302,
             "4 cells",
         ),
         (
             "a number in front early",
-            with_head(HEAD, changed(100, same, |row, i| format!("{i},{row}"))),
+            with_head(HEAD, changed(100, unchanged, |row, i| format!("{i},{row}"))),
             102,
             "4 from here on",
         ),
         (
             "a column less at the end",
-            with_head(&HEAD.replace("\r", ",T [C]\r"), changed(380, |row, _| row + ",21.5", same)),
+            with_head(&HEAD.replace("\r", ",T [C]\r"), changed(380, |row, _| row + ",21.5", unchanged)),
             382,
             "3 cells",
         ),
@@ -148,7 +150,9 @@ fn single_lines_and_rows_that_lack_a_number_are_left_out_and_noted() {
 
 #[test]
 fn rows_that_a_counter_misses_take_their_time() {
-    let is_lost = |i: usize| (200..240).contains(&i) || (300..305).contains(&i);
+    fn is_lost(i: usize) -> bool {
+        (200..240).contains(&i) || (300..305).contains(&i)
+    }
     let rows = |counter: &dyn Fn(usize) -> String, head: &str| -> Vec<u8> {
         let mut text = format!("{head},Position [mm],Force [N]\n");
         for i in (0..400).filter(|i| !is_lost(*i)) {
@@ -190,7 +194,9 @@ fn rows_that_a_counter_misses_take_their_time() {
 
 #[test]
 fn rates_and_units_of_the_user_are_taken_and_their_contradiction_is_noted() {
-    let rows = |head: &str| with_head(head, lines("", |_, _, x, f| format!("{x:.5},{f:.5}")));
+    fn rows(head: &str) -> Vec<u8> {
+        with_head(head, lines("", |_, _, x, f| format!("{x:.5},{f:.5}")))
+    }
     let names = "Displacement [mm],Force [mN]\n";
     for (before, rate_hz, noted) in [
         ("Sample rate: 50 Hz\n", 25.0, true),
@@ -226,9 +232,10 @@ fn rates_and_units_of_the_user_are_taken_and_their_contradiction_is_noted() {
         let notes = notes(&rows(names), &[map], Some(50.0));
         assert_eq!(notes.iter().any(|note| note.contains("as --map states")), noted, "{map}: {notes:?}");
     }
-    let in_ms = with_head("Time [ms],Displacement [mm],Force [N]\n", changed(0, |row, _| row, |row, _| row));
+    let of_milliseconds =
+        with_head("Time [ms],Displacement [mm],Force [N]\n", changed(0, |row, _| row, |row, _| row));
     assert!(
-        notes(&in_ms, &["Time [ms]=time_s:s"], None)
+        notes(&of_milliseconds, &["Time [ms]=time_s:s"], None)
             .iter()
             .any(|note| note.contains("states ms, and is taken in s"))
     );
@@ -237,7 +244,7 @@ fn rates_and_units_of_the_user_are_taken_and_their_contradiction_is_noted() {
 #[test]
 fn a_tare_between_the_rows_is_an_error_where_the_force_steps() {
     // The force is 0.36 N at row 250; the remark is before it.
-    let tared = |text: &str, offset_n: f64| -> Vec<u8> {
+    fn tared(text: &str, offset_n: f64) -> Vec<u8> {
         with_head(
             HEAD,
             lines("", |i, t, x, f| {
@@ -245,7 +252,7 @@ fn a_tare_between_the_rows_is_an_error_where_the_force_steps() {
                 format!("{remark}{t:.2},{x:.5},{:.5}", if i < 250 { f } else { f - offset_n })
             }),
         )
-    };
+    }
     for text in ["# TARE", "% re-zeroed by operator", "Zero set,,"] {
         let error = taken(&tared(text, 0.36), &[], None).map(|run| run.forms).expect_err(text).to_string();
         assert!(
@@ -306,9 +313,9 @@ fn two_files(
     let levels = [0.0, 1.0, 2.5, 1.0, 3.0, 2.0, 0.5, 2.5, 0.0];
     let (mut force, mut moved) = (format!("{head},Force [N]\n"), format!("{head},Position [mm]\n"));
     for i in 0..75 * levels.len() {
-        let (step, within) = (i / 75, (i % 75) as f64 / 15.0);
-        let from = levels[step.saturating_sub(1)];
-        let y_mm = from + (levels[step] - from) * within.min(1.0);
+        let (step, ramp_position) = (i / 75, (i % 75) as f64 / 15.0);
+        let start = levels[step.saturating_sub(1)];
+        let y_mm = start + (levels[step] - start) * ramp_position.min(1.0);
         let (t, f) = (0.02 * i as f64, 0.6 * y_mm + 5e-3 * (2.3 * i as f64).sin());
         let _ = writeln!(force, "{:.4},{f:.5}", force_s(t));
         let _ = writeln!(moved, "{:.4},{y_mm:.5}", moved_s(t));
@@ -361,9 +368,9 @@ fn clocks_that_drift_are_stretched_and_those_that_are_no_one_clock_are_noted() {
 fn a_second_column_of_times_in_a_table_is_mentioned_and_compared_with_the_ramps() {
     let levels = [0.0, 1.0, 2.5, 1.0, 3.0, 2.0, 0.5];
     let y_mm = |i: usize| {
-        let (step, within) = (i / 75, (i % 75) as f64 / 15.0);
-        let from = levels[step.saturating_sub(1)];
-        from + (levels[step.min(6)] - from) * within.min(1.0)
+        let (step, ramp_position) = (i / 75, (i % 75) as f64 / 15.0);
+        let start = levels[step.saturating_sub(1)];
+        start + (levels[step.min(6)] - start) * ramp_position.min(1.0)
     };
     for (late_rows, is_contradicted) in [(0, false), (40, true)] {
         let mut text = "Stage time [s],Position [mm],Force time [s],Force [N]\n".to_owned();
@@ -388,7 +395,7 @@ fn a_second_column_of_times_in_a_table_is_mentioned_and_compared_with_the_ramps(
 
 #[test]
 fn tips_of_an_insertion_that_are_positions_are_counted_from_the_entry() {
-    let table = |first_mm: f64, y_mm: f64| -> Vec<u8> {
+    fn table(first_mm: f64, y_mm: f64) -> Vec<u8> {
         let mut text = "Time [s],Depth [mm],Tip y [mm],Tip x [mm]\n".to_owned();
         for i in 0..61 {
             let z = first_mm + f64::from(i);
@@ -401,7 +408,7 @@ fn tips_of_an_insertion_that_are_positions_are_counted_from_the_entry() {
             );
         }
         text.into_bytes()
-    };
+    }
     let maps = ["Depth [mm]=depth_mm", "Tip y [mm]=tip_y_mm", "Tip x [mm]=tip_x_mm"];
     let run = taken(&table(0.0, 12.4), &maps, None).expect("a run");
     let insertion = run.insertion.expect("an insertion");
@@ -428,12 +435,12 @@ fn a_drift_of_clocks_that_are_taken_as_one_is_noted() {
     let notes = drifting.expect("a run").notes;
     assert!(notes.iter().any(|note| note.contains("the ramps show a drift between them")), "{notes:?}");
     let merge = Options { merge_on: Some("t [s]".to_owned()), ..Options::default() };
-    let same = two_files("t [s]", |t| t, |t| t, &merge).expect("a run").notes;
-    assert!(!same.iter().any(|note| note.contains("drift")), "{same:?}");
+    let notes_of_one = two_files("t [s]", |t| t, |t| t, &merge).expect("a run").notes;
+    assert!(!notes_of_one.iter().any(|note| note.contains("drift")), "{notes_of_one:?}");
     // A column that one file does not have is none that they share.
-    let other = Options { merge_on: Some("clock".to_owned()), ..Options::default() };
+    let unknown = Options { merge_on: Some("clock".to_owned()), ..Options::default() };
     assert!(
-        two_files("t [s]", |t| t, |t| t, &other)
+        two_files("t [s]", |t| t, |t| t, &unknown)
             .is_err_and(|error| error.to_string().contains("--merge-on 'clock'"))
     );
 }

@@ -16,37 +16,39 @@ pub fn notes(
 ) -> Vec<String> {
     let file = path.display();
     let mut notes = Vec::new();
-    if let Some((given, stated)) = settings.spacing_mm.zip(header.spacing_mm)
-        && differ(given, stated, [header.width, header.height])
+    if let Some((option_value, stated)) = settings.spacing_mm.zip(header.spacing_mm)
+        && differ(option_value, stated, [header.width, header.height])
     {
         notes.push(format!(
             "{file}: the file states pixels of {} x {} mm, and {} x {} mm of the options are taken",
-            stated[0], stated[1], given[0], given[1]
+            stated[0], stated[1], option_value[0], option_value[1]
         ));
     }
-    if let Some((given, stated)) =
-        settings.orientation.zip(header.orientation).filter(|(given, stated)| given != stated)
+    if let Some((option_value, stated)) =
+        settings.orientation.zip(header.orientation).filter(|(option_value, stated)| option_value != stated)
     {
         notes.push(format!(
             "{file}: the file states axes {}, and {} of --orientation are taken",
             letters(stated),
-            letters(given)
+            letters(option_value)
         ));
     }
-    let used: Vec<(usize, f64)> = frames
+    let used_frames: Vec<(usize, f64)> = frames
         .iter()
         .enumerate()
         .filter(|(_, frame)| frame.state == State::Used)
         .filter_map(|(at, frame)| Some((at, frame.place_mm?[2])))
         .collect();
     let [x_mm, y_mm] = geometry.spacing_mm;
-    let places =
-        header.places.as_ref().and_then(|places| Some((places, places.disagreement(&used, x_mm.max(y_mm))?)));
-    if let Some((places, Disagreement { stated_mm, used_mm, largest_mm })) = places {
+    let places = header
+        .places
+        .as_ref()
+        .and_then(|places| Some((places, places.disagreement(&used_frames, x_mm.max(y_mm))?)));
+    if let Some((of_file, Disagreement { stated_mm, used_mm, largest_mm })) = disagreement {
         notes.push(format!(
             "{file}: {} states positions of the frames that are {:.2} mm from the first to the last used one, and {} puts them {:.2} mm \
              apart, up to {largest_mm:.2} mm elsewhere: the option is taken",
-            places.field,
+            of_file.field,
             stated_mm.abs(),
             option(&settings.place),
             used_mm.abs()

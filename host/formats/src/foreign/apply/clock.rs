@@ -133,11 +133,11 @@ fn note_unused_rate(table: &RawTable, header: &str, times_s: &[f64], hz: f64, no
     let mut steps_s: Vec<f64> =
         times_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();
     steps_s.sort_by(f64::total_cmp);
-    let own_hz = steps_s.get(steps_s.len() / 2).copied().unwrap_or(0.0).recip();
+    let usual_hz = steps_s.get(steps_s.len() / 2).copied().unwrap_or(0.0).recip();
     // By less than a row over the whole record.
-    if (own_hz - hz).abs() * times_s.len() as f64 > own_hz {
+    if (usual_hz - hz).abs() * times_s.len() as f64 > usual_hz {
         notes.push(format!(
-            "{}: \"{header}\" has times, usually {own_hz:.4} rows a second: they are taken, and --rate-hz {hz} is not used",
+            "{}: \"{header}\" has times, usually {usual_hz:.4} rows a second: they are taken, and --rate-hz {hz} is not used",
             table.path.display()
         ));
     }

@@ -9,8 +9,11 @@ const WRAPS: [f64; 3] = [256.0, 65_536.0, 4_294_967_296.0];
 /// Number of each row among all that were recorded: by a counter, else as they stand in the file.
 pub(super) fn row_numbers(table: &RawTable, parts: &[Part], notes: &mut Vec<String>) -> Vec<f64> {
     let of_file: Vec<f64> = table.places.iter().map(|place| *place as f64).collect();
-    let is_free = |column: &&RawColumn| !parts.iter().any(|part| std::ptr::eq(part.column, *column));
-    let counters = table.columns.iter().filter(is_free).filter_map(|column| Some((column, counted(column)?)));
+    let counters = table
+        .columns
+        .iter()
+        .filter(|column| is_free(column, parts))
+        .filter_map(|column| Some((column, counted(column)?)));
     // An index of the file counts the rows that are left; one with gaps is of those that were recorded.
     let longest = counters.max_by(|a, b| last(&a.1).total_cmp(&last(&b.1)));
     let Some((column, numbers)) = longest.filter(|(_, numbers)| last(numbers) > last(&of_file)) else {
@@ -31,6 +34,11 @@ pub(super) fn row_numbers(table: &RawTable, parts: &[Part], notes: &mut Vec<Stri
         gaps.len()
     ));
     numbers
+}
+
+/// Whether a column is taken for nothing.
+fn is_free(column: &RawColumn, parts: &[Part]) -> bool {
+    !parts.iter().any(|part| std::ptr::eq(part.column, column))
 }
 
 fn last(numbers: &[f64]) -> f64 {
@@ -57,13 +65,13 @@ fn counted(column: &RawColumn) -> Option<Vec<f64>> {
     sorted.sort_by(f64::total_cmp);
     let usual = sorted.get(sorted.len() / 2).copied().filter(|usual| *usual > 0.0)?;
     let usual_count = steps.iter().filter(|step| **step == usual).count();
-    let is_whole = |step: &f64| *step > 0.0 && (step / usual).fract() == 0.0;
-    (2 * usual_count > steps.len() && steps.iter().all(is_whole)).then(|| {
+    let are_whole = steps.iter().all(|step| *step > 0.0 && (step / usual).fract() == 0.0);
+    (2 * usual_count > steps.len() && are_whole).then(|| {
         let mut number = 0.0;
-        let behind = steps.iter().map(|step| {
+        let later_numbers = steps.iter().map(|step| {
             number += step / usual;
             number
         });
-        std::iter::once(0.0).chain(behind).collect()
+        std::iter::once(0.0).chain(later_numbers).collect()
     })
 }

@@ -132,8 +132,8 @@ pub(super) fn lateral(
         ..ForceSeries::default()
     });
     taken.shape = shape(parts, timed, options, |at| {
-        let own = if at == moved_at { Some(moved_clock) } else { shift_s(at).map(Clock::shift) };
-        own.map(|clock| Clock { offset_s: clock.offset_s - origin_s, ..clock })
+        let clock = if at == moved_at { Some(moved_clock) } else { shift_s(at).map(Clock::shift) };
+        clock.map(|clock| Clock { offset_s: clock.offset_s - origin_s, ..clock })
     })?;
     let end_s = rows.last().map_or(0.0, |(time_s, _)| time_s - origin_s);
     rows::check_times(taken.shape.as_ref(), end_s)?;
@@ -183,7 +183,7 @@ fn check_clocks(
     let is_one_table = std::ptr::eq(of_force.table, of_moved.table);
     let path = of_force.table.path.display();
     // A clock beside the one that is taken is perhaps that of the other column.
-    let others: Vec<String> = of_force
+    let unused_clocks: Vec<String> = of_force
         .table
         .columns
         .iter()
@@ -192,13 +192,13 @@ fn check_clocks(
         })
         .map(|column| format!("\"{}\"", column.header))
         .collect();
-    if is_one_table && others.is_empty() {
+    if is_one_table && unused_clocks.is_empty() {
         return;
     }
     if is_one_table {
         taken.notes.push(format!(
             "{path}: {} is another column of times, and not used: force and displacement are taken as read at once, row by row",
-            others.join(" and ")
+            unused_clocks.join(" and ")
         ));
     }
     let contradicted = contradiction(force, moved);

@@ -40,11 +40,11 @@ fn reason(name: &str, tables: &[RawTable], parts: &[Part]) -> String {
         .filter(|column| !parts.iter().any(|part| std::ptr::eq(part.column, *column)))
         .map(|column| format!("\"{}\" (#{})", column.header, column.number))
         .collect();
-    let across = name.replace("_y_", "_x_");
+    let name_along_x = name.replace("_y_", "_x_");
     if candidates.len() > 1 {
         format!("{} may all be it, and one is to be chosen by its number", candidates.join(" and "))
-    } else if parts.iter().any(|part| part.target.name == across) {
-        format!("only {across} is there, and a run along one axis is along y")
+    } else if parts.iter().any(|part| part.target.name == name_along_x) {
+        format!("only {name_along_x} is there, and a run along one axis is along y")
     } else if tables.iter().all(RawTable::is_without_names) {
         "the columns have no names: is the line of names missing, or not right above the numbers?".to_owned()
     } else {

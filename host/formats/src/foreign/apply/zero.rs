@@ -46,7 +46,7 @@ fn usual_step(values: &[f64]) -> f64 {
     median(values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect())
 }
 
-/// Where the zero of a displacement is, and why.
+/// Zero of a displacement, with the reason.
 enum Decision {
     AsWritten,
     AsWrittenFor(String),
@@ -69,8 +69,8 @@ fn decide(values_m: &[f64], force_n: &[f64], begin_m: f64) -> Decision {
     }
     let pairs: Vec<(f64, f64)> = values_m.iter().copied().zip(force_n.iter().copied()).collect();
     let (at_zero_n, at_begin_n) = Correlation::of(&pairs).map_or((0.0, 0.0), |line| {
-        let mean = |of: fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / pairs.len() as f64;
-        let at_zero_n = mean(|pair| pair.1) - line.slope * mean(|pair| pair.0);
+        let [moved_m, mean_n] = [mean(values_m), mean(force_n)];
+        let at_zero_n = mean_n - line.slope * moved_m;
         (at_zero_n, at_zero_n + line.slope * begin_m)
     });
     let forces = format!("{at_begin_n:.3} N there and {at_zero_n:.3} N at 0");
@@ -89,6 +89,10 @@ fn decide(values_m: &[f64], force_n: &[f64], begin_m: f64) -> Decision {
     Decision::AsWrittenFor(format!(
         "{begins}: its zero is kept, {reason} ({forces}; --zero first takes where it begins)"
     ))
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 fn range(values: &[f64]) -> [f64; 2] {
@@ -139,20 +143,20 @@ pub(super) fn refer_tip(
     let [least_m, most_m] = range(tip_m);
     let deepest_m = range(depth_m)[1];
     let begins_at_surface = entry_m <= usual_step(depth_m);
-    let along = if begins_at_surface { 0.0 } else { entry_m / (deepest_m - entry_m) };
-    let is_absolute = entry_tip_m.abs() > along * (most_m - least_m) + usual_step(tip_m);
-    let place = format!("is {:.4} mm at a depth of {:.3} mm", 1e3 * entry_tip_m, 1e3 * entry_m);
+    let usual_fraction = if begins_at_surface { 0.0 } else { entry_m / (deepest_m - entry_m) };
+    let is_absolute = entry_tip_m.abs() > usual_fraction * (most_m - least_m) + usual_step(tip_m);
+    let statement = format!("is {:.4} mm at a depth of {:.3} mm", 1e3 * entry_tip_m, 1e3 * entry_m);
     let (zero_m, why) = match zero {
         Zero::Written => return,
         Zero::First => (first_tip_m, "is counted from where it begins".to_owned()),
         Zero::Auto if !is_absolute => return,
         Zero::Auto if begins_at_surface && !is_displaced => (
             entry_tip_m,
-            format!("{place}, where a needle that enters straight is at 0, and taken as a position"),
+            format!("{statement}, where a needle that enters straight is at 0, and taken as a position"),
         ),
         Zero::Auto => {
             notes.push(format!(
-                "{name} {place}, more than a needle that entered straight would have left its line by then: is it a position? It is taken as it is \
+                "{name} {statement}, more than a needle that entered straight would have left its line by then: is it a position? It is taken as it is \
                  written (--zero first counts from where it begins)"
             ));
             return;
@@ -242,8 +246,9 @@ mod tests {
 
     #[test]
     fn a_position_that_passes_its_zero_is_told_by_the_force() {
-        let is_near =
-            |values: [f64; 2], right: [f64; 2]| values.iter().zip(right).all(|(a, b)| (a - b).abs() < 1e-6);
+        fn is_near(values: [f64; 2], right: [f64; 2]) -> bool {
+            values.iter().zip(right).all(|(a, b)| (a - b).abs() < 1e-6)
+        }
         // Positions, where the force is 0, and the displacement of the first and the last row.
         for (levels, free_mm, right) in [
             (&[-1.2, -1.2, 1.8, -1.2][..], -1.2, [0.0, 0.0]),

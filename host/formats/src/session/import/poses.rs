@@ -172,14 +172,14 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
     if missing > 0 {
         notes.push(format!("{}: {missing} rows without numbers (nan) are skipped", path.display()));
     }
-    if let Some((given, header)) =
-        unit.map(LengthUnit::to_m).zip(header_to_m).filter(|(given, header)| given != header)
+    if let Some((option_to_m, header)) =
+        unit.map(LengthUnit::to_m).zip(header_to_m).filter(|(option, header)| option != header)
     {
         notes.push(format!(
             "{}: the header states lengths in units of {} mm, and those of --units, {} mm, are taken",
             path.display(),
             1e3 * header,
-            1e3 * given
+            1e3 * option_to_m
         ));
     }
     let stated_to_m = unit.map(LengthUnit::to_m).or(header_to_m);

@@ -83,22 +83,22 @@ fn places(opened: &[(PathBuf, Opened)]) -> Option<StatedPlaces> {
 fn order_note(places: &StatedPlaces, order: &str) -> Option<String> {
     let steps: Vec<f64> = places.mm.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let (first, last) = (places.mm.first()?, places.mm.last()?);
-    let way = format!(
+    let direction = format!(
         "in the order of {order}, in which {} goes from {first:.2} to {last:.2} mm along the normal of the images",
         places.field
     );
     if steps.iter().all(|step| *step < 0.0) {
         return Some(format!(
-            "the files are {way}, backwards: if the sweep went the other way, --step-mm or --speed-mm-per-s is negative and --sweep-start-mm is at its end"
+            "the files are {direction}, backwards: if the sweep went the other way, --step-mm or --speed-mm-per-s is negative and --sweep-start-mm is at its end"
         ));
     }
-    let (at, _) = steps.iter().enumerate().find(|(_, step)| **step * (last - first) <= 0.0)?;
+    let (frame, _) = steps.iter().enumerate().find(|(_, step)| **step * (last - first) <= 0.0)?;
     Some(format!(
-        "the files are {way}, forth and back: frame {} is at {:.2} mm and frame {} at {:.2} mm: is it one sweep, in the order of its frames?",
-        at + 1,
-        places.mm.get(at)?,
-        at + 2,
-        places.mm.get(at + 1)?
+        "the files are {direction}, forth and back: frame {} is at {:.2} mm and frame {} at {:.2} mm: is it one sweep, in the order of its frames?",
+        frame + 1,
+        places.mm.get(frame)?,
+        frame + 2,
+        places.mm.get(frame + 1)?
     ))
 }
 
