@@ -40,7 +40,7 @@ pub fn notes(
         .filter_map(|(at, frame)| Some((at, frame.place_mm?[2])))
         .collect();
     let [x_mm, y_mm] = geometry.spacing_mm;
-    let places = header
+    let disagreement = header
         .places
         .as_ref()
         .and_then(|places| Some((places, places.disagreement(&used_frames, x_mm.max(y_mm))?)));
