@@ -202,7 +202,7 @@ fn columns_that_are_not_found_have_a_reason() {
         let arguments = [&["table", "a.csv", "--depth-mm", "30", "--yes"][..], options].concat();
         import(
             with_file("a.csv", rows_as(head, |[t, d, f]| format!("{t:.2},{d:.4},{f:.4},{:.4}", 2.0 * f))),
-            &all,
+            &arguments,
         )
     };
     let twice = table("Time [s],Displacement [mm],Force [N],Force [N]\n", &[]);
