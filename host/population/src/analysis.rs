@@ -229,22 +229,27 @@ fn correct(row: &mut Row, found: &[Found], data: &Likelihoods, index: usize) {
 }
 
 fn observations(rows: &[Row], members: &[usize], levels: &Levels) -> Observations {
-    let mut rigs: BTreeMap<Option<&String>, usize> = BTreeMap::new();
-    let mut rig = |index: &usize| {
-        let next = rigs.len();
-        *rigs.entry(rows[*index].rig.as_ref()).or_insert(next)
-    };
+    let mut rig_numbers: BTreeMap<Option<&String>, usize> = BTreeMap::new();
+    let mut rig = Vec::with_capacity(members.len());
+    for index in members {
+        let next = rig_numbers.len();
+        rig.push(*rig_numbers.entry(rows[*index].rig.as_ref()).or_insert(next));
+    }
     Observations {
         y: members.iter().map(|index| rows[*index].ln_k).collect(),
         v: members.iter().map(|index| rows[*index].variance).collect(),
         x: members.iter().map(|index| rows[*index].x.clone()).collect(),
         levels: levels.of(rows, members),
-        rig: members.iter().map(&mut rig).collect(),
+        rig,
     }
 }
 
 fn interval(ln: f64, ends: [f64; 2]) -> Interval {
     Interval { value: ln.exp(), ci95: ends.map(f64::exp) }
+}
+
+fn normal_interval(ln: f64, sd: f64) -> Interval {
+    interval(ln, [ln - NORMAL_975 * sd, ln + NORMAL_975 * sd])
 }
 
 fn modulus(mean: &Estimate) -> Interval {
@@ -415,15 +420,14 @@ fn tip_loads(summaries: &[Summary]) -> Vec<TipLoadResult> {
 }
 
 fn session_row(row: &Row, judged: Option<&Judged>) -> SessionRow {
-    let around = |ln: f64, sd: f64| interval(ln, [ln - NORMAL_975 * sd, ln + NORMAL_975 * sd]);
     SessionRow {
         session: row.session.clone(),
         group: row.group.clone(),
         rig: row.rig.clone(),
         date: row.date.clone(),
-        k_kpa: around(row.ln_k, row.variance.sqrt()),
+        k_kpa: normal_interval(row.ln_k, row.variance.sqrt()),
         k_recorded_kpa: row.recorded_kpa,
-        k_shrunk_kpa: judged.map(|judged| around(row.ln_k + judged.shrunk.0, judged.shrunk.1)),
+        k_shrunk_kpa: judged.map(|judged| normal_interval(row.ln_k + judged.shrunk.0, judged.shrunk.1)),
         residual: judged.map(|judged| judged.residual),
         residual_degrees_of_freedom: judged
             .map(|judged| judged.freedom)

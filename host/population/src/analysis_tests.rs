@@ -26,6 +26,16 @@ fn record(number: usize, ln_k_kpa: f64, ln_k_sd: f64) -> Summary {
     Summary { result: Some(result), ..Summary::empty(format!("s{number}")) }
 }
 
+/// A record of a session with a tip load.
+fn with_load(number: usize, load_n: f64) -> Summary {
+    let mut record = record(number, 2.5, 0.05);
+    if let Some(result) = &mut record.result {
+        result.tip_load_n = Some(load_n);
+        result.tip_load_ci95_n = Some([load_n - 0.02, load_n + 0.02]);
+    }
+    record
+}
+
 #[test]
 fn sessions_that_do_not_identify_k_are_listed_and_do_not_count() {
     let measured: Vec<Summary> =
@@ -43,37 +53,32 @@ fn sessions_that_do_not_identify_k_are_listed_and_do_not_count() {
 
 #[test]
 fn one_session_does_not_determine_how_much_the_load_differs_between_sessions() {
-    let with_load = |number: usize, load_n: f64| {
-        let mut record = record(number, 2.5, 0.05);
-        if let Some(result) = &mut record.result {
-            result.tip_load_n = Some(load_n);
-            result.tip_load_ci95_n = Some([load_n - 0.02, load_n + 0.02]);
-        }
-        record
-    };
-    let loads = |summaries: Vec<Summary>| analyse(summaries, &Options::default()).expect("a population");
-    let single = loads(vec![with_load(0, 0.2)]);
+    let single = analyse(vec![with_load(0, 0.2)], &Options::default()).expect("a population");
     assert_eq!(single.tip_load.iter().map(|tip| tip.between_n).collect::<Vec<_>>(), [None]);
     assert!(!crate::prior::prior_toml(&single).contains("[[tip]]"), "no prior of the next load");
-    let three = loads((0..3).map(|number| with_load(number, 0.1 + 0.1 * number as f64)).collect());
+    let records: Vec<Summary> = (0..3).map(|number| with_load(number, 0.1 + 0.1 * number as f64)).collect();
+    let three = analyse(records, &Options::default()).expect("a population");
     let between_sd_n = three.tip_load[0].between_n.expect("a spread");
     assert!((0.08..0.12).contains(&between_sd_n), "{between_sd_n}");
 }
 
 #[test]
 fn a_label_that_no_session_states_is_rejected_with_those_that_are_stated() {
-    let by = |name: &str| Options { by: vec![name.to_owned()], ..Options::default() };
-    let message = |records: Vec<Summary>| analyse(records, &by("tisue")).unwrap_err().to_string();
+    let options = Options { by: vec!["tisue".to_owned()], ..Options::default() };
     let labelled =
         Summary { tissue: Some("liver".to_owned()), rig: Some("a".to_owned()), ..record(0, 1.5, 0.1) };
-    assert_eq!(
-        message(vec![labelled, record(1, 1.5, 0.1)]),
-        "--by: \"tisue\" is stated by no session, expected one of rig, tissue"
-    );
-    assert_eq!(
-        message(vec![record(0, 1.5, 0.1)]),
-        "--by: \"tisue\" is stated by no session, expected a label or covariate, of which `[session]` in session.toml states none here"
-    );
+    for (records, expected) in [
+        (vec![labelled, record(1, 1.5, 0.1)], "one of rig, tissue"),
+        (
+            vec![record(0, 1.5, 0.1)],
+            "a label or covariate, of which `[session]` in session.toml states none here",
+        ),
+    ] {
+        assert_eq!(
+            analyse(records, &options).unwrap_err().to_string(),
+            format!("--by: \"tisue\" is stated by no session, expected {expected}")
+        );
+    }
 }
 
 #[test]
@@ -96,8 +101,11 @@ fn nesting_is_taken_from_the_labels_and_ignored_on_request_with_a_warning() {
     assert!(nested.warnings.is_empty(), "{:?}", nested.warnings);
     let options = Options { independent: true, ..Options::default() };
     let flat = analyse(records, &options).expect("a population");
-    let width = |of: &Population| of.groups[0].k_kpa.ci95[1] - of.groups[0].k_kpa.ci95[0];
-    assert!(width(&nested) > 1.8 * width(&flat), "{} {}", width(&nested), width(&flat));
+    let [nested_width_kpa, flat_width_kpa] = [&nested, &flat].map(|population| {
+        let [low, high] = population.groups[0].k_kpa.ci95;
+        high - low
+    });
+    assert!(nested_width_kpa > 1.8 * flat_width_kpa, "{nested_width_kpa} {flat_width_kpa}");
     assert!(
         flat.warnings.iter().any(|text| text.contains("20 sessions of 5 subjects")),
         "{:?}",
@@ -105,26 +113,27 @@ fn nesting_is_taken_from_the_labels_and_ignored_on_request_with_a_warning() {
     );
 }
 
+/// Levels and warnings of twelve subjects with two sessions each; the next site's turn comes after `sessions_at_a_site`.
+fn levels_of(sites: usize, sessions_at_a_site: usize) -> (Vec<String>, Vec<String>) {
+    let records: Vec<Summary> = (0..24)
+        .map(|number| {
+            let site = Some(format!("site {}", number / sessions_at_a_site % sites));
+            let subject = Some(format!("p{}", number / 2));
+            Summary { site, subject, ..record(number, 2.0 + 0.03 * (number * 7 % 11) as f64, 0.02) }
+        })
+        .collect();
+    let population = analyse(records, &Options::default()).expect("a population");
+    let names = population.groups[0].levels.iter().map(|level| level.level.clone()).collect();
+    (names, population.warnings)
+}
+
 #[test]
 fn sites_are_a_level_from_three_on_and_where_no_subject_was_at_several() {
-    let levels = |sites: usize, of: fn(usize) -> usize| {
-        let records: Vec<Summary> = (0..24)
-            .map(|number| {
-                let site = Some(format!("site {}", of(number) % sites));
-                let subject = Some(format!("p{}", number / 2));
-                Summary { site, subject, ..record(number, 2.0 + 0.03 * (number * 7 % 11) as f64, 0.02) }
-            })
-            .collect();
-        let population = analyse(records, &Options::default()).expect("a population");
-        let names: Vec<String> =
-            population.groups[0].levels.iter().map(|level| level.level.clone()).collect();
-        (names, population.warnings)
-    };
-    assert_eq!(levels(3, |number| number / 2).0, ["site", "subject", "session"]);
-    let (names, warnings) = levels(2, |number| number / 2);
+    assert_eq!(levels_of(3, 2).0, ["site", "subject", "session"]);
+    let (names, warnings) = levels_of(2, 2);
     assert_eq!(names, ["subject", "session"]);
     assert!(warnings[0].contains("two sites"), "{warnings:?}");
-    let (names, warnings) = levels(3, |number| number);
+    let (names, warnings) = levels_of(3, 1);
     assert_eq!(names, ["subject", "session"]);
     assert!(warnings[0].contains("several sites: 12"), "{warnings:?}");
 }

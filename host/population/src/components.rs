@@ -47,6 +47,13 @@ pub(crate) struct Draw {
     pub normal: f64,
 }
 
+impl Draw {
+    /// Variance of all stages together.
+    pub fn total(&self) -> f64 {
+        self.signed.iter().sum()
+    }
+}
+
 /// Degrees of freedom of every stage.
 pub(crate) fn freedom(tree: &Tree) -> Vec<usize> {
     let (mut subtotals, mut sums) = (Vec::new(), Vec::new());
@@ -104,12 +111,11 @@ fn excess_of(mut squares: impl FnMut(Excess) -> f64, wanted: f64, own: f64) -> E
     if at_none <= wanted {
         return Excess { scale: (at_none / wanted).max(LEAST_SCALE), variance: 0.0 };
     }
-    let mut off = |variance: f64| squares(Excess::of(variance)).recip() - wanted.recip();
     let (mut low, mut at_low) = (0.0, at_none.recip() - wanted.recip());
     // Excess of units with the same errors.
     let mut step = own * (at_none / wanted - 1.0);
     let (mut high, mut at_high) = loop {
-        let difference = off(low + step);
+        let difference = squares(Excess::of(low + step)).recip() - wanted.recip();
         if difference >= 0.0 || !difference.is_finite() || step > FARTHEST * own {
             break (low + step, difference);
         }
@@ -121,7 +127,7 @@ fn excess_of(mut squares: impl FnMut(Excess) -> f64, wanted: f64, own: f64) -> E
         if !(next > low && next < high) {
             next = 0.5 * (low + high);
         }
-        let difference = off(next);
+        let difference = squares(Excess::of(next)).recip() - wanted.recip();
         if (difference * wanted).abs() < TOLERANCE || high - low < TOLERANCE * high {
             return Excess::of(next);
         }
@@ -155,12 +161,15 @@ pub(crate) fn draws(tree: &Tree, freedom: &[usize]) -> Vec<Draw> {
     (0..count)
         .into_par_iter()
         .map_init(Room::default, |room: &mut Room, number: usize| {
-            let point = |step: &f64| (0.5 + (number as f64 + 1.0) * step).fract();
-            let target_squares: Vec<Option<f64>> =
-                of_stage.iter().zip(&steps).map(|(chi, step)| Some(chi.as_ref()?.at(point(step)))).collect();
+            let target_squares: Vec<Option<f64>> = of_stage
+                .iter()
+                .zip(&steps)
+                .map(|(chi, step)| Some(chi.as_ref()?.at(lattice_point(number, *step))))
+                .collect();
             let (_, signed) = solved(tree, &target_squares, room);
             let Mean { beta, covariance, .. } = Mean::of(&room.below, tree.parameters())?;
-            Some(Draw { signed, beta, covariance, normal: standard.inverse_cdf(point(&last)) })
+            let normal = standard.inverse_cdf(lattice_point(number, last));
+            Some(Draw { signed, beta, covariance, normal })
         })
         .flatten()
         .collect()
@@ -203,6 +212,11 @@ fn lattice(dimensions: usize) -> Vec<f64> {
     (1..=dimensions as i32).map(|power| root.powi(-power)).collect()
 }
 
+/// Coordinate of a point of the lattice.
+fn lattice_point(number: usize, step: f64) -> f64 {
+    (0.5 + (number as f64 + 1.0) * step).fract()
+}
+
 /// Products of the units of a stage, each stage within it with the variances that it has by moments.
 fn units_of(tree: &Tree, stage: usize) -> Vec<f64> {
     let (mut subtotals, mut sums) = (Vec::new(), Vec::new());
@@ -238,8 +252,10 @@ pub(crate) fn profile(tree: &Tree, freedom: &[usize]) -> Option<[f64; 2]> {
     let chi = ChiSquared::new(freedom[stage] as f64).ok()?;
     let (unit_totals, mut scratch) = (units_of(tree, stage), Vec::new());
     let own_part = own_variance(tree, stage, &unit_totals);
-    let mut squares = |excess| tree.squares(stage, excess, &unit_totals, &mut scratch);
-    Some([0.975, 0.025].map(|share| excess_of(&mut squares, chi.inverse_cdf(share), own_part).variance))
+    Some([0.975, 0.025].map(|probability| {
+        let squares = |excess| tree.squares(stage, excess, &unit_totals, &mut scratch);
+        excess_of(squares, chi.inverse_cdf(probability), own_part).variance
+    }))
 }
 
 /// Squares of the innermost stage that determines a variance, by stated errors alone; its degrees of freedom; a typical variance of its
@@ -254,8 +270,8 @@ pub(crate) fn determined(tree: &Tree, freedom: &[usize]) -> Option<(f64, usize, 
 /// A quantile of sorted values.
 pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let rank = (share * sorted.len() as f64 - 0.5).max(0.0);
-    let at = |index: usize| sorted.get(index.min(sorted.len().saturating_sub(1))).copied().unwrap_or(0.0);
-    let (low, high) = (at(rank as usize), at(rank as usize + 1));
+    let last = sorted.len().saturating_sub(1);
+    let [low, high] = [0, 1].map(|more| sorted.get((rank as usize + more).min(last)).copied().unwrap_or(0.0));
     low + rank.fract() * (high - low)
 }
 
@@ -263,20 +279,13 @@ pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
 pub(crate) fn quantile_of_normals(parts: &[(f64, f64)], common: f64) -> [f64; 2] {
     let components: Vec<(f64, f64)> =
         parts.iter().map(|(mean, variance)| (*mean, (variance + common).sqrt())).collect();
-    let below = |value: f64| {
-        components
-            .iter()
-            .map(|(mean, sd)| 0.5 * erfc((mean - value) / (sd * std::f64::consts::SQRT_2)))
-            .sum::<f64>()
-            / components.len() as f64
-    };
     let mut means: Vec<f64> = components.iter().map(|(mean, _)| *mean).collect();
     let mut sds: Vec<f64> = components.iter().map(|(_, sd)| *sd).collect();
     means.sort_by(f64::total_cmp);
     sds.sort_by(f64::total_cmp);
     let (middle, sd) = (quantile(&means, 0.5), quantile(&sds, 0.5));
     [(0.025, -1.0), (0.975, 1.0)].map(|(share, side)| {
-        let is_beyond = |value: f64| side * (below(value) - share) > 0.0;
+        let is_beyond = |value: f64| side * (mixture_cdf(&components, value) - share) > 0.0;
         let mut step = 2.0 * sd;
         while !is_beyond(middle + side * step) && step < 1e9 * sd {
             step *= 2.0;
@@ -292,4 +301,13 @@ pub(crate) fn quantile_of_normals(parts: &[(f64, f64)], common: f64) -> [f64; 2]
         }
         middle + side * outer
     })
+}
+
+/// Probability that a mixture of normal distributions, each with a mean and a standard deviation, is below a value.
+fn mixture_cdf(components: &[(f64, f64)], value: f64) -> f64 {
+    components
+        .iter()
+        .map(|(mean, sd)| 0.5 * erfc((mean - value) / (sd * std::f64::consts::SQRT_2)))
+        .sum::<f64>()
+        / components.len() as f64
 }

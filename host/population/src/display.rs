@@ -63,14 +63,12 @@ impl Display for Population {
             let [low, high] = tip.load_n.ci95;
             let spread_text =
                 tip.between_n.map_or("not identifiable".to_owned(), |sd_n| format!("{sd_n:.3} N"));
-            let of = |label: &Option<String>| label.clone().unwrap_or_else(|| "not stated".to_owned());
+            let [needle, tissue] =
+                [&tip.needle, &tip.tissue].map(|label| label.as_deref().unwrap_or("not stated"));
             writeln!(
                 f,
-                "tip load     needle {}, tissue {}: {:.3} N ({low:.3} to {high:.3}), sd between sessions {spread_text}; sessions: {}",
-                of(&tip.needle),
-                of(&tip.tissue),
-                tip.load_n.value,
-                tip.sessions
+                "tip load     needle {needle}, tissue {tissue}: {:.3} N ({low:.3} to {high:.3}), sd between sessions {spread_text}; sessions: {}",
+                tip.load_n.value, tip.sessions
             )?;
         }
         for one in self.listed.iter().take(SHOWN) {
@@ -90,11 +88,10 @@ impl Display for Population {
 
 fn write_group(f: &mut Formatter<'_>, group: &GroupResult) -> fmt::Result {
     let Interval { value, ci95: [low, high] } = group.k_kpa;
-    let percent = |tau: f64| 100.0 * tau;
     let mean = format!("{value:.2} ({low:.2} to {high:.2})");
     let spread_text = match group.tau_ci95 {
         Some([low, high]) => {
-            format!("{:.1} % ({:.1} to {:.1} %)", percent(group.tau), percent(low), percent(high))
+            format!("{:.1} % ({:.1} to {:.1} %)", 100.0 * group.tau, 100.0 * low, 100.0 * high)
         }
         None => "not identifiable".to_owned(),
     };
@@ -109,7 +106,7 @@ fn write_group(f: &mut Formatter<'_>, group: &GroupResult) -> fmt::Result {
     for level in group.levels.iter().filter(|_| group.levels.len() > 1) {
         let spread = match level.tau.zip(level.tau_ci95) {
             Some((tau, [low, high])) => {
-                format!("sd {:.1} % ({:.1} to {:.1} %)", percent(tau), percent(low), percent(high))
+                format!("sd {:.1} % ({:.1} to {:.1} %)", 100.0 * tau, 100.0 * low, 100.0 * high)
             }
             None => "sd not identifiable".to_owned(),
         };
@@ -134,7 +131,7 @@ fn write_group(f: &mut Formatter<'_>, group: &GroupResult) -> fmt::Result {
             "",
             all_sessions.sessions,
             all_sessions.k_kpa.value,
-            percent(all_sessions.tau)
+            100.0 * all_sessions.tau
         )?;
     }
     Ok(())

@@ -22,20 +22,19 @@ impl Levels {
     /// Those that the user has chosen, or that the labels state: subjects with several sessions, and sites with several
     /// subjects. Remarks for the reader come with the level.
     pub fn choose(rows: &[Row], group: &str, members: &[usize], options: &Options) -> (Self, Vec<String>) {
-        let label = |name: &str| -> Vec<Option<&str>> {
+        let [subjects, sites]: [Vec<Option<&str>>; 2] = ["subject", "site"].map(|name| {
             members.iter().map(|index| rows[*index].labels.get(name).map(String::as_str)).collect()
-        };
-        let (subjects, sites) = (label("subject"), label("site"));
-        let count = |values: &[Option<&str>]| values.iter().flatten().collect::<BTreeSet<_>>().len();
+        });
+        let [subject_count, site_count] =
+            [&subjects, &sites].map(|labels| labels.iter().flatten().collect::<BTreeSet<_>>().len());
         let stated = subjects.iter().flatten().count();
-        let repeated = stated > count(&subjects);
+        let repeated = stated > subject_count;
         let mut warnings = Vec::new();
         if options.independent {
             if repeated {
                 warnings.push(format!(
-                    "group {group}: {stated} sessions of {} subjects are taken as independent: intervals are too narrow where sessions of \
-                     a subject are alike",
-                    count(&subjects)
+                    "group {group}: {stated} sessions of {subject_count} subjects are taken as independent: intervals are too narrow \
+                     where sessions of a subject are alike"
                 ));
             }
             return (Self { names: Vec::new(), are_chosen: true }, warnings);
@@ -44,7 +43,8 @@ impl Levels {
             return (Self { names: options.nested.clone(), are_chosen: true }, warnings);
         }
         let mut names = Vec::new();
-        let is_by = |name: &str| options.by.iter().any(|by| by == name);
+        let [is_by_site, is_by_subject] =
+            ["site", "subject"].map(|name| options.by.iter().any(|by| by == name));
         let mut of_subject: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
         for (subject, site) in subjects.iter().zip(&sites) {
             if let (Some(subject), Some(site)) = (subject, site) {
@@ -52,21 +52,20 @@ impl Levels {
             }
         }
         let several = of_subject.values().filter(|sites| sites.len() > 1).count();
-        let number = count(&sites);
-        let of_sites = number < sites.iter().flatten().count();
-        match number {
-            _ if is_by("site") || !of_sites => {}
+        let of_sites = site_count < sites.iter().flatten().count();
+        match site_count {
+            _ if is_by_site || !of_sites => {}
             0 | 1 => {}
             _ if several > 0 => warnings.push(format!(
                 "group {group}: subjects measured at several sites: {several}; sites are no level of their own (--nested chooses levels)"
             )),
-            2 if number < MIN_SITES => warnings.push(format!(
+            2 if site_count < MIN_SITES => warnings.push(format!(
                 "group {group}: two sites do not determine how sites differ; the mean is of these two (--nested site,subject includes the \
                  level)"
             )),
             _ => names.push("site".to_owned()),
         }
-        if repeated && !is_by("subject") {
+        if repeated && !is_by_subject {
             names.push("subject".to_owned());
         }
         (Self { names, are_chosen: false }, warnings)
@@ -90,11 +89,15 @@ impl Levels {
     /// none is a group of its own.
     pub fn of(&self, rows: &[Row], members: &[usize]) -> Vec<Vec<usize>> {
         let mut numbers: BTreeMap<Path<'_>, usize> = BTreeMap::new();
-        let mut of = |depth: usize, index: usize| {
-            let path = (0..=depth).map(|depth| self.value(&rows[index], depth).ok_or(index)).collect();
-            let next = numbers.len();
-            *numbers.entry(path).or_insert(next)
-        };
-        (0..self.names.len()).map(|depth| members.iter().map(|index| of(depth, *index)).collect()).collect()
+        let mut levels = Vec::with_capacity(self.names.len());
+        for depth in 0..self.names.len() {
+            let groups = members.iter().map(|index| {
+                let path = (0..=depth).map(|depth| self.value(&rows[*index], depth).ok_or(*index)).collect();
+                let next = numbers.len();
+                *numbers.entry(path).or_insert(next)
+            });
+            levels.push(groups.collect());
+        }
+        levels
     }
 }

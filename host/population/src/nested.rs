@@ -4,7 +4,7 @@
 //! `u_l ~ N(0, tau_l^2)` shared by the sessions of a group, `w ~ N(0, tau_0^2)` of the session and `e ~ N(0, v_i)` its own error.
 
 use crate::components::freedom;
-use crate::tree::{Excess, Products, Tree};
+use crate::tree::{Excess, Products, Tree, product};
 use argmin::core::{CostFunction, Error, Executor, State};
 use argmin::solver::brent::BrentOpt;
 use nalgebra::{DMatrix, DVector};
@@ -105,9 +105,9 @@ impl Nested {
             .map(|(place, _)| place)
             .collect();
         let n = tree.order.len();
-        let y = || (0..n).filter_map(|session| tree.row(session).last().copied());
-        let mean = y().sum::<f64>() / n as f64;
-        let sd = (y().map(|y| (y - mean).powi(2)).sum::<f64>() / n as f64).sqrt();
+        let y: Vec<f64> = (0..n).filter_map(|session| tree.row(session).last().copied()).collect();
+        let mean = y.iter().sum::<f64>() / n as f64;
+        let sd = (y.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / n as f64).sqrt();
         let scale = sd.max(f64::MIN_POSITIVE.sqrt());
         let mut tau = vec![0.0; count];
         let best = Self::at(tree, &tau)?;
@@ -144,15 +144,11 @@ pub(crate) struct Mean {
 impl Mean {
     /// Estimate for so many parameters; `None` if they are not determined.
     pub fn of(products: &Products, parameters: usize) -> Option<Self> {
-        let at = |i: usize, j: usize| {
-            let (low, high) = (i.min(j), i.max(j));
-            products.get(high * (high + 1) / 2 + low).copied().unwrap_or(f64::NAN)
-        };
-        let normal = DMatrix::from_fn(parameters, parameters, at);
-        let column = DVector::from_fn(parameters, |i, _| at(i, parameters));
+        let normal = DMatrix::from_fn(parameters, parameters, |i, j| product(products, i, j));
+        let column = DVector::from_fn(parameters, |i, _| product(products, i, parameters));
         let factor = normal.cholesky()?;
         let beta = factor.solve(&column);
-        let squares = (at(parameters, parameters) - column.dot(&beta)).max(0.0);
+        let squares = (product(products, parameters, parameters) - column.dot(&beta)).max(0.0);
         let ln_normal = 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
         Some(Self { beta, covariance: factor.inverse(), squares, ln_normal })
     }
@@ -166,30 +162,35 @@ struct Profile<'a> {
     component: usize,
 }
 
+impl Profile<'_> {
+    fn deviance(&self, value: f64) -> f64 {
+        let mut tau = self.tau.to_vec();
+        tau[self.component] = value;
+        Nested::at(self.tree, &tau).map_or(f64::INFINITY, |fit| fit.deviance)
+    }
+}
+
 impl CostFunction for Profile<'_> {
     type Param = f64;
     type Output = f64;
 
     fn cost(&self, value: &f64) -> Result<f64, Error> {
-        let mut tau = self.tau.to_vec();
-        tau[self.component] = *value;
-        Ok(Nested::at(self.tree, &tau).map_or(f64::INFINITY, |fit| fit.deviance))
+        Ok(self.deviance(*value))
     }
 }
 
 /// The likeliest value of one component beside the others.
 fn likeliest(tree: &Tree, tau: &[f64], component: usize, scale: f64) -> f64 {
     let profile = Profile { tree, tau, component };
-    let cost = |value: f64| profile.cost(&value).unwrap_or(f64::INFINITY);
     let step = (MOST / LEAST).powf(1.0 / (GRID - 1) as f64);
     let grid: Vec<f64> = std::iter::once(0.0)
         .chain((0..GRID).map(|number| scale * LEAST * step.powi(number as i32)))
         .collect();
-    let costs: Vec<f64> = grid.iter().map(|value| cost(*value)).collect();
+    let costs: Vec<f64> = grid.iter().map(|value| profile.deviance(*value)).collect();
     let cheapest = (0..grid.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0);
     let (low, high) = (grid[cheapest.saturating_sub(1)], grid[(cheapest + 1).min(grid.len() - 1)]);
     let solver = BrentOpt::new(low, high).set_tolerance(1e-9, 1e-12 * scale);
     let run = Executor::new(profile, solver).configure(|state| state.max_iters(200)).run();
     let minimum = run.ok().and_then(|result| result.state().get_best_param().copied());
-    minimum.filter(|minimum| cost(*minimum) <= costs[cheapest]).unwrap_or(grid[cheapest])
+    minimum.filter(|minimum| profile.deviance(*minimum) <= costs[cheapest]).unwrap_or(grid[cheapest])
 }

@@ -148,39 +148,37 @@ fn judged(tree: &Tree) -> (Vec<Excess>, Vec<Units>) {
         return (excesses, no_predictions);
     };
     let predictions = predicted(tree, &excesses, &fit.beta);
-    let judge = |stage: usize, one: Predicted, units: usize, counted: bool| {
-        // Variance of the level that the unit belongs to: stated errors alone have none.
+    let judged_stages = predictions.into_iter().enumerate().map(|(stage, units)| {
+        // Variance of the level that the units belong to: stated errors alone have none.
         let estimated = (excesses[stage].variance > 0.0).then_some(of_stages[stage]);
         let outer = (stage + 1..tree.stages()).filter(|outer| excesses[*outer].variance > 0.0);
         let outer = outer.map(|outer| of_stages[outer]).min();
-        let freedom = combined(&[(one.own, estimated), (one.variance, outer.filter(|_| one.variance > 0.0))]);
-        let standardised = one.standardised();
-        let (residual, freedom) = match counted {
-            true if freedom.is_finite() => without_itself(standardised, freedom),
-            _ => (standardised, freedom),
-        };
         let is_comparable = estimated.is_none_or(|freedom| freedom >= MIN_FREEDOM);
-        let p_adjusted = if is_comparable { adjusted(residual, freedom, units) } else { 1.0 };
-        (one, Judged { residual, freedom, p_adjusted, weight: 1.0, shrunk: (f64::NAN, f64::NAN) })
-    };
-    let of_stages = predictions.into_iter().enumerate().map(|(stage, units)| {
         let count = units.len();
-        let indexed_units = units.into_iter().enumerate();
-        indexed_units
-            .map(|(unit, one)| one.map(|one| judge(stage, one, count, tree.counts(stage, unit))))
-            .collect()
+        let judged_units = units.into_iter().enumerate().map(|(unit, one)| {
+            let one = one?;
+            let freedom =
+                combined(&[(one.own, estimated), (one.variance, outer.filter(|_| one.variance > 0.0))]);
+            let standardised = one.standardised();
+            let (residual, freedom) = match tree.counts(stage, unit) {
+                true if freedom.is_finite() => without_itself(standardised, freedom),
+                _ => (standardised, freedom),
+            };
+            let p_adjusted = if is_comparable { adjusted(residual, freedom, count) } else { 1.0 };
+            Some((one, Judged { residual, freedom, p_adjusted, weight: 1.0, shrunk: (f64::NAN, f64::NAN) }))
+        });
+        judged_units.collect()
     });
-    let of_stages = of_stages.collect();
-    (excesses, of_stages)
+    let judged_stages = judged_stages.collect();
+    (excesses, judged_stages)
 }
 
 /// Probability of a larger residual in at least one of so many units.
 fn adjusted(residual: f64, freedom: f64, units: usize) -> f64 {
-    let adjusted = |tail: f64| (2.0 * tail * units as f64).min(1.0);
     // No t has a smaller tail than the normal distribution, which takes no time.
-    let least = adjusted(Normal::standard().sf(residual.abs()));
+    let least = (2.0 * Normal::standard().sf(residual.abs()) * units as f64).min(1.0);
     match StudentsT::new(0.0, 1.0, freedom) {
-        Ok(t) if freedom.is_finite() && least < 1.0 => adjusted(t.sf(residual.abs())),
+        Ok(t) if freedom.is_finite() && least < 1.0 => (2.0 * t.sf(residual.abs()) * units as f64).min(1.0),
         _ => least,
     }
 }
@@ -214,7 +212,7 @@ fn without_itself(standardised: f64, freedom: f64) -> (f64, f64) {
 /// Judgements of a stage, with the weights of what was taken out.
 fn finished(tree: &mut Tree, all: &[Excess], stage: usize, units: Units) -> Vec<Option<Judged>> {
     let count = units.len();
-    let mut finish = |(unit, one): (usize, Option<(Predicted, Judged)>)| {
+    let judged_units = units.into_iter().enumerate().map(|(unit, one)| {
         let (mut judged_unit, mut judged) = one?;
         let widened = &mut tree.widened[stage][unit];
         if *widened > 0.0 {
@@ -235,6 +233,6 @@ fn finished(tree: &mut Tree, all: &[Excess], stage: usize, units: Units) -> Vec<
             );
         }
         Some(judged)
-    };
-    units.into_iter().enumerate().map(&mut finish).collect()
+    });
+    judged_units.collect()
 }

@@ -17,6 +17,13 @@ pub(crate) struct Places {
     pub days: Vec<Option<f64>>,
 }
 
+impl Places {
+    /// Day of a session, where it is stated.
+    pub fn day(&self, session: usize) -> Option<f64> {
+        self.days.get(session).copied().flatten()
+    }
+}
+
 /// Sessions that are tested together and how much of the effect each has.
 #[derive(Debug, Clone)]
 pub(crate) struct Pattern {
@@ -31,7 +38,6 @@ pub(crate) struct Pattern {
 
 /// Every group that is tested, as a whole and, for rigs, along its dates.
 pub(crate) fn patterns(data: &Likelihoods, places: &Places) -> Vec<Pattern> {
-    let day = |index: usize| places.days.get(index).copied().flatten();
     let mut patterns = Vec::new();
     for (label, values) in LABELS.into_iter().zip(&places.labels) {
         for (group, all) in groups(values) {
@@ -40,22 +46,23 @@ pub(crate) fn patterns(data: &Likelihoods, places: &Places) -> Vec<Pattern> {
                 continue;
             }
             sessions.sort_by(|a, b| {
-                day(*a).unwrap_or(f64::NEG_INFINITY).total_cmp(&day(*b).unwrap_or(f64::NEG_INFINITY))
+                let [day_a, day_b] = [a, b].map(|index| places.day(*index).unwrap_or(f64::NEG_INFINITY));
+                day_a.total_cmp(&day_b)
             });
-            let shared =
-                |kind, members, starts| Pattern { label, group: group.to_owned(), kind, members, starts };
-            patterns.push(shared(
-                SharedKind::Shared,
-                sessions.iter().map(|index| (*index, 1.0)).collect(),
-                Vec::new(),
-            ));
+            let all_sessions = sessions.iter().map(|index| (*index, 1.0)).collect();
+            let mut kinds = vec![(SharedKind::Shared, all_sessions, Vec::new())];
             if label == "rig" {
                 let dated: Vec<(usize, f64)> =
-                    sessions.iter().filter_map(|index| Some((*index, day(*index)?))).collect();
-                patterns.extend(
-                    drift(&dated).into_iter().map(|(kind, members, starts)| shared(kind, members, starts)),
-                );
+                    sessions.iter().filter_map(|index| Some((*index, places.day(*index)?))).collect();
+                kinds.extend(drift(&dated));
             }
+            patterns.extend(kinds.into_iter().map(|(kind, members, starts)| Pattern {
+                label,
+                group: group.to_owned(),
+                kind,
+                members,
+                starts,
+            }));
         }
     }
     let usable_sessions = usable(data, (0..data.sessions.len()).collect(), true);
@@ -77,13 +84,17 @@ pub(crate) fn patterns(data: &Likelihoods, places: &Places) -> Vec<Pattern> {
 /// The sessions of a group that are tested together: those that leave no misfit unexplained, and the others too where they are the
 /// majority, which is what an effect of the group does that each of them measures and none can name.
 fn usable(data: &Likelihoods, group: Vec<usize>, with_majority: bool) -> Vec<usize> {
-    let is_explained = |index: &usize| Some(data.sessions.get(*index)?.as_ref()?.is_explained);
-    let explained: Vec<usize> = group.into_iter().filter(|index| is_explained(index).is_some()).collect();
-    let unexplained = explained.iter().filter(|index| is_explained(index) == Some(false)).count();
-    if with_majority && unexplained >= MIN_SESSIONS && 2 * unexplained > explained.len() {
-        return explained;
-    }
-    explained.into_iter().filter(|index| is_explained(index) == Some(true)).collect()
+    let explained: Vec<(usize, bool)> = group
+        .into_iter()
+        .filter_map(|index| Some((index, data.sessions.get(index)?.as_ref()?.is_explained)))
+        .collect();
+    let unexplained = explained.iter().filter(|(_, is_explained)| !is_explained).count();
+    let with_all = with_majority && unexplained >= MIN_SESSIONS && 2 * unexplained > explained.len();
+    explained
+        .into_iter()
+        .filter(|(_, is_explained)| with_all || *is_explained)
+        .map(|(index, _)| index)
+        .collect()
 }
 
 /// Kind of a drift, how much of it each session has, and for a step the sessions that it may begin with.

@@ -50,22 +50,18 @@ impl Predicted {
 /// Prediction of every stage and unit; `None` for a unit that no other one predicts. `beta` is the
 /// mean.
 pub(crate) fn predicted(tree: &Tree, all: &[Excess], beta: &DVector<f64>) -> Vec<Vec<Option<Predicted>>> {
-    let variance = |stage: usize, unit: usize| {
-        all.get(stage).map_or(0.0, |excess| excess.variance) + tree.widened[stage][unit]
-    };
-    let value = |session: usize| {
-        let row = tree.row(session);
-        let slopes = row.iter().zip(beta.iter()).skip(1);
-        row.last().copied().unwrap_or(f64::NAN) - slopes.map(|(x, beta)| x * beta).sum::<f64>()
-    };
     // Message of each unit itself, and its message to its parent.
     let mut own_messages: Vec<Vec<Message>> = Vec::new();
     let mut upward_messages: Vec<Vec<Message>> = Vec::new();
     own_messages.push(
         (0..tree.units(0))
             .map(|session| {
+                let row = tree.row(session);
+                let slopes = row.iter().zip(beta.iter()).skip(1);
+                let value =
+                    row.last().copied().unwrap_or(f64::NAN) - slopes.map(|(x, beta)| x * beta).sum::<f64>();
                 let precision = tree.v[session].recip();
-                Message { precision, information: precision * value(session) }
+                Message { precision, information: precision * value }
             })
             .collect(),
     );
@@ -73,7 +69,7 @@ pub(crate) fn predicted(tree: &Tree, all: &[Excess], beta: &DVector<f64>) -> Vec
         let messages: Vec<Message> = own_messages[stage]
             .iter()
             .enumerate()
-            .map(|(unit, one)| one.through(variance(stage, unit)))
+            .map(|(unit, one)| one.through(variance_between(tree, all, stage, unit)))
             .collect();
         let sums = tree.parents(stage).map(|units| {
             let mut sum = Message::default();
@@ -98,19 +94,25 @@ pub(crate) fn predicted(tree: &Tree, all: &[Excess], beta: &DVector<f64>) -> Vec
                 if sibling_message.precision <= f64::EPSILON * own_messages[stage + 1][parent].precision {
                     continue;
                 }
-                next[unit] = sibling_message.through(variance(stage, unit));
+                let variance = variance_between(tree, all, stage, unit);
+                next[unit] = sibling_message.through(variance);
                 let unit_message = own_messages[stage][unit];
                 predictions[stage][unit] = Some(Predicted {
                     value: unit_message.information / unit_message.precision,
                     mean: sibling_message.information / sibling_message.precision,
                     variance: sibling_message.precision.recip(),
-                    own: unit_message.precision.recip() + variance(stage, unit),
+                    own: unit_message.precision.recip() + variance,
                 });
             }
         }
         downward_messages = next;
     }
     predictions
+}
+
+/// Variance between the units of a stage, with what widens this one.
+fn variance_between(tree: &Tree, all: &[Excess], stage: usize, unit: usize) -> f64 {
+    all.get(stage).map_or(0.0, |excess| excess.variance) + tree.widened[stage][unit]
 }
 
 #[cfg(test)]
@@ -130,12 +132,10 @@ mod tests {
         let variances = [0.03, 0.05, 0.2];
         let predictions = predicted(&tree, &variances.map(Excess::of), &DVector::zeros(1));
         let covariance = DMatrix::from_fn(7, 7, |i, j| {
-            let shared = |level: usize, variance: f64| {
-                if levels[level][i] == levels[level][j] { variance } else { 0.0 }
-            };
             let own_variance = if i == j { v[i] + variances[0] } else { 0.0 };
+            let [outer, inner] = [0, 1].map(|level| f64::from(levels[level][i] == levels[level][j]));
             // Nearly nothing is known of the mean.
-            own_variance + shared(1, variances[1]) + shared(0, variances[2]) + 1e6
+            own_variance + inner * variances[1] + outer * variances[2] + 1e6
         });
         for (place, index) in tree.order.iter().enumerate() {
             let other_indices: Vec<usize> = (0..7).filter(|other| other != index).collect();

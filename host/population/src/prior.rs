@@ -27,7 +27,6 @@ use std::fmt::Write as _;
 
 /// The prior of the next session that a population makes, as a TOML text; groups without a prediction are skipped.
 pub fn prior_toml(population: &Population) -> String {
-    let quoted = |text: &str| serde_json::Value::from(text).to_string();
     let quoted_names: Vec<String> = population.by.iter().map(|name| quoted(name)).collect();
     let mut text = format!(
         "[prior]\nformat = 1\nsessions = {}\nby = [{}]\n",
@@ -76,4 +75,8 @@ pub fn prior_toml(population: &Population) -> String {
         let _ = writeln!(text, "{} = {multiple:?}", quoted(name));
     }
     text
+}
+
+fn quoted(text: &str) -> String {
+    serde_json::Value::from(text).to_string()
 }

@@ -110,7 +110,6 @@ pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
             degrees_of_freedom,
         )
     };
-    let unit = |place: usize| DVector::from_fn(fit.beta.len(), |i, _| f64::from(u8::from(i == place)));
     let (mean, degrees_of_freedom) = estimate(&center);
     let new = |stages: &[usize]| {
         let least = stages.iter().filter(|stage| freedom[**stage] > 0).map(|stage| freedom[*stage]).min()?;
@@ -125,6 +124,8 @@ pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
             (quantile_of_normals(&components, common), satterthwaite(&components))
         })
     };
+    let units = DMatrix::identity(fit.beta.len(), fit.beta.len());
+    let beta = units.column_iter().map(|unit| estimate(&unit.into_owned()).0).collect();
     let every: Vec<usize> = (0..weighed.tree.stages()).collect();
     let typical_variance = typical(data);
     let spread = Spreads { tree: &weighed.without, freedom: &freedom, draws: &tau_draws, typical_variance };
@@ -148,7 +149,7 @@ pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
     }
     Some(RandomEffects {
         sessions: data.len(),
-        beta: (0..fit.beta.len()).map(|place| estimate(&unit(place)).0).collect(),
+        beta,
         mean,
         degrees_of_freedom,
         levels,
@@ -251,11 +252,14 @@ impl Spreads<'_> {
         let stages: Vec<usize> = (0..self.tree.stages()).collect();
         let least = stages.iter().map(|stage| self.sensitivity(*stage)).fold(0.0, f64::max);
         let determined = self.freedom.iter().filter(|freedom| **freedom > 0).count();
-        let variances = || match profile(self.tree, self.freedom) {
+        if determined == 0 {
+            return (tau, None);
+        }
+        let variances = match profile(self.tree, self.freedom) {
             Some(ends) if determined == 1 => ends.to_vec(),
             _ => self.draws.iter().map(|draw| sum(draw, &stages)).collect(),
         };
-        (tau, (determined > 0).then(|| self.interval(variances(), tau, least)))
+        (tau, Some(self.interval(variances, tau, least)))
     }
 
     /// Draws of the standard deviation of every level from the outermost, last the sessions.
@@ -287,12 +291,10 @@ impl Spreads<'_> {
 
     fn level(&self, stage: usize, tau: f64, all: &[f64]) -> Spread {
         let degrees_of_freedom = self.freedom[stage];
-        let stages: Vec<usize> = (0..self.tree.stages()).collect();
-        let total = |draw: &Draw| stages.iter().map(|stage| draw.signed[*stage]).sum::<f64>();
         // A level has no more than all together.
         let ci95 = (degrees_of_freedom > 0).then(|| {
             self.interval(
-                self.draws.iter().map(|draw| draw.signed[stage].min(total(draw))).collect(),
+                self.draws.iter().map(|draw| draw.signed[stage].min(draw.total())).collect(),
                 tau,
                 self.sensitivity(stage),
             )
@@ -312,7 +314,7 @@ impl Spreads<'_> {
                 .draws
                 .iter()
                 .map(|draw| {
-                    let total_variance = (total(draw) + self.typical_variance).max(f64::MIN_POSITIVE);
+                    let total_variance = (draw.total() + self.typical_variance).max(f64::MIN_POSITIVE);
                     (sum(draw, &shared) / total_variance).min(1.0)
                 })
                 .collect();

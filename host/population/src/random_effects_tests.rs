@@ -66,20 +66,20 @@ fn agrees_with_metafor_and_statsmodels_on_their_example() {
     near(by_latitude.beta[1].value, -0.029_101_7, 1e-7);
 }
 
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(random)
+}
+
 /// Subjects with so many sessions each, true standard deviations of sessions and subjects, and of stated errors from half of `error` to
 /// one and a half of it.
 fn drawn(sessions: &[usize], [session, subject]: [f64; 2], error: f64, seed: u64) -> Observations {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut normal = |sd: f64| {
-        let draw: f64 = StandardNormal.sample(&mut random);
-        sd * draw
-    };
     let mut data = Observations { levels: vec![Vec::new()], ..Observations::default() };
     for (number, sessions) in sessions.iter().enumerate() {
-        let shared = 2.0 + normal(subject);
+        let shared = 2.0 + subject * normal(&mut random);
         for one in 0..*sessions {
             let sd = error * (0.5 + ((5 * one + 3 * number) % 7) as f64 / 6.0);
-            data.y.push(shared + normal(session) + normal(sd));
+            data.y.push(shared + session * normal(&mut random) + sd * normal(&mut random));
             data.v.push(sd * sd);
             data.levels[0].push(number);
         }
@@ -121,12 +121,10 @@ fn nested_components_of_a_balanced_design_are_those_of_the_analysis_of_variance(
     near(fit.mean.ci95[0], grand - half, 0.01 * half);
     near(fit.mean.ci95[1], grand + half, 0.01 * half);
     near(fit.degrees_of_freedom, 11.0, 0.2);
-    let searle = |quantile: f64| {
+    for (end, quantile) in [(low, F_975), (high, F_025)] {
         let f = variance_between / variance_within / quantile;
-        (f - 1.0) / (f + sessions as f64 - 1.0)
-    };
-    near(low, searle(F_975), 0.01);
-    near(high, searle(F_025), 0.01);
+        near(end, (f - 1.0) / (f + sessions as f64 - 1.0), 0.01);
+    }
 }
 
 /// Quantiles of F with 11 and 36 degrees of freedom.
@@ -136,30 +134,32 @@ const F_025: f64 = 0.324_649;
 /// Shares of populations, in percent, in which the intervals hold the truth: mean, subjects, sessions, intraclass correlation, a new subject.
 fn coverage(sessions: &[usize], taus: [f64; 2], error: f64, far: f64) -> [f64; 5] {
     let draws = 100;
-    let mut covered = [0.0; 5];
+    let mut covered = [0_usize; 5];
     for seed in 0..draws {
         let mut data = drawn(sessions, taus, error, 900 + seed);
         let mut random = ChaCha8Rng::seed_from_u64(77 + seed);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
         if far > 0.0 {
             // One of thirty.
             let count = data.len();
             (0..count.div_ceil(30)).for_each(|number| data.y[(7 + 30 * number) % count] += far);
         }
-        let next = 2.0 + taus[1] * normal();
+        let next = 2.0 + taus[1] * normal(&mut random);
         let fit = random_effects(&data).expect("fitted");
         let icc = taus[1].powi(2) / (taus[0].powi(2) + taus[1].powi(2) + fit.typical_variance);
         let levels = &fit.levels;
-        let holds = |ends: Option<[f64; 2]>, value: f64| {
-            f64::from(u8::from(ends.is_some_and(|[low, high]| low < high && (low..=high).contains(&value))))
-        };
-        covered[0] += holds(Some(fit.mean.ci95), 2.0);
-        covered[1] += holds(levels[0].ci95, taus[1]);
-        covered[2] += holds(levels.last().and_then(|level| level.ci95), taus[0]);
-        covered[3] += holds(levels[0].icc.map(|(_, ends)| ends), icc);
-        covered[4] += holds(fit.new_subject95, next);
+        let intervals = [
+            (Some(fit.mean.ci95), 2.0),
+            (levels[0].ci95, taus[1]),
+            (levels.last().and_then(|level| level.ci95), taus[0]),
+            (levels[0].icc.map(|(_, ends)| ends), icc),
+            (fit.new_subject95, next),
+        ];
+        for (count, (ends, value)) in covered.iter_mut().zip(intervals) {
+            *count +=
+                usize::from(ends.is_some_and(|[low, high]| low < high && (low..=high).contains(&value)));
+        }
     }
-    covered.map(|covered| 100.0 * covered / draws as f64)
+    covered.map(|count| 100.0 * count as f64 / draws as f64)
 }
 
 /// Standard deviation of a share of 100 around 95 %: 2.2 %; bounds are 3.5 of them.
@@ -242,13 +242,13 @@ fn a_spread_is_never_without_an_interval_where_stated_errors_are_too_large() {
         assert!(fit.mean.ci95[1] - fit.mean.ci95[0] > 3.9 * common);
     }
     assert!(covered >= 48, "{covered} of 50");
-    let rigs = |count: usize| {
+    let [one_rig, five_rigs] = [1, 5].map(|count| {
         let data = drawn(&[1; 30], [0.01, 0.0], 0.01, 50);
         let rig = (0..30).map(|number| number % count).collect();
         let stated = Observations { v: vec![0.06f64.powi(2); 30], levels: Vec::new(), rig, ..data };
         random_effects(&stated).expect("fitted").common_sd.expect("errors in common")
-    };
-    near(rigs(5), rigs(1) / 5f64.sqrt(), 1e-9);
+    });
+    near(five_rigs, one_rig / 5f64.sqrt(), 1e-9);
 }
 
 #[test]

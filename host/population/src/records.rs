@@ -108,12 +108,12 @@ impl Records {
 
     /// Median over the records of every size of the discrepancy.
     pub(crate) fn median_sizes(&self) -> BTreeMap<String, f64> {
-        let median = |values: &Vec<f64>| {
+        let medians = self.sizes.iter().filter_map(|(name, values)| {
             let mut values = values.clone();
             values.sort_by(f64::total_cmp);
-            values.get(values.len() / 2).copied()
-        };
-        self.sizes.iter().filter_map(|(name, values)| Some((name.clone(), median(values)?))).collect()
+            Some((name.clone(), *values.get(values.len() / 2)?))
+        });
+        medians.collect()
     }
 
     /// Remaining summaries of the records, and their likelihoods.
@@ -132,12 +132,11 @@ impl Records {
 
     /// Number of the kind of a parameter.
     fn kind<S: AsRef<str>>(&mut self, one: &Amplitude<S>) -> usize {
-        let text = |name: &S| name.as_ref().to_owned();
         let kind = Amplitude {
-            effect: text(&one.effect),
-            parameter: text(&one.parameter),
-            at: one.at.as_ref().map(|(name, value)| (text(name), *value)),
-            scale: text(&one.scale),
+            effect: one.effect.as_ref().to_owned(),
+            parameter: one.parameter.as_ref().to_owned(),
+            at: one.at.as_ref().map(|(name, value)| (name.as_ref().to_owned(), *value)),
+            scale: one.scale.as_ref().to_owned(),
             neutral: one.neutral,
             two_sided: one.two_sided,
             prior_sd: one.prior_sd,

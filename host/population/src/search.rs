@@ -222,11 +222,10 @@ fn accepted(
     }
     let members = members(patterns.get(candidate.pattern)?, candidate.start);
     let hypothesis = data.hypotheses.get(candidate.hypothesis)?;
-    let half = |parity: usize| {
+    let [even, odd] = [0, 1].map(|parity| {
         let half_members = members.iter().enumerate().filter(move |(number, _)| number % 2 == parity);
         sum(data, hypothesis, half_members.map(|(_, member)| *member))
-    };
-    let [even, odd] = [half(0), half(1)];
+    });
     let gain = odd.gain(&even.test(hypothesis).mean) + even.gain(&odd.test(hypothesis).mean);
     (gain > 0.0).then_some(HeldOut { sessions: members.len(), misfit_change_chi2: -2.0 * gain })
 }
@@ -235,15 +234,13 @@ fn accepted(
 fn class(data: &Likelihoods, patterns: &[Pattern], all: &[Candidate], best: &Candidate) -> Vec<Competing> {
     let member_sessions: HashSet<usize> =
         members(&patterns[best.pattern], best.start).into_iter().map(|(index, _)| index).collect();
-    let overlaps = |other: &Candidate| {
-        let theirs = members(&patterns[other.pattern], other.start);
-        let shared = theirs.iter().filter(|(index, _)| member_sessions.contains(index)).count();
-        2 * shared > member_sessions.len().max(theirs.len())
-    };
     let competitors = all.iter().take_while(|other| other.log_evidence > best.log_evidence - COMPETING);
     competitors
         .filter(|other| {
-            (other.pattern, other.hypothesis) != (best.pattern, best.hypothesis) && overlaps(other)
+            let theirs = members(&patterns[other.pattern], other.start);
+            let shared = theirs.iter().filter(|(index, _)| member_sessions.contains(index)).count();
+            (other.pattern, other.hypothesis) != (best.pattern, best.hypothesis)
+                && 2 * shared > member_sessions.len().max(theirs.len())
         })
         .map(|other| Competing {
             effect: data.hypotheses[other.hypothesis].effect.clone(),
@@ -297,12 +294,11 @@ fn parameters(hypothesis: &Hypothesis, mean: &Vector, sd: &Vector) -> Vec<Shared
         .take(MAX_PARAMETERS)
         .enumerate()
         .map(|(number, one)| {
-            let at = |sds: f64| {
+            let [value, low, high] = [0.0, -NORMAL_975, NORMAL_975].map(|sds| {
                 let value = one.prior_sd * (mean[number] + sds * sd[number]);
                 if one.is_log { one.neutral * value.exp() } else { one.neutral + value }
-            };
-            let interval = Interval { value: at(0.0), ci95: [at(-NORMAL_975), at(NORMAL_975)] };
-            SharedParameter { name: one.name.clone(), estimate: interval }
+            });
+            SharedParameter { name: one.name.clone(), estimate: Interval { value, ci95: [low, high] } }
         })
         .collect()
 }
@@ -319,7 +315,7 @@ fn result(
     let hypothesis = &data.hypotheses[candidate.hypothesis];
     let date = |place: usize| {
         let (session, _) = pattern.members.get(place)?;
-        date_of(places.days.get(*session).copied().flatten()?)
+        date_of(places.day(*session)?)
     };
     let (began, began_ci95) = match pattern.kind {
         SharedKind::Step => (

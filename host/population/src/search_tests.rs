@@ -19,23 +19,22 @@ const EFFECTS: [(&str, f64, f64, f64); 4] = [
 /// Correlation of the first two.
 const CORRELATION: f64 = 0.6;
 
+/// Information on two effects together.
+fn information(i: usize, j: usize) -> f64 {
+    let correlation = match (i, j) {
+        _ if i == j => 1.0,
+        (0, 1) | (1, 0) => CORRELATION,
+        _ => 0.0,
+    };
+    correlation * (EFFECTS[i].2 * EFFECTS[j].2).sqrt()
+}
+
 /// A record with true values of the effects.
 fn record(number: usize, rig: &str, day: usize, truth: [f64; 4], random: &mut ChaCha8Rng) -> Summary {
-    let mut normal = || -> f64 { StandardNormal.sample(random) };
-    let information = |i: usize, j: usize| {
-        let r = if i == j {
-            1.0
-        } else if i + j == 1 {
-            CORRELATION
-        } else {
-            0.0
-        };
-        r * (EFFECTS[i].2 * EFFECTS[j].2).sqrt()
-    };
-    let first = normal();
-    let second = CORRELATION * first + (1.0 - CORRELATION * CORRELATION).sqrt() * normal();
-    let noise = [first, second, normal(), normal()];
-    let ln_k = 2.5 + 0.1 * normal() + (0..4).map(|i| EFFECTS[i].3 * truth[i]).sum::<f64>();
+    let normal: [f64; 5] = std::array::from_fn(|_| StandardNormal.sample(random));
+    let second = CORRELATION * normal[0] + (1.0 - CORRELATION * CORRELATION).sqrt() * normal[1];
+    let noise = [normal[0], second, normal[2], normal[3]];
+    let ln_k = 2.5 + 0.1 * normal[4] + (0..4).map(|i| EFFECTS[i].3 * truth[i]).sum::<f64>();
     let result = SessionResult {
         verdict: "adequate".to_owned(),
         foundation: "springs".to_owned(),
@@ -107,10 +106,9 @@ fn three_rigs(sessions: usize, gain: f64, step: f64, seed: u64) -> Vec<Summary> 
 fn a_gain_that_no_session_can_name_is_named_for_its_rig_and_a_step_with_its_date() {
     // One session's standard deviation is 0.02 alone: 0.03 is 1.5 of them.
     let (effects, _) = found(&three_rigs(120, 0.03, 0.05, 1));
-    let of =
-        |rig: &str| effects.iter().find(|one| one.result.group == rig).map(|one| &one.result).expect("named");
     assert_eq!(effects.len(), 2, "{:?}", effects.iter().map(|one| &one.result).collect::<Vec<_>>());
-    let (shared, step) = (of("a"), of("b"));
+    let [shared, step] = ["a", "b"]
+        .map(|rig| effects.iter().map(|one| &one.result).find(|result| result.group == rig).expect("named"));
     assert_eq!(
         (shared.effect.as_str(), shared.kind, shared.sessions),
         ("sensor.force_gain", SharedKind::Shared, 40)
@@ -155,19 +153,13 @@ fn k_of_every_session_of_the_rig_is_corrected_whatever_the_order_of_names_and_da
         .iter_mut()
         .enumerate()
         .for_each(|(number, record)| record.session = format!("s{:04}", 9999 - number));
-    let corrected = |records: Vec<Summary>| {
+    for records in [forth, reversed] {
         let population = crate::analysis::analyse(records, &crate::Options::default()).expect("a population");
-        population
-            .rows
-            .iter()
-            .filter_map(|row| {
-                let shift = (row.k_recorded_kpa / row.k_kpa.value).ln();
-                (shift.abs() > 1e-9).then(|| row.rig.clone().expect("a rig"))
-            })
-            .collect::<Vec<_>>()
-    };
-    assert_eq!(corrected(forth), vec!["a"; 40]);
-    assert_eq!(corrected(reversed), vec!["a"; 40]);
+        let corrected =
+            population.rows.iter().filter(|row| (row.k_recorded_kpa / row.k_kpa.value).ln().abs() > 1e-9);
+        let rigs: Vec<_> = corrected.map(|row| row.rig.as_deref().expect("a rig")).collect();
+        assert_eq!(rigs, ["a"; 40]);
+    }
 }
 
 #[test]
@@ -182,22 +174,27 @@ fn a_session_that_names_an_effect_by_itself_adds_no_evidence_for_others_through_
     }
     let (_, data) = Records::from(vec![single_record]).likelihoods();
     let likelihood = data.sessions[0].as_ref().expect("a likelihood");
-    let size = |number: usize| {
+    let [gain_size, backlash_size] = [0, 1].map(|number: usize| {
         let (b, g) = likelihood.block(&data.hypotheses[number]);
         b[0] / g[(0, 0)].sqrt()
-    };
-    assert!(size(0) > 10.0, "its own score stays: {}", size(0));
-    assert!(size(1).abs() < 3.5, "that of backlash is left without it: {}", size(1));
+    });
+    assert!(gain_size > 10.0, "its own score stays: {gain_size}");
+    assert!(backlash_size.abs() < 3.5, "that of backlash is left without it: {backlash_size}");
+}
+
+fn leave_unexplained(record: &mut Summary) {
+    record.result.iter_mut().for_each(|result| "unexplained".clone_into(&mut result.verdict));
 }
 
 #[test]
 fn a_gain_of_a_rig_whose_sessions_are_mostly_unexplained_is_named_and_single_unexplained_sessions_take_no_part()
  {
-    let unexplained = |record: &mut Summary| {
-        record.result.iter_mut().for_each(|result| "unexplained".clone_into(&mut result.verdict));
-    };
     let mut records = three_rigs(30, 0.08, 0.0, 3);
-    records.iter_mut().filter(|record| record.rig.as_deref() == Some("a")).take(7).for_each(unexplained);
+    records
+        .iter_mut()
+        .filter(|record| record.rig.as_deref() == Some("a"))
+        .take(7)
+        .for_each(leave_unexplained);
     let (named, _) = found(&records);
     let groups: Vec<_> = named.iter().map(|one| (one.result.group.as_str(), one.result.sessions)).collect();
     assert_eq!(groups, [("a", 10)]);
@@ -205,7 +202,7 @@ fn a_gain_of_a_rig_whose_sessions_are_mostly_unexplained_is_named_and_single_une
     let mut random = ChaCha8Rng::seed_from_u64(6);
     for number in [0, 3, 6] {
         records[number] = record(number, "a", number, [0.5, 0.0, 0.0, 0.0], &mut random);
-        unexplained(&mut records[number]);
+        leave_unexplained(&mut records[number]);
     }
     assert!(found(&records).0.is_empty());
 }

@@ -198,13 +198,12 @@ impl Likelihood {
         let mut correlation = std::mem::take(&mut result.correlation_per_mille);
         correlation.resize(count * count.saturating_sub(1) / 2, 0);
         correlation.shrink_to_fit();
-        let sds = || result.amplitudes.iter().map(|one| one.prior_sd);
-        let each = || result.amplitudes.iter().zip(sds());
+        let amplitudes = &result.amplitudes;
         Self {
             position: Vec::new(),
-            score: each().map(|(one, sd)| one.score * sd).collect(),
-            root: each().map(|(one, sd)| one.information.max(0.0).sqrt() * sd).collect(),
-            slope: each().map(|(one, sd)| one.ln_k_slope * sd).collect(),
+            score: amplitudes.iter().map(|one| one.score * one.prior_sd).collect(),
+            root: amplitudes.iter().map(|one| one.information.max(0.0).sqrt() * one.prior_sd).collect(),
+            slope: amplitudes.iter().map(|one| one.ln_k_slope * one.prior_sd).collect(),
             correlation,
             named: result.named.iter().flat_map(|named| named.class.iter().cloned()).collect(),
             is_explained: result.verdict != "unexplained",
@@ -265,6 +264,13 @@ impl Likelihood {
 }
 
 impl Sum {
+    /// Likelihoods of sessions that all have the whole effect.
+    pub fn of(blocks: impl IntoIterator<Item = (Vector, Matrix)>) -> Self {
+        let mut sum = Self::default();
+        blocks.into_iter().for_each(|block| sum.add(&block, 1.0));
+        sum
+    }
+
     /// Adds the likelihood of a session, which has so much of the effect.
     pub fn add(&mut self, (b, g): &(Vector, Matrix), x: f64) {
         let mut information = *g;

@@ -29,11 +29,8 @@ pub(crate) fn spread(data: &Likelihoods, summaries: &[Names]) -> Vec<EffectSprea
         data.hypotheses.par_iter().map(|hypothesis| of_hypothesis(data, hypothesis, summaries)).collect();
     for (hypothesis, one) in data.hypotheses.iter().zip(spreads) {
         let Some(result) = one else { continue };
-        let most = |result: &EffectSpread| {
-            result.log_evidence_shared.max(result.log_evidence_varying).max(result.log_evidence_single)
-        };
         match of_effects.get_mut(hypothesis.effect.as_str()) {
-            Some(known) if most(known) >= most(&result) => {}
+            Some(known) if largest_evidence(known) >= largest_evidence(&result) => {}
             Some(known) => *known = result,
             None => {
                 of_effects.insert(&hypothesis.effect, result);
@@ -41,6 +38,10 @@ pub(crate) fn spread(data: &Likelihoods, summaries: &[Names]) -> Vec<EffectSprea
         }
     }
     of_effects.into_values().collect()
+}
+
+fn largest_evidence(spread: &EffectSpread) -> f64 {
+    spread.log_evidence_shared.max(spread.log_evidence_varying).max(spread.log_evidence_single)
 }
 
 /// Effects that a session names.
@@ -67,37 +68,24 @@ fn of_hypothesis(data: &Likelihoods, hypothesis: &Hypothesis, names: &[Names]) -
     if blocks.len() < MIN_SESSIONS {
         return None;
     }
-    let together = |blocks: &mut dyn Iterator<Item = (Vector, Matrix)>| {
-        let mut sum = Sum::default();
-        blocks.for_each(|block| sum.add(&block, 1.0));
-        sum
-    };
-    let whole = together(&mut blocks.iter().map(|block| **block));
+    let whole = Sum::of(blocks.iter().map(|block| **block));
     let (_, _, p) = whole.heterogeneity();
     // Sessions that agree as well as their errors let them do not differ, however likely a wide prior makes that.
     let tests = data.hypotheses.len() as f64;
-    let plain = |sum: &Sum| sum.evidence(hypothesis).0;
     let (shared, size) = whole.evidence(hypothesis);
     let varying = SPREADS.map(|spread| {
         let mut information = 0.0;
-        let reduced = together(&mut blocks.iter().filter_map(|(b, g)| {
+        let reduced = Sum::of(blocks.iter().filter_map(|(b, g)| {
             let factor = (Matrix::identity() + g * (spread * spread)).cholesky()?;
             let less = factor.solve(b);
             information += 0.5 * spread * spread * b.dot(&less) - factor.l().diagonal().map(f64::ln).sum();
             Some((less, factor.solve(g)))
         }));
         // Around zero, or around a common mean.
-        information + ln_mean_exp([0.0, plain(&reduced)].into_iter())
+        information + ln_mean_exp([0.0, reduced.evidence(hypothesis).0].into_iter())
     });
     let count = blocks.len() as f64;
-    let alone: Vec<f64> = blocks
-        .iter()
-        .map(|block| {
-            let mut sum = Sum::default();
-            sum.add(block, 1.0);
-            plain(&sum)
-        })
-        .collect();
+    let alone: Vec<f64> = blocks.iter().map(|block| Sum::of([**block]).evidence(hypothesis).0).collect();
     let single = SINGLE.map(|sessions| {
         let start_fraction = (sessions / count).min(0.5);
         alone.iter().map(|log| mixed(*log, start_fraction)).sum::<f64>()

@@ -177,14 +177,13 @@ impl Summary {
 impl<S> Summary<S> {
     /// A label by its name: `site`, `subject`, `rig`, `needle`, `tissue`, `day`, `month`, or a covariate.
     pub fn label(&self, name: &str) -> Option<String> {
-        let own = |label: &Option<String>| label.clone();
         match name {
-            "site" => own(&self.site),
-            "subject" => own(&self.subject),
-            "rig" => own(&self.rig),
-            "needle" => own(&self.needle),
-            "tissue" => own(&self.tissue),
-            "day" => own(&self.date),
+            "site" => self.site.clone(),
+            "subject" => self.subject.clone(),
+            "rig" => self.rig.clone(),
+            "needle" => self.needle.clone(),
+            "tissue" => self.tissue.clone(),
+            "day" => self.date.clone(),
             "month" => self.date.as_ref().and_then(|date| date.get(..7)).map(str::to_owned),
             _ => self.covariates.get(name).map(|value| match value {
                 Value::Number(number) => format!("{number}"),

@@ -14,6 +14,16 @@ const SINGULAR: f64 = 1e-10;
 /// Lower triangle of products, row by row.
 pub(crate) type Products = [f64];
 
+/// Place of an entry of a lower triangle.
+fn triangular(row: usize, column: usize) -> usize {
+    row * (row + 1) / 2 + column
+}
+
+/// An entry of the symmetric products; not a number outside them.
+pub(crate) fn product(products: &Products, i: usize, j: usize) -> f64 {
+    products.get(triangular(i.max(j), i.min(j))).copied().unwrap_or(f64::NAN)
+}
+
 /// By how much the units of a stage differ beyond their own errors, or by how much less than these.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Excess {
@@ -54,10 +64,7 @@ impl Tree {
     /// Sorts the sessions into their groups.
     pub fn new(data: &Observations) -> Self {
         let mut order: Vec<usize> = (0..data.len()).collect();
-        order.sort_by(|a, b| {
-            let of = |index: &usize| data.levels.iter().map(|level| level[*index]).collect::<Vec<_>>();
-            of(a).cmp(&of(b))
-        });
+        order.sort_by_cached_key(|index| data.levels.iter().map(|level| level[*index]).collect::<Vec<_>>());
         let depth = data.levels.len();
         let mut ends: Vec<Vec<usize>> = vec![Vec::new(); depth + 1];
         // Stage 0 has the innermost level, which is the last one of the data.
@@ -233,24 +240,23 @@ impl Tree {
 
     /// Squares that are left of `y` once the covariates are free, and how many of them are determined.
     fn rest(&self, products: &mut Products) -> (f64, usize) {
-        let at = |i: usize, j: usize| i * (i + 1) / 2 + j;
         let mut rank = 0;
         let last = self.size - 1;
-        let first: Vec<f64> = (1..last).map(|column| products[at(column, column)]).collect();
+        let first: Vec<f64> = (1..last).map(|column| products[triangular(column, column)]).collect();
         for column in 1..last {
-            let pivot = products[at(column, column)];
+            let pivot = products[triangular(column, column)];
             if pivot <= SINGULAR * first[column - 1] || pivot <= 0.0 {
                 continue;
             }
             rank += 1;
             for i in column + 1..=last {
-                let ratio = products[at(i, column)] / pivot;
+                let ratio = products[triangular(i, column)] / pivot;
                 for j in column + 1..=i {
-                    products[at(i, j)] -= ratio * products[at(j, column)];
+                    products[triangular(i, j)] -= ratio * products[triangular(j, column)];
                 }
             }
         }
-        (products[at(last, last)], rank)
+        (products[triangular(last, last)], rank)
     }
 }
 
